@@ -1,0 +1,121 @@
+"""The communication objects (1000h-1FFFh) every device of this project has.
+
+Source: CiA DS 301 V4.01 chapter 9.6. A device profile adds its own identity values and PDO counts.
+"""
+
+from __future__ import annotations
+
+from ds301.objects import Access, CanType, Entry, ObjectKind, ObjectSpec, array, var
+from ds301.pdo import COB_ID_INVALID, Pdo, PdoDirection
+
+RO, RW, CONST = Access.RO, Access.RW, Access.CONST
+U8, U16, U32 = CanType.U8, CanType.U16, CanType.U32
+
+DEVICE_TYPE = 0x1000
+ERROR_REGISTER = 0x1001
+PREDEFINED_ERROR_FIELD = 0x1003
+SYNC_COB_ID = 0x1005
+DEVICE_NAME = 0x1008
+STORE_PARAMETERS = 0x1010
+RESTORE_PARAMETERS = 0x1011
+CONSUMER_HEARTBEAT = 0x1016
+PRODUCER_HEARTBEAT = 0x1017
+IDENTITY = 0x1018
+
+SAVE_SIGNATURE = int.from_bytes(b"save", "little")
+LOAD_SIGNATURE = int.from_bytes(b"load", "little")
+
+
+def _fixed_array(
+    index: int, name: str, count: int, type_: CanType, access: Access, item: str, default: int
+) -> ObjectSpec:
+    return array(
+        index,
+        name,
+        *(Entry(index, sub, f"{item} {sub}", type_, access, default=default) for sub in range(1, count + 1)),
+    )
+
+
+def communication_objects(
+    device_type: int, device_name: str, identity: tuple[int, int, int, int], versions: tuple[str, str]
+) -> tuple[ObjectSpec, ...]:
+    """The common objects.
+
+    ``identity`` is (vendor, product, revision, serial number) of 1018h; ``versions`` (hardware, software).
+    """
+    names = ("Vendor-ID", "Product code", "Revision number", "Serial number")
+    return (
+        var(DEVICE_TYPE, "Device type", U32, RO, default=device_type),
+        var(ERROR_REGISTER, "Error register", U8, RO, default=0, pdo=True),
+        _fixed_array(PREDEFINED_ERROR_FIELD, "Pre-defined error field", 8, U32, RO, "Error", 0),
+        var(SYNC_COB_ID, "COB-ID SYNC", U32, RW, default=0x80),
+        var(DEVICE_NAME, "Manufacturer device name", CanType.VISIBLE_STRING, CONST, default=device_name),
+        var(0x1009, "Manufacturer hardware version", CanType.VISIBLE_STRING, CONST, default=versions[0]),
+        var(0x100A, "Manufacturer software version", CanType.VISIBLE_STRING, CONST, default=versions[1]),
+        _fixed_array(STORE_PARAMETERS, "Store parameters", 1, U32, RW, "Save all parameters", 1),
+        _fixed_array(RESTORE_PARAMETERS, "Restore default parameters", 1, U32, RW, "Restore all parameters", 1),
+        var(0x1014, "COB-ID EMCY", U32, RO, default=0x80),
+        _fixed_array(CONSUMER_HEARTBEAT, "Consumer heartbeat time", 1, U32, RW, "Consumer heartbeat time", 0),
+        var(PRODUCER_HEARTBEAT, "Producer heartbeat time", U16, RW, default=0, unit="ms"),
+        array(
+            IDENTITY,
+            "Identity object",
+            *(
+                Entry(IDENTITY, sub, name, U32, RO, default=value)
+                for sub, (name, value) in enumerate(zip(names, identity, strict=True), 1)
+            ),
+            kind=ObjectKind.RECORD,
+        ),
+    )
+
+
+def pdo_objects(rpdos: int, tpdos: int, defaults: tuple[Pdo, ...], mappable: int = 8) -> tuple[ObjectSpec, ...]:
+    """Communication and mapping parameters of the device's PDOs; PDOs without a default are invalid and unmapped."""
+    by_key = {(pdo.direction, pdo.number): pdo for pdo in defaults}
+    objects: list[ObjectSpec] = []
+    for direction, count in ((PdoDirection.RPDO, rpdos), (PdoDirection.TPDO, tpdos)):
+        for number in range(1, count + 1):
+            pdo = by_key.get((direction, number))
+            base = direction.bases[number - 1] | (0 if pdo else COB_ID_INVALID)
+            index = direction.communication_index + number - 1
+            # The COB-ID default is relative: the node-ID is added by EDS ($NODEID+...) and simulator.
+            entries = [
+                Entry(index, 1, "COB-ID", U32, RW, default=base),
+                Entry(index, 2, "Transmission type", U8, RW, default=255),
+            ]
+            if direction is PdoDirection.TPDO:
+                entries += [
+                    Entry(index, 3, "Inhibit time", U16, RW, default=0, unit="100 us"),
+                    Entry(index, 5, "Event timer", U16, RW, default=0, unit="ms"),
+                ]
+            objects.append(
+                array(
+                    index,
+                    f"{direction.label}{number} communication parameter",
+                    *entries,
+                    kind=ObjectKind.RECORD,
+                )
+            )
+            index = direction.mapping_index + number - 1
+            mapped = [entry.mapping for entry in pdo.entries] if pdo else []
+            slots = [
+                Entry(
+                    index,
+                    sub,
+                    f"Mapped object {sub}",
+                    U32,
+                    RW,
+                    default=mapped[sub - 1] if sub <= len(mapped) else 0,
+                )
+                for sub in range(1, mappable + 1)
+            ]
+            count_entry = Entry(index, 0, "Number of mapped objects", U8, RW, default=len(mapped), high=mappable)
+            objects.append(
+                ObjectSpec(
+                    index,
+                    f"{direction.label}{number} mapping parameter",
+                    ObjectKind.RECORD,
+                    (count_entry, *slots),
+                )
+            )
+    return tuple(objects)

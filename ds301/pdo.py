@@ -1,0 +1,97 @@
+"""Process data objects: default COB-IDs, mapping limits and the compiled codec.
+
+Source: CiA DS 301 chapter 9.2 (PDO), 9.3 (pre-defined connection set).
+Left out: MPDOs and bit-granular mapping (no object of this project is shorter than a byte).
+"""
+
+from __future__ import annotations
+
+import enum
+import struct
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from operator import attrgetter
+from typing import Any
+
+from ds301.errors import CanopenError
+from ds301.objects import Entry
+
+COB_ID_INVALID = 1 << 31
+"""Bit 31 of a COB-ID entry: the PDO does not exist / is not valid."""
+
+
+class PdoDirection(enum.Enum):
+    """Seen from the device: an RPDO is received by the drive, a TPDO is transmitted by it."""
+
+    RPDO = ("RPDO", 0x1400, 0x1600, (0x200, 0x300, 0x400, 0x500, 0x240))
+    TPDO = ("TPDO", 0x1800, 0x1A00, (0x180, 0x280, 0x380, 0x480, 0x1C0))
+
+    def __init__(self, label: str, communication: int, mapping: int, bases: tuple[int, ...]) -> None:
+        self.label = label
+        self.communication_index = communication
+        self.mapping_index = mapping
+        self.bases = bases
+
+    def cob_id(self, number: int, node_id: int) -> int:
+        """The COB-ID of PDO ``number`` (1..5) of a node.
+
+        1-4 are the pre-defined connection set. CiA 301 gives PDO 5 none; it takes the upper half of PDO 1's (TPDO)
+        or RPDO 1's range, which is free while no node-ID is above 3Fh.
+        """
+        if not 1 <= number <= len(self.bases):
+            raise CanopenError(f"{self.label} number", number, f"1..{len(self.bases)}")
+        if number > 4 and node_id > 0x3F:
+            raise CanopenError(f"node-ID with {self.label} {number}", node_id, "1..63")
+        return self.bases[number - 1] + node_id
+
+
+@dataclass(frozen=True)
+class Pdo:
+    """One PDO: direction, number (1 = first) and mapped entries, with the codec compiled from them.
+
+    ``pack`` reads the entries' attributes from an image object, ``unpack_into`` writes them to one.
+    """
+
+    direction: PdoDirection
+    number: int
+    entries: tuple[Entry, ...]
+    struct: struct.Struct = field(init=False, repr=False, compare=False)
+    size: int = field(init=False)
+    attributes: tuple[str, ...] = field(init=False, repr=False)
+    _get: Callable[[Any], Any] = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        layout = struct.Struct("<" + "".join(entry.type.char for entry in self.entries))
+        if not 1 <= layout.size <= 8:
+            raise CanopenError(str(self), f"{layout.size} bytes mapped", "1..8 bytes")
+        attributes = tuple(entry.attribute for entry in self.entries)
+        object.__setattr__(self, "struct", layout)
+        object.__setattr__(self, "size", layout.size)
+        object.__setattr__(self, "attributes", attributes)
+        object.__setattr__(self, "_get", attrgetter(*attributes))
+
+    def __str__(self) -> str:
+        return f"{self.direction.label}{self.number}"
+
+    @property
+    def communication_index(self) -> int:
+        return self.direction.communication_index + self.number - 1
+
+    @property
+    def mapping_index(self) -> int:
+        return self.direction.mapping_index + self.number - 1
+
+    def cob_id(self, node_id: int) -> int:
+        return self.direction.cob_id(self.number, node_id)
+
+    def pack(self, image: object) -> bytes:
+        """The PDO's bytes from the image's attributes."""
+        values = self._get(image)
+        return self.struct.pack(*values) if len(self.attributes) > 1 else self.struct.pack(values)
+
+    def unpack_into(self, data: bytes | bytearray, image: object) -> None:
+        """Write the PDO's values to the image; CanopenError when the data is shorter than the mapping."""
+        if len(data) < self.size:
+            raise CanopenError(f"{self} length", len(data), f"{self.size} bytes")
+        for attribute, value in zip(self.attributes, self.struct.unpack_from(data), strict=True):
+            setattr(image, attribute, value)

@@ -1,0 +1,72 @@
+"""PDO layouts of the drive: which objects travel in which PDO for a given kind of operation.
+
+Source: translation decisions (docs/translation.md, PDO layouts). Keys name the operation, not the telegram, because
+this package knows no PROFIdrive; the gateway chooses.
+"""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass
+
+from ds301.pdo import Pdo, PdoDirection
+from dsp402.objects import DRIVE_OBJECTS
+
+
+class Operation(enum.Enum):
+    """How the drive is operated, which decides what its PDOs carry."""
+
+    VELOCITY = "velocity"
+    POSITIONING = "positioning"
+    TRANSPARENT = "transparent"
+
+
+@dataclass(frozen=True)
+class PdoLayout:
+    """RPDOs and TPDOs of one operation. RPDO 1 carries the Controlword and is sent last."""
+
+    rpdos: tuple[Pdo, ...]
+    tpdos: tuple[Pdo, ...]
+
+
+def pdo(direction: PdoDirection, number: int, *attributes: str) -> Pdo:
+    """A PDO of catalogue objects, named by their image attributes."""
+    return Pdo(direction, number, tuple(DRIVE_OBJECTS.attribute(name) for name in attributes))
+
+
+_R = PdoDirection.RPDO
+_T = PdoDirection.TPDO
+
+LAYOUTS: dict[Operation, PdoLayout] = {
+    Operation.VELOCITY: PdoLayout(
+        rpdos=(pdo(_R, 1, "controlword", "target_velocity"),),
+        tpdos=(pdo(_T, 1, "statusword", "velocity_actual"),),
+    ),
+    Operation.POSITIONING: PdoLayout(
+        rpdos=(
+            pdo(_R, 1, "controlword", "modes_of_operation", "target_position"),
+            pdo(_R, 2, "profile_velocity"),
+            pdo(_R, 3, "profile_acceleration", "profile_deceleration"),
+        ),
+        tpdos=(
+            pdo(_T, 1, "statusword", "modes_of_operation_display", "position_actual"),
+            pdo(_T, 2, "velocity_actual"),
+        ),
+    ),
+    Operation.TRANSPARENT: PdoLayout(
+        rpdos=(
+            pdo(_R, 1, "controlword", "modes_of_operation", "target_torque"),
+            pdo(_R, 2, "target_position", "target_velocity"),
+            pdo(_R, 3, "profile_velocity", "profile_acceleration"),
+            pdo(_R, 4, "profile_deceleration", "dynamic_speed_limit", "dynamic_torque_limit"),
+            pdo(_R, 5, "digital_outputs", "digital_outputs_mask"),
+        ),
+        tpdos=(
+            pdo(_T, 1, "statusword", "modes_of_operation_display", "current_actual", "error_code"),
+            pdo(_T, 2, "position_actual", "velocity_actual"),
+            pdo(_T, 3, "velocity_demand", "dc_link_voltage"),
+            pdo(_T, 4, "digital_inputs", "analogue_input_1", "analogue_input_2"),
+            pdo(_T, 5, "encoder_position"),
+        ),
+    ),
+}

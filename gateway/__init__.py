@@ -1,0 +1,1 @@
+"""The gateway: translators (pure), axes and their supervision, transports, configuration, the daemon."""

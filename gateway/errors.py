@@ -1,0 +1,7 @@
+"""The one error root of this package."""
+
+from __future__ import annotations
+
+
+class GatewayError(Exception):
+    """A fault of the gateway or its configuration, told in one line a user can act on."""

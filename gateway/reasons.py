@@ -1,0 +1,68 @@
+"""Why the gateway does not do what the PLC asks, and the gateway's own fault numbers: two tables.
+
+Translators report these, ``pdgw status``, the log, P947 and the timeline decoder print them. Texts say what happened
+and what the PLC has to do. Source: docs/translation.md.
+"""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass
+from types import MappingProxyType
+
+
+class Reason(enum.Enum):
+    """A standing reason; ``value`` is the text for the user."""
+
+    NO_PLC = "no valid frame from the PLC yet: Controlword stays 0"
+    PLC_LOST = "PLC lost: the drive is being stopped; ON is obeyed again only after an OFF (STW1.0 = 0)"
+    NO_CONTROL = "STW1.10 = 0 (control by PLC): STW1 and setpoints are not evaluated"
+    NEEDS_OFF = "ON ignored: needs OFF first (STW1.0 = 0 with STW1.1 = STW1.2 = 1)"
+    DRIVE_OFFLINE = "drive is not online: no command is sent"
+    DRIVE_FAULT = "drive is in fault: acknowledge with a rising edge of STW1.7"
+    DRIVE_UNKNOWN_STATE = "Statusword fits no state of the drive: stopping"
+    REFERENCE_INVALID = "a reference object of the drive is 0 or negative: operation refused"
+    RAMP_STOP = "OFF1 ramp stop in progress: ON is not obeyed before standstill"
+    QUICK_STOP = "quick stop in progress"
+    COAST_STOP = "STW1.1 = 0: coast stop"
+    SETPOINT_DISABLED = "no setpoint: STW1 bits 4, 5 and 6 must all be 1"
+    NOT_OPERATING = "drive is not in operation: setpoints have no effect"
+    MODE_NOT_CONFIRMED = "waiting for the drive to confirm the mode of operation (6061h)"
+    MODE_VALUE = "mode of operation is not one the drive knows: not passed on"
+    MDI_OFF = "SATZANW.15 = 0: MDI is not selected, no traversing task is started"
+    REJECTED = "STW1.4 = 0: traversing task rejected"
+    INTERMEDIATE_STOP = "STW1.5 = 0: intermediate stop"
+    HOMING_METHOD = "homing method is not supported: homing is not started"
+    HOMING_SETUP = "waiting for the drive to take homing method and speeds (SDO)"
+    HOMING_ERROR = "the drive reports a homing error (Statusword.13)"
+
+
+@dataclass(frozen=True, slots=True)
+class GatewayFault:
+    """A fault the gateway itself raises: P947 number, P945 code, warning or fault."""
+
+    number: int
+    name: str
+    code: int
+    is_warning: bool = False
+
+
+GATEWAY_FAULTS: MappingProxyType[int, GatewayFault] = MappingProxyType(
+    {
+        fault.number: fault
+        for fault in (
+            GatewayFault(101, "drive lost (heartbeat or TPDO time-out)", 0x8130),
+            GatewayFault(102, "CAN bus-off or CAN interface lost", 0x8140),
+            GatewayFault(103, "PLC lost", 0xFF01),
+            GatewayFault(104, "reference object is 0", 0xFF02),
+            GatewayFault(105, "drive restarted during operation", 0xFF03),
+            GatewayFault(106, "drive identity or configuration refused", 0xFF04),
+            GatewayFault(107, "drive state unknown", 0xFF05),
+            GatewayFault(108, "homing method not supported", 0xFF06, is_warning=True),
+            GatewayFault(109, "homing error", 0xFF07, is_warning=True),
+            GatewayFault(110, "mode of operation not confirmed", 0xFF08, is_warning=True),
+            GatewayFault(111, "drive did not take the homing parameters", 0xFF09, is_warning=True),
+        )
+    }
+)
+"""Numbers from 101 keep clear of the manufacturer's 1-12."""

@@ -1,0 +1,108 @@
+"""What every translator offers the axis, and the settings they share.
+
+Source: docs/translation.md.
+"""
+
+from __future__ import annotations
+
+import enum
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+
+from dsp402.images import DriveCommand, DriveFeedback, References
+from gateway.reasons import Reason
+from profidrive.telegrams import Telegram
+
+
+class PlcLossReaction(enum.Enum):
+    """``on_plc_loss``: how the drive is stopped when the PLC is lost."""
+
+    RAMP = "ramp"
+    QUICK_STOP = "quick-stop"
+    COAST = "coast"
+
+
+class SetpointEnable(enum.Enum):
+    """``setpoint_enable``: what STW1 bits 4-6 = 0 do in the velocity telegrams."""
+
+    HOLD = "hold"
+    """The last Target Velocity stays (the manufacturer's rule)."""
+    PROFIDRIVE = "profidrive"
+    """Bit 4 or 6 = 0: Target Velocity 0; bit 5 = 0: hold."""
+
+
+@dataclass(frozen=True, slots=True)
+class TranslatorSettings:
+    """The user's choices for one axis."""
+
+    on_plc_loss: PlcLossReaction = PlcLossReaction.QUICK_STOP
+    setpoint_enable: SetpointEnable = SetpointEnable.HOLD
+    modulo_axis: bool = False
+    ramp_stop_resume: bool = False
+    """ON during an OFF1 ramp stop resumes operation (the PROFIdrive standard allows it; off by default)."""
+    standstill_window: Fraction = Fraction(1, 100)
+    """Standstill when |velocity| is at most this share of the reference speed."""
+
+
+@dataclass(frozen=True, slots=True)
+class FaultEvent:
+    """A fault or warning the translator raises: a number of ``gateway.reasons.GATEWAY_FAULTS`` and a detail."""
+
+    number: int
+    detail: str
+
+
+@dataclass(frozen=True, slots=True)
+class SdoWrite:
+    """A value the drive must take by SDO before the translator goes on."""
+
+    index: int
+    subindex: int
+    value: int
+
+
+class Translator(ABC):
+    """One cycle of one axis is one ``step``.
+
+    ``command`` is the drive image the step updates in place; the axis packs the RPDOs from it. ``reason`` is the
+    standing answer to "why does it not move" (None when everything asked for is being done). ``events`` collects what
+    happened in steps; the axis drains it. ``sdo_request`` holds writes the axis must perform beside the cyclic exchange,
+    answered by ``sdo_done``. ``warning`` is the gateway's own share of ZSW1.7.
+    """
+
+    def __init__(self, telegram: Telegram, settings: TranslatorSettings) -> None:
+        self.telegram = telegram
+        self.settings = settings
+        self.command = DriveCommand()
+        self.reason: Reason | None = Reason.NO_PLC
+        self.events: list[FaultEvent] = []
+        self.sdo_request: tuple[SdoWrite, ...] | None = None
+        self.warning = False
+        self.saturations = 0
+        """How often a value had to be limited; visible to the user."""
+
+    @abstractmethod
+    def set_references(self, references: References | None, homing_method: int = 0) -> None:
+        """Take new reference values (at start, after a write to one, after a drive restart).
+
+        None, or references that fail ``References.check``, make the axis refuse operation (fault event 104).
+        """
+
+    @abstractmethod
+    def step(self, setpoints: Sequence[int] | None, feedback: DriveFeedback, drive_ok: bool, now: int) -> Sequence[int]:
+        """Translate one cycle.
+
+        ``setpoints``: raw signal values in telegram order, None while there is no valid PLC (never seen, watchdog
+        expired, provider STOP, IOPS BAD). ``drive_ok``: the drive is configured and its data is fresh. ``now``:
+        monotonic nanoseconds. Returns the raw actual values in telegram order.
+        """
+
+    @abstractmethod
+    def drive_restarted(self) -> None:
+        """The drive booted or was re-configured: no standing ON may start it, references are set again."""
+
+    @abstractmethod
+    def sdo_done(self, error: str | None) -> None:
+        """The writes of ``sdo_request`` are done (None) or failed (the reason); the axis has cleared the request."""

@@ -1,0 +1,151 @@
+"""PROFIdrive data types and the N2/N4 normalisation.
+
+Source: PROFIdrive profile 4.1 (data types, chapter 5.3), IEC 61158-5 type codes.
+Left out: conversion of the time-of-day types, which no parameter of this gateway uses as a value.
+
+N2 and N4 are fractions of a reference: 4000h (N2) or 4000 0000h (N4) is 100 %. All arithmetic is on integers.
+"""
+
+from __future__ import annotations
+
+import enum
+from fractions import Fraction
+
+from profidrive.errors import ProfidriveError
+
+N2_100_PERCENT = 1 << 14
+N4_100_PERCENT = 1 << 30
+
+
+class DataType(enum.Enum):
+    """A wire data type: format code of the parameter channel, struct character, size in bytes.
+
+    The struct character is empty for octet and character strings, whose size is the number of values.
+    """
+
+    BOOLEAN = (0x01, "B", 1)
+    INTEGER8 = (0x02, "b", 1)
+    INTEGER16 = (0x03, "h", 2)
+    INTEGER32 = (0x04, "i", 4)
+    UNSIGNED8 = (0x05, "B", 1)
+    UNSIGNED16 = (0x06, "H", 2)
+    UNSIGNED32 = (0x07, "I", 4)
+    FLOATING_POINT = (0x08, "f", 4)
+    VISIBLE_STRING = (0x09, "", 1)
+    OCTET_STRING = (0x0A, "", 1)
+    UNICODE_STRING = (0x0B, "", 2)
+    TIME_OF_DAY = (0x0C, "", 6)
+    TIME_DIFFERENCE = (0x0D, "I", 4)  # milliseconds, the 4-byte form without days
+    INTEGER64 = (0x36, "q", 8)  # code unverified in public sources
+    UNSIGNED64 = (0x37, "Q", 8)  # code unverified in public sources
+    N2 = (0x71, "h", 2)
+    N4 = (0x72, "i", 4)
+    V2 = (0x73, "H", 2)
+    L2 = (0x74, "H", 2)
+    R2 = (0x75, "H", 2)
+    T2 = (0x76, "H", 2)
+    T4 = (0x77, "I", 4)
+    D2 = (0x78, "H", 2)
+    E2 = (0x79, "h", 2)
+    C4 = (0x7A, "i", 4)
+    X2 = (0x7B, "h", 2)  # code unverified in public sources
+    X4 = (0x7C, "i", 4)  # code unverified in public sources
+    ZERO = (0x40, "", 0)
+    BYTE = (0x41, "B", 1)
+    WORD = (0x42, "H", 2)
+    DOUBLE_WORD = (0x43, "I", 4)
+    ERROR = (0x44, "H", 2)
+
+    def __init__(self, code: int, char: str, size: int) -> None:
+        self.code = code
+        self.char = char
+        self.size = size
+
+    @property
+    def integer_range(self) -> tuple[int, int]:
+        """Smallest and largest value of an integer-coded type; ProfidriveError for the others."""
+        if not self.char or self is DataType.FLOATING_POINT:
+            raise ProfidriveError("data type", self.name, "an integer-coded type")
+        bits = 8 * self.size
+        if self.char.islower():
+            return -(1 << (bits - 1)), (1 << (bits - 1)) - 1
+        return 0, (1 << bits) - 1
+
+    @classmethod
+    def from_code(cls, code: int) -> DataType:
+        """The type with this format code; ProfidriveError where the code is unknown."""
+        try:
+            return _BY_CODE[code]
+        except KeyError:
+            raise ProfidriveError("format", code, "a data type code of PROFIdrive") from None
+
+
+_BY_CODE = {data_type.code: data_type for data_type in DataType}
+
+
+class Normalisation:
+    """Exact conversion between a physical integer and a fixed-point fraction of a reference.
+
+    ``reference`` is the physical value (in the units of the integer) that 100 % stands for; ``full_scale`` is
+    the wire value of 100 %; ``wire_range`` and ``value_range`` are the limits results saturate at.
+
+    value -> wire truncates toward zero (the published examples demand it), wire -> value rounds to nearest, half
+    away from zero, so that a value written and read back is itself (true while reference < full_scale / 2).
+    """
+
+    __slots__ = ("_den", "_num", "reference", "value_max", "value_min", "wire_max", "wire_min")
+
+    def __init__(
+        self,
+        reference: Fraction | int,
+        full_scale: int,
+        wire_range: tuple[int, int],
+        value_range: tuple[int, int],
+    ) -> None:
+        self.reference = Fraction(reference)
+        if self.reference <= 0:
+            raise ProfidriveError("normalisation reference", reference, "a value above 0")
+        # value = wire * num / den;  wire = value * den / num
+        ratio = self.reference / full_scale
+        self._num = ratio.numerator
+        self._den = ratio.denominator
+        self.wire_min, self.wire_max = wire_range
+        self.value_min, self.value_max = value_range
+
+    def to_wire(self, value: int) -> int:
+        """The fraction of the reference, truncated toward zero and saturated at the wire range."""
+        wire = value * self._den // self._num if value >= 0 else -(-value * self._den // self._num)
+        if wire > self.wire_max:
+            return self.wire_max
+        if wire < self.wire_min:
+            return self.wire_min
+        return wire
+
+    def to_value(self, wire: int) -> int:
+        """The nearest physical value, saturated at the value range."""
+        if wire >= 0:
+            value = (2 * wire * self._num + self._den) // (2 * self._den)
+        else:
+            value = -((-2 * wire * self._num + self._den) // (2 * self._den))
+        if value > self.value_max:
+            return self.value_max
+        if value < self.value_min:
+            return self.value_min
+        return value
+
+    def saturates(self, wire: int) -> bool:
+        """Whether ``to_value(wire)`` has to apply a limit."""
+        exact = Fraction(wire) * self._num / self._den
+        return not self.value_min - Fraction(1, 2) < exact < self.value_max + Fraction(1, 2)
+
+
+def n2(reference: Fraction | int, value_range: tuple[int, int], minimum: int | None = None) -> Normalisation:
+    """An N2 conversion: signed 16 bit, 4000h = 100 %, range -200 % .. 200 % - 2^-14."""
+    low, high = DataType.N2.integer_range
+    return Normalisation(reference, N2_100_PERCENT, (low if minimum is None else minimum, high), value_range)
+
+
+def n4(reference: Fraction | int, value_range: tuple[int, int], minimum: int | None = None) -> Normalisation:
+    """An N4 conversion: signed 32 bit, 4000 0000h = 100 %, range -200 % .. 200 % - 2^-30."""
+    low, high = DataType.N4.integer_range
+    return Normalisation(reference, N4_100_PERCENT, (low if minimum is None else minimum, high), value_range)

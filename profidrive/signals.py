@@ -1,0 +1,315 @@
+"""The signal catalogue: every word of the cyclic telegrams, declared once.
+
+Source: PROFIdrive profile 4.1 chapter 6.3, PROFIdrive encoder profile 4.1, the manufacturer's guide chapters
+4.3 and 6. Signal numbers of telegram 20 and of the positioning words 2xx are from public drive manuals
+(unverified against the profile). Left out: signals no telegram of this project carries.
+
+Codec, decoder, simulator, test strategies, scapy layers and documentation ask this table for names, types and
+bits; nothing else gives a bit a number.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from types import MappingProxyType
+
+from profidrive.datatypes import DataType
+from profidrive.errors import ProfidriveError
+
+
+@dataclass(frozen=True, slots=True)
+class Bit:
+    """One bit or a bit range of a control or status word; ``meaning`` tells what 1 stands for."""
+
+    position: int
+    name: str
+    meaning: str
+    width: int = 1
+
+    @property
+    def mask(self) -> int:
+        return ((1 << self.width) - 1) << self.position
+
+    def of(self, word: int) -> int:
+        """The value of this field in a word."""
+        return (word & self.mask) >> self.position
+
+
+@dataclass(frozen=True, slots=True)
+class Signal:
+    """A signal of a telegram.
+
+    ``number`` is the PROFIdrive signal number (0 for manufacturer signals without one); ``unit`` the physical
+    unit, ``%`` for normalised fractions; ``bits`` the fields of a word; ``positioning_bits`` those whose meaning
+    differs in the positioning telegrams (7, 9).
+    """
+
+    name: str
+    number: int
+    type: DataType
+    description: str
+    unit: str = ""
+    bits: tuple[Bit, ...] = ()
+    positioning_bits: tuple[Bit, ...] = ()
+
+    @property
+    def words(self) -> int:
+        """16-bit words this signal occupies."""
+        return max(1, self.type.size // 2)
+
+    @property
+    def identifier(self) -> str:
+        """The name as a Python identifier, lower case."""
+        return self.name.lower().replace(" ", "_").replace("-", "_")
+
+    def bit(self, name: str, *, positioning: bool = False) -> Bit:
+        """The bit with this name; ProfidriveError where there is none."""
+        for bit in self.fields(positioning=positioning):
+            if bit.name == name:
+                return bit
+        raise ProfidriveError(f"bit of {self.name}", name, "one of " + ", ".join(b.name for b in self.bits))
+
+    def fields(self, *, positioning: bool = False) -> Iterator[Bit]:
+        """The bits in ascending order, with the positioning meanings where asked."""
+        if not positioning or not self.positioning_bits:
+            yield from self.bits
+            return
+        overrides = {bit.position: bit for bit in self.positioning_bits}
+        positions = {bit.position: bit for bit in self.bits} | overrides
+        for position in sorted(positions):
+            yield positions[position]
+
+    def percent(self, raw: int) -> float | None:
+        """The value in percent of its reference for N2/N4 signals, None for the others."""
+        if self.type is DataType.N2:
+            return raw * 100 / (1 << 14)
+        if self.type is DataType.N4:
+            return raw * 100 / (1 << 30)
+        return None
+
+
+_SIGN_OF_LIFE = Bit(12, "SIGN_OF_LIFE", "sign of life counter 1..15", 4)
+
+_STW1_BITS = (
+    Bit(0, "ON", "ON (0 = OFF1)"),
+    Bit(1, "NO_COAST_STOP", "no coast stop (0 = OFF2)"),
+    Bit(2, "NO_QUICK_STOP", "no quick stop (0 = OFF3)"),
+    Bit(3, "ENABLE_OPERATION", "enable operation"),
+    Bit(4, "ENABLE_RAMP_GENERATOR", "enable ramp generator"),
+    Bit(5, "UNFREEZE_RAMP_GENERATOR", "unfreeze ramp generator"),
+    Bit(6, "ENABLE_SETPOINT", "enable setpoint"),
+    Bit(7, "FAULT_ACKNOWLEDGE", "fault acknowledge (rising edge)"),
+    Bit(8, "JOG_1_ON", "jog 1 (not used)"),
+    Bit(9, "JOG_2_ON", "jog 2 (not used)"),
+    Bit(10, "CONTROL_BY_PLC", "control by PLC"),
+    Bit(11, "DEVICE_11", "device specific (not used)"),
+    Bit(12, "DEVICE_12", "device specific"),
+    Bit(13, "DEVICE_13", "device specific"),
+    Bit(14, "DEVICE_14", "device specific"),
+    Bit(15, "DEVICE_15", "device specific"),
+)
+_STW1_POSITIONING = (
+    Bit(4, "DO_NOT_REJECT", "do not reject traversing task"),
+    Bit(5, "NO_INTERMEDIATE_STOP", "no intermediate stop"),
+    Bit(6, "ACTIVATE_TASK", "activate traversing task (rising edge)"),
+    Bit(11, "START_HOMING", "start homing procedure (0 = stop)"),
+)
+_ZSW1_BITS = (
+    Bit(0, "READY_TO_SWITCH_ON", "ready to switch on"),
+    Bit(1, "READY_TO_OPERATE", "ready to operate"),
+    Bit(2, "OPERATION_ENABLED", "operation enabled"),
+    Bit(3, "FAULT", "fault present"),
+    Bit(4, "NO_COAST_STOP", "coast stop not activated"),
+    Bit(5, "NO_QUICK_STOP", "quick stop not activated"),
+    Bit(6, "SWITCHING_ON_INHIBITED", "switching on inhibited"),
+    Bit(7, "WARNING", "warning present"),
+    Bit(8, "WITHIN_TOLERANCE", "speed error within tolerance (not used)"),
+    Bit(9, "CONTROL_REQUESTED", "control requested"),
+    Bit(10, "TARGET_REACHED", "target speed reached"),
+    Bit(11, "DEVICE_11", "device specific"),
+    Bit(12, "DEVICE_12", "device specific"),
+    Bit(13, "DEVICE_13", "device specific"),
+    Bit(14, "DEVICE_14", "device specific"),
+    Bit(15, "DEVICE_15", "device specific"),
+)
+_ZSW1_POSITIONING = (
+    Bit(8, "WITHIN_TOLERANCE", "following error within tolerance (not used)"),
+    Bit(10, "TARGET_REACHED", "target position reached"),
+    Bit(11, "HOME_POSITION_SET", "home position set"),
+    Bit(12, "TASK_ACKNOWLEDGE", "traversing task acknowledge"),
+    Bit(13, "DRIVE_STOPPED", "drive stopped"),
+)
+_G_STW_BITS = (
+    Bit(0, "FUNCTION_1", "request function 1 (reference mark / measuring 1)"),
+    Bit(1, "FUNCTION_2", "request function 2"),
+    Bit(2, "FUNCTION_3", "request function 3"),
+    Bit(3, "FUNCTION_4", "request function 4"),
+    Bit(4, "COMMAND", "command 0 none, 1 activate, 2 read value, 3 abort", 3),
+    Bit(7, "MODE", "mode 0 reference mark search, 1 measurement on the fly"),
+    Bit(11, "PRESET_RELATIVE", "preset is relative (0 = absolute)"),
+    Bit(12, "PRESET", "request preset (shift of the home position)"),
+    Bit(13, "REQUEST_ABSOLUTE", "request the absolute value cyclically in XIST2"),
+    Bit(14, "PARK", "park the sensor"),
+    Bit(15, "ERROR_ACKNOWLEDGE", "acknowledge a sensor error"),
+)
+_G_ZSW_BITS = (
+    Bit(0, "FUNCTION_1", "function 1 active"),
+    Bit(1, "FUNCTION_2", "function 2 active"),
+    Bit(2, "FUNCTION_3", "function 3 active"),
+    Bit(3, "FUNCTION_4", "function 4 active"),
+    Bit(4, "VALUE_1", "value 1 available"),
+    Bit(5, "VALUE_2", "value 2 available"),
+    Bit(6, "VALUE_3", "value 3 available"),
+    Bit(7, "VALUE_4", "value 4 available"),
+    Bit(8, "PROBE_1", "probe 1 deflected"),
+    Bit(9, "PROBE_2", "probe 2 deflected"),
+    Bit(11, "ERROR_ACKNOWLEDGED", "error acknowledge being processed"),
+    Bit(12, "PRESET_DONE", "preset executed"),
+    Bit(13, "ABSOLUTE_VALID", "absolute value is transmitted in XIST2"),
+    Bit(14, "PARKED", "sensor is parked"),
+    Bit(15, "ERROR", "sensor error, code in XIST2"),
+)
+
+_U16 = DataType.UNSIGNED16
+_U32 = DataType.UNSIGNED32
+_I16 = DataType.INTEGER16
+_I32 = DataType.INTEGER32
+_V2 = DataType.V2
+_N2 = DataType.N2
+_N4 = DataType.N4
+
+CATALOGUE: tuple[Signal, ...] = (
+    Signal("STW1", 1, _V2, "control word 1", "", _STW1_BITS, _STW1_POSITIONING),
+    Signal("ZSW1", 2, _V2, "status word 1", "", _ZSW1_BITS, _ZSW1_POSITIONING),
+    Signal("STW2", 3, _V2, "control word 2", "", (_SIGN_OF_LIFE,)),
+    Signal("ZSW2", 4, _V2, "status word 2", "", (_SIGN_OF_LIFE,)),
+    Signal("NSOLL_A", 5, _N2, "speed setpoint A", "%"),
+    Signal("NIST_A", 6, _N2, "speed actual value A", "%"),
+    Signal("NSOLL_B", 7, _N4, "speed setpoint B", "%"),
+    Signal("NIST_B", 8, _N4, "speed actual value B", "%"),
+    Signal("G1_STW", 9, _V2, "sensor 1 control word", "", _G_STW_BITS),
+    Signal("G1_ZSW", 10, _V2, "sensor 1 status word", "", _G_ZSW_BITS),
+    Signal("G1_XIST1", 11, _U32, "sensor 1 position actual value 1", "increments"),
+    Signal("G1_XIST2", 12, _U32, "sensor 1 position actual value 2 or error code", "increments"),
+    Signal("XIST_A", 28, _N4, "position actual value A", "%"),
+    Signal(
+        "SATZANW",
+        32,
+        _V2,
+        "traversing block selection",
+        "",
+        (
+            Bit(0, "HOMING_METHOD", "homing method (signed)", 8),
+            Bit(15, "MDI", "MDI sub mode selected"),
+        ),
+    ),
+    Signal(
+        "AKTSATZ",
+        33,
+        _V2,
+        "traversing block active",
+        "",
+        (
+            Bit(0, "HOMING_METHOD", "actual homing method (signed)", 8),
+            Bit(15, "MDI_ACTIVE", "MDI sub mode active"),
+        ),
+    ),
+    Signal("MDI_TARPOS", 34, _N4, "MDI target position", "%"),
+    Signal("MDI_VELOCITY", 35, _N4, "MDI velocity", "%"),
+    Signal("MDI_ACC", 36, _N2, "MDI acceleration", "%"),
+    Signal("MDI_DEC", 37, _N2, "MDI deceleration", "%"),
+    Signal(
+        "MDI_MOD",
+        38,
+        _V2,
+        "MDI mode",
+        "",
+        (
+            Bit(0, "ABSOLUTE", "absolute positioning (0 = relative)"),
+            Bit(1, "POSITIVE_DIRECTION", "modulo axis: positive direction"),
+            Bit(2, "NEGATIVE_DIRECTION", "modulo axis: negative direction"),
+        ),
+    ),
+    Signal("IAIST_GLATT", 51, _N2, "current actual value, smoothed", "%"),
+    Signal("MIST_GLATT", 53, _N2, "torque actual value, smoothed", "%"),
+    Signal("PIST_GLATT", 54, _N2, "power actual value, smoothed", "%"),
+    Signal("NIST_A_GLATT", 57, _N2, "speed actual value A, smoothed", "%"),
+    Signal("MELD_NAMUR", 58, _V2, "VIK-NAMUR message bits"),
+    Signal(
+        "STW2_ENC",
+        80,
+        _V2,
+        "encoder control word 2",
+        "",
+        (
+            Bit(7, "FAULT_ACKNOWLEDGE", "fault acknowledge (rising edge)"),
+            Bit(10, "CONTROL_BY_PLC", "control by PLC"),
+            _SIGN_OF_LIFE,
+        ),
+    ),
+    Signal(
+        "ZSW2_ENC",
+        81,
+        _V2,
+        "encoder status word 2",
+        "",
+        (
+            Bit(3, "FAULT", "fault present"),
+            Bit(7, "WARNING", "warning present"),
+            Bit(9, "CONTROL_REQUESTED", "control requested"),
+            _SIGN_OF_LIFE,
+        ),
+    ),
+    Signal("G1_XIST3", 84, DataType.UNSIGNED64, "sensor 1 position actual value 3", "increments"),
+    # Telegram 100 of the manufacturer: values pass unchanged, names as its guide spells them.
+    Signal("Controlword", 0, _U16, "Controlword"),
+    Signal(
+        "Modes of Operation",
+        0,
+        _U16,
+        "modes of operation",
+        "",
+        (Bit(0, "MODE", "mode of operation (signed)", 8), Bit(8, "RESERVED", "reserved, 0", 8)),
+    ),
+    Signal("Target Torque", 0, _I16, "target torque", "1/1000 rated current"),
+    Signal("Target Position", 0, _I32, "target position", "increments"),
+    Signal("Profile Velocity", 0, _U32, "profile velocity", "velocity units"),
+    Signal("Profile Acceleration", 0, _U32, "profile acceleration", "10 rpm/s"),
+    Signal("Profile Deceleration", 0, _U32, "profile deceleration", "10 rpm/s"),
+    Signal("Dynamic Speed Limit", 0, _U16, "dynamic speed limit", "0.5 rpm"),
+    Signal("Dynamic Torque Limit", 0, _U16, "dynamic torque limit", "1/1000 rated current"),
+    Signal("Digital Outputs", 0, _U32, "physical outputs"),
+    Signal("Digital Outputs Mask", 0, _U32, "bit mask of the outputs under user control"),
+    Signal("Target Velocity", 0, _I32, "target velocity", "velocity units"),
+    Signal("Statusword", 0, _U16, "Statusword"),
+    Signal(
+        "Modes of Operation Display",
+        0,
+        _U16,
+        "modes of operation display",
+        "",
+        (Bit(0, "MODE", "mode of operation (signed)", 8), Bit(8, "RESERVED", "0", 8)),
+    ),
+    Signal("Position Actual Value", 0, _I32, "position actual value", "increments"),
+    Signal("Velocity Demand Value", 0, _I32, "velocity demand value", "velocity units"),
+    Signal("Velocity Actual Value", 0, _I32, "velocity actual value", "velocity units"),
+    Signal("Current Actual Value", 0, _I16, "current actual value", "1/1000 rated current"),
+    Signal("DC-link Circuit Voltage", 0, _U32, "DC-link circuit voltage", "mV"),
+    Signal("Digital Inputs", 0, _U32, "digital inputs"),
+    Signal("Analogue Input 1", 0, _I16, "analogue input AI1", "10/32767 V"),
+    Signal("Analogue Input 2", 0, _I16, "analogue input AI2", "10/32767 V"),
+    Signal("Encoder Position Value", 0, _I16, "incremental encoder counter", "increments"),
+    Signal("Error Code", 0, _U16, "manufacturer's error number"),
+)
+
+SIGNALS: MappingProxyType[str, Signal] = MappingProxyType({signal.name: signal for signal in CATALOGUE})
+"""Every signal by name."""
+
+
+def signal(name: str) -> Signal:
+    """The signal with this name; ProfidriveError where there is none."""
+    try:
+        return SIGNALS[name]
+    except KeyError:
+        raise ProfidriveError("signal", name, "a name of the signal catalogue") from None

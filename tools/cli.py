@@ -1,0 +1,49 @@
+"""``pdgw``: one file per subcommand in ``tools.commands``, put together here.
+
+Errors the user can act on end as one line and exit status 1; ``--debug`` shows the rest.
+"""
+
+from __future__ import annotations
+
+import sys
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from ds301.errors import CanopenError
+from gateway.errors import GatewayError
+from profidrive.errors import ProfidriveError
+
+app = typer.Typer(
+    name="pdgw",
+    help="PROFIdrive-to-CANopen gateway: daemon, simulators, decoder and conformance tools.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+sim = typer.Typer(help="Simulators: PLC, drive.", no_args_is_help=True)
+app.add_typer(sim, name="sim")
+
+
+class _Options:
+    debug = False
+
+
+@app.callback()
+def options(
+    debug: Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")] = False,
+) -> None:
+    """PROFIdrive-to-CANopen gateway."""
+    _Options.debug = debug
+
+
+def main() -> None:
+    """Entry point of the console script."""
+    try:
+        app()
+    except (GatewayError, CanopenError, ProfidriveError) as error:
+        if _Options.debug:
+            raise
+        Console(stderr=True).print(f"[red]error:[/red] {error}", highlight=False, soft_wrap=True)
+        sys.exit(1)
