@@ -68,7 +68,7 @@ class Translator(ABC):
 
     ``command`` is the drive image the step updates in place; the axis packs the RPDOs from it. ``reason`` is the
     standing answer to "why does it not move" (None when everything asked for is being done). ``events`` collects what
-    happened in steps; the axis drains it. ``sdo_request`` holds writes the axis must perform beside the cyclic exchange,
+    happened in steps; the axis drains it. ``sdo_request`` holds writes the axis must perform beside the exchange,
     answered by ``sdo_done``. ``warning`` is the gateway's own share of ZSW1.7.
     """
 
