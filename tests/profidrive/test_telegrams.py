@@ -1,0 +1,135 @@
+"""Telegram declarations against the reference's table, and the compiled codec."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from profidrive.errors import ProfidriveError
+from profidrive.signals import CATALOGUE, SIGNALS, signal
+from profidrive.telegrams import TELEGRAMS, Direction, Telegram, telegram, word_positions
+from tests.support.strategies import directions, half_values, telegrams
+
+WORDS = {1: (2, 2), 2: (4, 4), 3: (5, 9), 7: (2, 2), 9: (10, 5), 20: (2, 6), 100: (19, 17)}
+ENCODER_WORDS = {81: (2, 6), 82: (2, 7), 83: (2, 8), 84: (2, 10)}
+
+TELEGRAM_100_SETPOINT_WORDS = {
+    "Controlword": 1,
+    "Modes of Operation": 2,
+    "Target Torque": 3,
+    "Target Position": 4,
+    "Profile Velocity": 6,
+    "Profile Acceleration": 8,
+    "Profile Deceleration": 10,
+    "Dynamic Speed Limit": 12,
+    "Dynamic Torque Limit": 13,
+    "Digital Outputs": 14,
+    "Digital Outputs Mask": 16,
+    "Target Velocity": 18,
+}
+TELEGRAM_100_ACTUAL_WORDS = {
+    "Statusword": 1,
+    "Modes of Operation Display": 2,
+    "Position Actual Value": 3,
+    "Velocity Demand Value": 5,
+    "Velocity Actual Value": 7,
+    "Current Actual Value": 9,
+    "DC-link Circuit Voltage": 10,
+    "Digital Inputs": 12,
+    "Analogue Input 1": 14,
+    "Analogue Input 2": 15,
+    "Encoder Position Value": 16,
+    "Error Code": 17,
+}
+
+
+@pytest.mark.parametrize(("number", "words"), sorted((WORDS | ENCODER_WORDS).items()))
+def test_telegram_has_the_words_of_the_standard(number: int, words: tuple[int, int]) -> None:
+    assert (telegram(number).setpoints.words, telegram(number).actuals.words) == words
+
+
+def test_telegram_100_lies_where_the_manufacturer_put_it() -> None:
+    manufacturer = telegram(100)
+    setpoints, actuals = manufacturer.setpoints, manufacturer.actuals
+    assert dict(zip(setpoints.names, word_positions(setpoints), strict=True)) == TELEGRAM_100_SETPOINT_WORDS
+    assert dict(zip(actuals.names, word_positions(actuals), strict=True)) == TELEGRAM_100_ACTUAL_WORDS
+
+
+@pytest.mark.parametrize(
+    ("name", "number"),
+    [
+        ("STW1", 1),
+        ("ZSW1", 2),
+        ("NSOLL_A", 5),
+        ("NIST_A", 6),
+        ("XIST_A", 28),
+        ("SATZANW", 32),
+        ("AKTSATZ", 33),
+        ("MDI_TARPOS", 34),
+        ("MDI_VELOCITY", 35),
+        ("MDI_ACC", 36),
+        ("MDI_DEC", 37),
+        ("MDI_MOD", 38),
+    ],
+)
+def test_signal_numbers_are_those_of_profidrive(name: str, number: int) -> None:
+    assert signal(name).number == number
+
+
+def test_catalogue_has_no_name_or_number_twice_and_bits_do_not_overlap() -> None:
+    assert len(SIGNALS) == len(CATALOGUE)
+    numbers = [item.number for item in CATALOGUE if item.number]
+    assert len(set(numbers)) == len(numbers)
+    for item in CATALOGUE:
+        for positioning in (False, True):
+            used = 0
+            for bit in item.fields(positioning=positioning):
+                assert not used & bit.mask, f"{item.name} bit {bit.position} declared twice"
+                used |= bit.mask
+            assert used < 1 << (8 * item.type.size)
+
+
+def test_stw1_bits_change_meaning_in_the_positioning_telegrams() -> None:
+    stw1 = signal("STW1")
+    assert stw1.bit("ENABLE_SETPOINT").position == 6
+    assert stw1.bit("ACTIVATE_TASK", positioning=True).position == 6
+    with pytest.raises(ProfidriveError, match="ACTIVATE_TASK"):
+        stw1.bit("ACTIVATE_TASK")
+
+
+@given(data=st.data(), chosen=telegrams, direction=directions)
+def test_decode_is_the_inverse_of_encode(data: st.DataObject, chosen: Telegram, direction: Direction) -> None:
+    half = chosen.half(direction)
+    values = data.draw(half_values(half))
+    assert half.decode(half.encode(values)) == values
+    frame = bytearray(half.size + 3)
+    half.encode_into(frame, 3, values)
+    assert half.decode(frame, 3) == values
+    assert half.from_dict(half.as_dict(values)) == values
+
+
+@given(raw=st.binary(max_size=48), chosen=telegrams, direction=directions)
+def test_arbitrary_bytes_decode_or_raise_the_packages_error(raw: bytes, chosen: Telegram, direction: Direction) -> None:
+    half = chosen.half(direction)
+    if len(raw) >= half.size:
+        assert half.encode(half.decode(raw)) == raw[: half.size]
+    else:
+        with pytest.raises(ProfidriveError, match=f"at least {half.size} bytes"):
+            half.decode(raw)
+
+
+def test_a_value_that_does_not_fit_is_named() -> None:
+    half = telegram(9).setpoints
+    with pytest.raises(ProfidriveError, match=r"MDI_ACC: 40000 is not allowed, expected an integer in -32768\.\.32767"):
+        half.encode(half.from_dict({"MDI_ACC": 40000}))
+    with pytest.raises(ProfidriveError, match="8 values: STW1"):
+        half.encode((1, 2))
+    with pytest.raises(ProfidriveError, match="NSOLL_A"):
+        half.from_dict({"NSOLL_A": 1})
+
+
+def test_unknown_telegram_lists_the_known_ones() -> None:
+    with pytest.raises(ProfidriveError, match="telegram: 4 is not allowed, expected one of") as error:
+        telegram(4)
+    assert all(str(number) in error.value.allowed for number in TELEGRAMS)

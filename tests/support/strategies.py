@@ -1,0 +1,29 @@
+"""Hypothesis strategies generated from the declarations."""
+
+from __future__ import annotations
+
+from hypothesis import strategies as st
+
+from profidrive.signals import Signal
+from profidrive.telegrams import TELEGRAMS, Direction, Telegram, TelegramHalf
+
+telegrams = st.sampled_from([TELEGRAMS[number] for number in sorted(TELEGRAMS)])
+directions = st.sampled_from(list(Direction))
+
+
+def signal_values(signal: Signal) -> st.SearchStrategy[int]:
+    """Every raw value of a signal."""
+    low, high = signal.type.integer_range
+    return st.integers(low, high)
+
+
+def half_values(half: TelegramHalf) -> st.SearchStrategy[tuple[int, ...]]:
+    """Raw values of one telegram direction, in telegram order."""
+    return st.tuples(*(signal_values(signal) for signal in half.signals))
+
+
+@st.composite
+def axes_values(draw: st.DrawFn, direction: Direction) -> tuple[list[Telegram], list[tuple[int, ...]]]:
+    """One to four axes with their telegrams and values."""
+    chosen = draw(st.lists(telegrams, min_size=1, max_size=4))
+    return chosen, [draw(half_values(telegram.half(direction))) for telegram in chosen]
