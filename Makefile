@@ -27,6 +27,9 @@ bench: $(STAMP)
 fuzz: $(STAMP)
 	PDGW_HYPOTHESIS=fuzz $(BIN)/pytest tests/fuzz
 
+docs: $(STAMP)
+	$(BIN)/python -m tools.doctables
+
 $(STAMP): pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[plot,dev]'

@@ -1,0 +1,9 @@
+"""The tables in the documentation are those of the declarations."""
+
+from __future__ import annotations
+
+from tools.doctables import PATH, generate
+
+
+def test_docs_tables_are_up_to_date() -> None:
+    assert PATH.read_text(encoding="utf-8") == generate(), "run: make docs"

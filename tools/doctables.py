@@ -1,0 +1,124 @@
+"""The reference tables of ``docs/tables.md``, generated from the declarations.
+
+``python -m tools.doctables`` (``make docs``) rewrites the file; a test fails when it is out of date.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from dsp402.faults import DRIVE_FAULTS
+from dsp402.modes import HOMING_METHODS, Mode
+from dsp402.objects import DRIVE_OBJECTS
+from dsp402.pdo import LAYOUTS
+from dsp402.states import COMMAND_TRANSITIONS, STATUS_PATTERNS
+from gateway.reasons import GATEWAY_FAULTS, Reason
+from profidrive.signals import CATALOGUE, Signal
+from profidrive.telegrams import TELEGRAMS, TelegramHalf, word_positions
+
+PATH = Path(__file__).parent.parent / "docs" / "tables.md"
+
+
+def _table(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    lines = ["| " + " | ".join(header) + " |", "|" + " --- |" * len(header)]
+    lines += ["| " + " | ".join(str(cell) for cell in row) + " |" for row in rows]
+    return "\n".join(lines) + "\n"
+
+
+def _half(half: TelegramHalf) -> str:
+    parts = []
+    for signal, word in zip(half.signals, word_positions(half), strict=True):
+        last = word + signal.words - 1
+        parts.append(f"{word}{f'-{last}' if last > word else ''} {signal.name}")
+    return ", ".join(parts)
+
+
+def _bits(signal: Signal) -> str:
+    rows = []
+    positioning = {bit.position: bit for bit in signal.positioning_bits}
+    for bit in signal.bits:
+        other = positioning.get(bit.position)
+        span = f"{bit.position}-{bit.position + bit.width - 1}" if bit.width > 1 else f"{bit.position}"
+        rows.append((span, bit.name, bit.meaning, other.name if other else "", other.meaning if other else ""))
+    if positioning:
+        return _table(("bit", "name", "meaning of 1", "positioning", "meaning of 1 in positioning"), rows)
+    return _table(("bit", "name", "meaning of 1"), (row[:3] for row in rows))
+
+
+def _pattern(mask: int, value: int) -> str:
+    bits = "".join("x" if not mask >> n & 1 else str(value >> n & 1) for n in range(7, -1, -1))
+    return f"xxxx xxxx {bits[:4]} {bits[4:]}"
+
+
+def generate() -> str:
+    """The whole document."""
+    out = [
+        "# Reference tables\n",
+        "Generated from the declarations by `make docs`; do not edit.\n",
+        "## Telegrams\n",
+        _table(
+            ("telegram", "mode", "setpoints (word, signal)", "actual values (word, signal)"),
+            ((t.number, t.mode.value, _half(t.setpoints), _half(t.actuals)) for t in TELEGRAMS.values()),
+        ),
+        "## Signals\n",
+        _table(
+            ("signal", "number", "type", "unit", "meaning"),
+            ((s.name, s.number or "", s.type.name, s.unit, s.description) for s in CATALOGUE),
+        ),
+    ]
+    for signal in CATALOGUE:
+        if signal.bits:
+            out += [f"### {signal.name}\n", _bits(signal)]
+    out += [
+        "## Drive states\n",
+        _table(
+            ("state", "Statusword"), ((p.state.value, f"`{_pattern(p.mask, p.value)}`") for p in STATUS_PATTERNS)
+        ),
+        "## Commands of the Controlword\n",
+        _table(
+            ("transition", "from", "command", "to"),
+            ((t.number, t.source.value, t.command.name, t.target.value) for t in COMMAND_TRANSITIONS),
+        ),
+        "## Modes of operation\n",
+        _table(("6060h", "mode"), ((mode.value, mode.name) for mode in Mode)),
+        "## Homing methods\n",
+        _table(("6098h", "method"), HOMING_METHODS.items()),
+        "## PDO layouts\n",
+        _table(
+            ("operation", "PDO", "objects", "bytes"),
+            (
+                (operation.value, pdo, ", ".join(str(entry) for entry in pdo.entries), pdo.size)
+                for operation, layout in LAYOUTS.items()
+                for pdo in (*layout.rpdos, *layout.tpdos)
+            ),
+        ),
+        "## Drive objects\n",
+        _table(
+            ("index", "sub", "name", "type", "access", "PDO", "unit"),
+            (
+                (f"{e.index:04X}h", e.subindex, e.name, e.type.name, e.access.value, "yes" if e.pdo else "", e.unit)
+                for e in DRIVE_OBJECTS.entries
+            ),
+        ),
+        "## Fault numbers of the drive (200Ch, P947)\n",
+        _table(
+            ("number", "fault", "EMCY code", "channel error"),
+            ((f.number, f.name, f"{f.error_code:04X}h", f.channel_error.text) for f in DRIVE_FAULTS.values()),
+        ),
+        "## Fault numbers of the gateway (P947)\n",
+        _table(
+            ("number", "fault", "P945", "kind"),
+            (
+                (f.number, f.name, f"{f.code:04X}h", "warning" if f.is_warning else "fault")
+                for f in GATEWAY_FAULTS.values()
+            ),
+        ),
+        "## Why it does not move\n",
+        _table(("reason", "text"), ((reason.name, reason.value) for reason in Reason)),
+    ]
+    return "\n".join(out)
+
+
+if __name__ == "__main__":
+    PATH.write_text(generate(), encoding="utf-8")
