@@ -1,0 +1,127 @@
+"""Non-volatile gateway parameters in a crash-safe file.
+
+Holds what the PLC may change and a power cycle must keep: P922, P925, P927 and the name of each DO, I&M1 to I&M4 of
+the device. The file is JSON with a version and a checksum, replaced atomically: a crash at any moment leaves the old or
+the new set. A damaged file is set aside and reported, never half used. Left out: drive parameters (the drive stores its
+own, 1010h).
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import zlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from gateway.errors import GatewayError
+
+
+class DoParameters(BaseModel):
+    """Stored parameters of one drive object; None where the configuration's value still holds."""
+
+    model_config = ConfigDict(extra="forbid", validate_assignment=True)
+
+    telegram: Annotated[int, Field(ge=1, le=65535)] | None = None
+    """P922."""
+    sign_of_life_tolerance: Annotated[int, Field(ge=0, le=65535)] = 1
+    """P925; 65535 switches the supervision off."""
+    operation_priority: Annotated[int, Field(ge=0, le=1)] = 1
+    """P927: 1 = the parameter channel may write."""
+    name: Annotated[str, Field(max_length=32)] = ""
+
+
+class DeviceParameters(BaseModel):
+    """The whole set."""
+
+    model_config = ConfigDict(extra="forbid", validate_assignment=True)
+
+    version: Literal[1] = 1
+    im1_function: Annotated[str, Field(max_length=32)] = ""
+    im1_location: Annotated[str, Field(max_length=22)] = ""
+    im2_date: Annotated[str, Field(max_length=16)] = ""
+    im3_descriptor: Annotated[str, Field(max_length=54)] = ""
+    im4_signature: Annotated[str, Field(max_length=108, pattern="^([0-9a-f]{2})*$")] = ""
+    """Hexadecimal."""
+    objects: dict[int, DoParameters] = Field(default_factory=dict)
+    """By DO-ID."""
+
+    def drive_object(self, do_id: int) -> DoParameters:
+        """The stored parameters of a DO, created on first use."""
+        return self.objects.setdefault(do_id, DoParameters())
+
+
+def _checksum(parameters: str) -> str:
+    return f"{zlib.crc32(parameters.encode()):08x}"
+
+
+class ParameterStore:
+    """Loads and saves ``DeviceParameters``; without a path it only keeps them in memory.
+
+    ``report`` is told, in one line, about a damaged file and where it was set aside.
+    """
+
+    def __init__(self, path: Path | None, report: Callable[[str], None]) -> None:
+        self.path = path
+        self._report = report
+        self.parameters = DeviceParameters()
+        if path is not None:
+            self.parameters = self._load(path)
+
+    def save(self) -> None:
+        """Write the present set; GatewayError when the file system refuses. Returns when the data is on the disk."""
+        if self.path is None:
+            return
+        parameters = self.parameters.model_dump_json()
+        document = json.dumps({"checksum": _checksum(parameters), "parameters": parameters})
+        temporary = self.path.with_name(self.path.name + ".new")
+        try:
+            with temporary.open("w", encoding="utf-8") as file:
+                file.write(document)
+                file.flush()
+                os.fsync(file.fileno())
+            temporary.replace(self.path)
+            directory = os.open(self.path.parent, os.O_RDONLY)
+            try:
+                os.fsync(directory)
+            finally:
+                os.close(directory)
+        except OSError as error:
+            raise GatewayError(f"parameter store {self.path}: cannot be written: {error.strerror}") from error
+
+    def reset(self) -> None:
+        """Factory values, saved."""
+        self.parameters = DeviceParameters()
+        self.save()
+
+    def _load(self, path: Path) -> DeviceParameters:
+        try:
+            text = path.read_text(encoding="utf-8")
+        except FileNotFoundError:
+            return DeviceParameters()
+        except UnicodeDecodeError:
+            return self._set_aside(path, "not UTF-8 text")
+        except OSError as error:
+            raise GatewayError(f"parameter store {path}: cannot be read: {error.strerror}") from error
+        try:
+            document = json.loads(text)
+            parameters = document["parameters"]
+            if document["checksum"] != _checksum(parameters):
+                return self._set_aside(path, "checksum does not match")
+            return DeviceParameters.model_validate_json(parameters)
+        except (ValueError, KeyError, TypeError, AttributeError) as error:
+            detail = (
+                f"{error.error_count()} bad values" if isinstance(error, ValidationError) else "not a parameter file"
+            )
+            return self._set_aside(path, detail)
+
+    def _set_aside(self, path: Path, why: str) -> DeviceParameters:
+        number = 1
+        while (aside := path.with_name(f"{path.name}.damaged-{number}")).exists():
+            number += 1
+        path.replace(aside)
+        self._report(f"parameter store {path}: {why}; kept as {aside.name}, configuration values are used")
+        return DeviceParameters()
