@@ -34,6 +34,7 @@ class Reason(enum.Enum):
     INTERMEDIATE_STOP = "STW1.5 = 0: intermediate stop"
     HOMING_METHOD = "homing method is not supported: homing is not started"
     HOMING_SETUP = "waiting for the drive to take homing method and speeds (SDO)"
+    HOMING_STOPPED = "STW1.11 = 0: homing is being stopped"
     HOMING_ERROR = "the drive reports a homing error (Statusword.13)"
 
 

@@ -135,8 +135,8 @@ class Normalisation:
 
     def saturates(self, wire: int) -> bool:
         """Whether ``to_value(wire)`` has to apply a limit."""
-        exact = Fraction(wire) * self._num / self._den
-        return not self.value_min - Fraction(1, 2) < exact < self.value_max + Fraction(1, 2)
+        scaled = 2 * wire * self._num
+        return not (2 * self.value_min - 1) * self._den < scaled < (2 * self.value_max + 1) * self._den
 
 
 def n2(reference: Fraction | int, value_range: tuple[int, int], minimum: int | None = None) -> Normalisation:
