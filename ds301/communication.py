@@ -46,7 +46,7 @@ def communication_objects(
     names = ("Vendor-ID", "Product code", "Revision number", "Serial number")
     return (
         var(DEVICE_TYPE, "Device type", U32, RO, default=device_type),
-        var(ERROR_REGISTER, "Error register", U8, RO, default=0, pdo=True),
+        var(ERROR_REGISTER, "Error register", U8, RO, default=0, pdo=True, attribute="error_register"),
         _fixed_array(PREDEFINED_ERROR_FIELD, "Pre-defined error field", 8, U32, RO, "Error", 0),
         var(SYNC_COB_ID, "COB-ID SYNC", U32, RW, default=0x80),
         var(DEVICE_NAME, "Manufacturer device name", CanType.VISIBLE_STRING, CONST, default=device_name),

@@ -47,7 +47,7 @@ DRIVE_OBJECTS = Catalogue(
         var(0x200C, "Error Number", U16, RO, pdo=True, default=0, attribute="error_code"),
         # CiA 402.
         var(0x6007, "Abort Connection Option Code", I16, RW, default=0, low=0, high=3),
-        var(0x603F, "Error Code", U16, RO, pdo=True, default=0),
+        var(0x603F, "Error Code", U16, RO, pdo=True, default=0, attribute="emcy_code"),
         var(0x6040, "Controlword", U16, RW, pdo=True, default=0, attribute="controlword"),
         var(0x6041, "Statusword", U16, RO, pdo=True, default=0, attribute="statusword"),
         var(0x605A, "Quick Stop Option Code", I16, RW, default=2, low=0, high=2),

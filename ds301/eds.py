@@ -1,0 +1,113 @@
+"""Electronic data sheets written from object declarations.
+
+Source: CiA 306 V1.3. Left out: dummy usage, object links and module descriptions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from ds301.objects import Entry, ObjectKind, ObjectSpec
+
+
+@dataclass(frozen=True, slots=True)
+class DeviceInfo:
+    """The [DeviceInfo] section."""
+
+    vendor_name: str
+    product_name: str
+    vendor_id: int
+    product_code: int
+    revision: int
+
+
+_MANDATORY = (0x1000, 0x1001, 0x1018)
+_NODE_ID_RELATIVE = ((0x1400, 0x1600), (0x1800, 0x1A00))
+
+
+def _default(entry: Entry) -> str:
+    if entry.default is None:
+        return ""
+    if isinstance(entry.default, int) and not isinstance(entry.default, bool):
+        relative = any(low <= entry.index < high for low, high in _NODE_ID_RELATIVE) and entry.subindex == 1
+        if relative or entry.index == 0x1014:
+            return f"$NODEID+0x{entry.default:X}"
+        return str(entry.default) if entry.default < 0 else f"0x{entry.default:X}"
+    return str(entry.default)
+
+
+def _variable(section: str, entry: Entry) -> list[str]:
+    lines = [
+        f"[{section}]",
+        f"ParameterName={entry.name}",
+        "ObjectType=0x7",
+        f"DataType=0x{entry.type.code:04X}",
+        f"AccessType={entry.access.value}",
+        f"DefaultValue={_default(entry)}",
+        f"PDOMapping={int(entry.pdo)}",
+    ]
+    if entry.low is not None:
+        lines.append(f"LowLimit={entry.low}")
+    if entry.high is not None:
+        lines.append(f"HighLimit={entry.high}")
+    return [*lines, ""]
+
+
+def _object(spec: ObjectSpec) -> list[str]:
+    if spec.kind is ObjectKind.VAR:
+        return _variable(f"{spec.index:04X}", spec.entries[0])
+    lines = [
+        f"[{spec.index:04X}]",
+        f"ParameterName={spec.name}",
+        f"ObjectType=0x{spec.kind.value:X}",
+        f"SubNumber={len(spec.entries)}",
+        "",
+    ]
+    for entry in spec.entries:
+        lines += _variable(f"{spec.index:04X}sub{entry.subindex:X}", entry)
+    return lines
+
+
+def _list(section: str, indices: Sequence[int]) -> list[str]:
+    lines = [f"[{section}]", f"SupportedObjects={len(indices)}"]
+    return [*lines, *(f"{number}=0x{index:04X}" for number, index in enumerate(indices, 1)), ""]
+
+
+def write_eds(info: DeviceInfo, objects: Sequence[ObjectSpec]) -> str:
+    """The EDS text of a device."""
+    ordered = sorted(objects, key=lambda spec: spec.index)
+    indices = [spec.index for spec in ordered]
+    rpdos = sum(1 for index in indices if 0x1400 <= index < 0x1600)
+    tpdos = sum(1 for index in indices if 0x1800 <= index < 0x1A00)
+    lines = [
+        "[FileInfo]",
+        "FileVersion=1",
+        "FileRevision=1",
+        "EDSVersion=4.0",
+        f"Description={info.product_name}",
+        "CreatedBy=profidrive-gateway",
+        "",
+        "[DeviceInfo]",
+        f"VendorName={info.vendor_name}",
+        f"VendorNumber=0x{info.vendor_id:X}",
+        f"ProductName={info.product_name}",
+        f"ProductNumber=0x{info.product_code:X}",
+        f"RevisionNumber=0x{info.revision:X}",
+        *(f"BaudRate_{rate}=1" for rate in (10, 20, 50, 125, 250, 500, 800, 1000)),
+        "SimpleBootUpMaster=0",
+        "SimpleBootUpSlave=1",
+        "Granularity=8",
+        "DynamicChannelsSupported=0",
+        "GroupMessaging=0",
+        f"NrOfRXPDO={rpdos}",
+        f"NrOfTXPDO={tpdos}",
+        "LSS_Supported=0",
+        "",
+    ]
+    lines += _list("MandatoryObjects", [i for i in indices if i in _MANDATORY])
+    lines += _list("OptionalObjects", [i for i in indices if i not in _MANDATORY and not 0x2000 <= i < 0x6000])
+    lines += _list("ManufacturerObjects", [i for i in indices if 0x2000 <= i < 0x6000])
+    for spec in ordered:
+        lines += _object(spec)
+    return "\n".join(lines)

@@ -1,0 +1,71 @@
+"""Speed ramps and the trapezoid to a target position, per millisecond.
+
+Source: the manufacturer's guide 7.8 and 7.9 (ramp types of 6086h). Speeds in rpm, positions in increments, times in seconds.
+"""
+
+from __future__ import annotations
+
+import math
+
+INCREMENTS_PER_REVOLUTION = 4096
+TICK = 0.001
+"""Seconds of one simulation step."""
+
+
+def increments_per_second(rpm: float) -> float:
+    """Speed of the shaft in increments."""
+    return rpm * INCREMENTS_PER_REVOLUTION / 60
+
+
+class Ramp:
+    """The speed setpoint on its way: linear by acceleration, or sine-squared by ramp time."""
+
+    __slots__ = ("_elapsed", "_from", "_time", "_to", "speed")
+
+    def __init__(self) -> None:
+        self.speed = 0.0
+        self._from = self._to = 0.0
+        self._elapsed = self._time = 0.0
+
+    def set(self, speed: float) -> None:
+        """Take a speed over at once (coasting, a stop that is hit)."""
+        self.speed = self._from = self._to = speed
+        self._time = 0.0
+
+    def linear(self, target: float, acceleration: float, deceleration: float) -> float:
+        """One tick toward ``target``; rpm/s. Slowing down uses ``deceleration``, also through zero up to it."""
+        slowing = self.speed != 0.0 and (abs(target) < abs(self.speed) or target * self.speed < 0)
+        step = (deceleration if slowing else acceleration) * TICK
+        if slowing and target * self.speed < 0 and abs(self.speed) < step:
+            self.speed = 0.0
+        elif abs(target - self.speed) <= step + 1e-9:
+            self.speed = target
+        else:
+            self.speed += math.copysign(step, target - self.speed)
+        self._to = self.speed
+        return self.speed
+
+    def sine_squared(self, target: float, rise_time: float, fall_time: float) -> float:
+        """One tick toward ``target``; the times are those of a whole ramp in seconds, whatever its height."""
+        if target != self._to or self._time == 0.0 and self.speed != target:
+            self._from, self._to, self._elapsed = self.speed, target, 0.0
+            self._time = fall_time if abs(target) < abs(self.speed) else rise_time
+        if self.speed == target:
+            return target
+        self._elapsed += TICK
+        if self._elapsed >= self._time:
+            self.speed = target
+        else:
+            share = math.sin(math.pi / 2 * self._elapsed / self._time) ** 2
+            self.speed = self._from + (self._to - self._from) * share
+        return self.speed
+
+
+def speed_toward(distance: float, speed_limit: float, deceleration: float) -> float:
+    """The speed (rpm, signed) from which ``deceleration`` (rpm/s) still stops within ``distance`` increments."""
+    rate = increments_per_second(deceleration)
+    # The speed of this tick is kept for the whole tick: solve v*T + v^2/(2a) = distance.
+    reach = rate * TICK
+    fastest = math.sqrt(reach * reach + 2 * rate * abs(distance)) - reach
+    rpm = fastest * 60 / INCREMENTS_PER_REVOLUTION
+    return math.copysign(min(speed_limit, rpm), distance)

@@ -1,0 +1,153 @@
+"""The simulated drive on a bus: the CANopen node around the model, and the thread that runs it."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+
+import can
+
+from ds301.communication import CONSUMER_HEARTBEAT
+from ds301.objects import Entry
+from ds301.pdo import Pdo
+from ds301.simulator import MS, NmtState, SendFunction, SimulatedNode, Value
+from dsp402.device import drive_objects
+from dsp402.simulator.model import DriveModel, Machine
+
+
+class SimulatedDriveNode(SimulatedNode):
+    """CANopen drive, sans-I/O: ``receive`` and ``poll`` with times, frames to ``send``."""
+
+    def __init__(
+        self, node_id: int, send: SendFunction, *, machine: Machine | None = None, pdos: int = 5, serial_number: int = 1
+    ) -> None:
+        self._ready = False
+        self.model = DriveModel(self._object, machine)
+        super().__init__(node_id, drive_objects(serial_number, pdos), self.model, send)
+        self._ready = True
+        self.stored: dict[tuple[int, int], Value] = {}
+
+    def _object(self, index: int, subindex: int) -> int:
+        if not self._ready:
+            # The model looks at its objects once before the node has them.
+            return {0x6094: subindex, 0x6080: 1}.get(index, 0)
+        return int(self.values[index, subindex])
+
+    def on_poll(self, now: int) -> None:
+        self.model.advance(now)
+        self._emergencies()
+
+    def on_rpdo(self, pdo: Pdo) -> None:
+        if "controlword" in pdo.attributes or "modes_of_operation" in pdo.attributes:
+            self.model.command()
+            self._emergencies()
+
+    def on_written(self, entry: Entry, value: Value) -> None:
+        if entry.attribute in {"controlword", "modes_of_operation"}:
+            setattr(self.model, entry.attribute, value)
+            self.model.command()
+            self._emergencies()
+
+    def on_nmt(self, state: NmtState) -> None:
+        if state is not NmtState.OPERATIONAL:
+            self.model.abort_connection()
+
+    def on_consumer_expired(self, producer: int) -> None:
+        self.send_emcy(0x8130, 0x11)
+        self.model.abort_connection()
+        self._emergencies()
+
+    def on_reset(self) -> None:
+        self.model.power_on()
+
+    def on_store(self, restore: bool) -> None:
+        if restore:
+            self.stored.clear()
+            return
+        self.stored = {a: v for a, v in self.values.items() if a[0] >= 0x2000 or a[0] == CONSUMER_HEARTBEAT}
+
+    def _emergencies(self) -> None:
+        for code, register in self.model.emcy:
+            self.send_emcy(code, register)
+        self.model.emcy.clear()
+
+
+class SimulatedDrive:
+    """A ``SimulatedDriveNode`` running in a thread on a python-can bus, in steps of 1 ms.
+
+    The bus is the drive's own and is shut down by ``stop``. Commands may be given from any thread.
+    """
+
+    def __init__(
+        self, bus: can.BusABC, node_id: int, *, machine: Machine | None = None, pdos: int = 5, serial_number: int = 1
+    ) -> None:
+        self.bus = bus
+        self._lock = threading.Lock()
+        self.node = SimulatedDriveNode(node_id, self._send, machine=machine, pdos=pdos, serial_number=serial_number)
+        self._stopping = threading.Event()
+        self._thread = threading.Thread(target=self._run, name=f"simulated drive {node_id}", daemon=True)
+
+    def __enter__(self) -> SimulatedDrive:
+        self.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.stop()
+
+    @property
+    def model(self) -> DriveModel:
+        return self.node.model
+
+    def start(self) -> None:
+        """Power on."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Power off for good and release the bus."""
+        self._stopping.set()
+        self._thread.join()
+        self.bus.shutdown()
+
+    def do(self, action: Callable[[SimulatedDriveNode], None]) -> None:
+        """Run an action on the node between two of its steps."""
+        with self._lock:
+            action(self.node)
+
+    def inject(self, fault: int) -> None:
+        """Raise fault 1-12; see ``DriveModel.inject``."""
+        self.do(lambda node: node.model.inject(fault))
+
+    def clear(self) -> None:
+        """Remove the causes of all faults."""
+        self.do(lambda node: node.model.clear())
+
+    def set_enable_input(self, on: bool) -> None:
+        """Digital input DI1."""
+        self.do(lambda node: node.model.set_enable_input(on))
+
+    def _send(self, can_id: int, data: bytes) -> None:
+        try:
+            self.bus.send(can.Message(arbitration_id=can_id, data=data, is_extended_id=False))
+        except can.CanError:
+            # A node that cannot transmit stays silent; its master notices by heartbeat and PDO supervision.
+            return
+
+    def _run(self) -> None:
+        with self._lock:
+            self.node.start(time.monotonic_ns())
+        due = time.monotonic_ns()
+        while not self._stopping.is_set():
+            now = time.monotonic_ns()
+            if now >= due:
+                due = max(due + MS, now)
+                with self._lock:
+                    self.node.poll(now)
+                continue
+            try:
+                message = self.bus.recv((due - now) / 1e9)
+            except (can.CanError, OSError):
+                return
+            if message is not None and not message.is_error_frame and not message.is_extended_id:
+                with self._lock:
+                    self.node.receive(message.arbitration_id, bytes(message.data), time.monotonic_ns())
