@@ -1,0 +1,50 @@
+"""EMCY error codes in words.
+
+Source: CiA DS 301 table 21, CiA DSP 402 V2.0 chapter 8.1 (the ranges a drive uses).
+"""
+
+from __future__ import annotations
+
+EMCY_TEXTS: dict[int, str] = {
+    0x0000: "error reset or no error",
+    0x1000: "generic error",
+    0x2110: "current at the input",
+    0x2310: "over-current at the output",
+    0x3110: "mains over-voltage",
+    0x3210: "DC link over-voltage",
+    0x3220: "DC link under-voltage",
+    0x4000: "temperature",
+    0x4210: "over-temperature of the device",
+    0x4310: "over-temperature of the drive",
+    0x5100: "device hardware supply or memory",
+    0x5110: "low-voltage supply",
+    0x5530: "non-volatile memory",
+    0x6000: "device software",
+    0x6100: "internal software",
+    0x6320: "parameter error",
+    0x7305: "incremental sensor 1",
+    0x8000: "monitoring",
+    0x8110: "CAN overrun",
+    0x8120: "CAN error passive",
+    0x8130: "life guard or heartbeat error",
+    0x8140: "recovered from bus-off",
+    0x8210: "PDO not processed: length error",
+    0x8220: "PDO length exceeded",
+    0x8611: "following error",
+    0x9000: "external error",
+    0xFFFF: "device specific",
+}
+"""Text of each exact code."""
+
+_CLASSES = {0x1: "generic error", 0x2: "current", 0x3: "voltage", 0x4: "temperature", 0x5: "device hardware"} | {
+    0x6: "device software",
+    0x7: "additional modules",
+    0x8: "monitoring",
+    0x9: "external error",
+    0xF: "device specific",
+}
+
+
+def emcy_text(code: int) -> str:
+    """The text of a code, or of its class."""
+    return EMCY_TEXTS.get(code) or _CLASSES.get(code >> 12, "unknown error code")
