@@ -463,6 +463,8 @@ class DriveClient:
                 job = self._jobs.get(timeout=_SUPERVISION_S)
                 if job is not None:
                     job()
+            if self._stopping.is_set():
+                return
             now = time.monotonic_ns()
             if self._reconfigure.is_set():
                 self._set_status(DriveStatus.CONFIGURING, "telegram changed")

@@ -26,6 +26,17 @@ sim = typer.Typer(help="Simulators: PLC, drive.", no_args_is_help=True)
 app.add_typer(sim, name="sim")
 
 
+def _register() -> None:
+    """Put the subcommands in; each module has one function per command."""
+    from tools.commands import config, run, sim_drive, status  # noqa: PLC0415
+
+    app.command("run")(run.run)
+    app.add_typer(config.app, name="config")
+    app.command("status")(status.status)
+    sim.command("drive")(sim_drive.drive)
+    sim.command("inject")(sim_drive.inject)
+
+
 class _Options:
     debug = False
 
@@ -40,6 +51,7 @@ def options(
 
 def main() -> None:
     """Entry point of the console script."""
+    _register()
     try:
         app()
     except (GatewayError, CanopenError, ProfidriveError) as error:

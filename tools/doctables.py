@@ -72,9 +72,7 @@ def generate() -> str:
             out += [f"### {signal.name}\n", _bits(signal)]
     out += [
         "## Drive states\n",
-        _table(
-            ("state", "Statusword"), ((p.state.value, f"`{_pattern(p.mask, p.value)}`") for p in STATUS_PATTERNS)
-        ),
+        _table(("state", "Statusword"), ((p.state.value, f"`{_pattern(p.mask, p.value)}`") for p in STATUS_PATTERNS)),
         "## Commands of the Controlword\n",
         _table(
             ("transition", "from", "command", "to"),

@@ -99,6 +99,11 @@ class SimulatedDrive:
     def model(self) -> DriveModel:
         return self.node.model
 
+    @property
+    def running(self) -> bool:
+        """Between ``start`` and ``stop``."""
+        return self._thread.is_alive()
+
     def start(self) -> None:
         """Power on."""
         self._thread.start()

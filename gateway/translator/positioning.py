@@ -184,7 +184,7 @@ class PositioningTranslator(Translator):
         actuals = self._actuals
         position = self._position
         if position is None:
-            return self._refuse(statusword)
+            return self._refuse(statusword, drive_ok)
         in_control, connected = self._take(setpoints)
         values = self._setpoints
         word = values[0]
@@ -256,9 +256,9 @@ class PositioningTranslator(Translator):
             return True, True
         return False, self._controlled
 
-    def _refuse(self, statusword: int) -> Sequence[int]:
+    def _refuse(self, statusword: int, drive_ok: bool) -> Sequence[int]:
         """Without valid references nothing is converted and nothing is enabled."""
-        self.reason = Reason.REFERENCE_INVALID
+        self.reason = Reason.REFERENCE_INVALID if drive_ok else Reason.DRIVE_OFFLINE
         self._drop()
         self.command.controlword = 0
         self._actuals[:] = [statusword & ZSW1_TRANSPARENT | ZSW1_FAULT, 0, 0, 0]

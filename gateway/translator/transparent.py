@@ -112,7 +112,7 @@ class TransparentTranslator(Translator):
             self._lock()
         if not self._references_valid:
             command.controlword = CW_DISABLE_VOLTAGE
-            self.reason = Reason.REFERENCE_INVALID
+            self.reason = Reason.REFERENCE_INVALID if drive_ok else Reason.DRIVE_OFFLINE
         elif not drive_ok:
             self._lock()
             command.controlword = CW_QUICK_STOP

@@ -1,0 +1,1 @@
+"""Transports: how cyclic frames and parameter requests reach the gateway."""

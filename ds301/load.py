@@ -1,0 +1,48 @@
+"""The bus load planner: worst-case frames and bit times of a configuration.
+
+Source: CiA 301 / Bosch CAN 2.0A: a standard data frame has 47 + 8n bits; in the worst case a stuff bit follows every four
+of the 34 + 8n bits that are subject to stuffing. So 8 bytes take 111 to 135 bit times.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from ds301.errors import CanopenError
+
+_OVERHEAD_BITS = 47
+_STUFFED_OVERHEAD_BITS = 34
+
+
+def frame_bits(size: int, *, worst: bool = True) -> int:
+    """Bit times of a standard frame with ``size`` data bytes, interframe space included."""
+    bits = _OVERHEAD_BITS + 8 * size
+    return bits + (_STUFFED_OVERHEAD_BITS + 8 * size - 1) // 4 if worst else bits
+
+
+@dataclass(frozen=True, slots=True)
+class CyclicFrames:
+    """Frames that can appear ``per_second`` times: what they are, data bytes, rate."""
+
+    name: str
+    size: int
+    per_second: float
+
+
+def bus_load(frames: Sequence[CyclicFrames], bitrate: int) -> float:
+    """Worst-case share of the bus, 1.0 = full."""
+    return sum(frame_bits(frame.size) * frame.per_second for frame in frames) / bitrate
+
+
+def check_load(name: str, frames: Sequence[CyclicFrames], bitrate: int, limit: float = 1.0) -> float:
+    """The load of bus ``name``; CanopenError with the numbers when it is above ``limit``."""
+    load = bus_load(frames, bitrate)
+    if load > limit:
+        rate = sum(frame.per_second for frame in frames)
+        raise CanopenError(
+            f"worst-case load of bus {name}",
+            f"{load:.0%} ({rate:.0f} frames/s at {bitrate} bit/s)",
+            f"at most {limit:.0%}: raise cycle_time_ms or tpdo_inhibit_us, use fewer axes per bus or sync",
+        )
+    return load

@@ -1,0 +1,198 @@
+"""One axis: a translator, a drive, and what watches both.
+
+The axis owns the drive's images. Its cyclic side (``step``) never waits; SDO work a translator asks for runs on the drive's
+worker and is answered in a later cycle. Source: docs/translation.md "Loss and doubt".
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future
+from dataclasses import dataclass
+
+from ds301.network import CanNetwork
+from dsp402.drive import DriveClient, DriveEvent, DriveStatus
+from dsp402.faults import DRIVE_FAULTS
+from dsp402.objects import DRIVE_OBJECTS
+from dsp402.pdo import LAYOUTS
+from dsp402.states import State, state_of
+from gateway.config import AxisConfig
+from gateway.errors import GatewayError
+from gateway.reasons import GATEWAY_FAULTS, Reason
+from gateway.translator.base import SdoWrite
+from gateway.translator.factory import make_translator, pdo_operation
+from profidrive.telegrams import Telegram, telegram
+
+log = logging.getLogger("gateway")
+
+_FAULT_OF_EMCY = {fault.error_code: fault.number for fault in DRIVE_FAULTS.values()}
+_INTERNAL_FAULT = 10
+_POWERED = (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE, State.FAULT_REACTION_ACTIVE)
+
+
+@dataclass(frozen=True, slots=True)
+class FaultRecord:
+    """A fault of an axis as P945, P947 and P949 show it; ``time_ns`` is monotonic."""
+
+    number: int
+    code: int
+    value: int
+    text: str
+    time_ns: int
+    is_warning: bool = False
+
+
+class Axis:
+    """A drive object (DO) with a drive behind it."""
+
+    def __init__(
+        self, config: AxisConfig, network: CanNetwork, cycle_time_ms: float, number: int | None = None
+    ) -> None:
+        self.config = config
+        self.network = network
+        self.do_id = config.do_id
+        self.faults: deque[FaultRecord] = deque(maxlen=64)
+        self.fault_listeners: list[Callable[[FaultRecord], None]] = []
+        self._cycle_time_ms = cycle_time_ms
+        self._faults_lock = threading.Lock()
+        number = config.telegram if number is None else number
+        self.telegram: Telegram = telegram(number)
+        self.translator = make_translator(number, config.translator_settings)
+        self.drive = DriveClient(
+            network,
+            config.drive_settings(number, cycle_time_ms),
+            LAYOUTS[pdo_operation(number)],
+            self._on_drive_event,
+        )
+        self.actuals: Sequence[int] = (0,) * len(self.telegram.actuals.signals)
+        self.good = False
+        """The actual values are valid: the axis' IOPS."""
+        self.last_setpoints: Sequence[int] | None = None
+        self._generation = 0
+        self._reason: Reason | None = None
+        self._sdo: Future[None] | None = None
+        self._references_changed = False
+
+    # -- cyclic -------------------------------------------------------------------------------------------------------
+
+    def step(self, setpoints: Sequence[int] | None, now: int) -> None:
+        """One cycle: feedback in, translate, commands out. ``actuals`` and ``good`` are new afterwards."""
+        drive = self.drive
+        translator = self.translator
+        drive_ok = drive.refresh(now)
+        if drive.generation != self._generation:
+            self._generation = drive.generation
+            translator.drive_restarted()
+            translator.set_references(drive.references, drive.homing_method)
+        elif self._references_changed:
+            self._references_changed = False
+            translator.set_references(drive.references, drive.homing_method)
+        self.last_setpoints = setpoints
+        self.actuals = translator.step(setpoints, drive.feedback, drive_ok, now)
+        self.good = drive_ok
+        drive.send(translator.command, now)
+        if translator.sdo_request is not None or self._sdo is not None:
+            self._serve_sdo_request()
+        if translator.events:
+            self._drain_events(now)
+        if translator.reason is not self._reason:
+            self._reason = translator.reason
+            log.info("axis %d: %s", self.do_id, self._reason.value if self._reason else "obeys the PLC")
+
+    def _serve_sdo_request(self) -> None:
+        translator = self.translator
+        if self._sdo is None:
+            writes = translator.sdo_request
+            if writes is not None:
+                self._sdo = self.drive.submit(lambda drive: _write_all(drive, writes))
+        elif self._sdo.done():
+            error = self._sdo.exception()
+            self._sdo = None
+            translator.sdo_request = None
+            translator.sdo_done(None if error is None else str(error))
+
+    def _drain_events(self, now: int) -> None:
+        for event in self.translator.events:
+            fault = GATEWAY_FAULTS[event.number]
+            self.raise_fault(fault.number, event.detail, now)
+        self.translator.events.clear()
+
+    # -- any thread ---------------------------------------------------------------------------------------------------
+
+    @property
+    def powered(self) -> bool:
+        """The power stage may be on."""
+        return self.drive.status is DriveStatus.ONLINE and state_of(self.drive.feedback.statusword) in _POWERED
+
+    @property
+    def reason(self) -> Reason | None:
+        """Why the axis does not do what the PLC asks, None when it does."""
+        return self.translator.reason
+
+    def raise_fault(self, number: int, detail: str, now: int) -> None:
+        """A fault of the gateway's own table."""
+        fault = GATEWAY_FAULTS[number]
+        self._record(FaultRecord(number, fault.code, 0, f"{fault.name}: {detail}", now, fault.is_warning))
+
+    def references_changed(self) -> None:
+        """The drive's references were read anew; the next cycle takes them."""
+        self._references_changed = True
+
+    def change_telegram(self, number: int) -> None:
+        """P922: another telegram. Only the cyclic thread may call it; GatewayError while the axis is in operation."""
+        if self.powered:
+            raise GatewayError(
+                f"axis {self.do_id}: telegram {number} cannot be selected while the axis is in operation"
+            )
+        translator = make_translator(number, self.config.translator_settings)
+        layout = LAYOUTS[pdo_operation(number)]
+        self.translator = translator
+        self.telegram = telegram(number)
+        self.actuals = (0,) * len(self.telegram.actuals.signals)
+        self._sdo = None
+        self.drive.reconfigure(layout, self.config.drive_settings(number, self._cycle_time_ms))
+        log.info("axis %d: telegram %d selected", self.do_id, number)
+
+    def _record(self, record: FaultRecord) -> None:
+        with self._faults_lock:
+            self.faults.append(record)
+        log.log(
+            logging.WARNING if record.is_warning else logging.ERROR,
+            "axis %d: fault %d, code %04Xh: %s",
+            self.do_id,
+            record.number,
+            record.code,
+            record.text,
+        )
+        for listener in self.fault_listeners:
+            listener(record)
+
+    def _on_drive_event(self, event: DriveEvent) -> None:
+        """From the drive's worker or the bus reader."""
+        now = event.time_ns or time.monotonic_ns()
+        if event.kind == "emcy":
+            if event.code == 0:
+                log.info("axis %d: %s", self.do_id, event.text)
+                return
+            number = _FAULT_OF_EMCY.get(event.code, _INTERNAL_FAULT)
+            value = int.from_bytes(event.data[:4], "little")
+            self._record(FaultRecord(number, event.code, value, event.text, now))
+        elif event.kind == "boot":
+            self.raise_fault(105, event.text, now)
+        elif event.kind == "refused":
+            self.raise_fault(106, event.text, now)
+        elif self.drive.status is DriveStatus.LOST:
+            self.raise_fault(101 if self.network.healthy else 102, event.text, now)
+        else:
+            log.info("axis %d: drive %s", self.do_id, event.text)
+
+
+def _write_all(drive: DriveClient, writes: Sequence[SdoWrite]) -> None:
+    for item in writes:
+        entry = DRIVE_OBJECTS.entry(item.index, item.subindex)
+        size = entry.type.bits // 8
+        drive.write(item.index, item.subindex, item.value.to_bytes(size, "little", signed=entry.type.char.islower()))

@@ -1,0 +1,335 @@
+"""The configuration file: TOML, validated by pydantic, with messages a user can act on.
+
+Keys of [can], [transport] and [[axis]] are fixed, others have defaults. ``example()`` is the commented file of ``pdgw config
+example``. Left out: the PLC's own parameters, which live in the parameter store.
+"""
+
+from __future__ import annotations
+
+import difflib
+import tomllib
+from fractions import Fraction
+from ipaddress import IPv4Address
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
+
+from ds301.errors import CanopenError
+from ds301.load import CyclicFrames, check_load
+from dsp402.drive import DriveSettings
+from dsp402.pdo import LAYOUTS
+from gateway.errors import GatewayError
+from gateway.translator.base import PlcLossReaction, SetpointEnable, TranslatorSettings
+from gateway.translator.factory import DRIVE_TELEGRAM_NUMBERS, initial_mode, pdo_operation
+from profidrive.errors import ProfidriveError
+from profidrive.frame import UDP_PORT, CSduLayout
+from profidrive.telegrams import Direction, telegram
+
+ACYCLIC_PORT = 34964
+STATUS_PORT = 34965
+GATEWAY_NODE_ID = 127
+DEFAULT_BITRATE = 1_000_000
+_DRIVE_CYCLE_US = 1000
+"""A drive updates its values once a millisecond."""
+_DATA_PDO_RATE = 100.0
+"""Frames per second allowed for in PDOs without Controlword or Statusword."""
+
+Port = Annotated[int, Field(ge=0, le=65535)]
+
+
+class _Section(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class CanConfig(BaseModel):
+    """One bus; keys this model does not know go to the python-can interface unchanged."""
+
+    model_config = ConfigDict(extra="allow", frozen=True)
+
+    interface: str
+    channel: str | int | None = None
+    bitrate: Annotated[int, Field(ge=10_000, le=1_000_000)] | None = None
+    name: str = "can"
+
+    @property
+    def extra(self) -> dict[str, object]:
+        """Further keys for python-can."""
+        return dict(self.model_extra or {})
+
+
+class TransportConfig(_Section):
+    """How the PLC is reached."""
+
+    type: Literal["udp"] = "udp"
+    listen: IPv4Address = IPv4Address("127.0.0.1")
+    cyclic_port: Port = UDP_PORT
+    acyclic_port: Port = ACYCLIC_PORT
+    cycle_time_ms: Annotated[float, Field(ge=0.25, le=512)] = 4
+    watchdog_factor: Annotated[int, Field(ge=1, le=255)] = 3
+    peer: IPv4Address | None = None
+    status_port: Port = STATUS_PORT
+    """``pdgw status`` on loopback."""
+
+
+def _standstill(value: object) -> object:
+    return Fraction(str(value)) / 100 if isinstance(value, int | float) and not isinstance(value, bool) else value
+
+
+class AxisConfig(_Section):
+    """One drive and its telegram."""
+
+    do_id: Annotated[int, Field(ge=1, le=254)]
+    node_id: Annotated[int, Field(ge=1, le=126)]
+    telegram: int
+    can: str | None = None
+    eds: Path | None = None
+    on_plc_loss: PlcLossReaction = PlcLossReaction.QUICK_STOP
+    setpoint_enable: SetpointEnable = SetpointEnable.HOLD
+    modulo_axis: bool = False
+    simulate: bool = False
+    ramp_stop_resume: bool = False
+    standstill_window_percent: Annotated[Fraction, BeforeValidator(_standstill), Field(gt=0, le=Fraction(1, 2))] = (
+        Fraction(1, 100)
+    )
+    heartbeat_ms: Annotated[int, Field(ge=10, le=10_000)] = 100
+    tpdo_event_ms: Annotated[int, Field(ge=1, le=10_000)] = 50
+    tpdo_inhibit_us: Annotated[int, Field(ge=0, le=1_000_000)] | None = None
+    """None: one TPDO for each cycle of the PLC, more would only load the bus."""
+    sdo_timeout_ms: Annotated[int, Field(ge=10, le=60_000)] = 500
+    sync: bool = False
+    allow_unguarded: bool = False
+
+    @model_validator(mode="after")
+    def _telegram_is_supported(self) -> AxisConfig:
+        if self.telegram not in DRIVE_TELEGRAM_NUMBERS:
+            raise ValueError(f"telegram = {self.telegram} is not supported, allowed: {list(DRIVE_TELEGRAM_NUMBERS)}")
+        return self
+
+    @property
+    def translator_settings(self) -> TranslatorSettings:
+        return TranslatorSettings(
+            self.on_plc_loss,
+            self.setpoint_enable,
+            self.modulo_axis,
+            self.ramp_stop_resume,
+            self.standstill_window_percent,
+        )
+
+    def inhibit_us(self, cycle_time_ms: float) -> int:
+        """The inhibit time in force; an event-driven TPDO is not sent more often than this."""
+        return int(cycle_time_ms * 1000) if self.tpdo_inhibit_us is None else self.tpdo_inhibit_us
+
+    def drive_settings(self, number: int, cycle_time_ms: float) -> DriveSettings:
+        """For a telegram, which may differ from the configured one (P922)."""
+        return DriveSettings(
+            node_id=self.node_id,
+            eds=self.eds,
+            gateway_node_id=GATEWAY_NODE_ID,
+            heartbeat_ms=self.heartbeat_ms,
+            tpdo_event_ms=self.tpdo_event_ms,
+            tpdo_inhibit_us=self.inhibit_us(cycle_time_ms),
+            sdo_timeout_ms=self.sdo_timeout_ms,
+            sync=self.sync,
+            allow_unguarded=self.allow_unguarded,
+            initial_mode=initial_mode(number),
+        )
+
+
+def _as_list(value: object) -> object:
+    return [value] if isinstance(value, dict) else value
+
+
+class GatewayConfig(_Section):
+    """The whole file."""
+
+    can: Annotated[tuple[CanConfig, ...], BeforeValidator(_as_list), Field(min_length=1)]
+    transport: TransportConfig = TransportConfig()
+    axis: Annotated[tuple[AxisConfig, ...], BeforeValidator(_as_list), Field(min_length=1)]
+    store: Path | None = None
+    """File of the non-volatile gateway parameters; without it they last until the daemon ends."""
+
+    def bus_of(self, axis: AxisConfig) -> CanConfig:
+        """The bus an axis is on."""
+        if axis.can is None:
+            return self.can[0]
+        return next(bus for bus in self.can if bus.name == axis.can)
+
+    @model_validator(mode="after")
+    def _fits_together(self) -> GatewayConfig:
+        names = [bus.name for bus in self.can]
+        _no_twice("[[can]] name", names)
+        _no_twice("[[axis]] do_id", [axis.do_id for axis in self.axis])
+        for axis in self.axis:
+            if axis.can is not None and axis.can not in names:
+                raise ValueError(
+                    f'[[axis]] do_id {axis.do_id}: can = "{axis.can}" is no [[can]] name, allowed: {names}'
+                )
+            if axis.can is None and len(names) > 1:
+                raise ValueError(f"[[axis]] do_id {axis.do_id}: can is missing, allowed with several buses: {names}")
+        for bus in self.can:
+            _no_twice(
+                f"node_id on bus {bus.name}", [axis.node_id for axis in self.axis if self.bus_of(axis).name == bus.name]
+            )
+        try:
+            telegrams = [telegram(axis.telegram) for axis in self.axis]
+            for direction in Direction:
+                CSduLayout(telegrams, direction)
+            for bus in self.can:
+                if bus.interface != "virtual" or bus.bitrate is not None:
+                    check_load(bus.name, self.cyclic_frames(bus), bus.bitrate or DEFAULT_BITRATE)
+        except (ProfidriveError, CanopenError) as error:
+            raise ValueError(str(error)) from error
+        return self
+
+    def cyclic_frames(self, bus: CanConfig) -> list[CyclicFrames]:
+        """The frames the axes of a bus can put on it when every value changes in every cycle."""
+        cycle_rate = 1000 / self.transport.cycle_time_ms
+        frames: list[CyclicFrames] = []
+        for axis in self.axis:
+            if self.bus_of(axis).name != bus.name:
+                continue
+            layout = LAYOUTS[pdo_operation(axis.telegram)]
+            inhibit = axis.inhibit_us(self.transport.cycle_time_ms)
+            tpdo_rate = cycle_rate if axis.sync else 1e6 / max(inhibit, _DRIVE_CYCLE_US)
+            # Controlword and state may change in every cycle; tasks and the slow values of the other PDOs do not.
+            for rate, pdos in ((cycle_rate, layout.rpdos), (tpdo_rate, layout.tpdos)):
+                for pdo in pdos:
+                    limit = rate if pdo.number == 1 else min(rate, _DATA_PDO_RATE)
+                    frames.append(CyclicFrames(f"{pdo} {axis.node_id}", pdo.size, limit))
+            frames.append(CyclicFrames(f"heartbeat {axis.node_id}", 1, 1000 / axis.heartbeat_ms))
+        return frames
+
+
+def _no_twice(what: str, values: list[Any]) -> None:
+    for value in values:
+        if values.count(value) > 1:
+            raise ValueError(f"{what}: {value!r} is used twice, each must be different")
+
+
+def load_config(path: Path) -> GatewayConfig:
+    """Read and validate a file; GatewayError has one line for each thing that is wrong."""
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise GatewayError(f"{path}: cannot be read: {error}") from error
+    config = parse_config(text, str(path))
+    for axis in config.axis:
+        if axis.eds is not None and not axis.eds.is_file():
+            raise GatewayError(f'{path}: [[axis]] do_id {axis.do_id}: eds = "{axis.eds}" is not a file')
+    return config
+
+
+def parse_config(text: str, name: str = "configuration") -> GatewayConfig:
+    """Validate configuration text; see ``load_config``."""
+    try:
+        document = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise GatewayError(f"{name}: not valid TOML: {error}") from error
+    try:
+        return GatewayConfig.model_validate(document)
+    except ValidationError as error:
+        lines = [_explain(detail, text, name) for detail in error.errors()]
+        raise GatewayError("\n".join(lines)) from error
+
+
+_MODELS: dict[str, type[BaseModel]] = {"can": CanConfig, "transport": TransportConfig, "axis": AxisConfig}
+
+
+def _explain(detail: Any, text: str, name: str) -> str:
+    location: list[Any] = [part for part in detail["loc"] if not isinstance(part, str) or part.isidentifier()]
+    keys = [part for part in location if isinstance(part, str)]
+    numbers = [part for part in location if isinstance(part, int)]
+    section = keys[0] if keys else ""
+    occurrence = numbers[0] if numbers else 0
+    key = keys[-1] if len(keys) > 1 else ""
+    line = _line_of(text, section, occurrence, key)
+    place = f"{name}:{line}" if line else name
+    path = f"[{section}]" if section else ""
+    if numbers:
+        path = f"[[{section}]] number {occurrence + 1}"
+    if key:
+        path += f" {key}"
+    message = detail["msg"].removeprefix("Value error, ")
+    value = detail.get("input")
+    if detail["type"] == "extra_forbidden":
+        model = _MODELS.get(section) if key else GatewayConfig
+        known = list(model.model_fields) if model else []
+        close = difflib.get_close_matches(str(key or section), known, n=1)
+        hint = f", did you mean {close[0]}?" if close else ""
+        return f"{place}: {path}: unknown key{hint} (allowed: {', '.join(known)})"
+    if detail["type"] == "missing":
+        return f"{place}: {path}: is missing"
+    if isinstance(value, dict | list | tuple) or not key:
+        return f"{place}: {path + ': ' if path else ''}{message}"
+    return f"{place}: {path} = {value!r}: {message}"
+
+
+def _line_of(text: str, section: str, occurrence: int, key: str) -> int:
+    """The line of a key (or of its section's header), 0 when it cannot be told."""
+    seen = -1
+    inside = False
+    header = 0
+    for number, raw in enumerate(text.splitlines(), 1):
+        line = raw.strip()
+        if line.startswith("["):
+            title = line.strip("[] ").split("]")[0]
+            inside = title == section
+            if inside:
+                seen += 1
+                inside = seen == occurrence
+                header = number if inside else header
+        elif inside and key and line.split("=")[0].strip() == key:
+            return number
+    return header
+
+
+def example() -> str:
+    """A commented configuration that is itself valid."""
+    return f"""\
+# Configuration of the PROFIdrive-to-CANopen gateway. Times in milliseconds.
+
+[can]
+interface = "socketcan"      # any python-can interface
+channel = "can0"
+bitrate = {DEFAULT_BITRATE}
+# Further keys go to the interface unchanged. For several buses use [[can]] tables with a name each,
+# and can = "name" in the axes.
+
+[transport]
+type = "udp"
+listen = "127.0.0.1"         # address of this machine towards the PLC
+cyclic_port = {UDP_PORT}
+acyclic_port = {ACYCLIC_PORT}
+cycle_time_ms = 4            # 0.25 to 512
+watchdog_factor = 3          # the PLC is lost after this many cycles without a frame
+# peer = "192.168.0.10"      # only this PLC; without it the first valid sender
+
+[[axis]]
+do_id = 1                    # DO-ID of the parameter channel, 1 to 254
+node_id = 1                  # CANopen node, 1 to 126
+telegram = 1                 # one of {", ".join(map(str, DRIVE_TELEGRAM_NUMBERS))}
+# eds = "drive.eds"          # EDS or DCF of the drive; without it the one in the package
+on_plc_loss = "quick-stop"   # "ramp", "quick-stop" or "coast"
+setpoint_enable = "hold"     # STW1 bits 4-6 = 0: "hold" the last setpoint, or "profidrive": speed 0
+modulo_axis = false          # telegram 9: turntable
+simulate = false             # true: a simulated drive instead of the one on the bus
+# ramp_stop_resume = false   # true: ON during an OFF1 ramp resumes operation
+# standstill_window_percent = 1
+# heartbeat_ms = 100
+# tpdo_event_ms = 50
+# tpdo_inhibit_us = 4000     # without it: the cycle time
+# sdo_timeout_ms = 500
+# sync = false               # TPDOs on SYNC instead of event-driven
+# allow_unguarded = false    # true: operate a drive that refuses 1016h or 6007h
+"""
+
+
+def simulated(number: int, axes: int) -> GatewayConfig:
+    """The configuration of ``pdgw run --simulate``: simulated drives on a virtual bus, 4 ms."""
+    return GatewayConfig.model_validate(
+        {
+            "can": {"interface": "virtual", "channel": "pdgw"},
+            "axis": [{"do_id": n, "node_id": n, "telegram": number, "simulate": True} for n in range(1, axes + 1)],
+        }
+    )

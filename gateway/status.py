@@ -1,0 +1,98 @@
+"""What a running daemon tells about itself, as one JSON document on a loopback TCP port."""
+
+from __future__ import annotations
+
+import json
+import socketserver
+import threading
+import time
+from typing import Any
+
+from dsp402.states import state_of
+from gateway.axis import Axis
+from gateway.daemon import Daemon
+from gateway.errors import GatewayError
+
+
+def axis_status(axis: Axis) -> dict[str, Any]:
+    """One axis as plain data."""
+    feedback = axis.drive.feedback
+    state = state_of(feedback.statusword)
+    setpoints = axis.last_setpoints
+    return {
+        "do_id": axis.do_id,
+        "node_id": axis.config.node_id,
+        "telegram": axis.telegram.number,
+        "drive": axis.drive.status.value,
+        "drive_text": axis.drive.status_text,
+        "state": state.value if state else "unknown",
+        "reason": axis.reason.value if axis.reason else "",
+        "statusword": feedback.statusword,
+        "controlword": axis.translator.command.controlword,
+        "velocity": feedback.velocity_actual,
+        "position": feedback.position_actual,
+        "setpoints": axis.telegram.setpoints.as_dict(setpoints) if setpoints is not None else None,
+        "actuals": axis.telegram.actuals.as_dict(axis.actuals),
+        "iops_good": axis.good,
+        "saturations": axis.translator.saturations,
+        "faults": [{"number": f.number, "code": f.code, "text": f.text} for f in tuple(axis.faults)],
+    }
+
+
+def snapshot(daemon: Daemon) -> dict[str, Any]:
+    """The daemon as plain data."""
+    endpoint = daemon.endpoint
+    return {
+        "uptime_s": round((time.monotonic_ns() - daemon.started_ns) / 1e9, 3),
+        "plc": {
+            "connected": endpoint.connected,
+            "peer": list(endpoint.peer) if endpoint.peer else None,
+            "frames": {verdict.value: count for verdict, count in endpoint.counters.items()},
+            "watchdog_expiries": endpoint.watchdog_expiries,
+            "iops_bad": endpoint.iops_bad,
+            "sent": endpoint.sent,
+            "skipped": daemon.skipped,
+        },
+        "cycles": daemon.cycles,
+        "buses": [
+            {
+                "name": network.name,
+                "healthy": network.healthy,
+                "sent": network.sent,
+                "received": network.received,
+                "send_errors": network.send_errors,
+            }
+            for network in daemon.networks.values()
+        ],
+        "axes": [axis_status(axis) for axis in daemon.axes],
+    }
+
+
+class StatusServer:
+    """Answers every connection on 127.0.0.1 with a snapshot and closes it."""
+
+    def __init__(self, daemon: Daemon, port: int) -> None:
+        class Handler(socketserver.StreamRequestHandler):
+            def handle(self) -> None:
+                self.wfile.write(json.dumps(snapshot(daemon)).encode() + b"\n")
+
+        try:
+            self._server = socketserver.ThreadingTCPServer(("127.0.0.1", port), Handler, bind_and_activate=False)
+            self._server.allow_reuse_address = True
+            self._server.daemon_threads = True
+            self._server.server_bind()
+            self._server.server_activate()
+        except OSError as error:
+            self._server.server_close()
+            raise GatewayError(
+                f"status port: 127.0.0.1 port {port} cannot be used ({error.strerror}); choose another, 0 for none"
+            ) from error
+        self._thread = threading.Thread(target=self._server.serve_forever, name="status", daemon=True)
+
+    def start(self) -> None:
+        self._thread.start()
+
+    def stop(self) -> None:
+        self._server.shutdown()
+        self._server.server_close()
+        self._thread.join()
