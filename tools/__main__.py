@@ -1,0 +1,5 @@
+"""``python -m tools`` is ``pdgw``."""
+
+from tools.cli import main
+
+main()

@@ -1,0 +1,1 @@
+"""``pdgw demo``: three processes, one story, a report anyone can check."""

@@ -1,0 +1,192 @@
+"""The orchestrator: starts the processes, follows the story, collects the evidence."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import logging
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import IO, Any
+
+from can_remote import RemoteServer
+
+from gateway.errors import GatewayError
+from tools.demo.trace import plot
+
+SCENARIO = Path(__file__).parent.parent / "scenarios" / "demo.yaml"
+STORY_LIMIT_S = 58
+_STOP_S = 10
+_TELEGRAMS = (1, 9, 100)
+
+
+def free_port(kind: socket.SocketKind) -> int:
+    """A port of 127.0.0.1 nobody uses at this moment."""
+    with socket.socket(socket.AF_INET, kind) as sock:
+        sock.bind(("127.0.0.1", 0))
+        return int(sock.getsockname()[1])
+
+
+@contextlib.contextmanager
+def can_server() -> Iterator[str]:
+    """A CAN bus that crosses processes on loopback without a kernel module; yields the channel of ``remote``."""
+    logging.getLogger("can_remote").setLevel(logging.CRITICAL)
+    server = RemoteServer("127.0.0.1", 0, interface="virtual", channel="demo")
+    thread = threading.Thread(target=server.serve_forever, name="CAN server", daemon=True)
+    thread.start()
+    try:
+        yield f"ws://127.0.0.1:{server.server_port}/"
+    finally:
+        server.shutdown()
+        server.server_close()
+        thread.join()
+
+
+def gateway_config(channel: str, port: int) -> str:
+    """The demo's configuration."""
+    axes = "".join(f"\n[[axis]]\ndo_id = {n}\nnode_id = {n}\ntelegram = {t}\n" for n, t in enumerate(_TELEGRAMS, 1))
+    return (
+        f'[can]\ninterface = "remote"\nchannel = "{channel}"\n\n'
+        f"[transport]\ncyclic_port = {port}\nacyclic_port = 0\nstatus_port = 0\ncycle_time_ms = 4\nwatchdog_factor = 10\n{axes}"
+    )
+
+
+@dataclass
+class Outcome:
+    """What the demo showed."""
+
+    report: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def passed(self) -> bool:
+        return bool(self.report.get("passed"))
+
+
+class Demo:
+    """One run with its evidence in ``out``; ``show`` gets each progress document of the PLC."""
+
+    def __init__(self, out: Path, show: Callable[[dict[str, Any]], None]) -> None:
+        self.out = out
+        self.show = show
+        self._processes: dict[str, subprocess.Popen[str]] = {}
+        self._logs: list[IO[str]] = []
+
+    def run(self) -> Outcome:
+        """Run the story; GatewayError when a process dies, with the end of its log."""
+        try:
+            self.out.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise GatewayError(f"{self.out}: cannot be created: {error.strerror}") from error
+        started = time.monotonic()
+        with can_server() as channel:
+            try:
+                self._start(channel)
+                self._follow()
+            finally:
+                codes = self._stop()
+        report = json.loads((self.out / "plc.json").read_text(encoding="utf-8"))
+        (self.out / "plc.json").unlink()
+        report["duration_s"] = round(time.monotonic() - started, 2)
+        report["exit_codes"] = codes
+        report["passed"] = report["passed"] and codes["gateway"] == 0 and codes["drives"] == 0
+        (self.out / "report.json").write_text(json.dumps(report, indent=2), encoding="utf-8")
+        plot(self.out / "trace.csv", report["notes"], self.out / "trace.png")
+        return Outcome(report)
+
+    def _start(self, channel: str) -> None:
+        port = free_port(socket.SOCK_DGRAM)
+        control = free_port(socket.SOCK_STREAM)
+        config = self.out / "gateway.toml"
+        config.write_text(gateway_config(channel, port), encoding="utf-8")
+        nodes = [argument for n in range(1, len(_TELEGRAMS) + 1) for argument in ("--node-id", str(n))]
+        self._spawn(
+            "drives",
+            "sim",
+            "drive",
+            "--interface",
+            "remote",
+            "--channel",
+            channel,
+            "--control-port",
+            str(control),
+            *nodes,
+        )
+        self._spawn("gateway", "run", str(config), "--can-log", str(self.out / "can.log"))
+        self._spawn(
+            "plc",
+            *(
+                "sim",
+                "plc",
+                str(SCENARIO),
+                "--gateway",
+                f"127.0.0.1:{port}",
+                "--progress",
+                "--drive-port",
+                str(control),
+            ),
+            *("--pcap", str(self.out / "plc.pcap"), "--trace", str(self.out / "trace.csv")),
+            *("--json", str(self.out / "plc.json")),
+        )
+
+    def _spawn(self, name: str, *arguments: str) -> None:
+        log = (self.out / f"{name}.log").open("w", encoding="utf-8")
+        self._logs.append(log)
+        self._processes[name] = subprocess.Popen(
+            [sys.executable, "-m", "tools", *arguments],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE if name == "plc" else log,
+            stderr=log,
+            text=True,
+        )
+
+    def _follow(self) -> None:
+        plc = self._processes["plc"]
+        watchdog = threading.Timer(STORY_LIMIT_S, plc.kill)
+        watchdog.start()
+        try:
+            if plc.stdout is not None:
+                for line in plc.stdout:
+                    self.show(json.loads(line))
+                    self._check_others()
+            plc.wait()
+        finally:
+            watchdog.cancel()
+        self._check_others()
+        if plc.returncode not in {0, 1}:
+            raise GatewayError(f"the PLC simulator ended with status {plc.returncode}: {self._tail('plc')}")
+
+    def _check_others(self) -> None:
+        for name in ("gateway", "drives"):
+            status = self._processes[name].poll()
+            if status is not None:
+                raise GatewayError(f"the {name} process ended with status {status}: {self._tail(name)}")
+
+    def _tail(self, name: str) -> str:
+        text = (self.out / f"{name}.log").read_text(encoding="utf-8").strip()
+        return text[-600:] if text else "its log is empty"
+
+    def _stop(self) -> dict[str, int]:
+        """The PLC first, then the gateway (it stops the drives), the drives last."""
+        for name in ("plc", "gateway", "drives"):
+            process = self._processes.get(name)
+            if process is None:
+                continue
+            if process.poll() is None:
+                process.send_signal(signal.SIGTERM)
+            try:
+                process.wait(_STOP_S)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+            if process.stdout is not None:
+                process.stdout.close()
+        for log in self._logs:
+            log.close()
+        return {name: process.returncode for name, process in self._processes.items()}

@@ -1,0 +1,67 @@
+"""The demo's picture: set and actual values of the three axes with the states of the drive marked."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+from gateway.errors import GatewayError
+from profidrive.datatypes import N2_100_PERCENT, N4_100_PERCENT
+from profidrive.signals import signal
+from tools.plc.client import TRACE_COLUMNS
+
+_SPEED_RPM = 3000
+_POSITION = 500_000
+_RPM_PER_UNIT = 0.5
+_ZSW1 = signal("ZSW1")
+_STATES = (
+    ("fault", _ZSW1.bit("FAULT").mask, "#e45756"),
+    ("operation", _ZSW1.bit("OPERATION_ENABLED").mask, "#72b7b2"),
+)
+_PANELS = {
+    1: ("Telegram 1: speed", "rpm", _SPEED_RPM / N2_100_PERCENT, "NSOLL_A", "NIST_A"),
+    9: ("Telegram 9: position", "increments", _POSITION / N4_100_PERCENT, "MDI_TARPOS", "XIST_A"),
+    100: ("Telegram 100: speed", "rpm", _RPM_PER_UNIT, "Target Velocity", "Velocity Actual Value"),
+}
+
+
+def plot(trace: Path, notes: list[tuple[float, str]], picture: Path) -> None:
+    """Draw ``trace.csv``; GatewayError when matplotlib is not installed."""
+    try:
+        import matplotlib as mpl  # noqa: PLC0415
+
+        mpl.use("Agg")
+        from matplotlib import pyplot  # noqa: PLC0415
+    except ImportError as error:
+        raise GatewayError("the picture needs matplotlib: pip install 'profidrive-gateway[plot]'") from error
+    with trace.open(encoding="utf-8") as file:
+        rows = [dict(zip(TRACE_COLUMNS, map(float, row), strict=True)) for row in list(csv.reader(file))[1:]]
+    figure, panels = pyplot.subplots(3, 1, figsize=(13, 10), sharex=True, constrained_layout=True)
+    for axis, (panel, number) in enumerate(zip(panels, _PANELS, strict=True), 1):
+        title, unit, scale, demand, actual = _PANELS[number]
+        mine = [row for row in rows if row["axis"] == axis]
+        times = [row["time_s"] for row in mine]
+        panel.step(
+            times, [row["setpoint"] * scale for row in mine], where="post", color="#f58518", lw=1.2, label=demand
+        )
+        panel.plot(times, [row["actual"] * scale for row in mine], color="#4c78a8", lw=1.6, label=actual)
+        low, high = panel.get_ylim()
+        for name, mask, colour in _STATES:
+            on = [bool(int(row["status"]) & mask) for row in mine]
+            panel.fill_between(times, low, high, where=on, color=colour, alpha=0.16, lw=0, label=name, step="post")
+        panel.set_ylim(low, high)
+        panel.set_title(title, loc="left", fontsize=11, fontweight="bold")
+        panel.set_ylabel(unit)
+        panel.grid(alpha=0.3)
+        panel.legend(loc="upper right", fontsize=8, ncols=4)
+        shown = [(when, note.split(": ", 1)[1]) for when, note in notes if note.startswith(f"telegram {number}:")]
+        shown += [(when, note) for when, note in notes if note.startswith("PLC")]
+        for when, text in shown:
+            panel.axvline(when, color="#555555", lw=0.8, ls=":")
+            panel.annotate(
+                text, (when, low), xytext=(2, 3), textcoords="offset points", rotation=90, fontsize=7, color="#333333"
+            )
+    panels[-1].set_xlabel("time in s")
+    figure.suptitle("PLC -> gateway -> CANopen drives", fontsize=13)
+    figure.savefig(picture, dpi=90)
+    pyplot.close(figure)

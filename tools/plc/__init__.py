@@ -1,0 +1,1 @@
+"""The PLC simulator: controller side of the cyclic relationship, scenario language, UDP client."""

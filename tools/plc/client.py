@@ -1,0 +1,179 @@
+"""The UDP edge of the PLC simulator: paced sending, receiving, capture and trace, on one thread."""
+
+from __future__ import annotations
+
+import csv
+import queue
+import select
+import socket
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from scapy.layers.inet import IP, UDP
+from scapy.layers.l2 import Ether
+from scapy.utils import PcapWriter
+
+from gateway.errors import GatewayError
+from gateway.transport.cyclic import Address
+from profidrive.telegrams import ApplicationMode
+from tools.plc.endpoint import PlcEndpoint
+from tools.plc.scenario import Engine
+
+TRACE_COLUMNS = ("time_s", "axis", "telegram", "control", "status", "setpoint", "actual")
+_TRACE_NS = 10_000_000
+
+
+class Capture:
+    """Both directions of the exchange as a pcap with Ethernet, IP and UDP headers; written beside the cyclic thread."""
+
+    def __init__(self, path: Path, local: Address, remote: Address) -> None:
+        self._local, self._remote = local, remote
+        self._frames: queue.SimpleQueue[tuple[float, bool, bytes] | None] = queue.SimpleQueue()
+        try:
+            self._writer = PcapWriter(str(path), linktype=1, sync=False)
+        except OSError as error:
+            raise GatewayError(f"capture {path}: cannot be written: {error.strerror}") from error
+        self._thread = threading.Thread(target=self._write, name="capture", daemon=True)
+        self._thread.start()
+
+    def record(self, sent: bool, data: bytes) -> None:
+        self._frames.put((time.time(), sent, data))
+
+    def close(self) -> None:
+        self._frames.put(None)
+        self._thread.join()
+        self._writer.close()
+
+    def _write(self) -> None:
+        headers = {}
+        for sent in (True, False):
+            source, target = (self._local, self._remote) if sent else (self._remote, self._local)
+            macs = ("02:00:00:00:00:01", "02:00:00:00:00:02")
+            headers[sent] = (
+                Ether(src=macs[not sent], dst=macs[sent])
+                / IP(src=source[0], dst=target[0])
+                / UDP(sport=source[1], dport=target[1])
+            )
+        while (item := self._frames.get()) is not None:
+            when, sent, data = item
+            packet = headers[sent] / data
+            packet.time = when
+            self._writer.write(packet)
+
+
+class PlcClient:
+    """Runs an engine against a gateway."""
+
+    def __init__(self, gateway: Address, endpoint: PlcEndpoint, cycle_ns: int, pcap: Path | None = None) -> None:
+        self.gateway = gateway
+        self.endpoint = endpoint
+        self.cycle_ns = cycle_ns
+        self.trace: list[tuple[Any, ...]] = []
+        self.on_cycle: Callable[[], None] = lambda: None
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.bind(("127.0.0.1" if gateway[0].startswith("127.") else "0.0.0.0", 0))
+        self._socket.setblocking(False)
+        self._poll = select.poll()
+        self._poll.register(self._socket, select.POLLIN)
+        self._capture = Capture(pcap, self._socket.getsockname(), gateway) if pcap else None
+        self._stopping = threading.Event()
+        self._trace_due = 0
+        self._start = 0
+
+    def stop(self) -> None:
+        """End ``run`` after the present cycle."""
+        self._stopping.set()
+
+    def run(self, engine: Engine | None, drive: Callable[[str], None] = lambda _: None) -> None:
+        """Exchange frames until the scenario is over or ``stop``; ``drive`` gets the scenario's drive commands."""
+        self._start = due = time.monotonic_ns()
+        while not self._stopping.is_set() and not (engine is not None and engine.finished):
+            now = time.monotonic_ns()
+            if now < due:
+                self._poll.poll((due - now) / 1_000_000)
+                self._receive()
+                continue
+            due = max(due + self.cycle_ns, now)
+            muted = False
+            if engine is not None:
+                engine.step(now)
+                muted = engine.muted
+                while engine.drive_commands:
+                    drive(engine.drive_commands.pop(0))
+            if not muted:
+                self._send()
+            self._sample(now)
+            self.on_cycle()
+
+    def close(self) -> None:
+        if self._capture is not None:
+            self._capture.close()
+        self._socket.close()
+
+    def _send(self) -> None:
+        frame = self.endpoint.build()
+        try:
+            self._socket.sendto(frame, self.gateway)
+        except OSError:
+            self.endpoint.counters["send errors"] += 1
+            return
+        if self._capture is not None:
+            self._capture.record(True, bytes(frame))
+
+    def _receive(self) -> None:
+        while True:
+            try:
+                data, source = self._socket.recvfrom(2048)
+            except BlockingIOError:
+                return
+            except OSError:
+                self.endpoint.counters["receive errors"] += 1
+                return
+            if source != self.gateway:
+                self.endpoint.counters["foreign"] += 1
+                continue
+            self.endpoint.receive(data)
+            if self._capture is not None:
+                self._capture.record(False, data)
+
+    def _sample(self, now: int) -> None:
+        if now < self._trace_due:
+            return
+        self._trace_due = now + _TRACE_NS
+        for index, item in enumerate(self.endpoint.telegrams):
+            actuals = self.endpoint.actuals[index]
+            if actuals is None:
+                continue
+            setpoints = self.endpoint.setpoints[index]
+            demand, actual = _MAIN_VALUES[item.mode]
+            demand_name = next((n for n in setpoints if n.startswith(demand)), None)
+            actual_name = next((n for n in actuals if n.startswith(actual)), None)
+            self.trace.append(
+                (
+                    round((now - self._start) / 1e9, 4),
+                    index + 1,
+                    item.number,
+                    next(iter(setpoints.values())),
+                    next(iter(actuals.values())),
+                    setpoints[demand_name] if demand_name else 0,
+                    actuals[actual_name] if actual_name else 0,
+                )
+            )
+
+    def write_trace(self, path: Path) -> None:
+        """The samples as CSV."""
+        with path.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file)
+            writer.writerow(TRACE_COLUMNS)
+            writer.writerows(self.trace)
+
+
+_MAIN_VALUES = {
+    ApplicationMode.VELOCITY: ("NSOLL", "NIST"),
+    ApplicationMode.POSITIONING: ("MDI_TARPOS", "XIST"),
+    ApplicationMode.TRANSPARENT: ("Target Velocity", "Velocity Actual"),
+    ApplicationMode.ENCODER: ("G1_STW", "G1_XIST1"),
+}
