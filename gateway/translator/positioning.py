@@ -476,6 +476,7 @@ class PositioningTranslator(Translator):
         if not word & _START_HOMING:
             self._homing_after_braking = False
         self.reason = self._braking_reason
+        self._latch_edge(word)
         stopped = standstill and (feedback.statusword & StatusBit.TARGET_REACHED or feedback.velocity_actual == 0)
         if not stopped:
             return _HALT
@@ -553,4 +554,5 @@ class PositioningTranslator(Translator):
             return 0
         self.warning = False
         self._drop()
+        self._latch_edge(word)
         return 0

@@ -29,7 +29,7 @@ from tools.plc.endpoint import PlcEndpoint
 from tools.plc.scenario import Engine, Result, Scenario, load_scenario
 from tools.plc.view import table
 
-KEYS = {
+KEYS: dict[str, tuple[str, dict[str, object] | None]] = {
     "o": ("OFF1", {"off1": True}),
     "e": ("enable", {"enable": True}),
     "+": ("faster", None),

@@ -53,13 +53,13 @@ def plot(trace: Path, notes: list[tuple[float, str]], picture: Path) -> None:
         panel.set_title(title, loc="left", fontsize=11, fontweight="bold")
         panel.set_ylabel(unit)
         panel.grid(alpha=0.3)
-        panel.legend(loc="upper right", fontsize=8, ncols=4)
+        panel.legend(loc="lower right", bbox_to_anchor=(1, 1), fontsize=8, ncols=4, frameon=False)
         shown = [(when, note.split(": ", 1)[1]) for when, note in notes if note.startswith(f"telegram {number}:")]
         shown += [(when, note) for when, note in notes if note.startswith("PLC")]
         for when, text in shown:
             panel.axvline(when, color="#555555", lw=0.8, ls=":")
             panel.annotate(
-                text, (when, low), xytext=(2, 3), textcoords="offset points", rotation=90, fontsize=7, color="#333333"
+                text, (when, low), xytext=(3, 4), textcoords="offset points", rotation=90, fontsize=8, color="#222222"
             )
     panels[-1].set_xlabel("time in s")
     figure.suptitle("PLC -> gateway -> CANopen drives", fontsize=13)
