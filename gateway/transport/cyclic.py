@@ -40,6 +40,7 @@ class Verdict(enum.Enum):
     OVERSIZED = "oversized"
     WRONG_FRAME_ID = "wrong FrameID"
     STALE = "stale cycle counter"
+    WRONG_TELEGRAM = "data behind the last object: the PLC sends another telegram or more axes"
     NOT_VALID = "data not valid"
     NOT_PRIMARY = "not primary"
 
@@ -64,6 +65,8 @@ class CyclicEndpoint:
         self._consumer = CSduLayout(telegrams, Direction.SETPOINT)
         self._provider = CSduLayout(telegrams, Direction.ACTUAL)
         self._frame_id = setpoint_frame_id
+        self._padding_start = HEADER.size + self._consumer.used
+        self._padding = bytes(self._consumer.trailer - self._padding_start)
         self._frame = self._provider.new_frame(actual_frame_id)
         self._step = max(1, cycle_ns // COUNTER_UNIT_NS)
         self._counter = 0
@@ -118,6 +121,8 @@ class CyclicEndpoint:
             return Verdict.TRUNCATED if size < layout.frame_size else Verdict.OVERSIZED
         if HEADER.unpack_from(data)[0] != self._frame_id:
             return Verdict.WRONG_FRAME_ID
+        if data[self._padding_start : layout.trailer] != self._padding:
+            return Verdict.WRONG_TELEGRAM
         counter, status, _ = TRAILER.unpack_from(data, layout.trailer)
         if self.connected and not is_newer(counter, self._last_counter):
             return Verdict.STALE

@@ -34,6 +34,8 @@ class Rig:
         self.actuals: dict[str, int] = {}
         self.controlwords: list[int] = []
         """Every Controlword the drive was sent, in order, repetitions left out."""
+        self.seen_statusword = 0
+        """The Statusword the last translation was made from."""
         self.sdo_delay = 1
         self.sdo_error: str | None = None
         self._sdo_age = 0
@@ -88,6 +90,7 @@ class Rig:
         for _ in range(cycles):
             self._advance(4)
             setpoints = half.from_dict(self.values) if plc else None
+            self.seen_statusword = self.feedback.statusword
             actuals = self.translator.step(setpoints, self.feedback, self.connected_drive, self.now)
             self.actuals = self.translator.telegram.actuals.as_dict(actuals)
             self._send()

@@ -1,0 +1,158 @@
+"""The configuration: its fixed keys, and messages that name key, line, value and what is allowed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from gateway.config import example, load_config, parse_config, simulated
+from gateway.errors import GatewayError
+from gateway.translator.base import PlcLossReaction, SetpointEnable
+
+BASE = """\
+[can]
+interface = "socketcan"
+channel = "can0"
+bitrate = 1000000
+
+[transport]
+type = "udp"
+listen = "127.0.0.1"
+cyclic_port = 34962
+acyclic_port = 34964
+cycle_time_ms = 4
+watchdog_factor = 3
+peer = "127.0.0.1"
+
+[[axis]]
+do_id = 1
+node_id = 3
+telegram = 9
+on_plc_loss = "ramp"
+setpoint_enable = "profidrive"
+modulo_axis = true
+simulate = true
+"""
+
+
+def test_every_fixed_key_is_taken() -> None:
+    config = parse_config(BASE)
+    axis = config.axis[0]
+    assert (config.can[0].interface, config.can[0].channel, config.can[0].bitrate) == ("socketcan", "can0", 1_000_000)
+    assert (config.transport.cyclic_port, config.transport.acyclic_port) == (34962, 34964)
+    assert (str(config.transport.peer), config.transport.watchdog_factor) == ("127.0.0.1", 3)
+    assert (axis.do_id, axis.node_id, axis.telegram) == (1, 3, 9)
+    assert axis.on_plc_loss is PlcLossReaction.RAMP
+    assert axis.setpoint_enable is SetpointEnable.PROFIDRIVE
+    assert axis.modulo_axis
+    assert axis.simulate
+
+
+def test_defaults_are_those_of_the_documentation() -> None:
+    config = parse_config('[can]\ninterface = "virtual"\n[[axis]]\ndo_id = 1\nnode_id = 1\ntelegram = 1\n')
+    assert (config.transport.cyclic_port, config.transport.acyclic_port) == (34962, 34964)
+    assert config.transport.watchdog_factor == 3
+    assert config.axis[0].on_plc_loss is PlcLossReaction.QUICK_STOP
+    assert config.axis[0].setpoint_enable is SetpointEnable.HOLD
+
+
+def test_the_example_is_valid_and_names_every_axis_key() -> None:
+    parse_config(example())
+    for key in type(parse_config(BASE).axis[0]).model_fields:
+        assert key in example(), key
+
+
+def test_further_keys_of_can_go_to_the_interface() -> None:
+    config = parse_config(BASE.replace("bitrate = 1000000", "bitrate = 500000\nreceive_own_messages = true"))
+    assert config.can[0].extra == {"receive_own_messages": True}
+
+
+def test_several_buses_are_chosen_by_name() -> None:
+    text = """
+[[can]]
+name = "left"
+interface = "virtual"
+[[can]]
+name = "right"
+interface = "virtual"
+[[axis]]
+do_id = 1
+node_id = 1
+telegram = 1
+can = "right"
+[[axis]]
+do_id = 2
+node_id = 1
+telegram = 1
+can = "left"
+"""
+    config = parse_config(text)
+    assert [config.bus_of(axis).name for axis in config.axis] == ["right", "left"]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "parts"),
+    [
+        ("node_id = 3", "node_id = 300", ["x.toml:17", "node_id = 300", "126"]),
+        ("telegram = 9", "telegram = 4", ["telegram = 4", "[1, 2, 3, 9, 20, 100]"]),
+        ('on_plc_loss = "ramp"', 'on_plc_loss = "wait"', ["x.toml:19", "'wait'", "'ramp', 'quick-stop' or 'coast'"]),
+        ("cycle_time_ms = 4", "cycle_tim_ms = 4", ["x.toml:11", "cycle_tim_ms", "did you mean cycle_time_ms"]),
+        ("cycle_time_ms = 4", "cycle_time_ms = 0.01", ["x.toml:11", "cycle_time_ms = 0.01", "0.25"]),
+        ('listen = "127.0.0.1"', 'listen = "here"', ["x.toml:8", "'here'", "IPv4"]),
+        ("do_id = 1\n", "", ["do_id", "is missing"]),
+        ("[[axis]]", "[[axes]]", ["axes", "unknown key", "did you mean axis"]),
+        ("simulate = true", "eds = 7", ["eds = 7"]),
+        ("bitrate = 1000000", "bitrate = 3", ["x.toml:4", "bitrate = 3"]),
+        ("simulate = true", 'can = "other"', ['can = "other"', "allowed: ['can']"]),
+        ("[transport]", "[transport", ["not valid TOML", "line 6"]),
+    ],
+)
+def test_bad_input_is_told_with_place_value_and_what_is_allowed(old: str, new: str, parts: list[str]) -> None:
+    assert old in BASE
+    with pytest.raises(GatewayError) as error:
+        parse_config(BASE.replace(old, new, 1), "x.toml")
+    for part in parts:
+        assert part in str(error.value), str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("key", "message"), [("do_id = 1", "do_id: 1 is used twice"), ("node_id = 3", "node_id on bus can: 3")]
+)
+def test_a_number_used_twice_is_refused(key: str, message: str) -> None:
+    second = "[[axis]]\ndo_id = 2\nnode_id = 4\ntelegram = 1\n".replace(
+        "do_id = 2" if "do" in key else "node_id = 4", key
+    )
+    with pytest.raises(GatewayError, match=message):
+        parse_config(BASE + second)
+
+
+def test_a_bus_that_cannot_carry_its_axes_is_refused_with_numbers() -> None:
+    axes = "".join(f"[[axis]]\ndo_id = {n}\nnode_id = {n}\ntelegram = 100\n" for n in range(1, 13))
+    head = BASE.split("[[axis]]", maxsplit=1)[0].replace("cycle_time_ms = 4", "cycle_time_ms = 1")
+    with pytest.raises(GatewayError, match=r"worst-case load of bus can.*frames/s"):
+        parse_config(head + axes)
+
+
+def test_missing_files_are_named(tmp_path: Path) -> None:
+    with pytest.raises(GatewayError, match=r"none\.toml: cannot be read"):
+        load_config(tmp_path / "none.toml")
+    path = tmp_path / "c.toml"
+    path.write_text(BASE.replace("simulate = true", 'eds = "nowhere.eds"'))
+    with pytest.raises(GatewayError, match=r'eds = "nowhere\.eds" is not a file'):
+        load_config(path)
+
+
+@given(text=st.text(max_size=200))
+def test_arbitrary_text_is_refused_with_the_packages_error(text: str) -> None:
+    with pytest.raises(GatewayError):
+        parse_config(text)
+
+
+@pytest.mark.parametrize("number", [1, 2, 3, 9, 20, 100])
+def test_the_simulated_configuration_has_the_axes_asked_for(number: int) -> None:
+    config = simulated(number, 3)
+    assert [axis.telegram for axis in config.axis] == [number] * 3
+    assert all(axis.simulate for axis in config.axis)

@@ -1,0 +1,167 @@
+"""The PLC simulator: its endpoint against the gateway's, the scenario language, and its messages."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from gateway.errors import GatewayError
+from gateway.transport.cyclic import CyclicEndpoint, Verdict
+from profidrive.errors import ProfidriveError
+from profidrive.frame import RtFrame
+from profidrive.telegrams import Direction, Telegram, telegram
+from tests.support.strategies import axes_values
+from tools.plc.endpoint import PlcEndpoint
+from tools.plc.scenario import Engine, Scenario, load_scenario, parse_time
+
+MS = 1_000_000
+CYCLE = 4 * MS
+SCENARIOS = Path(__file__).parents[2] / "tools" / "scenarios"
+
+
+@given(drawn=axes_values(Direction.SETPOINT))
+def test_setpoints_reach_the_gateway_as_they_were_set(drawn: tuple[list[Telegram], list[tuple[int, ...]]]) -> None:
+    telegrams, values = drawn
+    plc = PlcEndpoint(telegrams, CYCLE)
+    for index, axis in enumerate(values):
+        plc.set(index, telegrams[index].setpoints.as_dict(axis))
+    device = CyclicEndpoint(telegrams, cycle_ns=CYCLE)
+    assert device.receive(bytes(plc.build()), ("127.0.0.1", 1), 0) is Verdict.ACCEPTED
+    assert device.setpoints == values
+
+
+@given(drawn=axes_values(Direction.ACTUAL), bad=st.integers(0, 3))
+def test_actual_values_reach_the_plc_and_bad_ones_are_none(
+    drawn: tuple[list[Telegram], list[tuple[int, ...]]], bad: int
+) -> None:
+    telegrams, values = drawn
+    device = CyclicEndpoint(telegrams, cycle_ns=CYCLE)
+    plc = PlcEndpoint(telegrams, CYCLE)
+    good = [index != bad for index in range(len(values))]
+    assert plc.receive(bytes(device.build(values, good)))
+    for index, half in enumerate(t.actuals for t in telegrams):
+        assert plc.actuals[index] == (half.as_dict(values[index]) if good[index] else None)
+
+
+def test_stale_foreign_and_malformed_frames_of_a_gateway_are_counted() -> None:
+    device = CyclicEndpoint([telegram(1)], cycle_ns=CYCLE)
+    plc = PlcEndpoint([telegram(1)], CYCLE)
+    frame = bytes(device.build([(0, 0)], [True]))
+    assert plc.receive(frame)
+    assert not plc.receive(frame)
+    assert not plc.receive(b"\xc0\x00")
+    assert not plc.receive(RtFrame(0xC005, b"", 1).encode())
+    assert (plc.counters["stale"], plc.counters["malformed"], plc.counters["foreign"]) == (1, 1, 1)
+
+
+def test_a_setpoint_that_does_not_fit_is_named_and_changes_nothing() -> None:
+    plc = PlcEndpoint([telegram(1)], CYCLE)
+    with pytest.raises(ProfidriveError, match="NSOLL_A"):
+        plc.set(0, {"NSOLL_A": 40000})
+    assert plc.setpoints[0]["NSOLL_A"] == 0
+
+
+def play(document: dict[str, object], answers: list[dict[str, int] | None]) -> tuple[Engine, list[dict[str, int]]]:
+    """Play a scenario; ``answers`` are the actual values of axis 1, cycle by cycle, the last one for ever."""
+    scenario = Scenario.model_validate(document)
+    plc = PlcEndpoint([telegram(number) for number in scenario.telegrams], CYCLE)
+    engine = Engine(scenario, plc)
+    sent = []
+    for cycle in range(5000):
+        answer = answers[min(cycle, len(answers) - 1)]
+        plc.actuals[0] = None if answer is None else {**dict.fromkeys(plc.telegrams[0].actuals.names, 0), **answer}
+        engine.step(cycle * CYCLE)
+        sent.append(dict(plc.setpoints[0]))
+        if engine.finished:
+            break
+    return engine, sent
+
+
+def test_enable_is_off_then_on_with_its_expectations() -> None:
+    engine, sent = play({"steps": [{"enable": True}]}, [{"ZSW1": 0x40}, {"ZSW1": 0x40}, {"ZSW1": 0x31}, {"ZSW1": 0x37}])
+    assert [values["STW1"] for values in sent] == [0x047E, 0x047E, 0x047F, 0x047F]
+    assert engine.passed
+    assert [item.name.split(":")[0] for item in engine.results] == ["ready", "operation enabled"]
+
+
+def test_an_expectation_that_is_not_met_in_time_fails_with_the_measured_value() -> None:
+    engine, sent = play({"steps": [{"expect": {"NIST_A": "1500 rpm +- 10 rpm"}, "within": "40 ms"}]}, [{"NIST_A": 100}])
+    assert not engine.passed
+    assert engine.results[0].measured == "NIST_A = 100"
+    assert len(sent) == 11
+
+
+def test_bad_iops_fails_an_expectation() -> None:
+    engine, _ = play({"steps": [{"expect": {"ZSW1": 0}, "within": "4 ms"}]}, [None])
+    assert engine.results[0].measured == "no valid actual values (IOPS BAD)"
+
+
+@pytest.mark.parametrize(
+    ("text", "raw"),
+    [("50 %", 0x2000), ("1500 rpm", 0x2000), ("-100 %", -0x4000), ("2000h", 0x2000), ("0x0666", 0x666), ("-5", -5)],
+)
+def test_values_in_every_notation(text: str, raw: int) -> None:
+    _, sent = play({"steps": [{"speed": text}]}, [{}])
+    assert sent[-1]["NSOLL_A"] == raw
+
+
+def test_mute_provider_stop_hold_and_drive_commands_reach_the_edge() -> None:
+    steps = [{"mute": True}, {"run": False}, {"drive": "fault 7"}, {"hold": "20 ms"}]
+    engine, sent = play({"steps": steps}, [{}])
+    assert engine.muted
+    assert not engine.endpoint.run
+    assert engine.drive_commands == ["fault 7"]
+    assert len(sent) == 6
+
+
+@pytest.mark.parametrize("path", sorted(SCENARIOS.glob("*.yaml")), ids=lambda path: path.name)
+def test_the_scenarios_of_the_package_are_valid(path: Path) -> None:
+    assert load_scenario(path).steps
+
+
+@pytest.mark.parametrize(
+    ("text", "parts"),
+    [
+        ("steps: [{fly: true}]", ["step 1", "fly", "unknown key"]),
+        ("steps: [{enable: true, off1: true}]", ["step 1", "2 actions", "exactly one"]),
+        ("steps: [{axis: 3, enable: true}]", ["step 1", "axis 3 does not exist", "1..1"]),
+        ("steps: [{set: {NSOL: 1}}]", ["step 1", "'NSOL'", "STW1, NSOLL_A"]),
+        ("steps: [{set: {STW1.FOO: 1}}]", ["bit of STW1", "FOO"]),
+        ("steps: [{set: {STW1.ON: 2}}]", ["STW1.ON = 2", "0..1"]),
+        ("steps: [{speed: fast}]", ["NSOLL_A = 'fast'", "1500 rpm"]),
+        ("steps: [{speed: 40000}]", ["NSOLL_A", "-32768..32767"]),
+        ("steps: [{move: {to: 1}}]", ["step 1 (move)", "not in the telegram"]),
+        ("steps: [{hold: soon}]", ["time 'soon'"]),
+        ("telegrams: [4]\nsteps: [{off1: true}]", ["telegram", "4"]),
+        ("steps: []", ["steps"]),
+        ("steps: [", ["not valid YAML"]),
+        ("just text", ["Input should be"]),
+    ],
+)
+def test_bad_scenarios_are_told_with_step_key_value_and_what_is_allowed(
+    tmp_path: Path, text: str, parts: list[str]
+) -> None:
+    path = tmp_path / "s.yaml"
+    path.write_text(text)
+    with pytest.raises(GatewayError) as error:
+        load_scenario(path)
+    for part in parts:
+        assert part in str(error.value), str(error.value)
+
+
+@given(text=st.text(max_size=60))
+def test_arbitrary_files_are_refused_with_the_packages_error(
+    tmp_path_factory: pytest.TempPathFactory, text: str
+) -> None:
+    path = tmp_path_factory.mktemp("scenario") / "s.yaml"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(GatewayError):
+        load_scenario(path)
+
+
+def test_times_are_milliseconds_or_seconds() -> None:
+    assert parse_time("500 ms") == 500 * MS
+    assert parse_time("1.5 s") == 1500 * MS
