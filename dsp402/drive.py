@@ -346,6 +346,7 @@ class DriveClient:
         # A node that was stopped answers no SDO before this; a running one stops by its abort option.
         self._nmt(NmtCommand.ENTER_PRE_OPERATIONAL)
         device_type = self.read_number(0x1000)
+        self._booted.clear()  # a boot-up before this answer is the one we waited for
         self._set_status(DriveStatus.CONFIGURING, "checking identity")
         self._check_identity(device_type)
         self._set_status(DriveStatus.CONFIGURING, "mapping PDOs")

@@ -1,0 +1,78 @@
+"""An independent master: canopen's own CiA 402 profile drives the simulator over a virtual bus."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import canopen
+import pytest
+from canopen.profiles.p402 import BaseNode402, OperationMode
+
+from dsp402.device import EDS_PATH
+from dsp402.simulator import Machine, SimulatedDrive
+from tests.support import buses
+
+NODE = 6
+
+
+@pytest.fixture
+def pair() -> Iterator[tuple[BaseNode402, SimulatedDrive]]:
+    name = buses.channel()
+    machine = Machine(-20_000, 20_000, -30_000, 30_000)
+    network = canopen.Network(buses.bus(name))
+    network.connect()
+    with SimulatedDrive(buses.bus(name), NODE, machine=machine) as drive:
+        node = BaseNode402(NODE, str(EDS_PATH))
+        network.add_node(node)
+        buses.wait_for(lambda: drive.node.state.value, "boot-up")
+        node.nmt.state = "PRE-OPERATIONAL"
+        node.setup_402_state_machine()
+        node.nmt.state = "OPERATIONAL"
+        yield node, drive
+        network.disconnect()
+
+
+def test_enable_by_the_independent_master(pair: tuple[BaseNode402, SimulatedDrive]) -> None:
+    node, _ = pair
+    node.state = "OPERATION ENABLED"
+    assert node.state == "OPERATION ENABLED"
+    node.state = "SWITCH ON DISABLED"
+    assert node.state == "SWITCH ON DISABLED"
+
+
+def test_fault_reset_by_the_independent_master(pair: tuple[BaseNode402, SimulatedDrive]) -> None:
+    node, drive = pair
+    node.state = "OPERATION ENABLED"
+    drive.inject(7)
+    buses.wait_for(lambda: node.state == "FAULT", "fault")
+    assert node.sdo[0x200C].raw == 7
+    assert [error.code for error in node.emcy.log] == [0x2310]
+    drive.clear()
+    node.reset_from_fault()
+    buses.wait_for(lambda: node.state != "FAULT", "fault reset")
+
+
+def test_homing_by_the_independent_master(pair: tuple[BaseNode402, SimulatedDrive]) -> None:
+    node, drive = pair
+    node.sdo[0x6098].raw = 17
+    node.sdo[0x6099][1].raw = 6000
+    node.sdo[0x6099][2].raw = 3000
+    assert node.homing(timeout=20)
+    assert node.is_homed()
+    assert drive.model.machine_position == pytest.approx(-20_000, abs=40)
+
+
+def test_position_move_by_the_independent_master(pair: tuple[BaseNode402, SimulatedDrive]) -> None:
+    node, drive = pair
+    node.op_mode = "PROFILED POSITION"
+    assert node.op_mode == "PROFILED POSITION"
+    node.state = "OPERATION ENABLED"
+    node.sdo[0x607A].raw = 9000
+    node.sdo[0x6081].raw = 6000
+    node.controlword = 0x1F
+    buses.wait_for(lambda: node.sdo[0x6041].raw & 0x1000, "set-point acknowledge")
+    node.controlword = 0x0F
+    buses.wait_for(lambda: node.sdo[0x6041].raw & 0x1400 == 0x0400, "target reached")
+    assert node.sdo[0x6064].raw == 9000
+    assert OperationMode.CODE2NAME[node.sdo[0x6061].raw] == "PROFILED POSITION"
+    assert drive.model.position_actual == 9000
