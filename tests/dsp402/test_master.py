@@ -26,6 +26,8 @@ def pair() -> Iterator[tuple[BaseNode402, SimulatedDrive]]:
         network.add_node(node)
         buses.wait_for(lambda: drive.node.state.value, "boot-up")
         node.nmt.state = "PRE-OPERATIONAL"
+        # p402 waits for a TPDO before it believes a Statusword: send it every 5 ms, changed or not.
+        node.sdo[0x1800][5].raw = 5
         node.setup_402_state_machine()
         node.nmt.state = "OPERATIONAL"
         yield node, drive
