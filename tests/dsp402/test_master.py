@@ -61,7 +61,7 @@ def test_homing_by_the_independent_master(pair: tuple[BaseNode402, SimulatedDriv
     node.sdo[0x6099][2].raw = 3000
     assert node.homing(timeout=20)
     assert node.is_homed()
-    assert drive.model.machine_position == pytest.approx(-20_000, abs=40)
+    assert drive.model.machine_position == pytest.approx(-20_000, abs=110)  # one step at 1500 rpm
 
 
 def test_position_move_by_the_independent_master(pair: tuple[BaseNode402, SimulatedDrive]) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
-import select
+import os
 import socket
 import sys
 import termios
@@ -214,15 +214,15 @@ def _interactive(client: PlcClient, endpoint: PlcEndpoint, numbers: list[int]) -
 
 
 def _read_keys(do: Callable[[str], None], client: PlcClient) -> None:
+    descriptor = sys.stdin.fileno()
     while True:
-        ready, _, _ = select.select([sys.stdin], [], [], 0.2)
-        if not ready:
-            continue
-        text = sys.stdin.read(1)
+        # Read past Python's own buffer: a key that waits in it would not wake select.
+        text = os.read(descriptor, 64).decode("utf-8", "replace")
         if not text:
             client.stop()
             return
-        do(text)
+        for key in text:
+            do(key)
 
 
 @contextlib.contextmanager

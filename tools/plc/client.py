@@ -18,6 +18,7 @@ from scapy.utils import PcapWriter
 
 from gateway.errors import GatewayError
 from gateway.transport.cyclic import Address
+from profidrive.frame import UDP_PORT
 from profidrive.telegrams import ApplicationMode
 from tools.plc.endpoint import PlcEndpoint
 from tools.plc.scenario import Engine
@@ -30,7 +31,8 @@ class Capture:
     """Both directions of the exchange as a pcap with Ethernet, IP and UDP headers; written beside the cyclic thread."""
 
     def __init__(self, path: Path, local: Address, remote: Address) -> None:
-        self._local, self._remote = local, remote
+        # The gateway's side is written as PROFINET's own port, so that every reader dissects it without help.
+        self._local, self._remote = local, (remote[0], UDP_PORT)
         self._frames: queue.SimpleQueue[tuple[float, bool, bytes] | None] = queue.SimpleQueue()
         try:
             self._writer = PcapWriter(str(path), linktype=1, sync=False)

@@ -1,0 +1,237 @@
+"""``pdgw run`` as a user starts it: real processes, real sockets, a simulated drive inside."""
+
+from __future__ import annotations
+
+import json
+import signal
+import socket
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from profidrive.telegrams import telegram
+from tests.endtoend.processes import free_tcp_port, free_udp_port, pdgw, running
+from tests.support.buses import wait_for
+from tools.commands.status import fetch
+from tools.plc.endpoint import PlcEndpoint
+
+pytestmark = pytest.mark.e2e
+CYCLE = 4_000_000
+OFF, ON = 0x047E, 0x047F
+
+
+class LittlePlc:
+    """The least a PLC has to do."""
+
+    def __init__(self, port: int, numbers: list[int]) -> None:
+        self.endpoint = PlcEndpoint([telegram(number) for number in numbers], CYCLE)
+        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.socket.connect(("127.0.0.1", port))
+        self.socket.settimeout(CYCLE / 1e9)
+
+    def exchange(self) -> None:
+        try:
+            self.socket.send(self.endpoint.build())
+            while True:
+                self.endpoint.receive(self.socket.recv(2048))
+        except (TimeoutError, ConnectionRefusedError):
+            return
+
+    def until(self, condition: Callable[[], bool], what: str) -> None:
+        deadline = time.monotonic() + 30
+        while not condition():
+            assert time.monotonic() < deadline, f"{what}: {self.endpoint.actuals}"
+            self.exchange()
+
+    def signal(self, axis: int, name: str) -> int:
+        actuals = self.endpoint.actuals[axis]
+        return -1 if actuals is None else actuals[name]
+
+    def enable(self, axis: int) -> None:
+        first = next(iter(self.endpoint.setpoints[axis]))
+        off = 0x043E if self.endpoint.telegrams[axis].number == 9 else OFF
+        self.endpoint.set(axis, {first: off})
+        self.until(lambda: self.signal(axis, "ZSW1") & 0x4F == 0x01, "ready")
+        self.endpoint.set(axis, {first: off | 1})
+        self.until(lambda: self.signal(axis, "ZSW1") & 0x4F == 0x07, "operation")
+
+
+def test_simulated_axis_with_telegram_1_turns_and_stops_on_sigterm(tmp_path: Path) -> None:
+    port, status = free_udp_port(), free_tcp_port()
+    log = tmp_path / "log"
+    options = ["--cyclic-port", str(port), "--acyclic-port", "0", "--status-port", str(status)]
+    # A long cycle, so that the PLC may ask for the status between two frames.
+    with running("run", "--simulate", "--cycle-time-ms", "100", *options, log=log) as process:
+        plc = LittlePlc(port, [1])
+        plc.enable(0)
+        plc.endpoint.set(0, {"NSOLL_A": 0x2000})
+        plc.until(lambda: plc.signal(0, "NIST_A") == 0x2000, "1500 rpm")
+        axis = fetch(status)["axes"][0]
+        assert axis["state"] == "Operation Enabled"
+        assert axis["velocity"] == 3000
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(20) == 0
+    text = log.read_text()
+    assert "stopping the drives" in text
+    assert text.rstrip().endswith("stopped")
+    assert "Traceback" not in text
+
+
+def test_two_axes_with_telegram_9_home_and_move(tmp_path: Path) -> None:
+    port = free_udp_port()
+    options = ["--cyclic-port", str(port), "--acyclic-port", "0", "--status-port", "0"]
+    with running("run", "--simulate", "--telegram", "9", "--axes", "2", *options, log=tmp_path / "log"):
+        plc = LittlePlc(port, [9, 9])
+        for axis in (0, 1):
+            plc.enable(axis)
+        target = 0x0100_0000
+        plc.endpoint.set(
+            1,
+            {"SATZANW": 0x8000, "MDI_TARPOS": target, "MDI_VELOCITY": 1 << 30, "MDI_ACC": 1 << 14, "MDI_DEC": 1 << 14}
+            | {"MDI_MOD": 1, "STW1": 0x047F},
+        )
+        plc.until(lambda: bool(plc.signal(1, "ZSW1") & 0x1000), "task acknowledged")
+        plc.endpoint.set(1, {"STW1": 0x043F})
+        plc.until(lambda: plc.signal(1, "ZSW1") & 0x0400 and abs(plc.signal(1, "XIST_A") - target) < 4000, "target")
+        assert plc.signal(0, "XIST_A") == 0, "the other axis stands"
+
+
+def test_the_gateway_survives_garbage_and_counts_it(tmp_path: Path) -> None:
+    port, status = free_udp_port(), free_tcp_port()
+    options = ["--cyclic-port", str(port), "--acyclic-port", "0", "--status-port", str(status)]
+    with running("run", "--simulate", *options, log=tmp_path / "log"):
+        plc = LittlePlc(port, [1])
+        plc.enable(0)
+        intruder = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        for data in (b"", b"x", bytes(46), bytes(1500), bytes(plc.endpoint.build())):
+            intruder.sendto(data, ("127.0.0.1", port))
+        for data in (b"\xc0\x01", bytes(46)):
+            plc.socket.send(data)
+        plc.endpoint.set(0, {"NSOLL_A": 0x1000})
+        plc.until(lambda: plc.signal(0, "NIST_A") == 0x1000, "still turning")
+        document = json.loads(pdgw("status", "--port", str(status), "--json").stdout)
+        frames = document["plc"]["frames"]
+        assert frames["foreign sender"] >= 5
+        assert frames["truncated"] >= 1
+        assert frames["wrong FrameID"] >= 1
+
+
+def test_provider_stop_stops_the_drive(tmp_path: Path) -> None:
+    port = free_udp_port()
+    options = ["--cyclic-port", str(port), "--acyclic-port", "0", "--status-port", "0"]
+    with running("run", "--simulate", *options, log=tmp_path / "log"):
+        plc = LittlePlc(port, [1])
+        plc.enable(0)
+        plc.endpoint.set(0, {"NSOLL_A": 0x2000})
+        plc.until(lambda: plc.signal(0, "NIST_A") == 0x2000, "1500 rpm")
+        plc.endpoint.run = False
+        plc.until(lambda: plc.signal(0, "NIST_A") == 0 and plc.signal(0, "ZSW1") & 0x4F == 0x40, "stopped")
+        plc.endpoint.run = True
+        for _ in range(20):
+            plc.exchange()
+        assert plc.signal(0, "ZSW1") & 0x4F == 0x40, "a standing ON does not restart it"
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ('[can]\ninterface = "socketcan"\nchannel = "nocan9"\n', "CAN interface: 'socketcan channel nocan9'"),
+        ('[can]\ninterface = "bogus"\n', "CAN interface: 'bogus channel None'"),
+    ],
+)
+def test_an_unreachable_can_interface_ends_with_one_line_and_status_1(tmp_path: Path, text: str, message: str) -> None:
+    path = tmp_path / "g.toml"
+    ports = f"[transport]\ncyclic_port = {free_udp_port()}\nstatus_port = 0\nacyclic_port = 0\n"
+    path.write_text(text + ports + "[[axis]]\ndo_id = 1\nnode_id = 1\ntelegram = 1\n")
+    result = pdgw("run", str(path))
+    assert result.returncode == 1
+    assert message in result.stderr
+    assert "Traceback" not in result.stderr
+
+
+def test_a_port_in_use_is_named(tmp_path: Path) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+        taken.bind(("127.0.0.1", 0))
+        port = taken.getsockname()[1]
+        result = pdgw("run", "--simulate", "--cyclic-port", str(port), "--status-port", "0")
+    assert result.returncode == 1
+    assert f"127.0.0.1 port {port} cannot be used" in result.stderr
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("run",), "either a configuration file or --simulate"),
+        (("run", "none.toml"), "none.toml: cannot be read"),
+        (("run", "--simulate", "--telegram", "4"), "telegram = 4 is not supported"),
+        (("run", "--simulate", "--listen", "here"), "IPv4"),
+        (("status", "--port", "1"), "no gateway answers"),
+        (("sim", "plc"), "give a scenario file or --interactive"),
+        (("sim", "drive", "--interface", "bogus"), "CAN interface"),
+        (("sim", "inject", "--port", "1", "fault", "7"), "no drive simulator answers"),
+    ],
+)
+def test_wrong_use_ends_with_one_line_and_status_1(arguments: tuple[str, ...], message: str) -> None:
+    result = pdgw(*arguments)
+    assert result.returncode == 1
+    assert message in result.stderr.replace("\n", " ")
+    assert "Traceback" not in result.stderr
+
+
+def test_config_example_and_check(tmp_path: Path) -> None:
+    path = tmp_path / "gateway.toml"
+    path.write_text(pdgw("config", "example").stdout)
+    good = pdgw("config", "check", str(path))
+    assert good.returncode == 0
+    assert "ok, 1 axes" in good.stdout
+    path.write_text(path.read_text().replace("telegram = 1", "telegram = 5"))
+    bad = pdgw("config", "check", str(path))
+    assert bad.returncode == 1
+    assert "telegram = 5 is not supported" in bad.stderr
+
+
+def test_drive_simulator_obeys_its_console_and_inject(tmp_path: Path) -> None:
+    control = free_tcp_port()
+    log = tmp_path / "log"
+    with running("sim", "drive", "--node-id", "3", "--control-port", str(control), log=log) as process:
+        wait_for(lambda: "commands:" in log.read_text(), "started")
+        assert pdgw("sim", "inject", "--port", str(control), "fault", "7").stdout.strip() == "ok: fault 7, over-current"
+        wait_for(lambda: "fault 7" in pdgw("sim", "inject", "--port", str(control), "status").stdout, "fault shown")
+        bad = pdgw("sim", "inject", "--port", str(control), "fault", "13")
+        assert bad.returncode == 1
+        assert "fault number: 13" in bad.stderr
+        assert "is no command" in pdgw("sim", "inject", "--port", str(control), "dance").stderr
+        assert process.stdin is not None
+        process.stdin.write("quit\n")
+        process.stdin.flush()
+        assert process.wait(10) == 0
+
+
+def test_interactive_plc_turns_the_drive_from_the_keyboard(tmp_path: Path) -> None:
+    port, status = free_udp_port(), free_tcp_port()
+    options = ["--cyclic-port", str(port), "--acyclic-port", "0", "--status-port", str(status)]
+    with (
+        running("run", "--simulate", *options, log=tmp_path / "gateway.log"),
+        running("sim", "plc", "--interactive", "--gateway", f"127.0.0.1:{port}", log=tmp_path / "plc.log") as plc,
+    ):
+        assert plc.stdin is not None
+
+        def state() -> str:
+            result = pdgw("status", "--port", str(status), "--json")
+            if result.returncode:
+                return ""
+            axis = json.loads(result.stdout)["axes"][0]
+            return f"{axis['state']} {axis['velocity']}"
+
+        wait_for(lambda: state().startswith("Switch On Disabled"), "online", 30)
+        plc.stdin.write("e")
+        plc.stdin.flush()
+        wait_for(lambda: state().startswith("Operation Enabled"), "enabled", 30)
+        plc.stdin.write("+")
+        plc.stdin.flush()
+        wait_for(lambda: state() == "Operation Enabled 600", "10 %", 30)
+        plc.stdin.write("ox")
+        plc.stdin.flush()
+        assert plc.wait(10) == 0
