@@ -17,6 +17,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, TypeVar
 
+import can
 import canopen
 from canopen.sdo import SdoAbortedError, SdoCommunicationError
 
@@ -119,11 +120,12 @@ class _Slot:
 class _Sender:
     """What was last sent of one RPDO."""
 
-    __slots__ = ("cob_id", "last", "pdo", "time")
+    __slots__ = ("last", "message", "pdo", "time")
 
     def __init__(self, pdo: Pdo, node_id: int) -> None:
         self.pdo = pdo
-        self.cob_id = pdo.cob_id(node_id)
+        # One message for all cycles: making one costs more than everything else on the way to the bus.
+        self.message = can.Message(arbitration_id=pdo.cob_id(node_id), is_extended_id=False, is_rx=False, dlc=pdo.size)
         self.last = b""
         self.time = 0
 
@@ -268,7 +270,8 @@ class DriveClient:
         for sender in self._senders:
             data = sender.pdo.pack(command)
             if data != sender.last or now - sender.time >= refresh:
-                if self.network.send(sender.cob_id, data):
+                sender.message.data = bytearray(data)
+                if self.network.send_message(sender.message):
                     sender.last = data
                 sender.time = now
 

@@ -168,9 +168,9 @@ class Daemon:
         last_sent = 0
         deadline = time.monotonic_ns()
         while not self._stopping.is_set():
-            socket.wait(deadline - time.monotonic_ns())
+            waiting = socket.wait(deadline - time.monotonic_ns())
             now = time.monotonic_ns()
-            accepted = self._receive(now)
+            accepted = waiting and self._receive(now)
             if not accepted and now < deadline:
                 continue
             endpoint = self.endpoint
@@ -190,8 +190,11 @@ class Daemon:
         """Take everything that waits; True when a frame of the PLC was among it."""
         endpoint = self.endpoint
         taken = 0
-        while (datagram := self.socket.receive()) is not None:
+        waiting = True
+        while waiting and (datagram := self.socket.receive()) is not None:
             data, source = datagram
+            # Looking is cheaper than a refused read, which raises.
+            waiting = self.socket.wait(0)
             connected = endpoint.connected
             verdict = endpoint.receive(data, source, now)
             if verdict in _FROM_PLC:

@@ -80,6 +80,11 @@ class CyclicEndpoint:
                 zip(self._consumer.halves, self._consumer.offsets, self._consumer.iops, strict=True)
             )
         )
+        provider = self._provider
+        self._answers = tuple(
+            (index, half.struct.pack_into, provider.offsets[index], provider.iops[index], provider.iocs[index])
+            for index, half in enumerate(provider.halves)
+        )
         self.setpoints: list[tuple[int, ...] | None] = [None] * len(telegrams)
         self.peer: Address | None = None
         """Where frames come from and go to; kept after a loss so that the PLC can watch the axes stop."""
@@ -163,10 +168,10 @@ class CyclicEndpoint:
         frame = self._frame
         layout = self._provider
         setpoints = self.setpoints
-        for index, half in enumerate(layout.halves):
-            half.struct.pack_into(frame, layout.offsets[index], *actuals[index])
-            frame[layout.iops[index]] = IOPS_GOOD if good[index] else IOPS_BAD
-            frame[layout.iocs[index]] = IOPS_GOOD if setpoints[index] is not None else IOPS_BAD
+        for index, pack_into, offset, iops, iocs in self._answers:
+            pack_into(frame, offset, *actuals[index])
+            frame[iops] = IOPS_GOOD if good[index] else IOPS_BAD
+            frame[iocs] = IOPS_GOOD if setpoints[index] is not None else IOPS_BAD
         self._counter = (self._counter + self._step) & 0xFFFF
         TRAILER.pack_into(frame, layout.trailer, self._counter, STATUS_NORMAL, 0)
         self.sent += 1

@@ -35,9 +35,9 @@ class UdpSocket:
         host, port = self._socket.getsockname()
         return str(host), int(port)
 
-    def wait(self, timeout_ns: int) -> None:
-        """Until a datagram is there or the time is over."""
-        self._poll.poll(max(0, timeout_ns) / 1_000_000)
+    def wait(self, timeout_ns: int) -> bool:
+        """Until a datagram is there (True) or the time is over; 0 only looks."""
+        return bool(self._poll.poll(timeout_ns / 1_000_000 if timeout_ns > 0 else 0))
 
     def receive(self) -> tuple[bytes, Address] | None:
         """The next waiting datagram, or None."""

@@ -1,0 +1,94 @@
+"""What one axis costs per cycle in the hot path: frame bytes to RPDO bytes, TPDO bytes to frame bytes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from dsp402.images import DriveFeedback, References
+from dsp402.pdo import LAYOUTS
+from gateway.translator.base import TranslatorSettings
+from gateway.translator.factory import make_translator, pdo_operation
+from gateway.transport.cyclic import CyclicEndpoint
+from profidrive.telegrams import telegram
+from tools.bench.measure import nanoseconds_per_call
+from tools.plc.endpoint import PlcEndpoint
+
+GOALS_NS = {1: 10_000, 9: 20_000}
+"""Goals of the project for one axis-cycle."""
+_CYCLE_NS = 1_000_000
+_PEER = ("127.0.0.1", 40000)
+_ENABLED = 0x0637
+
+
+@dataclass(frozen=True, slots=True)
+class TranslationCost:
+    """Nanoseconds of one axis-cycle."""
+
+    telegram: int
+    total_ns: float
+    goal_ns: int | None
+
+
+def axis_cycle(number: int) -> Callable[[], object]:
+    """One whole axis-cycle of a telegram, with new setpoints and a new actual value each time."""
+    chosen = telegram(number)
+    plc = PlcEndpoint([chosen], _CYCLE_NS)
+    frames = [_frame(plc, number, value) for value in range(1, 4097)]
+    endpoint = CyclicEndpoint([chosen], cycle_ns=_CYCLE_NS)
+    translator = make_translator(number, TranslatorSettings())
+    translator.set_references(References())
+    layout = LAYOUTS[pdo_operation(number)]
+    feedback = DriveFeedback()
+    _enable(endpoint, translator, feedback, plc, number)
+    tpdos = [[(pdo, bytes([value]) * pdo.size) for pdo in layout.tpdos] for value in range(0x20, 0x30)]
+    for row in tpdos:
+        pdo, data = row[0]
+        row[0] = (pdo, _ENABLED.to_bytes(2, "little") + data[2:])
+    position = 0
+    good = [True]
+
+    def run() -> object:
+        nonlocal position
+        position += 1
+        now = position * _CYCLE_NS
+        endpoint.connected = position % 4096 != 1  # the recorded counters start again
+        endpoint.receive(frames[position % 4096], _PEER, now)
+        for pdo, data in tpdos[position & 15]:
+            pdo.unpack_into(data, feedback)
+        if number != 1:
+            feedback.modes_of_operation_display = translator.command.modes_of_operation
+        actuals = translator.step(endpoint.setpoints[0], feedback, True, now)
+        for pdo in layout.rpdos:
+            pdo.pack(translator.command)
+        return endpoint.build([actuals], good)
+
+    return run
+
+
+def _frame(plc: PlcEndpoint, number: int, value: int) -> bytes:
+    words = {
+        1: {"STW1": 0x047F, "NSOLL_A": value},
+        9: {"STW1": 0x043F | (value & 8) << 3, "SATZANW": 0x8000, "MDI_TARPOS": value << 10, "MDI_VELOCITY": 1 << 29},
+        100: {"Controlword": 0x0F, "Target Velocity": value, "Profile Acceleration": 300, "Profile Deceleration": 300},
+    }
+    plc.set(0, words[number])
+    return bytes(plc.build())
+
+
+def _enable(
+    endpoint: CyclicEndpoint, translator: object, feedback: DriveFeedback, plc: PlcEndpoint, number: int
+) -> None:
+    word = plc.telegrams[0].setpoints.names[0]
+    off = {1: 0x047E, 9: 0x043E, 100: 0x0006}[number]
+    for control, status in ((off, 0x0250), (off, 0x0231), (off | 1, 0x0231), (off | 1, 0x0233)):
+        plc.set(0, {word: control})
+        endpoint.connected = False
+        endpoint.receive(bytes(plc.build()), _PEER, 0)
+        feedback.statusword = status
+        translator.step(endpoint.setpoints[0], feedback, True, 0)  # type: ignore[attr-defined]
+
+
+def run() -> list[TranslationCost]:
+    """Measure telegrams 1, 9 and 100."""
+    return [TranslationCost(n, nanoseconds_per_call(axis_cycle(n)), GOALS_NS.get(n)) for n in (1, 9, 100)]

@@ -1,0 +1,65 @@
+"""``pdgw bench``: what the gateway costs, as ratios against a floor measured in the same run."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from ds301.load import frame_bits
+from tools.bench import roundtrip, translation
+
+app = typer.Typer(help="Benchmarks.", invoke_without_command=True)
+
+
+@app.callback()
+def bench(
+    context: typer.Context,
+    cycles: Annotated[int, typer.Option(min=10, help="Cycles of each latency comparison.")] = 5000,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+) -> None:
+    """Translation cost, round trip against a UDP echo for 1 and 8 axes, throughput."""
+    if context.invoked_subcommand is not None:
+        return
+    costs = translation.run()
+    trips = [roundtrip.run(axes, cycles) for axes in (1, 8)]
+    if as_json:
+        document = {
+            "translation": [asdict(cost) for cost in costs],
+            "round_trip": [{**asdict(trip), "ratio_p50": trip.ratio} for trip in trips],
+        }
+        typer.echo(json.dumps(document, indent=2))
+        return
+    console = Console()
+    table = Table("telegram", "axis-cycle", "goal", "share of goal", title="translation: frame -> RPDO, TPDO -> frame")
+    for cost in costs:
+        goal = f"{cost.goal_ns / 1000:g} us" if cost.goal_ns else ""
+        share = f"{cost.total_ns / cost.goal_ns:.2f}" if cost.goal_ns else ""
+        table.add_row(str(cost.telegram), f"{cost.total_ns / 1000:.2f} us", goal, share)
+    console.print(table)
+    table = Table("axes", "", "p50", "p99", "p99.9", "lost", title="round trip at 1 kHz, drives answering at once")
+    for trip in trips:
+        for name, row in (("echo", trip.echo), ("gateway", trip.gateway)):
+            table.add_row(
+                str(trip.axes), name, f"{row.p50:.0f} us", f"{row.p99:.0f} us", f"{row.p999:.0f} us", str(row.lost)
+            )
+        ratios = [a / b for a, b in ((trip.gateway.p50, trip.echo.p50), (trip.gateway.p99, trip.echo.p99))]
+        table.add_row(str(trip.axes), "gateway / echo", f"{ratios[0]:.2f}", f"{ratios[1]:.2f}", "", "")
+    console.print(table)
+    physical = 1_000_000 / frame_bits(6)
+    table = Table("axes", "cycles/s", "CAN frames/s", "of a 1 Mbit/s bus", title="flat out, telegram 1")
+    for trip in trips:
+        table.add_row(
+            str(trip.axes),
+            f"{trip.cycles_per_s:.0f}",
+            f"{trip.can_frames_per_s:.0f}",
+            f"{trip.can_frames_per_s / physical:.1f} x",
+        )
+    console.print(table)
+    console.print(
+        f"goals: telegram 1 at most 10 us, telegram 9 at most 20 us, one axis at most {roundtrip.GOAL_RATIO:g} x the echo"
+    )
