@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from ds301.pdo import Pdo
 from dsp402.images import DriveFeedback, References
-from dsp402.pdo import LAYOUTS
+from dsp402.pdo import LAYOUTS, PdoLayout
 from gateway.translator.base import TranslatorSettings
 from gateway.translator.factory import make_translator, pdo_operation
 from gateway.transport.cyclic import CyclicEndpoint
@@ -41,10 +42,7 @@ def axis_cycle(number: int) -> Callable[[], object]:
     layout = LAYOUTS[pdo_operation(number)]
     feedback = DriveFeedback()
     _enable(endpoint, translator, feedback, plc, number)
-    tpdos = [[(pdo, bytes([value]) * pdo.size) for pdo in layout.tpdos] for value in range(0x20, 0x30)]
-    for row in tpdos:
-        pdo, data = row[0]
-        row[0] = (pdo, _ENABLED.to_bytes(2, "little") + data[2:])
+    tpdos = [_tpdos(layout, value, translator.command.modes_of_operation) for value in range(1, 17)]
     position = 0
     good = [True]
 
@@ -56,14 +54,22 @@ def axis_cycle(number: int) -> Callable[[], object]:
         endpoint.receive(frames[position % 4096], _PEER, now)
         for pdo, data in tpdos[position & 15]:
             pdo.unpack_into(data, feedback)
-        if number != 1:
-            feedback.modes_of_operation_display = translator.command.modes_of_operation
         actuals = translator.step(endpoint.setpoints[0], feedback, True, now)
         for pdo in layout.rpdos:
             pdo.pack(translator.command)
         return endpoint.build([actuals], good)
 
     return run
+
+
+def _tpdos(layout: PdoLayout, value: int, mode: int) -> list[tuple[Pdo, bytes]]:
+    """A drive in operation whose speed and position depend on ``value``."""
+    image = DriveFeedback()
+    image.statusword = _ENABLED
+    image.modes_of_operation_display = mode
+    image.velocity_actual = 100 * value
+    image.position_actual = 1000 * value
+    return [(pdo, pdo.pack(image)) for pdo in layout.tpdos]
 
 
 def _frame(plc: PlcEndpoint, number: int, value: int) -> bytes:

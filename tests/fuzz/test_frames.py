@@ -1,0 +1,85 @@
+"""Mutated frames against everything that takes bytes from a wire: short in the tests, long with ``make fuzz``."""
+
+from __future__ import annotations
+
+import contextlib
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dsp402.simulator import SimulatedDriveNode
+from dsp402.states import state_of
+from gateway.transport.cyclic import CyclicEndpoint, Verdict
+from profidrive.errors import ProfidriveError
+from profidrive.frame import RtFrame
+from profidrive.telegrams import Direction, Telegram
+from tests.support.strategies import axes_values
+from tools.plc.endpoint import PlcEndpoint
+
+CYCLE = 4_000_000
+PEER = ("127.0.0.1", 40000)
+
+
+@st.composite
+def mutated(draw: st.DrawFn, original: bytes) -> bytes:
+    """A frame with bytes flipped, cut off, repeated or added."""
+    data = bytearray(original)
+    for _ in range(draw(st.integers(0, 4))):
+        kind = draw(st.sampled_from(["flip", "cut", "grow", "copy"]))
+        if kind == "flip" and data:
+            data[draw(st.integers(0, len(data) - 1))] ^= draw(st.integers(1, 255))
+        elif kind == "cut":
+            del data[draw(st.integers(0, len(data))) :]
+        elif kind == "grow":
+            data += draw(st.binary(max_size=40))
+        else:
+            data += data[: draw(st.integers(0, len(data)))]
+    return bytes(data)
+
+
+@given(drawn=axes_values(Direction.SETPOINT), data=st.data())
+def test_gateway_endpoint_takes_or_counts_any_mutated_frame(
+    drawn: tuple[list[Telegram], list[tuple[int, ...]]], data: st.DataObject
+) -> None:
+    telegrams, values = drawn
+    plc = PlcEndpoint(telegrams, CYCLE)
+    for index, axis in enumerate(values):
+        plc.set(index, telegrams[index].setpoints.as_dict(axis))
+    endpoint = CyclicEndpoint(telegrams, cycle_ns=CYCLE)
+    original = bytes(plc.build())
+    frame = data.draw(mutated(original))
+    verdict = endpoint.receive(frame, PEER, 0)
+    assert endpoint.counters[verdict] == 1
+    if frame == original:
+        assert verdict is Verdict.ACCEPTED
+    if verdict is not Verdict.ACCEPTED:
+        assert all(axis is None for axis in endpoint.setpoints)
+
+
+@given(drawn=axes_values(Direction.ACTUAL), data=st.data())
+def test_plc_endpoint_takes_or_counts_any_mutated_frame(
+    drawn: tuple[list[Telegram], list[tuple[int, ...]]], data: st.DataObject
+) -> None:
+    telegrams, values = drawn
+    device = CyclicEndpoint(telegrams, cycle_ns=CYCLE)
+    plc = PlcEndpoint(telegrams, CYCLE)
+    frame = data.draw(mutated(bytes(device.build(values, [True] * len(values)))))
+    plc.receive(frame)
+    assert sum(plc.counters.values()) == 1
+    with contextlib.suppress(ProfidriveError):
+        RtFrame.decode(frame)
+
+
+@given(frames=st.lists(st.tuples(st.integers(0, 0x7FF), st.binary(max_size=8), st.integers(0, 20)), max_size=30))
+def test_simulated_drive_survives_any_frames(frames: list[tuple[int, bytes, int]]) -> None:
+    node = SimulatedDriveNode(1, lambda *_: None)
+    now = 0
+    node.start(now)
+    node.receive(0, b"\x01\x01", now)
+    for can_id, data, wait in frames:
+        now += wait * 1_000_000
+        node.receive(can_id, data, now)
+        node.poll(now)
+    now += 1_000_000
+    node.poll(now)
+    assert state_of(node.model.statusword) is not None
