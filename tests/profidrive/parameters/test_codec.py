@@ -1,0 +1,232 @@
+"""The parameter channel's codec: the reference's worked examples, round trips, and errors for bad requests."""
+
+from __future__ import annotations
+
+import struct
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from profidrive.datatypes import DataType
+from profidrive.errors import ProfidriveError
+from profidrive.parameters.codec import (
+    MAX_ELEMENTS,
+    ZERO,
+    Address,
+    Attribute,
+    Request,
+    RequestError,
+    RequestId,
+    Response,
+    Values,
+    check_answers,
+    decode_request,
+    decode_response,
+    encode_request,
+    encode_response,
+    unswap,
+)
+from profidrive.parameters.errors import ERROR_TEXTS, ParameterErrorNumber
+
+GUIDE = bytes.fromhex("01 01 00 01 10 01 10 18 00 03")
+
+
+def test_the_guides_example_reads_1018h_sub_3_in_standard_order() -> None:
+    request = Request(1, RequestId.REQUEST, 0, (Address(0x1018, 3, 1),))
+    assert encode_request(request) == GUIDE
+    assert decode_request(GUIDE) == request
+
+
+def test_the_guides_word_swapped_print_is_recognised() -> None:
+    assert unswap(bytes.fromhex("01 01 01 00 01 10 18 10 00 03")) == GUIDE
+    assert unswap(GUIDE) is None
+
+
+def test_example_p965_request_and_response() -> None:
+    assert encode_request(Request(2, RequestId.REQUEST, 1, (Address(965),))) == bytes.fromhex("02010101 1000 03C5 0000")
+    expected = bytes.fromhex("02 01 00 01 06 01 03 29")
+    response = Response(2, RequestId.REQUEST, 0, 1, (Values(DataType.UNSIGNED16, (0x0329,)),))
+    assert encode_response(response) == expected
+    assert decode_response(expected) == response
+    word = decode_response(bytes.fromhex("02 01 00 01 42 01 03 29"))
+    assert word.values == (Values(DataType.WORD, (0x0329,)),)
+
+
+def test_example_change_p922_to_9() -> None:
+    request = Request(3, RequestId.CHANGE, 1, (Address(922),), (Values(DataType.WORD, (9,)),))
+    assert encode_request(request) == bytes.fromhex("03 02 01 01 10 00 03 9A 00 00 42 01 00 09")
+    assert encode_response(Response(3, RequestId.CHANGE, 1, 1)) == bytes.fromhex("03 02 01 01")
+
+
+def test_example_missing_pnu_5000() -> None:
+    answer = Response(7, RequestId.REQUEST, 1, 1, (Values.error(ParameterErrorNumber.IMPERMISSIBLE_PNU),))
+    assert encode_response(answer) == bytes.fromhex("07 81 01 01 44 01 00 00")
+
+
+def test_example_second_of_two_parameters_is_read_only() -> None:
+    failed = Values.error(ParameterErrorNumber.VALUE_CANNOT_BE_CHANGED)
+    answer = Response(7, RequestId.CHANGE, 1, 2, (ZERO, failed))
+    assert encode_response(answer) == bytes.fromhex("07 82 01 02 40 00 44 01 00 01")
+    assert decode_response(encode_response(answer)) == answer
+
+
+@pytest.mark.parametrize(
+    ("number", "code"),
+    [
+        ("IMPERMISSIBLE_PNU", 0x00),
+        ("NO_OPERATION_PRIORITY", 0x0B),
+        ("NO_TEXT_ARRAY", 0x0F),
+        ("NOT_EXECUTABLE_IN_STATE", 0x11),
+        ("VALUE_IMPERMISSIBLE", 0x14),
+        ("ADDRESS_IMPERMISSIBLE", 0x16),
+        ("DO_DOES_NOT_EXIST", 0x19),
+        ("SERVICE_NOT_SUPPORTED", 0x21),
+        ("MULTI_PARAMETER_NOT_ALLOWED", 0x23),
+    ],
+)
+def test_error_numbers_are_those_of_the_reference(number: str, code: int) -> None:
+    assert ParameterErrorNumber[number] == code
+    assert code in ERROR_TEXTS
+
+
+def values_of(data_type: DataType, count: int) -> st.SearchStrategy[Values]:
+    if data_type is DataType.FLOATING_POINT:
+        numbers = st.floats(width=32, allow_nan=False)
+        return st.tuples(*[numbers] * count).map(lambda v: Values(data_type, v))
+    if not data_type.char:
+        return st.binary(min_size=count * data_type.size, max_size=count * data_type.size).map(
+            lambda data: Values(data_type, data)
+        )
+    return st.tuples(*[st.integers(*data_type.integer_range)] * count).map(lambda v: Values(data_type, v))
+
+
+value_types = st.sampled_from([t for t in DataType if t not in {DataType.ZERO, DataType.ERROR}])
+
+
+@st.composite
+def areas(draw: st.DrawFn) -> Values:
+    return draw(values_of(draw(value_types), draw(st.integers(1, 12))))
+
+
+addresses = st.builds(
+    Address,
+    pnu=st.integers(1, 0xFFFF),
+    subindex=st.integers(0, 0xFFFE),
+    elements=st.integers(0, MAX_ELEMENTS),
+    attribute=st.sampled_from([int(attribute) for attribute in Attribute]),
+)
+
+
+@st.composite
+def requests(draw: st.DrawFn) -> Request:
+    chosen = tuple(draw(st.lists(addresses, min_size=1, max_size=39)))
+    request_id = draw(st.sampled_from(RequestId))
+    values = tuple(draw(areas()) for _ in chosen) if request_id is RequestId.CHANGE else ()
+    return Request(draw(st.integers(1, 255)), request_id, draw(st.integers(0, 254)), chosen, values)
+
+
+@given(request=requests())
+def test_requests_come_back_as_they_were(request: Request) -> None:
+    data = encode_request(request)
+    assert len(data) % 2 == 0
+    assert decode_request(data) == request
+
+
+@given(
+    reference=st.integers(1, 255),
+    do_id=st.integers(0, 254),
+    values=st.lists(st.one_of(areas(), st.builds(Values.error, st.integers(0, 0xFFFF))), min_size=1, max_size=39),
+)
+def test_read_responses_come_back_as_they_were(reference: int, do_id: int, values: list[Values]) -> None:
+    response = Response(reference, RequestId.REQUEST, do_id, len(values), tuple(values))
+    assert decode_response(encode_response(response)) == response
+
+
+@given(
+    failures=st.lists(
+        st.one_of(st.none(), st.tuples(st.integers(0, 200), st.one_of(st.none(), st.integers(0, 999)))),
+        min_size=1,
+        max_size=39,
+    )
+)
+def test_change_responses_keep_the_place_of_each_failure(failures: list[tuple[int, int | None] | None]) -> None:
+    values = tuple(ZERO if failure is None else Values.error(*failure) for failure in failures)
+    if all(failure is None for failure in failures):
+        values = ()
+    response = Response(1, RequestId.CHANGE, 1, len(failures), values)
+    assert decode_response(encode_response(response)) == response
+
+
+BAD_REQUESTS = [
+    ("01 01 00 02 10 01 10 18 00 03", ParameterErrorNumber.NUMBER_OF_VALUES_INCONSISTENT),  # second address missing
+    ("01 01 00 01 10 01 10 18 00 03 00", ParameterErrorNumber.NUMBER_OF_VALUES_INCONSISTENT),  # trailing garbage
+    ("01 01 00 00", ParameterErrorNumber.NUMBER_OF_VALUES_INCONSISTENT),
+    ("01 01 00 28", ParameterErrorNumber.NUMBER_OF_VALUES_INCONSISTENT),  # 40 parameters
+    ("01 03 00 01 10 01 10 18 00 03", ParameterErrorNumber.SERVICE_NOT_SUPPORTED),
+    ("00 01 00 01 10 01 10 18 00 03", ParameterErrorNumber.ADDRESS_IMPERMISSIBLE),
+    ("03 02 01 01 10 00 03 9A 00 00 99 01 00 09", ParameterErrorNumber.ILLEGAL_FORMAT),
+    ("03 02 01 01 10 00 03 9A 00 00 42 02 00 09", ParameterErrorNumber.NUMBER_OF_VALUES_INCONSISTENT),
+    ("03 02 01 01 10 00 03 9A 00 00 42 F0 00 09", ParameterErrorNumber.NUMBER_OF_VALUES_INCONSISTENT),
+]
+
+
+@pytest.mark.parametrize(("text", "number"), BAD_REQUESTS)
+def test_a_bad_request_is_answered_with_its_error(text: str, number: ParameterErrorNumber) -> None:
+    data = bytes.fromhex(text)
+    with pytest.raises(RequestError) as error:
+        decode_request(data)
+    answer = error.value.response()
+    assert answer is not None
+    assert answer[0] == data[0]
+    assert answer[1] == (data[1] & 0x7F) | 0x80
+    assert struct.unpack(">BBH", answer[4:]) == (0x44, 1, number)
+
+
+@pytest.mark.parametrize("size", [0, 1, 3])
+def test_without_a_header_no_answer_can_be_built(size: int) -> None:
+    with pytest.raises(RequestError) as error:
+        decode_request(bytes(size))
+    assert error.value.response() is None
+
+
+@given(data=st.binary(max_size=120))
+def test_arbitrary_bytes_raise_nothing_but_the_packages_error(data: bytes) -> None:
+    for decode in (decode_request, decode_response):
+        try:
+            decode(data)
+        except ProfidriveError as error:
+            assert error.field  # noqa: PT017
+    unswap(data)
+
+
+def test_answers_that_do_not_belong_to_the_request_are_refused() -> None:
+    request = decode_request(GUIDE)
+    good = Response(1, RequestId.REQUEST, 0, 1, (Values(DataType.UNSIGNED32, (5,)),))
+    assert check_answers(request, good) == good.values
+    for bad in (
+        Response(2, RequestId.REQUEST, 0, 1, good.values),
+        Response(1, RequestId.REQUEST, 1, 1, good.values),
+        Response(1, RequestId.CHANGE, 0, 1),
+        Response(1, RequestId.REQUEST, 0, 2, good.values * 2),
+    ):
+        with pytest.raises(ProfidriveError):
+            check_answers(request, bad)
+
+
+@pytest.mark.parametrize(
+    ("request_", "field"),
+    [
+        (Request(0, RequestId.REQUEST, 0, (Address(1),)), "Request Reference"),
+        (Request(1, RequestId.REQUEST, 255, (Address(1),)), "DO-ID"),
+        (Request(1, RequestId.REQUEST, 0, ()), "No. of Parameters"),
+        (Request(1, RequestId.REQUEST, 0, (Address(0),)), "PNU"),
+        (Request(1, RequestId.REQUEST, 0, (Address(1, 65535),)), "Subindex"),
+        (Request(1, RequestId.REQUEST, 0, (Address(1, 0, 235),)), "No. of Elements"),
+        (Request(1, RequestId.CHANGE, 0, (Address(1),)), "value areas"),
+        (Request(1, RequestId.CHANGE, 0, (Address(1),), (Values(DataType.WORD, (70000,)),)), "values of format WORD"),
+    ],
+)
+def test_a_request_that_cannot_be_sent_names_the_field(request_: Request, field: str) -> None:
+    with pytest.raises(ProfidriveError, match=field):
+        encode_request(request_)
