@@ -1,0 +1,69 @@
+"""The fault buffer: P944 (counter), P945, P947, P948, P949, P952, pure.
+
+Source: PROFIdrive profile 4.1 chapter 6.3.8 (docs/parameter-channel.md): 8 fault situations of 8 faults; subindex n*8 .. n*8+7.
+Situation 0 holds what is not acknowledged; acknowledging moves it to situation 1 and shifts the older ones.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+SITUATIONS = 8
+FAULTS_PER_SITUATION = 8
+SIZE = SITUATIONS * FAULTS_PER_SITUATION
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """One entry. ``time_ms`` is milliseconds since the start of the gateway."""
+
+    number: int
+    """P947."""
+    code: int
+    """P945."""
+    value: int
+    """P949."""
+    time_ms: int
+    """P948."""
+
+
+class FaultBuffer:
+    """The buffer of one DO. Not thread-safe: its owner serialises."""
+
+    def __init__(self) -> None:
+        self._situations: list[list[Fault]] = [[] for _ in range(SITUATIONS)]
+        self.counter = 0
+        """P944: counts every change of the buffer, modulo 65536."""
+
+    def enter(self, fault: Fault) -> None:
+        """A fault takes the next free place of situation 0; a ninth one finds none, but is counted."""
+        if len(self._situations[0]) < FAULTS_PER_SITUATION:
+            self._situations[0].append(fault)
+        self._changed()
+
+    def acknowledge(self) -> None:
+        """The faults are cleared and acknowledged: situation 0 becomes 1. Nothing to acknowledge changes nothing."""
+        if not self._situations[0]:
+            return
+        self._situations = [[], *self._situations[:-1]]
+        self._changed()
+
+    def clear(self) -> None:
+        """P952 := 0 empties the whole buffer."""
+        if self.situations:
+            self._situations = [[] for _ in range(SITUATIONS)]
+            self._changed()
+
+    @property
+    def situations(self) -> int:
+        """P952: how many situations hold a fault."""
+        return sum(1 for situation in self._situations if situation)
+
+    def entry(self, subindex: int) -> Fault | None:
+        """The fault at a subindex 0..63, None where the place is empty."""
+        situation, place = divmod(subindex, FAULTS_PER_SITUATION)
+        faults = self._situations[situation]
+        return faults[place] if place < len(faults) else None
+
+    def _changed(self) -> None:
+        self.counter = (self.counter + 1) & 0xFFFF
