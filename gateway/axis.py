@@ -75,6 +75,8 @@ class Axis:
         self._generation = 0
         self._reason: Reason | None = None
         self._sdo: Future[None] | None = None
+        self._sdo_writes: tuple[SdoWrite, ...] | None = None
+        self._refusal = ""
         self._references_changed = False
 
     # -- cyclic -------------------------------------------------------------------------------------------------------
@@ -108,12 +110,15 @@ class Axis:
         if self._sdo is None:
             writes = translator.sdo_request
             if writes is not None:
+                self._sdo_writes = writes
                 self._sdo = self.drive.submit(lambda drive: _write_all(drive, writes))
         elif self._sdo.done():
             error = self._sdo.exception()
             self._sdo = None
-            translator.sdo_request = None
-            translator.sdo_done(None if error is None else str(error))
+            # The translator may have withdrawn or replaced the request meanwhile: this is no answer to another one.
+            if translator.sdo_request is self._sdo_writes:
+                translator.sdo_request = None
+                translator.sdo_done(None if error is None else str(error))
 
     def _drain_events(self, now: int) -> None:
         for event in self.translator.events:
@@ -184,10 +189,16 @@ class Axis:
         elif event.kind == "boot":
             self.raise_fault(105, event.text, now)
         elif event.kind == "refused":
-            self.raise_fault(106, event.text, now)
+            # Retried every few seconds: the same refusal is one fault.
+            if event.text != self._refusal:
+                self._refusal = event.text
+                self.raise_fault(106, event.text, now)
         elif self.drive.status is DriveStatus.LOST:
             self.raise_fault(101 if self.network.healthy else 102, event.text, now)
-        else:
+        elif self.drive.status is DriveStatus.ONLINE:
+            self._refusal = ""
+            log.info("axis %d: drive %s", self.do_id, event.text)
+        elif not self._refusal:
             log.info("axis %d: drive %s", self.do_id, event.text)
 
 

@@ -10,10 +10,11 @@ import difflib
 import tomllib
 from fractions import Fraction
 from ipaddress import IPv4Address
+from math import ceil
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, Strict, ValidationError, model_validator
 
 from ds301.errors import CanopenError
 from ds301.load import CyclicFrames, check_load
@@ -35,7 +36,15 @@ _DRIVE_CYCLE_US = 1000
 _DATA_PDO_RATE = 100.0
 """Frames per second allowed for in PDOs without Controlword or Statusword."""
 
-Port = Annotated[int, Field(ge=0, le=65535)]
+_MAXIMUM_INHIBIT_US = 6_553_500
+"""An UNSIGNED16 in units of 100 us."""
+_MISSPELT = 0.85
+"""A further [can] key as similar as this to one of ours is taken for a slip of the pen."""
+
+Integer = Annotated[int, Strict()]
+"""true is no number here, and neither is "3"."""
+Boolean = Annotated[bool, Strict()]
+Port = Annotated[Integer, Field(ge=0, le=65535)]
 
 
 class _Section(BaseModel):
@@ -48,9 +57,17 @@ class CanConfig(BaseModel):
     model_config = ConfigDict(extra="allow", frozen=True)
 
     interface: str
-    channel: str | int | None = None
-    bitrate: Annotated[int, Field(ge=10_000, le=1_000_000)] | None = None
+    channel: Annotated[str, Strict()] | Integer | None = None
+    bitrate: Annotated[Integer, Field(ge=10_000, le=1_000_000)] | None = None
     name: str = "can"
+
+    @model_validator(mode="after")
+    def _further_keys_are_meant(self) -> CanConfig:
+        for key in self.extra:
+            close = difflib.get_close_matches(key, type(self).model_fields, n=1, cutoff=_MISSPELT)
+            if close:
+                raise ValueError(f"{key}: unknown key, did you mean {close[0]}?")
+        return self
 
     @property
     def extra(self) -> dict[str, object]:
@@ -65,8 +82,8 @@ class TransportConfig(_Section):
     listen: IPv4Address = IPv4Address("127.0.0.1")
     cyclic_port: Port = UDP_PORT
     acyclic_port: Port = ACYCLIC_PORT
-    cycle_time_ms: Annotated[float, Field(ge=0.25, le=512)] = 4
-    watchdog_factor: Annotated[int, Field(ge=1, le=255)] = 3
+    cycle_time_ms: Annotated[float, Strict(), Field(ge=0.25, le=512)] = 4
+    watchdog_factor: Annotated[Integer, Field(ge=1, le=255)] = 3
     peer: IPv4Address | None = None
     status_port: Port = STATUS_PORT
     """``pdgw status`` on loopback."""
@@ -79,31 +96,40 @@ def _standstill(value: object) -> object:
 class AxisConfig(_Section):
     """One drive and its telegram."""
 
-    do_id: Annotated[int, Field(ge=1, le=254)]
-    node_id: Annotated[int, Field(ge=1, le=126)]
-    telegram: int
+    do_id: Annotated[Integer, Field(ge=1, le=254)]
+    node_id: Annotated[Integer, Field(ge=1, le=126)]
+    telegram: Integer
     can: str | None = None
     eds: Path | None = None
     on_plc_loss: PlcLossReaction = PlcLossReaction.QUICK_STOP
     setpoint_enable: SetpointEnable = SetpointEnable.HOLD
-    modulo_axis: bool = False
-    simulate: bool = False
-    ramp_stop_resume: bool = False
+    modulo_axis: Boolean = False
+    simulate: Boolean = False
+    ramp_stop_resume: Boolean = False
     standstill_window_percent: Annotated[Fraction, BeforeValidator(_standstill), Field(gt=0, le=Fraction(1, 2))] = (
         Fraction(1, 100)
     )
-    heartbeat_ms: Annotated[int, Field(ge=10, le=10_000)] = 100
-    tpdo_event_ms: Annotated[int, Field(ge=1, le=10_000)] = 50
-    tpdo_inhibit_us: Annotated[int, Field(ge=0, le=1_000_000)] | None = None
+    heartbeat_ms: Annotated[Integer, Field(ge=10, le=10_000)] = 100
+    tpdo_event_ms: Annotated[Integer, Field(ge=1, le=10_000)] = 50
+    tpdo_inhibit_us: Annotated[Integer, Field(ge=0, le=_MAXIMUM_INHIBIT_US)] | None = None
     """None: one TPDO for each cycle of the PLC, more would only load the bus."""
-    sdo_timeout_ms: Annotated[int, Field(ge=10, le=60_000)] = 500
-    sync: bool = False
-    allow_unguarded: bool = False
+    sdo_timeout_ms: Annotated[Integer, Field(ge=10, le=60_000)] = 500
+    sync: Boolean = False
+    allow_unguarded: Boolean = False
 
     @model_validator(mode="after")
     def _telegram_is_supported(self) -> AxisConfig:
         if self.telegram not in DRIVE_TELEGRAM_NUMBERS:
             raise ValueError(f"telegram = {self.telegram} is not supported, allowed: {list(DRIVE_TELEGRAM_NUMBERS)}")
+        return self
+
+    @model_validator(mode="after")
+    def _silence_is_a_loss(self) -> AxisConfig:
+        if self.tpdo_inhibit_us is not None and self.tpdo_inhibit_us > self.tpdo_event_ms * 1000:
+            raise ValueError(
+                f"tpdo_inhibit_us = {self.tpdo_inhibit_us} is longer than tpdo_event_ms = {self.tpdo_event_ms}: the drive "
+                f"would count as lost, allowed: 0 to {self.tpdo_event_ms * 1000}"
+            )
         return self
 
     @property
@@ -118,7 +144,9 @@ class AxisConfig(_Section):
 
     def inhibit_us(self, cycle_time_ms: float) -> int:
         """The inhibit time in force; an event-driven TPDO is not sent more often than this."""
-        return int(cycle_time_ms * 1000) if self.tpdo_inhibit_us is None else self.tpdo_inhibit_us
+        if self.tpdo_inhibit_us is not None:
+            return self.tpdo_inhibit_us
+        return int(min(cycle_time_ms, self.tpdo_event_ms) * 1000)
 
     def drive_settings(self, number: int, cycle_time_ms: float) -> DriveSettings:
         """For a telegram, which may differ from the configured one (P922)."""
@@ -127,7 +155,8 @@ class AxisConfig(_Section):
             eds=self.eds,
             gateway_node_id=GATEWAY_NODE_ID,
             heartbeat_ms=self.heartbeat_ms,
-            tpdo_event_ms=self.tpdo_event_ms,
+            # On SYNC a value comes once in a cycle, however long that is.
+            tpdo_event_ms=max(self.tpdo_event_ms, ceil(cycle_time_ms)) if self.sync else self.tpdo_event_ms,
             tpdo_inhibit_us=self.inhibit_us(cycle_time_ms),
             sdo_timeout_ms=self.sdo_timeout_ms,
             sync=self.sync,
@@ -159,6 +188,12 @@ class GatewayConfig(_Section):
     def _fits_together(self) -> GatewayConfig:
         names = [bus.name for bus in self.can]
         _no_twice("[[can]] name", names)
+        _no_twice("[[can]] interface and channel", [(bus.interface, bus.channel, bus.extra) for bus in self.can])
+        transport = self.transport
+        if transport.cyclic_port == transport.acyclic_port != 0:
+            raise ValueError(
+                f"[transport] cyclic_port and acyclic_port: both are {transport.cyclic_port}, each must be different"
+            )
         _no_twice("[[axis]] do_id", [axis.do_id for axis in self.axis])
         for axis in self.axis:
             if axis.can is not None and axis.can not in names:
@@ -214,17 +249,28 @@ def load_config(path: Path) -> GatewayConfig:
     except (OSError, UnicodeDecodeError) as error:
         raise GatewayError(f"{path}: cannot be read: {error}") from error
     config = parse_config(text, str(path))
-    for axis in config.axis:
-        if axis.eds is not None and not axis.eds.is_file():
-            raise GatewayError(f'{path}: [[axis]] do_id {axis.do_id}: eds = "{axis.eds}" is not a file')
-    return config
+    axes = tuple(_beside(axis, path) for axis in config.axis)
+    missing = [
+        f'{path}:{_line_of(text, "axis", number, "eds")}: [[axis]] do_id {axis.do_id}: eds = "{axis.eds}" is not a file'
+        for number, axis in enumerate(axes)
+        if axis.eds is not None and not axis.eds.is_file()
+    ]
+    if missing:
+        raise GatewayError("\n".join(missing))
+    store = path.parent / config.store if config.store else None
+    return config.model_copy(update={"axis": axes, "store": store})
+
+
+def _beside(axis: AxisConfig, path: Path) -> AxisConfig:
+    """Relative paths are meant from where the configuration is."""
+    return axis.model_copy(update={"eds": path.parent / axis.eds}) if axis.eds else axis
 
 
 def parse_config(text: str, name: str = "configuration") -> GatewayConfig:
     """Validate configuration text; see ``load_config``."""
     try:
         document = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except (ValueError, RecursionError) as error:  # tomllib lets int() and deep nesting through
         raise GatewayError(f"{name}: not valid TOML: {error}") from error
     try:
         return GatewayConfig.model_validate(document)
@@ -245,7 +291,7 @@ def _explain(detail: Any, text: str, name: str) -> str:
     key = keys[-1] if len(keys) > 1 else ""
     line = _line_of(text, section, occurrence, key)
     place = f"{name}:{line}" if line else name
-    path = f"[{section}]" if section else ""
+    path = (f"[{section}]" if section in _MODELS else section) if section else ""
     if numbers:
         path = f"[[{section}]] number {occurrence + 1}"
     if key:
@@ -260,7 +306,7 @@ def _explain(detail: Any, text: str, name: str) -> str:
         return f"{place}: {path}: unknown key{hint} (allowed: {', '.join(known)})"
     if detail["type"] == "missing":
         return f"{place}: {path}: is missing"
-    if isinstance(value, dict | list | tuple) or not key:
+    if isinstance(value, dict | list | tuple):
         return f"{place}: {path + ': ' if path else ''}{message}"
     return f"{place}: {path} = {value!r}: {message}"
 
@@ -272,6 +318,8 @@ def _line_of(text: str, section: str, occurrence: int, key: str) -> int:
     header = 0
     for number, raw in enumerate(text.splitlines(), 1):
         line = raw.strip()
+        if not key and section not in _MODELS and line.split("=")[0].strip() == section:
+            return number
         if line.startswith("["):
             title = line.strip("[] ").split("]")[0]
             inside = title == section
@@ -327,6 +375,8 @@ simulate = false             # true: a simulated drive instead of the one on the
 
 def simulated(number: int, axes: int) -> GatewayConfig:
     """The configuration of ``pdgw run --simulate``: simulated drives on a virtual bus, 4 ms."""
+    if number not in DRIVE_TELEGRAM_NUMBERS:
+        raise GatewayError(f"telegram = {number} is not supported, allowed: {list(DRIVE_TELEGRAM_NUMBERS)}")
     return GatewayConfig.model_validate(
         {
             "can": {"interface": "virtual", "channel": "pdgw"},

@@ -30,6 +30,7 @@ log = logging.getLogger("gateway")
 
 MS = 1_000_000
 _SHUTDOWN_NS = 5_000 * MS
+_DATAGRAMS_AT_ONCE = 64
 _FROM_PLC = (Verdict.ACCEPTED, Verdict.PROVIDER_STOP)
 
 
@@ -65,6 +66,7 @@ class Daemon:
         self.skipped = 0
         """Frames a newer one had overtaken before the axes saw them."""
         self._stopping = threading.Event()
+        self._released = False
         self._calls: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
         self.socket = UdpSocket(str(transport.listen), transport.cyclic_port, "cyclic port")
         try:
@@ -77,10 +79,11 @@ class Daemon:
                     self.simulated.append(
                         SimulatedDrive(drive_bus, axis_config.node_id, serial_number=axis_config.do_id)
                     )
+            # A stored telegram (P922) may differ from the configured one: the frame may not fit.
+            self.endpoint = self._new_endpoint()
         except BaseException:
-            self._release()
+            self.release()
             raise
-        self.endpoint = self._new_endpoint()
         self._heartbeat_ns = min(axis.config.heartbeat_ms for axis in self.axes) * MS // 2
         self._synced = [n for n in self.networks.values() if any(a.config.sync and a.network is n for a in self.axes)]
 
@@ -127,9 +130,9 @@ class Daemon:
             if number == axis.telegram.number:
                 return
             axis.change_telegram(number)
-            counters = self.endpoint.counters
-            self.endpoint = self._new_endpoint()
-            self.endpoint.counters = counters
+            endpoint = self._new_endpoint()
+            endpoint.continue_from(self.endpoint)
+            self.endpoint = endpoint
 
         return self.call(change)
 
@@ -139,27 +142,29 @@ class Daemon:
         """Run until ``stop``; returns after the drives are stopped and everything is released."""
         host, port = self.socket.address
         log.info("cyclic exchange on %s:%d, %d axes, cycle %g ms", host, port, len(self.axes), self.cycle_ns / MS)
-        for drive in self.simulated:
-            drive.start()
-        for network in self.networks.values():
-            network.start()
-        for axis in self.axes:
-            axis.drive.start()
-        for service in self.services:
-            service.start()
-        # What exists now lives until the end: keep the collector from walking it in the middle of a cycle.
-        gc.collect()
-        gc.freeze()
+        started: list[Service] = []
         try:
+            for drive in self.simulated:
+                drive.start()
+            for network in self.networks.values():
+                network.start()
+            for axis in self.axes:
+                axis.drive.start()
+            for service in self.services:
+                service.start()
+                started.append(service)
+            # What exists now lives until the end: keep the collector from walking it in the middle of a cycle.
+            gc.collect()
+            gc.freeze()
             self._loop()
             self._bring_to_rest()
         finally:
             gc.unfreeze()
-            for service in self.services:
+            for service in started:
                 service.stop()
             for axis in self.axes:
                 axis.drive.stop()
-            self._release()
+            self.release()
             log.info("stopped")
 
     def _loop(self) -> None:
@@ -168,8 +173,10 @@ class Daemon:
         last_sent = 0
         deadline = time.monotonic_ns()
         while not self._stopping.is_set():
-            waiting = socket.wait(deadline - time.monotonic_ns())
+            waiting = socket.wait(min(deadline, self._heartbeat_due) - time.monotonic_ns())
             now = time.monotonic_ns()
+            # Also between the cycles: a long cycle must not starve the drives of it.
+            self._heartbeats(now)
             accepted = waiting and self._receive(now)
             if not accepted and now < deadline:
                 continue
@@ -178,7 +185,7 @@ class Daemon:
                 log.error("PLC lost: no valid frame for %d cycles", self.config.transport.watchdog_factor)
                 for axis in self.axes:
                     axis.raise_fault(103, "watchdog expired", now)
-            self._step(now)
+            self._step(endpoint.setpoints, now)
             if endpoint.peer is not None and (accepted or now - last_sent >= 2 * cycle):
                 self._send()
                 last_sent = now
@@ -190,11 +197,12 @@ class Daemon:
         """Take everything that waits; True when a frame of the PLC was among it."""
         endpoint = self.endpoint
         taken = 0
-        waiting = True
-        while waiting and (datagram := self.socket.receive()) is not None:
+        # Bounded, so that a flood of datagrams delays no cycle; a STOP is seen by the axes before what follows it.
+        for _ in range(_DATAGRAMS_AT_ONCE):
+            datagram = self.socket.receive()
+            if datagram is None:
+                break
             data, source = datagram
-            # Looking is cheaper than a refused read, which raises.
-            waiting = self.socket.wait(0)
             connected = endpoint.connected
             verdict = endpoint.receive(data, source, now)
             if verdict in _FROM_PLC:
@@ -203,18 +211,19 @@ class Daemon:
                     log.info("PLC %s:%d connected", *source)
             elif endpoint.counters[verdict] == 1:
                 log.warning("frame from %s:%d dropped: %s (%d bytes)", *source, verdict.value, len(data))
+            # Looking is cheaper than a refused read, which raises.
+            if verdict is Verdict.PROVIDER_STOP or not self.socket.wait(0):
+                break
         if taken > 1:
             self.skipped += taken - 1
         return taken > 0
 
-    def _step(self, now: int) -> None:
-        setpoints = self.endpoint.setpoints
+    def _step(self, setpoints: Sequence[Sequence[int] | None], now: int) -> None:
         for index, axis in enumerate(self.axes):
             axis.step(setpoints[index], now)
         for network in self._synced:
             network.send_sync()
         self.cycles += 1
-        self._heartbeats(now)
 
     _heartbeat_due = 0
 
@@ -234,21 +243,26 @@ class Daemon:
         """As after a loss of the PLC: each axis stops its way; then power is off everywhere, or the time is over."""
         log.info("stopping the drives")
         deadline = time.monotonic_ns() + _SHUTDOWN_NS
-        nothing: Sequence[int] | None = None
+        nothing = [None] * len(self.axes)
+        pause = min(self.cycle_ns, self._heartbeat_ns) / 1e9
+        self.endpoint.lose_setpoints()
         off_cycles = 0
         while off_cycles < 3:
             now = time.monotonic_ns()
-            for axis in self.axes:
-                axis.step(nothing, now)
+            self._step(nothing, now)
             self._heartbeats(now)
             self._send()
             off_cycles = 0 if any(axis.powered for axis in self.axes) else off_cycles + 1
             if now > deadline:
                 log.error("drives not stopped within %d s: power off by NMT", _SHUTDOWN_NS // (1000 * MS))
                 break
-            time.sleep(self.cycle_ns / 1e9)
+            time.sleep(pause)
 
-    def _release(self) -> None:
+    def release(self) -> None:
+        """Give sockets and buses back; ``run`` does it at its end. A second call does nothing."""
+        if self._released:
+            return
+        self._released = True
         for drive in self.simulated:
             if drive.running:
                 drive.stop()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import socketserver
 import threading
@@ -74,7 +75,9 @@ class StatusServer:
     def __init__(self, daemon: Daemon, port: int) -> None:
         class Handler(socketserver.StreamRequestHandler):
             def handle(self) -> None:
-                self.wfile.write(json.dumps(snapshot(daemon)).encode() + b"\n")
+                # Who went away before the answer does not miss it.
+                with contextlib.suppress(OSError):
+                    self.wfile.write(json.dumps(snapshot(daemon)).encode() + b"\n")
 
         try:
             self._server = socketserver.ThreadingTCPServer(("127.0.0.1", port), Handler, bind_and_activate=False)

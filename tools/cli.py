@@ -10,6 +10,7 @@ from typing import Annotated
 
 import typer
 from rich.console import Console
+from rich.markup import escape
 
 from ds301.errors import CanopenError
 from gateway.errors import GatewayError
@@ -60,5 +61,5 @@ def main() -> None:
     except (GatewayError, CanopenError, ProfidriveError) as error:
         if _Options.debug:
             raise
-        Console(stderr=True).print(f"[red]error:[/red] {error}", highlight=False, soft_wrap=True)
+        Console(stderr=True).print(f"[red]error:[/red] {escape(str(error))}", highlight=False, soft_wrap=True)
         sys.exit(1)

@@ -99,6 +99,14 @@ class CyclicEndpoint:
         """Bytes of a frame from the PLC."""
         return self._consumer.frame_size
 
+    def continue_from(self, previous: CyclicEndpoint) -> None:
+        """Follow an endpoint with other telegrams: its counts go on, and its cycle counter, or the PLC would see old frames."""
+        self._counter = previous._counter
+        self.counters = previous.counters
+        self.watchdog_expiries = previous.watchdog_expiries
+        self.iops_bad = previous.iops_bad
+        self.sent = previous.sent
+
     def receive(self, data: bytes, source: Address, now: int) -> Verdict:
         """Take a datagram; on ACCEPTED (and on PROVIDER_STOP, then None) the setpoints are updated."""
         verdict = self._check(data, source)
@@ -109,7 +117,7 @@ class CyclicEndpoint:
             self._last_time = now
             self.peer = source
             self.connected = True
-            self._lose_setpoints()
+            self.lose_setpoints()
         return verdict
 
     def _check(self, data: bytes, source: Address) -> Verdict:
@@ -150,7 +158,8 @@ class CyclicEndpoint:
                 setpoints[index] = None
                 self.iops_bad += 1
 
-    def _lose_setpoints(self) -> None:
+    def lose_setpoints(self) -> None:
+        """No axis has a valid PLC until the next valid frame."""
         for index in range(len(self.setpoints)):
             self.setpoints[index] = None
 
@@ -160,7 +169,7 @@ class CyclicEndpoint:
             return False
         self.connected = False
         self.watchdog_expiries += 1
-        self._lose_setpoints()
+        self.lose_setpoints()
         return True
 
     def build(self, actuals: Sequence[Sequence[int]], good: Sequence[bool]) -> bytearray:

@@ -75,9 +75,11 @@ def test_several_buses_are_chosen_by_name() -> None:
 [[can]]
 name = "left"
 interface = "virtual"
+channel = "l"
 [[can]]
 name = "right"
 interface = "virtual"
+channel = "r"
 [[axis]]
 do_id = 1
 node_id = 1
@@ -141,7 +143,7 @@ def test_missing_files_are_named(tmp_path: Path) -> None:
         load_config(tmp_path / "none.toml")
     path = tmp_path / "c.toml"
     path.write_text(BASE.replace("simulate = true", 'eds = "nowhere.eds"'))
-    with pytest.raises(GatewayError, match=r'eds = "nowhere\.eds" is not a file'):
+    with pytest.raises(GatewayError, match=r'eds = ".*nowhere\.eds" is not a file'):
         load_config(path)
 
 

@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+import copy
 import logging
+import logging.handlers
+import queue
 import signal
 import sys
+import threading
+from contextlib import ExitStack
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
 import can
 import typer
+from pydantic import ValidationError
+from pydantic_core import ErrorDetails
 from rich.console import Console
 from rich.logging import RichHandler
 
@@ -29,20 +36,61 @@ class LogLevel(StrEnum):
     ERROR = "error"
 
 
-def set_up_logging(level: LogLevel, file: Path | None) -> None:
-    """The gateway's log on standard error (coloured on a terminal) or in a file; other libraries only warn."""
+def set_up_logging(level: LogLevel, file: Path | None) -> logging.handlers.QueueListener:
+    """The gateway's log on standard error (coloured on a terminal) or in a file; other libraries only warn.
+
+    Written by a thread of its own (stop it at the end): a terminal that does not take it must not stop the drives.
+    """
     handler: logging.Handler
     if file is not None:
-        handler = logging.FileHandler(file, encoding="utf-8")
+        try:
+            handler = logging.FileHandler(file, encoding="utf-8")
+        except OSError as error:
+            raise _unwritable("--log-file", file, error) from error
     elif sys.stderr.isatty():
         handler = RichHandler(console=Console(stderr=True), show_path=False, log_time_format="%H:%M:%S.%f")
     else:
         handler = logging.StreamHandler()
     if not isinstance(handler, RichHandler):
         handler.setFormatter(logging.Formatter("%(asctime)s.%(msecs)03d %(levelname)-7s %(message)s", "%H:%M:%S"))
-    logging.basicConfig(level=logging.ERROR, handlers=[handler], force=True)
+    records: queue.SimpleQueue[logging.LogRecord] = queue.SimpleQueue()
+    listener = logging.handlers.QueueListener(records, handler)
+    logging.basicConfig(level=logging.ERROR, handlers=[logging.handlers.QueueHandler(records)], force=True)
     logging.getLogger("canopen").setLevel(logging.CRITICAL)  # the drive client reports what concerns the user
     logging.getLogger("gateway").setLevel(level.value.upper())
+    listener.start()
+    return listener
+
+
+def _unwritable(option: str, file: Path, error: OSError) -> GatewayError:
+    return GatewayError(f"{option} {file}: cannot be written ({error.strerror or error})")
+
+
+class CanRecorder:
+    """Writes the frames of all networks to a file, on a thread of its own."""
+
+    def __init__(self, file: Path) -> None:
+        try:
+            self._writer = can.CanutilsLogWriter(file)
+        except OSError as error:
+            raise _unwritable("--can-log", file, error) from error
+        self._frames: queue.SimpleQueue[can.Message | None] = queue.SimpleQueue()
+        self._thread = threading.Thread(target=self._write, name="CAN log", daemon=True)
+        self._thread.start()
+
+    def record(self, message: can.Message) -> None:
+        """Called on the cyclic and reading threads, whose messages are used again: a copy is queued."""
+        self._frames.put(copy.copy(message))
+
+    def stop(self) -> None:
+        """Everything recorded is in the file afterwards."""
+        self._frames.put(None)
+        self._thread.join()
+        self._writer.stop()
+
+    def _write(self) -> None:
+        while (message := self._frames.get()) is not None:
+            self._writer.on_message_received(message)
 
 
 def _with_options(config: GatewayConfig, updates: dict[str, object]) -> GatewayConfig:
@@ -51,7 +99,18 @@ def _with_options(config: GatewayConfig, updates: dict[str, object]) -> GatewayC
         return config
     document = config.model_dump()
     document["transport"] |= given
-    return GatewayConfig.model_validate(document)
+    try:
+        return GatewayConfig.model_validate(document)
+    except ValidationError as error:
+        raise GatewayError("\n".join(_explain(detail) for detail in error.errors())) from error
+
+
+def _explain(detail: ErrorDetails) -> str:
+    message = detail["msg"].removeprefix("Value error, ")
+    key = detail["loc"][-1] if detail["loc"] else ""
+    if detail["loc"][:1] != ("transport",) or len(detail["loc"]) == 1:
+        return message
+    return f"--{str(key).replace('_', '-')} {detail['input']}: {message}"
 
 
 def run(
@@ -71,36 +130,31 @@ def run(
     log_file: Annotated[Path | None, typer.Option(help="Log here instead of standard error.")] = None,
 ) -> None:
     """Run the gateway until SIGINT or SIGTERM; the drives are stopped and disabled first."""
-    set_up_logging(log_level, log_file)
     if simulate == (config is not None):
         raise GatewayError("give either a configuration file or --simulate")
-    try:
-        chosen = simulated(telegram, axes) if config is None else load_config(config)
-        chosen = _with_options(
-            chosen,
-            {
-                "listen": listen,
-                "cyclic_port": cyclic_port,
-                "acyclic_port": acyclic_port,
-                "cycle_time_ms": cycle_time_ms,
-                "status_port": status_port,
-            },
-        )
-    except ValueError as error:
-        details = error.errors() if hasattr(error, "errors") else []
-        raise GatewayError("; ".join(str(detail["msg"]) for detail in details) or str(error)) from error
-    daemon = Daemon(chosen)
-    recorder = None
-    if can_log is not None:
-        recorder = can.CanutilsLogWriter(can_log)
-        for network in daemon.networks.values():
-            network.listeners.append(recorder.on_message_received)
-    if chosen.transport.status_port:
-        daemon.services.append(StatusServer(daemon, chosen.transport.status_port))
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: daemon.stop())
-    try:
-        daemon.run()
-    finally:
+    chosen = simulated(telegram, axes) if config is None else load_config(config)
+    chosen = _with_options(
+        chosen,
+        {
+            "listen": listen,
+            "cyclic_port": cyclic_port,
+            "acyclic_port": acyclic_port,
+            "cycle_time_ms": cycle_time_ms,
+            "status_port": status_port,
+        },
+    )
+    with ExitStack() as at_end:
+        at_end.callback(set_up_logging(log_level, log_file).stop)
+        recorder = CanRecorder(can_log) if can_log is not None else None
         if recorder is not None:
-            recorder.stop()
+            at_end.callback(recorder.stop)
+        daemon = Daemon(chosen)
+        at_end.callback(daemon.release)
+        if recorder is not None:
+            for network in daemon.networks.values():
+                network.listeners.append(recorder.record)
+        if chosen.transport.status_port:
+            daemon.services.append(StatusServer(daemon, chosen.transport.status_port))
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, lambda *_: daemon.stop())
+        daemon.run()

@@ -21,7 +21,11 @@ def fetch(port: int) -> dict[str, Any]:
             text = b"".join(iter(lambda: connection.recv(65536), b""))
     except OSError as error:
         raise GatewayError(f"no gateway answers on 127.0.0.1 port {port} ({error.strerror or error})") from error
-    document: dict[str, Any] = json.loads(text)
+    try:
+        document: dict[str, Any] = json.loads(text)
+        document["plc"], document["axes"]
+    except (ValueError, TypeError, KeyError) as error:
+        raise GatewayError(f"127.0.0.1 port {port}: what answers there is no gateway") from error
     return document
 
 
