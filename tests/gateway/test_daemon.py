@@ -1,0 +1,325 @@
+"""The daemon in this process: real sockets on loopback, simulated drives on virtual buses."""
+
+from __future__ import annotations
+
+import socket
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+import pytest
+
+from ds301.errors import CanopenError
+from dsp402.states import State
+from gateway.config import GatewayConfig, parse_config
+from gateway.daemon import Daemon
+from gateway.errors import GatewayError
+from gateway.status import StatusServer, snapshot
+from gateway.transport.cyclic import Verdict
+from gateway.transport.udp import UdpSocket
+from profidrive.telegrams import telegram
+from tests.endtoend.processes import free_tcp_port
+from tests.support import buses
+from tools.commands.status import fetch
+from tools.plc.endpoint import PlcEndpoint
+
+OFF, ON = 0x047E, 0x047F
+MS = 1_000_000
+
+
+def configuration(axes: str, *, can: str = "", transport: str = "") -> GatewayConfig:
+    """Free ports, buses of their own; ``axes`` are complete tables."""
+    can = can or f'[can]\ninterface = "virtual"\nchannel = "{buses.channel()}"\n'
+    head = f"{can}[transport]\ncyclic_port = 0\nacyclic_port = 0\nstatus_port = 0\n{transport}\n"
+    return parse_config(head + axes)
+
+
+def axis(number: int, *, telegram_number: int = 1, more: str = "simulate = true") -> str:
+    return f"[[axis]]\ndo_id = {number}\nnode_id = {number}\ntelegram = {telegram_number}\n{more}\n"
+
+
+class Plc:
+    """Sends a frame for each one it takes; ``silent`` only listens."""
+
+    def __init__(self, daemon: Daemon, numbers: list[int], source: str = "127.0.0.1") -> None:
+        self.daemon = daemon
+        self.endpoint = PlcEndpoint([telegram(n) for n in numbers], daemon.cycle_ns)
+        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.socket.bind((source, 0))
+        self.socket.connect(daemon.socket.address)
+        self.socket.settimeout(max(0.004, daemon.cycle_ns / 1e9))
+        self.silent = False
+
+    def exchange(self) -> None:
+        if not self.silent:
+            self.socket.send(self.endpoint.build())
+        try:
+            while True:
+                self.endpoint.receive(self.socket.recv(2048))
+        except TimeoutError:
+            return
+
+    def until(self, condition: Callable[[], object], what: str) -> None:
+        deadline = time.monotonic() + 20
+        while not condition():
+            assert time.monotonic() < deadline, f"{what}: {self.endpoint.actuals} {snapshot(self.daemon)}"
+            self.exchange()
+
+    def value(self, name: str, index: int = 0) -> int:
+        actuals = self.endpoint.actuals[index]
+        return -1 if actuals is None else actuals[name]
+
+    def state(self, index: int = 0) -> int:
+        return self.value("ZSW1", index) & 0x4F
+
+    def enable(self, index: int = 0) -> None:
+        self.endpoint.set(index, {"STW1": OFF})
+        self.until(lambda: self.state(index) == 0x01, "ready")
+        self.endpoint.set(index, {"STW1": ON})
+        self.until(lambda: self.state(index) == 0x07, "operation")
+
+
+@contextmanager
+def running(config: GatewayConfig, before: Callable[[Daemon], None] | None = None) -> Iterator[Daemon]:
+    daemon = Daemon(config)
+    if before is not None:
+        before(daemon)
+    thread = threading.Thread(target=daemon.run)
+    thread.start()
+    try:
+        yield daemon
+    finally:
+        daemon.stop()
+        thread.join(20)
+        assert not thread.is_alive(), "the daemon ends in bounded time"
+
+
+def test_two_buses_carry_nodes_of_the_same_number() -> None:
+    can = "".join(
+        f'[[can]]\nname = "{name}"\ninterface = "virtual"\nchannel = "{buses.channel()}"\n' for name in ("l", "r")
+    )
+    axes = "".join(
+        f'[[axis]]\ndo_id = {n}\nnode_id = 5\ntelegram = 1\ncan = "{bus}"\nsimulate = true\n'
+        for n, bus in ((1, "l"), (2, "r"))
+    )
+    with running(configuration(axes, can=can)) as daemon:
+        plc = Plc(daemon, [1, 1])
+        plc.endpoint.set(1, {"STW1": OFF, "NSOLL_A": 0x1000})
+        plc.enable(1)
+        plc.until(lambda: plc.value("NIST_A", 1) == 0x1000, "750 rpm")
+        assert plc.value("NIST_A", 0) == 0
+        assert [drive.model.state for drive in daemon.simulated] == [State.SWITCH_ON_DISABLED, State.OPERATION_ENABLED]
+
+
+@pytest.mark.parametrize("more", ["", "sync = true"])
+def test_a_very_long_cycle_keeps_the_drive_guarded_and_online(more: str) -> None:
+    """Heartbeats and TPDOs do not depend on the cycle of the PLC."""
+    config = configuration(axis(1, more=f"simulate = true\n{more}"), transport="cycle_time_ms = 400")
+    with running(config) as daemon:
+        plc = Plc(daemon, [1])
+        plc.enable()
+        for _ in range(3):
+            plc.exchange()
+        assert plc.state() == 0x07
+        assert [fault.text for fault in daemon.axes[0].faults] == []
+
+
+def test_a_silent_plc_can_watch_the_axis_stop_and_a_standing_on_does_not_restart_it() -> None:
+    with running(configuration(axis(1))) as daemon:
+        plc = Plc(daemon, [1])
+        plc.endpoint.set(0, {"NSOLL_A": 0x2000})
+        plc.enable()
+        plc.until(lambda: plc.value("NIST_A") == 0x2000, "1500 rpm")
+        plc.silent = True
+        plc.until(lambda: plc.state() == 0x40 and plc.value("NIST_A") == 0, "stopped")
+        assert not plc.endpoint.setpoints_used[0]
+        assert [fault.number for fault in daemon.axes[0].faults] == [103]
+        plc.silent = False
+        plc.until(lambda: daemon.endpoint.connected and plc.endpoint.setpoints_used[0], "connected again")
+        for _ in range(10):
+            plc.exchange()
+        assert plc.state() == 0x40
+        plc.enable()
+
+
+def test_another_controller_takes_over_only_after_the_loss_of_the_first() -> None:
+    with running(configuration(axis(1))) as daemon:
+        first, second = Plc(daemon, [1]), Plc(daemon, [1])
+        first.enable()
+        for _ in range(5):
+            second.socket.send(second.endpoint.build())
+            first.exchange()
+        assert daemon.endpoint.counters[Verdict.FOREIGN_SENDER] == 5
+        assert first.state() == 0x07
+        second.until(lambda: second.endpoint.setpoints_used[0], "taken")
+
+
+def test_a_node_that_does_not_answer_is_reported_and_stops_nobody_else() -> None:
+    with running(configuration(axis(1) + axis(2, more="sdo_timeout_ms = 20"))) as daemon:
+        plc = Plc(daemon, [1, 1])
+        plc.enable(0)
+        plc.until(lambda: "no answer from node 2" in daemon.axes[1].drive.status_text, "reported")
+        plc.exchange()
+        assert plc.endpoint.actuals[1] is None, "IOPS BAD"
+        assert plc.state(0) == 0x07
+
+
+def test_a_drive_that_fails_is_lost_and_comes_back_without_motion() -> None:
+    with running(configuration(axis(1))) as daemon:
+        plc = Plc(daemon, [1])
+        plc.endpoint.set(0, {"NSOLL_A": 0x1000})
+        plc.enable()
+        drive = daemon.simulated[0]
+        drive.do(lambda node: node.receive(0, bytes((129, 1)), time.monotonic_ns()))
+        plc.until(lambda: plc.endpoint.actuals[0] is None, "IOPS BAD")
+        plc.until(lambda: daemon.axes[0].drive.generation == 2 and plc.endpoint.actuals[0] is not None, "back")
+        for _ in range(20):
+            plc.exchange()
+        assert plc.state() == 0x40
+        assert {101, 105} & {fault.number for fault in daemon.axes[0].faults}
+        plc.enable()
+
+
+def test_a_fault_of_the_drive_reaches_the_axis_under_its_number() -> None:
+    seen: list[int] = []
+    with running(
+        configuration(axis(1)), lambda d: d.axes[0].fault_listeners.append(lambda fault: seen.append(fault.number))
+    ) as daemon:
+        plc = Plc(daemon, [1])
+        plc.enable()
+        daemon.simulated[0].inject(7)
+        plc.until(lambda: plc.state() & 0x08, "fault in ZSW1")
+        plc.until(lambda: seen == [7], "fault recorded")
+
+
+def test_a_flood_of_datagrams_delays_no_cycle() -> None:
+    with running(configuration(axis(1))) as daemon:
+        plc = Plc(daemon, [1])
+        plc.enable()
+        stopping = threading.Event()
+
+        def flood() -> None:
+            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as intruder:
+                while not stopping.is_set():
+                    for _ in range(50):
+                        intruder.sendto(b"flood", daemon.socket.address)
+                    stopping.wait(0.0005)
+
+        thread = threading.Thread(target=flood)
+        thread.start()
+        try:
+            cycles = daemon.cycles
+            plc.until(lambda: daemon.cycles > cycles + 50, "cycles go on")
+        finally:
+            stopping.set()
+            thread.join()
+        assert daemon.axes[0].drive.generation == 1, "the drive never missed its heartbeat"
+
+
+def test_stop_brings_a_turning_drive_to_rest_then_pre_operational() -> None:
+    with running(configuration(axis(1, more='simulate = true\non_plc_loss = "ramp"'))) as daemon:
+        plc = Plc(daemon, [1])
+        plc.endpoint.set(0, {"NSOLL_A": 0x2000})
+        plc.enable()
+        plc.until(lambda: plc.value("NIST_A") == 0x2000, "1500 rpm")
+        model = daemon.simulated[0].model
+        plc.silent = True
+        daemon.stop()
+        plc.until(lambda: model.state is State.SWITCH_ON_DISABLED or model.state is State.READY_TO_SWITCH_ON, "off")
+        assert model.emcy == []
+    assert daemon.axes[0].drive.status_text == "stopped"
+    assert not daemon.axes[0].powered
+
+
+def test_another_telegram_is_selected_only_out_of_operation() -> None:
+    with running(configuration(axis(1))) as daemon:
+        plc = Plc(daemon, [1])
+        plc.enable()
+        with pytest.raises(GatewayError, match="cannot be selected while the axis is in operation"):
+            daemon.change_telegram(daemon.axes[0], 2).result(10)
+        plc.endpoint.set(0, {"STW1": OFF})
+        plc.until(lambda: plc.state() == 0x01, "off")
+        sent = daemon.endpoint.sent
+        daemon.change_telegram(daemon.axes[0], 2).result(10)
+        other = Plc(daemon, [2])
+        other.enable()
+        assert daemon.endpoint.sent > sent, "counts go on"
+        assert daemon.axes[0].drive.generation == 2
+
+
+def test_an_action_that_fails_reports_to_its_caller_and_the_loop_goes_on() -> None:
+    with running(configuration(axis(1))) as daemon:
+
+        def fail() -> None:
+            raise GatewayError("no")
+
+        with pytest.raises(GatewayError, match="no"):
+            daemon.call(fail).result(10)
+        daemon.call(lambda: None).result(10)
+
+
+def test_a_service_that_cannot_start_ends_the_daemon_and_gives_everything_back() -> None:
+    class Broken:
+        def start(self) -> None:
+            raise GatewayError("port in use")
+
+        def stop(self) -> None:
+            raise AssertionError("never started")
+
+    daemon = Daemon(configuration(axis(1)))
+    daemon.services.append(Broken())
+    with pytest.raises(GatewayError, match="port in use"):
+        daemon.run()
+    assert not daemon.simulated[0].running
+
+
+def test_what_was_opened_is_closed_when_a_bus_is_missing() -> None:
+    taken = UdpSocket("127.0.0.1", 0, "test")
+    port = taken.address[1]
+    taken.close()
+    config = configuration(axis(1, more=""), can='[can]\ninterface = "socketcan"\nchannel = "nocan9"\n')
+    config = config.model_copy(update={"transport": config.transport.model_copy(update={"cyclic_port": port})})
+    with pytest.raises(CanopenError, match="nocan9"):
+        Daemon(config)
+    UdpSocket("127.0.0.1", port, "test").close()
+
+
+def test_status_tells_axes_reasons_and_counters() -> None:
+    port = free_tcp_port()
+    with running(configuration(axis(1)), lambda d: d.services.append(StatusServer(d, port))) as daemon:
+        plc = Plc(daemon, [1])
+        plc.until(lambda: plc.state() == 0x40, "online")
+        # Who connects and leaves disturbs nobody.
+        socket.create_connection(("127.0.0.1", port)).close()
+        document = fetch(port)
+        assert document["plc"]["frames"]["accepted"] > 0
+        entry = document["axes"][0]
+        assert (entry["telegram"], entry["drive"], entry["state"]) == (1, "online", "Switch On Disabled")
+        assert "STW1.10" in entry["reason"]
+
+
+def test_status_port_in_use_is_named() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        daemon = Daemon(configuration(axis(1)))
+        try:
+            with pytest.raises(GatewayError, match=f"status port: 127.0.0.1 port {port} cannot be used"):
+                StatusServer(daemon, port)
+        finally:
+            daemon.release()
+
+
+def test_what_is_no_gateway_on_the_status_port_is_told() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def answer() -> None:
+            connection, _ = server.accept()
+            with connection:
+                connection.sendall(b"SSH-2.0\r\n")
+
+        thread = threading.Thread(target=answer)
+        thread.start()
+        with pytest.raises(GatewayError, match="what answers there is no gateway"):
+            fetch(server.getsockname()[1])
+        thread.join()
