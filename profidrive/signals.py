@@ -26,6 +26,8 @@ class Bit:
     name: str
     meaning: str
     width: int = 1
+    signed: bool = False
+    """A bit range that holds a two's complement number."""
 
     @property
     def mask(self) -> int:
@@ -33,7 +35,8 @@ class Bit:
 
     def of(self, word: int) -> int:
         """The value of this field in a word."""
-        return (word & self.mask) >> self.position
+        value = (word & self.mask) >> self.position
+        return value - (1 << self.width) if self.signed and value >> (self.width - 1) else value
 
 
 @dataclass(frozen=True, slots=True)
@@ -200,7 +203,7 @@ CATALOGUE: tuple[Signal, ...] = (
         "traversing block selection",
         "",
         (
-            Bit(0, "HOMING_METHOD", "homing method (signed)", 8),
+            Bit(0, "HOMING_METHOD", "homing method", 8, signed=True),
             Bit(15, "MDI", "MDI sub mode selected"),
         ),
     ),
@@ -211,7 +214,7 @@ CATALOGUE: tuple[Signal, ...] = (
         "traversing block active",
         "",
         (
-            Bit(0, "HOMING_METHOD", "actual homing method (signed)", 8),
+            Bit(0, "HOMING_METHOD", "actual homing method", 8, signed=True),
             Bit(15, "MDI_ACTIVE", "MDI sub mode active"),
         ),
     ),
@@ -270,7 +273,7 @@ CATALOGUE: tuple[Signal, ...] = (
         _U16,
         "modes of operation",
         "",
-        (Bit(0, "MODE", "mode of operation (signed)", 8), Bit(8, "RESERVED", "reserved, 0", 8)),
+        (Bit(0, "MODE", "mode of operation", 8, signed=True), Bit(8, "RESERVED", "reserved, 0", 8)),
     ),
     Signal("Target Torque", 0, _I16, "target torque", "1/1000 rated current"),
     Signal("Target Position", 0, _I32, "target position", "increments"),
@@ -289,7 +292,7 @@ CATALOGUE: tuple[Signal, ...] = (
         _U16,
         "modes of operation display",
         "",
-        (Bit(0, "MODE", "mode of operation (signed)", 8), Bit(8, "RESERVED", "0", 8)),
+        (Bit(0, "MODE", "mode of operation", 8, signed=True), Bit(8, "RESERVED", "0", 8)),
     ),
     Signal("Position Actual Value", 0, _I32, "position actual value", "increments"),
     Signal("Velocity Demand Value", 0, _I32, "velocity demand value", "velocity units"),

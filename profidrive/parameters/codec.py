@@ -70,6 +70,8 @@ class Values:
         """For the reader: the values, or the error in words."""
         if isinstance(self.values, bytes):
             return self.values.decode("latin-1") if self.format is DataType.VISIBLE_STRING else self.values.hex(" ")
+        if self.format is DataType.ZERO:
+            return "written"
         if self.failed:
             where = f", subindex {self.values[1]}" if len(self.values) > 1 else ""
             return f"error {int(self.values[0]):02X}h: {error_text(int(self.values[0]))}{where}"
