@@ -55,7 +55,10 @@ def set_up_logging(level: LogLevel, file: Path | None) -> logging.handlers.Queue
         handler.setFormatter(logging.Formatter("%(asctime)s.%(msecs)03d %(levelname)-7s %(message)s", "%H:%M:%S"))
     records: queue.SimpleQueue[logging.LogRecord] = queue.SimpleQueue()
     listener = logging.handlers.QueueListener(records, handler)
-    logging.basicConfig(level=logging.ERROR, handlers=[logging.handlers.QueueHandler(records)], force=True)
+    to_listener = logging.handlers.QueueHandler(records)
+    # The queue's side must not format: basicConfig would give it a format of its own, in front of the listener's.
+    to_listener.setFormatter(logging.Formatter("%(message)s"))
+    logging.basicConfig(level=logging.ERROR, handlers=[to_listener], force=True)
     logging.getLogger("canopen").setLevel(logging.CRITICAL)  # the drive client reports what concerns the user
     logging.getLogger("gateway").setLevel(level.value.upper())
     listener.start()
