@@ -17,6 +17,8 @@ _STUFFED_OVERHEAD_BITS = 34
 
 def frame_bits(size: int, *, worst: bool = True) -> int:
     """Bit times of a standard frame with ``size`` data bytes, interframe space included."""
+    if not 0 <= size <= 8:
+        raise CanopenError("data bytes of a CAN frame", size, "0..8")
     bits = _OVERHEAD_BITS + 8 * size
     return bits + (_STUFFED_OVERHEAD_BITS + 8 * size - 1) // 4 if worst else bits
 
@@ -32,6 +34,8 @@ class CyclicFrames:
 
 def bus_load(frames: Sequence[CyclicFrames], bitrate: int) -> float:
     """Worst-case share of the bus, 1.0 = full."""
+    if bitrate <= 0:
+        raise CanopenError("bitrate", bitrate, "above 0 bit/s")
     return sum(frame_bits(frame.size) * frame.per_second for frame in frames) / bitrate
 
 

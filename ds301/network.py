@@ -6,6 +6,7 @@ canopen's network (NMT, SDO, EMCY, heartbeat). Sending never waits for the acycl
 
 from __future__ import annotations
 
+import struct
 import threading
 import time
 from collections.abc import Callable
@@ -16,10 +17,14 @@ import canopen
 PdoCallback = Callable[[bytes, int], None]
 """(data, monotonic receive time in ns), called on the reader thread."""
 FrameListener = Callable[[can.Message], None]
-"""Sees every frame sent and received (``is_rx`` tells); called on the sending or reading thread, must only queue."""
+"""Sees every frame sent and received (``is_rx`` tells); called on the sending or reading thread.
+
+It must only queue, and queue a copy: the sender uses its message again in the next cycle."""
 
 _RECEIVE_TIMEOUT = 0.2
 _RETRY_SECONDS = 0.1
+_BUS_OFF = 0x40
+"""The bit of an error frame's identifier that says bus-off (SocketCAN, linux/can/error.h)."""
 
 
 class _AcyclicNetwork(canopen.Network):  # type: ignore[misc]
@@ -45,10 +50,15 @@ class CanNetwork:
         self.sent = 0
         self.received = 0
         self.send_errors = 0
+        self.error_frames = 0
+        self.malformed = 0
+        """Frames of an acyclic service that could not be decoded, for example an EMCY of 3 bytes; ignored."""
         self.healthy = True
         """False from a bus-off or a send error until a frame passes again."""
         self.listeners: list[FrameListener] = []
         self._pdos: dict[int, PdoCallback] = {}
+        # Reentrant, because an in-process bus may answer inside send.
+        self._sending = threading.RLock()
         self._stopping = threading.Event()
         self._reader = threading.Thread(target=self._read, name=f"{name} reader", daemon=True)
 
@@ -78,7 +88,8 @@ class CanNetwork:
     def send_message(self, message: can.Message) -> bool:
         """As ``send``, for any frame."""
         try:
-            self.bus.send(message)
+            with self._sending:
+                self.bus.send(message)
         except (can.CanError, OSError):
             self.send_errors += 1
             self.healthy = False
@@ -113,7 +124,10 @@ class CanNetwork:
 
     def _dispatch(self, message: can.Message) -> None:
         if message.is_error_frame:
-            self.healthy = False
+            self.error_frames += 1
+            # A single disturbed frame is repeated by the controller; only bus-off ends the traffic.
+            if message.arbitration_id & _BUS_OFF or self.bus.state is can.BusState.ERROR:
+                self.healthy = False
             return
         self.received += 1
         self.healthy = True
@@ -125,4 +139,8 @@ class CanNetwork:
         if callback is not None:
             callback(bytes(message.data), time.monotonic_ns())
         else:
-            self.canopen.notify(message.arbitration_id, message.data, message.timestamp)
+            try:
+                self.canopen.notify(message.arbitration_id, message.data, message.timestamp)
+            except (struct.error, IndexError, ValueError):
+                # canopen unpacks unchecked: one node's bad frame must not end the reader of all of them.
+                self.malformed += 1

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 from ds301.objects import CanType
 from ds301.pdo import COB_ID_INVALID, Pdo, PdoDirection
+from dsp402.errors import Dsp402Error
 from dsp402.pdo import PdoLayout
 
 CONSUMER_HEARTBEAT = (0x1016, 1)
@@ -30,6 +31,12 @@ class SdoStep:
     value: int
     meaning: str
     optional: bool = False
+
+    def __post_init__(self) -> None:
+        bits = self.type.bits
+        low, high = (-1 << bits - 1, (1 << bits - 1) - 1) if self.type.char.islower() else (0, (1 << bits) - 1)
+        if not low <= self.value <= high:
+            raise Dsp402Error(f"{self.meaning} {self.index:04X}h/{self.subindex}", self.value, f"{low}..{high}")
 
     @property
     def data(self) -> bytes:
@@ -84,7 +91,14 @@ def pdo_steps(
 
 
 def guard_steps(gateway_node_id: int, consumer_ms: int, producer_ms: int, abort_option: int) -> list[SdoStep]:
-    """Heartbeat both ways and what the drive does when the gateway's stops; each is read back."""
+    """Heartbeat both ways and what the drive does when the gateway's stops; each is read back.
+
+    Dsp402Error when a time does not fit into its object (65535 ms) or the node-ID is none.
+    """
+    if not 1 <= gateway_node_id <= 127:
+        raise Dsp402Error("gateway node-ID", gateway_node_id, "1..127")
+    if not 0 <= consumer_ms <= 0xFFFF:
+        raise Dsp402Error("heartbeat consumer time", f"{consumer_ms} ms", "0..65535 ms")
     return [
         SdoStep(*CONSUMER_HEARTBEAT, CanType.U32, gateway_node_id << 16 | consumer_ms, "the drive guards the gateway"),
         SdoStep(*ABORT_OPTION, CanType.I16, abort_option, "reaction to a lost gateway"),

@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import enum
 import queue
+import struct
 import threading
 import time
 from collections.abc import Callable
@@ -21,9 +22,11 @@ import can
 import canopen
 from canopen.sdo import SdoAbortedError, SdoCommunicationError
 
-from ds301.aborts import abort_text
+from ds301.aborts import Abort, abort_text
 from ds301.emcy import emcy_text
+from ds301.errors import CanopenError
 from ds301.network import CanNetwork
+from ds301.objects import CanType
 from ds301.pdo import Pdo
 from ds301.simulator import NmtCommand
 from dsp402.configuration import SdoStep, guard_steps, pdo_steps
@@ -34,6 +37,8 @@ from dsp402.modes import Mode
 from dsp402.pdo import PdoLayout
 
 T = TypeVar("T")
+_Job = tuple[Future[Any], Callable[[], None]]
+"""What a caller waits for, and the call that answers it."""
 
 
 class DriveStatus(enum.Enum):
@@ -103,16 +108,23 @@ _ACYCLIC_PDO_NS = 100 * MS
 class _Slot:
     """The newest frame of one TPDO: written by the reader thread, taken by the cyclic one."""
 
-    __slots__ = ("data", "pdo", "taken", "time")
+    __slots__ = ("data", "errors", "pdo", "taken", "time")
 
     def __init__(self, pdo: Pdo) -> None:
         self.pdo = pdo
         self.data: bytes | None = None
         self.taken: bytes | None = None
         self.time = 0
+        self.errors = 0
 
     def receive(self, data: bytes, now: int) -> None:
-        """Called by the reader thread; an assignment of one reference needs no lock."""
+        """Called by the reader thread; an assignment of one reference needs no lock.
+
+        A frame shorter than the mapping is no sign of life: its values would be kept for ever.
+        """
+        if len(data) < self.pdo.size:
+            self.errors += 1
+            return
         self.data = data
         self.time = now
 
@@ -165,11 +177,9 @@ class DriveClient:
         self.homing_method = 0
         self.generation = 0
         """Counts completed configurations, so that the axis sees each restart exactly once."""
-        self.length_errors = 0
-        """TPDOs shorter than their mapping, ignored."""
+        self._old_length_errors = 0
         self.dictionary = load_eds(settings.eds or EDS_PATH, settings.node_id)
         self._node = canopen.RemoteNode(settings.node_id, self.dictionary)
-        self._node.sdo.RESPONSE_TIMEOUT = settings.sdo_timeout_ms / 1000
         self._slots: list[_Slot] = []
         self._senders: list[_Sender] = []
         self._acyclic_rpdos: list[_Sender] = []
@@ -181,10 +191,14 @@ class DriveClient:
         self._booted = threading.Event()
         self._stopping = threading.Event()
         self._reconfigure = threading.Event()
-        self._jobs: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
+        self._jobs: queue.SimpleQueue[_Job | None] = queue.SimpleQueue()
         self._worker = threading.Thread(target=self._run, name=f"drive {settings.node_id}", daemon=True)
-        self._timeout_ns = settings.tpdo_event_ms * settings.tpdo_timeout_factor * MS
-        self._refresh_ns = settings.rpdo_refresh_ms * MS
+        self._apply_times()
+
+    @property
+    def length_errors(self) -> int:
+        """TPDOs shorter than their mapping, ignored."""
+        return self._old_length_errors + sum(slot.errors for slot in self._slots)
 
     # -- any thread ---------------------------------------------------------------------------------------------------
 
@@ -208,11 +222,6 @@ class DriveClient:
             return future
 
         def run() -> None:
-            if not future.set_running_or_notify_cancel():
-                return
-            if self.status is not DriveStatus.ONLINE:
-                future.set_exception(self._not_online())
-                return
             try:
                 result = job(self)
             except Exception as error:  # whatever the job raised belongs to whoever asked for it
@@ -220,7 +229,9 @@ class DriveClient:
             else:
                 future.set_result(result)
 
-        self._jobs.put(run)
+        self._jobs.put((future, run))
+        if self.status is not DriveStatus.ONLINE:  # lost since the question above: nobody may come to take the job
+            self._fail_jobs()
         return future
 
     def stop(self) -> None:
@@ -234,14 +245,23 @@ class DriveClient:
         self._nmt(NmtCommand.ENTER_PRE_OPERATIONAL)
         self.status = DriveStatus.OFFLINE
         self.status_text = "stopped"
+        self._fail_jobs()
+        self._unsubscribe_pdos()
+        network, node_id = self.network.canopen, self.settings.node_id
+        if network.nodes.get(node_id) is self._node:
+            del network[node_id]
+            network.unsubscribe(0x700 + node_id, self._on_heartbeat)
+            network.unsubscribe(0x80 + node_id, self._on_emcy)
 
     def reconfigure(self, layout: PdoLayout, settings: DriveSettings) -> None:
         """Another telegram: map the PDOs anew; the drive must not be in operation."""
         self._sending = False
         self.layout = layout
         self.settings = settings
+        self._apply_times()
         self._reconfigure.set()
         self._jobs.put(None)
+        self._booted.set()  # a refused drive need not wait for its next try
 
     # -- cyclic thread ------------------------------------------------------------------------------------------------
 
@@ -253,10 +273,8 @@ class DriveClient:
             data = slot.data
             if data is not slot.taken:
                 slot.taken = data
-                if data is not None and len(data) >= slot.pdo.size:
+                if data is not None:
                     slot.pdo.unpack_into(data, self.feedback)
-                else:
-                    self.length_errors += 1
             if slot.time < oldest:
                 fresh = False
         return fresh
@@ -297,9 +315,30 @@ class DriveClient:
         for name, index, subindex in REFERENCE_OBJECTS:
             # An object the device does not have leaves the profile's default; every other failure is one.
             if index in self.dictionary:
-                values[name] = self.read_number(index, subindex, signed=name.startswith("position"))
+                values[name] = self._fetch(index, subindex, signed=name.startswith("position"))
         self.references = References(**values)
         return self.references
+
+    def _apply_times(self) -> None:
+        settings = self.settings
+        self._node.sdo.RESPONSE_TIMEOUT = settings.sdo_timeout_ms / 1000
+        self._timeout_ns = settings.tpdo_event_ms * settings.tpdo_timeout_factor * MS
+        self._refresh_ns = settings.rpdo_refresh_ms * MS
+
+    def _unsubscribe_pdos(self) -> None:
+        for slot in self._slots:
+            self.network.unsubscribe_pdo(slot.pdo.cob_id(self.settings.node_id))
+
+    def _fetch(self, index: int, subindex: int = 0, *, signed: bool = False) -> int:
+        """As ``read_number``, with an abort that names the object."""
+        try:
+            return self.read_number(index, subindex, signed=signed)
+        except SdoAbortedError as error:
+            raise Dsp402Error(
+                f"node {self.settings.node_id} object {index:04X}h/{subindex}",
+                abort_text(error.code),
+                "an object that can be read, as the EDS says",
+            ) from error
 
     def _run(self) -> None:
         while not self._stopping.is_set():
@@ -309,10 +348,14 @@ class DriveClient:
                 self._absent(f"no answer from node {self.settings.node_id} ({error})")
             except SdoAbortedError as error:
                 self._refuse(f"node {self.settings.node_id} aborted the configuration: {abort_text(error.code)}")
-            except Dsp402Error as error:
+            except CanopenError as error:
                 self._refuse(str(error))
+            except (struct.error, ValueError) as error:  # canopen unpacks SDO answers unchecked
+                self._refuse(f"node {self.settings.node_id} sent an SDO answer that cannot be decoded ({error})")
             else:
-                self._supervise()
+                # Brought up for a telegram that is no longer chosen, or restarted meanwhile: once more.
+                if self.status is DriveStatus.ONLINE:
+                    self._supervise()
 
     def _not_online(self) -> Dsp402Error:
         return Dsp402Error(f"drive {self.settings.node_id}", self.status.value, "online to be read or written")
@@ -321,6 +364,8 @@ class DriveClient:
         changed = status is not self.status or text != self.status_text
         self.status = status
         self.status_text = text
+        if status is not DriveStatus.ONLINE:
+            self._fail_jobs()
         if changed:
             kind = "refused" if status is DriveStatus.REFUSED else "status"
             self.on_event(DriveEvent(kind, f"{status.value}: {text}", time_ns=time.monotonic_ns()))
@@ -348,7 +393,7 @@ class DriveClient:
         self._sending = False
         # A node that was stopped answers no SDO before this; a running one stops by its abort option.
         self._nmt(NmtCommand.ENTER_PRE_OPERATIONAL)
-        device_type = self.read_number(0x1000)
+        device_type = self._fetch(0x1000)
         self._booted.clear()  # a boot-up before this answer is the one we waited for
         self._set_status(DriveStatus.CONFIGURING, "checking identity")
         self._check_identity(device_type)
@@ -359,13 +404,18 @@ class DriveClient:
             self._set_mode(self.settings.initial_mode)
         self.read_references()
         if 0x6098 in self.dictionary:
-            self.homing_method = self.read_number(0x6098, signed=True)
+            self.homing_method = self._fetch(0x6098, signed=True)
         for slot in self._slots:
             self.network.subscribe_pdo(slot.pdo.cob_id(self.settings.node_id), slot.receive)
         for pdo in self._acyclic_tpdos:
             self._read_acyclic(pdo)
+        for sender in self._acyclic_rpdos:
+            for entry in sender.pdo.entries:
+                self._fetch(entry.index, entry.subindex)
         self._nmt(NmtCommand.START)
         self._await_tpdos()
+        if self._booted.is_set() or self._reconfigure.is_set() or self._stopping.is_set():
+            return
         self._heartbeat = time.monotonic_ns()
         self.generation += 1
         self._sending = True
@@ -382,7 +432,7 @@ class DriveClient:
         ):
             if not expected:
                 continue
-            found = self.read_number(0x1018, subindex)
+            found = self._fetch(0x1018, subindex)
             if found != expected:
                 raise Dsp402Error(
                     f"node {self.settings.node_id} {what}", f"{found:08X}h", f"{expected:08X}h as the EDS says"
@@ -402,7 +452,7 @@ class DriveClient:
 
     def _configure_pdos(self) -> None:
         settings, node_id = self.settings, self.settings.node_id
-        available = [index for index in self.dictionary if 0x1400 <= index < 0x1A00]
+        available = [index for index in self.dictionary if self._has_pdo(index)]
         steps = pdo_steps(
             self.layout,
             node_id,
@@ -411,8 +461,7 @@ class DriveClient:
             event_ms=settings.tpdo_event_ms,
             inhibit_us=settings.tpdo_inhibit_us,
         )
-        for slot in self._slots:
-            self.network.unsubscribe_pdo(slot.pdo.cob_id(node_id))
+        self._unsubscribe_pdos()
         for step in steps:
             self._do(step)
         mapped = [pdo for pdo in self.layout.rpdos if pdo.communication_index in available]
@@ -424,6 +473,18 @@ class DriveClient:
         cyclic = {pdo.number for pdo in mapped} & {slot.pdo.number for slot in self._slots}
         if 1 not in cyclic:
             raise Dsp402Error("PDOs of the drive", "no RPDO 1 or TPDO 1", "at least one of each for the Controlword")
+
+    def _has_pdo(self, index: int) -> bool:
+        """Whether ``index`` is the communication parameter of a PDO that exists: in the EDS and in the device."""
+        if not (0x1400 <= index < 0x1600 or 0x1800 <= index < 0x1A00):
+            return False
+        try:
+            self.read(index, 1)
+        except SdoAbortedError as error:
+            if error.code == Abort.NO_SUCH_OBJECT:
+                return False
+            raise
+        return True
 
     def _configure_guarding(self) -> None:
         settings = self.settings
@@ -445,9 +506,9 @@ class DriveClient:
                 self.on_event(DriveEvent("status", f"not guarded: {text}", time_ns=time.monotonic_ns()))
 
     def _set_mode(self, mode: Mode) -> None:
-        self.write(0x6060, 0, mode.to_bytes(1, "little", signed=True))
+        self._do(SdoStep(0x6060, 0, CanType.I8, mode, "mode of operation"))
         deadline = time.monotonic() + _MODE_CONFIRM_S
-        while (shown := self.read_number(0x6061, signed=True)) != mode:
+        while (shown := self._fetch(0x6061, signed=True)) != mode:
             if time.monotonic() > deadline:
                 raise Dsp402Error("6061h", shown, f"{mode.value} within {_MODE_CONFIRM_S:g} s of 6060h")
             self._stopping.wait(0.01)
@@ -455,7 +516,9 @@ class DriveClient:
     def _await_tpdos(self) -> None:
         deadline = time.monotonic() + _FIRST_TPDO_S
         while missing := [str(slot.pdo) for slot in self._slots if slot.data is None]:
-            if time.monotonic() > deadline or self._stopping.is_set():
+            if self._stopping.is_set() or self._booted.is_set():
+                return
+            if time.monotonic() > deadline:
                 raise Dsp402Error("TPDOs of the drive", f"none of {', '.join(missing)}", "each within 1 s of NMT start")
             self._stopping.wait(0.005)
 
@@ -465,8 +528,8 @@ class DriveClient:
         while not self._stopping.is_set():
             with contextlib.suppress(queue.Empty):
                 job = self._jobs.get(timeout=_SUPERVISION_S)
-                if job is not None:
-                    job()
+                if job is not None and job[0].set_running_or_notify_cancel():
+                    job[1]()
             if self._stopping.is_set():
                 return
             now = time.monotonic_ns()
@@ -476,7 +539,6 @@ class DriveClient:
             lost = self._lost(now, limit)
             if lost:
                 self._set_status(DriveStatus.LOST, lost)
-                self._fail_jobs()
                 self._give_up()
                 return
             self._exchange_acyclic(now)
@@ -501,12 +563,12 @@ class DriveClient:
             self._nmt(NmtCommand.STOP)
 
     def _fail_jobs(self) -> None:
-        """Waiting jobs find the drive lost and fail at once."""
+        """Waiting jobs fail at once, because the drive is not online."""
         with contextlib.suppress(queue.Empty):
             while True:
                 job = self._jobs.get_nowait()
-                if job is not None:
-                    job()
+                if job is not None and job[0].set_running_or_notify_cancel():
+                    job[0].set_exception(self._not_online())
 
     def _exchange_acyclic(self, now: int) -> None:
         """Objects for which the drive has no PDO: written when they change, read every 100 ms."""
@@ -514,24 +576,23 @@ class DriveClient:
         try:
             for sender in self._acyclic_rpdos:
                 if command is not None and (data := sender.pdo.pack(command)) != sender.last:
+                    sender.last = data  # a value the drive refuses is told once, not every 20 ms
                     offset = 0
                     for entry in sender.pdo.entries:
                         size = entry.type.bits // 8
                         self.write(entry.index, entry.subindex, data[offset : offset + size])
                         offset += size
-                    sender.last = data
             if self._acyclic_tpdos and now - self._acyclic_read >= _ACYCLIC_PDO_NS:
                 self._acyclic_read = now
                 for pdo in self._acyclic_tpdos:
                     self._read_acyclic(pdo)
-        except (SdoAbortedError, SdoCommunicationError) as error:
+        except (SdoAbortedError, SdoCommunicationError, Dsp402Error, struct.error) as error:
             self.on_event(DriveEvent("status", f"object without PDO: {error}", time_ns=time.monotonic_ns()))
 
     def _read_acyclic(self, pdo: Pdo) -> None:
         for entry in pdo.entries:
-            if entry.index in self.dictionary:
-                signed = entry.type.char.islower()
-                setattr(self.feedback, entry.attribute, self.read_number(entry.index, entry.subindex, signed=signed))
+            signed = entry.type.char.islower()
+            setattr(self.feedback, entry.attribute, self._fetch(entry.index, entry.subindex, signed=signed))
 
     # -- reader thread ------------------------------------------------------------------------------------------------
 

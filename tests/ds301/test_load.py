@@ -30,3 +30,14 @@ def test_a_full_bus_is_refused_with_its_numbers() -> None:
     assert check_load("can", fits, 1_000_000) <= 1
     with pytest.raises(CanopenError, match=r"bus can.*7500 frames/s at 1000000 bit/s"):
         check_load("can", [CyclicFrames("TPDO1", 8, 7500)], 1_000_000)
+
+
+@pytest.mark.parametrize("size", [-1, 9])
+def test_no_classic_frame_has_that_many_bytes(size: int) -> None:
+    with pytest.raises(CanopenError, match=r"0\.\.8"):
+        frame_bits(size)
+
+
+def test_a_bus_without_bitrate_is_refused() -> None:
+    with pytest.raises(CanopenError, match="bitrate: 0"):
+        bus_load([CyclicFrames("TPDO1", 8, 1)], 0)
