@@ -29,6 +29,7 @@ fuzz: $(STAMP)
 
 docs: $(STAMP)
 	$(BIN)/python -m tools.doctables
+	$(BIN)/python -m dsp402.device
 
 $(STAMP): pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
