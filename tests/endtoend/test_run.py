@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+import can
 import pytest
 
 from profidrive.telegrams import telegram
@@ -118,6 +119,25 @@ def test_the_gateway_survives_garbage_and_counts_it(tmp_path: Path) -> None:
         assert frames["wrong FrameID"] >= 1
 
 
+def test_log_file_and_can_log_are_complete_at_the_end(tmp_path: Path) -> None:
+    port = free_udp_port()
+    log, frames = tmp_path / "gateway.log", tmp_path / "can.log"
+    options = ["--cyclic-port", str(port), "--acyclic-port", "0", "--status-port", "0"]
+    with running(
+        "run", "--simulate", *options, "--log-file", str(log), "--can-log", str(frames), log=tmp_path / "err"
+    ) as process:
+        LittlePlc(port, [1]).enable(0)
+        process.send_signal(signal.SIGINT)
+        assert process.wait(20) == 0
+    assert (tmp_path / "err").read_text() == ""
+    assert log.read_text().rstrip().endswith("stopped")
+    recorded = [(message.arbitration_id, bytes(message.data)) for message in can.CanutilsLogReader(frames)]
+    controlwords = [data[:2].hex() for identifier, data in recorded if identifier == 0x201]
+    first = [controlwords.index(word) for word in ("0600", "0700", "0f00")]
+    assert first == sorted(first), "Shutdown, Switch On, Enable Operation in this order"
+    assert recorded[-1] == (0, bytes((0x80, 1))), "the last frame is NMT pre-operational"
+
+
 def test_provider_stop_stops_the_drive(tmp_path: Path) -> None:
     port = free_udp_port()
     options = ["--cyclic-port", str(port), "--acyclic-port", "0", "--status-port", "0"]
@@ -166,7 +186,11 @@ def test_a_port_in_use_is_named(tmp_path: Path) -> None:
         (("run",), "either a configuration file or --simulate"),
         (("run", "none.toml"), "none.toml: cannot be read"),
         (("run", "--simulate", "--telegram", "4"), "telegram = 4 is not supported"),
-        (("run", "--simulate", "--listen", "here"), "IPv4"),
+        (("run", "--simulate", "--listen", "here"), "--listen here"),
+        (("run", "--simulate", "--status-port", "70000"), "--status-port 70000"),
+        (("run", "--simulate", "--cycle-time-ms", "0"), "--cycle-time-ms 0"),
+        (("run", "--simulate", "--log-file", "/nowhere/log"), "--log-file /nowhere/log: cannot be written"),
+        (("run", "--simulate", "--can-log", "/nowhere/can.log"), "--can-log /nowhere/can.log: cannot be written"),
         (("status", "--port", "1"), "no gateway answers"),
         (("sim", "plc"), "give a scenario file or --interactive"),
         (("sim", "drive", "--interface", "bogus"), "CAN interface"),
@@ -189,7 +213,8 @@ def test_config_example_and_check(tmp_path: Path) -> None:
     path.write_text(path.read_text().replace("telegram = 1", "telegram = 5"))
     bad = pdgw("config", "check", str(path))
     assert bad.returncode == 1
-    assert "telegram = 5 is not supported" in bad.stderr
+    assert f"{path}:" in bad.stderr
+    assert "[[axis]] number 1: telegram = 5 is not supported" in bad.stderr, "brackets are no markup"
 
 
 def test_drive_simulator_obeys_its_console_and_inject(tmp_path: Path) -> None:

@@ -110,6 +110,16 @@ can = "left"
         ("bitrate = 1000000", "bitrate = 3", ["x.toml:4", "bitrate = 3"]),
         ("simulate = true", 'can = "other"', ['can = "other"', "allowed: ['can']"]),
         ("[transport]", "[transport", ["not valid TOML", "line 6"]),
+        ("telegram = 9", "telegram = true", ["x.toml:18", "telegram = True", "integer"]),
+        ("node_id = 3", 'node_id = "3"', ["x.toml:17", "node_id = '3'", "integer"]),
+        ("cycle_time_ms = 4", "cycle_time_ms = nan", ["x.toml:11", "cycle_time_ms = nan"]),
+        ("cycle_time_ms = 4", "cycle_time_ms = true", ["x.toml:11", "cycle_time_ms = True"]),
+        ("modulo_axis = true", 'modulo_axis = "yes"', ["x.toml:21", "modulo_axis = 'yes'", "boolean"]),
+        ('channel = "can0"', 'chanel = "can0"', ["chanel: unknown key", "did you mean channel?"]),
+        ("acyclic_port = 34964", "acyclic_port = 34962", ["cyclic_port and acyclic_port: both are 34962"]),
+        ("simulate = true", "tpdo_event_ms = 20\ntpdo_inhibit_us = 30000", ["tpdo_inhibit_us = 30000", "0 to 20000"]),
+        ("[can]", "store = 7\n[can]", ["x.toml:1", "store = 7"]),
+        ("[can]", "can = 7\n[cam]", ["can"]),
     ],
 )
 def test_bad_input_is_told_with_place_value_and_what_is_allowed(old: str, new: str, parts: list[str]) -> None:
@@ -136,6 +146,42 @@ def test_a_bus_that_cannot_carry_its_axes_is_refused_with_numbers() -> None:
     head = BASE.split("[[axis]]", maxsplit=1)[0].replace("cycle_time_ms = 4", "cycle_time_ms = 1")
     with pytest.raises(GatewayError, match=r"worst-case load of bus can.*frames/s"):
         parse_config(head + axes)
+
+
+@pytest.mark.parametrize("text", ["a = " + "[" * 5000, "a = " + "1" * 5000, "\0", "a = 1\na = 2"])
+def test_hostile_toml_is_refused_in_one_line(text: str) -> None:
+    with pytest.raises(GatewayError, match="not valid TOML"):
+        parse_config(text)
+
+
+def test_one_bus_cannot_be_two() -> None:
+    bus = '[[can]]\nname = "{}"\ninterface = "socketcan"\nchannel = "can0"\n'
+    axis = '[[axis]]\ndo_id = 1\nnode_id = 1\ntelegram = 1\ncan = "a"\n'
+    with pytest.raises(GatewayError, match=r"interface and channel.*used twice"):
+        parse_config(bus.format("a") + bus.format("b") + axis)
+
+
+def test_every_mistake_has_its_line() -> None:
+    text = BASE.replace("node_id = 3", "node_id = 300").replace("cycle_time_ms = 4", "cycle_time_ms = 0")
+    with pytest.raises(GatewayError) as error:
+        parse_config(text, "x.toml")
+    assert [line.split(" ")[0] for line in str(error.value).splitlines()] == ["x.toml:11:", "x.toml:17:"]
+
+
+def test_relative_files_are_beside_the_configuration(tmp_path: Path) -> None:
+    (tmp_path / "drive.eds").write_text("")
+    path = tmp_path / "c.toml"
+    path.write_text('store = "p.json"\n' + BASE.replace("simulate = true", 'eds = "drive.eds"'))
+    config = load_config(path)
+    assert config.axis[0].eds == tmp_path / "drive.eds"
+    assert config.store == tmp_path / "p.json"
+
+
+def test_a_long_cycle_does_not_silence_the_drive() -> None:
+    """The inhibit time stays below the time after which a silent drive is lost."""
+    config = parse_config(BASE.replace("cycle_time_ms = 4", "cycle_time_ms = 512"))
+    settings = config.axis[0].drive_settings(9, 512)
+    assert settings.tpdo_inhibit_us <= settings.tpdo_event_ms * 1000
 
 
 def test_missing_files_are_named(tmp_path: Path) -> None:

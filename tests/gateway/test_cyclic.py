@@ -146,6 +146,35 @@ def test_the_answer_carries_values_status_and_a_running_counter() -> None:
     assert second.c_sdu[4] == rt.IOPS_BAD
 
 
+def test_an_endpoint_with_another_telegram_goes_on_counting() -> None:
+    """A cycle counter that starts anew would look like old frames to the PLC."""
+    first, second = device(1), device(2)
+    first.receive(frame(1), PLC, 0)
+    for _ in range(5):
+        before = first.build([(0, 0)], [True])
+    second.continue_from(first)
+    after = second.build([(0,) * len(telegram(2).actuals.signals)], [True])
+    counters = [rt.RtFrame.decode(bytes(data)).cycle_counter for data in (before, after)]
+    assert rt.is_newer(counters[1], counters[0])
+    assert (second.sent, second.counters[Verdict.ACCEPTED]) == (6, 1)
+    assert second.setpoints == [None], "values of the other telegram are not taken over"
+
+
+def test_a_configured_peer_may_come_back_from_another_port_after_the_watchdog() -> None:
+    endpoint = device(peer=PLC[0])
+    endpoint.receive(frame(5), PLC, 0)
+    assert endpoint.receive(frame(6), OTHER, MS) is Verdict.FOREIGN_SENDER
+    endpoint.poll(4 * CYCLE)
+    assert endpoint.receive(frame(1), OTHER, 5 * CYCLE) is Verdict.ACCEPTED
+
+
+@pytest.mark.parametrize("counter", [11, 10 + 61440])
+def test_the_limits_of_a_newer_counter(counter: int) -> None:
+    endpoint = device()
+    endpoint.receive(frame(10), PLC, 0)
+    assert endpoint.receive(frame(counter & 0xFFFF), PLC, MS) is Verdict.ACCEPTED
+
+
 @given(data=st.binary(max_size=100))
 def test_arbitrary_datagrams_never_raise_and_are_always_counted(data: bytes) -> None:
     endpoint = device()

@@ -1,0 +1,131 @@
+"""The axis between translator and drive client: SDO work, faults, refusals, restarts. The drive is never started here."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future
+from typing import Any
+
+import pytest
+
+from ds301.network import CanNetwork
+from dsp402.drive import DriveEvent, DriveStatus
+from gateway.axis import Axis
+from gateway.config import AxisConfig
+from gateway.errors import GatewayError
+from gateway.translator.base import SdoWrite
+from tests.support import buses
+
+FIRST = (SdoWrite(0x6098, 0, 35),)
+SECOND = (SdoWrite(0x6098, 0, 17),)
+
+
+@pytest.fixture
+def axis() -> Iterator[Axis]:
+    network = CanNetwork(buses.bus(buses.channel()))
+    axis = Axis(AxisConfig(do_id=7, node_id=3, telegram=9), network, 4)
+    yield axis
+    network.close()
+
+
+@pytest.fixture
+def jobs(axis: Axis, monkeypatch: pytest.MonkeyPatch) -> list[Future[Any]]:
+    """The SDO jobs the axis gave the drive, to be finished by the test."""
+    futures: list[Future[Any]] = []
+
+    def submit(job: Callable[..., Any]) -> Future[Any]:
+        futures.append(Future())
+        return futures[-1]
+
+    monkeypatch.setattr(axis.drive, "submit", submit)
+    return futures
+
+
+def answers(axis: Axis, monkeypatch: pytest.MonkeyPatch) -> list[str | None]:
+    told: list[str | None] = []
+    monkeypatch.setattr(axis.translator, "sdo_done", told.append)
+    monkeypatch.setattr(axis.translator, "step", lambda *_: axis.actuals)
+    return told
+
+
+def test_an_sdo_request_is_performed_once_and_answered(
+    axis: Axis, jobs: list[Future[Any]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told = answers(axis, monkeypatch)
+    axis.translator.sdo_request = FIRST
+    for now in range(3):
+        axis.step(None, now)
+    assert (len(jobs), told) == (1, [])
+    jobs[0].set_exception(GatewayError("not taken"))
+    axis.step(None, 4)
+    axis.step(None, 5)
+    assert (len(jobs), told, axis.translator.sdo_request) == (1, ["not taken"], None)
+
+
+def test_the_end_of_a_withdrawn_request_does_not_answer_the_next(
+    axis: Axis, jobs: list[Future[Any]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told = answers(axis, monkeypatch)
+    axis.translator.sdo_request = FIRST
+    axis.step(None, 0)
+    axis.translator.sdo_request = SECOND
+    jobs[0].set_result(None)
+    axis.step(None, 1)
+    assert told == []
+    axis.step(None, 2)
+    assert len(jobs) == 2
+    jobs[1].set_result(None)
+    axis.step(None, 3)
+    assert told == [None]
+
+
+def test_a_refusal_that_repeats_is_one_fault_until_the_drive_was_accepted(axis: Axis) -> None:
+    def tell(status: DriveStatus, text: str) -> None:
+        axis.drive.status = status
+        kind = "refused" if status is DriveStatus.REFUSED else "status"
+        axis._on_drive_event(DriveEvent(kind, text, time_ns=1))
+
+    for _ in range(3):
+        tell(DriveStatus.CONFIGURING, "checking identity")
+        tell(DriveStatus.REFUSED, "wrong vendor")
+    assert [fault.number for fault in axis.faults] == [106]
+    tell(DriveStatus.REFUSED, "wrong product")
+    tell(DriveStatus.ONLINE, "operational")
+    tell(DriveStatus.REFUSED, "wrong product")
+    assert [fault.number for fault in axis.faults] == [106, 106, 106]
+
+
+@pytest.mark.parametrize(("healthy", "number"), [(True, 101), (False, 102)])
+def test_a_lost_drive_and_a_lost_bus_are_different_faults(axis: Axis, healthy: bool, number: int) -> None:
+    axis.drive.status = DriveStatus.LOST
+    axis.network.healthy = healthy
+    axis._on_drive_event(DriveEvent("status", "lost", time_ns=1))
+    assert [fault.number for fault in axis.faults] == [number]
+
+
+@pytest.mark.parametrize(("code", "number"), [(0x2310, 7), (0x1234, 10)])
+def test_an_emergency_has_the_manufacturers_number(axis: Axis, code: int, number: int) -> None:
+    axis._on_drive_event(DriveEvent("emcy", "EMCY", code, 1, b"\x01\x00\x00\x00\x00", 1))
+    fault = axis.faults[0]
+    assert (fault.number, fault.code, fault.value) == (number, code, 1)
+
+
+def test_the_end_of_an_emergency_is_no_fault(axis: Axis) -> None:
+    axis._on_drive_event(DriveEvent("emcy", "EMCY 0000h no error", 0, 0, bytes(5), 1))
+    assert not axis.faults
+
+
+def test_without_a_drive_the_values_are_bad_and_nothing_is_sent(axis: Axis) -> None:
+    word = axis.telegram.setpoints.from_dict(dict.fromkeys(axis.telegram.setpoints.names, 0) | {"STW1": 0x047F})
+    axis.step(word, 1)
+    assert not axis.good
+    assert axis.network.sent == 0
+    assert len(axis.actuals) == len(axis.telegram.actuals.signals)
+
+
+def test_an_unsupported_telegram_changes_nothing(axis: Axis) -> None:
+    before = axis.translator
+    with pytest.raises(GatewayError, match="telegram: 7 is not supported"):
+        axis.change_telegram(7)
+    assert axis.translator is before
+    assert axis.telegram.number == 9
