@@ -29,7 +29,7 @@ from ds301.network import CanNetwork
 from ds301.objects import CanType
 from ds301.pdo import Pdo
 from ds301.simulator import NmtCommand
-from dsp402.configuration import SdoStep, guard_steps, pdo_steps
+from dsp402.configuration import PRODUCER_HEARTBEAT, SdoStep, guard_steps, pdo_steps
 from dsp402.device import EDS_PATH
 from dsp402.errors import Dsp402Error
 from dsp402.images import REFERENCE_OBJECTS, DriveCommand, DriveFeedback, References
@@ -188,6 +188,7 @@ class DriveClient:
         self._command: DriveCommand | None = None
         self._sending = False
         self._heartbeat = 0
+        self._heartbeat_expected = False
         self._booted = threading.Event()
         self._stopping = threading.Event()
         self._reconfigure = threading.Event()
@@ -489,6 +490,7 @@ class DriveClient:
     def _configure_guarding(self) -> None:
         settings = self.settings
         limit = settings.heartbeat_ms * settings.heartbeat_factor
+        self._heartbeat_expected = settings.heartbeat_ms > 0
         for step in guard_steps(settings.gateway_node_id, limit, settings.heartbeat_ms, settings.abort_option):
             try:
                 self._do(step)
@@ -503,6 +505,8 @@ class DriveClient:
                         text,
                         "1016h, 1017h and 6007h that can be written (allow_unguarded = true operates it anyway)",
                     ) from error
+                if (step.index, step.subindex) == PRODUCER_HEARTBEAT:
+                    self._heartbeat_expected = False  # the TPDOs alone tell that the drive lives
                 self.on_event(DriveEvent("status", f"not guarded: {text}", time_ns=time.monotonic_ns()))
 
     def _set_mode(self, mode: Mode) -> None:
@@ -546,7 +550,7 @@ class DriveClient:
     def _lost(self, now: int, heartbeat_limit: int) -> str:
         if self._booted.is_set():
             return f"node {self.settings.node_id} restarted"
-        if now - self._heartbeat > heartbeat_limit and self.settings.heartbeat_ms:
+        if now - self._heartbeat > heartbeat_limit and self._heartbeat_expected:
             return f"no heartbeat for {heartbeat_limit // MS} ms"
         overdue = [str(slot.pdo) for slot in self._slots if now - slot.time > self._timeout_ns]
         if overdue:

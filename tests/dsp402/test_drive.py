@@ -329,6 +329,230 @@ def test_an_unreachable_can_interface_is_named(interface: str) -> None:
         open_bus(interface, "ws://127.0.0.1:1/")
 
 
+def _observe(plant: Plant) -> list[tuple[int, int, bytes]]:
+    """SDO downloads (index, subindex, data) and NMT commands (0, 0, data) in the order they appear on the bus."""
+    seen: list[tuple[int, int, bytes]] = []
+
+    def record(message: can.Message) -> None:
+        data = bytes(message.data)
+        if message.is_rx:
+            return
+        if message.arbitration_id == 0:
+            seen.append((0, 0, data))
+        elif message.arbitration_id == 0x600 + NODE and data[0] >> 5 == 1:
+            size = 4 - (data[0] >> 2 & 3)
+            seen.append((int.from_bytes(data[1:3], "little"), data[3], data[4 : 4 + size]))
+
+    plant.network.listeners.append(record)
+    return seen
+
+
+def test_the_order_of_the_start_up_on_the_bus(plant: Plant) -> None:
+    plant.power_on()
+    seen = _observe(plant)
+    plant.connect(Operation.VELOCITY)
+    plant.online()
+    assert seen[0] == (0, 0, bytes((0x80, NODE)))
+    assert seen[-1] == (0, 0, bytes((0x01, NODE)))
+    assert [step for step in seen if not step[0]] == [seen[0], seen[-1]]
+    assert [(index, sub, data.hex()) for index, sub, data in seen if index in {0x1400, 0x1600}] == [
+        (0x1400, 1, "04020080"),
+        (0x1600, 0, "00"),
+        (0x1600, 1, "10004060"),
+        (0x1600, 2, "2000ff60"),
+        (0x1600, 0, "02"),
+        (0x1400, 2, "ff"),
+        (0x1400, 1, "04020000"),
+    ]
+    assert [index for index, _, _ in seen][-5:] == [0x1016, 0x6007, 0x1017, 0x6060, 0]
+    assert {index for index, sub, data in seen if sub == 1 and 0x1400 <= index < 0x1A00 and data[-1:] == b"\x80"} >= {
+        0x1401, 0x1402, 0x1403, 0x1404, 0x1801, 0x1802, 0x1803, 0x1804,
+    }  # fmt: skip
+
+
+def test_four_pdos_are_found_even_if_the_eds_promises_five(plant: Plant) -> None:
+    drive = plant.power_on(pdos=4)
+    client = plant.connect(Operation.TRANSPARENT, initial_mode=None)
+    plant.online()
+    command = DriveCommand()
+    command.digital_outputs = 0x0003_0000
+    client.send(command, 1)
+    buses.wait_for(lambda: drive.model.digital_outputs == 0x0003_0000, "outputs written by SDO")
+
+
+class _Lacking(SimulatedDriveNode):
+    """Says of one object that it does not exist, or refuses to write it."""
+
+    read_lacks = 0
+    write_lacks = 0
+
+    def entry(self, index: int, subindex: int) -> Entry:
+        if index == self.read_lacks:
+            raise SdoAbortedError(Abort.NO_SUCH_OBJECT)
+        return super().entry(index, subindex)
+
+    def on_written(self, entry: Entry, value: Value) -> None:
+        if entry.index == self.write_lacks:
+            raise SdoAbortedError(Abort.READ_ONLY)
+        super().on_written(entry, value)
+
+
+def _lacking(plant: Plant, *, read: int = 0, write: int = 0) -> SimulatedDrive:
+    drive = SimulatedDrive(buses.bus(plant.name), NODE)
+    node = _Lacking(NODE, drive._send)
+    node.read_lacks, node.write_lacks = read, write
+    drive.node = node
+    plant.drive = drive
+    drive.start()
+    return drive
+
+
+@pytest.mark.parametrize("index", [0x1018, 0x6094, 0x6080, 0x6098])
+def test_an_object_the_eds_promises_and_the_drive_lacks_is_named(plant: Plant, index: int) -> None:
+    _lacking(plant, read=index)
+    client = plant.connect()
+    buses.wait_for(lambda: client.status is DriveStatus.REFUSED, "refused")
+    assert f"{index:04X}h/" in client.status_text
+    assert "object does not exist" in client.status_text
+
+
+def test_an_object_the_eds_lacks_takes_its_documented_default(plant: Plant, tmp_path: Path) -> None:
+    _lacking(plant, read=0x6094)
+    client = plant.connect(eds=_eds_without(tmp_path, ("6094",)))
+    plant.online()
+    assert client.references == References()
+
+
+@pytest.mark.parametrize(("index", "name"), [(0x1016, "the drive guards the gateway"), (0x1017, "heartbeat")])
+@pytest.mark.parametrize("allowed", [False, True])
+def test_guarding_that_is_refused(plant: Plant, index: int, name: str, allowed: bool) -> None:
+    _lacking(plant, write=index)
+    client = plant.connect(allow_unguarded=allowed, heartbeat_ms=10)
+    if allowed:
+        plant.online()
+        seen = plant.network.received
+        buses.wait_for(lambda: plant.network.received > seen + 10, "TPDOs for many heartbeat times")
+        assert (client.status, client.generation) == (DriveStatus.ONLINE, 1)
+    else:
+        buses.wait_for(lambda: client.status is DriveStatus.REFUSED, "refused")
+        assert name in client.status_text
+        assert f"{index:04X}h" in client.status_text
+        assert client.refresh(time.monotonic_ns()) is False
+
+
+@pytest.mark.parametrize("index", [0x1600, 0x1A00, 0x6060])
+def test_a_configuration_the_drive_refuses_is_named(plant: Plant, index: int) -> None:
+    _lacking(plant, write=index)
+    client = plant.connect()
+    buses.wait_for(lambda: client.status is DriveStatus.REFUSED, "refused")
+    assert f"{index:04X}h/" in client.status_text
+
+
+def test_a_refused_drive_is_tried_at_once_with_another_telegram(plant: Plant, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("dsp402.drive._RETRY_REFUSED_S", 3600)
+    _lacking(plant, write=0x1601)
+    client = plant.connect(Operation.POSITIONING, initial_mode=None)
+    buses.wait_for(lambda: client.status is DriveStatus.REFUSED, "refused")
+    client.reconfigure(LAYOUTS[Operation.VELOCITY], DriveSettings(NODE, sdo_timeout_ms=200))
+    plant.online()
+
+
+def test_a_broken_sdo_answer_is_refused_and_the_worker_lives(plant: Plant) -> None:
+    bus = buses.bus(plant.name)
+    client = plant.connect()
+    plant.network.listeners.append(
+        lambda m: (
+            bus.send(can.Message(arbitration_id=0x580 + NODE, data=b"", is_extended_id=False))
+            if m.arbitration_id == 0x600 + NODE and plant.drive is None
+            else None
+        )
+    )
+    buses.wait_for(lambda: client.status is DriveStatus.REFUSED, "refused")
+    assert "cannot be decoded" in client.status_text
+    plant.power_on()
+    plant.online()
+    bus.shutdown()
+
+
+def test_a_short_tpdo_is_no_sign_of_life(plant: Plant) -> None:
+    plant.power_on()
+    client = plant.connect()
+    plant.online()
+    slot = client._slots[0]
+    seen = slot.time
+    slot.receive(b"\x37", seen + 1000 * MS)
+    assert slot.time < seen + 1000 * MS
+
+
+def test_a_waiting_job_fails_when_the_drive_is_lost(plant: Plant) -> None:
+    drive = plant.power_on()
+    client = plant.connect()
+    plant.online()
+    running, release = threading.Event(), threading.Event()
+
+    def hold(_drive: DriveClient) -> None:
+        running.set()
+        release.wait(10)
+
+    client.submit(hold)
+    assert running.wait(10)
+    waiting = [client.submit(lambda drive: drive.read(0x1000)) for _ in range(3)]
+    drive.do(lambda node: node.power_off())
+    buses.wait_for(lambda: not client.refresh(time.monotonic_ns()), "overdue, seen although the worker is busy")
+    release.set()
+    for job in waiting:
+        # The first may still be taken and time out; none waits for ever.
+        assert job.exception(10) is not None
+
+
+def test_a_stopped_client_leaves_the_bus_to_its_successor(plant: Plant) -> None:
+    plant.power_on()
+    first = plant.connect()
+    plant.online()
+    blocked = threading.Event()
+    first.submit(lambda drive: blocked.wait(0.2))
+    waiting = first.submit(lambda drive: drive.read(0x1000))
+    first.stop()
+    first.stop()
+    assert waiting.done()
+    plant.connect(Operation.POSITIONING, initial_mode=None)
+    plant.online()
+    assert first.generation == 1
+    assert first.status is DriveStatus.OFFLINE
+
+
+def test_a_dead_node_does_not_hold_up_the_other_drive(plant: Plant) -> None:
+    plant.power_on()
+    dead = DriveClient(
+        plant.network, DriveSettings(9, sdo_timeout_ms=500), LAYOUTS[Operation.VELOCITY], plant.events.append
+    )
+    dead.start()
+    client = plant.connect()
+    plant.online()
+    assert client.submit(lambda drive: drive.read_number(0x1000)).result(2) == 0x0002_0192
+    assert dead.status is DriveStatus.OFFLINE
+    dead.stop()
+
+
+def test_sync_lets_the_tpdos_wait_for_the_cycle(plant: Plant) -> None:
+    drive = plant.power_on()
+    stopping = threading.Event()
+
+    def cycle() -> None:
+        while not stopping.wait(0.005):
+            plant.network.send_sync()
+
+    thread = threading.Thread(target=cycle, daemon=True)
+    thread.start()
+    client = plant.connect(sync=True)
+    plant.online()
+    assert drive.node.read(0x1800, 2) == 1
+    stopping.set()
+    thread.join()
+    buses.wait_for(lambda: client.status is DriveStatus.LOST, "lost without SYNC")
+    assert "TPDO1" in client.status_text
+
+
 class _FailingBus(can.BusABC):
     """A bus that is off."""
 
