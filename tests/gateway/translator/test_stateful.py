@@ -126,6 +126,27 @@ class GatewayMachine(RuleBasedStateMachine):
             self.cycle(1)
             self.off_seen = self.on_edge = False
 
+    @precondition(lambda self: self.rig is not None and self.rig.state is State.OPERATION_ENABLED)
+    @rule()
+    def enable_input_bounces(self) -> None:
+        """A contact that opens for a moment stops the axis for good, whatever STW1 says."""
+        self.enable_input(False)
+        self.enable_input(True)
+        self.cycle(5)
+
+    @precondition(lambda self: self.rig is not None and self.rig.state is State.OPERATION_ENABLED)
+    @rule()
+    def fault_with_a_standing_on(self) -> None:
+        """Acknowledging a fault under a standing ON starts nothing."""
+        assert self.rig is not None
+        self.drive_faults(7)
+        self.fault_cause_goes_away()
+        self.cycle(50)
+        self.rig.values["STW1"] |= 0x80
+        self.cycle(4)
+        self.rig.values["STW1"] &= ~0x80
+        self.cycle(4)
+
     @rule()
     def drive_restarts(self) -> None:
         assert self.rig is not None
