@@ -468,6 +468,7 @@ class DriveClient:
         mapped = [pdo for pdo in self.layout.rpdos if pdo.communication_index in available]
         # Highest number first: RPDO 1 carries the Controlword and must be the last.
         self._senders = [_Sender(pdo, node_id) for pdo in sorted(mapped, key=lambda pdo: -pdo.number)]
+        self._old_length_errors = self.length_errors
         self._slots = [_Slot(pdo) for pdo in self.layout.tpdos if pdo.communication_index in available]
         self._acyclic_rpdos = [_Sender(pdo, node_id) for pdo in self.layout.rpdos if pdo not in mapped]
         self._acyclic_tpdos = [p for p in self.layout.tpdos if p.communication_index not in available]

@@ -157,7 +157,8 @@ class DriveModel:
         self.digital_inputs = self.digital_inputs | DI1 if on else self.digital_inputs & ~DI1
         if not on and self.state is State.OPERATION_ENABLED:
             self._enter(State.SWITCHED_ON)
-        self._update()
+        # The Controlword is a level: an Enable Operation that still stands takes effect as soon as the input allows.
+        self.command()
 
     def abort_connection(self) -> None:
         """The connection to the master is lost: react as 6007h says."""

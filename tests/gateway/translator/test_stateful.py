@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from itertools import pairwise
 
+import pytest
 from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
@@ -32,6 +33,7 @@ class GatewayMachine(RuleBasedStateMachine):
         self.off_seen = False
         """An OFF was seen in the present connection since the last reason not to start."""
         self.on_edge = False
+        self.was_powered = False
 
     @initialize(number=st.sampled_from([1, 2, 9]), modulo=st.booleans())
     def power_up(self, number: int, modulo: bool) -> None:
@@ -40,7 +42,6 @@ class GatewayMachine(RuleBasedStateMachine):
     def cycle(self, count: int = 1) -> None:
         assert self.rig is not None
         for _ in range(count):
-            before = self.rig.state
             self.rig.step(plc=self.plc)
             word = self.rig.values["STW1"]
             if not self.plc:
@@ -51,9 +52,15 @@ class GatewayMachine(RuleBasedStateMachine):
                     self.on_edge = False
                 elif word & 0x07 == 0x07 and self.off_seen:
                     self.on_edge = True
-            if before not in POWERED and self.rig.state is State.OPERATION_ENABLED:
-                assert self.plc, "the power stage went on without a PLC"
-                assert self.on_edge, "the power stage went on without OFF -> ON in the present connection"
+            self.watch_the_power_stage()
+
+    def watch_the_power_stage(self) -> None:
+        assert self.rig is not None
+        powered = self.rig.state is State.OPERATION_ENABLED
+        if powered and not self.was_powered:
+            assert self.plc, "the power stage went on without a PLC"
+            assert self.on_edge, "the power stage went on without OFF -> ON in the present connection"
+        self.was_powered = powered
 
     @rule(word=WORDS, data=st.data(), cycles=st.integers(1, 8))
     def plc_writes(self, word: int, data: st.DataObject, cycles: int) -> None:
@@ -121,6 +128,7 @@ class GatewayMachine(RuleBasedStateMachine):
         assert self.rig is not None
         was_on = self.rig.state is State.OPERATION_ENABLED
         self.rig.node.model.set_enable_input(on)
+        self.watch_the_power_stage()
         if was_on and not on:
             self.off_seen = self.on_edge = False
             self.cycle(1)
@@ -168,7 +176,7 @@ class GatewayMachine(RuleBasedStateMachine):
         assert self.rig is not None
         if not self.rig.connected_drive:
             return
-        self.rig.step(plc=self.plc)
+        self.cycle()
         expected = ZSW1_STATE[self.rig.seen_statusword & 0x7F]
         if self.rig.translator.power.ramping:  # type: ignore[attr-defined]
             expected = 0x03
@@ -201,3 +209,14 @@ def test_every_drive_telegram_has_the_layout_its_translator_needs() -> None:
         rig = Rig(number)
         assert len(rig.step()) == len(telegram(number).actuals.signals)
         assert number in TELEGRAMS
+
+
+@pytest.mark.parametrize("number", [1, 9])
+def test_an_enable_input_that_bounces_does_not_restart_the_axis(number: int) -> None:
+    rig = Rig(number)
+    rig.enable(0x043E if number == 9 else 0x047E)
+    rig.node.model.set_enable_input(False)
+    rig.step(1)
+    rig.node.model.set_enable_input(True)
+    rig.step(50)
+    assert rig.state is State.SWITCH_ON_DISABLED
