@@ -13,6 +13,7 @@ from profidrive.errors import ProfidriveError
 from profidrive.frame import (
     C_SDU_MIN,
     FRAME_ID_TO_CONTROLLER,
+    FRAME_ID_TO_DEVICE,
     IOPS_BAD,
     IOPS_GOOD,
     STATUS_DATA_VALID,
@@ -34,6 +35,7 @@ from profidrive.parameters.codec import (
 from profidrive.telegrams import TELEGRAMS, Direction, Telegram, TelegramHalf
 
 Document = dict[str, Any]
+_SKIPPED = re.compile(r"0[xX]|[\s,:]+")
 _STATUS_BITS = {
     "primary": STATUS_PRIMARY,
     "data_valid": STATUS_DATA_VALID,
@@ -47,9 +49,9 @@ def parse_hex(text: str) -> bytes:
     digits: list[str] = []
     offset = 0
     while offset < len(text):
-        skipped = re.match(r"0[xX]|[\s,:]+", text[offset:])
+        skipped = _SKIPPED.match(text, offset)
         if skipped:
-            offset += skipped.end()
+            offset = skipped.end()
             continue
         if text[offset] not in "0123456789abcdefABCDEF":
             raise ProfidriveError(f"hex at offset {offset}", text[offset], "digits 0-9, A-F, spaces and 0x")
@@ -130,7 +132,10 @@ def _frame(data: bytes, telegram: Telegram | None, direction: Direction | None) 
         frame = RtFrame.decode(data)
     except ProfidriveError:
         return None
-    if frame.transfer_status or not frame.data_status & (STATUS_DATA_VALID | STATUS_RUN | STATUS_PRIMARY):
+    known = frame.frame_id in {FRAME_ID_TO_CONTROLLER, FRAME_ID_TO_DEVICE}
+    plausible = not frame.transfer_status and frame.data_status & (STATUS_DATA_VALID | STATUS_RUN | STATUS_PRIMARY)
+    # With the relationship's own FrameIDs a bad status is a finding, not a reason to take the data for something else.
+    if not known and not plausible:
         return None
     if direction is None:
         direction = Direction.ACTUAL if frame.frame_id == FRAME_ID_TO_CONTROLLER else Direction.SETPOINT

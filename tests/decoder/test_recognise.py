@@ -65,6 +65,20 @@ def test_an_actual_value_frame_is_told_by_its_frame_id() -> None:
     assert document["signals"]["NIST_A"] == {"raw": 0x2000, "value": 50.0, "unit": "%", "bits": {}}
 
 
+def test_a_frame_with_a_bad_status_is_still_a_frame() -> None:
+    data = RtFrame(0xC000, bytes.fromhex("0637 2000 00 80"), 5, data_status=0, transfer_status=1).encode()
+    document = recognise(data, telegram(1))
+    assert document["kind"] == "frame"
+    assert document["data_status"] == {
+        "raw": 0,
+        "primary": False,
+        "data_valid": False,
+        "run": False,
+        "no_problem": False,
+    }
+    assert document["transfer_status"] == 1
+
+
 def test_positioning_meanings_and_signed_fields() -> None:
     half = telegram(9).setpoints
     data = half.encode(half.from_dict({"STW1": 0x0C7F, "SATZANW": 0x80EF}))

@@ -25,7 +25,7 @@ def test_percentiles() -> None:
 
 
 def test_a_short_comparison_with_the_echo() -> None:
-    trip = roundtrip.run(axes=2, cycles=50)
+    trip = roundtrip.run(axes=4, cycles=50)
     assert trip.echo.samples == trip.gateway.samples == 50
     assert trip.gateway.lost == 0
     assert trip.can_frames_per_s > 0

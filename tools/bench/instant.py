@@ -30,13 +30,14 @@ _PER_BUS = 3
 
 
 class InstantBus(can.BusABC):
-    """Any number of ideal drives, node-ID 1 to ``channel``."""
+    """Ideal drives: channel ``BUS:COUNT`` has node-IDs 1 to COUNT."""
 
-    def __init__(self, channel: int, **_: object) -> None:
+    def __init__(self, channel: str, **_: object) -> None:
         super().__init__(channel)
+        count = int(channel.partition(":")[2])
         self._frames: queue.SimpleQueue[tuple[int, bytes]] = queue.SimpleQueue()
         self._lock = threading.Lock()
-        self._nodes = [SimulatedDriveNode(node, self._from_node) for node in range(1, int(channel) + 1)]
+        self._nodes = [SimulatedDriveNode(node, self._from_node) for node in range(1, count + 1)]
         self._operational = False
         self._poll_due = 0
         for node in self._nodes:
@@ -54,6 +55,8 @@ class InstantBus(can.BusABC):
             self._operational = True
             self._frames.put((can_id - 0x80, status + data[2:6] if data[0] == 0x0F else status + bytes(4)))
             return
+        if can_id == 0:
+            self._operational = False  # a drive that is configured anew shows its first TPDO itself
         with self._lock:
             for node in self._nodes:
                 node.receive(can_id, bytes(msg.data), time.monotonic_ns())
@@ -79,8 +82,12 @@ def main() -> None:
     config = GatewayConfig.model_validate(
         {
             "can": [
-                {"interface": INTERFACE, "channel": min(_PER_BUS, axes - first), "name": f"can{first // _PER_BUS}"}
-                for first in range(0, axes, _PER_BUS)
+                {
+                    "interface": INTERFACE,
+                    "channel": f"{bus}:{min(_PER_BUS, axes - bus * _PER_BUS)}",
+                    "name": f"can{bus}",
+                }
+                for bus in range(-(-axes // _PER_BUS))
             ],
             "transport": {"cyclic_port": 0, "acyclic_port": 0, "cycle_time_ms": 1, "watchdog_factor": 200},
             "axis": [

@@ -17,7 +17,7 @@ from tools.plc.endpoint import PlcEndpoint
 
 PERIOD_NS = 1_000_000
 GOAL_RATIO = 3.0
-_READY_S = 20
+_READY_S = 60
 _ENABLED = 0x0637
 
 
@@ -84,6 +84,8 @@ class _Plc:
                     self.word = 0x047F
                 elif all(word & 0x4F == 0x07 for word in words):
                     return
+                elif any(word & 0x40 for word in words):
+                    self.word = 0x047E  # inhibited, by a watchdog on a busy machine: OFF is needed again
             if time.monotonic() > deadline:
                 raise GatewayError("benchmark: the axes did not reach operation")
 
