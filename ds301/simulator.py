@@ -25,6 +25,7 @@ MS = 1_000_000
 _COB_ID_MASK = 0x7FF
 _TRANSMISSION_SYNC_MAX = 240
 _EVENT_DRIVEN = (254, 255)
+_COMMUNICATION_AREA_END = 0x1FFF
 
 SendFunction = Callable[[int, bytes], None]
 Value = int | float | bytes | str | bool
@@ -86,6 +87,7 @@ class SimulatedNode:
         self.entries: dict[tuple[int, int], Entry] = {(e.index, e.subindex): e for s in objects for e in s.entries}
         self.indices = {spec.index for spec in objects}
         self.values: dict[tuple[int, int], Value] = {}
+        self.stored: dict[tuple[int, int], Value] = {}
         self._rpdos: dict[int, Pdo] = {}
         self._rpdo_types: dict[int, int] = {}
         self._rpdo_waiting: dict[int, bytes] = {}
@@ -118,9 +120,6 @@ class SimulatedNode:
 
     def on_reset(self) -> None:
         """Reset node: back to power-on values."""
-
-    def on_store(self, restore: bool) -> None:
-        """Store (1010h) or restore (1011h) parameters was asked with the right signature."""
 
     # -- edge -------------------------------------------------------------------------------------------------------
 
@@ -256,8 +255,11 @@ class SimulatedNode:
                 raise SdoAbortedError(Abort.VALUE_TOO_LOW)
         return number
 
-    def _defaults(self) -> None:
+    def _defaults(self, end: int = 0xFFFF) -> None:
+        """Power-on values, the stored ones where there are any, of the objects up to index ``end``."""
         for address, entry in self.entries.items():
+            if entry.index > end:
+                continue
             value: Any = entry.default
             if value is None:
                 value = 0 if entry.type.char else ""
@@ -266,16 +268,17 @@ class SimulatedNode:
             elif entry.index == 0x1014:
                 value = int(value) + self.node_id
             if not entry.attribute:
-                self.values[address] = value
+                self.values[address] = self.stored.get(address, value)
         self._errors = []
         self._map_pdos()
         self._consume_heartbeats()
 
     def _store(self, entry: Entry, value: Value) -> None:
+        """Save (1010h) or restore (1011h), in force after the next reset; values that PDOs can carry are not saved."""
         restore = entry.index == com.RESTORE_PARAMETERS
         if value != (com.LOAD_SIGNATURE if restore else com.SAVE_SIGNATURE):
             raise SdoAbortedError(Abort.CANNOT_STORE)
-        self.on_store(restore)
+        self.stored = {} if restore else {a: v for a, v in self.values.items() if self.entries[a].access is Access.RW}
 
     # -- NMT ----------------------------------------------------------------------------------------------------------
 
@@ -296,13 +299,16 @@ class SimulatedNode:
         if command in {NmtCommand.RESET_NODE, NmtCommand.RESET_COMMUNICATION}:
             if command == NmtCommand.RESET_NODE:
                 self.on_reset()
-            self._defaults()
+                self._defaults()
+            else:
+                self._defaults(_COMMUNICATION_AREA_END)
             self._boot()
             return
         target = next((state for key, state in targets.items() if key == command), None)
         if target is None or target is self.state:
             return
         self.state = target
+        self._rpdo_waiting.clear()
         if target is NmtState.OPERATIONAL:
             for tpdo in self._tpdos:
                 tpdo.last = b""
@@ -327,6 +333,8 @@ class SimulatedNode:
         if not mapping:
             if subindex == 1 and valid and not value & COB_ID_INVALID and int(self.values[index, 1]) != value:
                 raise SdoAbortedError(Abort.VALUE_RANGE)
+            if subindex == 2 and _TRANSMISSION_SYNC_MAX < value < _EVENT_DRIVEN[0]:
+                raise SdoAbortedError(Abort.VALUE_RANGE)  # reserved, or on remote request only
             return
         if valid:
             raise SdoAbortedError(Abort.UNSUPPORTED_ACCESS)

@@ -15,15 +15,18 @@ from dsp402.faults import DRIVE_FAULTS
 from dsp402.modes import HOMING_METHODS, Mode
 from dsp402.objects import DRIVE_OBJECTS
 from dsp402.simulator.motion import INCREMENTS_PER_REVOLUTION, TICK, Ramp, increments_per_second, speed_toward
-from dsp402.states import STATUS_OF, ControlBit, State, StatusBit, next_state
+from dsp402.states import STATUS_OF, Command, ControlBit, State, StatusBit, next_state
 
 MS = 1_000_000
 DI1 = 1 << 16
 NEGATIVE_LIMIT = 1 << 0
 POSITIVE_LIMIT = 1 << 1
 MODES = frozenset(Mode)
+_INT32_MAX = (1 << 31) - 1
 _RAMPED_STATES = (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE, State.FAULT_REACTION_ACTIVE)
 _POSITION_MODES = (Mode.POSITION, Mode.TURNTABLE)
+_ABORT_COMMANDS = {2: Command.DISABLE_VOLTAGE, 3: Command.QUICK_STOP}
+"""Device control command of 6007h."""
 COAST_DECELERATION = 1500.0
 """rpm/s of the free-running motor."""
 TORQUE_ACCELERATION = 6000.0
@@ -88,6 +91,16 @@ class DriveModel:
         self._index_from = 0.0
         self._update()
 
+    def reset(self) -> None:
+        """The firmware starts again; inputs, causes of faults and the turning shaft stay as they are."""
+        inputs, causes, position, ramp = self.digital_inputs, self.causes, self.machine_position, self.ramp
+        self.power_on()
+        self.digital_inputs, self.causes, self.ramp = inputs, causes, ramp
+        self.machine_position = self.zero = position
+        if causes:
+            self._fault(min(causes))
+        self._update()
+
     # The attributes of the catalogue, for the type checker; ``power_on`` sets them from the declarations.
     controlword: int
     statusword: int
@@ -139,6 +152,10 @@ class DriveModel:
     def _sine(self) -> bool:
         return self.read(0x6086, 0) == 1
 
+    def _sine_times(self) -> tuple[float, float]:
+        """Rise and fall time in seconds of a sine-squared ramp; a PDO may carry 0."""
+        return max(1, self.profile_acceleration) * TICK, max(1, self.profile_deceleration) * TICK
+
     # -- commands -----------------------------------------------------------------------------------------------------
 
     def inject(self, number: int) -> None:
@@ -161,16 +178,17 @@ class DriveModel:
         self.command()
 
     def abort_connection(self) -> None:
-        """The connection to the master is lost: react as 6007h says."""
-        if self.state is not State.OPERATION_ENABLED:
+        """The connection to the master is lost: react as 6007h says.
+
+        In Switched On too: its last Controlword may be an Enable Operation that only waits for DI1.
+        """
+        if self.state not in {State.SWITCHED_ON, State.OPERATION_ENABLED}:
             return
         option = self.read(0x6007, 0)
         if option == 1:
             self._fault(12)
-        elif option == 2:
-            self._enter(State.SWITCH_ON_DISABLED)
-        elif option == 3:
-            self._enter(State.QUICK_STOP_ACTIVE)
+        elif option in _ABORT_COMMANDS:
+            self._enter(next_state(self.state, _ABORT_COMMANDS[option].word, self.controlword))
         self._update()
 
     def command(self) -> None:
@@ -315,7 +333,8 @@ class DriveModel:
         """Simulate up to ``now`` (monotonic ns)."""
         if self._time < 0:
             self._time = now
-            self._enter(State.SWITCH_ON_DISABLED)
+            if self.state is State.NOT_READY_TO_SWITCH_ON:
+                self._enter(State.SWITCH_ON_DISABLED)
             self._update()
         steps = (now - self._time) // MS
         for _ in range(min(steps, 1000)):
@@ -389,8 +408,7 @@ class DriveModel:
         if self._limited:
             target = 0.0
         if self._sine:
-            rise, fall = self.profile_acceleration * TICK, self.profile_deceleration * TICK
-            self.ramp.sine_squared(target, rise, fall)
+            self.ramp.sine_squared(target, *self._sine_times())
         else:
             acceleration = self._acceleration(self.profile_acceleration, 0x60C5)
             if self.mode is Mode.SPEED_CONTROL:
@@ -444,7 +462,7 @@ class DriveModel:
             self._stop(setpoint.deceleration)
             return
         if self._sine:
-            self.ramp.sine_squared(target, self.profile_acceleration * TICK, self.profile_deceleration * TICK)
+            self.ramp.sine_squared(target, *self._sine_times())
         else:
             self.ramp.linear(target, setpoint.acceleration, setpoint.deceleration + 1e-6)
         step = increments_per_second(self.ramp.speed) * TICK
@@ -454,7 +472,7 @@ class DriveModel:
 
     def _sine_speed(self, setpoint: _Setpoint, distance: float) -> float:
         """Speed setpoint for sine-squared ramps: the braking distance of a whole ramp is half speed times ramp time."""
-        rise, fall = self.profile_acceleration * TICK, self.profile_deceleration * TICK
+        rise, fall = self._sine_times()
         if self.ramp.speed == 0.0 and abs(distance) > 1:
             rpm = 2 * abs(distance) / (rise + fall) * 60 / INCREMENTS_PER_REVOLUTION
             return math.copysign(min(setpoint.speed, rpm), distance)
@@ -489,7 +507,7 @@ class DriveModel:
             return
         method = self.homing_method
         direction = -1.0 if method in {1, 17, -17} else 1.0
-        fast, slow = self.read(0x6099, 1) * self._unit, self.read(0x6099, 2) * self._unit
+        fast, slow = (min(self.read(0x6099, sub) * self._unit, self._speed_limit()) for sub in (1, 2))
         switch = NEGATIVE_LIMIT if direction < 0 else POSITIVE_LIMIT
         stop = self.machine.negative_stop if direction < 0 else self.machine.positive_stop
         on_switch = bool(self.digital_inputs & switch)
@@ -535,7 +553,7 @@ class DriveModel:
     def _update(self) -> None:
         speed = self.ramp.speed
         unit = self._unit
-        units = round(speed / unit)
+        units = min(max(round(speed / unit), -_INT32_MAX), _INT32_MAX)
         self.velocity_actual = self.velocity_demand = units
         self.position_actual = _wrap32(round(self.position))
         self.encoder_position = _wrap16(round(self.machine_position))

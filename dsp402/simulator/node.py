@@ -8,7 +8,6 @@ from collections.abc import Callable
 
 import can
 
-from ds301.communication import CONSUMER_HEARTBEAT
 from ds301.objects import Entry
 from ds301.pdo import Pdo
 from ds301.simulator import MS, NmtState, SendFunction, SimulatedNode, Value
@@ -26,7 +25,6 @@ class SimulatedDriveNode(SimulatedNode):
         self.model = DriveModel(self._object, machine)
         super().__init__(node_id, drive_objects(serial_number, pdos), self.model, send)
         self._ready = True
-        self.stored: dict[tuple[int, int], Value] = {}
 
     def _object(self, index: int, subindex: int) -> int:
         if not self._ready:
@@ -59,13 +57,7 @@ class SimulatedDriveNode(SimulatedNode):
         self._emergencies()
 
     def on_reset(self) -> None:
-        self.model.power_on()
-
-    def on_store(self, restore: bool) -> None:
-        if restore:
-            self.stored.clear()
-            return
-        self.stored = {a: v for a, v in self.values.items() if a[0] >= 0x2000 or a[0] == CONSUMER_HEARTBEAT}
+        self.model.reset()
 
     def _emergencies(self) -> None:
         for code, register in self.model.emcy:
@@ -111,7 +103,8 @@ class SimulatedDrive:
     def stop(self) -> None:
         """Power off for good and release the bus."""
         self._stopping.set()
-        self._thread.join()
+        if self._thread.ident is not None:
+            self._thread.join()
         self.bus.shutdown()
 
     def do(self, action: Callable[[SimulatedDriveNode], None]) -> None:

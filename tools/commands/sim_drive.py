@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import re
 import signal
 import socket
 import socketserver
@@ -20,6 +21,7 @@ from dsp402.simulator import SimulatedDrive
 from dsp402.states import state_of
 from gateway.errors import GatewayError
 
+_NUMBER = re.compile("[0-9]{1,3}")
 COMMANDS = "fault N (1-12), clear, di1 on|off, status, quit"
 
 
@@ -34,7 +36,7 @@ class Console:
         """Run one command line; the answer is one line, errors begin with ``error:``."""
         words = line.lower().split()
         chosen = list(self._drives)
-        if words and words[0].startswith("@") and words[0][1:].isdigit():
+        if words and words[0].startswith("@") and _NUMBER.fullmatch(words[0][1:]):
             chosen = [int(words.pop(0)[1:])]
             if chosen[0] not in self._drives:
                 return f"error: node {chosen[0]} is not simulated, allowed {list(self._drives)}"
@@ -48,7 +50,7 @@ class Console:
 
     def _one(self, drive: SimulatedDrive, words: list[str]) -> str:
         match words:
-            case ["fault", number] | [number] if number.isdigit():
+            case ["fault", number] | [number] if _NUMBER.fullmatch(number):
                 try:
                     drive.inject(int(number))
                 except CanopenError as error:
