@@ -137,6 +137,8 @@ def _count(item: Values) -> int:
 
 
 def _pack_numbers(item: Values) -> bytes:
+    if not item.format.char and item.values:
+        raise ProfidriveError(f"values of format {item.format.name}", item.values, "bytes")
     return struct.pack(f">{len(item.values)}{item.format.char}", *item.values) if item.format.char else b""
 
 
@@ -144,9 +146,13 @@ def _pack_values(item: Values) -> bytes:
     count = _count(item)
     if not 0 <= count <= MAX_ELEMENTS:
         raise ProfidriveError("No. of Values", count, f"0..{MAX_ELEMENTS}")
+    if isinstance(item.values, bytes) and len(item.values) != count * item.format.size:
+        raise ProfidriveError(
+            f"values of format {item.format.name}", item.values, f"a multiple of {item.format.size} bytes"
+        )
     try:
         data = item.values if isinstance(item.values, bytes) else _pack_numbers(item)
-    except struct.error as error:
+    except (struct.error, OverflowError) as error:  # OverflowError: a float beyond 32 bits
         raise ProfidriveError(
             f"values of format {item.format.name}", item.values, f"values that fit ({error})"
         ) from error
@@ -188,6 +194,14 @@ class _Reader:
                 f"No. of Values at offset {self.offset - 1}",
                 count,
                 f"0..{MAX_ELEMENTS}",
+                ParameterErrorNumber.NUMBER_OF_VALUES_INCONSISTENT,
+                self.data,
+            )
+        if data_type is DataType.ERROR and count not in {1, 2}:
+            raise RequestError(
+                f"No. of Values at offset {self.offset - 1}",
+                count,
+                "1 (error number) or 2 (with subindex) behind format 44h",
                 ParameterErrorNumber.NUMBER_OF_VALUES_INCONSISTENT,
                 self.data,
             )

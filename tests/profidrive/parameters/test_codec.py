@@ -183,6 +183,12 @@ def test_a_bad_request_is_answered_with_its_error(text: str, number: ParameterEr
     assert struct.unpack(">BBH", answer[4:]) == (0x44, 1, number)
 
 
+@pytest.mark.parametrize("text", ["01 81 00 01 44 00", "01 81 00 01 44 03 00 00 00 00 00 00"])
+def test_an_error_value_has_a_number_and_perhaps_a_subindex(text: str) -> None:
+    with pytest.raises(ProfidriveError, match=r"No\. of Values at offset 5"):
+        decode_response(bytes.fromhex(text))
+
+
 @pytest.mark.parametrize("size", [0, 1, 3])
 def test_without_a_header_no_answer_can_be_built(size: int) -> None:
     with pytest.raises(RequestError) as error:
@@ -225,6 +231,18 @@ def test_answers_that_do_not_belong_to_the_request_are_refused() -> None:
         (Request(1, RequestId.REQUEST, 0, (Address(1, 0, 235),)), "No. of Elements"),
         (Request(1, RequestId.CHANGE, 0, (Address(1),)), "value areas"),
         (Request(1, RequestId.CHANGE, 0, (Address(1),), (Values(DataType.WORD, (70000,)),)), "values of format WORD"),
+        (
+            Request(1, RequestId.CHANGE, 0, (Address(1),), (Values(DataType.FLOATING_POINT, (1e39,)),)),
+            "values of format FLOATING_POINT",
+        ),
+        (
+            Request(1, RequestId.CHANGE, 0, (Address(1),), (Values(DataType.VISIBLE_STRING, (65, 66)),)),
+            "values of format VISIBLE_STRING",
+        ),
+        (
+            Request(1, RequestId.CHANGE, 0, (Address(1),), (Values(DataType.UNICODE_STRING, b"abc"),)),
+            "values of format UNICODE_STRING",
+        ),
     ],
 )
 def test_a_request_that_cannot_be_sent_names_the_field(request_: Request, field: str) -> None:
