@@ -68,6 +68,7 @@ HOMING_STALE_NS = 50_000_000
 """A "homing attained" that was already there at the start counts only after this time (method 35 is immediate)."""
 MODE_CONFIRM_NS = 1_000_000_000
 """A mode the drive has not confirmed for so long raises warning 110."""
+_LOWEST, _HIGHEST = DRIVE_OBJECTS.attribute("target_position").limits
 
 
 class SubState(enum.Enum):
@@ -97,7 +98,7 @@ class _Task:
     bits: int
     """Controlword bits 5, 6, 11 and 12."""
     absolute_target: int | None
-    """Where the task ends, for the resume; None for a relative task the drive has not taken yet."""
+    """Where the task ends, for the resume; None for a relative task that was not given to the drive yet."""
     edge_seen: bool = False
     """The drive has acknowledged this task (SW.12)."""
 
@@ -131,6 +132,9 @@ class PositioningTranslator(Translator):
         self._halted = False
         self._homing_after_braking = False
         self._braking_reason: Reason | None = None
+        self._mdi_active = False
+        self._homing_writes: tuple[SdoWrite, ...] = ()
+        self._sdo_busy = False
         self._sdo_state: str | None = None
         self._homing_since = 0
         self._attained_seen_low = False
@@ -155,9 +159,8 @@ class PositioningTranslator(Translator):
         except Dsp402Error as error:
             self.events.append(FaultEvent(104, str(error)))
             return
-        full = DRIVE_OBJECTS.attribute("target_position").limits
         self._position = n4(references.position_max, (references.position_min, references.position_max))
-        self._relative = n4(references.position_max, full)
+        self._relative = n4(references.position_max, (_LOWEST, _HIGHEST))
         low, high = DRIVE_OBJECTS.attribute("profile_velocity").limits
         velocity_max = min(high, int(references.profile_velocity_reference))
         self._velocity = n4(references.profile_velocity_reference, (low, velocity_max), minimum=0)
@@ -175,6 +178,7 @@ class PositioningTranslator(Translator):
 
     def sdo_done(self, error: str | None) -> None:
         self.sdo_request = None
+        self._sdo_busy = False
         if self._sdo_state == "":
             self._sdo_state = "done" if error is None else error
 
@@ -183,9 +187,9 @@ class PositioningTranslator(Translator):
         velocity = feedback.velocity_actual
         actuals = self._actuals
         position = self._position
+        in_control, connected = self._take(setpoints)
         if position is None:
             return self._refuse(statusword, drive_ok)
-        in_control, connected = self._take(setpoints)
         values = self._setpoints
         word = values[0]
         window = self._window
@@ -233,8 +237,9 @@ class PositioningTranslator(Translator):
             )
         else:
             actuals[0] = statusword & ZSW1_TRANSPARENT | ZSW1_FAULT
-        mdi_active = connected and values[1] & _MDI and low & 0xF == CW_ENABLE_OPERATION
-        actuals[1] = self._method & _METHOD | (_MDI_ACTIVE if mdi_active else 0)
+        if not in_homing:
+            self._mdi_active = bool(connected and values[1] & _MDI and low & 0xF == CW_ENABLE_OPERATION)
+        actuals[1] = self._method & _METHOD | (_MDI_ACTIVE if self._mdi_active else 0)
         actuals[3] = position.to_wire(feedback.position_actual)
         return actuals
 
@@ -257,7 +262,8 @@ class PositioningTranslator(Translator):
         return False, self._controlled
 
     def _refuse(self, statusword: int, drive_ok: bool) -> Sequence[int]:
-        """Without valid references nothing is converted and nothing is enabled."""
+        """Without valid references nothing is converted, nothing is enabled and no OFF is taken note of."""
+        self.power.lock()
         self.reason = Reason.REFERENCE_INVALID if drive_ok else Reason.DRIVE_OFFLINE
         self._drop()
         self.command.controlword = 0
@@ -274,7 +280,7 @@ class PositioningTranslator(Translator):
         self._setpoint_bit = False
         self._homing_after_braking = False
         self._sdo_state = None
-        self.sdo_request = None
+        self._mode_since = -1
         if not self._halted:
             self._mode = self._base_mode
 
@@ -321,7 +327,7 @@ class PositioningTranslator(Translator):
                 bits |= ControlBit.TURNTABLE_SHORTEST
         return _Task(
             value,
-            self._limited(self._velocity, max(0, velocity)),
+            self._limited(self._velocity, velocity),
             self._limited(self._acceleration, acceleration),
             self._limited(self._deceleration, deceleration),
             bits,
@@ -344,8 +350,6 @@ class PositioningTranslator(Translator):
             task = self._task
             if task is not None and acknowledged and not task.edge_seen:
                 task.edge_seen = True
-                if task.absolute_target is None:
-                    task.absolute_target = feedback.position_actual + task.target
             if (task is None or task.edge_seen) and (not word & _ACTIVATE_TASK or self._pending is not None):
                 self._setpoint_bit = False
             return
@@ -354,6 +358,8 @@ class PositioningTranslator(Translator):
             return
         if not self._mode_confirmed(self._base_mode, feedback, now):
             return
+        if pending.absolute_target is None:
+            pending.absolute_target = self._in_range(feedback.position_actual + pending.target)
         self._pending = None
         self._task = pending
         self._setpoint_bit = True
@@ -362,6 +368,12 @@ class PositioningTranslator(Translator):
         command.profile_velocity = pending.velocity
         command.profile_acceleration = pending.acceleration
         command.profile_deceleration = pending.deceleration
+
+    def _in_range(self, position: int) -> int:
+        """A computed position as an object can hold it: a modulo axis turns on past the end, any other ends there."""
+        if self._base_mode is Mode.TURNTABLE:
+            return (position - _LOWEST) % (_HIGHEST - _LOWEST + 1) + _LOWEST
+        return min(max(position, _LOWEST), _HIGHEST)
 
     def _bits(self) -> int:
         """Controlword bits 4-6, 11 and 12 of the task in force."""
@@ -437,6 +449,8 @@ class PositioningTranslator(Translator):
         if not word & _DO_NOT_REJECT or not self._setpoints[1] & _MDI:
             self.reason = Reason.REJECTED if not word & _DO_NOT_REJECT else Reason.MDI_OFF
             return self._brake(then_home=False)
+        if self._start_homing_asked(word):
+            return self._brake(then_home=True)
         self._handshake(word, feedback, now)
         task = self._task
         if not word & _NO_INTERMEDIATE_STOP:
@@ -457,7 +471,7 @@ class PositioningTranslator(Translator):
             return task
         relative = bool(task.bits & ControlBit.RELATIVE)
         if relative and self._base_mode is Mode.TURNTABLE:
-            rest = task.absolute_target - feedback.position_actual
+            rest = self._in_range(task.absolute_target - feedback.position_actual)
             return _Task(rest, task.velocity, task.acceleration, task.deceleration, task.bits, task.absolute_target)
         bits = task.bits & ~ControlBit.RELATIVE
         target = task.absolute_target
@@ -475,14 +489,18 @@ class PositioningTranslator(Translator):
         """Halt is kept to standstill and then cleared without a restart."""
         if not word & _START_HOMING:
             self._homing_after_braking = False
+        elif self._start_homing_asked(word):
+            self._homing_after_braking = True
         self.reason = self._braking_reason
         self._latch_edge(word)
+        if not word & _DO_NOT_REJECT or not self._setpoints[1] & _MDI:
+            self._pending = None
         stopped = standstill and (feedback.statusword & StatusBit.TARGET_REACHED or feedback.velocity_actual == 0)
         if not stopped:
             return _HALT
         if self._homing_after_braking:
             return self._begin_homing()
-        self.sub_state = SubState.IDLE
+        self.sub_state = SubState.IDLE if self._pending is None else SubState.TASK
         return 0
 
     # -- homing ---------------------------------------------------------------------------------------------------
@@ -494,22 +512,30 @@ class PositioningTranslator(Translator):
         self._homing_after_braking = False
         self.home_position_set = False
         self.reason = Reason.HOMING_SETUP
-        method = self._asked_method()
-        speed = max(1, self._limited(self._velocity, max(0, self._setpoints[4])))
-        self._method = method
-        self._sdo_state = ""
-        self.sdo_request = (
-            SdoWrite(0x6098, 0, method),
+        speed = max(1, self._limited(self._velocity, self._setpoints[4]))
+        self._homing_writes = (
+            SdoWrite(0x6098, 0, self._asked_method()),
             SdoWrite(0x6099, 1, speed),
             SdoWrite(0x6099, 2, speed),
         )
+        self._sdo_state = None
+        self._ask_for_writes()
         return 0
+
+    def _ask_for_writes(self) -> None:
+        """Not before the answer to the writes of a homing that was given up: it would be taken for ours."""
+        if not self._sdo_busy:
+            self._sdo_busy = True
+            self._sdo_state = ""
+            self.sdo_request = self._homing_writes
 
     def _homing_setup(self, word: int, feedback: DriveFeedback, standstill: bool, now: int) -> int:
         if not word & _START_HOMING:
             self._drop()
             return 0
-        if self._sdo_state == "":
+        if self._sdo_state is None:
+            self._ask_for_writes()
+        if not self._sdo_state:
             self.reason = Reason.HOMING_SETUP
             return 0
         if self._sdo_state != "done":
@@ -518,6 +544,7 @@ class PositioningTranslator(Translator):
             self.sub_state = SubState.HOMING_FAILED
             self.reason = Reason.HOMING_ERROR
             return 0
+        self._method = self._homing_writes[0].value
         if not self._mode_confirmed(Mode.HOMING, feedback, now):
             return 0
         self.sub_state = SubState.HOMING
@@ -555,4 +582,6 @@ class PositioningTranslator(Translator):
         self.warning = False
         self._drop()
         self._latch_edge(word)
+        if self._pending is not None:
+            self.sub_state = SubState.TASK
         return 0

@@ -43,6 +43,8 @@ CW_DISABLE_VOLTAGE = 0
 
 QUICK_STOP_STANDING_NS = 200_000_000
 """A drive that stays in Quick Stop Active at standstill for so long (option codes 5-8) gets Disable Voltage."""
+DISABLE_SHOWN_NS = 200_000_000
+"""So long after a Disable Operation the drive's leaving of Operation Enabled is the PLC's doing, not its own."""
 
 
 class Phase(enum.Enum):
@@ -60,8 +62,9 @@ class PowerControl:
     __slots__ = (
         "_acknowledge_armed",
         "_connected",
-        "_disable_sent",
+        "_disabled_at",
         "_ever_connected",
+        "_off_seen",
         "_previous",
         "_reaction",
         "_resume",
@@ -79,7 +82,8 @@ class PowerControl:
         self._connected = False
         self._ever_connected = False
         self._acknowledge_armed = False
-        self._disable_sent = False
+        self._disabled_at = -DISABLE_SHOWN_NS
+        self._off_seen = False
         self._shutting_down = False
         self._standing_since = -1
         self._previous: State | None = None
@@ -90,8 +94,9 @@ class PowerControl:
         return self.phase is Phase.RAMP_STOP
 
     def lock(self) -> None:
-        """The drive restarted: no standing ON may start it."""
+        """The drive restarted, is lost or must not run: no standing ON may start it, no standing acknowledge is an edge."""
         self.phase = Phase.LOCKED
+        self._acknowledge_armed = False
         self._previous = None
         self._standing_since = -1
         self._shutting_down = False
@@ -121,15 +126,16 @@ class PowerControl:
             return CW_QUICK_STOP
         phase = self.phase
         if phase is Phase.FOLLOW:
-            return self._follow(word, state, previous)
+            return self._follow(word, state, previous, now)
         if phase is Phase.RAMP_STOP:
             return self._ramp_stop(word, state, standstill, now)
         if phase is Phase.QUICK_STOP:
             return self._quick_stop(word, state, standstill, now)
-        return self._locked(word, state)
+        return self._locked(word, state, now)
 
     def _connection_changed(self, connected: bool, state: State | None) -> None:
         self._connected = connected
+        self._off_seen = False
         if connected:
             self._ever_connected = True
             self._acknowledge_armed = False
@@ -153,10 +159,10 @@ class PowerControl:
             return 0
         return ControlBit.FAULT_RESET if self._acknowledge_armed else 0
 
-    def _locked(self, word: int, state: State) -> int:
+    def _locked(self, word: int, state: State, now: int) -> int:
         if self._connected and word & _OFF_MASK == _OFF and state not in _POWERED:
             self.phase = Phase.FOLLOW
-            return self._follow(word, state, state)
+            return self._follow(word, state, state, now)
         if not self._connected:
             self.reason = Reason.PLC_LOST if self._ever_connected else Reason.NO_PLC
         else:
@@ -166,11 +172,11 @@ class PowerControl:
             return CW_QUICK_STOP
         return self._acknowledge(word, self._connected)
 
-    def _follow(self, word: int, state: State, previous: State | None) -> int:
+    def _follow(self, word: int, state: State, previous: State | None, now: int) -> int:
         acknowledge = self._acknowledge(word, True)
         if state is State.OPERATION_ENABLED:
             if previous is not state:
-                self._disable_sent = False
+                self._disabled_at = now - DISABLE_SHOWN_NS
             if word & _COMMAND == _COMMAND:
                 self.reason = None
                 return CW_ENABLE_OPERATION | acknowledge
@@ -182,21 +188,22 @@ class PowerControl:
                 return CW_QUICK_STOP
             if not word & ON:
                 self._enter_ramp_stop()
+                self._off_seen = True
                 return CW_ENABLE_OPERATION
             self.reason = Reason.NOT_OPERATING
-            self._disable_sent = True
+            self._disabled_at = now
             return CW_SWITCH_ON
         if state is State.QUICK_STOP_ACTIVE:
             self._enter_quick_stop()
             return CW_QUICK_STOP if word & NO_COAST_STOP else CW_DISABLE_VOLTAGE
         self.reason = Reason.NOT_OPERATING
-        fell_back = (previous is State.OPERATION_ENABLED and not self._disable_sent) or (
+        fell_back = (previous is State.OPERATION_ENABLED and now - self._disabled_at >= DISABLE_SHOWN_NS) or (
             state is State.SWITCH_ON_DISABLED and previous is not state and previous in _ABOVE_DISABLED
         )
         if fell_back:
             # The drive took the enable back by itself (enable input, coast, its own doubt): no standing ON restarts it.
             self.phase = Phase.LOCKED
-            return self._locked(word, state)
+            return self._locked(word, state, now)
         if not word & NO_COAST_STOP:
             self.reason = Reason.COAST_STOP
             return CW_DISABLE_VOLTAGE | acknowledge
@@ -226,7 +233,7 @@ class PowerControl:
             return self._quick_stop(word, state, standstill, now)
         if state is not State.OPERATION_ENABLED:
             self.phase = Phase.LOCKED
-            return self._locked(word, state)
+            return self._locked(word, state, now)
         if self._connected:
             if not word & NO_COAST_STOP:
                 self.phase = Phase.LOCKED
@@ -235,7 +242,10 @@ class PowerControl:
             if not word & NO_QUICK_STOP:
                 self._enter_quick_stop()
                 return CW_QUICK_STOP
-            if self._resume and word & _COMMAND == _COMMAND and not self._shutting_down:
+            if word & _OFF_MASK == _OFF:
+                self._off_seen = True
+            # After a loss the ON that stands in the new connection does not resume: it needs its own OFF first.
+            if self._resume and self._off_seen and word & _COMMAND == _COMMAND and not self._shutting_down:
                 self.phase = Phase.FOLLOW
                 self.reason = None
                 return CW_ENABLE_OPERATION
@@ -248,7 +258,7 @@ class PowerControl:
         self.reason = Reason.QUICK_STOP if self._connected else Reason.PLC_LOST
         if state is not State.QUICK_STOP_ACTIVE and state is not State.OPERATION_ENABLED:
             self.phase = Phase.LOCKED
-            return self._locked(word, state)
+            return self._locked(word, state, now)
         if self._connected:
             if not word & NO_COAST_STOP:
                 return CW_DISABLE_VOLTAGE

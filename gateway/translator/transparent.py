@@ -68,6 +68,7 @@ class TransparentTranslator(Translator):
         self._references_valid = False
         self._window = 0
         self._last: Sequence[int] | None = None
+        self._mode_refused = False
         self._locked = True
         self._ever_connected = False
         self._connected = False
@@ -122,6 +123,8 @@ class TransparentTranslator(Translator):
                 self._take_values(setpoints)
             word = setpoints[0] if setpoints is not None else 0
             command.controlword = self._controlword(word, state, previous, feedback.velocity_actual)
+            if self._mode_refused and self.reason is None:
+                self.reason = Reason.MODE_VALUE
         actuals = list(self._read(feedback))
         actuals[1] &= 0xFF
         if not drive_ok:
@@ -182,10 +185,10 @@ class TransparentTranslator(Translator):
         mode = setpoints[1] & 0xFF
         if mode & 0x80:
             mode -= 0x100
-        if mode in _MODES:
+        known = mode in _MODES
+        self._mode_refused = bool(mode) and not known
+        if known:
             command.modes_of_operation = mode
-        elif mode:
-            self.reason = Reason.MODE_VALUE
         for (attribute, low, high), value in zip(self._limits, setpoints[2:], strict=True):
             if value < low or value > high:
                 self.saturations += 1

@@ -94,7 +94,7 @@ class VelocityTranslator(Translator):
         velocity = feedback.velocity_actual
         actual = self._actual
         if actual is None or self._setpoint is None:
-            return self._refuse(statusword, drive_ok)
+            return self._refuse(setpoints, statusword, drive_ok)
         connected = setpoints is not None
         in_control = False
         if setpoints is not None:
@@ -147,8 +147,11 @@ class VelocityTranslator(Translator):
         if conversion.saturates(wire):
             self.saturations += 1
 
-    def _refuse(self, statusword: int, drive_ok: bool) -> Sequence[int]:
-        """Without valid references nothing is converted and nothing is enabled."""
+    def _refuse(self, setpoints: Sequence[int] | None, statusword: int, drive_ok: bool) -> Sequence[int]:
+        """Without valid references nothing is converted, nothing is enabled and no OFF is taken note of."""
+        self.power.lock()
+        if setpoints is None:
+            self._controlled = False
         self.reason = Reason.REFERENCE_INVALID if drive_ok else Reason.DRIVE_OFFLINE
         self.command.controlword = 0
         self.command.target_velocity = 0
