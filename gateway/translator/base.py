@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
+from dsp402.errors import Dsp402Error
 from dsp402.images import DriveCommand, DriveFeedback, References
 from gateway.reasons import Reason
 from profidrive.telegrams import Telegram
@@ -89,6 +90,15 @@ class Translator(ABC):
 
         None, or references that fail ``References.check``, make the axis refuse operation (fault event 104).
         """
+
+    def _usable(self, references: References) -> bool:
+        """Whether the references pass their check; fault event 104 tells which one does not."""
+        try:
+            references.check()
+        except Dsp402Error as error:
+            self.events.append(FaultEvent(104, str(error)))
+            return False
+        return True
 
     @abstractmethod
     def step(self, setpoints: Sequence[int] | None, feedback: DriveFeedback, drive_ok: bool, now: int) -> Sequence[int]:

@@ -23,7 +23,6 @@ import enum
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from dsp402.errors import Dsp402Error
 from dsp402.images import DriveFeedback, References
 from dsp402.modes import HOMING_METHODS, Mode
 from dsp402.objects import DRIVE_OBJECTS
@@ -152,12 +151,7 @@ class PositioningTranslator(Translator):
     def set_references(self, references: References | None, homing_method: int = 0) -> None:
         self._position = None
         self._method = homing_method
-        if references is None:
-            return
-        try:
-            references.check()
-        except Dsp402Error as error:
-            self.events.append(FaultEvent(104, str(error)))
+        if references is None or not self._usable(references):
             return
         self._position = n4(references.position_max, (references.position_min, references.position_max))
         self._relative = n4(references.position_max, (_LOWEST, _HIGHEST))

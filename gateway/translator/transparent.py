@@ -11,13 +11,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from operator import attrgetter
 
-from dsp402.errors import Dsp402Error
 from dsp402.images import DriveFeedback, References
 from dsp402.modes import Mode
 from dsp402.objects import DRIVE_OBJECTS
 from dsp402.states import STATE_OF_STATUS, ControlBit, State
 from gateway.reasons import Reason
-from gateway.translator.base import FaultEvent, PlcLossReaction, Translator, TranslatorSettings
+from gateway.translator.base import PlcLossReaction, Translator, TranslatorSettings
 from gateway.translator.power import CW_DISABLE_VOLTAGE, CW_ENABLE_OPERATION, CW_QUICK_STOP, CW_SHUTDOWN
 from profidrive.telegrams import Telegram
 
@@ -78,12 +77,7 @@ class TransparentTranslator(Translator):
 
     def set_references(self, references: References | None, homing_method: int = 0) -> None:
         self._references_valid = False
-        if references is None:
-            return
-        try:
-            references.check()
-        except Dsp402Error as error:
-            self.events.append(FaultEvent(104, str(error)))
+        if references is None or not self._usable(references):
             return
         self._references_valid = True
         self._window = max(1, int(references.speed_reference * self.settings.standstill_window))

@@ -10,11 +10,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from fractions import Fraction
 
-from dsp402.errors import Dsp402Error
 from dsp402.images import DriveFeedback, References
 from dsp402.objects import DRIVE_OBJECTS
 from gateway.reasons import Reason
-from gateway.translator.base import FaultEvent, SetpointEnable, Translator, TranslatorSettings
+from gateway.translator.base import SetpointEnable, Translator, TranslatorSettings
 from gateway.translator.power import (
     CONTROL_BY_PLC,
     CW_ENABLE_OPERATION,
@@ -66,12 +65,7 @@ class VelocityTranslator(Translator):
     def set_references(self, references: References | None, homing_method: int = 0) -> None:
         self._setpoint = self._actual = None
         self._wire = None
-        if references is None:
-            return
-        try:
-            references.check()
-        except Dsp402Error as error:
-            self.events.append(FaultEvent(104, str(error)))
+        if references is None or not self._usable(references):
             return
         reference = references.speed_reference
         limits = DRIVE_OBJECTS.attribute("target_velocity").limits
