@@ -3,6 +3,11 @@
 from __future__ import annotations
 
 import json
+import os
+import pty
+import signal
+import subprocess
+import threading
 from pathlib import Path
 
 import can
@@ -10,8 +15,9 @@ import pytest
 from scapy.utils import rdpcap
 
 from profidrive.scapy_layers import ProfidriveCyclic, bind
-from tests.endtoend.processes import pdgw
+from tests.endtoend.processes import COMMAND, free_udp_port, pdgw, running
 from tests.support import tshark
+from tests.support.buses import wait_for
 
 pytestmark = pytest.mark.e2e
 
@@ -74,3 +80,89 @@ def test_the_can_log_holds_configuration_and_process_data(evidence: Path) -> Non
 
 def test_the_picture_is_there(evidence: Path) -> None:
     assert (evidence / "trace.png").read_bytes().startswith(b"\x89PNG")
+
+
+def children(pid: int) -> dict[str, int]:
+    """Processes started by ``pid``: what they run to their id."""
+    found = {}
+    for task in Path(f"/proc/{pid}/task").iterdir():
+        for child in (task / "children").read_text().split():
+            arguments = Path(f"/proc/{child}/cmdline").read_text().split("\0")
+            found[" ".join(arguments[3:5])] = int(child)
+    return found
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_demo_that_is_stopped_leaves_nothing_running_and_no_old_report(tmp_path: Path, number: int) -> None:
+    (tmp_path / "report.json").write_text('{"passed": true}')
+    with running("demo", "--out", str(tmp_path), log=tmp_path / "demo.log") as demo:
+        wait_for(lambda: "telegram 1: ramp" in (tmp_path / "demo.log").read_text(), "the story", 40)
+        started = children(demo.pid)
+        assert len(started) == 3
+        demo.send_signal(number)
+        assert demo.wait(30) == 130
+    assert not [pid for pid in started.values() if Path(f"/proc/{pid}").exists()]
+    assert not (tmp_path / "report.json").exists()
+    assert len(rdpcap(str(tmp_path / "plc.pcap"))) > 100
+
+
+def test_a_process_that_dies_ends_the_demo_with_its_name_and_log(tmp_path: Path) -> None:
+    log = tmp_path / "demo.log"
+    with running("demo", "--out", str(tmp_path), log=log) as demo:
+        wait_for(lambda: "telegram 1: ramp" in log.read_text(), "the story", 40)
+        started = children(demo.pid)
+        gateway = next(pid for command, pid in started.items() if command.startswith("run "))
+        os.kill(gateway, signal.SIGKILL)
+        assert demo.wait(60) == 1
+    assert "the gateway process ended with status -9: " in log.read_text()
+    assert "Traceback" not in log.read_text()
+    assert not [pid for pid in started.values() if Path(f"/proc/{pid}").exists()]
+
+
+def test_interactive_mode_in_a_terminal_shows_the_words_and_restores_the_terminal(tmp_path: Path) -> None:
+    port = free_udp_port()
+    master, slave = pty.openpty()
+    shown = bytearray()
+
+    def read() -> None:
+        try:
+            while data := os.read(master, 4096):
+                shown.extend(data)
+        except OSError:  # how a terminal says that nobody holds its other end
+            return
+
+    with running(
+        "run", "--simulate", "--cyclic-port", str(port), "--acyclic-port", "0", "--status-port", "0",
+        log=tmp_path / "gateway.log",
+    ):  # fmt: skip
+        before = subprocess.run(["stty", "-g"], stdin=slave, capture_output=True, text=True, check=True).stdout
+        environment = {**os.environ, "TERM": "xterm", "COLUMNS": "160", "LINES": "50"}
+        with subprocess.Popen(
+            [*COMMAND, "sim", "plc", "--interactive", "--gateway", f"127.0.0.1:{port}"],
+            stdin=slave,
+            stdout=slave,
+            stderr=slave,
+            env=environment,
+        ) as plc:
+            reader = threading.Thread(target=read, daemon=True)
+            reader.start()
+            try:
+                wait_for(lambda: b"SWITCHING_ON_INHIBITED" in shown, "the drive's first state", 30)
+                for key, text in (
+                    (b"e", b"OPERATION_ENABLED"),
+                    (b"+", b"1638  (10.00 %)"),
+                    (b"q", b"SWITCHING_ON_INHIBITED"),
+                ):
+                    shown.clear()
+                    os.write(master, key)
+                    wait_for(lambda text=text: text in shown, key.decode(), 30)  # type: ignore[misc]
+                os.write(master, b"x")
+                assert plc.wait(20) == 0
+            finally:
+                plc.kill()
+        after = subprocess.run(["stty", "-g"], stdin=slave, capture_output=True, text=True, check=True).stdout
+    os.close(slave)
+    reader.join(10)
+    os.close(master)
+    assert after == before
+    assert b"Traceback" not in shown

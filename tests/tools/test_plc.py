@@ -57,6 +57,33 @@ def test_stale_foreign_and_malformed_frames_of_a_gateway_are_counted() -> None:
     assert (plc.counters["stale"], plc.counters["malformed"], plc.counters["foreign"]) == (1, 1, 1)
 
 
+def test_frames_of_a_backup_or_without_valid_data_are_counted_and_not_used() -> None:
+    plc = PlcEndpoint([telegram(1)], CYCLE)
+    frame = bytes(CyclicEndpoint([telegram(1)], cycle_ns=CYCLE).build([(0x37, 5)], [True]))
+    status = len(frame) - 2
+    for bit in (0x01, 0x04):
+        assert not plc.receive(frame[:status] + bytes([frame[status] & ~bit]) + frame[status + 1 :])
+    assert plc.actuals == [None]
+    assert (plc.counters["not primary"], plc.counters["not valid"]) == (1, 1)
+
+
+def test_a_silent_gateway_leaves_no_values_behind_and_may_come_back_with_any_counter() -> None:
+    plc = PlcEndpoint([telegram(1)], CYCLE)
+    device = CyclicEndpoint([telegram(1)], cycle_ns=CYCLE)
+    first, second = bytes(device.build([(0x37, 0)], [True])), bytes(device.build([(0x37, 0)], [True]))
+    assert plc.receive(second, 0)
+    assert not plc.poll(200 * MS)
+    assert plc.actuals[0] is not None
+    engine = Engine(Scenario.model_validate({"steps": [{"expect": {"ZSW1": 0x37}, "within": "4 ms"}]}), plc)
+    assert plc.poll(201 * MS)
+    assert not plc.poll(202 * MS)
+    for now in (201, 205):
+        engine.step(now * MS)
+    assert not engine.passed
+    assert plc.receive(first, 300 * MS)
+    assert plc.actuals == [{"ZSW1": 0x37, "NIST_A": 0}]
+
+
 def test_a_setpoint_that_does_not_fit_is_named_and_changes_nothing() -> None:
     plc = PlcEndpoint([telegram(1)], CYCLE)
     with pytest.raises(ProfidriveError, match="NSOLL_A"):
@@ -87,6 +114,13 @@ def test_enable_is_off_then_on_with_its_expectations() -> None:
     assert [item.name.split(":")[0] for item in engine.results] == ["ready", "operation enabled"]
 
 
+def test_an_enable_of_a_drive_that_is_not_ready_ends_without_on() -> None:
+    engine, sent = play({"steps": [{"enable": True, "within": "8 ms"}, {"hold": "20 ms"}]}, [{"ZSW1": 0x40}])
+    assert [item.name.split(":")[0] for item in engine.results] == ["ready"]
+    assert not engine.passed
+    assert {values["STW1"] for values in sent} == {0x047E}
+
+
 def test_an_expectation_that_is_not_met_in_time_fails_with_the_measured_value() -> None:
     engine, sent = play({"steps": [{"expect": {"NIST_A": "1500 rpm +- 10 rpm"}, "within": "40 ms"}]}, [{"NIST_A": 100}])
     assert not engine.passed
@@ -101,7 +135,16 @@ def test_bad_iops_fails_an_expectation() -> None:
 
 @pytest.mark.parametrize(
     ("text", "raw"),
-    [("50 %", 0x2000), ("1500 rpm", 0x2000), ("-100 %", -0x4000), ("2000h", 0x2000), ("0x0666", 0x666), ("-5", -5)],
+    [
+        ("50 %", 0x2000),
+        ("1500 rpm", 0x2000),
+        ("-100 %", -0x4000),
+        ("0.5 rpm", 2),
+        ("12.5 %", 0x800),
+        ("2000h", 0x2000),
+        ("0x0666", 0x666),
+        ("-5", -5),
+    ],
 )
 def test_values_in_every_notation(text: str, raw: int) -> None:
     _, sent = play({"steps": [{"speed": text}]}, [{}])
@@ -139,7 +182,20 @@ def test_the_scenarios_of_the_package_are_valid(path: Path) -> None:
         ("steps: []", ["steps"]),
         ("steps: [", ["not valid YAML"]),
         ("just text", ["Input should be"]),
+        ("telegrams: [9]\nsteps: [{move: {to: 1, fast: 2}}]", ["step 1", "move.fast", "velocity, acc, dec, relative"]),
+        ("references: {rpm: 2}\nsteps: [{off1: true}]", ["references.rpm", "speed_rpm, position"]),
+        ("references: {speed_rpm: .inf}\nsteps: [{speed: 5 rpm}]", ["references.speed_rpm = inf", "finite"]),
+        ("steps: [{speed: [1]}]", ["step 1: speed: expected a number or a text"]),
+        ("steps: [{expect: {}}]", ["step 1", "expect", "at least 1"]),
+        ("steps: [{set: {}}]", ["step 1", "set", "at least 1"]),
+        ("steps: [{expect: {NIST_A: .nan}}]", ["step 1 (expect)", "NIST_A = 'nan'"]),
+        ("when: 2001-99-99", ["not valid YAML", "month"]),
+        ("[" * 3000, ["nested too deeply"]),
+        (f"steps: [{{speed: {'1' * 5000}}}]", ["not valid YAML"]),
+        (f"steps: [{{speed: '{'1' * 5000} %'}}]", ["step 1 (speed)", "expected"]),
+        (f"steps: [{{hold: '{'1' * 5000} s'}}]", ["step 1 (hold)", "time"]),
     ],
+    ids=lambda value: value[:40] if isinstance(value, str) else "",
 )
 def test_bad_scenarios_are_told_with_step_key_value_and_what_is_allowed(
     tmp_path: Path, text: str, parts: list[str]
@@ -148,6 +204,7 @@ def test_bad_scenarios_are_told_with_step_key_value_and_what_is_allowed(
     path.write_text(text)
     with pytest.raises(GatewayError) as error:
         load_scenario(path)
+    assert str(path) in str(error.value)
     for part in parts:
         assert part in str(error.value), str(error.value)
 

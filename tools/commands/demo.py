@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import sys
 from pathlib import Path
 from typing import Annotated, Any
@@ -54,6 +55,7 @@ def demo(
     console = Console()
     story = _Story(console)
     run = Demo(out, story.show)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # a stopped demo stops its processes
     try:
         if sys.stdout.isatty():
             with Live(story.table(), console=console, refresh_per_second=8) as story.live:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import queue
+import signal
 import socket
 import sys
 import termios
@@ -23,6 +25,7 @@ from rich.table import Table
 
 from gateway.errors import GatewayError
 from profidrive.frame import UDP_PORT
+from profidrive.signals import signal as signal_of
 from profidrive.telegrams import telegram as telegram_of
 from tools.plc.client import PlcClient
 from tools.plc.endpoint import PlcEndpoint
@@ -43,17 +46,20 @@ KEYS: dict[str, tuple[str, dict[str, object] | None]] = {
     "x": ("exit", None),
 }
 _SPEED_STEP = 10
+_NO_INTERMEDIATE_STOP = signal_of("STW1").bit("NO_INTERMEDIATE_STOP", positioning=True).mask
 
 
 def parse_address(text: str, default_port: int) -> tuple[str, int]:
     """``HOST`` or ``HOST:PORT``; GatewayError otherwise."""
     host, _, port = text.partition(":")
-    if port and not (port.isdigit() and int(port) < 65536):
+    if not host or (port and not (port.isdecimal() and len(port) < 6 and 0 < int(port) < 65536)):
         raise GatewayError(f"address {text!r}: expected HOST or HOST:PORT")
     try:
         return socket.gethostbyname(host), int(port) if port else default_port
     except OSError as error:
         raise GatewayError(f"address {text!r}: {error.strerror}") from error
+    except UnicodeError as error:
+        raise GatewayError(f"address {text!r}: no host name: {error}") from error
 
 
 def results_table(results: list[Result]) -> Table:
@@ -109,9 +115,10 @@ def plc(
     endpoint = PlcEndpoint([telegram_of(number) for number in numbers], cycle_ns)
     client = PlcClient(address, endpoint, cycle_ns, pcap)
     engine = Engine(chosen, endpoint) if chosen else None
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # the capture is to be complete
     try:
         if engine is None:
-            _interactive(client, endpoint, numbers)
+            _interactive(client, endpoint)
             return
         with _view(client, engine, progress):
             client.run(engine, _DriveLink(drive_port))
@@ -129,7 +136,10 @@ def plc(
             "notes": engine.notes,
             "counters": dict(endpoint.counters),
         }
-        as_json.write_text(json.dumps(document, indent=2), encoding="utf-8")
+        try:
+            as_json.write_text(json.dumps(document, indent=2), encoding="utf-8")
+        except OSError as error:
+            raise GatewayError(f"results {as_json}: cannot be written: {error.strerror}") from error
     if not progress:
         Console().print(results_table(engine.results))
     if not engine.passed:
@@ -162,37 +172,75 @@ def _view(client: PlcClient, engine: Engine, progress: bool) -> Iterator[None]:
     show()
 
 
-def _interactive(client: PlcClient, endpoint: PlcEndpoint, numbers: list[int]) -> None:
+class Keyboard:
+    """Keys to setpoints of all axes, sans-I/O: ``press`` from any thread, ``step`` once per cycle.
+
+    Each axis works off its keys by itself. A stop key acts at once: what has not begun is dropped, an enable that waits for
+    the drive is given up, and only a handshake that has begun is completed. ``tell`` gets what the user must know.
+    """
+
+    def __init__(self, endpoint: PlcEndpoint, tell: Callable[[str], None]) -> None:
+        self.endpoint = endpoint
+        self.tell = tell
+        self._numbers = [item.number for item in endpoint.telegrams]
+        self._keys: queue.SimpleQueue[str] = queue.SimpleQueue()
+        self._pending: list[list[tuple[str, Engine]]] = [[] for _ in self._numbers]
+        self._speed = 0
+
+    def press(self, key: str) -> None:
+        """Take a key; an unknown one does nothing."""
+        if key in KEYS:
+            self._keys.put(key)
+
+    def step(self, now: int) -> None:
+        """Obey the keys pressed since the last cycle and go on with what is under way."""
+        while not self._keys.empty():
+            self._obey(self._keys.get(), now)
+        for pending in self._pending:
+            if pending:
+                key, engine = pending[0]
+                engine.step(now)
+                if engine.finished:
+                    pending.pop(0)
+                    self._tell_failures(key, engine)
+
+    def _tell_failures(self, key: str, engine: Engine) -> None:
+        for result in engine.results:
+            if not result.passed:
+                self.tell(f"{KEYS[key][0]}, axis {result.axis}: {result.name} not met: {result.measured}")
+
+    def _obey(self, key: str, now: int) -> None:
+        action = KEYS[key][1] or {}
+        if key in "+-":
+            self._speed = max(-100, min(100, self._speed + (_SPEED_STEP if key == "+" else -_SPEED_STEP)))
+            action = {"speed": f"{self._speed} %"}
+        elif key == " ":
+            running = any(values.get("STW1", 0) & _NO_INTERMEDIATE_STOP for values in self.endpoint.setpoints)
+            action = {"intermediate_stop": True} if running else {"resume": True}
+        stop = key in "oqc" or "intermediate_stop" in action
+        for axis, pending in enumerate(self._pending, 1):
+            document = {"telegrams": self._numbers, "steps": [{"axis": axis, **action}]}
+            try:
+                engine = Engine(Scenario.model_validate(document), self.endpoint)
+            except GatewayError as error:
+                self.tell(f"{KEYS[key][0]}, axis {axis}: {error}")
+                continue
+            if stop:
+                pending[:] = [item for item in pending[:1] if item[0] != "e" and item[1].current]
+                engine.step(now)
+            else:
+                pending.append((key, engine))
+
+
+def _interactive(client: PlcClient, endpoint: PlcEndpoint) -> None:
     """Keys on a terminal, the same letters as lines otherwise."""
-    speed = 0
-    stopped = False
-    pending: list[Engine] = []
+    keyboard = Keyboard(endpoint, lambda text: print(text, file=sys.stderr))
 
     def do(key: str) -> None:
-        nonlocal speed, stopped
         if key == "x":
             client.stop()
-            return
-        if key not in KEYS:
-            return
-        action = KEYS[key][1]
-        if key in "+-":
-            speed = max(-100, min(100, speed + (_SPEED_STEP if key == "+" else -_SPEED_STEP)))
-            action = {"speed": f"{speed} %"}
-        elif key == " ":
-            stopped = not stopped
-            action = {"intermediate_stop": True} if stopped else {"resume": True}
-        steps = [{"axis": axis, **(action or {})} for axis in range(1, len(numbers) + 1)]
-        try:
-            pending.append(Engine(Scenario.model_validate({"telegrams": numbers, "steps": steps}), endpoint))
-        except GatewayError as error:
-            print(error, file=sys.stderr)
-
-    def play() -> None:
-        if pending:
-            pending[0].step(time.monotonic_ns())
-            if pending[0].finished:
-                pending.pop(0)
+        else:
+            keyboard.press(key)
 
     help_text = "  ".join(f"{key or ' '}={text}" for key, (text, _) in KEYS.items()).replace(" =", "space=", 1)
     reader = threading.Thread(target=_read_keys, args=(do, client), daemon=True)
@@ -200,7 +248,7 @@ def _interactive(client: PlcClient, endpoint: PlcEndpoint, numbers: list[int]) -
         with _raw_terminal(), Live(refresh_per_second=10) as live:
 
             def refresh() -> None:
-                play()
+                keyboard.step(time.monotonic_ns())
                 live.update(table(endpoint, help_text))
 
             client.on_cycle = refresh
@@ -208,7 +256,7 @@ def _interactive(client: PlcClient, endpoint: PlcEndpoint, numbers: list[int]) -
             client.run(None)
         return
     print(help_text, flush=True)
-    client.on_cycle = play
+    client.on_cycle = lambda: keyboard.step(time.monotonic_ns())
     reader.start()
     client.run(None)
 

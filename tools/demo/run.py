@@ -25,6 +25,7 @@ SCENARIO = Path(__file__).parent.parent / "scenarios" / "demo.yaml"
 STORY_LIMIT_S = 58
 _STOP_S = 10
 _TELEGRAMS = (1, 9, 100)
+_EVIDENCE = ("report.json", "plc.json", "plc.pcap", "can.log", "trace.csv", "trace.png")
 
 
 def free_port(kind: socket.SocketKind) -> int:
@@ -34,11 +35,36 @@ def free_port(kind: socket.SocketKind) -> int:
         return int(sock.getsockname()[1])
 
 
+class _CanServer(RemoteServer):  # type: ignore[misc]  # untyped package
+    """A client that dies is told by its process' end (``Demo``), not by the server's tracebacks as well."""
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        if not isinstance(sys.exc_info()[1], OSError):
+            super().handle_error(request, client_address)
+
+
+@contextlib.contextmanager
+def _quiet_lost_clients() -> Iterator[None]:
+    """The same for the server's sending threads, which have no hook of their own."""
+    before = threading.excepthook
+
+    def hook(arguments: threading.ExceptHookArgs) -> None:
+        sending = arguments.thread is not None and "_send_to_client" in arguments.thread.name
+        if not (sending and isinstance(arguments.exc_value, OSError)):
+            before(arguments)
+
+    threading.excepthook = hook
+    try:
+        yield
+    finally:
+        threading.excepthook = before
+
+
 @contextlib.contextmanager
 def can_server() -> Iterator[str]:
     """A CAN bus that crosses processes on loopback without a kernel module; yields the channel of ``remote``."""
     logging.getLogger("can_remote").setLevel(logging.CRITICAL)
-    server = RemoteServer("127.0.0.1", 0, interface="virtual", channel="demo")
+    server = _CanServer("127.0.0.1", 0, interface="virtual", channel="demo")
     thread = threading.Thread(target=server.serve_forever, name="CAN server", daemon=True)
     thread.start()
     try:
@@ -84,8 +110,10 @@ class Demo:
             self.out.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise GatewayError(f"{self.out}: cannot be created: {error.strerror}") from error
+        for name in _EVIDENCE:
+            (self.out / name).unlink(missing_ok=True)  # a run that fails leaves no old success
         started = time.monotonic()
-        with can_server() as channel:
+        with _quiet_lost_clients(), can_server() as channel:
             try:
                 self._start(channel)
                 self._follow()
@@ -148,7 +176,13 @@ class Demo:
 
     def _follow(self) -> None:
         plc = self._processes["plc"]
-        watchdog = threading.Timer(STORY_LIMIT_S, plc.kill)
+        expired = threading.Event()
+
+        def expire() -> None:
+            expired.set()
+            plc.kill()
+
+        watchdog = threading.Timer(STORY_LIMIT_S, expire)
         watchdog.start()
         try:
             if plc.stdout is not None:
@@ -159,7 +193,9 @@ class Demo:
         finally:
             watchdog.cancel()
         self._check_others()
-        if plc.returncode not in {0, 1}:
+        if expired.is_set():
+            raise GatewayError(f"the story took longer than {STORY_LIMIT_S} s; logs are in {self.out}")
+        if plc.returncode not in {0, 1} or not (self.out / "plc.json").exists():
             raise GatewayError(f"the PLC simulator ended with status {plc.returncode}: {self._tail('plc')}")
 
     def _check_others(self) -> None:
@@ -174,19 +210,22 @@ class Demo:
 
     def _stop(self) -> dict[str, int]:
         """The PLC first, then the gateway (it stops the drives), the drives last."""
-        for name in ("plc", "gateway", "drives"):
-            process = self._processes.get(name)
-            if process is None:
-                continue
-            if process.poll() is None:
-                process.send_signal(signal.SIGTERM)
-            try:
-                process.wait(_STOP_S)
-            except subprocess.TimeoutExpired:
-                process.kill()
-                process.wait()
-            if process.stdout is not None:
-                process.stdout.close()
-        for log in self._logs:
-            log.close()
+        try:
+            for name in ("plc", "gateway", "drives"):
+                process = self._processes.get(name)
+                if process is None:
+                    continue
+                if process.poll() is None:
+                    process.send_signal(signal.SIGTERM)
+                with contextlib.suppress(subprocess.TimeoutExpired):
+                    process.wait(_STOP_S)
+        finally:  # also when a second Ctrl-C ends the waiting
+            for process in self._processes.values():
+                if process.poll() is None:
+                    process.kill()
+                    process.wait()
+                if process.stdout is not None:
+                    process.stdout.close()
+            for log in self._logs:
+                log.close()
         return {name: process.returncode for name, process in self._processes.items()}

@@ -100,6 +100,7 @@ class PlcClient:
                 continue
             due = max(due + self.cycle_ns, now)
             muted = False
+            self.endpoint.poll(now)
             if engine is not None:
                 engine.step(now)
                 muted = engine.muted
@@ -137,7 +138,7 @@ class PlcClient:
             if source != self.gateway:
                 self.endpoint.counters["foreign"] += 1
                 continue
-            self.endpoint.receive(data)
+            self.endpoint.receive(data, time.monotonic_ns())
             if self._capture is not None:
                 self._capture.record(False, data)
 
@@ -166,11 +167,14 @@ class PlcClient:
             )
 
     def write_trace(self, path: Path) -> None:
-        """The samples as CSV."""
-        with path.open("w", newline="", encoding="utf-8") as file:
-            writer = csv.writer(file)
-            writer.writerow(TRACE_COLUMNS)
-            writer.writerows(self.trace)
+        """The samples as CSV; GatewayError when the file cannot be written."""
+        try:
+            with path.open("w", newline="", encoding="utf-8") as file:
+                writer = csv.writer(file)
+                writer.writerow(TRACE_COLUMNS)
+                writer.writerows(self.trace)
+        except OSError as error:
+            raise GatewayError(f"trace {path}: cannot be written: {error.strerror}") from error
 
 
 _MAIN_VALUES = {

@@ -14,6 +14,7 @@ from profidrive.frame import (
     IOPS_GOOD,
     STATUS_DATA_VALID,
     STATUS_NORMAL,
+    STATUS_PRIMARY,
     STATUS_STOP,
     TRAILER,
     CSduLayout,
@@ -22,9 +23,12 @@ from profidrive.frame import (
 )
 from profidrive.telegrams import Direction, Telegram
 
+_WATCHDOG_NS = 200_000_000
+_WATCHDOG_CYCLES = 10
+
 
 class PlcEndpoint:
-    """Setpoints of any number of axes to frames, frames to actual values."""
+    """Setpoints of any number of axes to frames, frames to actual values. Times are monotonic nanoseconds."""
 
     def __init__(self, telegrams: Sequence[Telegram], cycle_ns: int) -> None:
         self.telegrams = tuple(telegrams)
@@ -34,9 +38,11 @@ class PlcEndpoint:
         self._step = max(1, cycle_ns // COUNTER_UNIT_NS)
         self._counter = 0
         self._last_counter: int | None = None
+        self._last_time = 0
+        self._watchdog_ns = max(_WATCHDOG_NS, _WATCHDOG_CYCLES * cycle_ns)
         self.setpoints: list[dict[str, int]] = [dict.fromkeys(t.setpoints.names, 0) for t in telegrams]
         self.actuals: list[dict[str, int] | None] = [None] * len(self.telegrams)
-        """None until a valid frame came, and while the gateway says the values are bad (IOPS)."""
+        """None until a valid frame came, while the gateway says the values are bad (IOPS), and after its loss."""
         self.setpoints_used: list[bool] = [False] * len(self.telegrams)
         """The gateway uses our setpoints (its IOCS)."""
         self.run = True
@@ -62,7 +68,17 @@ class PlcEndpoint:
         self.counters["sent"] += 1
         return frame
 
-    def receive(self, data: bytes) -> bool:
+    def poll(self, now: int) -> bool:
+        """The watchdog; True when it expires in this call. Old values would meet expectations of a dead gateway."""
+        if self._last_counter is None or now - self._last_time <= self._watchdog_ns:
+            return False
+        self._last_counter = None
+        self.counters["watchdog"] += 1
+        self.actuals = [None] * len(self.telegrams)
+        self.setpoints_used = [False] * len(self.telegrams)
+        return True
+
+    def receive(self, data: bytes, now: int = 0) -> bool:
         """Take a frame of the gateway; False (counted) when it is not a newer valid frame of this relationship."""
         layout = self._consumer
         try:
@@ -79,7 +95,11 @@ class PlcEndpoint:
         if not frame.data_status & STATUS_DATA_VALID:
             self.counters["not valid"] += 1
             return False
+        if not frame.data_status & STATUS_PRIMARY:
+            self.counters["not primary"] += 1
+            return False
         self._last_counter = frame.cycle_counter
+        self._last_time = now
         self.counters["received"] += 1
         for index, half in enumerate(layout.halves):
             good = bool(data[layout.iops[index]] & IOPS_GOOD)

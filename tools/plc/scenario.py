@@ -26,6 +26,7 @@ from tools.plc.endpoint import PlcEndpoint
 
 Scalar = int | float | str
 NS = 1_000_000_000
+_DECIMALS = 1_000_000_000
 _I64 = (-(1 << 62), 1 << 62)
 
 
@@ -36,7 +37,7 @@ class _Model(BaseModel):
 class References(_Model):
     """What 100 % stands for, to write values in physical units."""
 
-    speed_rpm: Annotated[float, Field(gt=0)] = 3000
+    speed_rpm: Annotated[float, Field(gt=0, allow_inf_nan=False)] = 3000
     position: Annotated[int, Field(gt=0)] = 500_000
 
 
@@ -75,8 +76,8 @@ class Step(_Model):
     reject: Literal[True] | None = None
     intermediate_stop: Literal[True] | None = None
     resume: Literal[True] | None = None
-    set: dict[str, Scalar] | None = None
-    expect: dict[str, Scalar] | None = None
+    set: Annotated[dict[str, Scalar], Field(min_length=1)] | None = None
+    expect: Annotated[dict[str, Scalar], Field(min_length=1)] | None = None
     hold: str | None = None
     mute: bool | None = None
     run: bool | None = None
@@ -127,13 +128,18 @@ def load_scenario(path: Path) -> Scenario:
         document = yaml.safe_load(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError) as error:
         raise GatewayError(f"{path}: cannot be read: {error}") from error
-    except yaml.YAMLError as error:
+    except (yaml.YAMLError, ValueError) as error:  # a date that is none and a number of 5000 digits are ValueErrors
         raise GatewayError(f"{path}: not valid YAML: {' '.join(str(error).split())}") from error
+    except RecursionError:
+        raise GatewayError(f"{path}: not valid YAML: nested too deeply") from None
     try:
         scenario = Scenario.model_validate(document)
     except ValidationError as error:
-        raise GatewayError("\n".join(_explain(path, detail) for detail in error.errors())) from error
-    Engine(scenario, PlcEndpoint([telegram(number) for number in scenario.telegrams], 1_000_000))
+        raise GatewayError("\n".join(dict.fromkeys(_explain(path, detail) for detail in error.errors()))) from error
+    try:
+        Engine(scenario, PlcEndpoint([telegram(number) for number in scenario.telegrams], 1_000_000))
+    except GatewayError as error:
+        raise GatewayError(f"{path}: {error}") from error
     return scenario
 
 
@@ -143,20 +149,26 @@ def _explain(path: Path, detail: Any) -> str:
     if location[:1] == ["steps"] and len(location) > 1:
         place = f"step {location[1] + 1}: "
         location = location[2:]
+    message = detail["msg"].removeprefix("Value error, ")
+    if location[-1:] and location[-1] in {"int", "float", "str"}:  # one error for each member of Scalar
+        location.pop()
+        message = "expected a number or a text such as 50 %"
     key = ".".join(str(part) for part in location)
     value = detail["input"]
     shown = "" if isinstance(value, dict | list) or detail["type"] == "extra_forbidden" else f" = {value!r}"
-    message = detail["msg"].removeprefix("Value error, ")
     if detail["type"] == "extra_forbidden":
-        message = f"unknown key, allowed: {', '.join(Step.model_fields if place else Scenario.model_fields)}"
+        models: dict[Any, type[BaseModel]] = {"move": Move, "home": Home, "references": References}
+        model = models.get(location[0], Step) if place else models.get(location[0], Scenario)
+        model = model if len(location) > 1 else Step if place else Scenario
+        message = f"unknown key, allowed: {', '.join(model.model_fields)}"
     return f"{path}: {place}{key}{shown}{': ' if key else ''}{message}"
 
 
 def parse_time(text: str) -> int:
     """``500 ms`` or ``3 s`` in nanoseconds; GatewayError otherwise."""
-    match = re.fullmatch(r"\s*(\d+(?:\.\d+)?)\s*(ms|s)\s*", text)
+    match = re.fullmatch(r"\s*(\d{1,9}(?:\.\d{1,9})?)\s*(ms|s)\s*", text)
     if match is None:
-        raise GatewayError(f"time {text!r}: expected a number with ms or s")
+        raise GatewayError(f"time {text[:40]!r}: expected a number with ms or s")
     return int(Fraction(match[1]) * (1_000_000 if match[2] == "ms" else NS))
 
 
@@ -253,6 +265,9 @@ class Engine:
             if isinstance(item, _Wait):
                 if not self._wait(item, now):
                     return
+                if not self.results[-1].passed and self.scenario.steps[self._position - 1].action == "enable":
+                    self._queue = []  # a drive that is not ready gets no ON later on
+                    continue
             elif isinstance(item, int):
                 if self._hold_until < 0:
                     self._hold_until = now + item
@@ -292,7 +307,7 @@ class Engine:
         try:
             return self._actions(step)
         except (GatewayError, ProfidriveError) as error:
-            raise GatewayError(f"{self.scenario.name}: step {number} ({step.action}): {error}") from error
+            raise GatewayError(f"step {number} ({step.action}): {error}") from error
 
     def _actions(self, step: Step) -> list[_Primitive]:
         axis = step.axis - 1
@@ -477,18 +492,19 @@ class Engine:
         if isinstance(value, int):
             return int(value)
         text = str(value).strip()
-        match = re.fullmatch(r"(-?\d+(?:\.\d+)?)\s*(%|rpm|inc)", text)
+        match = re.fullmatch(r"(-?\d{1,15}(?:\.\d{1,9})?)\s*(%|rpm|inc)", text)
         if match:
             number = Fraction(match[1])
-            if match[2] == "%":
-                return _percent(item, number)
-            reference = self.scenario.references
-            if match[2] == "rpm":
-                return _normalisation(item, Fraction(reference.speed_rpm)).to_wire(int(number))
-            return _normalisation(item, Fraction(reference.position)).to_wire(int(number))
-        match = re.fullmatch(r"(-?)(?:0x([0-9a-fA-F]+)|([0-9a-fA-F]+)h|(\d+))", text)
+            references = self.scenario.references
+            full: dict[str, Fraction | int] = {
+                "%": 100,
+                "rpm": Fraction(references.speed_rpm),
+                "inc": references.position,
+            }
+            return _to_wire(item, number, full[match[2]])
+        match = re.fullmatch(r"(-?)(?:0x([0-9a-fA-F]{1,16})|([0-9a-fA-F]{1,16})h|(\d{1,20}))", text)
         if match is None:
-            raise GatewayError(f"{item.name} = {value!r}: expected 1234, 0x4D2, 2000h, 50 %, 1500 rpm or 2000 inc")
+            raise GatewayError(f"{item.name} = {text[:40]!r}: expected 1234, 0x4D2, 2000h, 50 %, 1500 rpm or 2000 inc")
         magnitude = int(match[2] or match[3] or match[4], 16 if match[2] or match[3] else 10)
         return -magnitude if match[1] else magnitude
 
@@ -501,6 +517,6 @@ def _normalisation(item: Signal, reference: Fraction | int) -> Normalisation:
     raise GatewayError(f"{item.name}: %, rpm and inc are for normalised signals only")
 
 
-def _percent(item: Signal, number: Fraction) -> int:
-    scaled = number * 1_000_000
-    return _normalisation(item, 100 * 1_000_000).to_wire(int(scaled))
+def _to_wire(item: Signal, number: Fraction, full: Fraction | int) -> int:
+    """A number with up to nine decimals, where ``full`` is 100 %, as the raw value."""
+    return _normalisation(item, full * _DECIMALS).to_wire(int(number * _DECIMALS))

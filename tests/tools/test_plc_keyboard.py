@@ -1,0 +1,130 @@
+"""The PLC simulator's keys: a stop is never kept waiting, and nothing starts after it by itself."""
+
+from __future__ import annotations
+
+import pytest
+
+from profidrive.signals import signal
+from profidrive.telegrams import telegram
+from tools.commands.sim_plc import Keyboard
+from tools.plc.endpoint import PlcEndpoint
+
+CYCLE = 4_000_000
+READY, OPERATION = 0x31, 0x37
+
+
+class Desk:
+    """A keyboard on axes whose actual values the test sets; virtual time."""
+
+    def __init__(self, *numbers: int) -> None:
+        self.plc = PlcEndpoint([telegram(number) for number in numbers], CYCLE)
+        self.told: list[str] = []
+        self.keyboard = Keyboard(self.plc, self.told.append)
+        self.now = 0
+        self.answer(*[0] * len(numbers))
+
+    def answer(self, *statuses: int) -> None:
+        for axis, status in enumerate(statuses):
+            names = self.plc.telegrams[axis].actuals.names
+            self.plc.actuals[axis] = {**dict.fromkeys(names, 0), names[0]: status}
+
+    def cycles(self, count: int = 1) -> None:
+        for _ in range(count):
+            self.keyboard.step(self.now)
+            self.now += CYCLE
+
+    def keys(self, keys: str) -> None:
+        for key in keys:
+            self.keyboard.press(key)
+        self.cycles()
+
+    def bit(self, name: str, axis: int = 0) -> int:
+        item = signal("STW1").bit(name, positioning=self.plc.telegrams[axis].number == 9)
+        return item.of(self.plc.setpoints[axis]["STW1"])
+
+
+def test_enable_turns_and_off1() -> None:
+    desk = Desk(1)
+    desk.answer(READY)
+    desk.keys("e")
+    assert desk.bit("ON") == 1
+    desk.answer(OPERATION)
+    desk.cycles()
+    desk.keys("++-")
+    desk.cycles(3)
+    assert desk.plc.setpoints[0]["NSOLL_A"] == 0x4000 // 10
+    desk.keys("o")
+    assert desk.bit("ON") == 0
+    assert desk.told == []
+
+
+@pytest.mark.parametrize(("key", "name"), [("o", "ON"), ("q", "NO_QUICK_STOP"), ("c", "NO_COAST_STOP")])
+def test_a_stop_acts_in_its_cycle_while_an_enable_waits_and_nothing_starts_later(key: str, name: str) -> None:
+    desk = Desk(1)
+    desk.keys("e")  # not ready: waits
+    desk.keys(key)
+    assert desk.bit(name) == 0
+    desk.answer(READY)
+    desk.cycles(3000)
+    assert desk.bit("ON") == 0
+    assert desk.bit(name) == 0
+
+
+def test_an_enable_the_drive_is_not_ready_for_is_told_and_gives_no_late_on_edge() -> None:
+    desk = Desk(1)
+    desk.keys("e")
+    desk.cycles(1000)
+    assert desk.bit("ON") == 0
+    assert len(desk.told) == 1
+    assert "ready" in desk.told[0]
+    desk.answer(READY)
+    desk.keys("e")
+    assert desk.bit("ON") == 1
+
+
+def test_a_stop_drops_what_has_not_begun_and_completes_a_handshake() -> None:
+    desk = Desk(9)
+    acknowledge = signal("ZSW1").bit("TASK_ACKNOWLEDGE", positioning=True).mask
+    desk.keys("mm")
+    assert desk.bit("ACTIVATE_TASK") == 1
+    desk.keys(" ")
+    assert desk.bit("NO_INTERMEDIATE_STOP") == 0
+    desk.answer(acknowledge)
+    desk.cycles()
+    assert desk.bit("ACTIVATE_TASK") == 0
+    desk.answer(0)
+    desk.cycles(2000)
+    assert desk.bit("ACTIVATE_TASK") == 0  # the second task was dropped
+    assert desk.bit("NO_INTERMEDIATE_STOP") == 0
+
+
+def test_space_after_a_new_task_stops_again() -> None:
+    desk = Desk(9)
+    acknowledge = signal("ZSW1").bit("TASK_ACKNOWLEDGE", positioning=True).mask
+    for _ in range(2):
+        desk.keys("m")
+        desk.answer(acknowledge)
+        desk.cycles(2)
+        desk.answer(0)
+        desk.cycles(2)
+        desk.keys(" ")
+        assert desk.bit("NO_INTERMEDIATE_STOP") == 0
+    desk.keys(" ")
+    assert desk.bit("NO_INTERMEDIATE_STOP") == 1
+
+
+def test_an_axis_that_waits_does_not_hold_up_the_others() -> None:
+    desk = Desk(1, 1)
+    desk.answer(0, READY)
+    desk.keys("e")
+    assert (desk.bit("ON", 0), desk.bit("ON", 1)) == (0, 1)
+
+
+def test_keys_a_telegram_has_no_use_for_are_told_and_unknown_ones_ignored() -> None:
+    desk = Desk(1)
+    before = dict(desk.plc.setpoints[0])
+    desk.keys("mh ?\n\x1b")
+    desk.cycles(5)
+    assert desk.plc.setpoints[0] == before
+    assert len(desk.told) == 3
+    assert all("axis 1" in text for text in desk.told)
