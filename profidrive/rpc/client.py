@@ -1,0 +1,105 @@
+"""The PLC's side of record access: builds calls, recognises their answers; sans-I/O."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from uuid import UUID
+
+from profidrive.errors import ProfidriveError
+from profidrive.rpc import dcerpc
+from profidrive.rpc.dcerpc import Flags, PacketType, Reassembly, RpcHeader
+from profidrive.rpc.records import (
+    BLOCK_SIZE,
+    NIL,
+    BlockType,
+    Operation,
+    PnioStatus,
+    RecordBlock,
+    decode_arguments,
+    decode_block,
+    encode_arguments,
+    encode_block,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class RecordResult:
+    """The answer of a call; ``data`` is empty unless a read succeeded."""
+
+    status: PnioStatus
+    data: bytes
+
+
+class RecordCall:
+    """One call: ``packets`` are sent (again, while no answer comes), ``receive`` is given what comes back."""
+
+    def __init__(self, header: RpcHeader, arguments: bytes, max_record: int) -> None:
+        self._header = header
+        maximum = max_record + BLOCK_SIZE
+        ndr = encode_arguments(maximum, arguments, max(maximum, len(arguments)), little=header.little_endian)
+        self.packets = dcerpc.encode_fragments(header, ndr)
+        self._reassembly = Reassembly(maximum + 64)
+
+    def receive(self, data: bytes) -> RecordResult | list[bytes] | None:
+        """The result, or datagrams to send back (acknowledged fragments), or None for what is not of this call.
+
+        ProfidriveError when the device rejects the call or its answer makes no sense.
+        """
+        header, body = dcerpc.decode_packet(data)
+        own = self._header
+        if header.activity != own.activity or header.sequence != own.sequence:
+            return None
+        if header.packet_type in {PacketType.REJECT, PacketType.FAULT}:
+            refusal = dcerpc.decode_status(body, little=header.little_endian)
+            raise ProfidriveError("RPC call", f"refused with status {refusal:08X}h", "an operation the device has")
+        if header.packet_type is not PacketType.RESPONSE:
+            return None
+        whole = self._reassembly.add(header, body)
+        if whole is None:
+            return [] if Flags.NO_FACK in header.flags else [dcerpc.encode_fack(header, 8)]
+        status_value, arguments = decode_arguments(whole, little=header.little_endian)
+        status = PnioStatus.of(status_value)
+        if status.value:
+            return RecordResult(status, b"")
+        block, record = decode_block(arguments)
+        expected = BlockType.WRITE_RESPONSE if own.operation == Operation.WRITE else BlockType.READ_RESPONSE
+        if block.type is not expected:
+            raise ProfidriveError("BlockType of the answer", f"{block.type:04X}h", f"{expected:04X}h")
+        return RecordResult(block.status, record)
+
+
+class RecordCaller:
+    """Makes the calls of one application relationship; ``activity`` must be unique to this caller."""
+
+    def __init__(self, activity: UUID, device: UUID, ar_uuid: UUID = NIL, max_record: int = 4096) -> None:
+        self.activity = activity
+        self.device = device
+        self.ar_uuid = ar_uuid
+        self.max_record = max_record
+        self._sequence = 0
+
+    def _call(self, operation: Operation, block: RecordBlock, data: bytes = b"") -> RecordCall:
+        header = RpcHeader(PacketType.REQUEST, self.device, self.activity, self._sequence, operation)
+        self._sequence += 1
+        return RecordCall(header, encode_block(block) + data, self.max_record)
+
+    def write(self, api: int, slot: int, subslot: int, index: int, data: bytes) -> RecordCall:
+        """IODWrite of a record."""
+        block = RecordBlock(
+            BlockType.WRITE_REQUEST, self._sequence & 0xFFFF, self.ar_uuid, api, slot, subslot, index, len(data)
+        )
+        return self._call(Operation.WRITE, block, data)
+
+    def read(self, api: int, slot: int, subslot: int, index: int, *, implicit: bool = False) -> RecordCall:
+        """IODRead, or Read Implicit, which needs no application relationship."""
+        block = RecordBlock(
+            BlockType.READ_REQUEST,
+            self._sequence & 0xFFFF,
+            NIL if implicit else self.ar_uuid,
+            api,
+            slot,
+            subslot,
+            index,
+            self.max_record,
+        )
+        return self._call(Operation.READ_IMPLICIT if implicit else Operation.READ, block)

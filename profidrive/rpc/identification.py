@@ -1,0 +1,111 @@
+"""Identification and maintenance records I&M0 to I&M4 (AFF0h to AFF4h).
+
+Source: PROFIBUS/PROFINET identification and maintenance functions V1.2, as scapy's IMxBlock and tshark read them.
+"""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+
+from profidrive.errors import ProfidriveError
+
+INDEX = 0xAFF0
+"""Record index of I&M0; I&Mn follows at INDEX + n."""
+PROFILE_ID = 0x3A00
+"""PROFIdrive."""
+_BLOCK_TYPE = 0x0020
+_HEADER = struct.Struct(">HHBB")
+_IM0 = struct.Struct(">H20s16sHc3BHHHBBH")
+_SUPPORTED = 0b11110
+"""I&M1 to I&M4."""
+
+TEXT_FIELDS: dict[int, tuple[tuple[str, int], ...]] = {
+    1: (("IM_Tag_Function", 32), ("IM_Tag_Location", 22)),
+    2: (("IM_Date", 16),),
+    3: (("IM_Descriptor", 54),),
+    4: (("IM_Signature", 54),),
+}
+"""Fields of the writable records with their sizes; the signature is octets, the others visible characters."""
+SIGNATURE = 4
+
+
+@dataclass(frozen=True, slots=True)
+class Im0:
+    """What the device is. ``software`` is prefix letter and three numbers 0..255."""
+
+    vendor_id: int
+    order_id: str
+    serial_number: str
+    hardware_revision: int
+    software: tuple[str, int, int, int]
+    revision_counter: int = 0
+    profile_id: int = PROFILE_ID
+    profile_type: int = 0
+
+
+def _text(value: str, size: int, field: str) -> bytes:
+    try:
+        data = value.encode("ascii")
+    except UnicodeEncodeError as error:
+        raise ProfidriveError(field, value, "visible ASCII characters") from error
+    if len(data) > size:
+        raise ProfidriveError(field, value, f"at most {size} characters")
+    return data.ljust(size)
+
+
+def _block(number: int, content: bytes) -> bytes:
+    return _HEADER.pack(_BLOCK_TYPE + number, len(content) + 2, 1, 0) + content
+
+
+def encode_im0(item: Im0) -> bytes:
+    """The record AFF0h."""
+    prefix, *version = item.software
+    return _block(
+        0,
+        _IM0.pack(
+            item.vendor_id,
+            _text(item.order_id, 20, "OrderID"),
+            _text(item.serial_number, 16, "IM_Serial_Number"),
+            item.hardware_revision,
+            _text(prefix, 1, "IM_SWRevision_Functional_Prefix"),
+            *version,
+            item.revision_counter,
+            item.profile_id,
+            item.profile_type,
+            1,
+            1,
+            _SUPPORTED,
+        ),
+    )
+
+
+def encode_im(number: int, values: tuple[bytes, ...]) -> bytes:
+    """The record I&M1 to I&M4; texts are padded with spaces, the signature with zeros."""
+    pad = b"\0" if number == SIGNATURE else b" "
+    parts = [value.ljust(size, pad) for value, (_, size) in zip(values, TEXT_FIELDS[number], strict=True)]
+    return _block(number, b"".join(parts))
+
+
+def decode_im(number: int, record: bytes) -> tuple[bytes, ...]:
+    """The fields of a written I&M1 to I&M4; ProfidriveError names what is wrong."""
+    fields = TEXT_FIELDS[number]
+    size = sum(length for _, length in fields)
+    if len(record) != _HEADER.size + size:
+        raise ProfidriveError(f"I&M{number}", f"{len(record)} bytes", f"{_HEADER.size + size} bytes")
+    kind, length, major, minor = _HEADER.unpack_from(record)
+    if (kind, length, major, minor) != (_BLOCK_TYPE + number, size + 2, 1, 0):
+        raise ProfidriveError(
+            f"block header of I&M{number}",
+            record[: _HEADER.size].hex(" "),
+            _HEADER.pack(_BLOCK_TYPE + number, size + 2, 1, 0).hex(" "),
+        )
+    values = []
+    offset = _HEADER.size
+    for name, length in fields:
+        value = record[offset : offset + length]
+        offset += length
+        if number != SIGNATURE and any(not 0x20 <= byte < 0x7F for byte in value):
+            raise ProfidriveError(name, value, "visible ASCII characters")
+        values.append(value)
+    return tuple(values)
