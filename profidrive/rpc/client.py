@@ -79,7 +79,10 @@ class RecordCaller:
         self._sequence = 0
 
     def _call(self, operation: Operation, block: RecordBlock, data: bytes = b"") -> RecordCall:
-        header = RpcHeader(PacketType.REQUEST, self.device, self.activity, self._sequence, operation)
+        # Idempotent as PROFINET devices expect it; the server executes a call once all the same.
+        header = RpcHeader(
+            PacketType.REQUEST, self.device, self.activity, self._sequence, operation, flags=Flags.IDEMPOTENT
+        )
         self._sequence += 1
         return RecordCall(header, encode_block(block) + data, self.max_record)
 
