@@ -184,7 +184,7 @@ def test_tshark_dissects_every_kind_of_packet_without_complaint(tmp_path: Path) 
         "pn_io.profidrive.parameter.number",
         "pn_io.profidrive.parameter.format",
         "pn_io.profidrive.parameter.value_w",
-        "pn_io.im_order_id",
+        "pn_io.order_id",
         "pn_io.im_serial_number",
     ]
     rows = tshark.fields(capture, names)
@@ -201,7 +201,7 @@ def test_tshark_dissects_every_kind_of_packet_without_complaint(tmp_path: Path) 
     assert [int(rows[5][name], 0) for name in codes] == [0xDE, 0x80, 0xB5, 0]
     assert [int(rows[7][name], 0) for name in codes] == [0xDF, 0x80, 0xB5, 0]
     assert [int(rows[9][name], 0) for name in codes] == [0xDE, 0x81, 0x40, 5]
-    assert rows[11]["pn_io.im_order_id"].startswith("PDGW")
+    assert rows[11]["pn_io.order_id"].startswith("PDGW")
     assert rows[11]["pn_io.im_serial_number"].startswith("SN7")
     assert (rows[10]["dcerpc.opnum"], rows[12]["dcerpc.opnum"]) == ("5", "2")
 
