@@ -7,14 +7,12 @@ worker and is answered in a later cycle. Source: docs/translation.md "Loss and d
 from __future__ import annotations
 
 import logging
-import threading
 import time
-from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import Future
-from dataclasses import dataclass
 
 from ds301.network import CanNetwork
+from ds301.simulator import NmtCommand
 from dsp402.drive import DriveClient, DriveEvent, DriveStatus
 from dsp402.faults import DRIVE_FAULTS
 from dsp402.objects import DRIVE_OBJECTS
@@ -22,28 +20,22 @@ from dsp402.pdo import LAYOUTS
 from dsp402.states import State, state_of
 from gateway.config import AxisConfig
 from gateway.errors import GatewayError
+from gateway.faults import FaultLog, FaultRecord
 from gateway.reasons import GATEWAY_FAULTS, Reason
 from gateway.translator.base import SdoWrite
 from gateway.translator.factory import make_translator, pdo_operation
+from profidrive.signals import signal
 from profidrive.telegrams import Telegram, telegram
 
 log = logging.getLogger("gateway")
 
 _FAULT_OF_EMCY = {fault.error_code: fault.number for fault in DRIVE_FAULTS.values()}
 _INTERNAL_FAULT = 10
+_ACKNOWLEDGE = signal("STW1").bit("FAULT_ACKNOWLEDGE").mask
+_ACKNOWLEDGE_NS = 1_000_000_000
+"""So long may a drive take to leave its fault."""
+_FAULTY = (State.FAULT, State.FAULT_REACTION_ACTIVE)
 _POWERED = (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE, State.FAULT_REACTION_ACTIVE)
-
-
-@dataclass(frozen=True, slots=True)
-class FaultRecord:
-    """A fault of an axis as P945, P947 and P949 show it; ``time_ns`` is monotonic."""
-
-    number: int
-    code: int
-    value: int
-    text: str
-    time_ns: int
-    is_warning: bool = False
 
 
 class Axis:
@@ -55,10 +47,8 @@ class Axis:
         self.config = config
         self.network = network
         self.do_id = config.do_id
-        self.faults: deque[FaultRecord] = deque(maxlen=64)
-        self.fault_listeners: list[Callable[[FaultRecord], None]] = []
+        self.fault_log = FaultLog(time.monotonic_ns())
         self._cycle_time_ms = cycle_time_ms
-        self._faults_lock = threading.Lock()
         number = config.telegram if number is None else number
         self.telegram: Telegram = telegram(number)
         self.translator = make_translator(number, config.translator_settings)
@@ -72,6 +62,10 @@ class Axis:
         self.good = False
         """The actual values are valid: the axis' IOPS."""
         self.last_setpoints: Sequence[int] | None = None
+        """What the PLC last sent, also after its loss."""
+        self._acknowledge_seen = False
+        self._acknowledge_until = 0
+        self._restart_expected = False
         self._generation = 0
         self._reason: Reason | None = None
         self._sdo: Future[None] | None = None
@@ -93,9 +87,13 @@ class Axis:
         elif self._references_changed:
             self._references_changed = False
             translator.set_references(drive.references, drive.homing_method)
-        self.last_setpoints = setpoints
+        if setpoints is not None:
+            self.last_setpoints = setpoints
+            self._watch_acknowledge(setpoints[0], now)
         self.actuals = translator.step(setpoints, drive.feedback, drive_ok, now)
         self.good = drive_ok
+        if self._acknowledge_until and drive_ok:
+            self._acknowledge(now)
         drive.send(translator.command, now)
         if translator.sdo_request is not None or self._sdo is not None:
             self._serve_sdo_request()
@@ -104,6 +102,21 @@ class Axis:
         if translator.reason is not self._reason:
             self._reason = translator.reason
             log.info("axis %d: %s", self.do_id, self._reason.value if self._reason else "obeys the PLC")
+
+    def _watch_acknowledge(self, word: int, now: int) -> None:
+        """A rising edge of bit 7, the same in STW1, STW2 of encoders and the Controlword."""
+        acknowledge = bool(word & _ACKNOWLEDGE)
+        if acknowledge and not self._acknowledge_seen:
+            self._acknowledge_until = now + _ACKNOWLEDGE_NS
+        self._acknowledge_seen = acknowledge
+
+    def _acknowledge(self, now: int) -> None:
+        """The fault buffer moves on when the drive has left its fault; a cause that stays needs another edge."""
+        if state_of(self.drive.feedback.statusword) not in _FAULTY:
+            self._acknowledge_until = 0
+            self.fault_log.acknowledge()
+        elif now > self._acknowledge_until:
+            self._acknowledge_until = 0
 
     def _serve_sdo_request(self) -> None:
         translator = self.translator
@@ -143,6 +156,16 @@ class Axis:
         fault = GATEWAY_FAULTS[number]
         self._record(FaultRecord(number, fault.code, 0, f"{fault.name}: {detail}", now, fault.is_warning))
 
+    @property
+    def faults(self) -> Sequence[FaultRecord]:
+        """What happened lately, warnings included, oldest first."""
+        return self.fault_log.history
+
+    def reset_drive(self) -> None:
+        """P972: restart of the node; it is configured anew by itself and starts nothing."""
+        self._restart_expected = True
+        self.network.send(0, bytes((NmtCommand.RESET_NODE, self.config.node_id)))
+
     def references_changed(self) -> None:
         """The drive's references were read anew; the next cycle takes them."""
         self._references_changed = True
@@ -163,8 +186,7 @@ class Axis:
         log.info("axis %d: telegram %d selected", self.do_id, number)
 
     def _record(self, record: FaultRecord) -> None:
-        with self._faults_lock:
-            self.faults.append(record)
+        self.fault_log.enter(record)
         log.log(
             logging.WARNING if record.is_warning else logging.ERROR,
             "axis %d: fault %d, code %04Xh: %s",
@@ -173,8 +195,6 @@ class Axis:
             record.code,
             record.text,
         )
-        for listener in self.fault_listeners:
-            listener(record)
 
     def _on_drive_event(self, event: DriveEvent) -> None:
         """From the drive's worker or the bus reader."""
@@ -186,6 +206,9 @@ class Axis:
             number = _FAULT_OF_EMCY.get(event.code, _INTERNAL_FAULT)
             value = int.from_bytes(event.data[:4], "little")
             self._record(FaultRecord(number, event.code, value, event.text, now))
+        elif event.kind == "boot" and self._restart_expected:
+            self._restart_expected = False
+            log.info("axis %d: drive restarted, as asked", self.do_id)
         elif event.kind == "boot":
             self.raise_fault(105, event.text, now)
         elif event.kind == "refused":

@@ -13,6 +13,7 @@ from ipaddress import IPv4Address
 from math import ceil
 from pathlib import Path
 from typing import Annotated, Any, Literal
+from uuid import UUID
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, Strict, ValidationError, model_validator
 
@@ -25,9 +26,10 @@ from gateway.translator.base import PlcLossReaction, SetpointEnable, TranslatorS
 from gateway.translator.factory import DRIVE_TELEGRAM_NUMBERS, initial_mode, pdo_operation
 from profidrive.errors import ProfidriveError
 from profidrive.frame import UDP_PORT, CSduLayout
+from profidrive.rpc.dcerpc import UDP_PORT as ACYCLIC_PORT
+from profidrive.rpc.records import NIL
 from profidrive.telegrams import Direction, telegram
 
-ACYCLIC_PORT = 34964
 STATUS_PORT = 34965
 GATEWAY_NODE_ID = 127
 DEFAULT_BITRATE = 1_000_000
@@ -38,6 +40,8 @@ _DATA_PDO_RATE = 100.0
 
 _MAXIMUM_INHIBIT_US = 6_553_500
 """An UNSIGNED16 in units of 100 us."""
+_STATION_NAME = r"^[a-z0-9]([a-z0-9-]{0,61}[a-z0-9])?(\.[a-z0-9]([a-z0-9-]{0,61}[a-z0-9])?)*$"
+"""PROFINET: labels of lower case letters, digits and hyphens."""
 _MISSPELT = 0.85
 """A further [can] key as similar as this to one of ours is taken for a slip of the pen."""
 
@@ -87,6 +91,11 @@ class TransportConfig(_Section):
     peer: IPv4Address | None = None
     status_port: Port = STATUS_PORT
     """``pdgw status`` on loopback."""
+    parameter_timeout_ms: Annotated[Integer, Field(ge=100, le=60_000)] = 2000
+    """A parameter request is answered within this time; what the drive has not answered by then fails."""
+    ar_uuid: UUID = NIL
+    """Of the static application relationship."""
+    station_name: Annotated[str, Field(max_length=240, pattern=_STATION_NAME)] = "pdgw"
 
 
 def _standstill(value: object) -> object:
@@ -351,6 +360,9 @@ cyclic_port = {UDP_PORT}
 acyclic_port = {ACYCLIC_PORT}
 cycle_time_ms = 4            # 0.25 to 512
 watchdog_factor = 3          # the PLC is lost after this many cycles without a frame
+# parameter_timeout_ms = 2000  # a parameter request is answered within this time
+# ar_uuid = "00000000-0000-0000-0000-000000000000"   # of the static application relationship
+# station_name = "pdgw"      # P61000
 # peer = "192.168.0.10"      # only this PLC; without it the first valid sender
 
 [[axis]]

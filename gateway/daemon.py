@@ -25,6 +25,7 @@ from gateway.config import GATEWAY_NODE_ID, CanConfig, GatewayConfig
 from gateway.store import ParameterStore
 from gateway.transport.cyclic import CyclicEndpoint, Verdict
 from gateway.transport.udp import UdpSocket
+from profidrive.telegrams import Telegram, telegram
 
 log = logging.getLogger("gateway")
 
@@ -80,7 +81,7 @@ class Daemon:
                         SimulatedDrive(drive_bus, axis_config.node_id, serial_number=axis_config.do_id)
                     )
             # A stored telegram (P922) may differ from the configured one: the frame may not fit.
-            self.endpoint = self._new_endpoint()
+            self.endpoint = self._new_endpoint([axis.telegram for axis in self.axes])
         except BaseException:
             self.release()
             raise
@@ -93,10 +94,10 @@ class Daemon:
         number = self.store.parameters.drive_object(do_id).telegram
         return Axis(axis_config, network, self.config.transport.cycle_time_ms, number)
 
-    def _new_endpoint(self) -> CyclicEndpoint:
+    def _new_endpoint(self, telegrams: Sequence[Telegram]) -> CyclicEndpoint:
         transport = self.config.transport
         return CyclicEndpoint(
-            [axis.telegram for axis in self.axes],
+            telegrams,
             cycle_ns=self.cycle_ns,
             watchdog_factor=transport.watchdog_factor,
             peer=str(transport.peer) if transport.peer else None,
@@ -129,8 +130,9 @@ class Daemon:
         def change() -> None:
             if number == axis.telegram.number:
                 return
+            telegrams = [telegram(number) if item is axis else item.telegram for item in self.axes]
+            endpoint = self._new_endpoint(telegrams)
             axis.change_telegram(number)
-            endpoint = self._new_endpoint()
             endpoint.continue_from(self.endpoint)
             self.endpoint = endpoint
 

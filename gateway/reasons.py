@@ -38,6 +38,10 @@ class Reason(enum.Enum):
     HOMING_ERROR = "the drive reports a homing error (Statusword.13)"
 
 
+FIRST_WARNING = 108
+"""Number of the warning with bit 0 of P953; the others follow."""
+
+
 @dataclass(frozen=True, slots=True)
 class GatewayFault:
     """A fault the gateway itself raises: P947 number, P945 code, warning or fault."""
@@ -46,6 +50,11 @@ class GatewayFault:
     name: str
     code: int
     is_warning: bool = False
+
+    @property
+    def warning_mask(self) -> int:
+        """The bit of a warning in P953; 0 for a fault."""
+        return 1 << (self.number - FIRST_WARNING) if self.is_warning else 0
 
 
 GATEWAY_FAULTS: MappingProxyType[int, GatewayFault] = MappingProxyType(

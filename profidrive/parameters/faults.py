@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from profidrive.errors import ProfidriveError
+
 SITUATIONS = 8
 FAULTS_PER_SITUATION = 8
 SIZE = SITUATIONS * FAULTS_PER_SITUATION
@@ -60,7 +62,9 @@ class FaultBuffer:
         return sum(1 for situation in self._situations if situation)
 
     def entry(self, subindex: int) -> Fault | None:
-        """The fault at a subindex 0..63, None where the place is empty."""
+        """The fault at a subindex 0..63, None where the place is empty; ProfidriveError for other subindices."""
+        if not 0 <= subindex < SIZE:
+            raise ProfidriveError("subindex of the fault buffer", subindex, f"0..{SIZE - 1}")
         situation, place = divmod(subindex, FAULTS_PER_SITUATION)
         faults = self._situations[situation]
         return faults[place] if place < len(faults) else None

@@ -25,6 +25,7 @@ from gateway.config import GatewayConfig, load_config, simulated
 from gateway.daemon import Daemon
 from gateway.errors import GatewayError
 from gateway.status import StatusServer
+from gateway.transport.acyclic import AcyclicServer
 
 
 class LogLevel(StrEnum):
@@ -156,6 +157,7 @@ def run(
         if recorder is not None:
             for network in daemon.networks.values():
                 network.listeners.append(recorder.record)
+        daemon.services.append(AcyclicServer(daemon))
         if chosen.transport.status_port:
             daemon.services.append(StatusServer(daemon, chosen.transport.status_port))
         for number in (signal.SIGINT, signal.SIGTERM):

@@ -1,0 +1,83 @@
+"""The faults of one axis as the parameter channel shows them: P944 to P953.
+
+Fed by the axis from its own threads, read by the parameter channel. Source: docs/parameter-channel.md "Fault buffer".
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from dataclasses import dataclass
+
+from gateway.reasons import GATEWAY_FAULTS
+from profidrive.parameters.faults import SIZE, Fault, FaultBuffer
+
+_NS_PER_MS = 1_000_000
+_NO_FAULT = Fault(0, 0, 0, 0)
+_KEPT = 64
+
+
+@dataclass(frozen=True, slots=True)
+class FaultRecord:
+    """A fault of an axis as P945, P947 and P949 show it; ``time_ns`` is monotonic."""
+
+    number: int
+    code: int
+    value: int
+    text: str
+    time_ns: int
+    is_warning: bool = False
+
+
+class FaultLog:
+    """The history for the user, the fault buffer and the warnings of one axis; times count from ``origin_ns``."""
+
+    def __init__(self, origin_ns: int) -> None:
+        self.history: deque[FaultRecord] = deque(maxlen=_KEPT)
+        self._origin = origin_ns
+        self._lock = threading.Lock()
+        self._buffer = FaultBuffer()
+        self._warnings = 0
+
+    def enter(self, record: FaultRecord) -> None:
+        """A fault goes to the buffer, a warning to the warning word."""
+        with self._lock:
+            self.history.append(record)
+            if not record.is_warning:
+                time_ms = max(0, record.time_ns - self._origin) // _NS_PER_MS
+                self._buffer.enter(Fault(record.number, record.code, record.value, time_ms & 0xFFFFFFFF))
+            elif record.number in GATEWAY_FAULTS:
+                self._warnings |= GATEWAY_FAULTS[record.number].warning_mask
+
+    def acknowledge(self) -> None:
+        """The PLC acknowledged and the cause is gone."""
+        with self._lock:
+            self._buffer.acknowledge()
+
+    def clear(self) -> None:
+        """P952 := 0."""
+        with self._lock:
+            self._buffer.clear()
+
+    @property
+    def counter(self) -> int:
+        """P944."""
+        return self._buffer.counter
+
+    @property
+    def situations(self) -> int:
+        """P952."""
+        with self._lock:
+            return self._buffer.situations
+
+    def entries(self) -> list[Fault]:
+        """All 64 places, empty ones as zeros."""
+        with self._lock:
+            return [self._buffer.entry(place) or _NO_FAULT for place in range(SIZE)]
+
+    def warnings(self, *, present: bool) -> int:
+        """The gateway's bits of P953; they end with the standing warning of the translator (``present`` False)."""
+        with self._lock:
+            if not present:
+                self._warnings = 0
+            return self._warnings

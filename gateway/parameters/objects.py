@@ -1,0 +1,253 @@
+"""CANopen objects as parameters 03E8h to EA5Fh, one to one, by SDO.
+
+Source: docs/parameter-channel.md "1:1 objects". The wire format is the type in the EDS; an object the EDS does not know, or
+whose length is not the one of its type, has the format of its length. An SDO abort is always an error, never a value.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+import struct
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import CancelledError
+from concurrent.futures import TimeoutError as FutureTimeoutError
+from contextvars import ContextVar
+from typing import Any, TypeVar
+
+import canopen
+from canopen.sdo import SdoAbortedError, SdoCommunicationError
+
+from ds301.aborts import Abort, abort_text
+from ds301.communication import CONSUMER_HEARTBEAT, PRODUCER_HEARTBEAT
+from ds301.errors import CanopenError
+from ds301.objects import CanType
+from dsp402.configuration import ABORT_OPTION
+from dsp402.drive import DriveClient
+from dsp402.images import REFERENCE_OBJECTS
+from gateway.axis import Axis
+from profidrive.datatypes import DataType
+from profidrive.parameters.codec import MAX_ELEMENTS, Values
+from profidrive.parameters.description import Description
+from profidrive.parameters.errors import ParameterErrorNumber as Number
+from profidrive.parameters.errors import ParameterRefused
+from profidrive.parameters.model import converted
+
+log = logging.getLogger("gateway")
+request_deadline: ContextVar[float] = ContextVar("request_deadline", default=math.inf)
+"""Monotonic seconds at which the request that is being served has to be answered."""
+T = TypeVar("T")
+
+ABORT_ERRORS: dict[int, Number] = {
+    Abort.NO_SUCH_OBJECT: Number.IMPERMISSIBLE_PNU,
+    Abort.NO_SUCH_SUBINDEX: Number.FAULTY_SUBINDEX,
+    Abort.READ_ONLY: Number.VALUE_CANNOT_BE_CHANGED,
+    Abort.UNSUPPORTED_ACCESS: Number.VALUE_CANNOT_BE_CHANGED,
+    Abort.LENGTH_MISMATCH: Number.INCORRECT_DATA_TYPE,
+    Abort.LENGTH_TOO_HIGH: Number.INCORRECT_DATA_TYPE,
+    Abort.LENGTH_TOO_LOW: Number.INCORRECT_DATA_TYPE,
+    Abort.VALUE_RANGE: Number.LIMIT_EXCEEDED,
+    Abort.VALUE_TOO_HIGH: Number.LIMIT_EXCEEDED,
+    Abort.VALUE_TOO_LOW: Number.LIMIT_EXCEEDED,
+    Abort.MAXIMUM_BELOW_MINIMUM: Number.VALUE_IMPERMISSIBLE,
+    Abort.PARAMETER_INCOMPATIBLE: Number.VALUE_IMPERMISSIBLE,
+    Abort.INTERNAL_INCOMPATIBLE: Number.VALUE_IMPERMISSIBLE,
+    Abort.HARDWARE_ERROR: Number.NOT_EXECUTABLE_IN_STATE,
+    Abort.CANNOT_STORE: Number.NOT_EXECUTABLE_IN_STATE,
+    Abort.CANNOT_STORE_LOCAL_CONTROL: Number.NOT_EXECUTABLE_IN_STATE,
+    Abort.CANNOT_STORE_DEVICE_STATE: Number.NOT_EXECUTABLE_IN_STATE,
+    Abort.GENERAL: Number.NOT_EXECUTABLE_IN_STATE,
+    Abort.TIMEOUT: Number.NOT_EXECUTABLE_IN_STATE,
+}
+"""What the PLC is told for an SDO abort; any other is the manufacturer's error 65h, with the abort code in the log."""
+
+_FORMATS: dict[int, DataType] = {
+    item.code: data_type
+    for item, data_type in (
+        (CanType.BOOLEAN, DataType.BOOLEAN),
+        (CanType.I8, DataType.INTEGER8),
+        (CanType.I16, DataType.INTEGER16),
+        (CanType.I32, DataType.INTEGER32),
+        (CanType.U8, DataType.UNSIGNED8),
+        (CanType.U16, DataType.UNSIGNED16),
+        (CanType.U32, DataType.UNSIGNED32),
+        (CanType.REAL32, DataType.FLOATING_POINT),
+        (CanType.VISIBLE_STRING, DataType.VISIBLE_STRING),
+        (CanType.OCTET_STRING, DataType.OCTET_STRING),
+        (CanType.DOMAIN, DataType.OCTET_STRING),
+        (CanType.I64, DataType.OCTET_STRING),
+        (CanType.U64, DataType.OCTET_STRING),
+    )
+}
+_BY_LENGTH = {1: DataType.BYTE, 2: DataType.WORD, 4: DataType.DOUBLE_WORD}
+_NUMBERS_AS_OCTETS = {CanType.I64.code, CanType.U64.code}
+"""Eight bytes have no format of their own: octets, most significant first as everything on this channel."""
+
+_GUARDING = {(CONSUMER_HEARTBEAT, 1), (PRODUCER_HEARTBEAT, 0), ABORT_OPTION}
+"""What stops the drive when the gateway dies, written and owned by the gateway."""
+_ALWAYS_CYCLIC = {(0x6040, 0), (0x6060, 0)}
+_HOMING_METHOD = (0x6098, 0)
+_REFERENCES = {(index, subindex) for _, index, subindex in REFERENCE_OBJECTS} | {_HOMING_METHOD}
+
+
+def error_of_abort(code: int) -> Number:
+    """The parameter error number of an SDO abort code."""
+    return ABORT_ERRORS.get(code, Number.MANUFACTURER)
+
+
+class ObjectAccess:
+    """SDO access to the drive of one axis, within the time limit of the request that is being served.
+
+    Any thread; the cyclic exchange never waits for it.
+    """
+
+    def __init__(self, axis: Axis, cyclic_running: Callable[[], bool]) -> None:
+        self.axis = axis
+        self.cyclic_running = cyclic_running
+
+    def run(self, job: Callable[[DriveClient], T], what: str) -> T:
+        """A job on the drive's worker; ParameterRefused with the error number of whatever went wrong."""
+        left = request_deadline.get() - time.monotonic()
+        if left <= 0:
+            log.warning("axis %d: %s: no time left for it in this request", self.axis.do_id, what)
+            raise ParameterRefused(Number.NOT_EXECUTABLE_IN_STATE)
+        future = self.axis.drive.submit(job)
+        try:
+            return future.result(None if left == math.inf else left)
+        except SdoAbortedError as error:
+            number = error_of_abort(error.code)
+            level = logging.WARNING if number is Number.MANUFACTURER else logging.DEBUG
+            log.log(level, "axis %d: %s: %s", self.axis.do_id, what, abort_text(error.code))
+            raise ParameterRefused(number) from error
+        except (FutureTimeoutError, CancelledError) as error:
+            future.cancel()
+            log.warning("axis %d: %s: no answer in time", self.axis.do_id, what)
+            raise ParameterRefused(Number.NOT_EXECUTABLE_IN_STATE) from error
+        except (SdoCommunicationError, CanopenError, struct.error, ValueError) as error:
+            log.warning("axis %d: %s: %s", self.axis.do_id, what, error)
+            raise ParameterRefused(Number.NOT_EXECUTABLE_IN_STATE) from error
+
+    def read(self, index: int, subindex: int) -> bytes:
+        """SDO upload."""
+        return self.run(lambda drive: drive.read(index, subindex), f"read {index:04X}h/{subindex}")
+
+    def write(self, index: int, subindex: int, data: bytes) -> None:
+        """SDO download; the gateway's copy of a reference object follows."""
+        self.check_conflict(index, subindex)
+        is_reference = (index, subindex) in _REFERENCES
+
+        def job(drive: DriveClient) -> None:
+            drive.write(index, subindex, data)
+            if is_reference:
+                drive.read_references()
+                drive.homing_method = drive.read_number(*_HOMING_METHOD, signed=True)
+
+        self.run(job, f"write {index:04X}h/{subindex}")
+        if is_reference:
+            self.axis.references_changed()
+
+    def check_conflict(self, index: int, subindex: int) -> None:
+        """ParameterRefused for an object the gateway itself writes."""
+        address = (index, subindex)
+        if address in _GUARDING:
+            raise ParameterRefused(Number.NO_OPERATION_PRIORITY)
+        if not self.cyclic_running():
+            return
+        mapped = {(entry.index, entry.subindex) for pdo in self.axis.drive.layout.rpdos for entry in pdo.entries}
+        if address in _ALWAYS_CYCLIC or address in mapped:
+            raise ParameterRefused(Number.NO_OPERATION_PRIORITY)
+
+    def variable(self, index: int, subindex: int) -> Any:
+        """The EDS entry, None where the EDS has none."""
+        try:
+            item = self.axis.drive.dictionary[index]
+            return item if isinstance(item, canopen.objectdictionary.ODVariable) and not subindex else item[subindex]
+        except (KeyError, TypeError):
+            return None
+
+
+class ObjectParameter:
+    """One object of the drive."""
+
+    texts: Sequence[str] = ()
+
+    def __init__(self, access: ObjectAccess, index: int) -> None:
+        self._access = access
+        self.index = index
+
+    def read(self, subindex: int, elements: int) -> Values:
+        parts = [self._read_one(subindex + n, elements > 1) for n in range(max(1, elements))]
+        first = parts[0]
+        if len(parts) == 1:
+            return first
+        for place, part in enumerate(parts):
+            # One format for all; a record with different types is read entry by entry.
+            if part.format is not first.format or isinstance(part.values, bytes):
+                raise ParameterRefused(Number.ADDRESS_IMPERMISSIBLE, subindex + place)
+        return Values(first.format, tuple(value for part in parts for value in part.values))
+
+    def _read_one(self, subindex: int, told: bool) -> Values:
+        self._check_subindex(subindex, told)
+        try:
+            data = self._access.read(self.index, subindex)
+        except ParameterRefused as refused:
+            raise ParameterRefused(refused.number, subindex if told else None) from refused
+        variable = self._access.variable(self.index, subindex)
+        data_type = _FORMATS.get(variable.data_type) if variable is not None else None
+        if data_type is None or (data_type.char and len(data) != data_type.size):
+            data_type = _BY_LENGTH.get(len(data), DataType.OCTET_STRING)
+        if data_type.char:
+            return Values(data_type, struct.unpack(f"<{data_type.char}", data))
+        if len(data) > MAX_ELEMENTS:
+            raise ParameterRefused(Number.RESPONSE_TOO_LONG, subindex if told else None)
+        if variable is not None and variable.data_type in _NUMBERS_AS_OCTETS:
+            data = data[::-1]
+        return Values(data_type, data)
+
+    def write(self, subindex: int, elements: int, values: Values) -> None:
+        told = elements > 1
+        if isinstance(values.values, bytes):
+            if told and len(values.values) != elements:
+                raise ParameterRefused(Number.NUMBER_OF_VALUES_INCONSISTENT)
+            self._write_one(subindex, values, told=False)
+            return
+        for place, value in enumerate(values.values):
+            self._write_one(subindex + place, Values(values.format, (value,)), told=told)
+
+    def _write_one(self, subindex: int, value: Values, *, told: bool) -> None:
+        self._check_subindex(subindex, told)
+        try:
+            self._access.write(self.index, subindex, self._download(subindex, value))
+        except ParameterRefused as refused:
+            raise ParameterRefused(refused.number, subindex if told else None) from refused
+
+    def _download(self, subindex: int, value: Values) -> bytes:
+        variable = self._access.variable(self.index, subindex)
+        data_type = _FORMATS.get(variable.data_type) if variable is not None else None
+        typed = value if data_type is None else converted(value, data_type)
+        if isinstance(typed.values, bytes):
+            if variable is not None and variable.data_type in _NUMBERS_AS_OCTETS:
+                return typed.values[::-1]
+            return typed.values
+        return struct.pack(f"<{typed.format.char}", *typed.values)
+
+    @staticmethod
+    def _check_subindex(subindex: int, told: bool) -> None:
+        if subindex > 0xFF:
+            raise ParameterRefused(Number.FAULTY_SUBINDEX, subindex if told else None)
+
+    def description(self) -> Description:
+        """From the EDS."""
+        item = self._access.axis.drive.dictionary.get(self.index)
+        if item is None:
+            raise ParameterRefused(Number.DESCRIPTION_NOT_AVAILABLE)
+        array = not isinstance(item, canopen.objectdictionary.ODVariable)
+        variables = [item[subindex] for subindex in sorted(item) if subindex] if array else [item]
+        variable = variables[0] if variables else item[0]
+        count = max(item, default=0) + 1 if array else 0
+        data_type = _FORMATS.get(variable.data_type)
+        if data_type is None:
+            raise ParameterRefused(Number.DESCRIPTION_NOT_AVAILABLE)
+        writable = any(entry.writable for entry in variables)
+        return Description(data_type, item.name, array, count, writable, False, variable.min or 0, variable.max or 0)

@@ -1,0 +1,309 @@
+"""The profile parameters of the gateway's drive objects, bound to axes, store and daemon.
+
+DO 0 is the device. With a single axis it also answers for that axis, as a single-axis drive does; with several it has the
+global parameters only. Source: docs/parameter-channel.md "Profile parameters".
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import CancelledError
+from concurrent.futures import TimeoutError as FutureTimeoutError
+
+from ds301.communication import LOAD_SIGNATURE, RESTORE_PARAMETERS, SAVE_SIGNATURE, STORE_PARAMETERS
+from ds301.errors import CanopenError
+from dsp402.faults import DRIVE_FAULTS
+from gateway import identity
+from gateway.axis import Axis
+from gateway.config import DEFAULT_BITRATE, GATEWAY_NODE_ID
+from gateway.daemon import Daemon
+from gateway.errors import GatewayError
+from gateway.parameters.objects import ObjectAccess, ObjectParameter
+from gateway.parameters.signals import signal_list
+from gateway.reasons import FIRST_WARNING, GATEWAY_FAULTS
+from gateway.store import DoParameters
+from gateway.translator.factory import DRIVE_TELEGRAM_NUMBERS
+from profidrive.errors import ProfidriveError
+from profidrive.parameters.catalogue import (
+    AXIS_CLASS,
+    LIST_PNUS,
+    OBJECTS,
+    PARAMETERS,
+    PROFILE_IDENTIFICATION,
+)
+from profidrive.parameters.codec import MAX_PARAMETERS
+from profidrive.parameters.errors import ParameterErrorNumber as Number
+from profidrive.parameters.errors import ParameterRefused
+from profidrive.parameters.model import BoundParameter, Parameter
+from profidrive.signals import signal
+from profidrive.telegrams import ApplicationMode
+
+log = logging.getLogger("gateway")
+
+MAX_BLOCK = 4096
+"""P974: longest parameter request and response, in bytes."""
+_TELEGRAM_CHANGE_S = 2.0
+_OPERATING_MODES = {ApplicationMode.VELOCITY: 1, ApplicationMode.POSITIONING: 2}
+_MANUFACTURER_MODE = 0x8000
+_SUBCLASS = 0b101
+"""P975: application classes 1 (speed) and 3 (positioning)."""
+_DRIVE_WARNING_BIT = 15
+_STATUSWORD_WARNING = signal("ZSW1").bit("WARNING").mask
+_LIST_SIZE = 99
+_CODES = {fault.number: fault.error_code for fault in DRIVE_FAULTS.values()} | {
+    fault.number: fault.code for fault in GATEWAY_FAULTS.values()
+}
+_WARNING_TEXTS = tuple(
+    GATEWAY_FAULTS[number].name[:16]
+    if number in GATEWAY_FAULTS
+    else "drive warning"
+    if number == FIRST_WARNING + _DRIVE_WARNING_BIT
+    else "reserved"
+    for number in range(FIRST_WARNING, FIRST_WARNING + 16)
+)
+
+Getter = Callable[[], int | float | bytes | Sequence[int]]
+Setter = Callable[[int], None]
+
+
+class BoundObject:
+    """A drive object made of bound profile parameters, and CANopen objects where ``objects`` finds them."""
+
+    def __init__(self, do_id: int) -> None:
+        self.do_id = do_id
+        self._parameters: dict[int, Parameter] = {}
+
+    def bind(self, pnu: int, get: Getter, set: Setter | None = None, texts: tuple[str, ...] = ()) -> None:
+        """What stands behind a declared parameter."""
+        self._parameters[pnu] = BoundParameter(PARAMETERS[pnu], get, set, own_texts=texts)
+
+    def adopt(self, other: BoundObject) -> None:
+        """Answer for the parameters of another object that this one does not have."""
+        self._parameters = {**other._parameters, **self._parameters}
+
+    def parameter(self, pnu: int) -> Parameter:
+        try:
+            return self._parameters[pnu]
+        except KeyError:
+            raise ParameterRefused(Number.IMPERMISSIBLE_PNU) from None
+
+    def check_writable(self, pnu: int) -> None:
+        """Everything may be written."""
+
+    def further_pnus(self) -> Iterable[int]:
+        """Parameters beside the bound ones."""
+        return ()
+
+    def bind_lists(self) -> None:
+        """P980 ff: all parameters that exist, chained; call it when everything else is bound."""
+        others = {pnu for pnu in self._parameters if pnu not in LIST_PNUS} | set(self.further_pnus())
+        lists = 1
+        while len(others) + lists > lists * _LIST_SIZE:
+            lists += 1
+        pnus = sorted({*others, *LIST_PNUS[:lists]})
+        for place in range(lists):
+            follower = LIST_PNUS[place + 1] if place + 1 < lists else 0
+            self.bind(LIST_PNUS[place], _constant((*pnus[place * _LIST_SIZE : (place + 1) * _LIST_SIZE], follower)))
+
+
+def _constant(value: Sequence[int]) -> Getter:
+    return lambda: value
+
+
+def _store_is_saved(daemon: Daemon, lock: threading.Lock, change: Callable[[], None]) -> None:
+    """Change stored parameters and write the file; the PLC gets an error when it cannot be written."""
+    with lock:
+        change()
+        try:
+            daemon.store.save()
+        except GatewayError as error:
+            log.error("%s", error)
+            raise ParameterRefused(Number.NOT_EXECUTABLE_IN_STATE) from error
+
+
+class AxisObject(BoundObject):
+    """The drive object of an axis."""
+
+    def __init__(self, daemon: Daemon, axis: Axis, store_lock: threading.Lock) -> None:
+        super().__init__(axis.do_id)
+        self.daemon = daemon
+        self.axis = axis
+        self.access = ObjectAccess(axis, lambda: daemon.endpoint.connected)
+        self._store_lock = store_lock
+        self._reset_prepared = 0
+        self._bind()
+        self.bind_lists()
+
+    @property
+    def _stored(self) -> DoParameters:
+        return self.daemon.store.parameters.drive_object(self.do_id)
+
+    def parameter(self, pnu: int) -> Parameter:
+        if pnu in OBJECTS:
+            return ObjectParameter(self.access, pnu)
+        return super().parameter(pnu)
+
+    def check_writable(self, pnu: int) -> None:
+        if pnu != 927 and not self._stored.operation_priority:
+            raise ParameterRefused(Number.NO_OPERATION_PRIORITY)
+
+    def further_pnus(self) -> Iterable[int]:
+        return (index for index in self.axis.drive.dictionary if index in OBJECTS)
+
+    def _bind(self) -> None:
+        axis, log_, daemon = self.axis, self.axis.fault_log, self.daemon
+        bus = daemon.config.bus_of(axis.config)
+        self.bind(915, lambda: [item.number for item in axis.telegram.setpoints.signals])
+        self.bind(916, lambda: [item.number for item in axis.telegram.actuals.signals])
+        self.bind(918, lambda: axis.config.node_id)
+        self.bind(919, self._name)
+        self.bind(922, lambda: axis.telegram.number, self._select_telegram)
+        self.bind(923, signal_list)
+        masks = tuple(signal(name).bit("SIGN_OF_LIFE").mask for name in ("ZSW2", "STW2"))
+        self.bind(924, lambda: masks)
+        self.bind(925, lambda: self._stored.sign_of_life_tolerance, self._setter("sign_of_life_tolerance"))
+        self.bind(927, lambda: self._stored.operation_priority, self._setter("operation_priority"))
+        self.bind(928, lambda: 1, lambda _: None)
+        self.bind(930, self._operating_mode)
+        self.bind(944, lambda: log_.counter)
+        self.bind(945, lambda: [fault.code for fault in log_.entries()])
+        self.bind(946, lambda: [_CODES.get(number, 0) for number in range(max(_CODES) + 1)])
+        self.bind(947, lambda: [fault.number for fault in log_.entries()])
+        self.bind(948, lambda: [fault.time_ms for fault in log_.entries()])
+        self.bind(949, lambda: [fault.value for fault in log_.entries()])
+        self.bind(952, lambda: log_.situations, self._clear_faults)
+        self.bind(953, self._warnings, texts=_WARNING_TEXTS)
+        self.bind(963, lambda: (bus.bitrate or DEFAULT_BITRATE) // 1000)
+        self.bind(965, lambda: PROFILE_IDENTIFICATION)
+        self.bind(967, lambda: axis.last_setpoints[0] if axis.last_setpoints else 0)
+        self.bind(968, lambda: axis.actuals[0])
+        self.bind(970, lambda: 0, self._when_one(self.load))
+        self.bind(971, lambda: 0, self._when_one(self.save))
+        self.bind(972, lambda: self._reset_prepared, self._reset)
+        self.bind(975, lambda: (*identity.UNIT, AXIS_CLASS, _SUBCLASS, self.do_id))
+        self.bind(60000, self._reference_speed)
+
+    def _name(self) -> bytes:
+        return (self._stored.name or f"axis {self.do_id}").encode()
+
+    def _setter(self, name: str) -> Setter:
+        def set_value(value: int) -> None:
+            _store_is_saved(self.daemon, self._store_lock, lambda: setattr(self._stored, name, value))
+
+        return set_value
+
+    def _select_telegram(self, number: int) -> None:
+        if number not in DRIVE_TELEGRAM_NUMBERS:
+            raise ParameterRefused(Number.VALUE_IMPERMISSIBLE)
+        self._change_telegram(number)
+        self._setter("telegram")(number)
+
+    def _change_telegram(self, number: int) -> None:
+        try:
+            self.daemon.change_telegram(self.axis, number).result(_TELEGRAM_CHANGE_S)
+        except (GatewayError, ProfidriveError, CanopenError, FutureTimeoutError, CancelledError) as error:
+            log.warning("axis %d: P922 := %d refused: %s", self.do_id, number, error or "no answer of the cyclic loop")
+            raise ParameterRefused(Number.NOT_EXECUTABLE_IN_STATE) from error
+
+    def _operating_mode(self) -> int:
+        telegram = self.axis.telegram
+        return _OPERATING_MODES.get(telegram.setpoints.mode, _MANUFACTURER_MODE | telegram.number)
+
+    def _clear_faults(self, value: int) -> None:
+        if value:
+            raise ParameterRefused(Number.SETTING_NOT_PERMITTED)
+        self.axis.fault_log.clear()
+
+    def _warnings(self) -> int:
+        axis = self.axis
+        drive = axis.good and bool(axis.drive.feedback.statusword & _STATUSWORD_WARNING)
+        return axis.fault_log.warnings(present=axis.translator.warning) | drive << _DRIVE_WARNING_BIT
+
+    def _reference_speed(self) -> float:
+        references = self.axis.drive.references
+        if references is None:
+            raise ParameterRefused(Number.NOT_EXECUTABLE_IN_STATE)
+        return float(references.max_motor_speed)
+
+    @staticmethod
+    def _when_one(action: Callable[[], None]) -> Setter:
+        """P970 and the like: 1 starts, and 0 is read when it is done; 0 does nothing."""
+        return lambda value: action() if value else None
+
+    def _standing(self) -> None:
+        if self.axis.powered:
+            raise ParameterRefused(Number.NOT_EXECUTABLE_IN_STATE)
+
+    def load(self) -> None:
+        """P970: the drive's factory values (1011h) after a restart of it, the gateway's own as configured."""
+        self._standing()
+        self.access.write(RESTORE_PARAMETERS, 1, LOAD_SIGNATURE.to_bytes(4, "little"))
+        configured = self.axis.config.telegram
+        if self.axis.telegram.number != configured:
+            self._change_telegram(configured)
+        objects = self.daemon.store.parameters.objects
+        _store_is_saved(self.daemon, self._store_lock, lambda: objects.update({self.do_id: DoParameters()}))
+        self.axis.reset_drive()
+
+    def save(self) -> None:
+        """P971: 1010h of the drive, and the gateway's store."""
+        self.access.write(STORE_PARAMETERS, 1, SAVE_SIGNATURE.to_bytes(4, "little"))
+        _store_is_saved(self.daemon, self._store_lock, lambda: None)
+
+    def _reset(self, value: int) -> None:
+        if value:
+            self._standing()
+        if value == 1:
+            self.axis.reset_drive()
+        self._reset_prepared = 2 if value == 2 else 0
+
+
+class DeviceObject(BoundObject):
+    """DO 0: the device; also every DO's global parameters."""
+
+    def __init__(self, daemon: Daemon, axes: Sequence[AxisObject]) -> None:
+        super().__init__(0)
+        config = daemon.config
+        address = config.transport.listen.packed
+        self._axes = axes
+        if len(axes) != 1:
+            self.bind(918, lambda: GATEWAY_NODE_ID)
+            self.bind(919, identity.ORDER_ID.encode)
+        self.bind(964, lambda: (*identity.UNIT, len(axes)))
+        self.bind(965, lambda: PROFILE_IDENTIFICATION)
+        latency = int(config.transport.parameter_timeout_ms / 10)
+        self.bind(974, lambda: (MAX_BLOCK, MAX_PARAMETERS, latency))
+        self.bind(975, lambda: (*identity.UNIT, 0, 0, 0))
+        self.bind(976, lambda: 0, lambda value: self._each(AxisObject.load) if value else None)
+        self.bind(977, lambda: 0, lambda value: self._each(AxisObject.save) if value else None)
+        self.bind(978, lambda: [axis.do_id for axis in axes])
+        self.bind(61000, config.transport.station_name.encode)
+        self.bind(61001, lambda: address)
+        # The UDP transport has no Ethernet of its own: addresses of the host are the host's business.
+        self.bind(61002, lambda: bytes(6))
+        self.bind(61003, lambda: bytes(4))
+        self.bind(61004, lambda: bytes(4))
+        for axis in axes:
+            axis.adopt(self)
+            axis.bind_lists()
+        if len(axes) == 1:
+            self.adopt(axes[0])
+        self.bind_lists()
+
+    def _each(self, action: Callable[[AxisObject], None]) -> None:
+        for axis in self._axes:
+            action(axis)
+
+    def parameter(self, pnu: int) -> Parameter:
+        if pnu in OBJECTS and len(self._axes) == 1:
+            return self._axes[0].parameter(pnu)
+        return super().parameter(pnu)
+
+    def check_writable(self, pnu: int) -> None:
+        if len(self._axes) == 1:
+            self._axes[0].check_writable(pnu)
+
+    def further_pnus(self) -> Iterable[int]:
+        return self._axes[0].further_pnus() if len(self._axes) == 1 else ()

@@ -1,0 +1,214 @@
+"""The profile's parameters, declared once: PNU, name, type, access, elements, texts.
+
+Source: PROFIdrive profile 4.1 chapter 6.2 and 6.3.9, encoder profile 4.2 (docs/parameter-channel.md). What stands behind a
+parameter is bound by the device; the CANopen objects 03E8h..EA5Fh, which are parameters too, have their own dictionary.
+"""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass
+from types import MappingProxyType
+
+from profidrive.datatypes import DataType
+from profidrive.errors import ProfidriveError
+from profidrive.signals import signal
+
+OBJECTS = range(0x03E8, 0xEA5F + 1)
+"""PNUs that are CANopen object indices, one to one."""
+NAME_SIZE = 16
+
+
+class Scope(enum.Enum):
+    """Which drive objects have the parameter."""
+
+    DEVICE = "device"
+    """Global: every DO gives the same answer."""
+    DRIVE_OBJECT = "drive object"
+    """Each DO with an axis or encoder has its own."""
+    AXIS = "axis"
+    ENCODER = "encoder"
+
+
+@dataclass(frozen=True, slots=True)
+class ParameterSpec:
+    """One parameter.
+
+    ``low`` and ``high`` bound what may be written; ``texts`` are the text array (for a word: what each bit means, from bit 0);
+    ``elements`` names the elements of an array whose places have a meaning.
+    """
+
+    pnu: int
+    name: str
+    meaning: str
+    type: DataType
+    scope: Scope
+    array: bool = False
+    writable: bool = False
+    low: int | None = None
+    high: int | None = None
+    unit: str = ""
+    texts: tuple[str, ...] = ()
+    elements: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        if len(self.name) > NAME_SIZE:
+            raise ProfidriveError(f"name of P{self.pnu}", self.name, f"at most {NAME_SIZE} characters")
+
+
+def _bit_texts(name: str) -> tuple[str, ...]:
+    """What 1 means, from bit 0, cut to the size of a parameter text."""
+    item = signal(name)
+    return tuple(bit.name.replace("_", " ").lower()[:NAME_SIZE] for bit in item.bits)
+
+
+_U8, _U16, _U32, _I32 = DataType.UNSIGNED8, DataType.UNSIGNED16, DataType.UNSIGNED32, DataType.INTEGER32
+_V2, _TEXT, _OCTETS = DataType.V2, DataType.VISIBLE_STRING, DataType.OCTET_STRING
+_DEVICE, _DO, _AXIS, _ENCODER = Scope.DEVICE, Scope.DRIVE_OBJECT, Scope.AXIS, Scope.ENCODER
+
+LIST_PNUS = range(980, 990)
+"""Lists of all parameters, chained."""
+FAULT_PNUS = (945, 947, 948, 949)
+
+_SPECS = (
+    ParameterSpec(915, "PZD setpoints", "signal numbers of the setpoint telegram", _U16, _DO, array=True),
+    ParameterSpec(916, "PZD actual value", "signal numbers of the actual value telegram", _U16, _DO, array=True),
+    ParameterSpec(918, "Node address", "CANopen node-ID", _U16, _DO),
+    ParameterSpec(919, "Device name", "name of the device behind the DO", _TEXT, _DO),
+    ParameterSpec(922, "Telegram", "telegram selection", _U16, _DO, writable=True, low=1, high=0xFFFF),
+    ParameterSpec(
+        923, "Signal list", "element n: PNU or object that carries signal n, 0 = not supported", _U16, _DO, array=True
+    ),
+    ParameterSpec(
+        924, "Sign of life bit", "masks of the sign of life", _U16, _DO, array=True, elements=("ZSW2", "STW2")
+    ),
+    ParameterSpec(
+        925,
+        "Sign of life tol",
+        "tolerated sign-of-life failures, 65535 = not supervised",
+        _U16,
+        _DO,
+        writable=True,
+        low=0,
+        high=0xFFFF,
+    ),
+    ParameterSpec(927, "Operation prio", "1: the parameter channel may write", _U16, _DO, writable=True, low=0, high=1),
+    ParameterSpec(928, "Control priority", "1: the PZD control the drive", _U16, _DO, writable=True, low=1, high=1),
+    ParameterSpec(930, "Operating mode", "1 speed control, 2 positioning, 8064h telegram 100", _U16, _AXIS),
+    ParameterSpec(944, "Fault counter", "counts every change of the fault buffer", _U16, _DO),
+    ParameterSpec(945, "Fault code", "EMCY error code, 603Fh", _U16, _DO, array=True),
+    ParameterSpec(946, "Fault code list", "element n: fault code of fault number n", _U16, _DO, array=True),
+    ParameterSpec(947, "Fault number", "number of the drive (200Ch) or gateway", _U16, _DO, array=True),
+    ParameterSpec(948, "Fault time", "time since start", DataType.TIME_DIFFERENCE, _DO, array=True, unit="ms"),
+    ParameterSpec(949, "Fault value", "manufacturer's bytes of the EMCY", _U32, _DO, array=True),
+    ParameterSpec(
+        952, "Fault situations", "situations in the buffer, 0 clears it", _U16, _DO, writable=True, low=0, high=0xFFFF
+    ),
+    ParameterSpec(
+        953,
+        "Warning word",
+        "present warnings",
+        _U16,
+        _DO,
+    ),
+    ParameterSpec(963, "Baud rate", "actual bit rate of the CAN bus", _U16, _DO, unit="kbit/s"),
+    ParameterSpec(
+        964,
+        "Drive unit ident",
+        "drive unit identification",
+        _U16,
+        _DEVICE,
+        array=True,
+        elements=("manufacturer", "type", "version", "year", "day and month", "axes"),
+    ),
+    ParameterSpec(965, "Profile ident", "profile identification number", _U16, _DO),
+    ParameterSpec(967, "STW1", "control word as last exchanged", _V2, _AXIS, texts=_bit_texts("STW1")),
+    ParameterSpec(968, "ZSW1", "status word as last exchanged", _V2, _AXIS, texts=_bit_texts("ZSW1")),
+    ParameterSpec(970, "Load parameters", "1 loads the stored parameters", _U16, _DO, writable=True, low=0, high=1),
+    ParameterSpec(971, "Save parameters", "1 stores the parameters", _U16, _DO, writable=True, low=0, high=1),
+    ParameterSpec(972, "Drive reset", "1 power-on reset, 2 prepares it", _U16, _DO, writable=True, low=0, high=2),
+    ParameterSpec(
+        974,
+        "BMP access",
+        "base mode parameter access service identification",
+        _U16,
+        _DEVICE,
+        array=True,
+        elements=("max block length", "max parameters", "max latency"),
+    ),
+    ParameterSpec(
+        975,
+        "DO ident",
+        "DO identification",
+        _U16,
+        _DO,
+        array=True,
+        elements=("manufacturer", "type", "version", "year", "day and month", "class", "subclass", "DO-ID"),
+    ),
+    ParameterSpec(976, "Load device set", "1 loads all DOs", _U16, _DEVICE, writable=True, low=0, high=1),
+    ParameterSpec(977, "Save device set", "1 stores all DOs", _U16, _DEVICE, writable=True, low=0, high=1),
+    ParameterSpec(978, "DO list", "all DO-IDs", _U8, _DEVICE, array=True),
+    ParameterSpec(979, "Sensor format", "format of the sensor values", _U32, _DO, array=True),
+    *(
+        ParameterSpec(pnu, f"Parameter list {pnu - 979}", "defined parameters, chained", _U16, _DO, array=True)
+        for pnu in LIST_PNUS
+    ),
+    ParameterSpec(60000, "Reference speed", "velocity reference value", DataType.FLOATING_POINT, _AXIS, unit="rpm"),
+    ParameterSpec(61000, "Name of station", "name of station", _TEXT, _DEVICE),
+    ParameterSpec(61001, "IP of station", "IP address", _OCTETS, _DEVICE),
+    ParameterSpec(61002, "MAC of station", "MAC address", _OCTETS, _DEVICE),
+    ParameterSpec(61003, "Default gateway", "default gateway", _OCTETS, _DEVICE),
+    ParameterSpec(61004, "Subnet mask", "subnet mask", _OCTETS, _DEVICE),
+    ParameterSpec(
+        65000,
+        "Preset value",
+        "encoder preset",
+        _I32,
+        _ENCODER,
+        writable=True,
+        low=-(1 << 31),
+        high=(1 << 31) - 1,
+        unit="increments",
+    ),
+    ParameterSpec(
+        65001,
+        "Operating status",
+        "operating status of the encoder",
+        _I32,
+        _ENCODER,
+        array=True,
+        elements=(
+            "header",
+            "status",
+            "faults",
+            "supported faults",
+            "warnings",
+            "supported warnings",
+            "profile version",
+            "operating time",
+            "offset",
+            "units per revolution",
+            "total range",
+            "speed unit",
+        ),
+    ),
+)
+
+PARAMETERS: MappingProxyType[int, ParameterSpec] = MappingProxyType({spec.pnu: spec for spec in _SPECS})
+"""Every profile parameter by its PNU."""
+
+PROFILE_IDENTIFICATION = 0x0329
+"""P965 of a drive: profile 3 (PROFIdrive), version 41."""
+ENCODER_IDENTIFICATION = 0x3D2A
+"""P965 of an encoder: profile 61, version 42."""
+AXIS_CLASS = 1
+ENCODER_CLASS = 5
+"""P975: type class of the DO."""
+
+
+def parameter_spec(pnu: int) -> ParameterSpec:
+    """The declaration of a profile parameter; ProfidriveError where there is none."""
+    try:
+        return PARAMETERS[pnu]
+    except KeyError:
+        raise ProfidriveError("PNU", pnu, "a parameter of the profile") from None

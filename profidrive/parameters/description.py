@@ -1,0 +1,90 @@
+"""The parameter description (attribute 20h): 46 bytes, or one of its 12 elements.
+
+Source: PROFIdrive profile 4.1 chapter 6.2.1.4; bits of the identifier as public drive manuals print them.
+"""
+
+from __future__ import annotations
+
+import enum
+import struct
+from dataclasses import dataclass
+
+from profidrive.datatypes import DataType
+from profidrive.errors import ProfidriveError
+from profidrive.parameters.codec import Values
+from profidrive.parameters.errors import ParameterErrorNumber, ParameterRefused
+
+_LAYOUT = struct.Struct(">HHf2s4s16s4s4s2sHHH")
+SIZE = _LAYOUT.size
+_ELEMENT_TYPES = (
+    DataType.UNSIGNED16,
+    DataType.UNSIGNED16,
+    DataType.FLOATING_POINT,
+    *(DataType.OCTET_STRING,) * 2,
+    DataType.VISIBLE_STRING,
+    *(DataType.OCTET_STRING,) * 3,
+    *(DataType.UNSIGNED16,) * 3,
+)
+
+
+class Identifier(enum.IntFlag):
+    """Upper byte of the identifier; the lower one is the data type code."""
+
+    NOT_STANDARDISED = 1 << 8
+    """Standardisation factor and variable attribute have no meaning."""
+    READ_ONLY = 1 << 9
+    TEXT = 1 << 10
+    """Has a text array."""
+    ARRAY = 1 << 14
+
+
+@dataclass(frozen=True, slots=True)
+class Description:
+    """What a parameter is. ``count`` is the number of elements of an array, the length of a string, 0 otherwise."""
+
+    type: DataType
+    name: str
+    array: bool = False
+    count: int = 0
+    writable: bool = False
+    has_texts: bool = False
+    low: int = 0
+    high: int = 0
+    """Limits are 0 where the type's own range applies or the type is no integer."""
+
+    def _fields(self) -> tuple[int | float | bytes, ...]:
+        flags = Identifier.NOT_STANDARDISED
+        flags |= Identifier(0) if self.writable else Identifier.READ_ONLY
+        flags |= Identifier.TEXT if self.has_texts else Identifier(0)
+        flags |= Identifier.ARRAY if self.array else Identifier(0)
+        name = self.name.encode("ascii", "replace")[:16].ljust(16)
+        limits = [(value & 0xFFFFFFFF).to_bytes(4, "big") for value in (self.low, self.high)]
+        return flags | self.type.code, self.count, 1.0, bytes(2), bytes(4), name, *limits, bytes(2), 0, 0, 0
+
+    def values(self, element: int) -> Values:
+        """Element 1 to 12 of the description, all of it for 0; ParameterRefused for others."""
+        if element == 0:
+            return Values(DataType.OCTET_STRING, _LAYOUT.pack(*self._fields()))
+        if not 1 <= element <= len(_ELEMENT_TYPES):
+            raise ParameterRefused(ParameterErrorNumber.FAULTY_SUBINDEX)
+        value = self._fields()[element - 1]
+        return Values(_ELEMENT_TYPES[element - 1], value if isinstance(value, bytes) else (value,))
+
+    @classmethod
+    def decode(cls, data: bytes) -> Description:
+        """A description from its 46 bytes; ProfidriveError when it is none."""
+        if len(data) != SIZE:
+            raise ProfidriveError("parameter description", f"{len(data)} bytes", f"{SIZE} bytes")
+        identifier, count, _, _, _, name, low, high, _, _, _, _ = _LAYOUT.unpack(data)
+        data_type = DataType.from_code(identifier & 0xFF)
+        signed = data_type.char.islower()
+        return cls(
+            data_type,
+            name.decode("ascii", "replace").rstrip(),
+            bool(identifier & Identifier.ARRAY),
+            count,
+            not identifier & Identifier.READ_ONLY,
+            bool(identifier & Identifier.TEXT),
+            int.from_bytes(low, "big", signed=signed),
+            int.from_bytes(high, "big", signed=signed),
+        )
