@@ -5,94 +5,20 @@ from __future__ import annotations
 import socket
 import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 
 import pytest
 
 from ds301.errors import CanopenError
 from dsp402.states import State
-from gateway.config import GatewayConfig, parse_config
 from gateway.daemon import Daemon
 from gateway.errors import GatewayError
-from gateway.status import StatusServer, snapshot
+from gateway.status import StatusServer
 from gateway.transport.cyclic import Verdict
 from gateway.transport.udp import UdpSocket
-from profidrive.telegrams import telegram
 from tests.endtoend.processes import free_tcp_port
 from tests.support import buses
+from tests.support.daemon import OFF, Plc, axis, configuration, running
 from tools.commands.status import fetch
-from tools.plc.endpoint import PlcEndpoint
-
-OFF, ON = 0x047E, 0x047F
-MS = 1_000_000
-
-
-def configuration(axes: str, *, can: str = "", transport: str = "") -> GatewayConfig:
-    """Free ports, buses of their own; ``axes`` are complete tables."""
-    can = can or f'[can]\ninterface = "virtual"\nchannel = "{buses.channel()}"\n'
-    head = f"{can}[transport]\ncyclic_port = 0\nacyclic_port = 0\nstatus_port = 0\n{transport}\n"
-    return parse_config(head + axes)
-
-
-def axis(number: int, *, telegram_number: int = 1, more: str = "simulate = true") -> str:
-    return f"[[axis]]\ndo_id = {number}\nnode_id = {number}\ntelegram = {telegram_number}\n{more}\n"
-
-
-class Plc:
-    """Sends a frame for each one it takes; ``silent`` only listens."""
-
-    def __init__(self, daemon: Daemon, numbers: list[int], source: str = "127.0.0.1") -> None:
-        self.daemon = daemon
-        self.endpoint = PlcEndpoint([telegram(n) for n in numbers], daemon.cycle_ns)
-        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self.socket.bind((source, 0))
-        self.socket.connect(daemon.socket.address)
-        self.socket.settimeout(max(0.004, daemon.cycle_ns / 1e9))
-        self.silent = False
-
-    def exchange(self) -> None:
-        if not self.silent:
-            self.socket.send(self.endpoint.build())
-        try:
-            while True:
-                self.endpoint.receive(self.socket.recv(2048))
-        except TimeoutError:
-            return
-
-    def until(self, condition: Callable[[], object], what: str) -> None:
-        deadline = time.monotonic() + 20
-        while not condition():
-            assert time.monotonic() < deadline, f"{what}: {self.endpoint.actuals} {snapshot(self.daemon)}"
-            self.exchange()
-
-    def value(self, name: str, index: int = 0) -> int:
-        actuals = self.endpoint.actuals[index]
-        return -1 if actuals is None else actuals[name]
-
-    def state(self, index: int = 0) -> int:
-        return self.value("ZSW1", index) & 0x4F
-
-    def enable(self, index: int = 0) -> None:
-        self.endpoint.set(index, {"STW1": OFF})
-        self.until(lambda: self.state(index) == 0x01, "ready")
-        self.endpoint.set(index, {"STW1": ON})
-        self.until(lambda: self.state(index) == 0x07, "operation")
-
-
-@contextmanager
-def running(config: GatewayConfig, before: Callable[[Daemon], None] | None = None) -> Iterator[Daemon]:
-    daemon = Daemon(config)
-    if before is not None:
-        before(daemon)
-    thread = threading.Thread(target=daemon.run)
-    thread.start()
-    try:
-        yield daemon
-    finally:
-        daemon.stop()
-        thread.join(20)
-        assert not thread.is_alive(), "the daemon ends in bounded time"
 
 
 def test_two_buses_carry_nodes_of_the_same_number() -> None:

@@ -1,0 +1,1 @@
+"""The PLC's side of the parameter channel: record client, addresses, dump and restore."""

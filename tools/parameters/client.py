@@ -1,0 +1,170 @@
+"""A PLC's parameter access over UDP: write the request, read until the response is there."""
+
+from __future__ import annotations
+
+import itertools
+import socket
+import time
+import uuid
+from types import TracebackType
+from typing import Self
+
+from gateway.errors import GatewayError
+from profidrive.errors import ProfidriveError
+from profidrive.parameters.codec import (
+    MAX_PARAMETERS,
+    ZERO,
+    Address,
+    Request,
+    RequestId,
+    Response,
+    Values,
+    check_answers,
+    decode_response,
+    encode_request,
+)
+from profidrive.rpc.client import RecordCall, RecordCaller, RecordResult
+from profidrive.rpc.dcerpc import object_uuid
+from profidrive.rpc.identification import PROFILE_ID
+from profidrive.rpc.records import NIL, RECORD_GLOBAL, RECORD_LOCAL, AccessError
+
+_ATTEMPTS = 5
+_REPEAT_S = 0.4
+_POLL_S = 0.002
+_LONGEST_POLL_S = 0.05
+_DATAGRAM = 2048
+
+
+class ParameterClient:
+    """One access point of a device. Raises GatewayError when it does not answer or refuses the record."""
+
+    def __init__(
+        self,
+        address: tuple[str, int],
+        do_id: int,
+        *,
+        slot: int = 1,
+        subslot: int = 1,
+        api: int = PROFILE_ID,
+        local: bool = False,
+        ar_uuid: uuid.UUID = NIL,
+        timeout_s: float = 30,
+    ) -> None:
+        self.do_id = do_id
+        self._address = address
+        self._place = (api, slot, subslot)
+        self._index = RECORD_LOCAL if local else RECORD_GLOBAL
+        self._timeout_s = timeout_s
+        self._caller = RecordCaller(uuid.uuid4(), object_uuid(1, 0, 0), ar_uuid)
+        self._references = itertools.cycle(range(1, 256))
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.connect(address)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        self._socket.close()
+
+    # -- records ------------------------------------------------------------------------------------------------------
+
+    def call(self, call: RecordCall) -> RecordResult:
+        """Send a call, again while no answer comes."""
+        for _ in range(_ATTEMPTS):
+            try:
+                for packet in call.packets:
+                    self._socket.send(packet)
+                result = self._answer(call)
+            except OSError as error:
+                time.sleep(_REPEAT_S / _ATTEMPTS)  # nobody listens just now: the device may be starting
+                reason = error.strerror or str(error)
+                continue
+            except ProfidriveError as error:
+                raise GatewayError(f"{self._name}: answer cannot be understood: {error}") from error
+            if result is not None:
+                return result
+            reason = "no answer"
+        raise GatewayError(f"{self._name}: does not answer on the record channel ({reason})")
+
+    def _answer(self, call: RecordCall) -> RecordResult | None:
+        deadline = time.monotonic() + _REPEAT_S
+        while (left := deadline - time.monotonic()) > 0:
+            self._socket.settimeout(left)
+            try:
+                received = call.receive(self._socket.recv(_DATAGRAM))
+            except TimeoutError:
+                return None
+            if isinstance(received, RecordResult):
+                return received
+            for packet in received or ():
+                self._socket.send(packet)
+        return None
+
+    @property
+    def _name(self) -> str:
+        return f"{self._address[0]}:{self._address[1]}"
+
+    def read_record(self, index: int, *, implicit: bool = False) -> bytes:
+        """Any record of the access point's subslot; GatewayError with the PNIO status when it is refused."""
+        result = self.call(self._caller.read(*self._place, index, implicit=implicit))
+        if result.status.value:
+            raise GatewayError(f"{self._name}: record {index:04X}h not read: {result.status.text}")
+        return result.data
+
+    def write_record(self, index: int, data: bytes) -> None:
+        """As ``read_record``."""
+        result = self.call(self._caller.write(*self._place, index, data))
+        if result.status.value:
+            raise GatewayError(f"{self._name}: record {index:04X}h not written: {result.status.text}")
+
+    # -- parameters ---------------------------------------------------------------------------------------------------
+
+    def exchange(self, request: bytes) -> bytes:
+        """The response to a request, both as bytes."""
+        self.write_record(self._index, request)
+        deadline = time.monotonic() + self._timeout_s
+        pause = _POLL_S
+        while True:
+            result = self.call(self._caller.read(*self._place, self._index))
+            if not result.status.value:
+                return result.data
+            if result.status.code1 != AccessError.STATE_CONFLICT:
+                raise GatewayError(f"{self._name}: response not read: {result.status.text}")
+            if time.monotonic() > deadline:
+                raise GatewayError(f"{self._name}: no response within {self._timeout_s:g} s")
+            time.sleep(pause)
+            pause = min(2 * pause, _LONGEST_POLL_S)
+
+    def request(self, addresses: list[Address], values: list[Values] | None = None) -> list[Values]:
+        """Read (or with ``values`` change) up to 39 parameters; one value area for each.
+
+        In a positive change the areas are those of Zero. GatewayError for an answer that does not belong to the request.
+        """
+        request = Request(
+            next(self._references),
+            RequestId.CHANGE if values is not None else RequestId.REQUEST,
+            self.do_id,
+            tuple(addresses),
+            tuple(values or ()),
+        )
+        try:
+            response: Response = decode_response(self.exchange(encode_request(request)))
+            answers = list(check_answers(request, response))
+        except ProfidriveError as error:
+            raise GatewayError(f"{self._name}: {error}") from error
+        if not answers:
+            return [ZERO] * len(addresses)
+        # A request refused as a whole has one error for all.
+        return answers if len(answers) == len(addresses) else answers * len(addresses)
+
+    def read_many(self, addresses: list[Address]) -> list[Values]:
+        """Any number of parameters, in as many requests as are needed."""
+        answers: list[Values] = []
+        for start in range(0, len(addresses), MAX_PARAMETERS):
+            answers += self.request(addresses[start : start + MAX_PARAMETERS])
+        return answers
