@@ -206,9 +206,8 @@ class Axis:
             number = _FAULT_OF_EMCY.get(event.code, _INTERNAL_FAULT)
             value = int.from_bytes(event.data[:4], "little")
             self._record(FaultRecord(number, event.code, value, event.text, now))
-        elif event.kind == "boot" and self._restart_expected:
-            self._restart_expected = False
-            log.info("axis %d: drive restarted, as asked", self.do_id)
+        elif self._restart_expected and (event.kind == "boot" or self.drive.status is DriveStatus.LOST):
+            log.info("axis %d: drive restarts, as asked: %s", self.do_id, event.text)
         elif event.kind == "boot":
             self.raise_fault(105, event.text, now)
         elif event.kind == "refused":
@@ -220,6 +219,7 @@ class Axis:
             self.raise_fault(101 if self.network.healthy else 102, event.text, now)
         elif self.drive.status is DriveStatus.ONLINE:
             self._refusal = ""
+            self._restart_expected = False
             log.info("axis %d: drive %s", self.do_id, event.text)
         elif not self._refusal:
             log.info("axis %d: drive %s", self.do_id, event.text)

@@ -150,7 +150,7 @@ _SPECS = (
     ParameterSpec(978, "DO list", "all DO-IDs", _U8, _DEVICE, array=True),
     ParameterSpec(979, "Sensor format", "format of the sensor values", _U32, _DO, array=True),
     *(
-        ParameterSpec(pnu, f"Parameter list {pnu - 979}", "defined parameters, chained", _U16, _DO, array=True)
+        ParameterSpec(pnu, f"Parameters {pnu - 979}", "defined parameters, chained", _U16, _DO, array=True)
         for pnu in LIST_PNUS
     ),
     ParameterSpec(60000, "Reference speed", "velocity reference value", DataType.FLOATING_POINT, _AXIS, unit="rpm"),
