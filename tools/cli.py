@@ -29,7 +29,7 @@ app.add_typer(sim, name="sim")
 
 def _register() -> None:
     """Put the subcommands in; each module has one function per command."""
-    from tools.commands import bench, config, decode, demo, run, sim_drive, sim_plc, status  # noqa: PLC0415
+    from tools.commands import bench, config, decode, demo, param, run, sim_drive, sim_plc, status  # noqa: PLC0415
 
     app.command("run")(run.run)
     app.add_typer(config.app, name="config")
@@ -37,6 +37,7 @@ def _register() -> None:
     app.add_typer(bench.app, name="bench")
     app.command("decode")(decode.decode)
     app.command("demo")(demo.demo)
+    app.add_typer(param.app, name="param")
     sim.command("plc")(sim_plc.plc)
     sim.command("drive")(sim_drive.drive)
     sim.command("inject")(sim_drive.inject)

@@ -84,9 +84,8 @@ _BY_LENGTH = {1: DataType.BYTE, 2: DataType.WORD, 4: DataType.DOUBLE_WORD}
 _NUMBERS_AS_OCTETS = {CanType.I64.code, CanType.U64.code}
 """Eight bytes have no format of their own: octets, most significant first as everything on this channel."""
 
-_GUARDING = {(CONSUMER_HEARTBEAT, 1), (PRODUCER_HEARTBEAT, 0), ABORT_OPTION}
-"""What stops the drive when the gateway dies, written and owned by the gateway."""
-_ALWAYS_CYCLIC = {(0x6040, 0), (0x6060, 0)}
+_OWNED = {(0x6040, 0), (0x6060, 0), (CONSUMER_HEARTBEAT, 1), (PRODUCER_HEARTBEAT, 0), ABORT_OPTION}
+"""Control and mode, and what stops the drive when the gateway dies."""
 _HOMING_METHOD = (0x6098, 0)
 _REFERENCES = {(index, subindex) for _, index, subindex in REFERENCE_OBJECTS} | {_HOMING_METHOD}
 
@@ -102,9 +101,8 @@ class ObjectAccess:
     Any thread; the cyclic exchange never waits for it.
     """
 
-    def __init__(self, axis: Axis, cyclic_running: Callable[[], bool]) -> None:
+    def __init__(self, axis: Axis) -> None:
         self.axis = axis
-        self.cyclic_running = cyclic_running
 
     def run(self, job: Callable[[DriveClient], T], what: str) -> T:
         """A job on the drive's worker; ParameterRefused with the error number of whatever went wrong."""
@@ -148,14 +146,14 @@ class ObjectAccess:
             self.axis.references_changed()
 
     def check_conflict(self, index: int, subindex: int) -> None:
-        """ParameterRefused for an object the gateway itself writes."""
+        """ParameterRefused for an object the gateway itself writes.
+
+        The exchange with the drive runs whenever the drive is online, with or without a PLC: a value written here would
+        not last, and a mode would be another one than the translator believes.
+        """
         address = (index, subindex)
-        if address in _GUARDING:
-            raise ParameterRefused(Number.NO_OPERATION_PRIORITY)
-        if not self.cyclic_running():
-            return
         mapped = {(entry.index, entry.subindex) for pdo in self.axis.drive.layout.rpdos for entry in pdo.entries}
-        if address in _ALWAYS_CYCLIC or address in mapped:
+        if address in _OWNED or address in mapped:
             raise ParameterRefused(Number.NO_OPERATION_PRIORITY)
 
     def variable(self, index: int, subindex: int) -> Any:

@@ -130,7 +130,7 @@ class AxisObject(BoundObject):
         super().__init__(axis.do_id)
         self.daemon = daemon
         self.axis = axis
-        self.access = ObjectAccess(axis, lambda: daemon.endpoint.connected)
+        self.access = ObjectAccess(axis)
         self._store_lock = store_lock
         self._reset_prepared = 0
         self._bind()

@@ -289,7 +289,7 @@ def test_a_written_reference_is_used_by_the_translator() -> None:
 def test_objects_of_the_cyclic_exchange_are_not_written_while_it_runs() -> None:
     with gateway(axis(1)) as (daemon, client):
         target = Values(DataType.INTEGER32, (100,))
-        assert not write(client, 0x60FF, target).failed, "no PLC yet"
+        assert error(write(client, 0x60FF, target)) == Number.NO_OPERATION_PRIORITY, "also without a PLC"
         plc = Plc(daemon, [1])
         plc.endpoint.set(0, {"STW1": OFF})
         plc.until(lambda: plc.state() == 0x01, "ready")

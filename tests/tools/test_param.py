@@ -1,0 +1,189 @@
+"""``pdgw param`` against a running gateway, and its pieces."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from gateway.daemon import Daemon
+from gateway.errors import GatewayError
+from gateway.transport.acyclic import AcyclicServer
+from profidrive.datatypes import DataType
+from tests.endtoend.processes import pdgw
+from tests.support.buses import wait_for
+from tests.support.daemon import axis, configuration, running
+from tools.parameters.address import Target, parse_target, parse_type, parse_value
+from tools.parameters.client import ParameterClient
+from tools.parameters.dump import Dump, DumpedElement, difference, read_all, restore
+from tools.parameters.session import Session
+
+
+@pytest.mark.parametrize(
+    ("text", "target"),
+    [
+        ("P922", Target(922)),
+        ("965", Target(965)),
+        ("6041h", Target(0x6041)),
+        ("0x1018.3", Target(0x1018, 3)),
+        ("1018h.1-4", Target(0x1018, 1, 4)),
+        ("P947[0..7]", Target(947, 0, 7)),
+        ("PNU965", Target(965)),
+        ("1018h/2", Target(0x1018, 2)),
+    ],
+)
+def test_addresses_as_users_write_them(text: str, target: Target) -> None:
+    assert parse_target(text) == target
+
+
+@pytest.mark.parametrize("text", ["", "abc", "P", "0", "65536", "P947[7..0]", "P1.2.3", "6041h.65535", "-5"])
+def test_addresses_that_are_none_are_told(text: str) -> None:
+    with pytest.raises(GatewayError, match="expected"):
+        parse_target(text)
+
+
+@pytest.mark.parametrize(
+    ("text", "type_name", "values"),
+    [
+        ("9", "u16", (9,)),
+        ("-5", "i8", (-5,)),
+        ("0x10,20h", "u32", (16, 32)),
+        ("1.5", "f32", (1.5,)),
+        ("abc", "string", b"abc"),
+        ("01 ff", "octets", b"\x01\xff"),
+    ],
+)
+def test_values_of_all_kinds(text: str, type_name: str, values: object) -> None:
+    assert parse_value(text, parse_type(type_name)).values == values
+
+
+@pytest.mark.parametrize(
+    ("text", "type_name"),
+    [("70000", "u16"), ("-1", "u8"), ("x", "i32"), ("1.5", "u16"), ("0g", "octets"), ("ü", "string"), ("2", "bool")],
+)
+def test_values_that_do_not_fit_are_told(text: str, type_name: str) -> None:
+    with pytest.raises(GatewayError, match="expected"):
+        parse_value(text, parse_type(type_name))
+
+
+@pytest.fixture(scope="module")
+def server() -> Iterator[AcyclicServer]:
+    servers: list[AcyclicServer] = []
+
+    def before(daemon: Daemon) -> None:
+        servers.append(AcyclicServer(daemon))
+        daemon.services.append(servers[0])
+
+    with running(configuration(axis(1)), before) as daemon:
+        wait_for(lambda: daemon.axes[0].drive.generation, "online")
+        yield servers[0]
+
+
+def option(server: AcyclicServer) -> tuple[str, str]:
+    return "--gateway", f"127.0.0.1:{server.address[1]}"
+
+
+def test_read_prints_json_for_values_and_errors(server: AcyclicServer) -> None:
+    result = pdgw("param", "read", "965", "1018h.3", "P947[0..1]", "5000", "1008h", "--json", *option(server))
+    assert result.returncode == 1, "one parameter failed"
+    rows = json.loads(result.stdout)
+    assert [(row["pnu"], row["subindex"], row["value"]) for row in rows] == [
+        (965, 0, 0x329),
+        (0x1018, 3, 0x3004A),
+        (947, 0, 0),
+        (947, 1, 0),
+        (5000, 0, None),
+        (0x1008, 0, "ENGEL HBI"),
+    ]
+    assert [row["error"] for row in rows].count(None) == 5
+    assert rows[4]["error"] == {"number": 0, "text": "impermissible parameter number"}
+    assert rows[0]["format"] == "UNSIGNED16"
+
+
+def test_write_takes_the_type_from_the_device_and_reports_each_failure(server: AcyclicServer) -> None:
+    result = pdgw("param", "write", "6085h", "900", "6041h", "0", "P925", "3", "--json", *option(server))
+    assert result.returncode == 1
+    rows = json.loads(result.stdout)
+    assert [(row["value"], row["error"] and row["error"]["number"]) for row in rows] == [
+        (900, None),
+        (None, 1),
+        (3, None),
+    ]
+    assert json.loads(pdgw("param", "read", "6085h", "--json", *option(server)).stdout)[0]["value"] == 900
+    assert pdgw("param", "write", "6085h", "--type", "u32", *option(server)).stderr.count("value is missing") == 1
+
+
+def test_list_and_describe(server: AcyclicServer) -> None:
+    rows = json.loads(pdgw("param", "list", "--json", *option(server)).stdout)
+    by_pnu = {row["pnu"]: row for row in rows}
+    assert by_pnu[922] == {"pnu": 922, "name": "Telegram", "format": "UNSIGNED16", "elements": None, "writable": True}
+    assert by_pnu[0x6041]["name"] == "Statusword"
+    (described,) = json.loads(pdgw("param", "describe", "P968", "--json", *option(server)).stdout)
+    assert described["texts"][3] == "fault"
+    missing = pdgw("param", "describe", "5000", *option(server))
+    assert missing.returncode == 1
+    assert "1388h" in missing.stderr
+
+
+def test_tables_name_states_and_units(server: AcyclicServer) -> None:
+    text = " ".join(pdgw("param", "read", "6041h", "6081h", "P968", *option(server)).stdout.split())
+    assert "Statusword" in text
+    assert "Disabled" in text
+    assert "SWITCHING_ON_INHIBITED" in text.replace(" │ ", "") or "SWITCHING_ON" in text
+
+
+def test_dump_and_restore_bring_the_settings_back(server: AcyclicServer, tmp_path: Path) -> None:
+    file = tmp_path / "drive.json"
+    where = option(server)
+    assert pdgw("param", "dump", str(file), *where).returncode == 0
+    before = {(item.pnu, item.subindex): item.value for item in Dump.load(file).parameters}
+    assert pdgw("param", "write", "6085h", "555", "6099h.1", "123", "P925", "9", *where).returncode == 0
+    shown = pdgw("param", "restore", str(file), "--dry-run", *where).stdout
+    for part in ("6085h.0", "6099h.1", "P925.0", "555", "123"):
+        assert part in shown
+    assert pdgw("param", "restore", str(file), *where, text="n\n").returncode == 1
+    done = pdgw("param", "restore", str(file), "--yes", *where)
+    assert "3 of 3 settings written" in done.stdout
+    assert "nothing differs" in pdgw("param", "restore", str(file), "--yes", *where).stdout
+    with ParameterClient(server.address, 1) as client:
+        again, _ = read_all(Session(client))
+    after = {(item.pnu, item.subindex): item.value for item in again.parameters}
+    changed = {key for key in before if before[key] != after[key]}
+    assert all(pnu >= 0x6000 for pnu, _ in changed), "nothing but live values"
+    assert (0x6085, 0) not in changed
+
+
+def test_restoring_never_writes_commands_demands_or_the_network() -> None:
+    element = DumpedElement(pnu=927, subindex=0, format="UNSIGNED16", value=0, setting=True)
+    assert element.values().format is DataType.UNSIGNED16
+    with pytest.raises(GatewayError, match="P925"):
+        DumpedElement(pnu=925, subindex=0, format="UNSIGNED16", value="x", setting=True).values()
+
+
+def test_a_dump_of_this_drive_has_only_settings_marked(server: AcyclicServer) -> None:
+    with ParameterClient(server.address, 1) as client:
+        session = Session(client)
+        dump, failed = read_all(session)
+        assert failed == []
+        settings = {item.pnu for item in dump.parameters if item.setting}
+        assert {922, 925, 927, 0x6083, 0x6085, 0x6099} <= settings
+        assert not settings & {952, 970, 971, 972, 976, 977, 0x6040, 0x6060, 0x60FF, 0x607A, 0x1016, 0x1400, 0x6007}
+        assert difference(session, dump) == []
+        assert restore(session, []) == []
+
+
+@pytest.mark.parametrize("content", ["", "{}", '{"version": 2, "do_id": 1, "parameters": []}', "[1]", "\x00"])
+def test_a_file_that_is_no_dump_is_told(tmp_path: Path, content: str) -> None:
+    file = tmp_path / "bad.json"
+    file.write_text(content)
+    with pytest.raises(GatewayError, match=r"bad\.json"):
+        Dump.load(file)
+
+
+def test_a_gateway_that_is_not_there_is_told_in_one_line() -> None:
+    result = pdgw("param", "read", "965", "--gateway", "127.0.0.1:1")
+    assert result.returncode == 1
+    assert "does not answer" in result.stderr
+    assert "Traceback" not in result.stderr

@@ -1,0 +1,281 @@
+"""``pdgw param``: read, write, describe, save and restore parameters over the record channel."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+from uuid import UUID
+
+import typer
+from rich.console import Console
+from rich.progress import Progress as ProgressBar
+from rich.table import Table
+
+from gateway.errors import GatewayError
+from profidrive.rpc.dcerpc import UDP_PORT as ACYCLIC_PORT
+from profidrive.rpc.identification import PROFILE_ID
+from profidrive.rpc.records import NIL
+from tools.commands.sim_plc import parse_address
+from tools.parameters.address import parse_target, parse_type, parse_value
+from tools.parameters.client import ParameterClient
+from tools.parameters.dump import Dump, difference, read_all, restore
+from tools.parameters.session import Element, Progress, Session, address_text, meaning, name_and_unit
+
+app = typer.Typer(help="Parameters of a gateway or any PROFIdrive device.", no_args_is_help=True)
+
+GATEWAY = typer.Option("--gateway", help="HOST:PORT of the record channel.")
+DO = typer.Option("--do", min=0, max=254, help="DO-ID; 0 is the device.")
+JSON = typer.Option("--json", help="Print JSON.")
+
+
+@dataclass
+class _Place:
+    """Options of the group."""
+
+    slot: int = 1
+    subslot: int = 1
+    api: int = PROFILE_ID
+    local: bool = False
+    ar_uuid: UUID = NIL
+
+
+_place = _Place()
+_DEFAULT = f"127.0.0.1:{ACYCLIC_PORT}"
+
+
+@app.callback()
+def options(
+    slot: Annotated[int, typer.Option(min=0, max=0x7FFF, help="Slot of the parameter access point.")] = 1,
+    subslot: Annotated[int, typer.Option(min=1, max=0xFFFF, help="Its subslot.")] = 1,
+    api: Annotated[int, typer.Option(min=0, help="Its API.")] = PROFILE_ID,
+    local: Annotated[bool, typer.Option("--local", help="Use record B02Eh instead of B02Fh.")] = False,
+    ar_uuid: Annotated[UUID, typer.Option(help="AR UUID of the application relationship.")] = NIL,
+) -> None:
+    """Parameters are written P922, 965, 6041h, 0x1018.3, 1018h.1-4 or P947[0..7]."""
+    global _place  # noqa: PLW0603 (typer hands the options of a group over no other way that is shorter)
+    _place = _Place(slot, subslot, api, local, ar_uuid)
+
+
+@contextmanager
+def _session(gateway: str, do_id: int) -> Iterator[Session]:
+    place = _place
+    with ParameterClient(
+        parse_address(gateway, ACYCLIC_PORT),
+        do_id,
+        slot=place.slot,
+        subslot=place.subslot,
+        api=place.api,
+        local=place.local,
+        ar_uuid=place.ar_uuid,
+    ) as client:
+        yield Session(client)
+
+
+@contextmanager
+def _progress(what: str) -> Iterator[Progress | None]:
+    """A bar for long work on a terminal."""
+    if not sys.stderr.isatty():
+        yield None
+        return
+    with ProgressBar(console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(what, total=None)
+        yield lambda done, total: bar.update(task, completed=done, total=total)
+
+
+def _show(elements: list[Element], *, as_json: bool) -> None:
+    """Print, and end with status 1 when something failed."""
+    if as_json:
+        typer.echo(json.dumps([element.document() for element in elements], indent=2))
+    else:
+        table = Table("parameter", "name", "format", "value", "unit", "")
+        for element in elements:
+            name, unit = name_and_unit(element.pnu, element.subindex)
+            table.add_row(
+                address_text(element.pnu, element.subindex),
+                name,
+                element.format.name if element.format else "",
+                "" if element.value is None else str(element.value),
+                unit,
+                f"[red]{meaning(element)}[/red]" if element.failed else meaning(element),
+            )
+        Console().print(table)
+    if any(element.failed for element in elements):
+        raise typer.Exit(1)
+
+
+@app.command()
+def read(
+    parameters: Annotated[list[str], typer.Argument(help="Parameters to read.", show_default=False)],
+    gateway: Annotated[str, GATEWAY] = _DEFAULT,
+    do_id: Annotated[int, DO] = 1,
+    as_json: Annotated[bool, JSON] = False,
+) -> None:
+    """Read parameters; an array without subindex is read whole."""
+    targets = [parse_target(text) for text in parameters]
+    with _session(gateway, do_id) as session, _progress("reading") as progress:
+        elements = session.read(targets, progress)
+    _show(elements, as_json=as_json)
+
+
+@app.command(context_settings={"ignore_unknown_options": True})
+def write(
+    assignments: Annotated[
+        list[str],
+        typer.Argument(help="PARAMETER VALUE pairs; several values of an array: 1,2,3", show_default=False),
+    ],
+    gateway: Annotated[str, GATEWAY] = _DEFAULT,
+    do_id: Annotated[int, DO] = 1,
+    type_name: Annotated[str | None, typer.Option("--type", help="Data type; else the device's own.")] = None,
+    as_json: Annotated[bool, JSON] = False,
+) -> None:
+    """Write parameters, in one request as far as they fit."""
+    if len(assignments) % 2:
+        raise GatewayError(f"{assignments[-1]!r}: a value is missing; expected PARAMETER VALUE pairs")
+    pairs = [(parse_target(name), value) for name, value in zip(assignments[::2], assignments[1::2], strict=True)]
+    given = parse_type(type_name) if type_name is not None else None
+    with _session(gateway, do_id) as session:
+        writes = [
+            (target, parse_value(value, given if given is not None else session.type_of(target)))
+            for target, value in pairs
+        ]
+        elements = session.write(writes)
+    _show(elements, as_json=as_json)
+
+
+@app.command("list")
+def list_(
+    gateway: Annotated[str, GATEWAY] = _DEFAULT,
+    do_id: Annotated[int, DO] = 1,
+    as_json: Annotated[bool, JSON] = False,
+) -> None:
+    """List every parameter the device has (P980 ff)."""
+    with _session(gateway, do_id) as session, _progress("reading descriptions") as progress:
+        pnus = session.pnus()
+        descriptions = session.describe(pnus, progress)
+    if as_json:
+        rows = []
+        for pnu in pnus:
+            item = descriptions[pnu]
+            details = {
+                "name": item.name if item else None,
+                "format": item.type.name if item else None,
+                "elements": item.count if item and item.array else None,
+                "writable": item.writable if item else None,
+            }
+            rows.append({"pnu": pnu, **details})
+        typer.echo(json.dumps(rows, indent=2))
+        return
+    table = Table("parameter", "name", "format", "elements", "access")
+    for pnu in pnus:
+        item = descriptions[pnu]
+        table.add_row(
+            address_text(pnu),
+            item.name if item else "",
+            item.type.name if item else "",
+            str(item.count) if item and item.array else "",
+            ("rw" if item.writable else "r") if item else "",
+        )
+    Console().print(table)
+
+
+@app.command()
+def describe(
+    parameters: Annotated[list[str], typer.Argument(help="Parameters.", show_default=False)],
+    gateway: Annotated[str, GATEWAY] = _DEFAULT,
+    do_id: Annotated[int, DO] = 1,
+    as_json: Annotated[bool, JSON] = False,
+) -> None:
+    """Show description, limits and texts of parameters."""
+    targets = [parse_target(text) for text in parameters]
+    documents: list[dict[str, object]] = []
+    with _session(gateway, do_id) as session:
+        descriptions = session.describe([target.pnu for target in targets])
+        for target in targets:
+            item = descriptions[target.pnu]
+            if item is None:
+                documents.append({"pnu": target.pnu, "name": None})
+                continue
+            documents.append(
+                {
+                    "pnu": target.pnu,
+                    "name": item.name,
+                    "format": item.type.name,
+                    "elements": item.count if item.array else None,
+                    "writable": item.writable,
+                    "low": item.low if item.low or item.high else None,
+                    "high": item.high if item.low or item.high else None,
+                    "texts": session.texts(target.pnu) if item.has_texts else [],
+                }
+            )
+    if as_json:
+        typer.echo(json.dumps(documents, indent=2))
+    else:
+        console = Console()
+        for document in documents:
+            console.print(f"[bold]{address_text(int(str(document['pnu'])))}[/bold]")
+            for key, value in list(document.items())[1:]:
+                if value is not None and value != []:
+                    console.print(f"  {key}: {value}", highlight=False, markup=False)
+    if any(document["name"] is None for document in documents):
+        raise GatewayError(
+            "no description of "
+            + ", ".join(address_text(int(str(item["pnu"]))) for item in documents if item["name"] is None)
+        )
+
+
+@app.command()
+def dump(
+    file: Annotated[Path, typer.Argument(help="Where to.", show_default=False)],
+    gateway: Annotated[str, GATEWAY] = _DEFAULT,
+    do_id: Annotated[int, DO] = 1,
+) -> None:
+    """Save all parameters of a drive object."""
+    with _session(gateway, do_id) as session, _progress("reading") as progress:
+        saved, failed = read_all(session, progress)
+    saved.save(file)
+    settings = sum(element.setting for element in saved.parameters)
+    Console().print(f"{file}: {len(saved.parameters)} elements, {settings} of them settings")
+    for element in failed:
+        Console(stderr=True).print(
+            f"not read: {address_text(element.pnu, element.subindex)}: {element.error_text}", highlight=False
+        )
+
+
+@app.command("restore")
+def restore_(
+    file: Annotated[Path, typer.Argument(help="A file of `pdgw param dump`.", show_default=False)],
+    gateway: Annotated[str, GATEWAY] = _DEFAULT,
+    do_id: Annotated[int, DO] = 1,
+    yes: Annotated[bool, typer.Option("--yes", help="Write without asking.")] = False,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Only show the differences.")] = False,
+) -> None:
+    """Write the settings of a file that the device has otherwise; the differences are shown first."""
+    saved = Dump.load(file)
+    console = Console()
+    with _session(gateway, do_id) as session:
+        with _progress("comparing") as progress:
+            pairs = difference(session, saved, progress)
+        if not pairs:
+            console.print("nothing differs")
+            return
+        table = Table("parameter", "name", "device", "file")
+        for wanted, found in pairs:
+            name, _ = name_and_unit(wanted.pnu, wanted.subindex)
+            shown = found.error_text if found.failed else str(found.value)
+            table.add_row(address_text(wanted.pnu, wanted.subindex), name, shown, str(wanted.value))
+        console.print(table)
+        if dry_run:
+            return
+        if not yes and not typer.confirm(f"write {len(pairs)} settings to DO {do_id}?"):
+            raise typer.Exit(1)
+        with _progress("writing") as progress:
+            results = restore(session, [wanted for wanted, _ in pairs], progress)
+    failed = [element for element in results if element.failed]
+    console.print(f"{len(results) - len(failed)} of {len(results)} settings written")
+    if failed:
+        _show(failed, as_json=False)

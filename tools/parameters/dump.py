@@ -1,0 +1,140 @@
+"""All parameters of a drive object in a file, and back."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from gateway.errors import GatewayError
+from profidrive.parameters.catalogue import OBJECTS
+from profidrive.parameters.codec import Values
+from tools.parameters.address import Target, parse_type, parse_value
+from tools.parameters.session import NOT_THERE, Element, Progress, Session, address_text
+
+_COMMANDS = {928, 952, 970, 971, 972, 976, 977}
+"""Writing these does something; they are no settings."""
+_PROCESS = {0x6040, 0x6060, 0x6071, 0x607A, 0x60FE, 0x60FF}
+"""Demands of the moment."""
+_COMMUNICATION = range(0x1000, 0x2000)
+"""Owned by whoever manages the network."""
+_ERROR_HISTORY = 0x1003
+_ABORT_OPTION = 0x6007
+_OPERATION_PRIORITY = 927
+
+
+class DumpedElement(BaseModel):
+    """One element; ``setting``: restoring writes it."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    pnu: Annotated[int, Field(ge=1, le=0xFFFF)]
+    subindex: Annotated[int, Field(ge=0, le=0xFFFE)]
+    format: str
+    value: int | float | str
+    setting: bool
+    array: bool = False
+
+    @property
+    def target(self) -> Target:
+        return Target(self.pnu, self.subindex) if self.array else Target(self.pnu)
+
+    def values(self) -> Values:
+        """For the parameter channel; GatewayError when format and value do not fit together."""
+        try:
+            return parse_value(str(self.value), parse_type(self.format))
+        except GatewayError as error:
+            raise GatewayError(f"{address_text(self.pnu, self.subindex)}: {error}") from error
+
+
+class Dump(BaseModel):
+    """The file."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    version: Literal[1] = 1
+    do_id: int
+    unit: tuple[int, ...] = ()
+    """P964."""
+    parameters: tuple[DumpedElement, ...]
+
+    def save(self, path: Path) -> None:
+        """GatewayError when it cannot be written."""
+        try:
+            path.write_text(self.model_dump_json(indent=1), encoding="utf-8")
+        except OSError as error:
+            raise GatewayError(f"{path}: cannot be written: {error.strerror}") from error
+
+    @classmethod
+    def load(cls, path: Path) -> Dump:
+        """GatewayError tells what is wrong with the file."""
+        try:
+            return cls.model_validate_json(path.read_text(encoding="utf-8"))
+        except (OSError, UnicodeDecodeError) as error:
+            raise GatewayError(f"{path}: cannot be read: {error}") from error
+        except ValidationError as error:
+            first = error.errors()[0]
+            where = ".".join(str(part) for part in first["loc"])
+            raise GatewayError(f"{path}: no parameter file: {where}: {first['msg']}") from error
+
+
+def read_all(session: Session, progress: Progress | None = None) -> tuple[Dump, list[Element]]:
+    """Every parameter the device lists, and the elements that could not be read."""
+    pnus = [pnu for pnu in session.pnus() if pnu != _ERROR_HISTORY]
+    descriptions = session.describe(pnus)
+    elements = session.read([Target(pnu) for pnu in pnus], progress)
+    dumped, failed = [], []
+    for element in elements:
+        if element.failed or element.format is None or element.value is None:
+            # Gaps between the sub-indices of an object are no failure.
+            if element.error not in NOT_THERE:
+                failed.append(element)
+            continue
+        description = descriptions.get(element.pnu)
+        array = description is not None and description.array
+        writable = description is not None and description.writable
+        dumped.append(
+            DumpedElement(
+                pnu=element.pnu,
+                subindex=element.subindex,
+                format=element.format.name,
+                value=element.value,
+                setting=writable and _is_setting(element, array=array),
+                array=array,
+            )
+        )
+    unit = tuple(element.value for element in elements if element.pnu == 964 and isinstance(element.value, int))
+    return Dump(do_id=session.client.do_id, unit=unit, parameters=tuple(dumped)), failed
+
+
+def _is_setting(element: Element, *, array: bool) -> bool:
+    pnu = element.pnu
+    if pnu in _COMMANDS or pnu in _PROCESS or pnu in _COMMUNICATION or pnu == _ABORT_OPTION:
+        return False
+    return not (pnu in OBJECTS and array and element.subindex == 0)
+
+
+def difference(session: Session, dump: Dump, progress: Progress | None = None) -> list[tuple[DumpedElement, Element]]:
+    """The settings of the file that the device has otherwise (or not at all), with what it has."""
+    settings = [element for element in dump.parameters if element.setting]
+    present = session.read([element.target for element in settings], progress)
+    if len(present) != len(settings):
+        raise GatewayError("the device answers with other elements than the file has: it is another device")
+    pairs = [
+        (wanted, found)
+        for wanted, found in zip(settings, present, strict=True)
+        if found.failed or not _same(wanted, found)
+    ]
+    # With the priority taken away nothing after it could be written.
+    return sorted(pairs, key=lambda pair: pair[0].pnu == _OPERATION_PRIORITY)
+
+
+def _same(wanted: DumpedElement, found: Element) -> bool:
+    return wanted.value == found.value
+
+
+def restore(session: Session, changes: Sequence[DumpedElement], progress: Progress | None = None) -> list[Element]:
+    """Write settings; an element for each, with its error where it failed."""
+    return session.write([(element.target, element.values()) for element in changes], progress)
