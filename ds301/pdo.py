@@ -95,3 +95,11 @@ class Pdo:
             raise CanopenError(f"{self} length", len(data), f"{self.size} bytes")
         for attribute, value in zip(self.attributes, self.struct.unpack_from(data), strict=True):
             setattr(image, attribute, value)
+
+
+@dataclass(frozen=True)
+class PdoLayout:
+    """The PDOs a device is operated with."""
+
+    rpdos: tuple[Pdo, ...]
+    tpdos: tuple[Pdo, ...]

@@ -7,10 +7,11 @@ this package knows no PROFIdrive; the gateway chooses.
 from __future__ import annotations
 
 import enum
-from dataclasses import dataclass
 
-from ds301.pdo import Pdo, PdoDirection
+from ds301.pdo import Pdo, PdoDirection, PdoLayout
 from dsp402.objects import DRIVE_OBJECTS
+
+__all__ = ["LAYOUTS", "Operation", "PdoLayout", "pdo"]
 
 
 class Operation(enum.Enum):
@@ -19,14 +20,6 @@ class Operation(enum.Enum):
     VELOCITY = "velocity"
     POSITIONING = "positioning"
     TRANSPARENT = "transparent"
-
-
-@dataclass(frozen=True)
-class PdoLayout:
-    """RPDOs and TPDOs of one operation. RPDO 1 carries the Controlword and is sent last."""
-
-    rpdos: tuple[Pdo, ...]
-    tpdos: tuple[Pdo, ...]
 
 
 def pdo(direction: PdoDirection, number: int, *attributes: str) -> Pdo:
@@ -38,6 +31,7 @@ _R = PdoDirection.RPDO
 _T = PdoDirection.TPDO
 
 LAYOUTS: dict[Operation, PdoLayout] = {
+    # RPDO 1 carries the Controlword and is sent last.
     Operation.VELOCITY: PdoLayout(
         rpdos=(pdo(_R, 1, "controlword", "target_velocity"),),
         tpdos=(pdo(_T, 1, "statusword", "velocity_actual"),),

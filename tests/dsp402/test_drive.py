@@ -449,7 +449,7 @@ def test_a_configuration_the_drive_refuses_is_named(plant: Plant, index: int) ->
 
 
 def test_a_refused_drive_is_tried_at_once_with_another_telegram(plant: Plant, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("dsp402.drive._RETRY_REFUSED_S", 3600)
+    monkeypatch.setattr("ds301.client._RETRY_REFUSED_S", 3600)
     _lacking(plant, write=0x1601)
     client = plant.connect(Operation.POSITIONING, initial_mode=None)
     buses.wait_for(lambda: client.status is DriveStatus.REFUSED, "refused")

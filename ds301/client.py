@@ -1,0 +1,559 @@
+"""The client of one CANopen node: brings it into operation on a bus and keeps watching it.
+
+Source: CiA DS 301 (NMT, heartbeat, EMCY, SDO, PDO), docs/translation.md "Loss and doubt". The cyclic side (``refresh``) never
+blocks; identity check, PDO configuration and user SDO jobs run on the node's own worker thread. A device profile derives
+from ``NodeClient`` and adds its images and what it configures.
+"""
+
+from __future__ import annotations
+
+import abc
+import contextlib
+import enum
+import queue
+import struct
+import threading
+import time
+from collections.abc import Callable, Collection, Sequence
+from concurrent.futures import Future
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar, Generic, Self, TypeVar
+
+import canopen
+from canopen.sdo import SdoAbortedError, SdoCommunicationError
+
+from ds301.aborts import Abort, abort_text
+from ds301.configuration import SdoStep, pdo_steps
+from ds301.emcy import emcy_text
+from ds301.errors import CanopenError
+from ds301.network import CanNetwork
+from ds301.pdo import Pdo, PdoLayout
+from ds301.simulator import NmtCommand
+
+T = TypeVar("T")
+_Job = tuple[Future[Any], Callable[[], None]]
+"""What a caller waits for, and the call that answers it."""
+
+
+class NodeStatus(enum.Enum):
+    """Where the node is on its way to operation."""
+
+    OFFLINE = "offline"
+    """Not seen yet, or stopped by us."""
+    CONFIGURING = "configuring"
+    ONLINE = "online"
+    LOST = "lost"
+    """Was online; heartbeat or TPDO stopped, or the bus failed. Re-configures by itself, never restarts motion."""
+    REFUSED = "refused"
+    """Answers, but is the wrong device or does not take the configuration; retried slowly."""
+
+
+@dataclass(frozen=True, slots=True)
+class NodeSettings:
+    """Choices for one node; times in milliseconds."""
+
+    node_id: int
+    eds: Path | None = None
+    """A user's EDS/DCF; None takes the one in the package."""
+    gateway_node_id: int = 127
+    heartbeat_ms: int = 100
+    """Producer time of both sides; consumers expire after ``heartbeat_factor`` times that."""
+    heartbeat_factor: int = 3
+    tpdo_event_ms: int = 50
+    tpdo_inhibit_us: int = 0
+    tpdo_timeout_factor: int = 4
+    sdo_timeout_ms: int = 500
+    sync: bool = False
+    """TPDOs on SYNC (type 1) instead of event-driven."""
+    allow_unguarded: bool = False
+    """Operate a node that refuses the objects that guard it."""
+
+
+S = TypeVar("S", bound=NodeSettings)
+
+
+@dataclass(frozen=True, slots=True)
+class NodeEvent:
+    """Something the owner must know: ``kind`` is one of status, emcy, boot, refused.
+
+    For ``emcy``: ``code`` the error code, ``register`` the error register, ``data`` the manufacturer bytes.
+    """
+
+    kind: str
+    text: str
+    code: int = 0
+    register: int = 0
+    data: bytes = b""
+    time_ns: int = 0
+
+
+MS = 1_000_000
+_RETRY_ABSENT_S = 0.5
+_RETRY_REFUSED_S = 5.0
+_SUPERVISION_S = 0.02
+_FIRST_TPDO_S = 1.0
+_ACYCLIC_PDO_NS = 100 * MS
+
+
+class _Slot:
+    """The newest frame of one TPDO and the image its values go to: written by the reader thread, taken by the cyclic one."""
+
+    __slots__ = ("data", "errors", "image", "pdo", "taken", "time")
+
+    def __init__(self, pdo: Pdo, image: object) -> None:
+        self.pdo = pdo
+        self.image = image
+        self.data: bytes | None = None
+        self.taken: bytes | None = None
+        self.time = 0
+        self.errors = 0
+
+    def receive(self, data: bytes, now: int) -> None:
+        """Called by the reader thread; an assignment of one reference needs no lock.
+
+        A frame shorter than the mapping is no sign of life: its values would be kept for ever.
+        """
+        if len(data) < self.pdo.size:
+            self.errors += 1
+            return
+        self.data = data
+        self.time = now
+
+
+def load_dictionary(
+    path: Path, node_id: int, needed: Sequence[int], device: str, error_type: type[CanopenError] = CanopenError
+) -> canopen.ObjectDictionary:
+    """The object dictionary of an EDS/DCF.
+
+    Raises ``error_type``, naming the file and what is wrong with it: not readable, not valid, or without one of the objects
+    ``needed`` that make it the data sheet of ``device``.
+    """
+    try:
+        dictionary = canopen.import_od(str(path), node_id)
+    except OSError as error:
+        raise error_type("EDS", str(path), f"a readable file ({error.strerror})") from error
+    except Exception as error:  # canopen raises whatever configparser and its own conversions meet
+        raise error_type("EDS", str(path), f"a valid EDS or DCF ({error})") from error
+    for index in needed:
+        if index not in dictionary:
+            raise error_type("EDS", str(path), f"the data sheet of {device}, with object {index:04X}h")
+    return dictionary
+
+
+class NodeClient(abc.ABC, Generic[S]):
+    """One node. ``on_event`` is called from the worker or reader thread and must only queue."""
+
+    device: ClassVar[str]
+    """What the node is, in messages: ``drive``."""
+    a_device: ClassVar[str]
+    """With its article: ``a drive``."""
+    profile: ClassVar[int]
+    """The device profile number of 1000h."""
+    error_type: ClassVar[type[CanopenError]]
+
+    def __init__(
+        self,
+        network: CanNetwork,
+        settings: S,
+        layout: PdoLayout,
+        dictionary: canopen.ObjectDictionary,
+        on_event: Callable[[NodeEvent], None],
+    ) -> None:
+        self.network = network
+        self.settings = settings
+        self.layout = layout
+        self.dictionary = dictionary
+        self.on_event = on_event
+        self.status = NodeStatus.OFFLINE
+        self.status_text = "not started"
+        self.generation = 0
+        """Counts completed configurations, so that the owner sees each restart exactly once."""
+        self._old_length_errors = 0
+        self._node = canopen.RemoteNode(settings.node_id, self.dictionary)
+        self._slots: list[_Slot] = []
+        self._acyclic_tpdos: list[Pdo] = []
+        self._acyclic_read = 0
+        self._sending = False
+        """The node is in operation and takes RPDOs."""
+        self._heartbeat = 0
+        self._heartbeat_expected = False
+        self._booted = threading.Event()
+        self._stopping = threading.Event()
+        self._reconfigure = threading.Event()
+        self._jobs: queue.SimpleQueue[_Job | None] = queue.SimpleQueue()
+        self._worker = threading.Thread(target=self._run, name=f"{self.device} {settings.node_id}", daemon=True)
+        self._apply_times()
+
+    # -- the device profile's part --------------------------------------------------------------------------------
+
+    @abc.abstractmethod
+    def _image(self, pdo: Pdo) -> object:
+        """The image that takes the values of a TPDO."""
+
+    @abc.abstractmethod
+    def _configure(self) -> None:
+        """Everything between the mapping of the PDOs and NMT start, on the worker thread; errors refuse the node."""
+
+    def _pdo_steps(self, available: Collection[int]) -> list[SdoStep]:
+        """The SDO writes that map the PDOs; ``available``: communication parameter indices the node has."""
+        settings = self.settings
+        return pdo_steps(
+            self.layout,
+            settings.node_id,
+            available,
+            sync=settings.sync,
+            event_ms=settings.tpdo_event_ms,
+            inhibit_us=settings.tpdo_inhibit_us,
+        )
+
+    def _emcy_text(self, code: int) -> str:
+        return emcy_text(code)
+
+    # -- any thread ---------------------------------------------------------------------------------------------------
+
+    @property
+    def length_errors(self) -> int:
+        """TPDOs shorter than their mapping, ignored."""
+        return self._old_length_errors + sum(slot.errors for slot in self._slots)
+
+    def start(self) -> None:
+        """Start the worker: waits for the node, checks identity, configures, goes operational, supervises."""
+        node_id = self.settings.node_id
+        network = self.network.canopen
+        network.add_node(self._node)
+        network.subscribe(0x700 + node_id, self._on_heartbeat)
+        network.subscribe(0x80 + node_id, self._on_emcy)
+        self._worker.start()
+
+    def submit(self, job: Callable[[Self], T]) -> Future[T]:
+        """Run a job with SDO access on the worker thread; never delays the cyclic side.
+
+        The future fails with the package's error at once when the node is not online.
+        """
+        future: Future[T] = Future()
+        if self.status is not NodeStatus.ONLINE:
+            future.set_exception(self._not_online())
+            return future
+
+        def run() -> None:
+            try:
+                result = job(self)
+            except Exception as error:  # whatever the job raised belongs to whoever asked for it
+                future.set_exception(error)
+            else:
+                future.set_result(result)
+
+        self._jobs.put((future, run))
+        if self.status is not NodeStatus.ONLINE:  # lost since the question above: nobody may come to take the job
+            self._fail_jobs()
+        return future
+
+    def stop(self) -> None:
+        """NMT pre-operational and end of the worker. Whoever moves the device has stopped it before."""
+        self._stopping.set()
+        self._jobs.put(None)
+        self._booted.set()
+        if self._worker.is_alive():
+            self._worker.join(timeout=2 + self.settings.sdo_timeout_ms / 1000)
+        self._sending = False
+        self._nmt(NmtCommand.ENTER_PRE_OPERATIONAL)
+        self.status = NodeStatus.OFFLINE
+        self.status_text = "stopped"
+        self._fail_jobs()
+        self._unsubscribe_pdos()
+        network, node_id = self.network.canopen, self.settings.node_id
+        if network.nodes.get(node_id) is self._node:
+            del network[node_id]
+            network.unsubscribe(0x700 + node_id, self._on_heartbeat)
+            network.unsubscribe(0x80 + node_id, self._on_emcy)
+
+    def _change(self, layout: PdoLayout, settings: S) -> None:
+        """Map other PDOs with other settings; the device must not be in operation."""
+        self._sending = False
+        self.layout = layout
+        self.settings = settings
+        self._apply_times()
+        self._reconfigure.set()
+        self._jobs.put(None)
+        self._booted.set()  # a refused node need not wait for its next try
+
+    # -- cyclic thread ------------------------------------------------------------------------------------------------
+
+    def refresh(self, now: int) -> bool:
+        """Cyclic: take the newest TPDO data into the feedback; True when online and no TPDO is overdue."""
+        fresh = self.status is NodeStatus.ONLINE
+        oldest = now - self._timeout_ns
+        for slot in self._slots:
+            data = slot.data
+            if data is not slot.taken:
+                slot.taken = data
+                if data is not None:
+                    slot.pdo.unpack_into(data, slot.image)
+            if slot.time < oldest:
+                fresh = False
+        return fresh
+
+    # -- worker thread ------------------------------------------------------------------------------------------------
+
+    def read(self, index: int, subindex: int = 0) -> bytes:
+        """SDO upload, on the worker thread only; raises canopen's SdoAbortedError / SdoCommunicationError."""
+        data: bytes = self._node.sdo.upload(index, subindex)
+        return data
+
+    def write(self, index: int, subindex: int, data: bytes) -> None:
+        """SDO download, on the worker thread only."""
+        self._node.sdo.download(index, subindex, data)
+
+    def read_number(self, index: int, subindex: int = 0, *, signed: bool = False) -> int:
+        """An integer object, on the worker thread only."""
+        return int.from_bytes(self.read(index, subindex), "little", signed=signed)
+
+    def _apply_times(self) -> None:
+        settings = self.settings
+        self._node.sdo.RESPONSE_TIMEOUT = settings.sdo_timeout_ms / 1000
+        self._timeout_ns = settings.tpdo_event_ms * settings.tpdo_timeout_factor * MS
+
+    def _unsubscribe_pdos(self) -> None:
+        for slot in self._slots:
+            self.network.unsubscribe_pdo(slot.pdo.cob_id(self.settings.node_id))
+
+    def _fetch(self, index: int, subindex: int = 0, *, signed: bool = False) -> int:
+        """As ``read_number``, with an abort that names the object."""
+        try:
+            return self.read_number(index, subindex, signed=signed)
+        except SdoAbortedError as error:
+            raise self.error_type(
+                f"node {self.settings.node_id} object {index:04X}h/{subindex}",
+                abort_text(error.code),
+                "an object that can be read, as the EDS says",
+            ) from error
+
+    def _run(self) -> None:
+        while not self._stopping.is_set():
+            try:
+                self._bring_up()
+            except SdoCommunicationError as error:
+                self._absent(f"no answer from node {self.settings.node_id} ({error})")
+            except SdoAbortedError as error:
+                self._refuse(f"node {self.settings.node_id} aborted the configuration: {abort_text(error.code)}")
+            except CanopenError as error:
+                self._refuse(str(error))
+            except (struct.error, ValueError) as error:  # canopen unpacks SDO answers unchecked
+                self._refuse(f"node {self.settings.node_id} sent an SDO answer that cannot be decoded ({error})")
+            else:
+                # Brought up for a telegram that is no longer chosen, or restarted meanwhile: once more.
+                if self.status is NodeStatus.ONLINE:
+                    self._supervise()
+
+    def _not_online(self) -> CanopenError:
+        return self.error_type(
+            f"{self.device} {self.settings.node_id}", self.status.value, "online to be read or written"
+        )
+
+    def _tell(self, kind: str, text: str) -> None:
+        self.on_event(NodeEvent(kind, text, time_ns=time.monotonic_ns()))
+
+    def _set_status(self, status: NodeStatus, text: str) -> None:
+        changed = status is not self.status or text != self.status_text
+        self.status = status
+        self.status_text = text
+        if status is not NodeStatus.ONLINE:
+            self._fail_jobs()
+        if changed:
+            self._tell("refused" if status is NodeStatus.REFUSED else "status", f"{status.value}: {text}")
+
+    def _absent(self, text: str) -> None:
+        if self.status is not NodeStatus.LOST:
+            self._set_status(NodeStatus.OFFLINE, text)
+        self._wait(_RETRY_ABSENT_S)
+
+    def _refuse(self, text: str) -> None:
+        self._set_status(NodeStatus.REFUSED, text)
+        self._wait(_RETRY_REFUSED_S)
+
+    def _wait(self, seconds: float) -> None:
+        """Until the node boots, we stop, or the time is over."""
+        self._booted.wait(seconds)
+        self._booted.clear()
+
+    def _nmt(self, command: NmtCommand) -> None:
+        self.network.send(0, bytes((command, self.settings.node_id)))
+
+    def _bring_up(self) -> None:
+        self._booted.clear()
+        self._reconfigure.clear()
+        self._sending = False
+        # A node that was stopped answers no SDO before this; a running one stops by its abort option.
+        self._nmt(NmtCommand.ENTER_PRE_OPERATIONAL)
+        device_type = self._fetch(0x1000)
+        self._booted.clear()  # a boot-up before this answer is the one we waited for
+        self._set_status(NodeStatus.CONFIGURING, "checking identity")
+        self._check_identity(device_type)
+        self._set_status(NodeStatus.CONFIGURING, "mapping PDOs")
+        self._configure_pdos()
+        self._configure()
+        for slot in self._slots:
+            self.network.subscribe_pdo(slot.pdo.cob_id(self.settings.node_id), slot.receive)
+        for pdo in self._acyclic_tpdos:
+            self._read_acyclic(pdo)
+        self._nmt(NmtCommand.START)
+        self._await_tpdos()
+        if self._booted.is_set() or self._reconfigure.is_set() or self._stopping.is_set():
+            return
+        self._heartbeat = time.monotonic_ns()
+        self.generation += 1
+        self._sending = True
+        self._set_status(NodeStatus.ONLINE, f"operational, configuration {self.generation}")
+
+    def _check_identity(self, device_type: int) -> None:
+        name = f"node {self.settings.node_id} device type 1000h"
+        if device_type & 0xFFFF != self.profile:
+            raise self.error_type(name, f"profile {device_type & 0xFFFF}", f"{self.a_device} (profile {self.profile})")
+        information = self.dictionary.device_information
+        for what, subindex, expected in (
+            ("vendor-ID 1018h/1", 1, information.vendor_number),
+            ("product code 1018h/2", 2, information.product_number),
+        ):
+            if not expected:
+                continue
+            found = self._fetch(0x1018, subindex)
+            if found != expected:
+                raise self.error_type(
+                    f"node {self.settings.node_id} {what}", f"{found:08X}h", f"{expected:08X}h as the EDS says"
+                )
+
+    def _do(self, step: SdoStep) -> None:
+        try:
+            self.write(step.index, step.subindex, step.data)
+        except SdoAbortedError as error:
+            if step.optional:
+                return
+            raise self.error_type(
+                f"{step.meaning} ({step.index:04X}h/{step.subindex} := {step.value:X}h)",
+                abort_text(error.code),
+                f"{self.a_device} that takes it",
+            ) from error
+
+    def _configure_pdos(self) -> Collection[int]:
+        """Map the PDOs of the layout; returns the communication parameter indices the node has."""
+        available = [index for index in self.dictionary if self._has_pdo(index)]
+        steps = self._pdo_steps(available)
+        self._unsubscribe_pdos()
+        for step in steps:
+            self._do(step)
+        self._old_length_errors = self.length_errors
+        tpdos = self.layout.tpdos
+        self._slots = [_Slot(pdo, self._image(pdo)) for pdo in tpdos if pdo.communication_index in available]
+        self._acyclic_tpdos = [pdo for pdo in tpdos if pdo.communication_index not in available]
+        return available
+
+    def _has_pdo(self, index: int) -> bool:
+        """Whether ``index`` is the communication parameter of a PDO that exists: in the EDS and in the device."""
+        if not (0x1400 <= index < 0x1600 or 0x1800 <= index < 0x1A00):
+            return False
+        try:
+            self.read(index, 1)
+        except SdoAbortedError as error:
+            if error.code == Abort.NO_SUCH_OBJECT:
+                return False
+            raise
+        return True
+
+    def _write_checked(self, step: SdoStep) -> None:
+        """Write and read back; the package's error when the node does not hold the value."""
+        self._do(step)
+        found = self.read(step.index, step.subindex)
+        if found != step.data:
+            raise self.error_type(step.meaning, found.hex(), f"{step.data.hex()} when read back")
+
+    def _await_tpdos(self) -> None:
+        deadline = time.monotonic() + _FIRST_TPDO_S
+        while missing := [str(slot.pdo) for slot in self._slots if slot.data is None]:
+            if self._stopping.is_set() or self._booted.is_set():
+                return
+            if time.monotonic() > deadline:
+                raise self.error_type(
+                    f"TPDOs of the {self.device}", f"none of {', '.join(missing)}", "each within 1 s of NMT start"
+                )
+            self._stopping.wait(0.005)
+
+    def _supervise(self) -> None:
+        """Online: run jobs, watch heartbeat, TPDOs and boot-ups. Returns when the node has to be brought up anew."""
+        limit = self.settings.heartbeat_ms * self.settings.heartbeat_factor * MS
+        while not self._stopping.is_set():
+            with contextlib.suppress(queue.Empty):
+                job = self._jobs.get(timeout=_SUPERVISION_S)
+                if job is not None and job[0].set_running_or_notify_cancel():
+                    job[1]()
+            if self._stopping.is_set():
+                return
+            now = time.monotonic_ns()
+            if self._reconfigure.is_set():
+                self._set_status(NodeStatus.CONFIGURING, "telegram changed")
+                return
+            lost = self._lost(now, limit)
+            if lost:
+                self._set_status(NodeStatus.LOST, lost)
+                self._give_up()
+                return
+            try:
+                self._exchange_acyclic(now)
+            except (SdoAbortedError, SdoCommunicationError, CanopenError, struct.error) as error:
+                self._tell("status", f"object without PDO: {error}")
+
+    def _lost(self, now: int, heartbeat_limit: int) -> str:
+        if self._booted.is_set():
+            return f"node {self.settings.node_id} restarted"
+        if now - self._heartbeat > heartbeat_limit and self._heartbeat_expected:
+            return f"no heartbeat for {heartbeat_limit // MS} ms"
+        overdue = [str(slot.pdo) for slot in self._slots if now - slot.time > self._timeout_ns]
+        if overdue:
+            return f"no {', '.join(overdue)} for {self._timeout_ns // MS} ms"
+        return "" if self.network.healthy else f"CAN bus {self.network.name} is not healthy"
+
+    def _give_up(self) -> None:
+        """The owner stops the device meanwhile; a node that does not answer is stopped by NMT."""
+        seen = self._heartbeat
+        if self._booted.wait(self.settings.heartbeat_ms * 2 / 1000):
+            return
+        self._sending = False
+        if self._heartbeat == seen:
+            self._nmt(NmtCommand.STOP)
+
+    def _fail_jobs(self) -> None:
+        """Waiting jobs fail at once, because the node is not online."""
+        with contextlib.suppress(queue.Empty):
+            while True:
+                job = self._jobs.get_nowait()
+                if job is not None and job[0].set_running_or_notify_cancel():
+                    job[0].set_exception(self._not_online())
+
+    def _exchange_acyclic(self, now: int) -> None:
+        """Objects for which the node has no PDO, read every 100 ms."""
+        if self._acyclic_tpdos and now - self._acyclic_read >= _ACYCLIC_PDO_NS:
+            self._acyclic_read = now
+            for pdo in self._acyclic_tpdos:
+                self._read_acyclic(pdo)
+
+    def _read_acyclic(self, pdo: Pdo) -> None:
+        image = self._image(pdo)
+        for entry in pdo.entries:
+            signed = entry.type.char.islower()
+            setattr(image, entry.attribute, self._fetch(entry.index, entry.subindex, signed=signed))
+
+    # -- reader thread ------------------------------------------------------------------------------------------------
+
+    def _on_heartbeat(self, _can_id: int, data: bytes, _timestamp: float) -> None:
+        self._heartbeat = time.monotonic_ns()
+        if len(data) == 1 and data[0] == 0:
+            self._booted.set()
+            if self.status is NodeStatus.ONLINE:
+                self.on_event(NodeEvent("boot", "boot-up message", time_ns=self._heartbeat))
+
+    def _on_emcy(self, _can_id: int, data: Any, _timestamp: float) -> None:
+        if len(data) != 8:
+            return
+        code = int.from_bytes(data[:2], "little")
+        text = f"EMCY {code:04X}h {self._emcy_text(code)}"
+        self.on_event(NodeEvent("emcy", text, code, data[2], bytes(data[3:]), time.monotonic_ns()))
