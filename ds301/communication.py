@@ -5,6 +5,9 @@ Source: CiA DS 301 V4.01 chapter 9.6. A device profile adds its own identity val
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+
+from ds301.configuration import EVENT_DRIVEN_PROFILE
 from ds301.objects import Access, CanType, Entry, ObjectKind, ObjectSpec, array, var
 from ds301.pdo import COB_ID_INVALID, Pdo, PdoDirection
 
@@ -69,25 +72,39 @@ def communication_objects(
     )
 
 
-def pdo_objects(rpdos: int, tpdos: int, defaults: tuple[Pdo, ...], mappable: int = 8) -> tuple[ObjectSpec, ...]:
-    """Communication and mapping parameters of the device's PDOs; PDOs without a default are invalid and unmapped."""
+def pdo_objects(
+    rpdos: int | Sequence[int],
+    tpdos: int | Sequence[int],
+    defaults: tuple[Pdo, ...],
+    mappable: int = 8,
+    *,
+    tpdo_types: Mapping[int, int] | None = None,
+    event_timer: bool = True,
+) -> tuple[ObjectSpec, ...]:
+    """Communication and mapping parameters of the device's PDOs; PDOs without a default are invalid and unmapped.
+
+    ``rpdos`` and ``tpdos`` are how many it has, or which numbers. ``tpdo_types`` gives default transmission types (255 for
+    the others); without ``event_timer`` the TPDOs end with the inhibit time.
+    """
     by_key = {(pdo.direction, pdo.number): pdo for pdo in defaults}
     objects: list[ObjectSpec] = []
-    for direction, count in ((PdoDirection.RPDO, rpdos), (PdoDirection.TPDO, tpdos)):
-        for number in range(1, count + 1):
+    for direction, numbers in ((PdoDirection.RPDO, rpdos), (PdoDirection.TPDO, tpdos)):
+        for number in range(1, numbers + 1) if isinstance(numbers, int) else numbers:
             pdo = by_key.get((direction, number))
             base = direction.bases[number - 1] | (0 if pdo else COB_ID_INVALID)
             index = direction.communication_index + number - 1
             # The COB-ID default is relative: the node-ID is added by EDS ($NODEID+...) and simulator.
+            type_ = EVENT_DRIVEN_PROFILE
+            if direction is PdoDirection.TPDO and tpdo_types is not None:
+                type_ = tpdo_types.get(number, type_)
             entries = [
                 Entry(index, 1, "COB-ID", U32, RW, default=base),
-                Entry(index, 2, "Transmission type", U8, RW, default=255),
+                Entry(index, 2, "Transmission type", U8, RW, default=type_),
             ]
             if direction is PdoDirection.TPDO:
-                entries += [
-                    Entry(index, 3, "Inhibit time", U16, RW, default=0, unit="100 us"),
-                    Entry(index, 5, "Event timer", U16, RW, default=0, unit="ms"),
-                ]
+                entries.append(Entry(index, 3, "Inhibit time", U16, RW, default=0, unit="100 us"))
+                if event_timer:
+                    entries.append(Entry(index, 5, "Event timer", U16, RW, default=0, unit="ms"))
             objects.append(
                 array(
                     index,

@@ -1,8 +1,8 @@
 """A simulated CANopen node, sans-I/O: frames and times in, frames out.
 
 Source: CiA DS 301 V4.01: NMT slave, heartbeat producer and consumer, EMCY, SDO server (canopen's), PDOs with run-time
-mapping, SYNC and event-driven transmission. A device profile derives from it, hands in an ``image`` whose attributes are
-the values of mappable objects, and overrides the ``on_...`` hooks. Left out: SDO block download, TIME, LSS, node guarding.
+mapping: on SYNC, event-driven, on remote request. A device profile derives from it, hands in an ``image`` whose attributes
+are the values of mappable objects, and overrides the ``on_...`` hooks. Left out: SDO block download, TIME, LSS, node guarding.
 """
 
 from __future__ import annotations
@@ -23,6 +23,8 @@ from ds301.pdo import COB_ID_INVALID, Pdo, PdoDirection
 
 MS = 1_000_000
 _COB_ID_MASK = 0x7FF
+_NO_REMOTE_REQUEST = 1 << 30
+"""Bit of a TPDO's COB-ID: it is not sent on a remote request."""
 _TRANSMISSION_SYNC_MAX = 240
 _EVENT_DRIVEN = (254, 255)
 _COMMUNICATION_AREA_END = 0x1FFF
@@ -62,16 +64,18 @@ def encode(entry: Entry, value: Value) -> bytes:
 class _Tpdo:
     """A transmit PDO in force and when it was sent."""
 
-    __slots__ = ("cob_id", "event_ns", "inhibit_ns", "last", "last_time", "pdo", "sync_count", "type")
+    __slots__ = ("cob_id", "due", "event_ns", "inhibit_ns", "last", "last_time", "pdo", "remote", "sync_count", "type")
 
     def __init__(self, pdo: Pdo, cob_id: int, type_: int, inhibit_ns: int, event_ns: int) -> None:
         self.pdo = pdo
-        self.cob_id = cob_id
+        self.cob_id = cob_id & _COB_ID_MASK
+        self.remote = not cob_id & _NO_REMOTE_REQUEST
         self.type = type_
         self.inhibit_ns = inhibit_ns
         self.event_ns = event_ns
         self.last = b""
         self.last_time = -(1 << 62)
+        self.due = -(1 << 62)
         self.sync_count = 0
 
 
@@ -120,6 +124,18 @@ class SimulatedNode:
 
     def on_reset(self) -> None:
         """Reset node: back to power-on values."""
+
+    def event_timer(self, index: int) -> int:
+        """Milliseconds between two transmissions of the TPDO with this communication parameter; 0 is none."""
+        return int(self.values.get((index, 5), 0))
+
+    def sent_on_change(self, transmission_type: int) -> bool:
+        """Whether a changed value is an event of this event-driven transmission type (254 or 255)."""
+        return True
+
+    def storable(self, entry: Entry) -> bool:
+        """Whether 1010h saves this writable object."""
+        return not entry.attribute
 
     # -- edge -------------------------------------------------------------------------------------------------------
 
@@ -269,16 +285,19 @@ class SimulatedNode:
                 value = int(value) + self.node_id
             if not entry.attribute:
                 self.values[address] = self.stored.get(address, value)
+            elif address in self.stored:
+                setattr(self.image, entry.attribute, self.stored[address])
         self._errors = []
         self._map_pdos()
         self._consume_heartbeats()
 
     def _store(self, entry: Entry, value: Value) -> None:
-        """Save (1010h) or restore (1011h), in force after the next reset; values that PDOs can carry are not saved."""
+        """Save (1010h) or restore (1011h), in force after the next reset."""
         restore = entry.index == com.RESTORE_PARAMETERS
         if value != (com.LOAD_SIGNATURE if restore else com.SAVE_SIGNATURE):
             raise SdoAbortedError(Abort.CANNOT_STORE)
-        self.stored = {} if restore else {a: v for a, v in self.values.items() if self.entries[a].access is Access.RW}
+        writable = {a: e for a, e in self.entries.items() if e.access is Access.RW and self.storable(e)}
+        self.stored = {} if restore else {address: self.read(*address) for address in writable}
 
     # -- NMT ----------------------------------------------------------------------------------------------------------
 
@@ -384,11 +403,12 @@ class SimulatedNode:
                 self._rpdos[identifier] = pdo
                 self._rpdo_types[identifier] = int(self.values[index, 2])
             else:
-                inhibit = int(self.values[index, 3]) * 100_000
-                event = int(self.values[index, 5]) * MS
-                tpdo = _Tpdo(pdo, identifier, int(self.values[index, 2]), inhibit, event)
+                inhibit = int(self.values.get((index, 3), 0)) * 100_000
+                event = self.event_timer(index) * MS
+                tpdo = _Tpdo(pdo, int(cob_id), int(self.values[index, 2]), inhibit, event)
                 if (previous := old.get((identifier, pdo.attributes))) is not None:
                     tpdo.last, tpdo.last_time = previous.last, previous.last_time
+                    tpdo.due = previous.last_time + event
                 self._tpdos.append(tpdo)
 
     def _receive_pdo(self, can_id: int, pdo: Pdo, data: bytes) -> None:
@@ -420,6 +440,15 @@ class SimulatedNode:
                 tpdo.sync_count = 0
                 self._send_tpdo(tpdo, data)
 
+    def receive_remote(self, can_id: int, now: int) -> None:
+        """A remote frame from the bus: send the TPDO with this COB-ID, if it allows that."""
+        self.now = now
+        if self.state is not NmtState.OPERATIONAL:
+            return
+        for tpdo in self._tpdos:
+            if tpdo.cob_id == can_id and tpdo.remote:
+                self._send_tpdo(tpdo, tpdo.pdo.pack(self.image))
+
     def _event_driven(self, now: int) -> None:
         for tpdo in self._tpdos:
             if tpdo.type not in _EVENT_DRIVEN:
@@ -428,10 +457,14 @@ class SimulatedNode:
             if age < tpdo.inhibit_ns:
                 continue
             data = tpdo.pdo.pack(self.image)
-            if data != tpdo.last or (tpdo.event_ns and age >= tpdo.event_ns):
+            changed = data != tpdo.last and self.sent_on_change(tpdo.type)
+            if changed or (tpdo.event_ns and now >= tpdo.due):
                 self._send_tpdo(tpdo, data)
 
     def _send_tpdo(self, tpdo: _Tpdo, data: bytes) -> None:
         tpdo.last = data
         tpdo.last_time = self.now
+        # The timer runs on from when it was due, so that late polls do not stretch the period.
+        on_time = tpdo.due <= self.now < tpdo.due + tpdo.event_ns
+        tpdo.due = (tpdo.due if on_time else self.now) + tpdo.event_ns
         self.transmit(tpdo.cob_id, data)

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import threading
-import time
-from collections.abc import Callable
-
 import can
 
 from ds301.objects import Entry
 from ds301.pdo import Pdo
-from ds301.simulator import MS, NmtState, SendFunction, SimulatedNode, Value
+from ds301.running import RunningNode
+from ds301.simulator import NmtState, SendFunction, SimulatedNode, Value
 from dsp402.device import drive_objects
 from dsp402.simulator.model import DriveModel, Machine
 
@@ -65,7 +62,7 @@ class SimulatedDriveNode(SimulatedNode):
         self.model.emcy.clear()
 
 
-class SimulatedDrive:
+class SimulatedDrive(RunningNode[SimulatedDriveNode]):
     """A ``SimulatedDriveNode`` running in a thread on a python-can bus, in steps of 1 ms.
 
     The bus is the drive's own and is shut down by ``stop``. Commands may be given from any thread.
@@ -74,43 +71,15 @@ class SimulatedDrive:
     def __init__(
         self, bus: can.BusABC, node_id: int, *, machine: Machine | None = None, pdos: int = 5, serial_number: int = 1
     ) -> None:
-        self.bus = bus
-        self._lock = threading.Lock()
-        self.node = SimulatedDriveNode(node_id, self._send, machine=machine, pdos=pdos, serial_number=serial_number)
-        self._stopping = threading.Event()
-        self._thread = threading.Thread(target=self._run, name=f"simulated drive {node_id}", daemon=True)
-
-    def __enter__(self) -> SimulatedDrive:
-        self.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.stop()
+        super().__init__(
+            bus,
+            f"simulated drive {node_id}",
+            lambda send: SimulatedDriveNode(node_id, send, machine=machine, pdos=pdos, serial_number=serial_number),
+        )
 
     @property
     def model(self) -> DriveModel:
         return self.node.model
-
-    @property
-    def running(self) -> bool:
-        """Between ``start`` and ``stop``."""
-        return self._thread.is_alive()
-
-    def start(self) -> None:
-        """Power on."""
-        self._thread.start()
-
-    def stop(self) -> None:
-        """Power off for good and release the bus."""
-        self._stopping.set()
-        if self._thread.ident is not None:
-            self._thread.join()
-        self.bus.shutdown()
-
-    def do(self, action: Callable[[SimulatedDriveNode], None]) -> None:
-        """Run an action on the node between two of its steps."""
-        with self._lock:
-            action(self.node)
 
     def inject(self, fault: int) -> None:
         """Raise fault 1-12; see ``DriveModel.inject``."""
@@ -123,29 +92,3 @@ class SimulatedDrive:
     def set_enable_input(self, on: bool) -> None:
         """Digital input DI1."""
         self.do(lambda node: node.model.set_enable_input(on))
-
-    def _send(self, can_id: int, data: bytes) -> None:
-        try:
-            self.bus.send(can.Message(arbitration_id=can_id, data=data, is_extended_id=False))
-        except can.CanError:
-            # A node that cannot transmit stays silent; its master notices by heartbeat and PDO supervision.
-            return
-
-    def _run(self) -> None:
-        with self._lock:
-            self.node.start(time.monotonic_ns())
-        due = time.monotonic_ns()
-        while not self._stopping.is_set():
-            now = time.monotonic_ns()
-            if now >= due:
-                due = max(due + MS, now)
-                with self._lock:
-                    self.node.poll(now)
-                continue
-            try:
-                message = self.bus.recv((due - now) / 1e9)
-            except (can.CanError, OSError):
-                return
-            if message is not None and not message.is_error_frame and not message.is_extended_id:
-                with self._lock:
-                    self.node.receive(message.arbitration_id, bytes(message.data), time.monotonic_ns())

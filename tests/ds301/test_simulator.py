@@ -144,3 +144,40 @@ def test_eds_names_relative_cob_ids_and_every_entry() -> None:
     lists = [line.split("=")[1] for line in text.splitlines() if line.split("=")[0].isdigit()]
     assert sorted(int(index, 16) for index in lists) == sorted(spec.index for spec in OBJECTS)
     assert "LowLimit=-10\nHighLimit=10" in text
+
+
+class _Image(SimpleNamespace):
+    error_register = 0
+    value = 7
+
+
+REMOTE: tuple[ObjectSpec, ...] = (
+    *communication_objects(0, "Sensor", (1, 2, 3, 4), ("1", "2")),
+    *pdo_objects(0, (1, 3), (), tpdo_types={1: 254, 3: 1}, event_timer=False),
+    var(0x6000, "Value", CanType.U16, Access.RO, pdo=True, attribute="value"),
+)
+
+
+def test_pdos_can_be_numbered_and_have_types_and_timers_of_their_own() -> None:
+    indices = {spec.index: spec for spec in REMOTE if 0x1400 <= spec.index < 0x2000}
+    assert list(indices) == [0x1800, 0x1A00, 0x1802, 0x1A02]
+    assert [[entry.default for entry in indices[index].entries] for index in (0x1800, 0x1802)] == [
+        [3, 0x8000_0180, 254, 0],
+        [3, 0x8000_0380, 1, 0],
+    ]
+
+
+@pytest.mark.parametrize(("cob_id", "answers"), [(0x389, 1), (0x4000_0389, 0)])
+def test_a_remote_frame_is_answered_in_operation_and_if_the_cob_id_allows_it(cob_id: int, answers: int) -> None:
+    frames: list[tuple[int, bytes]] = []
+    node = SimulatedNode(NODE, REMOTE, _Image(), lambda *frame: frames.append(frame))
+    node.start(0)
+    for index, subindex, value, size in ((0x1A02, 1, 0x6000_0010, 4), (0x1A02, 0, 1, 1), (0x1802, 1, cob_id, 4)):
+        node.set_data(index, subindex, value.to_bytes(size, "little"), check_writable=True)
+    frames.clear()
+    node.receive_remote(0x389, 1 * MS)
+    assert frames == []
+    node.receive(0, bytes([1, NODE]), 2 * MS)
+    node.receive_remote(0x389, 3 * MS)
+    node.receive_remote(0x189, 3 * MS)
+    assert frames == [(0x389, b"\x07\x00")] * answers
