@@ -30,6 +30,7 @@ fuzz: $(STAMP)
 docs: $(STAMP)
 	$(BIN)/python -m tools.doctables
 	$(BIN)/python -m dsp402.device
+	$(BIN)/python -m dsp406.device
 
 $(STAMP): pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)

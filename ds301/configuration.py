@@ -17,7 +17,7 @@ CONSUMER_HEARTBEAT = (0x1016, 1)
 PRODUCER_HEARTBEAT = (0x1017, 0)
 EVENT_DRIVEN_MANUFACTURER = 254
 EVENT_DRIVEN_PROFILE = 255
-_EVERY_SYNC = 1
+EVERY_SYNC = 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +67,7 @@ def map_pdo(
         steps.append(SdoStep(mapping, position, CanType.U32, entry.mapping, f"{pdo} carries {entry}"))
     steps.append(SdoStep(mapping, 0, CanType.U8, len(pdo.entries), f"{pdo} has {len(pdo.entries)} objects"))
     cyclic = sync and pdo.direction is PdoDirection.TPDO
-    transmission = _EVERY_SYNC if cyclic else asynchronous
+    transmission = EVERY_SYNC if cyclic else asynchronous
     steps.append(SdoStep(communication, 2, CanType.U8, transmission, f"{pdo} transmission type"))
     if pdo.direction is PdoDirection.TPDO and not sync:
         inhibit = inhibit_us // 100

@@ -122,6 +122,9 @@ class SimulatedNode:
     def on_consumer_expired(self, producer: int) -> None:
         """A guarded heartbeat stopped."""
 
+    def on_foreign_frame(self, can_id: int, data: bytes) -> None:
+        """A frame that is meant for others."""
+
     def on_reset(self) -> None:
         """Reset node: back to power-on values."""
 
@@ -161,6 +164,8 @@ class SimulatedNode:
             self._sync()
         elif can_id in self._consumed:
             self._consumed[can_id] = (self._consumed[can_id][0], now)
+        else:
+            self.on_foreign_frame(can_id, data)
 
     def poll(self, now: int) -> None:
         """Time passes: device, heartbeats and event-driven PDOs."""
@@ -425,6 +430,7 @@ class SimulatedNode:
     def _sync(self) -> None:
         if self.state is not NmtState.OPERATIONAL:
             return
+        self.on_poll(self.now)
         for can_id, data in self._rpdo_waiting.items():
             pdo = self._rpdos[can_id]
             pdo.unpack_into(data, self.image)
@@ -445,6 +451,7 @@ class SimulatedNode:
         self.now = now
         if self.state is not NmtState.OPERATIONAL:
             return
+        self.on_poll(now)
         for tpdo in self._tpdos:
             if tpdo.cob_id == can_id and tpdo.remote:
                 self._send_tpdo(tpdo, tpdo.pdo.pack(self.image))

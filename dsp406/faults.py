@@ -1,0 +1,82 @@
+"""EMCY error codes of encoders, and the faults a simulated encoder can be given.
+
+Source: CiA DSP 406 V2.0 chapter 6.2; CiA DS 301 (error register 1001h). Which alarm goes with which code is our choice: the
+profile leaves it to the manufacturer.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from types import MappingProxyType
+
+from dsp406.registers import Alarm, Warnings
+
+ENCODER_EMCY: MappingProxyType[int, str] = MappingProxyType(
+    {
+        0x0000: "no error",
+        0x1000: "generic error",
+        0x2000: "current",
+        0x2100: "device input current",
+        0x2110: "input current too high",
+        0x3000: "voltage",
+        0x3100: "device input voltage",
+        0x3110: "input voltage out of range",
+        0x4000: "temperature inside out of range",
+        0x5000: "device hardware",
+        0x5100: "hardware memory error",
+        0x6000: "device software",
+        0x7000: "additional modules",
+        0x8000: "monitoring",
+        0x9000: "external error",
+        0xF000: "additional functions",
+        0xFFFF: "device specific",
+    }
+)
+"""Text of each error code of the profile."""
+
+
+_NO_ALARM = Alarm(0)
+_NO_WARNING = Warnings(0)
+
+
+@dataclass(frozen=True, slots=True)
+class EncoderFault:
+    """What a cause does: EMCY error code (0: none is sent), bits of the error register 1001h, alarms and warnings."""
+
+    name: str
+    error_code: int = 0
+    error_register: int = 0
+    alarms: Alarm = _NO_ALARM
+    warnings: Warnings = _NO_WARNING
+
+
+SENSOR_DEFECT = "sensor-defect"
+"""Not noticed before the commissioning diagnostics look for it."""
+
+ENCODER_FAULTS: MappingProxyType[str, EncoderFault] = MappingProxyType(
+    {
+        fault.name: fault
+        for fault in (
+            EncoderFault("position-error", 0x1000, 0x21, Alarm.POSITION_ERROR),
+            EncoderFault("input-current", 0x2110, 0x03),
+            EncoderFault("input-voltage", 0x3110, 0x05),
+            EncoderFault("temperature", 0x4000, 0x09),
+            EncoderFault("memory", 0x5100, 0x01, Alarm.POSITION_ERROR),
+            EncoderFault("software", 0x6000, 0x01),
+            EncoderFault("monitoring", 0x8000, 0x01),
+            EncoderFault("external", 0x9000, 0x01),
+            EncoderFault("device-specific", 0xFFFF, 0x81),
+            EncoderFault(SENSOR_DEFECT),
+            EncoderFault("frequency", warnings=Warnings.FREQUENCY_EXCEEDED),
+            EncoderFault("light", warnings=Warnings.LIGHT_CONTROL_RESERVE),
+            EncoderFault("watchdog", warnings=Warnings.CPU_WATCHDOG),
+            EncoderFault("operating-time", warnings=Warnings.OPERATING_TIME),
+            EncoderFault("battery", warnings=Warnings.BATTERY_CHARGE),
+            EncoderFault("reference-point", warnings=Warnings.REFERENCE_POINT),
+        )
+    }
+)
+"""By name."""
+
+COMMISSIONING_FAULT = EncoderFault("commissioning diagnostics", 0x5000, 0x21, Alarm.COMMISSIONING_DIAGNOSTICS)
+"""What the diagnostics report when they find a defect."""

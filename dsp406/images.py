@@ -1,0 +1,102 @@
+"""What an encoder tells: the process images the PDO codecs write, and the parameters that give the values their meaning.
+
+Attribute names are those of the profile's table (``dsp406.objects.PROFILE``). Values are raw object values.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from dsp406.errors import Dsp406Error
+from dsp406.registers import Operating
+
+
+class ChannelFeedback:
+    """Cyclic values of one channel (TPDO objects), updated in place."""
+
+    __slots__ = ("area_state", "cam_state", "position", "speed")
+
+    def __init__(self) -> None:
+        self.position = 0
+        """6004h (Unsigned32) or 6020h (Integer32), in measuring units."""
+        self.speed = 0
+        """6030h in measuring units per second, of a linear encoder in steps of 6005h/2; saturates at the Integer16 limits."""
+        self.cam_state = 0
+        self.area_state = 0
+
+
+class EncoderFeedback:
+    """Values of one encoder: its channels by number (1 = first), and what concerns the whole device.
+
+    ``alarms`` (6503h), ``warnings`` (6505h) and ``error_register`` (1001h) come by SDO, some time after they change.
+    """
+
+    __slots__ = ("alarms", "channels", "error_register", "warnings")
+
+    def __init__(self, channels: Iterable[int] = (1,)) -> None:
+        self.channels = {channel: ChannelFeedback() for channel in channels}
+        self.alarms = 0
+        self.warnings = 0
+        self.error_register = 0
+
+    def channel(self, number: int) -> ChannelFeedback:
+        """One channel's values; Dsp406Error for a channel that is not exchanged."""
+        try:
+            return self.channels[number]
+        except KeyError:
+            raise Dsp406Error("encoder channel", number, f"one of {list(self.channels)}") from None
+
+
+@dataclass(frozen=True, slots=True)
+class EncoderParameters:
+    """Parameters of an encoder, read at start and after every change. Objects it lacks are 0."""
+
+    operating: int = 0
+    """6000h."""
+    units_per_revolution: int = 0
+    """6001h."""
+    scaled_range: int = 0
+    """6002h."""
+    position_step: int = 0
+    """6005h/1 of a linear encoder in 0.001 mm."""
+    speed_step: int = 0
+    """6005h/2 of a linear encoder in 0.01 mm/s."""
+    resolution: int = 0
+    """6501h: steps per revolution, of a linear encoder 0.001 mm."""
+    turns: int = 0
+    """6502h; 0 stands for 65536, the largest number of revolutions."""
+    offset: int = 0
+    """6509h."""
+    operating_time: int = 0
+    """6508h in 0.1 h."""
+
+    @property
+    def is_scaled(self) -> bool:
+        return bool(self.operating & Operating.SCALING)
+
+    @property
+    def units_per_turn(self) -> int:
+        """Measuring units of one revolution (rotary)."""
+        return self.units_per_revolution if self.is_scaled else self.resolution
+
+    @property
+    def total_range(self) -> int:
+        """Number of different position values; the position wraps there. 2^32 when the encoder does not say."""
+        turns = self.turns or 0x1_0000
+        positions = self.scaled_range if self.is_scaled or self.position_step else self.resolution * turns
+        return positions or 1 << 32
+
+
+PARAMETER_OBJECTS: tuple[tuple[str, int, int], ...] = (
+    ("operating", 0x6000, 0),
+    ("units_per_revolution", 0x6001, 0),
+    ("scaled_range", 0x6002, 0),
+    ("position_step", 0x6005, 1),
+    ("speed_step", 0x6005, 2),
+    ("resolution", 0x6501, 0),
+    ("turns", 0x6502, 0),
+    ("offset", 0x6509, 0),
+    ("operating_time", 0x6508, 0),
+)
+"""Where each field of ``EncoderParameters`` is read from."""
