@@ -66,8 +66,6 @@ class NodeSettings:
     sdo_timeout_ms: int = 500
     sync: bool = False
     """TPDOs on SYNC (type 1) instead of event-driven."""
-    allow_unguarded: bool = False
-    """Operate a node that refuses the objects that guard it."""
 
 
 S = TypeVar("S", bound=NodeSettings)
@@ -481,6 +479,7 @@ class NodeClient(abc.ABC, Generic[S]):
     def _supervise(self) -> None:
         """Online: run jobs, watch heartbeat, TPDOs and boot-ups. Returns when the node has to be brought up anew."""
         limit = self.settings.heartbeat_ms * self.settings.heartbeat_factor * MS
+        trouble = ""
         while not self._stopping.is_set():
             with contextlib.suppress(queue.Empty):
                 job = self._jobs.get(timeout=_SUPERVISION_S)
@@ -499,8 +498,10 @@ class NodeClient(abc.ABC, Generic[S]):
                 return
             try:
                 self._exchange_acyclic(now)
+                trouble = ""
             except (SdoAbortedError, SdoCommunicationError, CanopenError, struct.error) as error:
-                self._tell("status", f"object without PDO: {error}")
+                if trouble != (trouble := str(error)):  # told once while it lasts
+                    self._tell("status", f"object without PDO: {trouble}")
 
     def _lost(self, now: int, heartbeat_limit: int) -> str:
         if self._booted.is_set():

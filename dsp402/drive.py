@@ -39,6 +39,8 @@ class DriveSettings(NodeSettings):
     rpdo_refresh_ms: int = 100
     abort_option: int = 3
     """6007h, when the gateway's heartbeat stops: 0 nothing, 1 malfunction, 2 disable voltage, 3 quick stop."""
+    allow_unguarded: bool = False
+    """Operate a drive that refuses 1016h, 1017h or 6007h."""
     initial_mode: Mode | None = None
     """6060h to set and confirm (6061h) while configuring, for layouts that do not carry 6060h."""
 

@@ -17,6 +17,8 @@ from dsp406.objects import PROFILE, ProfileObject
 POSITION, POSITION_MULTI_SENSOR, SPEED = 0x6004, 0x6020, 0x6030
 _ROWS: dict[int, ProfileObject] = {row.index: row for row in PROFILE}
 _FURTHER = (SPEED, 0x6400, 0x6300)
+CYCLIC = (POSITION, POSITION_MULTI_SENSOR, *_FURTHER)
+"""Objects that the TPDOs of a layout may carry."""
 _NUMBERS = {False: (1, 2, 3, 4), True: (3, 4, 1, 2)}
 """TPDO numbers in the order in which channels take them, without and with SYNC."""
 
@@ -31,8 +33,11 @@ def entry(index: int, subindex: int) -> Entry:
 def encoder_layout(mappable: Collection[tuple[int, int]], channels: Sequence[int], *, sync: bool) -> PdoLayout:
     """One TPDO for each of the channels; those after the fourth have numbers no device offers, they are read by SDO.
 
-    ``mappable``: (index, sub-index) of the objects the device can map. Dsp406Error for a channel without a position.
+    ``mappable``: (index, sub-index) of the objects the device can map. Dsp406Error for a channel without a
+    position, one that is named twice, or none at all.
     """
+    if not channels or len(set(channels)) < len(channels):
+        raise Dsp406Error("encoder channels", list(channels), "at least one, each once")
     tpdos = []
     numbers = (*_NUMBERS[sync], *range(5, CHANNELS_MAX + 1))
     for number, channel in zip(numbers, channels, strict=False):

@@ -1,0 +1,181 @@
+"""The encoder client: brings one CiA 406 encoder into operation on a bus and keeps watching it.
+
+What every node needs is in ``ds301.client``; this adds the encoder's PDOs, cyclic timer, parameters and diagnostics. A preset
+is a job for ``submit``: ``client.submit(lambda encoder: encoder.preset(1000))``.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Collection
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import canopen
+from canopen.sdo import SdoAbortedError
+
+from ds301.aborts import abort_text
+from ds301.client import MS, NodeClient, NodeEvent, NodeSettings, NodeStatus, load_dictionary
+from ds301.configuration import EVENT_DRIVEN_MANUFACTURER, PRODUCER_HEARTBEAT, SdoStep, pdo_steps
+from ds301.emcy import emcy_text
+from ds301.network import CanNetwork
+from ds301.objects import CanType
+from ds301.pdo import Pdo, PdoLayout
+from dsp406.device import eds_path
+from dsp406.errors import Dsp406Error
+from dsp406.faults import ENCODER_EMCY
+from dsp406.images import PARAMETER_OBJECTS, EncoderFeedback, EncoderParameters
+from dsp406.kinds import PROFILE_NUMBER, ROTARY, EncoderDevice
+from dsp406.pdo import CYCLIC, POSITION, POSITION_MULTI_SENSOR, encoder_layout
+
+EncoderStatus = NodeStatus
+EncoderEvent = NodeEvent
+PRESET, PRESET_MULTI_SENSOR, CYCLIC_TIMER = 0x6003, 0x6010, 0x6200
+_DIAGNOSTICS = (("alarms", 0x6503), ("warnings", 0x6505), ("error_register", 0x1001))
+
+
+@dataclass(frozen=True, slots=True)
+class EncoderSettings(NodeSettings):
+    """Choices for one encoder; times in milliseconds. ``tpdo_event_ms`` is its cyclic timer 6200h (1..65535)."""
+
+    channels: tuple[int, ...] = (1,)
+    """The channels to exchange, 1..254; those of a multi-sensor device after the fourth are read by SDO."""
+    device: EncoderDevice = ROTARY
+    """Whose EDS is taken when ``eds`` is None."""
+    diagnosis_ms: int = 200
+    """How often alarms and warnings are read; an EMCY lets them be read at once."""
+
+
+def load_eds(path: Path, node_id: int) -> canopen.ObjectDictionary:
+    """The object dictionary of a user's EDS/DCF; Dsp406Error names the file and what is wrong with it."""
+    dictionary = load_dictionary(path, node_id, (0x1000,), "an encoder", Dsp406Error)
+    if POSITION not in dictionary and POSITION_MULTI_SENSOR not in dictionary:
+        raise Dsp406Error("EDS", str(path), "the data sheet of an encoder, with object 6004h or 6020h")
+    return dictionary
+
+
+def _has(dictionary: canopen.ObjectDictionary, index: int, subindex: int) -> bool:
+    """Whether the EDS declares this very entry; canopen makes up missing elements of arrays."""
+    if index not in dictionary:
+        return False
+    declared = dictionary[index]
+    return subindex in getattr(declared, "subindices", (0,))
+
+
+class EncoderClient(NodeClient[EncoderSettings]):
+    """One encoder. ``on_event`` is called from the worker or reader thread and must only queue."""
+
+    device = "encoder"
+    a_device = "an encoder"
+    profile = PROFILE_NUMBER
+    error_type = Dsp406Error
+
+    def __init__(
+        self, network: CanNetwork, settings: EncoderSettings, on_event: Callable[[EncoderEvent], None]
+    ) -> None:
+        self.feedback = EncoderFeedback(settings.channels)
+        self.parameters: EncoderParameters | None = None
+        """Read while configuring; None before."""
+        self._diagnosed = 0
+        self._diagnose = threading.Event()
+        dictionary = load_eds(settings.eds or eds_path(settings.device), settings.node_id)
+        super().__init__(network, settings, self._layout(dictionary, settings), dictionary, on_event)
+
+    @property
+    def has_speed(self) -> bool:
+        """The encoder sends its speed (6030h); otherwise ``speed`` in the feedback stays 0."""
+        return any("speed" in pdo.attributes for pdo in self.layout.tpdos)
+
+    def reconfigure(self, settings: EncoderSettings) -> None:
+        """Other times or SYNC: map the PDOs anew. Node, EDS and channels stay those of the start."""
+        self._change(self._layout(self.dictionary, settings), settings)
+
+    # -- worker thread ------------------------------------------------------------------------------------------------
+
+    def preset(self, value: int, channel: int = 1) -> None:
+        """Make ``value`` (Unsigned32, below the total range) the position now, on the worker thread only.
+
+        Dsp406Error when the encoder has no preset for the channel or does not take the value.
+        """
+        if _has(self.dictionary, PRESET_MULTI_SENSOR, channel):
+            index, subindex = PRESET_MULTI_SENSOR, channel
+        elif channel == 1 and _has(self.dictionary, PRESET, 0):
+            index, subindex = PRESET, 0
+        else:
+            raise Dsp406Error(f"preset of channel {channel}", value, "a channel with 6003h or 6010h")
+        if not 0 <= value <= 0xFFFF_FFFF:
+            raise Dsp406Error(f"preset of channel {channel}", value, f"0..{0xFFFF_FFFF}")
+        self._do(SdoStep(index, subindex, CanType.U32, value, f"preset of channel {channel}"))
+
+    def read_parameters(self) -> EncoderParameters:
+        """Read the parameters again (worker thread) and keep them in ``parameters``."""
+        values = {
+            name: self._fetch(index, subindex, signed=name == "offset")
+            for name, index, subindex in PARAMETER_OBJECTS
+            if _has(self.dictionary, index, subindex)
+        }
+        self.parameters = EncoderParameters(**values)
+        return self.parameters
+
+    @staticmethod
+    def _layout(dictionary: canopen.ObjectDictionary, settings: EncoderSettings) -> PdoLayout:
+        addresses = [(index, subindex) for index in CYCLIC for subindex in (0, *settings.channels)]
+        mappable = {
+            address
+            for address in addresses
+            if _has(dictionary, *address) and dictionary.get_variable(*address).pdo_mappable
+        }
+        return encoder_layout(mappable, settings.channels, sync=settings.sync)
+
+    def _image(self, pdo: Pdo) -> object:
+        return self.feedback.channel(self.settings.channels[self.layout.tpdos.index(pdo)])
+
+    def _pdo_steps(self, available: Collection[int]) -> list[SdoStep]:
+        settings = self.settings
+        timers = all(_has(self.dictionary, index, 5) for index in available)
+        return pdo_steps(
+            self.layout,
+            settings.node_id,
+            available,
+            sync=settings.sync,
+            event_ms=settings.tpdo_event_ms if timers else None,
+            inhibit_us=settings.tpdo_inhibit_us,
+            asynchronous=EVENT_DRIVEN_MANUFACTURER,
+        )
+
+    def _configure(self) -> None:
+        settings = self.settings
+        if not settings.sync and CYCLIC_TIMER in self.dictionary:
+            self._do(SdoStep(CYCLIC_TIMER, 0, CanType.U16, settings.tpdo_event_ms, "cyclic timer"))
+        self._heartbeat_expected = settings.heartbeat_ms > 0
+        heartbeat = SdoStep(*PRODUCER_HEARTBEAT, CanType.U16, settings.heartbeat_ms, "the encoder's heartbeat")
+        try:
+            self._write_checked(heartbeat)
+        except (Dsp406Error, SdoAbortedError) as error:
+            text = str(error) if isinstance(error, Dsp406Error) else abort_text(error.code)
+            self._heartbeat_expected = False  # the TPDOs alone tell that the encoder lives
+            self._tell("status", f"no heartbeat: {text}")
+        self.read_parameters()
+        self._read_diagnostics()
+
+    def _exchange_acyclic(self, now: int) -> None:
+        super()._exchange_acyclic(now)
+        if self._diagnose.is_set() or now - self._diagnosed >= self.settings.diagnosis_ms * MS:
+            self._diagnosed = now
+            self._read_diagnostics()
+
+    def _read_diagnostics(self) -> None:
+        self._diagnose.clear()
+        for name, index in _DIAGNOSTICS:
+            if index in self.dictionary:
+                setattr(self.feedback, name, self._fetch(index))
+
+    # -- reader thread ------------------------------------------------------------------------------------------------
+
+    def _emcy_text(self, code: int) -> str:
+        return ENCODER_EMCY.get(code) or emcy_text(code)
+
+    def _on_emcy(self, can_id: int, data: Any, timestamp: float) -> None:
+        self._diagnose.set()
+        super()._on_emcy(can_id, data, timestamp)

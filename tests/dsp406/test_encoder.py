@@ -1,0 +1,264 @@
+"""The encoder client against simulated encoders on a virtual bus."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from canopen.sdo import SdoAbortedError
+
+from ds301.aborts import Abort
+from ds301.eds import write_eds
+from ds301.network import CanNetwork
+from ds301.objects import Entry
+from ds301.simulator import NmtCommand, NmtState, Value
+from dsp402.device import EDS_PATH as DRIVE_EDS
+from dsp402.simulator import SimulatedDrive
+from dsp406.device import device_info, eds_path, encoder_objects
+from dsp406.encoder import EncoderClient, EncoderEvent, EncoderSettings, EncoderStatus, load_eds
+from dsp406.errors import Dsp406Error
+from dsp406.kinds import LINEAR, MULTI_SENSOR, ROTARY, EncoderDevice, multi_sensor
+from dsp406.simulator import Motion, SimulatedEncoder, SimulatedEncoderNode
+from dsp406.simulator.motion import constant_speed, still
+from tests.support import buses
+
+NODE = 9
+DAY = 86_400_000_000_000
+
+
+class Plant:
+    """A client and a simulated encoder on one bus."""
+
+    def __init__(self, network: CanNetwork, name: str) -> None:
+        self.network = network
+        self.name = name
+        self.events: list[EncoderEvent] = []
+        self.encoder: SimulatedEncoder | None = None
+        self.client: EncoderClient | None = None
+
+    def power_on(self, *motions: Motion, device: EncoderDevice = ROTARY) -> SimulatedEncoder:
+        self.encoder = SimulatedEncoder(buses.bus(self.name), NODE, device=device, motions=motions)
+        return self.encoder
+
+    def connect(self, **settings: object) -> EncoderClient:
+        values: dict[str, object] = {"node_id": NODE, "sdo_timeout_ms": 200, "tpdo_event_ms": 10, **settings}
+        # Nothing here is about being late: a busy machine must not lose the encoder.
+        values.setdefault("tpdo_timeout_factor", 100)
+        values.setdefault("heartbeat_factor", 50)
+        self.client = EncoderClient(self.network, EncoderSettings(**values), self.events.append)  # type: ignore[arg-type]
+        self.client.start()
+        return self.client
+
+    def online(self, generation: int = 1) -> EncoderClient:
+        client = self.client
+        assert client is not None
+        buses.wait_for(
+            lambda: client.status is EncoderStatus.ONLINE and client.generation == generation,
+            f"online ({client.status_text})",
+        )
+        return client
+
+    def close(self) -> None:
+        if self.client is not None:
+            self.client.stop()
+        if self.encoder is not None:
+            self.encoder.stop()
+
+
+@pytest.fixture
+def plant() -> Iterator[Plant]:
+    name = buses.channel()
+    with buses.guarded_network(name) as network:
+        plant = Plant(network, name)
+        yield plant
+        plant.close()
+
+
+def fresh(client: EncoderClient) -> EncoderClient:
+    """With the newest values in the feedback."""
+    client.refresh(DAY)
+    return client
+
+
+def test_start_up_maps_the_pdos_sets_the_timer_and_reads_the_parameters(plant: Plant) -> None:
+    encoder = plant.power_on(still(1.5))
+    encoder.start()
+    client = plant.connect()
+    plant.online()
+    node = encoder.node
+    assert node.state is NmtState.OPERATIONAL
+    assert [node.read(0x1A00, n) for n in range(5)] == [4, 0x6004_0020, 0x6030_0110, 0x6400_0108, 0x6300_0108]
+    assert [node.read(0x1800, n) for n in (1, 2)] == [0x180 + NODE, 254]
+    assert node.read(0x1802, 1) == 0x8000_0380 + NODE
+    assert (node.read(0x6200), node.read(0x1017)) == (10, 100)
+    assert client.parameters is not None
+    assert client.parameters.total_range == 4096 * 4096
+    assert client.parameters.units_per_turn == 4096
+    assert fresh(client).feedback.channel(1).position == 6144
+    assert client.has_speed
+
+
+def test_position_and_speed_follow_the_motion(plant: Plant) -> None:
+    plant.power_on(constant_speed(-1.0)).start()
+    client = plant.connect()
+    plant.online()
+    buses.wait_for(lambda: fresh(client).feedback.channel(1).speed == -4096, "speed")
+    before = client.feedback.channel(1).position
+    buses.wait_for(lambda: fresh(client).feedback.channel(1).position != before, "motion")
+
+
+@pytest.mark.parametrize(("device", "eds"), [(LINEAR, None), (MULTI_SENSOR, eds_path(MULTI_SENSOR))])
+def test_the_other_devices_are_operated_the_same(plant: Plant, device: EncoderDevice, eds: Path | None) -> None:
+    plant.power_on(still(2.0), device=device).start()
+    client = plant.connect(device=device, eds=eds)
+    plant.online()
+    assert fresh(client).feedback.channel(1).position == 2 * device.steps_per_unit
+    assert client.parameters is not None
+    assert client.parameters.total_range == device.steps
+
+
+def test_channels_travel_in_tpdos_and_by_sdo_where_there_are_none(plant: Plant, tmp_path: Path) -> None:
+    device = multi_sensor(6)
+    eds = tmp_path / "six.eds"
+    eds.write_text(write_eds(device_info(device), encoder_objects(device)), encoding="ascii")
+    plant.power_on(*(still(n / 4) for n in range(6)), device=device).start()
+    client = plant.connect(eds=eds, channels=(1, 2, 3, 4, 5, 6))
+    plant.online()
+    fresh(client)
+    assert [client.feedback.channel(n).position for n in range(1, 7)] == [n * 1024 for n in range(6)]
+    plant.encoder.set_motion(still(10.0), 6)  # type: ignore[union-attr]
+    buses.wait_for(lambda: client.feedback.channel(6).position == 40960, "channel 6 by SDO")
+    with pytest.raises(Dsp406Error, match=r"channel: 7"):
+        client.feedback.channel(7)
+
+
+@pytest.mark.parametrize("channels", [(), (1, 1), (3,), (0,)])
+def test_impossible_channels_are_refused(plant: Plant, channels: tuple[int, ...]) -> None:
+    with pytest.raises(Dsp406Error, match="channel"):
+        EncoderClient(plant.network, EncoderSettings(NODE, device=MULTI_SENSOR, channels=channels), print)
+
+
+def test_sync_uses_the_second_transmit_pdo(plant: Plant) -> None:
+    encoder = plant.power_on(still(0.5))
+    encoder.start()
+    client = plant.connect(sync=True)
+
+    def cycle() -> bool:
+        plant.network.send_sync()
+        return client.status is EncoderStatus.ONLINE
+
+    buses.wait_for(cycle, "online by SYNC")
+    assert encoder.node.read(0x1802, 2) == 1
+    assert encoder.node.read(0x1800, 1) == 0x8000_0180 + NODE
+    assert encoder.node.read(0x6200) == 0
+    assert fresh(client).feedback.channel(1).position == 2048
+
+
+def test_preset_by_a_job(plant: Plant) -> None:
+    plant.power_on(still(3.0)).start()
+    client = plant.connect()
+    plant.online()
+    client.submit(lambda encoder: encoder.preset(1000)).result(5)
+    buses.wait_for(lambda: fresh(client).feedback.channel(1).position == 1000, "preset")
+    parameters = client.submit(lambda encoder: encoder.read_parameters()).result(5)
+    assert parameters.offset == 1000 - 3 * 4096
+    with pytest.raises(Dsp406Error, match=r"preset of channel 1 .*value of parameter too high"):
+        client.submit(lambda encoder: encoder.preset(4096 * 4096)).result(5)
+    with pytest.raises(Dsp406Error, match=r"preset of channel 2: 0.*6003h or 6010h"):
+        client.submit(lambda encoder: encoder.preset(0, 2)).result(5)
+    with pytest.raises(Dsp406Error, match=r"preset of channel 1: -1"):
+        client.submit(lambda encoder: encoder.preset(-1)).result(5)
+
+
+def test_emergencies_alarms_and_warnings_arrive(plant: Plant) -> None:
+    encoder = plant.power_on()
+    encoder.start()
+    client = plant.connect(diagnosis_ms=60_000)
+    plant.online()
+    encoder.inject("battery")  # a warning has no EMCY: it waits for the next one, or for its time
+    encoder.inject("position-error")
+    buses.wait_for(lambda: client.feedback.error_register == 0x21, "diagnostics")
+    assert (client.feedback.alarms, client.feedback.warnings) == (1, 1 << 4)
+    encoder.inject("input-voltage")
+    buses.wait_for(lambda: len([event for event in plant.events if event.kind == "emcy"]) == 2, "EMCY")
+    texts = [event.text for event in plant.events if event.kind == "emcy"]
+    assert texts == ["EMCY 1000h generic error", "EMCY 3110h input voltage out of range"]
+    encoder.clear()
+    buses.wait_for(lambda: client.feedback.alarms == 0 and client.feedback.error_register == 0, "cleared")
+
+
+def test_a_drive_is_refused_by_name(plant: Plant) -> None:
+    with SimulatedDrive(buses.bus(plant.name), NODE):
+        client = plant.connect()
+        buses.wait_for(lambda: client.status is EncoderStatus.REFUSED, "refusal")
+        assert "profile 402" in client.status_text
+        assert "an encoder (profile 406)" in client.status_text
+
+
+def test_another_encoder_than_the_eds_says_is_refused(plant: Plant) -> None:
+    plant.power_on(device=LINEAR).start()
+    client = plant.connect()
+    buses.wait_for(lambda: client.status is EncoderStatus.REFUSED, "refusal")
+    assert "product code 1018h/2" in client.status_text
+    with pytest.raises(Dsp406Error, match="encoder 9: 'refused'"):
+        client.submit(lambda encoder: encoder.read(0x6004)).result(1)
+
+
+def test_a_restart_is_noticed_and_configured_again(plant: Plant) -> None:
+    encoder = plant.power_on()
+    encoder.start()
+    plant.connect()
+    plant.online()
+    encoder.do(lambda node: node.receive(0, bytes((NmtCommand.RESET_NODE, NODE)), node.now))
+    plant.online(2)
+    assert encoder.node.read(0x6200) == 10
+
+
+def test_a_silent_encoder_is_lost_and_comes_back(plant: Plant) -> None:
+    encoder = plant.power_on()
+    encoder.start()
+    client = plant.connect(heartbeat_factor=3, tpdo_timeout_factor=10)
+    plant.online()
+    encoder.do(lambda node: node.power_off())
+    buses.wait_for(lambda: client.status is EncoderStatus.LOST, "loss")
+    assert not client.refresh(DAY)
+    encoder.do(lambda node: node.start(node.now))
+    buses.wait_for(lambda: client.status is EncoderStatus.ONLINE, "back")
+
+
+def test_other_settings_map_the_pdos_anew(plant: Plant) -> None:
+    encoder = plant.power_on()
+    encoder.start()
+    client = plant.connect()
+    plant.online()
+    client.reconfigure(EncoderSettings(NODE, tpdo_event_ms=20, sdo_timeout_ms=200))
+    plant.online(2)
+    assert encoder.node.read(0x6200) == 20
+
+
+class _Deaf(SimulatedEncoderNode):
+    """Has no heartbeat."""
+
+    def on_written(self, entry: Entry, value: Value) -> None:
+        if entry.index == 0x1017:
+            raise SdoAbortedError(Abort.NO_SUCH_OBJECT)
+        super().on_written(entry, value)
+
+
+def test_an_encoder_without_heartbeat_is_watched_by_its_tpdos(plant: Plant) -> None:
+    encoder = plant.power_on()
+    encoder.node = _Deaf(NODE, encoder._send)
+    encoder.start()
+    client = plant.connect(heartbeat_factor=1, heartbeat_ms=1)
+    plant.online()
+    assert any("no heartbeat" in event.text for event in plant.events)
+    assert client.submit(lambda encoder: encoder.read_number(0x6004)).result(5) == 0
+    assert client.generation == 1
+
+
+def test_what_is_no_data_sheet_of_an_encoder_is_named(tmp_path: Path) -> None:
+    with pytest.raises(Dsp406Error, match="6004h or 6020h"):
+        load_eds(DRIVE_EDS, NODE)
+    with pytest.raises(Dsp406Error, match="a readable file"):
+        load_eds(tmp_path / "none.eds", NODE)

@@ -1,0 +1,155 @@
+"""An independent master: canopen configures and reads the simulated encoders over a virtual bus."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+
+import canopen
+import pytest
+from canopen.pdo.base import PdoMap
+from canopen.sdo import SdoAbortedError
+
+from dsp406.device import eds_path
+from dsp406.kinds import DEVICES, ROTARY, EncoderDevice
+from dsp406.simulator import SimulatedEncoder
+from dsp406.simulator.motion import still
+from tests.support import buses
+
+NODE = 11
+
+
+class Master:
+    """canopen's network and node, and the simulated encoder."""
+
+    def __init__(self, device: EncoderDevice) -> None:
+        name = buses.channel()
+        self.network = canopen.Network(buses.bus(name))
+        self.network.NOTIFIER_CYCLE = 0.05
+        self.network.connect()
+        self.encoder = SimulatedEncoder(buses.bus(name), NODE, device=device, motions=[still(1.0)])
+        self.node = self.network.add_node(NODE, str(eds_path(device)))
+        self.encoder.start()
+        buses.wait_for(lambda: self.node.nmt.state == "PRE-OPERATIONAL", "boot-up")
+
+    def close(self) -> None:
+        self.network.disconnect()
+        self.encoder.stop()
+
+
+@pytest.fixture
+def make() -> Iterator[list[Master]]:
+    masters: list[Master] = []
+    yield masters
+    for master in masters:
+        master.close()
+
+
+@pytest.fixture
+def rotary(make: list[Master]) -> Master:
+    make.append(Master(ROTARY))
+    return make[0]
+
+
+@pytest.mark.parametrize("device", DEVICES.values(), ids=lambda device: device.name)
+def test_every_object_of_the_eds_is_there_with_its_default(make: list[Master], device: EncoderDevice) -> None:
+    make.append(Master(device))
+    node = make[0].node
+    changing = {0x1003, 0x6004, 0x6020, 0x6500, 0x6508}
+    for index in node.object_dictionary:
+        variables = node.object_dictionary[index]
+        for subindex in getattr(variables, "subindices", {0: variables}):
+            variable = node.object_dictionary.get_variable(index, subindex)
+            assert variable is not None
+            if index in changing or isinstance(variable.default, str):
+                continue
+            found = node.sdo.upload(index, subindex)
+            signed = variable.data_type in canopen.objectdictionary.datatypes.SIGNED_TYPES
+            assert int.from_bytes(found, "little", signed=signed) == variable.default, hex(index)
+
+
+def test_scaling_and_preset_by_sdo(rotary: Master) -> None:
+    sdo = rotary.node.sdo
+    assert sdo[0x1000].raw == 0x0002_0196
+    assert sdo["Position value"].raw == 4096
+    sdo["Measuring units per revolution"].raw = 360
+    sdo["Total measuring range in measuring units"].raw = 3600
+    sdo["Operating parameters"].bits[2] = 1
+    assert sdo["Position value"].raw == 360
+    sdo["Preset value"].raw = 5
+    assert (sdo["Position value"].raw, sdo["Offset value"].raw) == (5, -355)
+    with pytest.raises(SdoAbortedError, match="too high"):
+        sdo["Preset value"].raw = 3600
+    assert sdo["Cam 8 hysteresis"][1].raw == 0
+
+
+def test_pdos_by_cyclic_timer_sync_and_remote_request(rotary: Master) -> None:
+    node, network = rotary.node, rotary.network
+    node.tpdo.read()
+    assert [node.tpdo[n].trans_type for n in (1, 3)] == [254, 1]
+    assert [node.tpdo[n].map[0].name for n in (1, 3)] == ["Position value"] * 2
+    node.nmt.state = "OPERATIONAL"
+    buses.wait_for(lambda: rotary.encoder.node.state.value == 5, "operational")
+    received: dict[int, threading.Event] = {n: threading.Event() for n in (1, 3)}
+
+    def on(pdo: PdoMap) -> None:
+        received[1 if pdo.cob_id == 0x180 + NODE else 3].set()
+
+    for number in received:
+        node.tpdo[number].add_callback(on)
+    assert not received[1].is_set()
+    node.sdo["Cyclic timer"].raw = 5
+    assert received[1].wait(5)
+    network.sync.transmit()
+    assert received[3].wait(5)
+    received[3].clear()
+    node.tpdo[3].remote_request()
+    assert received[3].wait(5)
+    assert node.tpdo[3]["Position value"].raw == 4096
+
+
+def test_the_master_maps_more_into_a_pdo(rotary: Master) -> None:
+    node = rotary.node
+    node.tpdo.read()
+    pdo = node.tpdo[3]
+    pdo.clear()
+    for name in ("Position value", "Speed value.Speed value channel 1"):
+        pdo.add_variable(name)
+    pdo.rtr_allowed = False
+    pdo.save()
+    assert rotary.encoder.node.read(0x1A02, 2) == 0x6030_0110
+    assert rotary.encoder.node.read(0x1802, 1) == 0x4000_0380 + NODE
+
+
+def test_emergency_nmt_and_heartbeat(rotary: Master) -> None:
+    node = rotary.node
+    node.sdo["Producer heartbeat time"].raw = 10
+    node.nmt.state = "OPERATIONAL"
+    node.nmt.wait_for_heartbeat(5)
+    buses.wait_for(lambda: node.nmt.state == "OPERATIONAL", "heartbeat")
+    rotary.encoder.inject("memory")
+    buses.wait_for(lambda: node.emcy.log, "EMCY")
+    assert [(error.code, error.register) for error in node.emcy.log] == [(0x5100, 0x01)]
+    assert node.sdo["Alarms"].raw == 1
+    assert node.sdo["Pre-defined error field"][1].raw == 0x5100
+    rotary.encoder.clear()
+    buses.wait_for(lambda: node.emcy.log[-1].code == 0, "error reset")
+    node.nmt.state = "STOPPED"
+    buses.wait_for(lambda: rotary.encoder.node.state.value == 4, "stopped")
+    node.nmt.state = "RESET"
+    buses.wait_for(lambda: rotary.encoder.node.state.value == 127, "boot-up")
+
+
+def test_parameters_are_stored_and_restored(rotary: Master) -> None:
+    node = rotary.node
+
+    def reset() -> None:
+        node.nmt.send_command(0x81)  # what is asked next comes after it on the bus
+
+    node.sdo["Measuring units per revolution"].raw = 100
+    node.store()
+    reset()
+    assert node.sdo["Measuring units per revolution"].raw == 100
+    node.restore()
+    reset()
+    assert node.sdo["Measuring units per revolution"].raw == 4096
