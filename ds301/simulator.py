@@ -107,6 +107,18 @@ class SimulatedNode:
 
     # -- hooks of the device ----------------------------------------------------------------------------------------
 
+    def event_timer(self, index: int) -> int:
+        """Milliseconds between two transmissions of the TPDO with this communication parameter; 0 is none."""
+        return int(self.values.get((index, 5), 0))
+
+    def sent_on_change(self, transmission_type: int) -> bool:
+        """Whether a changed value is an event of this event-driven transmission type (254 or 255)."""
+        return True
+
+    def storable(self, entry: Entry) -> bool:
+        """Whether 1010h saves this writable object."""
+        return not entry.attribute
+
     def on_poll(self, now: int) -> None:
         """Time passes: bring the image up to ``now``."""
 
@@ -127,18 +139,6 @@ class SimulatedNode:
 
     def on_reset(self) -> None:
         """Reset node: back to power-on values."""
-
-    def event_timer(self, index: int) -> int:
-        """Milliseconds between two transmissions of the TPDO with this communication parameter; 0 is none."""
-        return int(self.values.get((index, 5), 0))
-
-    def sent_on_change(self, transmission_type: int) -> bool:
-        """Whether a changed value is an event of this event-driven transmission type (254 or 255)."""
-        return True
-
-    def storable(self, entry: Entry) -> bool:
-        """Whether 1010h saves this writable object."""
-        return not entry.attribute
 
     # -- edge -------------------------------------------------------------------------------------------------------
 
