@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import enum
 import struct
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, ClassVar
 
 from canopen.objectdictionary import ObjectDictionary
 from canopen.sdo import SdoAbortedError, SdoServer
@@ -18,6 +18,7 @@ from canopen.sdo import SdoAbortedError, SdoServer
 from ds301 import communication as com
 from ds301.aborts import Abort
 from ds301.errors import CanopenError
+from ds301.misbehaviour import NODE_MISBEHAVIOURS, Catalogue, Misbehaviour, make
 from ds301.objects import Access, CanType, Entry, ObjectSpec
 from ds301.pdo import COB_ID_INVALID, Pdo, PdoDirection
 
@@ -82,6 +83,9 @@ class _Tpdo:
 class SimulatedNode:
     """One node. ``send(can_id, data)`` is called whenever it transmits."""
 
+    catalogue: ClassVar[Catalogue] = NODE_MISBEHAVIOURS
+    """The faults this kind of device can be given."""
+
     def __init__(self, node_id: int, objects: Sequence[ObjectSpec], image: object, send: SendFunction) -> None:
         self.node_id = node_id
         self.image = image
@@ -99,6 +103,8 @@ class SimulatedNode:
         self._heartbeat_due = 0
         self._consumed: dict[int, tuple[int, int]] = {}
         self._errors: list[int] = []
+        self.misbehaviours: dict[str, Misbehaviour] = {}
+        """The faults in force, by name."""
         self.object_dictionary = ObjectDictionary()
         self._sdo = SdoServer(0x600 + node_id, 0x580 + node_id, self)
         self._sdo.network = self
@@ -140,6 +146,29 @@ class SimulatedNode:
     def on_reset(self) -> None:
         """Reset node: back to power-on values."""
 
+    # -- misbehaviour -----------------------------------------------------------------------------------------------
+
+    def misbehave(self, name: str, **values: object) -> Misbehaviour:
+        """Give the node a fault of its catalogue; one in force is replaced. CanopenError for a wrong name or value."""
+        fault = make(self.catalogue, name, values)
+        self.behave(name)
+        fault.node = self
+        self.misbehaviours[name] = fault
+        fault.begin()
+        return fault
+
+    def behave(self, name: str | None = None) -> None:
+        """End a fault, all of them without a name; one that is not in force is no error."""
+        for item in list(self.misbehaviours) if name is None else [name]:
+            fault = self.misbehaviours.pop(item, None)
+            if fault is not None:
+                fault.end()
+
+    def _behind(self, past: Misbehaviour | None) -> Iterator[Misbehaviour]:
+        """The faults a frame still has to pass; ``past`` let it go on."""
+        faults = list(self.misbehaviours.values())
+        yield from faults[faults.index(past) + 1 :] if past in faults else faults
+
     # -- edge -------------------------------------------------------------------------------------------------------
 
     def start(self, now: int) -> None:
@@ -147,9 +176,11 @@ class SimulatedNode:
         self.now = now
         self._boot()
 
-    def receive(self, can_id: int, data: bytes, now: int) -> None:
-        """A frame from the bus."""
+    def receive(self, can_id: int, data: bytes, now: int, past: Misbehaviour | None = None) -> None:
+        """A frame from the bus; ``past`` is the fault that held it."""
         self.now = now
+        if self.misbehaviours and not all(fault.incoming(can_id, data) for fault in self._behind(past)):
+            return
         pdo = self._rpdos.get(can_id)
         if pdo is not None:
             if self.state is NmtState.OPERATIONAL:
@@ -170,6 +201,8 @@ class SimulatedNode:
     def poll(self, now: int) -> None:
         """Time passes: device, heartbeats and event-driven PDOs."""
         self.now = now
+        for fault in list(self.misbehaviours.values()):
+            fault.poll(now)
         if self.state is NmtState.BOOT_UP:
             return
         self.on_poll(now)
@@ -188,9 +221,20 @@ class SimulatedNode:
         """Silent until ``start``."""
         self.state = NmtState.BOOT_UP
 
-    def transmit(self, can_id: int, data: bytes) -> None:
-        """Put a frame on the bus."""
-        self.send(can_id, data)
+    def restart(self) -> None:
+        """The firmware starts again: power-on values, boot-up message."""
+        self.on_reset()
+        self._defaults()
+        self._boot()
+
+    def transmit(self, can_id: int, data: bytes, past: Misbehaviour | None = None) -> None:
+        """Put a frame on the bus; ``past`` is the fault that held it."""
+        if not self.misbehaviours or all(fault.outgoing(can_id, data) for fault in self._behind(past)):
+            self.send(can_id, data)
+
+    def is_pdo(self, can_id: int) -> bool:
+        """Whether a COB-ID is one of the node's valid PDOs."""
+        return can_id in self._rpdos or any(tpdo.cob_id == can_id for tpdo in self._tpdos)
 
     def send_message(self, can_id: int, data: bytes) -> None:
         """What canopen's SDO server calls."""
@@ -232,12 +276,17 @@ class SimulatedNode:
         entry = self.entry(index, subindex)
         if check_readable and entry.access is Access.WO:
             raise SdoAbortedError(Abort.WRITE_ONLY)
-        return encode(entry, self.read(index, subindex))
+        data = encode(entry, self.read(index, subindex))
+        for fault in self.misbehaviours.values():
+            data = fault.reading(entry, data)
+        return data
 
     def set_data(self, index: int, subindex: int, data: bytes, check_writable: bool = False) -> None:
         entry = self.entry(index, subindex)
         if check_writable and entry.access not in {Access.RW, Access.WO}:
             raise SdoAbortedError(Abort.READ_ONLY)
+        for fault in self.misbehaviours.values():
+            fault.writing(entry, bytes(data))
         self.write(entry, self._decode(entry, bytes(data)))
 
     def write(self, entry: Entry, value: Value) -> None:
@@ -322,11 +371,10 @@ class SimulatedNode:
         }
         if command in {NmtCommand.RESET_NODE, NmtCommand.RESET_COMMUNICATION}:
             if command == NmtCommand.RESET_NODE:
-                self.on_reset()
-                self._defaults()
+                self.restart()
             else:
                 self._defaults(_COMMUNICATION_AREA_END)
-            self._boot()
+                self._boot()
             return
         target = next((state for key, state in targets.items() if key == command), None)
         if target is None or target is self.state:

@@ -63,6 +63,8 @@ class DriveModel:
         self.read = read
         self.machine = machine or Machine()
         self.emcy: list[tuple[int, int]] = []
+        self.disguises: list[Callable[[DriveModel, int], None]] = []
+        """What shows something else than the drive does; called with the model's time after each update of the image."""
         self.power_on()
 
     def power_on(self) -> None:
@@ -563,6 +565,8 @@ class DriveModel:
             self.statusword |= StatusBit.NO_QUICK_STOP
         if self._limited:
             self.statusword |= StatusBit.INTERNAL_LIMIT
+        for disguise in self.disguises:
+            disguise(self, self._time)
 
     def _mode_bits(self, units: int) -> int:
         mode = self.mode

@@ -9,11 +9,14 @@ from ds301.pdo import Pdo
 from ds301.running import RunningNode
 from ds301.simulator import NmtState, SendFunction, SimulatedNode, Value
 from dsp402.device import drive_objects
+from dsp402.misbehaviour import DRIVE_MISBEHAVIOURS
 from dsp402.simulator.model import DriveModel, Machine
 
 
 class SimulatedDriveNode(SimulatedNode):
     """CANopen drive, sans-I/O: ``receive`` and ``poll`` with times, frames to ``send``."""
+
+    catalogue = DRIVE_MISBEHAVIOURS
 
     def __init__(
         self, node_id: int, send: SendFunction, *, machine: Machine | None = None, pdos: int = 5, serial_number: int = 1
