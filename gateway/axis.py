@@ -17,7 +17,7 @@ from dsp402.drive import DriveClient, DriveEvent, DriveStatus
 from dsp402.faults import DRIVE_FAULTS
 from dsp402.objects import DRIVE_OBJECTS
 from dsp402.pdo import LAYOUTS
-from dsp402.states import State, state_of
+from dsp402.states import STATE_OF_STATUS, Command, State, StatusBit, state_of
 from gateway.config import AxisConfig
 from gateway.errors import GatewayError
 from gateway.faults import FaultLog, FaultRecord
@@ -35,6 +35,13 @@ _ACKNOWLEDGE = signal("STW1").bit("FAULT_ACKNOWLEDGE").mask
 _ACKNOWLEDGE_NS = 1_000_000_000
 """So long may a drive take to leave its fault."""
 _FAULTY = (State.FAULT, State.FAULT_REACTION_ACTIVE)
+_CANOPEN_FAULT = 12
+_CANOPEN_ERRORS = range(0x8100, 0x8300)
+"""EMCY classes 81xxh communication and 82xxh protocol error."""
+_SAME_EVENT_NS = 1_000_000_000
+"""What repeats is told once in this time: a loose contact must not push the first cause out of the fault buffer."""
+_WATCHED = 0x7F | StatusBit.INTERNAL_LIMIT
+_DISABLED = (State.SWITCHED_ON, State.READY_TO_SWITCH_ON, State.SWITCH_ON_DISABLED)
 _POWERED = (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE, State.FAULT_REACTION_ACTIVE)
 
 
@@ -71,7 +78,11 @@ class Axis:
         self._sdo: Future[None] | None = None
         self._sdo_writes: tuple[SdoWrite, ...] | None = None
         self._refusal = ""
+        self._absent = False
         self._references_changed = False
+        self._shown = 0
+        self._told: dict[object, int] = {}
+        self._emergencies: dict[object, int] = {}
 
     # -- cyclic -------------------------------------------------------------------------------------------------------
 
@@ -90,6 +101,7 @@ class Axis:
         if setpoints is not None:
             self.last_setpoints = setpoints
             self._watch_acknowledge(setpoints[0], now)
+        commanded = translator.command.controlword
         self.actuals = translator.step(setpoints, drive.feedback, drive_ok, now)
         self.good = drive_ok
         if self._acknowledge_until and drive_ok:
@@ -99,8 +111,11 @@ class Axis:
             self._serve_sdo_request()
         if translator.events:
             self._drain_events(now)
-        if translator.reason is not self._reason:
-            self._reason = translator.reason
+        shown = drive.feedback.statusword & _WATCHED if drive_ok else 0
+        if shown != self._shown:
+            self._status_changed(shown, commanded, now)
+        if self.reason is not self._reason:
+            self._reason = self.reason
             log.info("axis %d: %s", self.do_id, self._reason.value if self._reason else "obeys the PLC")
 
     def _watch_acknowledge(self, word: int, now: int) -> None:
@@ -117,6 +132,29 @@ class Axis:
             self.fault_log.acknowledge()
         elif now > self._acknowledge_until:
             self._acknowledge_until = 0
+
+    def _status_changed(self, shown: int, commanded: int, now: int) -> None:
+        """Tell what the drive does of its own accord.
+
+        ``shown``: the Statusword bits that are watched, 0 without a drive; ``commanded``: the Controlword it had.
+        """
+        old, self._shown = self._shown, shown
+        state, previous = STATE_OF_STATUS[shown & 0x7F], STATE_OF_STATUS[old & 0x7F]
+        if state is None and previous is not None:
+            self._tell(107, f"Statusword {self.drive.feedback.statusword:04X}h", now)
+        elif (
+            previous is State.OPERATION_ENABLED
+            and state in _DISABLED
+            and Command.ENABLE_OPERATION.matches(commanded)
+            and self.translator.reason is Reason.NEEDS_OFF
+        ):
+            self._tell(122, f"{state.value}, no command of the gateway", now)
+        if state is State.OPERATION_ENABLED and shown & ~old & StatusBit.INTERNAL_LIMIT:
+            self._tell(112, "limit switch, position or speed limit", now)
+
+    def _tell(self, number: int, detail: str, now: int) -> None:
+        if _is_new(self._told, number, now):
+            self.raise_fault(number, detail, now)
 
     def _serve_sdo_request(self) -> None:
         translator = self.translator
@@ -149,7 +187,13 @@ class Axis:
     @property
     def reason(self) -> Reason | None:
         """Why the axis does not do what the PLC asks, None when it does."""
-        return self.translator.reason
+        reason = self.translator.reason
+        return Reason.INTERNAL_LIMIT if reason is None and self._shown & StatusBit.INTERNAL_LIMIT else reason
+
+    @property
+    def warning(self) -> bool:
+        """A warning of the gateway stands."""
+        return self.translator.warning or bool(self._shown & StatusBit.INTERNAL_LIMIT)
 
     def raise_fault(self, number: int, detail: str, now: int) -> None:
         """A fault of the gateway's own table."""
@@ -200,12 +244,7 @@ class Axis:
         """From the drive's worker or the bus reader."""
         now = event.time_ns or time.monotonic_ns()
         if event.kind == "emcy":
-            if event.code == 0:
-                log.info("axis %d: %s", self.do_id, event.text)
-                return
-            number = _FAULT_OF_EMCY.get(event.code, _INTERNAL_FAULT)
-            value = int.from_bytes(event.data[:4], "little")
-            self._record(FaultRecord(number, event.code, value, event.text, now))
+            self._emergency(event, now)
         elif self._restart_expected and (event.kind == "boot" or self.drive.status is DriveStatus.LOST):
             log.info("axis %d: drive restarts, as asked: %s", self.do_id, event.text)
         elif event.kind == "boot":
@@ -220,9 +259,37 @@ class Axis:
         elif self.drive.status is DriveStatus.ONLINE:
             self._refusal = ""
             self._restart_expected = False
+            self._absent = False
             log.info("axis %d: drive %s", self.do_id, event.text)
-        elif not self._refusal:
+        elif self.drive.status is DriveStatus.OFFLINE:
+            # Asked again every half second: the same silence is one fault.
+            if not self._absent:
+                self._absent = True
+                self.raise_fault(121, event.text, now)
+        elif not self._refusal and not self._absent:
             log.info("axis %d: drive %s", self.do_id, event.text)
+
+    def _emergency(self, event: DriveEvent, now: int) -> None:
+        """An EMCY: a fault while its error register has a bit set, else a warning."""
+        if event.code == 0:
+            self._emergencies.clear()
+            log.info("axis %d: %s", self.do_id, event.text)
+            return
+        if not _is_new(self._emergencies, (event.code, event.register, event.data), now):
+            log.debug("axis %d: %s again", self.do_id, event.text)
+            return
+        number = _CANOPEN_FAULT if event.code in _CANOPEN_ERRORS else _INTERNAL_FAULT
+        number = _FAULT_OF_EMCY.get(event.code, number)
+        value = int.from_bytes(event.data[:4], "little")
+        self._record(FaultRecord(number, event.code, value, event.text, now, is_warning=event.register == 0))
+
+
+def _is_new(told: dict[object, int], what: object, now: int) -> bool:
+    """Whether this was not told within the last second; ``told`` takes note of it."""
+    if now - told.get(what, now - _SAME_EVENT_NS) < _SAME_EVENT_NS:
+        return False
+    told[what] = now
+    return True
 
 
 def _write_all(drive: DriveClient, writes: Sequence[SdoWrite]) -> None:

@@ -26,6 +26,7 @@ class Reason(enum.Enum):
     QUICK_STOP = "quick stop in progress"
     COAST_STOP = "STW1.1 = 0: coast stop"
     SETPOINT_DISABLED = "no setpoint: STW1 bits 4, 5 and 6 must all be 1"
+    INTERNAL_LIMIT = "the drive limits the motion by itself (Statusword.11: limit switch, position or speed limit)"
     NOT_OPERATING = "drive is not in operation: setpoints have no effect"
     MODE_NOT_CONFIRMED = "waiting for the drive to confirm the mode of operation (6061h)"
     MODE_VALUE = "mode of operation is not one the drive knows: not passed on"
@@ -35,7 +36,7 @@ class Reason(enum.Enum):
     HOMING_METHOD = "homing method is not supported: homing is not started"
     HOMING_SETUP = "waiting for the drive to take homing method and speeds (SDO)"
     HOMING_STOPPED = "STW1.11 = 0: homing is being stopped"
-    HOMING_ERROR = "the drive reports a homing error (Statusword.13)"
+    HOMING_ERROR = "the drive reports a homing error (Statusword.13) or does not reach its home position"
 
 
 FIRST_WARNING = 108
@@ -72,6 +73,9 @@ GATEWAY_FAULTS: MappingProxyType[int, GatewayFault] = MappingProxyType(
             GatewayFault(109, "homing error", 0xFF07, is_warning=True),
             GatewayFault(110, "mode of operation not confirmed", 0xFF08, is_warning=True),
             GatewayFault(111, "drive did not take the homing parameters", 0xFF09, is_warning=True),
+            GatewayFault(112, "internal limit of the drive reached", 0xFF0A, is_warning=True),
+            GatewayFault(121, "drive does not answer", 0xFF11),
+            GatewayFault(122, "drive left operation by itself", 0xFF12),
         )
     }
 )

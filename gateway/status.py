@@ -36,7 +36,9 @@ def axis_status(axis: Axis) -> dict[str, Any]:
         "actuals": axis.telegram.actuals.as_dict(axis.actuals),
         "iops_good": axis.good,
         "saturations": axis.translator.saturations,
-        "faults": [{"number": f.number, "code": f.code, "text": f.text} for f in tuple(axis.faults)],
+        "faults": [
+            {"number": f.number, "code": f.code, "text": f.text, "is_warning": f.is_warning} for f in tuple(axis.faults)
+        ],
     }
 
 

@@ -219,7 +219,7 @@ class AxisObject(BoundObject):
     def _warnings(self) -> int:
         axis = self.axis
         drive = axis.good and bool(axis.drive.feedback.statusword & _STATUSWORD_WARNING)
-        return axis.fault_log.warnings(present=axis.translator.warning) | drive << _DRIVE_WARNING_BIT
+        return axis.fault_log.warnings(present=axis.warning) | drive << _DRIVE_WARNING_BIT
 
     def _reference_speed(self) -> float:
         references = self.axis.drive.references

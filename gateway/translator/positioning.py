@@ -65,6 +65,8 @@ _NEW_SETPOINT = ControlBit.NEW_SETPOINT
 
 HOMING_STALE_NS = 50_000_000
 """A "homing attained" that was already there at the start counts only after this time (method 35 is immediate)."""
+HOMING_UNATTAINED_NS = 1_000_000_000
+"""A drive that stands with "target reached" but without "homing attained" for so long has given the homing up."""
 MODE_CONFIRM_NS = 1_000_000_000
 """A mode the drive has not confirmed for so long raises warning 110."""
 _LOWEST, _HIGHEST = DRIVE_OBJECTS.attribute("target_position").limits
@@ -136,6 +138,7 @@ class PositioningTranslator(Translator):
         self._sdo_busy = False
         self._sdo_state: str | None = None
         self._homing_since = 0
+        self._homing_idle_since = -1
         self._attained_seen_low = False
         self._handlers = {
             SubState.IDLE: self._idle,
@@ -543,6 +546,7 @@ class PositioningTranslator(Translator):
             return 0
         self.sub_state = SubState.HOMING
         self._homing_since = now
+        self._homing_idle_since = -1
         self._attained_seen_low = False
         return _NEW_SETPOINT
 
@@ -556,16 +560,26 @@ class PositioningTranslator(Translator):
         error = bool(statusword & StatusBit.MODE_13)
         if not attained and not error:
             self._attained_seen_low = True
+            if not standstill or not statusword & StatusBit.TARGET_REACHED:
+                self._homing_idle_since = -1
+            elif self._homing_idle_since < 0:
+                self._homing_idle_since = now
+            elif now - self._homing_idle_since >= HOMING_UNATTAINED_NS:
+                self._homing_failed("stands without homing attained", statusword)
+                return 0
         elif self._attained_seen_low or now - self._homing_since >= HOMING_STALE_NS:
             if error:
-                self.warning = True
-                self.events.append(FaultEvent(109, f"method {self._method}, Statusword {statusword:04X}h"))
-                self.sub_state = SubState.HOMING_FAILED
-                self.reason = Reason.HOMING_ERROR
+                self._homing_failed("homing error", statusword)
                 return 0
             self.home_position_set = True
             self.sub_state = SubState.HOMED
         return _NEW_SETPOINT
+
+    def _homing_failed(self, what: str, statusword: int) -> None:
+        self.warning = True
+        self.events.append(FaultEvent(109, f"method {self._method}, {what}, Statusword {statusword:04X}h"))
+        self.sub_state = SubState.HOMING_FAILED
+        self.reason = Reason.HOMING_ERROR
 
     def _homing_over(self, word: int, feedback: DriveFeedback, standstill: bool, now: int) -> int:
         if word & _START_HOMING:

@@ -7,7 +7,7 @@ followed by an ON puts the power stage on again. Left out: setpoints and modes, 
 
 | phase | meaning | Controlword |
 | --- | --- | --- |
-| LOCKED | ON is not obeyed until an OFF is seen | 0, only an acknowledge passes |
+| LOCKED | ON is not obeyed until an OFF is seen | 0, Quick Stop while in doubt; only an acknowledge passes |
 | FOLLOW | STW1 is obeyed, one transition at a time | by STW1 and state |
 | RAMP_STOP | OFF1: ramping down with power on, Shutdown at standstill | Enable Operation, then Shutdown |
 | QUICK_STOP | quick stop until the drive has left it | Quick Stop |
@@ -63,6 +63,7 @@ class PowerControl:
         "_acknowledge_armed",
         "_connected",
         "_disabled_at",
+        "_doubt",
         "_ever_connected",
         "_off_seen",
         "_previous",
@@ -83,6 +84,7 @@ class PowerControl:
         self._ever_connected = False
         self._acknowledge_armed = False
         self._disabled_at = -DISABLE_SHOWN_NS
+        self._doubt = False
         self._off_seen = False
         self._shutting_down = False
         self._standing_since = -1
@@ -114,14 +116,17 @@ class PowerControl:
             self._connection_changed(connected, state)
         if not drive_ok:
             self.lock()
+            self._doubt = True
             self.reason = Reason.DRIVE_OFFLINE
             return CW_QUICK_STOP
         if state is State.FAULT or state is State.FAULT_REACTION_ACTIVE:
             self.phase = Phase.LOCKED
+            self._doubt = False
             self.reason = Reason.DRIVE_FAULT
             return self._acknowledge(word, connected)
         if state is None:
             self.phase = Phase.LOCKED
+            self._doubt = True
             self.reason = Reason.DRIVE_UNKNOWN_STATE
             return CW_QUICK_STOP
         phase = self.phase
@@ -162,6 +167,7 @@ class PowerControl:
     def _locked(self, word: int, state: State, now: int) -> int:
         if self._connected and word & _OFF_MASK == _OFF and state not in _POWERED:
             self.phase = Phase.FOLLOW
+            self._doubt = False
             return self._follow(word, state, state, now)
         if not self._connected:
             self.reason = Reason.PLC_LOST if self._ever_connected else Reason.NO_PLC
@@ -170,7 +176,14 @@ class PowerControl:
         if state is State.QUICK_STOP_ACTIVE:
             self._enter_quick_stop()
             return CW_QUICK_STOP
-        return self._acknowledge(word, self._connected)
+        if state is State.SWITCH_ON_DISABLED:
+            self._doubt = False
+        stop = CW_QUICK_STOP if self._doubt and not self._coast_asked(word) else CW_DISABLE_VOLTAGE
+        return stop | self._acknowledge(word, self._connected)
+
+    def _coast_asked(self, word: int) -> bool:
+        """Whether the drive has to coast: by the PLC's word, without a PLC by the user's choice."""
+        return not word & NO_COAST_STOP if self._connected else self._reaction is PlcLossReaction.COAST
 
     def _follow(self, word: int, state: State, previous: State | None, now: int) -> int:
         acknowledge = self._acknowledge(word, True)
@@ -202,7 +215,9 @@ class PowerControl:
         )
         if fell_back:
             # The drive took the enable back by itself (enable input, coast, its own doubt): no standing ON restarts it.
+            # Its Statusword may be wrong about that: a quick stop changes nothing when it is right.
             self.phase = Phase.LOCKED
+            self._doubt = True
             return self._locked(word, state, now)
         if not word & NO_COAST_STOP:
             self.reason = Reason.COAST_STOP

@@ -149,11 +149,14 @@ class TransparentTranslator(Translator):
             return self._stop(state, velocity)
         self._stopping = False
         if not self._connected:
-            return CW_DISABLE_VOLTAGE
+            coast = self.settings.on_plc_loss is PlcLossReaction.COAST or not powered
+            return CW_DISABLE_VOLTAGE if coast else CW_QUICK_STOP
         if not word & ControlBit.SWITCH_ON and state not in _FAULTS:
             self._locked = False
             return word
         self.reason = Reason.DRIVE_FAULT if state in _FAULTS else Reason.NEEDS_OFF
+        if powered and word & ControlBit.ENABLE_VOLTAGE:
+            return CW_QUICK_STOP  # in operation after a loss or a doubt: by no command of this PLC
         if not word & ControlBit.FAULT_RESET:
             self._acknowledge_armed = True
         return word & ControlBit.FAULT_RESET if self._acknowledge_armed else CW_DISABLE_VOLTAGE
