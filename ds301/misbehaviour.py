@@ -55,7 +55,7 @@ class Misbehaviour:
     node: SimulatedNode = field(init=False, repr=False)
 
     def begin(self) -> None:
-        """The fault sets in."""
+        """The fault sets in; at power-on before the boot-up message."""
 
     def end(self) -> None:
         """The device behaves again."""
@@ -436,8 +436,13 @@ class ErrorPassive(_Late):
     name = "error-passive"
     delay_ms: int = parameter(5, 1, 1000, "delay of each frame the node sends", "ms")
 
-    def begin(self) -> None:
-        self.node.send_emcy(0x8120, 0x11)
+    _told: bool = field(init=False, repr=False, default=False)
+
+    def poll(self, now: int) -> None:
+        if not self._told and self.node.running:
+            self._told = True
+            self.node.send_emcy(0x8120, 0x11)
+        super().poll(now)
 
     def outgoing(self, can_id: int, data: bytes) -> bool:
         return self._hold(True, can_id, data)

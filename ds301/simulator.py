@@ -104,7 +104,8 @@ class SimulatedNode:
         self._consumed: dict[int, tuple[int, int]] = {}
         self._errors: list[int] = []
         self.misbehaviours: dict[str, Misbehaviour] = {}
-        """The faults in force, by name."""
+        """The faults in force, by name; they begin when the node is powered."""
+        self._powered = False
         self.object_dictionary = ObjectDictionary()
         self._sdo = SdoServer(0x600 + node_id, 0x580 + node_id, self)
         self._sdo.network = self
@@ -148,20 +149,21 @@ class SimulatedNode:
 
     # -- misbehaviour -----------------------------------------------------------------------------------------------
 
-    def misbehave(self, name: str, **values: object) -> Misbehaviour:
+    def misbehave(self, name: str, /, **values: object) -> Misbehaviour:
         """Give the node a fault of its catalogue; one in force is replaced. CanopenError for a wrong name or value."""
         fault = make(self.catalogue, name, values)
         self.behave(name)
         fault.node = self
         self.misbehaviours[name] = fault
-        fault.begin()
+        if self._powered:
+            fault.begin()
         return fault
 
     def behave(self, name: str | None = None) -> None:
         """End a fault, all of them without a name; one that is not in force is no error."""
         for item in list(self.misbehaviours) if name is None else [name]:
             fault = self.misbehaviours.pop(item, None)
-            if fault is not None:
+            if fault is not None and self._powered:
                 fault.end()
 
     def _behind(self, past: Misbehaviour | None) -> Iterator[Misbehaviour]:
@@ -174,6 +176,10 @@ class SimulatedNode:
     def start(self, now: int) -> None:
         """Power on: boot-up message, then pre-operational."""
         self.now = now
+        if not self._powered:
+            self._powered = True
+            for fault in self.misbehaviours.values():
+                fault.begin()
         self._boot()
 
     def receive(self, can_id: int, data: bytes, now: int, past: Misbehaviour | None = None) -> None:
@@ -216,6 +222,11 @@ class SimulatedNode:
                 self.on_consumer_expired(can_id - 0x700)
         if self.state is NmtState.OPERATIONAL:
             self._event_driven(now)
+
+    @property
+    def running(self) -> bool:
+        """Powered and booted."""
+        return self.state is not NmtState.BOOT_UP
 
     def power_off(self) -> None:
         """Silent until ``start``."""

@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import difflib
 import tomllib
+from collections.abc import Mapping
 from fractions import Fraction
 from ipaddress import IPv4Address
 from math import ceil
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeVar
 from uuid import UUID
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, Strict, ValidationError, model_validator
@@ -45,6 +46,7 @@ _STATION_NAME = r"^[a-z0-9]([a-z0-9-]{0,61}[a-z0-9])?(\.[a-z0-9]([a-z0-9-]{0,61}
 _MISSPELT = 0.85
 """A further [can] key as similar as this to one of ours is taken for a slip of the pen."""
 
+Root = TypeVar("Root", bound=BaseModel)
 Integer = Annotated[int, Strict()]
 """true is no number here, and neither is "3"."""
 Boolean = Annotated[bool, Strict()]
@@ -174,16 +176,17 @@ class AxisConfig(_Section):
         )
 
 
-def _as_list(value: object) -> object:
+def as_list(value: object) -> object:
+    """A table where an array of tables may stand."""
     return [value] if isinstance(value, dict) else value
 
 
 class GatewayConfig(_Section):
     """The whole file."""
 
-    can: Annotated[tuple[CanConfig, ...], BeforeValidator(_as_list), Field(min_length=1)]
+    can: Annotated[tuple[CanConfig, ...], BeforeValidator(as_list), Field(min_length=1)]
     transport: TransportConfig = TransportConfig()
-    axis: Annotated[tuple[AxisConfig, ...], BeforeValidator(_as_list), Field(min_length=1)]
+    axis: Annotated[tuple[AxisConfig, ...], BeforeValidator(as_list), Field(min_length=1)]
     store: Path | None = None
     """File of the non-volatile gateway parameters; without it they last until the daemon ends."""
 
@@ -251,12 +254,17 @@ def _no_twice(what: str, values: list[Any]) -> None:
             raise ValueError(f"{what}: {value!r} is used twice, each must be different")
 
 
-def load_config(path: Path) -> GatewayConfig:
-    """Read and validate a file; GatewayError has one line for each thing that is wrong."""
+def read_text(path: Path) -> str:
+    """The text of a file; GatewayError when it cannot be read."""
     try:
-        text = path.read_text(encoding="utf-8")
+        return path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise GatewayError(f"{path}: cannot be read: {error}") from error
+
+
+def load_config(path: Path) -> GatewayConfig:
+    """Read and validate a file; GatewayError has one line for each thing that is wrong."""
+    text = read_text(path)
     config = parse_config(text, str(path))
     axes = tuple(_beside(axis, path) for axis in config.axis)
     missing = [
@@ -277,30 +285,38 @@ def _beside(axis: AxisConfig, path: Path) -> AxisConfig:
 
 def parse_config(text: str, name: str = "configuration") -> GatewayConfig:
     """Validate configuration text; see ``load_config``."""
+    return parse_toml(GatewayConfig, _MODELS, text, name)
+
+
+def parse_toml(root: type[Root], sections: Mapping[str, type[BaseModel]], text: str, name: str) -> Root:
+    """Validate TOML text by the model of the whole file; GatewayError has one line for each thing that is wrong.
+
+    ``sections``: the models of the file's tables, by their name.
+    """
     try:
         document = tomllib.loads(text)
     except (ValueError, RecursionError) as error:  # tomllib lets int() and deep nesting through
         raise GatewayError(f"{name}: not valid TOML: {error}") from error
     try:
-        return GatewayConfig.model_validate(document)
+        return root.model_validate(document)
     except ValidationError as error:
-        lines = [_explain(detail, text, name) for detail in error.errors()]
+        lines = [_explain(detail, text, name, root, sections) for detail in error.errors()]
         raise GatewayError("\n".join(lines)) from error
 
 
 _MODELS: dict[str, type[BaseModel]] = {"can": CanConfig, "transport": TransportConfig, "axis": AxisConfig}
 
 
-def _explain(detail: Any, text: str, name: str) -> str:
+def _explain(detail: Any, text: str, name: str, root: type[BaseModel], sections: Mapping[str, type[BaseModel]]) -> str:
     location: list[Any] = [part for part in detail["loc"] if not isinstance(part, str) or part.isidentifier()]
     keys = [part for part in location if isinstance(part, str)]
     numbers = [part for part in location if isinstance(part, int)]
     section = keys[0] if keys else ""
     occurrence = numbers[0] if numbers else 0
     key = keys[-1] if len(keys) > 1 else ""
-    line = _line_of(text, section, occurrence, key)
+    line = _line_of(text, section, occurrence, key, sections)
     place = f"{name}:{line}" if line else name
-    path = (f"[{section}]" if section in _MODELS else section) if section else ""
+    path = (f"[{section}]" if section in sections else section) if section else ""
     if numbers:
         path = f"[[{section}]] number {occurrence + 1}"
     if key:
@@ -308,7 +324,7 @@ def _explain(detail: Any, text: str, name: str) -> str:
     message = detail["msg"].removeprefix("Value error, ")
     value = detail.get("input")
     if detail["type"] == "extra_forbidden":
-        model = _MODELS.get(section) if key else GatewayConfig
+        model = sections.get(section) if key else root
         known = list(model.model_fields) if model else []
         close = difflib.get_close_matches(str(key or section), known, n=1)
         hint = f", did you mean {close[0]}?" if close else ""
@@ -320,14 +336,16 @@ def _explain(detail: Any, text: str, name: str) -> str:
     return f"{place}: {path} = {value!r}: {message}"
 
 
-def _line_of(text: str, section: str, occurrence: int, key: str) -> int:
+def _line_of(
+    text: str, section: str, occurrence: int, key: str, sections: Mapping[str, type[BaseModel]] = _MODELS
+) -> int:
     """The line of a key (or of its section's header), 0 when it cannot be told."""
     seen = -1
     inside = False
     header = 0
     for number, raw in enumerate(text.splitlines(), 1):
         line = raw.strip()
-        if not key and section not in _MODELS and line.split("=")[0].strip() == section:
+        if not key and section not in sections and line.split("=")[0].strip() == section:
             return number
         if line.startswith("["):
             title = line.strip("[] ").split("]")[0]

@@ -23,7 +23,7 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
-sim = typer.Typer(help="Simulators: PLC, drive.", no_args_is_help=True)
+sim = typer.Typer(help="Simulators: PLC, drives, a bus of devices.", no_args_is_help=True)
 app.add_typer(sim, name="sim")
 
 
@@ -40,6 +40,7 @@ def _register() -> None:
     app.add_typer(param.app, name="param")
     sim.command("plc")(sim_plc.plc)
     sim.command("drive")(sim_drive.drive)
+    sim.command("bus")(sim_drive.bus)
     sim.command("inject")(sim_drive.inject)
 
 

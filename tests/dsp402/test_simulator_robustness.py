@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import struct
 import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 import pytest
 
 from ds301.aborts import Abort
 from dsp402.modes import Mode
-from dsp402.simulator import SimulatedDrive, SimulatedDriveNode
+from dsp402.simulator import SimulatedDriveNode
 from dsp402.states import State, StatusBit
 from tests.dsp402.test_simulator import MS, NODE, SMALL, Bench
 from tests.support import buses
-from tools.commands.sim_drive import Console
+from tools.simulation.console import Console
+from tools.simulation.devices import Simulation
 
 START, PRE_OPERATIONAL, RESET_NODE, RESET_COMMUNICATION = 1, 128, 129, 130
 
@@ -196,21 +199,35 @@ def test_quick_stop_by_605ah_ends_in_switch_on_disabled(option: int) -> None:
     ],
 )
 def test_bad_console_input_is_answered(line: str) -> None:
-    drive = SimulatedDrive(buses.bus(buses.channel()), 3)
-    console = Console({3: drive}, threading.Event())
-    assert console.execute(line).startswith("error: ")
-    assert drive.model.error_code == 0
-    drive.stop()
+    with simulated(3) as simulation:
+        console = Console(simulation, threading.Event())
+        assert console.execute(line).startswith("error: ")
+        assert simulation.status(3)["fault"] == 0
 
 
 def test_the_console_addresses_one_of_several_drives() -> None:
-    drives = {node: SimulatedDrive(buses.bus(buses.channel()), node) for node in (3, 4)}
     quit_ = threading.Event()
-    console = Console(drives, quit_)
-    assert console.execute("@4 7") == "ok: fault 7, over-current"
-    assert [drive.model.error_code for drive in drives.values()] == [0, 7]
-    assert console.execute("status").count("node ") == 2
-    assert console.execute("quit") == "ok"
-    assert quit_.is_set()
-    for drive in drives.values():
-        drive.stop()
+    with simulated(3, 4) as simulation:
+        console = Console(simulation, quit_)
+        assert console.execute("@4 7") == "ok: fault 7, over-current"
+        assert [simulation.status(node)["fault"] for node in (3, 4)] == [0, 7]
+        assert console.execute("status").count("node ") == 2
+        assert console.execute("quit") == "ok"
+        assert quit_.is_set()
+
+
+@contextmanager
+def simulated(*nodes: int) -> Iterator[Simulation]:
+    """Drives on a bus of their own, powered."""
+    simulation = Simulation()
+    name = buses.channel()
+    for node in nodes:
+        simulation.add("drive", buses.bus(name), node, node)
+    simulation.start()
+    for node in nodes:
+        device = simulation.device(node)
+        buses.wait_for(lambda device=device: device.node.running, "powered")  # type: ignore[misc]
+    try:
+        yield simulation
+    finally:
+        simulation.stop()

@@ -1,0 +1,131 @@
+"""The file of ``pdgw sim bus``: several simulated devices on one bus, with their faults.
+
+TOML, validated by pydantic with the messages of the gateway's own configuration. ``example()`` is itself valid.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+
+from ds301.errors import CanopenError
+from ds301.misbehaviour import make
+from gateway.config import CanConfig, Integer, Port, as_list, parse_toml, read_text
+from tools.simulation.devices import DEVICE_TYPES
+
+
+class _Section(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class ControlConfig(_Section):
+    """Loopback TCP ports, 0 for none."""
+
+    port: Port = 0
+    """``pdgw sim inject``."""
+    rest_port: Port = 0
+
+
+class FaultConfig(BaseModel):
+    """One fault from power-on; the further keys are its parameters."""
+
+    model_config = ConfigDict(extra="allow", frozen=True)
+
+    name: str
+
+    @property
+    def values(self) -> dict[str, object]:
+        """The parameters that were given."""
+        return dict(self.model_extra or {})
+
+
+class DeviceConfig(_Section):
+    """One device."""
+
+    type: str = "drive"
+    node_id: Annotated[Integer, Field(ge=1, le=126)]
+    serial_number: Annotated[Integer, Field(ge=0, le=0xFFFF_FFFF)] | None = None
+    """1018h/4; without it the node-ID."""
+    fault: Annotated[tuple[FaultConfig, ...], BeforeValidator(as_list)] = ()
+
+    @model_validator(mode="after")
+    def _faults_exist(self) -> DeviceConfig:
+        kind = DEVICE_TYPES.get(self.type)
+        if kind is None:
+            raise ValueError(f'type = "{self.type}" is not simulated, allowed: {", ".join(DEVICE_TYPES)}')
+        seen: set[str] = set()
+        for fault in self.fault:
+            try:
+                make(kind.node.catalogue, fault.name, fault.values)
+            except CanopenError as error:
+                raise ValueError(str(error)) from error
+            if fault.name in seen:
+                raise ValueError(f"fault {fault.name} is given twice")
+            seen.add(fault.name)
+        return self
+
+
+class BusConfig(_Section):
+    """The whole file."""
+
+    can: CanConfig
+    control: ControlConfig = ControlConfig()
+    device: Annotated[tuple[DeviceConfig, ...], BeforeValidator(as_list), Field(min_length=1)]
+
+    @model_validator(mode="after")
+    def _nodes_differ(self) -> BusConfig:
+        nodes = [device.node_id for device in self.device]
+        for node in nodes:
+            if nodes.count(node) > 1:
+                raise ValueError(f"[[device]] node_id: {node} is used twice, each must be different")
+        ports = [port for port in (self.control.port, self.control.rest_port) if port]
+        if len(ports) != len(set(ports)):
+            raise ValueError(f"[control] port and rest_port: both are {ports[0]}, each must be different")
+        return self
+
+
+_MODELS: dict[str, type[BaseModel]] = {"can": CanConfig, "control": ControlConfig, "device": DeviceConfig}
+
+
+def parse_bus(text: str, name: str = "bus file") -> BusConfig:
+    """Validate the text of a file; GatewayError has one line for each thing that is wrong."""
+    return parse_toml(BusConfig, _MODELS, text, name)
+
+
+def load_bus(path: Path) -> BusConfig:
+    """Read and validate a file; see ``parse_bus``."""
+    return parse_bus(read_text(path), str(path))
+
+
+def example() -> str:
+    """A commented file that is itself valid."""
+    return """\
+# Simulated devices on one bus, for `pdgw sim bus`. The faults and their parameters: docs/misbehaviour.md.
+
+[can]
+interface = "virtual"        # any python-can interface
+channel = "pdgw"
+
+[control]                    # loopback TCP ports, 0 for none
+port = 0                     # `pdgw sim inject --port ...`
+rest_port = 0                # GET /devices, GET /faults, POST and DELETE /devices/{node}/faults/{name}
+
+[[device]]
+type = "drive"
+node_id = 1
+
+[[device]]
+type = "drive"
+node_id = 2
+serial_number = 4711
+
+[[device.fault]]             # in force from power-on
+name = "slow-sdo"
+delay_ms = 40
+
+[[device.fault]]
+name = "reboot-in-motion"
+speed = 500
+"""

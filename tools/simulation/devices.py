@@ -1,0 +1,159 @@
+"""The kinds of simulated devices, and a set of them running on one bus with their faults.
+
+Another kind is one entry of ``DEVICE_TYPES``; it gets the file, the console and the REST interface with it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any, Protocol
+
+import can
+
+from ds301.errors import CanopenError
+from ds301.misbehaviour import Misbehaviour
+from ds301.simulator import SimulatedNode
+from dsp402.simulator import SimulatedDrive, SimulatedDriveNode
+from dsp402.states import state_of
+
+
+class SimulatedDevice(Protocol):
+    """A node that runs in a thread of its own."""
+
+    @property
+    def node(self) -> SimulatedNode: ...
+
+    def start(self) -> None: ...
+
+    def stop(self) -> None: ...
+
+    def do(self, action: Callable[[SimulatedNode], None], /) -> None:
+        """Run an action between two steps of the node."""
+
+
+class DeviceMaker(Protocol):
+    """Makes a device on a bus that becomes its own."""
+
+    def __call__(self, bus: can.BusABC, node_id: int, /, *, serial_number: int) -> SimulatedDevice: ...
+
+
+@dataclass(frozen=True, slots=True)
+class DeviceType:
+    """A kind of device: how one is made, its node's class (which has the catalogue of faults), what it tells."""
+
+    make: DeviceMaker
+    node: type[SimulatedNode]
+    status: Callable[[Any], dict[str, object]] = lambda node: {}
+
+
+def _drive_status(node: SimulatedDriveNode) -> dict[str, object]:
+    model = node.model
+    state = state_of(model.statusword)
+    return {
+        "state": state.value if state else "unknown",
+        "mode": int(model.mode),
+        "position": model.position_actual,
+        "velocity": model.velocity_actual,
+        "fault": model.error_code,
+    }
+
+
+DEVICE_TYPES: Mapping[str, DeviceType] = MappingProxyType(
+    {
+        "drive": DeviceType(SimulatedDrive, SimulatedDriveNode, _drive_status),
+    }
+)
+"""``type`` of a [[device]] table."""
+
+
+class Simulation:
+    """Devices running on one bus. Every method may be called from any thread; CanopenError names what does not exist."""
+
+    def __init__(self) -> None:
+        self._devices: dict[int, tuple[str, SimulatedDevice]] = {}
+
+    def add(self, kind: str, bus: can.BusABC, node_id: int, serial_number: int) -> None:
+        """A device of ``DEVICE_TYPES``, not yet started; the bus becomes its own."""
+        self._devices[node_id] = (kind, DEVICE_TYPES[kind].make(bus, node_id, serial_number=serial_number))
+
+    @property
+    def nodes(self) -> list[int]:
+        return list(self._devices)
+
+    def device(self, node_id: int) -> SimulatedDevice:
+        return self._entry(node_id)[1]
+
+    def _entry(self, node_id: int) -> tuple[str, SimulatedDevice]:
+        try:
+            return self._devices[node_id]
+        except KeyError:
+            raise CanopenError("node", node_id, f"a simulated one: {self.nodes}") from None
+
+    def start(self) -> None:
+        """Power on."""
+        for _, device in self._devices.values():
+            device.start()
+
+    def stop(self) -> None:
+        """Power off for good and release the buses."""
+        for _, device in self._devices.values():
+            device.stop()
+
+    def misbehave(self, node_id: int, name: str, values: Mapping[str, object]) -> Misbehaviour:
+        """Give a device a fault of its catalogue."""
+        made: list[Misbehaviour] = []
+        self.device(node_id).do(lambda node: made.append(node.misbehave(name, **values)))
+        return made[0]
+
+    def behave(self, node_id: int, name: str | None = None) -> None:
+        """End a fault (all of them without a name); one that is not in force is no error, one that does not exist is."""
+        device = self.device(node_id)
+        known = device.node.catalogue
+        if name is not None and name not in known:
+            raise CanopenError("fault", name, f"one of {', '.join(known)}")
+        device.do(lambda node: node.behave(name))
+
+    def status(self, node_id: int) -> dict[str, object]:
+        """One device as plain data."""
+        kind, device = self._entry(node_id)
+        node = device.node
+        return {
+            "node_id": node_id,
+            "type": kind,
+            "nmt": node.state.name,
+            **DEVICE_TYPES[kind].status(node),
+            "faults": {name: fault.values for name, fault in tuple(node.misbehaviours.items())},
+        }
+
+
+def fault_catalogue() -> list[dict[str, object]]:
+    """Every fault as plain data, with the kinds of devices that can have it."""
+    faults: dict[str, dict[str, object]] = {}
+    for kind, device_type in DEVICE_TYPES.items():
+        for name, fault in device_type.node.catalogue.items():
+            entry = faults.setdefault(
+                name,
+                {
+                    "name": name,
+                    "description": fault.description(),
+                    "at_configuration": fault.at_configuration,
+                    "parameters": [
+                        {
+                            "name": item.name,
+                            "default": item.default,
+                            "low": item.low,
+                            "high": item.high,
+                            "unit": item.unit,
+                            "meaning": item.meaning,
+                        }
+                        for item in fault.parameters()
+                    ],
+                    "types": [],
+                },
+            )
+            types = entry["types"]
+            assert isinstance(types, list)
+            types.append(kind)
+    return list(faults.values())
