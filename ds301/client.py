@@ -10,6 +10,7 @@ from __future__ import annotations
 import abc
 import contextlib
 import enum
+import logging
 import queue
 import struct
 import threading
@@ -25,11 +26,15 @@ from canopen.sdo import SdoAbortedError, SdoCommunicationError
 
 from ds301.aborts import Abort, abort_text
 from ds301.configuration import SdoStep, pdo_steps
+from ds301.eds_import import import_eds
+from ds301.eds_text import EdsError
 from ds301.emcy import emcy_text
 from ds301.errors import CanopenError
 from ds301.network import CanNetwork
 from ds301.pdo import Pdo, PdoLayout
 from ds301.simulator import NmtCommand
+
+log = logging.getLogger("gateway")
 
 T = TypeVar("T")
 _Job = tuple[Future[Any], Callable[[], None]]
@@ -122,17 +127,18 @@ class _Slot:
 def load_dictionary(
     path: Path, node_id: int, needed: Sequence[int], device: str, error_type: type[CanopenError] = CanopenError
 ) -> canopen.ObjectDictionary:
-    """The object dictionary of an EDS/DCF.
+    """The object dictionary of an EDS/DCF, its repairs logged.
 
     Raises ``error_type``, naming the file and what is wrong with it: not readable, not valid, or without one of the objects
     ``needed`` that make it the data sheet of ``device``.
     """
     try:
-        dictionary = canopen.import_od(str(path), node_id)
-    except OSError as error:
-        raise error_type("EDS", str(path), f"a readable file ({error.strerror})") from error
-    except Exception as error:  # canopen raises whatever configparser and its own conversions meet
-        raise error_type("EDS", str(path), f"a valid EDS or DCF ({error})") from error
+        imported = import_eds(path, node_id)
+    except EdsError as error:
+        raise error_type("EDS", str(path), f"a usable EDS or DCF ({error})") from error
+    if imported.repairs:
+        log.info("%s: %d repairs, listed by pdgw eds check", path, len(imported.repairs))
+    dictionary = imported.dictionary
     for index in needed:
         if index not in dictionary:
             raise error_type("EDS", str(path), f"the data sheet of {device}, with object {index:04X}h")

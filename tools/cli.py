@@ -29,7 +29,7 @@ app.add_typer(sim, name="sim")
 
 def _register() -> None:
     """Put the subcommands in; each module has one function per command."""
-    from tools.commands import bench, config, decode, demo, param, run, sim_drive, sim_plc, status  # noqa: PLC0415
+    from tools.commands import bench, config, decode, demo, eds, param, run, sim_drive, sim_plc, status  # noqa: PLC0415
 
     app.command("run")(run.run)
     app.add_typer(config.app, name="config")
@@ -38,6 +38,7 @@ def _register() -> None:
     app.command("decode")(decode.decode)
     app.command("demo")(demo.demo)
     app.add_typer(param.app, name="param")
+    app.add_typer(eds.app, name="eds")
     sim.command("plc")(sim_plc.plc)
     sim.command("drive")(sim_drive.drive)
     sim.command("bus")(sim_drive.bus)

@@ -1,0 +1,309 @@
+"""Import of EDS and DCF files as they are found in the field: repaired, then read by canopen's own importer.
+
+Source: CiA 306 V1.3. A file is brought into the one form every reader understands. What has one possible meaning is
+repaired and listed with its line; what has none, or two, is refused with every line that has to be corrected. Compact
+sub-objects are written out, which is no repair. Left out: type definitions (DEFTYPE, DEFSTRUCT), modules and
+``CompactPDO``; sections the gateway has no use for are kept as they are.
+"""
+
+from __future__ import annotations
+
+import configparser
+import io
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import canopen
+from canopen.objectdictionary import eds
+
+from ds301.eds_objects import ObjectSections, ObjectWriter, Texts, check_count
+from ds301.eds_text import (
+    MAX_SIZE,
+    EdsError,
+    Item,
+    Problem,
+    Repair,
+    Report,
+    Section,
+    decode,
+    parse,
+)
+from ds301.eds_values import ValueRefused, is_plain, number
+
+_TRUE_FALSE = {"true": "1", "yes": "1", "false": "0", "no": "0"}
+
+_IDENTITY_KEYS = ("VendorNumber", "ProductNumber", "RevisionNumber")
+_DEVICE_KEYS = (
+    *(f"BaudRate_{rate}" for rate in (10, 20, 50, 125, 250, 500, 800, 1000)),
+    *("SimpleBootUpMaster", "SimpleBootUpSlave", "Granularity", "DynamicChannelsSupported", "GroupMessaging"),
+    *("NrOfRXPDO", "NrOfTXPDO", "LSS_Supported"),
+)
+_LISTS = ("MandatoryObjects", "OptionalObjects", "ManufacturerObjects")
+_MANDATORY = (0x1000, 0x1001, 0x1018)
+_PDO_PARTS = ((0x1400, 0x1600), (0x1800, 0x1A00))
+_PDOS = 0x200
+
+
+@dataclass(frozen=True, slots=True)
+class EdsImport:
+    """An imported file: canopen's dictionary, what had to be repaired, and the repaired file."""
+
+    dictionary: canopen.ObjectDictionary
+    repairs: tuple[Repair, ...]
+    text: str
+
+
+def import_eds(source: Path | bytes, node_id: int) -> EdsImport:
+    """The object dictionary of an EDS or DCF for a node-ID (1..127).
+
+    CanopenError when the file cannot be read or the node-ID is none; EdsError, which is one, names each line of a file
+    that cannot be used.
+    """
+    if not 1 <= node_id <= 127:
+        raise EdsError((Problem(0, "", "node-ID", str(node_id), "a node-ID is 1..127"),))
+    report = Report()
+    sections = parse(decode(_read(source), report), report)
+    text = _written(_normalised(sections, report))
+    if report.problems:
+        raise EdsError(tuple(sorted(report.problems, key=lambda problem: problem.line)))
+    try:
+        dictionary = eds.import_eds(io.StringIO(text), node_id)
+    except (KeyError, ValueError, configparser.Error) as error:  # no such file is known
+        raise EdsError((Problem(0, "", "file", "", f"canopen's importer does not take it ({error})"),)) from error
+    return EdsImport(dictionary, tuple(sorted(report.repairs, key=lambda repair: repair.line)), text)
+
+
+def _read(source: Path | bytes) -> bytes:
+    if isinstance(source, bytes):
+        return source
+    try:
+        with source.open("rb") as file:
+            return file.read(MAX_SIZE + 1)
+    except OSError as error:
+        raise EdsError((Problem(0, "", "file", str(source), error.strerror or str(error)),)) from error
+
+
+def _written(texts: Texts) -> str:
+    lines: list[str] = []
+    for name, entries in texts.items():
+        lines += [f"[{name}]", *(f"{key}={value}" for key, value in entries.items()), ""]
+    return "\n".join(lines)
+
+
+# -- the file ---------------------------------------------------------------------------------------------------------
+
+
+def _normalised(sections: Mapping[str, Section], report: Report) -> Texts:
+    objects, others = _sorted_out(sections, report)
+    if not objects:
+        report.refuse(1, "", "objects", "", "not an EDS or DCF: no object is described, at least 1000h has to be")
+    texts: Texts = {}
+    described: Texts = {}
+    present: list[int] = []
+    user_types = _user_types(others)
+    for index in sorted(objects):
+        written = ObjectWriter(objects[index], user_types, report).write()
+        if written:
+            described.update(written)
+            present.append(index)
+    texts["FileInfo"] = _verbatim(_required("FileInfo", others, report))
+    texts["DeviceInfo"] = _device_info(_required("DeviceInfo", others, report), report)
+    for name, section in others.items():
+        if name == "DeviceComissioning":
+            texts[name] = _commissioning(section, report)
+        elif name == "DummyUsage":
+            texts[name] = _dummies(section, report)
+        elif name == "Comments":
+            texts[name] = _comments(section, report)
+        elif name not in texts and name not in _LISTS:
+            texts[name] = _verbatim(section)
+    texts.update(_object_lists(others, present, report))
+    _check_pdos(objects, present, report)
+    return texts | described
+
+
+def _sorted_out(
+    sections: Mapping[str, Section], report: Report
+) -> tuple[dict[int, ObjectSections], dict[str, Section]]:
+    """Objects by index, and the sections that are no objects."""
+    objects: dict[int, ObjectSections] = {}
+    others: dict[str, Section] = {}
+    for name, section in sections.items():
+        match = re.fullmatch(r"([0-9A-F]{4})(?:sub([0-9A-F]+)|(Name|Value))?", name)
+        if match is None:
+            others[name] = section
+            continue
+        subindex = None if match[2] is None else int(match[2], 16)
+        if subindex is not None and subindex > 0xFF:
+            report.refuse(section.line, name, "sub-index", match[2], "a sub-index is 0..FF")
+            continue
+        index = int(match[1], 16)
+        item = objects.setdefault(index, ObjectSections(index))
+        if subindex is not None:
+            item.subs[subindex] = section
+        elif match[3] == "Name":
+            item.names = section
+        elif match[3] == "Value":
+            item.values = section
+        else:
+            item.main = section
+    return objects, others
+
+
+def _user_types(others: Mapping[str, Section]) -> dict[int, str]:
+    """Data types that an editor defined in sections of its own, such as [A0sub1]: code -> DefaultValue."""
+    types = {}
+    for name, section in others.items():
+        if match := re.fullmatch(r"([0-9a-f]{2,3})sub1", name, re.IGNORECASE):
+            types[int(match[1], 16)] = section.text("DefaultValue")
+    return types
+
+
+def _required(name: str, others: Mapping[str, Section], report: Report) -> Section:
+    section = others.get(name)
+    if section is None:
+        report.repair(0, name, "", "", "added, empty")
+        return Section(name, 0)
+    return section
+
+
+def _verbatim(section: Section) -> dict[str, str]:
+    return {item.key: item.value for item in section.items.values()}
+
+
+def _check_pdos(objects: Mapping[int, ObjectSections], present: Iterable[int], report: Report) -> None:
+    known = set(present)
+    for communication, mapping in _PDO_PARTS:
+        for pdo in range(_PDOS):
+            if communication + pdo in known and mapping + pdo not in known:
+                item = objects[communication + pdo]
+                section = item.main or next(iter(item.subs.values()))
+                reason = f"a PDO without its mapping object {mapping + pdo:04X}h"
+                report.refuse(section.line, section.name, "", f"{communication + pdo:04X}", reason)
+
+
+# -- sections that describe file and device ---------------------------------------------------------------------------
+
+
+def _pdotext(section: Section, item: Item, report: Report, *, refuse: bool = False) -> str | None:
+    """A plain number, None where the entry is left out: it says nothing, or no number and nothing depends on it."""
+    text = _TRUE_FALSE.get(item.value.lower(), item.value)
+    try:
+        value = number(text)
+    except ValueRefused as error:
+        if refuse:
+            report.refuse(item.line, section.name, item.key, item.value, str(error))
+        else:
+            report.repair(item.line, section.name, item.key, item.value, "")
+        return None
+    if value is None:
+        report.repair(item.line, section.name, item.key, item.value, "")
+        return None
+    if is_plain(item.value):
+        return item.value
+    report.repair(item.line, section.name, item.key, item.value, str(value))
+    return str(value)
+
+
+def _device_info(section: Section, report: Report) -> dict[str, str]:
+    numbers = {key.lower(): key for key in (*_IDENTITY_KEYS, *_DEVICE_KEYS)}
+    names = {key.lower(): key for key in ("VendorName", "ProductName", "OrderCode")}
+    texts = {}
+    for key, item in section.items.items():
+        if key in numbers:
+            text = _pdotext(section, item, report, refuse=numbers[key] in _IDENTITY_KEYS)
+            if text is not None:
+                texts[numbers[key]] = text
+        else:
+            texts[names.get(key, item.key)] = item.value
+    return texts
+
+
+def _commissioning(section: Section, report: Report) -> dict[str, str]:
+    numbers = {"baudrate": "Baudrate", "nodeid": "NodeID"}
+    texts = {}
+    for key, item in section.items.items():
+        if key not in numbers:
+            texts[item.key] = item.value
+        elif (text := _pdotext(section, item, report)) is not None:
+            texts[numbers[key]] = str(int(text, 0))  # canopen reads decimal numbers only here
+    return texts
+
+
+def _dummies(section: Section, report: Report) -> dict[str, str]:
+    required = {f"dummy{code:04d}": f"Dummy{code:04d}" for code in range(1, 8)}
+    texts = {}
+    for key, name in required.items():
+        item = section.items.get(key)
+        text = None if item is None else _pdotext(section, item, report)
+        if item is None:
+            report.repair(section.line, section.name, name, "", "0")
+        texts[name] = "0" if text is None else str(int(text, 0))
+    return texts | {item.key: item.value for key, item in section.items.items() if key not in required}
+
+
+def _comments(section: Section, report: Report) -> dict[str, str]:
+    lines = {}
+    for key, item in section.items.items():
+        if match := re.fullmatch(r"line([0-9]{1,6})", key):
+            lines[int(match[1])] = item.value
+    texts = {"Lines": str(len(lines))}
+    check_count(section, "Lines", len(lines), report)
+    texts.update({f"Line{line}": lines[key] for line, key in enumerate(sorted(lines), 1)})
+    return texts
+
+
+def _object_lists(others: Mapping[str, Section], present: list[int], report: Report) -> Texts:
+    """The three lists, with exactly the objects that are described."""
+    wanted = [index for index in present if index >= 0x1000]
+    listed: dict[str, list[int]] = {name: [] for name in _LISTS}
+    seen: set[int] = set()
+    for name in _LISTS:
+        section = others.get(name)
+        for key, item in () if section is None else section.items.items():
+            if not key.isdecimal():
+                continue
+            index = _listed_index(item.value, wanted)
+            if index is None or index in seen:
+                report.repair(item.line, name, item.key, item.value, "")
+                continue
+            if not is_plain(item.value) or int(item.value, 0) != index:
+                report.repair(item.line, name, item.key, item.value, f"0x{index:04X}")
+            seen.add(index)
+            listed[name].append(index)
+    for index in wanted:
+        if index not in seen:
+            name = _list_of(index)
+            section = others.get(name)
+            report.repair(0 if section is None else section.line, name, "", "", f"0x{index:04X}")
+            listed[name].append(index)
+    texts: Texts = {}
+    for name, indices in listed.items():
+        section = others.get(name)
+        if section is not None:
+            check_count(section, "SupportedObjects", len(indices), report)
+        texts[name] = {"SupportedObjects": str(len(indices))}
+        texts[name].update({str(place): f"0x{index:04X}" for place, index in enumerate(indices, 1)})
+    return texts
+
+
+def _listed_index(text: str, wanted: list[int]) -> int | None:
+    """The described object an entry of a list means; hexadecimal without 0x where only that is described."""
+    try:
+        value = number(text)
+    except ValueRefused:
+        value = None
+    if value in wanted:
+        return value
+    plain = re.fullmatch(r"[0-9A-Fa-f]{4}", text)
+    if plain is not None and int(text, 16) in wanted:
+        return int(text, 16)
+    return None
+
+
+def _list_of(index: int) -> str:
+    if index in _MANDATORY:
+        return "MandatoryObjects"
+    return "ManufacturerObjects" if 0x2000 <= index < 0x6000 else "OptionalObjects"

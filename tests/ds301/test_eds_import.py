@@ -1,0 +1,287 @@
+"""Data sheets of the field: what is right stays, what has one meaning is repaired and listed, the rest is refused."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import canopen
+import pytest
+
+from ds301.eds_import import import_eds
+from ds301.eds_text import EdsError, Repair
+from ds301.errors import CanopenError
+from dsp402.device import EDS_PATH
+
+NODE = 5
+CORPUS = Path(__file__).parent / "eds"
+GOOD = CORPUS / "good.eds"
+REPAIRED = sorted((CORPUS / "repaired").iterdir())
+
+
+def attributes(dictionary: canopen.ObjectDictionary) -> Iterator[object]:
+    """Everything canopen keeps of each object and sub-index."""
+    for index in dictionary:
+        item = dictionary[index]
+        members = [item] if isinstance(item, canopen.objectdictionary.ODVariable) else [item[sub] for sub in item]
+        yield type(item), item.name
+        for member in members:
+            yield {key: value for key, value in vars(member).items() if key != "parent"}
+
+
+def repaired(name: str) -> dict[tuple[str, str], Repair]:
+    imported = import_eds(CORPUS / "repaired" / name, NODE)
+    return {(repair.section, repair.key): repair for repair in imported.repairs}
+
+
+def variable(name: str, index: int, subindex: int = 0) -> Any:
+    return import_eds(CORPUS / "repaired" / name, NODE).dictionary.get_variable(index, subindex)
+
+
+def simple(text: str, data_type: int = 7) -> bytes:
+    """A sheet with one variable 2000h that has these lines."""
+    head = f"[FileInfo]\n[DeviceInfo]\n[2000]\nParameterName=x\nDataType={data_type}\nAccessType=rw\n"
+    return (head + text + "\n[ManufacturerObjects]\nSupportedObjects=1\n1=0x2000\n").encode()
+
+
+# -- right files ------------------------------------------------------------------------------------------------------
+
+
+def test_the_packages_own_sheet_needs_no_repair_and_reads_as_canopen_reads_it() -> None:
+    imported = import_eds(EDS_PATH, NODE)
+    assert imported.repairs == ()
+    assert list(attributes(imported.dictionary)) == list(attributes(canopen.import_od(str(EDS_PATH), NODE)))
+
+
+def test_a_right_sheet_with_compact_sub_objects_needs_no_repair() -> None:
+    imported = import_eds(GOOD, NODE)
+    assert imported.repairs == ()
+    limits = imported.dictionary[0x6046]
+    assert list(limits) == [0, 1, 2]
+    assert [limits[sub].name for sub in (1, 2)] == ["Limits1", "Maximum"]
+    assert [limits[sub].default for sub in (0, 1, 2)] == [2, -2, -2]
+    assert (limits[1].min, limits[1].max, limits[1].pdo_mappable) == (-(1 << 31), (1 << 31) - 1, True)
+    assert imported.dictionary[0x1014].default == 0x85
+    assert imported.dictionary.device_information.vendor_number == 0x400
+
+
+@pytest.mark.parametrize(
+    ("encoding", "found"),
+    [
+        ("utf-8", None),
+        ("utf-8-sig", "utf-8 with byte order mark"),
+        ("cp1252", "cp1252"),
+        ("utf-16", "utf-16-le"),
+        ("utf-16-be", "utf-16-be"),
+        ("utf-16-le", "utf-16-le"),
+    ],
+)
+@pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
+def test_encodings_and_line_ends(encoding: str, found: str | None, end: str) -> None:
+    text = GOOD.read_text().replace("ParameterName=Gain", "ParameterName=Verstärkung µ").replace("\n", end)
+    imported = import_eds(text.encode(encoding), NODE)
+    assert imported.dictionary[0x2000].name == "Verstärkung µ"
+    assert [repair.found for repair in imported.repairs] == ([] if found is None else [found])
+
+
+def test_bytes_no_windows_code_page_has_are_read_as_latin_1() -> None:
+    data = GOOD.read_bytes().replace(b"=Gain", b"=G\x81in")
+    assert import_eds(data, NODE).repairs[0] == Repair(87, "", "encoding", "latin-1", "utf-8")
+
+
+@pytest.mark.parametrize("path", REPAIRED, ids=lambda path: path.stem)
+def test_what_was_repaired_is_right(path: Path) -> None:
+    imported = import_eds(path, NODE)
+    again = import_eds(imported.text.encode(), NODE)
+    assert imported.repairs
+    assert again.repairs == ()
+    assert list(attributes(again.dictionary)) == list(attributes(imported.dictionary))
+    canopen.RemoteNode(NODE, imported.dictionary)
+
+
+# -- repairs ----------------------------------------------------------------------------------------------------------
+
+
+def test_every_repair_names_the_line_it_found_the_value_in() -> None:
+    for path in REPAIRED:
+        lines = path.read_text().splitlines()
+        for repair in import_eds(path, NODE).repairs:
+            assert repair.line == 0 or repair.found in lines[repair.line - 1], repair
+
+
+def test_numbers() -> None:
+    repairs = repaired("numbers.eds")
+    assert repairs["DeviceInfo", "VendorNumber"] == Repair(5, "DeviceInfo", "VendorNumber", "001", "1")
+    assert repairs["DeviceInfo", "ProductNumber"].used == "9"
+    assert repairs["DeviceInfo", "RevisionNumber"].used == str(0x10001)
+    assert repairs["DeviceInfo", "NrOfRXPDO"].used == ""
+    assert repairs["1000", "PDOMapping"].used == "0"
+    assert repairs["MandatoryObjects", "1"].used == "0x1000"
+    assert variable("numbers.eds", 0x1000).default is None
+    signed = variable("numbers.eds", 0x2001)
+    assert (signed.default, signed.min, signed.max) == (-32767, -32768, 32767)
+    unsigned = variable("numbers.eds", 0x2002)
+    assert (unsigned.default, unsigned.min, unsigned.max, unsigned.pdo_mappable) == (0xFFFF, 0, 0xFFFF, True)
+    assert variable("numbers.eds", 0x2003).default == 1.5
+    assert (variable("numbers.eds", 0x2004).default, variable("numbers.eds", 0x2004).max) == (255, 255)
+    assert (variable("numbers.eds", 0x2005).default, variable("numbers.eds", 0x2005).access_type) == (b"\xaa\xbb", "rw")
+
+
+@pytest.mark.parametrize(
+    ("index", "default"),
+    [
+        (0x2001, 0x185),
+        (0x2002, 0x185),
+        (0x2003, 0x185),
+        (0x2004, 0x185),
+        (0x2005, 5),
+        (0x2006, 0x8000_0185),
+        (0x2007, 0x185),
+    ],
+)
+def test_every_spelling_of_the_node_id_is_relative_to_it(index: int, default: int) -> None:
+    found = variable("node_id.eds", index)
+    assert (found.default, found.relative) == (default, True)
+
+
+def test_an_array_of_boolean_and_other_types_is_a_record() -> None:
+    switches = import_eds(CORPUS / "repaired" / "counts.eds", NODE).dictionary[0x2007]
+    assert isinstance(switches, canopen.objectdictionary.ODRecord)
+    assert [switches[sub].default for sub in (0, 1, 2)] == [2, 1, 5]
+    assert repaired("counts.eds")["2007", "SubNumber"].used == "3"
+
+
+def test_missing_elements_of_an_array_are_like_the_others() -> None:
+    assert variable("counts.eds", 0x2008, 1).data_type == variable("counts.eds", 0x2008, 3).data_type == 3
+
+
+def test_missing_sub_index_0_and_missing_objects_are_added() -> None:
+    assert variable("counts.eds", 0x2009, 0).default == 3
+    assert variable("counts.eds", 0x200A, 1).data_type == 5
+
+
+def test_the_kind_of_an_object_follows_its_sections() -> None:
+    dictionary = import_eds(CORPUS / "repaired" / "counts.eds", NODE).dictionary
+    assert list(dictionary[0x200B]) == [0, 1]
+    assert isinstance(dictionary[0x200C], canopen.objectdictionary.ODVariable)
+
+
+def test_unknown_types_are_bytes_and_an_editors_types_are_looked_up() -> None:
+    assert variable("counts.eds", 0x200D).data_type == 0x0F
+    assert (variable("counts.eds", 0x200E).data_type, variable("counts.eds", 0x200E).default) == (4, 5)
+
+
+def test_lists_name_the_described_objects() -> None:
+    repairs = repaired("counts.eds")
+    assert repairs["MandatoryObjects", "2"].used == ""
+    assert repairs["MandatoryObjects", "SupportedObjects"].used == "1"
+    text = import_eds(CORPUS / "repaired" / "counts.eds", NODE).text
+    assert "[ManufacturerObjects]\nSupportedObjects=8\n1=0x2007\n" in text
+
+
+def test_layout() -> None:
+    imported = import_eds(CORPUS / "repaired" / "layout.eds", NODE)
+    device_type = imported.dictionary[0x1000]
+    assert (device_type.name, device_type.data_type, device_type.access_type) == ("Device type", 7, "ro")
+    assert device_type.default == 0x20192
+    assert imported.dictionary[0x1018][1].default is None, "[DEFAULT] is no default of anything"
+    assert imported.dictionary[0x1018].name == "Identity"
+    assert imported.dictionary.device_information.product_number == 7
+    assert "[Custom Tool]\nColour=blue\n" in imported.text
+
+
+# -- refusals ---------------------------------------------------------------------------------------------------------
+
+
+def test_everything_that_has_to_be_corrected_is_named_with_its_line() -> None:
+    path = CORPUS / "refused" / "ambiguous.eds"
+    with pytest.raises(CanopenError) as error:
+        import_eds(path, NODE)
+    assert isinstance(error.value, EdsError)
+    lines = path.read_text().splitlines()
+    for problem in error.value.problems:
+        assert problem.found in lines[problem.line - 1], problem
+    assert [(problem.section, problem.key) for problem in error.value.problems] == [
+        ("DeviceInfo", "VendorNumber"),
+        ("1000", "DefaultValue"),
+        ("2001", "DataType"),
+        ("2002", "AccessType"),
+        ("2003", "DefaultValue"),
+        ("2004", "LowLimit"),
+        ("2005", "ObjectType"),
+        ("2006", "DataType"),
+        ("2007", "DefaultValue"),
+        ("2008", "DefaultValue"),
+        ("2008sub100", "sub-index"),
+        ("200A", "HighLimit"),
+        ("1400", ""),
+    ]
+    assert "line 7 [1000] DefaultValue '010': octal by CiA 306 (8), decimal to most tools (10)" in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("data", "reason"),
+    [
+        (b"", "no object is described"),
+        (b"PK\x03\x04\0\0\0\0\0\0binary", "binary data"),
+        (b"\xff\xfeA", "cut or damaged"),
+        (b"[1000]\nParameterName=x\nDataType=7\nAccessType=ro\n[1000x\nDataType=7", "ends with ]"),
+        (bytes(17 << 20), "at most"),
+    ],
+)
+def test_what_is_no_data_sheet_is_refused(data: bytes, reason: str) -> None:
+    with pytest.raises(EdsError, match=reason):
+        import_eds(data, NODE)
+
+
+@pytest.mark.parametrize("node_id", [0, 128, -1])
+def test_no_node_has_that_id(node_id: int) -> None:
+    with pytest.raises(CanopenError, match=r"1\.\.127"):
+        import_eds(GOOD, node_id)
+
+
+def test_a_directory_is_no_file() -> None:
+    with pytest.raises(CanopenError, match="directory"):
+        import_eds(CORPUS, NODE)
+
+
+@pytest.mark.parametrize(
+    ("data_type", "text"),
+    [
+        (0x07, "$NODEID+$NODEID"),
+        (0x07, "0x80-$NODEID"),
+        (0x07, "$NODEID+"),
+        (0x07, "$NODEID 5"),
+        (0x05, "$NODEID+0xF0"),
+        (0x04, "0x1FFFFFFFFFFFFFFFF"),
+        (0x05, "1.5"),
+        (0x05, "bad"),
+        (0x07, "9" * 5000),
+        (0x08, "nan"),
+        (0x08, "0x3F800000"),
+        (0x0A, "text"),
+        (0x01, "maybe"),
+    ],
+)
+def test_values_with_no_or_two_meanings_are_refused(data_type: int, text: str) -> None:
+    with pytest.raises(EdsError, match=r"line 7 \[2000\] DefaultValue"):
+        import_eds(simple(f"DefaultValue={text}", data_type), NODE)
+
+
+@pytest.mark.parametrize(
+    ("data_type", "text", "default"),
+    [
+        (0x02, "0xFF", -1),
+        (0x03, "0x8000", -32768),
+        (0x10, "0xFFFFFF", -1),
+        (0x15, "0xFFFFFFFFFFFFFFFE", -2),
+        (0x07, "0XFfFf", 0xFFFF),
+        (0x09, "010", "010"),
+        (0x0F, "0102", b"\x01\x02"),
+    ],
+)
+def test_right_values_are_no_repair(data_type: int, text: str, default: object) -> None:
+    imported = import_eds(simple(f"DefaultValue={text}", data_type), NODE)
+    assert imported.repairs == ()
+    assert imported.dictionary[0x2000].default == default
