@@ -1,0 +1,374 @@
+"""Encoder objects: the handshake of G1_STW and G1_ZSW, the position values, STW2_ENC and ZSW2_ENC. Sans-I/O.
+
+Source: PROFIdrive encoder profile 4.1 (3.162), PROFIdrive profile 4.1 chapter 6.3.6 (sensor interface);
+docs/dsp406-encoder.md, docs/telegrams.md. Left out: reference mark search and measurement on the fly (G1_STW bits 0-7),
+which CiA 406 encoders do not have; they are answered with error 0F01h.
+
+| state | G1_ZSW | entered by | left by |
+| --- | --- | --- | --- |
+| NORMAL | .13 while an absolute value is shown | start, acknowledge, end of parking or of a preset | |
+| PRESETTING | as NORMAL | rising edge of G1_STW.12 | the owner's answer |
+| PRESET_DONE | .12 | the preset is done | G1_STW.12 = 0 |
+| PARKED | .14 | G1_STW.14 = 1, from every state | G1_STW.14 = 0 |
+| ERROR | .15, code in G1_XIST2 | an error | rising edge of G1_STW.15 |
+| ACKNOWLEDGING | .15 and .11 | the acknowledge | G1_STW.15 = 0 |
+"""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass
+from fractions import Fraction
+from types import MappingProxyType
+
+from profidrive.datatypes import DataType, Normalisation, n2, n4
+from profidrive.errors import ProfidriveError
+from profidrive.sign_of_life import SignOfLife
+from profidrive.signals import signal
+
+_G1_STW = signal("G1_STW")
+_G1_ZSW = signal("G1_ZSW")
+_RELATIVE = _G1_STW.bit("PRESET_RELATIVE").mask
+_PRESET = _G1_STW.bit("PRESET").mask
+_ABSOLUTE = _G1_STW.bit("REQUEST_ABSOLUTE").mask
+_PARK = _G1_STW.bit("PARK").mask
+_ACKNOWLEDGE = _G1_STW.bit("ERROR_ACKNOWLEDGE").mask
+_COMMAND = _G1_STW.bit("COMMAND").mask
+_ABSOLUTE_VALID = _G1_ZSW.bit("ABSOLUTE_VALID").mask
+_EVERYTHING = 0xFFFF
+
+_STW2_ENC = signal("STW2_ENC")
+_ZSW2_ENC = signal("ZSW2_ENC")
+_CONTROL_BY_PLC = _STW2_ENC.bit("CONTROL_BY_PLC").mask
+_FAULT_ACKNOWLEDGE = _STW2_ENC.bit("FAULT_ACKNOWLEDGE").mask
+_CONTROLLER_LIFE = _STW2_ENC.bit("SIGN_OF_LIFE")
+_FAULT = _ZSW2_ENC.bit("FAULT").mask
+_WARNING = _ZSW2_ENC.bit("WARNING").mask
+_CONTROL_REQUESTED = _ZSW2_ENC.bit("CONTROL_REQUESTED").mask
+_DEVICE_LIFE = _ZSW2_ENC.bit("SIGN_OF_LIFE")
+
+PRESET_SETTLE_NS = 200_000_000
+"""How long after its answer a preset may still appear as a jump of the position; it is confirmed when it did."""
+
+
+class SensorError(enum.IntEnum):
+    """Error codes in G1_XIST2."""
+
+    SENSOR_GROUP = 0x0001
+    """The position is wrong or missing."""
+    MEMORY = 0x1001
+    """Offset or preset could not be stored or read."""
+    COMMAND_NOT_SUPPORTED = 0x0F01
+    """A command in G1_STW that the sensor does not have, or a preset value outside its range."""
+    CONTROLLER_SIGN_OF_LIFE = 0x0F02
+    """More failures of the controller's sign of life than P925 tolerates."""
+    SYNCHRONISATION = 0x0F04
+    """The device is not synchronous with the controller's cycle."""
+
+
+class SensorState(enum.Enum):
+    """States of the sensor interface."""
+
+    NORMAL = "normal"
+    PRESETTING = "presetting"
+    PRESET_DONE = "preset done"
+    PARKED = "parked"
+    ERROR = "error"
+    ACKNOWLEDGING = "acknowledging"
+
+
+class SensorEvent(enum.Enum):
+    """What one cycle can bring; several are taken in this order."""
+
+    DONE = "preset done"
+    FAILED = "preset failed"
+    PARK = "G1_STW.14 = 1"
+    UNPARK = "G1_STW.14 = 0"
+    ACKNOWLEDGE = "rising edge of G1_STW.15"
+    ACKNOWLEDGE_END = "G1_STW.15 = 0"
+    FAULT = "an error is present"
+    PRESET = "rising edge of G1_STW.12"
+    PRESET_END = "G1_STW.12 = 0"
+
+
+_S, _E = SensorState, SensorEvent
+TRANSITIONS: MappingProxyType[tuple[SensorState, SensorEvent], SensorState] = MappingProxyType(
+    {
+        (_S.NORMAL, _E.PARK): _S.PARKED,
+        (_S.NORMAL, _E.FAULT): _S.ERROR,
+        (_S.NORMAL, _E.PRESET): _S.PRESETTING,
+        (_S.PRESETTING, _E.DONE): _S.PRESET_DONE,
+        (_S.PRESETTING, _E.FAILED): _S.ERROR,
+        (_S.PRESETTING, _E.PARK): _S.PARKED,
+        (_S.PRESETTING, _E.FAULT): _S.ERROR,
+        (_S.PRESET_DONE, _E.PARK): _S.PARKED,
+        (_S.PRESET_DONE, _E.FAULT): _S.ERROR,
+        (_S.PRESET_DONE, _E.PRESET_END): _S.NORMAL,
+        (_S.PARKED, _E.UNPARK): _S.NORMAL,
+        (_S.ERROR, _E.PARK): _S.PARKED,
+        (_S.ERROR, _E.ACKNOWLEDGE): _S.ACKNOWLEDGING,
+        (_S.ACKNOWLEDGING, _E.PARK): _S.PARKED,
+        (_S.ACKNOWLEDGING, _E.ACKNOWLEDGE_END): _S.NORMAL,
+    }
+)
+"""Every transition; an event a state does not name changes nothing."""
+
+STATUS_BITS: MappingProxyType[SensorState, int] = MappingProxyType(
+    {
+        state: sum(_G1_ZSW.bit(name).mask for name in names)
+        for state, names in {
+            _S.NORMAL: (),
+            _S.PRESETTING: (),
+            _S.PRESET_DONE: ("PRESET_DONE",),
+            _S.PARKED: ("PARKED",),
+            _S.ERROR: ("ERROR",),
+            _S.ACKNOWLEDGING: ("ERROR", "ERROR_ACKNOWLEDGED"),
+        }.items()
+    }
+)
+"""G1_ZSW of each state, without the absolute value's bit."""
+_MEASURING = frozenset((_S.NORMAL, _S.PRESETTING, _S.PRESET_DONE))
+_IN_ERROR = frozenset((_S.ERROR, _S.ACKNOWLEDGING))
+
+
+@dataclass(frozen=True, slots=True)
+class PresetRequest:
+    """The position has to become ``value`` (``relative``: be shifted by it), in measuring units."""
+
+    value: int
+    relative: bool
+
+
+class SensorInterface:
+    """One sensor: ``step`` once per cycle.
+
+    ``preset_value`` is P65000: absolute 0..total range - 1, relative any Integer32. While ``preset_request`` is not None
+    the owner has to carry it out and call ``preset_done`` or ``preset_failed``; a request that is gone (parked, an error)
+    needs no answer. ``error`` is the code shown last.
+
+    G1_XIST1 counts from the first position on, across wraps of the total range and untouched by presets. G1_XIST3 is the
+    same count in 64 bit, but a preset and the end of parking set it to the position.
+    """
+
+    __slots__ = (
+        "_answer",
+        "_count",
+        "_jump",
+        "_jump_until",
+        "_last",
+        "_position",
+        "_previous",
+        "_range",
+        "_shift",
+        "error",
+        "preset_request",
+        "preset_supported",
+        "preset_value",
+        "state",
+    )
+
+    def __init__(self, total_range: int, *, preset_supported: bool = True) -> None:
+        """``total_range``: number of different position values (1..2^64), where the position wraps."""
+        self.set_total_range(total_range)
+        self.preset_supported = preset_supported
+        self.preset_value = 0
+        self.preset_request: PresetRequest | None = None
+        self.state = SensorState.NORMAL
+        self.error: SensorError | None = None
+        self._answer: tuple[SensorEvent, SensorError | None] | None = None
+        self._previous = _EVERYTHING
+        self._position: int | None = None
+        self._last: int | None = None
+        self._count = 0
+        self._shift = 0
+        self._jump: PresetRequest | None = None
+        self._jump_until: int | None = None
+
+    def set_total_range(self, total_range: int) -> None:
+        """The scaling of the sensor changed; the next position counts on from the present G1_XIST1."""
+        if not 1 <= total_range <= 1 << 64:
+            raise ProfidriveError("total measuring range", total_range, "1..2^64")
+        self._range = total_range
+        self._last = None
+
+    @property
+    def count(self) -> int:
+        """G1_XIST1 before it is cut to 32 bit."""
+        return self._count
+
+    @property
+    def xist3(self) -> int:
+        """G1_XIST3."""
+        return (self._count + self._shift) & 0xFFFF_FFFF_FFFF_FFFF
+
+    def preset_done(self) -> None:
+        """The sensor took the preset."""
+        self._answered(SensorEvent.DONE, None)
+
+    def preset_failed(self, error: SensorError = SensorError.MEMORY) -> None:
+        """The sensor did not take the preset; ``error`` tells the PLC why."""
+        self._answered(SensorEvent.FAILED, error)
+
+    def _answered(self, event: SensorEvent, error: SensorError | None) -> None:
+        if self.preset_request is not None:
+            self.preset_request = None
+            self._answer = (event, error)
+
+    def step(
+        self, g1_stw: int | None, position: int, now: int, *, valid: bool = True, error: SensorError | None = None
+    ) -> tuple[int, int, int]:
+        """One cycle; returns G1_ZSW, G1_XIST1 and G1_XIST2.
+
+        ``g1_stw``: None without a PLC, then nothing is requested and a request that stands when it comes back is no edge.
+        ``position``: in measuring units; not looked at when not ``valid``. ``now``: monotonic nanoseconds. ``error``: one
+        that is present. A position that was valid once and is no longer is a sensor group error.
+        """
+        word = 0 if g1_stw is None else g1_stw & _EVERYTHING
+        edges = word & ~self._previous
+        self._previous = _EVERYTHING if g1_stw is None else word
+        if error is None and not valid and self._position is not None:
+            error = SensorError.SENSOR_GROUP
+        elif error is None and word & _COMMAND:
+            error = SensorError.COMMAND_NOT_SUPPORTED
+        self._take_events(word, edges, error, now)
+        if valid:
+            self._follow(position, now)
+        state = self.state
+        status = STATUS_BITS[state]
+        if state in _IN_ERROR:
+            return status, self._count & 0xFFFF_FFFF, int(self.error or 0)
+        if state in _MEASURING and word & _ABSOLUTE and valid:
+            return status | _ABSOLUTE_VALID, self._count & 0xFFFF_FFFF, position & 0xFFFF_FFFF
+        return status, self._count & 0xFFFF_FFFF, 0
+
+    # -- the state machine --------------------------------------------------------------------------------------------
+
+    def _take_events(self, word: int, edges: int, error: SensorError | None, now: int) -> None:
+        if self._answer is not None:
+            event, failure = self._answer
+            if self._jump_until is None:
+                self._jump_until = now + PRESET_SETTLE_NS
+            # G1_ZSW.12 must not be shown beside the old position.
+            if event is SensorEvent.FAILED or self._jump is None or now >= self._jump_until:
+                self._take(event, failure)
+        self._take(SensorEvent.PARK if word & _PARK else SensorEvent.UNPARK)
+        if edges & _ACKNOWLEDGE:
+            self._take(SensorEvent.ACKNOWLEDGE)
+        elif not word & _ACKNOWLEDGE:
+            self._take(SensorEvent.ACKNOWLEDGE_END)
+        if error is not None:
+            self._take(SensorEvent.FAULT, error)
+        if edges & _PRESET:
+            request = PresetRequest(self.preset_value, bool(word & _RELATIVE))
+            if not self.preset_supported or not (request.relative or 0 <= request.value < self._range):
+                self._take(SensorEvent.FAULT, SensorError.COMMAND_NOT_SUPPORTED)
+            elif self._take(SensorEvent.PRESET):
+                self.preset_request = request
+                self._jump = request if self._expected(request, self._position or 0) else None
+                self._jump_until = None
+        elif not word & _PRESET:
+            self._take(SensorEvent.PRESET_END)
+
+    def _take(self, event: SensorEvent, error: SensorError | None = None) -> bool:
+        """Make the transition of an event, if there is one."""
+        state = TRANSITIONS.get((self.state, event))
+        if state is None:
+            return False
+        if state is SensorState.ERROR:
+            self.error = error
+        if self.state is SensorState.PARKED:
+            self._last = None
+        self.state = state
+        if state is not SensorState.PRESETTING:
+            self.preset_request = self._answer = None
+        return True
+
+    # -- the position -------------------------------------------------------------------------------------------------
+
+    def _follow(self, position: int, now: int) -> None:
+        if self.state is SensorState.PARKED:
+            return
+        if self._jump_until is not None and now > self._jump_until:
+            self._jump = None
+        last = self._last
+        self._last = position
+        if last is None:
+            if self._position is None:
+                self._count = position
+            self._shift = position - self._count
+        else:
+            moved = self._wrapped(position - last)
+            jump = self._jump
+            if jump is not None:
+                # The sensor takes the preset between two positions: what is left of the step is motion.
+                rest = self._wrapped(moved - jump.value if jump.relative else position - jump.value)
+                if 2 * abs(rest) < abs(self._expected(jump, last)):
+                    self._jump = None
+                    self._shift = position - self._count - rest
+                    moved = rest
+            self._count += moved
+        self._position = position
+
+    def _expected(self, request: PresetRequest, last: int) -> int:
+        """How far the position jumps when it takes the preset."""
+        return self._wrapped(request.value if request.relative else request.value - last)
+
+    def _wrapped(self, difference: int) -> int:
+        """The shortest way round the total range."""
+        half = self._range // 2
+        return (difference + half) % self._range - half
+
+
+class EncoderControl:
+    """STW2_ENC to ZSW2_ENC: control by PLC, latched fault with its acknowledge, warning, sign of life."""
+
+    __slots__ = ("_acknowledge_armed", "acknowledged", "fault", "has_control", "sign_of_life")
+
+    def __init__(self, sign_of_life: SignOfLife) -> None:
+        self.sign_of_life = sign_of_life
+        self.fault = False
+        """ZSW2_ENC.3: stays until the cause is gone and the PLC acknowledged."""
+        self.has_control = False
+        """STW2_ENC.10: the PLC's other words are to be obeyed."""
+        self.acknowledged = False
+        """A rising edge of STW2_ENC.7 came in this cycle."""
+        self._acknowledge_armed = False
+
+    def step(self, word: int | None, *, fault: bool, warning: bool) -> int:
+        """One cycle: STW2_ENC (None without a PLC), a present fault or warning; returns ZSW2_ENC.
+
+        An acknowledge that stands when the PLC comes, or takes control, is no edge.
+        """
+        if word is None:
+            self.sign_of_life.reset()
+            life = 0
+        else:
+            life = self.sign_of_life.step(_CONTROLLER_LIFE.of(word))
+        self.has_control = word is not None and bool(word & _CONTROL_BY_PLC)
+        asked = self.has_control and word is not None and bool(word & _FAULT_ACKNOWLEDGE)
+        self.acknowledged = asked and self._acknowledge_armed
+        self._acknowledge_armed = self.has_control and not asked
+        if fault:
+            self.fault = True
+        elif self.acknowledged:
+            self.fault = False
+        status = _CONTROL_REQUESTED | life << _DEVICE_LIFE.position
+        return status | (_FAULT if self.fault else 0) | (_WARNING if warning else 0)
+
+
+def speed_normalisation(data_type: DataType, reference: Fraction | int) -> Normalisation:
+    """NIST_A (N2) or NIST_B (N4) from a speed in measuring units per second; ``reference`` is 100 % in the same unit.
+
+    ProfidriveError for another type or a reference that is not above 0.
+    """
+    limits = DataType.INTEGER32.integer_range
+    if data_type is DataType.N2:
+        return n2(reference, limits)
+    if data_type is DataType.N4:
+        return n4(reference, limits)
+    raise ProfidriveError("speed data type", data_type.name, "N2 or N4")
+
+
+def rotary_speed_reference(rpm: Fraction | int, units_per_revolution: int) -> Fraction:
+    """100 % of NIST in measuring units per second: P60000 in 1/min, and the encoder's units per revolution."""
+    return Fraction(rpm) * units_per_revolution / 60

@@ -1,0 +1,67 @@
+"""Sign of life between controller and device: STW2/ZSW2 and STW2_ENC/ZSW2_ENC bits 12-15, in both directions.
+
+Source: PROFIdrive profile 4.1 (controller and device sign of life, P925), the encoder profile. Left out: the relation of
+the controller's application cycle to the bus cycle; one ``step`` is one application cycle.
+"""
+
+from __future__ import annotations
+
+from profidrive.errors import ProfidriveError
+
+HIGHEST = 15
+"""The counter runs 1..15; 0 means that the sender has none, or lost it."""
+MONITORING_OFF = 65535
+"""P925: failures are not counted."""
+
+
+def following(counter: int) -> int:
+    """The counter after ``counter``: 1..15, 15 -> 1."""
+    return counter % HIGHEST + 1
+
+
+class SignOfLife:
+    """Watches the controller's counter and makes the device's own.
+
+    Monitoring and the own counter start with the controller's first counter other than 0, so that a controller without a
+    sign of life is neither watched nor answered. A counter is right when it follows the last one received, or is the one
+    due after so many cycles. ``failed`` is True while more failures than tolerated came in succession.
+    """
+
+    __slots__ = ("_due", "_last", "_own", "failures", "tolerated")
+
+    def __init__(self, tolerated: int) -> None:
+        """``tolerated`` is P925: failures in succession that are accepted, 0..65534, or 65535 for no monitoring."""
+        if not 0 <= tolerated <= MONITORING_OFF:
+            raise ProfidriveError("P925", tolerated, f"0..{MONITORING_OFF}")
+        self.tolerated = tolerated
+        self.reset()
+
+    def reset(self) -> None:
+        """The connection is new: the next counter received is the first."""
+        self.failures = 0
+        self._last = 0
+        self._due = 0
+        self._own = 0
+
+    @property
+    def failed(self) -> bool:
+        """The controller's sign of life is lost (sensor error 0F02h)."""
+        return self.tolerated != MONITORING_OFF and self.failures > self.tolerated
+
+    def step(self, received: int) -> int:
+        """Take the controller's counter (0..15) of this cycle; returns the device's own, 0 while there is none."""
+        if not 0 <= received <= HIGHEST:
+            raise ProfidriveError("sign of life", received, f"0..{HIGHEST}")
+        if not self._due:
+            if not received:
+                return 0
+            self._due = received
+        elif received not in (0, self._last) and received in (following(self._last), self._due):
+            self.failures = 0
+            self._due = received
+        else:
+            self.failures += 1
+        self._last = received
+        self._due = following(self._due)
+        self._own = 0 if self.failed else following(self._own)
+        return self._own
