@@ -156,6 +156,7 @@ class SensorInterface:
         "_jump",
         "_jump_until",
         "_last",
+        "_moved",
         "_position",
         "_previous",
         "_range",
@@ -180,6 +181,7 @@ class SensorInterface:
         self._position: int | None = None
         self._last: int | None = None
         self._count = 0
+        self._moved = 0
         self._shift = 0
         self._jump: PresetRequest | None = None
         self._jump_until: int | None = None
@@ -249,7 +251,7 @@ class SensorInterface:
             if self._jump_until is None:
                 self._jump_until = now + PRESET_SETTLE_NS
             # G1_ZSW.12 must not be shown beside the old position.
-            if event is SensorEvent.FAILED or self._jump is None or now >= self._jump_until:
+            if event is SensorEvent.FAILED or self._has_preset() or now >= self._jump_until:
                 self._take(event, failure)
         self._take(SensorEvent.PARK if word & _PARK else SensorEvent.UNPARK)
         if edges & _ACKNOWLEDGE:
@@ -263,8 +265,7 @@ class SensorInterface:
             if not self.preset_supported or not (request.relative or 0 <= request.value < self._range):
                 self._take(SensorEvent.FAULT, SensorError.COMMAND_NOT_SUPPORTED)
             elif self._take(SensorEvent.PRESET):
-                self.preset_request = request
-                self._jump = request if self._expected(request, self._position or 0) else None
+                self.preset_request = self._jump = request
                 self._jump_until = None
         elif not word & _PRESET:
             self._take(SensorEvent.PRESET_END)
@@ -300,14 +301,18 @@ class SensorInterface:
             moved = self._wrapped(position - last)
             jump = self._jump
             if jump is not None:
-                # The sensor takes the preset between two positions: what is left of the step is motion.
+                # Of the two readings - motion, or the jump and what is left of the step - the one nearer to the last motion.
                 rest = self._wrapped(moved - jump.value if jump.relative else position - jump.value)
-                if 2 * abs(rest) < abs(self._expected(jump, last)):
+                if abs(rest - self._moved) < abs(moved - self._moved):
                     self._jump = None
                     self._shift = position - self._count - rest
                     moved = rest
             self._count += moved
+            self._moved = moved
         self._position = position
+
+    def _has_preset(self) -> bool:
+        return self._jump is None or (self._last is not None and not self._expected(self._jump, self._last))
 
     def _expected(self, request: PresetRequest, last: int) -> int:
         """How far the position jumps when it takes the preset."""

@@ -228,6 +228,7 @@ def test_a_preset_sets_the_position_and_leaves_xist1(
 
     _, first_xist1, _ = cycle(ABSOLUTE)
     first = turned
+    cycle(ABSOLUTE)  # from here on the motion is known
     word = ABSOLUTE | PRESET | (RELATIVE if relative else 0)
     cycle(word)
     assert sensor.preset_request is not None
