@@ -1,11 +1,14 @@
-"""Documents as text: one line, or the full tree."""
+"""Documents and records as text: one line, or the full tree."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
+from decoder.records import CanRecord, CyclicRecord, PdoRecord, Record, Unit
+from profidrive.frame import IOPS_GOOD
 from profidrive.signals import SIGNALS
+from profidrive.telegrams import Direction
 
 Document = dict[str, Any]
 
@@ -19,7 +22,8 @@ def _signal_text(name: str, item: Document) -> str:
     return f"{name} {item['raw']}" + (f" {item['unit']}" if item["unit"] else "")
 
 
-def _parameter_text(item: Document) -> str:
+def parameter_text(item: Document) -> str:
+    """One parameter of a request or response document."""
     parts = []
     if "pnu" in item:
         pnu = item["pnu"]
@@ -45,7 +49,7 @@ def one_line(document: Document) -> str:
     if "service" in document:
         parts.append(f"{document['service']} ref {document['reference']} DO {document['do_id']}")
     parts += [_signal_text(name, item) for name, item in document["signals"].items()]
-    parts += [_parameter_text(item) for item in document.get("parameters", ())]
+    parts += [parameter_text(item) for item in document.get("parameters", ())]
     return " | ".join(parts)
 
 
@@ -60,4 +64,82 @@ def tree(document: Document) -> Iterator[str]:
         for bit, value in item["bits"].items():
             yield f"    {bit} = {value}"
     for item in document.get("parameters", ()):
-        yield f"  {_parameter_text(item)}"
+        yield f"  {parameter_text(item)}"
+
+
+# -- records ----------------------------------------------------------------------------------------------------------
+
+
+def unit_head(unit: Unit) -> str:
+    """Whose process data it is."""
+    if unit.layout.direction is None:
+        return ""
+    head = f"axis {unit.axis} T{unit.layout.telegram}"
+    if unit.iops != IOPS_GOOD:
+        head += f" IOPS {unit.iops:02X}h"
+    if unit.iocs != IOPS_GOOD:
+        head += f" IOCS {unit.iocs:02X}h"
+    return head
+
+
+def source_text(record: Record) -> str:
+    """Who spoke: the direction of a frame, the COB-ID and node of a CAN frame."""
+    if isinstance(record, CyclicRecord):
+        if record.direction is None:
+            return "frame"
+        return "PLC ->" if record.direction is Direction.SETPOINT else "PLC <-"
+    if isinstance(record, CanRecord):
+        return f"{record.cob_id:03X}" + (f" n{record.node}" if record.node else "")
+    return record.kind
+
+
+def line_parts(record: Record, units: Sequence[Unit] | None = None) -> tuple[str, str, str]:
+    """Source, kind's text and values of the one line; ``units`` replaces the record's own."""
+    values = []
+    for unit in record.units if units is None else units:
+        shown = [unit_head(unit), *(item.text(raw) for item, raw in unit.items())]
+        values.append(" ".join(part for part in shown if part))
+    text = record.summary
+    if isinstance(record, CanRecord):
+        text = f"{record.kind.upper()} {text}" if not isinstance(record, PdoRecord) else text
+        if type(record) is CanRecord:
+            text = f"{record.text + ' ' if record.text else ''}[{record.data.hex(' ')}]"
+    return source_text(record), text, " | ".join(values)
+
+
+def record_line(record: Record, zero_ns: int, units: Sequence[Unit] | None = None) -> str:
+    """Number, seconds since ``zero_ns``, bus, source, what was said."""
+    source, text, values = line_parts(record, units)
+    said = " | ".join(part for part in (text, values) if part)
+    seconds = (record.time_ns - zero_ns) / 1e9
+    return f"{record.number:6d} {seconds:12.6f} {record.bus.value} {source:<7} {said}"
+
+
+def record_tree(record: Record, units: Sequence[Unit] | None = None) -> Iterator[str]:
+    """What comes below the line of a record with ``-v``: every field, every bit."""
+    details = record.details()
+    for key, value in details.items():
+        if key != "text":
+            yield from _branch(key, value, 1)
+    for unit in record.units if units is None else units:
+        head = unit_head(unit)
+        if head:
+            yield f"         {head}"
+        for item, raw in unit.items():
+            yield f"           {item.text(raw)}  ({item.description})"
+            if isinstance(raw, int):
+                for bit in item.bits:
+                    yield f"             {bit.name} = {bit.of(raw)}  ({bit.meaning})"
+
+
+def _branch(key: str, value: Any, depth: int) -> Iterator[str]:
+    indent = "  " * depth + "       "
+    if isinstance(value, dict):
+        yield f"{indent}{key}"
+        for name, item in value.items():
+            yield from _branch(name, item, depth + 1)
+    elif isinstance(value, list):
+        for position, item in enumerate(value):
+            yield from _branch(f"{key}[{position}]", item, depth)
+    else:
+        yield f"{indent}{key}: {value}"

@@ -31,8 +31,8 @@ from ds301.eds_text import EdsError
 from ds301.emcy import emcy_text
 from ds301.errors import CanopenError
 from ds301.network import CanNetwork
+from ds301.nmt import NmtCommand
 from ds301.pdo import Pdo, PdoLayout
-from ds301.simulator import NmtCommand
 
 log = logging.getLogger("gateway")
 

@@ -48,3 +48,21 @@ _CLASSES = {0x1: "generic error", 0x2: "current", 0x3: "voltage", 0x4: "temperat
 def emcy_text(code: int) -> str:
     """The text of a code, or of its class."""
     return EMCY_TEXTS.get(code) or _CLASSES.get(code >> 12, "unknown error code")
+
+
+ERROR_REGISTER_BITS = (
+    "generic",
+    "current",
+    "voltage",
+    "temperature",
+    "communication",
+    "device profile",
+    "reserved",
+    "manufacturer specific",
+)
+"""Meaning of the bits of the error register 1001h, bit 0 first (CiA DS 301 table 54)."""
+
+
+def error_register_text(register: int) -> str:
+    """The set bits in words, ``none`` for 0."""
+    return ", ".join(name for bit, name in enumerate(ERROR_REGISTER_BITS) if register >> bit & 1) or "none"

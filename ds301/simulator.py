@@ -7,7 +7,6 @@ are the values of mappable objects, and overrides the ``on_...`` hooks. Left out
 
 from __future__ import annotations
 
-import enum
 import struct
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, ClassVar
@@ -19,6 +18,7 @@ from ds301 import communication as com
 from ds301.aborts import Abort
 from ds301.errors import CanopenError
 from ds301.misbehaviour import NODE_MISBEHAVIOURS, Catalogue, Misbehaviour, make
+from ds301.nmt import NmtCommand, NmtState
 from ds301.objects import Access, CanType, Entry, ObjectSpec
 from ds301.pdo import COB_ID_INVALID, Pdo, PdoDirection
 
@@ -32,25 +32,6 @@ _COMMUNICATION_AREA_END = 0x1FFF
 
 SendFunction = Callable[[int, bytes], None]
 Value = int | float | bytes | str | bool
-
-
-class NmtState(enum.IntEnum):
-    """NMT states as the heartbeat shows them."""
-
-    BOOT_UP = 0
-    STOPPED = 4
-    OPERATIONAL = 5
-    PRE_OPERATIONAL = 127
-
-
-class NmtCommand(enum.IntEnum):
-    """NMT command specifiers."""
-
-    START = 1
-    STOP = 2
-    ENTER_PRE_OPERATIONAL = 128
-    RESET_NODE = 129
-    RESET_COMMUNICATION = 130
 
 
 def encode(entry: Entry, value: Value) -> bytes:

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from concurrent.futures import Future
 
 from ds301.network import CanNetwork
-from ds301.simulator import NmtCommand
+from ds301.nmt import NmtCommand
 from dsp402.drive import DriveClient, DriveEvent, DriveStatus
 from dsp402.faults import DRIVE_FAULTS
 from dsp402.objects import DRIVE_OBJECTS

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import can
 
+from ds301.nmt import NmtState
 from ds301.objects import Entry
 from ds301.pdo import Pdo
 from ds301.running import RunningNode
-from ds301.simulator import NmtState, SendFunction, SimulatedNode, Value
+from ds301.simulator import SendFunction, SimulatedNode, Value
 from dsp402.device import drive_objects
 from dsp402.misbehaviour import DRIVE_MISBEHAVIOURS
 from dsp402.simulator.model import DriveModel, Machine

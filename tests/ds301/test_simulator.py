@@ -12,8 +12,9 @@ from canopen.sdo import SdoClient
 from ds301.aborts import Abort
 from ds301.communication import communication_objects, pdo_objects
 from ds301.eds import DeviceInfo, write_eds
+from ds301.nmt import NmtState
 from ds301.objects import Access, CanType, ObjectSpec, var
-from ds301.simulator import NmtState, SimulatedNode
+from ds301.simulator import SimulatedNode
 
 NODE = 9
 MS = 1_000_000

@@ -8,7 +8,8 @@ import pytest
 
 from ds301.errors import CanopenError
 from ds301.misbehaviour import NODE_MISBEHAVIOURS
-from ds301.simulator import NmtCommand, NmtState, SimulatedNode
+from ds301.nmt import NmtCommand, NmtState
+from ds301.simulator import SimulatedNode
 from dsp402.misbehaviour import DRIVE_MISBEHAVIOURS
 from dsp402.modes import Mode
 from dsp402.simulator import DriveModel, SimulatedDriveNode

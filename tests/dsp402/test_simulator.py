@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from ds301.aborts import Abort
 from ds301.eds import write_eds
 from ds301.errors import CanopenError
-from ds301.simulator import NmtState
+from ds301.nmt import NmtState
 from dsp402.device import EDS_PATH, INFO, drive_objects
 from dsp402.faults import DRIVE_FAULTS
 from dsp402.images import DriveCommand, DriveFeedback

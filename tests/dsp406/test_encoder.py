@@ -11,8 +11,9 @@ from canopen.sdo import SdoAbortedError
 from ds301.aborts import Abort
 from ds301.eds import write_eds
 from ds301.network import CanNetwork
+from ds301.nmt import NmtCommand, NmtState
 from ds301.objects import Entry
-from ds301.simulator import NmtCommand, NmtState, Value
+from ds301.simulator import Value
 from dsp402.device import EDS_PATH as DRIVE_EDS
 from dsp402.simulator import SimulatedDrive
 from dsp406.device import device_info, eds_path, encoder_objects

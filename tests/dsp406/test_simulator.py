@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from ds301.aborts import Abort
 from ds301.communication import LOAD_SIGNATURE, SAVE_SIGNATURE
-from ds301.simulator import NmtCommand
+from ds301.nmt import NmtCommand
 from dsp406.errors import Dsp406Error
 from dsp406.faults import ENCODER_FAULTS
 from dsp406.kinds import LINEAR, ROTARY, EncoderDevice, multi_sensor

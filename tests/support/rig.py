@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from ds301.simulator import NmtCommand
+from ds301.nmt import NmtCommand
 from dsp402.configuration import pdo_steps
 from dsp402.drive import DriveSettings
 from dsp402.images import DriveFeedback, References

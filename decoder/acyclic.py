@@ -1,0 +1,250 @@
+"""Acyclic PROFINET: DCE/RPC packets, record access, parameter requests and responses paired with each other.
+
+Source: docs/transport.md section 3, docs/parameter-channel.md; the codecs are ``profidrive.rpc`` and
+``profidrive.parameters.codec``. Left out: the blocks of Connect, Control and Release, which are named only.
+"""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Callable, Hashable
+from typing import Final, Generic, TypeVar
+from uuid import UUID
+
+from decoder.fields import Document
+from decoder.recognise import request_document, response_document
+from decoder.records import AcyclicRecord, OtherRecord, ParameterRequestRecord, ParameterResponseRecord, Record
+from decoder.render import parameter_text
+from profidrive.errors import ProfidriveError
+from profidrive.parameters.codec import Request, RequestId, Response, Values, decode_request, decode_response
+from profidrive.rpc.dcerpc import (
+    DEVICE_INTERFACE,
+    Flags,
+    PacketType,
+    Reassembly,
+    RejectStatus,
+    RpcHeader,
+    decode_packet,
+    decode_status,
+)
+from profidrive.rpc.records import (
+    RECORD_GLOBAL,
+    RECORD_LOCAL,
+    BlockType,
+    Operation,
+    PnioStatus,
+    RecordBlock,
+    decode_arguments,
+    decode_block,
+)
+
+TELEGRAM_SELECTION: Final = 922
+"""PNU of the telegram selection."""
+_REMEMBERED = 256
+"""Calls and requests whose answers are waited for; the oldest is forgotten first."""
+_MAX_BODY = 1 << 16
+_PARAMETER_RECORDS = {RECORD_LOCAL: "parameters, local", RECORD_GLOBAL: "parameters, global"}
+_I_AND_M = range(0xAFF0, 0xB000)
+
+K = TypeVar("K", bound=Hashable)
+V = TypeVar("V")
+
+
+class _Recent(Generic[K, V]):
+    """A dictionary of the newest entries."""
+
+    def __init__(self) -> None:
+        self._entries: OrderedDict[K, V] = OrderedDict()
+
+    def put(self, key: K, value: V) -> None:
+        self._entries[key] = value
+        self._entries.move_to_end(key)
+        if len(self._entries) > _REMEMBERED:
+            self._entries.popitem(last=False)
+
+    def get(self, key: K) -> V | None:
+        return self._entries.get(key)
+
+    def pop(self, key: K) -> V | None:
+        return self._entries.pop(key, None)
+
+
+class AcyclicDecoder:
+    """All RPC packets of a capture. ``observe`` is told the telegram (DO-ID, number) of every P922 read or written."""
+
+    def __init__(self, observe: Callable[[int, int], None]) -> None:
+        self._observe = observe
+        self._calls: _Recent[tuple[UUID, int], int] = _Recent()
+        self._bodies: _Recent[tuple[UUID, int, bool], Reassembly] = _Recent()
+        self._requests: _Recent[tuple[Hashable, int, int], tuple[int, Request]] = _Recent()
+
+    def decode(self, number: int, time_ns: int, channel: str, data: bytes, peers: frozenset[bytes]) -> Record:
+        """The record of one UDP payload; ``peers`` are the two addresses."""
+        try:
+            header, body = decode_packet(data)
+        except ProfidriveError as error:
+            return OtherRecord(number, time_ns, channel, data, text=f"no RPC packet: {error}")
+        base = (number, time_ns, channel, data)
+        fields: Document = {
+            "packet": header.packet_type.name.lower(),
+            "operation": _operation_name(header.operation),
+            "activity": str(header.activity),
+            "sequence": header.sequence,
+        }
+        latency = self._latency(header, time_ns)
+        head = f"{fields['operation']} {fields['packet']}"
+        if header.packet_type in {PacketType.REJECT, PacketType.FAULT}:
+            fields["reject_status"], text = _reject(header, body)
+            return AcyclicRecord(*base, f"{head}: {text}", fields, latency)
+        if header.packet_type not in {PacketType.REQUEST, PacketType.RESPONSE}:
+            return AcyclicRecord(*base, head, fields, latency)
+        if header.interface != DEVICE_INTERFACE:
+            return AcyclicRecord(*base, f"{head} of interface {header.interface}", fields, latency)
+        try:
+            whole = self._whole(header, body)
+            if whole is None:
+                return AcyclicRecord(*base, f"{head}, fragment {header.fragment}", fields, latency)
+            return self._call(base, header, whole, fields, latency, peers)
+        except ProfidriveError as error:
+            fields["error"] = str(error)
+            return AcyclicRecord(*base, f"{head}: {error}", fields, latency)
+
+    def _latency(self, header: RpcHeader, time_ns: int) -> int | None:
+        key = (header.activity, header.sequence)
+        if header.packet_type is PacketType.REQUEST:
+            self._calls.put(key, time_ns)
+            return None
+        asked = self._calls.get(key)
+        return None if asked is None else max(0, time_ns - asked)
+
+    def _whole(self, header: RpcHeader, body: bytes) -> bytes | None:
+        if Flags.FRAGMENT not in header.flags:
+            return body
+        key = (header.activity, header.sequence, header.packet_type is PacketType.REQUEST)
+        reassembly = self._bodies.get(key) or Reassembly(_MAX_BODY)
+        self._bodies.put(key, reassembly)
+        whole = reassembly.add(header, body)
+        if whole is not None:
+            self._bodies.pop(key)
+        return whole
+
+    def _call(
+        self,
+        base: tuple[int, int, str, bytes],
+        header: RpcHeader,
+        body: bytes,
+        fields: Document,
+        latency: int | None,
+        peers: frozenset[bytes],
+    ) -> Record:
+        is_request = header.packet_type is PacketType.REQUEST
+        head = f"{fields['operation']} {fields['packet']}"
+        first, arguments = decode_arguments(body, little=header.little_endian)
+        status = PnioStatus() if is_request else PnioStatus.of(first)
+        if not is_request:
+            fields["status"] = {"raw": status.value, "text": status.text}
+        outcome = "" if is_request or not status.value else f": {status.text}"
+        if header.operation not in {Operation.READ, Operation.WRITE, Operation.READ_IMPLICIT} or not arguments:
+            return AcyclicRecord(*base, f"{head}, {len(arguments)} bytes{outcome}", fields, latency)
+        block, record = decode_block(arguments)
+        fields["record"] = {
+            "index": block.index,
+            "api": block.api,
+            "slot": block.slot,
+            "subslot": block.subslot,
+            "length": block.length,
+            "data": record.hex(),
+        }
+        head += f" of {_record_name(block.index)}, slot {block.slot}.{block.subslot}"
+        if block.index in _PARAMETER_RECORDS and record:
+            if block.type is BlockType.WRITE_REQUEST:
+                return self._request(base, head, record, fields, peers)
+            if block.type is BlockType.READ_RESPONSE:
+                return self._response(base, head, record, fields, peers)
+        return AcyclicRecord(*base, f"{head}{_length(block, record)}{outcome}", fields, latency)
+
+    def _request(
+        self, base: tuple[int, int, str, bytes], head: str, record: bytes, fields: Document, peers: frozenset[bytes]
+    ) -> Record:
+        request = decode_request(record)
+        self._requests.put((peers, request.do_id, request.reference), (base[1], request))
+        fields["parameter"] = document = request_document(request)
+        del document["signals"]
+        return ParameterRequestRecord(*base, f"{head}: {_parameters(document)}", fields, request=request)
+
+    def _response(
+        self, base: tuple[int, int, str, bytes], head: str, record: bytes, fields: Document, peers: frozenset[bytes]
+    ) -> Record:
+        response = decode_response(record)
+        asked, request = self._requests.pop((peers, response.do_id, response.reference)) or (None, None)
+        latency = None if asked is None else max(0, base[1] - asked)
+        fields["parameter"] = document = _answer_document(request, response)
+        if request is not None:
+            self._look_for_telegram(request, response)
+        text = f"{head}: {_parameters(document)}"
+        return ParameterResponseRecord(*base, text, fields, latency, response=response, request=request)
+
+    def _look_for_telegram(self, request: Request, response: Response) -> None:
+        change = request.request_id is RequestId.CHANGE
+        for position, address in enumerate(request.addresses):
+            if address.pnu != TELEGRAM_SELECTION:
+                continue
+            answer = response.values[position] if position < len(response.values) else None
+            if answer is not None and answer.failed:
+                continue
+            value = request.values[position] if change else answer
+            number = _first(value)
+            if number is not None:
+                self._observe(request.do_id, number)
+
+
+def _first(value: Values | None) -> int | None:
+    if value is None or isinstance(value.values, bytes) or not value.values:
+        return None
+    return int(value.values[0])
+
+
+def _answer_document(request: Request | None, response: Response) -> Document:
+    """The response, with the addresses of the request it answers."""
+    document = response_document(response)
+    del document["signals"]
+    if request is None or len(response.values) not in {0, len(request.addresses)}:
+        return document
+    asked = request_document(request)["parameters"]
+    address_keys = ("pnu", "subindex", "elements", "attribute")
+    addresses = [{key: item[key] for key in address_keys} for item in asked]
+    answers = document["parameters"] or [{"text": "written"} for _ in addresses]
+    document["parameters"] = [address | answer for address, answer in zip(addresses, answers, strict=True)]
+    return document
+
+
+def _parameters(document: Document) -> str:
+    head = f"{document['service']} ref {document['reference']} DO {document['do_id']}"
+    return " | ".join([head, *(parameter_text(item) for item in document["parameters"])])
+
+
+def _operation_name(operation: int) -> str:
+    known = operation in set(Operation)
+    return Operation(operation).name.lower().replace("_", "-") if known else f"operation-{operation}"
+
+
+def _record_name(index: int) -> str:
+    if index in _PARAMETER_RECORDS:
+        return f"{index:04X}h ({_PARAMETER_RECORDS[index]})"
+    return f"{index:04X}h (I&M{index - _I_AND_M.start})" if index in _I_AND_M else f"{index:04X}h"
+
+
+def _length(block: RecordBlock, record: bytes) -> str:
+    if record:
+        return f", {len(record)} bytes"
+    return f", up to {block.length} bytes" if block.type is BlockType.READ_REQUEST else ""
+
+
+def _reject(header: RpcHeader, body: bytes) -> tuple[int | None, str]:
+    try:
+        status = decode_status(body, little=header.little_endian)
+    except ProfidriveError as error:
+        return None, str(error)
+    known = status in set(RejectStatus)
+    text = RejectStatus(status).name.lower().replace("_", " ") if known else "unknown status"
+    return status, f"{text} ({status:08X}h)"

@@ -1,0 +1,238 @@
+"""Cyclic RT frames: which telegrams they carry, and the struct that takes a whole frame apart in one call.
+
+Source: docs/transport.md (C_SDU of a static relationship), IEC 61158-6-10 (FrameIDs). The telegrams are given, observed in
+P922, or inferred from where IOPS and IOCS lie. Left out: fragments, and layouts of a real PROFINET connect.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cache
+from itertools import accumulate
+
+from decoder.fields import half_fields
+from decoder.records import CyclicRecord, FrameLayout, OtherRecord, Record, UnitLayout
+from profidrive.errors import ProfidriveError
+from profidrive.frame import (
+    C_SDU_MIN,
+    FRAME_ID_TO_CONTROLLER,
+    FRAME_ID_TO_DEVICE,
+    HEADER,
+    IOPS_GOOD,
+    STATUS_DATA_VALID,
+    STATUS_RUN,
+    TRAILER,
+)
+from profidrive.telegrams import TELEGRAMS, Direction, telegram
+
+_CYCLIC_FIRST = 0x8000
+_CYCLIC_LAST = 0xFBFF
+_ACYCLIC_FRAMES = {
+    0xFC01: "alarm, high priority",
+    0xFE01: "alarm, low priority",
+    0xFEFC: "DCP hello",
+    0xFEFD: "DCP get or set",
+    0xFEFE: "DCP identify request",
+    0xFEFF: "DCP identify response",
+}
+_FRAME_MIN = HEADER.size + C_SDU_MIN + TRAILER.size
+_DIRECTIONS = {FRAME_ID_TO_DEVICE: Direction.SETPOINT, FRAME_ID_TO_CONTROLLER: Direction.ACTUAL}
+_ATTEMPTS = 1000
+"""Frames of one kind that are looked at for their telegrams; after that the header alone is decoded."""
+_MAX_INFERRED_AXES = 8
+_LIVE = STATUS_RUN | STATUS_DATA_VALID
+
+
+@dataclass(frozen=True, slots=True)
+class Axis:
+    """One axis of the relationship, in the order of the frame. ``node`` is its CANopen node-ID, 0 when not known."""
+
+    do_id: int
+    telegram: int
+    node: int = 0
+
+
+@cache
+def unit_layout(number: int, direction: Direction) -> UnitLayout:
+    """The fields of one telegram direction; ProfidriveError for an unknown telegram."""
+    return UnitLayout(half_fields(telegram(number).half(direction)), number, direction)
+
+
+def frame_layout(axes: Sequence[Axis], direction: Direction, length: int) -> FrameLayout | None:
+    """The layout of a frame of ``length`` bytes that carries these axes; None when they do not fit into it."""
+    halves = [telegram(axis.telegram).half(direction) for axis in axes]
+    padding = length - HEADER.size - TRAILER.size - sum(half.size + 2 for half in halves)
+    if padding < 0:
+        return None
+    characters = ["".join(signal.type.char for signal in half.signals) for half in halves]
+    layout = ">H" + "".join(text + "B" for text in characters) + "B" * len(axes) + f"{padding}xHBB"
+    ends = list(accumulate((len(text) + 1 for text in characters), initial=1))
+    return FrameLayout(
+        struct.Struct(layout),
+        direction,
+        tuple(
+            (axis.do_id, axis.node, unit_layout(axis.telegram, direction), ends[i], ends[i + 1] - 1, ends[-1] + i)
+            for i, axis in enumerate(axes)
+        ),
+    )
+
+
+Candidate = tuple[frozenset[int], ...]
+"""The telegrams possible for each axis."""
+
+
+def _of_size(direction: Direction) -> dict[int, frozenset[int]]:
+    sizes = sorted({t.half(direction).size for t in TELEGRAMS.values()})
+    return {size: frozenset(n for n, t in TELEGRAMS.items() if t.half(direction).size == size) for size in sizes}
+
+
+_BY_SIZE = {direction: _of_size(direction) for direction in Direction}
+
+
+def infer(c_sdu: bytes, direction: Direction) -> list[Candidate]:
+    """Which telegrams explain where the GOOD status bytes of a C_SDU lie, fewest axes first; empty when none do."""
+    used = len(c_sdu.rstrip(b"\0"))
+    found: list[Candidate] = []
+
+    def extend(offset: int, remaining: int, end: int, parts: Candidate) -> None:
+        if not remaining:
+            if offset == end:
+                found.append(parts)
+            return
+        for size, numbers in _BY_SIZE[direction].items():
+            iops = offset + size
+            if iops < end and c_sdu[iops] == IOPS_GOOD:
+                extend(iops + 1, remaining - 1, end, (*parts, numbers))
+
+    for count in range(1, _MAX_INFERRED_AXES + 1):
+        end = used - count
+        if end > 0 and all(status == IOPS_GOOD for status in c_sdu[end:used]):
+            extend(0, count, end, ())
+    return found
+
+
+def _combine(one: list[Candidate], other: list[Candidate]) -> list[Candidate]:
+    combined = []
+    for left in one:
+        for right in other:
+            if len(left) == len(right):
+                parts = tuple(a & b for a, b in zip(left, right, strict=True))
+                if all(parts):
+                    combined.append(parts)
+    return combined
+
+
+class CyclicDecoder:
+    """All cyclic frames of a capture. ``notify`` is told how telegrams became known."""
+
+    def __init__(self, axes: Sequence[Axis], notify: Callable[[str], None]) -> None:
+        for axis in axes:
+            telegram(axis.telegram)
+        self._given = tuple(axes)
+        self._notify = notify
+        self._observed: dict[int, int] = {}
+        self._candidates: list[Candidate] | None = None
+        self._seen: set[Direction] = set()
+        self._attempts: dict[tuple[int, int], int] = {}
+        self._layouts: dict[tuple[int, int], FrameLayout] = {}
+
+    @property
+    def axes(self) -> tuple[Axis, ...]:
+        """The axes as known so far: given or inferred, with the telegrams observed in P922."""
+        if self._given:
+            axes = self._given
+        elif self._candidates:
+            axes = tuple(Axis(i, min(numbers)) for i, numbers in enumerate(self._candidates[0], 1))
+        elif set(self._observed) == set(range(1, len(self._observed) + 1)):
+            axes = tuple(Axis(do_id, 0) for do_id in sorted(self._observed))
+        else:
+            return ()
+        return tuple(Axis(axis.do_id, self._observed.get(axis.do_id, axis.telegram), axis.node) for axis in axes)
+
+    def observe(self, do_id: int, number: int) -> None:
+        """P922 of a DO was seen. An unknown telegram is told and ignored."""
+        if self._observed.get(do_id) == number:
+            return
+        if number not in TELEGRAMS:
+            self._notify(f"axis {do_id}: P922 = {number} is no telegram known here")
+            return
+        before = {axis.do_id: axis.telegram for axis in self.axes}.get(do_id)
+        self._observed[do_id] = number
+        self._layouts.clear()
+        if before != number:
+            self._notify(f"axis {do_id}: telegram {number}, observed in P922")
+
+    def decode(self, number: int, time_ns: int, channel: str, data: bytes) -> Record:
+        """The record of one RT frame."""
+        frame_id = data[0] << 8 | data[1] if len(data) > 1 else 0
+        layout = self._layouts.get((frame_id, len(data)))
+        if layout is None:
+            if not _CYCLIC_FIRST <= frame_id <= _CYCLIC_LAST or len(data) < _FRAME_MIN:
+                return OtherRecord(number, time_ns, channel, data, text=_refusal(frame_id, data))
+            layout = self._find(frame_id, data)
+        return CyclicRecord(number, time_ns, channel, data, layout, layout.struct.unpack(data))
+
+    def _find(self, frame_id: int, data: bytes) -> FrameLayout:
+        key = (frame_id, len(data))
+        direction = _DIRECTIONS.get(frame_id)
+        note = "FrameID of another relationship"
+        if direction is not None:
+            if not self._given:
+                self._infer(direction, data)
+            axes = self.axes
+            if axes:
+                layout = frame_layout(axes, direction, len(data))
+                if layout is not None:
+                    if self._given or self._candidates:
+                        self._layouts[key] = layout
+                    return layout
+                note = f"too short for telegram {', '.join(str(axis.telegram) for axis in axes)}"
+            else:
+                note = "telegram not known: give --telegram or --config"
+        layout = FrameLayout(struct.Struct(f">H{len(data) - 6}xHBB"), direction, note=note)
+        self._attempts[key] = self._attempts.get(key, 0) + 1
+        if direction is None or self._given or self._attempts[key] >= _ATTEMPTS:
+            self._layouts[key] = layout
+        return layout
+
+    def _infer(self, direction: Direction, data: bytes) -> None:
+        """Narrow the telegrams down by a live frame of a direction that was not looked at yet."""
+        if direction in self._seen or data[-2] & _LIVE != _LIVE:
+            return
+        found = infer(data[HEADER.size : -TRAILER.size], direction)
+        if found and self._candidates is not None:
+            found = _combine(self._candidates, found)
+        if not found:
+            return
+        before = self.axes
+        self._seen.add(direction)
+        self._candidates = found
+        self._layouts.clear()
+        after = self.axes
+        if [axis.telegram for axis in before] != [axis.telegram for axis in after]:
+            self._notify(_inferred(found[0], after))
+
+
+def _inferred(candidate: Candidate, axes: Sequence[Axis]) -> str:
+    texts = []
+    for axis, numbers in zip(axes, candidate, strict=True):
+        others = ", ".join(str(number) for number in sorted(numbers - {axis.telegram}))
+        texts.append(f"axis {axis.do_id} telegram {axis.telegram}" + (f" (as long: {others})" if others else ""))
+    return f"inferred from length and status bytes: {'; '.join(texts)}; --telegram decides"
+
+
+def _refusal(frame_id: int, data: bytes) -> str:
+    if frame_id in _ACYCLIC_FRAMES:
+        return f"PROFINET {_ACYCLIC_FRAMES[frame_id]} (FrameID {frame_id:04X}h), {len(data)} bytes"
+    if not _CYCLIC_FIRST <= frame_id <= _CYCLIC_LAST:
+        return f"FrameID {frame_id:04X}h is no cyclic frame, {len(data)} bytes"
+    return f"{len(data)} bytes are too short for a cyclic frame, at least {_FRAME_MIN}"
+
+
+def given_axes(numbers: Sequence[int]) -> tuple[Axis, ...]:
+    """Axes of ``--telegram`` options, DO-ID 1 upwards; ProfidriveError for an unknown telegram."""
+    if 0 in numbers:
+        raise ProfidriveError("telegram", 0, f"one of {sorted(TELEGRAMS)}")
+    return tuple(Axis(position, number) for position, number in enumerate(numbers, 1))

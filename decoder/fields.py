@@ -1,0 +1,157 @@
+"""How a value is named, scaled and shown: one ``Field`` for a telegram signal or a mapped object.
+
+Source: ``profidrive.signals`` and the object declarations of ``ds301``/``dsp402``; nothing is declared twice here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+from ds301.objects import CanType, Entry
+from dsp402.modes import Mode
+from dsp402.states import Command, ControlBit, StatusBit, state_of
+from profidrive.datatypes import DataType
+from profidrive.signals import Bit, Signal
+from profidrive.telegrams import ApplicationMode, TelegramHalf
+
+Raw = int | float | bytes
+Document = dict[str, Any]
+
+
+def identifier(name: str) -> str:
+    """A name as filters spell it: lower case, everything but letters, digits and underscores replaced by ``_``."""
+    return "".join(c if c.isalnum() else "_" for c in name.lower())
+
+
+@dataclass(frozen=True, slots=True)
+class Field:
+    """One value of a data unit.
+
+    ``scale`` is the unit's value of one raw step (1 where raw values are shown as they are); ``explain`` gives a word for
+    the value (the state of a Statusword), empty where it has none.
+    """
+
+    name: str
+    description: str
+    unit: str = ""
+    bits: tuple[Bit, ...] = ()
+    scale: float = 1
+    hex_digits: int = 0
+    explain: Callable[[int], str] | None = None
+    identifier: str = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "identifier", identifier(self.name))
+
+    def value(self, raw: Raw) -> Raw:
+        """The value in its unit."""
+        return raw if self.scale == 1 or isinstance(raw, bytes) else raw * self.scale
+
+    def text(self, raw: Raw) -> str:
+        """Name and value for the reader."""
+        if isinstance(raw, bytes):
+            return f"{self.name} {raw.hex(' ')}"
+        if self.scale != 1:
+            return f"{self.name} {raw * self.scale:.3f} {self.unit}"
+        if self.hex_digits and isinstance(raw, int):
+            word = self.explain(raw) if self.explain else ""
+            return f"{self.name} {raw:0{self.hex_digits}X}h" + (f" [{word}]" if word else "")
+        shown = f"{self.name} {raw}"
+        if self.explain and isinstance(raw, int):
+            word = self.explain(raw)
+            return f"{shown} [{word}]" if word else shown
+        return f"{shown} {self.unit}" if self.unit else shown
+
+    def document(self, raw: Raw) -> Document:
+        """Plain data: raw, value, unit, named bits, and the word for the value where it has one."""
+        plain = raw.hex() if isinstance(raw, bytes) else raw
+        value = plain if self.scale == 1 else self.value(raw)
+        document: Document = {"raw": plain, "value": value, "unit": self.unit, "bits": {}}
+        if isinstance(raw, int):
+            document["bits"] = {bit.name: bit.of(raw) for bit in self.bits}
+            word = self.explain(raw) if self.explain else ""
+            if word:
+                document["text"] = word
+        return document
+
+    def bit(self, name: str) -> Bit | None:
+        """The bit with this name (case ignored)."""
+        return next((bit for bit in self.bits if bit.name.lower() == name), None)
+
+
+def _status_word(word: int) -> str:
+    state = state_of(word)
+    return state.value if state else "no state of CiA 402"
+
+
+def _command_word(word: int) -> str:
+    """The command a Controlword gives; of several that match, the one that decides on more bits."""
+    matching = [command for command in Command if command is not Command.FAULT_RESET and command.matches(word)]
+    if not matching:
+        return "Fault Reset" if Command.FAULT_RESET.matches(word) else ""
+    best = max(matching, key=lambda command: command.mask.bit_count())
+    reset = " + Fault Reset" if Command.FAULT_RESET.matches(word) else ""
+    return best.name.replace("_", " ").title() + reset
+
+
+def _mode_word(value: int) -> str:
+    low = value & 0xFF
+    signed = low - 256 if low > 127 else low
+    return Mode(signed).name.lower().replace("_", " ") if signed in set(Mode) else ""
+
+
+def _flags(container: type) -> tuple[Bit, ...]:
+    """The bits declared as constants of a class."""
+    masks = {name: value for name, value in vars(container).items() if name.isupper()}
+    return tuple(Bit(mask.bit_length() - 1, name, name.replace("_", " ").lower()) for name, mask in masks.items())
+
+
+_WORDS: dict[str, tuple[tuple[Bit, ...], Callable[[int], str]]] = {
+    "Controlword": (_flags(ControlBit), _command_word),
+    "Statusword": (_flags(StatusBit), _status_word),
+    "Modes of Operation": ((), _mode_word),
+    "Modes of Operation Display": ((), _mode_word),
+}
+"""Objects whose values have a name: the same in a PDO, an SDO and telegram 100."""
+
+_PERCENT = {DataType.N2: 100 / (1 << 14), DataType.N4: 100 / (1 << 30)}
+
+
+def signal_field(signal: Signal, mode: ApplicationMode) -> Field:
+    """A telegram signal; the bits have the meaning of the telegram's application mode."""
+    bits = tuple(signal.fields(positioning=mode is ApplicationMode.POSITIONING))
+    word_bits, explain = _WORDS.get(signal.name, ((), None))
+    return Field(
+        signal.name,
+        signal.description,
+        signal.unit,
+        bits or word_bits,
+        _PERCENT.get(signal.type, 1),
+        2 * signal.type.size if bits or word_bits or signal.type is DataType.V2 else 0,
+        explain,
+    )
+
+
+def half_fields(half: TelegramHalf) -> tuple[Field, ...]:
+    """The signals of one telegram direction."""
+    return tuple(signal_field(signal, half.mode) for signal in half.signals)
+
+
+def entry_field(entry: Entry, name: str = "") -> Field:
+    """An object; ``name`` replaces the entry's own."""
+    bits, explain = _WORDS.get(entry.name, ((), None))
+    return Field(
+        name or entry.name,
+        f"{entry.index:04X}h.{entry.subindex} {entry.name}",
+        entry.unit,
+        bits,
+        hex_digits=entry.type.bits // 4 if bits else 0,
+        explain=explain,
+    )
+
+
+def raw_field(index: int, subindex: int, type_: CanType | None = None) -> Field:
+    """An object nothing is known of but its address."""
+    return entry_field(Entry(index, subindex, f"{index:04X}h.{subindex}", type_ or CanType.U32))

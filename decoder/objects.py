@@ -1,0 +1,141 @@
+"""Names and types of objects, and PDO layouts made of mappings.
+
+Source: CiA DS 301 V4.02 chapters 7.4.1 (data types) and 7.5.2.36 (PDO mapping). Objects come from an EDS/DCF (``Entry``
+lists) or from the catalogues of this project. Left out: MPDOs.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import cache
+from typing import Final
+
+from decoder.fields import Field, Raw, entry_field
+from decoder.records import PdoLayout, UnitLayout
+from ds301.objects import CanType, Entry
+from ds301.pdo import COB_ID_INVALID, Pdo, PdoDirection
+from dsp402.device import drive_objects
+
+_DUMMY_LAST: Final = 0x001F
+"""Indices of the data types themselves: mapped, they are gaps."""
+_PDOS: Final = 512
+"""PDO parameters of one kind and direction."""
+_COB_ID_OBJECTS: Final = (0x1005, 0x1012, 0x1014)
+
+
+class ObjectNames:
+    """The entries of one device by address."""
+
+    def __init__(self, entries: Iterable[Entry]) -> None:
+        self._entries = {(entry.index, entry.subindex): entry for entry in entries}
+
+    def get(self, index: int, subindex: int) -> Entry | None:
+        return self._entries.get((index, subindex))
+
+    def name(self, index: int, subindex: int) -> str:
+        """The object's name, empty where it is not known."""
+        entry = self.get(index, subindex)
+        return entry.name if entry else ""
+
+    def decode(self, index: int, subindex: int, data: bytes) -> Raw | str:
+        """The value SDO data stands for; the bytes themselves where the type is not known or does not fit."""
+        entry = self.get(index, subindex)
+        if entry is None:
+            return int.from_bytes(data, "little") if len(data) in {1, 2, 4, 8} else data
+        if entry.type is CanType.VISIBLE_STRING:
+            return data.rstrip(b"\0").decode("latin-1")
+        if entry.type.char and entry.type.bits == 8 * len(data):
+            value: int | float | bool = struct.unpack("<" + entry.type.char, data)[0]
+            return int(value) if isinstance(value, bool) else value
+        return data
+
+    def text(self, index: int, subindex: int, data: bytes) -> str:
+        """The value for the reader: with unit, state or address where the object has one."""
+        value = self.decode(index, subindex, data)
+        if isinstance(value, str):
+            return repr(value)
+        if isinstance(value, bytes):
+            return value.hex(" ") or "no data"
+        if subindex and isinstance(value, int) and any(0 <= index - d.mapping_index < _PDOS for d in PdoDirection):
+            mapped = Mapped.from_parameter(value)
+            name = self.name(mapped.index, mapped.subindex)
+            return f"{mapped.index:04X}h.{mapped.subindex} {mapped.bits} bits" + (f" ({name})" if name else "")
+        if isinstance(value, int) and _is_cob_id(index, subindex):
+            return f"{value & 0x1FFFFFFF:03X}h" + (" (not valid)" if value & COB_ID_INVALID else "")
+        entry = self.get(index, subindex)
+        if entry is None:
+            return f"{value} ({data.hex(' ')})"
+        return entry_field(entry).text(value).removeprefix(entry.name).strip()
+
+
+def _is_cob_id(index: int, subindex: int) -> bool:
+    """Whether an entry is the COB-ID of a PDO, SYNC, TIME or EMCY."""
+    pdo = any(0 <= index - direction.communication_index < _PDOS for direction in PdoDirection)
+    return (pdo and subindex == 1) or (index in _COB_ID_OBJECTS and subindex == 0)
+
+
+@cache
+def catalogue() -> ObjectNames:
+    """The drive's objects, for nodes no EDS was given for."""
+    return ObjectNames(entry for spec in drive_objects() for entry in spec.entries)
+
+
+@dataclass(frozen=True, slots=True)
+class Mapped:
+    """One object mapped into a PDO."""
+
+    index: int
+    subindex: int
+    bits: int
+
+    @classmethod
+    def from_parameter(cls, value: int) -> Mapped:
+        """Out of a mapping parameter (index, sub-index, length)."""
+        return cls(value >> 16 & 0xFFFF, value >> 8 & 0xFF, value & 0xFF)
+
+
+def _field(mapped: Mapped, names: ObjectNames) -> Field:
+    entry = names.get(mapped.index, mapped.subindex)
+    if entry is None:
+        entry = Entry(mapped.index, mapped.subindex, f"{mapped.index:04X}h.{mapped.subindex}", CanType.U32)
+    return entry_field(entry)
+
+
+def _char(mapped: Mapped, entry: Entry | None) -> str:
+    """The struct character of a whole standard type, empty otherwise."""
+    if entry is not None and entry.type.char and entry.type.bits == mapped.bits:
+        return entry.type.char.replace("?", "B")
+    if entry is not None and entry.type is CanType.BOOLEAN:
+        return ""
+    return {8: "B", 16: "H", 32: "I", 64: "Q"}.get(mapped.bits, "")
+
+
+def pdo_layout(
+    name: str, node: int, axis: int, mapping: Sequence[Mapped], names: ObjectNames, origin: str
+) -> PdoLayout | None:
+    """The layout of a mapping; None when it is empty or longer than a PDO."""
+    bits = sum(mapped.bits for mapped in mapping)
+    if not mapping or not 0 < bits <= 64 or any(not mapped.bits for mapped in mapping):
+        return None
+    entries = [names.get(mapped.index, mapped.subindex) for mapped in mapping]
+    chars = [_char(mapped, entry) for mapped, entry in zip(mapping, entries, strict=True)]
+    gaps = [mapped.index <= _DUMMY_LAST for mapped in mapping]
+    shown = UnitLayout(tuple(_field(m, names) for m, gap in zip(mapping, gaps, strict=True) if not gap))
+    size = (bits + 7) // 8
+    parameters = tuple(m.index << 16 | m.subindex << 8 | m.bits for m in mapping)
+    if all(chars):
+        parts = "".join(f"{m.bits // 8}x" if gap else char for m, gap, char in zip(mapping, gaps, chars, strict=True))
+        return PdoLayout(name, node, axis, shown, size, origin, struct.Struct("<" + parts), (), parameters)
+    cuts = tuple(
+        (m.bits, bool(entry and entry.type.char.islower()), not gap)
+        for m, entry, gap in zip(mapping, entries, gaps, strict=True)
+    )
+    return PdoLayout(name, node, axis, shown, size, origin, None, cuts, parameters)
+
+
+def declared_layout(pdo: Pdo, node: int, axis: int, names: ObjectNames, origin: str) -> PdoLayout | None:
+    """The layout of a PDO of this project's declarations."""
+    mapping = [Mapped.from_parameter(entry.mapping) for entry in pdo.entries]
+    return pdo_layout(str(pdo), node, axis, mapping, names, origin)

@@ -1,0 +1,512 @@
+"""The packet model: what one packet of either bus said, as typed records without I/O.
+
+A ``Record`` is made for every packet, in capture order. Times are nanoseconds of the capture's own clock. Process data is in
+``units``: one ``Unit`` for each axis of a cyclic frame, one for a PDO; unpacked when asked for, so that a record nobody looks
+into costs little. ``document`` turns a record into plain data (docs/decoder-schema.md).
+"""
+
+from __future__ import annotations
+
+import enum
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, ClassVar
+
+from decoder.fields import Document, Field, Raw
+from profidrive.frame import STATUS_DATA_VALID, STATUS_NO_PROBLEM, STATUS_PRIMARY, STATUS_RUN
+from profidrive.parameters.codec import Request, Response
+from profidrive.telegrams import Direction
+
+STATUS_BITS = {
+    "primary": STATUS_PRIMARY,
+    "data_valid": STATUS_DATA_VALID,
+    "run": STATUS_RUN,
+    "no_problem": STATUS_NO_PROBLEM,
+}
+"""Bits of DataStatus by their names in documents."""
+
+
+class BusKind(enum.StrEnum):
+    """Which side of the gateway a packet was seen on."""
+
+    PLC = "plc"
+    CAN = "can"
+
+
+class Link(enum.IntEnum):
+    """How the bytes of a packet begin; the numbers are the link types of pcap files (LINKTYPE_...)."""
+
+    NULL = 0
+    ETHERNET = 1
+    RAW_IP = 101
+    LOOP = 108
+    LINUX_SLL = 113
+    CAN_SOCKETCAN = 227
+    IPV4 = 228
+    IPV6 = 229
+    LINUX_SLL2 = 276
+
+
+@dataclass(frozen=True)
+class UnitLayout:
+    """What the values of a data unit are: fields in order. ``telegram`` and ``direction`` only on the PLC's side."""
+
+    fields: tuple[Field, ...]
+    telegram: int = 0
+    direction: Direction | None = None
+
+    @cached_property
+    def positions(self) -> dict[str, int]:
+        """Position of each field by its identifier."""
+        return {item.identifier: position for position, item in enumerate(self.fields)}
+
+
+@dataclass(slots=True)
+class Unit:
+    """The process data of one axis in one packet.
+
+    ``axis`` is its place in the frame or its DO-ID (0 unknown), ``node`` its CANopen node-ID (0 unknown); ``iops`` and
+    ``iocs`` are None on CAN.
+    """
+
+    axis: int
+    node: int
+    layout: UnitLayout
+    values: tuple[Raw, ...]
+    iops: int | None = None
+    iocs: int | None = None
+
+    def raw(self, name: str) -> Raw | None:
+        """The raw value of a field by name or identifier; None where the unit has none."""
+        position = self.layout.positions.get(name)
+        if position is None:
+            position = next((i for i, item in enumerate(self.layout.fields) if item.name == name), None)
+        return None if position is None else self.values[position]
+
+    def items(self) -> Iterator[tuple[Field, Raw]]:
+        """Fields with their raw values."""
+        return zip(self.layout.fields, self.values, strict=True)
+
+    def document(self) -> Document:
+        document: Document = {"axis": self.axis, "node": self.node}
+        if self.layout.direction is not None:
+            document |= {"telegram": self.layout.telegram, "direction": self.layout.direction.value}
+        if self.iops is not None:
+            document |= {"iops": self.iops, "iocs": self.iocs}
+        document["signals"] = {item.name: item.document(raw) for item, raw in self.items()}
+        return document
+
+
+@dataclass(slots=True)
+class Record:
+    """One packet. ``data`` are its bytes on its bus: RT frame, UDP payload, CAN data."""
+
+    kind: ClassVar[str] = "other"
+
+    number: int
+    """Counted from 1 in the source."""
+    time_ns: int
+    channel: str
+    """The interface it was recorded from, as the source names it."""
+    data: bytes
+
+    @property
+    def bus(self) -> BusKind:
+        return BusKind.PLC
+
+    @property
+    def units(self) -> tuple[Unit, ...]:
+        return ()
+
+    @property
+    def stream(self) -> object:
+        """Packets of one stream repeat each other: same bus, same identifier."""
+        return self.kind
+
+    @property
+    def summary(self) -> str:
+        """What is to be said besides the units, in one line."""
+        return ""
+
+    def details(self) -> Document:
+        """The kind's own fields as plain data."""
+        return {}
+
+    def document(self, units: tuple[Unit, ...] | None = None) -> Document:
+        """The record as plain data; ``units`` replaces the own ones (a selection of them)."""
+        return {
+            "number": self.number,
+            "time_ns": self.time_ns,
+            "bus": self.bus.value,
+            "channel": self.channel,
+            "kind": self.kind,
+            **self.details(),
+            "units": [unit.document() for unit in (self.units if units is None else units)],
+        }
+
+
+# -- the PLC's side ---------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class FrameLayout:
+    """Where everything lies in a cyclic frame of one length: one struct for the whole frame.
+
+    ``axes`` are (axis, node, layout, first value, position of IOPS, position of IOCS); positions count unpacked values.
+    """
+
+    struct: struct.Struct
+    direction: Direction | None
+    axes: tuple[tuple[int, int, UnitLayout, int, int, int], ...] = ()
+    note: str = ""
+
+
+@dataclass(slots=True)
+class CyclicRecord(Record):
+    """A cyclic RT frame."""
+
+    kind: ClassVar[str] = "frame"
+
+    layout: FrameLayout
+    values: tuple[int, ...]
+    """FrameID, values, IOPS and IOCS as ``layout`` says, CycleCounter, DataStatus, TransferStatus."""
+
+    @property
+    def frame_id(self) -> int:
+        return self.values[0]
+
+    @property
+    def cycle_counter(self) -> int:
+        return self.values[-3]
+
+    @property
+    def data_status(self) -> int:
+        return self.values[-2]
+
+    @property
+    def transfer_status(self) -> int:
+        return self.values[-1]
+
+    @property
+    def direction(self) -> Direction | None:
+        return self.layout.direction
+
+    @property
+    def units(self) -> tuple[Unit, ...]:
+        values = self.values
+        return tuple(
+            Unit(axis, node, unit, values[first:iops], values[iops], values[iocs])
+            for axis, node, unit, first, iops, iocs in self.layout.axes
+        )
+
+    @property
+    def stream(self) -> object:
+        return self.values[0]
+
+    @property
+    def summary(self) -> str:
+        text = f"FrameID {self.frame_id:04X}h counter {self.cycle_counter} status {self.data_status:02X}h"
+        wrong = [name for name, mask in STATUS_BITS.items() if not self.data_status & mask]
+        if wrong:
+            text += f" (not {', '.join(wrong)})"
+        if self.transfer_status:
+            text += f" transfer status {self.transfer_status:02X}h"
+        if not self.layout.axes and self.layout.note:
+            text += f" ({self.layout.note})"
+        return text
+
+    def details(self) -> Document:
+        return {
+            "frame_id": self.frame_id,
+            "cycle_counter": self.cycle_counter,
+            "data_status": {"raw": self.data_status}
+            | {name: bool(self.data_status & mask) for name, mask in STATUS_BITS.items()},
+            "transfer_status": self.transfer_status,
+            "direction": self.direction.value if self.direction else None,
+        }
+
+
+@dataclass(slots=True)
+class AcyclicRecord(Record):
+    """A DCE/RPC packet of PROFINET IO on UDP port 34964. ``fields`` are those of its headers as plain data."""
+
+    kind: ClassVar[str] = "rpc"
+
+    text: str
+    fields: Document
+    latency_ns: int | None = None
+    """Of an answer: since the packet that asked, where that was seen."""
+
+    @property
+    def summary(self) -> str:
+        after = f" after {self.latency_ns / 1e6:.3f} ms" if self.latency_ns is not None else ""
+        return self.text + after
+
+    def details(self) -> Document:
+        return {**self.fields, "latency_ns": self.latency_ns, "text": self.text}
+
+
+@dataclass(slots=True)
+class ParameterRequestRecord(AcyclicRecord):
+    """A write of a record that carries a parameter request."""
+
+    kind: ClassVar[str] = "parameter-request"
+
+    request: Request = field(kw_only=True)
+
+    @property
+    def axis(self) -> int:
+        """The DO-ID."""
+        return self.request.do_id
+
+
+@dataclass(slots=True)
+class ParameterResponseRecord(AcyclicRecord):
+    """A read of a record that carries a parameter response; ``request`` is what it answers, where that was seen.
+
+    ``latency_ns`` counts from the write of the request.
+    """
+
+    kind: ClassVar[str] = "parameter-response"
+
+    response: Response = field(kw_only=True)
+    request: Request | None = field(kw_only=True, default=None)
+
+    @property
+    def axis(self) -> int:
+        """The DO-ID."""
+        return self.response.do_id
+
+
+@dataclass(slots=True)
+class OtherRecord(Record):
+    """A packet of the PLC's side that is none of ours, or cannot be what it claims; ``text`` says what and why."""
+
+    text: str = ""
+
+    @property
+    def summary(self) -> str:
+        return self.text
+
+    def details(self) -> Document:
+        return {"text": self.text, "data": self.data.hex()}
+
+
+# -- CAN --------------------------------------------------------------------------------------------------------------
+
+
+@dataclass(slots=True)
+class CanRecord(Record):
+    """A CAN frame that no CANopen service claims; base of all others."""
+
+    kind: ClassVar[str] = "can"
+
+    cob_id: int
+    node: int = 0
+    """The node the COB-ID belongs to; 0 for none."""
+    text: str = ""
+
+    @property
+    def bus(self) -> BusKind:
+        return BusKind.CAN
+
+    @property
+    def stream(self) -> object:
+        return (self.channel, self.cob_id)
+
+    @property
+    def summary(self) -> str:
+        return self.text
+
+    def details(self) -> Document:
+        return {"cob_id": self.cob_id, "node": self.node, "text": self.text, "data": self.data.hex()}
+
+
+@dataclass(frozen=True)
+class PdoLayout:
+    """The mapping of one PDO in force: what it is called, how its bytes are cut, where the mapping is known from."""
+
+    name: str
+    node: int
+    axis: int
+    unit: UnitLayout
+    size: int
+    origin: str
+    struct: struct.Struct | None
+    """None where an object is not a whole standard type: then ``cuts`` (bits, signed, shown) cut the bits."""
+    cuts: tuple[tuple[int, bool, bool], ...] = ()
+    mapping: tuple[int, ...] = ()
+    """The mapping parameters (index, sub-index, bits) the layout was made of."""
+
+    def unpack(self, data: bytes) -> tuple[Raw, ...]:
+        """The values; ``data`` is at least ``size`` long."""
+        if self.struct is not None:
+            return self.struct.unpack_from(data)
+        number = int.from_bytes(data[: self.size], "little")
+        values = []
+        for width, signed, shown in self.cuts:
+            value = number & ((1 << width) - 1)
+            number >>= width
+            if shown:
+                values.append(value - (1 << width) if signed and value >> (width - 1) else value)
+        return tuple(values)
+
+
+@dataclass(slots=True)
+class PdoRecord(CanRecord):
+    """A PDO whose mapping is known."""
+
+    kind: ClassVar[str] = "pdo"
+
+    layout: PdoLayout = field(kw_only=True)
+
+    @property
+    def units(self) -> tuple[Unit, ...]:
+        layout = self.layout
+        return (Unit(layout.axis, layout.node, layout.unit, layout.unpack(self.data)),)
+
+    @property
+    def summary(self) -> str:
+        return self.layout.name
+
+    def details(self) -> Document:
+        return {"cob_id": self.cob_id, "node": self.node, "pdo": self.layout.name, "mapping": self.layout.origin}
+
+
+@dataclass(slots=True)
+class NmtRecord(CanRecord):
+    """An NMT command; ``node`` 0 means all nodes."""
+
+    kind: ClassVar[str] = "nmt"
+
+    command: int = field(kw_only=True)
+
+    def details(self) -> Document:
+        return {"cob_id": self.cob_id, "node": self.node, "command": self.command, "text": self.text}
+
+
+@dataclass(slots=True)
+class SyncRecord(CanRecord):
+    """SYNC, with its counter where the producer sends one."""
+
+    kind: ClassVar[str] = "sync"
+
+    counter: int | None = field(kw_only=True, default=None)
+
+    def details(self) -> Document:
+        return {"cob_id": self.cob_id, "counter": self.counter}
+
+
+@dataclass(slots=True)
+class TimeRecord(CanRecord):
+    """TIME: milliseconds after midnight and days since 1 January 1984."""
+
+    kind: ClassVar[str] = "time"
+
+    milliseconds: int = field(kw_only=True)
+    days: int = field(kw_only=True)
+
+    def details(self) -> Document:
+        return {"cob_id": self.cob_id, "milliseconds": self.milliseconds, "days": self.days, "text": self.text}
+
+
+@dataclass(slots=True)
+class EmcyRecord(CanRecord):
+    """An emergency: error code, error register and the manufacturer's bytes."""
+
+    kind: ClassVar[str] = "emcy"
+
+    code: int = field(kw_only=True)
+    register: int = field(kw_only=True)
+    manufacturer: bytes = field(kw_only=True)
+
+    def details(self) -> Document:
+        return {
+            "cob_id": self.cob_id,
+            "node": self.node,
+            "code": self.code,
+            "register": self.register,
+            "manufacturer": self.manufacturer.hex(),
+            "text": self.text,
+        }
+
+
+@dataclass(slots=True)
+class HeartbeatRecord(CanRecord):
+    """Heartbeat, boot-up or node guarding answer; ``previous`` is the state last seen (None: the first)."""
+
+    kind: ClassVar[str] = "heartbeat"
+
+    state: int = field(kw_only=True)
+    previous: int | None = field(kw_only=True)
+
+    @property
+    def changed(self) -> bool:
+        return self.state != self.previous
+
+    def details(self) -> Document:
+        return {
+            "cob_id": self.cob_id,
+            "node": self.node,
+            "state": self.state,
+            "previous": self.previous,
+            "text": self.text,
+        }
+
+
+@dataclass(slots=True)
+class SdoRecord(CanRecord):
+    """One frame of an SDO transfer.
+
+    ``step`` is its place in the transfer (``SdoStep``); ``index``/``subindex`` are those of the transfer, None for a frame
+    of a transfer whose start was not seen. ``value`` (complete bytes) and ``decoded`` come with the frame that completes
+    the transfer; ``abort`` with an abort. ``latency_ns`` is the time since the client's last frame, on the server's frames.
+    """
+
+    kind: ClassVar[str] = "sdo"
+
+    step: str = field(kw_only=True)
+    from_client: bool = field(kw_only=True)
+    index: int | None = field(kw_only=True, default=None)
+    subindex: int | None = field(kw_only=True, default=None)
+    name: str = field(kw_only=True, default="")
+    value: bytes | None = field(kw_only=True, default=None)
+    decoded: Any = field(kw_only=True, default=None)
+    abort: int | None = field(kw_only=True, default=None)
+    latency_ns: int | None = field(kw_only=True, default=None)
+
+    def details(self) -> Document:
+        return {
+            "cob_id": self.cob_id,
+            "node": self.node,
+            "step": self.step,
+            "from_client": self.from_client,
+            "index": self.index,
+            "subindex": self.subindex,
+            "name": self.name,
+            "value": None if self.value is None else self.value.hex(),
+            "decoded": self.decoded.hex() if isinstance(self.decoded, bytes) else self.decoded,
+            "abort": self.abort,
+            "latency_ns": self.latency_ns,
+            "text": self.text,
+        }
+
+
+RECORD_TYPES: tuple[type[Record], ...] = (
+    CyclicRecord,
+    AcyclicRecord,
+    ParameterRequestRecord,
+    ParameterResponseRecord,
+    OtherRecord,
+    CanRecord,
+    PdoRecord,
+    NmtRecord,
+    SyncRecord,
+    TimeRecord,
+    EmcyRecord,
+    HeartbeatRecord,
+    SdoRecord,
+)
+"""Every record type."""
