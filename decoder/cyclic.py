@@ -14,7 +14,6 @@ from itertools import accumulate
 
 from decoder.fields import half_fields
 from decoder.records import CyclicRecord, FrameLayout, OtherRecord, Record, UnitLayout
-from profidrive.errors import ProfidriveError
 from profidrive.frame import (
     C_SDU_MIN,
     FRAME_ID_TO_CONTROLLER,
@@ -47,11 +46,15 @@ _LIVE = STATUS_RUN | STATUS_DATA_VALID
 
 @dataclass(frozen=True, slots=True)
 class Axis:
-    """One axis of the relationship, in the order of the frame. ``node`` is its CANopen node-ID, 0 when not known."""
+    """One axis of the relationship, in the order of the frame.
+
+    ``node`` is its CANopen node-ID, 0 when not known; ``bus`` the channel that node is on, empty for any.
+    """
 
     do_id: int
     telegram: int
     node: int = 0
+    bus: str = ""
 
 
 @cache
@@ -149,7 +152,9 @@ class CyclicDecoder:
             axes = tuple(Axis(do_id, 0) for do_id in sorted(self._observed))
         else:
             return ()
-        return tuple(Axis(axis.do_id, self._observed.get(axis.do_id, axis.telegram), axis.node) for axis in axes)
+        return tuple(
+            Axis(axis.do_id, self._observed.get(axis.do_id, axis.telegram), axis.node, axis.bus) for axis in axes
+        )
 
     def observe(self, do_id: int, number: int) -> None:
         """P922 of a DO was seen. An unknown telegram is told and ignored."""
@@ -232,7 +237,5 @@ def _refusal(frame_id: int, data: bytes) -> str:
 
 
 def given_axes(numbers: Sequence[int]) -> tuple[Axis, ...]:
-    """Axes of ``--telegram`` options, DO-ID 1 upwards; ProfidriveError for an unknown telegram."""
-    if 0 in numbers:
-        raise ProfidriveError("telegram", 0, f"one of {sorted(TELEGRAMS)}")
-    return tuple(Axis(position, number) for position, number in enumerate(numbers, 1))
+    """Axes of which only the telegrams are known: DO-ID and node-ID 1 upwards; ProfidriveError for an unknown telegram."""
+    return tuple(Axis(position, telegram(number).number, position) for position, number in enumerate(numbers, 1))

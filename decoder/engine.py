@@ -106,7 +106,8 @@ class Decoder:
 
     def _bus(self, channel: str) -> CanopenDecoder:
         settings = self.settings
-        bus = self._buses[channel] = CanopenDecoder(settings.axes, settings.dictionary, settings.origin)
+        axes = [axis for axis in settings.axes if axis.bus in {"", channel}]
+        bus = self._buses[channel] = CanopenDecoder(axes, settings.dictionary, settings.origin)
         return bus
 
     def _socketcan(self, number: int, time_ns: int, channel: str, data: bytes) -> Record:

@@ -7,7 +7,7 @@ lists) or from the catalogues of this project. Left out: MPDOs.
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Final
@@ -38,6 +38,10 @@ class ObjectNames:
         """The object's name, empty where it is not known."""
         entry = self.get(index, subindex)
         return entry.name if entry else ""
+
+    def fields(self) -> Iterator[Field]:
+        """The entries as fields of PDOs."""
+        return (entry_field(entry) for entry in self._entries.values())
 
     def decode(self, index: int, subindex: int, data: bytes) -> Raw | str:
         """The value SDO data stands for; the bytes themselves where the type is not known or does not fit."""

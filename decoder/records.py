@@ -49,7 +49,7 @@ class Link(enum.IntEnum):
     LINUX_SLL2 = 276
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class UnitLayout:
     """What the values of a data unit are: fields in order. ``telegram`` and ``direction`` only on the PLC's side."""
 
@@ -150,7 +150,7 @@ class Record:
 # -- the PLC's side ---------------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class FrameLayout:
     """Where everything lies in a cyclic frame of one length: one struct for the whole frame.
 
@@ -324,7 +324,7 @@ class CanRecord(Record):
         return {"cob_id": self.cob_id, "node": self.node, "text": self.text, "data": self.data.hex()}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class PdoLayout:
     """The mapping of one PDO in force: what it is called, how its bytes are cut, where the mapping is known from."""
 

@@ -1,18 +1,53 @@
-"""``pdgw decode``: bytes to names, values and bits."""
+"""``pdgw decode``: a piece of data, a capture, a log or a live bus to names, values and bits."""
 
 from __future__ import annotations
 
+import contextlib
+import datetime
 import json
+import os
+import re
 import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from enum import StrEnum
+from itertools import islice
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from decoder.changes import Changes
+from decoder.engine import Axis, CanPacket, Decoder, Packet, Settings, given_axes
+from decoder.filter import Filter
+from decoder.names import Names
+from decoder.objects import ObjectNames
 from decoder.recognise import parse_hex, recognise
 from decoder.render import one_line, tree
+from decoder.selection import Selection
+from gateway.errors import GatewayError
 from profidrive.telegrams import Direction
 from profidrive.telegrams import telegram as telegram_of
+from tools.decode_io import live
+from tools.decode_io.dictionary import dictionary_of
+from tools.decode_io.source import Source, open_source
+from tools.decode_io.writers import (
+    CsvWriter,
+    JsonWriter,
+    ParquetWriter,
+    PlotWriter,
+    StatsWriter,
+    TextWriter,
+    Writer,
+)
+
+_DEFAULT_BITRATE = 1_000_000
+_PROGRESS_FROM = 4 << 20
+"""Bytes of a file that deserves a progress bar."""
+_PROGRESS_EVERY = 5000
+_LATE_NS = 2_000_000_000
+"""Packets may be this much out of order; behind ``--to`` by more, reading stops."""
+_NODE_FILE = re.compile(r"(\d{1,3})=(.+)")
 
 
 class DirectionOption(StrEnum):
@@ -23,20 +58,79 @@ class DirectionOption(StrEnum):
 
 
 def decode(
-    hex_text: Annotated[
-        str,
-        typer.Option("--hex", help="Telegram words, C_SDU, whole frame, parameter request or response; - reads stdin."),
-    ],
-    telegram: Annotated[int | None, typer.Option(help="Telegram of the data; without it inferred.")] = None,
-    direction: Annotated[
-        DirectionOption | None, typer.Option(help="Setpoints or actual values; default by FrameID, else setpoint.")
+    file: Annotated[
+        str | None, typer.Argument(help="Capture or log: pcap, pcapng, candump, .asc, .blf, .trc ...; - is stdin.")
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="One JSON object.")] = False,
+    hex_text: Annotated[
+        str | None,
+        typer.Option("--hex", help="Telegram words, C_SDU, whole frame, parameter request or response; - reads stdin."),
+    ] = None,
+    interface: Annotated[str | None, typer.Option(help="Listen on a network interface (root).")] = None,
+    can: Annotated[str | None, typer.Option(help="Listen on a python-can bus, like socketcan:can0@500000.")] = None,
+    telegram: Annotated[
+        list[int] | None, typer.Option(help="Telegram of the data; repeat for each axis. Without it inferred.")
+    ] = None,
+    config: Annotated[Path | None, typer.Option(help="The gateway's configuration: axes, nodes, ports, EDS.")] = None,
+    eds: Annotated[list[str] | None, typer.Option(help="EDS or DCF of the nodes, or NODE=FILE.")] = None,
+    port: Annotated[list[int] | None, typer.Option(help="Further UDP port of cyclic frames.")] = None,
+    direction: Annotated[
+        DirectionOption | None, typer.Option(help="With --hex: default by FrameID, else setpoint.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="One JSON object for each packet.")] = False,
+    csv: Annotated[str | None, typer.Option(help="Table of these names, like STW1,NSOLL_A,Statusword.")] = None,
+    parquet: Annotated[Path | None, typer.Option(help="The table of --signal as a Parquet file.")] = None,
+    plot: Annotated[Path | None, typer.Option(help="Picture of --signal over time.")] = None,
+    stats: Annotated[bool, typer.Option("--stats", help="Rates, jitter, counter gaps, bus load instead.")] = False,
+    bitrate: Annotated[int | None, typer.Option(min=1, help="For the bus load, bit/s [1000000].")] = None,
     verbose: Annotated[bool, typer.Option("--verbose", "-v", help="The full tree with every bit.")] = False,
+    changes_only: Annotated[bool, typer.Option("--changes-only", help="Only what changed.")] = False,
+    filter_text: Annotated[
+        str | None, typer.Option("--filter", help="Expression, like 'stw1.on == 0 and axis == 1'.")
+    ] = None,
+    begin: Annotated[str | None, typer.Option("--from", help="Seconds since the first packet, or an ISO time.")] = None,
+    end: Annotated[str | None, typer.Option("--to", help="As --from.")] = None,
+    node: Annotated[list[int] | None, typer.Option(help="Only this CANopen node.")] = None,
+    signal: Annotated[list[str] | None, typer.Option(help="Only these signals or objects, comma separated.")] = None,
+    count: Annotated[int | None, typer.Option("--count", "-n", min=1, help="Stop after so many packets.")] = None,
 ) -> None:
-    """Decode a piece of data and tell what it was recognised as."""
-    chosen = telegram_of(telegram) if telegram is not None else None
-    data = parse_hex(sys.stdin.read() if hex_text == "-" else hex_text)
+    """Decode a piece of data (--hex), a capture of either bus, or what is on a bus now."""
+    if sum(source is not None for source in (file, hex_text, interface, can)) != 1:
+        raise GatewayError("give one of: a file (or -), --hex, --interface, --can")
+    if hex_text is not None:
+        _decode_hex(hex_text, telegram or [], direction, as_json=as_json, verbose=verbose)
+        return
+    known = _known(telegram or [], config, eds or [], port or [])
+    signals = [name.strip() for text in signal or [] for name in text.split(",")]
+    selection = Selection(
+        nodes=frozenset(node or ()),
+        signals=[known.names.split(name)[0] for name in signals],
+        filter=Filter(filter_text, known.names) if filter_text is not None else None,
+        changes=Changes() if changes_only else None,
+    )
+    writers: list[Writer] = []
+    if parquet is not None:
+        writers.append(ParquetWriter(parquet, signals, known.names))
+    if plot is not None:
+        writers.append(PlotWriter(plot, signals, known.names))
+    if csv is not None:
+        writers.append(CsvWriter(sys.stdout, [name.strip() for name in csv.split(",")], known.names))
+    elif stats:
+        writers.append(StatsWriter(sys.stdout, bitrate or known.bitrate or _DEFAULT_BITRATE, as_json=as_json))
+    elif as_json:
+        writers.append(JsonWriter(sys.stdout))
+    elif not writers or verbose:
+        writers.append(TextWriter(sys.stdout, colour=_colours(), verbose=verbose))
+    with _open(file, interface, can) as source:
+        _run(source, Decoder(known.settings), selection, writers, (begin, end), count)
+
+
+def _decode_hex(
+    text: str, telegrams: Sequence[int], direction: DirectionOption | None, *, as_json: bool, verbose: bool
+) -> None:
+    if len(telegrams) > 1:
+        raise GatewayError("--hex: a piece of data is of one axis, give --telegram once")
+    chosen = telegram_of(telegrams[0]) if telegrams else None
+    data = parse_hex(sys.stdin.read() if text == "-" else text)
     document = recognise(data, chosen, Direction(direction.value) if direction else None)
     if as_json:
         typer.echo(json.dumps(document))
@@ -45,3 +139,177 @@ def decode(
             typer.echo(line)
     else:
         typer.echo(one_line(document))
+
+
+# -- what is known beforehand -----------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Known:
+    settings: Settings
+    names: Names
+    bitrate: int | None = None
+
+
+def _known(telegrams: Sequence[int], config: Path | None, eds: Sequence[str], ports: Sequence[int]) -> _Known:
+    axes: Sequence[Axis] = given_axes(telegrams)
+    origin = "--telegram, node-ID taken as the number of the axis"
+    files, default = _eds_files(eds)
+    settings = Settings()
+    cyclic, acyclic = settings.cyclic_ports | set(ports), settings.acyclic_ports
+    bitrate = None
+    if config is not None:
+        from gateway.config import load_config  # noqa: PLC0415 (loads the whole gateway)
+
+        loaded = load_config(config)
+        origin = "configuration"
+        single = len(loaded.can) == 1
+        axes = [
+            Axis(
+                axis.do_id,
+                telegrams[position] if position < len(telegrams) else axis.telegram,
+                axis.node_id,
+                "" if single else str(loaded.bus_of(axis).channel),
+            )
+            for position, axis in enumerate(loaded.axis)
+        ]
+        given_axes([axis.telegram for axis in axes])
+        files = {axis.node_id: axis.eds for axis in loaded.axis if axis.eds} | files
+        cyclic |= {loaded.transport.cyclic_port}
+        acyclic |= {loaded.transport.acyclic_port}
+        bitrate = loaded.can[0].bitrate
+    dictionary = dictionary_of(files, default) if files or default else None
+    names = Names()
+    if dictionary is not None:
+        # One node-ID stands for all: names do not depend on it. Bad files are told before the first packet.
+        chosen = [*files, *([min(set(range(1, 128)) - set(files))] if default else [])]
+        names = Names(ObjectNames(found) for node_id in chosen if (found := dictionary(node_id)) is not None)
+    return _Known(Settings(axes, origin, dictionary, frozenset(cyclic - {0}), frozenset(acyclic - {0})), names, bitrate)
+
+
+def _eds_files(texts: Sequence[str]) -> tuple[dict[int, Path], Path | None]:
+    files: dict[int, Path] = {}
+    default = None
+    for text in texts:
+        match = _NODE_FILE.fullmatch(text)
+        path = Path(match[2] if match else text)
+        if not path.is_file():
+            raise GatewayError(f"--eds {text}: is not a file")
+        if match is None:
+            default = path
+        elif 1 <= int(match[1]) <= 127:
+            files[int(match[1])] = path
+        else:
+            raise GatewayError(f"--eds {text}: node-ID {match[1]}, allowed: 1..127")
+    return files, default
+
+
+def _open(file: str | None, interface: str | None, can: str | None) -> Source:
+    if interface is not None:
+        return live.open_interface(interface)
+    if can is not None:
+        return live.open_can(can)
+    return open_source(file or "-")
+
+
+def _colours() -> bool:
+    return sys.stdout.isatty() and "NO_COLOR" not in os.environ
+
+
+# -- the loop ---------------------------------------------------------------------------------------------------------
+
+
+def _moment(text: str, option: str, zero_ns: int) -> int:
+    try:
+        return zero_ns + round(float(text) * 1e9)
+    except (ValueError, OverflowError):
+        pass
+    try:
+        return round(datetime.datetime.fromisoformat(text).timestamp() * 1e9)
+    except (ValueError, OverflowError, OSError):
+        raise GatewayError(f"{option} {text}: expected seconds or an ISO time like 2026-03-01T12:00:00") from None
+
+
+def _run(
+    source: Source,
+    decoder: Decoder,
+    selection: Selection,
+    writers: Sequence[Writer],
+    limits: tuple[str | None, str | None],
+    count: int | None,
+) -> None:
+    """Decode until the end, an interruption or damage; the writers are finished in every case."""
+    try:
+        try:
+            packets = islice(_with_progress(source), count)
+            with contextlib.suppress(KeyboardInterrupt):
+                _loop(packets, decoder, selection, writers, limits)
+        finally:
+            for writer in writers:
+                writer.finish()
+    except BrokenPipeError:
+        # The reader of the pipe has seen enough; nothing is left to be flushed to it.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def _loop(
+    packets: Iterator[Packet | CanPacket],
+    decoder: Decoder,
+    selection: Selection,
+    writers: Sequence[Writer],
+    limits: tuple[str | None, str | None],
+) -> None:
+    first = next(packets, None)
+    if first is None:
+        return
+    zero_ns = first.time_ns
+    selection.begin_ns = _moment(limits[0], "--from", zero_ns) if limits[0] is not None else None
+    selection.end_ns = _moment(limits[1], "--to", zero_ns) if limits[1] is not None else None
+    stop_ns = None if selection.end_ns is None else selection.end_ns + _LATE_NS
+    everything = selection.everything
+    for writer in writers:
+        if isinstance(writer, TextWriter):
+            writer.zero_ns = zero_ns
+    takes = [writer.take for writer in writers]
+    decode_one = decoder.decode
+    notices = decoder.notices
+
+    def one(packet: Packet | CanPacket) -> None:
+        record = decode_one(packet)
+        if notices:
+            _tell(notices)
+        units = None
+        if not everything:
+            units = selection.select(record)
+            if units is None:
+                return
+        for take in takes:
+            take(record, units)
+
+    one(first)
+    for packet in packets:
+        if stop_ns is not None and packet.time_ns > stop_ns:
+            return
+        one(packet)
+
+
+def _tell(notices: list[str]) -> None:
+    for notice in notices:
+        sys.stderr.write(f"note: {notice}\n")
+    notices.clear()
+
+
+def _with_progress(source: Source) -> Iterator[Packet | CanPacket]:
+    """The packets, with a bar on the terminal for a big file whose output goes elsewhere."""
+    if source.size is None or source.size < _PROGRESS_FROM or not sys.stderr.isatty() or sys.stdout.isatty():
+        yield from source.packets
+        return
+    from rich.console import Console  # noqa: PLC0415
+    from rich.progress import Progress  # noqa: PLC0415
+
+    with Progress(console=Console(stderr=True), transient=True) as progress:
+        task = progress.add_task(Path(source.name).name, total=source.size)
+        for number, packet in enumerate(source.packets):
+            if number % _PROGRESS_EVERY == 0:
+                progress.update(task, completed=source.position())
+            yield packet
