@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from ds301.load import frame_bits
-from tools.bench import roundtrip, translation
+from tools.bench import decoding, roundtrip, translation
 
 app = typer.Typer(help="Benchmarks.", invoke_without_command=True)
 
@@ -63,3 +63,26 @@ def bench(
     console.print(
         f"goals: telegram 1 at most 10 us, telegram 9 at most 20 us, one axis at most {roundtrip.GOAL_RATIO:g} x the echo"
     )
+
+
+@app.command("decode")
+def decode(
+    packets: Annotated[int, typer.Option(min=4, help="Packets of the capture.")] = 200_000,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+) -> None:
+    """The decoder against scapy and tshark on the same capture of both buses."""
+    console = Console(stderr=True)
+    with console.status("") as status:
+        speeds = decoding.run(packets, progress=status.update)
+    ours = speeds[0]
+    if as_json:
+        ratios = {f"ratio_{speed.name.split()[0]}": ours.rate / speed.rate for speed in speeds[1:]}
+        rows = [{**asdict(speed), "packets_per_s": speed.rate} for speed in speeds]
+        typer.echo(json.dumps({"decode": rows, **ratios}, indent=2))
+        return
+    table = Table("", "seconds", "packets/s", "decoder is", title=f"{packets} packets of both buses, start-up included")
+    for speed in speeds:
+        ratio = "" if speed is ours else f"{ours.rate / speed.rate:.1f} x as fast"
+        table.add_row(speed.name, f"{speed.seconds:.2f}", f"{speed.rate:.0f}", ratio)
+    Console().print(table)
+    typer.echo(f"goals: {decoding.GOAL_SCAPY:g} x scapy, {decoding.GOAL_TSHARK:g} x tshark")

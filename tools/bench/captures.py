@@ -1,0 +1,92 @@
+"""A capture of both buses for measuring: cyclic frames of telegram 1 over UDP, and the drive's PDOs, in one pcapng file.
+
+Source: draft-ietf-opsawg-pcapng; the frames are those of ``profidrive.frame`` and ``dsp402.pdo``.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator
+from pathlib import Path
+from typing import BinaryIO
+
+from decoder.records import Link
+from ds301.pdo import Pdo
+from dsp402.pdo import LAYOUTS, Operation
+from profidrive.frame import (
+    FRAME_ID_TO_CONTROLLER,
+    FRAME_ID_TO_DEVICE,
+    IOPS_GOOD,
+    STATUS_NORMAL,
+    TRAILER,
+    UDP_PORT,
+    CSduLayout,
+)
+from profidrive.telegrams import Direction, telegram
+
+_CYCLE_NS = 1_000_000
+_COUNTER_STEP = 32
+_BEGIN_NS = 1_700_000_000_000_000_000
+_ETHERNET = bytes.fromhex("020000000002 020000000001 0800")
+_NODE = 1
+
+
+def _block(kind: int, body: bytes) -> bytes:
+    body += bytes(-len(body) % 4)
+    length = struct.pack("<I", len(body) + 12)
+    return struct.pack("<I", kind) + length + body + length
+
+
+def _udp(frame: bytes) -> bytes:
+    """The frame behind Ethernet, IPv4 (correct checksum) and UDP (none) headers."""
+    udp = struct.pack(">HHHH", UDP_PORT, UDP_PORT, 8 + len(frame), 0) + frame
+    head = struct.pack(">BBHHHBBH4s4s", 0x45, 0, 20 + len(udp), 0, 0, 64, 17, 0, b"\x0a\0\0\x01", b"\x0a\0\0\x02")
+    total = sum(struct.unpack(">10H", head))
+    total = (total & 0xFFFF) + (total >> 16)
+    checksum = ~((total & 0xFFFF) + (total >> 16)) & 0xFFFF
+    return _ETHERNET + head[:10] + struct.pack(">H", checksum) + head[12:] + udp
+
+
+def _rt(direction: Direction, counter: int, word: int, value: int) -> bytes:
+    layout = CSduLayout([telegram(1)], direction)
+    frame = layout.new_frame(FRAME_ID_TO_DEVICE if direction is Direction.SETPOINT else FRAME_ID_TO_CONTROLLER)
+    layout.halves[0].encode_into(frame, layout.offsets[0], (word, value))
+    frame[layout.iops[0]] = frame[layout.iocs[0]] = IOPS_GOOD
+    TRAILER.pack_into(frame, layout.trailer, counter & 0xFFFF, STATUS_NORMAL, 0)
+    return bytes(frame)
+
+
+def _can(pdo: Pdo, word: int, value: int) -> bytes:
+    data = pdo.struct.pack(word, value)
+    return struct.pack(">IBxxx", pdo.cob_id(_NODE), len(data)) + data
+
+
+def _cycles() -> Iterator[tuple[int, bytes]]:
+    """Interface and bytes of the four packets of each cycle, for ever."""
+    layouts = LAYOUTS[Operation.VELOCITY]
+    rpdo, tpdo = layouts.rpdos[0], layouts.tpdos[0]
+    cycle = 0
+    while True:
+        speed = cycle % 0x4000
+        yield 0, _udp(_rt(Direction.SETPOINT, cycle * _COUNTER_STEP, 0x047F, speed))
+        yield 1, _can(rpdo, 0x000F, speed)
+        yield 1, _can(tpdo, 0x0637, speed - 1)
+        yield 0, _udp(_rt(Direction.ACTUAL, cycle * _COUNTER_STEP, 0x0637, speed - 1))
+        cycle += 1
+
+
+def write_capture(path: Path, packets: int) -> None:
+    """Write the file; four packets make one millisecond."""
+    with path.open("wb") as file:
+        _write(file, packets)
+
+
+def _write(file: BinaryIO, packets: int) -> None:
+    file.write(_block(0x0A0D0D0A, struct.pack("<IHHq", 0x1A2B3C4D, 1, 0, -1)))
+    nanoseconds = struct.pack("<HHB3xI", 9, 1, 9, 0)
+    for link in (Link.ETHERNET, Link.CAN_SOCKETCAN):
+        file.write(_block(1, struct.pack("<HHI", link, 0, 0) + nanoseconds))
+    for number, (interface, data) in zip(range(packets), _cycles(), strict=False):
+        time_ns = _BEGIN_NS + number * _CYCLE_NS // 4
+        head = struct.pack("<IIIII", interface, time_ns >> 32, time_ns & 0xFFFFFFFF, len(data), len(data))
+        file.write(_block(6, head + data))
