@@ -9,13 +9,18 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
-from decoder.names import RECORD_NAMES, Names, Value, part_value
+from decoder.names import RECORD_NAMES, Getter, Names, Value, part_value
 from decoder.records import CyclicRecord, PdoRecord, Record, Unit, UnitLayout
 
 Row = list[Value]
 _Cell = tuple[int, int, Callable[[Any], Value] | None]
 """Column, position of the value, and what is done with it (None: nothing)."""
-_Plan = tuple[tuple[_Cell, ...], Unit | None]
+_Plan = tuple[Row, tuple[_Cell, ...], tuple[tuple[int, Getter], ...], Unit | None]
+"""Row with what never changes, cells to fill, fields to ask for, and the unit it is of."""
+_CYCLIC_POSITIONS = {"frame_id": 0, "cycle_counter": -3, "data_status": -2, "transfer_status": -1}
+"""Where ``CyclicRecord.values`` has its header and trailer."""
+_OF_LAYOUT = frozenset(("axis", "node", "telegram", "direction", "pdo", "kind", "bus"))
+"""Fields that all packets of one layout have alike."""
 _COMMON = frozenset(
     (
         "number",
@@ -51,32 +56,30 @@ class Columns:
         self._empty: Row = [None] * len(titles)
         self._plans: dict[int, tuple[object, tuple[_Plan, ...]]] = {}
 
-    def rows(self, record: Record) -> Iterator[tuple[Unit | None, Row]]:
+    def rows(self, record: Record) -> list[tuple[Unit | None, Row]]:
         """The rows of a packet, each with the unit it is of (whose values may be those of an earlier packet)."""
         if not self._straight or not isinstance(record, CyclicRecord | PdoRecord):
-            yield from self.unit_rows(record, record.units)
-            return
+            return self.unit_rows(record, record.units)
         known = self._plans.get(id(record.layout))
         if known is None or known[0] is not record.layout:
             known = self._plans[id(record.layout)] = (record.layout, self._plan(record))
-        plans = known[1]
-        if not plans:
-            return
+        if not known[1]:
+            return []
         values: Sequence[Any] = record.values if isinstance(record, CyclicRecord) else record.layout.unpack(record.data)
-        for cells, unit in plans:
-            row = self._empty.copy()
+        rows: list[tuple[Unit | None, Row]] = []
+        for template, cells, own, unit in known[1]:
+            row = template.copy()
             for column, position, change in cells:
                 row[column] = values[position] if change is None else change(values[position])
-            for column, getter in self._own:
+            for column, getter in own:
                 row[column] = getter(record, unit)
-            yield unit, row
+            rows.append((unit, row))
+        return rows
 
-    def unit_rows(self, record: Record, units: Sequence[Unit]) -> Iterator[tuple[Unit | None, Row]]:
+    def unit_rows(self, record: Record, units: Sequence[Unit]) -> list[tuple[Unit | None, Row]]:
         """The rows of these units; of the packet itself when there are none."""
-        for unit in units or (None,):
-            row = self._row(record, unit)
-            if self._worth(row):
-                yield unit, row
+        rows = ((unit, self._row(record, unit)) for unit in units or (None,))
+        return [(unit, row) for unit, row in rows if self._worth(row)]
 
     def _row(self, record: Record, unit: Unit | None) -> Row:
         row = self._empty.copy()
@@ -95,11 +98,25 @@ class Columns:
     def _plan(self, record: CyclicRecord | PdoRecord) -> tuple[_Plan, ...]:
         """What to take from where, for all packets of this layout."""
         units: Sequence[Unit | None] = record.units or (None,)
+        cyclic = isinstance(record, CyclicRecord)
         firsts = [axis[3] for axis in record.layout.axes] if isinstance(record, CyclicRecord) else [0]
         plans: list[_Plan] = []
         for unit, first in zip(units, firsts or [0], strict=True):
-            if self._worth(self._row(record, unit)):
-                plans.append((tuple(self._cells(unit.layout, first)) if unit is not None else (), unit))
+            row = self._row(record, unit)
+            if not self._worth(row):
+                continue
+            cells = list(self._cells(unit.layout, first)) if unit is not None else []
+            own = []
+            template = self._empty.copy()
+            for column, getter in self._own:
+                name = self._split[column][0]
+                if cyclic and name in _CYCLIC_POSITIONS:
+                    cells.append((column, _CYCLIC_POSITIONS[name], None))
+                elif name in _OF_LAYOUT:
+                    template[column] = row[column]
+                elif row[column] is not None:
+                    own.append((column, getter))
+            plans.append((template, tuple(cells), tuple(own), unit))
         return tuple(plans)
 
     def _cells(self, layout: UnitLayout, first: int) -> Iterator[_Cell]:

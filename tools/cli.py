@@ -27,8 +27,16 @@ sim = typer.Typer(help="Simulators: PLC, drives, a bus of devices.", no_args_is_
 app.add_typer(sim, name="sim")
 
 
-def _register() -> None:
-    """Put the subcommands in; each module has one function per command."""
+def _register(wanted: str = "") -> None:
+    """Put the subcommands in; each module has one function per command.
+
+    The decoder stands in pipes and loops: it does not load the gateway for ``decode`` alone.
+    """
+    if wanted == "decode":
+        from tools.commands.decode import decode as decode_command  # noqa: PLC0415
+
+        app.command("decode")(decode_command)
+        return
     from tools.commands import bench, config, decode, demo, eds, param, run, sim_drive, sim_plc, status  # noqa: PLC0415
 
     app.command("run")(run.run)
@@ -59,7 +67,7 @@ def options(
 
 def main() -> None:
     """Entry point of the console script."""
-    _register()
+    _register(sys.argv[1] if len(sys.argv) > 1 else "")
     try:
         app()
     except (GatewayError, CanopenError, ProfidriveError) as error:

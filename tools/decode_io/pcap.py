@@ -36,6 +36,11 @@ _INTERFACE = 1
 _PACKET_OBSOLETE = 2
 _SIMPLE = 3
 _ENHANCED = 6
+_ENHANCED_HEAD = 24
+"""Up to the captured length."""
+_ENHANCED_DATA = 28
+_ENHANCED_ROOM = 32
+"""Bytes of a block that are no data."""
 _ORDERS = {b"\x4d\x3c\x2b\x1a": "<", b"\x1a\x2b\x3c\x4d": ">"}
 _IF_NAME = 2
 _IF_TSRESOL = 9
@@ -104,6 +109,8 @@ class _Interface:
     """Nanoseconds of one time unit as a fraction."""
     offset_ns: int
     snap: int
+    nanoseconds: int
+    """Of one time unit, 0 where that is no whole number."""
 
     def time_ns(self, high: int, low: int) -> int:
         numerator, denominator = self.unit
@@ -125,6 +132,9 @@ class _Pcapng:
     def packets(self) -> Iterator[Packet]:
         window = self._window
         while window.need(8):
+            yield from self._plain_packets()
+            if not window.need(8):
+                break
             if window.data[window.at : window.at + 4] == PCAPNG_MAGIC:
                 self._section()
             kind, length = struct.unpack_from(self._order + "II", window.data, window.at)
@@ -142,6 +152,32 @@ class _Pcapng:
                 yield packet
         if window.left:
             raise self._error(f"the file ends within a block header, {8 - window.left} bytes missing")
+
+    def _plain_packets(self) -> Iterator[Packet]:
+        """The hot path: sound enhanced packet blocks that are in the window; whatever is not is left to ``packets``."""
+        window, interfaces = self._window, self._interfaces
+        data, at = window.data, window.at
+        size = len(data)
+        head = struct.Struct(self._order + "IIIIII").unpack_from
+        tail = struct.Struct(self._order + "I").unpack_from
+        number = self._number
+        while at + _ENHANCED_HEAD <= size:
+            kind, block, which, high, low, length = head(data, at)
+            end = at + block
+            if kind != _ENHANCED or end > size or block % 4 or length > block - _ENHANCED_ROOM:
+                break
+            if which >= len(interfaces) or tail(data, end - 4)[0] != block:
+                break
+            interface = interfaces[which]
+            number += 1
+            if interface.nanoseconds:
+                self._time_ns = (high << 32 | low) * interface.nanoseconds + interface.offset_ns
+            else:
+                self._time_ns = interface.time_ns(high, low)
+            begin = at + _ENHANCED_DATA
+            yield Packet(number, self._time_ns, interface.link, interface.name, data[begin : begin + length])
+            at = end
+            window.at, self._number = at, number
 
     def _section(self) -> None:
         window = self._window
@@ -205,7 +241,8 @@ class _Pcapng:
         seconds = options.get(_IF_TSOFFSET, b"")
         offset = struct.unpack(self._order + "q", seconds)[0] * 10**9 if len(seconds) == 8 else 0
         name = options.get(_IF_NAME, b"").rstrip(b"\0").decode("utf-8", "replace")
-        self._interfaces.append(_Interface(link, name, (10**9, ticks), offset, snap))
+        whole = 0 if 10**9 % ticks else 10**9 // ticks
+        self._interfaces.append(_Interface(link, name, (10**9, ticks), offset, snap, whole))
 
     def _options(self, at: int, end: int) -> Iterator[tuple[int, bytes]]:
         data = self._window.data
