@@ -125,6 +125,8 @@ class AxisConfig(_Section):
     tpdo_inhibit_us: Annotated[Integer, Field(ge=0, le=_MAXIMUM_INHIBIT_US)] | None = None
     """None: one TPDO for each cycle of the PLC, more would only load the bus."""
     sdo_timeout_ms: Annotated[Integer, Field(ge=10, le=60_000)] = 500
+    sdo_interval_ms: Annotated[Integer, Field(ge=0, le=1000)] = 2
+    """Pause of the parameter channel between two SDOs."""
     sync: Boolean = False
     allow_unguarded: Boolean = False
 
@@ -398,6 +400,7 @@ simulate = false             # true: a simulated drive instead of the one on the
 # tpdo_event_ms = 50
 # tpdo_inhibit_us = 4000     # without it: the cycle time
 # sdo_timeout_ms = 500
+# sdo_interval_ms = 2        # the parameter channel pauses between two SDOs
 # sync = false               # TPDOs on SYNC instead of event-driven
 # allow_unguarded = false    # true: operate a drive that refuses 1016h or 6007h
 """

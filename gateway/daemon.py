@@ -9,6 +9,7 @@ from __future__ import annotations
 import gc
 import logging
 import queue
+import sys
 import threading
 import time
 from collections.abc import Callable, Sequence
@@ -31,6 +32,7 @@ log = logging.getLogger("gateway")
 
 MS = 1_000_000
 _SHUTDOWN_NS = 5_000 * MS
+_SWITCH_INTERVAL_S = 0.0001
 _DATAGRAMS_AT_ONCE = 64
 _FROM_PLC = (Verdict.ACCEPTED, Verdict.PROVIDER_STOP)
 
@@ -145,6 +147,9 @@ class Daemon:
         host, port = self.socket.address
         log.info("cyclic exchange on %s:%d, %d axes, cycle %g ms", host, port, len(self.axes), self.cycle_ns / MS)
         started: list[Service] = []
+        # Threads of the parameter channel must not keep the cyclic one from running for Python's usual 5 ms.
+        switch_interval = sys.getswitchinterval()
+        sys.setswitchinterval(_SWITCH_INTERVAL_S)
         try:
             for drive in self.simulated:
                 drive.start()
@@ -161,6 +166,7 @@ class Daemon:
             self._loop()
             self._bring_to_rest()
         finally:
+            sys.setswitchinterval(switch_interval)
             gc.unfreeze()
             for service in started:
                 service.stop()

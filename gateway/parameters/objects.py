@@ -103,6 +103,8 @@ class ObjectAccess:
 
     def __init__(self, axis: Axis) -> None:
         self.axis = axis
+        self._interval_s = axis.config.sdo_interval_ms / 1000
+        self._next = 0.0
 
     def run(self, job: Callable[[DriveClient], T], what: str) -> T:
         """A job on the drive's worker; ParameterRefused with the error number of whatever went wrong."""
@@ -110,6 +112,8 @@ class ObjectAccess:
         if left <= 0:
             log.warning("axis %d: %s: no time left for it in this request", self.axis.do_id, what)
             raise ParameterRefused(Number.NOT_EXECUTABLE_IN_STATE)
+        # Neither the bus nor the cyclic exchange is there for parameters alone.
+        time.sleep(max(0.0, self._next - time.monotonic()))
         future = self.axis.drive.submit(job)
         try:
             return future.result(None if left == math.inf else left)
@@ -125,6 +129,8 @@ class ObjectAccess:
         except (SdoCommunicationError, CanopenError, struct.error, ValueError) as error:
             log.warning("axis %d: %s: %s", self.axis.do_id, what, error)
             raise ParameterRefused(Number.NOT_EXECUTABLE_IN_STATE) from error
+        finally:
+            self._next = time.monotonic() + self._interval_s
 
     def read(self, index: int, subindex: int) -> bytes:
         """SDO upload."""

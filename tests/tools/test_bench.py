@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from profidrive.frame import RtFrame
-from tools.bench import roundtrip
+from tools.bench import roundtrip, storm
 from tools.bench.measure import latency
 from tools.bench.translation import axis_cycle
 
@@ -29,3 +29,10 @@ def test_a_short_comparison_with_the_echo() -> None:
     assert trip.echo.samples == trip.gateway.samples == 50
     assert trip.gateway.lost == 0
     assert trip.can_frames_per_s > 0
+
+
+def test_a_short_storm_of_parameter_requests_loses_no_cycle() -> None:
+    result = storm.run(cycles=80)
+    assert result.quiet.samples == result.storm.samples == 80
+    assert (result.quiet.lost, result.storm.lost) == (0, 0)
+    assert result.requests_per_s > 0

@@ -1,8 +1,8 @@
 """A CAN bus whose drives answer at once: what is left of a round trip is the gateway.
 
 RPDO 1 of telegram 1 is answered with TPDO 1 inside ``send``; all other traffic goes to simulated drives.
-``python -m tools.bench.instant AXES`` runs a gateway on it, prints its cyclic and status port, and ends with its standard
-input.
+``python -m tools.bench.instant AXES`` runs a gateway on it, prints its cyclic, status and acyclic port, and ends with its
+standard input.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from dsp402.simulator import SimulatedDriveNode
 from gateway.config import GatewayConfig
 from gateway.daemon import Daemon
 from gateway.status import StatusServer
+from gateway.transport.acyclic import AcyclicServer
 from tools.demo.run import free_port
 
 INTERFACE = "pdgw-instant"
@@ -107,7 +108,9 @@ def main() -> None:
     daemon = Daemon(config)
     status_port = free_port(socket.SOCK_STREAM)
     daemon.services.append(StatusServer(daemon, status_port))
-    print(daemon.socket.address[1], status_port, flush=True)
+    acyclic = AcyclicServer(daemon)
+    daemon.services.append(acyclic)
+    print(daemon.socket.address[1], status_port, acyclic.address[1], flush=True)
 
     def wait_for_end() -> None:
         sys.stdin.read()

@@ -38,8 +38,8 @@ class RoundTrip:
 
 
 @contextmanager
-def process(module: str, *arguments: str) -> Iterator[list[int]]:
-    """A helper process that prints its ports and ends with its standard input."""
+def background(module: str, *arguments: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
+    """A helper process that prints a line when it is ready and ends with its standard input."""
     with subprocess.Popen(
         [sys.executable, "-m", module, *arguments],
         stdin=subprocess.PIPE,
@@ -49,17 +49,24 @@ def process(module: str, *arguments: str) -> Iterator[list[int]]:
     ) as child:
         if child.stdin is None or child.stdout is None:
             raise GatewayError(f"{module}: no pipes")
-        line = child.stdout.readline()
-        if not line:
-            raise GatewayError(f"{module} did not start")
         try:
-            yield [int(port) for port in line.split()]
+            line = child.stdout.readline()
+            if not line:
+                raise GatewayError(f"{module} did not start")
+            yield child, line
         finally:
             child.stdin.close()
             child.wait(30)
 
 
-class _Plc:
+@contextmanager
+def process(module: str, *arguments: str) -> Iterator[list[int]]:
+    """As ``background``, for one whose line has the ports it listens on."""
+    with background(module, *arguments) as (_, line):
+        yield [int(port) for port in line.split()]
+
+
+class Plc:
     """A PLC with telegram 1 on every axis, whose speed changes with every frame."""
 
     def __init__(self, axes: int) -> None:
@@ -93,7 +100,7 @@ class _Plc:
 def run(axes: int, cycles: int) -> RoundTrip:
     """Compare at 1 kHz, then count cycles flat out for about a second."""
     with process("tools.bench.echo") as (echo_port,), process("tools.bench.instant", str(axes)) as ports:
-        plc = _Plc(axes)
+        plc = Plc(axes)
         gateway = Peer(ports[0], plc.frame)
         size = len(plc.frame())
         echo = Peer(echo_port, lambda: bytes(size))

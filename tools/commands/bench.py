@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from ds301.load import frame_bits
-from tools.bench import decoding, roundtrip, translation
+from tools.bench import decoding, roundtrip, storm, translation
 
 app = typer.Typer(help="Benchmarks.", invoke_without_command=True)
 
@@ -22,15 +22,17 @@ def bench(
     cycles: Annotated[int, typer.Option(min=10, help="Cycles of each latency comparison.")] = 5000,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
-    """Translation cost, round trip against a UDP echo for 1 and 8 axes, throughput."""
+    """Translation cost, round trip against a UDP echo for 1 and 8 axes, throughput, parameter storm."""
     if context.invoked_subcommand is not None:
         return
     costs = translation.run()
     trips = [roundtrip.run(axes, cycles) for axes in (1, 8)]
+    parameters = storm.run(cycles)
     if as_json:
         document = {
             "translation": [asdict(cost) for cost in costs],
             "round_trip": [{**asdict(trip), "ratio_p50": trip.ratio} for trip in trips],
+            "parameter_storm": {**asdict(parameters), "ratio_p99": parameters.ratio},
         }
         typer.echo(json.dumps(document, indent=2))
         return
@@ -60,8 +62,16 @@ def bench(
             f"{trip.can_frames_per_s / physical:.1f} x",
         )
     console.print(table)
+    table = Table(
+        "", "p50", "p99", "p99.9", "lost", title=f"{storm.AXES} axes at 1 kHz under a storm of parameter requests"
+    )
+    for name, row in (("quiet", parameters.quiet), (f"{parameters.requests_per_s:.0f} requests/s", parameters.storm)):
+        table.add_row(name, f"{row.p50:.0f} us", f"{row.p99:.0f} us", f"{row.p999:.0f} us", str(row.lost))
+    table.add_row("storm / quiet", "", f"{parameters.ratio:.2f}", "", "")
+    console.print(table)
     console.print(
-        f"goals: telegram 1 at most 10 us, telegram 9 at most 20 us, one axis at most {roundtrip.GOAL_RATIO:g} x the echo"
+        f"goals: telegram 1 at most 10 us, telegram 9 at most 20 us, one axis at most {roundtrip.GOAL_RATIO:g} x the echo, "
+        f"p99 under the storm at most {storm.GOAL_RATIO:g} x"
     )
 
 
