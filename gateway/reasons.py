@@ -37,6 +37,12 @@ class Reason(enum.Enum):
     HOMING_SETUP = "waiting for the drive to take homing method and speeds (SDO)"
     HOMING_STOPPED = "STW1.11 = 0: homing is being stopped"
     HOMING_ERROR = "the drive reports a homing error (Statusword.13) or does not reach its home position"
+    ENCODER_NO_PLC = "no valid frame from the PLC: nothing is requested of the encoder"
+    ENCODER_NO_CONTROL = "STW2_ENC.10 = 0 (control by PLC): G1_STW is not evaluated"
+    ENCODER_OFFLINE = "encoder is not online: its position is not valid"
+    SENSOR_ERROR = "sensor error, code in G1_XIST2: acknowledge with a rising edge of G1_STW.15"
+    SENSOR_PARKED = "G1_STW.14 = 1: sensor is parked"
+    SENSOR_PRESETTING = "waiting for the encoder to take the preset (SDO)"
 
 
 FIRST_WARNING = 108
@@ -74,8 +80,10 @@ GATEWAY_FAULTS: MappingProxyType[int, GatewayFault] = MappingProxyType(
             GatewayFault(110, "mode of operation not confirmed", 0xFF08, is_warning=True),
             GatewayFault(111, "drive did not take the homing parameters", 0xFF09, is_warning=True),
             GatewayFault(112, "internal limit of the drive reached", 0xFF0A, is_warning=True),
+            GatewayFault(118, "encoder did not take the preset", 0xFF0F, is_warning=True),
             GatewayFault(121, "drive does not answer", 0xFF11),
             GatewayFault(122, "drive left operation by itself", 0xFF12),
+            GatewayFault(124, "sign of life of the PLC lost", 0xFF14),
         )
     }
 )

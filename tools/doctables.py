@@ -14,6 +14,7 @@ from dsp402.objects import DRIVE_OBJECTS
 from dsp402.pdo import LAYOUTS
 from dsp402.states import COMMAND_TRANSITIONS, STATUS_PATTERNS
 from gateway.reasons import GATEWAY_FAULTS, Reason
+from profidrive.encoder import STATUS_BITS, TRANSITIONS, SensorError
 from profidrive.signals import CATALOGUE, Signal
 from profidrive.telegrams import TELEGRAMS, TelegramHalf, word_positions
 
@@ -78,6 +79,11 @@ def generate() -> str:
             ("transition", "from", "command", "to"),
             ((t.number, t.source.value, t.command.name, t.target.value) for t in COMMAND_TRANSITIONS),
         ),
+        "## Sensor interface: G1_STW and G1_ZSW\n",
+        _table(("state", "event", "next state"), ((s.value, e.value, n.value) for (s, e), n in TRANSITIONS.items())),
+        _table(("state", "G1_ZSW"), ((state.value, f"{bits:04X}h") for state, bits in STATUS_BITS.items())),
+        "### Error codes in G1_XIST2\n",
+        _table(("code", "error"), ((f"{error.value:04X}h", error.name) for error in SensorError)),
         "## Modes of operation\n",
         _table(("6060h", "mode"), ((mode.value, mode.name) for mode in Mode)),
         "## Homing methods\n",

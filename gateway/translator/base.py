@@ -10,6 +10,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from typing import Generic, TypeVar
 
 from dsp402.errors import Dsp402Error
 from dsp402.images import DriveCommand, DriveFeedback, References
@@ -57,39 +58,70 @@ class FaultEvent:
 
 @dataclass(frozen=True, slots=True)
 class SdoWrite:
-    """A value the drive must take by SDO before the translator goes on."""
+    """A value the device must take by SDO before the translator goes on."""
 
     index: int
     subindex: int
     value: int
 
 
-class Translator(ABC):
-    """One cycle of one axis is one ``step``.
+FeedbackT = TypeVar("FeedbackT")
+ReferencesT = TypeVar("ReferencesT")
 
-    ``command`` is the drive image the step updates in place; the axis packs the RPDOs from it. ``reason`` is the
-    standing answer to "why does it not move" (None when everything asked for is being done). ``events`` collects what
-    happened in steps; the axis drains it. ``sdo_request`` holds writes the axis must perform beside the exchange,
-    answered by ``sdo_done``. ``warning`` is the gateway's own share of ZSW1.7.
+
+class BaseTranslator(ABC, Generic[FeedbackT, ReferencesT]):
+    """One cycle of one drive object, drive or encoder, is one ``step``.
+
+    ``reason`` is the standing answer to "why does it not move" (None when everything asked for is being done). ``events``
+    collects what happened in steps; the axis drains it. ``sdo_request`` holds writes the axis must perform beside the
+    exchange, answered by ``sdo_done``; one that the translator withdraws or replaces needs no answer.
     """
 
-    def __init__(self, telegram: Telegram, settings: TranslatorSettings) -> None:
+    def __init__(self, telegram: Telegram) -> None:
         self.telegram = telegram
-        self.settings = settings
-        self.command = DriveCommand()
         self.reason: Reason | None = Reason.NO_PLC
         self.events: list[FaultEvent] = []
         self.sdo_request: tuple[SdoWrite, ...] | None = None
-        self.warning = False
         self.saturations = 0
         """How often a value had to be limited; visible to the user."""
 
     @abstractmethod
-    def set_references(self, references: References | None, homing_method: int = 0) -> None:
-        """Take new reference values (at start, after a write to one, after a drive restart).
+    def set_references(self, references: ReferencesT | None, homing_method: int = 0) -> None:
+        """Take new reference values (at start, after a write to one, after a restart of the device).
 
-        None, or references that fail ``References.check``, make the axis refuse operation (fault event 104).
+        None, or references that fail their check, make the axis refuse operation (fault event 104).
         """
+
+    @abstractmethod
+    def step(self, setpoints: Sequence[int] | None, feedback: FeedbackT, drive_ok: bool, now: int) -> Sequence[int]:
+        """Translate one cycle.
+
+        ``setpoints``: raw signal values in telegram order, None while there is no valid PLC (never seen, watchdog
+        expired, provider STOP, IOPS BAD). ``drive_ok``: the device is configured and its data is fresh. ``now``:
+        monotonic nanoseconds. Returns the raw actual values in telegram order.
+        """
+
+    @abstractmethod
+    def drive_restarted(self) -> None:
+        """The device booted or was re-configured: no standing request may act on it, references are set again."""
+
+    @abstractmethod
+    def sdo_done(self, error: str | None) -> None:
+        """The writes of ``sdo_request`` are done (None) or failed (the reason); the axis has cleared the request."""
+
+
+class Translator(BaseTranslator[DriveFeedback, References]):
+    """The translator of a drive.
+
+    ``command`` is the drive image the step updates in place; the axis packs the RPDOs from it. ``warning`` is the
+    gateway's own share of ZSW1.7.
+    """
+
+    def __init__(self, telegram: Telegram, settings: TranslatorSettings) -> None:
+        super().__init__(telegram)
+        self.settings = settings
+        self.command = DriveCommand()
+        self.warning = False
 
     def _usable(self, references: References) -> bool:
         """Whether the references pass their check; fault event 104 tells which one does not."""
@@ -99,20 +131,3 @@ class Translator(ABC):
             self.events.append(FaultEvent(104, str(error)))
             return False
         return True
-
-    @abstractmethod
-    def step(self, setpoints: Sequence[int] | None, feedback: DriveFeedback, drive_ok: bool, now: int) -> Sequence[int]:
-        """Translate one cycle.
-
-        ``setpoints``: raw signal values in telegram order, None while there is no valid PLC (never seen, watchdog
-        expired, provider STOP, IOPS BAD). ``drive_ok``: the drive is configured and its data is fresh. ``now``:
-        monotonic nanoseconds. Returns the raw actual values in telegram order.
-        """
-
-    @abstractmethod
-    def drive_restarted(self) -> None:
-        """The drive booted or was re-configured: no standing ON may start it, references are set again."""
-
-    @abstractmethod
-    def sdo_done(self, error: str | None) -> None:
-        """The writes of ``sdo_request`` are done (None) or failed (the reason); the axis has cleared the request."""

@@ -6,10 +6,11 @@ from dsp402.modes import Mode
 from dsp402.pdo import Operation
 from gateway.errors import GatewayError
 from gateway.translator.base import Translator, TranslatorSettings
+from gateway.translator.encoder import EncoderTranslator, EncoderTranslatorSettings
 from gateway.translator.positioning import PositioningTranslator
 from gateway.translator.transparent import TransparentTranslator
 from gateway.translator.velocity import VelocityTranslator
-from profidrive.telegrams import telegram
+from profidrive.telegrams import TELEGRAMS, ApplicationMode, telegram
 
 _DRIVE_TELEGRAMS: dict[int, tuple[type[Translator], Operation, Mode | None]] = {
     1: (VelocityTranslator, Operation.VELOCITY, Mode.VELOCITY),
@@ -22,6 +23,11 @@ _DRIVE_TELEGRAMS: dict[int, tuple[type[Translator], Operation, Mode | None]] = {
 
 DRIVE_TELEGRAM_NUMBERS = tuple(sorted(_DRIVE_TELEGRAMS))
 """The telegrams a drive axis can be given (P922)."""
+
+ENCODER_TELEGRAM_NUMBERS = tuple(
+    sorted(number for number, item in TELEGRAMS.items() if item.mode is ApplicationMode.ENCODER)
+)
+"""The telegrams an encoder can be given (P922)."""
 
 
 def _row(number: int) -> tuple[type[Translator], Operation, Mode | None]:
@@ -36,6 +42,15 @@ def _row(number: int) -> tuple[type[Translator], Operation, Mode | None]:
 def make_translator(number: int, settings: TranslatorSettings) -> Translator:
     """The translator of a drive telegram; GatewayError for one that no drive axis supports."""
     return _row(number)[0](telegram(number), settings)
+
+
+def make_encoder_translator(number: int, settings: EncoderTranslatorSettings) -> EncoderTranslator:
+    """The translator of an encoder telegram; GatewayError for another one."""
+    if number not in ENCODER_TELEGRAM_NUMBERS:
+        raise GatewayError(
+            f"telegram: {number} is not supported for an encoder, allowed {list(ENCODER_TELEGRAM_NUMBERS)}"
+        )
+    return EncoderTranslator(telegram(number), settings)
 
 
 def pdo_operation(number: int) -> Operation:
