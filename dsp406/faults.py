@@ -44,6 +44,7 @@ class EncoderFault:
     """What a cause does: EMCY error code (0: none is sent), bits of the error register 1001h, alarms and warnings."""
 
     name: str
+    meaning: str
     error_code: int = 0
     error_register: int = 0
     alarms: Alarm = _NO_ALARM
@@ -51,32 +52,52 @@ class EncoderFault:
 
 
 SENSOR_DEFECT = "sensor-defect"
-"""Not noticed before the commissioning diagnostics look for it."""
+"""The fault that only the commissioning diagnostics find."""
 
 ENCODER_FAULTS: MappingProxyType[str, EncoderFault] = MappingProxyType(
     {
         fault.name: fault
         for fault in (
-            EncoderFault("position-error", 0x1000, 0x21, Alarm.POSITION_ERROR),
-            EncoderFault("input-current", 0x2110, 0x03),
-            EncoderFault("input-voltage", 0x3110, 0x05),
-            EncoderFault("temperature", 0x4000, 0x09),
-            EncoderFault("memory", 0x5100, 0x01, Alarm.POSITION_ERROR),
-            EncoderFault("software", 0x6000, 0x01),
-            EncoderFault("monitoring", 0x8000, 0x01),
-            EncoderFault("external", 0x9000, 0x01),
-            EncoderFault("device-specific", 0xFFFF, 0x81),
-            EncoderFault(SENSOR_DEFECT),
-            EncoderFault("frequency", warnings=Warnings.FREQUENCY_EXCEEDED),
-            EncoderFault("light", warnings=Warnings.LIGHT_CONTROL_RESERVE),
-            EncoderFault("watchdog", warnings=Warnings.CPU_WATCHDOG),
-            EncoderFault("operating-time", warnings=Warnings.OPERATING_TIME),
-            EncoderFault("battery", warnings=Warnings.BATTERY_CHARGE),
-            EncoderFault("reference-point", warnings=Warnings.REFERENCE_POINT),
+            EncoderFault(
+                "position-error",
+                "The sensor cannot be read for certain: the position may be wrong.",
+                0x1000,
+                0x21,
+                Alarm.POSITION_ERROR,
+            ),
+            EncoderFault("input-current", "The input current is too high.", 0x2110, 0x03),
+            EncoderFault("input-voltage", "The input voltage is out of its range.", 0x3110, 0x05),
+            EncoderFault("temperature", "The temperature inside is out of its range.", 0x4000, 0x09),
+            EncoderFault(
+                "memory", "The memory has an error: the position may be wrong.", 0x5100, 0x01, Alarm.POSITION_ERROR
+            ),
+            EncoderFault("software", "The firmware found an error of its own.", 0x6000, 0x01),
+            EncoderFault("monitoring", "A supervision of the device responded.", 0x8000, 0x01),
+            EncoderFault("external", "Something outside the device is wrong.", 0x9000, 0x01),
+            EncoderFault("device-specific", "An error only the manufacturer knows.", 0xFFFF, 0x81),
+            EncoderFault(
+                SENSOR_DEFECT, "A part of the sensor is defect, which only the commissioning diagnostics notice."
+            ),
+            EncoderFault(
+                "frequency", "It turned faster than the sensor can follow.", warnings=Warnings.FREQUENCY_EXCEEDED
+            ),
+            EncoderFault("light", "The light source is nearly used up.", warnings=Warnings.LIGHT_CONTROL_RESERVE),
+            EncoderFault("watchdog", "The watchdog has restarted the processor.", warnings=Warnings.CPU_WATCHDOG),
+            EncoderFault(
+                "operating-time", "The operating time has reached its limit.", warnings=Warnings.OPERATING_TIME
+            ),
+            EncoderFault(
+                "battery", "The battery that keeps the position is nearly empty.", warnings=Warnings.BATTERY_CHARGE
+            ),
+            EncoderFault(
+                "reference-point", "The reference point has not been reached.", warnings=Warnings.REFERENCE_POINT
+            ),
         )
     }
 )
 """By name."""
 
-COMMISSIONING_FAULT = EncoderFault("commissioning diagnostics", 0x5000, 0x21, Alarm.COMMISSIONING_DIAGNOSTICS)
-"""What the diagnostics report when they find a defect."""
+COMMISSIONING_FAULT = EncoderFault(
+    "commissioning diagnostics", "The diagnostics found a defect.", 0x5000, 0x21, Alarm.COMMISSIONING_DIAGNOSTICS
+)
+"""What the diagnostics report; it is no cause of its own."""

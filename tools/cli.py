@@ -23,7 +23,7 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
-sim = typer.Typer(help="Simulators: PLC, drives, a bus of devices.", no_args_is_help=True)
+sim = typer.Typer(help="Simulators: PLC, drives, encoders, a bus of devices.", no_args_is_help=True)
 app.add_typer(sim, name="sim")
 
 
@@ -37,7 +37,19 @@ def _register(wanted: str = "") -> None:
 
         app.command("decode")(decode_command)
         return
-    from tools.commands import bench, config, decode, demo, eds, param, run, sim_drive, sim_plc, status  # noqa: PLC0415
+    from tools.commands import (  # noqa: PLC0415
+        bench,
+        config,
+        decode,
+        demo,
+        eds,
+        param,
+        run,
+        sim_drive,
+        sim_encoder,
+        sim_plc,
+        status,
+    )
 
     app.command("run")(run.run)
     app.add_typer(config.app, name="config")
@@ -49,6 +61,7 @@ def _register(wanted: str = "") -> None:
     app.add_typer(eds.app, name="eds")
     sim.command("plc")(sim_plc.plc)
     sim.command("drive")(sim_drive.drive)
+    sim.command("encoder")(sim_encoder.encoder)
     sim.command("bus")(sim_drive.bus)
     sim.command("inject")(sim_drive.inject)
 

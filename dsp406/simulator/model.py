@@ -131,10 +131,13 @@ class EncoderModel:
             raise Dsp406Error("encoder fault", name, f"one of {', '.join(ENCODER_FAULTS)}")
         self._raise(fault)
 
-    def clear(self) -> None:
-        """Remove the causes of all faults; what the commissioning diagnostics found stays until they look again."""
-        for name in set(self.faults) - {COMMISSIONING_FAULT.name}:
-            self._drop(name)
+    def clear(self, name: str | None = None) -> None:
+        """Remove a cause, without a name all of them; one that is not there is no error.
+
+        What the commissioning diagnostics found stays until they look again.
+        """
+        for cause in set(self.faults) - {COMMISSIONING_FAULT.name} if name is None else [name]:
+            self._drop(cause)
 
     def _channel(self, number: int) -> _Channel:
         try:

@@ -126,20 +126,23 @@ def _number(text: str) -> float:
     return value
 
 
-def parse_motion(text: str) -> Motion:
-    """A motion in one word: ``speed=1.5``, see ``MOTIONS``; Dsp406Error for anything else."""
+def parse_motion(text: str, start: float = 0.0) -> Motion:
+    """A motion in one word: ``speed=1.5``, see ``MOTIONS``; Dsp406Error for anything else.
+
+    Standstill, speed and sine go on from ``start``.
+    """
     kind, _, rest = text.partition("=")
     values = rest.split(",") if rest else []
     try:
         match kind, values:
             case "still", []:
-                return still()
+                return still(start)
             case "still", [position]:
                 return still(_number(position))
             case "speed", [speed]:
-                return constant_speed(_number(speed))
+                return constant_speed(_number(speed), start)
             case "sine", [amplitude, period]:
-                return sine(_number(amplitude), _number(period))
+                return sine(_number(amplitude), _number(period), start)
             case "csv", [_, *_]:
                 return recorded(Path(rest))
             case "follow", [cob_id, offset, increments]:

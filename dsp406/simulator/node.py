@@ -16,6 +16,7 @@ from ds301.simulator import SendFunction, SimulatedNode, Value
 from dsp406.device import encoder_objects
 from dsp406.errors import Dsp406Error
 from dsp406.kinds import ROTARY, EncoderDevice
+from dsp406.misbehaviour import ENCODER_MISBEHAVIOURS
 from dsp406.registers import OPERATING_RESERVED
 from dsp406.simulator.model import EncoderModel
 from dsp406.simulator.motion import Follower, Motion
@@ -30,6 +31,8 @@ class SimulatedEncoderNode(SimulatedNode):
 
     ``motions`` are those of the channels in order; the rest stand still. ``operating_time`` as for ``EncoderModel``.
     """
+
+    catalogue = ENCODER_MISBEHAVIOURS
 
     def __init__(
         self,
@@ -136,9 +139,9 @@ class SimulatedEncoder(RunningNode[SimulatedEncoderNode]):
         """Raise a fault by name; see ``EncoderModel.inject``."""
         self.do(lambda node: node.model.inject(fault))
 
-    def clear(self) -> None:
-        """Remove the causes of all faults."""
-        self.do(lambda node: node.model.clear())
+    def clear(self, fault: str | None = None) -> None:
+        """Remove one cause or all; see ``EncoderModel.clear``."""
+        self.do(lambda node: node.model.clear(fault))
 
     def set_motion(self, motion: Motion, channel: int = 1) -> None:
         """Another motion from now on; see ``EncoderModel.set_motion``."""

@@ -261,5 +261,5 @@ def test_an_encoder_without_heartbeat_is_watched_by_its_tpdos(plant: Plant) -> N
 def test_what_is_no_data_sheet_of_an_encoder_is_named(tmp_path: Path) -> None:
     with pytest.raises(Dsp406Error, match="6004h or 6020h"):
         load_eds(DRIVE_EDS, NODE)
-    with pytest.raises(Dsp406Error, match="usable EDS"):
+    with pytest.raises(Dsp406Error, match="a usable EDS or DCF"):
         load_eds(tmp_path / "none.eds", NODE)

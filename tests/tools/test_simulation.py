@@ -15,6 +15,7 @@ import pytest
 
 from ds301.errors import CanopenError
 from dsp402.misbehaviour import DRIVE_MISBEHAVIOURS
+from dsp406.misbehaviour import ENCODER_MISBEHAVIOURS
 from gateway.errors import GatewayError
 from tests.endtoend.processes import free_tcp_port, pdgw, running
 from tests.support import buses
@@ -45,11 +46,16 @@ def simulation() -> Iterator[Simulation]:
 
 def test_the_example_is_valid_and_names_its_devices_and_faults() -> None:
     config = parse_bus(example())
-    assert [(device.type, device.node_id) for device in config.device] == [("drive", 1), ("drive", 2)]
+    assert [(device.type, device.node_id) for device in config.device] == [
+        ("drive", 1),
+        ("drive", 2),
+        ("encoder", 10),
+    ]
     assert [(fault.name, fault.values) for fault in config.device[1].fault] == [
         ("slow-sdo", {"delay_ms": 40}),
         ("reboot-in-motion", {"speed": 500}),
     ]
+    assert config.device[2].options == {"model": "multi-sensor", "channels": 2, "motion": ("speed=1.5", "sine=2,10")}
 
 
 @pytest.mark.parametrize(
@@ -65,6 +71,11 @@ def test_the_example_is_valid_and_names_its_devices_and_faults() -> None:
         (CAN + '[[device]]\nnode_id = 1\n[[device.fault]]\nname = "slow-sdo"\ndelay_ms = 0\n', "delay_ms: 0 .* ms"),
         (CAN + '[[device]]\nnode_id = 1\n[[device.fault]]\nname = "slow-sdo"\ndelay = 1\n', "'delay' .*delay_ms"),
         (CAN + '[[device]]\nnode_id = 1\nfault = [{name = "reboot"}, {name = "reboot"}]\n', "reboot is given twice"),
+        (CAN + '[[device]]\nnode_id = 1\nmotion = "still"\n', "motion is for encoders, not allowed for a drive"),
+        (CAN + '[[device]]\nnode_id = 1\ntype = "encoder"\nmodel = "x"\n', "'x' .* rotary, linear, multi-sensor"),
+        (CAN + '[[device]]\nnode_id = 1\ntype = "encoder"\nchannels = 2\n', r"channels of the rotary .* 1\.\.1"),
+        (CAN + '[[device]]\nnode_id = 1\ntype = "encoder"\nmotion = "fly"\n', "'fly' .* speed=PER_SECOND"),
+        (CAN + '[[device]]\nnode_id = 1\ntype = "encoder"\nmotion = ["still", "still"]\n', "2 are given, .* at most 1"),
         (CAN + "[control]\nport = 5000\nrest_port = 5000\n[[device]]\nnode_id = 1\n", "both are 5000"),
         (CAN + "[control]\nport = 65536\n[[device]]\nnode_id = 1\n", r":5: \[control\] port = 65536"),
         ("[", "not valid TOML"),
@@ -172,9 +183,10 @@ def test_rest_tells_devices_and_the_catalogue(rest: Client) -> None:
     ]
     assert rest("GET", "/devices/4") == (200, devices[1])
     _, faults = rest("GET", "/faults")
-    assert [fault["name"] for fault in faults] == list(DRIVE_MISBEHAVIOURS)
+    for kind, known in (("drive", DRIVE_MISBEHAVIOURS), ("encoder", ENCODER_MISBEHAVIOURS)):
+        assert [fault["name"] for fault in faults if kind in fault["types"]] == list(known)
     assert faults == json.loads(json.dumps(fault_catalogue()))
-    assert all(fault["description"] and "drive" in fault["types"] for fault in faults)
+    assert all(fault["description"] for fault in faults)
 
 
 def test_rest_sets_and_removes_a_fault(rest: Client, simulation: Simulation) -> None:
@@ -248,16 +260,20 @@ def test_sim_bus_runs_a_file_and_is_controlled_both_ways(tmp_path: Path) -> None
     )
     with running("sim", "bus", str(path), log=tmp_path / "bus.log"):
         rest = Client(rest_port)
-        buses.wait_for(lambda: "drive 1, drive 2 on virtual" in (tmp_path / "bus.log").read_text(), "running", 30)
+        buses.wait_for(
+            lambda: "drive 1, drive 2, encoder 10 on virtual" in (tmp_path / "bus.log").read_text(), "running", 30
+        )
         assert [list(device["faults"]) for device in rest("GET", "/devices")[1]] == [
             [],
             ["slow-sdo", "reboot-in-motion"],
+            ["battery"],
         ]
         assert pdgw("sim", "inject", "--port", str(port), "@1", "fault", "under-voltage").stdout == (
             "ok: under-voltage voltage=9000\n"
         )
         assert rest("GET", "/devices/1")[1]["fault"] == 6
-    assert set(DEVICE_TYPES) >= {"drive"}
+        assert rest("GET", "/devices/10")[1]["warnings"] == "battery charge"
+    assert set(DEVICE_TYPES) == {"drive", "encoder"}
 
 
 @pytest.mark.e2e

@@ -5,10 +5,7 @@
 
 from __future__ import annotations
 
-import signal
 import socket
-import threading
-from contextlib import ExitStack
 from pathlib import Path
 from typing import Annotated
 
@@ -18,29 +15,9 @@ from ds301.bus import open_bus
 from gateway.daemon import open_configured_bus
 from gateway.errors import GatewayError
 from tools.simulation.config import ControlConfig, example, load_bus
-from tools.simulation.console import COMMANDS, Console, read_standard_input, serve
+from tools.simulation.console import COMMANDS
 from tools.simulation.devices import Simulation
-from tools.simulation.rest import RestServer
-
-
-def _run(simulation: Simulation, control: ControlConfig, title: str) -> None:
-    """Until SIGINT, SIGTERM or `quit`; the ports are had before the devices are powered."""
-    quit_ = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: quit_.set())
-    console = Console(simulation, quit_)
-    with ExitStack() as at_end:
-        if control.port:
-            server = serve(console, control.port)
-            at_end.callback(server.server_close)
-            at_end.callback(server.shutdown)
-        if control.rest_port:
-            at_end.callback(RestServer(simulation, control.rest_port).stop)
-        at_end.callback(simulation.stop)
-        simulation.start()
-        read_standard_input(console)
-        typer.echo(f"{title}; commands: {COMMANDS}")
-        quit_.wait()
+from tools.simulation.running import run
 
 
 def drive(
@@ -61,7 +38,7 @@ def drive(
     for node in nodes:
         simulation.add("drive", open_bus(interface, channel, bitrate), node, node)
     control = ControlConfig(port=control_port, rest_port=rest_port)
-    _run(simulation, control, f"drives {nodes} on {interface} {channel}")
+    run(simulation, control, f"drives {nodes} on {interface} {channel}")
 
 
 def bus(
@@ -78,11 +55,11 @@ def bus(
     simulation = Simulation()
     for device in config.device:
         serial = device.node_id if device.serial_number is None else device.serial_number
-        simulation.add(device.type, open_configured_bus(config.can), device.node_id, serial)
+        simulation.add(device.type, open_configured_bus(config.can), device.node_id, serial, **device.options)
         for fault in device.fault:
             simulation.misbehave(device.node_id, fault.name, fault.values)
     title = ", ".join(f"{device.type} {device.node_id}" for device in config.device)
-    _run(simulation, config.control, f"{title} on {config.can.interface} {config.can.channel}")
+    run(simulation, config.control, f"{title} on {config.can.interface} {config.can.channel}")
 
 
 def inject(
@@ -95,9 +72,7 @@ def inject(
             connection.sendall(" ".join(command).encode() + b"\n")
             answer = connection.makefile().readline().strip()
     except OSError as error:
-        raise GatewayError(
-            f"no drive simulator answers on 127.0.0.1 port {port} ({error.strerror or error})"
-        ) from error
+        raise GatewayError(f"no simulator answers on 127.0.0.1 port {port} ({error.strerror or error})") from error
     if answer.startswith("error: "):
         raise GatewayError(answer.removeprefix("error: "))
     typer.echo(answer)

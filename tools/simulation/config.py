@@ -6,14 +6,16 @@ TOML, validated by pydantic with the messages of the gateway's own configuration
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
 from ds301.errors import CanopenError
 from ds301.misbehaviour import make
+from dsp406.kinds import ROTARY
+from dsp406.simulator.motion import parse_motion
 from gateway.config import CanConfig, Integer, Port, as_list, parse_toml, read_text
-from tools.simulation.devices import DEVICE_TYPES
+from tools.simulation.devices import DEVICE_TYPES, encoder_device
 
 
 class _Section(BaseModel):
@@ -41,6 +43,10 @@ class FaultConfig(BaseModel):
         return dict(self.model_extra or {})
 
 
+def _as_texts(value: object) -> object:
+    return [value] if isinstance(value, str) else value
+
+
 class DeviceConfig(_Section):
     """One device."""
 
@@ -48,7 +54,37 @@ class DeviceConfig(_Section):
     node_id: Annotated[Integer, Field(ge=1, le=126)]
     serial_number: Annotated[Integer, Field(ge=0, le=0xFFFF_FFFF)] | None = None
     """1018h/4; without it the node-ID."""
+    model: str | None = None
+    """Of an encoder: rotary, linear or multi-sensor."""
+    channels: Integer | None = None
+    """Of a multi-sensor encoder, 1..254."""
+    motion: Annotated[tuple[str, ...], BeforeValidator(_as_texts)] = ()
+    """Of an encoder, one for each channel: see ``dsp406.simulator.motion``."""
     fault: Annotated[tuple[FaultConfig, ...], BeforeValidator(as_list)] = ()
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """What was given of the options that only some kinds of devices have."""
+        options = {"model": self.model, "channels": self.channels, "motion": self.motion}
+        return {name: value for name, value in options.items() if value}
+
+    @model_validator(mode="after")
+    def _options_fit(self) -> DeviceConfig:
+        if self.type != "encoder":
+            for name in self.options:
+                raise ValueError(f"{name} is for encoders, not allowed for a {self.type}")
+            return self
+        try:
+            device = encoder_device(self.model or ROTARY.name, self.channels)
+            if len(self.motion) > device.channels:
+                raise ValueError(
+                    f"motion: {len(self.motion)} are given, allowed at most {device.channels}, one a channel"
+                )
+            for text in self.motion:
+                parse_motion(text)
+        except CanopenError as error:
+            raise ValueError(str(error)) from error
+        return self
 
     @model_validator(mode="after")
     def _faults_exist(self) -> DeviceConfig:
@@ -128,4 +164,15 @@ delay_ms = 40
 [[device.fault]]
 name = "reboot-in-motion"
 speed = 500
+
+[[device]]
+type = "encoder"
+node_id = 10
+model = "multi-sensor"       # rotary, linear, multi-sensor
+channels = 2
+motion = ["speed=1.5", "sine=2,10"]  # one a channel, in revolutions (linear: mm) and seconds; still without
+                             # also: still=P, csv=FILE, follow=COB_ID,BYTE,INCREMENTS (the position in another node's PDO)
+
+[[device.fault]]
+name = "battery"
 """

@@ -14,7 +14,10 @@ from gateway.errors import GatewayError
 from tools.simulation.devices import Simulation
 
 _NUMBER = re.compile("[0-9]{1,3}")
-COMMANDS = "fault N (1-12), fault NAME [parameter=value ...], clear [NAME], di1 on|off, faults, status, quit"
+COMMANDS = (
+    "fault N (1-12), fault NAME [parameter=value ...], clear [NAME], di1 on|off, motion MOTION [CHANNEL], "
+    "faults, status, quit"
+)
 
 
 class Console:
@@ -26,7 +29,8 @@ class Console:
 
     def execute(self, line: str) -> str:
         """Run one command line; the answer is one line, errors begin with ``error:``."""
-        words = line.lower().split()
+        # What follows "=" may be the name of a file.
+        words = ["".join((name.lower(), sign, value)) for name, sign, value in (w.partition("=") for w in line.split())]
         chosen = self._simulation.nodes
         if words and words[0].startswith("@") and _NUMBER.fullmatch(words[0][1:]):
             node = int(words.pop(0)[1:])
@@ -67,6 +71,12 @@ class Console:
                 return "ok"
             case ["di1", "on"]:
                 simulation.behave(node, "enable-input-dropped")
+                return "ok"
+            case ["motion", motion]:
+                simulation.move(node, motion)
+                return "ok"
+            case ["motion", motion, channel] if _NUMBER.fullmatch(channel):
+                simulation.move(node, motion, int(channel))
                 return "ok"
             case ["faults"]:
                 return f"node {node}: {', '.join(simulation.device(node).node.catalogue)}"

@@ -5,8 +5,8 @@ Another kind is one entry of ``DEVICE_TYPES``; it gets the file, the console and
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any, Protocol
 
@@ -17,6 +17,10 @@ from ds301.misbehaviour import Misbehaviour
 from ds301.simulator import SimulatedNode
 from dsp402.simulator import SimulatedDrive, SimulatedDriveNode
 from dsp402.states import state_of
+from dsp406.kinds import DEVICES, ROTARY, EncoderDevice
+from dsp406.registers import Alarm, Warnings, names
+from dsp406.simulator import SimulatedEncoder, SimulatedEncoderNode
+from dsp406.simulator.motion import parse_motion
 
 
 class SimulatedDevice(Protocol):
@@ -33,10 +37,8 @@ class SimulatedDevice(Protocol):
         """Run an action between two steps of the node."""
 
 
-class DeviceMaker(Protocol):
-    """Makes a device on a bus that becomes its own."""
-
-    def __call__(self, bus: can.BusABC, node_id: int, /, *, serial_number: int) -> SimulatedDevice: ...
+DeviceMaker = Callable[..., SimulatedDevice]
+"""Called with a bus that becomes the device's own, its node-ID, ``serial_number`` and the options of its kind."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +48,40 @@ class DeviceType:
     make: DeviceMaker
     node: type[SimulatedNode]
     status: Callable[[Any], dict[str, object]] = lambda node: {}
+
+
+def encoder_device(model: str = ROTARY.name, channels: int | None = None) -> EncoderDevice:
+    """A model of encoder by name; CanopenError when there is none, or it cannot have that many channels."""
+    if model not in DEVICES:
+        raise CanopenError("model of encoder", model, f"one of {', '.join(DEVICES)}")
+    return DEVICES[model] if channels is None else replace(DEVICES[model], channels=channels)
+
+
+def _encoder(
+    bus: can.BusABC,
+    node_id: int,
+    /,
+    *,
+    serial_number: int,
+    model: str = ROTARY.name,
+    channels: int | None = None,
+    motion: Sequence[str] = (),
+) -> SimulatedEncoder:
+    """``motion``: one for each channel, see ``parse_motion``."""
+    motions = [parse_motion(text) for text in motion]
+    device = encoder_device(model, channels)
+    return SimulatedEncoder(bus, node_id, device=device, motions=motions, serial_number=serial_number)
+
+
+def _encoder_status(node: SimulatedEncoderNode) -> dict[str, object]:
+    model = node.model
+    return {
+        "model": model.device.name,
+        "position": [getattr(model, f"position_{number}") for number in model.channels],
+        "speed": [getattr(model, f"speed_{number}") for number in model.channels],
+        "alarms": names(Alarm(model.alarms)),
+        "warnings": names(Warnings(model.warnings)),
+    }
 
 
 def _drive_status(node: SimulatedDriveNode) -> dict[str, object]:
@@ -63,6 +99,7 @@ def _drive_status(node: SimulatedDriveNode) -> dict[str, object]:
 DEVICE_TYPES: Mapping[str, DeviceType] = MappingProxyType(
     {
         "drive": DeviceType(SimulatedDrive, SimulatedDriveNode, _drive_status),
+        "encoder": DeviceType(_encoder, SimulatedEncoderNode, _encoder_status),
     }
 )
 """``type`` of a [[device]] table."""
@@ -74,9 +111,14 @@ class Simulation:
     def __init__(self) -> None:
         self._devices: dict[int, tuple[str, SimulatedDevice]] = {}
 
-    def add(self, kind: str, bus: can.BusABC, node_id: int, serial_number: int) -> None:
-        """A device of ``DEVICE_TYPES``, not yet started; the bus becomes its own."""
-        self._devices[node_id] = (kind, DEVICE_TYPES[kind].make(bus, node_id, serial_number=serial_number))
+    def add(self, kind: str, bus: can.BusABC, node_id: int, serial_number: int, **options: Any) -> None:
+        """A device of ``DEVICE_TYPES``, not yet started; the bus becomes its own. ``options`` are those of its kind."""
+        try:
+            device = DEVICE_TYPES[kind].make(bus, node_id, serial_number=serial_number, **options)
+        except CanopenError:
+            bus.shutdown()
+            raise
+        self._devices[node_id] = (kind, device)
 
     @property
     def nodes(self) -> list[int]:
@@ -100,6 +142,19 @@ class Simulation:
         """Power off for good and release the buses."""
         for _, device in self._devices.values():
             device.stop()
+
+    def move(self, node_id: int, motion: str, channel: int = 1) -> None:
+        """Another motion for a channel of an encoder, from where it stands; see ``parse_motion``."""
+        device = self.device(node_id)
+        if not isinstance(device, SimulatedEncoder):
+            raise CanopenError("node", node_id, "an encoder, to be moved")
+
+        def move(node: SimulatedEncoderNode) -> None:
+            channels = node.model.channels
+            start = channels[channel].mechanical if channel in channels else 0.0
+            node.model.set_motion(parse_motion(motion, start), channel)
+
+        device.do(move)
 
     def misbehave(self, node_id: int, name: str, values: Mapping[str, object]) -> Misbehaviour:
         """Give a device a fault of its catalogue."""

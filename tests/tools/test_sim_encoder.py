@@ -1,0 +1,79 @@
+"""`pdgw sim encoder`: motions and faults of simulated encoders at run time."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from ds301.errors import CanopenError
+from tests.endtoend.processes import free_tcp_port, pdgw, running
+from tests.support import buses
+from tools.simulation.console import Console
+from tools.simulation.devices import Simulation, encoder_device
+
+
+@pytest.fixture
+def simulation() -> Iterator[Simulation]:
+    simulation = Simulation()
+    name = buses.channel()
+    simulation.add("encoder", buses.bus(name), 3, 3, model="multi-sensor", channels=3, motion=("still=2",))
+    simulation.add("drive", buses.bus(name), 4, 4)
+    simulation.start()
+    buses.wait_for(lambda: simulation.status(3)["position"] == [8192, 0, 0], "powered")
+    yield simulation
+    simulation.stop()
+
+
+def test_motions_go_on_from_where_the_encoder_stands(simulation: Simulation, tmp_path: Path) -> None:
+    console = Console(simulation, threading.Event())
+    assert console.execute("@3 motion sine=1,2") == "ok"
+    assert console.execute("@3 Motion still") == "ok"
+    channel = simulation.device(3).node.model.channels[1]  # type: ignore[attr-defined]
+    assert 1.9 < channel.motion(0) < 2.5
+    file = tmp_path / "Recorded.CSV"
+    file.write_text("0,7\n")
+    assert console.execute(f"@3 motion csv={file} 2") == "ok"
+    buses.wait_for(lambda: simulation.status(3)["position"][1] == 7 * 4096, "channel 2")  # type: ignore[index]
+    assert console.execute("@3 motion still=1 9").startswith("error: encoder channel: 9")
+    assert console.execute("@3 motion fly").startswith("error: motion: 'fly'")
+    assert console.execute("@4 motion still").startswith("error: node: 4 is not allowed, expected an encoder")
+
+
+def test_alarms_and_warnings_by_name(simulation: Simulation) -> None:
+    console = Console(simulation, threading.Event())
+    assert console.execute("@3 fault position-error") == "ok: position-error"
+    assert console.execute("@3 fault light") == "ok: light"
+    status = console.execute("@3 status")
+    assert "alarms position error" in status
+    assert "warnings light control reserve" in status
+    assert "misbehaves: position-error light" in status
+    assert console.execute("@3 clear light") == "ok"
+    assert simulation.status(3)["warnings"] == "none"
+    assert console.execute("@3 clear") == "ok"
+    assert simulation.status(3)["alarms"] == "none"
+    assert console.execute("@4 fault light").startswith("error: fault: 'light'")
+    assert console.execute("@3 fault 7").startswith("error: fault: 'drive-fault'")
+
+
+def test_a_model_that_does_not_exist_is_named() -> None:
+    with pytest.raises(CanopenError, match=r"model of encoder: 'x' .* rotary, linear, multi-sensor"):
+        encoder_device("x")
+
+
+@pytest.mark.e2e
+def test_pdgw_sim_encoder_runs_and_is_given_an_alarm(tmp_path: Path) -> None:
+    port = free_tcp_port()
+    log = tmp_path / "encoder.log"
+    options = ("--node-id", "10", "--motion", "still=1.5", "--control-port", str(port))
+    with running("sim", "encoder", *options, log=log):
+        buses.wait_for(lambda: "rotary encoders [10] on virtual" in log.read_text(), "running", 30)
+        assert pdgw("sim", "inject", "--port", str(port), "fault", "temperature").stdout == "ok: temperature\n"
+        answer = pdgw("sim", "inject", "--port", str(port), "status").stdout
+        assert "node 10: encoder, NMT PRE_OPERATIONAL, model rotary, position [6144]" in answer
+        assert "misbehaves: temperature" in answer
+    result = pdgw("sim", "encoder", "--motion", "fly")
+    assert (result.returncode, result.stderr.count("\n")) == (1, 1)
+    assert "speed=PER_SECOND" in result.stderr

@@ -1,0 +1,45 @@
+"""``pdgw sim encoder``: simulated CiA 406 encoders on any python-can bus, with motions and faults chosen at run time."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from ds301.bus import open_bus
+from dsp406.kinds import DEVICES, ROTARY
+from dsp406.simulator.motion import MOTIONS
+from gateway.errors import GatewayError
+from tools.simulation.config import ControlConfig
+from tools.simulation.devices import Simulation
+from tools.simulation.running import run
+
+
+def encoder(
+    interface: Annotated[str, typer.Option(help="python-can interface.")] = "virtual",
+    channel: Annotated[str, typer.Option(help="Channel of the interface.")] = "pdgw",
+    bitrate: Annotated[int | None, typer.Option(help="Bit rate.")] = None,
+    node_id: Annotated[
+        list[int] | None, typer.Option(min=1, max=126, help="Node-ID; repeat for several encoders.")
+    ] = None,
+    model: Annotated[str, typer.Option(help=f"One of {', '.join(DEVICES)}.")] = ROTARY.name,
+    channels: Annotated[
+        int | None, typer.Option(help="Channels of a multi-sensor encoder, 1..254.", show_default=False)
+    ] = None,
+    motion: Annotated[
+        list[str] | None,
+        typer.Option(help=f"{MOTIONS}; repeat for further channels. Revolutions, linear: mm."),
+    ] = None,
+    control_port: Annotated[int, typer.Option(help="Loopback TCP port for `pdgw sim inject`, 0 for none.")] = 0,
+    rest_port: Annotated[int, typer.Option(help="Loopback TCP port of the REST interface, 0 for none.")] = 0,
+) -> None:
+    """Run simulated encoders until SIGINT, SIGTERM or `quit`. Commands on standard input: see `pdgw sim inject`."""
+    nodes = node_id or [1]
+    if len(set(nodes)) != len(nodes):
+        raise GatewayError(f"--node-id: {nodes} names a node twice")
+    simulation = Simulation()
+    for node in nodes:
+        bus = open_bus(interface, channel, bitrate)
+        simulation.add("encoder", bus, node, node, model=model, channels=channels, motion=motion or ())
+    control = ControlConfig(port=control_port, rest_port=rest_port)
+    run(simulation, control, f"{model} encoders {nodes} on {interface} {channel}")

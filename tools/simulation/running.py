@@ -1,0 +1,34 @@
+"""Simulated devices at work in the foreground: console, ports, signals."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from contextlib import ExitStack
+
+import typer
+
+from tools.simulation.config import ControlConfig
+from tools.simulation.console import COMMANDS, Console, read_standard_input, serve
+from tools.simulation.devices import Simulation
+from tools.simulation.rest import RestServer
+
+
+def run(simulation: Simulation, control: ControlConfig, title: str) -> None:
+    """Until SIGINT, SIGTERM or `quit`; the ports are had before the devices are powered."""
+    quit_ = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: quit_.set())
+    console = Console(simulation, quit_)
+    with ExitStack() as at_end:
+        if control.port:
+            server = serve(console, control.port)
+            at_end.callback(server.server_close)
+            at_end.callback(server.shutdown)
+        if control.rest_port:
+            at_end.callback(RestServer(simulation, control.rest_port).stop)
+        at_end.callback(simulation.stop)
+        simulation.start()
+        read_standard_input(console)
+        typer.echo(f"{title}; commands: {COMMANDS}")
+        quit_.wait()
