@@ -75,9 +75,9 @@ class RunningNode(Generic[N]):
                 due = max(due + MS, now)
                 with self._lock:
                     self.node.poll(now)
-                continue
             try:
-                message = self.bus.recv((due - now) / 1e9)
+                # A node that needs more than its millisecond for a step still hears the bus.
+                message = self.bus.recv(max(0, due - time.monotonic_ns()) / 1e9)
             except (can.CanError, OSError):
                 return
             if message is None or message.is_error_frame or message.is_extended_id:

@@ -13,6 +13,10 @@ from dsp402.modes import HOMING_METHODS, Mode
 from dsp402.objects import DRIVE_OBJECTS
 from dsp402.pdo import LAYOUTS
 from dsp402.states import COMMAND_TRANSITIONS, STATUS_PATTERNS
+from dsp406.faults import ENCODER_EMCY
+from dsp406.kinds import EncoderType
+from dsp406.objects import PROFILE, ProfileObject
+from dsp406.registers import Alarm, AreaState, Operating, Warnings
 from gateway.reasons import GATEWAY_FAULTS, Reason
 from profidrive.encoder import STATUS_BITS, TRANSITIONS, SensorError
 from profidrive.signals import CATALOGUE, Signal
@@ -50,6 +54,13 @@ def _bits(signal: Signal) -> str:
 def _pattern(mask: int, value: int) -> str:
     bits = "".join("x" if not mask >> n & 1 else str(value >> n & 1) for n in range(7, -1, -1))
     return f"xxxx xxxx {bits[:4]} {bits[4:]}"
+
+
+def _encoder_types(row: ProfileObject) -> str:
+    if len(row.types) == len(EncoderType):
+        return "all types"
+    types = ", ".join(str(type_.value) for type_ in sorted(row.types))
+    return f"types {types}" + (f", others {row.elsewhere.value}" if row.elsewhere.value else "")
 
 
 def generate() -> str:
@@ -105,6 +116,40 @@ def generate() -> str:
                 for e in DRIVE_OBJECTS.entries
             ),
         ),
+        "## Encoder objects\n",
+        _table(
+            ("index", "name", "type", "access", "PDO", "C1", "C2", "for", "unit"),
+            (
+                (
+                    f"{row.index:04X}h",
+                    row.name,
+                    f"{row.type.name}{' per channel' if row.per_channel else f' x {len(row.fields)}' if row.fields else ''}",
+                    row.access.value,
+                    "yes" if row.pdo else "",
+                    row.c1.value,
+                    row.c2.value,
+                    _encoder_types(row),
+                    row.unit,
+                )
+                for row in PROFILE
+            ),
+        ),
+        "## Bits of the encoder's registers\n",
+        _table(
+            ("object", "bit", "meaning"),
+            (
+                (title, bit.value.bit_length() - 1, (bit.name or "").lower().replace("_", " "))
+                for title, bits in (
+                    ("6000h operating parameters", Operating),
+                    ("6400h area state", AreaState),
+                    ("6503h alarms", Alarm),
+                    ("6505h warnings", Warnings),
+                )
+                for bit in bits
+            ),
+        ),
+        "## EMCY error codes of encoders\n",
+        _table(("code", "meaning"), ((f"{code:04X}h", text) for code, text in ENCODER_EMCY.items())),
         "## Fault numbers of the drive (200Ch, P947)\n",
         _table(
             ("number", "fault", "EMCY code", "channel error"),

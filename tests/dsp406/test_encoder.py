@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -263,3 +264,66 @@ def test_what_is_no_data_sheet_of_an_encoder_is_named(tmp_path: Path) -> None:
         load_eds(DRIVE_EDS, NODE)
     with pytest.raises(Dsp406Error, match="a usable EDS or DCF"):
         load_eds(tmp_path / "none.eds", NODE)
+
+
+def _with(plant: Plant, fault: str, **values: int) -> None:
+    encoder = plant.power_on(still(1.0))
+    encoder.node.misbehave(fault, **values)
+    encoder.start()
+
+
+@pytest.mark.parametrize(
+    ("fault", "values", "text"),
+    [
+        ("fixed-pdo-mapping", {}, "TPDO1 without mapping .*attempt to write a read-only object"),
+        ("mapping-abort", {}, "TPDO1 has 4 objects .*parameter incompatibility"),
+        ("wrong-identity", {}, "1018h"),
+        ("object-missing", {"index": 0x6501}, "object 6501h/0.*does not exist"),
+        ("object-missing", {"index": 0x6200}, "cyclic timer .*does not exist"),
+    ],
+)
+def test_an_encoder_that_cannot_be_operated_is_refused_with_the_reason(
+    plant: Plant, fault: str, values: dict[str, int], text: str
+) -> None:
+    _with(plant, fault, **values)
+    client = plant.connect()
+    buses.wait_for(lambda: client.status is EncoderStatus.REFUSED, "refusal")
+    assert re.search(text, client.status_text), client.status_text
+
+
+def test_a_fixed_mapping_that_is_as_wanted_is_used(plant: Plant, tmp_path: Path) -> None:
+    """The data sheet of such a device has nothing but the position to map."""
+    eds = tmp_path / "fixed.eds"
+    text = eds_path(ROTARY).read_text(encoding="ascii")
+    position, others = text[: text.index("[6030]")], text[text.index("[6030]") :]
+    eds.write_text(position + others.replace("PDOMapping=1", "PDOMapping=0"), encoding="ascii")
+    _with(plant, "fixed-pdo-mapping")
+    client = plant.connect(eds=eds)
+    plant.online()
+    assert fresh(client).feedback.channel(1).position == 4096
+    assert not client.has_speed
+
+
+def test_an_encoder_with_one_pdo_answers_sync_by_sdo(plant: Plant) -> None:
+    _with(plant, "two-pdos", pdos=1)
+    client = plant.connect(sync=True)
+    plant.online()
+    assert client.feedback.channel(1).position == 4096
+
+
+def test_a_slow_encoder_comes_online(plant: Plant) -> None:
+    _with(plant, "slow-sdo", delay_ms=5)
+    client = plant.connect()
+    plant.online()
+    assert client.generation == 1
+
+
+def test_an_emcy_burst_is_passed_on_and_does_no_harm(plant: Plant) -> None:
+    encoder = plant.power_on(still(1.0))
+    encoder.start()
+    client = plant.connect()
+    plant.online()
+    encoder.do(lambda node: node.misbehave("emcy-burst"))
+    buses.wait_for(lambda: [event for event in plant.events if event.kind == "emcy"], "EMCY")
+    assert client.submit(lambda encoder: encoder.read_number(0x6004)).result(5) == 4096
+    assert client.generation == 1
