@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from ds301.simulator import SimulatedNode
 
 MS = 1_000_000
+HEX = "hex"
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,6 +38,10 @@ class Parameter:
     high: int
     unit: str
     meaning: str
+
+    def text(self, value: int) -> str:
+        """A value as documents write it; the unit "hex" is none, it marks codes and bit patterns."""
+        return f"{value:04X}h" if self.unit == HEX else f"{value} {self.unit}".rstrip()
 
 
 def parameter(default: int, low: int, high: int, meaning: str, unit: str = "") -> Any:
@@ -120,8 +125,7 @@ def make(known: Catalogue, name: str, values: Mapping[str, object]) -> Misbehavi
         if item is None:
             raise CanopenError(f"fault {name} parameter", key, ", ".join(allowed) or "no parameter")
         if not isinstance(value, int) or isinstance(value, bool) or not item.low <= value <= item.high:
-            unit = f" {item.unit}" if item.unit else ""
-            raise CanopenError(f"fault {name} {key}", value, f"{item.low}..{item.high}{unit}")
+            raise CanopenError(f"fault {name} {key}", value, f"{item.text(item.low)} to {item.text(item.high)}")
         chosen[key] = value
     return kind(**chosen)
 
@@ -241,7 +245,7 @@ class WrongIdentity(Misbehaviour):
 
     name = "wrong-identity"
     at_configuration = True
-    vendor_id: int = parameter(0x0BAD, 0, 0xFFFF_FFFF, "vendor-ID in 1018h/1")
+    vendor_id: int = parameter(0x0BAD, 0, 0xFFFF_FFFF, "vendor-ID in 1018h/1", HEX)
 
     def reading(self, entry: Entry, data: bytes) -> bytes:
         if (entry.index, entry.subindex) == (com.IDENTITY, 1):
@@ -255,7 +259,7 @@ class ObjectMissing(Misbehaviour):
 
     name = "object-missing"
     at_configuration = True
-    index: int = parameter(com.CONSUMER_HEARTBEAT, 0x1000, 0xFFFF, "index of the object")
+    index: int = parameter(com.CONSUMER_HEARTBEAT, 0x1000, 0xFFFF, "index of the object", HEX)
 
     def reading(self, entry: Entry, data: bytes) -> bytes:
         self.writing(entry, data)
@@ -379,8 +383,8 @@ class EmcyBurst(Misbehaviour):
     """The same emergency message comes again and again, as from a loose contact."""
 
     name = "emcy-burst"
-    code: int = parameter(0x5000, 1, 0xFFFF, "error code")
-    register: int = parameter(0x01, 0, 0xFF, "error register; 0: no error stands")
+    code: int = parameter(0x5000, 1, 0xFFFF, "error code", HEX)
+    register: int = parameter(0x01, 0, 0xFF, "error register; 0: no error stands", HEX)
     count: int = parameter(50, 1, 10_000, "how many messages")
     period_ms: int = parameter(2, 1, 10_000, "time between two of them", "ms")
     _due: int = field(init=False, repr=False, default=0)

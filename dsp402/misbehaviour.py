@@ -9,7 +9,7 @@ from collections import deque
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, cast
 
-from ds301.misbehaviour import MS, NODE_MISBEHAVIOURS, Misbehaviour, Reboot, catalogue, parameter
+from ds301.misbehaviour import HEX, MS, NODE_MISBEHAVIOURS, Misbehaviour, Reboot, catalogue, parameter
 from dsp402.faults import DRIVE_FAULTS
 from dsp402.modes import Mode
 from dsp402.states import StatusBit
@@ -67,7 +67,7 @@ class LateStatus(_Disguise):
 
     name = "late-status"
     delay_ms: int = parameter(60, 1, 10_000, "how old the bits are", "ms")
-    bits: int = parameter(0xFFFF, 1, 0xFFFF, "which bits")
+    bits: int = parameter(0xFFFF, 1, 0xFFFF, "which bits", HEX)
     _history: deque[tuple[int, int]] = field(init=False, repr=False, default_factory=deque)
 
     def disguise(self, model: DriveModel, now: int) -> None:
@@ -84,7 +84,7 @@ class BouncingStatus(_Disguise):
     """Bits of the Statusword bounce: they are inverted half of the time."""
 
     name = "bouncing-status"
-    bits: int = parameter(StatusBit.OPERATION_ENABLED, 1, 0xFFFF, "which bits")
+    bits: int = parameter(StatusBit.OPERATION_ENABLED, 1, 0xFFFF, "which bits", HEX)
     period_ms: int = parameter(20, 1, 10_000, "half of a period", "ms")
 
     def disguise(self, model: DriveModel, now: int) -> None:
@@ -97,7 +97,7 @@ class UnknownState(_Disguise):
     """The Statusword shows a combination of bits that no state has."""
 
     name = "unknown-state"
-    bits: int = parameter(0x2C, 0, _STATE_BITS, "Statusword bits 0-6")
+    bits: int = parameter(0x2C, 0, _STATE_BITS, "Statusword bits 0-6", HEX)
 
     def disguise(self, model: DriveModel, now: int) -> None:
         model.statusword = model.statusword & ~_STATE_BITS | self.bits

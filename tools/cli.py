@@ -40,6 +40,7 @@ def _register(wanted: str = "") -> None:
     from tools.commands import (  # noqa: PLC0415
         bench,
         config,
+        conformance,
         decode,
         demo,
         eds,
@@ -59,6 +60,7 @@ def _register(wanted: str = "") -> None:
     app.command("demo")(demo.demo)
     app.add_typer(param.app, name="param")
     app.add_typer(eds.app, name="eds")
+    app.add_typer(conformance.app, name="conformance")
     sim.command("plc")(sim_plc.plc)
     sim.command("drive")(sim_drive.drive)
     sim.command("encoder")(sim_encoder.encoder)

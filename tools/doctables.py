@@ -1,6 +1,6 @@
-"""The reference tables of ``docs/tables.md``, generated from the declarations.
+"""The reference tables of ``docs/tables.md`` and ``docs/misbehaviour.md``, generated from the declarations.
 
-``python -m tools.doctables`` (``make docs``) rewrites the file; a test fails when it is out of date.
+``python -m tools.doctables`` (``make docs``) rewrites the files; a test fails when one is out of date.
 """
 
 from __future__ import annotations
@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
+from ds301.misbehaviour import NODE_MISBEHAVIOURS, Misbehaviour
 from dsp402.faults import DRIVE_FAULTS
 from dsp402.modes import HOMING_METHODS, Mode
 from dsp402.objects import DRIVE_OBJECTS
@@ -21,8 +22,12 @@ from gateway.reasons import GATEWAY_FAULTS, Reason
 from profidrive.encoder import STATUS_BITS, TRANSITIONS, SensorError
 from profidrive.signals import CATALOGUE, Signal
 from profidrive.telegrams import TELEGRAMS, TelegramHalf, word_positions
+from tools.conformance.faults import CASES, Case
+from tools.simulation.devices import DEVICE_TYPES
 
-PATH = Path(__file__).parent.parent / "docs" / "tables.md"
+_DOCS = Path(__file__).parent.parent / "docs"
+PATH = _DOCS / "tables.md"
+MISBEHAVIOUR_PATH = _DOCS / "misbehaviour.md"
 
 
 def _table(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
@@ -169,5 +174,55 @@ def generate() -> str:
     return "\n".join(out)
 
 
+def _faults(title: str, kinds: Iterable[type[Misbehaviour]]) -> str:
+    rows = []
+    for kind in kinds:
+        parameters = "; ".join(
+            f"`{p.name}` = {p.text(p.default)} ({p.text(p.low)} to {p.text(p.high)}): {p.meaning}"
+            for p in kind.parameters()
+        )
+        cases = [case for case in CASES if case.fault == kind.name]
+        reactions = dict.fromkeys(_reaction(case) for case in cases)
+        rows.append((f"`{kind.name}`", kind.description(), parameters, "; ".join(reactions)))
+    return f"## {title}\n\n" + _table(("fault", "what the device does", "parameters", "what the gateway does"), rows)
+
+
+def _reaction(case: Case) -> str:
+    chosen = ", ".join(f"{key} = {value}" for key, value in case.values.items())
+    situation = case.activity.value + (f", {chosen}" if chosen else "")
+    told = ", ".join(map(str, case.numbers))
+    return f"{situation}: {case.reaction.value}" + (f" (fault {told})" if told else "")
+
+
+def generate_misbehaviour() -> str:
+    """The whole document of the faults that simulated devices can be given."""
+    out = [
+        "# Devices that misbehave\n",
+        "Generated from the declarations by `make docs`; do not edit.\n",
+        _MISBEHAVIOUR_INTRODUCTION,
+        _faults("Any CANopen node", NODE_MISBEHAVIOURS.values()),
+    ]
+    for name, kind in DEVICE_TYPES.items():
+        own = [fault for fault in kind.node.catalogue.values() if fault.name not in NODE_MISBEHAVIOURS]
+        if own:
+            out.append(_faults(f"Device type `{name}`", own))
+    return "\n".join(out)
+
+
+_MISBEHAVIOUR_INTRODUCTION = """\
+Each simulated device can be given faults by name, with parameters (integers), from power-on or while it runs:
+
+* in the file of `pdgw sim bus FILE` (`pdgw sim bus --example` prints one): `[[device.fault]]` tables with `name` and parameters;
+* `pdgw sim inject --port P [@NODE] fault NAME parameter=value ...`, `clear [NAME]`, `faults`, `status`, with the port of
+  `--control-port` or `[control] port`;
+* REST on 127.0.0.1, `--rest-port` or `[control] rest_port`: `GET /devices`, `GET /faults`,
+  `POST /devices/{node}/faults/{name}` with a JSON object of parameters, `DELETE /devices/{node}/faults/{name}`.
+
+`pdgw conformance faults` gives a simulated drive every one of them and prints what the gateway does; the last column is what it
+must do. In each case nothing starts again before the PLC has given a new OFF and ON. Fault numbers: docs/tables.md.
+"""
+
+
 if __name__ == "__main__":
     PATH.write_text(generate(), encoding="utf-8")
+    MISBEHAVIOUR_PATH.write_text(generate_misbehaviour(), encoding="utf-8")

@@ -72,6 +72,7 @@ class TransparentTranslator(Translator):
         self._ever_connected = False
         self._connected = False
         self._stopping = False
+        self._doubt = False
         self._acknowledge_armed = False
         self._previous: State | None = None
 
@@ -140,6 +141,9 @@ class TransparentTranslator(Translator):
         )
         if fell_back or state in _FAULTS:
             self._lock()
+            self._doubt = fell_back
+        elif state is State.SWITCH_ON_DISABLED:
+            self._doubt = False
         if not self._locked:
             if state is not State.OPERATION_ENABLED:
                 self.reason = Reason.NOT_OPERATING
@@ -152,11 +156,11 @@ class TransparentTranslator(Translator):
             coast = self.settings.on_plc_loss is PlcLossReaction.COAST or not powered
             return CW_DISABLE_VOLTAGE if coast else CW_QUICK_STOP
         if not word & ControlBit.SWITCH_ON and state not in _FAULTS:
-            self._locked = False
+            self._locked = self._doubt = False
             return word
         self.reason = Reason.DRIVE_FAULT if state in _FAULTS else Reason.NEEDS_OFF
-        if powered and word & ControlBit.ENABLE_VOLTAGE:
-            return CW_QUICK_STOP  # in operation after a loss or a doubt: by no command of this PLC
+        if (powered or self._doubt) and word & ControlBit.ENABLE_VOLTAGE:
+            return CW_QUICK_STOP  # in operation by no command of this PLC, or its Statusword is wrong about that
         if not word & ControlBit.FAULT_RESET:
             self._acknowledge_armed = True
         return word & ControlBit.FAULT_RESET if self._acknowledge_armed else CW_DISABLE_VOLTAGE

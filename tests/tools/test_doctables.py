@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from tools.doctables import PATH, generate
+from tools.doctables import MISBEHAVIOUR_PATH, PATH, generate, generate_misbehaviour
 
 
 def test_docs_tables_are_up_to_date() -> None:
     assert PATH.read_text(encoding="utf-8") == generate(), "run: make docs"
+    assert MISBEHAVIOUR_PATH.read_text(encoding="utf-8") == generate_misbehaviour(), "run: make docs"

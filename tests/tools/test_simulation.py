@@ -14,6 +14,7 @@ from typing import Any
 import pytest
 
 from ds301.errors import CanopenError
+from ds301.misbehaviour import NODE_MISBEHAVIOURS
 from dsp402.misbehaviour import DRIVE_MISBEHAVIOURS
 from dsp406.misbehaviour import ENCODER_MISBEHAVIOURS
 from gateway.errors import GatewayError
@@ -108,6 +109,22 @@ def test_faults_of_the_file_are_in_force_from_the_boot_up_message_on() -> None:
     assert (first.arbitration_id, bytes(first.data[:2])) == (0x83, b"\x40\x81"), "recovered; nothing before it"
 
 
+@pytest.mark.parametrize("kind", DEVICE_TYPES)
+@pytest.mark.parametrize("name", NODE_MISBEHAVIOURS)
+def test_every_kind_of_device_has_the_faults_of_a_node(kind: str, name: str) -> None:
+    """By this the encoder gets them with its entry in DEVICE_TYPES."""
+    simulation = Simulation()
+    simulation.add(kind, buses.bus(buses.channel()), 3, 3)
+    simulation.misbehave(3, name, {})
+    simulation.start()
+    device = simulation.device(3)
+    buses.wait_for(lambda: device.node.now, "powered")
+    assert list(simulation.status(3)["faults"]) == [name]  # type: ignore[call-overload]
+    simulation.behave(3)
+    buses.wait_for(lambda: device.node.running, "running")
+    simulation.stop()
+
+
 # -- console --------------------------------------------------------------------------------------------------------------
 
 
@@ -129,7 +146,7 @@ def test_the_console_sets_and_removes_faults_with_parameters(simulation: Simulat
         ("fault slow", "one of slow-sdo"),
         ("fault slow-sdo delay_ms", "name=number"),
         ("fault slow-sdo delay_ms=x", "name=number"),
-        ("fault slow-sdo delay_ms=0", r"1\.\.10000 ms"),
+        ("fault slow-sdo delay_ms=0", r"1 ms to 10000 ms"),
         ("clear slow", "one of slow-sdo"),
     ],
 )
@@ -209,8 +226,8 @@ def test_rest_sets_and_removes_a_fault(rest: Client, simulation: Simulation) -> 
         ("POST", "/devices", {}, 405, "POST"),
         ("POST", "/devices/3/faults/slow", None, 404, "slow-sdo"),
         ("DELETE", "/devices/3/faults/slow", None, 404, "slow-sdo"),
-        ("POST", "/devices/3/faults/slow-sdo", {"delay_ms": 0}, 400, "1..10000 ms"),
-        ("POST", "/devices/3/faults/slow-sdo", {"delay_ms": 1.5}, 400, "1..10000 ms"),
+        ("POST", "/devices/3/faults/slow-sdo", {"delay_ms": 0}, 400, "1 ms to 10000 ms"),
+        ("POST", "/devices/3/faults/slow-sdo", {"delay_ms": 1.5}, 400, "1 ms to 10000 ms"),
         ("POST", "/devices/3/faults/slow-sdo", {"name": 1}, 400, "delay_ms"),
         ("POST", "/devices/3/faults/slow-sdo", [1], 400, "JSON object"),
         ("POST", "/devices/3/faults/slow-sdo", b"{", 400, "no JSON"),

@@ -153,7 +153,7 @@ type = "drive"
 node_id = 1
 
 [[device]]
-type = "drive"
+type = "drive"              # "drive" or "encoder"
 node_id = 2
 serial_number = 4711
 

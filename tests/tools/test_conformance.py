@@ -1,0 +1,152 @@
+"""Every fault of the catalogue against the gateway, and the harness itself against gateways that would fail."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+from typer.testing import CliRunner
+
+from dsp402.misbehaviour import DRIVE_MISBEHAVIOURS
+from gateway.daemon import Daemon
+from gateway.reasons import Reason
+from gateway.status import snapshot
+from gateway.translator.power import PowerControl
+from tests.gateway.test_daemon import Plc, axis, configuration, running
+from tools.commands.conformance import app
+from tools.conformance import faults
+from tools.conformance.faults import CASES, Activity, Case, Reaction, Result, run_case, run_cases
+
+
+def case_id(case: Case) -> str:
+    return f"{case.title} {case.activity.value}"
+
+
+@pytest.fixture(scope="module")
+def results() -> dict[str, Result]:
+    return {case_id(result.case): result for result in run_cases()}
+
+
+def test_every_fault_of_a_drive_has_a_case() -> None:
+    assert {case.fault for case in CASES} == set(DRIVE_MISBEHAVIOURS)
+    assert len({case_id(case) for case in CASES}) == len(CASES)
+
+
+@pytest.mark.parametrize("case", CASES, ids=case_id)
+def test_what_the_gateway_does(case: Case, results: dict[str, Result]) -> None:
+    result = results[case_id(case)]
+    assert result.failures == []
+    assert not result.restarted
+    assert not case.numbers or set(case.numbers) & set(result.numbers)
+    if case.reaction is not Reaction.GOES_ON:
+        assert result.reason, "pdgw status tells why"
+
+
+@pytest.mark.parametrize(
+    ("title", "commands"),
+    [
+        # docs/translation.md "Loss and doubt": quick stop, then NMT stop when it does not answer, then configuration again.
+        ("heartbeat-stops turning", ["CW 0002h", "NMT stop", "NMT enter pre operational", "NMT start"]),
+        ("bus-off turning", ["CW 0002h", "NMT stop", "NMT enter pre operational"]),
+        ("reboot turning", ["NMT enter pre operational", "NMT start"]),
+        ("unknown-state turning", ["CW 0002h"]),
+        ("unknown-state, telegram 100 turning", ["CW 0002h"]),
+        ("bouncing-status turning", ["CW 0002h"]),
+        ("under-voltage turning", ["CW 0000h"]),
+        ("wrong-identity from power-on", ["NMT enter pre operational"]),
+    ],
+)
+def test_the_commands_come_in_their_order(title: str, commands: list[str], results: dict[str, Result]) -> None:
+    sent = iter(results[title].sent)
+    assert all(command in sent for command in commands), results[title].sent
+
+
+@pytest.mark.parametrize("title", ["heartbeat-stops turning", "lost-pdos every=1 turning", "unknown-state turning"])
+def test_a_doubt_is_a_quick_stop_not_a_coast(title: str, results: dict[str, Result]) -> None:
+    assert results[title].stopped == "quick stop"
+
+
+# -- the harness ----------------------------------------------------------------------------------------------------------
+
+
+def test_a_gateway_that_starts_a_drive_again_by_itself_fails(monkeypatch: pytest.MonkeyPatch) -> None:
+    follow = PowerControl._follow
+    # It does not see that the drive took the enable back.
+    monkeypatch.setattr(
+        PowerControl, "_follow", lambda self, word, state, _, now: follow(self, word, state, state, now)
+    )
+    result = run_case(Case("enable-input-dropped", Reaction.STOPS))
+    assert result.restarted
+    assert "started by itself" in result.failures
+
+
+def test_a_gateway_that_stops_without_need_fails(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(faults, "_PATIENCE_S", 2)
+    result = run_case(Case("under-voltage", Reaction.GOES_ON))
+    assert any("operation was left" in failure for failure in result.failures)
+    assert any("told without need" in failure for failure in result.failures)
+
+
+def test_a_gateway_that_does_not_stop_or_tell_fails(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(faults, "_PATIENCE_S", 0.5)
+    assert "drive stopped not within" in run_case(Case("duplicated-pdos", Reaction.STOPS)).failures[0]
+    assert "fault (106,) not within" in run_case(Case("two-pdos", Reaction.REFUSES, (106,), Activity.START)).failures[0]
+
+
+def test_the_command_prints_a_matrix_and_its_exit_status_tells(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "200")
+    good = CliRunner().invoke(app, ["faults", "drive-fault"])
+    assert good.exit_code == 0
+    assert "drive-fault" in good.output
+    assert "1 of 1 as they must be" in good.output
+    monkeypatch.setattr("tools.commands.conformance.CASES", (Case("emcy-burst", Reaction.GOES_ON),))
+    bad = CliRunner().invoke(app, ["faults", "--json"])
+    document = json.loads(bad.output)
+    assert (bad.exit_code, document["failed"]) == (1, 1)
+    assert document["cases"][0]["failures"] == ["told without need: [10]"]
+    assert document["cases"][0]["fault_numbers"] == [10]
+
+
+# -- with PLC and daemon around it ----------------------------------------------------------------------------------------
+
+
+def misbehave(daemon: Daemon, name: str, **values: int) -> None:
+    def begin(node: object) -> None:
+        daemon.simulated[0].node.misbehave(name, **values)
+
+    daemon.simulated[0].do(begin)
+
+
+def test_status_frame_and_fault_buffer_tell_of_a_lost_drive_and_on_stands_without_effect() -> None:
+    with running(configuration(axis(1))) as daemon:
+        plc = Plc(daemon, [1])
+        plc.endpoint.set(0, {"NSOLL_A": 0x1000})
+        plc.enable()
+        misbehave(daemon, "bus-off", recovery_ms=0)
+        plc.until(lambda: plc.endpoint.actuals[0] is None, "IOPS BAD")
+        plc.until(lambda: snapshot(daemon)["axes"][0]["faults"], "told")
+        status = snapshot(daemon)["axes"][0]
+        assert status["reason"] == Reason.DRIVE_OFFLINE.value
+        assert status["faults"][0]["number"] == 101
+        assert daemon.axes[0].fault_log.entries()[0].number == 101, "P947"
+        daemon.simulated[0].do(lambda node: node.behave())
+        plc.until(lambda: plc.endpoint.actuals[0] is not None, "back")
+        for _ in range(20):
+            plc.exchange()
+        assert plc.state() == 0x40
+        plc.enable()
+
+
+def test_one_axis_that_misbehaves_does_not_stop_its_neighbour() -> None:
+    with running(configuration(axis(1) + axis(2))) as daemon:
+        plc = Plc(daemon, [1, 1])
+        plc.endpoint.set(1, {"STW1": 0x047E})
+        plc.enable(0)
+        plc.enable(1)
+        misbehave(daemon, "unknown-state")
+        plc.until(lambda: plc.state(0) == 0x08, "fault in ZSW1")
+        for _ in range(20):
+            plc.exchange()
+        assert plc.state(1) == 0x07
+        assert not daemon.axes[1].faults
+        assert snapshot(daemon)["axes"][0]["reason"] == Reason.DRIVE_UNKNOWN_STATE.value

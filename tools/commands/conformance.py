@@ -1,0 +1,69 @@
+"""``pdgw conformance``: proofs against the gateway in this process."""
+
+from __future__ import annotations
+
+import json
+import logging
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from gateway.errors import GatewayError
+from tools.conformance.faults import CASES, Result, run_cases
+
+app = typer.Typer(help="Conformance tests of the gateway.", no_args_is_help=True)
+
+
+@app.callback()
+def conformance() -> None:
+    """Conformance tests of the gateway."""
+
+
+@app.command("faults")
+def faults(
+    only: Annotated[list[str] | None, typer.Argument(help="Names of faults; all without.", show_default=False)] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the results as JSON.")] = False,
+    jobs: Annotated[int, typer.Option(min=1, max=32, help="How many drives run at a time.")] = 6,
+) -> None:
+    """Give a simulated drive every fault there is and show what the gateway does. Exit status 1 if a verdict fails."""
+    known = {case.fault: None for case in CASES}
+    for name in only or ():
+        if name not in known:
+            raise GatewayError(f"fault {name!r} does not exist, allowed: {', '.join(known)}")
+    logging.getLogger("gateway").setLevel(logging.CRITICAL)
+    logging.getLogger("canopen").setLevel(logging.CRITICAL)
+    results = list(run_cases([case for case in CASES if not only or case.fault in only], jobs))
+    failed = sum(not result.passed for result in results)
+    if as_json:
+        typer.echo(json.dumps({"failed": failed, "cases": [result.as_dict() for result in results]}, indent=2))
+    else:
+        console = Console()
+        console.print(matrix(results))
+        for result in results:
+            for failure in result.failures:
+                console.print(f"[red]{result.case.title}[/red]: {failure}", highlight=False)
+        console.print(f"{len(results) - failed} of {len(results)} as they must be")
+    if failed:
+        raise typer.Exit(1)
+
+
+def matrix(results: list[Result]) -> Table:
+    """The results as a table."""
+    table = Table("fault", "what the gateway did", "fault number", "drive stopped", "restarted by itself", "verdict")
+    for result in results:
+        sent = result.sent if len(result.sent) <= _SHOWN else [*result.sent[:_SHOWN], "..."]
+        table.add_row(
+            f"{result.case.title} ({result.case.activity.value})",
+            ", ".join(sent) or "nothing sent",
+            ", ".join(map(str, result.numbers)) or "none",
+            result.stopped,
+            "[red]yes[/red]" if result.restarted else "no",
+            "[green]pass[/green]" if result.passed else "[red]FAIL[/red]",
+        )
+    return table
+
+
+_SHOWN = 6
+"""Commands shown of each case; ``--json`` has them all."""

@@ -1,0 +1,1 @@
+"""Proofs that run against a gateway and simulated devices in this process."""

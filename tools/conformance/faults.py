@@ -1,0 +1,454 @@
+"""Every fault a simulated drive can be given, against an axis of the gateway: is it stopped, told, and not started again?
+
+Source: docs/translation.md "Loss and doubt". A ``Case`` says what the gateway has to do; ``run_case`` does it with a drive of its
+own on a virtual bus, in real time. What has to hold in every case: nothing enters Operation Enabled again before the PLC
+has given a new OFF and ON, and with these it does. Left out: the PLC's side (UDP), whose losses the daemon's tests cover.
+"""
+
+from __future__ import annotations
+
+import enum
+import itertools
+import time
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+
+import can
+
+from ds301.bus import open_bus
+from ds301.network import CanNetwork
+from ds301.nmt import NmtCommand
+from dsp402.drive import DriveStatus
+from dsp402.modes import Mode
+from dsp402.simulator import DriveModel, SimulatedDrive, SimulatedDriveNode
+from dsp402.states import State, state_of
+from gateway.axis import Axis
+from gateway.config import GATEWAY_NODE_ID, AxisConfig
+
+_NODE = 5
+_CYCLE_MS = 4
+_MS = 1_000_000
+_HEARTBEAT_NS = 50 * _MS
+_OFF, _ON, _ACKNOWLEDGE, _START_HOMING = 0x047E, 0x047F, 0x80, 0x0800
+_HOMING_HERE = 35
+_HALF_SPEED = 0x2000
+_TURNING_RPM = 500
+_PATIENCE_S = 20.0
+"""No healthy run needs so long for one step, even on a busy machine."""
+_QUIET_CYCLES = 50
+"""So long is watched whether something starts by itself."""
+_POWERED = (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE, State.FAULT_REACTION_ACTIVE)
+
+_channels = itertools.count()
+
+
+class Reaction(enum.Enum):
+    """What has to happen; the value is the text of the matrix."""
+
+    STOPS = "power off at standstill, no restart"
+    STANDS = "standstill, told"
+    GOES_ON = "goes on and obeys OFF"
+    REFUSES = "never enabled"
+
+
+class Activity(enum.Enum):
+    """What the axis does when the fault sets in."""
+
+    START = "from power-on"
+    SPEED = "turning"
+    HOMING = "homing"
+
+
+@dataclass(frozen=True)
+class Case:
+    """One fault in one situation, and what has to happen."""
+
+    fault: str
+    reaction: Reaction
+    numbers: tuple[int, ...] = ()
+    """One of these must be told (P947, of warnings P953); without any, nothing may be told."""
+    activity: Activity = Activity.SPEED
+    values: dict[str, int] = field(default_factory=dict)
+    telegram: int = 1
+    sdo_timeout_ms: int = 500
+
+    @property
+    def title(self) -> str:
+        """The fault with what differs from its defaults."""
+        chosen = "".join(f" {key}={value}" for key, value in self.values.items())
+        return f"{self.fault}{chosen}" + (f", telegram {self.telegram}" if self.telegram != 1 else "")
+
+
+CASES: tuple[Case, ...] = (
+    Case("slow-sdo", Reaction.GOES_ON, activity=Activity.START, values={"delay_ms": 10}),
+    Case("sdo-timeout", Reaction.REFUSES, (121,), Activity.START, sdo_timeout_ms=100),
+    Case("sdo-timeout", Reaction.GOES_ON),
+    Case("sdo-toggle-error", Reaction.REFUSES, (121,), Activity.START),
+    Case("wrong-identity", Reaction.REFUSES, (106,), Activity.START),
+    Case("object-missing", Reaction.REFUSES, (106,), Activity.START),
+    Case("fixed-pdo-mapping", Reaction.REFUSES, (106,), Activity.START),
+    Case("mapping-abort", Reaction.REFUSES, (106,), Activity.START),
+    Case("two-pdos", Reaction.GOES_ON, activity=Activity.START, telegram=100),
+    Case("lost-pdos", Reaction.GOES_ON),
+    Case("lost-pdos", Reaction.STOPS, (101,), values={"every": 1}),
+    Case("duplicated-pdos", Reaction.GOES_ON),
+    Case("late-pdos", Reaction.GOES_ON),
+    Case("heartbeat-stops", Reaction.STOPS, (101,)),
+    Case("emcy-burst", Reaction.GOES_ON, (10,)),
+    Case("bus-off", Reaction.STOPS, (101,)),
+    Case("error-passive", Reaction.GOES_ON, (12,)),
+    Case("reboot", Reaction.STOPS, (105,)),
+    Case("reboot", Reaction.STOPS, (105,), telegram=100),
+    Case("no-homing-attained", Reaction.STANDS, (109,), Activity.HOMING, telegram=9),
+    Case("late-status", Reaction.GOES_ON),
+    Case("bouncing-status", Reaction.STOPS, (122,)),
+    Case("bouncing-status", Reaction.STOPS, (122,), telegram=100),
+    Case("unknown-state", Reaction.STOPS, (107,)),
+    Case("unknown-state", Reaction.STOPS, (107,), telegram=100),
+    Case("mode-display-stuck", Reaction.REFUSES, (106,), Activity.START),
+    Case("mode-display-stuck", Reaction.STANDS, (110,), Activity.HOMING, telegram=9),
+    Case("limit-switch", Reaction.STANDS, (112,)),
+    Case("enable-input-dropped", Reaction.STOPS, (122,)),
+    Case("enable-input-dropped", Reaction.STOPS, (122,), telegram=100),
+    Case("drive-fault", Reaction.STOPS, (10,)),
+    Case("under-voltage", Reaction.STOPS, (6,)),
+    Case("reboot-in-motion", Reaction.STOPS, (105,)),
+)
+"""At least one for each fault of a drive (a test)."""
+
+
+@dataclass
+class Result:
+    """A row of the matrix."""
+
+    case: Case
+    sent: list[str] = field(default_factory=list)
+    """Controlwords and NMT commands the gateway sent from the fault on, repetitions left out."""
+    numbers: list[int] = field(default_factory=list)
+    reason: str = ""
+    """``pdgw status`` while the fault stood."""
+    stopped: str = ""
+    """How the drive came to rest."""
+    restarted: bool = False
+    failures: list[str] = field(default_factory=list)
+    """What should have been otherwise; empty: passed."""
+
+    @property
+    def passed(self) -> bool:
+        return not self.failures
+
+    def as_dict(self) -> dict[str, object]:
+        """Plain data."""
+        case = self.case
+        return {
+            "fault": case.fault,
+            "parameters": case.values,
+            "telegram": case.telegram,
+            "activity": case.activity.value,
+            "expected": case.reaction.value,
+            "sent": self.sent,
+            "fault_numbers": self.numbers,
+            "reason": self.reason,
+            "stopped": self.stopped,
+            "restarted": self.restarted,
+            "passed": self.passed,
+            "failures": self.failures,
+        }
+
+
+class _StepError(Exception):
+    """A step did not come to its end; the text says which."""
+
+
+@dataclass
+class _Trace:
+    """Every state of the drive with its speed on entering it, seen from inside the drive."""
+
+    states: list[tuple[State, float]] = field(default_factory=list)
+
+    def __call__(self, model: DriveModel, now: int) -> None:
+        if not self.states or self.states[-1][0] is not model.state:
+            self.states.append((model.state, model.ramp.speed))
+
+    def starts(self, since: int) -> int:
+        """How often operation was entered from an index on."""
+        return sum(state is State.OPERATION_ENABLED for state, _ in self.states[since:])
+
+    def stopped_by(self, since: int, standing: bool) -> str:
+        """How the drive stopped after an index, in words."""
+        left = self.states[since:]
+        if not left:
+            return "by the drive, power on" if standing else "no need"
+        for state, speed in left:
+            if state is State.QUICK_STOP_ACTIVE:
+                return "quick stop"
+            if state is State.FAULT_REACTION_ACTIVE:
+                return "fault reaction"
+            if state not in _POWERED and speed:
+                return "coast"
+        return "at standstill"
+
+
+class _Bench:
+    """An axis of the gateway, a drive, and a PLC whose setpoints are ``values``."""
+
+    def __init__(self, case: Case) -> None:
+        self.case = case
+        channel = f"conformance-{next(_channels)}"
+        self.network = CanNetwork(open_bus("virtual", channel))
+        config = AxisConfig(do_id=1, node_id=_NODE, telegram=case.telegram, sdo_timeout_ms=case.sdo_timeout_ms)
+        self.axis = Axis(config, self.network, _CYCLE_MS)
+        self.drive = SimulatedDrive(open_bus("virtual", channel), _NODE)
+        self.values = dict.fromkeys(self.axis.telegram.setpoints.names, 0)
+        self.word = self.axis.telegram.setpoints.names[0]
+        self.trace = _Trace()
+        self.sent: list[str] = []
+        self._beat = 0
+        self._due = time.monotonic_ns()
+        self.network.listeners.append(self._listen)
+        self.model.disguises.append(self.trace)
+
+    def close(self) -> None:
+        self.axis.drive.stop()
+        self.drive.stop()
+        self.network.close()
+
+    @property
+    def model(self) -> DriveModel:
+        return self.drive.model
+
+    def _listen(self, message: can.Message) -> None:
+        if message.is_rx:
+            return
+        data = bytes(message.data)
+        text = ""
+        if message.arbitration_id == 0 and len(data) == 2:
+            text = f"NMT {NmtCommand(data[0]).name.lower().replace('_', ' ')}"
+        elif message.arbitration_id == 0x200 + _NODE:
+            text = f"CW {int.from_bytes(data[:2], 'little'):04X}h"
+        if text and text not in self.sent[-1:]:
+            self.sent.append(text)
+
+    def misbehave(self) -> None:
+        """The fault of the case sets in."""
+
+        def begin(node: SimulatedDriveNode) -> None:
+            node.misbehave(self.case.fault, **self.case.values)
+
+        self.drive.do(begin)
+
+    # -- time ---------------------------------------------------------------------------------------------------------
+
+    def cycles(self, count: int) -> None:
+        for _ in range(count):
+            now = time.monotonic_ns()
+            if now < self._due:
+                time.sleep((self._due - now) / 1e9)
+                now = time.monotonic_ns()
+            self._due = now + _CYCLE_MS * _MS
+            if now - self._beat >= _HEARTBEAT_NS:
+                self._beat = now
+                self.network.send_heartbeat(GATEWAY_NODE_ID)
+            self.axis.step(self.axis.telegram.setpoints.from_dict(self.values), now)
+
+    def until(self, condition: Callable[[], object], what: str) -> None:
+        deadline = time.monotonic() + _PATIENCE_S
+        while not condition():
+            if time.monotonic() > deadline:
+                raise _StepError(f"{what} not within {_PATIENCE_S:g} s ({self.axis.drive.status_text})")
+            self.cycles(1)
+
+    # -- the PLC ------------------------------------------------------------------------------------------------------
+
+    def shown(self) -> State | None:
+        return state_of(self.axis.drive.feedback.statusword)
+
+    def online(self) -> None:
+        self.until(lambda: self.axis.drive.status is DriveStatus.ONLINE and self.axis.good, "drive online")
+
+    def standing(self) -> bool:
+        return self.model.ramp.speed == 0.0
+
+    def off(self) -> None:
+        self.values[self.word] = 0x06 if self.case.telegram == 100 else _OFF
+
+    def on(self) -> None:
+        """The ON of a PLC that has done everything before; telegram 100 carries the Controlword itself."""
+        self.values[self.word] = 0x0F if self.case.telegram == 100 else _ON
+
+    def enable(self) -> None:
+        """Acknowledge if there is a fault, OFF, ON: operation."""
+        self.online()
+        off = 0x06 if self.case.telegram == 100 else _OFF
+        self.values[self.word] = off
+        self.cycles(3)
+        if self.shown() is State.FAULT:
+            self.values[self.word] = off | _ACKNOWLEDGE
+            self.until(lambda: self.shown() is not State.FAULT, "fault acknowledged")
+            self.values[self.word] = off
+        self.until(lambda: self.shown() is State.READY_TO_SWITCH_ON, "ready to switch on")
+        if self.case.telegram == 100:
+            self.values[self.word] = 0x07
+            self.until(lambda: self.shown() is State.SWITCHED_ON, "switched on")
+        self.on()
+        self.until(lambda: self.shown() is State.OPERATION_ENABLED, "operation")
+
+    def turn(self) -> None:
+        """Half of the reference speed."""
+        if self.case.telegram == 100:
+            self.values |= {"Modes of Operation": Mode.VELOCITY, "Target Velocity": 3000}
+            self.values |= {"Profile Acceleration": 1000, "Profile Deceleration": 1000}
+        else:
+            self.values["NSOLL_A"] = _HALF_SPEED
+        self.until(lambda: abs(self.model.ramp.speed) > _TURNING_RPM, "turning")
+
+    def told(self, numbers: Iterable[int]) -> bool:
+        """One of the numbers is a record of the axis, of a fault also in P947."""
+        buffer = {entry.number for entry in self.axis.fault_log.entries()}
+        return any(
+            record.number in numbers and (record.is_warning or record.number in buffer) for record in self.axis.faults
+        )
+
+
+@contextmanager
+def _bench(case: Case) -> Iterator[_Bench]:
+    bench = _Bench(case)
+    try:
+        yield bench
+    finally:
+        bench.close()
+
+
+def run_case(case: Case) -> Result:
+    """Run one case; what does not hold is in the result, nothing is raised for it."""
+    result = Result(case)
+    with _bench(case) as bench:
+        try:
+            _power_on(bench)
+            if case.reaction is Reaction.REFUSES:
+                _refused(bench, result)
+            else:
+                _in_operation(bench, result)
+        except _StepError as error:
+            result.failures.append(str(error))
+        numbers = [record.number for record in bench.axis.faults]
+        result.numbers = list(dict.fromkeys(result.numbers or numbers))
+    return result
+
+
+def _power_on(bench: _Bench) -> None:
+    case = bench.case
+    if case.activity is Activity.START:
+        bench.misbehave()
+    bench.network.start()
+    bench.drive.start()
+    bench.axis.drive.start()
+
+
+def _refused(bench: _Bench, result: Result) -> None:
+    """OFF and ON have no effect while the fault stands; without it the standing ON has none either."""
+    case = bench.case
+    bench.off()
+    bench.until(lambda: bench.told(case.numbers), f"fault {case.numbers}")
+    bench.cycles(3)
+    bench.on()
+    bench.cycles(_QUIET_CYCLES)
+    _note(bench, result, 0)
+    if bench.axis.good:
+        result.failures.append("values are shown as good")
+    if not result.reason:
+        result.failures.append("no reason is shown")
+    result.stopped = "never moved"
+    _no_restart(bench, result, 0)
+    bench.enable()
+
+
+def _in_operation(bench: _Bench, result: Result) -> None:
+    case = bench.case
+    bench.online()
+    bench.enable()
+    if case.activity is not Activity.HOMING:
+        bench.turn()
+    mark = len(bench.trace.states)
+    bench.sent.clear()
+    _set_in(bench)
+    if case.reaction is Reaction.STOPS:
+        bench.until(lambda: bench.standing() and bench.model.state not in _POWERED, "drive stopped")
+    elif case.reaction is Reaction.STANDS:
+        bench.until(bench.standing, "drive stands")
+    if case.numbers:
+        bench.until(lambda: bench.told(case.numbers), f"fault {case.numbers}")
+    bench.cycles(_QUIET_CYCLES)
+    _note(bench, result, mark)
+    result.stopped = bench.trace.stopped_by(mark, case.reaction is Reaction.STANDS)
+    if case.reaction is Reaction.GOES_ON:
+        _goes_on(bench, result, mark)
+    elif case.reaction is Reaction.STANDS:
+        if not bench.standing():
+            result.failures.append("the axis moves again")
+        if bench.axis.reason is None:
+            result.failures.append("no reason is shown")
+        bench.values[bench.word] = _OFF
+        bench.until(lambda: bench.model.state not in _POWERED, "OFF obeyed")
+        bench.drive.do(lambda node: node.behave())
+    else:
+        if bench.axis.reason is None:
+            result.failures.append("no reason is shown")
+        _no_restart(bench, result, mark)
+    bench.enable()
+
+
+def _set_in(bench: _Bench) -> None:
+    case = bench.case
+    if case.activity is not Activity.START:
+        bench.misbehave()
+    if case.activity is Activity.HOMING:
+        bench.values["SATZANW"] = _HOMING_HERE
+        bench.values["MDI_VELOCITY"] = 0x1000
+        bench.values[bench.word] |= _START_HOMING
+
+
+def _goes_on(bench: _Bench, result: Result, mark: int) -> None:
+    if bench.trace.states[mark:]:
+        names = ", ".join(state.value for state, _ in bench.trace.states[mark:])
+        result.failures.append(f"operation was left: {names}")
+    if abs(bench.model.ramp.speed) < _TURNING_RPM:
+        result.failures.append("the drive does not turn any more")
+    if result.numbers and not bench.case.numbers:
+        result.failures.append(f"told without need: {result.numbers}")
+    bench.off()
+    bench.until(lambda: bench.standing() and bench.model.state not in _POWERED, "OFF obeyed")
+    bench.drive.do(lambda node: node.behave())
+
+
+def _note(bench: _Bench, result: Result, mark: int) -> None:
+    """What was sent, told and shown while the fault stood."""
+    result.sent = list(bench.sent)
+    result.numbers = list(dict.fromkeys(record.number for record in bench.axis.faults))
+    result.reason = bench.axis.reason.value if bench.axis.reason else ""
+    if bench.case.reaction is not Reaction.GOES_ON and bench.trace.starts(mark):
+        result.restarted = True
+
+
+def _no_restart(bench: _Bench, result: Result, mark: int) -> None:
+    """The device behaves again and boots if it was refused; the ON that stands all the time starts nothing."""
+
+    def mend(node: SimulatedDriveNode) -> None:
+        node.behave()
+        if bench.case.reaction is Reaction.REFUSES:
+            node.restart()
+
+    bench.drive.do(mend)
+    bench.online()
+    bench.cycles(_QUIET_CYCLES)
+    if bench.trace.starts(mark):
+        result.restarted = True
+        result.failures.append("started by itself")
+
+
+def run_cases(cases: Iterable[Case] = CASES, jobs: int = 6) -> Iterator[Result]:
+    """The results in the order of the cases; ``jobs`` of them run at a time, as most of each is waiting."""
+    with ThreadPoolExecutor(jobs) as pool:
+        yield from pool.map(run_case, cases)
