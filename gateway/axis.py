@@ -114,8 +114,9 @@ class Axis:
         shown = drive.feedback.statusword & _WATCHED if drive_ok else 0
         if shown != self._shown:
             self._status_changed(shown, commanded, now)
-        if self.reason is not self._reason:
-            self._reason = self.reason
+        reason = self.reason
+        if reason is not self._reason:
+            self._reason = reason
             log.info("axis %d: %s", self.do_id, self._reason.value if self._reason else "obeys the PLC")
 
     def _watch_acknowledge(self, word: int, now: int) -> None:

@@ -25,7 +25,7 @@ def conformance() -> None:
 def faults(
     only: Annotated[list[str] | None, typer.Argument(help="Names of faults; all without.", show_default=False)] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the results as JSON.")] = False,
-    jobs: Annotated[int, typer.Option(min=1, max=32, help="How many drives run at a time.")] = 6,
+    jobs: Annotated[int, typer.Option(min=1, max=32, help="How many drives run at a time.")] = 4,
 ) -> None:
     """Give a simulated drive every fault there is and show what the gateway does. Exit status 1 if a verdict fails."""
     known = {case.fault: None for case in CASES}

@@ -198,7 +198,15 @@ class _Bench:
         self.case = case
         channel = f"conformance-{next(_channels)}"
         self.network = CanNetwork(open_bus("virtual", channel))
-        config = AxisConfig(do_id=1, node_id=_NODE, telegram=case.telegram, sdo_timeout_ms=case.sdo_timeout_ms)
+        config = AxisConfig(
+            do_id=1,
+            node_id=_NODE,
+            telegram=case.telegram,
+            sdo_timeout_ms=case.sdo_timeout_ms,
+            # A busy machine is no fault of the device: twice the usual patience.
+            heartbeat_ms=200,
+            tpdo_event_ms=100,
+        )
         self.axis = Axis(config, self.network, _CYCLE_MS)
         self.drive = SimulatedDrive(open_bus("virtual", channel), _NODE)
         self.values = dict.fromkeys(self.axis.telegram.setpoints.names, 0)
@@ -448,7 +456,7 @@ def _no_restart(bench: _Bench, result: Result, mark: int) -> None:
         result.failures.append("started by itself")
 
 
-def run_cases(cases: Iterable[Case] = CASES, jobs: int = 6) -> Iterator[Result]:
+def run_cases(cases: Iterable[Case] = CASES, jobs: int = 4) -> Iterator[Result]:
     """The results in the order of the cases; ``jobs`` of them run at a time, as most of each is waiting."""
     with ThreadPoolExecutor(jobs) as pool:
         yield from pool.map(run_case, cases)
