@@ -148,7 +148,7 @@ class CanopenDecoder:
         if cob_id == NMT:
             return _nmt(base, data)
         if cob_id == SYNC:
-            return SyncRecord(*base, counter=data[0] if data else None)
+            return SyncRecord(*base, text=f"counter {data[0]}" if data else "", counter=data[0] if data else None)
         if cob_id == TIME:
             return _time(base, data)
         if cob_id in LSS:

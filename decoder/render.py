@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from decoder.records import CanRecord, CyclicRecord, PdoRecord, Record, Unit
+from decoder.records import AcyclicRecord, CanRecord, CyclicRecord, PdoRecord, Record, Unit
 from profidrive.frame import IOPS_GOOD
 from profidrive.signals import SIGNALS
 from profidrive.telegrams import Direction
@@ -90,7 +90,7 @@ def source_text(record: Record) -> str:
         return "PLC ->" if record.direction is Direction.SETPOINT else "PLC <-"
     if isinstance(record, CanRecord):
         return f"{record.cob_id:03X}" + (f" n{record.node}" if record.node else "")
-    return record.kind
+    return "acyclic" if isinstance(record, AcyclicRecord) else record.kind
 
 
 def line_parts(record: Record, units: Sequence[Unit] | None = None) -> tuple[str, str, str]:
@@ -101,7 +101,7 @@ def line_parts(record: Record, units: Sequence[Unit] | None = None) -> tuple[str
         values.append(" ".join(part for part in shown if part))
     text = record.summary
     if isinstance(record, CanRecord):
-        text = f"{record.kind.upper()} {text}" if not isinstance(record, PdoRecord) else text
+        text = f"{record.kind.upper()} {text}".rstrip() if not isinstance(record, PdoRecord) else text
         if type(record) is CanRecord:
             text = f"{record.text + ' ' if record.text else ''}[{record.data.hex(' ')}]"
     return source_text(record), text, " | ".join(values)
@@ -132,6 +132,10 @@ def record_tree(record: Record, units: Sequence[Unit] | None = None) -> Iterator
                     yield f"             {bit.name} = {bit.of(raw)}  ({bit.meaning})"
 
 
+_HEXADECIMAL = {"frame_id": 4, "cob_id": 3, "index": 4, "code": 4, "register": 2, "abort": 8, "command": 2, "state": 2}
+"""Fields shown as so many hexadecimal digits."""
+
+
 def _branch(key: str, value: Any, depth: int) -> Iterator[str]:
     indent = "  " * depth + "       "
     if isinstance(value, dict):
@@ -141,5 +145,7 @@ def _branch(key: str, value: Any, depth: int) -> Iterator[str]:
     elif isinstance(value, list):
         for position, item in enumerate(value):
             yield from _branch(f"{key}[{position}]", item, depth)
+    elif key in _HEXADECIMAL and isinstance(value, int):
+        yield f"{indent}{key}: {value:0{_HEXADECIMAL[key]}X}h"
     else:
         yield f"{indent}{key}: {value}"

@@ -16,6 +16,8 @@ SEGMENT: Final = 7
 MAX_TRANSFER: Final = 1 << 20
 """Bytes that are kept of one transfer; of a longer one the end is dropped and said so."""
 _ABORT: Final = 0x80
+_BLOCK_UPLOAD_END: Final = "block upload end"
+_BLOCK_UPLOAD_LAST: Final = "block upload end response"
 
 
 class Phase(enum.Enum):
@@ -82,7 +84,12 @@ class SdoChannel:
             step.index, step.subindex = transfer.index, transfer.subindex
         if transfer is not None and transfer.truncated and step.value is not None:
             step.note = f"longer than {MAX_TRANSFER} bytes: the end is not kept"
-        if step.abort is not None or step.completes:
+        # A block upload has one more frame behind the one that completes it.
+        if (
+            step.abort is not None
+            or step.name == _BLOCK_UPLOAD_LAST
+            or (step.completes and step.name != _BLOCK_UPLOAD_END)
+        ):
             self._transfer = None
         if from_client:
             self._asked_ns = time_ns
@@ -194,7 +201,7 @@ class SdoChannel:
             if transfer is not None:
                 self._acknowledge(transfer, data[1])
             return Step("block upload acknowledge", True, note=f"{data[1]} segments")
-        return Step("block upload end response", True)
+        return Step(_BLOCK_UPLOAD_LAST, True)
 
     # -- server to client ------------------------------------------------------------------------------------------
 
@@ -260,7 +267,7 @@ class SdoChannel:
                 transfer.announced = announced
             note = "" if announced is None else f"{announced} bytes"
             return Step("block upload response", False, *_multiplexer(data), note=note)
-        step = Step("block upload end", False)
+        step = Step(_BLOCK_UPLOAD_END, False)
         if transfer is not None and transfer.phase is Phase.END:
             step.note = self._block_end(data, transfer)
             step.value = bytes(transfer.data) if transfer.checked else None
