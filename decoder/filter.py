@@ -63,8 +63,8 @@ class Filter:
             tree = ast.parse(text.strip(), mode="eval")
             self._evaluate = self._compile(tree.body)
         except SyntaxError as error:
-            place = f" at column {error.offset}" if error.offset else ""
-            raise ProfidriveError(f"filter{place}", text, f"an expression ({error.msg})") from None
+            column = error.offset or len(text.strip()) + 1
+            raise ProfidriveError(f"filter at column {column}", text, f"an expression ({error.msg})") from None
         except (RecursionError, MemoryError, ValueError) as error:
             if isinstance(error, ProfidriveError):
                 raise

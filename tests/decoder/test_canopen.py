@@ -1,0 +1,201 @@
+"""PDO mappings: learned from the bus, given by telegram or EDS, changed at run time; nodes on several buses."""
+
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from decoder.canopen import CanopenDecoder
+from decoder.cyclic import Axis, given_axes
+from decoder.engine import CanPacket, Decoder, Settings
+from decoder.link import CanFrame
+from decoder.objects import Mapped, ObjectNames, catalogue, pdo_layout
+from decoder.records import CanRecord, EmcyRecord, HeartbeatRecord, PdoRecord, Record, SdoRecord
+from ds301.objects import CanType, Entry
+from ds301.pdo import COB_ID_INVALID
+from dsp402.configuration import map_pdo
+from dsp402.device import EDS_PATH
+from dsp402.pdo import LAYOUTS, Operation
+from tools.decode_io.dictionary import dictionary_of
+
+NODE = 5
+
+
+def feed(bus: CanopenDecoder, cob_id: int, data: bytes) -> Record:
+    return bus.decode(1, 0, "can0", cob_id, data)
+
+
+def write(bus: CanopenDecoder, index: int, subindex: int, data: bytes) -> None:
+    """An expedited download and its confirmation."""
+    unused = 4 - len(data)
+    feed(bus, 0x600 + NODE, struct.pack("<BHB", 0x23 | unused << 2, index, subindex) + data.ljust(4, b"\0"))
+    feed(bus, 0x580 + NODE, struct.pack("<BHB4x", 0x60, index, subindex))
+
+
+def values(record: Record) -> dict[str, object]:
+    assert isinstance(record, PdoRecord)
+    (unit,) = record.units
+    return {item.name: raw for item, raw in unit.items()}
+
+
+def configure(bus: CanopenDecoder, operation: Operation) -> None:
+    """What the gateway writes to a drive."""
+    layout = LAYOUTS[operation]
+    for pdo in (*layout.rpdos, *layout.tpdos):
+        for step in map_pdo(pdo, NODE):
+            write(bus, step.index, step.subindex, step.data)
+
+
+def test_the_gateways_own_configuration_of_a_drive_is_learned() -> None:
+    bus = CanopenDecoder()
+    assert isinstance(feed(bus, 0x180 + NODE, bytes(6)), CanRecord)
+    configure(bus, Operation.POSITIONING)
+    record = feed(bus, 0x180 + NODE, struct.pack("<Hbi", 0x0237, 1, -7))
+    expected = {"Statusword": 0x0237, "Modes of Operation Display": 1, "Position Actual Value": -7}
+    assert values(record) == expected
+    assert values(feed(bus, 0x400 + NODE, struct.pack("<II", 300, 400))) == {
+        "Profile Acceleration": 300,
+        "Profile Deceleration": 400,
+    }
+    configure(bus, Operation.VELOCITY)
+    assert values(feed(bus, 0x180 + NODE, struct.pack("<Hi", 0x0237, 5))) == {
+        "Statusword": 0x0237,
+        "Velocity Actual Value": 5,
+    }
+
+
+def test_a_pdo_moves_with_its_cob_id_and_ends_when_made_invalid() -> None:
+    bus = CanopenDecoder()
+    configure(bus, Operation.VELOCITY)
+    data = struct.pack("<Hi", 0x0237, 5)
+    write(bus, 0x1800, 1, struct.pack("<I", 0x1F0))
+    assert values(feed(bus, 0x1F0, data))["Velocity Actual Value"] == 5
+    assert not isinstance(feed(bus, 0x180 + NODE, data), PdoRecord)
+    write(bus, 0x1800, 1, struct.pack("<I", 0x1F0 | COB_ID_INVALID))
+    assert not isinstance(feed(bus, 0x1F0, data), PdoRecord)
+    write(bus, 0x1800, 1, struct.pack("<I", 0x1F0))
+    assert values(feed(bus, 0x1F0, data))["Velocity Actual Value"] == 5
+
+
+def test_a_refused_write_changes_nothing() -> None:
+    bus = CanopenDecoder((Axis(1, 1, NODE),))
+    data = struct.pack("<Hi", 0x0237, 5)
+    feed(bus, 0x600 + NODE, struct.pack("<BHBI", 0x23, 0x1800, 1, 0x1F0))
+    feed(bus, 0x580 + NODE, struct.pack("<BHBI", 0x80, 0x1800, 1, 0x06090030))
+    assert isinstance(feed(bus, 0x180 + NODE, data), PdoRecord)
+
+
+def test_a_configured_pdo_that_is_switched_off_comes_back() -> None:
+    bus = CanopenDecoder((Axis(1, 1, NODE),), origin="configuration")
+    data = struct.pack("<Hi", 0x0237, 5)
+    write(bus, 0x1800, 1, struct.pack("<I", 0x180 + NODE | COB_ID_INVALID))
+    assert not isinstance(feed(bus, 0x180 + NODE, data), PdoRecord)
+    write(bus, 0x1800, 1, struct.pack("<I", 0x180 + NODE))
+    record = feed(bus, 0x180 + NODE, data)
+    assert values(record)["Statusword"] == 0x0237
+    assert record.details()["mapping"] == "configuration"
+
+
+def test_reading_the_mapping_back_teaches_it_as_well() -> None:
+    bus = CanopenDecoder()
+    for subindex, value in ((1, 0x60410010), (2, 0x606C0020), (0, 2)):
+        feed(bus, 0x600 + NODE, struct.pack("<BHB4x", 0x40, 0x1A00, subindex))
+        feed(bus, 0x580 + NODE, struct.pack("<BHBI", 0x43, 0x1A00, subindex, value))
+    assert values(feed(bus, 0x180 + NODE, bytes(6))) == {"Statusword": 0, "Velocity Actual Value": 0}
+
+
+def test_the_eds_gives_names_and_default_mapping() -> None:
+    bus = CanopenDecoder((), dictionary_of({}, EDS_PATH))
+    record = feed(bus, 0x180 + NODE, struct.pack("<Hi", 0x0237, 5))
+    assert values(record) == {"Statusword": 0x0237, "Velocity Actual Value": 5}
+    assert record.details()["mapping"] == "EDS"
+    assert record.units[0].document()["signals"]["Statusword"]["text"] == "Operation Enabled"
+
+
+def test_a_dcfs_values_win_over_defaults(tmp_path: Path) -> None:
+    text = EDS_PATH.read_text()
+    section = text.index("[1A00sub2]")
+    end = text.index("\n\n", section)
+    dcf = tmp_path / "drive.dcf"
+    dcf.write_text(text[:end] + "\nParameterValue=0x60640020" + text[end:])
+    bus = CanopenDecoder((), dictionary_of({NODE: dcf}))
+    assert values(feed(bus, 0x180 + NODE, struct.pack("<Hi", 0x0237, 5))) == {
+        "Statusword": 0x0237,
+        "Position Actual Value": 5,
+    }
+
+
+def test_buses_do_not_share_their_nodes() -> None:
+    decoder = Decoder(Settings((Axis(1, 1, NODE, "can0"), Axis(2, 9, NODE, "can1"))))
+    velocity = decoder.decode(CanPacket(1, 0, "can0", CanFrame(0x180 + NODE, bytes(7))))
+    positioning = decoder.decode(CanPacket(2, 0, "can1", CanFrame(0x180 + NODE, bytes(7))))
+    other = decoder.decode(CanPacket(3, 0, "can2", CanFrame(0x180 + NODE, bytes(7))))
+    assert (velocity.units[0].axis, positioning.units[0].axis) == (1, 2)
+    assert "Modes of Operation Display" in values(positioning)
+    assert not other.units
+
+
+def test_telegrams_alone_take_node_ids_from_the_axis_numbers() -> None:
+    decoder = Decoder(Settings(given_axes([1, 9])))
+    record = decoder.decode(CanPacket(1, 0, "", CanFrame(0x202, bytes(7))))
+    assert values(record) == {"Controlword": 0, "Modes of Operation": 0, "Target Position": 0}
+
+
+def test_bit_fields_gaps_and_signed_parts_are_cut_out() -> None:
+    names = ObjectNames([Entry(0x2100, 0, "Flag", CanType.BOOLEAN), Entry(0x2101, 0, "Small", CanType.I8)])
+    mapping = [Mapped(0x2100, 0, 1), Mapped(0x0005, 0, 3), Mapped(0x2101, 0, 4), Mapped(0x2102, 1, 24)]
+    layout = pdo_layout("TPDO1", NODE, 1, mapping, names, "test")
+    assert layout is not None
+    assert [item.name for item in layout.unit.fields] == ["Flag", "Small", "2102h.1"]
+    assert layout.unpack(bytes.fromhex("F1 563412")) == (1, -1, 0x123456)
+
+
+@given(
+    mapped=st.lists(st.builds(Mapped, st.integers(0x20, 0xFFFF), st.integers(0, 255), st.integers(0, 80)), max_size=9),
+    data=st.binary(min_size=8, max_size=8),
+)
+def test_any_mapping_is_a_layout_or_none(mapped: list[Mapped], data: bytes) -> None:
+    layout = pdo_layout("TPDO1", NODE, 1, mapped, catalogue(), "test")
+    bits = sum(item.bits for item in mapped)
+    possible = mapped and bits <= 64 and all(item.bits for item in mapped)
+    assert (layout is not None) == bool(possible)
+    if layout is not None:
+        assert len(layout.unpack(data)) == len(mapped)
+
+
+def test_heartbeat_states_and_boot_up() -> None:
+    bus = CanopenDecoder()
+    records = [feed(bus, 0x700 + NODE, bytes((state,))) for state in (0, 127, 5, 5, 4, 0x42)]
+    assert all(isinstance(record, HeartbeatRecord) for record in records)
+    assert [record.summary for record in records] == [
+        "boot-up",
+        "boot-up -> pre-operational",
+        "pre-operational -> operational",
+        "operational",
+        "operational -> stopped",
+        "stopped -> state 42h",
+    ]
+
+
+def test_emcy_and_abort_are_told_in_words() -> None:
+    bus = CanopenDecoder()
+    emcy = feed(bus, 0x80 + NODE, bytes.fromhex("3081110000000000"))
+    assert isinstance(emcy, EmcyRecord)
+    assert (emcy.code, emcy.register, emcy.node) == (0x8130, 0x11, NODE)
+    assert emcy.summary == "8130h life guard or heartbeat error (drive: CANopen), register 11h: generic, communication"
+    abort = feed(bus, 0x580 + NODE, bytes.fromhex("8040600030000906"))
+    assert isinstance(abort, SdoRecord)
+    assert abort.abort == 0x06090030
+    assert "6040h.0 Controlword 0609 0030h: value range of parameter exceeded" in abort.summary
+
+
+@given(frames=st.lists(st.tuples(st.integers(0, 0x7FF), st.binary(max_size=8)), max_size=40))
+def test_any_frames_are_records_with_documents(frames: list[tuple[int, bytes]]) -> None:
+    bus = CanopenDecoder((Axis(1, 9, NODE),), dictionary_of({}, EDS_PATH))
+    for cob_id, data in frames:
+        record = feed(bus, cob_id, data)
+        assert record.document()["bus"] == "can"
+        assert record.data == data
