@@ -31,10 +31,11 @@ _ETHERNET = bytes.fromhex("020000000002 020000000001 0800")
 _NODE = 1
 
 
-def _block(kind: int, body: bytes) -> bytes:
+def block(kind: int, body: bytes, order: str = "<") -> bytes:
+    """A pcapng block in one byte order."""
     body += bytes(-len(body) % 4)
-    length = struct.pack("<I", len(body) + 12)
-    return struct.pack("<I", kind) + length + body + length
+    length = struct.pack(order + "I", len(body) + 12)
+    return struct.pack(order + "I", kind) + length + body + length
 
 
 def _udp(frame: bytes) -> bytes:
@@ -82,11 +83,11 @@ def write_capture(path: Path, packets: int) -> None:
 
 
 def _write(file: BinaryIO, packets: int) -> None:
-    file.write(_block(0x0A0D0D0A, struct.pack("<IHHq", 0x1A2B3C4D, 1, 0, -1)))
+    file.write(block(0x0A0D0D0A, struct.pack("<IHHq", 0x1A2B3C4D, 1, 0, -1)))
     nanoseconds = struct.pack("<HHB3xI", 9, 1, 9, 0)
     for link in (Link.ETHERNET, Link.CAN_SOCKETCAN):
-        file.write(_block(1, struct.pack("<HHI", link, 0, 0) + nanoseconds))
+        file.write(block(1, struct.pack("<HHI", link, 0, 0) + nanoseconds))
     for number, (interface, data) in zip(range(packets), _cycles(), strict=False):
         time_ns = _BEGIN_NS + number * _CYCLE_NS // 4
         head = struct.pack("<IIIII", interface, time_ns >> 32, time_ns & 0xFFFFFFFF, len(data), len(data))
-        file.write(_block(6, head + data))
+        file.write(block(6, head + data))

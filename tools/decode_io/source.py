@@ -21,10 +21,13 @@ if TYPE_CHECKING:
 
 STANDARD_INPUT: Final = "-"
 _HEAD: Final = 2048
-_BINARY_READERS: Final = {".blf": "BLFReader", ".mf4": "MF4Reader"}
+_BLF: Final = ".blf"
+_BLF_SIZE: Final = slice(16, 24)
+"""Where the header has the length of the file."""
+_BINARY_READERS: Final = {_BLF: "BLFReader", ".mf4": "MF4Reader"}
 _TEXT_READERS: Final = {".asc": "ASCReader", ".csv": "CSVReader", ".trc": "TRCReader"}
 _DATABASE: Final = ".db"
-_CONTENT: Final = ((b"LOGG", ".blf"), (b"MDF ", ".mf4"), (b"date ", ".asc"), (b";", ".trc"), (b"timestamp,", ".csv"))
+_CONTENT: Final = ((b"LOGG", _BLF), (b"MDF ", ".mf4"), (b"date ", ".asc"), (b";", ".trc"), (b"timestamp,", ".csv"))
 """How python-can's formats begin."""
 FORMATS: Final = "pcap, pcapng, candump, .asc, .blf, .csv, .db, .mf4, .trc"
 
@@ -97,10 +100,22 @@ def _messages(name: str, suffix: str, stream: Any, size: int | None, closing: Ex
     import can  # noqa: PLC0415 (slow to load, and most captures do without)
 
     text = suffix in _TEXT_READERS
+    stream_head = stream.peek(_HEAD)[:_HEAD]
     reader_class = getattr(can, _TEXT_READERS[suffix] if text else _BINARY_READERS[suffix])
     position = _position(stream)
-    taken = io.TextIOWrapper(stream, encoding="utf-8", errors="strict") if text else stream
-    return _from_reader(name, lambda: reader_class(taken), size, position, closing)
+    # Latin-1 takes every byte: a comment in another code page is no damage.
+    taken = io.TextIOWrapper(stream, encoding="latin-1") if text else stream
+    source = _from_reader(name, lambda: reader_class(taken), size, position, closing)
+    if suffix == _BLF and size is not None:
+        source.packets = _whole(source.packets, name, size, int.from_bytes(stream_head[_BLF_SIZE], "little"))
+    return source
+
+
+def _whole(packets: Iterator[Packet | CanPacket], name: str, size: int, announced: int) -> Iterator[Packet | CanPacket]:
+    """python-can's reader ends a shortened BLF file without a word; its header tells how long it was."""
+    yield from packets
+    if size < announced:
+        raise CaptureError(name, size, f"the file ends early: its header announces {announced} bytes")
 
 
 def _database(path: str, closing: ExitStack) -> Source:
