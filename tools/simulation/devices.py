@@ -96,11 +96,6 @@ def _drive_status(node: SimulatedDriveNode) -> dict[str, object]:
     }
 
 
-def _encoder_status(node: SimulatedEncoderNode) -> dict[str, object]:
-    model = node.model
-    return {"alarms": int(model.alarms), "warnings": int(model.warnings)}
-
-
 DEVICE_TYPES: Mapping[str, DeviceType] = MappingProxyType(
     {
         "drive": DeviceType(SimulatedDrive, SimulatedDriveNode, _drive_status),
