@@ -68,12 +68,12 @@ GATEWAY_FAULTS: MappingProxyType[int, GatewayFault] = MappingProxyType(
     {
         fault.number: fault
         for fault in (
-            GatewayFault(101, "drive lost (heartbeat or TPDO time-out)", 0x8130),
+            GatewayFault(101, "node lost (heartbeat or TPDO time-out)", 0x8130),
             GatewayFault(102, "CAN bus-off or CAN interface lost", 0x8140),
             GatewayFault(103, "PLC lost", 0xFF01),
             GatewayFault(104, "reference object is 0", 0xFF02),
-            GatewayFault(105, "drive restarted during operation", 0xFF03),
-            GatewayFault(106, "drive identity or configuration refused", 0xFF04),
+            GatewayFault(105, "node restarted during operation", 0xFF03),
+            GatewayFault(106, "node identity or configuration refused", 0xFF04),
             GatewayFault(107, "drive state unknown", 0xFF05),
             GatewayFault(108, "homing method not supported", 0xFF06, is_warning=True),
             GatewayFault(109, "homing error", 0xFF07, is_warning=True),
@@ -81,7 +81,7 @@ GATEWAY_FAULTS: MappingProxyType[int, GatewayFault] = MappingProxyType(
             GatewayFault(111, "drive did not take the homing parameters", 0xFF09, is_warning=True),
             GatewayFault(112, "internal limit of the drive reached", 0xFF0A, is_warning=True),
             GatewayFault(118, "encoder did not take the preset", 0xFF0F, is_warning=True),
-            GatewayFault(121, "drive does not answer", 0xFF11),
+            GatewayFault(121, "node does not answer", 0xFF11),
             GatewayFault(122, "drive left operation by itself", 0xFF12),
             GatewayFault(124, "sign of life of the PLC lost", 0xFF14),
         )

@@ -245,7 +245,7 @@ class AxisObject(BoundObject):
             self._change_telegram(configured)
         objects = self.daemon.store.parameters.objects
         _store_is_saved(self.daemon, self._store_lock, lambda: objects.update({self.do_id: DoParameters()}))
-        self.axis.reset_drive()
+        self.axis.reset_node()
 
     def save(self) -> None:
         """P971: 1010h of the drive, and the gateway's store."""
@@ -256,7 +256,7 @@ class AxisObject(BoundObject):
         if value:
             self._standing()
         if value == 1:
-            self.axis.reset_drive()
+            self.axis.reset_node()
         self._reset_prepared = 2 if value == 2 else 0
 
 

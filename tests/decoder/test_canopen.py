@@ -14,9 +14,9 @@ from decoder.engine import CanPacket, Decoder, Settings
 from decoder.link import CanFrame
 from decoder.objects import Mapped, ObjectNames, catalogue, pdo_layout
 from decoder.records import CanRecord, EmcyRecord, HeartbeatRecord, PdoRecord, Record, SdoRecord
+from ds301.configuration import map_pdo
 from ds301.objects import CanType, Entry
 from ds301.pdo import COB_ID_INVALID
-from dsp402.configuration import map_pdo
 from dsp402.device import EDS_PATH
 from dsp402.pdo import LAYOUTS, Operation
 from tools.decode_io.dictionary import dictionary_of

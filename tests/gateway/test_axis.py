@@ -83,7 +83,7 @@ def test_a_refusal_that_repeats_is_one_fault_until_the_drive_was_accepted(axis: 
     def tell(status: DriveStatus, text: str) -> None:
         axis.drive.status = status
         kind = "refused" if status is DriveStatus.REFUSED else "status"
-        axis._on_drive_event(DriveEvent(kind, text, time_ns=1))
+        axis.on_node_event(DriveEvent(kind, text, time_ns=1))
 
     for _ in range(3):
         tell(DriveStatus.CONFIGURING, "checking identity")
@@ -99,19 +99,19 @@ def test_a_refusal_that_repeats_is_one_fault_until_the_drive_was_accepted(axis: 
 def test_a_lost_drive_and_a_lost_bus_are_different_faults(axis: Axis, healthy: bool, number: int) -> None:
     axis.drive.status = DriveStatus.LOST
     axis.network.healthy = healthy
-    axis._on_drive_event(DriveEvent("status", "lost", time_ns=1))
+    axis.on_node_event(DriveEvent("status", "lost", time_ns=1))
     assert [fault.number for fault in axis.faults] == [number]
 
 
 @pytest.mark.parametrize(("code", "number"), [(0x2310, 7), (0x1234, 10)])
 def test_an_emergency_has_the_manufacturers_number(axis: Axis, code: int, number: int) -> None:
-    axis._on_drive_event(DriveEvent("emcy", "EMCY", code, 1, b"\x01\x00\x00\x00\x00", 1))
+    axis.on_node_event(DriveEvent("emcy", "EMCY", code, 1, b"\x01\x00\x00\x00\x00", 1))
     fault = axis.faults[0]
     assert (fault.number, fault.code, fault.value) == (number, code, 1)
 
 
 def test_the_end_of_an_emergency_is_no_fault(axis: Axis) -> None:
-    axis._on_drive_event(DriveEvent("emcy", "EMCY 0000h no error", 0, 0, bytes(5), 1))
+    axis.on_node_event(DriveEvent("emcy", "EMCY 0000h no error", 0, 0, bytes(5), 1))
     assert not axis.faults
 
 

@@ -112,7 +112,7 @@ def test_an_internal_limit_is_told_at_its_beginning_and_is_the_reason_while_it_l
 
 
 def emcy(axis: Axis, code: int, register: int = 1, now: int = 1) -> None:
-    axis._on_drive_event(DriveEvent("emcy", f"EMCY {code:04X}h", code, register, bytes(5), now))
+    axis.on_node_event(DriveEvent("emcy", f"EMCY {code:04X}h", code, register, bytes(5), now))
 
 
 @pytest.mark.parametrize(("register", "is_warning"), [(0x01, False), (0x11, False), (0x00, True)])
@@ -147,7 +147,7 @@ def test_an_emergency_that_ended_is_a_new_one_when_it_comes_again(axis: Axis) ->
 def test_a_drive_that_does_not_answer_is_fault_121_once(axis: Axis) -> None:
     def tell(status: DriveStatus, text: str) -> None:
         axis.drive.status = status
-        axis._on_drive_event(DriveEvent("status", text, time_ns=1))
+        axis.on_node_event(DriveEvent("status", text, time_ns=1))
 
     for count in range(3):
         tell(DriveStatus.CONFIGURING, "checking identity")

@@ -20,7 +20,9 @@ MS = 1_000_000
 
 
 def configuration(axes: str, *, can: str = "", transport: str = "") -> GatewayConfig:
-    """Free ports, buses of their own; ``axes`` are complete tables."""
+    """Free ports, buses of their own, a watchdog that a busy machine does not trip; ``axes`` are complete tables."""
+    if "watchdog_factor" not in transport and "cycle_time_ms" not in transport:
+        transport = f"watchdog_factor = 75\n{transport}"
     can = can or f'[can]\ninterface = "virtual"\nchannel = "{buses.channel()}"\n'
     head = f"{can}[transport]\ncyclic_port = 0\nacyclic_port = 0\nstatus_port = 0\n{transport}\n"
     return parse_config(head + axes)
