@@ -76,7 +76,7 @@ ENCODER_FAULTS: MappingProxyType[str, EncoderFault] = MappingProxyType(
             EncoderFault("external", "Something outside the device is wrong.", 0x9000, 0x01),
             EncoderFault("device-specific", "An error only the manufacturer knows.", 0xFFFF, 0x81),
             EncoderFault(
-                SENSOR_DEFECT, "A part of the sensor is defect, which only the commissioning diagnostics notice."
+                SENSOR_DEFECT, "A part of the sensor is defective, which only the commissioning diagnostics notice."
             ),
             EncoderFault(
                 "frequency", "It turned faster than the sensor can follow.", warnings=Warnings.FREQUENCY_EXCEEDED
