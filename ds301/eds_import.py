@@ -11,7 +11,7 @@ from __future__ import annotations
 import configparser
 import io
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -31,6 +31,9 @@ from ds301.eds_text import (
     parse,
 )
 from ds301.eds_values import ValueRefused, is_plain, number
+
+MAX_ENTRIES = 1 << 15
+"""Objects and sub-indices; a few lines of compact sub-objects make many."""
 
 _TRUE_FALSE = {"true": "1", "yes": "1", "false": "0", "no": "0"}
 
@@ -103,8 +106,12 @@ def _normalised(sections: Mapping[str, Section], report: Report) -> Texts:
     described: Texts = {}
     present: list[int] = []
     user_types = _user_types(others)
-    for index in sorted(objects):
-        written = ObjectWriter(objects[index], user_types, report).write()
+    writers = {index: ObjectWriter(objects[index], user_types, report) for index in sorted(objects)}
+    entries = sum(writer.entries for writer in writers.values())
+    if entries > MAX_ENTRIES:
+        raise EdsError((Problem(0, "", "file", f"{entries} entries", f"at most {MAX_ENTRIES} are read"),))
+    for index, writer in writers.items():
+        written = writer.write()
         if written:
             described.update(written)
             present.append(index)
@@ -257,7 +264,7 @@ def _comments(section: Section, report: Report) -> dict[str, str]:
 
 def _object_lists(others: Mapping[str, Section], present: list[int], report: Report) -> Texts:
     """The three lists, with exactly the objects that are described."""
-    wanted = [index for index in present if index >= 0x1000]
+    wanted = dict.fromkeys(index for index in present if index >= 0x1000)
     listed: dict[str, list[int]] = {name: [] for name in _LISTS}
     seen: set[int] = set()
     for name in _LISTS:
@@ -289,7 +296,7 @@ def _object_lists(others: Mapping[str, Section], present: list[int], report: Rep
     return texts
 
 
-def _listed_index(text: str, wanted: list[int]) -> int | None:
+def _listed_index(text: str, wanted: Collection[int]) -> int | None:
     """The described object an entry of a list means; hexadecimal without 0x where only that is described."""
     try:
         value = number(text)

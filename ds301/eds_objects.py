@@ -14,6 +14,7 @@ from ds301.eds_values import (
     BOOLEAN,
     DATA_TYPES,
     DOMAIN,
+    NUMBER_OF_BITS,
     UNSIGNED8,
     ValueRefused,
     is_plain,
@@ -88,6 +89,12 @@ class ObjectWriter:
         # An object of which only sub-indices or names are described starts at the first of them.
         described = [*item.subs.values(), *(section for section in (item.names, item.values) if section is not None)]
         self._main = item.main or Section(self._name, min((section.line for section in described), default=0))
+        self._compact = self._compact_count()
+
+    @property
+    def entries(self) -> int:
+        """Sub-indices the object has when its compact ones are written out, at least 1."""
+        return max(1, len(self._item.subs), self._compact + 1)
 
     def write(self) -> Texts:
         """The sections of the object; none where it is a type definition or has been refused."""
@@ -102,7 +109,7 @@ class ObjectWriter:
     def _kind(self) -> int | None:
         """The object code the content proves; None when refused."""
         item, main = self._item, self._main
-        several = any(subindex > 0 for subindex in item.subs) or self._compact_count() > 0
+        several = any(subindex > 0 for subindex in item.subs) or self._compact > 0
         typed = bool(main.text("DataType"))
         found = main.text("ObjectType")
         try:
@@ -149,7 +156,7 @@ class ObjectWriter:
     def _expand_compact(self) -> None:
         """CompactSubObj, [xxxxName] and [xxxxValue] written out as sub-indices; described ones stay."""
         item, main = self._item, self._main
-        count = self._compact_count()
+        count = self._compact
         unused = [section for section in (item.names, item.values) if section is not None]
         if not count:
             for section in unused:
@@ -190,7 +197,7 @@ class ObjectWriter:
             # An ARRAY's elements have one type; as such canopen would give missing ones the type of the first.
             report.repair(main.where("ObjectType"), self._name, "ObjectType", main.text("ObjectType"), f"0x{_RECORD:X}")
             kind = _RECORD
-        if item.main is not None and not self._compact_count():
+        if item.main is not None and not self._compact:
             check_count(main, "SubNumber", len(item.subs), report)
         head = {
             "ParameterName": self._parameter_name(main),
@@ -230,7 +237,8 @@ class ObjectWriter:
         """A constant sub-index 0 is the highest sub-index; more than are described may be optional ones."""
         default = entry.get("DefaultValue", "")
         constant = entry.get("AccessType") in ("ro", "const") and self._item.index not in _WRITABLE_COUNTS
-        if constant and is_plain(default) and int(default, 0) < highest:
+        counting = int(entry.get("DataType", "0"), 0) in NUMBER_OF_BITS
+        if constant and counting and is_plain(default) and int(default, 0) < highest:
             section = self._item.subs[0]
             self._report.repair(section.where("DefaultValue"), section.name, "DefaultValue", default, str(highest))
             entry["DefaultValue"] = str(highest)

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from ds301.eds_values import same_value
 from ds301.errors import CanopenError
 
-MAX_SIZE = 16 << 20
+MAX_SIZE = 4 << 20
 """Bytes; the largest data sheets are a few hundred kilobytes."""
 
 
@@ -232,7 +232,7 @@ def _header(content: str, line: int, sections: dict[str, Section], report: Repor
 
 def _without_comment(section: str, key: str, value: str, line: int, report: Report) -> str:
     """CiA 306 knows comment lines only; text after blank and semicolon is one all the same, to every reader."""
-    match = re.search(r"(?:^|\s+);", value)
+    match = re.search(r"(?:^|\s);", value)
     if match is None:
         return value
     used = value[: match.start()].strip()

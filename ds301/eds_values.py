@@ -45,8 +45,8 @@ _LONGEST_NUMBER = 40
 
 _PLAIN = re.compile(r"-?(?:0x[0-9a-f]+|0|[1-9][0-9]*)", re.IGNORECASE)
 _PLAIN_RELATIVE = re.compile(r"\$NODEID\+(?:0x[0-9a-f]+|0|[1-9][0-9]*)", re.IGNORECASE)
-_COMMENT = re.compile(r"\s*(?:;|//|#).*")
-_NODE_ID = re.compile(r"\$?\s*node[ _-]?id", re.IGNORECASE)
+_COMMENT = re.compile(r"(?:;|//|#).*")
+_NODE_ID = re.compile(r"\$?node[ _-]?id", re.IGNORECASE)
 _TERM = re.compile(r"\s*([+-]?)\s*([^+\-\s][^+\-]*)")
 _TRUE = ("true", "yes", "on")
 _FALSE = ("false", "no", "off")

@@ -227,7 +227,14 @@ def test_everything_that_has_to_be_corrected_is_named_with_its_line() -> None:
         (b"PK\x03\x04\0\0\0\0\0\0binary", "binary data"),
         (b"\xff\xfeA", "cut or damaged"),
         (b"[1000]\nParameterName=x\nDataType=7\nAccessType=ro\n[1000x\nDataType=7", "ends with ]"),
-        (bytes(17 << 20), "at most"),
+        pytest.param(bytes(5 << 20), "at most 4194304 bytes", id="large"),
+        pytest.param(
+            b"".join(
+                b"[%04X]\nObjectType=8\nDataType=7\nCompactSubObj=254\n" % index for index in range(0x2000, 0x2100)
+            ),
+            "65280 entries",
+            id="compact",
+        ),
     ],
 )
 def test_what_is_no_data_sheet_is_refused(data: bytes, reason: str) -> None:
@@ -257,7 +264,8 @@ def test_a_directory_is_no_file() -> None:
         (0x04, "0x1FFFFFFFFFFFFFFFF"),
         (0x05, "1.5"),
         (0x05, "bad"),
-        (0x07, "9" * 5000),
+        pytest.param(0x07, "9" * 5000, id="long"),
+        pytest.param(0x07, "5" + " " * 1_000_000 + "x", id="blanks"),
         (0x08, "nan"),
         (0x08, "0x3F800000"),
         (0x0A, "text"),
