@@ -46,9 +46,10 @@ def test_what_the_gateway_does(case: Case, results: dict[str, Result]) -> None:
     ("title", "commands"),
     [
         # docs/translation.md "Loss and doubt": quick stop, then NMT stop when it does not answer, then configuration again.
-        ("heartbeat-stops turning", ["CW 0002h", "NMT stop", "NMT enter pre operational", "NMT start"]),
+        ("heartbeat-stops turning", ["CW 0002h", "NMT stop", "NMT enter pre operational"]),
         ("bus-off turning", ["CW 0002h", "NMT stop", "NMT enter pre operational"]),
-        ("reboot turning", ["NMT enter pre operational", "NMT start"]),
+        ("lost-pdos every=1 turning", ["CW 0002h", "NMT enter pre operational"]),
+        ("reboot turning", ["NMT enter pre operational"]),
         ("unknown-state turning", ["CW 0002h"]),
         ("unknown-state, telegram 100 turning", ["CW 0002h"]),
         ("bouncing-status turning", ["CW 0002h"]),

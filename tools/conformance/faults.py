@@ -39,6 +39,9 @@ _PATIENCE_S = 20.0
 """No healthy run needs so long for one step, even on a busy machine."""
 _QUIET_CYCLES = 50
 """So long is watched whether something starts by itself."""
+_LOSSES = frozenset({101, 105})
+_CONFIGURES = "NMT enter pre operational"
+"""What the gateway begins a configuration with."""
 _POWERED = (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE, State.FAULT_REACTION_ACTIVE)
 
 _channels = itertools.count()
@@ -388,6 +391,8 @@ def _in_operation(bench: _Bench, result: Result) -> None:
         bench.until(bench.standing, "drive stands")
     if case.numbers:
         bench.until(lambda: bench.told(case.numbers), f"fault {case.numbers}")
+    if _LOSSES.intersection(case.numbers):
+        bench.until(lambda: _CONFIGURES in bench.sent, "configured again")
     bench.cycles(_QUIET_CYCLES)
     _note(bench, result, mark)
     result.stopped = bench.trace.stopped_by(mark, case.reaction is Reaction.STANDS)
