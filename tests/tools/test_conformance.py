@@ -12,10 +12,14 @@ from gateway.daemon import Daemon
 from gateway.reasons import Reason
 from gateway.status import snapshot
 from gateway.translator.power import PowerControl
-from tests.gateway.test_daemon import Plc, axis, configuration, running
+from tests.support.daemon import Plc, axis, configuration, running
 from tools.commands.conformance import app
 from tools.conformance import faults
 from tools.conformance.faults import CASES, Activity, Case, Reaction, Result, run_case, run_cases
+
+
+PATIENT = "watchdog_factor = 255"
+"""The PLC of these tests is never lost, however busy the machine is."""
 
 
 def case_id(case: Case) -> str:
@@ -119,7 +123,7 @@ def misbehave(daemon: Daemon, name: str, **values: int) -> None:
 
 
 def test_status_frame_and_fault_buffer_tell_of_a_lost_drive_and_on_stands_without_effect() -> None:
-    with running(configuration(axis(1))) as daemon:
+    with running(configuration(axis(1), transport=PATIENT)) as daemon:
         plc = Plc(daemon, [1])
         plc.endpoint.set(0, {"NSOLL_A": 0x1000})
         plc.enable()
@@ -139,7 +143,7 @@ def test_status_frame_and_fault_buffer_tell_of_a_lost_drive_and_on_stands_withou
 
 
 def test_one_axis_that_misbehaves_does_not_stop_its_neighbour() -> None:
-    with running(configuration(axis(1) + axis(2))) as daemon:
+    with running(configuration(axis(1) + axis(2), transport=PATIENT)) as daemon:
         plc = Plc(daemon, [1, 1])
         plc.endpoint.set(1, {"STW1": 0x047E})
         plc.enable(0)

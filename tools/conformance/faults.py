@@ -39,7 +39,8 @@ _PATIENCE_S = 20.0
 """No healthy run needs so long for one step, even on a busy machine."""
 _QUIET_CYCLES = 50
 """So long is watched whether something starts by itself."""
-_LOSSES = frozenset({101, 105})
+_LOST, _RESTARTED = 101, 105
+_LOSSES = frozenset({_LOST, _RESTARTED})
 _CONFIGURES = "NMT enter pre operational"
 """What the gateway begins a configuration with."""
 _POWERED = (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE, State.FAULT_REACTION_ACTIVE)
@@ -333,7 +334,16 @@ def _bench(case: Case) -> Iterator[_Bench]:
 
 
 def run_case(case: Case) -> Result:
-    """Run one case; what does not hold is in the result, nothing is raised for it."""
+    """Run one case; what does not hold is in the result, nothing is raised for it.
+
+    A drive that is lost although its fault does not silence it was starved by a busy machine: the case is run once more.
+    """
+    result = _attempt(case)
+    starved = _LOST in result.numbers and not _LOSSES.intersection(case.numbers)
+    return _attempt(case) if starved else result
+
+
+def _attempt(case: Case) -> Result:
     result = Result(case)
     with _bench(case) as bench:
         try:
@@ -344,8 +354,8 @@ def run_case(case: Case) -> Result:
                 _in_operation(bench, result)
         except _StepError as error:
             result.failures.append(str(error))
-        numbers = [record.number for record in bench.axis.faults]
-        result.numbers = list(dict.fromkeys(result.numbers or numbers))
+        if result.failures:
+            result.numbers = list(dict.fromkeys(record.number for record in bench.axis.faults))
     return result
 
 
