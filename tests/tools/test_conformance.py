@@ -17,7 +17,6 @@ from tools.commands.conformance import app
 from tools.conformance import faults
 from tools.conformance.faults import CASES, Activity, Case, Reaction, Result, run_case, run_cases
 
-
 PATIENT = "watchdog_factor = 255"
 """The PLC of these tests is never lost, however busy the machine is."""
 
