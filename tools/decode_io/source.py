@@ -55,7 +55,7 @@ class Source:
 def open_source(path: str) -> Source:
     """A capture or log by its path, ``-`` for standard input; CaptureError when it cannot be opened or is no format known."""
     if path == STANDARD_INPUT:
-        return _of_stream("standard input", "", sys.stdin.buffer, None, ExitStack())
+        return source_of_stream("standard input", "", sys.stdin.buffer, None, ExitStack())
     file = Path(path)
     closing = ExitStack()
     try:
@@ -66,13 +66,14 @@ def open_source(path: str) -> Source:
     if file.suffix.lower() == _DATABASE:
         return _database(path, closing)
     try:
-        return _of_stream(path, file.suffix.lower(), stream, size, closing)
+        return source_of_stream(path, file.suffix.lower(), stream, size, closing)
     except BaseException:
         closing.close()
         raise
 
 
-def _of_stream(name: str, suffix: str, stream: Any, size: int | None, closing: ExitStack) -> Source:
+def source_of_stream(name: str, suffix: str, stream: io.BufferedReader, size: int | None, closing: ExitStack) -> Source:
+    """An open binary stream as ``open_source`` would take it: ``suffix`` decides where the content does not."""
     head = bytes(stream.peek(_HEAD)[:_HEAD])
     if not head:
         raise CaptureError(name, 0, "is empty")

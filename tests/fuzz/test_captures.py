@@ -1,0 +1,143 @@
+"""Mutated and truncated captures of every format: decoded up to the damage, which is told with its place; never a traceback."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable
+from contextlib import ExitStack
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import can
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from decoder.changes import Changes
+from decoder.columns import Columns
+from decoder.engine import CanPacket, Decoder, Packet, Settings, given_axes
+from decoder.names import Names
+from decoder.records import Link
+from decoder.render import record_line, record_tree
+from decoder.statistics import Statistics
+from ds301.errors import CanopenError
+from gateway.errors import GatewayError
+from profidrive.errors import ProfidriveError
+from tests.fuzz.test_frames import mutated
+from tests.support import captures
+from tools.commands.decode import decode
+from tools.decode_io.source import Source, source_of_stream
+
+NAMES = Names()
+TITLES = ["kind", "frame_id", "stw1", "stw1.on", "statusword.text", "latency_ms", "object"]
+EXCHANGE = [(bytes.fromhex("030201011000039A000042010009"), bytes.fromhex("03020101"))]
+WRITERS: dict[str, Callable[..., Any]] = {
+    ".asc": can.ASCWriter,
+    ".blf": can.BLFWriter,
+    ".csv": can.CSVWriter,
+    ".trc": can.TRCWriter,
+}
+
+
+@cache
+def original(ending: str) -> bytes:
+    """A small sound capture of a format."""
+    packets = captures.both_buses()
+    plc = [packet for packet in packets if packet[1] == captures.ETHERNET]
+    plc += [(captures.BEGIN_NS, captures.ETHERNET, data) for data in captures.parameter_packets(EXCHANGE)]
+    if ending == ".pcap":
+        return captures.pcap(plc)
+    if ending == ".pcapng":
+        return captures.pcapng(packets)
+    if ending == ".log":
+        return captures.candump()
+    with TemporaryDirectory() as directory:
+        path = Path(directory) / f"a{ending}"
+        with WRITERS[ending](str(path)) as writer:
+            for message in captures.messages(channel="1"):
+                writer.on_message_received(message)
+        return path.read_bytes()
+
+
+def opened(content: bytes, ending: str) -> Source:
+    """As standard input or a file of this name would be."""
+    stream = io.BufferedReader(io.BytesIO(content))  # type: ignore[type-var]
+    return source_of_stream("capture", ending, stream, len(content), ExitStack())
+
+
+ENDINGS = [".pcap", ".pcapng", ".log", *WRITERS]
+
+
+def read_all(packets: Any, decoder: Decoder) -> int:
+    """Decode and show every packet in every way."""
+    columns, changes, statistics = Columns(TITLES, NAMES), Changes(), Statistics()
+    count = 0
+    for packet in packets:
+        record = decoder.decode(packet)
+        assert record_line(record, 0)
+        assert list(record_tree(record)) is not None
+        assert record.document()
+        for _, row in columns.rows(record):
+            assert len(row) == len(TITLES)
+        changes.select(record, record.units)
+        statistics.add(record)
+        count += 1
+    assert statistics.document(1_000_000)["packets"] == count
+    return count
+
+
+@pytest.mark.parametrize("ending", ENDINGS)
+@given(data=st.data())
+def test_a_mutated_capture_is_decoded_up_to_its_damage(ending: str, data: st.DataObject) -> None:
+    content = data.draw(mutated(original(ending)))
+    decoder = Decoder(Settings(given_axes(data.draw(st.sampled_from([(), (1,), (1, 9)])))))
+    message = "capture: "
+    try:
+        with opened(content, ending) as source:
+            read_all(source.packets, decoder)
+    except GatewayError as error:
+        message = str(error)
+    assert message.startswith("capture: ")
+    assert "\n" not in message
+
+
+@given(
+    packets=st.lists(st.tuples(st.sampled_from([*Link, 147]), st.binary(max_size=80), st.booleans()), max_size=10),
+    data=st.data(),
+)
+def test_any_packet_of_any_link_layer_is_a_record(packets: list[tuple[int, bytes, bool]], data: st.DataObject) -> None:
+    known = captures.cyclic_packets(1) + captures.parameter_packets(EXCHANGE)
+    decoder = Decoder()
+    stream = []
+    for number, (link, content, take_known) in enumerate(packets, 1):
+        packet = data.draw(mutated(data.draw(st.sampled_from(known)))) if take_known else content
+        stream.append(Packet(number, number, Link.ETHERNET if take_known else link, "", packet))
+    assert read_all(stream, decoder) == len(packets)
+
+
+@pytest.mark.parametrize("ending", [".pcap", ".pcapng", ".log"])
+@given(data=st.data())
+def test_the_command_ends_with_one_error_and_prints_what_came_before(ending: str, data: st.DataObject) -> None:
+    content = data.draw(mutated(original(ending)))
+    options = data.draw(
+        st.sampled_from([{}, {"as_json": True}, {"csv": "stw1,statusword"}, {"stats": True}, {"changes_only": True}])
+    )
+    with TemporaryDirectory() as directory:
+        path = Path(directory) / f"a{ending}"
+        path.write_bytes(content)
+        message = ""
+        try:
+            decode(str(path), **options)
+        except (GatewayError, CanopenError, ProfidriveError) as error:
+            message = str(error)
+        assert not message or str(path) in message
+
+
+def test_the_originals_are_sound() -> None:
+    for ending in ENDINGS:
+        content = original(ending)
+        packets = list(opened(content, ending).packets)
+        assert read_all(packets, Decoder()) == len(packets) >= 12
+        assert all(isinstance(packet, Packet | CanPacket) for packet in packets)
