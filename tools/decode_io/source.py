@@ -72,8 +72,8 @@ def open_source(path: str) -> Source:
         raise
 
 
-def source_of_stream(name: str, suffix: str, stream: io.BufferedReader, size: int | None, closing: ExitStack) -> Source:
-    """An open binary stream as ``open_source`` would take it: ``suffix`` decides where the content does not."""
+def source_of_stream(name: str, suffix: str, stream: Any, size: int | None, closing: ExitStack) -> Source:
+    """An open buffered binary stream as ``open_source`` would take it: ``suffix`` decides where the content does not."""
     head = bytes(stream.peek(_HEAD)[:_HEAD])
     if not head:
         raise CaptureError(name, 0, "is empty")

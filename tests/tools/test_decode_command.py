@@ -1,0 +1,261 @@
+"""``pdgw decode`` as a user runs it: outputs, selections, damage, pipes."""
+
+from __future__ import annotations
+
+import csv
+import json
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import pytest
+
+from decoder.engine import Decoder
+from gateway.errors import GatewayError
+from profidrive.errors import ProfidriveError
+from tests.support import captures
+from tests.support.captures import BEGIN_NS
+from tools.commands.decode import DirectionOption, decode
+from tools.decode_io.errors import CaptureError
+
+PACKETS = captures.both_buses()
+
+
+@pytest.fixture
+def capture(tmp_path: Path) -> str:
+    path = tmp_path / "both.pcapng"
+    path.write_bytes(captures.pcapng(PACKETS))
+    return str(path)
+
+
+@pytest.fixture
+def configuration(tmp_path: Path) -> Path:
+    path = tmp_path / "gateway.toml"
+    path.write_text(
+        '[can]\ninterface = "virtual"\nbitrate = 500000\n'
+        "[transport]\ncyclic_port = 40000\n"
+        "[[axis]]\ndo_id = 7\nnode_id = 1\ntelegram = 1\n"
+    )
+    return path
+
+
+def lines(capsys: pytest.CaptureFixture[str]) -> list[str]:
+    return capsys.readouterr().out.splitlines()
+
+
+def run(*arguments: str, data: bytes | None = None) -> subprocess.CompletedProcess[bytes]:
+    command = [sys.executable, "-m", "tools", "decode", *arguments]
+    return subprocess.run(command, input=data, capture_output=True, check=False, timeout=60)
+
+
+def test_text_is_one_plain_line_for_each_packet(capture: str, capsys: pytest.CaptureFixture[str]) -> None:
+    decode(capture, telegram=[1])
+    text = lines(capsys)
+    assert len(text) == len(PACKETS)
+    assert text[2] == (
+        "     3     0.002000 plc PLC ->  FrameID C001h counter 65532 status 35h | axis 1 T1 STW1 047Fh NSOLL_A 0.610 %"
+    )
+    assert text[-2].endswith(
+        "can 181 n1  TPDO1 | Statusword 0237h [Operation Enabled] Velocity Actual Value 3000 velocity units (6094h rpm)"
+    )
+    assert not any("\x1b" in line for line in text)
+
+
+def test_verbose_is_the_tree(capture: str, capsys: pytest.CaptureFixture[str]) -> None:
+    decode(capture, telegram=[1], verbose=True, count=1)
+    text = lines(capsys)
+    assert "             ON = 1  (ON (0 = OFF1))" in text
+    assert "         cycle_counter: 65500" in text
+
+
+def test_json_is_one_object_for_each_packet(capture: str, capsys: pytest.CaptureFixture[str]) -> None:
+    decode(capture, telegram=[1], as_json=True)
+    documents = [json.loads(line) for line in lines(capsys)]
+    assert [document["number"] for document in documents] == list(range(1, len(PACKETS) + 1))
+    assert [document["time_ns"] for document in documents] == [time_ns for time_ns, _, _ in PACKETS]
+    assert all({"number", "time_ns", "bus", "channel", "kind", "units"} <= document.keys() for document in documents)
+    assert documents[2]["units"][0]["signals"]["NSOLL_A"] == {
+        "raw": 100,
+        "value": 100 * 100 / 16384,
+        "unit": "%",
+        "bits": {},
+    }
+
+
+def test_the_telegram_is_inferred_and_said_so(capture: str, capsys: pytest.CaptureFixture[str]) -> None:
+    decode(capture, count=2)
+    captured = capsys.readouterr()
+    assert "note: inferred from length and status bytes: axis 1 telegram 1" in captured.err
+    assert "STW1 047Fh" in captured.out
+
+
+def test_the_configuration_gives_axes_nodes_ports_and_bitrate(
+    capture: str, configuration: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    decode(capture, config=configuration, as_json=True)
+    documents = [json.loads(line) for line in lines(capsys)]
+    units = [unit for document in documents for unit in document["units"]]
+    assert {(unit["axis"], unit["node"]) for unit in units} == {(7, 1)}
+    assert {document["mapping"] for document in documents if document["kind"] == "pdo"} == {"configuration"}
+    decode(capture, config=configuration, stats=True)
+    assert any("load at 500000 bit/s" in line for line in lines(capsys))
+
+
+def test_csv_has_the_chosen_names(capture: str, capsys: pytest.CaptureFixture[str]) -> None:
+    decode(capture, telegram=[1], csv="STW1.ON, nsoll_a,Statusword.text")
+    rows = list(csv.reader(lines(capsys)))
+    assert rows[0] == ["time", "axis", "node", "STW1.ON", "nsoll_a", "Statusword.text"]
+    assert rows[1] == ["1700000000.123456000", "1", "1", "1", "0.0", ""]
+    assert rows[-1][3:] == ["", "", "Operation Enabled"]
+    assert len(rows) == 1 + 4 + 1
+
+
+@pytest.mark.parametrize(
+    ("options", "numbers"),
+    [
+        ({"filter_text": "stw1.on == 1 and axis == 1 and nsoll_a > 1"}, [5, 7]),
+        ({"filter_text": "abort != 0"}, [20]),
+        ({"begin": "0.020"}, [21, 22, 23]),
+        ({"begin": "0.004", "end": "0.005"}, [5, 6]),
+        ({"begin": "2023-11-14T22:13:20.143456+00:00"}, [21, 22, 23]),
+        ({"node": [2]}, [17, 18]),
+        ({"signal": ["NSOLL_A,Target Velocity"]}, [1, 3, 5, 7, 23]),
+        ({"count": 2}, [1, 2]),
+        ({"changes_only": True, "signal": ["STW1", "zsw1"]}, [1, 2]),
+        ({"filter_text": "kind == 'heartbeat'", "changes_only": True}, [10, 11]),
+    ],
+)
+def test_selections(
+    options: dict[str, object], numbers: list[int], capture: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    decode(capture, telegram=[1], as_json=True, **options)  # type: ignore[arg-type]
+    assert [json.loads(line)["number"] for line in lines(capsys)] == numbers
+
+
+def test_statistics(capture: str, capsys: pytest.CaptureFixture[str]) -> None:
+    decode(capture, telegram=[1], stats=True, as_json=True)
+    (document,) = map(json.loads, lines(capsys))
+    assert document["packets"] == len(PACKETS)
+    plc = {stream["identifier"]: stream for stream in document["streams"] if stream["bus"] == "plc"}
+    assert plc["C001h"]["packets"] == plc["C000h"]["packets"] == 4
+    assert plc["C001h"]["interval_mean_us"] == pytest.approx(2000)
+    assert plc["C001h"]["counter_step_us"] == 1000
+    decode(capture, telegram=[1], stats=True)
+    text = lines(capsys)
+    assert text[0] == "23 packets in 0.022000 s"
+    assert any(line.startswith("bus load if227:") for line in text)
+
+
+def test_plot_draws_the_signals(capture: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("matplotlib")
+    picture = tmp_path / "out.png"
+    decode(capture, telegram=[1], plot=picture, signal=["NSOLL_A", "Statusword"])
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    assert not lines(capsys)
+    with pytest.raises(GatewayError, match="name the signals"):
+        decode(capture, plot=picture)
+    with pytest.raises(GatewayError, match=r"--plot .*out.xyz: cannot be written"):
+        decode(capture, plot=tmp_path / "out.xyz", signal=["NSOLL_A"])
+
+
+def test_parquet_has_the_rows_of_the_table(capture: str, tmp_path: Path) -> None:
+    try:
+        from pyarrow import parquet  # noqa: PLC0415
+    except ImportError:
+        with pytest.raises(GatewayError, match="--parquet needs pyarrow"):
+            decode(capture, parquet=tmp_path / "out.parquet", signal=["NSOLL_A"])
+        return
+    decode(capture, telegram=[1], parquet=tmp_path / "out.parquet", signal=["NSOLL_A", "Statusword.text"])
+    table = parquet.read_table(tmp_path / "out.parquet").to_pydict()
+    assert table["time_ns"][0] == BEGIN_NS
+    assert len(table["NSOLL_A"]) == 5
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"filter_text": "stw9 == 1"}, "name: 'stw9'.*stw1"),
+        ({"csv": "STW1,SPEED"}, "name: 'SPEED'"),
+        ({"signal": ["nope"]}, "name: 'nope'"),
+        ({"begin": "yesterday"}, "--from yesterday: expected seconds or an ISO time"),
+        ({"telegram": [8]}, "telegram: 8"),
+        ({"eds": ["nowhere.eds"]}, "--eds nowhere.eds: is not a file"),
+        ({"config": Path("nowhere.toml")}, "nowhere.toml: cannot be read"),
+        ({"hex_text": "00"}, "give one of"),
+    ],
+)
+def test_bad_options_are_told_by_name(options: dict[str, object], message: str, capture: str) -> None:
+    with pytest.raises((GatewayError, ProfidriveError), match=message):
+        decode(capture, **options)  # type: ignore[arg-type]
+
+
+def test_a_bad_eds_is_told_before_the_first_packet(
+    capture: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bad = tmp_path / "bad.eds"
+    bad.write_text("[1000]\nParameterName=x\nObjectType=zz\n")
+    with pytest.raises(GatewayError, match=r"bad\.eds"):
+        decode(capture, eds=[str(bad)])
+    assert not lines(capsys)
+
+
+def test_hex_takes_one_telegram(capsys: pytest.CaptureFixture[str]) -> None:
+    decode(hex_text="0637 2000", telegram=[1], direction=DirectionOption.ACTUAL)
+    assert lines(capsys) == ["telegram | telegram 1 actual | ZSW1 0637h | NIST_A 50.000 %"]
+    with pytest.raises(GatewayError, match="give --telegram once"):
+        decode(hex_text="0637 2000", telegram=[1, 9])
+
+
+def test_damage_ends_with_status_1_after_everything_before(tmp_path: Path) -> None:
+    whole = captures.pcapng(PACKETS)
+    path = tmp_path / "cut.pcapng"
+    path.write_bytes(whole[:-20])
+    for options in (["--json"], ["--csv", "kind"], ["--stats"]):
+        result = run(str(path), "--telegram", "1", *options)
+        assert result.returncode == 1
+        error = result.stderr.decode()
+        assert "cut.pcapng: offset" in error
+        assert "Traceback" not in error
+        found = result.stdout.decode().splitlines()
+        if options == ["--json"]:
+            assert [json.loads(line)["number"] for line in found] == list(range(1, len(PACKETS)))
+        else:
+            assert found
+
+
+def test_standard_input_and_a_reader_that_leaves(tmp_path: Path) -> None:
+    result = run("-", "--json", data=captures.pcapng(PACKETS))
+    assert (result.returncode, len(result.stdout.splitlines())) == (0, len(PACKETS))
+    path = tmp_path / "long.log"
+    path.write_bytes(captures.candump(captures.CANOPEN * 2000))
+    reader = subprocess.Popen(
+        [sys.executable, "-m", "tools", "decode", str(path)], stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    )
+    assert reader.stdout is not None
+    assert reader.stderr is not None
+    assert b"NMT" in reader.stdout.readline()
+    reader.stdout.close()
+    assert reader.stderr.read() == b""
+    assert reader.wait(60) == 0
+    reader.stderr.close()
+
+
+def test_an_interruption_ends_a_live_source_in_order(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], capture: str
+) -> None:
+    original = Decoder.decode
+
+    def interrupted(self: Decoder, packet: Sequence[object]) -> object:
+        if packet[0] == 5:
+            raise KeyboardInterrupt
+        return original(self, packet)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(Decoder, "decode", interrupted)
+    decode(capture, as_json=True, telegram=[1])
+    assert len(lines(capsys)) == 4
+
+
+def test_the_error_of_a_missing_file_names_it() -> None:
+    with pytest.raises(CaptureError, match="cannot be read"):
+        decode("nowhere.pcap")
