@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from decoder.canopen import Dictionary
+from ds301.errors import CanopenError
 from ds301.objects import Access, CanType, Entry
 from gateway.errors import GatewayError
 
@@ -47,11 +48,11 @@ def dictionary_of(files: Mapping[int, Path], default: Path | None = None) -> Dic
         path = files.get(node_id, default)
         if path is None:
             return None
-        import canopen  # noqa: PLC0415 (slow to load, and needed with an EDS only)
+        from ds301.eds_import import import_eds  # noqa: PLC0415 (slow to load, and needed with an EDS only)
 
         try:
-            return entries(canopen.import_od(str(path), node_id))
-        except Exception as error:  # canopen's reader raises whatever a damaged file makes it run into
-            raise GatewayError(f"{path}: cannot be read as EDS or DCF ({type(error).__name__}: {error})") from error
+            return entries(import_eds(path, node_id).dictionary)
+        except CanopenError as error:
+            raise GatewayError(f"{path}: {error}") from error
 
     return of
