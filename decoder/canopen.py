@@ -15,7 +15,15 @@ from typing import Final
 
 from decoder.cyclic import Axis
 from decoder.link import CanFrame
-from decoder.objects import Mapped, ObjectNames, catalogue, declared_layout, pdo_layout
+from decoder.objects import (
+    Mapped,
+    ObjectNames,
+    catalogue,
+    declared_layout,
+    encoder_catalogue,
+    pdo_layout,
+    profile_catalogue,
+)
 from decoder.records import (
     CanRecord,
     EmcyRecord,
@@ -30,6 +38,7 @@ from decoder.records import (
 )
 from decoder.sdo import FRAME_SIZE, SdoChannel, Step
 from ds301.aborts import abort_text
+from ds301.communication import DEVICE_TYPE
 from ds301.emcy import emcy_text, error_register_text
 from ds301.nmt import NmtCommand, NmtState
 from ds301.objects import Entry
@@ -79,6 +88,7 @@ class _Node:
 
     axis: int = 0
     names: ObjectNames = field(default_factory=catalogue)
+    has_dictionary: bool = False
     sdo: SdoChannel = field(default_factory=SdoChannel)
     state: int | None = None
     parameters: dict[tuple[int, int], int] = field(default_factory=dict)
@@ -109,11 +119,13 @@ class CanopenDecoder:
         node = self._nodes[node_id] = _Node()
         entries = self._dictionary(node_id) if self._dictionary else None
         if entries is not None:
-            node.names = ObjectNames(entries)
+            node.names, node.has_dictionary = ObjectNames(entries), True
             self._take_dictionary(node_id, node, entries)
         axis = self._axes.get(node_id)
         if axis is not None:
             node.axis = axis.do_id
+            if not node.has_dictionary and telegram(axis.telegram).mode is ApplicationMode.ENCODER:
+                node.names = encoder_catalogue()
             self._take_layouts(node_id, node, axis)
         return node
 
@@ -156,8 +168,7 @@ class CanopenDecoder:
         if not node_id:
             return CanRecord(*base)
         if function == SYNC:
-            self.node(node_id)
-            return _emcy(base, node_id, data)
+            return _emcy(base, node_id, data, self.node(node_id).names is catalogue())
         if function == ERROR_CONTROL:
             return self._heartbeat(base, node_id, data)
         if function in {SDO_REQUEST, SDO_RESPONSE}:
@@ -240,7 +251,9 @@ class CanopenDecoder:
                 self._rebuild(node_id, node, mapping)
 
     def _learn(self, node_id: int, node: _Node, index: int, subindex: int, value: bytes) -> None:
-        """A PDO parameter was read or written."""
+        """An object was read or written: the device type tells the profile, PDO parameters the mappings."""
+        if (index, subindex) == (DEVICE_TYPE, 0) and not node.has_dictionary:
+            node.names = profile_catalogue(int.from_bytes(value, "little")) or node.names
         if _pdo_of(index) is None or len(value) not in {1, 2, 4}:
             return
         node.parameters[index, subindex] = int.from_bytes(value, "little")
@@ -337,11 +350,11 @@ def _time(base: _Base, data: bytes) -> Record:
     return TimeRecord(*base, 0, moment.isoformat(" ", "milliseconds"), milliseconds=milliseconds, days=days)
 
 
-def _emcy(base: _Base, node_id: int, data: bytes) -> Record:
+def _emcy(base: _Base, node_id: int, data: bytes, is_drive: bool) -> Record:
     if len(data) != 8:
         return CanRecord(*base, node_id, f"EMCY of {len(data)} bytes, expected 8")
     code, register = _EMCY.unpack_from(data)
-    fault = _FAULT_OF_CODE.get(code, "")
+    fault = _FAULT_OF_CODE.get(code, "") if is_drive else ""
     text = f"{code:04X}h {emcy_text(code)}" + (f" (drive: {fault})" if fault else "")
     text += f", register {register:02X}h: {error_register_text(register)}"
     if any(data[3:]):

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable
 from typing import Final
 
 from decoder.fields import Field, Raw, half_fields, identifier
-from decoder.objects import ObjectNames, catalogue
+from decoder.objects import ObjectNames, catalogue, encoder_catalogue
 from decoder.records import Record, Unit
 from profidrive.errors import ProfidriveError
 from profidrive.telegrams import TELEGRAMS, Direction
@@ -122,7 +122,7 @@ class Names:
             for direction in Direction:
                 for field in half_fields(telegram.half(direction)):
                     self._add(field)
-        for names in (catalogue(), *dictionaries):
+        for names in (catalogue(), encoder_catalogue(), *dictionaries):
             for field in names.fields():
                 self._add(field)
 

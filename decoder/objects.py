@@ -17,11 +17,16 @@ from decoder.records import PdoLayout, UnitLayout
 from ds301.objects import CanType, Entry
 from ds301.pdo import COB_ID_INVALID, Pdo, PdoDirection
 from dsp402.device import drive_objects
+from dsp406.device import encoder_objects
+from dsp406.kinds import DEVICES
 
 _DUMMY_LAST: Final = 0x001F
 """Indices of the data types themselves: mapped, they are gaps."""
 _PDOS: Final = 512
 """PDO parameters of one kind and direction."""
+DRIVE_PROFILE: Final = 402
+ENCODER_PROFILE: Final = 406
+"""Low words of the device type 1000h."""
 _COB_ID_OBJECTS: Final = (0x1005, 0x1012, 0x1014)
 
 
@@ -84,6 +89,18 @@ def _is_cob_id(index: int, subindex: int) -> bool:
 def catalogue() -> ObjectNames:
     """The drive's objects, for nodes no EDS was given for."""
     return ObjectNames(entry for spec in drive_objects() for entry in spec.entries)
+
+
+@cache
+def encoder_catalogue() -> ObjectNames:
+    """The objects of the encoder profile, of all its device types together."""
+    specs = [spec for device in DEVICES.values() for spec in encoder_objects(device)]
+    return ObjectNames(entry for spec in reversed(specs) for entry in spec.entries)
+
+
+def profile_catalogue(device_type: int) -> ObjectNames | None:
+    """The objects of the profile a device type 1000h names; None for other profiles."""
+    return {DRIVE_PROFILE: catalogue, ENCODER_PROFILE: encoder_catalogue}.get(device_type & 0xFFFF, lambda: None)()
 
 
 @dataclass(frozen=True, slots=True)

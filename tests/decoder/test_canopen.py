@@ -108,7 +108,7 @@ def test_reading_the_mapping_back_teaches_it_as_well() -> None:
 
 
 def test_the_eds_gives_names_and_default_mapping() -> None:
-    bus = CanopenDecoder((), dictionary_of({}, EDS_PATH))
+    bus = CanopenDecoder((), DICTIONARY)
     record = feed(bus, 0x180 + NODE, struct.pack("<Hi", 0x0237, 5))
     assert values(record) == {"Statusword": 0x0237, "Velocity Actual Value": 5}
     assert record.details()["mapping"] == "EDS"
@@ -192,9 +192,26 @@ def test_emcy_and_abort_are_told_in_words() -> None:
     assert "6040h.0 Controlword 0609 0030h: value range of parameter exceeded" in abort.summary
 
 
-@given(frames=st.lists(st.tuples(st.integers(0, 0x7FF), st.binary(max_size=8)), max_size=40))
+def test_an_encoder_is_known_by_its_device_type_and_telegram() -> None:
+    bus = CanopenDecoder()
+    feed(bus, 0x600 + NODE, struct.pack("<BHB4x", 0x40, 0x1000, 0))
+    feed(bus, 0x580 + NODE, struct.pack("<BHBI", 0x43, 0x1000, 0, 0x00020196))
+    for subindex, value in ((1, 0x60040020), (0, 1)):
+        write(bus, 0x1A00, subindex, struct.pack("<I", value))
+    assert values(feed(bus, 0x180 + NODE, struct.pack("<I", 1234))) == {"Position value": 1234}
+    assert (
+        "6502h.0 Number of distinguishable revolutions"
+        in feed(CanopenDecoder((Axis(1, 82, NODE),)), 0x600 + NODE, struct.pack("<BHB4x", 0x40, 0x6502, 0)).summary
+    )
+
+
+COB_IDS = [function | node for function in range(0, 0x800, 0x80) for node in (0, NODE, NODE + 1)]
+DICTIONARY = dictionary_of({}, EDS_PATH)
+
+
+@given(frames=st.lists(st.tuples(st.sampled_from(COB_IDS), st.binary(max_size=8)), max_size=40))
 def test_any_frames_are_records_with_documents(frames: list[tuple[int, bytes]]) -> None:
-    bus = CanopenDecoder((Axis(1, 9, NODE),), dictionary_of({}, EDS_PATH))
+    bus = CanopenDecoder((Axis(1, 9, NODE),), DICTIONARY)
     for cob_id, data in frames:
         record = feed(bus, cob_id, data)
         assert record.document()["bus"] == "can"
