@@ -1,5 +1,10 @@
 """The decoder: bytes of both buses to named values, without I/O.
 
-``recognise`` tells what a piece of data is and why; its documents are plain data with a stable schema
-(docs/decoder-schema.md). Captures, timeline and replay are not here yet.
+* ``engine.Decoder`` turns the packets of a capture into ``records.Record`` objects, one for each packet, in order; it learns
+  telegrams and PDO mappings on the way. Their documents are plain data with a stable schema (docs/decoder-schema.md).
+* ``recognise`` tells what a single piece of data is and why.
+* ``selection``, ``filter``, ``changes`` choose among records; ``columns`` makes rows of them, ``statistics`` rates and loads,
+  ``render`` text.
+
+Reading files and buses is the business of the caller (``tools.decode_io``). Timeline and replay are not here yet.
 """

@@ -19,7 +19,6 @@ from decoder.objects import (
     Mapped,
     ObjectNames,
     catalogue,
-    declared_layout,
     encoder_catalogue,
     pdo_layout,
     profile_catalogue,
@@ -59,6 +58,10 @@ ERROR_CONTROL: Final = 0x700
 LSS: Final = {0x7E4: "LSS response", 0x7E5: "LSS request"}
 _NODE = 0x7F
 _PDOS_PER_DIRECTION = 512
+_MAPPING_OFFSET = 0x200
+"""From the communication to the mapping parameter of a PDO."""
+_MAX_MAPPED = 64
+_OBSERVED = "observed"
 _DAY_ZERO = datetime.date(1984, 1, 1)
 _EMCY = struct.Struct("<HB")
 _TIME = struct.Struct("<IH")
@@ -235,11 +238,13 @@ class CanopenDecoder:
             return
         layouts = LAYOUTS[operation]
         for pdo in (*layouts.rpdos, *layouts.tpdos):
-            layout = declared_layout(pdo, node_id, axis.do_id, node.names, self._origin)
-            if layout is not None and (pdo.number <= 4 or node_id <= 0x3F):
-                cob_id = pdo.cob_id(node_id)
-                self._pdos[cob_id] = layout
-                node.cob_ids[pdo.communication_index] = cob_id
+            if pdo.number <= 4 or node_id <= 0x3F:
+                node.parameters[pdo.communication_index, 1] = pdo.cob_id(node_id)
+                node.parameters[pdo.mapping_index, 0] = len(pdo.entries)
+                for subindex, entry in enumerate(pdo.entries, 1):
+                    node.parameters[pdo.mapping_index, subindex] = entry.mapping
+                node.origins[pdo.mapping_index] = self._origin
+                self._rebuild(node_id, node, pdo.mapping_index)
 
     def _take_dictionary(self, node_id: int, node: _Node, entries: Sequence[Entry]) -> None:
         for entry in entries:
@@ -257,9 +262,9 @@ class CanopenDecoder:
         if _pdo_of(index) is None or len(value) not in {1, 2, 4}:
             return
         node.parameters[index, subindex] = int.from_bytes(value, "little")
-        mapping = index if _is_mapping(index) else index + 0x200
+        mapping = index if _is_mapping(index) else index + _MAPPING_OFFSET
         if index == mapping:
-            node.origins[mapping] = "observed"
+            node.origins[mapping] = _OBSERVED
         if (index == mapping and subindex == 0) or (index != mapping and subindex == 1):
             self._rebuild(node_id, node, mapping)
 
@@ -269,40 +274,23 @@ class CanopenDecoder:
         if found is None:
             return
         direction, number = found
-        communication = mapping - 0x200
-        before = node.cob_ids.get(communication)
-        layout = self._pdos.pop(before, None) if before is not None else None
+        communication = mapping - _MAPPING_OFFSET
+        before = node.cob_ids.pop(communication, None)
+        if before is not None:
+            self._pdos.pop(before, None)
         default = direction.bases[number - 1] + node_id if number <= 4 else COB_ID_INVALID
         cob_id = node.parameters.get((communication, 1), default if before is None else before)
-        count = node.parameters.get((mapping, 0))
-        if count is not None:
-            objects = [node.parameters.get((mapping, sub)) for sub in range(1, count + 1)] if count <= 64 else [None]
-            mapped = [Mapped.from_parameter(value) for value in objects if value is not None]
-            origin = node.origins.get(mapping, "observed")
-            complete = len(mapped) == count
-            name = f"{direction.label}{number}"
-            layout = pdo_layout(name, node_id, node.axis, mapped, node.names, origin) if complete else None
-        if layout is None:
-            if before is not None:
-                node.cob_ids[communication] = before
+        count = node.parameters.get((mapping, 0), 0)
+        objects = [node.parameters.get((mapping, sub)) for sub in range(1, min(count, _MAX_MAPPED) + 1)]
+        mapped = [Mapped.from_parameter(value) for value in objects if value is not None]
+        if cob_id & COB_ID_INVALID or not count or len(mapped) != count:
             return
-        if cob_id & COB_ID_INVALID:
-            # Kept by its parameters; it comes back when the COB-ID is made valid.
-            node.cob_ids.pop(communication, None)
-            if count is None:
-                self._remember(node, mapping, layout)
-            return
-        identifier = cob_id & 0x7FF
-        node.cob_ids[communication] = identifier
-        self._pdos[identifier] = layout
-
-    @staticmethod
-    def _remember(node: _Node, mapping: int, layout: PdoLayout) -> None:
-        """Keep a layout that came without parameters (from the configuration) while its PDO is switched off."""
-        node.origins[mapping] = layout.origin
-        node.parameters.setdefault((mapping, 0), len(layout.mapping))
-        for sub, mapped in enumerate(layout.mapping, 1):
-            node.parameters.setdefault((mapping, sub), mapped)
+        name = f"{direction.label}{number}"
+        layout = pdo_layout(name, node_id, node.axis, mapped, node.names, node.origins.get(mapping, _OBSERVED))
+        if layout is not None:
+            identifier = cob_id & 0x7FF
+            node.cob_ids[communication] = identifier
+            self._pdos[identifier] = layout
 
 
 _Base = tuple[int, int, str, bytes, int]

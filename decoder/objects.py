@@ -15,7 +15,7 @@ from typing import Final
 from decoder.fields import Field, Raw, entry_field
 from decoder.records import PdoLayout, UnitLayout
 from ds301.objects import CanType, Entry
-from ds301.pdo import COB_ID_INVALID, Pdo, PdoDirection
+from ds301.pdo import COB_ID_INVALID, PdoDirection
 from dsp402.device import drive_objects
 from dsp406.device import encoder_objects
 from dsp406.kinds import DEVICES
@@ -145,18 +145,11 @@ def pdo_layout(
     gaps = [mapped.index <= _DUMMY_LAST for mapped in mapping]
     shown = UnitLayout(tuple(_field(m, names) for m, gap in zip(mapping, gaps, strict=True) if not gap))
     size = (bits + 7) // 8
-    parameters = tuple(m.index << 16 | m.subindex << 8 | m.bits for m in mapping)
     if all(chars):
         parts = "".join(f"{m.bits // 8}x" if gap else char for m, gap, char in zip(mapping, gaps, chars, strict=True))
-        return PdoLayout(name, node, axis, shown, size, origin, struct.Struct("<" + parts), (), parameters)
+        return PdoLayout(name, node, axis, shown, size, origin, struct.Struct("<" + parts))
     cuts = tuple(
         (m.bits, bool(entry and entry.type.char.islower()), not gap)
         for m, entry, gap in zip(mapping, entries, gaps, strict=True)
     )
-    return PdoLayout(name, node, axis, shown, size, origin, None, cuts, parameters)
-
-
-def declared_layout(pdo: Pdo, node: int, axis: int, names: ObjectNames, origin: str) -> PdoLayout | None:
-    """The layout of a PDO of this project's declarations."""
-    mapping = [Mapped.from_parameter(entry.mapping) for entry in pdo.entries]
-    return pdo_layout(str(pdo), node, axis, mapping, names, origin)
+    return PdoLayout(name, node, axis, shown, size, origin, None, cuts)

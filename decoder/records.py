@@ -337,8 +337,6 @@ class PdoLayout:
     struct: struct.Struct | None
     """None where an object is not a whole standard type: then ``cuts`` (bits, signed, shown) cut the bits."""
     cuts: tuple[tuple[int, bool, bool], ...] = ()
-    mapping: tuple[int, ...] = ()
-    """The mapping parameters (index, sub-index, bits) the layout was made of."""
 
     def unpack(self, data: bytes) -> tuple[Raw, ...]:
         """The values; ``data`` is at least ``size`` long."""

@@ -115,6 +115,14 @@ def test_the_eds_gives_names_and_default_mapping() -> None:
     assert record.units[0].document()["signals"]["Statusword"]["text"] == "Operation Enabled"
 
 
+def test_the_gateways_layout_wins_over_the_eds_also_after_a_new_cob_id() -> None:
+    bus = CanopenDecoder((Axis(1, 9, NODE),), DICTIONARY)
+    data = struct.pack("<Hbi", 0x0237, 1, -7)
+    assert values(feed(bus, 0x180 + NODE, data))["Position Actual Value"] == -7
+    write(bus, 0x1800, 1, struct.pack("<I", 0x1F0))
+    assert values(feed(bus, 0x1F0, data))["Position Actual Value"] == -7
+
+
 def test_a_dcfs_values_win_over_defaults(tmp_path: Path) -> None:
     text = EDS_PATH.read_text()
     section = text.index("[1A00sub2]")
