@@ -38,8 +38,11 @@ _ACYCLIC_FRAMES = {
 }
 _FRAME_MIN = HEADER.size + C_SDU_MIN + TRAILER.size
 _DIRECTIONS = {FRAME_ID_TO_DEVICE: Direction.SETPOINT, FRAME_ID_TO_CONTROLLER: Direction.ACTUAL}
-_ATTEMPTS = 1000
-"""Frames of one kind that are looked at for their telegrams; after that the header alone is decoded."""
+_ATTEMPTS = 500
+"""Frames of one kind that are all looked at for their telegrams; of later ones every ``_SELDOM``-th."""
+_SELDOM = 64
+_MAX_KINDS = 4096
+"""Different (FrameID, length) remembered."""
 _MAX_INFERRED_AXES = 8
 _LIVE = STATUS_RUN | STATUS_DATA_VALID
 
@@ -138,8 +141,9 @@ class CyclicDecoder:
         self._observed: dict[int, int] = {}
         self._candidates: list[Candidate] | None = None
         self._seen: set[Direction] = set()
-        self._attempts: dict[tuple[int, int], int] = {}
         self._layouts: dict[tuple[int, int], FrameLayout] = {}
+        self._plain: dict[tuple[int, int], tuple[int, FrameLayout]] = {}
+        """Frames whose telegrams are looked for: how many came, and the layout without signals."""
 
     @property
     def axes(self) -> tuple[Axis, ...]:
@@ -181,26 +185,34 @@ class CyclicDecoder:
 
     def _find(self, frame_id: int, data: bytes) -> FrameLayout:
         key = (frame_id, len(data))
+        count, plain = self._plain.get(key, (0, None))
+        if plain is not None:
+            self._plain[key] = (count + 1, plain)
+            if count > _ATTEMPTS and count % _SELDOM:
+                return plain
+        if len(self._layouts) + len(self._plain) > _MAX_KINDS:
+            self._layouts.clear()
+            self._plain.clear()
         direction = _DIRECTIONS.get(frame_id)
-        note = "FrameID of another relationship"
-        if direction is not None:
-            if not self._given:
-                self._infer(direction, data)
-            axes = self.axes
-            if axes:
-                layout = frame_layout(axes, direction, len(data))
-                if layout is not None:
-                    if self._given or self._candidates:
-                        self._layouts[key] = layout
-                    return layout
-                note = f"too short for telegram {', '.join(str(axis.telegram) for axis in axes)}"
-            else:
-                note = "telegram not known: give --telegram or --config"
-        layout = FrameLayout(struct.Struct(f">H{len(data) - 6}xHBB"), direction, note=note)
-        self._attempts[key] = self._attempts.get(key, 0) + 1
-        if direction is None or self._given or self._attempts[key] >= _ATTEMPTS:
-            self._layouts[key] = layout
-        return layout
+        if direction is None:
+            layout = self._layouts[key] = _plain_layout(len(data), None, "FrameID of another relationship")
+            return layout
+        if not self._given:
+            self._infer(direction, data)
+        axes = self.axes
+        fitting = frame_layout(axes, direction, len(data)) if axes else None
+        if fitting is not None:
+            if self._given or self._candidates:
+                self._layouts[key] = fitting
+            return fitting
+        if axes:
+            note = f"too short for telegram {', '.join(str(axis.telegram) for axis in axes)}"
+        else:
+            note = "telegram not known: give --telegram or --config"
+        if plain is None or plain.note != note:
+            plain = _plain_layout(len(data), direction, note)
+            self._plain[key] = (count + 1, plain)
+        return plain
 
     def _infer(self, direction: Direction, data: bytes) -> None:
         """Narrow the telegrams down by a live frame of a direction that was not looked at yet."""
@@ -218,6 +230,11 @@ class CyclicDecoder:
         after = self.axes
         if [axis.telegram for axis in before] != [axis.telegram for axis in after]:
             self._notify(_inferred(found[0], after))
+
+
+def _plain_layout(length: int, direction: Direction | None, note: str) -> FrameLayout:
+    """Header and trailer of a frame whose telegrams are not known."""
+    return FrameLayout(struct.Struct(f">H{length - HEADER.size - TRAILER.size}xHBB"), direction, note=note)
 
 
 def _inferred(candidate: Candidate, axes: Sequence[Axis]) -> str:

@@ -124,6 +124,15 @@ def test_a_frame_without_good_status_waits_for_a_better_one() -> None:
     assert decode(cyclic, stopped).units[0].layout.telegram == 9
 
 
+def test_a_long_time_without_good_status_does_not_end_the_search() -> None:
+    cyclic, _ = decoder()
+    bad = frame([telegram(9)], Direction.SETPOINT, [(0,) * 8], iops=IOPS_BAD)
+    assert not any(decode(cyclic, bad).units for _ in range(2000))
+    good = zeros([9], Direction.SETPOINT)
+    assert any(decode(cyclic, good).units for _ in range(100))
+    assert decode(cyclic, good).units[0].layout.telegram == 9
+
+
 def test_p922_decides_against_length_and_option() -> None:
     for axes in ((), given_axes([1])):
         cyclic, notices = decoder(axes)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import datetime
+import io
 import json
 import os
 import re
@@ -121,6 +122,8 @@ def decode(
     elif not writers or verbose:
         writers.append(TextWriter(sys.stdout, colour=_colours(), verbose=verbose))
     with _open(file, interface, can) as source:
+        if source.size is None:
+            _line_buffered()
         _run(source, Decoder(known.settings), selection, writers, (begin, end), count)
 
 
@@ -210,6 +213,12 @@ def _open(file: str | None, interface: str | None, can: str | None) -> Source:
     if can is not None:
         return live.open_can(can)
     return open_source(file or "-")
+
+
+def _line_buffered() -> None:
+    """What comes live is to be seen at once, also behind a pipe."""
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(line_buffering=True)
 
 
 def _colours() -> bool:

@@ -1,0 +1,33 @@
+"""The decoder's benchmark: its capture holds what it says, and the comparison runs."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+from decoder.engine import Decoder, Settings, given_axes
+from decoder.records import CyclicRecord, PdoRecord
+from tools.bench import decoding
+from tools.bench.captures import write_capture
+from tools.decode_io.source import open_source
+
+
+def test_the_measured_capture_is_of_both_buses_and_every_packet_carries_values(tmp_path: Path) -> None:
+    path = tmp_path / "bench.pcapng"
+    write_capture(path, 4000)
+    decoder = Decoder(Settings(given_axes([1])))
+    with open_source(str(path)) as source:
+        records = [decoder.decode(packet) for packet in source.packets]
+    assert len(records) == 4000
+    assert [type(record) for record in records[:4]] == [CyclicRecord, PdoRecord, PdoRecord, CyclicRecord]
+    assert all(len(record.units) == 1 for record in records)
+    speeds = {record.units[0].raw("NSOLL_A") for record in records if isinstance(record, CyclicRecord)}
+    assert len(speeds) > 900
+    assert records[-1].time_ns - records[0].time_ns == 3999 * 250_000
+
+
+def test_a_short_comparison_measures_every_reader() -> None:
+    speeds = decoding.run(packets=400, rounds=1)
+    expected = ["pdgw decode --csv", *(["tshark -T fields"] if shutil.which("tshark") else []), "scapy"]
+    assert [speed.name for speed in speeds] == expected
+    assert all(speed.packets == 400 and speed.seconds > 0 for speed in speeds)
