@@ -18,6 +18,7 @@ class Operation(enum.Enum):
     """How the drive is operated, which decides what its PDOs carry."""
 
     VELOCITY = "velocity"
+    VELOCITY_WITH_POSITION = "velocity with position"
     POSITIONING = "positioning"
     TRANSPARENT = "transparent"
 
@@ -35,6 +36,10 @@ LAYOUTS: dict[Operation, PdoLayout] = {
     Operation.VELOCITY: PdoLayout(
         rpdos=(pdo(_R, 1, "controlword", "target_velocity"),),
         tpdos=(pdo(_T, 1, "statusword", "velocity_actual"),),
+    ),
+    Operation.VELOCITY_WITH_POSITION: PdoLayout(
+        rpdos=(pdo(_R, 1, "controlword", "target_velocity"),),
+        tpdos=(pdo(_T, 1, "statusword", "velocity_actual"), pdo(_T, 2, "position_actual")),
     ),
     Operation.POSITIONING: PdoLayout(
         rpdos=(

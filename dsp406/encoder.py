@@ -87,6 +87,14 @@ class EncoderClient(NodeClient[EncoderSettings]):
         """The encoder sends its speed (6030h); otherwise ``speed`` in the feedback stays 0."""
         return any("speed" in pdo.attributes for pdo in self.layout.tpdos)
 
+    def position_time(self, channel: int) -> int:
+        """When the position of a channel arrived, monotonic nanoseconds; 0 before the first."""
+        image = self.feedback.channel(channel)
+        for slot in self._slots:
+            if slot.image is image:
+                return slot.time
+        return self._acyclic_read
+
     def reconfigure(self, settings: EncoderSettings) -> None:
         """Other times or SYNC: map the PDOs anew. Node, EDS and channels stay those of the start."""
         self._change(self._layout(self.dictionary, settings), settings)

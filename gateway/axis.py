@@ -7,24 +7,36 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
+from concurrent.futures import Future
 from types import MappingProxyType
+from typing import Any
 
+from ds301.client import NodeClient
 from ds301.network import CanNetwork
+from dsp402.configuration import ABORT_OPTION
 from dsp402.drive import DriveClient, DriveStatus
 from dsp402.faults import DRIVE_FAULTS
+from dsp402.images import REFERENCE_OBJECTS
 from dsp402.objects import DRIVE_OBJECTS
 from dsp402.pdo import LAYOUTS
 from dsp402.states import STATE_OF_STATUS, Command, State, StatusBit, state_of
 from gateway.config import AxisConfig
-from gateway.drive_object import DriveObject
+from gateway.drive_object import OWNED, DriveObject
+from gateway.encoder import DriveSensor, EncoderObject, SensorWords, has_sensor
 from gateway.errors import GatewayError
 from gateway.reasons import Reason
-from gateway.translator.base import Translator
-from gateway.translator.factory import make_translator, pdo_operation
+from gateway.translator.base import SdoWrite, Translator
+from gateway.translator.factory import DRIVE_TELEGRAM_NUMBERS, make_translator, pdo_operation
+from profidrive.sensor_format import SensorFormat
 from profidrive.telegrams import telegram
 
 log = logging.getLogger("gateway")
 
+_OWNED = OWNED | {ABORT_OPTION, (0x6040, 0), (0x6060, 0)}
+_HOMING_METHOD = (0x6098, 0)
+_REFERENCES = {(index, subindex) for _, index, subindex in REFERENCE_OBJECTS} | {_HOMING_METHOD}
+_OWN_FORMAT = SensorFormat(resolution=0x1000, turns=0, xist1_absolute=False)
+"""The drive's own position: 1000h increments per revolution, counted from power-on."""
 _FAULTY = (State.FAULT, State.FAULT_REACTION_ACTIVE)
 _WATCHED = 0x7F | StatusBit.INTERNAL_LIMIT
 _DISABLED = (State.SWITCHED_ON, State.READY_TO_SWITCH_ON, State.SWITCH_ON_DISABLED)
@@ -36,6 +48,8 @@ class Axis(DriveObject):
 
     kind = "axis"
     fault_of_emcy = MappingProxyType({fault.error_code: fault.number for fault in DRIVE_FAULTS.values()})
+
+    telegram_numbers = DRIVE_TELEGRAM_NUMBERS
 
     def __init__(
         self, config: AxisConfig, network: CanNetwork, cycle_time_ms: float, number: int | None = None
@@ -52,6 +66,20 @@ class Axis(DriveObject):
             self.on_node_event,
         )
         self._shown = 0
+        self._encoder: EncoderObject | None = None
+        self._make_sensor()
+
+    def connect_sensor(self, encoder: EncoderObject) -> None:
+        """G1 is this encoder's channel instead of the drive's own position."""
+        self._encoder = encoder
+        self._make_sensor()
+
+    def _make_sensor(self) -> None:
+        self._sensor = SensorWords(self.telegram) if has_sensor(self.telegram) else None
+        self._own_sensor = DriveSensor(self.drive)
+        self._sensor_parameters: object = None
+        if self._sensor is not None and self._encoder is None:
+            self._sensor.channel.set_references(DriveSensor.references)
 
     @property
     def client(self) -> DriveClient:
@@ -82,11 +110,31 @@ class Axis(DriveObject):
             self._take_setpoints(setpoints, now)
         commanded = translator.command.controlword
         self.actuals = translator.step(setpoints, drive.feedback, drive_ok, now)
+        if self._sensor is not None:
+            self._step_sensor(self._sensor, setpoints, drive_ok, now)
         drive.send(translator.command, now)
         shown = drive.feedback.statusword & _WATCHED if drive_ok else 0
         if shown != self._shown:
             self._status_changed(shown, commanded, now)
         self._after_step(translator, drive_ok, now)
+
+    def _step_sensor(self, sensor: SensorWords, setpoints: Sequence[int] | None, drive_ok: bool, now: int) -> None:
+        encoder = self._encoder
+        if encoder is None:
+            values = sensor.step(setpoints, self._own_sensor, drive_ok, now, self._no_preset)
+        else:
+            if encoder.client.parameters is not self._sensor_parameters:
+                self._sensor_parameters = encoder.client.parameters
+                sensor.channel.set_references(encoder.references)
+            ok = encoder.client.refresh(now)
+            values = sensor.step(setpoints, encoder.input, ok, now, encoder.submit_write)
+        actuals = list(self.actuals)
+        actuals[sensor.first : sensor.first + len(values)] = values
+        self.actuals = actuals
+
+    @staticmethod
+    def _no_preset(_: SdoWrite) -> Future[None]:
+        raise GatewayError("the position of a drive has no preset")
 
     def _status_changed(self, shown: int, commanded: int, now: int) -> None:
         """Tell what the drive does of its own accord.
@@ -127,6 +175,28 @@ class Axis(DriveObject):
     def warning(self) -> bool:
         return self.translator.warning or bool(self._shown & StatusBit.INTERNAL_LIMIT)
 
+    def owns(self, index: int, subindex: int) -> bool:
+        address = (index, subindex)
+        if address in _OWNED:
+            return True
+        # The exchange with the drive runs whenever it is online, with or without a PLC: a value would not last.
+        return any(address == (entry.index, entry.subindex) for pdo in self.drive.layout.rpdos for entry in pdo.entries)
+
+    def is_reference(self, index: int, subindex: int) -> bool:
+        return (index, subindex) in _REFERENCES
+
+    def read_references(self, client: NodeClient[Any]) -> None:
+        self.drive.read_references()
+        self.drive.homing_method = self.drive.read_number(*_HOMING_METHOD, signed=True)
+
+    @property
+    def sensor_format(self) -> SensorFormat:
+        """P979: what G1 is."""
+        return self._encoder.sensor_format if self._encoder is not None else _OWN_FORMAT
+
+    def set_sign_of_life_tolerance(self, failures: int) -> None:
+        """The sign of life in STW2 of a drive is not supervised: there is nothing to set."""
+
     def entry_size(self, index: int, subindex: int) -> tuple[int, bool]:
         entry = DRIVE_OBJECTS.entry(index, subindex)
         return entry.type.bits // 8, entry.type.char.islower()
@@ -139,8 +209,6 @@ class Axis(DriveObject):
         translator = make_translator(number, self.config.translator_settings)
         layout = LAYOUTS[pdo_operation(number)]
         self.translator = translator
-        self.telegram = telegram(number)
-        self.actuals = (0,) * len(self.telegram.actuals.signals)
-        self._sdo = None
         self.drive.reconfigure(layout, self.config.drive_settings(number, self._cycle_time_ms))
-        log.info("axis %d: telegram %d selected", self.do_id, number)
+        self._telegram_changed(telegram(number))
+        self._make_sensor()

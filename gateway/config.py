@@ -7,8 +7,9 @@ example``. Left out: the PLC's own parameters, which live in the parameter store
 from __future__ import annotations
 
 import difflib
+import enum
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from fractions import Fraction
 from ipaddress import IPv4Address
 from math import ceil
@@ -22,9 +23,16 @@ from ds301.errors import CanopenError
 from ds301.load import CyclicFrames, check_load
 from dsp402.drive import DriveSettings
 from dsp402.pdo import LAYOUTS
+from dsp406.encoder import EncoderSettings
+from dsp406.kinds import CHANNELS_MAX, DEVICES, LINEAR, MULTI_SENSOR, ROTARY, EncoderDevice, multi_sensor
 from gateway.errors import GatewayError
 from gateway.translator.base import PlcLossReaction, SetpointEnable, TranslatorSettings
-from gateway.translator.factory import DRIVE_TELEGRAM_NUMBERS, initial_mode, pdo_operation
+from gateway.translator.factory import (
+    DRIVE_TELEGRAM_NUMBERS,
+    ENCODER_TELEGRAM_NUMBERS,
+    initial_mode,
+    pdo_operation,
+)
 from profidrive.errors import ProfidriveError
 from profidrive.frame import UDP_PORT, CSduLayout
 from profidrive.rpc.dcerpc import UDP_PORT as ACYCLIC_PORT
@@ -39,6 +47,9 @@ _DRIVE_CYCLE_US = 1000
 _DATA_PDO_RATE = 100.0
 """Frames per second allowed for in PDOs without Controlword or Statusword."""
 
+_POSITION_SIZE = 8
+"""Bytes of an encoder's TPDO with position, speed, area and cam state."""
+_SILENCE_MS = 100
 _MAXIMUM_INHIBIT_US = 6_553_500
 """An UNSIGNED16 in units of 100 us."""
 _STATION_NAME = r"^[a-z0-9]([a-z0-9-]{0,61}[a-z0-9])?(\.[a-z0-9]([a-z0-9-]{0,61}[a-z0-9])?)*$"
@@ -47,10 +58,19 @@ _MISSPELT = 0.85
 """A further [can] key as similar as this to one of ours is taken for a slip of the pen."""
 
 Root = TypeVar("Root", bound=BaseModel)
+Item = TypeVar("Item", "AxisConfig", "EncoderConfig")
 Integer = Annotated[int, Strict()]
 """true is no number here, and neither is "3"."""
 Boolean = Annotated[bool, Strict()]
 Port = Annotated[Integer, Field(ge=0, le=65535)]
+
+
+class EncoderModel(enum.Enum):
+    """``model``: the encoders this package has a data sheet of."""
+
+    ROTARY = ROTARY.name
+    LINEAR = LINEAR.name
+    MULTI_SENSOR = MULTI_SENSOR.name
 
 
 class _Section(BaseModel):
@@ -129,6 +149,8 @@ class AxisConfig(_Section):
     """Pause of the parameter channel between two SDOs."""
     sync: Boolean = False
     allow_unguarded: Boolean = False
+    g1: Annotated[Integer, Field(ge=1, le=254)] | None = None
+    """Telegram 3: the do_id of the encoder that is G1; None: the drive's own position."""
 
     @model_validator(mode="after")
     def _telegram_is_supported(self) -> AxisConfig:
@@ -178,6 +200,83 @@ class AxisConfig(_Section):
         )
 
 
+class EncoderConfig(_Section):
+    """One channel of an encoder as a drive object. Channels of one device have a table each and agree in what the device is."""
+
+    do_id: Annotated[Integer, Field(ge=1, le=254)]
+    node_id: Annotated[Integer, Field(ge=1, le=126)]
+    telegram: Integer
+    can: str | None = None
+    eds: Path | None = None
+    model: EncoderModel = EncoderModel.ROTARY
+    channel: Annotated[Integer, Field(ge=1, le=CHANNELS_MAX)] = 1
+    reference_speed: Annotated[float, Strict(), Field(gt=0, le=1e6)] | Annotated[Integer, Field(gt=0, le=1_000_000)] = (
+        3000
+    )
+    """100 % of NIST_A and NIST_B: rpm, of a linear encoder mm/s."""
+    simulate: Boolean = False
+    motion: str = "still"
+    """Of a simulated encoder, as ``pdgw sim encoder --motion`` takes it."""
+    heartbeat_ms: Annotated[Integer, Field(ge=10, le=10_000)] = 100
+    tpdo_event_ms: Annotated[Integer, Field(ge=1, le=10_000)] | None = None
+    """Cyclic timer 6200h. None: the cycle of the PLC."""
+    sdo_timeout_ms: Annotated[Integer, Field(ge=10, le=60_000)] = 500
+    sdo_interval_ms: Annotated[Integer, Field(ge=0, le=1000)] = 2
+    sync: Boolean = False
+
+    @model_validator(mode="after")
+    def _telegram_is_supported(self) -> EncoderConfig:
+        if self.telegram not in ENCODER_TELEGRAM_NUMBERS:
+            raise ValueError(f"telegram = {self.telegram} is not supported, allowed: {list(ENCODER_TELEGRAM_NUMBERS)}")
+        if self.channel > 1 and self.model is not EncoderModel.MULTI_SENSOR:
+            raise ValueError(f'channel = {self.channel}: only model = "{EncoderModel.MULTI_SENSOR.value}" has several')
+        return self
+
+    @property
+    def is_linear(self) -> bool:
+        return self.model is EncoderModel.LINEAR
+
+    @property
+    def device_keys(self) -> tuple[object, ...]:
+        """What all channels of a device have to agree in."""
+        return (
+            self.model,
+            self.eds,
+            self.simulate,
+            self.heartbeat_ms,
+            self.tpdo_event_ms,
+            self.sdo_timeout_ms,
+            self.sync,
+        )
+
+    def event_ms(self, cycle_time_ms: float) -> int:
+        """The cyclic timer in force."""
+        return max(1, int(cycle_time_ms)) if self.tpdo_event_ms is None else self.tpdo_event_ms
+
+    def settings(self, channels: tuple[int, ...], cycle_time_ms: float) -> EncoderSettings:
+        """Of the client of the device."""
+        event_ms = max(self.event_ms(cycle_time_ms), ceil(cycle_time_ms) if self.sync else 1)
+        return EncoderSettings(
+            node_id=self.node_id,
+            eds=self.eds,
+            gateway_node_id=GATEWAY_NODE_ID,
+            heartbeat_ms=self.heartbeat_ms,
+            tpdo_event_ms=event_ms,
+            # A position every few milliseconds is late long before its encoder is lost.
+            tpdo_timeout_factor=max(4, ceil(_SILENCE_MS / event_ms)),
+            sdo_timeout_ms=self.sdo_timeout_ms,
+            sync=self.sync,
+            channels=channels,
+            device=self.device,
+        )
+
+    @property
+    def device(self) -> EncoderDevice:
+        """The device of the package whose EDS is taken, and that is simulated."""
+        device = DEVICES[self.model.value]
+        return device if self.channel <= device.channels else multi_sensor(self.channel)
+
+
 def as_list(value: object) -> object:
     """A table where an array of tables may stand."""
     return [value] if isinstance(value, dict) else value
@@ -188,12 +287,19 @@ class GatewayConfig(_Section):
 
     can: Annotated[tuple[CanConfig, ...], BeforeValidator(as_list), Field(min_length=1)]
     transport: TransportConfig = TransportConfig()
-    axis: Annotated[tuple[AxisConfig, ...], BeforeValidator(as_list), Field(min_length=1)]
+    axis: Annotated[tuple[AxisConfig, ...], BeforeValidator(as_list)] = ()
+    encoder: Annotated[tuple[EncoderConfig, ...], BeforeValidator(as_list)] = ()
+    """The drive objects of the frame: all axes, then all encoders, each in their order."""
     store: Path | None = None
     """File of the non-volatile gateway parameters; without it they last until the daemon ends."""
 
-    def bus_of(self, axis: AxisConfig) -> CanConfig:
-        """The bus an axis is on."""
+    @property
+    def objects(self) -> tuple[AxisConfig | EncoderConfig, ...]:
+        """In the order of the frame."""
+        return (*self.axis, *self.encoder)
+
+    def bus_of(self, axis: AxisConfig | EncoderConfig) -> CanConfig:
+        """The bus an axis or encoder is on."""
         if axis.can is None:
             return self.can[0]
         return next(bus for bus in self.can if bus.name == axis.can)
@@ -208,20 +314,19 @@ class GatewayConfig(_Section):
             raise ValueError(
                 f"[transport] cyclic_port and acyclic_port: both are {transport.cyclic_port}, each must be different"
             )
-        _no_twice("[[axis]] do_id", [axis.do_id for axis in self.axis])
-        for axis in self.axis:
-            if axis.can is not None and axis.can not in names:
-                raise ValueError(
-                    f'[[axis]] do_id {axis.do_id}: can = "{axis.can}" is no [[can]] name, allowed: {names}'
-                )
-            if axis.can is None and len(names) > 1:
-                raise ValueError(f"[[axis]] do_id {axis.do_id}: can is missing, allowed with several buses: {names}")
-        for bus in self.can:
-            _no_twice(
-                f"node_id on bus {bus.name}", [axis.node_id for axis in self.axis if self.bus_of(axis).name == bus.name]
-            )
+        if not self.objects:
+            raise ValueError("[[axis]] or [[encoder]]: at least one is needed")
+        _no_twice("do_id", [item.do_id for item in self.objects])
+        for item in self.objects:
+            section = f"[[{_section(item)}]] do_id {item.do_id}"
+            if item.can is not None and item.can not in names:
+                raise ValueError(f'{section}: can = "{item.can}" is no [[can]] name, allowed: {names}')
+            if item.can is None and len(names) > 1:
+                raise ValueError(f"{section}: can is missing, allowed with several buses: {names}")
+        self._check_nodes()
+        self._check_sensors()
         try:
-            telegrams = [telegram(axis.telegram) for axis in self.axis]
+            telegrams = [telegram(item.telegram) for item in self.objects]
             for direction in Direction:
                 CSduLayout(telegrams, direction)
             for bus in self.can:
@@ -230,6 +335,42 @@ class GatewayConfig(_Section):
         except (ProfidriveError, CanopenError) as error:
             raise ValueError(str(error)) from error
         return self
+
+    def _check_nodes(self) -> None:
+        for bus in self.can:
+            on_bus = [item for item in self.objects if self.bus_of(item).name == bus.name]
+            devices: dict[int, EncoderConfig] = {}
+            nodes: list[int] = []
+            channels = []
+            for item in on_bus:
+                if isinstance(item, AxisConfig) or item.node_id not in devices:
+                    nodes.append(item.node_id)
+                if isinstance(item, EncoderConfig):
+                    first = devices.setdefault(item.node_id, item)
+                    channels.append((item.node_id, item.channel))
+                    if first.device_keys != item.device_keys:
+                        raise ValueError(
+                            f"[[encoder]] do_id {item.do_id}: differs from do_id {first.do_id}, another channel of node "
+                            f"{item.node_id}, in something that belongs to the device"
+                        )
+            _no_twice(f"node_id on bus {bus.name}", nodes)
+            _no_twice(f"[[encoder]] node_id and channel on bus {bus.name}", channels)
+
+    def _check_sensors(self) -> None:
+        encoders = [item.do_id for item in self.encoder]
+        for axis in self.axis:
+            if axis.g1 is not None and axis.g1 not in encoders:
+                raise ValueError(
+                    f"[[axis]] do_id {axis.do_id}: g1 = {axis.g1} is no do_id of an [[encoder]], allowed: {encoders}"
+                )
+
+    def encoders_of(self, bus: CanConfig) -> dict[int, list[EncoderConfig]]:
+        """The channels of each encoder on a bus, by node-ID."""
+        nodes: dict[int, list[EncoderConfig]] = {}
+        for item in self.encoder:
+            if self.bus_of(item).name == bus.name:
+                nodes.setdefault(item.node_id, []).append(item)
+        return nodes
 
     def cyclic_frames(self, bus: CanConfig) -> list[CyclicFrames]:
         """The frames the axes of a bus can put on it when every value changes in every cycle."""
@@ -247,7 +388,16 @@ class GatewayConfig(_Section):
                     limit = rate if pdo.number == 1 else min(rate, _DATA_PDO_RATE)
                     frames.append(CyclicFrames(f"{pdo} {axis.node_id}", pdo.size, limit))
             frames.append(CyclicFrames(f"heartbeat {axis.node_id}", 1, 1000 / axis.heartbeat_ms))
+        for node_id, channels in self.encoders_of(bus).items():
+            first = channels[0]
+            rate = cycle_rate if first.sync else 1000 / first.event_ms(self.transport.cycle_time_ms)
+            frames += [CyclicFrames(f"position {node_id}/{item.channel}", _POSITION_SIZE, rate) for item in channels]
+            frames.append(CyclicFrames(f"heartbeat {node_id}", 1, 1000 / first.heartbeat_ms))
         return frames
+
+
+def _section(item: AxisConfig | EncoderConfig) -> str:
+    return "axis" if isinstance(item, AxisConfig) else "encoder"
 
 
 def _no_twice(what: str, values: list[Any]) -> None:
@@ -269,20 +419,25 @@ def load_config(path: Path) -> GatewayConfig:
     text = read_text(path)
     config = parse_config(text, str(path))
     axes = tuple(_beside(axis, path) for axis in config.axis)
-    missing = [
-        f'{path}:{_line_of(text, "axis", number, "eds")}: [[axis]] do_id {axis.do_id}: eds = "{axis.eds}" is not a file'
-        for number, axis in enumerate(axes)
-        if axis.eds is not None and not axis.eds.is_file()
-    ]
+    encoders = tuple(_beside(encoder, path) for encoder in config.encoder)
+    sections: dict[str, Sequence[AxisConfig | EncoderConfig]] = {"axis": axes, "encoder": encoders}
+    missing = []
+    for section, items in sections.items():
+        missing += [
+            f"{path}:{_line_of(text, section, number, 'eds', _MODELS)}: [[{section}]] do_id {item.do_id}: "
+            f'eds = "{item.eds}" is not a file'
+            for number, item in enumerate(items)
+            if item.eds is not None and not item.eds.is_file()
+        ]
     if missing:
         raise GatewayError("\n".join(missing))
     store = path.parent / config.store if config.store else None
-    return config.model_copy(update={"axis": axes, "store": store})
+    return config.model_copy(update={"axis": axes, "encoder": encoders, "store": store})
 
 
-def _beside(axis: AxisConfig, path: Path) -> AxisConfig:
+def _beside(item: Item, path: Path) -> Item:
     """Relative paths are meant from where the configuration is."""
-    return axis.model_copy(update={"eds": path.parent / axis.eds}) if axis.eds else axis
+    return item.model_copy(update={"eds": path.parent / item.eds}) if item.eds else item
 
 
 def parse_config(text: str, name: str = "configuration") -> GatewayConfig:
@@ -306,7 +461,12 @@ def parse_toml(root: type[Root], sections: Mapping[str, type[BaseModel]], text: 
         raise GatewayError("\n".join(lines)) from error
 
 
-_MODELS: dict[str, type[BaseModel]] = {"can": CanConfig, "transport": TransportConfig, "axis": AxisConfig}
+_MODELS: dict[str, type[BaseModel]] = {
+    "can": CanConfig,
+    "transport": TransportConfig,
+    "axis": AxisConfig,
+    "encoder": EncoderConfig,
+}
 
 
 def _explain(detail: Any, text: str, name: str, root: type[BaseModel], sections: Mapping[str, type[BaseModel]]) -> str:
@@ -403,6 +563,18 @@ simulate = false             # true: a simulated drive instead of the one on the
 # sdo_interval_ms = 2        # the parameter channel pauses between two SDOs
 # sync = false               # TPDOs on SYNC instead of event-driven
 # allow_unguarded = false    # true: operate a drive that refuses 1016h or 6007h
+# g1 = 3                     # telegram 3: DO-ID of the encoder that is G1, without it the drive's own position
+
+# Encoders follow the axes in the frame. Several channels of a multi-sensor device are tables of their own.
+# [[encoder]]
+# do_id = 3
+# node_id = 10
+# telegram = 83              # one of {", ".join(map(str, ENCODER_TELEGRAM_NUMBERS))}
+# model = "rotary"           # "rotary", "linear" or "multi-sensor"; eds = "encoder.eds" for another data sheet
+# channel = 1                # of a multi-sensor device
+# reference_speed = 3000     # 100 % of NIST: rpm, of a linear encoder mm/s
+# tpdo_event_ms = 4          # cyclic timer; without it the cycle time
+# simulate = false           # true: a simulated encoder, moved by motion = "..." (see pdgw sim encoder --help)
 """
 
 

@@ -14,15 +14,21 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future
-from typing import Protocol
+from typing import Any, Protocol
 
 import can
 
 from ds301.bus import open_bus
+from ds301.client import NodeClient
 from ds301.network import CanNetwork
+from ds301.running import RunningNode
 from dsp402.simulator import SimulatedDrive
+from dsp406.simulator import SimulatedEncoder
+from dsp406.simulator.motion import parse_motion
 from gateway.axis import Axis
-from gateway.config import GATEWAY_NODE_ID, CanConfig, GatewayConfig
+from gateway.config import GATEWAY_NODE_ID, AxisConfig, CanConfig, GatewayConfig
+from gateway.drive_object import DriveObject
+from gateway.encoder import EncoderNode, EncoderObject
 from gateway.store import ParameterStore
 from gateway.transport.cyclic import CyclicEndpoint, Verdict
 from gateway.transport.udp import UdpSocket
@@ -63,6 +69,7 @@ class Daemon:
         self.store = ParameterStore(config.store, log.warning)
         self.networks: dict[str, CanNetwork] = {}
         self.simulated: list[SimulatedDrive] = []
+        self.simulated_encoders: list[SimulatedEncoder] = []
         self.services: list[Service] = []
         self.started_ns = time.monotonic_ns()
         self.cycles = 0
@@ -75,26 +82,70 @@ class Daemon:
         try:
             for bus in config.can:
                 self.networks[bus.name] = CanNetwork(open_configured_bus(bus), bus.name)
-            self.axes = [self._axis(axis_config.do_id) for axis_config in config.axis]
-            for axis_config in config.axis:
-                if axis_config.simulate:
-                    drive_bus = open_configured_bus(config.bus_of(axis_config))
-                    self.simulated.append(
-                        SimulatedDrive(drive_bus, axis_config.node_id, serial_number=axis_config.do_id)
-                    )
+            self.encoder_nodes: list[EncoderNode] = []
+            self.axes: list[Axis] = [self._axis(item) for item in config.axis]
+            self.encoders: list[EncoderObject] = self._encoders()
+            self.objects: list[DriveObject] = [*self.axes, *self.encoders]
+            """In the order of the frame."""
+            by_do = {item.do_id: item for item in self.encoders}
+            for axis in self.axes:
+                if axis.config.g1 is not None:
+                    axis.connect_sensor(by_do[axis.config.g1])
+            self._simulate()
             # A stored telegram (P922) may differ from the configured one: the frame may not fit.
-            self.endpoint = self._new_endpoint([axis.telegram for axis in self.axes])
+            self.endpoint = self._new_endpoint([item.telegram for item in self.objects])
         except BaseException:
             self.release()
             raise
-        self._heartbeat_ns = min(axis.config.heartbeat_ms for axis in self.axes) * MS // 2
-        self._synced = [n for n in self.networks.values() if any(a.config.sync and a.network is n for a in self.axes)]
+        self._heartbeat_ns = min(client.settings.heartbeat_ms for client in self.clients) * MS // 2
+        synced = {client.network.name for client in self.clients if client.settings.sync}
+        self._synced = [network for name, network in self.networks.items() if name in synced]
 
-    def _axis(self, do_id: int) -> Axis:
-        axis_config = next(axis for axis in self.config.axis if axis.do_id == do_id)
-        network = self.networks[self.config.bus_of(axis_config).name]
-        number = self.store.parameters.drive_object(do_id).telegram
-        return Axis(axis_config, network, self.config.transport.cycle_time_ms, number)
+    def _axis(self, config: AxisConfig) -> Axis:
+        network = self.networks[self.config.bus_of(config).name]
+        number = self.store.parameters.drive_object(config.do_id).telegram
+        return Axis(config, network, self.config.transport.cycle_time_ms, number)
+
+    def _encoders(self) -> list[EncoderObject]:
+        made: dict[int, EncoderObject] = {}
+        for bus in self.config.can:
+            for channels in self.config.encoders_of(bus).values():
+                node = EncoderNode(self.networks[bus.name], channels, self.config.transport.cycle_time_ms)
+                self.encoder_nodes.append(node)
+                for config in channels:
+                    stored = self.store.parameters.drive_object(config.do_id)
+                    number = config.telegram if stored.telegram is None else stored.telegram
+                    made[config.do_id] = EncoderObject(config, node, number, stored.sign_of_life_tolerance)
+        return [made[config.do_id] for config in self.config.encoder]
+
+    def _simulate(self) -> None:
+        for config in self.config.axis:
+            if config.simulate:
+                bus = open_configured_bus(self.config.bus_of(config))
+                self.simulated.append(SimulatedDrive(bus, config.node_id, serial_number=config.do_id))
+        for can_config in self.config.can:
+            for node_id, channels in self.config.encoders_of(can_config).items():
+                if channels[0].simulate:
+                    last = max(channels, key=lambda item: item.channel)
+                    motions = {item.channel: parse_motion(item.motion) for item in channels}
+                    self.simulated_encoders.append(
+                        SimulatedEncoder(
+                            open_configured_bus(can_config),
+                            node_id,
+                            device=last.device,
+                            motions=[motions.get(n, parse_motion("still")) for n in range(1, last.channel + 1)],
+                            serial_number=channels[0].do_id,
+                        )
+                    )
+
+    @property
+    def _simulated_devices(self) -> list[RunningNode[Any]]:
+        return [*self.simulated, *self.simulated_encoders]
+
+    @property
+    def clients(self) -> list[NodeClient[Any]]:
+        """The client of every node."""
+        return [*(axis.client for axis in self.axes), *(node.client for node in self.encoder_nodes)]
 
     def _new_endpoint(self, telegrams: Sequence[Telegram]) -> CyclicEndpoint:
         transport = self.config.transport
@@ -126,15 +177,15 @@ class Daemon:
         self._calls.put(run)
         return future
 
-    def change_telegram(self, axis: Axis, number: int) -> Future[None]:
-        """P922 of an axis; the frame layout follows. The future fails with GatewayError when it is not possible now."""
+    def change_telegram(self, changed: DriveObject, number: int) -> Future[None]:
+        """P922 of a drive object; the frame layout follows. The future fails with GatewayError when it is not possible now."""
 
         def change() -> None:
-            if number == axis.telegram.number:
+            if number == changed.telegram.number:
                 return
-            telegrams = [telegram(number) if item is axis else item.telegram for item in self.axes]
+            telegrams = [telegram(number) if item is changed else item.telegram for item in self.objects]
             endpoint = self._new_endpoint(telegrams)
-            axis.change_telegram(number)
+            changed.change_telegram(number)
             endpoint.continue_from(self.endpoint)
             self.endpoint = endpoint
 
@@ -145,18 +196,19 @@ class Daemon:
     def run(self) -> None:
         """Run until ``stop``; returns after the drives are stopped and everything is released."""
         host, port = self.socket.address
-        log.info("cyclic exchange on %s:%d, %d axes, cycle %g ms", host, port, len(self.axes), self.cycle_ns / MS)
+        count = len(self.objects)
+        log.info("cyclic exchange on %s:%d, %d drive objects, cycle %g ms", host, port, count, self.cycle_ns / MS)
         started: list[Service] = []
         # Threads of the parameter channel must not keep the cyclic one from running for Python's usual 5 ms.
         switch_interval = sys.getswitchinterval()
         sys.setswitchinterval(_SWITCH_INTERVAL_S)
         try:
-            for drive in self.simulated:
-                drive.start()
+            for device in self._simulated_devices:
+                device.start()
             for network in self.networks.values():
                 network.start()
-            for axis in self.axes:
-                axis.drive.start()
+            for client in self.clients:
+                client.start()
             for service in self.services:
                 service.start()
                 started.append(service)
@@ -170,8 +222,8 @@ class Daemon:
             gc.unfreeze()
             for service in started:
                 service.stop()
-            for axis in self.axes:
-                axis.drive.stop()
+            for client in self.clients:
+                client.stop()
             self.release()
             log.info("stopped")
 
@@ -191,8 +243,8 @@ class Daemon:
             endpoint = self.endpoint
             if endpoint.poll(now):
                 log.error("PLC lost: no valid frame for %d cycles", self.config.transport.watchdog_factor)
-                for axis in self.axes:
-                    axis.raise_fault(103, "watchdog expired", now)
+                for item in self.objects:
+                    item.raise_fault(103, "watchdog expired", now)
             self._step(endpoint.setpoints, now)
             if endpoint.peer is not None and (accepted or now - last_sent >= 2 * cycle):
                 self._send()
@@ -227,8 +279,8 @@ class Daemon:
         return taken > 0
 
     def _step(self, setpoints: Sequence[Sequence[int] | None], now: int) -> None:
-        for index, axis in enumerate(self.axes):
-            axis.step(setpoints[index], now)
+        for index, item in enumerate(self.objects):
+            item.step(setpoints[index], now)
         for network in self._synced:
             network.send_sync()
         self.cycles += 1
@@ -244,14 +296,14 @@ class Daemon:
     def _send(self) -> None:
         endpoint = self.endpoint
         if endpoint.peer is not None:
-            frame = endpoint.build([axis.actuals for axis in self.axes], [axis.good for axis in self.axes])
+            frame = endpoint.build([item.actuals for item in self.objects], [item.good for item in self.objects])
             self.socket.send(frame, endpoint.peer)
 
     def _bring_to_rest(self) -> None:
         """As after a loss of the PLC: each axis stops its way; then power is off everywhere, or the time is over."""
         log.info("stopping the drives")
         deadline = time.monotonic_ns() + _SHUTDOWN_NS
-        nothing = [None] * len(self.axes)
+        nothing = [None] * len(self.objects)
         pause = min(self.cycle_ns, self._heartbeat_ns) / 1e9
         self.endpoint.lose_setpoints()
         off_cycles = 0
@@ -260,7 +312,7 @@ class Daemon:
             self._step(nothing, now)
             self._heartbeats(now)
             self._send()
-            off_cycles = 0 if any(axis.powered for axis in self.axes) else off_cycles + 1
+            off_cycles = 0 if any(item.powered for item in self.objects) else off_cycles + 1
             if now > deadline:
                 log.error("drives not stopped within %d s: power off by NMT", _SHUTDOWN_NS // (1000 * MS))
                 break
@@ -271,16 +323,11 @@ class Daemon:
         if self._released:
             return
         self._released = True
-        for drive in self.simulated:
-            if drive.running:
-                drive.stop()
+        for device in self._simulated_devices:
+            if device.running:
+                device.stop()
             else:
-                drive.bus.shutdown()
+                device.bus.shutdown()
         for network in self.networks.values():
             network.close()
         self.socket.close()
-
-
-def axis_of(daemon: Daemon, do_id: int) -> Axis | None:
-    """The axis with a DO-ID."""
-    return next((axis for axis in daemon.axes if axis.do_id == do_id), None)

@@ -15,6 +15,7 @@ from types import MappingProxyType
 from typing import Any, ClassVar
 
 from ds301.client import NodeClient, NodeEvent, NodeStatus
+from ds301.communication import CONSUMER_HEARTBEAT, PRODUCER_HEARTBEAT
 from ds301.network import CanNetwork
 from ds301.nmt import NmtCommand
 from gateway.faults import FaultLog, FaultRecord
@@ -32,6 +33,8 @@ _CANOPEN_ERRORS = range(0x8100, 0x8300)
 """EMCY classes 81xxh communication and 82xxh protocol error."""
 _SAME_EVENT_NS = 1_000_000_000
 """What repeats is told once in this time: a loose contact must not push the first cause out of the fault buffer."""
+OWNED = frozenset({(CONSUMER_HEARTBEAT, 1), (PRODUCER_HEARTBEAT, 0)})
+"""What guards gateway and device against each other."""
 INTERNAL_FAULT = 10
 CANOPEN_FAULT = 12
 
@@ -43,6 +46,8 @@ class DriveObject(abc.ABC):
     """``axis`` or ``encoder``, in the log."""
     fault_of_emcy: ClassVar[Mapping[int, int]] = MappingProxyType({})
     """Fault number (P947) of an EMCY error code."""
+    telegram_numbers: ClassVar[tuple[int, ...]]
+    """What P922 may select."""
 
     def __init__(self, do_id: int, network: CanNetwork, chosen: Telegram) -> None:
         self.do_id = do_id
@@ -104,6 +109,22 @@ class DriveObject(abc.ABC):
     @abc.abstractmethod
     def change_telegram(self, number: int) -> None:
         """P922: another telegram. Only the cyclic thread may call it; GatewayError where it is not possible."""
+
+    @abc.abstractmethod
+    def owns(self, index: int, subindex: int) -> bool:
+        """The gateway itself writes this object: nobody else may."""
+
+    @abc.abstractmethod
+    def is_reference(self, index: int, subindex: int) -> bool:
+        """The gateway has a copy of this object, which a write makes old."""
+
+    @abc.abstractmethod
+    def read_references(self, client: NodeClient[Any]) -> None:
+        """Read the copies anew, on the node's worker."""
+
+    @abc.abstractmethod
+    def set_sign_of_life_tolerance(self, failures: int) -> None:
+        """P925."""
 
     @property
     def reason(self) -> Reason | None:
@@ -173,6 +194,12 @@ class DriveObject(abc.ABC):
     def _tell(self, number: int, detail: str, now: int) -> None:
         if _is_new(self._told, number, now):
             self.raise_fault(number, detail, now)
+
+    def _telegram_changed(self, chosen: Telegram) -> None:
+        self.telegram = chosen
+        self.actuals = (0,) * len(chosen.actuals.signals)
+        self._sdo = None
+        log.info("%s %d: telegram %d selected", self.kind, self.do_id, chosen.number)
 
     # -- any thread ---------------------------------------------------------------------------------------------------
 

@@ -12,33 +12,54 @@ from typing import Any
 from dsp402.states import state_of
 from gateway.axis import Axis
 from gateway.daemon import Daemon
+from gateway.drive_object import DriveObject
+from gateway.encoder import EncoderObject
 from gateway.errors import GatewayError
+
+
+def _object_status(item: DriveObject) -> dict[str, Any]:
+    """What axes and encoders have in common."""
+    setpoints = item.last_setpoints
+    return {
+        "do_id": item.do_id,
+        "node_id": item.node_id,
+        "telegram": item.telegram.number,
+        "drive": item.client.status.value,
+        "drive_text": item.client.status_text,
+        "reason": item.reason.value if item.reason else "",
+        "setpoints": item.telegram.setpoints.as_dict(setpoints) if setpoints is not None else None,
+        "actuals": item.telegram.actuals.as_dict(item.actuals),
+        "iops_good": item.good,
+        "faults": [
+            {"number": f.number, "code": f.code, "text": f.text, "is_warning": f.is_warning} for f in tuple(item.faults)
+        ],
+    }
 
 
 def axis_status(axis: Axis) -> dict[str, Any]:
     """One axis as plain data."""
     feedback = axis.drive.feedback
     state = state_of(feedback.statusword)
-    setpoints = axis.last_setpoints
-    return {
-        "do_id": axis.do_id,
-        "node_id": axis.config.node_id,
-        "telegram": axis.telegram.number,
-        "drive": axis.drive.status.value,
-        "drive_text": axis.drive.status_text,
+    return _object_status(axis) | {
         "state": state.value if state else "unknown",
-        "reason": axis.reason.value if axis.reason else "",
         "statusword": feedback.statusword,
         "controlword": axis.translator.command.controlword,
         "velocity": feedback.velocity_actual,
         "position": feedback.position_actual,
-        "setpoints": axis.telegram.setpoints.as_dict(setpoints) if setpoints is not None else None,
-        "actuals": axis.telegram.actuals.as_dict(axis.actuals),
-        "iops_good": axis.good,
         "saturations": axis.translator.saturations,
-        "faults": [
-            {"number": f.number, "code": f.code, "text": f.text, "is_warning": f.is_warning} for f in tuple(axis.faults)
-        ],
+    }
+
+
+def encoder_status(encoder: EncoderObject) -> dict[str, Any]:
+    """One encoder channel as plain data."""
+    source = encoder.input
+    return _object_status(encoder) | {
+        "channel": encoder.config.channel,
+        "state": encoder.translator.channel.sensor.state.value,
+        "position": source.position,
+        "alarms": source.alarms,
+        "warnings": source.warnings,
+        "saturations": encoder.translator.saturations,
     }
 
 
@@ -68,6 +89,7 @@ def snapshot(daemon: Daemon) -> dict[str, Any]:
             for network in daemon.networks.values()
         ],
         "axes": [axis_status(axis) for axis in daemon.axes],
+        "encoders": [encoder_status(encoder) for encoder in daemon.encoders],
     }
 
 

@@ -27,8 +27,8 @@ class DoParameters(BaseModel):
 
     telegram: Annotated[int, Field(ge=1, le=65535)] | None = None
     """P922."""
-    sign_of_life_tolerance: Annotated[int, Field(ge=0, le=65535)] = 1
-    """P925; 65535 switches the supervision off."""
+    sign_of_life_tolerance: Annotated[int, Field(ge=0, le=65535)] = 65535
+    """P925; 65535 switches the supervision off: not every PLC has a sign of life."""
     operation_priority: Annotated[int, Field(ge=0, le=1)] = 1
     """P927: 1 = the parameter channel may write."""
     name: Annotated[str, Field(max_length=32)] = ""

@@ -12,7 +12,14 @@ from concurrent.futures import Future, ThreadPoolExecutor
 
 from gateway.daemon import Daemon
 from gateway.parameters.objects import request_deadline
-from gateway.parameters.profile import MAX_BLOCK, AxisObject, BoundObject, DeviceObject
+from gateway.parameters.profile import (
+    MAX_BLOCK,
+    AxisObject,
+    BoundObject,
+    DeviceObject,
+    EncoderParameters,
+    NodeObject,
+)
 from profidrive.parameters.model import answer
 
 _DO_ID_OFFSET = 2
@@ -23,10 +30,11 @@ class ParameterManager:
 
     def __init__(self, daemon: Daemon) -> None:
         store_lock = threading.Lock()
-        axes = [AxisObject(daemon, axis, store_lock) for axis in daemon.axes]
-        self._objects: dict[int, BoundObject] = {axis.do_id: axis for axis in axes}
-        self._objects[0] = DeviceObject(daemon, axes)
-        self.slots: tuple[int, ...] = (0, *(axis.do_id for axis in axes))
+        nodes: list[NodeObject] = [AxisObject(daemon, axis, store_lock) for axis in daemon.axes]
+        nodes += [EncoderParameters(daemon, encoder, store_lock) for encoder in daemon.encoders]
+        self._objects: dict[int, BoundObject] = {node.do_id: node for node in nodes}
+        self._objects[0] = DeviceObject(daemon, nodes)
+        self.slots: tuple[int, ...] = (0, *(node.do_id for node in nodes))
         """The DO of each slot."""
         self._timeout_s = daemon.config.transport.parameter_timeout_ms / 1000
         self._workers = {

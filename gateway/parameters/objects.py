@@ -20,13 +20,10 @@ import canopen
 from canopen.sdo import SdoAbortedError, SdoCommunicationError
 
 from ds301.aborts import Abort, abort_text
-from ds301.communication import CONSUMER_HEARTBEAT, PRODUCER_HEARTBEAT
+from ds301.client import NodeClient
 from ds301.errors import CanopenError
 from ds301.objects import CanType
-from dsp402.configuration import ABORT_OPTION
-from dsp402.drive import DriveClient
-from dsp402.images import REFERENCE_OBJECTS
-from gateway.axis import Axis
+from gateway.drive_object import DriveObject
 from profidrive.datatypes import DataType
 from profidrive.parameters.codec import MAX_ELEMENTS, Values
 from profidrive.parameters.description import Description
@@ -84,11 +81,6 @@ _BY_LENGTH = {1: DataType.BYTE, 2: DataType.WORD, 4: DataType.DOUBLE_WORD}
 _NUMBERS_AS_OCTETS = {CanType.I64.code, CanType.U64.code}
 """Eight bytes have no format of their own: octets, most significant first as everything on this channel."""
 
-_OWNED = {(0x6040, 0), (0x6060, 0), (CONSUMER_HEARTBEAT, 1), (PRODUCER_HEARTBEAT, 0), ABORT_OPTION}
-"""Control and mode, and what stops the drive when the gateway dies."""
-_HOMING_METHOD = (0x6098, 0)
-_REFERENCES = {(index, subindex) for _, index, subindex in REFERENCE_OBJECTS} | {_HOMING_METHOD}
-
 
 def error_of_abort(code: int) -> Number:
     """The parameter error number of an SDO abort code."""
@@ -96,76 +88,66 @@ def error_of_abort(code: int) -> Number:
 
 
 class ObjectAccess:
-    """SDO access to the drive of one axis, within the time limit of the request that is being served.
+    """SDO access to the node of a drive object, within the time limit of the request that is being served.
 
     Any thread; the cyclic exchange never waits for it.
     """
 
-    def __init__(self, axis: Axis) -> None:
-        self.axis = axis
-        self._interval_s = axis.config.sdo_interval_ms / 1000
+    def __init__(self, owner: DriveObject, interval_ms: int) -> None:
+        self.owner = owner
+        self._interval_s = interval_ms / 1000
         self._next = 0.0
 
-    def run(self, job: Callable[[DriveClient], T], what: str) -> T:
+    def run(self, job: Callable[[NodeClient[Any]], T], what: str) -> T:
         """A job on the drive's worker; ParameterRefused with the error number of whatever went wrong."""
         left = request_deadline.get() - time.monotonic()
         if left <= 0:
-            log.warning("axis %d: %s: no time left for it in this request", self.axis.do_id, what)
+            log.warning("DO %d: %s: no time left for it in this request", self.owner.do_id, what)
             raise ParameterRefused(Number.NOT_EXECUTABLE_IN_STATE)
         # Neither the bus nor the cyclic exchange is there for parameters alone.
         time.sleep(max(0.0, self._next - time.monotonic()))
-        future = self.axis.drive.submit(job)
+        future = self.owner.client.submit(job)
         try:
             return future.result(None if left == math.inf else left)
         except SdoAbortedError as error:
             number = error_of_abort(error.code)
             level = logging.WARNING if number is Number.MANUFACTURER else logging.DEBUG
-            log.log(level, "axis %d: %s: %s", self.axis.do_id, what, abort_text(error.code))
+            log.log(level, "DO %d: %s: %s", self.owner.do_id, what, abort_text(error.code))
             raise ParameterRefused(number) from error
         except (FutureTimeoutError, CancelledError) as error:
             future.cancel()
-            log.warning("axis %d: %s: no answer in time", self.axis.do_id, what)
+            log.warning("DO %d: %s: no answer in time", self.owner.do_id, what)
             raise ParameterRefused(Number.NOT_EXECUTABLE_IN_STATE) from error
         except (SdoCommunicationError, CanopenError, struct.error, ValueError) as error:
-            log.warning("axis %d: %s: %s", self.axis.do_id, what, error)
+            log.warning("DO %d: %s: %s", self.owner.do_id, what, error)
             raise ParameterRefused(Number.NOT_EXECUTABLE_IN_STATE) from error
         finally:
             self._next = time.monotonic() + self._interval_s
 
     def read(self, index: int, subindex: int) -> bytes:
         """SDO upload."""
-        return self.run(lambda drive: drive.read(index, subindex), f"read {index:04X}h/{subindex}")
+        return self.run(lambda client: client.read(index, subindex), f"read {index:04X}h/{subindex}")
 
     def write(self, index: int, subindex: int, data: bytes) -> None:
         """SDO download; the gateway's copy of a reference object follows."""
-        self.check_conflict(index, subindex)
-        is_reference = (index, subindex) in _REFERENCES
+        owner = self.owner
+        if owner.owns(index, subindex):
+            raise ParameterRefused(Number.NO_OPERATION_PRIORITY)
+        is_reference = owner.is_reference(index, subindex)
 
-        def job(drive: DriveClient) -> None:
-            drive.write(index, subindex, data)
+        def job(client: NodeClient[Any]) -> None:
+            client.write(index, subindex, data)
             if is_reference:
-                drive.read_references()
-                drive.homing_method = drive.read_number(*_HOMING_METHOD, signed=True)
+                owner.read_references(client)
 
         self.run(job, f"write {index:04X}h/{subindex}")
         if is_reference:
-            self.axis.references_changed()
-
-    def check_conflict(self, index: int, subindex: int) -> None:
-        """ParameterRefused for an object the gateway itself writes.
-
-        The exchange with the drive runs whenever the drive is online, with or without a PLC: a value written here would
-        not last, and a mode would be another one than the translator believes.
-        """
-        address = (index, subindex)
-        mapped = {(entry.index, entry.subindex) for pdo in self.axis.drive.layout.rpdos for entry in pdo.entries}
-        if address in _OWNED or address in mapped:
-            raise ParameterRefused(Number.NO_OPERATION_PRIORITY)
+            owner.references_changed()
 
     def variable(self, index: int, subindex: int) -> Any:
         """The EDS entry, None where the EDS has none."""
         try:
-            item = self.axis.drive.dictionary[index]
+            item = self.owner.client.dictionary[index]
             return item if isinstance(item, canopen.objectdictionary.ODVariable) and not subindex else item[subindex]
         except (KeyError, TypeError):
             return None
@@ -243,7 +225,7 @@ class ObjectParameter:
 
     def description(self) -> Description:
         """From the EDS."""
-        item = self._access.axis.drive.dictionary.get(self.index)
+        item = self._access.owner.client.dictionary.get(self.index)
         if item is None:
             raise ParameterRefused(Number.DESCRIPTION_NOT_AVAILABLE)
         array = not isinstance(item, canopen.objectdictionary.ODVariable)

@@ -17,17 +17,21 @@ from ds301.errors import CanopenError
 from dsp402.faults import DRIVE_FAULTS
 from gateway import identity
 from gateway.axis import Axis
-from gateway.config import DEFAULT_BITRATE, GATEWAY_NODE_ID
+from gateway.config import DEFAULT_BITRATE, GATEWAY_NODE_ID, CanConfig
 from gateway.daemon import Daemon
+from gateway.drive_object import DriveObject
+from gateway.encoder import EncoderObject
 from gateway.errors import GatewayError
 from gateway.parameters.objects import ObjectAccess, ObjectParameter
 from gateway.parameters.signals import signal_list
 from gateway.reasons import FIRST_WARNING, GATEWAY_FAULTS
 from gateway.store import DoParameters
-from gateway.translator.factory import DRIVE_TELEGRAM_NUMBERS
+from profidrive.datatypes import DataType
 from profidrive.errors import ProfidriveError
 from profidrive.parameters.catalogue import (
     AXIS_CLASS,
+    ENCODER_CLASS,
+    ENCODER_IDENTIFICATION,
     LIST_PNUS,
     OBJECTS,
     PARAMETERS,
@@ -37,6 +41,7 @@ from profidrive.parameters.codec import MAX_PARAMETERS
 from profidrive.parameters.errors import ParameterErrorNumber as Number
 from profidrive.parameters.errors import ParameterRefused
 from profidrive.parameters.model import BoundParameter, Parameter
+from profidrive.sensor_format import encode_sensor_format
 from profidrive.signals import signal
 from profidrive.telegrams import ApplicationMode
 
@@ -49,6 +54,25 @@ _OPERATING_MODES = {ApplicationMode.VELOCITY: 1, ApplicationMode.POSITIONING: 2}
 _MANUFACTURER_MODE = 0x8000
 _SUBCLASS = 0b101
 """P975: application classes 1 (speed) and 3 (positioning)."""
+_ENCODER_CLASS_3 = 0x4000
+"""P975: without isochronous operation."""
+_STATUS_HEADER = 0x000C_0101
+"""P65001: twelve elements, structure version 1.1."""
+_STATUS_OBJECTS = (
+    (0x6500, 0),
+    (0x6503, 0),
+    (0x6504, 0),
+    (0x6505, 0),
+    (0x6506, 0),
+    (0x6507, 0),
+    (0x6508, 0),
+    (0x6509, 0),
+    (0x6001, 0),
+    (0x6002, 0),
+)
+"""Elements 1 to 10 of P65001."""
+_STEPS_PER_SECOND = 0
+"""Element 11 of P65001: the unit of 6030h."""
 _DRIVE_WARNING_BIT = 15
 _STATUSWORD_WARNING = signal("ZSW1").bit("WARNING").mask
 _LIST_SIZE = 99
@@ -75,9 +99,17 @@ class BoundObject:
         self.do_id = do_id
         self._parameters: dict[int, Parameter] = {}
 
-    def bind(self, pnu: int, get: Getter, set: Setter | None = None, texts: tuple[str, ...] = ()) -> None:
-        """What stands behind a declared parameter."""
-        self._parameters[pnu] = BoundParameter(PARAMETERS[pnu], get, set, own_texts=texts)
+    def bind(
+        self,
+        pnu: int,
+        get: Getter,
+        set: Setter | None = None,
+        *,
+        texts: tuple[str, ...] = (),
+        data_type: DataType | None = None,
+    ) -> None:
+        """What stands behind a declared parameter; ``data_type`` where it is another than declared."""
+        self._parameters[pnu] = BoundParameter(PARAMETERS[pnu], get, set, data_type, texts)
 
     def adopt(self, other: BoundObject) -> None:
         """Answer for the parameters of another object that this one does not have."""
@@ -123,18 +155,17 @@ def _store_is_saved(daemon: Daemon, lock: threading.Lock, change: Callable[[], N
             raise ParameterRefused(Number.NOT_EXECUTABLE_IN_STATE) from error
 
 
-class AxisObject(BoundObject):
-    """The drive object of an axis."""
+class NodeObject(BoundObject):
+    """A drive object with a node behind it: what axes and encoders have in common."""
 
-    def __init__(self, daemon: Daemon, axis: Axis, store_lock: threading.Lock) -> None:
-        super().__init__(axis.do_id)
+    def __init__(self, daemon: Daemon, owner: DriveObject, interval_ms: int, store_lock: threading.Lock) -> None:
+        super().__init__(owner.do_id)
         self.daemon = daemon
-        self.axis = axis
-        self.access = ObjectAccess(axis)
+        self.owner = owner
+        self.access = ObjectAccess(owner, interval_ms)
         self._store_lock = store_lock
         self._reset_prepared = 0
-        self._bind()
-        self.bind_lists()
+        self._bind_common()
 
     @property
     def _stored(self) -> DoParameters:
@@ -150,23 +181,21 @@ class AxisObject(BoundObject):
             raise ParameterRefused(Number.NO_OPERATION_PRIORITY)
 
     def further_pnus(self) -> Iterable[int]:
-        return (index for index in self.axis.drive.dictionary if index in OBJECTS)
+        return (index for index in self.owner.client.dictionary if index in OBJECTS)
 
-    def _bind(self) -> None:
-        axis, log_, daemon = self.axis, self.axis.fault_log, self.daemon
-        bus = daemon.config.bus_of(axis.config)
-        self.bind(915, lambda: [item.number for item in axis.telegram.setpoints.signals])
-        self.bind(916, lambda: [item.number for item in axis.telegram.actuals.signals])
-        self.bind(918, lambda: axis.config.node_id)
+    def _bind_common(self) -> None:
+        owner, log_ = self.owner, self.owner.fault_log
+        self.bind(915, lambda: [item.number for item in owner.telegram.setpoints.signals])
+        self.bind(916, lambda: [item.number for item in owner.telegram.actuals.signals])
+        self.bind(918, lambda: owner.node_id)
         self.bind(919, self._name)
-        self.bind(922, lambda: axis.telegram.number, self._select_telegram)
+        self.bind(922, lambda: owner.telegram.number, self._select_telegram)
         self.bind(923, signal_list)
         masks = tuple(signal(name).bit("SIGN_OF_LIFE").mask for name in ("ZSW2", "STW2"))
         self.bind(924, lambda: masks)
-        self.bind(925, lambda: self._stored.sign_of_life_tolerance, self._setter("sign_of_life_tolerance"))
+        self.bind(925, lambda: self._stored.sign_of_life_tolerance, self._set_tolerance)
         self.bind(927, lambda: self._stored.operation_priority, self._setter("operation_priority"))
         self.bind(928, lambda: 1, lambda _: None)
-        self.bind(930, self._operating_mode)
         self.bind(944, lambda: log_.counter)
         self.bind(945, lambda: [fault.code for fault in log_.entries()])
         self.bind(946, lambda: [_CODES.get(number, 0) for number in range(max(_CODES) + 1)])
@@ -175,18 +204,15 @@ class AxisObject(BoundObject):
         self.bind(949, lambda: [fault.value for fault in log_.entries()])
         self.bind(952, lambda: log_.situations, self._clear_faults)
         self.bind(953, self._warnings, texts=_WARNING_TEXTS)
-        self.bind(963, lambda: (bus.bitrate or DEFAULT_BITRATE) // 1000)
-        self.bind(965, lambda: PROFILE_IDENTIFICATION)
-        self.bind(967, lambda: axis.last_setpoints[0] if axis.last_setpoints else 0)
-        self.bind(968, lambda: axis.actuals[0])
         self.bind(970, lambda: 0, self._when_one(self.load))
         self.bind(971, lambda: 0, self._when_one(self.save))
         self.bind(972, lambda: self._reset_prepared, self._reset)
-        self.bind(975, lambda: (*identity.UNIT, AXIS_CLASS, _SUBCLASS, self.do_id))
-        self.bind(60000, self._reference_speed)
+
+    def _bind_bus(self, bus: CanConfig) -> None:
+        self.bind(963, lambda: (bus.bitrate or DEFAULT_BITRATE) // 1000)
 
     def _name(self) -> bytes:
-        return (self._stored.name or f"axis {self.do_id}").encode()
+        return (self._stored.name or f"{self.owner.kind} {self.do_id}").encode()
 
     def _setter(self, name: str) -> Setter:
         def set_value(value: int) -> None:
@@ -194,38 +220,30 @@ class AxisObject(BoundObject):
 
         return set_value
 
+    def _set_tolerance(self, failures: int) -> None:
+        self._setter("sign_of_life_tolerance")(failures)
+        self.owner.set_sign_of_life_tolerance(failures)
+
     def _select_telegram(self, number: int) -> None:
-        if number not in DRIVE_TELEGRAM_NUMBERS:
+        if number not in self.owner.telegram_numbers:
             raise ParameterRefused(Number.VALUE_IMPERMISSIBLE)
         self._change_telegram(number)
         self._setter("telegram")(number)
 
     def _change_telegram(self, number: int) -> None:
         try:
-            self.daemon.change_telegram(self.axis, number).result(_TELEGRAM_CHANGE_S)
+            self.daemon.change_telegram(self.owner, number).result(_TELEGRAM_CHANGE_S)
         except (GatewayError, ProfidriveError, CanopenError, FutureTimeoutError, CancelledError) as error:
-            log.warning("axis %d: P922 := %d refused: %s", self.do_id, number, error or "no answer of the cyclic loop")
+            log.warning("DO %d: P922 := %d refused: %s", self.do_id, number, error or "no answer of the cyclic loop")
             raise ParameterRefused(Number.NOT_EXECUTABLE_IN_STATE) from error
-
-    def _operating_mode(self) -> int:
-        telegram = self.axis.telegram
-        return _OPERATING_MODES.get(telegram.setpoints.mode, _MANUFACTURER_MODE | telegram.number)
 
     def _clear_faults(self, value: int) -> None:
         if value:
             raise ParameterRefused(Number.SETTING_NOT_PERMITTED)
-        self.axis.fault_log.clear()
+        self.owner.fault_log.clear()
 
     def _warnings(self) -> int:
-        axis = self.axis
-        drive = axis.good and bool(axis.drive.feedback.statusword & _STATUSWORD_WARNING)
-        return axis.fault_log.warnings(present=axis.warning) | drive << _DRIVE_WARNING_BIT
-
-    def _reference_speed(self) -> float:
-        references = self.axis.drive.references
-        if references is None:
-            raise ParameterRefused(Number.NOT_EXECUTABLE_IN_STATE)
-        return float(references.max_motor_speed)
+        return self.owner.fault_log.warnings(present=self.owner.warning)
 
     @staticmethod
     def _when_one(action: Callable[[], None]) -> Setter:
@@ -233,22 +251,28 @@ class AxisObject(BoundObject):
         return lambda value: action() if value else None
 
     def _standing(self) -> None:
-        if self.axis.powered:
+        if self.owner.powered:
             raise ParameterRefused(Number.NOT_EXECUTABLE_IN_STATE)
 
     def load(self) -> None:
-        """P970: the drive's factory values (1011h) after a restart of it, the gateway's own as configured."""
+        """P970: the node's factory values (1011h) after a restart of it, the gateway's own as configured."""
         self._standing()
         self.access.write(RESTORE_PARAMETERS, 1, LOAD_SIGNATURE.to_bytes(4, "little"))
-        configured = self.axis.config.telegram
-        if self.axis.telegram.number != configured:
+        configured = self.configured_telegram
+        if self.owner.telegram.number != configured:
             self._change_telegram(configured)
         objects = self.daemon.store.parameters.objects
         _store_is_saved(self.daemon, self._store_lock, lambda: objects.update({self.do_id: DoParameters()}))
-        self.axis.reset_node()
+        self.owner.set_sign_of_life_tolerance(self._stored.sign_of_life_tolerance)
+        self.owner.reset_node()
+
+    @property
+    def configured_telegram(self) -> int:
+        """What P922 is without a stored one."""
+        return next(item.telegram for item in self.daemon.config.objects if item.do_id == self.do_id)
 
     def save(self) -> None:
-        """P971: 1010h of the drive, and the gateway's store."""
+        """P971: 1010h of the node, and the gateway's store."""
         self.access.write(STORE_PARAMETERS, 1, SAVE_SIGNATURE.to_bytes(4, "little"))
         _store_is_saved(self.daemon, self._store_lock, lambda: None)
 
@@ -256,14 +280,81 @@ class AxisObject(BoundObject):
         if value:
             self._standing()
         if value == 1:
-            self.axis.reset_node()
+            self.owner.reset_node()
         self._reset_prepared = 2 if value == 2 else 0
+
+
+class AxisObject(NodeObject):
+    """The drive object of an axis."""
+
+    def __init__(self, daemon: Daemon, axis: Axis, store_lock: threading.Lock) -> None:
+        super().__init__(daemon, axis, axis.config.sdo_interval_ms, store_lock)
+        self.axis = axis
+        self._bind_bus(daemon.config.bus_of(axis.config))
+        self.bind(930, self._operating_mode)
+        self.bind(965, lambda: PROFILE_IDENTIFICATION)
+        self.bind(967, lambda: axis.last_setpoints[0] if axis.last_setpoints else 0)
+        self.bind(968, lambda: axis.actuals[0])
+        self.bind(975, lambda: (*identity.UNIT, AXIS_CLASS, _SUBCLASS, self.do_id))
+        self.bind(979, lambda: encode_sensor_format([axis.sensor_format]))
+        self.bind(60000, self._reference_speed)
+        self.bind_lists()
+
+    def _operating_mode(self) -> int:
+        telegram = self.axis.telegram
+        return _OPERATING_MODES.get(telegram.setpoints.mode, _MANUFACTURER_MODE | telegram.number)
+
+    def _warnings(self) -> int:
+        axis = self.axis
+        drive = axis.good and bool(axis.drive.feedback.statusword & _STATUSWORD_WARNING)
+        return super()._warnings() | drive << _DRIVE_WARNING_BIT
+
+    def _reference_speed(self) -> float:
+        references = self.axis.drive.references
+        if references is None:
+            raise ParameterRefused(Number.NOT_EXECUTABLE_IN_STATE)
+        return float(references.max_motor_speed)
+
+
+class EncoderParameters(NodeObject):
+    """The drive object of an encoder's channel."""
+
+    def __init__(self, daemon: Daemon, encoder: EncoderObject, store_lock: threading.Lock) -> None:
+        super().__init__(daemon, encoder, encoder.config.sdo_interval_ms, store_lock)
+        self.encoder = encoder
+        self._bind_bus(daemon.config.bus_of(encoder.config))
+        identification = ENCODER_IDENTIFICATION.to_bytes(2, "big")
+        self.bind(965, lambda: identification, data_type=DataType.OCTET_STRING)
+        self.bind(975, lambda: (*identity.UNIT, ENCODER_CLASS, _ENCODER_CLASS_3, self.do_id))
+        self.bind(979, lambda: encode_sensor_format([encoder.sensor_format]))
+        self.bind(60000, lambda: float(encoder.config.reference_speed))
+        self.bind(65000, lambda: encoder.preset_value, self._set_preset)
+        self.bind(65001, self._operating_status)
+        self.bind_lists()
+
+    def _set_preset(self, value: int) -> None:
+        self.encoder.preset_value = value
+
+    def _operating_status(self) -> Sequence[int]:
+        """Read from the encoder; what it does not have is 0."""
+        values = [_STATUS_HEADER]
+        for index, subindex in _STATUS_OBJECTS:
+            try:
+                raw = self.access.read(index, subindex)
+            except ParameterRefused as refused:
+                if refused.number not in {Number.IMPERMISSIBLE_PNU, Number.FAULTY_SUBINDEX}:
+                    raise
+                raw = b""
+            # Unsigned32 values above the range of the parameter keep their bits.
+            value = int.from_bytes(raw[:4].ljust(4, b"\0"), "little")
+            values.append(value - (1 << 32) if value >> 31 else value)
+        return (*values, _STEPS_PER_SECOND)
 
 
 class DeviceObject(BoundObject):
     """DO 0: the device; also every DO's global parameters."""
 
-    def __init__(self, daemon: Daemon, axes: Sequence[AxisObject]) -> None:
+    def __init__(self, daemon: Daemon, axes: Sequence[NodeObject]) -> None:
         super().__init__(0)
         config = daemon.config
         address = config.transport.listen.packed
@@ -276,8 +367,8 @@ class DeviceObject(BoundObject):
         latency = int(config.transport.parameter_timeout_ms / 10)
         self.bind(974, lambda: (MAX_BLOCK, MAX_PARAMETERS, latency))
         self.bind(975, lambda: (*identity.UNIT, 0, 0, 0))
-        self.bind(976, lambda: 0, lambda value: self._each(AxisObject.load) if value else None)
-        self.bind(977, lambda: 0, lambda value: self._each(AxisObject.save) if value else None)
+        self.bind(976, lambda: 0, lambda value: self._each(NodeObject.load) if value else None)
+        self.bind(977, lambda: 0, lambda value: self._each(NodeObject.save) if value else None)
         self.bind(978, lambda: [axis.do_id for axis in axes])
         self.bind(61000, config.transport.station_name.encode)
         self.bind(61001, lambda: address)
@@ -292,7 +383,7 @@ class DeviceObject(BoundObject):
             self.adopt(axes[0])
         self.bind_lists()
 
-    def _each(self, action: Callable[[AxisObject], None]) -> None:
+    def _each(self, action: Callable[[NodeObject], None]) -> None:
         for axis in self._axes:
             action(axis)
 

@@ -15,7 +15,7 @@ from profidrive.telegrams import TELEGRAMS, ApplicationMode, telegram
 _DRIVE_TELEGRAMS: dict[int, tuple[type[Translator], Operation, Mode | None]] = {
     1: (VelocityTranslator, Operation.VELOCITY, Mode.VELOCITY),
     2: (VelocityTranslator, Operation.VELOCITY, Mode.VELOCITY),
-    3: (VelocityTranslator, Operation.VELOCITY, Mode.VELOCITY),
+    3: (VelocityTranslator, Operation.VELOCITY_WITH_POSITION, Mode.VELOCITY),
     20: (VelocityTranslator, Operation.VELOCITY, Mode.VELOCITY),
     9: (PositioningTranslator, Operation.POSITIONING, None),
     100: (TransparentTranslator, Operation.TRANSPARENT, None),

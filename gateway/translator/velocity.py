@@ -1,8 +1,8 @@
 """Telegrams 1, 2, 3 and 20: velocity mode (6060h = 3).
 
 Source: docs/translation.md "Standard telegrams", docs/telegrams.md "Normalisation"; the manufacturer's guide 6.1-6.6.
-Left out: the encoder words of telegram 3 (``encoder.SensorChannel``) and telegram 20's current, torque and power, which
-the velocity PDOs do not carry: they are 0.
+Left out: the encoder words of telegram 3, which the axis fills in (``gateway.encoder.SensorWords``), and telegram 20's current,
+torque and power, which the velocity PDOs do not carry: they are 0.
 """
 
 from __future__ import annotations

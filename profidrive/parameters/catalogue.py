@@ -153,7 +153,7 @@ _SPECS = (
         ParameterSpec(pnu, f"Parameters {pnu - 979}", "defined parameters, chained", _U16, _DO, array=True)
         for pnu in LIST_PNUS
     ),
-    ParameterSpec(60000, "Reference speed", "velocity reference value", DataType.FLOATING_POINT, _AXIS, unit="rpm"),
+    ParameterSpec(60000, "Reference speed", "velocity reference value", DataType.FLOATING_POINT, _DO, unit="rpm"),
     ParameterSpec(61000, "Name of station", "name of station", _TEXT, _DEVICE),
     ParameterSpec(61001, "IP of station", "IP address", _OCTETS, _DEVICE),
     ParameterSpec(61002, "MAC of station", "MAC address", _OCTETS, _DEVICE),

@@ -495,7 +495,7 @@ def test_stored_parameters_survive_the_gateway(tmp_path: Path) -> None:
         with running(config, before) as daemon, ParameterClient(server[0].address, 1) as client:
             wait_for(lambda daemon=daemon: daemon.axes[0].drive.generation, "online")  # type: ignore[misc]
             assert number(client, 922) == expected
-            assert number(client, 925) == (1 if expected == 1 else 7)
+            assert number(client, 925) == (65535 if expected == 1 else 7)
             assert not write(client, 922, word(3)).failed
             assert not write(client, 925, word(7)).failed
     assert ParameterStore(store, pytest.fail).parameters.drive_object(1).telegram == 3

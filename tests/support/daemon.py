@@ -54,7 +54,7 @@ class Plc:
             return
 
     def until(self, condition: Callable[[], object], what: str) -> None:
-        deadline = time.monotonic() + 20
+        deadline = time.monotonic() + 10
         while not condition():
             assert time.monotonic() < deadline, f"{what}: {self.endpoint.actuals} {snapshot(self.daemon)}"
             self.exchange()

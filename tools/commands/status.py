@@ -23,7 +23,7 @@ def fetch(port: int) -> dict[str, Any]:
         raise GatewayError(f"no gateway answers on 127.0.0.1 port {port} ({error.strerror or error})") from error
     try:
         document: dict[str, Any] = json.loads(text)
-        document["plc"], document["axes"]
+        document["plc"], document["axes"], document["encoders"]
     except (ValueError, TypeError, KeyError) as error:
         raise GatewayError(f"127.0.0.1 port {port}: what answers there is no gateway") from error
     return document
@@ -47,8 +47,9 @@ def status(
     )
     if dropped:
         console.print("dropped: " + ", ".join(f"{count} {name}" for name, count in dropped.items()))
-    table = Table("DO", "node", "telegram", "drive", "state", "ZSW1", "why it does not move")
-    for axis in document["axes"]:
+    table = Table("DO", "node", "telegram", "device", "state", "status word", "why it does not do what is asked")
+    objects = [*document["axes"], *document["encoders"]]
+    for axis in objects:
         word = next(iter(axis["actuals"].values()))
         table.add_row(
             str(axis["do_id"]),
@@ -60,6 +61,6 @@ def status(
             axis["reason"] or axis["drive_text"],
         )
     console.print(table)
-    for axis in document["axes"]:
+    for axis in objects:
         for fault in axis["faults"][-3:]:
             console.print(f"DO {axis['do_id']} fault {fault['number']}: {fault['text']}")
