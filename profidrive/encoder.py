@@ -133,10 +133,14 @@ _IN_ERROR = frozenset((_S.ERROR, _S.ACKNOWLEDGING))
 
 @dataclass(frozen=True, slots=True)
 class PresetRequest:
-    """The position has to become ``value`` (``relative``: be shifted by it), in measuring units."""
+    """The position has to become ``value`` (``relative``: be shifted by it), in measuring units.
+
+    ``position`` is what it has to become now, below the total range: an encoder that has absolute presets only takes it.
+    """
 
     value: int
     relative: bool
+    position: int
 
 
 class SensorInterface:
@@ -232,7 +236,7 @@ class SensorInterface:
             error = SensorError.SENSOR_GROUP
         elif error is None and word & _COMMAND:
             error = SensorError.COMMAND_NOT_SUPPORTED
-        self._take_events(word, edges, error, now)
+        self._take_events(word, edges, error, position if valid else None, now)
         if valid:
             self._follow(position, now)
         state = self.state
@@ -245,7 +249,7 @@ class SensorInterface:
 
     # -- the state machine --------------------------------------------------------------------------------------------
 
-    def _take_events(self, word: int, edges: int, error: SensorError | None, now: int) -> None:
+    def _take_events(self, word: int, edges: int, error: SensorError | None, position: int | None, now: int) -> None:
         if self._answer is not None:
             event, failure = self._answer
             if self._jump_until is None:
@@ -261,11 +265,14 @@ class SensorInterface:
         if error is not None:
             self._take(SensorEvent.FAULT, error)
         if edges & _PRESET:
-            request = PresetRequest(self.preset_value, bool(word & _RELATIVE))
-            if not self.preset_supported or not (request.relative or 0 <= request.value < self._range):
+            value, relative = self.preset_value, bool(word & _RELATIVE)
+            if not self.preset_supported or not (relative or 0 <= value < self._range):
                 self._take(SensorEvent.FAULT, SensorError.COMMAND_NOT_SUPPORTED)
+            elif position is None:
+                self._take(SensorEvent.FAULT, SensorError.SENSOR_GROUP)
             elif self._take(SensorEvent.PRESET):
-                self.preset_request = self._jump = request
+                target = (value + (position if relative else 0)) % self._range
+                self.preset_request = self._jump = PresetRequest(value, relative, target)
                 self._jump_until = None
         elif not word & _PRESET:
             self._take(SensorEvent.PRESET_END)
@@ -302,7 +309,7 @@ class SensorInterface:
             jump = self._jump
             if jump is not None:
                 # Of the two readings - motion, or the jump and what is left of the step - the one nearer to the last motion.
-                rest = self._wrapped(moved - jump.value if jump.relative else position - jump.value)
+                rest = self._wrapped(position - jump.position)
                 if abs(rest - self._moved) < abs(moved - self._moved):
                     self._jump = None
                     self._shift = position - self._count - rest
@@ -312,11 +319,7 @@ class SensorInterface:
         self._position = position
 
     def _has_preset(self) -> bool:
-        return self._jump is None or (self._last is not None and not self._expected(self._jump, self._last))
-
-    def _expected(self, request: PresetRequest, last: int) -> int:
-        """How far the position jumps when it takes the preset."""
-        return self._wrapped(request.value if request.relative else request.value - last)
+        return self._jump is None or (self._last is not None and not self._wrapped(self._jump.position - self._last))
 
     def _wrapped(self, difference: int) -> int:
         """The shortest way round the total range."""

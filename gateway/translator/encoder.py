@@ -187,17 +187,16 @@ class SensorChannel:
         values = sensor.step(g1_stw, feedback.position, now, valid=valid, error=error)
         if sensor.preset_request is not self._request:
             self._request = sensor.preset_request
-            self.preset_write = self._write(feedback.position)
+            self.preset_write = self._write()
         return values
 
-    def _write(self, position: int) -> SdoWrite | None:
+    def _write(self) -> SdoWrite | None:
         request, references = self._request, self._references
         if request is None or references is None:
             return None
-        value = (position + request.value) % references.total_range if request.relative else request.value
         if references.channel is None:
-            return SdoWrite(PRESET, 0, value)
-        return SdoWrite(PRESET_MULTI_SENSOR, references.channel, value)
+            return SdoWrite(PRESET, 0, request.position)
+        return SdoWrite(PRESET_MULTI_SENSOR, references.channel, request.position)
 
     def speed(self, feedback: EncoderInput, ok: bool, now: int) -> int:
         """Measuring units per second: the device's own where it has one that is not at its limit; 0 when not valid."""

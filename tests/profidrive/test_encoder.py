@@ -16,6 +16,7 @@ from profidrive.encoder import (
     STATUS_BITS,
     TRANSITIONS,
     EncoderControl,
+    PresetRequest,
     SensorError,
     SensorEvent,
     SensorInterface,
@@ -149,6 +150,13 @@ def test_an_absolute_preset_outside_the_range_is_refused(value: int) -> None:
     assert sensor.preset_request is None
 
 
+def test_a_preset_before_there_is_a_position_is_an_error() -> None:
+    sensor = SensorInterface(RANGE)
+    sensor.step(0, 0, 0, valid=False)
+    assert sensor.step(PRESET, 0, 0, valid=False) == (0x8000, 0, 0x0001)
+    assert sensor.preset_request is None
+
+
 def test_a_sensor_without_preset_refuses_it() -> None:
     sensor = SensorInterface(RANGE, preset_supported=False)
     sensor.step(0, 7, 0)
@@ -231,13 +239,14 @@ def test_a_preset_sets_the_position_and_leaves_xist1(
     cycle(ABSOLUTE)  # from here on the motion is known
     word = ABSOLUTE | PRESET | (RELATIVE if relative else 0)
     cycle(word)
-    assert sensor.preset_request is not None
+    request = sensor.preset_request
+    assert request == PresetRequest(value, relative, ((turned if relative else 0) + value) % RANGE)
     for _ in range(delay):
         cycle(word)
     if late:
         sensor.preset_done()
         cycle(word)
-    preset_at, jump = turned, (value if relative else value - turned)
+    preset_at, jump = turned, request.position - turned
     offset = jump
     status, xist1, xist2 = cycle(word)
     if not late:
@@ -247,10 +256,9 @@ def test_a_preset_sets_the_position_and_leaves_xist1(
             break
         status, xist1, xist2 = cycle(word)
     assert status == ABSOLUTE | PRESET
-    assert xist2 == ((preset_at if relative else 0) + value + turned - preset_at) % RANGE
+    assert xist2 == (request.position + turned - preset_at) % RANGE
     if abs(signed_part(jump)) > 4 * abs(speed):  # a smaller jump cannot be told from motion
-        tolerance = 0 if relative else abs(speed)
-        assert abs(signed(xist1 - first_xist1, 32) - (turned - first)) <= tolerance
+        assert abs(signed(xist1 - first_xist1, 32) - (turned - first)) <= abs(speed)
         assert signed(sensor.xist3, 64) % RANGE == xist2
     assert cycle(ABSOLUTE)[0] == ABSOLUTE
 
