@@ -194,7 +194,7 @@ def test_a_port_in_use_is_named(tmp_path: Path) -> None:
         (("status", "--port", "1"), "no gateway answers"),
         (("sim", "plc"), "give a scenario file or --interactive"),
         (("sim", "drive", "--interface", "bogus"), "CAN interface"),
-        (("sim", "inject", "--port", "1", "fault", "7"), "no drive simulator answers"),
+        (("sim", "inject", "--port", "1", "fault", "7"), "no simulator answers"),
     ],
 )
 def test_wrong_use_ends_with_one_line_and_status_1(arguments: tuple[str, ...], message: str) -> None:
