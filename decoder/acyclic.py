@@ -1,7 +1,8 @@
 """Acyclic PROFINET: DCE/RPC packets, record access, parameter requests and responses paired with each other.
 
 Source: docs/transport.md section 3, docs/parameter-channel.md; the codecs are ``profidrive.rpc`` and
-``profidrive.parameters.codec``. Left out: the blocks of Connect, Control and Release, which are named only.
+``profidrive.parameters.codec``. Of Connect only what the cyclic frames
+need is read (``decoder.connect``). Left out: the blocks of Control and Release, which are named only.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from collections.abc import Callable, Hashable
 from typing import Final, Generic, TypeVar
 from uuid import UUID
 
+from decoder.connect import Connection, read_request, read_response
 from decoder.fields import Document
 from decoder.recognise import request_document, response_document
 from decoder.records import AcyclicRecord, OtherRecord, ParameterRequestRecord, ParameterResponseRecord, Record
@@ -70,10 +72,14 @@ class _Recent(Generic[K, V]):
 
 
 class AcyclicDecoder:
-    """All RPC packets of a capture. ``observe`` is told the telegram (DO-ID, number) of every P922 read or written."""
+    """All RPC packets of a capture. ``observe`` is told the telegram (DO-ID, number) of every P922 read or written,
+    ``connect`` every Connect the device accepted.
+    """
 
-    def __init__(self, observe: Callable[[int, int], None]) -> None:
+    def __init__(self, observe: Callable[[int, int], None], connect: Callable[[Connection], None]) -> None:
         self._observe = observe
+        self._connect = connect
+        self._connections: _Recent[tuple[UUID, int], Connection] = _Recent()
         self._calls: _Recent[tuple[UUID, int], int] = _Recent()
         self._bodies: _Recent[tuple[UUID, int, bool], Reassembly] = _Recent()
         self._requests: _Recent[tuple[Hashable, int, int], tuple[int, Request]] = _Recent()
@@ -144,6 +150,9 @@ class AcyclicDecoder:
         if not is_request:
             fields["status"] = {"raw": status.value, "text": status.text}
         outcome = "" if is_request or not status.value else f": {status.text}"
+        if header.operation == Operation.CONNECT and arguments:
+            text = self._connecting(header, arguments, is_request, fields)
+            return AcyclicRecord(*base, f"{head}: {text}{outcome}", fields, latency)
         if header.operation not in {Operation.READ, Operation.WRITE, Operation.READ_IMPLICIT} or not arguments:
             return AcyclicRecord(*base, f"{head}, {len(arguments)} bytes{outcome}", fields, latency)
         block, record = decode_block(arguments)
@@ -162,6 +171,25 @@ class AcyclicDecoder:
             if block.type is BlockType.READ_RESPONSE:
                 return self._response(base, head, record, fields, peers)
         return AcyclicRecord(*base, f"{head}{_length(block, record)}{outcome}", fields, latency)
+
+    def _connecting(self, header: RpcHeader, arguments: bytes, is_request: bool, fields: Document) -> str:
+        """Read a Connect; the device's answer makes it valid."""
+        key = (header.activity, header.sequence)
+        if is_request:
+            connection = read_request(arguments)
+            self._connections.put(key, connection)
+        else:
+            asked = self._connections.pop(key)
+            if asked is None:
+                return "the request was not seen"
+            connection = asked.answered(read_response(arguments))
+            self._connect(connection)
+        fields["relations"] = [
+            {"direction": relation.direction.value, "frame_id": relation.frame_id, "submodules": len(relation.data)}
+            for relation in connection.relations
+        ]
+        parts = [f"{r.direction.value}s FrameID {r.frame_id:04X}h" for r in connection.relations]
+        return ", ".join(parts) or "no cyclic relationship"
 
     def _request(
         self, base: tuple[int, int, str, bytes], head: str, record: bytes, fields: Document, peers: frozenset[bytes]

@@ -112,9 +112,9 @@ class CanopenDecoder:
         self._axes = {axis.node: axis for axis in axes if axis.node}
         self._origin = origin
         for node_id in self._axes:
-            self.node(node_id)
+            self._node(node_id)
 
-    def node(self, node_id: int) -> _Node:
+    def _node(self, node_id: int) -> _Node:
         """The node, made when it is first seen."""
         known = self._nodes.get(node_id)
         if known is not None:
@@ -171,7 +171,7 @@ class CanopenDecoder:
         if not node_id:
             return CanRecord(*base)
         if function == SYNC:
-            return _emcy(base, node_id, data, self.node(node_id).names is catalogue())
+            return _emcy(base, node_id, data, self._node(node_id).names is catalogue())
         if function == ERROR_CONTROL:
             return self._heartbeat(base, node_id, data)
         if function in {SDO_REQUEST, SDO_RESPONSE}:
@@ -180,7 +180,7 @@ class CanopenDecoder:
         if not name:
             return CanRecord(*base)
         if node_id not in self._nodes:
-            self.node(node_id)
+            self._node(node_id)
             if cob_id in self._pdos:
                 return self.decode(*base[:3], cob_id, data)
         return CanRecord(*base, node_id, f"{name}, mapping not known")
@@ -190,7 +190,7 @@ class CanopenDecoder:
     def _heartbeat(self, base: _Base, node_id: int, data: bytes) -> Record:
         if len(data) != 1:
             return CanRecord(*base, node_id, f"heartbeat of {len(data)} bytes")
-        node = self.node(node_id)
+        node = self._node(node_id)
         state = data[0] & 0x7F
         previous, node.state = node.state, state
         text = _state_name(state)
@@ -203,7 +203,7 @@ class CanopenDecoder:
     def _sdo(self, base: _Base, node_id: int, from_client: bool, data: bytes) -> Record:
         if len(data) != FRAME_SIZE:
             return CanRecord(*base, node_id, f"SDO frame of {len(data)} bytes, expected {FRAME_SIZE}")
-        node = self.node(node_id)
+        node = self._node(node_id)
         step = node.sdo.feed(from_client, data, base[1])
         index, subindex = step.index, step.subindex
         decoded = None

@@ -1,19 +1,20 @@
 """Cyclic RT frames: which telegrams they carry, and the struct that takes a whole frame apart in one call.
 
 Source: docs/transport.md (C_SDU of a static relationship), IEC 61158-6-10 (FrameIDs). The telegrams are given, observed in
-P922, or inferred from where IOPS and IOCS lie. Left out: fragments, and layouts of a real PROFINET connect.
+P922 or in a Connect, or inferred from where IOPS and IOCS lie. Left out: fragments.
 """
 
 from __future__ import annotations
 
 import struct
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
-from itertools import accumulate
 
+from decoder.connect import Connection, CyclicRelation, Place
 from decoder.fields import half_fields
 from decoder.records import CyclicRecord, FrameLayout, OtherRecord, Record, UnitLayout
+from profidrive.errors import ProfidriveError
 from profidrive.frame import (
     C_SDU_MIN,
     FRAME_ID_TO_CONTROLLER,
@@ -23,6 +24,7 @@ from profidrive.frame import (
     STATUS_DATA_VALID,
     STATUS_RUN,
     TRAILER,
+    CSduLayout,
 )
 from profidrive.telegrams import TELEGRAMS, Direction, telegram
 
@@ -66,23 +68,53 @@ def unit_layout(number: int, direction: Direction) -> UnitLayout:
     return UnitLayout(half_fields(telegram(number).half(direction)), number, direction)
 
 
-def frame_layout(axes: Sequence[Axis], direction: Direction, length: int) -> FrameLayout | None:
-    """The layout of a frame of ``length`` bytes that carries these axes; None when they do not fit into it."""
-    halves = [telegram(axis.telegram).half(direction) for axis in axes]
-    padding = length - HEADER.size - TRAILER.size - sum(half.size + 2 for half in halves)
+@dataclass(frozen=True, slots=True)
+class Placement:
+    """Where an axis lies in a frame; offsets count from the first byte of the frame, the FrameID."""
+
+    axis: Axis
+    data: int
+    iops: int
+    iocs: int
+
+
+def placed_layout(placements: Sequence[Placement], direction: Direction, length: int) -> FrameLayout | None:
+    """The layout of a frame of ``length`` bytes; None when something overlaps or does not fit into it."""
+    pieces: list[tuple[int, int, str]] = []
+    for placement in placements:
+        half = telegram(placement.axis.telegram).half(direction)
+        pieces.append((placement.data, half.size, "".join(signal.type.char for signal in half.signals)))
+        pieces += [(placement.iops, 1, "B"), (placement.iocs, 1, "B")]
+    characters = [">H"]
+    positions: dict[int, int] = {}
+    at, count = HEADER.size, 1
+    for offset, size, text in sorted(pieces):
+        if offset < at:
+            return None
+        characters.append(f"{offset - at}x{text}")
+        positions[offset] = count
+        at, count = offset + size, count + len(text)
+    padding = length - TRAILER.size - at
     if padding < 0:
         return None
-    characters = ["".join(signal.type.char for signal in half.signals) for half in halves]
-    layout = ">H" + "".join(text + "B" for text in characters) + "B" * len(axes) + f"{padding}xHBB"
-    ends = list(accumulate((len(text) + 1 for text in characters), initial=1))
-    return FrameLayout(
-        struct.Struct(layout),
-        direction,
-        tuple(
-            (axis.do_id, axis.node, unit_layout(axis.telegram, direction), ends[i], ends[i + 1] - 1, ends[-1] + i)
-            for i, axis in enumerate(axes)
-        ),
-    )
+    axes = []
+    for placement in placements:
+        axis, unit = placement.axis, unit_layout(placement.axis.telegram, direction)
+        first, iops, iocs = positions[placement.data], positions[placement.iops], positions[placement.iocs]
+        if first + len(unit.fields) != iops:
+            return None
+        axes.append((axis.do_id, axis.node, unit, first, iops, iocs))
+    return FrameLayout(struct.Struct("".join(characters) + f"{padding}xHBB"), direction, tuple(axes))
+
+
+def frame_layout(axes: Sequence[Axis], direction: Direction, length: int) -> FrameLayout | None:
+    """The layout of a static relationship's frame with these axes; None when they do not fit into ``length`` bytes."""
+    try:
+        static = CSduLayout([telegram(axis.telegram) for axis in axes], direction)
+    except ProfidriveError:  # more axes than any frame can carry
+        return None
+    places = zip(axes, static.offsets, static.iops, static.iocs, strict=True)
+    return placed_layout([Placement(*place) for place in places], direction, length)
 
 
 Candidate = tuple[frozenset[int], ...]
@@ -144,6 +176,7 @@ class CyclicDecoder:
         self._layouts: dict[tuple[int, int], FrameLayout] = {}
         self._plain: dict[tuple[int, int], tuple[int, FrameLayout]] = {}
         """Frames whose telegrams are looked for: how many came, and the layout without signals."""
+        self._relations: dict[int, tuple[CyclicRelation, Connection]] = {}
 
     @property
     def axes(self) -> tuple[Axis, ...]:
@@ -159,6 +192,42 @@ class CyclicDecoder:
         return tuple(
             Axis(axis.do_id, self._observed.get(axis.do_id, axis.telegram), axis.node, axis.bus) for axis in axes
         )
+
+    def connect(self, connection: Connection) -> None:
+        """A Connect was seen: from now on its FrameIDs are read as it says."""
+        self._layouts.clear()
+        for relation in connection.relations:
+            if len(self._relations) >= _MAX_KINDS:
+                self._relations.clear()
+            self._relations[relation.frame_id] = (relation, connection)
+        found = [f"axis {axis.do_id} telegram {axis.telegram}" for axis, _ in self._connected(connection)]
+        if found:
+            self._notify(f"observed in Connect: {', '.join(found)}")
+
+    def _connected(self, connection: Connection) -> list[tuple[Axis, Place]]:
+        """The submodules whose lengths are those of a telegram. The slot is the DO-ID."""
+        known = {axis.do_id: axis for axis in self.axes}
+        found = []
+        for place in connection.places:
+            sizes = [connection.lengths.get((place, direction), 0) for direction in Direction]
+            fitting = [n for n, t in TELEGRAMS.items() if [t.half(direction).size for direction in Direction] == sizes]
+            axis = known.get(place[0]) or Axis(place[0], 0)
+            number = self._observed.get(axis.do_id, axis.telegram)
+            if fitting:
+                number = number if number in fitting else min(fitting)
+                found.append((replace(axis, telegram=number), place))
+        return found
+
+    def _connected_layout(self, frame_id: int, length: int) -> FrameLayout:
+        relation, connection = self._relations[frame_id]
+        placements = []
+        for axis, place in self._connected(connection):
+            size = telegram(axis.telegram).half(relation.direction).size
+            if place in relation.data and place in relation.iocs:
+                begin = HEADER.size + relation.data[place]
+                placements.append(Placement(axis, begin, begin + size, HEADER.size + relation.iocs[place]))
+        layout = placed_layout(placements, relation.direction, length)
+        return layout or _plain_layout(length, relation.direction, "not as long as its Connect says")
 
     def observe(self, do_id: int, number: int) -> None:
         """P922 of a DO was seen. An unknown telegram is told and ignored."""
@@ -193,6 +262,9 @@ class CyclicDecoder:
         if len(self._layouts) + len(self._plain) > _MAX_KINDS:
             self._layouts.clear()
             self._plain.clear()
+        if frame_id in self._relations:
+            connected = self._layouts[key] = self._connected_layout(frame_id, len(data))
+            return connected
         direction = _DIRECTIONS.get(frame_id)
         if direction is None:
             layout = self._layouts[key] = _plain_layout(len(data), None, "FrameID of another relationship")

@@ -70,7 +70,7 @@ class Decoder:
 
     def __post_init__(self) -> None:
         self._cyclic = CyclicDecoder(self.settings.axes, self.notices.append)
-        self._acyclic = AcyclicDecoder(self._cyclic.observe)
+        self._acyclic = AcyclicDecoder(self._cyclic.observe, self._cyclic.connect)
         self._buses: dict[str, CanopenDecoder] = {}
 
     @property

@@ -1,0 +1,200 @@
+"""A Connect built by scapy tells FrameIDs, directions and places; tshark reads the same of it."""
+
+from __future__ import annotations
+
+import contextlib
+import struct
+from pathlib import Path
+from uuid import UUID
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scapy.contrib.pnio_rpc import (
+    IOCRAPI,
+    ARBlockReq,
+    ExpectedSubmodule,
+    ExpectedSubmoduleAPI,
+    ExpectedSubmoduleBlockReq,
+    ExpectedSubmoduleDataDescription,
+    IOCRAPIObject,
+    IOCRBlockReq,
+    IOCRBlockRes,
+)
+from scapy.layers.inet import IP, UDP
+from scapy.layers.l2 import Ether
+
+from decoder.connect import read_request
+from decoder.cyclic import given_axes
+from decoder.engine import Decoder, Packet, Settings
+from decoder.records import CyclicRecord, Link, Record
+from profidrive.errors import ProfidriveError
+from profidrive.frame import IOPS_GOOD, STATUS_NORMAL
+from profidrive.rpc.dcerpc import Flags, PacketType, RpcHeader, encode_packet, object_uuid
+from profidrive.rpc.records import Operation, encode_arguments
+from profidrive.telegrams import Direction, telegram
+from tests.support import captures, tshark
+
+INPUT, OUTPUT = 0x8011, 0x8022
+"""FrameIDs: the controller's choice for its inputs, the device's for its outputs."""
+DAP = (0, 1)
+TELEGRAMS = {1: 9, 3: 100}
+"""Telegram by slot; the telegram's submodule has subslot 2."""
+OFFSETS = {Direction.ACTUAL: {DAP: 0, (1, 2): 5, (3, 2): 20}, Direction.SETPOINT: {(1, 2): 1, (3, 2): 30}}
+IOCS = {Direction.ACTUAL: {(1, 2): 60, (3, 2): 62}, Direction.SETPOINT: {DAP: 0, (1, 2): 25, (3, 2): 75}}
+LENGTH = 80
+
+
+def iocr(kind: int, reference: int, frame_id: int, direction: Direction) -> IOCRBlockReq:
+    def items(places: dict[tuple[int, int], int]) -> list[IOCRAPIObject]:
+        return [IOCRAPIObject(SlotNumber=s, SubslotNumber=n, FrameOffset=o) for (s, n), o in places.items()]
+
+    api = IOCRAPI(API=0, IODataObjects=items(OFFSETS[direction]), IOCSs=items(IOCS[direction]))
+    return IOCRBlockReq(
+        IOCRType=kind,
+        IOCRReference=reference,
+        FrameID=frame_id,
+        DataLength=LENGTH,
+        IOCRMulticastMACAdd="00:00:00:00:00:00",
+        APIs=[api],
+    )
+
+
+def description(kind: int, length: int) -> ExpectedSubmoduleDataDescription:
+    return ExpectedSubmoduleDataDescription(
+        DataDescription=kind, SubmoduleDataLength=length, LengthIOCS=1, LengthIOPS=1
+    )
+
+
+def submodules(slot: int, number: int) -> ExpectedSubmoduleBlockReq:
+    chosen = telegram(number)
+    data = ExpectedSubmodule(
+        SubslotNumber=2,
+        SubmoduleIdentNumber=number,
+        SubmoduleProperties_Type=3,
+        DataDescription=[description(1, chosen.actuals.size), description(2, chosen.setpoints.size)],
+    )
+    access = ExpectedSubmodule(SubslotNumber=1, SubmoduleProperties_Type=0, DataDescription=[description(1, 0)])
+    api = ExpectedSubmoduleAPI(SlotNumber=slot, ModuleIdentNumber=1, Submodules=[access, data])
+    return ExpectedSubmoduleBlockReq(APIs=[api])
+
+
+def request() -> bytes:
+    blocks = [
+        ARBlockReq(ARUUID=str(UUID(int=1)), CMInitiatorObjectUUID=str(UUID(int=2)), CMInitiatorStationName=b"plc"),
+        iocr(1, 1, INPUT, Direction.ACTUAL),
+        iocr(2, 2, 0xFFFF, Direction.SETPOINT),
+        *(submodules(slot, number) for slot, number in TELEGRAMS.items()),
+    ]
+    return b"".join(bytes(block) for block in blocks)
+
+
+def response() -> bytes:
+    answers = ((1, 1, INPUT), (2, 2, OUTPUT))
+    blocks = [IOCRBlockRes(IOCRType=kind, IOCRReference=ref, FrameID=frame_id) for kind, ref, frame_id in answers]
+    return b"".join(bytes(block) for block in blocks)
+
+
+def rpc(packet_type: PacketType, first: int, arguments: bytes) -> bytes:
+    header = RpcHeader(packet_type, object_uuid(1, 1, 0x400), UUID(int=5), 0, Operation.CONNECT, flags=Flags.IDEMPOTENT)
+    return encode_packet(header, encode_arguments(first, arguments, max(4096, len(arguments)), little=True))
+
+
+def ethernet(payload: bytes, *, answer: bool = False) -> bytes:
+    ports = UDP(sport=34964, dport=50000) if answer else UDP(sport=50000, dport=34964)
+    return bytes(Ether() / IP(src="10.0.0.1", dst="10.0.0.2") / ports / payload)
+
+
+def connect_packets(status: int = 0) -> list[bytes]:
+    first = rpc(PacketType.REQUEST, 4096, request())
+    answer = rpc(PacketType.RESPONSE, status, b"" if status else response())
+    return [ethernet(first), ethernet(answer, answer=True)]
+
+
+def frame(direction: Direction, values: dict[int, tuple[int, ...]]) -> bytes:
+    """A frame with the layout of the Connect, behind EtherType 8892h."""
+    c_sdu = bytearray(LENGTH)
+    for slot, number in TELEGRAMS.items():
+        half = telegram(number).half(direction)
+        offset = OFFSETS[direction][slot, 2]
+        half.encode_into(c_sdu, offset, values[slot])
+        c_sdu[offset + half.size] = IOPS_GOOD
+        c_sdu[IOCS[direction][slot, 2]] = IOPS_GOOD
+    frame_id = INPUT if direction is Direction.ACTUAL else OUTPUT
+    body = struct.pack(">H", frame_id) + bytes(c_sdu) + struct.pack(">HBB", 64, STATUS_NORMAL, 0)
+    return bytes(12) + b"\x88\x92" + body
+
+
+VALUES = {
+    direction: {
+        slot: tuple(range(10 * slot, 10 * slot + len(telegram(number).half(direction).signals)))
+        for slot, number in TELEGRAMS.items()
+    }
+    for direction in Direction
+}
+
+
+def decode(decoder: Decoder, packets: list[bytes]) -> list[Record]:
+    return [decoder.decode(Packet(1, 0, Link.ETHERNET, "", packet)) for packet in packets]
+
+
+@pytest.mark.parametrize("axes", [(), (9, 1, 100)])
+def test_frames_are_read_as_the_connect_places_them(axes: tuple[int, ...]) -> None:
+    decoder = Decoder(Settings(given_axes(axes)))
+    asked, answered = decode(decoder, connect_packets())
+    assert "connect request: actuals FrameID 8011h, setpoints FrameID FFFFh" in asked.summary
+    assert "connect response: actuals FrameID 8011h, setpoints FrameID 8022h" in answered.summary
+    assert decoder.notices == ["observed in Connect: axis 1 telegram 9, axis 3 telegram 100"]
+    for direction in Direction:
+        (record,) = decode(decoder, [frame(direction, VALUES[direction])])
+        assert isinstance(record, CyclicRecord)
+        assert record.direction is direction
+        assert {unit.axis: unit.values for unit in record.units} == VALUES[direction]
+        assert {unit.layout.telegram for unit in record.units} == {9, 100}
+        assert {(unit.iops, unit.iocs) for unit in record.units} == {(IOPS_GOOD, IOPS_GOOD)}
+
+
+def test_a_refused_connect_teaches_nothing() -> None:
+    decoder = Decoder()
+    decode(decoder, connect_packets(status=0xDB813F00))
+    (record,) = decode(decoder, [frame(Direction.ACTUAL, VALUES[Direction.ACTUAL])])
+    assert not record.units
+    assert "FrameID of another relationship" in record.summary
+
+
+def test_a_frame_shorter_than_its_connect_says_so() -> None:
+    decoder = Decoder()
+    decode(decoder, connect_packets())
+    short = bytes(12) + b"\x88\x92" + struct.pack(">H44x", INPUT)
+    (record,) = decode(decoder, [short])
+    assert record.summary.endswith("(not as long as its Connect says)")
+
+
+@tshark.needs_tshark
+@pytest.mark.tshark
+def test_tshark_reads_the_same_of_the_connect(tmp_path: Path) -> None:
+    path = tmp_path / "connect.pcap"
+    path.write_bytes(captures.pcap([(0, captures.ETHERNET, packet) for packet in connect_packets()]))
+    names = ["pn_io.iocr_reference", "pn_io.frame_id", "pn_io.iocr_type", "_ws.malformed"]
+    rows = tshark.fields(path, names, ["-E", "occurrence=a"])
+    assert not any(row["_ws.malformed"] for row in rows)
+    asked, answered = ([int(part, 0) for part in row["pn_io.frame_id"].split(",")] for row in rows)
+    # Behind the relationships' own FrameIDs tshark repeats them with what it learned of each.
+    assert (asked[:2], answered) == ([INPUT, 0xFFFF], [INPUT, OUTPUT])
+    connection = read_request(request())
+    assert [relation.frame_id for relation in connection.relations] == asked[:2]
+    expected = [OFFSETS[Direction.ACTUAL], OFFSETS[Direction.SETPOINT]]
+    assert [relation.data for relation in connection.relations] == expected
+
+
+@given(cut=st.integers(0, len(request())), position=st.integers(0, len(request()) - 1), value=st.integers(0, 255))
+def test_a_damaged_connect_is_refused_or_read(cut: int, position: int, value: int) -> None:
+    data = bytearray(request())
+    data[position] = value
+    decoder = Decoder()
+    for content in (bytes(data), bytes(data[:cut])):
+        packets = [ethernet(rpc(PacketType.REQUEST, 4096, content)), connect_packets()[1]]
+        packets += [frame(direction, VALUES[direction]) for direction in Direction]
+        assert all(record.document() for record in decode(decoder, packets))
+        with contextlib.suppress(ProfidriveError):
+            read_request(content)
