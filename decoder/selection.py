@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from decoder.changes import Changes, reduced
 from decoder.filter import Filter
+from decoder.names import RECORD_NAMES
 from decoder.records import Record, Unit
 
 
@@ -14,8 +15,8 @@ from decoder.records import Record, Unit
 class Selection:
     """All criteria together; a packet is shown when it meets each of them.
 
-    Times are nanoseconds of the capture's clock, both ends included. ``nodes`` are CANopen node-IDs; ``signals`` identifiers
-    of signals or objects (``Names.split``).
+    Times are nanoseconds of the capture's clock, both ends included. ``nodes`` are CANopen node-IDs; ``signals`` are
+    identifiers of signals, objects or fields of packets (``Names.split``), of which a packet has to have one.
     """
 
     begin_ns: int | None = None
@@ -49,10 +50,17 @@ class Selection:
         elif units is not None and self.nodes and getattr(record, "node", None) not in self.nodes:
             units = None
         if units is not None and self.signals:
-            units = tuple(part for unit in units if (part := self._of_signals(unit)) is not None) or None
+            units = self._with_signals(record, units)
         if units is not None and self.changes is not None:
             units = self.changes.select(record, units)
         return units
+
+    def _with_signals(self, record: Record, units: tuple[Unit, ...]) -> tuple[Unit, ...] | None:
+        reduced_units = tuple(part for unit in units if (part := self._of_signals(unit)) is not None)
+        fields = (RECORD_NAMES[name] for name in self.signals if name in RECORD_NAMES)
+        if reduced_units or any(getter(record, None) is not None for getter in fields):
+            return reduced_units
+        return None
 
     def _of_signals(self, unit: Unit) -> Unit | None:
         positions = [unit.layout.positions[name] for name in self.signals if name in unit.layout.positions]

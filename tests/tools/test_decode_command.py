@@ -103,7 +103,7 @@ def test_the_configuration_gives_axes_nodes_ports_and_bitrate(
 
 
 def test_csv_has_the_chosen_names(capture: str, capsys: pytest.CaptureFixture[str]) -> None:
-    decode(capture, telegram=[1], csv="STW1.ON, nsoll_a,Statusword.text")
+    decode(capture, telegram=[1], csv="Time, STW1.ON, nsoll_a,AXIS,Statusword.text")
     rows = list(csv.reader(lines(capsys)))
     assert rows[0] == ["time", "axis", "node", "STW1.ON", "nsoll_a", "Statusword.text"]
     assert rows[1] == ["1700000000.123456000", "1", "1", "1", "0.0", ""]
@@ -122,6 +122,7 @@ def test_csv_has_the_chosen_names(capture: str, capsys: pytest.CaptureFixture[st
         ({"node": [2]}, [17, 18]),
         ({"signal": ["NSOLL_A,Target Velocity"]}, [1, 3, 5, 7, 23]),
         ({"count": 2}, [1, 2]),
+        ({"signal": ["abort", "latency_ms"]}, [14, 16, 18, 20]),
         ({"changes_only": True, "signal": ["STW1", "zsw1"]}, [1, 2]),
         ({"filter_text": "kind == 'heartbeat'", "changes_only": True}, [10, 11]),
     ],
@@ -183,6 +184,7 @@ def test_parquet_has_the_rows_of_the_table(capture: str, tmp_path: Path) -> None
         ({"eds": ["nowhere.eds"]}, "--eds nowhere.eds: is not a file"),
         ({"config": Path("nowhere.toml")}, "nowhere.toml: cannot be read"),
         ({"hex_text": "00"}, "give one of"),
+        ({"direction": DirectionOption.ACTUAL}, "--direction: is for --hex"),
     ],
 )
 def test_bad_options_are_told_by_name(options: dict[str, object], message: str, capture: str) -> None:

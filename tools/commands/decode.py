@@ -91,7 +91,9 @@ def decode(
     begin: Annotated[str | None, typer.Option("--from", help="Seconds since the first packet, or an ISO time.")] = None,
     end: Annotated[str | None, typer.Option("--to", help="As --from.")] = None,
     node: Annotated[list[int] | None, typer.Option(help="Only this CANopen node.")] = None,
-    signal: Annotated[list[str] | None, typer.Option(help="Only these signals or objects, comma separated.")] = None,
+    signal: Annotated[
+        list[str] | None, typer.Option(help="Only these signals, objects or fields, comma separated.")
+    ] = None,
     count: Annotated[int | None, typer.Option("--count", "-n", min=1, help="Stop after so many packets.")] = None,
 ) -> None:
     """Decode a piece of data (--hex), a capture of either bus, or what is on a bus now."""
@@ -100,6 +102,8 @@ def decode(
     if hex_text is not None:
         _decode_hex(hex_text, telegram or [], direction, as_json=as_json, verbose=verbose)
         return
+    if direction is not None:
+        raise GatewayError("--direction: is for --hex; the frames of a capture tell theirs by their FrameID")
     known = _known(telegram or [], config, eds or [], port or [])
     signals = [name.strip() for text in signal or [] for name in text.split(",")]
     selection = Selection(

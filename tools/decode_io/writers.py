@@ -109,7 +109,8 @@ _LEADING: Final = ("axis", "node")
 
 
 def _table(titles: Sequence[str], names: Names) -> Columns:
-    return Columns([*(title for title in _LEADING if title not in titles), *titles], names)
+    chosen = [title for title in titles if title.lower() not in {*_LEADING, "time"}]
+    return Columns([*_LEADING, *chosen], names)
 
 
 class CsvWriter:
@@ -143,12 +144,13 @@ class ParquetWriter:
             from pyarrow import parquet  # noqa: PLC0415
         except ImportError as error:
             raise GatewayError("--parquet needs pyarrow: pip install 'profidrive-gateway[parquet]'") from error
+        if not titles:
+            raise GatewayError("--parquet: name the signals of the table, like --signal NSOLL_A --signal NIST_A")
         self._arrow: Any = pyarrow
         self._columns = _table(titles, names)
         kinds = [pyarrow.string() if names.is_text(title) else pyarrow.float64() for title in self._columns.titles]
-        fields = [("time_ns", pyarrow.int64()), ("bus", pyarrow.string())]
-        self._schema = pyarrow.schema([*fields, *zip(self._columns.titles, kinds, strict=True)])
-        self._rows: list[tuple[int, BusKind, Row]] = []
+        self._schema = pyarrow.schema([("time_ns", pyarrow.int64()), *zip(self._columns.titles, kinds, strict=True)])
+        self._rows: list[tuple[int, Row]] = []
         try:
             self._file = parquet.ParquetWriter(str(path), self._schema)
         except OSError as error:
@@ -156,18 +158,19 @@ class ParquetWriter:
 
     def take(self, record: Record, units: Units) -> None:
         rows = self._columns.rows(record) if units is None else self._columns.unit_rows(record, units)
-        self._rows += [(record.time_ns, record.bus, row) for _, row in rows]
+        self._rows += [(record.time_ns, row) for _, row in rows]
         if len(self._rows) >= _ROWS_AT_ONCE:
             self._flush()
 
     def _flush(self) -> None:
         rows, self._rows = self._rows, []
-        columns = [[row[0] for row in rows], [row[1].value for row in rows]]
-        for position, field in enumerate(list(self._schema)[2:]):
-            values: list[Any] = [row[2][position] for row in rows]
-            numeric = field.type == self._arrow.float64()
-            columns.append([None if v is None else float(v) for v in values] if numeric else values)
-        self._file.write_table(self._arrow.table(columns, schema=self._schema))
+        columns = [self._arrow.array([time_ns for time_ns, _ in rows], self._arrow.int64())]
+        for position, field in enumerate(list(self._schema)[1:]):
+            values: list[Any] = [row[position] for _, row in rows]
+            if field.type == self._arrow.float64():
+                values = [None if value is None else float(value) for value in values]
+            columns.append(self._arrow.array(values, field.type))
+        self._file.write_table(self._arrow.Table.from_arrays(columns, schema=self._schema))
 
     def finish(self) -> None:
         self._flush()
