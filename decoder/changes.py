@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import lru_cache
 
-from decoder.records import HeartbeatRecord, Record, SyncRecord, Unit, UnitLayout
+from decoder.records import CanRecord, CyclicRecord, HeartbeatRecord, Record, SyncRecord, Unit, UnitLayout
+from profidrive.frame import TRAILER
 
 
 class Changes:
@@ -13,26 +14,26 @@ class Changes:
 
     def __init__(self) -> None:
         self._last: dict[object, Unit] = {}
-        self._seen: set[object] = set()
+        self._rest: dict[object, object] = {}
+        """What is compared besides the units."""
 
     def select(self, record: Record, units: tuple[Unit, ...]) -> tuple[Unit, ...] | None:
         """The units reduced to the signals that changed; None when the packet says nothing new.
 
-        A heartbeat is new with another state, SYNC only the first time; services and errors always are.
+        New is another value, IOPS, IOCS or status of a cyclic frame, another NMT state, other bytes where no layout is known,
+        and the first SYNC; services and errors always are.
         """
-        if isinstance(record, HeartbeatRecord):
-            return units if record.changed else None
-        if isinstance(record, SyncRecord):
-            known = record.stream in self._seen
-            self._seen.add(record.stream)
-            return None if known else units
-        if not units:
-            return units
         changed = tuple(part for unit in units if (part := self._unit(record, unit)) is not None)
-        return changed or None
+        rest = _compared(record, bool(units))
+        if rest is None:
+            return changed or (None if units else ())
+        key = (record.channel, record.stream)
+        before = self._rest.get(key)
+        self._rest[key] = rest
+        return changed or (None if before == rest else ())
 
     def _unit(self, record: Record, unit: Unit) -> Unit | None:
-        key = (record.stream, unit.axis, unit.node)
+        key = (record.channel, record.stream, unit.axis, unit.node)
         before = self._last.get(key)
         self._last[key] = unit
         if before is None or before.layout is not unit.layout:
@@ -41,6 +42,18 @@ class Changes:
         if not changed and (before.iops, before.iocs) == (unit.iops, unit.iocs):
             return None
         return reduced(unit, changed)
+
+
+def _compared(record: Record, has_units: bool) -> object | None:
+    """What makes a packet new besides its units; None when it always is, or nothing does."""
+    if isinstance(record, CyclicRecord):
+        status = (record.data_status, record.transfer_status)
+        return status if has_units else (*status, record.data[: -TRAILER.size])
+    if isinstance(record, HeartbeatRecord):
+        return record.state
+    if isinstance(record, SyncRecord):
+        return "sync"
+    return record.data if type(record) is CanRecord else None
 
 
 @lru_cache(maxsize=4096)

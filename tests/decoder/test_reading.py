@@ -188,6 +188,23 @@ def test_changes_show_only_the_signals_that_changed() -> None:
     ]
 
 
+def test_a_status_or_unknown_bytes_that_change_are_news() -> None:
+    follow, changes = decoder(), Changes()
+
+    def shown(packet: Packet | CanPacket) -> bool:
+        record = follow.decode(packet)
+        return changes.select(record, record.units) is not None
+
+    stop = setpoint(1, 2)._replace(data=setpoint(1, 2).data[:-2] + b"\x25\0")
+    assert [shown(packet) for packet in (setpoint(1, 2), setpoint(1, 2, counter=9), stop, stop, setpoint(1, 2))] == [
+        *(True, False, True, False, True)
+    ]
+    unknown = [can(0x485, data) for data in (b"\1", b"\1", b"\2")]
+    assert [shown(packet) for packet in unknown] == [True, False, True]
+    emcy = can(0x81, bytes(8))
+    assert [shown(emcy), shown(emcy)] == [True, True]
+
+
 def test_selection_by_time_node_and_signal() -> None:
     records = [one(setpoint(1, 2, time_ns=10)), one(can(0x181, bytes(6), 20)), one(can(0x702, b"\x05", 30))]
     selections = {
