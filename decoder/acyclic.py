@@ -18,7 +18,7 @@ from decoder.recognise import request_document, response_document
 from decoder.records import AcyclicRecord, OtherRecord, ParameterRequestRecord, ParameterResponseRecord, Record
 from decoder.render import parameter_text
 from profidrive.errors import ProfidriveError
-from profidrive.parameters.codec import Request, RequestId, Response, Values, decode_request, decode_response
+from profidrive.parameters.codec import Attribute, Request, RequestId, Response, Values, decode_request, decode_response
 from profidrive.rpc.dcerpc import (
     DEVICE_INTERFACE,
     Flags,
@@ -215,7 +215,7 @@ class AcyclicDecoder:
     def _look_for_telegram(self, request: Request, response: Response) -> None:
         change = request.request_id is RequestId.CHANGE
         for position, address in enumerate(request.addresses):
-            if address.pnu != TELEGRAM_SELECTION:
+            if address.pnu != TELEGRAM_SELECTION or address.attribute != Attribute.VALUE:
                 continue
             answer = response.values[position] if position < len(response.values) else None
             if answer is not None and answer.failed:

@@ -14,6 +14,7 @@ from decoder.records import AcyclicRecord, OtherRecord, ParameterRequestRecord, 
 from profidrive.datatypes import DataType
 from profidrive.parameters.codec import (
     Address,
+    Attribute,
     Request,
     RequestId,
     Response,
@@ -117,6 +118,16 @@ def test_reading_the_telegram_tells_it_too() -> None:
     exchange.handler.answer = encode_response(Response(8, RequestId.REQUEST, 2, 2, values))
     exchange.read(decoder, 1)
     assert telegrams == [(2, 100)]
+
+
+def test_a_description_of_the_telegram_parameter_is_no_telegram() -> None:
+    decoder, telegrams = observed()
+    exchange = Exchange()
+    exchange.write(decoder, Request(8, RequestId.REQUEST, 2, (Address(922, 2, attribute=Attribute.DESCRIPTION),)), 0)
+    values = (Values(DataType.UNSIGNED16, (1,)),)
+    exchange.handler.answer = encode_response(Response(8, RequestId.REQUEST, 2, 1, values))
+    exchange.read(decoder, 1)
+    assert not telegrams
 
 
 def test_two_plcs_with_the_same_reference_are_not_mixed_up() -> None:

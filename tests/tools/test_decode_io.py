@@ -26,6 +26,7 @@ from profidrive.telegrams import Direction
 from tests.support import captures
 from tests.support.buses import channel
 from tests.support.captures import BEGIN_NS, CANOPEN, MS
+from tools.commands.run import CanRecorder
 from tools.decode_io import live
 from tools.decode_io.canlog import MAX_LINE, read_candump
 from tools.decode_io.errors import CaptureError
@@ -345,11 +346,25 @@ def test_a_network_interface_is_read_live_or_refused_with_the_reason() -> None:
         stop = threading.Timer(30, source.closing.close)
         stop.daemon = True
         stop.start()
-        sender.sendto(bytes(FRAME), ("127.0.0.1", 34962))
-        decoder = Decoder()
-        record = next(r for r in map(decoder.decode, source.packets) if isinstance(r, CyclicRecord))
+        for _ in range(2):
+            sender.sendto(bytes(FRAME), ("127.0.0.1", 34962))
+        found = (r for r in map(Decoder().decode, source.packets) if isinstance(r, CyclicRecord))
+        records = [next(found), next(found)]
         stop.cancel()
-    assert record.data == bytes(FRAME)
+    assert [record.data for record in records] == [bytes(FRAME)] * 2
+    assert records[0].time_ns < records[1].time_ns
+
+
+def test_the_gateways_own_log_has_one_name_for_both_directions(tmp_path: Path) -> None:
+    recorder = CanRecorder(tmp_path / "can.log")
+    for cob_id, named in ((0x601, None), (0x581, "elsewhere")):
+        recorder.record("can0", can.Message(arbitration_id=cob_id, data=bytes(8), is_extended_id=False, channel=named))
+    recorder.stop()
+    with open_source(str(tmp_path / "can.log")) as source:
+        assert [(p.channel, p.frame.cob_id) for p in source.packets if isinstance(p, CanPacket)] == [
+            ("can0", 0x601),
+            ("can0", 0x581),
+        ]
 
 
 def test_no_such_interface() -> None:

@@ -11,6 +11,7 @@ import sys
 import threading
 from contextlib import ExitStack
 from enum import StrEnum
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -21,7 +22,7 @@ from pydantic_core import ErrorDetails
 from rich.console import Console
 from rich.logging import RichHandler
 
-from gateway.config import GatewayConfig, load_config, simulated
+from gateway.config import CanConfig, GatewayConfig, load_config, simulated
 from gateway.daemon import Daemon
 from gateway.errors import GatewayError
 from gateway.status import StatusServer
@@ -70,6 +71,11 @@ def _unwritable(option: str, file: Path, error: OSError) -> GatewayError:
     return GatewayError(f"{option} {file}: cannot be written ({error.strerror or error})")
 
 
+def _log_name(bus: CanConfig) -> str:
+    """What a bus is called in the log: its channel where that is a plain name like can0."""
+    return bus.channel if isinstance(bus.channel, str) and bus.channel.isidentifier() else bus.name
+
+
 class CanRecorder:
     """Writes the frames of all networks to a file, on a thread of its own."""
 
@@ -82,9 +88,14 @@ class CanRecorder:
         self._thread = threading.Thread(target=self._write, name="CAN log", daemon=True)
         self._thread.start()
 
-    def record(self, message: can.Message) -> None:
-        """Called on the cyclic and reading threads, whose messages are used again: a copy is queued."""
-        self._frames.put(copy.copy(message))
+    def record(self, bus: str, message: can.Message) -> None:
+        """Called on the cyclic and reading threads, whose messages are used again: a copy is queued.
+
+        Sent and received frames get the same name ``bus``: python-can names the channel in received ones only.
+        """
+        recorded = copy.copy(message)
+        recorded.channel = bus
+        self._frames.put(recorded)
 
     def stop(self) -> None:
         """Everything recorded is in the file afterwards."""
@@ -155,8 +166,8 @@ def run(
         daemon = Daemon(chosen)
         at_end.callback(daemon.release)
         if recorder is not None:
-            for network in daemon.networks.values():
-                network.listeners.append(recorder.record)
+            for bus in chosen.can:
+                daemon.networks[bus.name].listeners.append(partial(recorder.record, _log_name(bus)))
         daemon.services.append(AcyclicServer(daemon))
         if chosen.transport.status_port:
             daemon.services.append(StatusServer(daemon, chosen.transport.status_port))

@@ -14,6 +14,10 @@ from tools.decode_io.source import Source
 
 _EVERY_PROTOCOL = 3
 """ETH_P_ALL of linux/if_ether.h."""
+_LOOPBACK = 772
+"""ARPHRD_LOOPBACK of linux/if_arp.h."""
+_OUTGOING = 4
+"""PACKET_OUTGOING of linux/if_packet.h."""
 _MAX_FRAME = 1 << 16
 _WAIT = 0.2
 
@@ -38,9 +42,11 @@ def _frames(raw: socket.socket, name: str) -> Iterator[Packet]:
     number = 0
     while True:
         try:
-            data = raw.recv(_MAX_FRAME)
+            data, (_, _, kind, hardware, _) = raw.recvfrom(_MAX_FRAME)
         except OSError as error:
             raise GatewayError(f"--interface {name}: {error.strerror or error}") from error
+        if hardware == _LOOPBACK and kind == _OUTGOING:
+            continue  # it comes in as well
         number += 1
         yield Packet(number, time.time_ns(), Link.ETHERNET, name, data)
 
