@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
+from ds301.aborts import ABORT_TEXTS, abort_text
 from ds301.misbehaviour import NODE_MISBEHAVIOURS, Misbehaviour
 from dsp402.faults import DRIVE_FAULTS
 from dsp402.modes import HOMING_METHODS, Mode
@@ -18,8 +19,11 @@ from dsp406.faults import ENCODER_EMCY
 from dsp406.kinds import EncoderType
 from dsp406.objects import PROFILE, ProfileObject
 from dsp406.registers import Alarm, AreaState, Operating, Warnings
+from gateway.parameters.objects import error_of_abort
 from gateway.reasons import GATEWAY_FAULTS, Reason
 from profidrive.encoder import STATUS_BITS, TRANSITIONS, SensorError
+from profidrive.parameters.catalogue import PARAMETERS
+from profidrive.parameters.errors import ERROR_TEXTS
 from profidrive.signals import CATALOGUE, Signal
 from profidrive.telegrams import TELEGRAMS, TelegramHalf, word_positions
 from tools.conformance.faults import CASES, Case
@@ -167,6 +171,30 @@ def generate() -> str:
                 (f.number, f.name, f"{f.code:04X}h", "warning" if f.is_warning else "fault")
                 for f in GATEWAY_FAULTS.values()
             ),
+        ),
+        "## Parameters of the profile\n",
+        _table(
+            ("PNU", "name", "type", "access", "of", "unit", "meaning", "elements"),
+            (
+                (
+                    spec.pnu,
+                    spec.name,
+                    spec.type.name + (" array" if spec.array else ""),
+                    "rw" if spec.writable else "r",
+                    spec.scope.value,
+                    spec.unit,
+                    spec.meaning,
+                    ", ".join(spec.elements),
+                )
+                for spec in PARAMETERS.values()
+            ),
+        ),
+        "## Error numbers of the parameter channel\n",
+        _table(("number", "meaning"), ((f"{number:02X}h", text) for number, text in ERROR_TEXTS.items())),
+        "## SDO abort codes and what the PLC is told\n",
+        _table(
+            ("abort code", "meaning", "error number"),
+            ((*abort_text(code).split(": ", 1), f"{error_of_abort(code):02X}h") for code in ABORT_TEXTS),
         ),
         "## Why it does not move\n",
         _table(("reason", "text"), ((reason.name, reason.value) for reason in Reason)),
