@@ -6,10 +6,13 @@ The axis owns the drive's images. Source: docs/translation.md "Loss and doubt".
 from __future__ import annotations
 
 import logging
+import time
 from collections.abc import Sequence
 from concurrent.futures import Future
 from types import MappingProxyType
 from typing import Any
+
+from canopen.sdo import SdoAbortedError
 
 from ds301.client import NodeClient
 from ds301.network import CanNetwork
@@ -21,9 +24,10 @@ from dsp402.objects import DRIVE_OBJECTS
 from dsp402.pdo import LAYOUTS
 from dsp402.states import STATE_OF_STATUS, Command, State, StatusBit, state_of
 from gateway.config import AxisConfig
-from gateway.drive_object import OWNED, DriveObject
+from gateway.drive_object import INTERNAL_FAULT, OWNED, DriveObject
 from gateway.encoder import DriveSensor, EncoderObject, SensorWords, has_sensor
 from gateway.errors import GatewayError
+from gateway.faults import FaultRecord
 from gateway.reasons import Reason
 from gateway.translator.base import SdoWrite, Translator
 from gateway.translator.factory import DRIVE_TELEGRAM_NUMBERS, make_translator, pdo_operation
@@ -37,6 +41,8 @@ _HOMING_METHOD = (0x6098, 0)
 _REFERENCES = {(index, subindex) for _, index, subindex in REFERENCE_OBJECTS} | {_HOMING_METHOD}
 _OWN_FORMAT = SensorFormat(resolution=0x1000, turns=0, xist1_absolute=False)
 """The drive's own position: 1000h increments per revolution, counted from power-on."""
+_EMCY_PATIENCE_NS = 200_000_000
+"""An EMCY may come so long before or after the Statusword that shows its fault."""
 _FAULTY = (State.FAULT, State.FAULT_REACTION_ACTIVE)
 _WATCHED = 0x7F | StatusBit.INTERNAL_LIMIT
 _DISABLED = (State.SWITCHED_ON, State.READY_TO_SWITCH_ON, State.SWITCH_ON_DISABLED)
@@ -66,6 +72,7 @@ class Axis(DriveObject):
             self.on_node_event,
         )
         self._shown = 0
+        self._fault_since = 0
         self._encoder: EncoderObject | None = None
         self._make_sensor()
 
@@ -116,6 +123,8 @@ class Axis(DriveObject):
         shown = drive.feedback.statusword & _WATCHED if drive_ok else 0
         if shown != self._shown:
             self._status_changed(shown, commanded, now)
+        if self._fault_since and now - self._fault_since >= _EMCY_PATIENCE_NS:
+            self._fault_without_emcy()
         self._after_step(translator, drive_ok, now)
 
     def _step_sensor(self, sensor: SensorWords, setpoints: Sequence[int] | None, drive_ok: bool, now: int) -> None:
@@ -143,6 +152,8 @@ class Axis(DriveObject):
         """
         old, self._shown = self._shown, shown
         state, previous = STATE_OF_STATUS[shown & 0x7F], STATE_OF_STATUS[old & 0x7F]
+        if state in _FAULTY and previous not in _FAULTY:
+            self._fault_since = now
         if state is None and previous is not None:
             self._tell(107, f"Statusword {self.drive.feedback.statusword:04X}h", now)
         elif (
@@ -154,6 +165,23 @@ class Axis(DriveObject):
             self._tell(122, f"{state.value}, no command of the gateway", now)
         if state is State.OPERATION_ENABLED and shown & ~old & StatusBit.INTERNAL_LIMIT:
             self._tell(112, "limit switch, position or speed limit", now)
+
+    def _fault_without_emcy(self) -> None:
+        """The Statusword shows a fault that no EMCY told: its number and code are read from the drive."""
+        since, self._fault_since = self._fault_since, 0
+        if self._last_emergency < since - _EMCY_PATIENCE_NS:
+            self.drive.submit(self._read_fault)
+
+    def _read_fault(self, drive: DriveClient) -> None:
+        numbers = []
+        for index in (0x200C, 0x603F):
+            try:
+                numbers.append(drive.read_number(index))
+            except SdoAbortedError:
+                numbers.append(0)
+        number, code = numbers
+        text = f"Statusword {drive.feedback.statusword:04X}h shows a fault without an EMCY"
+        self._record(FaultRecord(number or INTERNAL_FAULT, code, 0, text, time.monotonic_ns()))
 
     # -- any thread ---------------------------------------------------------------------------------------------------
 

@@ -69,6 +69,7 @@ class DriveObject(abc.ABC):
         self._refusal = ""
         self._absent = False
         self._references_changed = False
+        self._last_emergency = -_SAME_EVENT_NS
         self._told: dict[object, int] = {}
         self._emergencies: dict[object, int] = {}
 
@@ -271,8 +272,10 @@ class DriveObject(abc.ABC):
         """An EMCY: a fault while its error register has a bit set, else a warning."""
         if event.code == 0:
             self._emergencies.clear()
+            self.fault_log.emergency_over()
             self._tell_status(event.text)
             return
+        self._last_emergency = now
         if not _is_new(self._emergencies, (event.code, event.register, event.data), now):
             log.debug("%s %d: %s again", self.kind, self.do_id, event.text)
             return

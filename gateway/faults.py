@@ -15,6 +15,8 @@ from profidrive.parameters.faults import SIZE, Fault, FaultBuffer
 _NS_PER_MS = 1_000_000
 _NO_FAULT = Fault(0, 0, 0, 0)
 _KEPT = 64
+EMCY_WARNING_BIT = 14
+"""Bit of P953 for an EMCY without an error in its error register."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,6 +40,7 @@ class FaultLog:
         self._lock = threading.Lock()
         self._buffer = FaultBuffer()
         self._warnings = 0
+        self._emergency = 0
 
     def enter(self, record: FaultRecord) -> None:
         """A fault goes to the buffer, a warning to the warning word."""
@@ -48,11 +51,19 @@ class FaultLog:
                 self._buffer.enter(Fault(record.number, record.code, record.value, time_ms & 0xFFFFFFFF))
             elif record.number in GATEWAY_FAULTS:
                 self._warnings |= GATEWAY_FAULTS[record.number].warning_mask
+            else:
+                self._emergency = 1 << EMCY_WARNING_BIT
 
     def acknowledge(self) -> None:
         """The PLC acknowledged and the cause is gone."""
         with self._lock:
             self._buffer.acknowledge()
+            self._emergency = 0
+
+    def emergency_over(self) -> None:
+        """The device told that it has no error any more."""
+        with self._lock:
+            self._emergency = 0
 
     def clear(self) -> None:
         """P952 := 0."""
@@ -76,8 +87,12 @@ class FaultLog:
             return [self._buffer.entry(place) or _NO_FAULT for place in range(SIZE)]
 
     def warnings(self, *, present: bool) -> int:
-        """The gateway's bits of P953; they end with the standing warning of the translator (``present`` False)."""
+        """P953 without the drive's own bit.
+
+        The gateway's warnings end with the standing one of the translator (``present`` False), that of an EMCY with the device's
+        "no error" or an acknowledge.
+        """
         with self._lock:
             if not present:
                 self._warnings = 0
-            return self._warnings
+            return self._warnings | self._emergency

@@ -22,6 +22,7 @@ from gateway.daemon import Daemon
 from gateway.drive_object import DriveObject
 from gateway.encoder import EncoderObject
 from gateway.errors import GatewayError
+from gateway.faults import EMCY_WARNING_BIT
 from gateway.parameters.objects import ObjectAccess, ObjectParameter
 from gateway.parameters.signals import signal_list
 from gateway.reasons import FIRST_WARNING, GATEWAY_FAULTS
@@ -84,6 +85,8 @@ _WARNING_TEXTS = tuple(
     if number in GATEWAY_FAULTS
     else "drive warning"
     if number == FIRST_WARNING + _DRIVE_WARNING_BIT
+    else "EMCY"
+    if number == FIRST_WARNING + EMCY_WARNING_BIT
     else "reserved"
     for number in range(FIRST_WARNING, FIRST_WARNING + 16)
 )

@@ -396,6 +396,17 @@ def test_the_fault_buffer_over_a_drive_fault_its_acknowledgement_and_clearing() 
         assert number(client, 952) == 0
 
 
+def test_a_fault_that_only_the_statusword_shows_is_read_from_the_drive(monkeypatch: pytest.MonkeyPatch) -> None:
+    with gateway(axis(1)) as (daemon, client):
+        plc = Plc(daemon, [1])
+        plc.enable()
+        monkeypatch.setattr(daemon.axes[0].drive, "on_event", lambda event: None)  # its EMCY gets lost
+        daemon.simulated[0].inject(5)
+        plc.until(lambda: daemon.axes[0].faults, "fault found")
+        assert value(client, 947, 0, 2).values == (5, 0)
+        assert number(client, 945, 0, 1) == DRIVE_FAULTS[5].error_code
+
+
 def test_a_lost_drive_is_told_and_delays_no_answer_of_another_axis() -> None:
     with gateway(axis(1) + axis(2), transport="parameter_timeout_ms = 500") as (daemon, client):
         daemon.simulated[0].stop()
