@@ -135,11 +135,14 @@ class Records:
         except ProfidriveError as error:
             log.warning("I&M%d not written: %s", number, error)
             raise RecordRefused(AccessError.INVALID_PARAMETER) from error
-        for name, value in zip(_STORED[number], values, strict=True):
-            text = value.hex() if number == identification.SIGNATURE else value.decode("ascii").rstrip()
-            setattr(self._store.parameters, name, text)
+
+        def change() -> None:
+            for name, value in zip(_STORED[number], values, strict=True):
+                text = value.hex() if number == identification.SIGNATURE else value.decode("ascii").rstrip()
+                setattr(self._store.parameters, name, text)
+
         try:
-            self._store.save()
+            self._store.update(change)
         except GatewayError as error:
             log.error("%s", error)
             raise RecordRefused(AccessError.WRITE_ERROR) from error

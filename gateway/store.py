@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import json
 import os
+import threading
 import zlib
 from collections.abc import Callable
 from pathlib import Path
@@ -67,9 +68,16 @@ class ParameterStore:
     def __init__(self, path: Path | None, report: Callable[[str], None]) -> None:
         self.path = path
         self._report = report
+        self._lock = threading.Lock()
         self.parameters = DeviceParameters()
         if path is not None:
             self.parameters = self._load(path)
+
+    def update(self, change: Callable[[], None]) -> None:
+        """Change parameters and save them, one caller at a time; GatewayError as ``save``."""
+        with self._lock:
+            change()
+            self.save()
 
     def save(self) -> None:
         """Write the present set; GatewayError when the file system refuses. Returns when the data is on the disk."""

@@ -6,7 +6,6 @@ A slow or dead drive delays only the requests of its own DO. Each request has a 
 from __future__ import annotations
 
 import contextvars
-import threading
 import time
 from concurrent.futures import Future, ThreadPoolExecutor
 
@@ -29,9 +28,8 @@ class ParameterManager:
     """All drive objects of a daemon."""
 
     def __init__(self, daemon: Daemon) -> None:
-        store_lock = threading.Lock()
-        nodes: list[NodeObject] = [AxisObject(daemon, axis, store_lock) for axis in daemon.axes]
-        nodes += [EncoderParameters(daemon, encoder, store_lock) for encoder in daemon.encoders]
+        nodes: list[NodeObject] = [AxisObject(daemon, axis) for axis in daemon.axes]
+        nodes += [EncoderParameters(daemon, encoder) for encoder in daemon.encoders]
         self._objects: dict[int, BoundObject] = {node.do_id: node for node in nodes}
         self._objects[0] = DeviceObject(daemon, nodes)
         self.slots: tuple[int, ...] = (0, *(node.do_id for node in nodes))

@@ -7,7 +7,6 @@ global parameters only. Source: docs/parameter-channel.md "Profile parameters".
 from __future__ import annotations
 
 import logging
-import threading
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import CancelledError
 from concurrent.futures import TimeoutError as FutureTimeoutError
@@ -147,26 +146,23 @@ def _constant(value: Sequence[int]) -> Getter:
     return lambda: value
 
 
-def _store_is_saved(daemon: Daemon, lock: threading.Lock, change: Callable[[], None]) -> None:
+def _store_is_saved(daemon: Daemon, change: Callable[[], None]) -> None:
     """Change stored parameters and write the file; the PLC gets an error when it cannot be written."""
-    with lock:
-        change()
-        try:
-            daemon.store.save()
-        except GatewayError as error:
-            log.error("%s", error)
-            raise ParameterRefused(Number.NOT_EXECUTABLE_IN_STATE) from error
+    try:
+        daemon.store.update(change)
+    except GatewayError as error:
+        log.error("%s", error)
+        raise ParameterRefused(Number.NOT_EXECUTABLE_IN_STATE) from error
 
 
 class NodeObject(BoundObject):
     """A drive object with a node behind it: what axes and encoders have in common."""
 
-    def __init__(self, daemon: Daemon, owner: DriveObject, interval_ms: int, store_lock: threading.Lock) -> None:
+    def __init__(self, daemon: Daemon, owner: DriveObject, interval_ms: int) -> None:
         super().__init__(owner.do_id)
         self.daemon = daemon
         self.owner = owner
         self.access = ObjectAccess(owner, interval_ms)
-        self._store_lock = store_lock
         self._reset_prepared = 0
         self._bind_common()
 
@@ -219,7 +215,7 @@ class NodeObject(BoundObject):
 
     def _setter(self, name: str) -> Setter:
         def set_value(value: int) -> None:
-            _store_is_saved(self.daemon, self._store_lock, lambda: setattr(self._stored, name, value))
+            _store_is_saved(self.daemon, lambda: setattr(self._stored, name, value))
 
         return set_value
 
@@ -265,7 +261,7 @@ class NodeObject(BoundObject):
         if self.owner.telegram.number != configured:
             self._change_telegram(configured)
         objects = self.daemon.store.parameters.objects
-        _store_is_saved(self.daemon, self._store_lock, lambda: objects.update({self.do_id: DoParameters()}))
+        _store_is_saved(self.daemon, lambda: objects.update({self.do_id: DoParameters()}))
         self.owner.set_sign_of_life_tolerance(self._stored.sign_of_life_tolerance)
         self.owner.reset_node()
 
@@ -277,7 +273,7 @@ class NodeObject(BoundObject):
     def save(self) -> None:
         """P971: 1010h of the node, and the gateway's store."""
         self.access.write(STORE_PARAMETERS, 1, SAVE_SIGNATURE.to_bytes(4, "little"))
-        _store_is_saved(self.daemon, self._store_lock, lambda: None)
+        _store_is_saved(self.daemon, lambda: None)
 
     def _reset(self, value: int) -> None:
         if value:
@@ -290,8 +286,8 @@ class NodeObject(BoundObject):
 class AxisObject(NodeObject):
     """The drive object of an axis."""
 
-    def __init__(self, daemon: Daemon, axis: Axis, store_lock: threading.Lock) -> None:
-        super().__init__(daemon, axis, axis.config.sdo_interval_ms, store_lock)
+    def __init__(self, daemon: Daemon, axis: Axis) -> None:
+        super().__init__(daemon, axis, axis.config.sdo_interval_ms)
         self.axis = axis
         self._bind_bus(daemon.config.bus_of(axis.config))
         self.bind(930, self._operating_mode)
@@ -322,8 +318,8 @@ class AxisObject(NodeObject):
 class EncoderParameters(NodeObject):
     """The drive object of an encoder's channel."""
 
-    def __init__(self, daemon: Daemon, encoder: EncoderObject, store_lock: threading.Lock) -> None:
-        super().__init__(daemon, encoder, encoder.config.sdo_interval_ms, store_lock)
+    def __init__(self, daemon: Daemon, encoder: EncoderObject) -> None:
+        super().__init__(daemon, encoder, encoder.config.sdo_interval_ms)
         self.encoder = encoder
         self._bind_bus(daemon.config.bus_of(encoder.config))
         identification = ENCODER_IDENTIFICATION.to_bytes(2, "big")
