@@ -25,13 +25,13 @@ import canopen
 from canopen.sdo import SdoAbortedError, SdoCommunicationError
 
 from ds301.aborts import Abort, abort_text
-from ds301.configuration import SdoStep, pdo_steps
+from ds301.configuration import SdoStep, is_communication_parameter, is_taken, pdo_steps
 from ds301.eds_import import import_eds
 from ds301.eds_text import EdsError
 from ds301.emcy import emcy_text
 from ds301.errors import CanopenError
 from ds301.network import CanNetwork
-from ds301.nmt import NmtCommand
+from ds301.nmt import NmtCommand, NmtState
 from ds301.pdo import Pdo, PdoLayout
 
 log = logging.getLogger("gateway")
@@ -95,8 +95,11 @@ MS = 1_000_000
 _RETRY_ABSENT_S = 0.5
 _RETRY_REFUSED_S = 5.0
 _SUPERVISION_S = 0.02
-_FIRST_TPDO_S = 1.0
+_FIRST_SIGN_S = 1.0
+"""So soon after NMT start each TPDO has to come, and the heartbeat if its own limit is not longer."""
 _ACYCLIC_PDO_NS = 100 * MS
+_HEARTBEAT_STATE = 0x7F
+"""Bit 7 of a heartbeat is reserved."""
 
 
 class _Slot:
@@ -181,6 +184,7 @@ class NodeClient(abc.ABC, Generic[S]):
         self._sending = False
         """The node is in operation and takes RPDOs."""
         self._heartbeat = 0
+        self._heartbeat_state = NmtState.BOOT_UP.value
         self._heartbeat_expected = False
         self._booted = threading.Event()
         self._stopping = threading.Event()
@@ -317,6 +321,7 @@ class NodeClient(abc.ABC, Generic[S]):
         settings = self.settings
         self._node.sdo.RESPONSE_TIMEOUT = settings.sdo_timeout_ms / 1000
         self._timeout_ns = settings.tpdo_event_ms * settings.tpdo_timeout_factor * MS
+        self._heartbeat_limit_ms = settings.heartbeat_ms * settings.heartbeat_factor
 
     def _unsubscribe_pdos(self) -> None:
         for slot in self._slots:
@@ -401,11 +406,16 @@ class NodeClient(abc.ABC, Generic[S]):
             self.network.subscribe_pdo(slot.pdo.cob_id(self.settings.node_id), slot.receive)
         for pdo in self._acyclic_tpdos:
             self._read_acyclic(pdo)
+        self._heartbeat_state = NmtState.BOOT_UP.value
         self._nmt(NmtCommand.START)
-        self._await_tpdos()
-        if self._booted.is_set() or self._reconfigure.is_set() or self._stopping.is_set():
+        try:
+            self._await_tpdos()
+            self._await_heartbeat()
+        except CanopenError:
+            self._nmt(NmtCommand.ENTER_PRE_OPERATIONAL)  # a refused node obeys and sends no PDOs
+            raise
+        if self._interrupted:
             return
-        self._heartbeat = time.monotonic_ns()
         self.generation += 1
         self._sending = True
         self._set_status(NodeStatus.ONLINE, f"operational, configuration {self.generation}")
@@ -431,7 +441,7 @@ class NodeClient(abc.ABC, Generic[S]):
         try:
             self.write(step.index, step.subindex, step.data)
         except SdoAbortedError as error:
-            if step.optional:
+            if step.optional or self._is_fixed_as_wanted(step):
                 return
             raise self.error_type(
                 f"{step.meaning} ({step.index:04X}h/{step.subindex} := {step.value:X}h)",
@@ -439,22 +449,40 @@ class NodeClient(abc.ABC, Generic[S]):
                 f"{self.a_device} that takes it",
             ) from error
 
+    def _is_fixed_as_wanted(self, step: SdoStep) -> bool:
+        """Whether a communication parameter that cannot be written already does what was to be written."""
+        if not is_communication_parameter(step.index):
+            return False
+        try:
+            return is_taken(step, self.read_number(step.index, step.subindex))
+        except SdoAbortedError:
+            return False
+
     def _configure_pdos(self) -> Collection[int]:
         """Map the PDOs of the layout; returns the communication parameter indices the node has."""
         available = [index for index in self.dictionary if self._has_pdo(index)]
         steps = self._pdo_steps(available)
         self._unsubscribe_pdos()
-        for step in steps:
-            self._do(step)
-        self._old_length_errors = self.length_errors
+        # A mapping that is as wanted need not be written: it may be the manufacturer's, which is fixed.
         tpdos = self.layout.tpdos
+        used = [pdo for pdo in (*self.layout.rpdos, *tpdos) if pdo.communication_index in available]
+        mapped = {pdo.mapping_index for pdo in used if self._is_mapped(pdo)}
+        for step in steps:
+            if step.index not in mapped:
+                self._do(step)
+        self._old_length_errors = self.length_errors
         self._slots = [_Slot(pdo, self._image(pdo)) for pdo in tpdos if pdo.communication_index in available]
         self._acyclic_tpdos = [pdo for pdo in tpdos if pdo.communication_index not in available]
         return available
 
+    def _is_mapped(self, pdo: Pdo) -> bool:
+        """Whether the PDO carries exactly these objects already."""
+        wanted = [len(pdo.entries), *(entry.mapping for entry in pdo.entries)]
+        return all(self._fetch(pdo.mapping_index, subindex) == value for subindex, value in enumerate(wanted))
+
     def _has_pdo(self, index: int) -> bool:
         """Whether ``index`` is the communication parameter of a PDO that exists: in the EDS and in the device."""
-        if not (0x1400 <= index < 0x1600 or 0x1800 <= index < 0x1A00):
+        if not is_communication_parameter(index):
             return False
         try:
             self.read(index, 1)
@@ -471,10 +499,15 @@ class NodeClient(abc.ABC, Generic[S]):
         if found != step.data:
             raise self.error_type(step.meaning, found.hex(), f"{step.data.hex()} when read back")
 
+    @property
+    def _interrupted(self) -> bool:
+        """What is being brought up restarted, is to be another telegram's, or is not wanted any more."""
+        return self._booted.is_set() or self._reconfigure.is_set() or self._stopping.is_set()
+
     def _await_tpdos(self) -> None:
-        deadline = time.monotonic() + _FIRST_TPDO_S
+        deadline = time.monotonic() + _FIRST_SIGN_S
         while missing := [str(slot.pdo) for slot in self._slots if slot.data is None]:
-            if self._stopping.is_set() or self._booted.is_set():
+            if self._interrupted:
                 return
             if time.monotonic() > deadline:
                 raise self.error_type(
@@ -482,9 +515,23 @@ class NodeClient(abc.ABC, Generic[S]):
                 )
             self._stopping.wait(0.005)
 
+    def _await_heartbeat(self) -> None:
+        """A node whose heartbeat is dead would only be lost again: one that says operational comes first."""
+        limit = max(_FIRST_SIGN_S, self._heartbeat_limit_ms / 1000)
+        deadline = time.monotonic() + limit
+        while self._heartbeat_expected and self._heartbeat_state != NmtState.OPERATIONAL:
+            if self._interrupted:
+                return
+            if time.monotonic() > deadline:
+                raise self.error_type(
+                    f"heartbeat of node {self.settings.node_id}",
+                    "none that says operational",
+                    f"one within {limit:g} s of NMT start",
+                )
+            self._stopping.wait(0.005)
+
     def _supervise(self) -> None:
         """Online: run jobs, watch heartbeat, TPDOs and boot-ups. Returns when the node has to be brought up anew."""
-        limit = self.settings.heartbeat_ms * self.settings.heartbeat_factor * MS
         trouble = ""
         while not self._stopping.is_set():
             with contextlib.suppress(queue.Empty):
@@ -497,7 +544,7 @@ class NodeClient(abc.ABC, Generic[S]):
             if self._reconfigure.is_set():
                 self._set_status(NodeStatus.CONFIGURING, "telegram changed")
                 return
-            lost = self._lost(now, limit)
+            lost = self._lost(now)
             if lost:
                 self._set_status(NodeStatus.LOST, lost)
                 self._give_up()
@@ -509,11 +556,11 @@ class NodeClient(abc.ABC, Generic[S]):
                 if trouble != (trouble := str(error)):  # told once while it lasts
                     self._tell("status", f"object without PDO: {trouble}")
 
-    def _lost(self, now: int, heartbeat_limit: int) -> str:
+    def _lost(self, now: int) -> str:
         if self._booted.is_set():
             return f"node {self.settings.node_id} restarted"
-        if now - self._heartbeat > heartbeat_limit and self._heartbeat_expected:
-            return f"no heartbeat for {heartbeat_limit // MS} ms"
+        if now - self._heartbeat > self._heartbeat_limit_ms * MS and self._heartbeat_expected:
+            return f"no heartbeat for {self._heartbeat_limit_ms} ms"
         overdue = [str(slot.pdo) for slot in self._slots if now - slot.time > self._timeout_ns]
         if overdue:
             return f"no {', '.join(overdue)} for {self._timeout_ns // MS} ms"
@@ -552,8 +599,11 @@ class NodeClient(abc.ABC, Generic[S]):
     # -- reader thread ------------------------------------------------------------------------------------------------
 
     def _on_heartbeat(self, _can_id: int, data: bytes, _timestamp: float) -> None:
+        if len(data) != 1:
+            return
         self._heartbeat = time.monotonic_ns()
-        if len(data) == 1 and data[0] == 0:
+        self._heartbeat_state = data[0] & _HEARTBEAT_STATE
+        if data[0] == NmtState.BOOT_UP:
             self._booted.set()
             if self.status is NodeStatus.ONLINE:
                 self.on_event(NodeEvent("boot", "boot-up message", time_ns=self._heartbeat))

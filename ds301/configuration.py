@@ -11,13 +11,15 @@ from dataclasses import dataclass
 
 from ds301.errors import CanopenError
 from ds301.objects import CanType
-from ds301.pdo import COB_ID_INVALID, Pdo, PdoDirection, PdoLayout
+from ds301.pdo import COB_ID_INVALID, COB_ID_NO_REMOTE, Pdo, PdoDirection, PdoLayout
 
 CONSUMER_HEARTBEAT = (0x1016, 1)
 PRODUCER_HEARTBEAT = (0x1017, 0)
 EVENT_DRIVEN_MANUFACTURER = 254
 EVENT_DRIVEN_PROFILE = 255
 EVERY_SYNC = 1
+_COB_ID, _TRANSMISSION_TYPE = 1, 2
+_EVENT_DRIVEN = (EVENT_DRIVEN_MANUFACTURER, EVENT_DRIVEN_PROFILE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,3 +111,24 @@ def pdo_steps(
                 pdo, node_id, sync=sync, event_ms=event_ms, inhibit_us=inhibit_us, asynchronous=asynchronous
             )
     return steps
+
+
+def is_communication_parameter(index: int) -> bool:
+    """Whether an index is in the area of the PDO communication parameters."""
+    return 0x1400 <= index < 0x1600 or 0x1800 <= index < 0x1A00
+
+
+def is_taken(step: SdoStep, found: int) -> bool:
+    """Whether a communication parameter that a device does not let be written does what ``step`` wants.
+
+    A COB-ID that stays valid is right while its PDO is mapped, and for one that is not used: it is the node's own. Remote
+    requests are never made, and both event-driven transmission types come with the event timer.
+    """
+    if step.subindex == _COB_ID:
+        return found | COB_ID_NO_REMOTE in (
+            step.value | COB_ID_NO_REMOTE,
+            step.value & ~COB_ID_INVALID | COB_ID_NO_REMOTE,
+        )
+    if step.subindex == _TRANSMISSION_TYPE and step.value in _EVENT_DRIVEN:
+        return found in _EVENT_DRIVEN
+    return found == step.value

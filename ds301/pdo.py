@@ -18,6 +18,8 @@ from ds301.objects import Entry
 
 COB_ID_INVALID = 1 << 31
 """Bit 31 of a COB-ID entry: the PDO does not exist / is not valid."""
+COB_ID_NO_REMOTE = 1 << 30
+"""Bit 30: no remote request of the PDO is answered."""
 
 
 class PdoDirection(enum.Enum):

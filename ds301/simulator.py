@@ -20,11 +20,10 @@ from ds301.errors import CanopenError
 from ds301.misbehaviour import NODE_MISBEHAVIOURS, Catalogue, Misbehaviour, make
 from ds301.nmt import NmtCommand, NmtState
 from ds301.objects import Access, CanType, Entry, ObjectSpec
-from ds301.pdo import COB_ID_INVALID, Pdo, PdoDirection
+from ds301.pdo import COB_ID_INVALID, COB_ID_NO_REMOTE, Pdo, PdoDirection
 
 MS = 1_000_000
 _COB_ID_MASK = 0x7FF
-_NO_REMOTE_REQUEST = 1 << 30
 """Bit of a TPDO's COB-ID: it is not sent on a remote request."""
 _TRANSMISSION_SYNC_MAX = 240
 _EVENT_DRIVEN = (254, 255)
@@ -51,7 +50,7 @@ class _Tpdo:
     def __init__(self, pdo: Pdo, cob_id: int, type_: int, inhibit_ns: int, event_ns: int) -> None:
         self.pdo = pdo
         self.cob_id = cob_id & _COB_ID_MASK
-        self.remote = not cob_id & _NO_REMOTE_REQUEST
+        self.remote = not cob_id & COB_ID_NO_REMOTE
         self.type = type_
         self.inhibit_ns = inhibit_ns
         self.event_ns = event_ns

@@ -142,7 +142,7 @@ class EncoderClient(NodeClient[EncoderSettings]):
     def _pdo_steps(self, available: Collection[int]) -> list[SdoStep]:
         settings = self.settings
         timers = all(_has(self.dictionary, index, 5) for index in available)
-        steps = pdo_steps(
+        return pdo_steps(
             self.layout,
             settings.node_id,
             available,
@@ -151,17 +151,6 @@ class EncoderClient(NodeClient[EncoderSettings]):
             inhibit_us=settings.tpdo_inhibit_us,
             asynchronous=EVENT_DRIVEN_MANUFACTURER,
         )
-        # A mapping that is as wanted need not be written: it may be the manufacturer's, which is fixed.
-        tpdos = [pdo for pdo in self.layout.tpdos if pdo.communication_index in available]
-        mapped = {pdo.mapping_index for pdo in tpdos if self._is_mapped(pdo)}
-        return [step for step in steps if step.index not in mapped]
-
-    def _is_mapped(self, pdo: Pdo) -> bool:
-        """Whether the TPDO carries exactly these objects already."""
-        index, wanted = pdo.mapping_index, [entry.mapping for entry in pdo.entries]
-        return self._fetch(index) == len(wanted) and wanted == [
-            self._fetch(index, subindex) for subindex in range(1, len(wanted) + 1)
-        ]
 
     def _configure(self) -> None:
         settings = self.settings

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
 
 import can
@@ -16,6 +16,7 @@ from ds301.aborts import Abort
 from ds301.bus import open_bus
 from ds301.errors import CanopenError
 from ds301.network import CanNetwork
+from ds301.nmt import NmtCommand, NmtState
 from ds301.objects import Entry
 from ds301.pdo import COB_ID_INVALID, PdoDirection
 from ds301.simulator import Value
@@ -348,7 +349,7 @@ def _observe(plant: Plant) -> list[tuple[int, int, bytes]]:
 
 
 def test_the_order_of_the_start_up_on_the_bus(plant: Plant) -> None:
-    plant.power_on()
+    plant.power_on().node.values[0x1600, 2] = 0x6071_0010
     seen = _observe(plant)
     plant.connect(Operation.VELOCITY)
     plant.online()
@@ -442,7 +443,8 @@ def test_guarding_that_is_refused(plant: Plant, index: int, name: str, allowed: 
 
 @pytest.mark.parametrize("index", [0x1600, 0x1A00, 0x6060])
 def test_a_configuration_the_drive_refuses_is_named(plant: Plant, index: int) -> None:
-    _lacking(plant, write=index)
+    drive = _lacking(plant, write=index)
+    drive.node.values |= {(0x1600, 0): 1, (0x1A00, 0): 1}
     client = plant.connect()
     buses.wait_for(lambda: client.status is DriveStatus.REFUSED, "refused")
     assert f"{index:04X}h/" in client.status_text
@@ -577,3 +579,129 @@ def test_a_bus_off_is_counted_and_turns_the_network_unhealthy() -> None:
     assert not network.send(0x201, b"\0")
     assert (network.sent, network.send_errors, network.healthy) == (1, 1, False)
     network.close()
+
+
+# -- a node whose heartbeat is dead ------------------------------------------------------------------------------------
+
+
+def test_a_drive_without_heartbeat_never_becomes_online(plant: Plant) -> None:
+    drive = plant.power_on()
+    drive.do(lambda node: node.misbehave("heartbeat-stops"))
+    client = plant.connect()
+    buses.wait_for(lambda: client.status is DriveStatus.REFUSED, "refused")
+    assert re.search("heartbeat of node 4.*says operational.*1 s of NMT start", client.status_text)
+    assert client.generation == 0
+    buses.wait_for(lambda: drive.node.state is NmtState.PRE_OPERATIONAL, "obeys and sends no PDOs")
+
+
+def test_a_drive_whose_heartbeat_dies_is_lost_once_and_told_once(plant: Plant, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("ds301.client._RETRY_REFUSED_S", 0.01)
+    monkeypatch.setattr("ds301.client._FIRST_SIGN_S", 0.05)
+    drive = plant.power_on()
+    plant.connect(heartbeat_ms=20, heartbeat_factor=5)
+    plant.online()
+    starts = _starts(plant)
+    drive.do(lambda node: node.misbehave("heartbeat-stops"))
+    buses.wait_for(lambda: starts() >= 3, "brought up again and again")
+    assert [event.text for event in plant.events if "online" in event.text] == ["online: operational, configuration 1"]
+    assert len([event for event in plant.events if event.text.startswith("lost")]) == 1
+    assert len({event.text for event in plant.events if event.kind == "refused"}) == 1, "one text is one fault"
+    drive.do(lambda node: node.behave())
+    plant.online(2)
+
+
+def _starts(plant: Plant) -> Callable[[], int]:
+    """How often NMT start was sent since."""
+    seen = _observe(plant)
+    return lambda: seen.count((0, 0, bytes((NmtCommand.START, NODE))))
+
+
+def test_a_heartbeat_from_before_nmt_start_is_none(plant: Plant) -> None:
+    """The node answers everything but does not go into operation as its heartbeat tells it."""
+    drive = plant.power_on()
+    stuck = bytes((NmtState.PRE_OPERATIONAL,))
+    send = drive.node.send
+    drive.node.send = lambda can_id, data: send(can_id, stuck if can_id == 0x700 + NODE and data != b"\0" else data)
+    client = plant.connect()
+    buses.wait_for(lambda: client.status is DriveStatus.REFUSED, "refused")
+    assert "none that says operational" in client.status_text
+
+
+# -- a drive whose PDOs are fixed --------------------------------------------------------------------------------------
+
+
+class _Fixed(SimulatedDriveNode):
+    """Its PDO parameters are the manufacturer's and read-only."""
+
+    fixed: Collection[int] = range(0x1400, 0x1C00)
+
+    def set_data(self, index: int, subindex: int, data: bytes, check_writable: bool = False) -> None:
+        if index in self.fixed:
+            raise SdoAbortedError(Abort.READ_ONLY)
+        super().set_data(index, subindex, data, check_writable)
+
+
+def _fixed(plant: Plant, operation: Operation, values: dict[tuple[int, int], int]) -> SimulatedDrive:
+    """A drive whose PDOs are made for an operation, but for ``values``; its other PDOs cannot be switched off."""
+    drive = SimulatedDrive(buses.bus(plant.name), NODE)
+    node = _Fixed(NODE, drive._send)
+    layout = LAYOUTS[operation]
+    available = [d.communication_index + n for d in PdoDirection for n in range(5)]
+    for step in pdo_steps(layout, NODE, available, sync=False, event_ms=50, inhibit_us=0):
+        node.values[step.index, step.subindex] = step.value
+    node.values[0x1801, 1] = 0x284
+    node.values |= values
+    node._map_pdos()
+    drive.node = node
+    plant.drive = drive
+    drive.start()
+    return drive
+
+
+@pytest.mark.parametrize("operation", list(Operation))
+@pytest.mark.parametrize(
+    "values",
+    [{}, {(0x1800, 1): 0x4000_0184, (0x1400, 2): 254, (0x1800, 2): 254}],
+    ids=["as wanted", "no remote request, type 254"],
+)
+def test_fixed_pdos_that_are_as_wanted_are_used(
+    plant: Plant, operation: Operation, values: dict[tuple[int, int], int]
+) -> None:
+    drive = _fixed(plant, operation, values)
+    client = plant.connect(operation, initial_mode=None)
+    plant.online()
+    command = DriveCommand()
+    command.controlword = 0x06
+    client.send(command, 1)
+    buses.wait_for(lambda: drive.model.controlword == 0x06, "RPDO 1 is heard")
+    buses.wait_for(lambda: client.refresh(0) is not None and client.feedback.statusword & 0x6F == 0x21, "ready")
+
+
+@pytest.mark.parametrize(("mapped", "writes"), [(0x60FF_0020, 0), (0x6071_0010, 4)])
+def test_a_mapping_the_drive_has_already_is_not_written_again(plant: Plant, mapped: int, writes: int) -> None:
+    plant.power_on().node.values[0x1600, 2] = mapped
+    seen = _observe(plant)
+    plant.connect(Operation.VELOCITY)
+    plant.online()
+    assert len([index for index, _, _ in seen if index == 0x1600]) == writes
+
+
+@pytest.mark.parametrize(
+    ("address", "value", "text"),
+    [
+        ((0x1600, 2), 0x6071_0010, "RPDO1 without mapping (1600h/0 := 0h)"),
+        ((0x1A00, 0), 1, "TPDO1 without mapping (1A00h/0 := 0h)"),
+        ((0x1400, 1), 0x244, "RPDO1 invalid while it is mapped (1400h/1 := 80000204h)"),
+        ((0x1400, 1), 0x8000_0204, "RPDO1 valid (1400h/1 := 204h)"),
+        ((0x1800, 2), 1, "TPDO1 transmission type (1800h/2 := FFh)"),
+        ((0x1800, 5), 500, "TPDO1 event timer (1800h/5 := 32h)"),
+        ((0x1801, 1), 0x285, "TPDO2 unused (1801h/1 := 80000284h)"),
+    ],
+)
+def test_fixed_pdos_that_are_not_as_wanted_are_named(
+    plant: Plant, address: tuple[int, int], value: int, text: str
+) -> None:
+    _fixed(plant, Operation.VELOCITY, {address: value})
+    client = plant.connect()
+    buses.wait_for(lambda: client.status is DriveStatus.REFUSED, "refused")
+    assert text in client.status_text
