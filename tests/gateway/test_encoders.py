@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager
 
 import pytest
 
 from gateway.config import parse_config
 from gateway.daemon import Daemon
 from gateway.errors import GatewayError
-from gateway.transport.acyclic import AcyclicServer
 from profidrive.datatypes import DataType
 from profidrive.parameters.codec import Address, Values
 from profidrive.parameters.errors import ParameterErrorNumber as Number
 from profidrive.sensor_format import decode_sensor_format
 from profidrive.signals import signal
 from tests.support.buses import wait_for
-from tests.support.daemon import OFF, Plc, axis, configuration, running
+from tests.support.daemon import OFF, Plc, axis, configuration, serving
 from tools.parameters.client import ParameterClient
 
 CONTROL = signal("STW2_ENC").bit("CONTROL_BY_PLC").mask
@@ -37,18 +35,8 @@ def has(plc: Plc, name: str, mask: int) -> bool:
     return plc.value(name) >= 0 and bool(plc.value(name) & mask)
 
 
-@contextmanager
-def gateway(objects: str) -> Iterator[tuple[Daemon, ParameterClient]]:
-    servers: list[AcyclicServer] = []
-
-    def before(daemon: Daemon) -> None:
-        servers.append(AcyclicServer(daemon))
-        daemon.services.append(servers[0])
-
-    with running(configuration(objects), before) as daemon:
-        wait_for(lambda: all(client.generation for client in daemon.clients), "devices online")
-        with ParameterClient(servers[0].address, daemon.objects[0].do_id) as client:
-            yield daemon, client
+def gateway(objects: str) -> AbstractContextManager[tuple[Daemon, ParameterClient]]:
+    return serving(configuration(objects))
 
 
 def test_telegram_83_shows_position_and_speed_of_a_turning_encoder() -> None:

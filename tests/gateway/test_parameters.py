@@ -5,7 +5,7 @@ from __future__ import annotations
 import struct
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager
 from pathlib import Path
 from uuid import UUID
 
@@ -22,7 +22,6 @@ from gateway.errors import GatewayError
 from gateway.parameters.objects import error_of_abort
 from gateway.store import ParameterStore
 from gateway.translator.factory import pdo_operation
-from gateway.transport.acyclic import AcyclicServer
 from profidrive.datatypes import DataType
 from profidrive.parameters.catalogue import LIST_PNUS, PARAMETERS, Scope
 from profidrive.parameters.codec import Address, Attribute, Values, decode_response
@@ -30,22 +29,12 @@ from profidrive.parameters.description import Description
 from profidrive.parameters.errors import ParameterErrorNumber as Number
 from profidrive.rpc import identification
 from tests.support.buses import wait_for
-from tests.support.daemon import OFF, Plc, axis, configuration, running
+from tests.support.daemon import OFF, Plc, axis, configuration, exchanging, serving
 from tools.parameters.client import ParameterClient
 
 
-@contextmanager
-def gateway(axes: str, *, transport: str = "") -> Iterator[tuple[Daemon, ParameterClient]]:
-    servers: list[AcyclicServer] = []
-
-    def before(daemon: Daemon) -> None:
-        servers.append(AcyclicServer(daemon))
-        daemon.services.append(servers[0])
-
-    with running(configuration(axes, transport=transport), before) as daemon:
-        wait_for(lambda: all(item.drive.generation for item in daemon.axes), "drives online")
-        with ParameterClient(servers[0].address, 1) as client:
-            yield daemon, client
+def gateway(axes: str, *, transport: str = "") -> AbstractContextManager[tuple[Daemon, ParameterClient]]:
+    return serving(configuration(axes, transport=transport), 1)
 
 
 @pytest.fixture(scope="module")
@@ -293,22 +282,11 @@ def test_objects_of_the_cyclic_exchange_are_not_written_while_it_runs() -> None:
         plc = Plc(daemon, [1])
         plc.endpoint.set(0, {"STW1": OFF})
         plc.until(lambda: plc.state() == 0x01, "ready")
-        stopping = threading.Event()
-
-        def exchange() -> None:
-            while not stopping.is_set():
-                plc.exchange()
-
-        thread = threading.Thread(target=exchange)
-        thread.start()
-        try:
+        with exchanging(plc):
             for pnu, content in ((0x60FF, target), (0x6040, word(0)), (0x6060, Values(DataType.INTEGER8, (1,)))):
                 assert error(write(client, pnu, content)) == Number.NO_OPERATION_PRIORITY, hex(pnu)
             assert error(write(client, 0x6041, word(0))) == Number.VALUE_CANNOT_BE_CHANGED
             assert not write(client, 0x607A, target).failed, "not in telegram 1"
-        finally:
-            stopping.set()
-            thread.join()
 
 
 @pytest.mark.parametrize(("index", "subindex"), [(0x1016, 1), (0x1017, 0), (0x6007, 0)])
@@ -438,9 +416,9 @@ def test_a_drive_that_does_not_answer_in_time_is_error_11_and_a_second_request_m
         thread.start()
         try:
             assert entered.wait(10)
-            with ParameterClient(client._address, 1) as other, pytest.raises(GatewayError, match="state conflict"):
+            with ParameterClient(client.address, 1) as other, pytest.raises(GatewayError, match="state conflict"):
                 other.write_record(0xB02F, bytes.fromhex("01 01 01 01 10 00 03 C5 00 00"))
-            with ParameterClient(client._address, 2, slot=2) as other:
+            with ParameterClient(client.address, 2, slot=2) as other:
                 assert not value(other, 0x6041).failed, "another access point, another axis"
             thread.join(20)
         finally:
@@ -476,20 +454,9 @@ def test_nothing_that_restarts_the_drive_is_done_in_operation() -> None:
     with gateway(axis(1)) as (daemon, client):
         plc = Plc(daemon, [1])
         plc.enable()
-        stopping = threading.Event()
-
-        def exchange() -> None:
-            while not stopping.is_set():
-                plc.exchange()
-
-        thread = threading.Thread(target=exchange)
-        thread.start()
-        try:
+        with exchanging(plc):
             for pnu, content in ((922, 9), (970, 1), (972, 1), (972, 2), (976, 1)):
                 assert error(write(client, pnu, word(content))) == Number.NOT_EXECUTABLE_IN_STATE, pnu
-        finally:
-            stopping.set()
-            thread.join()
         assert plc.state() == 0x07
 
 
@@ -497,14 +464,7 @@ def test_stored_parameters_survive_the_gateway(tmp_path: Path) -> None:
     store = tmp_path / "store.json"
     config = configuration(axis(1)).model_copy(update={"store": store})
     for expected in (1, 3):
-        server: list[AcyclicServer] = []
-
-        def before(daemon: Daemon, server: list[AcyclicServer] = server) -> None:
-            server.append(AcyclicServer(daemon))
-            daemon.services.append(server[0])
-
-        with running(config, before) as daemon, ParameterClient(server[0].address, 1) as client:
-            wait_for(lambda daemon=daemon: daemon.axes[0].drive.generation, "online")  # type: ignore[misc]
+        with serving(config) as (_, client):
             assert number(client, 922) == expected
             assert number(client, 925) == (65535 if expected == 1 else 7)
             assert not write(client, 922, word(3)).failed
@@ -537,7 +497,7 @@ def test_identification_records_are_read_and_written_and_survive(shared: tuple[D
 
 
 def test_places_and_relationships_that_do_not_exist_are_refused(shared: tuple[Daemon, ParameterClient]) -> None:
-    address = shared[1]._address
+    address = shared[1].address
     for options, reason in (
         ({"slot": 2}, "invalid slot"),
         ({"subslot": 2}, "invalid slot"),
@@ -553,11 +513,11 @@ def test_places_and_relationships_that_do_not_exist_are_refused(shared: tuple[Da
 def test_local_access_means_the_axis_of_the_slot() -> None:
     with gateway(axis(5) + axis(9)) as (_, client):
         for slot, do_id, expected in ((1, 0, 5), (1, 5, 5), (2, 9, 9), (2, 0, 9)):
-            with ParameterClient(client._address, do_id, slot=slot, local=True) as local:
+            with ParameterClient(client.address, do_id, slot=slot, local=True) as local:
                 assert value(local, 975, 7, 1).values == (expected,)
-        with ParameterClient(client._address, 9, slot=1, local=True) as local:
+        with ParameterClient(client.address, 9, slot=1, local=True) as local:
             assert error(value(local, 975, 7, 1)) == Number.DO_DOES_NOT_EXIST
-        with ParameterClient(client._address, 0, slot=0) as device:
+        with ParameterClient(client.address, 0, slot=0) as device:
             assert value(device, 978, 0, 2).values == (5, 9)
             assert value(device, 964, 5, 1).values == (2,)
             assert error(value(device, 922)) == Number.IMPERMISSIBLE_PNU, "which of the two axes?"

@@ -11,8 +11,10 @@ from contextlib import contextmanager
 from gateway.config import GatewayConfig, parse_config
 from gateway.daemon import Daemon
 from gateway.status import snapshot
+from gateway.transport.acyclic import AcyclicServer
 from profidrive.telegrams import telegram
 from tests.support import buses
+from tools.parameters.client import ParameterClient
 from tools.plc.endpoint import PlcEndpoint
 
 OFF, ON = 0x047E, 0x047F
@@ -86,3 +88,37 @@ def running(config: GatewayConfig, before: Callable[[Daemon], None] | None = Non
         daemon.stop()
         thread.join(20)
         assert not thread.is_alive(), "the daemon ends in bounded time"
+
+
+@contextmanager
+def serving(config: GatewayConfig, do_id: int | None = None) -> Iterator[tuple[Daemon, ParameterClient]]:
+    """A daemon whose nodes are online, and a client of its parameter channel (of the first drive object)."""
+    servers: list[AcyclicServer] = []
+
+    def before(daemon: Daemon) -> None:
+        servers.append(AcyclicServer(daemon))
+        daemon.services.append(servers[0])
+
+    with running(config, before) as daemon:
+        buses.wait_for(lambda: all(client.generation for client in daemon.clients), "nodes online")
+        first = daemon.objects[0].do_id if do_id is None else do_id
+        with ParameterClient(servers[0].address, first) as client:
+            yield daemon, client
+
+
+@contextmanager
+def exchanging(plc: Plc) -> Iterator[None]:
+    """The PLC goes on exchanging frames beside the test."""
+    stopping = threading.Event()
+
+    def exchange() -> None:
+        while not stopping.is_set():
+            plc.exchange()
+
+    thread = threading.Thread(target=exchange)
+    thread.start()
+    try:
+        yield
+    finally:
+        stopping.set()
+        thread.join()

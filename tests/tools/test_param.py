@@ -8,13 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from gateway.daemon import Daemon
 from gateway.errors import GatewayError
-from gateway.transport.acyclic import AcyclicServer
 from profidrive.datatypes import DataType
 from tests.endtoend.processes import pdgw
-from tests.support.buses import wait_for
-from tests.support.daemon import axis, configuration, running
+from tests.support.daemon import axis, configuration, serving
 from tools.parameters.address import Target, parse_target, parse_type, parse_value
 from tools.parameters.client import ParameterClient
 from tools.parameters.dump import Dump, DumpedElement, difference, read_all, restore
@@ -69,23 +66,17 @@ def test_values_that_do_not_fit_are_told(text: str, type_name: str) -> None:
 
 
 @pytest.fixture(scope="module")
-def server() -> Iterator[AcyclicServer]:
-    servers: list[AcyclicServer] = []
-
-    def before(daemon: Daemon) -> None:
-        servers.append(AcyclicServer(daemon))
-        daemon.services.append(servers[0])
-
-    with running(configuration(axis(1)), before) as daemon:
-        wait_for(lambda: daemon.axes[0].drive.generation, "online")
-        yield servers[0]
+def server() -> Iterator[tuple[str, int]]:
+    """Where a gateway with one simulated axis listens."""
+    with serving(configuration(axis(1))) as (_, client):
+        yield client.address
 
 
-def option(server: AcyclicServer) -> tuple[str, str]:
-    return "--gateway", f"127.0.0.1:{server.address[1]}"
+def option(server: tuple[str, int]) -> tuple[str, str]:
+    return "--gateway", f"127.0.0.1:{server[1]}"
 
 
-def test_read_prints_json_for_values_and_errors(server: AcyclicServer) -> None:
+def test_read_prints_json_for_values_and_errors(server: tuple[str, int]) -> None:
     result = pdgw("param", "read", "965", "1018h.3", "P947[0..1]", "5000", "1008h", "--json", *option(server))
     assert result.returncode == 1, "one parameter failed"
     rows = json.loads(result.stdout)
@@ -102,7 +93,7 @@ def test_read_prints_json_for_values_and_errors(server: AcyclicServer) -> None:
     assert rows[0]["format"] == "UNSIGNED16"
 
 
-def test_write_takes_the_type_from_the_device_and_reports_each_failure(server: AcyclicServer) -> None:
+def test_write_takes_the_type_from_the_device_and_reports_each_failure(server: tuple[str, int]) -> None:
     result = pdgw("param", "write", "6085h", "900", "6041h", "0", "P925", "3", "--json", *option(server))
     assert result.returncode == 1
     rows = json.loads(result.stdout)
@@ -115,7 +106,7 @@ def test_write_takes_the_type_from_the_device_and_reports_each_failure(server: A
     assert pdgw("param", "write", "6085h", "--type", "u32", *option(server)).stderr.count("value is missing") == 1
 
 
-def test_list_and_describe(server: AcyclicServer) -> None:
+def test_list_and_describe(server: tuple[str, int]) -> None:
     rows = json.loads(pdgw("param", "list", "--json", *option(server)).stdout)
     by_pnu = {row["pnu"]: row for row in rows}
     assert by_pnu[922] == {"pnu": 922, "name": "Telegram", "format": "UNSIGNED16", "elements": None, "writable": True}
@@ -127,14 +118,14 @@ def test_list_and_describe(server: AcyclicServer) -> None:
     assert "1388h" in missing.stderr
 
 
-def test_tables_name_states_and_units(server: AcyclicServer) -> None:
+def test_tables_name_states_and_units(server: tuple[str, int]) -> None:
     text = " ".join(pdgw("param", "read", "6041h", "6081h", "P968", *option(server)).stdout.split())
     assert "Statusword" in text
     assert "Disabled" in text
     assert "SWITCHING_ON_INHIBITED" in text.replace(" │ ", "") or "SWITCHING_ON" in text
 
 
-def test_dump_and_restore_bring_the_settings_back(server: AcyclicServer, tmp_path: Path) -> None:
+def test_dump_and_restore_bring_the_settings_back(server: tuple[str, int], tmp_path: Path) -> None:
     file = tmp_path / "drive.json"
     where = option(server)
     assert pdgw("param", "dump", str(file), *where).returncode == 0
@@ -147,7 +138,7 @@ def test_dump_and_restore_bring_the_settings_back(server: AcyclicServer, tmp_pat
     done = pdgw("param", "restore", str(file), "--yes", *where)
     assert "3 of 3 settings written" in done.stdout
     assert "nothing differs" in pdgw("param", "restore", str(file), "--yes", *where).stdout
-    with ParameterClient(server.address, 1) as client:
+    with ParameterClient(server, 1) as client:
         again, _ = read_all(Session(client))
     after = {(item.pnu, item.subindex): item.value for item in again.parameters}
     changed = {key for key in before if before[key] != after[key]}
@@ -162,8 +153,8 @@ def test_restoring_never_writes_commands_demands_or_the_network() -> None:
         DumpedElement(pnu=925, subindex=0, format="UNSIGNED16", value="x", setting=True).values()
 
 
-def test_a_dump_of_this_drive_has_only_settings_marked(server: AcyclicServer) -> None:
-    with ParameterClient(server.address, 1) as client:
+def test_a_dump_of_this_drive_has_only_settings_marked(server: tuple[str, int]) -> None:
+    with ParameterClient(server, 1) as client:
         session = Session(client)
         dump, failed = read_all(session)
         assert failed == []

@@ -51,7 +51,7 @@ class ParameterClient:
         timeout_s: float = 30,
     ) -> None:
         self.do_id = do_id
-        self._address = address
+        self.address = address
         self._place = (api, slot, subslot)
         self._index = RECORD_LOCAL if local else RECORD_GLOBAL
         self._timeout_s = timeout_s
@@ -107,7 +107,7 @@ class ParameterClient:
 
     @property
     def _name(self) -> str:
-        return f"{self._address[0]}:{self._address[1]}"
+        return f"{self.address[0]}:{self.address[1]}"
 
     def read_record(self, index: int, *, implicit: bool = False) -> bytes:
         """Any record of the access point's subslot; GatewayError with the PNIO status when it is refused."""
