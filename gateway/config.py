@@ -145,7 +145,7 @@ class AxisConfig(_Section):
     tpdo_inhibit_us: Annotated[Integer, Field(ge=0, le=_MAXIMUM_INHIBIT_US)] | None = None
     """None: one TPDO for each cycle of the PLC, more would only load the bus."""
     sdo_timeout_ms: Annotated[Integer, Field(ge=10, le=60_000)] = 500
-    sdo_interval_ms: Annotated[Integer, Field(ge=0, le=1000)] = 2
+    sdo_interval_ms: Annotated[Integer, Field(ge=0, le=1000)] = 4
     """Pause of the parameter channel between two SDOs."""
     sync: Boolean = False
     allow_unguarded: Boolean = False
@@ -221,7 +221,7 @@ class EncoderConfig(_Section):
     tpdo_event_ms: Annotated[Integer, Field(ge=1, le=10_000)] | None = None
     """Cyclic timer 6200h. None: the cycle of the PLC."""
     sdo_timeout_ms: Annotated[Integer, Field(ge=10, le=60_000)] = 500
-    sdo_interval_ms: Annotated[Integer, Field(ge=0, le=1000)] = 2
+    sdo_interval_ms: Annotated[Integer, Field(ge=0, le=1000)] = 4
     sync: Boolean = False
 
     @model_validator(mode="after")
@@ -560,7 +560,7 @@ simulate = false             # true: a simulated drive instead of the one on the
 # tpdo_event_ms = 50
 # tpdo_inhibit_us = 4000     # without it: the cycle time
 # sdo_timeout_ms = 500
-# sdo_interval_ms = 2        # the parameter channel pauses between two SDOs
+# sdo_interval_ms = 4        # the parameter channel pauses between two SDOs
 # sync = false               # TPDOs on SYNC instead of event-driven
 # allow_unguarded = false    # true: operate a drive that refuses 1016h or 6007h
 # g1 = 3                     # telegram 3: DO-ID of the encoder that is G1, without it the drive's own position

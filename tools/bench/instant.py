@@ -1,6 +1,7 @@
 """A CAN bus whose drives answer at once: what is left of a round trip is the gateway.
 
-RPDO 1 of telegram 1 is answered with TPDO 1 inside ``send``; all other traffic goes to simulated drives.
+RPDO 1 of telegram 1 is answered with TPDO 1 inside ``send``, an SDO upload that was answered in one frame before with that frame;
+all other traffic goes to simulated drives.
 ``python -m tools.bench.instant AXES`` runs a gateway on it, prints its cyclic, status and acyclic port, and ends with its
 standard input.
 """
@@ -25,6 +26,8 @@ from tools.demo.run import free_port
 
 INTERFACE = "pdgw-instant"
 _STATUS_OF_COMMAND = {0x06: b"\x31\x02", 0x07: b"\x33\x02", 0x0F: b"\x37\x06"}
+_SDO_REQUEST, _SDO_RESPONSE = 0x600, 0x580
+_UPLOAD, _EXPEDITED_UPLOAD = b"\x40", 0x42
 _POLL_NS = 20_000_000
 _PER_BUS = 3
 """Axes a 1 Mbit/s bus carries at 1 kHz, by the load planner."""
@@ -41,10 +44,14 @@ class InstantBus(can.BusABC):
         self._nodes = [SimulatedDriveNode(node, self._from_node) for node in range(1, count + 1)]
         self._operational = False
         self._poll_due = 0
+        self._uploads: dict[tuple[int, bytes], bytes] = {}
+        self._asked: tuple[int, bytes] | None = None
         for node in self._nodes:
             node.start(time.monotonic_ns())
 
     def _from_node(self, can_id: int, data: bytes) -> None:
+        if self._asked is not None and can_id & 0x780 == _SDO_RESPONSE and data[0] & 0xE2 == _EXPEDITED_UPLOAD:
+            self._uploads[self._asked] = data
         if can_id & 0x780 != 0x180 or not self._operational:
             self._frames.put((can_id, data))
 
@@ -56,11 +63,17 @@ class InstantBus(can.BusABC):
             self._operational = True
             self._frames.put((can_id - 0x80, status + data[2:6] if data[0] == 0x0F else status + bytes(4)))
             return
+        data = bytes(msg.data)
+        if can_id & 0x780 == _SDO_REQUEST and (known := self._uploads.get((can_id, data))) is not None:
+            self._frames.put((can_id - 0x80, known))
+            return
         if can_id == 0:
             self._operational = False  # a drive that is configured anew shows its first TPDO itself
         with self._lock:
+            self._asked = (can_id, data) if can_id & 0x780 == _SDO_REQUEST and data[:1] == _UPLOAD else None
             for node in self._nodes:
-                node.receive(can_id, bytes(msg.data), time.monotonic_ns())
+                node.receive(can_id, data, time.monotonic_ns())
+            self._asked = None
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
         now = time.monotonic_ns()
