@@ -78,7 +78,7 @@ S = TypeVar("S", bound=NodeSettings)
 
 @dataclass(frozen=True, slots=True)
 class NodeEvent:
-    """Something the owner must know: ``kind`` is one of status, emcy, boot, refused.
+    """Something the owner must know: ``kind`` is one of status, emcy, boot, refused, set-point (one that is not started).
 
     For ``emcy``: ``code`` the error code, ``register`` the error register, ``data`` the manufacturer bytes.
     """
@@ -552,7 +552,7 @@ class NodeClient(abc.ABC, Generic[S]):
             try:
                 self._exchange_acyclic(now)
                 trouble = ""
-            except (SdoAbortedError, SdoCommunicationError, CanopenError, struct.error) as error:
+            except (SdoAbortedError, SdoCommunicationError, CanopenError, struct.error, ValueError) as error:
                 if trouble != (trouble := str(error)):  # told once while it lasts
                     self._tell("status", f"object without PDO: {trouble}")
 

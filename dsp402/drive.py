@@ -1,11 +1,13 @@
 """The drive client: brings one CiA 402 drive into operation on a bus and keeps watching it.
 
 The cyclic side (``refresh``, ``send``) never blocks; what every node needs is in ``ds301.client``, this adds the RPDOs, the
-guarding of the gateway by the drive, mode of operation and references.
+guarding of the gateway by the drive, mode of operation and references. A set-point starts nothing before its data is in the
+drive (docs/translation.md "PDO layouts"), which takes SDO writes where the drive has too few RPDOs.
 """
 
 from __future__ import annotations
 
+import struct
 import time
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, fields
@@ -13,7 +15,7 @@ from pathlib import Path
 
 import can
 import canopen
-from canopen.sdo import SdoAbortedError
+from canopen.sdo import SdoAbortedError, SdoCommunicationError
 
 from ds301.aborts import abort_text
 from ds301.client import MS, NodeClient, NodeEvent, NodeSettings, NodeStatus, load_dictionary
@@ -26,10 +28,14 @@ from dsp402.device import EDS_PATH
 from dsp402.errors import Dsp402Error
 from dsp402.images import REFERENCE_OBJECTS, DriveCommand, DriveFeedback, References
 from dsp402.modes import Mode
+from dsp402.states import ControlBit
 
 DriveStatus = NodeStatus
 DriveEvent = NodeEvent
 _MODE_CONFIRM_S = 1.0
+_RETRY_VALUE_NS = 1000 * MS
+"""So long after a failed SDO write the same value is tried again."""
+_NEW_SETPOINT = ControlBit.NEW_SETPOINT
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,6 +64,21 @@ class _Sender:
         self.time = 0
 
 
+class _Values:
+    """The values of an RPDO the drive does not have: set by the cyclic thread, written by SDO on the worker."""
+
+    __slots__ = ("error", "pdo", "refused", "retry_at", "wanted", "written")
+
+    def __init__(self, pdo: Pdo) -> None:
+        self.pdo = pdo
+        self.wanted = b""
+        self.written: bytes | None = b""
+        """What the drive holds for certain; None while or after a write that did not end well."""
+        self.refused: bytes | None = None
+        self.retry_at = 0
+        self.error = ""
+
+
 def load_eds(path: Path, node_id: int) -> canopen.ObjectDictionary:
     """The object dictionary of a user's EDS/DCF; Dsp402Error names the file and what is wrong with it."""
     return load_dictionary(path, node_id, (0x1000, 0x6040, 0x6041), "a drive", Dsp402Error)
@@ -81,9 +102,14 @@ class DriveClient(NodeClient[DriveSettings]):
         self.feedback = DriveFeedback()
         self.references: References | None = None
         self.homing_method = 0
-        self._senders: list[_Sender] = []
-        self._acyclic_rpdos: list[_Sender] = []
-        self._command: DriveCommand | None = None
+        self.set_point_refused = False
+        """A new set-point (Controlword.4) does not reach the drive, because its data could not be written; until it falls."""
+        self._data_senders: list[_Sender] = []
+        self._control = _Sender(layout.rpdos[0], settings.node_id)
+        self._acyclic_rpdos: list[_Values] = []
+        self._set_point_sent = False
+        self._held_since = -1
+        self._hold_limit_ns = 0
         super().__init__(network, settings, layout, load_eds(settings.eds or EDS_PATH, settings.node_id), on_event)
 
     def reconfigure(self, layout: PdoLayout, settings: DriveSettings) -> None:
@@ -93,18 +119,56 @@ class DriveClient(NodeClient[DriveSettings]):
     # -- cyclic thread ------------------------------------------------------------------------------------------------
 
     def send(self, command: DriveCommand, now: int) -> None:
-        """Cyclic: send the RPDOs that changed or are due for refresh, data first, RPDO 1 (Controlword) last."""
+        """Cyclic: send the RPDOs that changed or are due for refresh, data first, RPDO 1 (Controlword) last.
+
+        While data of the command is not in the drive, a rising bit 4 (new set-point) is held back and the other bits pass.
+        """
         if not self._sending:
             return
-        self._command = command
-        refresh = self._refresh_ns
-        for sender in self._senders:
-            data = sender.pdo.pack(command)
-            if data != sender.last or now - sender.time >= refresh:
-                sender.message.data = bytearray(data)
-                if self.network.send_message(sender.message):
-                    sender.last = data
-                sender.time = now
+        for values in self._acyclic_rpdos:
+            values.wanted = values.pdo.pack(command)
+        complete = True
+        for sender in self._data_senders:
+            complete = self._put(sender, sender.pdo.pack(command), now) and complete
+        word = command.controlword
+        if not word & _NEW_SETPOINT:
+            self._set_point_sent = self.set_point_refused = False
+            self._held_since = -1
+        elif not self._set_point_sent and not self._may_start(complete, now):
+            command.controlword = word & ~_NEW_SETPOINT
+        sent = self._put(self._control, self._control.pdo.pack(command), now)
+        if sent and command.controlword & _NEW_SETPOINT:
+            self._set_point_sent = True
+        command.controlword = word
+
+    def _put(self, sender: _Sender, data: bytes, now: int) -> bool:
+        """Send an RPDO if it changed or is due; True when this data was sent, now or before."""
+        if data != sender.last or now - sender.time >= self._refresh_ns:
+            sender.message.data = bytearray(data)
+            if self.network.send_message(sender.message):
+                sender.last = data
+            sender.time = now
+        return data == sender.last
+
+    def _may_start(self, sent: bool, now: int) -> bool:
+        """Whether the data of a new set-point is in the drive: all ``sent`` by RPDO and written by SDO."""
+        if self.set_point_refused:
+            return False
+        missing = [values for values in self._acyclic_rpdos if values.written != values.wanted]
+        if not missing:
+            return sent
+        if self._held_since < 0:
+            self._held_since = now
+            for values in missing:
+                values.refused = None  # a new set-point is a new try
+            self._jobs.put(None)  # the worker looks at once
+            return False
+        refused = [values.error for values in missing if values.refused == values.wanted]
+        if refused or now - self._held_since > self._hold_limit_ns:
+            self.set_point_refused = True
+            cause = refused[0] if refused else f"data not written within {self._hold_limit_ns // MS} ms"
+            self._tell("set-point", f"not started: {cause}")
+        return False
 
     # -- worker thread ------------------------------------------------------------------------------------------------
 
@@ -130,9 +194,15 @@ class DriveClient(NodeClient[DriveSettings]):
         available = super()._configure_pdos()
         node_id, rpdos = self.settings.node_id, self.layout.rpdos
         mapped = [pdo for pdo in rpdos if pdo.communication_index in available]
-        # Highest number first: RPDO 1 carries the Controlword and must be the last.
-        self._senders = [_Sender(pdo, node_id) for pdo in sorted(mapped, key=lambda pdo: -pdo.number)]
-        self._acyclic_rpdos = [_Sender(pdo, node_id) for pdo in rpdos if pdo not in mapped]
+        # RPDO 1 carries the Controlword and is sent last.
+        self._control = _Sender(rpdos[0], node_id)
+        self._data_senders = [_Sender(pdo, node_id) for pdo in reversed(mapped) if pdo is not rpdos[0]]
+        self._acyclic_rpdos = [_Values(pdo) for pdo in rpdos if pdo not in mapped]
+        self._set_point_sent = self.set_point_refused = False
+        self._held_since = -1
+        # Each object takes one time-out at most, and so does what the worker may be doing before.
+        objects = 1 + sum(len(values.pdo.entries) for values in self._acyclic_rpdos)
+        self._hold_limit_ns = objects * self.settings.sdo_timeout_ms * MS
         cyclic = {pdo.number for pdo in mapped} & {slot.pdo.number for slot in self._slots}
         if 1 not in cyclic:
             raise Dsp402Error("PDOs of the drive", "no RPDO 1 or TPDO 1", "at least one of each for the Controlword")
@@ -145,8 +215,8 @@ class DriveClient(NodeClient[DriveSettings]):
         self.read_references()
         if 0x6098 in self.dictionary:
             self.homing_method = self._fetch(0x6098, signed=True)
-        for sender in self._acyclic_rpdos:
-            for entry in sender.pdo.entries:
+        for values in self._acyclic_rpdos:
+            for entry in values.pdo.entries:
                 self._fetch(entry.index, entry.subindex)
 
     def _configure_guarding(self) -> None:
@@ -178,13 +248,32 @@ class DriveClient(NodeClient[DriveSettings]):
 
     def _exchange_acyclic(self, now: int) -> None:
         """Objects for which the drive has no PDO: written when they change, read every 100 ms."""
-        command = self._command
-        for sender in self._acyclic_rpdos:
-            if command is not None and (data := sender.pdo.pack(command)) != sender.last:
-                sender.last = data  # a value the drive refuses is told once, not every 20 ms
-                offset = 0
-                for entry in sender.pdo.entries:
-                    size = entry.type.bits // 8
-                    self.write(entry.index, entry.subindex, data[offset : offset + size])
-                    offset += size
+        for values in self._acyclic_rpdos:
+            wanted = values.wanted
+            if values.written != wanted and (values.refused != wanted or now >= values.retry_at):
+                self._write_values(values, now)
         super()._exchange_acyclic(now)
+
+    def _write_values(self, values: _Values, now: int) -> None:
+        # In this order: the cyclic thread, which sets ``wanted`` and then looks, never finds a value confirmed that is
+        # about to be overwritten.
+        values.written = None
+        data = values.wanted
+        offset = 0
+        entry = values.pdo.entries[0]
+        try:
+            for entry in values.pdo.entries:
+                size = entry.type.bits // 8
+                self.write(entry.index, entry.subindex, data[offset : offset + size])
+                offset += size
+        except (SdoAbortedError, SdoCommunicationError, struct.error, ValueError) as error:
+            text = f"{entry}: {abort_text(error.code) if isinstance(error, SdoAbortedError) else error}"
+            if text != values.error:  # told once while it lasts
+                values.error = text
+                self._tell("status", f"object without PDO: {text}")
+            values.retry_at = now + _RETRY_VALUE_NS
+            values.refused = data
+        else:
+            values.error = ""
+            values.refused = None
+            values.written = data

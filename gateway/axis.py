@@ -197,11 +197,14 @@ class Axis(DriveObject):
     @property
     def reason(self) -> Reason | None:
         reason = self.translator.reason
+        if reason is None and self.drive.set_point_refused:
+            return Reason.SET_POINT_REFUSED
         return Reason.INTERNAL_LIMIT if reason is None and self._shown & StatusBit.INTERNAL_LIMIT else reason
 
     @property
     def warning(self) -> bool:
-        return self.translator.warning or bool(self._shown & StatusBit.INTERNAL_LIMIT)
+        limited = bool(self._shown & StatusBit.INTERNAL_LIMIT)
+        return self.translator.warning or limited or self.drive.set_point_refused
 
     def owns(self, index: int, subindex: int) -> bool:
         address = (index, subindex)

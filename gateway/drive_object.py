@@ -250,6 +250,8 @@ class DriveObject(abc.ABC):
             if event.text != self._refusal:
                 self._refusal = event.text
                 self.raise_fault(106, event.text, now)
+        elif event.kind == "set-point":
+            self.raise_fault(119, event.text, now)
         elif status is NodeStatus.LOST:
             self.raise_fault(101 if self.network.healthy else 102, event.text, now)
         elif status is NodeStatus.ONLINE:

@@ -27,6 +27,7 @@ class Reason(enum.Enum):
     COAST_STOP = "STW1.1 = 0: coast stop"
     SETPOINT_DISABLED = "no setpoint: STW1 bits 4, 5 and 6 must all be 1"
     INTERNAL_LIMIT = "the drive limits the motion by itself (Statusword.11: limit switch, position or speed limit)"
+    SET_POINT_REFUSED = "the drive did not take the data of the set-point (SDO): not started, needs a new edge"
     NOT_OPERATING = "drive is not in operation: setpoints have no effect"
     MODE_NOT_CONFIRMED = "waiting for the drive to confirm the mode of operation (6061h)"
     MODE_VALUE = "mode of operation is not one the drive knows: not passed on"
@@ -81,6 +82,7 @@ GATEWAY_FAULTS: MappingProxyType[int, GatewayFault] = MappingProxyType(
             GatewayFault(111, "drive did not take the homing parameters", 0xFF09, is_warning=True),
             GatewayFault(112, "internal limit of the drive reached", 0xFF0A, is_warning=True),
             GatewayFault(118, "encoder did not take the preset", 0xFF0F, is_warning=True),
+            GatewayFault(119, "drive did not take the data of a set-point", 0xFF10, is_warning=True),
             GatewayFault(121, "node does not answer", 0xFF11),
             GatewayFault(122, "drive left operation by itself", 0xFF12),
             GatewayFault(124, "sign of life of the PLC lost", 0xFF14),

@@ -18,7 +18,7 @@ from ds301.errors import CanopenError
 from ds301.network import CanNetwork
 from ds301.nmt import NmtCommand, NmtState
 from ds301.objects import Entry
-from ds301.pdo import COB_ID_INVALID, PdoDirection
+from ds301.pdo import COB_ID_INVALID, Pdo, PdoDirection
 from ds301.simulator import Value
 from dsp402.configuration import pdo_steps
 from dsp402.device import EDS_PATH
@@ -28,6 +28,7 @@ from dsp402.images import DriveCommand, References
 from dsp402.modes import Mode
 from dsp402.pdo import LAYOUTS, Operation
 from dsp402.simulator import SimulatedDrive, SimulatedDriveNode
+from dsp402.states import ControlBit
 from tests.support import buses
 
 NODE = 4
@@ -705,3 +706,188 @@ def test_fixed_pdos_that_are_not_as_wanted_are_named(
     client = plant.connect()
     buses.wait_for(lambda: client.status is DriveStatus.REFUSED, "refused")
     assert text in client.status_text
+
+
+# -- a drive with too few RPDOs: data by SDO first, then the set-point -------------------------------------------------
+
+
+class TwoPdos:
+    """A positioning drive with two RPDOs: 6083h and 6084h are written by SDO. Its set-points as the drive sees them."""
+
+    def __init__(self, plant: Plant, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.plant = plant
+        self.drive = SimulatedDrive(buses.bus(plant.name), NODE)
+        self.drive.node.misbehave("two-pdos")
+        plant.drive = self.drive
+        self.drive.start()
+        self.client = plant.connect(Operation.POSITIONING, initial_mode=None)
+        plant.online()
+        self.accelerations: list[int] = []
+        """6083h at each rising edge of bit 4."""
+        self.words: list[int] = []
+        """The Controlwords sent."""
+        self._bit = False
+        self.command = DriveCommand()
+        self.now = 0
+        plant.network.listeners.append(self._listen)
+        self.drive.do(lambda node: monkeypatch.setattr(node, "on_rpdo", self._on_rpdo))
+
+    def _on_rpdo(self, pdo: Pdo) -> None:
+        bit = bool(self.drive.model.controlword & ControlBit.NEW_SETPOINT)
+        if bit and not self._bit:
+            self.accelerations.append(self.drive.model.profile_acceleration)
+        self._bit = bit
+
+    def _listen(self, message: can.Message) -> None:
+        if not message.is_rx and message.arbitration_id == 0x200 + NODE:
+            self.words.append(int.from_bytes(message.data[:2], "little"))
+
+    def send(self, word: int, acceleration: int | None = None) -> None:
+        self.command.controlword = word
+        if acceleration is not None:
+            self.command.profile_acceleration = acceleration
+        self.now += 4 * MS
+        self.client.send(self.command, self.now)
+
+    def until(self, condition: Callable[[], object], what: str) -> None:
+        def cycle() -> object:
+            self.client.send(self.command, self.now)
+            return condition()
+
+        buses.wait_for(cycle, what)
+
+    @property
+    def told(self) -> list[str]:
+        return [event.text for event in self.plant.events if event.kind == "set-point"]
+
+
+@pytest.fixture
+def two_pdos(plant: Plant, monkeypatch: pytest.MonkeyPatch) -> TwoPdos:
+    return TwoPdos(plant, monkeypatch)
+
+
+START, ENABLED = 0x003F, 0x002F
+
+
+def test_a_set_point_starts_with_its_own_data_although_that_goes_by_sdo(two_pdos: TwoPdos) -> None:
+    two_pdos.drive.do(lambda node: node.misbehave("slow-sdo", delay_ms=20))
+    for acceleration in (100, 200, 300, 200):
+        two_pdos.send(ENABLED)
+        two_pdos.send(START, acceleration)
+        count = len(two_pdos.accelerations)
+        two_pdos.until(lambda count=count: len(two_pdos.accelerations) > count, "set-point")
+    assert two_pdos.accelerations == [100, 200, 300, 200]
+    assert two_pdos.told == []
+
+
+def test_a_set_point_that_is_held_back_lets_stop_halt_and_acknowledge_pass(two_pdos: TwoPdos) -> None:
+    two_pdos.drive.do(lambda node: node.misbehave("sdo-timeout"))
+    two_pdos.send(ENABLED)
+    for word in (START, START | ControlBit.HALT, 0x003B, 0x003D, 0x00BF, 0x0010):
+        two_pdos.send(word, 100)
+        assert two_pdos.words[-1] == word & ~ControlBit.NEW_SETPOINT
+        assert two_pdos.command.controlword == word, "the image stays the translator's"
+
+
+def test_a_set_point_without_new_data_starts_at_once(two_pdos: TwoPdos) -> None:
+    two_pdos.send(START, 100)
+    two_pdos.until(lambda: two_pdos.accelerations, "set-point")
+    two_pdos.send(ENABLED)
+    two_pdos.send(START)
+    assert two_pdos.words[-2:] == [ENABLED, START]
+    two_pdos.send(START, 200)
+    two_pdos.send(START | ControlBit.HALT)
+    assert two_pdos.words[-1] == START | ControlBit.HALT, "no new edge, nothing to hold back"
+
+
+def test_data_that_changes_to_and_fro_is_not_taken_for_written(two_pdos: TwoPdos) -> None:
+    """The old value comes back while another one is being written: the drive must have it again before the start."""
+    two_pdos.send(ENABLED, 100)
+    two_pdos.until(lambda: two_pdos.drive.model.profile_acceleration == 100, "written")
+    two_pdos.drive.do(lambda node: node.misbehave("slow-sdo", delay_ms=50))
+    writing = _observe(two_pdos.plant)
+    two_pdos.send(ENABLED, 900)
+    buses.wait_for(lambda: writing, "900 being written")
+    two_pdos.send(START, 100)
+    two_pdos.until(lambda: two_pdos.accelerations, "set-point")
+    assert two_pdos.accelerations == [100]
+
+
+def test_a_set_point_whose_data_is_refused_does_not_start_and_needs_a_new_edge(two_pdos: TwoPdos) -> None:
+    two_pdos.send(ENABLED)
+    two_pdos.send(START, 0xFFFF_FFFF)
+    two_pdos.until(lambda: two_pdos.client.set_point_refused, "refused")
+    assert re.fullmatch("not started: .*6083h: .*value.*", two_pdos.told[0])
+    two_pdos.send(START, 500)
+    two_pdos.until(lambda: two_pdos.drive.model.profile_acceleration == 500, "good data taken")
+    two_pdos.send(START)
+    assert (two_pdos.accelerations, two_pdos.words[-1]) == ([], ENABLED)
+    two_pdos.send(ENABLED)
+    assert not two_pdos.client.set_point_refused
+    two_pdos.send(START)
+    two_pdos.until(lambda: two_pdos.accelerations == [500], "set-point")
+    assert len(two_pdos.told) == 1
+
+
+def test_a_refused_set_point_may_be_given_again_with_the_same_data(two_pdos: TwoPdos) -> None:
+    two_pdos.drive.do(lambda node: node.misbehave("sdo-timeout"))
+    two_pdos.send(START, 100)
+    two_pdos.until(lambda: two_pdos.client.set_point_refused, "no answer")
+    assert "6083h" in two_pdos.told[0]
+    two_pdos.drive.do(lambda node: node.behave())
+    two_pdos.send(ENABLED)
+    two_pdos.send(START)
+    two_pdos.until(lambda: two_pdos.accelerations == [100], "set-point")
+
+
+def test_the_wait_for_the_data_of_a_set_point_is_bounded(two_pdos: TwoPdos) -> None:
+    release = threading.Event()
+    running = threading.Event()
+
+    def hold(_: DriveClient) -> None:
+        running.set()
+        release.wait(10)
+
+    two_pdos.client.submit(hold)
+    assert running.wait(10)
+    two_pdos.send(START, 100)
+    two_pdos.now += 596 * MS
+    two_pdos.send(START)
+    assert two_pdos.told == []
+    two_pdos.send(START)
+    assert two_pdos.told == ["not started: data not written within 600 ms"]
+    release.set()
+    two_pdos.until(lambda: two_pdos.drive.model.profile_acceleration == 100, "written at last")
+    two_pdos.send(START)
+    assert two_pdos.accelerations == [], "too late is not at all"
+
+
+def test_a_set_point_waits_for_an_rpdo_that_the_bus_did_not_take(plant: Plant, monkeypatch: pytest.MonkeyPatch) -> None:
+    plant.power_on()
+    client = plant.connect(Operation.POSITIONING, initial_mode=None)
+    plant.online()
+    command = DriveCommand()
+    command.controlword = ENABLED
+    client.send(command, 1)
+    sent: list[tuple[int, bytes]] = []
+    full = True
+
+    def send_message(message: can.Message) -> bool:
+        if full and message.arbitration_id == 0x300 + NODE:
+            return False
+        sent.append((message.arbitration_id, bytes(message.data[:2])))
+        return True
+
+    monkeypatch.setattr(plant.network, "send_message", send_message)
+    command.controlword = START
+    command.profile_velocity = 77
+    client.send(command, 2)
+    assert sent == []
+    full = False
+    client.send(command, 3)
+    assert sent == [(0x304, b"\x4d\0"), (0x204, b"\x3f\0")]
+    full = True
+    command.profile_velocity = 78
+    sent.clear()
+    client.send(command, 4)
+    assert sent == [], "the edge was there: it is not taken back"
