@@ -144,12 +144,13 @@ def pdo_layout(
     chars = [_char(mapped, entry) for mapped, entry in zip(mapping, entries, strict=True)]
     gaps = [mapped.index <= _DUMMY_LAST for mapped in mapping]
     shown = UnitLayout(tuple(_field(m, names) for m, gap in zip(mapping, gaps, strict=True) if not gap))
+    addresses = tuple((m.index, m.subindex) for m, gap in zip(mapping, gaps, strict=True) if not gap)
     size = (bits + 7) // 8
     if all(chars):
         parts = "".join(f"{m.bits // 8}x" if gap else char for m, gap, char in zip(mapping, gaps, chars, strict=True))
-        return PdoLayout(name, node, axis, shown, size, origin, struct.Struct("<" + parts))
+        return PdoLayout(name, node, axis, shown, size, origin, struct.Struct("<" + parts), (), addresses)
     cuts = tuple(
         (m.bits, bool(entry and entry.type.char.islower()), not gap)
         for m, entry, gap in zip(mapping, entries, gaps, strict=True)
     )
-    return PdoLayout(name, node, axis, shown, size, origin, None, cuts)
+    return PdoLayout(name, node, axis, shown, size, origin, None, cuts, addresses)

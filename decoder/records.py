@@ -337,6 +337,8 @@ class PdoLayout:
     struct: struct.Struct | None
     """None where an object is not a whole standard type: then ``cuts`` (bits, signed, shown) cut the bits."""
     cuts: tuple[tuple[int, bool, bool], ...] = ()
+    addresses: tuple[tuple[int, int], ...] = ()
+    """Index and sub-index of each value."""
 
     def unpack(self, data: bytes) -> tuple[Raw, ...]:
         """The values; ``data`` is at least ``size`` long."""

@@ -45,11 +45,13 @@ def _register(wanted: str = "") -> None:
         demo,
         eds,
         param,
+        replay,
         run,
         sim_drive,
         sim_encoder,
         sim_plc,
         status,
+        timeline,
     )
 
     app.command("run")(run.run)
@@ -57,6 +59,8 @@ def _register(wanted: str = "") -> None:
     app.command("status")(status.status)
     app.add_typer(bench.app, name="bench")
     app.command("decode")(decode.decode)
+    app.command("timeline")(timeline.timeline)
+    app.command("replay")(replay.replay)
     app.command("demo")(demo.demo)
     app.add_typer(param.app, name="param")
     app.add_typer(eds.app, name="eds")

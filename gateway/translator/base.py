@@ -5,9 +5,10 @@ Source: docs/translation.md.
 
 from __future__ import annotations
 
+import copy
 import enum
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Generic, TypeVar
@@ -15,7 +16,11 @@ from typing import Generic, TypeVar
 from dsp402.errors import Dsp402Error
 from dsp402.images import DriveCommand, DriveFeedback, References
 from gateway.reasons import Reason
+from profidrive.datatypes import Normalisation
 from profidrive.telegrams import Telegram
+
+_IMMUTABLE = (int, str, tuple, enum.Enum, Normalisation, Telegram, type(None))
+"""Types of attributes that a step replaces and never changes."""
 
 
 class PlcLossReaction(enum.Enum):
@@ -123,6 +128,14 @@ class Translator(BaseTranslator[DriveFeedback, References]):
         self.command = DriveCommand()
         self.warning = False
 
+    def checkpoint(self) -> dict[str, object]:
+        """Everything a step may change, for ``restore``: a replay tries steps and takes them back."""
+        return _copies(vars(self))
+
+    def restore(self, checkpoint: Mapping[str, object]) -> None:
+        """Go back to a checkpoint of this translator; it can be used again."""
+        vars(self).update(_copies(checkpoint))
+
     def _usable(self, references: References) -> bool:
         """Whether the references pass their check; fault event 104 tells which one does not."""
         try:
@@ -131,3 +144,7 @@ class Translator(BaseTranslator[DriveFeedback, References]):
             self.events.append(FaultEvent(104, str(error)))
             return False
         return True
+
+
+def _copies(attributes: Mapping[str, object]) -> dict[str, object]:
+    return {name: value if isinstance(value, _IMMUTABLE) else copy.copy(value) for name, value in attributes.items()}

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import datetime
 import io
 import json
 import os
@@ -30,7 +29,9 @@ from gateway.errors import GatewayError
 from profidrive.telegrams import Direction
 from profidrive.telegrams import telegram as telegram_of
 from tools.decode_io import live
+from tools.decode_io.axes import configured_axes
 from tools.decode_io.dictionary import dictionary_of
+from tools.decode_io.moments import moment
 from tools.decode_io.source import Source, open_source
 from tools.decode_io.writers import (
     CsvWriter,
@@ -170,17 +171,7 @@ def _known(telegrams: Sequence[int], config: Path | None, eds: Sequence[str], po
 
         loaded = load_config(config)
         origin = "configuration"
-        single = len(loaded.can) == 1
-        axes = [
-            Axis(
-                axis.do_id,
-                telegrams[position] if position < len(telegrams) else axis.telegram,
-                axis.node_id,
-                "" if single else str(loaded.bus_of(axis).channel),
-            )
-            for position, axis in enumerate(loaded.axis)
-        ]
-        given_axes([axis.telegram for axis in axes])
+        axes = configured_axes(loaded, telegrams)
         files = {axis.node_id: axis.eds for axis in loaded.axis if axis.eds} | files
         cyclic |= {loaded.transport.cyclic_port}
         acyclic |= {loaded.transport.acyclic_port}
@@ -232,17 +223,6 @@ def _colours() -> bool:
 # -- the loop ---------------------------------------------------------------------------------------------------------
 
 
-def _moment(text: str, option: str, zero_ns: int) -> int:
-    try:
-        return zero_ns + round(float(text) * 1e9)
-    except (ValueError, OverflowError):
-        pass
-    try:
-        return round(datetime.datetime.fromisoformat(text).timestamp() * 1e9)
-    except (ValueError, OverflowError, OSError):
-        raise GatewayError(f"{option} {text}: expected seconds or an ISO time like 2026-03-01T12:00:00") from None
-
-
 def _run(
     source: Source,
     decoder: Decoder,
@@ -276,8 +256,8 @@ def _loop(
     if first is None:
         return
     zero_ns = first.time_ns
-    selection.begin_ns = _moment(limits[0], "--from", zero_ns) if limits[0] is not None else None
-    selection.end_ns = _moment(limits[1], "--to", zero_ns) if limits[1] is not None else None
+    selection.begin_ns = moment(limits[0], "--from", zero_ns) if limits[0] is not None else None
+    selection.end_ns = moment(limits[1], "--to", zero_ns) if limits[1] is not None else None
     stop_ns = None if selection.end_ns is None else selection.end_ns + _LATE_NS
     everything = selection.everything
     for writer in writers:

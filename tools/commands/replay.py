@@ -1,0 +1,101 @@
+"""``pdgw replay``: would today's translators have sent what a recording shows?"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from gateway.replay import AxisReplay, Difference
+from tools.recordings import TOLERANCE_NS, Loaded, known_from, load, nanoseconds, tell, write_lines
+
+
+def replay(
+    files: Annotated[
+        list[str], typer.Argument(help="Captures of both buses, like plc.pcap can.log.", metavar="FILE...")
+    ],
+    config: Annotated[Path | None, typer.Option(help="The gateway's configuration: axes, nodes, choices.")] = None,
+    telegram: Annotated[
+        list[int] | None, typer.Option(help="Telegram; repeat for each axis. Without it inferred.")
+    ] = None,
+    node: Annotated[
+        list[str] | None, typer.Option(help="CANopen node of each axis in turn, or AXIS=NODE [number of the axis].")
+    ] = None,
+    offset: Annotated[
+        float | None, typer.Option(help="Clock of the CAN capture minus the PLC's, seconds. Without it correlated.")
+    ] = None,
+    tolerance: Annotated[
+        float, typer.Option(min=0, max=10_000, help="How far recorded times may be off, milliseconds.")
+    ] = TOLERANCE_NS / 1e6,
+    as_json: Annotated[bool, typer.Option("--json", help="One JSON object.")] = False,
+) -> None:
+    """Feed a recording through today's translators; exit status 1 where they would have sent something else."""
+    loaded = load(files, known_from(config, telegram or [], node or []), nanoseconds(offset), tell)
+    outcomes = loaded.replay(tolerance_ns=round(tolerance * 1e6), first_only=True)
+    write_lines(_document(loaded, outcomes) if as_json else _text(loaded, outcomes))
+    if any(outcome.differences for outcome in outcomes):
+        raise typer.Exit(1)
+
+
+def _document(loaded: Loaded, outcomes: Sequence[AxisReplay]) -> Iterator[str]:
+    yield json.dumps(
+        {
+            "equal": not any(outcome.differences for outcome in outcomes),
+            "begin_ns": loaded.recording.begin_ns,
+            "axes": [
+                {
+                    "axis": outcome.recording.do_id,
+                    "telegram": outcome.recording.telegram.number,
+                    "node": outcome.recording.node,
+                    "steps": len(outcome.steps),
+                    "compared": outcome.compared,
+                    "first_difference": _difference(outcome.differences[0]) if outcome.differences else None,
+                }
+                for outcome in outcomes
+            ],
+        }
+    )
+
+
+def _difference(difference: Difference) -> dict[str, object]:
+    return {
+        "time_ns": difference.time_ns,
+        "what": difference.what,
+        "names": list(difference.names),
+        "recorded": difference.recorded,
+        "today": difference.today,
+        "note": difference.note,
+    }
+
+
+def _text(loaded: Loaded, outcomes: Sequence[AxisReplay]) -> Iterator[str]:
+    yield f"clocks: {loaded.clocks.text}"
+    for outcome in outcomes:
+        recording = outcome.recording
+        who = f"axis {recording.do_id} (telegram {recording.telegram.number}, node {recording.node})"
+        if not outcome.differences:
+            equal = f"{outcome.compared} of {len(outcome.steps)} steps compared, all equal"
+            yield (
+                f"{who}: {equal}" if outcome.compared else f"{who}: nothing to compare: neither configured nor OFF seen"
+            )
+        for difference in outcome.differences:
+            seconds = (difference.time_ns - loaded.recording.begin_ns) / 1e9
+            yield f"{who}: {outcome.compared} steps equal, then at {seconds:.6f} s {difference.what} differ"
+            yield from _values(difference)
+
+
+def _values(difference: Difference) -> Iterator[str]:
+    if difference.note:
+        yield f"  {difference.note}"
+    for name in difference.names:
+        yield f"  {name}: recorded {_shown(difference.recorded, name)}, today {_shown(difference.today, name)}"
+
+
+def _shown(values: Mapping[str, int] | None, name: str) -> str:
+    value = None if values is None else values.get(name)
+    if value is None:
+        return "nothing"
+    return f"{value} ({value & 0xFFFF:04X}h)" if 0 <= value <= 0xFFFF else str(value)
