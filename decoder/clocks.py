@@ -185,8 +185,10 @@ def _between(cluster: Sequence[Distance], cycle_ns: int) -> tuple[int, int]:
         lowest = highest = highest if highest is not None else lowest or 0
         doubt = cycle_ns
     else:
-        lowest, highest = min(lowest, highest), max(lowest, highest)
         doubt = (highest - lowest) // 2
+        if lowest > highest:  # the recorders' own delays are longer than those between the edges
+            lowest, highest = highest, lowest
+            doubt = (cluster[-1][0] - cluster[0][0]) // 2
     if lowest - cycle_ns // 2 <= 0 <= highest + cycle_ns // 2:
         return 0, max(doubt, abs(lowest), abs(highest))
     return (lowest + highest) // 2, doubt

@@ -312,6 +312,8 @@ def _exchange(recording: Recording) -> Iterator[Anomaly]:
             yield Anomaly(received.time_ns, 0, kind, f"frame with counter {frame.counter}: {verdict.value}")
         standing = verdict
     for time_ns in plc.losses:
+        if time_ns > recording.end_ns:
+            continue
         last = max((item.time_ns for item in plc.received if item.time_ns < time_ns), default=time_ns)
         following = next((item.time_ns for item in plc.received if item.time_ns > time_ns), None)
         how_long = "to the end" if following is None else f"for {(following - last) / 1e6:.1f} ms"

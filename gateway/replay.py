@@ -6,8 +6,8 @@ values are what its TPDOs carried, and the recorded answers say when the gateway
 A recorder does not tell which TPDO the gateway had at hand when it made a step, nor the exact time of the step. So the
 question asked is: is there, for each step, a choice of inputs within ``tolerance_ns`` of its recorded time - taken in their
 order, none skipped for longer than that - with which today's translator gives exactly the recorded actual values, and each
-RPDO exactly the recorded payloads in their order? Repetitions of a payload (refresh) do not count. The search goes back up to
-``DEPTH`` steps; where it finds nothing, the first step that cannot be explained is the difference.
+RPDO exactly the recorded payloads in their order? Repetitions of a payload (refresh) do not count. Where a step cannot be
+explained, the search goes back as far as the tolerance reaches; when it finds nothing, that step is the difference.
 
 Whether a drive is online is an input (IOPS of the answers), as are references (SDO) and the results of SDO writes. What the
 translator remembers from before the recording is not known: comparison starts when the drive is configured in the recording,
@@ -19,7 +19,7 @@ from __future__ import annotations
 import copy
 from bisect import bisect_right
 from collections import deque
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
@@ -37,9 +37,7 @@ from gateway.transport.cyclic import CyclicEndpoint, Verdict
 from profidrive.signals import signal
 from profidrive.telegrams import ApplicationMode, Telegram
 
-DEPTH: Final = 8
-"""Steps a search goes back."""
-BUDGET: Final = 4000
+BUDGET: Final = 10_000
 """Choices that are tried for one step that does not fit."""
 SENDING_GAP_NS: Final = 300_000_000
 """RPDOs are refreshed every 100 ms: a longer silence means that the gateway does not send to this drive."""
@@ -335,30 +333,32 @@ class Replayer:
         self._feedback_times = [event.time_ns for event in recording.feedback]
         self._state = _State()
         self._ticks = _ticks(recording, cycle_ns)
+        # A payload is missed when the tolerance has passed; its cause may be as far before it.
+        self._depth = 2 * -(-tolerance_ns // cycle_ns) + 4
+        self._visited: set[Hashable] = set()
 
     def run(self, *, first_only: bool = False) -> AxisReplay:
         """Replay everything; with ``first_only`` up to the first difference."""
         outcome = AxisReplay(self._recording)
         steps = outcome.steps
-        choices: deque[_Choice] = deque(maxlen=DEPTH)
+        choices: deque[_Choice] = deque(maxlen=self._depth)
         unchecked = 0  # steps up to here are taken as they come: they belong to a difference
         failed_at = -1
         failure: Difference | None = None
         budget = BUDGET
         while len(steps) < len(self._ticks):
-            position = len(steps)
-            choice = self._choice(self._ticks[position])
-            while not self._advance(choice, self._ticks[position], steps, check=position >= unchecked):
-                if position > failed_at:
-                    failed_at, failure = position, choice.best
+            choice = self._choice(self._ticks[len(steps)])
+            while not self._advance(choice, steps, check=len(steps) >= unchecked, searching=len(steps) <= failed_at):
+                if len(steps) > failed_at:
+                    failed_at, failure = len(steps), choice.best
                     budget = BUDGET
+                    self._visited.clear()
                 budget -= choice.tried
                 choice.tried = 0
                 if not choices or budget <= 0:
                     break
                 choice = choices.pop()
                 steps.pop()
-                position -= 1
             else:
                 choices.append(choice)
                 continue
@@ -382,13 +382,35 @@ class Replayer:
         self._translator.restore(choice.checkpoint)
         self._state = choice.state.copy()
 
-    def _advance(self, choice: _Choice, tick: _Tick, steps: list[Step], *, check: bool) -> bool:
+    def _seen(self, position: int) -> bool:
+        """Whether the search was at this step in this state before: it would end alike."""
+        state = self._state
+        key = (
+            position,
+            state.setpoints,
+            state.feedback,
+            state.configured,
+            state.sdo,
+            state.done_at,
+            state.span,
+            tuple(sorted(state.cursors.items())),
+            self._translator.fingerprint(),
+        )
+        if key in self._visited:
+            return True
+        self._visited.add(key)
+        return False
+
+    def _advance(self, choice: _Choice, steps: list[Step], *, check: bool, searching: bool) -> bool:
         """Take the next choice that fits the recording; False when none is left."""
+        tick = self._ticks[len(steps)]
         for inputs in choice.inputs:
             self._go_back(choice)
             choice.tried += 1
             step, difference = self._step(tick, inputs, check=check)
             if difference is None:
+                if check and searching and self._seen(len(steps)):
+                    continue
                 steps.append(step)
                 return True
             if choice.best is None or len(difference.names) < len(choice.best.names):
@@ -413,10 +435,12 @@ class Replayer:
                 setattr(state.image, attribute, value)
         state.setpoints, state.feedback = inputs.setpoints, inputs.feedback
         values = recording.setpoints[inputs.setpoints - 1].values if inputs.setpoints else None
+        came_online = not state.online
         state.online = self._online(tick, state.online)
         compare = check and state.known
         if state.online:
-            self._configure(tick.time_ns)
+            # Its IOPS tell that the gateway has done with the drive, a little before or after the NMT command's time.
+            self._configure(tick.time_ns + (self._tolerance if came_online else 0))
         asked = translator.sdo_request
         actuals = tuple(translator.step(values, state.image, state.online, now))
         difference = None
@@ -450,11 +474,11 @@ class Replayer:
         position = bisect_right(self._recording.online, (tick.time_ns, True))
         return position > 0 and self._recording.online[position - 1][1]
 
-    def _configure(self, now: int) -> None:
-        """References and restarts of the drive that the gateway has learned by now."""
+    def _configure(self, until: int) -> None:
+        """References and restarts of the drive that the gateway has learned until a time."""
         state, translator = self._state, self._translator
         events = self._recording.configured
-        while state.configured < len(events) and events[state.configured].time_ns <= now + self._tolerance:
+        while state.configured < len(events) and events[state.configured].time_ns <= until:
             event = events[state.configured]
             state.configured += 1
             if event.restarted:

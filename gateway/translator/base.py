@@ -8,10 +8,10 @@ from __future__ import annotations
 import copy
 import enum
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Generic, TypeVar
+from typing import Generic, TypeGuard, TypeVar
 
 from dsp402.errors import Dsp402Error
 from dsp402.images import DriveCommand, DriveFeedback, References
@@ -136,6 +136,10 @@ class Translator(BaseTranslator[DriveFeedback, References]):
         """Go back to a checkpoint of this translator; it can be used again."""
         vars(self).update(_copies(checkpoint))
 
+    def fingerprint(self) -> tuple[Hashable, ...]:
+        """Equal for two moments of this translator from which it goes on alike."""
+        return tuple(_frozen(value) for value in vars(self).values())
+
     def _usable(self, references: References) -> bool:
         """Whether the references pass their check; fault event 104 tells which one does not."""
         try:
@@ -147,4 +151,18 @@ class Translator(BaseTranslator[DriveFeedback, References]):
 
 
 def _copies(attributes: Mapping[str, object]) -> dict[str, object]:
-    return {name: value if isinstance(value, _IMMUTABLE) else copy.copy(value) for name, value in attributes.items()}
+    return {name: value if _keeps(value) else copy.copy(value) for name, value in attributes.items()}
+
+
+def _keeps(value: object) -> TypeGuard[Hashable]:
+    """Whether a value stays as it is for ever."""
+    return isinstance(value, _IMMUTABLE) or callable(value)
+
+
+def _frozen(value: object) -> Hashable:
+    """A value as a hashable one; tables of methods, which are the same for ever, as nothing."""
+    if _keeps(value):
+        return value
+    if isinstance(value, list):
+        return tuple(value)
+    return tuple(_frozen(getattr(value, name)) for name in getattr(value, "__slots__", ()))

@@ -1,0 +1,175 @@
+"""Recordings of both buses made in virtual time: a rig whose PLC frames, answers and CAN frames are kept."""
+
+from __future__ import annotations
+
+import random
+import struct
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from decoder.engine import Settings, given_axes
+from ds301.nmt import NmtCommand
+from dsp402.images import REFERENCE_OBJECTS
+from dsp402.modes import Mode
+from dsp402.objects import DRIVE_OBJECTS
+from gateway.translator.base import TranslatorSettings
+from gateway.transport.cyclic import CyclicEndpoint
+from profidrive.frame import ETHERTYPE
+from tests.support import captures
+from tests.support.rig import MS, NODE, Rig
+from tools.plc.endpoint import PlcEndpoint
+from tools.recordings import Known, Loaded, load
+
+CYCLE_NS = 4 * MS
+BEGIN_NS = captures.BEGIN_NS
+_REFRESH_NS = 100 * MS
+_PLC = ("127.0.0.1", 34962)
+_MACS = bytes.fromhex("020000000002020000000001") + struct.pack(">H", ETHERTYPE)
+_COMMAND_NS, _ANSWER_NS, _DRIVE_NS = 100_000, 300_000, 600_000
+"""What the gateway needs for its RPDOs and for its answer, and when the drive has answered the RPDOs."""
+
+PlcFrame = tuple[int, bytes]
+CanFrame = tuple[int, int, bytes]
+
+
+@dataclass
+class Frames:
+    """The frames of both buses in virtual nanoseconds; tests change them before they are written."""
+
+    plc: list[PlcFrame] = field(default_factory=list)
+    answers: list[PlcFrame] = field(default_factory=list)
+    can: list[CanFrame] = field(default_factory=list)
+
+    def write(self, folder: Path, *, offset_ns: int = 0, jitter_ns: int = 0) -> list[str]:
+        """plc.pcap and can.log; the CAN clock is ahead by ``offset_ns``, CAN times are off by up to ``jitter_ns``."""
+        noise = random.Random(1)
+        both = sorted([*self.plc, *self.answers], key=lambda item: item[0])
+        packets = [(BEGIN_NS + now, captures.ETHERNET, _MACS + data) for now, data in both]
+        (folder / "plc.pcap").write_bytes(captures.pcap(packets, nanoseconds=True))
+        lines = []
+        last: dict[int, int] = {}
+        for now, cob_id, data in sorted(self.can, key=lambda item: item[0]):
+            # Frames of one identifier stay in their order, whatever the recorder does to their times.
+            last[cob_id] = max(last.get(cob_id, 0), now + noise.randint(-jitter_ns, jitter_ns))
+            lines.append((last[cob_id], cob_id, data))
+        text = ""
+        for now, cob_id, data in sorted(lines, key=lambda item: item[0]):
+            seconds, rest = divmod(BEGIN_NS + now + offset_ns, 10**9)
+            text += f"({seconds}.{rest // 1000:06d}) can0 {cob_id:03X}#{data.hex().upper()}\n"
+        (folder / "can.log").write_text(text)
+        return [str(folder / "plc.pcap"), str(folder / "can.log")]
+
+    def change_can(self, cob_id: int, number: int, change: Callable[[bytes], bytes | None]) -> int:
+        """Change one frame of an identifier (None removes it); returns its time."""
+        position = [i for i, frame in enumerate(self.can) if frame[1] == cob_id][number]
+        now, _, data = self.can.pop(position)
+        changed = change(data)
+        if changed is not None:
+            self.can.insert(position, (now, cob_id, changed))
+        return now
+
+
+class RecordedRig(Rig):
+    """A rig with the gateway's endpoint in front and a recorder beside it. ``plc`` is the PLC's endpoint."""
+
+    def __init__(self, number: int, **settings: object) -> None:
+        self.frames = Frames()
+        self._later = 0
+        super().__init__(number, **settings)
+        telegram = self.translator.telegram
+        self.number = number
+        self.settings = self.translator.settings
+        self.plc = PlcEndpoint([telegram], CYCLE_NS)
+        self.endpoint = CyclicEndpoint([telegram], cycle_ns=CYCLE_NS)
+        self.sdo_delay = 2
+        self._sent_at: dict[int, int] = {}
+
+    # -- the drive's side ---------------------------------------------------------------------------------------------
+
+    def _can(self, cob_id: int, data: bytes, later: int = 0) -> None:
+        self.frames.can.append((self.now + later, cob_id, bytes(data)))
+
+    def _transmitted(self, can_id: int, data: bytes) -> None:
+        self._can(can_id, data, self._later)
+        super()._transmitted(can_id, data)
+
+    def _configure(self, mode: Mode | None) -> None:
+        self._can(0, bytes((NmtCommand.ENTER_PRE_OPERATIONAL, NODE)))
+        self.node.set_data(0x6098, 0, b"\x23", check_writable=True)
+        for index, subindex in [*((i, s) for _, i, s in REFERENCE_OBJECTS), (0x6098, 0)]:
+            request = struct.pack("<BHB4x", 0x40, index, subindex)
+            self._can(0x600 + NODE, request)
+            self.node.receive(0x600 + NODE, request, self.now)
+        super()._configure(mode)
+        self._can(0, bytes((NmtCommand.START, NODE)), -2 * MS)
+
+    def _send(self) -> None:
+        command = self.translator.command
+        for pdo in sorted(self.layout.rpdos, key=lambda item: -item.number):
+            data = pdo.pack(command)
+            if self._sent.get(pdo.number) != data or self.now - self._sent_at.get(pdo.number, 0) >= _REFRESH_NS:
+                self._can(pdo.cob_id(NODE), data, _COMMAND_NS)
+                self._sent_at[pdo.number] = self.now
+        self._later = _DRIVE_NS
+        super()._send()
+        self._later = 0
+
+    def _serve_sdo(self) -> None:
+        request = self.translator.sdo_request
+        super()._serve_sdo()
+        if request is None or self.translator.sdo_request is not None:
+            return
+        for item in request:
+            size = DRIVE_OBJECTS.entry(item.index, item.subindex).type.bits // 8
+            head = struct.pack("<HB", item.index, item.subindex)
+            value = item.value.to_bytes(4, "little", signed=item.value < 0)
+            self._can(0x600 + NODE, bytes((0x23 | (4 - size) << 2,)) + head + value)
+            aborted = bytes((0x80,)) + head + bytes.fromhex("22000008")
+            self._can(0x580 + NODE, aborted if self.sdo_error else bytes((0x60,)) + head + bytes(4))
+            if self.sdo_error:
+                return
+
+    # -- the PLC's side -----------------------------------------------------------------------------------------------
+
+    def step(self, cycles: int = 1, *, plc: bool = True) -> dict[str, int]:
+        for _ in range(cycles):
+            self._advance(4)
+            if plc:
+                self.plc.set(0, self.values)
+                frame = bytes(self.plc.build())
+                self.frames.plc.append((self.now, frame))
+                self.endpoint.receive(frame, _PLC, self.now)
+            self.endpoint.poll(self.now)
+            actuals = self.translator.step(self.endpoint.setpoints[0], self.feedback, self.connected_drive, self.now)
+            self.actuals = self.translator.telegram.actuals.as_dict(actuals)
+            self._send()
+            self._serve_sdo()
+            answer = bytes(self.endpoint.build([actuals], [self.connected_drive]))
+            self.plc.receive(answer, self.now)
+            self.frames.answers.append((self.now + _ANSWER_NS, answer))
+        return self.actuals
+
+    def stw(self, word: int, cycles: int = 5) -> None:
+        """Another control word, and some cycles with it."""
+        self.values[self.translator.telegram.setpoints.names[0]] = word
+        self.step(cycles)
+
+    # -- what was recorded --------------------------------------------------------------------------------------------
+
+    @property
+    def known(self) -> Known:
+        """What the command line would be told."""
+        return known(self.number, self.settings)
+
+    def load(self, folder: Path, offset_ns: int | None = None, *, clock_ns: int = 0, jitter_ns: int = 0) -> Loaded:
+        """Write the captures and read them as the commands do."""
+        files = self.frames.write(folder, offset_ns=clock_ns, jitter_ns=jitter_ns)
+        return load(files, self.known, offset_ns, lambda _: None)
+
+
+def known(number: int, settings: TranslatorSettings | None = None) -> Known:
+    """One axis, on the rig's node."""
+    axis = given_axes([number])[0]
+    axes = [type(axis)(axis.do_id, axis.telegram, NODE)]
+    return Known(Settings(axes), {1: settings or TranslatorSettings()}, CYCLE_NS, 3)
