@@ -578,13 +578,27 @@ simulate = false             # true: a simulated drive instead of the one on the
 """
 
 
-def simulated(number: int, axes: int) -> GatewayConfig:
-    """The configuration of ``pdgw run --simulate``: simulated drives on a virtual bus, 4 ms."""
-    if number not in DRIVE_TELEGRAM_NUMBERS:
-        raise GatewayError(f"telegram = {number} is not supported, allowed: {list(DRIVE_TELEGRAM_NUMBERS)}")
-    return GatewayConfig.model_validate(
-        {
-            "can": {"interface": "virtual", "channel": "pdgw"},
-            "axis": [{"do_id": n, "node_id": n, "telegram": number, "simulate": True} for n in range(1, axes + 1)],
-        }
-    )
+def simulated(number: int, axes: int, encoders: int = 0, encoder_number: int = 83) -> GatewayConfig:
+    """The configuration of ``pdgw run --simulate``: simulated drives and encoders on a virtual bus, 4 ms.
+
+    The encoders sit on the shafts of the axes, one after the other. GatewayError names what is not possible.
+    """
+    document = {
+        "can": {"interface": "virtual", "channel": "pdgw"},
+        "axis": [{"do_id": n, "node_id": n, "telegram": number, "simulate": True} for n in range(1, axes + 1)],
+        "encoder": [
+            {
+                "do_id": axes + n,
+                "node_id": axes + n,
+                "telegram": encoder_number,
+                "simulate": True,
+                "motion": f"shaft={(n - 1) % axes + 1}",
+            }
+            for n in range(1, encoders + 1)
+        ],
+    }
+    try:
+        return GatewayConfig.model_validate(document)
+    except ValidationError as error:
+        messages = dict.fromkeys(detail["msg"].removeprefix("Value error, ") for detail in error.errors())
+        raise GatewayError("\n".join(messages)) from error

@@ -24,7 +24,7 @@ from ds301.network import CanNetwork
 from ds301.running import RunningNode
 from dsp402.simulator import SimulatedDrive
 from dsp406.simulator import SimulatedEncoder
-from dsp406.simulator.motion import parse_motion
+from dsp406.simulator.motion import Motion, parse_motion
 from gateway.axis import Axis
 from gateway.config import GATEWAY_NODE_ID, AxisConfig, CanConfig, GatewayConfig
 from gateway.drive_object import DriveObject
@@ -119,15 +119,20 @@ class Daemon:
         return [made[config.do_id] for config in self.config.encoder]
 
     def _simulate(self) -> None:
+        shafts: dict[str, dict[int, Motion]] = {bus.name: {} for bus in self.config.can}
         for config in self.config.axis:
             if config.simulate:
-                bus = open_configured_bus(self.config.bus_of(config))
-                self.simulated.append(SimulatedDrive(bus, config.node_id, serial_number=config.do_id))
+                can_config = self.config.bus_of(config)
+                drive = SimulatedDrive(open_configured_bus(can_config), config.node_id, serial_number=config.do_id)
+                self.simulated.append(drive)
+                shafts[can_config.name][config.node_id] = drive.shaft
         for can_config in self.config.can:
             for node_id, channels in self.config.encoders_of(can_config).items():
                 if channels[0].simulate:
                     last = max(channels, key=lambda item: item.channel)
-                    motions = {item.channel: parse_motion(item.motion) for item in channels}
+                    motions = {
+                        item.channel: parse_motion(item.motion, shafts=shafts[can_config.name]) for item in channels
+                    }
                     self.simulated_encoders.append(
                         SimulatedEncoder(
                             open_configured_bus(can_config),

@@ -12,6 +12,7 @@ from ds301.simulator import SendFunction, SimulatedNode, Value
 from dsp402.device import drive_objects
 from dsp402.misbehaviour import DRIVE_MISBEHAVIOURS
 from dsp402.simulator.model import DriveModel, Machine
+from dsp402.simulator.motion import INCREMENTS_PER_REVOLUTION
 
 
 class SimulatedDriveNode(SimulatedNode):
@@ -84,6 +85,10 @@ class SimulatedDrive(RunningNode[SimulatedDriveNode]):
     @property
     def model(self) -> DriveModel:
         return self.node.model
+
+    def shaft(self, _: int) -> float:
+        """Revolutions of the shaft since power-on, untouched by homing: what turns an encoder on it."""
+        return self.model.machine_position / INCREMENTS_PER_REVOLUTION
 
     def inject(self, fault: int) -> None:
         """Raise fault 1-12; see ``DriveModel.inject``."""

@@ -1,4 +1,4 @@
-"""What turns a simulated encoder: motion profiles, recordings, or the position of another node on the bus.
+"""What turns a simulated encoder: motion profiles, recordings, another node's position on the bus, or a simulated shaft.
 
 A motion is a function from the nanoseconds since it began to the mechanical position, in revolutions of a rotary encoder
 and millimetres of a linear one. Any callable will do, for example one that asks a simulated drive in the same process.
@@ -9,15 +9,19 @@ from __future__ import annotations
 import csv
 import math
 from bisect import bisect_right
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 
 from dsp406.errors import Dsp406Error
 
 Motion = Callable[[int], float]
 SECOND = 1_000_000_000
-MOTIONS = "still[=POSITION], speed=PER_SECOND, sine=AMPLITUDE,SECONDS, csv=FILE, follow=COB_ID,BYTE,INCREMENTS"
+MOTIONS = (
+    "still[=POSITION], speed=PER_SECOND, sine=AMPLITUDE,SECONDS, csv=FILE, follow=COB_ID,BYTE,INCREMENTS, shaft=NODE_ID"
+)
 """What ``parse_motion`` takes."""
+NO_SHAFTS: Mapping[int, Motion] = MappingProxyType({})
 LARGEST = 1e9
 """Bound of positions, speeds and times that are read from text."""
 
@@ -126,10 +130,10 @@ def _number(text: str) -> float:
     return value
 
 
-def parse_motion(text: str, start: float = 0.0) -> Motion:
+def parse_motion(text: str, start: float = 0.0, shafts: Mapping[int, Motion] = NO_SHAFTS) -> Motion:
     """A motion in one word: ``speed=1.5``, see ``MOTIONS``; Dsp406Error for anything else.
 
-    Standstill, speed and sine go on from ``start``.
+    Standstill, speed and sine go on from ``start``. ``shafts``: those of the drives simulated in the same process, by node-ID.
     """
     kind, _, rest = text.partition("=")
     values = rest.split(",") if rest else []
@@ -147,6 +151,13 @@ def parse_motion(text: str, start: float = 0.0) -> Motion:
                 return recorded(Path(rest))
             case "follow", [cob_id, offset, increments]:
                 return Follower(int(cob_id, 0), int(offset), _number(increments))
+            case "shaft", [number]:
+                node_id = int(number)
+                if node_id in shafts:
+                    return shafts[node_id]
+                raise Dsp406Error(
+                    "node whose shaft turns the encoder", node_id, f"a drive simulated beside it: {list(shafts)}"
+                )
     except ValueError:
         pass
     raise Dsp406Error("motion", text, MOTIONS)

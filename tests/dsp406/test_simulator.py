@@ -431,6 +431,7 @@ def test_motions_by_name(tmp_path: Path) -> None:
     assert parse_motion("speed=3")(500 * MS) == 1.5
     assert parse_motion("sine=2,4")(1000 * MS) == pytest.approx(2)
     assert sine(1, 4, 10)(3000 * MS) == pytest.approx(9)
+    assert parse_motion("shaft=7", shafts={7: still(3)})(0) == 3
     with pytest.raises(Dsp406Error, match=r"nowhere\.csv"):
         parse_motion(f"csv={tmp_path / 'nowhere.csv'}")
 
@@ -439,7 +440,7 @@ def test_motions_by_name(tmp_path: Path) -> None:
     "text",
     [
         *("", "speed", "speed=fast", "speed=nan", "speed=1e300", "sine=1", "sine=1,0", "csv=", "walk=3"),
-        *("follow=1", "follow=0,0,1", "follow=0x181,5,1", "follow=0x181,1,0", "follow=x,1,1"),
+        *("follow=1", "follow=0,0,1", "follow=0x181,5,1", "follow=0x181,1,0", "follow=x,1,1", "shaft=x", "shaft=2"),
     ],
 )
 def test_other_motions_are_refused(text: str) -> None:

@@ -80,6 +80,17 @@ def test_simulated_axis_with_telegram_1_turns_and_stops_on_sigterm(tmp_path: Pat
     assert "Traceback" not in text
 
 
+def test_a_simulated_encoder_turns_with_the_shaft_of_its_axis(tmp_path: Path) -> None:
+    port = free_udp_port()
+    options = ["--cyclic-port", str(port), "--acyclic-port", "0", "--status-port", "0", "--encoders", "1"]
+    with running("run", "--simulate", "--encoder-telegram", "83", *options, log=tmp_path / "log"):
+        plc = LittlePlc(port, [1, 83])
+        plc.enable(0)
+        plc.endpoint.set(0, {"NSOLL_A": 0x2000})
+        plc.until(lambda: plc.signal(0, "NIST_A") == 0x2000, "1500 rpm of the drive")
+        plc.until(lambda: abs(plc.signal(1, "NIST_B") - 0x2000_0000) < 0x80_0000, "1500 rpm of the encoder")
+
+
 def test_two_axes_with_telegram_9_home_and_move(tmp_path: Path) -> None:
     port = free_udp_port()
     options = ["--cyclic-port", str(port), "--acyclic-port", "0", "--status-port", "0"]

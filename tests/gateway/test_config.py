@@ -204,3 +204,28 @@ def test_the_simulated_configuration_has_the_axes_asked_for(number: int) -> None
     config = simulated(number, 3)
     assert [axis.telegram for axis in config.axis] == [number] * 3
     assert all(axis.simulate for axis in config.axis)
+
+
+def test_simulated_encoders_sit_on_the_shafts_of_the_axes() -> None:
+    config = simulated(1, 2, 3, 84)
+    assert [(item.do_id, item.node_id, item.motion) for item in config.encoder] == [
+        (3, 3, "shaft=1"),
+        (4, 4, "shaft=2"),
+        (5, 5, "shaft=1"),
+    ]
+    assert all(item.simulate and item.telegram == 84 for item in config.encoder)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ((4, 1), "telegram = 4 is not supported, allowed"),
+        ((1, 1, 1, 9), "telegram = 9 is not supported, allowed: [81, 82, 83, 84]"),
+        ((100, 32, 32, 84), "1440"),
+    ],
+)
+def test_what_cannot_be_simulated_is_told_in_one_line(arguments: tuple[int, ...], message: str) -> None:
+    with pytest.raises(GatewayError) as caught:
+        simulated(*arguments)
+    assert message in str(caught.value)
+    assert "\n" not in str(caught.value)

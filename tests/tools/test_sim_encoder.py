@@ -42,6 +42,17 @@ def test_motions_go_on_from_where_the_encoder_stands(simulation: Simulation, tmp
     assert console.execute("@4 motion still").startswith("error: node: 4 is not allowed, expected an encoder")
 
 
+def test_an_encoder_sits_on_the_shaft_of_a_drive_of_the_same_bus(simulation: Simulation) -> None:
+    drive = simulation.device(4)
+    drive.do(lambda node: setattr(node.model, "machine_position", 2.5 * 4096))  # type: ignore[attr-defined]
+    simulation.move(3, "shaft=4", 3)
+    buses.wait_for(lambda: simulation.status(3)["position"][2] == 2.5 * 4096, "position of the drive")  # type: ignore[index]
+    with pytest.raises(
+        CanopenError, match=r"node whose shaft turns the encoder: 3 .* a drive simulated beside it: \[4\]"
+    ):
+        simulation.move(3, "shaft=3", 1)
+
+
 def test_alarms_and_warnings_by_name(simulation: Simulation) -> None:
     console = Console(simulation, threading.Event())
     assert console.execute("@3 fault position-error") == "ok: position-error"

@@ -131,10 +131,14 @@ def _explain(detail: ErrorDetails) -> str:
 def run(
     config: Annotated[Path | None, typer.Argument(help="Configuration file (TOML).", show_default=False)] = None,
     simulate: Annotated[
-        bool, typer.Option("--simulate", help="Simulated drives on a virtual bus; needs no file.")
+        bool, typer.Option("--simulate", help="Simulated devices on a virtual bus; needs no file.")
     ] = False,
     telegram: Annotated[int, typer.Option(help="Telegram of the simulated axes.")] = 1,
     axes: Annotated[int, typer.Option(min=1, max=32, help="Number of simulated axes.")] = 1,
+    encoders: Annotated[
+        int, typer.Option(min=0, max=32, help="Number of simulated encoders, on the shafts of the axes.")
+    ] = 0,
+    encoder_telegram: Annotated[int, typer.Option(help="Telegram of the simulated encoders.")] = 83,
     listen: Annotated[str | None, typer.Option(help="Address towards the PLC.")] = None,
     cyclic_port: Annotated[int | None, typer.Option(help="UDP port of the cyclic frames.")] = None,
     acyclic_port: Annotated[int | None, typer.Option(help="UDP port of the parameter channel.")] = None,
@@ -147,7 +151,7 @@ def run(
     """Run the gateway until SIGINT or SIGTERM; the drives are stopped and disabled first."""
     if simulate == (config is not None):
         raise GatewayError("give either a configuration file or --simulate")
-    chosen = simulated(telegram, axes) if config is None else load_config(config)
+    chosen = simulated(telegram, axes, encoders, encoder_telegram) if config is None else load_config(config)
     chosen = _with_options(
         chosen,
         {

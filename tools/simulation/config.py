@@ -13,7 +13,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_valida
 from ds301.errors import CanopenError
 from ds301.misbehaviour import make
 from dsp406.kinds import ROTARY
-from dsp406.simulator.motion import parse_motion
+from dsp406.simulator.motion import parse_motion, still
 from gateway.config import CanConfig, Integer, Port, as_list, parse_toml, read_text
 from tools.simulation.devices import DEVICE_TYPES, encoder_device
 
@@ -81,7 +81,7 @@ class DeviceConfig(_Section):
                     f"motion: {len(self.motion)} are given, allowed at most {device.channels}, one a channel"
                 )
             for text in self.motion:
-                parse_motion(text)
+                parse_motion(text, shafts=dict.fromkeys(range(1, 127), still()))
         except CanopenError as error:
             raise ValueError(str(error)) from error
         return self
@@ -171,7 +171,8 @@ node_id = 10
 model = "multi-sensor"       # rotary, linear, multi-sensor
 channels = 2
 motion = ["speed=1.5", "sine=2,10"]  # one a channel, in revolutions (linear: mm) and seconds; still without
-                             # also: still=P, csv=FILE, follow=COB_ID,BYTE,INCREMENTS (the position in another node's PDO)
+                             # also: still=P, csv=FILE, follow=COB_ID,BYTE,INCREMENTS (the position in another node's PDO),
+                             # shaft=NODE_ID (of a drive above)
 
 [[device.fault]]
 name = "battery"

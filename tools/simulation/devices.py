@@ -20,7 +20,7 @@ from dsp402.states import state_of
 from dsp406.kinds import DEVICES, ROTARY, EncoderDevice
 from dsp406.registers import Alarm, Warnings, names
 from dsp406.simulator import SimulatedEncoder, SimulatedEncoderNode
-from dsp406.simulator.motion import parse_motion
+from dsp406.simulator.motion import Motion, parse_motion
 
 
 class SimulatedDevice(Protocol):
@@ -65,12 +65,11 @@ def _encoder(
     serial_number: int,
     model: str = ROTARY.name,
     channels: int | None = None,
-    motion: Sequence[str] = (),
+    motion: Sequence[Motion] = (),
 ) -> SimulatedEncoder:
-    """``motion``: one for each channel, see ``parse_motion``."""
-    motions = [parse_motion(text) for text in motion]
+    """``motion``: one for each channel."""
     device = encoder_device(model, channels)
-    return SimulatedEncoder(bus, node_id, device=device, motions=motions, serial_number=serial_number)
+    return SimulatedEncoder(bus, node_id, device=device, motions=motion, serial_number=serial_number)
 
 
 def _encoder_status(node: SimulatedEncoderNode) -> dict[str, object]:
@@ -112,8 +111,13 @@ class Simulation:
         self._devices: dict[int, tuple[str, SimulatedDevice]] = {}
 
     def add(self, kind: str, bus: can.BusABC, node_id: int, serial_number: int, **options: Any) -> None:
-        """A device of ``DEVICE_TYPES``, not yet started; the bus becomes its own. ``options`` are those of its kind."""
+        """A device of ``DEVICE_TYPES``, not yet started; the bus becomes its own. ``options`` are those of its kind.
+
+        ``motion`` is given as texts, see ``parse_motion``; a shaft is that of a drive added before.
+        """
         try:
+            if "motion" in options:
+                options["motion"] = [parse_motion(text, shafts=self._shafts) for text in options["motion"]]
             device = DEVICE_TYPES[kind].make(bus, node_id, serial_number=serial_number, **options)
         except CanopenError:
             bus.shutdown()
@@ -123,6 +127,10 @@ class Simulation:
     @property
     def nodes(self) -> list[int]:
         return list(self._devices)
+
+    @property
+    def _shafts(self) -> dict[int, Motion]:
+        return {node: device.shaft for node, (_, device) in self._devices.items() if isinstance(device, SimulatedDrive)}
 
     def device(self, node_id: int) -> SimulatedDevice:
         return self._entry(node_id)[1]
@@ -148,11 +156,12 @@ class Simulation:
         device = self.device(node_id)
         if not isinstance(device, SimulatedEncoder):
             raise CanopenError("node", node_id, "an encoder, to be moved")
+        shafts = self._shafts
 
         def move(node: SimulatedEncoderNode) -> None:
             channels = node.model.channels
             start = channels[channel].mechanical if channel in channels else 0.0
-            node.model.set_motion(parse_motion(motion, start), channel)
+            node.model.set_motion(parse_motion(motion, start, shafts), channel)
 
         device.do(move)
 
