@@ -27,6 +27,9 @@ class Reason(enum.Enum):
     COAST_STOP = "STW1.1 = 0: coast stop"
     SETPOINT_DISABLED = "no setpoint: STW1 bits 4, 5 and 6 must all be 1"
     INTERNAL_LIMIT = "the drive limits the motion by itself (Statusword.11: limit switch, position or speed limit)"
+    STOPPED_AT_LIMIT = (
+        "stood at a limit of the drive: setpoint 0 until the PLC takes its setpoint through 0, or OFF and ON"
+    )
     SET_POINT_REFUSED = "the drive did not take the data of the set-point (SDO): not started, needs a new edge"
     NOT_OPERATING = "drive is not in operation: setpoints have no effect"
     MODE_NOT_CONFIRMED = "waiting for the drive to confirm the mode of operation (6061h)"

@@ -12,6 +12,7 @@ from fractions import Fraction
 
 from dsp402.images import DriveFeedback, References
 from dsp402.objects import DRIVE_OBJECTS
+from dsp402.states import StatusBit
 from gateway.reasons import Reason
 from gateway.translator.base import SetpointEnable, Translator, TranslatorSettings
 from gateway.translator.power import (
@@ -36,11 +37,18 @@ _SETPOINT_BITS = _RAMP_GENERATOR | _UNFREEZE | _ENABLE_SETPOINT
 _DEVICE_BITS = 0xF000
 """STW1 12-15 are device specific and pass to Controlword 12-15."""
 _WARNING = _ZSW1.bit("WARNING").mask
+LIMIT_STANDING_NS = 500_000_000
+"""A drive that reports an internal limit and stands so long with a setpoint is held by it (a limit switch); one whose speed
+is limited has left standstill by then."""
 _TRANSPARENT = ZSW1_TRANSPARENT | _ZSW1.bit("TARGET_REACHED").mask
 
 
 class VelocityTranslator(Translator):
-    """Speed setpoint to 60FFh, 606Ch to speed actual value, OFF1 as a ramp to standstill."""
+    """Speed setpoint to 60FFh, 606Ch to speed actual value, OFF1 as a ramp to standstill.
+
+    An axis that a limit switch stopped does not move on by itself when the switch is released: 60FFh is 0 until the PLC takes
+    its setpoint through 0 (or to the other direction, off the switch), or out of operation.
+    """
 
     def __init__(self, telegram: Telegram, settings: TranslatorSettings) -> None:
         super().__init__(telegram, settings)
@@ -60,6 +68,9 @@ class VelocityTranslator(Translator):
         self._wire: int | None = None
         self._value = 0
         self._target = 0
+        self._standing_since = -1
+        self._stopped = 0
+        """The setpoint with which the axis stood at a limit; 0: none."""
         self._profidrive = settings.setpoint_enable is SetpointEnable.PROFIDRIVE
 
     def set_references(self, references: References | None, homing_method: int = 0) -> None:
@@ -104,7 +115,8 @@ class VelocityTranslator(Translator):
         word = self._word
         power = self.power
         window = self._window
-        controlword = power.step(word, connected, drive_ok, statusword, -window <= velocity <= window, now)
+        standstill = -window <= velocity <= window
+        controlword = power.step(word, connected, drive_ok, statusword, standstill, now)
         reason = power.reason
         if power.ramping:
             self._target = 0
@@ -123,17 +135,40 @@ class VelocityTranslator(Translator):
                 reason = Reason.SETPOINT_DISABLED
                 if self._profidrive and not (word & _RAMP_GENERATOR and word & _ENABLE_SETPOINT):
                     self._target = 0
+        target = self._target
+        if self._stopped or statusword & StatusBit.INTERNAL_LIMIT:
+            target = self._held_at_limit(target, statusword, standstill, now)
+            if self._stopped and reason is None:
+                reason = Reason.STOPPED_AT_LIMIT
+        else:
+            self._standing_since = -1
         if not in_control and setpoints is not None:
             reason = Reason.NO_CONTROL
         self.reason = reason
         command.controlword = controlword | (word & _DEVICE_BITS if connected else 0)
-        command.target_velocity = self._target
+        command.target_velocity = target
         if not drive_ok:
             actuals[0] = statusword & ZSW1_TRANSPARENT | ZSW1_FAULT
         else:
             actuals[0] = state_bits | statusword & _TRANSPARENT | (_WARNING if self.warning else 0)
         actuals[self._actual_index] = actual.to_wire(velocity)
         return actuals
+
+    def _held_at_limit(self, target: int, statusword: int, standstill: bool, now: int) -> int:
+        """The target, or 0 while an axis that stood at a limit is asked for the same direction again."""
+        if target * self._stopped > 0:
+            return 0
+        self._stopped = 0
+        self.warning = False
+        if not (target and standstill and statusword & StatusBit.INTERNAL_LIMIT):
+            self._standing_since = -1
+        elif self._standing_since < 0:
+            self._standing_since = now
+        elif now - self._standing_since >= LIMIT_STANDING_NS:
+            self._stopped = target
+            self.warning = True
+            return 0
+        return target
 
     def _convert(self, wire: int, conversion: Normalisation) -> None:
         self._wire = wire
@@ -147,6 +182,8 @@ class VelocityTranslator(Translator):
         if setpoints is None:
             self._controlled = False
         self.reason = Reason.REFERENCE_INVALID if drive_ok else Reason.DRIVE_OFFLINE
+        self._stopped = 0
+        self.warning = False
         self.command.controlword = 0
         self.command.target_velocity = 0
         self._actuals[0] = statusword & ZSW1_TRANSPARENT | ZSW1_FAULT

@@ -12,6 +12,7 @@ from gateway.daemon import Daemon
 from gateway.reasons import Reason
 from gateway.status import snapshot
 from gateway.translator.power import PowerControl
+from gateway.translator.velocity import VelocityTranslator
 from tests.support.daemon import Plc, axis, configuration, running
 from tools.commands.conformance import app
 from tools.conformance import faults
@@ -82,6 +83,13 @@ def test_a_gateway_that_starts_a_drive_again_by_itself_fails(monkeypatch: pytest
     result = run_case(Case("enable-input-dropped", Reaction.STOPS))
     assert result.restarted
     assert "started by itself" in result.failures
+
+
+def test_a_gateway_that_moves_on_when_a_limit_switch_is_released_fails(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(VelocityTranslator, "_held_at_limit", lambda self, target, *_: target)
+    result = run_case(Case("limit-switch", Reaction.STANDS, (112,)))
+    assert result.restarted
+    assert "moves on by itself" in result.failures
 
 
 def test_a_gateway_that_stops_without_need_fails(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -39,6 +39,8 @@ _PATIENCE_S = 20.0
 """No healthy run needs so long for one step, even on a busy machine."""
 _QUIET_CYCLES = 50
 """So long is watched whether something starts by itself."""
+_STANDING_CYCLES = 150
+"""So long an axis stands before the fault goes: longer than what takes it for stopped."""
 _LOST, _RESTARTED = 101, 105
 _LOSSES = frozenset({_LOST, _RESTARTED})
 _CONFIGURES = "NMT enter pre operational"
@@ -406,7 +408,7 @@ def _in_operation(bench: _Bench, result: Result) -> None:
         bench.until(lambda: bench.told(case.numbers), f"fault {case.numbers}")
     if _LOSSES.intersection(case.numbers):
         bench.until(lambda: _CONFIGURES in bench.sent, "configured again")
-    bench.cycles(_QUIET_CYCLES)
+    bench.cycles(_STANDING_CYCLES if case.reaction is Reaction.STANDS else _QUIET_CYCLES)
     _note(bench, result, mark)
     result.stopped = bench.trace.stopped_by(mark, case.reaction is Reaction.STANDS)
     if case.reaction is Reaction.GOES_ON:
@@ -416,9 +418,13 @@ def _in_operation(bench: _Bench, result: Result) -> None:
             result.failures.append("the axis moves again")
         if bench.axis.reason is None:
             result.failures.append("no reason is shown")
+        bench.drive.do(lambda node: node.behave())
+        bench.cycles(_QUIET_CYCLES)
+        if not bench.standing():
+            result.restarted = True
+            result.failures.append("moves on by itself")
         bench.values[bench.word] = _OFF
         bench.until(lambda: bench.model.state not in _POWERED, "OFF obeyed")
-        bench.drive.do(lambda node: node.behave())
     else:
         if bench.axis.reason is None:
             result.failures.append("no reason is shown")

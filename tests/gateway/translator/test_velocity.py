@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from dsp402.images import References
-from dsp402.states import STATUS_OF, Command, State
+from dsp402.states import STATUS_OF, Command, State, StatusBit
 from gateway.reasons import Reason
 from gateway.translator.base import PlcLossReaction, SetpointEnable, TranslatorSettings
 from gateway.translator.factory import make_translator
@@ -346,3 +346,74 @@ def test_a_reference_of_0_refuses_operation(name: str) -> None:
     assert bench.controlword == 0
     assert zsw1 & 0x0F == 0x08
     assert bench.translator.reason is Reason.REFERENCE_INVALID
+
+
+# -- limit switches ----------------------------------------------------------------------------------------------------
+
+LIMIT = StatusBit.INTERNAL_LIMIT
+HALF_SECOND = 125
+"""Cycles."""
+
+
+def at_limit(bench: Bench, speed: int, *, cycles: int = HALF_SECOND + 1, velocity: int = 0) -> None:
+    """The drive reports an internal limit and has this speed, whatever is asked of it."""
+    for _ in range(cycles):
+        bench.drive.feedback.statusword |= LIMIT
+        bench.drive.feedback.velocity_actual = velocity
+        bench.step(ON, speed)
+
+
+@pytest.mark.parametrize("speed", [0x2000, -0x2000])
+def test_a_limit_switch_that_is_released_does_not_let_the_axis_move_on(speed: int) -> None:
+    bench = Bench()
+    bench.operate(speed)
+    at_limit(bench, speed)
+    assert bench.translator.reason is Reason.STOPPED_AT_LIMIT
+    assert bench.translator.warning
+    for word, wire in ((ON, speed), (ON, speed * 2), (0x043F, speed), (0x007F, 0), (ON, speed)):
+        bench.step(word, wire, cycles=5)
+        assert bench.translator.command.target_velocity == 0
+    assert bench.controlword & 0xF == 0xF
+
+
+@pytest.mark.parametrize("speed", [0, -0x0800])
+def test_a_setpoint_through_0_or_off_the_switch_ends_it(speed: int) -> None:
+    bench = Bench()
+    bench.operate(0x2000)
+    at_limit(bench, 0x2000)
+    bench.step(ON, speed)
+    assert bench.translator.command.target_velocity == speed * 6000 // 0x4000
+    assert bench.translator.reason is None
+    assert not bench.translator.warning
+    bench.step(ON, 0x2000)
+    assert bench.translator.command.target_velocity == 3000
+
+
+def test_off_and_on_end_it_too() -> None:
+    bench = Bench()
+    bench.operate(0x2000)
+    at_limit(bench, 0x2000)
+    bench.step(OFF, 0x2000, cycles=5)
+    bench.step(ON, 0x2000, cycles=5)
+    assert bench.translator.command.target_velocity == 3000
+
+
+@pytest.mark.parametrize(
+    ("cycles", "velocity"), [(HALF_SECOND - 2, 0), (4 * HALF_SECOND, 3000)], ids=["a moment", "limited speed"]
+)
+def test_an_axis_that_starts_or_is_limited_in_speed_goes_on(cycles: int, velocity: int) -> None:
+    bench = Bench()
+    bench.operate(0x2000)
+    at_limit(bench, 0x2000, cycles=cycles, velocity=velocity)
+    bench.step(ON, 0x2000)
+    assert bench.translator.command.target_velocity == 3000
+    at_limit(bench, 0x2000, cycles=HALF_SECOND - 2)
+    assert bench.translator.command.target_velocity == 3000, "not longer than a moment each"
+
+
+def test_an_axis_that_stands_with_setpoint_0_at_a_limit_obeys_its_next_setpoint() -> None:
+    bench = Bench()
+    bench.operate(0)
+    at_limit(bench, 0, cycles=2 * HALF_SECOND)
+    bench.step(ON, -0x2000)
+    assert bench.translator.command.target_velocity == -3000
