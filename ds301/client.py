@@ -98,6 +98,11 @@ _SUPERVISION_S = 0.02
 _FIRST_SIGN_S = 1.0
 """So soon after NMT start each TPDO has to come, and the heartbeat if its own limit is not longer."""
 _ACYCLIC_PDO_NS = 100 * MS
+_ACYCLIC_FAILURES = 3
+"""So often in a row may objects without PDO not be read before their values are too old."""
+_SEGMENT = 7
+_LONGEST_UPLOAD = 1 << 16
+_LONGEST_UPLOAD_S = 10.0
 _HEARTBEAT_STATE = 0x7F
 """Bit 7 of a heartbeat is reserved."""
 
@@ -180,7 +185,10 @@ class NodeClient(abc.ABC, Generic[S]):
         self._node = canopen.RemoteNode(settings.node_id, self.dictionary)
         self._slots: list[_Slot] = []
         self._acyclic_tpdos: list[Pdo] = []
+        self._acyclic_due = 0
+        self._acyclic_failures = 0
         self._acyclic_read = 0
+        """When they were all read, monotonic nanoseconds."""
         self._sending = False
         """The node is in operation and takes RPDOs."""
         self._heartbeat = 0
@@ -305,8 +313,24 @@ class NodeClient(abc.ABC, Generic[S]):
     # -- worker thread ------------------------------------------------------------------------------------------------
 
     def read(self, index: int, subindex: int = 0) -> bytes:
-        """SDO upload, on the worker thread only; raises canopen's SdoAbortedError / SdoCommunicationError."""
-        data: bytes = self._node.sdo.upload(index, subindex)
+        """SDO upload, on the worker thread only; raises canopen's SdoAbortedError / SdoCommunicationError.
+
+        An answer that does not end is one of the latter: the worker has to watch the node.
+        """
+        sdo = self._node.sdo
+        deadline = time.monotonic() + _LONGEST_UPLOAD_S
+        data = b""
+        with sdo.open(index, subindex, "rb", buffering=0) as stream:
+            while segment := stream.read(_SEGMENT):
+                data += segment
+                if len(data) > _LONGEST_UPLOAD or time.monotonic() > deadline:
+                    sdo.abort()
+                    raise SdoCommunicationError(f"{index:04X}h/{subindex} does not end")
+            size = stream.size
+        # Some devices send 32 bits for every number: the EDS knows better.
+        declared = self.dictionary.get_variable(index, subindex)
+        if declared is not None and declared.fixed_size and (size is None or len(declared) // 8 < size):
+            data = data[: len(declared) // 8]
         return data
 
     def write(self, index: int, subindex: int, data: bytes) -> None:
@@ -404,8 +428,8 @@ class NodeClient(abc.ABC, Generic[S]):
         self._configure()
         for slot in self._slots:
             self.network.subscribe_pdo(slot.pdo.cob_id(self.settings.node_id), slot.receive)
-        for pdo in self._acyclic_tpdos:
-            self._read_acyclic(pdo)
+        self._read_acyclic()
+        self._acyclic_failures = 0
         self._heartbeat_state = NmtState.BOOT_UP.value
         self._nmt(NmtCommand.START)
         try:
@@ -564,6 +588,8 @@ class NodeClient(abc.ABC, Generic[S]):
         overdue = [str(slot.pdo) for slot in self._slots if now - slot.time > self._timeout_ns]
         if overdue:
             return f"no {', '.join(overdue)} for {self._timeout_ns // MS} ms"
+        if self._acyclic_failures >= _ACYCLIC_FAILURES:
+            return f"objects without PDO could not be read {_ACYCLIC_FAILURES} times"
         return "" if self.network.healthy else f"CAN bus {self.network.name} is not healthy"
 
     def _give_up(self) -> None:
@@ -585,16 +611,19 @@ class NodeClient(abc.ABC, Generic[S]):
 
     def _exchange_acyclic(self, now: int) -> None:
         """Objects for which the node has no PDO, read every 100 ms."""
-        if self._acyclic_tpdos and now - self._acyclic_read >= _ACYCLIC_PDO_NS:
-            self._acyclic_read = now
-            for pdo in self._acyclic_tpdos:
-                self._read_acyclic(pdo)
+        if self._acyclic_tpdos and now >= self._acyclic_due:
+            self._acyclic_due = now + _ACYCLIC_PDO_NS
+            self._acyclic_failures += 1
+            self._read_acyclic()
+            self._acyclic_failures = 0
 
-    def _read_acyclic(self, pdo: Pdo) -> None:
-        image = self._image(pdo)
-        for entry in pdo.entries:
-            signed = entry.type.char.islower()
-            setattr(image, entry.attribute, self._fetch(entry.index, entry.subindex, signed=signed))
+    def _read_acyclic(self) -> None:
+        for pdo in self._acyclic_tpdos:
+            image = self._image(pdo)
+            for entry in pdo.entries:
+                signed = entry.type.char.islower()
+                setattr(image, entry.attribute, self._fetch(entry.index, entry.subindex, signed=signed))
+        self._acyclic_read = time.monotonic_ns()
 
     # -- reader thread ------------------------------------------------------------------------------------------------
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import can
 import pytest
-from canopen.sdo import SdoAbortedError
+from canopen.sdo import SdoAbortedError, SdoCommunicationError
 
 from ds301.aborts import Abort
 from ds301.bus import open_bus
@@ -891,3 +891,56 @@ def test_a_set_point_waits_for_an_rpdo_that_the_bus_did_not_take(plant: Plant, m
     sent.clear()
     client.send(command, 4)
     assert sent == [], "the edge was there: it is not taken back"
+
+
+# -- what a worker must not do for ever --------------------------------------------------------------------------------
+
+
+def test_values_that_cannot_be_read_any_more_are_a_loss(plant: Plant) -> None:
+    """With two TPDOs most of telegram 100 is read by SDO: old values must not be shown as good."""
+    drive = SimulatedDrive(buses.bus(plant.name), NODE)
+    drive.node.misbehave("two-pdos")
+    plant.drive = drive
+    drive.start()
+    client = plant.connect(Operation.TRANSPARENT, initial_mode=None, sdo_timeout_ms=50)
+    plant.online()
+    drive.do(lambda node: node.misbehave("sdo-timeout"))
+    buses.wait_for(lambda: client.status is not DriveStatus.ONLINE, "lost")
+    assert any("lost: objects without PDO could not be read 3 times" in event.text for event in plant.events)
+    drive.do(lambda node: node.behave("sdo-timeout"))
+    plant.online(2)
+
+
+def test_an_sdo_answer_that_does_not_end_does_not_hold_the_worker(
+    plant: Plant, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("ds301.client._LONGEST_UPLOAD", 100)
+    drive = plant.power_on()
+    client = plant.connect()
+    plant.online()
+    receive = drive.node.receive
+    toggles = {0x60: b"\0", 0x70: b"\x10"}
+
+    def segments(can_id: int, data: bytes, now: int) -> None:
+        if can_id == 0x600 + NODE and data[0] in toggles:
+            drive.node.send(0x580 + NODE, toggles[data[0]] + b"endless")
+        else:
+            receive(can_id, data, now)
+
+    monkeypatch.setattr(drive.node, "receive", segments)
+    with pytest.raises(SdoCommunicationError, match="1008h/0 does not end"):
+        client.submit(lambda drive: drive.read(0x1008)).result(10)
+    assert client.submit(lambda drive: drive.read_number(0x1000)).result(10) == 0x0002_0192
+
+
+def test_a_number_is_as_long_as_the_eds_says(plant: Plant, monkeypatch: pytest.MonkeyPatch) -> None:
+    drive = plant.power_on()
+    client = plant.connect()
+    plant.online()
+    send = drive.node.send
+    # Without a size in the answer a number comes with all four bytes of the frame.
+    sizeless = b"\x42\x17\x10\0\x64\0\xff\xff"
+    monkeypatch.setattr(
+        drive.node, "send", lambda can_id, data: send(can_id, sizeless if data[1:4] == sizeless[1:4] else data)
+    )
+    assert client.submit(lambda drive: drive.read(0x1017)).result(10) == b"\x64\0"
