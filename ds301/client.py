@@ -23,6 +23,7 @@ from typing import Any, ClassVar, Generic, Self, TypeVar
 
 import canopen
 from canopen.sdo import SdoAbortedError, SdoCommunicationError
+from canopen.sdo.constants import EXPEDITED, REQUEST_DOWNLOAD, RESPONSE_DOWNLOAD, SDO_STRUCT, SIZE_SPECIFIED
 
 from ds301.aborts import Abort, abort_text
 from ds301.configuration import SdoStep, is_communication_parameter, is_taken, pdo_steps
@@ -101,6 +102,7 @@ _ACYCLIC_PDO_NS = 100 * MS
 _ACYCLIC_FAILURES = 3
 """So often in a row may objects without PDO not be read before their values are too old."""
 _SEGMENT = 7
+_EXPEDITED_SIZE = 4
 _LONGEST_UPLOAD = 1 << 16
 _LONGEST_UPLOAD_S = 10.0
 _HEARTBEAT_STATE = 0x7F
@@ -334,8 +336,22 @@ class NodeClient(abc.ABC, Generic[S]):
         return data
 
     def write(self, index: int, subindex: int, data: bytes) -> None:
-        """SDO download, on the worker thread only."""
-        self._node.sdo.download(index, subindex, data)
+        """SDO download, on the worker thread only; raises canopen's SdoAbortedError / SdoCommunicationError.
+
+        The late answer to another write, which was given up, does not confirm this one (canopen would take it).
+        """
+        sdo = self._node.sdo
+        if not 1 <= len(data) <= _EXPEDITED_SIZE:
+            sdo.download(index, subindex, data)
+            return
+        command = REQUEST_DOWNLOAD | EXPEDITED | SIZE_SPECIFIED | (_EXPEDITED_SIZE - len(data)) << 2
+        address = SDO_STRUCT.pack(RESPONSE_DOWNLOAD, index, subindex)
+        deadline = time.monotonic() + sdo.RESPONSE_TIMEOUT
+        answer = sdo.request_response(SDO_STRUCT.pack(command, index, subindex) + data.ljust(_EXPEDITED_SIZE, b"\0"))
+        while answer[: len(address)] != address:
+            if time.monotonic() > deadline:
+                raise SdoCommunicationError(f"no answer to the write of {index:04X}h/{subindex}")
+            answer = sdo.read_response()
 
     def read_number(self, index: int, subindex: int = 0, *, signed: bool = False) -> int:
         """An integer object, on the worker thread only."""

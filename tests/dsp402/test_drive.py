@@ -944,3 +944,29 @@ def test_a_number_is_as_long_as_the_eds_says(plant: Plant, monkeypatch: pytest.M
         drive.node, "send", lambda can_id, data: send(can_id, sizeless if data[1:4] == sizeless[1:4] else data)
     )
     assert client.submit(lambda drive: drive.read(0x1017)).result(10) == b"\x64\0"
+
+
+def test_the_late_answer_to_a_write_that_was_given_up_does_not_confirm_the_next(
+    plant: Plant, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drive = plant.power_on()
+    client = plant.connect()
+    plant.online()
+    send = drive.node.send
+    held: list[bytes] = []
+
+    def late(can_id: int, data: bytes) -> None:
+        """The first answer waits for the second."""
+        if can_id != 0x580 + NODE:
+            send(can_id, data)
+        elif not held:
+            held.append(data)
+        else:
+            send(can_id, held[0])
+            send(can_id, data)
+
+    monkeypatch.setattr(drive.node, "send", late)
+    with pytest.raises(SdoCommunicationError):
+        client.submit(lambda drive: drive.write(0x6083, 0, b"\x64\0\0\0")).result(10)
+    with pytest.raises(SdoAbortedError):
+        client.submit(lambda drive: drive.write(0x6084, 0, b"\xff\xff\xff\xff")).result(10)
