@@ -7,6 +7,7 @@ is a job for ``submit``: ``client.submit(lambda encoder: encoder.preset(1000))``
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from pathlib import Path
@@ -32,6 +33,9 @@ from dsp406.pdo import CYCLIC, POSITION, POSITION_MULTI_SENSOR, encoder_layout
 EncoderStatus = NodeStatus
 EncoderEvent = NodeEvent
 PRESET, PRESET_MULTI_SENSOR, CYCLIC_TIMER = 0x6003, 0x6010, 0x6200
+_ROUNDS = 4
+_READ_LATE_NS = _ROUNDS * 100 * MS
+"""A position read by SDO, each 100 ms and as long as reading all takes, may be missed so often; and one SDO may time out."""
 _DIAGNOSTICS = (("alarms", 0x6503), ("warnings", 0x6505), ("error_register", 0x1001))
 
 
@@ -78,6 +82,8 @@ class EncoderClient(NodeClient[EncoderSettings]):
         self.parameters: EncoderParameters | None = None
         """Read while configuring; None before."""
         self._diagnosed = 0
+        self._read_times: dict[int, int] = {}
+        self._round_ns = 0
         self._diagnose = threading.Event()
         dictionary = load_eds(settings.eds or eds_path(settings.device), settings.node_id)
         super().__init__(network, settings, self._layout(dictionary, settings), dictionary, on_event)
@@ -93,7 +99,21 @@ class EncoderClient(NodeClient[EncoderSettings]):
         for slot in self._slots:
             if slot.image is image:
                 return slot.time
-        return self._acyclic_read
+        return self._read_times.get(channel, 0)
+
+    def refresh(self, now: int) -> bool:
+        """Cyclic: as for every node, and no position that is read by SDO may be overdue either."""
+        fresh = super().refresh(now)
+        return fresh and not self._overdue(now)
+
+    def _overdue(self, now: int) -> list[int]:
+        """Channels without a TPDO whose position was not read for too long."""
+        limit = _READ_LATE_NS + _ROUNDS * self._round_ns + self.settings.sdo_timeout_ms * MS
+        channels = map(self._channel_of, self._acyclic_tpdos)
+        return [channel for channel in channels if now - self._read_times.get(channel, 0) > limit]
+
+    def _channel_of(self, pdo: Pdo) -> int:
+        return self.settings.channels[self.layout.tpdos.index(pdo)]
 
     def reconfigure(self, settings: EncoderSettings) -> None:
         """Other times or SYNC: map the PDOs anew. Node, EDS and channels stay those of the start."""
@@ -137,7 +157,7 @@ class EncoderClient(NodeClient[EncoderSettings]):
         return encoder_layout(mappable, settings.channels, sync=settings.sync)
 
     def _image(self, pdo: Pdo) -> object:
-        return self.feedback.channel(self.settings.channels[self.layout.tpdos.index(pdo)])
+        return self.feedback.channel(self._channel_of(pdo))
 
     def _pdo_steps(self, available: Collection[int]) -> list[SdoStep]:
         settings = self.settings
@@ -167,8 +187,19 @@ class EncoderClient(NodeClient[EncoderSettings]):
         self.read_parameters()
         self._read_diagnostics()
 
+    def _lost(self, now: int) -> str:
+        overdue = ", ".join(map(str, self._overdue(now)))
+        return super()._lost(now) or (f"position of channel {overdue} cannot be read" if overdue else "")
+
+    def _read_acyclic(self, pdo: Pdo) -> None:
+        begun = time.monotonic_ns()
+        super()._read_acyclic(pdo)
+        self._read_times[self._channel_of(pdo)] = begun
+
     def _exchange_acyclic(self, now: int) -> None:
         super()._exchange_acyclic(now)
+        if self._acyclic_read == now:
+            self._round_ns = time.monotonic_ns() - now
         if self._diagnose.is_set() or now - self._diagnosed >= self.settings.diagnosis_ms * MS:
             self._diagnosed = now
             self._read_diagnostics()
@@ -185,5 +216,7 @@ class EncoderClient(NodeClient[EncoderSettings]):
         return ENCODER_EMCY.get(code) or emcy_text(code)
 
     def _on_emcy(self, can_id: int, data: Any, timestamp: float) -> None:
+        if len(data) == 8:
+            self.feedback.error_register = data[2]
         self._diagnose.set()
         super()._on_emcy(can_id, data, timestamp)

@@ -7,6 +7,7 @@ telegrams".
 from __future__ import annotations
 
 import logging
+import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from fractions import Fraction
@@ -20,7 +21,8 @@ from dsp406.encoder import CYCLIC_TIMER, PRESET, PRESET_MULTI_SENSOR, EncoderCli
 from dsp406.images import PARAMETER_OBJECTS, EncoderParameters
 from dsp406.objects import PROFILE
 from gateway.config import EncoderConfig
-from gateway.drive_object import OWNED, DriveObject
+from gateway.drive_object import CANOPEN_FAULT, INTERNAL_FAULT, OWNED, DriveObject
+from gateway.faults import FaultRecord
 from gateway.translator.base import SdoWrite
 from gateway.translator.encoder import (
     EncoderInput,
@@ -30,6 +32,7 @@ from gateway.translator.encoder import (
     SensorChannel,
 )
 from gateway.translator.factory import ENCODER_TELEGRAM_NUMBERS, make_encoder_translator
+from profidrive.encoder import STATUS_BITS, SensorError, SensorState
 from profidrive.sensor_format import SensorFormat
 from profidrive.sign_of_life import MONITORING_OFF, SignOfLife
 from profidrive.signals import signal
@@ -39,6 +42,8 @@ log = logging.getLogger("gateway")
 
 _TYPES = {row.index: row.type for row in PROFILE}
 _PARAMETERS = {(index, subindex) for _, index, subindex in PARAMETER_OBJECTS}
+_LATCHED = frozenset({INTERNAL_FAULT, CANOPEN_FAULT, 101, 102, 105})
+"""Fault numbers after which the PLC has to acknowledge: an EMCY, and the loss of an encoder that was online."""
 _CONTROL_BY_PLC = signal("STW1").bit("CONTROL_BY_PLC").mask
 
 
@@ -107,6 +112,7 @@ class EncoderObject(DriveObject):
         self.input = ChannelInput(node.client, config.channel)
         self._tolerance = tolerance
         self._parameters: EncoderParameters | None = None
+        self._fault_told = threading.Event()
         self.translator = self._make_translator(number)
         node.objects.append(self)
 
@@ -136,12 +142,24 @@ class EncoderObject(DriveObject):
         if client.parameters is not self._parameters:
             self._parameters = client.parameters
             translator.set_references(self.references)
+        if self._fault_told.is_set():
+            self._fault_told.clear()
+            translator.fault_told()
         if setpoints is not None:
             self._take_setpoints(setpoints, now)
         self.actuals = translator.step(setpoints, self.input, ok, now)
         self._after_step(translator, ok, now)
 
     # -- any thread ---------------------------------------------------------------------------------------------------
+
+    def _record(self, record: FaultRecord) -> None:
+        super()._record(record)
+        if record.number in _LATCHED and not record.is_warning:
+            self._fault_told.set()
+
+    @property
+    def warning(self) -> bool:
+        return self.translator.channel.sensor.state in {SensorState.ERROR, SensorState.ACKNOWLEDGING}
 
     @property
     def references(self) -> EncoderReferences | None:
@@ -273,6 +291,9 @@ class SensorWords:
             else:
                 log.warning("preset of G1 refused: %s", error)
                 channel.sensor.preset_failed()
+        if not channel.valid and channel.sensor.state is SensorState.NORMAL:
+            # There was no position yet, but the drive's IOPS may be good: not latched, it ends with the first position.
+            return STATUS_BITS[SensorState.ERROR], values[1], SensorError.SENSOR_GROUP
         return values
 
     @property

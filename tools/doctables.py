@@ -26,7 +26,7 @@ from profidrive.parameters.catalogue import PARAMETERS
 from profidrive.parameters.errors import ERROR_TEXTS
 from profidrive.signals import CATALOGUE, Signal
 from profidrive.telegrams import TELEGRAMS, TelegramHalf, word_positions
-from tools.conformance.faults import CASES, Case
+from tools.conformance.faults import CASES, Case, Device
 from tools.simulation.devices import DEVICE_TYPES
 
 _DOCS = Path(__file__).parent.parent / "docs"
@@ -202,22 +202,42 @@ def generate() -> str:
     return "\n".join(out)
 
 
-def _faults(title: str, kinds: Iterable[type[Misbehaviour]]) -> str:
+_DEVICES = {"drive": (Device.DRIVE,), "encoder": (Device.ENCODER, Device.SENSOR)}
+"""What a case of each device type can be about."""
+
+
+def _faults(title: str, kinds: Iterable[type[Misbehaviour]], types: Sequence[str]) -> str:
     rows = []
     for kind in kinds:
         parameters = "; ".join(
             f"`{p.name}` = {p.text(p.default)} ({p.text(p.low)} to {p.text(p.high)}): {p.meaning}"
             for p in kind.parameters()
         )
-        cases = [case for case in CASES if case.fault == kind.name]
-        reactions = dict.fromkeys(_reaction(case) for case in cases)
-        rows.append((f"`{kind.name}`", kind.description(), parameters, "; ".join(reactions)))
-    return f"## {title}\n\n" + _table(("fault", "what the device does", "parameters", "what the gateway does"), rows)
+        reactions = [
+            "; ".join(
+                dict.fromkeys(
+                    _reaction(case, kind) for case in CASES if case.fault == kind.name and case.device in devices
+                )
+            )
+            for devices in map(_DEVICES.__getitem__, types)
+        ]
+        rows.append((f"`{kind.name}`", kind.description(), parameters, *reactions))
+    header = (
+        "fault",
+        "what the device does",
+        "parameters",
+        *(f"what the gateway does with the {name}" for name in types),
+    )
+    return f"## {title}\n\n" + _table(header, rows)
 
 
-def _reaction(case: Case) -> str:
-    chosen = ", ".join(f"{key} = {value}" for key, value in case.values.items())
-    situation = case.activity.value + (f", {chosen}" if chosen else "")
+def _reaction(case: Case, kind: type[Misbehaviour]) -> str:
+    text = {item.name: item.text for item in kind.parameters()}
+    chosen = [f"{key} = {text[key](value)}" for key, value in case.values.items()]
+    chosen += [f"beside `{name}`" for name in case.beside]
+    situation = ", ".join([case.activity.value, *chosen])
+    if case.device is Device.SENSOR:
+        situation = f"as G1 of a drive, {situation}"
     told = ", ".join(map(str, case.numbers))
     return f"{situation}: {case.reaction.value}" + (f" (fault {told})" if told else "")
 
@@ -228,12 +248,12 @@ def generate_misbehaviour() -> str:
         "# Devices that misbehave\n",
         "Generated from the declarations by `make docs`; do not edit.\n",
         _MISBEHAVIOUR_INTRODUCTION,
-        _faults("Any CANopen node", NODE_MISBEHAVIOURS.values()),
+        _faults("Any CANopen node", NODE_MISBEHAVIOURS.values(), list(_DEVICES)),
     ]
     for name, kind in DEVICE_TYPES.items():
         own = [fault for fault in kind.node.catalogue.values() if fault.name not in NODE_MISBEHAVIOURS]
         if own:
-            out.append(_faults(f"Device type `{name}`", own))
+            out.append(_faults(f"Device type `{name}`", own, [name]))
     return "\n".join(out)
 
 
@@ -246,8 +266,9 @@ Each simulated device can be given faults by name, with parameters (integers), f
 * REST on 127.0.0.1, `--rest-port` or `[control] rest_port`: `GET /devices`, `GET /faults`,
   `POST /devices/{node}/faults/{name}` with a JSON object of parameters, `DELETE /devices/{node}/faults/{name}`.
 
-`pdgw conformance faults` gives a simulated drive every one of them and prints what the gateway does; the last column is what it
-must do. In each case nothing starts again before the PLC has given a new OFF and ON. Fault numbers: docs/tables.md.
+`pdgw conformance faults` gives a simulated drive and a simulated encoder every one of them and prints what the gateway does; the
+last columns are what it must do. In each case no drive starts again before the PLC has given a new OFF and ON, and no position
+is shown as good that is older than the time-outs allow. Fault numbers: docs/tables.md.
 """
 
 

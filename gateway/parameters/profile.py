@@ -73,7 +73,7 @@ _STATUS_OBJECTS = (
 """Elements 1 to 10 of P65001."""
 _STEPS_PER_SECOND = 0
 """Element 11 of P65001: the unit of 6030h."""
-_DRIVE_WARNING_BIT = 15
+_DEVICE_WARNING_BIT = 15
 _STATUSWORD_WARNING = signal("ZSW1").bit("WARNING").mask
 _LIST_SIZE = 99
 _CODES = {fault.number: fault.error_code for fault in DRIVE_FAULTS.values()} | {
@@ -82,8 +82,8 @@ _CODES = {fault.number: fault.error_code for fault in DRIVE_FAULTS.values()} | {
 _WARNING_TEXTS = tuple(
     GATEWAY_FAULTS[number].name[:16]
     if number in GATEWAY_FAULTS
-    else "drive warning"
-    if number == FIRST_WARNING + _DRIVE_WARNING_BIT
+    else "device warning"
+    if number == FIRST_WARNING + _DEVICE_WARNING_BIT
     else "EMCY"
     if number == FIRST_WARNING + EMCY_WARNING_BIT
     else "reserved"
@@ -306,7 +306,7 @@ class AxisObject(NodeObject):
     def _warnings(self) -> int:
         axis = self.axis
         drive = axis.good and bool(axis.drive.feedback.statusword & _STATUSWORD_WARNING)
-        return super()._warnings() | drive << _DRIVE_WARNING_BIT
+        return super()._warnings() | drive << _DEVICE_WARNING_BIT
 
     def _reference_speed(self) -> float:
         references = self.axis.drive.references
@@ -330,6 +330,10 @@ class EncoderParameters(NodeObject):
         self.bind(65000, lambda: encoder.preset_value, self._set_preset)
         self.bind(65001, self._operating_status)
         self.bind_lists()
+
+    def _warnings(self) -> int:
+        encoder = self.encoder
+        return super()._warnings() | (encoder.good and encoder.input.warnings != 0) << _DEVICE_WARNING_BIT
 
     def _set_preset(self, value: int) -> None:
         self.encoder.preset_value = value

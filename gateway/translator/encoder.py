@@ -15,7 +15,6 @@ from typing import Protocol
 
 from dsp406.encoder import PRESET, PRESET_MULTI_SENSOR
 from dsp406.images import EncoderParameters
-from dsp406.registers import Alarm
 from gateway.reasons import Reason
 from gateway.translator.base import BaseTranslator, FaultEvent, SdoWrite
 from profidrive.datatypes import DataType, Normalisation
@@ -163,6 +162,8 @@ class SensorChannel:
         self.sensor = SensorInterface(1 << 32)
         self.preset_write: SdoWrite | None = None
         """What the encoder has to take for the present request; another object for each request."""
+        self.valid = False
+        """The last step had a position."""
         self._references: EncoderReferences | None = None
         self._request: PresetRequest | None = None
         self._speed = SpeedFromPosition()
@@ -181,8 +182,9 @@ class SensorChannel:
     ) -> tuple[int, int, int]:
         """One cycle; returns G1_ZSW, G1_XIST1 and G1_XIST2. ``ok``: the encoder is configured and its data is fresh."""
         sensor = self.sensor
-        valid = ok and feedback.valid and self._references is not None
-        if ok and feedback.alarms & Alarm.POSITION_ERROR:
+        self.valid = valid = ok and feedback.valid and self._references is not None
+        # Every alarm says that the position may be wrong.
+        if ok and feedback.alarms:
             error = SensorError.SENSOR_GROUP
         values = sensor.step(g1_stw, feedback.position, now, valid=valid, error=error)
         if sensor.preset_request is not self._request:
@@ -231,6 +233,11 @@ class EncoderTranslator(BaseTranslator[EncoderInput, EncoderReferences]):
         self._g1_stw: int | None = None
         self._life_failed = False
         self._preset_write: SdoWrite | None = None
+        self._fault_told = False
+
+    def fault_told(self) -> None:
+        """The encoder's owner entered a fault in P947: ZSW2_ENC.3 shows it until the cause is gone and the PLC acknowledged."""
+        self._fault_told = True
 
     def set_references(self, references: EncoderReferences | None, homing_method: int = 0) -> None:
         self._usable = False
@@ -260,7 +267,12 @@ class EncoderTranslator(BaseTranslator[EncoderInput, EncoderReferences]):
 
     def step(self, setpoints: Sequence[int] | None, feedback: EncoderInput, drive_ok: bool, now: int) -> Sequence[int]:
         control, channel, actuals = self.control, self.channel, self._actuals
-        fault = drive_ok and bool(feedback.alarms & Alarm.POSITION_ERROR or feedback.error_register)
+        if drive_ok:
+            fault = self._fault_told or bool(feedback.alarms or feedback.error_register)
+        else:
+            # Without the encoder there is nothing an acknowledge could see gone.
+            fault = self._fault_told or control.fault
+        self._fault_told = False
         warning = drive_ok and feedback.warnings != 0
         status = control.step(None if setpoints is None else setpoints[0], fault=fault, warning=warning)
         if setpoints is None:

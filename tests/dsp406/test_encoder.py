@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -180,14 +181,44 @@ def test_emergencies_alarms_and_warnings_arrive(plant: Plant) -> None:
     plant.online()
     encoder.inject("battery")  # a warning has no EMCY: it waits for the next one, or for its time
     encoder.inject("position-error")
-    buses.wait_for(lambda: client.feedback.error_register == 0x21, "diagnostics")
-    assert (client.feedback.alarms, client.feedback.warnings) == (1, 1 << 4)
+    feedback = client.feedback
+    buses.wait_for(lambda: (feedback.alarms, feedback.warnings) == (1, 1 << 4), "diagnostics")
+    assert feedback.error_register == 0x21
     encoder.inject("input-voltage")
     buses.wait_for(lambda: len([event for event in plant.events if event.kind == "emcy"]) == 2, "EMCY")
     texts = [event.text for event in plant.events if event.kind == "emcy"]
     assert texts == ["EMCY 1000h generic error", "EMCY 3110h input voltage out of range"]
     encoder.clear()
     buses.wait_for(lambda: client.feedback.alarms == 0 and client.feedback.error_register == 0, "cleared")
+
+
+def test_an_emergency_tells_the_error_register_of_a_device_that_answers_no_sdo(plant: Plant) -> None:
+    encoder = plant.power_on()
+    encoder.start()
+    client = plant.connect()
+    plant.online()
+    encoder.do(lambda node: node.misbehave("sdo-timeout"))
+    encoder.inject("input-voltage")
+    buses.wait_for(lambda: client.feedback.error_register == 0x05, "error register")
+    encoder.clear()
+    buses.wait_for(lambda: client.feedback.error_register == 0, "no error")
+
+
+def test_a_position_that_cannot_be_read_by_sdo_any_more_is_overdue(plant: Plant) -> None:
+    encoder = plant.power_on(constant_speed(1.0))
+    encoder.do(lambda node: node.misbehave("two-pdos", pdos=0))
+    encoder.start()
+    client = plant.connect()
+    plant.online()
+    assert client.refresh(time.monotonic_ns())
+    first = client.position_time(1)
+    buses.wait_for(lambda: client.position_time(1) > first, "read again")
+    encoder.do(lambda node: node.misbehave("sdo-timeout"))
+    buses.wait_for(lambda: client.status is EncoderStatus.LOST, "loss")
+    assert not client.refresh(time.monotonic_ns())
+    assert "position of channel 1 cannot be read" in [e.text for e in plant.events][-1] + client.status_text
+    encoder.do(lambda node: node.behave("sdo-timeout"))
+    plant.online(2)
 
 
 def test_a_drive_is_refused_by_name(plant: Plant) -> None:

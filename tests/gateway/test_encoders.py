@@ -161,6 +161,49 @@ def test_an_encoder_that_dies_is_a_fault_and_its_position_is_not_good() -> None:
         assert faults.values == (101,)
 
 
+def test_a_lost_encoder_is_a_fault_until_it_is_back_and_acknowledged() -> None:
+    with gateway(encoder(1, 81)) as (daemon, client):
+        plc = Plc(daemon, [81])
+        plc.endpoint.set(0, {"STW2_ENC": CONTROL, "G1_STW": G1["REQUEST_ABSOLUTE"]})
+        plc.until(lambda: has(plc, "G1_ZSW", STATUS["ABSOLUTE_VALID"]), "absolute value")
+        daemon.simulated_encoders[0].do(lambda node: node.misbehave("reboot"))
+        plc.until(lambda: plc.endpoint.actuals[0] is None, "IOPS BAD")
+        plc.until(lambda: has(plc, "ZSW2_ENC", 0x0008), "back, with a fault")
+        plc.until(lambda: has(plc, "G1_ZSW", STATUS["ERROR"]), "and a sensor error")
+        assert client.request([Address(947, 0, 1)])[0].values != (0,)
+        plc.endpoint.set(0, {"STW2_ENC": CONTROL | 0x80, "G1_STW": G1["ERROR_ACKNOWLEDGE"]})
+        plc.until(lambda: not has(plc, "ZSW2_ENC", 0x0008), "acknowledged")
+        plc.until(lambda: client.request([Address(947, 0, 1)])[0].values == (0,), "in the buffer too")
+
+
+def test_warnings_of_the_encoder_and_of_the_gateway_are_in_p953() -> None:
+    with gateway(encoder(1, 81)) as (daemon, client):
+        plc = Plc(daemon, [81])
+        plc.endpoint.set(0, {"STW2_ENC": CONTROL})
+        plc.until(lambda: plc.value("ZSW2_ENC") >= 0, "good")
+
+        def warnings() -> int:
+            return int(client.request([Address(953)])[0].values[0])
+
+        assert warnings() == 0
+        simulated = daemon.simulated_encoders[0]
+        simulated.inject("battery")
+        plc.until(lambda: has(plc, "ZSW2_ENC", 0x0080), "warning")
+        assert warnings() == 1 << 15
+        simulated.clear("battery")
+        plc.until(lambda: not has(plc, "ZSW2_ENC", 0x0080), "end of the warning")
+        assert warnings() == 0
+        simulated.do(lambda node: node.misbehave("object-missing", index=0x6003))
+        plc.endpoint.set(0, {"STW2_ENC": CONTROL, "G1_STW": G1["PRESET"]})
+        plc.until(lambda: plc.value("G1_XIST2") == 0x1001, "preset refused")
+        assert warnings() == 1 << 118 - 108
+        plc.endpoint.set(0, {"STW2_ENC": CONTROL, "G1_STW": G1["ERROR_ACKNOWLEDGE"]})
+        plc.until(lambda: has(plc, "G1_ZSW", STATUS["ERROR_ACKNOWLEDGED"]), "acknowledged")
+        plc.endpoint.set(0, {"STW2_ENC": CONTROL, "G1_STW": 0})
+        plc.until(lambda: not has(plc, "G1_ZSW", STATUS["ERROR"]), "normal")
+        assert warnings() == 0
+
+
 def test_an_alarm_is_a_fault_until_it_is_gone_and_acknowledged() -> None:
     with gateway(encoder(1, 81)) as (daemon, client):
         plc = Plc(daemon, [81])

@@ -8,22 +8,27 @@ import pytest
 from typer.testing import CliRunner
 
 from dsp402.misbehaviour import DRIVE_MISBEHAVIOURS
+from dsp406.encoder import EncoderClient
+from dsp406.misbehaviour import ENCODER_MISBEHAVIOURS
 from gateway.daemon import Daemon
 from gateway.reasons import Reason
 from gateway.status import snapshot
+from gateway.translator.encoder import EncoderTranslator
 from gateway.translator.power import PowerControl
 from gateway.translator.velocity import VelocityTranslator
+from profidrive.encoder import EncoderControl
 from tests.support.daemon import Plc, axis, configuration, running
 from tools.commands.conformance import app
-from tools.conformance import faults
-from tools.conformance.faults import CASES, Activity, Case, Reaction, Result, run_case, run_cases
+from tools.conformance import bench, encoders
+from tools.conformance.faults import CASES, Activity, Case, Device, Reaction, Result, run_case, run_cases
 
 PATIENT = "watchdog_factor = 255"
 """The PLC of these tests is never lost, however busy the machine is."""
 
 
 def case_id(case: Case) -> str:
-    return f"{case.title} {case.activity.value}"
+    device = "" if case.device is Device.DRIVE else f" {case.device.value}"
+    return f"{case.title} {case.activity.value}{device}"
 
 
 @pytest.fixture(scope="module")
@@ -31,8 +36,9 @@ def results() -> dict[str, Result]:
     return {case_id(result.case): result for result in run_cases()}
 
 
-def test_every_fault_of_a_drive_has_a_case() -> None:
-    assert {case.fault for case in CASES} == set(DRIVE_MISBEHAVIOURS)
+def test_every_fault_of_a_drive_and_of_an_encoder_has_a_case() -> None:
+    for device, known in ((Device.DRIVE, DRIVE_MISBEHAVIOURS), (Device.ENCODER, ENCODER_MISBEHAVIOURS)):
+        assert {case.fault for case in CASES if case.device is device} == set(known)
     assert len({case_id(case) for case in CASES}) == len(CASES)
 
 
@@ -42,7 +48,7 @@ def test_what_the_gateway_does(case: Case, results: dict[str, Result]) -> None:
     assert result.failures == []
     assert not result.restarted
     assert not case.numbers or set(case.numbers) & set(result.numbers)
-    if case.reaction is not Reaction.GOES_ON:
+    if case.device is Device.DRIVE and case.reaction is not Reaction.GOES_ON:
         assert result.reason, "pdgw status tells why"
 
 
@@ -71,6 +77,34 @@ def test_a_doubt_is_a_quick_stop_not_a_coast(title: str, results: dict[str, Resu
     assert results[title].stopped == "quick stop"
 
 
+@pytest.mark.parametrize(
+    ("title", "shown"),
+    [
+        ("lost-pdos every=1, telegram 83 turning encoder", ["position", "IOPS BAD"]),
+        ("wrong-identity from power-on encoder", ["IOPS BAD"]),
+        ("input-voltage, telegram 82 turning encoder", ["position", "position, fault"]),
+        ("frequency turning encoder", ["position", "position, warning"]),
+        ("position-error turning encoder as G1 of a drive", ["position", "G1 error 0001h"]),
+        ("heartbeat-stops turning encoder as G1 of a drive", ["position", "G1 error 0001h"]),
+    ],
+)
+def test_how_the_position_is_shown(title: str, shown: list[str], results: dict[str, Result]) -> None:
+    assert results[title].shown == shown
+
+
+def test_a_sensor_error_is_shown_from_the_alarm_on(results: dict[str, Result]) -> None:
+    # The EMCY may come before the alarm is read: a fault is shown then, and the position is no longer good soon after.
+    for title in ("position-error turning encoder", "memory, telegram 82 turning encoder"):
+        assert results[title].shown[-1] == "G1 error 0001h, fault"
+
+
+def test_an_encoder_that_is_lost_is_stopped_by_nmt_if_it_is_silent_and_configured_again(
+    results: dict[str, Result],
+) -> None:
+    assert results["bus-off, telegram 82 turning encoder"].sent[:2] == ["NMT stop", "NMT enter pre operational"]
+    assert results["reboot, telegram 84 turning encoder"].sent[:2] == ["NMT enter pre operational", "NMT start"]
+
+
 # -- the harness ----------------------------------------------------------------------------------------------------------
 
 
@@ -93,16 +127,51 @@ def test_a_gateway_that_moves_on_when_a_limit_switch_is_released_fails(monkeypat
 
 
 def test_a_gateway_that_stops_without_need_fails(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(faults, "_PATIENCE_S", 2)
+    monkeypatch.setattr(bench, "PATIENCE_S", 2)
     result = run_case(Case("under-voltage", Reaction.GOES_ON))
     assert any("operation was left" in failure for failure in result.failures)
     assert any("told without need" in failure for failure in result.failures)
 
 
 def test_a_gateway_that_does_not_stop_or_tell_fails(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(faults, "_PATIENCE_S", 0.5)
+    monkeypatch.setattr(bench, "PATIENCE_S", 0.5)
     assert "drive stopped not within" in run_case(Case("duplicated-pdos", Reaction.STOPS)).failures[0]
     assert "fault (106,) not within" in run_case(Case("two-pdos", Reaction.REFUSES, (106,), Activity.START)).failures[0]
+
+
+def encoder_case(fault: str, reaction: Reaction, numbers: tuple[int, ...] = (), **values: int) -> Case:
+    return Case(fault, reaction, numbers, values=values, telegram=81, device=Device.ENCODER)
+
+
+def test_a_gateway_that_shows_a_frozen_position_as_good_fails(monkeypatch: pytest.MonkeyPatch) -> None:
+    refresh = EncoderClient.refresh
+    monkeypatch.setattr(EncoderClient, "refresh", lambda self, now: refresh(self, now) or self.generation > 0)
+    monkeypatch.setattr(bench, "PATIENCE_S", 1)
+    monkeypatch.setattr(encoders, "_STALE_NS", 500 * 1_000_000)
+    result = run_case(encoder_case("lost-pdos", Reaction.LOSES, (101,), every=1))
+    assert any("IOPS BAD not within" in failure for failure in result.failures)
+    assert any("ms old was shown as good" in failure for failure in result.failures)
+
+
+def test_a_gateway_that_forgets_a_fault_without_an_acknowledge_fails(monkeypatch: pytest.MonkeyPatch) -> None:
+    step = EncoderControl.step
+
+    def forgetful(self: EncoderControl, word: int | None, *, fault: bool, warning: bool) -> int:
+        self.fault = False
+        return step(self, word, fault=fault, warning=warning)
+
+    monkeypatch.setattr(EncoderControl, "step", forgetful)
+    monkeypatch.setattr(EncoderTranslator, "fault_told", lambda self: None)
+    result = run_case(encoder_case("input-voltage", Reaction.FAULT, (10,)))
+    assert "the fault ended by itself" in result.failures
+
+
+def test_a_gateway_that_tells_or_stops_showing_without_need_fails(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(bench, "PATIENCE_S", 2)
+    result = run_case(encoder_case("position-error", Reaction.MEASURES))
+    assert any("the position was not good" in failure for failure in result.failures)
+    assert "told without need: [10]" in result.failures
+    assert "warning not within" in run_case(encoder_case("duplicated-pdos", Reaction.WARNS)).failures[0]
 
 
 def test_the_command_prints_a_matrix_and_its_exit_status_tells(monkeypatch: pytest.MonkeyPatch) -> None:

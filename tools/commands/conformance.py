@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from gateway.errors import GatewayError
-from tools.conformance.faults import CASES, Result, run_cases
+from tools.conformance.faults import CASES, JOBS, Result, run_cases
 
 app = typer.Typer(help="Conformance tests of the gateway.", no_args_is_help=True)
 
@@ -25,9 +25,9 @@ def conformance() -> None:
 def faults(
     only: Annotated[list[str] | None, typer.Argument(help="Names of faults; all without.", show_default=False)] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the results as JSON.")] = False,
-    jobs: Annotated[int, typer.Option(min=1, max=32, help="How many drives run at a time.")] = 4,
+    jobs: Annotated[int, typer.Option(min=1, max=32, help="How many devices run at a time.")] = JOBS,
 ) -> None:
-    """Give a simulated drive every fault there is and show what the gateway does. Exit status 1 if a verdict fails."""
+    """Give simulated drives and encoders every fault there is, show what the gateway does. Exit status 1 if a verdict fails."""
     known = {case.fault: None for case in CASES}
     for name in only or ():
         if name not in known:
@@ -51,14 +51,27 @@ def faults(
 
 def matrix(results: list[Result]) -> Table:
     """The results as a table."""
-    table = Table("fault", "what the gateway did", "fault number", "drive stopped", "restarted by itself", "verdict")
+    titles = (
+        "device",
+        "fault",
+        "what the gateway did",
+        "fault number",
+        "drive stopped",
+        "restarted by itself",
+        "verdict",
+    )
+    table = Table(*titles)
     for result in results:
         sent = result.sent if len(result.sent) <= _SHOWN else [*result.sent[:_SHOWN], "..."]
+        did = [", ".join(sent) or "nothing sent"]
+        if result.shown:
+            did.append(f"shown: {' > '.join(result.shown)}")
         table.add_row(
+            result.case.device.value,
             f"{result.case.title} ({result.case.activity.value})",
-            ", ".join(sent) or "nothing sent",
+            "; ".join(did),
             ", ".join(map(str, result.numbers)) or "none",
-            result.stopped,
+            result.stopped or "no drive",
             "[red]yes[/red]" if result.restarted else "no",
             "[green]pass[/green]" if result.passed else "[red]FAIL[/red]",
         )

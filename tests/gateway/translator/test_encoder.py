@@ -213,6 +213,26 @@ def test_emcy_and_position_alarm_are_faults_until_acknowledged() -> None:
     assert (actuals["ZSW2_ENC"], actuals["G1_ZSW"], actuals["G1_XIST2"]) == (0x0208, 0x8000, 0x0001)
 
 
+def test_every_alarm_makes_the_position_invalid() -> None:
+    bench = Bench()
+    bench.encoder.alarms = 2  # commissioning diagnostics
+    actuals = bench.step(ABSOLUTE)
+    assert (actuals["ZSW2_ENC"], actuals["G1_ZSW"], actuals["G1_XIST2"]) == (0x0208, 0x8000, 0x0001)
+
+
+def test_a_fault_that_was_told_is_not_acknowledged_before_the_encoder_is_back() -> None:
+    bench = Bench()
+    bench.step()
+    bench.translator.fault_told()
+    bench.ok = False
+    assert bench.step()["ZSW2_ENC"] == 0x0208
+    bench.step(stw2=CONTROL | FAULT_ACKNOWLEDGE)
+    bench.step()
+    bench.ok = True
+    assert bench.step()["ZSW2_ENC"] == 0x0208
+    assert bench.step(stw2=CONTROL | FAULT_ACKNOWLEDGE)["ZSW2_ENC"] == 0x0200
+
+
 def test_an_encoder_that_is_not_online_yet_shows_a_fault_that_needs_no_acknowledge() -> None:
     bench = Bench()
     bench.ok = False

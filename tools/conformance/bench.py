@@ -1,0 +1,284 @@
+"""What the cases of drives and encoders have in common: what has to happen, what did, and time that passes for the gateway.
+
+A ``Case`` says what the gateway has to do with one fault of one simulated device on a virtual bus, in real time; a ``Bench`` has
+the gateway's side of that bus. Left out: the PLC's side (UDP), whose losses the daemon's tests cover.
+"""
+
+from __future__ import annotations
+
+import abc
+import enum
+import itertools
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Any
+
+import can
+
+from ds301.bus import open_bus
+from ds301.network import CanNetwork
+from ds301.nmt import NmtCommand
+from ds301.running import RunningNode
+from gateway.config import GATEWAY_NODE_ID
+from gateway.drive_object import DriveObject
+
+CYCLE_MS = 4
+MS = 1_000_000
+_HEARTBEAT_NS = 50 * MS
+PATIENCE_S = 20.0
+"""No healthy run needs so long for one step, even on a busy machine."""
+HEARTBEAT_MS = 200
+TPDO_EVENT_MS = 100
+"""A busy machine is no fault of the device: twice the usual patience."""
+_STARVED_NS = 150 * MS
+"""Cycles never come so late unless the machine does not get round to it."""
+QUIET_CYCLES = 50
+"""So long is watched whether something happens by itself."""
+LOST, RESTARTED = 101, 105
+LOSSES = frozenset({LOST, RESTARTED})
+CONFIGURES = "NMT enter pre operational"
+"""What the gateway begins a configuration with."""
+
+_channels = itertools.count()
+
+
+class Device(enum.Enum):
+    """What stands behind the drive object; the value is the text of the matrix."""
+
+    DRIVE = "drive"
+    ENCODER = "encoder"
+    SENSOR = "encoder as G1 of a drive"
+
+
+class Reaction(enum.Enum):
+    """What has to happen; the value is the text of the matrix. The first four are a drive's, the others an encoder's."""
+
+    STOPS = "power off at standstill, no restart"
+    STANDS = "standstill, told"
+    GOES_ON = "goes on and obeys OFF"
+    REFUSES = "never enabled"
+
+    MEASURES = "position stays good"
+    WARNS = "position stays good, warning while the cause stands"
+    FAULT = "position stays good, fault until acknowledged"
+    SENSOR_ERROR = "position invalid (G1_ZSW.15), fault until acknowledged"
+    LOSES = "IOPS BAD, comes back by itself, fault until acknowledged"
+    NEVER_GOOD = "IOPS stays BAD, comes up by itself"
+    G1_ERROR = "the drive goes on, G1 shows the error until acknowledged"
+    G1_MISSING = "the drive goes on, G1 shows the error until the encoder is there"
+
+
+class Activity(enum.Enum):
+    """What the device does when the fault sets in."""
+
+    START = "from power-on"
+    SPEED = "turning"
+    HOMING = "homing"
+    COMMISSIONING = "commissioning diagnostics"
+
+
+@dataclass(frozen=True)
+class Case:
+    """One fault in one situation, and what has to happen."""
+
+    fault: str
+    reaction: Reaction
+    numbers: tuple[int, ...] = ()
+    """One of these must be told (P947, of warnings P953); without any, nothing may be told."""
+    activity: Activity = Activity.SPEED
+    values: dict[str, int] = field(default_factory=dict)
+    telegram: int = 1
+    sdo_timeout_ms: int = 500
+    device: Device = Device.DRIVE
+    beside: dict[str, dict[str, int]] = field(default_factory=dict)
+    """Faults the device has from power-on, with their parameters."""
+
+    @property
+    def title(self) -> str:
+        """The fault with what differs from its defaults."""
+        chosen = "".join(f" {key}={value}" for key, value in self.values.items())
+        beside = "".join(f" beside {name}{_plain(values)}" for name, values in self.beside.items())
+        plain = 1 if self.device is Device.DRIVE else 3 if self.device is Device.SENSOR else 81
+        return f"{self.fault}{chosen}{beside}" + (f", telegram {self.telegram}" if self.telegram != plain else "")
+
+
+def _plain(values: dict[str, int]) -> str:
+    return "".join(f" {key}={value}" for key, value in values.items())
+
+
+@dataclass
+class Result:
+    """A row of the matrix."""
+
+    case: Case
+    sent: list[str] = field(default_factory=list)
+    """Controlwords and NMT commands the gateway sent from the fault on, repetitions left out."""
+    shown: list[str] = field(default_factory=list)
+    """How the gateway showed the position of an encoder from the fault on, repetitions left out."""
+    numbers: list[int] = field(default_factory=list)
+    reason: str = ""
+    """``pdgw status`` while the fault stood."""
+    stopped: str = ""
+    """How the drive came to rest."""
+    restarted: bool = False
+    starved: bool = False
+    """The machine was too busy to believe a failure."""
+    failures: list[str] = field(default_factory=list)
+    """What should have been otherwise; empty: passed."""
+
+    @property
+    def passed(self) -> bool:
+        return not self.failures
+
+    def as_dict(self) -> dict[str, object]:
+        """Plain data."""
+        case = self.case
+        return {
+            "device": case.device.value,
+            "fault": case.fault,
+            "parameters": case.values,
+            "beside": case.beside,
+            "telegram": case.telegram,
+            "activity": case.activity.value,
+            "expected": case.reaction.value,
+            "sent": self.sent,
+            "shown": self.shown,
+            "fault_numbers": self.numbers,
+            "reason": self.reason,
+            "stopped": self.stopped,
+            "restarted": self.restarted,
+            "passed": self.passed,
+            "failures": self.failures,
+        }
+
+
+class StepError(Exception):
+    """A step did not come to its end; the text says which."""
+
+
+class Bench(abc.ABC):
+    """The gateway's side of a bus of its own, and the simulated devices on it."""
+
+    def __init__(self, case: Case) -> None:
+        self.case = case
+        self._channel = f"conformance-{next(_channels)}"
+        self.network = CanNetwork(open_bus("virtual", self._channel))
+        self.sent: list[str] = []
+        self.objects: list[DriveObject] = []
+        """In the order of their steps; the first is that of the case."""
+        self.devices: list[RunningNode[Any]] = []
+        """The first has the fault of the case."""
+        self.watchers: list[Callable[[int], None]] = []
+        """Called after each cycle."""
+        self.starved = False
+        self._beat = 0
+        self._due = 0
+        self.network.listeners.append(self._listen)
+
+    def open_bus(self) -> can.BusABC:
+        """For another participant."""
+        return open_bus("virtual", self._channel)
+
+    def power_on(self) -> None:
+        """Bus, devices with what they do wrong from the beginning, and clients start."""
+        case = self.case
+        for name, values in case.beside.items():
+            self.misbehave(name, values)
+        if case.activity is Activity.START:
+            self.misbehave()
+        self.network.start()
+        for device in self.devices:
+            device.start()
+        for item in self.objects:
+            item.client.start()
+
+    @contextmanager
+    def running(self, result: Result) -> Iterator[None]:
+        """Power on, and clean up after the steps; a step that did not come to its end is a failure in the result."""
+        try:
+            self.power_on()
+            self._due = time.monotonic_ns()
+            yield
+        except StepError as error:
+            result.failures.append(str(error))
+        finally:
+            if result.failures:
+                result.numbers = self.numbers()
+            result.starved = self.starved
+            self.close()
+
+    def close(self) -> None:
+        for item in self.objects:
+            item.client.stop()
+        for device in self.devices:
+            device.stop()
+        self.network.close()
+
+    def misbehave(self, name: str | None = None, values: dict[str, int] | None = None) -> None:
+        """The fault of the case, or another, sets in."""
+        fault = self.case.fault if name is None else name
+        chosen = self.case.values if values is None else values
+        self.devices[0].do(lambda node: node.misbehave(fault, **chosen))
+
+    @property
+    def subject(self) -> DriveObject:
+        """The drive object of the case."""
+        return self.objects[0]
+
+    @abc.abstractmethod
+    def setpoints(self) -> Sequence[Sequence[int]]:
+        """What the PLC asks of each object now."""
+
+    def command_of(self, message: can.Message) -> str:
+        """A frame of the gateway in words, beside NMT; empty for those that are not of interest."""
+        return ""
+
+    def _listen(self, message: can.Message) -> None:
+        if message.is_rx:
+            return
+        data = bytes(message.data)
+        if message.arbitration_id == 0 and len(data) == 2:
+            text = f"NMT {NmtCommand(data[0]).name.lower().replace('_', ' ')}"
+        else:
+            text = self.command_of(message)
+        if text and text not in self.sent[-1:]:
+            self.sent.append(text)
+
+    # -- time ---------------------------------------------------------------------------------------------------------
+
+    def cycles(self, count: int) -> None:
+        for _ in range(count):
+            now = time.monotonic_ns()
+            if now < self._due:
+                time.sleep((self._due - now) / 1e9)
+                now = time.monotonic_ns()
+            self.starved |= now - self._due > _STARVED_NS
+            self._due = now + CYCLE_MS * MS
+            if now - self._beat >= _HEARTBEAT_NS:
+                self._beat = now
+                self.network.send_heartbeat(GATEWAY_NODE_ID)
+            for item, values in zip(self.objects, self.setpoints(), strict=True):
+                item.step(values, now)
+            for watch in self.watchers:
+                watch(now)
+
+    def until(self, condition: Callable[[], object], what: str) -> None:
+        deadline = time.monotonic() + PATIENCE_S
+        while not condition():
+            if time.monotonic() > deadline:
+                raise StepError(f"{what} not within {PATIENCE_S:g} s ({self.subject.client.status_text})")
+            self.cycles(1)
+
+    def told(self, numbers: Iterable[int]) -> bool:
+        """One of the numbers is a record of the object, of a fault also in P947."""
+        buffer = {entry.number for entry in self.subject.fault_log.entries()}
+        return any(
+            record.number in numbers and (record.is_warning or record.number in buffer)
+            for record in self.subject.faults
+        )
+
+    def numbers(self) -> list[int]:
+        """What was told so far."""
+        return list(dict.fromkeys(record.number for record in self.subject.faults))
