@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+
 import can
 
 from ds301.nmt import NmtState
@@ -12,7 +14,9 @@ from ds301.simulator import SendFunction, SimulatedNode, Value
 from dsp402.device import drive_objects
 from dsp402.misbehaviour import DRIVE_MISBEHAVIOURS
 from dsp402.simulator.model import DriveModel, Machine
-from dsp402.simulator.motion import INCREMENTS_PER_REVOLUTION
+from dsp402.simulator.motion import INCREMENTS_PER_REVOLUTION, increments_per_second
+
+_SECOND = 1_000_000_000
 
 
 class SimulatedDriveNode(SimulatedNode):
@@ -87,8 +91,15 @@ class SimulatedDrive(RunningNode[SimulatedDriveNode]):
         return self.node.model
 
     def shaft(self, _: int) -> float:
-        """Revolutions of the shaft since power-on, untouched by homing: what turns an encoder on it."""
-        return self.model.machine_position / INCREMENTS_PER_REVOLUTION
+        """Revolutions of the shaft now since power-on, untouched by homing: what turns an encoder on it.
+
+        Between the steps of the drive, which may come late, the shaft turns on with its speed.
+        """
+        with self._lock:
+            model = self.model
+            since = (time.monotonic_ns() - self.node.now) / _SECOND
+            turned = increments_per_second(model.ramp.speed) * since
+            return (model.machine_position + turned) / INCREMENTS_PER_REVOLUTION
 
     def inject(self, fault: int) -> None:
         """Raise fault 1-12; see ``DriveModel.inject``."""

@@ -47,11 +47,33 @@ def test_every_expectation_of_the_story_passed(evidence: Path) -> None:
         "on the fly",
     ):
         assert chapter in story
-    assert report["exit_codes"] == {"plc": 0, "gateway": 0, "drives": 0}
+    assert report["exit_codes"] == {"plc": 0, "gateway": 0, "devices": 0}
+
+
+def test_the_encoder_and_the_parameters_are_part_of_the_story(evidence: Path) -> None:
+    report = json.loads((evidence / "report.json").read_text())
+    results = [(item["axis"], item["name"], item["measured"]) for item in report["results"]]
+    assert report["duration_s"] < 40
+
+    def measured(axis: int, text: str) -> list[str]:
+        found = [value for number, name, value in results if number == axis and text in name]
+        assert found, text
+        return found
+
+    assert measured(4, "agrees: NIST_B 1500 rpm")
+    assert measured(4, "G1_XIST2 100000") == ["G1_XIST2 = 100000"]
+    assert measured(4, "alarm, position may be wrong")
+    assert measured(4, "measuring again")
+    assert measured(1, "P965 0329h") == ["809"]
+    assert measured(4, "P965") == ["3d 2a"]
+    assert measured(1, "P947.0 7") == ["7"]
+    assert measured(1, "P947.8 7") == ["7"]
+    assert measured(1, "6083h 250") == ["250"]
+    assert measured(1, "60FFh := 0 refused") == ["0Bh: no operation priority"]
 
 
 def test_the_pcap_shows_the_enable_and_the_speed(evidence: Path) -> None:
-    bind([1, 9, 100])
+    bind([1, 9, 100, 83])
     packets = [p for p in rdpcap(str(evidence / "plc.pcap")) if ProfidriveCyclic in p]
     assert len(packets) > 1000
     setpoints = [p[ProfidriveCyclic].data[0] for p in packets if p.frameID == 0xC001]
@@ -65,9 +87,16 @@ def test_the_pcap_shows_the_enable_and_the_speed(evidence: Path) -> None:
 @pytest.mark.tshark
 @tshark.needs_tshark
 def test_tshark_dissects_the_pcap_as_profinet(evidence: Path) -> None:
-    rows = tshark.fields(evidence / "plc.pcap", ["pn_rt.frame_id", "pn_rt.ds"])
-    assert {int(row["pn_rt.frame_id"], 0) for row in rows} == {0xC000, 0xC001}
-    assert {int(row["pn_rt.ds"], 0) for row in rows} == {0x35}
+    pnu = "pn_io.profidrive.parameter.number"
+    rows = tshark.fields(evidence / "plc.pcap", ["pn_rt.frame_id", "pn_rt.ds", "udp.dstport", pnu, "_ws.malformed"])
+    cyclic = [row for row in rows if row["pn_rt.frame_id"]]
+    acyclic = [row for row in rows if not row["pn_rt.frame_id"]]
+    assert {int(row["pn_rt.frame_id"], 0) for row in cyclic} == {0xC000, 0xC001}
+    assert {int(row["pn_rt.ds"], 0) for row in cyclic} == {0x35}
+    requests = [row for row in acyclic if row["udp.dstport"] == "34964"]
+    assert len(acyclic) > len(requests) > 20
+    assert {965, 947, 0x6083} <= {int(row[pnu], 0) for row in requests if row[pnu]}
+    assert not [row for row in rows if row["_ws.malformed"]]
 
 
 def test_the_can_log_holds_configuration_and_process_data(evidence: Path) -> None:
@@ -75,6 +104,7 @@ def test_the_can_log_holds_configuration_and_process_data(evidence: Path) -> Non
     identifiers = {message.arbitration_id for message in messages}
     for node in (1, 2, 3):
         assert {0x600 + node, 0x580 + node, 0x200 + node, 0x180 + node, 0x700 + node} <= identifiers
+    assert {0x604, 0x584, 0x184, 0x704, 0x84} <= identifiers
     assert any(message.arbitration_id == 0x81 and bytes(message.data[:2]) == b"\x10\x23" for message in messages)
 
 

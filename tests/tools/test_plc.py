@@ -7,14 +7,24 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scapy.layers.inet import UDP
+from scapy.utils import rdpcap
 
+from gateway.daemon import Daemon
 from gateway.errors import GatewayError
+from gateway.transport.acyclic import AcyclicServer
 from gateway.transport.cyclic import CyclicEndpoint, Verdict
+from profidrive.datatypes import DataType
 from profidrive.errors import ProfidriveError
 from profidrive.frame import RtFrame
 from profidrive.telegrams import Direction, Telegram, telegram
+from tests.support.daemon import axis, configuration, running
 from tests.support.strategies import axes_values
+from tools.parameters.address import Target, parse_target
+from tools.parameters.session import Element
+from tools.plc.client import PlcClient
 from tools.plc.endpoint import PlcEndpoint
+from tools.plc.parameters import ParameterAccess
 from tools.plc.scenario import Engine, Scenario, load_scenario, parse_time
 
 MS = 1_000_000
@@ -26,8 +36,8 @@ SCENARIOS = Path(__file__).parents[2] / "tools" / "scenarios"
 def test_setpoints_reach_the_gateway_as_they_were_set(drawn: tuple[list[Telegram], list[tuple[int, ...]]]) -> None:
     telegrams, values = drawn
     plc = PlcEndpoint(telegrams, CYCLE)
-    for index, axis in enumerate(values):
-        plc.set(index, telegrams[index].setpoints.as_dict(axis))
+    for index, drawn_values in enumerate(values):
+        plc.set(index, telegrams[index].setpoints.as_dict(drawn_values))
     device = CyclicEndpoint(telegrams, cycle_ns=CYCLE)
     assert device.receive(bytes(plc.build()), ("127.0.0.1", 1), 0) is Verdict.ACCEPTED
     assert device.setpoints == values
@@ -160,6 +170,111 @@ def test_mute_provider_stop_hold_and_drive_commands_reach_the_edge() -> None:
     assert len(sent) == 6
 
 
+def test_an_encoder_is_enabled_preset_and_acknowledged() -> None:
+    steps = [{"enable": True}, {"preset": "relative"}, {"ack": True}]
+    normal = {"ZSW2_ENC": 0x0200}
+    answers = [normal, normal | {"G1_ZSW": 0x1000}, {"ZSW2_ENC": 0x0208, "G1_ZSW": 0x8000}, normal]
+    engine, sent = play({"telegrams": [81], "steps": steps}, answers)
+    assert engine.passed
+    words = [(values["STW2_ENC"], values["G1_STW"]) for values in sent]
+    assert words == [(0x0400, 0x1800), (0x0400, 0x0800), (0x0480, 0x8800), (0x0400, 0x0800)]
+
+
+def element(value: int | float | str, error: int | None = None) -> Element:
+    return Element(0, 0, None if error is not None else DataType.INTEGER32, value, error)
+
+
+def parameters(step: dict[str, object], answers: list[list[Element] | str | None]) -> tuple[Engine, list[object]]:
+    """Play one step on the parameter channel: one answer a cycle, an error for a text, None for no answer."""
+    scenario = Scenario.model_validate({"telegrams": [1, 1], "steps": [{"axis": 2, "within": "20 ms", **step}]})
+    engine = Engine(scenario, PlcEndpoint([telegram(1)] * 2, CYCLE))
+    asked: list[object] = []
+    waiting: list[ParameterAccess] = []
+    for cycle in range(20):
+        engine.step(cycle * CYCLE)
+        waiting += engine.accesses
+        asked += [(access.do_id, access.targets, access.values) for access in engine.accesses]
+        engine.accesses.clear()
+        answer = answers[min(cycle, len(answers) - 1)]
+        if waiting and answer is not None:
+            access = waiting.pop()
+            if isinstance(answer, str):
+                access.error = answer
+            else:
+                access.answers = tuple(answer)
+            access.done = True
+        if engine.finished:
+            break
+    assert engine.finished
+    return engine, asked
+
+
+def test_parameters_are_read_from_the_drive_object_of_the_axis_until_they_are_as_expected() -> None:
+    wanted = {"P922": 1, "6041h": "& 0x6F = 0x27", "P60000": 3000, "P919": "axis 2", "606Ch": "> -5"}
+    good = [element(1), element(0x1637), element(3000.0), element("axis 2"), element(-4)]
+    bad = [element(1), element(0x1631), element(3000.5), element("axis 3"), element(-5)]
+    engine, asked = parameters({"read": wanted}, [bad, good])
+    assert engine.passed
+    assert asked == 2 * [(2, tuple(map(parse_target, wanted)), ())]
+    assert [item.name for item in engine.results] == [f"{name} {value}" for name, value in wanted.items()]
+    engine, _ = parameters({"read": wanted}, [bad])
+    assert [item.passed for item in engine.results] == [True, False, False, False, False]
+    assert [item.measured for item in engine.results] == ["1", "5681", "3000.5", "axis 3", "-5"]
+
+
+def test_parameters_are_written_once_and_a_refusal_can_be_wanted() -> None:
+    step = {"write": {"6083h": 250, "P65000": "-7"}}
+    refused = [element("", 0x0B), element("", 0x0B)]
+    engine, asked = parameters(step, [[element(250), element(-7)]])
+    assert engine.passed
+    assert asked == [(2, (Target(0x6083), Target(65000)), ("250", "-7"))]
+    engine, asked = parameters(step, [refused])
+    assert [item.measured for item in engine.results] == ["0Bh: no operation priority"] * 2
+    assert not engine.passed
+    assert len(asked) == 1
+    assert parameters(step | {"refused": 0x0B}, [refused])[0].passed
+    assert not parameters(step | {"refused": 0x0B}, [[element(250), element(-7)]])[0].passed
+    assert not parameters(step | {"refused": 0x0B}, [[element("", 2), element("", 2)]])[0].passed
+
+
+@pytest.mark.parametrize(
+    ("answer", "measured"), [(None, "no answer in time"), ("gateway: does not answer", "gateway: does not answer")]
+)
+def test_a_silent_parameter_channel_fails_every_expectation_of_the_step(answer: str | None, measured: str) -> None:
+    for action in ("read", "write"):
+        engine, _ = parameters({action: {"P922": 1, "P965": 2}}, [answer])
+        assert [(item.passed, item.measured) for item in engine.results] == [(False, measured)] * 2
+
+
+def test_a_plc_reads_and_writes_parameters_beside_its_cyclic_exchange_and_captures_both(tmp_path: Path) -> None:
+    servers: list[AcyclicServer] = []
+
+    def before(daemon: Daemon) -> None:
+        servers.append(AcyclicServer(daemon))
+        daemon.services.append(servers[0])
+
+    steps = [
+        {"expect": {"ZSW1.CONTROL_REQUESTED": 1}, "within": "20 s"},
+        {"read": {"P965": 0x0329, "1018h.1": "> 0"}},
+        {"write": {"6083h": 250, "6084h": "F9h"}},
+        {"read": {"6083h": 250, "6084h": 249}},
+        {"write": {"6040h": 0, "60FFh": 0}, "refused": 0x0B},
+    ]
+    with running(configuration(axis(1)), before) as daemon:
+        endpoint = PlcEndpoint([telegram(1)], daemon.cycle_ns)
+        engine = Engine(Scenario.model_validate({"steps": steps}), endpoint)
+        client = PlcClient(daemon.socket.address, endpoint, CYCLE, tmp_path / "plc.pcap", servers[0].address[1])
+        try:
+            client.run(engine)
+        finally:
+            client.close()
+    assert engine.passed, [item for item in engine.results if not item.passed]
+    assert len(engine.results) == 9
+    ports = {(packet[UDP].sport, packet[UDP].dport) for packet in rdpcap(str(tmp_path / "plc.pcap"))}
+    assert {port for pair in ports for port in pair} >= {34962, 34964}
+    assert len(ports) == 4, "two conversations, both directions"
+
+
 @pytest.mark.parametrize("path", sorted(SCENARIOS.glob("*.yaml")), ids=lambda path: path.name)
 def test_the_scenarios_of_the_package_are_valid(path: Path) -> None:
     assert load_scenario(path).steps
@@ -188,6 +303,12 @@ def test_the_scenarios_of_the_package_are_valid(path: Path) -> None:
         ("steps: [{speed: [1]}]", ["step 1: speed: expected a number or a text"]),
         ("steps: [{expect: {}}]", ["step 1", "expect", "at least 1"]),
         ("steps: [{set: {}}]", ["step 1", "set", "at least 1"]),
+        ("steps: [{read: {}}]", ["step 1", "read", "at least 1"]),
+        ("steps: [{read: {speed: 1}}]", ["step 1 (read)", "parameter 'speed'", "P922"]),
+        ("steps: [{write: {'P947[0..7]': 1}}]", ["step 1 (write)", "P947[0..7]", "one element"]),
+        ("steps: [{enable: true, refused: 11}]", ["step 1", "refused", "only a write"]),
+        ("steps: [{preset: absolute}]", ["step 1 (preset)", "'G1_STW' is not in the telegram"]),
+        ("telegrams: [81]\nsteps: [{off1: true}]", ["step 1 (off1)", "not possible with an encoder's telegram"]),
         ("steps: [{expect: {NIST_A: .nan}}]", ["step 1 (expect)", "NIST_A = 'nan'"]),
         ("when: 2001-99-99", ["not valid YAML", "month"]),
         ("[" * 3000, ["nested too deeply"]),

@@ -22,7 +22,7 @@ from gateway.config import GatewayConfig
 from gateway.daemon import Daemon
 from gateway.status import StatusServer
 from gateway.transport.acyclic import AcyclicServer
-from tools.demo.run import free_port
+from tools.demo.run import free_ports
 
 INTERFACE = "pdgw-instant"
 _STATUS_OF_COMMAND = {0x06: b"\x31\x02", 0x07: b"\x33\x02", 0x0F: b"\x37\x06"}
@@ -119,7 +119,7 @@ def main() -> None:
         }
     )
     daemon = Daemon(config)
-    status_port = free_port(socket.SOCK_STREAM)
+    (status_port,) = free_ports(socket.SOCK_STREAM, 1)
     daemon.services.append(StatusServer(daemon, status_port))
     acyclic = AcyclicServer(daemon)
     daemon.services.append(acyclic)

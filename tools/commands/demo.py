@@ -51,7 +51,7 @@ def demo(
         "demo-out"
     ),
 ) -> None:
-    """PLC, gateway and three simulated drives as processes; every expectation with pass or fail."""
+    """PLC, gateway and the bus of three drives and an encoder as processes; every expectation with pass or fail."""
     console = Console()
     story = _Story(console)
     run = Demo(out, story.show)

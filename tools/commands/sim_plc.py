@@ -25,6 +25,7 @@ from rich.table import Table
 
 from gateway.errors import GatewayError
 from profidrive.frame import UDP_PORT
+from profidrive.rpc.dcerpc import UDP_PORT as ACYCLIC_PORT
 from profidrive.signals import signal as signal_of
 from profidrive.telegrams import telegram as telegram_of
 from tools.plc.client import PlcClient
@@ -102,6 +103,7 @@ def plc(
     pcap: Annotated[Path | None, typer.Option(help="Record both directions here.")] = None,
     trace: Annotated[Path | None, typer.Option(help="Write sampled values here (CSV).")] = None,
     as_json: Annotated[Path | None, typer.Option("--json", help="Write the results here.")] = None,
+    acyclic_port: Annotated[int, typer.Option(help="UDP port of the gateway's parameter channel.")] = ACYCLIC_PORT,
     drive_port: Annotated[int | None, typer.Option(help="--control-port of the drive simulator.")] = None,
     progress: Annotated[bool, typer.Option("--progress", help="Print one JSON line per step and expectation.")] = False,
 ) -> None:
@@ -113,7 +115,7 @@ def plc(
     numbers = chosen.telegrams if chosen else (telegram or [1]) * axes
     cycle_ns = int(cycle_ms * 1_000_000)
     endpoint = PlcEndpoint([telegram_of(number) for number in numbers], cycle_ns)
-    client = PlcClient(address, endpoint, cycle_ns, pcap)
+    client = PlcClient(address, endpoint, cycle_ns, pcap, acyclic_port)
     engine = Engine(chosen, endpoint) if chosen else None
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # the capture is to be complete
     try:

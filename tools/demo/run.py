@@ -25,14 +25,19 @@ SCENARIO = Path(__file__).parent.parent / "scenarios" / "demo.yaml"
 STORY_LIMIT_S = 58
 _STOP_S = 10
 _TELEGRAMS = (1, 9, 100)
+_ENCODER_TELEGRAM = 83
+_ENCODER = len(_TELEGRAMS) + 1
+"""DO-ID and node-ID of the encoder, which is on the shaft of the first drive."""
 _EVIDENCE = ("report.json", "plc.json", "plc.pcap", "can.log", "trace.csv", "trace.png")
 
 
-def free_port(kind: socket.SocketKind) -> int:
-    """A port of 127.0.0.1 nobody uses at this moment."""
-    with socket.socket(socket.AF_INET, kind) as sock:
-        sock.bind(("127.0.0.1", 0))
-        return int(sock.getsockname()[1])
+def free_ports(kind: socket.SocketKind, number: int) -> list[int]:
+    """Different ports of 127.0.0.1 nobody uses at this moment."""
+    with contextlib.ExitStack() as stack:
+        sockets = [stack.enter_context(socket.socket(socket.AF_INET, kind)) for _ in range(number)]
+        for sock in sockets:
+            sock.bind(("127.0.0.1", 0))
+        return [int(sock.getsockname()[1]) for sock in sockets]
 
 
 class _CanServer(RemoteServer):  # type: ignore[misc]  # untyped package
@@ -75,12 +80,29 @@ def can_server() -> Iterator[str]:
         thread.join()
 
 
-def gateway_config(channel: str, port: int) -> str:
-    """The demo's configuration."""
-    axes = "".join(f"\n[[axis]]\ndo_id = {n}\nnode_id = {n}\ntelegram = {t}\n" for n, t in enumerate(_TELEGRAMS, 1))
+def gateway_config(channel: str, port: int, acyclic_port: int) -> str:
+    """The gateway of the demo. Its times let a busy machine pause for a while without anything counting as lost."""
+    axes = "".join(
+        f"\n[[axis]]\ndo_id = {n}\nnode_id = {n}\ntelegram = {t}\nheartbeat_ms = 200\ntpdo_event_ms = 100\n"
+        for n, t in enumerate(_TELEGRAMS, 1)
+    )
+    encoder = (
+        f"\n[[encoder]]\ndo_id = {_ENCODER}\nnode_id = {_ENCODER}\ntelegram = {_ENCODER_TELEGRAM}\n"
+        "heartbeat_ms = 200\ntpdo_event_ms = 50\n"
+    )
     return (
         f'[can]\ninterface = "remote"\nchannel = "{channel}"\n\n'
-        f"[transport]\ncyclic_port = {port}\nacyclic_port = 0\nstatus_port = 0\ncycle_time_ms = 4\nwatchdog_factor = 10\n{axes}"
+        f"[transport]\ncyclic_port = {port}\nacyclic_port = {acyclic_port}\nstatus_port = 0\n"
+        f"cycle_time_ms = 4\nwatchdog_factor = 50\n{axes}{encoder}"
+    )
+
+
+def devices_config(channel: str, control_port: int) -> str:
+    """The devices on the bus, for ``pdgw sim bus``."""
+    drives = "".join(f'\n[[device]]\ntype = "drive"\nnode_id = {n}\n' for n in range(1, _ENCODER))
+    return (
+        f'[can]\ninterface = "remote"\nchannel = "{channel}"\n\n[control]\nport = {control_port}\n{drives}'
+        f'\n[[device]]\ntype = "encoder"\nnode_id = {_ENCODER}\nmotion = "shaft=1"\n'
     )
 
 
@@ -123,42 +145,23 @@ class Demo:
         (self.out / "plc.json").unlink()
         report["duration_s"] = round(time.monotonic() - started, 2)
         report["exit_codes"] = codes
-        report["passed"] = report["passed"] and codes["gateway"] == 0 and codes["drives"] == 0
+        report["passed"] = report["passed"] and codes["gateway"] == 0 and codes["devices"] == 0
         (self.out / "report.json").write_text(json.dumps(report, indent=2), encoding="utf-8")
         plot(self.out / "trace.csv", report["notes"], self.out / "trace.png")
         return Outcome(report)
 
     def _start(self, channel: str) -> None:
-        port = free_port(socket.SOCK_DGRAM)
-        control = free_port(socket.SOCK_STREAM)
-        config = self.out / "gateway.toml"
-        config.write_text(gateway_config(channel, port), encoding="utf-8")
-        nodes = [argument for n in range(1, len(_TELEGRAMS) + 1) for argument in ("--node-id", str(n))]
-        self._spawn(
-            "drives",
-            "sim",
-            "drive",
-            "--interface",
-            "remote",
-            "--channel",
-            channel,
-            "--control-port",
-            str(control),
-            *nodes,
-        )
+        port, acyclic_port = free_ports(socket.SOCK_DGRAM, 2)
+        (control,) = free_ports(socket.SOCK_STREAM, 1)
+        config, devices = self.out / "gateway.toml", self.out / "devices.toml"
+        config.write_text(gateway_config(channel, port, acyclic_port), encoding="utf-8")
+        devices.write_text(devices_config(channel, control), encoding="utf-8")
+        self._spawn("devices", "sim", "bus", str(devices))
         self._spawn("gateway", "run", str(config), "--can-log", str(self.out / "can.log"))
         self._spawn(
             "plc",
-            *(
-                "sim",
-                "plc",
-                str(SCENARIO),
-                "--gateway",
-                f"127.0.0.1:{port}",
-                "--progress",
-                "--drive-port",
-                str(control),
-            ),
+            *("sim", "plc", str(SCENARIO), "--progress", "--drive-port", str(control)),
+            *("--gateway", f"127.0.0.1:{port}", "--acyclic-port", str(acyclic_port)),
             *("--pcap", str(self.out / "plc.pcap"), "--trace", str(self.out / "trace.csv")),
             *("--json", str(self.out / "plc.json")),
         )
@@ -199,7 +202,7 @@ class Demo:
             raise GatewayError(f"the PLC simulator ended with status {plc.returncode}: {self._tail('plc')}")
 
     def _check_others(self) -> None:
-        for name in ("gateway", "drives"):
+        for name in ("gateway", "devices"):
             status = self._processes[name].poll()
             if status is not None:
                 raise GatewayError(f"the {name} process ended with status {status}: {self._tail(name)}")
@@ -209,9 +212,9 @@ class Demo:
         return text[-600:] if text else "its log is empty"
 
     def _stop(self) -> dict[str, int]:
-        """The PLC first, then the gateway (it stops the drives), the drives last."""
+        """The PLC first, then the gateway (it stops the drives), the devices last."""
         try:
-            for name in ("plc", "gateway", "drives"):
+            for name in ("plc", "gateway", "devices"):
                 process = self._processes.get(name)
                 if process is None:
                     continue

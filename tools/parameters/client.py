@@ -6,6 +6,7 @@ import itertools
 import socket
 import time
 import uuid
+from collections.abc import Callable
 from types import TracebackType
 from typing import Self
 
@@ -59,6 +60,8 @@ class ParameterClient:
         self._references = itertools.cycle(range(1, 256))
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.connect(address)
+        self.tap: Callable[[bool, bytes], None] = lambda sent, data: None
+        """Told every datagram (sent by us, data)."""
 
     def __enter__(self) -> Self:
         return self
@@ -71,6 +74,16 @@ class ParameterClient:
     def close(self) -> None:
         self._socket.close()
 
+    @property
+    def local_address(self) -> tuple[str, int]:
+        """Where it sends from."""
+        host, port = self._socket.getsockname()
+        return str(host), int(port)
+
+    def _send(self, packet: bytes) -> None:
+        self._socket.send(packet)
+        self.tap(True, packet)
+
     # -- records ------------------------------------------------------------------------------------------------------
 
     def call(self, call: RecordCall) -> RecordResult:
@@ -78,7 +91,7 @@ class ParameterClient:
         for _ in range(_ATTEMPTS):
             try:
                 for packet in call.packets:
-                    self._socket.send(packet)
+                    self._send(packet)
                 result = self._answer(call)
             except OSError as error:
                 time.sleep(_REPEAT_S / _ATTEMPTS)  # nobody listens just now: the device may be starting
@@ -96,13 +109,15 @@ class ParameterClient:
         while (left := deadline - time.monotonic()) > 0:
             self._socket.settimeout(left)
             try:
-                received = call.receive(self._socket.recv(_DATAGRAM))
+                data = self._socket.recv(_DATAGRAM)
             except TimeoutError:
                 return None
+            self.tap(False, data)
+            received = call.receive(data)
             if isinstance(received, RecordResult):
                 return received
             for packet in received or ():
-                self._socket.send(packet)
+                self._send(packet)
         return None
 
     @property

@@ -1,4 +1,4 @@
-"""The UDP edge of the PLC simulator: paced sending, receiving, capture and trace, on one thread."""
+"""The UDP edge of the PLC simulator: paced sending, receiving and trace on one thread; capture and parameters beside it."""
 
 from __future__ import annotations
 
@@ -14,26 +14,28 @@ from typing import Any
 
 from scapy.layers.inet import IP, UDP
 from scapy.layers.l2 import Ether
+from scapy.packet import Packet
 from scapy.utils import PcapWriter
 
 from gateway.errors import GatewayError
 from gateway.transport.cyclic import Address
 from profidrive.frame import UDP_PORT
+from profidrive.rpc.dcerpc import UDP_PORT as ACYCLIC_PORT
 from profidrive.telegrams import ApplicationMode
 from tools.plc.endpoint import PlcEndpoint
+from tools.plc.parameters import ParameterAccess, ParameterWorker
 from tools.plc.scenario import Engine
 
 TRACE_COLUMNS = ("time_s", "axis", "telegram", "control", "status", "setpoint", "actual")
 _TRACE_NS = 10_000_000
+_MACS = ("02:00:00:00:00:01", "02:00:00:00:00:02")
 
 
 class Capture:
-    """Both directions of the exchange as a pcap with Ethernet, IP and UDP headers; written beside the cyclic thread."""
+    """Conversations as a pcap with Ethernet, IP and UDP headers; written beside the threads that have them."""
 
-    def __init__(self, path: Path, local: Address, remote: Address) -> None:
-        # The gateway's side is written as PROFINET's own port, so that every reader dissects it without help.
-        self._local, self._remote = local, (remote[0], UDP_PORT)
-        self._frames: queue.SimpleQueue[tuple[float, bool, bytes] | None] = queue.SimpleQueue()
+    def __init__(self, path: Path) -> None:
+        self._frames: queue.SimpleQueue[tuple[float, Packet, bytes] | None] = queue.SimpleQueue()
         try:
             self._writer = PcapWriter(str(path), linktype=1, sync=False)
         except OSError as error:
@@ -41,8 +43,10 @@ class Capture:
         self._thread = threading.Thread(target=self._write, name="capture", daemon=True)
         self._thread.start()
 
-    def record(self, sent: bool, data: bytes) -> None:
-        self._frames.put((time.time(), sent, data))
+    def conversation(self, local: Address, remote: Address) -> Callable[[bool, bytes], None]:
+        """What takes the datagrams (sent, data) between two addresses, from any thread."""
+        there, back = _headers(local, remote, _MACS), _headers(remote, local, _MACS[::-1])
+        return lambda sent, data: self._frames.put((time.time(), there if sent else back, data))
 
     def close(self) -> None:
         self._frames.put(None)
@@ -50,26 +54,28 @@ class Capture:
         self._writer.close()
 
     def _write(self) -> None:
-        headers = {}
-        for sent in (True, False):
-            source, target = (self._local, self._remote) if sent else (self._remote, self._local)
-            macs = ("02:00:00:00:00:01", "02:00:00:00:00:02")
-            headers[sent] = (
-                Ether(src=macs[not sent], dst=macs[sent])
-                / IP(src=source[0], dst=target[0])
-                / UDP(sport=source[1], dport=target[1])
-            )
         while (item := self._frames.get()) is not None:
-            when, sent, data = item
-            packet = headers[sent] / data
+            when, headers, data = item
+            packet = headers / data
             packet.time = when
             self._writer.write(packet)
 
 
-class PlcClient:
-    """Runs an engine against a gateway."""
+def _headers(source: Address, target: Address, macs: tuple[str, str]) -> Packet:
+    return Ether(src=macs[0], dst=macs[1]) / IP(src=source[0], dst=target[0]) / UDP(sport=source[1], dport=target[1])
 
-    def __init__(self, gateway: Address, endpoint: PlcEndpoint, cycle_ns: int, pcap: Path | None = None) -> None:
+
+class PlcClient:
+    """Runs an engine against a gateway; ``acyclic_port`` is the gateway's for parameters."""
+
+    def __init__(
+        self,
+        gateway: Address,
+        endpoint: PlcEndpoint,
+        cycle_ns: int,
+        pcap: Path | None = None,
+        acyclic_port: int = ACYCLIC_PORT,
+    ) -> None:
         self.gateway = gateway
         self.endpoint = endpoint
         self.cycle_ns = cycle_ns
@@ -80,7 +86,13 @@ class PlcClient:
         self._socket.setblocking(False)
         self._poll = select.poll()
         self._poll.register(self._socket, select.POLLIN)
-        self._capture = Capture(pcap, self._socket.getsockname(), gateway) if pcap else None
+        # The gateway's side is written as PROFINET's own ports, so that every reader dissects it without help.
+        self._capture = Capture(pcap) if pcap else None
+        self._record: Callable[[bool, bytes], None] | None = None
+        if self._capture is not None:
+            self._record = self._capture.conversation(self._socket.getsockname(), (gateway[0], UDP_PORT))
+        self._acyclic_port = acyclic_port
+        self._parameters: ParameterWorker | None = None
         self._stopping = threading.Event()
         self._trace_due = 0
         self._start = 0
@@ -106,15 +118,28 @@ class PlcClient:
                 muted = engine.muted
                 while engine.drive_commands:
                     drive(engine.drive_commands.pop(0))
+                while engine.accesses:
+                    self._serve(engine.accesses.pop(0))
             if not muted:
                 self._send()
             self._sample(now)
             self.on_cycle()
 
     def close(self) -> None:
+        if self._parameters is not None:
+            self._parameters.close()
         if self._capture is not None:
             self._capture.close()
         self._socket.close()
+
+    def _serve(self, access: ParameterAccess) -> None:
+        if self._parameters is None:
+            capture, host = self._capture, self.gateway[0]
+            self._parameters = ParameterWorker(
+                (host, self._acyclic_port),
+                None if capture is None else lambda local: capture.conversation(local, (host, ACYCLIC_PORT)),
+            )
+        self._parameters.submit(access)
 
     def _send(self) -> None:
         frame = self.endpoint.build()
@@ -123,8 +148,8 @@ class PlcClient:
         except OSError:
             self.endpoint.counters["send errors"] += 1
             return
-        if self._capture is not None:
-            self._capture.record(True, bytes(frame))
+        if self._record is not None:
+            self._record(True, bytes(frame))
 
     def _receive(self) -> None:
         while True:
@@ -139,8 +164,8 @@ class PlcClient:
                 self.endpoint.counters["foreign"] += 1
                 continue
             self.endpoint.receive(data, time.monotonic_ns())
-            if self._capture is not None:
-                self._capture.record(False, data)
+            if self._record is not None:
+                self._record(False, data)
 
     def _sample(self, now: int) -> None:
         if now < self._trace_due:
@@ -153,7 +178,7 @@ class PlcClient:
             setpoints = self.endpoint.setpoints[index]
             demand, actual = _MAIN_VALUES[item.mode]
             demand_name = next((n for n in setpoints if n.startswith(demand)), None)
-            actual_name = next((n for n in actuals if n.startswith(actual)), None)
+            actual_name = next((n for prefix in actual for n in actuals if n.startswith(prefix)), None)
             self.trace.append(
                 (
                     round((now - self._start) / 1e9, 4),
@@ -178,8 +203,8 @@ class PlcClient:
 
 
 _MAIN_VALUES = {
-    ApplicationMode.VELOCITY: ("NSOLL", "NIST"),
-    ApplicationMode.POSITIONING: ("MDI_TARPOS", "XIST"),
-    ApplicationMode.TRANSPARENT: ("Target Velocity", "Velocity Actual"),
-    ApplicationMode.ENCODER: ("G1_STW", "G1_XIST1"),
+    ApplicationMode.VELOCITY: ("NSOLL", ("NIST",)),
+    ApplicationMode.POSITIONING: ("MDI_TARPOS", ("XIST",)),
+    ApplicationMode.TRANSPARENT: ("Target Velocity", ("Velocity Actual",)),
+    ApplicationMode.ENCODER: ("G1_STW", ("NIST", "G1_XIST")),
 }

@@ -2,7 +2,8 @@
 
 A scenario is a list of steps; each has one action, an optional ``axis`` (from 1) and ``note``. The engine is sans-I/O: time
 and actual values in, setpoints out. Values may be written ``1234``, ``0x4D2``, ``2000h``, ``50 %`` or, with the references in
-the file's head, ``1500 rpm`` and ``2000 inc``. See ``tools/scenarios`` for examples.
+the file's head, ``1500 rpm`` and ``2000 inc``. ``read`` and ``write`` go to the parameter channel, to the drive object with
+the number of the axis as DO-ID. See ``tools/scenarios`` for examples.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -20,9 +22,13 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from gateway.errors import GatewayError
 from profidrive.datatypes import DataType, Normalisation, n2, n4
 from profidrive.errors import ProfidriveError
+from profidrive.parameters.codec import MAX_PARAMETERS
 from profidrive.signals import Signal, signal
 from profidrive.telegrams import ApplicationMode, telegram
+from tools.parameters.address import Target, parse_target
+from tools.parameters.session import Element
 from tools.plc.endpoint import PlcEndpoint
+from tools.plc.parameters import ParameterAccess
 
 Scalar = int | float | str
 NS = 1_000_000_000
@@ -64,6 +70,8 @@ class Step(_Model):
     axis: Annotated[int, Field(ge=1)] = 1
     note: str = ""
     within: str = "3 s"
+    refused: Annotated[int, Field(ge=0, le=0xFFFF)] | None = None
+    """The error number a ``write`` has to be refused with."""
     enable: Literal[True] | None = None
     off1: Literal[True] | None = None
     quick_stop: Literal[True] | None = None
@@ -76,6 +84,11 @@ class Step(_Model):
     reject: Literal[True] | None = None
     intermediate_stop: Literal[True] | None = None
     resume: Literal[True] | None = None
+    preset: Literal["absolute", "relative"] | None = None
+    """The value is parameter 65000."""
+    read: Annotated[dict[str, Scalar], Field(min_length=1, max_length=MAX_PARAMETERS)] | None = None
+    """What parameters have to be, as in ``expect``; read again until they are."""
+    write: Annotated[dict[str, Scalar], Field(min_length=1, max_length=MAX_PARAMETERS)] | None = None
     set: Annotated[dict[str, Scalar], Field(min_length=1)] | None = None
     expect: Annotated[dict[str, Scalar], Field(min_length=1)] | None = None
     hold: str | None = None
@@ -95,10 +108,12 @@ class Step(_Model):
             raise ValueError(
                 f"{len(given)} actions ({', '.join(given) or 'none'}), allowed exactly one of {', '.join(_ACTIONS)}"
             )
+        if self.refused is not None and self.write is None:
+            raise ValueError("refused: only a write has it")
         return self
 
 
-_ACTIONS = tuple(name for name in Step.model_fields if name not in {"axis", "note", "within"})
+_ACTIONS = tuple(name for name in Step.model_fields if name not in {"axis", "note", "within", "refused"})
 
 
 class Scenario(_Model):
@@ -210,14 +225,36 @@ class _Wait:
     since: int = -1
 
 
-_Primitive = Callable[[], None] | _Wait | int
+@dataclass(slots=True)
+class _Check:
+    """What a parameter has to be, or what its writing has to end with."""
+
+    name: str
+    holds: Callable[[Element], bool]
+
+
+@dataclass(slots=True)
+class _Parameters:
+    """An access to the parameter channel; a read is repeated until it is as expected."""
+
+    targets: tuple[Target, ...]
+    values: tuple[str, ...]
+    checks: list[_Check]
+    axis: int
+    within: int
+    since: int = -1
+    access: ParameterAccess | None = None
+
+
+_Primitive = Callable[[], None] | _Wait | _Parameters | int
 
 
 class Engine:
     """Plays a scenario on an endpoint. ``step(now)`` once per cycle; ``finished`` tells when it is over.
 
-    ``muted`` asks the edge not to send. ``drive_commands`` collects lines for the drive simulator. GatewayError from the
-    constructor when a step does not fit the axis' telegram.
+    ``muted`` asks the edge not to send. ``drive_commands`` collects lines for the device simulator, ``accesses`` those to
+    the parameter channel, which the edge serves meanwhile. GatewayError from the constructor when a step does not fit the
+    axis' telegram.
     """
 
     def __init__(self, scenario: Scenario, endpoint: PlcEndpoint) -> None:
@@ -226,6 +263,7 @@ class Engine:
         self.results: list[Result] = []
         self.notes: list[tuple[float, str]] = []
         self.drive_commands: list[str] = []
+        self.accesses: list[ParameterAccess] = []
         self.muted = False
         self.finished = False
         self._start = -1
@@ -268,6 +306,9 @@ class Engine:
                 if not self.results[-1].passed and self.scenario.steps[self._position - 1].action == "enable":
                     self._queue = []  # a drive that is not ready gets no ON later on
                     continue
+            elif isinstance(item, _Parameters):
+                if not self._parameters(item, now):
+                    return
             elif isinstance(item, int):
                 if self._hold_until < 0:
                     self._hold_until = now + item
@@ -288,18 +329,36 @@ class Engine:
         measured = "no valid actual values (IOPS BAD)"
         if actuals is not None:
             measured = ", ".join(f"{c.name} = {c.value(actuals)}" for c in wait.conditions)
-        self.results.append(
-            Result(
-                self._position,
-                wait.axis + 1,
-                wait.name,
-                met,
-                measured,
-                round((now - self._start) / NS, 3),
-                round((now - wait.since) / NS, 3),
-            )
-        )
+        self._result(wait, wait.name, met, measured, now)
         return True
+
+    def _parameters(self, item: _Parameters, now: int) -> bool:
+        if item.since < 0:
+            item.since = now
+        expired = now - item.since >= item.within
+        if item.access is None:
+            item.access = ParameterAccess(item.axis + 1, item.targets, item.values)
+            self.accesses.append(item.access)
+        access = item.access
+        if not access.done and not expired:
+            return False
+        answers = access.answers if access.done else ()
+        met = [check.holds(answer) for check, answer in zip(item.checks, answers, strict=False)]
+        if not access.error and access.done and not all(met) and not item.values and not expired:
+            item.access = None
+            return False
+        for place, check in enumerate(item.checks):
+            if place < len(answers):
+                self._result(item, check.name, met[place], _shown(answers[place]), now)
+            else:
+                self._result(item, check.name, False, access.error or "no answer in time", now)
+        return True
+
+    def _result(self, item: _Wait | _Parameters, name: str, passed: bool, measured: str, now: int) -> None:
+        began, waited = now - self._start, now - item.since
+        self.results.append(
+            Result(self._position, item.axis + 1, name, passed, measured, round(began / NS, 3), round(waited / NS, 3))
+        )
 
     # -- compiling ----------------------------------------------------------------------------------------------------
 
@@ -320,8 +379,19 @@ class Engine:
             return [self._setter(axis, step.set or {})]
         if action == "expect":
             return [self._expectation(axis, step.expect or {}, within, step.note)]
+        if action in {"read", "write"}:
+            return [self._access(step, axis, within)]
+        if step.preset is not None:
+            return [
+                self._setter(axis, {"G1_STW.PRESET_RELATIVE": int(step.preset == "relative"), "G1_STW.PRESET": 1}),
+                self._expectation(axis, {"G1_ZSW.PRESET_DONE": 1, "G1_ZSW.ERROR": 0}, within, "preset done"),
+                self._setter(axis, {"G1_STW.PRESET": 0}),
+                self._expectation(axis, {"G1_ZSW.PRESET_DONE": 0}, within, "ready for the next preset"),
+            ]
         if mode is ApplicationMode.TRANSPARENT:
             return self._transparent(action, axis, within)
+        if mode is ApplicationMode.ENCODER:
+            return self._encoder(action, axis, within)
         control = {
             "off1": {"STW1.ON": 0},
             "quick_stop": {"STW1.NO_QUICK_STOP": 0},
@@ -404,6 +474,50 @@ class Engine:
             return program
         raise GatewayError("not possible with telegram 100")
 
+    def _encoder(self, action: str, axis: int, within: int) -> list[_Primitive]:
+        if action == "enable":
+            return [
+                self._setter(axis, {"STW2_ENC.CONTROL_BY_PLC": 1}),
+                self._expectation(
+                    axis, {"ZSW2_ENC.CONTROL_REQUESTED": 1, "ZSW2_ENC.FAULT": 0, "G1_ZSW.ERROR": 0}, within, "measuring"
+                ),
+            ]
+        if action == "ack":
+            bits = ("STW2_ENC.FAULT_ACKNOWLEDGE", "G1_STW.ERROR_ACKNOWLEDGE")
+            return [
+                self._setter(axis, dict.fromkeys(bits, 1)),
+                self._expectation(axis, {"ZSW2_ENC.FAULT": 0}, within, "fault acknowledged"),
+                self._setter(axis, dict.fromkeys(bits, 0)),
+                self._expectation(axis, {"G1_ZSW.ERROR": 0}, within, "measuring again"),
+            ]
+        raise GatewayError("not possible with an encoder's telegram")
+
+    def _access(self, step: Step, axis: int, within: int) -> _Parameters:
+        wanted = step.write or step.read or {}
+        targets = tuple(parse_target(name) for name in wanted)
+        for name, target in zip(wanted, targets, strict=True):
+            if target.elements is not None and len(target.elements) > 1:
+                raise GatewayError(f"parameter {name!r}: expected one element, each has a value of its own")
+        prefix = f"{step.note}: " if step.note else ""
+        checks = []
+        for name, value in wanted.items():
+            if step.read is not None:
+                checks.append(_Check(f"{prefix}{name} {value}", self._parameter_check(name, value)))
+            elif step.refused is None:
+                checks.append(_Check(f"{prefix}{name} := {value}", lambda element: not element.failed))
+            else:
+                text = f"{prefix}{name} := {value} refused, error {step.refused:02X}h"
+                checks.append(_Check(text, lambda element: element.error == step.refused))
+        values = tuple(str(value) for value in wanted.values()) if step.write is not None else ()
+        return _Parameters(targets, values, checks, axis, within)
+
+    def _parameter_check(self, name: str, wanted: Scalar) -> Callable[[Element], bool]:
+        try:
+            holds = self._comparison(wanted, lambda value: _integer(name, value))
+        except GatewayError:
+            return lambda element: element.value == wanted  # a name, octets
+        return lambda element: isinstance(element.value, int | float) and holds(element.value)
+
     def _environment(self, step: Step) -> _Primitive:
         if step.hold is not None:
             return parse_time(step.hold)
@@ -451,7 +565,7 @@ class Engine:
         conditions = []
         for key, wanted in values.items():
             signal_name, mask, shift = self._resolve(key, axis, names)
-            holds = self._comparison(signal(signal_name), wanted)
+            holds = self._comparison(wanted, partial(self._raw, signal(signal_name)))
             conditions.append(Condition(key, str(wanted), holds, mask, shift, signal_name))
         text = ", ".join(f"{c.name} {c.text}" for c in conditions)
         return _Wait(conditions, f"{name}: {text}" if name else text, axis, within)
@@ -466,16 +580,18 @@ class Engine:
         bit = signal(signal_name).bit(bit_name, positioning=positioning)
         return signal_name, bit.mask, bit.position
 
-    def _comparison(self, item: Signal, wanted: Scalar) -> Callable[[int], bool]:
+    @staticmethod
+    def _comparison(wanted: Scalar, raw: Callable[[Scalar], int]) -> Callable[[float], bool]:
+        """``raw`` makes an integer of each value in the text."""
         text = str(wanted).strip()
         match = re.fullmatch(r"&\s*(\S+)\s*=\s*(\S+)", text)
         if match:
-            mask, bits = self._raw(item, match[1]), self._raw(item, match[2])
-            return lambda value: value & mask == bits
+            mask, bits = raw(match[1]), raw(match[2])
+            return lambda value: int(value) & mask == bits
         match = re.fullmatch(r"(<=|>=|<|>)\s*(.+)", text)
         if match:
-            bound = self._raw(item, match[2])
-            compare: dict[str, Callable[[int], bool]] = {
+            bound = raw(match[2])
+            compare: dict[str, Callable[[float], bool]] = {
                 "<": lambda value: value < bound,
                 ">": lambda value: value > bound,
                 "<=": lambda value: value <= bound,
@@ -483,14 +599,12 @@ class Engine:
             }
             return compare[match[1]]
         centre, _, tolerance = text.partition("+-")
-        middle = self._raw(item, centre)
-        width = abs(self._raw(item, tolerance)) if tolerance else 0
+        middle = raw(centre)
+        width = abs(raw(tolerance)) if tolerance else 0
         return lambda value: abs(value - middle) <= width
 
     def _raw(self, item: Signal, value: Scalar) -> int:
         """A value in any notation as the signal's raw integer."""
-        if isinstance(value, int):
-            return int(value)
         text = str(value).strip()
         match = re.fullmatch(r"(-?\d{1,15}(?:\.\d{1,9})?)\s*(%|rpm|inc)", text)
         if match:
@@ -502,11 +616,23 @@ class Engine:
                 "inc": references.position,
             }
             return _to_wire(item, number, full[match[2]])
-        match = re.fullmatch(r"(-?)(?:0x([0-9a-fA-F]{1,16})|([0-9a-fA-F]{1,16})h|(\d{1,20}))", text)
-        if match is None:
-            raise GatewayError(f"{item.name} = {text[:40]!r}: expected 1234, 0x4D2, 2000h, 50 %, 1500 rpm or 2000 inc")
-        magnitude = int(match[2] or match[3] or match[4], 16 if match[2] or match[3] else 10)
-        return -magnitude if match[1] else magnitude
+        return _integer(item.name, value, ", 50 %, 1500 rpm or 2000 inc")
+
+
+def _integer(name: str, value: Scalar, others: str = "") -> int:
+    """A whole number in any notation; ``others`` completes the message of the GatewayError for anything else."""
+    if isinstance(value, int):
+        return int(value)
+    text = str(value).strip()
+    match = re.fullmatch(r"(-?)(?:0x([0-9a-fA-F]{1,16})|([0-9a-fA-F]{1,16})h|(\d{1,20}))", text)
+    if match is None:
+        raise GatewayError(f"{name} = {text[:40]!r}: expected 1234, 0x4D2, 2000h{others}")
+    magnitude = int(match[2] or match[3] or match[4], 16 if match[2] or match[3] else 10)
+    return -magnitude if match[1] else magnitude
+
+
+def _shown(element: Element) -> str:
+    return element.error_text if element.failed else str(element.value)
 
 
 def _normalisation(item: Signal, reference: Fraction | int) -> Normalisation:
