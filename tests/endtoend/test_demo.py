@@ -53,7 +53,6 @@ def test_every_expectation_of_the_story_passed(evidence: Path) -> None:
 def test_the_encoder_and_the_parameters_are_part_of_the_story(evidence: Path) -> None:
     report = json.loads((evidence / "report.json").read_text())
     results = [(item["axis"], item["name"], item["measured"]) for item in report["results"]]
-    assert report["duration_s"] < 40
 
     def measured(axis: int, text: str) -> list[str]:
         found = [value for number, name, value in results if number == axis and text in name]

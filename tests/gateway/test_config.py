@@ -206,6 +206,15 @@ def test_the_simulated_configuration_has_the_axes_asked_for(number: int) -> None
     assert all(axis.simulate for axis in config.axis)
 
 
+@pytest.mark.parametrize(
+    ("keys", "silence_ms"), [("", 100), ("heartbeat_ms = 500\n", 500), ("tpdo_event_ms = 50\n", 200)]
+)
+def test_an_encoder_is_silent_after_100_ms_a_heartbeat_or_four_positions(keys: str, silence_ms: int) -> None:
+    text = f'[can]\ninterface = "virtual"\n[[encoder]]\ndo_id = 1\nnode_id = 1\ntelegram = 83\n{keys}'
+    settings = parse_config(text).encoder[0].settings((1,), 4)
+    assert settings.tpdo_event_ms * settings.tpdo_timeout_factor == silence_ms
+
+
 def test_simulated_encoders_sit_on_the_shafts_of_the_axes() -> None:
     config = simulated(1, 2, 3, 84)
     assert [(item.do_id, item.node_id, item.motion) for item in config.encoder] == [

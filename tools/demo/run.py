@@ -83,17 +83,17 @@ def can_server() -> Iterator[str]:
 def gateway_config(channel: str, port: int, acyclic_port: int) -> str:
     """The gateway of the demo. Its times let a busy machine pause for a while without anything counting as lost."""
     axes = "".join(
-        f"\n[[axis]]\ndo_id = {n}\nnode_id = {n}\ntelegram = {t}\nheartbeat_ms = 200\ntpdo_event_ms = 100\n"
+        f"\n[[axis]]\ndo_id = {n}\nnode_id = {n}\ntelegram = {t}\nheartbeat_ms = 500\ntpdo_event_ms = 200\n"
         for n, t in enumerate(_TELEGRAMS, 1)
     )
     encoder = (
         f"\n[[encoder]]\ndo_id = {_ENCODER}\nnode_id = {_ENCODER}\ntelegram = {_ENCODER_TELEGRAM}\n"
-        "heartbeat_ms = 200\ntpdo_event_ms = 50\n"
+        "heartbeat_ms = 500\ntpdo_event_ms = 20\n"
     )
     return (
         f'[can]\ninterface = "remote"\nchannel = "{channel}"\n\n'
         f"[transport]\ncyclic_port = {port}\nacyclic_port = {acyclic_port}\nstatus_port = 0\n"
-        f"cycle_time_ms = 4\nwatchdog_factor = 50\n{axes}{encoder}"
+        f"cycle_time_ms = 4\nwatchdog_factor = 100\n{axes}{encoder}"
     )
 
 
