@@ -635,11 +635,15 @@ class NodeClient(abc.ABC, Generic[S]):
 
     def _read_acyclic(self) -> None:
         for pdo in self._acyclic_tpdos:
-            image = self._image(pdo)
-            for entry in pdo.entries:
-                signed = entry.type.char.islower()
-                setattr(image, entry.attribute, self._fetch(entry.index, entry.subindex, signed=signed))
+            self._read_objects(pdo)
         self._acyclic_read = time.monotonic_ns()
+
+    def _read_objects(self, pdo: Pdo) -> None:
+        """Read by SDO what a TPDO the node does not have would carry."""
+        image = self._image(pdo)
+        for entry in pdo.entries:
+            signed = entry.type.char.islower()
+            setattr(image, entry.attribute, self._fetch(entry.index, entry.subindex, signed=signed))
 
     # -- reader thread ------------------------------------------------------------------------------------------------
 
