@@ -355,9 +355,7 @@ def _pdo(node: _Node, record: PdoRecord) -> None:
         _word(words.controlword, now, values.get((_CONTROLWORD, 0)))
         _word(words.mode, now, values.get((0x6060, 0)))
         return
-    if not node.started:
-        return
-    if not node.online or not node.online[-1][1]:
+    if node.started and (not node.online or not node.online[-1][1]):
         node.online.append((now, True))
     _word(words.statusword, now, values.get((_STATUSWORD, 0)))
     _word(words.mode_display, now, values.get((0x6061, 0)))

@@ -29,6 +29,9 @@ _MACS = bytes.fromhex("020000000002020000000001") + struct.pack(">H", ETHERTYPE)
 _COMMAND_NS, _ANSWER_NS, _DRIVE_NS = 100_000, 300_000, 600_000
 """What the gateway needs for its RPDOs and for its answer, and when the drive has answered the RPDOs."""
 
+_SENT = {0x200 + NODE, 0x300 + NODE, 0x400 + NODE, 0x500 + NODE, 0x240 + NODE}
+_SDO = {0x580, 0x600}
+
 PlcFrame = tuple[int, bytes]
 CanFrame = tuple[int, int, bytes]
 
@@ -48,11 +51,15 @@ class Frames:
         packets = [(BEGIN_NS + now, captures.ETHERNET, _MACS + data) for now, data in both]
         (folder / "plc.pcap").write_bytes(captures.pcap(packets, nanoseconds=True))
         lines = []
-        last: dict[int, int] = {}
+        last = {True: 0, False: 0}
         for now, cob_id, data in sorted(self.can, key=lambda item: item[0]):
-            # Frames of one identifier stay in their order, whatever the recorder does to their times.
-            last[cob_id] = max(last.get(cob_id, 0), now + noise.randint(-jitter_ns, jitter_ns))
-            lines.append((last[cob_id], cob_id, data))
+            # What the gateway sends and what it receives stay in their order, whatever the recorder does to the times.
+            sent = cob_id == 0 or cob_id in _SENT
+            if cob_id & ~0x7F in _SDO:  # a request recorded behind its response would be another recording
+                lines.append((now, cob_id, data))
+                continue
+            last[sent] = max(last[sent], now + noise.randint(-jitter_ns, jitter_ns))
+            lines.append((last[sent], cob_id, data))
         text = ""
         for now, cob_id, data in sorted(lines, key=lambda item: item[0]):
             seconds, rest = divmod(BEGIN_NS + now + offset_ns, 10**9)
