@@ -21,7 +21,6 @@ from decoder.records import (
     EmcyRecord,
     HeartbeatRecord,
     NmtRecord,
-    PdoLayout,
     PdoRecord,
     Record,
     SdoRecord,
@@ -136,7 +135,7 @@ class _Node:
     started: bool = True
     """Until an NMT command says otherwise: a recording may begin in operation."""
     last: dict[int, bytes] = field(default_factory=dict)
-    mappings: dict[int, PdoLayout] = field(default_factory=dict)
+    end_ns: int = 0
 
     def known_references(self) -> References:
         return replace(References(), **self.references)
@@ -303,6 +302,7 @@ class Collector:
                 for number, frames in node.sent.items()
             },
             [(now - offset_ns, online) for now, online in node.online],
+            node.end_ns - offset_ns,
         )
 
 
@@ -326,6 +326,7 @@ def _integer(value: object) -> int:
 
 
 def _take(node: _Node, record: CanRecord) -> None:
+    node.end_ns = max(node.end_ns, record.time_ns)
     if isinstance(record, PdoRecord):
         _pdo(node, record)
     elif isinstance(record, SdoRecord):

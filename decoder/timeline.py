@@ -56,7 +56,7 @@ class Edge:
     """A word that changed. ``latency_ns`` counts from ``cause``.
 
     On edges of the PLC's control word: ``reasons`` are those the gateway had until the next edge or for 100 ms, ``outcome`` the
-    one that stood at the end of that (None: it obeys), ``note`` what else became of the frame.
+    one that stood at the end of that and comes last (None: it obeys), ``note`` what else became of the frame.
     """
 
     time_ns: int
@@ -470,8 +470,9 @@ class _AxisTimeline:
                 until = min(until, self._control[position + 1].time_ns - 1)
             last = max(first + 1, bisect_right(self._step_times, until))
             steps = self._steps[first:last]
-            edge.reasons = tuple(dict.fromkeys(step.reason for step in steps if step.reason is not None))
             edge.outcome = steps[-1].reason
+            passed = dict.fromkeys(step.reason for step in steps if step.reason not in {None, edge.outcome})
+            edge.reasons = tuple(reason for reason in (*passed, edge.outcome) if reason is not None)
             self._settling.append((first, last))
 
     def _dropped(self, edge: Edge) -> str:

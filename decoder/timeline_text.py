@@ -42,14 +42,11 @@ def edge_text(edge: Edge) -> str:
 def _outcome(edge: Edge, *, verbose: bool) -> Iterator[str]:
     if edge.note:
         yield f"{_INDENT}-> {edge.note}"
-    elif verbose:
-        for reason in edge.reasons:
-            if reason is not edge.outcome:
-                yield f"{_INDENT}   for a while: {reason.value}"
-    if edge.outcome is not None:
-        yield f"{_INDENT}-> {edge.outcome.value}"
-    elif not edge.note:
-        yield f"{_INDENT}-> obeyed"
+    elif edge.outcome is not None:
+        yield f"{_INDENT}-> {'; then: '.join(reason.value for reason in edge.reasons)}"
+    else:
+        passing = [reason.value for reason in edge.reasons] if verbose else []
+        yield f"{_INDENT}-> {'; then: '.join([*passing, 'obeyed'])}"
 
 
 def summary_lines(timeline: Timeline) -> Iterator[str]:

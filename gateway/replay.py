@@ -5,9 +5,10 @@ values are what its TPDOs carried, and the recorded answers say when the gateway
 
 A recorder does not tell which TPDO the gateway had at hand when it made a step, nor the exact time of the step. So the
 question asked is: is there, for each step, a choice of inputs within ``tolerance_ns`` of its recorded time - taken in their
-order, none skipped for longer than that - with which today's translator gives exactly the recorded actual values, and each
-RPDO exactly the recorded payloads in their order? Repetitions of a payload (refresh) do not count. Where a step cannot be
-explained, the search goes back as far as the tolerance reaches; when it finds nothing, that step is the difference.
+order, none left out for longer than that; of the PLC's frames the newest, or the one before where frame and answer cross - with
+which today's translator gives exactly the recorded actual values, and each RPDO exactly the recorded payloads in their order?
+Repetitions of a payload (refresh) do not count. Where a step cannot be explained, the search goes back as far as the tolerance
+reaches; when it finds nothing, that step is the difference.
 
 Whether a drive is online is an input (IOPS of the answers), as are references (SDO) and the results of SDO writes. What the
 translator remembers from before the recording is not known: comparison starts when the drive is configured in the recording,
@@ -39,8 +40,10 @@ from profidrive.telegrams import ApplicationMode, Telegram
 
 BUDGET: Final = 10_000
 """Choices that are tried for one step that does not fit."""
-SENDING_GAP_NS: Final = 300_000_000
-"""RPDOs are refreshed every 100 ms: a longer silence means that the gateway does not send to this drive."""
+REFRESH_NS: Final = 100_000_000
+"""The gateway repeats an RPDO after this time."""
+SENDING_GAP_NS: Final = 3 * REFRESH_NS
+"""A longer silence means that the gateway does not send to this drive."""
 _FILL = 1.5
 """Cycles without a frame after which the gateway steps by itself."""
 _MAX_FILLED = 1000
@@ -127,6 +130,8 @@ class AxisRecording:
     answers: list[Answer] = field(default_factory=list)
     sent: dict[int, list[Sent]] = field(default_factory=dict)
     online: list[tuple[int, bool]] = field(default_factory=list)
+    can_end_ns: int = 0
+    """The last frame of the drive or to it."""
 
 
 class Received(NamedTuple):
@@ -235,20 +240,24 @@ class AxisReplay:
 # -- the engine -------------------------------------------------------------------------------------------------------
 
 
+@dataclass(frozen=True, slots=True)
 class _Span:
-    """Payloads the gateway sent to one drive without a break, repetitions left out, by RPDO number."""
+    """Payloads the gateway sent to one drive without a break, repetitions left out, by RPDO number.
 
-    def __init__(self, begin: int, end: int, sent: dict[int, list[Sent]]) -> None:
-        self.begin = begin
-        self.end = end
-        self.sent = sent
+    From the ``last`` frame to the ``end``, when the next refresh was due, a silence means that nothing has changed.
+    """
+
+    begin: int
+    last: int
+    end: int
+    sent: dict[int, list[Sent]]
 
 
 def _without_repetitions(frames: Sequence[Sent]) -> list[Sent]:
     return [item for i, item in enumerate(frames) if not i or frames[i - 1].data != item.data]
 
 
-def _spans(sent: Mapping[int, Sequence[Sent]]) -> list[_Span]:
+def _spans(sent: Mapping[int, Sequence[Sent]], can_end_ns: int) -> list[_Span]:
     times = [item.time_ns for item in sent.get(1, ())]
     limits: list[tuple[int, int]] = []
     for now in times:
@@ -263,7 +272,8 @@ def _spans(sent: Mapping[int, Sequence[Sent]]) -> list[_Span]:
             number: _without_repetitions([f for f in frames if begin - margin <= f.time_ns <= end + margin])
             for number, frames in sent.items()
         }
-        spans.append(_Span(begin, end, {number: frames for number, frames in inside.items() if frames}))
+        due = max(end, min(end + REFRESH_NS, can_end_ns))
+        spans.append(_Span(begin, end, due, {number: frames for number, frames in inside.items() if frames}))
     return spans
 
 
@@ -292,8 +302,11 @@ class _State:
 
 
 class _Tick(NamedTuple):
+    """A step of the gateway; frames up to ``evaluated_ns`` were certainly taken before it."""
+
     time_ns: int
     answer: Answer | None
+    evaluated_ns: int
 
 
 class _Inputs(NamedTuple):
@@ -328,7 +341,7 @@ class Replayer:
         self._translator = make_translator(recording.telegram.number, recording.settings)
         layout = LAYOUTS[pdo_operation(recording.telegram.number)]
         self._rpdos: tuple[Pdo, ...] = tuple(pdo for pdo in layout.rpdos if pdo.number in recording.sent)
-        self._spans = _spans(recording.sent)
+        self._spans = _spans(recording.sent, recording.can_end_ns)
         self._setpoint_times = [event.time_ns for event in recording.setpoints]
         self._feedback_times = [event.time_ns for event in recording.feedback]
         self._state = _State()
@@ -419,8 +432,9 @@ class Replayer:
 
     def _inputs(self, tick: _Tick, state: _State) -> Iterator[_Inputs]:
         now, tolerance = tick.time_ns, self._tolerance
-        latest = now + tolerance if tick.answer is None else min(now + tolerance, tick.answer.time_ns)
-        setpoints = _near(self._setpoint_times, now, now - tolerance, latest, state.setpoints)
+        latest = now + self._cycle_ns if tick.answer is None else tick.answer.time_ns
+        earliest = max(tick.evaluated_ns, now - tolerance)
+        setpoints = _near(self._setpoint_times, now, earliest, latest, state.setpoints)
         feedback = _near(self._feedback_times, now, now - tolerance, now + tolerance, state.feedback)
         for shift in (0, self._cycle_ns, -self._cycle_ns, 2 * self._cycle_ns, -2 * self._cycle_ns):
             for taken in setpoints:
@@ -462,7 +476,7 @@ class Replayer:
             events,
             compare,
         )
-        if not state.known and values is not None:
+        if values is not None:
             self._recognise(values, tick)
         return step, difference if compare else None
 
@@ -494,12 +508,18 @@ class Replayer:
     def _recognise(self, values: Sequence[int], tick: _Tick) -> None:
         """With an OFF while the drive is not powered, the translator's state is what the recording tells."""
         word, state = values[0], self._state
+        if state.known:
+            return
         transparent = self._recording.telegram.setpoints.mode is ApplicationMode.TRANSPARENT
         if not transparent and not word & _CONTROL_BY_PLC:
             return
         if word & _OFF_MASK != _OFF or not state.online or state_of(state.image.statusword) not in _UNPOWERED:
             return
         state.known = True
+        for pdo in self._rpdos:
+            in_force = bisect_right(self._recording.sent[pdo.number], (tick.time_ns,))
+            if in_force and len(sent := self._recording.sent[pdo.number][in_force - 1].data) == pdo.size:
+                pdo.unpack_into(sent, self._translator.command)
         if isinstance(self._translator, PositioningTranslator) and tick.answer is not None:
             self._translator.home_position_set = bool(tick.answer.actuals[0] & _HOME_POSITION_SET)
 
@@ -538,6 +558,8 @@ class Replayer:
             if state.span < 0:
                 return None
         span = self._spans[state.span]
+        if now > span.last and not state.online:
+            return None
         for pdo in self._rpdos:
             frames = span.sent.get(pdo.number)
             if frames is None:
@@ -668,19 +690,24 @@ def _ticks(recording: AxisRecording, cycle_ns: int) -> list[_Tick]:
     """
     frames = recording.frames
     moments: list[_Tick] = []
-    if recording.answers:
-        for answer in recording.answers:
-            position = bisect_right(frames, answer.time_ns)
-            recent = position and answer.time_ns - frames[position - 1] <= cycle_ns
-            moments.append(_Tick(frames[position - 1] if recent else answer.time_ns, answer))
-    else:
-        moments = [_Tick(now, None) for now in frames]
+    before = -1
+    for answer in recording.answers:
+        position = bisect_right(frames, answer.time_ns)
+        newest = frames[position - 1] if position else answer.time_ns
+        previous = frames[position - 2] if position > 1 else 0
+        # Frames and answers are on one clock: a frame that left before the one before was answered crosses the answer to that.
+        crossing = before < previous or newest - previous > _FILL * cycle_ns
+        now = newest if 0 <= answer.time_ns - newest <= cycle_ns else answer.time_ns
+        moments.append(_Tick(now, answer, previous if crossing else newest))
+        before = answer.time_ns
+    if not moments:
+        moments = [_Tick(now, None, now) for now in frames]
     ticks: list[_Tick] = []
     for tick in moments:
         filled = 0
         while ticks and filled < _MAX_FILLED and tick.time_ns - ticks[-1].time_ns > _FILL * cycle_ns:
-            ticks.append(_Tick(ticks[-1].time_ns + cycle_ns, None))
+            ticks.append(_Tick(ticks[-1].time_ns + cycle_ns, None, ticks[-1].evaluated_ns))
             filled += 1
         now = max(tick.time_ns, ticks[-1].time_ns) if ticks else tick.time_ns
-        ticks.append(_Tick(now, tick.answer))
+        ticks.append(_Tick(now, tick.answer, tick.evaluated_ns))
     return ticks
