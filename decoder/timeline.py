@@ -406,10 +406,10 @@ class _AxisTimeline:
     @staticmethod
     def _taking(taken: Sequence[int], times: Sequence[int], edge: Edge) -> int | None:
         """The step that took the event an edge came with; None when none did."""
-        event = bisect_right(times, edge.time_ns)
-        if not event or times[event - 1] != edge.time_ns:
+        event = bisect_left(times, edge.time_ns)
+        if event == len(times) or times[event] != edge.time_ns:
             return None
-        step = bisect_left(taken, event)
+        step = bisect_left(taken, event + 1)
         return step if step < len(taken) else None
 
     def _steps_of(self, kind: WordKind, value: Callable[[Step], int]) -> Iterator[tuple[Edge, int]]:
@@ -462,8 +462,8 @@ class _AxisTimeline:
         self._settling: list[tuple[int, int]] = []
         for position, edge in enumerate(self._control):
             first = self._taking(self._taken_setpoints, self._setpoint_times, edge)
-            if first is None:
-                edge.note = self._dropped(edge)
+            edge.note = self._dropped(edge)
+            if first is None or edge.note:
                 continue
             until = edge.time_ns + SETTLE_NS
             if position + 1 < len(self._control):

@@ -1,0 +1,342 @@
+"""The timeline of small recordings: causes, latencies, every refusal in the translators' words, anomalies.
+
+``python -m tests.decoder.test_timeline`` writes the golden file anew; the difference is to be read before it is committed.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Iterator
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+
+from decoder.timeline import (
+    Anomaly,
+    AnomalyKind,
+    Edge,
+    Event,
+    Latency,
+    ReasonChange,
+    Timeline,
+    WordKind,
+    make_timeline,
+)
+from decoder.timeline_text import entry_lines, summary_lines
+from dsp402.states import State
+from gateway.reasons import Reason
+from profidrive.frame import IOPS_BAD
+from tests.gateway.test_replay import RIGS, speed
+from tests.support.recorded import CYCLE_NS, RecordedRig
+from tests.support.rig import MS, NODE
+
+GOLDEN = Path(__file__).parent / "golden" / "timeline.txt"
+IOPS_OF_PLC = 6
+"""Where telegram 1's IOPS lies in a frame."""
+
+
+def timeline(rig: RecordedRig, folder: Path, *, clock_ns: int = 0) -> Timeline:
+    loaded = rig.load(folder, clock_ns=clock_ns)
+    return make_timeline(loaded.recording, loaded.replay(), loaded.clocks)
+
+
+def edges(found: Timeline, kind: WordKind) -> list[Edge]:
+    return [entry for entry in found.entries if isinstance(entry, Edge) and entry.kind is kind]
+
+
+def texts(found: Timeline, kind: AnomalyKind) -> list[str]:
+    return [entry.text for entry in found.entries if isinstance(entry, Anomaly) and entry.kind is kind]
+
+
+def last_outcome(rig: RecordedRig, folder: Path) -> Reason | None:
+    return edges(timeline(rig, folder), WordKind.CONTROL)[-1].outcome
+
+
+# -- causes and latencies ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("clock_ns", [0, 7_000_000_000])
+def test_an_edge_is_followed_over_both_buses(clock_ns: int, tmp_path: Path) -> None:
+    found = timeline(speed(), tmp_path, clock_ns=clock_ns)
+    on = next(edge for edge in edges(found, WordKind.CONTROL) if edge.after == 0x047F)
+    chain = [edge for edge in found.entries if isinstance(edge, Edge) and on.time_ns <= edge.time_ns][:7]
+    shown = [(edge.kind, edge.after & 0x6F, edge.cause.kind if edge.cause else None) for edge in chain]
+    expected = [
+        (WordKind.CONTROL, 0x6F, None),
+        (WordKind.CONTROLWORD, 0x07, WordKind.CONTROL),
+        (WordKind.STATUSWORD, 0x23, WordKind.CONTROLWORD),
+        (WordKind.CONTROLWORD, 0x0F, WordKind.STATUSWORD),
+        (WordKind.STATUS, 0x23, WordKind.STATUSWORD),
+        (WordKind.STATUSWORD, 0x27, WordKind.CONTROLWORD),
+        (WordKind.STATUS, 0x27, WordKind.STATUSWORD),
+    ]
+    # On clocks that differ, edges of different buses may change places within the uncertainty.
+    assert shown == expected if not clock_ns else set(shown) == set(expected)
+    assert on.outcome is None
+    latencies = [edge.latency_ns for edge in chain[1:]]
+    assert all(latency is not None and -CYCLE_NS < latency < 3 * CYCLE_NS for latency in latencies)
+    if not clock_ns:
+        assert latencies[:3] == [100_000, 500_000, 3_500_000]
+
+
+def test_latencies_are_told_for_each_hop(tmp_path: Path) -> None:
+    found = {item.name: item for item in timeline(speed(), tmp_path).latencies}
+    assert found["STW1 -> Controlword"].p50_ns == 100_000
+    assert found["Controlword -> Statusword"].max_ns < CYCLE_NS
+    assert found["Statusword -> ZSW1"].count >= 5
+    assert found["STW1 -> ZSW1 (gateway)"].p50_ns == 300_000  # the ramp stop is the gateway's own
+    assert found["STW1 -> ... -> ZSW1"].max_ns < 3 * CYCLE_NS
+
+
+def test_percentiles_are_those_of_the_nearest_rank() -> None:
+    latency = Latency.of("hop", range(1, 201))
+    assert (latency.count, latency.p50_ns, latency.p99_ns, latency.max_ns) == (200, 100, 198, 200)
+    assert Latency.of("hop", [7]) == Latency("hop", 1, 7, 7, 7)
+
+
+def test_an_ordinary_run_has_no_anomalies(tmp_path: Path) -> None:
+    for rig in RIGS.values():
+        assert not timeline(rig(), tmp_path).anomalies
+
+
+def test_a_part_of_the_timeline_has_its_own_summary(tmp_path: Path) -> None:
+    whole = timeline(speed(), tmp_path)
+    on = next(edge for edge in edges(whole, WordKind.CONTROL) if edge.after == 0x047F)
+    part = whole.between(on.time_ns, on.time_ns + 10 * MS)
+    assert all(on.time_ns <= entry.time_ns <= on.time_ns + 10 * MS for entry in part.entries)
+    assert next(item for item in part.latencies if item.name == "STW1 -> Controlword").count == 1
+    assert not whole.between(None, None, frozenset({2})).entries
+
+
+# -- refusals ---------------------------------------------------------------------------------------------------------
+
+
+def without_off(rig: RecordedRig) -> None:
+    rig.stw(0x047F, 30)
+
+
+def no_control(rig: RecordedRig) -> None:
+    rig.enable(0x047E)
+    rig.stw(0x007E, 30)
+
+
+def setpoint_disabled(rig: RecordedRig) -> None:
+    rig.enable(0x047E)
+    rig.stw(0x043F, 30)
+
+
+def coast(rig: RecordedRig) -> None:
+    rig.stw(0x047E)
+    rig.stw(0x047C, 30)
+
+
+def ramp(rig: RecordedRig) -> None:
+    rig.enable(0x047E)
+    rig.values["NSOLL_A"] = 0x4000
+    rig.step(200)
+    rig.stw(0x047E, 10)
+    rig.stw(0x047F, 30)
+
+
+def quick_stop(rig: RecordedRig) -> None:
+    rig.enable(0x047E)
+    rig.values["NSOLL_A"] = 0x4000
+    rig.step(200)
+    rig.stw(0x047B, 30)
+
+
+def fault(rig: RecordedRig) -> None:
+    rig.enable(0x047E)
+    rig.node.model.inject(7)
+    rig.step(30)
+    rig.stw(0x047E, 30)
+
+
+REFUSALS: dict[Reason, Callable[[RecordedRig], None]] = {
+    Reason.NEEDS_OFF: without_off,
+    Reason.NO_CONTROL: no_control,
+    Reason.SETPOINT_DISABLED: setpoint_disabled,
+    Reason.COAST_STOP: coast,
+    Reason.RAMP_STOP: ramp,
+    Reason.QUICK_STOP: quick_stop,
+    Reason.DRIVE_FAULT: fault,
+}
+
+
+@pytest.mark.parametrize("reason", REFUSALS)
+def test_each_refusal_is_explained_with_the_translators_text(reason: Reason, tmp_path: Path) -> None:
+    rig = RecordedRig(1)
+    rig.step(5)
+    REFUSALS[reason](rig)
+    found = timeline(rig, tmp_path)
+    edge = edges(found, WordKind.CONTROL)[-1]
+    assert edge.outcome is not None
+    assert reason in edge.reasons
+    assert reason.value in "\n".join(entry_lines(edge, found.begin_ns))
+    document = edge.document()
+    assert reason.name in document["reasons"]
+    assert document["outcome_text"] == edge.outcome.value
+    assert found.refusals[edge.outcome] >= 1
+
+
+POSITIONING: dict[Reason, tuple[int, int]] = {
+    Reason.MDI_OFF: (0x0000, 0x047F),
+    Reason.HOMING_METHOD: (0x8005, 0x0C3F),
+}
+"""SATZANW and STW1 that are refused in operation."""
+
+
+@pytest.mark.parametrize("reason", POSITIONING)
+def test_refusals_of_positioning(reason: Reason, tmp_path: Path) -> None:
+    rig = RecordedRig(9)
+    rig.step(5)
+    rig.enable()
+    rig.values["SATZANW"], word = POSITIONING[reason]
+    rig.stw(word, 30)
+    assert last_outcome(rig, tmp_path) is reason
+
+
+@pytest.mark.parametrize(("word", "reason"), [(0x045F, Reason.INTERMEDIATE_STOP), (0x046F, Reason.REJECTED)])
+def test_stops_of_a_task_are_told(word: int, reason: Reason, tmp_path: Path) -> None:
+    rig = RecordedRig(9)
+    rig.step(5)
+    rig.enable()
+    rig.values |= {"SATZANW": 0x8000, "MDI_TARPOS": 0x20000000, "MDI_VELOCITY": 0x40000000, "MDI_MOD": 1}
+    rig.values |= {"MDI_ACC": 0x400, "MDI_DEC": 0x400}
+    rig.stw(0x047F, 60)
+    rig.stw(word, 5)
+    assert last_outcome(rig, tmp_path) is reason
+
+
+def test_an_edge_in_a_frame_that_is_not_used_is_told(tmp_path: Path) -> None:
+    rig = speed()
+    number = next(i for i, (a, b) in enumerate(pairwise(rig.frames.plc)) if a[1][3] != b[1][3]) + 1
+    for position in range(number, number + 3):
+        now, frame = rig.frames.plc[position]
+        rig.frames.plc[position] = (now, frame[:IOPS_OF_PLC] + bytes((IOPS_BAD,)) + frame[IOPS_OF_PLC + 1 :])
+    found = timeline(rig, tmp_path)
+    edge = edges(found, WordKind.CONTROL)[0]
+    assert edge.note.startswith("not evaluated")
+    assert len(texts(found, AnomalyKind.IOPS_BAD)) == 1
+
+
+def test_a_reason_that_comes_by_itself_has_a_line_of_its_own(tmp_path: Path) -> None:
+    rig = RecordedRig(1)
+    rig.step(5)
+    rig.enable(0x047E)
+    rig.step(60)
+    rig.node.model.inject(7)
+    rig.step(30)
+    changes = [entry for entry in timeline(rig, tmp_path).entries if isinstance(entry, ReasonChange)]
+    assert changes[-1].reason is Reason.DRIVE_FAULT
+    assert not changes[-1].settling
+
+
+# -- anomalies --------------------------------------------------------------------------------------------------------
+
+
+def test_a_command_the_drive_does_not_answer_is_a_missed_handshake(tmp_path: Path) -> None:
+    rig = RecordedRig(1)
+    rig.node.model.set_enable_input(False)
+    rig.stw(0x047E, 5)
+    rig.stw(0x047F, 300)
+    assert rig.state is State.SWITCHED_ON
+    (text,) = texts(timeline(rig, tmp_path), AnomalyKind.HANDSHAKE)
+    assert text.startswith("Controlword 000Fh [Enable Operation]: no answer of the drive within 1 s, Statusword ")
+    assert text.endswith("[Switched On]")
+
+
+def test_a_mode_that_is_not_shown_is_told(tmp_path: Path) -> None:
+    rig = RecordedRig(100)
+    rig.node.misbehave("mode-display-stuck")
+    rig.stw(0)
+    rig.values["Modes of Operation"] = 3
+    rig.step(300)
+    assert texts(timeline(rig, tmp_path), AnomalyKind.MODE) == ["6060h = 3, 6061h = 1 for 1 s"]
+
+
+def test_a_jump_of_the_cycle_counter_is_told_with_the_frames_missing(tmp_path: Path) -> None:
+    rig = speed()
+    del rig.frames.plc[30:32]
+    assert texts(timeline(rig, tmp_path), AnomalyKind.COUNTER) == [
+        "PLC -> gateway: counter 3840 -> 4224, usual step 128, 2 frames missing"
+    ]
+
+
+def test_a_repeated_frame_is_stale(tmp_path: Path) -> None:
+    rig = speed()
+    now, frame = rig.frames.plc[30]
+    rig.frames.plc.insert(31, (now + MS, frame))
+    assert texts(timeline(rig, tmp_path), AnomalyKind.STALE) == ["frame with counter 3968: stale cycle counter"]
+
+
+def test_a_silence_of_the_plc_is_a_watchdog_gap(tmp_path: Path) -> None:
+    rig = speed()
+    rig.step(10, plc=False)
+    rig.step(5)
+    found = timeline(rig, tmp_path)
+    assert texts(found, AnomalyKind.WATCHDOG) == ["no frame of the PLC for 44.0 ms: watchdog expired"]
+    assert Reason.PLC_LOST in {entry.reason for entry in found.entries if isinstance(entry, ReasonChange)}
+
+
+def test_emergencies_and_their_reset_are_told(tmp_path: Path) -> None:
+    rig = speed()
+    rig.node.model.inject(7)
+    rig.step(20)
+    rig.node.model.clear()
+    rig.stw(0x047E)
+    rig.stw(0x04FE)
+    found = timeline(rig, tmp_path)
+    (text,) = texts(found, AnomalyKind.EMERGENCY)
+    assert text.startswith(f"node {NODE}: 2310h")
+    resets = [entry for entry in found.entries if isinstance(entry, Event) and entry.kind == "EMCY"]
+    assert [entry.text.split()[2] for entry in resets] == ["0000h"]
+
+
+def test_a_drive_that_leaves_operation_by_itself_is_told(tmp_path: Path) -> None:
+    rig = RecordedRig(1)
+    rig.step(5)
+    rig.enable(0x047E)
+    rig.node.model.set_enable_input(False)
+    rig.step(20)
+    (text,) = texts(timeline(rig, tmp_path), AnomalyKind.LEFT_OPERATION)
+    assert text.endswith("while Enable Operation was commanded")
+
+
+def test_what_the_translators_do_not_do_today_is_told(tmp_path: Path) -> None:
+    rig = speed()
+    rig.frames.change_can(0x200 + NODE, 6, lambda data: data[:2] + (77).to_bytes(4, "little"))
+    assert texts(timeline(rig, tmp_path), AnomalyKind.DIFFERENCE) == ["RPDO1 differ in Target Velocity"]
+
+
+# -- golden -----------------------------------------------------------------------------------------------------------
+
+
+def golden_lines() -> Iterator[str]:
+    """ON without OFF, a start, a task, an intermediate stop, a drive that faults, a silence of the PLC."""
+    rig = RecordedRig(9)
+    rig.stw(0x043F)
+    rig.enable()
+    rig.values |= {"SATZANW": 0x8000, "MDI_TARPOS": 0x10000000, "MDI_VELOCITY": 0x40000000, "MDI_MOD": 1}
+    rig.values |= {"MDI_ACC": 0x4000, "MDI_DEC": 0x4000}
+    rig.stw(0x047F, 40)
+    rig.stw(0x045F, 40)
+    rig.stw(0x047F, 30)
+    rig.node.model.inject(7)
+    rig.step(40)
+    rig.step(6, plc=False)
+    rig.stw(0x043E)
+    with tempfile.TemporaryDirectory() as folder:
+        found = timeline(rig, Path(folder), clock_ns=1_500_000_000)
+    for entry in found.entries:
+        yield from entry_lines(entry, found.begin_ns)
+    yield from summary_lines(found)
+
+
+def test_the_timeline_is_the_reviewed_one() -> None:
+    assert list(golden_lines()) == GOLDEN.read_text().splitlines()
+
+
+if __name__ == "__main__":
+    GOLDEN.write_text("\n".join(golden_lines()) + "\n")
