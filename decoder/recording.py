@@ -254,7 +254,10 @@ class Collector:
             watchdog_factor=watchdog_factor,
         )
         used = [item.time_ns for item in plc.received if item.verdict in {Verdict.ACCEPTED, Verdict.PROVIDER_STOP}]
-        axes = [self._axis(node, plc.setpoints[position], used, offset_ns) for position, node in enumerate(self._nodes)]
+        axes = [
+            self._axis(node, plc.setpoints[position], used, offset_ns, cycle_ns * watchdog_factor)
+            for position, node in enumerate(self._nodes)
+        ]
         words = {
             do_id: replace(
                 item,
@@ -278,7 +281,9 @@ class Collector:
             max(times, default=0),
         )
 
-    def _axis(self, node: _Node, setpoints: list[Setpoints], used: list[int], offset_ns: int) -> AxisRecording:
+    def _axis(
+        self, node: _Node, setpoints: list[Setpoints], used: list[int], offset_ns: int, watchdog_ns: int
+    ) -> AxisRecording:
         do_id = node.axis.do_id
         configured = [item._replace(time_ns=item.time_ns - offset_ns) for item in node.configured]
         if not any(item.restarted for item in configured):
@@ -303,6 +308,7 @@ class Collector:
             },
             [(now - offset_ns, online) for now, online in node.online],
             node.end_ns - offset_ns,
+            watchdog_ns,
         )
 
 

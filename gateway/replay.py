@@ -10,7 +10,8 @@ which today's translator gives exactly the recorded actual values, and each RPDO
 Repetitions of a payload (refresh) do not count. Where a step cannot be explained, the search goes back as far as the tolerance
 reaches; when it finds nothing, that step is the difference.
 
-Whether a drive is online is an input (IOPS of the answers), as are references (SDO) and the results of SDO writes. What the
+Whether a drive is online is an input (IOPS of the answers), as are references (SDO) and the results of SDO writes; where a
+silence of the PLC is as long as the watchdog within the tolerance, IOCS tells whether the gateway saw a loss. What the
 translator remembers from before the recording is not known: comparison starts when the drive is configured in the recording,
 or with an OFF while the power stage is off; after a difference likewise. Left out: a telegram changed in operation (P922).
 """
@@ -22,6 +23,7 @@ from bisect import bisect_right
 from collections import deque
 from collections.abc import Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Final, NamedTuple
 
 from ds301.objects import Entry
@@ -38,7 +40,9 @@ from gateway.transport.cyclic import CyclicEndpoint, Verdict
 from profidrive.signals import signal
 from profidrive.telegrams import ApplicationMode, Telegram
 
-BUDGET: Final = 10_000
+MAX_DIFFERENCES: Final = 20
+"""After so many differences of an axis no more are looked for."""
+BUDGET: Final = 4000
 """Choices that are tried for one step that does not fit."""
 REFRESH_NS: Final = 100_000_000
 """The gateway repeats an RPDO after this time."""
@@ -132,6 +136,8 @@ class AxisRecording:
     online: list[tuple[int, bool]] = field(default_factory=list)
     can_end_ns: int = 0
     """The last frame of the drive or to it."""
+    watchdog_ns: int = 0
+    """After so long a silence the PLC is lost."""
 
 
 class Received(NamedTuple):
@@ -349,6 +355,13 @@ class Replayer:
         # A payload is missed when the tolerance has passed; its cause may be as far before it.
         self._depth = 2 * -(-tolerance_ns // cycle_ns) + 4
         self._visited: set[Hashable] = set()
+        cycles = (cycle_ns, 2 * cycle_ns, tolerance_ns)
+        self._shifts = (0, *(sign * shift for shift in cycles for sign in (1, -1)))
+        self._doubtful = [
+            (last, following)
+            for last, following in pairwise(recording.frames)
+            if abs(following - last - recording.watchdog_ns) <= tolerance_ns
+        ]
 
     def run(self, *, first_only: bool = False) -> AxisReplay:
         """Replay everything; with ``first_only`` up to the first difference."""
@@ -383,7 +396,7 @@ class Replayer:
             self._go_back(choice)
             self._state.known = False
             choices.clear()
-            unchecked = failed_at + 1
+            unchecked = failed_at + 1 if len(outcome.differences) < MAX_DIFFERENCES else len(self._ticks)
         return outcome
 
     # -- one step -----------------------------------------------------------------------------------------------------
@@ -436,7 +449,7 @@ class Replayer:
         earliest = max(tick.evaluated_ns, now - tolerance)
         setpoints = _near(self._setpoint_times, now, earliest, latest, state.setpoints)
         feedback = _near(self._feedback_times, now, now - tolerance, now + tolerance, state.feedback)
-        for shift in (0, self._cycle_ns, -self._cycle_ns, 2 * self._cycle_ns, -2 * self._cycle_ns):
+        for shift in self._shifts:
             for taken in setpoints:
                 for received in feedback:
                     yield _Inputs(taken, received, shift)
@@ -451,6 +464,8 @@ class Replayer:
         values = recording.setpoints[inputs.setpoints - 1].values if inputs.setpoints else None
         came_online = not state.online
         state.online = self._online(tick, state.online)
+        if tick.answer is not None and tick.answer.plc_ok is (values is None) and self._doubtful_loss(tick):
+            values = recording.setpoints[inputs.setpoints - 2].values if tick.answer.plc_ok else None
         compare = check and state.known
         if state.online:
             # Its IOPS tell that the gateway has done with the drive, a little before or after the NMT command's time.
@@ -487,6 +502,11 @@ class Replayer:
             return before
         position = bisect_right(self._recording.online, (tick.time_ns, True))
         return position > 0 and self._recording.online[position - 1][1]
+
+    def _doubtful_loss(self, tick: _Tick) -> bool:
+        """Whether a silence of the PLC was about as long as the watchdog: then IOCS says if the gateway saw a loss."""
+        position = bisect_right(self._doubtful, (tick.time_ns + self._tolerance,)) - 1
+        return position >= 0 and tick.time_ns <= self._doubtful[position][1] + self._tolerance
 
     def _configure(self, until: int) -> None:
         """References and restarts of the drive that the gateway has learned until a time."""
@@ -579,7 +599,9 @@ class Replayer:
             return self._enter(pdo, frames, data, now)
         following = frames[cursor + 1] if cursor + 1 < len(frames) else None
         if data == frames[cursor].data:
-            if following is None or following.time_ns >= now - tolerance:
+            # Behind the last step nothing comes that could send what the recording shows.
+            late = 2 * self._cycle_ns if now >= self._ticks[-1].time_ns else tolerance
+            if following is None or following.time_ns >= now - late:
                 return None
             return self._sent_difference(pdo, following.time_ns, following.data, data)
         if following is None or following.data != data:
@@ -606,7 +628,7 @@ class Replayer:
             if item.data == data:
                 self._state.cursors[pdo.number] = position
                 return None
-        if last is None or last.time_ns > now - tolerance:
+        if last is None or (last is frames[0] and last.time_ns > now - tolerance):
             return None  # sent for the first time about now
         return self._sent_difference(pdo, now, last.data, data)
 
