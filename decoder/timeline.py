@@ -76,6 +76,18 @@ class Edge:
         of_plc = self.kind in {WordKind.CONTROL, WordKind.STATUS}
         return f"PLC {self.field.name}" if of_plc and self.field.name in _CAN_WORDS else self.field.name
 
+    def follow(self, cause: Edge) -> None:
+        """Take an edge for the cause of this one, even if it was taken for a consequence before.
+
+        Recordings are not exact to the step, and no word is the cause of its own cause.
+        """
+        link: Edge | None = cause
+        while link is not None:
+            if link.cause is self:
+                link.cause = None
+            link = link.cause
+        self.cause = cause
+
     @property
     def latency_ns(self) -> int | None:
         return None if self.cause is None else self.time_ns - self.cause.time_ns
@@ -450,9 +462,9 @@ class _AxisTimeline:
                 until = min(until, commands[position + 1].time_ns)
             first = bisect_right(edge_times, command.time_ns)
             answer = next((e for e in edges[first:] if e.time_ns <= until and (e.before ^ e.after) & wanted), None)
-            if answer is not None:
-                answer.cause = answer.cause or command
-            elif until - command.time_ns >= RESPONSE_NS and until <= self._end_ns:
+            if answer is not None and answer.cause is None:
+                answer.follow(command)
+            elif answer is None and until - command.time_ns >= RESPONSE_NS and until <= self._end_ns:
                 self._missed.append((command, self._fields[WordKind.STATUSWORD].text(statuswords[index - 1].value)))
 
     # -- reasons ------------------------------------------------------------------------------------------------------

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from decoder.fields import Field
 from decoder.timeline import (
     Anomaly,
     AnomalyKind,
@@ -93,6 +94,15 @@ def test_percentiles_are_those_of_the_nearest_rank() -> None:
     latency = Latency.of("hop", range(1, 201))
     assert (latency.count, latency.p50_ns, latency.p99_ns, latency.max_ns) == (200, 100, 198, 200)
     assert Latency.of("hop", [7]) == Latency("hop", 1, 7, 7, 7)
+
+
+def test_no_edge_is_the_cause_of_its_own_cause() -> None:
+    word = Field("Controlword", "Controlword")
+    first, second, third = (Edge(time, 1, WordKind.CONTROLWORD, word, 0, 1) for time in (1, 2, 3))
+    second.follow(first)
+    third.follow(second)
+    first.follow(third)
+    assert (first.cause, second.cause, third.cause) == (third, None, second)
 
 
 def test_an_ordinary_run_has_no_anomalies(tmp_path: Path) -> None:
