@@ -5,6 +5,8 @@
 * ``recognise`` tells what a single piece of data is and why.
 * ``selection``, ``filter``, ``changes`` choose among records; ``columns`` makes rows of them, ``statistics`` rates and loads,
   ``render`` text.
+* ``recording`` sorts the records of both buses by axis, ``clocks`` finds the offset of their clocks, ``timeline`` follows each
+  edge over both buses, with the reasons of a replay (``gateway.replay``); ``timeline_text`` prints it (docs/timeline.md).
 
-Reading files and buses is the business of the caller (``tools.decode_io``). Timeline and replay are not here yet.
+Reading files and buses is the business of the caller (``tools.decode_io``).
 """
