@@ -5,7 +5,7 @@ values are what its TPDOs carried, and the recorded answers say when the gateway
 
 A recorder does not tell which TPDO the gateway had at hand when it made a step, nor the exact time of the step. So the
 question asked is: is there, for each step, a choice of inputs within ``tolerance_ns`` of its recorded time - taken in their
-order, none left out for longer than that; of the PLC's frames the newest, or the one before where frame and answer cross - with
+order, none left out for longer than that; of the PLC's frames the newest, or an earlier one where frames and answers cross - with
 which today's translator gives exactly the recorded actual values, and each RPDO exactly the recorded payloads in their order?
 Repetitions of a payload (refresh) do not count. Where a step cannot be explained, the search goes back as far as the tolerance
 reaches; when it finds nothing, that step is the difference.
@@ -712,15 +712,20 @@ def _ticks(recording: AxisRecording, cycle_ns: int) -> list[_Tick]:
     """
     frames = recording.frames
     moments: list[_Tick] = []
-    before = -1
+    taken = -1  # the newest frame that was certainly taken
+    before: int | None = None
     for answer in recording.answers:
-        position = bisect_right(frames, answer.time_ns)
-        newest = frames[position - 1] if position else answer.time_ns
-        previous = frames[position - 2] if position > 1 else 0
-        # Frames and answers are on one clock: a frame that left before the one before was answered crosses the answer to that.
-        crossing = before < previous or newest - previous > _FILL * cycle_ns
-        now = newest if 0 <= answer.time_ns - newest <= cycle_ns else answer.time_ns
-        moments.append(_Tick(now, answer, previous if crossing else newest))
+        newest = bisect_right(frames, answer.time_ns) - 1
+        if before is not None:
+            idle = bisect_right(frames, before)
+            if idle < len(frames) and frames[idle] - before >= cycle_ns // 2:
+                taken = max(taken, idle - 1)  # whatever had been sent was answered
+        silence = 0 <= taken < newest and frames[taken + 1] - frames[taken] > _FILL * cycle_ns
+        if not silence:  # after a silence the answer may be one the gateway sent by itself
+            taken = min(taken + 1, newest)
+        recent = newest >= 0 and answer.time_ns - frames[newest] <= cycle_ns
+        now = frames[newest] if recent else answer.time_ns
+        moments.append(_Tick(now, answer, frames[taken] if taken >= 0 else 0))
         before = answer.time_ns
     if not moments:
         moments = [_Tick(now, None, now) for now in frames]
