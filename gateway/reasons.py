@@ -30,6 +30,9 @@ class Reason(enum.Enum):
     STOPPED_AT_LIMIT = (
         "stood at a limit of the drive: setpoint 0 until the PLC takes its setpoint through 0, or OFF and ON"
     )
+    TASK_AT_LIMIT = (
+        "task stands at a limit of the drive: needs an intermediate stop (STW1.5 = 0, 1), a new task or a reject"
+    )
     SET_POINT_REFUSED = "the drive did not take the data of the set-point (SDO): not started, needs a new edge"
     NOT_OPERATING = "drive is not in operation: setpoints have no effect"
     MODE_NOT_CONFIRMED = "waiting for the drive to confirm the mode of operation (6061h)"

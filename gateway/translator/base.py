@@ -23,6 +23,11 @@ _IMMUTABLE = (int, str, tuple, enum.Enum, Normalisation, Telegram, type(None))
 """Types of attributes that a step replaces and never changes."""
 
 
+LIMIT_STANDING_NS = 500_000_000
+"""A drive that reports an internal limit and stands so long with a setpoint or task is held by it (a limit switch); one whose
+speed is limited has left standstill by then."""
+
+
 class PlcLossReaction(enum.Enum):
     """``on_plc_loss``: how the drive is stopped when the PLC is lost."""
 

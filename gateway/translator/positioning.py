@@ -10,7 +10,7 @@ Sub-states, as in the positioning diagram of the guide; each is a method that re
 | --- | --- |
 | IDLE | edge of STW1.6 (task), of STW1.11 (homing) |
 | TASK | target reached, reject, intermediate stop, homing |
-| INTERMEDIATE | STW1.5 = 1 (resumes), reject |
+| INTERMEDIATE | STW1.5 = 1 (resumes; after a stop at a limit switch only its rising edge), reject, new task at a limit |
 | BRAKING | standstill: Halt is cleared, then IDLE or homing |
 | HOMING_SETUP | the drive took method and speeds, and confirmed mode 6 |
 | HOMING | attained, error, or STW1.11 = 0 |
@@ -28,7 +28,7 @@ from dsp402.modes import HOMING_METHODS, Mode
 from dsp402.objects import DRIVE_OBJECTS
 from dsp402.states import STATE_OF_STATUS, ControlBit, State, StatusBit
 from gateway.reasons import Reason
-from gateway.translator.base import FaultEvent, SdoWrite, Translator, TranslatorSettings
+from gateway.translator.base import LIMIT_STANDING_NS, FaultEvent, SdoWrite, Translator, TranslatorSettings
 from gateway.translator.power import (
     CONTROL_BY_PLC,
     CW_ENABLE_OPERATION,
@@ -133,6 +133,9 @@ class PositioningTranslator(Translator):
         self._halted = False
         self._homing_after_braking = False
         self._braking_reason: Reason | None = None
+        self._limit_since = -1
+        self._at_limit = False
+        """The intermediate stop is not the PLC's: a limit of the drive stopped the task."""
         self._mdi_active = False
         self._homing_writes: tuple[SdoWrite, ...] = ()
         self._sdo_busy = False
@@ -276,6 +279,8 @@ class PositioningTranslator(Translator):
         self._task = self._pending = None
         self._setpoint_bit = False
         self._homing_after_braking = False
+        self._at_limit = False
+        self._limit_since = -1
         self._sdo_state = None
         self._mode_since = -1
         if not self._halted:
@@ -432,7 +437,18 @@ class PositioningTranslator(Translator):
             and feedback.statusword & StatusBit.TARGET_REACHED
         ):
             self.sub_state = SubState.IDLE
+        elif self._stands_at_limit(feedback, standstill, now):
+            self._at_limit = True
+            return self._interrupt(word, feedback, standstill, now)
         return self._bits()
+
+    def _stands_at_limit(self, feedback: DriveFeedback, standstill: bool, now: int) -> bool:
+        """Whether a limit switch holds the task: it must not go on by itself when the switch is released."""
+        if not (standstill and self._pending is None and feedback.statusword & StatusBit.INTERNAL_LIMIT):
+            self._limit_since = -1
+        elif self._limit_since < 0:
+            self._limit_since = now
+        return self._limit_since >= 0 and now - self._limit_since >= LIMIT_STANDING_NS
 
     def _interrupt(self, word: int, feedback: DriveFeedback, standstill: bool, now: int) -> int:
         self.sub_state = SubState.INTERMEDIATE
@@ -451,8 +467,14 @@ class PositioningTranslator(Translator):
         self._handshake(word, feedback, now)
         task = self._task
         if not word & _NO_INTERMEDIATE_STOP:
+            self._at_limit = False
             self.reason = Reason.INTERMEDIATE_STOP
             return _HALT | self._bits()
+        if self._at_limit and not self._rising(word, _ACTIVATE_TASK):
+            self.reason = Reason.TASK_AT_LIMIT
+            return _HALT | self._bits()
+        self._at_limit = False
+        self._limit_since = -1
         # Halt and CW.4 fall in this Controlword, CW.4 rises in a later one: the two together are not allowed.
         self._setpoint_bit = False
         self._task = None
@@ -476,6 +498,8 @@ class PositioningTranslator(Translator):
 
     def _brake(self, then_home: bool) -> int:
         self.sub_state = SubState.BRAKING
+        self._at_limit = False
+        self._limit_since = -1
         self._task = self._pending = None
         self._setpoint_bit = False
         self._homing_after_braking = then_home

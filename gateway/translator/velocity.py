@@ -14,7 +14,7 @@ from dsp402.images import DriveFeedback, References
 from dsp402.objects import DRIVE_OBJECTS
 from dsp402.states import StatusBit
 from gateway.reasons import Reason
-from gateway.translator.base import SetpointEnable, Translator, TranslatorSettings
+from gateway.translator.base import LIMIT_STANDING_NS, SetpointEnable, Translator, TranslatorSettings
 from gateway.translator.power import (
     CONTROL_BY_PLC,
     CW_ENABLE_OPERATION,
@@ -37,9 +37,6 @@ _SETPOINT_BITS = _RAMP_GENERATOR | _UNFREEZE | _ENABLE_SETPOINT
 _DEVICE_BITS = 0xF000
 """STW1 12-15 are device specific and pass to Controlword 12-15."""
 _WARNING = _ZSW1.bit("WARNING").mask
-LIMIT_STANDING_NS = 500_000_000
-"""A drive that reports an internal limit and stands so long with a setpoint is held by it (a limit switch); one whose speed
-is limited has left standstill by then."""
 _TRANSPARENT = ZSW1_TRANSPARENT | _ZSW1.bit("TARGET_REACHED").mask
 
 

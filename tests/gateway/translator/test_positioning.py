@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 
 import pytest
@@ -374,3 +375,57 @@ def test_loss_of_the_plc_while_traversing_stops_the_axis_and_drops_the_task() ->
     rig.enable()
     rig.step(50)
     assert position(rig) == stopped_at
+
+
+# -- limit switches ----------------------------------------------------------------------------------------------------
+
+
+LIMITED = Machine(positive_limit=20_000)
+
+
+def at_limit() -> Rig:
+    """A task to 60 000 that the limit switch at 20 000 has stopped, and the switch released since."""
+    rig = axis(LIMITED)
+    task(rig, 60_000)
+    rig.until(lambda _: rig.translator.reason is Reason.TASK_AT_LIMIT)
+    rig.node.model.machine = replace(LIMITED, positive_limit=None)
+    rig.step(200)
+    return rig
+
+
+def test_a_limit_switch_that_is_released_does_not_let_a_task_go_on() -> None:
+    rig = at_limit()
+    assert 20_000 <= position(rig) < 45_000
+    assert rig.translator.reason is Reason.TASK_AT_LIMIT
+    assert rig.actuals["ZSW1"] & (REACHED | STOPPED) == STOPPED
+    assert rig.state is State.OPERATION_ENABLED
+
+
+def test_a_task_at_a_limit_goes_on_after_an_intermediate_stop_of_the_plc() -> None:
+    rig = at_limit()
+    rig.values["STW1"] = ON & ~INTERMEDIATE
+    rig.step(2)
+    assert rig.translator.reason is Reason.INTERMEDIATE_STOP
+    rig.values["STW1"] = ON
+    rig.until(reached)
+    assert position(rig) == 60_000
+
+
+@pytest.mark.parametrize("target", [-5_000, 50_000])
+def test_a_new_task_replaces_the_one_at_a_limit(target: int) -> None:
+    rig = at_limit()
+    task(rig, target)
+    rig.until(reached)
+    assert position(rig) == target
+
+
+def test_a_task_at_a_limit_can_be_rejected() -> None:
+    rig = at_limit()
+    before = position(rig)
+    rig.values["STW1"] = ON & ~REJECT
+    rig.step(5)
+    rig.values["STW1"] = ON
+    rig.until(reached)
+    rig.step(100)
+    assert position(rig) == before
+    assert rig.translator.reason is None
