@@ -7,6 +7,7 @@ import threading
 import time
 from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
+from random import Random
 
 import can
 import pytest
@@ -970,3 +971,28 @@ def test_the_late_answer_to_a_write_that_was_given_up_does_not_confirm_the_next(
         client.submit(lambda drive: drive.write(0x6083, 0, b"\x64\0\0\0")).result(10)
     with pytest.raises(SdoAbortedError):
         client.submit(lambda drive: drive.write(0x6084, 0, b"\xff\xff\xff\xff")).result(10)
+
+
+@pytest.mark.parametrize("pdos", [1, 4])
+def test_any_frame_under_the_identifiers_of_the_node_is_survived(plant: Plant, pdos: int) -> None:
+    drive = SimulatedDrive(buses.bus(plant.name), NODE)
+    drive.node.misbehave("two-pdos", pdos=pdos)
+    plant.drive = drive
+    drive.start()
+    client = plant.connect(Operation.TRANSPARENT, initial_mode=None, sdo_timeout_ms=20)
+    plant.online()
+    bus = buses.bus(plant.name)
+    random = Random(pdos)
+    command = DriveCommand()
+    for now in range(2000):
+        can_id = random.choice([0x80, 0x180, 0x280, 0x380, 0x480, 0x1C0, 0x580, 0x580, 0x700]) + NODE
+        data = random.randbytes(random.choice([0, 1, 2, 3, 4, 7, 8, 8, 8]))
+        bus.send(can.Message(arbitration_id=can_id, data=data, is_extended_id=False))
+        command.digital_outputs = command.target_position = random.getrandbits(16)
+        client.send(command, now * MS)
+        client.refresh(now * MS)
+    bus.shutdown()
+    # What is still on its way may spoil an answer, or have the node lost and brought up again.
+    buses.wait_for(lambda: client.submit(lambda drive: drive.read_number(0x1000)).exception(10) is None, "answers", 30)
+    buses.wait_for(lambda: client.refresh(time.monotonic_ns()), "online and fresh", 30)
+    assert client._worker.is_alive()

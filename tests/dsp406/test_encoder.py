@@ -358,3 +358,14 @@ def test_an_emcy_burst_is_passed_on_and_does_no_harm(plant: Plant) -> None:
     buses.wait_for(lambda: [event for event in plant.events if event.kind == "emcy"], "EMCY")
     assert client.submit(lambda encoder: encoder.read_number(0x6004)).result(5) == 4096
     assert client.generation == 1
+
+
+def test_an_encoder_whose_heartbeat_is_dead_never_becomes_online(plant: Plant, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("ds301.client._FIRST_SIGN_S", 0.1)
+    encoder = plant.power_on(still())
+    encoder.node.misbehave("heartbeat-stops")
+    encoder.start()
+    client = plant.connect(heartbeat_factor=2)
+    buses.wait_for(lambda: client.status is EncoderStatus.REFUSED, "refused")
+    assert "heartbeat of node 9" in client.status_text
+    assert client.generation == 0
