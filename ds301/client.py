@@ -190,7 +190,7 @@ class NodeClient(abc.ABC, Generic[S]):
         self._acyclic_due = 0
         self._acyclic_failures = 0
         self._acyclic_read = 0
-        """When they were all read, monotonic nanoseconds."""
+        """When the last round that read them all began, monotonic nanoseconds."""
         self._sending = False
         """The node is in operation and takes RPDOs."""
         self._heartbeat = 0
@@ -444,7 +444,8 @@ class NodeClient(abc.ABC, Generic[S]):
         self._configure()
         for slot in self._slots:
             self.network.subscribe_pdo(slot.pdo.cob_id(self.settings.node_id), slot.receive)
-        self._read_acyclic()
+        for pdo in self._acyclic_tpdos:
+            self._read_acyclic(pdo)
         self._acyclic_failures = 0
         self._heartbeat_state = NmtState.BOOT_UP.value
         self._nmt(NmtCommand.START)
@@ -630,16 +631,12 @@ class NodeClient(abc.ABC, Generic[S]):
         if self._acyclic_tpdos and now >= self._acyclic_due:
             self._acyclic_due = now + _ACYCLIC_PDO_NS
             self._acyclic_failures += 1
-            self._read_acyclic()
+            for pdo in self._acyclic_tpdos:
+                self._read_acyclic(pdo)
             self._acyclic_failures = 0
+            self._acyclic_read = now
 
-    def _read_acyclic(self) -> None:
-        for pdo in self._acyclic_tpdos:
-            self._read_objects(pdo)
-        self._acyclic_read = time.monotonic_ns()
-
-    def _read_objects(self, pdo: Pdo) -> None:
-        """Read by SDO what a TPDO the node does not have would carry."""
+    def _read_acyclic(self, pdo: Pdo) -> None:
         image = self._image(pdo)
         for entry in pdo.entries:
             signed = entry.type.char.islower()

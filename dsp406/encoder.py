@@ -191,16 +191,15 @@ class EncoderClient(NodeClient[EncoderSettings]):
         overdue = ", ".join(map(str, self._overdue(now)))
         return super()._lost(now) or (f"position of channel {overdue} cannot be read" if overdue else "")
 
-    def _read_objects(self, pdo: Pdo) -> None:
+    def _read_acyclic(self, pdo: Pdo) -> None:
         begun = time.monotonic_ns()
-        super()._read_objects(pdo)
+        super()._read_acyclic(pdo)
         self._read_times[self._channel_of(pdo)] = begun
 
     def _exchange_acyclic(self, now: int) -> None:
-        before = self._acyclic_read
         super()._exchange_acyclic(now)
-        if self._acyclic_read != before:
-            self._round_ns = self._acyclic_read - now
+        if self._acyclic_read == now:
+            self._round_ns = time.monotonic_ns() - now
         if self._diagnose.is_set() or now - self._diagnosed >= self.settings.diagnosis_ms * MS:
             self._diagnosed = now
             self._read_diagnostics()
