@@ -185,6 +185,7 @@ class EncoderClient(NodeClient[EncoderSettings]):
             self._heartbeat_expected = False  # the TPDOs alone tell that the encoder lives
             self._tell("status", f"no heartbeat: {text}")
         self.read_parameters()
+        self.feedback.error_code = 0
         self._read_diagnostics()
 
     def _lost(self, now: int) -> str:
@@ -217,6 +218,7 @@ class EncoderClient(NodeClient[EncoderSettings]):
 
     def _on_emcy(self, can_id: int, data: Any, timestamp: float) -> None:
         if len(data) == 8:
+            self.feedback.error_code = int.from_bytes(data[:2], "little")
             self.feedback.error_register = data[2]
         self._diagnose.set()
         super()._on_emcy(can_id, data, timestamp)

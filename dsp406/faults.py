@@ -11,6 +11,9 @@ from types import MappingProxyType
 
 from dsp406.registers import Alarm, Warnings
 
+MEMORY_ERROR = 0x5100
+"""The error code of a hardware memory error."""
+
 ENCODER_EMCY: MappingProxyType[int, str] = MappingProxyType(
     {
         0x0000: "no error",
@@ -23,7 +26,7 @@ ENCODER_EMCY: MappingProxyType[int, str] = MappingProxyType(
         0x3110: "input voltage out of range",
         0x4000: "temperature inside out of range",
         0x5000: "device hardware",
-        0x5100: "hardware memory error",
+        MEMORY_ERROR: "hardware memory error",
         0x6000: "device software",
         0x7000: "additional modules",
         0x8000: "monitoring",
@@ -69,7 +72,11 @@ ENCODER_FAULTS: MappingProxyType[str, EncoderFault] = MappingProxyType(
             EncoderFault("input-voltage", "The input voltage is out of its range.", 0x3110, 0x05),
             EncoderFault("temperature", "The temperature inside is out of its range.", 0x4000, 0x09),
             EncoderFault(
-                "memory", "The memory has an error: the position may be wrong.", 0x5100, 0x01, Alarm.POSITION_ERROR
+                "memory",
+                "The memory has an error: the position may be wrong.",
+                MEMORY_ERROR,
+                0x01,
+                Alarm.POSITION_ERROR,
             ),
             EncoderFault("software", "The firmware found an error of its own.", 0x6000, 0x01),
             EncoderFault("monitoring", "A supervision of the device responded.", 0x8000, 0x01),

@@ -29,16 +29,18 @@ class ChannelFeedback:
 class EncoderFeedback:
     """Values of one encoder: its channels by number (1 = first), and what concerns the whole device.
 
-    ``alarms`` (6503h), ``warnings`` (6505h) and ``error_register`` (1001h) come by SDO, some time after they change.
+    ``alarms`` (6503h), ``warnings`` (6505h) and ``error_register`` (1001h) come by SDO, some time after they change;
+    ``error_register`` and ``error_code`` are also those of the last EMCY, whose code 0 says that no error is left.
     """
 
-    __slots__ = ("alarms", "channels", "error_register", "warnings")
+    __slots__ = ("alarms", "channels", "error_code", "error_register", "warnings")
 
     def __init__(self, channels: Iterable[int] = (1,)) -> None:
         self.channels = {channel: ChannelFeedback() for channel in channels}
         self.alarms = 0
         self.warnings = 0
         self.error_register = 0
+        self.error_code = 0
 
     def channel(self, number: int) -> ChannelFeedback:
         """One channel's values; Dsp406Error for a channel that is not exchanged."""

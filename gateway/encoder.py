@@ -93,6 +93,10 @@ class ChannelInput:
         return self._client.feedback.error_register
 
     @property
+    def error_code(self) -> int:
+        return self._client.feedback.error_code
+
+    @property
     def valid(self) -> bool:
         """A channel that was configured has shown its position before the encoder counts as online."""
         return self._client.generation > 0
@@ -237,7 +241,7 @@ class EncoderObject(DriveObject):
 class DriveSensor:
     """The drive's own position as an encoder: 6064h, which has no preset."""
 
-    alarms = warnings = error_register = 0
+    alarms = warnings = error_register = error_code = 0
     speed = None
     valid = True
     references = EncoderReferences(1 << 32, Fraction(1), preset_supported=False)

@@ -14,6 +14,7 @@ from fractions import Fraction
 from typing import Protocol
 
 from dsp406.encoder import PRESET, PRESET_MULTI_SENSOR
+from dsp406.faults import MEMORY_ERROR
 from dsp406.images import EncoderParameters
 from gateway.reasons import Reason
 from gateway.translator.base import BaseTranslator, FaultEvent, SdoWrite
@@ -75,6 +76,10 @@ class EncoderInput(Protocol):
     @property
     def error_register(self) -> int:
         """1001h, as the last EMCY told it."""
+
+    @property
+    def error_code(self) -> int:
+        """Of the last EMCY, 0 when it said that no error is left."""
 
     @property
     def valid(self) -> bool:
@@ -185,7 +190,7 @@ class SensorChannel:
         self.valid = valid = ok and feedback.valid and self._references is not None
         # Every alarm says that the position may be wrong.
         if ok and feedback.alarms:
-            error = SensorError.SENSOR_GROUP
+            error = SensorError.MEMORY if feedback.error_code == MEMORY_ERROR else SensorError.SENSOR_GROUP
         values = sensor.step(g1_stw, feedback.position, now, valid=valid, error=error)
         if sensor.preset_request is not self._request:
             self._request = sensor.preset_request

@@ -94,8 +94,8 @@ def test_how_the_position_is_shown(title: str, shown: list[str], results: dict[s
 
 def test_a_sensor_error_is_shown_from_the_alarm_on(results: dict[str, Result]) -> None:
     # The EMCY may come before the alarm is read: a fault is shown then, and the position is no longer good soon after.
-    for title in ("position-error turning encoder", "memory, telegram 82 turning encoder"):
-        assert results[title].shown[-1] == "G1 error 0001h, fault"
+    for title, error in (("position-error", "0001h"), ("memory, telegram 82", "1001h")):
+        assert results[f"{title} turning encoder"].shown[-1] == f"G1 error {error}, fault"
 
 
 def test_an_encoder_that_is_lost_is_stopped_by_nmt_if_it_is_silent_and_configured_again(

@@ -124,7 +124,7 @@ class Result:
     """How the drive came to rest."""
     restarted: bool = False
     starved: bool = False
-    """The machine was too busy to believe a failure."""
+    """The machine was too busy to believe a failure: a cycle came late, or a device was lost that was not silent."""
     failures: list[str] = field(default_factory=list)
     """What should have been otherwise; empty: passed."""
 
@@ -206,7 +206,7 @@ class Bench(abc.ABC):
         finally:
             if result.failures:
                 result.numbers = self.numbers()
-            result.starved = self.starved
+            result.starved = self.starved or self.lost
             self.close()
 
     def close(self) -> None:
@@ -265,11 +265,19 @@ class Bench(abc.ABC):
                 watch(now)
 
     def until(self, condition: Callable[[], object], what: str) -> None:
+        """Cycles until a condition holds; StepError when it does not, or the device is lost although its fault is no loss."""
         deadline = time.monotonic() + PATIENCE_S
         while not condition():
+            if self.lost:
+                raise StepError(f"{what}: the device was lost meanwhile")
             if time.monotonic() > deadline:
                 raise StepError(f"{what} not within {PATIENCE_S:g} s ({self.subject.client.status_text})")
             self.cycles(1)
+
+    @property
+    def lost(self) -> bool:
+        """The device was lost although its fault is no loss."""
+        return not LOSSES.intersection(self.case.numbers) and LOST in self.numbers()
 
     def told(self, numbers: Iterable[int]) -> bool:
         """One of the numbers is a record of the object, of a fault also in P947."""

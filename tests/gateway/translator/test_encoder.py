@@ -37,6 +37,7 @@ class Encoder:
     alarms: int = 0
     warnings: int = 0
     error_register: int = 0
+    error_code: int = 0
     valid: bool = True
 
 
@@ -218,6 +219,13 @@ def test_every_alarm_makes_the_position_invalid() -> None:
     bench.encoder.alarms = 2  # commissioning diagnostics
     actuals = bench.step(ABSOLUTE)
     assert (actuals["ZSW2_ENC"], actuals["G1_ZSW"], actuals["G1_XIST2"]) == (0x0208, 0x8000, 0x0001)
+
+
+def test_an_alarm_after_a_memory_emergency_is_a_memory_error() -> None:
+    bench = Bench()
+    bench.encoder.alarms, bench.encoder.error_code = 1, 0x5100
+    actuals = bench.step(ABSOLUTE)
+    assert (actuals["G1_ZSW"], actuals["G1_XIST2"]) == (0x8000, 0x1001)
 
 
 def test_a_fault_that_was_told_is_not_acknowledged_before_the_encoder_is_back() -> None:

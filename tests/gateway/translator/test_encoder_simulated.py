@@ -81,6 +81,10 @@ class Rig:
         return self.value(0x1001)
 
     @property
+    def error_code(self) -> int:
+        return 0
+
+    @property
     def valid(self) -> bool:
         return True
 
