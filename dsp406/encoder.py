@@ -104,13 +104,9 @@ class EncoderClient(NodeClient[EncoderSettings]):
     def refresh(self, now: int) -> bool:
         """Cyclic: as for every node, and no position that is read by SDO may be overdue either."""
         fresh = super().refresh(now)
-        return fresh and not self._overdue(now)
-
-    def _overdue(self, now: int) -> list[int]:
-        """Channels without a TPDO whose position was not read for too long."""
         limit = _READ_LATE_NS + _ROUNDS * self._round_ns + self.settings.sdo_timeout_ms * MS
         channels = map(self._channel_of, self._acyclic_tpdos)
-        return [channel for channel in channels if now - self._read_times.get(channel, 0) > limit]
+        return fresh and all(now - self._read_times.get(channel, 0) <= limit for channel in channels)
 
     def _channel_of(self, pdo: Pdo) -> int:
         return self.settings.channels[self.layout.tpdos.index(pdo)]
@@ -188,18 +184,15 @@ class EncoderClient(NodeClient[EncoderSettings]):
         self.feedback.error_code = 0
         self._read_diagnostics()
 
-    def _lost(self, now: int) -> str:
-        overdue = ", ".join(map(str, self._overdue(now)))
-        return super()._lost(now) or (f"position of channel {overdue} cannot be read" if overdue else "")
-
     def _read_acyclic(self, pdo: Pdo) -> None:
         begun = time.monotonic_ns()
         super()._read_acyclic(pdo)
         self._read_times[self._channel_of(pdo)] = begun
 
     def _exchange_acyclic(self, now: int) -> None:
+        before = self._acyclic_read
         super()._exchange_acyclic(now)
-        if self._acyclic_read == now:
+        if self._acyclic_read != before:
             self._round_ns = time.monotonic_ns() - now
         if self._diagnose.is_set() or now - self._diagnosed >= self.settings.diagnosis_ms * MS:
             self._diagnosed = now
