@@ -42,7 +42,7 @@ from profidrive.telegrams import ApplicationMode, Telegram
 
 MAX_DIFFERENCES: Final = 20
 """After so many differences of an axis no more are looked for."""
-BUDGET: Final = 4000
+BUDGET: Final = 10_000
 """Choices that are tried for one step that does not fit."""
 REFRESH_NS: Final = 100_000_000
 """The gateway repeats an RPDO after this time."""
@@ -446,8 +446,7 @@ class Replayer:
     def _inputs(self, tick: _Tick, state: _State) -> Iterator[_Inputs]:
         now, tolerance = tick.time_ns, self._tolerance
         latest = now + self._cycle_ns if tick.answer is None else tick.answer.time_ns
-        earliest = max(tick.evaluated_ns, now - tolerance)
-        setpoints = _near(self._setpoint_times, now, earliest, latest, state.setpoints)
+        setpoints = _near(self._setpoint_times, now, tick.evaluated_ns, latest, state.setpoints)
         feedback = _near(self._feedback_times, now, now - tolerance, now + tolerance, state.feedback)
         for shift in self._shifts:
             for taken in setpoints:
@@ -721,10 +720,11 @@ def _ticks(recording: AxisRecording, cycle_ns: int) -> list[_Tick]:
             if idle < len(frames) and frames[idle] - before >= cycle_ns // 2:
                 taken = max(taken, idle - 1)  # whatever had been sent was answered
         silence = 0 <= taken < newest and frames[taken + 1] - frames[taken] > _FILL * cycle_ns
-        if not silence:  # after a silence the answer may be one the gateway sent by itself
-            taken = min(taken + 1, newest)
-        recent = newest >= 0 and answer.time_ns - frames[newest] <= cycle_ns
-        now = frames[newest] if recent else answer.time_ns
+        now = answer.time_ns
+        if taken < newest and not silence:
+            # To the next frame; the answer may have waited for a busy PLC. All others the gateway may have sent by itself.
+            taken += 1
+            now = frames[taken]
         moments.append(_Tick(now, answer, frames[taken] if taken >= 0 else 0))
         before = answer.time_ns
     if not moments:
