@@ -23,6 +23,7 @@ from gateway.config import load_config
 from gateway.errors import GatewayError
 from gateway.replay import AxisReplay, Replayer
 from gateway.translator.base import TranslatorSettings
+from gateway.translator.factory import DRIVE_TELEGRAM_NUMBERS
 from tools.decode_io.axes import configured_axes
 from tools.decode_io.dictionary import dictionary_of
 from tools.decode_io.source import STANDARD_INPUT, open_source
@@ -99,10 +100,13 @@ class Loaded:
     """The files whose clock is not the PLC's."""
 
     def replay(self, *, tolerance_ns: int = TOLERANCE_NS, first_only: bool = False) -> list[AxisReplay]:
-        """Today's translators on the recorded inputs; GatewayError for a telegram no drive translator has."""
+        """Today's translators on the recorded inputs of the drives; GatewayError where there is no drive."""
+        drives = [axis for axis in self.recording.axes if axis.telegram.number in DRIVE_TELEGRAM_NUMBERS]
+        if not drives:
+            raise GatewayError(f"{', '.join(self.files)}: no drive telegram among the axes; encoders are not replayed")
         cycle_ns = self.recording.cycle_ns
         tolerance_ns = max(tolerance_ns, _MIN_TOLERANCE_CYCLES * cycle_ns) + self.clocks.uncertainty_ns
-        replayers = [Replayer(axis, cycle_ns=cycle_ns, tolerance_ns=tolerance_ns) for axis in self.recording.axes]
+        replayers = [Replayer(axis, cycle_ns=cycle_ns, tolerance_ns=tolerance_ns) for axis in drives]
         return [replayer.run(first_only=first_only) for replayer in replayers]
 
     def records(self, notify: Notify) -> Iterator[Record]:

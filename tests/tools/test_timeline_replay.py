@@ -158,7 +158,7 @@ def test_what_cannot_be_used_is_one_error(files: list[str], tmp_path: Path) -> N
             timeline(given)
     with pytest.raises(CaptureError, match="is empty"):
         replay([plc, str(empty)], telegram=[1])
-    with pytest.raises(GatewayError, match="telegram: 81 is not supported for a drive"):
+    with pytest.raises(GatewayError, match="no drive telegram among the axes"):
         replay(files, telegram=[81])
     for node, match in (("200", "node-ID 1..127"), ("2=5", "axis 2 is none of 1"), ("x", "expected NODE or AXIS=NODE")):
         with pytest.raises(GatewayError, match=match):

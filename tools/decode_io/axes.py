@@ -13,7 +13,10 @@ if TYPE_CHECKING:
 
 
 def configured_axes(config: GatewayConfig, telegrams: Sequence[int] = ()) -> list[Axis]:
-    """In the order of the frame; ``telegrams`` stand in for the configured ones. ProfidriveError for an unknown telegram."""
+    """Axes and encoders in the order of the frame; ``telegrams`` stand in for the configured ones.
+
+    ProfidriveError for an unknown telegram.
+    """
     single = len(config.can) == 1
     return [
         Axis(
@@ -22,5 +25,5 @@ def configured_axes(config: GatewayConfig, telegrams: Sequence[int] = ()) -> lis
             axis.node_id,
             "" if single else str(config.bus_of(axis).channel),
         )
-        for position, axis in enumerate(config.axis)
+        for position, axis in enumerate(config.objects)
     ]
