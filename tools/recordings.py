@@ -30,8 +30,8 @@ from tools.decode_io.source import STANDARD_INPUT, open_source
 
 INFER_FROM = 20_000
 """Packets of a file that are looked at for the telegrams."""
-TOLERANCE_NS = 20_000_000
-"""So far recorded times may be off in a replay: a busy machine delays a recorder by more than a cycle."""
+TOLERANCE_NS = 50_000_000
+"""So far recorded times may be off in a replay: a busy machine lets a recorder or the gateway's reader wait for some cycles."""
 _MIN_TOLERANCE_CYCLES = 4
 _AXIS_NODE = re.compile(r"(?:(\d{1,3})=)?(\d{1,3})")
 

@@ -210,7 +210,7 @@ def test_without_answers_the_rpdos_are_compared(tmp_path: Path) -> None:
     compared, differences = replayed(rig.load(tmp_path, 0))
     assert not differences
     assert compared > 200
-    rig.frames.change_can(RPDO1, 6, lambda data: data[:2] + bytes(4))
+    rig.frames.change_can(RPDO1, 6, lambda data: data[:2] + (77).to_bytes(4, "little"))
     assert replayed(rig.load(tmp_path, 0))[1] == [("RPDO1", ("Target Velocity",))]
 
 
