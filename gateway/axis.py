@@ -151,6 +151,7 @@ class Axis(DriveObject):
         ``shown``: the Statusword bits that are watched, 0 without a drive; ``commanded``: the Controlword it had.
         """
         old, self._shown = self._shown, shown
+        self._reason_may_differ = True
         state, previous = STATE_OF_STATUS[shown & 0x7F], STATE_OF_STATUS[old & 0x7F]
         if state in _FAULTY and previous not in _FAULTY:
             self._fault_since = now

@@ -38,7 +38,7 @@ log = logging.getLogger("gateway")
 
 MS = 1_000_000
 _SHUTDOWN_NS = 5_000 * MS
-_SWITCH_INTERVAL_S = 0.00002
+_SWITCH_INTERVAL_S = 0.0005
 _DATAGRAMS_AT_ONCE = 64
 _FROM_PLC = (Verdict.ACCEPTED, Verdict.PROVIDER_STOP)
 

@@ -64,6 +64,9 @@ class DriveObject(abc.ABC):
         self._restart_expected = False
         self._generation = 0
         self._told_reason: Reason | None = None
+        self._seen_reason: Reason | None = None
+        self._reason_may_differ = False
+        """Something else than the translator's reason changed that ``reason`` depends on."""
         self._sdo: Future[None] | None = None
         self._sdo_writes: tuple[SdoWrite, ...] | None = None
         self._refusal = ""
@@ -155,6 +158,12 @@ class DriveObject(abc.ABC):
             self._serve_sdo_request(translator)
         if translator.events:
             self._drain_events(translator, now)
+        if translator.reason is not self._seen_reason or self._reason_may_differ:
+            self._seen_reason = translator.reason
+            self._reason_may_differ = False
+            self._tell_reason()
+
+    def _tell_reason(self) -> None:
         reason = self.reason
         if reason is not self._told_reason:
             self._told_reason = reason
