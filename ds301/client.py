@@ -33,6 +33,7 @@ from ds301.emcy import emcy_text
 from ds301.errors import CanopenError
 from ds301.network import CanNetwork
 from ds301.nmt import NmtCommand, NmtState
+from ds301.objects import CanType
 from ds301.pdo import Pdo, PdoLayout
 
 log = logging.getLogger("gateway")
@@ -319,21 +320,34 @@ class NodeClient(abc.ABC, Generic[S]):
 
         An answer that does not end is one of the latter: the worker has to watch the node.
         """
+        declared = self.dictionary.get_variable(index, subindex)
+        if declared is not None and declared.data_type == CanType.DOMAIN.code:
+            try:
+                return self._upload(index, subindex, block=True)[0]
+            except SdoCommunicationError as error:
+                # A server may go on with a segmented transfer, which canopen's block transfer does not take.
+                log.debug("node %d: no block transfer: %s", self.settings.node_id, error)
+            except SdoAbortedError as error:
+                if error.code != Abort.INVALID_COMMAND:
+                    raise
+        data, size = self._upload(index, subindex, block=False)
+        # Some devices send 32 bits for every number: the EDS knows better.
+        if declared is not None and declared.fixed_size and (size is None or len(declared) // 8 < size):
+            data = data[: len(declared) // 8]
+        return data
+
+    def _upload(self, index: int, subindex: int, *, block: bool) -> tuple[bytes, int | None]:
+        """The bytes of an upload and the size the node told before."""
         sdo = self._node.sdo
         deadline = time.monotonic() + _LONGEST_UPLOAD_S
         data = b""
-        with sdo.open(index, subindex, "rb", buffering=0) as stream:
+        with sdo.open(index, subindex, "rb", buffering=0, block_transfer=block) as stream:
             while segment := stream.read(_SEGMENT):
                 data += segment
                 if len(data) > _LONGEST_UPLOAD or time.monotonic() > deadline:
                     sdo.abort()
                     raise SdoCommunicationError(f"{index:04X}h/{subindex} does not end")
-            size = stream.size
-        # Some devices send 32 bits for every number: the EDS knows better.
-        declared = self.dictionary.get_variable(index, subindex)
-        if declared is not None and declared.fixed_size and (size is None or len(declared) // 8 < size):
-            data = data[: len(declared) // 8]
-        return data
+            return data, stream.size
 
     def write(self, index: int, subindex: int, data: bytes) -> None:
         """SDO download, on the worker thread only; raises canopen's SdoAbortedError / SdoCommunicationError.

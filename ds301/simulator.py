@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Any, ClassVar
 
 from canopen.objectdictionary import ObjectDictionary
-from canopen.sdo import SdoAbortedError, SdoServer
+from canopen.sdo import SdoAbortedError
 
 from ds301 import communication as com
 from ds301.aborts import Abort
@@ -21,6 +21,7 @@ from ds301.misbehaviour import NODE_MISBEHAVIOURS, Catalogue, Misbehaviour, make
 from ds301.nmt import NmtCommand, NmtState
 from ds301.objects import Access, CanType, Entry, ObjectSpec
 from ds301.pdo import COB_ID_INVALID, COB_ID_NO_REMOTE, Pdo, PdoDirection
+from ds301.sdo_server import BlockSdoServer
 
 MS = 1_000_000
 _COB_ID_MASK = 0x7FF
@@ -87,7 +88,7 @@ class SimulatedNode:
         """The faults in force, by name; they begin when the node is powered."""
         self._powered = False
         self.object_dictionary = ObjectDictionary()
-        self._sdo = SdoServer(0x600 + node_id, 0x580 + node_id, self)
+        self._sdo = BlockSdoServer(0x600 + node_id, 0x580 + node_id, self)
         self._sdo.network = self
         self._sdo._index = self._sdo._subindex = 0  # a segment before any transfer is aborted, not an exception
         self._defaults()
