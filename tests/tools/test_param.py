@@ -178,3 +178,18 @@ def test_a_gateway_that_is_not_there_is_told_in_one_line() -> None:
     assert result.returncode == 1
     assert "does not answer" in result.stderr
     assert "Traceback" not in result.stderr
+
+
+def test_objects_of_an_encoder_have_the_encoder_s_names() -> None:
+    table = """[[encoder]]
+do_id = 2
+node_id = 20
+telegram = 81
+simulate = true
+"""
+    with serving(configuration(table)) as (_, client):
+        where = "--gateway", f"127.0.0.1:{client.address[1]}", "--do", "2"
+        text = " ".join(pdgw("param", "read", "6004h", "6502h", *where).stdout.split())
+    assert "Position value" in text
+    assert "revolutions" in text
+    assert "Drive" not in text, "6502h of a drive is another object"

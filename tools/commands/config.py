@@ -24,4 +24,5 @@ def check(file: Annotated[Path, typer.Argument(help="Configuration file (TOML)."
     """Validate a file; exit status 1 and one line for each thing that is wrong."""
     config = load_config(file)
     buses = ", ".join(f"{bus.name} ({bus.interface} {bus.channel or ''})".replace(" )", ")") for bus in config.can)
-    typer.echo(f"{file}: ok, {len(config.axis)} axes on {buses}, cycle {config.transport.cycle_time_ms:g} ms")
+    objects = f"{len(config.axis)} axes" + (f" and {len(config.encoder)} encoders" if config.encoder else "")
+    typer.echo(f"{file}: ok, {objects} on {buses}, cycle {config.transport.cycle_time_ms:g} ms")

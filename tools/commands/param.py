@@ -87,21 +87,22 @@ def _progress(what: str) -> Iterator[Progress | None]:
         yield lambda done, total: bar.update(task, completed=done, total=total)
 
 
-def _show(elements: list[Element], *, as_json: bool) -> None:
+def _show(elements: list[Element], *, encoder: bool, as_json: bool) -> None:
     """Print, and end with status 1 when something failed."""
     if as_json:
         typer.echo(json.dumps([element.document() for element in elements], indent=2))
     else:
         table = Table("parameter", "name", "format", "value", "unit", "")
         for element in elements:
-            name, unit = name_and_unit(element.pnu, element.subindex)
+            name, unit = name_and_unit(element.pnu, element.subindex, encoder=encoder)
+            text = meaning(element, encoder=encoder)
             table.add_row(
                 address_text(element.pnu, element.subindex),
                 name,
                 element.format.name if element.format else "",
                 "" if element.value is None else str(element.value),
                 unit,
-                f"[red]{meaning(element)}[/red]" if element.failed else meaning(element),
+                f"[red]{text}[/red]" if element.failed else text,
             )
         Console().print(table)
     if any(element.failed for element in elements):
@@ -119,7 +120,8 @@ def read(
     targets = [parse_target(text) for text in parameters]
     with _session(gateway, do_id) as session, _progress("reading") as progress:
         elements = session.read(targets, progress)
-    _show(elements, as_json=as_json)
+        encoder = not as_json and session.is_encoder
+    _show(elements, encoder=encoder, as_json=as_json)
 
 
 @app.command(context_settings={"ignore_unknown_options": True})
@@ -144,7 +146,8 @@ def write(
             for target, value in pairs
         ]
         elements = session.write(writes)
-    _show(elements, as_json=as_json)
+        encoder = not as_json and session.is_encoder
+    _show(elements, encoder=encoder, as_json=as_json)
 
 
 @app.command("list")
@@ -265,7 +268,7 @@ def restore_(
             return
         table = Table("parameter", "name", "device", "file")
         for wanted, found in pairs:
-            name, _ = name_and_unit(wanted.pnu, wanted.subindex)
+            name, _ = name_and_unit(wanted.pnu, wanted.subindex, encoder=session.is_encoder)
             shown = found.error_text if found.failed else str(found.value)
             table.add_row(address_text(wanted.pnu, wanted.subindex), name, shown, str(wanted.value))
         console.print(table)
@@ -275,7 +278,8 @@ def restore_(
             raise typer.Exit(1)
         with _progress("writing") as progress:
             results = restore(session, [wanted for wanted, _ in pairs], progress)
+        encoder = session.is_encoder
     failed = [element for element in results if element.failed]
     console.print(f"{len(results) - len(failed)} of {len(results)} settings written")
     if failed:
-        _show(failed, as_json=False)
+        _show(failed, encoder=encoder, as_json=False)

@@ -7,10 +7,11 @@ from dataclasses import dataclass
 
 from dsp402.objects import DRIVE_OBJECTS
 from dsp402.states import state_of
+from dsp406.objects import PROFILE
 from gateway.errors import GatewayError
 from profidrive.datatypes import DataType
 from profidrive.errors import ProfidriveError
-from profidrive.parameters.catalogue import LIST_PNUS, OBJECTS, PARAMETERS
+from profidrive.parameters.catalogue import ENCODER_IDENTIFICATION, LIST_PNUS, OBJECTS, PARAMETERS
 from profidrive.parameters.codec import MAX_ELEMENTS, MAX_PARAMETERS, Address, Attribute, Values
 from profidrive.parameters.description import Description
 from profidrive.parameters.errors import ParameterErrorNumber, error_text
@@ -18,6 +19,8 @@ from profidrive.signals import SIGNALS
 from tools.parameters.address import Target
 from tools.parameters.client import ParameterClient
 
+_PROFILE_IDENTIFICATION = 965
+_ENCODER_OBJECTS = {row.index: row for row in PROFILE}
 _STRINGS = {DataType.VISIBLE_STRING, DataType.OCTET_STRING}
 Progress = Callable[[int, int], None]
 
@@ -72,6 +75,15 @@ class Session:
     def __init__(self, client: ParameterClient) -> None:
         self.client = client
         self._descriptions: dict[int, Description | None] = {}
+        self._is_encoder: bool | None = None
+
+    @property
+    def is_encoder(self) -> bool:
+        """By its profile identification (P965)."""
+        if self._is_encoder is None:
+            (answer,) = self.client.request([Address(_PROFILE_IDENTIFICATION)])
+            self._is_encoder = answer.values == ENCODER_IDENTIFICATION.to_bytes(2, "big")
+        return self._is_encoder
 
     def describe(self, pnus: Iterable[int], progress: Progress | None = None) -> dict[int, Description | None]:
         """The descriptions the device gives; None for a parameter that has none (or is not there)."""
@@ -185,17 +197,23 @@ def _write_address(target: Target, values: Values) -> Address:
     return Address(target.pnu, target.first, 1 if values.format in _STRINGS else len(values.values))
 
 
-def name_and_unit(pnu: int, subindex: int) -> tuple[str, str]:
-    """From the catalogues; empty where they do not know it."""
+def name_and_unit(pnu: int, subindex: int, *, encoder: bool) -> tuple[str, str]:
+    """From the catalogues, whose profile areas differ for drives and encoders; empty where they do not know it."""
     if pnu in PARAMETERS:
         spec = PARAMETERS[pnu]
         place = spec.elements[subindex] if subindex < len(spec.elements) else ""
         return f"{spec.name} {place}".strip(), spec.unit
-    entry = DRIVE_OBJECTS.get(pnu, subindex)
-    return (entry.name, entry.unit) if entry is not None else ("", "")
+    if not encoder:
+        entry = DRIVE_OBJECTS.get(pnu, subindex)
+        return (entry.name, entry.unit) if entry is not None else ("", "")
+    row = _ENCODER_OBJECTS.get(pnu)
+    if row is None:
+        return "", ""
+    field = row.fields[subindex - 1] if 0 < subindex <= len(row.fields) else ""
+    return f"{row.name} {field}".strip(), row.unit
 
 
-def meaning(element: Element) -> str:
+def meaning(element: Element, *, encoder: bool) -> str:
     """What a value says: bits by name, states, errors."""
     if element.failed:
         return element.error_text
@@ -205,7 +223,7 @@ def meaning(element: Element) -> str:
     if element.pnu in {967, 968}:
         word = SIGNALS[PARAMETERS[element.pnu].name]
         return ", ".join(bit.name for bit in word.bits if bit.of(value))
-    if element.pnu == 0x6041:
+    if element.pnu == 0x6041 and not encoder:
         state = state_of(value)
         return f"{value & 0xFFFF:04X}h {state.value if state else 'no state'}"
     if element.pnu in OBJECTS and value > 9:
