@@ -232,6 +232,12 @@ class SimulatedNode:
         """What canopen's SDO server calls."""
         self.transmit(can_id, bytes(data))
 
+    def send_emergencies(self, waiting: list[tuple[int, int]]) -> None:
+        """Send what the device's model has to tell, (error code, error register) each, and take it from the list."""
+        for code, register in waiting:
+            self.send_emcy(code, register)
+        waiting.clear()
+
     def send_emcy(self, code: int, register: int, data: bytes = b"") -> None:
         """An emergency message; entered in 1003h."""
         if code:

@@ -62,7 +62,7 @@ class Axis(DriveObject):
     ) -> None:
         number = config.telegram if number is None else number
         super().__init__(config.do_id, network, telegram(number))
-        self.config = config
+        self.config: AxisConfig = config
         self._cycle_time_ms = cycle_time_ms
         self.translator = make_translator(number, config.translator_settings)
         self.drive = DriveClient(
@@ -91,10 +91,6 @@ class Axis(DriveObject):
     @property
     def client(self) -> DriveClient:
         return self.drive
-
-    @property
-    def node_id(self) -> int:
-        return self.config.node_id
 
     @property
     def _translator(self) -> Translator:

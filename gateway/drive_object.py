@@ -15,9 +15,10 @@ from types import MappingProxyType
 from typing import Any, ClassVar
 
 from ds301.client import NodeClient, NodeEvent, NodeStatus
-from ds301.communication import CONSUMER_HEARTBEAT, PRODUCER_HEARTBEAT
+from ds301.configuration import CONSUMER_HEARTBEAT, PRODUCER_HEARTBEAT
 from ds301.network import CanNetwork
 from ds301.nmt import NmtCommand
+from gateway.config import AxisConfig, EncoderConfig
 from gateway.faults import FaultLog, FaultRecord
 from gateway.reasons import GATEWAY_FAULTS, Reason
 from gateway.translator.base import BaseTranslator, SdoWrite
@@ -33,7 +34,7 @@ _CANOPEN_ERRORS = range(0x8100, 0x8300)
 """EMCY classes 81xxh communication and 82xxh protocol error."""
 _SAME_EVENT_NS = 1_000_000_000
 """What repeats is told once in this time: a loose contact must not push the first cause out of the fault buffer."""
-OWNED = frozenset({(CONSUMER_HEARTBEAT, 1), (PRODUCER_HEARTBEAT, 0)})
+OWNED = frozenset({CONSUMER_HEARTBEAT, PRODUCER_HEARTBEAT})
 """What guards gateway and device against each other."""
 INTERNAL_FAULT = 10
 CANOPEN_FAULT = 12
@@ -48,6 +49,8 @@ class DriveObject(abc.ABC):
     """Fault number (P947) of an EMCY error code."""
     telegram_numbers: ClassVar[tuple[int, ...]]
     """What P922 may select."""
+
+    config: AxisConfig | EncoderConfig
 
     def __init__(self, do_id: int, network: CanNetwork, chosen: Telegram) -> None:
         self.do_id = do_id
@@ -82,11 +85,6 @@ class DriveObject(abc.ABC):
     @abc.abstractmethod
     def client(self) -> NodeClient[Any]:
         """The client of its node."""
-
-    @property
-    @abc.abstractmethod
-    def node_id(self) -> int:
-        """CANopen node-ID."""
 
     @property
     @abc.abstractmethod
@@ -129,6 +127,11 @@ class DriveObject(abc.ABC):
     @abc.abstractmethod
     def set_sign_of_life_tolerance(self, failures: int) -> None:
         """P925."""
+
+    @property
+    def node_id(self) -> int:
+        """CANopen node-ID."""
+        return self.config.node_id
 
     @property
     def reason(self) -> Reason | None:

@@ -11,7 +11,6 @@ import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from fractions import Fraction
-from types import MappingProxyType
 from typing import Any
 
 from ds301.client import NodeClient, NodeEvent
@@ -106,12 +105,11 @@ class EncoderObject(DriveObject):
     """A drive object (DO) with one channel of an encoder behind it."""
 
     kind = "encoder"
-    fault_of_emcy = MappingProxyType({})
     telegram_numbers = ENCODER_TELEGRAM_NUMBERS
 
     def __init__(self, config: EncoderConfig, node: EncoderNode, number: int, tolerance: int = MONITORING_OFF) -> None:
         super().__init__(config.do_id, node.client.network, telegram(number))
-        self.config = config
+        self.config: EncoderConfig = config
         self._node = node
         self.input = ChannelInput(node.client, config.channel)
         self._tolerance = tolerance
@@ -126,10 +124,6 @@ class EncoderObject(DriveObject):
     @property
     def client(self) -> EncoderClient:
         return self._node.client
-
-    @property
-    def node_id(self) -> int:
-        return self.config.node_id
 
     @property
     def _translator(self) -> EncoderTranslator:
@@ -264,7 +258,8 @@ class SensorWords:
     def __init__(self, chosen: Telegram) -> None:
         self.channel = SensorChannel()
         self._stw = chosen.setpoints.names.index("G1_STW")
-        self._first = chosen.actuals.names.index("G1_ZSW")
+        self.first = chosen.actuals.names.index("G1_ZSW")
+        """Where G1_ZSW is in the actual values; XIST1 and XIST2 follow."""
         self._word: int | None = None
         self._write: SdoWrite | None = None
         self._future: Future[None] | None = None
@@ -299,11 +294,6 @@ class SensorWords:
             # There was no position yet, but the drive's IOPS may be good: not latched, it ends with the first position.
             return STATUS_BITS[SensorState.ERROR], values[1], SensorError.SENSOR_GROUP
         return values
-
-    @property
-    def first(self) -> int:
-        """Where G1_ZSW is in the actual values; XIST1 and XIST2 follow."""
-        return self._first
 
 
 def has_sensor(chosen: Telegram) -> bool:

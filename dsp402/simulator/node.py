@@ -40,18 +40,18 @@ class SimulatedDriveNode(SimulatedNode):
 
     def on_poll(self, now: int) -> None:
         self.model.advance(now)
-        self._emergencies()
+        self.send_emergencies(self.model.emcy)
 
     def on_rpdo(self, pdo: Pdo) -> None:
         if "controlword" in pdo.attributes or "modes_of_operation" in pdo.attributes:
             self.model.command()
-            self._emergencies()
+            self.send_emergencies(self.model.emcy)
 
     def on_written(self, entry: Entry, value: Value) -> None:
         if entry.attribute in {"controlword", "modes_of_operation"}:
             setattr(self.model, entry.attribute, value)
             self.model.command()
-            self._emergencies()
+            self.send_emergencies(self.model.emcy)
 
     def on_nmt(self, state: NmtState) -> None:
         if state is not NmtState.OPERATIONAL:
@@ -60,15 +60,10 @@ class SimulatedDriveNode(SimulatedNode):
     def on_consumer_expired(self, producer: int) -> None:
         self.send_emcy(0x8130, 0x11)
         self.model.abort_connection()
-        self._emergencies()
+        self.send_emergencies(self.model.emcy)
 
     def on_reset(self) -> None:
         self.model.reset()
-
-    def _emergencies(self) -> None:
-        for code, register in self.model.emcy:
-            self.send_emcy(code, register)
-        self.model.emcy.clear()
 
 
 class SimulatedDrive(RunningNode[SimulatedDriveNode]):

@@ -52,7 +52,7 @@ class SimulatedEncoderNode(SimulatedNode):
 
     def on_poll(self, now: int) -> None:
         self.model.advance(now)
-        self._emergencies()
+        self.send_emergencies(self.model.emcy)
 
     def on_foreign_frame(self, can_id: int, data: bytes) -> None:
         for channel in self.model.channels.values():
@@ -95,11 +95,6 @@ class SimulatedEncoderNode(SimulatedNode):
 
     def on_reset(self) -> None:
         self.model.reset()
-
-    def _emergencies(self) -> None:
-        for code, register in self.model.emcy:
-            self.send_emcy(code, register)
-        self.model.emcy.clear()
 
 
 class SimulatedEncoder(RunningNode[SimulatedEncoderNode]):

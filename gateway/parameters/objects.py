@@ -93,9 +93,9 @@ class ObjectAccess:
     Any thread; the cyclic exchange never waits for it.
     """
 
-    def __init__(self, owner: DriveObject, interval_ms: int) -> None:
+    def __init__(self, owner: DriveObject) -> None:
         self.owner = owner
-        self._interval_s = interval_ms / 1000
+        self._interval_s = owner.config.sdo_interval_ms / 1000
         self._next = 0.0
 
     def run(self, job: Callable[[NodeClient[Any]], T], what: str) -> T:

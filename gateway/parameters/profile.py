@@ -16,7 +16,7 @@ from ds301.errors import CanopenError
 from dsp402.faults import DRIVE_FAULTS
 from gateway import identity
 from gateway.axis import Axis
-from gateway.config import DEFAULT_BITRATE, GATEWAY_NODE_ID, CanConfig
+from gateway.config import DEFAULT_BITRATE, GATEWAY_NODE_ID
 from gateway.daemon import Daemon
 from gateway.drive_object import DriveObject
 from gateway.encoder import EncoderObject
@@ -158,11 +158,11 @@ def _store_is_saved(daemon: Daemon, change: Callable[[], None]) -> None:
 class NodeObject(BoundObject):
     """A drive object with a node behind it: what axes and encoders have in common."""
 
-    def __init__(self, daemon: Daemon, owner: DriveObject, interval_ms: int) -> None:
+    def __init__(self, daemon: Daemon, owner: DriveObject) -> None:
         super().__init__(owner.do_id)
         self.daemon = daemon
         self.owner = owner
-        self.access = ObjectAccess(owner, interval_ms)
+        self.access = ObjectAccess(owner)
         self._reset_prepared = 0
         self._bind_common()
 
@@ -184,6 +184,7 @@ class NodeObject(BoundObject):
 
     def _bind_common(self) -> None:
         owner, log_ = self.owner, self.owner.fault_log
+        bus = self.daemon.config.bus_of(owner.config)
         self.bind(915, lambda: [item.number for item in owner.telegram.setpoints.signals])
         self.bind(916, lambda: [item.number for item in owner.telegram.actuals.signals])
         self.bind(918, lambda: owner.node_id)
@@ -203,12 +204,10 @@ class NodeObject(BoundObject):
         self.bind(949, lambda: [fault.value for fault in log_.entries()])
         self.bind(952, lambda: log_.situations, self._clear_faults)
         self.bind(953, self._warnings, texts=_WARNING_TEXTS)
+        self.bind(963, lambda: (bus.bitrate or DEFAULT_BITRATE) // 1000)
         self.bind(970, lambda: 0, self._when_one(self.load))
         self.bind(971, lambda: 0, self._when_one(self.save))
         self.bind(972, lambda: self._reset_prepared, self._reset)
-
-    def _bind_bus(self, bus: CanConfig) -> None:
-        self.bind(963, lambda: (bus.bitrate or DEFAULT_BITRATE) // 1000)
 
     def _name(self) -> bytes:
         return (self._stored.name or f"{self.owner.kind} {self.do_id}").encode()
@@ -257,18 +256,13 @@ class NodeObject(BoundObject):
         """P970: the node's factory values (1011h) after a restart of it, the gateway's own as configured."""
         self._standing()
         self.access.write(RESTORE_PARAMETERS, 1, LOAD_SIGNATURE.to_bytes(4, "little"))
-        configured = self.configured_telegram
+        configured = self.owner.config.telegram
         if self.owner.telegram.number != configured:
             self._change_telegram(configured)
         objects = self.daemon.store.parameters.objects
         _store_is_saved(self.daemon, lambda: objects.update({self.do_id: DoParameters()}))
         self.owner.set_sign_of_life_tolerance(self._stored.sign_of_life_tolerance)
         self.owner.reset_node()
-
-    @property
-    def configured_telegram(self) -> int:
-        """What P922 is without a stored one."""
-        return next(item.telegram for item in self.daemon.config.objects if item.do_id == self.do_id)
 
     def save(self) -> None:
         """P971: 1010h of the node, and the gateway's store."""
@@ -287,9 +281,8 @@ class AxisObject(NodeObject):
     """The drive object of an axis."""
 
     def __init__(self, daemon: Daemon, axis: Axis) -> None:
-        super().__init__(daemon, axis, axis.config.sdo_interval_ms)
+        super().__init__(daemon, axis)
         self.axis = axis
-        self._bind_bus(daemon.config.bus_of(axis.config))
         self.bind(930, self._operating_mode)
         self.bind(965, lambda: PROFILE_IDENTIFICATION)
         self.bind(967, lambda: axis.last_setpoints[0] if axis.last_setpoints else 0)
@@ -319,9 +312,8 @@ class EncoderParameters(NodeObject):
     """The drive object of an encoder's channel."""
 
     def __init__(self, daemon: Daemon, encoder: EncoderObject) -> None:
-        super().__init__(daemon, encoder, encoder.config.sdo_interval_ms)
+        super().__init__(daemon, encoder)
         self.encoder = encoder
-        self._bind_bus(daemon.config.bus_of(encoder.config))
         identification = ENCODER_IDENTIFICATION.to_bytes(2, "big")
         self.bind(965, lambda: identification, data_type=DataType.OCTET_STRING)
         self.bind(975, lambda: (*identity.UNIT, ENCODER_CLASS, _ENCODER_CLASS_3, self.do_id))

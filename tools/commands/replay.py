@@ -4,29 +4,21 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from gateway.replay import AxisReplay, Difference
+from tools.commands.recording_options import Config, Files, Nodes, Offset, Telegrams
 from tools.recordings import TOLERANCE_NS, Loaded, known_from, load, nanoseconds, tell, write_lines
 
 
 def replay(
-    files: Annotated[
-        list[str], typer.Argument(help="Captures of both buses, like plc.pcap can.log.", metavar="FILE...")
-    ],
-    config: Annotated[Path | None, typer.Option(help="The gateway's configuration: axes, nodes, choices.")] = None,
-    telegram: Annotated[
-        list[int] | None, typer.Option(help="Telegram; repeat for each axis. Without it inferred.")
-    ] = None,
-    node: Annotated[
-        list[str] | None, typer.Option(help="CANopen node of each axis in turn, or AXIS=NODE [number of the axis].")
-    ] = None,
-    offset: Annotated[
-        float | None, typer.Option(help="Clock of the CAN capture minus the PLC's, seconds. Without it correlated.")
-    ] = None,
+    files: Files,
+    config: Config = None,
+    telegram: Telegrams = None,
+    node: Nodes = None,
+    offset: Offset = None,
     tolerance: Annotated[
         float, typer.Option(min=0, max=10_000, help="How far recorded times may be off, milliseconds.")
     ] = TOLERANCE_NS / 1e6,

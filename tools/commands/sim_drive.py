@@ -11,13 +11,12 @@ from typing import Annotated
 
 import typer
 
-from ds301.bus import open_bus
 from gateway.daemon import open_configured_bus
 from gateway.errors import GatewayError
 from tools.simulation.config import ControlConfig, example, load_bus
 from tools.simulation.console import COMMANDS
 from tools.simulation.devices import Simulation
-from tools.simulation.running import run
+from tools.simulation.running import run, run_nodes
 
 
 def drive(
@@ -31,14 +30,8 @@ def drive(
     rest_port: Annotated[int, typer.Option(help="Loopback TCP port of the REST interface, 0 for none.")] = 0,
 ) -> None:
     """Run simulated drives until SIGINT, SIGTERM or `quit`. Commands on standard input: see `pdgw sim inject`."""
-    nodes = node_id or [1]
-    if len(set(nodes)) != len(nodes):
-        raise GatewayError(f"--node-id: {nodes} names a node twice")
-    simulation = Simulation()
-    for node in nodes:
-        simulation.add("drive", open_bus(interface, channel, bitrate), node, node)
     control = ControlConfig(port=control_port, rest_port=rest_port)
-    run(simulation, control, f"drives {nodes} on {interface} {channel}")
+    run_nodes("drive", (interface, channel, bitrate), node_id or [1], control, "drives")
 
 
 def bus(

@@ -6,13 +6,10 @@ from typing import Annotated
 
 import typer
 
-from ds301.bus import open_bus
 from dsp406.kinds import DEVICES, ROTARY
 from dsp406.simulator.motion import MOTIONS
-from gateway.errors import GatewayError
 from tools.simulation.config import ControlConfig
-from tools.simulation.devices import Simulation
-from tools.simulation.running import run
+from tools.simulation.running import run_nodes
 
 
 def encoder(
@@ -34,12 +31,6 @@ def encoder(
     rest_port: Annotated[int, typer.Option(help="Loopback TCP port of the REST interface, 0 for none.")] = 0,
 ) -> None:
     """Run simulated encoders until SIGINT, SIGTERM or `quit`. Commands on standard input: see `pdgw sim inject`."""
-    nodes = node_id or [1]
-    if len(set(nodes)) != len(nodes):
-        raise GatewayError(f"--node-id: {nodes} names a node twice")
-    simulation = Simulation()
-    for node in nodes:
-        bus = open_bus(interface, channel, bitrate)
-        simulation.add("encoder", bus, node, node, model=model, channels=channels, motion=motion or ())
     control = ControlConfig(port=control_port, rest_port=rest_port)
-    run(simulation, control, f"{model} encoders {nodes} on {interface} {channel}")
+    options = {"model": model, "channels": channels, "motion": motion or ()}
+    run_nodes("encoder", (interface, channel, bitrate), node_id or [1], control, f"{model} encoders", **options)

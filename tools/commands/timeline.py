@@ -5,7 +5,6 @@ from __future__ import annotations
 import heapq
 import json
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -14,25 +13,18 @@ from decoder.render import record_line
 from decoder.timeline import Timeline, make_timeline
 from decoder.timeline_text import entry_lines, summary_lines
 from gateway.errors import GatewayError
+from tools.commands.recording_options import Config, Files, Nodes, Offset, Telegrams
 from tools.decode_io.moments import moment
 from tools.recordings import Loaded, known_from, load, nanoseconds, tell, write_lines
 
 
 def timeline(
-    files: Annotated[
-        list[str], typer.Argument(help="Captures of both buses, like plc.pcap can.log.", metavar="FILE...")
-    ],
-    config: Annotated[Path | None, typer.Option(help="The gateway's configuration: axes, nodes, choices.")] = None,
-    telegram: Annotated[
-        list[int] | None, typer.Option(help="Telegram; repeat for each axis. Without it inferred.")
-    ] = None,
-    node: Annotated[
-        list[str] | None, typer.Option(help="CANopen node of each axis in turn, or AXIS=NODE [number of the axis].")
-    ] = None,
+    files: Files,
+    config: Config = None,
+    telegram: Telegrams = None,
+    node: Nodes = None,
     axis: Annotated[list[int] | None, typer.Option(help="Show only this axis.")] = None,
-    offset: Annotated[
-        float | None, typer.Option(help="Clock of the CAN capture minus the PLC's, seconds. Without it correlated.")
-    ] = None,
+    offset: Offset = None,
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object for each entry.")] = False,
     verbose: Annotated[
         bool, typer.Option("--verbose", "-v", help="Every packet and every passing reason too.")

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import signal
 import threading
+from collections.abc import Sequence
 from contextlib import ExitStack
 
 import typer
 
+from ds301.bus import open_bus
+from gateway.errors import GatewayError
 from tools.simulation.config import ControlConfig
 from tools.simulation.console import COMMANDS, Console, read_standard_input, serve
 from tools.simulation.devices import Simulation
@@ -32,3 +35,21 @@ def run(simulation: Simulation, control: ControlConfig, title: str) -> None:
         read_standard_input(console)
         typer.echo(f"{title}; commands: {COMMANDS}")
         quit_.wait()
+
+
+def run_nodes(
+    kind: str,
+    place: tuple[str, str, int | None],
+    nodes: Sequence[int],
+    control: ControlConfig,
+    title: str,
+    **options: object,
+) -> None:
+    """Devices of one kind with the same ``options`` on one bus; ``place`` is interface, channel and bit rate."""
+    if len(set(nodes)) != len(nodes):
+        raise GatewayError(f"--node-id: {nodes} names a node twice")
+    simulation = Simulation()
+    for node in nodes:
+        simulation.add(kind, open_bus(*place), node, node, **options)
+    interface, channel, _ = place
+    run(simulation, control, f"{title} {nodes} on {interface} {channel}")

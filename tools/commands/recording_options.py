@@ -1,0 +1,18 @@
+"""What the commands on recordings of both buses (`pdgw timeline`, `pdgw replay`) are given alike."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+Files = Annotated[list[str], typer.Argument(help="Captures of both buses, like plc.pcap can.log.", metavar="FILE...")]
+Config = Annotated[Path | None, typer.Option(help="The gateway's configuration: axes, nodes, choices.")]
+Telegrams = Annotated[list[int] | None, typer.Option(help="Telegram; repeat for each axis. Without it inferred.")]
+Nodes = Annotated[
+    list[str] | None, typer.Option(help="CANopen node of each axis in turn, or AXIS=NODE [number of the axis].")
+]
+Offset = Annotated[
+    float | None, typer.Option(help="Clock of the CAN capture minus the PLC's, seconds. Without it correlated.")
+]
