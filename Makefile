@@ -3,6 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
+ROOMS := profidrive ds301 dsp402 dsp406 gateway decoder peers tools
 
 .PHONY: demo test lint format bench fuzz docs clean
 
@@ -28,13 +29,16 @@ fuzz: $(STAMP)
 	PDGW_HYPOTHESIS=fuzz $(BIN)/pytest tests/fuzz
 
 docs: $(STAMP)
-	$(BIN)/python -m tools.doctables
-	$(BIN)/python -m dsp402.device
-	$(BIN)/python -m dsp406.device
+	$(BIN)/python -m pdgw.tools.doctables
+	$(BIN)/python -m pdgw.dsp402.device
+	$(BIN)/python -m pdgw.dsp406.device
 
 $(STAMP): pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[plot,dev]'
+	@# mypy does not know setuptools' mapping of the rooms to one package: the same tree, as links.
+	@mkdir -p $(VENV)/rooms/pdgw
+	@ln -sfn $(addprefix $(CURDIR)/,$(ROOMS)) $(CURDIR)/pdgw/__init__.py $(CURDIR)/pdgw/__main__.py $(CURDIR)/pdgw/py.typed $(VENV)/rooms/pdgw
 	@touch $@
 
 clean:

@@ -6,7 +6,7 @@
 * ``selection``, ``filter``, ``changes`` choose among records; ``columns`` makes rows of them, ``statistics`` rates and loads,
   ``render`` text.
 * ``recording`` sorts the records of both buses by axis, ``clocks`` finds the offset of their clocks, ``timeline`` follows each
-  edge over both buses, with the reasons of a replay (``gateway.replay``); ``timeline_text`` prints it (docs/timeline.md).
+  edge over both buses, with the reasons of a replay (``decoder.replay``); ``timeline_text`` prints it (docs/timeline.md).
 
-Reading files and buses is the business of the caller (``tools.decode_io``).
+Reading files and buses is the business of the caller (``decoder.capture``).
 """

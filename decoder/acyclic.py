@@ -12,14 +12,22 @@ from collections.abc import Callable, Hashable
 from typing import Final, Generic, TypeVar
 from uuid import UUID
 
-from decoder.connect import Connection, read_request, read_response
-from decoder.fields import Document
-from decoder.recognise import request_document, response_document
-from decoder.records import AcyclicRecord, OtherRecord, ParameterRequestRecord, ParameterResponseRecord, Record
-from decoder.render import parameter_text
-from profidrive.errors import ProfidriveError
-from profidrive.parameters.codec import Attribute, Request, RequestId, Response, Values, decode_request, decode_response
-from profidrive.rpc.dcerpc import (
+from pdgw.decoder.connect import Connection, read_request, read_response
+from pdgw.decoder.fields import Document
+from pdgw.decoder.recognise import request_document, response_document
+from pdgw.decoder.records import AcyclicRecord, OtherRecord, ParameterRequestRecord, ParameterResponseRecord, Record
+from pdgw.decoder.render import parameter_text
+from pdgw.profidrive.errors import ProfidriveError
+from pdgw.profidrive.parameters.codec import (
+    Attribute,
+    Request,
+    RequestId,
+    Response,
+    Values,
+    decode_request,
+    decode_response,
+)
+from pdgw.profidrive.rpc.dcerpc import (
     DEVICE_INTERFACE,
     Flags,
     PacketType,
@@ -29,7 +37,7 @@ from profidrive.rpc.dcerpc import (
     decode_packet,
     decode_status,
 )
-from profidrive.rpc.records import (
+from pdgw.profidrive.rpc.records import (
     RECORD_GLOBAL,
     RECORD_LOCAL,
     BlockType,

@@ -13,9 +13,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
-from decoder.cyclic import Axis
-from decoder.link import CanFrame
-from decoder.objects import (
+from pdgw.decoder.cyclic import Axis
+from pdgw.decoder.link import CanFrame
+from pdgw.decoder.objects import (
     Mapped,
     ObjectNames,
     catalogue,
@@ -23,7 +23,7 @@ from decoder.objects import (
     pdo_layout,
     profile_catalogue,
 )
-from decoder.records import (
+from pdgw.decoder.records import (
     CanRecord,
     EmcyRecord,
     HeartbeatRecord,
@@ -35,16 +35,16 @@ from decoder.records import (
     SyncRecord,
     TimeRecord,
 )
-from decoder.sdo import FRAME_SIZE, SdoChannel, Step
-from ds301.aborts import abort_text
-from ds301.communication import DEVICE_TYPE
-from ds301.emcy import emcy_text, error_register_text
-from ds301.nmt import NmtCommand, NmtState
-from ds301.objects import Entry
-from ds301.pdo import COB_ID_INVALID, PdoDirection
-from dsp402.faults import DRIVE_FAULTS
-from dsp402.pdo import LAYOUTS, Operation
-from profidrive.telegrams import ApplicationMode, telegram
+from pdgw.decoder.sdo import FRAME_SIZE, SdoChannel, Step
+from pdgw.ds301.aborts import abort_text
+from pdgw.ds301.communication import DEVICE_TYPE
+from pdgw.ds301.emcy import emcy_text, error_register_text
+from pdgw.ds301.nmt import NmtCommand, NmtState
+from pdgw.ds301.objects import Entry
+from pdgw.ds301.pdo import COB_ID_INVALID, PdoDirection
+from pdgw.dsp402.faults import DRIVE_FAULTS
+from pdgw.dsp402.pdo import LAYOUTS, Operation
+from pdgw.profidrive.telegrams import ApplicationMode, telegram
 
 Dictionary = Callable[[int], Sequence[Entry] | None]
 """The EDS/DCF entries of a node-ID, None where none was given; defaults hold the node's own COB-IDs."""

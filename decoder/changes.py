@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import lru_cache
 
-from decoder.records import CanRecord, CyclicRecord, HeartbeatRecord, Record, SyncRecord, Unit, UnitLayout
-from profidrive.frame import TRAILER
+from pdgw.decoder.records import CanRecord, CyclicRecord, HeartbeatRecord, Record, SyncRecord, Unit, UnitLayout
+from pdgw.profidrive.frame import TRAILER
 
 
 class Changes:

@@ -14,10 +14,10 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import Final
 
-from decoder.recording import AxisWords, Word
-from dsp402.states import ControlBit, StatusBit
-from profidrive.signals import signal
-from profidrive.telegrams import ApplicationMode, telegram
+from pdgw.decoder.recording import AxisWords, Word
+from pdgw.dsp402.states import ControlBit, StatusBit
+from pdgw.profidrive.signals import signal
+from pdgw.profidrive.telegrams import ApplicationMode, telegram
 
 MAX_EDGES: Final = 300
 """Edges of one bit that are compared: the first ones."""

@@ -12,8 +12,8 @@ import struct
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
-from profidrive.errors import ProfidriveError
-from profidrive.telegrams import Direction
+from pdgw.profidrive.errors import ProfidriveError
+from pdgw.profidrive.telegrams import Direction
 
 _HEADER = struct.Struct(">HHxx")
 _IOCR_REQUEST = struct.Struct(">HHHIHHHHHHIHHH6s")

@@ -11,11 +11,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 
-from decoder.connect import Connection, CyclicRelation, Place
-from decoder.fields import half_fields
-from decoder.records import CyclicRecord, FrameLayout, OtherRecord, Record, UnitLayout
-from profidrive.errors import ProfidriveError
-from profidrive.frame import (
+from pdgw.decoder.connect import Connection, CyclicRelation, Place
+from pdgw.decoder.fields import half_fields
+from pdgw.decoder.records import CyclicRecord, FrameLayout, OtherRecord, Record, UnitLayout
+from pdgw.profidrive.errors import ProfidriveError
+from pdgw.profidrive.frame import (
     C_SDU_MIN,
     FRAME_ID_TO_CONTROLLER,
     FRAME_ID_TO_DEVICE,
@@ -26,7 +26,7 @@ from profidrive.frame import (
     TRAILER,
     CSduLayout,
 )
-from profidrive.telegrams import TELEGRAMS, Direction, telegram
+from pdgw.profidrive.telegrams import TELEGRAMS, Direction, telegram
 
 _CYCLIC_FIRST = 0x8000
 _CYCLIC_LAST = 0xFBFF

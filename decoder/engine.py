@@ -15,13 +15,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from decoder.acyclic import AcyclicDecoder
-from decoder.canopen import CanopenDecoder, Dictionary
-from decoder.cyclic import Axis, CyclicDecoder, given_axes
-from decoder.link import CanFrame, Carried, socketcan, unwrap
-from decoder.records import CanRecord, Link, OtherRecord, Record
-from profidrive.frame import UDP_PORT as CYCLIC_PORT
-from profidrive.rpc.dcerpc import UDP_PORT as ACYCLIC_PORT
+from pdgw.decoder.acyclic import AcyclicDecoder
+from pdgw.decoder.canopen import CanopenDecoder, Dictionary
+from pdgw.decoder.cyclic import Axis, CyclicDecoder, given_axes
+from pdgw.decoder.link import CanFrame, Carried, socketcan, unwrap
+from pdgw.decoder.records import CanRecord, Link, OtherRecord, Record
+from pdgw.profidrive.frame import UDP_PORT as CYCLIC_PORT
+from pdgw.profidrive.rpc.dcerpc import UDP_PORT as ACYCLIC_PORT
 
 __all__ = ["Axis", "CanPacket", "Decoder", "Packet", "Settings", "given_axes"]
 

@@ -9,12 +9,12 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
-from ds301.objects import CanType, Entry
-from dsp402.modes import Mode
-from dsp402.states import Command, ControlBit, StatusBit, state_of
-from profidrive.datatypes import DataType
-from profidrive.signals import Bit, Signal
-from profidrive.telegrams import ApplicationMode, TelegramHalf
+from pdgw.ds301.objects import CanType, Entry
+from pdgw.dsp402.modes import Mode
+from pdgw.dsp402.states import Command, ControlBit, StatusBit, state_of
+from pdgw.profidrive.datatypes import DataType
+from pdgw.profidrive.signals import Bit, Signal
+from pdgw.profidrive.telegrams import ApplicationMode, TelegramHalf
 
 Raw = int | float | bytes
 Document = dict[str, Any]

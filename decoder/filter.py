@@ -14,9 +14,9 @@ import operator
 from collections.abc import Callable
 from typing import Any, Final
 
-from decoder.names import Names
-from decoder.records import Record, Unit
-from profidrive.errors import ProfidriveError
+from pdgw.decoder.names import Names
+from pdgw.decoder.records import Record, Unit
+from pdgw.profidrive.errors import ProfidriveError
 
 Evaluate = Callable[[Record, Unit | None], Any]
 

@@ -10,8 +10,8 @@ import enum
 import struct
 from typing import NamedTuple
 
-from decoder.records import Link
-from profidrive.frame import ETHERTYPE
+from pdgw.decoder.records import Link
+from pdgw.profidrive.frame import ETHERTYPE
 
 
 class Carried(enum.Enum):

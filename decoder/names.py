@@ -10,11 +10,11 @@ import difflib
 from collections.abc import Callable, Iterable
 from typing import Final
 
-from decoder.fields import Field, Raw, half_fields, identifier
-from decoder.objects import ObjectNames, catalogue, encoder_catalogue
-from decoder.records import Record, Unit
-from profidrive.errors import ProfidriveError
-from profidrive.telegrams import TELEGRAMS, Direction
+from pdgw.decoder.fields import Field, Raw, half_fields, identifier
+from pdgw.decoder.objects import ObjectNames, catalogue, encoder_catalogue
+from pdgw.decoder.records import Record, Unit
+from pdgw.profidrive.errors import ProfidriveError
+from pdgw.profidrive.telegrams import TELEGRAMS, Direction
 
 Value = int | float | str | bool | None
 Getter = Callable[[Record, Unit | None], Value]

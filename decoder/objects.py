@@ -12,13 +12,13 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Final
 
-from decoder.fields import Field, Raw, entry_field
-from decoder.records import PdoLayout, UnitLayout
-from ds301.objects import CanType, Entry
-from ds301.pdo import COB_ID_INVALID, PdoDirection
-from dsp402.device import drive_objects
-from dsp406.device import encoder_objects
-from dsp406.kinds import DEVICES
+from pdgw.decoder.fields import Field, Raw, entry_field
+from pdgw.decoder.records import PdoLayout, UnitLayout
+from pdgw.ds301.objects import CanType, Entry
+from pdgw.ds301.pdo import COB_ID_INVALID, PdoDirection
+from pdgw.dsp402.device import drive_objects
+from pdgw.dsp406.device import encoder_objects
+from pdgw.dsp406.kinds import DEVICES
 
 _DUMMY_LAST: Final = 0x001F
 """Indices of the data types themselves: mapped, they are gaps."""

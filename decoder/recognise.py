@@ -8,9 +8,9 @@ from __future__ import annotations
 import re
 from typing import Any
 
-from decoder.words import signals_document
-from profidrive.errors import ProfidriveError
-from profidrive.frame import (
+from pdgw.decoder.words import signals_document
+from pdgw.profidrive.errors import ProfidriveError
+from pdgw.profidrive.frame import (
     C_SDU_MIN,
     FRAME_ID_TO_CONTROLLER,
     FRAME_ID_TO_DEVICE,
@@ -22,7 +22,7 @@ from profidrive.frame import (
     STATUS_RUN,
     RtFrame,
 )
-from profidrive.parameters.codec import (
+from pdgw.profidrive.parameters.codec import (
     Attribute,
     Request,
     RequestId,
@@ -32,7 +32,7 @@ from profidrive.parameters.codec import (
     decode_response,
     unswap,
 )
-from profidrive.telegrams import TELEGRAMS, Direction, Telegram, TelegramHalf
+from pdgw.profidrive.telegrams import TELEGRAMS, Direction, Telegram, TelegramHalf
 
 Document = dict[str, Any]
 _SKIPPED = re.compile(r"0[xX]|[\s,:]+")

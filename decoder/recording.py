@@ -14,8 +14,8 @@ from functools import cached_property
 from itertools import pairwise
 from typing import Final, NamedTuple
 
-from decoder.cyclic import Axis
-from decoder.records import (
+from pdgw.decoder.cyclic import Axis
+from pdgw.decoder.records import (
     CanRecord,
     CyclicRecord,
     EmcyRecord,
@@ -25,12 +25,7 @@ from decoder.records import (
     Record,
     SdoRecord,
 )
-from ds301.aborts import abort_text
-from ds301.nmt import NmtCommand, NmtState
-from ds301.pdo import PdoDirection
-from dsp402.images import REFERENCE_OBJECTS, References
-from dsp402.objects import DRIVE_OBJECTS
-from gateway.replay import (
+from pdgw.decoder.replay import (
     Answer,
     AxisRecording,
     Configured,
@@ -41,11 +36,16 @@ from gateway.replay import (
     Setpoints,
     receive_frames,
 )
-from gateway.translator.base import TranslatorSettings
-from gateway.transport.cyclic import Verdict
-from profidrive.frame import IOPS_GOOD
-from profidrive.signals import signal
-from profidrive.telegrams import Direction, telegram
+from pdgw.ds301.aborts import abort_text
+from pdgw.ds301.nmt import NmtCommand, NmtState
+from pdgw.ds301.pdo import PdoDirection
+from pdgw.dsp402.images import REFERENCE_OBJECTS, References
+from pdgw.dsp402.objects import DRIVE_OBJECTS
+from pdgw.gateway.translator.base import TranslatorSettings
+from pdgw.gateway.transport.cyclic import Verdict
+from pdgw.profidrive.frame import IOPS_GOOD
+from pdgw.profidrive.signals import signal
+from pdgw.profidrive.telegrams import Direction, telegram
 
 _HOMING_METHOD: Final = (0x6098, 0)
 _CONTROLWORD: Final = 0x6040

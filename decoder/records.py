@@ -14,10 +14,10 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, ClassVar
 
-from decoder.fields import Document, Field, Raw
-from profidrive.frame import STATUS_DATA_VALID, STATUS_NO_PROBLEM, STATUS_PRIMARY, STATUS_RUN
-from profidrive.parameters.codec import Request, Response
-from profidrive.telegrams import Direction
+from pdgw.decoder.fields import Document, Field, Raw
+from pdgw.profidrive.frame import STATUS_DATA_VALID, STATUS_NO_PROBLEM, STATUS_PRIMARY, STATUS_RUN
+from pdgw.profidrive.parameters.codec import Request, Response
+from pdgw.profidrive.telegrams import Direction
 
 STATUS_BITS = {
     "primary": STATUS_PRIMARY,

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from decoder.records import AcyclicRecord, CanRecord, CyclicRecord, PdoRecord, Record, Unit
-from profidrive.frame import IOPS_GOOD
-from profidrive.signals import SIGNALS
-from profidrive.telegrams import Direction
+from pdgw.decoder.records import AcyclicRecord, CanRecord, CyclicRecord, PdoRecord, Record, Unit
+from pdgw.profidrive.frame import IOPS_GOOD
+from pdgw.profidrive.signals import SIGNALS
+from pdgw.profidrive.telegrams import Direction
 
 Document = dict[str, Any]
 

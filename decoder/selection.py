@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from decoder.changes import Changes, reduced
-from decoder.filter import Filter
-from decoder.names import RECORD_NAMES
-from decoder.records import Record, Unit
+from pdgw.decoder.changes import Changes, reduced
+from pdgw.decoder.filter import Filter
+from pdgw.decoder.names import RECORD_NAMES
+from pdgw.decoder.records import Record, Unit
 
 
 @dataclass

@@ -10,11 +10,11 @@ import math
 from collections import Counter
 from dataclasses import dataclass, field
 
-from decoder.fields import Document
-from decoder.records import CanRecord, CyclicRecord, PdoRecord, Record
-from ds301.load import frame_bits
-from profidrive.frame import COUNTER_UNIT_NS, is_newer
-from profidrive.telegrams import Direction
+from pdgw.decoder.fields import Document
+from pdgw.decoder.records import CanRecord, CyclicRecord, PdoRecord, Record
+from pdgw.ds301.load import frame_bits
+from pdgw.profidrive.frame import COUNTER_UNIT_NS, is_newer
+from pdgw.profidrive.telegrams import Direction
 
 _MAX_STEPS = 64
 """Different steps of one cycle counter that are counted apart."""

@@ -1,6 +1,6 @@
 """The timeline: every edge of the control and status words on both buses with its cause, and what went wrong.
 
-Made of a ``Recording`` and its replay (``gateway.replay``): the replay says in which step the gateway took which frame, what
+Made of a ``Recording`` and its replay (``decoder.replay``): the replay says in which step the gateway took which frame, what
 it did about it, and why not (``Reason``, the translators' own table). Edges follow each other as the words do:
 
     STW1 -> Controlword -> Statusword -> ZSW1
@@ -19,17 +19,17 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Final
 
-from decoder.clocks import Clocks
-from decoder.fields import Document, Field, entry_field, half_fields
-from decoder.recording import AxisWords, Frame, Recording, Word, changes
-from dsp402.objects import DRIVE_OBJECTS
-from dsp402.states import Command, ControlBit, State, StatusBit, next_state, state_of
-from gateway.reasons import GATEWAY_FAULTS, Reason
-from gateway.replay import AxisReplay, Step
-from gateway.translator.positioning import MODE_CONFIRM_NS
-from gateway.transport.cyclic import Verdict
-from profidrive.frame import is_newer
-from profidrive.telegrams import Direction
+from pdgw.decoder.clocks import Clocks
+from pdgw.decoder.fields import Document, Field, entry_field, half_fields
+from pdgw.decoder.recording import AxisWords, Frame, Recording, Word, changes
+from pdgw.decoder.replay import AxisReplay, Step
+from pdgw.dsp402.objects import DRIVE_OBJECTS
+from pdgw.dsp402.states import Command, ControlBit, State, StatusBit, next_state, state_of
+from pdgw.gateway.reasons import GATEWAY_FAULTS, Reason
+from pdgw.gateway.translator.positioning import MODE_CONFIRM_NS
+from pdgw.gateway.transport.cyclic import Verdict
+from pdgw.profidrive.frame import is_newer
+from pdgw.profidrive.telegrams import Direction
 
 SETTLE_NS: Final = 100_000_000
 """What an edge has come to is judged so long after it, or at the next edge."""

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from decoder.timeline import Anomaly, Edge, Event, ReasonChange, Timeline, WordKind
-from decoder.timeline import Entry as TimelineEntry
+from pdgw.decoder.timeline import Anomaly, Edge, Event, ReasonChange, Timeline, WordKind
+from pdgw.decoder.timeline import Entry as TimelineEntry
 
 _INDENT = " " * 24
 

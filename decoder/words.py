@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from profidrive.signals import Signal
-from profidrive.telegrams import ApplicationMode, TelegramHalf
+from pdgw.profidrive.signals import Signal
+from pdgw.profidrive.telegrams import ApplicationMode, TelegramHalf
 
 
 def signal_document(item: Signal, raw: int, *, positioning: bool = False) -> dict[str, Any]:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import can
-
-from ds301.errors import CanopenError
+from pdgw.ds301.errors import CanopenError
 
 
 def open_bus(

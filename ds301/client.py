@@ -24,17 +24,16 @@ from typing import Any, ClassVar, Generic, Self, TypeVar
 import canopen
 from canopen.sdo import SdoAbortedError, SdoCommunicationError
 from canopen.sdo.constants import EXPEDITED, REQUEST_DOWNLOAD, RESPONSE_DOWNLOAD, SDO_STRUCT, SIZE_SPECIFIED
-
-from ds301.aborts import Abort, abort_text
-from ds301.configuration import SdoStep, is_communication_parameter, is_taken, pdo_steps
-from ds301.eds_import import import_eds
-from ds301.eds_text import EdsError
-from ds301.emcy import emcy_text
-from ds301.errors import CanopenError
-from ds301.network import CanNetwork
-from ds301.nmt import NmtCommand, NmtState
-from ds301.objects import CanType
-from ds301.pdo import Pdo, PdoLayout
+from pdgw.ds301.aborts import Abort, abort_text
+from pdgw.ds301.configuration import SdoStep, is_communication_parameter, is_taken, pdo_steps
+from pdgw.ds301.eds_import import import_eds
+from pdgw.ds301.eds_text import EdsError
+from pdgw.ds301.emcy import emcy_text
+from pdgw.ds301.errors import CanopenError
+from pdgw.ds301.network import CanNetwork
+from pdgw.ds301.nmt import NmtCommand, NmtState
+from pdgw.ds301.objects import CanType
+from pdgw.ds301.pdo import Pdo, PdoLayout
 
 log = logging.getLogger("gateway")
 

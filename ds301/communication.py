@@ -7,9 +7,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from ds301.configuration import EVENT_DRIVEN_PROFILE
-from ds301.objects import Access, CanType, Entry, ObjectKind, ObjectSpec, array, var
-from ds301.pdo import COB_ID_INVALID, Pdo, PdoDirection
+from pdgw.ds301.configuration import EVENT_DRIVEN_PROFILE
+from pdgw.ds301.objects import Access, CanType, Entry, ObjectKind, ObjectSpec, array, var
+from pdgw.ds301.pdo import COB_ID_INVALID, Pdo, PdoDirection
 
 RO, RW, CONST = Access.RO, Access.RW, Access.CONST
 U8, U16, U32 = CanType.U8, CanType.U16, CanType.U32

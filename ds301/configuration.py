@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Collection
 from dataclasses import dataclass
 
-from ds301.errors import CanopenError
-from ds301.objects import CanType
-from ds301.pdo import COB_ID_INVALID, COB_ID_NO_REMOTE, Pdo, PdoDirection, PdoLayout
+from pdgw.ds301.errors import CanopenError
+from pdgw.ds301.objects import CanType
+from pdgw.ds301.pdo import COB_ID_INVALID, COB_ID_NO_REMOTE, Pdo, PdoDirection, PdoLayout
 
 CONSUMER_HEARTBEAT = (0x1016, 1)
 PRODUCER_HEARTBEAT = (0x1017, 0)

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from ds301.objects import Entry, ObjectKind, ObjectSpec
+from pdgw.ds301.objects import Entry, ObjectKind, ObjectSpec
 
 
 @dataclass(frozen=True, slots=True)

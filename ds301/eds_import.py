@@ -17,9 +17,8 @@ from pathlib import Path
 
 import canopen
 from canopen.objectdictionary import eds
-
-from ds301.eds_objects import ObjectSections, ObjectWriter, Texts, check_count
-from ds301.eds_text import (
+from pdgw.ds301.eds_objects import ObjectSections, ObjectWriter, Texts, check_count
+from pdgw.ds301.eds_text import (
     MAX_SIZE,
     EdsError,
     Item,
@@ -30,7 +29,7 @@ from ds301.eds_text import (
     decode,
     parse,
 )
-from ds301.eds_values import ValueRefused, is_plain, number
+from pdgw.ds301.eds_values import ValueRefused, is_plain, number
 
 MAX_ENTRIES = 1 << 15
 """Objects and sub-indices; a few lines of compact sub-objects make many."""

@@ -9,8 +9,8 @@ import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
-from ds301.eds_text import Item, Report, Section
-from ds301.eds_values import (
+from pdgw.ds301.eds_text import Item, Report, Section
+from pdgw.ds301.eds_values import (
     BOOLEAN,
     DATA_TYPES,
     DOMAIN,

@@ -10,8 +10,8 @@ import codecs
 import re
 from dataclasses import dataclass, field
 
-from ds301.eds_values import same_value
-from ds301.errors import CanopenError
+from pdgw.ds301.eds_values import same_value
+from pdgw.ds301.errors import CanopenError
 
 MAX_SIZE = 4 << 20
 """Bytes; the largest data sheets are a few hundred kilobytes."""

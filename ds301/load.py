@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from ds301.errors import CanopenError
+from pdgw.ds301.errors import CanopenError
 
 _OVERHEAD_BITS = 47
 _STUFFED_OVERHEAD_BITS = 34

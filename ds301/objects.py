@@ -10,7 +10,7 @@ import enum
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 
-from ds301.errors import CanopenError
+from pdgw.ds301.errors import CanopenError
 
 
 class CanType(enum.Enum):

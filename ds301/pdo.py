@@ -13,8 +13,8 @@ from dataclasses import dataclass, field
 from operator import attrgetter
 from typing import Any
 
-from ds301.errors import CanopenError
-from ds301.objects import Entry
+from pdgw.ds301.errors import CanopenError
+from pdgw.ds301.objects import Entry
 
 COB_ID_INVALID = 1 << 31
 """Bit 31 of a COB-ID entry: the PDO does not exist / is not valid."""

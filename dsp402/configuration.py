@@ -5,10 +5,10 @@ Source: docs/translation.md "Loss and doubt".
 
 from __future__ import annotations
 
-from ds301.configuration import CONSUMER_HEARTBEAT, PRODUCER_HEARTBEAT, SdoStep, pdo_steps
-from ds301.errors import CanopenError
-from ds301.objects import CanType
-from dsp402.errors import Dsp402Error
+from pdgw.ds301.configuration import CONSUMER_HEARTBEAT, PRODUCER_HEARTBEAT, SdoStep, pdo_steps
+from pdgw.ds301.errors import CanopenError
+from pdgw.ds301.objects import CanType
+from pdgw.dsp402.errors import Dsp402Error
 
 __all__ = ["ABORT_OPTION", "CONSUMER_HEARTBEAT", "PRODUCER_HEARTBEAT", "SdoStep", "guard_steps", "pdo_steps"]
 

@@ -7,11 +7,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ds301.communication import communication_objects, pdo_objects
-from ds301.eds import DeviceInfo, write_eds
-from ds301.objects import ObjectSpec
-from dsp402.objects import DRIVE_OBJECTS
-from dsp402.pdo import LAYOUTS, Operation
+from pdgw.ds301.communication import communication_objects, pdo_objects
+from pdgw.ds301.eds import DeviceInfo, write_eds
+from pdgw.ds301.objects import ObjectSpec
+from pdgw.dsp402.objects import DRIVE_OBJECTS
+from pdgw.dsp402.pdo import LAYOUTS, Operation
 
 EDS_PATH = Path(__file__).parent / "eds" / "engel.eds"
 

@@ -16,19 +16,18 @@ from pathlib import Path
 import can
 import canopen
 from canopen.sdo import SdoAbortedError, SdoCommunicationError
-
-from ds301.aborts import abort_text
-from ds301.client import MS, NodeClient, NodeEvent, NodeSettings, NodeStatus, load_dictionary
-from ds301.configuration import PRODUCER_HEARTBEAT, SdoStep
-from ds301.network import CanNetwork
-from ds301.objects import CanType
-from ds301.pdo import Pdo, PdoLayout
-from dsp402.configuration import guard_steps
-from dsp402.device import EDS_PATH
-from dsp402.errors import Dsp402Error
-from dsp402.images import REFERENCE_OBJECTS, DriveCommand, DriveFeedback, References
-from dsp402.modes import Mode
-from dsp402.states import ControlBit
+from pdgw.ds301.aborts import abort_text
+from pdgw.ds301.client import MS, NodeClient, NodeEvent, NodeSettings, NodeStatus, load_dictionary
+from pdgw.ds301.configuration import PRODUCER_HEARTBEAT, SdoStep
+from pdgw.ds301.network import CanNetwork
+from pdgw.ds301.objects import CanType
+from pdgw.ds301.pdo import Pdo, PdoLayout
+from pdgw.dsp402.configuration import guard_steps
+from pdgw.dsp402.device import EDS_PATH
+from pdgw.dsp402.errors import Dsp402Error
+from pdgw.dsp402.images import REFERENCE_OBJECTS, DriveCommand, DriveFeedback, References
+from pdgw.dsp402.modes import Mode
+from pdgw.dsp402.states import ControlBit
 
 DriveStatus = NodeStatus
 DriveEvent = NodeEvent

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ds301.errors import CanopenError
+from pdgw.ds301.errors import CanopenError
 
 
 class Dsp402Error(CanopenError):

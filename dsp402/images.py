@@ -8,8 +8,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from fractions import Fraction
 
-from dsp402.errors import Dsp402Error
-from dsp402.modes import Mode
+from pdgw.dsp402.errors import Dsp402Error
+from pdgw.dsp402.modes import Mode
 
 
 class DriveCommand:

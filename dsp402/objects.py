@@ -6,7 +6,7 @@ simulated drive. EDS, simulator, PDO layouts, parameter channel and decoder deri
 
 from __future__ import annotations
 
-from ds301.objects import Access, CanType, Catalogue, Entry, array, var
+from pdgw.ds301.objects import Access, CanType, Catalogue, Entry, array, var
 
 RO, RW, CONST = Access.RO, Access.RW, Access.CONST
 I8, I16, I32 = CanType.I8, CanType.I16, CanType.I32

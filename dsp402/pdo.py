@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import enum
 
-from ds301.pdo import Pdo, PdoDirection, PdoLayout
-from dsp402.objects import DRIVE_OBJECTS
+from pdgw.ds301.pdo import Pdo, PdoDirection, PdoLayout
+from pdgw.dsp402.objects import DRIVE_OBJECTS
 
 __all__ = ["LAYOUTS", "Operation", "PdoLayout", "pdo"]
 

@@ -9,13 +9,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ds301.communication import communication_objects, pdo_objects
-from ds301.configuration import EVENT_DRIVEN_MANUFACTURER, EVERY_SYNC
-from ds301.eds import DeviceInfo, write_eds
-from ds301.objects import ObjectSpec
-from ds301.pdo import Pdo, PdoDirection
-from dsp406.kinds import DEVICES, EncoderDevice
-from dsp406.objects import encoder_catalogue
+from pdgw.ds301.communication import communication_objects, pdo_objects
+from pdgw.ds301.configuration import EVENT_DRIVEN_MANUFACTURER, EVERY_SYNC
+from pdgw.ds301.eds import DeviceInfo, write_eds
+from pdgw.ds301.objects import ObjectSpec
+from pdgw.ds301.pdo import Pdo, PdoDirection
+from pdgw.dsp406.kinds import DEVICES, EncoderDevice
+from pdgw.dsp406.objects import encoder_catalogue
 
 ASYNCHRONOUS_TPDO = 1
 """1800h, driven by the cyclic timer 6200h."""

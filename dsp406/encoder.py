@@ -15,20 +15,19 @@ from typing import Any
 
 import canopen
 from canopen.sdo import SdoAbortedError
-
-from ds301.aborts import abort_text
-from ds301.client import MS, NodeClient, NodeEvent, NodeSettings, NodeStatus, load_dictionary
-from ds301.configuration import EVENT_DRIVEN_MANUFACTURER, PRODUCER_HEARTBEAT, SdoStep, pdo_steps
-from ds301.emcy import emcy_text
-from ds301.network import CanNetwork
-from ds301.objects import CanType
-from ds301.pdo import Pdo, PdoLayout
-from dsp406.device import eds_path
-from dsp406.errors import Dsp406Error
-from dsp406.faults import ENCODER_EMCY
-from dsp406.images import PARAMETER_OBJECTS, EncoderFeedback, EncoderParameters
-from dsp406.kinds import PROFILE_NUMBER, ROTARY, EncoderDevice
-from dsp406.pdo import CYCLIC, POSITION, POSITION_MULTI_SENSOR, encoder_layout
+from pdgw.ds301.aborts import abort_text
+from pdgw.ds301.client import MS, NodeClient, NodeEvent, NodeSettings, NodeStatus, load_dictionary
+from pdgw.ds301.configuration import EVENT_DRIVEN_MANUFACTURER, PRODUCER_HEARTBEAT, SdoStep, pdo_steps
+from pdgw.ds301.emcy import emcy_text
+from pdgw.ds301.network import CanNetwork
+from pdgw.ds301.objects import CanType
+from pdgw.ds301.pdo import Pdo, PdoLayout
+from pdgw.dsp406.device import eds_path
+from pdgw.dsp406.errors import Dsp406Error
+from pdgw.dsp406.faults import ENCODER_EMCY
+from pdgw.dsp406.images import PARAMETER_OBJECTS, EncoderFeedback, EncoderParameters
+from pdgw.dsp406.kinds import PROFILE_NUMBER, ROTARY, EncoderDevice
+from pdgw.dsp406.pdo import CYCLIC, POSITION, POSITION_MULTI_SENSOR, encoder_layout
 
 EncoderStatus = NodeStatus
 EncoderEvent = NodeEvent

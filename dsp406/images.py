@@ -8,8 +8,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from dsp406.errors import Dsp406Error
-from dsp406.registers import Operating
+from pdgw.dsp406.errors import Dsp406Error
+from pdgw.dsp406.registers import Operating
 
 
 class ChannelFeedback:

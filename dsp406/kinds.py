@@ -9,7 +9,7 @@ from __future__ import annotations
 import enum
 from dataclasses import dataclass, replace
 
-from dsp406.errors import Dsp406Error
+from pdgw.dsp406.errors import Dsp406Error
 
 PROFILE_NUMBER = 406
 CHANNELS_MAX = 254

@@ -10,9 +10,9 @@ import enum
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from ds301.objects import Access, CanType, Catalogue, Entry, ObjectKind, ObjectSpec, array
-from dsp406.kinds import LINEAR_TYPES, EncoderDevice, EncoderType
-from dsp406.registers import Alarm, Warnings
+from pdgw.ds301.objects import Access, CanType, Catalogue, Entry, ObjectKind, ObjectSpec, array
+from pdgw.dsp406.kinds import LINEAR_TYPES, EncoderDevice, EncoderType
+from pdgw.dsp406.registers import Alarm, Warnings
 
 RO, RW = Access.RO, Access.RW
 U8, U16, U32 = CanType.U8, CanType.U16, CanType.U32

@@ -8,11 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 
-from ds301.objects import Entry
-from ds301.pdo import Pdo, PdoDirection, PdoLayout
-from dsp406.errors import Dsp406Error
-from dsp406.kinds import CHANNELS_MAX
-from dsp406.objects import PROFILE, ProfileObject
+from pdgw.ds301.objects import Entry
+from pdgw.ds301.pdo import Pdo, PdoDirection, PdoLayout
+from pdgw.dsp406.errors import Dsp406Error
+from pdgw.dsp406.kinds import CHANNELS_MAX
+from pdgw.dsp406.objects import PROFILE, ProfileObject
 
 POSITION, POSITION_MULTI_SENSOR, SPEED = 0x6004, 0x6020, 0x6030
 _ROWS: dict[int, ProfileObject] = {row.index: row for row in PROFILE}

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from dsp406.registers import AreaState
+from pdgw.dsp406.registers import AreaState
 
 INT16 = (-0x8000, 0x7FFF)
 

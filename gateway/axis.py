@@ -13,26 +13,25 @@ from types import MappingProxyType
 from typing import Any
 
 from canopen.sdo import SdoAbortedError
-
-from ds301.client import NodeClient
-from ds301.network import CanNetwork
-from dsp402.configuration import ABORT_OPTION
-from dsp402.drive import DriveClient, DriveStatus
-from dsp402.faults import DRIVE_FAULTS
-from dsp402.images import REFERENCE_OBJECTS
-from dsp402.objects import DRIVE_OBJECTS
-from dsp402.pdo import LAYOUTS
-from dsp402.states import STATE_OF_STATUS, Command, State, StatusBit, state_of
-from gateway.config import AxisConfig
-from gateway.drive_object import INTERNAL_FAULT, OWNED, DriveObject
-from gateway.encoder import DriveSensor, EncoderObject, SensorWords, has_sensor
-from gateway.errors import GatewayError
-from gateway.faults import FaultRecord
-from gateway.reasons import Reason
-from gateway.translator.base import SdoWrite, Translator
-from gateway.translator.factory import DRIVE_TELEGRAM_NUMBERS, make_translator, pdo_operation
-from profidrive.sensor_format import SensorFormat
-from profidrive.telegrams import telegram
+from pdgw.ds301.client import NodeClient
+from pdgw.ds301.network import CanNetwork
+from pdgw.dsp402.configuration import ABORT_OPTION
+from pdgw.dsp402.drive import DriveClient, DriveStatus
+from pdgw.dsp402.faults import DRIVE_FAULTS
+from pdgw.dsp402.images import REFERENCE_OBJECTS
+from pdgw.dsp402.objects import DRIVE_OBJECTS
+from pdgw.dsp402.pdo import LAYOUTS
+from pdgw.dsp402.states import STATE_OF_STATUS, Command, State, StatusBit, state_of
+from pdgw.gateway.config import AxisConfig
+from pdgw.gateway.drive_object import INTERNAL_FAULT, OWNED, DriveObject
+from pdgw.gateway.encoder import DriveSensor, EncoderObject, SensorWords, has_sensor
+from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.faults import FaultRecord
+from pdgw.gateway.reasons import Reason
+from pdgw.gateway.translator.base import SdoWrite, Translator
+from pdgw.gateway.translator.factory import DRIVE_TELEGRAM_NUMBERS, make_translator, pdo_operation
+from pdgw.profidrive.sensor_format import SensorFormat
+from pdgw.profidrive.telegrams import telegram
 
 log = logging.getLogger("gateway")
 

@@ -17,27 +17,26 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 from uuid import UUID
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, Strict, ValidationError, model_validator
-
-from ds301.errors import CanopenError
-from ds301.load import CyclicFrames, check_load
-from dsp402.drive import DriveSettings
-from dsp402.pdo import LAYOUTS
-from dsp406.encoder import EncoderSettings
-from dsp406.kinds import CHANNELS_MAX, DEVICES, LINEAR, MULTI_SENSOR, ROTARY, EncoderDevice, multi_sensor
-from gateway.errors import GatewayError
-from gateway.translator.base import PlcLossReaction, SetpointEnable, TranslatorSettings
-from gateway.translator.factory import (
+from pdgw.ds301.errors import CanopenError
+from pdgw.ds301.load import CyclicFrames, check_load
+from pdgw.dsp402.drive import DriveSettings
+from pdgw.dsp402.pdo import LAYOUTS
+from pdgw.dsp406.encoder import EncoderSettings
+from pdgw.dsp406.kinds import CHANNELS_MAX, DEVICES, LINEAR, MULTI_SENSOR, ROTARY, EncoderDevice, multi_sensor
+from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.translator.base import PlcLossReaction, SetpointEnable, TranslatorSettings
+from pdgw.gateway.translator.factory import (
     DRIVE_TELEGRAM_NUMBERS,
     ENCODER_TELEGRAM_NUMBERS,
     initial_mode,
     pdo_operation,
 )
-from profidrive.errors import ProfidriveError
-from profidrive.frame import UDP_PORT, CSduLayout
-from profidrive.rpc.dcerpc import UDP_PORT as ACYCLIC_PORT
-from profidrive.rpc.records import NIL
-from profidrive.telegrams import Direction, telegram
+from pdgw.profidrive.errors import ProfidriveError
+from pdgw.profidrive.frame import UDP_PORT, CSduLayout
+from pdgw.profidrive.rpc.dcerpc import UDP_PORT as ACYCLIC_PORT
+from pdgw.profidrive.rpc.records import NIL
+from pdgw.profidrive.telegrams import Direction, telegram
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, Strict, ValidationError, model_validator
 
 STATUS_PORT = 34965
 GATEWAY_NODE_ID = 127

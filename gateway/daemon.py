@@ -17,22 +17,21 @@ from concurrent.futures import Future
 from typing import Any, Protocol
 
 import can
-
-from ds301.bus import open_bus
-from ds301.client import NodeClient
-from ds301.network import CanNetwork
-from ds301.running import RunningNode
-from dsp402.simulator import SimulatedDrive
-from dsp406.simulator import SimulatedEncoder
-from dsp406.simulator.motion import Motion, parse_motion
-from gateway.axis import Axis
-from gateway.config import GATEWAY_NODE_ID, AxisConfig, CanConfig, GatewayConfig
-from gateway.drive_object import DriveObject
-from gateway.encoder import EncoderNode, EncoderObject
-from gateway.store import ParameterStore
-from gateway.transport.cyclic import CyclicEndpoint, Verdict
-from gateway.transport.udp import UdpSocket
-from profidrive.telegrams import Telegram, telegram
+from pdgw.ds301.bus import open_bus
+from pdgw.ds301.client import NodeClient
+from pdgw.ds301.network import CanNetwork
+from pdgw.gateway.axis import Axis
+from pdgw.gateway.config import GATEWAY_NODE_ID, AxisConfig, CanConfig, GatewayConfig
+from pdgw.gateway.drive_object import DriveObject
+from pdgw.gateway.encoder import EncoderNode, EncoderObject
+from pdgw.gateway.store import ParameterStore
+from pdgw.gateway.transport.cyclic import CyclicEndpoint, Verdict
+from pdgw.gateway.transport.udp import UdpSocket
+from pdgw.peers.drive import SimulatedDrive
+from pdgw.peers.encoder import SimulatedEncoder
+from pdgw.peers.encoder.motion import Motion, parse_motion
+from pdgw.peers.node.running import RunningNode
+from pdgw.profidrive.telegrams import Telegram, telegram
 
 log = logging.getLogger("gateway")
 

@@ -14,16 +14,16 @@ from concurrent.futures import Future
 from types import MappingProxyType
 from typing import Any, ClassVar
 
-from ds301.client import NodeClient, NodeEvent, NodeStatus
-from ds301.configuration import CONSUMER_HEARTBEAT, PRODUCER_HEARTBEAT
-from ds301.network import CanNetwork
-from ds301.nmt import NmtCommand
-from gateway.config import AxisConfig, EncoderConfig
-from gateway.faults import FaultLog, FaultRecord
-from gateway.reasons import GATEWAY_FAULTS, Reason
-from gateway.translator.base import BaseTranslator, SdoWrite
-from profidrive.signals import signal
-from profidrive.telegrams import Telegram
+from pdgw.ds301.client import NodeClient, NodeEvent, NodeStatus
+from pdgw.ds301.configuration import CONSUMER_HEARTBEAT, PRODUCER_HEARTBEAT
+from pdgw.ds301.network import CanNetwork
+from pdgw.ds301.nmt import NmtCommand
+from pdgw.gateway.config import AxisConfig, EncoderConfig
+from pdgw.gateway.faults import FaultLog, FaultRecord
+from pdgw.gateway.reasons import GATEWAY_FAULTS, Reason
+from pdgw.gateway.translator.base import BaseTranslator, SdoWrite
+from pdgw.profidrive.signals import signal
+from pdgw.profidrive.telegrams import Telegram
 
 log = logging.getLogger("gateway")
 

@@ -13,29 +13,29 @@ from concurrent.futures import Future
 from fractions import Fraction
 from typing import Any
 
-from ds301.client import NodeClient, NodeEvent
-from ds301.network import CanNetwork
-from dsp402.drive import DriveClient
-from dsp406.encoder import CYCLIC_TIMER, PRESET, PRESET_MULTI_SENSOR, EncoderClient
-from dsp406.images import PARAMETER_OBJECTS, EncoderParameters
-from dsp406.objects import PROFILE
-from gateway.config import EncoderConfig
-from gateway.drive_object import CANOPEN_FAULT, INTERNAL_FAULT, OWNED, DriveObject
-from gateway.faults import FaultRecord
-from gateway.translator.base import SdoWrite
-from gateway.translator.encoder import (
+from pdgw.ds301.client import NodeClient, NodeEvent
+from pdgw.ds301.network import CanNetwork
+from pdgw.dsp402.drive import DriveClient
+from pdgw.dsp406.encoder import CYCLIC_TIMER, PRESET, PRESET_MULTI_SENSOR, EncoderClient
+from pdgw.dsp406.images import PARAMETER_OBJECTS, EncoderParameters
+from pdgw.dsp406.objects import PROFILE
+from pdgw.gateway.config import EncoderConfig
+from pdgw.gateway.drive_object import CANOPEN_FAULT, INTERNAL_FAULT, OWNED, DriveObject
+from pdgw.gateway.faults import FaultRecord
+from pdgw.gateway.translator.base import SdoWrite
+from pdgw.gateway.translator.encoder import (
     EncoderInput,
     EncoderReferences,
     EncoderTranslator,
     EncoderTranslatorSettings,
     SensorChannel,
 )
-from gateway.translator.factory import ENCODER_TELEGRAM_NUMBERS, make_encoder_translator
-from profidrive.encoder import STATUS_BITS, SensorError, SensorState
-from profidrive.sensor_format import SensorFormat
-from profidrive.sign_of_life import MONITORING_OFF, SignOfLife
-from profidrive.signals import signal
-from profidrive.telegrams import Telegram, telegram
+from pdgw.gateway.translator.factory import ENCODER_TELEGRAM_NUMBERS, make_encoder_translator
+from pdgw.profidrive.encoder import STATUS_BITS, SensorError, SensorState
+from pdgw.profidrive.sensor_format import SensorFormat
+from pdgw.profidrive.sign_of_life import MONITORING_OFF, SignOfLife
+from pdgw.profidrive.signals import signal
+from pdgw.profidrive.telegrams import Telegram, telegram
 
 log = logging.getLogger("gateway")
 

@@ -9,8 +9,8 @@ import threading
 from collections import deque
 from dataclasses import dataclass
 
-from gateway.reasons import GATEWAY_FAULTS
-from profidrive.parameters.faults import SIZE, Fault, FaultBuffer
+from pdgw.gateway.reasons import GATEWAY_FAULTS
+from pdgw.profidrive.parameters.faults import SIZE, Fault, FaultBuffer
 
 _NS_PER_MS = 1_000_000
 _NO_FAULT = Fault(0, 0, 0, 0)

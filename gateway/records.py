@@ -10,14 +10,14 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from uuid import UUID
 
-from gateway import identity
-from gateway.errors import GatewayError
-from gateway.parameters.manager import ParameterManager
-from gateway.parameters.profile import MAX_BLOCK
-from gateway.store import ParameterStore
-from profidrive.errors import ProfidriveError
-from profidrive.rpc import identification
-from profidrive.rpc.records import (
+from pdgw.gateway import identity
+from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.parameters.manager import ParameterManager
+from pdgw.gateway.parameters.profile import MAX_BLOCK
+from pdgw.gateway.store import ParameterStore
+from pdgw.profidrive.errors import ProfidriveError
+from pdgw.profidrive.rpc import identification
+from pdgw.profidrive.rpc.records import (
     RECORD_GLOBAL,
     RECORD_LOCAL,
     AccessError,

@@ -9,12 +9,12 @@ import threading
 import time
 from typing import Any
 
-from dsp402.states import state_of
-from gateway.axis import Axis
-from gateway.daemon import Daemon
-from gateway.drive_object import DriveObject
-from gateway.encoder import EncoderObject
-from gateway.errors import GatewayError
+from pdgw.dsp402.states import state_of
+from pdgw.gateway.axis import Axis
+from pdgw.gateway.daemon import Daemon
+from pdgw.gateway.drive_object import DriveObject
+from pdgw.gateway.encoder import EncoderObject
+from pdgw.gateway.errors import GatewayError
 
 
 def _object_status(item: DriveObject) -> dict[str, Any]:

@@ -16,9 +16,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Literal
 
+from pdgw.gateway.errors import GatewayError
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
-
-from gateway.errors import GatewayError
 
 
 class DoParameters(BaseModel):

@@ -11,7 +11,7 @@ from __future__ import annotations
 import enum
 from fractions import Fraction
 
-from profidrive.errors import ProfidriveError
+from pdgw.profidrive.errors import ProfidriveError
 
 N2_100_PERCENT = 1 << 14
 N4_100_PERCENT = 1 << 30

@@ -21,10 +21,10 @@ from dataclasses import dataclass
 from fractions import Fraction
 from types import MappingProxyType
 
-from profidrive.datatypes import DataType, Normalisation, n2, n4
-from profidrive.errors import ProfidriveError
-from profidrive.sign_of_life import SignOfLife
-from profidrive.signals import signal
+from pdgw.profidrive.datatypes import DataType, Normalisation, n2, n4
+from pdgw.profidrive.errors import ProfidriveError
+from pdgw.profidrive.sign_of_life import SignOfLife
+from pdgw.profidrive.signals import signal
 
 _G1_STW = signal("G1_STW")
 _G1_ZSW = signal("G1_ZSW")

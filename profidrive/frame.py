@@ -11,8 +11,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from profidrive.errors import ProfidriveError
-from profidrive.telegrams import Direction, Telegram, TelegramHalf
+from pdgw.profidrive.errors import ProfidriveError
+from pdgw.profidrive.telegrams import Direction, Telegram, TelegramHalf
 
 UDP_PORT: Final = 34962
 """PROFINET RT over UDP (8892h)."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
-from profidrive.errors import ProfidriveError
+from pdgw.profidrive.errors import ProfidriveError
 
 ELEMENTS = 31
 """Unsigned32 elements of P979: a header and six sensors."""

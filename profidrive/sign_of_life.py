@@ -6,7 +6,7 @@ the controller's application cycle to the bus cycle; one ``step`` is one applica
 
 from __future__ import annotations
 
-from profidrive.errors import ProfidriveError
+from pdgw.profidrive.errors import ProfidriveError
 
 HIGHEST = 15
 """The counter runs 1..15; 0 means that the sender has none, or lost it."""

@@ -14,8 +14,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from types import MappingProxyType
 
-from profidrive.datatypes import DataType
-from profidrive.errors import ProfidriveError
+from pdgw.profidrive.datatypes import DataType
+from pdgw.profidrive.errors import ProfidriveError
 
 
 @dataclass(frozen=True, slots=True)

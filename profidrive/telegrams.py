@@ -15,8 +15,8 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from types import MappingProxyType
 
-from profidrive.errors import ProfidriveError
-from profidrive.signals import Signal, signal
+from pdgw.profidrive.errors import ProfidriveError
+from pdgw.profidrive.signals import Signal, signal
 
 
 class Direction(enum.Enum):

@@ -9,12 +9,11 @@ import sys
 from typing import Annotated
 
 import typer
+from pdgw.ds301.errors import CanopenError
+from pdgw.gateway.errors import GatewayError
+from pdgw.profidrive.errors import ProfidriveError
 from rich.console import Console
 from rich.markup import escape
-
-from ds301.errors import CanopenError
-from gateway.errors import GatewayError
-from profidrive.errors import ProfidriveError
 
 app = typer.Typer(
     name="pdgw",
@@ -33,11 +32,11 @@ def _register(wanted: str = "") -> None:
     The decoder stands in pipes and loops: it does not load the gateway for ``decode`` alone.
     """
     if wanted == "decode":
-        from tools.commands.decode import decode as decode_command  # noqa: PLC0415
+        from pdgw.tools.commands.decode import decode as decode_command  # noqa: PLC0415
 
         app.command("decode")(decode_command)
         return
-    from tools.commands import (  # noqa: PLC0415
+    from pdgw.tools.commands import (  # noqa: PLC0415
         bench,
         config,
         conformance,

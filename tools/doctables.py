@@ -8,26 +8,26 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from ds301.aborts import ABORT_TEXTS, abort_text
-from ds301.misbehaviour import NODE_MISBEHAVIOURS, Misbehaviour
-from dsp402.faults import DRIVE_FAULTS
-from dsp402.modes import HOMING_METHODS, Mode
-from dsp402.objects import DRIVE_OBJECTS
-from dsp402.pdo import LAYOUTS
-from dsp402.states import COMMAND_TRANSITIONS, STATUS_PATTERNS
-from dsp406.faults import ENCODER_EMCY
-from dsp406.kinds import EncoderType
-from dsp406.objects import PROFILE, ProfileObject
-from dsp406.registers import Alarm, AreaState, Operating, Warnings
-from gateway.parameters.objects import error_of_abort
-from gateway.reasons import GATEWAY_FAULTS, Reason
-from profidrive.encoder import STATUS_BITS, TRANSITIONS, SensorError
-from profidrive.parameters.catalogue import PARAMETERS
-from profidrive.parameters.errors import ERROR_TEXTS
-from profidrive.signals import CATALOGUE, Signal
-from profidrive.telegrams import TELEGRAMS, TelegramHalf, word_positions
-from tools.conformance.faults import CASES, Case, Device
-from tools.simulation.devices import DEVICE_TYPES
+from pdgw.ds301.aborts import ABORT_TEXTS, abort_text
+from pdgw.dsp402.faults import DRIVE_FAULTS
+from pdgw.dsp402.modes import HOMING_METHODS, Mode
+from pdgw.dsp402.objects import DRIVE_OBJECTS
+from pdgw.dsp402.pdo import LAYOUTS
+from pdgw.dsp402.states import COMMAND_TRANSITIONS, STATUS_PATTERNS
+from pdgw.dsp406.faults import ENCODER_EMCY
+from pdgw.dsp406.kinds import EncoderType
+from pdgw.dsp406.objects import PROFILE, ProfileObject
+from pdgw.dsp406.registers import Alarm, AreaState, Operating, Warnings
+from pdgw.gateway.parameters.objects import error_of_abort
+from pdgw.gateway.reasons import GATEWAY_FAULTS, Reason
+from pdgw.peers.node.misbehaviour import NODE_MISBEHAVIOURS, Misbehaviour
+from pdgw.peers.simulation.devices import DEVICE_TYPES
+from pdgw.profidrive.encoder import STATUS_BITS, TRANSITIONS, SensorError
+from pdgw.profidrive.parameters.catalogue import PARAMETERS
+from pdgw.profidrive.parameters.errors import ERROR_TEXTS
+from pdgw.profidrive.signals import CATALOGUE, Signal
+from pdgw.profidrive.telegrams import TELEGRAMS, TelegramHalf, word_positions
+from pdgw.tools.conformance.faults import CASES, Case, Device
 
 _DOCS = Path(__file__).parent.parent / "docs"
 PATH = _DOCS / "tables.md"

@@ -15,18 +15,18 @@ from dataclasses import dataclass, field, replace
 from itertools import islice
 from pathlib import Path
 
-from decoder.clocks import Clocks, correlate
-from decoder.engine import Axis, Decoder, Settings, given_axes
-from decoder.recording import Collector, Recording
-from decoder.records import BusKind, CanRecord, CyclicRecord, Record
-from gateway.config import load_config
-from gateway.errors import GatewayError
-from gateway.replay import AxisReplay, Replayer
-from gateway.translator.base import TranslatorSettings
-from gateway.translator.factory import DRIVE_TELEGRAM_NUMBERS
-from tools.decode_io.axes import configured_axes
-from tools.decode_io.dictionary import dictionary_of
-from tools.decode_io.source import STANDARD_INPUT, open_source
+from pdgw.decoder.capture.axes import configured_axes
+from pdgw.decoder.capture.dictionary import dictionary_of
+from pdgw.decoder.capture.source import STANDARD_INPUT, open_source
+from pdgw.decoder.clocks import Clocks, correlate
+from pdgw.decoder.engine import Axis, Decoder, Settings, given_axes
+from pdgw.decoder.recording import Collector, Recording
+from pdgw.decoder.records import BusKind, CanRecord, CyclicRecord, Record
+from pdgw.decoder.replay import AxisReplay, Replayer
+from pdgw.gateway.config import load_config
+from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.translator.base import TranslatorSettings
+from pdgw.gateway.translator.factory import DRIVE_TELEGRAM_NUMBERS
 
 INFER_FROM = 20_000
 """Packets of a file that are looked at for the telegrams."""

@@ -9,9 +9,9 @@ import contextvars
 import time
 from concurrent.futures import Future, ThreadPoolExecutor
 
-from gateway.daemon import Daemon
-from gateway.parameters.objects import request_deadline
-from gateway.parameters.profile import (
+from pdgw.gateway.daemon import Daemon
+from pdgw.gateway.parameters.objects import request_deadline
+from pdgw.gateway.parameters.profile import (
     MAX_BLOCK,
     AxisObject,
     BoundObject,
@@ -19,7 +19,7 @@ from gateway.parameters.profile import (
     EncoderParameters,
     NodeObject,
 )
-from profidrive.parameters.model import answer
+from pdgw.profidrive.parameters.model import answer
 
 _DO_ID_OFFSET = 2
 

@@ -18,18 +18,17 @@ from typing import Any, TypeVar
 
 import canopen
 from canopen.sdo import SdoAbortedError, SdoCommunicationError
-
-from ds301.aborts import Abort, abort_text
-from ds301.client import NodeClient
-from ds301.errors import CanopenError
-from ds301.objects import CanType
-from gateway.drive_object import DriveObject
-from profidrive.datatypes import DataType
-from profidrive.parameters.codec import MAX_ELEMENTS, Values
-from profidrive.parameters.description import Description
-from profidrive.parameters.errors import ParameterErrorNumber as Number
-from profidrive.parameters.errors import ParameterRefused
-from profidrive.parameters.model import converted
+from pdgw.ds301.aborts import Abort, abort_text
+from pdgw.ds301.client import NodeClient
+from pdgw.ds301.errors import CanopenError
+from pdgw.ds301.objects import CanType
+from pdgw.gateway.drive_object import DriveObject
+from pdgw.profidrive.datatypes import DataType
+from pdgw.profidrive.parameters.codec import MAX_ELEMENTS, Values
+from pdgw.profidrive.parameters.description import Description
+from pdgw.profidrive.parameters.errors import ParameterErrorNumber as Number
+from pdgw.profidrive.parameters.errors import ParameterRefused
+from pdgw.profidrive.parameters.model import converted
 
 log = logging.getLogger("gateway")
 request_deadline: ContextVar[float] = ContextVar("request_deadline", default=math.inf)

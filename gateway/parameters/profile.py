@@ -11,24 +11,24 @@ from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import CancelledError
 from concurrent.futures import TimeoutError as FutureTimeoutError
 
-from ds301.communication import LOAD_SIGNATURE, RESTORE_PARAMETERS, SAVE_SIGNATURE, STORE_PARAMETERS
-from ds301.errors import CanopenError
-from dsp402.faults import DRIVE_FAULTS
-from gateway import identity
-from gateway.axis import Axis
-from gateway.config import DEFAULT_BITRATE, GATEWAY_NODE_ID
-from gateway.daemon import Daemon
-from gateway.drive_object import DriveObject
-from gateway.encoder import EncoderObject
-from gateway.errors import GatewayError
-from gateway.faults import EMCY_WARNING_BIT
-from gateway.parameters.objects import ObjectAccess, ObjectParameter
-from gateway.parameters.signals import signal_list
-from gateway.reasons import FIRST_WARNING, GATEWAY_FAULTS
-from gateway.store import DoParameters
-from profidrive.datatypes import DataType
-from profidrive.errors import ProfidriveError
-from profidrive.parameters.catalogue import (
+from pdgw.ds301.communication import LOAD_SIGNATURE, RESTORE_PARAMETERS, SAVE_SIGNATURE, STORE_PARAMETERS
+from pdgw.ds301.errors import CanopenError
+from pdgw.dsp402.faults import DRIVE_FAULTS
+from pdgw.gateway import identity
+from pdgw.gateway.axis import Axis
+from pdgw.gateway.config import DEFAULT_BITRATE, GATEWAY_NODE_ID
+from pdgw.gateway.daemon import Daemon
+from pdgw.gateway.drive_object import DriveObject
+from pdgw.gateway.encoder import EncoderObject
+from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.faults import EMCY_WARNING_BIT
+from pdgw.gateway.parameters.objects import ObjectAccess, ObjectParameter
+from pdgw.gateway.parameters.signals import signal_list
+from pdgw.gateway.reasons import FIRST_WARNING, GATEWAY_FAULTS
+from pdgw.gateway.store import DoParameters
+from pdgw.profidrive.datatypes import DataType
+from pdgw.profidrive.errors import ProfidriveError
+from pdgw.profidrive.parameters.catalogue import (
     AXIS_CLASS,
     ENCODER_CLASS,
     ENCODER_IDENTIFICATION,
@@ -37,13 +37,13 @@ from profidrive.parameters.catalogue import (
     PARAMETERS,
     PROFILE_IDENTIFICATION,
 )
-from profidrive.parameters.codec import MAX_PARAMETERS
-from profidrive.parameters.errors import ParameterErrorNumber as Number
-from profidrive.parameters.errors import ParameterRefused
-from profidrive.parameters.model import BoundParameter, Parameter
-from profidrive.sensor_format import encode_sensor_format
-from profidrive.signals import signal
-from profidrive.telegrams import ApplicationMode
+from pdgw.profidrive.parameters.codec import MAX_PARAMETERS
+from pdgw.profidrive.parameters.errors import ParameterErrorNumber as Number
+from pdgw.profidrive.parameters.errors import ParameterRefused
+from pdgw.profidrive.parameters.model import BoundParameter, Parameter
+from pdgw.profidrive.sensor_format import encode_sensor_format
+from pdgw.profidrive.signals import signal
+from pdgw.profidrive.telegrams import ApplicationMode
 
 log = logging.getLogger("gateway")
 

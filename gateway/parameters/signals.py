@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from profidrive.signals import signal
+from pdgw.profidrive.signals import signal
 
 SIGNAL_SOURCES: dict[str, int] = {
     "STW1": 967,

@@ -13,11 +13,11 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Generic, TypeGuard, TypeVar
 
-from dsp402.errors import Dsp402Error
-from dsp402.images import DriveCommand, DriveFeedback, References
-from gateway.reasons import Reason
-from profidrive.datatypes import Normalisation
-from profidrive.telegrams import Telegram
+from pdgw.dsp402.errors import Dsp402Error
+from pdgw.dsp402.images import DriveCommand, DriveFeedback, References
+from pdgw.gateway.reasons import Reason
+from pdgw.profidrive.datatypes import Normalisation
+from pdgw.profidrive.telegrams import Telegram
 
 _IMMUTABLE = (int, str, tuple, enum.Enum, Normalisation, Telegram, type(None))
 """Types of attributes that a step replaces and never changes."""

@@ -13,13 +13,13 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Protocol
 
-from dsp406.encoder import PRESET, PRESET_MULTI_SENSOR
-from dsp406.faults import MEMORY_ERROR
-from dsp406.images import EncoderParameters
-from gateway.reasons import Reason
-from gateway.translator.base import BaseTranslator, FaultEvent, SdoWrite
-from profidrive.datatypes import DataType, Normalisation
-from profidrive.encoder import (
+from pdgw.dsp406.encoder import PRESET, PRESET_MULTI_SENSOR
+from pdgw.dsp406.faults import MEMORY_ERROR
+from pdgw.dsp406.images import EncoderParameters
+from pdgw.gateway.reasons import Reason
+from pdgw.gateway.translator.base import BaseTranslator, FaultEvent, SdoWrite
+from pdgw.profidrive.datatypes import DataType, Normalisation
+from pdgw.profidrive.encoder import (
     EncoderControl,
     PresetRequest,
     SensorError,
@@ -28,10 +28,10 @@ from profidrive.encoder import (
     rotary_speed_reference,
     speed_normalisation,
 )
-from profidrive.errors import ProfidriveError
-from profidrive.sign_of_life import MONITORING_OFF, SignOfLife
-from profidrive.signals import signal
-from profidrive.telegrams import Telegram
+from pdgw.profidrive.errors import ProfidriveError
+from pdgw.profidrive.sign_of_life import MONITORING_OFF, SignOfLife
+from pdgw.profidrive.signals import signal
+from pdgw.profidrive.telegrams import Telegram
 
 SPEED_LIMITS = DataType.INTEGER16.integer_range
 """6030h stops here; at a limit it says only that the speed is not below."""

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from dsp402.modes import Mode
-from dsp402.pdo import Operation
-from gateway.errors import GatewayError
-from gateway.translator.base import Translator, TranslatorSettings
-from gateway.translator.encoder import EncoderTranslator, EncoderTranslatorSettings
-from gateway.translator.positioning import PositioningTranslator
-from gateway.translator.transparent import TransparentTranslator
-from gateway.translator.velocity import VelocityTranslator
-from profidrive.telegrams import TELEGRAMS, ApplicationMode, telegram
+from pdgw.dsp402.modes import Mode
+from pdgw.dsp402.pdo import Operation
+from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.translator.base import Translator, TranslatorSettings
+from pdgw.gateway.translator.encoder import EncoderTranslator, EncoderTranslatorSettings
+from pdgw.gateway.translator.positioning import PositioningTranslator
+from pdgw.gateway.translator.transparent import TransparentTranslator
+from pdgw.gateway.translator.velocity import VelocityTranslator
+from pdgw.profidrive.telegrams import TELEGRAMS, ApplicationMode, telegram
 
 _DRIVE_TELEGRAMS: dict[int, tuple[type[Translator], Operation, Mode | None]] = {
     1: (VelocityTranslator, Operation.VELOCITY, Mode.VELOCITY),

@@ -23,13 +23,13 @@ import enum
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from dsp402.images import DriveFeedback, References
-from dsp402.modes import HOMING_METHODS, Mode
-from dsp402.objects import DRIVE_OBJECTS
-from dsp402.states import STATE_OF_STATUS, ControlBit, State, StatusBit
-from gateway.reasons import Reason
-from gateway.translator.base import LIMIT_STANDING_NS, FaultEvent, SdoWrite, Translator, TranslatorSettings
-from gateway.translator.power import (
+from pdgw.dsp402.images import DriveFeedback, References
+from pdgw.dsp402.modes import HOMING_METHODS, Mode
+from pdgw.dsp402.objects import DRIVE_OBJECTS
+from pdgw.dsp402.states import STATE_OF_STATUS, ControlBit, State, StatusBit
+from pdgw.gateway.reasons import Reason
+from pdgw.gateway.translator.base import LIMIT_STANDING_NS, FaultEvent, SdoWrite, Translator, TranslatorSettings
+from pdgw.gateway.translator.power import (
     CONTROL_BY_PLC,
     CW_ENABLE_OPERATION,
     ZSW1_FAULT,
@@ -38,9 +38,9 @@ from gateway.translator.power import (
     ZSW1_TRANSPARENT,
     PowerControl,
 )
-from profidrive.datatypes import Normalisation, n2, n4
-from profidrive.signals import signal
-from profidrive.telegrams import Telegram
+from pdgw.profidrive.datatypes import Normalisation, n2, n4
+from pdgw.profidrive.signals import signal
+from pdgw.profidrive.telegrams import Telegram
 
 _STW1 = signal("STW1")
 _DO_NOT_REJECT = _STW1.bit("DO_NOT_REJECT", positioning=True).mask

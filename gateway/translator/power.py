@@ -17,10 +17,10 @@ from __future__ import annotations
 
 import enum
 
-from dsp402.states import STATE_OF_STATUS, ControlBit, State, StatusBit
-from gateway.reasons import Reason
-from gateway.translator.base import PlcLossReaction, TranslatorSettings
-from profidrive.signals import signal
+from pdgw.dsp402.states import STATE_OF_STATUS, ControlBit, State, StatusBit
+from pdgw.gateway.reasons import Reason
+from pdgw.gateway.translator.base import PlcLossReaction, TranslatorSettings
+from pdgw.profidrive.signals import signal
 
 _STW1 = signal("STW1")
 ON = _STW1.bit("ON").mask

@@ -11,14 +11,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from operator import attrgetter
 
-from dsp402.images import DriveFeedback, References
-from dsp402.modes import Mode
-from dsp402.objects import DRIVE_OBJECTS
-from dsp402.states import STATE_OF_STATUS, ControlBit, State
-from gateway.reasons import Reason
-from gateway.translator.base import PlcLossReaction, Translator, TranslatorSettings
-from gateway.translator.power import CW_DISABLE_VOLTAGE, CW_ENABLE_OPERATION, CW_QUICK_STOP, CW_SHUTDOWN
-from profidrive.telegrams import Telegram
+from pdgw.dsp402.images import DriveFeedback, References
+from pdgw.dsp402.modes import Mode
+from pdgw.dsp402.objects import DRIVE_OBJECTS
+from pdgw.dsp402.states import STATE_OF_STATUS, ControlBit, State
+from pdgw.gateway.reasons import Reason
+from pdgw.gateway.translator.base import PlcLossReaction, Translator, TranslatorSettings
+from pdgw.gateway.translator.power import CW_DISABLE_VOLTAGE, CW_ENABLE_OPERATION, CW_QUICK_STOP, CW_SHUTDOWN
+from pdgw.profidrive.telegrams import Telegram
 
 SETPOINT_ATTRIBUTES = (
     "controlword",

@@ -10,12 +10,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from fractions import Fraction
 
-from dsp402.images import DriveFeedback, References
-from dsp402.objects import DRIVE_OBJECTS
-from dsp402.states import StatusBit
-from gateway.reasons import Reason
-from gateway.translator.base import LIMIT_STANDING_NS, SetpointEnable, Translator, TranslatorSettings
-from gateway.translator.power import (
+from pdgw.dsp402.images import DriveFeedback, References
+from pdgw.dsp402.objects import DRIVE_OBJECTS
+from pdgw.dsp402.states import StatusBit
+from pdgw.gateway.reasons import Reason
+from pdgw.gateway.translator.base import LIMIT_STANDING_NS, SetpointEnable, Translator, TranslatorSettings
+from pdgw.gateway.translator.power import (
     CONTROL_BY_PLC,
     CW_ENABLE_OPERATION,
     ZSW1_FAULT,
@@ -24,9 +24,9 @@ from gateway.translator.power import (
     ZSW1_TRANSPARENT,
     PowerControl,
 )
-from profidrive.datatypes import DataType, Normalisation, n2, n4
-from profidrive.signals import signal
-from profidrive.telegrams import Telegram
+from pdgw.profidrive.datatypes import DataType, Normalisation, n2, n4
+from pdgw.profidrive.signals import signal
+from pdgw.profidrive.telegrams import Telegram
 
 _STW1 = signal("STW1")
 _ZSW1 = signal("ZSW1")

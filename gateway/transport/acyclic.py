@@ -5,13 +5,13 @@ from __future__ import annotations
 import threading
 import time
 
-from gateway.daemon import Daemon
-from gateway.parameters.manager import ParameterManager
-from gateway.parameters.profile import MAX_BLOCK
-from gateway.records import Records
-from gateway.transport.cyclic import Address
-from gateway.transport.udp import UdpSocket
-from profidrive.rpc.server import RecordServer
+from pdgw.gateway.daemon import Daemon
+from pdgw.gateway.parameters.manager import ParameterManager
+from pdgw.gateway.parameters.profile import MAX_BLOCK
+from pdgw.gateway.records import Records
+from pdgw.gateway.transport.cyclic import Address
+from pdgw.gateway.transport.udp import UdpSocket
+from pdgw.profidrive.rpc.server import RecordServer
 
 _WAIT_NS = 100_000_000
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import enum
 from collections.abc import Sequence
 
-from profidrive.frame import (
+from pdgw.profidrive.frame import (
     COUNTER_UNIT_NS,
     FRAME_ID_TO_CONTROLLER,
     FRAME_ID_TO_DEVICE,
@@ -25,7 +25,7 @@ from profidrive.frame import (
     CSduLayout,
     is_newer,
 )
-from profidrive.telegrams import Direction, Telegram
+from pdgw.profidrive.telegrams import Direction, Telegram
 
 Address = tuple[str, int]
 

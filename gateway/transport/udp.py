@@ -5,8 +5,8 @@ from __future__ import annotations
 import select
 import socket
 
-from gateway.errors import GatewayError
-from gateway.transport.cyclic import Address
+from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.transport.cyclic import Address
 
 _MAXIMUM_DATAGRAM = 2048
 

@@ -10,9 +10,9 @@ import enum
 from dataclasses import dataclass
 from types import MappingProxyType
 
-from profidrive.datatypes import DataType
-from profidrive.errors import ProfidriveError
-from profidrive.signals import signal
+from pdgw.profidrive.datatypes import DataType
+from pdgw.profidrive.errors import ProfidriveError
+from pdgw.profidrive.signals import signal
 
 OBJECTS = range(0x03E8, 0xEA5F + 1)
 """PNUs that are CANopen object indices, one to one."""

@@ -11,9 +11,9 @@ import struct
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from profidrive.datatypes import DataType
-from profidrive.errors import ProfidriveError
-from profidrive.parameters.errors import ParameterErrorNumber, error_text
+from pdgw.profidrive.datatypes import DataType
+from pdgw.profidrive.errors import ProfidriveError
+from pdgw.profidrive.parameters.errors import ParameterErrorNumber, error_text
 
 MAX_PARAMETERS = 39
 MAX_ELEMENTS = 234

@@ -9,10 +9,10 @@ import enum
 import struct
 from dataclasses import dataclass
 
-from profidrive.datatypes import DataType
-from profidrive.errors import ProfidriveError
-from profidrive.parameters.codec import Values
-from profidrive.parameters.errors import ParameterErrorNumber, ParameterRefused
+from pdgw.profidrive.datatypes import DataType
+from pdgw.profidrive.errors import ProfidriveError
+from pdgw.profidrive.parameters.codec import Values
+from pdgw.profidrive.parameters.errors import ParameterErrorNumber, ParameterRefused
 
 _LAYOUT = struct.Struct(">HHf2s4s16s4s4s2sHHH")
 SIZE = _LAYOUT.size

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import enum
 
-from profidrive.errors import ProfidriveError
+from pdgw.profidrive.errors import ProfidriveError
 
 
 class ParameterErrorNumber(enum.IntEnum):

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from profidrive.errors import ProfidriveError
+from pdgw.profidrive.errors import ProfidriveError
 
 SITUATIONS = 8
 FAULTS_PER_SITUATION = 8

@@ -11,9 +11,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-from profidrive.datatypes import DataType
-from profidrive.parameters.catalogue import NAME_SIZE, ParameterSpec
-from profidrive.parameters.codec import (
+from pdgw.profidrive.datatypes import DataType
+from pdgw.profidrive.parameters.catalogue import NAME_SIZE, ParameterSpec
+from pdgw.profidrive.parameters.codec import (
     MAX_ELEMENTS,
     ZERO,
     Address,
@@ -26,9 +26,9 @@ from profidrive.parameters.codec import (
     decode_request,
     encode_response,
 )
-from profidrive.parameters.description import Description
-from profidrive.parameters.errors import ParameterErrorNumber as Number
-from profidrive.parameters.errors import ParameterRefused
+from pdgw.profidrive.parameters.description import Description
+from pdgw.profidrive.parameters.errors import ParameterErrorNumber as Number
+from pdgw.profidrive.parameters.errors import ParameterRefused
 
 _STRINGS = {DataType.VISIBLE_STRING, DataType.OCTET_STRING, DataType.UNICODE_STRING}
 _GENERIC = {1: DataType.BYTE, 2: DataType.WORD, 4: DataType.DOUBLE_WORD}

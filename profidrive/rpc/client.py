@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from uuid import UUID
 
-from profidrive.errors import ProfidriveError
-from profidrive.rpc import dcerpc
-from profidrive.rpc.dcerpc import Flags, PacketType, Reassembly, RpcHeader
-from profidrive.rpc.records import (
+from pdgw.profidrive.errors import ProfidriveError
+from pdgw.profidrive.rpc import dcerpc
+from pdgw.profidrive.rpc.dcerpc import Flags, PacketType, Reassembly, RpcHeader
+from pdgw.profidrive.rpc.records import (
     BLOCK_SIZE,
     NIL,
     BlockType,

@@ -11,7 +11,7 @@ import struct
 from dataclasses import dataclass, replace
 from uuid import UUID
 
-from profidrive.errors import ProfidriveError
+from pdgw.profidrive.errors import ProfidriveError
 
 UDP_PORT = 0x8894
 VERSION = 4

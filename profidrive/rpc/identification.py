@@ -8,7 +8,7 @@ from __future__ import annotations
 import struct
 from dataclasses import dataclass
 
-from profidrive.errors import ProfidriveError
+from pdgw.profidrive.errors import ProfidriveError
 
 INDEX = 0xAFF0
 """Record index of I&M0; I&Mn follows at INDEX + n."""

@@ -11,7 +11,7 @@ import struct
 from dataclasses import dataclass
 from uuid import UUID
 
-from profidrive.errors import ProfidriveError
+from pdgw.profidrive.errors import ProfidriveError
 
 RECORD_LOCAL = 0xB02E
 """Parameter access point, local: the slot chooses the axis."""

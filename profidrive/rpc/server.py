@@ -12,10 +12,10 @@ from dataclasses import dataclass
 from typing import Protocol
 from uuid import UUID
 
-from profidrive.errors import ProfidriveError
-from profidrive.rpc import dcerpc
-from profidrive.rpc.dcerpc import Flags, PacketType, Reassembly, RejectStatus, RpcHeader
-from profidrive.rpc.records import (
+from pdgw.profidrive.errors import ProfidriveError
+from pdgw.profidrive.rpc import dcerpc
+from pdgw.profidrive.rpc.dcerpc import Flags, PacketType, Reassembly, RejectStatus, RpcHeader
+from pdgw.profidrive.rpc.records import (
     BLOCK_SIZE,
     AccessError,
     BlockType,

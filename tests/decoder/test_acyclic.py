@@ -8,11 +8,10 @@ from uuid import UUID
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-
-from decoder.acyclic import AcyclicDecoder
-from decoder.records import AcyclicRecord, OtherRecord, ParameterRequestRecord, ParameterResponseRecord, Record
-from profidrive.datatypes import DataType
-from profidrive.parameters.codec import (
+from pdgw.decoder.acyclic import AcyclicDecoder
+from pdgw.decoder.records import AcyclicRecord, OtherRecord, ParameterRequestRecord, ParameterResponseRecord, Record
+from pdgw.profidrive.datatypes import DataType
+from pdgw.profidrive.parameters.codec import (
     Address,
     Attribute,
     Request,
@@ -22,10 +21,10 @@ from profidrive.parameters.codec import (
     encode_request,
     encode_response,
 )
-from profidrive.rpc.client import RecordCall, RecordCaller
-from profidrive.rpc.dcerpc import MAX_BODY, object_uuid
-from profidrive.rpc.records import RECORD_GLOBAL, AccessError, RecordBlock, RecordRefused
-from profidrive.rpc.server import RecordServer
+from pdgw.profidrive.rpc.client import RecordCall, RecordCaller
+from pdgw.profidrive.rpc.dcerpc import MAX_BODY, object_uuid
+from pdgw.profidrive.rpc.records import RECORD_GLOBAL, AccessError, RecordBlock, RecordRefused
+from pdgw.profidrive.rpc.server import RecordServer
 
 PLC, OTHER_PLC, DEVICE = b"\x0a\0\0\x01", b"\x0a\0\0\x03", b"\x0a\0\0\x02"
 AR = UUID(int=1)

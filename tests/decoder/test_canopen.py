@@ -7,19 +7,18 @@ from pathlib import Path
 
 from hypothesis import given
 from hypothesis import strategies as st
-
-from decoder.canopen import CanopenDecoder
-from decoder.cyclic import Axis, given_axes
-from decoder.engine import CanPacket, Decoder, Settings
-from decoder.link import CanFrame
-from decoder.objects import Mapped, ObjectNames, catalogue, pdo_layout
-from decoder.records import CanRecord, EmcyRecord, HeartbeatRecord, PdoRecord, Record, SdoRecord
-from ds301.configuration import map_pdo
-from ds301.objects import CanType, Entry
-from ds301.pdo import COB_ID_INVALID
-from dsp402.device import EDS_PATH
-from dsp402.pdo import LAYOUTS, Operation
-from tools.decode_io.dictionary import dictionary_of
+from pdgw.decoder.canopen import CanopenDecoder
+from pdgw.decoder.capture.dictionary import dictionary_of
+from pdgw.decoder.cyclic import Axis, given_axes
+from pdgw.decoder.engine import CanPacket, Decoder, Settings
+from pdgw.decoder.link import CanFrame
+from pdgw.decoder.objects import Mapped, ObjectNames, catalogue, pdo_layout
+from pdgw.decoder.records import CanRecord, EmcyRecord, HeartbeatRecord, PdoRecord, Record, SdoRecord
+from pdgw.ds301.configuration import map_pdo
+from pdgw.ds301.objects import CanType, Entry
+from pdgw.ds301.pdo import COB_ID_INVALID
+from pdgw.dsp402.device import EDS_PATH
+from pdgw.dsp402.pdo import LAYOUTS, Operation
 
 NODE = 5
 

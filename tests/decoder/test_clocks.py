@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from pdgw.decoder.clocks import Clocks, correlate
+from pdgw.decoder.recording import AxisWords, Word
 
-from decoder.clocks import Clocks, correlate
-from decoder.recording import AxisWords, Word
-from tests.gateway.test_replay import RIGS
+from tests.decoder.test_replay import RIGS
 from tests.support.recorded import CYCLE_NS
 from tests.support.rig import MS
 

@@ -10,6 +10,15 @@ from uuid import UUID
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from pdgw.decoder.connect import read_request
+from pdgw.decoder.cyclic import given_axes
+from pdgw.decoder.engine import Decoder, Packet, Settings
+from pdgw.decoder.records import CyclicRecord, Link, Record
+from pdgw.profidrive.errors import ProfidriveError
+from pdgw.profidrive.frame import IOPS_GOOD, STATUS_NORMAL
+from pdgw.profidrive.rpc.dcerpc import Flags, PacketType, RpcHeader, encode_packet, object_uuid
+from pdgw.profidrive.rpc.records import Operation, encode_arguments
+from pdgw.profidrive.telegrams import Direction, telegram
 from scapy.contrib.pnio_rpc import (
     IOCRAPI,
     ARBlockReq,
@@ -24,15 +33,6 @@ from scapy.contrib.pnio_rpc import (
 from scapy.layers.inet import IP, UDP
 from scapy.layers.l2 import Ether
 
-from decoder.connect import read_request
-from decoder.cyclic import given_axes
-from decoder.engine import Decoder, Packet, Settings
-from decoder.records import CyclicRecord, Link, Record
-from profidrive.errors import ProfidriveError
-from profidrive.frame import IOPS_GOOD, STATUS_NORMAL
-from profidrive.rpc.dcerpc import Flags, PacketType, RpcHeader, encode_packet, object_uuid
-from profidrive.rpc.records import Operation, encode_arguments
-from profidrive.telegrams import Direction, telegram
 from tests.support import captures, tshark
 
 INPUT, OUTPUT = 0x8011, 0x8022

@@ -5,11 +5,10 @@ from __future__ import annotations
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-
-from decoder.cyclic import Axis, CyclicDecoder, given_axes, infer
-from decoder.records import CyclicRecord, OtherRecord
-from profidrive.errors import ProfidriveError
-from profidrive.frame import (
+from pdgw.decoder.cyclic import Axis, CyclicDecoder, given_axes, infer
+from pdgw.decoder.records import CyclicRecord, OtherRecord
+from pdgw.profidrive.errors import ProfidriveError
+from pdgw.profidrive.frame import (
     FRAME_ID_TO_CONTROLLER,
     FRAME_ID_TO_DEVICE,
     IOPS_BAD,
@@ -19,7 +18,8 @@ from profidrive.frame import (
     TRAILER,
     CSduLayout,
 )
-from profidrive.telegrams import TELEGRAMS, Direction, Telegram, telegram
+from pdgw.profidrive.telegrams import TELEGRAMS, Direction, Telegram, telegram
+
 from tests.support.strategies import axes_values
 
 Values = list[tuple[int, ...]]

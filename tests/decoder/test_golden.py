@@ -10,10 +10,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-
-from decoder.engine import CanPacket, Decoder, Packet, Settings, given_axes
-from decoder.render import record_line, record_tree
-from tools.decode_io.source import open_source
+from pdgw.decoder.capture.source import open_source
+from pdgw.decoder.engine import CanPacket, Decoder, Packet, Settings, given_axes
+from pdgw.decoder.render import record_line, record_tree
 
 GOLDEN = Path(__file__).parent / "golden"
 BEGIN_NS = 1_700_000_000_000_000_000

@@ -8,20 +8,20 @@ import struct
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from pdgw.decoder.changes import Changes
+from pdgw.decoder.columns import Columns
+from pdgw.decoder.engine import CanPacket, Decoder, Packet, Settings, given_axes
+from pdgw.decoder.filter import Filter
+from pdgw.decoder.link import CanFrame
+from pdgw.decoder.names import RECORD_NAMES, Names
+from pdgw.decoder.records import Link, Record
+from pdgw.decoder.selection import Selection
+from pdgw.decoder.statistics import Statistics
+from pdgw.ds301.load import frame_bits
+from pdgw.profidrive.errors import ProfidriveError
+from pdgw.profidrive.frame import STATUS_NORMAL
+from pdgw.profidrive.telegrams import Direction, telegram
 
-from decoder.changes import Changes
-from decoder.columns import Columns
-from decoder.engine import CanPacket, Decoder, Packet, Settings, given_axes
-from decoder.filter import Filter
-from decoder.link import CanFrame
-from decoder.names import RECORD_NAMES, Names
-from decoder.records import Link, Record
-from decoder.selection import Selection
-from decoder.statistics import Statistics
-from ds301.load import frame_bits
-from profidrive.errors import ProfidriveError
-from profidrive.frame import STATUS_NORMAL
-from profidrive.telegrams import Direction, telegram
 from tests.decoder.test_cyclic import frame
 
 NAMES = Names()

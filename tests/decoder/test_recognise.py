@@ -9,12 +9,12 @@ import sys
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from pdgw.decoder.recognise import parse_hex, recognise
+from pdgw.decoder.render import one_line, tree
+from pdgw.profidrive.errors import ProfidriveError
+from pdgw.profidrive.frame import RtFrame
+from pdgw.profidrive.telegrams import Direction, Telegram, telegram
 
-from decoder.recognise import parse_hex, recognise
-from decoder.render import one_line, tree
-from profidrive.errors import ProfidriveError
-from profidrive.frame import RtFrame
-from profidrive.telegrams import Direction, Telegram, telegram
 from tests.support.strategies import directions, half_values, telegrams
 
 FRAME = "C001 047F 2000 80 80" + "00" * 34 + "0020 35 00"
@@ -123,7 +123,7 @@ def test_bad_hex_is_told_with_its_offset(text: str, message: str) -> None:
 
 
 def test_the_command_prints_the_documented_object_and_one_line_for_an_error() -> None:
-    command = [sys.executable, "-m", "tools", "decode", "--telegram", "1", "--json", "--hex"]
+    command = [sys.executable, "-m", "pdgw", "decode", "--telegram", "1", "--json", "--hex"]
     good = subprocess.run([*command, "047F 2000"], capture_output=True, text=True, check=True, timeout=60)
     document = json.loads(good.stdout)
     assert set(document) >= {"kind", "signals"}

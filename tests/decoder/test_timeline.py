@@ -11,9 +11,8 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
-
-from decoder.fields import Field
-from decoder.timeline import (
+from pdgw.decoder.fields import Field
+from pdgw.decoder.timeline import (
     Anomaly,
     AnomalyKind,
     Edge,
@@ -24,11 +23,12 @@ from decoder.timeline import (
     WordKind,
     make_timeline,
 )
-from decoder.timeline_text import entry_lines, summary_lines
-from dsp402.states import State
-from gateway.reasons import Reason
-from profidrive.frame import IOPS_BAD
-from tests.gateway.test_replay import RIGS, speed
+from pdgw.decoder.timeline_text import entry_lines, summary_lines
+from pdgw.dsp402.states import State
+from pdgw.gateway.reasons import Reason
+from pdgw.profidrive.frame import IOPS_BAD
+
+from tests.decoder.test_replay import RIGS, speed
 from tests.support.recorded import CYCLE_NS, RecordedRig
 from tests.support.rig import MS, NODE
 

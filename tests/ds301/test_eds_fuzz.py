@@ -5,10 +5,9 @@ from __future__ import annotations
 import canopen
 from hypothesis import given
 from hypothesis import strategies as st
-
-from ds301.eds_import import import_eds
-from ds301.eds_text import EdsError
-from dsp402.device import EDS_PATH
+from pdgw.ds301.eds_import import import_eds
+from pdgw.ds301.eds_text import EdsError
+from pdgw.dsp402.device import EDS_PATH
 
 NODE = 5
 LINES = EDS_PATH.read_text(encoding="ascii").splitlines()

@@ -8,11 +8,10 @@ from typing import Any
 
 import canopen
 import pytest
-
-from ds301.eds_import import import_eds
-from ds301.eds_text import EdsError, Repair
-from ds301.errors import CanopenError
-from dsp402.device import EDS_PATH
+from pdgw.ds301.eds_import import import_eds
+from pdgw.ds301.eds_text import EdsError, Repair
+from pdgw.ds301.errors import CanopenError
+from pdgw.dsp402.device import EDS_PATH
 
 NODE = 5
 CORPUS = Path(__file__).parent / "eds"

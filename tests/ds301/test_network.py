@@ -10,10 +10,10 @@ import can
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from pdgw.ds301.bus import open_bus
+from pdgw.ds301.errors import CanopenError
+from pdgw.ds301.network import CanNetwork
 
-from ds301.bus import open_bus
-from ds301.errors import CanopenError
-from ds301.network import CanNetwork
 from tests.support import buses
 
 PDO = 0x184

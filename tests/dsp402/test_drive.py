@@ -12,24 +12,24 @@ from random import Random
 import can
 import pytest
 from canopen.sdo import SdoAbortedError, SdoCommunicationError
+from pdgw.ds301.aborts import Abort
+from pdgw.ds301.bus import open_bus
+from pdgw.ds301.errors import CanopenError
+from pdgw.ds301.network import CanNetwork
+from pdgw.ds301.nmt import NmtCommand, NmtState
+from pdgw.ds301.objects import Entry
+from pdgw.ds301.pdo import COB_ID_INVALID, Pdo, PdoDirection
+from pdgw.dsp402.configuration import pdo_steps
+from pdgw.dsp402.device import EDS_PATH
+from pdgw.dsp402.drive import DriveClient, DriveEvent, DriveSettings, DriveStatus, load_eds
+from pdgw.dsp402.errors import Dsp402Error
+from pdgw.dsp402.images import DriveCommand, References
+from pdgw.dsp402.modes import Mode
+from pdgw.dsp402.pdo import LAYOUTS, Operation
+from pdgw.dsp402.states import ControlBit
+from pdgw.peers.drive import SimulatedDrive, SimulatedDriveNode
+from pdgw.peers.node.node import Value
 
-from ds301.aborts import Abort
-from ds301.bus import open_bus
-from ds301.errors import CanopenError
-from ds301.network import CanNetwork
-from ds301.nmt import NmtCommand, NmtState
-from ds301.objects import Entry
-from ds301.pdo import COB_ID_INVALID, Pdo, PdoDirection
-from ds301.simulator import Value
-from dsp402.configuration import pdo_steps
-from dsp402.device import EDS_PATH
-from dsp402.drive import DriveClient, DriveEvent, DriveSettings, DriveStatus, load_eds
-from dsp402.errors import Dsp402Error
-from dsp402.images import DriveCommand, References
-from dsp402.modes import Mode
-from dsp402.pdo import LAYOUTS, Operation
-from dsp402.simulator import SimulatedDrive, SimulatedDriveNode
-from dsp402.states import ControlBit
 from tests.support import buses
 
 NODE = 4
@@ -453,7 +453,7 @@ def test_a_configuration_the_drive_refuses_is_named(plant: Plant, index: int) ->
 
 
 def test_a_refused_drive_is_tried_at_once_with_another_telegram(plant: Plant, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("ds301.client._RETRY_REFUSED_S", 3600)
+    monkeypatch.setattr("pdgw.ds301.client._RETRY_REFUSED_S", 3600)
     _lacking(plant, write=0x1601)
     client = plant.connect(Operation.POSITIONING, initial_mode=None)
     buses.wait_for(lambda: client.status is DriveStatus.REFUSED, "refused")
@@ -597,8 +597,8 @@ def test_a_drive_without_heartbeat_never_becomes_online(plant: Plant) -> None:
 
 
 def test_a_drive_whose_heartbeat_dies_is_lost_once_and_told_once(plant: Plant, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("ds301.client._RETRY_REFUSED_S", 0.01)
-    monkeypatch.setattr("ds301.client._FIRST_SIGN_S", 0.05)
+    monkeypatch.setattr("pdgw.ds301.client._RETRY_REFUSED_S", 0.01)
+    monkeypatch.setattr("pdgw.ds301.client._FIRST_SIGN_S", 0.05)
     drive = plant.power_on()
     plant.connect(heartbeat_ms=20, heartbeat_factor=5)
     plant.online()
@@ -915,7 +915,7 @@ def test_values_that_cannot_be_read_any_more_are_a_loss(plant: Plant) -> None:
 def test_an_sdo_answer_that_does_not_end_does_not_hold_the_worker(
     plant: Plant, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("ds301.client._LONGEST_UPLOAD", 100)
+    monkeypatch.setattr("pdgw.ds301.client._LONGEST_UPLOAD", 100)
     drive = plant.power_on()
     client = plant.connect()
     plant.online()

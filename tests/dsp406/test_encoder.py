@@ -10,21 +10,21 @@ from pathlib import Path
 
 import pytest
 from canopen.sdo import SdoAbortedError
+from pdgw.ds301.aborts import Abort
+from pdgw.ds301.eds import write_eds
+from pdgw.ds301.network import CanNetwork
+from pdgw.ds301.nmt import NmtCommand, NmtState
+from pdgw.ds301.objects import Entry
+from pdgw.dsp402.device import EDS_PATH as DRIVE_EDS
+from pdgw.dsp406.device import device_info, eds_path, encoder_objects
+from pdgw.dsp406.encoder import EncoderClient, EncoderEvent, EncoderSettings, EncoderStatus, load_eds
+from pdgw.dsp406.errors import Dsp406Error
+from pdgw.dsp406.kinds import LINEAR, MULTI_SENSOR, ROTARY, EncoderDevice, multi_sensor
+from pdgw.peers.drive import SimulatedDrive
+from pdgw.peers.encoder import Motion, SimulatedEncoder, SimulatedEncoderNode
+from pdgw.peers.encoder.motion import constant_speed, still
+from pdgw.peers.node.node import Value
 
-from ds301.aborts import Abort
-from ds301.eds import write_eds
-from ds301.network import CanNetwork
-from ds301.nmt import NmtCommand, NmtState
-from ds301.objects import Entry
-from ds301.simulator import Value
-from dsp402.device import EDS_PATH as DRIVE_EDS
-from dsp402.simulator import SimulatedDrive
-from dsp406.device import device_info, eds_path, encoder_objects
-from dsp406.encoder import EncoderClient, EncoderEvent, EncoderSettings, EncoderStatus, load_eds
-from dsp406.errors import Dsp406Error
-from dsp406.kinds import LINEAR, MULTI_SENSOR, ROTARY, EncoderDevice, multi_sensor
-from dsp406.simulator import Motion, SimulatedEncoder, SimulatedEncoderNode
-from dsp406.simulator.motion import constant_speed, still
 from tests.support import buses
 
 NODE = 9

@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import pytest
-
-from ds301.configuration import map_pdo
-from ds301.simulator import MS, NmtCommand, SimulatedNode
-from dsp402.pdo import LAYOUTS, Operation
-from dsp402.simulator import SimulatedDriveNode
-from dsp406.simulator import Motion, SimulatedEncoderNode
-from dsp406.simulator.motion import Follower
+from pdgw.ds301.configuration import map_pdo
+from pdgw.dsp402.pdo import LAYOUTS, Operation
+from pdgw.peers.drive import SimulatedDriveNode
+from pdgw.peers.encoder import Motion, SimulatedEncoderNode
+from pdgw.peers.encoder.motion import Follower
+from pdgw.peers.node.node import MS, NmtCommand, SimulatedNode
 
 DRIVE, ENCODER = 4, 9
 INCREMENTS = 4096

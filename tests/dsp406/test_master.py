@@ -9,11 +9,11 @@ import canopen
 import pytest
 from canopen.pdo.base import PdoMap
 from canopen.sdo import SdoAbortedError
+from pdgw.dsp406.device import eds_path
+from pdgw.dsp406.kinds import DEVICES, ROTARY, EncoderDevice
+from pdgw.peers.encoder import SimulatedEncoder
+from pdgw.peers.encoder.motion import still
 
-from dsp406.device import eds_path
-from dsp406.kinds import DEVICES, ROTARY, EncoderDevice
-from dsp406.simulator import SimulatedEncoder
-from dsp406.simulator.motion import still
 from tests.support import buses
 
 NODE = 11

@@ -5,15 +5,14 @@ from __future__ import annotations
 import canopen
 import pytest
 from canopen.objectdictionary import ODVariable
-
-from ds301.eds import write_eds
-from ds301.objects import Access, CanType, Catalogue, ObjectKind
-from dsp406.device import device_info, eds_path, encoder_objects
-from dsp406.errors import Dsp406Error
-from dsp406.faults import ENCODER_EMCY
-from dsp406.kinds import DEVICES, LINEAR, MULTI_SENSOR, ROTARY, EncoderDevice, EncoderType, multi_sensor
-from dsp406.objects import PROFILE, Category, EncoderClass, encoder_catalogue
-from dsp406.registers import OPERATING_RESERVED, Alarm, AreaState, Operating, Warnings
+from pdgw.ds301.eds import write_eds
+from pdgw.ds301.objects import Access, CanType, Catalogue, ObjectKind
+from pdgw.dsp406.device import device_info, eds_path, encoder_objects
+from pdgw.dsp406.errors import Dsp406Error
+from pdgw.dsp406.faults import ENCODER_EMCY
+from pdgw.dsp406.kinds import DEVICES, LINEAR, MULTI_SENSOR, ROTARY, EncoderDevice, EncoderType, multi_sensor
+from pdgw.dsp406.objects import PROFILE, Category, EncoderClass, encoder_catalogue
+from pdgw.dsp406.registers import OPERATING_RESERVED, Alarm, AreaState, Operating, Warnings
 
 ALL = tuple(DEVICES.values())
 CHANNELS = multi_sensor(3)

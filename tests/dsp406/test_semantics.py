@@ -5,9 +5,8 @@ from __future__ import annotations
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-
-from dsp406.registers import AreaState
-from dsp406.semantics import Chain, area_state, cam_active, cam_state, chain, speed_value
+from pdgw.dsp406.registers import AreaState
+from pdgw.dsp406.semantics import Chain, area_state, cam_active, cam_state, chain, speed_value
 
 RANGE = 4096 * 16
 PHYSICAL = st.integers(-(10**9), 10**9)

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-COMMAND = (sys.executable, "-m", "tools")
+COMMAND = (sys.executable, "-m", "pdgw")
 
 
 def free_udp_port() -> int:

@@ -11,12 +11,12 @@ from pathlib import Path
 
 import can
 import pytest
+from pdgw.peers.plc.endpoint import PlcEndpoint
+from pdgw.profidrive.telegrams import telegram
+from pdgw.tools.commands.status import fetch
 
-from profidrive.telegrams import telegram
 from tests.endtoend.processes import free_tcp_port, free_udp_port, pdgw, running
 from tests.support.buses import wait_for
-from tools.commands.status import fetch
-from tools.plc.endpoint import PlcEndpoint
 
 pytestmark = pytest.mark.e2e
 CYCLE = 4_000_000

@@ -7,11 +7,11 @@ import signal
 from pathlib import Path
 
 import pytest
+from pdgw.tools.demo.run import can_server
 
 from tests.endtoend.processes import free_tcp_port, free_udp_port, pdgw, running
 from tests.endtoend.test_run import LittlePlc
 from tests.support.buses import wait_for
-from tools.demo.run import can_server
 
 pytestmark = [
     pytest.mark.e2e,

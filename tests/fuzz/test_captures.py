@@ -14,21 +14,21 @@ import can
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from pdgw.decoder.capture.source import Source, source_of_stream
+from pdgw.decoder.changes import Changes
+from pdgw.decoder.columns import Columns
+from pdgw.decoder.engine import CanPacket, Decoder, Packet, Settings, given_axes
+from pdgw.decoder.names import Names
+from pdgw.decoder.records import Link
+from pdgw.decoder.render import record_line, record_tree
+from pdgw.decoder.statistics import Statistics
+from pdgw.ds301.errors import CanopenError
+from pdgw.gateway.errors import GatewayError
+from pdgw.profidrive.errors import ProfidriveError
+from pdgw.tools.commands.decode import decode
 
-from decoder.changes import Changes
-from decoder.columns import Columns
-from decoder.engine import CanPacket, Decoder, Packet, Settings, given_axes
-from decoder.names import Names
-from decoder.records import Link
-from decoder.render import record_line, record_tree
-from decoder.statistics import Statistics
-from ds301.errors import CanopenError
-from gateway.errors import GatewayError
-from profidrive.errors import ProfidriveError
 from tests.fuzz.test_frames import mutated
 from tests.support import captures
-from tools.commands.decode import decode
-from tools.decode_io.source import Source, source_of_stream
 
 NAMES = Names()
 TITLES = ["kind", "frame_id", "stw1", "stw1.on", "statusword.text", "latency_ms", "object"]

@@ -6,15 +6,15 @@ import contextlib
 
 from hypothesis import given
 from hypothesis import strategies as st
+from pdgw.dsp402.states import state_of
+from pdgw.gateway.transport.cyclic import CyclicEndpoint, Verdict
+from pdgw.peers.drive import SimulatedDriveNode
+from pdgw.peers.plc.endpoint import PlcEndpoint
+from pdgw.profidrive.errors import ProfidriveError
+from pdgw.profidrive.frame import RtFrame
+from pdgw.profidrive.telegrams import Direction, Telegram
 
-from dsp402.simulator import SimulatedDriveNode
-from dsp402.states import state_of
-from gateway.transport.cyclic import CyclicEndpoint, Verdict
-from profidrive.errors import ProfidriveError
-from profidrive.frame import RtFrame
-from profidrive.telegrams import Direction, Telegram
 from tests.support.strategies import axes_values
-from tools.plc.endpoint import PlcEndpoint
 
 CYCLE = 4_000_000
 PEER = ("127.0.0.1", 40000)

@@ -8,11 +8,10 @@ from uuid import UUID
 
 from hypothesis import given
 from hypothesis import strategies as st
-
-from profidrive.datatypes import DataType
-from profidrive.errors import ProfidriveError
-from profidrive.parameters.catalogue import PARAMETERS, ParameterSpec
-from profidrive.parameters.codec import (
+from pdgw.profidrive.datatypes import DataType
+from pdgw.profidrive.errors import ProfidriveError
+from pdgw.profidrive.parameters.catalogue import PARAMETERS, ParameterSpec
+from pdgw.profidrive.parameters.codec import (
     Address,
     Attribute,
     Request,
@@ -22,12 +21,13 @@ from profidrive.parameters.codec import (
     decode_response,
     encode_request,
 )
-from profidrive.parameters.errors import ParameterErrorNumber, ParameterRefused
-from profidrive.parameters.model import BoundParameter, Parameter, answer
-from profidrive.rpc import dcerpc
-from profidrive.rpc.client import RecordCaller
-from profidrive.rpc.records import RecordBlock
-from profidrive.rpc.server import RecordServer
+from pdgw.profidrive.parameters.errors import ParameterErrorNumber, ParameterRefused
+from pdgw.profidrive.parameters.model import BoundParameter, Parameter, answer
+from pdgw.profidrive.rpc import dcerpc
+from pdgw.profidrive.rpc.client import RecordCaller
+from pdgw.profidrive.rpc.records import RecordBlock
+from pdgw.profidrive.rpc.server import RecordServer
+
 from tests.fuzz.test_frames import mutated
 
 _NUMBERS = [item for item in DataType if item.char and item not in {DataType.ERROR, DataType.FLOATING_POINT}]

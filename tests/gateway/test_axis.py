@@ -7,13 +7,13 @@ from concurrent.futures import Future
 from typing import Any
 
 import pytest
+from pdgw.ds301.network import CanNetwork
+from pdgw.dsp402.drive import DriveEvent, DriveStatus
+from pdgw.gateway.axis import Axis
+from pdgw.gateway.config import AxisConfig
+from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.translator.base import SdoWrite
 
-from ds301.network import CanNetwork
-from dsp402.drive import DriveEvent, DriveStatus
-from gateway.axis import Axis
-from gateway.config import AxisConfig
-from gateway.errors import GatewayError
-from gateway.translator.base import SdoWrite
 from tests.support import buses
 
 FIRST = (SdoWrite(0x6098, 0, 35),)

@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import pytest
+from pdgw.ds301.network import CanNetwork
+from pdgw.dsp402.drive import DriveEvent, DriveStatus
+from pdgw.dsp402.images import References
+from pdgw.dsp402.states import STATUS_OF, State, StatusBit
+from pdgw.gateway.axis import Axis
+from pdgw.gateway.config import AxisConfig
+from pdgw.gateway.reasons import FIRST_WARNING, Reason
+from pdgw.gateway.status import axis_status
 
-from ds301.network import CanNetwork
-from dsp402.drive import DriveEvent, DriveStatus
-from dsp402.images import References
-from dsp402.states import STATUS_OF, State, StatusBit
-from gateway.axis import Axis
-from gateway.config import AxisConfig
-from gateway.reasons import FIRST_WARNING, Reason
-from gateway.status import axis_status
 from tests.support import buses
 
 MS = 1_000_000

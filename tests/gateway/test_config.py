@@ -7,10 +7,9 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-
-from gateway.config import example, load_config, parse_config, simulated
-from gateway.errors import GatewayError
-from gateway.translator.base import PlcLossReaction, SetpointEnable
+from pdgw.gateway.config import example, load_config, parse_config, simulated
+from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.translator.base import PlcLossReaction, SetpointEnable
 
 BASE = """\
 [can]

@@ -5,11 +5,10 @@ from __future__ import annotations
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-
-from gateway.transport.cyclic import CyclicEndpoint, Verdict
-from profidrive import frame as rt
-from profidrive.telegrams import Direction, telegram
-from tools.plc.endpoint import PlcEndpoint
+from pdgw.gateway.transport.cyclic import CyclicEndpoint, Verdict
+from pdgw.peers.plc.endpoint import PlcEndpoint
+from pdgw.profidrive import frame as rt
+from pdgw.profidrive.telegrams import Direction, telegram
 
 PLC = ("127.0.0.1", 40000)
 OTHER = ("127.0.0.1", 40001)

@@ -7,18 +7,18 @@ import threading
 import time
 
 import pytest
+from pdgw.ds301.errors import CanopenError
+from pdgw.dsp402.states import State
+from pdgw.gateway.daemon import Daemon
+from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.status import StatusServer
+from pdgw.gateway.transport.cyclic import Verdict
+from pdgw.gateway.transport.udp import UdpSocket
+from pdgw.tools.commands.status import fetch
 
-from ds301.errors import CanopenError
-from dsp402.states import State
-from gateway.daemon import Daemon
-from gateway.errors import GatewayError
-from gateway.status import StatusServer
-from gateway.transport.cyclic import Verdict
-from gateway.transport.udp import UdpSocket
 from tests.endtoend.processes import free_tcp_port
 from tests.support import buses
 from tests.support.daemon import OFF, Plc, axis, configuration, running
-from tools.commands.status import fetch
 
 
 def test_two_buses_carry_nodes_of_the_same_number() -> None:

@@ -5,18 +5,18 @@ from __future__ import annotations
 from contextlib import AbstractContextManager
 
 import pytest
+from pdgw.gateway.config import parse_config
+from pdgw.gateway.daemon import Daemon
+from pdgw.gateway.errors import GatewayError
+from pdgw.profidrive.datatypes import DataType
+from pdgw.profidrive.parameters.codec import Address, Values
+from pdgw.profidrive.parameters.errors import ParameterErrorNumber as Number
+from pdgw.profidrive.sensor_format import decode_sensor_format
+from pdgw.profidrive.signals import signal
+from pdgw.tools.parameters.client import ParameterClient
 
-from gateway.config import parse_config
-from gateway.daemon import Daemon
-from gateway.errors import GatewayError
-from profidrive.datatypes import DataType
-from profidrive.parameters.codec import Address, Values
-from profidrive.parameters.errors import ParameterErrorNumber as Number
-from profidrive.sensor_format import decode_sensor_format
-from profidrive.signals import signal
 from tests.support.buses import wait_for
 from tests.support.daemon import OFF, Plc, axis, configuration, serving
-from tools.parameters.client import ParameterClient
 
 CONTROL = signal("STW2_ENC").bit("CONTROL_BY_PLC").mask
 G1 = {bit.name: bit.mask for bit in signal("G1_STW").bits}

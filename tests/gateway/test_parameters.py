@@ -11,26 +11,26 @@ from uuid import UUID
 
 import pytest
 from canopen.sdo import SdoAbortedError
+from pdgw.ds301.aborts import ABORT_TEXTS, Abort
+from pdgw.ds301.objects import Entry
+from pdgw.dsp402.faults import DRIVE_FAULTS
+from pdgw.dsp402.objects import DRIVE_OBJECTS
+from pdgw.dsp402.pdo import LAYOUTS
+from pdgw.gateway.daemon import Daemon
+from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.parameters.objects import error_of_abort
+from pdgw.gateway.store import ParameterStore
+from pdgw.gateway.translator.factory import pdo_operation
+from pdgw.profidrive.datatypes import DataType
+from pdgw.profidrive.parameters.catalogue import LIST_PNUS, PARAMETERS, Scope
+from pdgw.profidrive.parameters.codec import Address, Attribute, Values, decode_response
+from pdgw.profidrive.parameters.description import Description
+from pdgw.profidrive.parameters.errors import ParameterErrorNumber as Number
+from pdgw.profidrive.rpc import identification
+from pdgw.tools.parameters.client import ParameterClient
 
-from ds301.aborts import ABORT_TEXTS, Abort
-from ds301.objects import Entry
-from dsp402.faults import DRIVE_FAULTS
-from dsp402.objects import DRIVE_OBJECTS
-from dsp402.pdo import LAYOUTS
-from gateway.daemon import Daemon
-from gateway.errors import GatewayError
-from gateway.parameters.objects import error_of_abort
-from gateway.store import ParameterStore
-from gateway.translator.factory import pdo_operation
-from profidrive.datatypes import DataType
-from profidrive.parameters.catalogue import LIST_PNUS, PARAMETERS, Scope
-from profidrive.parameters.codec import Address, Attribute, Values, decode_response
-from profidrive.parameters.description import Description
-from profidrive.parameters.errors import ParameterErrorNumber as Number
-from profidrive.rpc import identification
 from tests.support.buses import wait_for
 from tests.support.daemon import OFF, Plc, axis, configuration, exchanging, serving
-from tools.parameters.client import ParameterClient
 
 
 def gateway(axes: str, *, transport: str = "") -> AbstractContextManager[tuple[Daemon, ParameterClient]]:

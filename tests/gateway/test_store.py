@@ -10,15 +10,14 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.store import DeviceParameters, ParameterStore
 from pydantic import ValidationError
-
-from gateway.errors import GatewayError
-from gateway.store import DeviceParameters, ParameterStore
 
 WRITER = """
 import sys
 from pathlib import Path
-from gateway.store import ParameterStore
+from pdgw.gateway.store import ParameterStore
 store = ParameterStore(Path(sys.argv[1]), print)
 number = 0
 while True:

@@ -6,12 +6,12 @@ import time
 from collections.abc import Callable, Iterator
 
 import pytest
+from pdgw.dsp402.drive import DriveStatus
+from pdgw.gateway.axis import Axis
+from pdgw.gateway.config import AxisConfig
+from pdgw.gateway.reasons import Reason
+from pdgw.peers.drive import SimulatedDrive
 
-from dsp402.drive import DriveStatus
-from dsp402.simulator import SimulatedDrive
-from gateway.axis import Axis
-from gateway.config import AxisConfig
-from gateway.reasons import Reason
 from tests.support import buses
 
 NODE = 5

@@ -7,9 +7,8 @@ from fractions import Fraction
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-
-from profidrive.datatypes import DataType, n2, n4
-from profidrive.errors import ProfidriveError
+from pdgw.profidrive.datatypes import DataType, n2, n4
+from pdgw.profidrive.errors import ProfidriveError
 
 I16 = (-(1 << 15), (1 << 15) - 1)
 I32 = (-(1 << 31), (1 << 31) - 1)

@@ -9,9 +9,8 @@ from fractions import Fraction
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-
-from profidrive.datatypes import DataType
-from profidrive.encoder import (
+from pdgw.profidrive.datatypes import DataType
+from pdgw.profidrive.encoder import (
     PRESET_SETTLE_NS,
     STATUS_BITS,
     TRANSITIONS,
@@ -24,8 +23,8 @@ from profidrive.encoder import (
     rotary_speed_reference,
     speed_normalisation,
 )
-from profidrive.errors import ProfidriveError
-from profidrive.sign_of_life import MONITORING_OFF, SignOfLife
+from pdgw.profidrive.errors import ProfidriveError
+from pdgw.profidrive.sign_of_life import MONITORING_OFF, SignOfLife
 
 ACKNOWLEDGE, PARK, ABSOLUTE, PRESET, RELATIVE = 0x8000, 0x4000, 0x2000, 0x1000, 0x0800
 MS = 1_000_000

@@ -5,9 +5,8 @@ from __future__ import annotations
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-
-from profidrive.errors import ProfidriveError
-from profidrive.sensor_format import SensorFormat, decode_sensor_format, encode_sensor_format
+from pdgw.profidrive.errors import ProfidriveError
+from pdgw.profidrive.sensor_format import SensorFormat, decode_sensor_format, encode_sensor_format
 
 numbers = st.integers(0, 0xFFFF_FFFF)
 sensors = st.builds(

@@ -5,9 +5,8 @@ from __future__ import annotations
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-
-from profidrive.errors import ProfidriveError
-from profidrive.sign_of_life import MONITORING_OFF, SignOfLife
+from pdgw.profidrive.errors import ProfidriveError
+from pdgw.profidrive.sign_of_life import MONITORING_OFF, SignOfLife
 
 
 def test_the_own_counter_runs_1_to_15_without_0() -> None:

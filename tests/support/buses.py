@@ -9,9 +9,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 import can
-
-from ds301.bus import open_bus
-from ds301.network import CanNetwork
+from pdgw.ds301.bus import open_bus
+from pdgw.ds301.network import CanNetwork
 
 _numbers = itertools.count()
 

@@ -7,17 +7,16 @@ from collections.abc import Sequence
 from uuid import UUID
 
 import can
+from pdgw.profidrive.frame import UDP_PORT
+from pdgw.profidrive.rpc.client import RecordCaller
+from pdgw.profidrive.rpc.dcerpc import object_uuid
+from pdgw.profidrive.rpc.records import RECORD_GLOBAL
+from pdgw.profidrive.rpc.server import RecordServer
+from pdgw.profidrive.scapy_layers import cyclic_frame
+from pdgw.profidrive.telegrams import Direction
+from pdgw.tools.bench.captures import block
 from scapy.layers.inet import IP, UDP
 from scapy.layers.l2 import Ether
-
-from profidrive.frame import UDP_PORT
-from profidrive.rpc.client import RecordCaller
-from profidrive.rpc.dcerpc import object_uuid
-from profidrive.rpc.records import RECORD_GLOBAL
-from profidrive.rpc.server import RecordServer
-from profidrive.scapy_layers import cyclic_frame
-from profidrive.telegrams import Direction
-from tools.bench.captures import block
 
 BEGIN_NS = 1_700_000_000_123_456_000
 MS = 1_000_000

@@ -8,14 +8,15 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from gateway.config import GatewayConfig, parse_config
-from gateway.daemon import Daemon
-from gateway.status import snapshot
-from gateway.transport.acyclic import AcyclicServer
-from profidrive.telegrams import telegram
+from pdgw.gateway.config import GatewayConfig, parse_config
+from pdgw.gateway.daemon import Daemon
+from pdgw.gateway.status import snapshot
+from pdgw.gateway.transport.acyclic import AcyclicServer
+from pdgw.peers.plc.endpoint import PlcEndpoint
+from pdgw.profidrive.telegrams import telegram
+from pdgw.tools.parameters.client import ParameterClient
+
 from tests.support import buses
-from tools.parameters.client import ParameterClient
-from tools.plc.endpoint import PlcEndpoint
 
 OFF, ON = 0x047E, 0x047F
 MS = 1_000_000

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dsp402.images import DriveCommand, DriveFeedback
-from dsp402.states import STATUS_OF, ControlBit, State, StatusBit, next_state
+from pdgw.dsp402.images import DriveCommand, DriveFeedback
+from pdgw.dsp402.states import STATUS_OF, ControlBit, State, StatusBit, next_state
 
 
 class PlainDrive:

@@ -8,18 +8,19 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from decoder.engine import Settings, given_axes
-from ds301.nmt import NmtCommand
-from dsp402.images import REFERENCE_OBJECTS
-from dsp402.modes import Mode
-from dsp402.objects import DRIVE_OBJECTS
-from gateway.translator.base import TranslatorSettings
-from gateway.transport.cyclic import CyclicEndpoint
-from profidrive.frame import ETHERTYPE
+from pdgw.decoder.engine import Settings, given_axes
+from pdgw.ds301.nmt import NmtCommand
+from pdgw.dsp402.images import REFERENCE_OBJECTS
+from pdgw.dsp402.modes import Mode
+from pdgw.dsp402.objects import DRIVE_OBJECTS
+from pdgw.gateway.translator.base import TranslatorSettings
+from pdgw.gateway.transport.cyclic import CyclicEndpoint
+from pdgw.peers.plc.endpoint import PlcEndpoint
+from pdgw.profidrive.frame import ETHERTYPE
+from pdgw.tools.recordings import Known, Loaded, load
+
 from tests.support import captures
 from tests.support.rig import MS, NODE, Rig
-from tools.plc.endpoint import PlcEndpoint
-from tools.recordings import Known, Loaded, load
 
 CYCLE_NS = 4 * MS
 BEGIN_NS = captures.BEGIN_NS

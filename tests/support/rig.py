@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from ds301.nmt import NmtCommand
-from dsp402.configuration import pdo_steps
-from dsp402.drive import DriveSettings
-from dsp402.images import DriveFeedback, References
-from dsp402.modes import Mode
-from dsp402.objects import DRIVE_OBJECTS
-from dsp402.pdo import LAYOUTS
-from dsp402.simulator import Machine, SimulatedDriveNode
-from dsp402.states import State
-from gateway.translator.base import TranslatorSettings
-from gateway.translator.factory import initial_mode, make_translator, pdo_operation
+from pdgw.ds301.nmt import NmtCommand
+from pdgw.dsp402.configuration import pdo_steps
+from pdgw.dsp402.drive import DriveSettings
+from pdgw.dsp402.images import DriveFeedback, References
+from pdgw.dsp402.modes import Mode
+from pdgw.dsp402.objects import DRIVE_OBJECTS
+from pdgw.dsp402.pdo import LAYOUTS
+from pdgw.dsp402.states import State
+from pdgw.gateway.translator.base import TranslatorSettings
+from pdgw.gateway.translator.factory import initial_mode, make_translator, pdo_operation
+from pdgw.peers.drive import Machine, SimulatedDriveNode
 
 MS = 1_000_000
 NODE = 5

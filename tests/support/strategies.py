@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from hypothesis import strategies as st
-
-from profidrive.signals import Signal
-from profidrive.telegrams import TELEGRAMS, Direction, Telegram, TelegramHalf
+from pdgw.profidrive.signals import Signal
+from pdgw.profidrive.telegrams import TELEGRAMS, Direction, Telegram, TelegramHalf
 
 telegrams = st.sampled_from([TELEGRAMS[number] for number in sorted(TELEGRAMS)])
 directions = st.sampled_from(list(Direction))

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import pytest
-
-from profidrive.frame import RtFrame
-from tools.bench import roundtrip, storm
-from tools.bench.measure import latency
-from tools.bench.translation import axis_cycle
+from pdgw.profidrive.frame import RtFrame
+from pdgw.tools.bench import roundtrip, storm
+from pdgw.tools.bench.measure import latency
+from pdgw.tools.bench.translation import axis_cycle
 
 
 @pytest.mark.parametrize(("number", "enabled"), [(1, 0x07), (9, 0x07), (100, 0x27)])

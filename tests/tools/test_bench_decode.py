@@ -5,11 +5,11 @@ from __future__ import annotations
 import shutil
 from pathlib import Path
 
-from decoder.engine import Decoder, Settings, given_axes
-from decoder.records import CyclicRecord, PdoRecord
-from tools.bench import decoding
-from tools.bench.captures import write_capture
-from tools.decode_io.source import open_source
+from pdgw.decoder.capture.source import open_source
+from pdgw.decoder.engine import Decoder, Settings, given_axes
+from pdgw.decoder.records import CyclicRecord, PdoRecord
+from pdgw.tools.bench import decoding
+from pdgw.tools.bench.captures import write_capture
 
 
 def test_the_measured_capture_is_of_both_buses_and_every_packet_carries_values(tmp_path: Path) -> None:

@@ -5,22 +5,22 @@ from __future__ import annotations
 import json
 
 import pytest
+from pdgw.dsp406.encoder import EncoderClient
+from pdgw.gateway.daemon import Daemon
+from pdgw.gateway.reasons import Reason
+from pdgw.gateway.status import snapshot
+from pdgw.gateway.translator.encoder import EncoderTranslator
+from pdgw.gateway.translator.power import PowerControl
+from pdgw.gateway.translator.velocity import VelocityTranslator
+from pdgw.peers.drive.misbehaviour import DRIVE_MISBEHAVIOURS
+from pdgw.peers.encoder.misbehaviour import ENCODER_MISBEHAVIOURS
+from pdgw.profidrive.encoder import EncoderControl
+from pdgw.tools.commands.conformance import app
+from pdgw.tools.conformance import bench, encoders
+from pdgw.tools.conformance.faults import CASES, Activity, Case, Device, Reaction, Result, run_case, run_cases
 from typer.testing import CliRunner
 
-from dsp402.misbehaviour import DRIVE_MISBEHAVIOURS
-from dsp406.encoder import EncoderClient
-from dsp406.misbehaviour import ENCODER_MISBEHAVIOURS
-from gateway.daemon import Daemon
-from gateway.reasons import Reason
-from gateway.status import snapshot
-from gateway.translator.encoder import EncoderTranslator
-from gateway.translator.power import PowerControl
-from gateway.translator.velocity import VelocityTranslator
-from profidrive.encoder import EncoderControl
 from tests.support.daemon import Plc, axis, configuration, running
-from tools.commands.conformance import app
-from tools.conformance import bench, encoders
-from tools.conformance.faults import CASES, Activity, Case, Device, Reaction, Result, run_case, run_cases
 
 PATIENT = "watchdog_factor = 255"
 """The PLC of these tests is never lost, however busy the machine is."""
@@ -180,7 +180,7 @@ def test_the_command_prints_a_matrix_and_its_exit_status_tells(monkeypatch: pyte
     assert good.exit_code == 0
     assert "drive-fault" in good.output
     assert "1 of 1 as they must be" in good.output
-    monkeypatch.setattr("tools.commands.conformance.CASES", (Case("emcy-burst", Reaction.GOES_ON),))
+    monkeypatch.setattr("pdgw.tools.commands.conformance.CASES", (Case("emcy-burst", Reaction.GOES_ON),))
     bad = CliRunner().invoke(app, ["faults", "--json"])
     document = json.loads(bad.output)
     assert (bad.exit_code, document["failed"]) == (1, 1)

@@ -8,11 +8,9 @@ import struct
 from pathlib import Path
 
 import pytest
-from scapy.layers.can import CAN
-from scapy.utils import PcapReader
-
-from decoder.engine import Decoder, Settings, given_axes
-from decoder.records import (
+from pdgw.decoder.capture.source import open_source
+from pdgw.decoder.engine import Decoder, Settings, given_axes
+from pdgw.decoder.records import (
     CyclicRecord,
     EmcyRecord,
     HeartbeatRecord,
@@ -23,10 +21,12 @@ from decoder.records import (
     Record,
     SdoRecord,
 )
-from profidrive.scapy_layers import ProfidriveCyclic, bind
+from pdgw.profidrive.scapy_layers import ProfidriveCyclic, bind
+from scapy.layers.can import CAN
+from scapy.utils import PcapReader
+
 from tests.support import captures, tshark
 from tests.support.captures import BEGIN_NS, MS
-from tools.decode_io.source import open_source
 
 CANOPEN = ("-d", "can.subdissector,canopen")
 
@@ -203,7 +203,7 @@ def test_signals_as_scapy_reads_them(tmp_path: Path) -> None:
 
 
 def test_the_table_of_a_capture_is_what_plain_struct_reads(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    from tools.commands.decode import decode  # noqa: PLC0415
+    from pdgw.tools.commands.decode import decode  # noqa: PLC0415
 
     path = tmp_path / "both.pcapng"
     packets = captures.both_buses()

@@ -10,14 +10,14 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
+from pdgw.decoder.capture.errors import CaptureError
+from pdgw.decoder.engine import Decoder
+from pdgw.gateway.errors import GatewayError
+from pdgw.profidrive.errors import ProfidriveError
+from pdgw.tools.commands.decode import DirectionOption, decode
 
-from decoder.engine import Decoder
-from gateway.errors import GatewayError
-from profidrive.errors import ProfidriveError
 from tests.support import captures
 from tests.support.captures import BEGIN_NS
-from tools.commands.decode import DirectionOption, decode
-from tools.decode_io.errors import CaptureError
 
 PACKETS = captures.both_buses()
 
@@ -45,7 +45,7 @@ def lines(capsys: pytest.CaptureFixture[str]) -> list[str]:
 
 
 def run(*arguments: str, data: bytes | None = None) -> subprocess.CompletedProcess[bytes]:
-    command = [sys.executable, "-m", "tools", "decode", *arguments]
+    command = [sys.executable, "-m", "pdgw", "decode", *arguments]
     return subprocess.run(command, input=data, capture_output=True, check=False, timeout=60)
 
 
@@ -232,7 +232,7 @@ def test_standard_input_and_a_reader_that_leaves(tmp_path: Path) -> None:
     path = tmp_path / "long.log"
     path.write_bytes(captures.candump(captures.CANOPEN * 2000))
     reader = subprocess.Popen(
-        [sys.executable, "-m", "tools", "decode", str(path)], stdout=subprocess.PIPE, stderr=subprocess.PIPE
+        [sys.executable, "-m", "pdgw", "decode", str(path)], stdout=subprocess.PIPE, stderr=subprocess.PIPE
     )
     assert reader.stdout is not None
     assert reader.stderr is not None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from tools.doctables import MISBEHAVIOUR_PATH, PATH, generate, generate_misbehaviour
+from pdgw.tools.doctables import MISBEHAVIOUR_PATH, PATH, generate, generate_misbehaviour
 
 
 def test_docs_tables_are_up_to_date() -> None:

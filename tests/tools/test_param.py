@@ -7,15 +7,15 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from pdgw.gateway.errors import GatewayError
+from pdgw.profidrive.datatypes import DataType
+from pdgw.tools.parameters.address import Target, parse_target, parse_type, parse_value
+from pdgw.tools.parameters.client import ParameterClient
+from pdgw.tools.parameters.dump import Dump, DumpedElement, difference, read_all, restore
+from pdgw.tools.parameters.session import Session
 
-from gateway.errors import GatewayError
-from profidrive.datatypes import DataType
 from tests.endtoend.processes import pdgw
 from tests.support.daemon import axis, configuration, serving
-from tools.parameters.address import Target, parse_target, parse_type, parse_value
-from tools.parameters.client import ParameterClient
-from tools.parameters.dump import Dump, DumpedElement, difference, read_all, restore
-from tools.parameters.session import Session
 
 
 @pytest.mark.parametrize(

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import pytest
-
-from profidrive.signals import signal
-from profidrive.telegrams import telegram
-from tools.commands.sim_plc import Keyboard
-from tools.plc.endpoint import PlcEndpoint
+from pdgw.peers.plc.endpoint import PlcEndpoint
+from pdgw.profidrive.signals import signal
+from pdgw.profidrive.telegrams import telegram
+from pdgw.tools.commands.sim_plc import Keyboard
 
 CYCLE = 4_000_000
 READY, OPERATION = 0x31, 0x37

@@ -7,12 +7,12 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from pdgw.ds301.errors import CanopenError
+from pdgw.peers.simulation.console import Console
+from pdgw.peers.simulation.devices import Simulation, encoder_device
 
-from ds301.errors import CanopenError
 from tests.endtoend.processes import free_tcp_port, pdgw, running
 from tests.support import buses
-from tools.simulation.console import Console
-from tools.simulation.devices import Simulation, encoder_device
 
 
 @pytest.fixture

@@ -7,18 +7,18 @@ from pathlib import Path
 
 import pytest
 import typer
+from pdgw.decoder.capture.errors import CaptureError
+from pdgw.gateway.errors import GatewayError
+from pdgw.tools.commands.replay import replay
+from pdgw.tools.commands.timeline import timeline
+from pdgw.tools.recordings import known_from
 
-from gateway.errors import GatewayError
+from tests.decoder.test_replay import speed
 from tests.endtoend.processes import pdgw
-from tests.gateway.test_replay import speed
 from tests.support import captures
 from tests.support.daemon import MS
 from tests.support.recorded import BEGIN_NS
 from tests.support.rig import NODE
-from tools.commands.replay import replay
-from tools.commands.timeline import timeline
-from tools.decode_io.errors import CaptureError
-from tools.recordings import known_from
 
 NODES = [str(NODE)]
 

@@ -10,10 +10,10 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO
 
-from decoder.records import Link
-from ds301.pdo import Pdo
-from dsp402.pdo import LAYOUTS, Operation
-from profidrive.frame import (
+from pdgw.decoder.records import Link
+from pdgw.ds301.pdo import Pdo
+from pdgw.dsp402.pdo import LAYOUTS, Operation
+from pdgw.profidrive.frame import (
     FRAME_ID_TO_CONTROLLER,
     FRAME_ID_TO_DEVICE,
     IOPS_GOOD,
@@ -22,7 +22,7 @@ from profidrive.frame import (
     UDP_PORT,
     CSduLayout,
 )
-from profidrive.telegrams import Direction, telegram
+from pdgw.profidrive.telegrams import Direction, telegram
 
 _CYCLE_NS = 1_000_000
 _COUNTER_STEP = 32

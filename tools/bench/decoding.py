@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from tools.bench.captures import write_capture
+from pdgw.tools.bench.captures import write_capture
 
 GOAL_SCAPY = 5.0
 """Goal: at least so many times as fast as scapy."""
@@ -66,7 +66,7 @@ def run(packets: int, rounds: int = 3, progress: Callable[[str], None] = lambda 
         write_capture(capture, packets)
         commands = {
             "pdgw decode --csv": [
-                *(sys.executable, "-m", "tools", "decode", str(capture), "--telegram", "1", "--csv", _NAMES)
+                *(sys.executable, "-m", "pdgw", "decode", str(capture), "--telegram", "1", "--csv", _NAMES)
             ]
         }
         if shutil.which("tshark"):

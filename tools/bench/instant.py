@@ -16,13 +16,12 @@ import time
 
 import can
 from can.interfaces import BACKENDS
-
-from dsp402.simulator import SimulatedDriveNode
-from gateway.config import GatewayConfig
-from gateway.daemon import Daemon
-from gateway.status import StatusServer
-from gateway.transport.acyclic import AcyclicServer
-from tools.demo.run import free_ports
+from pdgw.gateway.config import GatewayConfig
+from pdgw.gateway.daemon import Daemon
+from pdgw.gateway.status import StatusServer
+from pdgw.gateway.transport.acyclic import AcyclicServer
+from pdgw.peers.drive import SimulatedDriveNode
+from pdgw.tools.demo.run import free_ports
 
 INTERFACE = "pdgw-instant"
 _STATUS_OF_COMMAND = {0x06: b"\x31\x02", 0x07: b"\x33\x02", 0x0F: b"\x37\x06"}
@@ -91,7 +90,7 @@ class InstantBus(can.BusABC):
 
 def main() -> None:
     """Run the gateway of the benchmark."""
-    BACKENDS[INTERFACE] = ("tools.bench.instant", "InstantBus")
+    BACKENDS[INTERFACE] = ("pdgw.tools.bench.instant", "InstantBus")
     axes = int(sys.argv[1])
     config = GatewayConfig.model_validate(
         {

@@ -9,11 +9,11 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
-from gateway.errors import GatewayError
-from profidrive.telegrams import telegram
-from tools.bench.measure import Latency, Peer, paced
-from tools.commands.status import fetch
-from tools.plc.endpoint import PlcEndpoint
+from pdgw.gateway.errors import GatewayError
+from pdgw.peers.plc.endpoint import PlcEndpoint
+from pdgw.profidrive.telegrams import telegram
+from pdgw.tools.bench.measure import Latency, Peer, paced
+from pdgw.tools.commands.status import fetch
 
 PERIOD_NS = 1_000_000
 GOAL_RATIO = 3.0
@@ -99,7 +99,7 @@ class Plc:
 
 def run(axes: int, cycles: int) -> RoundTrip:
     """Compare at 1 kHz, then count cycles flat out for about a second."""
-    with process("tools.bench.echo") as (echo_port,), process("tools.bench.instant", str(axes)) as ports:
+    with process("pdgw.tools.bench.echo") as (echo_port,), process("pdgw.tools.bench.instant", str(axes)) as ports:
         plc = Plc(axes)
         gateway = Peer(ports[0], plc.frame)
         size = len(plc.frame())

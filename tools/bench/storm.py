@@ -12,11 +12,11 @@ import threading
 import time
 from dataclasses import dataclass
 
-from gateway.errors import GatewayError
-from profidrive.parameters.codec import Address
-from tools.bench.measure import Latency, Peer, latency, paced
-from tools.bench.roundtrip import PERIOD_NS, Plc, background, process
-from tools.parameters.client import ParameterClient
+from pdgw.gateway.errors import GatewayError
+from pdgw.profidrive.parameters.codec import Address
+from pdgw.tools.bench.measure import Latency, Peer, latency, paced
+from pdgw.tools.bench.roundtrip import PERIOD_NS, Plc, background, process
+from pdgw.tools.parameters.client import ParameterClient
 
 GOAL_RATIO = 1.5
 AXES = 4
@@ -46,14 +46,14 @@ def run(cycles: int) -> Storm:
     requests = 0
     elapsed = 0.0
     lost = [0, 0]
-    with process("tools.bench.instant", str(AXES)) as ports:
+    with process("pdgw.tools.bench.instant", str(AXES)) as ports:
         plc = Plc(AXES)
         gateway = Peer(ports[0], plc.frame)
         try:
             plc.enable(gateway)
             for _ in range(_PHASES):
                 lost[0] += _phase(gateway, cycles // _PHASES, quiet)
-                with background("tools.bench.storm", str(ports[2]), str(AXES)) as (child, _):
+                with background("pdgw.tools.bench.storm", str(ports[2]), str(AXES)) as (child, _):
                     start = time.perf_counter()
                     lost[1] += _phase(gateway, cycles // _PHASES, stormy)
                     elapsed += time.perf_counter() - start

@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from ds301.pdo import Pdo
-from dsp402.images import DriveFeedback, References
-from dsp402.pdo import LAYOUTS, PdoLayout
-from gateway.translator.base import TranslatorSettings
-from gateway.translator.factory import make_translator, pdo_operation
-from gateway.transport.cyclic import CyclicEndpoint
-from profidrive.telegrams import telegram
-from tools.bench.measure import nanoseconds_per_call
-from tools.plc.endpoint import PlcEndpoint
+from pdgw.ds301.pdo import Pdo
+from pdgw.dsp402.images import DriveFeedback, References
+from pdgw.dsp402.pdo import LAYOUTS, PdoLayout
+from pdgw.gateway.translator.base import TranslatorSettings
+from pdgw.gateway.translator.factory import make_translator, pdo_operation
+from pdgw.gateway.transport.cyclic import CyclicEndpoint
+from pdgw.peers.plc.endpoint import PlcEndpoint
+from pdgw.profidrive.telegrams import telegram
+from pdgw.tools.bench.measure import nanoseconds_per_call
 
 GOALS_NS = {1: 10_000, 9: 20_000}
 """Goals of the project for one axis-cycle."""

@@ -7,11 +7,10 @@ from dataclasses import asdict
 from typing import Annotated
 
 import typer
+from pdgw.ds301.load import frame_bits
+from pdgw.tools.bench import decoding, roundtrip, storm, translation
 from rich.console import Console
 from rich.table import Table
-
-from ds301.load import frame_bits
-from tools.bench import decoding, roundtrip, storm, translation
 
 app = typer.Typer(help="Benchmarks.", invoke_without_command=True)
 

@@ -6,9 +6,8 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-
-from gateway.config import example as example_text
-from gateway.config import load_config
+from pdgw.gateway.config import example as example_text
+from pdgw.gateway.config import load_config
 
 app = typer.Typer(help="Configuration files.", no_args_is_help=True)
 

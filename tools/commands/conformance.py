@@ -7,11 +7,10 @@ import logging
 from typing import Annotated
 
 import typer
+from pdgw.gateway.errors import GatewayError
+from pdgw.tools.conformance.faults import CASES, JOBS, Result, run_cases
 from rich.console import Console
 from rich.table import Table
-
-from gateway.errors import GatewayError
-from tools.conformance.faults import CASES, JOBS, Result, run_cases
 
 app = typer.Typer(help="Conformance tests of the gateway.", no_args_is_help=True)
 

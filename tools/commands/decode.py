@@ -16,24 +16,12 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-
-from decoder.changes import Changes
-from decoder.engine import Axis, CanPacket, Decoder, Packet, Settings, given_axes
-from decoder.filter import Filter
-from decoder.names import Names
-from decoder.objects import ObjectNames
-from decoder.recognise import parse_hex, recognise
-from decoder.render import one_line, tree
-from decoder.selection import Selection
-from gateway.errors import GatewayError
-from profidrive.telegrams import Direction
-from profidrive.telegrams import telegram as telegram_of
-from tools.decode_io import live
-from tools.decode_io.axes import configured_axes
-from tools.decode_io.dictionary import dictionary_of
-from tools.decode_io.moments import moment
-from tools.decode_io.source import Source, open_source
-from tools.decode_io.writers import (
+from pdgw.decoder.capture import live
+from pdgw.decoder.capture.axes import configured_axes
+from pdgw.decoder.capture.dictionary import dictionary_of
+from pdgw.decoder.capture.moments import moment
+from pdgw.decoder.capture.source import Source, open_source
+from pdgw.decoder.capture.writers import (
     CsvWriter,
     JsonWriter,
     ParquetWriter,
@@ -42,6 +30,17 @@ from tools.decode_io.writers import (
     TextWriter,
     Writer,
 )
+from pdgw.decoder.changes import Changes
+from pdgw.decoder.engine import Axis, CanPacket, Decoder, Packet, Settings, given_axes
+from pdgw.decoder.filter import Filter
+from pdgw.decoder.names import Names
+from pdgw.decoder.objects import ObjectNames
+from pdgw.decoder.recognise import parse_hex, recognise
+from pdgw.decoder.render import one_line, tree
+from pdgw.decoder.selection import Selection
+from pdgw.gateway.errors import GatewayError
+from pdgw.profidrive.telegrams import Direction
+from pdgw.profidrive.telegrams import telegram as telegram_of
 
 _DEFAULT_BITRATE = 1_000_000
 _PROGRESS_FROM = 4 << 20
@@ -167,7 +166,7 @@ def _known(telegrams: Sequence[int], config: Path | None, eds: Sequence[str], po
     cyclic, acyclic = settings.cyclic_ports | set(ports), settings.acyclic_ports
     bitrate = None
     if config is not None:
-        from gateway.config import load_config  # noqa: PLC0415 (loads the whole gateway)
+        from pdgw.gateway.config import load_config  # noqa: PLC0415 (loads the whole gateway)
 
         loaded = load_config(config)
         origin = "configuration"

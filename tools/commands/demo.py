@@ -8,13 +8,12 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from pdgw.peers.plc.scenario import Result
+from pdgw.tools.commands.sim_plc import results_table
+from pdgw.tools.demo.run import Demo
 from rich.console import Console
 from rich.live import Live
 from rich.table import Table
-
-from tools.commands.sim_plc import results_table
-from tools.demo.run import Demo
-from tools.plc.scenario import Result
 
 
 class _Story:

@@ -12,19 +12,18 @@ from typing import Annotated
 from uuid import UUID
 
 import typer
+from pdgw.gateway.errors import GatewayError
+from pdgw.profidrive.rpc.dcerpc import UDP_PORT as ACYCLIC_PORT
+from pdgw.profidrive.rpc.identification import PROFILE_ID
+from pdgw.profidrive.rpc.records import NIL
+from pdgw.tools.commands.sim_plc import parse_address
+from pdgw.tools.parameters.address import parse_target, parse_type, parse_value
+from pdgw.tools.parameters.client import ParameterClient
+from pdgw.tools.parameters.dump import Dump, difference, read_all, restore
+from pdgw.tools.parameters.session import Element, Progress, Session, address_text, meaning, name_and_unit
 from rich.console import Console
 from rich.progress import Progress as ProgressBar
 from rich.table import Table
-
-from gateway.errors import GatewayError
-from profidrive.rpc.dcerpc import UDP_PORT as ACYCLIC_PORT
-from profidrive.rpc.identification import PROFILE_ID
-from profidrive.rpc.records import NIL
-from tools.commands.sim_plc import parse_address
-from tools.parameters.address import parse_target, parse_type, parse_value
-from tools.parameters.client import ParameterClient
-from tools.parameters.dump import Dump, difference, read_all, restore
-from tools.parameters.session import Element, Progress, Session, address_text, meaning, name_and_unit
 
 app = typer.Typer(help="Parameters of a gateway or any PROFIdrive device.", no_args_is_help=True)
 

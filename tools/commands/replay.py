@@ -7,10 +7,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Annotated
 
 import typer
-
-from gateway.replay import AxisReplay, Difference
-from tools.commands.recording_options import Config, Files, Nodes, Offset, Telegrams
-from tools.recordings import TOLERANCE_NS, Loaded, known_from, load, nanoseconds, tell, write_lines
+from pdgw.decoder.replay import AxisReplay, Difference
+from pdgw.tools.commands.recording_options import Config, Files, Nodes, Offset, Telegrams
+from pdgw.tools.recordings import TOLERANCE_NS, Loaded, known_from, load, nanoseconds, tell, write_lines
 
 
 def replay(

@@ -17,16 +17,15 @@ from typing import Annotated
 
 import can
 import typer
+from pdgw.gateway.config import CanConfig, GatewayConfig, load_config, simulated
+from pdgw.gateway.daemon import Daemon
+from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.status import StatusServer
+from pdgw.gateway.transport.acyclic import AcyclicServer
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 from rich.console import Console
 from rich.logging import RichHandler
-
-from gateway.config import CanConfig, GatewayConfig, load_config, simulated
-from gateway.daemon import Daemon
-from gateway.errors import GatewayError
-from gateway.status import StatusServer
-from gateway.transport.acyclic import AcyclicServer
 
 
 class LogLevel(StrEnum):

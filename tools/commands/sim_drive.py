@@ -10,13 +10,12 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-
-from gateway.daemon import open_configured_bus
-from gateway.errors import GatewayError
-from tools.simulation.config import ControlConfig, example, load_bus
-from tools.simulation.console import COMMANDS
-from tools.simulation.devices import Simulation
-from tools.simulation.running import run, run_nodes
+from pdgw.gateway.daemon import open_configured_bus
+from pdgw.gateway.errors import GatewayError
+from pdgw.peers.simulation.config import ControlConfig, example, load_bus
+from pdgw.peers.simulation.console import COMMANDS
+from pdgw.peers.simulation.devices import Simulation
+from pdgw.peers.simulation.running import run, run_nodes
 
 
 def drive(

@@ -5,11 +5,10 @@ from __future__ import annotations
 from typing import Annotated
 
 import typer
-
-from dsp406.kinds import DEVICES, ROTARY
-from dsp406.simulator.motion import MOTIONS
-from tools.simulation.config import ControlConfig
-from tools.simulation.running import run_nodes
+from pdgw.dsp406.kinds import DEVICES, ROTARY
+from pdgw.peers.encoder.motion import MOTIONS
+from pdgw.peers.simulation.config import ControlConfig
+from pdgw.peers.simulation.running import run_nodes
 
 
 def encoder(

@@ -19,19 +19,18 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from pdgw.gateway.errors import GatewayError
+from pdgw.peers.plc.client import PlcClient
+from pdgw.peers.plc.endpoint import PlcEndpoint
+from pdgw.peers.plc.scenario import Engine, Result, Scenario, load_scenario
+from pdgw.peers.plc.view import table
+from pdgw.profidrive.frame import UDP_PORT
+from pdgw.profidrive.rpc.dcerpc import UDP_PORT as ACYCLIC_PORT
+from pdgw.profidrive.signals import signal as signal_of
+from pdgw.profidrive.telegrams import telegram as telegram_of
 from rich.console import Console
 from rich.live import Live
 from rich.table import Table
-
-from gateway.errors import GatewayError
-from profidrive.frame import UDP_PORT
-from profidrive.rpc.dcerpc import UDP_PORT as ACYCLIC_PORT
-from profidrive.signals import signal as signal_of
-from profidrive.telegrams import telegram as telegram_of
-from tools.plc.client import PlcClient
-from tools.plc.endpoint import PlcEndpoint
-from tools.plc.scenario import Engine, Result, Scenario, load_scenario
-from tools.plc.view import table
 
 KEYS: dict[str, tuple[str, dict[str, object] | None]] = {
     "o": ("OFF1", {"off1": True}),

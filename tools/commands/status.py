@@ -7,11 +7,10 @@ import socket
 from typing import Annotated, Any
 
 import typer
+from pdgw.gateway.config import STATUS_PORT
+from pdgw.gateway.errors import GatewayError
 from rich.console import Console
 from rich.table import Table
-
-from gateway.config import STATUS_PORT
-from gateway.errors import GatewayError
 
 
 def fetch(port: int) -> dict[str, Any]:

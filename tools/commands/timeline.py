@@ -8,14 +8,13 @@ from collections.abc import Iterator
 from typing import Annotated
 
 import typer
-
-from decoder.render import record_line
-from decoder.timeline import Timeline, make_timeline
-from decoder.timeline_text import entry_lines, summary_lines
-from gateway.errors import GatewayError
-from tools.commands.recording_options import Config, Files, Nodes, Offset, Telegrams
-from tools.decode_io.moments import moment
-from tools.recordings import Loaded, known_from, load, nanoseconds, tell, write_lines
+from pdgw.decoder.capture.moments import moment
+from pdgw.decoder.render import record_line
+from pdgw.decoder.timeline import Timeline, make_timeline
+from pdgw.decoder.timeline_text import entry_lines, summary_lines
+from pdgw.gateway.errors import GatewayError
+from pdgw.tools.commands.recording_options import Config, Files, Nodes, Offset, Telegrams
+from pdgw.tools.recordings import Loaded, known_from, load, nanoseconds, tell, write_lines
 
 
 def timeline(

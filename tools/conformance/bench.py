@@ -16,13 +16,12 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import can
-
-from ds301.bus import open_bus
-from ds301.network import CanNetwork
-from ds301.nmt import NmtCommand
-from ds301.running import RunningNode
-from gateway.config import GATEWAY_NODE_ID
-from gateway.drive_object import DriveObject
+from pdgw.ds301.bus import open_bus
+from pdgw.ds301.network import CanNetwork
+from pdgw.ds301.nmt import NmtCommand
+from pdgw.gateway.config import GATEWAY_NODE_ID
+from pdgw.gateway.drive_object import DriveObject
+from pdgw.peers.node.running import RunningNode
 
 CYCLE_MS = 4
 MS = 1_000_000

@@ -10,14 +10,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import can
-
-from dsp402.drive import DriveStatus
-from dsp402.modes import Mode
-from dsp402.simulator import DriveModel, SimulatedDrive, SimulatedDriveNode
-from dsp402.states import State, state_of
-from gateway.axis import Axis
-from gateway.config import AxisConfig
-from tools.conformance.bench import (
+from pdgw.dsp402.drive import DriveStatus
+from pdgw.dsp402.modes import Mode
+from pdgw.dsp402.states import State, state_of
+from pdgw.gateway.axis import Axis
+from pdgw.gateway.config import AxisConfig
+from pdgw.peers.drive import DriveModel, SimulatedDrive, SimulatedDriveNode
+from pdgw.tools.conformance.bench import (
     CONFIGURES,
     CYCLE_MS,
     HEARTBEAT_MS,

@@ -12,16 +12,15 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
 import can
-
-from dsp402.states import State
-from dsp406.faults import ENCODER_FAULTS
-from dsp406.simulator import SimulatedEncoder, SimulatedEncoderNode
-from dsp406.simulator.motion import SECOND, Motion, still
-from gateway.config import EncoderConfig
-from gateway.drive_object import DriveObject
-from gateway.encoder import EncoderNode, EncoderObject
-from profidrive.signals import signal
-from tools.conformance.bench import (
+from pdgw.dsp402.states import State
+from pdgw.dsp406.faults import ENCODER_FAULTS
+from pdgw.gateway.config import EncoderConfig
+from pdgw.gateway.drive_object import DriveObject
+from pdgw.gateway.encoder import EncoderNode, EncoderObject
+from pdgw.peers.encoder import SimulatedEncoder, SimulatedEncoderNode
+from pdgw.peers.encoder.motion import SECOND, Motion, still
+from pdgw.profidrive.signals import signal
+from pdgw.tools.conformance.bench import (
     CONFIGURES,
     CYCLE_MS,
     HEARTBEAT_MS,
@@ -35,7 +34,7 @@ from tools.conformance.bench import (
     Reaction,
     Result,
 )
-from tools.conformance.drives import DriveBench
+from pdgw.tools.conformance.drives import DriveBench
 
 _NODE = 6
 _UNITS_PER_SECOND = 4096

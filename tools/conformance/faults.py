@@ -8,9 +8,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 
-from tools.conformance.bench import Activity, Case, Device, Reaction, Result
-from tools.conformance.drives import DRIVE_CASES, run_drive_case
-from tools.conformance.encoders import ENCODER_CASES, run_encoder_case, run_sensor_case
+from pdgw.tools.conformance.bench import Activity, Case, Device, Reaction, Result
+from pdgw.tools.conformance.drives import DRIVE_CASES, run_drive_case
+from pdgw.tools.conformance.encoders import ENCODER_CASES, run_encoder_case, run_sensor_case
 
 __all__ = ["CASES", "JOBS", "Activity", "Case", "Device", "Reaction", "Result", "run_case", "run_cases"]
 

@@ -17,9 +17,8 @@ from pathlib import Path
 from typing import IO, Any
 
 from can_remote import RemoteServer
-
-from gateway.errors import GatewayError
-from tools.demo.trace import plot
+from pdgw.gateway.errors import GatewayError
+from pdgw.tools.demo.trace import plot
 
 SCENARIO = Path(__file__).parent.parent / "scenarios" / "demo.yaml"
 STORY_LIMIT_S = 58
@@ -170,7 +169,7 @@ class Demo:
         log = (self.out / f"{name}.log").open("w", encoding="utf-8")
         self._logs.append(log)
         self._processes[name] = subprocess.Popen(
-            [sys.executable, "-m", "tools", *arguments],
+            [sys.executable, "-m", "pdgw", *arguments],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE if name == "plc" else log,
             stderr=log,

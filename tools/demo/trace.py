@@ -5,10 +5,10 @@ from __future__ import annotations
 import csv
 from pathlib import Path
 
-from gateway.errors import GatewayError
-from profidrive.datatypes import N2_100_PERCENT, N4_100_PERCENT
-from profidrive.signals import signal
-from tools.plc.client import TRACE_COLUMNS
+from pdgw.gateway.errors import GatewayError
+from pdgw.peers.plc.client import TRACE_COLUMNS
+from pdgw.profidrive.datatypes import N2_100_PERCENT, N4_100_PERCENT
+from pdgw.profidrive.signals import signal
 
 _SPEED_RPM = 3000
 _POSITION = 500_000

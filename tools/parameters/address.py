@@ -5,9 +5,9 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
-from gateway.errors import GatewayError
-from profidrive.datatypes import DataType
-from profidrive.parameters.codec import Values
+from pdgw.gateway.errors import GatewayError
+from pdgw.profidrive.datatypes import DataType
+from pdgw.profidrive.parameters.codec import Values
 
 _ADDRESS = re.compile(
     r"""(?:[Pp](?:NU)?)?(?P<number>0[xX][0-9a-fA-F]+|[0-9a-fA-F]+[hH]|[0-9]+)

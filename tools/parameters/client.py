@@ -10,9 +10,9 @@ from collections.abc import Callable
 from types import TracebackType
 from typing import Self
 
-from gateway.errors import GatewayError
-from profidrive.errors import ProfidriveError
-from profidrive.parameters.codec import (
+from pdgw.gateway.errors import GatewayError
+from pdgw.profidrive.errors import ProfidriveError
+from pdgw.profidrive.parameters.codec import (
     MAX_PARAMETERS,
     ZERO,
     Address,
@@ -24,10 +24,10 @@ from profidrive.parameters.codec import (
     decode_response,
     encode_request,
 )
-from profidrive.rpc.client import RecordCall, RecordCaller, RecordResult
-from profidrive.rpc.dcerpc import object_uuid
-from profidrive.rpc.identification import PROFILE_ID
-from profidrive.rpc.records import NIL, RECORD_GLOBAL, RECORD_LOCAL, AccessError
+from pdgw.profidrive.rpc.client import RecordCall, RecordCaller, RecordResult
+from pdgw.profidrive.rpc.dcerpc import object_uuid
+from pdgw.profidrive.rpc.identification import PROFILE_ID
+from pdgw.profidrive.rpc.records import NIL, RECORD_GLOBAL, RECORD_LOCAL, AccessError
 
 _ATTEMPTS = 5
 _REPEAT_S = 0.4

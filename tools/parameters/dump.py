@@ -6,13 +6,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal
 
+from pdgw.gateway.errors import GatewayError
+from pdgw.profidrive.parameters.catalogue import OBJECTS
+from pdgw.profidrive.parameters.codec import Values
+from pdgw.tools.parameters.address import Target, parse_type, parse_value
+from pdgw.tools.parameters.session import NOT_THERE, Element, Progress, Session, address_text
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
-
-from gateway.errors import GatewayError
-from profidrive.parameters.catalogue import OBJECTS
-from profidrive.parameters.codec import Values
-from tools.parameters.address import Target, parse_type, parse_value
-from tools.parameters.session import NOT_THERE, Element, Progress, Session, address_text
 
 _COMMANDS = {928, 952, 970, 971, 972, 976, 977}
 """Writing these does something; they are no settings."""

@@ -5,19 +5,19 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
-from dsp402.objects import DRIVE_OBJECTS
-from dsp402.states import state_of
-from dsp406.objects import PROFILE
-from gateway.errors import GatewayError
-from profidrive.datatypes import DataType
-from profidrive.errors import ProfidriveError
-from profidrive.parameters.catalogue import ENCODER_IDENTIFICATION, LIST_PNUS, OBJECTS, PARAMETERS
-from profidrive.parameters.codec import MAX_ELEMENTS, MAX_PARAMETERS, Address, Attribute, Values
-from profidrive.parameters.description import Description
-from profidrive.parameters.errors import ParameterErrorNumber, error_text
-from profidrive.signals import SIGNALS
-from tools.parameters.address import Target
-from tools.parameters.client import ParameterClient
+from pdgw.dsp402.objects import DRIVE_OBJECTS
+from pdgw.dsp402.states import state_of
+from pdgw.dsp406.objects import PROFILE
+from pdgw.gateway.errors import GatewayError
+from pdgw.profidrive.datatypes import DataType
+from pdgw.profidrive.errors import ProfidriveError
+from pdgw.profidrive.parameters.catalogue import ENCODER_IDENTIFICATION, LIST_PNUS, OBJECTS, PARAMETERS
+from pdgw.profidrive.parameters.codec import MAX_ELEMENTS, MAX_PARAMETERS, Address, Attribute, Values
+from pdgw.profidrive.parameters.description import Description
+from pdgw.profidrive.parameters.errors import ParameterErrorNumber, error_text
+from pdgw.profidrive.signals import SIGNALS
+from pdgw.tools.parameters.address import Target
+from pdgw.tools.parameters.client import ParameterClient
 
 _PROFILE_IDENTIFICATION = 965
 _ENCODER_OBJECTS = {row.index: row for row in PROFILE}

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import pytest
+from pdgw.dsp402.states import STATUS_OF, ControlBit, State
+from pdgw.gateway.reasons import Reason
+from pdgw.gateway.translator.base import PlcLossReaction, TranslatorSettings
+from pdgw.gateway.translator.positioning import SubState
+from pdgw.gateway.translator.power import PowerControl
 
-from dsp402.states import STATUS_OF, ControlBit, State
-from gateway.reasons import Reason
-from gateway.translator.base import PlcLossReaction, TranslatorSettings
-from gateway.translator.positioning import SubState
-from gateway.translator.power import PowerControl
 from tests.support.rig import Rig
 
 MS = 1_000_000

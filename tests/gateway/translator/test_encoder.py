@@ -8,15 +8,15 @@ from fractions import Fraction
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from pdgw.dsp406.images import EncoderParameters
+from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.reasons import GATEWAY_FAULTS, Reason
+from pdgw.gateway.translator.base import SdoWrite
+from pdgw.gateway.translator.encoder import EncoderReferences, EncoderTranslatorSettings, SpeedFromPosition
+from pdgw.gateway.translator.factory import ENCODER_TELEGRAM_NUMBERS, make_encoder_translator
+from pdgw.profidrive.encoder import SensorError
+from pdgw.profidrive.telegrams import telegram
 
-from dsp406.images import EncoderParameters
-from gateway.errors import GatewayError
-from gateway.reasons import GATEWAY_FAULTS, Reason
-from gateway.translator.base import SdoWrite
-from gateway.translator.encoder import EncoderReferences, EncoderTranslatorSettings, SpeedFromPosition
-from gateway.translator.factory import ENCODER_TELEGRAM_NUMBERS, make_encoder_translator
-from profidrive.encoder import SensorError
-from profidrive.telegrams import telegram
 from tests.support.strategies import half_values
 
 MS = 1_000_000

@@ -7,13 +7,12 @@ from fractions import Fraction
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-
-from dsp406.images import PARAMETER_OBJECTS, EncoderParameters
-from dsp406.kinds import LINEAR, MULTI_SENSOR, ROTARY, EncoderDevice
-from dsp406.simulator.motion import Motion, constant_speed
-from dsp406.simulator.node import SimulatedEncoderNode
-from gateway.translator.encoder import EncoderReferences, EncoderTranslatorSettings
-from gateway.translator.factory import make_encoder_translator
+from pdgw.dsp406.images import PARAMETER_OBJECTS, EncoderParameters
+from pdgw.dsp406.kinds import LINEAR, MULTI_SENSOR, ROTARY, EncoderDevice
+from pdgw.gateway.translator.encoder import EncoderReferences, EncoderTranslatorSettings
+from pdgw.gateway.translator.factory import make_encoder_translator
+from pdgw.peers.encoder.motion import Motion, constant_speed
+from pdgw.peers.encoder.node import SimulatedEncoderNode
 
 MS = 1_000_000
 CONTROL = 0x0400

@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
+from pdgw.dsp402.images import DriveFeedback, References
+from pdgw.dsp402.states import STATUS_OF, ControlBit, State
+from pdgw.gateway.reasons import Reason
+from pdgw.gateway.translator.base import PlcLossReaction, TranslatorSettings
+from pdgw.gateway.translator.factory import DRIVE_TELEGRAM_NUMBERS, make_translator
+from pdgw.gateway.translator.power import Phase, PowerControl
 
-from dsp402.images import DriveFeedback, References
-from dsp402.states import STATUS_OF, ControlBit, State
-from gateway.reasons import Reason
-from gateway.translator.base import PlcLossReaction, TranslatorSettings
-from gateway.translator.factory import DRIVE_TELEGRAM_NUMBERS, make_translator
-from gateway.translator.power import Phase, PowerControl
 from tests.gateway.translator.test_velocity import OFF, ON, Bench
 
 MS = 1_000_000

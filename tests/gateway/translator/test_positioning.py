@@ -6,13 +6,13 @@ from dataclasses import replace
 from itertools import pairwise
 
 import pytest
+from pdgw.dsp402.modes import HOMING_METHODS, Mode
+from pdgw.dsp402.states import ControlBit, State
+from pdgw.gateway.reasons import Reason
+from pdgw.peers.drive import Machine
+from pdgw.profidrive.datatypes import n4
+from pdgw.profidrive.signals import signal
 
-from dsp402.modes import HOMING_METHODS, Mode
-from dsp402.simulator import Machine
-from dsp402.states import ControlBit, State
-from gateway.reasons import Reason
-from profidrive.datatypes import n4
-from profidrive.signals import signal
 from tests.support.rig import Rig
 
 ZSW1 = signal("ZSW1")

@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
+from pdgw.dsp402.images import DriveFeedback, References
+from pdgw.dsp402.modes import Mode
+from pdgw.dsp402.states import STATUS_OF, ControlBit, State, StatusBit
+from pdgw.gateway.reasons import Reason
+from pdgw.gateway.translator.base import SdoWrite, TranslatorSettings
+from pdgw.gateway.translator.factory import make_translator
 
-from dsp402.images import DriveFeedback, References
-from dsp402.modes import Mode
-from dsp402.states import STATUS_OF, ControlBit, State, StatusBit
-from gateway.reasons import Reason
-from gateway.translator.base import SdoWrite, TranslatorSettings
-from gateway.translator.factory import make_translator
 from tests.gateway.translator.test_positioning import (
     ACTIVATE,
     HOMING,

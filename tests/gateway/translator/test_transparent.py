@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import pytest
 from hypothesis import given
+from pdgw.dsp402.images import DriveFeedback, References
+from pdgw.dsp402.modes import Mode
+from pdgw.dsp402.objects import DRIVE_OBJECTS
+from pdgw.dsp402.states import State
+from pdgw.gateway.reasons import Reason
+from pdgw.gateway.translator.base import PlcLossReaction, TranslatorSettings
+from pdgw.gateway.translator.factory import make_translator
+from pdgw.gateway.translator.transparent import ACTUAL_ATTRIBUTES, SETPOINT_ATTRIBUTES
+from pdgw.profidrive.telegrams import telegram
 
-from dsp402.images import DriveFeedback, References
-from dsp402.modes import Mode
-from dsp402.objects import DRIVE_OBJECTS
-from dsp402.states import State
-from gateway.reasons import Reason
-from gateway.translator.base import PlcLossReaction, TranslatorSettings
-from gateway.translator.factory import make_translator
-from gateway.translator.transparent import ACTUAL_ATTRIBUTES, SETPOINT_ATTRIBUTES
-from profidrive.telegrams import telegram
 from tests.support.rig import Rig
 from tests.support.strategies import half_values
 

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import pytest
+from pdgw.dsp402.images import References
+from pdgw.dsp402.states import STATUS_OF, Command, State, StatusBit
+from pdgw.gateway.reasons import Reason
+from pdgw.gateway.translator.base import PlcLossReaction, SetpointEnable, TranslatorSettings
+from pdgw.gateway.translator.factory import make_translator
 
-from dsp402.images import References
-from dsp402.states import STATUS_OF, Command, State, StatusBit
-from gateway.reasons import Reason
-from gateway.translator.base import PlcLossReaction, SetpointEnable, TranslatorSettings
-from gateway.translator.factory import make_translator
 from tests.support.plain_drive import PlainDrive
 
 OFF, ON = 0x047E, 0x047F

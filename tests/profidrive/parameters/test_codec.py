@@ -7,10 +7,9 @@ import struct
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-
-from profidrive.datatypes import DataType
-from profidrive.errors import ProfidriveError
-from profidrive.parameters.codec import (
+from pdgw.profidrive.datatypes import DataType
+from pdgw.profidrive.errors import ProfidriveError
+from pdgw.profidrive.parameters.codec import (
     MAX_ELEMENTS,
     ZERO,
     Address,
@@ -27,7 +26,7 @@ from profidrive.parameters.codec import (
     encode_response,
     unswap,
 )
-from profidrive.parameters.errors import ERROR_TEXTS, ParameterErrorNumber
+from pdgw.profidrive.parameters.errors import ERROR_TEXTS, ParameterErrorNumber
 
 GUIDE = bytes.fromhex("01 01 00 01 10 01 10 18 00 03")
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
-
-from profidrive.parameters.faults import SIZE, Fault, FaultBuffer
+from pdgw.profidrive.parameters.faults import SIZE, Fault, FaultBuffer
 
 
 class FaultBufferMachine(RuleBasedStateMachine):

@@ -9,6 +9,21 @@ from uuid import UUID
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from pdgw.profidrive.errors import ProfidriveError
+from pdgw.profidrive.rpc import dcerpc, identification
+from pdgw.profidrive.rpc.client import RecordCall, RecordCaller, RecordResult
+from pdgw.profidrive.rpc.dcerpc import Flags, PacketType
+from pdgw.profidrive.rpc.records import (
+    RECORD_GLOBAL,
+    RECORD_LOCAL,
+    AccessError,
+    RecordBlock,
+    RecordRefused,
+    UnknownArUuid,
+    decode_arguments,
+    decode_block,
+)
+from pdgw.profidrive.rpc.server import RecordServer
 from scapy.contrib.pnio_rpc import (
     IM0Block,
     IODReadReq,
@@ -23,21 +38,6 @@ from scapy.layers.inet import IP, UDP
 from scapy.layers.l2 import Ether
 from scapy.utils import wrpcap
 
-from profidrive.errors import ProfidriveError
-from profidrive.rpc import dcerpc, identification
-from profidrive.rpc.client import RecordCall, RecordCaller, RecordResult
-from profidrive.rpc.dcerpc import Flags, PacketType
-from profidrive.rpc.records import (
-    RECORD_GLOBAL,
-    RECORD_LOCAL,
-    AccessError,
-    RecordBlock,
-    RecordRefused,
-    UnknownArUuid,
-    decode_arguments,
-    decode_block,
-)
-from profidrive.rpc.server import RecordServer
 from tests.support import tshark
 
 ACTIVITY = UUID("11111111-2222-3333-4444-555555555555")

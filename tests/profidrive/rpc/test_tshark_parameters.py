@@ -7,12 +7,8 @@ from pathlib import Path
 from uuid import UUID
 
 import pytest
-from scapy.layers.inet import IP, UDP
-from scapy.layers.l2 import Ether
-from scapy.utils import wrpcap
-
-from profidrive.datatypes import DataType
-from profidrive.parameters.codec import (
+from pdgw.profidrive.datatypes import DataType
+from pdgw.profidrive.parameters.codec import (
     ZERO,
     Address,
     Attribute,
@@ -23,10 +19,14 @@ from profidrive.parameters.codec import (
     encode_request,
     encode_response,
 )
-from profidrive.rpc import dcerpc
-from profidrive.rpc.client import RecordCall, RecordCaller
-from profidrive.rpc.records import RECORD_GLOBAL, RECORD_LOCAL, RecordBlock
-from profidrive.rpc.server import RecordServer
+from pdgw.profidrive.rpc import dcerpc
+from pdgw.profidrive.rpc.client import RecordCall, RecordCaller
+from pdgw.profidrive.rpc.records import RECORD_GLOBAL, RECORD_LOCAL, RecordBlock
+from pdgw.profidrive.rpc.server import RecordServer
+from scapy.layers.inet import IP, UDP
+from scapy.layers.l2 import Ether
+from scapy.utils import wrpcap
+
 from tests.support import tshark
 
 R, C = RequestId.REQUEST, RequestId.CHANGE

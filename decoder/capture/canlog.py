@@ -1,0 +1,132 @@
+"""CAN logs: candump's two text forms by own readers, every other format by python-can's.
+
+Source: can-utils (candump -l / -L writes ``(time) interface id#data``; on a terminal ``(time) interface id [n] bytes``).
+A line or file that cannot be understood is a ``CaptureError`` with the offset, after all frames before it.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Iterator
+from typing import TYPE_CHECKING, Final
+
+from pdgw.decoder.capture.errors import CaptureError
+from pdgw.decoder.capture.stream import ByteSource, Window
+from pdgw.decoder.engine import CanPacket
+from pdgw.decoder.link import CAN_ERROR, CanFrame
+
+if TYPE_CHECKING:
+    import can
+
+MAX_LINE: Final = 1024
+_SHOWN: Final = 40
+"""Bytes of a bad line in its message."""
+_LOG = re.compile(rb"\((\d{1,12})\.(\d{1,9})\) +(\S+) +([0-9A-Fa-f]{3,8})#([0-9A-Fa-f]*)(?: +[RT])?\s*\Z")
+_LOG_OTHER = re.compile(
+    rb"\((\d{1,12})\.(\d{1,9})\) +(\S+) +([0-9A-Fa-f]{3,8})#(?:([Rr])(\d?)|#[0-9A-Fa-f]([0-9A-Fa-f]*))(?: +[RT])?\s*\Z"
+)
+_TERMINAL = re.compile(
+    rb"\s*(?:\((\d{1,12})\.(\d{1,9})\) +)?(\S+) +(?:[RT]X? +)?([0-9A-Fa-f]{3,8}) +\[(\d{1,2})\] *"
+    rb"(?:(remote request)|((?:[0-9A-Fa-f]{2}(?: +|\Z))*))\s*(?:ERRORFRAME)?\s*\Z"
+)
+_EXTENDED_DIGITS: Final = 8
+
+
+def is_candump(head: bytes) -> bool:
+    """Whether text begins like a candump log."""
+    lines = head.lstrip().splitlines()
+    return bool(lines) and any(form.match(lines[0]) for form in (_LOG, _LOG_OTHER, _TERMINAL))
+
+
+def _lines(source: ByteSource, name: str) -> Iterator[tuple[int, bytes]]:
+    """Offset and text of each line."""
+    window = Window(source)
+    while window.need(1):
+        end = window.data.find(b"\n", window.at)
+        while end < 0:
+            if window.left > MAX_LINE:
+                raise CaptureError(name, window.offset, f"no line end within {MAX_LINE} bytes")
+            if not window.need(window.left + 1):
+                end = len(window.data)
+                break
+            end = window.data.find(b"\n", window.at)
+        line = window.data[window.at : end]
+        yield window.offset, line
+        window.at = min(end + 1, len(window.data))
+
+
+def read_candump(source: ByteSource, name: str) -> Iterator[CanPacket]:
+    """The frames of a candump log."""
+    number = 0
+    channels: dict[bytes, str] = {}
+    for offset, line in _lines(source, name):
+        match = _LOG.match(line)
+        if match is not None:
+            seconds, fraction, channel, identifier, digits = match.groups()
+            if len(digits) % 2:
+                raise CaptureError(name, offset, f"{line[:_SHOWN]!r}: half a byte at the end of the data")
+            frame = _frame(identifier, bytes.fromhex(digits.decode()))
+        else:
+            if not line.strip():
+                continue
+            seconds, fraction, channel, frame = _other_forms(line, offset, name)
+        number += 1
+        text = channels.get(channel)
+        if text is None:
+            text = channels[channel] = channel.decode("utf-8", "replace")
+        yield CanPacket(number, int(seconds) * 1_000_000_000 + int(fraction.ljust(9, b"0")), text, frame)
+
+
+def _frame(identifier: bytes, data: bytes, remote: bool = False) -> CanFrame:
+    number = int(identifier, 16)
+    if len(identifier) < _EXTENDED_DIGITS:
+        return CanFrame(number & 0x7FF, data, remote=remote)
+    if number & CAN_ERROR:
+        return CanFrame(number & 0x7FF, data, error=True)
+    return CanFrame(number & 0x1FFFFFFF, data, extended=True, remote=remote)
+
+
+def _other_forms(line: bytes, offset: int, name: str) -> tuple[bytes, bytes, bytes, CanFrame]:
+    match = _LOG_OTHER.match(line)
+    if match is not None:
+        seconds, fraction, channel, identifier, remote, length, digits = match.groups()
+        data = bytes(int(length or 0)) if remote else bytes.fromhex((digits or b"")[: len(digits or b"") & ~1].decode())
+        return seconds, fraction, channel, _frame(identifier, data, bool(remote))
+    match = _TERMINAL.match(line)
+    if match is not None:
+        seconds, fraction, channel, identifier, length, remote, digits = match.groups()
+        data = bytes(int(length)) if remote else bytes.fromhex((digits or b"").decode())
+        if len(data) != int(length):
+            raise CaptureError(name, offset, f"{line[:_SHOWN]!r}: {len(data)} data bytes, announced are {int(length)}")
+        return seconds or b"0", fraction or b"0", channel, _frame(identifier, data, bool(remote))
+    raise CaptureError(name, offset, f"{line[:_SHOWN]!r} is no line of a candump log")
+
+
+def message_packet(number: int, message: can.Message) -> CanPacket:
+    """A python-can message as the decoder takes it."""
+    frame = CanFrame(
+        message.arbitration_id,
+        bytes(message.data),
+        message.is_extended_id and not message.is_error_frame,
+        message.is_remote_frame,
+        message.is_error_frame,
+    )
+    channel = "" if message.channel is None else str(message.channel)
+    return CanPacket(number, round(message.timestamp * 1e9), channel, frame)
+
+
+def read_messages(messages: Iterable[can.Message], name: str, position: Callable[[], int]) -> Iterator[CanPacket]:
+    """The frames python-can reads; ``position`` tells how far the file was read."""
+    number = 0
+    iterator = iter(messages)
+    while True:
+        try:
+            message = next(iterator)
+            packet = message_packet(number + 1, message)
+        except StopIteration:
+            return
+        except Exception as error:  # python-can's readers raise whatever their parsing runs into
+            text = f"frame {number + 1} cannot be read ({type(error).__name__}: {error})"
+            raise CaptureError(name, position(), text) from error
+        number += 1
+        yield packet

@@ -1,0 +1,138 @@
+"""Opening what is to be decoded: a file or standard input, its format told by its content, else by its name."""
+
+from __future__ import annotations
+
+import io
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Final
+
+from pdgw.decoder.capture.canlog import is_candump, read_candump, read_messages
+from pdgw.decoder.capture.errors import CaptureError
+from pdgw.decoder.capture.pcap import is_pcap, read_capture
+from pdgw.decoder.engine import CanPacket, Packet
+
+if TYPE_CHECKING:
+    from can.io.generic import MessageReader
+
+STANDARD_INPUT: Final = "-"
+_HEAD: Final = 2048
+_BLF: Final = ".blf"
+_BLF_SIZE: Final = slice(16, 24)
+"""Where the header has the length of the file."""
+_BINARY_READERS: Final = {_BLF: "BLFReader", ".mf4": "MF4Reader"}
+_TEXT_READERS: Final = {".asc": "ASCReader", ".csv": "CSVReader", ".trc": "TRCReader"}
+_DATABASE: Final = ".db"
+_CONTENT: Final = ((b"LOGG", _BLF), (b"MDF ", ".mf4"), (b"date ", ".asc"), (b";", ".trc"), (b"timestamp,", ".csv"))
+"""How python-can's formats begin."""
+FORMATS: Final = "pcap, pcapng, candump, .asc, .blf, .csv, .db, .mf4, .trc"
+
+
+@dataclass
+class Source:
+    """Packets to decode; a context manager that closes what was opened. ``size`` is None where it is not known."""
+
+    name: str
+    packets: Iterator[Packet | CanPacket]
+    size: int | None = None
+    position: Callable[[], int] = field(default=lambda: 0)
+    """Bytes read so far."""
+    closing: ExitStack = field(default_factory=ExitStack)
+
+    def __enter__(self) -> Source:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.closing.close()
+
+
+def open_source(path: str) -> Source:
+    """A capture or log by its path, ``-`` for standard input; CaptureError when it cannot be opened or is no format known."""
+    if path == STANDARD_INPUT:
+        return source_of_stream("standard input", "", sys.stdin.buffer, None, ExitStack())
+    file = Path(path)
+    closing = ExitStack()
+    try:
+        stream = closing.enter_context(file.open("rb"))
+        size = file.stat().st_size
+    except OSError as error:
+        raise CaptureError(path, None, f"cannot be read ({error.strerror or error})") from error
+    if file.suffix.lower() == _DATABASE:
+        return _database(path, closing)
+    try:
+        return source_of_stream(path, file.suffix.lower(), stream, size, closing)
+    except BaseException:
+        closing.close()
+        raise
+
+
+def source_of_stream(name: str, suffix: str, stream: Any, size: int | None, closing: ExitStack) -> Source:
+    """An open buffered binary stream as ``open_source`` would take it: ``suffix`` decides where the content does not."""
+    head = bytes(stream.peek(_HEAD)[:_HEAD])
+    if not head:
+        raise CaptureError(name, 0, "is empty")
+    if is_pcap(head):
+        return Source(name, read_capture(stream, name), size, _position(stream), closing)
+    if is_candump(head) or suffix == ".log":
+        return Source(name, read_candump(stream, name), size, _position(stream), closing)
+    for begin, kind in _CONTENT:
+        if head.startswith(begin):
+            return _messages(name, kind, stream, size, closing)
+    if suffix in _BINARY_READERS or suffix in _TEXT_READERS:
+        return _messages(name, suffix, stream, size, closing)
+    raise CaptureError(name, 0, f"no format known here: it begins with {head[:8].hex(' ')}; known are {FORMATS}")
+
+
+def _position(stream: Any) -> Callable[[], int]:
+    def position() -> int:
+        return int(stream.tell()) if stream.seekable() else 0
+
+    return position
+
+
+def _messages(name: str, suffix: str, stream: Any, size: int | None, closing: ExitStack) -> Source:
+    """A log that one of python-can's readers reads."""
+    import can  # noqa: PLC0415 (slow to load, and most captures do without)
+
+    text = suffix in _TEXT_READERS
+    stream_head = stream.peek(_HEAD)[:_HEAD]
+    reader_class = getattr(can, _TEXT_READERS[suffix] if text else _BINARY_READERS[suffix])
+    position = _position(stream)
+    # Latin-1 takes every byte: a comment in another code page is no damage.
+    taken = io.TextIOWrapper(stream, encoding="latin-1") if text else stream
+    source = _from_reader(name, lambda: reader_class(taken), size, position, closing)
+    if suffix == _BLF and size is not None:
+        source.packets = _whole(source.packets, name, size, int.from_bytes(stream_head[_BLF_SIZE], "little"))
+    return source
+
+
+def _whole(packets: Iterator[Packet | CanPacket], name: str, size: int, announced: int) -> Iterator[Packet | CanPacket]:
+    """python-can's reader ends a shortened BLF file without a word; its header tells how long it was."""
+    yield from packets
+    if size < announced:
+        raise CaptureError(name, size, f"the file ends early: its header announces {announced} bytes")
+
+
+def _database(path: str, closing: ExitStack) -> Source:
+    import can  # noqa: PLC0415
+
+    return _from_reader(path, lambda: can.SqliteReader(path), None, lambda: 0, closing)
+
+
+def _from_reader(
+    name: str, make: Callable[[], MessageReader], size: int | None, position: Callable[[], int], closing: ExitStack
+) -> Source:
+    try:
+        reader = make()
+    except NotImplementedError as error:
+        raise CaptureError(name, None, f"needs a further package ({error})") from error
+    except Exception as error:  # python-can's readers raise whatever their parsing runs into
+        raise CaptureError(name, position(), f"cannot be read ({type(error).__name__}: {error})") from error
+    closing.callback(reader.stop)
+    return Source(name, read_messages(reader, name, position), size, position, closing)

@@ -1,0 +1,318 @@
+"""What becomes of decoded packets: text, JSON lines, CSV, Parquet, a plot, statistics.
+
+Every writer takes the packets one by one and keeps nothing of them, but for the plot, which thins its curves out.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+from array import array
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Final, Protocol, TextIO
+
+from pdgw.decoder.columns import Columns, Row
+from pdgw.decoder.names import Names
+from pdgw.decoder.records import (
+    AcyclicRecord,
+    BusKind,
+    CanRecord,
+    EmcyRecord,
+    HeartbeatRecord,
+    NmtRecord,
+    PdoRecord,
+    Record,
+    SdoRecord,
+    Unit,
+)
+from pdgw.decoder.render import line_parts, record_line, record_tree
+from pdgw.decoder.statistics import Statistics
+from pdgw.gateway.errors import GatewayError
+
+Units = tuple[Unit, ...] | None
+"""The units to show; None for all there are."""
+
+
+class Writer(Protocol):
+    """Takes packets, then is finished once, also after an error in the capture."""
+
+    def take(self, record: Record, units: Units) -> None: ...
+
+    def finish(self) -> None: ...
+
+
+_RESET: Final = "\x1b[0m"
+_DIM: Final = "\x1b[2m"
+_RED, _GREEN, _YELLOW, _BLUE, _MAGENTA, _CYAN = (f"\x1b[{code}m" for code in range(31, 37))
+
+
+def _colour(record: Record) -> str:
+    if isinstance(record, EmcyRecord) or (isinstance(record, SdoRecord) and record.abort is not None):
+        return _RED
+    if isinstance(record, NmtRecord) or (isinstance(record, HeartbeatRecord) and record.changed):
+        return _YELLOW
+    if isinstance(record, SdoRecord | AcyclicRecord):
+        return _MAGENTA
+    if isinstance(record, PdoRecord):
+        return _GREEN
+    if isinstance(record, CanRecord):
+        return _BLUE
+    return _CYAN
+
+
+class TextWriter:
+    """One line for each packet, with ``verbose`` the tree below it."""
+
+    def __init__(self, out: TextIO, *, colour: bool = False, verbose: bool = False) -> None:
+        self._out = out
+        self._plain = not colour
+        self._verbose = verbose
+        self.zero_ns: int | None = None
+        """The time lines count from; the first packet's unless set before."""
+
+    def take(self, record: Record, units: Units) -> None:
+        zero = self.zero_ns
+        if zero is None:
+            zero = self.zero_ns = record.time_ns
+        if self._plain:
+            self._out.write(record_line(record, zero, units) + "\n")
+        else:
+            source, text, values = line_parts(record, units)
+            seconds = (record.time_ns - zero) / 1e9
+            said = " | ".join(part for part in (text, values) if part)
+            head = f"{_DIM}{record.number:6d} {seconds:12.6f}{_RESET}"
+            self._out.write(f"{head} {record.bus.value} {_colour(record)}{source:<7}{_RESET} {said}\n")
+        if self._verbose:
+            for line in record_tree(record, units):
+                self._out.write(line + "\n")
+
+    def finish(self) -> None:
+        self._out.flush()
+
+
+class JsonWriter:
+    """One object on each line."""
+
+    def __init__(self, out: TextIO) -> None:
+        self._out = out
+
+    def take(self, record: Record, units: Units) -> None:
+        self._out.write(json.dumps(record.document(units)) + "\n")
+
+    def finish(self) -> None:
+        self._out.flush()
+
+
+_LEADING: Final = ("axis", "node")
+"""Columns every table has behind the time."""
+
+
+def _table(titles: Sequence[str], names: Names) -> Columns:
+    chosen = [title for title in titles if title.lower() not in {*_LEADING, "time"}]
+    return Columns([*_LEADING, *chosen], names)
+
+
+class CsvWriter:
+    """A table: time in seconds, axis, node, then the chosen names."""
+
+    def __init__(self, out: TextIO, titles: Sequence[str], names: Names) -> None:
+        self._out = out
+        self._columns = _table(titles, names)
+        self._write = csv.writer(out, lineterminator="\n").writerow
+        self._write(["time", *self._columns.titles])
+
+    def take(self, record: Record, units: Units) -> None:
+        rows = self._columns.rows(record) if units is None else self._columns.unit_rows(record, units)
+        for _, row in rows:
+            seconds, rest = divmod(record.time_ns, 1_000_000_000)
+            self._write([f"{seconds}.{rest:09d}", *row])
+
+    def finish(self) -> None:
+        self._out.flush()
+
+
+_ROWS_AT_ONCE: Final = 1 << 16
+
+
+class ParquetWriter:
+    """The table of ``CsvWriter`` as a Parquet file; GatewayError when pyarrow is not installed or the file not writable."""
+
+    def __init__(self, path: Path, titles: Sequence[str], names: Names) -> None:
+        try:
+            import pyarrow  # noqa: PLC0415
+            from pyarrow import parquet  # noqa: PLC0415
+        except ImportError as error:
+            raise GatewayError("--parquet needs pyarrow: pip install 'profidrive-gateway[parquet]'") from error
+        if not titles:
+            raise GatewayError("--parquet: name the signals of the table, like --signal NSOLL_A --signal NIST_A")
+        self._arrow: Any = pyarrow
+        self._columns = _table(titles, names)
+        kinds = [pyarrow.string() if names.is_text(title) else pyarrow.float64() for title in self._columns.titles]
+        self._schema = pyarrow.schema([("time_ns", pyarrow.int64()), *zip(self._columns.titles, kinds, strict=True)])
+        self._rows: list[tuple[int, Row]] = []
+        try:
+            self._file = parquet.ParquetWriter(str(path), self._schema)
+        except OSError as error:
+            raise GatewayError(f"--parquet {path}: cannot be written ({error})") from error
+
+    def take(self, record: Record, units: Units) -> None:
+        rows = self._columns.rows(record) if units is None else self._columns.unit_rows(record, units)
+        self._rows += [(record.time_ns, row) for _, row in rows]
+        if len(self._rows) >= _ROWS_AT_ONCE:
+            self._flush()
+
+    def _flush(self) -> None:
+        rows, self._rows = self._rows, []
+        columns = [self._arrow.array([time_ns for time_ns, _ in rows], self._arrow.int64())]
+        for position, field in enumerate(list(self._schema)[1:]):
+            values: list[Any] = [row[position] for _, row in rows]
+            if field.type == self._arrow.float64():
+                values = [None if value is None else float(value) for value in values]
+            columns.append(self._arrow.array(values, field.type))
+        self._file.write_table(self._arrow.Table.from_arrays(columns, schema=self._schema))
+
+    def finish(self) -> None:
+        self._flush()
+        self._file.close()
+
+
+_MAX_POINTS: Final = 1 << 19
+
+
+class _Curve:
+    """Points of one curve; beyond a limit every second one is dropped, again and again."""
+
+    def __init__(self) -> None:
+        self.times = array("d")
+        self.values = array("d")
+        self._stride = 1
+        self._skipped = 0
+
+    def add(self, seconds: float, value: float) -> None:
+        self._skipped += 1
+        if self._skipped < self._stride:
+            return
+        self._skipped = 0
+        self.times.append(seconds)
+        self.values.append(value)
+        if len(self.times) >= _MAX_POINTS:
+            self.times, self.values = self.times[::2], self.values[::2]
+            self._stride *= 2
+
+
+class PlotWriter:
+    """A picture of the chosen names over time, one panel for each; GatewayError when matplotlib is not installed."""
+
+    def __init__(self, path: Path, titles: Sequence[str], names: Names) -> None:
+        try:
+            import matplotlib as mpl  # noqa: PLC0415
+        except ImportError as error:
+            raise GatewayError("--plot needs matplotlib: pip install 'profidrive-gateway[plot]'") from error
+        mpl.use("Agg")
+        if not titles:
+            raise GatewayError("--plot: name the signals to draw, like --signal NSOLL_A --signal NIST_A")
+        self._path = path
+        self._columns = Columns(titles, names)
+        self._curves: list[dict[str, _Curve]] = [{} for _ in titles]
+        self._zero: int | None = None
+
+    def take(self, record: Record, units: Units) -> None:
+        if self._zero is None:
+            self._zero = record.time_ns
+        rows = self._columns.rows(record) if units is None else self._columns.unit_rows(record, units)
+        for unit, row in rows:
+            for curves, value in zip(self._curves, row, strict=True):
+                if isinstance(value, int | float):
+                    label = _whose(unit)
+                    curve = curves.get(label) or curves.setdefault(label, _Curve())
+                    curve.add((record.time_ns - self._zero) / 1e9, value)
+
+    def finish(self) -> None:
+        from matplotlib import pyplot  # noqa: PLC0415
+
+        count = len(self._curves)
+        figure, panels = pyplot.subplots(
+            count, 1, figsize=(12, 1.5 + 2.2 * count), sharex=True, squeeze=False, constrained_layout=True
+        )
+        for panel, title, curves in zip(panels[:, 0], self._columns.titles, self._curves, strict=True):
+            for label, curve in sorted(curves.items()):
+                panel.step(curve.times, curve.values, where="post", label=label, lw=1.2)
+            panel.set_title(title, loc="left", fontsize=10, fontweight="bold")
+            panel.grid(alpha=0.3)
+            if curves:
+                panel.legend(loc="best", fontsize=8, frameon=False)
+            else:
+                panel.text(0.5, 0.5, "not in the capture", ha="center", va="center", transform=panel.transAxes)
+        panels[-1, 0].set_xlabel("time in s")
+        try:
+            figure.savefig(self._path, dpi=100)
+        except (OSError, ValueError) as error:  # ValueError: an ending that is no picture format
+            raise GatewayError(f"--plot {self._path}: cannot be written ({error})") from error
+        finally:
+            pyplot.close(figure)
+
+
+def _whose(unit: Unit | None) -> str:
+    if unit is None:
+        return "packets"
+    if unit.layout.direction is None:
+        return f"node {unit.node}"
+    return f"axis {unit.axis}"
+
+
+class StatsWriter:
+    """Statistics of everything shown, printed at the end as tables or as one JSON object."""
+
+    def __init__(self, out: TextIO, bitrate: int, *, as_json: bool) -> None:
+        self._out = out
+        self._bitrate = bitrate
+        self._json = as_json
+        self._statistics = Statistics()
+
+    def take(self, record: Record, _units: Units) -> None:
+        self._statistics.add(record)
+
+    def finish(self) -> None:
+        if self._json:
+            self._out.write(json.dumps(self._statistics.document(self._bitrate)) + "\n")
+            self._out.flush()
+            return
+        for line in _stats_lines(self._statistics, self._bitrate):
+            self._out.write(line + "\n")
+        self._out.flush()
+
+
+def _stats_lines(statistics: Statistics, bitrate: int) -> list[str]:
+    lines = [f"{statistics.packets} packets in {statistics.seconds:.6f} s"]
+    plc = [stream for stream in statistics.streams if stream.bus == BusKind.PLC]
+    can = [stream for stream in statistics.streams if stream.bus == BusKind.CAN]
+    head = (
+        f"{'':8} {'':18} {'packets':>8} {'rate/s':>9} {'mean us':>10} {'jitter us':>10} {'min us':>10} {'max us':>10}"
+    )
+    for title, streams in (("PLC", plc), ("CAN", can)):
+        if not streams:
+            continue
+        extra = "   step us   gaps missing  stale" if title == "PLC" else f"   load at {bitrate} bit/s"
+        lines += ["", title, head + extra]
+        for stream in streams:
+            i = stream.intervals
+            line = (
+                f"{stream.identifier:8} {stream.name:18.18} {stream.count:8d} {stream.rate:9.1f} {i.mean / 1000:10.1f} "
+                f"{i.deviation / 1000:10.1f} {i.shortest / 1000:10.1f} {i.longest / 1000:10.1f}"
+            )
+            document = stream.document()
+            if document.get("counter_step_us") is not None:
+                line += (
+                    f" {document['counter_step_us']:9.1f} {document['counter_gaps']:6d} "
+                    f"{document['missing_frames']:7d} {document['stale_frames']:6d}"
+                )
+            if stream.bits:
+                low, high = statistics.load(stream, bitrate)
+                line += f"   {low:7.2%} to {high:.2%}"
+            lines.append(line)
+    for channel in sorted({stream.channel for stream in can}):
+        loads = [statistics.load(stream, bitrate) for stream in can if stream.channel == channel]
+        low, high = (sum(load[i] for load in loads) for i in (0, 1))
+        lines.append(f"bus load {channel}: {low:.2%} to {high:.2%}".replace(" :", ":"))
+    return lines

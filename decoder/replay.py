@@ -1,0 +1,740 @@
+"""Replay: recorded inputs of one axis through today's translator, in recorded time, against the recorded outputs.
+
+Without I/O; ``decoder.recording`` makes the inputs out of captures. The PLC's frames go through ``CyclicEndpoint``, the drive's
+values are what its TPDOs carried, and the recorded answers say when the gateway stepped.
+
+A recorder does not tell which TPDO the gateway had at hand when it made a step, nor the exact time of the step. So the
+question asked is: is there, for each step, a choice of inputs within ``tolerance_ns`` of its recorded time - taken in their
+order, none left out for longer than that; of the PLC's frames the newest, or an earlier one where frames and answers cross - with
+which today's translator gives exactly the recorded actual values, and each RPDO exactly the recorded payloads in their order?
+Repetitions of a payload (refresh) do not count. Where a step cannot be explained, the search goes back as far as the tolerance
+reaches; when it finds nothing, that step is the difference.
+
+Whether a drive is online is an input (IOPS of the answers), as are references (SDO) and the results of SDO writes; where a
+silence of the PLC is as long as the watchdog within the tolerance, IOCS tells whether the gateway saw a loss. What the
+translator remembers from before the recording is not known: comparison starts when the drive is configured in the recording,
+or with an OFF while the power stage is off; after a difference likewise. Left out: a telegram changed in operation (P922).
+"""
+
+from __future__ import annotations
+
+import copy
+from bisect import bisect_right
+from collections import deque
+from collections.abc import Hashable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import Final, NamedTuple
+
+from pdgw.ds301.objects import Entry
+from pdgw.ds301.pdo import Pdo
+from pdgw.dsp402.images import DriveFeedback, References
+from pdgw.dsp402.objects import DRIVE_OBJECTS
+from pdgw.dsp402.pdo import LAYOUTS
+from pdgw.dsp402.states import ControlBit, State, StatusBit, state_of
+from pdgw.gateway.reasons import Reason
+from pdgw.gateway.translator.base import FaultEvent, SdoWrite, TranslatorSettings
+from pdgw.gateway.translator.factory import make_translator, pdo_operation
+from pdgw.gateway.translator.positioning import PositioningTranslator
+from pdgw.gateway.transport.cyclic import CyclicEndpoint, Verdict
+from pdgw.profidrive.signals import signal
+from pdgw.profidrive.telegrams import ApplicationMode, Telegram
+
+MAX_DIFFERENCES: Final = 20
+"""After so many differences of an axis no more are looked for."""
+BUDGET: Final = 10_000
+"""Choices that are tried for one step that does not fit."""
+REFRESH_NS: Final = 100_000_000
+"""The gateway repeats an RPDO after this time."""
+SENDING_GAP_NS: Final = 3 * REFRESH_NS
+"""A longer silence means that the gateway does not send to this drive."""
+_FILL = 1.5
+"""Cycles without a frame after which the gateway steps by itself."""
+_MAX_FILLED = 1000
+"""Such steps in one silence; whatever was to happen has happened then."""
+
+_STW1 = signal("STW1")
+_CONTROL_BY_PLC = _STW1.bit("CONTROL_BY_PLC").mask
+_OFF_MASK = ControlBit.SWITCH_ON | ControlBit.ENABLE_VOLTAGE | ControlBit.QUICK_STOP
+_OFF = ControlBit.ENABLE_VOLTAGE | ControlBit.QUICK_STOP
+_HOME_POSITION_SET = signal("ZSW1").bit("HOME_POSITION_SET", positioning=True).mask
+_UNPOWERED = (State.SWITCH_ON_DISABLED, State.READY_TO_SWITCH_ON, State.SWITCHED_ON)
+
+
+# -- what was recorded ------------------------------------------------------------------------------------------------
+
+
+class Setpoints(NamedTuple):
+    """From here on these raw values are in force; None without a valid PLC."""
+
+    time_ns: int
+    values: tuple[int, ...] | None
+
+
+class Feedback(NamedTuple):
+    """A TPDO: values by their attribute of ``DriveFeedback``."""
+
+    time_ns: int
+    values: tuple[tuple[str, int], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class SdoResult:
+    """A completed SDO download; ``error`` is the abort's text."""
+
+    time_ns: int
+    index: int
+    subindex: int
+    data: bytes
+    error: str | None = None
+
+
+class Configured(NamedTuple):
+    """The gateway has (re-)configured the drive: ``restarted``; else only its references were read anew, or are assumed."""
+
+    time_ns: int
+    references: References
+    homing_method: int = 0
+    restarted: bool = True
+
+
+class Answer(NamedTuple):
+    """What a frame to the PLC said about one axis: raw actual values, IOPS (the drive is there), IOCS (so is the PLC)."""
+
+    time_ns: int
+    actuals: tuple[int, ...]
+    drive_ok: bool
+    plc_ok: bool
+
+
+class Sent(NamedTuple):
+    """A recorded RPDO."""
+
+    time_ns: int
+    data: bytes
+
+
+@dataclass
+class AxisRecording:
+    """Everything recorded of one axis, each list in the order of time, on one clock (nanoseconds).
+
+    ``sent`` are the RPDOs by number, repetitions included. ``frames`` are the times of the PLC's accepted frames. ``online`` is
+    used where there are no answers: times from which the drive was there or not.
+    """
+
+    do_id: int
+    node: int
+    telegram: Telegram
+    settings: TranslatorSettings = field(default_factory=TranslatorSettings)
+    frames: list[int] = field(default_factory=list)
+    setpoints: list[Setpoints] = field(default_factory=list)
+    feedback: list[Feedback] = field(default_factory=list)
+    sdo: list[SdoResult] = field(default_factory=list)
+    configured: list[Configured] = field(default_factory=list)
+    answers: list[Answer] = field(default_factory=list)
+    sent: dict[int, list[Sent]] = field(default_factory=dict)
+    online: list[tuple[int, bool]] = field(default_factory=list)
+    can_end_ns: int = 0
+    """The last frame of the drive or to it."""
+    watchdog_ns: int = 0
+    """After so long a silence the PLC is lost."""
+
+
+class Received(NamedTuple):
+    """What became of one frame of the PLC."""
+
+    time_ns: int
+    verdict: Verdict
+
+
+@dataclass
+class PlcInputs:
+    """The PLC's side as the gateway's endpoint saw it. ``setpoints`` by axis; ``losses`` are expiries of the watchdog."""
+
+    setpoints: list[list[Setpoints]]
+    received: list[Received] = field(default_factory=list)
+    losses: list[int] = field(default_factory=list)
+
+
+def receive_frames(
+    frames: Sequence[tuple[int, bytes]], telegrams: Sequence[Telegram], *, cycle_ns: int, watchdog_factor: int = 3
+) -> PlcInputs:
+    """Feed recorded frames (time, RT frame) to a ``CyclicEndpoint``; all count as coming from one sender."""
+    endpoint = CyclicEndpoint(telegrams, cycle_ns=cycle_ns, watchdog_factor=watchdog_factor)
+    inputs = PlcInputs([[] for _ in telegrams])
+    last = 0
+    watchdog_ns = cycle_ns * watchdog_factor
+
+    def note(now: int) -> None:
+        for events, values in zip(inputs.setpoints, endpoint.setpoints, strict=True):
+            if not events or events[-1].values != values:
+                events.append(Setpoints(now, values))
+
+    def expire(before: int | None) -> None:
+        expiry = last + watchdog_ns + 1
+        if (before is None or expiry < before) and endpoint.poll(expiry):
+            inputs.losses.append(expiry)
+            note(expiry)
+
+    for now, data in frames:
+        expire(now)
+        verdict = endpoint.receive(data, ("recorded", 0), now)
+        inputs.received.append(Received(now, verdict))
+        if verdict in {Verdict.ACCEPTED, Verdict.PROVIDER_STOP}:
+            last = now
+            note(now)
+    expire(None)
+    return inputs
+
+
+# -- what came out ----------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Difference:
+    """Where today's gateway would not have done what the recording shows.
+
+    ``what`` is ``actual values``, ``RPDO n`` or ``SDO``; ``recorded`` and ``today`` map signal or object names to raw values
+    (None: nothing was or would be sent there).
+    """
+
+    time_ns: int
+    do_id: int
+    what: str
+    recorded: Mapping[str, int] | None
+    today: Mapping[str, int] | None
+    note: str = ""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """What differs, in the order of the frame."""
+        recorded, today = self.recorded or {}, self.today or {}
+        return tuple(name for name in {**recorded, **today} if recorded.get(name) != today.get(name))
+
+
+class Step(NamedTuple):
+    """One cycle as replayed. ``setpoints`` and ``feedback`` count the events taken so far.
+
+    ``controlword``, ``actuals`` and ``reason`` are today's translator's; ``compared`` is False while its past is not known.
+    """
+
+    time_ns: int
+    answer: Answer | None
+    setpoints: int
+    feedback: int
+    controlword: int
+    actuals: tuple[int, ...]
+    reason: Reason | None
+    events: tuple[FaultEvent, ...]
+    compared: bool
+
+
+@dataclass
+class AxisReplay:
+    """The outcome for one axis: every step and the differences in their order."""
+
+    recording: AxisRecording
+    steps: list[Step] = field(default_factory=list)
+    differences: list[Difference] = field(default_factory=list)
+
+    @property
+    def compared(self) -> int:
+        """Steps that were compared."""
+        return sum(step.compared for step in self.steps)
+
+
+# -- the engine -------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class _Span:
+    """Payloads the gateway sent to one drive without a break, repetitions left out, by RPDO number.
+
+    From the ``last`` frame to the ``end``, when the next refresh was due, a silence means that nothing has changed.
+    """
+
+    begin: int
+    last: int
+    end: int
+    sent: dict[int, list[Sent]]
+
+
+def _without_repetitions(frames: Sequence[Sent]) -> list[Sent]:
+    return [item for i, item in enumerate(frames) if not i or frames[i - 1].data != item.data]
+
+
+def _spans(sent: Mapping[int, Sequence[Sent]], can_end_ns: int) -> list[_Span]:
+    times = [item.time_ns for item in sent.get(1, ())]
+    limits: list[tuple[int, int]] = []
+    for now in times:
+        if limits and now - limits[-1][1] <= SENDING_GAP_NS:
+            limits[-1] = (limits[-1][0], now)
+        else:
+            limits.append((now, now))
+    spans = []
+    for begin, end in limits:
+        margin = SENDING_GAP_NS // 2
+        inside = {
+            number: _without_repetitions([f for f in frames if begin - margin <= f.time_ns <= end + margin])
+            for number, frames in sent.items()
+        }
+        due = max(end, min(end + REFRESH_NS, can_end_ns))
+        spans.append(_Span(begin, end, due, {number: frames for number, frames in inside.items() if frames}))
+    return spans
+
+
+@dataclass(slots=True)
+class _State:
+    """A hypothesis about the gateway at one moment, beside its translator."""
+
+    image: DriveFeedback = field(default_factory=DriveFeedback)
+    setpoints: int = 0
+    feedback: int = 0
+    configured: int = 0
+    online: bool = False
+    asked: tuple[SdoWrite, ...] | None = None
+    done_at: int | None = None
+    done_error: str | None = None
+    sdo: int = 0
+    span: int = -1
+    cursors: dict[int, int] = field(default_factory=dict)
+    known: bool = False
+
+    def copy(self) -> _State:
+        other = copy.copy(self)
+        other.image = copy.copy(self.image)
+        other.cursors = dict(self.cursors)
+        return other
+
+
+class _Tick(NamedTuple):
+    """A step of the gateway; frames up to ``evaluated_ns`` were certainly taken before it."""
+
+    time_ns: int
+    answer: Answer | None
+    evaluated_ns: int
+
+
+class _Inputs(NamedTuple):
+    """One choice for a step: events taken so far, and how much the clock is off."""
+
+    setpoints: int
+    feedback: int
+    shift_ns: int
+
+
+class _Choice:
+    """A step with the state before it and the choices not tried yet."""
+
+    __slots__ = ("best", "checkpoint", "inputs", "state", "tried")
+
+    def __init__(self, checkpoint: dict[str, object], state: _State, inputs: Iterator[_Inputs]) -> None:
+        self.checkpoint = checkpoint
+        self.state = state
+        self.inputs = inputs
+        self.tried = 0
+        self.best: Difference | None = None
+        """Of what was tried, the choice that differs least."""
+
+
+class Replayer:
+    """Replays one axis. ``tolerance_ns``: how far recorded times may be off, with the uncertainty of the clocks."""
+
+    def __init__(self, recording: AxisRecording, *, cycle_ns: int, tolerance_ns: int) -> None:
+        self._recording = recording
+        self._cycle_ns = cycle_ns
+        self._tolerance = tolerance_ns
+        self._translator = make_translator(recording.telegram.number, recording.settings)
+        layout = LAYOUTS[pdo_operation(recording.telegram.number)]
+        self._rpdos: tuple[Pdo, ...] = tuple(pdo for pdo in layout.rpdos if pdo.number in recording.sent)
+        self._spans = _spans(recording.sent, recording.can_end_ns)
+        self._setpoint_times = [event.time_ns for event in recording.setpoints]
+        self._feedback_times = [event.time_ns for event in recording.feedback]
+        self._state = _State()
+        self._ticks = _ticks(recording, cycle_ns)
+        # A payload is missed when the tolerance has passed; its cause may be as far before it.
+        self._depth = 2 * -(-tolerance_ns // cycle_ns) + 4
+        self._visited: set[Hashable] = set()
+        cycles = (cycle_ns, 2 * cycle_ns, tolerance_ns)
+        self._shifts = (0, *(sign * shift for shift in cycles for sign in (1, -1)))
+        self._doubtful = [
+            (last, following)
+            for last, following in pairwise(recording.frames)
+            if abs(following - last - recording.watchdog_ns) <= tolerance_ns
+        ]
+
+    def run(self, *, first_only: bool = False) -> AxisReplay:
+        """Replay everything; with ``first_only`` up to the first difference."""
+        outcome = AxisReplay(self._recording)
+        steps = outcome.steps
+        choices: deque[_Choice] = deque(maxlen=self._depth)
+        unchecked = 0  # steps up to here are taken as they come: they belong to a difference
+        failed_at = -1
+        failure: Difference | None = None
+        budget = BUDGET
+        while len(steps) < len(self._ticks):
+            choice = self._choice(self._ticks[len(steps)])
+            while not self._advance(choice, steps, check=len(steps) >= unchecked, searching=len(steps) <= failed_at):
+                if len(steps) > failed_at:
+                    failed_at, failure = len(steps), choice.best
+                    budget = BUDGET
+                    self._visited.clear()
+                budget -= choice.tried
+                choice.tried = 0
+                if not choices or budget <= 0:
+                    break
+                choice = choices.pop()
+                steps.pop()
+            else:
+                choices.append(choice)
+                continue
+            if failure is not None:
+                outcome.differences.append(failure)
+            if first_only:
+                return outcome
+            # Nothing fits: go on with the likeliest inputs, and compare again once the state is known again.
+            self._go_back(choice)
+            self._state.known = False
+            choices.clear()
+            unchecked = failed_at + 1 if len(outcome.differences) < MAX_DIFFERENCES else len(self._ticks)
+        return outcome
+
+    # -- one step -----------------------------------------------------------------------------------------------------
+
+    def _choice(self, tick: _Tick) -> _Choice:
+        return _Choice(self._translator.checkpoint(), self._state, self._inputs(tick, self._state))
+
+    def _go_back(self, choice: _Choice) -> None:
+        self._translator.restore(choice.checkpoint)
+        self._state = choice.state.copy()
+
+    def _seen(self, position: int) -> bool:
+        """Whether the search was at this step in this state before: it would end alike."""
+        state = self._state
+        key = (
+            position,
+            state.setpoints,
+            state.feedback,
+            state.configured,
+            state.sdo,
+            state.done_at,
+            state.span,
+            tuple(sorted(state.cursors.items())),
+            self._translator.fingerprint(),
+        )
+        if key in self._visited:
+            return True
+        self._visited.add(key)
+        return False
+
+    def _advance(self, choice: _Choice, steps: list[Step], *, check: bool, searching: bool) -> bool:
+        """Take the next choice that fits the recording; False when none is left."""
+        tick = self._ticks[len(steps)]
+        for inputs in choice.inputs:
+            self._go_back(choice)
+            choice.tried += 1
+            step, difference = self._step(tick, inputs, check=check)
+            if difference is None:
+                if check and searching and self._seen(len(steps)):
+                    continue
+                steps.append(step)
+                return True
+            if choice.best is None or len(difference.names) < len(choice.best.names):
+                choice.best = difference
+        return False
+
+    def _inputs(self, tick: _Tick, state: _State) -> Iterator[_Inputs]:
+        now, tolerance = tick.time_ns, self._tolerance
+        latest = now + self._cycle_ns if tick.answer is None else tick.answer.time_ns
+        setpoints = _near(self._setpoint_times, now, tick.evaluated_ns, latest, state.setpoints)
+        feedback = _near(self._feedback_times, now, now - tolerance, now + tolerance, state.feedback)
+        for shift in self._shifts:
+            for taken in setpoints:
+                for received in feedback:
+                    yield _Inputs(taken, received, shift)
+
+    def _step(self, tick: _Tick, inputs: _Inputs, *, check: bool) -> tuple[Step, Difference | None]:
+        state, translator, recording = self._state, self._translator, self._recording
+        now = tick.time_ns + inputs.shift_ns
+        for event in recording.feedback[state.feedback : inputs.feedback]:
+            for attribute, value in event.values:
+                setattr(state.image, attribute, value)
+        state.setpoints, state.feedback = inputs.setpoints, inputs.feedback
+        values = recording.setpoints[inputs.setpoints - 1].values if inputs.setpoints else None
+        came_online = not state.online
+        state.online = self._online(tick, state.online)
+        if tick.answer is not None and tick.answer.plc_ok is (values is None) and self._doubtful_loss(tick):
+            values = recording.setpoints[inputs.setpoints - 2].values if tick.answer.plc_ok else None
+        compare = check and state.known
+        if state.online:
+            # Its IOPS tell that the gateway has done with the drive, a little before or after the NMT command's time.
+            self._configure(tick.time_ns + (self._tolerance if came_online else 0))
+        asked = translator.sdo_request
+        actuals = tuple(translator.step(values, state.image, state.online, now))
+        difference = None
+        if compare:
+            difference = self._compare_answer(tick, actuals, values is not None) or self._compare_sent(tick)
+        else:
+            self._follow_sent(tick.time_ns)
+        difference = self._serve_sdo(asked, now, difference)
+        events = tuple(translator.events)
+        translator.events.clear()
+        step = Step(
+            tick.time_ns,
+            tick.answer,
+            inputs.setpoints,
+            inputs.feedback,
+            translator.command.controlword,
+            actuals,
+            self._reason(),
+            events,
+            compare,
+        )
+        if values is not None:
+            self._recognise(values, tick)
+        return step, difference if compare else None
+
+    def _online(self, tick: _Tick, before: bool) -> bool:
+        if tick.answer is not None:
+            return tick.answer.drive_ok
+        if self._recording.answers:
+            return before
+        position = bisect_right(self._recording.online, (tick.time_ns, True))
+        return position > 0 and self._recording.online[position - 1][1]
+
+    def _doubtful_loss(self, tick: _Tick) -> bool:
+        """Whether a silence of the PLC was about as long as the watchdog: then IOCS says if the gateway saw a loss."""
+        position = bisect_right(self._doubtful, (tick.time_ns + self._tolerance,)) - 1
+        return position >= 0 and tick.time_ns <= self._doubtful[position][1] + self._tolerance
+
+    def _configure(self, until: int) -> None:
+        """References and restarts of the drive that the gateway has learned until a time."""
+        state, translator = self._state, self._translator
+        events = self._recording.configured
+        while state.configured < len(events) and events[state.configured].time_ns <= until:
+            event = events[state.configured]
+            state.configured += 1
+            if event.restarted:
+                translator.drive_restarted()
+                state.known = True
+            translator.set_references(event.references, event.homing_method)
+
+    def _reason(self) -> Reason | None:
+        reason = self._translator.reason
+        limited = self._state.online and self._state.image.statusword & StatusBit.INTERNAL_LIMIT
+        return Reason.INTERNAL_LIMIT if reason is None and limited else reason
+
+    def _recognise(self, values: Sequence[int], tick: _Tick) -> None:
+        """With an OFF while the drive is not powered, the translator's state is what the recording tells."""
+        word, state = values[0], self._state
+        if state.known:
+            return
+        transparent = self._recording.telegram.setpoints.mode is ApplicationMode.TRANSPARENT
+        if not transparent and not word & _CONTROL_BY_PLC:
+            return
+        if word & _OFF_MASK != _OFF or not state.online or state_of(state.image.statusword) not in _UNPOWERED:
+            return
+        state.known = True
+        for pdo in self._rpdos:
+            in_force = bisect_right(self._recording.sent[pdo.number], (tick.time_ns,))
+            if in_force and len(sent := self._recording.sent[pdo.number][in_force - 1].data) == pdo.size:
+                pdo.unpack_into(sent, self._translator.command)
+        if isinstance(self._translator, PositioningTranslator) and tick.answer is not None:
+            self._translator.home_position_set = bool(tick.answer.actuals[0] & _HOME_POSITION_SET)
+
+    # -- comparison ---------------------------------------------------------------------------------------------------
+
+    def _difference(
+        self,
+        time_ns: int,
+        what: str,
+        recorded: Mapping[str, int] | None,
+        today: Mapping[str, int] | None,
+        note: str = "",
+    ) -> Difference:
+        return Difference(time_ns, self._recording.do_id, what, recorded, today, note)
+
+    def _compare_answer(self, tick: _Tick, actuals: tuple[int, ...], plc_ok: bool) -> Difference | None:
+        answer = tick.answer
+        if answer is None or (answer.actuals == actuals and answer.plc_ok == plc_ok):
+            return None
+        half = self._recording.telegram.actuals
+        recorded, today = half.as_dict(answer.actuals), half.as_dict(actuals)
+        if answer.plc_ok != plc_ok:
+            recorded, today = {**recorded, "IOCS": answer.plc_ok}, {**today, "IOCS": plc_ok}
+        return self._difference(answer.time_ns, "actual values", recorded, today)
+
+    def _follow_sent(self, now: int) -> None:
+        """While nothing is compared: the payloads in force by their time alone."""
+        state = self._state
+        state.span = next((i for i, span in enumerate(self._spans) if span.begin <= now <= span.end), -1)
+        state.cursors.clear()
+
+    def _compare_sent(self, tick: _Tick) -> Difference | None:
+        now, state = tick.time_ns, self._state
+        if state.span < 0 or now > self._spans[state.span].end:
+            self._follow_sent(now)
+            if state.span < 0:
+                return None
+        span = self._spans[state.span]
+        if now > span.last and not state.online:
+            return None
+        for pdo in self._rpdos:
+            frames = span.sent.get(pdo.number)
+            if frames is None:
+                continue
+            difference = self._compare_rpdo(pdo, frames, now)
+            if difference is not None:
+                return difference
+        return None
+
+    def _compare_rpdo(self, pdo: Pdo, frames: Sequence[Sent], now: int) -> Difference | None:
+        """The payload of this step is the one in force, or the next of the recording at about its time."""
+        data = pdo.pack(self._translator.command)
+        tolerance = self._tolerance
+        cursors = self._state.cursors
+        cursor = cursors.get(pdo.number)
+        if cursor is None:
+            return self._enter(pdo, frames, data, now)
+        following = frames[cursor + 1] if cursor + 1 < len(frames) else None
+        if data == frames[cursor].data:
+            # Behind the last step nothing comes that could send what the recording shows.
+            late = 2 * self._cycle_ns if now >= self._ticks[-1].time_ns else tolerance
+            if following is None or following.time_ns >= now - late:
+                return None
+            return self._sent_difference(pdo, following.time_ns, following.data, data)
+        if following is None or following.data != data:
+            due = following is not None and following.time_ns <= now + tolerance
+            recorded = following if due and following is not None else frames[cursor]
+            return self._sent_difference(pdo, recorded.time_ns if due else now, recorded.data, data)
+        if abs(following.time_ns - now) > tolerance:
+            note = f"the same, recorded {(following.time_ns - now) / 1e6:+.1f} ms from where it is sent today"
+            return self._sent_difference(pdo, now, frames[cursor].data, data, note)
+        cursors[pdo.number] = cursor + 1
+        return None
+
+    def _enter(self, pdo: Pdo, frames: Sequence[Sent], data: bytes, now: int) -> Difference | None:
+        """The first payload that is compared: any that was in force about now."""
+        tolerance = self._tolerance
+        last = None
+        for position, item in enumerate(frames):
+            if item.time_ns > now + tolerance:
+                break
+            over = position + 1 < len(frames) and frames[position + 1].time_ns < now - tolerance
+            if over:
+                continue
+            last = item
+            if item.data == data:
+                self._state.cursors[pdo.number] = position
+                return None
+        if last is None or (last is frames[0] and last.time_ns > now - tolerance):
+            return None  # sent for the first time about now
+        return self._sent_difference(pdo, now, last.data, data)
+
+    def _sent_difference(self, pdo: Pdo, time_ns: int, recorded: bytes, today: bytes, note: str = "") -> Difference:
+        if len(recorded) != pdo.size:
+            note = note or f"{len(recorded)} bytes recorded, {pdo.size} today: {recorded.hex(' ')}"
+            return self._difference(time_ns, str(pdo), None, _named(pdo, today), note)
+        return self._difference(time_ns, str(pdo), _named(pdo, recorded), _named(pdo, today), note)
+
+    # -- SDO ----------------------------------------------------------------------------------------------------------
+
+    def _serve_sdo(
+        self, asked: tuple[SdoWrite, ...] | None, now: int, difference: Difference | None
+    ) -> Difference | None:
+        """Answer the translator's SDO writes when the recorded ones were answered, as ``Axis`` does."""
+        state, translator = self._state, self._translator
+        request = translator.sdo_request
+        if request is None:
+            state.asked = None
+            return difference
+        if state.asked is not request:
+            state.asked = request
+            state.done_at, state.done_error, wrong = self._find_writes(request, now)
+            difference = difference or wrong
+        if asked is request and state.done_at is not None and state.done_at <= now:
+            translator.sdo_request = None
+            translator.sdo_done(state.done_error)
+        return difference
+
+    def _find_writes(self, request: Sequence[SdoWrite], now: int) -> tuple[int | None, str | None, Difference | None]:
+        """Time and error of the recorded writes that serve a request."""
+        results = self._recording.sdo
+        position = self._state.sdo
+        done = now
+        for write in request:
+            while position < len(results) and (
+                results[position].time_ns < now - self._tolerance
+                or (results[position].index, results[position].subindex) != (write.index, write.subindex)
+            ):
+                position += 1
+            if position == len(results):
+                return None, None, None
+            result = results[position]
+            position += 1
+            entry = DRIVE_OBJECTS.entry(write.index, write.subindex)
+            wanted = _encode(entry, write.value)
+            if result.error is None and result.data != wanted:
+                signed = entry.type.char.islower()
+                recorded = {entry.name: int.from_bytes(result.data, "little", signed=signed)}
+                wrong = self._difference(result.time_ns, "SDO", recorded, {entry.name: write.value})
+                return None, None, wrong
+            done = max(done, result.time_ns)
+            if result.error is not None:
+                self._state.sdo = position
+                return done, result.error, None
+        self._state.sdo = position
+        return done, None, None
+
+
+def _encode(entry: Entry, value: int) -> bytes:
+    return value.to_bytes(entry.type.bits // 8, "little", signed=entry.type.char.islower())
+
+
+def _named(pdo: Pdo, data: bytes) -> dict[str, int]:
+    values = pdo.struct.unpack(data)
+    return {entry.name: value for entry, value in zip(pdo.entries, values, strict=True)}
+
+
+def _near(times: Sequence[int], now: int, earliest: int, latest: int, taken: int) -> list[int]:
+    """How many events may have been taken: all before ``earliest``, none after ``latest``; the likeliest number first."""
+    low = max(taken, bisect_right(times, earliest))
+    high = max(low, bisect_right(times, latest))
+    likely = min(max(low, bisect_right(times, now)), high)
+    return sorted(range(low, high + 1), key=lambda count: abs(count - likely))
+
+
+def _ticks(recording: AxisRecording, cycle_ns: int) -> list[_Tick]:
+    """When the gateway stepped: once before each answer, and by itself where frames stay away for longer than a cycle.
+
+    The time of a step is that of the frame it answers.
+    """
+    frames = recording.frames
+    moments: list[_Tick] = []
+    taken = -1  # the newest frame that was certainly taken
+    before: int | None = None
+    for answer in recording.answers:
+        newest = bisect_right(frames, answer.time_ns) - 1
+        if before is not None:
+            idle = bisect_right(frames, before)
+            if idle < len(frames) and frames[idle] - before >= cycle_ns // 2:
+                taken = max(taken, idle - 1)  # whatever had been sent was answered
+        silence = 0 <= taken < newest and frames[taken + 1] - frames[taken] > _FILL * cycle_ns
+        now = answer.time_ns
+        if taken < newest and not silence:
+            # To the next frame; the answer may have waited for a busy PLC. All others the gateway may have sent by itself.
+            taken += 1
+            now = frames[taken]
+        moments.append(_Tick(now, answer, frames[taken] if taken >= 0 else 0))
+        before = answer.time_ns
+    if not moments:
+        moments = [_Tick(now, None, now) for now in frames]
+    ticks: list[_Tick] = []
+    for tick in moments:
+        filled = 0
+        while ticks and filled < _MAX_FILLED and tick.time_ns - ticks[-1].time_ns > _FILL * cycle_ns:
+            ticks.append(_Tick(ticks[-1].time_ns + cycle_ns, None, ticks[-1].evaluated_ns))
+            filled += 1
+        now = max(tick.time_ns, ticks[-1].time_ns) if ticks else tick.time_ns
+        ticks.append(_Tick(now, tick.answer, tick.evaluated_ns))
+    return ticks

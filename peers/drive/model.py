@@ -1,0 +1,602 @@
+"""The simulated drive: state machine, modes, homing, limits and faults, without CANopen around it.
+
+Source: the manufacturer's guide chapters 5 and 7, CiA DSP 402 V2.0, readings of docs/translation.md. Time is simulated in
+whole milliseconds. Left out: following error, temperature and current models beyond a torque-proportional acceleration.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from pdgw.ds301.errors import CanopenError
+from pdgw.dsp402.faults import DRIVE_FAULTS
+from pdgw.dsp402.modes import HOMING_METHODS, Mode
+from pdgw.dsp402.objects import DRIVE_OBJECTS
+from pdgw.dsp402.states import STATUS_OF, Command, ControlBit, State, StatusBit, next_state
+from pdgw.peers.drive.motion import INCREMENTS_PER_REVOLUTION, TICK, Ramp, increments_per_second, speed_toward
+
+MS = 1_000_000
+DI1 = 1 << 16
+NEGATIVE_LIMIT = 1 << 0
+POSITIVE_LIMIT = 1 << 1
+MODES = frozenset(Mode)
+_INT32_MAX = (1 << 31) - 1
+_RAMPED_STATES = (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE, State.FAULT_REACTION_ACTIVE)
+_POSITION_MODES = (Mode.POSITION, Mode.TURNTABLE)
+_ABORT_COMMANDS = {2: Command.DISABLE_VOLTAGE, 3: Command.QUICK_STOP}
+"""Device control command of 6007h."""
+COAST_DECELERATION = 1500.0
+"""rpm/s of the free-running motor."""
+TORQUE_ACCELERATION = 6000.0
+"""rpm/s that rated current gives the unloaded motor."""
+
+ObjectReader = Callable[[int, int], int]
+
+
+@dataclass(frozen=True, slots=True)
+class Machine:
+    """Where the simulated axis ends, in increments of the machine (power-on position is 0)."""
+
+    negative_limit: float | None = -550_000
+    positive_limit: float | None = 550_000
+    negative_stop: float = -600_000
+    positive_stop: float = 600_000
+
+
+@dataclass(slots=True)
+class _Setpoint:
+    target: float
+    speed: float
+    acceleration: float
+    deceleration: float
+
+
+class DriveModel:
+    """The image of the mappable objects (their attributes) and the drive behind it.
+
+    ``read`` gives the value of the other objects (index, sub-index). ``emcy`` collects (error code, error register).
+    """
+
+    def __init__(self, read: ObjectReader, machine: Machine | None = None) -> None:
+        self.read = read
+        self.machine = machine or Machine()
+        self.emcy: list[tuple[int, int]] = []
+        self.disguises: list[Callable[[DriveModel, int], None]] = []
+        """What shows something else than the drive does; called with the model's time after each update of the image."""
+        self.power_on()
+
+    def power_on(self) -> None:
+        """Everything back to its value after power-on; the axis stands at machine position 0."""
+        for entry in DRIVE_OBJECTS.entries:
+            if entry.attribute:
+                setattr(self, entry.attribute, entry.default)
+        self.error_register = 0
+        self.state = State.NOT_READY_TO_SWITCH_ON
+        self.mode = Mode.POSITION
+        self.ramp = Ramp()
+        self.machine_position = 0.0
+        self.zero = 0.0
+        self.digital_inputs = DI1
+        self.causes: set[int] = set()
+        self._time = -1
+        self._previous_controlword = 0
+        self._setpoint: _Setpoint | None = None
+        self._queued: _Setpoint | None = None
+        self._acknowledged = False
+        self._position_reached = True
+        self._limited = False
+        self._homing_phase = ""
+        self._homing_attained = False
+        self._homing_error = False
+        self._index_from = 0.0
+        self._update()
+
+    def reset(self) -> None:
+        """The firmware starts again; inputs, causes of faults and the turning shaft stay as they are."""
+        inputs, causes, position, ramp = self.digital_inputs, self.causes, self.machine_position, self.ramp
+        self.power_on()
+        self.digital_inputs, self.causes, self.ramp = inputs, causes, ramp
+        self.machine_position = self.zero = position
+        if causes:
+            self._fault(min(causes))
+        self._update()
+
+    # The attributes of the catalogue, for the type checker; ``power_on`` sets them from the declarations.
+    controlword: int
+    statusword: int
+    modes_of_operation: int
+    modes_of_operation_display: int
+    position_actual: int
+    velocity_demand: int
+    velocity_actual: int
+    target_velocity: int
+    target_position: int
+    target_torque: int
+    profile_velocity: int
+    profile_acceleration: int
+    profile_deceleration: int
+    dynamic_speed_limit: int
+    dynamic_torque_limit: int
+    current_actual: int
+    dc_link_voltage: int
+    digital_outputs: int
+    digital_outputs_mask: int
+    analogue_input_1: int
+    analogue_input_2: int
+    encoder_position: int
+    error_code: int
+    emcy_code: int
+    homing_method: int
+
+    # -- units --------------------------------------------------------------------------------------------------------
+
+    @property
+    def _unit(self) -> float:
+        """rpm of one velocity unit (6094h)."""
+        return self.read(0x6094, 1) / self.read(0x6094, 2)
+
+    @property
+    def _max_rpm(self) -> float:
+        return float(self.read(0x6080, 0))
+
+    @property
+    def position(self) -> float:
+        """Actual position in increments."""
+        return self.machine_position - self.zero
+
+    def _acceleration(self, value: int, limit_index: int) -> float:
+        """rpm/s of a ramp object in 10 rpm/s, limited by 60C5h / 60C6h."""
+        return 10.0 * max(1, min(value, self.read(limit_index, 0)))
+
+    @property
+    def _sine(self) -> bool:
+        return self.read(0x6086, 0) == 1
+
+    def _sine_times(self) -> tuple[float, float]:
+        """Rise and fall time in seconds of a sine-squared ramp; a PDO may carry 0."""
+        return max(1, self.profile_acceleration) * TICK, max(1, self.profile_deceleration) * TICK
+
+    # -- commands -----------------------------------------------------------------------------------------------------
+
+    def inject(self, number: int) -> None:
+        """Raise one of the faults 1-12; CanopenError for another number. Its cause stays until ``clear``."""
+        if number not in DRIVE_FAULTS:
+            raise CanopenError("fault number", number, f"one of {list(DRIVE_FAULTS)}")
+        self.causes.add(number)
+        self._fault(number)
+
+    def clear(self) -> None:
+        """Remove the causes of all faults, so that a fault reset is accepted."""
+        self.causes.clear()
+
+    def set_enable_input(self, on: bool) -> None:
+        """Digital input DI1: the power stage is only enabled while it is set."""
+        self.digital_inputs = self.digital_inputs | DI1 if on else self.digital_inputs & ~DI1
+        if not on and self.state is State.OPERATION_ENABLED:
+            self._enter(State.SWITCHED_ON)
+        # The Controlword is a level: an Enable Operation that still stands takes effect as soon as the input allows.
+        self.command()
+
+    def abort_connection(self) -> None:
+        """The connection to the master is lost: react as 6007h says.
+
+        In Switched On too: its last Controlword may be an Enable Operation that only waits for DI1.
+        """
+        if self.state not in {State.SWITCHED_ON, State.OPERATION_ENABLED}:
+            return
+        option = self.read(0x6007, 0)
+        if option == 1:
+            self._fault(12)
+        elif option in _ABORT_COMMANDS:
+            self._enter(next_state(self.state, _ABORT_COMMANDS[option].word, self.controlword))
+        self._update()
+
+    def command(self) -> None:
+        """Evaluate Controlword and mode as they stand in the image now; called for every one received."""
+        word, previous = self.controlword, self._previous_controlword
+        self._previous_controlword = word
+        self._select_mode(word)
+        if self.state is State.FAULT:
+            reset = next_state(self.state, word, previous) is not State.FAULT
+            if reset and not self.causes:
+                self.error_code = self.emcy_code = self.error_register = 0
+                self.emcy.append((0, 0))
+                self._enter(State.SWITCH_ON_DISABLED)
+        else:
+            target = next_state(self.state, word, previous)
+            if target is State.SWITCHED_ON and self.state is State.READY_TO_SWITCH_ON:
+                self._enter(target)
+                target = next_state(self.state, word, previous)
+            if target is not self.state and not (target is State.OPERATION_ENABLED and not self.digital_inputs & DI1):
+                self._enter(target)
+        if self.state is State.OPERATION_ENABLED:
+            self._evaluate_bit_4(word, previous)
+        self._update()
+
+    def _select_mode(self, word: int) -> None:
+        if self.modes_of_operation == self.mode or word & ControlBit.HALT or self.modes_of_operation not in MODES:
+            return
+        self.mode = Mode(self.modes_of_operation)
+        self._setpoint = self._queued = None
+        self._acknowledged = False
+        self._homing_phase = ""
+        self._homing_attained = self._homing_error = False
+        self._position_reached = True
+
+    def _enter(self, state: State) -> None:
+        powered = self.state in _RAMPED_STATES
+        self.state = state
+        if state is State.OPERATION_ENABLED and not powered:
+            self._setpoint = self._queued = None
+            self._acknowledged = False
+            self._position_reached = True
+        if state is not State.OPERATION_ENABLED:
+            self._setpoint = self._queued = None
+            self._acknowledged = False
+            self._homing_phase = ""
+        if state is State.QUICK_STOP_ACTIVE and self.read(0x605A, 0) == 0:
+            self.state = State.SWITCH_ON_DISABLED
+
+    def _fault(self, number: int) -> None:
+        fault = DRIVE_FAULTS[number]
+        if self.state in {State.FAULT, State.FAULT_REACTION_ACTIVE}:
+            return
+        self.error_code = number
+        self.emcy_code = fault.error_code
+        self.error_register = fault.error_register
+        self.emcy.append((fault.error_code, fault.error_register))
+        self._enter(State.FAULT_REACTION_ACTIVE)
+        self._update()
+
+    # -- set-points ---------------------------------------------------------------------------------------------------
+
+    def _evaluate_bit_4(self, word: int, previous: int) -> None:
+        rising = word & ControlBit.NEW_SETPOINT and not previous & ControlBit.NEW_SETPOINT
+        # Resetting Halt and setting bit 4 in one Controlword is not allowed: the set-point is not taken.
+        allowed = not (word | previous) & ControlBit.HALT
+        if self.mode in _POSITION_MODES:
+            if rising and allowed and not self._acknowledged:
+                self._take_setpoint(word)
+            elif not word & ControlBit.NEW_SETPOINT and self._queued is None:
+                self._acknowledged = False
+        elif self.mode is Mode.HOMING:
+            if rising and allowed:
+                self._start_homing()
+            elif not word & ControlBit.NEW_SETPOINT and self._homing_phase:
+                self._homing_phase = "stopping"
+
+    def _take_setpoint(self, word: int) -> None:
+        unit = self._unit
+        limit = min(self.read(0x607F, 0) * unit, self._max_rpm)
+        setpoint = _Setpoint(
+            self._absolute_target(word),
+            min(self.profile_velocity * unit, limit),
+            self._acceleration(self.profile_acceleration, 0x60C5),
+            self._acceleration(self.profile_deceleration, 0x60C6),
+        )
+        self._acknowledged = True
+        if self._setpoint is not None and not word & ControlBit.CHANGE_IMMEDIATELY:
+            self._queued = setpoint
+            return
+        self._activate(setpoint)
+
+    def _activate(self, setpoint: _Setpoint) -> None:
+        self._setpoint = setpoint
+        self._position_reached = False
+
+    def _absolute_target(self, word: int) -> float:
+        if word & ControlBit.RELATIVE:
+            target = self.position + self.target_position
+        elif self.mode is Mode.TURNTABLE:
+            target = self._turntable_target(word)
+        else:
+            target = float(self.target_position)
+        if self.mode is Mode.TURNTABLE:
+            return target
+        low, high = self.read(0x607B, 1), self.read(0x607B, 2)
+        limited = min(max(target, low), high)
+        self._limited = limited != target
+        return limited
+
+    def _turntable_target(self, word: int) -> float:
+        """The nearest absolute position with this angle in the wanted direction."""
+        rev = INCREMENTS_PER_REVOLUTION
+        forward = (self.target_position - self.position) % rev
+        if word & ControlBit.TURNTABLE_SHORTEST:
+            distance = forward if forward <= rev / 2 else forward - rev
+        elif word & ControlBit.TURNTABLE_CCW:
+            distance = forward - rev if forward else 0.0
+        else:
+            distance = forward
+        return self.position + distance
+
+    def _start_homing(self) -> None:
+        self._homing_attained = self._homing_error = False
+        self._position_reached = False
+        if self.homing_method not in HOMING_METHODS:
+            self._homing_error = True
+        elif self.homing_method == 35:
+            self._home_here()
+        else:
+            self._homing_phase = "search"
+
+    def _home_here(self) -> None:
+        self.zero = self.machine_position - self.read(0x607C, 0)
+        self._homing_phase = ""
+        self._homing_attained = True
+        self._position_reached = True
+        self.ramp.set(0.0)
+
+    # -- time ---------------------------------------------------------------------------------------------------------
+
+    def advance(self, now: int) -> None:
+        """Simulate up to ``now`` (monotonic ns)."""
+        if self._time < 0:
+            self._time = now
+            if self.state is State.NOT_READY_TO_SWITCH_ON:
+                self._enter(State.SWITCH_ON_DISABLED)
+            self._update()
+        steps = (now - self._time) // MS
+        for _ in range(min(steps, 1000)):
+            self._tick()
+        self._time += steps * MS
+        if steps:
+            self._update()
+
+    def _tick(self) -> None:
+        state = self.state
+        if state is State.OPERATION_ENABLED:
+            self._move()
+        elif state is State.QUICK_STOP_ACTIVE:
+            if self._stop(self._quick_deceleration(self.read(0x605A, 0) == 2)):
+                self._enter(State.SWITCH_ON_DISABLED)
+        elif state is State.FAULT_REACTION_ACTIVE:
+            option = self.read(0x605E, 0)
+            if option == 0 or self._stop(self._quick_deceleration(option == 2)):
+                self._enter(State.FAULT)
+        else:
+            self.ramp.linear(0.0, COAST_DECELERATION, COAST_DECELERATION)
+            self.current_actual = 0
+        self._turn()
+
+    def _quick_deceleration(self, quick: bool) -> float:
+        if quick:
+            return 10.0 * self.read(0x6085, 0)
+        return self._acceleration(self.profile_deceleration, 0x60C6)
+
+    def _stop(self, deceleration: float) -> bool:
+        return self.ramp.linear(0.0, deceleration, deceleration) == 0.0
+
+    def _turn(self) -> None:
+        """Move the axis; a mechanical stop holds it."""
+        position = self.machine_position + increments_per_second(self.ramp.speed) * TICK
+        machine = self.machine
+        if position <= machine.negative_stop or position >= machine.positive_stop:
+            position = min(max(position, machine.negative_stop), machine.positive_stop)
+            self.ramp.set(0.0)
+        self.machine_position = position
+        inputs = self.digital_inputs & ~(NEGATIVE_LIMIT | POSITIVE_LIMIT)
+        if machine.negative_limit is not None and position <= machine.negative_limit:
+            inputs |= NEGATIVE_LIMIT
+        if machine.positive_limit is not None and position >= machine.positive_limit:
+            inputs |= POSITIVE_LIMIT
+        self.digital_inputs = inputs
+
+    def _move(self) -> None:
+        mode = self.mode
+        if mode in _POSITION_MODES:
+            self._move_to_position()
+        elif mode is Mode.HOMING:
+            self._move_homing()
+        elif mode is Mode.TORQUE or mode is Mode.CURRENT_CONTROL:
+            self._move_with_torque()
+        else:
+            self._move_with_speed()
+
+    def _halted(self) -> bool:
+        return bool(self.controlword & ControlBit.HALT)
+
+    def _against_limit(self, speed: float) -> bool:
+        """A limit switch forbids this direction."""
+        return bool(
+            (speed < 0 and self.digital_inputs & NEGATIVE_LIMIT) or (speed > 0 and self.digital_inputs & POSITIVE_LIMIT)
+        )
+
+    def _follow_ramp(self, target: float) -> None:
+        """Toward a speed with the profile's ramps; limit switches stop motion in their direction."""
+        self._limited = self._against_limit(target)
+        if self._limited:
+            target = 0.0
+        if self._sine:
+            self.ramp.sine_squared(target, *self._sine_times())
+        else:
+            acceleration = self._acceleration(self.profile_acceleration, 0x60C5)
+            if self.mode is Mode.SPEED_CONTROL:
+                torque = min(self.dynamic_torque_limit, self.read(0x6073, 0))
+                acceleration = min(acceleration, TORQUE_ACCELERATION * torque / 1000)
+            self.ramp.linear(target, acceleration, self._acceleration(self.profile_deceleration, 0x60C6))
+
+    def _speed_limit(self) -> float:
+        return min(self._max_rpm, self.read(0x607F, 0) * self._unit)
+
+    def _move_with_speed(self) -> None:
+        if self._halted():
+            self.target_velocity = 0
+        wanted = self.target_velocity * self._unit
+        limit = self._speed_limit()
+        self._follow_ramp(min(max(wanted, -limit), limit))
+
+    def _move_with_torque(self) -> None:
+        rated = min(1000, self.read(0x6073, 0))
+        torque = 0 if self._halted() else min(max(self.target_torque, -rated), rated)
+        limit = self._max_rpm
+        if self.mode is Mode.CURRENT_CONTROL:
+            limit = min(limit, self.dynamic_speed_limit * 0.5)
+        if torque == 0:
+            deceleration = self._acceleration(self.profile_deceleration, 0x60C6)
+            self.ramp.linear(0.0, deceleration, deceleration)
+        else:
+            rate = TORQUE_ACCELERATION * abs(torque) / 1000
+            target = math.copysign(limit, torque)
+            self._limited = self._against_limit(target)
+            self.ramp.linear(0.0 if self._limited else target, rate, rate)
+        self.current_actual = torque
+
+    def _move_to_position(self) -> None:
+        setpoint = self._setpoint
+        if self._halted() or setpoint is None:
+            if self._halted():
+                self._setpoint = self._queued = None
+            deceleration = setpoint.deceleration if setpoint else self._acceleration(self.profile_deceleration, 0x60C6)
+            if self._stop(deceleration) and self._halted():
+                self._position_reached = True
+            return
+        distance = setpoint.target - self.position
+        if self._sine:
+            target = self._sine_speed(setpoint, distance)
+        else:
+            target = speed_toward(distance, setpoint.speed, setpoint.deceleration)
+        self._limited = self._limited and self.read(0x607B, 2) != 0
+        if self._against_limit(target):
+            self._limited = True
+            self._stop(setpoint.deceleration)
+            return
+        if self._sine:
+            self.ramp.sine_squared(target, *self._sine_times())
+        else:
+            self.ramp.linear(target, setpoint.acceleration, setpoint.deceleration + 1e-6)
+        step = increments_per_second(self.ramp.speed) * TICK
+        slow = increments_per_second(2 * setpoint.deceleration * TICK) * TICK
+        if abs(distance) <= max(1.0, abs(slow)) and abs(step) <= max(1.0, 2 * abs(slow)):
+            self._arrive(setpoint)
+
+    def _sine_speed(self, setpoint: _Setpoint, distance: float) -> float:
+        """Speed setpoint for sine-squared ramps: the braking distance of a whole ramp is half speed times ramp time."""
+        rise, fall = self._sine_times()
+        if self.ramp.speed == 0.0 and abs(distance) > 1:
+            rpm = 2 * abs(distance) / (rise + fall) * 60 / INCREMENTS_PER_REVOLUTION
+            return math.copysign(min(setpoint.speed, rpm), distance)
+        braking = increments_per_second(abs(self.ramp.speed)) * fall / 2
+        if self.ramp._to == 0.0 or abs(distance) <= braking or distance * self.ramp.speed < 0:
+            # The last increments are crept: a ramp by time cannot meet a position exactly.
+            creep = math.copysign(min(setpoint.speed, abs(distance) * 60 / INCREMENTS_PER_REVOLUTION * 5), distance)
+            return creep if abs(self.ramp.speed) < 1.0 else 0.0
+        return self.ramp._to
+
+    def _arrive(self, setpoint: _Setpoint) -> None:
+        self.machine_position = setpoint.target + self.zero
+        self.ramp.set(0.0)
+        self._setpoint = None
+        if self._queued is not None:
+            self._activate(self._queued)
+            self._queued = None
+            if not self.controlword & ControlBit.NEW_SETPOINT:
+                self._acknowledged = False
+        else:
+            self._position_reached = True
+
+    def _move_homing(self) -> None:
+        phase = self._homing_phase
+        acceleration = self._acceleration(self.read(0x609A, 0), 0x60C5)
+        if not phase or phase == "stopping" or self._halted():
+            if self._stop(acceleration):
+                self._position_reached = self._position_reached or not phase or self._halted()
+                if phase == "stopping":
+                    self._homing_phase = ""
+                    self._position_reached = True
+            return
+        method = self.homing_method
+        direction = -1.0 if method in {1, 17, -17} else 1.0
+        fast, slow = (min(self.read(0x6099, sub) * self._unit, self._speed_limit()) for sub in (1, 2))
+        switch = NEGATIVE_LIMIT if direction < 0 else POSITIVE_LIMIT
+        stop = self.machine.negative_stop if direction < 0 else self.machine.positive_stop
+        on_switch = bool(self.digital_inputs & switch)
+        if phase == "search":
+            self._search(direction, fast, acceleration, stop, on_switch)
+        elif phase == "leave":
+            self.ramp.linear(-direction * slow, acceleration, acceleration)
+            if not on_switch and self.ramp.speed * direction < 0:
+                if method in {1, 2}:
+                    self._homing_phase = "index"
+                    self._index_from = self.machine_position
+                else:
+                    self._home_here()
+        elif phase == "index":
+            self.ramp.linear(-direction * slow, acceleration, acceleration)
+            before = math.floor(self._index_from / INCREMENTS_PER_REVOLUTION)
+            after = math.floor(self.machine_position / INCREMENTS_PER_REVOLUTION)
+            if before != after:
+                pulse = max(before, after) * INCREMENTS_PER_REVOLUTION
+                self.machine_position = float(pulse)
+                self._home_here()
+
+    def _search(self, direction: float, speed: float, acceleration: float, stop: float, on_switch: bool) -> None:
+        """Toward the limit switch or the mechanical stop; a switch that is not there is a homing error."""
+        at_stop = self.machine_position == stop
+        if self.homing_method < 0:
+            if at_stop:
+                self._home_here()
+                return
+        elif on_switch:
+            if self._stop(acceleration):
+                self._homing_phase = "leave"
+            return
+        elif at_stop:
+            self._homing_phase = ""
+            self._homing_error = True
+            self.ramp.set(0.0)
+            return
+        self.ramp.linear(direction * speed, acceleration, acceleration)
+
+    # -- image --------------------------------------------------------------------------------------------------------
+
+    def _update(self) -> None:
+        speed = self.ramp.speed
+        unit = self._unit
+        units = min(max(round(speed / unit), -_INT32_MAX), _INT32_MAX)
+        self.velocity_actual = self.velocity_demand = units
+        self.position_actual = _wrap32(round(self.position))
+        self.encoder_position = _wrap16(round(self.machine_position))
+        self.modes_of_operation_display = self.mode
+        self.statusword = STATUS_OF[self.state] | self._mode_bits(units) | StatusBit.VOLTAGE_ENABLED | StatusBit.REMOTE
+        if self.state is not State.QUICK_STOP_ACTIVE:
+            self.statusword |= StatusBit.NO_QUICK_STOP
+        if self._limited:
+            self.statusword |= StatusBit.INTERNAL_LIMIT
+        for disguise in self.disguises:
+            disguise(self, self._time)
+
+    def _mode_bits(self, units: int) -> int:
+        mode = self.mode
+        bits = 0
+        halted = self._halted() and self.state is State.OPERATION_ENABLED
+        if mode in _POSITION_MODES:
+            if self._acknowledged:
+                bits |= StatusBit.MODE_12
+            if units == 0 if halted else self._position_reached:
+                bits |= StatusBit.TARGET_REACHED
+        elif mode is Mode.HOMING:
+            if self._homing_attained:
+                bits |= StatusBit.MODE_12
+            if self._homing_error:
+                bits |= StatusBit.MODE_13
+            if self._position_reached or (halted and units == 0):
+                bits |= StatusBit.TARGET_REACHED
+        elif mode is Mode.VELOCITY or mode is Mode.SPEED_CONTROL:
+            if abs(units) <= self.read(0x606F, 0):
+                bits |= StatusBit.MODE_12
+            if abs(units - self.target_velocity) <= self.read(0x606D, 0):
+                bits |= StatusBit.TARGET_REACHED
+        elif halted and units == 0:
+            bits |= StatusBit.TARGET_REACHED
+        return bits
+
+
+def _wrap32(value: int) -> int:
+    return (value + (1 << 31)) % (1 << 32) - (1 << 31)
+
+
+def _wrap16(value: int) -> int:
+    return (value + (1 << 15)) % (1 << 16) - (1 << 15)

@@ -1,0 +1,7 @@
+"""A realistic CiA 406 encoder: motions, pure model, CANopen node, and a thread on any python-can bus."""
+
+from pdgw.peers.encoder.model import EncoderModel
+from pdgw.peers.encoder.motion import Motion
+from pdgw.peers.encoder.node import SimulatedEncoder, SimulatedEncoderNode
+
+__all__ = ["EncoderModel", "Motion", "SimulatedEncoder", "SimulatedEncoderNode"]

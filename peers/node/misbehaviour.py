@@ -1,0 +1,503 @@
+"""Devices that misbehave like real ones: the faults of a simulated CANopen node, each declared once.
+
+A fault is a class: its docstring says what the device does, its fields are the parameters (default, limits, unit), its hooks
+act on one ``SimulatedNode``. ``SimulatedNode.misbehave`` and ``behave`` switch faults by name while the node runs. Source:
+the communication of CiA DS 301 that each of them breaks. A device profile adds its own faults to ``NODE_MISBEHAVIOURS``.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections import deque
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, fields
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from canopen.sdo import SdoAbortedError
+from pdgw.ds301 import communication as com
+from pdgw.ds301.aborts import Abort
+from pdgw.ds301.errors import CanopenError
+from pdgw.ds301.objects import Entry
+
+if TYPE_CHECKING:
+    from pdgw.peers.node.node import SimulatedNode
+
+MS = 1_000_000
+HEX = "hex"
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """One parameter of a fault: an integer with its limits."""
+
+    name: str
+    default: int
+    low: int
+    high: int
+    unit: str
+    meaning: str
+
+    def text(self, value: int) -> str:
+        """A value as documents write it; the unit "hex" is none, it marks codes and bit patterns."""
+        return f"{value:04X}h" if self.unit == HEX else f"{value} {self.unit}".rstrip()
+
+
+def parameter(default: int, low: int, high: int, meaning: str, unit: str = "") -> Any:
+    """A field of a fault that the user can choose."""
+    return field(default=default, metadata={"low": low, "high": high, "meaning": meaning, "unit": unit})
+
+
+@dataclass(kw_only=True, eq=False)
+class Misbehaviour:
+    """One fault in force on one node. ``node`` is set before the first hook; the hooks of the base class change nothing."""
+
+    name: ClassVar[str]
+    at_configuration: ClassVar[bool] = False
+    """Only shows while a master configures the node: choose it before power-on, or let the node restart."""
+
+    node: SimulatedNode = field(init=False, repr=False)
+
+    def begin(self) -> None:
+        """The fault sets in; at power-on before the boot-up message."""
+
+    def end(self) -> None:
+        """The device behaves again."""
+
+    def poll(self, now: int) -> None:
+        """Time passes (monotonic ns), also while the node is silent."""
+
+    def incoming(self, can_id: int, data: bytes) -> bool:
+        """A frame for the node; False keeps it away from it."""
+        return True
+
+    def outgoing(self, can_id: int, data: bytes) -> bool:
+        """A frame of the node; False keeps it off the bus."""
+        return True
+
+    def reading(self, entry: Entry, data: bytes) -> bytes:
+        """What an SDO upload of the entry gives; raises ``SdoAbortedError`` to abort it."""
+        return data
+
+    def writing(self, entry: Entry, data: bytes) -> None:
+        """An SDO download to the entry begins; raises ``SdoAbortedError`` to abort it."""
+
+    @classmethod
+    def description(cls) -> str:
+        """The docstring as one line."""
+        return " ".join((cls.__doc__ or "").split())
+
+    @classmethod
+    def parameters(cls) -> tuple[Parameter, ...]:
+        """What can be chosen, in the order of declaration."""
+        found = []
+        for item in fields(cls):
+            if item.metadata:
+                about = item.metadata
+                default = int(item.default)  # type: ignore[arg-type]  # `parameter` gives each one
+                found.append(Parameter(item.name, default, **about))
+        return tuple(found)
+
+    @property
+    def values(self) -> dict[str, int]:
+        """The parameters in force."""
+        return {item.name: getattr(self, item.name) for item in self.parameters()}
+
+
+Catalogue = Mapping[str, type[Misbehaviour]]
+
+
+def catalogue(*groups: Iterable[type[Misbehaviour]]) -> Catalogue:
+    """Faults by name."""
+    return MappingProxyType({item.name: item for group in groups for item in group})
+
+
+def make(known: Catalogue, name: str, values: Mapping[str, object]) -> Misbehaviour:
+    """A fault of the catalogue with these parameters; CanopenError names what is unknown or out of its limits."""
+    kind = known.get(name)
+    if kind is None:
+        raise CanopenError("fault", name, f"one of {', '.join(known)}")
+    allowed = {item.name: item for item in kind.parameters()}
+    chosen: dict[str, int] = {}
+    for key, value in values.items():
+        item = allowed.get(key)
+        if item is None:
+            raise CanopenError(f"fault {name} parameter", key, ", ".join(allowed) or "no parameter")
+        if not isinstance(value, int) or isinstance(value, bool) or not item.low <= value <= item.high:
+            raise CanopenError(f"fault {name} {key}", value, f"{item.text(item.low)} to {item.text(item.high)}")
+        chosen[key] = value
+    return kind(**chosen)
+
+
+# -- what faults have in common -------------------------------------------------------------------------------------------
+
+
+@dataclass(kw_only=True, eq=False)
+class _Late(Misbehaviour):
+    """Holds frames back for ``delay_ms``, in order; a subclass says which by its ``outgoing`` and ``incoming``."""
+
+    _held: deque[tuple[int, bool, int, bytes]] = field(init=False, repr=False, default_factory=deque)
+
+    delay_ms: int = parameter(1, 1, 10_000, "delay of each frame", "ms")
+
+    def _hold(self, out: bool, can_id: int, data: bytes) -> bool:
+        self._held.append((self.node.now + self.delay_ms * MS, out, can_id, data))
+        return False
+
+    def poll(self, now: int) -> None:
+        while self._held and now >= self._held[0][0]:
+            self._release()
+
+    def end(self) -> None:
+        while self._held:
+            self._release()
+
+    def _release(self) -> None:
+        _, out, can_id, data = self._held.popleft()
+        if out:
+            self.node.transmit(can_id, data, past=self)
+        else:
+            self.node.receive(can_id, data, self.node.now, past=self)
+
+
+def _is_mapping(index: int) -> bool:
+    return 0x1600 <= index < 0x1800 or 0x1A00 <= index < 0x1C00
+
+
+# -- SDO ------------------------------------------------------------------------------------------------------------------
+
+
+@dataclass(kw_only=True, eq=False)
+class SlowSdo(_Late):
+    """Every SDO answer comes late, as from a device that serves SDOs in its idle time."""
+
+    name = "slow-sdo"
+    delay_ms: int = parameter(50, 1, 10_000, "between request and answer", "ms")
+
+    def outgoing(self, can_id: int, data: bytes) -> bool:
+        return can_id != 0x580 + self.node.node_id or self._hold(True, can_id, data)
+
+
+@dataclass(kw_only=True, eq=False)
+class SdoTimeout(Misbehaviour):
+    """SDO requests get no answer, all of them or each n-th."""
+
+    name = "sdo-timeout"
+    at_configuration = True
+    every: int = parameter(1, 1, 1000, "1: no answer at all; n: each n-th is missing")
+    _count: int = field(init=False, repr=False, default=0)
+
+    def outgoing(self, can_id: int, data: bytes) -> bool:
+        if can_id != 0x580 + self.node.node_id:
+            return True
+        self._count += 1
+        return self._count % self.every != 0
+
+
+_SEGMENT = 0x60
+_TOGGLE = 0x10
+_EXPEDITED_UPLOAD = 0x42
+_SEGMENTED_UPLOAD = 0x41
+_COMMAND = 0xE0
+
+
+@dataclass(kw_only=True, eq=False)
+class SdoToggleError(Misbehaviour):
+    """Every upload is segmented, short values too, and the toggle bit of each segment is wrong."""
+
+    name = "sdo-toggle-error"
+    at_configuration = True
+    _pending: bytes = field(init=False, repr=False, default=b"")
+
+    def outgoing(self, can_id: int, data: bytes) -> bool:
+        if can_id != 0x580 + self.node.node_id:
+            return True
+        command = data[0]
+        if command & (_COMMAND | 0x02) == _EXPEDITED_UPLOAD:
+            size = 4 - (command >> 2 & 3) if command & 1 else 4
+            self._pending = data[4 : 4 + size]
+            header = struct.pack("<B3sI", _SEGMENTED_UPLOAD, data[1:4], size)
+            self.node.transmit(can_id, header, past=self)
+            return False
+        if command & _COMMAND <= 0x20:  # a segment of either direction
+            self.node.transmit(can_id, bytes([command ^ _TOGGLE]) + data[1:], past=self)
+            return False
+        return True
+
+    def incoming(self, can_id: int, data: bytes) -> bool:
+        if can_id != 0x600 + self.node.node_id or not data or not self._pending:
+            return True
+        pending, self._pending = self._pending, b""
+        if data[0] & _COMMAND != _SEGMENT:
+            return True
+        command = (data[0] & _TOGGLE ^ _TOGGLE) | (7 - len(pending)) << 1 | 1
+        self.node.transmit(0x580 + self.node.node_id, bytes([command]) + pending.ljust(7, b"\0"), past=self)
+        return False
+
+
+# -- object dictionary ----------------------------------------------------------------------------------------------------
+
+
+@dataclass(kw_only=True, eq=False)
+class WrongIdentity(Misbehaviour):
+    """The identity object 1018h shows another manufacturer: a different device was put on the bus."""
+
+    name = "wrong-identity"
+    at_configuration = True
+    vendor_id: int = parameter(0x0BAD, 0, 0xFFFF_FFFF, "vendor-ID in 1018h/1", HEX)
+
+    def reading(self, entry: Entry, data: bytes) -> bytes:
+        if (entry.index, entry.subindex) == (com.IDENTITY, 1):
+            return self.vendor_id.to_bytes(4, "little")
+        return data
+
+
+@dataclass(kw_only=True, eq=False)
+class ObjectMissing(Misbehaviour):
+    """An object the data sheet promises does not exist (abort 06020000h)."""
+
+    name = "object-missing"
+    at_configuration = True
+    index: int = parameter(com.CONSUMER_HEARTBEAT, 0x1000, 0xFFFF, "index of the object", HEX)
+
+    def reading(self, entry: Entry, data: bytes) -> bytes:
+        self.writing(entry, data)
+        return data
+
+    def writing(self, entry: Entry, data: bytes) -> None:
+        if entry.index == self.index:
+            raise SdoAbortedError(Abort.NO_SUCH_OBJECT)
+
+
+@dataclass(kw_only=True, eq=False)
+class FixedPdoMapping(Misbehaviour):
+    """The PDO mapping is made by the manufacturer and read-only (abort 06010002h)."""
+
+    name = "fixed-pdo-mapping"
+    at_configuration = True
+
+    def writing(self, entry: Entry, data: bytes) -> None:
+        if _is_mapping(entry.index):
+            raise SdoAbortedError(Abort.READ_ONLY)
+
+
+@dataclass(kw_only=True, eq=False)
+class MappingAbort(Misbehaviour):
+    """The mapping can be erased, but setting the number of mapped objects is aborted (06040043h)."""
+
+    name = "mapping-abort"
+    at_configuration = True
+
+    def writing(self, entry: Entry, data: bytes) -> None:
+        if _is_mapping(entry.index) and entry.subindex == 0 and any(data):
+            raise SdoAbortedError(Abort.PARAMETER_INCOMPATIBLE)
+
+
+@dataclass(kw_only=True, eq=False)
+class FewPdos(Misbehaviour):
+    """The device has fewer PDOs than its data sheet: the parameters of the others do not exist."""
+
+    name = "two-pdos"
+    at_configuration = True
+    pdos: int = parameter(2, 0, 4, "how many RPDOs and TPDOs there are")
+
+    def reading(self, entry: Entry, data: bytes) -> bytes:
+        self.writing(entry, data)
+        return data
+
+    def writing(self, entry: Entry, data: bytes) -> None:
+        if 0x1400 <= entry.index < 0x1C00 and (entry.index & 0x1FF) >= self.pdos:
+            raise SdoAbortedError(Abort.NO_SUCH_OBJECT)
+
+
+# -- PDO ------------------------------------------------------------------------------------------------------------------
+
+
+@dataclass(kw_only=True, eq=False)
+class LostPdos(Misbehaviour):
+    """PDOs are lost in both directions, all of them or each n-th."""
+
+    name = "lost-pdos"
+    every: int = parameter(3, 1, 1000, "1: all are lost; n: each n-th")
+    _count: int = field(init=False, repr=False, default=0)
+
+    def outgoing(self, can_id: int, data: bytes) -> bool:
+        if not self.node.is_pdo(can_id):
+            return True
+        self._count += 1
+        return self._count % self.every != 0
+
+    def incoming(self, can_id: int, data: bytes) -> bool:
+        return self.outgoing(can_id, data)
+
+
+@dataclass(kw_only=True, eq=False)
+class DuplicatedPdos(Misbehaviour):
+    """Each PDO comes several times, in both directions (a node that repeats what was acknowledged too late)."""
+
+    name = "duplicated-pdos"
+    copies: int = parameter(1, 1, 10, "how often each is repeated")
+
+    def outgoing(self, can_id: int, data: bytes) -> bool:
+        for _ in range(self.copies if self.node.is_pdo(can_id) else 0):
+            self.node.transmit(can_id, data, past=self)
+        return True
+
+    def incoming(self, can_id: int, data: bytes) -> bool:
+        for _ in range(self.copies if self.node.is_pdo(can_id) else 0):
+            self.node.receive(can_id, data, self.node.now, past=self)
+        return True
+
+
+@dataclass(kw_only=True, eq=False)
+class LatePdos(_Late):
+    """Each PDO comes late, in both directions and in order."""
+
+    name = "late-pdos"
+    delay_ms: int = parameter(40, 1, 10_000, "delay of each PDO", "ms")
+
+    def outgoing(self, can_id: int, data: bytes) -> bool:
+        return not self.node.is_pdo(can_id) or self._hold(True, can_id, data)
+
+    def incoming(self, can_id: int, data: bytes) -> bool:
+        return not self.node.is_pdo(can_id) or self._hold(False, can_id, data)
+
+
+# -- error control, EMCY, bus ---------------------------------------------------------------------------------------------
+
+
+@dataclass(kw_only=True, eq=False)
+class HeartbeatStops(Misbehaviour):
+    """The heartbeat stops while everything else goes on."""
+
+    name = "heartbeat-stops"
+
+    def outgoing(self, can_id: int, data: bytes) -> bool:
+        # The boot-up message has the same COB-ID and is no heartbeat.
+        return can_id != 0x700 + self.node.node_id or data == b"\0"
+
+
+@dataclass(kw_only=True, eq=False)
+class EmcyBurst(Misbehaviour):
+    """The same emergency message comes again and again, as from a loose contact."""
+
+    name = "emcy-burst"
+    code: int = parameter(0x5000, 1, 0xFFFF, "error code", HEX)
+    register: int = parameter(0x01, 0, 0xFF, "error register; 0: no error stands", HEX)
+    count: int = parameter(50, 1, 10_000, "how many messages")
+    period_ms: int = parameter(2, 1, 10_000, "time between two of them", "ms")
+    _due: int = field(init=False, repr=False, default=0)
+    _sent: int = field(init=False, repr=False, default=0)
+
+    def begin(self) -> None:
+        self._due = self.node.now
+
+    def poll(self, now: int) -> None:
+        while self._sent < self.count and now >= self._due:
+            self._sent += 1
+            self._due += self.period_ms * MS
+            self.node.send_emcy(self.code, self.register)
+
+
+@dataclass(kw_only=True, eq=False)
+class BusOff(Misbehaviour):
+    """The node is bus-off: it neither sends nor receives; afterwards it reports EMCY 8140h."""
+
+    name = "bus-off"
+    recovery_ms: int = parameter(
+        1000, 0, 3_600_000, "recovers by itself after; 0: only when the fault is removed", "ms"
+    )
+    _since: int = field(init=False, repr=False, default=0)
+    _off: bool = field(init=False, repr=False, default=True)
+
+    def begin(self) -> None:
+        self._since = self.node.now
+
+    def incoming(self, can_id: int, data: bytes) -> bool:
+        return not self._off
+
+    def outgoing(self, can_id: int, data: bytes) -> bool:
+        return not self._off
+
+    def poll(self, now: int) -> None:
+        if self._off and self.recovery_ms and now - self._since >= self.recovery_ms * MS:
+            self._recover()
+
+    def end(self) -> None:
+        if self._off:
+            self._recover()
+
+    def _recover(self) -> None:
+        self._off = False
+        self.node.send_emcy(0x8140, 0)
+
+
+@dataclass(kw_only=True, eq=False)
+class ErrorPassive(_Late):
+    """The node is error-passive: it reports EMCY 8120h, and its frames get through late."""
+
+    name = "error-passive"
+    delay_ms: int = parameter(5, 1, 1000, "delay of each frame the node sends", "ms")
+
+    _told: bool = field(init=False, repr=False, default=False)
+
+    def poll(self, now: int) -> None:
+        if not self._told and self.node.running:
+            self._told = True
+            self.node.send_emcy(0x8120, 0x11)
+        super().poll(now)
+
+    def outgoing(self, can_id: int, data: bytes) -> bool:
+        return self._hold(True, can_id, data)
+
+    def end(self) -> None:
+        super().end()
+        self.node.send_emcy(0, 0)
+
+
+@dataclass(kw_only=True, eq=False)
+class Reboot(Misbehaviour):
+    """The node restarts once: silent for a while, then its boot-up message and power-on values."""
+
+    name = "reboot"
+    off_ms: int = parameter(20, 0, 60_000, "silent before the boot-up message", "ms")
+    _back_at: int | None = field(init=False, repr=False, default=None)
+
+    def begin(self) -> None:
+        self._go()
+
+    def _go(self) -> None:
+        self.node.power_off()
+        self._back_at = self.node.now + self.off_ms * MS
+
+    def poll(self, now: int) -> None:
+        if self._back_at is not None and now >= self._back_at:
+            self._back_at = None
+            self.node.restart()
+
+    def end(self) -> None:
+        if self._back_at is not None:
+            self.poll(self._back_at)
+
+
+NODE_MISBEHAVIOURS = catalogue(
+    (
+        SlowSdo,
+        SdoTimeout,
+        SdoToggleError,
+        WrongIdentity,
+        ObjectMissing,
+        FixedPdoMapping,
+        MappingAbort,
+        FewPdos,
+        LostPdos,
+        DuplicatedPdos,
+        LatePdos,
+        HeartbeatStops,
+        EmcyBurst,
+        BusOff,
+        ErrorPassive,
+        Reboot,
+    )
+)
+"""What any CANopen device can do wrong."""

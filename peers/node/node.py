@@ -1,0 +1,522 @@
+"""A simulated CANopen node, sans-I/O: frames and times in, frames out.
+
+Source: CiA DS 301 V4.01: NMT slave, heartbeat producer and consumer, EMCY, SDO server (canopen's), PDOs with run-time
+mapping: on SYNC, event-driven, on remote request. A device profile derives from it, hands in an ``image`` whose attributes
+are the values of mappable objects, and overrides the ``on_...`` hooks. Left out: SDO block download, TIME, LSS, node guarding.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, ClassVar
+
+from canopen.objectdictionary import ObjectDictionary
+from canopen.sdo import SdoAbortedError
+from pdgw.ds301 import communication as com
+from pdgw.ds301.aborts import Abort
+from pdgw.ds301.errors import CanopenError
+from pdgw.ds301.nmt import NmtCommand, NmtState
+from pdgw.ds301.objects import Access, CanType, Entry, ObjectSpec
+from pdgw.ds301.pdo import COB_ID_INVALID, COB_ID_NO_REMOTE, Pdo, PdoDirection
+from pdgw.peers.node.misbehaviour import NODE_MISBEHAVIOURS, Catalogue, Misbehaviour, make
+from pdgw.peers.node.sdo_server import BlockSdoServer
+
+MS = 1_000_000
+_COB_ID_MASK = 0x7FF
+"""Bit of a TPDO's COB-ID: it is not sent on a remote request."""
+_TRANSMISSION_SYNC_MAX = 240
+_EVENT_DRIVEN = (254, 255)
+_COMMUNICATION_AREA_END = 0x1FFF
+
+SendFunction = Callable[[int, bytes], None]
+Value = int | float | bytes | str | bool
+
+
+def encode(entry: Entry, value: Value) -> bytes:
+    """The object's bytes as an SDO carries them."""
+    if isinstance(value, bytes):
+        return value
+    if isinstance(value, str):
+        return value.encode("latin-1")
+    return struct.pack("<" + entry.type.char, value)
+
+
+class _Tpdo:
+    """A transmit PDO in force and when it was sent."""
+
+    __slots__ = ("cob_id", "due", "event_ns", "inhibit_ns", "last", "last_time", "pdo", "remote", "sync_count", "type")
+
+    def __init__(self, pdo: Pdo, cob_id: int, type_: int, inhibit_ns: int, event_ns: int) -> None:
+        self.pdo = pdo
+        self.cob_id = cob_id & _COB_ID_MASK
+        self.remote = not cob_id & COB_ID_NO_REMOTE
+        self.type = type_
+        self.inhibit_ns = inhibit_ns
+        self.event_ns = event_ns
+        self.last = b""
+        self.last_time = -(1 << 62)
+        self.due = -(1 << 62)
+        self.sync_count = 0
+
+
+class SimulatedNode:
+    """One node. ``send(can_id, data)`` is called whenever it transmits."""
+
+    catalogue: ClassVar[Catalogue] = NODE_MISBEHAVIOURS
+    """The faults this kind of device can be given."""
+
+    def __init__(self, node_id: int, objects: Sequence[ObjectSpec], image: object, send: SendFunction) -> None:
+        self.node_id = node_id
+        self.image = image
+        self.send = send
+        self.now = 0
+        self.state = NmtState.BOOT_UP
+        self.entries: dict[tuple[int, int], Entry] = {(e.index, e.subindex): e for s in objects for e in s.entries}
+        self.indices = {spec.index for spec in objects}
+        self.values: dict[tuple[int, int], Value] = {}
+        self.stored: dict[tuple[int, int], Value] = {}
+        self._rpdos: dict[int, Pdo] = {}
+        self._rpdo_types: dict[int, int] = {}
+        self._rpdo_waiting: dict[int, bytes] = {}
+        self._tpdos: list[_Tpdo] = []
+        self._heartbeat_due = 0
+        self._consumed: dict[int, tuple[int, int]] = {}
+        self._errors: list[int] = []
+        self.misbehaviours: dict[str, Misbehaviour] = {}
+        """The faults in force, by name; they begin when the node is powered."""
+        self._powered = False
+        self.object_dictionary = ObjectDictionary()
+        self._sdo = BlockSdoServer(0x600 + node_id, 0x580 + node_id, self)
+        self._sdo.network = self
+        self._sdo._index = self._sdo._subindex = 0  # a segment before any transfer is aborted, not an exception
+        self._defaults()
+
+    # -- hooks of the device ----------------------------------------------------------------------------------------
+
+    def event_timer(self, index: int) -> int:
+        """Milliseconds between two transmissions of the TPDO with this communication parameter; 0 is none."""
+        return int(self.values.get((index, 5), 0))
+
+    def sent_on_change(self, transmission_type: int) -> bool:
+        """Whether a changed value is an event of this event-driven transmission type (254 or 255)."""
+        return True
+
+    def storable(self, entry: Entry) -> bool:
+        """Whether 1010h saves this writable object."""
+        return not entry.attribute
+
+    def on_poll(self, now: int) -> None:
+        """Time passes: bring the image up to ``now``."""
+
+    def on_written(self, entry: Entry, value: Value) -> None:
+        """An object was written by SDO; raise ``SdoAbortedError`` to refuse it (nothing is stored then)."""
+
+    def on_rpdo(self, pdo: Pdo) -> None:
+        """The values of an RPDO are in the image."""
+
+    def on_nmt(self, state: NmtState) -> None:
+        """The NMT state changed."""
+
+    def on_consumer_expired(self, producer: int) -> None:
+        """A guarded heartbeat stopped."""
+
+    def on_foreign_frame(self, can_id: int, data: bytes) -> None:
+        """A frame that is meant for others."""
+
+    def on_reset(self) -> None:
+        """Reset node: back to power-on values."""
+
+    # -- misbehaviour -----------------------------------------------------------------------------------------------
+
+    def misbehave(self, name: str, /, **values: object) -> Misbehaviour:
+        """Give the node a fault of its catalogue; one in force is replaced. CanopenError for a wrong name or value."""
+        fault = make(self.catalogue, name, values)
+        self.behave(name)
+        fault.node = self
+        self.misbehaviours[name] = fault
+        if self._powered:
+            fault.begin()
+        return fault
+
+    def behave(self, name: str | None = None) -> None:
+        """End a fault, all of them without a name; one that is not in force is no error."""
+        for item in list(self.misbehaviours) if name is None else [name]:
+            fault = self.misbehaviours.pop(item, None)
+            if fault is not None and self._powered:
+                fault.end()
+
+    def _behind(self, past: Misbehaviour | None) -> Iterator[Misbehaviour]:
+        """The faults a frame still has to pass; ``past`` let it go on."""
+        faults = list(self.misbehaviours.values())
+        yield from faults[faults.index(past) + 1 :] if past in faults else faults
+
+    # -- edge -------------------------------------------------------------------------------------------------------
+
+    def start(self, now: int) -> None:
+        """Power on: boot-up message, then pre-operational."""
+        self.now = now
+        if not self._powered:
+            self._powered = True
+            for fault in self.misbehaviours.values():
+                fault.begin()
+        self._boot()
+
+    def receive(self, can_id: int, data: bytes, now: int, past: Misbehaviour | None = None) -> None:
+        """A frame from the bus; ``past`` is the fault that held it."""
+        self.now = now
+        if self.misbehaviours and not all(fault.incoming(can_id, data) for fault in self._behind(past)):
+            return
+        pdo = self._rpdos.get(can_id)
+        if pdo is not None:
+            if self.state is NmtState.OPERATIONAL:
+                self._receive_pdo(can_id, pdo, data)
+        elif can_id == 0x600 + self.node_id:
+            if self.state is not NmtState.STOPPED and self.state is not NmtState.BOOT_UP and len(data) == 8:
+                self._sdo.on_request(can_id, bytearray(data), 0.0)
+        elif can_id == 0:
+            if len(data) >= 2 and data[1] in {0, self.node_id}:
+                self._nmt(data[0])
+        elif can_id == self.values[com.SYNC_COB_ID, 0]:
+            self._sync()
+        elif can_id in self._consumed:
+            self._consumed[can_id] = (self._consumed[can_id][0], now)
+        else:
+            self.on_foreign_frame(can_id, data)
+
+    def poll(self, now: int) -> None:
+        """Time passes: device, heartbeats and event-driven PDOs."""
+        self.now = now
+        for fault in list(self.misbehaviours.values()):
+            fault.poll(now)
+        if self.state is NmtState.BOOT_UP:
+            return
+        self.on_poll(now)
+        period = int(self.values[com.PRODUCER_HEARTBEAT, 0]) * MS
+        if period and now >= self._heartbeat_due:
+            self._heartbeat_due = now + period
+            self.transmit(0x700 + self.node_id, bytes([self.state]))
+        for can_id, (limit, seen) in self._consumed.items():
+            if seen >= 0 and now - seen > limit:
+                self._consumed[can_id] = (limit, -1)
+                self.on_consumer_expired(can_id - 0x700)
+        if self.state is NmtState.OPERATIONAL:
+            self._event_driven(now)
+
+    @property
+    def running(self) -> bool:
+        """Powered and booted."""
+        return self.state is not NmtState.BOOT_UP
+
+    def power_off(self) -> None:
+        """Silent until ``start``."""
+        self.state = NmtState.BOOT_UP
+
+    def restart(self) -> None:
+        """The firmware starts again: power-on values, boot-up message."""
+        self.on_reset()
+        self._defaults()
+        self._boot()
+
+    def transmit(self, can_id: int, data: bytes, past: Misbehaviour | None = None) -> None:
+        """Put a frame on the bus; ``past`` is the fault that held it."""
+        if not self.misbehaviours or all(fault.outgoing(can_id, data) for fault in self._behind(past)):
+            self.send(can_id, data)
+
+    def is_pdo(self, can_id: int) -> bool:
+        """Whether a COB-ID is one of the node's valid PDOs."""
+        return can_id in self._rpdos or any(tpdo.cob_id == can_id for tpdo in self._tpdos)
+
+    def send_message(self, can_id: int, data: bytes) -> None:
+        """What canopen's SDO server calls."""
+        self.transmit(can_id, bytes(data))
+
+    def send_emergencies(self, waiting: list[tuple[int, int]]) -> None:
+        """Send what the device's model has to tell, (error code, error register) each, and take it from the list."""
+        for code, register in waiting:
+            self.send_emcy(code, register)
+        waiting.clear()
+
+    def send_emcy(self, code: int, register: int, data: bytes = b"") -> None:
+        """An emergency message; entered in 1003h."""
+        if code:
+            self._errors = [code, *self._errors][:8]
+        else:
+            self._errors = []
+        if self.state not in {NmtState.BOOT_UP, NmtState.STOPPED}:
+            self.transmit(0x80 + self.node_id, struct.pack("<HB5s", code, register, data))
+
+    # -- object dictionary (the interface canopen's SDO server expects) ---------------------------------------------
+
+    def entry(self, index: int, subindex: int) -> Entry:
+        """The entry, or the SDO abort a real node answers with."""
+        entry = self.entries.get((index, subindex))
+        if entry is None:
+            raise SdoAbortedError(Abort.NO_SUCH_SUBINDEX if index in self.indices else Abort.NO_SUCH_OBJECT)
+        return entry
+
+    def read(self, index: int, subindex: int = 0) -> Value:
+        """The present value of an object."""
+        entry = self.entry(index, subindex)
+        if index == com.PREDEFINED_ERROR_FIELD:
+            if subindex == 0:
+                return len(self._errors)
+            if subindex > len(self._errors):
+                raise SdoAbortedError(Abort.NO_DATA)
+            return self._errors[subindex - 1]
+        if entry.attribute:
+            value: Value = getattr(self.image, entry.attribute)
+            return value
+        return self.values[index, subindex]
+
+    def get_data(self, index: int, subindex: int, check_readable: bool = False) -> bytes:
+        entry = self.entry(index, subindex)
+        if check_readable and entry.access is Access.WO:
+            raise SdoAbortedError(Abort.WRITE_ONLY)
+        data = encode(entry, self.read(index, subindex))
+        for fault in self.misbehaviours.values():
+            data = fault.reading(entry, data)
+        return data
+
+    def set_data(self, index: int, subindex: int, data: bytes, check_writable: bool = False) -> None:
+        entry = self.entry(index, subindex)
+        if check_writable and entry.access not in {Access.RW, Access.WO}:
+            raise SdoAbortedError(Abort.READ_ONLY)
+        for fault in self.misbehaviours.values():
+            fault.writing(entry, bytes(data))
+        self.write(entry, self._decode(entry, bytes(data)))
+
+    def write(self, entry: Entry, value: Value) -> None:
+        """Take a value after the device's checks."""
+        address = (entry.index, entry.subindex)
+        if entry.index == com.STORE_PARAMETERS or entry.index == com.RESTORE_PARAMETERS:
+            self._store(entry, value)
+            return
+        if 0x1400 <= entry.index < 0x1C00:
+            self._check_pdo(entry, int(value))
+        self.on_written(entry, value)
+        if entry.attribute:
+            setattr(self.image, entry.attribute, value)
+        else:
+            self.values[address] = value
+        if 0x1400 <= entry.index < 0x1C00:
+            self._map_pdos()
+        elif entry.index == com.CONSUMER_HEARTBEAT:
+            self._consume_heartbeats()
+        elif entry.index == com.PRODUCER_HEARTBEAT:
+            self._heartbeat_due = self.now
+
+    def _decode(self, entry: Entry, data: bytes) -> Value:
+        if not entry.type.char:
+            return data if entry.type is not CanType.VISIBLE_STRING else data.decode("latin-1")
+        size = entry.type.bits // 8
+        if len(data) != size:
+            raise SdoAbortedError(Abort.LENGTH_TOO_HIGH if len(data) > size else Abort.LENGTH_TOO_LOW)
+        (value,) = struct.unpack("<" + entry.type.char, data)
+        number: int | float = value
+        if isinstance(number, int):
+            low, high = entry.limits if entry.type is not CanType.BOOLEAN else (0, 1)
+            if number > high:
+                raise SdoAbortedError(Abort.VALUE_TOO_HIGH)
+            if number < low:
+                raise SdoAbortedError(Abort.VALUE_TOO_LOW)
+        return number
+
+    def _defaults(self, end: int = 0xFFFF) -> None:
+        """Power-on values, the stored ones where there are any, of the objects up to index ``end``."""
+        for address, entry in self.entries.items():
+            if entry.index > end:
+                continue
+            value: Any = entry.default
+            if value is None:
+                value = 0 if entry.type.char else ""
+            if address[1] == 1 and 0x1400 <= entry.index < 0x1600 or address[1] == 1 and 0x1800 <= entry.index < 0x1A00:
+                value = int(value) + self.node_id
+            elif entry.index == 0x1014:
+                value = int(value) + self.node_id
+            if not entry.attribute:
+                self.values[address] = self.stored.get(address, value)
+            elif address in self.stored:
+                setattr(self.image, entry.attribute, self.stored[address])
+        self._errors = []
+        self._map_pdos()
+        self._consume_heartbeats()
+
+    def _store(self, entry: Entry, value: Value) -> None:
+        """Save (1010h) or restore (1011h), in force after the next reset."""
+        restore = entry.index == com.RESTORE_PARAMETERS
+        if value != (com.LOAD_SIGNATURE if restore else com.SAVE_SIGNATURE):
+            raise SdoAbortedError(Abort.CANNOT_STORE)
+        writable = {a: e for a, e in self.entries.items() if e.access is Access.RW and self.storable(e)}
+        self.stored = {} if restore else {address: self.read(*address) for address in writable}
+
+    # -- NMT ----------------------------------------------------------------------------------------------------------
+
+    def _boot(self) -> None:
+        self.state = NmtState.PRE_OPERATIONAL
+        self._heartbeat_due = self.now
+        self.transmit(0x700 + self.node_id, bytes([NmtState.BOOT_UP]))
+        self.on_nmt(self.state)
+
+    def _nmt(self, command: int) -> None:
+        if self.state is NmtState.BOOT_UP:
+            return
+        targets = {
+            NmtCommand.START: NmtState.OPERATIONAL,
+            NmtCommand.STOP: NmtState.STOPPED,
+            NmtCommand.ENTER_PRE_OPERATIONAL: NmtState.PRE_OPERATIONAL,
+        }
+        if command in {NmtCommand.RESET_NODE, NmtCommand.RESET_COMMUNICATION}:
+            if command == NmtCommand.RESET_NODE:
+                self.restart()
+            else:
+                self._defaults(_COMMUNICATION_AREA_END)
+                self._boot()
+            return
+        target = next((state for key, state in targets.items() if key == command), None)
+        if target is None or target is self.state:
+            return
+        self.state = target
+        self._rpdo_waiting.clear()
+        if target is NmtState.OPERATIONAL:
+            for tpdo in self._tpdos:
+                tpdo.last = b""
+        self.on_nmt(target)
+
+    def _consume_heartbeats(self) -> None:
+        self._consumed = {}
+        for (index, subindex), value in self.values.items():
+            if index == com.CONSUMER_HEARTBEAT and subindex and int(value) & 0xFFFF:
+                # Guarding starts with the first heartbeat.
+                self._consumed[0x700 + (int(value) >> 16 & 0x7F)] = ((int(value) & 0xFFFF) * MS, -1)
+
+    # -- PDO ----------------------------------------------------------------------------------------------------------
+
+    def _check_pdo(self, entry: Entry, value: int) -> None:
+        """Mapping only changes while the PDO is invalid and its count is 0 (CiA 301 chapter 7.5.2.36)."""
+        index, subindex = entry.index, entry.subindex
+        direction = PdoDirection.RPDO if index < 0x1800 else PdoDirection.TPDO
+        mapping = 0x1600 <= index < 0x1800 or index >= 0x1A00
+        communication = index - 0x200 if mapping else index
+        valid = not int(self.values[communication, 1]) & COB_ID_INVALID
+        if not mapping:
+            if subindex == 1 and valid and not value & COB_ID_INVALID and int(self.values[index, 1]) != value:
+                raise SdoAbortedError(Abort.VALUE_RANGE)
+            if subindex == 2 and _TRANSMISSION_SYNC_MAX < value < _EVENT_DRIVEN[0]:
+                raise SdoAbortedError(Abort.VALUE_RANGE)  # reserved, or on remote request only
+            return
+        if valid:
+            raise SdoAbortedError(Abort.UNSUPPORTED_ACCESS)
+        if subindex:
+            if self.values[index, 0]:
+                raise SdoAbortedError(Abort.UNSUPPORTED_ACCESS)
+            self._mappable(value, direction)
+            return
+        self._pdo_of(index, value, direction)
+
+    def _mappable(self, mapping: int, direction: PdoDirection) -> Entry:
+        entry = self.entries.get((mapping >> 16, mapping >> 8 & 0xFF))
+        if entry is None:
+            raise SdoAbortedError(Abort.NO_SUCH_OBJECT)
+        writable = entry.access is Access.RW
+        if not entry.pdo or entry.type.bits != mapping & 0xFF or (direction is PdoDirection.RPDO and not writable):
+            raise SdoAbortedError(Abort.NOT_MAPPABLE)
+        return entry
+
+    def _pdo_of(self, index: int, count: int, direction: PdoDirection) -> Pdo | None:
+        if not count:
+            return None
+        mapped = [int(self.values.get((index, sub), 0)) for sub in range(1, count + 1)]
+        entries = tuple(self._mappable(mapping, direction) for mapping in mapped)
+        try:
+            return Pdo(direction, index - direction.mapping_index + 1, entries)
+        except CanopenError:
+            raise SdoAbortedError(Abort.PDO_LENGTH) from None
+
+    def _map_pdos(self) -> None:
+        self._rpdos = {}
+        self._rpdo_types = {}
+        self._rpdo_waiting = {}
+        old = {(tpdo.cob_id, tpdo.pdo.attributes): tpdo for tpdo in self._tpdos}
+        self._tpdos = []
+        for (index, subindex), cob_id in list(self.values.items()):
+            if subindex != 1 or not (0x1400 <= index < 0x1600 or 0x1800 <= index < 0x1A00):
+                continue
+            if int(cob_id) & COB_ID_INVALID:
+                continue
+            direction = PdoDirection.RPDO if index < 0x1800 else PdoDirection.TPDO
+            pdo = self._pdo_of(index + 0x200, int(self.values[index + 0x200, 0]), direction)
+            if pdo is None:
+                continue
+            identifier = int(cob_id) & _COB_ID_MASK
+            if direction is PdoDirection.RPDO:
+                self._rpdos[identifier] = pdo
+                self._rpdo_types[identifier] = int(self.values[index, 2])
+            else:
+                inhibit = int(self.values.get((index, 3), 0)) * 100_000
+                event = self.event_timer(index) * MS
+                tpdo = _Tpdo(pdo, int(cob_id), int(self.values[index, 2]), inhibit, event)
+                if (previous := old.get((identifier, pdo.attributes))) is not None:
+                    tpdo.last, tpdo.last_time = previous.last, previous.last_time
+                    tpdo.due = previous.last_time + event
+                self._tpdos.append(tpdo)
+
+    def _receive_pdo(self, can_id: int, pdo: Pdo, data: bytes) -> None:
+        if len(data) < pdo.size:
+            self.send_emcy(0x8210, 0x11)  # PDO not processed due to length error
+            return
+        if self._rpdo_types[can_id] <= _TRANSMISSION_SYNC_MAX:
+            self._rpdo_waiting[can_id] = data
+            return
+        pdo.unpack_into(data, self.image)
+        self.on_rpdo(pdo)
+        self._event_driven(self.now)
+
+    def _sync(self) -> None:
+        if self.state is not NmtState.OPERATIONAL:
+            return
+        self.on_poll(self.now)
+        for can_id, data in self._rpdo_waiting.items():
+            pdo = self._rpdos[can_id]
+            pdo.unpack_into(data, self.image)
+            self.on_rpdo(pdo)
+        self._rpdo_waiting.clear()
+        for tpdo in self._tpdos:
+            if tpdo.type > _TRANSMISSION_SYNC_MAX:
+                continue
+            data = tpdo.pdo.pack(self.image)
+            tpdo.sync_count += 1
+            due = data != tpdo.last if tpdo.type == 0 else tpdo.sync_count >= tpdo.type
+            if due:
+                tpdo.sync_count = 0
+                self._send_tpdo(tpdo, data)
+
+    def receive_remote(self, can_id: int, now: int) -> None:
+        """A remote frame from the bus: send the TPDO with this COB-ID, if it allows that."""
+        self.now = now
+        if self.state is not NmtState.OPERATIONAL:
+            return
+        self.on_poll(now)
+        for tpdo in self._tpdos:
+            if tpdo.cob_id == can_id and tpdo.remote:
+                self._send_tpdo(tpdo, tpdo.pdo.pack(self.image))
+
+    def _event_driven(self, now: int) -> None:
+        for tpdo in self._tpdos:
+            if tpdo.type not in _EVENT_DRIVEN:
+                continue
+            age = now - tpdo.last_time
+            if age < tpdo.inhibit_ns:
+                continue
+            data = tpdo.pdo.pack(self.image)
+            changed = data != tpdo.last and self.sent_on_change(tpdo.type)
+            if changed or (tpdo.event_ns and now >= tpdo.due):
+                self._send_tpdo(tpdo, data)
+
+    def _send_tpdo(self, tpdo: _Tpdo, data: bytes) -> None:
+        tpdo.last = data
+        tpdo.last_time = self.now
+        # The timer runs on from when it was due, so that late polls do not stretch the period.
+        on_time = tpdo.due <= self.now < tpdo.due + tpdo.event_ns
+        tpdo.due = (tpdo.due if on_time else self.now) + tpdo.event_ns
+        self.transmit(tpdo.cob_id, data)

@@ -1,0 +1,209 @@
+"""The UDP edge of the PLC simulator: paced sending, receiving and trace on one thread; capture and parameters beside it."""
+
+from __future__ import annotations
+
+import csv
+import queue
+import select
+import socket
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.transport.cyclic import Address
+from pdgw.peers.plc.endpoint import PlcEndpoint
+from pdgw.peers.plc.parameters import ParameterAccess, ParameterWorker
+from pdgw.peers.plc.scenario import Engine
+from pdgw.profidrive.frame import UDP_PORT
+from pdgw.profidrive.rpc.dcerpc import UDP_PORT as ACYCLIC_PORT
+from pdgw.profidrive.telegrams import ApplicationMode
+from scapy.layers.inet import IP, UDP
+from scapy.layers.l2 import Ether
+from scapy.packet import Packet
+from scapy.utils import PcapWriter
+
+TRACE_COLUMNS = ("time_s", "axis", "telegram", "control", "status", "setpoint", "actual")
+_TRACE_NS = 10_000_000
+_MACS = ("02:00:00:00:00:01", "02:00:00:00:00:02")
+
+
+class Capture:
+    """Conversations as a pcap with Ethernet, IP and UDP headers; written beside the threads that have them."""
+
+    def __init__(self, path: Path) -> None:
+        self._frames: queue.SimpleQueue[tuple[float, Packet, bytes] | None] = queue.SimpleQueue()
+        try:
+            self._writer = PcapWriter(str(path), linktype=1, sync=False)
+        except OSError as error:
+            raise GatewayError(f"capture {path}: cannot be written: {error.strerror}") from error
+        self._thread = threading.Thread(target=self._write, name="capture", daemon=True)
+        self._thread.start()
+
+    def conversation(self, local: Address, remote: Address) -> Callable[[bool, bytes], None]:
+        """What takes the datagrams (sent, data) between two addresses, from any thread."""
+        there, back = _headers(local, remote, _MACS), _headers(remote, local, _MACS[::-1])
+        return lambda sent, data: self._frames.put((time.time(), there if sent else back, data))
+
+    def close(self) -> None:
+        self._frames.put(None)
+        self._thread.join()
+        self._writer.close()
+
+    def _write(self) -> None:
+        while (item := self._frames.get()) is not None:
+            when, headers, data = item
+            packet = headers / data
+            packet.time = when
+            self._writer.write(packet)
+
+
+def _headers(source: Address, target: Address, macs: tuple[str, str]) -> Packet:
+    return Ether(src=macs[0], dst=macs[1]) / IP(src=source[0], dst=target[0]) / UDP(sport=source[1], dport=target[1])
+
+
+class PlcClient:
+    """Runs an engine against a gateway; ``acyclic_port`` is the gateway's for parameters."""
+
+    def __init__(
+        self,
+        gateway: Address,
+        endpoint: PlcEndpoint,
+        cycle_ns: int,
+        pcap: Path | None = None,
+        acyclic_port: int = ACYCLIC_PORT,
+    ) -> None:
+        self.gateway = gateway
+        self.endpoint = endpoint
+        self.cycle_ns = cycle_ns
+        self.trace: list[tuple[Any, ...]] = []
+        self.on_cycle: Callable[[], None] = lambda: None
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.bind(("127.0.0.1" if gateway[0].startswith("127.") else "0.0.0.0", 0))
+        self._socket.setblocking(False)
+        self._poll = select.poll()
+        self._poll.register(self._socket, select.POLLIN)
+        # The gateway's side is written as PROFINET's own ports, so that every reader dissects it without help.
+        self._capture = Capture(pcap) if pcap else None
+        self._record: Callable[[bool, bytes], None] | None = None
+        if self._capture is not None:
+            self._record = self._capture.conversation(self._socket.getsockname(), (gateway[0], UDP_PORT))
+        self._acyclic_port = acyclic_port
+        self._parameters: ParameterWorker | None = None
+        self._stopping = threading.Event()
+        self._trace_due = 0
+        self._start = 0
+
+    def stop(self) -> None:
+        """End ``run`` after the present cycle."""
+        self._stopping.set()
+
+    def run(self, engine: Engine | None, drive: Callable[[str], None] = lambda _: None) -> None:
+        """Exchange frames until the scenario is over or ``stop``; ``drive`` gets the scenario's drive commands."""
+        self._start = due = time.monotonic_ns()
+        while not self._stopping.is_set() and not (engine is not None and engine.finished):
+            now = time.monotonic_ns()
+            if now < due:
+                self._poll.poll((due - now) / 1_000_000)
+                self._receive()
+                continue
+            due = max(due + self.cycle_ns, now)
+            muted = False
+            self.endpoint.poll(now)
+            if engine is not None:
+                engine.step(now)
+                muted = engine.muted
+                while engine.drive_commands:
+                    drive(engine.drive_commands.pop(0))
+                while engine.accesses:
+                    self._serve(engine.accesses.pop(0))
+            if not muted:
+                self._send()
+            self._sample(now)
+            self.on_cycle()
+
+    def close(self) -> None:
+        if self._parameters is not None:
+            self._parameters.close()
+        if self._capture is not None:
+            self._capture.close()
+        self._socket.close()
+
+    def _serve(self, access: ParameterAccess) -> None:
+        if self._parameters is None:
+            capture, host = self._capture, self.gateway[0]
+            self._parameters = ParameterWorker(
+                (host, self._acyclic_port),
+                None if capture is None else lambda local: capture.conversation(local, (host, ACYCLIC_PORT)),
+            )
+        self._parameters.submit(access)
+
+    def _send(self) -> None:
+        frame = self.endpoint.build()
+        try:
+            self._socket.sendto(frame, self.gateway)
+        except OSError:
+            self.endpoint.counters["send errors"] += 1
+            return
+        if self._record is not None:
+            self._record(True, bytes(frame))
+
+    def _receive(self) -> None:
+        while True:
+            try:
+                data, source = self._socket.recvfrom(2048)
+            except BlockingIOError:
+                return
+            except OSError:
+                self.endpoint.counters["receive errors"] += 1
+                return
+            if source != self.gateway:
+                self.endpoint.counters["foreign"] += 1
+                continue
+            self.endpoint.receive(data, time.monotonic_ns())
+            if self._record is not None:
+                self._record(False, data)
+
+    def _sample(self, now: int) -> None:
+        if now < self._trace_due:
+            return
+        self._trace_due = now + _TRACE_NS
+        for index, item in enumerate(self.endpoint.telegrams):
+            actuals = self.endpoint.actuals[index]
+            if actuals is None:
+                continue
+            setpoints = self.endpoint.setpoints[index]
+            demand, actual = _MAIN_VALUES[item.mode]
+            demand_name = next((n for n in setpoints if n.startswith(demand)), None)
+            actual_name = next((n for prefix in actual for n in actuals if n.startswith(prefix)), None)
+            self.trace.append(
+                (
+                    round((now - self._start) / 1e9, 4),
+                    index + 1,
+                    item.number,
+                    next(iter(setpoints.values())),
+                    next(iter(actuals.values())),
+                    setpoints[demand_name] if demand_name else 0,
+                    actuals[actual_name] if actual_name else 0,
+                )
+            )
+
+    def write_trace(self, path: Path) -> None:
+        """The samples as CSV; GatewayError when the file cannot be written."""
+        try:
+            with path.open("w", newline="", encoding="utf-8") as file:
+                writer = csv.writer(file)
+                writer.writerow(TRACE_COLUMNS)
+                writer.writerows(self.trace)
+        except OSError as error:
+            raise GatewayError(f"trace {path}: cannot be written: {error.strerror}") from error
+
+
+_MAIN_VALUES = {
+    ApplicationMode.VELOCITY: ("NSOLL", ("NIST",)),
+    ApplicationMode.POSITIONING: ("MDI_TARPOS", ("XIST",)),
+    ApplicationMode.TRANSPARENT: ("Target Velocity", ("Velocity Actual",)),
+    ApplicationMode.ENCODER: ("G1_STW", ("NIST", "G1_XIST")),
+}

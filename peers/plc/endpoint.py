@@ -1,0 +1,108 @@
+"""The controller side of the static cyclic relationship, sans-I/O: the mirror of ``gateway.transport.cyclic``."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+
+from pdgw.profidrive.errors import ProfidriveError
+from pdgw.profidrive.frame import (
+    COUNTER_UNIT_NS,
+    FRAME_ID_TO_CONTROLLER,
+    FRAME_ID_TO_DEVICE,
+    IOPS_BAD,
+    IOPS_GOOD,
+    STATUS_DATA_VALID,
+    STATUS_NORMAL,
+    STATUS_PRIMARY,
+    STATUS_STOP,
+    TRAILER,
+    CSduLayout,
+    RtFrame,
+    is_newer,
+)
+from pdgw.profidrive.telegrams import Direction, Telegram
+
+_WATCHDOG_NS = 200_000_000
+_WATCHDOG_CYCLES = 10
+
+
+class PlcEndpoint:
+    """Setpoints of any number of axes to frames, frames to actual values. Times are monotonic nanoseconds."""
+
+    def __init__(self, telegrams: Sequence[Telegram], cycle_ns: int) -> None:
+        self.telegrams = tuple(telegrams)
+        self._consumer = CSduLayout(telegrams, Direction.ACTUAL)
+        self._provider = CSduLayout(telegrams, Direction.SETPOINT)
+        self._frame = self._provider.new_frame(FRAME_ID_TO_DEVICE)
+        self._step = max(1, cycle_ns // COUNTER_UNIT_NS)
+        self._counter = 0
+        self._last_counter: int | None = None
+        self._last_time = 0
+        self._watchdog_ns = max(_WATCHDOG_NS, _WATCHDOG_CYCLES * cycle_ns)
+        self.setpoints: list[dict[str, int]] = [dict.fromkeys(t.setpoints.names, 0) for t in telegrams]
+        self.actuals: list[dict[str, int] | None] = [None] * len(self.telegrams)
+        """None until a valid frame came, while the gateway says the values are bad (IOPS), and after its loss."""
+        self.setpoints_used: list[bool] = [False] * len(self.telegrams)
+        """The gateway uses our setpoints (its IOCS)."""
+        self.run = True
+        """Provider state of the PLC: RUN or STOP."""
+        self.counters: Counter[str] = Counter()
+
+    def set(self, axis: int, values: Mapping[str, int]) -> None:
+        """Change setpoints by name; ProfidriveError for a signal the telegram lacks or a value that does not fit."""
+        half = self.telegrams[axis].setpoints
+        merged = {**self.setpoints[axis], **values}
+        half.encode(half.from_dict(merged))
+        self.setpoints[axis] = merged
+
+    def build(self) -> bytearray:
+        """The next frame to the gateway; the buffer is reused."""
+        frame, layout = self._frame, self._provider
+        for index, half in enumerate(layout.halves):
+            half.encode_into(frame, layout.offsets[index], tuple(self.setpoints[index].values()))
+            frame[layout.iops[index]] = IOPS_GOOD
+            frame[layout.iocs[index]] = IOPS_GOOD if self.actuals[index] is not None else IOPS_BAD
+        self._counter = (self._counter + self._step) & 0xFFFF
+        TRAILER.pack_into(frame, layout.trailer, self._counter, STATUS_NORMAL if self.run else STATUS_STOP, 0)
+        self.counters["sent"] += 1
+        return frame
+
+    def poll(self, now: int) -> bool:
+        """The watchdog; True when it expires in this call. Old values would meet expectations of a dead gateway."""
+        if self._last_counter is None or now - self._last_time <= self._watchdog_ns:
+            return False
+        self._last_counter = None
+        self.counters["watchdog"] += 1
+        self.actuals = [None] * len(self.telegrams)
+        self.setpoints_used = [False] * len(self.telegrams)
+        return True
+
+    def receive(self, data: bytes, now: int = 0) -> bool:
+        """Take a frame of the gateway; False (counted) when it is not a newer valid frame of this relationship."""
+        layout = self._consumer
+        try:
+            frame = RtFrame.decode(data)
+        except ProfidriveError:
+            self.counters["malformed"] += 1
+            return False
+        if frame.frame_id != FRAME_ID_TO_CONTROLLER or len(data) != layout.frame_size:
+            self.counters["foreign"] += 1
+            return False
+        if self._last_counter is not None and not is_newer(frame.cycle_counter, self._last_counter):
+            self.counters["stale"] += 1
+            return False
+        if not frame.data_status & STATUS_DATA_VALID:
+            self.counters["not valid"] += 1
+            return False
+        if not frame.data_status & STATUS_PRIMARY:
+            self.counters["not primary"] += 1
+            return False
+        self._last_counter = frame.cycle_counter
+        self._last_time = now
+        self.counters["received"] += 1
+        for index, half in enumerate(layout.halves):
+            good = bool(data[layout.iops[index]] & IOPS_GOOD)
+            self.actuals[index] = half.as_dict(half.decode(data, layout.offsets[index])) if good else None
+            self.setpoints_used[index] = bool(data[layout.iocs[index]] & IOPS_GOOD)
+        return True

@@ -1,0 +1,85 @@
+"""The parameter side of the PLC simulator: accesses a scenario asks for, served beside the cyclic exchange."""
+
+from __future__ import annotations
+
+import queue
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.transport.cyclic import Address as SocketAddress
+from pdgw.profidrive.parameters.codec import Address
+from pdgw.tools.parameters.address import Target, parse_value
+from pdgw.tools.parameters.client import ParameterClient
+from pdgw.tools.parameters.session import Element, Session, elements_of
+
+
+@dataclass(slots=True)
+class ParameterAccess:
+    """One request to a drive object: one element of each target is read, or written with ``values``.
+
+    ``done`` is set last; then ``answers`` has an element for each target, or ``error`` tells why there are none.
+    """
+
+    do_id: int
+    targets: tuple[Target, ...]
+    values: tuple[str, ...] = ()
+    answers: tuple[Element, ...] = ()
+    error: str = ""
+    done: bool = False
+
+    def serve(self, client: ParameterClient) -> None:
+        """Ask the device; a failure is in ``error``."""
+        client.do_id = self.do_id
+        try:
+            self.answers = tuple(self._write(client) if self.values else self._read(client))
+        except GatewayError as error:
+            self.error = str(error)
+        self.done = True
+
+    @property
+    def _addresses(self) -> list[Address]:
+        return [Address(t.pnu) if t.first is None else Address(t.pnu, t.first, 1) for t in self.targets]
+
+    def _read(self, client: ParameterClient) -> list[Element]:
+        addresses = self._addresses
+        answers = client.request(addresses)
+        return [elements_of(address, answer)[0] for address, answer in zip(addresses, answers, strict=True)]
+
+    def _write(self, client: ParameterClient) -> list[Element]:
+        """With the types of the present values, which are read first."""
+        session = Session(client)
+        writes = []
+        for target, present, text in zip(self.targets, client.request(self._addresses), self.values, strict=True):
+            data_type = session.type_of(target) if present.failed else present.format
+            writes.append((target, parse_value(text, data_type)))
+        return session.write(writes)
+
+
+class ParameterWorker:
+    """Serves accesses on a thread of its own, one after the other."""
+
+    def __init__(
+        self, address: SocketAddress, capture: Callable[[SocketAddress], Callable[[bool, bytes], None]] | None = None
+    ) -> None:
+        """``capture`` is given the client's own address and returns what is told every datagram (sent, data)."""
+        self._client = ParameterClient(address, 1)
+        if capture is not None:
+            self._client.tap = capture(self._client.local_address)
+        self._waiting: queue.SimpleQueue[ParameterAccess | None] = queue.SimpleQueue()
+        self._thread = threading.Thread(target=self._serve, name="parameters", daemon=True)
+        self._thread.start()
+
+    def submit(self, access: ParameterAccess) -> None:
+        self._waiting.put(access)
+
+    def close(self) -> None:
+        """After the access in work, which ends by its time limit."""
+        self._waiting.put(None)
+        self._thread.join()
+        self._client.close()
+
+    def _serve(self) -> None:
+        while (access := self._waiting.get()) is not None:
+            access.serve(self._client)

@@ -1,0 +1,178 @@
+"""The file of ``pdgw sim bus``: several simulated devices on one bus, with their faults.
+
+TOML, validated by pydantic with the messages of the gateway's own configuration. ``example()`` is itself valid.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+from pdgw.ds301.errors import CanopenError
+from pdgw.dsp406.kinds import ROTARY
+from pdgw.gateway.config import CanConfig, Integer, Port, as_list, parse_toml, read_text
+from pdgw.peers.encoder.motion import parse_motion, still
+from pdgw.peers.node.misbehaviour import make
+from pdgw.peers.simulation.devices import DEVICE_TYPES, encoder_device
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+
+
+class _Section(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class ControlConfig(_Section):
+    """Loopback TCP ports, 0 for none."""
+
+    port: Port = 0
+    """``pdgw sim inject``."""
+    rest_port: Port = 0
+
+
+class FaultConfig(BaseModel):
+    """One fault from power-on; the further keys are its parameters."""
+
+    model_config = ConfigDict(extra="allow", frozen=True)
+
+    name: str
+
+    @property
+    def values(self) -> dict[str, object]:
+        """The parameters that were given."""
+        return dict(self.model_extra or {})
+
+
+def _as_texts(value: object) -> object:
+    return [value] if isinstance(value, str) else value
+
+
+class DeviceConfig(_Section):
+    """One device."""
+
+    type: str = "drive"
+    node_id: Annotated[Integer, Field(ge=1, le=126)]
+    serial_number: Annotated[Integer, Field(ge=0, le=0xFFFF_FFFF)] | None = None
+    """1018h/4; without it the node-ID."""
+    model: str | None = None
+    """Of an encoder: rotary, linear or multi-sensor."""
+    channels: Integer | None = None
+    """Of a multi-sensor encoder, 1..254."""
+    motion: Annotated[tuple[str, ...], BeforeValidator(_as_texts)] = ()
+    """Of an encoder, one for each channel: see ``peers.encoder.motion``."""
+    fault: Annotated[tuple[FaultConfig, ...], BeforeValidator(as_list)] = ()
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """What was given of the options that only some kinds of devices have."""
+        options = {"model": self.model, "channels": self.channels, "motion": self.motion}
+        return {name: value for name, value in options.items() if value}
+
+    @model_validator(mode="after")
+    def _options_fit(self) -> DeviceConfig:
+        if self.type != "encoder":
+            for name in self.options:
+                raise ValueError(f"{name} is for encoders, not allowed for a {self.type}")
+            return self
+        try:
+            device = encoder_device(self.model or ROTARY.name, self.channels)
+            if len(self.motion) > device.channels:
+                raise ValueError(
+                    f"motion: {len(self.motion)} are given, allowed at most {device.channels}, one a channel"
+                )
+            for text in self.motion:
+                parse_motion(text, shafts=dict.fromkeys(range(1, 127), still()))
+        except CanopenError as error:
+            raise ValueError(str(error)) from error
+        return self
+
+    @model_validator(mode="after")
+    def _faults_exist(self) -> DeviceConfig:
+        kind = DEVICE_TYPES.get(self.type)
+        if kind is None:
+            raise ValueError(f'type = "{self.type}" is not simulated, allowed: {", ".join(DEVICE_TYPES)}')
+        seen: set[str] = set()
+        for fault in self.fault:
+            try:
+                make(kind.node.catalogue, fault.name, fault.values)
+            except CanopenError as error:
+                raise ValueError(str(error)) from error
+            if fault.name in seen:
+                raise ValueError(f"fault {fault.name} is given twice")
+            seen.add(fault.name)
+        return self
+
+
+class BusConfig(_Section):
+    """The whole file."""
+
+    can: CanConfig
+    control: ControlConfig = ControlConfig()
+    device: Annotated[tuple[DeviceConfig, ...], BeforeValidator(as_list), Field(min_length=1)]
+
+    @model_validator(mode="after")
+    def _nodes_differ(self) -> BusConfig:
+        nodes = [device.node_id for device in self.device]
+        for node in nodes:
+            if nodes.count(node) > 1:
+                raise ValueError(f"[[device]] node_id: {node} is used twice, each must be different")
+        ports = [port for port in (self.control.port, self.control.rest_port) if port]
+        if len(ports) != len(set(ports)):
+            raise ValueError(f"[control] port and rest_port: both are {ports[0]}, each must be different")
+        return self
+
+
+_MODELS: dict[str, type[BaseModel]] = {"can": CanConfig, "control": ControlConfig, "device": DeviceConfig}
+
+
+def parse_bus(text: str, name: str = "bus file") -> BusConfig:
+    """Validate the text of a file; GatewayError has one line for each thing that is wrong."""
+    return parse_toml(BusConfig, _MODELS, text, name)
+
+
+def load_bus(path: Path) -> BusConfig:
+    """Read and validate a file; see ``parse_bus``."""
+    return parse_bus(read_text(path), str(path))
+
+
+def example() -> str:
+    """A commented file that is itself valid."""
+    return """\
+# Simulated devices on one bus, for `pdgw sim bus`. The faults and their parameters: docs/misbehaviour.md.
+
+[can]
+interface = "virtual"        # any python-can interface
+channel = "pdgw"
+
+[control]                    # loopback TCP ports, 0 for none
+port = 0                     # `pdgw sim inject --port ...`
+rest_port = 0                # GET /devices, GET /faults, POST and DELETE /devices/{node}/faults/{name}
+
+[[device]]
+type = "drive"
+node_id = 1
+
+[[device]]
+type = "drive"              # "drive" or "encoder"
+node_id = 2
+serial_number = 4711
+
+[[device.fault]]             # in force from power-on
+name = "slow-sdo"
+delay_ms = 40
+
+[[device.fault]]
+name = "reboot-in-motion"
+speed = 500
+
+[[device]]
+type = "encoder"
+node_id = 10
+model = "multi-sensor"       # rotary, linear, multi-sensor
+channels = 2
+motion = ["speed=1.5", "sine=2,10"]  # one a channel, in revolutions (linear: mm) and seconds; still without
+                             # also: still=P, csv=FILE, follow=COB_ID,BYTE,INCREMENTS (the position in another node's PDO),
+                             # shaft=NODE_ID (of a drive above)
+
+[[device.fault]]
+name = "battery"
+"""

@@ -1,0 +1,130 @@
+"""The text commands of the simulators: one line in, one line out, on standard input or a loopback TCP port."""
+
+from __future__ import annotations
+
+import contextlib
+import re
+import socketserver
+import sys
+import threading
+
+from pdgw.ds301.errors import CanopenError
+from pdgw.dsp402.faults import DRIVE_FAULTS
+from pdgw.gateway.errors import GatewayError
+from pdgw.peers.simulation.devices import Simulation
+
+_NUMBER = re.compile("[0-9]{1,3}")
+COMMANDS = (
+    "fault N (1-12), fault NAME [parameter=value ...], clear [NAME], di1 on|off, motion MOTION [CHANNEL], "
+    "faults, status, quit"
+)
+
+
+class Console:
+    """Commands for all devices, or with ``@N`` in front for one."""
+
+    def __init__(self, simulation: Simulation, quit_: threading.Event) -> None:
+        self._simulation = simulation
+        self._quit = quit_
+
+    def execute(self, line: str) -> str:
+        """Run one command line; the answer is one line, errors begin with ``error:``."""
+        # What follows "=" may be the name of a file.
+        words = ["".join((name.lower(), sign, value)) for name, sign, value in (w.partition("=") for w in line.split())]
+        chosen = self._simulation.nodes
+        if words and words[0].startswith("@") and _NUMBER.fullmatch(words[0][1:]):
+            node = int(words.pop(0)[1:])
+            if node not in chosen:
+                return f"error: node {node} is not simulated, allowed {chosen}"
+            chosen = [node]
+        if not words:
+            return "ok"
+        if words[0] == "quit":
+            self._quit.set()
+            return "ok"
+        try:
+            answers = [self._one(node, words) for node in chosen]
+        except CanopenError as error:
+            return f"error: {error}"
+        return "; ".join(answers) if words[0] in {"status", "faults"} else answers[0]
+
+    def _one(self, node: int, words: list[str]) -> str:
+        simulation = self._simulation
+        match words:
+            case ["fault", number] | [number] if _NUMBER.fullmatch(number):
+                if int(number) not in DRIVE_FAULTS:
+                    raise CanopenError("fault number", int(number), f"one of {list(DRIVE_FAULTS)}")
+                simulation.misbehave(node, "drive-fault", {"number": int(number)})
+                return f"ok: fault {number}, {DRIVE_FAULTS[int(number)].name}"
+            case ["fault", name, *pairs]:
+                fault = simulation.misbehave(node, name, dict(_pair(pair) for pair in pairs))
+                chosen = "".join(f" {key}={value}" for key, value in fault.values.items())
+                return f"ok: {name}{chosen}"
+            case ["clear"]:
+                simulation.behave(node)
+                return "ok"
+            case ["clear", name]:
+                simulation.behave(node, name)
+                return "ok"
+            case ["di1", "off"]:
+                simulation.misbehave(node, "enable-input-dropped", {})
+                return "ok"
+            case ["di1", "on"]:
+                simulation.behave(node, "enable-input-dropped")
+                return "ok"
+            case ["motion", motion]:
+                simulation.move(node, motion)
+                return "ok"
+            case ["motion", motion, channel] if _NUMBER.fullmatch(channel):
+                simulation.move(node, motion, int(channel))
+                return "ok"
+            case ["faults"]:
+                return f"node {node}: {', '.join(simulation.device(node).node.catalogue)}"
+            case ["status"]:
+                return self._status(node)
+        return f"error: {' '.join(words)!r} is no command, allowed: {COMMANDS}"
+
+    def _status(self, node: int) -> str:
+        status = self._simulation.status(node)
+        parts = [f"node {node}: {status.get('state', status['type'])}", f"NMT {status['nmt']}"]
+        parts += [f"{key} {status[key]}" for key in status if key not in {"node_id", "type", "state", "nmt", "faults"}]
+        if status["faults"]:
+            parts.append("misbehaves: " + " ".join(self._simulation.device(node).node.misbehaviours))
+        return ", ".join(parts)
+
+
+def _pair(text: str) -> tuple[str, int]:
+    key, _, value = text.partition("=")
+    try:
+        return key, int(value, 0)
+    except ValueError:
+        raise CanopenError("parameter", text, "name=number, for example delay_ms=100 or bits=0x0004") from None
+
+
+def serve(console: Console, port: int) -> socketserver.ThreadingTCPServer:
+    """The console on a loopback TCP port; GatewayError when it cannot be had. The caller shuts it down."""
+
+    class Handler(socketserver.StreamRequestHandler):
+        def handle(self) -> None:
+            for line in self.rfile:
+                self.wfile.write(console.execute(line.decode("utf-8", "replace")).encode() + b"\n")
+
+    socketserver.ThreadingTCPServer.allow_reuse_address = True
+    try:
+        server = socketserver.ThreadingTCPServer(("127.0.0.1", port), Handler)
+    except OSError as error:
+        raise GatewayError(f"control port: 127.0.0.1 port {port} cannot be used ({error.strerror})") from error
+    server.daemon_threads = True
+    threading.Thread(target=server.serve_forever, name="control", daemon=True).start()
+    return server
+
+
+def read_standard_input(console: Console) -> None:
+    """Commands from standard input, on a thread of its own."""
+
+    def read() -> None:
+        with contextlib.suppress(ValueError, OSError):
+            for line in sys.stdin:
+                print(console.execute(line), flush=True)
+
+    threading.Thread(target=read, name="stdin", daemon=True).start()

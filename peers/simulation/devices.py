@@ -1,0 +1,222 @@
+"""The kinds of simulated devices, and a set of them running on one bus with their faults.
+
+Another kind is one entry of ``DEVICE_TYPES``; it gets the file, the console and the REST interface with it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+from typing import Any, Protocol
+
+import can
+from pdgw.ds301.errors import CanopenError
+from pdgw.dsp402.states import state_of
+from pdgw.dsp406.kinds import DEVICES, ROTARY, EncoderDevice
+from pdgw.dsp406.registers import Alarm, Warnings, names
+from pdgw.peers.drive import SimulatedDrive, SimulatedDriveNode
+from pdgw.peers.encoder import SimulatedEncoder, SimulatedEncoderNode
+from pdgw.peers.encoder.motion import Motion, parse_motion
+from pdgw.peers.node.misbehaviour import Misbehaviour
+from pdgw.peers.node.node import SimulatedNode
+
+
+class SimulatedDevice(Protocol):
+    """A node that runs in a thread of its own."""
+
+    @property
+    def node(self) -> SimulatedNode: ...
+
+    def start(self) -> None: ...
+
+    def stop(self) -> None: ...
+
+    def do(self, action: Callable[[SimulatedNode], None], /) -> None:
+        """Run an action between two steps of the node."""
+
+
+DeviceMaker = Callable[..., SimulatedDevice]
+"""Called with a bus that becomes the device's own, its node-ID, ``serial_number`` and the options of its kind."""
+
+
+@dataclass(frozen=True, slots=True)
+class DeviceType:
+    """A kind of device: how one is made, its node's class (which has the catalogue of faults), what it tells."""
+
+    make: DeviceMaker
+    node: type[SimulatedNode]
+    status: Callable[[Any], dict[str, object]] = lambda node: {}
+
+
+def encoder_device(model: str = ROTARY.name, channels: int | None = None) -> EncoderDevice:
+    """A model of encoder by name; CanopenError when there is none, or it cannot have that many channels."""
+    if model not in DEVICES:
+        raise CanopenError("model of encoder", model, f"one of {', '.join(DEVICES)}")
+    return DEVICES[model] if channels is None else replace(DEVICES[model], channels=channels)
+
+
+def _encoder(
+    bus: can.BusABC,
+    node_id: int,
+    /,
+    *,
+    serial_number: int,
+    model: str = ROTARY.name,
+    channels: int | None = None,
+    motion: Sequence[Motion] = (),
+) -> SimulatedEncoder:
+    """``motion``: one for each channel."""
+    device = encoder_device(model, channels)
+    return SimulatedEncoder(bus, node_id, device=device, motions=motion, serial_number=serial_number)
+
+
+def _encoder_status(node: SimulatedEncoderNode) -> dict[str, object]:
+    model = node.model
+    return {
+        "model": model.device.name,
+        "position": [getattr(model, f"position_{number}") for number in model.channels],
+        "speed": [getattr(model, f"speed_{number}") for number in model.channels],
+        "alarms": names(Alarm(model.alarms)),
+        "warnings": names(Warnings(model.warnings)),
+    }
+
+
+def _drive_status(node: SimulatedDriveNode) -> dict[str, object]:
+    model = node.model
+    state = state_of(model.statusword)
+    return {
+        "state": state.value if state else "unknown",
+        "mode": int(model.mode),
+        "position": model.position_actual,
+        "velocity": model.velocity_actual,
+        "fault": model.error_code,
+    }
+
+
+DEVICE_TYPES: Mapping[str, DeviceType] = MappingProxyType(
+    {
+        "drive": DeviceType(SimulatedDrive, SimulatedDriveNode, _drive_status),
+        "encoder": DeviceType(_encoder, SimulatedEncoderNode, _encoder_status),
+    }
+)
+"""``type`` of a [[device]] table."""
+
+
+class Simulation:
+    """Devices running on one bus. Every method may be called from any thread; CanopenError names what does not exist."""
+
+    def __init__(self) -> None:
+        self._devices: dict[int, tuple[str, SimulatedDevice]] = {}
+
+    def add(self, kind: str, bus: can.BusABC, node_id: int, serial_number: int, **options: Any) -> None:
+        """A device of ``DEVICE_TYPES``, not yet started; the bus becomes its own. ``options`` are those of its kind.
+
+        ``motion`` is given as texts, see ``parse_motion``; a shaft is that of a drive added before.
+        """
+        try:
+            if "motion" in options:
+                options["motion"] = [parse_motion(text, shafts=self._shafts) for text in options["motion"]]
+            device = DEVICE_TYPES[kind].make(bus, node_id, serial_number=serial_number, **options)
+        except CanopenError:
+            bus.shutdown()
+            raise
+        self._devices[node_id] = (kind, device)
+
+    @property
+    def nodes(self) -> list[int]:
+        return list(self._devices)
+
+    @property
+    def _shafts(self) -> dict[int, Motion]:
+        return {node: device.shaft for node, (_, device) in self._devices.items() if isinstance(device, SimulatedDrive)}
+
+    def device(self, node_id: int) -> SimulatedDevice:
+        return self._entry(node_id)[1]
+
+    def _entry(self, node_id: int) -> tuple[str, SimulatedDevice]:
+        try:
+            return self._devices[node_id]
+        except KeyError:
+            raise CanopenError("node", node_id, f"a simulated one: {self.nodes}") from None
+
+    def start(self) -> None:
+        """Power on."""
+        for _, device in self._devices.values():
+            device.start()
+
+    def stop(self) -> None:
+        """Power off for good and release the buses."""
+        for _, device in self._devices.values():
+            device.stop()
+
+    def move(self, node_id: int, motion: str, channel: int = 1) -> None:
+        """Another motion for a channel of an encoder, from where it stands; see ``parse_motion``."""
+        device = self.device(node_id)
+        if not isinstance(device, SimulatedEncoder):
+            raise CanopenError("node", node_id, "an encoder, to be moved")
+        shafts = self._shafts
+
+        def move(node: SimulatedEncoderNode) -> None:
+            channels = node.model.channels
+            start = channels[channel].mechanical if channel in channels else 0.0
+            node.model.set_motion(parse_motion(motion, start, shafts), channel)
+
+        device.do(move)
+
+    def misbehave(self, node_id: int, name: str, values: Mapping[str, object]) -> Misbehaviour:
+        """Give a device a fault of its catalogue."""
+        made: list[Misbehaviour] = []
+        self.device(node_id).do(lambda node: made.append(node.misbehave(name, **values)))
+        return made[0]
+
+    def behave(self, node_id: int, name: str | None = None) -> None:
+        """End a fault (all of them without a name); one that is not in force is no error, one that does not exist is."""
+        device = self.device(node_id)
+        known = device.node.catalogue
+        if name is not None and name not in known:
+            raise CanopenError("fault", name, f"one of {', '.join(known)}")
+        device.do(lambda node: node.behave(name))
+
+    def status(self, node_id: int) -> dict[str, object]:
+        """One device as plain data."""
+        kind, device = self._entry(node_id)
+        node = device.node
+        return {
+            "node_id": node_id,
+            "type": kind,
+            "nmt": node.state.name,
+            **DEVICE_TYPES[kind].status(node),
+            "faults": {name: fault.values for name, fault in tuple(node.misbehaviours.items())},
+        }
+
+
+def fault_catalogue() -> list[dict[str, object]]:
+    """Every fault as plain data, with the kinds of devices that can have it."""
+    faults: dict[str, dict[str, object]] = {}
+    for kind, device_type in DEVICE_TYPES.items():
+        for name, fault in device_type.node.catalogue.items():
+            entry = faults.setdefault(
+                name,
+                {
+                    "name": name,
+                    "description": fault.description(),
+                    "at_configuration": fault.at_configuration,
+                    "parameters": [
+                        {
+                            "name": item.name,
+                            "default": item.default,
+                            "low": item.low,
+                            "high": item.high,
+                            "unit": item.unit,
+                            "meaning": item.meaning,
+                        }
+                        for item in fault.parameters()
+                    ],
+                    "types": [],
+                },
+            )
+            types = entry["types"]
+            assert isinstance(types, list)
+            types.append(kind)
+    return list(faults.values())

@@ -1,0 +1,54 @@
+"""Simulated devices at work in the foreground: console, ports, signals."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from collections.abc import Sequence
+from contextlib import ExitStack
+
+import typer
+from pdgw.ds301.bus import open_bus
+from pdgw.gateway.errors import GatewayError
+from pdgw.peers.simulation.config import ControlConfig
+from pdgw.peers.simulation.console import COMMANDS, Console, read_standard_input, serve
+from pdgw.peers.simulation.devices import Simulation
+from pdgw.peers.simulation.rest import RestServer
+
+
+def run(simulation: Simulation, control: ControlConfig, title: str) -> None:
+    """Until SIGINT, SIGTERM or `quit`; the ports are had before the devices are powered."""
+    quit_ = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: quit_.set())
+    console = Console(simulation, quit_)
+    with ExitStack() as at_end:
+        if control.port:
+            server = serve(console, control.port)
+            at_end.callback(server.server_close)
+            at_end.callback(server.shutdown)
+        if control.rest_port:
+            at_end.callback(RestServer(simulation, control.rest_port).stop)
+        at_end.callback(simulation.stop)
+        simulation.start()
+        read_standard_input(console)
+        typer.echo(f"{title}; commands: {COMMANDS}")
+        quit_.wait()
+
+
+def run_nodes(
+    kind: str,
+    place: tuple[str, str, int | None],
+    nodes: Sequence[int],
+    control: ControlConfig,
+    title: str,
+    **options: object,
+) -> None:
+    """Devices of one kind with the same ``options`` on one bus; ``place`` is interface, channel and bit rate."""
+    if len(set(nodes)) != len(nodes):
+        raise GatewayError(f"--node-id: {nodes} names a node twice")
+    simulation = Simulation()
+    for node in nodes:
+        simulation.add(kind, open_bus(*place), node, node, **options)
+    interface, channel, _ = place
+    run(simulation, control, f"{title} {nodes} on {interface} {channel}")

@@ -1,0 +1,285 @@
+"""Replay: equal on what today's translators made, a named first difference on anything else."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from pdgw.decoder.replay import AxisRecording, Replayer, receive_frames
+from pdgw.dsp402.images import DriveFeedback, References
+from pdgw.gateway.translator import velocity
+from pdgw.gateway.translator.base import SetpointEnable, TranslatorSettings
+from pdgw.gateway.translator.factory import DRIVE_TELEGRAM_NUMBERS, make_translator
+from pdgw.gateway.transport.cyclic import Verdict
+from pdgw.profidrive.frame import STATUS_STOP, TRAILER
+from pdgw.profidrive.telegrams import telegram
+from pdgw.tools.recordings import Loaded, load
+
+from tests.support.plain_drive import PlainDrive
+from tests.support.recorded import CYCLE_NS, RecordedRig, known
+from tests.support.rig import MS, NODE
+
+RPDO1 = 0x200 + NODE
+
+
+def speed(number: int = 1, **settings: object) -> RecordedRig:
+    """Start, speed, OFF1 ramp, start again, quick stop."""
+    rig = RecordedRig(number, **settings)
+    rig.step(5)
+    rig.enable(0x047E)
+    name = rig.translator.telegram.setpoints.names[1]
+    rig.values[name] = 0x1000 if number == 1 else 0x10000000
+    rig.step(60)
+    rig.stw(0x047E, 80)
+    rig.stw(0x047F, 20)
+    rig.stw(0x047B, 60)
+    return rig
+
+
+def positioning() -> RecordedRig:
+    """Homing, a relative task on the fly, intermediate stop and resume, reject."""
+    rig = RecordedRig(9)
+    rig.step(5)
+    rig.enable()
+    rig.values["SATZANW"] = 0x8000 | 35
+    rig.stw(0x0C3F, 30)
+    rig.stw(0x043F)
+    rig.values |= {
+        "MDI_TARPOS": 0x08000000,
+        "MDI_VELOCITY": 0x40000000,
+        "MDI_ACC": 0x4000,
+        "MDI_DEC": 0x4000,
+        "MDI_MOD": 1,
+    }
+    rig.stw(0x047F, 30)
+    rig.values |= {"MDI_TARPOS": 0x04000000, "MDI_MOD": 0}
+    rig.stw(0x043F, 10)
+    rig.stw(0x047F, 20)
+    rig.stw(0x045F, 40)
+    rig.stw(0x047F, 60)
+    rig.stw(0x046F, 40)
+    return rig
+
+
+def transparent() -> RecordedRig:
+    """Velocity mode over telegram 100."""
+    rig = RecordedRig(100)
+    for word in (0, 6, 7, 15):
+        rig.stw(word)
+    rig.values |= {"Modes of Operation": 3, "Target Velocity": 2000, "Profile Acceleration": 300}
+    rig.step(60)
+    rig.stw(0, 20)
+    return rig
+
+
+RIGS: dict[str, Callable[[], RecordedRig]] = {
+    "telegram 1": speed,
+    "telegram 2": lambda: speed(2),
+    "telegram 9": positioning,
+    "telegram 100": transparent,
+}
+
+
+def replayed(loaded: Loaded) -> tuple[int, list[tuple[str, tuple[str, ...]]]]:
+    """Steps compared, and what differs."""
+    (outcome,) = loaded.replay(first_only=True)
+    return outcome.compared, [(item.what, item.names) for item in outcome.differences]
+
+
+@pytest.mark.parametrize("name", RIGS)
+@pytest.mark.parametrize("jitter_ms", [0, 2])
+def test_an_unmodified_recording_is_equal(name: str, jitter_ms: int, tmp_path: Path) -> None:
+    rig = RIGS[name]()
+    loaded = rig.load(tmp_path, jitter_ns=jitter_ms * MS)
+    compared, differences = replayed(loaded)
+    assert not differences
+    assert compared >= len(rig.frames.plc) - 2
+
+
+@pytest.mark.parametrize("name", RIGS)
+def test_every_changed_controlword_is_found(name: str, tmp_path: Path) -> None:
+    rig = RIGS[name]()
+    rng = random.Random(name)
+    count = sum(frame[1] == RPDO1 for frame in rig.frames.can)
+    for _ in range(4):
+        before = list(rig.frames.can)
+        number = rng.randrange(1, count - 1)
+        bit = 1 << rng.randrange(8)
+        time_ns = rig.frames.change_can(RPDO1, number, lambda data, bit=bit: bytes((data[0] ^ bit,)) + data[1:])
+        loaded = rig.load(tmp_path, 0)
+        (outcome,) = loaded.replay(first_only=True)
+        (difference,) = outcome.differences
+        assert difference.what == "RPDO1"
+        assert "Controlword" in difference.names
+        found_after = difference.time_ns - loaded.recording.begin_ns - (time_ns - rig.frames.plc[0][0])
+        assert abs(found_after) < 40 * MS
+        rig.frames.can[:] = before
+
+
+def test_a_changed_target_is_named_with_its_time_and_both_values(tmp_path: Path) -> None:
+    rig = speed()
+    moment = rig.frames.change_can(RPDO1, 6, lambda data: data[:2] + (1234).to_bytes(4, "little"))
+    (outcome,) = rig.load(tmp_path, 0).replay(first_only=True)
+    (difference,) = outcome.differences
+    assert (difference.do_id, difference.what, difference.names) == (1, "RPDO1", ("Target Velocity",))
+    assert difference.recorded == {"Controlword": 0x0F, "Target Velocity": 1234}
+    assert difference.today is not None
+    assert difference.today["Target Velocity"] != 1234
+    assert difference.time_ns - outcome.recording.frames[0] == moment - rig.frames.plc[0][0]
+
+
+def test_a_command_that_was_not_sent_is_a_difference(tmp_path: Path) -> None:
+    rig = speed()
+    words = [frame[2][0] for frame in rig.frames.can if frame[1] == RPDO1]
+    rig.frames.change_can(RPDO1, words.index(0x07), lambda _: None)
+    assert replayed(rig.load(tmp_path, 0))[1] == [("RPDO1", ("Controlword",))]
+
+
+def test_a_changed_actual_value_is_named(tmp_path: Path) -> None:
+    rig = speed()
+    now, frame = rig.frames.answers[50]
+    rig.frames.answers[50] = (now, frame[:4] + bytes((frame[4] ^ 0x40,)) + frame[5:])
+    compared, differences = replayed(rig.load(tmp_path, 0))
+    assert differences == [("actual values", ("NIST_A",))]
+    assert compared < 50
+
+
+def test_other_sdo_values_are_a_difference(tmp_path: Path) -> None:
+    rig = positioning()
+    homing = bytes.fromhex("2f986000")
+
+    def change(frame: tuple[int, int, bytes]) -> tuple[int, int, bytes]:
+        now, cob_id, data = frame
+        return (now, cob_id, data[:4] + b"\x11" + data[5:]) if data.startswith(homing) else frame
+
+    rig.frames.can = [change(frame) for frame in rig.frames.can]
+    assert replayed(rig.load(tmp_path, 0))[1] == [("SDO", ("Homing Method",))]
+
+
+def test_a_refused_sdo_write_is_replayed_as_refused(tmp_path: Path) -> None:
+    rig = RecordedRig(9)
+    rig.sdo_error = "refused"
+    rig.step(5)
+    rig.enable()
+    rig.values["SATZANW"] = 35
+    rig.stw(0x0C3F, 30)
+    rig.stw(0x043F, 10)
+    loaded = rig.load(tmp_path, 0)
+    (outcome,) = loaded.replay()
+    assert not outcome.differences
+    assert [event.number for step in outcome.steps for event in step.events] == [111]
+
+
+def test_another_choice_of_the_user_is_a_difference(tmp_path: Path) -> None:
+    rig = speed()
+    rig.stw(0x047E, 60)
+    rig.stw(0x047F, 30)
+    rig.stw(0x043F, 20)  # no setpoint: hold
+    files = rig.frames.write(tmp_path)
+    assert not replayed(load(files, known(1), 0, print))[1]
+    other = TranslatorSettings(setpoint_enable=SetpointEnable.PROFIDRIVE)
+    assert replayed(load(files, known(1, other), 0, print))[1] == [("RPDO1", ("Target Velocity",))]
+
+
+def test_a_changed_translator_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    loaded = speed().load(tmp_path, 0)
+    monkeypatch.setattr(velocity, "_TRANSPARENT", velocity.ZSW1_TRANSPARENT)  # no more ZSW1.10
+    assert replayed(loaded)[1] == [("actual values", ("ZSW1",))]
+
+
+@pytest.mark.parametrize("name", ["telegram 1", "telegram 9"])
+def test_a_recording_that_begins_in_operation_is_compared_from_the_next_off(name: str, tmp_path: Path) -> None:
+    rig = RIGS[name]()
+    begin = rig.frames.plc[40][0]
+    rig.stw(0x043E, 120)
+    rig.stw(0x043F, 20)
+    frames = rig.frames
+    frames.plc = [frame for frame in frames.plc if frame[0] >= begin]
+    frames.answers = [frame for frame in frames.answers if frame[0] >= begin]
+    frames.can = [frame for frame in frames.can if frame[0] >= begin]
+    compared, differences = replayed(rig.load(tmp_path, 0))
+    assert not differences
+    assert 10 < compared < len(frames.plc) - 60
+
+
+def test_without_answers_the_rpdos_are_compared(tmp_path: Path) -> None:
+    rig = speed()
+    rig.frames.answers = []
+    compared, differences = replayed(rig.load(tmp_path, 0))
+    assert not differences
+    assert compared > 200
+    rig.frames.change_can(RPDO1, 6, lambda data: data[:2] + (77).to_bytes(4, "little"))
+    assert replayed(rig.load(tmp_path, 0))[1] == [("RPDO1", ("Target Velocity",))]
+
+
+def test_loss_of_the_plc_is_replayed(tmp_path: Path) -> None:
+    rig = speed()
+    rig.stw(0x047E, 60)
+    rig.stw(0x047F, 40)
+    rig.step(100, plc=False)
+    rig.step(10)
+    loaded = rig.load(tmp_path, 0)
+    assert not replayed(loaded)[1]
+    assert len(loaded.recording.plc.losses) == 2  # and at the end of the recording
+
+
+def test_after_a_difference_comparison_goes_on_with_the_next_off(tmp_path: Path) -> None:
+    rig = speed()
+    rig.stw(0x047E, 60)
+    rig.stw(0x047F, 40)
+    for number in (6, -3):
+        rig.frames.change_can(RPDO1, number, lambda data: data[:2] + (77).to_bytes(4, "little"))
+    (outcome,) = rig.load(tmp_path, 0).replay()
+    assert [item.names for item in outcome.differences] == [("Target Velocity",), ("Target Velocity",)]
+    assert len(outcome.steps) >= len(rig.frames.plc)
+
+
+def test_frames_of_the_plc_become_setpoints_verdicts_and_losses() -> None:
+    rig = RecordedRig(1)
+    rig.stw(0x047E, 3)
+    frames = list(rig.frames.plc)
+    stopped = bytearray(frames[2][1])
+    TRAILER.pack_into(stopped, len(stopped) - 4, 999, STATUS_STOP, 0)
+    now = frames[2][0]
+    late = now + 100 * MS
+    given = [*frames, (now + MS, frames[1][1]), (now + 2 * MS, bytes(stopped)), (late, frames[0][1])]
+    inputs = receive_frames(given, [telegram(1)], cycle_ns=CYCLE_NS)
+    assert [item.verdict for item in inputs.received[3:]] == [
+        Verdict.STALE,
+        Verdict.PROVIDER_STOP,
+        Verdict.ACCEPTED,
+    ]
+    assert inputs.losses == [now + 2 * MS + 3 * CYCLE_NS + 1, late + 3 * CYCLE_NS + 1]
+    assert [event.values for event in inputs.setpoints[0]] == [(0x047E, 0), None, (0x047E, 0), None]
+
+
+@pytest.mark.parametrize("number", DRIVE_TELEGRAM_NUMBERS)
+def test_a_translator_goes_back_to_its_checkpoint(number: int) -> None:
+    rng = random.Random(number)
+    translator = make_translator(number, TranslatorSettings())
+    translator.set_references(References())
+    half = translator.telegram.setpoints
+    drive = PlainDrive()
+
+    def inputs() -> tuple[tuple[int, ...], DriveFeedback]:
+        words = (0x047E, 0x047F, 0x043F, 0x0C3F, 0x04FE, 0x045F, 0x0000, 15)
+        values = [rng.choice(words), *(rng.choice((0, 0x8023, 1, 5)) for _ in half.signals[1:])]
+        drive.step(translator.command)
+        return tuple(values), drive.feedback
+
+    for now in range(0, 300 * CYCLE_NS, CYCLE_NS):
+        values, feedback = inputs()
+        checkpoint, print_before = translator.checkpoint(), translator.fingerprint()
+        first = tuple(translator.step(values, feedback, True, now))
+        after = translator.fingerprint()
+        translator.restore(checkpoint)
+        assert translator.fingerprint() == print_before
+        assert tuple(translator.step(values, feedback, True, now)) == first
+        assert translator.fingerprint() == after
+
+
+def test_a_recording_of_nothing_has_no_steps() -> None:
+    outcome = Replayer(AxisRecording(1, NODE, telegram(1)), cycle_ns=CYCLE_NS, tolerance_ns=20 * MS).run()
+    assert (outcome.steps, outcome.differences) == ([], [])

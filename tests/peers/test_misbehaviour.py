@@ -1,0 +1,373 @@
+"""What each fault of the catalogue does on the bus and to the drive, in virtual time; the gateway is not involved."""
+
+from __future__ import annotations
+
+import struct
+
+import pytest
+from pdgw.ds301.errors import CanopenError
+from pdgw.ds301.nmt import NmtCommand, NmtState
+from pdgw.dsp402.modes import Mode
+from pdgw.dsp402.states import State, StatusBit, state_of
+from pdgw.peers.drive import DriveModel, SimulatedDriveNode
+from pdgw.peers.drive.misbehaviour import DRIVE_MISBEHAVIOURS
+from pdgw.peers.node.misbehaviour import NODE_MISBEHAVIOURS
+from pdgw.peers.node.node import SimulatedNode
+
+MS = 1_000_000
+NODE = 5
+SDO_REQUEST, SDO_ANSWER, TPDO, RPDO, HEARTBEAT, EMCY = 0x605, 0x585, 0x185, 0x205, 0x705, 0x85
+
+
+class Bench:
+    """A drive node, every frame it sends with its time in ms, and a master in a few lines."""
+
+    def __init__(self) -> None:
+        self.sent: list[tuple[int, int, bytes]] = []
+        self.now = 0
+        self.node = SimulatedDriveNode(NODE, lambda can_id, data: self.sent.append((self.now // MS, can_id, data)))
+        self.node.start(0)
+
+    @property
+    def model(self) -> DriveModel:
+        return self.node.model
+
+    def run(self, milliseconds: int) -> None:
+        for _ in range(milliseconds):
+            self.now += MS
+            self.node.poll(self.now)
+
+    def frame(self, can_id: int, data: bytes) -> None:
+        self.node.receive(can_id, data, self.now)
+
+    def read(self, index: int, subindex: int = 0) -> bytes | None:
+        """The answer frame to an upload request, None when none came at once."""
+        self.sent.clear()
+        self.frame(SDO_REQUEST, struct.pack("<BHB4x", 0x40, index, subindex))
+        answers = self.of(SDO_ANSWER)
+        return answers[0] if answers else None
+
+    def write(self, index: int, subindex: int, value: int, size: int) -> int:
+        """The abort code of a download, 0 when it was taken."""
+        self.sent.clear()
+        data = value.to_bytes(4, "little", signed=value < 0)
+        self.frame(SDO_REQUEST, struct.pack("<BHB", 0x23 | (4 - size) << 2, index, subindex) + data)
+        answer = self.of(SDO_ANSWER)[0]
+        return int(struct.unpack_from("<I", answer, 4)[0]) if answer[0] == 0x80 else 0
+
+    def of(self, can_id: int) -> list[bytes]:
+        return [data for _, sent_id, data in self.sent if sent_id == can_id]
+
+    def operate(self, speed: int = 2000) -> None:
+        """Telegram 1's PDOs are the default mapping; speed in 0.5 rpm."""
+        self.write(0x1800, 5, 20, 2)
+        self.write(0x6060, 0, Mode.VELOCITY, 1)
+        self.frame(0, bytes((NmtCommand.START, NODE)))
+        for word in (0x06, 0x07, 0x0F):
+            self.command(word, speed)
+        assert self.model.state is State.OPERATION_ENABLED
+        self.sent.clear()
+
+    def command(self, word: int, speed: int = 0) -> None:
+        self.frame(RPDO, struct.pack("<Hi", word, speed))
+        self.run(1)
+
+
+@pytest.fixture
+def bench() -> Bench:
+    bench = Bench()
+    bench.run(2)
+    return bench
+
+
+@pytest.mark.parametrize("name", DRIVE_MISBEHAVIOURS)
+def test_every_fault_is_described_and_its_parameters_are_within_their_limits(name: str) -> None:
+    kind = DRIVE_MISBEHAVIOURS[name]
+    assert len(kind.description()) > 20
+    for item in kind.parameters():
+        assert item.low <= item.default <= item.high
+        assert item.meaning
+
+
+@pytest.mark.parametrize("name", DRIVE_MISBEHAVIOURS)
+def test_a_fault_that_is_taken_back_leaves_a_drive_that_behaves(bench: Bench, name: str) -> None:
+    bench.node.misbehave(name)
+    bench.run(50)
+    bench.node.behave(name)
+    bench.run(50)
+    assert not bench.node.misbehaviours
+    bench.frame(0, bytes((NmtCommand.RESET_NODE, NODE)))
+    bench.run(5)
+    bench.command(0x80)
+    bench.operate()
+    bench.run(1000)
+    assert state_of(bench.model.statusword) is State.OPERATION_ENABLED
+    assert bench.model.velocity_actual == 2000
+    assert bench.model.modes_of_operation_display == Mode.VELOCITY
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "message"),
+    [
+        ("slow", {}, "fault: 'slow' is not allowed, expected one of slow-sdo, "),
+        ("slow-sdo", {"delay": 3}, "fault slow-sdo parameter: 'delay'.*delay_ms"),
+        ("reboot-in-motion", {"speed": 0}, r"fault reboot-in-motion speed: 0 .*1 rpm to 100000 rpm"),
+        ("slow-sdo", {"delay_ms": "3"}, "fault slow-sdo delay_ms: '3'"),
+        ("slow-sdo", {"delay_ms": True}, "fault slow-sdo delay_ms: True"),
+        ("heartbeat-stops", {"x": 1}, "no parameter"),
+    ],
+)
+def test_a_wrong_choice_is_named_and_changes_nothing(
+    bench: Bench, name: str, values: dict[str, object], message: str
+) -> None:
+    bench.node.misbehave("slow-sdo", delay_ms=7)
+    with pytest.raises(CanopenError, match=message):
+        bench.node.misbehave(name, **values)
+    assert [fault.values for fault in bench.node.misbehaviours.values()] == [{"delay_ms": 7}]
+
+
+def test_any_simulated_node_has_the_faults_of_a_node() -> None:
+    assert SimulatedNode.catalogue is NODE_MISBEHAVIOURS
+    assert set(NODE_MISBEHAVIOURS) < set(DRIVE_MISBEHAVIOURS)
+
+
+def test_slow_sdo_answers_after_its_delay(bench: Bench) -> None:
+    bench.node.misbehave("slow-sdo", delay_ms=30)
+    assert bench.read(0x1000) is None
+    bench.run(29)
+    assert not bench.of(SDO_ANSWER)
+    bench.run(1)
+    assert bench.of(SDO_ANSWER) == [struct.pack("<BHBI", 0x43, 0x1000, 0, 0x0002_0192)]
+
+
+def test_sdo_timeout_leaves_each_nth_request_without_an_answer(bench: Bench) -> None:
+    bench.node.misbehave("sdo-timeout", every=3)
+    assert [bench.read(0x1000) is None for _ in range(6)] == [False, False, True] * 2
+
+
+def test_sdo_toggle_error_answers_in_segments_with_the_wrong_toggle_bit(bench: Bench) -> None:
+    bench.node.misbehave("sdo-toggle-error")
+    assert bench.read(0x1000) == struct.pack("<BHBI", 0x41, 0x1000, 0, 4)
+    bench.frame(SDO_REQUEST, b"\x60" + bytes(7))
+    assert bench.of(SDO_ANSWER)[1] == b"\x17\x92\x01\x02\0\0\0\0"
+    assert bench.read(0x1008)[0] == 0x41  # type: ignore[index]
+    bench.frame(SDO_REQUEST, b"\x60" + bytes(7))
+    assert bench.of(SDO_ANSWER)[1][0] & 0x10
+
+
+def test_wrong_identity_shows_another_vendor(bench: Bench) -> None:
+    bench.node.misbehave("wrong-identity", vendor_id=0x1234)
+    assert bench.read(0x1018, 1)[4:] == b"\x34\x12\0\0"  # type: ignore[index]
+    assert bench.read(0x1018, 2)[4:] == b"\x01\0\0\0"  # type: ignore[index]
+
+
+def test_a_missing_object_is_neither_read_nor_written(bench: Bench) -> None:
+    bench.node.misbehave("object-missing", index=0x1017)
+    assert bench.write(0x1017, 0, 10, 2) == 0x0602_0000
+    assert bench.read(0x1017)[4:] == b"\0\0\x02\x06"  # type: ignore[index]
+    assert bench.write(0x1016, 1, 10, 4) == 0
+
+
+def test_two_pdos_has_no_parameters_for_the_third(bench: Bench) -> None:
+    bench.node.misbehave("two-pdos")
+    for base in (0x1400, 0x1600, 0x1800, 0x1A00):
+        assert bench.read(base + 1, 1)[0] == 0x43  # type: ignore[index]
+        assert bench.read(base + 2, 1)[4:] == b"\0\0\x02\x06"  # type: ignore[index]
+
+
+def test_fixed_mapping_cannot_be_written(bench: Bench) -> None:
+    bench.node.misbehave("fixed-pdo-mapping")
+    bench.write(0x1400, 1, 0x8000_0205, 4)
+    assert bench.write(0x1600, 0, 0, 1) == 0x0601_0002
+    assert bench.read(0x1600, 1)[4:] == b"\x10\0\x40\x60"  # type: ignore[index]
+
+
+def test_mapping_abort_takes_everything_but_the_count(bench: Bench) -> None:
+    bench.node.misbehave("mapping-abort")
+    assert bench.write(0x1400, 1, 0x8000_0205, 4) == 0
+    assert bench.write(0x1600, 0, 0, 1) == 0
+    assert bench.write(0x1600, 1, 0x6040_0010, 4) == 0
+    assert bench.write(0x1600, 0, 1, 1) == 0x0604_0043
+
+
+def test_lost_pdos_misses_commands_and_values(bench: Bench) -> None:
+    bench.operate()
+    bench.node.misbehave("lost-pdos", every=1)
+    bench.command(0x02)
+    bench.run(100)
+    assert bench.model.state is State.OPERATION_ENABLED
+    assert not bench.of(TPDO)
+
+
+def test_duplicated_pdos_come_again_at_once(bench: Bench) -> None:
+    bench.operate(0)
+    bench.run(100)
+    once = len(bench.of(TPDO))
+    bench.sent.clear()
+    bench.node.misbehave("duplicated-pdos", copies=2)
+    bench.run(100)
+    assert len(bench.of(TPDO)) == 3 * once
+
+
+def test_late_pdos_keep_their_order(bench: Bench) -> None:
+    bench.operate()
+    bench.node.misbehave("late-pdos", delay_ms=30)
+    bench.command(0x02)
+    bench.run(28)
+    assert bench.model.state is State.OPERATION_ENABLED
+    bench.run(2)
+    assert bench.model.state is State.QUICK_STOP_ACTIVE
+    bench.run(1000)
+    speeds = [struct.unpack_from("<i", data, 2)[0] for data in bench.of(TPDO)]
+    assert speeds[: speeds.index(max(speeds))] == sorted(speeds[: speeds.index(max(speeds))])
+
+
+def test_heartbeat_stops_but_the_boot_up_message_does_not(bench: Bench) -> None:
+    bench.write(0x1017, 0, 10, 2)
+    bench.node.misbehave("heartbeat-stops")
+    bench.sent.clear()
+    bench.run(50)
+    assert not bench.of(HEARTBEAT)
+    bench.frame(0, bytes((NmtCommand.RESET_COMMUNICATION, NODE)))
+    assert bench.of(HEARTBEAT) == [b"\0"]
+
+
+def test_an_emcy_burst_has_its_count_and_its_content(bench: Bench) -> None:
+    bench.sent.clear()
+    bench.node.misbehave("emcy-burst", code=0x2310, register=3, count=5, period_ms=4)
+    bench.run(100)
+    assert [time for time, _, _ in bench.sent] == [3, 6, 10, 14, 18]
+    assert set(bench.of(EMCY)) == {b"\x10\x23\x03" + bytes(5)}
+
+
+def test_bus_off_hears_and_says_nothing_until_it_recovers(bench: Bench) -> None:
+    bench.node.misbehave("bus-off", recovery_ms=50)
+    assert bench.read(0x1000) is None
+    bench.run(49)
+    assert not bench.sent
+    bench.run(1)
+    assert bench.of(EMCY) == [b"\x40\x81\0" + bytes(5)]
+    assert bench.read(0x1000) is not None
+
+
+def test_error_passive_tells_and_is_late(bench: Bench) -> None:
+    bench.sent.clear()
+    bench.node.misbehave("error-passive", delay_ms=9)
+    bench.run(100)
+    assert bench.of(EMCY) == [b"\x20\x81\x11" + bytes(5)]
+    assert bench.read(0x1000) is None
+    bench.run(9)
+    assert bench.of(SDO_ANSWER)
+    bench.node.behave("error-passive")
+    assert bench.of(EMCY) == [bytes(8)]
+
+
+def test_reboot_is_silent_then_boots_with_power_on_values(bench: Bench) -> None:
+    bench.operate()
+    bench.node.misbehave("reboot", off_ms=30)
+    bench.run(29)
+    assert not bench.sent
+    bench.run(1)
+    assert bench.of(HEARTBEAT) == [b"\0"]
+    assert bench.node.state is NmtState.PRE_OPERATIONAL
+    bench.run(2)
+    assert bench.model.state is State.SWITCH_ON_DISABLED
+
+
+def test_reboot_in_motion_waits_for_the_motion(bench: Bench) -> None:
+    bench.node.misbehave("reboot-in-motion", speed=500)
+    bench.operate(900)
+    bench.run(1000)
+    assert bench.node.state is NmtState.OPERATIONAL
+    bench.command(0x0F, 2000)
+    bench.run(1000)
+    assert bench.of(HEARTBEAT) == [b"\0"]
+    assert bench.node.state is NmtState.PRE_OPERATIONAL
+
+
+def test_homing_ends_without_its_bit(bench: Bench) -> None:
+    bench.node.misbehave("no-homing-attained")
+    bench.operate(0)
+    bench.write(0x6098, 0, 35, 1)
+    bench.write(0x6060, 0, Mode.HOMING, 1)
+    bench.command(0x1F)
+    assert bench.model.statusword & (StatusBit.MODE_12 | StatusBit.TARGET_REACHED) == StatusBit.TARGET_REACHED
+    bench.node.behave()
+    bench.run(1)
+    assert bench.model.statusword & StatusBit.MODE_12
+
+
+def test_late_status_is_as_old_as_it_says(bench: Bench) -> None:
+    bench.operate()
+    bench.run(100)
+    bench.node.misbehave("late-status", delay_ms=40)
+    bench.run(50)
+    bench.command(0x02)
+    bench.run(38)
+    assert state_of(bench.model.statusword) is State.OPERATION_ENABLED
+    bench.run(3)
+    assert state_of(bench.model.statusword) is State.QUICK_STOP_ACTIVE
+
+
+def test_bouncing_bits_change_all_the_time(bench: Bench) -> None:
+    bench.operate(0)
+    bench.node.misbehave("bouncing-status", bits=StatusBit.OPERATION_ENABLED, period_ms=5)
+    seen = []
+    for _ in range(20):
+        bench.run(1)
+        seen.append(state_of(bench.model.statusword))
+    assert {seen.count(state) for state in (State.OPERATION_ENABLED, State.SWITCHED_ON)} == {10}
+
+
+def test_unknown_state_fits_no_state(bench: Bench) -> None:
+    bench.node.misbehave("unknown-state")
+    bench.run(1)
+    assert state_of(bench.model.statusword) is None
+
+
+def test_the_mode_display_keeps_the_old_mode(bench: Bench) -> None:
+    bench.node.misbehave("mode-display-stuck")
+    bench.write(0x6060, 0, Mode.VELOCITY, 1)
+    bench.run(10)
+    assert bench.read(0x6061)[4] == Mode.POSITION  # type: ignore[index]
+    assert bench.model.mode is Mode.VELOCITY
+
+
+@pytest.mark.parametrize(("positive", "speed"), [(1, 2000), (0, -2000)])
+def test_a_limit_switch_stops_motion_toward_it_only(bench: Bench, positive: int, speed: int) -> None:
+    bench.operate(speed)
+    bench.run(300)
+    bench.node.misbehave("limit-switch", positive=positive)
+    bench.run(1000)
+    assert bench.model.velocity_actual == 0
+    assert bench.model.statusword & StatusBit.INTERNAL_LIMIT
+    bench.command(0x0F, -speed)
+    bench.run(50)
+    assert bench.model.velocity_actual * speed < 0
+
+
+def test_the_enable_input_takes_operation_back(bench: Bench) -> None:
+    bench.operate()
+    bench.node.misbehave("enable-input-dropped")
+    assert bench.model.state is State.SWITCHED_ON
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "number"),
+    [("under-voltage", {}, 6), ("drive-fault", {"number": 7}, 7)],
+)
+def test_a_fault_of_the_drive_stands_until_it_is_removed(
+    bench: Bench, name: str, values: dict[str, int], number: int
+) -> None:
+    bench.operate()
+    bench.node.misbehave(name, **values)
+    bench.run(1000)
+    assert (bench.model.state, bench.model.error_code) == (State.FAULT, number)
+    assert (bench.model.dc_link_voltage < 20_000) is (name == "under-voltage")
+    bench.command(0x80)
+    assert bench.model.state is State.FAULT
+    bench.node.behave(name)
+    bench.command(0)
+    bench.command(0x80)
+    assert bench.model.state is State.SWITCH_ON_DISABLED
+    assert bench.model.dc_link_voltage == 48_000

@@ -1,0 +1,345 @@
+"""The PLC simulator: its endpoint against the gateway's, the scenario language, and its messages."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pdgw.gateway.daemon import Daemon
+from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.transport.acyclic import AcyclicServer
+from pdgw.gateway.transport.cyclic import CyclicEndpoint, Verdict
+from pdgw.peers.plc.client import PlcClient
+from pdgw.peers.plc.endpoint import PlcEndpoint
+from pdgw.peers.plc.parameters import ParameterAccess
+from pdgw.peers.plc.scenario import Engine, Scenario, load_scenario, parse_time
+from pdgw.profidrive.datatypes import DataType
+from pdgw.profidrive.errors import ProfidriveError
+from pdgw.profidrive.frame import RtFrame
+from pdgw.profidrive.telegrams import Direction, Telegram, telegram
+from pdgw.tools.parameters.address import Target, parse_target
+from pdgw.tools.parameters.session import Element
+from scapy.layers.inet import UDP
+from scapy.utils import rdpcap
+
+from tests.support.daemon import axis, configuration, running
+from tests.support.strategies import axes_values
+
+MS = 1_000_000
+CYCLE = 4 * MS
+SCENARIOS = Path(__file__).parents[2] / "tools" / "scenarios"
+
+
+@given(drawn=axes_values(Direction.SETPOINT))
+def test_setpoints_reach_the_gateway_as_they_were_set(drawn: tuple[list[Telegram], list[tuple[int, ...]]]) -> None:
+    telegrams, values = drawn
+    plc = PlcEndpoint(telegrams, CYCLE)
+    for index, drawn_values in enumerate(values):
+        plc.set(index, telegrams[index].setpoints.as_dict(drawn_values))
+    device = CyclicEndpoint(telegrams, cycle_ns=CYCLE)
+    assert device.receive(bytes(plc.build()), ("127.0.0.1", 1), 0) is Verdict.ACCEPTED
+    assert device.setpoints == values
+
+
+@given(drawn=axes_values(Direction.ACTUAL), bad=st.integers(0, 3))
+def test_actual_values_reach_the_plc_and_bad_ones_are_none(
+    drawn: tuple[list[Telegram], list[tuple[int, ...]]], bad: int
+) -> None:
+    telegrams, values = drawn
+    device = CyclicEndpoint(telegrams, cycle_ns=CYCLE)
+    plc = PlcEndpoint(telegrams, CYCLE)
+    good = [index != bad for index in range(len(values))]
+    assert plc.receive(bytes(device.build(values, good)))
+    for index, half in enumerate(t.actuals for t in telegrams):
+        assert plc.actuals[index] == (half.as_dict(values[index]) if good[index] else None)
+
+
+def test_stale_foreign_and_malformed_frames_of_a_gateway_are_counted() -> None:
+    device = CyclicEndpoint([telegram(1)], cycle_ns=CYCLE)
+    plc = PlcEndpoint([telegram(1)], CYCLE)
+    frame = bytes(device.build([(0, 0)], [True]))
+    assert plc.receive(frame)
+    assert not plc.receive(frame)
+    assert not plc.receive(b"\xc0\x00")
+    assert not plc.receive(RtFrame(0xC005, b"", 1).encode())
+    assert (plc.counters["stale"], plc.counters["malformed"], plc.counters["foreign"]) == (1, 1, 1)
+
+
+def test_frames_of_a_backup_or_without_valid_data_are_counted_and_not_used() -> None:
+    plc = PlcEndpoint([telegram(1)], CYCLE)
+    frame = bytes(CyclicEndpoint([telegram(1)], cycle_ns=CYCLE).build([(0x37, 5)], [True]))
+    status = len(frame) - 2
+    for bit in (0x01, 0x04):
+        assert not plc.receive(frame[:status] + bytes([frame[status] & ~bit]) + frame[status + 1 :])
+    assert plc.actuals == [None]
+    assert (plc.counters["not primary"], plc.counters["not valid"]) == (1, 1)
+
+
+def test_a_silent_gateway_leaves_no_values_behind_and_may_come_back_with_any_counter() -> None:
+    plc = PlcEndpoint([telegram(1)], CYCLE)
+    device = CyclicEndpoint([telegram(1)], cycle_ns=CYCLE)
+    first, second = bytes(device.build([(0x37, 0)], [True])), bytes(device.build([(0x37, 0)], [True]))
+    assert plc.receive(second, 0)
+    assert not plc.poll(200 * MS)
+    assert plc.actuals[0] is not None
+    engine = Engine(Scenario.model_validate({"steps": [{"expect": {"ZSW1": 0x37}, "within": "4 ms"}]}), plc)
+    assert plc.poll(201 * MS)
+    assert not plc.poll(202 * MS)
+    for now in (201, 205):
+        engine.step(now * MS)
+    assert not engine.passed
+    assert plc.receive(first, 300 * MS)
+    assert plc.actuals == [{"ZSW1": 0x37, "NIST_A": 0}]
+
+
+def test_a_setpoint_that_does_not_fit_is_named_and_changes_nothing() -> None:
+    plc = PlcEndpoint([telegram(1)], CYCLE)
+    with pytest.raises(ProfidriveError, match="NSOLL_A"):
+        plc.set(0, {"NSOLL_A": 40000})
+    assert plc.setpoints[0]["NSOLL_A"] == 0
+
+
+def play(document: dict[str, object], answers: list[dict[str, int] | None]) -> tuple[Engine, list[dict[str, int]]]:
+    """Play a scenario; ``answers`` are the actual values of axis 1, cycle by cycle, the last one for ever."""
+    scenario = Scenario.model_validate(document)
+    plc = PlcEndpoint([telegram(number) for number in scenario.telegrams], CYCLE)
+    engine = Engine(scenario, plc)
+    sent = []
+    for cycle in range(5000):
+        answer = answers[min(cycle, len(answers) - 1)]
+        plc.actuals[0] = None if answer is None else {**dict.fromkeys(plc.telegrams[0].actuals.names, 0), **answer}
+        engine.step(cycle * CYCLE)
+        sent.append(dict(plc.setpoints[0]))
+        if engine.finished:
+            break
+    return engine, sent
+
+
+def test_enable_is_off_then_on_with_its_expectations() -> None:
+    engine, sent = play({"steps": [{"enable": True}]}, [{"ZSW1": 0x40}, {"ZSW1": 0x40}, {"ZSW1": 0x31}, {"ZSW1": 0x37}])
+    assert [values["STW1"] for values in sent] == [0x047E, 0x047E, 0x047F, 0x047F]
+    assert engine.passed
+    assert [item.name.split(":")[0] for item in engine.results] == ["ready", "operation enabled"]
+
+
+def test_an_enable_of_a_drive_that_is_not_ready_ends_without_on() -> None:
+    engine, sent = play({"steps": [{"enable": True, "within": "8 ms"}, {"hold": "20 ms"}]}, [{"ZSW1": 0x40}])
+    assert [item.name.split(":")[0] for item in engine.results] == ["ready"]
+    assert not engine.passed
+    assert {values["STW1"] for values in sent} == {0x047E}
+
+
+def test_an_expectation_that_is_not_met_in_time_fails_with_the_measured_value() -> None:
+    engine, sent = play({"steps": [{"expect": {"NIST_A": "1500 rpm +- 10 rpm"}, "within": "40 ms"}]}, [{"NIST_A": 100}])
+    assert not engine.passed
+    assert engine.results[0].measured == "NIST_A = 100"
+    assert len(sent) == 11
+
+
+def test_bad_iops_fails_an_expectation() -> None:
+    engine, _ = play({"steps": [{"expect": {"ZSW1": 0}, "within": "4 ms"}]}, [None])
+    assert engine.results[0].measured == "no valid actual values (IOPS BAD)"
+
+
+@pytest.mark.parametrize(
+    ("text", "raw"),
+    [
+        ("50 %", 0x2000),
+        ("1500 rpm", 0x2000),
+        ("-100 %", -0x4000),
+        ("0.5 rpm", 2),
+        ("12.5 %", 0x800),
+        ("2000h", 0x2000),
+        ("0x0666", 0x666),
+        ("-5", -5),
+    ],
+)
+def test_values_in_every_notation(text: str, raw: int) -> None:
+    _, sent = play({"steps": [{"speed": text}]}, [{}])
+    assert sent[-1]["NSOLL_A"] == raw
+
+
+def test_mute_provider_stop_hold_and_drive_commands_reach_the_edge() -> None:
+    steps = [{"mute": True}, {"run": False}, {"drive": "fault 7"}, {"hold": "20 ms"}]
+    engine, sent = play({"steps": steps}, [{}])
+    assert engine.muted
+    assert not engine.endpoint.run
+    assert engine.drive_commands == ["fault 7"]
+    assert len(sent) == 6
+
+
+def test_an_encoder_is_enabled_preset_and_acknowledged() -> None:
+    steps = [{"enable": True}, {"preset": "relative"}, {"ack": True}]
+    normal = {"ZSW2_ENC": 0x0200}
+    answers = [normal, normal | {"G1_ZSW": 0x1000}, {"ZSW2_ENC": 0x0208, "G1_ZSW": 0x8000}, normal]
+    engine, sent = play({"telegrams": [81], "steps": steps}, answers)
+    assert engine.passed
+    words = [(values["STW2_ENC"], values["G1_STW"]) for values in sent]
+    assert words == [(0x0400, 0x1800), (0x0400, 0x0800), (0x0480, 0x8800), (0x0400, 0x0800)]
+
+
+def element(value: int | float | str, error: int | None = None) -> Element:
+    return Element(0, 0, None if error is not None else DataType.INTEGER32, value, error)
+
+
+def parameters(step: dict[str, object], answers: list[list[Element] | str | None]) -> tuple[Engine, list[object]]:
+    """Play one step on the parameter channel: one answer a cycle, an error for a text, None for no answer."""
+    scenario = Scenario.model_validate({"telegrams": [1, 1], "steps": [{"axis": 2, "within": "20 ms", **step}]})
+    engine = Engine(scenario, PlcEndpoint([telegram(1)] * 2, CYCLE))
+    asked: list[object] = []
+    waiting: list[ParameterAccess] = []
+    for cycle in range(20):
+        engine.step(cycle * CYCLE)
+        waiting += engine.accesses
+        asked += [(access.do_id, access.targets, access.values) for access in engine.accesses]
+        engine.accesses.clear()
+        answer = answers[min(cycle, len(answers) - 1)]
+        if waiting and answer is not None:
+            access = waiting.pop()
+            if isinstance(answer, str):
+                access.error = answer
+            else:
+                access.answers = tuple(answer)
+            access.done = True
+        if engine.finished:
+            break
+    assert engine.finished
+    return engine, asked
+
+
+def test_parameters_are_read_from_the_drive_object_of_the_axis_until_they_are_as_expected() -> None:
+    wanted = {"P922": 1, "6041h": "& 0x6F = 0x27", "P60000": 3000, "P919": "axis 2", "606Ch": "> -5"}
+    good = [element(1), element(0x1637), element(3000.0), element("axis 2"), element(-4)]
+    bad = [element(1), element(0x1631), element(3000.5), element("axis 3"), element(-5)]
+    engine, asked = parameters({"read": wanted}, [bad, good])
+    assert engine.passed
+    assert asked == 2 * [(2, tuple(map(parse_target, wanted)), ())]
+    assert [item.name for item in engine.results] == [f"{name} {value}" for name, value in wanted.items()]
+    engine, _ = parameters({"read": wanted}, [bad])
+    assert [item.passed for item in engine.results] == [True, False, False, False, False]
+    assert [item.measured for item in engine.results] == ["1", "5681", "3000.5", "axis 3", "-5"]
+
+
+def test_parameters_are_written_once_and_a_refusal_can_be_wanted() -> None:
+    step = {"write": {"6083h": 250, "P65000": "-7"}}
+    refused = [element("", 0x0B), element("", 0x0B)]
+    engine, asked = parameters(step, [[element(250), element(-7)]])
+    assert engine.passed
+    assert asked == [(2, (Target(0x6083), Target(65000)), ("250", "-7"))]
+    engine, asked = parameters(step, [refused])
+    assert [item.measured for item in engine.results] == ["0Bh: no operation priority"] * 2
+    assert not engine.passed
+    assert len(asked) == 1
+    assert parameters(step | {"refused": 0x0B}, [refused])[0].passed
+    assert not parameters(step | {"refused": 0x0B}, [[element(250), element(-7)]])[0].passed
+    assert not parameters(step | {"refused": 0x0B}, [[element("", 2), element("", 2)]])[0].passed
+
+
+@pytest.mark.parametrize(
+    ("answer", "measured"), [(None, "no answer in time"), ("gateway: does not answer", "gateway: does not answer")]
+)
+def test_a_silent_parameter_channel_fails_every_expectation_of_the_step(answer: str | None, measured: str) -> None:
+    for action in ("read", "write"):
+        engine, _ = parameters({action: {"P922": 1, "P965": 2}}, [answer])
+        assert [(item.passed, item.measured) for item in engine.results] == [(False, measured)] * 2
+
+
+def test_a_plc_reads_and_writes_parameters_beside_its_cyclic_exchange_and_captures_both(tmp_path: Path) -> None:
+    servers: list[AcyclicServer] = []
+
+    def before(daemon: Daemon) -> None:
+        servers.append(AcyclicServer(daemon))
+        daemon.services.append(servers[0])
+
+    steps = [
+        {"expect": {"ZSW1.CONTROL_REQUESTED": 1}, "within": "20 s"},
+        {"read": {"P965": 0x0329, "1018h.1": "> 0"}},
+        {"write": {"6083h": 250, "6084h": "F9h"}},
+        {"read": {"6083h": 250, "6084h": 249}},
+        {"write": {"6040h": 0, "60FFh": 0}, "refused": 0x0B},
+    ]
+    with running(configuration(axis(1)), before) as daemon:
+        endpoint = PlcEndpoint([telegram(1)], daemon.cycle_ns)
+        engine = Engine(Scenario.model_validate({"steps": steps}), endpoint)
+        client = PlcClient(daemon.socket.address, endpoint, CYCLE, tmp_path / "plc.pcap", servers[0].address[1])
+        try:
+            client.run(engine)
+        finally:
+            client.close()
+    assert engine.passed, [item for item in engine.results if not item.passed]
+    assert len(engine.results) == 9
+    ports = {(packet[UDP].sport, packet[UDP].dport) for packet in rdpcap(str(tmp_path / "plc.pcap"))}
+    assert {port for pair in ports for port in pair} >= {34962, 34964}
+    assert len(ports) == 4, "two conversations, both directions"
+
+
+@pytest.mark.parametrize("path", sorted(SCENARIOS.glob("*.yaml")), ids=lambda path: path.name)
+def test_the_scenarios_of_the_package_are_valid(path: Path) -> None:
+    assert load_scenario(path).steps
+
+
+@pytest.mark.parametrize(
+    ("text", "parts"),
+    [
+        ("steps: [{fly: true}]", ["step 1", "fly", "unknown key"]),
+        ("steps: [{enable: true, off1: true}]", ["step 1", "2 actions", "exactly one"]),
+        ("steps: [{axis: 3, enable: true}]", ["step 1", "axis 3 does not exist", "1..1"]),
+        ("steps: [{set: {NSOL: 1}}]", ["step 1", "'NSOL'", "STW1, NSOLL_A"]),
+        ("steps: [{set: {STW1.FOO: 1}}]", ["bit of STW1", "FOO"]),
+        ("steps: [{set: {STW1.ON: 2}}]", ["STW1.ON = 2", "0..1"]),
+        ("steps: [{speed: fast}]", ["NSOLL_A = 'fast'", "1500 rpm"]),
+        ("steps: [{speed: 40000}]", ["NSOLL_A", "-32768..32767"]),
+        ("steps: [{move: {to: 1}}]", ["step 1 (move)", "not in the telegram"]),
+        ("steps: [{hold: soon}]", ["time 'soon'"]),
+        ("telegrams: [4]\nsteps: [{off1: true}]", ["telegram", "4"]),
+        ("steps: []", ["steps"]),
+        ("steps: [", ["not valid YAML"]),
+        ("just text", ["Input should be"]),
+        ("telegrams: [9]\nsteps: [{move: {to: 1, fast: 2}}]", ["step 1", "move.fast", "velocity, acc, dec, relative"]),
+        ("references: {rpm: 2}\nsteps: [{off1: true}]", ["references.rpm", "speed_rpm, position"]),
+        ("references: {speed_rpm: .inf}\nsteps: [{speed: 5 rpm}]", ["references.speed_rpm = inf", "finite"]),
+        ("steps: [{speed: [1]}]", ["step 1: speed: expected a number or a text"]),
+        ("steps: [{expect: {}}]", ["step 1", "expect", "at least 1"]),
+        ("steps: [{set: {}}]", ["step 1", "set", "at least 1"]),
+        ("steps: [{read: {}}]", ["step 1", "read", "at least 1"]),
+        ("steps: [{read: {speed: 1}}]", ["step 1 (read)", "parameter 'speed'", "P922"]),
+        ("steps: [{write: {'P947[0..7]': 1}}]", ["step 1 (write)", "P947[0..7]", "one element"]),
+        ("steps: [{enable: true, refused: 11}]", ["step 1", "refused", "only a write"]),
+        ("steps: [{preset: absolute}]", ["step 1 (preset)", "'G1_STW' is not in the telegram"]),
+        ("telegrams: [81]\nsteps: [{off1: true}]", ["step 1 (off1)", "not possible with an encoder's telegram"]),
+        ("steps: [{expect: {NIST_A: .nan}}]", ["step 1 (expect)", "NIST_A = 'nan'"]),
+        ("when: 2001-99-99", ["not valid YAML", "month"]),
+        ("[" * 3000, ["nested too deeply"]),
+        (f"steps: [{{speed: {'1' * 5000}}}]", ["not valid YAML"]),
+        (f"steps: [{{speed: '{'1' * 5000} %'}}]", ["step 1 (speed)", "expected"]),
+        (f"steps: [{{hold: '{'1' * 5000} s'}}]", ["step 1 (hold)", "time"]),
+    ],
+    ids=lambda value: value[:40] if isinstance(value, str) else "",
+)
+def test_bad_scenarios_are_told_with_step_key_value_and_what_is_allowed(
+    tmp_path: Path, text: str, parts: list[str]
+) -> None:
+    path = tmp_path / "s.yaml"
+    path.write_text(text)
+    with pytest.raises(GatewayError) as error:
+        load_scenario(path)
+    assert str(path) in str(error.value)
+    for part in parts:
+        assert part in str(error.value), str(error.value)
+
+
+@given(text=st.text(max_size=60))
+def test_arbitrary_files_are_refused_with_the_packages_error(
+    tmp_path_factory: pytest.TempPathFactory, text: str
+) -> None:
+    path = tmp_path_factory.mktemp("scenario") / "s.yaml"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(GatewayError):
+        load_scenario(path)
+
+
+def test_times_are_milliseconds_or_seconds() -> None:
+    assert parse_time("500 ms") == 500 * MS
+    assert parse_time("1.5 s") == 1500 * MS

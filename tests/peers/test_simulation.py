@@ -1,0 +1,303 @@
+"""Simulated devices from a file, and their faults at run time: console and REST."""
+
+from __future__ import annotations
+
+import json
+import socket
+import threading
+import urllib.error
+import urllib.request
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pdgw.ds301.errors import CanopenError
+from pdgw.gateway.errors import GatewayError
+from pdgw.peers.drive.misbehaviour import DRIVE_MISBEHAVIOURS
+from pdgw.peers.encoder.misbehaviour import ENCODER_MISBEHAVIOURS
+from pdgw.peers.node.misbehaviour import NODE_MISBEHAVIOURS
+from pdgw.peers.simulation.config import example, load_bus, parse_bus
+from pdgw.peers.simulation.console import Console
+from pdgw.peers.simulation.devices import DEVICE_TYPES, Simulation, fault_catalogue
+from pdgw.peers.simulation.rest import RestServer
+
+from tests.endtoend.processes import free_tcp_port, pdgw, running
+from tests.support import buses
+
+CAN = '[can]\ninterface = "virtual"\nchannel = "x"\n'
+
+
+@pytest.fixture
+def simulation() -> Iterator[Simulation]:
+    simulation = Simulation()
+    name = buses.channel()
+    for node in (3, 4):
+        simulation.add("drive", buses.bus(name), node, node)
+    simulation.start()
+    for node in (3, 4):
+        device = simulation.device(node)
+        buses.wait_for(lambda device=device: device.node.running, "powered")  # type: ignore[misc]
+    yield simulation
+    simulation.stop()
+
+
+# -- the file -------------------------------------------------------------------------------------------------------------
+
+
+def test_the_example_is_valid_and_names_its_devices_and_faults() -> None:
+    config = parse_bus(example())
+    assert [(device.type, device.node_id) for device in config.device] == [
+        ("drive", 1),
+        ("drive", 2),
+        ("encoder", 10),
+    ]
+    assert [(fault.name, fault.values) for fault in config.device[1].fault] == [
+        ("slow-sdo", {"delay_ms": 40}),
+        ("reboot-in-motion", {"speed": 500}),
+    ]
+    assert config.device[2].options == {"model": "multi-sensor", "channels": 2, "motion": ("speed=1.5", "sine=2,10")}
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", r"\[can\]: is missing.*\[device\]: is missing"),
+        (CAN, r"\[device\]: is missing"),
+        (CAN + '[[device]]\nnode_id = 1\ntype = "pump"\n', ':4: .*type = "pump" is not simulated, allowed: .*drive'),
+        (CAN + "[[device]]\nnode_id = 127\n", r":5: \[\[device\]\] number 1 node_id = 127"),
+        (CAN + "[[device]]\nnode_id = 1\nnode = 2\n", "unknown key, did you mean node_id"),
+        (CAN + "[[device]]\nnode_id = 1\n" * 2, "node_id: 1 is used twice"),
+        (CAN + '[[device]]\nnode_id = 1\n[[device.fault]]\nname = "slow"\n', ":4: .*fault: 'slow' .* slow-sdo"),
+        (CAN + '[[device]]\nnode_id = 1\n[[device.fault]]\nname = "slow-sdo"\ndelay_ms = 0\n', "delay_ms: 0 .* ms"),
+        (CAN + '[[device]]\nnode_id = 1\n[[device.fault]]\nname = "slow-sdo"\ndelay = 1\n', "'delay' .*delay_ms"),
+        (CAN + '[[device]]\nnode_id = 1\nfault = [{name = "reboot"}, {name = "reboot"}]\n', "reboot is given twice"),
+        (CAN + '[[device]]\nnode_id = 1\nmotion = "still"\n', "motion is for encoders, not allowed for a drive"),
+        (CAN + '[[device]]\nnode_id = 1\ntype = "encoder"\nmodel = "x"\n', "'x' .* rotary, linear, multi-sensor"),
+        (CAN + '[[device]]\nnode_id = 1\ntype = "encoder"\nchannels = 2\n', r"channels of the rotary .* 1\.\.1"),
+        (CAN + '[[device]]\nnode_id = 1\ntype = "encoder"\nmotion = "fly"\n', "'fly' .* speed=PER_SECOND"),
+        (CAN + '[[device]]\nnode_id = 1\ntype = "encoder"\nmotion = ["still", "still"]\n', "2 are given, .* at most 1"),
+        (CAN + "[control]\nport = 5000\nrest_port = 5000\n[[device]]\nnode_id = 1\n", "both are 5000"),
+        (CAN + "[control]\nport = 65536\n[[device]]\nnode_id = 1\n", r":5: \[control\] port = 65536"),
+        ("[", "not valid TOML"),
+    ],
+)
+def test_a_wrong_file_is_explained_with_its_line(text: str, message: str) -> None:
+    with pytest.raises(GatewayError, match=f"(?s){message}"):
+        parse_bus(text, "bus.toml")
+
+
+def test_a_missing_file_is_named(tmp_path: Path) -> None:
+    with pytest.raises(GatewayError, match=r"none\.toml: cannot be read"):
+        load_bus(tmp_path / "none.toml")
+
+
+def test_faults_of_the_file_are_in_force_from_the_boot_up_message_on() -> None:
+    simulation = Simulation()
+    name = buses.channel()
+    with buses.bus(name) as listener:
+        simulation.add("drive", buses.bus(name), 3, 3)
+        simulation.misbehave(3, "bus-off", {"recovery_ms": 0})
+        simulation.misbehave(3, "emcy-burst", {"count": 3})
+        simulation.start()
+        device = simulation.device(3)
+        buses.wait_for(lambda: device.node.now and device.node.running, "powered")
+        simulation.behave(3, "bus-off")
+        first = listener.recv(5)
+        simulation.stop()
+    assert first is not None
+    assert (first.arbitration_id, bytes(first.data[:2])) == (0x83, b"\x40\x81"), "recovered; nothing before it"
+
+
+@pytest.mark.parametrize("kind", DEVICE_TYPES)
+@pytest.mark.parametrize("name", NODE_MISBEHAVIOURS)
+def test_every_kind_of_device_has_the_faults_of_a_node(kind: str, name: str) -> None:
+    """By this the encoder gets them with its entry in DEVICE_TYPES."""
+    simulation = Simulation()
+    simulation.add(kind, buses.bus(buses.channel()), 3, 3)
+    simulation.misbehave(3, name, {})
+    simulation.start()
+    device = simulation.device(3)
+    buses.wait_for(lambda: device.node.now, "powered")
+    assert list(simulation.status(3)["faults"]) == [name]  # type: ignore[call-overload]
+    simulation.behave(3)
+    buses.wait_for(lambda: device.node.running, "running")
+    simulation.stop()
+
+
+# -- console --------------------------------------------------------------------------------------------------------------
+
+
+def test_the_console_sets_and_removes_faults_with_parameters(simulation: Simulation) -> None:
+    console = Console(simulation, threading.Event())
+    assert (
+        console.execute("@3 fault bouncing-status bits=0x0004 period_ms=7") == "ok: bouncing-status bits=4 period_ms=7"
+    )
+    assert console.execute("@3 status").endswith("misbehaves: bouncing-status")
+    assert "misbehaves" not in console.execute("@4 status")
+    assert console.execute("clear bouncing-status") == "ok"
+    assert "misbehaves" not in console.execute("status")
+    assert console.execute("@4 faults") == "node 4: " + ", ".join(DRIVE_MISBEHAVIOURS)
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("fault slow", "one of slow-sdo"),
+        ("fault slow-sdo delay_ms", "name=number"),
+        ("fault slow-sdo delay_ms=x", "name=number"),
+        ("fault slow-sdo delay_ms=0", r"1 ms to 10000 ms"),
+        ("clear slow", "one of slow-sdo"),
+    ],
+)
+def test_a_wrong_fault_is_answered_with_what_is_allowed(simulation: Simulation, line: str, message: str) -> None:
+    answer = Console(simulation, threading.Event()).execute(line)
+    assert answer.startswith("error: ")
+    with pytest.raises(CanopenError, match=message):
+        raise CanopenError(answer, "", "")
+
+
+def test_di1_and_the_numbered_faults_are_faults_of_the_catalogue(simulation: Simulation) -> None:
+    console = Console(simulation, threading.Event())
+    for line in ("@3 fault 7", "@3 di1 off"):
+        assert console.execute(line).startswith("ok")
+    assert set(simulation.device(3).node.misbehaviours) == {"drive-fault", "enable-input-dropped"}
+    assert console.execute("@3 di1 on") == "ok"
+    assert console.execute("@3 clear") == "ok"
+    assert not simulation.device(3).node.misbehaviours
+
+
+# -- REST -----------------------------------------------------------------------------------------------------------------
+
+
+class Client:
+    def __init__(self, port: int) -> None:
+        self.port = port
+
+    def __call__(self, method: str, path: str, body: object = None, **headers: str) -> tuple[int, Any]:
+        data = None if body is None else body if isinstance(body, bytes) else json.dumps(body).encode()
+        request = urllib.request.Request(f"http://127.0.0.1:{self.port}{path}", data, headers, method=method)
+        try:
+            with urllib.request.urlopen(request, timeout=10) as answer:
+                return answer.status, json.load(answer)
+        except urllib.error.HTTPError as error:
+            return error.code, json.load(error)
+
+
+@pytest.fixture
+def rest(simulation: Simulation) -> Iterator[Client]:
+    server = RestServer(simulation, 0)
+    yield Client(server.port)
+    server.stop()
+
+
+def test_rest_tells_devices_and_the_catalogue(rest: Client) -> None:
+    status, devices = rest("GET", "/devices")
+    assert status == 200
+    assert [(device["node_id"], device["type"], device["faults"]) for device in devices] == [
+        (3, "drive", {}),
+        (4, "drive", {}),
+    ]
+    assert rest("GET", "/devices/4") == (200, devices[1])
+    _, faults = rest("GET", "/faults")
+    for kind, known in (("drive", DRIVE_MISBEHAVIOURS), ("encoder", ENCODER_MISBEHAVIOURS)):
+        assert [fault["name"] for fault in faults if kind in fault["types"]] == list(known)
+    assert faults == json.loads(json.dumps(fault_catalogue()))
+    assert all(fault["description"] for fault in faults)
+
+
+def test_rest_sets_and_removes_a_fault(rest: Client, simulation: Simulation) -> None:
+    status, device = rest("POST", "/devices/3/faults/slow-sdo", {"delay_ms": 70})
+    assert (status, device["faults"]) == (200, {"slow-sdo": {"delay_ms": 70}})
+    assert rest("POST", "/devices/3/faults/heartbeat-stops")[1]["faults"].keys() == {"slow-sdo", "heartbeat-stops"}
+    assert not simulation.device(4).node.misbehaviours
+    assert rest("DELETE", "/devices/3/faults/slow-sdo")[1]["faults"] == {"heartbeat-stops": {}}
+    assert rest("DELETE", "/devices/3/faults")[1]["faults"] == {}
+
+
+@pytest.mark.parametrize(
+    ("method", "path", "body", "status", "message"),
+    [
+        ("GET", "/", None, 404, "/devices"),
+        ("GET", "/devices/9", None, 404, "[3, 4]"),
+        ("GET", "/devices/%00", None, 404, "[3, 4]"),
+        ("GET", "/devices/" + "9" * 5000, None, 404, "[3, 4]"),
+        ("GET", "/devices/3/faults", None, 405, "GET"),
+        ("POST", "/devices", {}, 405, "POST"),
+        ("POST", "/devices/3/faults/slow", None, 404, "slow-sdo"),
+        ("DELETE", "/devices/3/faults/slow", None, 404, "slow-sdo"),
+        ("POST", "/devices/3/faults/slow-sdo", {"delay_ms": 0}, 400, "1 ms to 10000 ms"),
+        ("POST", "/devices/3/faults/slow-sdo", {"delay_ms": 1.5}, 400, "1 ms to 10000 ms"),
+        ("POST", "/devices/3/faults/slow-sdo", {"name": 1}, 400, "delay_ms"),
+        ("POST", "/devices/3/faults/slow-sdo", [1], 400, "JSON object"),
+        ("POST", "/devices/3/faults/slow-sdo", b"{", 400, "no JSON"),
+        ("POST", "/devices/3/faults/slow-sdo", b"[" * 60000, 400, "no JSON"),
+        ("POST", "/devices/3/faults/slow-sdo", b"\xff", 400, "no JSON"),
+    ],
+)
+def test_rest_answers_a_wrong_request_with_what_is_allowed(
+    rest: Client, simulation: Simulation, method: str, path: str, body: object, status: int, message: str
+) -> None:
+    answer = rest(method, path, body)
+    assert answer[0] == status
+    assert message in answer[1]["error"]
+    assert not simulation.device(3).node.misbehaviours
+    assert rest("GET", "/devices")[0] == 200
+
+
+def test_rest_is_not_for_web_pages(rest: Client, simulation: Simulation) -> None:
+    assert rest("POST", "/devices/3/faults/reboot", Origin="http://example.com")[0] == 403
+    assert rest("POST", "/devices/3/faults/reboot", Host="example.com")[0] == 403
+    assert not simulation.device(3).node.misbehaviours
+
+
+@pytest.mark.parametrize("length", ["-1", "99999999999999999999", "x", "70000"])
+def test_rest_takes_no_body_of_unknown_or_great_length(rest: Client, length: str) -> None:
+    with socket.create_connection(("127.0.0.1", rest.port), timeout=10) as connection:
+        connection.sendall(f"POST /devices/3/faults/reboot HTTP/1.1\r\nContent-Length: {length}\r\n\r\n".encode())
+        assert b" 413 " in connection.makefile("rb").readline()
+
+
+def test_a_port_in_use_is_named(simulation: Simulation) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        with pytest.raises(GatewayError, match=f"REST port: 127.0.0.1 port {port} cannot be used"):
+            RestServer(simulation, port)
+
+
+# -- the command ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.e2e
+def test_sim_bus_runs_a_file_and_is_controlled_both_ways(tmp_path: Path) -> None:
+    port, rest_port = free_tcp_port(), free_tcp_port()
+    path = tmp_path / "bus.toml"
+    path.write_text(
+        example().replace("rest_port = 0", f"rest_port = {rest_port}").replace("\nport = 0", f"\nport = {port}")
+    )
+    with running("sim", "bus", str(path), log=tmp_path / "bus.log"):
+        rest = Client(rest_port)
+        buses.wait_for(
+            lambda: "drive 1, drive 2, encoder 10 on virtual" in (tmp_path / "bus.log").read_text(), "running", 30
+        )
+        assert [list(device["faults"]) for device in rest("GET", "/devices")[1]] == [
+            [],
+            ["slow-sdo", "reboot-in-motion"],
+            ["battery"],
+        ]
+        assert pdgw("sim", "inject", "--port", str(port), "@1", "fault", "under-voltage").stdout == (
+            "ok: under-voltage voltage=9000\n"
+        )
+        assert rest("GET", "/devices/1")[1]["fault"] == 6
+        assert rest("GET", "/devices/10")[1]["warnings"] == "battery charge"
+    assert set(DEVICE_TYPES) == {"drive", "encoder"}
+
+
+@pytest.mark.e2e
+def test_sim_bus_prints_an_example_that_it_takes_and_explains_a_wrong_file(tmp_path: Path) -> None:
+    assert pdgw("sim", "bus", "--example").stdout == example()
+    path = tmp_path / "bus.toml"
+    path.write_text(CAN)
+    result = pdgw("sim", "bus", str(path))
+    assert (result.returncode, result.stderr.count("\n")) == (1, 1)
+    assert "[device]: is missing" in result.stderr

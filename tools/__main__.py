@@ -1,5 +1,0 @@
-"""``python -m tools`` is ``pdgw``."""
-
-from tools.cli import main
-
-main()
