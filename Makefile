@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
-ROOMS := profidrive ds301 dsp402 dsp406 gateway decoder peers tools
+ROOMS := profidrive profinet ds301 dsp402 dsp406 gateway decoder peers tools
 
 .PHONY: demo test lint format bench fuzz docs clean
 

@@ -1,6 +1,6 @@
 """Acyclic PROFINET: DCE/RPC packets, record access, parameter requests and responses paired with each other.
 
-Source: docs/transport.md section 3, docs/parameter-channel.md; the codecs are ``profidrive.rpc`` and
+Source: docs/transport.md section 3, docs/parameter-channel.md; the codecs are ``profinet.rpc`` and
 ``profidrive.parameters.codec``. Of Connect only what the cyclic frames
 need is read (``decoder.connect``). Left out: the blocks of Control and Release, which are named only.
 """
@@ -27,7 +27,7 @@ from pdgw.profidrive.parameters.codec import (
     decode_request,
     decode_response,
 )
-from pdgw.profidrive.rpc.dcerpc import (
+from pdgw.profinet.rpc.dcerpc import (
     DEVICE_INTERFACE,
     Flags,
     PacketType,
@@ -37,7 +37,7 @@ from pdgw.profidrive.rpc.dcerpc import (
     decode_packet,
     decode_status,
 )
-from pdgw.profidrive.rpc.records import (
+from pdgw.profinet.rpc.records import (
     RECORD_GLOBAL,
     RECORD_LOCAL,
     BlockType,

@@ -21,7 +21,7 @@ from pdgw.decoder.cyclic import Axis, CyclicDecoder, given_axes
 from pdgw.decoder.link import CanFrame, Carried, socketcan, unwrap
 from pdgw.decoder.records import CanRecord, Link, OtherRecord, Record
 from pdgw.profidrive.frame import UDP_PORT as CYCLIC_PORT
-from pdgw.profidrive.rpc.dcerpc import UDP_PORT as ACYCLIC_PORT
+from pdgw.profinet.rpc.dcerpc import UDP_PORT as ACYCLIC_PORT
 
 __all__ = ["Axis", "CanPacket", "Decoder", "Packet", "Settings", "given_axes"]
 

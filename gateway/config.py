@@ -33,9 +33,9 @@ from pdgw.gateway.translator.factory import (
 )
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.frame import UDP_PORT, CSduLayout
-from pdgw.profidrive.rpc.dcerpc import UDP_PORT as ACYCLIC_PORT
-from pdgw.profidrive.rpc.records import NIL
 from pdgw.profidrive.telegrams import Direction, telegram
+from pdgw.profinet.rpc.dcerpc import UDP_PORT as ACYCLIC_PORT
+from pdgw.profinet.rpc.records import NIL
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, Strict, ValidationError, model_validator
 
 STATUS_PORT = 34965

@@ -16,8 +16,8 @@ from pdgw.gateway.parameters.manager import ParameterManager
 from pdgw.gateway.parameters.profile import MAX_BLOCK
 from pdgw.gateway.store import ParameterStore
 from pdgw.profidrive.errors import ProfidriveError
-from pdgw.profidrive.rpc import identification
-from pdgw.profidrive.rpc.records import (
+from pdgw.profinet.rpc import identification
+from pdgw.profinet.rpc.records import (
     RECORD_GLOBAL,
     RECORD_LOCAL,
     AccessError,

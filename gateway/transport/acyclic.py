@@ -11,7 +11,7 @@ from pdgw.gateway.parameters.profile import MAX_BLOCK
 from pdgw.gateway.records import Records
 from pdgw.gateway.transport.cyclic import Address
 from pdgw.gateway.transport.udp import UdpSocket
-from pdgw.profidrive.rpc.server import RecordServer
+from pdgw.profinet.rpc.server import RecordServer
 
 _WAIT_NS = 100_000_000
 

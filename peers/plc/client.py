@@ -18,8 +18,8 @@ from pdgw.peers.plc.endpoint import PlcEndpoint
 from pdgw.peers.plc.parameters import ParameterAccess, ParameterWorker
 from pdgw.peers.plc.scenario import Engine
 from pdgw.profidrive.frame import UDP_PORT
-from pdgw.profidrive.rpc.dcerpc import UDP_PORT as ACYCLIC_PORT
 from pdgw.profidrive.telegrams import ApplicationMode
+from pdgw.profinet.rpc.dcerpc import UDP_PORT as ACYCLIC_PORT
 from scapy.layers.inet import IP, UDP
 from scapy.layers.l2 import Ether
 from scapy.packet import Packet

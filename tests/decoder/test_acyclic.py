@@ -21,10 +21,10 @@ from pdgw.profidrive.parameters.codec import (
     encode_request,
     encode_response,
 )
-from pdgw.profidrive.rpc.client import RecordCall, RecordCaller
-from pdgw.profidrive.rpc.dcerpc import MAX_BODY, object_uuid
-from pdgw.profidrive.rpc.records import RECORD_GLOBAL, AccessError, RecordBlock, RecordRefused
-from pdgw.profidrive.rpc.server import RecordServer
+from pdgw.profinet.rpc.client import RecordCall, RecordCaller
+from pdgw.profinet.rpc.dcerpc import MAX_BODY, object_uuid
+from pdgw.profinet.rpc.records import RECORD_GLOBAL, AccessError, RecordBlock, RecordRefused
+from pdgw.profinet.rpc.server import RecordServer
 
 PLC, OTHER_PLC, DEVICE = b"\x0a\0\0\x01", b"\x0a\0\0\x03", b"\x0a\0\0\x02"
 AR = UUID(int=1)

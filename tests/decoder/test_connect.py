@@ -16,9 +16,9 @@ from pdgw.decoder.engine import Decoder, Packet, Settings
 from pdgw.decoder.records import CyclicRecord, Link, Record
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.frame import IOPS_GOOD, STATUS_NORMAL
-from pdgw.profidrive.rpc.dcerpc import Flags, PacketType, RpcHeader, encode_packet, object_uuid
-from pdgw.profidrive.rpc.records import Operation, encode_arguments
 from pdgw.profidrive.telegrams import Direction, telegram
+from pdgw.profinet.rpc.dcerpc import Flags, PacketType, RpcHeader, encode_packet, object_uuid
+from pdgw.profinet.rpc.records import Operation, encode_arguments
 from scapy.contrib.pnio_rpc import (
     IOCRAPI,
     ARBlockReq,

@@ -23,10 +23,10 @@ from pdgw.profidrive.parameters.codec import (
 )
 from pdgw.profidrive.parameters.errors import ParameterErrorNumber, ParameterRefused
 from pdgw.profidrive.parameters.model import BoundParameter, Parameter, answer
-from pdgw.profidrive.rpc import dcerpc
-from pdgw.profidrive.rpc.client import RecordCaller
-from pdgw.profidrive.rpc.records import RecordBlock
-from pdgw.profidrive.rpc.server import RecordServer
+from pdgw.profinet.rpc import dcerpc
+from pdgw.profinet.rpc.client import RecordCaller
+from pdgw.profinet.rpc.records import RecordBlock
+from pdgw.profinet.rpc.server import RecordServer
 
 from tests.fuzz.test_frames import mutated
 

@@ -26,7 +26,7 @@ from pdgw.profidrive.parameters.catalogue import LIST_PNUS, PARAMETERS, Scope
 from pdgw.profidrive.parameters.codec import Address, Attribute, Values, decode_response
 from pdgw.profidrive.parameters.description import Description
 from pdgw.profidrive.parameters.errors import ParameterErrorNumber as Number
-from pdgw.profidrive.rpc import identification
+from pdgw.profinet.rpc import identification
 from pdgw.tools.parameters.client import ParameterClient
 
 from tests.support.buses import wait_for

@@ -8,12 +8,12 @@ from uuid import UUID
 
 import can
 from pdgw.profidrive.frame import UDP_PORT
-from pdgw.profidrive.rpc.client import RecordCaller
-from pdgw.profidrive.rpc.dcerpc import object_uuid
-from pdgw.profidrive.rpc.records import RECORD_GLOBAL
-from pdgw.profidrive.rpc.server import RecordServer
 from pdgw.profidrive.scapy_layers import cyclic_frame
 from pdgw.profidrive.telegrams import Direction
+from pdgw.profinet.rpc.client import RecordCaller
+from pdgw.profinet.rpc.dcerpc import object_uuid
+from pdgw.profinet.rpc.records import RECORD_GLOBAL
+from pdgw.profinet.rpc.server import RecordServer
 from pdgw.tools.bench.captures import block
 from scapy.layers.inet import IP, UDP
 from scapy.layers.l2 import Ether

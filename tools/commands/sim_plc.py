@@ -25,9 +25,9 @@ from pdgw.peers.plc.endpoint import PlcEndpoint
 from pdgw.peers.plc.scenario import Engine, Result, Scenario, load_scenario
 from pdgw.peers.plc.view import table
 from pdgw.profidrive.frame import UDP_PORT
-from pdgw.profidrive.rpc.dcerpc import UDP_PORT as ACYCLIC_PORT
 from pdgw.profidrive.signals import signal as signal_of
 from pdgw.profidrive.telegrams import telegram as telegram_of
+from pdgw.profinet.rpc.dcerpc import UDP_PORT as ACYCLIC_PORT
 from rich.console import Console
 from rich.live import Live
 from rich.table import Table

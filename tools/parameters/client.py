@@ -24,10 +24,10 @@ from pdgw.profidrive.parameters.codec import (
     decode_response,
     encode_request,
 )
-from pdgw.profidrive.rpc.client import RecordCall, RecordCaller, RecordResult
-from pdgw.profidrive.rpc.dcerpc import object_uuid
-from pdgw.profidrive.rpc.identification import PROFILE_ID
-from pdgw.profidrive.rpc.records import NIL, RECORD_GLOBAL, RECORD_LOCAL, AccessError
+from pdgw.profinet.rpc.client import RecordCall, RecordCaller, RecordResult
+from pdgw.profinet.rpc.dcerpc import object_uuid
+from pdgw.profinet.rpc.identification import PROFILE_ID
+from pdgw.profinet.rpc.records import NIL, RECORD_GLOBAL, RECORD_LOCAL, AccessError
 
 _ATTEMPTS = 5
 _REPEAT_S = 0.4

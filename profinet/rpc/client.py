@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from uuid import UUID
 
 from pdgw.profidrive.errors import ProfidriveError
-from pdgw.profidrive.rpc import dcerpc
-from pdgw.profidrive.rpc.dcerpc import Flags, PacketType, Reassembly, RpcHeader
-from pdgw.profidrive.rpc.records import (
+from pdgw.profinet.rpc import dcerpc
+from pdgw.profinet.rpc.dcerpc import Flags, PacketType, Reassembly, RpcHeader
+from pdgw.profinet.rpc.records import (
     BLOCK_SIZE,
     NIL,
     BlockType,

@@ -19,10 +19,10 @@ from pdgw.profidrive.parameters.codec import (
     encode_request,
     encode_response,
 )
-from pdgw.profidrive.rpc import dcerpc
-from pdgw.profidrive.rpc.client import RecordCall, RecordCaller
-from pdgw.profidrive.rpc.records import RECORD_GLOBAL, RECORD_LOCAL, RecordBlock
-from pdgw.profidrive.rpc.server import RecordServer
+from pdgw.profinet.rpc import dcerpc
+from pdgw.profinet.rpc.client import RecordCall, RecordCaller
+from pdgw.profinet.rpc.records import RECORD_GLOBAL, RECORD_LOCAL, RecordBlock
+from pdgw.profinet.rpc.server import RecordServer
 from scapy.layers.inet import IP, UDP
 from scapy.layers.l2 import Ether
 from scapy.utils import wrpcap

@@ -10,10 +10,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from pdgw.profidrive.errors import ProfidriveError
-from pdgw.profidrive.rpc import dcerpc, identification
-from pdgw.profidrive.rpc.client import RecordCall, RecordCaller, RecordResult
-from pdgw.profidrive.rpc.dcerpc import Flags, PacketType
-from pdgw.profidrive.rpc.records import (
+from pdgw.profinet.rpc import dcerpc, identification
+from pdgw.profinet.rpc.client import RecordCall, RecordCaller, RecordResult
+from pdgw.profinet.rpc.dcerpc import Flags, PacketType
+from pdgw.profinet.rpc.records import (
     RECORD_GLOBAL,
     RECORD_LOCAL,
     AccessError,
@@ -23,7 +23,7 @@ from pdgw.profidrive.rpc.records import (
     decode_arguments,
     decode_block,
 )
-from pdgw.profidrive.rpc.server import RecordServer
+from pdgw.profinet.rpc.server import RecordServer
 from scapy.contrib.pnio_rpc import (
     IM0Block,
     IODReadReq,

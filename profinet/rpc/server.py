@@ -13,9 +13,9 @@ from typing import Protocol
 from uuid import UUID
 
 from pdgw.profidrive.errors import ProfidriveError
-from pdgw.profidrive.rpc import dcerpc
-from pdgw.profidrive.rpc.dcerpc import Flags, PacketType, Reassembly, RejectStatus, RpcHeader
-from pdgw.profidrive.rpc.records import (
+from pdgw.profinet.rpc import dcerpc
+from pdgw.profinet.rpc.dcerpc import Flags, PacketType, Reassembly, RejectStatus, RpcHeader
+from pdgw.profinet.rpc.records import (
     BLOCK_SIZE,
     AccessError,
     BlockType,
