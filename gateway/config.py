@@ -24,6 +24,7 @@ from pdgw.dsp402.pdo import LAYOUTS
 from pdgw.dsp406.encoder import EncoderSettings
 from pdgw.dsp406.kinds import CHANNELS_MAX, DEVICES, LINEAR, MULTI_SENSOR, ROTARY, EncoderDevice, multi_sensor
 from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.ports import STATUS_PORT
 from pdgw.gateway.translator.base import PlcLossReaction, SetpointEnable, TranslatorSettings
 from pdgw.gateway.translator.factory import (
     DRIVE_TELEGRAM_NUMBERS,
@@ -38,7 +39,6 @@ from pdgw.profinet.rpc.dcerpc import UDP_PORT as ACYCLIC_PORT
 from pdgw.profinet.rpc.records import NIL
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, Strict, ValidationError, model_validator
 
-STATUS_PORT = 34965
 GATEWAY_NODE_ID = 127
 DEFAULT_BITRATE = 1_000_000
 _DRIVE_CYCLE_US = 1000

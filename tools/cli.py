@@ -1,4 +1,4 @@
-"""``pdgw``: one file per subcommand in ``tools.commands``, put together here.
+"""``pdgw``: the command line, put together from the table of commands in ``tools.command_table``.
 
 Errors the user can act on end as one line and exit status 1; ``--debug`` shows the rest.
 """
@@ -12,72 +12,37 @@ import typer
 from pdgw.ds301.errors import CanopenError
 from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.errors import ProfidriveError
-from rich.console import Console
-from rich.markup import escape
+from pdgw.tools.command_table import COMMANDS, lazy_group
 
 app = typer.Typer(
     name="pdgw",
+    cls=lazy_group(COMMANDS),
     help="PROFIdrive-to-CANopen gateway: daemon, simulators, decoder and conformance tools.",
+    context_settings={"help_option_names": ["-h", "--help"]},
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
 )
-sim = typer.Typer(help="Simulators: PLC, drives, encoders, a bus of devices.", no_args_is_help=True)
-app.add_typer(sim, name="sim")
-
-
-def _register(wanted: str = "") -> None:
-    """Put the subcommands in; each module has one function per command.
-
-    The decoder stands in pipes and loops: it does not load the gateway for ``decode`` alone.
-    """
-    if wanted == "decode":
-        from pdgw.tools.commands.decode import decode as decode_command  # noqa: PLC0415
-
-        app.command("decode")(decode_command)
-        return
-    from pdgw.tools.commands import (  # noqa: PLC0415
-        bench,
-        config,
-        conformance,
-        decode,
-        demo,
-        eds,
-        param,
-        replay,
-        run,
-        sim_drive,
-        sim_encoder,
-        sim_plc,
-        status,
-        timeline,
-    )
-
-    app.command("run")(run.run)
-    app.add_typer(config.app, name="config")
-    app.command("status")(status.status)
-    app.add_typer(bench.app, name="bench")
-    app.command("decode")(decode.decode)
-    app.command("timeline")(timeline.timeline)
-    app.command("replay")(replay.replay)
-    app.command("demo")(demo.demo)
-    app.add_typer(param.app, name="param")
-    app.add_typer(eds.app, name="eds")
-    app.add_typer(conformance.app, name="conformance")
-    sim.command("plc")(sim_plc.plc)
-    sim.command("drive")(sim_drive.drive)
-    sim.command("encoder")(sim_encoder.encoder)
-    sim.command("bus")(sim_drive.bus)
-    sim.command("inject")(sim_drive.inject)
 
 
 class _Options:
     debug = False
 
 
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        from pdgw import __version__  # noqa: PLC0415 (looks into the installed package's metadata)
+
+        typer.echo(f"pdgw {__version__}")
+        raise typer.Exit
+
+
 @app.callback()
 def options(
     debug: Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")] = False,
+    _version: Annotated[
+        bool, typer.Option("--version", help="Print the version and end.", is_eager=True, callback=_print_version)
+    ] = False,
 ) -> None:
     """PROFIdrive-to-CANopen gateway."""
     _Options.debug = debug
@@ -85,11 +50,13 @@ def options(
 
 def main() -> None:
     """Entry point of the console script."""
-    _register(sys.argv[1] if len(sys.argv) > 1 else "")
     try:
         app()
     except (GatewayError, CanopenError, ProfidriveError) as error:
         if _Options.debug:
             raise
+        from rich.console import Console  # noqa: PLC0415
+        from rich.markup import escape  # noqa: PLC0415
+
         Console(stderr=True).print(f"[red]error:[/red] {escape(str(error))}", highlight=False, soft_wrap=True)
         sys.exit(1)

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import csv
-import queue
 import select
 import socket
 import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.transport.cyclic import Address
@@ -20,48 +19,12 @@ from pdgw.peers.plc.scenario import Engine
 from pdgw.profidrive.frame import UDP_PORT
 from pdgw.profidrive.telegrams import ApplicationMode
 from pdgw.profinet.rpc.dcerpc import UDP_PORT as ACYCLIC_PORT
-from scapy.layers.inet import IP, UDP
-from scapy.layers.l2 import Ether
-from scapy.packet import Packet
-from scapy.utils import PcapWriter
+
+if TYPE_CHECKING:
+    from pdgw.peers.plc.capture import Capture
 
 TRACE_COLUMNS = ("time_s", "axis", "telegram", "control", "status", "setpoint", "actual")
 _TRACE_NS = 10_000_000
-_MACS = ("02:00:00:00:00:01", "02:00:00:00:00:02")
-
-
-class Capture:
-    """Conversations as a pcap with Ethernet, IP and UDP headers; written beside the threads that have them."""
-
-    def __init__(self, path: Path) -> None:
-        self._frames: queue.SimpleQueue[tuple[float, Packet, bytes] | None] = queue.SimpleQueue()
-        try:
-            self._writer = PcapWriter(str(path), linktype=1, sync=False)
-        except OSError as error:
-            raise GatewayError(f"capture {path}: cannot be written: {error.strerror}") from error
-        self._thread = threading.Thread(target=self._write, name="capture", daemon=True)
-        self._thread.start()
-
-    def conversation(self, local: Address, remote: Address) -> Callable[[bool, bytes], None]:
-        """What takes the datagrams (sent, data) between two addresses, from any thread."""
-        there, back = _headers(local, remote, _MACS), _headers(remote, local, _MACS[::-1])
-        return lambda sent, data: self._frames.put((time.time(), there if sent else back, data))
-
-    def close(self) -> None:
-        self._frames.put(None)
-        self._thread.join()
-        self._writer.close()
-
-    def _write(self) -> None:
-        while (item := self._frames.get()) is not None:
-            when, headers, data = item
-            packet = headers / data
-            packet.time = when
-            self._writer.write(packet)
-
-
-def _headers(source: Address, target: Address, macs: tuple[str, str]) -> Packet:
-    return Ether(src=macs[0], dst=macs[1]) / IP(src=source[0], dst=target[0]) / UDP(sport=source[1], dport=target[1])
 
 
 class PlcClient:
@@ -86,9 +49,12 @@ class PlcClient:
         self._poll = select.poll()
         self._poll.register(self._socket, select.POLLIN)
         # The gateway's side is written as PROFINET's own ports, so that every reader dissects it without help.
-        self._capture = Capture(pcap) if pcap else None
+        self._capture: Capture | None = None
         self._record: Callable[[bool, bytes], None] | None = None
-        if self._capture is not None:
+        if pcap is not None:
+            from pdgw.peers.plc.capture import Capture  # noqa: PLC0415 (scapy starts slowly)
+
+            self._capture = Capture(pcap)
             self._record = self._capture.conversation(self._socket.getsockname(), (gateway[0], UDP_PORT))
         self._acyclic_port = acyclic_port
         self._parameters: ParameterWorker | None = None

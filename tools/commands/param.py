@@ -16,7 +16,7 @@ from pdgw.gateway.errors import GatewayError
 from pdgw.profinet.rpc.dcerpc import UDP_PORT as ACYCLIC_PORT
 from pdgw.profinet.rpc.identification import PROFILE_ID
 from pdgw.profinet.rpc.records import NIL
-from pdgw.tools.commands.sim_plc import parse_address
+from pdgw.tools.address import parse_address
 from pdgw.tools.parameters.address import parse_target, parse_type, parse_value
 from pdgw.tools.parameters.client import ParameterClient
 from pdgw.tools.parameters.dump import Dump, difference, read_all, restore

@@ -28,6 +28,7 @@ from pdgw.profidrive.frame import UDP_PORT
 from pdgw.profidrive.signals import signal as signal_of
 from pdgw.profidrive.telegrams import telegram as telegram_of
 from pdgw.profinet.rpc.dcerpc import UDP_PORT as ACYCLIC_PORT
+from pdgw.tools.address import parse_address
 from rich.console import Console
 from rich.live import Live
 from rich.table import Table
@@ -47,19 +48,6 @@ KEYS: dict[str, tuple[str, dict[str, object] | None]] = {
 }
 _SPEED_STEP = 10
 _NO_INTERMEDIATE_STOP = signal_of("STW1").bit("NO_INTERMEDIATE_STOP", positioning=True).mask
-
-
-def parse_address(text: str, default_port: int) -> tuple[str, int]:
-    """``HOST`` or ``HOST:PORT``; GatewayError otherwise."""
-    host, _, port = text.partition(":")
-    if not host or (port and not (port.isdecimal() and len(port) < 6 and 0 < int(port) < 65536)):
-        raise GatewayError(f"address {text!r}: expected HOST or HOST:PORT")
-    try:
-        return socket.gethostbyname(host), int(port) if port else default_port
-    except OSError as error:
-        raise GatewayError(f"address {text!r}: {error.strerror}") from error
-    except UnicodeError as error:
-        raise GatewayError(f"address {text!r}: no host name: {error}") from error
 
 
 def results_table(results: list[Result]) -> Table:

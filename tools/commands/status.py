@@ -7,8 +7,8 @@ import socket
 from typing import Annotated, Any
 
 import typer
-from pdgw.gateway.config import STATUS_PORT
 from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.ports import STATUS_PORT
 from rich.console import Console
 from rich.table import Table
 

@@ -1,0 +1,52 @@
+"""What the PLC simulator and its parameter channel exchange, as a pcap file with Ethernet, IP and UDP headers."""
+
+from __future__ import annotations
+
+import queue
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.transport.cyclic import Address
+from scapy.layers.inet import IP, UDP
+from scapy.layers.l2 import Ether
+from scapy.packet import Packet
+from scapy.utils import PcapWriter
+
+_MACS = ("02:00:00:00:00:01", "02:00:00:00:00:02")
+
+
+class Capture:
+    """Conversations as a pcap with Ethernet, IP and UDP headers; written beside the threads that have them."""
+
+    def __init__(self, path: Path) -> None:
+        self._frames: queue.SimpleQueue[tuple[float, Packet, bytes] | None] = queue.SimpleQueue()
+        try:
+            self._writer = PcapWriter(str(path), linktype=1, sync=False)
+        except OSError as error:
+            raise GatewayError(f"capture {path}: cannot be written: {error.strerror}") from error
+        self._thread = threading.Thread(target=self._write, name="capture", daemon=True)
+        self._thread.start()
+
+    def conversation(self, local: Address, remote: Address) -> Callable[[bool, bytes], None]:
+        """What takes the datagrams (sent, data) between two addresses, from any thread."""
+        there, back = _headers(local, remote, _MACS), _headers(remote, local, _MACS[::-1])
+        return lambda sent, data: self._frames.put((time.time(), there if sent else back, data))
+
+    def close(self) -> None:
+        self._frames.put(None)
+        self._thread.join()
+        self._writer.close()
+
+    def _write(self) -> None:
+        while (item := self._frames.get()) is not None:
+            when, headers, data = item
+            packet = headers / data
+            packet.time = when
+            self._writer.write(packet)
+
+
+def _headers(source: Address, target: Address, macs: tuple[str, str]) -> Packet:
+    return Ether(src=macs[0], dst=macs[1]) / IP(src=source[0], dst=target[0]) / UDP(sport=source[1], dport=target[1])

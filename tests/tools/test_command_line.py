@@ -1,0 +1,75 @@
+"""The command line as a whole: what its help says, and that a command loads only what it uses."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from importlib.metadata import version
+from pathlib import Path
+
+import pytest
+from pdgw.tools import commands
+from pdgw.tools.cli import app
+from pdgw.tools.command_table import COMMANDS, SIM_COMMANDS, Entry
+from typer.testing import CliRunner
+
+ENTRIES = [*COMMANDS.items(), *SIM_COMMANDS.items()]
+_HELPERS = {"__init__", "recording_options"}
+_LOADED = """
+import contextlib, io, sys
+sys.argv = ["pdgw", *sys.argv[1:]]
+from pdgw.tools.cli import main
+with contextlib.redirect_stdout(io.StringIO()), contextlib.suppress(SystemExit):
+    main()
+print(*sys.modules)
+"""
+
+
+def loaded_by(*arguments: str) -> set[str]:
+    """Names of the modules a command has imported at its end."""
+    done = subprocess.run([sys.executable, "-c", _LOADED, *arguments], capture_output=True, text=True, check=True)
+    return set(done.stdout.split())
+
+
+@pytest.mark.parametrize(("name", "entry"), ENTRIES, ids=[name for name, _ in ENTRIES])
+def test_the_table_says_of_a_command_what_the_command_says_of_itself(name: str, entry: Entry) -> None:
+    command = entry.load(name)
+    own = (command.help or "").split("\n\n")[0]
+    assert entry.help == " ".join(own.split())
+
+
+def test_every_module_of_a_command_is_in_the_table() -> None:
+    modules = {path.stem for path in Path(commands.__path__[0]).glob("*.py")} - _HELPERS
+    assert modules == {entry.target.partition(":")[0] for _, entry in ENTRIES}
+
+
+@pytest.mark.parametrize("arguments", [("--help",), ("-h",), ("sim", "-h"), ("--version",), ("status", "--port", "1")])
+def test_looking_loads_nothing_of_what_works(arguments: tuple[str, ...]) -> None:
+    loaded = loaded_by(*arguments)
+    assert not loaded & {"scapy", "matplotlib", "can", "canopen", "yaml", "pyarrow"}
+    assert not {name for name in loaded if name.startswith("pdgw.peers")} | (loaded & {"pdgw.gateway.config"})
+
+
+@pytest.mark.parametrize("arguments", [("decode", "--hex", "047F2000", "--telegram", "1"), ("param", "-h")])
+def test_decoding_and_parameters_load_no_bus_and_no_simulator_of_devices(arguments: tuple[str, ...]) -> None:
+    loaded = loaded_by(*arguments)
+    assert not loaded & {"scapy", "matplotlib", "can", "canopen", "pdgw.gateway.daemon", "pdgw.peers.drive"}
+
+
+def test_version_is_that_of_the_installed_package() -> None:
+    result = CliRunner().invoke(app, ["--version"])
+    assert (result.exit_code, result.output) == (0, f"pdgw {version('profidrive-gateway')}\n")
+
+
+@pytest.mark.parametrize("arguments", [["-h"], ["status", "-h"], ["sim", "inject", "-h"], ["param", "read", "-h"]])
+def test_h_is_help_everywhere(arguments: list[str]) -> None:
+    short = CliRunner().invoke(app, arguments)
+    long = CliRunner().invoke(app, [*arguments[:-1], "--help"])
+    assert (short.exit_code, short.output) == (0, long.output)
+    assert "Usage: " in short.output
+
+
+def test_an_unknown_command_is_told_with_what_was_meant() -> None:
+    result = CliRunner().invoke(app, ["statsu"])
+    assert result.exit_code == 2
+    assert "Did you mean 'status'?" in result.output

@@ -1,0 +1,104 @@
+"""Which commands ``pdgw`` has, where each one is, and its line in the help: read without loading any of them.
+
+A command's module is imported when the command is called, so that ``pdgw status`` pays for no simulator and ``pdgw --help`` for
+nothing at all. A test holds the lines equal to what the commands themselves say.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib import import_module
+from typing import Any
+
+import typer
+from typer.core import TyperCommand, TyperGroup
+from typer.main import get_command
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """One line of the table: ``target`` is ``module:name`` in ``pdgw.tools.commands``, a function or a group."""
+
+    target: str
+    help: str
+
+    def load(self, name: str) -> Any:
+        """Import the module and make the command."""
+        module, _, attribute = self.target.partition(":")
+        found = getattr(import_module(f"pdgw.tools.commands.{module}"), attribute)
+        holder = typer.Typer(add_completion=False)
+        holder.callback()(lambda: None)  # makes it a group, also with a single command
+        if isinstance(found, typer.Typer):
+            holder.add_typer(found, name=name)
+        else:
+            holder.command(name)(found)
+        group = get_command(holder)
+        assert isinstance(group, TyperGroup)
+        return group.commands[name]
+
+
+COMMANDS: Mapping[str, Entry] = {
+    "run": Entry("run:run", "Run the gateway until SIGINT or SIGTERM; the drives are stopped and disabled first."),
+    "config": Entry("config:app", "Configuration files."),
+    "status": Entry("status:status", "Show axes, reasons, faults and counters of a running gateway."),
+    "param": Entry("param:app", "Parameters of a gateway or any PROFIdrive device."),
+    "decode": Entry(
+        "decode:decode", "Decode a piece of data (--hex), a capture of either bus, or what is on a bus now."
+    ),
+    "timeline": Entry(
+        "timeline:timeline",
+        "Merge captures of both buses: what the PLC asked, what became of it, how long it took, and why not.",
+    ),
+    "replay": Entry(
+        "replay:replay",
+        "Feed a recording through today's translators; exit status 1 where they would have sent something else.",
+    ),
+    "eds": Entry("eds:app", "Data sheets (EDS, DCF)."),
+    "sim": Entry("sim:app", "Simulators: PLC, drives, encoders, a bus of devices."),
+    "demo": Entry(
+        "demo:demo",
+        "PLC, gateway and the bus of three drives and an encoder as processes; every expectation with pass or fail.",
+    ),
+    "bench": Entry("bench:app", "Benchmarks."),
+    "conformance": Entry("conformance:app", "Conformance tests of the gateway."),
+}
+"""The commands of ``pdgw`` in the order of its help."""
+
+SIM_COMMANDS: Mapping[str, Entry] = {
+    "plc": Entry("sim_plc:plc", "Play a scenario (exit status 1 when an expectation fails), or obey the keyboard."),
+    "drive": Entry(
+        "sim_drive:drive",
+        "Run simulated drives until SIGINT, SIGTERM or `quit`. Commands on standard input: see `pdgw sim inject`.",
+    ),
+    "encoder": Entry(
+        "sim_encoder:encoder",
+        "Run simulated encoders until SIGINT, SIGTERM or `quit`. Commands on standard input: see `pdgw sim inject`.",
+    ),
+    "bus": Entry(
+        "sim_drive:bus", "Run the simulated devices of FILE with their faults until SIGINT, SIGTERM or `quit`."
+    ),
+    "inject": Entry(
+        "sim_drive:inject",
+        "Give running simulated devices a command: `pdgw sim inject --port 5000 fault slow-sdo delay_ms=100`.",
+    ),
+}
+"""The commands of ``pdgw sim``."""
+
+
+def lazy_group(table: Mapping[str, Entry]) -> type[TyperGroup]:
+    """The class of a command group (``typer.Typer(cls=...)``) whose commands are those of a table."""
+
+    class LazyGroup(TyperGroup):
+        """Lists stand-ins that know only their help; the command that is called is loaded."""
+
+        def __init__(self, **attributes: Any) -> None:
+            super().__init__(**attributes)
+            for name, entry in table.items():
+                self.add_command(TyperCommand(name, callback=None, help=entry.help))
+
+        def resolve_command(self, ctx: Any, args: list[str]) -> tuple[str | None, Any, list[str]]:
+            name, stand_in, rest = super().resolve_command(ctx, args)
+            return name, (stand_in if name is None else table[name].load(name)), rest
+
+    return LazyGroup

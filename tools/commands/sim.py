@@ -1,0 +1,15 @@
+"""``pdgw sim``: the group of the simulators."""
+
+from __future__ import annotations
+
+import typer
+from pdgw.tools.command_table import SIM_COMMANDS, lazy_group
+
+app = typer.Typer(
+    cls=lazy_group(SIM_COMMANDS), help="Simulators: PLC, drives, encoders, a bus of devices.", no_args_is_help=True
+)
+
+
+@app.callback()
+def sim() -> None:
+    """Simulators: PLC, drives, encoders, a bus of devices."""
