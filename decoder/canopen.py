@@ -43,7 +43,7 @@ from pdgw.ds301.nmt import NmtCommand, NmtState
 from pdgw.ds301.objects import Entry
 from pdgw.ds301.pdo import COB_ID_INVALID, PdoDirection
 from pdgw.dsp402.faults import DRIVE_FAULTS
-from pdgw.dsp402.pdo import LAYOUTS, Operation
+from pdgw.dsp402.pdo import LAYOUTS
 from pdgw.profidrive.telegrams import ApplicationMode, telegram
 
 Dictionary = Callable[[int], Sequence[Entry] | None]
@@ -66,11 +66,6 @@ _DAY_ZERO = datetime.date(1984, 1, 1)
 _EMCY = struct.Struct("<HB")
 _TIME = struct.Struct("<IH")
 _FAULT_OF_CODE = {fault.error_code: fault.name for fault in DRIVE_FAULTS.values()}
-_OPERATIONS = {
-    ApplicationMode.VELOCITY: Operation.VELOCITY,
-    ApplicationMode.POSITIONING: Operation.POSITIONING,
-    ApplicationMode.TRANSPARENT: Operation.TRANSPARENT,
-}
 _ERROR_CLASSES = {
     0x01: "transmit timeout",
     0x02: "lost arbitration",
@@ -233,10 +228,14 @@ class CanopenDecoder:
 
     def _take_layouts(self, node_id: int, node: _Node, axis: Axis) -> None:
         """The gateway's own layouts for the axis' telegram."""
-        operation = _OPERATIONS.get(telegram(axis.telegram).mode)
-        if operation is None:
+        from pdgw.gateway.translator.factory import (  # noqa: PLC0415 (loads canopen, and is needed with given axes only)
+            DRIVE_TELEGRAM_NUMBERS,
+            pdo_operation,
+        )
+
+        if axis.telegram not in DRIVE_TELEGRAM_NUMBERS:
             return
-        layouts = LAYOUTS[operation]
+        layouts = LAYOUTS[pdo_operation(axis.telegram)]
         for pdo in (*layouts.rpdos, *layouts.tpdos):
             if pdo.number <= 4 or node_id <= 0x3F:
                 node.parameters[pdo.communication_index, 1] = pdo.cob_id(node_id)

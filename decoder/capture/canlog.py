@@ -102,6 +102,19 @@ def _other_forms(line: bytes, offset: int, name: str) -> tuple[bytes, bytes, byt
     raise CaptureError(name, offset, f"{line[:_SHOWN]!r} is no line of a candump log")
 
 
+def candump_line(message: can.Message) -> str:
+    """A frame as ``candump -L`` writes it: ``(seconds.microseconds) channel id#data`` and nothing behind it.
+
+    python-can's own writer adds R or T for the direction, which Wireshark 4.0 does not read.
+    """
+    microseconds = round(message.timestamp * 1e6)
+    head = f"({microseconds // 1_000_000}.{microseconds % 1_000_000:06d}) {message.channel or 'can'} "
+    if message.is_error_frame:
+        return f"{head}{CAN_ERROR | message.arbitration_id:08X}#0000000000000000\n"
+    identifier = f"{message.arbitration_id:0{_EXTENDED_DIGITS if message.is_extended_id else 3}X}"
+    return f"{head}{identifier}#{f'R{message.dlc}' if message.is_remote_frame else message.data.hex().upper()}\n"
+
+
 def message_packet(number: int, message: can.Message) -> CanPacket:
     """A python-can message as the decoder takes it."""
     frame = CanFrame(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import struct
 from pathlib import Path
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from pdgw.decoder.canopen import CanopenDecoder
@@ -19,6 +20,7 @@ from pdgw.ds301.objects import CanType, Entry
 from pdgw.ds301.pdo import COB_ID_INVALID
 from pdgw.dsp402.device import EDS_PATH
 from pdgw.dsp402.pdo import LAYOUTS, Operation
+from pdgw.gateway.translator.factory import DRIVE_TELEGRAM_NUMBERS, pdo_operation
 
 NODE = 5
 
@@ -46,6 +48,14 @@ def configure(bus: CanopenDecoder, operation: Operation) -> None:
     for pdo in (*layout.rpdos, *layout.tpdos):
         for step in map_pdo(pdo, NODE):
             write(bus, step.index, step.subindex, step.data)
+
+
+@pytest.mark.parametrize("number", DRIVE_TELEGRAM_NUMBERS)
+def test_every_pdo_the_gateway_maps_for_a_telegram_is_read(number: int) -> None:
+    bus = CanopenDecoder([Axis(1, number, NODE)])
+    layout = LAYOUTS[pdo_operation(number)]
+    for pdo in (*layout.rpdos, *layout.tpdos):
+        assert list(values(feed(bus, pdo.cob_id(NODE), bytes(pdo.size)))) == [entry.name for entry in pdo.entries]
 
 
 def test_the_gateways_own_configuration_of_a_drive_is_learned() -> None:

@@ -15,7 +15,7 @@ from typing import Any
 import can
 import pytest
 from pdgw.decoder.capture import live
-from pdgw.decoder.capture.canlog import MAX_LINE, read_candump
+from pdgw.decoder.capture.canlog import MAX_LINE, candump_line, message_packet, read_candump
 from pdgw.decoder.capture.errors import CaptureError
 from pdgw.decoder.capture.pcap import MAX_PACKET, read_capture
 from pdgw.decoder.capture.source import open_source
@@ -29,7 +29,7 @@ from scapy.layers.inet import IP, UDP
 from scapy.layers.l2 import Dot1Q, Ether
 from scapy.utils import PcapNgWriter, wrpcap
 
-from tests.support import captures
+from tests.support import captures, tshark
 from tests.support.buses import channel
 from tests.support.captures import BEGIN_NS, CANOPEN, MS
 
@@ -386,3 +386,37 @@ def test_standard_input_is_told_by_its_content(monkeypatch: pytest.MonkeyPatch, 
         with open_source("-") as source:
             packets = list(source.packets)
         assert [(p.frame.cob_id, p.frame.data) for p in packets if isinstance(p, CanPacket)] == list(CANOPEN)
+
+
+MESSAGES = (
+    can.Message(1700000000.000001, 0x181, False, channel="can0", data=bytes.fromhex("31020000")),
+    can.Message(1700000000.123456, 0x7FF, False, channel="can0", data=b""),
+    can.Message(1700000001.5, 0x12345678, True, channel="can1", data=bytes(8)),
+    can.Message(1700000002.0, 0x701, False, is_remote_frame=True, dlc=0, channel="can0"),
+    can.Message(1700000003.0, 0x8, True, is_error_frame=True, dlc=8, data=bytes(8), channel="can0"),
+)
+
+
+def test_what_is_recorded_is_read_again(tmp_path: Path) -> None:
+    path = tmp_path / "can.log"
+    path.write_text("".join(candump_line(message) for message in MESSAGES))
+    with open_source(str(path)) as source:
+        found = list(source.packets)
+    expected = [message_packet(number, message) for number, message in enumerate(MESSAGES, 1)]
+    assert [(p.number, p.channel) for p in found] == [(p.number, p.channel) for p in expected]
+    assert all(abs(a.time_ns - b.time_ns) < 1000 for a, b in zip(found, expected, strict=True))
+    frames = [packet.frame for packet in found if isinstance(packet, CanPacket)]
+    assert [(f.cob_id, f.extended, f.remote, f.error) for f in frames] == [
+        (p.frame.cob_id, p.frame.extended, p.frame.remote, p.frame.error) for p in expected
+    ]
+    assert [frame.data for frame in frames[:4]] == [packet.frame.data for packet in expected[:4]]
+
+
+@pytest.mark.tshark
+@tshark.needs_tshark
+def test_tshark_opens_what_is_recorded(tmp_path: Path) -> None:
+    path = tmp_path / "can.log"
+    path.write_text("".join(candump_line(message) for message in MESSAGES))
+    rows = tshark.fields(path, ["frame.time_epoch", "can.id"])
+    assert [int(row["can.id"], 0) for row in rows[:4]] == [0x181, 0x7FF, 0x12345678, 0x701]
+    assert rows[0]["frame.time_epoch"].startswith("1700000000.000001")

@@ -17,6 +17,7 @@ from typing import Annotated
 
 import can
 import typer
+from pdgw.decoder.capture.canlog import candump_line
 from pdgw.gateway.config import CanConfig, GatewayConfig, load_config, simulated
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
@@ -80,7 +81,7 @@ class CanRecorder:
 
     def __init__(self, file: Path) -> None:
         try:
-            self._writer = can.CanutilsLogWriter(file)
+            self._file = file.open("w", encoding="ascii", errors="replace", buffering=1 << 16)
         except OSError as error:
             raise _unwritable("--can-log", file, error) from error
         self._frames: queue.SimpleQueue[can.Message | None] = queue.SimpleQueue()
@@ -100,11 +101,11 @@ class CanRecorder:
         """Everything recorded is in the file afterwards."""
         self._frames.put(None)
         self._thread.join()
-        self._writer.stop()
+        self._file.close()
 
     def _write(self) -> None:
         while (message := self._frames.get()) is not None:
-            self._writer.on_message_received(message)
+            self._file.write(candump_line(message))
 
 
 def _with_options(config: GatewayConfig, updates: dict[str, object]) -> GatewayConfig:
