@@ -26,7 +26,7 @@ from pdgw.profidrive.frame import (
     TRAILER,
     CSduLayout,
 )
-from pdgw.profidrive.telegrams import TELEGRAMS, Direction, telegram
+from pdgw.profidrive.telegrams import TELEGRAMS, Direction, likeliest, telegram
 
 _CYCLIC_FIRST = 0x8000
 _CYCLIC_LAST = 0xFBFF
@@ -184,7 +184,7 @@ class CyclicDecoder:
         if self._given:
             axes = self._given
         elif self._candidates:
-            axes = tuple(Axis(i, min(numbers)) for i, numbers in enumerate(self._candidates[0], 1))
+            axes = tuple(Axis(i, likeliest(numbers)) for i, numbers in enumerate(self._candidates[0], 1))
         elif set(self._observed) == set(range(1, len(self._observed) + 1)):
             axes = tuple(Axis(do_id, 0) for do_id in sorted(self._observed))
         else:
@@ -214,7 +214,7 @@ class CyclicDecoder:
             axis = known.get(place[0]) or Axis(place[0], 0)
             number = self._observed.get(axis.do_id, axis.telegram)
             if fitting:
-                number = number if number in fitting else min(fitting)
+                number = number if number in fitting else likeliest(fitting)
                 found.append((replace(axis, telegram=number), place))
         return found
 

@@ -32,7 +32,7 @@ from pdgw.profidrive.parameters.codec import (
     decode_response,
     unswap,
 )
-from pdgw.profidrive.telegrams import TELEGRAMS, Direction, Telegram, TelegramHalf
+from pdgw.profidrive.telegrams import TELEGRAMS, Direction, Telegram, TelegramHalf, likeliest
 
 Document = dict[str, Any]
 _SKIPPED = re.compile(r"0[xX]|[\s,:]+")
@@ -87,10 +87,10 @@ def recognise(data: bytes, telegram: Telegram | None = None, direction: Directio
             return document
     if telegram is None:
         wanted = direction or Direction.SETPOINT
-        fitting = [t.half(wanted) for t in TELEGRAMS.values() if t.half(wanted).size == len(data)]
+        fitting = [number for number, t in TELEGRAMS.items() if t.half(wanted).size == len(data)]
         if fitting:
-            half = fitting[0]
-            numbers = ", ".join(str(item.telegram) for item in fitting)
+            half = TELEGRAMS[likeliest(fitting)].half(wanted)
+            numbers = ", ".join(map(str, [half.telegram, *(n for n in fitting if n != half.telegram)]))
             return _telegram(half, data, f"{len(data)} bytes fit the {direction_text(half)} of telegram {numbers}")
     expected = "telegram words, a C_SDU, a cyclic frame, or a parameter request or response"
     if telegram is not None:

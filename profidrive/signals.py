@@ -1,8 +1,8 @@
 """The signal catalogue: every word of the cyclic telegrams, declared once.
 
 Source: PROFIdrive profile 4.1 chapter 6.3, PROFIdrive encoder profile 4.1, the manufacturer's guide chapters
-4.3 and 6. Signal numbers of telegram 20 and of the positioning words 2xx are from public drive manuals
-(unverified against the profile). Left out: signals no telegram of this project carries.
+4.3 and 6; words of telegrams 4-6, 102-106, 110 and 111 from public manuals of drives and a public master, each with the
+``Confidence`` it deserves. Left out: signals no telegram of this project carries, and supplementary telegrams.
 
 Codec, decoder, simulator, test strategies, scapy layers and documentation ask this table for names, types and
 bits; nothing else gives a bit a number.
@@ -10,12 +10,30 @@ bits; nothing else gives a bit a number.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+import enum
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.errors import ProfidriveError
+
+
+class Confidence(enum.IntEnum):
+    """How well public sources support a fact. What is not CONFIRMED is a choice of this project, and shown as one."""
+
+    CONFIRMED = 0
+    ONE_SOURCE = 1
+    UNVERIFIED = 2
+
+    @property
+    def text(self) -> str:
+        """For the reader, empty where nothing needs to be said."""
+        return "" if self is Confidence.CONFIRMED else self.name.lower().replace("_", " ")
+
+
+_ONE = Confidence.ONE_SOURCE
+_UNVERIFIED = Confidence.UNVERIFIED
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,6 +46,7 @@ class Bit:
     width: int = 1
     signed: bool = False
     """A bit range that holds a two's complement number."""
+    confidence: Confidence = Confidence.CONFIRMED
 
     @property
     def mask(self) -> int:
@@ -45,7 +64,7 @@ class Signal:
 
     ``number`` is the PROFIdrive signal number (0 for manufacturer signals without one); ``unit`` the physical
     unit, ``%`` for normalised fractions; ``bits`` the fields of a word; ``positioning_bits`` those whose meaning
-    differs in the positioning telegrams (7, 9).
+    differs in the positioning telegrams (7, 9, 110, 111).
     """
 
     name: str
@@ -55,6 +74,7 @@ class Signal:
     unit: str = ""
     bits: tuple[Bit, ...] = ()
     positioning_bits: tuple[Bit, ...] = ()
+    confidence: Confidence = Confidence.CONFIRMED
 
     @property
     def words(self) -> int:
@@ -103,8 +123,8 @@ _STW1_BITS = (
     Bit(5, "UNFREEZE_RAMP_GENERATOR", "unfreeze ramp generator"),
     Bit(6, "ENABLE_SETPOINT", "enable setpoint"),
     Bit(7, "FAULT_ACKNOWLEDGE", "fault acknowledge (rising edge)"),
-    Bit(8, "JOG_1_ON", "jog 1 (not used)"),
-    Bit(9, "JOG_2_ON", "jog 2 (not used)"),
+    Bit(8, "JOG_1_ON", "jog 1"),
+    Bit(9, "JOG_2_ON", "jog 2"),
     Bit(10, "CONTROL_BY_PLC", "control by PLC"),
     Bit(11, "DEVICE_11", "device specific (not used)"),
     Bit(12, "DEVICE_12", "device specific"),
@@ -117,6 +137,8 @@ _STW1_POSITIONING = (
     Bit(5, "NO_INTERMEDIATE_STOP", "no intermediate stop"),
     Bit(6, "ACTIVATE_TASK", "activate traversing task (rising edge)"),
     Bit(11, "START_HOMING", "start homing procedure (0 = stop)"),
+    Bit(12, "OPEN_BRAKE", "open the holding brake", confidence=_ONE),
+    Bit(13, "EXTERNAL_BLOCK_CHANGE", "next block of a chain (rising edge)", confidence=_ONE),
 )
 _ZSW1_BITS = (
     Bit(0, "READY_TO_SWITCH_ON", "ready to switch on"),
@@ -142,6 +164,8 @@ _ZSW1_POSITIONING = (
     Bit(11, "HOME_POSITION_SET", "home position set"),
     Bit(12, "TASK_ACKNOWLEDGE", "traversing task acknowledge"),
     Bit(13, "DRIVE_STOPPED", "drive stopped"),
+    Bit(14, "ACCELERATES", "axis accelerates", confidence=_ONE),
+    Bit(15, "DECELERATES", "axis decelerates", confidence=_ONE),
 )
 _G_STW_BITS = (
     Bit(0, "FUNCTION_1", "request function 1 (reference mark / measuring 1)"),
@@ -174,6 +198,99 @@ _G_ZSW_BITS = (
     Bit(15, "ERROR", "sensor error, code in XIST2"),
 )
 
+_STW2_BITS = (
+    Bit(0, "DATA_SET", "drive data set", 5),
+    Bit(7, "PARK_AXIS", "park the axis"),
+    Bit(8, "TO_FIXED_STOP", "move to the fixed stop"),
+    _SIGN_OF_LIFE,
+)
+_ZSW2_BITS = (
+    Bit(7, "PARKED", "axis is parked", confidence=_ONE),
+    Bit(8, "TO_FIXED_STOP", "moving to the fixed stop"),
+    Bit(10, "PULSES_ENABLED", "pulses enabled (another vendor: bit 11, not set)", confidence=_ONE),
+    _SIGN_OF_LIFE,
+)
+_BLOCK_SELECTION = (Bit(0, "BLOCK", "traversing block", 6), Bit(15, "MDI", "MDI sub mode selected"))
+_BLOCK_ACTIVE = (Bit(0, "BLOCK", "active traversing block", 6), Bit(15, "MDI_ACTIVE", "MDI sub mode active"))
+_POS_STW1_BITS = (
+    Bit(0, "BLOCK", "traversing block (Siemens: bits 0-5)", 7, confidence=_ONE),
+    Bit(8, "ABSOLUTE", "absolute positioning (0 = relative)", confidence=_ONE),
+    Bit(9, "POSITIVE_DIRECTION", "positive direction", confidence=_ONE),
+    Bit(10, "NEGATIVE_DIRECTION", "negative direction", confidence=_ONE),
+    Bit(12, "CONTINUOUS_UPDATE", "changed setpoints are taken without an edge", confidence=_ONE),
+    Bit(14, "SETTING_UP", "setting up with a speed (0 = positioning)", confidence=_ONE),
+    Bit(15, "MDI", "MDI sub mode selected (0 = traversing blocks)", confidence=_ONE),
+)
+_POS_STW_BITS = (
+    Bit(0, "TRACKING", "position setpoint follows the actual value", confidence=_ONE),
+    Bit(1, "SET_REFERENCE_POINT", "set the reference point (rising edge)", confidence=_ONE),
+    Bit(2, "REFERENCE_CAM", "reference cam reached", confidence=_ONE),
+    Bit(5, "JOG_INCREMENTAL", "jog by a distance (0 = with a speed)", confidence=_ONE),
+)
+_POS_STW2_BITS = (
+    Bit(0, "TRACKING", "position setpoint follows the actual value"),
+    Bit(1, "SET_REFERENCE_POINT", "set the reference point (rising edge)"),
+    Bit(2, "REFERENCE_CAM", "reference cam reached", confidence=_ONE),
+    Bit(5, "JOG_INCREMENTAL", "jog by a distance (0 = with a speed)"),
+    Bit(8, "PASSIVE_HOMING", "homing on the fly (0 = search)", confidence=_UNVERIFIED),
+    Bit(9, "HOMING_NEGATIVE", "homing starts in negative direction", confidence=_UNVERIFIED),
+    Bit(10, "PROBE_2", "probe 2 (0 = probe 1)", confidence=_ONE),
+    Bit(11, "PROBE_FALLING_EDGE", "falling edge of the probe (0 = rising)", confidence=_ONE),
+    Bit(14, "SOFTWARE_LIMITS", "software limits are watched", confidence=_ONE),
+    Bit(15, "HARDWARE_LIMITS", "hardware limits are watched", confidence=_ONE),
+)
+_POS_ZSW1_BITS = (
+    Bit(0, "BLOCK", "active traversing block, 0 for none or MDI", 7, confidence=_ONE),
+    Bit(8, "NEGATIVE_HARDWARE_LIMIT", "negative hardware limit active", confidence=_ONE),
+    Bit(9, "POSITIVE_HARDWARE_LIMIT", "positive hardware limit active", confidence=_ONE),
+    Bit(10, "JOGGING", "jogging active", confidence=_ONE),
+    Bit(11, "HOMING", "homing active", confidence=_ONE),
+    Bit(12, "PASSIVE_HOMING", "homing on the fly active", confidence=_UNVERIFIED),
+    Bit(13, "BLOCK_MODE", "traversing blocks active", confidence=_ONE),
+    Bit(14, "SETTING_UP", "setting up active", confidence=_ONE),
+    Bit(15, "MDI_ACTIVE", "MDI sub mode active", confidence=_ONE),
+)
+_MOTION_BITS = (
+    Bit(0, "TRACKING", "tracking active"),
+    Bit(1, "SPEED_LIMITED", "speed is limited"),
+    Bit(2, "SETPOINT_STATIONARY", "setpoint is stationary"),
+    Bit(4, "MOVES_FORWARD", "axis moves forward"),
+    Bit(5, "MOVES_BACKWARD", "axis moves backward"),
+    Bit(6, "SOFTWARE_LIMIT_MINUS", "negative software limit reached"),
+    Bit(7, "SOFTWARE_LIMIT_PLUS", "positive software limit reached"),
+)
+_POS_ZSW2_BITS = (
+    *_MOTION_BITS[:3],
+    Bit(3, "SETPOINT_REACHED", "position setpoint has reached the target", confidence=_ONE),
+    *_MOTION_BITS[3:],
+    Bit(8, "CAM_1", "position at or below cam 1", confidence=_ONE),
+    Bit(9, "CAM_2", "position at or below cam 2", confidence=_ONE),
+    Bit(10, "OUTPUT_1", "output 1 of the traversing blocks", confidence=_ONE),
+    Bit(11, "OUTPUT_2", "output 2 of the traversing blocks", confidence=_ONE),
+    Bit(12, "FIXED_STOP_REACHED", "fixed stop reached", confidence=_ONE),
+    Bit(13, "CLAMPING_TORQUE_REACHED", "clamping torque reached", confidence=_ONE),
+    Bit(14, "TO_FIXED_STOP", "moving to the fixed stop", confidence=_ONE),
+    Bit(15, "TRAVERSING", "traversing command active", confidence=_ONE),
+)
+_POS_ZSW_BITS = (
+    *(replace(bit, confidence=_ONE) for bit in _MOTION_BITS[:3]),
+    Bit(3, "TARGET_REACHED", "target position reached", confidence=_ONE),
+    *(replace(bit, confidence=_ONE) for bit in _MOTION_BITS[3:]),
+)
+_MELDW_BITS = (
+    Bit(0, "RAMP_COMPLETED", "ramp-up or ramp-down completed", confidence=_ONE),
+    Bit(1, "TORQUE_BELOW_THRESHOLD", "torque below its threshold", confidence=_ONE),
+    Bit(2, "SPEED_BELOW_THRESHOLD_3", "speed below threshold 3", confidence=_ONE),
+    Bit(3, "SPEED_BELOW_THRESHOLD_2", "speed at or below threshold 2", confidence=_ONE),
+    Bit(5, "VARIABLE_MESSAGE", "variable message function", confidence=_ONE),
+    Bit(6, "NO_MOTOR_OVERTEMPERATURE", "no overtemperature of the motor", confidence=_ONE),
+    Bit(7, "NO_POWER_STAGE_OVERTEMPERATURE", "no overtemperature of the power stage", confidence=_ONE),
+    Bit(8, "SPEED_WITHIN_TOLERANCE", "speed deviation within tolerance", confidence=_ONE),
+    Bit(11, "CONTROLLER_ENABLED", "controller enabled", confidence=_ONE),
+    Bit(12, "DRIVE_READY", "drive ready", confidence=_ONE),
+    Bit(13, "PULSES_ENABLED", "pulses enabled", confidence=_ONE),
+)
+
 _U16 = DataType.UNSIGNED16
 _U32 = DataType.UNSIGNED32
 _I16 = DataType.INTEGER16
@@ -185,8 +302,8 @@ _N4 = DataType.N4
 CATALOGUE: tuple[Signal, ...] = (
     Signal("STW1", 1, _V2, "control word 1", "", _STW1_BITS, _STW1_POSITIONING),
     Signal("ZSW1", 2, _V2, "status word 1", "", _ZSW1_BITS, _ZSW1_POSITIONING),
-    Signal("STW2", 3, _V2, "control word 2", "", (_SIGN_OF_LIFE,)),
-    Signal("ZSW2", 4, _V2, "status word 2", "", (_SIGN_OF_LIFE,)),
+    Signal("STW2", 3, _V2, "control word 2", "", _STW2_BITS),
+    Signal("ZSW2", 4, _V2, "status word 2", "", _ZSW2_BITS),
     Signal("NSOLL_A", 5, _N2, "speed setpoint A", "%"),
     Signal("NIST_A", 6, _N2, "speed actual value A", "%"),
     Signal("NSOLL_B", 7, _N4, "speed setpoint B", "%"),
@@ -195,6 +312,15 @@ CATALOGUE: tuple[Signal, ...] = (
     Signal("G1_ZSW", 10, _V2, "sensor 1 status word", "", _G_ZSW_BITS),
     Signal("G1_XIST1", 11, _U32, "sensor 1 position actual value 1", "increments"),
     Signal("G1_XIST2", 12, _U32, "sensor 1 position actual value 2 or error code", "increments"),
+    Signal("G2_STW", 13, _V2, "sensor 2 control word", "", _G_STW_BITS, confidence=_UNVERIFIED),
+    Signal("G2_ZSW", 14, _V2, "sensor 2 status word", "", _G_ZSW_BITS, confidence=_UNVERIFIED),
+    Signal("G2_XIST1", 15, _U32, "sensor 2 position actual value 1", "increments", confidence=_UNVERIFIED),
+    Signal(
+        "G2_XIST2", 16, _U32, "sensor 2 position actual value 2 or error code", "increments", confidence=_UNVERIFIED
+    ),
+    # In the units of G1_XIST1 with its fine resolution.
+    Signal("XERR", 25, _I32, "position error of the controller in the PLC", "increments", confidence=_UNVERIFIED),
+    Signal("KPC", 26, _I32, "gain of the position controller, 0 = DSC off", "0.001/s", confidence=_UNVERIFIED),
     Signal("XIST_A", 28, _N4, "position actual value A", "%"),
     Signal(
         "SATZANW",
@@ -264,6 +390,18 @@ CATALOGUE: tuple[Signal, ...] = (
             _SIGN_OF_LIFE,
         ),
     ),
+    Signal("MOMRED", 101, _N2, "torque reduction, 100 % = no torque", "%", confidence=_UNVERIFIED),
+    Signal("MELDW", 102, _V2, "message word", "", _MELDW_BITS),
+    Signal("POS_STW", 203, _V2, "positioner control word of telegram 110", "", _POS_STW_BITS, confidence=_ONE),
+    Signal("POS_ZSW", 204, _V2, "positioner status word of telegram 110", "", _POS_ZSW_BITS, confidence=_ONE),
+    Signal("OVERRIDE", 205, _N2, "override of the speed, negative = 0", "%"),
+    Signal("POS_STW1", 220, _V2, "positioner control word 1", "", _POS_STW1_BITS),
+    Signal("POS_ZSW1", 221, _V2, "positioner status word 1", "", _POS_ZSW1_BITS),
+    Signal("POS_STW2", 222, _V2, "positioner control word 2", "", _POS_STW2_BITS),
+    Signal("POS_ZSW2", 223, _V2, "positioner status word 2", "", _POS_ZSW2_BITS),
+    Signal("FAULT_CODE", 301, _U16, "number of the newest fault (P947)"),
+    Signal("WARN_CODE", 303, _U16, "number of the first warning (P953)"),
+    Signal("USER", 0, _U16, "for the user"),
     Signal("G1_XIST3", 84, DataType.UNSIGNED64, "sensor 1 position actual value 3", "increments"),
     # Telegram 100 of the manufacturer: values pass unchanged, names as its guide spells them.
     Signal("Controlword", 0, _U16, "Controlword"),
@@ -308,6 +446,21 @@ CATALOGUE: tuple[Signal, ...] = (
 
 SIGNALS: MappingProxyType[str, Signal] = MappingProxyType({signal.name: signal for signal in CATALOGUE})
 """Every signal by name."""
+
+POSITIONER_FORMS: Mapping[str, Signal] = MappingProxyType(
+    {
+        form.name: form
+        for form in (
+            Signal("XIST_A", 28, _I32, "position actual value A", "LU"),
+            Signal("SATZANW", 32, _V2, "traversing block selection", "", _BLOCK_SELECTION),
+            Signal("AKTSATZ", 33, _V2, "traversing block active", "", _BLOCK_ACTIVE),
+            Signal("MDI_TARPOS", 34, _I32, "MDI target position", "LU"),
+            Signal("MDI_VELOCITY", 35, _U32, "MDI velocity", "1000 LU/min", confidence=_UNVERIFIED),
+        )
+    }
+)
+"""What telegrams 7, 110 and 111 carry under a name of the catalogue: positions in length units (LU) instead of fractions of a
+reference, and block numbers where telegram 9 has the manufacturer's homing method."""
 
 
 def signal(name: str) -> Signal:

@@ -1,7 +1,8 @@
 """Telegram layouts as data, and the codec compiled from them.
 
 Source: PROFIdrive profile 4.1 chapter 6.3.4 (standard telegrams), the encoder profile (81-84), the manufacturer's
-guide chapter 4.3 (1, 9, 100). Left out: telegram 111 and free telegram configuration (999).
+guide chapter 4.3 (1, 9, 100), public manuals of drives and masters (4-6, 102-111, with their ``Confidence``). Left out: free
+telegram configuration (999), supplementary telegrams (700 ff, safety among them), 112 (no public layout).
 
 Adding a telegram is adding one entry to ``TELEGRAMS``.
 """
@@ -10,13 +11,13 @@ from __future__ import annotations
 
 import enum
 import struct
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from types import MappingProxyType
 
 from pdgw.profidrive.errors import ProfidriveError
-from pdgw.profidrive.signals import Signal, signal
+from pdgw.profidrive.signals import POSITIONER_FORMS, Confidence, Signal, signal
 
 
 class Direction(enum.Enum):
@@ -33,6 +34,17 @@ class ApplicationMode(enum.Enum):
     POSITIONING = "positioning"
     ENCODER = "encoder"
     TRANSPARENT = "transparent"
+
+
+class ApplicationClass(enum.IntEnum):
+    """Where the loops are closed: PROFIdrive profile chapter 6.2. Classes 2, 5 and 6 have no telegram here."""
+
+    SPEED = 1
+    """Speed controlled by the drive; the PLC closes no loop."""
+    POSITIONING = 3
+    """The drive positions by itself."""
+    CENTRAL = 4
+    """The PLC interpolates and closes the position loop over the speed setpoint, or the drive does for it (DSC)."""
 
 
 @dataclass(frozen=True)
@@ -124,53 +136,95 @@ class TelegramHalf:
 
 @dataclass(frozen=True)
 class Telegram:
-    """A telegram: number (P922), application mode and both directions."""
+    """A telegram: number (P922), application mode and classes, both directions, and how well its layout is known."""
 
     number: int
     mode: ApplicationMode
     setpoints: TelegramHalf
     actuals: TelegramHalf
+    classes: tuple[ApplicationClass, ...] = ()
+    confidence: Confidence = Confidence.CONFIRMED
 
     def half(self, direction: Direction) -> TelegramHalf:
         return self.setpoints if direction is Direction.SETPOINT else self.actuals
 
 
-def _telegram(number: int, mode: ApplicationMode, setpoints: str, actuals: str) -> Telegram:
-    def half(direction: Direction, names: str) -> TelegramHalf:
-        return TelegramHalf(number, direction, mode, tuple(signal(name.strip()) for name in names.split(",")))
+def _telegram(
+    number: int,
+    mode: ApplicationMode,
+    setpoints: str,
+    actuals: str,
+    classes: tuple[ApplicationClass, ...] = (),
+    confidence: Confidence = Confidence.CONFIRMED,
+    forms: Mapping[str, Signal] = MappingProxyType({}),
+) -> Telegram:
+    """``forms``: signals this telegram carries in another form than the catalogue's."""
 
-    return Telegram(number, mode, half(Direction.SETPOINT, setpoints), half(Direction.ACTUAL, actuals))
+    def half(direction: Direction, names: str) -> TelegramHalf:
+        signals = (forms.get(name) or signal(name) for name in map(str.strip, names.split(",")))
+        return TelegramHalf(number, direction, mode, tuple(signals))
+
+    return Telegram(
+        number, mode, half(Direction.SETPOINT, setpoints), half(Direction.ACTUAL, actuals), classes, confidence
+    )
 
 
 _VELOCITY = ApplicationMode.VELOCITY
 _POSITIONING = ApplicationMode.POSITIONING
 _ENCODER = ApplicationMode.ENCODER
+_AC1 = (ApplicationClass.SPEED,)
+_AC3 = (ApplicationClass.POSITIONING,)
+_AC4 = (ApplicationClass.CENTRAL,)
+_AC1_AC4 = (*_AC1, *_AC4)
+_ONE = Confidence.ONE_SOURCE
+_UNVERIFIED = Confidence.UNVERIFIED
 _ENC_ACT = "ZSW2_ENC, G1_ZSW, G1_XIST1, G1_XIST2"
+_G1_ACT = "G1_ZSW, G1_XIST1, G1_XIST2"
+_G2_ACT = "G2_ZSW, G2_XIST1, G2_XIST2"
+_SPEED_SET = "STW1, NSOLL_B, STW2"
+_SPEED_ACT = "ZSW1, NIST_B, ZSW2"
+_DSC = ", XERR, KPC"
+_TORQUE_SET = f"{_SPEED_SET}, MOMRED"
+_MESSAGE_ACT = f"{_SPEED_ACT}, MELDW"
 
 TELEGRAMS: MappingProxyType[int, Telegram] = MappingProxyType(
     {
         telegram.number: telegram
         for telegram in (
-            _telegram(1, _VELOCITY, "STW1, NSOLL_A", "ZSW1, NIST_A"),
-            _telegram(2, _VELOCITY, "STW1, NSOLL_B, STW2", "ZSW1, NIST_B, ZSW2"),
+            _telegram(1, _VELOCITY, "STW1, NSOLL_A", "ZSW1, NIST_A", _AC1),
+            _telegram(2, _VELOCITY, _SPEED_SET, _SPEED_ACT, _AC1),
+            _telegram(3, _VELOCITY, f"{_SPEED_SET}, G1_STW", f"{_SPEED_ACT}, {_G1_ACT}", _AC1_AC4),
             _telegram(
-                3,
+                4,
                 _VELOCITY,
-                "STW1, NSOLL_B, STW2, G1_STW",
-                "ZSW1, NIST_B, ZSW2, G1_ZSW, G1_XIST1, G1_XIST2",
+                f"{_SPEED_SET}, G1_STW, G2_STW",
+                f"{_SPEED_ACT}, {_G1_ACT}, {_G2_ACT}",
+                _AC1_AC4,
+                _UNVERIFIED,
             ),
-            _telegram(7, _POSITIONING, "STW1, SATZANW", "ZSW1, AKTSATZ"),
+            _telegram(5, _VELOCITY, f"{_SPEED_SET}, G1_STW{_DSC}", f"{_SPEED_ACT}, {_G1_ACT}", _AC4, _UNVERIFIED),
+            _telegram(
+                6,
+                _VELOCITY,
+                f"{_SPEED_SET}, G1_STW, G2_STW{_DSC}",
+                f"{_SPEED_ACT}, {_G1_ACT}, {_G2_ACT}",
+                _AC4,
+                _UNVERIFIED,
+            ),
+            _telegram(7, _POSITIONING, "STW1, SATZANW", "ZSW1, AKTSATZ", _AC3, forms=POSITIONER_FORMS),
             _telegram(
                 9,
                 _POSITIONING,
                 "STW1, SATZANW, STW2, MDI_TARPOS, MDI_VELOCITY, MDI_ACC, MDI_DEC, MDI_MOD",
                 "ZSW1, AKTSATZ, ZSW2, XIST_A",
+                _AC3,
             ),
             _telegram(
                 20,
                 _VELOCITY,
                 "STW1, NSOLL_A",
                 "ZSW1, NIST_A_GLATT, IAIST_GLATT, MIST_GLATT, PIST_GLATT, MELD_NAMUR",
+                _AC1,
             ),
             _telegram(81, _ENCODER, "STW2_ENC, G1_STW", _ENC_ACT),
             _telegram(82, _ENCODER, "STW2_ENC, G1_STW", _ENC_ACT + ", NIST_A"),
@@ -186,6 +240,41 @@ TELEGRAMS: MappingProxyType[int, Telegram] = MappingProxyType(
                 "Velocity Actual Value, Current Actual Value, DC-link Circuit Voltage, Digital Inputs,"
                 "Analogue Input 1, Analogue Input 2, Encoder Position Value, Error Code",
             ),
+            _telegram(102, _VELOCITY, f"{_TORQUE_SET}, G1_STW", f"{_MESSAGE_ACT}, {_G1_ACT}", _AC1_AC4),
+            _telegram(
+                103,
+                _VELOCITY,
+                f"{_TORQUE_SET}, G1_STW, G2_STW",
+                f"{_MESSAGE_ACT}, {_G1_ACT}, {_G2_ACT}",
+                _AC1_AC4,
+                _UNVERIFIED,
+            ),
+            _telegram(105, _VELOCITY, f"{_TORQUE_SET}, G1_STW{_DSC}", f"{_MESSAGE_ACT}, {_G1_ACT}", _AC4),
+            _telegram(
+                106,
+                _VELOCITY,
+                f"{_TORQUE_SET}, G1_STW, G2_STW{_DSC}",
+                f"{_MESSAGE_ACT}, {_G1_ACT}, {_G2_ACT}",
+                _AC4,
+                _UNVERIFIED,
+            ),
+            _telegram(
+                110,
+                _POSITIONING,
+                "STW1, SATZANW, POS_STW, STW2, OVERRIDE, MDI_TARPOS, MDI_VELOCITY, MDI_ACC, MDI_DEC, MDI_MOD",
+                "ZSW1, AKTSATZ, POS_ZSW, ZSW2, MELDW, XIST_A",
+                _AC3,
+                _ONE,
+                POSITIONER_FORMS,
+            ),
+            _telegram(
+                111,
+                _POSITIONING,
+                "STW1, POS_STW1, POS_STW2, STW2, OVERRIDE, MDI_TARPOS, MDI_VELOCITY, MDI_ACC, MDI_DEC, USER",
+                "ZSW1, POS_ZSW1, POS_ZSW2, ZSW2, MELDW, XIST_A, NIST_B, FAULT_CODE, WARN_CODE, USER",
+                _AC3,
+                forms=POSITIONER_FORMS,
+            ),
         )
     }
 )
@@ -198,6 +287,11 @@ def telegram(number: int) -> Telegram:
         return TELEGRAMS[number]
     except KeyError:
         raise ProfidriveError("telegram", number, f"one of {sorted(TELEGRAMS)}") from None
+
+
+def likeliest(numbers: Iterable[int]) -> int:
+    """Of telegrams of which nothing but the length is known, the one to assume: best known layout first, then lowest number."""
+    return min(numbers, key=lambda number: (TELEGRAMS[number].confidence, number))
 
 
 def word_positions(half: TelegramHalf) -> tuple[int, ...]:

@@ -25,8 +25,8 @@ from pdgw.peers.simulation.devices import DEVICE_TYPES
 from pdgw.profidrive.encoder import STATUS_BITS, TRANSITIONS, SensorError
 from pdgw.profidrive.parameters.catalogue import PARAMETERS
 from pdgw.profidrive.parameters.errors import ERROR_TEXTS
-from pdgw.profidrive.signals import CATALOGUE, Signal
-from pdgw.profidrive.telegrams import TELEGRAMS, TelegramHalf, word_positions
+from pdgw.profidrive.signals import CATALOGUE, POSITIONER_FORMS, Bit, Confidence, Signal
+from pdgw.profidrive.telegrams import TELEGRAMS, ApplicationClass, Telegram, TelegramHalf, word_positions
 from pdgw.tools.conformance.faults import CASES, Case, Device
 
 _DOCS = Path(__file__).parent.parent / "docs"
@@ -48,13 +48,31 @@ def _half(half: TelegramHalf) -> str:
     return ", ".join(parts)
 
 
+def _doubtful(text: str, confidence: Confidence) -> str:
+    """A text with the mark of what fewer than two public sources support."""
+    return f"{text} ({confidence.text})" if confidence.text else text
+
+
+def _meaning(bit: Bit) -> str:
+    return _doubtful(bit.meaning, bit.confidence)
+
+
+def _classes(telegram: Telegram) -> str:
+    return ", ".join(str(item.value) for item in telegram.classes)
+
+
+def _signal_row(signal: Signal) -> Sequence[object]:
+    description = _doubtful(signal.description, signal.confidence)
+    return signal.name, signal.number or "", signal.type.name, signal.unit, description
+
+
 def _bits(signal: Signal) -> str:
     rows = []
     positioning = {bit.position: bit for bit in signal.positioning_bits}
     for bit in signal.bits:
         other = positioning.get(bit.position)
         span = f"{bit.position}-{bit.position + bit.width - 1}" if bit.width > 1 else f"{bit.position}"
-        rows.append((span, bit.name, bit.meaning, other.name if other else "", other.meaning if other else ""))
+        rows.append((span, bit.name, _meaning(bit), other.name if other else "", _meaning(other) if other else ""))
     if positioning:
         return _table(("bit", "name", "meaning of 1", "positioning", "meaning of 1 in positioning"), rows)
     return _table(("bit", "name", "meaning of 1"), (row[:3] for row in rows))
@@ -72,6 +90,22 @@ def _encoder_types(row: ProfileObject) -> str:
     return f"types {types}" + (f", others {row.elsewhere.value}" if row.elsewhere.value else "")
 
 
+def _positioner_telegrams(signal: Signal | None = None) -> str:
+    """The telegrams that carry a signal in the positioner's form; by default any of them."""
+    wanted = set(POSITIONER_FORMS.values()) if signal is None else {signal}
+    numbers = [n for n, t in TELEGRAMS.items() if wanted & {*t.setpoints.signals, *t.actuals.signals}]
+    return ", ".join(map(str, numbers))
+
+
+_SIGNAL_HEADER = ("signal", "number", "type", "unit", "meaning")
+_CLASSES = ", ".join(f"{item.value} {item.name.lower()}" for item in ApplicationClass)
+_CONFIDENCE = f"""\
+Class: application class of the profile ({_CLASSES}). Telegrams, signals and bits marked "{Confidence.ONE_SOURCE.text}" rest on
+a single public source; "{Confidence.UNVERIFIED.text}" ones are a choice of this project, for which no public source was
+found. The others have two sources, or are the manufacturer's.
+"""
+
+
 def generate() -> str:
     """The whole document."""
     out = [
@@ -79,18 +113,30 @@ def generate() -> str:
         "Generated from the declarations by `make docs`; do not edit.\n",
         "## Telegrams\n",
         _table(
-            ("telegram", "mode", "setpoints (word, signal)", "actual values (word, signal)"),
-            ((t.number, t.mode.value, _half(t.setpoints), _half(t.actuals)) for t in TELEGRAMS.values()),
+            ("telegram", "mode", "class", "setpoints (word, signal)", "actual values (word, signal)"),
+            (
+                (
+                    _doubtful(f"{t.number}", t.confidence),
+                    t.mode.value,
+                    _classes(t),
+                    _half(t.setpoints),
+                    _half(t.actuals),
+                )
+                for t in TELEGRAMS.values()
+            ),
         ),
+        _CONFIDENCE,
         "## Signals\n",
-        _table(
-            ("signal", "number", "type", "unit", "meaning"),
-            ((s.name, s.number or "", s.type.name, s.unit, s.description) for s in CATALOGUE),
-        ),
+        _table(_SIGNAL_HEADER, map(_signal_row, CATALOGUE)),
+        f"In telegrams {_positioner_telegrams()} instead:\n",
+        _table(_SIGNAL_HEADER, map(_signal_row, POSITIONER_FORMS.values())),
     ]
     for signal in CATALOGUE:
         if signal.bits:
             out += [f"### {signal.name}\n", _bits(signal)]
+    for signal in POSITIONER_FORMS.values():
+        if signal.bits:
+            out += [f"### {signal.name} of telegrams {_positioner_telegrams(signal)}\n", _bits(signal)]
     out += [
         "## Drive states\n",
         _table(("state", "Statusword"), ((p.state.value, f"`{_pattern(p.mask, p.value)}`") for p in STATUS_PATTERNS)),

@@ -10,6 +10,8 @@ from hypothesis import strategies as st
 from pdgw.gateway.config import example, load_config, parse_config, simulated
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.translator.base import PlcLossReaction, SetpointEnable
+from pdgw.gateway.translator.factory import DRIVE_TELEGRAM_NUMBERS
+from pdgw.profidrive.telegrams import TELEGRAMS
 
 BASE = """\
 [can]
@@ -98,7 +100,6 @@ can = "left"
     ("old", "new", "parts"),
     [
         ("node_id = 3", "node_id = 300", ["x.toml:17", "node_id = 300", "126"]),
-        ("telegram = 9", "telegram = 4", ["telegram = 4", "[1, 2, 3, 9, 20, 100]"]),
         ('on_plc_loss = "ramp"', 'on_plc_loss = "wait"', ["x.toml:19", "'wait'", "'ramp', 'quick-stop' or 'coast'"]),
         ("cycle_time_ms = 4", "cycle_tim_ms = 4", ["x.toml:11", "cycle_tim_ms", "did you mean cycle_time_ms"]),
         ("cycle_time_ms = 4", "cycle_time_ms = 0.01", ["x.toml:11", "cycle_time_ms = 0.01", "0.25"]),
@@ -127,6 +128,13 @@ def test_bad_input_is_told_with_place_value_and_what_is_allowed(old: str, new: s
         parse_config(BASE.replace(old, new, 1), "x.toml")
     for part in parts:
         assert part in str(error.value), str(error.value)
+
+
+@pytest.mark.parametrize("number", sorted({*TELEGRAMS, 112, 0} - {*DRIVE_TELEGRAM_NUMBERS}))
+def test_a_telegram_no_drive_axis_supports_is_refused_however_well_it_can_be_decoded(number: int) -> None:
+    with pytest.raises(GatewayError) as error:
+        parse_config(BASE.replace("telegram = 9", f"telegram = {number}"), "x.toml")
+    assert f"telegram = {number} is not supported, allowed: {list(DRIVE_TELEGRAM_NUMBERS)}" in str(error.value)
 
 
 @pytest.mark.parametrize(

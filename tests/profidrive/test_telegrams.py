@@ -6,13 +6,24 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from pdgw.profidrive.errors import ProfidriveError
-from pdgw.profidrive.signals import CATALOGUE, SIGNALS, signal
-from pdgw.profidrive.telegrams import TELEGRAMS, Direction, Telegram, telegram, word_positions
+from pdgw.profidrive.signals import CATALOGUE, POSITIONER_FORMS, SIGNALS, signal
+from pdgw.profidrive.telegrams import TELEGRAMS, Direction, Telegram, likeliest, telegram, word_positions
 
 from tests.support.strategies import directions, half_values, telegrams
 
 WORDS = {1: (2, 2), 2: (4, 4), 3: (5, 9), 7: (2, 2), 9: (10, 5), 20: (2, 6), 100: (19, 17)}
 ENCODER_WORDS = {81: (2, 6), 82: (2, 7), 83: (2, 8), 84: (2, 10)}
+MOTION_WORDS = {
+    4: (6, 14),
+    5: (9, 9),
+    6: (10, 14),
+    102: (6, 10),
+    103: (7, 15),
+    105: (10, 10),
+    106: (11, 15),
+    110: (12, 7),
+    111: (12, 12),
+}
 
 TELEGRAM_100_SETPOINT_WORDS = {
     "Controlword": 1,
@@ -44,9 +55,67 @@ TELEGRAM_100_ACTUAL_WORDS = {
 }
 
 
-@pytest.mark.parametrize(("number", "words"), sorted((WORDS | ENCODER_WORDS).items()))
+@pytest.mark.parametrize(("number", "words"), sorted((WORDS | ENCODER_WORDS | MOTION_WORDS).items()))
 def test_telegram_has_the_words_of_the_standard(number: int, words: tuple[int, int]) -> None:
     assert (telegram(number).setpoints.words, telegram(number).actuals.words) == words
+
+
+@pytest.mark.parametrize(
+    ("number", "direction", "words"),
+    [
+        (4, Direction.SETPOINT, {"NSOLL_B": 2, "STW2": 4, "G1_STW": 5, "G2_STW": 6}),
+        (
+            4,
+            Direction.ACTUAL,
+            {"G1_ZSW": 5, "G1_XIST1": 6, "G1_XIST2": 8, "G2_ZSW": 10, "G2_XIST1": 11, "G2_XIST2": 13},
+        ),
+        (5, Direction.SETPOINT, {"G1_STW": 5, "XERR": 6, "KPC": 8}),
+        (6, Direction.SETPOINT, {"G2_STW": 6, "XERR": 7, "KPC": 9}),
+        (102, Direction.SETPOINT, {"NSOLL_B": 2, "STW2": 4, "MOMRED": 5, "G1_STW": 6}),
+        (102, Direction.ACTUAL, {"MELDW": 5, "G1_ZSW": 6, "G1_XIST1": 7, "G1_XIST2": 9}),
+        (103, Direction.ACTUAL, {"G2_ZSW": 11, "G2_XIST1": 12, "G2_XIST2": 14}),
+        (105, Direction.SETPOINT, {"XERR": 7, "KPC": 9}),
+        (106, Direction.SETPOINT, {"G2_STW": 7, "XERR": 8, "KPC": 10}),
+        (110, Direction.SETPOINT, {"POS_STW": 3, "STW2": 4, "OVERRIDE": 5, "MDI_TARPOS": 6, "MDI_MOD": 12}),
+        (110, Direction.ACTUAL, {"AKTSATZ": 2, "POS_ZSW": 3, "ZSW2": 4, "MELDW": 5, "XIST_A": 6}),
+        (
+            111,
+            Direction.SETPOINT,
+            {"POS_STW1": 2, "POS_STW2": 3, "OVERRIDE": 5, "MDI_VELOCITY": 8, "MDI_ACC": 10, "USER": 12},
+        ),
+        (
+            111,
+            Direction.ACTUAL,
+            {"POS_ZSW2": 3, "XIST_A": 6, "NIST_B": 8, "FAULT_CODE": 10, "WARN_CODE": 11, "USER": 12},
+        ),
+    ],
+)
+def test_signals_of_the_motion_telegrams_lie_where_drives_put_them(
+    number: int, direction: Direction, words: dict[str, int]
+) -> None:
+    half = telegram(number).half(direction)
+    places = dict(zip(half.names, word_positions(half), strict=True))
+    assert {name: places[name] for name in words} == words
+
+
+def test_length_units_and_block_numbers_are_for_the_positioner_alone() -> None:
+    for number, name, unit in ((9, "MDI_TARPOS", "%"), (110, "MDI_TARPOS", "LU"), (111, "MDI_VELOCITY", "1000 LU/min")):
+        half = telegram(number).setpoints
+        assert half.signals[half.index(name)].unit == unit
+    for number, field in ((7, "BLOCK"), (110, "BLOCK"), (9, "HOMING_METHOD")):
+        half = telegram(number).setpoints
+        assert next(half.signals[half.index("SATZANW")].fields(positioning=True)).name == field
+
+
+def test_a_form_of_the_positioner_has_the_number_and_width_of_the_catalogues() -> None:
+    for name, form in POSITIONER_FORMS.items():
+        assert (form.number, form.words) == (signal(name).number, signal(name).words)
+
+
+def test_of_telegrams_as_long_as_another_the_better_known_layout_is_assumed() -> None:
+    assert likeliest([6, 9, 105]) == 9
+    assert likeliest([4, 102]) == 102
+    assert likeliest([82, 81]) == 81
 
 
 def test_telegram_100_lies_where_the_manufacturer_put_it() -> None:
@@ -71,6 +140,21 @@ def test_telegram_100_lies_where_the_manufacturer_put_it() -> None:
         ("MDI_ACC", 36),
         ("MDI_DEC", 37),
         ("MDI_MOD", 38),
+        ("G2_STW", 13),
+        ("G2_XIST2", 16),
+        ("XERR", 25),
+        ("KPC", 26),
+        ("MOMRED", 101),
+        ("MELDW", 102),
+        ("POS_STW", 203),
+        ("POS_ZSW", 204),
+        ("OVERRIDE", 205),
+        ("POS_STW1", 220),
+        ("POS_ZSW1", 221),
+        ("POS_STW2", 222),
+        ("POS_ZSW2", 223),
+        ("FAULT_CODE", 301),
+        ("WARN_CODE", 303),
     ],
 )
 def test_signal_numbers_are_those_of_profidrive(name: str, number: int) -> None:
@@ -81,7 +165,7 @@ def test_catalogue_has_no_name_or_number_twice_and_bits_do_not_overlap() -> None
     assert len(SIGNALS) == len(CATALOGUE)
     numbers = [item.number for item in CATALOGUE if item.number]
     assert len(set(numbers)) == len(numbers)
-    for item in CATALOGUE:
+    for item in (*CATALOGUE, *POSITIONER_FORMS.values()):
         for positioning in (False, True):
             used = 0
             for bit in item.fields(positioning=positioning):
@@ -130,6 +214,6 @@ def test_a_value_that_does_not_fit_is_named() -> None:
 
 
 def test_unknown_telegram_lists_the_known_ones() -> None:
-    with pytest.raises(ProfidriveError, match="telegram: 4 is not allowed, expected one of") as error:
-        telegram(4)
+    with pytest.raises(ProfidriveError, match="telegram: 112 is not allowed, expected one of") as error:
+        telegram(112)
     assert all(str(number) in error.value.allowed for number in TELEGRAMS)
