@@ -7,6 +7,7 @@ drive (docs/translation.md "PDO layouts"), which takes SDO writes where the driv
 
 from __future__ import annotations
 
+import contextlib
 import struct
 import time
 from collections.abc import Callable, Collection
@@ -23,7 +24,9 @@ from pdgw.ds301.network import CanNetwork
 from pdgw.ds301.objects import CanType
 from pdgw.ds301.pdo import Pdo, PdoLayout
 from pdgw.dsp402.configuration import guard_steps
+from pdgw.dsp402.describe import describe, questions, signed
 from pdgw.dsp402.device import EDS_PATH
+from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.images import REFERENCE_OBJECTS, DriveCommand, DriveFeedback, References
 from pdgw.dsp402.modes import Mode
@@ -100,6 +103,8 @@ class DriveClient(NodeClient[DriveSettings]):
     ) -> None:
         self.feedback = DriveFeedback()
         self.references: References | None = None
+        self.drive_type: DriveType | None = None
+        """What kind of drive it is, made anew whenever the references are read; None before the first time."""
         self.homing_method = 0
         self.set_point_refused = False
         """A new set-point (Controlword.4) does not reach the drive, because its data could not be written; until it falls."""
@@ -180,7 +185,16 @@ class DriveClient(NodeClient[DriveSettings]):
             if index in self.dictionary:
                 values[name] = self._fetch(index, subindex, signed=name.startswith("position"))
         self.references = References(**values)
+        self.drive_type = self._describe(self.references)
         return self.references
+
+    def _describe(self, references: References) -> DriveType:
+        answers: dict[tuple[int, int], int] = {}
+        for address in questions(self.dictionary):
+            # What the data sheet has and the device has not is not offered.
+            with contextlib.suppress(SdoAbortedError):
+                answers[address] = self.read_number(*address, signed=signed(self.dictionary, address))
+        return describe(self.dictionary, answers, references.scaling)
 
     def _apply_times(self) -> None:
         super()._apply_times()

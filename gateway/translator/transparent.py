@@ -51,7 +51,7 @@ ACTUAL_ATTRIBUTES = (
 )
 """Drive image attribute of each actual-value signal, in telegram order."""
 
-_MODES = frozenset(mode.value for mode in Mode)
+_MODES = frozenset(mode.value for mode in Mode) - {Mode.VL_VELOCITY, Mode.CYCLIC_POSITION, Mode.CYCLIC_VELOCITY}
 _COMMAND = CW_ENABLE_OPERATION
 _FAULTS = (State.FAULT, State.FAULT_REACTION_ACTIVE)
 _STATE_BITS = 0x6F

@@ -1,0 +1,199 @@
+"""Makes the ``DriveType`` of one device from its object dictionary, its answers and the overlay of its family.
+
+Source: CiA 402 (6502h, 60E3h, 6098h), CiA 301 (1400h-1BFFh), CiA 306 (access, limits and PDO mapping of a data sheet).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+
+import canopen
+from canopen.objectdictionary import ODVariable
+from pdgw.ds301.objects import Access, CanType, Entry
+from pdgw.ds301.pdo import PdoDirection
+from pdgw.dsp402.drive_type import DriveType, PdoCapabilities, PdoSlot, Quirks, Scaling
+from pdgw.dsp402.modes import MODE_NAMES, STANDARD_HOMING_METHODS, SUPPORTED_MODES, Mode
+from pdgw.dsp402.objects import DRIVE_OBJECTS
+from pdgw.dsp402.overlay import Overlay, overlay_for
+
+Address = tuple[int, int]
+
+VENDOR_ID: Address = (0x1018, 1)
+PRODUCT_CODE: Address = (0x1018, 2)
+SUPPORTED_DRIVE_MODES: Address = (0x6502, 0)
+SUPPORTED_HOMING_METHODS = 0x60E3
+HOMING_METHOD: Address = (0x6098, 0)
+_PROFILE_AREA = range(0x6000, 0x6800)
+"""Of the first axis; what lies outside is the manufacturer's."""
+_PDOS = 512
+_MAPPED_OBJECTS = 8
+_COB_ID = 0x1FFF_FFFF
+_INHIBIT_TIME = 3
+_EVENT_TIMER = 5
+_TYPES = {item.code: item for item in CanType}
+_MODE_OBJECTS = (
+    (Mode.POSITION, 0x607A),
+    (Mode.VL_VELOCITY, 0x6042),
+    (Mode.VELOCITY, 0x60FF),
+    (Mode.TORQUE, 0x6071),
+    (Mode.HOMING, 0x6098),
+)
+"""The object a mode cannot do without, for a drive that has no 6502h."""
+
+
+def questions(dictionary: canopen.ObjectDictionary) -> tuple[Address, ...]:
+    """What the device itself is asked for its description, as far as its data sheet has it."""
+    count = variable(dictionary, SUPPORTED_HOMING_METHODS, 0)
+    methods = (
+        []
+        if count is None
+        else [(SUPPORTED_HOMING_METHODS, sub) for sub in dictionary[SUPPORTED_HOMING_METHODS] if sub]
+    )
+    modes = [SUPPORTED_DRIVE_MODES] if SUPPORTED_DRIVE_MODES[0] in dictionary else []
+    return (VENDOR_ID, PRODUCT_CODE, *modes, *methods)
+
+
+def describe(
+    dictionary: canopen.ObjectDictionary,
+    answers: Mapping[Address, int],
+    scaling: Scaling,
+) -> DriveType:
+    """The drive with this data sheet that gave these answers; an object it did not answer is one it does not have.
+
+    Its overlay is the one that fits its identity 1018h, if there is one.
+    """
+    family = overlay_for(answers.get(VENDOR_ID, 0), answers.get(PRODUCT_CODE, 0))
+    entries = _entries(dictionary, family)
+    return DriveType(
+        name=dictionary.device_information.product_name or (family.title if family else "CiA 402 drive"),
+        family=family.name if family else "",
+        entries=MappingProxyType(entries),
+        scaling=scaling,
+        modes=MappingProxyType(_modes(dictionary, answers, family)),
+        homing_methods=MappingProxyType(_homing_methods(entries, answers, family)),
+        pdos=_pdo_capabilities(dictionary),
+        faults=MappingProxyType(dict(family.drive_faults) if family else {}),
+        quirks=family.drive_quirks if family else Quirks(),
+    )
+
+
+def variable(dictionary: canopen.ObjectDictionary, index: int, subindex: int = 0) -> ODVariable | None:
+    """The data sheet's entry at an address, None where it has none."""
+    if index not in dictionary:
+        return None
+    item = dictionary[index]
+    if isinstance(item, ODVariable):
+        return item if subindex == 0 else None
+    found: ODVariable | None = item.subindices.get(subindex)
+    return found
+
+
+def signed(dictionary: canopen.ObjectDictionary, address: Address) -> bool:
+    """Whether the data sheet says that this object is a signed number."""
+    declared = variable(dictionary, *address)
+    kind = None if declared is None else _TYPES.get(declared.data_type)
+    return kind is not None and kind.char.islower()
+
+
+def _entries(dictionary: canopen.ObjectDictionary, family: Overlay | None) -> dict[str, Entry]:
+    """The cyclic objects of the profile that the drive has, and those of the manufacturer that its overlay names."""
+    addresses = {
+        entry.attribute: (entry.index, entry.subindex)
+        for entry in DRIVE_OBJECTS.entries
+        if entry.attribute and entry.index in _PROFILE_AREA
+    }
+    if family is not None:
+        addresses |= family.objects
+    found: dict[str, Entry] = {}
+    for attribute, (index, subindex) in addresses.items():
+        declared = variable(dictionary, index, subindex)
+        kind = None if declared is None else _TYPES.get(declared.data_type)
+        if declared is None or kind is None or not kind.char:
+            continue
+        known = DRIVE_OBJECTS.get(index, subindex)
+        found[attribute] = Entry(
+            index,
+            subindex,
+            declared.name,
+            kind,
+            Access(declared.access_type) if declared.access_type in _ACCESSES else Access.RW,
+            bool(declared.pdo_mappable),
+            default=declared.default if isinstance(declared.default, int) else None,
+            low=declared.min,
+            high=declared.max,
+            unit=known.unit if known is not None else "",
+            attribute=attribute,
+        )
+    return found
+
+
+_ACCESSES = {item.value for item in Access}
+
+
+def _modes(
+    dictionary: canopen.ObjectDictionary, answers: Mapping[Address, int], family: Overlay | None
+) -> dict[int, str]:
+    supported = answers.get(SUPPORTED_DRIVE_MODES)
+    if supported is None:
+        modes = [mode for mode, index in _MODE_OBJECTS if index in dictionary]
+    else:
+        modes = [mode for bit, mode in SUPPORTED_MODES.items() if supported >> bit & 1]
+    return {mode.value: MODE_NAMES[mode] for mode in modes} | (family.modes if family else {})
+
+
+def _homing_methods(
+    entries: Mapping[str, Entry], answers: Mapping[Address, int], family: Overlay | None
+) -> dict[int, str]:
+    """Those of 60E3h; else of the overlay; else all of the profile: the drive itself refuses a method by SDO abort."""
+    if "homing_method" not in entries:
+        return {}
+    texts = STANDARD_HOMING_METHODS | (family.homing_texts if family else {})
+    told = [value for (index, sub), value in answers.items() if index == SUPPORTED_HOMING_METHODS and sub and value]
+    if not told and family is not None:
+        told = list(family.homing_methods)
+    low, high = entries["homing_method"].limits
+    return {method: texts.get(method, "") for method in told or STANDARD_HOMING_METHODS if low <= method <= high}
+
+
+def _pdo_capabilities(dictionary: canopen.ObjectDictionary) -> PdoCapabilities:
+    mappable = {
+        (item.index, item.subindex)
+        for top in dictionary.values()
+        for item in ([top] if isinstance(top, ODVariable) else top.values())
+        if item.pdo_mappable
+    }
+    return PdoCapabilities(
+        _slots(dictionary, PdoDirection.RPDO), _slots(dictionary, PdoDirection.TPDO), frozenset(mappable)
+    )
+
+
+def _slots(dictionary: canopen.ObjectDictionary, direction: PdoDirection) -> tuple[PdoSlot, ...]:
+    communication, mapping = direction.communication_index, direction.mapping_index
+    return tuple(
+        _slot(dictionary, number, communication + number - 1, mapping + number - 1)
+        for number in range(1, _PDOS + 1)
+        if communication + number - 1 in dictionary
+    )
+
+
+def _slot(dictionary: canopen.ObjectDictionary, number: int, communication: int, mapping: int) -> PdoSlot:
+    cob_id = variable(dictionary, communication, 1)
+    count = variable(dictionary, mapping)
+    mapped = [variable(dictionary, mapping, sub) for sub in range(1, _MAPPED_OBJECTS + 1)]
+    values = [item.default for item in mapped if item is not None and isinstance(item.default, int) and item.default]
+    if count is not None and isinstance(count.default, int):
+        values = values[: count.default]
+    return PdoSlot(
+        number,
+        cob_id.default & _COB_ID if cob_id is not None and isinstance(cob_id.default, int) else None,
+        _writable(cob_id),
+        tuple(values),
+        _writable(count),
+        _writable(variable(dictionary, communication, _EVENT_TIMER)),
+        _writable(variable(dictionary, communication, _INHIBIT_TIME)),
+    )
+
+
+def _writable(item: ODVariable | None) -> bool:
+    return item is not None and bool(item.writable)

@@ -1,0 +1,178 @@
+"""What kind of drive stands behind an axis, as one frozen value: objects with their limits, scaling, modes, homing methods,
+PDO capabilities, faults and quirks.
+
+Source: CiA 402 (objects, 6502h, 60E3h), CiA 301 (PDO parameters). Made by ``dsp402.describe`` from the data sheet, what the
+device itself answers, the configuration and the overlay of its family (``dsp402.overlay``). Executors take everything that
+differs between drives from here; what is not known is refused by name, never assumed.
+"""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from fractions import Fraction
+
+from pdgw.ds301.objects import Entry
+from pdgw.dsp402.errors import Dsp402Error
+from pdgw.dsp402.faults import DriveFault
+from pdgw.dsp402.modes import Mode
+
+_ABSENT = "no object of this drive"
+
+
+class Quantity(enum.Enum):
+    """What a telegram's signals are fractions of; the value is its name in messages."""
+
+    SPEED = "speed"
+    """NSOLL, NIST: 60FFh, 606Ch."""
+    PROFILE_VELOCITY = "profile velocity"
+    """MDI_VELOCITY: 6081h, while homing 6099h."""
+    ACCELERATION = "acceleration"
+    """MDI_ACC: 6083h."""
+    DECELERATION = "deceleration"
+    """MDI_DEC: 6084h."""
+    POSITION = "position"
+    """MDI_TARPOS, XIST_A: 607Ah, 6064h."""
+
+
+@dataclass(frozen=True, slots=True)
+class Reference:
+    """100 % of a quantity in the drive's own units (above 0), and where that was learned."""
+
+    value: Fraction
+    source: str
+
+
+@dataclass(frozen=True)
+class Scaling:
+    """100 % of each quantity in the units of the drive's objects; a quantity that is not known says what would settle it."""
+
+    references: Mapping[Quantity, Reference] = field(default_factory=dict)
+    unknown: Mapping[Quantity, str] = field(default_factory=dict)
+    """Why a quantity is not known, and the configuration key that gives it."""
+    rated_speed_rpm: Fraction | None = None
+    """100 % of NSOLL in rpm of the motor."""
+    position_range: tuple[int, int] | None = None
+    """Targets (607Ah) the drive can be sent, in position units; None: no limit but that of the object."""
+    position_wraps: bool = False
+    """The position starts again at the other end of ``position_range`` (607Bh of CiA 402)."""
+    position_unit: str = "increments"
+    counts_per_revolution: Fraction | None = None
+    """Position units in one revolution of the motor."""
+
+    def refusal(self, *needed: Quantity) -> str:
+        """Why an axis that needs these quantities must not operate; empty when all of them are known."""
+        missing = [quantity for quantity in needed if quantity not in self.references]
+        return "; ".join(self.unknown.get(quantity, f"{quantity.value}: 100 % is not known") for quantity in missing)
+
+    def reference(self, quantity: Quantity) -> Fraction:
+        """100 % in the drive's units; Dsp402Error when it is not known."""
+        try:
+            return self.references[quantity].value
+        except KeyError:
+            raise Dsp402Error("scaling", quantity.value, self.refusal(quantity)) from None
+
+
+@dataclass(frozen=True, slots=True)
+class PdoSlot:
+    """One PDO a drive has, as its data sheet shows it."""
+
+    number: int
+    cob_id: int | None
+    """Default of sub-index 1 without its flags; None where the data sheet gives none."""
+    cob_id_writable: bool
+    mapping: tuple[int, ...]
+    """Default mapping: index, sub-index, bits of each object in one number."""
+    mapping_writable: bool
+    event_timer: bool
+    """Sub-index 5 can be written: the PDO comes (of an RPDO: is missed) after this time."""
+    inhibit_time: bool
+
+
+@dataclass(frozen=True, slots=True)
+class PdoCapabilities:
+    """What can travel in PDOs and how."""
+
+    rpdos: tuple[PdoSlot, ...] = ()
+    tpdos: tuple[PdoSlot, ...] = ()
+    mappable: frozenset[tuple[int, int]] = frozenset()
+    """Addresses of the objects the data sheet allows in a PDO."""
+
+    def is_mappable(self, entry: Entry) -> bool:
+        return (entry.index, entry.subindex) in self.mappable
+
+
+@dataclass(frozen=True, slots=True)
+class Quirks:
+    """Where a family departs from the profile; the defaults are the profile."""
+
+    modulo_mode: int | None = None
+    """A mode that positions on a turntable and takes its direction from Controlword 11 and 12."""
+    range_is_limit: bool = False
+    """607Bh limits the targets instead of being a range that wraps."""
+    mode_shown_in_operation_only: bool = False
+    """6061h follows 6060h only when the operation is enabled."""
+    fault_reset_edges: int = 1
+    """So many rising edges of Controlword 7 take a drive out of its fault."""
+    starts_in_fault: bool = False
+    """It powers up in the state Fault: no fault happened."""
+    boot_ms: int = 0
+    """So long after power-on or reset it answers nothing."""
+    sdo_answer_ms: int = 0
+    """So long an SDO answer may take."""
+    fault_number: tuple[int, int] | None = None
+    """The object with the manufacturer's own fault number."""
+
+
+@dataclass(frozen=True)
+class DriveType:
+    """A drive as a value. ``entries`` are the objects with an image attribute that this drive has, with its own limits."""
+
+    name: str
+    family: str
+    """Name of its overlay; empty for a drive that only its data sheet and answers describe."""
+    entries: Mapping[str, Entry]
+    scaling: Scaling
+    modes: Mapping[int, str]
+    """Values of 6060h it offers, with their names."""
+    homing_methods: Mapping[int, str]
+    """Values of 6098h it offers, with what they search for."""
+    pdos: PdoCapabilities = PdoCapabilities()
+    faults: Mapping[int, DriveFault] = field(default_factory=dict)
+    """By the manufacturer's fault number."""
+    quirks: Quirks = Quirks()
+    notes: tuple[str, ...] = ()
+    """What was repaired or had to be taken from elsewhere, for the user."""
+
+    def has(self, attribute: str) -> bool:
+        return attribute in self.entries
+
+    def entry(self, attribute: str) -> Entry:
+        """The object behind an image attribute; Dsp402Error when the drive lacks it."""
+        try:
+            return self.entries[attribute]
+        except KeyError:
+            raise Dsp402Error(attribute, _ABSENT, ", ".join(sorted(self.entries))) from None
+
+    def limits(self, attribute: str) -> tuple[int, int]:
+        """Smallest and largest value the drive takes for the object behind an image attribute."""
+        return self.entry(attribute).limits
+
+    @property
+    def speed_mode(self) -> int | None:
+        """The mode for a speed setpoint: profile velocity, else cyclic synchronous velocity, else velocity mode (vl)."""
+        return self._first(Mode.VELOCITY, Mode.CYCLIC_VELOCITY, Mode.VL_VELOCITY)
+
+    @property
+    def position_mode(self) -> int | None:
+        """The mode for a traversing task: profile position, else cyclic synchronous position."""
+        return self._first(Mode.POSITION, Mode.CYCLIC_POSITION)
+
+    @property
+    def fault_of_code(self) -> Mapping[int, DriveFault]:
+        """Faults by their EMCY error code."""
+        return {fault.error_code: fault for fault in self.faults.values()}
+
+    def _first(self, *modes: Mode) -> int | None:
+        return next((mode.value for mode in modes if mode in self.modes), None)

@@ -1,0 +1,152 @@
+"""Overlay files: what the data sheets of a family of drives do not say, one TOML file per family in ``dsp402/families``.
+
+An overlay is chosen by the identity object 1018h or by name. It adds to what the data sheet and the device itself tell, and
+never takes their place. Every file names its sources and what in it is unverified.
+"""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Mapping
+from functools import cache
+from pathlib import Path
+from typing import Annotated, Any
+
+from pdgw.dsp402.drive_type import Quirks
+from pdgw.dsp402.errors import Dsp402Error
+from pdgw.dsp402.faults import ChannelErrorType, DriveFault
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+
+FAMILIES = Path(__file__).parent / "families"
+_ADDRESS = re.compile(r"([0-9A-Fa-f]{4})h(?:/([0-9]{1,3}))?")
+_CHANNELS = {channel.text: channel for channel in ChannelErrorType}
+
+
+def _address(value: object) -> object:
+    """``6C01h/1`` as (index, sub-index)."""
+    if isinstance(value, str):
+        found = _ADDRESS.fullmatch(value)
+        if found is None:
+            raise ValueError(f"{value!r} is no object, expected such as 2003h or 6C01h/1")
+        return int(found[1], 16), int(found[2] or 0)
+    return value
+
+
+def _channel(value: object) -> object:
+    if isinstance(value, str):
+        if value not in _CHANNELS:
+            raise ValueError(f"{value!r} is no channel error type, expected one of {', '.join(_CHANNELS)}")
+        return _CHANNELS[value]
+    return value
+
+
+Address = Annotated[tuple[int, int], BeforeValidator(_address)]
+
+
+class _Model(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class Match(_Model):
+    """Which devices are of the family: every key that is given has to fit."""
+
+    vendor_id: Annotated[int, Field(ge=1, le=0xFFFF_FFFF)] | None = None
+    product_codes: tuple[int, ...] = ()
+
+
+class Fault(_Model):
+    """One fault number of the manufacturer."""
+
+    name: str
+    code: Annotated[int, Field(ge=1, le=0xFFFF)]
+    """EMCY error code, 603Fh."""
+    error_register: Annotated[int, Field(ge=0, le=0xFF)]
+    """1001h."""
+    channel: Annotated[ChannelErrorType, BeforeValidator(_channel)]
+
+
+class QuirkKeys(_Model):
+    """As ``Quirks``."""
+
+    modulo_mode: int | None = None
+    range_is_limit: bool = False
+    mode_shown_in_operation_only: bool = False
+    fault_reset_edges: Annotated[int, Field(ge=1, le=4)] = 1
+    starts_in_fault: bool = False
+    boot_ms: Annotated[int, Field(ge=0, le=60_000)] = 0
+    sdo_answer_ms: Annotated[int, Field(ge=0, le=10_000)] = 0
+    fault_number: Address | None = None
+
+
+class Overlay(_Model):
+    """One family of drives."""
+
+    name: str
+    """The file's name."""
+    title: str
+    sources: Annotated[tuple[str, ...], Field(min_length=1)]
+    unverified: tuple[str, ...] = ()
+    match: Match = Match()
+    objects: dict[str, Address] = {}
+    """Objects of the manufacturer by the image attribute they stand for."""
+    modes: dict[int, str] = {}
+    """The manufacturer's modes of operation."""
+    homing_methods: tuple[int, ...] = ()
+    """Where the drive has no 60E3h."""
+    homing_texts: dict[int, str] = {}
+    """Of the manufacturer's homing methods."""
+    faults: dict[int, Fault] = {}
+    """By the manufacturer's number."""
+    quirks: QuirkKeys = QuirkKeys()
+
+    def fits(self, vendor_id: int, product_code: int) -> bool:
+        """Whether a device with this identity is of the family."""
+        match = self.match
+        if match.vendor_id is None or match.vendor_id != vendor_id:
+            return False
+        return not match.product_codes or product_code in match.product_codes
+
+    @property
+    def drive_faults(self) -> Mapping[int, DriveFault]:
+        return {
+            number: DriveFault(number, item.name, item.code, item.error_register, item.channel)
+            for number, item in self.faults.items()
+        }
+
+    @property
+    def drive_quirks(self) -> Quirks:
+        return Quirks(**dict(self.quirks))
+
+
+def parse_overlay(name: str, text: str) -> Overlay:
+    """The overlay of a file's text; Dsp402Error names the file, the key and what is allowed."""
+    try:
+        document: dict[str, Any] = tomllib.loads(text)
+        return Overlay.model_validate({"name": name, **document})
+    except tomllib.TOMLDecodeError as error:
+        raise Dsp402Error("overlay", name, f"a TOML file ({error})") from error
+    except ValidationError as error:
+        detail = error.errors()[0]
+        key = ".".join(map(str, detail["loc"]))
+        raise Dsp402Error(f"overlay {name}: {key}", detail.get("input"), detail["msg"]) from error
+
+
+@cache
+def overlays() -> Mapping[str, Overlay]:
+    """Every overlay of the package by its name."""
+    return {path.stem: parse_overlay(path.stem, path.read_text("utf-8")) for path in sorted(FAMILIES.glob("*.toml"))}
+
+
+def overlay(name: str) -> Overlay:
+    """The overlay with a name; Dsp402Error lists the names there are."""
+    try:
+        return overlays()[name]
+    except KeyError:
+        raise Dsp402Error("drive family", name, ", ".join(overlays())) from None
+
+
+def overlay_for(vendor_id: int, product_code: int) -> Overlay | None:
+    """The family of a device with this identity (1018h/1, 1018h/2); one that lists the product before one that does not."""
+    fitting = [item for item in overlays().values() if item.fits(vendor_id, product_code)]
+    return max(fitting, key=lambda item: bool(item.match.product_codes), default=None)

@@ -1,0 +1,133 @@
+"""The drive as a value: what its data sheet, its answers and its overlay make of it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from fractions import Fraction
+
+import pytest
+from pdgw.ds301.objects import CanType
+from pdgw.dsp402.describe import (
+    PRODUCT_CODE,
+    SUPPORTED_DRIVE_MODES,
+    SUPPORTED_HOMING_METHODS,
+    VENDOR_ID,
+    describe,
+    questions,
+)
+from pdgw.dsp402.drive_type import Quantity, Scaling
+from pdgw.dsp402.errors import Dsp402Error
+from pdgw.dsp402.faults import DRIVE_FAULTS
+from pdgw.dsp402.images import References
+from pdgw.dsp402.modes import HOMING_METHODS, STANDARD_HOMING_METHODS, Mode
+from pdgw.dsp402.objects import DRIVE_OBJECTS
+from pdgw.dsp402.overlay import overlay, overlay_for, overlays, parse_overlay
+
+from tests.support.drive_types import engel, engel_dictionary
+
+MINIMAL = 'title = "a"\nsources = ["b"]\n'
+
+
+def test_the_engel_drive_is_its_data_sheet_and_its_overlay() -> None:
+    drive = engel()
+    assert drive.family == "engel"
+    for entry in DRIVE_OBJECTS.entries:
+        if entry.attribute:
+            found = drive.entry(entry.attribute)
+            assert (found.index, found.subindex, found.type, found.pdo) == (
+                entry.index,
+                entry.subindex,
+                entry.type,
+                entry.pdo,
+            )
+            assert found.limits == entry.limits
+    assert dict(drive.homing_methods) == HOMING_METHODS
+    assert dict(drive.faults) == dict(DRIVE_FAULTS)
+    assert {*drive.modes} == {-5, -4, -3, 1, 3, 4, 6}
+    assert (drive.speed_mode, drive.position_mode, drive.quirks.modulo_mode) == (Mode.VELOCITY, Mode.POSITION, -5)
+    assert drive.fault_of_code[0x7305].number == 5
+
+
+def test_the_engel_drive_has_five_mappable_pdos_of_each_direction() -> None:
+    pdos = engel().pdos
+    assert [slot.number for slot in pdos.rpdos] == [slot.number for slot in pdos.tpdos] == [1, 2, 3, 4, 5]
+    assert pdos.tpdos[0].cob_id == 0x181
+    assert pdos.tpdos[0].mapping == (0x60410010, 0x606C0020)
+    assert pdos.tpdos[0].mapping_writable
+    assert pdos.tpdos[0].event_timer
+    assert not pdos.rpdos[0].event_timer
+    assert pdos.is_mappable(DRIVE_OBJECTS.attribute("target_velocity"))
+    assert not pdos.is_mappable(DRIVE_OBJECTS.entry(0x6080))
+
+
+def test_a_drive_without_overlay_is_what_it_answers() -> None:
+    answers = {VENDOR_ID: 0x1234_5678, SUPPORTED_DRIVE_MODES: 1 << 8 | 1 << 7, (SUPPORTED_HOMING_METHODS, 1): 37}
+    drive = describe(engel_dictionary(), answers, Scaling())
+    assert drive.family == ""
+    assert (drive.speed_mode, drive.position_mode) == (Mode.CYCLIC_VELOCITY, Mode.CYCLIC_POSITION)
+    assert {*drive.homing_methods} == {37}
+    assert not drive.has("dynamic_speed_limit")
+    with pytest.raises(Dsp402Error, match="dynamic_speed_limit"):
+        drive.limits("dynamic_speed_limit")
+
+
+def test_modes_of_a_drive_without_6502h_are_those_it_has_the_objects_of() -> None:
+    drive = describe(engel_dictionary(), {VENDOR_ID: 1}, Scaling())
+    assert {*drive.modes} == {Mode.POSITION, Mode.VELOCITY, Mode.TORQUE, Mode.HOMING}
+    assert {*drive.homing_methods} == {*STANDARD_HOMING_METHODS}
+
+
+def test_the_device_is_asked_only_for_what_its_data_sheet_has() -> None:
+    assert questions(engel_dictionary()) == (VENDOR_ID, PRODUCT_CODE, SUPPORTED_DRIVE_MODES)
+
+
+def test_scaling_of_the_reference_objects() -> None:
+    scaling = engel().scaling
+    assert [scaling.reference(quantity) for quantity in Quantity] == [6000, 6000, 1000, 1000, 500_000]
+    assert scaling.rated_speed_rpm == 3000
+    assert scaling.position_range == (-500_000, 500_000)
+    third = engel(replace(References(), velocity_numerator=3)).scaling
+    assert third.reference(Quantity.SPEED) == Fraction(2000)
+
+
+def test_only_what_a_telegram_needs_is_missed() -> None:
+    scaling = engel(replace(References(), position_max=0)).scaling
+    assert scaling.refusal(Quantity.SPEED) == ""
+    assert "607Bh" in scaling.refusal(Quantity.SPEED, Quantity.POSITION)
+    with pytest.raises(Dsp402Error, match="position"):
+        scaling.reference(Quantity.POSITION)
+
+
+def test_every_overlay_of_the_package_can_be_read() -> None:
+    for name, item in overlays().items():
+        assert item.name == name
+        assert item.sources
+    assert overlay("engel").objects["analogue_input_2"] == (0x6C01, 2)
+    assert DRIVE_OBJECTS.attribute("analogue_input_2").type is CanType.I16
+
+
+def test_an_overlay_is_chosen_by_the_identity() -> None:
+    found = overlay_for(0x400, 0x77)
+    assert found is not None
+    assert found.name == "engel"
+    assert overlay_for(0, 0) is None
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("title", "TOML"),
+        ('title = "a"\nsources = []\n', "sources"),
+        (MINIMAL + 'objects = { error_code = "200C" }', "2003h or 6C01h/1"),
+        (MINIMAL + "colour = 3", "colour"),
+        (MINIMAL + '[faults]\n1 = { name = "x", code = 1, error_register = 0, channel = "hot" }', "channel error type"),
+    ],
+)
+def test_an_overlay_that_is_wrong_is_refused_with_the_key(text: str, said: str) -> None:
+    with pytest.raises(Dsp402Error, match=said):
+        parse_overlay("mine", text)
+
+
+def test_an_unknown_family_is_refused_with_the_names_there_are() -> None:
+    with pytest.raises(Dsp402Error, match="engel"):
+        overlay("nobody")
