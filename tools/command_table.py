@@ -76,7 +76,9 @@ SIM_COMMANDS: Mapping[str, Entry] = {
         "Run simulated encoders until SIGINT, SIGTERM or `quit`. Commands on standard input: see `pdgw sim inject`.",
     ),
     "bus": Entry(
-        "sim_drive:bus", "Run the simulated devices of FILE with their faults until SIGINT, SIGTERM or `quit`."
+        "sim_drive:bus",
+        "Run the simulated devices of FILE with their faults until SIGINT, SIGTERM or `quit`; "
+        "--serve opens the bus too.",
     ),
     "inject": Entry(
         "sim_drive:inject",

@@ -6,12 +6,15 @@
 from __future__ import annotations
 
 import socket
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Annotated
 
 import typer
+from pdgw.gateway.config import CanConfig
 from pdgw.gateway.daemon import open_configured_bus
 from pdgw.gateway.errors import GatewayError
+from pdgw.peers.bus import DEFAULT_PORT, INTERFACE, ServedBus
 from pdgw.peers.simulation.config import ControlConfig, example, load_bus
 from pdgw.peers.simulation.console import COMMANDS
 from pdgw.peers.simulation.devices import Simulation
@@ -35,23 +38,38 @@ def drive(
 
 def bus(
     file: Annotated[Path | None, typer.Argument(help="Description of the bus (TOML).", show_default=False)] = None,
+    serve: Annotated[
+        bool,
+        typer.Option("--serve", help="Open a bus that other processes reach, for the devices of FILE or without any."),
+    ] = False,
+    port: Annotated[
+        int, typer.Option(min=0, max=65535, help="Loopback UDP port of --serve, 0 for a free one.")
+    ] = DEFAULT_PORT,
     example_: Annotated[bool, typer.Option("--example", help="Print a commented example of the file.")] = False,
 ) -> None:
-    """Run the simulated devices of FILE with their faults until SIGINT, SIGTERM or `quit`."""
+    """Run the simulated devices of FILE with their faults until SIGINT, SIGTERM or `quit`; --serve opens the bus too."""
     if example_:
         typer.echo(example(), nl=False)
         return
-    if file is None:
-        raise GatewayError("give a file, or --example for one to start from")
-    config = load_bus(file)
-    simulation = Simulation()
-    for device in config.device:
-        serial = device.node_id if device.serial_number is None else device.serial_number
-        simulation.add(device.type, open_configured_bus(config.can), device.node_id, serial, **device.options)
-        for fault in device.fault:
-            simulation.misbehave(device.node_id, fault.name, fault.values)
-    title = ", ".join(f"{device.type} {device.node_id}" for device in config.device)
-    run(simulation, config.control, f"{title} on {config.can.interface} {config.can.channel}")
+    if file is None and not serve:
+        raise GatewayError("give a file, --serve for a bus without devices, or --example for a file to start from")
+    config = load_bus(file) if file is not None else None
+    with ExitStack() as at_end:
+        place = config.can if config is not None else None
+        if serve:
+            channel = at_end.enter_context(ServedBus(port)).channel
+            place = CanConfig(interface=INTERFACE, channel=channel)
+            typer.echo(f'[can]\ninterface = "{INTERFACE}"\nchannel = "{channel}"\n')
+        assert place is not None
+        simulation = Simulation()
+        for device in config.device if config is not None else ():
+            serial = device.node_id if device.serial_number is None else device.serial_number
+            simulation.add(device.type, open_configured_bus(place), device.node_id, serial, **device.options)
+            for fault in device.fault:
+                simulation.misbehave(device.node_id, fault.name, fault.values)
+        devices = [f"{device.type} {device.node_id}" for device in config.device] if config is not None else []
+        control = config.control if config is not None else ControlConfig()
+        run(simulation, control, f"{', '.join(devices) or 'no devices'} on {place.interface} {place.channel}")
 
 
 def inject(

@@ -1,0 +1,24 @@
+"""Linux's ``struct can_frame``: a classic CAN frame as the 16 bytes that go over a SocketCAN socket.
+
+Source: linux/can.h. The identifier has the flags in its upper bits; the data is padded to 8 bytes.
+"""
+
+from __future__ import annotations
+
+import struct
+
+CAN_FRAME = struct.Struct("=IB3x8s")
+"""Identifier with flags, length 0..8, data."""
+EXTENDED, REMOTE, ERROR = 0x8000_0000, 0x4000_0000, 0x2000_0000
+"""Flags of the identifier: 29 bit, remote request, message of the driver about an error."""
+
+
+def pack_frame(can_id: int, data: bytes) -> bytes:
+    """A frame of at most 8 bytes; flags are part of ``can_id``."""
+    return CAN_FRAME.pack(can_id, len(data), data)
+
+
+def unpack_frame(frame: bytes) -> tuple[int, bytes]:
+    """Identifier with flags, and the data; struct.error when ``frame`` has not its 16 bytes."""
+    can_id, length, data = CAN_FRAME.unpack(frame)
+    return can_id, data[: min(length, 8)]

@@ -1,0 +1,11 @@
+"""A CAN bus between processes on one machine, without a kernel module.
+
+A hub carries Linux's ``struct can_frame`` between members over connected UDP sockets on loopback. ``LoopbackBus`` is a member
+as a python-can interface, named ``pdgw-bus``: its socket takes and gives what SocketCAN's does, so that a gateway runs the same
+code on it. Arbitration, bit times and error frames are not played.
+"""
+
+from pdgw.peers.bus.hub import DEFAULT_PORT, Hub, ServedBus
+from pdgw.peers.bus.interface import INTERFACE, LoopbackBus
+
+__all__ = ["DEFAULT_PORT", "INTERFACE", "Hub", "LoopbackBus", "ServedBus"]

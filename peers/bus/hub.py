@@ -1,0 +1,167 @@
+"""The hub of a loopback bus: every frame of a member goes to all others, in one order for all.
+
+A member says ``JOIN`` to the hub's address and is answered with the port of a socket that is for it alone; then the two are
+connected, and each datagram is one can_frame. Members inside the hub's process are functions.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import selectors
+import socket
+import struct
+import threading
+from collections import deque
+from collections.abc import Callable
+from typing import Self
+
+from pdgw.ds301.can_frame import CAN_FRAME
+from pdgw.gateway.errors import GatewayError
+
+HOST = "127.0.0.1"
+DEFAULT_PORT = 34966
+JOIN, LEAVE = b"J", b"L"
+"""Datagrams that are no frame: a member's first and last."""
+WELCOME = struct.Struct(">cH")
+"""The answer to ``JOIN``: ``W`` and the port."""
+_AT_ONCE = 64
+"""Frames taken from one member before the others get their turn."""
+
+Receiver = Callable[[bytes], None]
+"""Gets the 16 bytes of a frame."""
+
+
+class Hub:
+    """One bus. It works while somebody serves the selector: ``for key, _ in selector.select(): key.data()``.
+
+    Raises GatewayError when the port cannot be had; port 0 takes a free one.
+    """
+
+    def __init__(self, selector: selectors.BaseSelector, port: int = 0) -> None:
+        self._selector = selector
+        self._door = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        try:
+            self._door.bind((HOST, port))
+        except OSError as error:
+            self._door.close()
+            raise GatewayError(f"bus: {HOST} port {port} cannot be used ({error.strerror}); choose another") from error
+        self._door.setblocking(False)
+        self._members: list[socket.socket] = []
+        self._local: list[Receiver] = []
+        self._waiting: deque[tuple[object, bytes]] = deque()
+        selector.register(self._door, selectors.EVENT_READ, self._admit)
+
+    @property
+    def channel(self) -> str:
+        """Where members find it: the ``channel`` of the interface ``pdgw-bus``."""
+        host, port = self._door.getsockname()
+        return f"{host}:{port}"
+
+    @property
+    def members(self) -> int:
+        """How many are on the bus now; one that died without a word is noticed at the next frame for it."""
+        return len(self._members) + len(self._local)
+
+    def attach(self, receive: Receiver) -> Receiver:
+        """A member inside this process: ``receive`` gets the frames of the others, the result sends."""
+        self._local.append(receive)
+        return lambda frame: self._carry(receive, frame)
+
+    def wake(self) -> None:
+        """Let a ``select`` that waits return; from any thread."""
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
+            sock.sendto(b"", self._door.getsockname())
+
+    def close(self) -> None:
+        """All members lose the bus."""
+        for member in tuple(self._members):
+            self._remove(member)
+        self._selector.unregister(self._door)
+        self._door.close()
+
+    def _admit(self) -> None:
+        with contextlib.suppress(OSError):  # BlockingIOError: nothing there; others: an answer to a member that died
+            data, address = self._door.recvfrom(64)
+            if data == JOIN:
+                member = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+                member.bind((HOST, 0))
+                member.connect(address)
+                member.setblocking(False)
+                self._members.append(member)
+                self._selector.register(member, selectors.EVENT_READ, lambda: self._take(member))
+                self._door.sendto(WELCOME.pack(b"W", member.getsockname()[1]), address)
+
+    def _take(self, member: socket.socket) -> None:
+        for _ in range(_AT_ONCE):
+            try:
+                frame = member.recv(64)
+            except BlockingIOError:
+                return
+            except OSError:  # refused: nobody listens there any more
+                frame = LEAVE
+            if frame == LEAVE:
+                self._remove(member)
+                return
+            if len(frame) == CAN_FRAME.size:
+                self._carry(member, frame)
+
+    def _carry(self, sender: object, frame: bytes) -> None:
+        """To all but the sender. A local member that answers at once is heard after everybody has got what it answers."""
+        waiting = self._waiting
+        waiting.append((sender, frame))
+        if len(waiting) > 1:
+            return  # called from within the loop below
+        while waiting:
+            source, data = waiting[0]
+            for member in tuple(self._members):
+                if member is not source:
+                    self._send(member, data)
+            for receive in self._local:
+                if receive is not source:
+                    receive(data)
+            waiting.popleft()
+
+    def _send(self, member: socket.socket, data: bytes) -> None:
+        try:
+            member.send(data)
+        except BlockingIOError:
+            return  # a member that does not read loses frames, as with SocketCAN
+        except OSError:
+            self._remove(member)
+
+    def _remove(self, member: socket.socket) -> None:
+        if member in self._members:
+            self._members.remove(member)
+            self._selector.unregister(member)
+            member.close()
+
+
+class ServedBus:
+    """A hub with a thread that serves it."""
+
+    def __init__(self, port: int = 0) -> None:
+        self._selector = selectors.DefaultSelector()
+        self._hub = Hub(self._selector, port)
+        self.channel = self._hub.channel
+        self._stopping = threading.Event()
+        self._thread = threading.Thread(target=self._serve, name=f"bus {self.channel}", daemon=True)
+        self._thread.start()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.stop()
+
+    def stop(self) -> None:
+        """End the bus; members hear nothing any more."""
+        self._stopping.set()
+        self._hub.wake()
+        self._thread.join()
+        self._hub.close()
+        self._selector.close()
+
+    def _serve(self) -> None:
+        while not self._stopping.is_set():
+            for key, _ in self._selector.select():
+                key.data()
