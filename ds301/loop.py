@@ -1,0 +1,504 @@
+"""One loop, any clock: readiness, timers and tasks of one thread.
+
+Everything of the gateway runs on one ``Loop``: cyclic exchange, CAN reception, SDO work, parameter requests. A ``SystemLoop``
+has the machine's clock and file descriptors, a ``VirtualLoop`` a clock of its own that jumps to the next timer, so that the same
+code plays a day in minutes and the same run twice. Times are monotonic nanoseconds.
+
+A ``Task`` is a greenlet: straight code that waits for events. Priority is explicit: file descriptors in the order of their
+priority, then due timers, then one slice of one task; see ``Loop.pace``.
+"""
+
+from __future__ import annotations
+
+import abc
+import contextlib
+import heapq
+import logging
+import queue
+import select
+import socket
+import time
+from collections import deque
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Generic, TypeVar
+
+import greenlet
+
+log = logging.getLogger("gateway")
+
+T = TypeVar("T")
+MS = 1_000_000
+SECOND = 1_000_000_000
+SLICE_NS = 200_000
+"""A slice of a task is nearly always shorter: it is begun only when nothing is expected for so long."""
+_LONGEST_WAIT_S = 3600.0
+
+
+class TaskKilled(BaseException):
+    """Raised inside a task that is ended from outside, where it waits."""
+
+
+class Timer:
+    """A call at a time; ``cancel`` takes it back."""
+
+    __slots__ = ("action", "when")
+
+    def __init__(self, when: int, action: Callable[[], None]) -> None:
+        self.when = when
+        self.action: Callable[[], None] | None = action
+
+    def cancel(self) -> None:
+        """It will not be called; cancelling twice or afterwards is no error."""
+        self.action = None
+
+
+class Task:
+    """Straight code on a loop, made by ``Loop.spawn``. ``error`` is the exception it ended with, None for a normal end."""
+
+    __slots__ = ("_greenlet", "_kill", "_loop", "_parked", "done", "error", "name")
+
+    def __init__(self, loop: Loop, function: Callable[[], None], name: str) -> None:
+        self.name = name
+        self.done = Event(loop)
+        self.error: BaseException | None = None
+        self._loop = loop
+        self._kill = False
+        self._parked = True
+        self._greenlet = greenlet.greenlet(lambda: self._run(function))
+
+    def kill(self) -> None:
+        """End it where it waits; a task that has ended or not begun is no error."""
+        if not self.done.is_set():
+            self._kill = True
+            self.resume()
+
+    def resume(self) -> None:
+        """Let it go on in a later slice; only one that waits, and only once."""
+        if self._parked:
+            self._parked = False
+            self._loop.add_slice(self._go_on)
+
+    def park(self) -> None:
+        """Wait, inside the task, until it is resumed."""
+        self._parked = True
+        self._loop.hub.switch()
+        if self._kill:
+            raise TaskKilled(self.name)
+
+    def _go_on(self) -> None:
+        loop = self._loop
+        loop.hub = greenlet.getcurrent()
+        self._greenlet.parent = loop.hub
+        loop.running = self
+        try:
+            self._greenlet.switch()
+        finally:
+            loop.running = None
+
+    def _run(self, function: Callable[[], None]) -> None:
+        try:
+            if not self._kill:
+                function()
+        except TaskKilled:
+            pass
+        except Exception as error:
+            # One task's mistake must not end the exchange of all; it is told, and whoever waits for the task sees it.
+            self.error = error
+            self._loop.task_errors += 1
+            log.exception("task %s ended with an error", self.name)
+        finally:
+            self.done.set()
+
+
+class Loop(abc.ABC):
+    """What both clocks have in common. All methods but ``call_threadsafe`` belong to the loop's own thread."""
+
+    def __init__(self) -> None:
+        self.hub = greenlet.getcurrent()
+        self.running: Task | None = None
+        self.task_errors = 0
+        """Tasks that ended with an exception nobody expected; each is in the log."""
+        self._timers: list[tuple[int, int, Timer]] = []
+        self._number = 0
+        self._slices: deque[Callable[[], None]] = deque()
+        self._stopping = False
+
+    @abc.abstractmethod
+    def now(self) -> int:
+        """Monotonic nanoseconds."""
+
+    @abc.abstractmethod
+    def wall(self) -> float:
+        """Seconds since 1970, for logs and recordings."""
+
+    @abc.abstractmethod
+    def run(self) -> None:
+        """Until ``stop``. An exception of a timer or reader ends the run and is raised here."""
+
+    @abc.abstractmethod
+    def call_threadsafe(self, action: Callable[[], None]) -> None:
+        """Call soon on the loop's thread; from any thread, and from a signal handler."""
+
+    @abc.abstractmethod
+    def offload(self, function: Callable[[], T]) -> Future[T]:
+        """Run what may block (the disk) outside the loop, one after the other; the future is completed on the loop."""
+
+    @abc.abstractmethod
+    def add_reader(self, descriptor: int, action: Callable[[], None], *, urgent: bool = False) -> None:
+        """Call ``action`` whenever the descriptor can be read; urgent ones first."""
+
+    @abc.abstractmethod
+    def remove_reader(self, descriptor: int) -> None:
+        """End it; one that is not watched is no error."""
+
+    def stop(self) -> None:
+        """End ``run`` after the present turn."""
+        self._stopping = True
+
+    def call_at(self, when: int, action: Callable[[], None]) -> Timer:
+        """Call at a time; one that is past is called in the next turn. Timers of the same time keep their order."""
+        timer = Timer(when, action)
+        self._number += 1
+        heapq.heappush(self._timers, (when, self._number, timer))
+        return timer
+
+    def call_later(self, delay: int, action: Callable[[], None]) -> Timer:
+        """Call after so many nanoseconds."""
+        return self.call_at(self.now() + delay, action)
+
+    def spawn(self, function: Callable[[], None], name: str) -> Task:
+        """Begin a task in a later slice."""
+        task = Task(self, function, name)
+        task.resume()
+        return task
+
+    def add_slice(self, action: Callable[[], None]) -> None:
+        """Something that can wait for a gap in the exchange; in the order they were added."""
+        self._slices.append(action)
+
+    @abc.abstractmethod
+    def pace(self, expected: int) -> None:
+        """The cyclic exchange has done its part of a cycle and expects the next at ``expected``.
+
+        One slice may follow at once, others while they end before that time. Whoever calls it goes on calling it, or ends it
+        with 0: nothing is expected.
+        """
+
+    def current(self) -> Task:
+        """The task that is running; RuntimeError outside of one."""
+        if self.running is None:
+            raise RuntimeError("only a task of the loop can wait")
+        return self.running
+
+    def sleep(self, delay: int) -> None:
+        """Wait so many nanoseconds inside a task."""
+        task = self.current()
+        timer = self.call_later(delay, task.resume)
+        try:
+            task.park()
+        finally:
+            timer.cancel()
+
+    def result(self, future: Future[T], timeout: int | None = None) -> T:
+        """Wait inside a task for a future that this loop completes; TimeoutError after ``timeout`` nanoseconds."""
+        if not future.done():
+            answered = Event(self)
+            future.add_done_callback(lambda _: answered.set())
+            if not answered.wait(timeout):
+                raise TimeoutError
+        return future.result(0)
+
+    def _next(self) -> int | None:
+        """When the next timer is due."""
+        timers = self._timers
+        while timers and timers[0][2].action is None:
+            heapq.heappop(timers)
+        return timers[0][0] if timers else None
+
+    def _fire(self, now: int) -> None:
+        """Call the timers that were due when this turn began: what they add is for the next one."""
+        timers = self._timers
+        last = self._number
+        while timers and timers[0][0] <= now and timers[0][1] <= last:
+            timer = heapq.heappop(timers)[2]
+            action, timer.action = timer.action, None
+            if action is not None:
+                action()
+
+
+class Event:
+    """Something tasks wait for. ``set`` and ``clear`` are for anybody on the loop's thread."""
+
+    __slots__ = ("_loop", "_set", "_waiting")
+
+    def __init__(self, loop: Loop) -> None:
+        self._loop = loop
+        self._set = False
+        self._waiting: list[Task] = []
+
+    def is_set(self) -> bool:
+        return self._set
+
+    def set(self) -> None:
+        self._set = True
+        for task in self._waiting:
+            task.resume()
+
+    def clear(self) -> None:
+        self._set = False
+
+    def wait(self, timeout: int | None = None) -> bool:
+        """Until it is set (True) or so many nanoseconds are over, inside a task."""
+        if self._set:
+            return True
+        task = self._loop.current()
+        self._waiting.append(task)
+        timer = None if timeout is None else self._loop.call_later(timeout, task.resume)
+        try:
+            task.park()
+        finally:
+            self._waiting.remove(task)
+            if timer is not None:
+                timer.cancel()
+        return self._set
+
+
+class Mailbox(Generic[T]):
+    """A queue between the loop and a task, with the part of ``queue.Queue`` that canopen's SDO client uses."""
+
+    def __init__(self, loop: Loop, limit: int = 64) -> None:
+        self._items: deque[T] = deque(maxlen=limit)
+        """Bounded: what nobody fetches must not fill the memory; the oldest go first."""
+        self._filled = Event(loop)
+
+    def put(self, item: T) -> None:
+        self._items.append(item)
+        self._filled.set()
+
+    def get(self, block: bool = True, timeout: float | None = None) -> T:
+        """The oldest item; ``queue.Empty`` when there is none within ``timeout`` seconds. Inside a task."""
+        if not self._items and block:
+            self._filled.clear()
+            self._filled.wait(None if timeout is None else int(timeout * SECOND))
+        if not self._items:
+            raise queue.Empty
+        return self._items.popleft()
+
+    def empty(self) -> bool:
+        return not self._items
+
+    def clear(self) -> None:
+        self._items.clear()
+
+
+class SystemLoop(Loop):
+    """A loop on the machine's clock and file descriptors. ``close`` gives its own descriptors back."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        # ``select`` takes microseconds, which ``poll`` does not, and sockets on every system; a gateway has few descriptors.
+        self._readers: dict[int, Callable[[], None]] = {}
+        self._order: list[int] = []
+        self._writers: dict[int, Callable[[], None]] = {}
+        self._calls: deque[Callable[[], None]] = deque()
+        self._awake, self._waker = socket.socketpair()
+        self._awake.setblocking(False)
+        self._waker.setblocking(False)
+        self._workers: ThreadPoolExecutor | None = None
+        self._expected = 0
+        self._slice_due = True
+        self.add_reader(self._awake.fileno(), self._take_calls)
+
+    def now(self) -> int:
+        return time.monotonic_ns()
+
+    def wall(self) -> float:
+        return time.time()
+
+    def call_threadsafe(self, action: Callable[[], None]) -> None:
+        self._calls.append(action)
+        # A full pipe wakes as well as one byte; a closed one has nobody to wake.
+        with contextlib.suppress(OSError):
+            self._waker.send(b"\0")
+
+    def _take_calls(self) -> None:
+        with contextlib.suppress(BlockingIOError):
+            self._awake.recv(4096)
+        for _ in range(len(self._calls)):
+            self._calls.popleft()()
+
+    def offload(self, function: Callable[[], T]) -> Future[T]:
+        if self._workers is None:
+            self._workers = ThreadPoolExecutor(1, thread_name_prefix="disk")
+        future: Future[T] = Future()
+
+        def run() -> None:
+            try:
+                result = function()
+            except BaseException as error:  # belongs to whoever asked for it
+                failure = error
+                self.call_threadsafe(lambda: future.set_exception(failure))
+            else:
+                self.call_threadsafe(lambda: future.set_result(result))
+
+        self._workers.submit(run)
+        return future
+
+    def add_reader(self, descriptor: int, action: Callable[[], None], *, urgent: bool = False) -> None:
+        self.remove_reader(descriptor)
+        self._readers[descriptor] = action
+        self._order.insert(0 if urgent else len(self._order), descriptor)
+
+    def remove_reader(self, descriptor: int) -> None:
+        if self._readers.pop(descriptor, None) is not None:
+            self._order.remove(descriptor)
+
+    def add_writer(self, descriptor: int, action: Callable[[], None]) -> None:
+        """Call ``action`` whenever the descriptor can be written."""
+        self._writers[descriptor] = action
+
+    def remove_writer(self, descriptor: int) -> None:
+        """End it; one that is not watched is no error."""
+        self._writers.pop(descriptor, None)
+
+    def pace(self, expected: int) -> None:
+        self._expected = expected
+        self._slice_due = True
+
+    def run(self) -> None:
+        self._stopping = False
+        while not self._stopping:
+            self._turn()
+
+    def _turn(self) -> None:
+        due = self._next()
+        if self._may_slice():
+            wait = 0.0
+        elif due is None:
+            wait = _LONGEST_WAIT_S
+        else:
+            wait = min(max(0, due - time.monotonic_ns()) / SECOND, _LONGEST_WAIT_S)
+        ready, writable, _ = select.select(self._order, list(self._writers) if self._writers else (), (), wait)
+        for descriptor in ready:
+            action = self._readers.get(descriptor)
+            if action is not None:
+                action()
+        for descriptor in writable:
+            action = self._writers.get(descriptor)
+            if action is not None:
+                action()
+        if self._timers:
+            self._fire(time.monotonic_ns())
+        if self._may_slice():
+            self._slice_due = False
+            self._slices.popleft()()
+
+    def _may_slice(self) -> bool:
+        if not self._slices:
+            return False
+        return self._slice_due or not self._expected or time.monotonic_ns() + SLICE_NS <= self._expected
+
+    def close(self) -> None:
+        """Wait for what was offloaded and release the descriptors."""
+        if self._workers is not None:
+            self._workers.shutdown()
+        self._take_calls()
+        self._awake.close()
+        self._waker.close()
+
+
+class VirtualLoop(Loop):
+    """A loop on a clock of its own: what happens takes no time, and where nothing happens time jumps to the next timer.
+
+    ``begin``: the first time; ``epoch``: what ``wall`` says then. One order of events, whatever the machine does.
+    """
+
+    def __init__(self, begin: int = SECOND, epoch: float = 1_700_000_000.0) -> None:
+        super().__init__()
+        self._now = self._begin = begin
+        self._epoch = epoch
+
+    def now(self) -> int:
+        return self._now
+
+    def wall(self) -> float:
+        return self._epoch + (self._now - self._begin) / SECOND
+
+    def call_threadsafe(self, action: Callable[[], None]) -> None:
+        """In order with everything else: there is one thread."""
+        self.call_at(self._now, action)
+
+    def offload(self, function: Callable[[], T]) -> Future[T]:
+        future: Future[T] = Future()
+
+        def run() -> None:
+            try:
+                future.set_result(function())
+            except BaseException as error:  # belongs to whoever asked for it
+                future.set_exception(error)
+
+        self.call_at(self._now, run)
+        return future
+
+    def add_reader(self, descriptor: int, action: Callable[[], None], *, urgent: bool = False) -> None:
+        raise RuntimeError(f"descriptor {descriptor}: a virtual loop has links and buses, no descriptors")
+
+    def remove_reader(self, descriptor: int) -> None:
+        """None is watched."""
+
+    def pace(self, expected: int) -> None:
+        """Slices take no time here."""
+
+    def run(self) -> None:
+        """Until ``stop``, or until nothing is left that could happen."""
+        self._stopping = False
+        while not self._stopping and self._turn(None):
+            pass
+
+    def run_until(self, when: int) -> None:
+        """Play up to a time; the clock shows it afterwards, unless ``stop`` ended it before."""
+        self._stopping = False
+        while not self._stopping and self._turn(when):
+            pass
+        if not self._stopping:
+            self._now = max(self._now, when)
+
+    def run_for(self, duration: int) -> None:
+        """Play so many nanoseconds."""
+        self.run_until(self._now + duration)
+
+    def until(self, condition: Callable[[], object], what: str, limit: int = 10 * SECOND) -> None:
+        """Play until a condition holds after an event; TimeoutError naming ``what`` when it does not within ``limit``."""
+        end = self._now + limit
+        self._stopping = False
+        while not condition():
+            if self._stopping or not self._turn(end):
+                raise TimeoutError(f"not within {limit / SECOND:g} s: {what}")
+
+    def complete(self, function: Callable[[], T], limit: int = 60 * SECOND) -> T:
+        """Run a function as a task and play until it has ended; its result or exception is this call's."""
+        future: Future[T] = Future()
+
+        def run() -> None:
+            try:
+                future.set_result(function())
+            except Exception as error:  # the caller's
+                future.set_exception(error)
+
+        self.spawn(run, "complete")
+        self.until(future.done, "end of the task", limit)
+        return future.result(0)
+
+    def _turn(self, end: int | None) -> bool:
+        """One event; False when there is none up to ``end``."""
+        due = self._next()
+        if due is not None and due <= self._now:
+            self._fire(self._now)
+        elif self._slices:
+            self._slices.popleft()()
+        elif due is None or (end is not None and due > end):
+            return False
+        else:
+            self._now = due
+        return True
