@@ -20,12 +20,14 @@ MAX_BODY = 1384
 DEVICE_INTERFACE = UUID("dea00001-6c97-11d1-8271-00a02442df7d")
 """PNIO device interface, version 1."""
 INTERFACE_VERSION = 1
-_OBJECT_PREFIX = UUID("dea00000-6c97-11d1-8271-000000000000").bytes[:10]
+CONTROLLER_INTERFACE = UUID("dea00002-6c97-11d1-8271-00a02442df7d")
+"""PNIO controller interface: where ApplicationReady goes."""
+OBJECT_PREFIX = UUID("dea00000-6c97-11d1-8271-000000000000").bytes[:10]
 
 
 def object_uuid(instance: int, device_id: int, vendor_id: int) -> UUID:
     """The object UUID of a PROFINET device instance."""
-    return UUID(bytes=_OBJECT_PREFIX + struct.pack(">HHH", instance, device_id, vendor_id))
+    return UUID(bytes=OBJECT_PREFIX + struct.pack(">HHH", instance, device_id, vendor_id))
 
 
 class PacketType(enum.IntEnum):
@@ -85,9 +87,9 @@ class RpcHeader:
 
     def answer(self, packet_type: PacketType, *, server_boot: int = 0, fragment: int = 0) -> RpcHeader:
         """The header of an answer: mirrored, with another type."""
-        return replace(
-            self, packet_type=packet_type, flags=NO_FLAGS, server_boot=server_boot, fragment=fragment, serial=0
-        )
+        # Real devices set these flags on a response, whole or not.
+        flags = Flags.LAST_FRAGMENT | Flags.NO_FACK if packet_type is PacketType.RESPONSE else NO_FLAGS
+        return replace(self, packet_type=packet_type, flags=flags, server_boot=server_boot, fragment=fragment, serial=0)
 
 
 _ENDS = {True: "<", False: ">"}
@@ -200,7 +202,12 @@ def encode_fragments(header: RpcHeader, body: bytes) -> list[bytes]:
     packets = []
     for number, offset in enumerate(range(0, len(body), MAX_BODY)):
         last = offset + MAX_BODY >= len(body)
-        flags = header.flags | Flags.FRAGMENT | Flags.NO_FACK | (Flags.LAST_FRAGMENT if last else NO_FLAGS)
+        flags = (
+            header.flags & ~Flags.LAST_FRAGMENT
+            | Flags.FRAGMENT
+            | Flags.NO_FACK
+            | (Flags.LAST_FRAGMENT if last else NO_FLAGS)
+        )
         part = replace(header, flags=flags, fragment=number, serial=number)
         packets.append(encode_packet(part, body[offset : offset + MAX_BODY]))
     return packets

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import enum
 import struct
+from collections.abc import Sequence
 from dataclasses import dataclass
 from uuid import UUID
 
@@ -17,6 +18,8 @@ RECORD_LOCAL = 0xB02E
 """Parameter access point, local: the slot chooses the axis."""
 RECORD_GLOBAL = 0xB02F
 """Parameter access point, global: the DO-ID of the request chooses the axis."""
+RECORD_MULTIPLE = 0xE040
+"""Several writes in one."""
 NIL = UUID(int=0)
 
 
@@ -150,6 +153,7 @@ class RecordBlock:
 _COMMON = struct.Struct(">HHBBH16sIHH2xHI")
 _TAIL = struct.Struct(">16s8x")
 _WRITE_RESPONSE_TAIL = struct.Struct(">HHI16x")
+_LENGTH = struct.Struct(">I")
 BLOCK_SIZE = _COMMON.size + _TAIL.size
 _BLOCK_LENGTH = BLOCK_SIZE - 4
 
@@ -201,6 +205,31 @@ def decode_block(data: bytes) -> tuple[RecordBlock, bytes]:
     if not carries and record:
         raise ProfidriveError("data behind the block", f"{len(record)} bytes", "none")
     return block, record
+
+
+def split_multiple(data: bytes) -> list[tuple[RecordBlock, bytes]]:
+    """The writes inside a RECORD_MULTIPLE, each padded to a multiple of 4; ProfidriveError names what is wrong."""
+    writes = []
+    at = 0
+    while at < len(data):
+        if len(data) - at < BLOCK_SIZE:
+            raise ProfidriveError("write inside E040h", f"{len(data) - at} bytes", f"at least {BLOCK_SIZE}")
+        (length,) = _LENGTH.unpack_from(data, at + _COMMON.size - _LENGTH.size)
+        end = at + BLOCK_SIZE + length
+        block, record = decode_block(data[at:end])
+        if block.type is not BlockType.WRITE_REQUEST:
+            raise ProfidriveError("BlockType inside E040h", f"{block.type:04X}h", f"{BlockType.WRITE_REQUEST:04X}h")
+        writes.append((block, record))
+        at = end + -end % 4
+    return writes
+
+
+def join_multiple(writes: Sequence[tuple[RecordBlock, bytes]]) -> bytes:
+    """The data of a RECORD_MULTIPLE."""
+    out = bytearray()
+    for block, record in writes:
+        out += bytes(-len(out) % 4) + encode_block(block) + record
+    return bytes(out)
 
 
 # -- NDR --------------------------------------------------------------------------------------------------------------

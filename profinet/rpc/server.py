@@ -1,15 +1,16 @@
-"""The record server of a device: datagrams in, datagrams out.
+"""The server's side of connectionless RPC, and the record service on it: datagrams in, datagrams out.
 
 Each call (activity and sequence number) is executed once: a repetition is answered with the kept answer. Calls are answered
-at once; a record whose data is not ready is a "state conflict", and the PLC repeats its read.
+at once; a record whose data is not ready is a "state conflict", and the PLC repeats its read. What a caller can make this side
+keep is bounded: callers, unfinished calls, their size and their age.
 """
 
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Hashable
+from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Generic, Protocol, TypeVar
 from uuid import UUID
 
 from pdgw.profidrive.errors import ProfidriveError
@@ -17,32 +18,34 @@ from pdgw.profinet.rpc import dcerpc
 from pdgw.profinet.rpc.dcerpc import Flags, PacketType, Reassembly, RejectStatus, RpcHeader
 from pdgw.profinet.rpc.records import (
     BLOCK_SIZE,
+    RECORD_MULTIPLE,
     AccessError,
     BlockType,
     Operation,
     PnioStatus,
     RecordBlock,
     RecordRefused,
+    UnknownArUuid,
     decode_arguments,
     decode_block,
     encode_arguments,
     encode_block,
+    split_multiple,
 )
 
 _ACTIVITIES = 64
 """Callers remembered; the longest silent one is forgotten first."""
+_UNFINISHED = 8
+"""Calls of which fragments are missing; the oldest is forgotten first."""
+FRAGMENT_TIMEOUT_NS = 2_000_000_000
+"""After this time a call whose fragments did not come is forgotten."""
 _WINDOW = 8
 _SEQUENCES = 1 << 32
 
+Source = TypeVar("Source", bound=Hashable)
 
-class RecordHandler(Protocol):
-    """What serves the records; both raise RecordRefused."""
-
-    def read(self, block: RecordBlock, *, implicit: bool) -> bytes:
-        """The data of a record."""
-
-    def write(self, block: RecordBlock, data: bytes) -> None:
-        """Take the data of a record."""
+Interface = tuple[UUID, int]
+"""Interface UUID and version."""
 
 
 @dataclass(slots=True)
@@ -51,47 +54,59 @@ class _Call:
 
     sequence: int
     reassembly: Reassembly
+    since: int
     answer: list[bytes] | None = None
 
 
-class RecordServer:
-    """Sans-I/O: ``receive`` gets each datagram and returns those to send back. Not thread-safe."""
+class RpcServer(Generic[Source]):
+    """Sans-I/O: ``receive`` gets each datagram and returns those to send back. Not thread-safe.
 
-    def __init__(self, handler: RecordHandler, max_record: int, boot_time: int = 1) -> None:
-        self._handler = handler
-        self._limit = max_record + BLOCK_SIZE + 64
+    ``interfaces``: what executes the calls of each interface: the NDR body of the response comes back, or why it is rejected.
+    """
+
+    def __init__(
+        self,
+        interfaces: Mapping[Interface, Callable[[RpcHeader, bytes, Source, int], bytes | RejectStatus]],
+        limit: int,
+        boot_time: int = 1,
+    ) -> None:
+        self._interfaces = interfaces
+        self._limit = limit
         self._boot_time = boot_time
-        self._calls: OrderedDict[tuple[Hashable, UUID], _Call] = OrderedDict()
+        self._calls: OrderedDict[tuple[Source, UUID], _Call] = OrderedDict()
         self.malformed = 0
         """Datagrams that were no RPC packets."""
         self.repeated = 0
         """Calls answered again."""
 
-    def receive(self, data: bytes, source: Hashable) -> list[bytes]:
-        """The answers to one datagram of ``source``."""
+    def receive(self, data: bytes, source: Source, now: int = 0) -> list[bytes]:
+        """The answers to one datagram of ``source``. Without a clock (0) unfinished calls are bounded by their number alone."""
         try:
             header, body = dcerpc.decode_packet(data)
         except ProfidriveError:
             self.malformed += 1
             return []
+        return self.serve(header, body, source, now)
+
+    def serve(self, header: RpcHeader, body: bytes, source: Source, now: int) -> list[bytes]:
+        """As ``receive``, of a packet that is taken apart already."""
         key = (source, header.activity)
         if header.packet_type is PacketType.REQUEST:
-            return self._request(key, header, body)
-        call = self._calls.get(key)
-        known = call is not None and call.sequence == header.sequence
+            return self._request(key, header, body, now)
         if header.packet_type is PacketType.PING:
-            if call is not None and known:
+            call = self._calls.get(key)
+            if call is not None and call.sequence == header.sequence:
                 return call.answer or [dcerpc.encode_packet(header.answer(PacketType.WORKING))]
             return [dcerpc.encode_packet(header.answer(PacketType.NOCALL))]
         return []
 
-    def _request(self, key: tuple[Hashable, UUID], header: RpcHeader, body: bytes) -> list[bytes]:
+    def _request(self, key: tuple[Source, UUID], header: RpcHeader, body: bytes, now: int) -> list[bytes]:
         call = self._calls.get(key)
-        if call is None or call.sequence != header.sequence:
+        stale = call is not None and call.answer is None and now - call.since > FRAGMENT_TIMEOUT_NS
+        if call is None or call.sequence != header.sequence or stale:
             if call is not None and (header.sequence - call.sequence) % _SEQUENCES >= _SEQUENCES // 2:
                 return []  # older than what was answered: a straggler
-            call = _Call(header.sequence, Reassembly(self._limit))
-            self._calls[key] = call
+            call = self._calls[key] = _Call(header.sequence, Reassembly(self._limit), now)
             while len(self._calls) > _ACTIVITIES:
                 self._calls.popitem(last=False)
         self._calls.move_to_end(key)
@@ -104,43 +119,107 @@ class RecordServer:
             call.answer = [self._reject(header, RejectStatus.PROTOCOL_ERROR)]
             return call.answer
         if whole is None:
+            self._forget_unfinished()
             wants_fack = Flags.NO_FACK not in header.flags
             return [dcerpc.encode_fack(header, _WINDOW)] if wants_fack else []
-        call.answer = self._execute(header, whole)
+        call.answer = self._execute(header, whole, key[0], now)
+        call.reassembly = Reassembly(0)
         return [] if Flags.MAYBE in header.flags else call.answer
 
-    def _execute(self, header: RpcHeader, body: bytes) -> list[bytes]:
-        if header.interface != dcerpc.DEVICE_INTERFACE or header.interface_version != dcerpc.INTERFACE_VERSION:
+    def _forget_unfinished(self) -> None:
+        unfinished = [key for key, call in self._calls.items() if call.answer is None]
+        for key in unfinished[:-_UNFINISHED]:
+            del self._calls[key]
+
+    def _execute(self, header: RpcHeader, body: bytes, source: Source, now: int) -> list[bytes]:
+        execute = self._interfaces.get((header.interface, header.interface_version))
+        if execute is None:
             return [self._reject(header, RejectStatus.UNKNOWN_INTERFACE)]
-        if header.operation not in {Operation.READ, Operation.WRITE, Operation.READ_IMPLICIT}:
-            return [self._reject(header, RejectStatus.OPERATION_OUT_OF_RANGE)]
-        operation = Operation(header.operation)
-        expected = BlockType.WRITE_REQUEST if operation is Operation.WRITE else BlockType.READ_REQUEST
-        try:
-            maximum, arguments = decode_arguments(body, little=header.little_endian)
-            block, data = decode_block(arguments)
-            if block.type is not expected:
-                raise ProfidriveError("BlockType", f"{block.type:04X}h", f"{expected:04X}h")
-        except ProfidriveError:
-            return [self._reject(header, RejectStatus.PROTOCOL_ERROR)]
-        status = PnioStatus()
-        answer = b""
-        try:
-            if operation is Operation.WRITE:
-                self._handler.write(block, data)
-            else:
-                answer = self._handler.read(block, implicit=operation is Operation.READ_IMPLICIT)
-                if len(answer) > block.length or len(answer) + BLOCK_SIZE > maximum:
-                    raise RecordRefused(AccessError.INVALID_PARAMETER)
-        except RecordRefused as error:
-            status = error.status(operation)
-            answer = b""
-        length = block.length if operation is Operation.WRITE and not status.value else len(answer)
-        arguments = encode_block(block.answer(length, status)) + answer
-        ndr = encode_arguments(status.value, arguments, max(maximum, len(arguments)), little=header.little_endian)
-        response = header.answer(PacketType.RESPONSE, server_boot=self._boot_time)
-        return dcerpc.encode_fragments(response, ndr)
+        result = execute(header, body, source, now)
+        if isinstance(result, RejectStatus):
+            return [self._reject(header, result)]
+        return dcerpc.encode_fragments(header.answer(PacketType.RESPONSE, server_boot=self._boot_time), result)
 
     def _reject(self, header: RpcHeader, status: RejectStatus) -> bytes:
         body = dcerpc.encode_status(status, little=header.little_endian)
         return dcerpc.encode_packet(header.answer(PacketType.REJECT, server_boot=self._boot_time), body)
+
+
+# -- records ----------------------------------------------------------------------------------------------------------
+
+
+class RecordHandler(Protocol):
+    """What serves the records; both raise RecordRefused."""
+
+    def read(self, block: RecordBlock, *, implicit: bool) -> bytes:
+        """The data of a record."""
+
+    def write(self, block: RecordBlock, data: bytes) -> None:
+        """Take the data of a record."""
+
+
+RECORD_OPERATIONS = frozenset({Operation.READ, Operation.WRITE, Operation.READ_IMPLICIT})
+
+
+def serve_record(handler: RecordHandler, header: RpcHeader, body: bytes) -> bytes | RejectStatus:
+    """Execute a read or write of records; the NDR body of the response."""
+    operation = Operation(header.operation)
+    expected = BlockType.WRITE_REQUEST if operation is Operation.WRITE else BlockType.READ_REQUEST
+    try:
+        maximum, arguments = decode_arguments(body, little=header.little_endian)
+        block, data = decode_block(arguments)
+        if block.type is not expected:
+            raise ProfidriveError("BlockType", f"{block.type:04X}h", f"{expected:04X}h")
+    except ProfidriveError:
+        return RejectStatus.PROTOCOL_ERROR
+    status = PnioStatus()
+    answer = b""
+    try:
+        if operation is not Operation.WRITE:
+            answer = handler.read(block, implicit=operation is Operation.READ_IMPLICIT)
+            if len(answer) > block.length:
+                raise RecordRefused(AccessError.INVALID_PARAMETER)
+        elif block.index == RECORD_MULTIPLE:
+            answer = _write_multiple(handler, data)
+        else:
+            handler.write(block, data)
+        if len(answer) + BLOCK_SIZE > maximum:
+            raise RecordRefused(AccessError.INVALID_PARAMETER)
+    except RecordRefused as error:
+        status = error.status(operation)
+        answer = b""
+    length = block.length if operation is Operation.WRITE and not status.value and not answer else len(answer)
+    arguments = encode_block(block.answer(length, status)) + answer
+    return encode_arguments(status.value, arguments, max(maximum, len(arguments)), little=header.little_endian)
+
+
+def _write_multiple(handler: RecordHandler, data: bytes) -> bytes:
+    """Each write inside has its own status; one that is refused stops no other."""
+    try:
+        writes = split_multiple(data)
+    except ProfidriveError as error:
+        raise RecordRefused(AccessError.INVALID_PARAMETER) from error
+    answers = []
+    for block, content in writes:
+        status = PnioStatus()
+        try:
+            handler.write(block, content)
+        except UnknownArUuid:
+            raise
+        except RecordRefused as error:
+            status = error.status(Operation.WRITE)
+        answers.append(encode_block(block.answer(0 if status.value else block.length, status)))
+    return b"".join(answers)
+
+
+class RecordServer(RpcServer[Hashable]):
+    """Records alone, of a relationship that needs no Connect."""
+
+    def __init__(self, handler: RecordHandler, max_record: int, boot_time: int = 1) -> None:
+        def execute(header: RpcHeader, body: bytes, source: Hashable, now: int) -> bytes | RejectStatus:
+            if header.operation not in RECORD_OPERATIONS:
+                return RejectStatus.OPERATION_OUT_OF_RANGE
+            return serve_record(handler, header, body)
+
+        interface = (dcerpc.DEVICE_INTERFACE, dcerpc.INTERFACE_VERSION)
+        super().__init__({interface: execute}, max_record + BLOCK_SIZE + 64, boot_time)

@@ -16,14 +16,18 @@ from pdgw.profinet.rpc.dcerpc import Flags, PacketType
 from pdgw.profinet.rpc.records import (
     RECORD_GLOBAL,
     RECORD_LOCAL,
+    RECORD_MULTIPLE,
     AccessError,
+    BlockType,
     RecordBlock,
     RecordRefused,
     UnknownArUuid,
     decode_arguments,
     decode_block,
+    join_multiple,
+    split_multiple,
 )
-from pdgw.profinet.rpc.server import RecordServer
+from pdgw.profinet.rpc.server import FRAGMENT_TIMEOUT_NS, RecordServer
 from scapy.contrib.pnio_rpc import (
     IM0Block,
     IODReadReq,
@@ -377,3 +381,63 @@ def test_im_records_round_trip_and_refuse_what_is_not_text(number: int) -> None:
     if number != identification.SIGNATURE:
         with pytest.raises(ProfidriveError, match="ASCII"):
             identification.decode_im(number, record[:6] + b"\x07" + record[7:])
+
+
+def test_several_writes_in_one_have_their_own_status_each() -> None:
+    class Picky(Echo):
+        def write(self, block: RecordBlock, data: bytes) -> None:
+            if block.index == 2:
+                raise RecordRefused(AccessError.INVALID_INDEX)
+            super().write(block, data)
+
+    handler = Picky()
+    plc = caller()
+
+    def write(index: int, data: bytes) -> tuple[RecordBlock, bytes]:
+        return RecordBlock(BlockType.WRITE_REQUEST, index, UUID(int=0), 0, 1, 1, index, len(data)), data
+
+    data = join_multiple([write(1, b"a"), write(2, b"bb"), write(3, b"ccc")])
+    assert split_multiple(data) == [write(1, b"a"), write(2, b"bb"), write(3, b"ccc")]
+    call = plc.write(0xFFFFFFFF, 0xFFFF, 0xFFFF, RECORD_MULTIPLE, data)
+    (answer,) = RecordServer(handler, 4096).receive(call.packets[0], "plc")
+    assert handler.writes == [b"a", b"ccc"]
+    response = DceRpc4(answer)
+    assert response[PNIOServiceResPDU].status == 0
+    header, body = dcerpc.decode_packet(answer)
+    _, arguments = decode_arguments(body, little=header.little_endian)
+    inner = [decode_block(arguments[at : at + 64])[0] for at in range(64, len(arguments), 64)]
+    assert [(block.index, block.status.value) for block in inner] == [(1, 0), (2, 0xDF80B000), (3, 0)]
+
+
+def test_several_writes_in_one_that_are_damaged_write_nothing() -> None:
+    handler = Echo()
+    server = RecordServer(handler, 4096)
+    result = finish(caller().write(0, 0, 0, RECORD_MULTIPLE, bytes(70)), server)
+    assert (result.status.code, result.status.code1) == (0xDF, AccessError.INVALID_PARAMETER)
+    assert handler.writes == []
+
+
+def test_fragments_that_come_too_late_are_a_new_call() -> None:
+    handler = Echo()
+    server = RecordServer(handler, 4096)
+    packets = caller().write(0, 0, 1, RECORD_GLOBAL, bytes(3000)).packets
+    server.receive(packets[0], "plc", 0)
+    server.receive(packets[1], "plc", FRAGMENT_TIMEOUT_NS + 1)
+    assert server.receive(packets[2], "plc", FRAGMENT_TIMEOUT_NS + 2) == []
+    assert handler.writes == []
+    assert server.receive(packets[0], "plc", FRAGMENT_TIMEOUT_NS + 3) != []
+    assert handler.writes == [bytes(3000)]
+
+
+def test_unfinished_calls_of_others_are_bounded_and_block_nobody() -> None:
+    handler = Echo()
+    server = RecordServer(handler, 4096)
+    packets = caller().write(0, 0, 1, RECORD_GLOBAL, bytes(3000)).packets
+    server.receive(packets[0], "plc", 0)
+    for number in range(100):
+        other = RecordCaller(UUID(int=number), DEVICE)
+        server.receive(other.write(0, 0, 1, RECORD_GLOBAL, bytes(3000)).packets[0], "mischief", 0)
+    for packet in packets:
+        answers = server.receive(packet, "plc", 1)
+    assert len(answers) == 1
+    assert handler.writes == [bytes(3000)]

@@ -1,0 +1,58 @@
+"""Ethernet frames of PROFINET: header with or without a priority tag, padding.
+
+Source: IEC 61158-6-10 (DLPDU), IEEE 802.1Q. Some systems strip the tag of a received frame and some do not: both are taken.
+"""
+
+from __future__ import annotations
+
+import struct
+from typing import Final
+
+ETHERTYPE_PROFINET: Final = 0x8892
+ETHERTYPE_LLDP: Final = 0x88CC
+ETHERTYPE_TAG: Final = 0x8100
+HEADER_SIZE: Final = 14
+TAG_SIZE: Final = 4
+MINIMUM: Final = 60
+DCP_MULTICAST: Final = bytes.fromhex("010ecf000000")
+"""Where Identify requests go."""
+LLDP_MULTICAST: Final = bytes.fromhex("0180c200000e")
+NO_MAC: Final = bytes(6)
+_TYPE = struct.Struct(">H")
+_TAG = struct.Struct(">HHH")
+
+
+def header(destination: bytes, source: bytes, *, tag: int | None = None, ethertype: int = ETHERTYPE_PROFINET) -> bytes:
+    """What stands before the payload; ``tag`` is the tag control information (priority in bits 15 to 13)."""
+    if tag is None:
+        return destination + source + _TYPE.pack(ethertype)
+    return destination + source + _TAG.pack(ETHERTYPE_TAG, tag, ethertype)
+
+
+def frame(
+    destination: bytes,
+    source: bytes,
+    payload: bytes,
+    *,
+    tag: int | None = None,
+    ethertype: int = ETHERTYPE_PROFINET,
+) -> bytes:
+    """A whole frame, padded to the shortest one."""
+    return (header(destination, source, tag=tag, ethertype=ethertype) + payload).ljust(MINIMUM, b"\0")
+
+
+def payload_of(data: bytes) -> tuple[int, int]:
+    """EtherType and where the payload starts; (0, 0) of what is too short."""
+    if len(data) < HEADER_SIZE:
+        return 0, 0
+    (ethertype,) = _TYPE.unpack_from(data, 12)
+    if ethertype != ETHERTYPE_TAG:
+        return ethertype, HEADER_SIZE
+    if len(data) < HEADER_SIZE + TAG_SIZE:
+        return 0, 0
+    return _TYPE.unpack_from(data, 16)[0], HEADER_SIZE + TAG_SIZE
+
+
+def mac_text(mac: bytes) -> str:
+    """As 02:00:00:00:00:01."""
+    return mac.hex(":")

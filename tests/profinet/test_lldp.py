@@ -1,0 +1,66 @@
+"""LLDP: what a neighbour reads of us, and what we read of it."""
+
+from __future__ import annotations
+
+import contextlib
+from ipaddress import IPv4Address
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pdgw.profidrive.errors import ProfidriveError
+from pdgw.profinet import lldp
+from pdgw.profinet.station import Identity, IpSuite, Station
+from scapy.contrib import lldp as scapy_lldp
+from scapy.layers.l2 import Ether
+
+from tests.support import tshark, tshark_frames
+
+MAC = bytes.fromhex("020000000001")
+
+
+def station() -> Station:
+    suite = IpSuite(IPv4Address("192.168.0.2"), IPv4Address("255.255.255.0"))
+    return Station(Identity(MAC, 1, 2, "gateway", "PDGW", "4711"), "press-1", suite)
+
+
+@tshark.needs_tshark
+@pytest.mark.tshark
+def test_tshark_reads_name_port_and_address(tmp_path: Path) -> None:
+    names = [
+        "lldp.port.id",
+        "lldp.chassis.id",
+        "lldp.profinet.rtc2_port_status",
+        "lldp.mgn.addr.ip4",
+        "lldp.time_to_live",
+    ]
+    (row,) = tshark_frames.read([lldp.encode(station())], tmp_path / "lldp.pcap", names)
+    assert row["lldp.port.id"] == "port-001.press-1"
+    assert bytes.fromhex(row["lldp.chassis.id"]).startswith(b"gateway ")
+    assert row["lldp.mgn.addr.ip4"] == "192.168.0.2"
+    assert row["lldp.time_to_live"] == "20"
+
+
+def test_what_is_told_is_read_back() -> None:
+    neighbour = lldp.decode(lldp.encode(station()), 14, 5)
+    assert (neighbour.port_id, neighbour.alias) == ("port-001.press-1", "port-001.press-1")
+    assert (neighbour.mac, neighbour.seen_ns, neighbour.lifetime_ns) == (MAC, 5, 20_000_000_000)
+
+
+def test_a_neighbour_built_by_scapy_is_known_by_its_name() -> None:
+    frame = (
+        Ether(src="02:00:00:00:00:07", dst="01:80:c2:00:00:0e", type=0x88CC)
+        / scapy_lldp.LLDPDUChassisID(subtype=7, id=b"plc")
+        / scapy_lldp.LLDPDUPortID(subtype=7, id=b"port-001")
+        / scapy_lldp.LLDPDUTimeToLive(ttl=20)
+        / scapy_lldp.LLDPDUEndOfLLDPDU()
+    )
+    neighbour = lldp.decode(bytes(frame), 14, 0)
+    assert (neighbour.chassis_id, neighbour.port_id, neighbour.alias) == ("plc", "port-001", "port-001.plc")
+
+
+@given(st.binary(max_size=100))
+def test_no_lldp_frame_is_too_strange(data: bytes) -> None:
+    with contextlib.suppress(ProfidriveError):
+        lldp.decode(MAC * 2 + b"\x88\xcc" + data, 14, 0)
