@@ -5,8 +5,9 @@
 * ``recognise`` tells what a single piece of data is and why.
 * ``selection``, ``filter``, ``changes`` choose among records; ``columns`` makes rows of them, ``statistics`` rates and loads,
   ``render`` text.
-* ``recording`` sorts the records of both buses by axis, ``clocks`` finds the offset of their clocks, ``timeline`` follows each
-  edge over both buses, with the reasons of a replay (``decoder.replay``); ``timeline_text`` prints it (docs/timeline.md).
+* ``lookahead`` finds the offset of two clocks (``clocks``) in the first part of both captures, ``following`` makes a timeline of
+  the records as they come: each edge over both buses, with its reason; ``timeline_text`` prints it (docs/timeline.md).
+* ``recording`` sorts the records of both buses by axis for ``replay``.
 
 Reading files and buses is the business of the caller (``decoder.capture``).
 """

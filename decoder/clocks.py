@@ -10,11 +10,10 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
-from typing import Final
+from typing import Final, NamedTuple
 
-from pdgw.decoder.recording import AxisWords, Word
 from pdgw.dsp402.states import ControlBit, StatusBit
 from pdgw.profidrive.signals import signal
 from pdgw.profidrive.telegrams import ApplicationMode, telegram
@@ -26,6 +25,25 @@ _WIDTH_CYCLES = 4
 _OUTLIERS = 0.1
 """Share of a group that may be late."""
 _AMBIGUOUS = 0.8
+
+
+class Word(NamedTuple):
+    """A control or status word that differs from the one before."""
+
+    time_ns: int
+    value: int
+
+
+@dataclass
+class AxisWords:
+    """The words of one axis as both buses carried them; a word that repeats the one before may be left out."""
+
+    control: list[Word] = field(default_factory=list)
+    """First signal of the PLC's frames (STW1, Controlword)."""
+    status: list[Word] = field(default_factory=list)
+    """First signal of the gateway's frames (ZSW1, Statusword)."""
+    controlword: list[Word] = field(default_factory=list)
+    statusword: list[Word] = field(default_factory=list)
 
 
 @dataclass(frozen=True)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
-from pdgw.decoder.timeline import Anomaly, Edge, Event, ReasonChange, Timeline, WordKind
+from pdgw.decoder.clocks import Clocks
+from pdgw.decoder.timeline import Anomaly, Edge, Event, ReasonChange, Summary, WordKind
 from pdgw.decoder.timeline import Entry as TimelineEntry
 
 _INDENT = " " * 24
@@ -49,18 +50,20 @@ def _outcome(edge: Edge, *, verbose: bool) -> Iterator[str]:
         yield f"{_INDENT}-> {'; then: '.join([*passing, 'obeyed'])}"
 
 
-def summary_lines(timeline: Timeline) -> Iterator[str]:
-    """Clocks, latencies of each hop, what the PLC's edges came to, anomalies."""
-    yield f"clocks: {timeline.clocks.text}"
-    latencies = timeline.latencies
+def summary_lines(summary: Summary, clocks: Clocks, assumed: Sequence[str] = ()) -> Iterator[str]:
+    """Clocks, what is not known but assumed, latencies of each hop, what the PLC's edges came to, anomalies."""
+    yield f"clocks: {clocks.text}"
+    for text in assumed:
+        yield f"assumed: {text}"
+    latencies = summary.latencies
     if latencies:
         yield f"{'latency, ms':<28}{'count':>7}{'p50':>10}{'p99':>10}{'max':>10}"
         for item in latencies:
             values = "".join(f"{value / 1e6:>10.3f}" for value in (item.p50_ns, item.p99_ns, item.max_ns))
             yield f"{item.name:<28}{item.count:>7}{values}"
-    for reason, count in timeline.refusals.items():
+    for reason, count in summary.refusals.items():
         yield f"edges that came to: {reason.value}: {count}"
-    if not timeline.anomalies:
+    if not summary.anomalies:
         yield "anomalies: none"
-    for kind, count in timeline.anomalies.items():
+    for kind, count in summary.anomalies.items():
         yield f"anomalies: {kind.value}: {count}"

@@ -1,4 +1,4 @@
-"""Captures of both buses to one ``Recording``: what timeline and replay have in common.
+"""Captures of both buses, opened for the timeline (as a stream) and for replay (as one ``Recording``).
 
 Axes come from the configuration, from telegrams and nodes given by hand, or are inferred from the frames. Each file has a clock
 of its own unless it holds both buses.
@@ -10,29 +10,43 @@ import heapq
 import os
 import re
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from itertools import islice
+from operator import attrgetter
 from pathlib import Path
+from typing import overload
 
 from pdgw.decoder.capture.axes import configured_axes
 from pdgw.decoder.capture.dictionary import dictionary_of
-from pdgw.decoder.capture.source import STANDARD_INPUT, open_source
-from pdgw.decoder.clocks import Clocks, correlate
+from pdgw.decoder.capture.source import STANDARD_INPUT, Source, open_source
+from pdgw.decoder.clocks import Clocks
 from pdgw.decoder.engine import Axis, Decoder, Settings, given_axes
+from pdgw.decoder.following import HOLD_NS, Follower
+from pdgw.decoder.lookahead import Lookahead, is_of
 from pdgw.decoder.recording import Collector, Recording
-from pdgw.decoder.records import BusKind, CanRecord, CyclicRecord, Record
+from pdgw.decoder.records import BusKind, Record
 from pdgw.decoder.replay import AxisReplay, Replayer
+from pdgw.decoder.timeline import Entry
 from pdgw.gateway.config import load_config
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.translator.base import TranslatorSettings
 from pdgw.gateway.translator.factory import DRIVE_TELEGRAM_NUMBERS
+from pdgw.tools.progress import with_progress
 
 INFER_FROM = 20_000
 """Packets of a file that are looked at for the telegrams."""
 TOLERANCE_NS = 50_000_000
 """So far recorded times may be off in a replay: a busy machine lets a recorder or the gateway's reader wait for some cycles."""
 _MIN_TOLERANCE_CYCLES = 4
+_STRETCH_NS = 2_000_000_000
+"""So much of each capture is looked at in turn before a timeline begins."""
+_LOOK_AT = 50_000
+_FEW_CHANGES = 4
+"""After so many packets so few changes of words are enough."""
+_EVIDENCE = {BusKind.PLC: "cyclic frames", BusKind.CAN: "CAN frames"}
 _AXIS_NODE = re.compile(r"(?:(\d{1,3})=)?(\d{1,3})")
 
 Notify = Callable[[str], None]
@@ -94,10 +108,7 @@ class Loaded:
 
     recording: Recording
     clocks: Clocks
-    known: Known
     files: tuple[str, ...]
-    shifted: frozenset[str]
-    """The files whose clock is not the PLC's."""
 
     def replay(self, *, tolerance_ns: int = TOLERANCE_NS, first_only: bool = False) -> list[AxisReplay]:
         """Today's translators on the recorded inputs of the drives; GatewayError where there is no drive."""
@@ -109,37 +120,197 @@ class Loaded:
         replayers = [Replayer(axis, cycle_ns=cycle_ns, tolerance_ns=tolerance_ns) for axis in drives]
         return [replayer.run(first_only=first_only) for replayer in replayers]
 
-    def records(self, notify: Notify) -> Iterator[Record]:
-        """All packets of all files in the order of time, on the PLC's clock; the files are read once more."""
-        parts = [self._records(file, notify) for file in self.files]
-        return heapq.merge(*parts, key=lambda record: record.time_ns)
 
-    def _records(self, file: str, notify: Notify) -> Iterator[Record]:
-        offset_ns = self.clocks.offset_ns if file in self.shifted else 0
-        for record in _decoded(file, self.known.settings, notify):
+@dataclass(frozen=True)
+class Opening:
+    """What the first part of captures told, enough to follow them from the start in one pass."""
+
+    files: tuple[str, ...]
+    known: Known
+    clocks: Clocks
+    cycle_ns: int
+    begin_ns: int
+    """The first cyclic frame, on the PLC's clock."""
+    shifted: frozenset[str]
+    """The files whose clock is not the PLC's."""
+    assumed: tuple[str, ...] = ()
+    """What was not given and is not in the captures either."""
+
+    def records(self) -> Iterator[Record]:
+        """All packets of all files in the order of time, on the PLC's clock."""
+        with ExitStack() as closing:
+            sources = [closing.enter_context(open_source(file)) for file in self.files]
+            parts = [self._records(source) for source in sources]
+            merged = heapq.merge(*parts, key=_time) if len(parts) > 1 else parts[0]
+            size = sum(source.size or 0 for source in sources)
+            yield from with_progress(merged, "following", size, lambda: sum(s.position() for s in sources))
+
+    def _records(self, source: Source) -> Iterator[Record]:
+        decoder = Decoder(self.known.settings)
+        offset_ns = self.clocks.offset_ns if source.name in self.shifted else 0
+        for packet in source.packets:
+            record = decoder.decode(packet)
             record.time_ns -= offset_ns
             yield record
+            decoder.notices.clear()
+
+
+_time = attrgetter("time_ns")
+
+
+def look_ahead(files: Sequence[str], known: Known, offset_ns: int | None, notify: Notify) -> Opening:
+    """Read the captures until clocks, axes and cycle are known; CaptureError for damaged ones, GatewayError for unusable ones."""
+    known, assumed = _with_axes(files, known, notify)
+    looking = Lookahead(known.settings.axes)
+    buses: dict[str, set[BusKind]] = {file: set() for file in files}
+    one_clock = False
+    with ExitStack() as closing:
+        parts = {file: _Reading(closing.enter_context(open_source(file)), known.settings, notify) for file in files}
+        count = 0
+        while not all(part.ended for part in parts.values()):
+            for file, part in parts.items():
+                for record in part.advance():
+                    looking.add(record)
+                    count += 1
+                    bus = is_of(record)
+                    if bus is not None:
+                        buses[file].add(bus)
+            one_clock = any(len(found) > 1 for found in buses.values())
+            sure = offset_ns is not None or one_clock or looking.enough
+            few = min(looking.changes.values()) >= _FEW_CHANGES and count >= _LOOK_AT
+            if _missing(buses) is None and (sure or few):
+                break
+    missing = _missing(buses)
+    if missing is not None:
+        raise GatewayError(f"{', '.join(files)}: no {missing}, both buses are needed")
+    cycle_ns = known.cycle_ns or looking.cycle_ns
+    if offset_ns is not None:
+        clocks = Clocks(offset_ns)
+    elif one_clock:
+        clocks = Clocks(0, origin="one clock")
+    else:
+        clocks = looking.clocks(cycle_ns)
+    shifted = frozenset(file for file, found in buses.items() if BusKind.PLC not in found)
+    return Opening(tuple(files), known, clocks, cycle_ns, looking.begin_ns or 0, shifted, tuple(assumed))
+
+
+@dataclass(frozen=True)
+class Part:
+    """A part of a timeline: times (both included) in nanoseconds of the PLC's clock, DO-IDs (none: all)."""
+
+    begin_ns: int | None = None
+    end_ns: int | None = None
+    do_ids: frozenset[int] = frozenset()
+
+    def has(self, time_ns: int, do_id: int) -> bool:
+        """Whether something of this time and drive object (0: of all) belongs to it."""
+        return (
+            (self.begin_ns is None or time_ns >= self.begin_ns)
+            and (self.end_ns is None or time_ns <= self.end_ns)
+            and (not self.do_ids or do_id in self.do_ids or not do_id)
+        )
+
+
+@overload
+def followed(opening: Opening, part: Part = ...) -> Iterator[Entry]: ...
+@overload
+def followed(opening: Opening, part: Part = ..., *, packets: bool) -> Iterator[Entry | Record]: ...
+
+
+def followed(opening: Opening, part: Part = Part(), *, packets: bool = False) -> Iterator[Entry | Record]:
+    """The timeline of a part, in the order of time; with ``packets`` every packet of that time too."""
+    follower = Follower(
+        opening.known.settings.axes,
+        opening.known.translators,
+        cycle_ns=opening.cycle_ns,
+        watchdog_factor=opening.known.watchdog_factor,
+    )
+    waiting: deque[Record] = deque()
+    stop_ns = None if part.end_ns is None else part.end_ns + HOLD_NS
+
+    def before(time_ns: int | None) -> Iterator[Record]:
+        while waiting and (time_ns is None or waiting[0].time_ns <= time_ns):
+            yield waiting.popleft()
+
+    def given(entries: Sequence[Entry]) -> Iterator[Entry | Record]:
+        for entry in entries:
+            if part.has(entry.time_ns, entry.do_id):
+                yield from before(entry.time_ns)
+                yield entry
+
+    for record in opening.records():
+        if stop_ns is not None and record.time_ns > stop_ns:
+            break
+        if packets and part.has(record.time_ns, 0):
+            waiting.append(record)
+        entries = follower.add(record)
+        if entries:
+            yield from given(entries)
+        if waiting and follower.horizon_ns is not None:
+            yield from before(follower.horizon_ns)
+    yield from given(follower.finish())
+    yield from before(None)
+
+
+class _Reading:
+    """One capture, read in stretches of recorded time."""
+
+    def __init__(self, source: Source, settings: Settings, notify: Notify) -> None:
+        self.ended = False
+        self._records = _decoded_from(source, settings, notify)
+        self._until: int | None = None
+        self._next: Record | None = None
+
+    def advance(self) -> Iterator[Record]:
+        """The next stretch."""
+        record = self._next or next(self._records, None)
+        if record is not None:
+            self._until = max(self._until or 0, record.time_ns) + _STRETCH_NS
+        while record is not None and self._until is not None and record.time_ns <= self._until:
+            yield record
+            record = next(self._records, None)
+        self._next = record
+        self.ended = record is None
+
+
+def _missing(buses: Mapping[str, set[BusKind]]) -> str | None:
+    """What no file has."""
+    seen = set().union(*buses.values())
+    return next((text for bus, text in _EVIDENCE.items() if bus not in seen), None)
+
+
+def _with_axes(files: Sequence[str], known: Known, notify: Notify) -> tuple[Known, list[str]]:
+    """The axes, inferred where they are not given, and what is assumed."""
+    if STANDARD_INPUT in files:
+        raise GatewayError("-: captures of both buses are read more than once, give files")
+    assumed = []
+    if not known.settings.axes:
+        known = replace(known, settings=replace(known.settings, axes=_inferred(files, known, notify)))
+        assumed.append("telegrams as the lengths of the frames show them, the node-ID of an axis is its number")
+    if not known.translators:
+        assumed.append(
+            "choices of the configuration (on_plc_loss, setpoint_enable ...) as by default; --config tells them"
+        )
+    return known, assumed
 
 
 def load(files: Sequence[str], known: Known, offset_ns: int | None, notify: Notify) -> Loaded:
     """Read the captures and bring them on one clock; CaptureError for damaged ones, GatewayError for unusable ones."""
-    if STANDARD_INPUT in files:
-        raise GatewayError("-: captures of both buses are read more than once, give files")
-    if not known.settings.axes:
-        known = replace(known, settings=replace(known.settings, axes=_inferred(files, known, notify)))
+    known, _ = _with_axes(files, known, notify)
     axes = known.settings.axes
-    collector = Collector(axes, known.translators)
+    collector, looking = Collector(axes, known.translators), Lookahead(axes)
     buses: dict[str, set[BusKind]] = {}
     for file in files:
         buses[file] = set()
         for record in _decoded(file, known.settings, notify):
             collector.add(record)
-            if isinstance(record, CyclicRecord | CanRecord):
-                buses[file].add(record.bus)
-    seen = set().union(*buses.values())
-    for bus, what in ((BusKind.PLC, "cyclic frames"), (BusKind.CAN, "CAN frames")):
-        if bus not in seen:
-            raise GatewayError(f"{', '.join(files)}: no {what}, both buses are needed")
+            looking.add(record)
+            bus = is_of(record)
+            if bus is not None:
+                buses[file].add(bus)
+    missing = _missing(buses)
+    if missing is not None:
+        raise GatewayError(f"{', '.join(files)}: no {missing}, both buses are needed")
     cycle_ns = known.cycle_ns or collector.measured_cycle_ns
     watchdog_factor = known.watchdog_factor or collector.measured_watchdog_factor(cycle_ns)
     one_clock = any(len(found) > 1 for found in buses.values())
@@ -148,10 +319,9 @@ def load(files: Sequence[str], known: Known, offset_ns: int | None, notify: Noti
     elif one_clock:
         clocks = Clocks(0, origin="one clock")
     else:
-        clocks = correlate(collector.words(), {axis.do_id: axis.telegram for axis in axes}, cycle_ns)
+        clocks = looking.clocks(cycle_ns)
     recording = collector.recording(clocks.offset_ns, cycle_ns=cycle_ns, watchdog_factor=watchdog_factor)
-    shifted = frozenset(file for file, found in buses.items() if BusKind.PLC not in found)
-    return Loaded(recording, clocks, known, tuple(files), shifted)
+    return Loaded(recording, clocks, tuple(files))
 
 
 def _inferred(files: Sequence[str], known: Known, notify: Notify) -> Sequence[Axis]:
@@ -169,13 +339,17 @@ def _inferred(files: Sequence[str], known: Known, notify: Notify) -> Sequence[Ax
 
 
 def _decoded(file: str, settings: Settings, notify: Notify) -> Iterator[Record]:
-    decoder = Decoder(settings)
     with open_source(file) as source:
-        for packet in source.packets:
-            yield decoder.decode(packet)
-            for notice in decoder.notices:
-                notify(notice)
-            decoder.notices.clear()
+        yield from _decoded_from(source, settings, notify)
+
+
+def _decoded_from(source: Source, settings: Settings, notify: Notify) -> Iterator[Record]:
+    decoder = Decoder(settings)
+    for packet in source.packets:
+        yield decoder.decode(packet)
+        for notice in decoder.notices:
+            notify(notice)
+        decoder.notices.clear()
 
 
 # -- the edges of the commands ------------------------------------------------------------------------------------------

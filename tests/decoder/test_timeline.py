@@ -6,30 +6,37 @@
 from __future__ import annotations
 
 import tempfile
+import tracemalloc
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 
 import pytest
 from pdgw.decoder.fields import Field
+from pdgw.decoder.following import HOLD_NS, Follower
+from pdgw.decoder.following_axis import AGREEMENT_NS, NOT_JUDGED
 from pdgw.decoder.timeline import (
     Anomaly,
     AnomalyKind,
     Edge,
+    Entry,
     Event,
+    Latencies,
     Latency,
     ReasonChange,
-    Timeline,
+    Summary,
     WordKind,
-    make_timeline,
 )
 from pdgw.decoder.timeline_text import entry_lines, summary_lines
 from pdgw.dsp402.states import State
 from pdgw.gateway.reasons import Reason
+from pdgw.gateway.transport.cyclic import CyclicEndpoint
 from pdgw.profidrive.frame import IOPS_BAD
+from pdgw.tools.recordings import Opening, Part, followed
 
-from tests.decoder.test_replay import RIGS, speed
-from tests.support.recorded import CYCLE_NS, RecordedRig
+from tests.decoder.test_replay import RIGS, positioning, speed
+from tests.support.recorded import BEGIN_NS, CYCLE_NS, RecordedRig
 from tests.support.rig import MS, NODE
 
 GOLDEN = Path(__file__).parent / "golden" / "timeline.txt"
@@ -37,9 +44,24 @@ IOPS_OF_PLC = 6
 """Where telegram 1's IOPS lies in a frame."""
 
 
+@dataclass
+class Timeline:
+    """All entries at once."""
+
+    opening: Opening
+    entries: list[Entry]
+
+    @property
+    def summary(self) -> Summary:
+        summary = Summary()
+        for entry in self.entries:
+            summary.add(entry)
+        return summary
+
+
 def timeline(rig: RecordedRig, folder: Path, *, clock_ns: int = 0) -> Timeline:
-    loaded = rig.load(folder, clock_ns=clock_ns)
-    return make_timeline(loaded.recording, loaded.replay(), loaded.clocks)
+    opening = rig.open(folder, clock_ns=clock_ns)
+    return Timeline(opening, list(followed(opening)))
 
 
 def edges(found: Timeline, kind: WordKind) -> list[Edge]:
@@ -82,7 +104,7 @@ def test_an_edge_is_followed_over_both_buses(clock_ns: int, tmp_path: Path) -> N
 
 
 def test_latencies_are_told_for_each_hop(tmp_path: Path) -> None:
-    found = {item.name: item for item in timeline(speed(), tmp_path).latencies}
+    found = {item.name: item for item in timeline(speed(), tmp_path).summary.latencies}
     assert found["STW1 -> Controlword"].p50_ns == 100_000
     assert found["Controlword -> Statusword"].max_ns < CYCLE_NS
     assert found["Statusword -> ZSW1"].count >= 5
@@ -91,9 +113,20 @@ def test_latencies_are_told_for_each_hop(tmp_path: Path) -> None:
 
 
 def test_percentiles_are_those_of_the_nearest_rank() -> None:
-    latency = Latency.of("hop", range(1, 201))
-    assert (latency.count, latency.p50_ns, latency.p99_ns, latency.max_ns) == (200, 100, 198, 200)
-    assert Latency.of("hop", [7]) == Latency("hop", 1, 7, 7, 7)
+    latencies = Latencies()
+    assert latencies.result("hop") is None
+    latencies.add(7)
+    assert latencies.result("hop") == Latency("hop", 1, 7, 7, 7)
+    for value in (item for item in range(1, 201) if item != 7):
+        latencies.add(value)
+    assert latencies.result("hop") == Latency("hop", 200, 100, 198, 200)
+
+
+def test_latencies_are_kept_to_three_digits() -> None:
+    latencies = Latencies()
+    for value in range(1_000_000, 1_001_000):
+        latencies.add(value)
+    assert latencies.result("hop") == Latency("hop", 1000, 1_000_000, 1_000_000, 1_000_999)
 
 
 def test_no_edge_is_the_cause_of_its_own_cause() -> None:
@@ -107,16 +140,17 @@ def test_no_edge_is_the_cause_of_its_own_cause() -> None:
 
 def test_an_ordinary_run_has_no_anomalies(tmp_path: Path) -> None:
     for rig in RIGS.values():
-        assert not timeline(rig(), tmp_path).anomalies
+        assert not timeline(rig(), tmp_path).summary.anomalies
 
 
 def test_a_part_of_the_timeline_has_its_own_summary(tmp_path: Path) -> None:
     whole = timeline(speed(), tmp_path)
     on = next(edge for edge in edges(whole, WordKind.CONTROL) if edge.after == 0x047F)
-    part = whole.between(on.time_ns, on.time_ns + 10 * MS)
+    chosen = Part(on.time_ns, on.time_ns + 10 * MS)
+    part = Timeline(whole.opening, list(followed(whole.opening, chosen)))
     assert all(on.time_ns <= entry.time_ns <= on.time_ns + 10 * MS for entry in part.entries)
-    assert next(item for item in part.latencies if item.name == "STW1 -> Controlword").count == 1
-    assert not whole.between(None, None, frozenset({2})).entries
+    assert next(item for item in part.summary.latencies if item.name == "STW1 -> Controlword").count == 1
+    assert not list(followed(whole.opening, Part(do_ids=frozenset({2}))))
 
 
 # -- refusals ---------------------------------------------------------------------------------------------------------
@@ -183,11 +217,11 @@ def test_each_refusal_is_explained_with_the_translators_text(reason: Reason, tmp
     edge = edges(found, WordKind.CONTROL)[-1]
     assert edge.outcome is not None
     assert reason in edge.reasons
-    assert reason.value in "\n".join(entry_lines(edge, found.begin_ns))
+    assert reason.value in "\n".join(entry_lines(edge, found.opening.begin_ns))
     document = edge.document()
     assert reason.name in document["reasons"]
     assert document["outcome_text"] == edge.outcome.value
-    assert found.refusals[edge.outcome] >= 1
+    assert found.summary.refusals[edge.outcome] >= 1
 
 
 POSITIONING: dict[Reason, tuple[int, int]] = {
@@ -286,7 +320,8 @@ def test_a_silence_of_the_plc_is_a_watchdog_gap(tmp_path: Path) -> None:
     rig.step(10, plc=False)
     rig.step(5)
     found = timeline(rig, tmp_path)
-    assert texts(found, AnomalyKind.WATCHDOG) == ["no frame of the PLC for 44.0 ms: watchdog expired"]
+    assert texts(found, AnomalyKind.WATCHDOG) == ["no frame of the PLC for 16.3 ms: the gateway has lost it (IOCS BAD)"]
+    assert "frames again after 44.0 ms" in [entry.text for entry in found.entries if isinstance(entry, Event)]
     assert Reason.PLC_LOST in {entry.reason for entry in found.entries if isinstance(entry, ReasonChange)}
 
 
@@ -314,10 +349,106 @@ def test_a_drive_that_leaves_operation_by_itself_is_told(tmp_path: Path) -> None
     assert text.endswith("while Enable Operation was commanded")
 
 
-def test_what_the_translators_do_not_do_today_is_told(tmp_path: Path) -> None:
+def test_a_silence_the_gateway_tolerates_is_no_loss(tmp_path: Path) -> None:
+    rig = RecordedRig(1)
+    rig.endpoint = CyclicEndpoint([rig.translator.telegram], cycle_ns=CYCLE_NS, watchdog_factor=20)
+    rig.step(5)
+    rig.enable(0x047E)
+    rig.step(10, plc=False)
+    rig.step(20)
+    found = timeline(rig, tmp_path)
+    assert not found.summary.anomalies
+    assert edges(found, WordKind.CONTROL)[-1].outcome is None
+
+
+@pytest.mark.parametrize("factor", [3, None])
+def test_without_answers_the_watchdog_decides_and_is_named(factor: int | None, tmp_path: Path) -> None:
     rig = speed()
-    rig.frames.change_can(0x200 + NODE, 6, lambda data: data[:2] + (77).to_bytes(4, "little"))
-    assert texts(timeline(rig, tmp_path), AnomalyKind.DIFFERENCE) == ["RPDO1 differ in Target Velocity"]
+    rig.step(10, plc=False)
+    rig.step(5)
+    rig.frames.answers.clear()
+    opening = rig.open(tmp_path)
+    opening = replace(opening, known=replace(opening.known, watchdog_factor=factor))
+    found = Timeline(opening, list(followed(opening)))
+    whose = "the watchdog's" if factor else "if its watchdog has the default"
+    assert texts(found, AnomalyKind.WATCHDOG) == [f"no frame of the PLC for 44.0 ms: lost after 12 ms, {whose}"]
+
+
+def test_frames_the_gateway_does_not_use_are_told_once(tmp_path: Path) -> None:
+    rig = RecordedRig(1)
+    rig.step(5)
+    stranger = CyclicEndpoint([rig.translator.telegram], cycle_ns=CYCLE_NS, peer="192.0.2.1")
+    rig.endpoint = stranger
+    rig.step(60)
+    assert texts(timeline(rig, tmp_path), AnomalyKind.DROPPED) == ["frames are not used by the gateway (IOCS BAD)"]
+
+
+def shutdown_for_ever(rig: RecordedRig) -> int:
+    """The recorded gateway sends Shutdown where today's rules enable; the time it begins."""
+    sent = [item for item in rig.frames.can if item[1] == 0x200 + NODE]
+    begin = next(now for now, _, data in sent if data[0] == 0x0F)
+    for position, (now, cob_id, data) in enumerate(rig.frames.can):
+        if cob_id == 0x200 + NODE and now >= begin:
+            rig.frames.can[position] = (now, cob_id, b"\x06\0" + data[2:])
+    return begin
+
+
+def test_where_todays_rules_differ_for_longer_no_reasons_are_told(tmp_path: Path) -> None:
+    rig = RecordedRig(1)
+    rig.step(5)
+    rig.enable(0x047E)
+    rig.step(200)
+    rig.stw(0x043F, 30)
+    begin = BEGIN_NS + shutdown_for_ever(rig)
+    found = timeline(rig, tmp_path)
+    (text,) = texts(found, AnomalyKind.DIFFERENCE)
+    assert text.endswith("by today's rules: no reasons until an OFF")
+    assert edges(found, WordKind.CONTROL)[-1].note == NOT_JUDGED
+    told = [entry.time_ns for entry in found.entries if isinstance(entry, ReasonChange)]
+    assert max(told) < begin + AGREEMENT_NS + 10 * MS
+
+
+def test_a_recording_that_begins_in_operation_tells_no_reasons_before_an_off(tmp_path: Path) -> None:
+    rig = RecordedRig(1)
+    rig.step(5)
+    rig.enable(0x047E)
+    begin = rig.now
+    rig.step(10)
+    rig.values["NSOLL_A"] = 0x1000
+    rig.step(60)
+    rig.stw(0x043F, 20)
+    rig.stw(0x047E, 200)
+    rig.stw(0x047F, 30)
+    frames = rig.frames
+    frames.plc, frames.answers = ([item for item in part if item[0] > begin] for part in (frames.plc, frames.answers))
+    frames.can = [item for item in frames.can if item[0] > begin]
+    found = timeline(rig, tmp_path)
+    first, off, on = edges(found, WordKind.CONTROL)
+    assert first.note == NOT_JUDGED
+    assert (on.note, on.outcome) == ("", None)
+    told = [entry.time_ns for entry in found.entries if isinstance(entry, ReasonChange)]
+    assert min(told) > off.time_ns
+    assert not found.summary.anomalies
+
+
+def test_memory_does_not_grow_with_the_recording(tmp_path: Path) -> None:
+    rig = positioning()
+    opening = rig.open(tmp_path)
+    records = list(opening.records())
+    length = records[-1].time_ns - records[0].time_ns + CYCLE_NS
+    follower = Follower(opening.known.settings.axes, opening.known.translators, cycle_ns=CYCLE_NS)
+    sizes = []
+    tracemalloc.start()
+    try:
+        for _ in range(12):
+            for record in records:
+                for entry in follower.add(record):
+                    assert entry.time_ns <= record.time_ns - HOLD_NS
+                record.time_ns += length
+            sizes.append(tracemalloc.get_traced_memory()[0])
+    finally:
+        tracemalloc.stop()
+    assert sizes[-1] - sizes[3] < 50_000
 
 
 # -- golden -----------------------------------------------------------------------------------------------------------
@@ -340,8 +471,8 @@ def golden_lines() -> Iterator[str]:
     with tempfile.TemporaryDirectory() as folder:
         found = timeline(rig, Path(folder), clock_ns=1_500_000_000)
     for entry in found.entries:
-        yield from entry_lines(entry, found.begin_ns)
-    yield from summary_lines(found)
+        yield from entry_lines(entry, found.opening.begin_ns)
+    yield from summary_lines(found.summary, found.opening.clocks, found.opening.assumed)
 
 
 def test_the_timeline_is_the_reviewed_one() -> None:

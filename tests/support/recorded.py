@@ -17,7 +17,7 @@ from pdgw.gateway.translator.base import TranslatorSettings
 from pdgw.gateway.transport.cyclic import CyclicEndpoint
 from pdgw.peers.plc.endpoint import PlcEndpoint
 from pdgw.profidrive.frame import ETHERTYPE
-from pdgw.tools.recordings import Known, Loaded, load
+from pdgw.tools.recordings import Known, Loaded, Opening, load, look_ahead
 
 from tests.support import captures
 from tests.support.rig import MS, NODE, Rig
@@ -174,6 +174,11 @@ class RecordedRig(Rig):
         """Write the captures and read them as the commands do."""
         files = self.frames.write(folder, offset_ns=clock_ns, jitter_ns=jitter_ns)
         return load(files, self.known, offset_ns, lambda _: None)
+
+    def open(self, folder: Path, *, clock_ns: int = 0, jitter_ns: int = 0) -> Opening:
+        """Write the captures and open them as ``pdgw timeline`` does."""
+        files = self.frames.write(folder, offset_ns=clock_ns, jitter_ns=jitter_ns)
+        return look_ahead(files, self.known, None, lambda _: None)
 
 
 def known(number: int, settings: TranslatorSettings | None = None) -> Known:

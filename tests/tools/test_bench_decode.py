@@ -8,8 +8,10 @@ from pathlib import Path
 from pdgw.decoder.capture.source import open_source
 from pdgw.decoder.engine import Decoder, Settings, given_axes
 from pdgw.decoder.records import CyclicRecord, PdoRecord
-from pdgw.tools.bench import decoding
-from pdgw.tools.bench.captures import write_capture
+from pdgw.decoder.timeline import Anomaly, Edge, WordKind
+from pdgw.tools.bench import decoding, following
+from pdgw.tools.bench.captures import AXES, write_capture, write_recording
+from pdgw.tools.recordings import followed, known_from, look_ahead
 
 
 def test_the_measured_capture_is_of_both_buses_and_every_packet_carries_values(tmp_path: Path) -> None:
@@ -31,3 +33,16 @@ def test_a_short_comparison_measures_every_reader() -> None:
     expected = ["pdgw decode --csv", *(["tshark -T fields"] if shutil.which("tshark") else []), "scapy"]
     assert [speed.name for speed in speeds] == expected
     assert all(speed.packets == 400 and speed.seconds > 0 for speed in speeds)
+
+
+def test_the_measured_recording_starts_and_stops_four_axes_once_a_second(tmp_path: Path) -> None:
+    opening = look_ahead(write_recording(tmp_path, 3), known_from(None, [1] * AXES, []), 0, lambda _: None)
+    entries = list(followed(opening))
+    ons = [item for item in entries if isinstance(item, Edge) and item.kind is WordKind.CONTROL and item.after & 1]
+    assert len(ons) == 3 * AXES
+    assert not [item for item in entries if isinstance(item, Anomaly)]
+
+
+def test_a_short_timeline_is_measured() -> None:
+    speed = following.run(2)
+    assert (speed.recorded_s, speed.cpu_s > 0, speed.first_line_s > 0, speed.peak_mib > 1) == (2, True, True, True)

@@ -1,4 +1,4 @@
-"""A capture of both buses for measuring: cyclic frames of telegram 1 over UDP, and the drive's PDOs, in one pcapng file.
+"""Captures of both buses for measuring: cyclic frames of telegram 1 over UDP, and the drives' PDOs.
 
 Source: draft-ietf-opsawg-pcapng; the frames are those of ``profidrive.frame`` and ``dsp402.pdo``.
 """
@@ -48,11 +48,12 @@ def _udp(frame: bytes) -> bytes:
     return _ETHERNET + head[:10] + struct.pack(">H", checksum) + head[12:] + udp
 
 
-def _rt(direction: Direction, counter: int, word: int, value: int) -> bytes:
-    layout = CSduLayout([telegram(1)], direction)
+def _rt(direction: Direction, counter: int, word: int, value: int, axes: int = 1) -> bytes:
+    layout = CSduLayout([telegram(1)] * axes, direction)
     frame = layout.new_frame(FRAME_ID_TO_DEVICE if direction is Direction.SETPOINT else FRAME_ID_TO_CONTROLLER)
-    layout.halves[0].encode_into(frame, layout.offsets[0], (word, value))
-    frame[layout.iops[0]] = frame[layout.iocs[0]] = IOPS_GOOD
+    for axis in range(axes):
+        layout.halves[axis].encode_into(frame, layout.offsets[axis], (word, value))
+        frame[layout.iops[axis]] = frame[layout.iocs[axis]] = IOPS_GOOD
     TRAILER.pack_into(frame, layout.trailer, counter & 0xFFFF, STATUS_NORMAL, 0)
     return bytes(frame)
 
@@ -91,3 +92,38 @@ def _write(file: BinaryIO, packets: int) -> None:
         time_ns = _BEGIN_NS + number * _CYCLE_NS // 4
         head = struct.pack("<IIIII", interface, time_ns >> 32, time_ns & 0xFFFFFFFF, len(data), len(data))
         file.write(block(6, head + data))
+
+
+AXES = 4
+"""Of a recording, on nodes 1 upwards."""
+RECORDING_CYCLE_NS = 4_000_000
+_SECOND = 1_000_000_000 // RECORDING_CYCLE_NS
+_ON_AT = _SECOND // 2
+_STOPPED = (0x0006, 0x0231)
+_STARTING = (_STOPPED, (0x0007, 0x0231), (0x0007, 0x0233), (0x000F, 0x0233), (0x000F, 0x0637))
+"""Controlword and Statusword in the cycles after an ON."""
+
+
+def write_recording(folder: Path, seconds: int) -> list[str]:
+    """plc.pcap and can.log of four axes at 4 ms that start and stop once a second, all values new in every cycle."""
+    layouts = LAYOUTS[Operation.VELOCITY]
+    rpdo, tpdo = layouts.rpdos[0], layouts.tpdos[0]
+    plc, can = folder / "plc.pcap", folder / "can.log"
+    with plc.open("wb") as packets, can.open("w", encoding="ascii") as log:
+        packets.write(struct.pack("<IHHiIII", 0xA1B23C4D, 2, 4, 0, 0, 0x40000, Link.ETHERNET))
+        for cycle in range(seconds * _SECOND):
+            now = _BEGIN_NS + cycle * RECORDING_CYCLE_NS
+            since_on = cycle % _SECOND - _ON_AT
+            stw1 = 0x047F if since_on >= 0 else 0x047E
+            controlword, statusword = _STARTING[min(since_on, 4)] if since_on >= 0 else _STOPPED
+            speed = cycle % 0x4000
+            for direction, later, word in ((Direction.SETPOINT, 0, stw1), (Direction.ACTUAL, 300_000, statusword)):
+                data = _udp(_rt(direction, cycle * 4 * _COUNTER_STEP, word, speed, AXES))
+                seconds_part, rest = divmod(now + later, 1_000_000_000)
+                packets.write(struct.pack("<IIII", seconds_part, rest, len(data), len(data)) + data)
+            for node in range(1, AXES + 1):
+                for pdo, later, word in ((rpdo, 100_000, controlword), (tpdo, 600_000, statusword)):
+                    seconds_part, rest = divmod(now + later + node * 10_000, 1_000_000_000)
+                    data = pdo.struct.pack(word, speed)
+                    log.write(f"({seconds_part}.{rest // 1000:06d}) can0 {pdo.cob_id(node):03X}#{data.hex().upper()}\n")
+    return [str(plc), str(can)]

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 from pdgw.ds301.load import frame_bits
-from pdgw.tools.bench import decoding, roundtrip, storm, translation
+from pdgw.tools.bench import decoding, following, roundtrip, storm, translation
 from rich.console import Console
 from rich.table import Table
 
@@ -95,3 +95,19 @@ def decode(
         table.add_row(speed.name, f"{speed.seconds:.2f}", f"{speed.rate:.0f}", ratio)
     Console().print(table)
     typer.echo(f"goals: {decoding.GOAL_SCAPY:g} x scapy, {decoding.GOAL_TSHARK:g} x tshark")
+
+
+@app.command("timeline")
+def timeline(
+    seconds: Annotated[int, typer.Option(min=2, help="Length of the recording.")] = 120,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+) -> None:
+    """The timeline of four axes at 4 ms against real time."""
+    speed = following.run(seconds)
+    if as_json:
+        typer.echo(json.dumps({"timeline": {**asdict(speed), "factor": speed.factor}}, indent=2))
+        return
+    typer.echo(
+        f"timeline: {speed.recorded_s} s of traffic in {speed.cpu_s:.1f} s of CPU, {speed.factor:.0f} x as fast as real time "
+        f"(goal {following.GOAL_FACTOR:g}); first line after {speed.first_line_s:.1f} s; {speed.peak_mib:.0f} MiB at most"
+    )

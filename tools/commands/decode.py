@@ -41,11 +41,9 @@ from pdgw.decoder.selection import Selection
 from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.telegrams import Direction
 from pdgw.profidrive.telegrams import telegram as telegram_of
+from pdgw.tools.progress import with_progress
 
 _DEFAULT_BITRATE = 1_000_000
-_PROGRESS_FROM = 4 << 20
-"""Bytes of a file that deserves a progress bar."""
-_PROGRESS_EVERY = 5000
 _LATE_NS = 2_000_000_000
 """Packets may be this much out of order; behind ``--to`` by more, reading stops."""
 _NODE_FILE = re.compile(r"(\d{1,3})=(.+)")
@@ -233,7 +231,7 @@ def _run(
     """Decode until the end, an interruption or damage; the writers are finished in every case."""
     try:
         try:
-            packets = islice(_with_progress(source), count)
+            packets = islice(with_progress(source.packets, Path(source.name).name, source.size, source.position), count)
             with contextlib.suppress(KeyboardInterrupt):
                 _loop(packets, decoder, selection, writers, limits)
         finally:
@@ -289,19 +287,3 @@ def _tell(notices: list[str]) -> None:
     for notice in notices:
         sys.stderr.write(f"note: {notice}\n")
     notices.clear()
-
-
-def _with_progress(source: Source) -> Iterator[Packet | CanPacket]:
-    """The packets, with a bar on the terminal for a big file whose output goes elsewhere."""
-    if source.size is None or source.size < _PROGRESS_FROM or not sys.stderr.isatty() or sys.stdout.isatty():
-        yield from source.packets
-        return
-    from rich.console import Console  # noqa: PLC0415
-    from rich.progress import Progress  # noqa: PLC0415
-
-    with Progress(console=Console(stderr=True), transient=True) as progress:
-        task = progress.add_task(Path(source.name).name, total=source.size)
-        for number, packet in enumerate(source.packets):
-            if number % _PROGRESS_EVERY == 0:
-                progress.update(task, completed=source.position())
-            yield packet

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-import heapq
 import json
 from collections.abc import Iterator
 from typing import Annotated
 
 import typer
 from pdgw.decoder.capture.moments import moment
+from pdgw.decoder.records import Record
 from pdgw.decoder.render import record_line
-from pdgw.decoder.timeline import Timeline, make_timeline
+from pdgw.decoder.timeline import Summary
 from pdgw.decoder.timeline_text import entry_lines, summary_lines
 from pdgw.gateway.errors import GatewayError
 from pdgw.tools.commands.recording_options import Config, Files, Nodes, Offset, Telegrams
-from pdgw.tools.recordings import Loaded, known_from, load, nanoseconds, tell, write_lines
+from pdgw.tools.recordings import Opening, Part, followed, known_from, look_ahead, nanoseconds, tell, write_lines
 
 
 def timeline(
@@ -32,24 +32,21 @@ def timeline(
     end: Annotated[str | None, typer.Option("--to", help="As --from.")] = None,
 ) -> None:
     """Merge captures of both buses: what the PLC asked, what became of it, how long it took, and why not."""
-    loaded = load(files, known_from(config, telegram or [], node or []), nanoseconds(offset), tell)
+    opening = look_ahead(files, known_from(config, telegram or [], node or []), nanoseconds(offset), tell)
     chosen = frozenset(axis or ())
-    unknown = chosen - {item.do_id for item in loaded.recording.axes}
+    unknown = chosen - {item.do_id for item in opening.known.settings.axes}
     if unknown:
         raise GatewayError(f"--axis {min(unknown)}: no axis of this recording")
-    whole = make_timeline(loaded.recording, loaded.replay(), loaded.clocks)
-    zero_ns = whole.begin_ns
-    limits = (
-        moment(begin, "--from", zero_ns) if begin is not None else None,
-        moment(end, "--to", zero_ns) if end is not None else None,
+    part = Part(
+        moment(begin, "--from", opening.begin_ns) if begin is not None else None,
+        moment(end, "--to", opening.begin_ns) if end is not None else None,
+        chosen,
     )
-    part = whole.between(*limits, chosen)
-    lines = _documents(part) if as_json else _text(part, loaded, limits, verbose=verbose)
-    write_lines(lines)
+    write_lines(_documents(opening, part) if as_json else _text(opening, part, verbose=verbose))
 
 
-def _documents(part: Timeline) -> Iterator[str]:
-    clocks = part.clocks
+def _documents(opening: Opening, part: Part) -> Iterator[str]:
+    clocks = opening.clocks
     yield json.dumps(
         {
             "type": "clocks",
@@ -59,28 +56,25 @@ def _documents(part: Timeline) -> Iterator[str]:
             "edges": clocks.edges,
             "ambiguous": clocks.ambiguous,
             "origin": clocks.origin,
-            "begin_ns": part.begin_ns,
+            "begin_ns": opening.begin_ns,
+            "assumed": list(opening.assumed),
         }
     )
-    for entry in part.entries:
+    summary = Summary()
+    for entry in followed(opening, part):
+        summary.add(entry)
         yield json.dumps(entry.document())
-    yield json.dumps(part.summary())
+    yield json.dumps(summary.document())
 
 
-def _text(part: Timeline, loaded: Loaded, limits: tuple[int | None, int | None], *, verbose: bool) -> Iterator[str]:
-    lines = (
-        (entry.time_ns, line) for entry in part.entries for line in entry_lines(entry, part.begin_ns, verbose=verbose)
-    )
-    if verbose:
-        lines = heapq.merge(_packets(loaded, limits), lines, key=lambda item: item[0])
-    for _, line in lines:
-        yield line
+def _text(opening: Opening, part: Part, *, verbose: bool) -> Iterator[str]:
+    summary = Summary()
+    zero_ns = opening.begin_ns
+    for entry in followed(opening, part, packets=verbose):
+        if isinstance(entry, Record):
+            yield record_line(entry, zero_ns)
+            continue
+        summary.add(entry)
+        yield from entry_lines(entry, zero_ns, verbose=verbose)
     yield ""
-    yield from summary_lines(part)
-
-
-def _packets(loaded: Loaded, limits: tuple[int | None, int | None]) -> Iterator[tuple[int, str]]:
-    begin, end = limits
-    for record in loaded.records(lambda _: None):
-        if (begin is None or record.time_ns >= begin) and (end is None or record.time_ns <= end):
-            yield record.time_ns, record_line(record, loaded.recording.begin_ns)
+    yield from summary_lines(summary, opening.clocks, opening.assumed)

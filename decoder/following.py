@@ -1,0 +1,264 @@
+"""A timeline out of the records of both buses as they come: entries in the order of time, in constant memory.
+
+Facts are taken from the recording: whether the gateway has the PLC (IOCS of its answers) and the drive (IOPS). Only where it has
+no answers the watchdog decides. An entry is held back until all that belongs to it has come (``HOLD_NS`` of recorded time), then
+it is given out and forgotten. Without I/O; one clock (``decoder.lookahead`` finds the offset).
+
+    >>> follower = Follower(axes, settings, cycle_ns=4_000_000)
+    >>> for record in records:
+    ...     entries = follower.add(record)
+    >>> entries = follower.finish()
+"""
+
+from __future__ import annotations
+
+import heapq
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from typing import Final
+
+from pdgw.decoder.cyclic import Axis
+from pdgw.decoder.following_axis import RESPONSE_NS, AxisFollower
+from pdgw.decoder.following_object import ObjectFollower, Put
+from pdgw.decoder.records import CanRecord, CyclicRecord, NmtRecord, Record
+from pdgw.decoder.timeline import Anomaly, AnomalyKind, Edge, Entry, Event
+from pdgw.gateway.translator.base import TranslatorSettings
+from pdgw.gateway.translator.factory import DRIVE_TELEGRAM_NUMBERS
+from pdgw.gateway.transport.cyclic import CyclicEndpoint, Verdict
+from pdgw.profidrive.frame import IOPS_GOOD, is_newer
+from pdgw.profidrive.telegrams import Direction, telegram
+
+HOLD_NS: Final = RESPONSE_NS + 100_000_000
+"""Longer than anything an entry waits for."""
+_TICK_NS: Final = 10_000_000
+_FILL: Final = 1.5
+"""Cycles without a frame after which a loss of the PLC is its silence."""
+_UNUSED: Final = 8
+"""So many answers in a row that do not use the PLC's frames are more than frames and answers crossing."""
+_JUDGED: Final = 3
+"""Steps of the cycle counter after which the usual one is known."""
+_SENDER = ("recorded", 0)
+_DEFAULT_FACTOR: Final = 3
+_NEVER: Final = 255
+_VERDICTS = {Verdict.STALE: AnomalyKind.STALE, Verdict.PROVIDER_STOP: AnomalyKind.STOPPED}
+_NOTHING: Final[tuple[Entry, ...]] = ()
+
+
+class Follower:
+    """Both buses of one gateway.
+
+    ``axes``: in the order of the frame, with their node-IDs; ``settings``: the choices of the user by DO-ID, defaults are assumed
+    for others. ``watchdog_factor``: the gateway's, None where it is not known.
+    """
+
+    def __init__(
+        self,
+        axes: Sequence[Axis],
+        settings: Mapping[int, TranslatorSettings] | None = None,
+        *,
+        cycle_ns: int,
+        watchdog_factor: int | None = None,
+    ) -> None:
+        self.horizon_ns: int | None = None
+        """All entries up to this time have been given out."""
+        self._heap: list[tuple[int, int, Entry]] = []
+        self._count = 0
+        self._due = 0
+        given = settings or {}
+        self._objects = [_follower(axis, given.get(axis.do_id), self._put, cycle_ns) for axis in axes]
+        self._nodes: dict[int, list[ObjectFollower]] = {}
+        for item in self._objects:
+            self._nodes.setdefault(item.axis.node, []).append(item)
+        self._exchange = _Exchange(self._objects, self._put, cycle_ns, watchdog_factor)
+
+    def add(self, record: Record) -> Sequence[Entry]:
+        """One more record, about in the order of time; what is complete by now."""
+        now = record.time_ns
+        if isinstance(record, CanRecord):
+            to_all = isinstance(record, NmtRecord) and not record.node
+            for item in self._objects if to_all else self._nodes.get(record.node, ()):
+                if item.axis.bus in {"", record.channel}:
+                    item.take(record)
+        elif isinstance(record, CyclicRecord):
+            self._exchange.take(record)
+        if now < self._due:
+            return _NOTHING
+        self._due = now + _TICK_NS
+        for item in self._objects:
+            item.tick(now)
+        self.horizon_ns = now - HOLD_NS
+        return self._release(self.horizon_ns)
+
+    def finish(self) -> Sequence[Entry]:
+        """The rest, at the end of the recording."""
+        for item in self._objects:
+            item.finish()
+        return self._release(None)
+
+    def _put(self, entry: Entry) -> None:
+        self._count += 1
+        heapq.heappush(self._heap, (entry.time_ns, self._count, entry))
+
+    def _release(self, until: int | None) -> Sequence[Entry]:
+        heap = self._heap
+        released = []
+        while heap and (until is None or heap[0][0] <= until):
+            entry = heapq.heappop(heap)[2]
+            if isinstance(entry, Edge) and entry.cause is not None:
+                entry.root = entry.cause.root or entry.cause
+            released.append(entry)
+        return released
+
+
+def _follower(axis: Axis, settings: TranslatorSettings | None, put: Put, cycle_ns: int) -> ObjectFollower:
+    if axis.telegram not in DRIVE_TELEGRAM_NUMBERS:
+        return ObjectFollower(axis, put, HOLD_NS)
+    chosen = settings or TranslatorSettings()
+    return AxisFollower(axis, chosen, put, cycle_ns=cycle_ns, hold_ns=HOLD_NS, assumed=settings is None)
+
+
+class _CycleCounter:
+    """The cycle counter of one direction, and the step it usually makes."""
+
+    def __init__(self, who: str) -> None:
+        self._who = who
+        self._last: int | None = None
+        self._steps: Counter[int] = Counter()
+        self._usual = 0
+        self._count = 0
+
+    def jump(self, counter: int) -> str:
+        """What is unusual about the next frame's counter; empty for an old frame, too."""
+        last, self._last = self._last, counter
+        if last is None:
+            return ""
+        step = (counter - last) & 0xFFFF
+        if not is_newer(counter, last):
+            return ""
+        self._steps[step] += 1
+        self._count += 1
+        if self._steps[step] > self._steps[self._usual]:
+            self._usual = step
+        usual = self._usual
+        if step == usual or self._count < _JUDGED:
+            return ""
+        text = f"{self._who}: counter {last} -> {counter}, usual step {usual}"
+        missing = step // usual - 1 if usual and step % usual == 0 else 0
+        return f"{text}, {missing} frame{'s' if missing > 1 else ''} missing" if missing > 0 else text
+
+
+class _Exchange:
+    """The exchange with the PLC: which frames the gateway used, when it had lost the PLC, and its steps."""
+
+    def __init__(self, objects: Sequence[ObjectFollower], put: Put, cycle_ns: int, watchdog_factor: int | None) -> None:
+        self._objects = {item.axis.do_id: item for item in objects}
+        self._order = tuple(objects)
+        self._put = put
+        self._cycle_ns = cycle_ns
+        self._factor = watchdog_factor
+        telegrams = [telegram(item.axis.telegram) for item in objects]
+        self._endpoint = CyclicEndpoint(telegrams, cycle_ns=cycle_ns, watchdog_factor=_NEVER)
+        self._counters = {
+            Direction.SETPOINT: _CycleCounter("PLC -> gateway"),
+            Direction.ACTUAL: _CycleCounter("gateway -> PLC"),
+        }
+        self._standing: Verdict | None = None
+        self._last_frame = 0
+        self._lost_since: int | None = None
+        self._answered = False
+        self._stepped = False
+        """A step was made for a frame whose answer has not come yet."""
+        self._unused = 0
+
+    def take(self, record: CyclicRecord) -> None:
+        """A cyclic frame of either direction."""
+        direction = record.direction
+        if direction is None:
+            return
+        jump = self._counters[direction].jump(record.cycle_counter)
+        if jump:
+            self._put(Anomaly(record.time_ns, 0, AnomalyKind.COUNTER, jump))
+        if direction is Direction.SETPOINT:
+            self._frame(record)
+        else:
+            self._answer(record)
+
+    def _frame(self, record: CyclicRecord) -> None:
+        now, endpoint = record.time_ns, self._endpoint
+        if not self._answered:
+            self._watch(now)
+        verdict = endpoint.receive(record.data, _SENDER, now)
+        if verdict is Verdict.STALE or (verdict is not Verdict.ACCEPTED and verdict is not self._standing):
+            kind = _VERDICTS.get(verdict, AnomalyKind.DROPPED)
+            self._put(Anomaly(now, 0, kind, f"frame with counter {record.cycle_counter}: {verdict.value}"))
+        self._standing = verdict
+        values = record.values
+        in_force = {item.axis.do_id: s for item, s in zip(self._order, endpoint.setpoints, strict=True)}
+        for do_id, _, unit, first, iops, _ in record.layout.axes:
+            item = self._objects.get(do_id)
+            if item is not None and unit.telegram == item.axis.telegram:
+                item.control(now, values[first], in_force[do_id])
+                item.quality(now, Direction.SETPOINT, good=bool(values[iops] & IOPS_GOOD))
+        if verdict in {Verdict.ACCEPTED, Verdict.PROVIDER_STOP}:
+            if self._lost_since is not None:
+                silence = (now - self._last_frame) / 1e6
+                self._put(Event(now, 0, "PLC", f"frames again after {silence:.1f} ms"))
+                self._lost_since = None
+            self._last_frame = now
+            self._step(now)
+            self._stepped = True
+
+    def _answer(self, record: CyclicRecord) -> None:
+        now, values = record.time_ns, record.values
+        self._answered = True
+        used = False
+        for do_id, _, unit, first, iops, iocs in record.layout.axes:
+            used |= bool(values[iocs] & IOPS_GOOD)
+            item = self._objects.get(do_id)
+            if item is not None and unit.telegram == item.axis.telegram:
+                good = bool(values[iops] & IOPS_GOOD)
+                item.status(now, values[first:iops], good=good)
+                item.quality(now, Direction.ACTUAL, good=good)
+        if record.layout.axes:
+            self._used(now, used=used)
+        if not self._stepped:
+            self._step(now)
+        self._stepped = False
+
+    def _used(self, now: int, *, used: bool) -> None:
+        """Whether the gateway had the PLC when it made an answer: its IOCS say so."""
+        if used or not any(item is not None for item in self._endpoint.setpoints):
+            if used:
+                self._unused = 0
+            return
+        silence = now - self._last_frame
+        if silence > _FILL * self._cycle_ns:
+            self._lose()
+            self._lost_since = now
+            text = f"no frame of the PLC for {silence / 1e6:.1f} ms: the gateway has lost it (IOCS BAD)"
+            self._put(Anomaly(now, 0, AnomalyKind.WATCHDOG, text))
+            return
+        self._unused += 1
+        if self._unused == _UNUSED:
+            self._put(Anomaly(now, 0, AnomalyKind.DROPPED, "frames are not used by the gateway (IOCS BAD)"))
+
+    def _watch(self, now: int) -> None:
+        """Without answers of the gateway, only the silence of the PLC tells about its watchdog."""
+        watchdog_ns = (self._factor or _DEFAULT_FACTOR) * self._cycle_ns
+        silence = now - self._last_frame
+        if not self._endpoint.connected or silence <= watchdog_ns:
+            return
+        self._lose()
+        expiry = self._last_frame + watchdog_ns
+        known = "the watchdog's" if self._factor else "if its watchdog has the default"
+        text = f"no frame of the PLC for {silence / 1e6:.1f} ms: lost after {watchdog_ns / 1e6:g} ms, {known}"
+        self._put(Anomaly(expiry, 0, AnomalyKind.WATCHDOG, text))
+        self._step(expiry)
+
+    def _lose(self) -> None:
+        self._endpoint.poll(self._last_frame + _NEVER * self._cycle_ns + 1)
+
+    def _step(self, now: int) -> None:
+        ignored = self._unused >= _UNUSED
+        for item, setpoints in zip(self._order, self._endpoint.setpoints, strict=True):
+            item.step(None if ignored else setpoints, now)
