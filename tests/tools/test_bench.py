@@ -2,11 +2,23 @@
 
 from __future__ import annotations
 
+import json
+import socket
+from collections.abc import Callable, Iterator
+
 import pytest
+from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.transport.cyclic import CyclicEndpoint
 from pdgw.profidrive.frame import RtFrame
-from pdgw.tools.bench import roundtrip, storm
+from pdgw.profidrive.telegrams import telegram
+from pdgw.tools.bench import storm
+from pdgw.tools.bench.dialogues import SPEEDS, EchoDialogue, PlcDialogue, speed
 from pdgw.tools.bench.measure import latency
+from pdgw.tools.bench.rows import setpoints_to_can
+from pdgw.tools.bench.schedule import Peer
 from pdgw.tools.bench.translation import axis_cycle
+from pdgw.tools.commands.bench import app
+from typer.testing import CliRunner
 
 
 @pytest.mark.parametrize(("number", "enabled"), [(1, 0x07), (9, 0x07), (100, 0x27)])
@@ -18,20 +30,157 @@ def test_the_measured_axis_cycle_is_one_in_operation(number: int, enabled: int) 
     assert len({frame.c_sdu for frame in frames}) > 8, "the values change from cycle to cycle"
 
 
-def test_percentiles() -> None:
-    result = latency([n * 1000 for n in range(1, 1001)], 2)
-    assert (result.p50, result.p99, result.samples, result.lost) == (501, 991, 1000, 2)
+def test_percentiles_count_a_missed_cycle_as_one_that_took_the_whole_period() -> None:
+    result = latency([n * 1000 for n in range(1, 991)], 10, 5_000_000)
+    assert (result.p50, result.p99, result.p999) == (501, 5000, 5000)
+    assert (result.samples, result.missed, result.missed_share) == (990, 10, 0.01)
+    with pytest.raises(GatewayError, match="no answer in 7 cycles"):
+        latency([], 7, 1)
 
 
-def test_a_short_comparison_with_the_echo() -> None:
-    trip = roundtrip.run(axes=4, cycles=50)
-    assert trip.echo.samples == trip.gateway.samples == 50
-    assert trip.gateway.lost == 0
-    assert trip.can_frames_per_s > 0
+class _Numbers:
+    """Datagrams that carry their cycle; an answer is certain when its number is its own."""
+
+    def datagram(self, cycle: int) -> bytes:
+        return bytes((cycle,))
+
+    def answers(self, data: bytes, cycle: int) -> bool:
+        return data == bytes((cycle,))
 
 
-def test_a_short_storm_of_parameter_requests_loses_no_cycle() -> None:
-    result = storm.run(cycles=80)
-    assert result.quiet.samples == result.storm.samples == 80
-    assert (result.quiet.lost, result.storm.lost) == (0, 0)
+@pytest.fixture
+def line() -> Iterator[tuple[Peer, Callable[..., None]]]:
+    """A peer of the client, and what answers it with the given datagrams."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as server:
+        server.bind(("127.0.0.1", 0))
+        peer = Peer(server.getsockname()[1], _Numbers())
+
+        def answer(*datagrams: bytes) -> None:
+            for data in datagrams:
+                server.sendto(data, peer.socket.getsockname())
+
+        yield peer, answer
+        peer.close()
+
+
+def counts(peer: Peer) -> tuple[int, int, int]:
+    return len(peer.samples), peer.missed, peer.slept
+
+
+def test_a_cycle_is_answered_by_the_first_datagram_of_its_period(line: tuple[Peer, Callable[..., None]]) -> None:
+    peer, answer = line
+    peer.send()
+    answer(b"any", b"more")
+    peer.settle()
+    assert counts(peer) == (1, 0, 0)
+
+
+def test_a_late_answer_is_missed_and_does_not_answer_the_next_cycle(line: tuple[Peer, Callable[..., None]]) -> None:
+    peer, answer = line
+    peer.send()
+    peer.send()
+    answer(b"\x00")  # of cycle 0
+    peer.settle()
+    assert counts(peer) == (0, 2, 0)
+    peer.send()
+    answer(b"\x01", b"?")  # of cycle 1 and, behind it, of cycle 2
+    peer.settle()
+    assert counts(peer) == (1, 2, 0)
+
+
+def test_after_a_missed_cycle_what_is_certainly_newer_counts(line: tuple[Peer, Callable[..., None]]) -> None:
+    peer, answer = line
+    peer.send()
+    peer.send()
+    answer(b"\x01")
+    peer.send()
+    answer(b"?")
+    peer.settle()
+    assert counts(peer) == (2, 1, 0)
+
+
+def test_cycles_the_client_slept_through_are_not_the_peers_fault(line: tuple[Peer, Callable[..., None]]) -> None:
+    peer, answer = line
+    peer.send()
+    answer(b"\x00")
+    peer.sleep_through()
+    peer.send()
+    answer(b"\x02")
+    peer.settle()
+    assert counts(peer) == (2, 0, 1)
+    assert list(peer.sent) == [0, 2]
+
+
+def test_the_echo_knows_its_cycle_and_the_plc_what_the_drives_turned_by() -> None:
+    echo = EchoDialogue(40)
+    assert len(echo.datagram(7)) == 40
+    assert [echo.answers(echo.datagram(7), cycle) for cycle in (6, 7, 8)] == [False, True, False]
+    plc = PlcDialogue(1, 1_000_000)
+    gateway = CyclicEndpoint([telegram(1)], cycle_ns=1_000_000)
+    turning_as_in_cycle_6 = bytes(gateway.build([(0x0637, speed(6) - 2)], [True]))
+    assert [plc.answers(turning_as_in_cycle_6, cycle) for cycle in (6, 7, 8)] == [False, True, False]
+
+
+class _Report:
+    """Drives that tell what the test says."""
+
+    def __init__(self, rpdos: list[int], log: list[tuple[int, int]]) -> None:
+        self._report = rpdos, log
+
+    def report(self) -> tuple[list[int], list[tuple[int, int]]]:
+        return self._report
+
+
+def after(words: list[int], cycles: int) -> tuple[Peer, PlcDialogue]:
+    """A peer as it is after so many answered cycles, the last with these ZSW1."""
+    plc = PlcDialogue(len(words), 1_000_000)
+    gateway = CyclicEndpoint([telegram(1)] * len(words), cycle_ns=1_000_000)
+    peer = Peer(9, plc)
+    peer.close()
+    peer.newest = bytes(gateway.build([(word, 0) for word in words], [True] * len(words)))
+    peer.sent = {cycle: 1000 * cycle for cycle in range(cycles)}
+    peer.samples = [1] * cycles
+    return peer, plc
+
+
+def test_setpoints_are_followed_to_the_drive_by_their_speed() -> None:
+    peer, plc = after([0x0637], 2 * SPEEDS)
+    log = [(1000 * cycle + 5 + cycle // SPEEDS, 3 * speed(cycle)) for cycle in range(2 * SPEEDS) if cycle != 70]
+    result = setpoints_to_can(peer, plc, _Report([2 * SPEEDS], log), 1_000_000)
+    assert (result.samples, result.missed) == (2 * SPEEDS - 1, 1)
+    assert result.p50 == 0.006
+
+
+@pytest.mark.parametrize(
+    ("words", "rpdos", "told"),
+    [([0x0637, 0x0231], [5, 5], "0231h"), ([0x0637, 0x0637], [5, 4], r"\[5, 4\]")],
+    ids=["an axis is not in operation", "a drive was left out"],
+)
+def test_a_row_whose_axes_did_not_do_their_work_is_refused(words: list[int], rpdos: list[int], told: str) -> None:
+    peer, plc = after(words, 5)
+    with pytest.raises(GatewayError, match=told):
+        setpoints_to_can(peer, plc, _Report(rpdos, [(1, 1)]), 1_000_000)
+
+
+@pytest.mark.e2e
+def test_a_short_row_is_consistent_and_says_what_was_measured() -> None:
+    arguments = ["cycle", "--axes", "4", "--cycle-time-ms", "4", "--seconds", "0.5", "--json"]
+    result = CliRunner().invoke(app, arguments)
+    assert result.exit_code == 0, result.output
+    document = json.loads(result.output)
+    assert document["machine"]["build"] in {"pure Python", "compiled"}
+    (row,) = document["rows"]
+    assert (row["axes"], row["period_ns"]) == (4, 4_000_000)
+    for name in ("gateway", "echo"):
+        assert 0 < row[name]["samples"] <= 128
+    assert row["gateway"]["samples"] + row["gateway"]["missed"] + row["slept"] == 128
+    assert row["to_can"]["samples"] + row["to_can"]["missed"] + row["slept"] == 128
+    assert min(row["start_s"], row["gateway_per_s"], row["echo_per_s"], row["ratio_p50"]) > 0
+
+
+@pytest.mark.e2e
+def test_a_short_storm_of_parameter_requests_is_answered_beside_the_exchange() -> None:
+    result = storm.measure(seconds=0.1, phases=1)
+    assert result.quiet.samples > 0
+    assert result.storm.samples > 0
     assert result.requests_per_s > 0

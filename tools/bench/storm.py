@@ -1,7 +1,7 @@
-"""The cyclic exchange under a storm of parameter requests: p99 with and without it, in turn in the same run.
+"""The cyclic exchange under a storm of parameter requests, in turn with quiet phases of the same run.
 
-``python -m tools.bench.storm PORT AXES`` is the storm: one client for each axis, asking as fast as answers come; it prints the
-number of requests it got answered when its standard input ends.
+``python -m pdgw.tools.bench.storm PORT AXES`` is the storm: one client for each axis, asking as fast as answers come; it prints
+the number of requests it got answered when its standard input ends.
 """
 
 from __future__ import annotations
@@ -10,17 +10,18 @@ import os
 import sys
 import threading
 import time
+from contextlib import closing
 from dataclasses import dataclass
 
-from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.parameters.codec import Address
-from pdgw.tools.bench.measure import Latency, Peer, latency, paced
-from pdgw.tools.bench.roundtrip import PERIOD_NS, Plc, background, process
+from pdgw.tools.bench.dialogues import PlcDialogue
+from pdgw.tools.bench.measure import Latency, latency
+from pdgw.tools.bench.processes import Background, running
+from pdgw.tools.bench.schedule import Peer, run
 from pdgw.tools.parameters.client import ParameterClient
 
-GOAL_RATIO = 1.5
 AXES = 4
-_PHASES = 4
+PERIOD_NS = 1_000_000
 _MIX = [Address(0x6041), Address(0x606C), Address(965), Address(947, 0, 8), Address(0x1018, 1, 4)]
 """Statusword, velocity, profile, faults, identity: some answered by the gateway, most by the drive."""
 
@@ -34,44 +35,42 @@ class Storm:
     requests_per_s: float
 
     @property
-    def ratio(self) -> float:
+    def ratio_p99(self) -> float:
         """p99 with the storm over p99 without."""
         return self.storm.p99 / self.quiet.p99
 
 
-def run(cycles: int) -> Storm:
-    """Quiet and stormy phases in turn, at 1 kHz with four axes."""
-    quiet: list[int] = []
-    stormy: list[int] = []
+def measure(seconds: float, phases: int = 4) -> Storm:
+    """So many quiet and stormy phases in turn, for about ``seconds`` each in sum."""
+    cycles = max(1, int(seconds * 1e9) // PERIOD_NS // phases)
+    plc = PlcDialogue(AXES, PERIOD_NS)
+    samples: dict[str, list[int]] = {"quiet": [], "storm": []}
+    missed = {"quiet": 0, "storm": 0}
     requests = 0
     elapsed = 0.0
-    lost = [0, 0]
-    with process("pdgw.tools.bench.instant", str(AXES)) as ports:
-        plc = Plc(AXES)
-        gateway = Peer(ports[0], plc.frame)
-        try:
-            plc.enable(gateway)
-            for _ in range(_PHASES):
-                lost[0] += _phase(gateway, cycles // _PHASES, quiet)
-                with background("pdgw.tools.bench.storm", str(ports[2]), str(AXES)) as (child, _):
-                    start = time.perf_counter()
-                    lost[1] += _phase(gateway, cycles // _PHASES, stormy)
-                    elapsed += time.perf_counter() - start
-                    if child.stdin is None or child.stdout is None:
-                        raise GatewayError("benchmark: the storm has no pipes")
-                    child.stdin.close()
-                    requests += int(child.stdout.read() or 0)
-        finally:
-            gateway.close()
-    return Storm(latency(quiet, lost[0]), latency(stormy, lost[1]), requests / elapsed)
+    with running(AXES, PERIOD_NS) as (_, daemon):
+        daemon.wait_online(AXES)
+        with closing(Peer(daemon.cyclic_port, plc)) as peer:
 
+            def phase(name: str) -> None:
+                # Starting the storm took longer than the watchdog waits.
+                plc.enable(peer, PERIOD_NS)
+                peer.begin()
+                run([peer], cycles, PERIOD_NS)
+                samples[name] += peer.samples
+                missed[name] += peer.missed
 
-def _phase(gateway: Peer, cycles: int, samples: list[int]) -> int:
-    gateway.samples.clear()
-    before = gateway.lost
-    paced([gateway], max(1, cycles), PERIOD_NS)
-    samples += gateway.samples
-    return gateway.lost - before
+            for _ in range(phases):
+                phase("quiet")
+                storm = Background("pdgw.tools.bench.storm", str(daemon.acyclic_port), str(AXES))
+                start = time.monotonic()
+                try:
+                    phase("storm")
+                finally:
+                    elapsed += time.monotonic() - start
+                    requests += int(storm.end())
+    quiet, stormy = (latency(samples[name], missed[name], PERIOD_NS) for name in ("quiet", "storm"))
+    return Storm(quiet, stormy, requests / elapsed)
 
 
 def _ask(port: int, do_id: int, stopping: threading.Event, counts: list[int]) -> None:
@@ -83,7 +82,10 @@ def _ask(port: int, do_id: int, stopping: threading.Event, counts: list[int]) ->
 
 def main() -> None:
     """The storm."""
-    os.nice(19)  # in the field the storm comes from another machine
+    # In the field the storm comes from another machine: here it takes what the others leave.
+    if hasattr(os, "sched_setscheduler"):
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+    os.nice(19)
     port, axes = int(sys.argv[1]), int(sys.argv[2])
     stopping = threading.Event()
     counts: list[int] = []

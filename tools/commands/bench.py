@@ -3,85 +3,107 @@
 from __future__ import annotations
 
 import json
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import asdict
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
-from pdgw.ds301.load import frame_bits
-from pdgw.tools.bench import decoding, following, roundtrip, storm, translation
+from pdgw.tools.bench import decoding, following, storm, translation
+from pdgw.tools.bench.build import machine, use_real_time_priority
+from pdgw.tools.bench.measure import Latency
+from pdgw.tools.bench.rows import ROWS, Row, idle, measure
 from rich.console import Console
+from rich.status import Status
 from rich.table import Table
 
 app = typer.Typer(help="Benchmarks.", invoke_without_command=True)
 
+Seconds = Annotated[float, typer.Option(min=0.01, max=600, help="About so long for each row.")]
+AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]
+RealTime = Annotated[
+    bool, typer.Option("--realtime", help="All processes with real-time priority (Linux; root or CAP_SYS_NICE).")
+]
+_MS = 1_000_000
+_IDLE_AXES, _IDLE_PERIOD_NS = 4, 10 * _MS
+
 
 @app.callback()
-def bench(
-    context: typer.Context,
-    cycles: Annotated[int, typer.Option(min=10, help="Cycles of each latency comparison.")] = 5000,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
-) -> None:
-    """Translation cost, round trip against a UDP echo for 1 and 8 axes, throughput, parameter storm."""
+def bench(context: typer.Context, seconds: Seconds = 3, as_json: AsJson = False, realtime: RealTime = False) -> None:
+    """Translation cost; the exchange of 1 to 64 axes against a UDP echo; a storm of parameter requests; an idle gateway."""
     if context.invoked_subcommand is not None:
         return
-    costs = translation.run()
-    trips = [roundtrip.run(axes, cycles) for axes in (1, 8)]
-    parameters = storm.run(cycles)
+    with _progress() as status:
+        status.update("translation")
+        costs = translation.run()
+        if realtime:
+            use_real_time_priority()
+        rows = [_measured(status, axes, period_ns, seconds) for axes, period_ns in ROWS]
+        status.update(f"{storm.AXES} axes under a storm of parameter requests")
+        parameters = storm.measure(seconds)
+        status.update("idle")
+        idle_share = idle(_IDLE_AXES, _IDLE_PERIOD_NS, seconds)
     if as_json:
         document = {
+            "machine": machine() | {"realtime": realtime},
             "translation": [asdict(cost) for cost in costs],
-            "round_trip": [{**asdict(trip), "ratio_p50": trip.ratio} for trip in trips],
-            "parameter_storm": {**asdict(parameters), "ratio_p99": parameters.ratio},
+            "rows": [_document(row) for row in rows],
+            "parameter_storm": {
+                "requests_per_s": parameters.requests_per_s,
+                "quiet": _latency(parameters.quiet),
+                "storm": _latency(parameters.storm),
+                "ratio_p99": parameters.ratio_p99,
+            },
+            "idle_cpu_share": idle_share,
         }
         typer.echo(json.dumps(document, indent=2))
         return
     console = Console()
+    _print_machine(console, realtime)
     table = Table("telegram", "axis-cycle", "goal", "share of goal", title="translation: frame -> RPDO, TPDO -> frame")
     for cost in costs:
         goal = f"{cost.goal_ns / 1000:g} us" if cost.goal_ns else ""
         share = f"{cost.total_ns / cost.goal_ns:.2f}" if cost.goal_ns else ""
         table.add_row(str(cost.telegram), f"{cost.total_ns / 1000:.2f} us", goal, share)
     console.print(table)
-    table = Table("axes", "", "p50", "p99", "p99.9", "lost", title="round trip at 1 kHz, drives answering at once")
-    for trip in trips:
-        for name, row in (("echo", trip.echo), ("gateway", trip.gateway)):
-            table.add_row(
-                str(trip.axes), name, f"{row.p50:.0f} us", f"{row.p99:.0f} us", f"{row.p999:.0f} us", str(row.lost)
-            )
-        ratios = [a / b for a, b in ((trip.gateway.p50, trip.echo.p50), (trip.gateway.p99, trip.echo.p99))]
-        table.add_row(str(trip.axes), "gateway / echo", f"{ratios[0]:.2f}", f"{ratios[1]:.2f}", "", "")
-    console.print(table)
-    physical = 1_000_000 / frame_bits(6)
-    table = Table("axes", "cycles/s", "CAN frames/s", "of a 1 Mbit/s bus", title="flat out, telegram 1")
-    for trip in trips:
-        table.add_row(
-            str(trip.axes),
-            f"{trip.cycles_per_s:.0f}",
-            f"{trip.can_frames_per_s:.0f}",
-            f"{trip.can_frames_per_s / physical:.1f} x",
-        )
-    console.print(table)
-    table = Table(
-        "", "p50", "p99", "p99.9", "lost", title=f"{storm.AXES} axes at 1 kHz under a storm of parameter requests"
-    )
+    _print_rows(console, rows)
+    table = Table("", "p50", "p99", "p99.9", "missed", title=f"{storm.AXES} axes at 1 ms under parameter requests")
     for name, row in (("quiet", parameters.quiet), (f"{parameters.requests_per_s:.0f} requests/s", parameters.storm)):
-        table.add_row(name, f"{row.p50:.0f} us", f"{row.p99:.0f} us", f"{row.p999:.0f} us", str(row.lost))
-    table.add_row("storm / quiet", "", f"{parameters.ratio:.2f}", "", "")
+        table.add_row(name, f"{row.p50:.0f} us", f"{row.p99:.0f} us", f"{row.p999:.0f} us", _missed(row))
+    table.add_row("storm / quiet", "", f"{parameters.ratio_p99:.2f}", "", "")
     console.print(table)
-    console.print(
-        f"goals: telegram 1 at most 10 us, telegram 9 at most 20 us, one axis at most {roundtrip.GOAL_RATIO:g} x the echo, "
-        f"p99 under the storm at most {storm.GOAL_RATIO:g} x"
-    )
+    console.print(f"idle, {_IDLE_AXES} axes at 10 ms without a PLC: {_share(idle_share)} of a core")
+
+
+@app.command("cycle")
+def cycle(
+    axes: Annotated[int, typer.Option(min=1, max=64, help="Axes, three on a bus.")] = 1,
+    cycle_time_ms: Annotated[float, typer.Option(min=0.25, max=512, help="Cycle time in milliseconds.")] = 1,
+    seconds: Seconds = 3,
+    as_json: AsJson = False,
+    realtime: RealTime = False,
+) -> None:
+    """One row: so many axes at one cycle time against the echo."""
+    if realtime:
+        use_real_time_priority()
+    with _progress() as status:
+        row = _measured(status, axes, round(cycle_time_ms * _MS), seconds)
+    if as_json:
+        typer.echo(json.dumps({"machine": machine() | {"realtime": realtime}, "rows": [_document(row)]}, indent=2))
+        return
+    console = Console()
+    _print_machine(console, realtime)
+    _print_rows(console, [row])
 
 
 @app.command("decode")
 def decode(
     packets: Annotated[int, typer.Option(min=4, help="Packets of the capture.")] = 200_000,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """The decoder against scapy and tshark on the same capture of both buses."""
-    console = Console(stderr=True)
-    with console.status("") as status:
+    with _progress() as status:
         speeds = decoding.run(packets, progress=status.update)
     ours = speeds[0]
     if as_json:
@@ -111,3 +133,69 @@ def timeline(
         f"timeline: {speed.recorded_s} s of traffic in {speed.cpu_s:.1f} s of CPU, {speed.factor:.0f} x as fast as real time "
         f"(goal {following.GOAL_FACTOR:g}); first line after {speed.first_line_s:.1f} s; {speed.peak_mib:.0f} MiB at most"
     )
+
+
+@contextmanager
+def _progress() -> Iterator[Status]:
+    with Console(stderr=True, quiet=not sys.stderr.isatty()).status("") as status:
+        yield status
+
+
+def _measured(status: Status, axes: int, period_ns: int, seconds: float) -> Row:
+    status.update(f"{axes} axes at {period_ns / _MS:g} ms")
+    return measure(axes, period_ns, seconds)
+
+
+def _latency(item: Latency) -> dict[str, Any]:
+    return {**asdict(item), "missed_share": item.missed_share}
+
+
+def _document(row: Row) -> dict[str, Any]:
+    latencies = {name: _latency(getattr(row, name)) for name in ("echo", "gateway", "to_can")}
+    ratios = {name: getattr(row, name) for name in ("ratio_p50", "ratio_p99", "cpu_share")}
+    return {**asdict(row), **latencies, **ratios}
+
+
+def _print_machine(console: Console, realtime: bool) -> None:
+    facts = machine()
+    priority = "real-time" if realtime else "usual"
+    console.print(
+        f"pdgw {facts['version']}, {facts['build']}, Python {facts['python']}, {facts['system']} {facts['processor']}, "
+        f"{facts['cores']} cores, {priority} priority",
+        highlight=False,
+    )
+
+
+def _missed(item: Latency) -> str:
+    return f"{100 * item.missed_share:.2f} %"
+
+
+def _share(value: float | None) -> str:
+    return "?" if value is None else f"{100 * value:.1f} %"
+
+
+def _print_rows(console: Console, rows: list[Row]) -> None:
+    title = "exchange with drives that answer at once, and a UDP echo of the same run; setpoints until they are on CAN"
+    table = Table("axes", "cycle", "", "p50", "p99", "p99.9", "missed", "flat out", title=title)
+    for row in rows:
+        place = (str(row.axes), f"{row.period_ns / _MS:g} ms")
+        for name, item, rate in (
+            ("echo", row.echo, f"{row.echo_per_s:.0f}/s"),
+            ("gateway", row.gateway, f"{row.gateway_per_s:.0f}/s"),
+            ("to CAN", row.to_can, ""),
+        ):
+            micros = (f"{value:.0f} us" for value in (item.p50, item.p99, item.p999))
+            table.add_row(*place, name, *micros, _missed(item), rate)
+            place = ("", "")
+        table.add_row("", "", "ratio", f"{row.ratio_p50:.2f}", f"{row.ratio_p99:.2f}", "", "", "")
+    console.print(table)
+    table = Table(
+        "axes", "cycle", "CPU a cycle", "of a core", "memory", "start to online", title="what the gateway takes"
+    )
+    for row in rows:
+        cost = "?" if row.cpu_ns_per_cycle is None else f"{row.cpu_ns_per_cycle / 1000:.0f} us"
+        memory = "?" if row.resident_bytes is None else f"{row.resident_bytes / 2**20:.0f} MiB"
+        table.add_row(
+            str(row.axes), f"{row.period_ns / _MS:g} ms", cost, _share(row.cpu_share), memory, f"{row.start_s:.2f} s"
+        )
+    console.print(table)

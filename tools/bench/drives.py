@@ -1,0 +1,139 @@
+"""Ideal drives in a process of their own: each RPDO of telegram 1 is answered at once with its TPDO, as prepared bytes.
+
+``python -m pdgw.tools.bench.drives AXES`` serves loopback buses with up to three drives each, prints their channels, and obeys
+its standard input: ``mark`` starts counting, ``report`` prints the counts as JSON, the end of input ends it. Everything else than
+RPDOs is the business of simulated drives; an SDO upload that one of them answered in one frame before is answered from memory.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import selectors
+import sys
+import time
+from collections.abc import Sequence
+
+from pdgw.ds301.can_frame import CAN_FRAME, pack_frame, unpack_frame
+from pdgw.peers.bus import Hub
+from pdgw.peers.drive import SimulatedDriveNode
+
+PER_BUS = 3
+"""Axes a 1 Mbit/s bus carries at 1 kHz: 70 % of it."""
+_STATUS_OF_COMMAND = {0x06: b"\x31\x02", 0x07: b"\x33\x02", 0x0F: b"\x37\x06"}
+_SWITCH_ON_DISABLED = b"\x50\x02"
+_ENABLE_OPERATION = 0x0F
+_SERVICE, _NODE = 0x780, 0x7F
+_NMT, _TPDO, _RPDO, _SDO_RESPONSE, _SDO_REQUEST = 0x000, 0x180, 0x200, 0x580, 0x600
+_UPLOAD, _EXPEDITED_MASK, _EXPEDITED_UPLOAD = 0x40, 0xE2, 0x42
+_POLL_NS = 20_000_000
+
+
+def buses(axes: int) -> list[int]:
+    """How many drives are on each bus."""
+    return [min(PER_BUS, axes - first) for first in range(0, axes, PER_BUS)]
+
+
+class IdealDrives:
+    """The drives of one bus, node-IDs 1 to ``count``; ``rpdos`` counts what each was sent.
+
+    ``log`` has (monotonic nanoseconds, target velocity) of every RPDO of the last drive, the latest to be served in a cycle.
+    """
+
+    def __init__(self, hub: Hub, count: int) -> None:
+        self._send = hub.attach(self._receive)
+        self._nodes = [SimulatedDriveNode(node, self._from_node) for node in range(1, count + 1)]
+        self._operational = False
+        self._uploads: dict[bytes, bytes] = {}
+        self._asked: bytes | None = None
+        self.rpdos = [0] * count
+        self.log: list[tuple[int, int]] = []
+        self._last = count
+        for node in self._nodes:
+            node.start(time.monotonic_ns())
+
+    def mark(self) -> None:
+        """Count from now on."""
+        self.rpdos = [0] * len(self.rpdos)
+        self.log = []
+
+    def poll(self, now: int) -> None:
+        """Time passes: heartbeats."""
+        for node in self._nodes:
+            node.poll(now)
+
+    def _from_node(self, can_id: int, data: bytes) -> None:
+        frame = pack_frame(can_id, data)
+        if (
+            self._asked is not None
+            and can_id & _SERVICE == _SDO_RESPONSE
+            and data[0] & _EXPEDITED_MASK == _EXPEDITED_UPLOAD
+        ):
+            self._uploads[self._asked] = frame
+        if can_id & _SERVICE != _TPDO or not self._operational:
+            self._send(frame)
+
+    def _receive(self, frame: bytes) -> None:
+        can_id, _, data = CAN_FRAME.unpack(frame)
+        if can_id & _SERVICE == _RPDO:
+            now = time.monotonic_ns()
+            command, velocity = data[0], data[2:6]
+            status = _STATUS_OF_COMMAND.get(command, _SWITCH_ON_DISABLED)
+            self._operational = True
+            actual = velocity if command == _ENABLE_OPERATION else bytes(4)
+            self._send(CAN_FRAME.pack(can_id - _RPDO + _TPDO, 6, status + actual))
+            node = can_id & _NODE
+            self.rpdos[node - 1] += 1
+            if node == self._last:
+                self.log.append((now, int.from_bytes(velocity, "little", signed=True)))
+            return
+        if (known := self._uploads.get(frame)) is not None:
+            self._send(known)
+            return
+        if can_id == _NMT:
+            self._operational = False  # a drive that is configured anew shows its first TPDO itself
+        self._asked = frame if can_id & _SERVICE == _SDO_REQUEST and data[0] == _UPLOAD else None
+        identifier, content = unpack_frame(frame)
+        for drive in self._nodes:
+            drive.receive(identifier, content, time.monotonic_ns())
+        self._asked = None
+
+
+def _serve(selector: selectors.BaseSelector, drives: Sequence[IdealDrives]) -> None:
+    selector.register(sys.stdin.fileno(), selectors.EVENT_READ)
+    step = _POLL_NS // len(drives)
+    due, turn = time.monotonic_ns(), 0
+    while True:
+        for key, _ in selector.select(max(0, due - time.monotonic_ns()) / 1e9):
+            if key.data is not None:
+                key.data()
+                continue
+            text = os.read(sys.stdin.fileno(), 4096).decode()
+            if not text:
+                return
+            for command in text.split():
+                if command == "mark":
+                    for item in drives:
+                        item.mark()
+                    print("marked", flush=True)
+                else:
+                    report = {"rpdos": [count for item in drives for count in item.rpdos], "log": drives[-1].log}
+                    print(json.dumps(report), flush=True)
+        now = time.monotonic_ns()
+        if now >= due:
+            drives[turn].poll(now)
+            turn = (turn + 1) % len(drives)
+            due = max(due + step, now)
+
+
+def main() -> None:
+    """Serve the buses."""
+    selector = selectors.DefaultSelector()
+    hubs = [Hub(selector) for _ in buses(int(sys.argv[1]))]
+    drives = [IdealDrives(hub, count) for hub, count in zip(hubs, buses(int(sys.argv[1])), strict=True)]
+    print(*(hub.channel for hub in hubs), flush=True)
+    _serve(selector, drives)
+
+
+if __name__ == "__main__":
+    main()
