@@ -12,10 +12,11 @@ import canopen
 from canopen.objectdictionary import ODVariable
 from pdgw.ds301.objects import Access, CanType, Entry
 from pdgw.ds301.pdo import PdoDirection
-from pdgw.dsp402.drive_type import DriveType, PdoCapabilities, PdoSlot, Quirks, Scaling
+from pdgw.dsp402.drive_type import DriveType, PdoCapabilities, PdoSlot, Quirks
 from pdgw.dsp402.modes import MODE_NAMES, STANDARD_HOMING_METHODS, SUPPORTED_MODES, Mode
 from pdgw.dsp402.objects import DRIVE_OBJECTS
-from pdgw.dsp402.overlay import Overlay, overlay_for
+from pdgw.dsp402.overlay import Overlay, overlay, overlay_for
+from pdgw.dsp402.scaling import SCALING_OBJECTS, UnitKeys, find_scaling
 
 Address = tuple[int, int]
 
@@ -26,6 +27,7 @@ SUPPORTED_HOMING_METHODS = 0x60E3
 HOMING_METHOD: Address = (0x6098, 0)
 _PROFILE_AREA = range(0x6000, 0x6800)
 """Of the first axis; what lies outside is the manufacturer's."""
+_VL_OBJECTS = {"target_velocity": (0x6042, 0), "velocity_demand": (0x6043, 0), "velocity_actual": (0x6044, 0)}
 _PDOS = 512
 _MAPPED_OBJECTS = 8
 _COB_ID = 0x1FFF_FFFF
@@ -51,31 +53,53 @@ def questions(dictionary: canopen.ObjectDictionary) -> tuple[Address, ...]:
         else [(SUPPORTED_HOMING_METHODS, sub) for sub in dictionary[SUPPORTED_HOMING_METHODS] if sub]
     )
     modes = [SUPPORTED_DRIVE_MODES] if SUPPORTED_DRIVE_MODES[0] in dictionary else []
-    return (VENDOR_ID, PRODUCT_CODE, *modes, *methods)
+    scaling = [address for address in SCALING_OBJECTS if variable(dictionary, *address) is not None]
+    return (VENDOR_ID, PRODUCT_CODE, *modes, *methods, *scaling)
 
 
 def describe(
     dictionary: canopen.ObjectDictionary,
     answers: Mapping[Address, int],
-    scaling: Scaling,
+    units: UnitKeys | None = None,
+    family_name: str = "",
 ) -> DriveType:
     """The drive with this data sheet that gave these answers; an object it did not answer is one it does not have.
 
-    Its overlay is the one that fits its identity 1018h, if there is one.
+    ``units``: the configuration's. ``family_name``: of its overlay; without it the one that fits its identity 1018h, if there
+    is one. Dsp402Error for a family or a unit there is not.
     """
-    family = overlay_for(answers.get(VENDOR_ID, 0), answers.get(PRODUCT_CODE, 0))
-    entries = _entries(dictionary, family)
+    if family_name:
+        family: Overlay | None = overlay(family_name)
+    else:
+        family = overlay_for(answers.get(VENDOR_ID, 0), answers.get(PRODUCT_CODE, 0))
+    modes = _modes(dictionary, answers, family)
+    vl = _speaks_vl(modes)
+    entries = _entries(dictionary, family, vl=vl)
+    quirks = family.drive_quirks if family else Quirks()
+    scaling = find_scaling(
+        answers,
+        units,
+        family.family_units if family else None,
+        name=family.name if family else "overlay",
+        vl=vl,
+        range_is_limit=quirks.range_is_limit,
+    )
     return DriveType(
         name=dictionary.device_information.product_name or (family.title if family else "CiA 402 drive"),
         family=family.name if family else "",
         entries=MappingProxyType(entries),
         scaling=scaling,
-        modes=MappingProxyType(_modes(dictionary, answers, family)),
+        modes=MappingProxyType(modes),
         homing_methods=MappingProxyType(_homing_methods(entries, answers, family)),
         pdos=_pdo_capabilities(dictionary),
         faults=MappingProxyType(dict(family.drive_faults) if family else {}),
-        quirks=family.drive_quirks if family else Quirks(),
+        quirks=quirks,
     )
+
+
+def _speaks_vl(modes: Mapping[int, str]) -> bool:
+    """Whether velocity mode (vl) is all a drive has for a speed."""
+    return Mode.VL_VELOCITY in modes and not modes.keys() & {Mode.VELOCITY.value, Mode.CYCLIC_VELOCITY.value}
 
 
 def variable(dictionary: canopen.ObjectDictionary, index: int, subindex: int = 0) -> ODVariable | None:
@@ -96,13 +120,18 @@ def signed(dictionary: canopen.ObjectDictionary, address: Address) -> bool:
     return kind is not None and kind.char.islower()
 
 
-def _entries(dictionary: canopen.ObjectDictionary, family: Overlay | None) -> dict[str, Entry]:
-    """The cyclic objects of the profile that the drive has, and those of the manufacturer that its overlay names."""
+def _entries(dictionary: canopen.ObjectDictionary, family: Overlay | None, *, vl: bool) -> dict[str, Entry]:
+    """The cyclic objects of the profile that the drive has, and those of the manufacturer that its overlay names.
+
+    ``vl``: speeds are those of velocity mode.
+    """
     addresses = {
         entry.attribute: (entry.index, entry.subindex)
         for entry in DRIVE_OBJECTS.entries
         if entry.attribute and entry.index in _PROFILE_AREA
     }
+    if vl:
+        addresses |= _VL_OBJECTS
     if family is not None:
         addresses |= family.objects
     found: dict[str, Entry] = {}

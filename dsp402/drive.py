@@ -7,11 +7,10 @@ drive (docs/translation.md "PDO layouts"), which takes SDO writes where the driv
 
 from __future__ import annotations
 
-import contextlib
 import struct
 import time
 from collections.abc import Callable, Collection
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 
 import can
@@ -24,12 +23,13 @@ from pdgw.ds301.network import CanNetwork
 from pdgw.ds301.objects import CanType
 from pdgw.ds301.pdo import Pdo, PdoLayout
 from pdgw.dsp402.configuration import guard_steps
-from pdgw.dsp402.describe import describe, questions, signed
+from pdgw.dsp402.describe import VENDOR_ID, describe, questions, signed
 from pdgw.dsp402.device import EDS_PATH
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.images import REFERENCE_OBJECTS, DriveCommand, DriveFeedback, References
 from pdgw.dsp402.modes import Mode
+from pdgw.dsp402.scaling import UnitKeys
 from pdgw.dsp402.states import ControlBit
 
 DriveStatus = NodeStatus
@@ -38,6 +38,8 @@ _MODE_CONFIRM_S = 1.0
 _RETRY_VALUE_NS = 1000 * MS
 """So long after a failed SDO write the same value is tried again."""
 _NEW_SETPOINT = ControlBit.NEW_SETPOINT
+_NEEDED = {VENDOR_ID, *((index, subindex) for _, index, subindex in REFERENCE_OBJECTS)}
+"""What a drive has to answer when its EDS has it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,6 +51,10 @@ class DriveSettings(NodeSettings):
     """6007h, when the gateway's heartbeat stops: 0 nothing, 1 malfunction, 2 disable voltage, 3 quick stop."""
     allow_unguarded: bool = False
     """Operate a drive that refuses 1016h, 1017h or 6007h."""
+    units: UnitKeys | None = None
+    """What the configuration says about the drive's units."""
+    family: str = ""
+    """The overlay to take, whatever the drive's identity is."""
     initial_mode: Mode | None = None
     """6060h to set and confirm (6061h) while configuring, for layouts that do not carry 6060h."""
 
@@ -177,24 +183,23 @@ class DriveClient(NodeClient[DriveSettings]):
     # -- worker thread ------------------------------------------------------------------------------------------------
 
     def read_references(self) -> References:
-        """Read the reference objects again (worker thread) and keep them in ``references``."""
-        defaults = References()
-        values: dict[str, int] = {item.name: getattr(defaults, item.name) for item in fields(defaults)}
-        for name, index, subindex in REFERENCE_OBJECTS:
-            # An object the device does not have leaves the profile's default; every other failure is one.
-            if index in self.dictionary:
-                values[name] = self._fetch(index, subindex, signed=name.startswith("position"))
-        self.references = References(**values)
-        self.drive_type = self._describe(self.references)
-        return self.references
-
-    def _describe(self, references: References) -> DriveType:
+        """Read the reference objects again (worker thread) and keep them in ``references`` and ``drive_type``."""
         answers: dict[tuple[int, int], int] = {}
         for address in questions(self.dictionary):
-            # What the data sheet has and the device has not is not offered.
-            with contextlib.suppress(SdoAbortedError):
+            try:
                 answers[address] = self.read_number(*address, signed=signed(self.dictionary, address))
-        return describe(self.dictionary, answers, references.scaling)
+            except SdoAbortedError as error:
+                if address in _NEEDED:
+                    raise Dsp402Error(
+                        f"node {self.settings.node_id} object {address[0]:04X}h/{address[1]}",
+                        abort_text(error.code),
+                        "an object that can be read, as the EDS says",
+                    ) from error
+        self.drive_type = describe(self.dictionary, answers, self.settings.units, self.settings.family)
+        # An object the drive does not have is no reference: 0 refuses the axis.
+        found = {name: answers.get((index, subindex), 0) for name, index, subindex in REFERENCE_OBJECTS}
+        self.references = References(**found)
+        return self.references
 
     def _apply_times(self) -> None:
         super()._apply_times()

@@ -38,7 +38,7 @@ class Quantity(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class Reference:
-    """100 % of a quantity in the drive's own units (above 0), and where that was learned."""
+    """100 % of a quantity in the drive's own units (above 0), and a line that tells it and where it was learned."""
 
     value: Fraction
     source: str
@@ -60,6 +60,17 @@ class Scaling:
     position_unit: str = "increments"
     counts_per_revolution: Fraction | None = None
     """Position units in one revolution of the motor."""
+    velocity_per_rpm: Fraction | None = None
+    """Velocity units of one rpm of the motor."""
+    acceleration_per_rpm_s: Fraction | None = None
+    """Acceleration units of one rpm/s of the motor."""
+
+    @property
+    def lines(self) -> tuple[str, ...]:
+        """For a person: each quantity with its 100 % and where it was learned, or with what is missing."""
+        told = {quantity: f"{quantity.value}: {found.source}" for quantity, found in self.references.items()}
+        told |= {quantity: f"{text} (not known)" for quantity, text in self.unknown.items()}
+        return tuple(told[quantity] for quantity in Quantity if quantity in told)
 
     def refusal(self, *needed: Quantity) -> str:
         """Why an axis that needs these quantities must not operate; empty when all of them are known."""

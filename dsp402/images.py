@@ -7,9 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from fractions import Fraction
-from types import MappingProxyType
 
-from pdgw.dsp402.drive_type import Quantity, Reference, Scaling
 from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.modes import Mode
 
@@ -119,32 +117,6 @@ class References:
     def profile_velocity_reference(self) -> Fraction:
         """100 % of MDI_VELOCITY in velocity units: the smaller of 607Fh and 6080h, compared in rpm."""
         return min(Fraction(self.max_profile_velocity), self.speed_reference)
-
-    @property
-    def scaling(self) -> Scaling:
-        """What they say about the drive; those of them that are 0 or negative leave their quantities unknown."""
-        known: dict[Quantity, Reference] = {}
-        unknown: dict[Quantity, str] = {}
-        factor = self.velocity_numerator > 0 and self.velocity_denominator > 0
-        speed = self.speed_reference if factor else Fraction(0)
-        profile = self.profile_velocity_reference if factor else Fraction(0)
-        for quantity, value, source in (
-            (Quantity.SPEED, speed, "6080h, 6094h"),
-            (Quantity.PROFILE_VELOCITY, profile, "607Fh, 6080h, 6094h"),
-            (Quantity.ACCELERATION, Fraction(self.max_acceleration), "60C5h"),
-            (Quantity.DECELERATION, Fraction(self.max_deceleration), "60C6h"),
-            (Quantity.POSITION, Fraction(self.position_max), "607Bh/2"),
-        ):
-            if value > 0:
-                known[quantity] = Reference(value, source)
-            else:
-                unknown[quantity] = f"{quantity.value}: {source} gives {value}, expected a value above 0"
-        return Scaling(
-            MappingProxyType(known),
-            MappingProxyType(unknown),
-            rated_speed_rpm=Fraction(self.max_motor_speed),
-            position_range=(self.position_min, self.position_max),
-        )
 
 
 REFERENCE_OBJECTS: tuple[tuple[str, int, int], ...] = (

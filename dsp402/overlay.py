@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 import tomllib
 from collections.abc import Mapping
+from fractions import Fraction
 from functools import cache
 from pathlib import Path
 from typing import Annotated, Any
@@ -16,7 +17,9 @@ from typing import Annotated, Any
 from pdgw.dsp402.drive_type import Quirks
 from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.faults import ChannelErrorType, DriveFault
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+from pdgw.dsp402.scaling import FamilyUnits
+from pdgw.dsp402.units import parse_unit
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
 FAMILIES = Path(__file__).parent / "families"
 _ADDRESS = re.compile(r"([0-9A-Fa-f]{4})h(?:/([0-9]{1,3}))?")
@@ -66,6 +69,36 @@ class Fault(_Model):
     channel: Annotated[ChannelErrorType, BeforeValidator(_channel)]
 
 
+def _index(value: object) -> object:
+    address = _address(value)
+    return address[0] if isinstance(address, tuple) else address
+
+
+def _fraction(value: object) -> object:
+    return Fraction(value) if isinstance(value, int) else value
+
+
+class Units(_Model):
+    """As ``FamilyUnits``."""
+
+    velocity: str = ""
+    velocity_step: Annotated[int, BeforeValidator(_index)] = 0
+    position: str = ""
+    counts_per_revolution: Annotated[Fraction, BeforeValidator(_fraction), Field(gt=0)] | None = None
+    acceleration: str = ""
+    ignores: frozenset[Annotated[int, BeforeValidator(_index)]] = frozenset()
+
+    @model_validator(mode="after")
+    def _units_are_units(self) -> Units:
+        for order, text in enumerate((self.position, self.velocity, self.acceleration)):
+            if text:
+                try:
+                    parse_unit(text, order, ("position", "velocity", "acceleration")[order])
+                except Dsp402Error as error:
+                    raise ValueError(str(error)) from error
+        return self
+
+
 class QuirkKeys(_Model):
     """As ``Quirks``."""
 
@@ -99,6 +132,7 @@ class Overlay(_Model):
     faults: dict[int, Fault] = {}
     """By the manufacturer's number."""
     quirks: QuirkKeys = QuirkKeys()
+    units: Units = Units()
 
     def fits(self, vendor_id: int, product_code: int) -> bool:
         """Whether a device with this identity is of the family."""
@@ -113,6 +147,10 @@ class Overlay(_Model):
             number: DriveFault(number, item.name, item.code, item.error_register, item.channel)
             for number, item in self.faults.items()
         }
+
+    @property
+    def family_units(self) -> FamilyUnits:
+        return FamilyUnits(**dict(self.units))
 
     @property
     def drive_quirks(self) -> Quirks:

@@ -20,7 +20,10 @@ from uuid import UUID
 from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.load import CyclicFrames, check_load
 from pdgw.dsp402.drive import DriveSettings
+from pdgw.dsp402.errors import Dsp402Error
+from pdgw.dsp402.overlay import overlay
 from pdgw.dsp402.pdo import LAYOUTS
+from pdgw.dsp402.scaling import UnitKeys, check_unit_keys
 from pdgw.dsp406.encoder import EncoderSettings
 from pdgw.dsp406.kinds import CHANNELS_MAX, DEVICES, LINEAR, MULTI_SENSOR, ROTARY, EncoderDevice, multi_sensor
 from pdgw.gateway.errors import GatewayError
@@ -123,6 +126,19 @@ def _standstill(value: object) -> object:
     return Fraction(str(value)) / 100 if isinstance(value, int | float) and not isinstance(value, bool) else value
 
 
+def _fraction(value: object) -> object:
+    """A number as it is written (0.1 is a tenth), or a ratio such as "10/3"."""
+    if isinstance(value, bool) or not isinstance(value, int | float | str):
+        return value
+    try:
+        return Fraction(str(value).replace(" ", ""))
+    except (ValueError, ZeroDivisionError) as error:
+        raise ValueError(f'{value!r} is no number or ratio, expected such as 3000, 0.5 or "10/3"') from error
+
+
+Ratio = Annotated[Fraction, BeforeValidator(_fraction), Field(gt=0, le=10**12)]
+
+
 class AxisConfig(_Section):
     """One drive and its telegram."""
 
@@ -150,6 +166,38 @@ class AxisConfig(_Section):
     allow_unguarded: Boolean = False
     g1: Annotated[Integer, Field(ge=1, le=254)] | None = None
     """Telegram 3: the do_id of the encoder that is G1; None: the drive's own position."""
+    family: str | None = None
+    """The overlay of the drive; None: the one that fits its identity."""
+    rated_speed_rpm: Ratio | None = None
+    velocity_unit: str = ""
+    position_unit: str = ""
+    counts_per_revolution: Ratio | None = None
+    acceleration_unit: str = ""
+    gear: Ratio | None = None
+    rated_acceleration_rpm_s: Ratio | None = None
+
+    @property
+    def units(self) -> UnitKeys:
+        """What it says about units."""
+        return UnitKeys(
+            self.rated_speed_rpm,
+            self.velocity_unit,
+            self.position_unit,
+            self.counts_per_revolution,
+            self.acceleration_unit,
+            self.gear,
+            self.rated_acceleration_rpm_s,
+        )
+
+    @model_validator(mode="after")
+    def _units_are_units(self) -> AxisConfig:
+        try:
+            if self.family is not None:
+                overlay(self.family)
+            check_unit_keys(self.units)
+        except Dsp402Error as error:
+            raise ValueError(str(error)) from error
+        return self
 
     @model_validator(mode="after")
     def _telegram_is_supported(self) -> AxisConfig:
@@ -196,6 +244,8 @@ class AxisConfig(_Section):
             sync=self.sync,
             allow_unguarded=self.allow_unguarded,
             initial_mode=initial_mode(number),
+            units=self.units,
+            family=self.family or "",
         )
 
 
@@ -563,6 +613,15 @@ simulate = false             # true: a simulated drive instead of the one on the
 # sync = false               # TPDOs on SYNC instead of event-driven
 # allow_unguarded = false    # true: operate a drive that refuses 1016h or 6007h
 # g1 = 3                     # telegram 3: DO-ID of the encoder that is G1, without it the drive's own position
+# family = "engel"           # the overlay of the drive, without it by its identity
+# What the drive does not tell about its units; pdgw config check --bus shows what it does tell (docs/units.md).
+# rated_speed_rpm = 3000     # 100 % of NSOLL in rpm of the motor, without it Max Motor Speed 6080h
+# velocity_unit = "rpm"      # of 60FFh: such as "0.1 rpm", "counts/s", "mm/s"
+# position_unit = "0.01 mm"  # of 607Ah, or:
+# counts_per_revolution = 4096         # position units in one revolution of the motor
+# acceleration_unit = "rpm/s"          # of 6083h, needed with:
+# rated_acceleration_rpm_s = 10000     # 100 % of MDI_ACC and MDI_DEC, without it Max Acceleration 60C5h
+# gear = "10/1"              # revolutions of the motor to those of the shaft behind the gear, without it 6091h
 
 # Encoders follow the axes in the frame. Several channels of a multi-sensor device are tables of their own.
 # [[encoder]]

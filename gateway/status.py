@@ -47,6 +47,7 @@ def axis_status(axis: Axis) -> dict[str, Any]:
         "velocity": feedback.velocity_actual,
         "position": feedback.position_actual,
         "saturations": axis.translator.saturations,
+        "scaling": list(axis.drive.drive_type.scaling.lines) if axis.drive.drive_type else [],
     }
 
 

@@ -22,6 +22,7 @@ from pdgw.ds301.pdo import COB_ID_INVALID, Pdo, PdoDirection
 from pdgw.dsp402.configuration import pdo_steps
 from pdgw.dsp402.device import EDS_PATH
 from pdgw.dsp402.drive import DriveClient, DriveEvent, DriveSettings, DriveStatus, load_eds
+from pdgw.dsp402.drive_type import Quantity
 from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.images import DriveCommand, References
 from pdgw.dsp402.modes import Mode
@@ -419,11 +420,18 @@ def test_an_object_the_eds_promises_and_the_drive_lacks_is_named(plant: Plant, i
     assert "object does not exist" in client.status_text
 
 
-def test_an_object_the_eds_lacks_takes_its_documented_default(plant: Plant, tmp_path: Path) -> None:
+def test_a_scaling_the_drive_does_not_tell_is_refused_and_the_key_that_gives_it_named(
+    plant: Plant, tmp_path: Path
+) -> None:
     _lacking(plant, read=0x6094)
     client = plant.connect(eds=_eds_without(tmp_path, ("6094",)))
     plant.online()
-    assert client.references == References()
+    assert client.drive_type is not None
+    assert "velocity_unit settles it" in client.drive_type.scaling.refusal(Quantity.SPEED)
+    assert client.drive_type.scaling.refusal(Quantity.ACCELERATION, Quantity.DECELERATION, Quantity.POSITION) == ""
+    assert client.references is not None
+    with pytest.raises(Dsp402Error, match="6094h"):
+        client.references.check()
 
 
 @pytest.mark.parametrize(("index", "name"), [(0x1016, "the drive guards the gateway"), (0x1017, "heartbeat")])

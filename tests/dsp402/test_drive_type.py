@@ -15,10 +15,10 @@ from pdgw.dsp402.describe import (
     describe,
     questions,
 )
-from pdgw.dsp402.drive_type import Quantity, Scaling
+from pdgw.dsp402.drive_type import Quantity
 from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.faults import DRIVE_FAULTS
-from pdgw.dsp402.images import References
+from pdgw.dsp402.images import REFERENCE_OBJECTS, References
 from pdgw.dsp402.modes import HOMING_METHODS, STANDARD_HOMING_METHODS, Mode
 from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.dsp402.overlay import overlay, overlay_for, overlays, parse_overlay
@@ -62,7 +62,7 @@ def test_the_engel_drive_has_five_mappable_pdos_of_each_direction() -> None:
 
 def test_a_drive_without_overlay_is_what_it_answers() -> None:
     answers = {VENDOR_ID: 0x1234_5678, SUPPORTED_DRIVE_MODES: 1 << 8 | 1 << 7, (SUPPORTED_HOMING_METHODS, 1): 37}
-    drive = describe(engel_dictionary(), answers, Scaling())
+    drive = describe(engel_dictionary(), answers)
     assert drive.family == ""
     assert (drive.speed_mode, drive.position_mode) == (Mode.CYCLIC_VELOCITY, Mode.CYCLIC_POSITION)
     assert {*drive.homing_methods} == {37}
@@ -72,13 +72,15 @@ def test_a_drive_without_overlay_is_what_it_answers() -> None:
 
 
 def test_modes_of_a_drive_without_6502h_are_those_it_has_the_objects_of() -> None:
-    drive = describe(engel_dictionary(), {VENDOR_ID: 1}, Scaling())
+    drive = describe(engel_dictionary(), {VENDOR_ID: 1})
     assert {*drive.modes} == {Mode.POSITION, Mode.VELOCITY, Mode.TORQUE, Mode.HOMING}
     assert {*drive.homing_methods} == {*STANDARD_HOMING_METHODS}
 
 
 def test_the_device_is_asked_only_for_what_its_data_sheet_has() -> None:
-    assert questions(engel_dictionary()) == (VENDOR_ID, PRODUCT_CODE, SUPPORTED_DRIVE_MODES)
+    asked = questions(engel_dictionary())
+    assert asked[:3] == (VENDOR_ID, PRODUCT_CODE, SUPPORTED_DRIVE_MODES)
+    assert {*asked[3:]} == {(index, subindex) for _, index, subindex in REFERENCE_OBJECTS}
 
 
 def test_scaling_of_the_reference_objects() -> None:

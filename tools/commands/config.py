@@ -6,8 +6,11 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from pdgw.ds301.errors import CanopenError
+from pdgw.gateway.config import AxisConfig, GatewayConfig, load_config
 from pdgw.gateway.config import example as example_text
-from pdgw.gateway.config import load_config
+from pdgw.gateway.needs import needed_quantities
+from pdgw.profidrive.telegrams import telegram
 
 app = typer.Typer(help="Configuration files.", no_args_is_help=True)
 
@@ -19,9 +22,42 @@ def example() -> None:
 
 
 @app.command()
-def check(file: Annotated[Path, typer.Argument(help="Configuration file (TOML).")]) -> None:
+def check(
+    file: Annotated[Path, typer.Argument(help="Configuration file (TOML).")],
+    bus: Annotated[
+        bool, typer.Option("--bus", help="Also ask the drives on the bus for their units; nothing is written to them.")
+    ] = False,
+) -> None:
     """Validate a file; exit status 1 and one line for each thing that is wrong."""
     config = load_config(file)
     buses = ", ".join(f"{bus.name} ({bus.interface} {bus.channel or ''})".replace(" )", ")") for bus in config.can)
     objects = f"{len(config.axis)} axes" + (f" and {len(config.encoder)} encoders" if config.encoder else "")
     typer.echo(f"{file}: ok, {objects} on {buses}, cycle {config.transport.cycle_time_ms:g} ms")
+    refused = [axis for axis in config.axis if not _ask(config, axis)] if bus else []
+    if refused:
+        raise typer.Exit(1)
+
+
+def _ask(config: GatewayConfig, axis: AxisConfig) -> bool:
+    """Print what 100 % is for an axis; whether its telegram can be run with that."""
+    from pdgw.ds301.bus import open_bus  # noqa: PLC0415 - a check of the file alone needs no CAN
+    from pdgw.dsp402.device import EDS_PATH  # noqa: PLC0415
+    from pdgw.dsp402.drive import load_eds  # noqa: PLC0415
+    from pdgw.dsp402.probe import probe, probing  # noqa: PLC0415
+
+    settings = config.bus_of(axis)
+    name = f"DO {axis.do_id}, node {axis.node_id}"
+    try:
+        dictionary = load_eds(axis.eds or EDS_PATH, axis.node_id)
+        with probing(open_bus(settings.interface, settings.channel, settings.bitrate, **settings.extra)) as network:
+            drive = probe(network, axis.node_id, dictionary, axis.units, axis.family or "", axis.sdo_timeout_ms / 1000)
+    except CanopenError as error:
+        typer.echo(f"{name}: {error}")
+        return False
+    typer.echo(f"{name}: {drive.name}" + (f", family {drive.family}" if drive.family else ""))
+    for line in drive.scaling.lines:
+        typer.echo(f"  {line}")
+    refusal = drive.scaling.refusal(*needed_quantities(telegram(axis.telegram)))
+    if refusal:
+        typer.echo(f"  telegram {axis.telegram} is refused: {refusal}")
+    return not refusal

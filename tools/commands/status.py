@@ -60,6 +60,9 @@ def status(
             axis["reason"] or axis["drive_text"],
         )
     console.print(table)
+    for axis in document["axes"]:
+        for line in axis["scaling"]:
+            console.print(f"DO {axis['do_id']} {line}", highlight=False)
     for axis in objects:
         for fault in axis["faults"][-3:]:
             console.print(f"DO {axis['do_id']} fault {fault['number']}: {fault['text']}")

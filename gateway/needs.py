@@ -1,0 +1,31 @@
+"""What of a drive's scaling a telegram cannot do without: the quantities its signals are fractions of.
+
+Source: docs/units.md "What each signal needs". A signal in the drive's own units needs no 100 %.
+"""
+
+from __future__ import annotations
+
+from pdgw.dsp402.drive_type import Quantity
+from pdgw.profidrive.datatypes import DataType
+from pdgw.profidrive.telegrams import Telegram
+
+_QUANTITIES = (
+    ("NSOLL", Quantity.SPEED),
+    ("NIST", Quantity.SPEED),
+    ("MDI_VELOCITY", Quantity.PROFILE_VELOCITY),
+    ("MDI_ACC", Quantity.ACCELERATION),
+    ("MDI_DEC", Quantity.DECELERATION),
+    ("MDI_TARPOS", Quantity.POSITION),
+    ("XIST_A", Quantity.POSITION),
+)
+"""Beginning of a signal's name, and what it is a fraction of."""
+
+
+def needed_quantities(telegram: Telegram) -> tuple[Quantity, ...]:
+    """In the order of ``Quantity``; the speed always: without it no standstill is known."""
+    signals = (*telegram.setpoints.signals, *telegram.actuals.signals)
+    fractions = [signal.name for signal in signals if signal.type in {DataType.N2, DataType.N4}]
+    needed = {Quantity.SPEED} | {
+        quantity for start, quantity in _QUANTITIES for name in fractions if name.startswith(start)
+    }
+    return tuple(quantity for quantity in Quantity if quantity in needed)

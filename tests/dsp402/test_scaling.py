@@ -1,0 +1,261 @@
+"""100 % in a drive's own units: where it is learned, and what is refused.
+
+The drives of the property are computed forward, from a commanded value to the revolutions of the motor, as the profile describes
+each factor; the scaling under test goes the other way.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from fractions import Fraction
+
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+from pdgw.dsp402.drive_type import Quantity
+from pdgw.dsp402.errors import Dsp402Error
+from pdgw.dsp402.scaling import FamilyUnits, UnitKeys, find_scaling
+from pdgw.profidrive.datatypes import N2_100_PERCENT, n2, n4
+
+SPEED = Quantity.SPEED
+INT32 = (-(1 << 31), (1 << 31) - 1)
+RPM_3000 = {(0x6080, 0): 3000}
+ENGEL = FamilyUnits(velocity="rpm", velocity_step=0x6094, acceleration="10 rpm/s")
+
+
+def ratio(index: int, numerator: int, denominator: int = 1) -> dict[tuple[int, int], int]:
+    return {(index, 1): numerator, (index, 2): denominator}
+
+
+ENCODER = ratio(0x608F, 4096)
+
+
+@pytest.mark.parametrize(
+    ("answers", "keys", "value", "text"),
+    [
+        (ENCODER, {}, 204_800, "100 % = 3000 rpm = 60FFh 204800 (from 6080h, 608Fh: 4096 inc/rev)"),
+        ({(0x60A9, 0): 0x00B4_4700}, {}, 3000, "60A9h = 00B44700h"),
+        ({(0x60A9, 0): 0xFFB4_4700}, {}, 30_000, "60A9h = FFB44700h"),
+        ({(0x60A9, 0): 0x00B5_0300} | ENCODER, {}, 204_800, "608Fh"),
+        (ratio(0x6091, 10) | {(0x60A9, 0): 0x00B4_4700}, {}, 300, "6091h"),
+        (ENCODER | ratio(0x6096, 60, 4096), {}, 3000, "6096h"),
+        (ratio(0x6090, 8192) | ratio(0x6094, 1, 4), {}, 1_638_400, "6094h"),
+        ({(0x608B, 0): 0, (0x608C, 0): 0xA4}, {}, 3000, "608Bh, 608Ch"),
+        ({(0x608B, 0): 0xFD, (0x608C, 0): 0xA3}, {}, 50_000, "608Bh, 608Ch"),
+        (
+            {(0x60A8, 0): 0xFA01_0000, (0x60A9, 0): 0xFD01_0300} | ratio(0x6092, 5000),
+            {},
+            250,
+            "60A9h = FD010300h, 60A8h = FA010000h, 6092h",
+        ),
+        ({}, {"velocity_unit": "rpm"}, 3000, "velocity_unit = rpm"),
+        (ENCODER, {"velocity_unit": "0.1 rpm"}, 30_000, "velocity_unit = 0.1 rpm"),
+        ({}, {"velocity_unit": "counts/s", "counts_per_revolution": Fraction(2000)}, 100_000, "counts_per_revolution"),
+        ({}, {"velocity_unit": "rpm", "gear": Fraction(5)}, 600, "gear"),
+        (
+            {},
+            {"velocity_unit": "mm/s", "position_unit": "0.01 mm", "counts_per_revolution": Fraction(500)},
+            250,
+            "velocity_unit = mm/s",
+        ),
+        ({}, {"velocity_unit": "rpm", "rated_speed_rpm": Fraction(1500)}, 1500, "rated_speed_rpm"),
+    ],
+)
+def test_sources_of_the_speed(answers: object, keys: dict[str, object], value: int, text: str) -> None:
+    scaling = find_scaling({**RPM_3000, **answers}, UnitKeys(**keys))  # type: ignore[arg-type, dict-item]
+    assert scaling.reference(SPEED) == value
+    assert text in scaling.references[SPEED].source
+
+
+def test_sources_in_their_order() -> None:
+    answers = RPM_3000 | ratio(0x6094, 1, 2) | {(0x608B, 0): 0, (0x608C, 0): 0xA3}
+    family = replace(ENGEL, velocity="0.1 rpm", velocity_step=0)
+    steps: list[tuple[dict[tuple[int, int], int], UnitKeys, Fraction]] = [
+        ({}, UnitKeys(), Fraction(50)),
+        (ratio(0x608F, 1000), UnitKeys(), Fraction(100_000)),
+        ({(0x60A9, 0): 0x00B4_4700}, UnitKeys(), Fraction(3000)),
+        ({}, UnitKeys(velocity_unit="0.5 rpm"), Fraction(6000)),
+    ]
+    assert find_scaling(RPM_3000, None, family).reference(SPEED) == 30_000
+    for more, keys, expected in steps:
+        answers = answers | more
+        assert find_scaling(answers, keys, family).reference(SPEED) == expected
+
+
+def test_an_overlay_says_which_objects_its_family_does_not_apply() -> None:
+    answers = RPM_3000 | ENCODER | ratio(0x6096, 1)
+    family = FamilyUnits(velocity="rpm", ignores=frozenset({0x608F, 0x6096}))
+    assert find_scaling(answers, None, family).reference(SPEED) == 3000
+
+
+def test_the_engel_factor_is_the_speed_of_one_unit() -> None:
+    scaling = find_scaling(RPM_3000 | ratio(0x6094, 1, 2), None, ENGEL)
+    assert scaling.reference(SPEED) == 6000
+    assert scaling.references[SPEED].source == "100 % = 3000 rpm = 60FFh 6000 (from 6080h, 6094h: 1/2 rpm)"
+
+
+@pytest.mark.parametrize(
+    ("answers", "said"),
+    [
+        ({}, "no object of the drive and no overlay tells the velocity unit: velocity_unit settles it"),
+        (ratio(0x6094, 1, 2), "6094h alone does not tell the unit"),
+        ({(0x60A9, 0): 0x00AC_0300} | ENCODER, "60A9h = 00AC0300h is no unit known here"),
+        ({(0x608B, 0): 0, (0x608C, 0): 0x77}, "608Bh, 608Ch: 0, 77h is no unit known here"),
+        ({(0x60A9, 0): 0x00B5_0300}, "608Fh does not tell the increments of a revolution"),
+        ({(0x60A9, 0): 0xFD01_0300}, "no source tells the position units of a revolution"),
+        ({(0x60A9, 0): 0xFD01_0300, (0x60A8, 0): 0xFD01_0000}, "no feed constant 6092h"),
+        (ENCODER | ratio(0x6092, 1), "6092h says one position unit a revolution"),
+    ],
+)
+def test_a_velocity_unit_that_is_not_known_is_refused_with_the_key_that_settles_it(answers: object, said: str) -> None:
+    scaling = find_scaling({**RPM_3000, **answers})  # type: ignore[dict-item]
+    refusal = scaling.refusal(SPEED)
+    assert said in refusal
+    assert "velocity_unit settles it" in refusal
+    with pytest.raises(Dsp402Error):
+        scaling.reference(SPEED)
+    assert find_scaling({**RPM_3000, **answers}, UnitKeys(velocity_unit="rpm")).reference(SPEED) == 3000  # type: ignore[dict-item]
+
+
+@pytest.mark.parametrize("speed", [None, 0, 0x7FFF_FFFF, 0xFFFF_FFFF])
+def test_a_max_motor_speed_that_is_no_reference_is_refused_with_its_key(speed: int | None) -> None:
+    answers = ENCODER if speed is None else ENCODER | {(0x6080, 0): speed}
+    assert "rated_speed_rpm settles it" in find_scaling(answers).refusal(SPEED)
+    assert find_scaling(answers, UnitKeys(rated_speed_rpm=Fraction(1200))).reference(SPEED) == 81_920
+
+
+def test_velocity_mode_is_in_rpm_unless_a_factor_says_otherwise() -> None:
+    answers = {(0x6046, 2): 1500}
+    scaling = find_scaling(answers, vl=True)
+    assert scaling.reference(SPEED) == 1500
+    assert scaling.references[SPEED].source == "100 % = 1500 rpm = 6042h 1500 (from 6046h/2, 6042h is in rpm)"
+    assert "604Ch is not 1" in find_scaling(RPM_3000 | ratio(0x604C, 1, 60), vl=True).refusal(SPEED)
+    assert find_scaling(RPM_3000 | ratio(0x604C, 4, 4), vl=True).reference(SPEED) == 3000
+
+
+def test_a_telegram_for_speed_needs_no_other_reference() -> None:
+    scaling = find_scaling(RPM_3000 | ENCODER)
+    assert scaling.refusal(SPEED) == ""
+    assert "rated_acceleration_rpm_s settles it" in scaling.refusal(SPEED, Quantity.ACCELERATION)
+
+
+def test_the_profile_velocity_is_limited_by_607fh() -> None:
+    base = RPM_3000 | ENCODER
+    assert find_scaling(base).reference(Quantity.PROFILE_VELOCITY) == 204_800
+    assert find_scaling(base | {(0x607F, 0): 100_000}).reference(Quantity.PROFILE_VELOCITY) == 100_000
+    assert find_scaling(base | {(0x607F, 0): 300_000}).reference(Quantity.PROFILE_VELOCITY) == 204_800
+    assert find_scaling(base | {(0x607F, 0): 0xFFFF_FFFF}).reference(Quantity.PROFILE_VELOCITY) == 204_800
+    assert "607Fh is 0" in find_scaling(base | {(0x607F, 0): 0}).refusal(Quantity.PROFILE_VELOCITY)
+
+
+def test_accelerations_are_those_of_the_drives_limits_or_of_the_keys() -> None:
+    limits = {(0x60C5, 0): 500, (0x60C6, 0): 400}
+    scaling = find_scaling(limits)
+    assert scaling.reference(Quantity.ACCELERATION) == 500
+    assert scaling.reference(Quantity.DECELERATION) == 400
+    assert find_scaling({(0x60C5, 0): 500}).reference(Quantity.DECELERATION) == 500
+    keys = UnitKeys(rated_acceleration=Fraction(6000), acceleration_unit="10 rpm/s")
+    assert find_scaling(limits, keys).reference(Quantity.ACCELERATION) == 600
+    assert find_scaling({(0x60AA, 0): 0x00B4_0303}, replace(keys, acceleration_unit="")).reference(
+        Quantity.DECELERATION
+    ) == Fraction(100)
+    by_factor = find_scaling(ENCODER | ratio(0x6097, 1, 4096), replace(keys, acceleration_unit=""))
+    assert by_factor.reference(Quantity.ACCELERATION) == 100
+    assert "acceleration_unit settles it" in find_scaling({}, UnitKeys(rated_acceleration=Fraction(1))).refusal(
+        Quantity.ACCELERATION
+    )
+    assert "no reference" in find_scaling({(0x60C5, 0): 0xFFFF_FFFF}).refusal(Quantity.ACCELERATION)
+
+
+@pytest.mark.parametrize("limits", [{}, ratio(0x607B, 0, 0), ratio(0x607B, *INT32)])
+def test_without_a_range_limit_positions_pass_in_position_units(limits: dict[tuple[int, int], int]) -> None:
+    scaling = find_scaling(limits)
+    conversion = n4(scaling.reference(Quantity.POSITION), INT32)
+    assert [conversion.to_value(wire) for wire in (-70_000, 1, 123_456_789)] == [-70_000, 1, 123_456_789]
+    assert scaling.position_range is None
+    assert not scaling.position_wraps
+
+
+def test_a_range_wraps_and_software_limits_do_not() -> None:
+    ranged = find_scaling(ratio(0x607B, 0, 3600))
+    assert (ranged.position_range, ranged.position_wraps) == ((0, 3600), True)
+    assert ranged.reference(Quantity.POSITION) == 3600
+    software = find_scaling(ratio(0x607D, -500, 900))
+    assert (software.position_range, software.position_wraps) == ((-500, 900), False)
+    assert find_scaling(ratio(0x607B, -1000, 1000) | ratio(0x607D, -500, 2000)).position_range == (-500, 1000)
+    assert not find_scaling(ratio(0x607B, -1000, 1000), range_is_limit=True).position_wraps
+    assert find_scaling(ratio(0x607B, 0, 3600) | ratio(0x607D, 0, 0)).position_range == (0, 3600)
+
+
+@pytest.mark.parametrize("limits", [(-500, 0), (5, 5), (900, 100)])
+def test_a_range_that_is_none_is_refused(limits: tuple[int, int]) -> None:
+    assert "607Bh" in find_scaling(ratio(0x607B, *limits)).refusal(Quantity.POSITION)
+
+
+# -- any factor group -----------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Drive:
+    """Its answers, and how fast its motor turns (rpm) for a value of 60FFh, by the profile's own words."""
+
+    answers: dict[tuple[int, int], int]
+    turns: Callable[[int], float]
+
+
+factors = st.integers(1, 1 << 20)
+resolutions = st.integers(16, 1 << 23)
+
+
+@st.composite
+def drives(draw: st.DrawFn) -> Drive:
+    shape = draw(st.sampled_from(["si", "feed", "factor", "encoder factor", "dimension", "position factor"]))
+    resolution, revolutions = draw(resolutions), draw(st.integers(1, 8))
+    motor, shaft = draw(st.integers(1, 1000)), draw(st.integers(1, 100))
+    numerator, denominator = draw(factors), draw(factors)
+    increments = resolution / revolutions
+    encoder = ratio(0x608F, resolution, revolutions)
+    if shape == "si":
+        exponent = draw(st.integers(-6, 0))
+        value = (exponent & 0xFF) << 24 | 0x00B4_4700
+        return Drive(
+            ratio(0x6091, motor, shaft) | {(0x60A9, 0): value},
+            lambda v: v * 10.0**exponent * motor / shaft,
+        )
+    if shape == "feed":
+        feed = draw(st.integers(2, 1 << 20))
+        return Drive(
+            encoder | ratio(0x6091, motor, shaft) | ratio(0x6092, feed, 1) | ratio(0x6096, numerator, denominator),
+            lambda v: v * denominator / numerator / feed * motor / shaft * 60,
+        )
+    if shape == "factor":
+        return Drive(
+            encoder | ratio(0x6096, numerator, denominator),
+            lambda v: v * denominator / numerator / increments * 60,
+        )
+    if shape == "encoder factor":
+        return Drive(
+            ratio(0x6090, resolution, revolutions) | ratio(0x6094, numerator, denominator),
+            lambda v: v * numerator / denominator / increments * 60,
+        )
+    if shape == "position factor":
+        assume(numerator != denominator)
+        return Drive(
+            encoder | ratio(0x6093, numerator, denominator),
+            lambda v: v * numerator / denominator / increments * 60,
+        )
+    return Drive({(0x608B, 0): 0xFE, (0x608C, 0): 0xA4}, lambda v: v / 100)
+
+
+@given(drives(), st.integers(100, 20_000), st.integers(-0x8000, 0x7FFF))
+def test_the_reached_speed_is_the_commanded_one_for_any_factor_group(drive: Drive, rated: int, setpoint: int) -> None:
+    scaling = find_scaling(drive.answers | {(0x6080, 0): rated})
+    reference = scaling.reference(SPEED)
+    assume(2 * reference < INT32[1])
+    value = n2(reference, INT32).to_value(setpoint)
+    wanted = setpoint / N2_100_PERCENT * rated
+    half_a_unit = abs(drive.turns(1)) / 2
+    assert drive.turns(value) == pytest.approx(wanted, rel=1e-9, abs=half_a_unit * (1 + 1e-9))
+    if reference >= 1000:
+        assert abs(drive.turns(value) - wanted) <= rated / 1000

@@ -1,0 +1,68 @@
+"""``pdgw config check``: with ``--bus`` it tells what 100 % is for the drives that answer."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from pdgw.peers.drive import SimulatedDrive
+from pdgw.tools.commands.config import app
+from typer.testing import CliRunner
+
+from tests.support import buses
+
+CONFIG = """
+[can]
+interface = "virtual"
+channel = "{channel}"
+
+[[axis]]
+do_id = 1
+node_id = 5
+telegram = {telegram}
+{keys}
+"""
+
+
+def _check(tmp_path: Path, telegram: int = 1, keys: str = "") -> tuple[int, str]:
+    channel = buses.channel()
+    file = tmp_path / "gateway.toml"
+    file.write_text(CONFIG.format(channel=channel, telegram=telegram, keys=keys))
+    drive = SimulatedDrive(buses.bus(channel), 5)
+    drive.start()
+    try:
+        result = CliRunner().invoke(app, ["check", "--bus", str(file)])
+    finally:
+        drive.stop()
+    return result.exit_code, result.output
+
+
+def test_the_drive_on_the_bus_is_asked_for_its_units(tmp_path: Path) -> None:
+    status, output = _check(tmp_path, telegram=9)
+    assert status == 0
+    assert "speed: 100 % = 3000 rpm = 60FFh 6000 (from 6080h, 6094h: 1/2 rpm)" in output
+    assert "acceleration: 100 % = 6083h 1000 (from 60C5h)" in output
+    assert "position: 100 % = 607Ah 500000 (from 607Bh/2)" in output
+
+
+def test_keys_of_the_configuration_come_first(tmp_path: Path) -> None:
+    status, output = _check(tmp_path, keys='rated_speed_rpm = 1500\nvelocity_unit = "0.1 rpm"')
+    assert status == 0
+    assert "100 % = 1500 rpm = 60FFh 15000 (from rated_speed_rpm, velocity_unit = 0.1 rpm)" in output
+
+
+def test_a_node_that_does_not_answer_is_named(tmp_path: Path) -> None:
+    status, output = _check(
+        tmp_path, keys="sdo_timeout_ms = 20\n[[axis]]\ndo_id = 2\nnode_id = 9\ntelegram = 1\nsdo_timeout_ms = 10"
+    )
+    assert status == 1
+    assert "DO 2, node 9: node 9" in output
+    assert "a drive that answers SDO" in output
+    assert "DO 1, node 5: Servo drive" in output
+
+
+def test_a_unit_that_is_none_is_refused_with_its_key(tmp_path: Path) -> None:
+    file = tmp_path / "gateway.toml"
+    file.write_text(CONFIG.format(channel="x", telegram=1, keys='velocity_unit = "knots"'))
+    result = CliRunner().invoke(app, ["check", str(file)])
+    assert result.exit_code == 1
+    assert "velocity_unit: 'knots'" in str(result.exception)
