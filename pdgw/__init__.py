@@ -1,12 +1,67 @@
-"""An open PROFIdrive-to-CANopen gateway. The rooms of the house are its sub-packages, see docs/architecture.md."""
+"""An open PROFIdrive-to-CANopen gateway. The rooms of the house are its sub-packages, see docs/architecture.md.
+
+The front door: what a program of its own usually needs. Each name is loaded when it is first used.
+"""
 
 from __future__ import annotations
 
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
-def __getattr__(name: str) -> str:
-    """``__version__``, looked up when it is asked for: every command imports this package."""
+if TYPE_CHECKING:
+    from pdgw.decoder.capture.reading import read_records
+    from pdgw.decoder.recognise import recognise
+    from pdgw.ds301.eds_import import import_eds
+    from pdgw.ds301.errors import CanopenError
+    from pdgw.gateway.config import load_config
+    from pdgw.gateway.errors import GatewayError
+    from pdgw.profidrive.errors import ProfidriveError
+    from pdgw.profidrive.signals import signal
+    from pdgw.profidrive.telegrams import telegram
+    from pdgw.tools.parameters.reading import read_parameters
+
+    __version__: str
+
+__all__ = [
+    "CanopenError",
+    "GatewayError",
+    "ProfidriveError",
+    "__version__",
+    "import_eds",
+    "load_config",
+    "read_parameters",
+    "read_records",
+    "recognise",
+    "signal",
+    "telegram",
+]
+
+_ROOMS = {
+    "CanopenError": "ds301.errors",
+    "GatewayError": "gateway.errors",
+    "ProfidriveError": "profidrive.errors",
+    "import_eds": "ds301.eds_import",
+    "load_config": "gateway.config",
+    "read_parameters": "tools.parameters.reading",
+    "read_records": "decoder.capture.reading",
+    "recognise": "decoder.recognise",
+    "signal": "profidrive.signals",
+    "telegram": "profidrive.telegrams",
+}
+
+
+def __getattr__(name: str) -> Any:
     if name == "__version__":
-        from importlib.metadata import version  # noqa: PLC0415
+        from importlib.metadata import version  # noqa: PLC0415 (slow to load, and every command imports this package)
 
-        return version("profidrive-gateway")
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        found: Any = version("profidrive-gateway")
+    elif name in _ROOMS:
+        found = getattr(import_module(f"pdgw.{_ROOMS[name]}"), name)
+    else:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    globals()[name] = found
+    return found
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -15,7 +15,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 
-from pdgw.profidrive.datatypes import DataType
+from pdgw.profidrive.datatypes import N2_100_PERCENT, N4_100_PERCENT, DataType
 from pdgw.profidrive.errors import ProfidriveError
 
 
@@ -103,14 +103,35 @@ class Signal:
         for position in sorted(positions):
             yield positions[position]
 
+    def word(self, *names: str, positioning: bool = False) -> int:
+        """A word with these bits set, all others 0; ProfidriveError for a name that is no bit of it."""
+        word = 0
+        for name in names:
+            word |= self.bit(name, positioning=positioning).mask
+        return word
+
     def percent(self, raw: int) -> float | None:
         """The value in percent of its reference for N2/N4 signals, None for the others."""
-        if self.type is DataType.N2:
-            return raw * 100 / (1 << 14)
-        if self.type is DataType.N4:
-            return raw * 100 / (1 << 30)
-        return None
+        full_scale = _FULL_SCALE.get(self.type)
+        return None if full_scale is None else raw * 100 / full_scale
 
+    def raw(self, percent: float) -> int:
+        """The wire value nearest to a percentage; ProfidriveError for a signal that is no N2 or N4, or one out of its range."""
+        full_scale = _FULL_SCALE.get(self.type)
+        if full_scale is None:
+            raise ProfidriveError(
+                f"percent of {self.name}", percent, f"a signal of type N2 or N4, not {self.type.name}"
+            )
+        low, high = self.type.integer_range
+        value = percent * full_scale / 100
+        if not low <= value <= high:
+            raise ProfidriveError(
+                f"{self.name} in percent", percent, f"{low * 100 / full_scale:g} to below {-low * 100 / full_scale:g}"
+            )
+        return round(value)
+
+
+_FULL_SCALE = {DataType.N2: N2_100_PERCENT, DataType.N4: N4_100_PERCENT}
 
 _SIGN_OF_LIFE = Bit(12, "SIGN_OF_LIFE", "sign of life counter 1..15", 4)
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.errors import ProfidriveError
-from pdgw.profidrive.signals import CATALOGUE, POSITIONER_FORMS, SIGNALS, signal
+from pdgw.profidrive.signals import CATALOGUE, POSITIONER_FORMS, SIGNALS, Signal, signal
 from pdgw.profidrive.telegrams import TELEGRAMS, Direction, Telegram, likeliest, telegram, word_positions
 
 from tests.support.strategies import directions, half_values, telegrams
@@ -217,3 +218,33 @@ def test_unknown_telegram_lists_the_known_ones() -> None:
     with pytest.raises(ProfidriveError, match="telegram: 112 is not allowed, expected one of") as error:
         telegram(112)
     assert all(str(number) in error.value.allowed for number in TELEGRAMS)
+
+
+def test_a_word_is_built_from_the_names_of_its_bits() -> None:
+    stw1 = signal("STW1")
+    assert stw1.word() == 0
+    assert stw1.word("ON", "CONTROL_BY_PLC") == 0x0401
+    names = [bit.name for bit in stw1.bits]
+    assert stw1.word(*names) == sum(bit.mask for bit in stw1.bits)
+    assert (
+        stw1.word("NO_INTERMEDIATE_STOP", positioning=True) == stw1.bit("NO_INTERMEDIATE_STOP", positioning=True).mask
+    )
+    with pytest.raises(ProfidriveError, match="OFF1"):
+        stw1.word("OFF1")
+
+
+@given(st.sampled_from([s for s in SIGNALS.values() if s.type in {DataType.N2, DataType.N4}]), st.data())
+def test_percent_and_raw_are_each_others_inverse(chosen: Signal, data: st.DataObject) -> None:
+    low, high = chosen.type.integer_range
+    raw = data.draw(st.integers(low, high))
+    percent = chosen.percent(raw)
+    assert percent is not None
+    assert chosen.raw(percent) == raw
+
+
+@pytest.mark.parametrize(
+    ("name", "percent"), [("NSOLL_A", 200.0), ("NSOLL_A", -200.1), ("STW1", 1.0), ("NSOLL_A", float("nan"))]
+)
+def test_a_percentage_that_does_not_fit_is_refused(name: str, percent: float) -> None:
+    with pytest.raises(ProfidriveError, match="percent"):
+        signal(name).raw(percent)

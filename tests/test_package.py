@@ -1,0 +1,155 @@
+"""The package as it is installed: nothing is left out of the wheel, its metadata is complete, the front door leads in."""
+
+from __future__ import annotations
+
+import re
+import runpy
+import subprocess
+import sys
+import tomllib
+from fnmatch import fnmatch
+from importlib.metadata import metadata, version
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pdgw.ds301.errors import CanopenError
+from pdgw.gateway.errors import GatewayError
+from pdgw.profidrive.errors import ProfidriveError
+from pdgw.tools.bench.captures import write_capture
+
+import pdgw
+from tests.support.daemon import axis, configuration, serving
+
+ROOT = Path(__file__).parents[1]
+EXAMPLES = ROOT / "examples"
+PROJECT: dict[str, Any] = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+SETUPTOOLS = PROJECT["tool"]["setuptools"]
+ROOMS = {folder: name for name, folder in SETUPTOOLS["package-dir"].items()}
+
+
+def packages_in(folder: str) -> set[str]:
+    """Every folder with Python files, by its name in the package."""
+    top = ROOT / folder
+    inside = {path.parent.relative_to(top) for path in top.rglob("*.py")}
+    return {".".join([ROOMS[folder], *path.parts]) for path in inside}
+
+
+def test_the_list_of_packages_is_complete() -> None:
+    found = {name for folder in ROOMS for name in packages_in(folder)}
+    assert set(SETUPTOOLS["packages"]) == found
+
+
+def test_every_room_is_mapped_and_type_checked() -> None:
+    others = {"tests", "examples", "docs", "build"}
+    folders = {path.parent.name for path in ROOT.glob("[!.]*/*.py")} - others
+    assert set(ROOMS) == folders
+    rooms = re.search(r"^ROOMS := (.*)$", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE)
+    assert rooms is not None
+    assert {*rooms[1].split(), "pdgw"} == folders
+
+
+def test_every_data_file_of_the_rooms_is_installed() -> None:
+    patterns = SETUPTOOLS["package-data"]["*"]
+    files = subprocess.run(
+        ["git", "ls-files", *ROOMS], cwd=ROOT, capture_output=True, text=True, check=True
+    ).stdout.split()
+    left_out = [
+        file
+        for file in files
+        if not file.endswith(".py")
+        and not any(fnmatch(Path(file).name, pattern.removeprefix("**/")) for pattern in patterns)
+    ]
+    assert left_out == []
+
+
+def test_the_metadata_says_who_what_and_for_whom() -> None:
+    said = metadata("profidrive-gateway")
+    assert said["Author"] == "profidrive-gateway"
+    assert said["Summary"]
+    assert {"PROFIdrive", "CANopen"} <= set(said["Keywords"].split(","))
+    classifiers = said.get_all("Classifier") or []
+    assert "Typing :: Typed" in classifiers
+    assert all(not text.startswith("License") for text in classifiers), "the licence is an SPDX expression"
+
+
+# -- the front door ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", pdgw.__all__)
+def test_every_name_of_the_front_door_is_there_and_documented(name: str) -> None:
+    found = getattr(pdgw, name)
+    assert found.__doc__
+    assert name in dir(pdgw)
+    assert f"`{name}" in (ROOT / "README.md").read_text(encoding="utf-8")
+
+
+def test_the_front_door_gives_the_things_themselves() -> None:
+    assert pdgw.__version__ == version("profidrive-gateway")
+    assert pdgw.telegram(1).setpoints.names == ("STW1", "NSOLL_A")
+    assert (pdgw.GatewayError, pdgw.CanopenError, pdgw.ProfidriveError) == (GatewayError, CanopenError, ProfidriveError)
+    with pytest.raises(AttributeError, match="Telegram"):
+        pdgw.Telegram  # type: ignore[attr-defined]  # noqa: B018
+
+
+def test_opening_the_front_door_loads_nothing() -> None:
+    code = "import sys, pdgw; pdgw.signal('STW1'); print(*(name for name in sys.modules))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    loaded = set(done.stdout.split())
+    assert "pdgw.profidrive.signals" in loaded
+    assert not loaded & {"can", "canopen", "scapy", "pydantic", "typer", "pdgw.gateway.config", "importlib.metadata"}
+
+
+# -- examples ---------------------------------------------------------------------------------------------------------
+
+
+def run_example(name: str, capsys: pytest.CaptureFixture[str], *arguments: str) -> list[str]:
+    """The lines an example prints."""
+    before = sys.argv
+    sys.argv = [name, *arguments]
+    try:
+        runpy.run_path(str(EXAMPLES / name), run_name="__main__")
+    finally:
+        sys.argv = before
+    return capsys.readouterr().out.splitlines()
+
+
+def test_example_decode_a_frame(capsys: pytest.CaptureFixture[str]) -> None:
+    why, stw1, nsoll_a = run_example("decode_frame.py", capsys)
+    assert "FrameID C001h" in why
+    assert stw1.startswith("STW1 = 1151 ON NO_COAST_STOP")
+    assert nsoll_a == "NSOLL_A = 50.0 %"
+
+
+def test_example_build_an_stw1(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run_example("build_stw1.py", capsys) == ["OFF 047Eh, ON 047Fh", "04 7f 08 00"]
+
+
+def test_example_iterate_a_capture(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    capture = tmp_path / "both.pcapng"
+    write_capture(capture, 8)
+    lines = run_example("iterate_capture.py", capsys, str(capture))
+    assert len(lines) == 8
+    assert "plc: axis 1: {'stw1': 1151, 'nsoll_a': 0}" in lines[0]
+    assert "can: axis 1: {'controlword': 15, 'target_velocity': 0}" in lines[1]
+
+
+def test_example_read_a_parameter(capsys: pytest.CaptureFixture[str]) -> None:
+    with serving(configuration(axis(1))) as (_, client):
+        lines = run_example("read_parameter.py", capsys, str(client.address[1]))
+    assert lines[0] == "922 0 1"
+    assert len(lines) == 3
+
+
+def test_a_parameter_that_is_none_and_a_device_that_is_not_there_are_told() -> None:
+    with pytest.raises(GatewayError, match="P922"):
+        pdgw.read_parameters(("127.0.0.1", 9), 1, "speed")
+    with pytest.raises(GatewayError, match="does not answer"):
+        pdgw.read_parameters(("127.0.0.1", 9), 1, "P922")
+
+
+def test_records_of_a_capture_that_is_not_there() -> None:
+    with pytest.raises(GatewayError, match="cannot be read"):
+        next(pdgw.read_records("nowhere.pcap"))
+    with pytest.raises(ProfidriveError, match="telegram"):
+        next(pdgw.read_records("nowhere.pcap", telegrams=[77]))
