@@ -18,6 +18,7 @@ from pdgw.ds301.eds_values import (
     UNSIGNED8,
     ValueRefused,
     is_plain,
+    is_unsigned_pattern,
     limit_text,
     number,
     value_text,
@@ -288,6 +289,12 @@ class ObjectWriter:
     def _check_limits(self, section: Section, data_type: int, texts: dict[str, str]) -> None:
         low, high = texts.get("LowLimit", ""), texts.get("HighLimit", "")
         if data_type in DATA_TYPES and is_plain(low) and is_plain(high) and int(low, 0) > int(high, 0):
+            if is_unsigned_pattern(data_type, section.text("HighLimit")):
+                # 00h to FFh of an INTEGER8: meant as bits, which are all values of the type.
+                for key in ("LowLimit", "HighLimit"):
+                    self._report.repair(section.where(key), section.name, key, section.text(key), "")
+                    del texts[key]
+                return
             reason = f"above the high limit {high}"
             self._report.refuse(section.where("LowLimit"), section.name, "LowLimit", section.text("LowLimit"), reason)
 

@@ -241,7 +241,8 @@ def _bytes_text(data_type: int, text: str) -> tuple[str, bool]:
 def limit_text(data_type: int, text: str, *, lower: bool) -> tuple[str, bool]:
     """A LowLimit or HighLimit as a decimal or plain number, and whether that repairs something; "" stands for no limit.
 
-    A limit outside the type is the type's own. ValueRefused where the text is no number.
+    A limit outside the type is the type's own, and so is one that would leave no value of it. ValueRefused where the text is no
+    number.
     """
     if data_type in REALS:
         return _real_text(text)
@@ -259,12 +260,19 @@ def limit_text(data_type: int, text: str, *, lower: bool) -> tuple[str, bool]:
     if low <= value <= high:
         return (text, False) if is_plain(text) else (_spelled(value, text), True)
     if signed and not lower and value >= 1 << bits and _fit(value, bits, signed) is not None:
-        raise ValueRefused("a negative number in more bits than its data type has, or no limit")
+        return "", True  # FFFFFFFFh in 16 bits: no limit is meant, -1 would be
     fitted = _fit(value, bits, signed) if signed or (value == -1 and not lower) else None
     if fitted is not None:
         return str(fitted), not (is_plain(text) and signed and value < 1 << bits)
-    if value > high and lower:
-        raise ValueRefused("a low limit above every value of its data type")
-    if value < low and not lower:
-        raise ValueRefused("a high limit below every value of its data type")
+    if (value > high and lower) or (value < low and not lower):
+        return "", True
     return str(low if lower else high), True
+
+
+def is_unsigned_pattern(data_type: int, text: str) -> bool:
+    """Whether a limit of a signed type is written as a positive number that the type does not hold, such as FFh in 8 bits."""
+    value = number(text)
+    if value is None or data_type not in NUMBER_OF_BITS:
+        return False
+    bits, signed = NUMBER_OF_BITS[data_type]
+    return signed and value > _highest(bits, signed)

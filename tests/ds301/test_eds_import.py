@@ -127,6 +127,26 @@ def test_numbers() -> None:
     assert (variable("numbers.eds", 0x2005).default, variable("numbers.eds", 0x2005).access_type) == (b"\xaa\xbb", "rw")
 
 
+def test_limits_that_do_not_fit_their_type_are_no_limits_and_said() -> None:
+    repairs = repaired("limits.eds")
+    found = {index: (item.min, item.max) for index in range(0x2001, 0x2006) if (item := variable("limits.eds", index))}
+    assert found == {
+        0x2001: (None, None),
+        0x2002: (None, None),
+        0x2003: (0, None),
+        0x2004: (None, 9),
+        0x2005: (-128, -1),
+    }
+    assert {key for key in repairs if key[1].endswith("Limit")} == {
+        ("2001", "LowLimit"),
+        ("2001", "HighLimit"),
+        ("2002", "LowLimit"),
+        ("2002", "HighLimit"),
+        ("2003", "HighLimit"),
+        ("2004", "LowLimit"),
+    }
+
+
 @pytest.mark.parametrize(
     ("index", "default"),
     [
@@ -213,7 +233,6 @@ def test_everything_that_has_to_be_corrected_is_named_with_its_line() -> None:
         ("2007", "DefaultValue"),
         ("2008", "DefaultValue"),
         ("2008sub100", "sub-index"),
-        ("200A", "HighLimit"),
         ("1400", ""),
     ]
     assert "line 7 [1000] DefaultValue '010': octal by CiA 306 (8), decimal to most tools (10)" in str(error.value)
