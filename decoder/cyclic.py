@@ -171,6 +171,8 @@ class CyclicDecoder:
         self._given = tuple(axes)
         self._notify = notify
         self._observed: dict[int, int] = {}
+        self.inference = ""
+        """What was said about the telegrams inferred last."""
         self._candidates: list[Candidate] | None = None
         self._seen: set[Direction] = set()
         self._layouts: dict[tuple[int, int], FrameLayout] = {}
@@ -192,6 +194,18 @@ class CyclicDecoder:
         return tuple(
             Axis(axis.do_id, self._observed.get(axis.do_id, axis.telegram), axis.node, axis.bus) for axis in axes
         )
+
+    @property
+    def inferred(self) -> tuple[Axis, ...]:
+        """The axes as the frames alone show them, whatever was given or observed besides."""
+        return (
+            tuple(Axis(i, min(numbers)) for i, numbers in enumerate(self._candidates[0], 1)) if self._candidates else ()
+        )
+
+    @property
+    def sure(self) -> bool:
+        """Live frames of both directions were looked at: more will not make ``inferred`` surer."""
+        return len(self._seen) == len(Direction)
 
     def connect(self, connection: Connection) -> None:
         """A Connect was seen: from now on its FrameIDs are read as it says."""
@@ -269,7 +283,9 @@ class CyclicDecoder:
         if direction is None:
             layout = self._layouts[key] = _plain_layout(len(data), None, "FrameID of another relationship")
             return layout
-        if not self._given:
+        if self._given:
+            self._doubt(direction, data)
+        else:
             self._infer(direction, data)
         axes = self.axes
         fitting = frame_layout(axes, direction, len(data)) if axes else None
@@ -286,6 +302,19 @@ class CyclicDecoder:
             self._plain[key] = (count + 1, plain)
         return plain
 
+    def _doubt(self, direction: Direction, data: bytes) -> None:
+        """Tell once for each direction when the status bytes of live frames lie where those of other telegrams do."""
+        if direction in self._seen or data[-2] & _LIVE != _LIVE:
+            return
+        self._seen.add(direction)
+        given = [axis.telegram for axis in self.axes]
+        found = infer(data[HEADER.size : -TRAILER.size], direction)
+        if found and not any(_is_one_of(given, candidate) for candidate in found):
+            asked = ", ".join(str(number) for number in given)
+            shown = ", ".join("/".join(str(number) for number in sorted(numbers)) for numbers in found[0])
+            what = "setpoints" if direction is Direction.SETPOINT else "actual values"
+            self._notify(f"the {what} do not fit telegram {asked} as given: their length is that of telegram {shown}")
+
     def _infer(self, direction: Direction, data: bytes) -> None:
         """Narrow the telegrams down by a live frame of a direction that was not looked at yet."""
         if direction in self._seen or data[-2] & _LIVE != _LIVE:
@@ -301,7 +330,12 @@ class CyclicDecoder:
         self._layouts.clear()
         after = self.axes
         if [axis.telegram for axis in before] != [axis.telegram for axis in after]:
-            self._notify(_inferred(found[0], after))
+            self.inference = _inferred(found[0], after)
+            self._notify(self.inference)
+
+
+def _is_one_of(numbers: Sequence[int], candidate: Candidate) -> bool:
+    return len(numbers) == len(candidate) and all(n in possible for n, possible in zip(numbers, candidate, strict=True))
 
 
 def _plain_layout(length: int, direction: Direction | None, note: str) -> FrameLayout:

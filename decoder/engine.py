@@ -78,6 +78,21 @@ class Decoder:
         """The axes as known so far."""
         return self._cyclic.axes
 
+    @property
+    def inferred(self) -> tuple[Axis, ...]:
+        """The axes as the frames alone show them."""
+        return self._cyclic.inferred
+
+    @property
+    def inference(self) -> str:
+        """How ``inferred`` became known, for the user; empty where it is not."""
+        return self._cyclic.inference
+
+    @property
+    def sure(self) -> bool:
+        """Enough frames were seen for ``inferred`` to stay as it is."""
+        return self._cyclic.sure
+
     def decode(self, packet: Packet | CanPacket) -> Record:
         """The record of a packet. Never raises for what a packet contains."""
         if isinstance(packet, CanPacket):

@@ -3,8 +3,9 @@
 Python's syntax for comparisons, ``and``, ``or``, ``not``, ``in``, arithmetic and bit operations on numbers; nothing is ever
 executed but what is written here. Values are those of documents: percent for N2/N4, else raw; text is compared without case.
 
-A name a packet does not have makes the comparison unknown; unknown is neither true nor false (``not`` keeps it), and only
-what is true passes.
+A signal the packet does not have is the last one known of the same axis, as long as the packet has another signal of the
+expression: so words of different packets can be compared. Any other name a packet does not have makes the comparison unknown;
+unknown is neither true nor false (``not`` keeps it), and only what is true passes.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ import operator
 from collections.abc import Callable
 from typing import Any, Final
 
-from pdgw.decoder.names import Names
+from pdgw.decoder.names import RECORD_NAMES, Getter, Names, Value
 from pdgw.decoder.records import Record, Unit
 from pdgw.profidrive.errors import ProfidriveError
 
@@ -57,6 +58,11 @@ class Filter:
     def __init__(self, text: str, names: Names) -> None:
         self.text = text
         self._names = names
+        self._signals: dict[str, Getter] = {}
+        """The signals of the expression by their spelling."""
+        self._held: dict[tuple[int, int], dict[str, Value]] = {}
+        """Their last values of each axis, or of each node that is none's."""
+        self._present: dict[str, Value] = {}
         if len(text) > _MAX_LENGTH:
             raise ProfidriveError("filter", f"{len(text)} characters", f"at most {_MAX_LENGTH}")
         try:
@@ -74,7 +80,20 @@ class Filter:
 
     def matches(self, record: Record, unit: Unit | None) -> bool:
         """Whether the expression is true of one unit of a packet (None: a packet without units)."""
+        if unit is not None and len(self._signals) > 1:
+            self._hold(record, unit)
         return bool(self._evaluate(record, unit))
+
+    def _hold(self, record: Record, unit: Unit) -> None:
+        """Remember the signals of a unit; the others are those of before where it has any, else unknown."""
+        values: dict[str, Value] = {
+            name: value for name, get in self._signals.items() if (value := get(record, unit)) is not None
+        }
+        self._present = values
+        if values:
+            held = self._held.setdefault((unit.axis, 0 if unit.axis else unit.node), {})
+            held.update(values)
+            self._present = held
 
     def select(self, record: Record) -> tuple[Unit, ...] | None:
         """The units of a packet that match; None when the packet does not."""
@@ -95,9 +114,9 @@ class Filter:
         if isinstance(node, ast.BinOp):
             return self._arithmetic(node)
         if isinstance(node, ast.Name):
-            return self._names.getter(node.id)
+            return self._name(node.id)
         if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
-            return self._names.getter(f"{node.value.id}.{node.attr}")
+            return self._name(f"{node.value.id}.{node.attr}")
         if isinstance(node, ast.Constant) and isinstance(node.value, int | float | str):
             value = _plain(node.value)
             return lambda _record, _unit: value
@@ -105,6 +124,19 @@ class Filter:
             parts = [self._compile(part) for part in node.elts]
             return lambda record, unit: tuple(_plain(part(record, unit)) for part in parts)
         raise _refused(node, "names, numbers, texts, comparisons, and, or, not")
+
+    def _name(self, text: str) -> Evaluate:
+        get = self._names.getter(text)
+        if self._names.split(text)[0] in RECORD_NAMES:
+            return get
+        self._signals[text] = get
+
+        def evaluate(record: Record, unit: Unit | None) -> Value:
+            if unit is None or len(self._signals) == 1:
+                return get(record, unit)
+            return self._present.get(text)
+
+        return evaluate
 
     def _unary(self, node: ast.UnaryOp) -> Evaluate:
         inner = self._compile(node.operand)

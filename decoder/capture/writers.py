@@ -1,13 +1,12 @@
-"""What becomes of decoded packets: text, JSON lines, CSV, Parquet, a plot, statistics.
+"""What becomes of decoded packets: text, JSON lines, CSV, Parquet, statistics.
 
-Every writer takes the packets one by one and keeps nothing of them, but for the plot, which thins its curves out.
+Every writer takes the packets one by one and keeps nothing of them (the picture, ``plot``, thins its curves out).
 """
 
 from __future__ import annotations
 
 import csv
 import json
-from array import array
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final, Protocol, TextIO
@@ -175,90 +174,6 @@ class ParquetWriter:
     def finish(self) -> None:
         self._flush()
         self._file.close()
-
-
-_MAX_POINTS: Final = 1 << 19
-
-
-class _Curve:
-    """Points of one curve; beyond a limit every second one is dropped, again and again."""
-
-    def __init__(self) -> None:
-        self.times = array("d")
-        self.values = array("d")
-        self._stride = 1
-        self._skipped = 0
-
-    def add(self, seconds: float, value: float) -> None:
-        self._skipped += 1
-        if self._skipped < self._stride:
-            return
-        self._skipped = 0
-        self.times.append(seconds)
-        self.values.append(value)
-        if len(self.times) >= _MAX_POINTS:
-            self.times, self.values = self.times[::2], self.values[::2]
-            self._stride *= 2
-
-
-class PlotWriter:
-    """A picture of the chosen names over time, one panel for each; GatewayError when matplotlib is not installed."""
-
-    def __init__(self, path: Path, titles: Sequence[str], names: Names) -> None:
-        try:
-            import matplotlib as mpl  # noqa: PLC0415
-        except ImportError as error:
-            raise GatewayError("--plot needs matplotlib: pip install 'profidrive-gateway[plot]'") from error
-        mpl.use("Agg")
-        if not titles:
-            raise GatewayError("--plot: name the signals to draw, like --signal NSOLL_A --signal NIST_A")
-        self._path = path
-        self._columns = Columns(titles, names)
-        self._curves: list[dict[str, _Curve]] = [{} for _ in titles]
-        self._zero: int | None = None
-
-    def take(self, record: Record, units: Units) -> None:
-        if self._zero is None:
-            self._zero = record.time_ns
-        rows = self._columns.rows(record) if units is None else self._columns.unit_rows(record, units)
-        for unit, row in rows:
-            for curves, value in zip(self._curves, row, strict=True):
-                if isinstance(value, int | float):
-                    label = _whose(unit)
-                    curve = curves.get(label) or curves.setdefault(label, _Curve())
-                    curve.add((record.time_ns - self._zero) / 1e9, value)
-
-    def finish(self) -> None:
-        from matplotlib import pyplot  # noqa: PLC0415
-
-        count = len(self._curves)
-        figure, panels = pyplot.subplots(
-            count, 1, figsize=(12, 1.5 + 2.2 * count), sharex=True, squeeze=False, constrained_layout=True
-        )
-        for panel, title, curves in zip(panels[:, 0], self._columns.titles, self._curves, strict=True):
-            for label, curve in sorted(curves.items()):
-                panel.step(curve.times, curve.values, where="post", label=label, lw=1.2)
-            panel.set_title(title, loc="left", fontsize=10, fontweight="bold")
-            panel.grid(alpha=0.3)
-            if curves:
-                panel.legend(loc="best", fontsize=8, frameon=False)
-            else:
-                panel.text(0.5, 0.5, "not in the capture", ha="center", va="center", transform=panel.transAxes)
-        panels[-1, 0].set_xlabel("time in s")
-        try:
-            figure.savefig(self._path, dpi=100)
-        except (OSError, ValueError) as error:  # ValueError: an ending that is no picture format
-            raise GatewayError(f"--plot {self._path}: cannot be written ({error})") from error
-        finally:
-            pyplot.close(figure)
-
-
-def _whose(unit: Unit | None) -> str:
-    if unit is None:
-        return "packets"
-    if unit.layout.direction is None:
-        return f"node {unit.node}"
-    return f"axis {unit.axis}"
 
 
 class StatsWriter:

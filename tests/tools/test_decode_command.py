@@ -7,11 +7,15 @@ import json
 import subprocess
 import sys
 from collections.abc import Sequence
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
 from pdgw.decoder.capture.errors import CaptureError
-from pdgw.decoder.engine import Decoder
+from pdgw.decoder.capture.plot import States, panels_of
+from pdgw.decoder.capture.source import open_source
+from pdgw.decoder.engine import Decoder, Settings, given_axes
+from pdgw.decoder.names import Names
 from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.tools.commands.decode import DirectionOption, decode
@@ -116,6 +120,8 @@ def test_csv_has_the_chosen_names(capture: str, capsys: pytest.CaptureFixture[st
     [
         ({"filter_text": "stw1.on == 1 and axis == 1 and nsoll_a > 1"}, [5, 7]),
         ({"filter_text": "abort != 0"}, [20]),
+        ({"filter_text": "nsoll_a > 1 and zsw1.operation_enabled == 1"}, [5, 6, 7, 8]),
+        ({"filter_text": "nsoll_a > 1 and iocs == 128 and zsw1.operation_enabled == 1"}, [5, 6, 7, 8]),
         ({"begin": "0.020"}, [21, 22, 23]),
         ({"begin": "0.004", "end": "0.005"}, [5, 6]),
         ({"begin": "2023-11-14T22:13:20.143456+00:00"}, [21, 22, 23]),
@@ -132,6 +138,36 @@ def test_selections(
 ) -> None:
     decode(capture, telegram=[1], as_json=True, **options)  # type: ignore[arg-type]
     assert [json.loads(line)["number"] for line in lines(capsys)] == numbers
+
+
+def test_a_wrong_telegram_is_told_once_for_each_direction(capture: str, capsys: pytest.CaptureFixture[str]) -> None:
+    decode(capture, telegram=[9], stats=True)
+    notes = capsys.readouterr().err.splitlines()
+    assert notes == [
+        "note: the setpoints do not fit telegram 9 as given: their length is that of telegram 1/7/20/81/82/83/84",
+        "note: the actual values do not fit telegram 9 as given: their length is that of telegram 1/7",
+    ]
+    decode(capture, telegram=[1], stats=True)
+    assert not capsys.readouterr().err
+
+
+def test_a_few_packets_are_read_as_the_whole_file_is(capture: str, capsys: pytest.CaptureFixture[str]) -> None:
+    decode(capture)
+    whole = capsys.readouterr()
+    decode(capture, count=1)
+    first = capsys.readouterr()
+    assert first.err == whole.err
+    assert first.out == whole.out.splitlines(keepends=True)[0]
+
+
+def test_times_count_from_the_first_cyclic_frame(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "late.pcapng"
+    can = [packet for packet in PACKETS if packet[1] == captures.SOCKETCAN]
+    plc = [(now + 50_000_000, link, data) for now, link, data in PACKETS if link == captures.ETHERNET]
+    path.write_bytes(captures.pcapng([*can, *plc]))
+    decode(str(path), telegram=[1], begin="0", end="0.0015")
+    shown = [line.split()[1] for line in lines(capsys)]
+    assert shown == ["0.000000", "0.001000"]
 
 
 def test_statistics(capture: str, capsys: pytest.CaptureFixture[str]) -> None:
@@ -158,6 +194,28 @@ def test_plot_draws_the_signals(capture: str, tmp_path: Path, capsys: pytest.Cap
         decode(capture, plot=picture)
     with pytest.raises(GatewayError, match=r"--plot .*out.xyz: cannot be written"):
         decode(capture, plot=tmp_path / "out.xyz", signal=["NSOLL_A"])
+
+
+def test_set_and_actual_values_share_a_panel_with_its_unit() -> None:
+    names = Names()
+    titles = ["NSOLL_A", "NIST_A", "STW1", "XIST_A", "Target Velocity", "Velocity Actual Value", "statusword.fault"]
+    panels = panels_of(titles, names)
+    assert [panels.index(panel) for panel in panels] == [0, 0, 2, 3, 4, 4, 6]
+    assert [panel.unit for panel in panels] == ["%", "%", "", "%", "velocity units", "velocity units", ""]
+
+
+def test_the_states_of_an_axis_are_spans(capture: str) -> None:
+    states = States()
+    decoder = Decoder(Settings(given_axes([1])))
+    begin = PACKETS[0][0]
+    with open_source(capture) as source:
+        for packet in source.packets:
+            record = decoder.decode(packet)
+            for unit in record.units:
+                states.add(f"axis {unit.axis}", (record.time_ns - begin) / 1e9, unit)
+    (spans,) = states.spans.values()
+    assert {state for _, _, state in spans} <= {"operation", "off"}
+    assert all(one[1] == other[0] for one, other in pairwise(spans))
 
 
 def test_parquet_has_the_rows_of_the_table(capture: str, tmp_path: Path) -> None:

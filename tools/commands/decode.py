@@ -9,7 +9,7 @@ import os
 import re
 import sys
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from itertools import islice
 from pathlib import Path
@@ -19,13 +19,14 @@ import typer
 from pdgw.decoder.capture import live
 from pdgw.decoder.capture.axes import configured_axes
 from pdgw.decoder.capture.dictionary import dictionary_of
+from pdgw.decoder.capture.errors import CaptureError
 from pdgw.decoder.capture.moments import moment
+from pdgw.decoder.capture.plot import PlotWriter
 from pdgw.decoder.capture.source import Source, open_source
 from pdgw.decoder.capture.writers import (
     CsvWriter,
     JsonWriter,
     ParquetWriter,
-    PlotWriter,
     StatsWriter,
     TextWriter,
     Writer,
@@ -36,6 +37,7 @@ from pdgw.decoder.filter import Filter
 from pdgw.decoder.names import Names
 from pdgw.decoder.objects import ObjectNames
 from pdgw.decoder.recognise import parse_hex, recognise
+from pdgw.decoder.records import CyclicRecord
 from pdgw.decoder.render import one_line, tree
 from pdgw.decoder.selection import Selection
 from pdgw.gateway.errors import GatewayError
@@ -44,6 +46,8 @@ from pdgw.profidrive.telegrams import telegram as telegram_of
 from pdgw.tools.progress import with_progress
 
 _DEFAULT_BITRATE = 1_000_000
+_LOOK_AT, _LOOK_AT_CAN = 20_000, 2_000
+"""Packets that are looked at for telegrams and the first cyclic frame; without any cyclic frame so many are enough."""
 _LATE_NS = 2_000_000_000
 """Packets may be this much out of order; behind ``--to`` by more, reading stops."""
 _NODE_FILE = re.compile(r"(\d{1,3})=(.+)")
@@ -86,7 +90,9 @@ def decode(
     filter_text: Annotated[
         str | None, typer.Option("--filter", help="Expression, like 'stw1.on == 0 and axis == 1'.")
     ] = None,
-    begin: Annotated[str | None, typer.Option("--from", help="Seconds since the first packet, or an ISO time.")] = None,
+    begin: Annotated[
+        str | None, typer.Option("--from", help="Seconds since the first cyclic frame, or an ISO time.")
+    ] = None,
     end: Annotated[str | None, typer.Option("--to", help="As --from.")] = None,
     node: Annotated[list[int] | None, typer.Option(help="Only this CANopen node.")] = None,
     signal: Annotated[
@@ -123,10 +129,31 @@ def decode(
         writers.append(JsonWriter(sys.stdout))
     elif not writers or verbose:
         writers.append(TextWriter(sys.stdout, colour=_colours(), verbose=verbose))
+    settings, zero_ns = (known.settings, None) if file in {None, "-"} else _look_ahead(str(file), known.settings)
     with _open(file, interface, can) as source:
         if source.size is None:
             _line_buffered()
-        _run(source, Decoder(known.settings), selection, writers, (begin, end), count)
+        _run(source, Decoder(settings), selection, writers, (begin, end), count, zero_ns)
+
+
+def _look_ahead(file: str, settings: Settings) -> tuple[Settings, int | None]:
+    """The telegrams as far as the begin of a file shows them, and the time of its first cyclic frame.
+
+    So the first packets are read as the last ones, and times count as in ``pdgw timeline``. Damage is told when it is reached.
+    """
+    decoder = Decoder(replace(settings, axes=(), dictionary=None))
+    zero_ns = None
+    with contextlib.suppress(CaptureError), open_source(file) as source:
+        for number, packet in enumerate(islice(source.packets, _LOOK_AT)):
+            record = decoder.decode(packet)
+            if zero_ns is None and isinstance(record, CyclicRecord):
+                zero_ns = record.time_ns
+            if decoder.sure or (zero_ns is None and number > _LOOK_AT_CAN):
+                break
+    if settings.axes or not decoder.inferred:
+        return settings, zero_ns
+    _tell([decoder.inference])
+    return replace(settings, axes=decoder.inferred), zero_ns
 
 
 def _decode_hex(
@@ -227,13 +254,14 @@ def _run(
     writers: Sequence[Writer],
     limits: tuple[str | None, str | None],
     count: int | None,
+    zero_ns: int | None,
 ) -> None:
     """Decode until the end, an interruption or damage; the writers are finished in every case."""
     try:
         try:
             packets = islice(with_progress(source.packets, Path(source.name).name, source.size, source.position), count)
             with contextlib.suppress(KeyboardInterrupt):
-                _loop(packets, decoder, selection, writers, limits)
+                _loop(packets, decoder, selection, writers, limits, zero_ns)
         finally:
             for writer in writers:
                 writer.finish()
@@ -248,17 +276,19 @@ def _loop(
     selection: Selection,
     writers: Sequence[Writer],
     limits: tuple[str | None, str | None],
+    zero_ns: int | None,
 ) -> None:
     first = next(packets, None)
     if first is None:
         return
-    zero_ns = first.time_ns
+    if zero_ns is None:
+        zero_ns = first.time_ns
     selection.begin_ns = moment(limits[0], "--from", zero_ns) if limits[0] is not None else None
     selection.end_ns = moment(limits[1], "--to", zero_ns) if limits[1] is not None else None
     stop_ns = None if selection.end_ns is None else selection.end_ns + _LATE_NS
     everything = selection.everything
     for writer in writers:
-        if isinstance(writer, TextWriter):
+        if isinstance(writer, TextWriter | PlotWriter):
             writer.zero_ns = zero_ns
     takes = [writer.take for writer in writers]
     decode_one = decoder.decode
