@@ -18,6 +18,8 @@ from pdgw.dsp406.faults import ENCODER_EMCY
 from pdgw.dsp406.kinds import EncoderType
 from pdgw.dsp406.objects import PROFILE, ProfileObject
 from pdgw.dsp406.registers import Alarm, AreaState, Operating, Warnings
+from pdgw.gateway.motion.states import TRANSITIONS as POSITIONER_TRANSITIONS
+from pdgw.gateway.motion.states import Event
 from pdgw.gateway.parameters.objects import error_of_abort
 from pdgw.gateway.reasons import GATEWAY_FAULTS, Reason
 from pdgw.peers.node.misbehaviour import NODE_MISBEHAVIOURS, Misbehaviour
@@ -106,6 +108,26 @@ found. The others have two sources, or are the manufacturer's.
 """
 
 
+_POSITIONER = """\
+One row of the state that runs is taken in a step: the first whose event is there. Edges of STW1.6 are latched with the data of
+their frame; see docs/motion.md.
+"""
+
+
+def _positioner_diagram() -> str:
+    """The positioner's states as a Mermaid diagram, without the end of operation, which leaves every state."""
+    names = {state: state.name.title().replace("_", "") for state in POSITIONER_TRANSITIONS}
+    lines = ["```mermaid", "stateDiagram-v2"]
+    lines += [f"    {name}: {state.value}" for state, name in names.items()]
+    lines += [
+        f"    {names[state]} --> {names[row.target]}: {row.event.value.replace(':', ',')}"
+        for state, rows in POSITIONER_TRANSITIONS.items()
+        for row in rows
+        if row.event is not Event.NOT_OPERATING and row.target is not state
+    ]
+    return "\n".join([*lines, "```"]) + "\n"
+
+
 def generate() -> str:
     """The whole document."""
     out = [
@@ -138,6 +160,17 @@ def generate() -> str:
         if signal.bits:
             out += [f"### {signal.name} of telegrams {_positioner_telegrams(signal)}\n", _bits(signal)]
     out += [
+        "## Positioner\n",
+        _POSITIONER,
+        _table(
+            ("state", "event", "next state", "what is done"),
+            (
+                (state.value, row.event.value, row.target.value, row.action.value)
+                for state, rows in POSITIONER_TRANSITIONS.items()
+                for row in rows
+            ),
+        ),
+        _positioner_diagram(),
         "## Drive states\n",
         _table(("state", "Statusword"), ((p.state.value, f"`{_pattern(p.mask, p.value)}`") for p in STATUS_PATTERNS)),
         "## Commands of the Controlword\n",

@@ -1,0 +1,201 @@
+"""Dynamic servo control (DSC) of telegrams 5, 6, 105 and 106: position error and gain of the PLC to a position or speed setpoint.
+
+Source: the rule of public technology manuals, in words: speed = NSOLL_B + KPC x (XERR - (newest position - position the
+controller used)). Exact integer arithmetic. KPC = 0 is DSC off, NSOLL_B alone is the speed. Only meant for a purely
+proportional position loop in the PLC. Left out: the SYNC and the modes 8 and 9 it needs (executors), torque.
+
+Choices no public source settles: KPC in 0.001/s, +XERR moves forward (``xerr_sign`` turns it round).
+"""
+
+from __future__ import annotations
+
+import enum
+from collections import deque
+from dataclasses import dataclass
+from fractions import Fraction
+
+from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.motion.units import round_half_away
+from pdgw.gateway.reasons import Reason
+from pdgw.profidrive.datatypes import N4_100_PERCENT, DataType
+
+KPC_PER_UNIT = 1000
+"""KPC counts 0.001/s."""
+SYNC_PERIODS_TO_EFFECT = Fraction(5, 2)
+"""From a TPDO to the effect of the RPDO that answers it: up to the PLC's frame, to the next SYNC, half a period of the drive."""
+_E = Fraction(2_718_281_828, 1_000_000_000)
+_NS = 1_000_000_000
+_SECONDS_PER_MINUTE = 60
+_LOWEST, _HIGHEST = DataType.INTEGER32.integer_range
+_TURN = 1 << 32
+DELAY_CYCLES_MAX = 8
+
+
+def dead_time_ns(sync_period_ns: int, jitter_ns: int) -> int:
+    """From measuring a position to the effect of the speed made from it."""
+    return (
+        round_half_away(sync_period_ns * SYNC_PERIODS_TO_EFFECT.numerator, SYNC_PERIODS_TO_EFFECT.denominator)
+        + jitter_ns
+    )
+
+
+def highest_gain(dead_time: int) -> int:
+    """The largest KPC (0.001/s) without overshoot over a dead time T (ns), 1 / (e x T); from pi / (2T) on it oscillates."""
+    return int(Fraction(KPC_PER_UNIT * _NS, dead_time) / _E)
+
+
+def difference(newer: int, older: int) -> int:
+    """``newer`` - ``older`` of positions that count round in 32 bits."""
+    return (newer - older - _LOWEST) % _TURN + _LOWEST
+
+
+class DscForm(enum.Enum):
+    """``dsc``: where the loop is closed."""
+
+    POSITION = "position"
+    """In the drive (mode 8), by its own gain; any KPC but 0 only switches DSC on."""
+    SPEED = "speed"
+    """By the rule, over CAN (mode 9)."""
+
+
+@dataclass(frozen=True, slots=True)
+class DscSettings:
+    """One axis' values. GatewayError for one that is out of range."""
+
+    form: DscForm
+    increments_per_revolution: int
+    """Of G1_XIST1 without its fine resolution; the position units of the drive."""
+    reference_speed: Fraction
+    """rpm of 100 % NSOLL_B."""
+    velocities_per_rpm: Fraction
+    """Units of 60FFh and 60B1h in one rpm."""
+    sync_period_ns: int
+    following_window: int
+    """Increments within which the setpoint must be of the actual position when DSC starts."""
+    fine_resolution: int = 0
+    """Bits XERR is shifted left by (P979)."""
+    delay_cycles: int = 1
+    """Age of the position the PLC used, in cycles."""
+    xerr_sign: int = 1
+    jitter_ns: int = 0
+
+    def __post_init__(self) -> None:
+        checks = (
+            ("increments per revolution", self.increments_per_revolution, 1, _HIGHEST),
+            ("SYNC period", self.sync_period_ns, 1, _NS),
+            ("following_window", self.following_window, 1, _HIGHEST),
+            ("fine resolution", self.fine_resolution, 0, 31),
+            ("dsc_delay_cycles", self.delay_cycles, 0, DELAY_CYCLES_MAX),
+            ("jitter", self.jitter_ns, 0, _NS),
+        )
+        for name, value, low, high in checks:
+            if not low <= value <= high:
+                raise GatewayError(f"{name}: {value} is not allowed, expected {low}..{high}")
+        if self.xerr_sign not in {-1, 1}:
+            raise GatewayError(f"xerr_sign: {self.xerr_sign} is not allowed, expected 1 or -1")
+        if self.reference_speed <= 0 or self.velocities_per_rpm <= 0:
+            raise GatewayError("reference speed and velocity units: 0 is not allowed, expected values above 0")
+
+
+@dataclass(slots=True)
+class DscSetpoint:
+    """One cycle's setpoint, reused. ``position`` is None where the speed counts alone."""
+
+    velocity: int = 0
+    """Units of 60FFh; with a position, the feed-forward for 60B1h."""
+    position: int | None = None
+    active: bool = False
+    """DSC is on: KPC is not 0, the setpoint began near the axis, operation is enabled."""
+    gain_clamped: bool = False
+    reason: Reason | None = None
+
+
+class Dsc:
+    """DSC of one axis; ``step`` once per SYNC period."""
+
+    def __init__(self, settings: DscSettings) -> None:
+        self.settings = settings
+        self.setpoint = DscSetpoint()
+        self.dead_time_ns = dead_time_ns(settings.sync_period_ns, settings.jitter_ns)
+        self.gain_limit = highest_gain(self.dead_time_ns)
+        speed = settings.reference_speed * settings.velocities_per_rpm / N4_100_PERCENT
+        self._speed = speed.as_integer_ratio()
+        turn = settings.increments_per_revolution << settings.fine_resolution
+        loop = Fraction(_SECONDS_PER_MINUTE, KPC_PER_UNIT * turn) * settings.velocities_per_rpm
+        self._loop = loop.as_integer_ratio()
+        self._sent: deque[int] = deque(maxlen=settings.delay_cycles + 1)
+        """Positions sent to the PLC, oldest first; the oldest is the one it used."""
+        self._target: int | None = None
+        self._way = 0
+
+    def stop(self) -> None:
+        """Operation ended: DSC starts anew, near the axis."""
+        self.setpoint = DscSetpoint()
+        self._target = None
+        self._way = 0
+        self._sent.clear()
+
+    def step(self, nsoll_b: int, xerr: int, kpc: int, position: int, *, fresh: bool = True) -> DscSetpoint:
+        """The setpoint of one cycle, while operation is enabled.
+
+        ``nsoll_b``, ``xerr``, ``kpc``: raw values of the telegram. ``position``: the newest actual position, which goes to the
+        PLC in this cycle. ``fresh``: a frame of the PLC came in this cycle; without, a speed stays, a position goes on.
+        """
+        result = self.setpoint
+        self._sent.append(position)
+        if not fresh:
+            if result.position is not None and self._target is not None:
+                self._target = result.position = self._wrapped(self._target + self._way)
+                self._way = 0
+            return result
+        numerator, denominator = self._speed
+        feed_forward = round_half_away(nsoll_b * numerator, denominator)
+        result.gain_clamped = False
+        result.reason = None
+        if kpc <= 0:
+            self._target = None
+            result.velocity, result.position, result.active = feed_forward, None, False
+        elif self.settings.form is DscForm.POSITION:
+            self._position(feed_forward, xerr, position)
+        else:
+            self._velocity(feed_forward, xerr, kpc, position)
+        return result
+
+    def _starts_near(self, error: int) -> bool:
+        """Whether the setpoint is within the following window of the axis; only asked until DSC is on."""
+        result = self.setpoint
+        if not result.active and abs(error) > self.settings.following_window:
+            result.reason = Reason.DSC_FAR_FROM_AXIS
+            result.velocity, result.position = 0, None
+            return False
+        result.active = True
+        return True
+
+    def _position(self, feed_forward: int, xerr: int, position: int) -> None:
+        result, settings = self.setpoint, self.settings
+        way = round_half_away(settings.xerr_sign * xerr, 1 << settings.fine_resolution)
+        target = self._wrapped(self._sent[0] + way)
+        if not self._starts_near(difference(target, position)):
+            self._target = None
+            return
+        self._way = difference(target, self._target) if self._target is not None else 0
+        self._target = result.position = target
+        result.velocity = feed_forward
+
+    def _velocity(self, feed_forward: int, xerr: int, kpc: int, position: int) -> None:
+        result, settings = self.setpoint, self.settings
+        moved = difference(position, self._sent[0]) << settings.fine_resolution
+        error = settings.xerr_sign * xerr - moved
+        if not self._starts_near(error >> settings.fine_resolution):
+            return
+        if kpc > self.gain_limit:
+            kpc = self.gain_limit
+            result.gain_clamped = True
+        numerator, denominator = self._loop
+        speed = feed_forward + round_half_away(kpc * error * numerator, denominator)
+        result.velocity = max(_LOWEST, min(speed, _HIGHEST))
+        result.position = None
+
+    @staticmethod
+    def _wrapped(position: int) -> int:
+        return (position - _LOWEST) % _TURN + _LOWEST

@@ -1,0 +1,92 @@
+"""Torque reduction and the message word of the drive telegrams: MOMRED and MELDW from and to values of CiA 402.
+
+Source: drive manuals (one source for the bits of MELDW, none for the scaling of MOMRED: docs/telegrams.md "Motion").
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from fractions import Fraction
+
+from pdgw.gateway.errors import GatewayError
+from pdgw.profidrive.datatypes import N2_100_PERCENT
+from pdgw.profidrive.signals import signal
+
+_MELDW = signal("MELDW")
+_RAMP_COMPLETED = _MELDW.bit("RAMP_COMPLETED").mask
+_TORQUE_BELOW = _MELDW.bit("TORQUE_BELOW_THRESHOLD").mask
+_SPEED_BELOW_3 = _MELDW.bit("SPEED_BELOW_THRESHOLD_3").mask
+_SPEED_BELOW_2 = _MELDW.bit("SPEED_BELOW_THRESHOLD_2").mask
+_NO_MOTOR_OVERTEMPERATURE = _MELDW.bit("NO_MOTOR_OVERTEMPERATURE").mask
+_NO_STAGE_OVERTEMPERATURE = _MELDW.bit("NO_POWER_STAGE_OVERTEMPERATURE").mask
+_WITHIN_TOLERANCE = _MELDW.bit("SPEED_WITHIN_TOLERANCE").mask
+_ENABLED = _MELDW.bit("CONTROLLER_ENABLED").mask | _MELDW.bit("PULSES_ENABLED").mask
+_READY = _MELDW.bit("DRIVE_READY").mask
+
+
+def reduced_torque(base: int, momred: int) -> int:
+    """The torque limit 6072h under a torque reduction (N2, 4000h = no torque at all); a negative one reduces nothing."""
+    left = N2_100_PERCENT - max(0, min(momred, N2_100_PERCENT))
+    return base * left // N2_100_PERCENT
+
+
+@dataclass(frozen=True, slots=True)
+class MessageThresholds:
+    """``threshold_*``: shares of the reference speed, of the rated torque for the torque. GatewayError outside 0 to 2."""
+
+    tolerance: Fraction = Fraction(1, 100)
+    torque: Fraction = Fraction(9, 10)
+    speed_3: Fraction = Fraction(5, 100)
+    speed_2: Fraction = Fraction(30, 100)
+
+    def __post_init__(self) -> None:
+        for name in ("tolerance", "torque", "speed_3", "speed_2"):
+            if not 0 <= getattr(self, name) <= 2:
+                raise GatewayError(f"{name}: {getattr(self, name)} is not allowed, expected 0..2")
+
+
+class MessageWord:
+    """MELDW of one axis. ``reference`` in the drive's velocity units, ``rated_torque`` in the units of 6077h (1/1000)."""
+
+    __slots__ = ("_speed_2", "_speed_3", "_tolerance", "_torque")
+
+    def __init__(self, reference: int, rated_torque: int = 1000, thresholds: MessageThresholds | None = None) -> None:
+        chosen = thresholds or MessageThresholds()
+        self._tolerance = int(reference * chosen.tolerance)
+        self._torque = int(rated_torque * chosen.torque)
+        self._speed_3 = int(reference * chosen.speed_3)
+        self._speed_2 = int(reference * chosen.speed_2)
+
+    def word(
+        self,
+        velocity: int,
+        demand: int,
+        torque: int,
+        *,
+        target_reached: bool,
+        enabled: bool,
+        ready: bool,
+        motor_hot: bool = False,
+        stage_hot: bool = False,
+    ) -> int:
+        """The word of this cycle.
+
+        ``velocity`` 606Ch, ``demand`` 606Bh, ``torque`` 6077h; ``target_reached``: Statusword.10; ``enabled``: operation
+        enabled or quick stop active; ``ready``: no fault and not switch on disabled; ``motor_hot``, ``stage_hot``: that fault is
+        present.
+        """
+        speed = abs(velocity)
+        word = 0 if motor_hot else _NO_MOTOR_OVERTEMPERATURE
+        if not stage_hot:
+            word |= _NO_STAGE_OVERTEMPERATURE
+        if abs(velocity - demand) <= self._tolerance:
+            word |= _WITHIN_TOLERANCE | (_RAMP_COMPLETED if target_reached else 0)
+        if abs(torque) < self._torque:
+            word |= _TORQUE_BELOW
+        if speed < self._speed_3:
+            word |= _SPEED_BELOW_3
+        if speed <= self._speed_2:
+            word |= _SPEED_BELOW_2
+        if enabled:
+            word |= _ENABLED
+        return word | _READY if ready else word

@@ -1,0 +1,166 @@
+"""The positioner's states and what leads from one to the next, as data.
+
+Source: basic positioners of public drive manuals (docs/motion.md). One function at a time: another starts from IDLE, except
+where a row says that it replaces the one that runs. The first row of a state whose event is there is taken, one row in a step.
+The docs print this table, the machine of ``positioner`` runs it, the tests walk it.
+"""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+
+class State(enum.Enum):
+    """The function that runs; ``value`` for the reader."""
+
+    OFF = "not in operation"
+    IDLE = "idle"
+    MDI = "MDI position"
+    SETTING_UP = "setting up"
+    BLOCK = "traversing block"
+    JOG = "jog"
+    JOG_INCREMENTAL = "incremental jog"
+    HOMING = "homing"
+    TRACKING = "tracking"
+    BRAKING = "braking"
+
+
+class Event(enum.Enum):
+    """What a step looks for; ``value`` for the reader."""
+
+    NOT_OPERATING = "operation left, PLC lost, drive lost or in fault"
+    OPERATING = "operation enabled"
+    REJECTED = "STW1.4 = 0"
+    TASK_REFUSED = "edge of STW1.6 with a task that cannot be done"
+    MDI = "edge of STW1.6, MDI position"
+    SETTING_UP = "edge of STW1.6, setting up"
+    BLOCK = "edge of STW1.6, traversing block"
+    CHANGED = "continuous update: a setpoint changed while STW1.6 = 1"
+    REACHED = "target reached"
+    BLOCK_DONE = "block done, another follows"
+    CHAIN_DONE = "last block done"
+    JOG = "one of STW1.8 and 9, POS_STW2.5 = 0"
+    JOG_INCREMENTAL = "edge of one of STW1.8 and 9, POS_STW2.5 = 1"
+    JOG_RELEASED = "STW1.8 = STW1.9, or the other one alone"
+    HOMING = "edge of STW1.11"
+    HOMING_WITHDRAWN = "STW1.11 = 0"
+    HOMING_ATTAINED = "homing attained"
+    HOMING_FAILED = "homing error"
+    TRACKING = "POS_STW2.0 = 1"
+    TRACKING_OFF = "POS_STW2.0 = 0"
+    STANDING = "standstill"
+
+
+class Action(enum.Enum):
+    """What is done on the way; ``value`` for the reader."""
+
+    NOTHING = ""
+    DROP = "drop task, kept task, jog and update"
+    CLEAR = "clear the warning"
+    BRAKE = "ramp to standstill, drop the task"
+    REFUSE = "warning: why not"
+    REFUSE_AND_BRAKE = "warning, ramp to standstill"
+    START = "start"
+    REPLACE = "replace what runs"
+    UPDATE = "take the new setpoints"
+    FOLLOW = "run the next block"
+    FINISH = "keep standing"
+    JOG = "move while the bit stands"
+    JOG_DISTANCE = "move by the distance, once"
+    HOME = "start homing"
+    HOMED = "home position set, offset = reference coordinate"
+    HOMING_ERROR = "warning: homing error"
+
+
+@dataclass(frozen=True, slots=True)
+class Transition:
+    """One row of a state."""
+
+    event: Event
+    target: State
+    action: Action = Action.NOTHING
+
+
+_LOST = Transition(Event.NOT_OPERATING, State.OFF, Action.DROP)
+_REJECTED = Transition(Event.REJECTED, State.BRAKING, Action.BRAKE)
+_REFUSED = Transition(Event.TASK_REFUSED, State.BRAKING, Action.REFUSE_AND_BRAKE)
+_REPLACED_BY_MDI = Transition(Event.MDI, State.MDI, Action.REPLACE)
+_REPLACED_BY_SETTING_UP = Transition(Event.SETTING_UP, State.SETTING_UP, Action.REPLACE)
+_REPLACED_BY_BLOCK = Transition(Event.BLOCK, State.BLOCK, Action.REPLACE)
+_JOG_RELEASED = Transition(Event.JOG_RELEASED, State.BRAKING, Action.BRAKE)
+
+TRANSITIONS: Mapping[State, tuple[Transition, ...]] = MappingProxyType(
+    {
+        State.OFF: (Transition(Event.OPERATING, State.IDLE),),
+        State.IDLE: (
+            _LOST,
+            Transition(Event.REJECTED, State.IDLE, Action.CLEAR),
+            Transition(Event.TASK_REFUSED, State.IDLE, Action.REFUSE),
+            Transition(Event.MDI, State.MDI, Action.START),
+            Transition(Event.SETTING_UP, State.SETTING_UP, Action.START),
+            Transition(Event.BLOCK, State.BLOCK, Action.START),
+            Transition(Event.HOMING, State.HOMING, Action.HOME),
+            Transition(Event.JOG, State.JOG, Action.JOG),
+            Transition(Event.JOG_INCREMENTAL, State.JOG_INCREMENTAL, Action.JOG_DISTANCE),
+            Transition(Event.TRACKING, State.TRACKING),
+        ),
+        State.MDI: (
+            _LOST,
+            _REJECTED,
+            _REFUSED,
+            _REPLACED_BY_MDI,
+            _REPLACED_BY_SETTING_UP,
+            _REPLACED_BY_BLOCK,
+            Transition(Event.CHANGED, State.MDI, Action.UPDATE),
+            Transition(Event.REACHED, State.IDLE, Action.FINISH),
+        ),
+        State.SETTING_UP: (
+            _LOST,
+            _REJECTED,
+            _REFUSED,
+            _REPLACED_BY_MDI,
+            _REPLACED_BY_SETTING_UP,
+            Transition(Event.BLOCK, State.SETTING_UP, Action.REFUSE),
+            Transition(Event.CHANGED, State.SETTING_UP, Action.UPDATE),
+        ),
+        State.BLOCK: (
+            _LOST,
+            _REJECTED,
+            _REFUSED,
+            _REPLACED_BY_MDI,
+            _REPLACED_BY_SETTING_UP,
+            _REPLACED_BY_BLOCK,
+            Transition(Event.BLOCK_DONE, State.BLOCK, Action.FOLLOW),
+            Transition(Event.CHAIN_DONE, State.IDLE, Action.FINISH),
+        ),
+        State.JOG: (_LOST, _REJECTED, _JOG_RELEASED),
+        State.JOG_INCREMENTAL: (
+            _LOST,
+            _REJECTED,
+            _JOG_RELEASED,
+            Transition(Event.REACHED, State.IDLE, Action.FINISH),
+        ),
+        State.HOMING: (
+            _LOST,
+            _REJECTED,
+            Transition(Event.HOMING_ATTAINED, State.IDLE, Action.HOMED),
+            Transition(Event.HOMING_FAILED, State.IDLE, Action.HOMING_ERROR),
+            Transition(Event.HOMING_WITHDRAWN, State.BRAKING, Action.BRAKE),
+        ),
+        State.TRACKING: (
+            _LOST,
+            Transition(Event.REJECTED, State.TRACKING, Action.CLEAR),
+            Transition(Event.TRACKING_OFF, State.IDLE),
+        ),
+        State.BRAKING: (_LOST, Transition(Event.STANDING, State.IDLE)),
+    }
+)
+"""Every state with its rows, in the order they are looked at."""
+
+TASK_STATES = frozenset(state for state, rows in TRANSITIONS.items() if any(row.event is Event.MDI for row in rows)) | {
+    State.BRAKING
+}
+"""Where an edge of STW1.6 is taken, in BRAKING for when the axis stands; elsewhere it is refused."""

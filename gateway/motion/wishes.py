@@ -1,0 +1,170 @@
+"""What goes into the positioner and what comes out of it, as values.
+
+Positions are LU, speeds 1000 LU/min, accelerations and the override N2 fractions (4000h = 100 %). ``Asked`` is in the user's
+coordinates; ``Seen`` and ``Motion`` are in the drive's, which differ by the offset of the reference point.
+"""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass, field
+
+from pdgw.gateway.motion.states import State
+from pdgw.gateway.reasons import Reason
+from pdgw.profidrive.datatypes import N2_100_PERCENT
+
+FULL = N2_100_PERCENT
+"""100 % of an N2 fraction."""
+
+
+@dataclass(slots=True)
+class Asked:
+    """What the PLC asks for, bit for bit by its meaning."""
+
+    operating: bool = False
+    """Operation is enabled, and a PLC that is obeyed asks for it."""
+    do_not_reject: bool = False
+    no_intermediate_stop: bool = False
+    activate: bool = False
+    jog_1: bool = False
+    jog_2: bool = False
+    jog_incremental: bool = False
+    homing: bool = False
+    passive_homing: bool = False
+    set_reference_point: bool = False
+    tracking: bool = False
+    external_block_change: bool = False
+    to_fixed_stop: bool = False
+    software_limits: bool = False
+    hardware_limits: bool = False
+    mdi: bool = False
+    setting_up: bool = False
+    absolute: bool = False
+    positive: bool = False
+    negative: bool = False
+    continuous_update: bool = False
+    block: int = 0
+    override: int = FULL
+    """0..7FFFh; what the PLC sends below 0 is 0."""
+    target: int = 0
+    velocity: int = 0
+    acceleration: int = FULL
+    deceleration: int = FULL
+
+
+class HomingResult(enum.Enum):
+    """Of the homing that ``Seen.taken`` names."""
+
+    RUNNING = "running"
+    ATTAINED = "attained"
+    FAILED = "failed"
+
+
+@dataclass(slots=True)
+class Seen:
+    """What the axis does.
+
+    A motion is *given* once its set-point was handed to the drive, *taken* once the drive acknowledged it, and *executing* once
+    it is the one the drive works on: with set-points that wait in the drive this is later. Each is the newest serial, 0 for none.
+    """
+
+    position: int = 0
+    velocity: int = 0
+    """Any unit; its sign counts."""
+    standstill: bool = True
+    given: int = 0
+    taken: int = 0
+    executing: int = 0
+    reached: bool = False
+    """The drive reports its target reached, for the motion it executes."""
+    homing: HomingResult = HomingResult.RUNNING
+    internal_limit: bool = False
+    negative_limit: bool = False
+    positive_limit: bool = False
+    torque_at_limit: bool = False
+    probe: int | None = None
+    """Position at the edge of the armed probe."""
+
+
+class MotionKind(enum.Enum):
+    """What an executor has to do."""
+
+    STAND = "stand"
+    """Ramp to standstill and stay; a set-point that was not given is not given any more."""
+    POSITION = "position"
+    SPEED = "speed"
+    HOMING = "homing"
+
+
+@dataclass(slots=True)
+class Motion:
+    """The motion wished. A new ``serial`` is a new set-point; the same one is never given twice, only the newest waits."""
+
+    kind: MotionKind = MotionKind.STAND
+    serial: int = 0
+    target: int = 0
+    """Where a position task ends."""
+    distance: int | None = None
+    """The task is relative: so far from where the drive is when it takes it."""
+    velocity: int = 0
+    """Signed for SPEED."""
+    override: int = FULL
+    acceleration: int = FULL
+    deceleration: int = FULL
+    immediate: bool = True
+    """False: the set-point waits in the drive for the end of the one that runs."""
+    torque: int | None = None
+    """Torque limit in 1/1000 of the rated torque, None for the axis' own."""
+
+
+@dataclass(slots=True)
+class Outcome:
+    """One step's result, reused: the motion, and what telegrams show of it."""
+
+    motion: Motion = field(default_factory=Motion)
+    state: State = State.OFF
+    shown: State = State.OFF
+    """The function in POS_ZSW1: also that of a finished task until STW1.6 falls; IDLE for none."""
+    block: int = 0
+    position: int = 0
+    """Actual position in the user's coordinates."""
+    acknowledged: bool = False
+    reached: bool = False
+    homing: bool = False
+    passive_homing: bool = False
+    home_set: bool = False
+    speed_limited: bool = False
+    at_minus: bool = False
+    at_plus: bool = False
+    negative_limit: bool = False
+    positive_limit: bool = False
+    to_fixed_stop: bool = False
+    fixed_stop: bool = False
+    outputs: int = 0
+    probe: bool = False
+    """The probe is to be armed."""
+    warning: Reason | None = None
+    """Stands until a reject or the next task."""
+    reason: Reason | None = None
+    """Why nothing moves just now."""
+
+
+@dataclass(frozen=True, slots=True)
+class PositionerSettings:
+    """The axis' values; every one is known or the axis is refused."""
+
+    max_velocity: int
+    position_window: int
+    position_range: tuple[int, int]
+    """What the drive can be sent to."""
+    jog_velocities: tuple[int, int]
+    """Signed, of jog 1 and jog 2."""
+    jog_distances: tuple[int, int]
+    software_limits: tuple[int, int] | None = None
+    reference_coordinate: int = 0
+    clamping_torque: int | None = None
+    """With STW2.8, in 1/1000; None: only blocks move to a fixed stop."""
+    waiting_setpoints: bool = True
+    """The drive keeps a set-point for after the one that runs (set of set-points)."""
+    probe: bool = False
+    """The drive has a touch probe (60B8h)."""

@@ -1,0 +1,595 @@
+"""The positioner's functions one by one, as an engineer asks for them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+from pdgw.gateway.motion.blocks import Block, BlockMode, BlockNext, BlockTask
+from pdgw.gateway.motion.course import LIMIT_STANDING_NS
+from pdgw.gateway.motion.states import TASK_STATES, TRANSITIONS, Event, State
+from pdgw.gateway.motion.wishes import FULL, MotionKind
+from pdgw.gateway.reasons import Reason
+
+from tests.support.positioner import CYCLE, SETTINGS, PositionerRig
+
+ABSOLUTE = {"mdi": True, "absolute": True, "velocity": 3000}
+RELATIVE = {"mdi": True, "absolute": False, "velocity": 3000}
+
+
+def move(rig: PositionerRig, **values: object) -> None:
+    rig.step(activate=False)
+    rig.step(activate=True, **values)
+
+
+# -- the table ----------------------------------------------------------------------------------------------------------
+
+
+def test_every_state_is_left_when_operation_ends() -> None:
+    for state, rows in TRANSITIONS.items():
+        if state is not State.OFF:
+            assert (rows[0].event, rows[0].target) == (Event.NOT_OPERATING, State.OFF)
+
+
+def test_every_function_is_ended_by_a_reject_before_anything_else() -> None:
+    for state in set(State) - {State.OFF, State.BRAKING}:
+        row = TRANSITIONS[state][1]
+        assert row.event is Event.REJECTED
+        assert row.target is (state if state in {State.IDLE, State.TRACKING} else State.BRAKING)
+
+
+def test_only_an_edge_replaces_a_function_that_runs() -> None:
+    starts = {Event.JOG, Event.JOG_INCREMENTAL, Event.HOMING, Event.TRACKING}
+    for state in set(State) - {State.IDLE}:
+        assert not starts & {row.event for row in TRANSITIONS[state]}
+
+
+def test_edges_of_tasks_are_taken_where_the_table_has_rows_for_them() -> None:
+    assert {State.IDLE, State.MDI, State.SETTING_UP, State.BLOCK, State.BRAKING} == TASK_STATES
+
+
+# -- MDI ----------------------------------------------------------------------------------------------------------------
+
+
+def test_an_absolute_task_is_acknowledged_moves_and_is_reached() -> None:
+    rig = PositionerRig(delay=3)
+    move(rig, target=8000, **ABSOLUTE)
+    assert (rig.outcome.acknowledged, rig.outcome.reached) == (False, False)
+    while not rig.outcome.acknowledged:
+        rig.step()
+        assert not rig.outcome.reached, "the old one's reached is never that of the new task"
+    rig.settle()
+    assert (rig.position, rig.outcome.reached, rig.outcome.acknowledged) == (8000, True, True)
+    assert (rig.outcome.state, rig.outcome.shown) == (State.IDLE, State.MDI)
+    rig.step(activate=False)
+    assert (rig.outcome.reached, rig.outcome.acknowledged, rig.outcome.shown) == (True, False, State.IDLE)
+
+
+def test_a_task_of_the_same_target_is_acknowledged_and_reached_too() -> None:
+    rig = PositionerRig()
+    for _ in range(2):
+        move(rig, target=0, **ABSOLUTE)
+        rig.settle()
+        assert rig.outcome.acknowledged
+        assert rig.outcome.reached
+
+
+def test_a_relative_task_goes_its_distance_once_over_stops_and_overrides() -> None:
+    rig = PositionerRig(delay=2)
+    move(rig, target=8000, **RELATIVE)
+    for changes in ({"override": 0x1000}, {"no_intermediate_stop": False}, {"override": 0}, {"override": FULL}):
+        rig.step(1, **changes)
+        rig.step(20)
+    rig.step(no_intermediate_stop=True)
+    rig.settle()
+    assert rig.position == 8000
+    assert len([motion for motion in rig.starts if motion.distance is not None]) == 1
+
+
+def test_a_second_edge_replaces_the_task_with_its_own_data() -> None:
+    rig = PositionerRig()
+    move(rig, target=8000, **ABSOLUTE)
+    rig.step(30)
+    move(rig, target=-500, **ABSOLUTE)
+    rig.settle()
+    assert rig.position == -500
+    assert [motion.target for motion in rig.starts] == [8000, -500]
+
+
+def test_an_edge_in_the_frame_that_ends_the_reject_starts() -> None:
+    rig = PositionerRig()
+    rig.step(5, do_not_reject=False, no_intermediate_stop=False)
+    rig.step(do_not_reject=True, no_intermediate_stop=True, activate=True, target=700, **ABSOLUTE)
+    rig.settle()
+    assert rig.position == 700
+
+
+def test_a_task_that_came_while_the_axis_brakes_starts_at_standstill() -> None:
+    rig = PositionerRig()
+    move(rig, target=20_000, **ABSOLUTE)
+    rig.step(60)
+    rig.step(do_not_reject=False)
+    rig.step(do_not_reject=True, activate=False)
+    assert rig.outcome.state is State.BRAKING
+    rig.step(activate=True, target=100)
+    assert rig.outcome.state is State.BRAKING
+    rig.settle()
+    assert rig.position == 100
+
+
+def test_a_new_edge_during_an_intermediate_stop_replaces_the_kept_task() -> None:
+    rig = PositionerRig()
+    move(rig, target=8000, **ABSOLUTE)
+    rig.step(20, no_intermediate_stop=False)
+    move(rig, target=-300)
+    rig.step(100)
+    assert (rig.speed, rig.outcome.reason) == (0, Reason.INTERMEDIATE_STOP)
+    rig.step(no_intermediate_stop=True)
+    rig.settle()
+    assert rig.position == -300
+
+
+def test_override_scales_the_speed_and_0_stands_with_the_task_kept() -> None:
+    rig = PositionerRig()
+    move(rig, target=40_000, **ABSOLUTE)
+    rig.step(60)
+    full = rig.speed
+    rig.step(60, override=FULL // 2)
+    assert rig.speed == full // 2
+    rig.step(60, override=0)
+    assert (rig.speed, rig.outcome.reason, rig.outcome.reached) == (0, Reason.OVERRIDE_ZERO, False)
+    rig.step(override=FULL)
+    rig.settle()
+    assert rig.position == 40_000
+
+
+@pytest.mark.parametrize(
+    ("values", "reason"),
+    [
+        ({**ABSOLUTE, "velocity": 0, "target": 5}, Reason.TASK_SPEED_ZERO),
+        ({**ABSOLUTE, "target": (1 << 30) + 1}, Reason.TASK_TARGET_RANGE),
+        ({"mdi": False, "block": 77}, Reason.TASK_BLOCK_UNKNOWN),
+        ({**ABSOLUTE, "setting_up": True}, Reason.TASK_DIRECTION),
+        ({**ABSOLUTE, "setting_up": True, "positive": True, "negative": True}, Reason.TASK_DIRECTION),
+    ],
+)
+@pytest.mark.parametrize("moving", [False, True])
+def test_a_task_that_cannot_be_done_moves_nothing_and_says_why_until_the_reject(
+    values: dict[str, object], reason: Reason, moving: bool
+) -> None:
+    rig = PositionerRig()
+    if moving:
+        move(rig, target=30_000, **ABSOLUTE)
+        rig.step(50)
+    move(rig, **values)
+    rig.settle()
+    assert (rig.outcome.warning, rig.outcome.reason, rig.outcome.acknowledged) == (reason, reason, False)
+    assert len(rig.starts) == moving
+    rig.step(do_not_reject=False)
+    assert rig.outcome.warning is None
+
+
+def test_continuous_update_takes_changes_without_an_edge_also_at_standstill() -> None:
+    rig = PositionerRig()
+    move(rig, target=3000, continuous_update=True, **ABSOLUTE)
+    rig.step(20, target=9000)
+    assert rig.outcome.acknowledged
+    rig.settle()
+    assert (rig.position, rig.outcome.acknowledged, rig.outcome.reached) == (9000, True, True)
+    rig.step(target=-1000)
+    rig.settle()
+    assert (rig.position, rig.outcome.acknowledged) == (-1000, True)
+    rig.step(3, activate=False)
+    rig.step(target=5000)
+    rig.settle()
+    assert rig.position == -1000, "a falling STW1.6 ends the update"
+
+
+def test_continuous_update_with_unchanged_values_gives_nothing_new() -> None:
+    rig = PositionerRig()
+    move(rig, target=3000, continuous_update=True, **ABSOLUTE)
+    rig.step(500)
+    assert len(rig.starts) == 1
+
+
+def test_continuous_update_of_a_relative_task_is_refused_and_changes_nothing() -> None:
+    rig = PositionerRig()
+    move(rig, target=3000, continuous_update=True, **RELATIVE)
+    rig.step(5, target=4000)
+    assert rig.outcome.warning is Reason.UPDATE_RELATIVE
+    rig.settle()
+    assert rig.position == 3000
+
+
+def test_falling_stw1_6_stops_nothing() -> None:
+    rig = PositionerRig()
+    move(rig, target=3000, continuous_update=True, **ABSOLUTE)
+    rig.step(5)
+    rig.step(activate=False)
+    rig.settle()
+    assert rig.position == 3000
+
+
+# -- setting up and jog ---------------------------------------------------------------------------------------------------
+
+
+def test_setting_up_goes_on_until_the_reject() -> None:
+    rig = PositionerRig()
+    move(rig, mdi=True, setting_up=True, negative=True, velocity=3000)
+    rig.step(100)
+    assert rig.speed == -200
+    assert (rig.outcome.state, rig.outcome.shown, rig.outcome.reached) == (State.SETTING_UP, State.SETTING_UP, False)
+    assert rig.outcome.acknowledged
+    rig.step(do_not_reject=False)
+    assert rig.outcome.shown is State.IDLE
+    assert not rig.outcome.reached
+    rig.settle()
+    assert rig.outcome.reached
+
+
+def test_setting_up_is_held_by_an_intermediate_stop_and_changes_direction_by_update() -> None:
+    rig = PositionerRig()
+    move(rig, mdi=True, setting_up=True, positive=True, velocity=3000, continuous_update=True)
+    rig.step(50)
+    rig.step(50, no_intermediate_stop=False)
+    assert rig.speed == 0
+    rig.step(50, no_intermediate_stop=True)
+    assert rig.speed > 0
+    rig.step(60, positive=False, negative=True)
+    assert rig.speed < 0
+    rig.step(60, positive=True, negative=True)
+    assert (rig.speed, rig.outcome.warning) == (0, Reason.TASK_DIRECTION)
+
+
+def test_a_block_does_not_replace_setting_up() -> None:
+    rig = PositionerRig(blocks=(Block(1, 100, 100),))
+    move(rig, mdi=True, setting_up=True, positive=True, velocity=3000)
+    rig.step(10)
+    move(rig, mdi=False, block=1)
+    assert (rig.outcome.state, rig.outcome.warning) == (State.SETTING_UP, Reason.FUNCTION_RUNS)
+
+
+@pytest.mark.parametrize(("bit", "sign"), [("jog_1", -1), ("jog_2", 1)])
+def test_jog_moves_while_its_bit_stands_whatever_the_override(bit: str, sign: int) -> None:
+    rig = PositionerRig()
+    rig.step(60, override=0, **{bit: True})
+    assert rig.speed == sign * 200
+    assert (rig.outcome.state, rig.outcome.reached) == (State.JOG, False)
+    rig.step(**{bit: False})
+    assert rig.outcome.state is State.BRAKING
+    rig.settle()
+    assert rig.outcome.reached
+
+
+def test_both_jog_bits_ramp_down_and_the_one_left_does_not_move() -> None:
+    rig = PositionerRig()
+    rig.step(60, jog_1=True)
+    rig.step(60, jog_2=True)
+    assert rig.speed == 0
+    rig.step(60, jog_1=False)
+    assert rig.speed == 0, "released one button: the other one does not start to move"
+    rig.step(jog_2=False)
+    rig.step(60, jog_2=True)
+    assert rig.speed > 0
+
+
+def test_jog_changes_over_through_standstill() -> None:
+    rig = PositionerRig()
+    rig.step(60, jog_1=True)
+    rig.step(jog_1=False, jog_2=True)
+    assert rig.outcome.state is State.BRAKING
+    rig.step(100)
+    assert rig.speed == 200
+
+
+@pytest.mark.parametrize(("bit", "distance"), [("jog_1", -500), ("jog_2", 2000)])
+def test_incremental_jog_goes_its_distance_once_for_each_edge(bit: str, distance: int) -> None:
+    rig = PositionerRig()
+    for count in (1, 2):
+        rig.step(jog_incremental=True, **{bit: True})
+        rig.step(300)
+        assert (rig.position, rig.outcome.state) == (count * distance, State.IDLE)
+        rig.step(3, **{bit: False})
+    assert [motion.distance for motion in rig.starts] == [distance] * 2
+
+
+def test_incremental_jog_whose_bit_is_taken_back_ramps_down() -> None:
+    rig = PositionerRig()
+    rig.step(10, jog_incremental=True, jog_2=True)
+    rig.step(jog_2=False)
+    rig.settle()
+    assert 0 < rig.position < 2000
+
+
+def test_jog_and_tasks_do_not_replace_each_other() -> None:
+    rig = PositionerRig()
+    rig.step(20, jog_2=True)
+    move(rig, target=100, **ABSOLUTE)
+    assert (rig.outcome.state, rig.outcome.warning) == (State.JOG, Reason.FUNCTION_RUNS)
+    rig.step(jog_2=False)
+    rig.settle()
+    assert rig.position != 100, "the edge is not kept"
+    move(rig, target=30_000, **ABSOLUTE)
+    rig.step(20, jog_1=True)
+    assert rig.outcome.state is State.MDI
+
+
+# -- homing and the reference point ---------------------------------------------------------------------------------------
+
+
+def test_homing_sets_the_reference_coordinate_and_is_shown_100_ms() -> None:
+    rig = PositionerRig(replace(SETTINGS, reference_coordinate=1234))
+    rig.step(homing=True)
+    assert (rig.outcome.state, rig.outcome.homing, rig.outcome.home_set) == (State.HOMING, True, False)
+    assert rig.outcome.motion.kind is MotionKind.HOMING
+    rig.step(5)
+    assert (rig.outcome.state, rig.outcome.home_set, rig.position) == (State.IDLE, True, 1234)
+    assert rig.outcome.homing
+    rig.step(100_000_000 // CYCLE)
+    assert not rig.outcome.homing
+    assert rig.outcome.state is State.IDLE, "a standing STW1.11 homes once"
+
+
+def test_homing_that_is_taken_back_leaves_no_home_position() -> None:
+    rig = PositionerRig(delay=5)
+    rig.home()
+    rig.step(2, homing=True)
+    rig.step(homing=False)
+    assert rig.outcome.state is State.BRAKING
+    rig.settle()
+    assert not rig.outcome.home_set
+
+
+def test_a_reference_point_is_set_at_standstill_without_motion() -> None:
+    rig = PositionerRig(replace(SETTINGS, reference_coordinate=-70))
+    move(rig, target=500, **ABSOLUTE)
+    rig.settle()
+    rig.step(set_reference_point=True)
+    assert (rig.position, rig.outcome.home_set, rig.outcome.homing) == (-70, True, True)
+    move(rig, target=0)
+    rig.settle()
+    assert (rig.position, rig.seen.position) == (0, 570)
+    move(rig, target=9000)
+    rig.step(20, set_reference_point=False)
+    rig.step(set_reference_point=True)
+    assert rig.outcome.warning is Reason.REFERENCE_POINT_MOVING
+
+
+def test_passive_homing_takes_the_probe_during_a_task_that_keeps_its_way() -> None:
+    rig = PositionerRig()
+    move(rig, target=5000, **ABSOLUTE)
+    rig.step(3, homing=True, passive_homing=True)
+    assert (rig.outcome.probe, rig.outcome.state) == (True, State.MDI)
+    rig.seen.probe = 300
+    rig.step()
+    assert (rig.outcome.home_set, rig.outcome.probe) == (True, False)
+    rig.settle()
+    assert (rig.seen.position, rig.position, rig.outcome.reached) == (5000, 4700, True)
+
+
+def test_passive_homing_needs_a_probe() -> None:
+    rig = PositionerRig(replace(SETTINGS, probe=False))
+    rig.step(homing=True, passive_homing=True)
+    assert (rig.outcome.warning, rig.outcome.probe) == (Reason.PASSIVE_HOMING_NOT_SUPPORTED, False)
+
+
+def test_tracking_needs_no_task() -> None:
+    rig = PositionerRig()
+    rig.step(2, tracking=True)
+    assert rig.outcome.state is State.TRACKING
+    move(rig, target=900, **ABSOLUTE)
+    assert rig.outcome.warning is Reason.FUNCTION_RUNS
+    rig.step(2, tracking=False, activate=False)
+    assert rig.outcome.state is State.IDLE
+
+
+# -- limits ---------------------------------------------------------------------------------------------------------------
+
+
+def test_a_target_beyond_a_software_limit_is_the_limit() -> None:
+    rig = PositionerRig()
+    rig.home()
+    move(rig, target=80_000, **ABSOLUTE)
+    rig.settle()
+    assert (rig.position, rig.outcome.at_plus, rig.outcome.warning) == (50_000, True, Reason.SOFTWARE_LIMIT)
+    move(rig, target=0)
+    rig.settle()
+    assert (rig.position, rig.outcome.at_plus) == (0, False)
+
+
+@pytest.mark.parametrize("function", ["jog", "setting up", "endless block"])
+def test_a_function_with_a_speed_ends_at_the_software_limit_and_moves_back(function: str) -> None:
+    rig = PositionerRig(blocks=tuple(Block(n, 0, 3000, mode=mode) for n, mode in enumerate(list(BlockMode)[2:])))
+
+    def go(forward: bool) -> None:
+        rig.step(3, activate=False, jog_1=False, jog_2=False, do_not_reject=False)
+        rig.step(10, do_not_reject=True)
+        if function == "jog":
+            rig.step(jog_2=forward, jog_1=not forward)
+        elif function == "setting up":
+            rig.step(activate=True, mdi=True, setting_up=True, velocity=3000, positive=forward, negative=not forward)
+        else:
+            rig.step(activate=True, mdi=False, block=0 if forward else 1)
+
+    rig.home()
+    go(True)
+    rig.step(600)
+    assert (rig.position, rig.outcome.at_plus) == (50_000, True)
+    go(True)
+    rig.step(50)
+    assert rig.position == 50_000
+    go(False)
+    rig.step(600)
+    assert (rig.position, rig.outcome.at_minus) == (-50_000, True)
+
+
+def test_a_task_that_a_limit_switch_holds_does_not_go_on_when_it_is_released() -> None:
+    rig = PositionerRig(stop_at=1000)
+    move(rig, target=5000, **ABSOLUTE)
+    rig.step(60)
+    rig.seen.internal_limit = True
+    rig.step(LIMIT_STANDING_NS // CYCLE + 2)
+    assert rig.outcome.reason is Reason.TASK_AT_LIMIT
+    rig.seen.internal_limit, rig.stop_at = False, None
+    rig.step(50)
+    assert rig.position == 1000
+    rig.step(3, no_intermediate_stop=False)
+    rig.step(no_intermediate_stop=True)
+    rig.settle()
+    assert rig.position == 5000
+
+
+def test_limit_switches_show_only_when_they_are_watched() -> None:
+    rig = PositionerRig()
+    rig.seen.negative_limit = True
+    assert not rig.step().negative_limit
+    assert rig.step(hardware_limits=True).negative_limit
+
+
+# -- blocks -----------------------------------------------------------------------------------------------------------------
+
+
+def chain(*blocks: Block, **settings: object) -> PositionerRig:
+    rig = PositionerRig(replace(SETTINGS, **settings), blocks)  # type: ignore[arg-type]
+    rig.step(activate=True, mdi=False, block=blocks[0].number)
+    return rig
+
+
+def test_a_chain_runs_to_its_end_with_stops_waits_and_outputs() -> None:
+    rig = chain(
+        Block(1, 1000, 3000, next=BlockNext.CONTINUE_WITH_STOP),
+        Block(2, task=BlockTask.SET_OUTPUT, value=0b10, next=BlockNext.CONTINUE_WITH_STOP),
+        Block(3, task=BlockTask.WAIT, value=200, next=BlockNext.CONTINUE_WITH_STOP),
+        Block(4, task=BlockTask.GOTO, value=9),
+        Block(9, -400, 3000, mode=BlockMode.RELATIVE),
+    )
+    numbers = [rig.outcome.block]
+    waited = 0
+    while rig.outcome.state is State.BLOCK:
+        rig.step()
+        waited += rig.outcome.block == 3
+        assert not (rig.outcome.block == 3 and rig.speed)
+        if rig.outcome.block != numbers[-1]:
+            numbers.append(rig.outcome.block)
+    assert numbers == [1, 3, 9, 0]
+    assert waited == 200_000_000 // CYCLE
+    assert (rig.position, rig.outcome.outputs, rig.outcome.reached) == (600, 0b10, True)
+
+
+def test_a_flying_block_goes_on_without_a_stop() -> None:
+    rig = chain(Block(1, 2000, 3000, next=BlockNext.FLYING), Block(2, 3000, 3000))
+    stops = 0
+    while rig.outcome.state is State.BLOCK:
+        before = rig.outcome.block
+        rig.step()
+        stops += before == 1 and rig.outcome.block == 2
+    assert [motion.immediate for motion in rig.starts] == [True, False]
+    assert stops == 1
+    assert rig.position == 3000
+
+
+def test_a_flying_block_without_waiting_set_points_stops_and_warns() -> None:
+    rig = chain(Block(1, 2000, 3000, next=BlockNext.FLYING), Block(2, 3000, 3000), waiting_setpoints=False)
+    rig.step(20)
+    assert rig.outcome.warning is Reason.FLYING_NOT_SUPPORTED
+    rig.settle()
+    assert rig.position == 3000
+    assert all(motion.immediate for motion in rig.starts)
+
+
+def test_an_intermediate_stop_in_a_flying_chain_loses_and_doubles_nothing() -> None:
+    rig = chain(
+        Block(1, 2000, 3000, next=BlockNext.FLYING),
+        Block(2, 500, 3000, mode=BlockMode.RELATIVE, next=BlockNext.FLYING),
+        Block(3, 500, 3000, mode=BlockMode.RELATIVE),
+    )
+    for _ in range(12):
+        rig.step(7)
+        rig.step(25, no_intermediate_stop=False)
+        assert rig.speed == 0
+        rig.step(no_intermediate_stop=True)
+    rig.settle()
+    assert (rig.position, rig.outcome.state) == (3000, State.IDLE)
+
+
+def test_an_external_edge_goes_on_to_the_next_block_under_way_or_from_standstill() -> None:
+    rig = chain(
+        Block(1, 0, 3000, mode=BlockMode.ENDLESS_POSITIVE, next=BlockNext.EXTERNAL),
+        Block(2, 0, 3000, next=BlockNext.EXTERNAL),
+        Block(3, 77, 3000),
+    )
+    rig.step(100)
+    assert rig.outcome.block == 1
+    rig.step(external_block_change=True)
+    assert rig.outcome.block == 2
+    rig.step(300)
+    assert (rig.position, rig.outcome.block) == (0, 2), "one edge, one block"
+    rig.step(external_block_change=False)
+    rig.step(external_block_change=True)
+    rig.settle()
+    assert rig.position == 77
+
+
+def test_an_endless_block_runs_until_it_is_replaced() -> None:
+    rig = chain(Block(1, 0, 3000, mode=BlockMode.ENDLESS_NEGATIVE), Block(2, 50, 3000))
+    rig.step(100)
+    assert rig.outcome.motion.kind is MotionKind.SPEED
+    assert rig.speed == -200
+    move(rig, block=2)
+    rig.settle()
+    assert (rig.position, rig.outcome.shown, rig.outcome.state) == (50, State.BLOCK, State.IDLE)
+
+
+def test_a_block_in_the_middle_of_a_chain_that_cannot_be_done_ends_it() -> None:
+    rig = chain(
+        Block(1, 100, 3000, next=BlockNext.CONTINUE_WITH_STOP),
+        Block(2, (1 << 30) + 5, 3000, next=BlockNext.CONTINUE_WITH_STOP),
+        Block(3, 900, 3000),
+    )
+    rig.settle()
+    assert (rig.position, rig.outcome.warning, rig.outcome.state) == (100, Reason.TASK_TARGET_RANGE, State.IDLE)
+
+
+def test_a_fixed_stop_presses_with_its_torque_until_the_reject() -> None:
+    rig = PositionerRig(blocks=(Block(1, 5000, 3000, task=BlockTask.FIXED_STOP, value=250),), stop_at=1500)
+    rig.step(activate=True, mdi=False, block=1)
+    assert (rig.outcome.motion.torque, rig.outcome.to_fixed_stop) == (250, True)
+    rig.step(100)
+    assert (rig.outcome.fixed_stop, rig.outcome.state) == (True, State.BLOCK)
+    rig.step(200)
+    assert rig.outcome.motion.kind is MotionKind.POSITION
+    rig.step(2, do_not_reject=False)
+    assert (rig.outcome.motion.torque, rig.outcome.fixed_stop, rig.outcome.to_fixed_stop) == (None, False, False)
+
+
+def test_a_fixed_stop_that_is_not_there_ends_the_chain_with_a_warning() -> None:
+    rig = chain(
+        Block(1, 500, 3000, task=BlockTask.FIXED_STOP, value=250, next=BlockNext.CONTINUE_WITH_STOP),
+        Block(2, 900, 3000),
+    )
+    rig.settle()
+    assert (rig.position, rig.outcome.warning, rig.outcome.state) == (500, Reason.FIXED_STOP_MISSED, State.IDLE)
+
+
+def test_stw2_8_moves_an_mdi_task_to_a_fixed_stop() -> None:
+    rig = PositionerRig(stop_at=1000)
+    move(rig, target=5000, to_fixed_stop=True, **ABSOLUTE)
+    assert rig.outcome.motion.torque == SETTINGS.clamping_torque
+    rig.step(100)
+    assert rig.outcome.fixed_stop
+
+
+# -- what ends it all -------------------------------------------------------------------------------------------------------
+
+
+def test_nothing_goes_on_when_operation_returns_and_standing_bits_are_no_edge() -> None:
+    rig = PositionerRig(blocks=(Block(1, 0, 300, mode=BlockMode.ENDLESS_POSITIVE),))
+    move(rig, target=30_000, continuous_update=True, **ABSOLUTE)
+    rig.step(60, jog_1=True, homing=True)
+    rig.step(operating=False)
+    assert (rig.outcome.state, rig.outcome.acknowledged) == (State.OFF, False)
+    rig.step(60)
+    rig.step(operating=True)
+    stands = rig.position
+    rig.step(100, target=1)
+    assert (rig.position, rig.outcome.state) == (stands, State.IDLE)

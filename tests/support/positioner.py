@@ -1,0 +1,161 @@
+"""A positioner with an ideal executor and a simple axis: what is given, taken and executed, with ramps, in LU and cycles."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+from pdgw.gateway.motion.blocks import Block, BlockTable
+from pdgw.gateway.motion.positioner import Positioner
+from pdgw.gateway.motion.wishes import FULL, Asked, HomingResult, Motion, MotionKind, Outcome, PositionerSettings, Seen
+
+CYCLE = 4_000_000
+RAMP = 20
+"""LU per cycle and cycle, speeding up and slowing down."""
+SETTINGS = PositionerSettings(
+    max_velocity=30_000,
+    position_window=5,
+    position_range=(-(1 << 30), 1 << 30),
+    jog_velocities=(-3000, 3000),
+    jog_distances=(500, 2000),
+    software_limits=(-50_000, 50_000),
+    reference_coordinate=0,
+    clamping_torque=300,
+    probe=True,
+)
+
+
+@dataclass
+class PositionerRig:
+    """``asked`` is changed by the test, ``step`` runs cycles. ``delay``: cycles from a set-point to the drive's acknowledge."""
+
+    settings: PositionerSettings = SETTINGS
+    blocks: tuple[Block, ...] = ()
+    delay: int = 1
+    asked: Asked = field(default_factory=lambda: Asked(True, True, True))
+    seen: Seen = field(default_factory=Seen)
+    stop_at: int | None = None
+    """A mechanical stop."""
+
+    def __post_init__(self) -> None:
+        self.positioner = Positioner(self.settings, BlockTable(self.blocks))
+        self.now = 0
+        self.speed = 0
+        self.running = Motion()
+        self.waiting: Motion | None = None
+        self._arriving: tuple[int, Motion] | None = None
+        self.starts: list[Motion] = []
+        """Every set-point the drive took."""
+        self.step()
+
+    @property
+    def outcome(self) -> Outcome:
+        return self.positioner.outcome
+
+    @property
+    def position(self) -> int:
+        return self.outcome.position
+
+    def step(self, cycles: int = 1, **changes: object) -> Outcome:
+        """Change what is asked, then run cycles."""
+        self.asked = replace(self.asked, **changes)  # type: ignore[arg-type]
+        for _ in range(cycles):
+            self.now += CYCLE
+            outcome = self.positioner.step(self.asked, self.seen, self.now)
+            self._execute(outcome.motion)
+            self._move(outcome.motion)
+        return self.outcome
+
+    def settle(self, cycles: int = 4000) -> Outcome:
+        """Run until the axis has stood for some cycles."""
+        still = 0
+        for _ in range(cycles):
+            self.step()
+            still = still + 1 if not self.speed else 0
+            if still > 8 + self.delay:
+                return self.outcome
+        raise AssertionError(f"does not settle: {self.outcome}")
+
+    def home(self) -> None:
+        """The reference point is set where the axis stands; the software limits are watched from now on."""
+        self.step(set_reference_point=True)
+        self.step(30, set_reference_point=False, software_limits=True)
+        assert self.outcome.home_set
+
+    def _execute(self, wish: Motion) -> None:
+        seen = self.seen
+        if wish.kind is MotionKind.STAND:
+            if self._arriving is not None and seen.given < self._arriving[1].serial:
+                self._arriving = None
+            self.waiting = None
+            return
+        if wish.serial > seen.given and (self._arriving is None or seen.given < self._arriving[1].serial):
+            self._arriving = (self.delay, replace(wish))
+        if self._arriving is None:
+            return
+        cycles, motion = self._arriving
+        seen.given = motion.serial
+        if cycles:
+            self._arriving = (cycles - 1, motion)
+            return
+        self._arriving = None
+        seen.taken = motion.serial
+        self.starts.append(motion)
+        if not motion.immediate and not self._at_target():
+            self.waiting = motion
+            return
+        self._begin(motion)
+
+    def _begin(self, motion: Motion) -> None:
+        if motion.distance is not None:
+            motion.target = self.seen.position + motion.distance
+        self.running, self.waiting = motion, None
+        self.seen.executing = motion.serial
+        self.seen.reached = False
+        self.seen.homing = HomingResult.RUNNING
+
+    def _at_target(self) -> bool:
+        return self.running.kind is MotionKind.POSITION and self.seen.position == self.running.target
+
+    def _limit(self) -> int:
+        """Speed of the running motion in LU per cycle."""
+        motion = self.running
+        override = motion.override if motion.serial == self.seen.taken else FULL
+        return abs(motion.velocity) * 1000 * override * (CYCLE // 1_000_000) // (FULL * 60_000)
+
+    def _move(self, wish: Motion) -> None:
+        seen, motion = self.seen, self.running
+        wanted = 0
+        if wish.kind is MotionKind.STAND or wish.kind is MotionKind.HOMING:
+            wanted = 0
+        elif motion.kind is MotionKind.SPEED:
+            wanted = self._limit() * (1 if motion.velocity > 0 else -1)
+        elif motion.kind is MotionKind.POSITION:
+            wanted = self._toward(motion.target - seen.position)
+        self.speed += max(-RAMP, min(wanted - self.speed, RAMP))
+        if motion.kind is MotionKind.POSITION and wish.kind is MotionKind.POSITION:
+            rest = motion.target - seen.position
+            if abs(rest) <= RAMP and abs(self.speed) <= 2 * RAMP:
+                self.speed = rest
+        if self.stop_at is not None and (seen.position + self.speed) > self.stop_at:
+            self.speed = self.stop_at - seen.position
+            seen.torque_at_limit = True
+        else:
+            seen.torque_at_limit = False
+        seen.position += self.speed
+        seen.velocity = self.speed
+        if self._at_target() and wish.kind is MotionKind.POSITION:
+            self.speed = 0
+            if self.waiting is not None:
+                self._begin(self.waiting)
+        seen.standstill = not self.speed
+        seen.reached = seen.standstill and (wish.kind is MotionKind.STAND or self._at_target())
+        if wish.kind is MotionKind.HOMING and seen.taken == wish.serial and seen.standstill:
+            seen.homing = HomingResult.ATTAINED
+
+    def _toward(self, distance: int) -> int:
+        """The speed from which the ramp still ends at the target."""
+        speed = 0
+        while speed < self._limit() and (speed + RAMP) * (speed + 2 * RAMP) // (2 * RAMP) <= abs(distance):
+            speed += RAMP
+        speed = min(speed, self._limit(), abs(distance)) or min(abs(distance), self._limit(), RAMP)
+        return speed if distance > 0 else -speed
