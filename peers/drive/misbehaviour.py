@@ -209,6 +209,9 @@ class RebootInMotion(Reboot, DriveMisbehaviour):
             self._go()
         super().poll(now)
 
+    def next_event(self, now: int) -> int | None:
+        return now + MS if not self._done and self.model.next_change() is not None else super().next_event(now)
+
 
 DRIVE_MISBEHAVIOURS = catalogue(
     NODE_MISBEHAVIOURS.values(),

@@ -25,12 +25,17 @@ MODES = frozenset(Mode) - {Mode.VL_VELOCITY, Mode.CYCLIC_POSITION, Mode.CYCLIC_V
 _INT32_MAX = (1 << 31) - 1
 _RAMPED_STATES = (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE, State.FAULT_REACTION_ACTIVE)
 _POSITION_MODES = (Mode.POSITION, Mode.TURNTABLE)
+_EVEN_MODES = (Mode.VELOCITY, Mode.SPEED_CONTROL, Mode.TORQUE, Mode.CURRENT_CONTROL)
+"""At constant speed nothing but the position changes in these."""
 _ABORT_COMMANDS = {2: Command.DISABLE_VOLTAGE, 3: Command.QUICK_STOP}
 """Device control command of 6007h."""
 COAST_DECELERATION = 1500.0
 """rpm/s of the free-running motor."""
 TORQUE_ACCELERATION = 6000.0
 """rpm/s that rated current gives the unloaded motor."""
+
+_CATCH_UP_TICKS = 1000
+"""So much of a gap is simulated; a drive that was not asked for longer has lost time."""
 
 ObjectReader = Callable[[int, int], int]
 
@@ -91,6 +96,7 @@ class DriveModel:
         self._homing_attained = False
         self._homing_error = False
         self._index_from = 0.0
+        self.wake()
         self._update()
 
     def reset(self) -> None:
@@ -170,6 +176,7 @@ class DriveModel:
     def clear(self) -> None:
         """Remove the causes of all faults, so that a fault reset is accepted."""
         self.causes.clear()
+        self.wake()
 
     def set_enable_input(self, on: bool) -> None:
         """Digital input DI1: the power stage is only enabled while it is set."""
@@ -184,6 +191,7 @@ class DriveModel:
 
         In Switched On too: its last Controlword may be an Enable Operation that only waits for DI1.
         """
+        self.wake()
         if self.state not in {State.SWITCHED_ON, State.OPERATION_ENABLED}:
             return
         option = self.read(0x6007, 0)
@@ -195,6 +203,7 @@ class DriveModel:
 
     def command(self) -> None:
         """Evaluate Controlword and mode as they stand in the image now; called for every one received."""
+        self.wake()
         word, previous = self.controlword, self._previous_controlword
         self._previous_controlword = word
         self._select_mode(word)
@@ -247,6 +256,7 @@ class DriveModel:
         self.emcy_code = fault.error_code
         self.error_register = fault.error_register
         self.emcy.append((fault.error_code, fault.error_register))
+        self.wake()
         self._enter(State.FAULT_REACTION_ACTIVE)
         self._update()
 
@@ -339,11 +349,68 @@ class DriveModel:
                 self._enter(State.SWITCH_ON_DISABLED)
             self._update()
         steps = (now - self._time) // MS
-        for _ in range(min(steps, 1000)):
-            self._tick()
+        if steps <= 0:
+            return
         self._time += steps * MS
-        if steps:
+        if not self._resting:
+            left = min(steps, _CATCH_UP_TICKS)
+            while left and not self._resting:
+                left -= self._cruise(left) if self._even else self._watched_tick()
             self._update()
+        elif self.disguises:
+            self._update()
+
+    def next_change(self) -> int | None:
+        """When the image may change by itself; None while nothing moves and nothing was changed."""
+        return None if self._resting and not self.disguises else self._time + MS
+
+    def turned(self, now: int) -> float:
+        """Increments of the machine at ``now``, the part of a tick in it."""
+        self.advance(now)
+        return self.machine_position + increments_per_second(self.ramp.speed) * (now - self._time) / 1e9
+
+    def wake(self) -> None:
+        """Something was changed from outside: do not take it for unchanged any more."""
+        self._resting = self._even = False
+
+    def _watched_tick(self) -> int:
+        """One tick, and whether the next ones would do the same: nothing, or turn on as evenly."""
+        before = self._condition()
+        self._tick()
+        if before == self._condition():
+            self._resting = self.ramp.speed == 0.0
+            self._even = not self._resting and self.state is State.OPERATION_ENABLED and self.mode in _EVEN_MODES
+        return 1
+
+    def _condition(self) -> tuple[object, ...]:
+        """All that a tick can change; of a turning axis without its position."""
+        speed = self.ramp.speed
+        return (
+            self.state,
+            speed,
+            self.machine_position if speed == 0.0 else None,
+            self.zero,
+            self.digital_inputs,
+            self.current_actual,
+            self.target_velocity,
+            self._setpoint,
+            self._queued,
+            self._acknowledged,
+            self._position_reached,
+            self._limited,
+            self._homing_phase,
+            self._homing_attained,
+            self._homing_error,
+        )
+
+    def _cruise(self, ticks: int) -> int:
+        """At constant speed, so many ticks at once, fewer where a limit switch or stop is met; returns how many."""
+        position = self.machine_position + ticks * increments_per_second(self.ramp.speed) * TICK
+        if self._inputs_at(position) != self.digital_inputs or not self._within_stops(position):
+            self._even = False
+            return self._watched_tick()
+        self.machine_position = position
+        return ticks
 
     def _tick(self) -> None:
         state = self.state
@@ -372,17 +439,25 @@ class DriveModel:
     def _turn(self) -> None:
         """Move the axis; a mechanical stop holds it."""
         position = self.machine_position + increments_per_second(self.ramp.speed) * TICK
-        machine = self.machine
-        if position <= machine.negative_stop or position >= machine.positive_stop:
+        if not self._within_stops(position):
+            machine = self.machine
             position = min(max(position, machine.negative_stop), machine.positive_stop)
             self.ramp.set(0.0)
         self.machine_position = position
+        self.digital_inputs = self._inputs_at(position)
+
+    def _within_stops(self, position: float) -> bool:
+        return self.machine.negative_stop < position < self.machine.positive_stop
+
+    def _inputs_at(self, position: float) -> int:
+        """The digital inputs with the limit switches as they are at a position of the machine."""
+        machine = self.machine
         inputs = self.digital_inputs & ~(NEGATIVE_LIMIT | POSITIVE_LIMIT)
         if machine.negative_limit is not None and position <= machine.negative_limit:
             inputs |= NEGATIVE_LIMIT
         if machine.positive_limit is not None and position >= machine.positive_limit:
             inputs |= POSITIVE_LIMIT
-        self.digital_inputs = inputs
+        return inputs
 
     def _move(self) -> None:
         mode = self.mode

@@ -1,21 +1,18 @@
-"""The simulated drive on a bus: the CANopen node around the model, and the thread that runs it."""
+"""The simulated drive on a bus: the CANopen node around the model, and what commands it there."""
 
 from __future__ import annotations
 
-import time
-
 import can
+from pdgw.ds301.loop import Loop
 from pdgw.ds301.nmt import NmtState
 from pdgw.ds301.objects import Entry
 from pdgw.ds301.pdo import Pdo
 from pdgw.dsp402.device import drive_objects
 from pdgw.peers.drive.misbehaviour import DRIVE_MISBEHAVIOURS
 from pdgw.peers.drive.model import DriveModel, Machine
-from pdgw.peers.drive.motion import INCREMENTS_PER_REVOLUTION, increments_per_second
+from pdgw.peers.drive.motion import INCREMENTS_PER_REVOLUTION
 from pdgw.peers.node.node import SendFunction, SimulatedNode, Value
 from pdgw.peers.node.running import RunningNode
-
-_SECOND = 1_000_000_000
 
 
 class SimulatedDriveNode(SimulatedNode):
@@ -41,7 +38,14 @@ class SimulatedDriveNode(SimulatedNode):
         self.model.advance(now)
         self.send_emergencies(self.model.emcy)
 
+    def next_change(self, now: int) -> int | None:
+        return self.model.next_change()
+
+    def on_touched(self) -> None:
+        self.model.wake()
+
     def on_rpdo(self, pdo: Pdo) -> None:
+        self.model.wake()
         if "controlword" in pdo.attributes or "modes_of_operation" in pdo.attributes:
             self.model.command()
             self.send_emergencies(self.model.emcy)
@@ -66,18 +70,22 @@ class SimulatedDriveNode(SimulatedNode):
 
 
 class SimulatedDrive(RunningNode[SimulatedDriveNode]):
-    """A ``SimulatedDriveNode`` running in a thread on a python-can bus, in steps of 1 ms.
-
-    The bus is the drive's own and is shut down by ``stop``. Commands may be given from any thread.
-    """
+    """A ``SimulatedDriveNode`` running on a python-can bus; see ``RunningNode``."""
 
     def __init__(
-        self, bus: can.BusABC, node_id: int, *, machine: Machine | None = None, pdos: int = 5, serial_number: int = 1
+        self,
+        bus: can.BusABC,
+        node_id: int,
+        *,
+        machine: Machine | None = None,
+        pdos: int = 5,
+        serial_number: int = 1,
+        loop: Loop | None = None,
     ) -> None:
         super().__init__(
             bus,
-            f"simulated drive {node_id}",
             lambda send: SimulatedDriveNode(node_id, send, machine=machine, pdos=pdos, serial_number=serial_number),
+            loop,
         )
 
     @property
@@ -87,13 +95,9 @@ class SimulatedDrive(RunningNode[SimulatedDriveNode]):
     def shaft(self, _: int) -> float:
         """Revolutions of the shaft now since power-on, untouched by homing: what turns an encoder on it.
 
-        Between the steps of the drive, which may come late, the shaft turns on with its speed.
+        For devices on the drive's loop. Between the ticks of the model the shaft turns on with its speed.
         """
-        with self._lock:
-            model = self.model
-            since = (time.monotonic_ns() - self.node.now) / _SECOND
-            turned = increments_per_second(model.ramp.speed) * since
-            return (model.machine_position + turned) / INCREMENTS_PER_REVOLUTION
+        return self.model.turned(self.loop.now()) / INCREMENTS_PER_REVOLUTION
 
     def inject(self, fault: int) -> None:
         """Raise fault 1-12; see ``DriveModel.inject``."""

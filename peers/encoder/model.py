@@ -16,12 +16,14 @@ from pdgw.dsp406.kinds import EncoderDevice
 from pdgw.dsp406.objects import CAMS, UNUSED, encoder_catalogue
 from pdgw.dsp406.registers import OPERATING_RESERVED, Alarm, Operating, Warnings
 from pdgw.dsp406.semantics import Chain, area_state, cam_active, cam_state, chain, speed_value
-from pdgw.peers.encoder.motion import SECOND, Motion, still
+from pdgw.peers.encoder.motion import SECOND, Motion, Standstill, still
 
 ObjectReader = Callable[[int, int], int]
 SPEED_WINDOW = 10_000_000
 """Nanoseconds over which the speed is measured."""
 _TENTH_OF_AN_HOUR = 360 * SECOND
+_LOOK_NS = 1_000_000
+"""So often a sensor that may move is read."""
 
 
 @dataclass(slots=True)
@@ -198,6 +200,12 @@ class EncoderModel:
             channel.physical = physical
         self._diagnose()
         self._show()
+
+    def next_change(self) -> int | None:
+        """When the image may change by itself; None while everything is known to stand."""
+        if all(channel.stands and isinstance(channel.motion, Standstill) for channel in self.channels.values()):
+            return None
+        return self._power_on + self._time + _LOOK_NS
 
     def _diagnose(self) -> None:
         """Commissioning diagnostics: they look at the sensor while it stands still."""

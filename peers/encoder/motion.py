@@ -10,6 +10,7 @@ import csv
 import math
 from bisect import bisect_right
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 
@@ -26,9 +27,19 @@ LARGEST = 1e9
 """Bound of positions, speeds and times that are read from text."""
 
 
+@dataclass(frozen=True, slots=True)
+class Standstill:
+    """The motion that is none: an encoder need not look at it again."""
+
+    position: float
+
+    def __call__(self, time: int) -> float:
+        return self.position
+
+
 def still(position: float = 0.0) -> Motion:
     """Standstill."""
-    return lambda _: position
+    return Standstill(position)
 
 
 def constant_speed(speed: float, start: float = 0.0) -> Motion:

@@ -1,4 +1,4 @@
-"""The simulated encoder on a bus: the CANopen node around the model, and the thread that runs it."""
+"""The simulated encoder on a bus: the CANopen node around the model, and what commands it there."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from canopen.sdo import SdoAbortedError
 from pdgw.ds301 import communication as com
 from pdgw.ds301.aborts import Abort
 from pdgw.ds301.configuration import EVENT_DRIVEN_PROFILE
+from pdgw.ds301.loop import Loop
 from pdgw.ds301.objects import Entry
 from pdgw.dsp406.device import encoder_objects
 from pdgw.dsp406.errors import Dsp406Error
@@ -52,6 +53,9 @@ class SimulatedEncoderNode(SimulatedNode):
     def on_poll(self, now: int) -> None:
         self.model.advance(now)
         self.send_emergencies(self.model.emcy)
+
+    def next_change(self, now: int) -> int | None:
+        return self.model.next_change()
 
     def on_foreign_frame(self, can_id: int, data: bytes) -> None:
         for channel in self.model.channels.values():
@@ -97,10 +101,7 @@ class SimulatedEncoderNode(SimulatedNode):
 
 
 class SimulatedEncoder(RunningNode[SimulatedEncoderNode]):
-    """A ``SimulatedEncoderNode`` running in a thread on a python-can bus, in steps of 1 ms.
-
-    The bus is the encoder's own and is shut down by ``stop``. Commands may be given from any thread.
-    """
+    """A ``SimulatedEncoderNode`` running on a python-can bus; see ``RunningNode``."""
 
     def __init__(
         self,
@@ -111,10 +112,10 @@ class SimulatedEncoder(RunningNode[SimulatedEncoderNode]):
         motions: Sequence[Motion] = (),
         serial_number: int = 1,
         operating_time: int | None = 0,
+        loop: Loop | None = None,
     ) -> None:
         super().__init__(
             bus,
-            f"simulated encoder {node_id}",
             lambda send: SimulatedEncoderNode(
                 node_id,
                 send,
@@ -123,6 +124,7 @@ class SimulatedEncoder(RunningNode[SimulatedEncoderNode]):
                 serial_number=serial_number,
                 operating_time=operating_time,
             ),
+            loop,
         )
 
     @property

@@ -67,6 +67,10 @@ class Misbehaviour:
     def poll(self, now: int) -> None:
         """Time passes (monotonic ns), also while the node is silent."""
 
+    def next_event(self, now: int) -> int | None:
+        """When ``poll`` has something to do; None: not before something else happens."""
+        return None
+
     def incoming(self, can_id: int, data: bytes) -> bool:
         """A frame for the node; False keeps it away from it."""
         return True
@@ -147,6 +151,9 @@ class _Late(Misbehaviour):
     def poll(self, now: int) -> None:
         while self._held and now >= self._held[0][0]:
             self._release()
+
+    def next_event(self, now: int) -> int | None:
+        return self._held[0][0] if self._held else None
 
     def end(self) -> None:
         while self._held:
@@ -398,6 +405,9 @@ class EmcyBurst(Misbehaviour):
             self._due += self.period_ms * MS
             self.node.send_emcy(self.code, self.register)
 
+    def next_event(self, now: int) -> int | None:
+        return self._due if self._sent < self.count else None
+
 
 @dataclass(kw_only=True, eq=False)
 class BusOff(Misbehaviour):
@@ -423,6 +433,9 @@ class BusOff(Misbehaviour):
         if self._off and self.recovery_ms and now - self._since >= self.recovery_ms * MS:
             self._recover()
 
+    def next_event(self, now: int) -> int | None:
+        return self._since + self.recovery_ms * MS if self._off and self.recovery_ms else None
+
     def end(self) -> None:
         if self._off:
             self._recover()
@@ -446,6 +459,9 @@ class ErrorPassive(_Late):
             self._told = True
             self.node.send_emcy(0x8120, 0x11)
         super().poll(now)
+
+    def next_event(self, now: int) -> int | None:
+        return now if not self._told and self.node.running else super().next_event(now)
 
     def outgoing(self, can_id: int, data: bytes) -> bool:
         return self._hold(True, can_id, data)
@@ -474,6 +490,9 @@ class Reboot(Misbehaviour):
         if self._back_at is not None and now >= self._back_at:
             self._back_at = None
             self.node.restart()
+
+    def next_event(self, now: int) -> int | None:
+        return self._back_at
 
     def end(self) -> None:
         if self._back_at is not None:

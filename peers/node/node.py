@@ -27,6 +27,9 @@ _COB_ID_MASK = 0x7FF
 """Bit of a TPDO's COB-ID: it is not sent on a remote request."""
 _TRANSMISSION_SYNC_MAX = 240
 _EVENT_DRIVEN = (254, 255)
+_UNSEEN_NS = 10 * MS
+"""So often a device looks after itself while no TPDO would tell of a change."""
+_NEVER = 1 << 62
 _COMMUNICATION_AREA_END = 0x1FFF
 
 SendFunction = Callable[[int, bytes], None]
@@ -45,7 +48,19 @@ def encode(entry: Entry, value: Value) -> bytes:
 class _Tpdo:
     """A transmit PDO in force and when it was sent."""
 
-    __slots__ = ("cob_id", "due", "event_ns", "inhibit_ns", "last", "last_time", "pdo", "remote", "sync_count", "type")
+    __slots__ = (
+        "cob_id",
+        "due",
+        "event_ns",
+        "held",
+        "inhibit_ns",
+        "last",
+        "last_time",
+        "pdo",
+        "remote",
+        "sync_count",
+        "type",
+    )
 
     def __init__(self, pdo: Pdo, cob_id: int, type_: int, inhibit_ns: int, event_ns: int) -> None:
         self.pdo = pdo
@@ -55,9 +70,11 @@ class _Tpdo:
         self.inhibit_ns = inhibit_ns
         self.event_ns = event_ns
         self.last = b""
-        self.last_time = -(1 << 62)
-        self.due = -(1 << 62)
+        self.last_time = -_NEVER
+        self.due = -_NEVER
         self.sync_count = 0
+        self.held = False
+        """What has to be looked at again when the inhibit time is over."""
 
 
 class SimulatedNode:
@@ -86,6 +103,7 @@ class SimulatedNode:
         self.misbehaviours: dict[str, Misbehaviour] = {}
         """The faults in force, by name; they begin when the node is powered."""
         self._powered = False
+        self._touched = False
         self.object_dictionary = ObjectDictionary()
         self._sdo = BlockSdoServer(0x600 + node_id, 0x580 + node_id, self)
         self._sdo.network = self
@@ -108,6 +126,13 @@ class SimulatedNode:
 
     def on_poll(self, now: int) -> None:
         """Time passes: bring the image up to ``now``."""
+
+    def next_change(self, now: int) -> int | None:
+        """When the image may change by itself after ``now``, None: not before something is received or commanded."""
+        return None
+
+    def on_touched(self) -> None:
+        """Something was received or commanded from outside; ``on_poll`` follows."""
 
     def on_written(self, entry: Entry, value: Value) -> None:
         """An object was written by SDO; raise ``SdoAbortedError`` to refuse it (nothing is stored then)."""
@@ -135,6 +160,7 @@ class SimulatedNode:
         self.behave(name)
         fault.node = self
         self.misbehaviours[name] = fault
+        self.touch()
         if self._powered:
             fault.begin()
         return fault
@@ -143,6 +169,7 @@ class SimulatedNode:
         """End a fault, all of them without a name; one that is not in force is no error."""
         for item in list(self.misbehaviours) if name is None else [name]:
             fault = self.misbehaviours.pop(item, None)
+            self.touch()
             if fault is not None and self._powered:
                 fault.end()
 
@@ -156,6 +183,7 @@ class SimulatedNode:
     def start(self, now: int) -> None:
         """Power on: boot-up message, then pre-operational."""
         self.now = now
+        self.touch()
         if not self._powered:
             self._powered = True
             for fault in self.misbehaviours.values():
@@ -170,13 +198,18 @@ class SimulatedNode:
         pdo = self._rpdos.get(can_id)
         if pdo is not None:
             if self.state is NmtState.OPERATIONAL:
+                self.on_poll(now)
                 self._receive_pdo(can_id, pdo, data)
         elif can_id == 0x600 + self.node_id:
             if self.state is not NmtState.STOPPED and self.state is not NmtState.BOOT_UP and len(data) == 8:
+                self.on_poll(now)
                 self._sdo.on_request(can_id, bytearray(data), 0.0)
+                self.touch()
         elif can_id == 0:
-            if len(data) >= 2 and data[1] in {0, self.node_id}:
+            if len(data) >= 2 and data[1] in {0, self.node_id} and self.state is not NmtState.BOOT_UP:
+                self.on_poll(now)
                 self._nmt(data[0])
+                self.touch()
         elif can_id == self.values[com.SYNC_COB_ID, 0]:
             self._sync()
         elif can_id in self._consumed:
@@ -191,6 +224,9 @@ class SimulatedNode:
             fault.poll(now)
         if self.state is NmtState.BOOT_UP:
             return
+        if self._touched:
+            self._touched = False
+            self.on_touched()
         self.on_poll(now)
         period = int(self.values[com.PRODUCER_HEARTBEAT, 0]) * MS
         if period and now >= self._heartbeat_due:
@@ -202,6 +238,57 @@ class SimulatedNode:
                 self.on_consumer_expired(can_id - 0x700)
         if self.state is NmtState.OPERATIONAL:
             self._event_driven(now)
+
+    def catch_up(self, now: int) -> None:
+        """Bring the device up to ``now``, before a command."""
+        self.now = now
+        if self.state is not NmtState.BOOT_UP:
+            self.on_poll(now)
+
+    def next_event(self, now: int) -> int | None:
+        """When ``poll`` has something to do after what was done at ``now``.
+
+        A time that is past means at once; None: not before a frame or a command. Earlier polls change nothing.
+        """
+        soonest = _NEVER
+        for fault in self.misbehaviours.values():
+            event = fault.next_event(now)
+            if event is not None and event < soonest:
+                soonest = event
+        if self.state is not NmtState.BOOT_UP:
+            if self._touched:
+                return now
+            if self.values[com.PRODUCER_HEARTBEAT, 0] and self._heartbeat_due < soonest:
+                soonest = self._heartbeat_due
+            for limit, seen in self._consumed.values():
+                if seen >= 0 and seen + limit < soonest:
+                    soonest = seen + limit + 1
+            soonest = min(soonest, self._next_pdo(now))
+        return soonest if soonest < _NEVER else None
+
+    def _next_pdo(self, now: int) -> int:
+        """When a TPDO is due by its timer, at the end of its inhibit time, or by a change of the image."""
+        soonest = _NEVER
+        told = _NEVER
+        if self.state is NmtState.OPERATIONAL:
+            for tpdo in self._tpdos:
+                if tpdo.type not in _EVENT_DRIVEN:
+                    continue
+                free = tpdo.last_time + tpdo.inhibit_ns
+                if tpdo.held and free < soonest:
+                    soonest = free
+                if tpdo.event_ns:
+                    soonest = min(soonest, max(tpdo.due, free))
+                if free < told and self.sent_on_change(tpdo.type):
+                    told = free
+        change = self.next_change(now)
+        if change is not None:
+            soonest = min(soonest, max(change, told) if told < _NEVER else change + _UNSEEN_NS)
+        return soonest
+
+    def touch(self) -> None:
+        """Something was changed from outside: it is looked at in the next ``poll``."""
+        self._touched = True
 
     @property
     def running(self) -> bool:
@@ -359,8 +446,6 @@ class SimulatedNode:
         self.on_nmt(self.state)
 
     def _nmt(self, command: int) -> None:
-        if self.state is NmtState.BOOT_UP:
-            return
         targets = {
             NmtCommand.START: NmtState.OPERATIONAL,
             NmtCommand.STOP: NmtState.STOPPED,
@@ -505,8 +590,8 @@ class SimulatedNode:
         for tpdo in self._tpdos:
             if tpdo.type not in _EVENT_DRIVEN:
                 continue
-            age = now - tpdo.last_time
-            if age < tpdo.inhibit_ns:
+            tpdo.held = now - tpdo.last_time < tpdo.inhibit_ns
+            if tpdo.held:
                 continue
             data = tpdo.pdo.pack(self.image)
             changed = data != tpdo.last and self.sent_on_change(tpdo.type)

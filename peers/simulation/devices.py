@@ -23,7 +23,7 @@ from pdgw.peers.node.node import SimulatedNode
 
 
 class SimulatedDevice(Protocol):
-    """A node that runs in a thread of its own."""
+    """A node that runs beside its callers."""
 
     @property
     def node(self) -> SimulatedNode: ...
@@ -181,14 +181,15 @@ class Simulation:
     def status(self, node_id: int) -> dict[str, object]:
         """One device as plain data."""
         kind, device = self._entry(node_id)
-        node = device.node
-        return {
-            "node_id": node_id,
-            "type": kind,
-            "nmt": node.state.name,
-            **DEVICE_TYPES[kind].status(node),
-            "faults": {name: fault.values for name, fault in tuple(node.misbehaviours.items())},
-        }
+        status: dict[str, object] = {"node_id": node_id, "type": kind}
+
+        def ask(node: SimulatedNode) -> None:
+            status["nmt"] = node.state.name
+            status.update(DEVICE_TYPES[kind].status(node))
+            status["faults"] = {name: fault.values for name, fault in node.misbehaviours.items()}
+
+        device.do(ask)
+        return status
 
 
 def fault_catalogue() -> list[dict[str, object]]:

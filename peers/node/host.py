@@ -1,0 +1,54 @@
+"""A loop in a thread of its own, for programs whose main thread does something else than to simulate."""
+
+from __future__ import annotations
+
+import functools
+import logging
+import threading
+from collections.abc import Callable
+from concurrent.futures import Future
+from typing import TypeVar
+
+from pdgw.ds301.loop import SystemLoop
+
+log = logging.getLogger("peers")
+
+T = TypeVar("T")
+
+
+class LoopThread:
+    """Runs a ``SystemLoop`` from construction until the process ends."""
+
+    def __init__(self, name: str) -> None:
+        self.loop = SystemLoop()
+        self._thread = threading.Thread(target=self._run, name=name, daemon=True)
+        self._thread.start()
+
+    def call(self, action: Callable[[], T]) -> T:
+        """Run an action on the loop and wait for it, from any thread; its result or exception is this call's."""
+        if threading.current_thread() is self._thread:
+            return action()
+        future: Future[T] = Future()
+
+        def run() -> None:
+            try:
+                future.set_result(action())
+            except BaseException as error:  # belongs to whoever called
+                future.set_exception(error)
+
+        self.loop.call_threadsafe(run)
+        return future.result()
+
+    def _run(self) -> None:
+        while True:
+            try:
+                self.loop.run()
+            except Exception:
+                # One device's mistake must not end the others.
+                log.exception("a simulated device failed")
+
+
+@functools.cache
+def simulation_thread() -> LoopThread:
+    """The thread that runs all simulated nodes of this process on real buses."""
+    return LoopThread("simulation")
