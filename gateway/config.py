@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import difflib
 import enum
-import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from fractions import Fraction
 from ipaddress import IPv4Address
 from math import ceil
@@ -27,7 +26,9 @@ from pdgw.dsp402.scaling import UnitKeys, check_unit_keys
 from pdgw.dsp406.encoder import EncoderSettings
 from pdgw.dsp406.kinds import CHANNELS_MAX, DEVICES, LINEAR, MULTI_SENSOR, ROTARY, EncoderDevice, multi_sensor
 from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.explain import Problem, misplaced, problems
 from pdgw.gateway.ports import STATUS_PORT
+from pdgw.gateway.toml_file import parse_toml, read_text, told
 from pdgw.gateway.translator.base import PlcLossReaction, SetpointEnable, TranslatorSettings
 from pdgw.gateway.translator.factory import (
     DRIVE_TELEGRAM_NUMBERS,
@@ -59,8 +60,9 @@ _STATION_NAME = r"^[a-z0-9]([a-z0-9-]{0,61}[a-z0-9])?(\.[a-z0-9]([a-z0-9-]{0,61}
 _MISSPELT = 0.85
 """A further [can] key as similar as this to one of ours is taken for a slip of the pen."""
 
-Root = TypeVar("Root", bound=BaseModel)
 Item = TypeVar("Item", "AxisConfig", "EncoderConfig")
+Place = tuple[str, int]
+"""Section and number of its table."""
 Integer = Annotated[int, Strict()]
 """true is no number here, and neither is "3"."""
 Boolean = Annotated[bool, Strict()]
@@ -94,7 +96,7 @@ class CanConfig(BaseModel):
         for key in self.extra:
             close = difflib.get_close_matches(key, type(self).model_fields, n=1, cutoff=_MISSPELT)
             if close:
-                raise ValueError(f"{key}: unknown key, did you mean {close[0]}?")
+                raise misplaced(f"{key}: unknown key, did you mean {close[0]}?", key)
         return self
 
     @property
@@ -202,15 +204,18 @@ class AxisConfig(_Section):
     @model_validator(mode="after")
     def _telegram_is_supported(self) -> AxisConfig:
         if self.telegram not in DRIVE_TELEGRAM_NUMBERS:
-            raise ValueError(f"telegram = {self.telegram} is not supported, allowed: {list(DRIVE_TELEGRAM_NUMBERS)}")
+            raise misplaced(
+                f"telegram = {self.telegram} is not supported, allowed: {list(DRIVE_TELEGRAM_NUMBERS)}", "telegram"
+            )
         return self
 
     @model_validator(mode="after")
     def _silence_is_a_loss(self) -> AxisConfig:
         if self.tpdo_inhibit_us is not None and self.tpdo_inhibit_us > self.tpdo_event_ms * 1000:
-            raise ValueError(
+            raise misplaced(
                 f"tpdo_inhibit_us = {self.tpdo_inhibit_us} is longer than tpdo_event_ms = {self.tpdo_event_ms}: the drive "
-                f"would count as lost, allowed: 0 to {self.tpdo_event_ms * 1000}"
+                f"would count as lost, allowed: 0 to {self.tpdo_event_ms * 1000}",
+                "tpdo_inhibit_us",
             )
         return self
 
@@ -276,9 +281,12 @@ class EncoderConfig(_Section):
     @model_validator(mode="after")
     def _telegram_is_supported(self) -> EncoderConfig:
         if self.telegram not in ENCODER_TELEGRAM_NUMBERS:
-            raise ValueError(f"telegram = {self.telegram} is not supported, allowed: {list(ENCODER_TELEGRAM_NUMBERS)}")
+            raise misplaced(
+                f"telegram = {self.telegram} is not supported, allowed: {list(ENCODER_TELEGRAM_NUMBERS)}", "telegram"
+            )
         if self.channel > 1 and self.model is not EncoderModel.MULTI_SENSOR:
-            raise ValueError(f'channel = {self.channel}: only model = "{EncoderModel.MULTI_SENSOR.value}" has several')
+            text = f'channel = {self.channel}: only model = "{EncoderModel.MULTI_SENSOR.value}" has several'
+            raise misplaced(text, "channel")
         return self
 
     @property
@@ -356,62 +364,88 @@ class GatewayConfig(_Section):
     @model_validator(mode="after")
     def _fits_together(self) -> GatewayConfig:
         names = [bus.name for bus in self.can]
-        _no_twice("[[can]] name", names)
-        _no_twice("[[can]] interface and channel", [(bus.interface, bus.channel, bus.extra) for bus in self.can])
+        buses = [("can", number) for number in range(len(names))]
+        _no_twice("name", names, buses, "name")
+        ends = [(bus.interface, bus.channel, bus.extra) for bus in self.can]
+        _no_twice("interface and channel", ends, buses, "channel")
         transport = self.transport
         if transport.cyclic_port == transport.acyclic_port != 0:
-            raise ValueError(
-                f"[transport] cyclic_port and acyclic_port: both are {transport.cyclic_port}, each must be different"
-            )
+            text = f"cyclic_port and acyclic_port: both are {transport.cyclic_port}, each must be different"
+            raise misplaced(text, "transport", "acyclic_port")
         if not self.objects:
-            raise ValueError("[[axis]] or [[encoder]]: at least one is needed")
-        _no_twice("do_id", [item.do_id for item in self.objects])
-        for item in self.objects:
-            section = f"[[{_section(item)}]] do_id {item.do_id}"
+            raise misplaced("[[axis]] or [[encoder]]: at least one is needed")
+        _no_twice("do_id", [item.do_id for item in self.objects], self._places, "do_id")
+        for place, item in zip(self._places, self.objects, strict=True):
             if item.can is not None and item.can not in names:
-                raise ValueError(f'{section}: can = "{item.can}" is no [[can]] name, allowed: {names}')
+                raise misplaced(f'can = "{item.can}" is no [[can]] name, allowed: {names}', *place, "can")
             if item.can is None and len(names) > 1:
-                raise ValueError(f"{section}: can is missing, allowed with several buses: {names}")
+                raise misplaced(f"can is missing, allowed with several buses: {names}", *place)
         self._check_nodes()
         self._check_sensors()
         try:
             telegrams = [telegram(item.telegram) for item in self.objects]
             for direction in Direction:
                 CSduLayout(telegrams, direction)
-            for bus in self.can:
+            for number, bus in enumerate(self.can):
                 if bus.interface != "virtual" or bus.bitrate is not None:
-                    check_load(bus.name, self.cyclic_frames(bus), bus.bitrate or DEFAULT_BITRATE)
-        except (ProfidriveError, CanopenError) as error:
-            raise ValueError(str(error)) from error
+                    self._check_load(bus, number)
+        except ProfidriveError as error:
+            raise misplaced(str(error)) from error
         return self
+
+    @property
+    def _places(self) -> list[Place]:
+        """Where each of ``objects`` stands in the file."""
+        sections = (("axis", self.axis), ("encoder", self.encoder))
+        return [(section, number) for section, items in sections for number in range(len(items))]
+
+    def _check_load(self, bus: CanConfig, number: int) -> None:
+        try:
+            check_load(bus.name, self.cyclic_frames(bus), bus.bitrate or DEFAULT_BITRATE)
+        except CanopenError as error:
+            raise misplaced(str(error), "can", number) from error
 
     def _check_nodes(self) -> None:
         for bus in self.can:
-            on_bus = [item for item in self.objects if self.bus_of(item).name == bus.name]
+            on_bus = [
+                (place, item)
+                for place, item in zip(self._places, self.objects, strict=True)
+                if self.bus_of(item).name == bus.name
+            ]
             devices: dict[int, EncoderConfig] = {}
             nodes: list[int] = []
-            channels = []
-            for item in on_bus:
+            channels: list[tuple[int, int]] = []
+            node_places: list[Place] = []
+            channel_places: list[Place] = []
+            for place, item in on_bus:
                 if isinstance(item, AxisConfig) or item.node_id not in devices:
                     nodes.append(item.node_id)
+                    node_places.append(place)
                 if isinstance(item, EncoderConfig):
                     first = devices.setdefault(item.node_id, item)
                     channels.append((item.node_id, item.channel))
+                    channel_places.append(place)
                     if first.device_keys != item.device_keys:
-                        raise ValueError(
-                            f"[[encoder]] do_id {item.do_id}: differs from do_id {first.do_id}, another channel of node "
-                            f"{item.node_id}, in something that belongs to the device"
+                        raise misplaced(
+                            f"do_id {item.do_id} differs from do_id {first.do_id}, another channel of node {item.node_id}, "
+                            "in something that belongs to the device",
+                            *place,
                         )
-            _no_twice(f"node_id on bus {bus.name}", nodes)
-            _no_twice(f"[[encoder]] node_id and channel on bus {bus.name}", channels)
+            _no_twice(f"node_id on bus {bus.name}", nodes, node_places, "node_id")
+            _no_twice(f"node_id and channel on bus {bus.name}", channels, channel_places, "channel")
 
     def _check_sensors(self) -> None:
         encoders = [item.do_id for item in self.encoder]
-        for axis in self.axis:
-            if axis.g1 is not None and axis.g1 not in encoders:
-                raise ValueError(
-                    f"[[axis]] do_id {axis.do_id}: g1 = {axis.g1} is no do_id of an [[encoder]], allowed: {encoders}"
-                )
+        for number, axis in enumerate(self.axis):
+            if axis.g1 is None:
+                continue
+            if not _has_g1(axis.telegram):
+                with_sensor = [item for item in DRIVE_TELEGRAM_NUMBERS if _has_g1(item)]
+                text = f"g1 = {axis.g1}: telegram {axis.telegram} has no G1, allowed with telegram {with_sensor}"
+                raise misplaced(text, "axis", number, "g1")
+            if axis.g1 not in encoders:
+                text = f"g1 = {axis.g1} is no do_id of an [[encoder]], allowed: {encoders}"
+                raise misplaced(text, "axis", number, "g1")
 
     def encoders_of(self, bus: CanConfig) -> dict[int, list[EncoderConfig]]:
         """The channels of each encoder on a bus, by node-ID."""
@@ -445,22 +479,15 @@ class GatewayConfig(_Section):
         return frames
 
 
-def _section(item: AxisConfig | EncoderConfig) -> str:
-    return "axis" if isinstance(item, AxisConfig) else "encoder"
+def _has_g1(number: int) -> bool:
+    """Whether a telegram carries the words of an encoder."""
+    return "G1_STW" in telegram(number).setpoints.names
 
 
-def _no_twice(what: str, values: list[Any]) -> None:
-    for value in values:
-        if values.count(value) > 1:
-            raise ValueError(f"{what}: {value!r} is used twice, each must be different")
-
-
-def read_text(path: Path) -> str:
-    """The text of a file; GatewayError when it cannot be read."""
-    try:
-        return path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise GatewayError(f"{path}: cannot be read: {error}") from error
+def _no_twice(what: str, values: Sequence[Any], places: Sequence[Place], key: str) -> None:
+    for position, (value, place) in enumerate(zip(values, places, strict=True)):
+        if value in values[:position]:
+            raise misplaced(f"{what}: {value!r} is used twice, each must be different", *place, key)
 
 
 def load_config(path: Path) -> GatewayConfig:
@@ -469,15 +496,13 @@ def load_config(path: Path) -> GatewayConfig:
     config = parse_config(text, str(path))
     axes = tuple(_beside(axis, path) for axis in config.axis)
     encoders = tuple(_beside(encoder, path) for encoder in config.encoder)
-    sections: dict[str, Sequence[AxisConfig | EncoderConfig]] = {"axis": axes, "encoder": encoders}
-    missing = []
-    for section, items in sections.items():
-        missing += [
-            f"{path}:{_line_of(text, section, number, 'eds', _MODELS)}: [[{section}]] do_id {item.do_id}: "
-            f'eds = "{item.eds}" is not a file'
-            for number, item in enumerate(items)
-            if item.eds is not None and not item.eds.is_file()
-        ]
+    sections: tuple[tuple[str, Sequence[AxisConfig | EncoderConfig]], ...] = (("axis", axes), ("encoder", encoders))
+    missing = [
+        told(Problem((section, number, "eds"), repr(str(item.eds)), "is not a file"), text, str(path), SECTIONS)
+        for section, items in sections
+        for number, item in enumerate(items)
+        if item.eds is not None and not item.eds.is_file()
+    ]
     if missing:
         raise GatewayError("\n".join(missing))
     store = path.parent / config.store if config.store else None
@@ -491,83 +516,16 @@ def _beside(item: Item, path: Path) -> Item:
 
 def parse_config(text: str, name: str = "configuration") -> GatewayConfig:
     """Validate configuration text; see ``load_config``."""
-    return parse_toml(GatewayConfig, _MODELS, text, name)
+    return parse_toml(GatewayConfig, SECTIONS, text, name)
 
 
-def parse_toml(root: type[Root], sections: Mapping[str, type[BaseModel]], text: str, name: str) -> Root:
-    """Validate TOML text by the model of the whole file; GatewayError has one line for each thing that is wrong.
-
-    ``sections``: the models of the file's tables, by their name.
-    """
-    try:
-        document = tomllib.loads(text)
-    except (ValueError, RecursionError) as error:  # tomllib lets int() and deep nesting through
-        raise GatewayError(f"{name}: not valid TOML: {error}") from error
-    try:
-        return root.model_validate(document)
-    except ValidationError as error:
-        lines = [_explain(detail, text, name, root, sections) for detail in error.errors()]
-        raise GatewayError("\n".join(lines)) from error
-
-
-_MODELS: dict[str, type[BaseModel]] = {
+SECTIONS: dict[str, type[BaseModel]] = {
     "can": CanConfig,
     "transport": TransportConfig,
     "axis": AxisConfig,
     "encoder": EncoderConfig,
 }
-
-
-def _explain(detail: Any, text: str, name: str, root: type[BaseModel], sections: Mapping[str, type[BaseModel]]) -> str:
-    location: list[Any] = [part for part in detail["loc"] if not isinstance(part, str) or part.isidentifier()]
-    keys = [part for part in location if isinstance(part, str)]
-    numbers = [part for part in location if isinstance(part, int)]
-    section = keys[0] if keys else ""
-    occurrence = numbers[0] if numbers else 0
-    key = keys[-1] if len(keys) > 1 else ""
-    line = _line_of(text, section, occurrence, key, sections)
-    place = f"{name}:{line}" if line else name
-    path = (f"[{section}]" if section in sections else section) if section else ""
-    if numbers:
-        path = f"[[{section}]] number {occurrence + 1}"
-    if key:
-        path += f" {key}"
-    message = detail["msg"].removeprefix("Value error, ")
-    value = detail.get("input")
-    if detail["type"] == "extra_forbidden":
-        model = sections.get(section) if key else root
-        known = list(model.model_fields) if model else []
-        close = difflib.get_close_matches(str(key or section), known, n=1)
-        hint = f", did you mean {close[0]}?" if close else ""
-        return f"{place}: {path}: unknown key{hint} (allowed: {', '.join(known)})"
-    if detail["type"] == "missing":
-        return f"{place}: {path}: is missing"
-    if isinstance(value, dict | list | tuple):
-        return f"{place}: {path + ': ' if path else ''}{message}"
-    return f"{place}: {path} = {value!r}: {message}"
-
-
-def _line_of(
-    text: str, section: str, occurrence: int, key: str, sections: Mapping[str, type[BaseModel]] = _MODELS
-) -> int:
-    """The line of a key (or of its section's header), 0 when it cannot be told."""
-    seen = -1
-    inside = False
-    header = 0
-    for number, raw in enumerate(text.splitlines(), 1):
-        line = raw.strip()
-        if not key and section not in sections and line.split("=")[0].strip() == section:
-            return number
-        if line.startswith("["):
-            title = line.strip("[] ").split("]")[0]
-            inside = title == section
-            if inside:
-                seen += 1
-                inside = seen == occurrence
-                header = number if inside else header
-        elif inside and key and line.split("=")[0].strip() == key:
-            return number
-    return header
+"""The models of the file's tables."""
 
 
 def example() -> str:
@@ -658,5 +616,5 @@ def simulated(number: int, axes: int, encoders: int = 0, encoder_number: int = 8
     try:
         return GatewayConfig.model_validate(document)
     except ValidationError as error:
-        messages = dict.fromkeys(detail["msg"].removeprefix("Value error, ") for detail in error.errors())
+        messages = dict.fromkeys(problem.text for problem in problems(error, GatewayConfig))
         raise GatewayError("\n".join(messages)) from error

@@ -14,10 +14,12 @@ from dataclasses import dataclass
 from fractions import Fraction
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import yaml
 from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.explain import Problem, problems
+from pdgw.gateway.toml_file import read_text
 from pdgw.peers.plc.endpoint import PlcEndpoint
 from pdgw.peers.plc.parameters import ParameterAccess
 from pdgw.profidrive.datatypes import DataType, Normalisation, n2, n4
@@ -139,9 +141,7 @@ class Scenario(_Model):
 def load_scenario(path: Path) -> Scenario:
     """Read and validate a file; GatewayError names step, key, value and what is allowed."""
     try:
-        document = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
-        raise GatewayError(f"{path}: cannot be read: {error}") from error
+        document = yaml.safe_load(read_text(path))
     except (yaml.YAMLError, ValueError) as error:  # a date that is none and a number of 5000 digits are ValueErrors
         raise GatewayError(f"{path}: not valid YAML: {' '.join(str(error).split())}") from error
     except RecursionError:
@@ -149,7 +149,7 @@ def load_scenario(path: Path) -> Scenario:
     try:
         scenario = Scenario.model_validate(document)
     except ValidationError as error:
-        raise GatewayError("\n".join(dict.fromkeys(_explain(path, detail) for detail in error.errors()))) from error
+        raise GatewayError("\n".join(f"{path}: {_told(problem)}" for problem in problems(error, Scenario))) from error
     try:
         Engine(scenario, PlcEndpoint([telegram(number) for number in scenario.telegrams], 1_000_000))
     except GatewayError as error:
@@ -157,25 +157,16 @@ def load_scenario(path: Path) -> Scenario:
     return scenario
 
 
-def _explain(path: Path, detail: Any) -> str:
-    location = list(detail["loc"])
+def _told(problem: Problem) -> str:
+    """``step 3: move.to = 'x': expected a number``: steps are counted from 1, as in the results."""
+    location = list(problem.location)
     place = ""
     if location[:1] == ["steps"] and len(location) > 1:
-        place = f"step {location[1] + 1}: "
+        place = f"step {int(location[1]) + 1}: "
         location = location[2:]
-    message = detail["msg"].removeprefix("Value error, ")
-    if location[-1:] and location[-1] in {"int", "float", "str"}:  # one error for each member of Scalar
-        location.pop()
-        message = "expected a number or a text such as 50 %"
-    key = ".".join(str(part) for part in location)
-    value = detail["input"]
-    shown = "" if isinstance(value, dict | list) or detail["type"] == "extra_forbidden" else f" = {value!r}"
-    if detail["type"] == "extra_forbidden":
-        models: dict[Any, type[BaseModel]] = {"move": Move, "home": Home, "references": References}
-        model = models.get(location[0], Step) if place else models.get(location[0], Scenario)
-        model = model if len(location) > 1 else Step if place else Scenario
-        message = f"unknown key, allowed: {', '.join(model.model_fields)}"
-    return f"{path}: {place}{key}{shown}{': ' if key else ''}{message}"
+    key = ".".join(str(part) for part in location) if not problem.names_key else ""
+    value = f" = {problem.value}" if key and problem.value else ""
+    return f"{place}{key}{value}{': ' if key else ''}{problem.text}"
 
 
 def parse_time(text: str) -> int:

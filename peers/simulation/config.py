@@ -10,7 +10,9 @@ from typing import Annotated, Any
 
 from pdgw.ds301.errors import CanopenError
 from pdgw.dsp406.kinds import ROTARY
-from pdgw.gateway.config import CanConfig, Integer, Port, as_list, parse_toml, read_text
+from pdgw.gateway.config import CanConfig, Integer, Port, as_list
+from pdgw.gateway.explain import misplaced
+from pdgw.gateway.toml_file import parse_toml, read_text
 from pdgw.peers.encoder.motion import parse_motion, still
 from pdgw.peers.node.misbehaviour import make
 from pdgw.peers.simulation.devices import DEVICE_TYPES, encoder_device
@@ -112,12 +114,12 @@ class BusConfig(_Section):
     @model_validator(mode="after")
     def _nodes_differ(self) -> BusConfig:
         nodes = [device.node_id for device in self.device]
-        for node in nodes:
-            if nodes.count(node) > 1:
-                raise ValueError(f"[[device]] node_id: {node} is used twice, each must be different")
+        for number, node in enumerate(nodes):
+            if node in nodes[:number]:
+                raise misplaced(f"node_id: {node} is used twice, each must be different", "device", number, "node_id")
         ports = [port for port in (self.control.port, self.control.rest_port) if port]
         if len(ports) != len(set(ports)):
-            raise ValueError(f"[control] port and rest_port: both are {ports[0]}, each must be different")
+            raise misplaced(f"port and rest_port: both are {ports[0]}, each must be different", "control", "rest_port")
         return self
 
 

@@ -7,7 +7,11 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from pdgw.dsp402.device import EDS_PATH
+from pdgw.dsp406.device import eds_path
+from pdgw.dsp406.kinds import ROTARY
 from pdgw.gateway.config import example, load_config, parse_config, simulated
+from pdgw.gateway.config_check import references_wrong
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.translator.base import PlcLossReaction, SetpointEnable
 from pdgw.gateway.translator.factory import DRIVE_TELEGRAM_NUMBERS
@@ -168,6 +172,94 @@ def test_one_bus_cannot_be_two() -> None:
         parse_config(bus.format("a") + bus.format("b") + axis)
 
 
+ENCODER = "[[encoder]]\ndo_id = {}\nnode_id = {}\ntelegram = 83\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "line"),
+    [
+        (
+            BASE.replace("acyclic_port = 34964", "acyclic_port = 34962"),
+            "x.toml:10: [transport]: cyclic_port and acyclic_port",
+        ),
+        (
+            "\n\n" + BASE.replace("telegram = 9", "telegram = 1\ng1 = 2") + ENCODER.format(2, 7),
+            "x.toml:21: [[axis]] number 1: g1 = 2: telegram 1 has no G1, allowed with telegram [3]",
+        ),
+        (
+            BASE.replace("telegram = 9", "telegram = 3\ng1 = 5") + ENCODER.format(2, 7),
+            "x.toml:19: [[axis]] number 1: g1 = 5 is no do_id of an [[encoder]], allowed: [2]",
+        ),
+        (BASE + ENCODER.format(1, 7), "x.toml:24: [[encoder]] number 1: do_id: 1 is used twice"),
+        (BASE + ENCODER.format(2, 3), "x.toml:25: [[encoder]] number 1: node_id on bus can: 3 is used twice"),
+        (BASE.replace("simulate = true", 'can = "b"'), 'x.toml:22: [[axis]] number 1: can = "b" is no [[can]] name'),
+        (BASE.split("[[axis]]", maxsplit=1)[0], "x.toml: [[axis]] or [[encoder]]: at least one is needed"),
+    ],
+)
+def test_what_does_not_fit_together_is_told_where_it_stands(text: str, line: str) -> None:
+    with pytest.raises(GatewayError) as error:
+        parse_config(text, "x.toml")
+    assert str(error.value).startswith(line), str(error.value)
+
+
+def test_a_byte_order_mark_is_no_mistake(tmp_path: Path) -> None:
+    path = tmp_path / "c.toml"
+    path.write_bytes(b"\xef\xbb\xbf" + BASE.encode())
+    assert load_config(path).axis[0].do_id == 1
+    path.write_bytes(BASE.encode("utf-16"))
+    with pytest.raises(GatewayError, match=r"c\.toml: cannot be read: byte 0 is not UTF-8; save the file as UTF-8"):
+        load_config(path)
+
+
+def test_a_table_that_stands_twice_is_told_how_several_are_written() -> None:
+    text = BASE.replace("[[axis]]", "[axis]")
+    with pytest.raises(GatewayError, match=r"twice.*; several of them are written \[\[axis\]\], each"):
+        parse_config(text + text.split("[axis]")[1].join(("[axis]", "")))
+
+
+def test_the_range_of_a_key_is_told() -> None:
+    for old, new, told in (
+        ("node_id = 3", "node_id = 0", "node_id = 0: allowed: 1 to 126"),
+        ("node_id = 3", 'node_id = "x"', "node_id = 'x': expected an integer, allowed: 1 to 126"),
+        ("bitrate = 1000000", "bitrate = 7", "bitrate = 7: allowed: 10000 to 1000000"),
+        ('on_plc_loss = "ramp"', "on_plc_loss = 1", "on_plc_loss = 1: allowed: 'ramp', 'quick-stop' or 'coast'"),
+    ):
+        with pytest.raises(GatewayError) as error:
+            parse_config(BASE.replace(old, new), "x.toml")
+        assert str(error.value).endswith(told)
+
+
+RUBBISH = "\n".join(["[DeviceInfo]", "VendorName=nobody"])
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        (
+            '"socketcan"',
+            '"soketcan"',
+            "c.toml:2: [[can]] number 1 interface = 'soketcan': no interface of python-can, did",
+        ),
+        ("simulate = true", 'eds = "r.eds"', "c.toml:22: [[axis]] number 1 eds = "),
+    ],
+)
+def test_what_a_configuration_refers_to_is_checked(old: str, new: str, told: str, tmp_path: Path) -> None:
+    (tmp_path / "r.eds").write_text(RUBBISH)
+    path = tmp_path / "c.toml"
+    path.write_text(BASE.replace(old, new))
+    (line,) = references_wrong(load_config(path), path)
+    assert told in line
+    path.write_text(BASE)
+    assert references_wrong(load_config(path), path) == []
+
+
+def test_the_packages_own_data_sheets_pass(tmp_path: Path) -> None:
+    path = tmp_path / "c.toml"
+    encoder = ENCODER.format(2, 7) + f'eds = "{eds_path(ROTARY)}"\n'
+    path.write_text(BASE.replace("simulate = true", f'eds = "{EDS_PATH}"') + encoder)
+    assert references_wrong(load_config(path), path) == []
+
+
 def test_every_mistake_has_its_line() -> None:
     text = BASE.replace("node_id = 3", "node_id = 300").replace("cycle_time_ms = 4", "cycle_time_ms = 0")
     with pytest.raises(GatewayError) as error:
@@ -196,7 +288,7 @@ def test_missing_files_are_named(tmp_path: Path) -> None:
         load_config(tmp_path / "none.toml")
     path = tmp_path / "c.toml"
     path.write_text(BASE.replace("simulate = true", 'eds = "nowhere.eds"'))
-    with pytest.raises(GatewayError, match=r'eds = ".*nowhere\.eds" is not a file'):
+    with pytest.raises(GatewayError, match=r"c.toml:22: \[\[axis\]\] number 1 eds = '.*nowhere\.eds': is not a file"):
         load_config(path)
 
 

@@ -9,6 +9,8 @@ import typer
 from pdgw.ds301.errors import CanopenError
 from pdgw.gateway.config import AxisConfig, GatewayConfig, load_config
 from pdgw.gateway.config import example as example_text
+from pdgw.gateway.config_check import references_wrong
+from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.needs import needed_quantities
 from pdgw.profidrive.telegrams import telegram
 
@@ -30,6 +32,9 @@ def check(
 ) -> None:
     """Validate a file; exit status 1 and one line for each thing that is wrong."""
     config = load_config(file)
+    wrong = references_wrong(config, file)
+    if wrong:
+        raise GatewayError("\n".join(wrong))
     buses = ", ".join(f"{bus.name} ({bus.interface} {bus.channel or ''})".replace(" )", ")") for bus in config.can)
     objects = f"{len(config.axis)} axes" + (f" and {len(config.encoder)} encoders" if config.encoder else "")
     typer.echo(f"{file}: ok, {objects} on {buses}, cycle {config.transport.cycle_time_ms:g} ms")

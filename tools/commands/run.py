@@ -21,10 +21,10 @@ from pdgw.decoder.capture.canlog import candump_line
 from pdgw.gateway.config import CanConfig, GatewayConfig, load_config, simulated
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.explain import Problem, problems
 from pdgw.gateway.status import StatusServer
 from pdgw.gateway.transport.acyclic import AcyclicServer
 from pydantic import ValidationError
-from pydantic_core import ErrorDetails
 from rich.console import Console
 from rich.logging import RichHandler
 
@@ -117,15 +117,15 @@ def _with_options(config: GatewayConfig, updates: dict[str, object]) -> GatewayC
     try:
         return GatewayConfig.model_validate(document)
     except ValidationError as error:
-        raise GatewayError("\n".join(_explain(detail) for detail in error.errors())) from error
+        raise GatewayError("\n".join(_told(problem) for problem in problems(error, GatewayConfig))) from error
 
 
-def _explain(detail: ErrorDetails) -> str:
-    message = detail["msg"].removeprefix("Value error, ")
-    key = detail["loc"][-1] if detail["loc"] else ""
-    if detail["loc"][:1] != ("transport",) or len(detail["loc"]) == 1:
-        return message
-    return f"--{str(key).replace('_', '-')} {detail['input']}: {message}"
+def _told(problem: Problem) -> str:
+    """A problem in the words of the command line."""
+    section, *key = problem.location or ("",)
+    if section != "transport" or not key or problem.names_key:
+        return problem.text
+    return f"--{str(key[-1]).replace('_', '-')} {problem.value.strip(chr(39))}: {problem.text}"
 
 
 def run(

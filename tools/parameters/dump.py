@@ -7,6 +7,8 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.explain import problems
+from pdgw.gateway.toml_file import read_text
 from pdgw.profidrive.parameters.catalogue import OBJECTS
 from pdgw.profidrive.parameters.codec import Values
 from pdgw.tools.parameters.address import Target, parse_type, parse_value
@@ -70,13 +72,11 @@ class Dump(BaseModel):
     def load(cls, path: Path) -> Dump:
         """GatewayError tells what is wrong with the file."""
         try:
-            return cls.model_validate_json(path.read_text(encoding="utf-8"))
-        except (OSError, UnicodeDecodeError) as error:
-            raise GatewayError(f"{path}: cannot be read: {error}") from error
+            return cls.model_validate_json(read_text(path))
         except ValidationError as error:
-            first = error.errors()[0]
-            where = ".".join(str(part) for part in first["loc"])
-            raise GatewayError(f"{path}: no parameter file: {where}: {first['msg']}") from error
+            first = problems(error, cls)[0]
+            where = ".".join(str(part) for part in first.location) + (f" = {first.value}" if first.value else "")
+            raise GatewayError(f"{path}: no parameter file: {where}: {first.text}") from error
 
 
 def read_all(session: Session, progress: Progress | None = None) -> tuple[Dump, list[Element]]:

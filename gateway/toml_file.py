@@ -1,0 +1,118 @@
+"""TOML files of the user: read, validated by a pydantic model, every mistake with its line."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TypeVar
+
+from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.explain import Location, Problem, problems
+from pydantic import BaseModel, ValidationError
+
+Root = TypeVar("Root", bound=BaseModel)
+Sections = Mapping[str, type[BaseModel]]
+
+_TWICE = re.compile(r"Cannot declare \('(\w+)',\) twice")
+_ARRAY_AND_TABLE = re.compile(r"Cannot (?:overwrite a value|mutate immutable namespace \('(\w+)',\))")
+
+
+def read_text(path: Path) -> str:
+    """The text of a file, UTF-8 with or without byte order mark; GatewayError when it cannot be read."""
+    try:
+        return path.read_text(encoding="utf-8-sig")
+    except OSError as error:
+        raise GatewayError(f"{path}: cannot be read: {error.strerror or error}") from error
+    except UnicodeDecodeError as error:
+        raise GatewayError(
+            f"{path}: cannot be read: byte {error.start} is not UTF-8; save the file as UTF-8"
+        ) from error
+
+
+def parse_toml(root: type[Root], sections: Sections, text: str, name: str) -> Root:
+    """Validate TOML text by the model of the whole file; GatewayError has one line for each thing that is wrong.
+
+    ``sections``: the models of the file's tables, by their name.
+    """
+    try:
+        document = tomllib.loads(text.removeprefix("\ufeff"))
+    except (ValueError, RecursionError) as error:  # tomllib lets int() and deep nesting through
+        raise GatewayError(f"{name}: not valid TOML: {error}{_hint(str(error))}") from error
+    try:
+        return root.model_validate(document)
+    except ValidationError as error:
+        lines = [told(problem, text, name, sections) for problem in problems(error, root)]
+        raise GatewayError("\n".join(lines)) from error
+
+
+def _hint(message: str) -> str:
+    twice = _TWICE.search(message)
+    if twice is not None:
+        return f"; several of them are written [[{twice[1]}]], each"
+    if _ARRAY_AND_TABLE.search(message):
+        return "; is a table written [..] in one place and [[..]] in another?"
+    return ""
+
+
+def told(problem: Problem, text: str, name: str, sections: Sections) -> str:
+    """A problem with its place in the text."""
+    location = problem.location
+    line = line_of(text, location, sections)
+    place = f"{name}:{line}" if line else name
+    path = path_text(_table(location) if problem.names_key else location, sections)
+    if problem.value:
+        path += f" = {problem.value}"
+    return ": ".join(part for part in (place, path, problem.text) if part)
+
+
+def _table(location: Location) -> Location:
+    """The table a location is in."""
+    return location[:2] if len(location) > 1 and isinstance(location[1], int) else location[:1]
+
+
+def path_text(location: Location, sections: Sections) -> str:
+    """``[transport] listen``, ``[[axis]] number 2 telegram``; empty for the whole file."""
+    if not location:
+        return ""
+    section, *rest = location
+    if section not in sections:
+        return ".".join(str(part) for part in location)
+    path = f"[{section}]"
+    if rest and isinstance(rest[0], int):
+        path = f"[[{section}]] number {rest[0] + 1}"
+        rest = rest[1:]
+    keys = ".".join(str(part + 1) if isinstance(part, int) else part for part in rest)
+    return f"{path} {keys}" if keys else path
+
+
+def line_of(text: str, location: Location, sections: Sections) -> int:
+    """The line of a key, of its table's header where the key is missing; 0 when it cannot be told."""
+    if not location:
+        return 0
+    section, *rest = location
+    if section not in sections:
+        return next((n for n, line in enumerate(text.splitlines(), 1) if _key(line) == section), 0)
+    occurrence = rest[0] if rest and isinstance(rest[0], int) else 0
+    keys = [part for part in rest if isinstance(part, str)]
+    seen, header, inside = -1, 0, False
+    for number, raw in enumerate(text.splitlines(), 1):
+        line = raw.strip()
+        if line.startswith("["):
+            inside = line.split("#")[0].strip(" []") == section
+            if inside:
+                seen += 1
+                inside = seen == occurrence
+                header = number if inside else header
+        elif inside and keys and _key(line) == keys[0]:
+            return number
+    return header
+
+
+def _key(line: str) -> str:
+    """The key a line gives a value to, or the table it begins; empty for any other line."""
+    key, equals, _ = line.partition("=")
+    if equals:
+        return key.strip().strip('"')
+    return line.partition("#")[0].strip(" []") if line.lstrip().startswith("[") else ""
