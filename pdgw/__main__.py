@@ -1,5 +1,16 @@
 """``python -m pdgw`` is the command ``pdgw``."""
 
-from pdgw.tools.cli import main
+import signal
 
-main()
+
+def run() -> None:
+    """Entry point of the console script: a Ctrl-C while the command is still being loaded ends it without a word."""
+    before = signal.signal(signal.SIGINT, signal.SIG_DFL)
+    from pdgw.tools.cli import main  # noqa: PLC0415
+
+    signal.signal(signal.SIGINT, before)
+    main()
+
+
+if __name__ == "__main__":
+    run()

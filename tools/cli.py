@@ -49,7 +49,7 @@ def options(
 
 
 def main() -> None:
-    """Entry point of the console script."""
+    """Run the command line; errors the user can act on are one line."""
     try:
         app()
     except (GatewayError, CanopenError, ProfidriveError) as error:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import subprocess
 import sys
 from importlib.metadata import version
@@ -14,7 +15,7 @@ from pdgw.tools.command_table import COMMANDS, SIM_COMMANDS, Entry
 from typer.testing import CliRunner
 
 ENTRIES = [*COMMANDS.items(), *SIM_COMMANDS.items()]
-_HELPERS = {"__init__", "recording_options"}
+_HELPERS = {"__init__", "recording_options", "simulation_options"}
 _LOADED = """
 import contextlib, io, sys
 sys.argv = ["pdgw", *sys.argv[1:]]
@@ -73,3 +74,36 @@ def test_an_unknown_command_is_told_with_what_was_meant() -> None:
     result = CliRunner().invoke(app, ["statsu"])
     assert result.exit_code == 2
     assert "Did you mean 'status'?" in result.output
+
+
+_INTERRUPTED = """
+import os, signal, sys
+class Finder:
+    def find_spec(self, name, *_):
+        if name == "typer":
+            os.kill(os.getpid(), signal.SIGINT)
+sys.meta_path.insert(0, Finder())
+from pdgw.__main__ import run
+run()
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+def test_ctrl_c_while_the_command_is_loaded_ends_it_without_a_word() -> None:
+    done = subprocess.run([sys.executable, "-c", _INTERRUPTED], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (-signal.SIGINT, "")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["sim", "drive", "--control-port", "99999"], "less than or equal to 65535"),
+        (["sim", "encoder", "--rest-port", "-1"], "greater than or equal to 0"),
+        (["sim", "inject", "--port", "99999", "clear"], "less than or equal to 65535"),
+        (["status", "--port", "99999"], "less than or equal to 65535"),
+    ],
+)
+def test_a_port_that_is_none_is_told(arguments: list[str], told: str) -> None:
+    result = CliRunner().invoke(app, arguments)
+    assert result.exit_code == 2
+    assert told in " ".join(result.output.replace("│", " ").split())

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import errno
 import json
-from collections.abc import Iterator
+import socket
+from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import cast
 
 import pytest
 from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.datatypes import DataType
+from pdgw.profidrive.parameters.codec import Values
 from pdgw.tools.parameters.address import Target, parse_target, parse_type, parse_value
 from pdgw.tools.parameters.client import ParameterClient
-from pdgw.tools.parameters.dump import Dump, DumpedElement, difference, read_all, restore
-from pdgw.tools.parameters.session import Session
+from pdgw.tools.parameters.dump import Dump, DumpedElement, Restored, difference, other_telegram, read_all, restore
+from pdgw.tools.parameters.session import Element, Session, meaning
 
 from tests.endtoend.processes import pdgw
 from tests.support.daemon import axis, configuration, serving
@@ -146,6 +150,97 @@ def test_dump_and_restore_bring_the_settings_back(server: tuple[str, int], tmp_p
     assert (0x6085, 0) not in changed
 
 
+class Device:
+    """Settings of a device, some of which it refuses to take."""
+
+    def __init__(self, values: dict[int, int], refused: set[int]) -> None:
+        self.values = values
+        self.refused = refused
+        self.order: list[int] = []
+
+    def read(self, targets: Sequence[Target], _progress: object = None) -> list[Element]:
+        return [Element(item.pnu, 0, DataType.UNSIGNED16, self.values[item.pnu]) for item in targets]
+
+    def write(self, writes: Sequence[tuple[Target, Values]], _progress: object = None) -> list[Element]:
+        results = []
+        for target, values in writes:
+            self.order.append(target.pnu)
+            refused = target.pnu in self.refused
+            if not refused:
+                self.values[target.pnu] = int(values.values[0])
+            results.append(
+                Element(target.pnu, 0, DataType.UNSIGNED16, int(values.values[0]), 0x11 if refused else None)
+            )
+        return results
+
+
+def dumped(**values: int) -> Dump:
+    elements = [
+        DumpedElement(pnu=int(name[1:]), subindex=0, format="UNSIGNED16", value=value, setting=True)
+        for name, value in values.items()
+    ]
+    return Dump(do_id=1, parameters=tuple(elements))
+
+
+def test_telegram_and_priority_are_written_when_all_else_was_taken() -> None:
+    device = Device({922: 1, 925: 5, 927: 1, 930: 2}, set())
+    session = cast(Session, device)
+    pairs = difference(session, dumped(P927=0, P922=9, P925=6, P930=3))
+    assert other_telegram(pairs) == (1, 9)
+    assert not restore(session, pairs).failed
+    assert device.order == [925, 930, 922, 927]
+    assert device.values == {922: 9, 925: 6, 927: 0, 930: 3}
+
+
+def test_a_restore_of_which_something_is_refused_changes_nothing() -> None:
+    device = Device({922: 1, 925: 5, 930: 2}, {930})
+    session = cast(Session, device)
+    pairs = difference(session, dumped(P922=9, P925=6, P930=3))
+    outcome = restore(session, pairs)
+    assert [item.pnu for item in outcome.failed] == [930]
+    assert (outcome.taken_back, outcome.stuck) == (True, ())
+    assert device.values == {922: 1, 925: 5, 930: 2}
+    assert not restore(session, pairs, partial=True).taken_back
+    assert device.values == {922: 9, 925: 6, 930: 2}
+
+
+def test_a_file_of_another_telegram_is_not_written_by_mistake(server: tuple[str, int], tmp_path: Path) -> None:
+    file = tmp_path / "other.json"
+    saved = dumped(P922=9, P925=7)
+    saved.save(file)
+    refused = pdgw("param", "restore", str(file), "--yes", *option(server))
+    assert refused.returncode == 1
+    assert "DO 1 has telegram 1" in refused.stderr
+    assert "is of telegram 9: nothing was written" in refused.stderr
+    (now,) = json.loads(pdgw("param", "read", "P925", "--json", *option(server)).stdout)
+    assert now["value"] != 7
+
+
+def test_an_object_written_as_a_decimal_number_is_recognised() -> None:
+    wrong = Element(6041, 0, None, None, 0)
+    assert meaning(wrong, encoder=False).endswith("did you mean 6041h?")
+    assert "did you mean" not in meaning(Element(5000, 0, None, None, 0), encoder=False)
+    assert "did you mean" not in meaning(Element(6041, 0, None, None, 0x11), encoder=False)
+
+
+def test_a_gateway_without_a_route_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    class NoRoute(socket.socket):
+        def connect(self, _address: object) -> None:
+            raise OSError(errno.ENETUNREACH, "Network is unreachable")
+
+    monkeypatch.setattr(socket, "socket", NoRoute)
+    with pytest.raises(GatewayError, match=r"192\.0\.2\.1:34964: cannot be reached \(Network is unreachable\)"):
+        ParameterClient(("192.0.2.1", 34964), 1)
+
+
+def test_names_are_folded_and_never_cut(server: tuple[str, int]) -> None:
+    rows = {row["pnu"]: row["name"] for row in json.loads(pdgw("param", "list", "--json", *option(server)).stdout)}
+    text = "".join(pdgw("param", "list", *option(server)).stdout.split())
+    assert "…" not in text
+    for name in rows.values():
+        assert name is None or max(name.split(), key=len, default="") in text
+
+
 def test_restoring_never_writes_commands_demands_or_the_network() -> None:
     element = DumpedElement(pnu=927, subindex=0, format="UNSIGNED16", value=0, setting=True)
     assert element.values().format is DataType.UNSIGNED16
@@ -162,7 +257,7 @@ def test_a_dump_of_this_drive_has_only_settings_marked(server: tuple[str, int]) 
         assert {922, 925, 927, 0x6083, 0x6085, 0x6099} <= settings
         assert not settings & {952, 970, 971, 972, 976, 977, 0x6040, 0x6060, 0x60FF, 0x607A, 0x1016, 0x1400, 0x6007}
         assert difference(session, dump) == []
-        assert restore(session, []) == []
+        assert restore(session, []) == Restored([], [])
 
 
 @pytest.mark.parametrize("content", ["", "{}", '{"version": 2, "do_id": 1, "parameters": []}', "[1]", "\x00"])

@@ -19,11 +19,11 @@ from pdgw.profinet.rpc.records import NIL
 from pdgw.tools.address import parse_address
 from pdgw.tools.parameters.address import parse_target, parse_type, parse_value
 from pdgw.tools.parameters.client import ParameterClient
-from pdgw.tools.parameters.dump import Dump, difference, read_all, restore
+from pdgw.tools.parameters.dump import Dump, difference, other_telegram, read_all, restore
 from pdgw.tools.parameters.session import Element, Progress, Session, address_text, meaning, name_and_unit
+from pdgw.tools.tables import plain_table
 from rich.console import Console
 from rich.progress import Progress as ProgressBar
-from rich.table import Table
 
 app = typer.Typer(help="Parameters of a gateway or any PROFIdrive device.", no_args_is_help=True)
 
@@ -91,7 +91,7 @@ def _show(elements: list[Element], *, encoder: bool, as_json: bool) -> None:
     if as_json:
         typer.echo(json.dumps([element.document() for element in elements], indent=2))
     else:
-        table = Table("parameter", "name", "format", "value", "unit", "")
+        table = plain_table("parameter", "name", "format", "value", "unit", "")
         for element in elements:
             name, unit = name_and_unit(element.pnu, element.subindex, encoder=encoder)
             text = meaning(element, encoder=encoder)
@@ -172,7 +172,7 @@ def list_(
             rows.append({"pnu": pnu, **details})
         typer.echo(json.dumps(rows, indent=2))
         return
-    table = Table("parameter", "name", "format", "elements", "access")
+    table = plain_table("parameter", "name", "format", "elements", "access")
     for pnu in pnus:
         item = descriptions[pnu]
         table.add_row(
@@ -255,8 +255,15 @@ def restore_(
     do_id: Annotated[int, DO] = 1,
     yes: Annotated[bool, typer.Option("--yes", help="Write without asking.")] = False,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Only show the differences.")] = False,
+    change_telegram: Annotated[
+        bool,
+        typer.Option("--change-telegram", help="Also when the file is of another telegram (P922), which is set last."),
+    ] = False,
+    partial: Annotated[
+        bool, typer.Option("--partial", help="Keep what could be written when something else is refused.")
+    ] = False,
 ) -> None:
-    """Write the settings of a file that the device has otherwise; the differences are shown first."""
+    """Write the settings of a file that the device has otherwise, all or none; the differences are shown first."""
     saved = Dump.load(file)
     console = Console()
     with _session(gateway, do_id) as session:
@@ -265,20 +272,28 @@ def restore_(
         if not pairs:
             console.print("nothing differs")
             return
-        table = Table("parameter", "name", "device", "file")
+        differences = plain_table("parameter", "name", "device", "file")
         for wanted, found in pairs:
             name, _ = name_and_unit(wanted.pnu, wanted.subindex, encoder=session.is_encoder)
             shown = found.error_text if found.failed else str(found.value)
-            table.add_row(address_text(wanted.pnu, wanted.subindex), name, shown, str(wanted.value))
-        console.print(table)
+            differences.add_row(address_text(wanted.pnu, wanted.subindex), name, shown, str(wanted.value))
+        console.print(differences)
         if dry_run:
             return
+        telegrams = other_telegram(pairs)
+        if telegrams is not None and not change_telegram:
+            raise GatewayError(
+                f"DO {do_id} has telegram {telegrams[0]}, {file} is of telegram {telegrams[1]}: nothing was written; "
+                "is it the file of another axis? --change-telegram writes it all the same"
+            )
         if not yes and not typer.confirm(f"write {len(pairs)} settings to DO {do_id}?"):
             raise typer.Exit(1)
         with _progress("writing") as progress:
-            results = restore(session, [wanted for wanted, _ in pairs], progress)
+            outcome = restore(session, pairs, progress, partial=partial)
         encoder = session.is_encoder
-    failed = [element for element in results if element.failed]
-    console.print(f"{len(results) - len(failed)} of {len(results)} settings written")
-    if failed:
-        _show(failed, encoder=encoder, as_json=False)
+    kept = 0 if outcome.taken_back else len(outcome.written)
+    console.print(f"{kept} of {len(pairs)} settings written")
+    if outcome.taken_back and outcome.written:
+        console.print(f"{len(outcome.written) - len(outcome.stuck)} of {len(outcome.written)} old values written back")
+    if outcome.failed or outcome.stuck:
+        _show([*outcome.failed, *outcome.stuck], encoder=encoder, as_json=False)

@@ -19,6 +19,7 @@ from pdgw.peers.simulation.config import ControlConfig, example, load_bus
 from pdgw.peers.simulation.console import COMMANDS
 from pdgw.peers.simulation.devices import Simulation
 from pdgw.peers.simulation.running import run, run_nodes
+from pdgw.tools.commands.simulation_options import ControlPort, RestPort, control_ports
 
 
 def drive(
@@ -28,11 +29,11 @@ def drive(
     node_id: Annotated[
         list[int] | None, typer.Option(min=1, max=126, help="Node-ID; repeat for several drives.")
     ] = None,
-    control_port: Annotated[int, typer.Option(help="Loopback TCP port for `pdgw sim inject`, 0 for none.")] = 0,
-    rest_port: Annotated[int, typer.Option(help="Loopback TCP port of the REST interface, 0 for none.")] = 0,
+    control_port: ControlPort = 0,
+    rest_port: RestPort = 0,
 ) -> None:
     """Run simulated drives until SIGINT, SIGTERM or `quit`. Commands on standard input: see `pdgw sim inject`."""
-    control = ControlConfig(port=control_port, rest_port=rest_port)
+    control = control_ports(control_port, rest_port)
     run_nodes("drive", (interface, channel, bitrate), node_id or [1], control, "drives")
 
 
@@ -74,7 +75,7 @@ def bus(
 
 def inject(
     command: Annotated[list[str], typer.Argument(help=COMMANDS + " (@N: only node N).")],
-    port: Annotated[int, typer.Option(help="The simulator's --control-port.")],
+    port: Annotated[int, typer.Option(min=1, max=65535, help="The simulator's --control-port.")],
 ) -> None:
     """Give running simulated devices a command: `pdgw sim inject --port 5000 fault slow-sdo delay_ms=100`."""
     try:

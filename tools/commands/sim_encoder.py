@@ -7,8 +7,8 @@ from typing import Annotated
 import typer
 from pdgw.dsp406.kinds import DEVICES, ROTARY
 from pdgw.peers.encoder.motion import MOTIONS
-from pdgw.peers.simulation.config import ControlConfig
 from pdgw.peers.simulation.running import run_nodes
+from pdgw.tools.commands.simulation_options import ControlPort, RestPort, control_ports
 
 
 def encoder(
@@ -26,10 +26,10 @@ def encoder(
         list[str] | None,
         typer.Option(help=f"{MOTIONS}; repeat for further channels. Revolutions, linear: mm."),
     ] = None,
-    control_port: Annotated[int, typer.Option(help="Loopback TCP port for `pdgw sim inject`, 0 for none.")] = 0,
-    rest_port: Annotated[int, typer.Option(help="Loopback TCP port of the REST interface, 0 for none.")] = 0,
+    control_port: ControlPort = 0,
+    rest_port: RestPort = 0,
 ) -> None:
     """Run simulated encoders until SIGINT, SIGTERM or `quit`. Commands on standard input: see `pdgw sim inject`."""
-    control = ControlConfig(port=control_port, rest_port=rest_port)
+    control = control_ports(control_port, rest_port)
     options = {"model": model, "channels": channels, "motion": motion or ()}
     run_nodes("encoder", (interface, channel, bitrate), node_id or [1], control, f"{model} encoders", **options)

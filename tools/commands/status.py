@@ -29,7 +29,7 @@ def fetch(port: int) -> dict[str, Any]:
 
 
 def status(
-    port: Annotated[int, typer.Option(help="The daemon's status port.")] = STATUS_PORT,
+    port: Annotated[int, typer.Option(min=1, max=65535, help="The daemon's status port.")] = STATUS_PORT,
     as_json: Annotated[bool, typer.Option("--json", help="Print the whole snapshot as JSON.")] = False,
 ) -> None:
     """Show axes, reasons, faults and counters of a running gateway."""

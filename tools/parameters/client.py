@@ -59,7 +59,11 @@ class ParameterClient:
         self._caller = RecordCaller(uuid.uuid4(), object_uuid(1, 0, 0), ar_uuid)
         self._references = itertools.cycle(range(1, 256))
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._socket.connect(address)
+        try:
+            self._socket.connect(address)
+        except OSError as error:
+            self._socket.close()
+            raise GatewayError(f"{self._name}: cannot be reached ({error.strerror or error})") from error
         self.tap: Callable[[bool, bytes], None] = lambda sent, data: None
         """Told every datagram (sent by us, data)."""
 
@@ -102,7 +106,9 @@ class ParameterClient:
             if result is not None:
                 return result
             reason = "no answer"
-        raise GatewayError(f"{self._name}: does not answer on the record channel ({reason})")
+        raise GatewayError(
+            f"{self._name}: does not answer on the record channel ({reason}); does pdgw run, or the device, listen there?"
+        )
 
     def _answer(self, call: RecordCall) -> RecordResult | None:
         deadline = time.monotonic() + _REPEAT_S

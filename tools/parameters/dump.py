@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -23,7 +24,13 @@ _COMMUNICATION = range(0x1000, 0x2000)
 """Owned by whoever manages the network."""
 _ERROR_HISTORY = 0x1003
 _ABORT_OPTION = 0x6007
+_TELEGRAM = 922
 _OPERATION_PRIORITY = 927
+_LAST = (_TELEGRAM, _OPERATION_PRIORITY)
+"""Another telegram makes the gateway configure the drive anew; with the priority taken away nothing after it can be written."""
+
+Pair = tuple["DumpedElement", Element]
+"""A setting of the file, and what the device has."""
 
 
 class DumpedElement(BaseModel):
@@ -115,8 +122,8 @@ def _is_setting(element: Element, *, array: bool) -> bool:
     return not (pnu in OBJECTS and array and element.subindex == 0)
 
 
-def difference(session: Session, dump: Dump, progress: Progress | None = None) -> list[tuple[DumpedElement, Element]]:
-    """The settings of the file that the device has otherwise (or not at all), with what it has."""
+def difference(session: Session, dump: Dump, progress: Progress | None = None) -> list[Pair]:
+    """The settings of the file that the device has otherwise (or not at all), in the order in which they are to be written."""
     settings = [element for element in dump.parameters if element.setting]
     present = session.read([element.target for element in settings], progress)
     if len(present) != len(settings):
@@ -126,14 +133,59 @@ def difference(session: Session, dump: Dump, progress: Progress | None = None) -
         for wanted, found in zip(settings, present, strict=True)
         if found.failed or not _same(wanted, found)
     ]
-    # With the priority taken away nothing after it could be written.
-    return sorted(pairs, key=lambda pair: pair[0].pnu == _OPERATION_PRIORITY)
+    return sorted(pairs, key=lambda pair: _LAST.index(pair[0].pnu) + 1 if pair[0].pnu in _LAST else 0)
 
 
 def _same(wanted: DumpedElement, found: Element) -> bool:
     return wanted.value == found.value
 
 
-def restore(session: Session, changes: Sequence[DumpedElement], progress: Progress | None = None) -> list[Element]:
-    """Write settings; an element for each, with its error where it failed."""
-    return session.write([(element.target, element.values()) for element in changes], progress)
+def other_telegram(pairs: Sequence[Pair]) -> tuple[int, int] | None:
+    """The telegrams of the device and of the file, where they differ."""
+    for wanted, found in pairs:
+        if wanted.pnu == _TELEGRAM and isinstance(wanted.value, int) and isinstance(found.value, int):
+            return found.value, wanted.value
+    return None
+
+
+@dataclass(frozen=True, slots=True)
+class Restored:
+    """What became of a restore: an element for each setting that was tried, with its error where it failed.
+
+    ``taken_back``: what had been written has its old value again; ``stuck`` could not be given it back.
+    """
+
+    written: list[Element]
+    failed: list[Element]
+    taken_back: bool = False
+    stuck: tuple[Element, ...] = ()
+
+
+def restore(
+    session: Session, pairs: Sequence[Pair], progress: Progress | None = None, *, partial: bool = False
+) -> Restored:
+    """Write settings, all or none: after a failure the old values are written back, unless ``partial``."""
+    written: list[Element] = []
+    failed: list[Element] = []
+    old: list[Element] = []
+    # What comes last waits until all others were taken.
+    parts = [[pair for pair in pairs if pair[0].pnu not in _LAST], *([pair] for pair in pairs if pair[0].pnu in _LAST)]
+    for part in parts:
+        results = session.write([(wanted.target, wanted.values()) for wanted, _ in part], progress)
+        for result, (_, found) in zip(results, part, strict=True):
+            (failed if result.failed else written).append(result)
+            if not result.failed and not found.failed:
+                old.append(found)
+        if failed and not partial:
+            back = session.write([(_target(item, pairs), _values_of(item)) for item in reversed(old)])
+            return Restored(written, failed, True, tuple(item for item in back if item.failed))
+    return Restored(written, failed)
+
+
+def _target(element: Element, pairs: Sequence[Pair]) -> Target:
+    return next(wanted.target for wanted, found in pairs if found is element)
+
+
+def _values_of(element: Element) -> Values:
+    assert element.format is not None
+    return parse_value(str(element.value), element.format)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
+from pdgw.dsp402.device import drive_objects
 from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.dsp402.states import state_of
 from pdgw.dsp406.objects import PROFILE
@@ -21,6 +22,7 @@ from pdgw.tools.parameters.client import ParameterClient
 
 _PROFILE_IDENTIFICATION = 965
 _ENCODER_OBJECTS = {row.index: row for row in PROFILE}
+_KNOWN_OBJECTS = {entry.index for entry in drive_objects()} | _ENCODER_OBJECTS.keys()
 _STRINGS = {DataType.VISIBLE_STRING, DataType.OCTET_STRING}
 Progress = Callable[[int, int], None]
 
@@ -49,6 +51,14 @@ class Element:
         failure = None if self.error is None else {"number": self.error, "text": error_text(self.error)}
         name = self.format.name if self.format else None
         return {"pnu": self.pnu, "subindex": self.subindex, "format": name, "value": self.value, "error": failure}
+
+
+def meant(element: Element) -> str:
+    """The address that was meant by a decimal number that is none of a parameter but looks like an object: 6041."""
+    digits = str(element.pnu)
+    if element.error not in NOT_THERE or not digits.isdecimal() or int(digits, 16) not in _KNOWN_OBJECTS:
+        return ""
+    return f"did you mean {digits}h?"
 
 
 def address_text(pnu: int, subindex: int | None = None) -> str:
@@ -216,7 +226,7 @@ def name_and_unit(pnu: int, subindex: int, *, encoder: bool) -> tuple[str, str]:
 def meaning(element: Element, *, encoder: bool) -> str:
     """What a value says: bits by name, states, errors."""
     if element.failed:
-        return element.error_text
+        return ", ".join(part for part in (element.error_text, meant(element)) if part)
     value = element.value
     if not isinstance(value, int):
         return ""
