@@ -1,20 +1,17 @@
 """The client of one CANopen node: brings it into operation on a bus and keeps watching it.
 
 Source: CiA DS 301 (NMT, heartbeat, EMCY, SDO, PDO), docs/translation.md "Loss and doubt". The cyclic side (``refresh``) never
-blocks; identity check, PDO configuration and user SDO jobs run on the node's own worker thread. A device profile derives
+waits; identity check, PDO configuration and user SDO jobs run in the node's own task on the loop. A device profile derives
 from ``NodeClient`` and adds its images and what it configures.
 """
 
 from __future__ import annotations
 
 import abc
-import contextlib
 import enum
 import logging
-import queue
 import struct
-import threading
-import time
+from collections import deque
 from collections.abc import Callable, Collection, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass
@@ -22,7 +19,7 @@ from pathlib import Path
 from typing import Any, ClassVar, Generic, Self, TypeVar
 
 import canopen
-from canopen.sdo import SdoAbortedError, SdoCommunicationError
+from canopen.sdo import SdoAbortedError, SdoClient, SdoCommunicationError
 from canopen.sdo.constants import EXPEDITED, REQUEST_DOWNLOAD, RESPONSE_DOWNLOAD, SDO_STRUCT, SIZE_SPECIFIED
 from pdgw.ds301.aborts import Abort, abort_text
 from pdgw.ds301.configuration import SdoStep, is_communication_parameter, is_taken, pdo_steps
@@ -30,6 +27,7 @@ from pdgw.ds301.eds_import import import_eds
 from pdgw.ds301.eds_text import EdsError
 from pdgw.ds301.emcy import emcy_text
 from pdgw.ds301.errors import CanopenError
+from pdgw.ds301.loop import MS, SECOND, Event, Loop, Mailbox, Task
 from pdgw.ds301.network import CanNetwork
 from pdgw.ds301.nmt import NmtCommand, NmtState
 from pdgw.ds301.objects import CanType
@@ -92,11 +90,11 @@ class NodeEvent:
     time_ns: int = 0
 
 
-MS = 1_000_000
-_RETRY_ABSENT_S = 0.5
-_RETRY_REFUSED_S = 5.0
-_SUPERVISION_S = 0.02
-_FIRST_SIGN_S = 1.0
+_RETRY_ABSENT_NS = 500 * MS
+_RETRY_REFUSED_NS = 5 * SECOND
+_SUPERVISION_NS = 20 * MS
+_FIRST_SIGN_NS = SECOND
+_LOOK_AGAIN_NS = 5 * MS
 """So soon after NMT start each TPDO has to come, and the heartbeat if its own limit is not longer."""
 _ACYCLIC_PDO_NS = 100 * MS
 _ACYCLIC_FAILURES = 3
@@ -104,13 +102,13 @@ _ACYCLIC_FAILURES = 3
 _SEGMENT = 7
 _EXPEDITED_SIZE = 4
 _LONGEST_UPLOAD = 1 << 16
-_LONGEST_UPLOAD_S = 10.0
+_LONGEST_UPLOAD_NS = 10 * SECOND
 _HEARTBEAT_STATE = 0x7F
 """Bit 7 of a heartbeat is reserved."""
 
 
 class _Slot:
-    """The newest frame of one TPDO and the image its values go to: written by the reader thread, taken by the cyclic one."""
+    """The newest frame of one TPDO and the image its values go to, in the next cycle."""
 
     __slots__ = ("data", "errors", "image", "pdo", "taken", "time")
 
@@ -123,9 +121,9 @@ class _Slot:
         self.errors = 0
 
     def receive(self, data: bytes, now: int) -> None:
-        """Called by the reader thread; an assignment of one reference needs no lock.
+        """A frame of the TPDO.
 
-        A frame shorter than the mapping is no sign of life: its values would be kept for ever.
+        One shorter than the mapping is no sign of life: its values would be kept for ever.
         """
         if len(data) < self.pdo.size:
             self.errors += 1
@@ -155,8 +153,26 @@ def load_dictionary(
     return dictionary
 
 
+class _SdoClient(SdoClient):  # type: ignore[misc]
+    """canopen's SDO client, waiting on the loop instead of a thread's queue."""
+
+    def __init__(self, loop: Loop, node_id: int, dictionary: canopen.ObjectDictionary) -> None:
+        self._box: Mailbox[bytes] = Mailbox(loop)
+        super().__init__(0x600 + node_id, 0x580 + node_id, dictionary)
+
+    @property
+    def responses(self) -> Mailbox[bytes]:
+        """What the node answered."""
+        return self._box
+
+    @responses.setter
+    def responses(self, _: object) -> None:
+        # canopen makes a new queue where it wants an empty one.
+        self._box.clear()
+
+
 class NodeClient(abc.ABC, Generic[S]):
-    """One node. ``on_event`` is called from the worker or reader thread and must only queue."""
+    """One node. ``on_event`` is called whenever something happens to it that the owner must know."""
 
     device: ClassVar[str]
     """What the node is, in messages: ``drive``."""
@@ -184,7 +200,11 @@ class NodeClient(abc.ABC, Generic[S]):
         self.generation = 0
         """Counts completed configurations, so that the owner sees each restart exactly once."""
         self._old_length_errors = 0
+        self.loop = network.loop
         self._node = canopen.RemoteNode(settings.node_id, self.dictionary)
+        self._sdo = _SdoClient(self.loop, settings.node_id, self.dictionary)
+        self._node.sdo_channels[:] = [self._sdo]
+        self._node.sdo = self._sdo
         self._slots: list[_Slot] = []
         self._acyclic_tpdos: list[Pdo] = []
         self._acyclic_due = 0
@@ -196,11 +216,12 @@ class NodeClient(abc.ABC, Generic[S]):
         self._heartbeat = 0
         self._heartbeat_state = NmtState.BOOT_UP.value
         self._heartbeat_expected = False
-        self._booted = threading.Event()
-        self._stopping = threading.Event()
-        self._reconfigure = threading.Event()
-        self._jobs: queue.SimpleQueue[_Job | None] = queue.SimpleQueue()
-        self._worker = threading.Thread(target=self._run, name=f"{self.device} {settings.node_id}", daemon=True)
+        self._booted = Event(self.loop)
+        self._wake = Event(self.loop)
+        """Something for the node's task: a job, a loss, another telegram."""
+        self._reconfigure = False
+        self._jobs: deque[_Job] = deque()
+        self._task: Task | None = None
         self._apply_times()
 
     # -- the device profile's part --------------------------------------------------------------------------------
@@ -211,7 +232,7 @@ class NodeClient(abc.ABC, Generic[S]):
 
     @abc.abstractmethod
     def _configure(self) -> None:
-        """Everything between the mapping of the PDOs and NMT start, on the worker thread; errors refuse the node."""
+        """Everything between the mapping of the PDOs and NMT start, in the node's task; errors refuse the node."""
 
     def _pdo_steps(self, available: Collection[int]) -> list[SdoStep]:
         """The SDO writes that map the PDOs; ``available``: communication parameter indices the node has."""
@@ -228,7 +249,7 @@ class NodeClient(abc.ABC, Generic[S]):
     def _emcy_text(self, code: int) -> str:
         return emcy_text(code)
 
-    # -- any thread ---------------------------------------------------------------------------------------------------
+    # -- the owner's side -----------------------------------------------------------------------------------------------
 
     @property
     def length_errors(self) -> int:
@@ -236,16 +257,16 @@ class NodeClient(abc.ABC, Generic[S]):
         return self._old_length_errors + sum(slot.errors for slot in self._slots)
 
     def start(self) -> None:
-        """Start the worker: waits for the node, checks identity, configures, goes operational, supervises."""
+        """Start the task: waits for the node, checks identity, configures, goes operational, supervises."""
         node_id = self.settings.node_id
         network = self.network.canopen
         network.add_node(self._node)
         network.subscribe(0x700 + node_id, self._on_heartbeat)
         network.subscribe(0x80 + node_id, self._on_emcy)
-        self._worker.start()
+        self._task = self.loop.spawn(self._run, f"{self.device} {node_id}")
 
     def submit(self, job: Callable[[Self], T]) -> Future[T]:
-        """Run a job with SDO access on the worker thread; never delays the cyclic side.
+        """Run a job with SDO access in the node's task; never delays the cyclic side.
 
         The future fails with the package's error at once when the node is not online.
         """
@@ -262,18 +283,14 @@ class NodeClient(abc.ABC, Generic[S]):
             else:
                 future.set_result(result)
 
-        self._jobs.put((future, run))
-        if self.status is not NodeStatus.ONLINE:  # lost since the question above: nobody may come to take the job
-            self._fail_jobs()
+        self._jobs.append((future, run))
+        self._wake.set()
         return future
 
     def stop(self) -> None:
-        """NMT pre-operational and end of the worker. Whoever moves the device has stopped it before."""
-        self._stopping.set()
-        self._jobs.put(None)
-        self._booted.set()
-        if self._worker.is_alive():
-            self._worker.join(timeout=2 + self.settings.sdo_timeout_ms / 1000)
+        """NMT pre-operational and end of the task. Whoever moves the device has stopped it before."""
+        if self._task is not None:
+            self._task.kill()
         self._sending = False
         self._nmt(NmtCommand.ENTER_PRE_OPERATIONAL)
         self.status = NodeStatus.OFFLINE
@@ -292,11 +309,11 @@ class NodeClient(abc.ABC, Generic[S]):
         self.layout = layout
         self.settings = settings
         self._apply_times()
-        self._reconfigure.set()
-        self._jobs.put(None)
+        self._reconfigure = True
+        self._wake.set()
         self._booted.set()  # a refused node need not wait for its next try
 
-    # -- cyclic thread ------------------------------------------------------------------------------------------------
+    # -- cyclic -------------------------------------------------------------------------------------------------------
 
     def refresh(self, now: int) -> bool:
         """Cyclic: take the newest TPDO data into the feedback; True when online and no TPDO is overdue."""
@@ -312,12 +329,12 @@ class NodeClient(abc.ABC, Generic[S]):
                 fresh = False
         return fresh
 
-    # -- worker thread ------------------------------------------------------------------------------------------------
+    # -- the node's task ------------------------------------------------------------------------------------------------
 
     def read(self, index: int, subindex: int = 0) -> bytes:
-        """SDO upload, on the worker thread only; raises canopen's SdoAbortedError / SdoCommunicationError.
+        """SDO upload, in the node's task only; raises canopen's SdoAbortedError / SdoCommunicationError.
 
-        An answer that does not end is one of the latter: the worker has to watch the node.
+        An answer that does not end is one of the latter: the task has to watch the node.
         """
         declared = self.dictionary.get_variable(index, subindex)
         if declared is not None and declared.data_type == CanType.DOMAIN.code:
@@ -337,42 +354,42 @@ class NodeClient(abc.ABC, Generic[S]):
 
     def _upload(self, index: int, subindex: int, *, block: bool) -> tuple[bytes, int | None]:
         """The bytes of an upload and the size the node told before."""
-        sdo = self._node.sdo
-        deadline = time.monotonic() + _LONGEST_UPLOAD_S
+        sdo = self._sdo
+        deadline = self.loop.now() + _LONGEST_UPLOAD_NS
         data = b""
         with sdo.open(index, subindex, "rb", buffering=0, block_transfer=block) as stream:
             while segment := stream.read(_SEGMENT):
                 data += segment
-                if len(data) > _LONGEST_UPLOAD or time.monotonic() > deadline:
+                if len(data) > _LONGEST_UPLOAD or self.loop.now() > deadline:
                     sdo.abort()
                     raise SdoCommunicationError(f"{index:04X}h/{subindex} does not end")
             return data, stream.size
 
     def write(self, index: int, subindex: int, data: bytes) -> None:
-        """SDO download, on the worker thread only; raises canopen's SdoAbortedError / SdoCommunicationError.
+        """SDO download, in the node's task only; raises canopen's SdoAbortedError / SdoCommunicationError.
 
         The late answer to another write, which was given up, does not confirm this one (canopen would take it).
         """
-        sdo = self._node.sdo
+        sdo = self._sdo
         if not 1 <= len(data) <= _EXPEDITED_SIZE:
             sdo.download(index, subindex, data)
             return
         command = REQUEST_DOWNLOAD | EXPEDITED | SIZE_SPECIFIED | (_EXPEDITED_SIZE - len(data)) << 2
         address = SDO_STRUCT.pack(RESPONSE_DOWNLOAD, index, subindex)
-        deadline = time.monotonic() + sdo.RESPONSE_TIMEOUT
+        deadline = self.loop.now() + int(sdo.RESPONSE_TIMEOUT * SECOND)
         answer = sdo.request_response(SDO_STRUCT.pack(command, index, subindex) + data.ljust(_EXPEDITED_SIZE, b"\0"))
         while answer[: len(address)] != address:
-            if time.monotonic() > deadline:
+            if self.loop.now() > deadline:
                 raise SdoCommunicationError(f"no answer to the write of {index:04X}h/{subindex}")
             answer = sdo.read_response()
 
     def read_number(self, index: int, subindex: int = 0, *, signed: bool = False) -> int:
-        """An integer object, on the worker thread only."""
+        """An integer object, in the node's task only."""
         return int.from_bytes(self.read(index, subindex), "little", signed=signed)
 
     def _apply_times(self) -> None:
         settings = self.settings
-        self._node.sdo.RESPONSE_TIMEOUT = settings.sdo_timeout_ms / 1000
+        self._sdo.RESPONSE_TIMEOUT = settings.sdo_timeout_ms / 1000
         self._timeout_ns = settings.tpdo_event_ms * settings.tpdo_timeout_factor * MS
         self._heartbeat_limit_ms = settings.heartbeat_ms * settings.heartbeat_factor
 
@@ -392,7 +409,7 @@ class NodeClient(abc.ABC, Generic[S]):
             ) from error
 
     def _run(self) -> None:
-        while not self._stopping.is_set():
+        while True:
             try:
                 self._bring_up()
             except SdoCommunicationError as error:
@@ -414,7 +431,7 @@ class NodeClient(abc.ABC, Generic[S]):
         )
 
     def _tell(self, kind: str, text: str) -> None:
-        self.on_event(NodeEvent(kind, text, time_ns=time.monotonic_ns()))
+        self.on_event(NodeEvent(kind, text, time_ns=self.loop.now()))
 
     def _set_status(self, status: NodeStatus, text: str) -> None:
         changed = status is not self.status or text != self.status_text
@@ -428,15 +445,15 @@ class NodeClient(abc.ABC, Generic[S]):
     def _absent(self, text: str) -> None:
         if self.status is not NodeStatus.LOST:
             self._set_status(NodeStatus.OFFLINE, text)
-        self._wait(_RETRY_ABSENT_S)
+        self._wait(_RETRY_ABSENT_NS)
 
     def _refuse(self, text: str) -> None:
         self._set_status(NodeStatus.REFUSED, text)
-        self._wait(_RETRY_REFUSED_S)
+        self._wait(_RETRY_REFUSED_NS)
 
-    def _wait(self, seconds: float) -> None:
-        """Until the node boots, we stop, or the time is over."""
-        self._booted.wait(seconds)
+    def _wait(self, nanoseconds: int) -> None:
+        """Until the node boots or the time is over."""
+        self._booted.wait(nanoseconds)
         self._booted.clear()
 
     def _nmt(self, command: NmtCommand) -> None:
@@ -444,11 +461,12 @@ class NodeClient(abc.ABC, Generic[S]):
 
     def _bring_up(self) -> None:
         self._booted.clear()
-        self._reconfigure.clear()
-        self._sending = False
-        # A node that was stopped answers no SDO before this; a running one stops by its abort option.
+        self._reconfigure = False
+        # A node that was stopped answers no SDO before this; a running one stops by its abort option. Until it has answered,
+        # nobody knows that it did: one that was in operation is still sent its stop.
         self._nmt(NmtCommand.ENTER_PRE_OPERATIONAL)
         device_type = self._fetch(0x1000)
+        self._sending = False
         self._booted.clear()  # a boot-up before this answer is the one we waited for
         self._set_status(NodeStatus.CONFIGURING, "checking identity")
         self._check_identity(device_type)
@@ -555,47 +573,49 @@ class NodeClient(abc.ABC, Generic[S]):
 
     @property
     def _interrupted(self) -> bool:
-        """What is being brought up restarted, is to be another telegram's, or is not wanted any more."""
-        return self._booted.is_set() or self._reconfigure.is_set() or self._stopping.is_set()
+        """What is being brought up restarted, or is to be another telegram's."""
+        return self._booted.is_set() or self._reconfigure
 
     def _await_tpdos(self) -> None:
-        deadline = time.monotonic() + _FIRST_SIGN_S
+        deadline = self.loop.now() + _FIRST_SIGN_NS
         while missing := [str(slot.pdo) for slot in self._slots if slot.data is None]:
             if self._interrupted:
                 return
-            if time.monotonic() > deadline:
+            if self.loop.now() > deadline:
                 raise self.error_type(
                     f"TPDOs of the {self.device}", f"none of {', '.join(missing)}", "each within 1 s of NMT start"
                 )
-            self._stopping.wait(0.005)
+            self.loop.sleep(_LOOK_AGAIN_NS)
 
     def _await_heartbeat(self) -> None:
         """A node whose heartbeat is dead would only be lost again: one that says operational comes first."""
-        limit = max(_FIRST_SIGN_S, self._heartbeat_limit_ms / 1000)
-        deadline = time.monotonic() + limit
+        limit = max(_FIRST_SIGN_NS, self._heartbeat_limit_ms * MS)
+        deadline = self.loop.now() + limit
         while self._heartbeat_expected and self._heartbeat_state != NmtState.OPERATIONAL:
             if self._interrupted:
                 return
-            if time.monotonic() > deadline:
+            if self.loop.now() > deadline:
                 raise self.error_type(
                     f"heartbeat of node {self.settings.node_id}",
                     "none that says operational",
-                    f"one within {limit:g} s of NMT start",
+                    f"one within {limit / SECOND:g} s of NMT start",
                 )
-            self._stopping.wait(0.005)
+            self.loop.sleep(_LOOK_AGAIN_NS)
 
     def _supervise(self) -> None:
         """Online: run jobs, watch heartbeat, TPDOs and boot-ups. Returns when the node has to be brought up anew."""
         trouble = ""
-        while not self._stopping.is_set():
-            with contextlib.suppress(queue.Empty):
-                job = self._jobs.get(timeout=_SUPERVISION_S)
-                if job is not None and job[0].set_running_or_notify_cancel():
-                    job[1]()
-            if self._stopping.is_set():
-                return
-            now = time.monotonic_ns()
-            if self._reconfigure.is_set():
+        while True:
+            self._wake.wait(_SUPERVISION_NS)
+            self._wake.clear()
+            if self._jobs:
+                future, run = self._jobs.popleft()
+                if future.set_running_or_notify_cancel():
+                    run()
+                if self._jobs:
+                    self._wake.set()
+            now = self.loop.now()
+            if self._reconfigure:
                 self._set_status(NodeStatus.CONFIGURING, "telegram changed")
                 return
             lost = self._lost(now)
@@ -625,19 +645,17 @@ class NodeClient(abc.ABC, Generic[S]):
     def _give_up(self) -> None:
         """The owner stops the device meanwhile; a node that does not answer is stopped by NMT."""
         seen = self._heartbeat
-        if self._booted.wait(self.settings.heartbeat_ms * 2 / 1000):
+        if self._booted.wait(self.settings.heartbeat_ms * 2 * MS):
             return
-        self._sending = False
         if self._heartbeat == seen:
             self._nmt(NmtCommand.STOP)
 
     def _fail_jobs(self) -> None:
         """Waiting jobs fail at once, because the node is not online."""
-        with contextlib.suppress(queue.Empty):
-            while True:
-                job = self._jobs.get_nowait()
-                if job is not None and job[0].set_running_or_notify_cancel():
-                    job[0].set_exception(self._not_online())
+        while self._jobs:
+            future, _ = self._jobs.popleft()
+            if future.set_running_or_notify_cancel():
+                future.set_exception(self._not_online())
 
     def _exchange_acyclic(self, now: int) -> None:
         """Objects for which the node has no PDO, read every 100 ms."""
@@ -655,12 +673,12 @@ class NodeClient(abc.ABC, Generic[S]):
             signed = entry.type.char.islower()
             setattr(image, entry.attribute, self._fetch(entry.index, entry.subindex, signed=signed))
 
-    # -- reader thread ------------------------------------------------------------------------------------------------
+    # -- frames of the node ---------------------------------------------------------------------------------------------
 
     def _on_heartbeat(self, _can_id: int, data: bytes, _timestamp: float) -> None:
         if len(data) != 1:
             return
-        self._heartbeat = time.monotonic_ns()
+        self._heartbeat = self.loop.now()
         self._heartbeat_state = data[0] & _HEARTBEAT_STATE
         if data[0] == NmtState.BOOT_UP:
             self._booted.set()
@@ -672,4 +690,4 @@ class NodeClient(abc.ABC, Generic[S]):
             return
         code = int.from_bytes(data[:2], "little")
         text = f"EMCY {code:04X}h {self._emcy_text(code)}"
-        self.on_event(NodeEvent("emcy", text, code, data[2], bytes(data[3:]), time.monotonic_ns()))
+        self.on_event(NodeEvent("emcy", text, code, data[2], bytes(data[3:]), self.loop.now()))

@@ -152,6 +152,14 @@ class Loop(abc.ABC):
     def remove_reader(self, descriptor: int) -> None:
         """End it; one that is not watched is no error."""
 
+    @abc.abstractmethod
+    def add_writer(self, descriptor: int, action: Callable[[], None]) -> None:
+        """Call ``action`` whenever the descriptor can be written."""
+
+    @abc.abstractmethod
+    def remove_writer(self, descriptor: int) -> None:
+        """End it; one that is not watched is no error."""
+
     def stop(self) -> None:
         """End ``run`` after the present turn."""
         self._stopping = True
@@ -355,11 +363,9 @@ class SystemLoop(Loop):
             self._order.remove(descriptor)
 
     def add_writer(self, descriptor: int, action: Callable[[], None]) -> None:
-        """Call ``action`` whenever the descriptor can be written."""
         self._writers[descriptor] = action
 
     def remove_writer(self, descriptor: int) -> None:
-        """End it; one that is not watched is no error."""
         self._writers.pop(descriptor, None)
 
     def pace(self, expected: int) -> None:
@@ -445,6 +451,12 @@ class VirtualLoop(Loop):
         raise RuntimeError(f"descriptor {descriptor}: a virtual loop has links and buses, no descriptors")
 
     def remove_reader(self, descriptor: int) -> None:
+        """None is watched."""
+
+    def add_writer(self, descriptor: int, action: Callable[[], None]) -> None:
+        self.add_reader(descriptor, action)
+
+    def remove_writer(self, descriptor: int) -> None:
         """None is watched."""
 
     def pace(self, expected: int) -> None:

@@ -1,77 +1,88 @@
-"""One CAN bus: a python-can bus, the PDO fast path and canopen's acyclic services on it.
+"""One CAN bus: a port, the PDO fast path and canopen's acyclic services on it.
 
-A reader thread takes every frame once: COB-IDs with a PDO subscription go straight to their owner, everything else to
-canopen's network (NMT, SDO, EMCY, heartbeat). Sending never waits for the acyclic side.
+Every frame is taken once, in the loop: COB-IDs with a PDO subscription go straight to their owner, everything else to canopen's
+network (NMT, SDO, EMCY, heartbeat). Sending never waits. A port that is lost is opened again with a growing pause.
 """
 
 from __future__ import annotations
 
+import logging
 import struct
-import threading
-import time
 from collections.abc import Callable
 
 import can
 import canopen
+from pdgw.ds301.errors import CanopenError
+from pdgw.ds301.loop import MS, Loop, Timer
+from pdgw.ds301.port import CanPort, Opener, PortBusyError, PortLostError
+
+log = logging.getLogger("gateway")
 
 PdoCallback = Callable[[bytes, int], None]
-"""(data, monotonic receive time in ns), called on the reader thread."""
+"""(data, monotonic receive time in ns)."""
 FrameListener = Callable[[can.Message], None]
-"""Sees every frame sent and received (``is_rx`` tells); called on the sending or reading thread.
+"""Sees every frame sent and received (``is_rx`` tells). It must only queue."""
 
-It must only queue, and queue a copy: the sender uses its message again in the next cycle."""
-
-_RECEIVE_TIMEOUT = 0.2
-_RETRY_SECONDS = 0.1
-_BUS_OFF = 0x40
-"""The bit of an error frame's identifier that says bus-off (SocketCAN, linux/can/error.h)."""
+_BUSY_NS = 100 * MS
+"""An interface that takes no frame for so long is not healthy; a full queue now and then is nothing."""
+_FIRST_PAUSE_NS = 100 * MS
+_LONGEST_PAUSE_NS = 2_000 * MS
+"""Between two tries to open an interface that was lost."""
 
 
 class _AcyclicNetwork(canopen.Network):  # type: ignore[misc]
-    """canopen's network, sending through ours and fed by our reader."""
+    """canopen's network, sending through ours and fed by ours."""
 
     def __init__(self, owner: CanNetwork) -> None:
-        super().__init__(owner.bus)
+        super().__init__()
         self._owner = owner
 
     def send_message(self, can_id: int, data: bytes, remote: bool = False) -> None:
-        self._owner.send_message(
-            can.Message(arbitration_id=can_id, data=data, is_extended_id=False, is_remote_frame=remote)
-        )
+        self._owner.send(can_id, bytes(data))
 
 
 class CanNetwork:
-    """A bus shared by the drives and encoders on it."""
+    """A bus shared by the drives and encoders on it. CanopenError from the constructor when it cannot be opened."""
 
-    def __init__(self, bus: can.BusABC, name: str = "can") -> None:
-        self.bus = bus
+    def __init__(self, loop: Loop, opener: Opener, name: str = "can") -> None:
+        self.loop = loop
         self.name = name
         self.canopen = _AcyclicNetwork(self)
         self.sent = 0
         self.received = 0
         self.send_errors = 0
         self.error_frames = 0
+        self.lost = 0
+        """How often the interface went away."""
+        self.bus_off = 0
+        self.error_passive = 0
         self.malformed = 0
         """Frames of an acyclic service that could not be decoded, for example an EMCY of 3 bytes; ignored."""
         self.healthy = True
-        """False from a bus-off or a send error until a frame passes again."""
+        """False from a bus-off or a lost interface until a frame passes again."""
         self.listeners: list[FrameListener] = []
         self._pdos: dict[int, PdoCallback] = {}
-        # Reentrant, because an in-process bus may answer inside send.
-        self._sending = threading.RLock()
-        self._stopping = threading.Event()
-        self._reader = threading.Thread(target=self._read, name=f"{name} reader", daemon=True)
+        self._opener = opener
+        self._port: CanPort | None = opener()
+        self._started = False
+        self._busy_since = -1
+        self._pause = _FIRST_PAUSE_NS
+        self._reopening: Timer | None = None
 
     def start(self) -> None:
-        """Start the reader thread."""
-        self._reader.start()
+        """Take frames from now on."""
+        self._started = True
+        if self._port is not None:
+            self._port.start(self)
 
     def close(self) -> None:
-        """Stop the reader thread and shut the bus down."""
-        self._stopping.set()
-        if self._reader.is_alive():
-            self._reader.join()
-        self.bus.shutdown()
+        """Release the interface for good."""
+        self._started = False
+        if self._reopening is not None:
+            self._reopening.cancel()
+        if self._port is not None:
+            self._port.close()
+            self._port = None
 
     def subscribe_pdo(self, cob_id: int, callback: PdoCallback) -> None:
         """Route frames of this COB-ID to ``callback`` only."""
@@ -82,65 +93,113 @@ class CanNetwork:
         self._pdos.pop(cob_id, None)
 
     def send(self, cob_id: int, data: bytes) -> bool:
-        """Send without waiting; False (counted, ``healthy`` turns False) when the interface does not take the frame."""
-        return self.send_message(can.Message(arbitration_id=cob_id, data=data, is_extended_id=False, is_rx=False))
-
-    def send_message(self, message: can.Message) -> bool:
-        """As ``send``, for any frame."""
-        try:
-            with self._sending:
-                self.bus.send(message)
-        except (can.CanError, OSError):
+        """Send without waiting; False (counted) when the interface does not take the frame."""
+        port = self._port
+        if port is None:
             self.send_errors += 1
-            self.healthy = False
             return False
+        try:
+            port.send(cob_id, data)
+        except PortBusyError:
+            self.on_refused()
+            return False
+        except PortLostError as error:
+            self.send_errors += 1
+            port.close()
+            self.on_lost(str(error))
+            return False
+        self._busy_since = -1
         self.sent += 1
         if self.listeners:
-            message.timestamp = time.time()
-            message.is_rx = False
-            for listener in self.listeners:
-                listener(message)
+            self._tell(cob_id, data, is_rx=False)
         return True
 
     def send_heartbeat(self, node_id: int, state: int = 5) -> None:
-        """The gateway's own heartbeat. The cyclic loop calls it, so that a hung loop stops the drives."""
+        """The gateway's own heartbeat. The cyclic exchange calls it, so that a hung loop stops the drives."""
         self.send(0x700 + node_id, bytes((state,)))
 
     def send_sync(self) -> None:
-        """One SYNC, from the cyclic loop."""
+        """One SYNC, from the cyclic exchange."""
         self.send(0x80, b"")
 
-    def _read(self) -> None:
-        while not self._stopping.is_set():
-            try:
-                message = self.bus.recv(_RECEIVE_TIMEOUT)
-            except (can.CanError, OSError):
-                # The interface went away: say so and try again, it may come back.
-                self.healthy = False
-                self._stopping.wait(_RETRY_SECONDS)
-                continue
-            if message is not None:
-                self._dispatch(message)
+    # -- what the port delivers -----------------------------------------------------------------------------------------
 
-    def _dispatch(self, message: can.Message) -> None:
-        if message.is_error_frame:
-            self.error_frames += 1
-            # A single disturbed frame is repeated by the controller; only bus-off ends the traffic.
-            if message.arbitration_id & _BUS_OFF or self.bus.state is can.BusState.ERROR:
-                self.healthy = False
-            return
+    def on_frame(self, can_id: int, data: bytes) -> None:
+        """A data frame with a standard identifier."""
         self.received += 1
         self.healthy = True
+        if self.listeners:
+            self._tell(can_id, data, is_rx=True)
+        callback = self._pdos.get(can_id)
+        if callback is not None:
+            callback(data, self.loop.now())
+            return
+        try:
+            self.canopen.notify(can_id, bytearray(data), self.loop.wall())
+        except (struct.error, IndexError, ValueError):
+            # canopen unpacks unchecked: one node's bad frame must not end the reception of all of them.
+            self.malformed += 1
+
+    def on_other_frame(self, can_id: int, data: bytes, *, extended: bool, remote: bool) -> None:
+        """A frame that is none of CANopen's, or a request nobody answers here."""
+        self.received += 1
+        self.healthy = True
+        if self.listeners:
+            self._tell(can_id, data, is_rx=True, extended=extended, remote=remote)
+
+    def on_error_frame(self, *, bus_off: bool, passive: bool) -> None:
+        """A single disturbed frame is repeated by the controller; only bus-off ends the traffic."""
+        self.error_frames += 1
+        if passive:
+            self.error_passive += 1
+        if bus_off:
+            self.bus_off += 1
+            if self.healthy:
+                log.error("CAN bus %s: bus-off", self.name)
+            self.healthy = False
+
+    def on_lost(self, text: str) -> None:
+        """The interface went away: say so and open it again when it is back."""
+        self._port = None
+        self.lost += 1
+        if self.healthy:
+            log.error("CAN bus %s: interface lost (%s); it is opened again when it is back", self.name, text)
+        self.healthy = False
+        self._pause = _FIRST_PAUSE_NS
+        self._try_later()
+
+    def _try_later(self) -> None:
+        if self._started:
+            self._reopening = self.loop.call_later(self._pause, self._reopen)
+            self._pause = min(2 * self._pause, _LONGEST_PAUSE_NS)
+
+    def _reopen(self) -> None:
+        try:
+            self._port = self._opener()
+        except CanopenError as error:
+            log.debug("CAN bus %s: %s", self.name, error)
+            self._try_later()
+            return
+        log.info("CAN bus %s: interface opened again", self.name)
+        self._port.start(self)
+
+    def on_refused(self) -> None:
+        """A frame was not taken, or did not go out."""
+        self.send_errors += 1
+        now = self.loop.now()
+        if self._busy_since < 0:
+            self._busy_since = now
+        elif now - self._busy_since >= _BUSY_NS:
+            self.healthy = False
+
+    def _tell(self, can_id: int, data: bytes, *, is_rx: bool, extended: bool = False, remote: bool = False) -> None:
+        message = can.Message(
+            timestamp=self.loop.wall(),
+            arbitration_id=can_id,
+            data=data,
+            is_extended_id=extended,
+            is_remote_frame=remote,
+            is_rx=is_rx,
+        )
         for listener in self.listeners:
             listener(message)
-        if message.is_extended_id or message.is_remote_frame:
-            return
-        callback = self._pdos.get(message.arbitration_id)
-        if callback is not None:
-            callback(bytes(message.data), time.monotonic_ns())
-        else:
-            try:
-                self.canopen.notify(message.arbitration_id, message.data, message.timestamp)
-            except (struct.error, IndexError, ValueError):
-                # canopen unpacks unchecked: one node's bad frame must not end the reader of all of them.
-                self.malformed += 1

@@ -8,17 +8,16 @@ drive (docs/translation.md "PDO layouts"), which takes SDO writes where the driv
 from __future__ import annotations
 
 import struct
-import time
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from pathlib import Path
 
-import can
 import canopen
 from canopen.sdo import SdoAbortedError, SdoCommunicationError
 from pdgw.ds301.aborts import abort_text
-from pdgw.ds301.client import MS, NodeClient, NodeEvent, NodeSettings, NodeStatus, load_dictionary
+from pdgw.ds301.client import NodeClient, NodeEvent, NodeSettings, NodeStatus, load_dictionary
 from pdgw.ds301.configuration import PRODUCER_HEARTBEAT, SdoStep
+from pdgw.ds301.loop import MS, SECOND
 from pdgw.ds301.network import CanNetwork
 from pdgw.ds301.objects import CanType
 from pdgw.ds301.pdo import Pdo, PdoLayout
@@ -34,7 +33,7 @@ from pdgw.dsp402.states import ControlBit
 
 DriveStatus = NodeStatus
 DriveEvent = NodeEvent
-_MODE_CONFIRM_S = 1.0
+_MODE_CONFIRM_NS = SECOND
 _RETRY_VALUE_NS = 1000 * MS
 """So long after a failed SDO write the same value is tried again."""
 _NEW_SETPOINT = ControlBit.NEW_SETPOINT
@@ -62,18 +61,17 @@ class DriveSettings(NodeSettings):
 class _Sender:
     """What was last sent of one RPDO."""
 
-    __slots__ = ("last", "message", "pdo", "time")
+    __slots__ = ("cob_id", "last", "pdo", "time")
 
     def __init__(self, pdo: Pdo, node_id: int) -> None:
         self.pdo = pdo
-        # One message for all cycles: making one costs more than everything else on the way to the bus.
-        self.message = can.Message(arbitration_id=pdo.cob_id(node_id), is_extended_id=False, is_rx=False, dlc=pdo.size)
+        self.cob_id = pdo.cob_id(node_id)
         self.last = b""
         self.time = 0
 
 
 class _Values:
-    """The values of an RPDO the drive does not have: set by the cyclic thread, written by SDO on the worker."""
+    """The values of an RPDO the drive does not have: set in the cycle, written by SDO in the node's task."""
 
     __slots__ = ("error", "pdo", "refused", "retry_at", "wanted", "written")
 
@@ -93,7 +91,7 @@ def load_eds(path: Path, node_id: int) -> canopen.ObjectDictionary:
 
 
 class DriveClient(NodeClient[DriveSettings]):
-    """One drive. ``on_event`` is called from the worker or reader thread and must only queue."""
+    """One drive. ``on_event`` is called whenever something happens to it that the owner must know."""
 
     device = "drive"
     a_device = "a drive"
@@ -126,7 +124,7 @@ class DriveClient(NodeClient[DriveSettings]):
         """Another telegram: map the PDOs anew; the drive must not be in operation."""
         self._change(layout, settings)
 
-    # -- cyclic thread ------------------------------------------------------------------------------------------------
+    # -- cyclic -------------------------------------------------------------------------------------------------------
 
     def send(self, command: DriveCommand, now: int) -> None:
         """Cyclic: send the RPDOs that changed or are due for refresh, data first, RPDO 1 (Controlword) last.
@@ -154,8 +152,7 @@ class DriveClient(NodeClient[DriveSettings]):
     def _put(self, sender: _Sender, data: bytes, now: int) -> bool:
         """Send an RPDO if it changed or is due; True when this data was sent, now or before."""
         if data != sender.last or now - sender.time >= self._refresh_ns:
-            sender.message.data = bytearray(data)
-            if self.network.send_message(sender.message):
+            if self.network.send(sender.cob_id, data):
                 sender.last = data
             sender.time = now
         return data == sender.last
@@ -171,7 +168,7 @@ class DriveClient(NodeClient[DriveSettings]):
             self._held_since = now
             for values in missing:
                 values.refused = None  # a new set-point is a new try
-            self._jobs.put(None)  # the worker looks at once
+            self._wake.set()
             return False
         refused = [values.error for values in missing if values.refused == values.wanted]
         if refused or now - self._held_since > self._hold_limit_ns:
@@ -180,10 +177,10 @@ class DriveClient(NodeClient[DriveSettings]):
             self._tell("set-point", f"not started: {cause}")
         return False
 
-    # -- worker thread ------------------------------------------------------------------------------------------------
+    # -- the node's task ------------------------------------------------------------------------------------------------
 
     def read_references(self) -> References:
-        """Read the reference objects again (worker thread) and keep them in ``references`` and ``drive_type``."""
+        """Read the reference objects again (in the node's task) and keep them in ``references`` and ``drive_type``."""
         answers: dict[tuple[int, int], int] = {}
         for address in questions(self.dictionary):
             try:
@@ -258,11 +255,11 @@ class DriveClient(NodeClient[DriveSettings]):
 
     def _set_mode(self, mode: Mode) -> None:
         self._do(SdoStep(0x6060, 0, CanType.I8, mode, "mode of operation"))
-        deadline = time.monotonic() + _MODE_CONFIRM_S
+        deadline = self.loop.now() + _MODE_CONFIRM_NS
         while (shown := self._fetch(0x6061, signed=True)) != mode:
-            if time.monotonic() > deadline:
-                raise Dsp402Error("6061h", shown, f"{mode.value} within {_MODE_CONFIRM_S:g} s of 6060h")
-            self._stopping.wait(0.01)
+            if self.loop.now() > deadline:
+                raise Dsp402Error("6061h", shown, f"{mode.value} within {_MODE_CONFIRM_NS / SECOND:g} s of 6060h")
+            self.loop.sleep(10 * MS)
 
     def _exchange_acyclic(self, now: int) -> None:
         """Objects for which the drive has no PDO: written when they change, read every 100 ms."""
@@ -273,8 +270,7 @@ class DriveClient(NodeClient[DriveSettings]):
         super()._exchange_acyclic(now)
 
     def _write_values(self, values: _Values, now: int) -> None:
-        # In this order: the cyclic thread, which sets ``wanted`` and then looks, never finds a value confirmed that is
-        # about to be overwritten.
+        # Not confirmed while it is written: cycles go on meanwhile.
         values.written = None
         data = values.wanted
         offset = 0

@@ -6,8 +6,6 @@ is a job for ``submit``: ``client.submit(lambda encoder: encoder.preset(1000))``
 
 from __future__ import annotations
 
-import threading
-import time
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,9 +14,10 @@ from typing import Any
 import canopen
 from canopen.sdo import SdoAbortedError
 from pdgw.ds301.aborts import abort_text
-from pdgw.ds301.client import MS, NodeClient, NodeEvent, NodeSettings, NodeStatus, load_dictionary
+from pdgw.ds301.client import NodeClient, NodeEvent, NodeSettings, NodeStatus, load_dictionary
 from pdgw.ds301.configuration import EVENT_DRIVEN_MANUFACTURER, PRODUCER_HEARTBEAT, SdoStep, pdo_steps
 from pdgw.ds301.emcy import emcy_text
+from pdgw.ds301.loop import MS
 from pdgw.ds301.network import CanNetwork
 from pdgw.ds301.objects import CanType
 from pdgw.ds301.pdo import Pdo, PdoLayout
@@ -67,7 +66,7 @@ def _has(dictionary: canopen.ObjectDictionary, index: int, subindex: int) -> boo
 
 
 class EncoderClient(NodeClient[EncoderSettings]):
-    """One encoder. ``on_event`` is called from the worker or reader thread and must only queue."""
+    """One encoder. ``on_event`` is called whenever something happens to it that the owner must know."""
 
     device = "encoder"
     a_device = "an encoder"
@@ -83,7 +82,7 @@ class EncoderClient(NodeClient[EncoderSettings]):
         self._diagnosed = 0
         self._read_times: dict[int, int] = {}
         self._round_ns = 0
-        self._diagnose = threading.Event()
+        self._diagnose = False
         dictionary = load_eds(settings.eds or eds_path(settings.device), settings.node_id)
         super().__init__(network, settings, self._layout(dictionary, settings), dictionary, on_event)
 
@@ -114,10 +113,10 @@ class EncoderClient(NodeClient[EncoderSettings]):
         """Other times or SYNC: map the PDOs anew. Node, EDS and channels stay those of the start."""
         self._change(self._layout(self.dictionary, settings), settings)
 
-    # -- worker thread ------------------------------------------------------------------------------------------------
+    # -- the node's task ------------------------------------------------------------------------------------------------
 
     def preset(self, value: int, channel: int = 1) -> None:
-        """Make ``value`` (Unsigned32, below the total range) the position now, on the worker thread only.
+        """Make ``value`` (Unsigned32, below the total range) the position now, in the node's task only.
 
         Dsp406Error when the encoder has no preset for the channel or does not take the value.
         """
@@ -132,7 +131,7 @@ class EncoderClient(NodeClient[EncoderSettings]):
         self._do(SdoStep(index, subindex, CanType.U32, value, f"preset of channel {channel}"))
 
     def read_parameters(self) -> EncoderParameters:
-        """Read the parameters again (worker thread) and keep them in ``parameters``."""
+        """Read the parameters again (in the node's task) and keep them in ``parameters``."""
         values = {
             name: self._fetch(index, subindex, signed=name == "offset")
             for name, index, subindex in PARAMETER_OBJECTS
@@ -184,7 +183,7 @@ class EncoderClient(NodeClient[EncoderSettings]):
         self._read_diagnostics()
 
     def _read_acyclic(self, pdo: Pdo) -> None:
-        begun = time.monotonic_ns()
+        begun = self.loop.now()
         super()._read_acyclic(pdo)
         self._read_times[self._channel_of(pdo)] = begun
 
@@ -192,18 +191,18 @@ class EncoderClient(NodeClient[EncoderSettings]):
         before = self._acyclic_read
         super()._exchange_acyclic(now)
         if self._acyclic_read != before:
-            self._round_ns = time.monotonic_ns() - now
-        if self._diagnose.is_set() or now - self._diagnosed >= self.settings.diagnosis_ms * MS:
+            self._round_ns = self.loop.now() - now
+        if self._diagnose or now - self._diagnosed >= self.settings.diagnosis_ms * MS:
             self._diagnosed = now
             self._read_diagnostics()
 
     def _read_diagnostics(self) -> None:
-        self._diagnose.clear()
+        self._diagnose = False
         for name, index in _DIAGNOSTICS:
             if index in self.dictionary:
                 setattr(self.feedback, name, self._fetch(index))
 
-    # -- reader thread ------------------------------------------------------------------------------------------------
+    # -- frames of the node ---------------------------------------------------------------------------------------------
 
     def _emcy_text(self, code: int) -> str:
         return ENCODER_EMCY.get(code) or emcy_text(code)
@@ -212,5 +211,5 @@ class EncoderClient(NodeClient[EncoderSettings]):
         if len(data) == 8:
             self.feedback.error_code = int.from_bytes(data[:2], "little")
             self.feedback.error_register = data[2]
-        self._diagnose.set()
+        self._diagnose = True
         super()._on_emcy(can_id, data, timestamp)

@@ -6,7 +6,6 @@ The axis owns the drive's images. Source: docs/translation.md "Loss and doubt".
 from __future__ import annotations
 
 import logging
-import time
 from collections.abc import Sequence
 from concurrent.futures import Future
 from types import MappingProxyType
@@ -177,9 +176,9 @@ class Axis(DriveObject):
                 numbers.append(0)
         number, code = numbers
         text = f"Statusword {drive.feedback.statusword:04X}h shows a fault without an EMCY"
-        self._record(FaultRecord(number or INTERNAL_FAULT, code, 0, text, time.monotonic_ns()))
+        self._record(FaultRecord(number or INTERNAL_FAULT, code, 0, text, drive.loop.now()))
 
-    # -- any thread ---------------------------------------------------------------------------------------------------
+    # -- beside the cycle -----------------------------------------------------------------------------------------------
 
     @property
     def powered(self) -> bool:

@@ -1,6 +1,6 @@
 """What a drive object (DO) of the gateway is, drive or encoder: a translator, a node, their faults, and who watches both.
 
-Its cyclic side (``step``) never waits; SDO work a translator asks for runs on the node's worker and is answered in a later
+Its cyclic side (``step``) never waits; SDO work a translator asks for runs in the node's task and is answered in a later
 cycle. Source: docs/translation.md "Loss and doubt".
 """
 
@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import abc
 import logging
-import time
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Future
 from types import MappingProxyType
@@ -56,7 +55,7 @@ class DriveObject(abc.ABC):
         self.do_id = do_id
         self.network = network
         self.telegram = chosen
-        self.fault_log = FaultLog(time.monotonic_ns())
+        self.fault_log = FaultLog(network.loop.now())
         self.actuals: Sequence[int] = (0,) * len(chosen.actuals.signals)
         self.good = False
         """The actual values are valid: the IOPS of the drive object."""
@@ -110,7 +109,7 @@ class DriveObject(abc.ABC):
 
     @abc.abstractmethod
     def change_telegram(self, number: int) -> None:
-        """P922: another telegram. Only the cyclic thread may call it; GatewayError where it is not possible."""
+        """P922: another telegram. GatewayError where it is not possible."""
 
     @abc.abstractmethod
     def owns(self, index: int, subindex: int) -> bool:
@@ -122,7 +121,7 @@ class DriveObject(abc.ABC):
 
     @abc.abstractmethod
     def read_references(self, client: NodeClient[Any]) -> None:
-        """Read the copies anew, on the node's worker."""
+        """Read the copies anew, in the node's task."""
 
     @abc.abstractmethod
     def set_sign_of_life_tolerance(self, failures: int) -> None:
@@ -214,7 +213,7 @@ class DriveObject(abc.ABC):
         self._sdo = None
         log.info("%s %d: telegram %d selected", self.kind, self.do_id, chosen.number)
 
-    # -- any thread ---------------------------------------------------------------------------------------------------
+    # -- beside the cycle -----------------------------------------------------------------------------------------------
 
     def raise_fault(self, number: int, detail: str, now: int) -> None:
         """A fault of the gateway's own table."""
@@ -248,8 +247,8 @@ class DriveObject(abc.ABC):
         )
 
     def on_node_event(self, event: NodeEvent) -> None:
-        """From the node's worker or the bus reader."""
-        now = event.time_ns or time.monotonic_ns()
+        """Something happened to the node."""
+        now = event.time_ns
         status = self.client.status
         if event.kind == "emcy":
             self._emergency(event, now)

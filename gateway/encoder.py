@@ -7,7 +7,6 @@ telegrams".
 from __future__ import annotations
 
 import logging
-import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from fractions import Fraction
@@ -114,7 +113,7 @@ class EncoderObject(DriveObject):
         self.input = ChannelInput(node.client, config.channel)
         self._tolerance = tolerance
         self._parameters: EncoderParameters | None = None
-        self._fault_told = threading.Event()
+        self._fault_told = False
         self.translator = self._make_translator(number)
         node.objects.append(self)
 
@@ -140,20 +139,20 @@ class EncoderObject(DriveObject):
         if client.parameters is not self._parameters:
             self._parameters = client.parameters
             translator.set_references(self.references)
-        if self._fault_told.is_set():
-            self._fault_told.clear()
+        if self._fault_told:
+            self._fault_told = False
             translator.fault_told()
         if setpoints is not None:
             self._take_setpoints(setpoints, now)
         self.actuals = translator.step(setpoints, self.input, ok, now)
         self._after_step(translator, ok, now)
 
-    # -- any thread ---------------------------------------------------------------------------------------------------
+    # -- beside the cycle -----------------------------------------------------------------------------------------------
 
     def _record(self, record: FaultRecord) -> None:
         super()._record(record)
         if record.number in _LATCHED and not record.is_warning:
-            self._fault_told.set()
+            self._fault_told = True
 
     @property
     def warning(self) -> bool:

@@ -1,11 +1,10 @@
 """The faults of one axis as the parameter channel shows them: P944 to P953.
 
-Fed by the axis from its own threads, read by the parameter channel. Source: docs/parameter-channel.md "Fault buffer".
+Fed by the drive object, read by the parameter channel. Source: docs/parameter-channel.md "Fault buffer".
 """
 
 from __future__ import annotations
 
-import threading
 from collections import deque
 from dataclasses import dataclass
 
@@ -37,38 +36,33 @@ class FaultLog:
     def __init__(self, origin_ns: int) -> None:
         self.history: deque[FaultRecord] = deque(maxlen=_KEPT)
         self._origin = origin_ns
-        self._lock = threading.Lock()
         self._buffer = FaultBuffer()
         self._warnings = 0
         self._emergency = 0
 
     def enter(self, record: FaultRecord) -> None:
         """A fault goes to the buffer, a warning to the warning word."""
-        with self._lock:
-            self.history.append(record)
-            if not record.is_warning:
-                time_ms = max(0, record.time_ns - self._origin) // _NS_PER_MS
-                self._buffer.enter(Fault(record.number, record.code, record.value, time_ms & 0xFFFFFFFF))
-            elif record.number in GATEWAY_FAULTS:
-                self._warnings |= GATEWAY_FAULTS[record.number].warning_mask
-            else:
-                self._emergency = 1 << EMCY_WARNING_BIT
+        self.history.append(record)
+        if not record.is_warning:
+            time_ms = max(0, record.time_ns - self._origin) // _NS_PER_MS
+            self._buffer.enter(Fault(record.number, record.code, record.value, time_ms & 0xFFFFFFFF))
+        elif record.number in GATEWAY_FAULTS:
+            self._warnings |= GATEWAY_FAULTS[record.number].warning_mask
+        else:
+            self._emergency = 1 << EMCY_WARNING_BIT
 
     def acknowledge(self) -> None:
         """The PLC acknowledged and the cause is gone."""
-        with self._lock:
-            self._buffer.acknowledge()
-            self._emergency = 0
+        self._buffer.acknowledge()
+        self._emergency = 0
 
     def emergency_over(self) -> None:
         """The device told that it has no error any more."""
-        with self._lock:
-            self._emergency = 0
+        self._emergency = 0
 
     def clear(self) -> None:
         """P952 := 0."""
-        with self._lock:
-            self._buffer.clear()
+        self._buffer.clear()
 
     @property
     def counter(self) -> int:
@@ -78,13 +72,11 @@ class FaultLog:
     @property
     def situations(self) -> int:
         """P952."""
-        with self._lock:
-            return self._buffer.situations
+        return self._buffer.situations
 
     def entries(self) -> list[Fault]:
         """All 64 places, empty ones as zeros."""
-        with self._lock:
-            return [self._buffer.entry(place) or _NO_FAULT for place in range(SIZE)]
+        return [self._buffer.entry(place) or _NO_FAULT for place in range(SIZE)]
 
     def warnings(self, *, present: bool) -> int:
         """P953 without the drive's own bit.
@@ -92,7 +84,6 @@ class FaultLog:
         The gateway's warnings end with the standing one of the translator (``present`` False), that of an EMCY with the device's
         "no error" or an acknowledge.
         """
-        with self._lock:
-            if not present:
-                self._warnings = 0
-            return self._warnings | self._emergency
+        if not present:
+            self._warnings = 0
+        return self._warnings | self._emergency

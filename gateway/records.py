@@ -43,15 +43,23 @@ _STORED: dict[int, tuple[str, ...]] = {
 
 
 class Records:
-    """Serves record access for the acyclic server; used by its thread only.
+    """Serves record access for the acyclic server, in its task.
 
     One parameter request is outstanding per access point and record: while it is in work, a further write and a read are a
     state conflict. A write after an answer nobody fetched replaces it.
     """
 
-    def __init__(self, manager: ParameterManager, store: ParameterStore, ar_uuid: UUID, station_serial: str) -> None:
+    def __init__(
+        self,
+        manager: ParameterManager,
+        store: ParameterStore,
+        update_store: Callable[[Callable[[], None]], None],
+        ar_uuid: UUID,
+        station_serial: str,
+    ) -> None:
         self._manager = manager
         self._store = store
+        self._update_store = update_store
         self._ar_uuid = ar_uuid
         self._serial = station_serial
         self._requests: dict[tuple[int, int], Future[bytes | None]] = {}
@@ -142,7 +150,7 @@ class Records:
                 setattr(self._store.parameters, name, text)
 
         try:
-            self._store.update(change)
+            self._update_store(change)
         except GatewayError as error:
             log.error("%s", error)
             raise RecordRefused(AccessError.WRITE_ERROR) from error

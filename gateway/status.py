@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
-import socketserver
-import threading
-import time
+import socket
+from collections.abc import Iterator
 from typing import Any
 
+from pdgw.ds301.loop import SECOND, Event, Task
 from pdgw.dsp402.states import state_of
 from pdgw.gateway.axis import Axis
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.drive_object import DriveObject
 from pdgw.gateway.encoder import EncoderObject
 from pdgw.gateway.errors import GatewayError
+
+_CONNECTIONS = 8
+"""Answered at the same time; more are closed."""
+_PATIENCE_NS = 5 * SECOND
 
 
 def _object_status(item: DriveObject) -> dict[str, Any]:
@@ -64,21 +67,14 @@ def encoder_status(encoder: EncoderObject) -> dict[str, Any]:
     }
 
 
-def snapshot(daemon: Daemon) -> dict[str, Any]:
-    """The daemon as plain data."""
-    endpoint = daemon.endpoint
+def _head(daemon: Daemon) -> dict[str, Any]:
+    """Everything but the drive objects."""
     return {
-        "uptime_s": round((time.monotonic_ns() - daemon.started_ns) / 1e9, 3),
-        "plc": {
-            "connected": endpoint.connected,
-            "peer": list(endpoint.peer) if endpoint.peer else None,
-            "frames": {verdict.value: count for verdict, count in endpoint.counters.items()},
-            "watchdog_expiries": endpoint.watchdog_expiries,
-            "iops_bad": endpoint.iops_bad,
-            "sent": endpoint.sent,
-            "skipped": daemon.skipped,
-        },
+        "uptime_s": round((daemon.loop.now() - daemon.started_ns) / 1e9, 3),
+        "plc": daemon.link.status(),
         "cycles": daemon.cycles,
+        "late": daemon.late,
+        "task_errors": daemon.loop.task_errors,
         "buses": [
             {
                 "name": network.name,
@@ -86,41 +82,102 @@ def snapshot(daemon: Daemon) -> dict[str, Any]:
                 "sent": network.sent,
                 "received": network.received,
                 "send_errors": network.send_errors,
+                "error_frames": network.error_frames,
+                "error_passive": network.error_passive,
+                "bus_off": network.bus_off,
+                "malformed": network.malformed,
+                "lost": network.lost,
             }
             for network in daemon.networks.values()
         ],
+    }
+
+
+def snapshot(daemon: Daemon) -> dict[str, Any]:
+    """The daemon as plain data."""
+    return _head(daemon) | {
         "axes": [axis_status(axis) for axis in daemon.axes],
         "encoders": [encoder_status(encoder) for encoder in daemon.encoders],
     }
+
+
+def encoded(daemon: Daemon) -> Iterator[bytes]:
+    """The snapshot as one line of JSON, one drive object at a time: between two parts the exchange goes on."""
+    yield json.dumps(_head(daemon))[:-1].encode()
+    axes = (json.dumps(axis_status(axis)) for axis in daemon.axes)
+    encoders = (json.dumps(encoder_status(encoder)) for encoder in daemon.encoders)
+    for name, items in (("axes", axes), ("encoders", encoders)):
+        yield f', "{name}": ['.encode()
+        for number, item in enumerate(items):
+            yield (b", " if number else b"") + item.encode()
+        yield b"]"
+    yield b"}\n"
 
 
 class StatusServer:
     """Answers every connection on 127.0.0.1 with a snapshot and closes it."""
 
     def __init__(self, daemon: Daemon, port: int) -> None:
-        class Handler(socketserver.StreamRequestHandler):
-            def handle(self) -> None:
-                # Who went away before the answer does not miss it.
-                with contextlib.suppress(OSError):
-                    self.wfile.write(json.dumps(snapshot(daemon)).encode() + b"\n")
-
+        self._daemon = daemon
+        self._loop = daemon.loop
+        self._tasks: set[Task] = set()
+        self._listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
         try:
-            self._server = socketserver.ThreadingTCPServer(("127.0.0.1", port), Handler, bind_and_activate=False)
-            self._server.allow_reuse_address = True
-            self._server.daemon_threads = True
-            self._server.server_bind()
-            self._server.server_activate()
+            self._listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            self._listener.bind(("127.0.0.1", port))
+            self._listener.listen(_CONNECTIONS)
         except OSError as error:
-            self._server.server_close()
+            self._listener.close()
             raise GatewayError(
                 f"status port: 127.0.0.1 port {port} cannot be used ({error.strerror}); choose another, 0 for none"
             ) from error
-        self._thread = threading.Thread(target=self._server.serve_forever, name="status", daemon=True)
+        self._listener.setblocking(False)
 
     def start(self) -> None:
-        self._thread.start()
+        self._loop.add_reader(self._listener.fileno(), self._accept)
 
     def stop(self) -> None:
-        self._server.shutdown()
-        self._server.server_close()
-        self._thread.join()
+        self._loop.remove_reader(self._listener.fileno())
+        self._listener.close()
+        for task in tuple(self._tasks):
+            task.kill()
+
+    def _accept(self) -> None:
+        try:
+            connection, _ = self._listener.accept()
+        except OSError:
+            return  # who wanted to know has gone again
+        connection.setblocking(False)
+        if len(self._tasks) >= _CONNECTIONS:
+            connection.close()
+            return
+
+        def answer() -> None:
+            try:
+                self._answer(connection)
+            finally:
+                self._loop.remove_writer(connection.fileno())
+                connection.close()
+                self._tasks.discard(task)
+
+        task = self._loop.spawn(answer, "status")
+        self._tasks.add(task)
+
+    def _answer(self, connection: socket.socket) -> None:
+        writable = Event(self._loop)
+        deadline = self._loop.now() + _PATIENCE_NS
+        for part in encoded(self._daemon):
+            rest = memoryview(part)
+            while rest:
+                try:
+                    rest = rest[connection.send(rest) :]
+                except BlockingIOError:
+                    writable.clear()
+                    self._loop.add_writer(connection.fileno(), writable.set)
+                    waited = writable.wait(max(0, deadline - self._loop.now()))
+                    self._loop.remove_writer(connection.fileno())
+                    if not waited:
+                        return  # who does not read is not waited for
+                except OSError:
+                    return  # who went away before the end does not miss it
+            self._loop.sleep(0)

@@ -1,14 +1,14 @@
-"""The parameter manager: serves parameter requests beside the cyclic exchange, one worker per drive object.
+"""The parameter manager: serves parameter requests beside the cyclic exchange, one task per drive object.
 
 A slow or dead drive delays only the requests of its own DO. Each request has a time limit, and is always answered.
 """
 
 from __future__ import annotations
 
-import contextvars
-import time
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections import deque
+from concurrent.futures import Future
 
+from pdgw.ds301.loop import MS, Event, Loop
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.parameters.objects import request_deadline
 from pdgw.gateway.parameters.profile import (
@@ -34,10 +34,8 @@ class ParameterManager:
         self._objects[0] = DeviceObject(daemon, nodes)
         self.slots: tuple[int, ...] = (0, *(node.do_id for node in nodes))
         """The DO of each slot."""
-        self._timeout_s = daemon.config.transport.parameter_timeout_ms / 1000
-        self._workers = {
-            do_id: ThreadPoolExecutor(1, thread_name_prefix=f"parameters of DO {do_id}") for do_id in self._objects
-        }
+        timeout = daemon.config.transport.parameter_timeout_ms * MS
+        self._workers = {do_id: _Worker(daemon.loop, do_id, timeout) for do_id in self._objects}
 
     def submit(self, data: bytes, slot_do: int | None = None) -> Future[bytes | None]:
         """Serve a request (at least its header must be there).
@@ -50,16 +48,50 @@ class ParameterManager:
             meant = slot_do if wanted in {0, slot_do} else None
         drive_object = self._objects.get(meant) if meant is not None else None
         worker = self._workers[drive_object.do_id if drive_object is not None else 0]
-        return worker.submit(self._serve, data, drive_object)
-
-    def _serve(self, data: bytes, drive_object: BoundObject | None) -> bytes | None:
-        def serve() -> bytes | None:
-            request_deadline.set(time.monotonic() + self._timeout_s)
-            return answer(data, lambda _: drive_object, MAX_BLOCK)
-
-        return contextvars.copy_context().run(serve)
+        return worker.submit(data, drive_object)
 
     def stop(self) -> None:
-        """Requests that wait are dropped; one in work ends by its time limit."""
+        """Requests that wait are dropped; one in work ends where it waits."""
         for worker in self._workers.values():
-            worker.shutdown(wait=False, cancel_futures=True)
+            worker.stop()
+
+
+class _Worker:
+    """The requests of one drive object, one after the other."""
+
+    def __init__(self, loop: Loop, do_id: int, timeout: int) -> None:
+        self._loop = loop
+        self._timeout = timeout
+        self._requests: deque[tuple[Future[bytes | None], bytes, BoundObject | None]] = deque()
+        self._filled = Event(loop)
+        self._task = loop.spawn(self._run, f"parameters of DO {do_id}")
+
+    def submit(self, data: bytes, drive_object: BoundObject | None) -> Future[bytes | None]:
+        future: Future[bytes | None] = Future()
+        self._requests.append((future, data, drive_object))
+        self._filled.set()
+        return future
+
+    def stop(self) -> None:
+        self._task.kill()
+        for future, _, _ in self._requests:
+            future.cancel()
+        self._requests.clear()
+
+    def _run(self) -> None:
+        while True:
+            self._filled.wait()
+            self._filled.clear()
+            while self._requests:
+                self._serve(*self._requests.popleft())
+
+    def _serve(self, future: Future[bytes | None], data: bytes, drive_object: BoundObject | None) -> None:
+        if not future.set_running_or_notify_cancel():
+            return
+        request_deadline.set(self._loop.now() + self._timeout)
+        try:
+            response = answer(data, lambda _: drive_object, MAX_BLOCK)
+        except Exception as error:  # belongs to whoever reads the answer
+            future.set_exception(error)
+        else:
+            future.set_result(response)

@@ -7,12 +7,9 @@ whose length is not the one of its type, has the format of its length. An SDO ab
 from __future__ import annotations
 
 import logging
-import math
 import struct
-import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import CancelledError
-from concurrent.futures import TimeoutError as FutureTimeoutError
 from contextvars import ContextVar
 from typing import Any, TypeVar
 
@@ -21,6 +18,7 @@ from canopen.sdo import SdoAbortedError, SdoCommunicationError
 from pdgw.ds301.aborts import Abort, abort_text
 from pdgw.ds301.client import NodeClient
 from pdgw.ds301.errors import CanopenError
+from pdgw.ds301.loop import MS
 from pdgw.ds301.objects import CanType
 from pdgw.gateway.drive_object import DriveObject
 from pdgw.profidrive.datatypes import DataType
@@ -31,8 +29,8 @@ from pdgw.profidrive.parameters.errors import ParameterRefused
 from pdgw.profidrive.parameters.model import converted
 
 log = logging.getLogger("gateway")
-request_deadline: ContextVar[float] = ContextVar("request_deadline", default=math.inf)
-"""Monotonic seconds at which the request that is being served has to be answered."""
+request_deadline: ContextVar[int | None] = ContextVar("request_deadline", default=None)
+"""Monotonic nanoseconds at which the request that this task serves has to be answered; None: no limit."""
 T = TypeVar("T")
 
 ABORT_ERRORS: dict[int, Number] = {
@@ -89,31 +87,35 @@ def error_of_abort(code: int) -> Number:
 class ObjectAccess:
     """SDO access to the node of a drive object, within the time limit of the request that is being served.
 
-    Any thread; the cyclic exchange never waits for it.
+    In a task; the cyclic exchange never waits for it.
     """
 
     def __init__(self, owner: DriveObject) -> None:
         self.owner = owner
-        self._interval_s = owner.config.sdo_interval_ms / 1000
-        self._next = 0.0
+        self._loop = owner.network.loop
+        self._interval = owner.config.sdo_interval_ms * MS
+        self._next = 0
 
     def run(self, job: Callable[[NodeClient[Any]], T], what: str) -> T:
-        """A job on the drive's worker; ParameterRefused with the error number of whatever went wrong."""
-        left = request_deadline.get() - time.monotonic()
-        if left <= 0:
+        """A job in the task of the drive's node; ParameterRefused with the error number of whatever went wrong."""
+        loop = self._loop
+        deadline = request_deadline.get()
+        if deadline is not None and loop.now() >= deadline:
             log.warning("DO %d: %s: no time left for it in this request", self.owner.do_id, what)
             raise ParameterRefused(Number.NOT_EXECUTABLE_IN_STATE)
         # Neither the bus nor the cyclic exchange is there for parameters alone.
-        time.sleep(max(0.0, self._next - time.monotonic()))
+        pause = self._next - loop.now()
+        if pause > 0:
+            loop.sleep(pause)
         future = self.owner.client.submit(job)
         try:
-            return future.result(None if left == math.inf else left)
+            return loop.result(future, None if deadline is None else max(0, deadline - loop.now()))
         except SdoAbortedError as error:
             number = error_of_abort(error.code)
             level = logging.WARNING if number is Number.MANUFACTURER else logging.DEBUG
             log.log(level, "DO %d: %s: %s", self.owner.do_id, what, abort_text(error.code))
             raise ParameterRefused(number) from error
-        except (FutureTimeoutError, CancelledError) as error:
+        except (TimeoutError, CancelledError) as error:
             future.cancel()
             log.warning("DO %d: %s: no answer in time", self.owner.do_id, what)
             raise ParameterRefused(Number.NOT_EXECUTABLE_IN_STATE) from error
@@ -121,7 +123,7 @@ class ObjectAccess:
             log.warning("DO %d: %s: %s", self.owner.do_id, what, error)
             raise ParameterRefused(Number.NOT_EXECUTABLE_IN_STATE) from error
         finally:
-            self._next = time.monotonic() + self._interval_s
+            self._next = loop.now() + self._interval
 
     def read(self, index: int, subindex: int) -> bytes:
         """SDO upload."""

@@ -8,8 +8,6 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import CancelledError
-from concurrent.futures import TimeoutError as FutureTimeoutError
 
 from pdgw.ds301.communication import LOAD_SIGNATURE, RESTORE_PARAMETERS, SAVE_SIGNATURE, STORE_PARAMETERS
 from pdgw.ds301.errors import CanopenError
@@ -149,7 +147,7 @@ def _constant(value: Sequence[int]) -> Getter:
 def _store_is_saved(daemon: Daemon, change: Callable[[], None]) -> None:
     """Change stored parameters and write the file; the PLC gets an error when it cannot be written."""
     try:
-        daemon.store.update(change)
+        daemon.update_store(change)
     except GatewayError as error:
         log.error("%s", error)
         raise ParameterRefused(Number.NOT_EXECUTABLE_IN_STATE) from error
@@ -230,9 +228,9 @@ class NodeObject(BoundObject):
 
     def _change_telegram(self, number: int) -> None:
         try:
-            self.daemon.change_telegram(self.owner, number).result(_TELEGRAM_CHANGE_S)
-        except (GatewayError, ProfidriveError, CanopenError, FutureTimeoutError, CancelledError) as error:
-            log.warning("DO %d: P922 := %d refused: %s", self.do_id, number, error or "no answer of the cyclic loop")
+            self.daemon.change_telegram(self.owner, number)
+        except (GatewayError, ProfidriveError, CanopenError) as error:
+            log.warning("DO %d: P922 := %d refused: %s", self.do_id, number, error)
             raise ParameterRefused(Number.NOT_EXECUTABLE_IN_STATE) from error
 
     def _clear_faults(self, value: int) -> None:

@@ -1,19 +1,18 @@
-"""The acyclic server's edge: a UDP socket and a thread, beside the cyclic exchange."""
+"""The acyclic server's edge: a UDP port and a task, beside the cyclic exchange."""
 
 from __future__ import annotations
 
-import threading
-import time
-
+from pdgw.ds301.loop import Mailbox, Task
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.parameters.manager import ParameterManager
 from pdgw.gateway.parameters.profile import MAX_BLOCK
 from pdgw.gateway.records import Records
-from pdgw.gateway.transport.cyclic import Address
-from pdgw.gateway.transport.udp import UdpSocket
+from pdgw.gateway.transport.udp import Address
 from pdgw.profinet.rpc.server import RecordServer
 
-_WAIT_NS = 100_000_000
+_WAITING = 64
+"""Datagrams that may wait for the task; of more the oldest are lost, and their senders ask again."""
+_AT_ONCE = 16
 
 
 class AcyclicServer:
@@ -21,37 +20,40 @@ class AcyclicServer:
 
     def __init__(self, daemon: Daemon) -> None:
         transport = daemon.config.transport
-        self.socket = UdpSocket(str(transport.listen), transport.acyclic_port, "acyclic port")
+        self._loop = daemon.loop
+        self.port = daemon.edge.open_udp(str(transport.listen), transport.acyclic_port, "acyclic port")
         self._manager = ParameterManager(daemon)
         serial = transport.station_name[:16]
-        records = Records(self._manager, daemon.store, transport.ar_uuid, serial)
-        self.server = RecordServer(records, MAX_BLOCK, boot_time=int(time.time()) & 0xFFFFFFFF)
-        self._stopping = threading.Event()
-        self._thread = threading.Thread(target=self._serve, name="acyclic server", daemon=True)
+        records = Records(self._manager, daemon.store, daemon.update_store, transport.ar_uuid, serial)
+        self.server = RecordServer(records, MAX_BLOCK, boot_time=int(daemon.loop.wall()) & 0xFFFFFFFF)
+        self._datagrams: Mailbox[tuple[bytes, Address]] = Mailbox(daemon.loop, _WAITING)
+        self._task: Task | None = None
 
     @property
     def address(self) -> Address:
         """Where it listens."""
-        return self.socket.address
+        return self.port.address
 
     def start(self) -> None:
-        self._thread.start()
+        self._task = self._loop.spawn(self._serve, "acyclic server")
+        self.port.start(self._on_readable)
 
     def stop(self) -> None:
-        """Requests in work end by their time limit; nobody is answered any more."""
-        self._stopping.set()
-        if self._thread.is_alive():
-            self._thread.join()
+        """Requests in work are dropped; nobody is answered any more."""
+        if self._task is not None:
+            self._task.kill()
         self._manager.stop()
-        self.socket.close()
+        self.port.close()
+
+    def _on_readable(self) -> None:
+        for _ in range(_AT_ONCE):
+            datagram = self.port.receive()
+            if datagram is None:
+                return
+            self._datagrams.put(datagram)
 
     def _serve(self) -> None:
-        while not self._stopping.is_set():
-            if not self.socket.wait(_WAIT_NS):
-                continue
-            datagram = self.socket.receive()
-            if datagram is None:
-                continue
-            data, source = datagram
-            for answer in self.server.receive(data, source):
-                self.socket.send(answer, source)
+        while True:
+            data, source = self._datagrams.get()
+            for answer in self.server.receive(data, source, self._loop.now()):
+                self.port.send(answer, source)

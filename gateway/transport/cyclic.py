@@ -10,6 +10,7 @@ from __future__ import annotations
 import enum
 from collections.abc import Sequence
 
+from pdgw.gateway.transport.udp import Address
 from pdgw.profidrive.frame import (
     COUNTER_UNIT_NS,
     FRAME_ID_TO_CONTROLLER,
@@ -26,8 +27,6 @@ from pdgw.profidrive.frame import (
     is_newer,
 )
 from pdgw.profidrive.telegrams import Direction, Telegram
-
-Address = tuple[str, int]
 
 
 class Verdict(enum.Enum):

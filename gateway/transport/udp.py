@@ -1,20 +1,22 @@
-"""The UDP edge of the cyclic exchange: one socket, never blocking but in ``wait``."""
+"""The UDP edge: a bound socket on the loop, never blocking."""
 
 from __future__ import annotations
 
-import select
 import socket
+from collections.abc import Callable
 
+from pdgw.ds301.loop import Loop
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.transport.cyclic import Address
 
+Address = tuple[str, int]
 _MAXIMUM_DATAGRAM = 2048
 
 
 class UdpSocket:
     """A bound UDP socket; GatewayError names address and port when it cannot be had."""
 
-    def __init__(self, listen: str, port: int, purpose: str) -> None:
+    def __init__(self, loop: Loop, listen: str, port: int, purpose: str) -> None:
+        self._loop = loop
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
             self._socket.bind((listen, port))
@@ -25,8 +27,7 @@ class UdpSocket:
                 "choose another --listen address or port"
             ) from error
         self._socket.setblocking(False)
-        self._poll = select.poll()
-        self._poll.register(self._socket, select.POLLIN)
+        self._closed = False
         self.errors = 0
         """ICMP and send errors: the peer is not there just now."""
 
@@ -35,9 +36,9 @@ class UdpSocket:
         host, port = self._socket.getsockname()
         return str(host), int(port)
 
-    def wait(self, timeout_ns: int) -> bool:
-        """Until a datagram is there (True) or the time is over; 0 only looks."""
-        return bool(self._poll.poll(timeout_ns / 1_000_000 if timeout_ns > 0 else 0))
+    def start(self, action: Callable[[], None], *, urgent: bool = False) -> None:
+        """Call ``action`` whenever datagrams wait."""
+        self._loop.add_reader(self._socket.fileno(), action, urgent=urgent)
 
     def receive(self) -> tuple[bytes, Address] | None:
         """The next waiting datagram, or None."""
@@ -57,4 +58,7 @@ class UdpSocket:
             self.errors += 1
 
     def close(self) -> None:
-        self._socket.close()
+        if not self._closed:
+            self._closed = True
+            self._loop.remove_reader(self._socket.fileno())
+            self._socket.close()

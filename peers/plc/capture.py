@@ -9,7 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.transport.cyclic import Address
+from pdgw.gateway.transport.udp import Address
 from scapy.layers.inet import IP, UDP
 from scapy.layers.l2 import Ether
 from scapy.packet import Packet

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.transport.cyclic import Address
+from pdgw.gateway.transport.udp import Address
 from pdgw.peers.plc.endpoint import PlcEndpoint
 from pdgw.peers.plc.parameters import ParameterAccess, ParameterWorker
 from pdgw.peers.plc.scenario import Engine

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.transport.cyclic import Address as SocketAddress
+from pdgw.gateway.transport.udp import Address as SocketAddress
 from pdgw.profidrive.parameters.codec import Address
 from pdgw.tools.parameters.address import Target, parse_value
 from pdgw.tools.parameters.client import ParameterClient

@@ -12,7 +12,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pdgw.ds301.bus import open_bus
 from pdgw.ds301.errors import CanopenError
+from pdgw.ds301.loop import MS, SECOND, VirtualLoop
 from pdgw.ds301.network import CanNetwork
+from pdgw.ds301.port import CanPort, PortBusyError, PortLostError, Receiver, open_port
 
 from tests.support import buses
 
@@ -50,10 +52,11 @@ def bus() -> ScriptedBus:
 
 @pytest.fixture
 def network(bus: ScriptedBus) -> Iterator[CanNetwork]:
-    network = CanNetwork(bus)
-    network.start()
-    yield network
-    network.close()
+    with buses.looped() as loop:
+        network = buses.network(loop, bus)
+        network.start()
+        yield network
+        network.close()
 
 
 def frame(can_id: int, data: bytes = b"", **flags: bool) -> can.Message:
@@ -62,10 +65,10 @@ def frame(can_id: int, data: bytes = b"", **flags: bool) -> can.Message:
 
 def flush(bus: ScriptedBus, network: CanNetwork) -> None:
     """Until the reader has taken everything put in before."""
-    passed = threading.Event()
-    network.subscribe_pdo(0x1FF, lambda _data, _now: passed.set())
+    passed: list[bytes] = []
+    network.subscribe_pdo(0x1FF, lambda data, _now: passed.append(data))
     bus.incoming.put(frame(0x1FF))
-    assert passed.wait(10)
+    buses.wait_for(lambda: passed, "everything read")
 
 
 def test_a_subscribed_pdo_goes_to_its_owner_and_nothing_else_does(bus: ScriptedBus, network: CanNetwork) -> None:
@@ -105,43 +108,160 @@ def test_a_malformed_frame_is_counted_and_the_reader_lives(
 
 
 @given(can_id=st.integers(0, 0x7FF), data=st.binary(max_size=8))
-def test_no_frame_ends_the_dispatch(can_id: int, data: bytes) -> None:
-    network = CanNetwork(ScriptedBus())
+def test_no_frame_ends_the_reception(can_id: int, data: bytes) -> None:
+    network = CanNetwork(VirtualLoop(), PlainPort)
     network.canopen.add_node(4)
-    network._dispatch(frame(can_id, data))
-    network.bus.shutdown()
+    network.on_frame(can_id, data)
+    assert network.received == 1
 
 
-def test_an_interface_that_fails_is_told_and_read_again(bus: ScriptedBus, network: CanNetwork) -> None:
-    bus.incoming.put(can.CanOperationError("network is down"))
-    buses.wait_for(lambda: not network.healthy, "unhealthy")
-    flush(bus, network)
+class PlainPort:
+    """A port without a bus: ``refuse`` is raised by ``send``."""
+
+    def __init__(self) -> None:
+        self.refuse: Exception | None = None
+        self.receiver: Receiver | None = None
+        self.closed = False
+
+    def start(self, receiver: Receiver) -> None:
+        self.receiver = receiver
+
+    def send(self, can_id: int, data: bytes) -> None:
+        if self.refuse is not None:
+            raise self.refuse
+
+    def close(self) -> None:
+        self.closed = True
+
+
+class Ports:
+    """Opens ports; ``missing`` so many times there is no interface."""
+
+    def __init__(self) -> None:
+        self.opened: list[PlainPort] = []
+        self.missing = 0
+
+    def __call__(self) -> PlainPort:
+        if self.missing:
+            self.missing -= 1
+            raise CanopenError("CAN interface", "can0", "a reachable one")
+        self.opened.append(PlainPort())
+        return self.opened[-1]
+
+
+def test_an_interface_that_is_lost_is_opened_again_when_it_is_back(caplog: pytest.LogCaptureFixture) -> None:
+    loop, ports = VirtualLoop(), Ports()
+    network = CanNetwork(loop, ports)
+    network.start()
+    ports.opened[0].refuse = PortLostError("No such device")
+    ports.missing = 5
+    assert not network.send(0x201, b"\0")
+    assert ports.opened[0].closed
+    assert (network.healthy, network.lost) == (False, 1)
+    assert "No such device" in caplog.text
+    assert not network.send(0x201, b"\0"), "nothing is sent, nothing is raised while it is away"
+    loop.run_for(20 * SECOND)
+    assert len(ports.opened) == 2
+    assert network.send(0x201, b"\0")
+    assert not network.healthy, "not before a node is heard"
+    network.on_frame(0x701, b"\x05")
     assert network.healthy
+    network.close()
+    assert ports.opened[1].closed
+
+
+def test_a_closed_network_opens_nothing_again() -> None:
+    loop, ports = VirtualLoop(), Ports()
+    network = CanNetwork(loop, ports)
+    network.start()
+    network.on_lost("unplugged")
+    network.close()
+    loop.run_for(20 * SECOND)
+    assert len(ports.opened) == 1
+
+
+def test_a_full_queue_now_and_then_is_nothing_and_one_that_stays_full_is_told() -> None:
+    loop, ports = VirtualLoop(), Ports()
+    network = CanNetwork(loop, ports)
+    network.start()
+    ports.opened[0].refuse = PortBusyError()
+    assert not network.send(0x201, b"\0")
+    loop.run_for(99 * MS)
+    assert not network.send(0x201, b"\0")
+    assert network.healthy
+    ports.opened[0].refuse = None
+    assert network.send(0x201, b"\0")
+    ports.opened[0].refuse = PortBusyError()
+    network.send(0x201, b"\0")
+    loop.run_for(100 * MS)
+    network.send(0x201, b"\0")
+    assert not network.healthy
+    assert network.send_errors == 4
+
+
+@pytest.mark.parametrize("error", [can.CanOperationError("down"), OSError("gone"), RuntimeError("WebsocketClosed")])
+def test_whatever_a_driver_raises_the_bus_is_opened_anew(error: Exception) -> None:
+    made: list[ScriptedBus] = []
+
+    with buses.looped() as loop:
+
+        def opener() -> CanPort:
+            made.append(ScriptedBus())
+            return open_port(loop, made[-1])
+
+        network = CanNetwork(loop, opener)
+        network.start()
+        made[0].incoming.put(error)
+        buses.wait_for(lambda: not network.healthy, "unhealthy")
+        buses.wait_for(lambda: len(made) == 2, "opened again")
+        flush(made[1], network)
+        assert network.healthy
+        network.close()
+
+
+def test_a_frame_the_driver_did_not_send_is_counted(bus: ScriptedBus, network: CanNetwork) -> None:
+    def refuse(_: can.Message) -> None:
+        raise can.CanOperationError("transmit buffer full")
+
+    bus.answer = refuse
+    network.send(0x201, b"\0")
+    buses.wait_for(lambda: network.send_errors == 1, "counted")
+    assert network.healthy
+
+
+def test_a_driver_that_blocks_does_not_hold_the_loop(bus: ScriptedBus, network: CanNetwork) -> None:
+    release = threading.Event()
+    bus.answer = lambda _: release.wait(10) and None
+    for _ in range(1000):
+        network.send(0x201, b"\0")
+    assert network.send_errors > 0, "the queue is bounded"
+    release.set()
 
 
 def test_only_bus_off_makes_an_error_frame_a_failure(bus: ScriptedBus, network: CanNetwork) -> None:
-    network._dispatch(frame(0x08, bytes(8), is_error_frame=True))
+    bus.incoming.put(frame(0x08, bytes(8), is_error_frame=True))
+    flush(bus, network)
     assert (network.healthy, network.error_frames) == (True, 1)
-    network._dispatch(frame(0x40, bytes(8), is_error_frame=True))
-    assert (network.healthy, network.error_frames) == (False, 2)
+    bus.incoming.put(frame(0x40, bytes(8), is_error_frame=True))
+    buses.wait_for(lambda: not network.healthy, "bus-off")
+    assert (network.error_frames, network.bus_off) == (2, 1)
     flush(bus, network)
     assert network.healthy
 
 
-def test_a_bus_that_answers_inside_send_does_not_deadlock(bus: ScriptedBus, network: CanNetwork) -> None:
+def test_a_bus_that_answers_inside_send_is_heard(bus: ScriptedBus, network: CanNetwork) -> None:
     answers: list[bytes] = []
     network.subscribe_pdo(PDO, lambda data, _now: answers.append(data))
 
     def answer(message: can.Message) -> None:
         if message.arbitration_id == 0x204:
             bus.incoming.put(frame(PDO, b"\x07"))
-            network.send(0x304, b"")
 
     bus.answer = answer
     assert network.send(0x204, b"\x06")
     flush(bus, network)
     assert answers == [b"\x07"]
-    assert [m.arbitration_id for m in bus.taken] == [0x204, 0x304]
+    assert [m.arbitration_id for m in bus.taken] == [0x204]
 
 
 def test_a_listener_sees_both_directions(bus: ScriptedBus, network: CanNetwork) -> None:
@@ -152,11 +272,13 @@ def test_a_listener_sees_both_directions(bus: ScriptedBus, network: CanNetwork) 
     bus.incoming.put(frame(PDO, b"\x01"))
     flush(bus, network)
     assert seen[:3] == [(0x80, False), (0x77F, False), (PDO, True)]
+    buses.wait_for(lambda: len(bus.taken) == 2, "sent")
     assert [bytes(m.data) for m in bus.taken] == [b"", b"\x05"]
 
 
 def test_canopens_own_frames_take_the_same_way_out(bus: ScriptedBus, network: CanNetwork) -> None:
     network.canopen.nmt.send_command(1)
+    buses.wait_for(lambda: bus.taken, "sent")
     assert [(m.arbitration_id, bytes(m.data)) for m in bus.taken] == [(0, b"\x01\x00")]
     assert network.sent == 1
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -12,6 +11,7 @@ import pytest
 from canopen.sdo import SdoAbortedError
 from pdgw.ds301.aborts import Abort
 from pdgw.ds301.eds import write_eds
+from pdgw.ds301.loop import Event
 from pdgw.ds301.network import CanNetwork
 from pdgw.ds301.nmt import NmtCommand, NmtState
 from pdgw.ds301.objects import Entry
@@ -163,16 +163,16 @@ def test_preset_by_a_job(plant: Plant) -> None:
     plant.power_on(still(3.0)).start()
     client = plant.connect()
     plant.online()
-    client.submit(lambda encoder: encoder.preset(1000)).result(5)
+    buses.result(client.submit(lambda encoder: encoder.preset(1000)))
     buses.wait_for(lambda: fresh(client).feedback.channel(1).position == 1000, "preset")
-    parameters = client.submit(lambda encoder: encoder.read_parameters()).result(5)
+    parameters = buses.result(client.submit(lambda encoder: encoder.read_parameters()))
     assert parameters.offset == 1000 - 3 * 4096
     with pytest.raises(Dsp406Error, match=r"preset of channel 1 .*value of parameter too high"):
-        client.submit(lambda encoder: encoder.preset(4096 * 4096)).result(5)
+        buses.result(client.submit(lambda encoder: encoder.preset(4096 * 4096)))
     with pytest.raises(Dsp406Error, match=r"preset of channel 2: 0.*6003h or 6010h"):
-        client.submit(lambda encoder: encoder.preset(0, 2)).result(5)
+        buses.result(client.submit(lambda encoder: encoder.preset(0, 2)))
     with pytest.raises(Dsp406Error, match=r"preset of channel 1: -1"):
-        client.submit(lambda encoder: encoder.preset(-1)).result(5)
+        buses.result(client.submit(lambda encoder: encoder.preset(-1)))
 
 
 def test_emergencies_alarms_and_warnings_arrive(plant: Plant) -> None:
@@ -220,18 +220,18 @@ def test_an_encoder_whose_position_cannot_be_read_by_sdo_any_more_is_lost(plant:
     plant.online(2)
 
 
-def test_a_position_by_sdo_is_overdue_while_the_worker_is_busy_with_something_else(plant: Plant) -> None:
+def test_a_position_by_sdo_is_overdue_while_the_task_is_busy_with_something_else(plant: Plant) -> None:
     encoder = plant.power_on()
     encoder.do(lambda node: node.misbehave("two-pdos", pdos=0))
     encoder.start()
     client = plant.connect()
     plant.online()
-    release = threading.Event()
-    job = client.submit(lambda _: release.wait(10))
+    release = Event(client.loop)
+    job = client.submit(lambda _: release.wait())
     buses.wait_for(lambda: not client.refresh(time.monotonic_ns()), "overdue")
     assert client.status is EncoderStatus.ONLINE
     release.set()
-    assert job.result(10)
+    assert buses.result(job)
     buses.wait_for(lambda: client.refresh(time.monotonic_ns()), "read again")
 
 
@@ -249,7 +249,7 @@ def test_another_encoder_than_the_eds_says_is_refused(plant: Plant) -> None:
     buses.wait_for(lambda: client.status is EncoderStatus.REFUSED, "refusal")
     assert "product code 1018h/2" in client.status_text
     with pytest.raises(Dsp406Error, match="encoder 9: 'refused'"):
-        client.submit(lambda encoder: encoder.read(0x6004)).result(1)
+        buses.result(client.submit(lambda encoder: encoder.read(0x6004)))
 
 
 def test_a_restart_is_noticed_and_configured_again(plant: Plant) -> None:
@@ -300,7 +300,7 @@ def test_an_encoder_without_heartbeat_is_watched_by_its_tpdos(plant: Plant) -> N
     client = plant.connect(heartbeat_factor=1, heartbeat_ms=1)
     plant.online()
     assert any("no heartbeat" in event.text for event in plant.events)
-    assert client.submit(lambda encoder: encoder.read_number(0x6004)).result(5) == 0
+    assert buses.result(client.submit(lambda encoder: encoder.read_number(0x6004))) == 0
     assert client.generation == 1
 
 
@@ -370,5 +370,5 @@ def test_an_emcy_burst_is_passed_on_and_does_no_harm(plant: Plant) -> None:
     plant.online()
     encoder.do(lambda node: node.misbehave("emcy-burst"))
     buses.wait_for(lambda: [event for event in plant.events if event.kind == "emcy"], "EMCY")
-    assert client.submit(lambda encoder: encoder.read_number(0x6004)).result(5) == 4096
+    assert buses.result(client.submit(lambda encoder: encoder.read_number(0x6004))) == 4096
     assert client.generation == 1

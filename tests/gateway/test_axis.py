@@ -7,7 +7,7 @@ from concurrent.futures import Future
 from typing import Any
 
 import pytest
-from pdgw.ds301.network import CanNetwork
+from pdgw.ds301.loop import VirtualLoop
 from pdgw.dsp402.drive import DriveEvent, DriveStatus
 from pdgw.gateway.axis import Axis
 from pdgw.gateway.config import AxisConfig
@@ -22,7 +22,7 @@ SECOND = (SdoWrite(0x6098, 0, 17),)
 
 @pytest.fixture
 def axis() -> Iterator[Axis]:
-    network = CanNetwork(buses.bus(buses.channel()))
+    network = buses.network(VirtualLoop(), buses.bus(buses.channel()))
     axis = Axis(AxisConfig(do_id=7, node_id=3, telegram=9), network, 4)
     yield axis
     network.close()

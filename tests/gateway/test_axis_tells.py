@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import pytest
-from pdgw.ds301.network import CanNetwork
+from pdgw.ds301.loop import VirtualLoop
 from pdgw.dsp402.drive import DriveEvent, DriveStatus
 from pdgw.dsp402.images import References
 from pdgw.dsp402.states import STATUS_OF, State, StatusBit
@@ -23,7 +23,7 @@ OFF, ON = 0x047E, 0x047F
 @pytest.fixture
 def axis(monkeypatch: pytest.MonkeyPatch) -> Iterator[Axis]:
     """An axis whose drive is online; the test writes its feedback."""
-    network = CanNetwork(buses.bus(buses.channel()))
+    network = buses.network(VirtualLoop(), buses.bus(buses.channel()))
     axis = Axis(AxisConfig(do_id=7, node_id=3, telegram=1), network, 4)
     monkeypatch.setattr(axis.drive, "refresh", lambda now: axis.drive.status is DriveStatus.ONLINE)
     axis.drive.status = DriveStatus.ONLINE

@@ -8,6 +8,7 @@ import time
 
 import pytest
 from pdgw.ds301.errors import CanopenError
+from pdgw.ds301.loop import SystemLoop
 from pdgw.dsp402.states import State
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
@@ -18,7 +19,7 @@ from pdgw.tools.commands.status import fetch
 
 from tests.endtoend.processes import free_tcp_port
 from tests.support import buses
-from tests.support.daemon import OFF, Plc, axis, configuration, running
+from tests.support.daemon import OFF, Plc, axis, configuration, on_loop, running
 
 
 def test_two_buses_carry_nodes_of_the_same_number() -> None:
@@ -62,7 +63,7 @@ def test_a_silent_plc_can_watch_the_axis_stop_and_a_standing_on_does_not_restart
         assert not plc.endpoint.setpoints_used[0]
         assert [fault.number for fault in daemon.axes[0].faults] == [103]
         plc.silent = False
-        plc.until(lambda: daemon.endpoint.connected and plc.endpoint.setpoints_used[0], "connected again")
+        plc.until(lambda: daemon.link.endpoint.connected and plc.endpoint.setpoints_used[0], "connected again")
         for _ in range(10):
             plc.exchange()
         assert plc.state() == 0x40
@@ -76,7 +77,7 @@ def test_another_controller_takes_over_only_after_the_loss_of_the_first() -> Non
         for _ in range(5):
             second.socket.send(second.endpoint.build())
             first.exchange()
-        assert daemon.endpoint.counters[Verdict.FOREIGN_SENDER] == 5
+        assert daemon.link.endpoint.counters[Verdict.FOREIGN_SENDER] == 5
         assert first.state() == 0x07
         second.until(lambda: second.endpoint.setpoints_used[0], "taken")
 
@@ -126,7 +127,7 @@ def test_a_flood_of_datagrams_delays_no_cycle() -> None:
             with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as intruder:
                 while not stopping.is_set():
                     for _ in range(50):
-                        intruder.sendto(b"flood", daemon.socket.address)
+                        intruder.sendto(b"flood", daemon.address)
                     stopping.wait(0.0005)
 
         thread = threading.Thread(target=flood)
@@ -160,26 +161,15 @@ def test_another_telegram_is_selected_only_out_of_operation() -> None:
         plc = Plc(daemon, [1])
         plc.enable()
         with pytest.raises(GatewayError, match="cannot be selected while the axis is in operation"):
-            daemon.change_telegram(daemon.axes[0], 2).result(10)
+            on_loop(daemon, lambda: daemon.change_telegram(daemon.axes[0], 2))
         plc.endpoint.set(0, {"STW1": OFF})
         plc.until(lambda: plc.state() == 0x01, "off")
-        sent = daemon.endpoint.sent
-        daemon.change_telegram(daemon.axes[0], 2).result(10)
+        sent = daemon.link.endpoint.sent
+        on_loop(daemon, lambda: daemon.change_telegram(daemon.axes[0], 2))
         other = Plc(daemon, [2])
         other.enable()
-        assert daemon.endpoint.sent > sent, "counts go on"
+        assert daemon.link.endpoint.sent > sent, "counts go on"
         assert daemon.axes[0].drive.generation == 2
-
-
-def test_an_action_that_fails_reports_to_its_caller_and_the_loop_goes_on() -> None:
-    with running(configuration(axis(1))) as daemon:
-
-        def fail() -> None:
-            raise GatewayError("no")
-
-        with pytest.raises(GatewayError, match="no"):
-            daemon.call(fail).result(10)
-        daemon.call(lambda: None).result(10)
 
 
 def test_a_service_that_cannot_start_ends_the_daemon_and_gives_everything_back() -> None:
@@ -188,7 +178,7 @@ def test_a_service_that_cannot_start_ends_the_daemon_and_gives_everything_back()
             raise GatewayError("port in use")
 
         def stop(self) -> None:
-            raise AssertionError("never started")
+            """Releases what it opened when it was made."""
 
     daemon = Daemon(configuration(axis(1)))
     daemon.services.append(Broken())
@@ -198,14 +188,16 @@ def test_a_service_that_cannot_start_ends_the_daemon_and_gives_everything_back()
 
 
 def test_what_was_opened_is_closed_when_a_bus_is_missing() -> None:
-    taken = UdpSocket("127.0.0.1", 0, "test")
+    loop = SystemLoop()
+    taken = UdpSocket(loop, "127.0.0.1", 0, "test")
     port = taken.address[1]
     taken.close()
     config = configuration(axis(1, more=""), can='[can]\ninterface = "socketcan"\nchannel = "nocan9"\n')
     config = config.model_copy(update={"transport": config.transport.model_copy(update={"cyclic_port": port})})
     with pytest.raises(CanopenError, match="nocan9"):
         Daemon(config)
-    UdpSocket("127.0.0.1", port, "test").close()
+    UdpSocket(loop, "127.0.0.1", port, "test").close()
+    loop.close()
 
 
 def test_status_tells_axes_reasons_and_counters() -> None:

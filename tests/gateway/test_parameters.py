@@ -12,6 +12,7 @@ from uuid import UUID
 import pytest
 from canopen.sdo import SdoAbortedError
 from pdgw.ds301.aborts import ABORT_TEXTS, Abort
+from pdgw.ds301.loop import SECOND, Event
 from pdgw.ds301.objects import Entry
 from pdgw.dsp402.faults import DRIVE_FAULTS
 from pdgw.dsp402.objects import DRIVE_OBJECTS
@@ -402,12 +403,12 @@ def test_a_drive_that_does_not_answer_in_time_is_error_11_and_a_second_request_m
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     with gateway(axis(1) + axis(2), transport="parameter_timeout_ms = 300") as (daemon, client):
-        release = threading.Event()
+        release = Event(daemon.loop)
         entered = threading.Event()
 
         def slow(*_: object) -> bytes:
             entered.set()
-            release.wait(20)
+            release.wait(20 * SECOND)
             return b"\0\0"
 
         monkeypatch.setattr(daemon.axes[0].drive, "read", slow)
@@ -422,7 +423,7 @@ def test_a_drive_that_does_not_answer_in_time_is_error_11_and_a_second_request_m
                 assert not value(other, 0x6041).failed, "another access point, another axis"
             thread.join(20)
         finally:
-            release.set()
+            daemon.loop.call_threadsafe(release.set)
         assert [error(answer) for answer in answers] == [Number.NOT_EXECUTABLE_IN_STATE] * 3
 
 

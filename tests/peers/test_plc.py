@@ -263,7 +263,7 @@ def test_a_plc_reads_and_writes_parameters_beside_its_cyclic_exchange_and_captur
     with running(configuration(axis(1)), before) as daemon:
         endpoint = PlcEndpoint([telegram(1)], daemon.cycle_ns)
         engine = Engine(Scenario.model_validate({"steps": steps}), endpoint)
-        client = PlcClient(daemon.socket.address, endpoint, CYCLE, tmp_path / "plc.pcap", servers[0].address[1])
+        client = PlcClient(daemon.address, endpoint, CYCLE, tmp_path / "plc.pcap", servers[0].address[1])
         try:
             client.run(engine)
         finally:

@@ -1,18 +1,25 @@
-"""Virtual buses with a name of their own, and waiting for conditions instead of sleeping."""
+"""Virtual buses with a name of their own, a loop that tests play, and waiting for conditions instead of sleeping."""
 
 from __future__ import annotations
 
 import itertools
-import threading
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import Future
 from contextlib import contextmanager
+from typing import TypeVar
 
 import can
 from pdgw.ds301.bus import open_bus
+from pdgw.ds301.loop import MS, Loop, SystemLoop
 from pdgw.ds301.network import CanNetwork
+from pdgw.ds301.port import open_port
 
+T = TypeVar("T")
 _numbers = itertools.count()
+_loops: list[SystemLoop] = []
+"""Those the test plays while it waits."""
+_BEAT_NS = 20 * MS
 
 
 def channel() -> str:
@@ -27,28 +34,55 @@ def bus(name: str) -> can.BusABC:
 def wait_for(condition: Callable[[], object], what: str, seconds: float = 10) -> None:
     """Until the condition holds; fails after a generous time that no healthy run needs."""
     deadline = time.monotonic() + seconds
-    pause = threading.Event()
     while not condition():
         assert time.monotonic() < deadline, f"not within {seconds} s: {what}"
-        pause.wait(0.002)
+        play(2 * MS)
+
+
+def play(duration: int) -> None:
+    """So many nanoseconds of the test's loops."""
+    if not _loops:
+        time.sleep(duration / 1e9)
+    for loop in _loops:
+        loop.call_later(duration, loop.stop)
+        loop.run()
+
+
+def result(future: Future[T], seconds: float = 10) -> T:
+    """What the loop answers."""
+    wait_for(future.done, "an answer", seconds)
+    return future.result(0)
+
+
+@contextmanager
+def looped() -> Iterator[SystemLoop]:
+    """A loop that runs while the test waits."""
+    loop = SystemLoop()
+    _loops.append(loop)
+    try:
+        yield loop
+    finally:
+        _loops.remove(loop)
+        loop.close()
+
+
+def network(loop: Loop, on: can.BusABC) -> CanNetwork:
+    return CanNetwork(loop, lambda: open_port(loop, on))
 
 
 @contextmanager
 def guarded_network(name: str, node_id: int = 127) -> Iterator[CanNetwork]:
-    """A network that produces the gateway's heartbeat, as the daemon's cyclic loop does."""
-    network = CanNetwork(bus(name))
-    network.start()
-    stopping = threading.Event()
+    """A network that produces the gateway's heartbeat, as the daemon does."""
+    with looped() as loop:
+        guarded = network(loop, bus(name))
+        guarded.start()
 
-    def beat() -> None:
-        while not stopping.wait(0.02):
-            network.send_heartbeat(node_id)
+        def beat() -> None:
+            guarded.send_heartbeat(node_id)
+            loop.call_later(_BEAT_NS, beat)
 
-    thread = threading.Thread(target=beat, daemon=True)
-    thread.start()
-    try:
-        yield network
-    finally:
-        stopping.set()
-        thread.join()
-        network.close()
+        beat()
+        try:
+            yield guarded
+        finally:
+            guarded.close()

@@ -6,7 +6,9 @@ import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import Future
 from contextlib import contextmanager
+from typing import TypeVar
 
 from pdgw.gateway.config import GatewayConfig, parse_config
 from pdgw.gateway.daemon import Daemon
@@ -18,6 +20,7 @@ from pdgw.tools.parameters.client import ParameterClient
 
 from tests.support import buses
 
+T = TypeVar("T")
 OFF, ON = 0x047E, 0x047F
 MS = 1_000_000
 
@@ -43,7 +46,7 @@ class Plc:
         self.endpoint = PlcEndpoint([telegram(n) for n in numbers], daemon.cycle_ns)
         self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self.socket.bind((source, 0))
-        self.socket.connect(daemon.socket.address)
+        self.socket.connect(daemon.address)
         self.socket.settimeout(max(0.004, daemon.cycle_ns / 1e9))
         self.silent = False
 
@@ -74,6 +77,20 @@ class Plc:
         self.until(lambda: self.state(index) == 0x01, "ready")
         self.endpoint.set(index, {"STW1": ON})
         self.until(lambda: self.state(index) == 0x07, "operation")
+
+
+def on_loop(daemon: Daemon, action: Callable[[], T], seconds: float = 10) -> T:
+    """Run an action on the daemon's loop, from the test's thread; its result or exception."""
+    future: Future[T] = Future()
+
+    def run() -> None:
+        try:
+            future.set_result(action())
+        except Exception as error:  # the caller's
+            future.set_exception(error)
+
+    daemon.loop.call_threadsafe(run)
+    return future.result(seconds)
 
 
 @contextmanager

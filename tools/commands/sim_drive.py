@@ -12,7 +12,7 @@ from typing import Annotated
 
 import typer
 from pdgw.gateway.config import CanConfig
-from pdgw.gateway.daemon import open_configured_bus
+from pdgw.gateway.edge import open_configured_bus
 from pdgw.gateway.errors import GatewayError
 from pdgw.peers.bus import DEFAULT_PORT, INTERFACE, ServedBus
 from pdgw.peers.simulation.config import ControlConfig, example, load_bus

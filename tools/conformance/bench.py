@@ -17,8 +17,10 @@ from typing import Any
 
 import can
 from pdgw.ds301.bus import open_bus
+from pdgw.ds301.loop import SystemLoop
 from pdgw.ds301.network import CanNetwork
 from pdgw.ds301.nmt import NmtCommand
+from pdgw.ds301.port import open_port
 from pdgw.gateway.config import GATEWAY_NODE_ID
 from pdgw.gateway.drive_object import DriveObject
 from pdgw.peers.node.running import RunningNode
@@ -163,7 +165,8 @@ class Bench(abc.ABC):
     def __init__(self, case: Case) -> None:
         self.case = case
         self._channel = f"conformance-{next(_channels)}"
-        self.network = CanNetwork(open_bus("virtual", self._channel))
+        self.loop = SystemLoop()
+        self.network = CanNetwork(self.loop, lambda: open_port(self.loop, self.open_bus()))
         self.sent: list[str] = []
         self.objects: list[DriveObject] = []
         """In the order of their steps; the first is that of the case."""
@@ -249,10 +252,9 @@ class Bench(abc.ABC):
 
     def cycles(self, count: int) -> None:
         for _ in range(count):
-            now = time.monotonic_ns()
-            if now < self._due:
-                time.sleep((self._due - now) / 1e9)
-                now = time.monotonic_ns()
+            self.loop.call_at(self._due, self.loop.stop)
+            self.loop.run()
+            now = self.loop.now()
             self.starved |= now - self._due > _STARVED_NS
             self._due = now + CYCLE_MS * MS
             if now - self._beat >= _HEARTBEAT_NS:

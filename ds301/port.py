@@ -1,0 +1,275 @@
+"""The gateway's end of a CAN bus: what a network sends through and what delivers frames to it.
+
+``CanPort`` is the protocol; a SocketCAN-like python-can bus is used by its socket, with the 16 bytes of a frame, any other
+python-can bus through its own methods on threads that only queue, so that no driver can make the loop wait.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import queue
+import threading
+from collections import deque
+from collections.abc import Callable
+from typing import Protocol
+
+import can
+from can.interfaces.socketcan import SocketcanBus
+from pdgw.ds301.can_frame import CAN_FRAME, ERROR, EXTENDED, REMOTE, pack_frame
+from pdgw.ds301.loop import Loop
+
+_AT_ONCE = 64
+"""Frames taken in one turn of the loop: a flood on one bus must not keep the others waiting."""
+_RECEIVE_TIMEOUT_S = 0.2
+_SEND_QUEUE = 256
+"""Frames that may wait for a driver which takes them slowly; more are refused, as a full controller refuses them."""
+_BUSY = (errno.ENOBUFS, errno.EAGAIN)
+_BUS_OFF = 0x40
+"""The bit of an error frame's identifier that says bus-off (SocketCAN, linux/can/error.h)."""
+_CONTROLLER = 0x04
+"""The bit of an error frame's identifier that says controller problem; data byte 1 tells which."""
+_PASSIVE = 0x30
+"""Data byte 1 of a controller problem: error-passive, receiving or sending."""
+
+
+class PortBusyError(Exception):
+    """The interface does not take the frame just now; it works."""
+
+
+class PortLostError(Exception):
+    """The interface is gone or down; the text says why."""
+
+
+class Receiver(Protocol):
+    """What a port delivers to, on the loop's thread."""
+
+    def on_frame(self, can_id: int, data: bytes) -> None:
+        """A data frame with a standard identifier."""
+
+    def on_other_frame(self, can_id: int, data: bytes, *, extended: bool, remote: bool) -> None:
+        """A frame with an extended identifier, or a remote frame."""
+
+    def on_error_frame(self, *, bus_off: bool, passive: bool) -> None:
+        """The controller tells of an error on the bus."""
+
+    def on_refused(self) -> None:
+        """A frame that the port had taken did not go out."""
+
+    def on_lost(self, text: str) -> None:
+        """The interface does not work any more: the port is closed, another one has to be opened."""
+
+
+class CanPort(Protocol):
+    """One end of a CAN bus."""
+
+    def start(self, receiver: Receiver) -> None:
+        """Deliver frames from now on."""
+
+    def send(self, can_id: int, data: bytes) -> None:
+        """Send a data frame without waiting; PortBusyError or PortLostError when it is not taken."""
+
+    def close(self) -> None:
+        """Release the interface; a second call does nothing."""
+
+
+def open_port(loop: Loop, bus: can.BusABC) -> CanPort:
+    """The port of a python-can bus, which becomes its own."""
+    return SocketPort(loop, bus) if isinstance(bus, SocketcanBus) else DriverPort(loop, bus)
+
+
+class SocketPort:
+    """SocketCAN, and what looks like it: frames as 16 bytes over the socket, read in the loop."""
+
+    def __init__(self, loop: Loop, bus: SocketcanBus) -> None:
+        self._loop = loop
+        self._bus = bus
+        self._socket = bus.socket
+        self._socket.setblocking(False)
+        self._receiver: Receiver | None = None
+        self._closed = False
+
+    def start(self, receiver: Receiver) -> None:
+        self._receiver = receiver
+        self._loop.add_reader(self._socket.fileno(), self._read)
+
+    def send(self, can_id: int, data: bytes) -> None:
+        try:
+            self._socket.send(pack_frame(can_id, data))
+        except BlockingIOError as error:
+            raise PortBusyError from error
+        except OSError as error:
+            if error.errno in _BUSY:
+                raise PortBusyError from error
+            raise PortLostError(error.strerror or str(error)) from error
+
+    def _read(self) -> None:
+        receive = self._socket.recv
+        for _ in range(_AT_ONCE):
+            try:
+                frame = receive(CAN_FRAME.size)
+            except BlockingIOError:
+                return
+            except OSError as error:
+                self._lost(error.strerror or str(error))
+                return
+            if len(frame) == CAN_FRAME.size:
+                self._deliver(*CAN_FRAME.unpack(frame))
+            if self._closed:
+                return
+
+    def _deliver(self, can_id: int, length: int, data: bytes) -> None:
+        receiver = self._receiver
+        if receiver is None:
+            return
+        data = data[: min(length, 8)]
+        if can_id < EXTENDED and not can_id & (REMOTE | ERROR):
+            receiver.on_frame(can_id, data)
+        elif can_id & ERROR:
+            passive = bool(can_id & _CONTROLLER and len(data) > 1 and data[1] & _PASSIVE)
+            receiver.on_error_frame(bus_off=bool(can_id & _BUS_OFF), passive=passive)
+        else:
+            extended = bool(can_id & EXTENDED)
+            identifier = can_id & ~(EXTENDED | REMOTE)
+            receiver.on_other_frame(identifier, data, extended=extended, remote=bool(can_id & REMOTE))
+
+    def _lost(self, text: str) -> None:
+        receiver = self._receiver
+        self.close()
+        if receiver is not None:
+            receiver.on_lost(text)
+
+    def close(self) -> None:
+        if not self._closed:
+            self._closed = True
+            self._loop.remove_reader(self._socket.fileno())
+            _shut_down(self._bus)
+
+
+class DriverPort:
+    """Any python-can bus: its driver may block, so sending and receiving each have a thread that only queues."""
+
+    def __init__(self, loop: Loop, bus: can.BusABC) -> None:
+        self._loop = loop
+        self._bus = bus
+        self._receiver: Receiver | None = None
+        self._received: deque[can.Message] = deque()
+        self._sending: queue.Queue[can.Message | None] = queue.Queue(_SEND_QUEUE)
+        self._stopping = threading.Event()
+        self._closed = False
+        self._threads = [
+            threading.Thread(target=self._read, name="CAN reader", daemon=True),
+            threading.Thread(target=self._write, name="CAN writer", daemon=True),
+        ]
+
+    def start(self, receiver: Receiver) -> None:
+        self._receiver = receiver
+        for thread in self._threads:
+            thread.start()
+
+    def send(self, can_id: int, data: bytes) -> None:
+        if self._stopping.is_set():
+            raise PortLostError("the driver stopped")
+        try:
+            self._sending.put_nowait(can.Message(arbitration_id=can_id, data=data, is_extended_id=False, is_rx=False))
+        except queue.Full as error:
+            raise PortBusyError from error
+
+    def close(self) -> None:
+        if self._closed:
+            return
+        self._closed = True
+        # What was queued before, the stop of a drive among it, is still sent.
+        with contextlib.suppress(queue.Full):
+            self._sending.put_nowait(None)
+        if self._threads[1].is_alive():
+            self._threads[1].join(_RECEIVE_TIMEOUT_S * 5)
+        self._stopping.set()
+        if self._threads[0].is_alive():
+            self._threads[0].join(_RECEIVE_TIMEOUT_S * 5)
+        _shut_down(self._bus)
+
+    # -- the threads ----------------------------------------------------------------------------------------------------
+
+    def _read(self) -> None:
+        while not self._stopping.is_set():
+            try:
+                message = self._bus.recv(_RECEIVE_TIMEOUT_S)
+            except Exception as error:  # whatever a driver raises: it has failed
+                self._fail(f"{type(error).__name__}: {error}")
+                return
+            if message is not None:
+                self._received.append(message)
+                if len(self._received) == 1:
+                    self._loop.call_threadsafe(self._deliver)
+
+    def _write(self) -> None:
+        while (message := self._sending.get()) is not None:
+            try:
+                self._bus.send(message)
+            except can.CanOperationError:
+                self._loop.call_threadsafe(self._refused)
+            except Exception as error:  # whatever a driver raises: it has failed
+                self._fail(f"{type(error).__name__}: {error}")
+                return
+
+    def _fail(self, text: str) -> None:
+        if not self._stopping.is_set():
+            self._stopping.set()
+            self._loop.call_threadsafe(lambda: self._lost(text))
+
+    # -- the loop's thread ----------------------------------------------------------------------------------------------
+
+    def _lost(self, text: str) -> None:
+        receiver = self._receiver
+        self.close()
+        if receiver is not None:
+            receiver.on_lost(text)
+
+    def _refused(self) -> None:
+        if self._receiver is not None and not self._closed:
+            self._receiver.on_refused()
+
+    def _deliver(self) -> None:
+        for _ in range(_AT_ONCE):
+            try:
+                message = self._received[0]
+            except IndexError:
+                return
+            self._dispatch(message)
+            self._received.popleft()
+        if self._received:
+            self._loop.call_threadsafe(self._deliver)
+
+    def _dispatch(self, message: can.Message) -> None:
+        receiver = self._receiver
+        if receiver is None or self._closed:
+            return
+        if message.is_error_frame:
+            bus_off = bool(message.arbitration_id & _BUS_OFF) or self._state() is can.BusState.ERROR
+            receiver.on_error_frame(bus_off=bus_off, passive=self._state() is can.BusState.PASSIVE)
+        elif message.is_extended_id or message.is_remote_frame:
+            receiver.on_other_frame(
+                message.arbitration_id,
+                bytes(message.data),
+                extended=message.is_extended_id,
+                remote=message.is_remote_frame,
+            )
+        else:
+            receiver.on_frame(message.arbitration_id, bytes(message.data))
+
+    def _state(self) -> can.BusState:
+        try:
+            return self._bus.state
+        except Exception:  # a driver without it
+            return can.BusState.ACTIVE
+
+
+def _shut_down(bus: can.BusABC) -> None:
+    """Release a bus; a driver that fails at it has nothing left to release."""
+    with contextlib.suppress(Exception):
+        bus.shutdown()
+
+
+Opener = Callable[[], CanPort]
+"""Opens the interface, at start and again after it was lost; CanopenError when it cannot be had."""

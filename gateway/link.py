@@ -1,0 +1,151 @@
+"""How the PLC reaches the gateway: the loop talks to a ``Link`` and knows no transport.
+
+``UdpLink`` is the PROFINET cyclic frame over UDP (docs/transport.md).
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Sequence
+from typing import Protocol
+
+from pdgw.gateway.config import TransportConfig
+from pdgw.gateway.edge import DatagramPort
+from pdgw.gateway.transport.cyclic import CyclicEndpoint, Verdict
+from pdgw.profidrive.telegrams import Telegram
+
+log = logging.getLogger("gateway")
+
+MS = 1_000_000
+_DATAGRAMS_AT_ONCE = 64
+_FROM_PLC = (Verdict.ACCEPTED, Verdict.PROVIDER_STOP)
+
+
+class Link(Protocol):
+    """One relationship with a PLC, any number of drive objects."""
+
+    @property
+    def connected(self) -> bool:
+        """A PLC is exchanging data."""
+
+    @property
+    def peer(self) -> str | None:
+        """Who the PLC is or last was, for people."""
+
+    @property
+    def setpoints(self) -> Sequence[Sequence[int] | None]:
+        """The raw values of each drive object, None while it has no valid PLC."""
+
+    def start(self, action: Callable[[], None]) -> None:
+        """Call ``action`` in the loop whenever something of the PLC waits."""
+
+    def receive(self, now: int) -> bool:
+        """Take everything that waits; True when valid data of the PLC was among it."""
+
+    def poll(self, now: int) -> bool:
+        """The watchdog; True when it expires in this call."""
+
+    def lose_setpoints(self) -> None:
+        """No drive object has a valid PLC until its next data."""
+
+    def send(self, actuals: Sequence[Sequence[int]], good: Sequence[bool]) -> None:
+        """Answer the PLC; ``good``: the values of that drive object are valid."""
+
+    def set_layout(self, telegrams: Sequence[Telegram]) -> None:
+        """Other telegrams from now on, in the order of the drive objects; GatewayError or ProfidriveError when not possible."""
+
+    def status(self) -> dict[str, object]:
+        """Connection and counters, for ``pdgw status``."""
+
+    def close(self) -> None:
+        """Release what it listens on."""
+
+
+class UdpLink:
+    """Cyclic frames over UDP."""
+
+    def __init__(self, port: DatagramPort, transport: TransportConfig, telegrams: Sequence[Telegram]) -> None:
+        self.port = port
+        self._transport = transport
+        self.endpoint = self._endpoint(telegrams)
+        self.skipped = 0
+        """Frames a newer one had overtaken before the axes saw them."""
+
+    def _endpoint(self, telegrams: Sequence[Telegram]) -> CyclicEndpoint:
+        transport = self._transport
+        return CyclicEndpoint(
+            telegrams,
+            cycle_ns=int(transport.cycle_time_ms * MS),
+            watchdog_factor=transport.watchdog_factor,
+            peer=str(transport.peer) if transport.peer else None,
+        )
+
+    @property
+    def connected(self) -> bool:
+        return self.endpoint.connected
+
+    @property
+    def peer(self) -> str | None:
+        address = self.endpoint.peer
+        return f"{address[0]}:{address[1]}" if address else None
+
+    @property
+    def setpoints(self) -> Sequence[Sequence[int] | None]:
+        return self.endpoint.setpoints
+
+    def start(self, action: Callable[[], None]) -> None:
+        self.port.start(action, urgent=True)
+
+    def receive(self, now: int) -> bool:
+        endpoint = self.endpoint
+        taken = 0
+        # Bounded, so that a flood of datagrams delays no cycle; a STOP is seen by the axes before what follows it.
+        for _ in range(_DATAGRAMS_AT_ONCE):
+            datagram = self.port.receive()
+            if datagram is None:
+                break
+            data, source = datagram
+            connected = endpoint.connected
+            verdict = endpoint.receive(data, source, now)
+            if verdict in _FROM_PLC:
+                taken += 1
+                if not connected:
+                    log.info("PLC %s:%d connected", *source)
+            elif endpoint.counters[verdict] == 1:
+                log.warning("frame from %s:%d dropped: %s (%d bytes)", *source, verdict.value, len(data))
+            if verdict is Verdict.PROVIDER_STOP:
+                break
+        if taken > 1:
+            self.skipped += taken - 1
+        return taken > 0
+
+    def poll(self, now: int) -> bool:
+        return self.endpoint.poll(now)
+
+    def lose_setpoints(self) -> None:
+        self.endpoint.lose_setpoints()
+
+    def send(self, actuals: Sequence[Sequence[int]], good: Sequence[bool]) -> None:
+        endpoint = self.endpoint
+        if endpoint.peer is not None:
+            self.port.send(endpoint.build(actuals, good), endpoint.peer)
+
+    def set_layout(self, telegrams: Sequence[Telegram]) -> None:
+        endpoint = self._endpoint(telegrams)
+        endpoint.continue_from(self.endpoint)
+        self.endpoint = endpoint
+
+    def status(self) -> dict[str, object]:
+        endpoint = self.endpoint
+        return {
+            "connected": endpoint.connected,
+            "peer": list(endpoint.peer) if endpoint.peer else None,
+            "frames": {verdict.value: count for verdict, count in endpoint.counters.items()},
+            "watchdog_expiries": endpoint.watchdog_expiries,
+            "iops_bad": endpoint.iops_bad,
+            "sent": endpoint.sent,
+            "skipped": self.skipped,
+        }
+
+    def close(self) -> None:
+        self.port.close()
