@@ -17,7 +17,6 @@ MINIMUM: Final = 60
 DCP_MULTICAST: Final = bytes.fromhex("010ecf000000")
 """Where Identify requests go."""
 LLDP_MULTICAST: Final = bytes.fromhex("0180c200000e")
-NO_MAC: Final = bytes(6)
 _TYPE = struct.Struct(">H")
 _TAG = struct.Struct(">HHH")
 
@@ -51,8 +50,3 @@ def payload_of(data: bytes) -> tuple[int, int]:
     if len(data) < HEADER_SIZE + TAG_SIZE:
         return 0, 0
     return _TYPE.unpack_from(data, 16)[0], HEADER_SIZE + TAG_SIZE
-
-
-def mac_text(mac: bytes) -> str:
-    """As 02:00:00:00:00:01."""
-    return mac.hex(":")

@@ -6,12 +6,11 @@ Source: IEC 61158-6-10 (NameOfStation, IPsuite, AnnotationString), IEC 61158-5-1
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from ipaddress import IPv4Address
 from typing import Final
 
 from pdgw.profidrive.errors import ProfidriveError
-from pdgw.profinet.ethernet import mac_text
 
 NAME_MAX: Final = 240
 _LABEL = re.compile(r"[a-z0-9]([a-z0-9-]{0,61}[a-z0-9])?", re.ASCII)
@@ -134,7 +133,4 @@ class Station:
     neighbour: Neighbour | None = None
     port: str = "port-001"
     link_up: bool = True
-    interface_index: int = field(default=1)
-
-    def __str__(self) -> str:
-        return f"{self.name or 'no name'} {self.ip.address} {mac_text(self.identity.mac)}"
+    interface_index: int = 1

@@ -35,13 +35,11 @@ class AlarmType(enum.IntEnum):
 
 SEQUENCE_MASK: Final = 0x07FF
 CHANNEL_DIAGNOSIS: Final = 0x0800
-MANUFACTURER_DIAGNOSIS: Final = 0x1000
 SUBMODULE_DIAGNOSIS: Final = 0x2000
 AR_DIAGNOSIS: Final = 0x8000
 """Bits of AlarmSpecifier: what there is, of the submodule and of the relationship."""
 
 USI_CHANNEL_DIAGNOSIS: Final = 0x8000
-USI_EXTENDED_CHANNEL_DIAGNOSIS: Final = 0x8002
 WHOLE_SUBMODULE: Final = 0x8000
 """ChannelNumber."""
 

@@ -323,7 +323,6 @@ SUBMODULE_STATE: Final = 0x8000
 """SubmoduleState has the present format."""
 IDENT_SHIFT: Final = 11
 AR_INFO_SHIFT: Final = 7
-DIAGNOSIS_FAULT: Final = 0x40
 
 
 class IdentInfo(enum.IntEnum):
@@ -345,9 +344,6 @@ class ArInfo(enum.IntEnum):
 
 REQUESTS: Final[dict[int, type[Block]]] = {
     block.TYPE: block for block in (ArBlockReq, IocrBlockReq, AlarmCrBlockReq, ExpectedSubmoduleBlockReq)
-}
-RESPONSES: Final[dict[int, type[Block]]] = {
-    block.TYPE: block for block in (ArBlockRes, IocrBlockRes, AlarmCrBlockRes, ModuleDiffBlock, ArServerBlockRes)
 }
 REFUSED_BLOCKS: Final[dict[int, int]] = {0x0105: 0x05, 0x0106: 0x06}
 """PrmServer and MCR are not served: ErrorCode1 of each; ErrorCode2 is 4, its first field."""

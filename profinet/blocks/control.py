@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import ClassVar, Final
 from uuid import UUID
 
-from pdgw.profinet.wire import Block, padding, u16, uuid
+from pdgw.profinet.wire import Block, u16, uuid
 
 
 class Command(enum.IntFlag):
@@ -27,10 +27,11 @@ class Command(enum.IntFlag):
 class ControlBlock(Block):
     """All of them have these fields."""
 
-    reserved: None = padding(2)
+    ERROR_CODE1: ClassVar[int] = 0x14
+    reserved: int = u16(default=0)
     ar_uuid: UUID = uuid()
     session_key: int = u16()
-    alarm_sequence: None = padding(2)
+    reserved_2: int = u16(default=0)
     command: int = u16()
     properties: int = u16(default=0)
 
@@ -64,6 +65,7 @@ class ReleaseReq(ControlBlock):
     """The controller ends the relationship."""
 
     TYPE: ClassVar[int] = 0x0114
+    ERROR_CODE1: ClassVar[int] = 0x28
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -39,6 +39,8 @@ _UNFINISHED = 8
 """Calls of which fragments are missing; the oldest is forgotten first."""
 FRAGMENT_TIMEOUT_NS = 2_000_000_000
 """After this time a call whose fragments did not come is forgotten."""
+STRAGGLER_NS = 10_000_000_000
+"""After this time a smaller sequence number is that of a caller that started again."""
 _WINDOW = 8
 _SEQUENCES = 1 << 32
 
@@ -104,7 +106,8 @@ class RpcServer(Generic[Source]):
         call = self._calls.get(key)
         stale = call is not None and call.answer is None and now - call.since > FRAGMENT_TIMEOUT_NS
         if call is None or call.sequence != header.sequence or stale:
-            if call is not None and (header.sequence - call.sequence) % _SEQUENCES >= _SEQUENCES // 2:
+            older = call is not None and (header.sequence - call.sequence) % _SEQUENCES >= _SEQUENCES // 2
+            if call is not None and older and now - call.since <= STRAGGLER_NS:
                 return []  # older than what was answered: a straggler
             call = self._calls[key] = _Call(header.sequence, Reassembly(self._limit), now)
             while len(self._calls) > _ACTIVITIES:

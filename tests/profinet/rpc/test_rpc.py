@@ -27,7 +27,7 @@ from pdgw.profinet.rpc.records import (
     join_multiple,
     split_multiple,
 )
-from pdgw.profinet.rpc.server import FRAGMENT_TIMEOUT_NS, RecordServer
+from pdgw.profinet.rpc.server import FRAGMENT_TIMEOUT_NS, STRAGGLER_NS, RecordServer
 from scapy.contrib.pnio_rpc import (
     IM0Block,
     IODReadReq,
@@ -289,6 +289,16 @@ def test_a_straggler_behind_a_newer_call_is_neither_executed_nor_answered() -> N
     server.receive(new, "plc")
     assert server.receive(old, "plc") == []
     assert handler.writes == [b"old", b"new"]
+
+
+def test_a_caller_that_starts_again_with_small_numbers_is_served_after_a_while() -> None:
+    handler = Echo()
+    server = RecordServer(handler, 4096)
+    plc = caller()
+    first = plc.write(0, 0, 1, RECORD_GLOBAL, b"old").packets[0]
+    server.receive(plc.write(0, 0, 1, RECORD_GLOBAL, b"new").packets[0], "plc", 0)
+    assert server.receive(first, "plc", STRAGGLER_NS) == []
+    assert server.receive(first, "plc", STRAGGLER_NS + 1) != []
 
 
 def test_two_plcs_with_the_same_sequence_numbers_do_not_meet() -> None:

@@ -1,0 +1,455 @@
+"""The IO controller, sans-I/O: frames, datagrams and time in; frames, datagrams and what it learned out.
+
+Source: IEC 61158-5-10/-6-10, the order of services as captures of real controllers show it: Identify by name, IP by DCP, Connect,
+Write, PrmEnd, ApplicationReady, cyclic data, Release. One call is under way at a time; it is repeated three times.
+"""
+
+from __future__ import annotations
+
+import enum
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from uuid import UUID
+
+from pdgw.peers.controller.project import INPUT_FRAME_ID, Project
+from pdgw.profidrive.errors import ProfidriveError
+from pdgw.profinet import apmx, dcp, ethernet
+from pdgw.profinet.apmx import PDU, PduType
+from pdgw.profinet.blocks.alarm import ACKS, NOTIFICATIONS, AlarmNotification, Priority
+from pdgw.profinet.blocks.connect import (
+    AlarmCrBlockRes,
+    ArBlockRes,
+    IocrBlockRes,
+    IocrType,
+    ModuleDiffBlock,
+)
+from pdgw.profinet.blocks.control import ApplicationReadyReq, ApplicationReadyRes, Command, PrmEndReq, ReleaseReq
+from pdgw.profinet.cmdev import Address
+from pdgw.profinet.cpm import Consumer
+from pdgw.profinet.model import Subslot
+from pdgw.profinet.ppm import Provider
+from pdgw.profinet.rpc import dcerpc
+from pdgw.profinet.rpc.client import RecordCall, RecordCaller, RecordResult
+from pdgw.profinet.rpc.dcerpc import Flags, PacketType, RpcHeader
+from pdgw.profinet.rpc.records import Operation, PnioStatus, decode_arguments, encode_arguments
+from pdgw.profinet.rpc.server import RpcServer
+from pdgw.profinet.station import IpSuite, Station
+from pdgw.profinet.wire import split
+
+_REPEAT_NS = 1_000_000_000
+_ATTEMPTS = 4
+_ARGS_MAX = 16_384
+_PRIORITIES = {frame_id: priority for priority, frame_id in apmx.FRAME_IDS.items()}
+
+
+class Phase(enum.Enum):
+    """Where the controller is on its way."""
+
+    IDLE = "idle"
+    IDENTIFY = "asks who has the name"
+    ADDRESS = "gives the IP address"
+    CONNECT = "connects"
+    WRITE = "writes parameters"
+    PRM_END = "ends the parameterisation"
+    READY = "waits for ApplicationReady"
+    DATA = "exchanges data"
+    RELEASE = "releases"
+    ENDED = "ended"
+
+
+@dataclass
+class _Call:
+    """A call under way."""
+
+    header: RpcHeader
+    packets: list[bytes]
+    done: Callable[[int, bytes, int], None]
+    due: int
+    attempts: int = 1
+
+
+@dataclass
+class Learned:
+    """What the device told."""
+
+    mac: bytes = b""
+    ip: IpSuite = field(default_factory=IpSuite)
+    status: PnioStatus = field(default_factory=PnioStatus)
+    """Of the last call that was refused."""
+    diff: ModuleDiffBlock | None = None
+    alarms: list[AlarmNotification] = field(default_factory=list)
+    error: int | None = None
+    """Status of an alarm ERR PDU that ended the relationship."""
+    ended: str = ""
+
+
+class IoController:
+    """One controller with one device. Output data lies in ``provider``, input data in ``consumer``."""
+
+    def __init__(self, station: Station, project: Project, ip: IpSuite, *, seed: int = 1) -> None:
+        self.station = station
+        self.project = project
+        self.phase = Phase.IDLE
+        self.learned = Learned()
+        self.provider: Provider | None = None
+        self.consumer: Consumer | None = None
+        self.answer_alarms = True
+        self._ip = ip
+        self._seed = seed
+        self._starts = 0
+        self._sequence = 0
+        self._call: _Call | None = None
+        self._record: tuple[RecordCall, Callable[[RecordResult], None]] | None = None
+        self._record_due = 0
+        self._record_attempts = 0
+        self._waiting: deque[tuple[RecordCall, Callable[[RecordResult], None]]] = deque()
+        self._due: int | None = None
+        self._attempts = 0
+        self._outgoing: list[tuple[Address | None, bytes | bytearray]] = []
+        self._alarm_reference = 0
+        self._sequences: dict[Priority, tuple[int, int]] = {}
+        interface = (dcerpc.CONTROLLER_INTERFACE, dcerpc.INTERFACE_VERSION)
+        self._server: RpcServer[Address] = RpcServer({interface: self._serve}, _ARGS_MAX)
+        self._new_session()
+
+    def _new_session(self) -> None:
+        self._starts += 1
+        base = (self._seed << 64) + (self._starts << 32)
+        self.ar_uuid = UUID(int=base + 1)
+        self.activity = UUID(int=base + 2)
+        self.session = self._starts & 0xFFFF
+        self.initiator = dcerpc.object_uuid(1, 1, 1)
+        identity = self.station.identity
+        self.device_object = dcerpc.object_uuid(identity.instance, identity.device_id, identity.vendor_id)
+        self._records = RecordCaller(UUID(int=base + 3), self.device_object, self.ar_uuid)
+
+    # -- wishes -------------------------------------------------------------------------------------------------------
+
+    def start(self, now: int) -> None:
+        """Find the device and connect."""
+        self._new_session()
+        self.provider = self.consumer = None
+        self._alarm_reference = 0
+        self.learned = Learned()
+        self._attempts = 0
+        self._identify(now)
+
+    def release(self, now: int) -> None:
+        """End the relationship."""
+        self.phase = Phase.RELEASE
+        block = ReleaseReq(ar_uuid=self.ar_uuid, session_key=self.session, command=Command.RELEASE)
+        self._send_call(Operation.RELEASE, block.encode(), self._released, now)
+
+    def read(
+        self, place: tuple[int, int, int], index: int, done: Callable[[RecordResult], None], *, implicit: bool = False
+    ) -> None:
+        """Read a record of (API, slot, subslot)."""
+        self._waiting.append((self._records.read(*place, index, implicit=implicit), done))
+
+    def write(self, place: tuple[int, int, int], index: int, data: bytes, done: Callable[[RecordResult], None]) -> None:
+        """Write a record of (API, slot, subslot)."""
+        self._waiting.append((self._records.write(*place, index, data), done))
+
+    def set_output(self, place: Subslot, data: bytes, *, good: bool = True) -> None:
+        """Output data of a submodule."""
+        if self.provider is not None:
+            self.provider.set(place, data, good=good)
+
+    def input(self, place: Subslot) -> bytes | None:
+        """Input data of a submodule; None while it is not GOOD."""
+        return None if self.consumer is None else self.consumer.output(place)
+
+    # -- finding the device -------------------------------------------------------------------------------------------
+
+    def _identify(self, now: int) -> None:
+        self.phase = Phase.IDENTIFY
+        self._attempts += 1
+        self._due = now + _REPEAT_NS
+        block = dcp.encode_block(dcp.Option.NAME, self.project.station_name.encode())
+        request = dcp.encode(
+            dcp.FRAME_ID_IDENTIFY, dcp.Service.IDENTIFY, dcp.ServiceType.REQUEST, self._attempts, block, 1
+        )
+        self._frame(ethernet.frame(ethernet.DCP_MULTICAST, self.station.identity.mac, request))
+
+    def _dcp(self, data: bytes, start: int, now: int) -> None:
+        if len(data) - start < dcp.HEADER.size:
+            return
+        frame_id, service, kind, _, _, length = dcp.HEADER.unpack_from(data, start)
+        if kind != dcp.ServiceType.SUCCESS:
+            return
+        at = start + dcp.HEADER.size
+        try:
+            blocks = dict(dcp.split(data[at : at + length]))
+        except ProfidriveError:
+            return
+        if self.phase is Phase.IDENTIFY and frame_id == dcp.FRAME_ID_IDENTIFY_RESPONSE:
+            self.learned.mac = data[6:12]
+            self.learned.ip = IpSuite.decode(blocks[dcp.Option.IP.value][2:])
+            ids = blocks[dcp.Option.DEVICE_ID.value][2:]
+            vendor, device = int.from_bytes(ids[:2], "big"), int.from_bytes(ids[2:], "big")
+            self.device_object = dcerpc.object_uuid(1, device, vendor)
+            self._records.device = self.device_object
+            if self.learned.ip == self._ip:
+                self._connect(now)
+            else:
+                self._set_address(now)
+        elif self.phase is Phase.ADDRESS and service == dcp.Service.SET:
+            result = blocks.get(dcp.Option.RESPONSE.value, b"")
+            if result[-1:] == bytes((dcp.SetError.OK,)):
+                self.learned.ip = self._ip
+                self._connect(now)
+            else:
+                self._end(f"the device refuses the IP address: {result.hex()}")
+
+    def _set_address(self, now: int) -> None:
+        self.phase = Phase.ADDRESS
+        self._due = now + _REPEAT_NS
+        block = dcp.encode_block(dcp.Option.IP, bytes(2) + self._ip.encode())
+        request = dcp.encode(dcp.FRAME_ID_GET_SET, dcp.Service.SET, dcp.ServiceType.REQUEST, 99, block)
+        self._frame(ethernet.frame(self.learned.mac, self.station.identity.mac, request))
+
+    # -- calls --------------------------------------------------------------------------------------------------------
+
+    @property
+    def device_address(self) -> Address:
+        return str(self.learned.ip.address), dcerpc.UDP_PORT
+
+    def _send_call(
+        self, operation: Operation, arguments: bytes, done: Callable[[int, bytes, int], None], now: int
+    ) -> None:
+        header = RpcHeader(
+            PacketType.REQUEST, self.device_object, self.activity, self._sequence, operation, flags=Flags.IDEMPOTENT
+        )
+        self._sequence += 1
+        ndr = encode_arguments(_ARGS_MAX, arguments, _ARGS_MAX, little=header.little_endian)
+        self._call = _Call(header, dcerpc.encode_fragments(header, ndr), done, now + _REPEAT_NS)
+        self._datagrams(self._call.packets)
+
+    def _datagrams(self, packets: list[bytes]) -> None:
+        self._outgoing += [(self.device_address, packet) for packet in packets]
+
+    def _connect(self, now: int) -> None:
+        self.phase = Phase.CONNECT
+        self._due = None
+        station = self.station
+        name = station.name or "controller"
+        ar = self.project.ar(self.ar_uuid, self.session, station.identity.mac, self.initiator, name)
+        arguments = b"".join(block.encode() for block in self.project.blocks(ar))
+        self._send_call(Operation.CONNECT, arguments, self._connected, now)
+
+    def _connected(self, status: int, arguments: bytes, now: int) -> None:
+        if status:
+            self._refused("Connect", status)
+            return
+        frame_id = INPUT_FRAME_ID
+        output_id = 0
+        for kind, data in split(arguments):
+            if kind == ArBlockRes.TYPE:
+                ArBlockRes.decode(data)
+            elif kind == IocrBlockRes.TYPE:
+                block = IocrBlockRes.decode(data)
+                if block.iocr_type == IocrType.INPUT:
+                    frame_id = block.frame_id
+                else:
+                    output_id = block.frame_id
+            elif kind == AlarmCrBlockRes.TYPE:
+                self._alarm_reference = AlarmCrBlockRes.decode(data).reference
+            elif kind == ModuleDiffBlock.TYPE:
+                self.learned.diff = ModuleDiffBlock.decode(data)
+        outputs = self.project.plan(IocrType.OUTPUT, output_id)
+        places = frozenset(self.project.submodules)
+        self.provider = Provider(outputs, self.learned.mac, self.station.identity.mac, places)
+        self.provider.start(now)
+        self.provider.open()
+        self.consumer = Consumer(self.project.plan(IocrType.INPUT, frame_id))
+        self._sequences = dict.fromkeys(Priority, (0xFFFF, 0xFFFE))
+        self.phase = Phase.WRITE
+        for api, slot, subslot, index, data in self.project.records:
+            self.write((api, slot, subslot), index, data, self._written)
+        if not self.project.records:
+            self._prm_end(now)
+
+    def _written(self, result: RecordResult) -> None:
+        if result.status.value:
+            self.learned.status = result.status
+
+    def _prm_end(self, now: int) -> None:
+        self.phase = Phase.PRM_END
+        block = PrmEndReq(ar_uuid=self.ar_uuid, session_key=self.session, command=Command.PRM_END)
+        self._send_call(Operation.CONTROL, block.encode(), self._ended_parameters, now)
+
+    def _ended_parameters(self, status: int, arguments: bytes, now: int) -> None:
+        if status:
+            self._refused("PrmEnd", status)
+        elif self.phase is Phase.PRM_END:
+            self.phase = Phase.READY
+
+    def _released(self, status: int, arguments: bytes, now: int) -> None:
+        self._end("released" if not status else f"Release refused: {PnioStatus.of(status).text}")
+
+    def _refused(self, what: str, status: int) -> None:
+        self.learned.status = PnioStatus.of(status)
+        self._end(f"{what} refused: {self.learned.status.text}")
+
+    def _end(self, why: str) -> None:
+        self.phase = Phase.ENDED
+        self.learned.ended = why
+        self.provider = self.consumer = None
+        self._call = self._record = self._due = None
+        self._waiting.clear()
+
+    def _serve(self, header: RpcHeader, body: bytes, source: Address, now: int) -> bytes | dcerpc.RejectStatus:
+        try:
+            maximum, arguments = decode_arguments(body, little=header.little_endian)
+            blocks = split(arguments)
+            block = ApplicationReadyReq.decode(blocks[0][1])
+            if len(blocks) > 1:
+                self.learned.diff = ModuleDiffBlock.decode(blocks[1][1])
+        except (ProfidriveError, IndexError):
+            return dcerpc.RejectStatus.PROTOCOL_ERROR
+        answer = ApplicationReadyRes(ar_uuid=block.ar_uuid, session_key=block.session_key, command=Command.DONE)
+        if self.phase in {Phase.PRM_END, Phase.READY}:
+            self.phase = Phase.DATA
+        return encode_arguments(0, answer.encode(), maximum, little=header.little_endian)
+
+    # -- in -----------------------------------------------------------------------------------------------------------
+
+    def on_datagram(self, data: bytes, address: Address, now: int) -> None:
+        """A UDP datagram that came to port 34964."""
+        try:
+            header, body = dcerpc.decode_packet(data)
+        except ProfidriveError:
+            return
+        if header.packet_type in {PacketType.REQUEST, PacketType.PING}:
+            for answer in self._server.serve(header, body, address, now):
+                self._outgoing.append((address, answer))
+            return
+        call = self._call
+        if call is not None and (header.activity, header.sequence) == (call.header.activity, call.header.sequence):
+            if header.packet_type is PacketType.RESPONSE:
+                self._call = None
+                status, arguments = decode_arguments(body, little=header.little_endian)
+                call.done(status, arguments, now)
+            elif header.packet_type in {PacketType.REJECT, PacketType.FAULT}:
+                self._end(f"call rejected: {dcerpc.decode_status(body, little=header.little_endian):08X}h")
+            return
+        if self._record is not None:
+            record, done = self._record
+            result = record.receive(data)
+            if isinstance(result, RecordResult):
+                self._record = None
+                done(result)
+            elif result:
+                self._datagrams(result)
+
+    def on_frame(self, data: bytes, now: int) -> bool:
+        """An Ethernet frame; True when there is new input data."""
+        ethertype, start = ethernet.payload_of(data)
+        if ethertype != ethernet.ETHERTYPE_PROFINET or data[:6] != self.station.identity.mac:
+            return False
+        frame_id = int.from_bytes(data[start : start + 2], "big")
+        if frame_id in {dcp.FRAME_ID_GET_SET, dcp.FRAME_ID_IDENTIFY_RESPONSE}:
+            self._dcp(data, start, now)
+        elif data[6:12] != self.learned.mac:
+            return False
+        elif frame_id in _PRIORITIES:
+            self._alarm(_PRIORITIES[frame_id], data, start)
+        elif self.consumer is not None and frame_id == self.consumer.frame_id:
+            return self.consumer.receive(data, start, now).value == "accepted"
+        return False
+
+    def _alarm(self, priority: Priority, data: bytes, start: int) -> None:
+        _, _, reference, kind, _, sequence, _, length = PDU.unpack_from(data, start)
+        content = data[start + PDU.size : start + PDU.size + length]
+        kind &= 0x0F
+        if reference != self._alarm_reference:
+            return
+        if kind == PduType.ERR:
+            self.learned.error = int.from_bytes(content[:4], "big")
+            self._end(f"aborted by the device: {PnioStatus.of(self.learned.error).text}")
+        if kind != PduType.DATA or not self.answer_alarms:
+            return
+        own, accepted = self._sequences[priority]
+        repeated = sequence == accepted
+        mac = self.station.identity.mac
+        tag = 0xC000 if priority is Priority.HIGH else 0xA000
+
+        def send(pdu: PduType, number: int, body: bytes = b"") -> None:
+            payload = apmx.encode(priority, reference, self.project.alarm().reference, pdu, number, sequence, body)
+            self._frame(ethernet.frame(self.learned.mac, mac, payload, tag=tag))
+
+        send(PduType.ACK, own)
+        if repeated:
+            return
+        block = NOTIFICATIONS[priority].decode(content)
+        self.learned.alarms.append(block)
+        answer = ACKS[priority](
+            alarm_type=block.alarm_type,
+            api=block.api,
+            slot=block.slot,
+            subslot=block.subslot,
+            specifier=block.specifier,
+            status=0,
+        )
+        send(PduType.DATA, own, answer.encode())
+        self._sequences[priority] = (apmx.following(own), sequence)
+
+    # -- time and out -------------------------------------------------------------------------------------------------
+
+    def next_deadline(self) -> int | None:
+        """When ``poll`` has something to do."""
+        if self._waiting and self._record is None:
+            return 0
+        due = [self._due, self._call.due if self._call else None, self._record_due if self._record else None]
+        if self.provider is not None and self.consumer is not None:
+            due += [self.provider.due, self.consumer.deadline]
+        return min((when for when in due if when is not None), default=None)
+
+    def poll(self, now: int) -> None:
+        """Send what is due, notice what has not come."""
+        if self._due is not None and now >= self._due:
+            if self._attempts >= _ATTEMPTS:
+                self._end(f"no device has the name {self.project.station_name}")
+            else:
+                self._identify(now)
+        call = self._call
+        if call is not None and now >= call.due:
+            if call.attempts >= _ATTEMPTS:
+                self._end("the device does not answer")
+            else:
+                call.attempts += 1
+                call.due = now + _REPEAT_NS
+                self._datagrams(call.packets)
+        self._poll_records(now)
+        if self.provider is not None and self.consumer is not None:
+            deadline = self.consumer.deadline
+            if deadline is not None and now >= deadline:
+                self._end("data hold time expired: no frame from the device")
+                return
+            frame = self.provider.poll(now)
+            if frame is not None:
+                self._frame(frame)
+
+    def _poll_records(self, now: int) -> None:
+        if self._record is None and self._waiting:
+            self._record = self._waiting.popleft()
+            self._record_attempts = 0
+            self._record_due = now
+        elif self._record is None and self.phase is Phase.WRITE:
+            self._prm_end(now)
+        if self._record is not None and now >= self._record_due:
+            self._record_attempts += 1
+            if self._record_attempts > _ATTEMPTS:
+                self._end("the device does not answer a record call")
+                return
+            self._record_due = now + _REPEAT_NS
+            self._datagrams(self._record[0].packets)
+
+    def _frame(self, data: bytes | bytearray) -> None:
+        self._outgoing.append((None, data))
+
+    def outgoing(self) -> list[tuple[Address | None, bytes | bytearray]]:
+        """What is to be sent, in this order."""
+        ready, self._outgoing = self._outgoing, []
+        return ready

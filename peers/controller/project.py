@@ -1,0 +1,213 @@
+"""What the controller's project says of a device: modules, cycle, start-up; and the Connect request that follows from it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from uuid import UUID
+
+from pdgw.profidrive.frame import C_SDU_MIN
+from pdgw.profinet.blocks.connect import (
+    ADVANCED_STARTUP,
+    BEST_EFFORT,
+    FRAME_ID_BY_DEVICE,
+    LT_RT,
+    TAG_HIGH,
+    TAG_LOW,
+    TAG_RT,
+    AlarmCrBlockReq,
+    ArBlockReq,
+    ArType,
+    DataDescription,
+    ExpectedSlot,
+    ExpectedSubmodule,
+    ExpectedSubmoduleBlockReq,
+    IocrApi,
+    IocrBlockReq,
+    IocrType,
+    Place,
+    RtClass,
+    SubmoduleDirection,
+)
+from pdgw.profinet.connect import CyclicPlan, DataObject
+from pdgw.profinet.model import Module, Submodule, Subslot
+from pdgw.profinet.wire import Block
+
+_ACTIVE_BY_INITIATOR = 0x11
+INPUT_FRAME_ID = 0x8001
+INPUT_REFERENCE, OUTPUT_REFERENCE = 1, 2
+ALARM_REFERENCE = 0x0042
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Where data and IOCS of one relationship lie in its C_SDU."""
+
+    length: int
+    data: Mapping[Subslot, DataObject]
+    iocs: Mapping[Subslot, int]
+
+
+def _direction(submodule: Submodule) -> SubmoduleDirection:
+    return SubmoduleDirection((1 if submodule.inputs else 0) | (2 if submodule.outputs else 0))
+
+
+def provides(submodule: Submodule, kind: IocrType) -> bool:
+    """Whether a relationship carries this submodule's data and IOPS. A submodule without data is an input."""
+    direction = _direction(submodule)
+    if kind is IocrType.OUTPUT:
+        return direction in {SubmoduleDirection.OUTPUT, SubmoduleDirection.INPUT_OUTPUT}
+    return direction is not SubmoduleDirection.OUTPUT
+
+
+@dataclass(frozen=True)
+class Project:
+    """``send_clock`` in 31.25 us; the cycle is ``send_clock`` x ``reduction_ratio``. ``data_hold`` counts cycles."""
+
+    station_name: str
+    modules: Mapping[int, Module]
+    send_clock: int = 32
+    reduction_ratio: int = 4
+    data_hold: int = 3
+    advanced: bool = True
+    rt_class: RtClass = RtClass.RT_CLASS_1
+    activity_timeout: int = 200
+    records: Sequence[tuple[int, int, int, int, bytes]] = field(default=())
+    """Written before PrmEnd: API, slot, subslot, index, data."""
+
+    @property
+    def submodules(self) -> dict[Subslot, Submodule]:
+        return {
+            (slot, subslot): item
+            for slot, module in self.modules.items()
+            for subslot, item in module.submodules.items()
+        }
+
+    def layout(self, kind: IocrType, order: Sequence[Subslot] | None = None, gap: int = 0) -> Layout:
+        """Data objects in this order, ``gap`` unused bytes before each, then the IOCS."""
+        submodules = self.submodules
+        places = list(submodules) if order is None else list(order)
+        offset = 0
+        data: dict[Subslot, DataObject] = {}
+        iocs: dict[Subslot, int] = {}
+        for place in places:
+            item = submodules[place]
+            if provides(item, kind):
+                offset += gap
+                data[place] = DataObject(offset, item.inputs if kind is IocrType.INPUT else item.outputs)
+                offset = data[place].iops + 1
+        other = IocrType.OUTPUT if kind is IocrType.INPUT else IocrType.INPUT
+        for place in places:
+            if provides(submodules[place], other):
+                iocs[place] = offset + gap
+                offset += gap + 1
+        return Layout(max(offset, C_SDU_MIN), data, iocs)
+
+    def ar(self, ar_uuid: UUID, session: int, mac: bytes, initiator: UUID, name: str) -> ArBlockReq:
+        return ArBlockReq(
+            ar_type=ArType.IO,
+            ar_uuid=ar_uuid,
+            session_key=session,
+            initiator_mac=mac,
+            initiator_object=initiator,
+            properties=_ACTIVE_BY_INITIATOR | (ADVANCED_STARTUP if self.advanced else 0),
+            activity_timeout=self.activity_timeout,
+            rt_port=LT_RT,
+            station_name=name,
+        )
+
+    def iocr(self, kind: IocrType, layout: Layout) -> IocrBlockReq:
+        apis = sorted({module.api for module in self.modules.values()})
+
+        def items(api: int, offsets: Mapping[Subslot, int]) -> tuple[Place, ...]:
+            return tuple(
+                Place(slot=slot, subslot=subslot, offset=offset)
+                for (slot, subslot), offset in offsets.items()
+                if self.modules[slot].api == api
+            )
+
+        data = {place: item.offset for place, item in layout.data.items()}
+        used = tuple(IocrApi(api=api, data=items(api, data), iocs=items(api, layout.iocs)) for api in apis)
+        first = INPUT_FRAME_ID if self.rt_class is RtClass.RT_CLASS_1 else 0xC001
+        return IocrBlockReq(
+            iocr_type=kind,
+            reference=INPUT_REFERENCE if kind is IocrType.INPUT else OUTPUT_REFERENCE,
+            lt=LT_RT,
+            properties=self.rt_class,
+            data_length=layout.length,
+            frame_id=first if kind is IocrType.INPUT else FRAME_ID_BY_DEVICE,
+            send_clock=self.send_clock,
+            reduction_ratio=self.reduction_ratio,
+            phase=1,
+            sequence=0,
+            frame_send_offset=BEST_EFFORT,
+            watchdog=self.data_hold,
+            data_hold=self.data_hold,
+            tag=TAG_RT,
+            multicast_mac=bytes(6),
+            apis=tuple(item for item in used if item.data or item.iocs),
+        )
+
+    def expected(self) -> list[ExpectedSubmoduleBlockReq]:
+        """One block per slot, as real controllers do."""
+        return [
+            ExpectedSubmoduleBlockReq(
+                slots=(
+                    ExpectedSlot(
+                        api=module.api,
+                        slot=slot,
+                        ident=module.ident,
+                        properties=0,
+                        submodules=tuple(
+                            _expected(subslot, submodule) for subslot, submodule in module.submodules.items()
+                        ),
+                    ),
+                )
+            )
+            for slot, module in self.modules.items()
+        ]
+
+    def alarm(self) -> AlarmCrBlockReq:
+        return AlarmCrBlockReq(
+            cr_type=1,
+            lt=LT_RT,
+            properties=0,
+            rta_timeout=1,
+            rta_retries=3,
+            reference=ALARM_REFERENCE,
+            max_length=200,
+            tag_high=TAG_HIGH,
+            tag_low=TAG_LOW,
+        )
+
+    def blocks(self, ar: ArBlockReq) -> list[Block]:
+        """A Connect request."""
+        return [
+            ar,
+            self.iocr(IocrType.INPUT, self.layout(IocrType.INPUT)),
+            self.iocr(IocrType.OUTPUT, self.layout(IocrType.OUTPUT)),
+            *self.expected(),
+            self.alarm(),
+        ]
+
+    def plan(self, kind: IocrType, frame_id: int) -> CyclicPlan:
+        """What the controller's own protocol machines need."""
+        layout = self.layout(kind)
+        return CyclicPlan(self.iocr(kind, layout), frame_id, layout.data, layout.iocs)
+
+
+def _expected(subslot: int, submodule: Submodule) -> ExpectedSubmodule:
+    direction = _direction(submodule)
+    lengths = []
+    if direction is not SubmoduleDirection.OUTPUT:
+        lengths.append((IocrType.INPUT, submodule.inputs))
+    if submodule.outputs:
+        lengths.append((IocrType.OUTPUT, submodule.outputs))
+    return ExpectedSubmodule(
+        subslot=subslot,
+        ident=submodule.ident,
+        properties=direction,
+        descriptions=tuple(
+            DataDescription(direction=kind, length=length, length_iocs=1, length_iops=1) for kind, length in lengths
+        ),
+    )

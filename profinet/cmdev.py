@@ -1,0 +1,400 @@
+"""One application relationship: its states, its timers, the protocol machines it owns; sans-I/O.
+
+Source: IEC 61158-5-10/-6-10 (CMDEV, CMSM, CMPBE). The machine is ``TABLE``; tests walk every state and event. A relationship that
+ended stays ended: the controller has to connect anew, and drives start only by the rules of the axes.
+"""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass
+from typing import Final, Protocol
+from uuid import UUID
+
+from pdgw.profidrive.errors import ProfidriveError
+from pdgw.profinet.apmx import AlarmMachine, AlarmRelation
+from pdgw.profinet.blocks.alarm import Priority
+from pdgw.profinet.blocks.connect import ArType
+from pdgw.profinet.blocks.control import ApplicationReadyReq, ApplicationReadyRes, Command
+from pdgw.profinet.connect import ConnectPlan
+from pdgw.profinet.cpm import Consumer, Verdict
+from pdgw.profinet.diagnosis import AlarmSource
+from pdgw.profinet.ppm import Provider
+from pdgw.profinet.rpc import dcerpc
+from pdgw.profinet.rpc.dcerpc import Flags, PacketType, RpcHeader
+from pdgw.profinet.rpc.records import PnioStatus, decode_arguments, encode_arguments
+
+Address = tuple[str, int]
+
+ACTIVITY_UNIT_NS: Final = 100_000_000
+RTA_UNIT_NS: Final = 100_000_000
+READY_INTERVAL_NS: Final = 2_000_000_000
+READY_ATTEMPTS: Final = 3
+CONTROL_OPERATION: Final = 4
+_ARGS_MAX = 4096
+_RTA_ERROR, _RTA_PROTOCOL, _RTA_ERR_CLS = 0xCF, 0x81, 0xFD
+
+
+class AbortCode(enum.IntEnum):
+    """ErrorCode2 of an alarm ERR PDU: why a relationship ended."""
+
+    SEQUENCE = 0x01
+    DATA_HOLD = 0x05
+    ACTIVITY_TIMEOUT = 0x06
+    ALARM_UNACKNOWLEDGED = 0x08
+    ALARM = 0x0B
+    REQUESTED = 0x0D
+    RE_RUN = 0x0E
+    RELEASED = 0x0F
+    PROTOCOL = 0x12
+    CONTROL = 0x18
+    LINK_DOWN = 0x1B
+    NAME_CHANGED = 0x1F
+    RESET = 0x20
+
+    @property
+    def status(self) -> PnioStatus:
+        """As the PDU carries it."""
+        return PnioStatus(_RTA_ERROR, _RTA_PROTOCOL, _RTA_ERR_CLS, self)
+
+
+class State(enum.Enum):
+    """Of a relationship."""
+
+    PARAMETERISING = "connected, waits for PrmEnd"
+    CONFIRMING = "ApplicationReady sent, waits for its confirmation"
+    AWAITING_DATA = "confirmed, waits for the first data"
+    DATA = "exchanges data"
+    ACCESS = "device access without data"
+    CLOSED = "ended"
+
+
+class Event(enum.Enum):
+    """What happens to it."""
+
+    RECORD = "the controller reads or writes a record"
+    PRM_END = "PrmEnd"
+    PRM_BEGIN = "PrmBegin"
+    CONFIRMED = "ApplicationReady is confirmed"
+    DATA_RECEIVED = "a cyclic frame counts"
+    RELEASE = "Release"
+    PEER_ERROR = "the controller sent an alarm ERR"
+    ACTIVITY_TIMEOUT = "the activity time is over"
+    HOLD_EXPIRED = "the data hold time is over"
+    UNCONFIRMED = "ApplicationReady is not confirmed after the last attempt, or refused"
+    ALARM_UNACKNOWLEDGED = "an alarm is not acknowledged after the last repetition"
+    RESTARTED = "the controller connects anew"
+    LINK_DOWN = "the cable is off"
+    NAME_CHANGED = "name or address has changed"
+    RESET = "reset to factory"
+    STOPPED = "the device ends"
+
+
+class Action(enum.Enum):
+    """What it does."""
+
+    NOTHING = "nothing"
+    RESTART_ACTIVITY = "start the activity time again"
+    SEND_READY = "all statuses GOOD, ApplicationReady is sent"
+    AWAIT_DATA = "start the activity time until the first data"
+    CONNECT = "data counts from now on"
+    HOLD_BACK = "all statuses BAD, start the activity time"
+    REFUSE = "the service is refused: wrong state"
+    ABORT = "send an alarm ERR, end"
+    CLOSE = "end"
+
+
+ABORTS: Final = {
+    Event.ACTIVITY_TIMEOUT: AbortCode.ACTIVITY_TIMEOUT,
+    Event.HOLD_EXPIRED: AbortCode.DATA_HOLD,
+    Event.UNCONFIRMED: AbortCode.CONTROL,
+    Event.ALARM_UNACKNOWLEDGED: AbortCode.ALARM_UNACKNOWLEDGED,
+    Event.RESTARTED: AbortCode.RE_RUN,
+    Event.LINK_DOWN: AbortCode.LINK_DOWN,
+    Event.NAME_CHANGED: AbortCode.NAME_CHANGED,
+    Event.RESET: AbortCode.RESET,
+    Event.STOPPED: AbortCode.REQUESTED,
+    Event.RELEASE: AbortCode.RELEASED,
+    Event.PEER_ERROR: AbortCode.REQUESTED,
+}
+"""Why the relationship ends by an event; what an ERR PDU says where one is sent."""
+
+_ENDS: Final = {
+    **dict.fromkeys(ABORTS, (State.CLOSED, Action.ABORT)),
+    # The controller ends it itself and needs no error.
+    Event.RELEASE: (State.CLOSED, Action.CLOSE),
+    Event.PEER_ERROR: (State.CLOSED, Action.CLOSE),
+}
+_P, _C, _A, _D, _X = State.PARAMETERISING, State.CONFIRMING, State.AWAITING_DATA, State.DATA, State.ACCESS
+_SERVICES = (Event.PRM_END, Event.PRM_BEGIN)
+TABLE: Final[dict[tuple[State, Event], tuple[State, Action]]] = {
+    # Whatever a state does not name below is ignored in it, and a service is refused.
+    **{(state, event): (state, Action.NOTHING) for state in State for event in Event},
+    **{(state, event): (state, Action.REFUSE) for state in State for event in _SERVICES},
+    **{(state, event): end for state in (_P, _C, _A, _D, _X) for event, end in _ENDS.items()},
+    (_P, Event.RECORD): (_P, Action.RESTART_ACTIVITY),
+    (_P, Event.PRM_END): (_C, Action.SEND_READY),
+    (_C, Event.CONFIRMED): (_A, Action.AWAIT_DATA),
+    (_C, Event.ACTIVITY_TIMEOUT): (_C, Action.NOTHING),
+    (_A, Event.DATA_RECEIVED): (_D, Action.CONNECT),
+    (_D, Event.PRM_BEGIN): (_P, Action.HOLD_BACK),
+    (_D, Event.ACTIVITY_TIMEOUT): (_D, Action.NOTHING),
+    (_X, Event.RECORD): (_X, Action.RESTART_ACTIVITY),
+    (_X, Event.ACTIVITY_TIMEOUT): (State.CLOSED, Action.CLOSE),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Ended:
+    """How a relationship ended."""
+
+    event: Event
+    code: AbortCode
+
+    @property
+    def text(self) -> str:
+        return f"{self.event.value} ({self.code.status.text})"
+
+
+class Output(Protocol):
+    """Where frames and datagrams go."""
+
+    def frame(self, data: bytes | bytearray) -> None:
+        """Send an Ethernet frame."""
+
+    def datagram(self, data: bytes, address: Address) -> None:
+        """Send a UDP datagram from the RPC port."""
+
+
+class ApplicationRelation:
+    """One AR from the granted Connect to its end. ``activity``: UUID of the calls of its own."""
+
+    def __init__(
+        self,
+        plan: ConnectPlan,
+        source: Address,
+        own_mac: bytes,
+        own_reference: int,
+        activity: UUID,
+        alarms: AlarmSource,
+        output: Output,
+        now: int,
+    ) -> None:
+        ar = plan.ar
+        self.plan = plan
+        self.source = source
+        self.activity = activity
+        self.reference = own_reference
+        """Of the alarm relationship, this side."""
+        self.ended: Ended | None = None
+        self.has_data = ar.ar_type == ArType.IO
+        self.state = State.PARAMETERISING if self.has_data else State.ACCESS
+        self.stored: dict[tuple[int, int, int], bytes] = {}
+        """Records written to interface and port, by slot, subslot and index."""
+        self._output = output
+        self.alarms = alarms
+        """What the controller has not been told yet."""
+        self._activity_ns = ar.activity_timeout * ACTIVITY_UNIT_NS
+        self._activity_due: int | None = now + self._activity_ns
+        self._ready_due: int | None = None
+        self._ready_attempts = 0
+        self._ready_sequence = -1
+        self.provider: Provider | None = None
+        self.consumer: Consumer | None = None
+        self.machines: dict[Priority, AlarmMachine] = {}
+        if plan.inputs is not None and plan.outputs is not None and plan.alarm is not None:
+            self.provider = Provider(plan.inputs, ar.initiator_mac, own_mac, plan.proper)
+            self.provider.start(now)
+            self.consumer = Consumer(plan.outputs)
+            relation = AlarmRelation(
+                ar.initiator_mac,
+                own_mac,
+                plan.alarm.reference,
+                own_reference,
+                plan.alarm.rta_timeout * RTA_UNIT_NS,
+                plan.alarm.rta_retries,
+            )
+            self.machines = {priority: AlarmMachine(relation, priority) for priority in Priority}
+
+    @property
+    def alive(self) -> bool:
+        return self.state is not State.CLOSED
+
+    @property
+    def connected(self) -> bool:
+        """Output data counts."""
+        return self.state is State.DATA
+
+    def belongs_to(self, host: str, session_key: int) -> bool:
+        """Whether a service comes from this relationship's controller and session."""
+        return host == self.source[0] and session_key == self.plan.ar.session_key
+
+    def accepts(self, event: Event) -> bool:
+        """Whether a service is possible in this state."""
+        return TABLE[self.state, event][1] is not Action.REFUSE
+
+    # -- events -------------------------------------------------------------------------------------------------------
+
+    def handle(self, event: Event, now: int) -> bool:
+        """Let something happen; False when a service is refused in this state."""
+        self.state, action = TABLE[self.state, event]
+        match action:
+            case Action.REFUSE:
+                return False
+            case Action.RESTART_ACTIVITY:
+                self._activity_due = now + self._activity_ns
+            case Action.SEND_READY:
+                self._activity_due = None
+                self._open()
+                self._ready_attempts = 0
+                self._ready_sequence += 1
+                self._send_ready(now)
+            case Action.AWAIT_DATA:
+                self._ready_due = None
+                self._activity_due = now + self._activity_ns
+                if self.consumer is not None and self.consumer.last_ns is not None:
+                    self.handle(Event.DATA_RECEIVED, now)
+            case Action.CONNECT:
+                self._activity_due = None
+            case Action.HOLD_BACK:
+                self._activity_due = now + self._activity_ns
+                if self.provider is not None:
+                    self.provider.close()
+            case Action.ABORT:
+                if self.machines:
+                    error = ABORTS[event].status.value
+                    self._output.frame(self.machines[Priority.LOW].error(error))
+                self._end(event)
+            case Action.CLOSE:
+                self._end(event)
+        return True
+
+    def _open(self) -> None:
+        if self.provider is not None:
+            self.provider.open()
+
+    def _end(self, event: Event) -> None:
+        self.ended = Ended(event, ABORTS[event])
+        self._activity_due = self._ready_due = None
+
+    # -- ApplicationReady ---------------------------------------------------------------------------------------------
+
+    def _send_ready(self, now: int) -> None:
+        ar = self.plan.ar
+        block = ApplicationReadyReq(
+            ar_uuid=ar.ar_uuid, session_key=ar.session_key, command=Command.APPLICATION_READY
+        ).encode()
+        if self.plan.diff is not None:
+            block += self.plan.diff.encode()
+        header = RpcHeader(
+            PacketType.REQUEST,
+            ar.initiator_object,
+            self.activity,
+            self._ready_sequence,
+            CONTROL_OPERATION,
+            interface=dcerpc.CONTROLLER_INTERFACE,
+            flags=Flags.IDEMPOTENT,
+        )
+        ndr = encode_arguments(_ARGS_MAX, block, max(_ARGS_MAX, len(block)), little=header.little_endian)
+        for packet in dcerpc.encode_fragments(header, ndr):
+            self._output.datagram(packet, (self.source[0], dcerpc.UDP_PORT))
+        self._ready_attempts += 1
+        self._ready_due = now + READY_INTERVAL_NS
+
+    def answer(self, header: RpcHeader, body: bytes, host: str, now: int) -> None:
+        """An RPC packet with this relationship's own activity; only the answer to the present call counts."""
+        if self.state is not State.CONFIRMING or host != self.source[0] or header.sequence != self._ready_sequence:
+            return
+        if header.packet_type in {PacketType.REJECT, PacketType.FAULT}:
+            self.handle(Event.UNCONFIRMED, now)
+            return
+        if header.packet_type is not PacketType.RESPONSE:
+            return
+        try:
+            status, arguments = decode_arguments(body, little=header.little_endian)
+            confirmed = status == 0 and self._is_confirmation(ApplicationReadyRes.decode(arguments))
+        except ProfidriveError:
+            return
+        self.handle(Event.CONFIRMED if confirmed else Event.UNCONFIRMED, now)
+
+    def _is_confirmation(self, block: ApplicationReadyRes) -> bool:
+        ar = self.plan.ar
+        return (block.ar_uuid, block.session_key, block.command) == (ar.ar_uuid, ar.session_key, Command.DONE)
+
+    # -- cyclic data and alarms ---------------------------------------------------------------------------------------
+
+    def receive(self, frame: bytes, start: int, now: int) -> bool:
+        """A frame with the output FrameID from the controller's MAC; True when the data counts now."""
+        if self.consumer is None or self.state is State.CLOSED:
+            return False
+        verdict = self.consumer.receive(frame, start, now)
+        if verdict is Verdict.ACCEPTED or verdict is Verdict.PROVIDER_STOP:
+            if self.state is State.DATA:
+                return True
+            self.handle(Event.DATA_RECEIVED, now)
+            return self.connected
+        return False
+
+    def receive_alarm(self, priority: Priority, frame: bytes, start: int, now: int) -> None:
+        """An alarm PDU from the controller's MAC."""
+        machine = self.machines.get(priority)
+        if machine is None or not self.alive:
+            return
+        if machine.receive(frame, start, now):
+            self.handle(Event.PEER_ERROR, now)
+        self._flush(machine)
+
+    def _flush(self, machine: AlarmMachine) -> None:
+        for frame in machine.frames:
+            self._output.frame(frame)
+        machine.frames.clear()
+
+    def send_alarms(self, now: int) -> None:
+        """Tell what has changed, one notification at a time."""
+        machine = self.machines.get(Priority.LOW)
+        if machine is None or self.state not in {State.AWAITING_DATA, State.DATA} or not machine.idle:
+            return
+        notification = self.alarms.next()
+        if notification is not None:
+            machine.send(notification, now)
+            self._flush(machine)
+
+    # -- time ---------------------------------------------------------------------------------------------------------
+
+    @property
+    def deadline(self) -> int | None:
+        """When ``poll`` has something to do."""
+        if self.state is State.CLOSED:
+            return None
+        due = [self._activity_due, self._ready_due]
+        if self.provider is not None and self.consumer is not None:
+            due += [self.provider.due, self.consumer.deadline]
+            due += [machine.deadline for machine in self.machines.values()]
+        return min((when for when in due if when is not None), default=None)
+
+    def poll(self, now: int) -> None:
+        """Send what is due; let what has not come have its consequences."""
+        if self.state is State.CLOSED:
+            return
+        consumer, provider = self.consumer, self.provider
+        if consumer is not None and provider is not None:
+            if consumer.last_ns is not None and now - consumer.last_ns >= consumer.hold_ns:
+                self.handle(Event.HOLD_EXPIRED, now)
+                return
+            frame = provider.poll(now)
+            if frame is not None:
+                self._output.frame(frame)
+            for machine in self.machines.values():
+                if machine.deadline is not None:
+                    machine.poll(now)
+                    self._flush(machine)
+                    if machine.failed:
+                        self.handle(Event.ALARM_UNACKNOWLEDGED, now)
+                        return
+        if self._activity_due is not None and now >= self._activity_due:
+            self.handle(Event.ACTIVITY_TIMEOUT, now)
+        elif self._ready_due is not None and now >= self._ready_due:
+            if self._ready_attempts < READY_ATTEMPTS:
+                self._send_ready(now)
+            else:
+                self.handle(Event.UNCONFIRMED, now)

@@ -1,0 +1,105 @@
+"""Consumer protocol machine: which frames with output data count, and the data hold timer; sans-I/O.
+
+Source: IEC 61158-6-10 (CPM, RTC-PDU, APDU-Status).
+"""
+
+from __future__ import annotations
+
+import enum
+
+from pdgw.profidrive.frame import (
+    HEADER,
+    IOPS_GOOD,
+    STATUS_DATA_VALID,
+    STATUS_PRIMARY,
+    STATUS_RUN,
+    TRAILER,
+    is_newer,
+)
+from pdgw.profinet.connect import CyclicPlan
+from pdgw.profinet.model import Subslot
+
+STATUS_IGNORE = 0x80
+"""DataStatus.Ignore: the frame keeps the relationship alive and has no data."""
+
+
+class Verdict(enum.Enum):
+    """What became of a cyclic frame; the value is the name of its counter."""
+
+    ACCEPTED = "accepted"
+    PROVIDER_STOP = "provider stop"
+    NO_DATA = "backup or ignore: data kept"
+    LENGTH = "wrong length"
+    TRANSFER_STATUS = "transfer status not 0"
+    NOT_VALID = "data not valid"
+    STALE = "stale cycle counter"
+
+
+_DATA_ALIVE = frozenset({Verdict.ACCEPTED, Verdict.PROVIDER_STOP, Verdict.NO_DATA})
+
+
+class Consumer:
+    """Receives one cyclic relationship. The caller has checked sender and FrameID."""
+
+    def __init__(self, plan: CyclicPlan) -> None:
+        block = plan.block
+        self._plan = plan
+        self._size = HEADER.size + block.data_length + TRAILER.size
+        self._trailer = HEADER.size + block.data_length
+        self._counter: int | None = None
+        self._places = {
+            place: (HEADER.size + item.offset, HEADER.size + item.iops) for place, item in plan.data.items()
+        }
+        self.frame_id = plan.frame_id
+        self.hold_ns = block.hold_ns
+        self.cycle_ns = block.cycle_ns
+        self.payload = bytes(self._size)
+        """The last accepted frame from its FrameID on."""
+        self.running = False
+        """The controller is in RUN: its data counts."""
+        self.last_ns: int | None = None
+        """When the last frame was accepted; None: none yet."""
+        self.counters: dict[Verdict, int] = dict.fromkeys(Verdict, 0)
+
+    @property
+    def deadline(self) -> int | None:
+        """When the data hold time is over."""
+        return None if self.last_ns is None else self.last_ns + self.hold_ns
+
+    def receive(self, frame: bytes, start: int, now: int) -> Verdict:
+        """A frame whose payload starts at ``start``."""
+        verdict = self._check(frame, start)
+        self.counters[verdict] += 1
+        if verdict in _DATA_ALIVE:
+            self.last_ns = now
+            if verdict is not Verdict.NO_DATA:
+                self.payload = frame[start:]
+                self.running = verdict is Verdict.ACCEPTED
+        return verdict
+
+    def _check(self, frame: bytes, start: int) -> Verdict:
+        if len(frame) - start != self._size:
+            return Verdict.LENGTH
+        counter, status, transfer = TRAILER.unpack_from(frame, start + self._trailer)
+        if transfer:
+            return Verdict.TRANSFER_STATUS
+        if not status & STATUS_DATA_VALID:
+            return Verdict.NOT_VALID
+        if self._counter is not None and not is_newer(counter, self._counter):
+            return Verdict.STALE
+        self._counter = counter
+        if status & STATUS_IGNORE or not status & STATUS_PRIMARY:
+            return Verdict.NO_DATA
+        return Verdict.ACCEPTED if status & STATUS_RUN else Verdict.PROVIDER_STOP
+
+    def place(self, place: Subslot) -> tuple[int, int] | None:
+        """Where data and IOPS of a submodule lie in ``payload``; None where it has none."""
+        return self._places.get(place)
+
+    def output(self, place: Subslot) -> bytes | None:
+        """Output data of a submodule; None unless the controller is in RUN and says that this data is GOOD."""
+        where = self._places.get(place)
+        if where is None or not self.running:
+            return None
+        offset, iops = where
+        return self.payload[offset:iops] if self.payload[iops] & IOPS_GOOD else None

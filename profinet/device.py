@@ -1,0 +1,271 @@
+"""A PROFINET IO device as one object: frames, datagrams and time in; frames, datagrams and events out.
+
+Source: IEC 61158-5-10/-6-10. ``on_frame``, ``on_datagram`` and ``poll`` take what happens, ``outgoing`` hands out what is to be
+sent, ``events`` what the application should know. Input data is set at any time; output data is asked for after ``on_frame`` said
+that there is new data. One IO controller is served; a second one is refused while the first one's relationship is up.
+"""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+from typing import Final
+from uuid import UUID
+
+from pdgw.profidrive.errors import ProfidriveError
+from pdgw.profinet import dcp, ethernet, lldp
+from pdgw.profinet.apmx import FRAME_IDS
+from pdgw.profinet.blocks.alarm import Severity
+from pdgw.profinet.cm import ContextManager
+from pdgw.profinet.cmdev import Address, ApplicationRelation, Ended, Event
+from pdgw.profinet.dcp import DcpResponder, Flash, IpSet, NameSet, ResetToFactory
+from pdgw.profinet.diagnosis import Diagnosis
+from pdgw.profinet.model import DeviceModel, Subslot
+from pdgw.profinet.rpc import dcerpc
+from pdgw.profinet.rpc.dcerpc import PacketType
+from pdgw.profinet.rpc.server import RecordHandler
+from pdgw.profinet.station import Station
+
+_FRAME_ID = struct.Struct(">H")
+_ALARM_IDS = {frame_id: priority for priority, frame_id in FRAME_IDS.items()}
+_DCP_IDS = frozenset({dcp.FRAME_ID_GET_SET, dcp.FRAME_ID_IDENTIFY})
+_CALLS: Final = frozenset({PacketType.REQUEST, PacketType.PING})
+
+
+@dataclass(frozen=True, slots=True)
+class Connected:
+    """A relationship exchanges data."""
+
+    relation: ApplicationRelation
+
+
+@dataclass(frozen=True, slots=True)
+class Disconnected:
+    """A relationship with data has ended, before or after its data counted."""
+
+    relation: ApplicationRelation
+    ended: Ended
+
+
+DeviceEvent = Connected | Disconnected | NameSet | IpSet | Flash | ResetToFactory
+Outgoing = tuple[Address | None, bytes | bytearray]
+"""An Ethernet frame (no address) or a datagram from the RPC port. A frame's buffer is reused in the next cycle."""
+
+
+class ProfinetDevice:
+    """The device. ``seed`` makes the UUIDs of its own calls unique: random at each start.
+
+    ``records`` serves I&M and parameter access. Times are monotonic nanoseconds.
+    """
+
+    def __init__(
+        self,
+        model: DeviceModel,
+        station: Station,
+        records: RecordHandler,
+        *,
+        seed: UUID,
+        now: int,
+        boot_time: int = 1,
+    ) -> None:
+        self.model = model
+        self.station = station
+        self.diagnosis = Diagnosis()
+        self._outgoing: list[Outgoing] = []
+        self._events: list[DeviceEvent] = []
+        self.cm = ContextManager(model, station, self.diagnosis, records, self, seed=seed, boot_time=boot_time)
+        self.dcp = DcpResponder(station, lambda: self.cm.io is not None)
+        self._lldp_due = now
+        self._told: ApplicationRelation | None = None
+        self._next: int | None = now
+        self.foreign = 0
+        """Real-time frames of nobody's relationship."""
+
+    # -- in -----------------------------------------------------------------------------------------------------------
+
+    def on_frame(self, data: bytes, now: int) -> bool:
+        """An Ethernet frame; True when there is new output data."""
+        ethertype, start = ethernet.payload_of(data)
+        if ethertype == ethernet.ETHERTYPE_PROFINET and len(data) >= start + _FRAME_ID.size:
+            self.cm.records.octets[0] += len(data)
+            (frame_id,) = _FRAME_ID.unpack_from(data, start)
+            relation = self.cm.io
+            if relation is not None and data[6:12] == relation.plan.ar.initiator_mac:
+                consumer = relation.consumer
+                own = data[:6] == self.station.identity.mac
+                if consumer is not None and frame_id == consumer.frame_id and own:
+                    fresh = relation.receive(data, start, now)
+                    if relation is not self._told:
+                        self._settle(now)
+                    return fresh
+                if frame_id in _ALARM_IDS and own:
+                    relation.receive_alarm(_ALARM_IDS[frame_id], data, start, now)
+                    self._settle(now)
+                    return False
+            if frame_id in _DCP_IDS:
+                self._dcp(data, start, now)
+            else:
+                self.foreign += 1
+        elif ethertype == ethernet.ETHERTYPE_LLDP and data[6:12] != self.station.identity.mac:
+            self._lldp(data, start, now)
+        return False
+
+    def _dcp(self, data: bytes, start: int, now: int) -> None:
+        answer = self.dcp.receive(data, start, now)
+        if answer is not None:
+            self.frame(answer)
+        for event in self.dcp.events:
+            self._events.append(event)
+        self.dcp.events.clear()
+        self._next = now
+
+    def _lldp(self, data: bytes, start: int, now: int) -> None:
+        try:
+            neighbour = lldp.decode(data, start, now)
+        except ProfidriveError:
+            return
+        self.station.neighbour = neighbour if neighbour.lifetime_ns else None
+
+    def on_datagram(self, data: bytes, address: Address, now: int) -> None:
+        """A UDP datagram that came to the RPC port."""
+        try:
+            header, body = dcerpc.decode_packet(data)
+        except ProfidriveError:
+            self.cm.server.malformed += 1
+            return
+        if header.packet_type in _CALLS:
+            for answer in self.cm.server.serve(header, body, address, now):
+                self.datagram(answer, address)
+            self.cm.after_answer(now)
+        else:
+            self.cm.answer(header, body, address[0], now)
+        self._settle(now)
+
+    def on_link(self, up: bool, now: int) -> None:
+        """The cable is on or off."""
+        self.station.link_up = up
+        if not up:
+            self.station.neighbour = None
+            self.end(Event.LINK_DOWN, now)
+
+    def end(self, event: Event, now: int) -> None:
+        """End all relationships, for example with ``Event.STOPPED``."""
+        for relation in list(self.cm.relations.values()):
+            relation.handle(event, now)
+        self._settle(now)
+
+    # -- time ---------------------------------------------------------------------------------------------------------
+
+    def next_deadline(self) -> int:
+        """When ``poll`` has something to do."""
+        due = [self._lldp_due, self.dcp.deadline, self._next, *(item.deadline for item in self.cm.relations.values())]
+        return min(when for when in due if when is not None)
+
+    def poll(self, now: int) -> None:
+        """Send what is due, notice what has not come."""
+        self._next = None
+        for relation in self.cm.relations.values():
+            relation.poll(now)
+            relation.send_alarms(now)
+        if self.dcp.deadline is not None:
+            for frame in self.dcp.poll(now):
+                self.frame(frame)
+        if now >= self._lldp_due:
+            self._lldp_due = now + lldp.INTERVAL_NS
+            self.frame(lldp.encode(self.station))
+            neighbour = self.station.neighbour
+            if neighbour is not None and now - neighbour.seen_ns > neighbour.lifetime_ns:
+                self.station.neighbour = None
+        self._settle(now)
+
+    def _settle(self, now: int) -> None:
+        """Tell what became of the relationships, forget those that ended."""
+        io = self.cm.io
+        if io is not None and io.connected and io is not self._told:
+            self._told = io
+            self._events.append(Connected(io))
+        for relation in self.cm.sweep(now):
+            if relation.has_data and relation.ended is not None:
+                self._events.append(Disconnected(relation, relation.ended))
+            if relation is self._told:
+                self._told = None
+
+    # -- out ----------------------------------------------------------------------------------------------------------
+
+    def frame(self, data: bytes | bytearray) -> None:
+        """Output: an Ethernet frame."""
+        self.cm.records.octets[1] += len(data)
+        self._outgoing.append((None, data))
+
+    def datagram(self, data: bytes, address: Address) -> None:
+        """Output: a datagram."""
+        self._outgoing.append((address, data))
+
+    def outgoing(self) -> list[Outgoing]:
+        """What is to be sent, in this order. Send it before the next ``poll``: buffers are reused."""
+        ready = self._outgoing
+        if ready:
+            self._outgoing = []
+        return ready
+
+    def events(self) -> list[DeviceEvent]:
+        """What happened since the last call."""
+        happened = self._events
+        if happened:
+            self._events = []
+        return happened
+
+    # -- the application ----------------------------------------------------------------------------------------------
+
+    @property
+    def relation(self) -> ApplicationRelation | None:
+        """The IO controller's relationship."""
+        return self.cm.io
+
+    @property
+    def connected(self) -> bool:
+        """A controller exchanges data."""
+        return self.cm.io is not None and self.cm.io.connected
+
+    def output(self, place: Subslot) -> bytes | None:
+        """Output data of a submodule; None unless a controller in RUN says it is GOOD and projects this submodule."""
+        relation = self.cm.io
+        if relation is None or not relation.connected or relation.consumer is None or place not in relation.plan.proper:
+            return None
+        return relation.consumer.output(place)
+
+    def output_age_ns(self, now: int) -> int | None:
+        """Time since the last frame that counted; None without one. An axis' own watchdog asks this, not the data hold time."""
+        relation = self.cm.io
+        if relation is None or relation.consumer is None or relation.consumer.last_ns is None:
+            return None
+        return now - relation.consumer.last_ns
+
+    def set_input(self, place: Subslot, data: bytes, *, good: bool) -> None:
+        """Input data of a submodule; not good: IOPS BAD."""
+        relation = self.cm.io
+        if relation is not None and relation.provider is not None:
+            relation.provider.set(place, data, good=good)
+
+    def set_diagnosis(self, place: Subslot, error_type: int, *, severity: Severity = Severity.FAULT) -> None:
+        """A diagnosis of a submodule appears. ``error_type``: for drive objects a ``MessageClass``."""
+        self.diagnosis.set(place, error_type, severity)
+        self._diagnosis_changed()
+
+    def clear_diagnosis(self, place: Subslot, error_type: int | None = None) -> None:
+        """It disappears; None: all of the submodule."""
+        self.diagnosis.clear(place, error_type)
+        self._diagnosis_changed()
+
+    def _diagnosis_changed(self) -> None:
+        relation = self.cm.io
+        if relation is not None and relation.provider is not None:
+            relation.provider.set_problem(self.diagnosis.has_fault)
+            self._next = 0
+
+    def returned(self, place: Subslot) -> None:
+        """A submodule that was lost has valid data again: its controller is told."""
+        relation = self.cm.io
+        if relation is not None:
+            relation.alarms.returned(place)
+            self._next = 0

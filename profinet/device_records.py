@@ -1,0 +1,400 @@
+"""The records a device serves of itself: identification, differences, diagnosis, interface, port, relationships, log.
+
+Source: IEC 61158-6-10 (record indexes). What an application knows better (I&M, parameter access) goes to its own handler.
+"""
+
+from __future__ import annotations
+
+import enum
+from collections import deque
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+from uuid import UUID
+
+from pdgw.profinet import lldp
+from pdgw.profinet.blocks.records import (
+    Api,
+    ApiData,
+    ExpectedIdentification,
+    IdentApi,
+    IdentificationData,
+    IdentSlot,
+    IdentSubmodule,
+    ImFilterDevice,
+    ImFilterSubmodules,
+    InterfaceDataReal,
+    LogData,
+    LogEntry,
+    MultipleBlock,
+    Peer,
+    PortDataReal,
+    PortStatistic,
+    RealIdentification,
+)
+from pdgw.profinet.model import (
+    ACCESS_POINT_SUBSLOT,
+    API_DEFAULT,
+    DAP_SLOT,
+    DAP_SUBSLOT,
+    INTERFACE_SUBSLOT,
+    PORT_SUBSLOT,
+    DeviceModel,
+    Subslot,
+)
+from pdgw.profinet.rpc import identification
+from pdgw.profinet.rpc.records import (
+    NIL,
+    RECORD_GLOBAL,
+    RECORD_LOCAL,
+    AccessError,
+    RecordBlock,
+    RecordRefused,
+    UnknownArUuid,
+)
+from pdgw.profinet.rpc.server import RecordHandler
+
+if TYPE_CHECKING:
+    from pdgw.profinet.cmdev import ApplicationRelation
+    from pdgw.profinet.diagnosis import Diagnosis
+    from pdgw.profinet.station import Station
+
+_STORED_MAX = 1024
+"""Longest record kept for interface and port."""
+_LOG_ENTRIES = 16
+_MEDIA_COPPER = 1
+_LINK_UP, _LINK_DOWN = 1, 2
+
+
+class Index(enum.IntEnum):
+    """Record indexes with a meaning of their own."""
+
+    EXPECTED_SUBSLOT = 0x8000
+    REAL_SUBSLOT = 0x8001
+    DIAGNOSIS_CHANNEL_SUBSLOT = 0x800A
+    DIAGNOSIS_ALL_SUBSLOT = 0x800B
+    DIAGNOSIS_STATUS_SUBSLOT = 0x800C
+    PORT_DATA_REAL = 0x802A
+    PORT_DATA_CHECK = 0x802B
+    PORT_DATA_ADJUST = 0x802F
+    INTERFACE_DATA_ADJUST_OLD = 0x8070
+    INTERFACE_ADJUST = 0x8071
+    STATISTIC = 0x8072
+    INTERFACE_DATA_REAL = 0x8080
+    FAST_STARTUP_ADJUST = 0x8090
+    EXPECTED_SLOT = 0xC000
+    REAL_SLOT = 0xC001
+    DIAGNOSIS_CHANNEL_SLOT = 0xC00A
+    DIAGNOSIS_ALL_SLOT = 0xC00B
+    DIAGNOSIS_STATUS_SLOT = 0xC00C
+    EXPECTED_AR = 0xE000
+    REAL_AR = 0xE001
+    MODULE_DIFF = 0xE002
+    DIAGNOSIS_CHANNEL_AR = 0xE00A
+    DIAGNOSIS_ALL_AR = 0xE00B
+    DIAGNOSIS_STATUS_AR = 0xE00C
+    REAL_API = 0xF001
+    DIAGNOSIS_CHANNEL_API = 0xF00A
+    DIAGNOSIS_ALL_API = 0xF00B
+    DIAGNOSIS_STATUS_API = 0xF00C
+    API_DATA = 0xF821
+    LOG_DATA = 0xF830
+    IM_FILTER = 0xF840
+    REAL_DATA = 0xF841
+
+
+class Scope(enum.Enum):
+    """What the address of a record has to name."""
+
+    SUBSLOT = "subslot"
+    SLOT = "slot"
+    AR = "relationship"
+    API = "API"
+    DEVICE = "device"
+
+
+_DIAGNOSIS: Final = {
+    Index.DIAGNOSIS_CHANNEL_SUBSLOT: Scope.SUBSLOT,
+    Index.DIAGNOSIS_ALL_SUBSLOT: Scope.SUBSLOT,
+    Index.DIAGNOSIS_STATUS_SUBSLOT: Scope.SUBSLOT,
+    Index.DIAGNOSIS_CHANNEL_SLOT: Scope.SLOT,
+    Index.DIAGNOSIS_ALL_SLOT: Scope.SLOT,
+    Index.DIAGNOSIS_STATUS_SLOT: Scope.SLOT,
+    Index.DIAGNOSIS_CHANNEL_AR: Scope.AR,
+    Index.DIAGNOSIS_ALL_AR: Scope.AR,
+    Index.DIAGNOSIS_STATUS_AR: Scope.AR,
+    Index.DIAGNOSIS_CHANNEL_API: Scope.API,
+    Index.DIAGNOSIS_ALL_API: Scope.API,
+    Index.DIAGNOSIS_STATUS_API: Scope.API,
+}
+_EXPECTED: Final = {
+    Index.EXPECTED_SUBSLOT: Scope.SUBSLOT,
+    Index.EXPECTED_SLOT: Scope.SLOT,
+    Index.EXPECTED_AR: Scope.AR,
+}
+_REAL: Final = {
+    Index.REAL_SUBSLOT: Scope.SUBSLOT,
+    Index.REAL_SLOT: Scope.SLOT,
+    Index.REAL_AR: Scope.AR,
+    Index.REAL_API: Scope.API,
+}
+_WRITABLE: Final = {
+    INTERFACE_SUBSLOT: {Index.INTERFACE_DATA_ADJUST_OLD, Index.INTERFACE_ADJUST, Index.FAST_STARTUP_ADJUST},
+    PORT_SUBSLOT: {Index.PORT_DATA_CHECK, Index.PORT_DATA_ADJUST},
+}
+"""What a controller writes to interface and port before PrmEnd: accepted and kept, without effect on one copper port."""
+_OF_APPLICATION: Final = frozenset(
+    {RECORD_LOCAL, RECORD_GLOBAL, *range(identification.INDEX, identification.INDEX + 5)}
+)
+
+
+@dataclass(frozen=True, slots=True)
+class LogItem:
+    """The end of a relationship."""
+
+    time_ns: int
+    ar_uuid: UUID
+    status: int
+
+
+class DeviceRecords:
+    """Serves records for whoever asks; the relationship that asks is handed in (None: Read Implicit)."""
+
+    def __init__(self, model: DeviceModel, station: Station, diagnosis: Diagnosis, application: RecordHandler) -> None:
+        self._model = model
+        self._station = station
+        self._diagnosis = diagnosis
+        self._application = application
+        self.log: deque[LogItem] = deque(maxlen=_LOG_ENTRIES)
+        self.octets = [0, 0]
+        """Received and sent."""
+
+    # -- write --------------------------------------------------------------------------------------------------------
+
+    def write(self, relation: ApplicationRelation, block: RecordBlock, data: bytes) -> None:
+        """Take a record; RecordRefused."""
+        place = self._place(block)
+        if block.index in _OF_APPLICATION:
+            self._application.write(block, data)
+            return
+        if block.slot != DAP_SLOT or block.index not in _WRITABLE.get(block.subslot, set()):
+            raise RecordRefused(AccessError.INVALID_INDEX)
+        if len(data) > _STORED_MAX:
+            raise RecordRefused(AccessError.WRITE_LENGTH)
+        relation.stored[(*place, block.index)] = data
+
+    # -- read ---------------------------------------------------------------------------------------------------------
+
+    def read(self, relation: ApplicationRelation | None, block: RecordBlock, now: int) -> bytes:
+        """The data of a record; RecordRefused."""
+        index = block.index
+        if index in _DIAGNOSIS:
+            places = self._scope(_DIAGNOSIS[Index(index)], relation, block)
+            return self._diagnosis.record(self._model, places)
+        if index in _REAL:
+            return self._identification(RealIdentification, self._scope(_REAL[Index(index)], relation, block))
+        if index in _EXPECTED:
+            return self._expected(_EXPECTED[Index(index)], self._needed(relation), block)
+        match index:
+            case Index.MODULE_DIFF:
+                diff = self._needed(relation).plan.diff
+                return b"" if diff is None else diff.encode()
+            case Index.API_DATA:
+                apis = sorted({module.api for module in self._model.modules.values()})
+                return ApiData(apis=tuple(Api(api=api) for api in apis)).encode()
+            case Index.LOG_DATA:
+                return self._log(now)
+            case Index.IM_FILTER:
+                return self._filter()
+            case Index.REAL_DATA:
+                return self._real_data()
+        place = self._place(block)
+        if index in _OF_APPLICATION:
+            return self._application.read(block, implicit=relation is None)
+        return self._of_place(relation, place, index)
+
+    def _of_place(self, relation: ApplicationRelation | None, place: Subslot, index: int) -> bytes:
+        makers: dict[tuple[Subslot, int], Callable[[], bytes]] = {
+            ((DAP_SLOT, PORT_SUBSLOT), Index.PORT_DATA_REAL): self._port,
+            ((DAP_SLOT, PORT_SUBSLOT), Index.STATISTIC): self._statistic,
+            ((DAP_SLOT, INTERFACE_SUBSLOT), Index.INTERFACE_DATA_REAL): self._interface,
+            ((DAP_SLOT, INTERFACE_SUBSLOT), Index.STATISTIC): self._statistic,
+        }
+        if (place, index) in makers:
+            return makers[place, index]()
+        if place[0] == DAP_SLOT and index in _WRITABLE.get(place[1], set()):
+            return b"" if relation is None else relation.stored.get((*place, index), b"")
+        raise RecordRefused(AccessError.INVALID_INDEX)
+
+    # -- addresses ----------------------------------------------------------------------------------------------------
+
+    def _api(self, block: RecordBlock) -> None:
+        if all(module.api != block.api for module in self._model.modules.values()):
+            raise RecordRefused(AccessError.INVALID_AREA)
+
+    def _place(self, block: RecordBlock) -> Subslot:
+        self._api(block)
+        module = self._model.modules.get(block.slot)
+        if module is None or block.subslot not in module.submodules:
+            raise RecordRefused(AccessError.INVALID_SLOT)
+        # I&M and parameter access of a drive object are asked for in API 0 too: with the UDP link they are.
+        if module.api != block.api and block.index not in _OF_APPLICATION:
+            raise RecordRefused(AccessError.INVALID_AREA)
+        return block.slot, block.subslot
+
+    def _scope(self, scope: Scope, relation: ApplicationRelation | None, block: RecordBlock) -> list[Subslot]:
+        if scope is Scope.SUBSLOT:
+            return [self._place(block)]
+        everything = [(slot, subslot) for slot, module in self._model.modules.items() for subslot in module.submodules]
+        if scope is Scope.AR:
+            expected = {
+                (slot.slot, item.subslot) for slot in self._needed(relation).plan.expected for item in slot.submodules
+            }
+            return [place for place in everything if place in expected]
+        self._api(block)
+        modules = self._model.modules
+        if scope is Scope.API:
+            return [place for place in everything if modules[place[0]].api == block.api]
+        if block.slot not in modules:
+            raise RecordRefused(AccessError.INVALID_SLOT)
+        if modules[block.slot].api != block.api:
+            raise RecordRefused(AccessError.INVALID_AREA)
+        return [place for place in everything if place[0] == block.slot]
+
+    def _needed(self, relation: ApplicationRelation | None) -> ApplicationRelation:
+        if relation is None:
+            raise RecordRefused(AccessError.STATE_CONFLICT)
+        return relation
+
+    # -- content ------------------------------------------------------------------------------------------------------
+
+    def _identification(self, kind: type[IdentificationData], places: Iterable[Subslot]) -> bytes:
+        return kind(apis=self._tree(places)).encode()
+
+    def _tree(self, places: Iterable[Subslot]) -> tuple[IdentApi, ...]:
+        apis: dict[int, dict[int, list[IdentSubmodule]]] = {}
+        for slot, subslot in places:
+            module = self._model.modules[slot]
+            item = IdentSubmodule(subslot=subslot, ident=module.submodules[subslot].ident)
+            apis.setdefault(module.api, {}).setdefault(slot, []).append(item)
+        return tuple(
+            IdentApi(
+                api=api,
+                slots=tuple(
+                    IdentSlot(slot=slot, ident=self._model.modules[slot].ident, submodules=tuple(items))
+                    for slot, items in slots.items()
+                ),
+            )
+            for api, slots in apis.items()
+        )
+
+    def _expected(self, scope: Scope, relation: ApplicationRelation, block: RecordBlock) -> bytes:
+        apis: dict[int, list[IdentSlot]] = {}
+        for slot in relation.plan.expected:
+            if scope is not Scope.AR and (slot.api, slot.slot) != (block.api, block.slot):
+                continue
+            items = tuple(
+                IdentSubmodule(subslot=item.subslot, ident=item.ident)
+                for item in slot.submodules
+                if scope is not Scope.SUBSLOT or item.subslot == block.subslot
+            )
+            if items:
+                apis.setdefault(slot.api, []).append(IdentSlot(slot=slot.slot, ident=slot.ident, submodules=items))
+        if not apis:
+            raise RecordRefused(AccessError.INVALID_SLOT)
+        return ExpectedIdentification(
+            apis=tuple(IdentApi(api=api, slots=tuple(slots)) for api, slots in apis.items())
+        ).encode()
+
+    def _filter(self) -> bytes:
+        points = [(DAP_SLOT, DAP_SUBSLOT)]
+        points += [(slot, ACCESS_POINT_SUBSLOT) for slot in self._model.modules if slot != DAP_SLOT]
+        submodules = ImFilterSubmodules(apis=self._tree(points)).encode()
+        device = ImFilterDevice(apis=self._tree(points[:1])).encode()
+        return submodules + bytes(-len(submodules) % 4) + device
+
+    def _port(self) -> bytes:
+        station = self._station
+        neighbour = station.neighbour
+        peers: tuple[Peer, ...] = ()
+        if neighbour is not None:
+            peers = (Peer(port_id=neighbour.port_id, chassis_id=neighbour.chassis_id, mac=neighbour.mac),)
+        return PortDataReal(
+            slot=DAP_SLOT,
+            subslot=PORT_SUBSLOT,
+            port_id=station.port,
+            number_of_peers=len(peers),
+            peers=peers,
+            mau_type=lldp.MAU_100BASE_TX_FULL if station.link_up else 0,
+            link_state=_LINK_UP if station.link_up else _LINK_DOWN,
+            media_type=_MEDIA_COPPER,
+        ).encode()
+
+    def _interface(self) -> bytes:
+        station = self._station
+        ip = station.ip
+        return InterfaceDataReal(
+            chassis_id=station.identity.chassis,
+            mac=station.identity.mac,
+            ip=ip.address.packed,
+            mask=ip.mask.packed,
+            gateway=ip.gateway.packed,
+        ).encode()
+
+    def _statistic(self) -> bytes:
+        received, sent = (count & 0xFFFFFFFF for count in self.octets)
+        return PortStatistic(in_octets=received, out_octets=sent).encode()
+
+    def _real_data(self) -> bytes:
+        out = b""
+        for subslot, block in ((INTERFACE_SUBSLOT, self._interface()), (PORT_SUBSLOT, self._port())):
+            out += bytes(-len(out) % 4)
+            out += MultipleBlock(api=API_DEFAULT, slot=DAP_SLOT, subslot=subslot, blocks=block).encode()
+        return out
+
+    def _log(self, now: int) -> bytes:
+        entries = tuple(
+            LogEntry(time=item.time_ns.to_bytes(8, "big"), ar_uuid=item.ar_uuid, status=item.status, detail=0)
+            for item in self.log
+        )
+        return LogData(time=now.to_bytes(8, "big"), entries=entries).encode()
+
+
+class Access:
+    """One call's access to the records: who asks is checked here, what is asked in ``DeviceRecords``.
+
+    Reads are open to everybody who knows the AR, or asks implicitly; writes count only from the relationship's own controller.
+    """
+
+    def __init__(
+        self,
+        records: DeviceRecords,
+        relations: Callable[[UUID], ApplicationRelation | None],
+        host: str,
+        now: int,
+        used: Callable[[ApplicationRelation], None],
+    ) -> None:
+        self._records = records
+        self._relations = relations
+        self._host = host
+        self._now = now
+        self._used = used
+
+    def read(self, block: RecordBlock, *, implicit: bool) -> bytes:
+        """RecordHandler."""
+        relation = None
+        if not implicit and block.ar_uuid != NIL:
+            relation = self._relations(block.ar_uuid)
+            if relation is None:
+                raise UnknownArUuid
+            if self._host == relation.source[0]:
+                self._used(relation)
+        return self._records.read(relation, block, self._now)
+
+    def write(self, block: RecordBlock, data: bytes) -> None:
+        """RecordHandler."""
+        relation = self._relations(block.ar_uuid)
+        if relation is None or self._host != relation.source[0]:
+            raise UnknownArUuid
+        self._used(relation)
+        self._records.write(relation, block, data)

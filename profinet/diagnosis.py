@@ -1,0 +1,163 @@
+"""Diagnosis of the device: what is wrong with which submodule, as alarms and as records.
+
+Source: IEC 61158-6-10 (ChannelDiagnosis), PROFIdrive (message classes). One entry per class and submodule: what appears twice is
+present once. The store holds what is; each relationship tells its controller what it has not told yet, so a fault that flickers
+while an alarm is unacknowledged cannot fill a queue.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+from pdgw.profinet.blocks.alarm import (
+    AR_DIAGNOSIS,
+    CHANNEL_DIAGNOSIS,
+    DIRECTION_BOTH,
+    DIRECTION_SHIFT,
+    NOTIFICATIONS,
+    SEQUENCE_MASK,
+    SEVERITY_SHIFT,
+    SPECIFIER_SHIFT,
+    SUBMODULE_DIAGNOSIS,
+    USI_CHANNEL_DIAGNOSIS,
+    AlarmNotification,
+    AlarmType,
+    ChannelDiagnosis,
+    DiagnosisBlock,
+    Priority,
+    Severity,
+    Specifier,
+)
+from pdgw.profinet.model import DeviceModel, Subslot
+
+_USI = USI_CHANNEL_DIAGNOSIS.to_bytes(2, "big")
+
+
+def _entry(error_type: int, severity: Severity, specifier: Specifier) -> bytes:
+    properties = DIRECTION_BOTH << DIRECTION_SHIFT | specifier << SPECIFIER_SHIFT | severity << SEVERITY_SHIFT
+    out = bytearray()
+    ChannelDiagnosis(properties=properties, error_type=error_type).write(out)
+    return bytes(out)
+
+
+class Diagnosis:
+    """What is present, by submodule and error type."""
+
+    def __init__(self) -> None:
+        self._present: dict[Subslot, dict[int, Severity]] = {}
+
+    def set(self, place: Subslot, error_type: int, severity: Severity = Severity.FAULT) -> None:
+        """It appears, or is present with another severity."""
+        self._present.setdefault(place, {})[error_type] = severity
+
+    def clear(self, place: Subslot, error_type: int | None = None) -> None:
+        """It disappears; None: all of the submodule."""
+        if error_type is None:
+            self._present.pop(place, None)
+            return
+        entries = self._present.get(place, {})
+        entries.pop(error_type, None)
+        if not entries:
+            self._present.pop(place, None)
+
+    def of(self, place: Subslot) -> Mapping[int, Severity]:
+        """What is present at a submodule."""
+        return self._present.get(place, {})
+
+    def all(self) -> Iterator[tuple[Subslot, int, Severity]]:
+        """Everything that is present."""
+        for place, entries in sorted(self._present.items()):
+            for error_type, severity in sorted(entries.items()):
+                yield place, error_type, severity
+
+    @property
+    def has_fault(self) -> bool:
+        """A fault (no maintenance alone) is present."""
+        return any(severity is Severity.FAULT for _, _, severity in self.all())
+
+    def record(self, model: DeviceModel, places: list[Subslot]) -> bytes:
+        """Diagnosis records of these submodules; empty without diagnosis."""
+        out = bytearray()
+        for place in places:
+            entries = self._present.get(place)
+            if entries:
+                out += bytes(-len(out) % 4)
+                out += DiagnosisBlock(
+                    api=model.modules[place[0]].api,
+                    slot=place[0],
+                    subslot=place[1],
+                    entries=b"".join(
+                        _entry(number, severity, Specifier.APPEARS) for number, severity in sorted(entries.items())
+                    ),
+                ).encode()
+        return bytes(out)
+
+
+@dataclass(frozen=True, slots=True)
+class Notification:
+    """An alarm ready to be sent."""
+
+    priority: Priority
+    block: AlarmNotification
+
+
+class AlarmSource:
+    """What one relationship still has to tell: where ``Diagnosis`` differs from what it told, and submodules that returned."""
+
+    def __init__(self, diagnosis: Diagnosis, model: DeviceModel, places: frozenset[Subslot]) -> None:
+        self._diagnosis = diagnosis
+        self._model = model
+        self._places = places
+        self._told: dict[tuple[Subslot, int], Severity] = {}
+        self._returned: list[Subslot] = []
+        self._sequence = 0
+
+    def returned(self, place: Subslot) -> None:
+        """A submodule's data is valid again."""
+        if place in self._places and place not in self._returned:
+            self._returned.append(place)
+
+    def next(self) -> Notification | None:
+        """The next alarm; it counts as told from now on."""
+        present = {
+            (place, number): severity for place, number, severity in self._diagnosis.all() if place in self._places
+        }
+        for key in list(self._told):
+            if key not in present or present[key] is not self._told[key]:
+                severity = self._told.pop(key)
+                others = any(place == key[0] for place, _ in self._told)
+                specifier = Specifier.OTHERS_REMAIN if others else Specifier.DISAPPEARS
+                return self._diagnosis_alarm(AlarmType.DIAGNOSIS_DISAPPEARS, key, severity, specifier)
+        for key, severity in present.items():
+            if key not in self._told:
+                self._told[key] = severity
+                return self._diagnosis_alarm(AlarmType.DIAGNOSIS, key, severity, Specifier.APPEARS)
+        if self._returned:
+            return self._notification(AlarmType.RETURN_OF_SUBMODULE, self._returned.pop(0), 0, b"")
+        return None
+
+    def _diagnosis_alarm(
+        self, kind: AlarmType, key: tuple[Subslot, int], severity: Severity, specifier: Specifier
+    ) -> Notification:
+        place, number = key
+        return self._notification(kind, place, CHANNEL_DIAGNOSIS, _USI + _entry(number, severity, specifier))
+
+    def _notification(self, kind: AlarmType, place: Subslot, bits: int, payload: bytes) -> Notification:
+        if any(known == place for known, _ in self._told):
+            bits |= SUBMODULE_DIAGNOSIS
+        if self._told:
+            bits |= AR_DIAGNOSIS
+        module = self._model.modules[place[0]]
+        block = NOTIFICATIONS[Priority.LOW](
+            alarm_type=kind,
+            api=module.api,
+            slot=place[0],
+            subslot=place[1],
+            module_ident=module.ident,
+            submodule_ident=module.submodules[place[1]].ident,
+            specifier=bits | self._sequence,
+            payload=payload,
+        )
+        self._sequence = (self._sequence + 1) & SEQUENCE_MASK
+        return Notification(Priority.LOW, block)

@@ -1,0 +1,114 @@
+"""Provider protocol machine: the frames with input data, sans-I/O.
+
+Source: IEC 61158-6-10 (PPM, RTC-PDU, APDU-Status). The frame is kept as one buffer and filled in place.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from pdgw.profidrive.frame import (
+    HEADER,
+    IOPS_BAD,
+    IOPS_GOOD,
+    STATUS_NO_PROBLEM,
+    STATUS_NORMAL,
+    TRAILER,
+)
+from pdgw.profinet import ethernet
+from pdgw.profinet.connect import CyclicPlan
+from pdgw.profinet.model import Subslot
+
+_COUNTER_MASK = 0xFFFF
+
+
+class Provider:
+    """Sends one cyclic relationship. ``proper``: submodules whose IOPS and IOCS may become GOOD."""
+
+    def __init__(self, plan: CyclicPlan, destination: bytes, source: bytes, proper: Iterable[Subslot]) -> None:
+        block = plan.block
+        head = ethernet.header(destination, source, tag=block.tag)
+        self._start = len(head) + HEADER.size
+        self._trailer = self._start + block.data_length
+        self._plan = plan
+        self._proper = frozenset(proper)
+        self._step = block.send_clock * block.reduction_ratio
+        self._counter = 0
+        self._due = 0
+        self._open = False
+        self.cycle_ns = block.cycle_ns
+        self.frame = bytearray(self._trailer + TRAILER.size)
+        """The whole Ethernet frame; written in place."""
+        self.frame[: len(head)] = head
+        HEADER.pack_into(self.frame, len(head), plan.frame_id)
+        self.data_status = STATUS_NORMAL
+        self.sent = 0
+        self.missed = 0
+        """Cycles without a frame: this side was late."""
+
+    @property
+    def due(self) -> int:
+        """When the next frame is to be sent."""
+        return self._due
+
+    def start(self, now: int) -> None:
+        """The first frame is sent a cycle from now."""
+        self._due = now + self.cycle_ns
+
+    def open(self) -> None:
+        """Data is valid from now on: statuses become GOOD where nothing else is said."""
+        self._open = True
+        for place, item in self._plan.data.items():
+            if place in self._proper and not item.length:
+                self.frame[self._start + item.iops] = IOPS_GOOD
+        for place, offset in self._plan.iocs.items():
+            if place in self._proper:
+                self.frame[self._start + offset] = IOPS_GOOD
+
+    def close(self) -> None:
+        """All statuses BAD, as while the controller parameterises."""
+        self._open = False
+        for item in self._plan.data.values():
+            self.frame[self._start + item.iops] = IOPS_BAD
+        for offset in self._plan.iocs.values():
+            self.frame[self._start + offset] = IOPS_BAD
+
+    def place(self, place: Subslot) -> tuple[int, int] | None:
+        """Where data and IOPS of a submodule lie in ``frame``; None of one that is not proper or has none."""
+        item = self._plan.data.get(place)
+        if item is None or place not in self._proper:
+            return None
+        return self._start + item.offset, self._start + item.iops
+
+    def set(self, place: Subslot, data: bytes, *, good: bool) -> None:
+        """Input data of a submodule; not good, or not opened yet: IOPS BAD."""
+        where = self.place(place)
+        if where is None:
+            return
+        offset, iops = where
+        self.frame[offset:iops] = data
+        self.frame[iops] = IOPS_GOOD if good and self._open else IOPS_BAD
+
+    def set_status(self, place: Subslot, *, good: bool) -> None:
+        """The IOPS of a submodule alone."""
+        where = self.place(place)
+        if where is not None:
+            self.frame[where[1]] = IOPS_GOOD if good and self._open else IOPS_BAD
+
+    def set_problem(self, present: bool) -> None:
+        """Whether a fault diagnosis is present."""
+        self.data_status = STATUS_NORMAL & ~STATUS_NO_PROBLEM if present else STATUS_NORMAL
+
+    def poll(self, now: int) -> bytearray | None:
+        """The frame when it is due. The buffer is reused; cycles that are over are counted and not made up for."""
+        late = now - self._due
+        if late < 0:
+            return None
+        skipped = late // self.cycle_ns
+        if skipped:
+            self.missed += skipped
+        self._due += (skipped + 1) * self.cycle_ns
+        self._counter = (self._counter + (skipped + 1) * self._step) & _COUNTER_MASK
+        TRAILER.pack_into(self.frame, self._trailer, self._counter, self.data_status, 0)
+        self.sent += 1
+        return self.frame

@@ -1,0 +1,140 @@
+"""Damaged frames and datagrams by the hundred thousand: no exception, nothing piles up, the controller's relationship goes on."""
+
+from __future__ import annotations
+
+import gc
+import os
+import random
+import tracemalloc
+
+import pytest
+from pdgw.peers.controller.controller import Phase
+from pdgw.profinet.cmdev import Event
+from pdgw.profinet.model import API_PROFIDRIVE
+from pdgw.profinet.rpc.dcerpc import UDP_PORT
+
+from tests.support.profinet import DEVICE_MAC, MS, PLC_IP, PLC_MAC, Wire
+
+COUNT = 10_000_000 if os.environ.get("PDGW_HYPOTHESIS") == "fuzz" else 50_000
+"""Each of the two tests; ``make fuzz`` does many."""
+STRANGER_MAC = bytes.fromhex("020000000099")
+AXIS = (1, 2)
+LEAK = 300_000
+"""Bytes that logs and caches of bounded size may still grow by."""
+
+
+def conversation() -> tuple[list[bytes], list[bytes]]:
+    """Frames and datagrams of a controller, each kind of them once."""
+    wire = Wire()
+    frames: dict[bytes, bytes] = {}
+    datagrams: list[bytes] = []
+    original = wire.plc.outgoing
+
+    def outgoing() -> list[tuple[tuple[str, int] | None, bytes | bytearray]]:
+        items = original()
+        for address, data in items:
+            if address is None:
+                frames.setdefault(bytes(data[14:22]) + len(data).to_bytes(2, "big"), bytes(data))
+            else:
+                datagrams.append(bytes(data))
+        return items
+
+    wire.plc.outgoing = outgoing  # type: ignore[method-assign]
+    wire.device.set_diagnosis((1, 1), 0x9000)
+    wire.connect()
+    for index in (0xB02E, 0xAFF0, 0x8001, 0xE040):
+        wire.plc.write((API_PROFIDRIVE, 1, 1), index, bytes(200), lambda result: None)
+        wire.plc.read((API_PROFIDRIVE, 1, 1), index, lambda result: None)
+    wire.plc.write((API_PROFIDRIVE, 1, 1), 0xB02E, bytes(3000), lambda result: None)
+    wire.run(100 * MS)
+    wire.plc.release(wire.now)
+    wire.run(20 * MS)
+    return list(frames.values()), datagrams
+
+
+def damage(data: bytes, chance: random.Random, start: int) -> bytes:
+    """Change a few bytes behind ``start``, cut, extend or repeat a piece."""
+    out = bytearray(data)
+    for _ in range(chance.randrange(4)):
+        at = chance.randrange(min(start, len(out) - 1), len(out))
+        out[at] = chance.choice((0, 1, 0x7F, 0x80, 0xFF, chance.randrange(256), out[at] ^ 1 << chance.randrange(8)))
+    kind = chance.randrange(8)
+    if kind == 0:
+        del out[chance.randrange(len(out)) :]
+    elif kind == 1:
+        out += chance.randbytes(chance.randrange(64))
+    elif kind == 2:
+        at = chance.randrange(len(out))
+        out[at:at] = out[chance.randrange(len(out)) :][:40]
+    return bytes(out)
+
+
+@pytest.fixture(scope="module")
+def seeds() -> tuple[list[bytes], list[bytes]]:
+    return conversation()
+
+
+def test_strangers_neither_disturb_the_controller_nor_fill_the_memory(seeds: tuple[list[bytes], list[bytes]]) -> None:
+    frames, datagrams = seeds
+    chance = random.Random(1)
+    wire = Wire(seed=2)
+    wire.connect()
+    relation = wire.device.relation
+    wire.plc.set_output(AXIS, b"\1\2\3\4")
+    device = wire.device
+    before = 0
+    for number in range(COUNT):
+        if chance.random() < 0.5:
+            frame = damage(chance.choice(frames), chance, 12)
+            source = STRANGER_MAC if frame[6:12] == PLC_MAC else frame[6:12]
+            device.on_frame(frame[:6] + source + frame[12:], wire.now)
+        else:
+            port = chance.randrange(49_152, 49_160)
+            device.on_datagram(damage(chance.choice(datagrams), chance, 0), ("192.168.0.99", port), wire.now)
+        if number % 50 == 0:
+            wire.frames.clear()
+            wire.times.clear()
+            wire.events.clear()
+            device.outgoing()
+            wire.run(4 * MS)
+            assert device.relation is relation
+            assert device.output(AXIS) == b"\1\2\3\4"
+        if number == COUNT // 5:
+            gc.collect()
+            tracemalloc.start()
+            before = tracemalloc.get_traced_memory()[0]
+    wire.frames.clear()
+    wire.times.clear()
+    gc.collect()
+    grown = tracemalloc.get_traced_memory()[0] - before
+    tracemalloc.stop()
+    assert grown < LEAK
+    assert len(device.cm.relations) <= 3
+    assert device.connected
+    assert wire.plc.phase is Phase.DATA
+
+
+def test_a_controller_gone_mad_ends_its_relationship_at_most(seeds: tuple[list[bytes], list[bytes]]) -> None:
+    frames, datagrams = seeds
+    chance = random.Random(2)
+    wire = Wire(seed=2)
+    device = wire.device
+    for number in range(COUNT):
+        if chance.random() < 0.5:
+            frame = damage(chance.choice(frames), chance, 14)
+            device.on_frame((DEVICE_MAC + PLC_MAC + frame[12:]) if len(frame) > 12 else frame, wire.now)
+        else:
+            device.on_datagram(damage(chance.choice(datagrams), chance, 0), (PLC_IP, UDP_PORT), wire.now)
+        if number % 20 == 0:
+            wire.now += 3 * MS
+            device.poll(wire.now)
+            device.outgoing()
+            device.events()
+        assert len(device.cm.relations) <= 3
+    # Whatever happened: the device is found, connects and works as ever.
+    device.end(Event.STOPPED, wire.now)
+    device.outgoing()
+    device.station.name, device.station.ip = "gateway", Wire().station.ip
+    wire.connect()
+    wire.run(100 * MS)
+    assert device.connected

@@ -1,0 +1,280 @@
+"""The alarm machine's table walked, and diagnosis as the controller sees it."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import pytest
+from pdgw.profinet import apmx
+from pdgw.profinet.apmx import PDU, TABLE, Action, AlarmMachine, AlarmRelation, Event, PduType, State
+from pdgw.profinet.blocks.alarm import (
+    ACKS,
+    AR_DIAGNOSIS,
+    CHANNEL_DIAGNOSIS,
+    SUBMODULE_DIAGNOSIS,
+    AlarmNotification,
+    AlarmType,
+    MessageClass,
+    Priority,
+    Severity,
+)
+from pdgw.profinet.cmdev import AbortCode
+from pdgw.profinet.device import Disconnected
+from pdgw.profinet.diagnosis import AlarmSource, Diagnosis, Notification
+
+from tests.support.profinet import DEVICE_MAC, MS, PLC_MAC, Wire, model, project
+
+POINT = (1, 1)
+OWN, PEER = 7, 0x42
+RELATION = AlarmRelation(PLC_MAC, DEVICE_MAC, PEER, OWN, 100 * MS, 3)
+START = 18
+
+
+def notification() -> Notification:
+    diagnosis = Diagnosis()
+    diagnosis.set(POINT, MessageClass.MAINS)
+    found = AlarmSource(diagnosis, model(), frozenset(project().submodules)).next()
+    assert found is not None
+    return found
+
+
+def machine() -> AlarmMachine:
+    return AlarmMachine(RELATION, Priority.LOW)
+
+
+def pdu(kind: PduType, sequence: int, ack: int, content: bytes = b"", *, own: int = OWN, peer: int = PEER) -> bytes:
+    """A PDU of the controller behind a tagged header."""
+    return bytes(START) + apmx.encode(Priority.LOW, own, peer, kind, sequence, ack, content)
+
+
+def fields(frame: bytes) -> tuple[int, ...]:
+    """Type, SendSeqNum, AckSeqNum."""
+    _, _, _, kind, _, sequence, ack, _ = PDU.unpack_from(frame, START)
+    return kind & 0xF, sequence, ack
+
+
+def alarm_ack(item: Notification, **changes: int) -> bytes:
+    block = item.block
+    return dataclasses.replace(
+        ACKS[Priority.LOW](
+            alarm_type=block.alarm_type,
+            api=block.api,
+            slot=block.slot,
+            subslot=block.subslot,
+            specifier=block.specifier,
+            status=0,
+        ),
+        **changes,  # type: ignore[arg-type]
+    ).encode()
+
+
+def test_the_table_is_total_and_each_state_is_left_as_it_should() -> None:
+    assert set(TABLE) == {(state, event) for state in State for event in Event}
+    leaving = {(state, event): after for (state, event), (after, _) in TABLE.items() if after is not state}
+    assert leaving == {
+        (State.IDLE, Event.SEND): State.WAIT_ACK,
+        (State.WAIT_ACK, Event.ACK): State.WAIT_ALARM_ACK,
+        (State.WAIT_ACK, Event.ALARM_ACK): State.IDLE,
+        (State.WAIT_ACK, Event.EXHAUSTED): State.IDLE,
+        (State.WAIT_ALARM_ACK, Event.ALARM_ACK): State.IDLE,
+    }
+
+
+@pytest.mark.parametrize("event", Event, ids=lambda event: event.name)
+@pytest.mark.parametrize("state", State, ids=lambda state: state.name)
+def test_every_state_and_event_does_what_the_table_says(state: State, event: Event) -> None:
+    item = machine()
+    told = notification()
+    if state is not State.IDLE:
+        item.send(told, 0)
+    if state is State.WAIT_ALARM_ACK:
+        item.receive(pdu(PduType.ACK, 0xFFFE, 0xFFFF), START, 0)
+    assert item.state is state
+    item.frames.clear()
+    content = alarm_ack(told)
+    if event is Event.SEND:
+        item.send(told, 1)
+    elif event is Event.ACK:
+        item.receive(pdu(PduType.ACK, 0xFFFE, 0xFFFF), START, 1)
+    elif event is Event.ALARM_ACK:
+        item.receive(pdu(PduType.DATA, 0xFFFF, 0xFFFF, content), START, 1)
+    elif event is Event.OTHER_DATA:
+        item.receive(pdu(PduType.DATA, 0xFFFF, 0xFFFE, b"anything"), START, 1)
+    elif event is Event.REPEATED:
+        item.receive(pdu(PduType.DATA, 0xFFFE, 0xFFFE, b"anything"), START, 1)
+    elif event is Event.TIMEOUT:
+        item.poll(100 * MS)
+    elif event is Event.EXHAUSTED:
+        for attempt in range(1, 5):
+            item.frames.clear()
+            item.poll(attempt * 100 * MS)
+    after, action = TABLE[state, event]
+    assert item.state is after
+    kinds = [fields(frame)[0] for frame in item.frames]
+    expected = {
+        Action.NOTHING: [],
+        Action.TRANSMIT: [PduType.DATA],
+        Action.REPEAT: [PduType.DATA],
+        Action.STOP_TIMER: [],
+        Action.ACKNOWLEDGE: [PduType.ACK],
+        Action.FINISH: [PduType.ACK],
+        Action.ABORT: [],
+    }[action]
+    assert kinds == expected
+    assert item.failed is (action is Action.ABORT)
+    assert (item.deadline is not None) is (after is State.WAIT_ACK)
+
+
+def test_sequence_numbers_start_at_ffff_and_go_round_below_8000() -> None:
+    item = machine()
+    own, peer = 0xFFFF, 0xFFFF
+    for _ in range(0x8003):
+        told = notification()
+        assert item.send(told, 0)
+        assert fields(item.frames.pop())[1] == own
+        item.receive(pdu(PduType.ACK, 0, own), START, 0)
+        item.receive(pdu(PduType.DATA, peer, own, alarm_ack(told)), START, 0)
+        assert fields(item.frames.pop()) == (PduType.ACK, own, peer)
+        own, peer = apmx.following(own), apmx.following(peer)
+    assert own == 2
+
+
+def test_a_repetition_has_the_same_sequence_number_and_the_number_of_them_is_agreed() -> None:
+    item = machine()
+    item.send(notification(), 0)
+    for attempt in range(1, 5):
+        item.poll(attempt * 100 * MS)
+    assert [fields(frame) for frame in item.frames] == [(PduType.DATA, 0xFFFF, 0xFFFE)] * 4
+    assert item.failed
+
+
+@pytest.mark.parametrize(
+    "frame",
+    [
+        pdu(PduType.ACK, 0, 0xFFFF, own=8),
+        pdu(PduType.ACK, 0, 0xFFFF, peer=8),
+        pdu(PduType.ACK, 0, 0x0000),
+        pdu(PduType.NACK, 0, 0xFFFF),
+        pdu(PduType.DATA, 0x0005, 0xFFFF, b"out of sequence"),
+        pdu(PduType.ACK, 0, 0xFFFF)[:-1],
+        pdu(PduType.DATA, 0xFFFF, 0xFFFF, b"longer")[:-3],
+        pdu(PduType.ACK, 0, 0xFFFF)[: START + 6] + b"\x23" + pdu(PduType.ACK, 0, 0xFFFF)[START + 7 :],
+        pdu(PduType.ERR, 0, 0, b"1234", own=8),
+    ],
+    ids=["own reference", "peer reference", "sequence", "NACK", "DATA sequence", "short", "length", "version", "ERR"],
+)
+def test_pdus_that_do_not_fit_are_dropped_and_end_nothing(frame: bytes) -> None:
+    item = machine()
+    item.send(notification(), 0)
+    item.frames.clear()
+    assert item.receive(frame, START, 1) is False
+    assert (item.state, item.frames, item.failed, item.dropped) == (State.WAIT_ACK, [], False, 1)
+
+
+def test_an_alarm_ack_of_another_alarm_is_acknowledged_but_finishes_nothing() -> None:
+    item = machine()
+    told = notification()
+    item.send(told, 0)
+    item.receive(pdu(PduType.DATA, 0xFFFF, 0xFFFF, alarm_ack(told, slot=9)), START, 0)
+    assert item.state is State.WAIT_ACK
+    item.receive(pdu(PduType.DATA, 0x0000, 0xFFFF, alarm_ack(told, status=0xDE80B000)), START, 0)
+    assert (item.state, item.refused) == (State.IDLE, 1)
+
+
+# -- through a device and a controller --------------------------------------------------------------------------------
+
+
+def told(wire: Wire) -> list[tuple[int, tuple[int, int], int]]:
+    """Alarm type, place and error type (0 without)."""
+    return [
+        (item.alarm_type, (item.slot, item.subslot), int.from_bytes(item.payload[6:8], "big"))
+        for item in wire.plc.learned.alarms
+    ]
+
+
+def test_each_class_of_a_drive_appears_and_disappears_once() -> None:
+    wire = Wire()
+    wire.connect()
+    for number in MessageClass:
+        wire.device.set_diagnosis(POINT, number)
+        wire.device.set_diagnosis(POINT, number)
+    wire.run(200 * MS)
+    assert told(wire) == [(AlarmType.DIAGNOSIS, POINT, number) for number in MessageClass]
+    wire.plc.learned.alarms.clear()
+    wire.device.clear_diagnosis(POINT)
+    wire.run(200 * MS)
+    assert told(wire) == [(AlarmType.DIAGNOSIS_DISAPPEARS, POINT, number) for number in MessageClass]
+    last: list[AlarmNotification] = wire.plc.learned.alarms
+    specifiers = [int.from_bytes(item.payload[4:6], "big") >> 11 & 3 for item in last]
+    assert specifiers == [3] * (len(last) - 1) + [2]
+    assert last[-1].specifier & (SUBMODULE_DIAGNOSIS | AR_DIAGNOSIS) == 0
+    assert last[0].specifier & (SUBMODULE_DIAGNOSIS | AR_DIAGNOSIS) == SUBMODULE_DIAGNOSIS | AR_DIAGNOSIS
+    assert all(item.specifier & CHANNEL_DIAGNOSIS for item in last)
+
+
+def test_a_controller_that_connects_is_told_what_is_present_already() -> None:
+    wire = Wire()
+    wire.device.set_diagnosis(POINT, MessageClass.SAFETY)
+    wire.device.set_diagnosis((3, 1), MessageClass.TEMPERATURE, severity=Severity.MAINTENANCE_REQUIRED)
+    wire.connect()
+    wire.run(100 * MS)
+    assert told(wire) == [
+        (AlarmType.DIAGNOSIS, POINT, MessageClass.SAFETY),
+        (AlarmType.DIAGNOSIS, (3, 1), MessageClass.TEMPERATURE),
+    ]
+    severities = [int.from_bytes(item.payload[4:6], "big") >> 9 & 3 for item in wire.plc.learned.alarms]
+    assert severities == [Severity.FAULT, Severity.MAINTENANCE_REQUIRED]
+
+
+def test_a_fault_that_flickers_while_an_alarm_is_outstanding_fills_nothing() -> None:
+    wire = Wire()
+    wire.connect()
+    wire.plc.answer_alarms = False
+    for _ in range(1000):
+        wire.device.set_diagnosis(POINT, MessageClass.MAINS)
+        wire.run(MS // 10)
+        wire.device.clear_diagnosis(POINT, MessageClass.MAINS)
+    wire.plc.answer_alarms = True
+    wire.run(500 * MS)
+    assert [kind for kind, _, _ in told(wire)] == [AlarmType.DIAGNOSIS, AlarmType.DIAGNOSIS_DISAPPEARS]
+
+
+def test_a_drive_that_comes_back_is_told_as_return_of_submodule_once() -> None:
+    wire = Wire()
+    wire.connect()
+    wire.device.returned((1, 2))
+    wire.device.returned((1, 2))
+    wire.run(50 * MS)
+    assert told(wire) == [(AlarmType.RETURN_OF_SUBMODULE, (1, 2), 0)]
+
+
+def test_a_controller_that_acknowledges_no_alarm_loses_its_relationship() -> None:
+    wire = Wire()
+    wire.connect()
+    wire.plc.answer_alarms = False
+    wire.device.set_diagnosis(POINT, MessageClass.MAINS)
+    since = wire.now
+    wire.run(2000 * MS, lambda: not wire.device.connected)
+    assert wire.now - since == 4 * 100 * MS
+    (event,) = wire.told(Disconnected)
+    assert event.ended.code is AbortCode.ALARM_UNACKNOWLEDGED
+
+
+def test_an_alarm_err_of_the_controller_ends_the_relationship_without_an_answer() -> None:
+    wire = Wire()
+    wire.connect()
+    relation = wire.device.relation
+    assert relation is not None
+    header = DEVICE_MAC + PLC_MAC + bytes.fromhex("8100a0008892")
+    content = AbortCode.REQUESTED.status.value.to_bytes(4, "big")
+    right = header + apmx.encode(Priority.LOW, relation.reference, 0x42, PduType.ERR, 0, 0, content)
+    stranger = bytearray(right)
+    stranger[11] = 0x77
+    wire.device.on_frame(bytes(stranger), wire.now)
+    assert wire.device.connected
+    sent = len(wire.device.outgoing())
+    wire.device.on_frame(right, wire.now)
+    assert sent == 0
+    assert wire.device.outgoing() == []
+    assert not wire.device.connected
+    assert [type(event) for event in wire.device.events()] == [Disconnected]

@@ -1,0 +1,326 @@
+"""The relationship's state machine: every state and event, and every timer by what the controller does not do."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from uuid import UUID
+
+import pytest
+from pdgw.peers.controller.controller import Phase
+from pdgw.profinet import cmdev
+from pdgw.profinet.blocks.control import ApplicationReadyRes, Command, PrmBeginReq, PrmEndReq, ReleaseReq
+from pdgw.profinet.cmdev import (
+    ABORTS,
+    READY_ATTEMPTS,
+    READY_INTERVAL_NS,
+    TABLE,
+    AbortCode,
+    Action,
+    ApplicationRelation,
+    Event,
+    State,
+)
+from pdgw.profinet.connect import plan
+from pdgw.profinet.device import Disconnected
+from pdgw.profinet.diagnosis import AlarmSource, Diagnosis
+from pdgw.profinet.rpc import dcerpc
+from pdgw.profinet.rpc.records import Operation, PnioStatus, encode_arguments
+
+from tests.profinet.test_connect import AR_UUID, INITIATOR, SOURCE, Caller, blocks
+from tests.support.profinet import MS, PLC_IP, PLC_MAC, Wire, model, project
+
+S = 1000 * MS
+P, C, A, D, X, END = (
+    State.PARAMETERISING,
+    State.CONFIRMING,
+    State.AWAITING_DATA,
+    State.DATA,
+    State.ACCESS,
+    State.CLOSED,
+)
+ENDS = [*ABORTS]
+EXPECTED: dict[State, dict[Event, State | None]] = {
+    # Next state; None: the service is refused. What is not named leaves the state as it is.
+    P: {Event.PRM_END: C, Event.PRM_BEGIN: None, **dict.fromkeys(ENDS, END)},
+    C: {
+        Event.CONFIRMED: A,
+        Event.PRM_END: None,
+        Event.PRM_BEGIN: None,
+        **dict.fromkeys(ENDS, END),
+        Event.ACTIVITY_TIMEOUT: C,
+    },
+    A: {Event.DATA_RECEIVED: D, Event.PRM_END: None, Event.PRM_BEGIN: None, **dict.fromkeys(ENDS, END)},
+    D: {Event.PRM_BEGIN: P, Event.PRM_END: None, **dict.fromkeys(ENDS, END), Event.ACTIVITY_TIMEOUT: D},
+    X: {Event.PRM_END: None, Event.PRM_BEGIN: None, **dict.fromkeys(ENDS, END)},
+    END: {Event.PRM_END: None, Event.PRM_BEGIN: None},
+}
+
+
+class Sink:
+    def __init__(self) -> None:
+        self.frames: list[bytes] = []
+        self.datagrams: list[bytes] = []
+
+    def frame(self, data: bytes | bytearray) -> None:
+        self.frames.append(bytes(data))
+
+    def datagram(self, data: bytes, address: tuple[str, int]) -> None:
+        self.datagrams.append(data)
+
+
+def relation(sink: Sink, *, access: bool = False) -> ApplicationRelation:
+    ar = project().ar(AR_UUID, 1, PLC_MAC, INITIATOR, "plc")
+    items = [replace(ar, ar_type=6)] if access else project().blocks(ar)
+    granted = plan(b"".join(item.encode() for item in items), model())
+    alarms = AlarmSource(Diagnosis(), model(), granted.proper)
+    return ApplicationRelation(granted, SOURCE, bytes(6), 1, UUID(int=5), alarms, sink, 0)
+
+
+@pytest.mark.parametrize("event", Event, ids=lambda event: event.name)
+@pytest.mark.parametrize("state", State, ids=lambda state: state.name)
+def test_every_state_and_event_leads_where_the_standard_says(state: State, event: Event) -> None:
+    sink = Sink()
+    item = relation(sink, access=state is X)
+    item.state = state
+    wanted = EXPECTED[state].get(event, state)
+    accepted = item.handle(event, 1)
+    if wanted is None:
+        assert not accepted
+        assert item.state is state
+        assert not sink.frames
+        return
+    assert accepted
+    assert item.state is wanted
+    if wanted is END and state is not END:
+        assert item.ended is not None
+        assert item.ended.code is ABORTS[event]
+        silent = state is X or event in {Event.RELEASE, Event.PEER_ERROR}
+        assert bool(sink.frames) is not silent, "an alarm ERR tells the controller"
+        assert item.deadline is None
+    else:
+        assert not sink.frames
+
+
+def test_the_table_is_total() -> None:
+    assert set(TABLE) == {(state, event) for state in State for event in Event}
+
+
+def test_a_relationship_that_ended_does_nothing_any_more() -> None:
+    sink = Sink()
+    item = relation(sink)
+    item.handle(Event.STOPPED, 0)
+    sink.frames.clear()
+    for event in Event:
+        item.handle(event, 1)
+    item.poll(1 << 60)
+    item.send_alarms(1 << 60)
+    assert (sink.frames, sink.datagrams) == ([], [])
+    assert not item.alive
+    assert all(action in {Action.NOTHING, Action.REFUSE} for (state, _), (_, action) in TABLE.items() if state is END)
+
+
+# -- timers, through a whole device -----------------------------------------------------------------------------------
+
+
+def connected_by_hand(activity_timeout: int = 5) -> Caller:
+    caller = Caller()
+    status, _ = caller.connect(blocks(project(activity_timeout=activity_timeout)))
+    assert not status.value
+    return caller
+
+
+def pass_time(wire: Wire, ns: int) -> None:
+    end = wire.now + ns
+    while wire.device.next_deadline() <= end:
+        wire.now = max(wire.now, wire.device.next_deadline())
+        wire.device.poll(wire.now)
+        wire.device.outgoing()
+        wire.events += wire.device.events()
+    wire.now = end
+
+
+def ended(wire: Wire) -> AbortCode:
+    (event,) = wire.told(Disconnected)
+    code = event.ended.code
+    assert isinstance(code, AbortCode)
+    return code
+
+
+def test_without_prm_end_the_activity_time_ends_the_relationship() -> None:
+    caller = connected_by_hand()
+    pass_time(caller.wire, 499 * MS)
+    assert caller.wire.device.relation is not None
+    pass_time(caller.wire, 2 * MS)
+    assert ended(caller.wire) is AbortCode.ACTIVITY_TIMEOUT
+
+
+def control(caller: Caller, block: PrmEndReq | PrmBeginReq | ReleaseReq, operation: int) -> PnioStatus:
+    return caller.call(block.encode(), operation)[0]
+
+
+PRM_END = PrmEndReq(ar_uuid=AR_UUID, session_key=1, command=Command.PRM_END)
+PRM_BEGIN = PrmBeginReq(ar_uuid=AR_UUID, session_key=1, command=Command.PRM_BEGIN)
+RELEASE = ReleaseReq(ar_uuid=AR_UUID, session_key=1, command=Command.RELEASE)
+
+
+def test_application_ready_is_repeated_and_then_the_relationship_ends() -> None:
+    caller = connected_by_hand()
+    wire = caller.wire
+    assert not control(caller, PRM_END, Operation.CONTROL).value
+    sent = 1
+    while wire.device.relation is not None:
+        wire.now = max(wire.now, wire.device.next_deadline())
+        wire.device.poll(wire.now)
+        sent += sum(address is not None for address, _ in wire.device.outgoing())
+        wire.events += wire.device.events()
+    assert sent == READY_ATTEMPTS
+    assert wire.now == READY_ATTEMPTS * READY_INTERVAL_NS
+    assert ended(wire) is AbortCode.CONTROL
+
+
+def test_application_ready_comes_after_the_answer_to_prm_end() -> None:
+    caller = connected_by_hand()
+    device = caller.wire.device
+    original = device.outgoing
+    kept: list[tuple[object, bytes]] = []
+
+    def outgoing() -> list[tuple[tuple[str, int] | None, bytes | bytearray]]:
+        items = original()
+        kept.extend((address, bytes(data)) for address, data in items)
+        return items
+
+    device.outgoing = outgoing  # type: ignore[method-assign]
+    control(caller, PRM_END, Operation.CONTROL)
+    assert [address for address, _ in kept] == [SOURCE, (PLC_IP, 34964)]
+
+
+def test_a_controller_that_confirms_and_then_sends_no_data_is_given_up() -> None:
+    wire = Wire(of_project=project(activity_timeout=10))
+    wire.plc.start(0)
+    wire.run(5 * S, lambda: wire.plc.provider is not None)
+    wire.plc.provider = None
+    wire.run(5 * S, lambda: bool(wire.told(Disconnected)))
+    assert ended(wire) is AbortCode.ACTIVITY_TIMEOUT
+
+
+def test_a_restarted_controller_takes_its_own_place_and_the_old_relationship_ends() -> None:
+    wire = Wire()
+    wire.connect()
+    wire.run(20 * MS)
+    wire.connect()
+    assert [event.ended.code for event in wire.told(Disconnected)] == [AbortCode.RE_RUN]
+    wire.run(S)
+    assert wire.device.connected
+
+
+def test_parameters_can_be_written_anew_while_connected_and_outputs_do_not_count_meanwhile() -> None:
+    wire = Wire()
+    wire.connect()
+    wire.plc.set_output((1, 2), bytes(4))
+    wire.run(20 * MS)
+    assert wire.device.output((1, 2)) == bytes(4)
+    caller = Caller(wire)
+    ar_uuid, session = wire.plc.ar_uuid, wire.plc.session
+    begin = replace(PRM_BEGIN, ar_uuid=ar_uuid, session_key=session)
+    assert not control(caller, begin, Operation.CONTROL).value
+    wire.run(20 * MS)
+    assert wire.device.output((1, 2)) is None
+    wire.plc.phase = Phase.PRM_END
+    end = replace(PRM_END, ar_uuid=ar_uuid, session_key=session)
+    header_status = control(caller, end, Operation.CONTROL)
+    assert not header_status.value
+    relation_now = wire.device.relation
+    assert relation_now is not None
+    assert relation_now.state is State.CONFIRMING
+    wire.run(3 * S)
+    assert wire.device.connected, "ApplicationReady is repeated and confirmed"
+    assert wire.device.output((1, 2)) == bytes(4)
+
+
+def test_the_end_of_the_cable_the_device_or_its_name_ends_the_relationship_at_once() -> None:
+    cases: list[tuple[Callable[[Wire], None], AbortCode]] = [
+        (lambda wire: wire.device.on_link(False, wire.now), AbortCode.LINK_DOWN),
+        (lambda wire: wire.device.end(Event.STOPPED, wire.now), AbortCode.REQUESTED),
+        (lambda wire: wire.device.end(Event.RESET, wire.now), AbortCode.RESET),
+        (lambda wire: wire.device.end(Event.NAME_CHANGED, wire.now), AbortCode.NAME_CHANGED),
+    ]
+    for happen, code in cases:
+        wire = Wire()
+        wire.connect()
+        happen(wire)
+        wire.carry()
+        assert ended(wire) is code
+        assert wire.device.output((1, 2)) is None
+        wire.run(S)
+        assert not wire.device.connected, "nothing restarts by itself"
+
+
+# -- services from others ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("block", "operation", "code"),
+    [
+        (PRM_END, Operation.CONTROL, 0xDD),
+        (PRM_BEGIN, Operation.CONTROL, 0xDD),
+        (RELEASE, Operation.RELEASE, 0xDC),
+    ],
+    ids=["PrmEnd", "PrmBegin", "Release"],
+)
+def test_services_count_only_from_the_own_controller_and_session(
+    block: PrmEndReq | PrmBeginReq | ReleaseReq, operation: int, code: int
+) -> None:
+    caller = connected_by_hand()
+    unknown = PnioStatus(code, 0x81, 0x40, 0x05)
+    stranger = Caller(caller.wire, ("192.168.0.9", 50_000))
+    assert control(stranger, block, operation) == unknown
+    assert control(caller, replace(block, session_key=2), operation) == unknown
+    assert control(caller, replace(block, ar_uuid=UUID(int=8)), operation) == unknown
+    item = caller.wire.device.relation
+    assert item is not None
+    assert item.state is State.PARAMETERISING
+
+
+def test_a_service_in_the_wrong_state_is_refused_and_the_relationship_untouched() -> None:
+    caller = connected_by_hand()
+    assert control(caller, PRM_BEGIN, Operation.CONTROL) == PnioStatus(0xDD, 0x81, 0x40, 0x06)
+    assert not control(caller, PRM_END, Operation.CONTROL).value
+    assert control(caller, PRM_END, Operation.CONTROL) == PnioStatus(0xDD, 0x81, 0x40, 0x06)
+    item = caller.wire.device.relation
+    assert item is not None
+    assert item.state is State.CONFIRMING
+
+
+def test_a_damaged_control_or_release_names_its_field() -> None:
+    caller = connected_by_hand()
+    wrong = replace(PRM_END, command=Command.RELEASE)
+    assert control(caller, wrong, Operation.CONTROL) == PnioStatus(0xDD, 0x81, 0x14, 8)
+    assert control(caller, replace(RELEASE, command=Command.DONE), Operation.RELEASE) == PnioStatus(0xDC, 0x81, 0x28, 8)
+    assert caller.call(RELEASE.encode()[:-1], Operation.RELEASE)[0] == PnioStatus(0xDC, 0x81, 0x28, 1)
+    assert caller.call(RELEASE.encode(), Operation.CONTROL)[0] == PnioStatus(0xDD, 0x81, 0x40, 0x01)
+
+
+def test_only_the_controllers_own_answer_confirms_application_ready() -> None:
+    caller = connected_by_hand()
+    control(caller, PRM_END, Operation.CONTROL)
+    wire = caller.wire
+    item = wire.device.relation
+    assert item is not None
+    assert item.state is State.CONFIRMING
+    ar = item.plan.ar
+    right = ApplicationReadyRes(ar_uuid=ar.ar_uuid, session_key=ar.session_key, command=Command.DONE)
+    header = dcerpc.RpcHeader(dcerpc.PacketType.RESPONSE, INITIATOR, item.activity, 0, cmdev.CONTROL_OPERATION)
+
+    def confirm(host: str, header: dcerpc.RpcHeader, body: bytes) -> None:
+        wire.device.on_datagram(
+            dcerpc.encode_packet(header, encode_arguments(0, body, 4096, little=True)), (host, 1), 0
+        )
+
+    confirm("192.168.0.9", header, right.encode())
+    confirm(PLC_IP, replace(header, sequence=7), right.encode())
+    confirm(PLC_IP, replace(header, activity=UUID(int=1)), right.encode())
+    confirm(PLC_IP, header, b"nonsense")
+    assert item.state is State.CONFIRMING
+    confirm(PLC_IP, header, right.encode())
+    assert item.state is State.AWAITING_DATA

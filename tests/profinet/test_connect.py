@@ -1,0 +1,559 @@
+"""Every error code of the Connect table is provoked by a case that names it; a refusal leaves nothing behind."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+from uuid import UUID
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pdgw.peers.controller.project import Layout, Project
+from pdgw.profidrive.telegrams import telegram
+from pdgw.profinet.blocks.connect import (
+    AlarmCrBlockReq,
+    ArBlockReq,
+    ArBlockRes,
+    ArServerBlockRes,
+    ExpectedSubmoduleBlockReq,
+    IdentInfo,
+    IocrBlockReq,
+    IocrBlockRes,
+    IocrType,
+    ModuleDiffBlock,
+    ModuleState,
+    Place,
+    RtClass,
+)
+from pdgw.profinet.connect import plan
+from pdgw.profinet.model import DeviceModel, Module, ObjectKind, object_module
+from pdgw.profinet.rpc import dcerpc
+from pdgw.profinet.rpc.dcerpc import Flags, PacketType, RpcHeader
+from pdgw.profinet.rpc.records import Operation, PnioStatus, decode_arguments, encode_arguments
+from pdgw.profinet.wire import Block, split
+
+from tests.support.profinet import PLC_IP, PLC_MAC, Wire, model, project
+
+AR_UUID = UUID(int=0xABC)
+INITIATOR = dcerpc.object_uuid(1, 1, 1)
+SOURCE = (PLC_IP, 50_000)
+AXIS_SUBSLOTS = [(0, 1), (0, 0x8000), (0, 0x8001), (1, 1), (1, 2), (2, 1), (2, 2), (3, 1), (3, 2)]
+
+
+class Caller:
+    """Sends Connect requests to a device."""
+
+    def __init__(self, wire: Wire | None = None, source: tuple[str, int] = SOURCE) -> None:
+        self.wire = wire or Wire()
+        self.source = source
+        self.sequence = 0
+        self.activity = UUID(int=zlib.crc32(source[0].encode()))
+
+    def call(
+        self, arguments: bytes, operation: int = Operation.CONNECT, maximum: int = 16_384, little: bool = True
+    ) -> tuple[PnioStatus, bytes]:
+        device_object = dcerpc.object_uuid(1, 0x0402, 0xFFFF)
+        header = RpcHeader(
+            PacketType.REQUEST,
+            device_object,
+            self.activity,
+            self.sequence,
+            operation,
+            flags=Flags.IDEMPOTENT,
+            little_endian=little,
+        )
+        self.sequence += 1
+        ndr = encode_arguments(maximum, arguments, max(maximum, len(arguments)), little=little)
+        before = self.wire.device.outgoing()
+        assert not before
+        reassembly = dcerpc.Reassembly(1 << 16)
+        whole = None
+        for packet in dcerpc.encode_fragments(header, ndr):
+            self.wire.device.on_datagram(packet, self.source, self.wire.now)
+        for address, data in self.wire.device.outgoing():
+            if address == self.source:
+                answer, body = dcerpc.decode_packet(bytes(data))
+                assert answer.packet_type is PacketType.RESPONSE
+                whole = reassembly.add(answer, body)
+        assert whole is not None
+        status, answered = decode_arguments(whole, little=little)
+        return PnioStatus.of(status), answered
+
+    def connect(self, blocks: list[Block]) -> tuple[PnioStatus, bytes]:
+        return self.call(b"".join(block.encode() for block in blocks))
+
+
+def blocks(of_project: Project | None = None, ar_uuid: UUID = AR_UUID) -> list[Block]:
+    chosen = of_project or project()
+    return chosen.blocks(chosen.ar(ar_uuid, 1, PLC_MAC, INITIATOR, "plc-1"))
+
+
+Change = Callable[[list[Block]], list[Block]]
+
+
+def change(kind: type[Block], index: int = 0, **values: Any) -> Change:
+    """Replace fields of the n-th block of a kind."""
+
+    def apply(items: list[Block]) -> list[Block]:
+        place = [number for number, item in enumerate(items) if isinstance(item, kind)][index]
+        items[place] = replace(items[place], **values)  # type: ignore[type-var]
+        return items
+
+    return apply
+
+
+def without(kind: type[Block], index: int = 0) -> Change:
+    def apply(items: list[Block]) -> list[Block]:
+        place = [number for number, item in enumerate(items) if isinstance(item, kind)][index]
+        return items[:place] + items[place + 1 :]
+
+    return apply
+
+
+def twice(kind: type[Block]) -> Change:
+    return lambda items: [*items, next(item for item in items if isinstance(item, kind))]
+
+
+def iocr_api(edit: Callable[[Any], Any], index: int = 0) -> Change:
+    """Edit the first API of an IOCR."""
+
+    def apply(items: list[Block]) -> list[Block]:
+        place = [number for number, item in enumerate(items) if isinstance(item, IocrBlockReq)][index]
+        block = items[place]
+        assert isinstance(block, IocrBlockReq)
+        items[place] = replace(block, apis=(edit(block.apis[0]), *block.apis[1:]))
+        return items
+
+    return apply
+
+
+def slot(edit: Callable[[Any], Any], index: int = 1) -> Change:
+    """Edit the expected slot of the n-th expected block."""
+
+    def apply(items: list[Block]) -> list[Block]:
+        place = [number for number, item in enumerate(items) if isinstance(item, ExpectedSubmoduleBlockReq)][index]
+        block = items[place]
+        assert isinstance(block, ExpectedSubmoduleBlockReq)
+        items[place] = replace(block, slots=tuple(edit(item) for item in block.slots))
+        return items
+
+    return apply
+
+
+def submodule(edit: Callable[[Any], Any], index: int = 1) -> Change:
+    """Edit a submodule (the telegram's by default) of the first axis."""
+
+    def on_slot(item: Any) -> Any:
+        found = list(item.submodules)
+        found[index] = edit(found[index])
+        return replace(item, submodules=tuple(found))
+
+    return slot(on_slot)
+
+
+def description(edit: Callable[[Any], Any]) -> Change:
+    return submodule(lambda item: replace(item, descriptions=(edit(item.descriptions[0]), *item.descriptions[1:])))
+
+
+def places(which: str, edit: Callable[[Place], Place]) -> Change:
+    def on_api(api: Any) -> Any:
+        found = getattr(api, which)
+        return replace(api, **{which: (edit(found[0]), *found[1:])})
+
+    return iocr_api(on_api)
+
+
+# IOCS of the output data lie in the input relationship behind API 3A00h; the first API has none of them.
+def iocs_of_output(edit: Callable[[Place], Place]) -> Change:
+    def apply(items: list[Block]) -> list[Block]:
+        return iocr_api(lambda api: replace(api, iocs=(edit(api.iocs[0]), *api.iocs[1:])), 1)(items)
+
+    return apply
+
+
+CASES: list[tuple[int, int, str, Change]] = [
+    (0x01, 0x04, "AR type unknown", change(ArBlockReq, ar_type=0x0010)),
+    (0x01, 0x05, "ARUUID null", change(ArBlockReq, ar_uuid=UUID(int=0))),
+    (0x01, 0x07, "group MAC of the initiator", change(ArBlockReq, initiator_mac=bytes.fromhex("010000000001"))),
+    (0x01, 0x08, "object UUID of the initiator", change(ArBlockReq, initiator_object=UUID(int=5))),
+    (0x01, 0x09, "AR not active", change(ArBlockReq, properties=0x10)),
+    (0x01, 0x09, "parameterised by somebody else", change(ArBlockReq, properties=0x01)),
+    (0x01, 0x09, "companion AR reserved", change(ArBlockReq, properties=0x611)),
+    (0x01, 0x09, "device access without its type", change(ArBlockReq, properties=0x111)),
+    (0x01, 0x0A, "activity timeout 0", change(ArBlockReq, activity_timeout=0)),
+    (0x01, 0x0A, "activity timeout 1001", change(ArBlockReq, activity_timeout=1001)),
+    (0x01, 0x0C, "name length 0", change(ArBlockReq, station_name="")),
+    (0x01, 0x0D, "characters of the name", change(ArBlockReq, station_name="pl c")),
+    (0x02, 0x04, "IOCR type", change(IocrBlockReq, iocr_type=3)),
+    (0x02, 0x06, "LT", change(IocrBlockReq, lt=0x0800)),
+    (0x02, 0x07, "RT class 3", change(IocrBlockReq, properties=3)),
+    (0x02, 0x07, "reserved bits", change(IocrBlockReq, properties=0x12)),
+    (0x02, 0x08, "data length 39", change(IocrBlockReq, data_length=39)),
+    (0x02, 0x08, "data length 1441", change(IocrBlockReq, data_length=1441)),
+    (0x02, 0x09, "FrameID of another class", change(IocrBlockReq, frame_id=0xC001)),
+    (0x02, 0x09, "input FrameID left to the device", change(IocrBlockReq, frame_id=0xFFFF)),
+    (0x02, 0x09, "the same FrameID twice", change(IocrBlockReq, 1, frame_id=0x8001)),
+    (0x02, 0x0A, "send clock 33", change(IocrBlockReq, send_clock=33)),
+    (0x02, 0x0A, "send clock 256", change(IocrBlockReq, send_clock=256)),
+    (0x02, 0x0B, "ratio 0", change(IocrBlockReq, reduction_ratio=0)),
+    (0x02, 0x0B, "ratio 513", change(IocrBlockReq, reduction_ratio=513)),
+    (0x02, 0x0B, "shorter than MinDeviceInterval", change(IocrBlockReq, send_clock=1)),
+    (0x02, 0x0C, "phase 0", change(IocrBlockReq, phase=0)),
+    (0x02, 0x0C, "phase beyond the ratio", change(IocrBlockReq, phase=5)),
+    (0x02, 0x0E, "send offset beyond the clock", change(IocrBlockReq, frame_send_offset=1_000_000)),
+    (0x02, 0x0F, "watchdog 0", change(IocrBlockReq, watchdog=0)),
+    (0x02, 0x10, "hold 0", change(IocrBlockReq, data_hold=0)),
+    (0x02, 0x10, "hold beyond 1.92 s", change(IocrBlockReq, data_hold=481)),
+    (0x02, 0x11, "VLAN", change(IocrBlockReq, tag=0xC001)),
+    (0x02, 0x11, "priority 5", change(IocrBlockReq, tag=0xA000)),
+    (0x02, 0x13, "no API", change(IocrBlockReq, apis=())),
+    (0x02, 0x14, "API unknown", iocr_api(lambda api: replace(api, api=0x9999))),
+    (0x02, 0x15, "API empty", iocr_api(lambda api: replace(api, data=(), iocs=()))),
+    (0x02, 0x16, "slot unknown", places("data", lambda item: replace(item, slot=9))),
+    (0x02, 0x17, "subslot unknown", places("data", lambda item: replace(item, subslot=9))),
+    (0x02, 0x17, "subslot twice", iocr_api(lambda api: replace(api, data=(*api.data, api.data[0])))),
+    (0x02, 0x18, "data outside", places("data", lambda item: replace(item, offset=1000))),
+    (
+        0x02,
+        0x18,
+        "data over data",
+        iocr_api(lambda api: replace(api, data=tuple(replace(p, offset=0) for p in api.data))),
+    ),
+    (0x02, 0x1A, "slot of IOCS unknown", iocs_of_output(lambda item: replace(item, slot=9))),
+    (0x02, 0x1B, "subslot of IOCS unknown", iocs_of_output(lambda item: replace(item, subslot=9))),
+    (0x02, 0x1C, "IOCS outside", iocs_of_output(lambda item: replace(item, offset=0xFFFF))),
+    (0x03, 0x04, "no API expected", change(ExpectedSubmoduleBlockReq, slots=())),
+    (0x03, 0x06, "slot beyond 7FFFh", slot(lambda item: replace(item, slot=0x8000))),
+    (0x03, 0x06, "a slot in two APIs", slot(lambda item: replace(item, slot=0))),
+    (0x03, 0x07, "module ident 0", slot(lambda item: replace(item, ident=0))),
+    (0x03, 0x09, "no submodule", slot(lambda item: replace(item, submodules=()))),
+    (0x03, 0x0A, "subslot 0", submodule(lambda item: replace(item, subslot=0))),
+    (0x03, 0x0A, "subslot twice", submodule(lambda item: replace(item, subslot=1))),
+    (
+        0x03,
+        0x0A,
+        "submodule without data in the IOCRs",
+        slot(lambda item: replace(item, submodules=(*item.submodules, replace(item.submodules[0], subslot=3)))),
+    ),
+    (0x03, 0x0C, "reserved properties", submodule(lambda item: replace(item, properties=0x43))),
+    (0x03, 0x0D, "direction unknown", description(lambda item: replace(item, direction=3))),
+    (0x03, 0x0D, "two outputs", description(lambda item: replace(item, direction=2))),
+    (0x03, 0x0E, "data longer than a frame", description(lambda item: replace(item, length=1440))),
+    (
+        0x03,
+        0x0E,
+        "data of a submodule without data",
+        submodule(lambda item: replace(item, descriptions=(replace(item.descriptions[0], length=1),)), 0),
+    ),
+    (0x03, 0x0F, "IOPS length", description(lambda item: replace(item, length_iops=2))),
+    (0x03, 0x10, "IOCS length", description(lambda item: replace(item, length_iocs=0))),
+    (0x04, 0x04, "alarm CR type", change(AlarmCrBlockReq, cr_type=2)),
+    (0x04, 0x05, "alarm LT", change(AlarmCrBlockReq, lt=0x0800)),
+    (0x04, 0x07, "RTA factor 0", change(AlarmCrBlockReq, rta_timeout=0)),
+    (0x04, 0x07, "RTA factor 101", change(AlarmCrBlockReq, rta_timeout=101)),
+    (0x04, 0x08, "retries 2", change(AlarmCrBlockReq, rta_retries=2)),
+    (0x04, 0x08, "retries 16", change(AlarmCrBlockReq, rta_retries=16)),
+    (0x04, 0x0A, "alarm length 199", change(AlarmCrBlockReq, max_length=199)),
+    (0x04, 0x0A, "alarm length 1433", change(AlarmCrBlockReq, max_length=1433)),
+    (0x04, 0x0B, "priority of high alarms", change(AlarmCrBlockReq, tag_high=0xA000)),
+    (0x04, 0x0C, "priority of low alarms", change(AlarmCrBlockReq, tag_low=0xC000)),
+    (0x40, 0x02, "input IOCR missing", without(IocrBlockReq)),
+    (0x40, 0x02, "output IOCR missing", without(IocrBlockReq, 1)),
+    (0x40, 0x03, "AR missing", without(ArBlockReq)),
+    (0x40, 0x03, "AR twice", twice(ArBlockReq)),
+    (0x40, 0x03, "alarm CR missing", without(AlarmCrBlockReq)),
+    (0x40, 0x03, "alarm CR twice", twice(AlarmCrBlockReq)),
+    (0x40, 0x03, "three IOCRs", twice(IocrBlockReq)),
+    (0x40, 0x03, "no expected block", lambda items: [i for i in items if not isinstance(i, ExpectedSubmoduleBlockReq)]),
+]
+
+
+@pytest.mark.parametrize(
+    ("code1", "code2", "name", "edit"), CASES, ids=[f"{c[0]:02X} {c[1]:02X} {c[2]}" for c in CASES]
+)
+def test_a_refused_connect_names_block_and_field(code1: int, code2: int, name: str, edit: Change) -> None:
+    caller = Caller()
+    status, answered = caller.connect(edit(blocks()))
+    assert status == PnioStatus(0xDB, 0x81, code1, code2), status.text
+    assert answered == b""
+    assert caller.wire.device.relation is None
+    assert not caller.wire.device.cm.relations
+    # It leaves nothing behind: the same controller connects as if nothing had been.
+    status, _ = caller.connect(blocks())
+    assert not status.value, status.text
+
+
+RAW = [
+    (0x05, 0x04, "parameter server", bytes.fromhex("0105 0004 0100 0000")),
+    (0x06, 0x04, "multicast CR", bytes.fromhex("0106 0004 0100 0000")),
+    (0x40, 0x01, "SR info", bytes.fromhex("010a 0004 0100 0000")),
+    (0x40, 0x01, "unknown block", bytes.fromhex("7777 0004 0100 0000")),
+    (0x40, 0x00, "header cut short", b"\1\2"),
+    (0x40, 0x00, "unknown block longer than the request", bytes.fromhex("7777 7777 0100")),
+    (0x01, 0x01, "AR block longer than the request", bytes.fromhex("0101 7777 0100")),
+    (0x01, 0x01, "AR block cut short", bytes.fromhex("0101 0004 0100 0001")),
+    (0x02, 0x01, "IOCR block cut short", bytes.fromhex("0102 0004 0100 0001")),
+    (0x03, 0x01, "expected block cut short", bytes.fromhex("0104 0004 0100 0001")),
+    (0x04, 0x01, "alarm block cut short", bytes.fromhex("0103 0004 0100 0001")),
+    (0x01, 0x02, "AR block version high", bytes.fromhex("0101 0004 0200 0001")),
+    (0x02, 0x03, "IOCR block version low", bytes.fromhex("0102 0004 0101 0001")),
+]
+
+
+@pytest.mark.parametrize(("code1", "code2", "name", "extra"), RAW, ids=[f"{c[0]:02X} {c[1]:02X} {c[2]}" for c in RAW])
+def test_a_block_that_does_not_belong_refuses_the_connect(code1: int, code2: int, name: str, extra: bytes) -> None:
+    caller = Caller()
+    data = b"".join(block.encode() for block in blocks()) + extra
+    if extra.startswith(b"\1\1"):
+        data = extra + data
+    status, _ = caller.call(data)
+    assert status == PnioStatus(0xDB, 0x81, code1, code2), status.text
+    assert not caller.wire.device.cm.relations
+
+
+@pytest.mark.parametrize(
+    "extra", ["0107 0002 0100", "0108 0004 0100 0000", "0109 0006 0100 00000000", "010b 0002 0100"]
+)
+def test_blocks_that_change_nothing_here_are_skipped(extra: str) -> None:
+    caller = Caller()
+    status, _ = caller.call(b"".join(block.encode() for block in blocks()) + bytes.fromhex(extra))
+    assert not status.value, status.text
+
+
+def test_an_ar_of_another_type_is_refused_by_its_type_not_by_its_further_blocks() -> None:
+    caller = Caller()
+    for kind, extra in ((0x10, "0109 0006 0100 00000000"), (0x20, "010a 0004 0100 0000")):
+        data = bytes.fromhex(extra) + b"".join(block.encode() for block in change(ArBlockReq, ar_type=kind)(blocks()))
+        status, _ = caller.call(data)
+        assert (status.code1, status.code2) == (0x01, 0x04)
+
+
+def test_a_second_controller_is_refused_and_the_first_one_keeps_its_relationship() -> None:
+    wire = Wire()
+    wire.connect()
+    relation = wire.device.relation
+    status, _ = Caller(wire, ("192.168.0.9", 50_000)).connect(blocks())
+    assert status == PnioStatus(0xDB, 0x81, 0x40, 0x04)
+    assert wire.device.relation is relation
+    wire.run(100_000_000)
+    assert wire.device.connected
+
+
+def test_the_same_ar_with_a_new_call_is_in_the_wrong_state() -> None:
+    caller = Caller()
+    assert not caller.connect(blocks())[0].value
+    assert caller.connect(blocks())[0] == PnioStatus(0xDB, 0x81, 0x40, 0x06)
+    assert caller.wire.device.relation is not None
+
+
+def test_an_answer_longer_than_the_caller_takes_is_refused_and_leaves_nothing() -> None:
+    caller = Caller()
+    status, _ = caller.call(b"".join(block.encode() for block in blocks()), maximum=20)
+    assert status == PnioStatus(0xDB, 0x81, 0x40, 0x00)
+    assert not caller.wire.device.cm.relations
+
+
+# -- what is granted --------------------------------------------------------------------------------------------------
+
+
+def answered_blocks(data: bytes) -> dict[int, list[bytes]]:
+    found: dict[int, list[bytes]] = {}
+    for kind, block in split(data):
+        found.setdefault(kind, []).append(block)
+    return found
+
+
+@pytest.mark.parametrize("little", [True, False])
+def test_a_granted_connect_names_both_frame_ids_and_the_station(little: bool) -> None:
+    caller = Caller()
+    status, data = caller.call(b"".join(block.encode() for block in blocks()), little=little)
+    assert not status.value
+    found = answered_blocks(data)
+    assert list(found) == [0x8101, 0x8102, 0x8103, 0x8106]
+    assert ArBlockRes.decode(found[0x8101][0]).session_key == 1
+    granted = [IocrBlockRes.decode(block) for block in found[0x8102]]
+    assert [(block.iocr_type, block.reference) for block in granted] == [(1, 1), (2, 2)]
+    assert granted[0].frame_id == 0x8001
+    assert granted[1].frame_id in range(0x8000, 0xC000)
+    assert granted[1].frame_id != 0x8001
+    assert ArServerBlockRes.decode(found[0x8106][0]).station_name == "gateway"
+
+
+@pytest.mark.parametrize(
+    ("advanced", "rt_class"), [(True, RtClass.RT_CLASS_1), (False, RtClass.RT_CLASS_1), (False, RtClass.LEGACY)]
+)
+def test_legacy_and_advanced_start_up_are_both_granted(advanced: bool, rt_class: RtClass) -> None:
+    status, data = Caller().connect(blocks(project(advanced=advanced, rt_class=rt_class)))
+    assert not status.value, status.text
+    assert (0x8106 in answered_blocks(data)) is advanced
+
+
+def test_an_output_frame_id_the_controller_names_is_used_and_returned() -> None:
+    status, data = Caller().connect(change(IocrBlockReq, 1, frame_id=0x8123)(blocks()))
+    assert not status.value
+    assert IocrBlockRes.decode(answered_blocks(data)[0x8102][1]).frame_id == 0x8123
+
+
+@pytest.mark.parametrize("ratio", [1, 2, 4, 32, 128, 512])
+def test_every_ratio_is_granted_from_one_millisecond_on(ratio: int) -> None:
+    status, _ = Caller().connect(blocks(project(reduction_ratio=ratio)))
+    assert not status.value, status.text
+
+
+def test_device_access_needs_no_data_and_two_are_possible() -> None:
+    caller = Caller()
+    for number in (1, 2):
+        ar = project().ar(UUID(int=number), number, PLC_MAC, INITIATOR, "tool")
+        status, data = caller.connect([replace(ar, ar_type=6, properties=0x111)])
+        assert not status.value
+        assert list(answered_blocks(data)) == [0x8101]
+    third = project().ar(UUID(int=3), 3, PLC_MAC, INITIATOR, "tool")
+    assert caller.connect([replace(third, ar_type=6)])[0] == PnioStatus(0xDB, 0x81, 0x40, 0x04)
+    # Beside them a controller connects.
+    assert not caller.connect(blocks())[0].value
+
+
+def wrong(place: int, module: Module | None) -> Project:
+    modules = dict(model().modules)
+    if module is not None:
+        modules[place] = module
+    return project(modules)
+
+
+@pytest.mark.parametrize(
+    ("of_project", "state", "info", "proper"),
+    [
+        (wrong(1, object_module(ObjectKind.ENCODER, telegram(83))), ModuleState.WRONG, IdentInfo.WRONG, {2, 3}),
+        (wrong(2, object_module(ObjectKind.AXIS, telegram(1))), ModuleState.PROPER, IdentInfo.WRONG, {1, 3}),
+        (wrong(4, object_module(ObjectKind.AXIS, telegram(1))), ModuleState.NO_MODULE, None, {1, 2, 3}),
+    ],
+    ids=["wrong module", "wrong telegram", "module that is not there"],
+)
+def test_a_project_that_differs_is_granted_told_the_difference_and_the_rest_runs(
+    of_project: Project, state: ModuleState, info: IdentInfo | None, proper: set[int]
+) -> None:
+    status, data = Caller().connect(blocks(of_project))
+    assert not status.value
+    diff = ModuleDiffBlock.decode(answered_blocks(data)[0x8104][0])
+    (module,) = diff.apis[0].modules
+    assert module.state == state
+    if info is not None:
+        assert {(item.state >> 11) & 0xF for item in module.submodules} == {info}
+    wire = Wire(of_project=of_project)
+    wire.connect()
+    for slot_number in of_project.modules:
+        if slot_number and slot_number in model().modules:
+            size = model().modules[slot_number].submodules[2].inputs
+            wire.device.set_input((slot_number, 2), bytes(size), good=True)
+            expected = of_project.modules[slot_number].submodules[2].outputs
+            wire.plc.set_output((slot_number, 2), bytes(expected))
+    wire.run(50_000_000)
+    good = {place[0] for place in of_project.submodules if place[1] == 2 and wire.plc.input(place) is not None}
+    assert good == proper
+    assert {number for number in model().modules if wire.device.output((number, 2)) is not None} == proper
+    assert wire.plc.learned.diff is not None
+
+
+# -- any order, any offsets -------------------------------------------------------------------------------------------
+
+
+@st.composite
+def shuffled(draw: st.DrawFn) -> tuple[DeviceModel, list[Block], dict[IocrType, Layout]]:
+    """A request with blocks, APIs, places and offsets in any order that the standard allows."""
+    chosen = project()
+    layouts: dict[IocrType, Layout] = {}
+    items: list[Block] = []
+    for kind in IocrType:
+        order = draw(st.permutations(AXIS_SUBSLOTS))
+        layouts[kind] = chosen.layout(kind, order, draw(st.integers(0, 3)))
+        block = chosen.iocr(kind, layouts[kind])
+        apis = draw(st.permutations(block.apis))
+        items.append(
+            replace(
+                block,
+                apis=tuple(
+                    replace(
+                        api,
+                        data=tuple(draw(st.permutations(api.data))),
+                        iocs=tuple(draw(st.permutations(api.iocs))),
+                    )
+                    for api in apis
+                ),
+            )
+        )
+    expected: list[Block] = [
+        replace(
+            block,
+            slots=tuple(replace(s, submodules=tuple(draw(st.permutations(s.submodules)))) for s in block.slots),
+        )
+        for block in chosen.expected()
+    ]
+    if draw(st.booleans()):
+        expected = [ExpectedSubmoduleBlockReq(slots=tuple(s for b in chosen.expected() for s in b.slots))]
+    items += [*expected, chosen.alarm(), chosen.ar(AR_UUID, 1, PLC_MAC, INITIATOR, "plc-1")]
+    return model(), draw(st.permutations(items)), layouts
+
+
+@given(shuffled())
+def test_blocks_places_and_offsets_may_come_in_any_order(
+    case: tuple[DeviceModel, list[Block], dict[IocrType, Layout]],
+) -> None:
+    device, items, layouts = case
+    granted = plan(b"".join(block.encode() for block in items), device)
+    assert granted.inputs is not None
+    assert granted.outputs is not None
+    assert granted.diff is None
+    for kind, found in ((IocrType.INPUT, granted.inputs), (IocrType.OUTPUT, granted.outputs)):
+        assert dict(found.data) == dict(layouts[kind].data)
+        assert dict(found.iocs) == dict(layouts[kind].iocs)
+
+
+@given(st.data())
+def test_a_damaged_connect_is_granted_or_refused_with_a_code_of_its_own(data: st.DataObject) -> None:
+    caller = Caller()
+    request = bytearray(b"".join(block.encode() for block in blocks()))
+    for _ in range(data.draw(st.integers(1, 4))):
+        request[data.draw(st.integers(0, len(request) - 1))] = data.draw(st.integers(0, 255))
+    status, _ = caller.call(bytes(request[: data.draw(st.integers(0, len(request)))]))
+    if status.value:
+        assert (status.code, status.decode) == (0xDB, 0x81)
+        assert status.code1 in {1, 2, 3, 4, 5, 6, 0x40}
+        assert not caller.wire.device.cm.relations
+    else:
+        assert len(caller.wire.device.cm.relations) == 1
+
+
+def test_lengths_that_contradict_each_other_are_rejected() -> None:
+    wire = Wire()
+    header = RpcHeader(PacketType.REQUEST, dcerpc.object_uuid(1, 0x0402, 0xFFFF), UUID(int=4), 0, Operation.CONNECT)
+    wire.device.on_datagram(
+        dcerpc.encode_packet(header, struct.pack("<5I", 100, 50, 100, 0, 60) + bytes(50)), SOURCE, 0
+    )
+    ((_, answer),) = wire.device.outgoing()
+    kind, body = dcerpc.decode_packet(bytes(answer))
+    assert kind.packet_type is PacketType.REJECT
+    assert dcerpc.decode_status(body, little=True) == 0x1C01000B
+
+
+@pytest.mark.parametrize(
+    ("changes", "status"),
+    [
+        ({"operation": 9}, 0x1C010002),
+        ({"interface": UUID(int=1)}, 0x1C010003),
+        ({"interface_version": 2}, 0x1C010003),
+        ({"object": dcerpc.object_uuid(1, 1, 1)}, 0x1C010003),
+    ],
+)
+def test_a_call_to_somebody_else_is_rejected(changes: dict[str, Any], status: int) -> None:
+    wire = Wire()
+    header = RpcHeader(PacketType.REQUEST, dcerpc.object_uuid(1, 0x0402, 0xFFFF), UUID(int=4), 0, Operation.CONNECT)
+    body = encode_arguments(100, b"", 100, little=True)
+    wire.device.on_datagram(dcerpc.encode_packet(replace(header, **changes), body), SOURCE, 0)
+    ((_, answer),) = wire.device.outgoing()
+    kind, body = dcerpc.decode_packet(bytes(answer))
+    assert kind.packet_type is PacketType.REJECT
+    assert dcerpc.decode_status(body, little=True) == status

@@ -1,0 +1,135 @@
+"""Everything of a session through independent readers: tshark calls nothing malformed, scapy rebuilds it byte for byte."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from pdgw.profidrive.telegrams import telegram
+from pdgw.profinet.blocks.alarm import MessageClass
+from pdgw.profinet.device_records import Index
+from pdgw.profinet.model import API_PROFIDRIVE, ObjectKind, object_module
+from pdgw.profinet.rpc.client import RecordResult
+from pdgw.profinet.rpc.dcerpc import UDP_PORT
+from pdgw.profinet.rpc.identification import INDEX as IM0
+from pdgw.profinet.rpc.identification import Im0, encode_im0
+from pdgw.profinet.station import Neighbour
+from scapy.contrib.pnio import ProfinetIO
+from scapy.contrib.pnio_rpc import PNIOServiceReqPDU, PNIOServiceResPDU
+from scapy.layers.dcerpc import DceRpc4
+from scapy.layers.inet import UDP
+from scapy.layers.l2 import Ether
+
+from tests.support import tshark, tshark_frames
+from tests.support.profinet import MS, Wire, model, project
+
+AXIS = (1, 2)
+ACCESS_POINT = (1, 1)
+
+READS = [
+    *((0, 0, 1, index) for index in (Index.EXPECTED_AR, Index.REAL_AR, Index.MODULE_DIFF, Index.REAL_API)),
+    *((API_PROFIDRIVE, 1, 1, index) for index in (Index.EXPECTED_SUBSLOT, Index.REAL_SUBSLOT)),
+    *((API_PROFIDRIVE, 1, 1, index) for index in (Index.EXPECTED_SLOT, Index.REAL_SLOT)),
+    *((API_PROFIDRIVE, 1, 1, index) for index in (Index.DIAGNOSIS_CHANNEL_SUBSLOT, Index.DIAGNOSIS_ALL_SLOT)),
+    *((API_PROFIDRIVE, 1, 1, index) for index in (Index.DIAGNOSIS_STATUS_AR, Index.DIAGNOSIS_CHANNEL_API)),
+    (0, 0, 0x8001, Index.PORT_DATA_REAL),
+    (0, 0, 0x8001, Index.STATISTIC),
+    (0, 0, 0x8000, Index.INTERFACE_DATA_REAL),
+    (0, 0, 1, Index.REAL_DATA),
+    (0, 0, 1, Index.API_DATA),
+    (0, 0, 1, Index.LOG_DATA),
+    (0, 0, 1, Index.IM_FILTER),
+    (0, 0, 1, IM0),
+]
+
+
+def session() -> tuple[Wire, list[tuple[tuple[int, int, int, int], RecordResult]]]:
+    """A whole session: a wrong module, alarms, records, release."""
+    modules = dict(model().modules)
+    modules[2] = object_module(ObjectKind.AXIS, telegram(1))
+    records = [(API_PROFIDRIVE, 1, 1, 0xB02E, bytes.fromhex("0101000110000 3c50000".replace(" ", "")))]
+    wire = Wire(of_project=project(modules, records=records))
+    wire.application.records[0, 1, IM0] = encode_im0(Im0(0xFFFF, "PDGW", "4711", 1, ("V", 0, 1, 0)))
+    wire.device.set_diagnosis(ACCESS_POINT, MessageClass.TEMPERATURE)
+    wire.connect()
+    wire.station.neighbour = Neighbour("plc-1", "port-001", bytes.fromhex("020000000001"), wire.now, 20_000 * MS)
+    wire.plc.set_output(AXIS, bytes.fromhex("047f2000"))
+    wire.run(20 * MS)
+    wire.device.set_diagnosis(ACCESS_POINT, MessageClass.MAINS)
+    wire.run(20 * MS)
+    results: list[tuple[tuple[int, int, int, int], RecordResult]] = []
+    for api, slot, subslot, index in READS:
+
+        def keep(result: RecordResult, key: tuple[int, int, int, int] = (api, slot, subslot, index)) -> None:
+            results.append((key, result))
+
+        wire.plc.read((api, slot, subslot), index, keep)
+    wire.run(100 * MS)
+    wire.device.clear_diagnosis(ACCESS_POINT)
+    wire.device.returned(AXIS)
+    wire.run(100 * MS)
+    wire.plc.release(wire.now)
+    wire.run(20 * MS)
+    return wire, results
+
+
+def test_every_record_of_the_table_can_be_read() -> None:
+    _, results = session()
+    assert [key for key, _ in results] == READS
+    refused = [(f"{key[3]:04X}h", result.status.text) for key, result in results if result.status.value]
+    assert refused == []
+
+
+@tshark.needs_tshark
+@pytest.mark.tshark
+def test_tshark_reads_every_frame_of_a_session(tmp_path: Path) -> None:
+    wire, _ = session()
+    names = [
+        "pn_rt.frame_id",
+        "pn_io.block_type",
+        "pn_io.index",
+        "pn_io.alarm_type",
+        "pn_io.channel_error_type",
+        "pn_io.ar_uuid",
+        "pn_io.control_command.applready",
+        "pn_io.control_command.prmend",
+        "pn_io.module_state",
+        "pn_io.error_code",
+        "pn_rt.cycle_counter",
+        "pn_rt.ds",
+    ]
+    rows = tshark_frames.read(wire.frames, tmp_path / "session.pcap", names, every=True)
+    found = {part for row in rows for part in row["pn_io.block_type"].split(",") if part}
+    types = {int(part, 0) for part in found}
+    assert types >= {0x0101, 0x0102, 0x0103, 0x0104, 0x8101, 0x8102, 0x8103, 0x8104, 0x8106, 0x0110, 0x8110, 0x0112}
+    assert types >= {0x8112, 0x0114, 0x8114, 0x0002, 0x8002, 0x0012, 0x0013, 0x020F, 0x0240, 0x0251, 0x0020, 0x0010}
+    alarms = [row for row in rows if row["pn_io.alarm_type"]]
+    told = [(int(row["pn_io.alarm_type"], 0), row["pn_io.channel_error_type"]) for row in alarms]
+    kinds = [kind for kind, _ in told]
+    assert kinds.count(1) == 4, "two diagnoses appear, each notification has its AlarmAck"
+    assert kinds.count(0x0C) == 4
+    assert kinds.count(0x0B) == 2
+    assert {int(text, 0) for _, text in told if text} == {MessageClass.TEMPERATURE, MessageClass.MAINS}
+    statuses = {row["pn_rt.ds"] for row in rows if row["pn_rt.ds"]}
+    assert {int(status, 0) for status in statuses} == {0x35, 0x15}
+
+
+def test_scapy_rebuilds_every_rpc_and_cyclic_frame_byte_for_byte() -> None:
+    wire, _ = session()
+    calls = cyclic = 0
+    for frame in wire.frames:
+        packet = Ether(frame)
+        if UDP in packet:
+            whole = bytes(packet[UDP].payload)
+            assert UDP_PORT in {packet[UDP].sport, packet[UDP].dport}
+            rebuilt = DceRpc4(whole)
+            assert PNIOServiceReqPDU in rebuilt or PNIOServiceResPDU in rebuilt
+            rebuilt.clear_cache()
+            assert bytes(rebuilt) == whole
+            calls += 1
+        elif ProfinetIO in packet and 0x8000 <= packet[ProfinetIO].frameID < 0xF800:
+            packet.clear_cache()
+            assert bytes(packet) == frame
+            cyclic += 1
+    assert calls > 30
+    assert cyclic > 30

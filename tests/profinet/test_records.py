@@ -1,0 +1,198 @@
+"""Records of the device: what is readable by whom, and with which error not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from uuid import UUID
+
+import pytest
+from pdgw.profinet.blocks.alarm import DiagnosisBlock, MessageClass
+from pdgw.profinet.blocks.records import ExpectedIdentification, LogData, RealIdentification
+from pdgw.profinet.cmdev import AbortCode
+from pdgw.profinet.device_records import Index
+from pdgw.profinet.model import API_PROFIDRIVE
+from pdgw.profinet.rpc.client import RecordResult
+from pdgw.profinet.rpc.records import (
+    RECORD_MULTIPLE,
+    AccessError,
+    BlockType,
+    RecordBlock,
+    decode_block,
+    encode_block,
+    join_multiple,
+)
+
+from tests.profinet.test_connect import AR_UUID, Caller, blocks
+from tests.support.profinet import MS, PLC_IP, Wire
+
+PORT = (0, 0, 0x8001)
+POINT = (API_PROFIDRIVE, 1, 1)
+
+
+def connected() -> Wire:
+    wire = Wire()
+    wire.connect()
+    return wire
+
+
+def read(wire: Wire, place: tuple[int, int, int], index: int, *, implicit: bool = False) -> RecordResult:
+    results: list[RecordResult] = []
+    wire.plc.read(place, index, results.append, implicit=implicit)
+    wire.run(100 * MS, lambda: bool(results))
+    return results[0]
+
+
+def write(wire: Wire, place: tuple[int, int, int], index: int, data: bytes) -> RecordResult:
+    results: list[RecordResult] = []
+    wire.plc.write(place, index, data, results.append)
+    wire.run(100 * MS, lambda: bool(results))
+    return results[0]
+
+
+def test_parameter_requests_reach_the_application_and_its_answer_comes_back() -> None:
+    wire = connected()
+    request = bytes.fromhex("02010001100003c50000")
+    assert not write(wire, POINT, 0xB02E, request).status.value
+    assert wire.application.records[1, 1, 0xB02E] == request
+    assert read(wire, POINT, 0xB02E).data == request
+    result = read(wire, (API_PROFIDRIVE, 2, 1), 0xB02E)
+    assert (result.status.code, result.status.code1) == (0xDE, AccessError.STATE_CONFLICT)
+
+
+@pytest.mark.parametrize(
+    ("place", "index", "error"),
+    [
+        ((0x9999, 0, 1), 0xAFF0, AccessError.INVALID_AREA),
+        ((0, 9, 1), 0xAFF0, AccessError.INVALID_SLOT),
+        ((0, 0, 2), 0xAFF0, AccessError.INVALID_SLOT),
+        ((0, 0, 1), 0x0001, AccessError.INVALID_INDEX),
+        ((0, 1, 1), 0x8001, AccessError.INVALID_AREA),
+        ((0, 0, 1), Index.PORT_DATA_REAL, AccessError.INVALID_INDEX),
+        ((API_PROFIDRIVE, 9, 1), Index.REAL_SLOT, AccessError.INVALID_SLOT),
+        ((0, 1, 1), Index.REAL_SLOT, AccessError.INVALID_AREA),
+        ((API_PROFIDRIVE, 9, 1), Index.EXPECTED_SLOT, AccessError.INVALID_SLOT),
+        ((0x9999, 0, 1), Index.REAL_API, AccessError.INVALID_AREA),
+    ],
+)
+def test_what_is_not_there_is_an_error_and_never_an_empty_success(
+    place: tuple[int, int, int], index: int, error: AccessError
+) -> None:
+    result = read(connected(), place, index)
+    assert (result.status.code, result.status.decode, result.status.code1) == (0xDE, 0x80, error)
+
+
+@pytest.mark.parametrize("index", [Index.EXPECTED_AR, Index.MODULE_DIFF, Index.REAL_AR, Index.DIAGNOSIS_ALL_AR])
+def test_what_belongs_to_a_relationship_is_not_readable_without_one(index: int) -> None:
+    result = read(connected(), (0, 0, 1), index, implicit=True)
+    assert result.status.code1 == AccessError.STATE_CONFLICT
+
+
+def test_an_unknown_relationship_reads_nothing() -> None:
+    wire = connected()
+    wire.plc._records.ar_uuid = UUID(int=1)
+    result = read(wire, (0, 0, 1), Index.REAL_API)
+    assert (result.status.code, result.status.decode, result.status.code1, result.status.code2) == (0xDE, 0x81, 0x40, 5)
+
+
+def test_real_and_expected_identification_show_the_model() -> None:
+    wire = connected()
+    real = RealIdentification.decode(read(wire, (0, 0, 1), Index.REAL_AR).data)
+    expected = ExpectedIdentification.decode(read(wire, (0, 0, 1), Index.EXPECTED_AR).data)
+    assert real.apis == expected.apis
+    found = [(api.api, slot.slot, slot.ident, len(slot.submodules)) for api in real.apis for slot in api.slots]
+    assert found == [(0, 0, 1, 3), (0x3A00, 1, 0x1001, 2), (0x3A00, 2, 0x1001, 2), (0x3A00, 3, 0x1002, 2)]
+
+
+def test_diagnosis_is_readable_while_it_is_present() -> None:
+    wire = connected()
+    assert read(wire, POINT, Index.DIAGNOSIS_CHANNEL_SUBSLOT).data == b""
+    wire.device.set_diagnosis((1, 1), MessageClass.MAINS)
+    block = DiagnosisBlock.decode(read(wire, POINT, Index.DIAGNOSIS_CHANNEL_SUBSLOT).data)
+    assert (block.api, block.slot, block.subslot) == POINT
+    assert block.entries == bytes.fromhex("8000 6800 9001")
+    assert read(wire, POINT, Index.DIAGNOSIS_ALL_AR).data == block.encode()
+    assert read(wire, (API_PROFIDRIVE, 2, 1), Index.DIAGNOSIS_CHANNEL_SUBSLOT).data == b""
+
+
+def test_records_of_interface_and_port_are_kept_as_long_as_the_relationship() -> None:
+    wire = connected()
+    assert not write(wire, PORT, Index.PORT_DATA_ADJUST, b"adjust").status.value
+    assert read(wire, PORT, Index.PORT_DATA_ADJUST).data == b"adjust"
+    refused = write(wire, (0, 0, 1), Index.PORT_DATA_ADJUST, b"adjust")
+    assert (refused.status.code, refused.status.code1) == (0xDF, AccessError.INVALID_INDEX)
+    assert write(wire, PORT, Index.PORT_DATA_ADJUST, bytes(2000)).status.code1 == AccessError.WRITE_LENGTH
+    wire.connect()
+    assert read(wire, PORT, Index.PORT_DATA_ADJUST).data == b""
+
+
+def test_a_refused_record_does_not_end_the_relationship() -> None:
+    wire = connected()
+    assert write(wire, POINT, 0x1234, b"x").status.value
+    wire.run(100 * MS)
+    assert wire.device.connected
+
+
+def test_writes_count_only_from_the_controllers_own_address() -> None:
+    caller = Caller()
+    assert not caller.connect(blocks())[0].value
+    block = RecordBlock(BlockType.WRITE_REQUEST, 1, AR_UUID, API_PROFIDRIVE, 1, 1, 0xB02E, 4)
+    arguments = encode_block(block) + b"data"
+    stranger = Caller(caller.wire, ("192.168.0.9", 50_000))
+    status, _ = stranger.call(arguments, 3)
+    assert (status.code, status.decode, status.code1, status.code2) == (0xDF, 0x81, 0x40, 5)
+    other = encode_block(replace(block, ar_uuid=UUID(int=3))) + b"data"
+    assert caller.call(other, 3)[0].value == 0xDF814005
+    multiple = join_multiple([(block, b"data")])
+    outer = RecordBlock(BlockType.WRITE_REQUEST, 2, AR_UUID, 0xFFFFFFFF, 0xFFFF, 0xFFFF, RECORD_MULTIPLE, len(multiple))
+    assert stranger.call(encode_block(outer) + multiple, 3)[0].value == 0xDF814005
+    assert caller.wire.application.writes == 0
+    assert caller.call(arguments, 3)[0].value == 0
+    assert caller.wire.application.writes == 1
+
+
+def test_several_writes_before_prm_end_have_a_status_each_and_the_relationship_goes_on() -> None:
+    caller = Caller()
+    caller.connect(blocks())
+
+    def inner(number: int, slot: int, subslot: int, index: int, data: bytes) -> tuple[RecordBlock, bytes]:
+        api = API_PROFIDRIVE if slot else 0
+        return RecordBlock(BlockType.WRITE_REQUEST, number, AR_UUID, api, slot, subslot, index, len(data)), data
+
+    data = join_multiple(
+        [
+            inner(1, 0, 0x8000, Index.INTERFACE_ADJUST, b"adjust"),
+            inner(2, 0, 0x8000, 0x8051, b"media redundancy"),
+            inner(3, 0, 0x8001, Index.PORT_DATA_CHECK, b"check"),
+            inner(4, 1, 1, 0xB02E, b"request"),
+        ]
+    )
+    outer = RecordBlock(BlockType.WRITE_REQUEST, 9, AR_UUID, 0xFFFFFFFF, 0xFFFF, 0xFFFF, RECORD_MULTIPLE, len(data))
+    status, answer = caller.call(encode_block(outer) + data, 3)
+    assert not status.value
+    statuses = [decode_block(answer[at : at + 64])[0].status.value for at in range(64, len(answer), 64)]
+    assert statuses == [0, 0xDF80B000, 0, 0]
+    assert caller.wire.device.relation is not None
+
+
+def test_writing_keeps_a_slow_parameterisation_alive() -> None:
+    caller = Caller()
+    caller.connect(blocks())
+    wire = caller.wire
+    block = RecordBlock(BlockType.WRITE_REQUEST, 1, AR_UUID, 0, 0, 0x8001, Index.PORT_DATA_CHECK, 1)
+    for _ in range(5):
+        wire.now += 15_000 * MS
+        wire.device.poll(wire.now)
+        wire.device.outgoing()
+        assert caller.call(encode_block(block) + b"x", 3)[0].value == 0
+    assert wire.device.relation is not None
+
+
+def test_the_log_keeps_how_relationships_ended() -> None:
+    wire = connected()
+    wire.plc.release(wire.now)
+    wire.run(50 * MS)
+    wire.connect()
+    log = LogData.decode(read(wire, (0, 0, 1), Index.LOG_DATA).data)
+    assert [item.status for item in log.entries] == [AbortCode.RELEASED.status.value]
+    assert wire.plc.learned.ended == ""
+    assert str(wire.device.station.ip.address) != PLC_IP

@@ -1,0 +1,132 @@
+"""A device and a controller on one virtual wire, in virtual time; what went over it is kept as Ethernet frames."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from ipaddress import IPv4Address
+from typing import Any
+from uuid import UUID
+
+from pdgw.peers.controller.controller import IoController, Phase
+from pdgw.peers.controller.project import Project
+from pdgw.profidrive.telegrams import telegram
+from pdgw.profinet.device import DeviceEvent, ProfinetDevice
+from pdgw.profinet.model import DeviceModel, Module, ObjectKind, drive_model
+from pdgw.profinet.rpc.dcerpc import UDP_PORT
+from pdgw.profinet.rpc.records import AccessError, RecordBlock, RecordRefused
+from pdgw.profinet.station import Identity, IpSuite, Station
+
+from tests.support.tshark_frames import datagram
+
+MS = 1_000_000
+DEVICE_MAC = bytes.fromhex("020000000002")
+PLC_MAC = bytes.fromhex("020000000001")
+DEVICE_IP = IpSuite(IPv4Address("192.168.0.2"), IPv4Address("255.255.255.0"))
+PLC_IP = "192.168.0.1"
+OBJECTS = [(ObjectKind.AXIS, telegram(1)), (ObjectKind.AXIS, telegram(9)), (ObjectKind.ENCODER, telegram(83))]
+IDENTITY = Identity(DEVICE_MAC, 0xFFFF, 0x0402, "profidrive-gateway", "PDGW", "4711")
+
+
+@dataclass
+class Application:
+    """Records of the application: what was written is read back."""
+
+    records: dict[tuple[int, int, int], bytes] = field(default_factory=dict)
+    writes: int = 0
+
+    def read(self, block: RecordBlock, *, implicit: bool) -> bytes:
+        try:
+            return self.records[block.slot, block.subslot, block.index]
+        except KeyError:
+            raise RecordRefused(AccessError.STATE_CONFLICT) from None
+
+    def write(self, block: RecordBlock, data: bytes) -> None:
+        self.writes += 1
+        self.records[block.slot, block.subslot, block.index] = data
+
+
+def model() -> DeviceModel:
+    return drive_model(IDENTITY, OBJECTS)
+
+
+def project(modules: Mapping[int, Module] | None = None, **settings: Any) -> Project:
+    return Project("gateway", modules or model().modules, **settings)
+
+
+class Wire:
+    """Carries everything at once; ``to_device`` and ``to_plc`` may be cut. Time only passes in ``run``."""
+
+    def __init__(self, *, of_project: Project | None = None, now: int = 0, named: bool = True, seed: int = 1) -> None:
+        self.now = now
+        self.application = Application()
+        self.station = Station(IDENTITY, "gateway" if named else "", DEVICE_IP)
+        self.device = ProfinetDevice(model(), self.station, self.application, seed=UUID(int=99), now=now)
+        self.plc = IoController(
+            Station(Identity(PLC_MAC, 1, 1, "plc", "PLC"), "plc-1"), of_project or project(), DEVICE_IP, seed=seed
+        )
+        self.to_device = True
+        self.to_plc = True
+        self.frames: list[bytes] = []
+        self.times: list[tuple[int, bytes]] = []
+        self.events: list[DeviceEvent] = []
+        self.fresh = 0
+        self.on_cycle: Callable[[], None] = lambda: None
+
+    def carry(self) -> None:
+        """Until nothing is under way."""
+        while True:
+            down, up = self.plc.outgoing(), self.device.outgoing()
+            if not down and not up:
+                break
+            for address, data in down:
+                self._keep(data, (PLC_IP, UDP_PORT), address)
+                if not self.to_device:
+                    continue
+                if address is None:
+                    self.fresh += self.device.on_frame(bytes(data), self.now)
+                else:
+                    self.device.on_datagram(bytes(data), (PLC_IP, UDP_PORT), self.now)
+            for address, data in up:
+                self._keep(data, (str(DEVICE_IP.address), UDP_PORT), address)
+                if not self.to_plc:
+                    continue
+                if address is None:
+                    self.plc.on_frame(bytes(data), self.now)
+                else:
+                    self.plc.on_datagram(bytes(data), (str(DEVICE_IP.address), UDP_PORT), self.now)
+        self.events += self.device.events()
+
+    def _keep(self, data: bytes | bytearray, source: tuple[str, int], address: tuple[str, int] | None) -> None:
+        frame = bytes(data) if address is None else datagram(bytes(data), source, address)
+        self.frames.append(frame)
+        self.times.append((self.now, frame))
+
+    def run(self, ns: int, until: Callable[[], object] = lambda: False) -> None:
+        """Let time pass."""
+        end = self.now + ns
+        self.carry()
+        while not until():
+            due = [self.device.next_deadline()]
+            other = self.plc.next_deadline()
+            if other is not None:
+                due.append(other)
+            when = max(self.now, min(due))
+            if when > end:
+                self.now = end
+                break
+            self.now = when
+            self.plc.poll(self.now)
+            self.device.poll(self.now)
+            self.on_cycle()
+            self.carry()
+
+    def connect(self) -> None:
+        """Until data is exchanged."""
+        self.plc.start(self.now)
+        self.run(20_000 * MS, lambda: self.device.connected and self.plc.phase is Phase.DATA)
+        assert self.device.connected, (self.plc.phase, self.plc.learned)
+
+    def told(self, kind: type[DeviceEvent]) -> list[Any]:
+        """Events of this kind so far."""
+        return [event for event in self.events if isinstance(event, kind)]
