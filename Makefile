@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 ROOMS := profidrive profinet ds301 dsp402 dsp406 gateway decoder peers tools
 
-.PHONY: demo test lint format bench fuzz docs clean
+.PHONY: demo test lint format bench fuzz docs compiled test-compiled bench-compiled clean
 
 demo: $(STAMP)
 	$(BIN)/pdgw demo
@@ -24,6 +24,21 @@ format: $(STAMP)
 
 bench: $(STAMP)
 	$(BIN)/pdgw bench
+
+# The same sources with the cyclic path compiled by mypyc (a C compiler is needed): into build/compiled, beside the editable install.
+COMPILED := build/compiled
+WITH_COMPILED := PYTHONSAFEPATH=1 PYTHONPATH=$(CURDIR)/$(COMPILED)
+
+compiled: $(STAMP)
+	rm -rf $(COMPILED) build/wheel
+	PDGW_COMPILED=1 $(BIN)/pip wheel --quiet --disable-pip-version-check --no-deps -w build/wheel .
+	$(BIN)/pip install --quiet --disable-pip-version-check --no-deps --target $(COMPILED) build/wheel/*.whl
+
+test-compiled: compiled
+	$(WITH_COMPILED) $(BIN)/pytest --import-mode=append
+
+bench-compiled: compiled
+	$(WITH_COMPILED) $(BIN)/python -m pdgw bench
 
 fuzz: $(STAMP)
 	PDGW_HYPOTHESIS=fuzz $(BIN)/pytest tests/fuzz

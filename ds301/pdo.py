@@ -23,16 +23,31 @@ COB_ID_NO_REMOTE = 1 << 30
 
 
 class PdoDirection(enum.Enum):
-    """Seen from the device: an RPDO is received by the drive, a TPDO is transmitted by it."""
+    """Seen from the device: an RPDO is received by the drive, a TPDO is transmitted by it.
 
-    RPDO = ("RPDO", 0x1400, 0x1600, (0x200, 0x300, 0x400, 0x500, 0x240))
-    TPDO = ("TPDO", 0x1800, 0x1A00, (0x180, 0x280, 0x380, 0x480, 0x1C0))
+    The first index of communication and of mapping parameters, and the COB-IDs of the PDOs of node-ID 0.
+    """
 
-    def __init__(self, label: str, communication: int, mapping: int, bases: tuple[int, ...]) -> None:
-        self.label = label
-        self.communication_index = communication
-        self.mapping_index = mapping
-        self.bases = bases
+    RPDO = (0x1400, 0x1600, (0x200, 0x300, 0x400, 0x500, 0x240))
+    TPDO = (0x1800, 0x1A00, (0x180, 0x280, 0x380, 0x480, 0x1C0))
+
+    # No __init__: mypyc cannot compile an enum that has one.
+
+    @property
+    def label(self) -> str:
+        return self.name
+
+    @property
+    def communication_index(self) -> int:
+        return self.value[0]
+
+    @property
+    def mapping_index(self) -> int:
+        return self.value[1]
+
+    @property
+    def bases(self) -> tuple[int, ...]:
+        return self.value[2]
 
     def cob_id(self, number: int, node_id: int) -> int:
         """The COB-ID of PDO ``number`` (1..5) of a node.

@@ -118,7 +118,7 @@ class StatusBit:
 
 
 class Command(enum.Enum):
-    """Controlword commands: (bits that count, their value, name)."""
+    """Controlword commands: (bits that count, their value)."""
 
     SHUTDOWN = (0x07, 0x06)
     SWITCH_ON = (0x0F, 0x07)
@@ -129,9 +129,15 @@ class Command(enum.Enum):
     FAULT_RESET = (0x80, 0x80)
     """Only its rising edge counts."""
 
-    def __init__(self, mask: int, value: int) -> None:
-        self.mask = mask
-        self.word = value
+    # No __init__: mypyc cannot compile an enum that has one.
+
+    @property
+    def mask(self) -> int:
+        return self.value[0]
+
+    @property
+    def word(self) -> int:
+        return self.value[1]
 
     def matches(self, controlword: int) -> bool:
         return controlword & self.mask == self.word

@@ -1,0 +1,69 @@
+"""What the compiled build compiles: the modules of the cyclic path, and none that mypyc cannot take.
+
+The tests of these modules run on whichever build is installed (`make test-compiled` runs all on the compiled one).
+"""
+
+from __future__ import annotations
+
+import ast
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+SETUP = ast.parse((ROOT / "setup.py").read_text(encoding="utf-8"))
+OTHER_LIBRARIES = {"can", "canopen", "greenlet", "scapy", "pydantic", "typer", "rich"}
+
+
+def compiled() -> list[str]:
+    """``COMPILED`` of setup.py."""
+    for statement in SETUP.body:
+        if isinstance(statement, ast.Assign) and ast.unparse(statement.targets[0]) == "COMPILED":
+            return [str(name) for name in ast.literal_eval(statement.value)]
+    raise AssertionError("setup.py has no COMPILED")
+
+
+MODULES = compiled()
+
+
+@pytest.mark.parametrize("name", MODULES)
+def test_a_compiled_module_is_there_and_has_none_of_the_traps(name: str) -> None:
+    tree = ast.parse((ROOT / name).read_text(encoding="utf-8"))
+    imported = {
+        (item.module or "") if isinstance(item, ast.ImportFrom) else alias.name
+        for item in ast.walk(tree)
+        if isinstance(item, ast.Import | ast.ImportFrom)
+        for alias in item.names
+    }
+    assert not {module.partition(".")[0] for module in imported} & OTHER_LIBRARIES
+    for item in ast.walk(tree):
+        if isinstance(item, ast.ClassDef) and any("enum" in ast.unparse(base).lower() for base in item.bases):
+            methods = {method.name for method in item.body if isinstance(method, ast.FunctionDef)}
+            assert "__init__" not in methods, f"{item.name}: an enum with an __init__ does not compile"
+
+
+def test_nothing_interpreted_derives_from_something_compiled() -> None:
+    classes = {
+        item.name
+        for name in MODULES
+        for item in ast.walk(ast.parse((ROOT / name).read_text(encoding="utf-8")))
+        if isinstance(item, ast.ClassDef)
+    }
+    rooms = {name.partition("/")[0] for name in MODULES} | {"peers", "tools", "decoder", "tests"}
+    derived = [
+        f"{path.relative_to(ROOT)}: {item.name}"
+        for room in sorted(rooms)
+        for path in sorted((ROOT / room).rglob("*.py"))
+        if str(path.relative_to(ROOT)) not in MODULES
+        for item in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(item, ast.ClassDef) and classes & {ast.unparse(base) for base in item.bases}
+    ]
+    assert derived == []
+
+
+def test_the_build_under_test_is_the_one_asked_for() -> None:
+    from pdgw.tools.bench.build import build  # noqa: PLC0415
+
+    asked = any("compiled" in Path(entry).parts for entry in sys.path)
+    assert build() == ("compiled" if asked else "pure Python")
