@@ -222,6 +222,10 @@ class NodeClient(abc.ABC, Generic[S]):
         self._reconfigure = False
         self._jobs: deque[_Job] = deque()
         self._task: Task | None = None
+        part = f"node {settings.node_id} on {network.name}"
+        add = self.loop.counters.add
+        add(part, "length_errors", "frames", "TPDOs shorter than their mapping, ignored", lambda: self.length_errors)
+        add(part, "generation", "times", "configured and started", lambda: self.generation)
         self._apply_times()
 
     # -- the device profile's part --------------------------------------------------------------------------------

@@ -24,6 +24,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Generic, TypeVar
 
 import greenlet
+from pdgw.ds301.counters import Counters
 
 log = logging.getLogger("gateway")
 
@@ -117,8 +118,12 @@ class Loop(abc.ABC):
     def __init__(self) -> None:
         self.hub = greenlet.getcurrent()
         self.running: Task | None = None
+        self.counters = Counters()
+        """Of everything that runs on the loop."""
         self.task_errors = 0
-        """Tasks that ended with an exception nobody expected; each is in the log."""
+        self.counters.add(
+            "loop", "task_errors", "tasks", "ended with an error nobody expected, see the log", lambda: self.task_errors
+        )
         self._timers: list[tuple[int, int, Timer]] = []
         self._number = 0
         self._slices: deque[Callable[[], None]] = deque()
@@ -280,9 +285,12 @@ class Mailbox(Generic[T]):
         """Bounded: what nobody fetches must not fill the memory; the oldest go first."""
         self._filled = Event(loop)
 
-    def put(self, item: T) -> None:
+    def put(self, item: T) -> bool:
+        """Add an item; True when the oldest had to go for it."""
+        full = len(self._items) == self._items.maxlen
         self._items.append(item)
         self._filled.set()
+        return full
 
     def get(self, block: bool = True, timeout: float | None = None) -> T:
         """The oldest item; ``queue.Empty`` when there is none within ``timeout`` seconds. Inside a task."""

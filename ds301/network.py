@@ -53,11 +53,9 @@ class CanNetwork:
         self.send_errors = 0
         self.error_frames = 0
         self.lost = 0
-        """How often the interface went away."""
         self.bus_off = 0
         self.error_passive = 0
         self.malformed = 0
-        """Frames of an acyclic service that could not be decoded, for example an EMCY of 3 bytes; ignored."""
         self.healthy = True
         """False from a bus-off or a lost interface until a frame passes again."""
         self.listeners: list[FrameListener] = []
@@ -68,6 +66,18 @@ class CanNetwork:
         self._busy_since = -1
         self._pause = _FIRST_PAUSE_NS
         self._reopening: Timer | None = None
+        self._register_counters()
+
+    def _register_counters(self) -> None:
+        add, part = self.loop.counters.add, f"bus {self.name}"
+        add(part, "sent", "frames", "taken by the interface", lambda: self.sent)
+        add(part, "received", "frames", "heard of others", lambda: self.received)
+        add(part, "send_errors", "frames", "not taken by the interface, or not sent by it", lambda: self.send_errors)
+        add(part, "error_frames", "messages", "of the controller about errors on the bus", lambda: self.error_frames)
+        add(part, "error_passive", "messages", "of the controller: it is error-passive", lambda: self.error_passive)
+        add(part, "bus_off", "messages", "of the controller: it left the bus", lambda: self.bus_off)
+        add(part, "malformed", "frames", "of NMT, SDO or EMCY that could not be decoded", lambda: self.malformed)
+        add(part, "lost", "times", "the interface went away; it is opened again", lambda: self.lost)
 
     def start(self) -> None:
         """Take frames from now on."""

@@ -65,7 +65,7 @@ class Daemon:
         self.started_ns = self.loop.now()
         self.cycles = 0
         self.late = 0
-        """Cycles that began more than half a cycle after their time."""
+        self._register_counters()
         self.stopped = Event(self.loop)
         """Everything has come to rest and is released."""
         self._stop_asked = False
@@ -97,11 +97,16 @@ class Daemon:
             opened.callback(self._end_simulation)
             self._simulate()
             # A stored telegram (P922) may differ from the configured one: the frame may not fit.
-            self.link: Link = UdpLink(port, transport, [item.telegram for item in self.objects])
+            self.link: Link = UdpLink(port, transport, [item.telegram for item in self.objects], self.loop.counters)
             self._opened = opened.pop_all()
         self._heartbeat_ns = min(client.settings.heartbeat_ms for client in self.clients) * MS // 2
         synced = {client.network.name for client in self.clients if client.settings.sync}
         self._synced = [network for name, network in self.networks.items() if name in synced]
+
+    def _register_counters(self) -> None:
+        add = self.loop.counters.add
+        add("loop", "cycles", "cycles", "of all drive objects", lambda: self.cycles)
+        add("loop", "late", "cycles", "begun more than half a cycle after their time", lambda: self.late)
 
     def _axis(self, config: AxisConfig) -> Axis:
         network = self.networks[self.config.bus_of(config).name]

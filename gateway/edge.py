@@ -19,6 +19,9 @@ from pdgw.gateway.transport.udp import Address, UdpSocket
 class DatagramPort(Protocol):
     """A bound UDP port."""
 
+    errors: int
+    """Datagrams that could not be sent or received."""
+
     @property
     def address(self) -> Address:
         """Where it listens."""

@@ -7,8 +7,10 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Protocol
 
+from pdgw.ds301.counters import Counters
 from pdgw.gateway.config import TransportConfig
 from pdgw.gateway.edge import DatagramPort
 from pdgw.gateway.transport.cyclic import CyclicEndpoint, Verdict
@@ -55,7 +57,7 @@ class Link(Protocol):
         """Other telegrams from now on, in the order of the drive objects; GatewayError or ProfidriveError when not possible."""
 
     def status(self) -> dict[str, object]:
-        """Connection and counters, for ``pdgw status``."""
+        """Connection and verdicts, for ``pdgw status``."""
 
     def close(self) -> None:
         """Release what it listens on."""
@@ -64,12 +66,34 @@ class Link(Protocol):
 class UdpLink:
     """Cyclic frames over UDP."""
 
-    def __init__(self, port: DatagramPort, transport: TransportConfig, telegrams: Sequence[Telegram]) -> None:
+    def __init__(
+        self, port: DatagramPort, transport: TransportConfig, telegrams: Sequence[Telegram], counters: Counters
+    ) -> None:
         self.port = port
         self._transport = transport
         self.endpoint = self._endpoint(telegrams)
         self.skipped = 0
-        """Frames a newer one had overtaken before the axes saw them."""
+        self._register_counters(counters)
+
+    def _register_counters(self, counters: Counters) -> None:
+        for verdict in Verdict:
+            counters.add("link", verdict.name.lower(), "frames", verdict.value, partial(self._count_of, verdict))
+        counters.add("link", "sent", "frames", "to the PLC", lambda: self.endpoint.sent)
+        counters.add(
+            "link", "skipped", "frames", "overtaken by a newer one before the axes saw them", lambda: self.skipped
+        )
+        counters.add(
+            "link", "watchdog_expiries", "times", "no valid frame in time", lambda: self.endpoint.watchdog_expiries
+        )
+        counters.add(
+            "link", "iops_bad", "values", "of a drive object marked bad by the PLC", lambda: self.endpoint.iops_bad
+        )
+        counters.add(
+            "link", "errors", "datagrams", "not sent or not received: the peer is away", lambda: self.port.errors
+        )
+
+    def _count_of(self, verdict: Verdict) -> int:
+        return self.endpoint.counters[verdict]
 
     def _endpoint(self, telegrams: Sequence[Telegram]) -> CyclicEndpoint:
         transport = self._transport
@@ -141,10 +165,6 @@ class UdpLink:
             "connected": endpoint.connected,
             "peer": list(endpoint.peer) if endpoint.peer else None,
             "frames": {verdict.value: count for verdict, count in endpoint.counters.items()},
-            "watchdog_expiries": endpoint.watchdog_expiries,
-            "iops_bad": endpoint.iops_bad,
-            "sent": endpoint.sent,
-            "skipped": self.skipped,
         }
 
     def close(self) -> None:

@@ -72,24 +72,14 @@ def _head(daemon: Daemon) -> dict[str, Any]:
     return {
         "uptime_s": round((daemon.loop.now() - daemon.started_ns) / 1e9, 3),
         "plc": daemon.link.status(),
-        "cycles": daemon.cycles,
-        "late": daemon.late,
-        "task_errors": daemon.loop.task_errors,
         "buses": [
             {
                 "name": network.name,
                 "healthy": network.healthy,
-                "sent": network.sent,
-                "received": network.received,
-                "send_errors": network.send_errors,
-                "error_frames": network.error_frames,
-                "error_passive": network.error_passive,
-                "bus_off": network.bus_off,
-                "malformed": network.malformed,
-                "lost": network.lost,
             }
             for network in daemon.networks.values()
         ],
+        "counters": daemon.loop.counters.values(),
     }
 
 

@@ -28,6 +28,12 @@ class AcyclicServer:
         self.server = RecordServer(records, MAX_BLOCK, boot_time=int(daemon.loop.wall()) & 0xFFFFFFFF)
         self._datagrams: Mailbox[tuple[bytes, Address]] = Mailbox(daemon.loop, _WAITING)
         self._task: Task | None = None
+        self.overrun = 0
+        add = daemon.loop.counters.add
+        add("records", "malformed", "datagrams", "that were no RPC packets", lambda: self.server.malformed)
+        add("records", "repeated", "calls", "answered again", lambda: self.server.repeated)
+        add("records", "overrun", "datagrams", "lost because too many waited", lambda: self.overrun)
+        add("records", "errors", "datagrams", "not sent or not received", lambda: self.port.errors)
 
     @property
     def address(self) -> Address:
@@ -50,7 +56,7 @@ class AcyclicServer:
             datagram = self.port.receive()
             if datagram is None:
                 return
-            self._datagrams.put(datagram)
+            self.overrun += self._datagrams.put(datagram)
 
     def _serve(self) -> None:
         while True:

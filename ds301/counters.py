@@ -1,0 +1,43 @@
+"""Counters: whoever counts registers the count with a name, a unit and a meaning, and every display lists them all.
+
+Counts stay plain integers where they are made, which is the hot path; a registration says how one is read.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class Counter:
+    """A count of one part of the gateway. It never falls while that part lives."""
+
+    part: str
+    """What counts: ``bus can0``, ``axis 1``, ``link``."""
+    name: str
+    unit: str
+    meaning: str
+    """A sentence's worth, for whoever sees it rise."""
+    read: Callable[[], int]
+
+
+class Counters:
+    """All counters of a process, in the order of their registration."""
+
+    def __init__(self) -> None:
+        self._counters: dict[tuple[str, str], Counter] = {}
+
+    def add(self, part: str, name: str, unit: str, meaning: str, read: Callable[[], int]) -> None:
+        """Register a count; one of the same part and name is replaced."""
+        self._counters[part, name] = Counter(part, name, unit, meaning, read)
+
+    def __iter__(self) -> Iterator[Counter]:
+        return iter(tuple(self._counters.values()))
+
+    def values(self) -> list[dict[str, object]]:
+        """Everything counted so far, as plain data."""
+        return [
+            {"part": item.part, "name": item.name, "value": item.read(), "unit": item.unit, "meaning": item.meaning}
+            for item in self
+        ]
