@@ -25,7 +25,7 @@ PRODUCT_CODE: Address = (0x1018, 2)
 SUPPORTED_DRIVE_MODES: Address = (0x6502, 0)
 SUPPORTED_HOMING_METHODS = 0x60E3
 HOMING_METHOD: Address = (0x6098, 0)
-_PROFILE_AREA = range(0x6000, 0x6800)
+PROFILE_AREA = range(0x6000, 0x6800)
 """Of the first axis; what lies outside is the manufacturer's."""
 _VL_OBJECTS = {"target_velocity": (0x6042, 0), "velocity_demand": (0x6043, 0), "velocity_actual": (0x6044, 0)}
 _PDOS = 512
@@ -128,7 +128,7 @@ def _entries(dictionary: canopen.ObjectDictionary, family: Overlay | None, *, vl
     addresses = {
         entry.attribute: (entry.index, entry.subindex)
         for entry in DRIVE_OBJECTS.entries
-        if entry.attribute and entry.index in _PROFILE_AREA
+        if entry.attribute and entry.index in PROFILE_AREA
     }
     if vl:
         addresses |= _VL_OBJECTS

@@ -22,10 +22,10 @@ from pdgw.ds301.network import CanNetwork
 from pdgw.ds301.objects import CanType
 from pdgw.ds301.pdo import Pdo, PdoLayout
 from pdgw.dsp402.configuration import guard_steps
-from pdgw.dsp402.describe import VENDOR_ID, describe, questions, signed
-from pdgw.dsp402.device import EDS_PATH
+from pdgw.dsp402.describe import PRODUCT_CODE, VENDOR_ID, describe, questions, signed
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.errors import Dsp402Error
+from pdgw.dsp402.generic import NOT_THERE, dictionary_of, generic_dictionary
 from pdgw.dsp402.images import REFERENCE_OBJECTS, DriveCommand, DriveFeedback, References
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.scaling import UnitKeys
@@ -110,6 +110,8 @@ class DriveClient(NodeClient[DriveSettings]):
         self.drive_type: DriveType | None = None
         """What kind of drive it is, made anew whenever the references are read; None before the first time."""
         self.homing_method = 0
+        self._identity: tuple[int, int] | None = None
+        """Vendor-ID and product code of the device whose objects were found out."""
         self.set_point_refused = False
         """A new set-point (Controlword.4) does not reach the drive, because its data could not be written; until it falls."""
         self._data_senders: list[_Sender] = []
@@ -118,7 +120,9 @@ class DriveClient(NodeClient[DriveSettings]):
         self._set_point_sent = False
         self._held_since = -1
         self._hold_limit_ns = 0
-        super().__init__(network, settings, layout, load_eds(settings.eds or EDS_PATH, settings.node_id), on_event)
+        node_id = settings.node_id
+        dictionary = load_eds(settings.eds, node_id) if settings.eds else generic_dictionary(node_id)
+        super().__init__(network, settings, layout, dictionary, on_event)
 
     def reconfigure(self, layout: PdoLayout, settings: DriveSettings) -> None:
         """Another telegram: map the PDOs anew; the drive must not be in operation."""
@@ -204,6 +208,28 @@ class DriveClient(NodeClient[DriveSettings]):
 
     def _image(self, pdo: Pdo) -> object:
         return self.feedback
+
+    def _check_identity(self, device_type: int) -> None:
+        if self.settings.eds is None and device_type & 0xFFFF == self.profile:
+            identity = self._fetch(*VENDOR_ID), self._fetch(*PRODUCT_CODE)
+            if self._identity is None:
+                self.dictionary = dictionary_of(
+                    self.settings.node_id, self._read_if_present, *identity, self.settings.family
+                )
+                self._identity = identity
+            elif identity != self._identity:
+                raise Dsp402Error(
+                    f"node {self.settings.node_id} vendor-ID and product code 1018h",
+                    "{:08X}h, {:08X}h".format(*identity),
+                    "{:08X}h, {:08X}h as at the first start".format(*self._identity),
+                )
+        super()._check_identity(device_type)
+
+    def _read_if_present(self, index: int, subindex: int) -> bytes | None:
+        try:
+            return self.read(index, subindex)
+        except SdoAbortedError as error:
+            return None if error.code in NOT_THERE else b""
 
     def _configure_pdos(self) -> Collection[int]:
         available = super()._configure_pdos()

@@ -22,6 +22,7 @@ from pdgw.dsp402.units import parse_unit
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
 FAMILIES = Path(__file__).parent / "families"
+_DATA_SHEETS = Path(__file__).parent / "eds"
 _ADDRESS = re.compile(r"([0-9A-Fa-f]{4})h(?:/([0-9]{1,3}))?")
 _CHANNELS = {channel.text: channel for channel in ChannelErrorType}
 
@@ -121,6 +122,8 @@ class Overlay(_Model):
     sources: Annotated[tuple[str, ...], Field(min_length=1)]
     unverified: tuple[str, ...] = ()
     match: Match = Match()
+    eds: str = ""
+    """Data sheet of the family in ``dsp402/eds``, for a device with the product code it describes."""
     objects: dict[str, Address] = {}
     """Objects of the manufacturer by the image attribute they stand for."""
     modes: dict[int, str] = {}
@@ -147,6 +150,11 @@ class Overlay(_Model):
             number: DriveFault(number, item.name, item.code, item.error_register, item.channel)
             for number, item in self.faults.items()
         }
+
+    @property
+    def eds_path(self) -> Path | None:
+        """Its data sheet, if the package has one."""
+        return _DATA_SHEETS / self.eds if self.eds else None
 
     @property
     def family_units(self) -> FamilyUnits:

@@ -556,7 +556,7 @@ watchdog_factor = 3          # the PLC is lost after this many cycles without a 
 do_id = 1                    # DO-ID of the parameter channel, 1 to 254
 node_id = 1                  # CANopen node, 1 to 126
 telegram = 1                 # one of {", ".join(map(str, DRIVE_TELEGRAM_NUMBERS))}
-# eds = "drive.eds"          # EDS or DCF of the drive; without it the one in the package
+# eds = "drive.eds"          # EDS or DCF of the drive; without it the drive itself is asked which objects it has
 on_plc_loss = "quick-stop"   # "ramp", "quick-stop" or "coast"
 setpoint_enable = "hold"     # STW1 bits 4-6 = 0: "hold" the last setpoint, or "profidrive": speed 0
 modulo_axis = false          # telegram 9: turntable

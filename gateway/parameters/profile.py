@@ -116,6 +116,8 @@ class BoundObject:
         self._parameters = {**other._parameters, **self._parameters}
 
     def parameter(self, pnu: int) -> Parameter:
+        if pnu in LIST_PNUS:
+            self.bind_lists()  # which objects a node has may have been found out meanwhile
         try:
             return self._parameters[pnu]
         except KeyError:
@@ -130,7 +132,8 @@ class BoundObject:
 
     def bind_lists(self) -> None:
         """P980 ff: all parameters that exist, chained; call it when everything else is bound."""
-        others = {pnu for pnu in self._parameters if pnu not in LIST_PNUS} | set(self.further_pnus())
+        self._parameters = {pnu: item for pnu, item in self._parameters.items() if pnu not in LIST_PNUS}
+        others = {*self._parameters, *self.further_pnus()}
         lists = 1
         while len(others) + lists > lists * _LIST_SIZE:
             lists += 1

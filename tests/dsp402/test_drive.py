@@ -27,6 +27,7 @@ from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.images import DriveCommand, References
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.pdo import LAYOUTS, Operation
+from pdgw.dsp402.scaling import UnitKeys
 from pdgw.dsp402.states import ControlBit
 from pdgw.peers.drive import SimulatedDrive, SimulatedDriveNode
 from pdgw.peers.node.node import Value
@@ -208,7 +209,7 @@ def test_a_node_of_another_type_is_refused_by_name(
     drive.node.values[address] = value
     plant.drive = drive
     drive.start()
-    client = plant.connect()
+    client = plant.connect(eds=EDS_PATH)
     buses.wait_for(lambda: client.status is DriveStatus.REFUSED, "refused")
     assert re.search(message, client.status_text), client.status_text
     assert [event.kind for event in plant.events][-1] == "refused"
@@ -431,6 +432,39 @@ def test_a_scaling_the_drive_does_not_tell_is_refused_and_the_key_that_gives_it_
     assert client.references is not None
     with pytest.raises(Dsp402Error, match="6094h"):
         client.references.check()
+
+
+def test_a_drive_of_an_unknown_vendor_needs_no_eds_and_says_what_its_scaling_lacks(plant: Plant) -> None:
+    plant.power_on().node.values[0x1018, 1] = 0x1234
+    client = plant.connect()
+    plant.online()
+    assert client.drive_type is not None
+    assert (client.drive_type.name, client.drive_type.family) == ("ENGEL HBI", "")
+    assert {*client.drive_type.modes} == {Mode.POSITION, Mode.VELOCITY, Mode.TORQUE, Mode.HOMING}
+    assert "6094h alone does not tell the unit" in client.drive_type.scaling.refusal(Quantity.SPEED)
+    assert 0x2003 not in client.dictionary
+
+
+def test_a_drive_that_was_exchanged_for_another_one_is_refused(plant: Plant) -> None:
+    drive = plant.power_on()
+    client = plant.connect()
+    plant.online()
+    drive.do(lambda node: node.values.__setitem__((0x1018, 2), 0x77))
+    drive.do(lambda node: node.start(time.monotonic_ns()))
+    buses.wait_for(lambda: client.status is DriveStatus.REFUSED, "refused")
+    assert "00000400h, 00000077h" in client.status_text
+    assert "as at the first start" in client.status_text
+
+
+@pytest.mark.parametrize("more", [{"family": "engel"}, {"units": UnitKeys(velocity_unit="0.5 rpm")}])
+def test_the_configuration_settles_the_scaling_of_a_drive_of_an_unknown_vendor(
+    plant: Plant, more: dict[str, object]
+) -> None:
+    plant.power_on().node.values[0x1018, 1] = 0x1234
+    client = plant.connect(**more)
+    plant.online()
+    assert client.drive_type is not None
+    assert client.drive_type.scaling.reference(Quantity.SPEED) == 6000
 
 
 @pytest.mark.parametrize(("index", "name"), [(0x1016, "the drive guards the gateway"), (0x1017, "heartbeat")])

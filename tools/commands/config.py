@@ -46,14 +46,13 @@ def check(
 def _ask(config: GatewayConfig, axis: AxisConfig) -> bool:
     """Print what 100 % is for an axis; whether its telegram can be run with that."""
     from pdgw.ds301.bus import open_bus  # noqa: PLC0415 - a check of the file alone needs no CAN
-    from pdgw.dsp402.device import EDS_PATH  # noqa: PLC0415
     from pdgw.dsp402.drive import load_eds  # noqa: PLC0415
     from pdgw.dsp402.probe import probe, probing  # noqa: PLC0415
 
     settings = config.bus_of(axis)
     name = f"DO {axis.do_id}, node {axis.node_id}"
     try:
-        dictionary = load_eds(axis.eds or EDS_PATH, axis.node_id)
+        dictionary = load_eds(axis.eds, axis.node_id) if axis.eds else None
         with probing(open_bus(settings.interface, settings.channel, settings.bitrate, **settings.extra)) as network:
             drive = probe(network, axis.node_id, dictionary, axis.units, axis.family or "", axis.sdo_timeout_ms / 1000)
     except CanopenError as error:

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import can
+from pdgw.dsp402.device import EDS_PATH
 from pdgw.dsp402.drive import DriveStatus
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import State, state_of
@@ -118,6 +119,7 @@ class DriveBench(Bench):
             do_id=1,
             node_id=_NODE,
             telegram=case.telegram,
+            eds=EDS_PATH,
             sdo_timeout_ms=case.sdo_timeout_ms,
             heartbeat_ms=HEARTBEAT_MS,
             tpdo_event_ms=TPDO_EVENT_MS,

@@ -1,0 +1,171 @@
+"""A CiA 402 drive without a data sheet: which of the profile's objects it has is asked of the device itself.
+
+Source: CiA 301 and CiA 402. Types and PDO mapping flags are those of the profile; what a device does otherwise needs its EDS.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+
+import canopen
+from canopen.objectdictionary import ODArray, ODRecord, ODVariable
+from pdgw.ds301.aborts import Abort
+from pdgw.ds301.communication import DEVICE_NAME, communication_objects, pdo_objects
+from pdgw.ds301.eds_import import import_eds
+from pdgw.ds301.objects import Access, CanType, Entry, ObjectKind, ObjectSpec, array, var
+from pdgw.ds301.pdo import PdoDirection
+from pdgw.dsp402.describe import PROFILE_AREA
+from pdgw.dsp402.objects import DRIVE_OBJECTS
+from pdgw.dsp402.overlay import overlay, overlay_for
+
+_RW, _RO = Access.RW, Access.RO
+_I8, _I16, _I32 = CanType.I8, CanType.I16, CanType.I32
+_U8, _U16, _U32 = CanType.U8, CanType.U16, CanType.U32
+_PDOS = 5
+"""PDOs of each direction that have an identifier of their own."""
+_METHODS = 37
+
+
+NOT_THERE = (Abort.NO_SUCH_OBJECT, Abort.NO_SUCH_SUBINDEX)
+"""Abort codes of an object the device does not have; with another it is there and cannot be read now."""
+
+Read = Callable[[int, int], bytes | None]
+"""Reads an object of the device; None where the device does not have it."""
+
+
+def _ratio(index: int, name: str, first: str, second: str, type_: CanType = _U32) -> ObjectSpec:
+    return array(index, name, Entry(index, 1, first, type_, _RW), Entry(index, 2, second, type_, _RW))
+
+
+FURTHER_OBJECTS: tuple[ObjectSpec, ...] = (
+    var(0x6042, "vl target velocity", _I16, _RW, pdo=True),
+    var(0x6043, "vl velocity demand", _I16, _RO, pdo=True),
+    var(0x6044, "vl velocity actual value", _I16, _RO, pdo=True),
+    _ratio(0x6046, "vl velocity min max amount", "Minimum", "Maximum"),
+    _ratio(0x6048, "vl velocity acceleration", "Delta speed", "Delta time"),
+    _ratio(0x6049, "vl velocity deceleration", "Delta speed", "Delta time"),
+    _ratio(0x604B, "vl setpoint factor", "Numerator", "Denominator", _I16),
+    _ratio(0x604C, "vl dimension factor", "Numerator", "Denominator", _I32),
+    _ratio(0x607D, "Software position limit", "Minimum", "Maximum", _I32),
+    var(0x6089, "Position notation index", _I8),
+    var(0x608A, "Position dimension index", _U8),
+    var(0x608B, "Velocity notation index", _I8),
+    var(0x608C, "Velocity dimension index", _U8),
+    var(0x608D, "Acceleration notation index", _I8),
+    var(0x608E, "Acceleration dimension index", _U8),
+    _ratio(0x608F, "Position encoder resolution", "Encoder increments", "Motor revolutions"),
+    _ratio(0x6090, "Velocity encoder resolution", "Encoder increments per second", "Motor revolutions per second"),
+    _ratio(0x6091, "Gear ratio", "Motor revolutions", "Shaft revolutions"),
+    _ratio(0x6092, "Feed constant", "Feed", "Shaft revolutions"),
+    _ratio(0x6093, "Position factor", "Numerator", "Divisor"),
+    _ratio(0x6096, "Velocity factor", "Numerator", "Divisor"),
+    _ratio(0x6097, "Acceleration factor", "Numerator", "Divisor"),
+    var(0x60A8, "SI unit position", _U32),
+    var(0x60A9, "SI unit velocity", _U32),
+    var(0x60AA, "SI unit acceleration", _U32),
+    array(
+        0x60E3,
+        "Supported homing methods",
+        *(Entry(0x60E3, sub, f"Homing method {sub}", _I8, _RO) for sub in range(1, _METHODS + 1)),
+    ),
+)
+"""Objects of the profile beside those of the catalogue."""
+
+
+@cache
+def generic_objects() -> tuple[ObjectSpec, ...]:
+    """Everything a CiA 402 drive may have that the gateway uses, without limits and defaults."""
+    profile = (spec for spec in DRIVE_OBJECTS.objects if spec.index in PROFILE_AREA)
+    return (
+        *communication_objects(0, "", (0, 0, 0, 0), ("", "")),
+        *pdo_objects(_PDOS, _PDOS, ()),
+        *sorted((*profile, *FURTHER_OBJECTS), key=lambda spec: spec.index),
+    )
+
+
+def generic_dictionary(node_id: int) -> canopen.ObjectDictionary:
+    """The object dictionary of a drive nobody asked yet."""
+    return _dictionary(node_id, lambda *_: b"")
+
+
+def discovered_dictionary(node_id: int, read: Read) -> canopen.ObjectDictionary:
+    """The object dictionary of the device that ``read`` asks: objects and sub-indices it does not have are left out.
+
+    Communication parameters and mappings take the device's values as defaults. Raises what ``read`` raises.
+    """
+    dictionary = _dictionary(node_id, read)
+    name = read(DEVICE_NAME, 0)
+    if name:
+        dictionary.device_information.product_name = name.decode("latin-1").rstrip("\0 ").strip()
+    return dictionary
+
+
+def dictionary_of(
+    node_id: int, read: Read, vendor_id: int, product_code: int, family: str = ""
+) -> canopen.ObjectDictionary:
+    """The object dictionary of a device without a configured data sheet: the package's where it has one, else discovered."""
+    found = overlay(family) if family else overlay_for(vendor_id, product_code)
+    path = found.eds_path if found is not None else None
+    if path is not None:
+        packaged = import_eds(path, node_id).dictionary
+        information = packaged.device_information
+        if (information.vendor_number, information.product_number) == (vendor_id, product_code):
+            return packaged
+    return discovered_dictionary(node_id, read)
+
+
+def _dictionary(node_id: int, read: Read) -> canopen.ObjectDictionary:
+    dictionary = canopen.ObjectDictionary()
+    dictionary.node_id = node_id
+    missing: set[PdoDirection] = set()
+    for spec in generic_objects():
+        direction = _direction(spec.index)
+        if direction in missing:
+            continue
+        item = _object(spec, read)
+        if item is not None:
+            dictionary.add_object(item)
+        elif direction is not None:
+            missing.add(direction)  # PDOs are numbered without gaps: the first that is missing is the end
+    return dictionary
+
+
+def _direction(index: int) -> PdoDirection | None:
+    for direction in PdoDirection:
+        if direction.communication_index <= index < direction.communication_index + _PDOS:
+            return direction
+    return None
+
+
+def _object(spec: ObjectSpec, read: Read) -> ODVariable | ODRecord | ODArray | None:
+    if spec.kind is ObjectKind.VAR:
+        entry = spec.entries[0]
+        data = read(spec.index, 0)
+        return None if data is None else _variable(entry, data)
+    first = read(spec.index, 0)
+    if first is None:
+        return None
+    item = (ODArray if spec.kind is ObjectKind.ARRAY else ODRecord)(spec.name, spec.index)
+    highest = first[0] if first else len(spec.entries)
+    item.add_member(_variable(spec.entries[0], first))
+    is_mapping = any(
+        direction.mapping_index <= spec.index < direction.mapping_index + _PDOS for direction in PdoDirection
+    )
+    for entry in spec.entries[1:]:
+        # Sub-index 0 of a mapping tells how many objects are mapped, not how many may be.
+        data = read(spec.index, entry.subindex) if entry.subindex <= highest or is_mapping else None
+        if data is not None:
+            item.add_member(_variable(entry, data))
+    return item
+
+
+def _variable(entry: Entry, data: bytes) -> ODVariable:
+    item = ODVariable(entry.name, entry.index, entry.subindex)
+    item.data_type = entry.type.code
+    item.access_type = entry.access.value
+    item.pdo_mappable = entry.pdo
+    if data and entry.type.char:
+        size = entry.type.bits // 8
+        item.default = int.from_bytes(data[:size], "little", signed=entry.type.char.islower())
+    return item
