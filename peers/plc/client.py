@@ -46,8 +46,6 @@ class PlcClient:
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.bind(("127.0.0.1" if gateway[0].startswith("127.") else "0.0.0.0", 0))
         self._socket.setblocking(False)
-        self._poll = select.poll()
-        self._poll.register(self._socket, select.POLLIN)
         # The gateway's side is written as PROFINET's own ports, so that every reader dissects it without help.
         self._capture: Capture | None = None
         self._record: Callable[[bool, bytes], None] | None = None
@@ -72,7 +70,7 @@ class PlcClient:
         while not self._stopping.is_set() and not (engine is not None and engine.finished):
             now = time.monotonic_ns()
             if now < due:
-                self._poll.poll((due - now) / 1_000_000)
+                select.select((self._socket,), (), (), (due - now) / 1_000_000_000)
                 self._receive()
                 continue
             due = max(due + self.cycle_ns, now)

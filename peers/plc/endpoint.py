@@ -25,6 +25,8 @@ from pdgw.profidrive.telegrams import Direction, Telegram
 
 _WATCHDOG_NS = 200_000_000
 _WATCHDOG_CYCLES = 10
+_UNUSABLE = ("foreign", "malformed", "not valid", "not primary")
+"""Counters of datagrams that are no frames to use."""
 
 
 class PlcEndpoint:
@@ -67,6 +69,24 @@ class PlcEndpoint:
         TRAILER.pack_into(frame, layout.trailer, self._counter, STATUS_NORMAL if self.run else STATUS_STOP, 0)
         self.counters["sent"] += 1
         return frame
+
+    def why_no_values(self, axis: int) -> str:
+        """Why an axis has no valid actual values, and what helps."""
+        numbers = " ".join(f"--telegram {item.number}" for item in self.telegrams)
+        others = sum(self.counters[name] for name in _UNUSABLE)
+        if not self.counters["received"]:
+            if others:
+                size = self._consumer.frame_size
+                return (
+                    f"{others} datagrams came, none of them a frame of {size} bytes as these telegrams have: does the gateway "
+                    "have others, or another number of axes?"
+                )
+            return f"no datagram of a gateway came: start one (pdgw run --simulate {numbers}) or give its address"
+        if self._last_counter is None:
+            return "the gateway's frames have stopped"
+        if self.actuals[axis] is None:
+            return "the gateway marks the values bad (IOPS BAD): the device is not ready, pdgw status says why"
+        return ""
 
     def poll(self, now: int) -> bool:
         """The watchdog; True when it expires in this call. Old values would meet expectations of a dead gateway."""

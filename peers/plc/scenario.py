@@ -34,6 +34,8 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 Scalar = int | float | str
 NS = 1_000_000_000
 _DECIMALS = 1_000_000_000
+_LARGEST = 2
+"""N2 and N4 hold up to 200 %."""
 _I64 = (-(1 << 62), 1 << 62)
 
 
@@ -316,8 +318,9 @@ class Engine:
         met = actuals is not None and all(c.holds(c.value(actuals)) for c in wait.conditions)
         if not met and now - wait.since < wait.within:
             return False
-        measured = "no valid actual values (IOPS BAD)"
-        if actuals is not None:
+        if actuals is None:
+            measured = f"no valid actual values: {self.endpoint.why_no_values(wait.axis)}"
+        else:
             measured = ", ".join(f"{c.name} = {c.value(actuals)}" for c in wait.conditions)
         self._result(wait, wait.name, met, measured, now)
         return True
@@ -605,7 +608,11 @@ class Engine:
                 "rpm": Fraction(references.speed_rpm),
                 "inc": references.position,
             }
-            return _to_wire(item, number, full[match[2]])
+            reference = full[match[2]]
+            if abs(number) > _LARGEST * reference:
+                most = f"{float(_LARGEST * reference):g} {match[2]}"
+                raise GatewayError(f"{item.name} = {text}: allowed is up to {most} in either direction (200 %)")
+            return _to_wire(item, number, reference)
         return _integer(item.name, value, ", 50 %, 1500 rpm or 2000 inc")
 
 

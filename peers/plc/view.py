@@ -1,13 +1,33 @@
-"""What the PLC sees, for a terminal: control and status words by bit, values, the present step."""
+"""What the PLC sees as plain data, and as tables for a terminal: words by bit, values, why there are none."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
 from pdgw.peers.plc.endpoint import PlcEndpoint
 from pdgw.profidrive.signals import Signal, signal
-from pdgw.profidrive.telegrams import ApplicationMode
+from pdgw.profidrive.telegrams import ApplicationMode, telegram
+from rich import box
 from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
+
+
+def snapshot(endpoint: PlcEndpoint, title: str) -> dict[str, Any]:
+    """All axes as plain data."""
+    return {
+        "title": title,
+        "axes": [
+            {
+                "telegram": item.number,
+                "setpoints": endpoint.setpoints[axis],
+                "actuals": endpoint.actuals[axis],
+                "why": endpoint.why_no_values(axis) if endpoint.actuals[axis] is None else "",
+            }
+            for axis, item in enumerate(endpoint.telegrams)
+        ],
+    }
 
 
 def _value(item: Signal, raw: int, positioning: bool) -> str:
@@ -18,18 +38,23 @@ def _value(item: Signal, raw: int, positioning: bool) -> str:
     return f"{raw}" if percent is None else f"{raw}  ({percent:.2f} %)"
 
 
-def table(endpoint: PlcEndpoint, title: str) -> RenderableType:
-    """All axes as tables."""
-    parts: list[RenderableType] = [Text(title, style="bold")]
-    for index, telegram in enumerate(endpoint.telegrams):
-        positioning = telegram.mode is ApplicationMode.POSITIONING
-        grid = Table("setpoint", "", "actual value", "", title=f"axis {index + 1}, telegram {telegram.number}")
-        actuals = endpoint.actuals[index]
-        sent = [(n, _value(signal(n), v, positioning)) for n, v in endpoint.setpoints[index].items()]
-        got = [(n, _value(signal(n), v, positioning)) for n, v in actuals.items()] if actuals else [("IOPS BAD", "")]
+def tables(found: dict[str, Any], reasons: Sequence[str] = ()) -> RenderableType:
+    """A snapshot as tables; ``reasons``: why the gateway does not do what an axis asks for, as far as it is known."""
+    parts: list[RenderableType] = [Text(found["title"], style="bold")]
+    for index, axis in enumerate(found["axes"]):
+        positioning = telegram(axis["telegram"]).mode is ApplicationMode.POSITIONING
+        title = f"axis {index + 1}, telegram {axis['telegram']}"
+        grid = Table(
+            "setpoint", "", "actual value", "", title=title, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False
+        )
+        sent = [(name, _value(signal(name), raw, positioning)) for name, raw in axis["setpoints"].items()]
+        got = [(name, _value(signal(name), raw, positioning)) for name, raw in (axis["actuals"] or {}).items()]
         for row in range(max(len(sent), len(got))):
             left = sent[row] if row < len(sent) else ("", "")
             right = got[row] if row < len(got) else ("", "")
             grid.add_row(*left, *right)
         parts.append(grid)
+        reason = axis["why"] or (reasons[index] if index < len(reasons) else "")
+        if reason:
+            parts.append(Text(f"axis {index + 1}: {reason}", style="yellow"))
     return Group(*parts)

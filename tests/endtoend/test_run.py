@@ -215,6 +215,15 @@ def test_wrong_use_ends_with_one_line_and_status_1(arguments: tuple[str, ...], m
     assert "Traceback" not in result.stderr
 
 
+def test_a_scenario_that_reaches_no_gateway_fails_and_says_what_to_start(tmp_path: Path) -> None:
+    path = tmp_path / "story.yaml"
+    path.write_text("steps: [{speed: 10 %}, {hold: 20 ms}]\n")
+    result = pdgw("sim", "plc", str(path), "--gateway", "127.0.0.1:9", "--json", str(tmp_path / "r.json"))
+    assert result.returncode == 1
+    assert "the scenario has not reached a gateway: no datagram of a gateway came: start one" in result.stderr
+    assert json.loads((tmp_path / "r.json").read_text())["passed"] is False
+
+
 def test_config_example_and_check(tmp_path: Path) -> None:
     path = tmp_path / "gateway.toml"
     path.write_text(pdgw("config", "example").stdout)

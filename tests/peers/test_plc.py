@@ -140,7 +140,29 @@ def test_an_expectation_that_is_not_met_in_time_fails_with_the_measured_value() 
 
 def test_bad_iops_fails_an_expectation() -> None:
     engine, _ = play({"steps": [{"expect": {"ZSW1": 0}, "within": "4 ms"}]}, [None])
-    assert engine.results[0].measured == "no valid actual values (IOPS BAD)"
+    assert engine.results[0].measured.startswith("no valid actual values: no datagram of a gateway came: start one")
+
+
+def test_why_there_are_no_values_is_told_from_what_came() -> None:
+    gateway = CyclicEndpoint([telegram(1)], cycle_ns=4_000_000)
+    plc = PlcEndpoint([telegram(1)], 4_000_000)
+    assert plc.why_no_values(0).startswith(
+        "no datagram of a gateway came: start one (pdgw run --simulate --telegram 1)"
+    )
+    plc.receive(bytes(CyclicEndpoint([telegram(1)] * 12, cycle_ns=4_000_000).build([(0, 0)] * 12, [True] * 12)))
+    assert plc.why_no_values(0).startswith("1 datagrams came, none of them a frame of 46 bytes")
+    plc.receive(bytes(gateway.build([(0, 0)], [False])), 1)
+    assert plc.why_no_values(0).startswith("the gateway marks the values bad (IOPS BAD)")
+    plc.receive(bytes(gateway.build([(0, 0)], [True])), 2)
+    assert plc.why_no_values(0) == ""
+    plc.poll(10_000_000_000)
+    assert plc.why_no_values(0) == "the gateway's frames have stopped"
+
+
+@pytest.mark.parametrize("value", ["99999 rpm", "-6001 rpm", "201 %"])
+def test_a_speed_no_telegram_can_carry_is_refused(value: str) -> None:
+    with pytest.raises(GatewayError, match=r"step 1 \(speed\): NSOLL_A = .*: allowed is up to .* in either direction"):
+        play({"steps": [{"speed": value}]}, [])
 
 
 @pytest.mark.parametrize(

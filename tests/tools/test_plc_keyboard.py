@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import io
+
 import pytest
 from pdgw.peers.plc.endpoint import PlcEndpoint
+from pdgw.peers.plc.keyboard import Keyboard
+from pdgw.peers.plc.view import snapshot, tables
 from pdgw.profidrive.signals import signal
 from pdgw.profidrive.telegrams import telegram
-from pdgw.tools.commands.sim_plc import Keyboard
+from rich.console import Console
 
 CYCLE = 4_000_000
 READY, OPERATION = 0x31, 0x37
@@ -127,3 +131,51 @@ def test_keys_a_telegram_has_no_use_for_are_told_and_unknown_ones_ignored() -> N
     assert desk.plc.setpoints[0] == before
     assert len(desk.told) == 3
     assert all("axis 1" in text for text in desk.told)
+
+
+def test_digits_choose_the_axis_the_keys_are_for() -> None:
+    desk = Desk(1, 1)
+    desk.answer(READY, READY)
+    desk.keys("2e")
+    assert (desk.bit("ON", 0), desk.bit("ON", 1)) == (0, 1)
+    desk.keys("0e")
+    assert (desk.bit("ON", 0), desk.bit("ON", 1)) == (1, 1)
+    desk.answer(OPERATION, OPERATION)
+    desk.cycles()
+    desk.keys("1++")
+    desk.keys("2-")
+    desk.cycles(3)
+    assert [item["NSOLL_A"] for item in desk.plc.setpoints] == [0x4000 // 5, -(0x4000 // 10)]
+    desk.keys("9")
+    assert desk.told == ["axis 9: there are 2"]
+
+
+def test_only_keys_that_a_telegram_has_are_offered() -> None:
+    desk = Desk(1, 9, 83)
+    assert desk.keyboard.help.startswith("all axes:  o=OFF1")
+    desk.keys("1")
+    assert "faster" in desk.keyboard.help
+    assert "move" not in desk.keyboard.help
+    desk.keys("2")
+    assert "faster" not in desk.keyboard.help
+    assert "move" in desk.keyboard.help
+    desk.keys("3")
+    assert desk.keyboard.help == "axis 3:  e=enable  a=acknowledge  1..3=axis, 0=all  x=exit"
+
+
+def test_a_key_for_all_axes_acts_on_those_that_have_it() -> None:
+    desk = Desk(1, 9)
+    desk.answer(OPERATION, OPERATION)
+    desk.keys("m")
+    assert desk.told == []
+    assert desk.bit("ACTIVATE_TASK", 1) == 1
+
+
+def test_the_reason_of_an_axis_is_shown_below_it() -> None:
+    plc = PlcEndpoint([telegram(1), telegram(1)], CYCLE)
+    plc.actuals[1] = dict.fromkeys(plc.telegrams[1].actuals.names, 0)
+    console = Console(width=100, record=True, file=io.StringIO())
+    console.print(tables(snapshot(plc, "title"), ["", "ON ignored"]))
+    lines = [line.strip() for line in console.export_text().splitlines()]
+    assert any(line.startswith("axis 1: no datagram of a gateway came: start one") for line in lines)
+    assert "axis 2: ON ignored" in lines

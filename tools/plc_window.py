@@ -1,0 +1,114 @@
+"""The PLC simulator in a terminal: a process cycles, this one draws what it tells and hands it the keys."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections import deque
+from collections.abc import Sequence
+from typing import IO, Any
+
+from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.ports import STATUS_PORT
+from pdgw.peers.plc.view import tables
+from pdgw.tools.commands.status import fetch
+from pdgw.tools.keys import read_keys, single_keys
+from rich.console import Group, RenderableType
+from rich.live import Live
+from rich.text import Text
+
+_TOLD = 5
+"""Messages that stay on the screen."""
+_REASONS_S = 1.0
+_STOP_S = 10
+
+
+class _Window:
+    """What is on the screen."""
+
+    def __init__(self) -> None:
+        self.results: list[dict[str, Any]] = []
+        self.reasons: Sequence[str] = ()
+        self._told: deque[str] = deque(maxlen=_TOLD)
+        self._snapshot: dict[str, Any] | None = None
+
+    def take(self, document: dict[str, Any]) -> None:
+        """A line of the cycling process."""
+        if "snapshot" in document:
+            self._snapshot = document["snapshot"]
+        elif "told" in document:
+            self._told.append(document["told"])
+        elif "note" in document:
+            self._told.append(f"{document['time_s']:7.3f} s  {document['note']}")
+        elif "result" in document:
+            result = document["result"]
+            self.results.append(result)
+            if not result["passed"]:
+                self._told.append(f"{result['time_s']:7.3f} s  FAILED {result['name']}: {result['measured']}")
+
+    def drawing(self) -> RenderableType:
+        shown = [] if self._snapshot is None else [tables(self._snapshot, self.reasons)]
+        return Group(*shown, *(Text(text) for text in self._told))
+
+
+def reasons_of(document: dict[str, Any]) -> list[str]:
+    """Why each axis does not do what it is asked for, in the order of the frame, as the gateway's status says."""
+    return [str(item.get("reason") or "") for item in (*document["axes"], *document["encoders"])]
+
+
+def watch(arguments: Sequence[str], *, interactive: bool, local: bool) -> tuple[list[dict[str, Any]], int]:
+    """Run ``pdgw`` with these arguments and draw; the results of its expectations and its exit status.
+
+    ``local``: the gateway is on this machine, its status (at the usual port) says why an axis does not move.
+    """
+    window = _Window()
+    process = subprocess.Popen(
+        [sys.executable, "-m", "pdgw", *arguments, "--progress", "--snapshots"],
+        stdin=subprocess.PIPE if interactive else subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    before = signal.signal(signal.SIGTERM, lambda *_: process.terminate())
+    try:
+        with single_keys() if interactive else contextlib.nullcontext(), Live(refresh_per_second=10) as live:
+            if process.stdin is not None:
+                threading.Thread(target=_hand_on, args=(process.stdin,), daemon=True).start()
+            if local:
+                threading.Thread(target=_ask, args=(window, process), daemon=True).start()
+            assert process.stdout is not None
+            for line in process.stdout:
+                window.take(json.loads(line))
+                live.update(window.drawing())
+    except KeyboardInterrupt:
+        pass  # the other process has it too, and ends
+    finally:
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            process.wait(_STOP_S)
+        if process.poll() is None:
+            process.kill()
+            process.wait()
+        signal.signal(signal.SIGTERM, before)
+    return window.results, process.returncode
+
+
+def _hand_on(target: IO[str]) -> None:
+    """Keys to the cycling process; its end is theirs."""
+    with contextlib.suppress(OSError, ValueError):
+        while keys := read_keys():
+            target.write(keys)
+            target.flush()
+        target.close()
+
+
+def _ask(window: _Window, process: subprocess.Popen[str]) -> None:
+    while process.poll() is None:
+        try:
+            window.reasons = reasons_of(fetch(STATUS_PORT))
+        except GatewayError:
+            window.reasons = ()
+        time.sleep(_REASONS_S)
