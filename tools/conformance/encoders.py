@@ -237,7 +237,8 @@ class _EncoderBench(Bench):
     def set_in(self) -> None:
         """The fault of the case; what happened before is of no interest."""
         if self.case.activity is Activity.COMMISSIONING:
-            self.encoder.client.submit(lambda client: client.write(0x6000, 0, _COMMISSIONING)).result()
+            written = self.encoder.client.submit(lambda client: client.write(0x6000, 0, _COMMISSIONING))
+            self.until(written.done, "commissioning")
         self.sent.clear()
         del self.sight.shown[:-1]
         if self.case.activity is not Activity.START:
