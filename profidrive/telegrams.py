@@ -84,6 +84,10 @@ class TelegramHalf:
                 f"signal of telegram {self.telegram} ({self.direction.value})", name, ", ".join(self.names)
             ) from None
 
+    def signal(self, name: str) -> Signal:
+        """A signal in the form this telegram carries it; ProfidriveError where it lacks it."""
+        return self.signals[self.index(name)]
+
     def decode(self, data: bytes | bytearray | memoryview, offset: int = 0) -> tuple[int, ...]:
         """Raw signal values in telegram order; ProfidriveError when ``data`` is too short."""
         try:

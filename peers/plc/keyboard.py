@@ -21,6 +21,14 @@ KEYS: Final[dict[str, tuple[str, dict[str, Any]]]] = {
     "a": ("acknowledge", {"ack": True}),
     "h": ("home (method 35)", {"home": {"method": 35}}),
     "m": ("move +10 %", {"move": {"to": "10 %", "relative": True}}),
+    "p": ("positioner: +10000 LU", {"mdi": {"to": 10_000, "relative": True}}),
+    "b": ("block 1", {"block": 1}),
+    "v": ("setting up, forward", {"setting_up": {"velocity": 3000}}),
+    "j": ("jog 1", {"jog": 1}),
+    "k": ("jog 2", {"jog": 2}),
+    "l": ("let go", {"jog": 0}),
+    "r": ("reject", {"reject": True}),
+    "s": ("set reference point", {"set_reference": True}),
     " ": ("intermediate stop / resume", {"intermediate_stop": True}),
 }
 """What each key does to an axis, as a step of a scenario; an axis has the keys whose step its telegram takes."""
@@ -127,7 +135,7 @@ class Keyboard:
             action = {"resume": True}
         pending = self._pending[axis - 1]
         engine = self._engine(axis, action)
-        if key in "oqc" or "intermediate_stop" in action:
+        if key in "oqclr" or "intermediate_stop" in action:
             pending[:] = [item for item in pending[:1] if item[0] != "e" and item[1].current]
             engine.step(now)
         else:

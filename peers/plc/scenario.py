@@ -22,11 +22,12 @@ from pdgw.gateway.explain import Problem, problems
 from pdgw.gateway.toml_file import read_text
 from pdgw.peers.plc.endpoint import PlcEndpoint
 from pdgw.peers.plc.parameters import ParameterAccess
+from pdgw.peers.plc.positioner import Ask, Mdi, PositionerWords, Program, SettingUp, Wait
 from pdgw.profidrive.datatypes import DataType, Normalisation, n2, n4
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.parameters.codec import MAX_PARAMETERS
-from pdgw.profidrive.signals import Signal, signal
-from pdgw.profidrive.telegrams import ApplicationMode, telegram
+from pdgw.profidrive.signals import Signal
+from pdgw.profidrive.telegrams import ApplicationMode, TelegramHalf, telegram
 from pdgw.tools.parameters.address import Target, parse_target
 from pdgw.tools.parameters.session import Element
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
@@ -84,6 +85,14 @@ class Step(_Model):
     home: Home | None = None
     home_end: Literal[True] | None = None
     move: Move | None = None
+    mdi: Mdi | None = None
+    setting_up: SettingUp | None = None
+    block: int | None = None
+    next_block: Literal[True] | None = None
+    jog: Literal[0, 1, 2] | None = None
+    """Jog 1 or 2; 0 lets go."""
+    jog_distance: Literal[1, 2] | None = None
+    set_reference: Literal[True] | None = None
     reject: Literal[True] | None = None
     intermediate_stop: Literal[True] | None = None
     resume: Literal[True] | None = None
@@ -116,6 +125,18 @@ class Step(_Model):
         return self
 
 
+_POSITIONERS = frozenset({7, 110, 111})
+_POSITIONER_ACTIONS: dict[str, Callable[[PositionerWords, Step], Program]] = {
+    "mdi": lambda words, step: words.mdi(step.mdi) if step.mdi is not None else [],
+    "setting_up": lambda words, step: words.setting_up(step.setting_up) if step.setting_up is not None else [],
+    "block": lambda words, step: words.block(step.block or 0),
+    "next_block": lambda words, _: words.next_block(),
+    "jog": lambda words, step: words.jog(step.jog or 0, distance=False),
+    "jog_distance": lambda words, step: words.jog(step.jog_distance or 0, distance=True),
+    "set_reference": lambda words, _: words.set_reference(),
+    "home": lambda words, _: words.home(),
+}
+"""``home`` is telegram 9's too, with its method in SATZANW."""
 _ACTIONS = tuple(name for name in Step.model_fields if name not in {"axis", "note", "within", "refused"})
 
 
@@ -412,6 +433,12 @@ class Engine:
                 self._expectation(axis, {"ZSW1.FAULT": 0}, within, "fault acknowledged"),
                 self._setter(axis, {"STW1.FAULT_ACKNOWLEDGE": 0}),
             ]
+        positioner = _POSITIONER_ACTIONS.get(action)
+        chosen = self.endpoint.telegrams[axis]
+        if positioner is not None and (action != "home" or chosen.number in _POSITIONERS):
+            if chosen.number not in _POSITIONERS:
+                raise GatewayError(f"not possible with telegram {chosen.number}, only with {sorted(_POSITIONERS)}")
+            return self._program(axis, positioner(PositionerWords(chosen), step), within)
         if step.speed is not None:
             name = next((n for n in self.endpoint.telegrams[axis].setpoints.names if n.startswith("NSOLL")), "NSOLL_A")
             return [self._setter(axis, {name: step.speed})]
@@ -424,6 +451,16 @@ class Engine:
                 self._setter(axis, {"SATZANW.MDI": 1, "STW1.START_HOMING": 1}),
             ]
         raise GatewayError("not possible with this telegram")
+
+    def _program(self, axis: int, program: Program, within: int) -> list[_Primitive]:
+        return [
+            self._expectation(axis, dict(item.values), within, item.name)
+            if isinstance(item, Wait)
+            else self._setter(axis, dict(item.values))
+            if isinstance(item, Ask)
+            else item
+            for item in program
+        ]
 
     def _move(self, axis: int, move: Move, within: int) -> list[_Primitive]:
         """Data, then the edge of STW1.6, held until ZSW1.12 acknowledges."""
@@ -535,8 +572,8 @@ class Engine:
         half = self.endpoint.telegrams[axis].setpoints
         changes: list[tuple[str, int, int]] = []
         for name, value in values.items():
-            signal_name, mask, shift = self._resolve(name, axis, half.names)
-            raw = self._raw(signal(signal_name), value)
+            signal_name, mask, shift = self._resolve(name, half)
+            raw = self._raw(half.signal(signal_name), value)
             if mask and not 0 <= raw << shift <= mask:
                 raise GatewayError(f"{name} = {value!r}: expected 0..{mask >> shift}")
             if not mask:
@@ -554,23 +591,23 @@ class Engine:
         return apply
 
     def _expectation(self, axis: int, values: dict[str, Scalar], within: int, name: str) -> _Wait:
-        names = self.endpoint.telegrams[axis].actuals.names
+        half = self.endpoint.telegrams[axis].actuals
         conditions = []
         for key, wanted in values.items():
-            signal_name, mask, shift = self._resolve(key, axis, names)
-            holds = self._comparison(wanted, partial(self._raw, signal(signal_name)))
+            signal_name, mask, shift = self._resolve(key, half)
+            holds = self._comparison(wanted, partial(self._raw, half.signal(signal_name)))
             conditions.append(Condition(key, str(wanted), holds, mask, shift, signal_name))
         text = ", ".join(f"{c.name} {c.text}" for c in conditions)
         return _Wait(conditions, f"{name}: {text}" if name else text, axis, within)
 
-    def _resolve(self, key: str, axis: int, names: tuple[str, ...]) -> tuple[str, int, int]:
+    @staticmethod
+    def _resolve(key: str, half: TelegramHalf) -> tuple[str, int, int]:
         signal_name, _, bit_name = key.partition(".")
-        if signal_name not in names:
-            raise GatewayError(f"signal {signal_name!r} is not in the telegram, allowed: {', '.join(names)}")
+        if signal_name not in half.names:
+            raise GatewayError(f"signal {signal_name!r} is not in the telegram, allowed: {', '.join(half.names)}")
         if not bit_name:
             return signal_name, 0, 0
-        positioning = self.endpoint.telegrams[axis].mode is ApplicationMode.POSITIONING
-        bit = signal(signal_name).bit(bit_name, positioning=positioning)
+        bit = half.signal(signal_name).bit(bit_name, positioning=half.mode is ApplicationMode.POSITIONING)
         return signal_name, bit.mask, bit.position
 
     @staticmethod

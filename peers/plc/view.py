@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from pdgw.peers.plc.endpoint import PlcEndpoint
-from pdgw.profidrive.signals import Signal, signal
-from pdgw.profidrive.telegrams import ApplicationMode, telegram
+from pdgw.profidrive.signals import Signal
+from pdgw.profidrive.telegrams import ApplicationMode, TelegramHalf, telegram
 from rich import box
 from rich.console import Group, RenderableType
 from rich.table import Table
@@ -30,25 +30,32 @@ def snapshot(endpoint: PlcEndpoint, title: str) -> dict[str, Any]:
     }
 
 
+def _rows(half: TelegramHalf, values: Mapping[str, int]) -> list[tuple[str, str]]:
+    positioning = half.mode is ApplicationMode.POSITIONING
+    return [(name, _value(half.signal(name), value, positioning)) for name, value in values.items()]
+
+
 def _value(item: Signal, raw: int, positioning: bool) -> str:
     if item.bits and item.name not in {"Modes of Operation", "Modes of Operation Display"}:
         names = [bit.name for bit in item.fields(positioning=positioning) if bit.width == 1 and bit.of(raw)]
         return f"{raw:04X}h  {' '.join(names)}"
     percent = item.percent(raw)
-    return f"{raw}" if percent is None else f"{raw}  ({percent:.2f} %)"
+    if percent is None:
+        return f"{raw} {item.unit}".rstrip()
+    return f"{raw}  ({percent:.2f} %)"
 
 
 def tables(found: dict[str, Any], reasons: Sequence[str] = ()) -> RenderableType:
     """A snapshot as tables; ``reasons``: why the gateway does not do what an axis asks for, as far as it is known."""
     parts: list[RenderableType] = [Text(found["title"], style="bold")]
     for index, axis in enumerate(found["axes"]):
-        positioning = telegram(axis["telegram"]).mode is ApplicationMode.POSITIONING
+        chosen = telegram(axis["telegram"])
         title = f"axis {index + 1}, telegram {axis['telegram']}"
         grid = Table(
             "setpoint", "", "actual value", "", title=title, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False
         )
-        sent = [(name, _value(signal(name), raw, positioning)) for name, raw in axis["setpoints"].items()]
-        got = [(name, _value(signal(name), raw, positioning)) for name, raw in (axis["actuals"] or {}).items()]
+        sent = _rows(chosen.setpoints, axis["setpoints"])
+        got = _rows(chosen.actuals, axis["actuals"] or {})
         for row in range(max(len(sent), len(got))):
             left = sent[row] if row < len(sent) else ("", "")
             right = got[row] if row < len(got) else ("", "")

@@ -1,0 +1,155 @@
+"""What a PLC program asks of a positioner (telegrams 7, 110, 111), by name: which words and bits, and what it waits for.
+
+Source: docs/motion.md. A program is a list of ``Ask``, ``Wait`` and pauses; the scenario's engine plays it. Values are length
+units (LU) and 1000 LU/min.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Literal, NamedTuple
+
+from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.motion.blocks import HIGHEST_BLOCK
+from pdgw.profidrive.telegrams import Telegram
+from pydantic import BaseModel, ConfigDict, Field
+
+FULL = "100 %"
+_DEFAULT_VELOCITY = 3000
+_READY = {"STW1.DO_NOT_REJECT": 1, "STW1.NO_INTERMEDIATE_STOP": 1}
+_ACKNOWLEDGED, _TAKEN_BACK = {"ZSW1.TASK_ACKNOWLEDGE": 1}, {"ZSW1.TASK_ACKNOWLEDGE": 0}
+
+
+class _Model(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class Mdi(_Model):
+    """``mdi``: a task with position and velocity. ``update``: STW1.6 stays, further ``mdi`` steps change the task under way."""
+
+    to: int
+    velocity: Annotated[int, Field(ge=0)] = _DEFAULT_VELOCITY
+    relative: bool = False
+    update: bool = False
+
+
+class SettingUp(_Model):
+    """``setting_up``: move with a signed velocity until a reject."""
+
+    velocity: int
+
+
+class Ask(NamedTuple):
+    """Setpoints by signal or ``signal.bit``."""
+
+    values: Mapping[str, int | str]
+
+
+class Wait(NamedTuple):
+    """Actual values that have to come."""
+
+    values: Mapping[str, int | str]
+    name: str
+
+
+Program = list[Ask | Wait | int]
+"""An integer is a pause in nanoseconds."""
+EDGE_NS = 100_000_000
+"""A bit whose edge counts stays so long, however slow the cycle is."""
+
+
+class PositionerWords:
+    """The words of one positioner telegram."""
+
+    def __init__(self, telegram: Telegram) -> None:
+        names = telegram.setpoints.names
+        self._names = names
+        self._number = telegram.number
+        self._second = "POS_STW2" if "POS_STW2" in names else "POS_STW"
+        self._block = "POS_STW1" if "POS_STW1" in names else "SATZANW"
+
+    def _has(self, name: str, what: str) -> None:
+        if name not in self._names:
+            raise GatewayError(f"{what} is not possible with telegram {self._number}, which has no {name}")
+
+    def _values(self, velocity: int) -> dict[str, int | str]:
+        return {"OVERRIDE": FULL, "MDI_VELOCITY": velocity, "MDI_ACC": FULL, "MDI_DEC": FULL}
+
+    def _mode(self, absolute: bool, positive: bool, negative: bool) -> dict[str, int | str]:
+        word = "POS_STW1" if self._block == "POS_STW1" else "MDI_MOD"
+        return {
+            f"{word}.ABSOLUTE": int(absolute),
+            f"{word}.POSITIVE_DIRECTION": int(positive),
+            f"{word}.NEGATIVE_DIRECTION": int(negative),
+            f"{self._block}.MDI": 1,
+        }
+
+    def _edge(self, values: Mapping[str, int | str]) -> Program:
+        """Data and edge in one frame; STW1.6 falls once the task is acknowledged."""
+        return [
+            Ask({**values, **_READY, "STW1.ACTIVATE_TASK": 1}),
+            Wait(_ACKNOWLEDGED, "task acknowledged"),
+            Ask({"STW1.ACTIVATE_TASK": 0}),
+            Wait(_TAKEN_BACK, "ready for the next task"),
+        ]
+
+    def mdi(self, task: Mdi) -> Program:
+        """A traversing task; with ``update`` STW1.6 stays set."""
+        self._has("MDI_TARPOS", "mdi")
+        values = {
+            **self._values(task.velocity),
+            **self._mode(not task.relative, False, False),
+            "MDI_TARPOS": task.to,
+        }
+        if self._block == "POS_STW1":
+            values |= {"POS_STW1.SETTING_UP": 0, "POS_STW1.CONTINUOUS_UPDATE": int(task.update)}
+        elif task.update:
+            self._has("POS_STW1", "update")
+        if task.update:
+            return [Ask({**values, **_READY, "STW1.ACTIVATE_TASK": 1}), Wait(_ACKNOWLEDGED, "task acknowledged")]
+        return self._edge(values)
+
+    def setting_up(self, wish: SettingUp) -> Program:
+        """Move with a velocity."""
+        self._has("POS_STW1", "setting_up")
+        forward = wish.velocity > 0
+        return self._edge(
+            {
+                **self._values(abs(wish.velocity)),
+                **self._mode(False, forward, not forward),
+                "POS_STW1.SETTING_UP": 1,
+                "POS_STW1.CONTINUOUS_UPDATE": 0,
+            }
+        )
+
+    def block(self, number: int) -> Program:
+        """A traversing block, or the chain that begins with it."""
+        if not 0 <= number <= HIGHEST_BLOCK:
+            raise GatewayError(f"block = {number} is not allowed, expected 0..{HIGHEST_BLOCK}")
+        values: dict[str, int | str] = {f"{self._block}.BLOCK": number, f"{self._block}.MDI": 0}
+        if "OVERRIDE" in self._names:
+            values["OVERRIDE"] = FULL
+        return self._edge(values)
+
+    def next_block(self) -> Program:
+        """The edge of STW1.13 that an external change waits for."""
+        return [Ask({"STW1.EXTERNAL_BLOCK_CHANGE": 1}), EDGE_NS, Ask({"STW1.EXTERNAL_BLOCK_CHANGE": 0})]
+
+    def jog(self, which: Literal[0, 1, 2], *, distance: bool) -> Program:
+        """Jog 1 or 2, 0 ends it; by a distance where asked."""
+        values: dict[str, int | str] = {**_READY, "STW1.JOG_1_ON": int(which == 1), "STW1.JOG_2_ON": int(which == 2)}
+        if distance:
+            self._has(self._second, "jog_distance")
+        if self._second in self._names:
+            values[f"{self._second}.JOG_INCREMENTAL"] = int(distance)
+        return [Ask(values)]
+
+    def set_reference(self) -> Program:
+        """The reference point, where the axis stands."""
+        self._has(self._second, "set_reference")
+        bit = f"{self._second}.SET_REFERENCE_POINT"
+        return [Ask({bit: 1}), EDGE_NS, Wait({"ZSW1.HOME_POSITION_SET": 1}, "reference point set"), Ask({bit: 0})]
+
+    def home(self) -> Program:
+        """A homing; STW1.11 stays set until ``home_end``."""
+        return [Ask({"STW1.START_HOMING": 1})]
