@@ -157,7 +157,7 @@ class _Exchange:
         self._cycle_ns = cycle_ns
         self._factor = watchdog_factor
         telegrams = [telegram(item.axis.telegram) for item in objects]
-        self._endpoint = CyclicEndpoint(telegrams, cycle_ns=cycle_ns, watchdog_factor=_NEVER)
+        self._endpoint = CyclicEndpoint(telegrams, cycle_ns=cycle_ns, watchdog_factor=_NEVER, delays=False)
         self._counters = {
             Direction.SETPOINT: _CycleCounter("PLC -> gateway"),
             Direction.ACTUAL: _CycleCounter("gateway -> PLC"),
@@ -187,7 +187,7 @@ class _Exchange:
         now, endpoint = record.time_ns, self._endpoint
         if not self._answered:
             self._watch(now)
-        verdict = endpoint.receive(record.data, _SENDER, now)
+        verdict = endpoint.receive(record.data, _SENDER, now, now)
         if verdict is Verdict.STALE or (verdict is not Verdict.ACCEPTED and verdict is not self._standing):
             kind = _VERDICTS.get(verdict, AnomalyKind.DROPPED)
             self._put(Anomaly(now, 0, kind, f"frame with counter {record.cycle_counter}: {verdict.value}"))

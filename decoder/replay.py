@@ -160,7 +160,7 @@ def receive_frames(
     frames: Sequence[tuple[int, bytes]], telegrams: Sequence[Telegram], *, cycle_ns: int, watchdog_factor: int = 3
 ) -> PlcInputs:
     """Feed recorded frames (time, RT frame) to a ``CyclicEndpoint``; all count as coming from one sender."""
-    endpoint = CyclicEndpoint(telegrams, cycle_ns=cycle_ns, watchdog_factor=watchdog_factor)
+    endpoint = CyclicEndpoint(telegrams, cycle_ns=cycle_ns, watchdog_factor=watchdog_factor, delays=False)
     inputs = PlcInputs([[] for _ in telegrams])
     last = 0
     watchdog_ns = cycle_ns * watchdog_factor
@@ -178,7 +178,7 @@ def receive_frames(
 
     for now, data in frames:
         expire(now)
-        verdict = endpoint.receive(data, ("recorded", 0), now)
+        verdict = endpoint.receive(data, ("recorded", 0), now, now)
         inputs.received.append(Received(now, verdict))
         if verdict in {Verdict.ACCEPTED, Verdict.PROVIDER_STOP}:
             last = now

@@ -186,6 +186,10 @@ class Axis(DriveObject):
         return self.drive.status is DriveStatus.ONLINE and state_of(self.drive.feedback.statusword) in _POWERED
 
     @property
+    def released(self) -> bool:
+        return self.translator.released
+
+    @property
     def faulty(self) -> bool:
         return state_of(self.drive.feedback.statusword) in _FAULTY
 

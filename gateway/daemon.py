@@ -269,7 +269,9 @@ class Daemon:
         if now >= self._deadline:
             if now - self._deadline > self.cycle_ns // 2:
                 self.late += 1
-            self._cycle(now, accepted=False)
+            # What waits came before this cycle: the watchdog must not overtake it.
+            accepted = not self._stopping and self.link.receive(now)
+            self._cycle(now, accepted=accepted)
         if not self.stopped.is_set():
             self._due = self.loop.call_at(self._deadline, self._on_due)
 
@@ -292,7 +294,12 @@ class Daemon:
         self.cycles += 1
         cycle = self.cycle_ns
         if accepted or self._stopping or now - self._last_sent >= 2 * cycle:
-            link.send([item.actuals for item in self.objects], [item.good for item in self.objects])
+            objects = self.objects
+            link.send(
+                [item.actuals for item in objects],
+                [item.good for item in objects],
+                [item.released for item in objects],
+            )
             self._last_sent = now
         self._deadline = now + (cycle + cycle // 2 if accepted else cycle)
         self.loop.pace(now + cycle)

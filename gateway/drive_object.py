@@ -99,6 +99,11 @@ class DriveObject(abc.ABC):
         """Something may move."""
 
     @property
+    def released(self) -> bool:
+        """An interlock is released: an OFF does nothing but stop. What has no interlock starts nothing either."""
+        return False
+
+    @property
     @abc.abstractmethod
     def faulty(self) -> bool:
         """The device is still in fault: an acknowledge has nothing to do yet."""

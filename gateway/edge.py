@@ -32,6 +32,10 @@ class DatagramPort(Protocol):
     def receive(self) -> tuple[bytes, Address] | None:
         """The next datagram that waits, or None."""
 
+    @property
+    def received_at(self) -> int | None:
+        """When the datagram that ``receive`` gave last had come, by the loop's clock; None where that is not known."""
+
     def send(self, data: bytes | bytearray, address: Address) -> None:
         """Send without waiting; what is not taken is counted and lost, as on any network."""
 

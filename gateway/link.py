@@ -50,8 +50,8 @@ class Link(Protocol):
     def lose_setpoints(self) -> None:
         """No drive object has a valid PLC until its next data."""
 
-    def send(self, actuals: Sequence[Sequence[int]], good: Sequence[bool]) -> None:
-        """Answer the PLC; ``good``: the values of that drive object are valid."""
+    def send(self, actuals: Sequence[Sequence[int]], good: Sequence[bool], released: Sequence[bool]) -> None:
+        """Answer the PLC. ``good``: the values of that drive object are valid; ``released``: an OFF does nothing but stop it."""
 
     def set_layout(self, telegrams: Sequence[Telegram]) -> None:
         """Other telegrams from now on, in the order of the drive objects; GatewayError or ProfidriveError when not possible."""
@@ -130,12 +130,12 @@ class UdpLink:
                 break
             data, source = datagram
             connected = endpoint.connected
-            verdict = endpoint.receive(data, source, now)
+            verdict = endpoint.receive(data, source, now, self.port.received_at)
             if verdict in _FROM_PLC:
                 taken += 1
                 if not connected:
                     log.info("PLC %s:%d connected", *source)
-            elif endpoint.counters[verdict] == 1:
+            elif verdict is not Verdict.UNCONFIRMED and endpoint.counters[verdict] == 1:
                 log.warning("frame from %s:%d dropped: %s (%d bytes)", *source, verdict.value, len(data))
             if verdict is Verdict.PROVIDER_STOP:
                 break
@@ -149,10 +149,10 @@ class UdpLink:
     def lose_setpoints(self) -> None:
         self.endpoint.lose_setpoints()
 
-    def send(self, actuals: Sequence[Sequence[int]], good: Sequence[bool]) -> None:
+    def send(self, actuals: Sequence[Sequence[int]], good: Sequence[bool], released: Sequence[bool]) -> None:
         endpoint = self.endpoint
         if endpoint.peer is not None:
-            self.port.send(endpoint.build(actuals, good), endpoint.peer)
+            self.port.send(endpoint.build(actuals, good, released), endpoint.peer)
 
     def set_layout(self, telegrams: Sequence[Telegram]) -> None:
         endpoint = self._endpoint(telegrams)

@@ -1,8 +1,7 @@
 """What goes into the positioner and what comes out of it, as values.
 
 Positions are LU, speeds 1000 LU/min, accelerations and the override N2 fractions (4000h = 100 %). ``Asked`` is in the user's
-coordinates; ``Seen`` and ``Motion`` are in the drive's, which differ by the offset of the reference point. One object of each
-belongs to an axis and is changed in place.
+coordinates; ``Seen`` and ``Motion`` are in the drive's, which differ by the offset of the reference point.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ FULL = N2_100_PERCENT
 """100 % of an N2 fraction."""
 
 
-@dataclass(slots=True, eq=False)
+@dataclass(slots=True)
 class Asked:
     """What the PLC asks for, bit for bit by its meaning."""
 
@@ -61,7 +60,7 @@ class HomingResult(enum.Enum):
     FAILED = "failed"
 
 
-@dataclass(slots=True, eq=False)
+@dataclass(slots=True)
 class Seen:
     """What the axis does.
 
@@ -97,7 +96,7 @@ class MotionKind(enum.Enum):
     HOMING = "homing"
 
 
-@dataclass(slots=True, eq=False)
+@dataclass(slots=True)
 class Motion:
     """The motion wished. A new ``serial`` is a new set-point; the same one is never given twice, only the newest waits."""
 
@@ -118,7 +117,7 @@ class Motion:
     """Torque limit in 1/1000 of the rated torque, None for the axis' own."""
 
 
-@dataclass(slots=True, eq=False)
+@dataclass(slots=True)
 class Outcome:
     """One step's result, reused: the motion, and what telegrams show of it."""
 

@@ -133,6 +133,11 @@ class Translator(BaseTranslator[DriveFeedback, References]):
         self.command = DriveCommand()
         self.warning = False
 
+    @property
+    @abstractmethod
+    def released(self) -> bool:
+        """The interlock is released: an OFF does nothing but stop."""
+
     def checkpoint(self) -> dict[str, object]:
         """Everything a step may change, for ``restore``: a replay tries steps and takes them back."""
         return _copies(vars(self))

@@ -36,6 +36,7 @@ from pdgw.gateway.translator.power import (
     ZSW1_STATE,
     ZSW1_STOPPING,
     ZSW1_TRANSPARENT,
+    Phase,
     PowerControl,
 )
 from pdgw.profidrive.datatypes import Normalisation, n2, n4
@@ -153,6 +154,10 @@ class PositioningTranslator(Translator):
             SubState.HOMED: self._homing_over,
             SubState.HOMING_FAILED: self._homing_over,
         }
+
+    @property
+    def released(self) -> bool:
+        return self.power.phase is Phase.FOLLOW
 
     def set_references(self, references: References | None, homing_method: int = 0) -> None:
         self._position = None

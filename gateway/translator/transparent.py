@@ -76,6 +76,10 @@ class TransparentTranslator(Translator):
         self._acknowledge_armed = False
         self._previous: State | None = None
 
+    @property
+    def released(self) -> bool:
+        return not self._locked
+
     def set_references(self, references: References | None, homing_method: int = 0) -> None:
         self._references_valid = False
         if references is None or not self._usable(references):

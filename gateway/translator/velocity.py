@@ -22,6 +22,7 @@ from pdgw.gateway.translator.power import (
     ZSW1_STATE,
     ZSW1_STOPPING,
     ZSW1_TRANSPARENT,
+    Phase,
     PowerControl,
 )
 from pdgw.profidrive.datatypes import DataType, Normalisation, n2, n4
@@ -69,6 +70,10 @@ class VelocityTranslator(Translator):
         self._stopped = 0
         """The setpoint with which the axis stood at a limit; 0: none."""
         self._profidrive = settings.setpoint_enable is SetpointEnable.PROFIDRIVE
+
+    @property
+    def released(self) -> bool:
+        return self.power.phase is Phase.FOLLOW
 
     def set_references(self, references: References | None, homing_method: int = 0) -> None:
         self._setpoint = self._actual = None

@@ -1,15 +1,19 @@
 """The device side of a static cyclic relationship, sans-I/O: which frames count, and the frames sent back.
 
 Source: docs/transport.md chapters 1 and 2. A frame is used only when it comes from the relationship's peer, has its FrameID
-and length, is newer than the last one, is valid and primary; provider STOP and IOPS BAD are losses of the PLC. Everything
-else is counted by its verdict and dropped.
+and length, belongs to the sequence of frames that makes the connection (``sequence``), is valid and primary; provider STOP and
+IOPS BAD are losses of the PLC. Everything else is counted by its verdict and dropped. What a frame orders may have to be
+confirmed by the next ones (``confirmation``).
 """
 
 from __future__ import annotations
 
 import enum
+import struct
 from collections.abc import Sequence
 
+from pdgw.gateway.transport.confirmation import Confirmation, OrderHistory
+from pdgw.gateway.transport.sequence import FrameSequence, NewerFrames, Order
 from pdgw.gateway.transport.udp import Address
 from pdgw.profidrive.frame import (
     COUNTER_UNIT_NS,
@@ -24,9 +28,12 @@ from pdgw.profidrive.frame import (
     STATUS_RUN,
     TRAILER,
     CSduLayout,
-    is_newer,
 )
 from pdgw.profidrive.telegrams import Direction, Telegram
+
+_COUNTER = struct.Struct(">H")
+_STATUS_OFFSET = _COUNTER.size
+"""DataStatus stands behind the CycleCounter."""
 
 
 class Verdict(enum.Enum):
@@ -39,6 +46,8 @@ class Verdict(enum.Enum):
     OVERSIZED = "oversized"
     WRONG_FRAME_ID = "wrong FrameID"
     STALE = "stale cycle counter"
+    UNCONFIRMED = "not connected yet: waits for more frames in sequence"
+    OVERDUE = "waited in the gateway for longer than the watchdog time"
     WRONG_TELEGRAM = "data behind the last object: the PLC sends another telegram or more axes"
     NOT_VALID = "data not valid"
     NOT_PRIMARY = "not primary"
@@ -48,7 +57,8 @@ class CyclicEndpoint:
     """Consumer and provider of one static relationship with any number of axes.
 
     ``setpoints[i]`` are the raw values of axis i, None while that axis has no valid PLC. Times are monotonic nanoseconds.
-    ``peer``: the only address frames are taken from; None takes the first valid sender until it is lost.
+    ``peer``: the only address frames are taken from; None takes the first valid sender until it is lost. ``delays``: the network
+    may keep frames for seconds, as UDP does; False on Ethernet and for recordings.
     """
 
     def __init__(
@@ -58,6 +68,7 @@ class CyclicEndpoint:
         cycle_ns: int,
         watchdog_factor: int = 3,
         peer: str | None = None,
+        delays: bool = True,
         setpoint_frame_id: int = FRAME_ID_TO_DEVICE,
         actual_frame_id: int = FRAME_ID_TO_CONTROLLER,
     ) -> None:
@@ -71,12 +82,24 @@ class CyclicEndpoint:
         self._counter = 0
         self._watchdog_ns = cycle_ns * watchdog_factor
         self._fixed_peer = peer
-        self._last_counter = 0
+        self._sequence = FrameSequence(cycle_ns, self._watchdog_ns) if delays else NewerFrames()
+        self._believes = not delays
+        self._history = OrderHistory(cycle_ns)
+        self._confirmations = tuple(Confirmation(half) for half in self._consumer.halves)
+        self._in_force: list[tuple[int, ...] | None] = [None] * len(telegrams)
+        self._waiting = False
+        """An order waits to be confirmed."""
         self._last_time = 0
+        self._last_counter = 0
+        self._last_orders: tuple[tuple[int, ...] | None, ...] | None = None
+        self._looked = 0
+        self._looked_before = 0
+        self._late = False
+        self._loss_to_tell = False
         self._axes = tuple(
-            (index, half.struct.unpack_from, offset, iops)
-            for index, (half, offset, iops) in enumerate(
-                zip(self._consumer.halves, self._consumer.offsets, self._consumer.iops, strict=True)
+            (half.struct.unpack_from, offset, iops, confirmation.read)
+            for half, offset, iops, confirmation in zip(
+                self._consumer.halves, self._consumer.offsets, self._consumer.iops, self._confirmations, strict=True
             )
         )
         provider = self._provider
@@ -85,11 +108,13 @@ class CyclicEndpoint:
             for index, half in enumerate(provider.halves)
         )
         self.setpoints: list[tuple[int, ...] | None] = [None] * len(telegrams)
+        self._released: Sequence[bool] = [False] * len(telegrams)
         self.peer: Address | None = None
         """Where frames come from and go to; kept after a loss so that the PLC can watch the axes stop."""
         self.connected = False
         self.counters: dict[Verdict, int] = dict.fromkeys(Verdict, 0)
         self.watchdog_expiries = 0
+        """Losses of the PLC: silence, another sequence of frames, or a gateway that looked too late."""
         self.iops_bad = 0
         self.sent = 0
 
@@ -106,28 +131,45 @@ class CyclicEndpoint:
         self.iops_bad = previous.iops_bad
         self.sent = previous.sent
 
-    def receive(self, data: bytes, source: Address, now: int) -> Verdict:
-        """Take a datagram; on ACCEPTED (and on PROVIDER_STOP, then None) the setpoints are updated."""
-        verdict = self._check(data, source)
+    def receive(self, data: bytes, source: Address, now: int, received_at: int | None = None) -> Verdict:
+        """Take a datagram; on ACCEPTED (and on PROVIDER_STOP, then None) the setpoints are updated.
+
+        ``now`` is when the caller looked at its socket, the same for all datagrams it took then; ``received_at`` when the kernel
+        had the datagram, None where that is not known. A loss that shows itself here is told by the next ``poll``; until then no
+        connection begins, so that the drive objects see every loss.
+        """
+        arrived = self._note_arrival(now, received_at)
+        verdict = Verdict.OVERDUE if now - arrived > self._watchdog_ns else self._check(data, source)
+        if verdict is Verdict.ACCEPTED or verdict is Verdict.PROVIDER_STOP:
+            verdict = self._take(data, source, arrived, verdict)
         self.counters[verdict] += 1
-        if verdict is Verdict.ACCEPTED:
-            self._accept(data, source, now)
-        elif verdict is Verdict.PROVIDER_STOP:
-            self._last_time = now
-            self.peer = source
-            self.connected = True
-            self.lose_setpoints()
         return verdict
+
+    def _note_arrival(self, now: int, received_at: int | None) -> int:
+        """When a datagram came. The PLC is lost when that was too late, or when nobody looked for too long."""
+        self._look(now)
+        if received_at is not None:
+            arrived = earliest = min(received_at, now)
+        else:
+            arrived = now
+            # Without a time stamp it came at some time since the socket was looked at before.
+            earliest = self._looked_before
+        if self.connected and (self._late or earliest - self._last_time > self._watchdog_ns):
+            self._lose()
+        return arrived
+
+    def _look(self, now: int) -> None:
+        if now != self._looked:
+            self._looked_before = self._looked
+            self._looked = now
+            self._late = now - self._looked_before > self._watchdog_ns
 
     def _check(self, data: bytes, source: Address) -> Verdict:
         layout = self._consumer
         size = len(data)
-        if self._fixed_peer is not None:
-            if source[0] != self._fixed_peer:
-                return Verdict.FOREIGN_SENDER
-            if self.connected and source != self.peer:
-                return Verdict.FOREIGN_SENDER
-        elif self.connected and source != self.peer:
+        if self._fixed_peer is not None and source[0] != self._fixed_peer:
+            return Verdict.FOREIGN_SENDER
+        if self.connected and source != self.peer:
             return Verdict.FOREIGN_SENDER
         if size != layout.frame_size:
             return Verdict.TRUNCATED if size < layout.frame_size else Verdict.OVERSIZED
@@ -135,44 +177,127 @@ class CyclicEndpoint:
             return Verdict.WRONG_FRAME_ID
         if data[self._padding_start : layout.trailer] != self._padding:
             return Verdict.WRONG_TELEGRAM
-        counter, status, _ = TRAILER.unpack_from(data, layout.trailer)
-        if self.connected and not is_newer(counter, self._last_counter):
-            return Verdict.STALE
+        status = data[layout.trailer + _STATUS_OFFSET]
         if not status & STATUS_DATA_VALID:
             return Verdict.NOT_VALID
         if not status & STATUS_PRIMARY:
             return Verdict.NOT_PRIMARY
-        self._last_counter = counter
         return Verdict.ACCEPTED if status & STATUS_RUN else Verdict.PROVIDER_STOP
 
-    def _accept(self, data: bytes, source: Address, now: int) -> None:
-        self._last_time = now
+    def _take(self, data: bytes, source: Address, arrived: int, verdict: Verdict) -> Verdict:
+        """The verdict on a frame whose content is right, by its place in the sequence of frames."""
+        sequence = self._sequence
+        (counter,) = _COUNTER.unpack_from(data, self._consumer.trailer)
+        runs = verdict is Verdict.ACCEPTED
+        if not sequence.next(counter, arrived):
+            orders = tuple(self._decode(data)[1]) if runs else None
+            order = sequence.follow(source, counter, arrived, orders, may_connect=not self._loss_to_tell)
+            if order is Order.RESTARTED:
+                self._lose()
+            if order is Order.STALE and counter == self._last_counter and orders != self._last_orders:
+                # Two frames with one counter that order different things: one of them is old, and it may be the first.
+                self._doubt()
+            if order is not Order.NEXT:
+                return Verdict.STALE if order is Order.STALE else Verdict.UNCONFIRMED
+            self._connect(source, orders)
+        self._last_time = arrived
+        self._last_counter = counter
+        if runs:
+            self._accept(data)
+        else:
+            self._last_orders = None
+            self._history.enter(None, sequence.elapsed_ns)
+            self.lose_setpoints()
+        return verdict
+
+    def _doubt(self) -> None:
+        """Orders that wait have to be confirmed from the beginning."""
+        for confirmation in self._confirmations:
+            confirmation.restart(None, 0)
+
+    def _connect(self, source: Address, orders: tuple[tuple[int, ...] | None, ...] | None) -> None:
         self.peer = source
         self.connected = True
-        setpoints = self.setpoints
-        for index, unpack, offset, iops in self._axes:
+        self._history.clear()
+        self._doubt()
+        if orders is not None:
+            for confirmation, order in zip(self._confirmations, orders, strict=True):
+                # The frame that completes the sequence is counted once more where its order is judged.
+                confirmation.restart(order, self._sequence.repeats - 1)
+
+    def _decode(self, data: bytes) -> tuple[list[tuple[int, ...] | None], list[tuple[int, ...] | None]]:
+        """Values and orders of the axes; None where the IOPS is BAD."""
+        values: list[tuple[int, ...] | None] = []
+        orders: list[tuple[int, ...] | None] = []
+        for unpack, offset, iops, read in self._axes:
             if data[iops] & IOPS_GOOD:
-                setpoints[index] = unpack(data, offset)
+                item = unpack(data, offset)
+                values.append(item)
+                orders.append(read(item))
             else:
-                setpoints[index] = None
-                self.iops_bad += 1
+                values.append(None)
+                orders.append(None)
+        return values, orders
+
+    def _accept(self, data: bytes) -> None:
+        values, orders = self._decode(data)
+        elapsed = self._sequence.elapsed_ns
+        if None in orders:
+            self.iops_bad += orders.count(None)
+        if orders == self._in_force and not self._waiting:
+            self.setpoints[:] = values
+        else:
+            self._confirm(values, orders, elapsed)
+        self._last_orders = tuple(orders)
+        self._history.enter(self._last_orders, elapsed)
+
+    def _confirm(
+        self, values: Sequence[tuple[int, ...] | None], orders: Sequence[tuple[int, ...] | None], elapsed: int
+    ) -> None:
+        """Some order is another than the one in force: it counts now, or waits with all values of its axis."""
+        is_new = self._believes or self._history.is_new(tuple(orders), elapsed)
+        self._waiting = False
+        for index, (confirmation, order) in enumerate(zip(self._confirmations, orders, strict=True)):
+            in_force = self._in_force[index]
+            if order is None or order == in_force:
+                confirmation.restart(order, 1)
+            elif not confirmation.counts(order, in_force, is_new=is_new, released=self._released[index]):
+                self._waiting = True
+                continue
+            self._in_force[index] = order
+            self.setpoints[index] = values[index]
 
     def lose_setpoints(self) -> None:
         """No axis has a valid PLC until the next valid frame."""
         for index in range(len(self.setpoints)):
             self.setpoints[index] = None
+            self._in_force[index] = None
 
-    def poll(self, now: int) -> bool:
-        """The watchdog; True when it expires in this call."""
-        if not self.connected or now - self._last_time <= self._watchdog_ns:
-            return False
+    def _lose(self) -> None:
         self.connected = False
         self.watchdog_expiries += 1
+        self._sequence.lose()
+        self._loss_to_tell = True
         self.lose_setpoints()
-        return True
 
-    def build(self, actuals: Sequence[Sequence[int]], good: Sequence[bool]) -> bytearray:
-        """The next frame to the PLC. ``good[i]``: axis i's actual values are valid (its IOPS). The buffer is reused."""
+    def poll(self, now: int) -> bool:
+        """The watchdog, after the datagrams that waited; True when the PLC was lost since the last call."""
+        self._look(now)
+        if self.connected and now - self._last_time > self._watchdog_ns:
+            self._lose()
+        lost, self._loss_to_tell = self._loss_to_tell, False
+        return lost
+
+    def build(
+        self, actuals: Sequence[Sequence[int]], good: Sequence[bool], released: Sequence[bool] | None = None
+    ) -> bytearray:
+        """The next frame to the PLC; the buffer is reused.
+
+        ``good[i]``: axis i's actual values are valid (its IOPS). ``released[i]``: its interlock is released, so that an OFF does
+        nothing but stop it; without it an OFF that may be an old one waits for its confirmation.
+        """
+        if released is not None:
+            self._released = released
         frame = self._frame
         layout = self._provider
         setpoints = self.setpoints

@@ -1,8 +1,11 @@
-"""The UDP edge: a bound socket on the loop, never blocking."""
+"""The UDP edge: a bound socket on the loop, never blocking, with the kernel's receive time stamps where it has them (Linux)."""
 
 from __future__ import annotations
 
 import socket
+import struct
+import sys
+import time
 from collections.abc import Callable
 
 from pdgw.ds301.loop import Loop
@@ -10,6 +13,20 @@ from pdgw.gateway.errors import GatewayError
 
 Address = tuple[str, int]
 _MAXIMUM_DATAGRAM = 2048
+_SO_TIMESTAMPNS = 35
+"""Of Linux; Python has no name for it before 3.14."""
+_TIMESPEC = struct.Struct("@ll")
+_ANCILLARY = socket.CMSG_SPACE(_TIMESPEC.size) if hasattr(socket, "CMSG_SPACE") else 0
+_SECOND = 1_000_000_000
+
+
+def arrival(stamp: int, wall: int, now: int, emptied: int) -> int:
+    """Monotonic time at which a datagram came that the kernel stamped by its wall clock; all in nanoseconds.
+
+    ``wall`` and ``now`` were read together. A wall clock that is set meanwhile cannot move a datagram beyond ``now``, nor before
+    ``emptied``, when nothing waited.
+    """
+    return max(emptied, min(now, now - (wall - stamp)))
 
 
 class UdpSocket:
@@ -28,6 +45,16 @@ class UdpSocket:
             ) from error
         self._socket.setblocking(False)
         self._closed = False
+        self._emptied = loop.now()
+        self._stamped = False
+        if sys.platform == "linux":
+            try:
+                self._socket.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
+                self._stamped = True
+            except OSError:
+                pass  # the kernel has none
+        self.received_at: int | None = None
+        """Monotonic time of the datagram received last, None without time stamps."""
         self.errors = 0
         """ICMP and send errors: the peer is not there just now."""
 
@@ -43,12 +70,24 @@ class UdpSocket:
     def receive(self) -> tuple[bytes, Address] | None:
         """The next waiting datagram, or None."""
         try:
-            return self._socket.recvfrom(_MAXIMUM_DATAGRAM)
+            if not self._stamped:
+                return self._socket.recvfrom(_MAXIMUM_DATAGRAM)
+            data, ancillary, _, source = self._socket.recvmsg(_MAXIMUM_DATAGRAM, _ANCILLARY)
+            self.received_at = self._arrival(ancillary)
+            return data, source
         except BlockingIOError:
+            self._emptied = self._loop.now()
             return None
         except OSError:
             self.errors += 1
             return None
+
+    def _arrival(self, ancillary: list[tuple[int, int, bytes]]) -> int | None:
+        for level, kind, data in ancillary:
+            if level == socket.SOL_SOCKET and kind == _SO_TIMESTAMPNS and len(data) == _TIMESPEC.size:
+                seconds, nanoseconds = _TIMESPEC.unpack(data)
+                return arrival(seconds * _SECOND + nanoseconds, time.time_ns(), self._loop.now(), self._emptied)
+        return None
 
     def send(self, data: bytes | bytearray, address: Address) -> None:
         """Send without waiting; a failure is counted, the next cycle sends anew."""

@@ -105,7 +105,7 @@ class PlcClient:
         self._parameters.submit(access)
 
     def _send(self) -> None:
-        frame = self.endpoint.build()
+        frame = self.endpoint.build(time.monotonic_ns())
         try:
             self._socket.sendto(frame, self.gateway)
         except OSError:

@@ -38,7 +38,8 @@ class PlcEndpoint:
         self._provider = CSduLayout(telegrams, Direction.SETPOINT)
         self._frame = self._provider.new_frame(FRAME_ID_TO_DEVICE)
         self._step = max(1, cycle_ns // COUNTER_UNIT_NS)
-        self._counter = 0
+        self._ticks = 0
+        """The clock of the cycle counter."""
         self._last_counter: int | None = None
         self._last_time = 0
         self._watchdog_ns = max(_WATCHDOG_NS, _WATCHDOG_CYCLES * cycle_ns)
@@ -58,15 +59,18 @@ class PlcEndpoint:
         half.encode(half.from_dict(merged))
         self.setpoints[axis] = merged
 
-    def build(self) -> bytearray:
-        """The next frame to the gateway; the buffer is reused."""
+    def build(self, now: int | None = None) -> bytearray:
+        """The next frame to the gateway; the buffer is reused.
+
+        ``now``: when it is sent, which its cycle counter tells; without it each frame is one cycle after the last.
+        """
         frame, layout = self._frame, self._provider
         for index, half in enumerate(layout.halves):
             half.encode_into(frame, layout.offsets[index], tuple(self.setpoints[index].values()))
             frame[layout.iops[index]] = IOPS_GOOD
             frame[layout.iocs[index]] = IOPS_GOOD if self.actuals[index] is not None else IOPS_BAD
-        self._counter = (self._counter + self._step) & 0xFFFF
-        TRAILER.pack_into(frame, layout.trailer, self._counter, STATUS_NORMAL if self.run else STATUS_STOP, 0)
+        self._ticks = self._ticks + self._step if now is None else max(self._ticks + 1, now // COUNTER_UNIT_NS)
+        TRAILER.pack_into(frame, layout.trailer, self._ticks & 0xFFFF, STATUS_NORMAL if self.run else STATUS_STOP, 0)
         self.counters["sent"] += 1
         return frame
 

@@ -34,7 +34,7 @@ class LittlePlc:
 
     def exchange(self) -> None:
         try:
-            self.socket.send(self.endpoint.build())
+            self.socket.send(self.endpoint.build(time.monotonic_ns()))
             while True:
                 self.endpoint.receive(self.socket.recv(2048))
         except (TimeoutError, ConnectionRefusedError):

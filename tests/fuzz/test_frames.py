@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pdgw.dsp402.states import state_of
 from pdgw.gateway.transport.cyclic import CyclicEndpoint, Verdict
+from pdgw.gateway.transport.sequence import SEQUENCE_FRAMES
 from pdgw.peers.drive import SimulatedDriveNode
 from pdgw.peers.plc.endpoint import PlcEndpoint
 from pdgw.profidrive.errors import ProfidriveError
@@ -46,10 +47,12 @@ def test_gateway_endpoint_takes_or_counts_any_mutated_frame(
     for index, axis in enumerate(values):
         plc.set(index, telegrams[index].setpoints.as_dict(axis))
     endpoint = CyclicEndpoint(telegrams, cycle_ns=CYCLE)
+    for before in range(1, SEQUENCE_FRAMES):
+        endpoint.receive(bytes(plc.build()), PEER, before * CYCLE)
     original = bytes(plc.build())
     frame = data.draw(mutated(original))
-    verdict = endpoint.receive(frame, PEER, 0)
-    assert endpoint.counters[verdict] == 1
+    verdict = endpoint.receive(frame, PEER, SEQUENCE_FRAMES * CYCLE)
+    assert sum(endpoint.counters.values()) == SEQUENCE_FRAMES
     if frame == original:
         assert verdict is Verdict.ACCEPTED
     if verdict is not Verdict.ACCEPTED:

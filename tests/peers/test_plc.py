@@ -11,6 +11,7 @@ from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.transport.acyclic import AcyclicServer
 from pdgw.gateway.transport.cyclic import CyclicEndpoint, Verdict
+from pdgw.gateway.transport.sequence import SEQUENCE_FRAMES
 from pdgw.peers.plc.client import PlcClient
 from pdgw.peers.plc.endpoint import PlcEndpoint
 from pdgw.peers.plc.parameters import ParameterAccess
@@ -39,7 +40,9 @@ def test_setpoints_reach_the_gateway_as_they_were_set(drawn: tuple[list[Telegram
     for index, drawn_values in enumerate(values):
         plc.set(index, telegrams[index].setpoints.as_dict(drawn_values))
     device = CyclicEndpoint(telegrams, cycle_ns=CYCLE)
-    assert device.receive(bytes(plc.build()), ("127.0.0.1", 1), 0) is Verdict.ACCEPTED
+    for number in range(SEQUENCE_FRAMES):
+        verdict = device.receive(bytes(plc.build()), ("127.0.0.1", 1), number * CYCLE)
+    assert verdict is Verdict.ACCEPTED
     assert device.setpoints == values
 
 

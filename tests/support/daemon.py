@@ -52,7 +52,7 @@ class Plc:
 
     def exchange(self) -> None:
         if not self.silent:
-            self.socket.send(self.endpoint.build())
+            self.socket.send(self.endpoint.build(time.monotonic_ns()))
         try:
             while True:
                 self.endpoint.receive(self.socket.recv(2048))

@@ -89,7 +89,7 @@ class RecordedRig(Rig):
         self.number = number
         self.settings = self.translator.settings
         self.plc = PlcEndpoint([telegram], CYCLE_NS)
-        self.endpoint = CyclicEndpoint([telegram], cycle_ns=CYCLE_NS)
+        self.endpoint = CyclicEndpoint([telegram], cycle_ns=CYCLE_NS, delays=False)
         self.sdo_delay = 2
         self._sent_at: dict[int, int] = {}
 

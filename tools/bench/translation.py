@@ -11,6 +11,7 @@ from pdgw.dsp402.pdo import LAYOUTS, PdoLayout
 from pdgw.gateway.translator.base import TranslatorSettings
 from pdgw.gateway.translator.factory import make_translator, pdo_operation
 from pdgw.gateway.transport.cyclic import CyclicEndpoint
+from pdgw.gateway.transport.sequence import SEQUENCE_FRAMES
 from pdgw.peers.plc.endpoint import PlcEndpoint
 from pdgw.profidrive.telegrams import telegram
 from pdgw.tools.bench.measure import nanoseconds_per_call
@@ -18,6 +19,7 @@ from pdgw.tools.bench.measure import nanoseconds_per_call
 GOALS_NS = {1: 10_000, 9: 20_000}
 """Goals of the project for one axis-cycle."""
 _CYCLE_NS = 1_000_000
+_FRAMES = 4096
 _PEER = ("127.0.0.1", 40000)
 _ENABLED = 0x0637
 
@@ -35,23 +37,23 @@ def axis_cycle(number: int) -> Callable[[], object]:
     """One whole axis-cycle of a telegram, with new setpoints and a new actual value each time."""
     chosen = telegram(number)
     plc = PlcEndpoint([chosen], _CYCLE_NS)
-    frames = [_frame(plc, number, value) for value in range(1, 4097)]
     endpoint = CyclicEndpoint([chosen], cycle_ns=_CYCLE_NS)
     translator = make_translator(number, TranslatorSettings())
     translator.set_references(References())
     layout = LAYOUTS[pdo_operation(number)]
     feedback = DriveFeedback()
-    _enable(endpoint, translator, feedback, plc, number)
+    now = _enable(endpoint, translator, feedback, plc, number)
+    # The cycle counter goes on when they are sent again: it wraps after a whole number of times.
+    frames = [_frame(plc, number, value) for value in range(1, _FRAMES + 1)]
     tpdos = [_tpdos(layout, value, translator.command.modes_of_operation) for value in range(1, 17)]
     position = 0
     good = [True]
 
     def run() -> object:
-        nonlocal position
+        nonlocal position, now
+        now += _CYCLE_NS
+        endpoint.receive(frames[position % _FRAMES], _PEER, now)
         position += 1
-        now = position * _CYCLE_NS
-        endpoint.connected = position % 4096 != 1  # the recorded counters start again
-        endpoint.receive(frames[position % 4096], _PEER, now)
         for pdo, data in tpdos[position & 15]:
             pdo.unpack_into(data, feedback)
         actuals = translator.step(endpoint.setpoints[0], feedback, True, now)
@@ -84,15 +86,19 @@ def _frame(plc: PlcEndpoint, number: int, value: int) -> bytes:
 
 def _enable(
     endpoint: CyclicEndpoint, translator: object, feedback: DriveFeedback, plc: PlcEndpoint, number: int
-) -> None:
+) -> int:
+    """Bring the axis into operation; returns the time of the last frame."""
+    now = 0
     word = plc.telegrams[0].setpoints.names[0]
     off = {1: 0x047E, 9: 0x043E, 100: 0x0006}[number]
     for control, status in ((off, 0x0250), (off, 0x0231), (off | 1, 0x0231), (off | 1, 0x0233)):
         plc.set(0, {word: control})
-        endpoint.connected = False
-        endpoint.receive(bytes(plc.build()), _PEER, 0)
+        for _ in range(SEQUENCE_FRAMES):
+            now += _CYCLE_NS
+            endpoint.receive(bytes(plc.build()), _PEER, now)
         feedback.statusword = status
-        translator.step(endpoint.setpoints[0], feedback, True, 0)  # type: ignore[attr-defined]
+        translator.step(endpoint.setpoints[0], feedback, True, now)  # type: ignore[attr-defined]
+    return now
 
 
 def run() -> list[TranslationCost]:

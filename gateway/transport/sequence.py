@@ -1,0 +1,209 @@
+"""Which frames of a PLC are new, over a network that delays, repeats and reorders them. Sans-I/O, monotonic nanoseconds.
+
+Source: docs/transport.md chapter 1. The CycleCounter is a clock of 31.25 us that wraps every 2.048 s, so "newer" alone says
+little about a frame that may be seconds late: its advance must fit the time that passed. Before a PLC counts as connected,
+``SEQUENCE_FRAMES`` frames in a row have to do that; frames that do not belong to the present sequence are followed as possible
+new ones, so that a PLC that restarts with any counter is taken up as soon as it has sent so many.
+
+A sequence that began while a present one of age was running, and went on beside it, is no restart: these are old frames.
+
+Left out: what the frames say (``confirmation``).
+"""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Hashable
+
+from pdgw.profidrive.frame import COUNTER_UNIT_NS, is_newer
+
+SEQUENCE_FRAMES = 4
+"""So many frames in a row make a sequence."""
+WRAP_NS = (1 << 16) * COUNTER_UNIT_NS
+"""After so long the counter has the same value again: 2.048 s."""
+_COUNTS = 0xFFFF
+_DRIFT = 50
+"""The clocks may differ by 1/50: twice the 1 % a PLC is allowed, as both directions are reckoned from the fastest frame."""
+_CREDIT_MAX_NS = WRAP_NS // 4
+"""However long the watchdog is, a counter that runs ahead by more than this is not distinguishable from an old one."""
+OLDEST_NS = 5_000_000_000
+"""No network keeps a frame longer."""
+_FOLLOWED = 8
+"""Possible sequences followed at a time; of more, those with a single frame are forgotten first."""
+
+
+class Order(enum.Enum):
+    """What the counter of a frame says."""
+
+    NEXT = "of the present sequence, and newer than its last frame"
+    STALE = "not newer, or ahead of the time that passed"
+    UNCONFIRMED = "of a sequence that is not long enough yet"
+    RESTARTED = "completes another sequence while the present one is silent"
+
+
+class _Run:
+    """Frames that belong together.
+
+    ``credit``: by how much (ns) the counter may get ahead of the time that passed. ``repeats``: so many frames in a row, the
+    newest included, had the same ``command``. ``started_at``: frames the present sequence had then. ``old_until``: these are
+    old frames up to that time.
+    """
+
+    __slots__ = (
+        "command",
+        "counter",
+        "credit",
+        "first",
+        "frames",
+        "old_until",
+        "repeats",
+        "source",
+        "started_at",
+        "time",
+    )
+
+    def __init__(
+        self, source: Hashable, counter: int, time: int, credit: int, command: Hashable, started_at: int
+    ) -> None:
+        self.source = source
+        self.counter = counter
+        self.first = self.time = time
+        self.credit = credit
+        self.frames = 1
+        self.command = command
+        self.repeats = 1
+        self.started_at = started_at
+        self.old_until: int | None = None
+
+    def advance(self, counter: int, time: int, credit_max: int) -> int:
+        """Take the next frame; its counter's advance in ns, 0 when it does not fit (then nothing changes)."""
+        advance = (counter - self.counter & _COUNTS) * COUNTER_UNIT_NS
+        elapsed = max(0, time - self.time)
+        spare = self.credit + elapsed + elapsed // _DRIFT - advance
+        if not advance or spare < 0:
+            return 0
+        # After a silence longer than the counter takes to wrap, whole turns are missing from the advance.
+        turns, spare = divmod(spare, WRAP_NS)
+        self.credit = min(spare, credit_max)
+        self.counter = counter
+        self.time = time
+        return advance + turns * WRAP_NS
+
+    def extend(self, counter: int, time: int, cycle_ns: int, command: Hashable) -> bool:
+        """``advance`` of a sequence that is being followed: early by half a cycle at most, late by one."""
+        advance = (counter - self.counter & _COUNTS) * COUNTER_UNIT_NS
+        if time - self.time - advance > cycle_ns or not self.advance(counter, time, cycle_ns // 2):
+            return False
+        self.frames += 1
+        self.repeats = self.repeats + 1 if command == self.command else 1
+        self.command = command
+        return True
+
+
+class FrameSequence:
+    """The counters of one relationship.
+
+    ``watchdog_ns``: a sequence with a longer gap is over; no frame may be later against the fastest ones either.
+    """
+
+    def __init__(self, cycle_ns: int, watchdog_ns: int) -> None:
+        self._cycle_ns = cycle_ns
+        self._watchdog_ns = watchdog_ns
+        # A frame cannot be later than this against those before it without being too late at all.
+        self._credit_max = min(max(watchdog_ns - cycle_ns, cycle_ns), _CREDIT_MAX_NS)
+        self._present: _Run | None = None
+        self._followed: list[_Run] = []
+        self.elapsed_ns = 0
+        """By the PLC's clock, since the present sequence was taken up."""
+        self.repeats = 0
+        """When a sequence is taken up: so many of its frames in a row, the newest included, had the same command."""
+
+    def lose(self) -> None:
+        """The PLC is lost: only a new sequence counts."""
+        self._tell_old()
+        self._present = None
+
+    def next(self, counter: int, time: int) -> bool:
+        """Whether a frame is the next one of the present sequence; it is taken then."""
+        present = self._present
+        if present is None:
+            return False
+        advance = present.advance(counter, time, self._credit_max)
+        if not advance:
+            return False
+        present.frames += 1
+        self.elapsed_ns += advance
+        return True
+
+    def follow(self, source: Hashable, counter: int, time: int, command: Hashable, *, may_connect: bool) -> Order:
+        """What to make of a frame that ``next`` did not take. NEXT: its sequence is the present one from now on.
+
+        ``command``: what the frame orders, to count repetitions; ``may_connect`` False: a loss has to be dealt with first.
+        """
+        # What is older than the watchdog is no part of any sequence.
+        self._followed = [run for run in self._followed if time - run.time <= self._watchdog_ns]
+        for run in self._followed:
+            if run.source == source and run.extend(counter, time, self._cycle_ns, command):
+                break
+        else:
+            self._make_room()
+            beside = self._present.frames if self._present is not None else 0
+            run = _Run(source, counter, time, self._cycle_ns // 2, command, beside)
+            self._followed.append(run)
+        self._tell_old()
+        if self._present is not None:
+            restarted = run.frames >= SEQUENCE_FRAMES and self._present.time < run.first
+            return Order.RESTARTED if restarted else Order.STALE
+        if run.old_until is not None and time < run.old_until:
+            return Order.STALE
+        if run.frames < SEQUENCE_FRAMES or not may_connect:
+            return Order.UNCONFIRMED
+        run.credit = self._credit_max
+        self._followed.remove(run)
+        self._present = run
+        self.elapsed_ns = 0
+        self.repeats = run.repeats
+        return Order.NEXT
+
+    def _tell_old(self) -> None:
+        present = self._present
+        if present is None or present.time - present.first < OLDEST_NS:
+            return  # which of two young sequences is the old one cannot be told
+        for run in self._followed:
+            beside = present.frames - run.started_at
+            if beside >= SEQUENCE_FRAMES and present.time - run.first > self._watchdog_ns:
+                run.old_until = present.time + OLDEST_NS
+
+    def _make_room(self) -> None:
+        if len(self._followed) >= _FOLLOWED:
+            self._followed.remove(min(self._followed, key=lambda run: (run.frames > 1, run.time)))
+
+
+class NewerFrames:
+    """The counters where no frame is delayed (Ethernet, recordings): the first frame connects, newer ones follow."""
+
+    elapsed_ns = 0
+    repeats = 1
+
+    def __init__(self) -> None:
+        self._last: int | None = None
+
+    def lose(self) -> None:
+        """As ``FrameSequence.lose``."""
+        self._last = None
+
+    def next(self, counter: int, time: int) -> bool:
+        """As ``FrameSequence.next``."""
+        if self._last is None or not is_newer(counter, self._last):
+            return False
+        self._last = counter
+        return True
+
+    def follow(self, source: Hashable, counter: int, time: int, command: Hashable, *, may_connect: bool) -> Order:
+        """As ``FrameSequence.follow``."""
+        if self._last is not None:
+            return Order.STALE
+        if not may_connect:
+            return Order.UNCONFIRMED
+        self._last = counter
+        return Order.NEXT
