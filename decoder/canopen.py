@@ -38,6 +38,7 @@ from pdgw.decoder.records import (
 from pdgw.decoder.sdo import FRAME_SIZE, SdoChannel, Step
 from pdgw.ds301.aborts import abort_text
 from pdgw.ds301.communication import DEVICE_TYPE
+from pdgw.ds301.connection_set import ERROR_CONTROL, NMT, SDO_REQUEST, SDO_RESPONSE, SYNC, TIME
 from pdgw.ds301.emcy import emcy_text, error_register_text
 from pdgw.ds301.nmt import NmtCommand, NmtState
 from pdgw.ds301.objects import Entry
@@ -49,12 +50,6 @@ from pdgw.profidrive.telegrams import ApplicationMode, telegram
 Dictionary = Callable[[int], Sequence[Entry] | None]
 """The EDS/DCF entries of a node-ID, None where none was given; defaults hold the node's own COB-IDs."""
 
-NMT: Final = 0x000
-SYNC: Final = 0x080
-TIME: Final = 0x100
-SDO_RESPONSE: Final = 0x580
-SDO_REQUEST: Final = 0x600
-ERROR_CONTROL: Final = 0x700
 LSS: Final = {0x7E4: "LSS response", 0x7E5: "LSS request"}
 _NODE = 0x7F
 _PDOS_PER_DIRECTION = 512

@@ -23,6 +23,7 @@ from canopen.sdo import SdoAbortedError, SdoClient, SdoCommunicationError
 from canopen.sdo.constants import EXPEDITED, REQUEST_DOWNLOAD, RESPONSE_DOWNLOAD, SDO_STRUCT, SIZE_SPECIFIED
 from pdgw.ds301.aborts import Abort, abort_text
 from pdgw.ds301.configuration import SdoStep, is_communication_parameter, is_taken, pdo_steps
+from pdgw.ds301.connection_set import EMCY, ERROR_CONTROL, NMT, SDO_REQUEST, SDO_RESPONSE
 from pdgw.ds301.eds_import import import_eds
 from pdgw.ds301.eds_text import EdsError
 from pdgw.ds301.emcy import emcy_text
@@ -158,7 +159,7 @@ class _SdoClient(SdoClient):  # type: ignore[misc]
 
     def __init__(self, loop: Loop, node_id: int, dictionary: canopen.ObjectDictionary) -> None:
         self._box: Mailbox[bytes] = Mailbox(loop)
-        super().__init__(0x600 + node_id, 0x580 + node_id, dictionary)
+        super().__init__(SDO_REQUEST + node_id, SDO_RESPONSE + node_id, dictionary)
 
     @property
     def responses(self) -> Mailbox[bytes]:
@@ -265,8 +266,8 @@ class NodeClient(abc.ABC, Generic[S]):
         node_id = self.settings.node_id
         network = self.network.canopen
         network.add_node(self._node)
-        network.subscribe(0x700 + node_id, self._on_heartbeat)
-        network.subscribe(0x80 + node_id, self._on_emcy)
+        network.subscribe(ERROR_CONTROL + node_id, self._on_heartbeat)
+        network.subscribe(EMCY + node_id, self._on_emcy)
         self._task = self.loop.spawn(self._run, f"{self.device} {node_id}")
 
     def submit(self, job: Callable[[Self], T]) -> Future[T]:
@@ -304,8 +305,8 @@ class NodeClient(abc.ABC, Generic[S]):
         network, node_id = self.network.canopen, self.settings.node_id
         if network.nodes.get(node_id) is self._node:
             del network[node_id]
-            network.unsubscribe(0x700 + node_id, self._on_heartbeat)
-            network.unsubscribe(0x80 + node_id, self._on_emcy)
+            network.unsubscribe(ERROR_CONTROL + node_id, self._on_heartbeat)
+            network.unsubscribe(EMCY + node_id, self._on_emcy)
 
     def _change(self, layout: PdoLayout, settings: S) -> None:
         """Map other PDOs with other settings; the device must not be in operation."""
@@ -461,7 +462,7 @@ class NodeClient(abc.ABC, Generic[S]):
         self._booted.clear()
 
     def _nmt(self, command: NmtCommand) -> None:
-        self.network.send(0, bytes((command, self.settings.node_id)))
+        self.network.send(NMT, bytes((command, self.settings.node_id)))
 
     def _bring_up(self) -> None:
         self._booted.clear()

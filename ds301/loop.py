@@ -165,6 +165,10 @@ class Loop(abc.ABC):
     def remove_writer(self, descriptor: int) -> None:
         """End it; one that is not watched is no error."""
 
+    @abc.abstractmethod
+    def close(self) -> None:
+        """Wait for what was offloaded, and release what the loop itself has."""
+
     def stop(self) -> None:
         """End ``run`` after the present turn."""
         self._stopping = True
@@ -414,7 +418,6 @@ class SystemLoop(Loop):
         return self._slice_due or not self._expected or time.monotonic_ns() + SLICE_NS <= self._expected
 
     def close(self) -> None:
-        """Wait for what was offloaded and release the descriptors."""
         if self._workers is not None:
             self._workers.shutdown()
         self._take_calls()
@@ -469,6 +472,9 @@ class VirtualLoop(Loop):
 
     def pace(self, expected: int) -> None:
         """Slices take no time here."""
+
+    def close(self) -> None:
+        """There is nothing to release."""
 
     def run(self) -> None:
         """Until ``stop``, or until nothing is left that could happen."""

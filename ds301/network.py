@@ -12,6 +12,7 @@ from collections.abc import Callable
 
 import can
 import canopen
+from pdgw.ds301.connection_set import ERROR_CONTROL, SYNC
 from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.loop import MS, Loop, Timer
 from pdgw.ds301.port import CanPort, Opener, PortBusyError, PortLostError
@@ -126,11 +127,11 @@ class CanNetwork:
 
     def send_heartbeat(self, node_id: int, state: int = 5) -> None:
         """The gateway's own heartbeat. The cyclic exchange calls it, so that a hung loop stops the drives."""
-        self.send(0x700 + node_id, bytes((state,)))
+        self.send(ERROR_CONTROL + node_id, bytes((state,)))
 
     def send_sync(self) -> None:
         """One SYNC, from the cyclic exchange."""
-        self.send(0x80, b"")
+        self.send(SYNC, b"")
 
     # -- what the port delivers -----------------------------------------------------------------------------------------
 

@@ -22,7 +22,9 @@ from pdgw.gateway.config import GATEWAY_NODE_ID, AxisConfig, GatewayConfig
 from pdgw.gateway.drive_object import DriveObject
 from pdgw.gateway.edge import Edge, SystemEdge, open_configured_bus
 from pdgw.gateway.encoder import EncoderNode, EncoderObject
+from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.link import Link, UdpLink
+from pdgw.gateway.masters import LISTEN_NS, watch_for_masters
 from pdgw.gateway.store import ParameterStore
 from pdgw.peers.drive import SimulatedDrive
 from pdgw.peers.encoder import SimulatedEncoder
@@ -68,6 +70,9 @@ class Daemon:
         self._register_counters()
         self.stopped = Event(self.loop)
         """Everything has come to rest and is released."""
+        self._failure: GatewayError | None = None
+        """Why it ended by itself."""
+        self._begun = False
         self._stop_asked = False
         self._stopping = False
         self._off_cycles = 0
@@ -77,6 +82,8 @@ class Daemon:
         self._due: Timer | None = None
         self._beat: Timer | None = None
         with ExitStack() as opened:
+            if edge is None:
+                opened.callback(self.loop.close)
             port = self.edge.open_udp(str(transport.listen), transport.cyclic_port, "cyclic port")
             opened.callback(port.close)
             self.address = port.address
@@ -180,7 +187,8 @@ class Daemon:
     def run(self) -> None:
         """Run until ``stop``; returns after the drives are stopped and everything is released.
 
-        An error nobody expected ends it too, raised here after the drives were left pre-operational.
+        GatewayError when another master is on a bus. An error nobody expected ends it too, raised here after the drives were
+        left pre-operational.
         """
         # What exists now lives until the end: keep the collector from walking it in the middle of a cycle.
         gc.collect()
@@ -191,24 +199,41 @@ class Daemon:
         finally:
             gc.unfreeze()
             self._finish()
+        if self._failure is not None:
+            raise self._failure
 
     def start(self) -> None:
-        """Begin everything on the loop."""
+        """Begin everything on the loop; the buses are listened to for a moment before anything is sent on them."""
         count = len(self.objects)
         log.info("cyclic exchange on %s:%d, %d drive objects, cycle %g ms", *self.address, count, self.cycle_ns / MS)
         for device in self._simulated_devices:
             device.start()
-        for network in self.networks.values():
+        for name, network in self.networks.items():
             network.start()
-        for client in self.clients:
-            client.start()
+            drives = [axis.node_id for axis in self.axes if axis.network is network]
+            watch_for_masters(self.networks[name], GATEWAY_NODE_ID, drives, self._on_other_master)
         for service in self.services:
             service.start()
         self.link.start(self._on_link)
         self._deadline = self.loop.now()
-        self._on_heartbeat()
         self._on_due()
+        self._beat = self.loop.call_later(LISTEN_NS, self._begin)
         if self._stop_asked:
+            self._begin_stop()
+
+    def _begin(self) -> None:
+        """Nobody else is on the buses."""
+        self._begun = True
+        self._on_heartbeat()
+        for client in self.clients:
+            client.start()
+
+    def _on_other_master(self, text: str) -> None:
+        if self._failure is None:
+            self._failure = GatewayError(text)
+            log.error("%s", text)
+            for item in self.objects:
+                item.raise_fault(123, text, self.loop.now())
             self._begin_stop()
 
     def stop(self) -> None:
@@ -245,7 +270,7 @@ class Daemon:
         self.loop.pace(0)
         for service in self.services:
             service.stop()
-        for client in self.clients:
+        for client in self.clients if self._begun else ():
             client.stop()
         self.release()
         self.stopped.set()

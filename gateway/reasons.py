@@ -104,6 +104,7 @@ GATEWAY_FAULTS: MappingProxyType[int, GatewayFault] = MappingProxyType(
             GatewayFault(119, "drive did not take the data of a set-point", 0xFF10, is_warning=True),
             GatewayFault(121, "node does not answer", 0xFF11),
             GatewayFault(122, "drive left operation by itself", 0xFF12),
+            GatewayFault(123, "another master on the bus", 0xFF13),
             GatewayFault(124, "sign of life of the PLC lost", 0xFF14),
         )
     }

@@ -15,6 +15,7 @@ import time
 from collections.abc import Sequence
 
 from pdgw.ds301.can_frame import CAN_FRAME, pack_frame, unpack_frame
+from pdgw.ds301.connection_set import NMT, SDO_REQUEST, SDO_RESPONSE
 from pdgw.peers.bus import Hub
 from pdgw.peers.drive import SimulatedDriveNode
 
@@ -24,7 +25,7 @@ _STATUS_OF_COMMAND = {0x06: b"\x31\x02", 0x07: b"\x33\x02", 0x0F: b"\x37\x06"}
 _SWITCH_ON_DISABLED = b"\x50\x02"
 _ENABLE_OPERATION = 0x0F
 _SERVICE, _NODE = 0x780, 0x7F
-_NMT, _TPDO, _RPDO, _SDO_RESPONSE, _SDO_REQUEST = 0x000, 0x180, 0x200, 0x580, 0x600
+_TPDO, _RPDO = 0x180, 0x200
 _UPLOAD, _EXPEDITED_MASK, _EXPEDITED_UPLOAD = 0x40, 0xE2, 0x42
 _POLL_NS = 20_000_000
 
@@ -66,7 +67,7 @@ class IdealDrives:
         frame = pack_frame(can_id, data)
         if (
             self._asked is not None
-            and can_id & _SERVICE == _SDO_RESPONSE
+            and can_id & _SERVICE == SDO_RESPONSE
             and data[0] & _EXPEDITED_MASK == _EXPEDITED_UPLOAD
         ):
             self._uploads[self._asked] = frame
@@ -90,9 +91,9 @@ class IdealDrives:
         if (known := self._uploads.get(frame)) is not None:
             self._send(known)
             return
-        if can_id == _NMT:
+        if can_id == NMT:
             self._operational = False  # a drive that is configured anew shows its first TPDO itself
-        self._asked = frame if can_id & _SERVICE == _SDO_REQUEST and data[0] == _UPLOAD else None
+        self._asked = frame if can_id & _SERVICE == SDO_REQUEST and data[0] == _UPLOAD else None
         identifier, content = unpack_frame(frame)
         for drive in self._nodes:
             drive.receive(identifier, content, time.monotonic_ns())

@@ -1,0 +1,39 @@
+"""One master on a bus: who hears another one before it starts refuses, who hears one later stops.
+
+Another gateway shows itself by the heartbeat of our own node-ID or by RPDOs to our drives; the interface does not deliver what we
+send ourselves. Two masters would take the drive's commands from each other, and each would keep alive what the other has to stop.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+
+from pdgw.ds301.connection_set import ERROR_CONTROL
+from pdgw.ds301.network import CanNetwork
+from pdgw.ds301.pdo import PdoDirection
+
+LISTEN_NS = 250_000_000
+"""So long a bus is listened to before anything is sent: longer than the usual heartbeat of 100 ms."""
+
+
+def watch_for_masters(
+    network: CanNetwork, gateway_node_id: int, drives: Iterable[int], on_found: Callable[[str], None]
+) -> None:
+    """Have ``on_found`` told, in one line, of every frame on ``network`` that only a master sends.
+
+    ``drives``: the node-IDs of the drives that are ours.
+    """
+
+    def watch(cob_id: int, what: str) -> None:
+        def found(_data: bytes, _now: int) -> None:
+            on_found(
+                f"CAN bus {network.name}: another master sends {what} (COB-ID {cob_id:03X}h), allowed: one gateway per bus; "
+                "end the other one, or switch receive_own_messages of the interface off"
+            )
+
+        network.subscribe_pdo(cob_id, found)
+
+    watch(ERROR_CONTROL + gateway_node_id, f"the heartbeat of node {gateway_node_id}, which is this gateway's")
+    for node_id in drives:
+        for number in range(1, 5):
+            watch(PdoDirection.RPDO.cob_id(number, node_id), f"RPDO{number} of drive {node_id}")
