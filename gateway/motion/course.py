@@ -7,7 +7,7 @@ drive's handshake (executors).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from pdgw.gateway.motion.wishes import FULL, Asked, Motion, MotionKind, Outcome, PositionerSettings, Seen
 from pdgw.gateway.reasons import Reason
@@ -19,9 +19,9 @@ LIMIT_STANDING_NS = 500 * MS
 """An axis that stands at an internal limit of the drive for so long is held by it."""
 
 
-@dataclass(slots=True)
+@dataclass(frozen=True, slots=True)
 class Goal:
-    """What the axis is to do; it outlives intermediate stops."""
+    """What the axis is to do; it outlives intermediate stops. Replaced, never changed."""
 
     kind: MotionKind
     target: int
@@ -66,7 +66,7 @@ class Course:
         self._limits = self.settings.software_limits if limits else None
         goal = self.goal
         if goal is not None and goal.distance is not None and seen.given < goal.sent:
-            goal.target = seen.position + goal.distance
+            self.goal = replace(goal, target=seen.position + goal.distance)
 
     def drop(self) -> None:
         """No goal any more: ramp to standstill."""
@@ -101,16 +101,15 @@ class Course:
         """Make the goal of a function with a speed, anew when software limits begin or cease to be watched."""
         speed = self.speed
         assert speed is not None, "only functions with a speed come here"
-        goal = Goal(speed.kind, 0, None, speed.velocity, speed.acceleration, speed.deceleration, speed.scaled)
-        if self._limits is not None:
-            goal.kind = MotionKind.POSITION
-            goal.target = self._limits[speed.velocity > 0] - self.offset
-            goal.velocity = abs(speed.velocity)
-            if (goal.target - self._seen.position) * speed.velocity <= 0:
-                self.goal = None
-                self.outcome.warning = Reason.SOFTWARE_LIMIT
-                return
-        self._set(goal)
+        if self._limits is None:
+            self._set(speed)
+            return
+        target = self._limits[speed.velocity > 0] - self.offset
+        if (target - self._seen.position) * speed.velocity > 0:
+            self._set(replace(speed, kind=MotionKind.POSITION, target=target, velocity=abs(speed.velocity)))
+        else:
+            self.goal = None
+            self.outcome.warning = Reason.SOFTWARE_LIMIT
 
     def go_to(
         self,
@@ -132,8 +131,7 @@ class Course:
             end, distance = inside, None
             self.outcome.warning = Reason.SOFTWARE_LIMIT
         goal = Goal(MotionKind.POSITION, end - self.offset, distance, limited, acceleration, deceleration)
-        goal.torque = torque
-        self._set(goal)
+        self._set(replace(goal, torque=torque))
 
     def _inside(self, position: int) -> int:
         """A position of the user, or the software limit it is beyond."""
@@ -178,7 +176,7 @@ class Course:
             return
         if goal.sent and goal.distance is not None:
             if self._seen.given >= goal.sent:
-                goal.distance = None  # never a second time
+                goal = replace(goal, distance=None)  # never a second time
             elif not held:
                 return  # it may be on its way to the drive
         self._send(motion, goal, override)
@@ -202,7 +200,7 @@ class Course:
 
     def _send(self, motion: Motion, goal: Goal, override: int) -> None:
         motion.serial += 1
-        goal.sent = motion.serial
+        self.goal = replace(goal, sent=motion.serial)
         self.queued = 0
         motion.kind, motion.target, motion.distance = goal.kind, goal.target, goal.distance
         motion.velocity, motion.acceleration, motion.deceleration = goal.velocity, goal.acceleration, goal.deceleration

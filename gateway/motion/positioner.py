@@ -57,7 +57,7 @@ class Positioner:
         self._task: _Task | None = None
         self._owed = False
         """STW1.6 has stood since the edge of the task: it is to be acknowledged."""
-        self._armed = [False, False]
+        self._armed = (False, False)
         self._jog = 0
         self._homing_until = 0
         self._probing = self._probe_wanted = False
@@ -135,8 +135,7 @@ class Positioner:
         self._show_acknowledge()
         bits = (asked.jog_1, asked.jog_2)
         allowed = asked.operating and asked.do_not_reject and not all(bits)
-        for place, bit in enumerate(bits):
-            self._armed[place] = not bit or (self._armed[place] and allowed)
+        self._armed = (not bits[0] or (self._armed[0] and allowed), not bits[1] or (self._armed[1] and allowed))
         if not asked.do_not_reject:
             self._pending = None
         self._limits = asked.software_limits and self.home_set and self.settings.software_limits is not None
@@ -283,7 +282,7 @@ class Positioner:
         place = self._jog - 1
         velocity = self.settings.jog_velocities[place]
         if self._asked.jog_incremental:
-            self._armed[place] = False
+            self._armed = (self._armed[0] and place != 0, self._armed[1] and place != 1)
             distance = self.settings.jog_distances[place]
             self._course.go_to(distance if velocity > 0 else -distance, False, abs(velocity), FULL, FULL)
         else:

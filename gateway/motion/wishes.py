@@ -1,7 +1,8 @@
 """What goes into the positioner and what comes out of it, as values.
 
 Positions are LU, speeds 1000 LU/min, accelerations and the override N2 fractions (4000h = 100 %). ``Asked`` is in the user's
-coordinates; ``Seen`` and ``Motion`` are in the drive's, which differ by the offset of the reference point.
+coordinates; ``Seen`` and ``Motion`` are in the drive's, which differ by the offset of the reference point. One object of each
+belongs to an axis and is changed in place.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ FULL = N2_100_PERCENT
 """100 % of an N2 fraction."""
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, eq=False)
 class Asked:
     """What the PLC asks for, bit for bit by its meaning."""
 
@@ -60,7 +61,7 @@ class HomingResult(enum.Enum):
     FAILED = "failed"
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, eq=False)
 class Seen:
     """What the axis does.
 
@@ -96,7 +97,7 @@ class MotionKind(enum.Enum):
     HOMING = "homing"
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, eq=False)
 class Motion:
     """The motion wished. A new ``serial`` is a new set-point; the same one is never given twice, only the newest waits."""
 
@@ -117,7 +118,7 @@ class Motion:
     """Torque limit in 1/1000 of the rated torque, None for the axis' own."""
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, eq=False)
 class Outcome:
     """One step's result, reused: the motion, and what telegrams show of it."""
 
