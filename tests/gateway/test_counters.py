@@ -52,6 +52,11 @@ def _modules() -> list[Path]:
 def test_nothing_public_is_counted_and_not_registered(path: Path) -> None:
     registered = "\n".join(module.read_text() for module in _modules())
     for node in ast.walk(ast.parse(path.read_text())):
-        if isinstance(node, ast.AugAssign) and isinstance(node.op, ast.Add) and isinstance(node.target, ast.Attribute):
+        # A time that is added up is no count.
+        if (
+            isinstance(node, ast.AugAssign)
+            and isinstance(node.value, ast.Constant)
+            and isinstance(node.target, ast.Attribute)
+        ):
             name = node.target.attr
             assert name.startswith("_") or f'"{name}"' in registered, f"{path.name}: {name} is counted, never shown"
