@@ -71,7 +71,8 @@ def describe(
     if family_name:
         family: Overlay | None = overlay(family_name)
     else:
-        family = overlay_for(answers.get(VENDOR_ID, 0), answers.get(PRODUCT_CODE, 0))
+        product = dictionary.device_information.product_name or ""
+        family = overlay_for(answers.get(VENDOR_ID, 0), answers.get(PRODUCT_CODE, 0), product)
     modes = _modes(dictionary, answers, family)
     vl = _speaks_vl(modes)
     entries = _entries(dictionary, family, vl=vl)
@@ -100,6 +101,14 @@ def describe(
 def _speaks_vl(modes: Mapping[int, str]) -> bool:
     """Whether velocity mode (vl) is all a drive has for a speed."""
     return Mode.VL_VELOCITY in modes and not modes.keys() & {Mode.VELOCITY.value, Mode.CYCLIC_VELOCITY.value}
+
+
+def answers_of_defaults(dictionary: canopen.ObjectDictionary) -> dict[Address, int]:
+    """What a device would answer that has the values its data sheet gives as defaults."""
+    found = {address: variable(dictionary, *address) for address in questions(dictionary)}
+    return {
+        address: item.default for address, item in found.items() if item is not None and isinstance(item.default, int)
+    }
 
 
 def variable(dictionary: canopen.ObjectDictionary, index: int, subindex: int = 0) -> ODVariable | None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 import tomllib
 from collections.abc import Mapping
+from fnmatch import fnmatchcase
 from fractions import Fraction
 from functools import cache
 from pathlib import Path
@@ -56,7 +57,11 @@ class Match(_Model):
     """Which devices are of the family: every key that is given has to fit."""
 
     vendor_id: Annotated[int, Field(ge=1, le=0xFFFF_FFFF)] | None = None
+    """1018h/1; without it the name alone decides."""
     product_codes: tuple[int, ...] = ()
+    """1018h/2."""
+    names: tuple[str, ...] = ()
+    """Patterns (``EPOS4*``) of the device name 1008h or the product name of the data sheet, in any case."""
 
 
 class Fault(_Model):
@@ -84,6 +89,8 @@ class Units(_Model):
 
     velocity: str = ""
     velocity_step: Annotated[int, BeforeValidator(_index)] = 0
+    only_while_one: frozenset[Annotated[int, BeforeValidator(_index)]] = frozenset()
+    increments_per_revolution: Annotated[Fraction, BeforeValidator(_fraction), Field(gt=0)] | None = None
     position: str = ""
     counts_per_revolution: Annotated[Fraction, BeforeValidator(_fraction), Field(gt=0)] | None = None
     acceleration: str = ""
@@ -121,6 +128,8 @@ class Overlay(_Model):
     title: str
     sources: Annotated[tuple[str, ...], Field(min_length=1)]
     unverified: tuple[str, ...] = ()
+    hints: tuple[str, ...] = ()
+    """For whoever writes the configuration: what the drive cannot tell about itself."""
     match: Match = Match()
     eds: str = ""
     """Data sheet of the family in ``dsp402/eds``, for a device with the product code it describes."""
@@ -137,12 +146,16 @@ class Overlay(_Model):
     quirks: QuirkKeys = QuirkKeys()
     units: Units = Units()
 
-    def fits(self, vendor_id: int, product_code: int) -> bool:
-        """Whether a device with this identity is of the family."""
+    def fits(self, vendor_id: int, product_code: int, name: str = "") -> bool:
+        """Whether a device with this identity and name is of the family."""
         match = self.match
-        if match.vendor_id is None or match.vendor_id != vendor_id:
+        if match.vendor_id is not None and match.vendor_id != vendor_id:
             return False
-        return not match.product_codes or product_code in match.product_codes
+        if match.product_codes and product_code not in match.product_codes:
+            return False
+        if match.names:
+            return any(fnmatchcase(name.lower(), pattern.lower()) for pattern in match.names)
+        return match.vendor_id is not None
 
     @property
     def drive_faults(self) -> Mapping[int, DriveFault]:
@@ -192,7 +205,7 @@ def overlay(name: str) -> Overlay:
         raise Dsp402Error("drive family", name, ", ".join(overlays())) from None
 
 
-def overlay_for(vendor_id: int, product_code: int) -> Overlay | None:
-    """The family of a device with this identity (1018h/1, 1018h/2); one that lists the product before one that does not."""
-    fitting = [item for item in overlays().values() if item.fits(vendor_id, product_code)]
-    return max(fitting, key=lambda item: bool(item.match.product_codes), default=None)
+def overlay_for(vendor_id: int, product_code: int, name: str = "") -> Overlay | None:
+    """The family of a device with this identity (1018h/1, 1018h/2) and name; the closest where several fit."""
+    fitting = [item for item in overlays().values() if item.fits(vendor_id, product_code, name)]
+    return max(fitting, key=lambda item: (bool(item.match.product_codes), bool(item.match.names)), default=None)

@@ -95,11 +95,15 @@ class FamilyUnits:
     velocity: str = ""
     velocity_step: int = 0
     """Index of an object with numerator and denominator: one velocity unit is this many times ``velocity``."""
+    only_while_one: frozenset[int] = frozenset()
+    """Such objects that have to be 1/1, or missing, for ``velocity`` to hold."""
+    increments_per_revolution: Fraction | None = None
+    """Of a family whose increments are always the same, in place of 608Fh."""
     position: str = ""
     counts_per_revolution: Fraction | None = None
     acceleration: str = ""
     ignores: frozenset[int] = frozenset()
-    """Objects the family has and does not apply."""
+    """Objects the family has and does not apply, or applies otherwise than the profile."""
 
 
 class _Known(NamedTuple):
@@ -123,11 +127,19 @@ def _amount(value: Fraction) -> str:
     return str(value) if value.denominator == 1 else f"{float(value):.6g}"
 
 
+def _ratio(answers: Answers, index: int) -> Fraction | None:
+    numerator, denominator = answers.get((index, 1), 0), answers.get((index, 2), 0)
+    return Fraction(numerator, denominator) if numerator > 0 and denominator > 0 else None
+
+
 class _Mechanics:
     """What one revolution of the motor is in every kind of unit, and the factors the drive answers."""
 
     def __init__(self, answers: Answers, keys: UnitKeys, family: FamilyUnits, name: str) -> None:
-        self.answers = {address: value for address, value in answers.items() if address[0] not in family.ignores}
+        own = family.only_while_one | {family.velocity_step}
+        self.answers = {key: value for key, value in answers.items() if key[0] not in family.ignores | own}
+        self.own_ratios = {index: _ratio(answers, index) for index in own}
+        """Objects the overlay explains."""
         self.keys = keys
         self.family = family
         self.name = name
@@ -142,10 +154,7 @@ class _Mechanics:
 
     def ratio(self, index: int) -> Fraction | None:
         """Sub-index 1 over sub-index 2; None where one of them is missing, 0 or negative."""
-        numerator, denominator = self.answers.get((index, 1)), self.answers.get((index, 2))
-        if not numerator or not denominator or numerator < 0 or denominator < 0:
-            return None
-        return Fraction(numerator, denominator)
+        return _ratio(self.answers, index)
 
     def unit(self, order: int, configured: str, key: str, own: str) -> Unit | _Unknown | None:
         """The unit of positions, velocities or accelerations from all sources but the factor group."""
@@ -175,8 +184,16 @@ class _Mechanics:
         return Unit(unit.factor, unit.kind, order, f"{where}: {unit}")
 
     def _increments(self) -> _Known | None:
-        ratio = self.ratio(_ENCODER)
+        fixed = self.family.increments_per_revolution
+        if fixed is not None:
+            return _Known(fixed, f"{self.name}: {_amount(fixed)} inc/rev")
+        ratio = self.resolution(_ENCODER)
         return None if ratio is None else _Known(ratio, f"608Fh: {_amount(ratio)} inc/rev")
+
+    def resolution(self, index: int) -> Fraction | None:
+        """An encoder resolution; one increment a revolution is the default of a drive that does not tell."""
+        ratio = self.ratio(index)
+        return None if ratio == 1 else ratio
 
     def _gear(self) -> _Known:
         if self.keys.gear is not None:
@@ -272,7 +289,7 @@ def _velocity(mechanics: _Mechanics) -> _Found:
 
 
 def _velocity_by_factors(mechanics: _Mechanics) -> _Found:
-    encoder = mechanics.ratio(_VELOCITY_ENCODER)
+    encoder = mechanics.resolution(_VELOCITY_ENCODER)
     increments = mechanics.increments if encoder is None else _Known(encoder, f"6090h: {_amount(encoder)} inc/rev")
     step = mechanics.ratio(_VELOCITY_ENCODER_FACTOR)
     if step is not None and increments is not None:
@@ -296,9 +313,12 @@ def _velocity_by_factors(mechanics: _Mechanics) -> _Found:
 def _velocity_of_family(mechanics: _Mechanics) -> _Found:
     family, name = mechanics.family, mechanics.name
     unit = parse_unit(family.velocity, 1, name)
+    for index in sorted(family.only_while_one):
+        if mechanics.own_ratios[index] not in {None, Fraction(1)}:
+            return _Unknown(f"{name}: {index:04X}h is not 1")
     if not family.velocity_step:
         return mechanics.per_rpm(Unit(unit.factor, unit.kind, 1, f"{name}: {unit}"), "velocities")
-    step = mechanics.ratio(family.velocity_step)
+    step = mechanics.own_ratios[family.velocity_step]
     if step is None:
         return _Unknown(f"{family.velocity_step:04X}h is 0 or missing")
     text = f"{family.velocity_step:04X}h: {step} {unit}"

@@ -55,6 +55,7 @@ COMMANDS: Mapping[str, Entry] = {
         "Feed a recording through today's translators; exit status 1 where they would have sent something else.",
     ),
     "eds": Entry("eds:app", "Data sheets (EDS, DCF)."),
+    "drives": Entry("drives:app", "Families of drives."),
     "sim": Entry("sim:app", "Simulators: PLC, drives, encoders, a bus of devices."),
     "demo": Entry(
         "demo:demo",

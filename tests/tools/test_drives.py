@@ -1,0 +1,88 @@
+"""``pdgw drives``: what the package knows about families, and which one a data sheet belongs to."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from pdgw.ds301.eds import DeviceInfo, write_eds
+from pdgw.ds301.objects import Access, CanType, var
+from pdgw.dsp402.device import EDS_PATH, drive_objects
+from pdgw.dsp402.overlay import overlay_for, overlays
+from pdgw.tools.commands.drives import app
+from typer.testing import CliRunner
+
+
+def _run(*arguments: str) -> str:
+    result = CliRunner().invoke(app, list(arguments))
+    assert result.exit_code == 0, result.output
+    return result.output
+
+
+def _eds(
+    tmp_path: Path, vendor_id: int, name: str, *more: tuple[int, CanType, int], without: tuple[int, ...] = ()
+) -> str:
+    further = [var(index, f"Object {index:04X}h", kind, Access.RO, default=value) for index, kind, value in more]
+    objects = [spec for spec in drive_objects() if spec.index not in {*without, *(item.index for item in further)}]
+    path = tmp_path / "drive.eds"
+    path.write_text(write_eds(DeviceInfo("By hand", name, vendor_id, 1, 1), [*objects, *further]))
+    return str(path)
+
+
+def test_every_family_says_where_it_is_from() -> None:
+    document = json.loads(_run("list", "--json"))
+    assert {item["name"] for item in document} == {*overlays()}
+    assert all(item["sources"] for item in document)
+    for wanted in ("epos4", "epos2", "mcbl", "faulhaber", "tmcm", "elmo_gold", "elmo_simpliq", "akd", "lexium32"):
+        assert wanted in overlays()
+    for wanted in ("nanotec", "cmmt", "cmmp", "prbt", "beckhoff_ax", "engel"):
+        assert wanted in overlays()
+
+
+@pytest.mark.parametrize("name", sorted(overlays()))
+def test_a_family_can_be_shown(name: str) -> None:
+    output = _run("show", name)
+    assert overlays()[name].title in output
+    assert "sources:" in output
+
+
+@pytest.mark.parametrize(
+    ("vendor_id", "name", "family"),
+    [
+        (0xFB, "EPOS4 Module 50/15", "epos4"),
+        (0xFB, "EPOS2 24/5", "epos2"),
+        (0xFB, "MCD EPOS", None),
+        (0x9A, "Gold Drive", "elmo_gold"),
+        (0x9A, "", "elmo_simpliq"),
+        (0x147, "MC5010 S", "faulhaber"),
+        (0x147, "MCBL3006 CF", "mcbl"),
+        (0x1D, "CMMT-AS-C2-3A", "cmmt"),
+        (0x77, "LXM32A", "lexium32"),
+        (0x400, "whatever", "engel"),
+        (0x77, "whatever", None),
+    ],
+)
+def test_a_family_is_chosen_by_vendor_and_name(vendor_id: int, name: str, family: str | None) -> None:
+    found = overlay_for(vendor_id, 0x99, name)
+    assert (found.name if found else None) == family
+
+
+def test_a_data_sheet_is_matched_and_what_it_lacks_is_told(tmp_path: Path) -> None:
+    without = (0x6094, 0x60C5, 0x60C6)
+    file = _eds(tmp_path, 0xFB, "EPOS4 50/15", (0x60A9, CanType.U32, 0x00B4_4700), without=without)
+    output = _run("match", file)
+    assert "EPOS4 50/15: family epos4" in output
+    assert "speed: 100 % = 3000 rpm = 60FFh 3000 (from 6080h, 60A9h = 00B44700h)" in output
+    assert "telegram 9 needs more: the drive has no 60C5h: rated_acceleration_rpm_s settles it" in output.replace(
+        "acceleration: ", ""
+    )
+    document = json.loads(_run("match", "--json", file))
+    assert (document["family"], document["telegrams"]["1"]) == ("epos4", "")
+
+
+def test_a_data_sheet_of_no_family_is_a_drive_that_tells_itself(tmp_path: Path) -> None:
+    output = _run("match", _eds(tmp_path, 0x77, "Nobody's"))
+    assert "no family" in output
+    assert "6094h alone does not tell the unit" in output
+    assert "family engel" in _run("match", str(EDS_PATH))

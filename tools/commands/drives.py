@@ -1,0 +1,129 @@
+"""``pdgw drives``: the families of drives the package knows, and which one a data sheet belongs to."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from pdgw.dsp402.describe import PRODUCT_CODE, VENDOR_ID, answers_of_defaults, describe
+from pdgw.dsp402.drive import load_eds
+from pdgw.dsp402.drive_type import DriveType
+from pdgw.dsp402.overlay import Overlay, overlay, overlays
+from pdgw.gateway.needs import needed_quantities
+from pdgw.gateway.translator.factory import DRIVE_TELEGRAM_NUMBERS
+from pdgw.profidrive.telegrams import telegram
+from rich.console import Console
+from rich.table import Table
+
+app = typer.Typer(help="Families of drives.", no_args_is_help=True)
+
+
+@app.command("list")
+def list_families(
+    as_json: Annotated[bool, typer.Option("--json", help="A JSON list, one object per family.")] = False,
+) -> None:
+    """List the families."""
+    if as_json:
+        typer.echo(json.dumps([_document(item) for item in overlays().values()], indent=2))
+        return
+    table = Table("family", "drives", "vendor-ID", "names", "velocities")
+    for name, item in overlays().items():
+        vendor = f"{item.match.vendor_id:X}h" if item.match.vendor_id is not None else ""
+        table.add_row(name, item.title, vendor, ", ".join(item.match.names), item.units.velocity)
+    Console().print(table)
+
+
+@app.command()
+def show(
+    family: Annotated[str, typer.Argument(help="Name of the family.")],
+    as_json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False,
+) -> None:
+    """Show what is known about a family, where that is from and what is unverified."""
+    item = overlay(family)
+    if as_json:
+        typer.echo(json.dumps(_document(item), indent=2))
+        return
+    typer.echo(f"{item.name}: {item.title}")
+    for title, lines in (("hints", item.hints), ("sources", item.sources), ("unverified", item.unverified)):
+        if lines:
+            typer.echo(f"{title}:")
+            for line in lines:
+                typer.echo(f"  {line}")
+    for title, values in (
+        ("units", item.units.model_dump(exclude_defaults=True)),
+        ("modes", item.modes),
+        ("objects", {name: f"{index:04X}h/{sub}" for name, (index, sub) in item.objects.items()}),
+        ("faults", {number: f"{fault.name}, {fault.code:04X}h" for number, fault in item.faults.items()}),
+        ("quirks", item.quirks.model_dump(exclude_defaults=True)),
+    ):
+        if values:
+            typer.echo(f"{title}:")
+            for key, value in values.items():
+                typer.echo(f"  {key}: {_text(value)}")
+    if item.homing_methods:
+        typer.echo(f"homing methods: {', '.join(map(str, item.homing_methods))}")
+
+
+@app.command()
+def match(
+    eds: Annotated[Path, typer.Argument(help="EDS or DCF of a drive.")],
+    as_json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False,
+) -> None:
+    """Tell the family of a drive from its data sheet, and what each telegram lacks with the values the data sheet has."""
+    dictionary = load_eds(eds, 1)
+    answers = answers_of_defaults(dictionary)
+    information = dictionary.device_information
+    for address, value in ((VENDOR_ID, information.vendor_number), (PRODUCT_CODE, information.product_number)):
+        if value:
+            answers[address] = value
+    drive = describe(dictionary, answers)
+    missing = {
+        number: refusal
+        for number in DRIVE_TELEGRAM_NUMBERS
+        if (refusal := drive.scaling.refusal(*needed_quantities(telegram(number))))
+    }
+    if as_json:
+        document = {
+            "file": str(eds),
+            "name": drive.name,
+            "family": drive.family or None,
+            "modes": dict(drive.modes),
+            "homing_methods": list(drive.homing_methods),
+            "scaling": list(drive.scaling.lines),
+            "telegrams": {number: missing.get(number, "") for number in DRIVE_TELEGRAM_NUMBERS},
+        }
+        typer.echo(json.dumps(document, indent=2))
+        return
+    _print_match(drive, missing)
+
+
+def _print_match(drive: DriveType, missing: dict[int, str]) -> None:
+    typer.echo(
+        f"{drive.name}: " + (f"family {drive.family}" if drive.family else "no family, CiA 402 as it tells itself")
+    )
+    typer.echo(f"modes: {', '.join(f'{mode} {name}' for mode, name in drive.modes.items())}")
+    rpdos, tpdos = len(drive.pdos.rpdos), len(drive.pdos.tpdos)
+    typer.echo(f"PDOs: {rpdos} RPDOs, {tpdos} TPDOs")
+    for line in drive.scaling.lines:
+        typer.echo(f"  {line}")
+    for number, refusal in missing.items():
+        typer.echo(f"telegram {number} needs more: {refusal}")
+    for line in overlay(drive.family).hints if drive.family else ():
+        typer.echo(f"hint: {line}")
+
+
+def _document(item: Overlay) -> dict[str, Any]:
+    document: dict[str, Any] = item.model_dump(exclude_defaults=True)
+    return json.loads(json.dumps(document, default=_plain))  # type: ignore[no-any-return]
+
+
+def _plain(value: object) -> object:
+    return sorted(value) if isinstance(value, frozenset) else _text(value)
+
+
+def _text(value: object) -> str:
+    if isinstance(value, frozenset):
+        return ", ".join(f"{index:04X}h" for index in sorted(value))
+    return str(value)
