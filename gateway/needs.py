@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from pdgw.dsp402.drive_type import Quantity
 from pdgw.profidrive.datatypes import DataType
+from pdgw.profidrive.signals import Signal
 from pdgw.profidrive.telegrams import Telegram
 
 _QUANTITIES = (
@@ -21,11 +22,15 @@ _QUANTITIES = (
 """Beginning of a signal's name, and what it is a fraction of."""
 
 
+def quantity_of(signal: Signal) -> Quantity | None:
+    """What a signal is a fraction of; None for one that is no fraction, or of none of these quantities."""
+    if signal.type not in {DataType.N2, DataType.N4}:
+        return None
+    return next((quantity for start, quantity in _QUANTITIES if signal.name.startswith(start)), None)
+
+
 def needed_quantities(telegram: Telegram) -> tuple[Quantity, ...]:
     """In the order of ``Quantity``; the speed always: without it no standstill is known."""
     signals = (*telegram.setpoints.signals, *telegram.actuals.signals)
-    fractions = [signal.name for signal in signals if signal.type in {DataType.N2, DataType.N4}]
-    needed = {Quantity.SPEED} | {
-        quantity for start, quantity in _QUANTITIES for name in fractions if name.startswith(start)
-    }
+    needed = {Quantity.SPEED} | {quantity for signal in signals if (quantity := quantity_of(signal)) is not None}
     return tuple(quantity for quantity in Quantity if quantity in needed)

@@ -41,6 +41,10 @@ class Entry:
 COMMANDS: Mapping[str, Entry] = {
     "run": Entry("run:run", "Run the gateway until SIGINT or SIGTERM; the drives are stopped and disabled first."),
     "config": Entry("config:app", "Configuration files."),
+    "map": Entry(
+        "map:map_",
+        "Print the byte map of a configuration: offset, length, signal, unit and 100 % of every value; or code for the PLC.",
+    ),
     "status": Entry("status:status", "Show axes, reasons, faults and counters of a running gateway."),
     "param": Entry("param:app", "Parameters of a gateway or any PROFIdrive device."),
     "decode": Entry(
