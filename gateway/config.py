@@ -339,6 +339,17 @@ def as_list(value: object) -> object:
     return [value] if isinstance(value, dict) else value
 
 
+class RealtimeConfig(_Section):
+    """What is asked of the operating system for the exchange; refused politely where it does not grant it."""
+
+    priority: Annotated[Integer, Field(ge=1, le=99)] | None = None
+    """SCHED_FIFO; None: the usual scheduling."""
+    cpu: tuple[Annotated[Integer, Field(ge=0, le=1023)], ...] = ()
+    """Processors to run on; empty: all."""
+    lock_memory: Boolean = False
+    """Nothing of the process is swapped out."""
+
+
 class GatewayConfig(_Section):
     """The whole file."""
 
@@ -347,6 +358,7 @@ class GatewayConfig(_Section):
     axis: Annotated[tuple[AxisConfig, ...], BeforeValidator(as_list)] = ()
     encoder: Annotated[tuple[EncoderConfig, ...], BeforeValidator(as_list)] = ()
     """The drive objects of the frame: all axes, then all encoders, each in their order."""
+    realtime: RealtimeConfig = RealtimeConfig()
     store: Path | None = None
     """File of the non-volatile gateway parameters; without it they last until the daemon ends."""
 
@@ -551,6 +563,11 @@ watchdog_factor = 3          # the PLC is lost after this many cycles without a 
 # ar_uuid = "00000000-0000-0000-0000-000000000000"   # of the static application relationship
 # station_name = "pdgw"      # P61000
 # peer = "192.168.0.10"      # only this PLC; without it the first valid sender
+
+# [realtime]                 # Linux; what is not granted is told, and the gateway runs without
+# priority = 50              # SCHED_FIFO, 1 to 99
+# cpu = [1]                  # processors to run on
+# lock_memory = true
 
 [[axis]]
 do_id = 1                    # DO-ID of the parameter channel, 1 to 254

@@ -18,6 +18,7 @@ from typing import Annotated
 import can
 import typer
 from pdgw.decoder.capture.canlog import candump_line
+from pdgw.gateway import realtime
 from pdgw.gateway.config import CanConfig, GatewayConfig, load_config, simulated
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
@@ -27,6 +28,8 @@ from pdgw.gateway.transport.acyclic import AcyclicServer
 from pydantic import ValidationError
 from rich.console import Console
 from rich.logging import RichHandler
+
+log = logging.getLogger("gateway")
 
 
 class LogLevel(StrEnum):
@@ -162,8 +165,11 @@ def run(
             "status_port": status_port,
         },
     )
+    refused = realtime.apply(chosen.realtime)
     with ExitStack() as at_end:
         at_end.callback(set_up_logging(log_level, log_file).stop)
+        for text in refused:
+            log.warning("%s", text)
         recorder = CanRecorder(can_log) if can_log is not None else None
         if recorder is not None:
             at_end.callback(recorder.stop)
