@@ -20,6 +20,7 @@ from pdgw.dsp406.objects import PROFILE, ProfileObject
 from pdgw.dsp406.registers import Alarm, AreaState, Operating, Warnings
 from pdgw.gateway.motion.states import TRANSITIONS as POSITIONER_TRANSITIONS
 from pdgw.gateway.motion.states import Event
+from pdgw.gateway.parameters.guarded import GUARDED
 from pdgw.gateway.parameters.objects import error_of_abort
 from pdgw.gateway.reasons import GATEWAY_FAULTS, Reason
 from pdgw.peers.node.misbehaviour import NODE_MISBEHAVIOURS, Misbehaviour
@@ -274,6 +275,18 @@ def generate() -> str:
         _table(
             ("abort code", "meaning", "error number"),
             ((*abort_text(code).split(": ", 1), f"{error_of_abort(code):02X}h") for code in ABORT_TEXTS),
+        ),
+        "## Objects that a powered axis keeps\n",
+        _table(
+            ("objects", "why", "after a write while it is off"),
+            (
+                (
+                    f"{item.first:04X}h" if item.first == item.last else f"{item.first:04X}h-{item.last:04X}h",
+                    item.reason,
+                    item.check.value,
+                )
+                for item in GUARDED
+            ),
         ),
         "## Why it does not move\n",
         _table(("reason", "text"), ((reason.name, reason.value) for reason in Reason)),

@@ -267,9 +267,9 @@ def test_strings_arrays_and_limits(shared: tuple[Daemon, ParameterClient]) -> No
 def test_a_written_reference_is_used_by_the_translator() -> None:
     with gateway(axis(1)) as (daemon, client):
         plc = Plc(daemon, [1])
-        plc.enable()
         assert not write(client, 0x6080, Values(DataType.UNSIGNED32, (1500,))).failed
         assert number(client, 0x6080) == 1500
+        plc.enable()
         plc.endpoint.set(0, {"NSOLL_A": 0x4000})
         plc.until(lambda: plc.value("NIST_A") == 0x4000, "100 %")
         assert daemon.axes[0].drive.feedback.velocity_actual == 3000, "1500 rpm in units of 0.5 rpm"
