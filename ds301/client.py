@@ -266,6 +266,11 @@ class NodeClient(abc.ABC, Generic[S]):
         """TPDOs shorter than their mapping, ignored."""
         return self._old_length_errors + sum(slot.errors for slot in self._slots)
 
+    @property
+    def heard_ns(self) -> int:
+        """When the node's last TPDO or heartbeat came; 0 never."""
+        return max((slot.time for slot in self._slots), default=0) or self._heartbeat
+
     def start(self) -> None:
         """Start the task: waits for the node, checks identity, configures, goes operational, supervises."""
         node_id = self.settings.node_id

@@ -29,6 +29,8 @@ from pydantic import ValidationError
 from rich.console import Console
 from rich.logging import RichHandler
 
+from pdgw import __version__
+
 log = logging.getLogger("gateway")
 
 
@@ -170,6 +172,7 @@ def run(
         at_end.callback(set_up_logging(log_level, log_file).stop)
         for text in refused:
             log.warning("%s", text)
+        logging.getLogger("gateway").info("pdgw %s, %s", __version__, config or "simulated devices")
         recorder = CanRecorder(can_log) if can_log is not None else None
         if recorder is not None:
             at_end.callback(recorder.stop)
