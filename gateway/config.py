@@ -25,17 +25,19 @@ from pdgw.dsp402.pdo import LAYOUTS
 from pdgw.dsp402.scaling import UnitKeys, check_unit_keys
 from pdgw.dsp406.encoder import EncoderSettings
 from pdgw.dsp406.kinds import CHANNELS_MAX, DEVICES, LINEAR, MULTI_SENSOR, ROTARY, EncoderDevice, multi_sensor
+from pdgw.gateway.axis.settings import AxisSettings, PlcLossReaction, SetpointEnable
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.explain import Problem, misplaced, problems
 from pdgw.gateway.ports import STATUS_PORT
 from pdgw.gateway.toml_file import parse_toml, read_text, told
-from pdgw.gateway.translator.base import PlcLossReaction, SetpointEnable, TranslatorSettings
-from pdgw.gateway.translator.factory import (
+from pdgw.gateway.axis.telegrams import (
     DRIVE_TELEGRAM_NUMBERS,
     ENCODER_TELEGRAM_NUMBERS,
     initial_mode,
     pdo_operation,
 )
+from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.ports import STATUS_PORT
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.frame import UDP_PORT, CSduLayout
 from pdgw.profidrive.telegrams import Direction, telegram
@@ -220,8 +222,8 @@ class AxisConfig(_Section):
         return self
 
     @property
-    def translator_settings(self) -> TranslatorSettings:
-        return TranslatorSettings(
+    def axis_settings(self) -> AxisSettings:
+        return AxisSettings(
             self.on_plc_loss,
             self.setpoint_enable,
             self.modulo_axis,

@@ -17,7 +17,7 @@ from typing import Any, Protocol
 from pdgw.ds301.client import NodeClient
 from pdgw.ds301.loop import MS, Event, Loop, Timer
 from pdgw.ds301.network import CanNetwork
-from pdgw.gateway.axis import Axis
+from pdgw.gateway.binding import Axis
 from pdgw.gateway.config import GATEWAY_NODE_ID, AxisConfig, GatewayConfig
 from pdgw.gateway.drive_object import DriveObject
 from pdgw.gateway.edge import Edge, SystemEdge, open_configured_bus
@@ -25,6 +25,7 @@ from pdgw.gateway.encoder import EncoderNode, EncoderObject
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.link import Link, UdpLink
 from pdgw.gateway.masters import LISTEN_NS, watch_for_masters
+from pdgw.gateway.reasons import FaultNumber
 from pdgw.gateway.store import ParameterStore
 from pdgw.peers.drive import SimulatedDrive
 from pdgw.peers.encoder import SimulatedEncoder
@@ -310,14 +311,13 @@ class Daemon:
         if link.poll(now):
             log.error("PLC lost: no valid frame for %d cycles", self.config.transport.watchdog_factor)
             for item in self.objects:
-                item.raise_fault(103, "watchdog expired", now)
+                item.raise_fault(FaultNumber.PLC_LOST, "watchdog expired", now)
         setpoints = link.setpoints
         for index, item in enumerate(self.objects):
             item.step(setpoints[index], now)
-        for network in self._synced:
-            network.send_sync()
         self.cycles += 1
         cycle = self.cycle_ns
+        # The PLC waits for its answer, a drive only for the bus.
         if accepted or self._stopping or now - self._last_sent >= 2 * cycle:
             objects = self.objects
             link.send(
@@ -326,6 +326,10 @@ class Daemon:
                 [item.released for item in objects],
             )
             self._last_sent = now
+        for item in self.objects:
+            item.transmit(now)
+        for network in self._synced:
+            network.send_sync()
         self._deadline = now + (cycle + cycle // 2 if accepted else cycle)
         self.loop.pace(now + cycle)
         if self._stopping:

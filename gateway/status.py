@@ -10,7 +10,7 @@ from typing import Any
 
 from pdgw.ds301.loop import SECOND, Event, Task
 from pdgw.dsp402.states import state_of
-from pdgw.gateway.axis import Axis
+from pdgw.gateway.binding import Axis
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.drive_object import DriveObject
 from pdgw.gateway.encoder import EncoderObject
@@ -66,10 +66,10 @@ def axis_status(axis: Axis) -> dict[str, Any]:
     return _object_status(axis) | {
         "state": state.value if state else "unknown",
         "statusword": feedback.statusword,
-        "controlword": axis.translator.command.controlword,
+        "controlword": axis.outputs.command.controlword,
         "velocity": feedback.velocity_actual,
         "position": feedback.position_actual,
-        "saturations": axis.translator.saturations,
+        "saturations": axis.outputs.saturations,
         "scaling": list(axis.drive.drive_type.scaling.lines) if axis.drive.drive_type else [],
     }
 
@@ -79,11 +79,11 @@ def encoder_status(encoder: EncoderObject) -> dict[str, Any]:
     source = encoder.input
     return _object_status(encoder) | {
         "channel": encoder.config.channel,
-        "state": encoder.translator.channel.sensor.state.value,
+        "state": encoder.machine.channel.sensor.state.value,
         "position": source.position,
         "alarms": source.alarms,
         "warnings": source.warnings,
-        "saturations": encoder.translator.saturations,
+        "saturations": encoder.outputs.saturations,
     }
 
 

@@ -13,7 +13,7 @@ from pdgw.ds301.communication import LOAD_SIGNATURE, RESTORE_PARAMETERS, SAVE_SI
 from pdgw.ds301.errors import CanopenError
 from pdgw.dsp402.faults import DRIVE_FAULTS
 from pdgw.gateway import identity
-from pdgw.gateway.axis import Axis
+from pdgw.gateway.binding import Axis
 from pdgw.gateway.config import DEFAULT_BITRATE, GATEWAY_NODE_ID
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.drive_object import DriveObject

@@ -17,11 +17,11 @@ from pdgw.ds301.objects import Entry
 from pdgw.dsp402.faults import DRIVE_FAULTS
 from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.dsp402.pdo import LAYOUTS
+from pdgw.gateway.axis.telegrams import pdo_operation
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.parameters.objects import error_of_abort
 from pdgw.gateway.store import ParameterStore
-from pdgw.gateway.translator.factory import pdo_operation
 from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.parameters.catalogue import LIST_PNUS, PARAMETERS, Scope
 from pdgw.profidrive.parameters.codec import Address, Attribute, Values, decode_response
@@ -359,8 +359,8 @@ def test_the_fault_buffer_over_a_drive_fault_its_acknowledgement_and_clearing() 
         assert number(client, 946, 7, 1) == DRIVE_FAULTS[7].error_code
         assert number(client, 952) == 1
         plc.endpoint.set(0, {"STW1": OFF | 0x80})
-        plc.until(lambda: daemon.axes[0].translator.command.controlword & 0x80, "reset asked")
-        plc.until(lambda: not daemon.axes[0]._acknowledge_until, "given up")
+        plc.until(lambda: daemon.axes[0].outputs.command.controlword & 0x80, "reset asked")
+        plc.until(lambda: not daemon.axes[0].machine.acknowledgement.pending, "given up")
         assert value(client, 947, 0, 2).values == (7, 0), "the cause is still there"
         daemon.simulated[0].clear()
         plc.endpoint.set(0, {"STW1": OFF})

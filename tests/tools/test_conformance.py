@@ -6,12 +6,12 @@ import json
 
 import pytest
 from pdgw.dsp406.encoder import EncoderClient
+from pdgw.gateway.axis import encoder_machine
+from pdgw.gateway.axis.executors.speed import SpeedExecutor
+from pdgw.gateway.axis.interlock import Interlock
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.reasons import Reason
 from pdgw.gateway.status import snapshot
-from pdgw.gateway.translator.encoder import EncoderTranslator
-from pdgw.gateway.translator.power import PowerControl
-from pdgw.gateway.translator.velocity import VelocityTranslator
 from pdgw.peers.drive.misbehaviour import DRIVE_MISBEHAVIOURS
 from pdgw.peers.encoder.misbehaviour import ENCODER_MISBEHAVIOURS
 from pdgw.profidrive.encoder import EncoderControl
@@ -109,18 +109,15 @@ def test_an_encoder_that_is_lost_is_stopped_by_nmt_if_it_is_silent_and_configure
 
 
 def test_a_gateway_that_starts_a_drive_again_by_itself_fails(monkeypatch: pytest.MonkeyPatch) -> None:
-    follow = PowerControl._follow
     # It does not see that the drive took the enable back.
-    monkeypatch.setattr(
-        PowerControl, "_follow", lambda self, word, state, _, now: follow(self, word, state, state, now)
-    )
+    monkeypatch.setattr(Interlock, "_changed", lambda self, drive, shown, now: drive)
     result = run_case(Case("enable-input-dropped", Reaction.STOPS))
     assert result.restarted
     assert "started by itself" in result.failures
 
 
 def test_a_gateway_that_moves_on_when_a_limit_switch_is_released_fails(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(VelocityTranslator, "_held_at_limit", lambda self, target, *_: target)
+    monkeypatch.setattr(SpeedExecutor, "_held_at_limit", lambda self, target, *_: target)
     result = run_case(Case("limit-switch", Reaction.STANDS, (112,)))
     assert result.restarted
     assert "moves on by itself" in result.failures
@@ -161,7 +158,7 @@ def test_a_gateway_that_forgets_a_fault_without_an_acknowledge_fails(monkeypatch
         return step(self, word, fault=fault, warning=warning)
 
     monkeypatch.setattr(EncoderControl, "step", forgetful)
-    monkeypatch.setattr(EncoderTranslator, "fault_told", lambda self: None)
+    monkeypatch.setattr(encoder_machine, "_LATCHED", ())
     result = run_case(encoder_case("input-voltage", Reaction.FAULT, (10,)))
     assert "the fault ended by itself" in result.failures
 

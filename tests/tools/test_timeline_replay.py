@@ -116,7 +116,7 @@ def test_choices_of_the_configuration_reach_the_translators(
 ) -> None:
     replay(files, config=configuration(tmp_path))
     known = known_from(configuration(tmp_path, 'setpoint_enable = "profidrive"\n'), [], [])
-    assert known.translators[7].setpoint_enable.value == "profidrive"
+    assert known.choices[7].setpoint_enable.value == "profidrive"
     assert (known.cycle_ns, known.watchdog_factor) == (4 * MS, 3)
 
 

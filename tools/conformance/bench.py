@@ -23,6 +23,7 @@ from pdgw.ds301.nmt import NmtCommand
 from pdgw.ds301.port import open_port
 from pdgw.gateway.config import GATEWAY_NODE_ID
 from pdgw.gateway.drive_object import DriveObject
+from pdgw.gateway.reasons import FaultNumber
 from pdgw.peers.node.running import RunningNode
 
 CYCLE_MS = 4
@@ -37,7 +38,7 @@ _STARVED_NS = 150 * MS
 """Cycles never come so late unless the machine does not get round to it."""
 QUIET_CYCLES = 50
 """So long is watched whether something happens by itself."""
-LOST, RESTARTED = 101, 105
+LOST, RESTARTED = FaultNumber.NODE_LOST, FaultNumber.NODE_RESTARTED
 LOSSES = frozenset({LOST, RESTARTED})
 CONFIGURES = "NMT enter pre operational"
 """What the gateway begins a configuration with."""
@@ -261,7 +262,7 @@ class Bench(abc.ABC):
                 self._beat = now
                 self.network.send_heartbeat(GATEWAY_NODE_ID)
             for item, values in zip(self.objects, self.setpoints(), strict=True):
-                item.step(values, now)
+                item.cycle(values, now)
             for watch in self.watchers:
                 watch(now)
 

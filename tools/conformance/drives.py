@@ -14,7 +14,7 @@ from pdgw.dsp402.device import EDS_PATH
 from pdgw.dsp402.drive import DriveStatus
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import State, state_of
-from pdgw.gateway.axis import Axis
+from pdgw.gateway.binding import Axis
 from pdgw.gateway.config import AxisConfig
 from pdgw.peers.drive import DriveModel, SimulatedDrive, SimulatedDriveNode
 from pdgw.tools.conformance.bench import (

@@ -9,14 +9,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from pdgw.dsp406.images import EncoderParameters
+from pdgw.gateway.axis.executors.sensor import EncoderReferences, SpeedFromPosition
+from pdgw.gateway.axis.settings import SensorSettings
+from pdgw.gateway.axis.telegrams import ENCODER_TELEGRAM_NUMBERS
+from pdgw.gateway.axis.values import SdoWrite
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.reasons import GATEWAY_FAULTS, Reason
-from pdgw.gateway.translator.base import SdoWrite
-from pdgw.gateway.translator.encoder import EncoderReferences, EncoderTranslatorSettings, SpeedFromPosition
-from pdgw.gateway.translator.factory import ENCODER_TELEGRAM_NUMBERS, make_encoder_translator
 from pdgw.profidrive.encoder import SensorError
 from pdgw.profidrive.telegrams import telegram
 
+from tests.support.stepper import EncoderStepper
 from tests.support.strategies import half_values
 
 MS = 1_000_000
@@ -42,13 +44,13 @@ class Encoder:
 
 
 class Bench:
-    """A translator of a telegram on an encoder, stepped by hand."""
+    """The machine of a telegram on an encoder, stepped by hand."""
 
     def __init__(
         self, number: int = 83, references: EncoderReferences | None = REFERENCES, failures: int = 65535
     ) -> None:
-        self.translator = make_encoder_translator(number, EncoderTranslatorSettings(sign_of_life_failures=failures))
-        self.translator.set_references(references)
+        self.stepper = EncoderStepper(number, SensorSettings(sign_of_life_failures=failures))
+        self.stepper.set_references(references)
         self.encoder = Encoder()
         self.ok = True
         self.now = 0
@@ -59,14 +61,13 @@ class Bench:
             self.now += 4 * MS
             self.encoder.position_time = self.now
             setpoints = None if stw2 is None else (stw2, g1_stw)
-            actuals = self.translator.step(setpoints, self.encoder, self.ok, self.now)
-        assert len(self.translator.telegram.actuals.encode(actuals)) == self.translator.telegram.actuals.size
-        return self.translator.telegram.actuals.as_dict(actuals)
+            actuals = self.stepper.step(setpoints, self.encoder, self.ok, self.now)
+        assert len(self.stepper.telegram.actuals.encode(actuals)) == self.stepper.telegram.actuals.size
+        return self.stepper.telegram.actuals.as_dict(actuals)
 
     def answer(self, error: str | None = None) -> None:
         """As the axis does when the SDO is answered."""
-        self.translator.sdo_request = None
-        self.translator.sdo_done(error)
+        self.stepper.sdo_done(error)
 
 
 # -- the wire ---------------------------------------------------------------------------------------------------------
@@ -91,13 +92,13 @@ def test_bytes_of_an_encoder_at_300_of_3000_rpm_with_a_warning(number: int, data
     bench = Bench(number)
     bench.encoder = Encoder(position=0x10203, speed=300 * UNITS // 60, warnings=1)
     actuals = bench.step(ABSOLUTE)
-    assert bench.translator.telegram.actuals.encode(tuple(actuals.values())) == bytes.fromhex(data)
+    assert bench.stepper.telegram.actuals.encode(tuple(actuals.values())) == bytes.fromhex(data)
 
 
 def test_only_the_encoder_telegrams_have_an_encoder_translator() -> None:
     assert ENCODER_TELEGRAM_NUMBERS == (81, 82, 83, 84)
     with pytest.raises(GatewayError, match="telegram: 3"):
-        make_encoder_translator(3, EncoderTranslatorSettings())
+        EncoderStepper(3, SensorSettings())
 
 
 @given(
@@ -106,8 +107,8 @@ def test_only_the_encoder_telegrams_have_an_encoder_translator() -> None:
     total_range=st.sampled_from([1, 7, 1 << 12, 1 << 32]),
 )
 def test_whatever_comes_the_answer_fits_the_telegram(number: int, data: st.DataObject, total_range: int) -> None:
-    translator = make_encoder_translator(number, EncoderTranslatorSettings(3))
-    translator.set_references(EncoderReferences(total_range, Fraction(1, 3)))
+    stepper = EncoderStepper(number, SensorSettings(3))
+    stepper.set_references(EncoderReferences(total_range, Fraction(1, 3)))
     now = 0
     for _ in range(data.draw(st.integers(1, 12))):
         now += data.draw(st.integers(0, 1000 * MS))
@@ -118,14 +119,13 @@ def test_whatever_comes_the_answer_fits_the_telegram(number: int, data: st.DataO
             *(data.draw(st.integers(0, 0xFFFF)) for _ in range(3)),
             data.draw(st.booleans()),
         )
-        setpoints = data.draw(st.none() | half_values(translator.telegram.setpoints))
-        translator.telegram.actuals.encode(translator.step(setpoints, encoder, data.draw(st.booleans()), now))
-        for write in translator.sdo_request or ():
+        setpoints = data.draw(st.none() | half_values(stepper.telegram.setpoints))
+        stepper.telegram.actuals.encode(stepper.step(setpoints, encoder, data.draw(st.booleans()), now))
+        for write in stepper.sdo_request or ():
             assert write.index == 0x6003
-        if translator.sdo_request and data.draw(st.booleans()):
-            translator.sdo_request = None
-            translator.sdo_done(data.draw(st.none() | st.just("refused")))
-    assert {event.number for event in translator.events} <= set(GATEWAY_FAULTS)
+        if stepper.sdo_request and data.draw(st.booleans()):
+            stepper.sdo_done(data.draw(st.none() | st.just("refused")))
+    assert {event.number for event in stepper.events} <= set(GATEWAY_FAULTS)
 
 
 # -- sensor commands --------------------------------------------------------------------------------------------------
@@ -133,29 +133,29 @@ def test_whatever_comes_the_answer_fits_the_telegram(number: int, data: st.DataO
 
 def test_a_preset_is_written_confirmed_and_read_back() -> None:
     bench = Bench()
-    bench.translator.channel.sensor.preset_value = 5000
+    bench.stepper.channel.sensor.preset_value = 5000
     bench.step(ABSOLUTE)
     bench.step(ABSOLUTE | PRESET)
-    assert bench.translator.sdo_request == (SdoWrite(0x6003, 0, 5000),)
-    assert bench.translator.reason is Reason.SENSOR_PRESETTING
+    assert bench.stepper.sdo_request == (SdoWrite(0x6003, 0, 5000),)
+    assert bench.stepper.reason is Reason.SENSOR_PRESETTING
     bench.encoder.position = 5000
     bench.answer()
     bench.step(ABSOLUTE | PRESET)
     actuals = bench.step(ABSOLUTE | PRESET)
     assert (actuals["G1_ZSW"], actuals["G1_XIST2"], actuals["G1_XIST1"]) == (ABSOLUTE | PRESET, 5000, 1000)
-    assert bench.translator.sdo_request is None
+    assert bench.stepper.sdo_request is None
     assert bench.step(ABSOLUTE)["G1_ZSW"] == ABSOLUTE
-    assert bench.translator.reason is None
+    assert bench.stepper.reason is None
 
 
 @pytest.mark.parametrize(("value", "written"), [(50, 1050), (-1001, UNITS * 4096 - 1)])
 def test_a_relative_preset_of_a_channel_is_the_position_and_the_shift(value: int, written: int) -> None:
     references = EncoderReferences(REFERENCES.total_range, REFERENCES.speed_reference, channel=3)
     bench = Bench(84, references)
-    bench.translator.channel.sensor.preset_value = value
+    bench.stepper.channel.sensor.preset_value = value
     bench.step()
     bench.step(PRESET | RELATIVE)
-    assert bench.translator.sdo_request == (SdoWrite(0x6010, 3, written),)
+    assert bench.stepper.sdo_request == (SdoWrite(0x6010, 3, written),)
 
 
 def test_a_preset_the_encoder_refuses_is_a_sensor_error_and_a_warning() -> None:
@@ -165,11 +165,11 @@ def test_a_preset_the_encoder_refuses_is_a_sensor_error_and_a_warning() -> None:
     bench.answer("node 3 object 6003h/0: read only")
     actuals = bench.step(PRESET)
     assert (actuals["G1_ZSW"], actuals["G1_XIST2"]) == (0x8000, SensorError.MEMORY)
-    assert [(event.number, "read only" in event.detail) for event in bench.translator.events] == [(118, True)]
-    assert bench.translator.reason is Reason.SENSOR_ERROR
+    assert [(event.number, "read only" in event.text) for event in bench.stepper.events] == [(118, True)]
+    assert bench.stepper.reason is Reason.SENSOR_ERROR
     bench.step(PRESET | ACKNOWLEDGE)
     assert bench.step(PRESET)["G1_ZSW"] == 0
-    assert bench.translator.sdo_request is None, "the request that still stands is no new one"
+    assert bench.stepper.sdo_request is None, "the request that still stands is no new one"
 
 
 def test_parking_withdraws_a_preset() -> None:
@@ -177,15 +177,15 @@ def test_parking_withdraws_a_preset() -> None:
     bench.step()
     bench.step(PRESET)
     bench.step(PARK)
-    assert bench.translator.sdo_request is None
-    assert bench.translator.reason is Reason.SENSOR_PARKED
+    assert bench.stepper.sdo_request is None
+    assert bench.stepper.reason is Reason.SENSOR_PARKED
 
 
 def test_without_control_by_plc_the_last_sensor_command_stays() -> None:
     bench = Bench()
     bench.step(PARK)
     assert bench.step(0, stw2=0)["G1_ZSW"] == PARK
-    assert bench.translator.reason is Reason.ENCODER_NO_CONTROL
+    assert bench.stepper.reason is Reason.ENCODER_NO_CONTROL
     assert bench.step(0)["G1_ZSW"] == 0
 
 
@@ -193,9 +193,9 @@ def test_a_preset_that_stands_when_the_plc_comes_back_is_not_executed() -> None:
     bench = Bench()
     bench.step()
     bench.step(stw2=None)
-    assert bench.translator.reason is Reason.ENCODER_NO_PLC
+    assert bench.stepper.reason is Reason.ENCODER_NO_PLC
     bench.step(PRESET)
-    assert bench.translator.sdo_request is None
+    assert bench.stepper.sdo_request is None
 
 
 # -- faults -----------------------------------------------------------------------------------------------------------
@@ -231,7 +231,7 @@ def test_an_alarm_after_a_memory_emergency_is_a_memory_error() -> None:
 def test_a_fault_that_was_told_is_not_acknowledged_before_the_encoder_is_back() -> None:
     bench = Bench()
     bench.step()
-    bench.translator.fault_told()
+    bench.stepper.emergency(0x5000, bench.now)
     bench.ok = False
     assert bench.step()["ZSW2_ENC"] == 0x0208
     bench.step(stw2=CONTROL | FAULT_ACKNOWLEDGE)
@@ -246,7 +246,7 @@ def test_an_encoder_that_is_not_online_yet_shows_a_fault_that_needs_no_acknowled
     bench.ok = False
     actuals = bench.step(ABSOLUTE)
     assert actuals == {"ZSW2_ENC": 0x0208, "G1_ZSW": 0, "G1_XIST1": 0, "G1_XIST2": 0, "NIST_B": 0}
-    assert bench.translator.reason is Reason.ENCODER_OFFLINE
+    assert bench.stepper.reason is Reason.ENCODER_OFFLINE
     bench.ok = True
     assert bench.step(ABSOLUTE)["ZSW2_ENC"] == 0x0200
 
@@ -258,8 +258,7 @@ def test_an_encoder_that_is_lost_keeps_xist1_and_has_to_be_acknowledged() -> Non
     actuals = bench.step(ABSOLUTE)
     assert (actuals["G1_ZSW"], actuals["G1_XIST1"], actuals["G1_XIST2"]) == (0x8000, 1000, 0x0001)
     bench.ok = True
-    bench.translator.drive_restarted()
-    bench.translator.set_references(REFERENCES)
+    bench.stepper.set_references(REFERENCES)
     assert bench.step(ABSOLUTE)["G1_ZSW"] == 0x8000
     bench.step(ABSOLUTE | ACKNOWLEDGE)
     assert bench.step(ABSOLUTE)["G1_ZSW"] == ABSOLUTE
@@ -269,8 +268,8 @@ def test_an_encoder_that_is_lost_keeps_xist1_and_has_to_be_acknowledged() -> Non
 def test_a_range_of_0_refuses_operation(total_range: int) -> None:
     bench = Bench(83, EncoderReferences(total_range, Fraction(1)))
     assert bench.step(ABSOLUTE)["ZSW2_ENC"] == 0x0208
-    assert bench.translator.reason is Reason.REFERENCE_INVALID
-    assert [event.number for event in bench.translator.events] == [104]
+    assert bench.stepper.reason is Reason.REFERENCE_INVALID
+    assert [event.number for event in bench.stepper.events] == [104]
 
 
 def test_a_speed_reference_of_0_refuses_operation_only_where_there_is_a_speed() -> None:
@@ -284,10 +283,10 @@ def test_sign_of_life_in_both_directions_and_its_loss() -> None:
     own = [bench.step(stw2=CONTROL | (cycle % 15 + 1) << 12)["ZSW2_ENC"] >> 12 for cycle in range(20)]
     assert own == [cycle % 15 + 1 for cycle in range(20)]
     bench.step(stw2=CONTROL | 5 << 12, cycles=2)
-    assert bench.translator.events == []
+    assert bench.stepper.events == []
     actuals = bench.step(stw2=CONTROL | 5 << 12, cycles=3)
     assert (actuals["ZSW2_ENC"] >> 12, actuals["G1_ZSW"], actuals["G1_XIST2"]) == (0, 0x8000, 0x0F02)
-    assert [event.number for event in bench.translator.events] == [124]
+    assert [event.number for event in bench.stepper.events] == [124]
 
 
 # -- speed ------------------------------------------------------------------------------------------------------------
@@ -305,7 +304,7 @@ def test_without_a_speed_object_the_speed_is_that_of_the_position_across_wraps()
 
 def test_a_preset_is_no_speed() -> None:
     bench = Bench()
-    bench.translator.channel.sensor.preset_value = 9_000_000
+    bench.stepper.channel.sensor.preset_value = 9_000_000
     bench.step(cycles=5)
     bench.step(PRESET)
     bench.encoder.position = 9_000_000
@@ -347,14 +346,14 @@ def test_references_of_a_linear_encoder_with_steps_of_5_um_and_100_um_per_second
 def test_a_linear_encoder_that_does_not_tell_its_step_is_refused() -> None:
     bench = Bench(82, EncoderReferences.linear(EncoderParameters(), Fraction(1)))
     bench.step()
-    assert bench.translator.reason is Reason.REFERENCE_INVALID
+    assert bench.stepper.reason is Reason.REFERENCE_INVALID
 
 
 def test_a_speed_above_200_percent_is_limited_and_counted() -> None:
     bench = Bench(82, EncoderReferences(4096, Fraction(100)))
     bench.encoder.speed = 1000
     assert bench.step()["NIST_A"] == 0x7FFF
-    assert bench.translator.saturations == 1
+    assert bench.stepper.saturations == 1
 
 
 @given(

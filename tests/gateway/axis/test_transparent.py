@@ -8,13 +8,13 @@ from pdgw.dsp402.images import DriveFeedback, References
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.dsp402.states import State
+from pdgw.gateway.axis.adapters.transparent import ACTUAL_ATTRIBUTES, SETPOINT_ATTRIBUTES
+from pdgw.gateway.axis.settings import AxisSettings, PlcLossReaction
 from pdgw.gateway.reasons import Reason
-from pdgw.gateway.translator.base import PlcLossReaction, TranslatorSettings
-from pdgw.gateway.translator.factory import make_translator
-from pdgw.gateway.translator.transparent import ACTUAL_ATTRIBUTES, SETPOINT_ATTRIBUTES
 from pdgw.profidrive.telegrams import telegram
 
 from tests.support.rig import Rig
+from tests.support.stepper import Stepper
 from tests.support.strategies import half_values
 
 HALF = telegram(100).setpoints
@@ -36,26 +36,27 @@ def test_attributes_match_the_telegrams_signals() -> None:
 
 @given(values=half_values(HALF))
 def test_values_pass_unchanged_or_limited_to_what_the_object_allows(values: tuple[int, ...]) -> None:
-    translator = make_translator(100, TranslatorSettings())
-    translator.set_references(References())
+    stepper = Stepper(100, AxisSettings())
+    stepper.set_references(References())
     feedback = DriveFeedback()
     feedback.statusword = 0x0240
-    translator.step((0, *values[1:]), feedback, True, 1)
-    translator.step(values, feedback, True, 2)
-    assert translator.command.controlword == values[0]
+    off = (0x0006, *values[1:])
+    stepper.step(off, feedback, True, 1)
+    stepper.step(values, feedback, True, 2)
+    assert stepper.command.controlword == values[0]
     for attribute, value in list(zip(SETPOINT_ATTRIBUTES, values, strict=True))[2:]:
         low, high = DRIVE_OBJECTS.attribute(attribute).limits
-        assert getattr(translator.command, attribute) == min(max(value, low), high)
+        assert getattr(stepper.command, attribute) == min(max(value, low), high)
 
 
 def test_actual_values_pass_unchanged() -> None:
-    translator = make_translator(100, TranslatorSettings())
-    translator.set_references(References())
+    stepper = Stepper(100, AxisSettings())
+    stepper.set_references(References())
     feedback = DriveFeedback()
     for number, name in enumerate(ACTUAL_ATTRIBUTES):
         setattr(feedback, name, number + 1)
     feedback.modes_of_operation_display = Mode.TURNTABLE
-    assert list(translator.step(None, feedback, True, 1)) == [1, 0xFB, *range(3, 13)]
+    assert list(stepper.step(None, feedback, True, 1)) == [1, 0xFB, *range(3, 13)]
 
 
 def test_enable_and_run_by_the_plcs_own_controlwords() -> None:
@@ -74,15 +75,15 @@ def test_an_unknown_mode_is_not_passed_on(mode: int) -> None:
     rig.step(2)
     rig.values["Modes of Operation"] = mode
     rig.step(1)
-    assert rig.translator.command.modes_of_operation == Mode.VELOCITY
+    assert rig.stepper.command.modes_of_operation == Mode.VELOCITY
 
 
 def test_a_standing_on_of_a_new_connection_is_not_passed() -> None:
     rig = axis()
     rig.values["Controlword"] = 0x0F
     rig.step(5)
-    assert rig.translator.command.controlword == 0
-    assert rig.translator.reason is Reason.NEEDS_OFF
+    assert rig.stepper.command.controlword == 0
+    assert rig.stepper.reason is Reason.NEEDS_OFF
 
 
 @pytest.mark.parametrize("reaction", list(PlcLossReaction))
@@ -97,7 +98,7 @@ def test_loss_of_the_plc_stops_the_drive_and_a_standing_on_does_not_restart_it(r
     rig.step(800)
     assert rig.node.model.velocity_actual == 0
     assert rig.state is not State.OPERATION_ENABLED
-    assert rig.translator.reason is Reason.NEEDS_OFF
+    assert rig.stepper.reason is Reason.NEEDS_OFF
 
 
 def test_a_standing_on_does_not_start_after_a_fault_reset() -> None:

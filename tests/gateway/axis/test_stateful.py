@@ -9,7 +9,7 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 from pdgw.dsp402.states import ControlBit, State
-from pdgw.gateway.translator.power import ZSW1_STATE
+from pdgw.gateway.axis.waist import SHOWN_STATE
 from pdgw.profidrive.telegrams import TELEGRAMS, telegram
 
 from tests.support.rig import Rig
@@ -65,7 +65,7 @@ class GatewayMachine(RuleBasedStateMachine):
     @rule(word=WORDS, data=st.data(), cycles=st.integers(1, 8))
     def plc_writes(self, word: int, data: st.DataObject, cycles: int) -> None:
         assert self.rig is not None
-        half = self.rig.translator.telegram.setpoints
+        half = self.rig.stepper.telegram.setpoints
         values = {s.name: data.draw(st.integers(*s.type.integer_range)) for s in half.signals[1:]}
         self.rig.values |= {**values, "STW1": word}
         self.cycle(cycles)
@@ -73,11 +73,11 @@ class GatewayMachine(RuleBasedStateMachine):
     @rule(speed=st.integers(-0x4000, 0x4000))
     def plc_enables_and_moves(self, speed: int) -> None:
         assert self.rig is not None
-        off = 0x043E if self.rig.translator.telegram.number == 9 else 0x047E
+        off = 0x043E if self.rig.stepper.telegram.number == 9 else 0x047E
         self.rig.values["STW1"] = off
         self.cycle(4)
         self.rig.values["STW1"] = off | 1
-        name = {1: "NSOLL_A", 2: "NSOLL_B", 9: "MDI_TARPOS"}[self.rig.translator.telegram.number]
+        name = {1: "NSOLL_A", 2: "NSOLL_B", 9: "MDI_TARPOS"}[self.rig.stepper.telegram.number]
         self.rig.values[name] = speed if name == "NSOLL_A" else speed << 16
         self.cycle(4)
         if name == "MDI_TARPOS":
@@ -90,7 +90,7 @@ class GatewayMachine(RuleBasedStateMachine):
     @rule(method=st.sampled_from([35, 17, 3]))
     def plc_homes(self, method: int) -> None:
         assert self.rig is not None
-        if self.rig.translator.telegram.number == 9:
+        if self.rig.stepper.telegram.number == 9:
             self.rig.values |= {"SATZANW": 0x8000 | method, "MDI_VELOCITY": 1 << 30}
             self.rig.values["STW1"] |= 0x800
             self.cycle(20)
@@ -177,8 +177,8 @@ class GatewayMachine(RuleBasedStateMachine):
         if not self.rig.connected_drive:
             return
         self.cycle()
-        expected = ZSW1_STATE[self.rig.seen_statusword & 0x7F]
-        if self.rig.translator.power.ramping:  # type: ignore[attr-defined]
+        expected = SHOWN_STATE[self.rig.seen_statusword & 0x7F]
+        if self.rig.stepper.power.ramping:
             expected = 0x03
         assert self.rig.actuals["ZSW1"] & STATE_BITS == expected
 
@@ -186,7 +186,7 @@ class GatewayMachine(RuleBasedStateMachine):
     @invariant()
     def actual_values_fit_their_types(self) -> None:
         assert self.rig is not None
-        half = self.rig.translator.telegram.actuals
+        half = self.rig.stepper.telegram.actuals
         half.encode(tuple(self.rig.actuals.values()))
 
     @precondition(lambda self: self.rig is not None)

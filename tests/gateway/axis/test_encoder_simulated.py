@@ -9,10 +9,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pdgw.dsp406.images import PARAMETER_OBJECTS, EncoderParameters
 from pdgw.dsp406.kinds import LINEAR, MULTI_SENSOR, ROTARY, EncoderDevice
-from pdgw.gateway.translator.encoder import EncoderReferences, EncoderTranslatorSettings
-from pdgw.gateway.translator.factory import make_encoder_translator
+from pdgw.gateway.axis.executors.sensor import EncoderReferences
+from pdgw.gateway.axis.settings import SensorSettings
 from pdgw.peers.encoder.motion import Motion, constant_speed
 from pdgw.peers.encoder.node import SimulatedEncoderNode
+
+from tests.support.stepper import EncoderStepper
 
 MS = 1_000_000
 CONTROL = 0x0400
@@ -22,7 +24,7 @@ MM_PER_SECOND = Fraction(1000)
 
 
 class Rig:
-    """A translator joined to one channel of a simulated encoder; SDO writes are answered after ``delay`` cycles."""
+    """A machine joined to one channel of a simulated encoder; SDO writes are answered after ``delay`` cycles."""
 
     def __init__(
         self, number: int, device: EncoderDevice, motions: list[Motion], channel: int = 1, delay: int = 2
@@ -33,7 +35,7 @@ class Rig:
         self.delay = delay
         self.now = 0
         self.age = 0
-        self.translator = make_encoder_translator(number, EncoderTranslatorSettings())
+        self.stepper = EncoderStepper(number, SensorSettings())
         self.node.start(0)
         self.node.poll(0)
         self.linear = device.is_linear
@@ -46,14 +48,14 @@ class Rig:
         self.total_range = parameters.total_range
         channel = self.channel if self.multi else None
         if self.linear:
-            self.translator.set_references(EncoderReferences.linear(parameters, MM_PER_SECOND, channel))
+            self.stepper.set_references(EncoderReferences.linear(parameters, MM_PER_SECOND, channel))
         else:
-            self.translator.set_references(EncoderReferences.rotary(parameters, RPM, channel))
+            self.stepper.set_references(EncoderReferences.rotary(parameters, RPM, channel))
 
     def value(self, index: int, subindex: int = 0) -> int:
         return int(self.node.read(index, subindex))
 
-    # What the translator reads of an encoder.
+    # What the machine reads of an encoder.
 
     @property
     def position(self) -> int:
@@ -91,18 +93,17 @@ class Rig:
         for _ in range(cycles):
             self.now += 4 * MS
             self.node.poll(self.now)
-            actuals = self.translator.step((CONTROL, g1_stw), self, True, self.now)
+            actuals = self.stepper.step((CONTROL, g1_stw), self, True, self.now)
             self._serve()
-        return self.translator.telegram.actuals.as_dict(actuals)
+        return self.stepper.telegram.actuals.as_dict(actuals)
 
     def _serve(self) -> None:
-        request = self.translator.sdo_request
+        request = self.stepper.sdo_request
         self.age = self.age + 1 if request is not None else 0
         if request is not None and self.age > self.delay:
             for write in request:
                 self.node.set_data(write.index, write.subindex, write.value.to_bytes(4, "little"), check_writable=True)
-            self.translator.sdo_request = None
-            self.translator.sdo_done(None)
+            self.stepper.sdo_done(None)
 
 
 @settings(max_examples=40)
@@ -119,7 +120,7 @@ def test_preset_then_read_gives_the_preset(
     model, channel = device
     per_second = speed if not model.is_linear else 0
     rig = Rig(83, model, [constant_speed(per_second, 100.5)] * model.channels, channel, delay)
-    rig.translator.channel.sensor.preset_value = value
+    rig.stepper.channel.sensor.preset_value = value
     word = ABSOLUTE | PRESET | (RELATIVE if relative else 0)
     before = rig.step(ABSOLUTE, 3)
     status = 0

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import pytest
 from pdgw.dsp402.states import STATUS_OF, ControlBit, State
+from pdgw.gateway.axis.executors.positioning import SubState
+from pdgw.gateway.axis.interlock import Interlock
+from pdgw.gateway.axis.settings import AxisSettings, PlcLossReaction
 from pdgw.gateway.reasons import Reason
-from pdgw.gateway.translator.base import PlcLossReaction, TranslatorSettings
-from pdgw.gateway.translator.positioning import SubState
-from pdgw.gateway.translator.power import PowerControl
 
 from tests.support.rig import Rig
+from tests.support.stepper import step_interlock
 
 MS = 1_000_000
 OFF, ON = 0x047E, 0x047F
@@ -27,7 +28,7 @@ class Control:
     """Power control of an axis in operation, given one Statusword after another."""
 
     def __init__(self, reaction: PlcLossReaction = PlcLossReaction.QUICK_STOP) -> None:
-        self.power = PowerControl(TranslatorSettings(on_plc_loss=reaction))
+        self.power = Interlock(AxisSettings(on_plc_loss=reaction))
         self.now = 0
         self.step(0x400, State.SWITCH_ON_DISABLED)
         self.step(OFF, State.READY_TO_SWITCH_ON)
@@ -37,7 +38,7 @@ class Control:
     def step(self, word: int, shown: State | int, *, connected: bool = True, drive_ok: bool = True) -> int:
         self.now += 4 * MS
         statusword = STATUS_OF[shown] if isinstance(shown, State) else shown
-        return self.power.step(word, connected, drive_ok, statusword, False, self.now)
+        return step_interlock(self.power, word, statusword, self.now, connected=connected, drive_ok=drive_ok)
 
 
 def test_a_drive_in_operation_after_an_unknown_state_is_stopped_not_let_coast() -> None:
@@ -130,12 +131,12 @@ def test_homing_that_ends_without_homing_attained_is_told_and_given_up() -> None
     rig.values |= {"SATZANW": 35, "MDI_VELOCITY": 0x1000}
     rig.enable()
     rig.values["STW1"] |= 0x0800
-    rig.until(lambda _: rig.translator.sub_state is SubState.HOMING_FAILED)  # type: ignore[attr-defined]
+    rig.until(lambda _: rig.stepper.sub_state is SubState.HOMING_FAILED)
     rig.step(2)
-    assert [event.number for event in rig.translator.events] == [109]
-    assert "without homing attained" in rig.translator.events[0].detail
+    assert [event.number for event in rig.stepper.events] == [109]
+    assert "without homing attained" in rig.stepper.events[0].text
     assert rig.actuals["ZSW1"] & 0x0880 == 0x0080, "warning, no home position"
-    assert rig.translator.reason is Reason.HOMING_ERROR
+    assert rig.stepper.reason is Reason.HOMING_ERROR
     rig.node.behave()
     rig.values["STW1"] &= ~0x0800
     rig.step(4)

@@ -7,12 +7,14 @@ from dataclasses import replace
 import pytest
 from pdgw.dsp402.images import DriveFeedback, References
 from pdgw.dsp402.states import STATUS_OF, ControlBit, State
+from pdgw.gateway.axis.interlock import Interlock
+from pdgw.gateway.axis.power_table import Phase
+from pdgw.gateway.axis.settings import AxisSettings, PlcLossReaction
+from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS
 from pdgw.gateway.reasons import Reason
-from pdgw.gateway.translator.base import PlcLossReaction, TranslatorSettings
-from pdgw.gateway.translator.factory import DRIVE_TELEGRAM_NUMBERS, make_translator
-from pdgw.gateway.translator.power import Phase, PowerControl
 
-from tests.gateway.translator.test_velocity import OFF, ON, Bench
+from tests.gateway.axis.test_velocity import OFF, ON, Bench
+from tests.support.stepper import Stepper, step_interlock
 
 MS = 1_000_000
 COMMANDS = range(16)
@@ -22,9 +24,9 @@ FAULTS = (State.FAULT, State.FAULT_REACTION_ACTIVE)
 DISABLE_VOLTAGE, QUICK_STOP, SHUTDOWN, SWITCH_ON, ENABLE = 0x0, 0x2, 0x6, 0x7, 0xF
 
 
-def power(state: State, *, after_off: bool) -> PowerControl:
+def power(state: State, *, after_off: bool) -> Interlock:
     """Power control of a connected PLC whose drive is in a state, before or after the OFF that unlocks it."""
-    control = PowerControl(TranslatorSettings())
+    control = Interlock(AxisSettings())
     step(control, 0x400, State.SWITCH_ON_DISABLED)
     if after_off:
         step(control, OFF, State.SWITCH_ON_DISABLED)
@@ -37,8 +39,8 @@ def power(state: State, *, after_off: bool) -> PowerControl:
     return control
 
 
-def step(control: PowerControl, word: int, state: State, now: int = MS) -> int:
-    return control.step(word, True, True, STATUS_OF[state], False, now)
+def step(control: Interlock, word: int, state: State, now: int = MS) -> int:
+    return step_interlock(control, word, STATUS_OF[state], now)
 
 
 @pytest.mark.parametrize("state", list(State))
@@ -91,7 +93,7 @@ def test_a_standing_on_of_a_new_connection_does_not_resume_the_ramp_stop_of_a_lo
     bench.step(ON, 0x2000, cycles=200)
     assert bench.drive.state is not State.OPERATION_ENABLED
     assert bench.drive.feedback.velocity_actual == 0
-    assert bench.translator.reason is Reason.NEEDS_OFF
+    assert bench.stepper.reason is Reason.NEEDS_OFF
 
 
 def test_an_off_of_the_new_connection_allows_the_configured_resume() -> None:
@@ -104,14 +106,14 @@ def test_an_off_of_the_new_connection_allows_the_configured_resume() -> None:
     bench.step(ON, 0x2000, cycles=2)
     assert bench.drive.state is State.OPERATION_ENABLED
     assert bench.controlword & 0xF == 0xF
-    assert bench.translator.reason is None
+    assert bench.stepper.reason is None
 
 
-def raw_step(number: int, translator: object, feedback: DriveFeedback, word: int | None, now: int) -> int:
-    half = translator.telegram.setpoints  # type: ignore[attr-defined]
+def raw_step(number: int, stepper: object, feedback: DriveFeedback, word: int | None, now: int) -> int:
+    half = stepper.telegram.setpoints
     values = None if word is None else half.from_dict({half.names[0]: word})
-    translator.step(values, feedback, True, now)  # type: ignore[attr-defined]
-    return int(translator.command.controlword)  # type: ignore[attr-defined]
+    stepper.step(values, feedback, True, now)
+    return int(stepper.command.controlword)
 
 
 @pytest.mark.parametrize("number", [1, 2, 3, 9, 20])
@@ -119,23 +121,23 @@ def raw_step(number: int, translator: object, feedback: DriveFeedback, word: int
 def test_a_connection_that_changed_while_the_references_were_invalid_needs_its_own_off(
     number: int, returns_with_control: bool
 ) -> None:
-    translator = make_translator(number, TranslatorSettings())
-    translator.set_references(References())
+    stepper = Stepper(number, AxisSettings())
+    stepper.set_references(References())
     feedback = DriveFeedback()
     feedback.statusword = STATUS_OF[State.READY_TO_SWITCH_ON]
-    raw_step(number, translator, feedback, OFF, 1)
-    translator.set_references(replace(References(), max_motor_speed=0))
-    assert [event.number for event in translator.events] == [104]
-    assert raw_step(number, translator, feedback, ON, 2) == 0
-    assert translator.reason is Reason.REFERENCE_INVALID
-    raw_step(number, translator, feedback, None, 3)
-    raw_step(number, translator, feedback, ON if returns_with_control else 0x007F, 4)
-    translator.set_references(References())
+    raw_step(number, stepper, feedback, OFF, 1)
+    stepper.set_references(replace(References(), max_motor_speed=0))
+    assert raw_step(number, stepper, feedback, ON, 2) == 0
+    assert [event.number for event in stepper.events] == [104]
+    assert stepper.reason is Reason.REFERENCE_INVALID
+    raw_step(number, stepper, feedback, None, 3)
+    raw_step(number, stepper, feedback, ON if returns_with_control else 0x007F, 4)
+    stepper.set_references(References())
     if not returns_with_control:
-        raw_step(number, translator, feedback, 0x007F, 5)
+        raw_step(number, stepper, feedback, 0x007F, 5)
     for now in range(6, 10):
-        assert not raw_step(number, translator, feedback, ON, now) & ControlBit.SWITCH_ON
-    assert translator.reason is Reason.NEEDS_OFF
+        assert not raw_step(number, stepper, feedback, ON, now) & ControlBit.SWITCH_ON
+    assert stepper.reason is Reason.NEEDS_OFF
 
 
 def test_a_short_disable_operation_does_not_weaken_the_interlock_for_ever() -> None:
@@ -145,7 +147,7 @@ def test_a_short_disable_operation_does_not_weaken_the_interlock_for_ever() -> N
     for cycle in range(2, 2000):
         assert step(control, ON, State.OPERATION_ENABLED, cycle * MS) == ENABLE
     word = step(control, ON, State.SWITCHED_ON, 2000 * MS)
-    assert control.phase is Phase.LOCKED
+    assert control.phase is Phase.DOUBT
     assert not word & ControlBit.SWITCH_ON
     assert control.reason is Reason.NEEDS_OFF
 
@@ -160,31 +162,31 @@ def test_a_short_disable_operation_shown_late_is_still_the_plcs_own() -> None:
 
 @pytest.mark.parametrize("number", DRIVE_TELEGRAM_NUMBERS)
 def test_an_acknowledge_that_stands_since_before_an_outage_of_the_references_is_no_edge(number: int) -> None:
-    translator = make_translator(number, TranslatorSettings())
+    stepper = Stepper(number, AxisSettings())
     feedback = DriveFeedback()
     feedback.statusword = STATUS_OF[State.FAULT]
-    translator.set_references(References())
+    stepper.set_references(References())
     ack_free, ack = (0x0000, 0x0080) if number == 100 else (0x0400, 0x0480)
-    raw_step(number, translator, feedback, ack_free, 1)
-    translator.set_references(None)
-    raw_step(number, translator, feedback, None, 2)
-    raw_step(number, translator, feedback, ack, 3)
-    translator.set_references(References())
-    assert raw_step(number, translator, feedback, ack, 4) == 0
-    raw_step(number, translator, feedback, ack_free, 5)
-    assert raw_step(number, translator, feedback, ack, 6) == ControlBit.FAULT_RESET
+    raw_step(number, stepper, feedback, ack_free, 1)
+    stepper.set_references(None)
+    raw_step(number, stepper, feedback, None, 2)
+    raw_step(number, stepper, feedback, ack, 3)
+    stepper.set_references(References())
+    assert raw_step(number, stepper, feedback, ack, 4) == 0
+    raw_step(number, stepper, feedback, ack_free, 5)
+    assert raw_step(number, stepper, feedback, ack, 6) == ControlBit.FAULT_RESET
 
 
 def test_transparent_says_for_as_long_as_it_stands_that_a_mode_is_not_passed_on() -> None:
-    translator = make_translator(100, TranslatorSettings())
-    translator.set_references(References())
+    stepper = Stepper(100, AxisSettings())
+    stepper.set_references(References())
     feedback = DriveFeedback()
     feedback.statusword = STATUS_OF[State.OPERATION_ENABLED]
-    half = translator.telegram.setpoints
+    half = stepper.telegram.setpoints
     for word, mode, reason in ((0x06, 3, None), (0x0F, 7, Reason.MODE_VALUE), (0x0F, 3, None)):
         for now in range(3):
             values = half.from_dict({"Controlword": word, "Modes of Operation": mode})
             feedback.statusword = STATUS_OF[State.READY_TO_SWITCH_ON if word == 0x06 else State.OPERATION_ENABLED]
-            translator.step(values, feedback, True, now)
+            stepper.step(values, feedback, True, now)
             if word == 0x0F:
-                assert translator.reason is reason
+                assert stepper.reason is reason

@@ -58,7 +58,7 @@ def test_published_example_tarpos_429496_goes_to_position_200() -> None:
     rig = axis()
     rig.values |= {"MDI_TARPOS": 429_496, "STW1": ON | ACTIVATE}
     rig.step(2)
-    assert rig.translator.command.target_position == 200
+    assert rig.stepper.command.target_position == 200
 
 
 def test_absolute_and_relative_tasks_end_where_they_should() -> None:
@@ -78,10 +78,10 @@ def test_hand_shake_cw4_stays_until_stw1_6_falls_and_zsw1_12_follows() -> None:
     rig.until(lambda actuals: bool(actuals["ZSW1"] & ACKNOWLEDGE), 5)
     rig.step(20)
     assert rig.actuals["ZSW1"] & ACKNOWLEDGE
-    assert rig.translator.command.controlword & ControlBit.NEW_SETPOINT
+    assert rig.stepper.command.controlword & ControlBit.NEW_SETPOINT
     rig.values["STW1"] = ON
     rig.step(1)
-    assert not rig.translator.command.controlword & ControlBit.NEW_SETPOINT
+    assert not rig.stepper.command.controlword & ControlBit.NEW_SETPOINT
     rig.step(1)
     assert not rig.actuals["ZSW1"] & ACKNOWLEDGE
 
@@ -129,7 +129,7 @@ def test_without_mdi_no_task_starts(satzanw: int) -> None:
     task(rig, 5_000)
     rig.step(50)
     assert position(rig) == 0
-    assert rig.translator.reason is Reason.MDI_OFF
+    assert rig.stepper.reason is Reason.MDI_OFF
     assert not rig.actuals["AKTSATZ"] & MDI_ACTIVE
 
 
@@ -149,14 +149,14 @@ def test_reject_brakes_with_halt_drops_the_task_and_does_not_restart() -> None:
     rig.step(50)
     rig.values["STW1"] = ON & ~REJECT
     rig.step(1)
-    assert rig.translator.command.controlword & ControlBit.HALT
-    assert rig.translator.reason is Reason.REJECTED
+    assert rig.stepper.command.controlword & ControlBit.HALT
+    assert rig.stepper.reason is Reason.REJECTED
     rig.until(reached)
     stopped_at = position(rig)
     rig.values["STW1"] = ON
     rig.step(200)
     assert position(rig) == stopped_at
-    assert not rig.translator.command.controlword & ControlBit.HALT
+    assert not rig.stepper.command.controlword & ControlBit.HALT
     assert rig.actuals["ZSW1"] & STOPPED
     task(rig, 1_000)
     rig.until(reached)
@@ -194,7 +194,7 @@ def test_off1_while_traversing_ramps_down_by_halt() -> None:
     rig.step(50)
     rig.values["STW1"] = 0x043E
     rig.step(1)
-    assert rig.translator.command.controlword & (ControlBit.HALT | 0x0F) == ControlBit.HALT | 0x0F
+    assert rig.stepper.command.controlword & (ControlBit.HALT | 0x0F) == ControlBit.HALT | 0x0F
     assert rig.actuals["ZSW1"] & 0x4F == 0x03
     rig.until(lambda _: rig.state is State.READY_TO_SWITCH_ON)
     stopped_at = position(rig)
@@ -240,10 +240,10 @@ def test_homing_stopped_before_its_end_halts_and_returns_to_mode_1() -> None:
     rig.step(20)
     rig.values["STW1"] = ON
     rig.step(1)
-    assert rig.translator.command.controlword & (ControlBit.HALT | ControlBit.NEW_SETPOINT) == ControlBit.HALT
+    assert rig.stepper.command.controlword & (ControlBit.HALT | ControlBit.NEW_SETPOINT) == ControlBit.HALT
     rig.until(lambda _: rig.feedback.modes_of_operation_display == Mode.POSITION)
     assert not rig.actuals["ZSW1"] & HOME_SET
-    assert not rig.translator.command.controlword & ControlBit.HALT
+    assert not rig.stepper.command.controlword & ControlBit.HALT
 
 
 @pytest.mark.parametrize("method", [0, 3, 34, -1, 127])
@@ -252,8 +252,8 @@ def test_an_unsupported_homing_method_starts_nothing_and_warns(method: int) -> N
     home(rig, method)
     rig.step(20)
     assert rig.actuals["ZSW1"] & WARNING
-    assert rig.translator.reason is Reason.HOMING_METHOD
-    assert [event.number for event in rig.translator.events] == [108]
+    assert rig.stepper.reason is Reason.HOMING_METHOD
+    assert [event.number for event in rig.stepper.events] == [108]
     assert rig.feedback.modes_of_operation_display == Mode.POSITION
     rig.values["STW1"] = ON
     rig.step(2)
@@ -264,7 +264,7 @@ def test_a_homing_error_warns_and_leaves_the_home_position_unset() -> None:
     rig = axis(Machine(negative_limit=None, positive_limit=None, negative_stop=-9_000, positive_stop=9_000))
     home(rig, 17)
     rig.until(lambda actuals: bool(actuals["ZSW1"] & WARNING))
-    assert [event.number for event in rig.translator.events] == [109]
+    assert [event.number for event in rig.stepper.events] == [109]
     assert not rig.actuals["ZSW1"] & HOME_SET
 
 
@@ -273,7 +273,7 @@ def test_a_drive_that_does_not_take_the_homing_parameters_is_not_homed() -> None
     rig.sdo_error = "time-out"
     home(rig, 17)
     rig.step(10)
-    assert [event.number for event in rig.translator.events] == [111]
+    assert [event.number for event in rig.stepper.events] == [111]
     assert rig.feedback.modes_of_operation_display == Mode.POSITION
 
 
@@ -281,10 +281,10 @@ def test_homing_waits_for_slow_sdo_and_for_the_mode_before_it_starts() -> None:
     rig = axis(SMALL)
     rig.sdo_delay = 25
     home(rig, 17)
-    assert rig.translator.reason is Reason.HOMING_SETUP
+    assert rig.stepper.reason is Reason.HOMING_SETUP
     for _ in range(20):
         rig.step()
-        assert not rig.translator.command.controlword & ControlBit.NEW_SETPOINT
+        assert not rig.stepper.command.controlword & ControlBit.NEW_SETPOINT
     rig.until(lambda actuals: bool(actuals["ZSW1"] & HOME_SET))
 
 
@@ -316,7 +316,7 @@ def test_the_mode_is_never_changed_while_halt_is_set() -> None:
     seen: list[tuple[bool, int]] = []
     for _ in range(600):
         rig.step()
-        command = rig.translator.command
+        command = rig.stepper.command
         seen.append((bool(command.controlword & ControlBit.HALT), command.modes_of_operation))
     for (_, before), (halt, after) in pairwise(seen):
         assert not (halt and before != after)
@@ -348,17 +348,17 @@ def test_negative_velocity_and_excessive_values_saturate_and_are_counted() -> No
     rig = axis()
     rig.values |= {"MDI_VELOCITY": (1 << 31) - 1, "MDI_ACC": 32767, "MDI_DEC": -1}
     task(rig, 1_000)
-    command = rig.translator.command
+    command = rig.stepper.command
     assert (command.profile_velocity, command.profile_acceleration, command.profile_deceleration) == (6000, 1000, 1)
-    assert rig.translator.saturations == 3
+    assert rig.stepper.saturations == 3
 
 
 def test_target_outside_the_position_range_is_limited_to_it() -> None:
     rig = axis()
     rig.values |= {"MDI_TARPOS": (1 << 31) - 1, "STW1": ON | ACTIVATE}
     rig.step(2)
-    assert rig.translator.command.target_position == 500_000
-    assert rig.translator.saturations == 1
+    assert rig.stepper.command.target_position == 500_000
+    assert rig.stepper.saturations == 1
 
 
 def test_loss_of_the_plc_while_traversing_stops_the_axis_and_drops_the_task() -> None:
@@ -387,7 +387,7 @@ def at_limit() -> Rig:
     """A task to 60 000 that the limit switch at 20 000 has stopped, and the switch released since."""
     rig = axis(LIMITED)
     task(rig, 60_000)
-    rig.until(lambda _: rig.translator.reason is Reason.TASK_AT_LIMIT)
+    rig.until(lambda _: rig.stepper.reason is Reason.TASK_AT_LIMIT)
     rig.node.model.machine = replace(LIMITED, positive_limit=None)
     rig.step(200)
     return rig
@@ -396,7 +396,7 @@ def at_limit() -> Rig:
 def test_a_limit_switch_that_is_released_does_not_let_a_task_go_on() -> None:
     rig = at_limit()
     assert 20_000 <= position(rig) < 45_000
-    assert rig.translator.reason is Reason.TASK_AT_LIMIT
+    assert rig.stepper.reason is Reason.TASK_AT_LIMIT
     assert rig.actuals["ZSW1"] & (REACHED | STOPPED) == STOPPED
     assert rig.state is State.OPERATION_ENABLED
 
@@ -405,7 +405,7 @@ def test_a_task_at_a_limit_goes_on_after_an_intermediate_stop_of_the_plc() -> No
     rig = at_limit()
     rig.values["STW1"] = ON & ~INTERMEDIATE
     rig.step(2)
-    assert rig.translator.reason is Reason.INTERMEDIATE_STOP
+    assert rig.stepper.reason is Reason.INTERMEDIATE_STOP
     rig.values["STW1"] = ON
     rig.until(reached)
     assert position(rig) == 60_000
@@ -428,4 +428,4 @@ def test_a_task_at_a_limit_can_be_rejected() -> None:
     rig.until(reached)
     rig.step(100)
     assert position(rig) == before
-    assert rig.translator.reason is None
+    assert rig.stepper.reason is Reason.INTERNAL_LIMIT, "the drive's own, it still stands on the switch"

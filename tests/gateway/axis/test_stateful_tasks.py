@@ -8,7 +8,7 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, rule
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import ControlBit, State
 
-from tests.gateway.translator.test_positioning import ACTIVATE, HOMING, INTERMEDIATE, ON, POSITION, REJECT
+from tests.gateway.axis.test_positioning import ACTIVATE, HOMING, INTERMEDIATE, ON, POSITION, REJECT
 from tests.support.rig import Rig
 
 CONTROL_BY_PLC = 0x400
@@ -33,14 +33,14 @@ class TaskMachine(RuleBasedStateMachine):
         self.rig.sdo_delay = sdo_delay
         self.rig.enable()
         self.last_word = self.rig.values["STW1"]
-        self.last_controlword = self.rig.translator.command.controlword
-        self.last_mode = self.rig.translator.command.modes_of_operation
+        self.last_controlword = self.rig.stepper.command.controlword
+        self.last_mode = self.rig.stepper.command.modes_of_operation
 
     def cycle(self, count: int) -> None:
         for _ in range(count):
             self.count_edges()
             self.rig.step(plc=self.plc)
-            command = self.rig.translator.command
+            command = self.rig.stepper.command
             self.judge(command.controlword, command.modes_of_operation)
 
     def count_edges(self) -> None:

@@ -5,22 +5,22 @@ from __future__ import annotations
 import pytest
 from pdgw.dsp402.images import References
 from pdgw.dsp402.states import STATUS_OF, Command, State, StatusBit
+from pdgw.gateway.axis.settings import AxisSettings, PlcLossReaction, SetpointEnable
 from pdgw.gateway.reasons import Reason
-from pdgw.gateway.translator.base import PlcLossReaction, SetpointEnable, TranslatorSettings
-from pdgw.gateway.translator.factory import make_translator
 
 from tests.support.plain_drive import PlainDrive
+from tests.support.stepper import Stepper
 
 OFF, ON = 0x047E, 0x047F
 MS = 1_000_000
 
 
 class Bench:
-    """A translator of telegram ``number`` on a plain drive, stepped by hand."""
+    """A stepper of telegram ``number`` on a plain drive, stepped by hand."""
 
     def __init__(self, number: int = 1, references: References | None = None, **settings: object) -> None:
-        self.translator = make_translator(number, TranslatorSettings(**settings))  # type: ignore[arg-type]
-        self.translator.set_references(references or References())
+        self.stepper = Stepper(number, AxisSettings(**settings))  # type: ignore[arg-type]
+        self.stepper.set_references(references or References())
         self.drive = PlainDrive()
         self.now = 0
         self.drive_ok = True
@@ -30,13 +30,13 @@ class Bench:
         zsw1 = 0
         for _ in range(cycles):
             self.now += 4 * MS
-            half = self.translator.telegram.setpoints
+            half = self.stepper.telegram.setpoints
             values = None
             if word is not None:
                 name = next(n for n in half.names if n.startswith("NSOLL"))
                 values = half.from_dict({"STW1": word, name: speed})
-            zsw1 = self.translator.step(values, self.drive.feedback, self.drive_ok, self.now)[0]
-            self.drive.step(self.translator.command)
+            zsw1 = self.stepper.step(values, self.drive.feedback, self.drive_ok, self.now)[0]
+            self.drive.step(self.stepper.command)
         return zsw1
 
     def operate(self, speed: int = 0x2000) -> None:
@@ -46,26 +46,26 @@ class Bench:
 
     @property
     def controlword(self) -> int:
-        return self.translator.command.controlword
+        return self.stepper.command.controlword
 
 
 def test_published_example_1500_of_3000_rpm_reaches_the_drive_as_3000_units() -> None:
     bench = Bench()
     bench.operate(0x2000)
-    assert bench.translator.command.target_velocity == 3000
+    assert bench.stepper.command.target_velocity == 3000
 
 
 def test_published_example_300_of_3000_rpm_is_shown_as_0666h() -> None:
     bench = Bench()
     bench.drive.feedback.velocity_actual = 600
-    actuals = bench.translator.step((OFF, 0), bench.drive.feedback, True, 1)
+    actuals = bench.stepper.step((OFF, 0), bench.drive.feedback, True, 1)
     assert actuals[1] == 0x0666
 
 
 def test_telegram_2_carries_the_speed_as_n4() -> None:
     bench = Bench(2)
     bench.operate(0x2000_0000)
-    assert bench.translator.command.target_velocity == 3000
+    assert bench.stepper.command.target_velocity == 3000
 
 
 def test_start_goes_one_transition_at_a_time() -> None:
@@ -94,13 +94,13 @@ def test_state_table_zsw1_bits_0_to_3_and_6(state: State) -> None:
     bench = Bench()
     bench.step(OFF)
     bench.drive.feedback.statusword = STATUS_OF[state]
-    assert bench.translator.step((ON, 0), bench.drive.feedback, True, 1)[0] & 0x4F == STATE_ROWS[state]
+    assert bench.stepper.step((ON, 0), bench.drive.feedback, True, 1)[0] & 0x4F == STATE_ROWS[state]
 
 
 def test_quick_stop_printed_as_0011_in_the_guides_diagram_is_accepted() -> None:
     bench = Bench()
     bench.drive.feedback.statusword = 0x0003
-    assert bench.translator.step((OFF, 0), bench.drive.feedback, True, 1)[0] & 0x4F == 0x03
+    assert bench.stepper.step((OFF, 0), bench.drive.feedback, True, 1)[0] & 0x4F == 0x03
 
 
 COMMANDS = {
@@ -120,12 +120,12 @@ def test_every_command_in_every_unpowered_state(state: State, name: str) -> None
         bench.step(0x0477, cycles=2)
     if state is State.SWITCH_ON_DISABLED:
         bench.drive.restart()
-        bench.translator.drive_restarted()
+        bench.stepper.drive_restarted()
         bench.step(OFF)
         bench.drive.restart()
     assert bench.drive.state is state
     word, command = COMMANDS[name]
-    bench.translator.step((word, 0), bench.drive.feedback, True, bench.now)
+    bench.stepper.step((word, 0), bench.drive.feedback, True, bench.now)
     if name == "on" and state is State.SWITCH_ON_DISABLED:
         command = Command.SHUTDOWN  # transition 2 first; the OFF that allows it has been seen
     assert command.matches(bench.controlword)
@@ -135,7 +135,7 @@ def test_control_by_plc_0_before_the_first_1_keeps_the_controlword_0() -> None:
     bench = Bench()
     bench.step(ON & ~0x400, 0x2000, cycles=5)
     assert bench.controlword == 0
-    assert bench.translator.reason is Reason.NO_CONTROL
+    assert bench.stepper.reason is Reason.NO_CONTROL
 
 
 def test_control_by_plc_0_keeps_the_last_valid_words() -> None:
@@ -143,8 +143,8 @@ def test_control_by_plc_0_keeps_the_last_valid_words() -> None:
     bench.operate(0x2000)
     bench.step(0x0000, 0x1000, cycles=5)
     assert bench.drive.state is State.OPERATION_ENABLED
-    assert bench.translator.command.target_velocity == 3000
-    assert bench.translator.reason is Reason.NO_CONTROL
+    assert bench.stepper.command.target_velocity == 3000
+    assert bench.stepper.reason is Reason.NO_CONTROL
 
 
 @pytest.mark.parametrize("bit", [4, 5, 6])
@@ -152,8 +152,8 @@ def test_setpoint_enable_hold_keeps_the_last_target(bit: int) -> None:
     bench = Bench(setpoint_enable=SetpointEnable.HOLD)
     bench.operate(0x2000)
     bench.step(ON & ~(1 << bit), 0x1000, cycles=3)
-    assert bench.translator.command.target_velocity == 3000
-    assert bench.translator.reason is Reason.SETPOINT_DISABLED
+    assert bench.stepper.command.target_velocity == 3000
+    assert bench.stepper.reason is Reason.SETPOINT_DISABLED
 
 
 @pytest.mark.parametrize(("bit", "target"), [(4, 0), (5, 3000), (6, 0)])
@@ -161,7 +161,7 @@ def test_setpoint_enable_profidrive(bit: int, target: int) -> None:
     bench = Bench(setpoint_enable=SetpointEnable.PROFIDRIVE)
     bench.operate(0x2000)
     bench.step(ON & ~(1 << bit), 0x1000, cycles=3)
-    assert bench.translator.command.target_velocity == target
+    assert bench.stepper.command.target_velocity == target
 
 
 def test_off1_ramps_down_with_power_on_and_shuts_down_at_standstill() -> None:
@@ -171,7 +171,7 @@ def test_off1_ramps_down_with_power_on_and_shuts_down_at_standstill() -> None:
     zsw1 = bench.step(OFF, 0x2000)
     assert bench.drive.state is State.OPERATION_ENABLED
     assert zsw1 & 0x4F == 0x03
-    assert bench.translator.command.target_velocity == 0
+    assert bench.stepper.command.target_velocity == 0
     bench.step(OFF, 0x2000, cycles=20)
     assert bench.drive.state is State.READY_TO_SWITCH_ON
 
@@ -184,7 +184,7 @@ def test_on_during_the_ramp_stop_does_not_resume_and_needs_a_new_off() -> None:
     zsw1 = bench.step(ON, 0x2000, cycles=30)
     assert bench.drive.state is not State.OPERATION_ENABLED
     assert not zsw1 & 0x04
-    assert bench.translator.reason is Reason.NEEDS_OFF
+    assert bench.stepper.reason is Reason.NEEDS_OFF
     bench.operate()
 
 
@@ -223,7 +223,7 @@ def test_a_withdrawn_quick_stop_still_ends_in_switching_on_inhibited() -> None:
     bench.step(0x047B, 0x2000)
     bench.step(ON, 0x2000, cycles=20)
     assert bench.drive.state is State.SWITCH_ON_DISABLED
-    assert bench.translator.reason is Reason.NEEDS_OFF
+    assert bench.stepper.reason is Reason.NEEDS_OFF
 
 
 @pytest.mark.parametrize("word", [0x0477, 0x047D])
@@ -245,7 +245,7 @@ def test_a_standing_on_does_not_start_after_a_fault_is_acknowledged() -> None:
     bench.step(ON | 0x80, 0x2000, cycles=2)
     bench.step(ON, 0x2000, cycles=10)
     assert bench.drive.state is State.SWITCH_ON_DISABLED
-    assert bench.translator.reason is Reason.NEEDS_OFF
+    assert bench.stepper.reason is Reason.NEEDS_OFF
     bench.operate()
 
 
@@ -263,7 +263,7 @@ def test_a_standing_on_does_not_start_after_a_restart_of_the_drive() -> None:
     bench = Bench()
     bench.operate()
     bench.drive.restart()
-    bench.translator.drive_restarted()
+    bench.stepper.drive_restarted()
     bench.step(ON, 0x2000, cycles=10)
     assert bench.drive.state is State.SWITCH_ON_DISABLED
 
@@ -275,7 +275,7 @@ def test_an_enable_the_drive_took_back_is_not_restored_by_a_standing_on() -> Non
     bench.drive.show()
     bench.step(ON, 0x2000, cycles=10)
     assert bench.drive.state is not State.OPERATION_ENABLED
-    assert bench.translator.reason is Reason.NEEDS_OFF
+    assert bench.stepper.reason is Reason.NEEDS_OFF
 
 
 @pytest.mark.parametrize(
@@ -288,11 +288,11 @@ def test_plc_loss_reaction(reaction: PlcLossReaction, first: int) -> None:
     bench.operate()
     bench.step(None)
     assert bench.controlword & 0x0F == first
-    assert bench.translator.command.target_velocity == 0
+    assert bench.stepper.command.target_velocity == 0
     bench.step(None, cycles=30)
     assert bench.drive.feedback.velocity_actual == 0
     assert bench.drive.state not in {State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE}
-    assert bench.translator.reason is Reason.PLC_LOST
+    assert bench.stepper.reason is Reason.PLC_LOST
     bench.step(ON, 0x2000, cycles=10)
     assert bench.drive.state is not State.OPERATION_ENABLED
     bench.operate()
@@ -303,7 +303,7 @@ def test_a_lost_drive_shows_a_fault_and_needs_an_off_afterwards() -> None:
     bench.operate()
     bench.drive_ok = False
     assert bench.step(ON, 0x2000) & 0x4F == 0x08
-    assert bench.translator.reason is Reason.DRIVE_OFFLINE
+    assert bench.stepper.reason is Reason.DRIVE_OFFLINE
     assert bench.controlword & 0x0F == 0x02
     bench.drive.restart()
     bench.drive_ok = True
@@ -315,10 +315,10 @@ def test_a_statusword_of_no_state_stops_the_drive() -> None:
     bench = Bench()
     bench.operate()
     bench.drive.feedback.statusword = 0x0002
-    zsw1 = bench.translator.step((ON, 0x2000), bench.drive.feedback, True, bench.now)[0]
+    zsw1 = bench.stepper.step((ON, 0x2000), bench.drive.feedback, True, bench.now)[0]
     assert bench.controlword & 0x0F == 0x02
     assert zsw1 & 0x4F == 0x08
-    assert bench.translator.reason is Reason.DRIVE_UNKNOWN_STATE
+    assert bench.stepper.reason is Reason.DRIVE_UNKNOWN_STATE
 
 
 def test_transparent_bits_of_zsw1_and_device_bits_of_stw1() -> None:
@@ -326,26 +326,26 @@ def test_transparent_bits_of_zsw1_and_device_bits_of_stw1() -> None:
     bench.step(OFF | 0xF000)
     assert bench.controlword & 0xF000 == 0xF000
     bench.drive.feedback.statusword = STATUS_OF[State.READY_TO_SWITCH_ON] | 0xC690 | 0x3900
-    zsw1 = bench.translator.step((OFF, 0), bench.drive.feedback, True, 1)[0]
+    zsw1 = bench.stepper.step((OFF, 0), bench.drive.feedback, True, 1)[0]
     assert zsw1 == 0xC6B1, "bits 4, 5, 7, 9, 10, 14, 15 pass; 8 and 11-13 do not"
 
 
 def test_speed_saturates_at_the_objects_limit_and_is_counted() -> None:
     bench = Bench(references=References(max_motor_speed=20000))
     bench.operate(0x7FFF)
-    assert bench.translator.command.target_velocity == 32767
-    assert bench.translator.saturations == 1
+    assert bench.stepper.command.target_velocity == 32767
+    assert bench.stepper.saturations == 1
 
 
 @pytest.mark.parametrize("name", ["max_motor_speed", "velocity_numerator", "max_acceleration"])
 def test_a_reference_of_0_refuses_operation(name: str) -> None:
     bench = Bench(references=References(**{name: 0}))
-    assert [event.number for event in bench.translator.events] == [104]
     bench.step(OFF, cycles=3)
+    assert [event.number for event in bench.stepper.events] == [104]
     zsw1 = bench.step(ON, 0x2000, cycles=5)
     assert bench.controlword == 0
     assert zsw1 & 0x0F == 0x08
-    assert bench.translator.reason is Reason.REFERENCE_INVALID
+    assert bench.stepper.reason is Reason.REFERENCE_INVALID
 
 
 # -- limit switches ----------------------------------------------------------------------------------------------------
@@ -368,11 +368,11 @@ def test_a_limit_switch_that_is_released_does_not_let_the_axis_move_on(speed: in
     bench = Bench()
     bench.operate(speed)
     at_limit(bench, speed)
-    assert bench.translator.reason is Reason.STOPPED_AT_LIMIT
-    assert bench.translator.warning
+    assert bench.stepper.reason is Reason.STOPPED_AT_LIMIT
+    assert bench.stepper.warning
     for word, wire in ((ON, speed), (ON, speed * 2), (0x043F, speed), (0x007F, 0), (ON, speed)):
         bench.step(word, wire, cycles=5)
-        assert bench.translator.command.target_velocity == 0
+        assert bench.stepper.command.target_velocity == 0
     assert bench.controlword & 0xF == 0xF
 
 
@@ -382,11 +382,11 @@ def test_a_setpoint_through_0_or_off_the_switch_ends_it(speed: int) -> None:
     bench.operate(0x2000)
     at_limit(bench, 0x2000)
     bench.step(ON, speed)
-    assert bench.translator.command.target_velocity == speed * 6000 // 0x4000
-    assert bench.translator.reason is None
-    assert not bench.translator.warning
+    assert bench.stepper.command.target_velocity == speed * 6000 // 0x4000
+    assert bench.stepper.reason is None
+    assert not bench.stepper.warning
     bench.step(ON, 0x2000)
-    assert bench.translator.command.target_velocity == 3000
+    assert bench.stepper.command.target_velocity == 3000
 
 
 def test_off_and_on_end_it_too() -> None:
@@ -395,7 +395,7 @@ def test_off_and_on_end_it_too() -> None:
     at_limit(bench, 0x2000)
     bench.step(OFF, 0x2000, cycles=5)
     bench.step(ON, 0x2000, cycles=5)
-    assert bench.translator.command.target_velocity == 3000
+    assert bench.stepper.command.target_velocity == 3000
 
 
 @pytest.mark.parametrize(
@@ -406,9 +406,9 @@ def test_an_axis_that_starts_or_is_limited_in_speed_goes_on(cycles: int, velocit
     bench.operate(0x2000)
     at_limit(bench, 0x2000, cycles=cycles, velocity=velocity)
     bench.step(ON, 0x2000)
-    assert bench.translator.command.target_velocity == 3000
+    assert bench.stepper.command.target_velocity == 3000
     at_limit(bench, 0x2000, cycles=HALF_SECOND - 2)
-    assert bench.translator.command.target_velocity == 3000, "not longer than a moment each"
+    assert bench.stepper.command.target_velocity == 3000, "not longer than a moment each"
 
 
 def test_an_axis_that_stands_with_setpoint_0_at_a_limit_obeys_its_next_setpoint() -> None:
@@ -416,4 +416,4 @@ def test_an_axis_that_stands_with_setpoint_0_at_a_limit_obeys_its_next_setpoint(
     bench.operate(0)
     at_limit(bench, 0, cycles=2 * HALF_SECOND)
     bench.step(ON, -0x2000)
-    assert bench.translator.command.target_velocity == -3000
+    assert bench.stepper.command.target_velocity == -3000

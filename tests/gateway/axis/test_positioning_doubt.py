@@ -8,11 +8,11 @@ import pytest
 from pdgw.dsp402.images import DriveFeedback, References
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import STATUS_OF, ControlBit, State, StatusBit
+from pdgw.gateway.axis.settings import AxisSettings
+from pdgw.gateway.axis.values import SdoWrite
 from pdgw.gateway.reasons import Reason
-from pdgw.gateway.translator.base import SdoWrite, TranslatorSettings
-from pdgw.gateway.translator.factory import make_translator
 
-from tests.gateway.translator.test_positioning import (
+from tests.gateway.axis.test_positioning import (
     ACTIVATE,
     HOMING,
     INTERMEDIATE,
@@ -25,6 +25,7 @@ from tests.gateway.translator.test_positioning import (
     position,
     task,
 )
+from tests.support.stepper import Stepper
 
 
 @pytest.mark.parametrize("withheld", [REJECT, INTERMEDIATE])
@@ -77,41 +78,40 @@ def test_homing_asked_anew_while_the_drive_takes_the_first_method_waits_for_its_
     rig = axis()
     rig.sdo_delay = 10**9
     home(rig, 17)
-    first = rig.translator.sdo_request
+    first = rig.stepper.sdo_request
     rig.values["STW1"] = ON
     rig.step(2)
     home(rig, 18)
-    rig.translator.sdo_request = None
-    rig.translator.sdo_done(None)
+    rig.stepper.sdo_done(None)
     rig.step(20)
-    assert rig.translator.command.modes_of_operation == Mode.POSITION
-    second = rig.translator.sdo_request
+    assert rig.stepper.command.modes_of_operation == Mode.POSITION
+    second = rig.stepper.sdo_request
     assert first is not None
     assert first[0] == SdoWrite(0x6098, 0, 17)
     assert second is not None
     assert second[0] == SdoWrite(0x6098, 0, 18)
     rig.sdo_delay = 1
     rig.step(20)
-    assert rig.translator.command.modes_of_operation == Mode.HOMING
+    assert rig.stepper.command.modes_of_operation == Mode.HOMING
     assert rig.node.model.homing_method == 18
 
 
 @pytest.mark.parametrize("modulo", [False, True])
 @pytest.mark.parametrize("direction", [1, -1])
 def test_a_relative_task_at_the_end_of_the_number_range_resumes_within_it(modulo: bool, direction: int) -> None:
-    translator = make_translator(9, TranslatorSettings(modulo_axis=modulo))
-    translator.set_references(replace(References(), position_min=-(1 << 31) + 1, position_max=(1 << 31) - 1))
+    stepper = Stepper(9, AxisSettings(modulo_axis=modulo))
+    stepper.set_references(replace(References(), position_min=-(1 << 31) + 1, position_max=(1 << 31) - 1))
     feedback = DriveFeedback()
     mode = Mode.TURNTABLE if modulo else Mode.POSITION
     feedback.modes_of_operation_display = mode
     feedback.position_actual = direction * ((1 << 31) - 10)
-    half = translator.telegram.setpoints
+    half = stepper.telegram.setpoints
     data = {"SATZANW": 0x8000, "MDI_TARPOS": direction * (1 << 29), "MDI_VELOCITY": 1 << 30}
 
     def step(word: int, state: State, bits: int = 0) -> int:
         feedback.statusword = STATUS_OF[state] | bits
-        translator.step(half.from_dict({**data, "STW1": word}), feedback, True, 1)
-        command = translator.command
+        stepper.step(half.from_dict({**data, "STW1": word}), feedback, True, 1)
+        command = stepper.command
         assert -(1 << 31) <= command.target_position < 1 << 31
         return command.controlword
 
@@ -132,8 +132,8 @@ def test_a_negative_velocity_is_limited_to_0_and_counted() -> None:
     rig = axis()
     rig.values["MDI_VELOCITY"] = -(1 << 30)
     task(rig, 1_000)
-    assert rig.translator.command.profile_velocity == 0
-    assert rig.translator.saturations == 1
+    assert rig.stepper.command.profile_velocity == 0
+    assert rig.stepper.saturations == 1
 
 
 def test_row_homing_running_and_finished_aktsatz_15_keeps_its_value() -> None:
@@ -146,32 +146,32 @@ def test_row_homing_running_and_finished_aktsatz_15_keeps_its_value() -> None:
     rig.values["STW1"] = ON
     rig.step(3)
     assert not rig.actuals["AKTSATZ"] & MDI_ACTIVE
-    assert rig.translator.reason is Reason.MDI_OFF
+    assert rig.stepper.reason is Reason.MDI_OFF
 
 
 def test_an_old_attempt_does_not_shorten_the_time_a_mode_has_to_be_confirmed() -> None:
-    translator = make_translator(9, TranslatorSettings())
-    translator.set_references(References())
+    stepper = Stepper(9, AxisSettings())
+    stepper.set_references(References())
     feedback = DriveFeedback()
     feedback.modes_of_operation_display = Mode.VELOCITY
-    half = translator.telegram.setpoints
+    half = stepper.telegram.setpoints
     second = 1_000_000_000
 
     def step(word: int, state: State, now: int) -> None:
         feedback.statusword = STATUS_OF[state]
-        translator.step(half.from_dict({"SATZANW": 0x8000, "STW1": word}), feedback, True, now)
+        stepper.step(half.from_dict({"SATZANW": 0x8000, "STW1": word}), feedback, True, now)
 
     for word, state in ((ON & ~1, State.SWITCH_ON_DISABLED), (ON, State.READY_TO_SWITCH_ON), (ON, State.SWITCHED_ON)):
         step(word, state, 1)
     step(ON, State.OPERATION_ENABLED, 2)
     step(ON | ACTIVATE, State.OPERATION_ENABLED, 3)
-    assert translator.reason is Reason.MODE_NOT_CONFIRMED
+    assert stepper.reason is Reason.MODE_NOT_CONFIRMED
     step(ON & ~2, State.OPERATION_ENABLED, 4)
     step(ON & ~1, State.SWITCH_ON_DISABLED, 10 * second)
     step(ON, State.READY_TO_SWITCH_ON, 10 * second)
     step(ON, State.SWITCHED_ON, 10 * second)
     step(ON, State.OPERATION_ENABLED, 10 * second)
     step(ON | ACTIVATE, State.OPERATION_ENABLED, 10 * second + 1)
-    assert not translator.events
+    assert not stepper.events
     step(ON | ACTIVATE, State.OPERATION_ENABLED, 11 * second + 2)
-    assert [event.number for event in translator.events] == [110]
+    assert [event.number for event in stepper.events] == [110]
