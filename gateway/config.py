@@ -26,10 +26,6 @@ from pdgw.dsp402.scaling import UnitKeys, check_unit_keys
 from pdgw.dsp406.encoder import EncoderSettings
 from pdgw.dsp406.kinds import CHANNELS_MAX, DEVICES, LINEAR, MULTI_SENSOR, ROTARY, EncoderDevice, multi_sensor
 from pdgw.gateway.axis.settings import AxisSettings, PlcLossReaction, SetpointEnable
-from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.explain import Problem, misplaced, problems
-from pdgw.gateway.ports import STATUS_PORT
-from pdgw.gateway.toml_file import parse_toml, read_text, told
 from pdgw.gateway.axis.telegrams import (
     DRIVE_TELEGRAM_NUMBERS,
     ENCODER_TELEGRAM_NUMBERS,
@@ -37,7 +33,9 @@ from pdgw.gateway.axis.telegrams import (
     pdo_operation,
 )
 from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.explain import Problem, misplaced, problems
 from pdgw.gateway.ports import STATUS_PORT
+from pdgw.gateway.toml_file import parse_toml, read_text, told
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.frame import UDP_PORT, CSduLayout
 from pdgw.profidrive.telegrams import Direction, telegram

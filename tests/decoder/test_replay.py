@@ -1,4 +1,4 @@
-"""Replay: equal on what today's translators made, a named first difference on anything else."""
+"""Replay: equal on what today's gateway made, a named first difference on anything else."""
 
 from __future__ import annotations
 

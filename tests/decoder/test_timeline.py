@@ -1,4 +1,4 @@
-"""The timeline of small recordings: causes, latencies, every refusal in the translators' words, anomalies.
+"""The timeline of small recordings: causes, latencies, every refusal in the gateway's words, anomalies.
 
 ``python -m tests.decoder.test_timeline`` writes the golden file anew; the difference is to be read before it is committed.
 """
@@ -209,7 +209,7 @@ REFUSALS: dict[Reason, Callable[[RecordedRig], None]] = {
 
 
 @pytest.mark.parametrize("reason", REFUSALS)
-def test_each_refusal_is_explained_with_the_translators_text(reason: Reason, tmp_path: Path) -> None:
+def test_each_refusal_is_explained_with_the_gateways_text(reason: Reason, tmp_path: Path) -> None:
     rig = RecordedRig(1)
     rig.step(5)
     REFUSALS[reason](rig)

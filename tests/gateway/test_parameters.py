@@ -264,7 +264,7 @@ def test_strings_arrays_and_limits(shared: tuple[Daemon, ParameterClient]) -> No
     assert number(client, 0x6083) == 500
 
 
-def test_a_written_reference_is_used_by_the_translator() -> None:
+def test_a_written_reference_is_used_by_the_axis() -> None:
     with gateway(axis(1)) as (daemon, client):
         plc = Plc(daemon, [1])
         assert not write(client, 0x6080, Values(DataType.UNSIGNED32, (1500,))).failed

@@ -111,7 +111,7 @@ def test_a_difference_is_shown_with_its_context_and_exit_status_1(
     assert document["axes"][0]["first_difference"]["names"] == ["Target Velocity"]
 
 
-def test_choices_of_the_configuration_reach_the_translators(
+def test_choices_of_the_configuration_reach_the_machines(
     files: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     replay(files, config=configuration(tmp_path))

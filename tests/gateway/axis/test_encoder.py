@@ -95,7 +95,7 @@ def test_bytes_of_an_encoder_at_300_of_3000_rpm_with_a_warning(number: int, data
     assert bench.stepper.telegram.actuals.encode(tuple(actuals.values())) == bytes.fromhex(data)
 
 
-def test_only_the_encoder_telegrams_have_an_encoder_translator() -> None:
+def test_only_the_encoder_telegrams_have_an_encoder_machine() -> None:
     assert ENCODER_TELEGRAM_NUMBERS == (81, 82, 83, 84)
     with pytest.raises(GatewayError, match="telegram: 3"):
         EncoderStepper(3, SensorSettings())

@@ -204,7 +204,7 @@ TestGateway = GatewayMachine.TestCase
 TestGateway.settings = settings(max_examples=150, stateful_step_count=25)
 
 
-def test_every_drive_telegram_has_the_layout_its_translator_needs() -> None:
+def test_every_drive_telegram_has_the_layout_its_machine_needs() -> None:
     for number in (1, 2, 3, 9, 20, 100):
         rig = Rig(number)
         assert len(rig.step()) == len(telegram(number).actuals.signals)
