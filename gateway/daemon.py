@@ -234,7 +234,7 @@ class Daemon:
             self._failure = GatewayError(text)
             log.error("%s", text)
             for item in self.objects:
-                item.raise_fault(123, text, self.loop.now())
+                item.raise_fault(FaultNumber.OTHER_MASTER, text, self.loop.now())
             self._begin_stop()
 
     def stop(self) -> None:

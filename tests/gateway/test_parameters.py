@@ -364,7 +364,7 @@ def test_the_fault_buffer_over_a_drive_fault_its_acknowledgement_and_clearing() 
         assert value(client, 947, 0, 2).values == (7, 0), "the cause is still there"
         daemon.simulated[0].clear()
         plc.endpoint.set(0, {"STW1": OFF})
-        plc.until(lambda: not daemon.axes[0].translator.command.controlword & 0x80, "reset taken back")
+        plc.until(lambda: not daemon.axes[0].outputs.command.controlword & 0x80, "reset taken back")
         plc.endpoint.set(0, {"STW1": OFF | 0x80})
         plc.until(lambda: not plc.state() & 0x08, "acknowledged")
         plc.until(lambda: number(client, 947, 0, 1) == 0, "shifted")
