@@ -281,9 +281,11 @@ class Daemon:
     # -- the cyclic exchange ------------------------------------------------------------------------------------------
 
     def _on_link(self) -> None:
-        """Something of the PLC waits."""
-        now = self.loop.now()
-        accepted = self.link.receive(now)
+        """Something of the PLC waits: what came first is answered before anything else is looked for; then the newest counts."""
+        self._take(self.link.receive(now := self.loop.now(), 1), now)
+        self._take(self.link.receive(now := self.loop.now()), now)
+
+    def _take(self, accepted: bool, now: int) -> None:
         if self._stopping:
             self.link.lose_setpoints()
         elif accepted:
