@@ -10,7 +10,7 @@ import difflib
 import enum
 from collections.abc import Sequence
 from fractions import Fraction
-from ipaddress import IPv4Address
+from ipaddress import IPv4Address, IPv4Network
 from math import ceil
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
@@ -122,6 +122,29 @@ class TransportConfig(_Section):
     ar_uuid: UUID = NIL
     """Of the static application relationship."""
     station_name: Annotated[str, Field(max_length=240, pattern=_STATION_NAME)] = "pdgw"
+
+    @model_validator(mode="after")
+    def _peer_is_known(self) -> TransportConfig:
+        if not self.listen.is_loopback and self.peer is None:
+            raise misplaced(
+                f"peer is missing: listen = {self.listen} is reached by others than programs on this machine, and whoever sends "
+                "the first frames would move the drives; peer is the address of the PLC",
+                "peer",
+            )
+        return self
+
+
+class ParametersConfig(_Section):
+    """Who may use the parameter channel."""
+
+    write_from: tuple[IPv4Network, ...] | None = None
+    """Addresses and networks parameters may be written from. None: everybody where ``listen`` is loopback, nobody otherwise."""
+
+    def writers(self, listen: IPv4Address) -> tuple[IPv4Network, ...] | None:
+        """The networks that may write; None for everybody."""
+        if self.write_from is None:
+            return None if listen.is_loopback else ()
+        return self.write_from
 
 
 def _standstill(value: object) -> object:
@@ -355,6 +378,7 @@ class GatewayConfig(_Section):
 
     can: Annotated[tuple[CanConfig, ...], BeforeValidator(as_list), Field(min_length=1)]
     transport: TransportConfig = TransportConfig()
+    parameters: ParametersConfig = ParametersConfig()
     axis: Annotated[tuple[AxisConfig, ...], BeforeValidator(as_list)] = ()
     encoder: Annotated[tuple[EncoderConfig, ...], BeforeValidator(as_list)] = ()
     """The drive objects of the frame: all axes, then all encoders, each in their order."""
@@ -534,6 +558,7 @@ def parse_config(text: str, name: str = "configuration") -> GatewayConfig:
 SECTIONS: dict[str, type[BaseModel]] = {
     "can": CanConfig,
     "transport": TransportConfig,
+    "parameters": ParametersConfig,
     "axis": AxisConfig,
     "encoder": EncoderConfig,
 }
@@ -562,7 +587,10 @@ watchdog_factor = 3          # the PLC is lost after this many cycles without a 
 # parameter_timeout_ms = 2000  # a parameter request is answered within this time
 # ar_uuid = "00000000-0000-0000-0000-000000000000"   # of the static application relationship
 # station_name = "pdgw"      # P61000
-# peer = "192.168.0.10"      # only this PLC; without it the first valid sender
+# peer = "192.168.0.10"      # only this PLC; without it the first sender, which only listen = "127.0.0.1" allows
+
+# [parameters]
+# write_from = ["192.168.0.10", "192.168.0.64/28"]   # who may write parameters; without it everybody on this machine, or nobody
 
 # [realtime]                 # Linux; what is not granted is told, and the gateway runs without
 # priority = 50              # SCHED_FIFO, 1 to 99

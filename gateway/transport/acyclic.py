@@ -24,8 +24,11 @@ class AcyclicServer:
         self.port = daemon.edge.open_udp(str(transport.listen), transport.acyclic_port, "acyclic port")
         self._manager = ParameterManager(daemon)
         serial = transport.station_name[:16]
-        records = Records(self._manager, daemon.store, daemon.update_store, transport.ar_uuid, serial)
-        self.server = RecordServer(records, MAX_BLOCK, boot_time=int(daemon.loop.wall()) & 0xFFFFFFFF)
+        writers = daemon.config.parameters.writers(transport.listen)
+        records = Records(self._manager, daemon.store, daemon.update_store, transport.ar_uuid, serial, writers)
+        self.server: RecordServer[Address] = RecordServer(
+            records.of, MAX_BLOCK, boot_time=int(daemon.loop.wall()) & 0xFFFFFFFF
+        )
         self._datagrams: Mailbox[tuple[bytes, Address]] = Mailbox(daemon.loop, _WAITING)
         self._task: Task | None = None
         self.overrun = 0

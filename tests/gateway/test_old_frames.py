@@ -111,8 +111,9 @@ class Gateway:
 
     def _check_order(self, order: int | None, now: int) -> None:
         if order is not None and order != self.order:
-            # Old OFFs start nothing; whether one released an ON that stood is seen where it starts.
-            assert order & 0x7 != 0x7 or self.plc.ordered(order, now - RECENT, now), (
+            # Old OFFs start nothing, nor does ON before an OFF; whether an old OFF released an ON is seen where it starts.
+            starts = order & 0x7 == 0x7 and self.translator.released
+            assert not starts or self.plc.ordered(order, now - RECENT, now), (
                 f"{order:04X}h put in force at {now / MS} ms is old"
             )
             operating = self.order is not None and self.order & order & 0x6 == 0x6
