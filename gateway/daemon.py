@@ -20,17 +20,13 @@ from pdgw.ds301.network import CanNetwork
 from pdgw.gateway.binding import Axis
 from pdgw.gateway.config import GATEWAY_NODE_ID, AxisConfig, GatewayConfig
 from pdgw.gateway.drive_object import DriveObject
-from pdgw.gateway.edge import Edge, SystemEdge, open_configured_bus
+from pdgw.gateway.edge import Edge, SystemEdge
 from pdgw.gateway.encoder import EncoderNode, EncoderObject
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.link import Link, UdpLink
 from pdgw.gateway.masters import LISTEN_NS, watch_for_masters
 from pdgw.gateway.reasons import FaultNumber
 from pdgw.gateway.store import ParameterStore
-from pdgw.peers.drive import SimulatedDrive
-from pdgw.peers.encoder import SimulatedEncoder
-from pdgw.peers.encoder.motion import Motion, parse_motion
-from pdgw.peers.node.running import RunningNode
 from pdgw.profidrive.telegrams import telegram
 
 log = logging.getLogger("gateway")
@@ -62,8 +58,6 @@ class Daemon:
         self.cycle_ns = int(transport.cycle_time_ms * MS)
         self.store = ParameterStore(config.store, log.warning)
         self.networks: dict[str, CanNetwork] = {}
-        self.simulated: list[SimulatedDrive] = []
-        self.simulated_encoders: list[SimulatedEncoder] = []
         self.services: list[Service] = []
         self.started_ns = self.loop.now()
         self.cycles = 0
@@ -102,8 +96,6 @@ class Daemon:
             for axis in self.axes:
                 if axis.config.g1 is not None:
                     axis.connect_sensor(by_do[axis.config.g1])
-            opened.callback(self._end_simulation)
-            self._simulate()
             # A stored telegram (P922) may differ from the configured one: the frame may not fit.
             self.link: Link = UdpLink(port, transport, [item.telegram for item in self.objects], self.loop.counters)
             self._opened = opened.pop_all()
@@ -132,35 +124,6 @@ class Daemon:
                     number = config.telegram if stored.telegram is None else stored.telegram
                     made[config.do_id] = EncoderObject(config, node, number, stored.sign_of_life_tolerance)
         return [made[config.do_id] for config in self.config.encoder]
-
-    def _simulate(self) -> None:
-        shafts: dict[str, dict[int, Motion]] = {bus.name: {} for bus in self.config.can}
-        for config in self.config.axis:
-            if config.simulate:
-                can_config = self.config.bus_of(config)
-                drive = SimulatedDrive(open_configured_bus(can_config), config.node_id, serial_number=config.do_id)
-                self.simulated.append(drive)
-                shafts[can_config.name][config.node_id] = drive.shaft
-        for can_config in self.config.can:
-            for node_id, channels in self.config.encoders_of(can_config).items():
-                if channels[0].simulate:
-                    last = max(channels, key=lambda item: item.channel)
-                    motions = {
-                        item.channel: parse_motion(item.motion, shafts=shafts[can_config.name]) for item in channels
-                    }
-                    self.simulated_encoders.append(
-                        SimulatedEncoder(
-                            open_configured_bus(can_config),
-                            node_id,
-                            device=last.device,
-                            motions=[motions.get(n, parse_motion("still")) for n in range(1, last.channel + 1)],
-                            serial_number=channels[0].do_id,
-                        )
-                    )
-
-    @property
-    def _simulated_devices(self) -> list[RunningNode[Any]]:
-        return [*self.simulated, *self.simulated_encoders]
 
     @property
     def clients(self) -> list[NodeClient[Any]]:
@@ -207,8 +170,6 @@ class Daemon:
         """Begin everything on the loop; the buses are listened to for a moment before anything is sent on them."""
         count = len(self.objects)
         log.info("cyclic exchange on %s:%d, %d drive objects, cycle %g ms", *self.address, count, self.cycle_ns / MS)
-        for device in self._simulated_devices:
-            device.start()
         for name, network in self.networks.items():
             network.start()
             drives = [axis.node_id for axis in self.axes if axis.network is network]
@@ -245,13 +206,6 @@ class Daemon:
     def release(self) -> None:
         """Give ports and buses back; the end of a run does it. A second call does nothing."""
         self._opened.close()
-
-    def _end_simulation(self) -> None:
-        for device in self._simulated_devices:
-            if device.running:
-                device.stop()
-            else:
-                device.bus.shutdown()
 
     def _begin_stop(self) -> None:
         """As after a loss of the PLC: each axis stops its way; then power is off everywhere, or the time is over."""

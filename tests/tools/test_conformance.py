@@ -17,10 +17,10 @@ from pdgw.peers.encoder.misbehaviour import ENCODER_MISBEHAVIOURS
 from pdgw.profidrive.encoder import EncoderControl
 from pdgw.tools.commands.conformance import app
 from pdgw.tools.conformance import bench, encoders
-from pdgw.tools.conformance.faults import CASES, Activity, Case, Device, Reaction, Result, run_case, run_cases
+from pdgw.tools.conformance.faults import CASES, Activity, Case, Device, Reaction, Result, run_case
 from typer.testing import CliRunner
 
-from tests.support.daemon import Plc, axis, configuration, running
+from tests.support.daemon import Plc, axis, configuration, drive_of, running
 
 PATIENT = "watchdog_factor = 255"
 """The PLC of these tests is never lost, however busy the machine is."""
@@ -33,7 +33,7 @@ def case_id(case: Case) -> str:
 
 @pytest.fixture(scope="module")
 def results() -> dict[str, Result]:
-    return {case_id(result.case): result for result in run_cases()}
+    return {case_id(case): run_case(case) for case in CASES}
 
 
 def test_every_fault_of_a_drive_and_of_an_encoder_has_a_case() -> None:
@@ -190,9 +190,9 @@ def test_the_command_prints_a_matrix_and_its_exit_status_tells(monkeypatch: pyte
 
 def misbehave(daemon: Daemon, name: str, **values: int) -> None:
     def begin(node: object) -> None:
-        daemon.simulated[0].node.misbehave(name, **values)
+        drive_of(daemon).node.misbehave(name, **values)
 
-    daemon.simulated[0].do(begin)
+    drive_of(daemon).do(begin)
 
 
 def test_status_frame_and_fault_buffer_tell_of_a_lost_drive_and_on_stands_without_effect() -> None:
@@ -207,7 +207,7 @@ def test_status_frame_and_fault_buffer_tell_of_a_lost_drive_and_on_stands_withou
         assert status["reason"] == Reason.DRIVE_OFFLINE.value
         assert status["faults"][0]["number"] == 101
         assert daemon.axes[0].fault_log.entries()[0].number == 101, "P947"
-        daemon.simulated[0].do(lambda node: node.behave())
+        drive_of(daemon).do(lambda node: node.behave())
         plc.until(lambda: plc.endpoint.actuals[0] is not None, "back")
         for _ in range(20):
             plc.exchange()

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 import typer
 from pdgw.decoder.capture.errors import CaptureError
+from pdgw.ds301.loop import MS
 from pdgw.gateway.errors import GatewayError
 from pdgw.tools.commands.replay import replay
 from pdgw.tools.commands.timeline import timeline
@@ -16,7 +17,6 @@ from pdgw.tools.recordings import known_from
 from tests.decoder.test_replay import speed
 from tests.endtoend.processes import pdgw
 from tests.support import captures
-from tests.support.daemon import MS
 from tests.support.recorded import BEGIN_NS
 from tests.support.rig import NODE
 

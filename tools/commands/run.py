@@ -25,6 +25,7 @@ from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.explain import Problem, problems
 from pdgw.gateway.status import StatusServer
 from pdgw.gateway.transport.acyclic import AcyclicServer
+from pdgw.tools.beside import devices_beside
 from pydantic import ValidationError
 from rich.console import Console
 from rich.logging import RichHandler
@@ -136,7 +137,7 @@ def _told(problem: Problem) -> str:
 def run(
     config: Annotated[Path | None, typer.Argument(help="Configuration file (TOML).", show_default=False)] = None,
     simulate: Annotated[
-        bool, typer.Option("--simulate", help="Simulated devices on a virtual bus; needs no file.")
+        bool, typer.Option("--simulate", help="Simulated devices beside the gateway; needs no file.")
     ] = False,
     telegram: Annotated[int, typer.Option(help="Telegram of the simulated axes.")] = 1,
     axes: Annotated[int, typer.Option(min=1, max=32, help="Number of simulated axes.")] = 1,
@@ -176,6 +177,7 @@ def run(
         recorder = CanRecorder(can_log) if can_log is not None else None
         if recorder is not None:
             at_end.callback(recorder.stop)
+        chosen = at_end.enter_context(devices_beside(chosen))
         daemon = Daemon(chosen)
         at_end.callback(daemon.release)
         if recorder is not None:
