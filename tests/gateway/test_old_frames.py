@@ -112,7 +112,7 @@ class Gateway:
     def _check_order(self, order: int | None, now: int) -> None:
         if order is not None and order != self.order:
             # Old OFFs start nothing, nor does ON before an OFF; whether an old OFF released an ON is seen where it starts.
-            starts = order & 0x7 == 0x7 and self.translator.released
+            starts = order & 0x7 == 0x7 and self.stepper.power.released
             assert not starts or self.plc.ordered(order, now - RECENT, now), (
                 f"{order:04X}h put in force at {now / MS} ms is old"
             )
