@@ -19,8 +19,7 @@ from pdgw.profidrive.errors import ProfidriveError
 from pdgw.tools.bench.captures import write_capture
 
 import pdgw
-from tests.support.daemon import axis
-from tests.support.machine import configuration, serving
+from tests.support.daemon import axis, configuration, serving
 
 ROOT = Path(__file__).parents[1]
 EXAMPLES = ROOT / "examples"

@@ -19,8 +19,7 @@ from pdgw.tools.parameters.dump import Dump, DumpedElement, Restored, difference
 from pdgw.tools.parameters.session import Element, Session, meaning
 
 from tests.endtoend.processes import pdgw
-from tests.support.daemon import axis
-from tests.support.machine import configuration, serving
+from tests.support.daemon import axis, configuration, serving
 
 
 @pytest.mark.parametrize(
