@@ -223,7 +223,7 @@ class CanopenDecoder:
 
     def _take_layouts(self, node_id: int, node: _Node, axis: Axis) -> None:
         """The gateway's own layouts for the axis' telegram."""
-        from pdgw.gateway.translator.factory import (  # noqa: PLC0415 (loads canopen, and is needed with given axes only)
+        from pdgw.gateway.axis.telegrams import (  # noqa: PLC0415 (loads canopen, and is needed with given axes only)
             DRIVE_TELEGRAM_NUMBERS,
             pdo_operation,
         )

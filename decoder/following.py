@@ -22,8 +22,8 @@ from pdgw.decoder.following_axis import RESPONSE_NS, AxisFollower
 from pdgw.decoder.following_object import ObjectFollower, Put
 from pdgw.decoder.records import CanRecord, CyclicRecord, NmtRecord, Record
 from pdgw.decoder.timeline import Anomaly, AnomalyKind, Edge, Entry, Event
-from pdgw.gateway.translator.base import TranslatorSettings
-from pdgw.gateway.translator.factory import DRIVE_TELEGRAM_NUMBERS
+from pdgw.gateway.axis.settings import AxisSettings
+from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS
 from pdgw.gateway.transport.cyclic import CyclicEndpoint, Verdict
 from pdgw.profidrive.frame import IOPS_GOOD, is_newer
 from pdgw.profidrive.telegrams import Direction, telegram
@@ -54,7 +54,7 @@ class Follower:
     def __init__(
         self,
         axes: Sequence[Axis],
-        settings: Mapping[int, TranslatorSettings] | None = None,
+        settings: Mapping[int, AxisSettings] | None = None,
         *,
         cycle_ns: int,
         watchdog_factor: int | None = None,
@@ -110,10 +110,10 @@ class Follower:
         return released
 
 
-def _follower(axis: Axis, settings: TranslatorSettings | None, put: Put, cycle_ns: int) -> ObjectFollower:
+def _follower(axis: Axis, settings: AxisSettings | None, put: Put, cycle_ns: int) -> ObjectFollower:
     if axis.telegram not in DRIVE_TELEGRAM_NUMBERS:
         return ObjectFollower(axis, put, HOLD_NS)
-    chosen = settings or TranslatorSettings()
+    chosen = settings or AxisSettings()
     return AxisFollower(axis, chosen, put, cycle_ns=cycle_ns, hold_ns=HOLD_NS, assumed=settings is None)
 
 

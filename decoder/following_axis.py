@@ -1,8 +1,8 @@
 """One axis of a timeline: its words on both buses with their causes, what the PLC's edges came to, and what went wrong.
 
-Today's translator is stepped with what the recording shows that the gateway took in. What it decides explains the recorded words
-as long as its Controlword is the recorded one. Where nothing is known of what the gateway remembers (a recording that begins in
-operation) or the Controlwords differ for longer, no reasons are told until they agree again. Without I/O.
+Today's axis machine is stepped with what the recording shows that the gateway took in. What it decides explains the recorded
+words as long as its Controlword is the recorded one. Where nothing is known of what the gateway remembers (a recording that
+begins in operation) or the Controlwords differ for longer, no reasons are told until they agree again. Without I/O.
 """
 
 from __future__ import annotations
@@ -31,10 +31,12 @@ from pdgw.dsp402.images import REFERENCE_OBJECTS, DriveFeedback, References
 from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.dsp402.pdo import LAYOUTS
 from pdgw.dsp402.states import Command, ControlBit, State, StatusBit, next_state, state_of
-from pdgw.gateway.reasons import GATEWAY_FAULTS, Reason
-from pdgw.gateway.translator.base import SdoWrite, TranslatorSettings
-from pdgw.gateway.translator.factory import make_translator, pdo_operation
-from pdgw.gateway.translator.positioning import MODE_CONFIRM_NS, PositioningTranslator
+from pdgw.gateway.axis.executors.mode import MODE_CONFIRM_NS
+from pdgw.gateway.axis.machine import AxisMachine
+from pdgw.gateway.axis.settings import AxisSettings
+from pdgw.gateway.axis.telegrams import pdo_operation
+from pdgw.gateway.axis.values import Configured, SdoAnswer, SdoWrite
+from pdgw.gateway.reasons import Reason
 from pdgw.profidrive.signals import signal
 from pdgw.profidrive.telegrams import ApplicationMode, telegram
 
@@ -111,7 +113,7 @@ class AxisFollower(ObjectFollower):
     """Follows one axis with a drive. ``assumed``: the settings are not the user's but defaults."""
 
     def __init__(
-        self, axis: Axis, settings: TranslatorSettings, put: Put, *, cycle_ns: int, hold_ns: int, assumed: bool
+        self, axis: Axis, settings: AxisSettings, put: Put, *, cycle_ns: int, hold_ns: int, assumed: bool
     ) -> None:
         super().__init__(axis, put, hold_ns)
         self.online = False
@@ -133,8 +135,8 @@ class AxisFollower(ObjectFollower):
         self._restarted = False
         self._new_references = True
         self._written: deque[_Written] = deque(maxlen=64)
-        # -- today's translator
-        self._translator = make_translator(axis.telegram, settings)
+        # -- today's machine
+        self._machine = AxisMachine(axis.telegram, settings, self._image)
         self._rpdos = LAYOUTS[pdo_operation(axis.telegram)].rpdos
         self._request: tuple[SdoWrite, ...] | None = None
         self._to_write: list[SdoWrite] = []
@@ -305,47 +307,43 @@ class AxisFollower(ObjectFollower):
             self._mode_asked = mode
             self._mode_since = now if mode and mode != self._mode_shown else None
 
-    # -- today's translator -------------------------------------------------------------------------------------------
+    # -- today's machine ----------------------------------------------------------------------------------------------
 
     def step(self, setpoints: Sequence[int] | None, now: int) -> None:
-        translator = self._translator
+        inputs, outputs = self._machine.inputs, self._machine.outputs
+        inputs.now, inputs.setpoints, inputs.drive_ok = now, setpoints, self.online
         if self.online:
             self._configure()
-        commanded = translator.command.controlword
-        actuals = translator.step(setpoints, self._image, self.online, now)
+        commanded = outputs.command.controlword
+        self._machine.step()
+        actuals, word = outputs.actuals, outputs.command.controlword
         control, status = self._control_edge, self._status_edge
         self._control_edge = self._status_edge = None
-        if translator.command.controlword != commanded:
-            decision = Decision(now, commanded, translator.command.controlword, control or status)
+        if word != commanded:
+            decision = Decision(now, commanded, word, control or status)
             self._words.decided(WordKind.CONTROLWORD, decision)
         if actuals[0] != self._shown:
             if self._shown is not None:
                 self._words.decided(WordKind.STATUS, Decision(now, self._shown, actuals[0], status or control))
             self._shown = actuals[0]
         self._serve_sdo(now)
-        if translator.events:
-            for event in translator.events if self._known else ():
-                text = f"{event.number} {GATEWAY_FAULTS[event.number].name}: {event.detail}"
-                self._put(Anomaly(now, self.axis.do_id, AnomalyKind.GATEWAY_FAULT, text))
-            translator.events.clear()
+        for record in outputs.faults if self._known else ():
+            self._put(Anomaly(now, self.axis.do_id, AnomalyKind.GATEWAY_FAULT, f"{record.number} {record.text}"))
         self._compare(setpoints, now)
         self._judge(control, now)
 
     def _configure(self) -> None:
         """Restarts of the drive and references as far as the gateway has them."""
-        references = None
-        if self._restarted:
-            self._translator.drive_restarted()
-            self._restarted, self._known, self._new_references = False, True, True
-        if self._new_references:
+        restarted = self._restarted
+        if restarted or self._new_references:
             references = replace(References(), **self._references)
-            self._translator.set_references(references, self._homing_method)
-            self._new_references = False
+            self._machine.inputs.news.append(Configured(references, self._homing_method, restarted))
+            self._known |= restarted
+            self._restarted = self._new_references = False
 
     def _serve_sdo(self, now: int) -> None:
-        """Answer the translator's SDO writes when the recorded ones were answered."""
-        translator = self._translator
-        request = translator.sdo_request
+        """Answer the machine's SDO writes when the recorded ones were answered."""
+        request = self._machine.outputs.writes
         if request is None:
             self._request = None
             return
@@ -359,17 +357,16 @@ class AxisFollower(ObjectFollower):
                 continue
             del self._to_write[0]
             if written.error is not None or not self._to_write:
-                translator.sdo_request = None
-                translator.sdo_done(written.error)
+                self._machine.inputs.news.append(SdoAnswer(request, written.error))
                 return
 
     def _compare(self, setpoints: Sequence[int] | None, now: int) -> None:
-        """Whether today's translator is in the state of the recorded gateway."""
+        """Whether today's machine is in the state of the recorded gateway."""
         recorded = self._words.values.get(WordKind.CONTROLWORD)
         if recorded is None or not self.online:
             self._since = None
             return
-        today = self._translator.command.controlword
+        today = self._machine.outputs.command.controlword
         agrees = today == recorded
         if self._since is None or agrees is not self._agrees:
             self._agrees, self._since = agrees, now
@@ -385,7 +382,7 @@ class AxisFollower(ObjectFollower):
             self._recognise(setpoints)
 
     def _recognise(self, setpoints: Sequence[int]) -> None:
-        """With an OFF while the drive is not powered, the translator's state is what the recording tells."""
+        """With an OFF while the drive is not powered, the machine's state is what the recording tells."""
         word = setpoints[0]
         if not self._transparent and not word & _CONTROL_BY_PLC:
             return
@@ -396,15 +393,13 @@ class AxisFollower(ObjectFollower):
         for pdo in self._rpdos:
             sent = self._sent.get(pdo.number, b"")
             if len(sent) == pdo.size:
-                pdo.unpack_into(sent, self._translator.command)
-        if isinstance(self._translator, PositioningTranslator) and WordKind.STATUS in self._words.values:
-            self._translator.home_position_set = bool(self._words.values[WordKind.STATUS] & _HOME_POSITION_SET)
+                pdo.unpack_into(sent, self._machine.outputs.command)
+        if WordKind.STATUS in self._words.values:
+            self._machine.executor.recall(home_set=bool(self._words.values[WordKind.STATUS] & _HOME_POSITION_SET))
 
     def _judge(self, control: Edge | None, now: int) -> None:
         """Tell what the PLC's edges come to, and reasons that come or go."""
-        reason = self._translator.reason
-        if reason is None and self.online and self._image.statusword & StatusBit.INTERNAL_LIMIT:
-            reason = Reason.INTERNAL_LIMIT
+        reason = self._machine.outputs.reason
         if control is not None:
             self._settled()
             if self._known:

@@ -1,4 +1,4 @@
-"""The four words of an axis: where they change, and which decision of today's translator a change shows. Without I/O."""
+"""The four words of an axis: where they change, and which decision of today's machine a change shows. Without I/O."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _WAITING: Final = 8
 
 
 class Decision(NamedTuple):
-    """A word today's translator changed in a step, and the edge it took in this step."""
+    """A word today's machine changed in a step, and the edge it took in this step."""
 
     time_ns: int
     before: int
@@ -74,7 +74,7 @@ class Words:
         self._unexplained[kind].append(edge)
 
     def decided(self, kind: WordKind, decision: Decision) -> None:
-        """Today's translator has changed a word."""
+        """Today's machine has changed a word."""
         edges = self._unexplained[kind]
         while edges and edges[0].time_ns < decision.time_ns - self._tolerance:
             edges.popleft()

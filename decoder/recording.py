@@ -27,8 +27,8 @@ from pdgw.decoder.records import (
 from pdgw.decoder.replay import (
     Answer,
     AxisRecording,
-    Configured,
     Feedback,
+    Learned,
     PlcInputs,
     SdoResult,
     Sent,
@@ -40,7 +40,8 @@ from pdgw.ds301.nmt import NmtCommand, NmtState
 from pdgw.ds301.pdo import PdoDirection
 from pdgw.dsp402.images import REFERENCE_OBJECTS, References
 from pdgw.dsp402.objects import DRIVE_OBJECTS
-from pdgw.gateway.translator.base import TranslatorSettings
+from pdgw.gateway.axis.settings import AxisSettings
+from pdgw.gateway.axis.values import Configured
 from pdgw.gateway.transport.cyclic import Verdict
 from pdgw.profidrive.frame import IOPS_GOOD
 from pdgw.profidrive.signals import signal
@@ -76,7 +77,7 @@ class _Node:
     axis: Axis
     feedback: list[Feedback] = field(default_factory=list)
     sdo: list[SdoResult] = field(default_factory=list)
-    configured: list[Configured] = field(default_factory=list)
+    configured: list[Learned] = field(default_factory=list)
     sent: dict[int, list[Sent]] = field(default_factory=dict)
     online: list[tuple[int, bool]] = field(default_factory=list)
     references: dict[str, int] = field(default_factory=dict)
@@ -96,7 +97,7 @@ class Collector:
     ``axes``: in the order of the frame, with their node-IDs; ``settings`` the choices of the user by DO-ID.
     """
 
-    def __init__(self, axes: Sequence[Axis], settings: Mapping[int, TranslatorSettings] | None = None) -> None:
+    def __init__(self, axes: Sequence[Axis], settings: Mapping[int, AxisSettings] | None = None) -> None:
         self.axes = tuple(axes)
         self._settings = dict(settings or {})
         self._nodes = [_Node(axis) for axis in self.axes]
@@ -178,16 +179,16 @@ class Collector:
     ) -> AxisRecording:
         do_id = node.axis.do_id
         configured = [item._replace(time_ns=item.time_ns - offset_ns) for item in node.configured]
-        if not any(item.restarted for item in configured):
+        if not any(item.configured.restarted for item in configured):
             # The recording begins in operation: what it does not show is taken from the defaults of the profile.
             begin = min([used[0] if used else 0, *(item.time_ns for item in configured)])
             method = node.homing_method or _shown_method(node.axis.telegram, self._answers[do_id])
-            configured.insert(0, Configured(begin, node.known_references(), method, restarted=False))
+            configured.insert(0, Learned(begin, Configured(node.known_references(), method, restarted=False)))
         return AxisRecording(
             do_id,
             node.axis.node,
             telegram(node.axis.telegram),
-            self._settings.get(do_id, TranslatorSettings()),
+            self._settings.get(do_id, AxisSettings()),
             used,
             setpoints,
             sorted((item._replace(time_ns=item.time_ns - offset_ns) for item in node.feedback), key=_time),
@@ -276,13 +277,15 @@ def _sdo(node: _Node, record: SdoRecord) -> None:
     before = node.references.get(name)
     node.references[name] = value
     if node.started and before is not None and before != value:
-        node.configured.append(Configured(record.time_ns, node.known_references(), node.homing_method, restarted=False))
+        node.configured.append(
+            Learned(record.time_ns, Configured(node.known_references(), node.homing_method, restarted=False))
+        )
 
 
 def _nmt(node: _Node, record: NmtRecord) -> None:
     if record.command == NmtCommand.START:
         node.started = True
-        node.configured.append(Configured(record.time_ns, node.known_references(), node.homing_method))
+        node.configured.append(Learned(record.time_ns, Configured(node.known_references(), node.homing_method)))
     else:
         _offline(node, record.time_ns)
 

@@ -1,4 +1,4 @@
-"""Replay: recorded inputs of one axis through today's translator, in recorded time, against the recorded outputs.
+"""Replay: recorded inputs of one axis through today's axis machine, in recorded time, against the recorded outputs.
 
 Without I/O; ``decoder.recording`` makes the inputs out of captures. The PLC's frames go through ``CyclicEndpoint``, the drive's
 values are what its TPDOs carried, and the recorded answers say when the gateway stepped.
@@ -6,13 +6,13 @@ values are what its TPDOs carried, and the recorded answers say when the gateway
 A recorder does not tell which TPDO the gateway had at hand when it made a step, nor the exact time of the step. So the
 question asked is: is there, for each step, a choice of inputs within ``tolerance_ns`` of its recorded time - taken in their
 order, none left out for longer than that; of the PLC's frames the newest, or an earlier one where frames and answers cross - with
-which today's translator gives exactly the recorded actual values, and each RPDO exactly the recorded payloads in their order?
+which today's axis machine gives exactly the recorded actual values, and each RPDO exactly the recorded payloads in their order?
 Repetitions of a payload (refresh) do not count. Where a step cannot be explained, the search goes back as far as the tolerance
 reaches; when it finds nothing, that step is the difference.
 
 Whether a drive is online is an input (IOPS of the answers), as are references (SDO) and the results of SDO writes; where a
 silence of the PLC is as long as the watchdog within the tolerance, IOCS tells whether the gateway saw a loss. What the
-translator remembers from before the recording is not known: comparison starts when the drive is configured in the recording,
+machine remembers from before the recording is not known: comparison starts when the drive is configured in the recording,
 or with an OFF while the power stage is off; after a difference likewise. Left out: a telegram changed in operation (P922).
 """
 
@@ -28,14 +28,16 @@ from typing import Final, NamedTuple
 
 from pdgw.ds301.objects import Entry
 from pdgw.ds301.pdo import Pdo
-from pdgw.dsp402.images import DriveFeedback, References
+from pdgw.dsp402.images import DriveFeedback
 from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.dsp402.pdo import LAYOUTS
-from pdgw.dsp402.states import ControlBit, State, StatusBit, state_of
+from pdgw.dsp402.states import ControlBit, State, state_of
+from pdgw.gateway.axis.checkpoint import Checkpoint, Checkpoints
+from pdgw.gateway.axis.machine import AxisMachine
+from pdgw.gateway.axis.settings import AxisSettings
+from pdgw.gateway.axis.telegrams import pdo_operation
+from pdgw.gateway.axis.values import Configured, FaultRecord, SdoAnswer, SdoWrite
 from pdgw.gateway.reasons import Reason
-from pdgw.gateway.translator.base import FaultEvent, SdoWrite, TranslatorSettings
-from pdgw.gateway.translator.factory import make_translator, pdo_operation
-from pdgw.gateway.translator.positioning import PositioningTranslator
 from pdgw.gateway.transport.cyclic import CyclicEndpoint, Verdict
 from pdgw.profidrive.signals import signal
 from pdgw.profidrive.telegrams import ApplicationMode, Telegram
@@ -89,13 +91,11 @@ class SdoResult:
     error: str | None = None
 
 
-class Configured(NamedTuple):
-    """The gateway has (re-)configured the drive: ``restarted``; else only its references were read anew, or are assumed."""
+class Learned(NamedTuple):
+    """What the gateway has learned of the drive: it was (re-)configured, or its references were read anew or are assumed."""
 
     time_ns: int
-    references: References
-    homing_method: int = 0
-    restarted: bool = True
+    configured: Configured
 
 
 class Answer(NamedTuple):
@@ -125,12 +125,12 @@ class AxisRecording:
     do_id: int
     node: int
     telegram: Telegram
-    settings: TranslatorSettings = field(default_factory=TranslatorSettings)
+    settings: AxisSettings = field(default_factory=AxisSettings)
     frames: list[int] = field(default_factory=list)
     setpoints: list[Setpoints] = field(default_factory=list)
     feedback: list[Feedback] = field(default_factory=list)
     sdo: list[SdoResult] = field(default_factory=list)
-    configured: list[Configured] = field(default_factory=list)
+    configured: list[Learned] = field(default_factory=list)
     answers: list[Answer] = field(default_factory=list)
     sent: dict[int, list[Sent]] = field(default_factory=dict)
     online: list[tuple[int, bool]] = field(default_factory=list)
@@ -215,7 +215,7 @@ class Difference:
 class Step(NamedTuple):
     """One cycle as replayed. ``setpoints`` and ``feedback`` count the events taken so far.
 
-    ``controlword``, ``actuals`` and ``reason`` are today's translator's; ``compared`` is False while its past is not known.
+    ``controlword``, ``actuals`` and ``reason`` are those of today's machine; ``compared`` is False while its past is not known.
     """
 
     time_ns: int
@@ -225,7 +225,7 @@ class Step(NamedTuple):
     controlword: int
     actuals: tuple[int, ...]
     reason: Reason | None
-    events: tuple[FaultEvent, ...]
+    events: tuple[FaultRecord, ...]
     compared: bool
 
 
@@ -285,7 +285,7 @@ def _spans(sent: Mapping[int, Sequence[Sent]], can_end_ns: int) -> list[_Span]:
 
 @dataclass(slots=True)
 class _State:
-    """A hypothesis about the gateway at one moment, beside its translator."""
+    """A hypothesis about the gateway at one moment, beside its machine."""
 
     image: DriveFeedback = field(default_factory=DriveFeedback)
     setpoints: int = 0
@@ -328,7 +328,7 @@ class _Choice:
 
     __slots__ = ("best", "checkpoint", "inputs", "state", "tried")
 
-    def __init__(self, checkpoint: dict[str, object], state: _State, inputs: Iterator[_Inputs]) -> None:
+    def __init__(self, checkpoint: Checkpoint, state: _State, inputs: Iterator[_Inputs]) -> None:
         self.checkpoint = checkpoint
         self.state = state
         self.inputs = inputs
@@ -344,7 +344,8 @@ class Replayer:
         self._recording = recording
         self._cycle_ns = cycle_ns
         self._tolerance = tolerance_ns
-        self._translator = make_translator(recording.telegram.number, recording.settings)
+        self._machine = AxisMachine(recording.telegram.number, recording.settings, DriveFeedback())
+        self._checkpoints = Checkpoints(self._machine)
         layout = LAYOUTS[pdo_operation(recording.telegram.number)]
         self._rpdos: tuple[Pdo, ...] = tuple(pdo for pdo in layout.rpdos if pdo.number in recording.sent)
         self._spans = _spans(recording.sent, recording.can_end_ns)
@@ -402,10 +403,10 @@ class Replayer:
     # -- one step -----------------------------------------------------------------------------------------------------
 
     def _choice(self, tick: _Tick) -> _Choice:
-        return _Choice(self._translator.checkpoint(), self._state, self._inputs(tick, self._state))
+        return _Choice(self._checkpoints.save(), self._state, self._inputs(tick, self._state))
 
     def _go_back(self, choice: _Choice) -> None:
-        self._translator.restore(choice.checkpoint)
+        self._checkpoints.restore(choice.checkpoint)
         self._state = choice.state.copy()
 
     def _seen(self, position: int) -> bool:
@@ -420,7 +421,7 @@ class Replayer:
             state.done_at,
             state.span,
             tuple(sorted(state.cursors.items())),
-            self._translator.fingerprint(),
+            self._checkpoints.fingerprint(),
         )
         if key in self._visited:
             return True
@@ -454,7 +455,8 @@ class Replayer:
                     yield _Inputs(taken, received, shift)
 
     def _step(self, tick: _Tick, inputs: _Inputs, *, check: bool) -> tuple[Step, Difference | None]:
-        state, translator, recording = self._state, self._translator, self._recording
+        state, machine, recording = self._state, self._machine, self._recording
+        given, outputs = machine.inputs, machine.outputs
         now = tick.time_ns + inputs.shift_ns
         for event in recording.feedback[state.feedback : inputs.feedback]:
             for attribute, value in event.values:
@@ -469,25 +471,27 @@ class Replayer:
         if state.online:
             # Its IOPS tell that the gateway has done with the drive, a little before or after the NMT command's time.
             self._configure(tick.time_ns + (self._tolerance if came_online else 0))
-        asked = translator.sdo_request
-        actuals = tuple(translator.step(values, state.image, state.online, now))
+        for attribute in DriveFeedback.__slots__:
+            setattr(given.feedback, attribute, getattr(state.image, attribute))
+        given.now, given.setpoints, given.drive_ok = now, values, state.online
+        asked = outputs.writes
+        machine.step()
+        actuals = tuple(outputs.actuals)
         difference = None
         if compare:
             difference = self._compare_answer(tick, actuals, values is not None) or self._compare_sent(tick)
         else:
             self._follow_sent(tick.time_ns)
         difference = self._serve_sdo(asked, now, difference)
-        events = tuple(translator.events)
-        translator.events.clear()
         step = Step(
             tick.time_ns,
             tick.answer,
             inputs.setpoints,
             inputs.feedback,
-            translator.command.controlword,
+            outputs.command.controlword,
             actuals,
-            self._reason(),
-            events,
+            outputs.reason,
+            tuple(outputs.faults),
             compare,
         )
         if values is not None:
@@ -509,23 +513,16 @@ class Replayer:
 
     def _configure(self, until: int) -> None:
         """References and restarts of the drive that the gateway has learned until a time."""
-        state, translator = self._state, self._translator
+        state = self._state
         events = self._recording.configured
         while state.configured < len(events) and events[state.configured].time_ns <= until:
-            event = events[state.configured]
+            configured = events[state.configured].configured
             state.configured += 1
-            if event.restarted:
-                translator.drive_restarted()
-                state.known = True
-            translator.set_references(event.references, event.homing_method)
-
-    def _reason(self) -> Reason | None:
-        reason = self._translator.reason
-        limited = self._state.online and self._state.image.statusword & StatusBit.INTERNAL_LIMIT
-        return Reason.INTERNAL_LIMIT if reason is None and limited else reason
+            state.known |= configured.restarted
+            self._machine.inputs.news.append(configured)
 
     def _recognise(self, values: Sequence[int], tick: _Tick) -> None:
-        """With an OFF while the drive is not powered, the translator's state is what the recording tells."""
+        """With an OFF while the drive is not powered, the machine's state is what the recording tells."""
         word, state = values[0], self._state
         if state.known:
             return
@@ -538,9 +535,9 @@ class Replayer:
         for pdo in self._rpdos:
             in_force = bisect_right(self._recording.sent[pdo.number], (tick.time_ns,))
             if in_force and len(sent := self._recording.sent[pdo.number][in_force - 1].data) == pdo.size:
-                pdo.unpack_into(sent, self._translator.command)
-        if isinstance(self._translator, PositioningTranslator) and tick.answer is not None:
-            self._translator.home_position_set = bool(tick.answer.actuals[0] & _HOME_POSITION_SET)
+                pdo.unpack_into(sent, self._machine.outputs.command)
+        if tick.answer is not None:
+            self._machine.executor.recall(home_set=bool(tick.answer.actuals[0] & _HOME_POSITION_SET))
 
     # -- comparison ---------------------------------------------------------------------------------------------------
 
@@ -590,7 +587,7 @@ class Replayer:
 
     def _compare_rpdo(self, pdo: Pdo, frames: Sequence[Sent], now: int) -> Difference | None:
         """The payload of this step is the one in force, or the next of the recording at about its time."""
-        data = pdo.pack(self._translator.command)
+        data = pdo.pack(self._machine.outputs.command)
         tolerance = self._tolerance
         cursors = self._state.cursors
         cursor = cursors.get(pdo.number)
@@ -642,9 +639,9 @@ class Replayer:
     def _serve_sdo(
         self, asked: tuple[SdoWrite, ...] | None, now: int, difference: Difference | None
     ) -> Difference | None:
-        """Answer the translator's SDO writes when the recorded ones were answered, as ``Axis`` does."""
-        state, translator = self._state, self._translator
-        request = translator.sdo_request
+        """Answer the machine's SDO writes when the recorded ones were answered."""
+        state, machine = self._state, self._machine
+        request = machine.outputs.writes
         if request is None:
             state.asked = None
             return difference
@@ -653,8 +650,7 @@ class Replayer:
             state.done_at, state.done_error, wrong = self._find_writes(request, now)
             difference = difference or wrong
         if asked is request and state.done_at is not None and state.done_at <= now:
-            translator.sdo_request = None
-            translator.sdo_done(state.done_error)
+            machine.inputs.news.append(SdoAnswer(request, state.done_error))
         return difference
 
     def _find_writes(self, request: Sequence[SdoWrite], now: int) -> tuple[int | None, str | None, Difference | None]:

@@ -100,6 +100,8 @@ _LOOK_AGAIN_NS = 5 * MS
 _ACYCLIC_PDO_NS = 100 * MS
 _ACYCLIC_FAILURES = 3
 """So often in a row may objects without PDO not be read before their values are too old."""
+_CHECK_AFTER_NS = 200 * MS
+"""A configuration that is being written comes object by object: so long after the last one it is checked."""
 _SEGMENT = 7
 _EXPEDITED_SIZE = 4
 _LONGEST_UPLOAD = 1 << 16
@@ -221,6 +223,9 @@ class NodeClient(abc.ABC, Generic[S]):
         self._wake = Event(self.loop)
         """Something for the node's task: a job, a loss, another telegram."""
         self._reconfigure = False
+        self._held = False
+        self._check_at: int | None = None
+        """When the node is brought up again because its configuration was written to; until then no cyclic data counts."""
         self._jobs: deque[_Job] = deque()
         self._task: Task | None = None
         part = f"node {settings.node_id} on {network.name}"
@@ -260,6 +265,11 @@ class NodeClient(abc.ABC, Generic[S]):
     def length_errors(self) -> int:
         """TPDOs shorter than their mapping, ignored."""
         return self._old_length_errors + sum(slot.errors for slot in self._slots)
+
+    @property
+    def heard_ns(self) -> int:
+        """When the node's last TPDO or heartbeat came; 0 never."""
+        return max((slot.time for slot in self._slots), default=0) or self._heartbeat
 
     def start(self) -> None:
         """Start the task: waits for the node, checks identity, configures, goes operational, supervises."""
@@ -322,7 +332,7 @@ class NodeClient(abc.ABC, Generic[S]):
 
     def refresh(self, now: int) -> bool:
         """Cyclic: take the newest TPDO data into the feedback; True when online and no TPDO is overdue."""
-        fresh = self.status is NodeStatus.ONLINE
+        fresh = self.status is NodeStatus.ONLINE and not self._held and self._check_at is None
         oldest = now - self._timeout_ns
         for slot in self._slots:
             data = slot.data
@@ -391,6 +401,16 @@ class NodeClient(abc.ABC, Generic[S]):
     def read_number(self, index: int, subindex: int = 0, *, signed: bool = False) -> int:
         """An integer object, in the node's task only."""
         return int.from_bytes(self.read(index, subindex), "little", signed=signed)
+
+    def hold(self) -> None:
+        """In a job: what the gateway relies on is about to change. To the cyclic side the node is not online until ``unhold``."""
+        self._held = True
+
+    def unhold(self, *, check: bool) -> None:
+        """In a job: the end of ``hold``. ``check``: the node is brought up again first, when no more was written for a moment."""
+        self._held = False
+        if check:
+            self._check_at = self.loop.now() + _CHECK_AFTER_NS
 
     def _apply_times(self) -> None:
         settings = self.settings
@@ -467,6 +487,7 @@ class NodeClient(abc.ABC, Generic[S]):
     def _bring_up(self) -> None:
         self._booted.clear()
         self._reconfigure = False
+        self._check_at = None
         # A node that was stopped answers no SDO before this; a running one stops by its abort option. Until it has answered,
         # nobody knows that it did: one that was in operation is still sent its stop.
         self._nmt(NmtCommand.ENTER_PRE_OPERATIONAL)
@@ -622,6 +643,9 @@ class NodeClient(abc.ABC, Generic[S]):
             now = self.loop.now()
             if self._reconfigure:
                 self._set_status(NodeStatus.CONFIGURING, "telegram changed")
+                return
+            if self._check_at is not None and now >= self._check_at and not self._jobs:
+                self._set_status(NodeStatus.CONFIGURING, "its configuration was written to")
                 return
             lost = self._lost(now)
             if lost:

@@ -15,7 +15,6 @@ import contextlib
 import heapq
 import logging
 import queue
-import select
 import socket
 import time
 from collections import deque
@@ -25,6 +24,7 @@ from typing import Generic, TypeVar
 
 import greenlet
 from pdgw.ds301.counters import Counters
+from pdgw.ds301.readiness import Readiness, best_readiness
 
 log = logging.getLogger("gateway")
 
@@ -315,11 +315,11 @@ class Mailbox(Generic[T]):
 class SystemLoop(Loop):
     """A loop on the machine's clock and file descriptors. ``close`` gives its own descriptors back."""
 
-    def __init__(self) -> None:
+    def __init__(self, readiness: Readiness | None = None) -> None:
         super().__init__()
-        # ``select`` takes microseconds, which ``poll`` does not, and sockets on every system; a gateway has few descriptors.
+        self._readiness: Readiness = best_readiness() if readiness is None else readiness
         self._readers: dict[int, Callable[[], None]] = {}
-        self._order: list[int] = []
+        self._urgent: set[int] = set()
         self._writers: dict[int, Callable[[], None]] = {}
         self._calls: deque[Callable[[], None]] = deque()
         self._awake, self._waker = socket.socketpair()
@@ -366,19 +366,26 @@ class SystemLoop(Loop):
         return future
 
     def add_reader(self, descriptor: int, action: Callable[[], None], *, urgent: bool = False) -> None:
-        self.remove_reader(descriptor)
         self._readers[descriptor] = action
-        self._order.insert(0 if urgent else len(self._order), descriptor)
+        if urgent:
+            self._urgent.add(descriptor)
+        self._watch(descriptor)
 
     def remove_reader(self, descriptor: int) -> None:
         if self._readers.pop(descriptor, None) is not None:
-            self._order.remove(descriptor)
+            self._urgent.discard(descriptor)
+            self._watch(descriptor)
 
     def add_writer(self, descriptor: int, action: Callable[[], None]) -> None:
         self._writers[descriptor] = action
+        self._watch(descriptor)
 
     def remove_writer(self, descriptor: int) -> None:
-        self._writers.pop(descriptor, None)
+        if self._writers.pop(descriptor, None) is not None:
+            self._watch(descriptor)
+
+    def _watch(self, descriptor: int) -> None:
+        self._readiness.watch(descriptor, read=descriptor in self._readers, write=descriptor in self._writers)
 
     def pace(self, expected: int) -> None:
         self._expected = expected
@@ -397,14 +404,14 @@ class SystemLoop(Loop):
             wait = _LONGEST_WAIT_S
         else:
             wait = min(max(0, due - time.monotonic_ns()) / SECOND, _LONGEST_WAIT_S)
-        ready, writable, _ = select.select(self._order, list(self._writers) if self._writers else (), (), wait)
-        for descriptor in ready:
-            action = self._readers.get(descriptor)
-            if action is not None:
+        ready = self._readiness.wait(wait)
+        if len(ready) > 1:
+            ready.sort(key=lambda item: item[0] not in self._urgent)
+        for descriptor, readable, writable in ready:
+            # What one does may end the watch over another.
+            if readable and (action := self._readers.get(descriptor)) is not None:
                 action()
-        for descriptor in writable:
-            action = self._writers.get(descriptor)
-            if action is not None:
+            if writable and (action := self._writers.get(descriptor)) is not None:
                 action()
         if self._timers:
             self._fire(time.monotonic_ns())
@@ -421,6 +428,7 @@ class SystemLoop(Loop):
         if self._workers is not None:
             self._workers.shutdown()
         self._take_calls()
+        self._readiness.close()
         self._awake.close()
         self._waker.close()
 

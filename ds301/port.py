@@ -60,6 +60,19 @@ class Receiver(Protocol):
         """The interface does not work any more: the port is closed, another one has to be opened."""
 
 
+def deliver(receiver: Receiver, can_id: int, data: bytes) -> None:
+    """A frame whose identifier has the flags of ``can_frame``."""
+    if can_id < EXTENDED and not can_id & (REMOTE | ERROR):
+        receiver.on_frame(can_id, data)
+    elif can_id & ERROR:
+        passive = bool(can_id & _CONTROLLER and len(data) > 1 and data[1] & _PASSIVE)
+        receiver.on_error_frame(bus_off=bool(can_id & _BUS_OFF), passive=passive)
+    else:
+        extended = bool(can_id & EXTENDED)
+        identifier = can_id & ~(EXTENDED | REMOTE)
+        receiver.on_other_frame(identifier, data, extended=extended, remote=bool(can_id & REMOTE))
+
+
 class CanPort(Protocol):
     """One end of a CAN bus."""
 
@@ -113,25 +126,11 @@ class SocketPort:
             except OSError as error:
                 self._lost(error.strerror or str(error))
                 return
-            if len(frame) == CAN_FRAME.size:
-                self._deliver(*CAN_FRAME.unpack(frame))
+            if len(frame) == CAN_FRAME.size and self._receiver is not None:
+                can_id, length, data = CAN_FRAME.unpack(frame)
+                deliver(self._receiver, can_id, data[: min(length, 8)])
             if self._closed:
                 return
-
-    def _deliver(self, can_id: int, length: int, data: bytes) -> None:
-        receiver = self._receiver
-        if receiver is None:
-            return
-        data = data[: min(length, 8)]
-        if can_id < EXTENDED and not can_id & (REMOTE | ERROR):
-            receiver.on_frame(can_id, data)
-        elif can_id & ERROR:
-            passive = bool(can_id & _CONTROLLER and len(data) > 1 and data[1] & _PASSIVE)
-            receiver.on_error_frame(bus_off=bool(can_id & _BUS_OFF), passive=passive)
-        else:
-            extended = bool(can_id & EXTENDED)
-            identifier = can_id & ~(EXTENDED | REMOTE)
-            receiver.on_other_frame(identifier, data, extended=extended, remote=bool(can_id & REMOTE))
 
     def _lost(self, text: str) -> None:
         receiver = self._receiver

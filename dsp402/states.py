@@ -1,7 +1,7 @@
 """The CiA 402 state machine as tables: states, Statusword patterns, Controlword commands, transitions.
 
 Source: CiA DSP 402 V2.0 chapter 10, the manufacturer's guide chapters 5.1 and 7.1/7.2.
-The same table drives the simulator, the translators' view of the drive, the decoder and the documentation.
+The same table drives the simulator, the gateway's view of the drive, the decoder and the documentation.
 """
 
 from __future__ import annotations

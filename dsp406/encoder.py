@@ -26,11 +26,11 @@ from pdgw.dsp406.errors import Dsp406Error
 from pdgw.dsp406.faults import ENCODER_EMCY
 from pdgw.dsp406.images import PARAMETER_OBJECTS, EncoderFeedback, EncoderParameters
 from pdgw.dsp406.kinds import PROFILE_NUMBER, ROTARY, EncoderDevice
+from pdgw.dsp406.objects import CYCLIC_TIMER, PRESET, PRESET_MULTI_SENSOR
 from pdgw.dsp406.pdo import CYCLIC, POSITION, POSITION_MULTI_SENSOR, encoder_layout
 
 EncoderStatus = NodeStatus
 EncoderEvent = NodeEvent
-PRESET, PRESET_MULTI_SENSOR, CYCLIC_TIMER = 0x6003, 0x6010, 0x6200
 _ROUNDS = 4
 _READ_LATE_NS = _ROUNDS * 100 * MS
 """A position read by SDO, each 100 ms and as long as reading all takes, may be missed so often; and one SDO may time out."""

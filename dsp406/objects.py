@@ -24,6 +24,8 @@ SOFTWARE_VERSION = 0x0100
 UNUSED = 0xFFFF_FFFF
 """6508h and 650Bh of a device that does not have them."""
 POSITION_UNIT = "measuring units"
+PRESET, PRESET_MULTI_SENSOR, CYCLIC_TIMER = 0x6003, 0x6010, 0x6200
+"""Objects that others than the catalogue ask for by index."""
 
 
 class Category(enum.Enum):

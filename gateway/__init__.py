@@ -1,1 +1,1 @@
-"""The gateway: translators (pure), axes and their supervision, transports, configuration, the daemon."""
+"""The gateway: the axis machine (pure, ``axis``), drive objects bound to their nodes, transports, configuration, the daemon."""

@@ -10,7 +10,7 @@ import difflib
 import enum
 from collections.abc import Sequence
 from fractions import Fraction
-from ipaddress import IPv4Address, IPv4Interface
+from ipaddress import IPv4Address, IPv4Network
 from math import ceil
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
@@ -25,18 +25,17 @@ from pdgw.dsp402.pdo import LAYOUTS
 from pdgw.dsp402.scaling import UnitKeys, check_unit_keys
 from pdgw.dsp406.encoder import EncoderSettings
 from pdgw.dsp406.kinds import CHANNELS_MAX, DEVICES, LINEAR, MULTI_SENSOR, ROTARY, EncoderDevice, multi_sensor
-from pdgw.gateway import identity
-from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.explain import Problem, misplaced, problems
-from pdgw.gateway.ports import STATUS_PORT
-from pdgw.gateway.toml_file import parse_toml, read_text, told
-from pdgw.gateway.translator.base import PlcLossReaction, SetpointEnable, TranslatorSettings
-from pdgw.gateway.translator.factory import (
+from pdgw.gateway.axis.settings import AxisSettings, PlcLossReaction, SetpointEnable
+from pdgw.gateway.axis.telegrams import (
     DRIVE_TELEGRAM_NUMBERS,
     ENCODER_TELEGRAM_NUMBERS,
     initial_mode,
     pdo_operation,
 )
+from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.explain import Problem, misplaced, problems
+from pdgw.gateway.ports import STATUS_PORT
+from pdgw.gateway.toml_file import parse_toml, read_text, told
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.frame import UDP_PORT, CSduLayout
 from pdgw.profidrive.telegrams import Direction, telegram
@@ -68,7 +67,6 @@ Integer = Annotated[int, Strict()]
 """true is no number here, and neither is "3"."""
 Boolean = Annotated[bool, Strict()]
 Port = Annotated[Integer, Field(ge=0, le=65535)]
-DeviceNumber = Annotated[Integer, Field(ge=0, le=65535)]
 
 
 class EncoderModel(enum.Enum):
@@ -110,15 +108,7 @@ class CanConfig(BaseModel):
 class TransportConfig(_Section):
     """How the PLC is reached."""
 
-    type: Literal["udp", "profinet"] = "udp"
-    interface: Annotated[str, Field(min_length=1, max_length=15)] | None = None
-    """Ethernet interface of ``profinet``."""
-    ip: IPv4Interface | None = None
-    """A fixed address with its prefix length; without it the controller or engineering tool gives one by DCP."""
-    router: IPv4Address | None = None
-    """The IP suite's standard gateway, with a fixed address."""
-    vendor_id: DeviceNumber = identity.VENDOR_ID
-    device_id: DeviceNumber = identity.DEVICE_ID
+    type: Literal["udp"] = "udp"
     listen: IPv4Address = IPv4Address("127.0.0.1")
     cyclic_port: Port = UDP_PORT
     acyclic_port: Port = ACYCLIC_PORT
@@ -132,19 +122,29 @@ class TransportConfig(_Section):
     ar_uuid: UUID = NIL
     """Of the static application relationship."""
     station_name: Annotated[str, Field(max_length=240, pattern=_STATION_NAME)] = "pdgw"
-    """P61000; of ``profinet`` the name until DCP gives another one."""
 
     @model_validator(mode="after")
-    def _is_one_transport(self) -> TransportConfig:
-        if self.type == "profinet" and self.interface is None:
-            raise misplaced('interface is missing, needed with type = "profinet", for example "eth1"', "type")
-        if self.type != "profinet":
-            for key in ("interface", "ip", "router"):
-                if getattr(self, key) is not None:
-                    raise misplaced(f'{key}: has a meaning with type = "profinet" only', key)
-        elif self.router is not None and (self.ip is None or self.router not in self.ip.network):
-            raise misplaced("router: allowed is an address of the network of ip, which must be given too", "router")
+    def _peer_is_known(self) -> TransportConfig:
+        if not self.listen.is_loopback and self.peer is None:
+            raise misplaced(
+                f"peer is missing: listen = {self.listen} is reached by others than programs on this machine, and whoever sends "
+                "the first frames would move the drives; peer is the address of the PLC",
+                "peer",
+            )
         return self
+
+
+class ParametersConfig(_Section):
+    """Who may use the parameter channel."""
+
+    write_from: tuple[IPv4Network, ...] | None = None
+    """Addresses and networks parameters may be written from. None: everybody where ``listen`` is loopback, nobody otherwise."""
+
+    def writers(self, listen: IPv4Address) -> tuple[IPv4Network, ...] | None:
+        """The networks that may write; None for everybody."""
+        if self.write_from is None:
+            return None if listen.is_loopback else ()
+        return self.write_from
 
 
 def _standstill(value: object) -> object:
@@ -243,8 +243,8 @@ class AxisConfig(_Section):
         return self
 
     @property
-    def translator_settings(self) -> TranslatorSettings:
-        return TranslatorSettings(
+    def axis_settings(self) -> AxisSettings:
+        return AxisSettings(
             self.on_plc_loss,
             self.setpoint_enable,
             self.modulo_axis,
@@ -378,6 +378,7 @@ class GatewayConfig(_Section):
 
     can: Annotated[tuple[CanConfig, ...], BeforeValidator(as_list), Field(min_length=1)]
     transport: TransportConfig = TransportConfig()
+    parameters: ParametersConfig = ParametersConfig()
     axis: Annotated[tuple[AxisConfig, ...], BeforeValidator(as_list)] = ()
     encoder: Annotated[tuple[EncoderConfig, ...], BeforeValidator(as_list)] = ()
     """The drive objects of the frame: all axes, then all encoders, each in their order."""
@@ -557,6 +558,7 @@ def parse_config(text: str, name: str = "configuration") -> GatewayConfig:
 SECTIONS: dict[str, type[BaseModel]] = {
     "can": CanConfig,
     "transport": TransportConfig,
+    "parameters": ParametersConfig,
     "axis": AxisConfig,
     "encoder": EncoderConfig,
 }
@@ -585,14 +587,10 @@ watchdog_factor = 3          # the PLC is lost after this many cycles without a 
 # parameter_timeout_ms = 2000  # a parameter request is answered within this time
 # ar_uuid = "00000000-0000-0000-0000-000000000000"   # of the static application relationship
 # station_name = "pdgw"      # P61000
-# peer = "192.168.0.10"      # only this PLC; without it the first valid sender
-# A PROFINET IO device on Ethernet instead (docs/profinet.md):
-# type = "profinet"
-# interface = "eth1"
-# ip = "192.168.0.2/24"      # without it the controller gives one by DCP
-# router = "192.168.0.1"
-# vendor_id = {identity.VENDOR_ID}          # of your PI membership; {identity.VENDOR_ID} is nobody's
-# device_id = {identity.DEVICE_ID}
+# peer = "192.168.0.10"      # only this PLC; without it the first sender, which only listen = "127.0.0.1" allows
+
+# [parameters]
+# write_from = ["192.168.0.10", "192.168.0.64/28"]   # who may write parameters; without it everybody on this machine, or nobody
 
 # [realtime]                 # Linux; what is not granted is told, and the gateway runs without
 # priority = 50              # SCHED_FIFO, 1 to 99

@@ -17,21 +17,16 @@ from typing import Any, Protocol
 from pdgw.ds301.client import NodeClient
 from pdgw.ds301.loop import MS, Event, Loop, Timer
 from pdgw.ds301.network import CanNetwork
-from pdgw.gateway.axis import Axis
+from pdgw.gateway.binding import Axis
 from pdgw.gateway.config import GATEWAY_NODE_ID, AxisConfig, GatewayConfig
 from pdgw.gateway.drive_object import DriveObject
-from pdgw.gateway.edge import Edge, SystemEdge, open_configured_bus
+from pdgw.gateway.edge import Edge, SystemEdge
 from pdgw.gateway.encoder import EncoderNode, EncoderObject
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.link import Link, UdpLink
 from pdgw.gateway.masters import LISTEN_NS, watch_for_masters
-from pdgw.gateway.profinet_link import ProfinetLink
+from pdgw.gateway.reasons import FaultNumber
 from pdgw.gateway.store import ParameterStore
-from pdgw.gateway.transport.ethernet import EthernetPort, RawEthernet
-from pdgw.peers.drive import SimulatedDrive
-from pdgw.peers.encoder import SimulatedEncoder
-from pdgw.peers.encoder.motion import Motion, parse_motion
-from pdgw.peers.node.running import RunningNode
 from pdgw.profidrive.telegrams import telegram
 
 log = logging.getLogger("gateway")
@@ -52,12 +47,10 @@ class Service(Protocol):
 class Daemon:
     """Owns link, buses, drive objects and services of one configuration.
 
-    ``ethernet``: the interface of the PROFINET link; None opens the configured one.
-
     Raises GatewayError or CanopenError from the constructor when a port or a CAN interface cannot be had.
     """
 
-    def __init__(self, config: GatewayConfig, edge: Edge | None = None, ethernet: EthernetPort | None = None) -> None:
+    def __init__(self, config: GatewayConfig, edge: Edge | None = None) -> None:
         self.config = config
         self.edge: Edge = SystemEdge() if edge is None else edge
         self.loop: Loop = self.edge.loop
@@ -65,8 +58,6 @@ class Daemon:
         self.cycle_ns = int(transport.cycle_time_ms * MS)
         self.store = ParameterStore(config.store, log.warning)
         self.networks: dict[str, CanNetwork] = {}
-        self.simulated: list[SimulatedDrive] = []
-        self.simulated_encoders: list[SimulatedEncoder] = []
         self.services: list[Service] = []
         self.started_ns = self.loop.now()
         self.cycles = 0
@@ -88,7 +79,10 @@ class Daemon:
         with ExitStack() as opened:
             if edge is None:
                 opened.callback(self.loop.close)
-            open_link = self._prepare_link(opened, ethernet)
+            port = self.edge.open_udp(str(transport.listen), transport.cyclic_port, "cyclic port")
+            opened.callback(port.close)
+            self.address = port.address
+            """Where cyclic frames are taken."""
             for bus in config.can:
                 network = CanNetwork(self.loop, partial(self.edge.open_can, bus), bus.name)
                 opened.callback(network.close)
@@ -102,11 +96,8 @@ class Daemon:
             for axis in self.axes:
                 if axis.config.g1 is not None:
                     axis.connect_sensor(by_do[axis.config.g1])
-            opened.callback(self._end_simulation)
-            self._simulate()
             # A stored telegram (P922) may differ from the configured one: the frame may not fit.
-            self.link: Link = open_link()
-            opened.callback(self.link.close)
+            self.link: Link = UdpLink(port, transport, [item.telegram for item in self.objects], self.loop.counters)
             self._opened = opened.pop_all()
         self._heartbeat_ns = min(client.settings.heartbeat_ms for client in self.clients) * MS // 2
         synced = {client.network.name for client in self.clients if client.settings.sync}
@@ -116,21 +107,6 @@ class Daemon:
         add = self.loop.counters.add
         add("loop", "cycles", "cycles", "of all drive objects", lambda: self.cycles)
         add("loop", "late", "cycles", "begun more than half a cycle after their time", lambda: self.late)
-
-    def _prepare_link(self, opened: ExitStack, ethernet: EthernetPort | None) -> Callable[[], Link]:
-        """Take the port of the link first: without it nothing else has to be opened."""
-        transport = self.config.transport
-        if transport.type == "profinet":
-            interface = transport.interface or ""
-            port = RawEthernet(self.loop, interface) if ethernet is None else ethernet
-            opened.callback(port.close)
-            self.address = (interface, 0)
-            return lambda: ProfinetLink(port, self.config, self.store, self.loop, self.objects)
-        udp = self.edge.open_udp(str(transport.listen), transport.cyclic_port, "cyclic port")
-        opened.callback(udp.close)
-        self.address = udp.address
-        """Where cyclic frames are taken: address and port, or the Ethernet interface."""
-        return lambda: UdpLink(udp, transport, [item.telegram for item in self.objects], self.loop.counters)
 
     def _axis(self, config: AxisConfig) -> Axis:
         network = self.networks[self.config.bus_of(config).name]
@@ -148,35 +124,6 @@ class Daemon:
                     number = config.telegram if stored.telegram is None else stored.telegram
                     made[config.do_id] = EncoderObject(config, node, number, stored.sign_of_life_tolerance)
         return [made[config.do_id] for config in self.config.encoder]
-
-    def _simulate(self) -> None:
-        shafts: dict[str, dict[int, Motion]] = {bus.name: {} for bus in self.config.can}
-        for config in self.config.axis:
-            if config.simulate:
-                can_config = self.config.bus_of(config)
-                drive = SimulatedDrive(open_configured_bus(can_config), config.node_id, serial_number=config.do_id)
-                self.simulated.append(drive)
-                shafts[can_config.name][config.node_id] = drive.shaft
-        for can_config in self.config.can:
-            for node_id, channels in self.config.encoders_of(can_config).items():
-                if channels[0].simulate:
-                    last = max(channels, key=lambda item: item.channel)
-                    motions = {
-                        item.channel: parse_motion(item.motion, shafts=shafts[can_config.name]) for item in channels
-                    }
-                    self.simulated_encoders.append(
-                        SimulatedEncoder(
-                            open_configured_bus(can_config),
-                            node_id,
-                            device=last.device,
-                            motions=[motions.get(n, parse_motion("still")) for n in range(1, last.channel + 1)],
-                            serial_number=channels[0].do_id,
-                        )
-                    )
-
-    @property
-    def _simulated_devices(self) -> list[RunningNode[Any]]:
-        return [*self.simulated, *self.simulated_encoders]
 
     @property
     def clients(self) -> list[NodeClient[Any]]:
@@ -223,8 +170,6 @@ class Daemon:
         """Begin everything on the loop; the buses are listened to for a moment before anything is sent on them."""
         count = len(self.objects)
         log.info("cyclic exchange on %s:%d, %d drive objects, cycle %g ms", *self.address, count, self.cycle_ns / MS)
-        for device in self._simulated_devices:
-            device.start()
         for name, network in self.networks.items():
             network.start()
             drives = [axis.node_id for axis in self.axes if axis.network is network]
@@ -250,7 +195,7 @@ class Daemon:
             self._failure = GatewayError(text)
             log.error("%s", text)
             for item in self.objects:
-                item.raise_fault(123, text, self.loop.now())
+                item.raise_fault(FaultNumber.OTHER_MASTER, text, self.loop.now())
             self._begin_stop()
 
     def stop(self) -> None:
@@ -261,13 +206,6 @@ class Daemon:
     def release(self) -> None:
         """Give ports and buses back; the end of a run does it. A second call does nothing."""
         self._opened.close()
-
-    def _end_simulation(self) -> None:
-        for device in self._simulated_devices:
-            if device.running:
-                device.stop()
-            else:
-                device.bus.shutdown()
 
     def _begin_stop(self) -> None:
         """As after a loss of the PLC: each axis stops its way; then power is off everywhere, or the time is over."""
@@ -297,9 +235,11 @@ class Daemon:
     # -- the cyclic exchange ------------------------------------------------------------------------------------------
 
     def _on_link(self) -> None:
-        """Something of the PLC waits."""
-        now = self.loop.now()
-        accepted = self.link.receive(now)
+        """Something of the PLC waits: what came first is answered before anything else is looked for; then the newest counts."""
+        self._take(self.link.receive(now := self.loop.now(), 1), now)
+        self._take(self.link.receive(now := self.loop.now()), now)
+
+    def _take(self, accepted: bool, now: int) -> None:
         if self._stopping:
             self.link.lose_setpoints()
         elif accepted:
@@ -327,14 +267,13 @@ class Daemon:
         if link.poll(now):
             log.error("PLC lost: no valid frame for %d cycles", self.config.transport.watchdog_factor)
             for item in self.objects:
-                item.raise_fault(103, "watchdog expired", now)
+                item.raise_fault(FaultNumber.PLC_LOST, "watchdog expired", now)
         setpoints = link.setpoints
         for index, item in enumerate(self.objects):
             item.step(setpoints[index], now)
-        for network in self._synced:
-            network.send_sync()
         self.cycles += 1
         cycle = self.cycle_ns
+        # The PLC waits for its answer, a drive only for the bus.
         if accepted or self._stopping or now - self._last_sent >= 2 * cycle:
             objects = self.objects
             link.send(
@@ -343,6 +282,10 @@ class Daemon:
                 [item.released for item in objects],
             )
             self._last_sent = now
+        for item in self.objects:
+            item.transmit(now)
+        for network in self._synced:
+            network.send_sync()
         self._deadline = now + (cycle + cycle // 2 if accepted else cycle)
         self.loop.pace(now + cycle)
         if self._stopping:

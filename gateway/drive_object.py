@@ -1,42 +1,53 @@
-"""What a drive object (DO) of the gateway is, drive or encoder: a translator, a node, their faults, and who watches both.
+"""What a drive object (DO) of the gateway is, drive or encoder: a machine, a node, and what carries values between both.
 
-Its cyclic side (``step``) never waits; SDO work a translator asks for runs in the node's task and is answered in a later
-cycle. Source: docs/translation.md "Loss and doubt".
+No rules here: the machine decides (``gateway.axis``), this hands it what happened and does what it asks for. ``step`` computes
+and leaves the actual values ready, ``transmit`` sends the RPDOs; neither waits. SDO work runs beside the exchange.
 """
 
 from __future__ import annotations
 
 import abc
 import logging
-from collections.abc import Mapping, Sequence
+from collections import deque
+from collections.abc import Sequence
 from concurrent.futures import Future
-from types import MappingProxyType
 from typing import Any, ClassVar
 
 from pdgw.ds301.client import NodeClient, NodeEvent, NodeStatus
 from pdgw.ds301.configuration import CONSUMER_HEARTBEAT, PRODUCER_HEARTBEAT
 from pdgw.ds301.network import CanNetwork
 from pdgw.ds301.nmt import NmtCommand
+from pdgw.gateway.axis.values import (
+    FaultRecord,
+    News,
+    NodeNotice,
+    Notice,
+    Outputs,
+    RestartAsked,
+    SdoAnswer,
+    SdoWrite,
+    gateway_fault,
+)
 from pdgw.gateway.config import AxisConfig, EncoderConfig
-from pdgw.gateway.faults import FaultLog, FaultRecord
-from pdgw.gateway.reasons import GATEWAY_FAULTS, Reason
-from pdgw.gateway.translator.base import BaseTranslator, SdoWrite
-from pdgw.profidrive.signals import signal
+from pdgw.gateway.faults import FaultLog
+from pdgw.gateway.reasons import FaultNumber, Reason
 from pdgw.profidrive.telegrams import Telegram
 
 log = logging.getLogger("gateway")
 
-_ACKNOWLEDGE = signal("STW1").bit("FAULT_ACKNOWLEDGE").mask
-_ACKNOWLEDGE_NS = 1_000_000_000
-"""So long may a device take to leave its fault."""
-_CANOPEN_ERRORS = range(0x8100, 0x8300)
-"""EMCY classes 81xxh communication and 82xxh protocol error."""
-_SAME_EVENT_NS = 1_000_000_000
-"""What repeats is told once in this time: a loose contact must not push the first cause out of the fault buffer."""
 OWNED = frozenset({CONSUMER_HEARTBEAT, PRODUCER_HEARTBEAT})
 """What guards gateway and device against each other."""
-INTERNAL_FAULT = 10
-CANOPEN_FAULT = 12
+_NOTICE_OF_KIND = {
+    "emcy": Notice.EMERGENCY,
+    "boot": Notice.BOOT,
+    "refused": Notice.REFUSED,
+    "set-point": Notice.SET_POINT_REFUSED,
+}
+_NOTICE_OF_STATUS = {
+    NodeStatus.LOST: Notice.LOST,
+    NodeStatus.ONLINE: Notice.ONLINE,
+    NodeStatus.OFFLINE: Notice.ABSENT,
+}
 
 
 class DriveObject(abc.ABC):
@@ -44,8 +55,6 @@ class DriveObject(abc.ABC):
 
     kind: ClassVar[str]
     """``axis`` or ``encoder``, in the log."""
-    fault_of_emcy: ClassVar[Mapping[int, int]] = MappingProxyType({})
-    """Fault number (P947) of an EMCY error code."""
     telegram_numbers: ClassVar[tuple[int, ...]]
     """What P922 may select."""
 
@@ -56,27 +65,15 @@ class DriveObject(abc.ABC):
         self.network = network
         self.telegram = chosen
         self.fault_log = FaultLog(network.loop.now())
-        self.actuals: Sequence[int] = (0,) * len(chosen.actuals.signals)
-        self.good = False
-        """The actual values are valid: the IOPS of the drive object."""
         self.last_setpoints: Sequence[int] | None = None
         """What the PLC last sent, also after its loss."""
-        self._acknowledge_seen = False
-        self._acknowledge_until = 0
-        self._restart_expected = False
+        self._news: deque[News] = deque()
+        """What happened since the last step."""
         self._generation = 0
         self._told_reason: Reason | None = None
-        self._seen_reason: Reason | None = None
-        self._reason_may_differ = False
-        """Something else than the translator's reason changed that ``reason`` depends on."""
-        self._sdo: Future[None] | None = None
-        self._sdo_writes: tuple[SdoWrite, ...] | None = None
-        self._refusal = ""
-        self._absent = False
-        self._references_changed = False
-        self._last_emergency = -_SAME_EVENT_NS
-        self._told: dict[object, int] = {}
-        self._emergencies: dict[object, int] = {}
+        self._writes: tuple[SdoWrite, ...] | None = None
+        """What the last SDO job writes."""
+        self._future: Future[None] | None = None
 
     # -- the device's part ------------------------------------------------------------------------------------------------
 
@@ -87,11 +84,20 @@ class DriveObject(abc.ABC):
 
     @property
     @abc.abstractmethod
-    def _translator(self) -> BaseTranslator[Any, Any]: ...
+    def outputs(self) -> Outputs:
+        """What the last step decided."""
 
     @abc.abstractmethod
     def step(self, setpoints: Sequence[int] | None, now: int) -> None:
-        """One cycle: feedback in, translate, commands out. ``actuals`` and ``good`` are new afterwards."""
+        """One cycle: feedback in, decide. ``actuals`` and ``good`` are new afterwards, nothing was sent."""
+
+    def transmit(self, now: int) -> None:  # noqa: B027 - an encoder is sent nothing
+        """Send what the last step commands."""
+
+    def cycle(self, setpoints: Sequence[int] | None, now: int) -> None:
+        """``step`` and ``transmit``, where nothing has to come between them."""
+        self.step(setpoints, now)
+        self.transmit(now)
 
     @property
     @abc.abstractmethod
@@ -103,18 +109,13 @@ class DriveObject(abc.ABC):
         """An interlock is released: an OFF does nothing but stop. What has no interlock starts nothing either."""
         return False
 
-    @property
-    @abc.abstractmethod
-    def faulty(self) -> bool:
-        """The device is still in fault: an acknowledge has nothing to do yet."""
-
     @abc.abstractmethod
     def entry_size(self, index: int, subindex: int) -> tuple[int, bool]:
-        """Bytes of an object the translator writes, and whether it is signed."""
+        """Bytes of an object the machine writes, and whether it is signed."""
 
     @abc.abstractmethod
     def change_telegram(self, number: int) -> None:
-        """P922: another telegram. GatewayError where it is not possible."""
+        """P922: another telegram, between two steps; GatewayError where it is not possible."""
 
     @abc.abstractmethod
     def owns(self, index: int, subindex: int) -> bool:
@@ -126,7 +127,11 @@ class DriveObject(abc.ABC):
 
     @abc.abstractmethod
     def read_references(self, client: NodeClient[Any]) -> None:
-        """Read the copies anew, in the node's task."""
+        """Read the copies anew, as a job of the node."""
+
+    @abc.abstractmethod
+    def references_changed(self) -> None:
+        """The references were read anew; the next cycle takes them."""
 
     @abc.abstractmethod
     def set_sign_of_life_tolerance(self, failures: int) -> None:
@@ -138,106 +143,86 @@ class DriveObject(abc.ABC):
         return self.config.node_id
 
     @property
+    def actuals(self) -> Sequence[int]:
+        """Raw actual values in telegram order."""
+        return self.outputs.actuals
+
+    @property
+    def good(self) -> bool:
+        """The actual values are valid: the IOPS of the drive object."""
+        return self.outputs.good
+
+    @property
     def reason(self) -> Reason | None:
         """Why it does not do what the PLC asks, None when it does."""
-        return self._translator.reason
+        return self.outputs.reason
 
     @property
     def warning(self) -> bool:
         """A warning of the gateway stands."""
-        return False
-
-    # -- cyclic -------------------------------------------------------------------------------------------------------
-
-    def _take_setpoints(self, setpoints: Sequence[int], now: int) -> None:
-        """Remember them; a rising edge of bit 7, the same in STW1, STW2_ENC and the Controlword, acknowledges."""
-        self.last_setpoints = setpoints
-        acknowledge = bool(setpoints[0] & _ACKNOWLEDGE)
-        if acknowledge and not self._acknowledge_seen:
-            self._acknowledge_until = now + _ACKNOWLEDGE_NS
-        self._acknowledge_seen = acknowledge
-
-    def _after_step(self, translator: BaseTranslator[Any, Any], device_ok: bool, now: int) -> None:
-        self.good = device_ok
-        if self._acknowledge_until and device_ok:
-            self._acknowledge(now)
-        if translator.sdo_request is not None or self._sdo is not None:
-            self._serve_sdo_request(translator)
-        if translator.events:
-            self._drain_events(translator, now)
-        if translator.reason is not self._seen_reason or self._reason_may_differ:
-            self._seen_reason = translator.reason
-            self._reason_may_differ = False
-            self._tell_reason()
-
-    def _tell_reason(self) -> None:
-        reason = self.reason
-        if reason is not self._told_reason:
-            self._told_reason = reason
-            log.info("%s %d: %s", self.kind, self.do_id, reason.value if reason else "obeys the PLC")
-
-    def _acknowledge(self, now: int) -> None:
-        """The fault buffer moves on when the device has left its fault; a cause that stays needs another edge."""
-        if not self.faulty:
-            self._acknowledge_until = 0
-            self.fault_log.acknowledge()
-        elif now > self._acknowledge_until:
-            self._acknowledge_until = 0
-
-    def _serve_sdo_request(self, translator: BaseTranslator[Any, Any]) -> None:
-        if self._sdo is None:
-            writes = translator.sdo_request
-            if writes is not None:
-                self._sdo_writes = writes
-                self._sdo = self.client.submit(lambda client: self._write_all(client, writes))
-        elif self._sdo.done():
-            error = self._sdo.exception()
-            self._sdo = None
-            # The translator may have withdrawn or replaced the request meanwhile: this is no answer to another one.
-            if translator.sdo_request is self._sdo_writes:
-                translator.sdo_request = None
-                translator.sdo_done(None if error is None else str(error))
-
-    def _write_all(self, client: NodeClient[Any], writes: Sequence[SdoWrite]) -> None:
-        for item in writes:
-            size, signed = self.entry_size(item.index, item.subindex)
-            client.write(item.index, item.subindex, item.value.to_bytes(size, "little", signed=signed))
-
-    def _drain_events(self, translator: BaseTranslator[Any, Any], now: int) -> None:
-        for event in translator.events:
-            self.raise_fault(event.number, event.detail, now)
-        translator.events.clear()
-
-    def _tell(self, number: int, detail: str, now: int) -> None:
-        if _is_new(self._told, number, now):
-            self.raise_fault(number, detail, now)
-
-    def _telegram_changed(self, chosen: Telegram) -> None:
-        self.telegram = chosen
-        self.actuals = (0,) * len(chosen.actuals.signals)
-        self._sdo = None
-        log.info("%s %d: telegram %d selected", self.kind, self.do_id, chosen.number)
-
-    # -- beside the cycle -----------------------------------------------------------------------------------------------
-
-    def raise_fault(self, number: int, detail: str, now: int) -> None:
-        """A fault of the gateway's own table."""
-        fault = GATEWAY_FAULTS[number]
-        self._record(FaultRecord(number, fault.code, 0, f"{fault.name}: {detail}", now, fault.is_warning))
+        return self.outputs.warning
 
     @property
     def faults(self) -> Sequence[FaultRecord]:
         """What happened lately, warnings included, oldest first."""
         return self.fault_log.history
 
+    # -- around the machine's step ----------------------------------------------------------------------------------------
+
+    def _deliver(self, news: list[News]) -> None:
+        """Hand over what happened since the last step."""
+        future, writes = self._future, self._writes
+        if future is not None and writes is not None and future.done():
+            error = future.exception()
+            self._future = None
+            news.append(SdoAnswer(writes, None if error is None else str(error)))
+        waiting = self._news
+        while waiting:
+            news.append(waiting.popleft())
+
+    def _serve(self, outputs: Outputs) -> None:
+        """Do and tell what the step asks for."""
+        writes = outputs.writes
+        if writes is not None and writes is not self._writes and self._future is None:
+            self._writes = writes
+            self._future = self.client.submit(lambda client: self._write_all(client, writes))
+        if outputs.eventful:
+            self._tell(outputs)
+        reason = outputs.reason
+        if reason is not self._told_reason:
+            self._told_reason = reason
+            log.info("%s %d: %s", self.kind, self.do_id, reason.value if reason else "obeys the PLC")
+
+    def _tell(self, outputs: Outputs) -> None:
+        for record in outputs.faults:
+            self._record(record)
+        for text in outputs.told:
+            log.info("%s %d: %s", self.kind, self.do_id, text)
+        if outputs.acknowledged:
+            self.fault_log.acknowledge()
+        if outputs.emergency_over:
+            self.fault_log.emergency_over()
+
+    def _write_all(self, client: NodeClient[Any], writes: Sequence[SdoWrite]) -> None:
+        for item in writes:
+            size, signed = self.entry_size(item.index, item.subindex)
+            client.write(item.index, item.subindex, item.value.to_bytes(size, "little", signed=signed))
+
+    def _telegram_changed(self, chosen: Telegram) -> None:
+        self.telegram = chosen
+        self._future = self._writes = None
+        log.info("%s %d: telegram %d selected", self.kind, self.do_id, chosen.number)
+
+    # -- what others tell -------------------------------------------------------------------------------------------------
+
+    def raise_fault(self, number: FaultNumber, detail: str, now: int) -> None:
+        """A fault of the gateway's own table."""
+        self._record(gateway_fault(number, detail, now))
+
     def reset_node(self) -> None:
         """P972: restart of the node; it is configured anew by itself and starts nothing."""
-        self._restart_expected = True
+        self._news.append(RestartAsked())
         self.network.send(0, bytes((NmtCommand.RESET_NODE, self.node_id)))
-
-    def references_changed(self) -> None:
-        """The references were read anew; the next cycle takes them."""
-        self._references_changed = True
 
     def _record(self, record: FaultRecord) -> None:
         self.fault_log.enter(record)
@@ -252,60 +237,10 @@ class DriveObject(abc.ABC):
         )
 
     def on_node_event(self, event: NodeEvent) -> None:
-        """Something happened to the node."""
-        now = event.time_ns
-        status = self.client.status
-        if event.kind == "emcy":
-            self._emergency(event, now)
-        elif self._restart_expected and (event.kind == "boot" or status is NodeStatus.LOST):
-            self._tell_status("restarts, as asked: " + event.text)
-        elif event.kind == "boot":
-            self.raise_fault(105, event.text, now)
-        elif event.kind == "refused":
-            # Retried every few seconds: the same refusal is one fault.
-            if event.text != self._refusal:
-                self._refusal = event.text
-                self.raise_fault(106, event.text, now)
-        elif event.kind == "set-point":
-            self.raise_fault(119, event.text, now)
-        elif status is NodeStatus.LOST:
-            self.raise_fault(101 if self.network.healthy else 102, event.text, now)
-        elif status is NodeStatus.ONLINE:
-            self._refusal = ""
-            self._restart_expected = False
-            self._absent = False
-            self._tell_status(event.text)
-        elif status is NodeStatus.OFFLINE:
-            # Asked again every half second: the same silence is one fault.
-            if not self._absent:
-                self._absent = True
-                self.raise_fault(121, event.text, now)
-        elif not self._refusal and not self._absent:
-            self._tell_status(event.text)
-
-    def _tell_status(self, text: str) -> None:
-        log.info("%s %d: node %s", self.kind, self.do_id, text)
-
-    def _emergency(self, event: NodeEvent, now: int) -> None:
-        """An EMCY: a fault while its error register has a bit set, else a warning."""
-        if event.code == 0:
-            self._emergencies.clear()
-            self.fault_log.emergency_over()
-            self._tell_status(event.text)
-            return
-        self._last_emergency = now
-        if not _is_new(self._emergencies, (event.code, event.register, event.data), now):
-            log.debug("%s %d: %s again", self.kind, self.do_id, event.text)
-            return
-        number = CANOPEN_FAULT if event.code in _CANOPEN_ERRORS else INTERNAL_FAULT
-        number = self.fault_of_emcy.get(event.code, number)
-        value = int.from_bytes(event.data[:4], "little")
-        self._record(FaultRecord(number, event.code, value, event.text, now, is_warning=event.register == 0))
-
-
-def _is_new(told: dict[object, int], what: object, now: int) -> bool:
-    """Whether this was not told within the last second; ``told`` takes note of it."""
-    if now - told.get(what, now - _SAME_EVENT_NS) < _SAME_EVENT_NS:
-        return False
-    told[what] = now
-    return True
+        """What the node's client tells; the next step takes it."""
+        notice = _NOTICE_OF_KIND.get(event.kind)
+        if notice is None:
+            notice = _NOTICE_OF_STATUS.get(self.client.status, Notice.PROGRESS)
+            if notice is Notice.LOST and not self.network.healthy:
+                notice = Notice.BUS_LOST
+        self._news.append(NodeNotice(notice, event.text, event.time_ns, event.code, event.register, event.data))

@@ -6,43 +6,29 @@ telegrams".
 
 from __future__ import annotations
 
-import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import Future
 from fractions import Fraction
 from typing import Any
 
 from pdgw.ds301.client import NodeClient, NodeEvent
 from pdgw.ds301.network import CanNetwork
-from pdgw.dsp402.drive import DriveClient
-from pdgw.dsp406.encoder import CYCLIC_TIMER, PRESET, PRESET_MULTI_SENSOR, EncoderClient
+from pdgw.dsp406.encoder import EncoderClient
 from pdgw.dsp406.images import PARAMETER_OBJECTS, EncoderParameters
-from pdgw.dsp406.objects import PROFILE
+from pdgw.dsp406.objects import CYCLIC_TIMER, PRESET, PRESET_MULTI_SENSOR, PROFILE
+from pdgw.gateway.axis.encoder_machine import EncoderMachine
+from pdgw.gateway.axis.executors.sensor import EncoderReferences
+from pdgw.gateway.axis.settings import SensorSettings
+from pdgw.gateway.axis.telegrams import ENCODER_TELEGRAM_NUMBERS
+from pdgw.gateway.axis.values import Outputs, SdoWrite
 from pdgw.gateway.config import EncoderConfig
-from pdgw.gateway.drive_object import CANOPEN_FAULT, INTERNAL_FAULT, OWNED, DriveObject
-from pdgw.gateway.faults import FaultRecord
-from pdgw.gateway.translator.base import SdoWrite
-from pdgw.gateway.translator.encoder import (
-    EncoderInput,
-    EncoderReferences,
-    EncoderTranslator,
-    EncoderTranslatorSettings,
-    SensorChannel,
-)
-from pdgw.gateway.translator.factory import ENCODER_TELEGRAM_NUMBERS, make_encoder_translator
-from pdgw.profidrive.encoder import STATUS_BITS, SensorError, SensorState
+from pdgw.gateway.drive_object import OWNED, DriveObject
 from pdgw.profidrive.sensor_format import SensorFormat
-from pdgw.profidrive.sign_of_life import MONITORING_OFF, SignOfLife
-from pdgw.profidrive.signals import signal
-from pdgw.profidrive.telegrams import Telegram, telegram
-
-log = logging.getLogger("gateway")
+from pdgw.profidrive.sign_of_life import MONITORING_OFF
+from pdgw.profidrive.telegrams import telegram
 
 _TYPES = {row.index: row.type for row in PROFILE}
 _PARAMETERS = {(index, subindex) for _, index, subindex in PARAMETER_OBJECTS}
-_LATCHED = frozenset({INTERNAL_FAULT, CANOPEN_FAULT, 101, 102, 105})
-"""Fault numbers after which the PLC has to acknowledge: an EMCY, and the loss of an encoder that was online."""
-_CONTROL_BY_PLC = signal("STW1").bit("CONTROL_BY_PLC").mask
 
 
 class EncoderNode:
@@ -59,7 +45,7 @@ class EncoderNode:
 
 
 class ChannelInput:
-    """One channel of an encoder as translators see it."""
+    """One channel of an encoder as the machines see it."""
 
     def __init__(self, client: EncoderClient, channel: int) -> None:
         self._client = client
@@ -113,50 +99,38 @@ class EncoderObject(DriveObject):
         self.input = ChannelInput(node.client, config.channel)
         self._tolerance = tolerance
         self._parameters: EncoderParameters | None = None
-        self._fault_told = False
-        self.translator = self._make_translator(number)
+        self.machine = self._make_machine(number)
         node.objects.append(self)
 
-    def _make_translator(self, number: int) -> EncoderTranslator:
-        return make_encoder_translator(number, EncoderTranslatorSettings(self._tolerance))
+    def _make_machine(self, number: int) -> EncoderMachine:
+        return EncoderMachine(number, SensorSettings(self._tolerance), self.input)
 
     @property
     def client(self) -> EncoderClient:
         return self._node.client
 
     @property
-    def _translator(self) -> EncoderTranslator:
-        return self.translator
+    def outputs(self) -> Outputs:
+        return self.machine.outputs
 
     # -- cyclic -------------------------------------------------------------------------------------------------------
 
     def step(self, setpoints: Sequence[int] | None, now: int) -> None:
-        client, translator = self.client, self.translator
-        ok = client.refresh(now)
-        if client.generation != self._generation:
-            self._generation = client.generation
-            translator.drive_restarted()
+        client, machine = self.client, self.machine
+        inputs = machine.inputs
+        inputs.now = now
+        inputs.setpoints = setpoints
+        inputs.ok = client.refresh(now)
         if client.parameters is not self._parameters:
             self._parameters = client.parameters
-            translator.set_references(self.references)
-        if self._fault_told:
-            self._fault_told = False
-            translator.fault_told()
+            machine.set_references(self.references)
+        if self._news or self._future is not None:
+            self._deliver(inputs.news)
         if setpoints is not None:
-            self._take_setpoints(setpoints, now)
-        self.actuals = translator.step(setpoints, self.input, ok, now)
-        self._after_step(translator, ok, now)
+            self.last_setpoints = setpoints
+        self._serve(machine.step())
 
-    # -- beside the cycle -----------------------------------------------------------------------------------------------
-
-    def _record(self, record: FaultRecord) -> None:
-        super()._record(record)
-        if record.number in _LATCHED and not record.is_warning:
-            self._fault_told = True
-
-    @property
-    def warning(self) -> bool:
-        return self.translator.channel.sensor.state in {SensorState.ERROR, SensorState.ACKNOWLEDGING}
+    # -- what others ask --------------------------------------------------------------------------------------------------
 
     @property
     def references(self) -> EncoderReferences | None:
@@ -192,30 +166,31 @@ class EncoderObject(DriveObject):
 
     @property
     def faulty(self) -> bool:
-        return bool(self.input.alarms or self.input.error_register)
+        """The encoder shows an alarm or an error: an acknowledge has nothing to do yet."""
+        return self.machine.faulty
 
     def entry_size(self, index: int, subindex: int) -> tuple[int, bool]:
         return _TYPES[index].bits // 8, _TYPES[index].char.islower()
 
     def change_telegram(self, number: int) -> None:
-        translator = self._make_translator(number)
-        translator.channel.sensor.preset_value = self.preset_value
-        translator.set_references(self.references)
-        self.translator = translator
+        machine = self._make_machine(number)
+        machine.adopt(self.machine)
+        machine.set_references(self.references)
+        self.machine = machine
         self._telegram_changed(telegram(number))
 
     @property
     def preset_value(self) -> int:
         """P65000, in measuring units."""
-        return self.translator.channel.sensor.preset_value
+        return self.machine.channel.sensor.preset_value
 
     @preset_value.setter
     def preset_value(self, value: int) -> None:
-        self.translator.channel.sensor.preset_value = value
+        self.machine.channel.sensor.preset_value = value
 
     def set_sign_of_life_tolerance(self, failures: int) -> None:
         self._tolerance = failures
-        self.translator.control.sign_of_life = SignOfLife(failures)
+        self.machine.tolerate(failures)
 
     def submit_write(self, item: SdoWrite) -> Future[None]:
         """Have the encoder take a preset asked for by a drive's G1."""
@@ -230,71 +205,5 @@ class EncoderObject(DriveObject):
     def read_references(self, client: NodeClient[Any]) -> None:
         self.client.read_parameters()
 
-
-class DriveSensor:
-    """The drive's own position as an encoder: 6064h, which has no preset."""
-
-    alarms = warnings = error_register = error_code = 0
-    speed = None
-    valid = True
-    references = EncoderReferences(1 << 32, Fraction(1), preset_supported=False)
-
-    def __init__(self, drive: DriveClient) -> None:
-        self._drive = drive
-
-    @property
-    def position(self) -> int:
-        return self._drive.feedback.position_actual & 0xFFFF_FFFF
-
-    @property
-    def position_time(self) -> int:
-        return 0
-
-
-class SensorWords:
-    """G1 of a drive's telegram: G1_STW in, G1_ZSW, G1_XIST1 and G1_XIST2 out, beside the drive's translator."""
-
-    def __init__(self, chosen: Telegram) -> None:
-        self.channel = SensorChannel()
-        self._stw = chosen.setpoints.names.index("G1_STW")
-        self.first = chosen.actuals.names.index("G1_ZSW")
-        """Where G1_ZSW is in the actual values; XIST1 and XIST2 follow."""
-        self._word: int | None = None
-        self._write: SdoWrite | None = None
-        self._future: Future[None] | None = None
-
-    def step(
-        self,
-        setpoints: Sequence[int] | None,
-        source: EncoderInput,
-        ok: bool,
-        now: int,
-        submit: Callable[[SdoWrite], Future[None]],
-    ) -> tuple[int, int, int]:
-        """One cycle; returns G1_ZSW, G1_XIST1, G1_XIST2. ``submit`` has the encoder take a preset."""
-        if setpoints is None:
-            self._word = None
-        elif setpoints[0] & _CONTROL_BY_PLC:
-            self._word = setpoints[self._stw]
-        channel = self.channel
-        values = channel.step(self._word, source, ok, now)
-        if channel.preset_write is not self._write:
-            self._write = channel.preset_write
-            self._future = None if self._write is None else submit(self._write)
-        elif self._future is not None and self._future.done():
-            error = self._future.exception()
-            self._future = None
-            if error is None:
-                channel.sensor.preset_done()
-            else:
-                log.warning("preset of G1 refused: %s", error)
-                channel.sensor.preset_failed()
-        if not channel.valid and channel.sensor.state is SensorState.NORMAL:
-            # There was no position yet, but the drive's IOPS may be good: not latched, it ends with the first position.
-            return STATUS_BITS[SensorState.ERROR], values[1], SensorError.SENSOR_GROUP
-        return values
-
-
-def has_sensor(chosen: Telegram) -> bool:
-    """A drive's telegram with G1 words."""
-    return "STW1" in chosen.setpoints.names and "G1_STW" in chosen.setpoints.names
+    def references_changed(self) -> None:
+        """Its parameters are another object then, which the next step sees."""

@@ -6,8 +6,8 @@ Fed by the drive object, read by the parameter channel. Source: docs/parameter-c
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
 
+from pdgw.gateway.axis.values import FaultRecord
 from pdgw.gateway.reasons import GATEWAY_FAULTS
 from pdgw.profidrive.parameters.faults import SIZE, Fault, FaultBuffer
 
@@ -16,18 +16,6 @@ _NO_FAULT = Fault(0, 0, 0, 0)
 _KEPT = 64
 EMCY_WARNING_BIT = 14
 """Bit of P953 for an EMCY without an error in its error register."""
-
-
-@dataclass(frozen=True, slots=True)
-class FaultRecord:
-    """A fault of an axis as P945, P947 and P949 show it; ``time_ns`` is monotonic."""
-
-    number: int
-    code: int
-    value: int
-    text: str
-    time_ns: int
-    is_warning: bool = False
 
 
 class FaultLog:
@@ -81,7 +69,7 @@ class FaultLog:
     def warnings(self, *, present: bool) -> int:
         """P953 without the drive's own bit.
 
-        The gateway's warnings end with the standing one of the translator (``present`` False), that of an EMCY with the device's
+        The gateway's warnings end with the standing one of the machine (``present`` False), that of an EMCY with the device's
         "no error" or an acknowledge.
         """
         if not present:

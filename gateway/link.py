@@ -41,8 +41,8 @@ class Link(Protocol):
     def start(self, action: Callable[[], None]) -> None:
         """Call ``action`` in the loop whenever something of the PLC waits."""
 
-    def receive(self, now: int) -> bool:
-        """Take everything that waits; True when valid data of the PLC was among it."""
+    def receive(self, now: int, at_most: int = ...) -> bool:
+        """Take everything that waits, or so many items of it; True when valid data of the PLC was among it."""
 
     def poll(self, now: int) -> bool:
         """The watchdog; True when it expires in this call."""
@@ -120,11 +120,11 @@ class UdpLink:
     def start(self, action: Callable[[], None]) -> None:
         self.port.start(action, urgent=True)
 
-    def receive(self, now: int) -> bool:
+    def receive(self, now: int, at_most: int = _DATAGRAMS_AT_ONCE) -> bool:
         endpoint = self.endpoint
         taken = 0
         # Bounded, so that a flood of datagrams delays no cycle; a STOP is seen by the axes before what follows it.
-        for _ in range(_DATAGRAMS_AT_ONCE):
+        for _ in range(at_most):
             datagram = self.port.receive()
             if datagram is None:
                 break

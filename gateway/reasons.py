@@ -65,6 +65,29 @@ class Reason(enum.Enum):
     SENSOR_PRESETTING = "waiting for the encoder to take the preset (SDO)"
 
 
+class FaultNumber(enum.IntEnum):
+    """Numbers of the gateway's own faults and warnings (P947); from 101 on they keep clear of the manufacturer's 1-12."""
+
+    NODE_LOST = 101
+    BUS_LOST = 102
+    PLC_LOST = 103
+    REFERENCE = 104
+    NODE_RESTARTED = 105
+    NODE_REFUSED = 106
+    STATE_UNKNOWN = 107
+    HOMING_METHOD = 108
+    HOMING = 109
+    MODE_NOT_CONFIRMED = 110
+    HOMING_PARAMETERS = 111
+    INTERNAL_LIMIT = 112
+    PRESET = 118
+    SET_POINT = 119
+    NODE_ABSENT = 121
+    LEFT_OPERATION = 122
+    OTHER_MASTER = 123
+    SIGN_OF_LIFE = 124
+
+
 FIRST_WARNING = 108
 """Number of the warning with bit 0 of P953; the others follow."""
 
@@ -88,25 +111,27 @@ GATEWAY_FAULTS: MappingProxyType[int, GatewayFault] = MappingProxyType(
     {
         fault.number: fault
         for fault in (
-            GatewayFault(101, "node lost (heartbeat or TPDO time-out)", 0x8130),
-            GatewayFault(102, "CAN bus-off or CAN interface lost", 0x8140),
-            GatewayFault(103, "PLC lost", 0xFF01),
-            GatewayFault(104, "reference object is 0", 0xFF02),
-            GatewayFault(105, "node restarted during operation", 0xFF03),
-            GatewayFault(106, "node identity or configuration refused", 0xFF04),
-            GatewayFault(107, "drive state unknown", 0xFF05),
-            GatewayFault(108, "homing method not supported", 0xFF06, is_warning=True),
-            GatewayFault(109, "homing error", 0xFF07, is_warning=True),
-            GatewayFault(110, "mode of operation not confirmed", 0xFF08, is_warning=True),
-            GatewayFault(111, "drive did not take the homing parameters", 0xFF09, is_warning=True),
-            GatewayFault(112, "internal limit of the drive reached", 0xFF0A, is_warning=True),
-            GatewayFault(118, "encoder did not take the preset", 0xFF0F, is_warning=True),
-            GatewayFault(119, "drive did not take the data of a set-point", 0xFF10, is_warning=True),
-            GatewayFault(121, "node does not answer", 0xFF11),
-            GatewayFault(122, "drive left operation by itself", 0xFF12),
-            GatewayFault(123, "another master on the bus", 0xFF13),
-            GatewayFault(124, "sign of life of the PLC lost", 0xFF14),
+            GatewayFault(FaultNumber.NODE_LOST, "node lost (heartbeat or TPDO time-out)", 0x8130),
+            GatewayFault(FaultNumber.BUS_LOST, "CAN bus-off or CAN interface lost", 0x8140),
+            GatewayFault(FaultNumber.PLC_LOST, "PLC lost", 0xFF01),
+            GatewayFault(FaultNumber.REFERENCE, "reference object is 0", 0xFF02),
+            GatewayFault(FaultNumber.NODE_RESTARTED, "node restarted during operation", 0xFF03),
+            GatewayFault(FaultNumber.NODE_REFUSED, "node identity or configuration refused", 0xFF04),
+            GatewayFault(FaultNumber.STATE_UNKNOWN, "drive state unknown", 0xFF05),
+            GatewayFault(FaultNumber.HOMING_METHOD, "homing method not supported", 0xFF06, is_warning=True),
+            GatewayFault(FaultNumber.HOMING, "homing error", 0xFF07, is_warning=True),
+            GatewayFault(FaultNumber.MODE_NOT_CONFIRMED, "mode of operation not confirmed", 0xFF08, is_warning=True),
+            GatewayFault(
+                FaultNumber.HOMING_PARAMETERS, "drive did not take the homing parameters", 0xFF09, is_warning=True
+            ),
+            GatewayFault(FaultNumber.INTERNAL_LIMIT, "internal limit of the drive reached", 0xFF0A, is_warning=True),
+            GatewayFault(FaultNumber.PRESET, "encoder did not take the preset", 0xFF0F, is_warning=True),
+            GatewayFault(FaultNumber.SET_POINT, "drive did not take the data of a set-point", 0xFF10, is_warning=True),
+            GatewayFault(FaultNumber.NODE_ABSENT, "node does not answer", 0xFF11),
+            GatewayFault(FaultNumber.LEFT_OPERATION, "drive left operation by itself", 0xFF12),
+            GatewayFault(FaultNumber.OTHER_MASTER, "another master on the bus", 0xFF13),
+            GatewayFault(FaultNumber.SIGN_OF_LIFE, "sign of life of the PLC lost", 0xFF14),
         )
     }
 )
-"""Numbers from 101 keep clear of the manufacturer's 1-12."""
+"""Every fault and warning of the gateway by its number."""

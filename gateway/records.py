@@ -6,8 +6,11 @@ Slot 0 is the device, slot n the n-th axis; subslot 1 is the parameter access po
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
+from collections import OrderedDict
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future
+from dataclasses import dataclass
+from ipaddress import IPv4Address, IPv4Network
 from uuid import UUID
 
 from pdgw.gateway import identity
@@ -15,7 +18,9 @@ from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.parameters.manager import ParameterManager
 from pdgw.gateway.parameters.profile import MAX_BLOCK
 from pdgw.gateway.store import ParameterStore
+from pdgw.gateway.transport.udp import Address
 from pdgw.profidrive.errors import ProfidriveError
+from pdgw.profidrive.parameters.codec import RequestId
 from pdgw.profinet.rpc import identification
 from pdgw.profinet.rpc.records import (
     RECORD_GLOBAL,
@@ -32,6 +37,11 @@ ACCESS_POINT = 1
 """Subslot of the parameter access point."""
 _APIS = (0, identification.PROFILE_ID)
 _HEADER_SIZE = 4
+_REQUEST_ID_OFFSET = 1
+_OUTSTANDING = 32
+"""Requests of all callers that are in work or whose answers were not fetched yet."""
+_TOLD = 16
+"""So many addresses that may not write are named in the log."""
 _IDENTIFICATION = range(identification.INDEX, identification.INDEX + 5)
 _STORED: dict[int, tuple[str, ...]] = {
     1: ("im1_function", "im1_location"),
@@ -42,11 +52,24 @@ _STORED: dict[int, tuple[str, ...]] = {
 """Where the parameter store keeps the writable identification."""
 
 
-class Records:
-    """Serves record access for the acyclic server, in its task.
+@dataclass(frozen=True, slots=True)
+class Caller:
+    """Who asks: the address, and the activity of its remote procedure calls."""
 
-    One parameter request is outstanding per access point and record: while it is in work, a further write and a read are a
-    state conflict. A write after an answer nobody fetched replaces it. ``ar_uuid`` None: who calls has checked the relationship.
+    address: Address
+    activity: UUID
+
+
+_Owner = tuple[UUID, Caller, int, int]
+"""AR, caller, slot and record index of an outstanding request."""
+
+
+class Records:
+    """Serves record access for the acyclic server, in its task; ``of`` has the view of one caller.
+
+    One parameter request is outstanding per access point and record: while it is in work, a further write and a read are a state
+    conflict. Its answer is for its caller alone, and waits for him beside those for others; his next request replaces it.
+    ``writers``: the networks parameters and I&M may be written from, None for everywhere.
     """
 
     def __init__(
@@ -54,58 +77,92 @@ class Records:
         manager: ParameterManager,
         store: ParameterStore,
         update_store: Callable[[Callable[[], None]], None],
-        ar_uuid: UUID | None,
+        ar_uuid: UUID,
         station_serial: str,
+        writers: Sequence[IPv4Network] | None = None,
     ) -> None:
         self._manager = manager
         self._store = store
         self._update_store = update_store
         self._ar_uuid = ar_uuid
         self._serial = station_serial
-        self._requests: dict[tuple[int, int], Future[bytes | None]] = {}
+        self._writers = writers
+        self._told: set[str] = set()
+        self._in_work: dict[tuple[int, int], Future[bytes | None]] = {}
+        self._requests: OrderedDict[_Owner, Future[bytes | None]] = OrderedDict()
 
-    def write(self, block: RecordBlock, data: bytes) -> None:
-        """RecordHandler."""
+    def of(self, address: Address, activity: UUID) -> CallerRecords:
+        """What a caller may do, as a RecordHandler."""
+        return CallerRecords(self, Caller(address, activity))
+
+    def write(self, caller: Caller, block: RecordBlock, data: bytes) -> None:
+        """As ``RecordHandler.write``."""
         self._check_place(block, implicit=False)
         if block.index in {RECORD_LOCAL, RECORD_GLOBAL}:
-            self._request(block, data)
+            self._request(caller, block, data)
         elif block.index in _IDENTIFICATION:
+            self._check_writer(caller)
             self._write_identification(block.index - identification.INDEX, data)
         else:
             raise RecordRefused(AccessError.INVALID_INDEX)
 
-    def read(self, block: RecordBlock, *, implicit: bool) -> bytes:
-        """RecordHandler."""
+    def read(self, caller: Caller, block: RecordBlock, *, implicit: bool) -> bytes:
+        """As ``RecordHandler.read``."""
         self._check_place(block, implicit=implicit)
         if block.index in {RECORD_LOCAL, RECORD_GLOBAL}:
-            return self._response(block)
+            return self._response(caller, block)
         if block.index in _IDENTIFICATION:
             return self._identification(block.index - identification.INDEX)
         raise RecordRefused(AccessError.INVALID_INDEX)
 
     def _check_place(self, block: RecordBlock, *, implicit: bool) -> None:
-        if not implicit and self._ar_uuid is not None and block.ar_uuid != self._ar_uuid:
+        if not implicit and block.ar_uuid != self._ar_uuid:
             raise UnknownArUuid
         if block.api not in _APIS:
             raise RecordRefused(AccessError.INVALID_AREA)
         if block.slot >= len(self._manager.slots) or block.subslot != ACCESS_POINT:
             raise RecordRefused(AccessError.INVALID_SLOT)
 
-    def _request(self, block: RecordBlock, data: bytes) -> None:
+    def _check_writer(self, caller: Caller) -> None:
+        host = caller.address[0]
+        if self._writers is None or any(IPv4Address(host) in network for network in self._writers):
+            return
+        if host not in self._told and len(self._told) < _TOLD:
+            self._told.add(host)
+            log.warning("parameters: %s may not write, [parameters] write_from does not have it", host)
+        raise RecordRefused(AccessError.ACCESS_DENIED)
+
+    def _request(self, caller: Caller, block: RecordBlock, data: bytes) -> None:
         if len(data) > MAX_BLOCK:
             raise RecordRefused(AccessError.WRITE_LENGTH)
         if len(data) < _HEADER_SIZE:
             raise RecordRefused(AccessError.INVALID_PARAMETER)
+        if data[_REQUEST_ID_OFFSET] != RequestId.REQUEST:
+            self._check_writer(caller)
         place = (block.slot, block.index)
-        present = self._requests.get(place)
+        present = self._in_work.get(place)
         if present is not None and not present.done():
             raise RecordRefused(AccessError.STATE_CONFLICT)
         local = self._manager.slots[block.slot] if block.index == RECORD_LOCAL else None
-        self._requests[place] = self._manager.submit(data, local)
+        request = self._manager.submit(data, local)
+        owner = self._owner(caller, block)
+        self._in_work[place] = self._requests[owner] = request
+        self._requests.move_to_end(owner)
+        self._forget()
 
-    def _response(self, block: RecordBlock) -> bytes:
-        place = (block.slot, block.index)
-        request = self._requests.get(place)
+    def _forget(self) -> None:
+        """Answers nobody fetches do not fill the memory: the oldest go."""
+        done = [owner for owner, request in self._requests.items() if request.done()]
+        for owner in done[: max(0, len(self._requests) - _OUTSTANDING)]:
+            del self._requests[owner]
+
+    @staticmethod
+    def _owner(caller: Caller, block: RecordBlock) -> _Owner:
+        return (block.ar_uuid, caller, block.slot, block.index)
+
+    def _response(self, caller: Caller, block: RecordBlock) -> bytes:
+        owner = self._owner(caller, block)
+        request = self._requests.get(owner)
         if request is None or not request.done():
             raise RecordRefused(AccessError.STATE_CONFLICT)
         error = request.exception()
@@ -113,11 +170,11 @@ class Records:
             log.error("parameter request failed: %r", error)
         response = None if error is not None else request.result()
         if response is None:
-            del self._requests[place]
+            del self._requests[owner]
             raise RecordRefused(AccessError.READ_ERROR)
         if len(response) > block.length:
             raise RecordRefused(AccessError.INVALID_PARAMETER)  # it may be read again with more room
-        del self._requests[place]
+        del self._requests[owner]
         return response
 
     def _identification(self, number: int) -> bytes:
@@ -154,3 +211,19 @@ class Records:
         except GatewayError as error:
             log.error("%s", error)
             raise RecordRefused(AccessError.WRITE_ERROR) from error
+
+
+class CallerRecords:
+    """The records as one caller sees them: a RecordHandler."""
+
+    def __init__(self, records: Records, caller: Caller) -> None:
+        self._records = records
+        self._caller = caller
+
+    def read(self, block: RecordBlock, *, implicit: bool) -> bytes:
+        """RecordHandler."""
+        return self._records.read(self._caller, block, implicit=implicit)
+
+    def write(self, block: RecordBlock, data: bytes) -> None:
+        """RecordHandler."""
+        self._records.write(self._caller, block, data)

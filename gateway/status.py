@@ -5,24 +5,35 @@ from __future__ import annotations
 import json
 import socket
 from collections.abc import Iterator
+from datetime import datetime
 from typing import Any
 
 from pdgw.ds301.loop import SECOND, Event, Task
 from pdgw.dsp402.states import state_of
-from pdgw.gateway.axis import Axis
+from pdgw.gateway.binding import Axis
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.drive_object import DriveObject
 from pdgw.gateway.encoder import EncoderObject
 from pdgw.gateway.errors import GatewayError
+
+from pdgw import __version__
 
 _CONNECTIONS = 8
 """Answered at the same time; more are closed."""
 _PATIENCE_NS = 5 * SECOND
 
 
+def clock_time(seconds: float) -> str:
+    """A time of the machine's clock as ISO text, in its time zone."""
+    return datetime.fromtimestamp(seconds).astimezone().isoformat(timespec="milliseconds")
+
+
 def _object_status(item: DriveObject) -> dict[str, Any]:
     """What axes and encoders have in common."""
     setpoints = item.last_setpoints
+    loop = item.client.loop
+    now = loop.now()
+    heard_ns = item.client.heard_ns
     return {
         "do_id": item.do_id,
         "node_id": item.node_id,
@@ -33,8 +44,17 @@ def _object_status(item: DriveObject) -> dict[str, Any]:
         "setpoints": item.telegram.setpoints.as_dict(setpoints) if setpoints is not None else None,
         "actuals": item.telegram.actuals.as_dict(item.actuals),
         "iops_good": item.good,
+        "heard_age_ms": round((now - heard_ns) / 1e6, 1) if heard_ns else None,
         "faults": [
-            {"number": f.number, "code": f.code, "text": f.text, "is_warning": f.is_warning} for f in tuple(item.faults)
+            {
+                "number": f.number,
+                "code": f.code,
+                "text": f.text,
+                "is_warning": f.is_warning,
+                "time": clock_time(loop.wall() - (now - f.time_ns) / SECOND),
+                "age_s": round((now - f.time_ns) / SECOND, 3),
+            }
+            for f in tuple(item.faults)
         ],
     }
 
@@ -46,10 +66,10 @@ def axis_status(axis: Axis) -> dict[str, Any]:
     return _object_status(axis) | {
         "state": state.value if state else "unknown",
         "statusword": feedback.statusword,
-        "controlword": axis.translator.command.controlword,
+        "controlword": axis.outputs.command.controlword,
         "velocity": feedback.velocity_actual,
         "position": feedback.position_actual,
-        "saturations": axis.translator.saturations,
+        "saturations": axis.outputs.saturations,
         "scaling": list(axis.drive.drive_type.scaling.lines) if axis.drive.drive_type else [],
     }
 
@@ -59,17 +79,19 @@ def encoder_status(encoder: EncoderObject) -> dict[str, Any]:
     source = encoder.input
     return _object_status(encoder) | {
         "channel": encoder.config.channel,
-        "state": encoder.translator.channel.sensor.state.value,
+        "state": encoder.machine.channel.sensor.state.value,
         "position": source.position,
         "alarms": source.alarms,
         "warnings": source.warnings,
-        "saturations": encoder.translator.saturations,
+        "saturations": encoder.outputs.saturations,
     }
 
 
 def _head(daemon: Daemon) -> dict[str, Any]:
     """Everything but the drive objects."""
     return {
+        "version": __version__,
+        "time": clock_time(daemon.loop.wall()),
         "uptime_s": round((daemon.loop.now() - daemon.started_ns) / 1e9, 3),
         "plc": daemon.link.status(),
         "buses": [

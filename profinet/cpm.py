@@ -39,9 +39,9 @@ _DATA_ALIVE = frozenset({Verdict.ACCEPTED, Verdict.PROVIDER_STOP, Verdict.NO_DAT
 
 
 class Consumer:
-    """Receives one cyclic relationship. The caller has checked sender and FrameID. ``counters``: to go on counting in."""
+    """Receives one cyclic relationship. The caller has checked sender and FrameID."""
 
-    def __init__(self, plan: CyclicPlan, counters: dict[Verdict, int] | None = None) -> None:
+    def __init__(self, plan: CyclicPlan) -> None:
         block = plan.block
         self._plan = plan
         self._size = HEADER.size + block.data_length + TRAILER.size
@@ -59,7 +59,7 @@ class Consumer:
         """The controller is in RUN: its data counts."""
         self.last_ns: int | None = None
         """When the last frame was accepted; None: none yet."""
-        self.counters = dict.fromkeys(Verdict, 0) if counters is None else counters
+        self.counters: dict[Verdict, int] = dict.fromkeys(Verdict, 0)
 
     @property
     def deadline(self) -> int | None:

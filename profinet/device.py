@@ -215,13 +215,6 @@ class ProfinetDevice:
             self._events = []
         return happened
 
-    def replug(self, model: DeviceModel) -> None:
-        """Other modules are plugged; ProfidriveError while a controller has a relationship with the present ones."""
-        if self.cm.io is not None:
-            raise ProfidriveError("modules", "changed", "a change while no controller is connected")
-        self.model = model
-        self.cm.replug(model)
-
     # -- the application ----------------------------------------------------------------------------------------------
 
     @property

@@ -169,10 +169,6 @@ class DeviceRecords:
         self.octets = [0, 0]
         """Received and sent."""
 
-    def replug(self, model: DeviceModel) -> None:
-        """Other modules are plugged."""
-        self._model = model
-
     # -- write --------------------------------------------------------------------------------------------------------
 
     def write(self, relation: ApplicationRelation, block: RecordBlock, data: bytes) -> None:

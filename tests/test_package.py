@@ -19,7 +19,8 @@ from pdgw.profidrive.errors import ProfidriveError
 from pdgw.tools.bench.captures import write_capture
 
 import pdgw
-from tests.support.daemon import axis, configuration, serving
+from tests.support.daemon import axis
+from tests.support.machine import configuration, serving
 
 ROOT = Path(__file__).parents[1]
 EXAMPLES = ROOT / "examples"

@@ -20,7 +20,7 @@ app = typer.Typer(
     help="PROFIdrive-to-CANopen gateway: daemon, simulators, decoder and conformance tools.",
     context_settings={"help_option_names": ["-h", "--help"]},
     no_args_is_help=True,
-    add_completion=False,
+    add_completion=True,
     pretty_exceptions_enable=False,
 )
 

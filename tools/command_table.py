@@ -56,11 +56,10 @@ COMMANDS: Mapping[str, Entry] = {
     ),
     "replay": Entry(
         "replay:replay",
-        "Feed a recording through today's translators; exit status 1 where they would have sent something else.",
+        "Feed a recording through today's gateway; exit status 1 where it would have sent something else.",
     ),
     "eds": Entry("eds:app", "Data sheets (EDS, DCF)."),
     "drives": Entry("drives:app", "Families of drives."),
-    "gsdml": Entry("gsdml:app", "The device description for engineering tools (GSDML)."),
     "sim": Entry("sim:app", "Simulators: PLC, drives, encoders, a bus of devices."),
     "demo": Entry(
         "demo:demo",

@@ -1,10 +1,11 @@
-"""The reference tables of ``docs/tables.md`` and ``docs/misbehaviour.md``, generated from the declarations.
+"""The reference tables of ``docs/tables.md``, ``misbehaviour.md`` and ``power-table.md``, generated from the declarations.
 
 ``python -m tools.doctables`` (``make docs``) rewrites the files; a test fails when one is out of date.
 """
 
 from __future__ import annotations
 
+import enum
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
@@ -18,8 +19,11 @@ from pdgw.dsp406.faults import ENCODER_EMCY
 from pdgw.dsp406.kinds import EncoderType
 from pdgw.dsp406.objects import PROFILE, ProfileObject
 from pdgw.dsp406.registers import Alarm, AreaState, Operating, Warnings
+from pdgw.gateway.axis.power_table import ANY_DRIVE, ANY_PHASE, ANY_WISH, CONTROLWORDS, ROWS, Action, Drive, Phase
+from pdgw.gateway.axis.waist import PowerWish
 from pdgw.gateway.motion.states import TRANSITIONS as POSITIONER_TRANSITIONS
 from pdgw.gateway.motion.states import Event
+from pdgw.gateway.parameters.guarded import GUARDED
 from pdgw.gateway.parameters.objects import error_of_abort
 from pdgw.gateway.reasons import GATEWAY_FAULTS, Reason
 from pdgw.peers.node.misbehaviour import NODE_MISBEHAVIOURS, Misbehaviour
@@ -34,6 +38,7 @@ from pdgw.tools.conformance.faults import CASES, Case, Device
 _DOCS = Path(__file__).parent.parent / "docs"
 PATH = _DOCS / "tables.md"
 MISBEHAVIOUR_PATH = _DOCS / "misbehaviour.md"
+POWER_PATH = _DOCS / "power-table.md"
 
 
 def _table(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
@@ -275,10 +280,61 @@ def generate() -> str:
             ("abort code", "meaning", "error number"),
             ((*abort_text(code).split(": ", 1), f"{error_of_abort(code):02X}h") for code in ABORT_TEXTS),
         ),
+        "## Objects that a powered axis keeps\n",
+        _table(
+            ("objects", "why", "after a write while it is off"),
+            (
+                (
+                    f"{item.first:04X}h" if item.first == item.last else f"{item.first:04X}h-{item.last:04X}h",
+                    item.reason,
+                    item.check.value,
+                )
+                for item in GUARDED
+            ),
+        ),
         "## Why it does not move\n",
         _table(("reason", "text"), ((reason.name, reason.value) for reason in Reason)),
     ]
     return "\n".join(out)
+
+
+def _names(members: Sequence[enum.IntEnum], everything: Sequence[enum.IntEnum]) -> str:
+    return "any" if len(members) == len(everything) else ", ".join(_name(member) for member in members)
+
+
+def _name(member: enum.IntEnum) -> str:
+    return member.name.lower().replace("_", " ")
+
+
+def generate_power_table() -> str:
+    """The whole document of the power table."""
+    rows = (
+        (
+            number,
+            _names(row.phases, ANY_PHASE),
+            _names(row.drives, ANY_DRIVE),
+            _names(row.wishes, ANY_WISH),
+            "stays" if row.phase is None else _name(row.phase),
+            _name(row.action),
+            row.reason.name if row.reason else "",
+            row.why,
+        )
+        for number, row in enumerate(ROWS, 1)
+    )
+    words = ("of the telegram" if a is Action.PASS else f"{CONTROLWORDS[a]:04X}h" for a in Action)
+    return "\n".join(
+        (
+            "# The power table\n",
+            "Generated from `gateway/axis/power_table.py`; change it there and run `make docs`.\n",
+            "What the gateway does with the power stage of a drive, for every telegram, once in each cycle: the first row",
+            "that fits. Nothing is enabled without an OFF and then an ON after any doubt; in doubt the drive is stopped. The",
+            "reason is what `pdgw status` shows; while there is no PLC it is that.\n",
+            _table(("row", "phase", "drive shows", "asked", "then", "commanded", "reason", "why"), rows),
+            f"Phases: {', '.join(map(_name, Phase))}. What a drive shows: {', '.join(map(_name, Drive))}.",
+            f"What is asked: {', '.join(map(_name, PowerWish))}.\n",
+            _table(("commanded", "Controlword bits 0-3"), zip(map(_name, Action), words, strict=True)),
+        )
+    )
 
 
 _DEVICES = {"drive": (Device.DRIVE,), "encoder": (Device.ENCODER, Device.SENSOR)}
@@ -354,3 +410,4 @@ is shown as good that is older than the time-outs allow. Fault numbers: docs/tab
 if __name__ == "__main__":
     PATH.write_text(generate(), encoding="utf-8")
     MISBEHAVIOUR_PATH.write_text(generate_misbehaviour(), encoding="utf-8")
+    POWER_PATH.write_text(generate_power_table(), encoding="utf-8")

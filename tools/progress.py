@@ -9,8 +9,24 @@ from typing import Final, TypeVar
 PROGRESS_FROM: Final = 4 << 20
 """Bytes of a file that deserves a progress bar."""
 _EVERY: Final = 5000
+_SEVERAL: Final = 2
 
 T = TypeVar("T")
+
+
+def with_progress_of(items: Iterator[T], title: str, count: int) -> Iterator[T]:
+    """The items, with a bar that counts them."""
+    if count < _SEVERAL or not sys.stderr.isatty():
+        yield from items
+        return
+    from rich.console import Console  # noqa: PLC0415
+    from rich.progress import Progress  # noqa: PLC0415
+
+    with Progress(console=Console(stderr=True), transient=True) as progress:
+        task = progress.add_task(title, total=count)
+        for item in items:
+            progress.advance(task)
+            yield item
 
 
 def with_progress(items: Iterator[T], title: str, size: int | None, position: Callable[[], int]) -> Iterator[T]:

@@ -30,10 +30,10 @@ from pdgw.decoder.recording import Collector, Recording
 from pdgw.decoder.records import BusKind, Record
 from pdgw.decoder.replay import AxisReplay, Replayer
 from pdgw.decoder.timeline import Entry
+from pdgw.gateway.axis.settings import AxisSettings
+from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS
 from pdgw.gateway.config import load_config
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.translator.base import TranslatorSettings
-from pdgw.gateway.translator.factory import DRIVE_TELEGRAM_NUMBERS
 from pdgw.tools.progress import with_progress
 
 INFER_FROM = 20_000
@@ -56,11 +56,11 @@ Notify = Callable[[str], None]
 class Known:
     """What is known beforehand; ``cycle_ns`` and ``watchdog_factor`` None: measured.
 
-    ``translators``: the user's choices by DO-ID.
+    ``choices``: the user's for each axis, by DO-ID.
     """
 
     settings: Settings = field(default_factory=Settings)
-    translators: dict[int, TranslatorSettings] = field(default_factory=dict)
+    choices: dict[int, AxisSettings] = field(default_factory=dict)
     cycle_ns: int | None = None
     watchdog_factor: int | None = None
 
@@ -83,7 +83,7 @@ def known_from(config: Path | None, telegrams: Sequence[int], nodes: Sequence[st
             cyclic_ports=settings.cyclic_ports | {transport.cyclic_port},
             acyclic_ports=settings.acyclic_ports | {transport.acyclic_port} - {0},
         ),
-        {axis.do_id: axis.translator_settings for axis in loaded.axis},
+        {axis.do_id: axis.axis_settings for axis in loaded.axis},
         int(transport.cycle_time_ms * 1_000_000),
         transport.watchdog_factor,
     )
@@ -111,7 +111,7 @@ class Loaded:
     files: tuple[str, ...]
 
     def replay(self, *, tolerance_ns: int = TOLERANCE_NS, first_only: bool = False) -> list[AxisReplay]:
-        """Today's translators on the recorded inputs of the drives; GatewayError where there is no drive."""
+        """Today's gateway on the recorded inputs of the drives; GatewayError where there is no drive."""
         drives = [axis for axis in self.recording.axes if axis.telegram.number in DRIVE_TELEGRAM_NUMBERS]
         if not drives:
             raise GatewayError(f"{', '.join(self.files)}: no drive telegram among the axes; encoders are not replayed")
@@ -221,7 +221,7 @@ def followed(opening: Opening, part: Part = Part(), *, packets: bool = False) ->
     """The timeline of a part, in the order of time; with ``packets`` every packet of that time too."""
     follower = Follower(
         opening.known.settings.axes,
-        opening.known.translators,
+        opening.known.choices,
         cycle_ns=opening.cycle_ns,
         watchdog_factor=opening.known.watchdog_factor,
     )
@@ -287,7 +287,7 @@ def _with_axes(files: Sequence[str], known: Known, notify: Notify) -> tuple[Know
     if not known.settings.axes:
         known = replace(known, settings=replace(known.settings, axes=_inferred(files, known, notify)))
         assumed.append("telegrams as the lengths of the frames show them, the node-ID of an axis is its number")
-    if not known.translators:
+    if not known.choices:
         assumed.append(
             "choices of the configuration (on_plc_loss, setpoint_enable ...) as by default; --config tells them"
         )
@@ -298,7 +298,7 @@ def load(files: Sequence[str], known: Known, offset_ns: int | None, notify: Noti
     """Read the captures and bring them on one clock; CaptureError for damaged ones, GatewayError for unusable ones."""
     known, _ = _with_axes(files, known, notify)
     axes = known.settings.axes
-    collector, looking = Collector(axes, known.translators), Lookahead(axes)
+    collector, looking = Collector(axes, known.choices), Lookahead(axes)
     buses: dict[str, set[BusKind]] = {}
     for file in files:
         buses[file] = set()

@@ -9,9 +9,10 @@ import csv
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Final, Protocol, TextIO
+from typing import Final, Protocol, TextIO
 
-from pdgw.decoder.columns import Columns, Row
+from pdgw.decoder.capture.parquet import ParquetTable
+from pdgw.decoder.columns import Columns
 from pdgw.decoder.names import Names
 from pdgw.decoder.records import (
     AcyclicRecord,
@@ -131,48 +132,20 @@ class CsvWriter:
         self._out.flush()
 
 
-_ROWS_AT_ONCE: Final = 1 << 16
-
-
 class ParquetWriter:
     """The table of ``CsvWriter`` as a Parquet file; GatewayError when pyarrow is not installed or the file not writable."""
 
     def __init__(self, path: Path, titles: Sequence[str], names: Names) -> None:
-        try:
-            import pyarrow  # noqa: PLC0415
-            from pyarrow import parquet  # noqa: PLC0415
-        except ImportError as error:
-            raise GatewayError("--parquet needs pyarrow: pip install 'profidrive-gateway[parquet]'") from error
         if not titles:
             raise GatewayError("--parquet: name the signals of the table, like --signal NSOLL_A --signal NIST_A")
-        self._arrow: Any = pyarrow
         self._columns = _table(titles, names)
-        kinds = [pyarrow.string() if names.is_text(title) else pyarrow.float64() for title in self._columns.titles]
-        self._schema = pyarrow.schema([("time_ns", pyarrow.int64()), *zip(self._columns.titles, kinds, strict=True)])
-        self._rows: list[tuple[int, Row]] = []
-        try:
-            self._file = parquet.ParquetWriter(str(path), self._schema)
-        except OSError as error:
-            raise GatewayError(f"--parquet {path}: cannot be written ({error})") from error
+        self._file = ParquetTable(path, self._columns.titles, names)
 
     def take(self, record: Record, units: Units) -> None:
         rows = self._columns.rows(record) if units is None else self._columns.unit_rows(record, units)
-        self._rows += [(record.time_ns, row) for _, row in rows]
-        if len(self._rows) >= _ROWS_AT_ONCE:
-            self._flush()
-
-    def _flush(self) -> None:
-        rows, self._rows = self._rows, []
-        columns = [self._arrow.array([time_ns for time_ns, _ in rows], self._arrow.int64())]
-        for position, field in enumerate(list(self._schema)[1:]):
-            values: list[Any] = [row[position] for _, row in rows]
-            if field.type == self._arrow.float64():
-                values = [None if value is None else float(value) for value in values]
-            columns.append(self._arrow.array(values, field.type))
-        self._file.write_table(self._arrow.Table.from_arrays(columns, schema=self._schema))
+        self._file.add((record.time_ns, row) for _, row in rows)
 
     def finish(self) -> None:
-        self._flush()
         self._file.close()
 
 

@@ -21,6 +21,7 @@ from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.loop import MS
 from pdgw.ds301.objects import CanType
 from pdgw.gateway.drive_object import DriveObject
+from pdgw.gateway.parameters.guarded import Check, guard_of
 from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.parameters.codec import MAX_ELEMENTS, Values
 from pdgw.profidrive.parameters.description import Description
@@ -110,6 +111,8 @@ class ObjectAccess:
         future = self.owner.client.submit(job)
         try:
             return loop.result(future, None if deadline is None else max(0, deadline - loop.now()))
+        except ParameterRefused:
+            raise
         except SdoAbortedError as error:
             number = error_of_abort(error.code)
             level = logging.WARNING if number is Number.MANUFACTURER else logging.DEBUG
@@ -130,19 +133,31 @@ class ObjectAccess:
         return self.run(lambda client: client.read(index, subindex), f"read {index:04X}h/{subindex}")
 
     def write(self, index: int, subindex: int, data: bytes) -> None:
-        """SDO download; the gateway's copy of a reference object follows."""
+        """SDO download, refused while a guarded object would change under a powered axis; copies of the gateway follow."""
         owner = self.owner
+        what = f"write {index:04X}h/{subindex}"
         if owner.owns(index, subindex):
             raise ParameterRefused(Number.NO_OPERATION_PRIORITY)
-        is_reference = owner.is_reference(index, subindex)
+        guard = guard_of(index)
+        reads_again = owner.is_reference(index, subindex) or (guard is not None and guard.check is Check.REFERENCES)
 
         def job(client: NodeClient[Any]) -> None:
-            client.write(index, subindex, data)
-            if is_reference:
-                owner.read_references(client)
+            if guard is not None:
+                # Here and not before: the job may have waited, and the axis was switched on meanwhile.
+                if owner.powered:
+                    log.warning("DO %d: %s refused while the axis is powered: %s", owner.do_id, what, guard.reason)
+                    raise ParameterRefused(Number.NOT_EXECUTABLE_IN_STATE)
+                client.hold()
+            try:
+                client.write(index, subindex, data)
+                if reads_again:
+                    owner.read_references(client)
+            finally:
+                if guard is not None:
+                    client.unhold(check=guard.check is Check.CONFIGURATION)
 
-        self.run(job, f"write {index:04X}h/{subindex}")
-        if is_reference:
+        self.run(job, what)
+        if reads_again:
             owner.references_changed()
 
     def variable(self, index: int, subindex: int) -> Any:

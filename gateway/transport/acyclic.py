@@ -6,7 +6,6 @@ from pdgw.ds301.loop import Mailbox, Task
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.parameters.manager import ParameterManager
 from pdgw.gateway.parameters.profile import MAX_BLOCK
-from pdgw.gateway.profinet_link import ProfinetLink
 from pdgw.gateway.records import Records
 from pdgw.gateway.transport.udp import Address
 from pdgw.profinet.rpc.server import RecordServer
@@ -25,8 +24,11 @@ class AcyclicServer:
         self.port = daemon.edge.open_udp(str(transport.listen), transport.acyclic_port, "acyclic port")
         self._manager = ParameterManager(daemon)
         serial = transport.station_name[:16]
-        records = Records(self._manager, daemon.store, daemon.update_store, transport.ar_uuid, serial)
-        self.server = RecordServer(records, MAX_BLOCK, boot_time=int(daemon.loop.wall()) & 0xFFFFFFFF)
+        writers = daemon.config.parameters.writers(transport.listen)
+        records = Records(self._manager, daemon.store, daemon.update_store, transport.ar_uuid, serial, writers)
+        self.server: RecordServer[Address] = RecordServer(
+            records.of, MAX_BLOCK, boot_time=int(daemon.loop.wall()) & 0xFFFFFFFF
+        )
         self._datagrams: Mailbox[tuple[bytes, Address]] = Mailbox(daemon.loop, _WAITING)
         self._task: Task | None = None
         self.overrun = 0
@@ -64,25 +66,3 @@ class AcyclicServer:
             data, source = self._datagrams.get()
             for answer in self.server.receive(data, source, self._loop.now()):
                 self.port.send(answer, source)
-
-
-class ProfinetRecords:
-    """A daemon's service: the same records by the RPC of its PROFINET device."""
-
-    def __init__(self, daemon: Daemon, link: ProfinetLink) -> None:
-        self._manager = ParameterManager(daemon)
-        serial = daemon.config.transport.station_name[:16]
-        link.serve_records(Records(self._manager, daemon.store, daemon.update_store, None, serial))
-
-    def start(self) -> None:
-        """The link listens already."""
-
-    def stop(self) -> None:
-        """Requests in work are dropped."""
-        self._manager.stop()
-
-
-def record_service(daemon: Daemon) -> AcyclicServer | ProfinetRecords:
-    """What serves the records on the transport of a daemon."""
-    link = daemon.link
-    return ProfinetRecords(daemon, link) if isinstance(link, ProfinetLink) else AcyclicServer(daemon)

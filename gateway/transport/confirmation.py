@@ -3,8 +3,9 @@
 Source: docs/transport.md chapter 1. The cycle counter has the same value again every 2.048 s, so a frame delayed by just that (or
 twice that) fits the present sequence. What was received meanwhile tells: where the PLC's frame with this counter, a turn or two
 ago, came and ordered something else, this one is no copy of it and counts at once. Where it ordered the same, or is not known
-(lost, or before this connection), the order has to stand in ``CONFIRMING_FRAMES`` frames in a row, and no other frame with the
-same counter may contradict it. Stops do not wait: OFF2 and OFF3 always count at once, and OFF1 where it releases no lock.
+(lost, or before this connection), the order has to stand in ``CONFIRMING_FRAMES`` frames in a row, and no other frame may
+contradict it meanwhile, even if it is a stale one. Stops do not wait: OFF2 and OFF3 always count at once, and OFF1 where it
+releases no lock.
 
 Left out: networks that delay a whole stretch of frames by whole turns and lose every other frame: nothing in the frames tells
 these from the PLC.

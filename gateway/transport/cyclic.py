@@ -90,7 +90,6 @@ class CyclicEndpoint:
         self._waiting = False
         """An order waits to be confirmed."""
         self._last_time = 0
-        self._last_counter = 0
         self._last_orders: tuple[tuple[int, ...] | None, ...] | None = None
         self._looked = 0
         self._looked_before = 0
@@ -194,14 +193,13 @@ class CyclicEndpoint:
             order = sequence.follow(source, counter, arrived, orders, may_connect=not self._loss_to_tell)
             if order is Order.RESTARTED:
                 self._lose()
-            if order is Order.STALE and counter == self._last_counter and orders != self._last_orders:
-                # Two frames with one counter that order different things: one of them is old, and it may be the first.
+            if order is Order.STALE and self._waiting and orders != self._last_orders:
+                # Two frames that order different things, and only one of them is taken: that may be the old one.
                 self._doubt()
             if order is not Order.NEXT:
                 return Verdict.STALE if order is Order.STALE else Verdict.UNCONFIRMED
             self._connect(source, orders)
         self._last_time = arrived
-        self._last_counter = counter
         if runs:
             self._accept(data)
         else:

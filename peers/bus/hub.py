@@ -10,10 +10,8 @@ import contextlib
 import selectors
 import socket
 import struct
-import threading
 from collections import deque
 from collections.abc import Callable
-from typing import Self
 
 from pdgw.ds301.can_frame import CAN_FRAME
 from pdgw.gateway.errors import GatewayError
@@ -67,10 +65,10 @@ class Hub:
         self._local.append(receive)
         return lambda frame: self._carry(receive, frame)
 
-    def wake(self) -> None:
-        """Let a ``select`` that waits return; from any thread."""
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
-            sock.sendto(b"", self._door.getsockname())
+    def detach(self, receive: Receiver) -> None:
+        """It is no member any more; one that is none is no error."""
+        if receive in self._local:
+            self._local.remove(receive)
 
     def close(self) -> None:
         """All members lose the bus."""
@@ -116,7 +114,7 @@ class Hub:
             for member in tuple(self._members):
                 if member is not source:
                     self._send(member, data)
-            for receive in self._local:
+            for receive in tuple(self._local):
                 if receive is not source:
                     receive(data)
             waiting.popleft()
@@ -134,34 +132,3 @@ class Hub:
             self._members.remove(member)
             self._selector.unregister(member)
             member.close()
-
-
-class ServedBus:
-    """A hub with a thread that serves it."""
-
-    def __init__(self, port: int = 0) -> None:
-        self._selector = selectors.DefaultSelector()
-        self._hub = Hub(self._selector, port)
-        self.channel = self._hub.channel
-        self._stopping = threading.Event()
-        self._thread = threading.Thread(target=self._serve, name=f"bus {self.channel}", daemon=True)
-        self._thread.start()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.stop()
-
-    def stop(self) -> None:
-        """End the bus; members hear nothing any more."""
-        self._stopping.set()
-        self._hub.wake()
-        self._thread.join()
-        self._hub.close()
-        self._selector.close()
-
-    def _serve(self) -> None:
-        while not self._stopping.is_set():
-            for key, _ in self._selector.select():
-                key.data()

@@ -7,6 +7,7 @@ from pdgw.ds301.loop import Loop
 from pdgw.ds301.nmt import NmtState
 from pdgw.ds301.objects import Entry
 from pdgw.ds301.pdo import Pdo
+from pdgw.ds301.port import CanPort
 from pdgw.dsp402.device import drive_objects
 from pdgw.peers.drive.misbehaviour import DRIVE_MISBEHAVIOURS
 from pdgw.peers.drive.model import DriveModel, Machine
@@ -70,11 +71,11 @@ class SimulatedDriveNode(SimulatedNode):
 
 
 class SimulatedDrive(RunningNode[SimulatedDriveNode]):
-    """A ``SimulatedDriveNode`` running on a python-can bus; see ``RunningNode``."""
+    """A ``SimulatedDriveNode`` running on a bus; see ``RunningNode``."""
 
     def __init__(
         self,
-        bus: can.BusABC,
+        bus: can.BusABC | CanPort,
         node_id: int,
         *,
         machine: Machine | None = None,

@@ -11,6 +11,7 @@ from pdgw.ds301.aborts import Abort
 from pdgw.ds301.configuration import EVENT_DRIVEN_PROFILE
 from pdgw.ds301.loop import Loop
 from pdgw.ds301.objects import Entry
+from pdgw.ds301.port import CanPort
 from pdgw.dsp406.device import encoder_objects
 from pdgw.dsp406.errors import Dsp406Error
 from pdgw.dsp406.kinds import ROTARY, EncoderDevice
@@ -101,11 +102,11 @@ class SimulatedEncoderNode(SimulatedNode):
 
 
 class SimulatedEncoder(RunningNode[SimulatedEncoderNode]):
-    """A ``SimulatedEncoderNode`` running on a python-can bus; see ``RunningNode``."""
+    """A ``SimulatedEncoderNode`` running on a bus; see ``RunningNode``."""
 
     def __init__(
         self,
-        bus: can.BusABC,
+        bus: can.BusABC | CanPort,
         node_id: int,
         *,
         device: EncoderDevice = ROTARY,

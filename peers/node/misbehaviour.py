@@ -8,7 +8,7 @@ the communication of CiA DS 301 that each of them breaks. A device profile adds 
 from __future__ import annotations
 
 import struct
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields
 from types import MappingProxyType
@@ -322,17 +322,17 @@ class FewPdos(Misbehaviour):
 
 @dataclass(kw_only=True, eq=False)
 class LostPdos(Misbehaviour):
-    """PDOs are lost in both directions, all of them or each n-th."""
+    """PDOs are lost in both directions, all of them or each n-th of each."""
 
     name = "lost-pdos"
     every: int = parameter(3, 1, 1000, "1: all are lost; n: each n-th")
-    _count: int = field(init=False, repr=False, default=0)
+    _counts: Counter[int] = field(init=False, repr=False, default_factory=Counter)
 
     def outgoing(self, can_id: int, data: bytes) -> bool:
         if not self.node.is_pdo(can_id):
             return True
-        self._count += 1
-        return self._count % self.every != 0
+        self._counts[can_id] += 1
+        return self._counts[can_id] % self.every != 0
 
     def incoming(self, can_id: int, data: bytes) -> bool:
         return self.outgoing(can_id, data)

@@ -5,31 +5,33 @@ The edge of the simulators: here are the clock and the bus. A device profile add
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable
 from typing import Generic, Self, TypeVar
 
 import can
 from pdgw.ds301.loop import Loop, Timer
+from pdgw.ds301.port import CanPort, PortBusyError, PortLostError, open_port
 from pdgw.peers.node.host import simulation_thread
 from pdgw.peers.node.node import SendFunction, SimulatedNode
-from pdgw.peers.node.reception import Reception
 
 N = TypeVar("N", bound=SimulatedNode)
 
 
 class RunningNode(Generic[N]):
-    """``make`` is given the function that sends a frame and returns the node.
+    """``make`` is given the function that sends a frame and returns the node. It is the receiver of its port.
 
-    The bus is the node's own and is shut down by ``stop``. ``loop``: where it runs, whose thread gives all commands then.
-    Without one it shares the thread that simulates on real buses, and commands may be given from any thread.
+    The bus, of python-can or a port, is the node's own and is released by ``stop``. ``loop``: where it runs, whose thread gives
+    all commands then. Without one it shares the thread that simulates on real buses, and commands may come from any thread.
     """
 
-    def __init__(self, bus: can.BusABC, make: Callable[[SendFunction], N], loop: Loop | None = None) -> None:
-        self.bus = bus
+    def __init__(self, bus: can.BusABC | CanPort, make: Callable[[SendFunction], N], loop: Loop | None = None) -> None:
         self._thread = simulation_thread() if loop is None else None
         self.loop = simulation_thread().loop if loop is None else loop
+        self.port: CanPort = open_port(self.loop, bus) if isinstance(bus, can.BusABC) else bus
         self.node = make(self._send)
-        self._reception: Reception | None = None
+        self.running = False
+        """Between ``start`` and ``stop``."""
         self._timer: Timer | None = None
 
     def __enter__(self) -> Self:
@@ -39,22 +41,13 @@ class RunningNode(Generic[N]):
     def __exit__(self, *_: object) -> None:
         self.stop()
 
-    @property
-    def running(self) -> bool:
-        """Between ``start`` and ``stop``."""
-        return self._reception is not None
-
     def start(self) -> None:
         """Power on."""
         self._call(self._start)
 
     def stop(self) -> None:
-        """Power off for good and release the bus."""
-        reception = self._reception
+        """Power off for good and release the bus; also of one that was never started."""
         self._call(self._stop)
-        if reception is not None:
-            reception.wait_closed()
-        self.bus.shutdown()
 
     def do(self, action: Callable[[N], None]) -> None:
         """Run an action on the node between two of its steps."""
@@ -74,36 +67,45 @@ class RunningNode(Generic[N]):
             self._thread.call(action)
 
     def _start(self) -> None:
-        self._reception = Reception(self.loop, self.bus, self._take)
+        self.running = True
+        self.port.start(self)
         self.node.start(self.loop.now())
         self._plan()
 
     def _stop(self) -> None:
+        self.running = False
         if self._timer is not None:
             self._timer.cancel()
-        if self._reception is not None:
-            self._reception.close()
-            self._reception = None
+        self.port.close()
 
     def _send(self, can_id: int, data: bytes) -> None:
-        try:
-            self.bus.send(can.Message(arbitration_id=can_id, data=data, is_extended_id=False))
-        except can.CanError:
-            # A node that cannot transmit stays silent; its master notices by heartbeat and PDO supervision.
-            return
+        # A node that cannot transmit stays silent; its master notices by heartbeat and PDO supervision.
+        with contextlib.suppress(PortBusyError, PortLostError):
+            self.port.send(can_id, data)
 
-    def _take(self, message: can.Message) -> None:
-        if message.is_error_frame or message.is_extended_id:
-            return
-        if message.is_remote_frame:
-            self.node.receive_remote(message.arbitration_id, self.loop.now())
-        else:
-            self.node.receive(message.arbitration_id, bytes(message.data), self.loop.now())
+    # -- what the port delivers -----------------------------------------------------------------------------------------
+
+    def on_frame(self, can_id: int, data: bytes) -> None:
+        self.node.receive(can_id, data, self.loop.now())
         self._plan()
+
+    def on_other_frame(self, can_id: int, data: bytes, *, extended: bool, remote: bool) -> None:
+        if remote and not extended:
+            self.node.receive_remote(can_id, self.loop.now())
+            self._plan()
+
+    def on_error_frame(self, *, bus_off: bool, passive: bool) -> None:
+        """The device does not see it."""
+
+    def on_refused(self) -> None:
+        """What was not sent is not missed."""
+
+    def on_lost(self, text: str) -> None:
+        """The node stays silent."""
 
     def _plan(self) -> None:
         """Have the node polled at its next event; a timer that is earlier plans again when it comes."""
-        if self._reception is None:
+        if not self.running:
             return
         event = self.node.next_event(self.loop.now())
         timer = self._timer

@@ -7,6 +7,7 @@ import re
 import socketserver
 import sys
 import threading
+from collections.abc import Callable
 
 from pdgw.ds301.errors import CanopenError
 from pdgw.dsp402.faults import DRIVE_FAULTS
@@ -119,12 +120,14 @@ def serve(console: Console, port: int) -> socketserver.ThreadingTCPServer:
     return server
 
 
-def read_standard_input(console: Console) -> None:
-    """Commands from standard input, on a thread of its own."""
+def read_standard_input(console: Console, at_end: Callable[[], None] | None = None) -> None:
+    """Commands from standard input, on a thread of its own; ``at_end`` is called when it ends."""
 
     def read() -> None:
         with contextlib.suppress(ValueError, OSError):
             for line in sys.stdin:
                 print(console.execute(line), flush=True)
+        if at_end is not None:
+            at_end()
 
     threading.Thread(target=read, name="stdin", daemon=True).start()

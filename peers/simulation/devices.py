@@ -12,6 +12,8 @@ from typing import Any, Protocol
 
 import can
 from pdgw.ds301.errors import CanopenError
+from pdgw.ds301.loop import Loop
+from pdgw.ds301.port import CanPort
 from pdgw.dsp402.states import state_of
 from pdgw.dsp406.kinds import DEVICES, ROTARY, EncoderDevice
 from pdgw.dsp406.registers import Alarm, Warnings, names
@@ -37,7 +39,7 @@ class SimulatedDevice(Protocol):
 
 
 DeviceMaker = Callable[..., SimulatedDevice]
-"""Called with a bus that becomes the device's own, its node-ID, ``serial_number`` and the options of its kind."""
+"""Called with a bus that becomes the device's own, its node-ID, ``serial_number``, ``loop`` and the options of its kind."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,18 +59,19 @@ def encoder_device(model: str = ROTARY.name, channels: int | None = None) -> Enc
 
 
 def _encoder(
-    bus: can.BusABC,
+    bus: can.BusABC | CanPort,
     node_id: int,
     /,
     *,
     serial_number: int,
+    loop: Loop | None,
     model: str = ROTARY.name,
     channels: int | None = None,
     motion: Sequence[Motion] = (),
 ) -> SimulatedEncoder:
     """``motion``: one for each channel."""
     device = encoder_device(model, channels)
-    return SimulatedEncoder(bus, node_id, device=device, motions=motion, serial_number=serial_number)
+    return SimulatedEncoder(bus, node_id, device=device, motions=motion, serial_number=serial_number, loop=loop)
 
 
 def _encoder_status(node: SimulatedEncoderNode) -> dict[str, object]:
@@ -104,12 +107,16 @@ DEVICE_TYPES: Mapping[str, DeviceType] = MappingProxyType(
 
 
 class Simulation:
-    """Devices running on one bus. Every method may be called from any thread; CanopenError names what does not exist."""
+    """Devices running on one bus. CanopenError names what does not exist.
 
-    def __init__(self) -> None:
+    ``loop``: where they run; without one on the thread of all simulated devices, and methods may be called from any thread.
+    """
+
+    def __init__(self, loop: Loop | None = None) -> None:
+        self._loop = loop
         self._devices: dict[int, tuple[str, SimulatedDevice]] = {}
 
-    def add(self, kind: str, bus: can.BusABC, node_id: int, serial_number: int, **options: Any) -> None:
+    def add(self, kind: str, bus: can.BusABC | CanPort, node_id: int, serial_number: int, **options: Any) -> None:
         """A device of ``DEVICE_TYPES``, not yet started; the bus becomes its own. ``options`` are those of its kind.
 
         ``motion`` is given as texts, see ``parse_motion``; a shaft is that of a drive added before.
@@ -117,9 +124,12 @@ class Simulation:
         try:
             if "motion" in options:
                 options["motion"] = [parse_motion(text, shafts=self._shafts) for text in options["motion"]]
-            device = DEVICE_TYPES[kind].make(bus, node_id, serial_number=serial_number, **options)
+            device = DEVICE_TYPES[kind].make(bus, node_id, serial_number=serial_number, loop=self._loop, **options)
         except CanopenError:
-            bus.shutdown()
+            if isinstance(bus, can.BusABC):
+                bus.shutdown()
+            else:
+                bus.close()
             raise
         self._devices[node_id] = (kind, device)
 

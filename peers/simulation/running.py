@@ -7,7 +7,6 @@ import threading
 from collections.abc import Sequence
 from contextlib import ExitStack
 
-import typer
 from pdgw.ds301.bus import open_bus
 from pdgw.gateway.errors import GatewayError
 from pdgw.peers.simulation.config import ControlConfig
@@ -16,8 +15,8 @@ from pdgw.peers.simulation.devices import Simulation
 from pdgw.peers.simulation.rest import RestServer
 
 
-def run(simulation: Simulation, control: ControlConfig, title: str) -> None:
-    """Until SIGINT, SIGTERM or `quit`; the ports are had before the devices are powered."""
+def run(simulation: Simulation, control: ControlConfig, title: str, *, attached: bool = False) -> None:
+    """Until SIGINT, SIGTERM or `quit`; the ports are had before the devices are powered. ``attached``: ends with its input."""
     quit_ = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: quit_.set())
@@ -31,8 +30,8 @@ def run(simulation: Simulation, control: ControlConfig, title: str) -> None:
             at_end.callback(RestServer(simulation, control.rest_port).stop)
         at_end.callback(simulation.stop)
         simulation.start()
-        read_standard_input(console)
-        typer.echo(f"{title}; commands: {COMMANDS}")
+        read_standard_input(console, quit_.set if attached else None)
+        print(f"{title}; commands: {COMMANDS}", flush=True)
         quit_.wait()
 
 

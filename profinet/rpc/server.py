@@ -215,14 +215,22 @@ def _write_multiple(handler: RecordHandler, data: bytes) -> bytes:
     return b"".join(answers)
 
 
-class RecordServer(RpcServer[Hashable]):
-    """Records alone, of a relationship that needs no Connect."""
+class RecordServer(RpcServer[Source]):
+    """Records alone, of a relationship that needs no Connect.
 
-    def __init__(self, handler: RecordHandler, max_record: int, boot_time: int = 1) -> None:
-        def execute(header: RpcHeader, body: bytes, source: Hashable, now: int) -> bytes | RejectStatus:
+    ``handler``: what serves the records, or what has a handler for each caller (its address and the activity of its calls).
+    """
+
+    def __init__(
+        self,
+        handler: RecordHandler | Callable[[Source, UUID], RecordHandler],
+        max_record: int,
+        boot_time: int = 1,
+    ) -> None:
+        def execute(header: RpcHeader, body: bytes, source: Source, now: int) -> bytes | RejectStatus:
             if header.operation not in RECORD_OPERATIONS:
                 return RejectStatus.OPERATION_OUT_OF_RANGE
-            return serve_record(handler, header, body)
+            return serve_record(handler(source, header.activity) if callable(handler) else handler, header, body)
 
         interface = (dcerpc.DEVICE_INTERFACE, dcerpc.INTERFACE_VERSION)
         super().__init__({interface: execute}, max_record + BLOCK_SIZE + 64, boot_time)

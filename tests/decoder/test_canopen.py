@@ -20,7 +20,7 @@ from pdgw.ds301.objects import CanType, Entry
 from pdgw.ds301.pdo import COB_ID_INVALID
 from pdgw.dsp402.device import EDS_PATH
 from pdgw.dsp402.pdo import LAYOUTS, Operation
-from pdgw.gateway.translator.factory import DRIVE_TELEGRAM_NUMBERS, pdo_operation
+from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS, pdo_operation
 
 NODE = 5
 

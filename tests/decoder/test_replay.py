@@ -1,4 +1,4 @@
-"""Replay: equal on what today's translators made, a named first difference on anything else."""
+"""Replay: equal on what today's gateway made, a named first difference on anything else."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 from pdgw.decoder.replay import AxisRecording, Replayer, receive_frames
 from pdgw.dsp402.images import DriveFeedback, References
-from pdgw.gateway.translator import velocity
-from pdgw.gateway.translator.base import SetpointEnable, TranslatorSettings
-from pdgw.gateway.translator.factory import DRIVE_TELEGRAM_NUMBERS, make_translator
+from pdgw.gateway.axis.settings import AxisSettings, SetpointEnable
+from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS
+from pdgw.gateway.axis.waist import Flag
 from pdgw.gateway.transport.cyclic import Verdict
 from pdgw.profidrive.frame import STATUS_STOP, TRAILER
 from pdgw.profidrive.telegrams import telegram
@@ -20,6 +20,7 @@ from pdgw.tools.recordings import Loaded, load
 from tests.support.plain_drive import PlainDrive
 from tests.support.recorded import CYCLE_NS, RecordedRig, known
 from tests.support.rig import MS, NODE
+from tests.support.stepper import Stepper
 
 RPDO1 = 0x200 + NODE
 
@@ -29,7 +30,7 @@ def speed(number: int = 1, **settings: object) -> RecordedRig:
     rig = RecordedRig(number, **settings)
     rig.step(5)
     rig.enable(0x047E)
-    name = rig.translator.telegram.setpoints.names[1]
+    name = rig.stepper.telegram.setpoints.names[1]
     rig.values[name] = 0x1000 if number == 1 else 0x10000000
     rig.step(60)
     rig.stw(0x047E, 80)
@@ -179,13 +180,13 @@ def test_another_choice_of_the_user_is_a_difference(tmp_path: Path) -> None:
     rig.stw(0x043F, 20)  # no setpoint: hold
     files = rig.frames.write(tmp_path)
     assert not replayed(load(files, known(1), 0, print))[1]
-    other = TranslatorSettings(setpoint_enable=SetpointEnable.PROFIDRIVE)
+    other = AxisSettings(setpoint_enable=SetpointEnable.PROFIDRIVE)
     assert replayed(load(files, known(1, other), 0, print))[1] == [("RPDO1", ("Target Velocity",))]
 
 
-def test_a_changed_translator_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_changed_gateway_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     loaded = speed().load(tmp_path, 0)
-    monkeypatch.setattr(velocity, "_TRANSPARENT", velocity.ZSW1_TRANSPARENT)  # no more ZSW1.10
+    monkeypatch.setattr(Flag, "REACHED", 0)  # no more ZSW1.10
     assert replayed(loaded)[1] == [("actual values", ("ZSW1",))]
 
 
@@ -256,28 +257,29 @@ def test_frames_of_the_plc_become_setpoints_verdicts_and_losses() -> None:
 
 
 @pytest.mark.parametrize("number", DRIVE_TELEGRAM_NUMBERS)
-def test_a_translator_goes_back_to_its_checkpoint(number: int) -> None:
+def test_a_machine_goes_back_to_its_checkpoint(number: int) -> None:
     rng = random.Random(number)
-    translator = make_translator(number, TranslatorSettings())
-    translator.set_references(References())
-    half = translator.telegram.setpoints
+    stepper = Stepper(number, AxisSettings())
+    stepper.set_references(References())
+    stepper.step(None, DriveFeedback(), False, 0)
+    half = stepper.telegram.setpoints
     drive = PlainDrive()
 
     def inputs() -> tuple[tuple[int, ...], DriveFeedback]:
         words = (0x047E, 0x047F, 0x043F, 0x0C3F, 0x04FE, 0x045F, 0x0000, 15)
         values = [rng.choice(words), *(rng.choice((0, 0x8023, 1, 5)) for _ in half.signals[1:])]
-        drive.step(translator.command)
+        drive.step(stepper.command)
         return tuple(values), drive.feedback
 
     for now in range(0, 300 * CYCLE_NS, CYCLE_NS):
         values, feedback = inputs()
-        checkpoint, print_before = translator.checkpoint(), translator.fingerprint()
-        first = tuple(translator.step(values, feedback, True, now))
-        after = translator.fingerprint()
-        translator.restore(checkpoint)
-        assert translator.fingerprint() == print_before
-        assert tuple(translator.step(values, feedback, True, now)) == first
-        assert translator.fingerprint() == after
+        checkpoint, print_before = stepper.checkpoints.save(), stepper.checkpoints.fingerprint()
+        first = tuple(stepper.step(values, feedback, True, now))
+        after = stepper.checkpoints.fingerprint()
+        stepper.checkpoints.restore(checkpoint)
+        assert stepper.checkpoints.fingerprint() == print_before
+        assert tuple(stepper.step(values, feedback, True, now)) == first
+        assert stepper.checkpoints.fingerprint() == after
 
 
 def test_a_recording_of_nothing_has_no_steps() -> None:

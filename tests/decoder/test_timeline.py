@@ -1,4 +1,4 @@
-"""The timeline of small recordings: causes, latencies, every refusal in the translators' words, anomalies.
+"""The timeline of small recordings: causes, latencies, every refusal in the gateway's words, anomalies.
 
 ``python -m tests.decoder.test_timeline`` writes the golden file anew; the difference is to be read before it is committed.
 """
@@ -209,7 +209,7 @@ REFUSALS: dict[Reason, Callable[[RecordedRig], None]] = {
 
 
 @pytest.mark.parametrize("reason", REFUSALS)
-def test_each_refusal_is_explained_with_the_translators_text(reason: Reason, tmp_path: Path) -> None:
+def test_each_refusal_is_explained_with_the_gateways_text(reason: Reason, tmp_path: Path) -> None:
     rig = RecordedRig(1)
     rig.step(5)
     REFUSALS[reason](rig)
@@ -351,7 +351,7 @@ def test_a_drive_that_leaves_operation_by_itself_is_told(tmp_path: Path) -> None
 
 def test_a_silence_the_gateway_tolerates_is_no_loss(tmp_path: Path) -> None:
     rig = RecordedRig(1)
-    rig.endpoint = CyclicEndpoint([rig.translator.telegram], cycle_ns=CYCLE_NS, watchdog_factor=20)
+    rig.endpoint = CyclicEndpoint([rig.stepper.telegram], cycle_ns=CYCLE_NS, watchdog_factor=20)
     rig.step(5)
     rig.enable(0x047E)
     rig.step(10, plc=False)
@@ -377,7 +377,7 @@ def test_without_answers_the_watchdog_decides_and_is_named(factor: int | None, t
 def test_frames_the_gateway_does_not_use_are_told_once(tmp_path: Path) -> None:
     rig = RecordedRig(1)
     rig.step(5)
-    stranger = CyclicEndpoint([rig.translator.telegram], cycle_ns=CYCLE_NS, peer="192.0.2.1")
+    stranger = CyclicEndpoint([rig.stepper.telegram], cycle_ns=CYCLE_NS, peer="192.0.2.1")
     rig.endpoint = stranger
     rig.step(60)
     assert texts(timeline(rig, tmp_path), AnomalyKind.DROPPED) == ["frames are not used by the gateway (IOCS BAD)"]
@@ -436,7 +436,7 @@ def test_memory_does_not_grow_with_the_recording(tmp_path: Path) -> None:
     opening = rig.open(tmp_path)
     records = list(opening.records())
     length = records[-1].time_ns - records[0].time_ns + CYCLE_NS
-    follower = Follower(opening.known.settings.axes, opening.known.translators, cycle_ns=CYCLE_NS)
+    follower = Follower(opening.known.settings.axes, opening.known.choices, cycle_ns=CYCLE_NS)
     sizes = []
     tracemalloc.start()
     try:

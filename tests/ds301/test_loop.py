@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import os
 import queue
+import socket
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import pytest
 from pdgw.ds301.loop import MS, SECOND, Event, Loop, Mailbox, SystemLoop, VirtualLoop
+from pdgw.ds301.readiness import Readiness, SelectReadiness, best_readiness
 
 
 @pytest.fixture(params=["virtual", "system"])
@@ -195,8 +197,9 @@ def test_other_threads_wake_a_loop_that_waits() -> None:
     loop.close()
 
 
-def test_urgent_descriptors_come_first_and_slices_last() -> None:
-    loop = SystemLoop()
+@pytest.mark.parametrize("readiness", [SelectReadiness, best_readiness])
+def test_urgent_descriptors_come_first_and_slices_last(readiness: Callable[[], Readiness]) -> None:
+    loop = SystemLoop(readiness())
     seen = []
     pipes = [os.pipe() for _ in range(2)]
 
@@ -218,6 +221,50 @@ def test_urgent_descriptors_come_first_and_slices_last() -> None:
         for descriptor in pair:
             os.close(descriptor)
     assert seen == ["plc", "can", "slice"]
+
+
+@pytest.mark.parametrize("readiness", [SelectReadiness, best_readiness])
+def test_readers_and_writers_of_one_descriptor_come_and_go(readiness: Callable[[], Readiness]) -> None:
+    loop = SystemLoop(readiness())
+    ours, theirs = socket.socketpair()
+    seen: list[str] = []
+
+    def read() -> None:
+        seen.append(ours.recv(8).decode())
+        loop.remove_reader(ours.fileno())
+        loop.call_later(0, loop.stop)
+
+    def write() -> None:
+        seen.append("writable")
+        loop.remove_writer(ours.fileno())
+        theirs.send(b"answer")
+
+    loop.add_reader(ours.fileno(), read)
+    loop.add_writer(ours.fileno(), write)
+    loop.run()
+    assert seen == ["writable", "answer"]
+    theirs.send(b"more")
+    loop.call_later(0, loop.stop)
+    loop.run()
+    assert len(seen) == 2, "nobody watches any more"
+    loop.remove_reader(ours.fileno())  # a second time is no error
+    loop.close()
+    ours.close()
+    theirs.close()
+
+
+@pytest.mark.parametrize("readiness", [SelectReadiness, best_readiness])
+def test_what_was_closed_meanwhile_can_still_be_forgotten(readiness: Callable[[], Readiness]) -> None:
+    loop = SystemLoop(readiness())
+    ours, theirs = socket.socketpair()
+    descriptor = ours.fileno()
+    loop.add_reader(descriptor, loop.stop)
+    ours.close()
+    loop.remove_reader(descriptor)
+    loop.call_later(0, loop.stop)
+    loop.run()
+    loop.close()
+    theirs.close()
 
 
 def test_one_slice_follows_a_cycle_and_the_next_waits_for_the_gap() -> None:

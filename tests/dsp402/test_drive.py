@@ -802,7 +802,7 @@ def test_a_set_point_that_is_held_back_lets_stop_halt_and_acknowledge_pass(two_p
     for word in (START, START | ControlBit.HALT, 0x003B, 0x003D, 0x00BF, 0x0010):
         two_pdos.send(word, 100)
         assert two_pdos.words[-1] == word & ~ControlBit.NEW_SETPOINT
-        assert two_pdos.command.controlword == word, "the image stays the translator's"
+        assert two_pdos.command.controlword == word, "the image stays the stepper's"
 
 
 def test_a_set_point_without_new_data_starts_at_once(two_pdos: TwoPdos) -> None:

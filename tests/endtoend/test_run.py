@@ -21,6 +21,8 @@ from tests.support.buses import wait_for
 pytestmark = pytest.mark.e2e
 CYCLE = 4_000_000
 OFF, ON = 0x047E, 0x047F
+PATIENT = ("--cycle-time-ms", "100")
+"""So long may the PLC be busy with something else, or not get the processor, before it is lost: three times that."""
 
 
 class LittlePlc:
@@ -62,9 +64,8 @@ class LittlePlc:
 def test_simulated_axis_with_telegram_1_turns_and_stops_on_sigterm(tmp_path: Path) -> None:
     port, status = free_udp_port(), free_tcp_port()
     log = tmp_path / "log"
-    options = ["--cyclic-port", str(port), "--acyclic-port", "0", "--status-port", str(status)]
-    # A long cycle, so that the PLC may ask for the status between two frames.
-    with running("run", "--simulate", "--cycle-time-ms", "100", *options, log=log) as process:
+    options = [*PATIENT, "--cyclic-port", str(port), "--acyclic-port", "0", "--status-port", str(status)]
+    with running("run", "--simulate", *options, log=log) as process:
         plc = LittlePlc(port, [1])
         plc.enable(0)
         plc.endpoint.set(0, {"NSOLL_A": 0x2000})
@@ -82,7 +83,7 @@ def test_simulated_axis_with_telegram_1_turns_and_stops_on_sigterm(tmp_path: Pat
 
 def test_a_simulated_encoder_turns_with_the_shaft_of_its_axis(tmp_path: Path) -> None:
     port = free_udp_port()
-    options = ["--cyclic-port", str(port), "--acyclic-port", "0", "--status-port", "0", "--encoders", "1"]
+    options = [*PATIENT, "--cyclic-port", str(port), "--acyclic-port", "0", "--status-port", "0", "--encoders", "1"]
     with running("run", "--simulate", "--encoder-telegram", "83", *options, log=tmp_path / "log"):
         plc = LittlePlc(port, [1, 83])
         plc.enable(0)
@@ -93,7 +94,7 @@ def test_a_simulated_encoder_turns_with_the_shaft_of_its_axis(tmp_path: Path) ->
 
 def test_two_axes_with_telegram_9_home_and_move(tmp_path: Path) -> None:
     port = free_udp_port()
-    options = ["--cyclic-port", str(port), "--acyclic-port", "0", "--status-port", "0"]
+    options = [*PATIENT, "--cyclic-port", str(port), "--acyclic-port", "0", "--status-port", "0"]
     with running("run", "--simulate", "--telegram", "9", "--axes", "2", *options, log=tmp_path / "log"):
         plc = LittlePlc(port, [9, 9])
         for axis in (0, 1):
@@ -112,7 +113,7 @@ def test_two_axes_with_telegram_9_home_and_move(tmp_path: Path) -> None:
 
 def test_the_gateway_survives_garbage_and_counts_it(tmp_path: Path) -> None:
     port, status = free_udp_port(), free_tcp_port()
-    options = ["--cyclic-port", str(port), "--acyclic-port", "0", "--status-port", str(status)]
+    options = [*PATIENT, "--cyclic-port", str(port), "--acyclic-port", "0", "--status-port", str(status)]
     with running("run", "--simulate", *options, log=tmp_path / "log"):
         plc = LittlePlc(port, [1])
         plc.enable(0)
@@ -133,7 +134,7 @@ def test_the_gateway_survives_garbage_and_counts_it(tmp_path: Path) -> None:
 def test_log_file_and_can_log_are_complete_at_the_end(tmp_path: Path) -> None:
     port = free_udp_port()
     log, frames = tmp_path / "gateway.log", tmp_path / "can.log"
-    options = ["--cyclic-port", str(port), "--acyclic-port", "0", "--status-port", "0"]
+    options = [*PATIENT, "--cyclic-port", str(port), "--acyclic-port", "0", "--status-port", "0"]
     with running(
         "run", "--simulate", *options, "--log-file", str(log), "--can-log", str(frames), log=tmp_path / "err"
     ) as process:
@@ -151,7 +152,7 @@ def test_log_file_and_can_log_are_complete_at_the_end(tmp_path: Path) -> None:
 
 def test_provider_stop_stops_the_drive(tmp_path: Path) -> None:
     port = free_udp_port()
-    options = ["--cyclic-port", str(port), "--acyclic-port", "0", "--status-port", "0"]
+    options = [*PATIENT, "--cyclic-port", str(port), "--acyclic-port", "0", "--status-port", "0"]
     with running("run", "--simulate", *options, log=tmp_path / "log"):
         plc = LittlePlc(port, [1])
         plc.enable(0)
@@ -256,7 +257,7 @@ def test_drive_simulator_obeys_its_console_and_inject(tmp_path: Path) -> None:
 
 def test_interactive_plc_turns_the_drive_from_the_keyboard(tmp_path: Path) -> None:
     port, status = free_udp_port(), free_tcp_port()
-    options = ["--cyclic-port", str(port), "--acyclic-port", "0", "--status-port", str(status)]
+    options = [*PATIENT, "--cyclic-port", str(port), "--acyclic-port", "0", "--status-port", str(status)]
     with (
         running("run", "--simulate", *options, log=tmp_path / "gateway.log"),
         running("sim", "plc", "--interactive", "--gateway", f"127.0.0.1:{port}", log=tmp_path / "plc.log") as plc,

@@ -129,7 +129,7 @@ def test_the_command_ends_with_one_error_and_prints_what_came_before(ending: str
         path.write_bytes(content)
         message = ""
         try:
-            decode(str(path), **options)
+            decode([str(path)], **options)
         except (GatewayError, CanopenError, ProfidriveError) as error:
             message = str(error)
         assert not message or str(path) in message

@@ -1,4 +1,4 @@
-"""The axis between translator and drive client: SDO work, faults, refusals, restarts. The drive is never started here."""
+"""The axis between machine and drive client: SDO work, faults, refusals, restarts. The drive is never started here."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from typing import Any
 import pytest
 from pdgw.ds301.loop import VirtualLoop
 from pdgw.dsp402.drive import DriveEvent, DriveStatus
-from pdgw.gateway.axis import Axis
+from pdgw.gateway.axis.values import Outputs, SdoAnswer, SdoWrite
+from pdgw.gateway.binding import Axis
 from pdgw.gateway.config import AxisConfig
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.translator.base import SdoWrite
 
 from tests.support import buses
 
@@ -41,10 +41,21 @@ def jobs(axis: Axis, monkeypatch: pytest.MonkeyPatch) -> list[Future[Any]]:
     return futures
 
 
-def answers(axis: Axis, monkeypatch: pytest.MonkeyPatch) -> list[str | None]:
-    told: list[str | None] = []
-    monkeypatch.setattr(axis.translator, "sdo_done", told.append)
-    monkeypatch.setattr(axis.translator, "step", lambda *_: axis.actuals)
+def answers(axis: Axis, monkeypatch: pytest.MonkeyPatch) -> list[SdoAnswer]:
+    """What the machine is told; the machine itself does nothing."""
+    told: list[SdoAnswer] = []
+    machine = axis.machine
+
+    def step() -> Outputs:
+        for item in machine.inputs.news:
+            assert isinstance(item, SdoAnswer)
+            told.append(item)
+            if item.writes is machine.outputs.writes:
+                machine.outputs.writes = None
+        machine.inputs.news.clear()
+        return machine.outputs
+
+    monkeypatch.setattr(machine, "step", step)
     return told
 
 
@@ -52,31 +63,32 @@ def test_an_sdo_request_is_performed_once_and_answered(
     axis: Axis, jobs: list[Future[Any]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     told = answers(axis, monkeypatch)
-    axis.translator.sdo_request = FIRST
+    axis.outputs.writes = FIRST
     for now in range(3):
         axis.step(None, now)
     assert (len(jobs), told) == (1, [])
     jobs[0].set_exception(GatewayError("not taken"))
     axis.step(None, 4)
     axis.step(None, 5)
-    assert (len(jobs), told, axis.translator.sdo_request) == (1, ["not taken"], None)
+    assert (len(jobs), told) == (1, [SdoAnswer(FIRST, "not taken")])
 
 
 def test_the_end_of_a_withdrawn_request_does_not_answer_the_next(
     axis: Axis, jobs: list[Future[Any]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     told = answers(axis, monkeypatch)
-    axis.translator.sdo_request = FIRST
+    axis.outputs.writes = FIRST
     axis.step(None, 0)
-    axis.translator.sdo_request = SECOND
+    axis.outputs.writes = SECOND
     jobs[0].set_result(None)
     axis.step(None, 1)
-    assert told == []
+    assert [answer.writes for answer in told] == [FIRST]
+    assert axis.outputs.writes is SECOND
     axis.step(None, 2)
     assert len(jobs) == 2
     jobs[1].set_result(None)
     axis.step(None, 3)
-    assert told == [None]
+    assert told[1:] == [SdoAnswer(SECOND, None)]
 
 
 def test_a_refusal_that_repeats_is_one_fault_until_the_drive_was_accepted(axis: Axis) -> None:
@@ -84,6 +96,7 @@ def test_a_refusal_that_repeats_is_one_fault_until_the_drive_was_accepted(axis: 
         axis.drive.status = status
         kind = "refused" if status is DriveStatus.REFUSED else "status"
         axis.on_node_event(DriveEvent(kind, text, time_ns=1))
+        axis.step(None, 1)
 
     for _ in range(3):
         tell(DriveStatus.CONFIGURING, "checking identity")
@@ -100,18 +113,21 @@ def test_a_lost_drive_and_a_lost_bus_are_different_faults(axis: Axis, healthy: b
     axis.drive.status = DriveStatus.LOST
     axis.network.healthy = healthy
     axis.on_node_event(DriveEvent("status", "lost", time_ns=1))
+    axis.step(None, 1)
     assert [fault.number for fault in axis.faults] == [number]
 
 
 @pytest.mark.parametrize(("code", "number"), [(0x2310, 7), (0x1234, 10)])
 def test_an_emergency_has_the_manufacturers_number(axis: Axis, code: int, number: int) -> None:
     axis.on_node_event(DriveEvent("emcy", "EMCY", code, 1, b"\x01\x00\x00\x00\x00", 1))
+    axis.step(None, 1)
     fault = axis.faults[0]
     assert (fault.number, fault.code, fault.value) == (number, code, 1)
 
 
 def test_the_end_of_an_emergency_is_no_fault(axis: Axis) -> None:
     axis.on_node_event(DriveEvent("emcy", "EMCY 0000h no error", 0, 0, bytes(5), 1))
+    axis.step(None, 1)
     assert not axis.faults
 
 
@@ -124,8 +140,8 @@ def test_without_a_drive_the_values_are_bad_and_nothing_is_sent(axis: Axis) -> N
 
 
 def test_an_unsupported_telegram_changes_nothing(axis: Axis) -> None:
-    before = axis.translator
+    before = axis.machine
     with pytest.raises(GatewayError, match="telegram: 7 is not supported"):
         axis.change_telegram(7)
-    assert axis.translator is before
+    assert axis.machine is before
     assert axis.telegram.number == 9

@@ -9,7 +9,7 @@ from pdgw.ds301.loop import VirtualLoop
 from pdgw.dsp402.drive import DriveEvent, DriveStatus
 from pdgw.dsp402.images import References
 from pdgw.dsp402.states import STATUS_OF, State, StatusBit
-from pdgw.gateway.axis import Axis
+from pdgw.gateway.binding import Axis
 from pdgw.gateway.config import AxisConfig
 from pdgw.gateway.reasons import FIRST_WARNING, Reason
 from pdgw.gateway.status import axis_status
@@ -113,6 +113,7 @@ def test_an_internal_limit_is_told_at_its_beginning_and_is_the_reason_while_it_l
 
 def emcy(axis: Axis, code: int, register: int = 1, now: int = 1) -> None:
     axis.on_node_event(DriveEvent("emcy", f"EMCY {code:04X}h", code, register, bytes(5), now))
+    axis.step(None, now)
 
 
 @pytest.mark.parametrize(("register", "is_warning"), [(0x01, False), (0x11, False), (0x00, True)])
@@ -148,6 +149,7 @@ def test_a_drive_that_does_not_answer_is_fault_121_once(axis: Axis) -> None:
     def tell(status: DriveStatus, text: str) -> None:
         axis.drive.status = status
         axis.on_node_event(DriveEvent("status", text, time_ns=1))
+        axis.step(None, 1)
 
     for count in range(3):
         tell(DriveStatus.CONFIGURING, "checking identity")
@@ -162,9 +164,11 @@ def test_a_set_point_the_drive_did_not_take_is_warning_119_and_the_reason_while_
     steps.enable()
     steps.axis.drive.set_point_refused = True
     steps.axis.on_node_event(DriveEvent("set-point", "not started: 6083h", time_ns=1))
+    steps(ON, State.OPERATION_ENABLED)
     assert steps.numbers == [119]
     assert steps.axis.fault_log.warnings(present=steps.axis.warning) == 1 << 119 - FIRST_WARNING, "P953"
     assert steps.axis.reason is Reason.SET_POINT_REFUSED
     steps.axis.drive.set_point_refused = False
+    steps(ON, State.OPERATION_ENABLED)
     assert steps.axis.reason is None
     assert steps.axis.fault_log.warnings(present=steps.axis.warning) == 0

@@ -10,11 +10,11 @@ from hypothesis import strategies as st
 from pdgw.dsp402.device import EDS_PATH
 from pdgw.dsp406.device import eds_path
 from pdgw.dsp406.kinds import ROTARY
+from pdgw.gateway.axis.settings import PlcLossReaction, SetpointEnable
+from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS
 from pdgw.gateway.config import example, load_config, parse_config, simulated
 from pdgw.gateway.config_check import references_wrong
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.translator.base import PlcLossReaction, SetpointEnable
-from pdgw.gateway.translator.factory import DRIVE_TELEGRAM_NUMBERS
 from pdgw.profidrive.telegrams import TELEGRAMS
 
 BASE = """\

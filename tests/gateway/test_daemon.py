@@ -1,31 +1,36 @@
-"""The daemon in this process: real sockets on loopback, simulated drives on virtual buses."""
+"""The daemon with PLCs and simulated drives, in virtual time; what needs the machine's own ports is marked."""
 
 from __future__ import annotations
 
 import socket
 import threading
-import time
 
 import pytest
 from pdgw.ds301.errors import CanopenError
-from pdgw.ds301.loop import SystemLoop
+from pdgw.ds301.loop import MS, SystemLoop
 from pdgw.dsp402.states import State
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.link import UdpLink
 from pdgw.gateway.status import StatusServer
-from pdgw.gateway.transport.cyclic import Verdict
+from pdgw.gateway.transport.cyclic import CyclicEndpoint, Verdict
 from pdgw.gateway.transport.udp import UdpSocket
+from pdgw.peers.world import World
 from pdgw.tools.commands.status import fetch
 
 from tests.endtoend.processes import free_tcp_port
-from tests.support import buses
-from tests.support.daemon import OFF, Plc, axis, configuration, on_loop, running
+from tests.support import machine
+from tests.support.daemon import OFF, Plc, axis, configuration, drive_of, running, world_of
+
+
+def endpoint_of(daemon: Daemon) -> CyclicEndpoint:
+    """The gateway's end of the cyclic relationship."""
+    assert isinstance(daemon.link, UdpLink)
+    return daemon.link.endpoint
 
 
 def test_two_buses_carry_nodes_of_the_same_number() -> None:
-    can = "".join(
-        f'[[can]]\nname = "{name}"\ninterface = "virtual"\nchannel = "{buses.channel()}"\n' for name in ("l", "r")
-    )
+    can = "".join(f'[[can]]\nname = "{name}"\ninterface = "virtual"\nchannel = "{name}"\n' for name in ("l", "r"))
     axes = "".join(
         f'[[axis]]\ndo_id = {n}\nnode_id = 5\ntelegram = 1\ncan = "{bus}"\nsimulate = true\n'
         for n, bus in ((1, "l"), (2, "r"))
@@ -36,7 +41,8 @@ def test_two_buses_carry_nodes_of_the_same_number() -> None:
         plc.enable(1)
         plc.until(lambda: plc.value("NIST_A", 1) == 0x1000, "750 rpm")
         assert plc.value("NIST_A", 0) == 0
-        assert [drive.model.state for drive in daemon.simulated] == [State.SWITCH_ON_DISABLED, State.OPERATION_ENABLED]
+        assert drive_of(daemon, 5, "l").model.state is State.SWITCH_ON_DISABLED
+        assert drive_of(daemon, 5, "r").model.state is State.OPERATION_ENABLED
 
 
 @pytest.mark.parametrize("more", ["", "sync = true"])
@@ -63,7 +69,7 @@ def test_a_silent_plc_can_watch_the_axis_stop_and_a_standing_on_does_not_restart
         assert not plc.endpoint.setpoints_used[0]
         assert [fault.number for fault in daemon.axes[0].faults] == [103]
         plc.silent = False
-        plc.until(lambda: daemon.link.endpoint.connected and plc.endpoint.setpoints_used[0], "connected again")
+        plc.until(lambda: endpoint_of(daemon).connected and plc.endpoint.setpoints_used[0], "connected again")
         for _ in range(10):
             plc.exchange()
         assert plc.state() == 0x40
@@ -75,9 +81,9 @@ def test_another_controller_takes_over_only_after_the_loss_of_the_first() -> Non
         first, second = Plc(daemon, [1]), Plc(daemon, [1])
         first.enable()
         for _ in range(5):
-            second.socket.send(second.endpoint.build())
+            second.send()
             first.exchange()
-        assert daemon.link.endpoint.counters[Verdict.FOREIGN_SENDER] == 5
+        assert endpoint_of(daemon).counters[Verdict.FOREIGN_SENDER] == 5
         assert first.state() == 0x07
         second.until(lambda: second.endpoint.setpoints_used[0], "taken")
 
@@ -97,8 +103,7 @@ def test_a_drive_that_fails_is_lost_and_comes_back_without_motion() -> None:
         plc = Plc(daemon, [1])
         plc.endpoint.set(0, {"NSOLL_A": 0x1000})
         plc.enable()
-        drive = daemon.simulated[0]
-        drive.do(lambda node: node.receive(0, bytes((129, 1)), time.monotonic_ns()))
+        drive_of(daemon).do(lambda node: node.receive(0, bytes((129, 1)), node.now))
         plc.until(lambda: plc.endpoint.actuals[0] is None, "IOPS BAD")
         plc.until(lambda: daemon.axes[0].drive.generation == 2 and plc.endpoint.actuals[0] is not None, "back")
         for _ in range(20):
@@ -112,7 +117,7 @@ def test_a_fault_of_the_drive_reaches_the_axis_under_its_number() -> None:
     with running(configuration(axis(1))) as daemon:
         plc = Plc(daemon, [1])
         plc.enable()
-        daemon.simulated[0].inject(7)
+        drive_of(daemon).inject(7)
         plc.until(lambda: plc.state() & 0x08, "fault in ZSW1")
         plc.until(lambda: [fault.number for fault in daemon.axes[0].faults] == [7], "fault recorded")
 
@@ -121,23 +126,21 @@ def test_a_flood_of_datagrams_delays_no_cycle() -> None:
     with running(configuration(axis(1))) as daemon:
         plc = Plc(daemon, [1])
         plc.enable()
-        stopping = threading.Event()
+        world = world_of(daemon)
+        intruder = world.network.open("intruder", 0, "flood")
+        flooding = True
 
         def flood() -> None:
-            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as intruder:
-                while not stopping.is_set():
-                    for _ in range(50):
-                        intruder.sendto(b"flood", daemon.address)
-                    stopping.wait(0.0005)
+            for _ in range(50):
+                intruder.send(b"flood", daemon.address)
+            if flooding:
+                world.loop.call_later(MS // 2, flood)
 
-        thread = threading.Thread(target=flood)
-        thread.start()
-        try:
-            cycles = daemon.cycles
-            plc.until(lambda: daemon.cycles > cycles + 50, "cycles go on")
-        finally:
-            stopping.set()
-            thread.join()
+        flood()
+        cycles, begin = daemon.cycles, world.loop.now()
+        plc.until(lambda: daemon.cycles > cycles + 50, "cycles go on")
+        flooding = False
+        assert world.loop.now() - begin < 60 * daemon.cycle_ns
         assert daemon.axes[0].drive.generation == 1, "the drive never missed its heartbeat"
 
 
@@ -147,7 +150,7 @@ def test_stop_brings_a_turning_drive_to_rest_then_pre_operational() -> None:
         plc.endpoint.set(0, {"NSOLL_A": 0x2000})
         plc.enable()
         plc.until(lambda: plc.value("NIST_A") == 0x2000, "1500 rpm")
-        model = daemon.simulated[0].model
+        model = drive_of(daemon).model
         plc.silent = True
         daemon.stop()
         plc.until(lambda: model.state is State.SWITCH_ON_DISABLED or model.state is State.READY_TO_SWITCH_ON, "off")
@@ -161,14 +164,14 @@ def test_another_telegram_is_selected_only_out_of_operation() -> None:
         plc = Plc(daemon, [1])
         plc.enable()
         with pytest.raises(GatewayError, match="cannot be selected while the axis is in operation"):
-            on_loop(daemon, lambda: daemon.change_telegram(daemon.axes[0], 2))
+            daemon.change_telegram(daemon.axes[0], 2)
         plc.endpoint.set(0, {"STW1": OFF})
         plc.until(lambda: plc.state() == 0x01, "off")
-        sent = daemon.link.endpoint.sent
-        on_loop(daemon, lambda: daemon.change_telegram(daemon.axes[0], 2))
+        sent = endpoint_of(daemon).sent
+        daemon.change_telegram(daemon.axes[0], 2)
         other = Plc(daemon, [2])
         other.enable()
-        assert daemon.link.endpoint.sent > sent, "counts go on"
+        assert endpoint_of(daemon).sent > sent, "counts go on"
         assert daemon.axes[0].drive.generation == 2
 
 
@@ -180,11 +183,14 @@ def test_a_service_that_cannot_start_ends_the_daemon_and_gives_everything_back()
         def stop(self) -> None:
             """Releases what it opened when it was made."""
 
-    daemon = Daemon(configuration(axis(1)))
+    world = World()
+    daemon = Daemon(configuration(axis(1)), world)
     daemon.services.append(Broken())
     with pytest.raises(GatewayError, match="port in use"):
         daemon.run()
-    assert not daemon.simulated[0].running
+    assert daemon.stopped.is_set()
+    assert world.bus("world").members == [], "the interface is released"
+    world.network.open(*daemon.address, "the same port")
 
 
 def test_what_was_opened_is_closed_when_a_bus_is_missing() -> None:
@@ -200,10 +206,12 @@ def test_what_was_opened_is_closed_when_a_bus_is_missing() -> None:
     loop.close()
 
 
+@pytest.mark.e2e
 def test_status_tells_axes_reasons_and_counters() -> None:
     port = free_tcp_port()
-    with running(configuration(axis(1)), lambda d: d.services.append(StatusServer(d, port))) as daemon:
-        plc = Plc(daemon, [1])
+    config = machine.configuration(axis(1))
+    with machine.running(config, lambda d: d.services.append(StatusServer(d, port))) as daemon:
+        plc = machine.Plc(daemon, [1])
         plc.until(lambda: plc.state() == 0x40, "online")
         # Who connects and leaves disturbs nobody.
         socket.create_connection(("127.0.0.1", port)).close()
@@ -217,7 +225,7 @@ def test_status_tells_axes_reasons_and_counters() -> None:
 def test_status_port_in_use_is_named() -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
-        daemon = Daemon(configuration(axis(1)))
+        daemon = Daemon(machine.configuration(axis(1)))
         try:
             with pytest.raises(GatewayError, match=f"status port: 127.0.0.1 port {port} cannot be used"):
                 StatusServer(daemon, port)

@@ -15,8 +15,7 @@ from pdgw.profidrive.sensor_format import decode_sensor_format
 from pdgw.profidrive.signals import signal
 from pdgw.tools.parameters.client import ParameterClient
 
-from tests.support.buses import wait_for
-from tests.support.daemon import OFF, Plc, axis, configuration, serving
+from tests.support.daemon import OFF, Plc, axis, configuration, encoder_of, serving, until
 
 CONTROL = signal("STW2_ENC").bit("CONTROL_BY_PLC").mask
 G1 = {bit.name: bit.mask for bit in signal("G1_STW").bits}
@@ -67,7 +66,7 @@ def test_every_encoder_telegram_has_the_position_and_takes_a_preset(number: int)
         plc.until(lambda: plc.value("G1_XIST2") == 123456, "preset seen")
         plc.endpoint.set(0, {"STW2_ENC": CONTROL, "G1_STW": G1["REQUEST_ABSOLUTE"]})
         plc.until(lambda: not has(plc, "G1_ZSW", STATUS["PRESET_DONE"]), "handshake ends")
-        assert daemon.simulated_encoders[0].model.position_1 == 123456
+        assert encoder_of(daemon).model.position_1 == 123456
         if number == 84:
             assert plc.value("G1_XIST3") == 123456
 
@@ -127,7 +126,8 @@ def test_a_preset_written_to_the_object_itself_is_seen_and_the_scaling_followed(
         plc.until(lambda: plc.value("G1_XIST2") == 5000, "new position")
         (answer,) = client.request([Address(0x6001)], [Values(DataType.UNSIGNED32, (1000,))])
         assert not answer.failed, answer.text
-        wait_for(
+        until(
+            daemon,
             lambda: (
                 daemon.encoders[0].client.parameters
                 and daemon.encoders[0].client.parameters.units_per_revolution == 1000
@@ -152,7 +152,7 @@ def test_an_encoder_that_dies_is_a_fault_and_its_position_is_not_good() -> None:
         plc = Plc(daemon, [1, 81])
         plc.endpoint.set(1, {"STW2_ENC": CONTROL})
         plc.until(lambda: plc.endpoint.actuals[1] is not None, "good")
-        daemon.simulated_encoders[0].stop()
+        encoder_of(daemon).stop()
         plc.until(lambda: plc.endpoint.actuals[1] is None, "IOPS BAD")
         assert plc.endpoint.actuals[0] is not None, "the axis is"
         plc.until(lambda: [fault.number for fault in daemon.encoders[0].faults] == [101], "fault 101")
@@ -166,7 +166,7 @@ def test_a_lost_encoder_is_a_fault_until_it_is_back_and_acknowledged() -> None:
         plc = Plc(daemon, [81])
         plc.endpoint.set(0, {"STW2_ENC": CONTROL, "G1_STW": G1["REQUEST_ABSOLUTE"]})
         plc.until(lambda: has(plc, "G1_ZSW", STATUS["ABSOLUTE_VALID"]), "absolute value")
-        daemon.simulated_encoders[0].do(lambda node: node.misbehave("reboot"))
+        encoder_of(daemon).do(lambda node: node.misbehave("reboot"))
         plc.until(lambda: plc.endpoint.actuals[0] is None, "IOPS BAD")
         plc.until(lambda: has(plc, "ZSW2_ENC", 0x0008), "back, with a fault")
         plc.until(lambda: has(plc, "G1_ZSW", STATUS["ERROR"]), "and a sensor error")
@@ -186,7 +186,7 @@ def test_warnings_of_the_encoder_and_of_the_gateway_are_in_p953() -> None:
             return int(client.request([Address(953)])[0].values[0])
 
         assert warnings() == 0
-        simulated = daemon.simulated_encoders[0]
+        simulated = encoder_of(daemon)
         simulated.inject("battery")
         plc.until(lambda: has(plc, "ZSW2_ENC", 0x0080), "warning")
         assert warnings() == 1 << 15
@@ -209,12 +209,12 @@ def test_an_alarm_is_a_fault_until_it_is_gone_and_acknowledged() -> None:
         plc = Plc(daemon, [81])
         plc.endpoint.set(0, {"STW2_ENC": CONTROL, "G1_STW": G1["REQUEST_ABSOLUTE"]})
         plc.until(lambda: has(plc, "G1_ZSW", STATUS["ABSOLUTE_VALID"]), "absolute value")
-        daemon.simulated_encoders[0].inject("position-error")
+        encoder_of(daemon).inject("position-error")
         plc.until(lambda: has(plc, "ZSW2_ENC", 0x0008), "fault")
         plc.until(lambda: has(plc, "G1_ZSW", STATUS["ERROR"]), "sensor error")
         plc.until(lambda: plc.value("G1_XIST2") == 1, "error code")
         plc.until(lambda: daemon.encoders[0].faults, "in the buffer")
-        daemon.simulated_encoders[0].clear("position-error")
+        encoder_of(daemon).clear("position-error")
         plc.until(lambda: not daemon.encoders[0].input.alarms and not daemon.encoders[0].input.error_register, "gone")
         assert has(plc, "ZSW2_ENC", 0x0008), "latched"
         plc.endpoint.set(0, {"STW2_ENC": CONTROL | 0x80, "G1_STW": G1["ERROR_ACKNOWLEDGE"]})
@@ -251,7 +251,7 @@ def test_telegram_3_with_another_node_s_encoder_as_g1() -> None:
         plc.until(lambda: plc.value("G1_XIST2") == 3072, "the encoder's position")
         plc.endpoint.set(0, {"G1_STW": G1["REQUEST_ABSOLUTE"] | G1["PRESET"]})
         plc.until(lambda: plc.value("G1_XIST2") == 0 and has(plc, "G1_ZSW", STATUS["PRESET_DONE"]), "preset to 0")
-        assert daemon.simulated_encoders[0].model.position_1 == 0
+        assert encoder_of(daemon).model.position_1 == 0
         assert client.request([Address(978, 0, 2)])[0].values == (1, 2)
 
 
@@ -263,7 +263,7 @@ def test_telegram_3_with_another_node_s_encoder_as_g1() -> None:
         (encoder(1, 81) + encoder(2, 81), "node_id and channel"),
         (encoder(1, 81) + encoder(1, 81, node=21), "do_id: 1 is used twice"),
         (encoder(1, 81, node=4) + axis(4), "node_id on bus can: 4 is used twice"),
-        (axis(1, more="simulate = true\ng1 = 5"), "g1 = 5 is no do_id of an [[encoder]]"),
+        (axis(1, telegram_number=3, more="simulate = true\ng1 = 5"), "g1 = 5 is no do_id of an [[encoder]]"),
         (
             encoder(1, 81, more='model = "multi-sensor"')
             + encoder(2, 81, more='model = "multi-sensor"\nchannel = 2\nsync = true'),

@@ -13,8 +13,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pdgw.dsp402.images import References
 from pdgw.dsp402.states import State
-from pdgw.gateway.translator.base import TranslatorSettings
-from pdgw.gateway.translator.factory import make_translator
 from pdgw.gateway.transport.confirmation import CONFIRMING_FRAMES
 from pdgw.gateway.transport.cyclic import CyclicEndpoint, Verdict
 from pdgw.gateway.transport.sequence import OLDEST_NS, SEQUENCE_FRAMES, WRAP_NS
@@ -22,6 +20,7 @@ from pdgw.profidrive.frame import COUNTER_UNIT_NS, FRAME_ID_TO_DEVICE, IOPS_GOOD
 from pdgw.profidrive.telegrams import telegram
 
 from tests.support.plain_drive import PlainDrive
+from tests.support.stepper import Stepper
 
 PLC = ("127.0.0.1", 40000)
 MS = 1_000_000
@@ -73,13 +72,13 @@ class Plc:
 
 
 class Gateway:
-    """Endpoint, translator and drive, and what is never allowed to happen."""
+    """Endpoint, machine and drive, and what is never allowed to happen."""
 
     def __init__(self, plc: Plc) -> None:
         self.plc = plc
         self.endpoint = CyclicEndpoint([telegram(1)], cycle_ns=CYCLE)
-        self.translator = make_translator(1, TranslatorSettings())
-        self.translator.set_references(References())
+        self.stepper = Stepper(1)
+        self.stepper.set_references(References())
         self.drive = PlainDrive()
         self.order: int | None = None
         self.tasks = 0
@@ -102,18 +101,19 @@ class Gateway:
             self.lost_at = now
         values = self.endpoint.setpoints[0]
         self._check_order(None if values is None else values[0], now)
-        self.translator.step(values, self.drive.feedback, True, now)
-        self.endpoint.build([(0, 0)], [True], [self.translator.released])
+        self.stepper.step(values, self.drive.feedback, True, now)
+        self.endpoint.build([(0, 0)], [True], [self.stepper.power.released])
         before = self.drive.state
-        self.drive.step(self.translator.command)
+        self.drive.step(self.stepper.command)
         if self.drive.state is State.OPERATION_ENABLED and before is not State.OPERATION_ENABLED:
             self.starts += 1
             self._check_start(now)
 
     def _check_order(self, order: int | None, now: int) -> None:
         if order is not None and order != self.order:
-            # Old OFFs start nothing; whether one released an ON that stood is seen where it starts.
-            assert order & 0x7 != 0x7 or self.plc.ordered(order, now - RECENT, now), (
+            # Old OFFs start nothing, nor does ON before an OFF; whether an old OFF released an ON is seen where it starts.
+            starts = order & 0x7 == 0x7 and self.stepper.power.released
+            assert not starts or self.plc.ordered(order, now - RECENT, now), (
                 f"{order:04X}h put in force at {now / MS} ms is old"
             )
             operating = self.order is not None and self.order & order & 0x6 == 0x6

@@ -1,9 +1,8 @@
-"""The parameter channel of a running gateway: real sockets, records, SDO to simulated drives."""
+"""The parameter channel of a running gateway: records, SDO to simulated drives."""
 
 from __future__ import annotations
 
 import struct
-import threading
 from collections.abc import Iterator
 from contextlib import AbstractContextManager
 from pathlib import Path
@@ -17,11 +16,11 @@ from pdgw.ds301.objects import Entry
 from pdgw.dsp402.faults import DRIVE_FAULTS
 from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.dsp402.pdo import LAYOUTS
+from pdgw.gateway.axis.telegrams import pdo_operation
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.parameters.objects import error_of_abort
 from pdgw.gateway.store import ParameterStore
-from pdgw.gateway.translator.factory import pdo_operation
 from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.parameters.catalogue import LIST_PNUS, PARAMETERS, Scope
 from pdgw.profidrive.parameters.codec import Address, Attribute, Values, decode_response
@@ -30,8 +29,8 @@ from pdgw.profidrive.parameters.errors import ParameterErrorNumber as Number
 from pdgw.profinet.rpc import identification
 from pdgw.tools.parameters.client import ParameterClient
 
-from tests.support.buses import wait_for
-from tests.support.daemon import OFF, Plc, axis, configuration, exchanging, serving
+from tests.support.daemon import OFF, Plc, axis, configuration, drive_of, exchanging, serving, until
+from tests.support.daemon import client as client_of
 
 
 def gateway(axes: str, *, transport: str = "") -> AbstractContextManager[tuple[Daemon, ParameterClient]]:
@@ -90,7 +89,7 @@ def test_worked_example_that_changes_the_telegram() -> None:
         answer = client.exchange(bytes.fromhex("03 02 01 01 10 00 03 9A 00 00 42 01 00 09"))
         assert answer == bytes.fromhex("03 02 01 01")
         drive = daemon.axes[0].drive
-        wait_for(lambda: drive.generation == 2, "mapped anew")
+        until(daemon, lambda: drive.generation == 2, "mapped anew")
         assert number(client, 922) == 9
         expected = [(pdo.number, pdo.size) for pdo in LAYOUTS[pdo_operation(9)].rpdos]
         assert [(pdo.number, pdo.size) for pdo in drive.layout.rpdos] == expected
@@ -264,12 +263,12 @@ def test_strings_arrays_and_limits(shared: tuple[Daemon, ParameterClient]) -> No
     assert number(client, 0x6083) == 500
 
 
-def test_a_written_reference_is_used_by_the_translator() -> None:
+def test_a_written_reference_is_used_by_the_axis() -> None:
     with gateway(axis(1)) as (daemon, client):
         plc = Plc(daemon, [1])
-        plc.enable()
         assert not write(client, 0x6080, Values(DataType.UNSIGNED32, (1500,))).failed
         assert number(client, 0x6080) == 1500
+        plc.enable()
         plc.endpoint.set(0, {"NSOLL_A": 0x4000})
         plc.until(lambda: plc.value("NIST_A") == 0x4000, "100 %")
         assert daemon.axes[0].drive.feedback.velocity_actual == 3000, "1500 rpm in units of 0.5 rpm"
@@ -308,7 +307,7 @@ def test_every_sdo_abort_is_the_specified_error_and_never_a_value(
     def refuse(entry: Entry, _: object = None) -> int:
         raise SdoAbortedError(code)
 
-    monkeypatch.setattr(daemon.simulated[0].node, "on_written", refuse)
+    monkeypatch.setattr(drive_of(daemon).node, "on_written", refuse)
     answer = write(client, 0x6085, Values(DataType.UNSIGNED32, (700,)))
     table = {
         0x06020000: 0x00,
@@ -350,7 +349,7 @@ def test_the_fault_buffer_over_a_drive_fault_its_acknowledgement_and_clearing() 
         # Entered only after what starting may have brought.
         assert not write(client, 952, word(0)).failed
         before = number(client, 944)
-        daemon.simulated[0].inject(7)
+        drive_of(daemon).inject(7)
         plc.until(lambda: plc.state() & 0x08, "fault")
         plc.until(lambda: daemon.axes[0].faults, "recorded")
         assert (number(client, 944) - before) & 0xFFFF == 1
@@ -359,12 +358,12 @@ def test_the_fault_buffer_over_a_drive_fault_its_acknowledgement_and_clearing() 
         assert number(client, 946, 7, 1) == DRIVE_FAULTS[7].error_code
         assert number(client, 952) == 1
         plc.endpoint.set(0, {"STW1": OFF | 0x80})
-        plc.until(lambda: daemon.axes[0].translator.command.controlword & 0x80, "reset asked")
-        plc.until(lambda: not daemon.axes[0]._acknowledge_until, "given up")
+        plc.until(lambda: daemon.axes[0].outputs.command.controlword & 0x80, "reset asked")
+        plc.until(lambda: not daemon.axes[0].machine.acknowledgement.pending, "given up")
         assert value(client, 947, 0, 2).values == (7, 0), "the cause is still there"
-        daemon.simulated[0].clear()
+        drive_of(daemon).clear()
         plc.endpoint.set(0, {"STW1": OFF})
-        plc.until(lambda: not daemon.axes[0].translator.command.controlword & 0x80, "reset taken back")
+        plc.until(lambda: not daemon.axes[0].outputs.command.controlword & 0x80, "reset taken back")
         plc.endpoint.set(0, {"STW1": OFF | 0x80})
         plc.until(lambda: not plc.state() & 0x08, "acknowledged")
         plc.until(lambda: number(client, 947, 0, 1) == 0, "shifted")
@@ -380,7 +379,7 @@ def test_a_fault_that_only_the_statusword_shows_is_read_from_the_drive(monkeypat
         plc = Plc(daemon, [1])
         plc.enable()
         monkeypatch.setattr(daemon.axes[0].drive, "on_event", lambda event: None)  # its EMCY gets lost
-        daemon.simulated[0].inject(5)
+        drive_of(daemon).inject(5)
         plc.until(lambda: daemon.axes[0].faults, "fault found")
         assert value(client, 947, 0, 2).values == (5, 0)
         assert number(client, 945, 0, 1) == DRIVE_FAULTS[5].error_code
@@ -388,8 +387,8 @@ def test_a_fault_that_only_the_statusword_shows_is_read_from_the_drive(monkeypat
 
 def test_a_lost_drive_is_told_and_delays_no_answer_of_another_axis() -> None:
     with gateway(axis(1) + axis(2), transport="parameter_timeout_ms = 500") as (daemon, client):
-        daemon.simulated[0].stop()
-        wait_for(lambda: [fault.number for fault in daemon.axes[0].faults][-1:] == [101], "lost")
+        drive_of(daemon).stop()
+        until(daemon, lambda: [fault.number for fault in daemon.axes[0].faults][-1:] == [101], "lost")
         assert value(client, 947, 0, 1).values == (101,)
         answers = client.request([Address(0x6041), Address(947, 0, 1)])
         assert error(answers[0]) == Number.NOT_EXECUTABLE_IN_STATE
@@ -403,8 +402,7 @@ def test_a_drive_that_does_not_answer_in_time_is_error_11_and_a_second_request_m
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     with gateway(axis(1) + axis(2), transport="parameter_timeout_ms = 300") as (daemon, client):
-        release = Event(daemon.loop)
-        entered = threading.Event()
+        release, entered = Event(daemon.loop), Event(daemon.loop)
 
         def slow(*_: object) -> bytes:
             entered.set()
@@ -413,17 +411,14 @@ def test_a_drive_that_does_not_answer_in_time_is_error_11_and_a_second_request_m
 
         monkeypatch.setattr(daemon.axes[0].drive, "read", slow)
         answers: list[Values] = []
-        thread = threading.Thread(target=lambda: answers.extend(client.request([Address(0x6041)] * 3)))
-        thread.start()
-        try:
-            assert entered.wait(10)
-            with ParameterClient(client.address, 1) as other, pytest.raises(GatewayError, match="state conflict"):
-                other.write_record(0xB02F, bytes.fromhex("01 01 01 01 10 00 03 C5 00 00"))
-            with ParameterClient(client.address, 2, slot=2) as other:
-                assert not value(other, 0x6041).failed, "another access point, another axis"
-            thread.join(20)
-        finally:
-            daemon.loop.call_threadsafe(release.set)
+        asking = daemon.loop.spawn(lambda: answers.extend(client.request([Address(0x6041)] * 3)), "asking")
+        until(daemon, entered.is_set, "at work")
+        with client_of(daemon, client.address, 1) as other, pytest.raises(GatewayError, match="state conflict"):
+            other.write_record(0xB02F, bytes.fromhex("01 01 01 01 10 00 03 C5 00 00"))
+        with client_of(daemon, client.address, 2, slot=2) as other:
+            assert not value(other, 0x6041).failed, "another access point, another axis"
+        until(daemon, asking.done.is_set, "answered")
+        release.set()
         assert [error(answer) for answer in answers] == [Number.NOT_EXECUTABLE_IN_STATE] * 3
 
 
@@ -432,7 +427,7 @@ def test_a_drive_that_does_not_answer_in_time_is_error_11_and_a_second_request_m
 
 def test_save_load_and_reset_of_the_drive() -> None:
     with gateway(axis(1)) as (daemon, client):
-        drive, node = daemon.axes[0].drive, daemon.simulated[0].node
+        drive, node = daemon.axes[0].drive, drive_of(daemon).node
         assert not write(client, 0x6085, Values(DataType.UNSIGNED32, (777,))).failed
         assert not write(client, 971, word(1)).failed
         assert number(client, 971) == 0
@@ -440,13 +435,13 @@ def test_save_load_and_reset_of_the_drive() -> None:
         assert not write(client, 972, word(2)).failed
         assert number(client, 972) == 2
         assert not write(client, 972, word(1)).failed
-        wait_for(lambda: drive.generation == 2, "configured again")
+        until(daemon, lambda: drive.generation == 2, "configured again")
         assert number(client, 0x6085) == 777
         assert [fault.number for fault in daemon.axes[0].faults] == [], "asked for, so no fault"
         assert not write(client, 922, word(9)).failed
-        wait_for(lambda: drive.generation == 3, "telegram 9")
+        until(daemon, lambda: drive.generation == 3, "telegram 9")
         assert not write(client, 970, word(1)).failed
-        wait_for(lambda: drive.generation >= 4 and drive.status.value == "online", "factory values")
+        until(daemon, lambda: drive.generation >= 4 and drive.status.value == "online", "factory values")
         assert number(client, 922) == 1
         assert number(client, 0x6085) == 1000
 
@@ -505,20 +500,20 @@ def test_places_and_relationships_that_do_not_exist_are_refused(shared: tuple[Da
         ({"api": 5}, "invalid area"),
         ({"ar_uuid": UUID(int=1)}, "AR UUID unknown"),
     ):
-        with ParameterClient(address, 1, **options) as client, pytest.raises(GatewayError, match=reason):  # type: ignore[arg-type]
+        with client_of(shared[0], address, 1, **options) as client, pytest.raises(GatewayError, match=reason):
             client.read_record(identification.INDEX)
     with pytest.raises(GatewayError, match="state conflict"):
         shared[1].read_record(0xB02F)
 
 
 def test_local_access_means_the_axis_of_the_slot() -> None:
-    with gateway(axis(5) + axis(9)) as (_, client):
+    with gateway(axis(5) + axis(9)) as (daemon, client):
         for slot, do_id, expected in ((1, 0, 5), (1, 5, 5), (2, 9, 9), (2, 0, 9)):
-            with ParameterClient(client.address, do_id, slot=slot, local=True) as local:
+            with client_of(daemon, client.address, do_id, slot=slot, local=True) as local:
                 assert value(local, 975, 7, 1).values == (expected,)
-        with ParameterClient(client.address, 9, slot=1, local=True) as local:
+        with client_of(daemon, client.address, 9, slot=1, local=True) as local:
             assert error(value(local, 975, 7, 1)) == Number.DO_DOES_NOT_EXIST
-        with ParameterClient(client.address, 0, slot=0) as device:
+        with client_of(daemon, client.address, 0, slot=0) as device:
             assert value(device, 978, 0, 2).values == (5, 9)
             assert value(device, 964, 5, 1).values == (2,)
             assert error(value(device, 922)) == Number.IMPERMISSIBLE_PNU, "which of the two axes?"

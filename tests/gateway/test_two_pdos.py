@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 
 import pytest
 from pdgw.dsp402.drive import DriveStatus
-from pdgw.gateway.axis import Axis
+from pdgw.gateway.binding import Axis
 from pdgw.gateway.config import AxisConfig
 from pdgw.gateway.reasons import Reason
 from pdgw.peers.drive import SimulatedDrive
@@ -29,7 +29,7 @@ class Machine:
 
     def until(self, condition: Callable[[], object], what: str) -> None:
         def cycle() -> object:
-            self.axis.step(self.axis.telegram.setpoints.from_dict(self.values), time.monotonic_ns())
+            self.axis.cycle(self.axis.telegram.setpoints.from_dict(self.values), time.monotonic_ns())
             return condition()
 
         buses.wait_for(cycle, what)

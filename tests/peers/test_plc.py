@@ -25,7 +25,8 @@ from pdgw.tools.parameters.session import Element
 from scapy.layers.inet import UDP
 from scapy.utils import rdpcap
 
-from tests.support.daemon import axis, configuration, running
+from tests.support.daemon import axis
+from tests.support.machine import configuration, running
 from tests.support.strategies import axes_values
 
 MS = 1_000_000

@@ -110,17 +110,17 @@ def test_the_client_takes_blocks_for_domains_where_the_node_has_them(
     monkeypatch.setattr(server, "block_upload", block_upload)
     with buses.guarded_network(name) as network:
         client = DriveClient(network, DriveSettings(NODE), LAYOUTS[Operation.VELOCITY], lambda _: None)
-        variable = ODVariable("Trace", INDEX, 0)
-        variable.data_type = CanType.DOMAIN.code
-        client.dictionary.add_object(variable)
         drive.start()
         client.start()
         try:
             buses.wait_for(lambda: client.status is DriveStatus.ONLINE, "online")
-            assert client.submit(lambda drive: drive.read(INDEX)).result(10) == content(200)
+            variable = ODVariable("Trace", INDEX, 0)
+            variable.data_type = CanType.DOMAIN.code
+            client.dictionary.add_object(variable)
+            assert buses.result(client.submit(lambda drive: drive.read(INDEX))) == content(200)
             assert served, "a block upload was asked for"
             with pytest.raises(SdoAbortedError):
-                client.submit(lambda drive: drive.read(0x2FFF)).result(10)
+                buses.result(client.submit(lambda drive: drive.read(0x2FFF)))
         finally:
             client.stop()
             drive.stop()

@@ -1,35 +1,34 @@
-"""A daemon in this process, with real sockets on loopback, simulated drives on virtual buses, and a PLC."""
+"""A daemon in a world of its own, with simulated devices, a PLC and a parameter client: all in virtual time."""
 
 from __future__ import annotations
 
-import socket
-import threading
-import time
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future
 from contextlib import contextmanager
 from typing import TypeVar
 
+from pdgw.ds301.loop import SECOND
 from pdgw.gateway.config import GatewayConfig, parse_config
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.status import snapshot
 from pdgw.gateway.transport.acyclic import AcyclicServer
+from pdgw.peers.drive import SimulatedDrive
+from pdgw.peers.encoder import SimulatedEncoder
 from pdgw.peers.plc.endpoint import PlcEndpoint
+from pdgw.peers.world import World, WorldChannel
 from pdgw.profidrive.telegrams import telegram
 from pdgw.tools.parameters.client import ParameterClient
 
-from tests.support import buses
-
-T = TypeVar("T")
+D = TypeVar("D", SimulatedDrive, SimulatedEncoder)
 OFF, ON = 0x047E, 0x047F
-MS = 1_000_000
+PATIENCE = 10 * SECOND
+"""No healthy gateway needs so long for what a test waits for."""
 
 
 def configuration(axes: str, *, can: str = "", transport: str = "") -> GatewayConfig:
-    """Free ports, buses of their own, a watchdog that a busy machine does not trip; ``axes`` are complete tables."""
+    """Free ports, a watchdog that a parameter request between two frames does not trip; ``axes`` are complete tables."""
     if "watchdog_factor" not in transport and "cycle_time_ms" not in transport:
         transport = f"watchdog_factor = 75\n{transport}"
-    can = can or f'[can]\ninterface = "virtual"\nchannel = "{buses.channel()}"\n'
+    can = can or '[can]\ninterface = "virtual"\nchannel = "world"\n'
     head = f"{can}[transport]\ncyclic_port = 0\nacyclic_port = 0\nstatus_port = 0\n{transport}\n"
     return parse_config(head + axes)
 
@@ -38,31 +37,59 @@ def axis(number: int, *, telegram_number: int = 1, more: str = "simulate = true"
     return f"[[axis]]\ndo_id = {number}\nnode_id = {number}\ntelegram = {telegram_number}\n{more}\n"
 
 
-class Plc:
-    """Sends a frame for each one it takes; ``silent`` only listens."""
+def world_of(daemon: Daemon) -> World:
+    assert isinstance(daemon.edge, World)
+    return daemon.edge
 
-    def __init__(self, daemon: Daemon, numbers: list[int], source: str = "127.0.0.1") -> None:
+
+def _device(daemon: Daemon, kind: type[D], node_id: int, bus: str) -> D:
+    device = world_of(daemon).simulations[bus].device(node_id)
+    assert isinstance(device, kind)
+    return device
+
+
+def drive_of(daemon: Daemon, node_id: int = 1, bus: str = "can") -> SimulatedDrive:
+    """A simulated drive of the daemon's world."""
+    return _device(daemon, SimulatedDrive, node_id, bus)
+
+
+def encoder_of(daemon: Daemon, node_id: int = 20) -> SimulatedEncoder:
+    """A simulated encoder of the daemon's world."""
+    return _device(daemon, SimulatedEncoder, node_id, "can")
+
+
+def until(daemon: Daemon, condition: Callable[[], object], what: str, patience: int = PATIENCE) -> None:
+    """Play the world until a condition holds."""
+    world_of(daemon).loop.until(condition, what, patience)
+
+
+class Plc:
+    """Sends a frame and lets a cycle pass, whenever the test says so; ``silent`` it only lets time pass."""
+
+    def __init__(self, daemon: Daemon, numbers: list[int], host: str = "plc") -> None:
         self.daemon = daemon
         self.endpoint = PlcEndpoint([telegram(n) for n in numbers], daemon.cycle_ns)
-        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self.socket.bind((source, 0))
-        self.socket.connect(daemon.address)
-        self.socket.settimeout(max(0.004, daemon.cycle_ns / 1e9))
+        self.loop = world_of(daemon).loop
+        self.port = world_of(daemon).network.open(host, 0, "PLC")
+        self.port.start(self._take)
         self.silent = False
+
+    def _take(self) -> None:
+        while (datagram := self.port.receive()) is not None:
+            self.endpoint.receive(datagram[0], self.loop.now())
+
+    def send(self) -> None:
+        self.port.send(self.endpoint.build(self.loop.now()), self.daemon.address)
 
     def exchange(self) -> None:
         if not self.silent:
-            self.socket.send(self.endpoint.build(time.monotonic_ns()))
-        try:
-            while True:
-                self.endpoint.receive(self.socket.recv(2048))
-        except TimeoutError:
-            return
+            self.send()
+        self.loop.run_for(self.daemon.cycle_ns)
 
     def until(self, condition: Callable[[], object], what: str) -> None:
-        deadline = time.monotonic() + 10
+        deadline = self.loop.now() + PATIENCE
         while not condition():
-            assert time.monotonic() < deadline, f"{what}: {self.endpoint.actuals} {snapshot(self.daemon)}"
+            assert self.loop.now() < deadline, f"{what}: {self.endpoint.actuals} {snapshot(self.daemon)}"
             self.exchange()
 
     def value(self, name: str, index: int = 0) -> int:
@@ -79,33 +106,25 @@ class Plc:
         self.until(lambda: self.state(index) == 0x07, "operation")
 
 
-def on_loop(daemon: Daemon, action: Callable[[], T], seconds: float = 10) -> T:
-    """Run an action on the daemon's loop, from the test's thread; its result or exception."""
-    future: Future[T] = Future()
-
-    def run() -> None:
-        try:
-            future.set_result(action())
-        except Exception as error:  # the caller's
-            future.set_exception(error)
-
-    daemon.loop.call_threadsafe(run)
-    return future.result(seconds)
-
-
 @contextmanager
-def running(config: GatewayConfig, before: Callable[[Daemon], None] | None = None) -> Iterator[Daemon]:
-    daemon = Daemon(config)
+def running(config: GatewayConfig, before: Callable[[Daemon], None] | None = None, seed: int = 0) -> Iterator[Daemon]:
+    world = World(seed)
+    world.simulate(config)
+    daemon = Daemon(config, world)
     if before is not None:
         before(daemon)
-    thread = threading.Thread(target=daemon.run)
-    thread.start()
+    daemon.start()
     try:
         yield daemon
     finally:
         daemon.stop()
-        thread.join(20)
-        assert not thread.is_alive(), "the daemon ends in bounded time"
+        until(daemon, daemon.stopped.is_set, "the end of the daemon")
+    assert world.loop.task_errors == 0
+
+
+def client(daemon: Daemon, address: tuple[str, int], do_id: int, **options: object) -> ParameterClient:
+    """A parameter client in the daemon's world."""
+    return ParameterClient(address, do_id, channel=WorldChannel(world_of(daemon), address), **options)  # type: ignore[arg-type]
 
 
 @contextmanager
@@ -118,25 +137,24 @@ def serving(config: GatewayConfig, do_id: int | None = None) -> Iterator[tuple[D
         daemon.services.append(servers[0])
 
     with running(config, before) as daemon:
-        buses.wait_for(lambda: all(client.generation for client in daemon.clients), "nodes online")
+        until(daemon, lambda: all(node.generation for node in daemon.clients), "nodes online")
         first = daemon.objects[0].do_id if do_id is None else do_id
-        with ParameterClient(servers[0].address, first) as client:
-            yield daemon, client
+        with client(daemon, servers[0].address, first) as made:
+            yield daemon, made
 
 
 @contextmanager
 def exchanging(plc: Plc) -> Iterator[None]:
-    """The PLC goes on exchanging frames beside the test."""
-    stopping = threading.Event()
+    """The PLC goes on exchanging frames whenever time passes."""
+    going = True
 
     def exchange() -> None:
-        while not stopping.is_set():
-            plc.exchange()
+        if going:
+            plc.send()
+            plc.loop.call_later(plc.daemon.cycle_ns, exchange)
 
-    thread = threading.Thread(target=exchange)
-    thread.start()
+    exchange()
     try:
         yield
     finally:
-        stopping.set()
-        thread.join()
+        going = False

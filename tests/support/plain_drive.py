@@ -1,4 +1,4 @@
-"""A drive in as few lines as possible, for the translators: the state table, a speed that follows, nothing else."""
+"""A drive in as few lines as possible, for axis machines: the state table, a speed that follows, nothing else."""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@ from pdgw.ds301.nmt import NmtCommand
 from pdgw.dsp402.images import REFERENCE_OBJECTS
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.objects import DRIVE_OBJECTS
-from pdgw.gateway.translator.base import TranslatorSettings
+from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.transport.cyclic import CyclicEndpoint
 from pdgw.peers.plc.endpoint import PlcEndpoint
 from pdgw.profidrive.frame import ETHERTYPE
@@ -85,9 +85,9 @@ class RecordedRig(Rig):
         self.frames = Frames()
         self._later = 0
         super().__init__(number, **settings)
-        telegram = self.translator.telegram
+        telegram = self.stepper.telegram
         self.number = number
-        self.settings = self.translator.settings
+        self.settings = self.stepper.settings
         self.plc = PlcEndpoint([telegram], CYCLE_NS)
         self.endpoint = CyclicEndpoint([telegram], cycle_ns=CYCLE_NS, delays=False)
         self.sdo_delay = 2
@@ -113,7 +113,7 @@ class RecordedRig(Rig):
         self._can(0, bytes((NmtCommand.START, NODE)), -2 * MS)
 
     def _send(self) -> None:
-        command = self.translator.command
+        command = self.stepper.command
         for pdo in sorted(self.layout.rpdos, key=lambda item: -item.number):
             data = pdo.pack(command)
             if self._sent.get(pdo.number) != data or self.now - self._sent_at.get(pdo.number, 0) >= _REFRESH_NS:
@@ -124,9 +124,9 @@ class RecordedRig(Rig):
         self._later = 0
 
     def _serve_sdo(self) -> None:
-        request = self.translator.sdo_request
+        request = self.stepper.sdo_request
         super()._serve_sdo()
-        if request is None or self.translator.sdo_request is not None:
+        if request is None or self.stepper.sdo_request is not None:
             return
         for item in request:
             size = DRIVE_OBJECTS.entry(item.index, item.subindex).type.bits // 8
@@ -149,8 +149,8 @@ class RecordedRig(Rig):
                 self.frames.plc.append((self.now, frame))
                 self.endpoint.receive(frame, _PLC, self.now)
             self.endpoint.poll(self.now)
-            actuals = self.translator.step(self.endpoint.setpoints[0], self.feedback, self.connected_drive, self.now)
-            self.actuals = self.translator.telegram.actuals.as_dict(actuals)
+            actuals = self.stepper.step(self.endpoint.setpoints[0], self.feedback, self.connected_drive, self.now)
+            self.actuals = self.stepper.telegram.actuals.as_dict(actuals)
             self._send()
             self._serve_sdo()
             answer = bytes(self.endpoint.build([actuals], [self.connected_drive]))
@@ -160,7 +160,7 @@ class RecordedRig(Rig):
 
     def stw(self, word: int, cycles: int = 5) -> None:
         """Another control word, and some cycles with it."""
-        self.values[self.translator.telegram.setpoints.names[0]] = word
+        self.values[self.stepper.telegram.setpoints.names[0]] = word
         self.step(cycles)
 
     # -- what was recorded --------------------------------------------------------------------------------------------
@@ -181,8 +181,8 @@ class RecordedRig(Rig):
         return look_ahead(files, self.known, None, lambda _: None)
 
 
-def known(number: int, settings: TranslatorSettings | None = None) -> Known:
+def known(number: int, settings: AxisSettings | None = None) -> Known:
     """One axis, on the rig's node."""
     axis = given_axes([number])[0]
     axes = [type(axis)(axis.do_id, axis.telegram, NODE)]
-    return Known(Settings(axes), {1: settings or TranslatorSettings()}, CYCLE_NS, 3)
+    return Known(Settings(axes), {1: settings or AxisSettings()}, CYCLE_NS, 3)

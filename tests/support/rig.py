@@ -1,4 +1,4 @@
-"""A translator and a simulated drive joined by real PDO bytes, in virtual time: deterministic and fast."""
+"""A stepper and a simulated drive joined by real PDO bytes, in virtual time: deterministic and fast."""
 
 from __future__ import annotations
 
@@ -12,9 +12,11 @@ from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.dsp402.pdo import LAYOUTS
 from pdgw.dsp402.states import State
-from pdgw.gateway.translator.base import TranslatorSettings
-from pdgw.gateway.translator.factory import initial_mode, make_translator, pdo_operation
+from pdgw.gateway.axis.settings import AxisSettings
+from pdgw.gateway.axis.telegrams import initial_mode, pdo_operation
 from pdgw.peers.drive import Machine, SimulatedDriveNode
+
+from tests.support.stepper import Stepper
 
 MS = 1_000_000
 NODE = 5
@@ -24,13 +26,13 @@ class Rig:
     """``step`` runs PLC cycles of 4 ms; the drive runs every millisecond in between."""
 
     def __init__(self, number: int, machine: Machine | None = None, **settings: object) -> None:
-        self.translator = make_translator(number, TranslatorSettings(**settings))  # type: ignore[arg-type]
+        self.stepper = Stepper(number, AxisSettings(**settings))  # type: ignore[arg-type]
         self.layout = LAYOUTS[pdo_operation(number)]
         self.node = SimulatedDriveNode(NODE, self._transmitted, machine=machine)
         self.feedback = DriveFeedback()
         self.now = 0
         self.connected_drive = True
-        self.values: dict[str, int] = dict.fromkeys(self.translator.telegram.setpoints.names, 0)
+        self.values: dict[str, int] = dict.fromkeys(self.stepper.telegram.setpoints.names, 0)
         self.actuals: dict[str, int] = {}
         self.controlwords: list[int] = []
         """Every Controlword the drive was sent, in order, repetitions left out."""
@@ -43,7 +45,7 @@ class Rig:
         self._sent: dict[int, bytes] = {}
         self.node.start(self.now)
         self._configure(initial_mode(number))
-        self.translator.set_references(References(), homing_method=35)
+        self.stepper.set_references(References(), homing_method=35)
 
     @property
     def model(self) -> object:
@@ -80,25 +82,25 @@ class Rig:
         """Power cycle of the drive, and what the gateway does about it."""
         self.node.receive(0, bytes((NmtCommand.RESET_NODE, NODE)), self.now)
         self._sent.clear()
-        self._configure(initial_mode(self.translator.telegram.number))
-        self.translator.drive_restarted()
-        self.translator.set_references(References())
+        self._configure(initial_mode(self.stepper.telegram.number))
+        self.stepper.drive_restarted()
+        self.stepper.set_references(References())
 
     def step(self, cycles: int = 1, *, plc: bool = True) -> dict[str, int]:
         """Run PLC cycles with the present setpoints; returns the actual values by name."""
-        half = self.translator.telegram.setpoints
+        half = self.stepper.telegram.setpoints
         for _ in range(cycles):
             self._advance(4)
             setpoints = half.from_dict(self.values) if plc else None
             self.seen_statusword = self.feedback.statusword
-            actuals = self.translator.step(setpoints, self.feedback, self.connected_drive, self.now)
-            self.actuals = self.translator.telegram.actuals.as_dict(actuals)
+            actuals = self.stepper.step(setpoints, self.feedback, self.connected_drive, self.now)
+            self.actuals = self.stepper.telegram.actuals.as_dict(actuals)
             self._send()
             self._serve_sdo()
         return self.actuals
 
     def _send(self) -> None:
-        command = self.translator.command
+        command = self.stepper.command
         if not self.controlwords or self.controlwords[-1] != command.controlword:
             self.controlwords.append(command.controlword)
         for pdo in sorted(self.layout.rpdos, key=lambda item: -item.number):
@@ -108,7 +110,7 @@ class Rig:
                 self.node.receive(pdo.cob_id(NODE), data, self.now)
 
     def _serve_sdo(self) -> None:
-        request = self.translator.sdo_request
+        request = self.stepper.sdo_request
         if request is None:
             self._sdo_age = 0
             return
@@ -121,19 +123,18 @@ class Rig:
                 size = entry.type.bits // 8
                 data = item.value.to_bytes(size, "little", signed=entry.type.char.islower())
                 self.node.set_data(item.index, item.subindex, data, check_writable=True)
-        self.translator.sdo_request = None
-        self.translator.sdo_done(self.sdo_error)
+        self.stepper.sdo_done(self.sdo_error)
 
     def until(self, condition: Callable[[dict[str, int]], bool], cycles: int = 5000) -> int:
         """Step until the actual values meet a condition; returns the cycles, fails when it never does."""
         for cycle in range(cycles):
             if condition(self.step()):
                 return cycle
-        raise AssertionError(f"not met in {cycles} cycles: {self.actuals}, {self.translator.reason}")
+        raise AssertionError(f"not met in {cycles} cycles: {self.actuals}, {self.stepper.reason}")
 
     def enable(self, off: int = 0x043E) -> None:
         """OFF, then ON."""
-        word = self.translator.telegram.setpoints.names[0]
+        word = self.stepper.telegram.setpoints.names[0]
         self.values[word] = off
         self.step(4)
         self.values[word] = off | 1

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import subprocess
 import sys
@@ -107,3 +108,18 @@ def test_a_port_that_is_none_is_told(arguments: list[str], told: str) -> None:
     result = CliRunner().invoke(app, arguments)
     assert result.exit_code == 2
     assert told in " ".join(result.output.replace("│", " ").split())
+
+
+@pytest.mark.parametrize(
+    ("words", "found"), [("pdgw stat", "status"), ("pdgw sim pl", "plc"), ("pdgw decode --tele", "--telegram")]
+)
+def test_the_shell_completes_commands_and_options(words: str, found: str) -> None:
+    asked = {"COMP_WORDS": words, "COMP_CWORD": str(len(words.split()) - 1), "_PDGW_COMPLETE": "complete_bash"}
+    done = subprocess.run(
+        [str(Path(sys.executable).with_name("pdgw"))],
+        env={**os.environ, **asked},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert done.stdout.split() == [found]

@@ -6,21 +6,21 @@ import json
 
 import pytest
 from pdgw.dsp406.encoder import EncoderClient
+from pdgw.gateway.axis import encoder_machine
+from pdgw.gateway.axis.executors.speed import SpeedExecutor
+from pdgw.gateway.axis.interlock import Interlock
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.reasons import Reason
 from pdgw.gateway.status import snapshot
-from pdgw.gateway.translator.encoder import EncoderTranslator
-from pdgw.gateway.translator.power import PowerControl
-from pdgw.gateway.translator.velocity import VelocityTranslator
 from pdgw.peers.drive.misbehaviour import DRIVE_MISBEHAVIOURS
 from pdgw.peers.encoder.misbehaviour import ENCODER_MISBEHAVIOURS
 from pdgw.profidrive.encoder import EncoderControl
 from pdgw.tools.commands.conformance import app
 from pdgw.tools.conformance import bench, encoders
-from pdgw.tools.conformance.faults import CASES, Activity, Case, Device, Reaction, Result, run_case, run_cases
+from pdgw.tools.conformance.faults import CASES, Activity, Case, Device, Reaction, Result, run_case
 from typer.testing import CliRunner
 
-from tests.support.daemon import Plc, axis, configuration, running
+from tests.support.daemon import Plc, axis, configuration, drive_of, running
 
 PATIENT = "watchdog_factor = 255"
 """The PLC of these tests is never lost, however busy the machine is."""
@@ -33,7 +33,7 @@ def case_id(case: Case) -> str:
 
 @pytest.fixture(scope="module")
 def results() -> dict[str, Result]:
-    return {case_id(result.case): result for result in run_cases()}
+    return {case_id(case): run_case(case) for case in CASES}
 
 
 def test_every_fault_of_a_drive_and_of_an_encoder_has_a_case() -> None:
@@ -109,18 +109,15 @@ def test_an_encoder_that_is_lost_is_stopped_by_nmt_if_it_is_silent_and_configure
 
 
 def test_a_gateway_that_starts_a_drive_again_by_itself_fails(monkeypatch: pytest.MonkeyPatch) -> None:
-    follow = PowerControl._follow
     # It does not see that the drive took the enable back.
-    monkeypatch.setattr(
-        PowerControl, "_follow", lambda self, word, state, _, now: follow(self, word, state, state, now)
-    )
+    monkeypatch.setattr(Interlock, "_changed", lambda self, drive, shown, now: drive)
     result = run_case(Case("enable-input-dropped", Reaction.STOPS))
     assert result.restarted
     assert "started by itself" in result.failures
 
 
 def test_a_gateway_that_moves_on_when_a_limit_switch_is_released_fails(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(VelocityTranslator, "_held_at_limit", lambda self, target, *_: target)
+    monkeypatch.setattr(SpeedExecutor, "_held_at_limit", lambda self, target, *_: target)
     result = run_case(Case("limit-switch", Reaction.STANDS, (112,)))
     assert result.restarted
     assert "moves on by itself" in result.failures
@@ -161,7 +158,7 @@ def test_a_gateway_that_forgets_a_fault_without_an_acknowledge_fails(monkeypatch
         return step(self, word, fault=fault, warning=warning)
 
     monkeypatch.setattr(EncoderControl, "step", forgetful)
-    monkeypatch.setattr(EncoderTranslator, "fault_told", lambda self: None)
+    monkeypatch.setattr(encoder_machine, "_LATCHED", ())
     result = run_case(encoder_case("input-voltage", Reaction.FAULT, (10,)))
     assert "the fault ended by itself" in result.failures
 
@@ -193,9 +190,9 @@ def test_the_command_prints_a_matrix_and_its_exit_status_tells(monkeypatch: pyte
 
 def misbehave(daemon: Daemon, name: str, **values: int) -> None:
     def begin(node: object) -> None:
-        daemon.simulated[0].node.misbehave(name, **values)
+        drive_of(daemon).node.misbehave(name, **values)
 
-    daemon.simulated[0].do(begin)
+    drive_of(daemon).do(begin)
 
 
 def test_status_frame_and_fault_buffer_tell_of_a_lost_drive_and_on_stands_without_effect() -> None:
@@ -210,7 +207,7 @@ def test_status_frame_and_fault_buffer_tell_of_a_lost_drive_and_on_stands_withou
         assert status["reason"] == Reason.DRIVE_OFFLINE.value
         assert status["faults"][0]["number"] == 101
         assert daemon.axes[0].fault_log.entries()[0].number == 101, "P947"
-        daemon.simulated[0].do(lambda node: node.behave())
+        drive_of(daemon).do(lambda node: node.behave())
         plc.until(lambda: plc.endpoint.actuals[0] is not None, "back")
         for _ in range(20):
             plc.exchange()

@@ -208,7 +208,7 @@ def test_the_table_of_a_capture_is_what_plain_struct_reads(tmp_path: Path, capsy
     path = tmp_path / "both.pcapng"
     packets = captures.both_buses()
     path.write_bytes(captures.pcapng(packets))
-    decode(str(path), telegram=[1], csv="stw1,nsoll_a,Target Velocity")
+    decode([str(path)], telegram=[1], csv="stw1,nsoll_a,Target Velocity")
     rows = list(csv.DictReader(io.StringIO(capsys.readouterr().out)))
     expected = []
     for time_ns, link, data in packets:

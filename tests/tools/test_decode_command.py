@@ -54,7 +54,7 @@ def run(*arguments: str, data: bytes | None = None) -> subprocess.CompletedProce
 
 
 def test_text_is_one_plain_line_for_each_packet(capture: str, capsys: pytest.CaptureFixture[str]) -> None:
-    decode(capture, telegram=[1])
+    decode([capture], telegram=[1])
     text = lines(capsys)
     assert len(text) == len(PACKETS)
     assert text[2] == (
@@ -67,14 +67,14 @@ def test_text_is_one_plain_line_for_each_packet(capture: str, capsys: pytest.Cap
 
 
 def test_verbose_is_the_tree(capture: str, capsys: pytest.CaptureFixture[str]) -> None:
-    decode(capture, telegram=[1], verbose=True, count=1)
+    decode([capture], telegram=[1], verbose=True, count=1)
     text = lines(capsys)
     assert "             ON = 1  (ON (0 = OFF1))" in text
     assert "         cycle_counter: 65500" in text
 
 
 def test_json_is_one_object_for_each_packet(capture: str, capsys: pytest.CaptureFixture[str]) -> None:
-    decode(capture, telegram=[1], as_json=True)
+    decode([capture], telegram=[1], as_json=True)
     documents = [json.loads(line) for line in lines(capsys)]
     assert [document["number"] for document in documents] == list(range(1, len(PACKETS) + 1))
     assert [document["time_ns"] for document in documents] == [time_ns for time_ns, _, _ in PACKETS]
@@ -88,7 +88,7 @@ def test_json_is_one_object_for_each_packet(capture: str, capsys: pytest.Capture
 
 
 def test_the_telegram_is_inferred_and_said_so(capture: str, capsys: pytest.CaptureFixture[str]) -> None:
-    decode(capture, count=2)
+    decode([capture], count=2)
     captured = capsys.readouterr()
     assert "note: inferred from length and status bytes: axis 1 telegram 1" in captured.err
     assert "STW1 047Fh" in captured.out
@@ -97,17 +97,17 @@ def test_the_telegram_is_inferred_and_said_so(capture: str, capsys: pytest.Captu
 def test_the_configuration_gives_axes_nodes_ports_and_bitrate(
     capture: str, configuration: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    decode(capture, config=configuration, as_json=True)
+    decode([capture], config=configuration, as_json=True)
     documents = [json.loads(line) for line in lines(capsys)]
     units = [unit for document in documents for unit in document["units"]]
     assert {(unit["axis"], unit["node"]) for unit in units} == {(7, 1)}
     assert {document["mapping"] for document in documents if document["kind"] == "pdo"} == {"configuration"}
-    decode(capture, config=configuration, stats=True)
+    decode([capture], config=configuration, stats=True)
     assert any("load at 500000 bit/s" in line for line in lines(capsys))
 
 
 def test_csv_has_the_chosen_names(capture: str, capsys: pytest.CaptureFixture[str]) -> None:
-    decode(capture, telegram=[1], csv="Time, STW1.ON, nsoll_a,AXIS,Statusword.text")
+    decode([capture], telegram=[1], csv="Time, STW1.ON, nsoll_a,AXIS,Statusword.text")
     rows = list(csv.reader(lines(capsys)))
     assert rows[0] == ["time", "axis", "node", "STW1.ON", "nsoll_a", "Statusword.text"]
     assert rows[1] == ["1700000000.123456000", "1", "1", "1", "0.0", ""]
@@ -136,25 +136,25 @@ def test_csv_has_the_chosen_names(capture: str, capsys: pytest.CaptureFixture[st
 def test_selections(
     options: dict[str, object], numbers: list[int], capture: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    decode(capture, telegram=[1], as_json=True, **options)  # type: ignore[arg-type]
+    decode([capture], telegram=[1], as_json=True, **options)  # type: ignore[arg-type]
     assert [json.loads(line)["number"] for line in lines(capsys)] == numbers
 
 
 def test_a_wrong_telegram_is_told_once_for_each_direction(capture: str, capsys: pytest.CaptureFixture[str]) -> None:
-    decode(capture, telegram=[9], stats=True)
+    decode([capture], telegram=[9], stats=True)
     notes = capsys.readouterr().err.splitlines()
     assert notes == [
         "note: the setpoints do not fit telegram 9 as given: their length is that of telegram 1/7/20/81/82/83/84",
         "note: the actual values do not fit telegram 9 as given: their length is that of telegram 1/7",
     ]
-    decode(capture, telegram=[1], stats=True)
+    decode([capture], telegram=[1], stats=True)
     assert not capsys.readouterr().err
 
 
 def test_a_few_packets_are_read_as_the_whole_file_is(capture: str, capsys: pytest.CaptureFixture[str]) -> None:
-    decode(capture)
+    decode([capture])
     whole = capsys.readouterr()
-    decode(capture, count=1)
+    decode([capture], count=1)
     first = capsys.readouterr()
     assert first.err == whole.err
     assert first.out == whole.out.splitlines(keepends=True)[0]
@@ -165,20 +165,20 @@ def test_times_count_from_the_first_cyclic_frame(tmp_path: Path, capsys: pytest.
     can = [packet for packet in PACKETS if packet[1] == captures.SOCKETCAN]
     plc = [(now + 50_000_000, link, data) for now, link, data in PACKETS if link == captures.ETHERNET]
     path.write_bytes(captures.pcapng([*can, *plc]))
-    decode(str(path), telegram=[1], begin="0", end="0.0015")
+    decode([str(path)], telegram=[1], begin="0", end="0.0015")
     shown = [line.split()[1] for line in lines(capsys)]
     assert shown == ["0.000000", "0.001000"]
 
 
 def test_statistics(capture: str, capsys: pytest.CaptureFixture[str]) -> None:
-    decode(capture, telegram=[1], stats=True, as_json=True)
+    decode([capture], telegram=[1], stats=True, as_json=True)
     (document,) = map(json.loads, lines(capsys))
     assert document["packets"] == len(PACKETS)
     plc = {stream["identifier"]: stream for stream in document["streams"] if stream["bus"] == "plc"}
     assert plc["C001h"]["packets"] == plc["C000h"]["packets"] == 4
     assert plc["C001h"]["interval_mean_us"] == pytest.approx(2000)
     assert plc["C001h"]["counter_step_us"] == 1000
-    decode(capture, telegram=[1], stats=True)
+    decode([capture], telegram=[1], stats=True)
     text = lines(capsys)
     assert text[0] == "23 packets in 0.022000 s"
     assert any(line.startswith("bus load if227:") for line in text)
@@ -187,13 +187,13 @@ def test_statistics(capture: str, capsys: pytest.CaptureFixture[str]) -> None:
 def test_plot_draws_the_signals(capture: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("matplotlib")
     picture = tmp_path / "out.png"
-    decode(capture, telegram=[1], plot=picture, signal=["NSOLL_A", "Statusword"])
+    decode([capture], telegram=[1], plot=picture, signal=["NSOLL_A", "Statusword"])
     assert picture.read_bytes().startswith(b"\x89PNG")
     assert not lines(capsys)
     with pytest.raises(GatewayError, match="name the signals"):
-        decode(capture, plot=picture)
+        decode([capture], plot=picture)
     with pytest.raises(GatewayError, match=r"--plot .*out.xyz: cannot be written"):
-        decode(capture, plot=tmp_path / "out.xyz", signal=["NSOLL_A"])
+        decode([capture], plot=tmp_path / "out.xyz", signal=["NSOLL_A"])
 
 
 def test_set_and_actual_values_share_a_panel_with_its_unit() -> None:
@@ -223,9 +223,9 @@ def test_parquet_has_the_rows_of_the_table(capture: str, tmp_path: Path) -> None
         from pyarrow import parquet  # noqa: PLC0415
     except ImportError:
         with pytest.raises(GatewayError, match="--parquet needs pyarrow"):
-            decode(capture, parquet=tmp_path / "out.parquet", signal=["NSOLL_A"])
+            decode([capture], parquet=tmp_path / "out.parquet", signal=["NSOLL_A"])
         return
-    decode(capture, telegram=[1], parquet=tmp_path / "out.parquet", signal=["NSOLL_A", "Statusword.text"])
+    decode([capture], telegram=[1], parquet=tmp_path / "out.parquet", signal=["NSOLL_A", "Statusword.text"])
     table = parquet.read_table(tmp_path / "out.parquet").to_pydict()
     assert table["time_ns"][0] == BEGIN_NS
     assert len(table["NSOLL_A"]) == 5
@@ -247,7 +247,7 @@ def test_parquet_has_the_rows_of_the_table(capture: str, tmp_path: Path) -> None
 )
 def test_bad_options_are_told_by_name(options: dict[str, object], message: str, capture: str) -> None:
     with pytest.raises((GatewayError, ProfidriveError), match=message):
-        decode(capture, **options)  # type: ignore[arg-type]
+        decode([capture], **options)  # type: ignore[arg-type]
 
 
 def test_a_bad_eds_is_told_before_the_first_packet(
@@ -256,7 +256,7 @@ def test_a_bad_eds_is_told_before_the_first_packet(
     bad = tmp_path / "bad.eds"
     bad.write_text("[1000]\nParameterName=x\nObjectType=zz\n")
     with pytest.raises(GatewayError, match=r"bad\.eds"):
-        decode(capture, eds=[str(bad)])
+        decode([capture], eds=[str(bad)])
     assert not lines(capsys)
 
 
@@ -312,10 +312,10 @@ def test_an_interruption_ends_a_live_source_in_order(
         return original(self, packet)  # type: ignore[arg-type]
 
     monkeypatch.setattr(Decoder, "decode", interrupted)
-    decode(capture, as_json=True, telegram=[1])
+    decode([capture], as_json=True, telegram=[1])
     assert len(lines(capsys)) == 4
 
 
 def test_the_error_of_a_missing_file_names_it() -> None:
     with pytest.raises(CaptureError, match="cannot be read"):
-        decode("nowhere.pcap")
+        decode(["nowhere.pcap"])

@@ -2,9 +2,17 @@
 
 from __future__ import annotations
 
-from pdgw.tools.doctables import MISBEHAVIOUR_PATH, PATH, generate, generate_misbehaviour
+from pdgw.tools.doctables import (
+    MISBEHAVIOUR_PATH,
+    PATH,
+    POWER_PATH,
+    generate,
+    generate_misbehaviour,
+    generate_power_table,
+)
 
 
 def test_docs_tables_are_up_to_date() -> None:
     assert PATH.read_text(encoding="utf-8") == generate(), "run: make docs"
     assert MISBEHAVIOUR_PATH.read_text(encoding="utf-8") == generate_misbehaviour(), "run: make docs"
+    assert POWER_PATH.read_text(encoding="utf-8") == generate_power_table(), "run: make docs"

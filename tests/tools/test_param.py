@@ -19,7 +19,8 @@ from pdgw.tools.parameters.dump import Dump, DumpedElement, Restored, difference
 from pdgw.tools.parameters.session import Element, Session, meaning
 
 from tests.endtoend.processes import pdgw
-from tests.support.daemon import axis, configuration, serving
+from tests.support.daemon import axis
+from tests.support.machine import configuration, serving
 
 
 @pytest.mark.parametrize(

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 import typer
 from pdgw.decoder.capture.errors import CaptureError
+from pdgw.ds301.loop import MS
 from pdgw.gateway.errors import GatewayError
 from pdgw.tools.commands.replay import replay
 from pdgw.tools.commands.timeline import timeline
@@ -16,7 +17,6 @@ from pdgw.tools.recordings import known_from
 from tests.decoder.test_replay import speed
 from tests.endtoend.processes import pdgw
 from tests.support import captures
-from tests.support.daemon import MS
 from tests.support.recorded import BEGIN_NS
 from tests.support.rig import NODE
 
@@ -111,12 +111,12 @@ def test_a_difference_is_shown_with_its_context_and_exit_status_1(
     assert document["axes"][0]["first_difference"]["names"] == ["Target Velocity"]
 
 
-def test_choices_of_the_configuration_reach_the_translators(
+def test_choices_of_the_configuration_reach_the_machines(
     files: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     replay(files, config=configuration(tmp_path))
     known = known_from(configuration(tmp_path, 'setpoint_enable = "profidrive"\n'), [], [])
-    assert known.translators[7].setpoint_enable.value == "profidrive"
+    assert known.choices[7].setpoint_enable.value == "profidrive"
     assert (known.cycle_ns, known.watchdog_factor) == (4 * MS, 3)
 
 

@@ -127,7 +127,8 @@ def setpoints_to_can(peer: Peer, plc: PlcDialogue, drives: Report, period_ns: in
     if not plc.operating(peer.newest):
         words = ", ".join(f"{word:04X}h" for word in plc.states(peer.newest))
         raise GatewayError(f"benchmark: axes left operation: ZSW1 {words}")
-    if min(rpdos) < len(peer.samples):
+    # On a disturbed machine a frame can be overtaken by the next, and an answer the gateway gave by itself be taken for its own.
+    if min(rpdos) < len(peer.samples) - peer.missed - peer.slept:
         raise GatewayError(f"benchmark: {len(peer.samples)} cycles were answered, RPDOs of the axes: {rpdos}")
     highest = max(velocity for _, velocity in log)
     if highest <= 0:

@@ -8,8 +8,10 @@ from dataclasses import dataclass
 from pdgw.ds301.pdo import Pdo
 from pdgw.dsp402.images import DriveFeedback, References
 from pdgw.dsp402.pdo import LAYOUTS, PdoLayout
-from pdgw.gateway.translator.base import TranslatorSettings
-from pdgw.gateway.translator.factory import make_translator, pdo_operation
+from pdgw.gateway.axis.machine import AxisMachine
+from pdgw.gateway.axis.settings import AxisSettings
+from pdgw.gateway.axis.telegrams import pdo_operation
+from pdgw.gateway.axis.values import Configured
 from pdgw.gateway.transport.cyclic import CyclicEndpoint
 from pdgw.gateway.transport.sequence import SEQUENCE_FRAMES
 from pdgw.peers.plc.endpoint import PlcEndpoint
@@ -38,14 +40,16 @@ def axis_cycle(number: int) -> Callable[[], object]:
     chosen = telegram(number)
     plc = PlcEndpoint([chosen], _CYCLE_NS)
     endpoint = CyclicEndpoint([chosen], cycle_ns=_CYCLE_NS)
-    translator = make_translator(number, TranslatorSettings())
-    translator.set_references(References())
     layout = LAYOUTS[pdo_operation(number)]
     feedback = DriveFeedback()
-    now = _enable(endpoint, translator, feedback, plc, number)
+    machine = AxisMachine(number, AxisSettings(), feedback)
+    inputs, command = machine.inputs, machine.outputs.command
+    inputs.news.append(Configured(References()))
+    inputs.drive_ok = True
+    now = _enable(endpoint, machine, plc, number)
     # The cycle counter goes on when they are sent again: it wraps after a whole number of times.
     frames = [_frame(plc, number, value) for value in range(1, _FRAMES + 1)]
-    tpdos = [_tpdos(layout, value, translator.command.modes_of_operation) for value in range(1, 17)]
+    tpdos = [_tpdos(layout, value, command.modes_of_operation) for value in range(1, 17)]
     position = 0
     good = [True]
 
@@ -56,10 +60,12 @@ def axis_cycle(number: int) -> Callable[[], object]:
         position += 1
         for pdo, data in tpdos[position & 15]:
             pdo.unpack_into(data, feedback)
-        actuals = translator.step(endpoint.setpoints[0], feedback, True, now)
+        inputs.now = now
+        inputs.setpoints = endpoint.setpoints[0]
+        outputs = machine.step()
         for pdo in layout.rpdos:
-            pdo.pack(translator.command)
-        return endpoint.build([actuals], good)
+            pdo.pack(command)
+        return endpoint.build([outputs.actuals], good)
 
     return run
 
@@ -84,9 +90,7 @@ def _frame(plc: PlcEndpoint, number: int, value: int) -> bytes:
     return bytes(plc.build())
 
 
-def _enable(
-    endpoint: CyclicEndpoint, translator: object, feedback: DriveFeedback, plc: PlcEndpoint, number: int
-) -> int:
+def _enable(endpoint: CyclicEndpoint, machine: AxisMachine, plc: PlcEndpoint, number: int) -> int:
     """Bring the axis into operation; returns the time of the last frame."""
     now = 0
     word = plc.telegrams[0].setpoints.names[0]
@@ -96,8 +100,9 @@ def _enable(
         for _ in range(SEQUENCE_FRAMES):
             now += _CYCLE_NS
             endpoint.receive(bytes(plc.build()), _PEER, now)
-        feedback.statusword = status
-        translator.step(endpoint.setpoints[0], feedback, True, now)  # type: ignore[attr-defined]
+        machine.inputs.feedback.statusword = status
+        machine.inputs.setpoints = endpoint.setpoints[0]
+        machine.step()
     return now
 
 

@@ -6,10 +6,9 @@ import contextlib
 import io
 import json
 import os
-import re
 import sys
+import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
 from enum import StrEnum
 from itertools import islice
 from pathlib import Path
@@ -17,9 +16,8 @@ from typing import Annotated
 
 import typer
 from pdgw.decoder.capture import live
-from pdgw.decoder.capture.axes import configured_axes
-from pdgw.decoder.capture.dictionary import dictionary_of
-from pdgw.decoder.capture.errors import CaptureError
+from pdgw.decoder.capture.archive import ArchiveOptions, captures_of, is_data_set, write_data_set
+from pdgw.decoder.capture.knowledge import known_beforehand, look_ahead
 from pdgw.decoder.capture.moments import moment
 from pdgw.decoder.capture.plot import PlotWriter
 from pdgw.decoder.capture.source import Source, open_source
@@ -32,25 +30,19 @@ from pdgw.decoder.capture.writers import (
     Writer,
 )
 from pdgw.decoder.changes import Changes
-from pdgw.decoder.engine import Axis, CanPacket, Decoder, Packet, Settings, given_axes
+from pdgw.decoder.engine import CanPacket, Decoder, Packet
 from pdgw.decoder.filter import Filter
-from pdgw.decoder.names import Names
-from pdgw.decoder.objects import ObjectNames
 from pdgw.decoder.recognise import parse_hex, recognise
-from pdgw.decoder.records import CyclicRecord
 from pdgw.decoder.render import one_line, tree
 from pdgw.decoder.selection import Selection
 from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.telegrams import Direction
 from pdgw.profidrive.telegrams import telegram as telegram_of
-from pdgw.tools.progress import with_progress
+from pdgw.tools.progress import with_progress, with_progress_of
 
 _DEFAULT_BITRATE = 1_000_000
-_LOOK_AT, _LOOK_AT_CAN = 20_000, 2_000
-"""Packets that are looked at for telegrams and the first cyclic frame; without any cyclic frame so many are enough."""
 _LATE_NS = 2_000_000_000
 """Packets may be this much out of order; behind ``--to`` by more, reading stops."""
-_NODE_FILE = re.compile(r"(\d{1,3})=(.+)")
 
 
 class DirectionOption(StrEnum):
@@ -61,8 +53,13 @@ class DirectionOption(StrEnum):
 
 
 def decode(
-    file: Annotated[
-        str | None, typer.Argument(help="Capture or log: pcap, pcapng, candump, .asc, .blf, .trc ...; - is stdin.")
+    files: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="[FILE]...",
+            help="Capture or log: pcap, pcapng, candump, .asc, .blf, .trc ...; - is stdin.",
+            show_default=False,
+        ),
     ] = None,
     hex_text: Annotated[
         str | None,
@@ -81,7 +78,14 @@ def decode(
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object for each packet.")] = False,
     csv: Annotated[str | None, typer.Option(help="Table of these names, like STW1,NSOLL_A,Statusword.")] = None,
-    parquet: Annotated[Path | None, typer.Option(help="The table of --signal as a Parquet file.")] = None,
+    parquet: Annotated[
+        Path | None,
+        typer.Option(help="Table of --signal: a .parquet file, or a folder for many captures."),
+    ] = None,
+    jobs: Annotated[
+        int | None,
+        typer.Option("--jobs", "-j", min=1, help="Files at the same time, with --parquet FOLDER [cores]."),
+    ] = None,
     plot: Annotated[Path | None, typer.Option(help="Picture of --signal over time.")] = None,
     stats: Annotated[bool, typer.Option("--stats", help="Rates, jitter, counter gaps, bus load instead.")] = False,
     bitrate: Annotated[int | None, typer.Option(min=1, help="For the bus load, bit/s [1000000].")] = None,
@@ -101,15 +105,38 @@ def decode(
     count: Annotated[int | None, typer.Option("--count", "-n", min=1, help="Stop after so many packets.")] = None,
 ) -> None:
     """Decode a piece of data (--hex), a capture of either bus, or what is on a bus now."""
-    if sum(source is not None for source in (file, hex_text, interface, can)) != 1:
-        raise GatewayError("give one of: a file (or -), --hex, --interface, --can")
+    if sum(source is not None for source in (files or None, hex_text, interface, can)) != 1:
+        raise GatewayError("give one of: files (or -), --hex, --interface, --can")
     if hex_text is not None:
         _decode_hex(hex_text, telegram or [], direction, as_json=as_json, verbose=verbose)
         return
     if direction is not None:
         raise GatewayError("--direction: is for --hex; the frames of a capture tell theirs by their FrameID")
-    known = _known(telegram or [], config, eds or [], port or [])
     signals = [name.strip() for text in signal or [] for name in text.split(",")]
+    if files and parquet is not None and is_data_set(parquet):
+        options = ArchiveOptions(
+            tuple(signals), tuple(telegram or ()), config, tuple(eds or ()), tuple(port or ()), filter_text
+        )
+        refused = {
+            "--csv": csv,
+            "--plot": plot,
+            "--stats": stats,
+            "--json": as_json,
+            "--from": begin,
+            "--to": end,
+            "-n": count,
+        }
+        for name, value in refused.items():
+            if value:
+                raise GatewayError(f"{name}: not with --parquet FOLDER, which is a table of whole files")
+        _write_data_set(files, parquet, options, jobs)
+        return
+    if jobs is not None:
+        raise GatewayError("-j: several files at the same time become a data set, give --parquet FOLDER")
+    if files and (len(files) > 1 or Path(files[0]).is_dir()):
+        raise GatewayError("several files become a data set: give --parquet FOLDER and --signal, or one file")
+    file = files[0] if files else None
+    known = known_beforehand(telegram or [], config, eds or [], port or [])
     selection = Selection(
         nodes=frozenset(node or ()),
         signals=[known.names.split(name)[0] for name in signals],
@@ -129,31 +156,34 @@ def decode(
         writers.append(JsonWriter(sys.stdout))
     elif not writers or verbose:
         writers.append(TextWriter(sys.stdout, colour=_colours(), verbose=verbose))
-    settings, zero_ns = (known.settings, None) if file in {None, "-"} else _look_ahead(str(file), known.settings)
+    settings, zero_ns = known.settings, None
+    if file not in {None, "-"}:
+        settings, zero_ns, inference = look_ahead(str(file), settings)
+        if inference:
+            _tell([inference])
     with _open(file, interface, can) as source:
         if source.size is None:
             _line_buffered()
         _run(source, Decoder(settings), selection, writers, (begin, end), count, zero_ns)
 
 
-def _look_ahead(file: str, settings: Settings) -> tuple[Settings, int | None]:
-    """The telegrams as far as the begin of a file shows them, and the time of its first cyclic frame.
-
-    So the first packets are read as the last ones, and times count as in ``pdgw timeline``. Damage is told when it is reached.
-    """
-    decoder = Decoder(replace(settings, axes=(), dictionary=None))
-    zero_ns = None
-    with contextlib.suppress(CaptureError), open_source(file) as source:
-        for number, packet in enumerate(islice(source.packets, _LOOK_AT)):
-            record = decoder.decode(packet)
-            if zero_ns is None and isinstance(record, CyclicRecord):
-                zero_ns = record.time_ns
-            if decoder.sure or (zero_ns is None and number > _LOOK_AT_CAN):
-                break
-    if settings.axes or not decoder.inferred:
-        return settings, zero_ns
-    _tell([decoder.inference])
-    return replace(settings, axes=decoder.inferred), zero_ns
+def _write_data_set(files: Sequence[str], root: Path, options: ArchiveOptions, jobs: int | None) -> None:
+    """Decode the files, tell what became of each, and end with status 1 when one is damaged."""
+    captures = captures_of(files)
+    begin = time.monotonic()
+    parts = []
+    for part in with_progress_of(write_data_set(captures, root, options, jobs), "decoding", len(captures)):
+        parts.append(part)
+        for notice in part.notices:
+            sys.stderr.write(f"note: {part.file}: {notice}\n")
+        if part.error:
+            sys.stderr.write(f"error: {part.error}\n")
+    damaged = sum(bool(part.error) for part in parts)
+    rows = sum(part.rows for part in parts)
+    bad = f", {damaged} damaged" if damaged else ""
+    typer.echo(f"{root}: {rows} rows of {len(parts)} files{bad} in {time.monotonic() - begin:.1f} s")
+    if damaged:
+        raise typer.Exit(1)
 
 
 def _decode_hex(
@@ -171,59 +201,6 @@ def _decode_hex(
             typer.echo(line)
     else:
         typer.echo(one_line(document))
-
-
-# -- what is known beforehand -----------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class _Known:
-    settings: Settings
-    names: Names
-    bitrate: int | None = None
-
-
-def _known(telegrams: Sequence[int], config: Path | None, eds: Sequence[str], ports: Sequence[int]) -> _Known:
-    axes: Sequence[Axis] = given_axes(telegrams)
-    origin = "--telegram, node-ID taken as the number of the axis"
-    files, default = _eds_files(eds)
-    settings = Settings()
-    cyclic, acyclic = settings.cyclic_ports | set(ports), settings.acyclic_ports
-    bitrate = None
-    if config is not None:
-        from pdgw.gateway.config import load_config  # noqa: PLC0415 (loads the whole gateway)
-
-        loaded = load_config(config)
-        origin = "configuration"
-        axes = configured_axes(loaded, telegrams)
-        files = {axis.node_id: axis.eds for axis in loaded.axis if axis.eds} | files
-        cyclic |= {loaded.transport.cyclic_port}
-        acyclic |= {loaded.transport.acyclic_port}
-        bitrate = loaded.can[0].bitrate
-    dictionary = dictionary_of(files, default) if files or default else None
-    names = Names()
-    if dictionary is not None:
-        # One node-ID stands for all: names do not depend on it. Bad files are told before the first packet.
-        chosen = [*files, *([min(set(range(1, 128)) - set(files))] if default else [])]
-        names = Names(ObjectNames(found) for node_id in chosen if (found := dictionary(node_id)) is not None)
-    return _Known(Settings(axes, origin, dictionary, frozenset(cyclic - {0}), frozenset(acyclic - {0})), names, bitrate)
-
-
-def _eds_files(texts: Sequence[str]) -> tuple[dict[int, Path], Path | None]:
-    files: dict[int, Path] = {}
-    default = None
-    for text in texts:
-        match = _NODE_FILE.fullmatch(text)
-        path = Path(match[2] if match else text)
-        if not path.is_file():
-            raise GatewayError(f"--eds {text}: is not a file")
-        if match is None:
-            default = path
-        elif 1 <= int(match[1]) <= 127:
-            files[int(match[1])] = path
-        else:
-            raise GatewayError(f"--eds {text}: node-ID {match[1]}, allowed: 1..127")
-    return files, default
 
 
 def _open(file: str | None, interface: str | None, can: str | None) -> Source:

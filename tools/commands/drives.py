@@ -11,8 +11,8 @@ from pdgw.dsp402.describe import PRODUCT_CODE, VENDOR_ID, answers_of_defaults, d
 from pdgw.dsp402.drive import load_eds
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.overlay import Overlay, overlay, overlays
+from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS
 from pdgw.gateway.needs import needed_quantities
-from pdgw.gateway.translator.factory import DRIVE_TELEGRAM_NUMBERS
 from pdgw.profidrive.telegrams import telegram
 from rich.console import Console
 from rich.table import Table

@@ -1,4 +1,4 @@
-"""``pdgw replay``: would today's translators have sent what a recording shows?"""
+"""``pdgw replay``: would today's gateway have sent what a recording shows?"""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def replay(
     ] = TOLERANCE_NS / 1e6,
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object.")] = False,
 ) -> None:
-    """Feed a recording through today's translators; exit status 1 where they would have sent something else."""
+    """Feed a recording through today's gateway; exit status 1 where it would have sent something else."""
     loaded = load(files, known_from(config, telegram or [], node or []), nanoseconds(offset), tell)
     outcomes = loaded.replay(tolerance_ns=round(tolerance * 1e6), first_only=True)
     write_lines(_document(loaded, outcomes) if as_json else _text(loaded, outcomes))

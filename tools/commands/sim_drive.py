@@ -15,6 +15,7 @@ from pdgw.gateway.config import CanConfig
 from pdgw.gateway.edge import open_configured_bus
 from pdgw.gateway.errors import GatewayError
 from pdgw.peers.bus import DEFAULT_PORT, INTERFACE, ServedBus
+from pdgw.peers.simulation.beside import add_device
 from pdgw.peers.simulation.config import ControlConfig, example, load_bus
 from pdgw.peers.simulation.console import COMMANDS
 from pdgw.peers.simulation.devices import Simulation
@@ -46,6 +47,9 @@ def bus(
     port: Annotated[
         int, typer.Option(min=0, max=65535, help="Loopback UDP port of --serve, 0 for a free one.")
     ] = DEFAULT_PORT,
+    attached: Annotated[
+        bool, typer.Option("--attached", hidden=True, help="End with standard input: with the process that started it.")
+    ] = False,
     example_: Annotated[bool, typer.Option("--example", help="Print a commented example of the file.")] = False,
 ) -> None:
     """Run the simulated devices of FILE with their faults until SIGINT, SIGTERM or `quit`; --serve opens the bus too."""
@@ -57,20 +61,19 @@ def bus(
     config = load_bus(file) if file is not None else None
     with ExitStack() as at_end:
         place = config.can if config is not None else None
+        served: ServedBus | None = None
         if serve:
-            channel = at_end.enter_context(ServedBus(port)).channel
-            place = CanConfig(interface=INTERFACE, channel=channel)
-            typer.echo(f'[can]\ninterface = "{INTERFACE}"\nchannel = "{channel}"\n')
+            served = at_end.enter_context(ServedBus(port))
+            place = CanConfig(interface=INTERFACE, channel=served.channel)
+            typer.echo(f'[can]\ninterface = "{INTERFACE}"\nchannel = "{served.channel}"\n')
         assert place is not None
         simulation = Simulation()
-        for device in config.device if config is not None else ():
-            serial = device.node_id if device.serial_number is None else device.serial_number
-            simulation.add(device.type, open_configured_bus(place), device.node_id, serial, **device.options)
-            for fault in device.fault:
-                simulation.misbehave(device.node_id, fault.name, fault.values)
-        devices = [f"{device.type} {device.node_id}" for device in config.device] if config is not None else []
+        devices = config.device if config is not None else ()
+        for device in devices:
+            add_device(simulation, device, open_configured_bus(place) if served is None else served.connect())
+        names = ", ".join(f"{device.type} {device.node_id}" for device in devices)
         control = config.control if config is not None else ControlConfig()
-        run(simulation, control, f"{', '.join(devices) or 'no devices'} on {place.interface} {place.channel}")
+        run(simulation, control, f"{names or 'no devices'} on {place.interface} {place.channel}", attached=attached)
 
 
 def inject(

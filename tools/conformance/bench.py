@@ -1,48 +1,40 @@
 """What the cases of drives and encoders have in common: what has to happen, what did, and time that passes for the gateway.
 
-A ``Case`` says what the gateway has to do with one fault of one simulated device on a virtual bus, in real time; a ``Bench`` has
-the gateway's side of that bus. Left out: the PLC's side (UDP), whose losses the daemon's tests cover.
+A ``Case`` says what the gateway has to do with one fault of one simulated device in a world of its own, in virtual time; a
+``Bench`` has the gateway's side of that world. Left out: the PLC's side (UDP), whose losses the daemon's tests cover.
 """
 
 from __future__ import annotations
 
 import abc
 import enum
-import itertools
-import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
 import can
-from pdgw.ds301.bus import open_bus
-from pdgw.ds301.loop import SystemLoop
+from pdgw.ds301.loop import SECOND
 from pdgw.ds301.network import CanNetwork
 from pdgw.ds301.nmt import NmtCommand
-from pdgw.ds301.port import open_port
-from pdgw.gateway.config import GATEWAY_NODE_ID
+from pdgw.gateway.config import GATEWAY_NODE_ID, CanConfig
 from pdgw.gateway.drive_object import DriveObject
+from pdgw.gateway.reasons import FaultNumber
 from pdgw.peers.node.running import RunningNode
+from pdgw.peers.world import World
 
 CYCLE_MS = 4
 MS = 1_000_000
 _HEARTBEAT_NS = 50 * MS
 PATIENCE_S = 20.0
-"""No healthy run needs so long for one step, even on a busy machine."""
-HEARTBEAT_MS = 200
-TPDO_EVENT_MS = 100
-"""A busy machine is no fault of the device: twice the usual patience."""
-_STARVED_NS = 150 * MS
-"""Cycles never come so late unless the machine does not get round to it."""
+"""No gateway that does what it has to needs so long for one step."""
+CHANNEL = "conformance"
 QUIET_CYCLES = 50
 """So long is watched whether something happens by itself."""
-LOST, RESTARTED = 101, 105
+LOST, RESTARTED = FaultNumber.NODE_LOST, FaultNumber.NODE_RESTARTED
 LOSSES = frozenset({LOST, RESTARTED})
 CONFIGURES = "NMT enter pre operational"
 """What the gateway begins a configuration with."""
-
-_channels = itertools.count()
 
 
 class Device(enum.Enum):
@@ -124,8 +116,6 @@ class Result:
     stopped: str = ""
     """How the drive came to rest."""
     restarted: bool = False
-    starved: bool = False
-    """The machine was too busy to believe a failure: a cycle came late, or a device was lost that was not silent."""
     failures: list[str] = field(default_factory=list)
     """What should have been otherwise; empty: passed."""
 
@@ -160,13 +150,14 @@ class StepError(Exception):
 
 
 class Bench(abc.ABC):
-    """The gateway's side of a bus of its own, and the simulated devices on it."""
+    """The gateway's side of a world of its own, and the simulated devices in it."""
 
     def __init__(self, case: Case) -> None:
         self.case = case
-        self._channel = f"conformance-{next(_channels)}"
-        self.loop = SystemLoop()
-        self.network = CanNetwork(self.loop, lambda: open_port(self.loop, self.open_bus()))
+        self.world = World()
+        self.loop = self.world.loop
+        can_config = CanConfig(interface="virtual", channel=CHANNEL)
+        self.network = CanNetwork(self.loop, lambda: self.world.open_can(can_config))
         self.sent: list[str] = []
         self.objects: list[DriveObject] = []
         """In the order of their steps; the first is that of the case."""
@@ -174,14 +165,8 @@ class Bench(abc.ABC):
         """The first has the fault of the case."""
         self.watchers: list[Callable[[int], None]] = []
         """Called after each cycle."""
-        self.starved = False
         self._beat = 0
-        self._due = 0
         self.network.listeners.append(self._listen)
-
-    def open_bus(self) -> can.BusABC:
-        """For another participant."""
-        return open_bus("virtual", self._channel)
 
     def power_on(self) -> None:
         """Bus, devices with what they do wrong from the beginning, and clients start."""
@@ -201,14 +186,12 @@ class Bench(abc.ABC):
         """Power on, and clean up after the steps; a step that did not come to its end is a failure in the result."""
         try:
             self.power_on()
-            self._due = time.monotonic_ns()
             yield
         except StepError as error:
             result.failures.append(str(error))
         finally:
             if result.failures:
                 result.numbers = self.numbers()
-            result.starved = self.starved or self.lost
             self.close()
 
     def close(self) -> None:
@@ -252,26 +235,23 @@ class Bench(abc.ABC):
 
     def cycles(self, count: int) -> None:
         for _ in range(count):
-            self.loop.call_at(self._due, self.loop.stop)
-            self.loop.run()
+            self.loop.run_for(CYCLE_MS * MS)
             now = self.loop.now()
-            self.starved |= now - self._due > _STARVED_NS
-            self._due = now + CYCLE_MS * MS
             if now - self._beat >= _HEARTBEAT_NS:
                 self._beat = now
                 self.network.send_heartbeat(GATEWAY_NODE_ID)
             for item, values in zip(self.objects, self.setpoints(), strict=True):
-                item.step(values, now)
+                item.cycle(values, now)
             for watch in self.watchers:
                 watch(now)
 
     def until(self, condition: Callable[[], object], what: str) -> None:
         """Cycles until a condition holds; StepError when it does not, or the device is lost although its fault is no loss."""
-        deadline = time.monotonic() + PATIENCE_S
+        deadline = self.loop.now() + int(PATIENCE_S * SECOND)
         while not condition():
             if self.lost:
                 raise StepError(f"{what}: the device was lost meanwhile")
-            if time.monotonic() > deadline:
+            if self.loop.now() > deadline:
                 raise StepError(f"{what} not within {PATIENCE_S:g} s ({self.subject.client.status_text})")
             self.cycles(1)
 

@@ -14,16 +14,15 @@ from pdgw.dsp402.device import EDS_PATH
 from pdgw.dsp402.drive import DriveStatus
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import State, state_of
-from pdgw.gateway.axis import Axis
+from pdgw.gateway.binding import Axis
 from pdgw.gateway.config import AxisConfig
-from pdgw.peers.drive import DriveModel, SimulatedDrive, SimulatedDriveNode
+from pdgw.peers.drive import DriveModel, SimulatedDriveNode
 from pdgw.tools.conformance.bench import (
+    CHANNEL,
     CONFIGURES,
     CYCLE_MS,
-    HEARTBEAT_MS,
     LOSSES,
     QUIET_CYCLES,
-    TPDO_EVENT_MS,
     Activity,
     Bench,
     Case,
@@ -121,11 +120,9 @@ class DriveBench(Bench):
             telegram=case.telegram,
             eds=EDS_PATH,
             sdo_timeout_ms=case.sdo_timeout_ms,
-            heartbeat_ms=HEARTBEAT_MS,
-            tpdo_event_ms=TPDO_EVENT_MS,
         )
         self.axis = Axis(config, self.network, CYCLE_MS)
-        self.drive = SimulatedDrive(self.open_bus(), _NODE)
+        self.drive = self.world.drive(CHANNEL, _NODE, powered=False)
         self.objects.append(self.axis)
         self.devices.append(self.drive)
         self.values = dict.fromkeys(self.axis.telegram.setpoints.names, 0)

@@ -7,7 +7,6 @@ evenly, so that each position tells when it was true. ``Device.SENSOR``: the sam
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
@@ -21,12 +20,11 @@ from pdgw.peers.encoder import SimulatedEncoder, SimulatedEncoderNode
 from pdgw.peers.encoder.motion import SECOND, Motion, still
 from pdgw.profidrive.signals import signal
 from pdgw.tools.conformance.bench import (
+    CHANNEL,
     CONFIGURES,
     CYCLE_MS,
-    HEARTBEAT_MS,
     MS,
     QUIET_CYCLES,
-    TPDO_EVENT_MS,
     Activity,
     Bench,
     Case,
@@ -40,7 +38,7 @@ _NODE = 6
 _UNITS_PER_SECOND = 4096
 """One revolution."""
 _STALE_NS = 1000 * MS
-"""The longest time-out of these cases (TPDO: 400 ms, SDO: 500 ms and a few rounds) and what a busy machine adds."""
+"""The longest time-out of these cases (TPDO: 200 ms, SDO: 500 ms and a few rounds)."""
 _CONTROL = signal("STW2_ENC").bit("CONTROL_BY_PLC").mask
 _ACKNOWLEDGE = signal("STW2_ENC").bit("FAULT_ACKNOWLEDGE").mask
 _FAULT = signal("ZSW2_ENC").bit("FAULT").mask
@@ -202,14 +200,13 @@ def _encoder(bench: Bench, telegram: int) -> tuple[EncoderObject, SimulatedEncod
         node_id=_NODE,
         telegram=telegram,
         sdo_timeout_ms=case.sdo_timeout_ms,
-        heartbeat_ms=HEARTBEAT_MS,
-        tpdo_event_ms=TPDO_EVENT_MS,
     )
-    zero = time.monotonic_ns()
+    loop = bench.loop
+    zero = loop.now()
     stands = case.activity is Activity.COMMISSIONING
-    motion: Motion = still(1.0) if stands else lambda _: (time.monotonic_ns() - zero) / SECOND
+    motion: Motion = still(1.0) if stands else lambda _: (loop.now() - zero) / SECOND
     encoder = EncoderObject(config, EncoderNode(bench.network, [config], CYCLE_MS), telegram)
-    return encoder, SimulatedEncoder(bench.open_bus(), _NODE, motions=[motion]), None if stands else zero
+    return encoder, bench.world.encoder(CHANNEL, _NODE, powered=False, motions=[motion]), None if stands else zero
 
 
 class _EncoderBench(Bench):
@@ -238,7 +235,8 @@ class _EncoderBench(Bench):
         """The fault of the case; what happened before is of no interest."""
         if self.case.activity is Activity.COMMISSIONING:
             written = self.encoder.client.submit(lambda client: client.write(0x6000, 0, _COMMISSIONING))
-            self.until(written.done, "commissioning")
+            self.until(written.done, "diagnostics switched on")
+            written.result(0)
         self.sent.clear()
         del self.sight.shown[:-1]
         if self.case.activity is not Activity.START:

@@ -8,7 +8,7 @@ import time
 import uuid
 from collections.abc import Callable
 from types import TracebackType
-from typing import Self
+from typing import Protocol, Self
 
 from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.errors import ProfidriveError
@@ -36,8 +36,64 @@ _LONGEST_POLL_S = 0.05
 _DATAGRAM = 2048
 
 
+class Channel(Protocol):
+    """Datagrams to one device and back, and the clock they are waited for with."""
+
+    @property
+    def local_address(self) -> tuple[str, int]:
+        """Where it sends from."""
+
+    def send(self, data: bytes) -> None:
+        """Send a datagram; OSError when nobody listens there just now."""
+
+    def receive(self, timeout_s: float) -> bytes | None:
+        """The next datagram, None when none comes in time; OSError as ``send``."""
+
+    def now(self) -> float:
+        """Monotonic seconds."""
+
+    def sleep(self, seconds: float) -> None:
+        """Let time pass."""
+
+    def close(self) -> None:
+        """Release the port."""
+
+
+class UdpChannel:
+    """A UDP socket and the machine's clock."""
+
+    def __init__(self, address: tuple[str, int]) -> None:
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        try:
+            self._socket.connect(address)
+        except OSError as error:
+            self._socket.close()
+            raise GatewayError(f"{address[0]}:{address[1]}: cannot be reached ({error.strerror or error})") from error
+        self.now = time.monotonic
+        self.sleep = time.sleep
+        self.close = self._socket.close
+
+    @property
+    def local_address(self) -> tuple[str, int]:
+        host, port = self._socket.getsockname()
+        return str(host), int(port)
+
+    def send(self, data: bytes) -> None:
+        self._socket.send(data)
+
+    def receive(self, timeout_s: float) -> bytes | None:
+        self._socket.settimeout(timeout_s)
+        try:
+            return self._socket.recv(_DATAGRAM)
+        except TimeoutError:
+            return None
+
+
 class ParameterClient:
-    """One access point of a device. Raises GatewayError when it does not answer or refuses the record."""
+    """One access point of a device. Raises GatewayError when it does not answer or refuses the record.
+
+    ``channel``: what reaches the device, a UDP socket without one.
+    """
 
     def __init__(
         self,
@@ -50,6 +106,7 @@ class ParameterClient:
         local: bool = False,
         ar_uuid: uuid.UUID = NIL,
         timeout_s: float = 30,
+        channel: Channel | None = None,
     ) -> None:
         self.do_id = do_id
         self.address = address
@@ -58,12 +115,7 @@ class ParameterClient:
         self._timeout_s = timeout_s
         self._caller = RecordCaller(uuid.uuid4(), object_uuid(1, 0, 0), ar_uuid)
         self._references = itertools.cycle(range(1, 256))
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        try:
-            self._socket.connect(address)
-        except OSError as error:
-            self._socket.close()
-            raise GatewayError(f"{self._name}: cannot be reached ({error.strerror or error})") from error
+        self._channel: Channel = UdpChannel(address) if channel is None else channel
         self.tap: Callable[[bool, bytes], None] = lambda sent, data: None
         """Told every datagram (sent by us, data)."""
 
@@ -76,16 +128,15 @@ class ParameterClient:
         self.close()
 
     def close(self) -> None:
-        self._socket.close()
+        self._channel.close()
 
     @property
     def local_address(self) -> tuple[str, int]:
         """Where it sends from."""
-        host, port = self._socket.getsockname()
-        return str(host), int(port)
+        return self._channel.local_address
 
     def _send(self, packet: bytes) -> None:
-        self._socket.send(packet)
+        self._channel.send(packet)
         self.tap(True, packet)
 
     # -- records ------------------------------------------------------------------------------------------------------
@@ -98,7 +149,7 @@ class ParameterClient:
                     self._send(packet)
                 result = self._answer(call)
             except OSError as error:
-                time.sleep(_REPEAT_S / _ATTEMPTS)  # nobody listens just now: the device may be starting
+                self._channel.sleep(_REPEAT_S / _ATTEMPTS)  # nobody listens just now: the device may be starting
                 reason = error.strerror or str(error)
                 continue
             except ProfidriveError as error:
@@ -111,12 +162,11 @@ class ParameterClient:
         )
 
     def _answer(self, call: RecordCall) -> RecordResult | None:
-        deadline = time.monotonic() + _REPEAT_S
-        while (left := deadline - time.monotonic()) > 0:
-            self._socket.settimeout(left)
-            try:
-                data = self._socket.recv(_DATAGRAM)
-            except TimeoutError:
+        channel = self._channel
+        deadline = channel.now() + _REPEAT_S
+        while (left := deadline - channel.now()) > 0:
+            data = channel.receive(left)
+            if data is None:
                 return None
             self.tap(False, data)
             received = call.receive(data)
@@ -148,7 +198,7 @@ class ParameterClient:
     def exchange(self, request: bytes) -> bytes:
         """The response to a request, both as bytes."""
         self.write_record(self._index, request)
-        deadline = time.monotonic() + self._timeout_s
+        deadline = self._channel.now() + self._timeout_s
         pause = _POLL_S
         while True:
             result = self.call(self._caller.read(*self._place, self._index))
@@ -156,9 +206,9 @@ class ParameterClient:
                 return result.data
             if result.status.code1 != AccessError.STATE_CONFLICT:
                 raise GatewayError(f"{self._name}: response not read: {result.status.text}")
-            if time.monotonic() > deadline:
+            if self._channel.now() > deadline:
                 raise GatewayError(f"{self._name}: no response within {self._timeout_s:g} s")
-            time.sleep(pause)
+            self._channel.sleep(pause)
             pause = min(2 * pause, _LONGEST_POLL_S)
 
     def request(self, addresses: list[Address], values: list[Values] | None = None) -> list[Values]:

@@ -1,0 +1,103 @@
+"""What is known before a capture is decoded: from the user, and from a look at its begin."""
+
+from __future__ import annotations
+
+import contextlib
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import islice
+from pathlib import Path
+from typing import Final
+
+from pdgw.decoder.capture.axes import configured_axes
+from pdgw.decoder.capture.dictionary import dictionary_of
+from pdgw.decoder.capture.errors import CaptureError
+from pdgw.decoder.capture.source import open_source
+from pdgw.decoder.engine import Axis, Decoder, Settings, given_axes
+from pdgw.decoder.names import Names
+from pdgw.decoder.objects import ObjectNames
+from pdgw.decoder.records import CyclicRecord
+from pdgw.gateway.errors import GatewayError
+
+_LOOK_AT: Final = 20_000
+"""Packets that are looked at for telegrams and the first cyclic frame."""
+_LOOK_AT_CAN: Final = 2_000
+"""Without any cyclic frame so many are enough."""
+_NODE_FILE = re.compile(r"(\d{1,3})=(.+)")
+
+
+@dataclass(frozen=True)
+class Knowledge:
+    """What the user gave: the decoder's settings, every name that can be asked for, the bit rate of the first bus."""
+
+    settings: Settings
+    names: Names
+    bitrate: int | None = None
+
+
+def known_beforehand(
+    telegrams: Sequence[int], config: Path | None, eds: Sequence[str], ports: Sequence[int]
+) -> Knowledge:
+    """From ``--telegram``, ``--config``, ``--eds`` and ``--port``; GatewayError or ProfidriveError for what cannot be used."""
+    axes: Sequence[Axis] = given_axes(telegrams)
+    origin = "--telegram, node-ID taken as the number of the axis"
+    files, default = _eds_files(eds)
+    settings = Settings()
+    cyclic, acyclic = settings.cyclic_ports | set(ports), settings.acyclic_ports
+    bitrate = None
+    if config is not None:
+        from pdgw.gateway.config import load_config  # noqa: PLC0415 (loads the whole gateway)
+
+        loaded = load_config(config)
+        origin = "configuration"
+        axes = configured_axes(loaded, telegrams)
+        files = {axis.node_id: axis.eds for axis in loaded.axis if axis.eds} | files
+        cyclic |= {loaded.transport.cyclic_port}
+        acyclic |= {loaded.transport.acyclic_port}
+        bitrate = loaded.can[0].bitrate
+    dictionary = dictionary_of(files, default) if files or default else None
+    names = Names()
+    if dictionary is not None:
+        # One node-ID stands for all: names do not depend on it. Bad files are told before the first packet.
+        chosen = [*files, *([min(set(range(1, 128)) - set(files))] if default else [])]
+        names = Names(ObjectNames(found) for node_id in chosen if (found := dictionary(node_id)) is not None)
+    return Knowledge(
+        Settings(axes, origin, dictionary, frozenset(cyclic - {0}), frozenset(acyclic - {0})), names, bitrate
+    )
+
+
+def _eds_files(texts: Sequence[str]) -> tuple[dict[int, Path], Path | None]:
+    files: dict[int, Path] = {}
+    default = None
+    for text in texts:
+        match = _NODE_FILE.fullmatch(text)
+        path = Path(match[2] if match else text)
+        if not path.is_file():
+            raise GatewayError(f"--eds {text}: is not a file")
+        if match is None:
+            default = path
+        elif 1 <= int(match[1]) <= 127:
+            files[int(match[1])] = path
+        else:
+            raise GatewayError(f"--eds {text}: node-ID {match[1]}, allowed: 1..127")
+    return files, default
+
+
+def look_ahead(file: str, settings: Settings) -> tuple[Settings, int | None, str]:
+    """The telegrams as far as the begin of a file shows them, the time of its first cyclic frame, and what to tell the user.
+
+    So the first packets are read as the last ones, and times count as in ``pdgw timeline``. Damage is told when it is reached.
+    """
+    decoder = Decoder(replace(settings, axes=(), dictionary=None))
+    zero_ns = None
+    with contextlib.suppress(CaptureError), open_source(file) as source:
+        for number, packet in enumerate(islice(source.packets, _LOOK_AT)):
+            record = decoder.decode(packet)
+            if zero_ns is None and isinstance(record, CyclicRecord):
+                zero_ns = record.time_ns
+            if decoder.sure or (zero_ns is None and number > _LOOK_AT_CAN):
+                break
+    if settings.axes or not decoder.inferred:
+        return settings, zero_ns, ""
+    return replace(settings, axes=decoder.inferred), zero_ns, decoder.inference

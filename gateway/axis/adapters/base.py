@@ -1,0 +1,87 @@
+"""What the machine asks of every adapter of a drive's telegram, and what STW1 means in all that have it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from pdgw.gateway.axis.waist import Demand, PowerWish, Report
+from pdgw.profidrive.signals import signal
+from pdgw.profidrive.telegrams import Telegram, TelegramHalf
+
+_STW1 = signal("STW1")
+_NO_COAST_STOP = _STW1.bit("NO_COAST_STOP").mask
+_NO_QUICK_STOP = _STW1.bit("NO_QUICK_STOP").mask
+_ON = _STW1.bit("ON").mask
+_ENABLE_OPERATION = _STW1.bit("ENABLE_OPERATION").mask
+_CONTROL_BY_PLC = _STW1.bit("CONTROL_BY_PLC").mask
+_FAULT_ACKNOWLEDGE = _STW1.bit("FAULT_ACKNOWLEDGE").mask
+POWER_BITS = _ON | _NO_COAST_STOP | _NO_QUICK_STOP | _ENABLE_OPERATION
+"""Bits 0-3 of STW1 and of the Controlword."""
+
+
+def power_wishes(off: PowerWish) -> tuple[PowerWish, ...]:
+    """The power wish by bits 0-3 of STW1 (docs/translation.md "States"); ``off`` is what bit 0 = 0 means."""
+
+    def wish(word: int) -> PowerWish:
+        if not word & _NO_COAST_STOP:
+            return PowerWish.COAST
+        if not word & _NO_QUICK_STOP:
+            return PowerWish.QUICK_STOP
+        if not word & _ON:
+            return off
+        return PowerWish.ENABLE if word & _ENABLE_OPERATION else PowerWish.ON
+
+    return tuple(wish(word) for word in range(POWER_BITS + 1))
+
+
+_WISHES = power_wishes(PowerWish.OFF)
+
+
+class Adapter:
+    """One telegram of one axis: ``read`` its setpoints into the demand, ``write`` the report into its actual values."""
+
+    def __init__(self, telegram: Telegram) -> None:
+        self.telegram = telegram
+
+    def read(self, setpoints: Sequence[int] | None, demand: Demand) -> None:
+        """Raw setpoints in telegram order, None without a valid PLC."""
+        raise NotImplementedError
+
+    def write(self, report: Report, actuals: list[int]) -> None:
+        """Raw actual values in telegram order; words the report has nothing for stay as they are."""
+        raise NotImplementedError
+
+
+class ControlWordAdapter(Adapter):
+    """A telegram with STW1 and ZSW1, and perhaps the words of a sensor. STW1 is looked at when it changes."""
+
+    def __init__(self, telegram: Telegram) -> None:
+        super().__init__(telegram)
+        self.stw1 = telegram.setpoints.index("STW1")
+        self.zsw1 = telegram.actuals.index("ZSW1")
+        self.g1_stw = place(telegram.setpoints, "G1_STW")
+        self.g1_zsw = place(telegram.actuals, "G1_ZSW")
+        """-1 without a sensor; G1_XIST1 and G1_XIST2 follow."""
+        self.word: int | None = None
+        """STW1 as it was last, None without a PLC."""
+
+    def take(self, word: int | None, demand: Demand) -> bool:
+        """Another STW1, None without a PLC: its part all telegrams share; False where nothing new is asked."""
+        self.word = word
+        if word is None:
+            demand.connected = False
+            demand.in_control = True
+            demand.sensor = None
+            return False
+        if not word & _CONTROL_BY_PLC:
+            demand.in_control = False
+            return False
+        demand.connected = demand.in_control = True
+        demand.power = _WISHES[word & POWER_BITS]
+        demand.acknowledge = word & _FAULT_ACKNOWLEDGE != 0
+        return True
+
+
+def place(half: TelegramHalf, name: str) -> int:
+    """Where a signal is in a telegram; -1 where it is not."""
+    return half.names.index(name) if name in half.names else -1

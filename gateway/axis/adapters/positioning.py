@@ -1,0 +1,89 @@
+"""Telegram 9: positioning with MDI and homing.
+
+Source: docs/telegrams.md, docs/translation.md "Positioning, telegram 9 (MDI)". Left out: traversing blocks (telegram 7) and
+jogging, which the drives do not have; STW2 is not evaluated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from pdgw.gateway.axis.adapters.base import ControlWordAdapter
+from pdgw.gateway.axis.waist import Demand, Direction, Report, Task
+from pdgw.profidrive.datatypes import N2_100_PERCENT, N4_100_PERCENT
+from pdgw.profidrive.signals import signal
+from pdgw.profidrive.telegrams import Telegram
+
+_STW1 = signal("STW1")
+_DO_NOT_REJECT = _STW1.bit("DO_NOT_REJECT", positioning=True).mask
+_NO_INTERMEDIATE_STOP = _STW1.bit("NO_INTERMEDIATE_STOP", positioning=True).mask
+_ACTIVATE_TASK = _STW1.bit("ACTIVATE_TASK", positioning=True).mask
+_START_HOMING = _STW1.bit("START_HOMING", positioning=True).mask
+_MDI = signal("SATZANW").bit("MDI").mask
+_METHOD = signal("SATZANW").bit("HOMING_METHOD")
+_ACTUAL_METHOD = signal("AKTSATZ").bit("HOMING_METHOD").mask
+_MDI_ACTIVE = signal("AKTSATZ").bit("MDI_ACTIVE").mask
+_ABSOLUTE = signal("MDI_MOD").bit("ABSOLUTE").mask
+_POSITIVE = signal("MDI_MOD").bit("POSITIVE_DIRECTION").mask
+_NEGATIVE = signal("MDI_MOD").bit("NEGATIVE_DIRECTION").mask
+_DIRECTIONS = {_POSITIVE: Direction.POSITIVE, _NEGATIVE: Direction.NEGATIVE}
+_N2_FACTOR = N4_100_PERCENT // N2_100_PERCENT
+
+
+class PositioningAdapter(ControlWordAdapter):
+    """Edges of STW1.6 and .11 are found here, with the data of their frame; a bit that stands when the PLC comes is none."""
+
+    def __init__(self, telegram: Telegram) -> None:
+        super().__init__(telegram)
+        setpoints, actuals = telegram.setpoints, telegram.actuals
+        self._satzanw = setpoints.index("SATZANW")
+        self._target = setpoints.index("MDI_TARPOS")
+        self._velocity = setpoints.index("MDI_VELOCITY")
+        self._acceleration = setpoints.index("MDI_ACC")
+        self._deceleration = setpoints.index("MDI_DEC")
+        self._mode = setpoints.index("MDI_MOD")
+        self._aktsatz = actuals.index("AKTSATZ")
+        self._position = actuals.index("XIST_A")
+        self._last = 0
+        """The last STW1 that was evaluated."""
+
+    def read(self, setpoints: Sequence[int] | None, demand: Demand) -> None:
+        demand.task = None
+        demand.homing_edge = False
+        word = None if setpoints is None else setpoints[self.stw1]
+        edges = 0
+        if word != self.word:
+            new = not demand.connected
+            if self.take(word, demand) and word is not None:
+                edges = 0 if new else word & ~self._last
+                self._last = word
+                demand.reject = not word & _DO_NOT_REJECT
+                demand.intermediate_stop = not word & _NO_INTERMEDIATE_STOP
+                demand.activate = word & _ACTIVATE_TASK != 0
+                demand.homing = word & _START_HOMING != 0
+        if setpoints is None or not demand.in_control:
+            return
+        selection = setpoints[self._satzanw]
+        demand.tasks_selected = selection & _MDI != 0
+        if demand.homing:
+            demand.homing_method = _METHOD.of(selection)
+            demand.homing_velocity = setpoints[self._velocity]
+            demand.homing_edge = edges & _START_HOMING != 0
+        if edges & _ACTIVATE_TASK:
+            demand.task = self._task(setpoints)
+
+    def _task(self, setpoints: Sequence[int]) -> Task:
+        mode = setpoints[self._mode]
+        return Task(
+            setpoints[self._target],
+            not mode & _ABSOLUTE,
+            setpoints[self._velocity],
+            setpoints[self._acceleration] * _N2_FACTOR,
+            setpoints[self._deceleration] * _N2_FACTOR,
+            _DIRECTIONS.get(mode & (_POSITIVE | _NEGATIVE), Direction.SHORTEST),
+        )
+
+    def write(self, report: Report, actuals: list[int]) -> None:
+        actuals[self.zsw1] = report.flags
+        actuals[self._aktsatz] = report.homing_method & _ACTUAL_METHOD | (_MDI_ACTIVE if report.tasks_active else 0)
+        actuals[self._position] = report.position

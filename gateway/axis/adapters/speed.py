@@ -1,0 +1,70 @@
+"""Telegrams 1, 2, 3 and 20: STW1 and a speed setpoint, ZSW1 and a speed, in telegram 3 with the sensor words G1.
+
+Source: docs/telegrams.md, docs/translation.md "Standard telegrams" 2. Left out: telegram 20's current, torque and power, which
+the velocity PDOs do not carry: they are 0.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from pdgw.gateway.axis.adapters.base import ControlWordAdapter
+from pdgw.gateway.axis.settings import AxisSettings, SetpointEnable
+from pdgw.gateway.axis.waist import Demand, Report, SpeedWish
+from pdgw.profidrive.datatypes import N2_100_PERCENT, N4_100_PERCENT, DataType
+from pdgw.profidrive.signals import signal
+from pdgw.profidrive.telegrams import Telegram, TelegramHalf
+
+_STW1 = signal("STW1")
+_DEVICE_BITS = sum(_STW1.bit(f"DEVICE_{number}").mask for number in (12, 13, 14, 15))
+_RUN = _STW1.bit("ENABLE_RAMP_GENERATOR").mask | _STW1.bit("ENABLE_SETPOINT").mask
+_FOLLOW = _RUN | _STW1.bit("UNFREEZE_RAMP_GENERATOR").mask
+_N2_FACTOR = N4_100_PERCENT // N2_100_PERCENT
+
+
+class SpeedAdapter(ControlWordAdapter):
+    """Words by name; an N2 is promoted to the demand's N4 and a report's N4 truncated toward zero, as N2 itself is."""
+
+    def __init__(self, telegram: Telegram, settings: AxisSettings) -> None:
+        super().__init__(telegram)
+        self._setpoint, self._setpoint_factor = _speed_signal(telegram.setpoints, "NSOLL")
+        self._actual, self._actual_factor = _speed_signal(telegram.actuals, "NIST")
+        self._follows = False
+        """The speed setpoint is in force."""
+        self._profidrive = settings.setpoint_enable is SetpointEnable.PROFIDRIVE
+
+    def read(self, setpoints: Sequence[int] | None, demand: Demand) -> None:
+        word = None if setpoints is None else setpoints[self.stw1]
+        if word != self.word:
+            self._evaluate(word, demand)
+        if self._follows and setpoints is not None:
+            demand.speed = setpoints[self._setpoint] * self._setpoint_factor
+        if self.g1_stw >= 0 and setpoints is not None and demand.in_control:
+            demand.sensor = setpoints[self.g1_stw]
+
+    def _evaluate(self, word: int | None, demand: Demand) -> None:
+        self._follows = False
+        if not self.take(word, demand) or word is None:
+            return
+        demand.device_bits = word & _DEVICE_BITS
+        if word & _FOLLOW == _FOLLOW:
+            demand.speed_wish = SpeedWish.FOLLOW
+            self._follows = True
+        elif self._profidrive and word & _RUN != _RUN:
+            demand.speed_wish = SpeedWish.ZERO
+        else:
+            demand.speed_wish = SpeedWish.HOLD
+
+    def write(self, report: Report, actuals: list[int]) -> None:
+        actuals[self.zsw1] = report.flags
+        speed, factor = report.speed, self._actual_factor
+        actuals[self._actual] = speed // factor if speed >= 0 else -(-speed // factor)
+        first = self.g1_zsw
+        if first >= 0:
+            actuals[first], actuals[first + 1], actuals[first + 2] = report.sensor
+
+
+def _speed_signal(half: TelegramHalf, prefix: str) -> tuple[int, int]:
+    """Where the speed is, and what its steps are worth in N4."""
+    index = next(index for index, name in enumerate(half.names) if name.startswith(prefix))
+    return index, _N2_FACTOR if half.signals[index].type is DataType.N2 else 1

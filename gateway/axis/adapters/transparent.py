@@ -1,0 +1,76 @@
+"""Telegram 100: the manufacturer's transparent telegram, whose signals are objects of the drive by their names.
+
+Source: docs/telegrams.md "Telegram 100", docs/translation.md; the manufacturer's guide 4.3.3. Values are not scaled; the mode of
+operation travels in the low byte of its word.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from pdgw.gateway.axis.adapters.base import POWER_BITS, Adapter, power_wishes
+from pdgw.gateway.axis.waist import Demand, PowerWish, Report
+from pdgw.profidrive.signals import signal
+from pdgw.profidrive.telegrams import Telegram
+
+SETPOINT_ATTRIBUTES = (
+    "controlword",
+    "modes_of_operation",
+    "target_torque",
+    "target_position",
+    "profile_velocity",
+    "profile_acceleration",
+    "profile_deceleration",
+    "dynamic_speed_limit",
+    "dynamic_torque_limit",
+    "digital_outputs",
+    "digital_outputs_mask",
+    "target_velocity",
+)
+"""Drive image attribute of each setpoint signal, in telegram order."""
+ACTUAL_ATTRIBUTES = (
+    "statusword",
+    "modes_of_operation_display",
+    "position_actual",
+    "velocity_demand",
+    "velocity_actual",
+    "current_actual",
+    "dc_link_voltage",
+    "digital_inputs",
+    "analogue_input_1",
+    "analogue_input_2",
+    "encoder_position",
+    "error_code",
+)
+"""Drive image attribute of each actual-value signal, in telegram order."""
+
+_FAULT_ACKNOWLEDGE = signal("STW1").bit("FAULT_ACKNOWLEDGE").mask
+"""The same bit in STW1 and the Controlword (a test)."""
+_WISHES = power_wishes(PowerWish.RAW_OFF)
+
+
+class TransparentAdapter(Adapter):
+    """The Controlword is read for the interlock; everything else passes."""
+
+    def __init__(self, telegram: Telegram) -> None:
+        super().__init__(telegram)
+        self._controlword = telegram.setpoints.index("Controlword")
+        self._mode_display = telegram.actuals.index("Modes of Operation Display")
+
+    def read(self, setpoints: Sequence[int] | None, demand: Demand) -> None:
+        if setpoints is None:
+            demand.connected = False
+            return
+        word = setpoints[self._controlword]
+        demand.connected = True
+        demand.power = _WISHES[word & POWER_BITS]
+        demand.acknowledge = word & _FAULT_ACKNOWLEDGE != 0
+        demand.raw = setpoints
+
+    def write(self, report: Report, actuals: list[int]) -> None:
+        actuals[:] = report.raw
+        actuals[self._mode_display] &= _BYTE
+
+
+_BYTE = 0xFF
+"""The low byte of a word, which carries an Integer8."""

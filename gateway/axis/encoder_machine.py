@@ -1,0 +1,218 @@
+"""The encoder machine: one ``step`` is one cycle of one channel of an encoder behind telegrams 81 to 84.
+
+Sensor commands become presets (6003h, 6010h/n), position and speed G1_XIST1/2/3 and NIST_A/B. Source: docs/dsp406-encoder.md
+"Encoder telegrams".
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from pdgw.gateway.axis.adapters.encoder import EncoderAdapter
+from pdgw.gateway.axis.executors.sensor import EncoderReferences, SensorChannel
+from pdgw.gateway.axis.settings import SensorSettings
+from pdgw.gateway.axis.telegrams import ENCODER_TELEGRAM_NUMBERS
+from pdgw.gateway.axis.values import (
+    EncoderInput,
+    News,
+    NodeNotice,
+    Outputs,
+    RestartAsked,
+    SdoAnswer,
+    SdoWrite,
+    gateway_fault,
+)
+from pdgw.gateway.axis.watch import CANOPEN_FAULT, INTERNAL_FAULT, Acknowledgement, NodeWatch
+from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.reasons import FaultNumber, Reason
+from pdgw.profidrive.datatypes import Normalisation
+from pdgw.profidrive.encoder import EncoderControl, SensorError, SensorState, speed_normalisation
+from pdgw.profidrive.errors import ProfidriveError
+from pdgw.profidrive.sign_of_life import SignOfLife
+from pdgw.profidrive.signals import signal
+from pdgw.profidrive.telegrams import telegram
+
+_FAULT = signal("ZSW2_ENC").bit("FAULT").mask
+_ACKNOWLEDGE = signal("STW2_ENC").bit("FAULT_ACKNOWLEDGE").mask
+_SENSOR_REASONS = {
+    SensorState.ERROR: Reason.SENSOR_ERROR,
+    SensorState.ACKNOWLEDGING: Reason.SENSOR_ERROR,
+    SensorState.PARKED: Reason.SENSOR_PARKED,
+    SensorState.PRESETTING: Reason.SENSOR_PRESETTING,
+}
+_IN_ERROR = (SensorState.ERROR, SensorState.ACKNOWLEDGING)
+_LATCHED = (
+    INTERNAL_FAULT,
+    CANOPEN_FAULT,
+    FaultNumber.NODE_LOST,
+    FaultNumber.BUS_LOST,
+    FaultNumber.NODE_RESTARTED,
+)
+"""Fault numbers after which the PLC has to acknowledge: an EMCY, and the loss of an encoder that was online."""
+
+
+class EncoderInputs:
+    """What one step of an encoder is made from; one object, filled anew for each step. ``news`` is emptied by the step."""
+
+    __slots__ = ("news", "now", "ok", "setpoints", "source")
+
+    def __init__(self, source: EncoderInput) -> None:
+        self.now = 0
+        """Monotonic nanoseconds."""
+        self.setpoints: Sequence[int] | None = None
+        """Raw signal values in telegram order, None without a valid PLC."""
+        self.source = source
+        self.ok = False
+        """The encoder is configured and its data is fresh."""
+        self.news: list[News] = []
+
+
+class EncoderMachine:
+    """An encoder channel with one telegram; GatewayError for a telegram no encoder has.
+
+    ``inputs`` is filled by the driver before each ``step``; ``outputs`` holds what it decided, until the next one.
+    """
+
+    def __init__(self, number: int, settings: SensorSettings, source: EncoderInput) -> None:
+        if number not in ENCODER_TELEGRAM_NUMBERS:
+            raise GatewayError(
+                f"telegram: {number} is not supported for an encoder, allowed {list(ENCODER_TELEGRAM_NUMBERS)}"
+            )
+        self.telegram = telegram(number)
+        self.settings = settings
+        self.adapter = EncoderAdapter(self.telegram)
+        self.inputs = EncoderInputs(source)
+        self.outputs = Outputs(len(self.telegram.actuals.signals), Reason.ENCODER_NO_PLC)
+        self.channel = SensorChannel()
+        self.control = EncoderControl(SignOfLife(settings.sign_of_life_failures))
+        self._node = NodeWatch(self.outputs, {})
+        self._acknowledgement = Acknowledgement()
+        self._speed: Normalisation | None = None
+        self._usable = False
+        self._sensor_word: int | None = None
+        self._life_failed = False
+        self._preset: SdoWrite | None = None
+        self._refused: ProfidriveError | None = None
+
+    def set_references(self, references: EncoderReferences | None) -> None:
+        """Take new reference values; ones that cannot be are told with the next step (fault 104) and refuse operation."""
+        self._usable = False
+        self._speed = self._refused = None
+        self.channel.set_references(None)
+        if references is None:
+            return
+        speed_type = self.adapter.speed_type
+        try:
+            if speed_type is not None:
+                self._speed = speed_normalisation(speed_type, references.speed_reference)
+            self.channel.set_references(references)
+        except ProfidriveError as error:
+            self._refused = error
+            return
+        self._usable = True
+
+    @property
+    def faulty(self) -> bool:
+        """The encoder shows an alarm or an error."""
+        source = self.inputs.source
+        return bool(source.alarms or source.error_register)
+
+    def adopt(self, other: EncoderMachine) -> None:
+        """Go on for the machine of another telegram of the same encoder."""
+        self.channel.sensor.preset_value = other.channel.sensor.preset_value
+        self._node = other._node
+        self._node.tell_to(self.outputs)
+
+    def tolerate(self, failures: int) -> None:
+        """P925: how many failures of the sign of life in succession; counting starts anew."""
+        self.settings = replace(self.settings, sign_of_life_failures=failures)
+        self.control.sign_of_life = SignOfLife(failures)
+
+    def step(self) -> Outputs:
+        """One cycle; the object returned is the same each time."""
+        inputs, outputs, adapter = self.inputs, self.outputs, self.adapter
+        control, channel = self.control, self.channel
+        now, ok, source = inputs.now, inputs.ok, inputs.source
+        if outputs.eventful:
+            outputs.forget()
+        told = False
+        if inputs.news:
+            self._take_news()
+            told = any(record.number in _LATCHED and not record.is_warning for record in outputs.faults)
+        if self._refused is not None:
+            outputs.fault(gateway_fault(FaultNumber.REFERENCE, str(self._refused), now))
+            self._refused = None
+        # Without the encoder there is nothing an acknowledge could see gone.
+        cause = self.faulty
+        fault = told or (cause if ok else control.fault)
+        adapter.read(inputs.setpoints)
+        status = control.step(adapter.control, fault=fault, warning=ok and source.warnings != 0)
+        if adapter.control is None:
+            self._sensor_word = None
+        elif control.has_control:
+            self._sensor_word = adapter.sensor
+        values = channel.step(self._sensor_word, source, ok, now, self._sign_of_life_error())
+        if not ok or not self._usable:
+            status |= _FAULT
+        speed = self._normalised(channel.speed(source, ok, now)) if self._speed is not None else 0
+        adapter.write(status, values, channel.sensor.xist3, speed, outputs.actuals)
+        if channel.preset_write is not self._preset:
+            write = self._preset = channel.preset_write
+            outputs.writes = None if write is None else (write,)
+        outputs.good = ok
+        asked = adapter.control is not None and adapter.control & _ACKNOWLEDGE != 0
+        if self._acknowledgement.step(asked, ok, cause, now):
+            outputs.acknowledged = outputs.eventful = True
+        outputs.reason = self._reason(ok)
+        outputs.warning = channel.sensor.state in _IN_ERROR
+        return outputs
+
+    def _take_news(self) -> None:
+        for item in self.inputs.news:
+            if isinstance(item, NodeNotice):
+                self._node.take(item)
+            elif isinstance(item, SdoAnswer):
+                self._answered(item)
+            elif isinstance(item, RestartAsked):
+                self._node.restart_asked()
+        self.inputs.news.clear()
+
+    def _answered(self, answer: SdoAnswer) -> None:
+        outputs = self.outputs
+        if outputs.writes is not answer.writes:
+            return
+        outputs.writes = None
+        if answer.error is None:
+            self.channel.sensor.preset_done()
+        else:
+            outputs.fault(gateway_fault(FaultNumber.PRESET, answer.error, self.inputs.now))
+            self.channel.sensor.preset_failed()
+
+    def _sign_of_life_error(self) -> SensorError | None:
+        failed = self.control.sign_of_life.failed
+        if failed and not self._life_failed:
+            detail = f"more than {self.settings.sign_of_life_failures} failures in succession"
+            self.outputs.fault(gateway_fault(FaultNumber.SIGN_OF_LIFE, detail, self.inputs.now))
+        self._life_failed = failed
+        return SensorError.CONTROLLER_SIGN_OF_LIFE if failed else None
+
+    def _normalised(self, speed: int) -> int:
+        conversion = self._speed
+        if conversion is None:
+            return 0
+        wire = conversion.to_wire(speed)
+        if wire in (conversion.wire_min, conversion.wire_max):
+            self.outputs.saturations += 1
+        return wire
+
+    def _reason(self, ok: bool) -> Reason | None:
+        if not ok:
+            return Reason.ENCODER_OFFLINE
+        if not self._usable:
+            return Reason.REFERENCE_INVALID
+        if self.adapter.control is None:
+            return Reason.ENCODER_NO_PLC
+        if not self.control.has_control:
+            return Reason.ENCODER_NO_CONTROL
+        return _SENSOR_REASONS.get(self.channel.sensor.state)

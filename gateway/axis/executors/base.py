@@ -1,0 +1,111 @@
+"""What the machine asks of every executor, and what executors have in common.
+
+An executor writes the drive's command image and its share of the report. It is stepped while there are valid references;
+``refuse`` is called instead while there are none.
+"""
+
+from __future__ import annotations
+
+from pdgw.dsp402.images import DriveCommand, DriveFeedback, References
+from pdgw.dsp402.states import StatusBit
+from pdgw.gateway.axis.power_table import Action
+from pdgw.gateway.axis.settings import AxisSettings
+from pdgw.gateway.axis.values import SdoWrite
+from pdgw.gateway.axis.waist import Demand, Report
+from pdgw.gateway.reasons import FaultNumber, Reason
+from pdgw.profidrive.datatypes import Normalisation
+
+LIMIT_STANDING_NS = 500_000_000
+"""A drive that reports an internal limit and stands so long with a setpoint or task is held by it (a limit switch); one whose
+speed is limited has left standstill by then."""
+
+
+class Notes:
+    """What an executor has to tell beside the report; read by the machine after each step."""
+
+    __slots__ = ("faults", "reason", "saturations", "warning", "writes")
+
+    def __init__(self) -> None:
+        self.warning = False
+        """A warning of the executor stands."""
+        self.reason: Reason | None = None
+        self.faults: list[tuple[FaultNumber, str]] = []
+        """New faults and warnings with their details."""
+        self.saturations = 0
+        self.writes: tuple[SdoWrite, ...] | None = None
+        """SDO writes that are wanted, until they are answered, withdrawn or replaced."""
+
+    def limited(self, conversion: Normalisation, wire: int) -> int:
+        """A fraction in the drive's units; one that a limit cuts is counted."""
+        if conversion.saturates(wire):
+            self.saturations += 1
+        return conversion.to_value(wire)
+
+
+class Executor:
+    """One kind of operation of one drive."""
+
+    def __init__(self, settings: AxisSettings, command: DriveCommand, report: Report, notes: Notes) -> None:
+        self.settings = settings
+        self.command = command
+        self.report = report
+        self.notes = notes
+
+    def set_references(self, references: References, homing_method: int) -> None:
+        """Valid references: at start, after a write to one, after a restart of the drive."""
+        raise NotImplementedError
+
+    def restarted(self) -> None:
+        """The drive booted or was configured anew: no standing request may act on it."""
+
+    def lost(self) -> None:
+        """The drive is not there; called after the step of such a cycle."""
+
+    def recall(self, *, home_set: bool) -> None:
+        """What an earlier machine of this axis had found out (a recording that begins in the middle)."""
+
+    def refuse(self, feedback: DriveFeedback) -> None:
+        """Without valid references nothing is converted and nothing asked of the drive."""
+        raise NotImplementedError
+
+    def sdo_done(self, error: str | None) -> None:
+        """The writes of the notes are done (None) or failed (the reason)."""
+
+    def step(
+        self,
+        demand: Demand,
+        action: Action,
+        controlword: int,
+        reason: Reason | None,
+        feedback: DriveFeedback,
+        standstill: bool,
+        now: int,
+    ) -> Reason | None:
+        """One cycle: the command with bits 0-3 and 7 of the Controlword as given, and the report.
+
+        Sets ``report.flags`` to the flags that only the executor knows. Returns the reason why it does not do what is asked:
+        the one of the interlock, or its own.
+        """
+        raise NotImplementedError
+
+
+class LimitWatch:
+    """Whether a limit switch holds an axis: it stands at a limit of the drive with something to do for ``LIMIT_STANDING_NS``."""
+
+    __slots__ = ("_since",)
+
+    def __init__(self) -> None:
+        self._since = -1
+
+    def reset(self) -> None:
+        """It does not stand there."""
+        self._since = -1
+
+    def step(self, wants_to_move: bool, feedback: DriveFeedback, standstill: bool, now: int) -> bool:
+        """One cycle; True when it is held."""
+        if not (wants_to_move and standstill and feedback.statusword & StatusBit.INTERNAL_LIMIT):
+            self._since = -1
+            return False
+        if self._since < 0:
+            self._since = now
+        return now - self._since >= LIMIT_STANDING_NS

@@ -1,0 +1,158 @@
+"""Homing (6060h = 6): method and speeds by SDO, the mode, the start, and how it ends.
+
+Source: docs/translation.md "Positioning, telegram 9 (MDI)" Homing; the manufacturer's guide 6.7. Which stage it is in and when it
+may begin is the positioning executor's.
+"""
+
+from __future__ import annotations
+
+import enum
+
+from pdgw.dsp402.images import DriveFeedback
+from pdgw.dsp402.modes import HOMING_METHODS, Mode
+from pdgw.dsp402.states import StatusBit
+from pdgw.gateway.axis.executors.base import Notes
+from pdgw.gateway.axis.executors.mode import ModeSwitch
+from pdgw.gateway.axis.values import SdoWrite
+from pdgw.gateway.axis.waist import Demand
+from pdgw.gateway.reasons import FaultNumber, Reason
+from pdgw.profidrive.datatypes import Normalisation
+
+HOMING_STALE_NS = 50_000_000
+"""A "homing attained" that was already there at the start counts only after this time (method 35 is immediate)."""
+HOMING_UNATTAINED_NS = 1_000_000_000
+"""A drive that stands with "target reached" but without "homing attained" for so long has given the homing up."""
+HOMING_METHOD = (0x6098, 0)
+HOMING_SPEEDS = ((0x6099, 1), (0x6099, 2))
+_FINISHED = StatusBit.MODE_12 | StatusBit.TARGET_REACHED
+_ERROR = StatusBit.MODE_13
+
+
+class Progress(enum.Enum):
+    """Where a homing that was begun has come to."""
+
+    WAITS = "waits"
+    READY = "ready to start"
+    ATTAINED = "attained"
+    FAILED = "failed"
+
+
+class Homing:
+    """The drive's side of one homing after the other."""
+
+    __slots__ = (
+        "_answer",
+        "_attained_seen_low",
+        "_busy",
+        "_idle_since",
+        "_mode",
+        "_notes",
+        "_since",
+        "_writes",
+        "home_set",
+        "method",
+    )
+
+    def __init__(self, notes: Notes, mode: ModeSwitch) -> None:
+        self._notes = notes
+        self._mode = mode
+        self.method = 0
+        """6098h as the drive has it."""
+        self.home_set = False
+        """The drive knows where it is."""
+        self._writes: tuple[SdoWrite, ...] = ()
+        self._busy = False
+        self._answer: str | None = None
+        """Of the writes: None not asked yet, empty while they run, "done", or what went wrong."""
+        self._since = 0
+        self._idle_since = -1
+        self._attained_seen_low = False
+
+    def supported(self, method: int) -> bool:
+        """Whether the method exists; one that does not starts nothing and raises the warning."""
+        notes = self._notes
+        if method in HOMING_METHODS:
+            notes.warning = False
+            return True
+        notes.warning = True
+        notes.reason = Reason.HOMING_METHOD
+        allowed = ", ".join(str(number) for number in sorted(HOMING_METHODS))
+        notes.faults.append((FaultNumber.HOMING_METHOD, f"SATZANW homing method {method}, allowed {allowed}"))
+        return False
+
+    def begin(self, demand: Demand, conversion: Normalisation) -> None:
+        """Method and speeds have to reach the drive first."""
+        self.home_set = False
+        self._notes.reason = Reason.HOMING_SETUP
+        speed = max(1, self._notes.limited(conversion, demand.homing_velocity))
+        self._writes = (
+            SdoWrite(*HOMING_METHOD, demand.homing_method),
+            *(SdoWrite(index, subindex, speed) for index, subindex in HOMING_SPEEDS),
+        )
+        self._answer = None
+        self._ask()
+
+    def _ask(self) -> None:
+        """Not before the answer to the writes of a homing that was given up: it would be taken for ours."""
+        if not self._busy:
+            self._busy = True
+            self._answer = ""
+            self._notes.writes = self._writes
+
+    def answered(self, error: str | None) -> None:
+        """The writes were taken (None) or not (the reason)."""
+        self._notes.writes = None
+        self._busy = False
+        if self._answer == "":
+            self._answer = "done" if error is None else error
+
+    def give_up(self) -> None:
+        """An answer that still comes is to nothing."""
+        self._answer = None
+
+    def prepare(self, feedback: DriveFeedback, now: int) -> Progress:
+        """READY once the drive has taken method and speeds and confirmed mode 6."""
+        notes = self._notes
+        if self._answer is None:
+            self._ask()
+        if not self._answer:
+            notes.reason = Reason.HOMING_SETUP
+            return Progress.WAITS
+        if self._answer != "done":
+            notes.faults.append((FaultNumber.HOMING_PARAMETERS, self._answer))
+            notes.warning = True
+            notes.reason = Reason.HOMING_ERROR
+            return Progress.FAILED
+        self.method = self._writes[0].value
+        if not self._mode.confirmed(Mode.HOMING, feedback, now):
+            return Progress.WAITS
+        self._since = now
+        self._idle_since = -1
+        self._attained_seen_low = False
+        return Progress.READY
+
+    def run(self, feedback: DriveFeedback, standstill: bool, now: int) -> Progress:
+        """While the drive homes."""
+        statusword = feedback.statusword
+        error = statusword & _ERROR != 0
+        if statusword & _FINISHED != _FINISHED and not error:
+            self._attained_seen_low = True
+            if not standstill or not statusword & StatusBit.TARGET_REACHED:
+                self._idle_since = -1
+            elif self._idle_since < 0:
+                self._idle_since = now
+            elif now - self._idle_since >= HOMING_UNATTAINED_NS:
+                return self._failed("stands without homing attained", statusword)
+        elif self._attained_seen_low or now - self._since >= HOMING_STALE_NS:
+            if error:
+                return self._failed("homing error", statusword)
+            self.home_set = True
+            return Progress.ATTAINED
+        return Progress.WAITS
+
+    def _failed(self, what: str, statusword: int) -> Progress:
+        notes = self._notes
+        notes.warning = True
+        notes.faults.append((FaultNumber.HOMING, f"method {self.method}, {what}, Statusword {statusword:04X}h"))
+        notes.reason = Reason.HOMING_ERROR
+        return Progress.FAILED

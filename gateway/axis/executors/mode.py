@@ -1,0 +1,53 @@
+"""The mode of operation (6060h): asked for while no Halt is set, used once the drive shows it (6061h)."""
+
+from __future__ import annotations
+
+from pdgw.dsp402.images import DriveFeedback
+from pdgw.gateway.axis.executors.base import Notes
+from pdgw.gateway.reasons import FaultNumber, Reason
+
+MODE_CONFIRM_NS = 1_000_000_000
+"""A mode the drive has not confirmed for so long raises warning 110."""
+
+
+class ModeSwitch:
+    """The mode that is asked for, and since when it is waited for."""
+
+    __slots__ = ("_notes", "_since", "base", "halted", "mode")
+
+    def __init__(self, notes: Notes, base: int) -> None:
+        self._notes = notes
+        self.base = base
+        """The mode of tasks, to which everything else returns."""
+        self.mode = base
+        self.halted = False
+        """Halt is set: the mode stays what it is."""
+        self._since = -1
+
+    def give_up(self) -> None:
+        """Back to the base mode; nothing is waited for."""
+        self._since = -1
+        if not self.halted:
+            self.mode = self.base
+
+    def shows_base(self, feedback: DriveFeedback) -> bool:
+        """The drive is in the mode of tasks."""
+        return feedback.modes_of_operation_display == self.base
+
+    def confirmed(self, mode: int, feedback: DriveFeedback, now: int) -> bool:
+        """Ask for a mode (never while Halt is set) and tell whether 6061h shows it."""
+        if self.mode != mode and not self.halted:
+            self.mode = mode
+            self._since = now
+        if self.mode == mode and feedback.modes_of_operation_display == mode:
+            self._since = -1
+            return True
+        notes = self._notes
+        notes.reason = Reason.MODE_NOT_CONFIRMED
+        if self._since < 0:
+            self._since = now
+        elif now - self._since >= MODE_CONFIRM_NS and not notes.warning:
+            notes.warning = True
+            shown = feedback.modes_of_operation_display
+            notes.faults.append((FaultNumber.MODE_NOT_CONFIRMED, f"6060h = {mode}, 6061h = {shown} for 1 s"))
+        return False

@@ -1,0 +1,458 @@
+"""Profile position: traversing tasks (6060h = 1, -5 on a modulo axis), and homing between them.
+
+Source: docs/translation.md "Positioning, telegram 9 (MDI)"; the manufacturer's guide 5.2 and 6.7-6.14. Sub-states, as in the
+positioning diagram of the guide; each is a method that returns Controlword bits 4-12:
+
+| sub-state | left when |
+| --- | --- |
+| IDLE | a task's edge, a homing's edge |
+| TASK | target reached, reject, intermediate stop, homing |
+| INTERMEDIATE | the intermediate stop ends (it resumes; after a limit switch only with an edge), reject, homing |
+| BRAKING | standstill: Halt is cleared, then IDLE or homing |
+| HOMING_SETUP | the drive took method and speeds, and confirmed mode 6 |
+| HOMING | attained, error, or no longer asked for |
+| HOMED, HOMING_FAILED | homing is no longer asked for |
+"""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass, replace
+
+from pdgw.dsp402.images import DriveCommand, DriveFeedback, References
+from pdgw.dsp402.modes import Mode
+from pdgw.dsp402.objects import DRIVE_OBJECTS
+from pdgw.dsp402.states import STATE_OF_STATUS, ControlBit, State, StatusBit
+from pdgw.gateway.axis.executors.base import Executor, LimitWatch, Notes
+from pdgw.gateway.axis.executors.homing import Homing, Progress
+from pdgw.gateway.axis.executors.mode import ModeSwitch
+from pdgw.gateway.axis.power_table import Action
+from pdgw.gateway.axis.settings import AxisSettings
+from pdgw.gateway.axis.waist import STATE_MASK, Demand, Direction, Flag, Report, Task
+from pdgw.gateway.reasons import Reason
+from pdgw.profidrive.datatypes import Normalisation, n4
+
+_HALT = ControlBit.HALT
+_NEW_SETPOINT = ControlBit.NEW_SETPOINT
+_ACKNOWLEDGED = StatusBit.MODE_12
+_LOWEST, _HIGHEST = DRIVE_OBJECTS.attribute("target_position").limits
+_TURN_BITS = {
+    Direction.SHORTEST: ControlBit.TURNTABLE_SHORTEST,
+    Direction.POSITIVE: 0,
+    Direction.NEGATIVE: ControlBit.TURNTABLE_CCW,
+}
+
+
+class SubState(enum.Enum):
+    """See the module's table."""
+
+    IDLE = "MDI idle"
+    TASK = "traversing task active"
+    INTERMEDIATE = "intermediate stop"
+    BRAKING = "braking"
+    HOMING_SETUP = "homing being prepared"
+    HOMING = "homing running"
+    HOMED = "homing finished"
+    HOMING_FAILED = "homing failed"
+
+
+_IN_HOMING = (SubState.HOMING_SETUP, SubState.HOMING, SubState.HOMED, SubState.HOMING_FAILED)
+_SHOWS_REACHED = (SubState.IDLE, SubState.HOMED)
+
+
+@dataclass(frozen=True, slots=True)
+class DriveTask:
+    """A traversing task in the drive's units, taken with its edge."""
+
+    target: int
+    velocity: int
+    acceleration: int
+    deceleration: int
+    bits: int
+    """Controlword bits 5, 6, 11 and 12."""
+    absolute_target: int | None
+    """Where the task ends, for the resume; None for a relative task that was not given to the drive yet."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Scaling:
+    """Conversions of a drive's references."""
+
+    position: Normalisation
+    relative: Normalisation
+    velocity: Normalisation
+    acceleration: Normalisation
+    deceleration: Normalisation
+
+
+class PositioningExecutor(Executor):
+    """Tasks to profile position mode, homing to homing mode, with the hand-shakes of both sides."""
+
+    def __init__(self, settings: AxisSettings, command: DriveCommand, report: Report, notes: Notes) -> None:
+        super().__init__(settings, command, report, notes)
+        self.sub_state = SubState.IDLE
+        self._turntable = settings.modulo_axis
+        self._mode = ModeSwitch(notes, Mode.TURNTABLE.value if settings.modulo_axis else Mode.POSITION.value)
+        self.homing = Homing(notes, self._mode)
+        self.command.modes_of_operation = self._mode.mode
+        self._scaling: _Scaling | None = None
+        self._task: DriveTask | None = None
+        self._taken = False
+        """The drive has acknowledged the task (SW.12)."""
+        self._pending: DriveTask | None = None
+        self._setpoint_bit = False
+        self._homing_after_braking = False
+        self._braking_reason: Reason | None = None
+        self._limit = LimitWatch()
+        self._at_limit = False
+        """The intermediate stop is not the PLC's: a limit of the drive stopped the task."""
+
+    def set_references(self, references: References, homing_method: int) -> None:
+        self.homing.method = homing_method
+        velocity_low, velocity_high = DRIVE_OBJECTS.attribute("profile_velocity").limits
+        velocity_reference = references.profile_velocity_reference
+        acceleration_low = DRIVE_OBJECTS.attribute("profile_acceleration").limits[0]
+        deceleration_low = DRIVE_OBJECTS.attribute("profile_deceleration").limits[0]
+        self._scaling = _Scaling(
+            n4(references.position_max, (references.position_min, references.position_max)),
+            n4(references.position_max, (_LOWEST, _HIGHEST)),
+            n4(velocity_reference, (velocity_low, min(velocity_high, int(velocity_reference))), minimum=0),
+            n4(references.max_acceleration, (acceleration_low, references.max_acceleration)),
+            n4(references.max_deceleration, (deceleration_low, references.max_deceleration)),
+        )
+
+    def restarted(self) -> None:
+        self._drop()
+        self._mode.halted = False
+        self.homing.home_set = False
+
+    def lost(self) -> None:
+        self.homing.home_set = False
+
+    def recall(self, *, home_set: bool) -> None:
+        self.homing.home_set = home_set
+
+    def refuse(self, feedback: DriveFeedback) -> None:
+        self._drop()
+        self.command.controlword = 0
+        report = self.report
+        report.position = report.homing_method = 0
+        report.tasks_active = False
+
+    def sdo_done(self, error: str | None) -> None:
+        self.homing.answered(error)
+
+    def step(
+        self,
+        demand: Demand,
+        action: Action,
+        controlword: int,
+        reason: Reason | None,
+        feedback: DriveFeedback,
+        standstill: bool,
+        now: int,
+    ) -> Reason | None:
+        scaling = self._scaling
+        if scaling is None:
+            return reason
+        statusword = feedback.statusword
+        mode = self._mode
+        extra = 0
+        flags = Flag.STANDING if standstill else 0
+        operates = action is Action.ENABLE_OPERATION
+        if operates and STATE_OF_STATUS[statusword & STATE_MASK] is State.OPERATION_ENABLED:
+            notes = self.notes
+            notes.reason = None
+            extra = self._operate(demand, scaling, feedback, standstill, now)
+            reason = notes.reason
+            if self.sub_state in _SHOWS_REACHED:
+                flags |= Flag.REACHED
+            mode.halted = extra & _HALT != 0
+        elif action is Action.RAMP or action is Action.RAMP_END:
+            mode.halted = True  # the mode stays what it is while Halt is set
+            self._drop()
+            extra = _HALT
+        else:
+            self._drop()
+            mode.halted = False
+        command = self.command
+        command.controlword = controlword | extra
+        command.modes_of_operation = mode.mode
+        report = self.report
+        if self.homing.home_set:
+            flags |= Flag.HOME_SET
+        if self.sub_state not in _IN_HOMING:
+            if statusword & _ACKNOWLEDGED and mode.shows_base(feedback):
+                flags |= Flag.TASK_ACKNOWLEDGED
+            enabled = operates or action is Action.RAMP
+            report.tasks_active = enabled and demand.connected and demand.tasks_selected
+        report.flags = flags
+        report.homing_method = self.homing.method
+        report.position = scaling.position.to_wire(feedback.position_actual)
+        return reason
+
+    def _operate(self, demand: Demand, scaling: _Scaling, feedback: DriveFeedback, standstill: bool, now: int) -> int:
+        sub_state = self.sub_state
+        if sub_state is SubState.TASK:
+            return self._traversing(demand, scaling, feedback, standstill, now)
+        if sub_state is SubState.IDLE:
+            return self._idle(demand, scaling, feedback, now)
+        if sub_state is SubState.INTERMEDIATE:
+            return self._intermediate(demand, scaling, feedback, now)
+        if sub_state is SubState.BRAKING:
+            return self._braking(demand, scaling, feedback, standstill)
+        if sub_state is SubState.HOMING_SETUP:
+            return self._homing_setup(demand, feedback, now)
+        if sub_state is SubState.HOMING:
+            return self._homing(demand, feedback, standstill, now)
+        return self._homing_over(demand, scaling)
+
+    def _drop(self) -> None:
+        """Not in operation: task, handshake and homing are over; the next edge starts anew."""
+        self.sub_state = SubState.IDLE
+        self._forget_tasks()
+        self._homing_after_braking = False
+        self.homing.give_up()
+        self._mode.give_up()
+
+    def _forget_tasks(self) -> None:
+        self._task = self._pending = None
+        self._setpoint_bit = False
+        self._at_limit = False
+        self._limit.reset()
+
+    # -- traversing tasks -----------------------------------------------------------------------------------------
+
+    def _convert(self, task: Task, scaling: _Scaling) -> DriveTask:
+        limited = self.notes.limited
+        bits = ControlBit.CHANGE_IMMEDIATELY
+        if task.relative:
+            bits |= ControlBit.RELATIVE
+            target = limited(scaling.relative, task.target)
+        else:
+            target = limited(scaling.position, task.target)
+            if self._turntable:
+                bits |= _TURN_BITS[task.direction]
+        return DriveTask(
+            target,
+            limited(scaling.velocity, task.velocity),
+            limited(scaling.acceleration, task.acceleration),
+            limited(scaling.deceleration, task.deceleration),
+            bits,
+            None if task.relative else target,
+        )
+
+    def _latch(self, demand: Demand, scaling: _Scaling) -> None:
+        """The edge of a task with everything else given becomes a task with the data of its frame."""
+        task = demand.task
+        if task is None:
+            return
+        if not demand.tasks_selected:
+            self.notes.reason = Reason.MDI_OFF
+        elif not demand.reject and not demand.intermediate_stop:
+            self._pending = self._convert(task, scaling)
+
+    def _handshake(self, demand: Demand, feedback: DriveFeedback, now: int) -> None:
+        """CW.4: raised for a pending task once the drive took the last one back, lowered when its wish has fallen."""
+        acknowledged = feedback.statusword & _ACKNOWLEDGED != 0 and self._mode.shows_base(feedback)
+        if self._setpoint_bit:
+            if acknowledged:
+                self._taken = True
+            if (self._task is None or self._taken) and (not demand.activate or self._pending is not None):
+                self._setpoint_bit = False
+            return
+        pending = self._pending
+        if pending is None or acknowledged or self._mode.halted:
+            return
+        if not self._mode.confirmed(self._mode.base, feedback, now):
+            return
+        if pending.absolute_target is None:
+            target = self._in_range(feedback.position_actual + pending.target)
+            pending = replace(pending, absolute_target=target)
+        self._pending = None
+        self._task = pending
+        self._taken = False
+        self._setpoint_bit = True
+        command = self.command
+        command.target_position = pending.target
+        command.profile_velocity = pending.velocity
+        command.profile_acceleration = pending.acceleration
+        command.profile_deceleration = pending.deceleration
+
+    def _in_range(self, position: int) -> int:
+        """A computed position as an object can hold it: a modulo axis turns on past the end, any other ends there."""
+        if self._turntable:
+            return (position - _LOWEST) % (_HIGHEST - _LOWEST + 1) + _LOWEST
+        return min(max(position, _LOWEST), _HIGHEST)
+
+    def _bits(self) -> int:
+        """Controlword bits 4-6, 11 and 12 of the task in force."""
+        task = self._task
+        return (task.bits if task is not None else 0) | (_NEW_SETPOINT if self._setpoint_bit else 0)
+
+    def _idle(self, demand: Demand, scaling: _Scaling, feedback: DriveFeedback, now: int) -> int:
+        if self._homing_asked(demand):
+            return self._begin_homing(demand, scaling)
+        self._latch(demand, scaling)
+        if not demand.tasks_selected:
+            self.notes.reason = Reason.MDI_OFF
+        self._handshake(demand, feedback, now)
+        untaken = self._setpoint_bit and self._task is not None and not self._taken
+        if untaken or self._pending is not None:
+            self.sub_state = SubState.TASK
+        elif self._mode.mode != self._mode.base:
+            self._mode.confirmed(self._mode.base, feedback, now)
+        return self._bits()
+
+    def _ends(self, demand: Demand) -> bool:
+        """Whether tasks are rejected, or not selected any more; the reason is noted."""
+        if demand.reject:
+            self.notes.reason = Reason.REJECTED
+        elif not demand.tasks_selected:
+            self.notes.reason = Reason.MDI_OFF
+        else:
+            return False
+        return True
+
+    def _traversing(
+        self, demand: Demand, scaling: _Scaling, feedback: DriveFeedback, standstill: bool, now: int
+    ) -> int:
+        if self._ends(demand):
+            return self._brake(then_home=False)
+        if self._homing_asked(demand):
+            return self._brake(then_home=True)
+        if demand.intermediate_stop:
+            return self._interrupt(demand, scaling, feedback, now)
+        self._latch(demand, scaling)
+        self._handshake(demand, feedback, now)
+        finished = self._task is not None and self._taken and self._pending is None
+        if finished and feedback.statusword & StatusBit.TARGET_REACHED:
+            self.sub_state = SubState.IDLE
+        elif self._limit.step(self._pending is None, feedback, standstill, now):
+            self._at_limit = True
+            return self._interrupt(demand, scaling, feedback, now)
+        return self._bits()
+
+    def _interrupt(self, demand: Demand, scaling: _Scaling, feedback: DriveFeedback, now: int) -> int:
+        self.sub_state = SubState.INTERMEDIATE
+        # A task the drive has not taken is the one to resume with; its own Controlword edge never comes.
+        if self._pending is not None:
+            self._task, self._pending = self._pending, None
+            self._taken = False
+            self._setpoint_bit = False
+        return self._intermediate(demand, scaling, feedback, now)
+
+    def _intermediate(self, demand: Demand, scaling: _Scaling, feedback: DriveFeedback, now: int) -> int:
+        if self._ends(demand):
+            return self._brake(then_home=False)
+        if self._homing_asked(demand):
+            return self._brake(then_home=True)
+        self._handshake(demand, feedback, now)
+        if demand.intermediate_stop:
+            self._at_limit = False
+            self.notes.reason = Reason.INTERMEDIATE_STOP
+            return _HALT | self._bits()
+        if self._at_limit and demand.task is None:
+            self.notes.reason = Reason.TASK_AT_LIMIT
+            return _HALT | self._bits()
+        # Halt and CW.4 fall in this Controlword, CW.4 rises in a later one: the two together are not allowed.
+        task = self._task
+        self._forget_tasks()
+        self._latch(demand, scaling)
+        if task is not None and self._pending is None:
+            self._pending = self._resumed(task, feedback)
+        self.sub_state = SubState.TASK
+        return 0
+
+    def _resumed(self, task: DriveTask, feedback: DriveFeedback) -> DriveTask:
+        """The rest of an interrupted task: to its original target, absolute where the axis has no modulo."""
+        end = task.absolute_target
+        if end is None:
+            return task
+        if task.bits & ControlBit.RELATIVE and self._turntable:
+            return replace(task, target=self._in_range(end - feedback.position_actual))
+        return replace(task, target=end, bits=task.bits & ~ControlBit.RELATIVE)
+
+    def _brake(self, then_home: bool) -> int:
+        self.sub_state = SubState.BRAKING
+        self._forget_tasks()
+        self._homing_after_braking = then_home
+        self._braking_reason = self.notes.reason
+        return _HALT
+
+    def _braking(self, demand: Demand, scaling: _Scaling, feedback: DriveFeedback, standstill: bool) -> int:
+        """Halt is kept to standstill and then cleared without a restart."""
+        if not demand.homing:
+            self._homing_after_braking = False
+        elif self._homing_asked(demand):
+            self._homing_after_braking = True
+        self.notes.reason = self._braking_reason
+        self._latch(demand, scaling)
+        if demand.reject or not demand.tasks_selected:
+            self._pending = None
+        stopped = standstill and (feedback.statusword & StatusBit.TARGET_REACHED or feedback.velocity_actual == 0)
+        if not stopped:
+            return _HALT
+        if self._homing_after_braking:
+            return self._begin_homing(demand, scaling)
+        self.sub_state = SubState.IDLE if self._pending is None else SubState.TASK
+        return 0
+
+    # -- homing ---------------------------------------------------------------------------------------------------
+
+    def _homing_asked(self, demand: Demand) -> bool:
+        """The edge of a homing with a supported method; anything else raises the warning and starts nothing."""
+        notes = self.notes
+        if not demand.homing:
+            if notes.warning and self.sub_state is SubState.IDLE:
+                notes.warning = False
+            return False
+        if demand.homing_edge:
+            return self.homing.supported(demand.homing_method)
+        if notes.warning:
+            notes.reason = Reason.HOMING_METHOD
+        return False
+
+    def _begin_homing(self, demand: Demand, scaling: _Scaling) -> int:
+        self.sub_state = SubState.HOMING_SETUP
+        self._forget_tasks()
+        self._homing_after_braking = False
+        self.homing.begin(demand, scaling.velocity)
+        return 0
+
+    def _homing_setup(self, demand: Demand, feedback: DriveFeedback, now: int) -> int:
+        if not demand.homing:
+            self._drop()
+            return 0
+        progress = self.homing.prepare(feedback, now)
+        if progress is Progress.FAILED:
+            self.sub_state = SubState.HOMING_FAILED
+        elif progress is Progress.READY:
+            self.sub_state = SubState.HOMING
+            return _NEW_SETPOINT
+        return 0
+
+    def _homing(self, demand: Demand, feedback: DriveFeedback, standstill: bool, now: int) -> int:
+        if not demand.homing:
+            self.notes.reason = Reason.HOMING_STOPPED
+            return self._brake(then_home=False)
+        progress = self.homing.run(feedback, standstill, now)
+        if progress is Progress.FAILED:
+            self.sub_state = SubState.HOMING_FAILED
+            return 0
+        if progress is Progress.ATTAINED:
+            self.sub_state = SubState.HOMED
+        return _NEW_SETPOINT
+
+    def _homing_over(self, demand: Demand, scaling: _Scaling) -> int:
+        if demand.homing:
+            if self.sub_state is SubState.HOMED:
+                return _NEW_SETPOINT
+            self.notes.reason = Reason.HOMING_ERROR
+            return 0
+        self.notes.warning = False
+        self._drop()
+        self._latch(demand, scaling)
+        if self._pending is not None:
+            self.sub_state = SubState.TASK
+        return 0

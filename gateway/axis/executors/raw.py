@@ -1,0 +1,104 @@
+"""Raw operation: values for the drive's objects as they come, limited to what the objects allow.
+
+Source: docs/translation.md; the manufacturer's guide 4.3.3. What the gateway adds is the interlock, and the ramp of a PLC loss.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from operator import attrgetter
+
+from pdgw.dsp402.images import DriveCommand, DriveFeedback, References
+from pdgw.dsp402.modes import Mode
+from pdgw.dsp402.objects import DRIVE_OBJECTS
+from pdgw.dsp402.states import STATUS_OF, STATUS_PATTERNS, ControlBit, State
+from pdgw.gateway.axis.executors.base import Executor, Notes
+from pdgw.gateway.axis.power_table import Action
+from pdgw.gateway.axis.settings import AxisSettings
+from pdgw.gateway.axis.waist import Demand, Report
+from pdgw.gateway.reasons import Reason
+
+_NOT_HERE = (Mode.VL_VELOCITY, Mode.CYCLIC_POSITION, Mode.CYCLIC_VELOCITY)
+_MODES = {mode.value.to_bytes(1, "little", signed=True)[0]: mode.value for mode in Mode if mode not in _NOT_HERE}
+"""Modes the drive knows, by the byte that carries them."""
+_BYTE = 0xFF
+_STATE_BITS = 0
+for _pattern in STATUS_PATTERNS:
+    _STATE_BITS |= _pattern.mask
+_CONTROLWORD, _MODE, _FIRST_VALUE = 0, 1, 2
+"""Where a transparent telegram has what is not simply passed on."""
+
+
+class RawExecutor(Executor):
+    """``setpoints`` and ``actuals`` are attributes of the images in the order of ``Demand.raw`` and ``Report.raw``."""
+
+    def __init__(
+        self,
+        settings: AxisSettings,
+        command: DriveCommand,
+        report: Report,
+        notes: Notes,
+        setpoints: Sequence[str],
+        actuals: Sequence[str],
+    ) -> None:
+        super().__init__(settings, command, report, notes)
+        self._limits = tuple((name, *DRIVE_OBJECTS.attribute(name).limits) for name in setpoints)
+        self._read = attrgetter(*actuals)
+        self._last: Sequence[int] = ()
+        self._mode_refused = False
+
+    def set_references(self, references: References, homing_method: int) -> None:
+        """Nothing is scaled."""
+
+    def refuse(self, feedback: DriveFeedback) -> None:
+        self.command.controlword = 0
+        self.report.raw = self._read(feedback)
+
+    def lost(self) -> None:
+        statusword, *rest = self.report.raw
+        self.report.raw = (statusword & ~_STATE_BITS | STATUS_OF[State.FAULT], *rest)
+
+    def step(
+        self,
+        demand: Demand,
+        action: Action,
+        controlword: int,
+        reason: Reason | None,
+        feedback: DriveFeedback,
+        standstill: bool,
+        now: int,
+    ) -> Reason | None:
+        command = self.command
+        raw = demand.raw
+        if raw is not None:
+            if demand.connected and raw is not self._last:
+                self._take(raw)
+            if action is Action.PASS:
+                controlword = raw[_CONTROLWORD]
+        if action is Action.RAMP:
+            controlword |= ControlBit.HALT
+            command.target_velocity = 0
+            self._last = ()
+        command.controlword = controlword
+        self.report.raw = self._read(feedback)
+        return Reason.MODE_VALUE if reason is None and self._mode_refused else reason
+
+    def _take(self, values: Sequence[int]) -> None:
+        """Values and mode; those that stay the same are left alone."""
+        command, last = self.command, self._last
+        self._last = values
+        mode = values[_MODE] & _BYTE
+        self._mode_refused = mode != 0 and mode not in _MODES
+        if mode in _MODES:
+            command.modes_of_operation = _MODES[mode]
+        position = _FIRST_VALUE
+        count = len(values)
+        while position < count:
+            value = values[position]
+            if not last or value != last[position]:
+                attribute, low, high = self._limits[position]
+                if value < low or value > high:
+                    self.notes.saturations += 1
+                    value = low if value < low else high
+                setattr(command, attribute, value)
+            position += 1

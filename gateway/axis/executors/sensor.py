@@ -1,0 +1,209 @@
+"""The sensor interface G1 joined to a position: of a channel of an encoder, or a drive's own.
+
+Source: docs/dsp406-encoder.md; PROFIdrive encoder profile 4.1. Left out: cams, work area and the reading of alarms, which the
+encoder's owner hands in.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+from fractions import Fraction
+
+from pdgw.dsp402.images import DriveFeedback
+from pdgw.dsp406.faults import MEMORY_ERROR
+from pdgw.dsp406.images import EncoderParameters
+from pdgw.dsp406.objects import PRESET, PRESET_MULTI_SENSOR
+from pdgw.gateway.axis.values import EncoderInput, PresetAnswer, SdoWrite
+from pdgw.profidrive.datatypes import DataType
+from pdgw.profidrive.encoder import (
+    STATUS_BITS,
+    PresetRequest,
+    SensorError,
+    SensorInterface,
+    SensorState,
+    rotary_speed_reference,
+)
+
+SPEED_LIMITS = DataType.INTEGER16.integer_range
+"""6030h stops here; at a limit it says only that the speed is not below."""
+SPEED_WINDOW_NS = 50_000_000
+"""Time over which a differentiated speed is a mean."""
+STANDING_NS = 100_000_000
+"""Without a new position for this long, and for several of the usual intervals, an encoder stands."""
+_STANDING_INTERVALS = 4
+_SECOND_NS = 1_000_000_000
+_POSITIONS = 1 << 32
+"""Of a drive's 6064h, taken as unsigned."""
+
+
+@dataclass(frozen=True, slots=True)
+class EncoderReferences:
+    """What gives the values of an encoder their meaning; read from it at start and after every change."""
+
+    total_range: int
+    """Number of different positions, in measuring units."""
+    speed_reference: Fraction
+    """100 % of NIST_A and NIST_B in measuring units per second."""
+    channel: int | None = None
+    """Channel of a multi-sensor device (6010h/n), None where the preset is 6003h."""
+    preset_supported: bool = True
+    speed_unit: Fraction = Fraction(1)
+    """Measuring units per second of one step of the speed object."""
+
+    @classmethod
+    def rotary(cls, parameters: EncoderParameters, rpm: Fraction, channel: int | None = None) -> EncoderReferences:
+        """Of a rotary encoder; ``rpm``: 100 % of the speed in 1/min (P60000)."""
+        return cls(parameters.total_range, rotary_speed_reference(rpm, parameters.units_per_turn), channel)
+
+    @classmethod
+    def linear(
+        cls, parameters: EncoderParameters, mm_per_second: Fraction, channel: int | None = None
+    ) -> EncoderReferences:
+        """Of a linear encoder; ``mm_per_second``: 100 % of the speed. One that does not tell its step is refused later."""
+        step = parameters.position_step or parameters.resolution  # 0.001 mm
+        if not step:
+            return cls(parameters.total_range, Fraction(0), channel)
+        unit = Fraction(10 * parameters.speed_step, step) if parameters.speed_step else Fraction(1)
+        return cls(parameters.total_range, mm_per_second * 1000 / step, channel, speed_unit=unit)
+
+
+class SpeedFromPosition:
+    """Measuring units per second from positions and the times they arrived at."""
+
+    __slots__ = ("_samples",)
+
+    def __init__(self) -> None:
+        self._samples: deque[tuple[int, int]] = deque()
+
+    def reset(self) -> None:
+        """What came before has nothing to do with what follows."""
+        self._samples.clear()
+
+    def step(self, count: int, time: int, now: int) -> int:
+        """The mean speed over the last 50 ms, or over the last interval where positions come more seldom.
+
+        ``count``: position across wraps; ``time``: when it arrived, ``now``: monotonic nanoseconds. 0 until there are two
+        positions, and when none came for so long that the encoder stands.
+        """
+        samples = self._samples
+        if not samples or time > samples[-1][0]:
+            samples.append((time, count))
+            while len(samples) > 2 and samples[1][0] <= time - SPEED_WINDOW_NS:
+                samples.popleft()
+        if len(samples) < 2:
+            return 0
+        first_time, first_count = samples[0]
+        last_time, last_count = samples[-1]
+        interval = last_time - samples[-2][0]
+        if now - last_time > max(STANDING_NS, _STANDING_INTERVALS * interval):
+            return 0
+        span = last_time - first_time
+        doubled = 2 * (last_count - first_count) * _SECOND_NS
+        return (doubled + span) // (2 * span) if doubled >= 0 else -((span - doubled) // (2 * span))
+
+
+class SensorChannel:
+    """G1 of a telegram: the sensor interface joined to one channel of an encoder."""
+
+    def __init__(self) -> None:
+        self.sensor = SensorInterface(1 << 32)
+        self.preset_write: SdoWrite | None = None
+        """What the encoder has to take for the present request; another object for each request."""
+        self.valid = False
+        """The last step had a position."""
+        self._references: EncoderReferences | None = None
+        self._request: PresetRequest | None = None
+        self._speed = SpeedFromPosition()
+
+    def set_references(self, references: EncoderReferences | None) -> None:
+        """ProfidriveError for a range no sensor has; without references no position is valid."""
+        self._references = None
+        self._speed.reset()
+        if references is not None:
+            self.sensor.set_total_range(references.total_range)
+            self.sensor.preset_supported = references.preset_supported
+            self._references = references
+
+    def step(
+        self, g1_stw: int | None, feedback: EncoderInput, ok: bool, now: int, error: SensorError | None = None
+    ) -> tuple[int, int, int]:
+        """One cycle; returns G1_ZSW, G1_XIST1 and G1_XIST2. ``ok``: the encoder is configured and its data is fresh."""
+        sensor = self.sensor
+        self.valid = valid = ok and feedback.valid and self._references is not None
+        # Every alarm says that the position may be wrong.
+        if ok and feedback.alarms:
+            error = SensorError.MEMORY if feedback.error_code == MEMORY_ERROR else SensorError.SENSOR_GROUP
+        values = sensor.step(g1_stw, feedback.position, now, valid=valid, error=error)
+        if sensor.preset_request is not self._request:
+            self._request = sensor.preset_request
+            self.preset_write = self._write()
+        return values
+
+    def _write(self) -> SdoWrite | None:
+        request, references = self._request, self._references
+        if request is None or references is None:
+            return None
+        if references.channel is None:
+            return SdoWrite(PRESET, 0, request.position)
+        return SdoWrite(PRESET_MULTI_SENSOR, references.channel, request.position)
+
+    def speed(self, feedback: EncoderInput, ok: bool, now: int) -> int:
+        """Measuring units per second: the device's own where it has one that is not at its limit; 0 when not valid."""
+        references = self._references
+        if references is None or not ok or not feedback.valid:
+            self._speed.reset()
+            return 0
+        mean = self._speed.step(self.sensor.count, feedback.position_time, now)
+        own = feedback.speed
+        if own is None or own in SPEED_LIMITS:
+            return mean
+        return own if references.speed_unit == 1 else round(own * references.speed_unit)
+
+
+class DriveSensor:
+    """The drive's own position as an encoder: 6064h, which has no preset."""
+
+    alarms = warnings = error_register = error_code = position_time = 0
+    speed = None
+    valid = True
+    references = EncoderReferences(_POSITIONS, Fraction(1), preset_supported=False)
+
+    def __init__(self, feedback: DriveFeedback) -> None:
+        self._feedback = feedback
+
+    @property
+    def position(self) -> int:
+        """6064h as an encoder would show it."""
+        return self._feedback.position_actual % _POSITIONS
+
+
+class SensorWords:
+    """G1 of a drive's telegram beside its executor; ``preset`` is what the encoder has to take."""
+
+    def __init__(self) -> None:
+        self.channel = SensorChannel()
+
+    @property
+    def preset(self) -> SdoWrite | None:
+        """Another object for each preset."""
+        return self.channel.preset_write
+
+    def answered(self, answer: PresetAnswer) -> None:
+        """An answer to a preset that is no longer wanted counts for nothing."""
+        channel = self.channel
+        if answer.write is not channel.preset_write:
+            return
+        if answer.error is None:
+            channel.sensor.preset_done()
+        else:
+            channel.sensor.preset_failed()
+
+    def step(self, word: int | None, source: EncoderInput, ok: bool, now: int) -> tuple[int, int, int]:
+        """One cycle; returns G1_ZSW, G1_XIST1, G1_XIST2."""
+        channel = self.channel
+        values = channel.step(word, source, ok, now)
+        if not channel.valid and channel.sensor.state is SensorState.NORMAL:
+            # There was no position yet, but the drive's IOPS may be good: not latched, it ends with the first position.
+            return STATUS_BITS[SensorState.ERROR], values[1], SensorError.SENSOR_GROUP
+        return values

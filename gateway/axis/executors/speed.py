@@ -1,0 +1,106 @@
+"""Profile velocity (6060h = 3): a speed to 60FFh, 606Ch to a speed, a ramp stop by Target Velocity 0.
+
+Source: docs/translation.md "Standard telegrams", docs/telegrams.md "Normalisation"; the manufacturer's guide 6.1-6.6.
+"""
+
+from __future__ import annotations
+
+from pdgw.dsp402.images import DriveCommand, DriveFeedback, References
+from pdgw.dsp402.objects import DRIVE_OBJECTS
+from pdgw.dsp402.states import StatusBit
+from pdgw.gateway.axis.executors.base import Executor, LimitWatch, Notes
+from pdgw.gateway.axis.power_table import Action
+from pdgw.gateway.axis.settings import AxisSettings
+from pdgw.gateway.axis.waist import Demand, Flag, Report, SpeedWish
+from pdgw.gateway.reasons import Reason
+from pdgw.profidrive.datatypes import Normalisation, n4
+
+_ENABLE_OPERATION, _RAMP = Action.ENABLE_OPERATION, Action.RAMP
+_FOLLOW, _ZERO = SpeedWish.FOLLOW, SpeedWish.ZERO
+_INTERNAL_LIMIT = StatusBit.INTERNAL_LIMIT
+
+
+class SpeedExecutor(Executor):
+    """An axis that a limit switch stopped does not move on by itself when the switch is released: 60FFh is 0 until the PLC takes
+    its setpoint through 0 (or to the other direction, off the switch), or out of operation.
+    """
+
+    def __init__(self, settings: AxisSettings, command: DriveCommand, report: Report, notes: Notes) -> None:
+        super().__init__(settings, command, report, notes)
+        self._setpoint: Normalisation | None = None
+        self._actual: Normalisation | None = None
+        self._wire: int | None = None
+        self._value = 0
+        self._target = 0
+        self._limit = LimitWatch()
+        self._stopped = 0
+        """The setpoint with which the axis stood at a limit; 0: none."""
+
+    def set_references(self, references: References, homing_method: int) -> None:
+        reference = references.speed_reference
+        self._wire = None
+        self._setpoint = n4(reference, DRIVE_OBJECTS.attribute("target_velocity").limits)
+        self._actual = n4(reference, DRIVE_OBJECTS.attribute("velocity_actual").limits)
+
+    def restarted(self) -> None:
+        self._target = 0
+
+    def refuse(self, feedback: DriveFeedback) -> None:
+        self._target = self._stopped = 0
+        self._limit.reset()
+        self.notes.warning = False
+        self.command.controlword = self.command.target_velocity = 0
+        self.report.speed = 0
+
+    def step(
+        self,
+        demand: Demand,
+        action: Action,
+        controlword: int,
+        reason: Reason | None,
+        feedback: DriveFeedback,
+        standstill: bool,
+        now: int,
+    ) -> Reason | None:
+        if action is not _ENABLE_OPERATION:
+            self._target = 0
+        else:
+            wish = demand.speed_wish
+            if wish is _FOLLOW:
+                wire = demand.speed
+                if wire != self._wire and self._setpoint is not None:
+                    self._wire = wire
+                    self._value = self.notes.limited(self._setpoint, wire)
+                self._target = self._value
+            else:
+                reason = Reason.SETPOINT_DISABLED
+                if wish is _ZERO:
+                    self._target = 0
+        target = self._target
+        statusword = feedback.statusword
+        if self._stopped or statusword & _INTERNAL_LIMIT:
+            target = self._held_at_limit(target, feedback, standstill, now)
+            if self._stopped and reason is None:
+                reason = Reason.STOPPED_AT_LIMIT
+        else:
+            self._limit.reset()
+        command = self.command
+        command.controlword = controlword | demand.device_bits if demand.connected else controlword
+        command.target_velocity = target
+        report = self.report
+        report.flags = statusword & Flag.REACHED
+        if self._actual is not None:
+            report.speed = self._actual.to_wire(feedback.velocity_actual)
+        return reason
+
+    def _held_at_limit(self, target: int, feedback: DriveFeedback, standstill: bool, now: int) -> int:
+        """The target, or 0 while an axis that stood at a limit is asked for the same direction again."""
+        if target * self._stopped > 0:
+            return 0
+        self._stopped = 0
+        self.notes.warning = False
+        if self._limit.step(target != 0, feedback, standstill, now):
+            self._stopped = target
+            self.notes.warning = True
+            return 0
+        return target

@@ -1,0 +1,189 @@
+"""The interlock of one axis: runs the power table (``power_table``) once per cycle.
+
+What the table cannot see in one cycle is found here: that the drive left operation by itself, that it stands in a quick stop,
+that an acknowledge is an edge of this connection.
+"""
+
+from __future__ import annotations
+
+from pdgw.dsp402.states import STATE_OF_STATUS, ControlBit
+from pdgw.gateway.axis.power_table import CELLS, DRIVE_OF_STATE, DRIVES, WISHES, Action, Drive, Phase
+from pdgw.gateway.axis.settings import AxisSettings, PlcLossReaction
+from pdgw.gateway.axis.waist import STATE_MASK, PowerWish
+from pdgw.gateway.reasons import Reason
+
+QUICK_STOP_STANDING_NS = 200_000_000
+"""A drive that stays in Quick Stop Active at standstill for so long (option codes 5-8) gets Disable Voltage."""
+DISABLE_SHOWN_NS = 200_000_000
+"""So long after a Disable Operation the drive's leaving of Operation Enabled is the PLC's doing, not its own."""
+
+_DRIVE_OF_STATUS = tuple(DRIVE_OF_STATE[state] for state in STATE_OF_STATUS)
+_ABOVE_DISABLED = (Drive.READY, Drive.SWITCHED_ON, Drive.OPERATING, Drive.QUICK_STOPPING)
+_FELL = (Drive.NOT_READY, Drive.DISABLED, Drive.READY, Drive.SWITCHED_ON)
+_ACKNOWLEDGES = (Phase.LOCKED, Phase.DOUBT, Phase.FOLLOW)
+"""Phases in which an acknowledge passes; a stop is not disturbed by it."""
+_FOLLOW, _PASS, _RAMP_STOP, _QUICK_STOP = Phase.FOLLOW, Phase.PASS, Phase.RAMP_STOP, Phase.QUICK_STOP
+_OPERATING, _STANDING = Drive.OPERATING, Drive.STANDING
+_IN_OPERATION = (_OPERATING, _STANDING)
+_OFF, _ENABLE = PowerWish.OFF, PowerWish.ENABLE
+_PASSES = Action.PASS
+_OPERATES = (Action.ENABLE_OPERATION, Action.PASS)
+_NO_PLC = {
+    PlcLossReaction.RAMP: PowerWish.NO_PLC_RAMP,
+    PlcLossReaction.QUICK_STOP: PowerWish.NO_PLC_QUICK_STOP,
+    PlcLossReaction.COAST: PowerWish.NO_PLC_COAST,
+}
+
+
+class Interlock:
+    """``step`` once per cycle; ``phase``, ``action`` and ``reason`` tell what it does and why."""
+
+    __slots__ = (
+        "_acknowledge_armed",
+        "_connected",
+        "_disabled_at",
+        "_ever_connected",
+        "_no_plc",
+        "_off_seen",
+        "_resume",
+        "_shown",
+        "_standing_since",
+        "_steady",
+        "_steady_status",
+        "_steady_word",
+        "action",
+        "phase",
+        "reason",
+    )
+
+    def __init__(self, settings: AxisSettings) -> None:
+        self.phase: Phase = Phase.LOCKED
+        self.action: Action = Action.DISABLE_VOLTAGE
+        self.reason: Reason | None = Reason.NO_PLC
+        self._no_plc = _NO_PLC[settings.on_plc_loss]
+        self._resume = settings.ramp_stop_resume
+        self._connected = False
+        self._ever_connected = False
+        self._acknowledge_armed = False
+        self._disabled_at = -DISABLE_SHOWN_NS
+        self._off_seen = False
+        self._standing_since = -1
+        self._shown: Drive | None = None
+        """What the Statusword showed in the last cycle."""
+        self._steady = False
+        """Operation as it was asked for, with nothing to note: the answer is known."""
+        self._steady_status = 0
+        self._steady_word = 0
+
+    @property
+    def released(self) -> bool:
+        """The PLC is obeyed: an OFF does nothing but stop."""
+        return self.phase is _FOLLOW or self.phase is _PASS
+
+    @property
+    def ramping(self) -> bool:
+        """A ramp stop holds the power on: the executor has to bring the axis to standstill."""
+        return self.phase is Phase.RAMP_STOP or self.phase is Phase.SHUTDOWN
+
+    def restarted(self) -> None:
+        """The drive booted or was configured anew: no standing ON may start it, no standing acknowledge is an edge."""
+        self.phase = CELLS[(self.phase * DRIVES + Drive.RESTARTED) * WISHES + PowerWish.OFF].phase
+        self._acknowledge_armed = self._steady = False
+        self._shown = None
+
+    def step(
+        self,
+        wish: PowerWish | None,
+        acknowledge: bool,
+        trouble: Drive | None,
+        statusword: int,
+        standstill: bool,
+        now: int,
+    ) -> int:
+        """Bits 0-3 and 7 of the Controlword; of ``Action.PASS`` they are the telegram's.
+
+        ``wish``: None while there is no PLC. ``acknowledge``: its bit, a level. ``trouble``: LOST or NO_REFERENCES, which go
+        before what the Statusword shows. ``standstill``: the actual speed is inside the standstill window. ``now``: monotonic
+        nanoseconds.
+        """
+        if (
+            wish is _ENABLE
+            and self._steady
+            and statusword & STATE_MASK == self._steady_status
+            and trouble is None
+            and not acknowledge
+        ):
+            return self._steady_word
+        connected = wish is not None
+        if connected is not self._connected:
+            self._connected = connected
+            self._off_seen = self._acknowledge_armed = False
+            if connected:
+                self._ever_connected = True
+        phase = self.phase
+        if wish is None:
+            wish = self._no_plc
+            armed = False
+        else:
+            if wish is _OFF:
+                self._off_seen = True
+            elif phase is _RAMP_STOP and wish is _ENABLE and self._resume and self._off_seen:
+                # After a loss the ON that stands in the new connection does not resume: it needs its own OFF first.
+                wish = PowerWish.RESUME
+            armed = self._acknowledge_armed
+        if trouble is not None:
+            drive = trouble
+            self._shown = None
+            self._acknowledge_armed = armed = False
+        else:
+            drive = _DRIVE_OF_STATUS[statusword & STATE_MASK]
+            shown, self._shown = self._shown, drive
+            if drive is not shown and (phase is _FOLLOW or phase is _PASS):
+                drive = self._changed(drive, shown, now)
+            if drive is _OPERATING:
+                if standstill:
+                    drive = _STANDING
+            elif phase is _QUICK_STOP and drive is Drive.QUICK_STOPPING:
+                drive = self._quick_stopping(standstill, now)
+            if connected and not acknowledge:
+                self._acknowledge_armed = True
+        cell = CELLS[(phase * DRIVES + drive) * WISHES + wish]
+        after = cell.phase
+        if after is not phase:
+            self.phase = after
+            self._standing_since = -1
+        self.action = action = cell.action
+        self._steady = False
+        reason = cell.reason
+        if reason is Reason.PLC_LOST and not self._ever_connected:
+            reason = Reason.NO_PLC
+        self.reason = reason
+        if action is Action.SWITCH_ON or (action is _PASSES and wish is not _ENABLE):
+            self._disabled_at = now
+        elif wish is _ENABLE and drive in _IN_OPERATION and action in _OPERATES and not acknowledge:
+            # Operation goes on; the next cycle like this one has the same answer.
+            self._steady = True
+            self._steady_status = statusword & STATE_MASK
+            self._steady_word = cell.controlword
+        if acknowledge and armed and after in _ACKNOWLEDGES:
+            return cell.controlword | ControlBit.FAULT_RESET
+        return cell.controlword
+
+    def _changed(self, drive: Drive, shown: Drive | None, now: int) -> Drive:
+        """The drive shows another state while it is obeyed: its own doing, or an answer to a command?"""
+        if drive is Drive.OPERATING:
+            self._disabled_at = now - DISABLE_SHOWN_NS
+            return drive
+        if drive is Drive.DISABLED:
+            return Drive.FELL_OFF if shown in _ABOVE_DISABLED else drive
+        fell = shown is Drive.OPERATING and now - self._disabled_at >= DISABLE_SHOWN_NS and drive in _FELL
+        return Drive.FELL_BACK if fell else drive
+
+    def _quick_stopping(self, standstill: bool, now: int) -> Drive:
+        if not standstill:
+            self._standing_since = -1
+        elif self._standing_since < 0:
+            self._standing_since = now
+        elif now - self._standing_since >= QUICK_STOP_STANDING_NS:
+            return Drive.QUICK_STOPPED
+        return Drive.QUICK_STOPPING

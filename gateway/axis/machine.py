@@ -1,0 +1,217 @@
+"""The axis machine: one ``step`` is one cycle of one axis, from ``Inputs`` to ``Outputs``.
+
+Daemon, replay, conformance and tests drive this one machine. Source: docs/translation.md.
+"""
+
+from __future__ import annotations
+
+from types import MappingProxyType
+
+from pdgw.dsp402.errors import Dsp402Error
+from pdgw.dsp402.faults import DRIVE_FAULTS
+from pdgw.dsp402.images import DriveFeedback, References
+from pdgw.dsp402.states import STATE_OF_STATUS, StatusBit
+from pdgw.gateway.axis.adapters.transparent import ACTUAL_ATTRIBUTES, SETPOINT_ATTRIBUTES
+from pdgw.gateway.axis.executors.base import Executor, Notes
+from pdgw.gateway.axis.executors.positioning import PositioningExecutor
+from pdgw.gateway.axis.executors.raw import RawExecutor
+from pdgw.gateway.axis.executors.sensor import DriveSensor, EncoderReferences, SensorWords
+from pdgw.gateway.axis.executors.speed import SpeedExecutor
+from pdgw.gateway.axis.interlock import Interlock
+from pdgw.gateway.axis.power_table import Action, Drive
+from pdgw.gateway.axis.settings import AxisSettings
+from pdgw.gateway.axis.telegrams import Kind, drive_telegram, make_adapter
+from pdgw.gateway.axis.values import (
+    Configured,
+    FaultRead,
+    Inputs,
+    NodeNotice,
+    Outputs,
+    PresetAnswer,
+    SdoAnswer,
+    gateway_fault,
+)
+from pdgw.gateway.axis.waist import (
+    SHOWN_FAULT,
+    SHOWN_STATE,
+    SHOWN_STOPPING,
+    STATE_MASK,
+    Demand,
+    Flag,
+    Report,
+)
+from pdgw.gateway.axis.watch import FAULTY, WATCHED, Acknowledgement, DriveWatch, NodeWatch
+from pdgw.gateway.reasons import FaultNumber, Reason
+from pdgw.profidrive.telegrams import telegram
+
+FAULT_OF_EMCY = MappingProxyType({fault.error_code: fault.number for fault in DRIVE_FAULTS.values()})
+"""The manufacturer's fault number of an EMCY error code."""
+_OF_THE_DRIVE = Flag.OF_THE_DRIVE
+_RAMP, _RAMP_END = Action.RAMP, Action.RAMP_END
+_WARNING = Flag.WARNING
+_INTERNAL_LIMIT = StatusBit.INTERNAL_LIMIT
+
+
+class AxisMachine:
+    """A drive axis with one telegram; GatewayError for a telegram no drive axis supports.
+
+    ``inputs`` is filled by the driver before each ``step``; ``outputs`` holds what it decided, until the next one.
+    """
+
+    def __init__(self, number: int, settings: AxisSettings, feedback: DriveFeedback) -> None:
+        kind = drive_telegram(number).kind
+        self.telegram = telegram(number)
+        self.settings = settings
+        self.adapter = make_adapter(number, settings)
+        self.inputs = Inputs(feedback)
+        self.outputs = Outputs(len(self.telegram.actuals.signals), Reason.NO_PLC)
+        self.demand = Demand()
+        self.report = Report()
+        self.notes = Notes()
+        self.interlock = Interlock(settings)
+        self.executor = self._make_executor(kind)
+        self.sensor = SensorWords() if "G1_STW" in self.telegram.setpoints.names else None
+        self._own_sensor = DriveSensor(feedback)
+        if self.sensor is not None:
+            self.sensor.channel.set_references(DriveSensor.references)
+        self._node = NodeWatch(self.outputs, FAULT_OF_EMCY)
+        self._drive = DriveWatch(self.outputs)
+        self.acknowledgement = Acknowledgement()
+        self._usable = False
+        self._window = 0
+
+    def _make_executor(self, kind: Kind) -> Executor:
+        given = (self.settings, self.outputs.command, self.report, self.notes)
+        if kind is Kind.SPEED:
+            return SpeedExecutor(*given)
+        if kind is Kind.POSITIONING:
+            return PositioningExecutor(*given)
+        return RawExecutor(*given, SETPOINT_ATTRIBUTES, ACTUAL_ATTRIBUTES)
+
+    def set_sensor_references(self, references: EncoderReferences | None) -> None:
+        """What gives the position of an external G1 its meaning; ProfidriveError for a range no sensor has."""
+        if self.sensor is not None:
+            self.sensor.channel.set_references(references)
+
+    def adopt(self, other: AxisMachine) -> None:
+        """Go on for the machine of another telegram of the same drive; the interlock of the new one is locked."""
+        self._node = other._node
+        self._node.tell_to(self.outputs)
+
+    # -- the step -----------------------------------------------------------------------------------------------------
+
+    def step(self) -> Outputs:
+        """One cycle; the object returned is the same each time."""
+        inputs, outputs, demand, report = self.inputs, self.outputs, self.demand, self.report
+        notes, interlock, executor = self.notes, self.interlock, self.executor
+        now, feedback, drive_ok = inputs.now, inputs.feedback, inputs.drive_ok
+        if outputs.eventful:
+            outputs.forget()
+        if inputs.news:
+            self._take_news()
+        commanded = outputs.command.controlword
+        statusword = feedback.statusword
+        self.adapter.read(inputs.setpoints, demand)
+        wish = demand.power if demand.connected else None
+        if self._usable:
+            velocity, window = feedback.velocity_actual, self._window
+            standstill = -window <= velocity <= window
+            trouble = None if drive_ok else Drive.LOST
+            low = interlock.step(wish, demand.acknowledge, trouble, statusword, standstill, now)
+            action = interlock.action
+            reason = executor.step(demand, action, low, interlock.reason, feedback, standstill, now)
+            if drive_ok:
+                stopping = action is _RAMP or action is _RAMP_END
+                shown = SHOWN_STOPPING if stopping else SHOWN_STATE[statusword & STATE_MASK]
+                flags = report.flags | shown | statusword & _OF_THE_DRIVE
+                report.flags = flags | _WARNING if notes.warning else flags
+            else:
+                executor.lost()
+                report.flags = statusword & _OF_THE_DRIVE | SHOWN_FAULT
+        else:
+            interlock.step(wish, demand.acknowledge, Drive.NO_REFERENCES, statusword, False, now)
+            reason = interlock.reason if drive_ok else Reason.DRIVE_OFFLINE
+            executor.refuse(feedback)
+            report.flags = statusword & _OF_THE_DRIVE | SHOWN_FAULT
+            if not drive_ok:
+                executor.lost()
+        if not demand.in_control:
+            reason = Reason.NO_CONTROL
+        if self.sensor is not None:
+            self._step_sensor(self.sensor)
+        self.adapter.write(report, outputs.actuals)
+        outputs.good = drive_ok
+        shown = statusword & WATCHED if drive_ok else 0
+        if shown != self._drive.shown:
+            self._drive.changed(shown, statusword, commanded, reason, now)
+        if self._drive.fault_since:
+            self._drive.step(self._node, now)
+        acknowledgement = self.acknowledgement
+        if demand.acknowledge or acknowledgement.waits:
+            faulty = STATE_OF_STATUS[statusword & STATE_MASK] in FAULTY
+            if acknowledgement.step(demand.connected and demand.acknowledge, drive_ok, faulty, now):
+                outputs.acknowledged = outputs.eventful = True
+        limited, refused = shown & _INTERNAL_LIMIT != 0, inputs.set_point_refused
+        if reason is None and (limited or refused):
+            reason = Reason.SET_POINT_REFUSED if refused else Reason.INTERNAL_LIMIT
+        outputs.reason = reason
+        outputs.warning = notes.warning or limited or refused
+        outputs.saturations = notes.saturations
+        outputs.writes = notes.writes
+        if notes.faults:
+            self._tell_faults()
+        return outputs
+
+    def _tell_faults(self) -> None:
+        outputs, faults = self.outputs, self.notes.faults
+        for number, detail in faults:
+            outputs.fault(gateway_fault(number, detail, self.inputs.now))
+        faults.clear()
+
+    def _step_sensor(self, sensor: SensorWords) -> None:
+        inputs = self.inputs
+        word = self.demand.sensor
+        if inputs.sensor is None:
+            self.report.sensor = sensor.step(word, self._own_sensor, inputs.drive_ok, inputs.now)
+        else:
+            self.report.sensor = sensor.step(word, inputs.sensor, inputs.sensor_ok, inputs.now)
+        self.outputs.preset = sensor.preset
+
+    # -- what happened meanwhile --------------------------------------------------------------------------------------
+
+    def _take_news(self) -> None:
+        inputs, notes = self.inputs, self.notes
+        for item in inputs.news:
+            if isinstance(item, NodeNotice):
+                self._node.take(item)
+            elif isinstance(item, Configured):
+                if item.restarted:
+                    self.interlock.restarted()
+                    self.executor.restarted()
+                self._set_references(item.references, item.homing_method)
+            elif isinstance(item, SdoAnswer):
+                if notes.writes is item.writes:
+                    notes.writes = None
+                    self.executor.sdo_done(item.error)
+            elif isinstance(item, PresetAnswer):
+                if self.sensor is not None:
+                    self.sensor.answered(item)
+            elif isinstance(item, FaultRead):
+                self._drive.fault_read(item, inputs.feedback, inputs.now)
+            else:
+                self._node.restart_asked()
+        inputs.news.clear()
+
+    def _set_references(self, references: References | None, homing_method: int) -> None:
+        """New reference values; without valid ones the axis refuses operation (fault 104)."""
+        self._usable = False
+        if references is None:
+            return
+        try:
+            references.check()
+        except Dsp402Error as error:
+            self.notes.faults.append((FaultNumber.REFERENCE, str(error)))
+            return
+        self.executor.set_references(references, homing_method)
+        self._window = max(1, int(references.speed_reference * self.settings.standstill_window))
+        self._usable = True

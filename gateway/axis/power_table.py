@@ -1,0 +1,302 @@
+"""The power table: what the gateway does with the power stage of a drive, for every telegram. Data; ``interlock`` runs it.
+
+(phase, what the drive shows, what is asked) -> (phase, action). The rows are read from the top, the first that fits counts; docs
+print them, tests walk them. What they have to keep: no start without an OFF and then an ON after any doubt, and a stop in doubt.
+Source: docs/translation.md "States", "Standard telegrams" 3-4 and "Loss and doubt"; the manufacturer's guide 5.1.
+PROFIdrive's OFF1 ramps down before power goes off, DSP402's Shutdown does not: the ramp stop lives here. A telegram that carries
+the Controlword itself (100) has its own phase for operation, PASS, and shares everything else.
+"""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass
+from typing import Final
+
+from pdgw.dsp402.states import ControlBit, State
+from pdgw.gateway.axis.waist import PowerWish
+from pdgw.gateway.reasons import Reason
+
+
+class Phase(enum.IntEnum):
+    """Where the power stage is in the gateway's eyes."""
+
+    LOCKED = 0
+    """Nothing is obeyed before an OFF; power is off."""
+    DOUBT = 1
+    """As LOCKED, but the drive may be in operation: it is told to stop until it shows that it is off."""
+    FOLLOW = 2
+    """Obeyed, one transition of the drive at a time."""
+    PASS = 3
+    """The Controlword of the telegram passes."""
+    RAMP_STOP = 4
+    """OFF1, or the loss of the PLC: to standstill with power on,"""
+    SHUTDOWN = 5
+    """and then power off."""
+    QUICK_STOP = 6
+    """Until the drive has left it."""
+
+
+class Drive(enum.IntEnum):
+    """What the drive shows; the last six are looked at more closely than by its Statusword."""
+
+    NOT_READY = 0
+    DISABLED = 1
+    READY = 2
+    SWITCHED_ON = 3
+    OPERATING = 4
+    QUICK_STOPPING = 5
+    FAULT = 6
+    UNKNOWN = 7
+    """A Statusword of no state."""
+    STANDING = 8
+    """Operation enabled, inside the standstill window."""
+    QUICK_STOPPED = 9
+    """Quick stop active, but at standstill for so long that it stays there (option codes 5-8)."""
+    FELL_BACK = 10
+    """Left operation without a command."""
+    FELL_OFF = 11
+    """Fell back to Switch On Disabled."""
+    LOST = 12
+    """Not online, or silent."""
+    NO_REFERENCES = 13
+    """Its reference objects are not read or not valid; nothing can be told from a speed."""
+    RESTARTED = 14
+    """It booted or was configured anew; taken before what it shows."""
+
+
+class Action(enum.IntEnum):
+    """What is commanded."""
+
+    DISABLE_VOLTAGE = 0
+    QUICK_STOP = 1
+    SHUTDOWN = 2
+    SWITCH_ON = 3
+    """In operation the same word is Disable Operation."""
+    ENABLE_OPERATION = 4
+    RAMP = 5
+    """Enable Operation, while the executor brings the axis to standstill."""
+    RAMP_END = 6
+    """Shutdown at the end of a ramp."""
+    PASS = 7
+    """The Controlword of the telegram."""
+
+
+_SHUTDOWN = ControlBit.ENABLE_VOLTAGE | ControlBit.QUICK_STOP
+_SWITCH_ON = _SHUTDOWN | ControlBit.SWITCH_ON
+_ENABLE_OPERATION = _SWITCH_ON | ControlBit.ENABLE_OPERATION
+CONTROLWORDS: Final = (
+    0,
+    ControlBit.ENABLE_VOLTAGE,
+    _SHUTDOWN,
+    _SWITCH_ON,
+    _ENABLE_OPERATION,
+    _ENABLE_OPERATION,
+    _SHUTDOWN,
+    0,
+)
+"""Controlword bits 0-3 by ``Action``; of PASS they are the telegram's."""
+
+DRIVE_OF_STATE: Final = {
+    State.NOT_READY_TO_SWITCH_ON: Drive.NOT_READY,
+    State.SWITCH_ON_DISABLED: Drive.DISABLED,
+    State.READY_TO_SWITCH_ON: Drive.READY,
+    State.SWITCHED_ON: Drive.SWITCHED_ON,
+    State.OPERATION_ENABLED: Drive.OPERATING,
+    State.QUICK_STOP_ACTIVE: Drive.QUICK_STOPPING,
+    State.FAULT_REACTION_ACTIVE: Drive.FAULT,
+    State.FAULT: Drive.FAULT,
+    None: Drive.UNKNOWN,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One row; ``phase`` None stays in the present one, ``reason`` is what the user is told."""
+
+    phases: tuple[Phase, ...]
+    drives: tuple[Drive, ...]
+    wishes: tuple[PowerWish, ...]
+    phase: Phase | None
+    action: Action
+    reason: Reason | None
+    why: str
+
+
+P, D, W, A = Phase, Drive, PowerWish, Action
+ANY_PHASE: Final = tuple(Phase)
+ANY_DRIVE: Final = tuple(Drive)
+ANY_WISH: Final = tuple(PowerWish)
+OFFS: Final = (W.OFF, W.RAW_OFF)
+ENABLES: Final = (W.ENABLE, W.RESUME)
+NO_PLC: Final = (W.NO_PLC_RAMP, W.NO_PLC_QUICK_STOP, W.NO_PLC_COAST)
+COASTS: Final = (W.COAST, W.NO_PLC_COAST)
+IN_OPERATION: Final = (D.OPERATING, D.STANDING)
+QUICK_STOPS: Final = (D.QUICK_STOPPING, D.QUICK_STOPPED)
+UNPOWERED: Final = (D.NOT_READY, D.DISABLED, D.READY, D.SWITCHED_ON, D.FELL_BACK, D.FELL_OFF)
+OBEYING: Final = (P.FOLLOW, P.PASS)
+STOPPING: Final = (P.RAMP_STOP, P.SHUTDOWN, P.QUICK_STOP)
+RAMPING: Final = (P.RAMP_STOP, P.SHUTDOWN)
+
+ROWS: Final = (
+    # Doubt, in every phase.
+    Row((P.DOUBT,), (D.NO_REFERENCES, D.RESTARTED), ANY_WISH, None, A.DISABLE_VOLTAGE, Reason.REFERENCE_INVALID, ""),
+    Row(ANY_PHASE, (D.NO_REFERENCES, D.RESTARTED), ANY_WISH, P.LOCKED, A.DISABLE_VOLTAGE, Reason.REFERENCE_INVALID, ""),
+    Row(ANY_PHASE, (D.LOST,), ANY_WISH, P.DOUBT, A.QUICK_STOP, Reason.DRIVE_OFFLINE, "it may be turning"),
+    Row(ANY_PHASE, (D.UNKNOWN,), ANY_WISH, P.DOUBT, A.QUICK_STOP, Reason.DRIVE_UNKNOWN_STATE, "it may be turning"),
+    Row(ANY_PHASE, (D.FAULT,), ANY_WISH, P.LOCKED, A.DISABLE_VOLTAGE, Reason.DRIVE_FAULT, "the drive stops by itself"),
+    # Whatever was before, a drive without power obeys an OFF and nothing else.
+    Row(
+        (P.LOCKED, P.DOUBT, *STOPPING),
+        UNPOWERED,
+        (W.OFF,),
+        P.FOLLOW,
+        A.SHUTDOWN,
+        Reason.NOT_OPERATING,
+        "the one way to a start",
+    ),
+    Row((P.LOCKED, P.DOUBT, *STOPPING), UNPOWERED, (W.RAW_OFF,), P.PASS, A.PASS, Reason.NOT_OPERATING, "the same, raw"),
+    Row((P.DOUBT,), (D.DISABLED, D.FELL_OFF), ANY_WISH, P.LOCKED, A.DISABLE_VOLTAGE, Reason.NEEDS_OFF, "it is off"),
+    Row((P.DOUBT,), UNPOWERED, COASTS, None, A.DISABLE_VOLTAGE, Reason.NEEDS_OFF, "coasting goes before the doubt"),
+    Row((P.DOUBT,), UNPOWERED, ANY_WISH, None, A.QUICK_STOP, Reason.NEEDS_OFF, "its Statusword may be wrong"),
+    Row((P.LOCKED, *STOPPING), UNPOWERED, ANY_WISH, P.LOCKED, A.DISABLE_VOLTAGE, Reason.NEEDS_OFF, "it is off"),
+    # Operation by no command of this PLC.
+    Row((P.LOCKED, P.DOUBT), QUICK_STOPS, ANY_WISH, P.QUICK_STOP, A.QUICK_STOP, Reason.QUICK_STOP, "not cut short"),
+    Row((P.DOUBT,), IN_OPERATION, COASTS, None, A.DISABLE_VOLTAGE, Reason.NEEDS_OFF, "coasting goes before the doubt"),
+    Row((P.DOUBT,), IN_OPERATION, ANY_WISH, None, A.QUICK_STOP, Reason.NEEDS_OFF, "in operation by no command"),
+    Row(
+        (P.LOCKED,),
+        IN_OPERATION,
+        (W.NO_PLC_RAMP, W.NO_PLC_QUICK_STOP),
+        P.QUICK_STOP,
+        A.QUICK_STOP,
+        Reason.PLC_LOST,
+        "in operation by no command",
+    ),
+    Row((P.LOCKED,), IN_OPERATION, ANY_WISH, None, A.DISABLE_VOLTAGE, Reason.NEEDS_OFF, "power off was commanded"),
+    # The loss of the PLC in operation.
+    Row(
+        OBEYING,
+        (D.OPERATING,),
+        (W.NO_PLC_RAMP,),
+        P.RAMP_STOP,
+        A.RAMP,
+        Reason.PLC_LOST,
+        "as OFF1",
+    ),
+    Row(OBEYING, (D.STANDING,), (W.NO_PLC_RAMP,), P.SHUTDOWN, A.RAMP_END, Reason.PLC_LOST, "as OFF1 at standstill"),
+    Row(
+        (*OBEYING, *RAMPING),
+        IN_OPERATION,
+        (W.NO_PLC_QUICK_STOP,),
+        P.QUICK_STOP,
+        A.QUICK_STOP,
+        Reason.PLC_LOST,
+        "as OFF3",
+    ),
+    Row((*OBEYING, *RAMPING), IN_OPERATION, (W.NO_PLC_COAST,), P.LOCKED, A.DISABLE_VOLTAGE, Reason.PLC_LOST, "as OFF2"),
+    Row(OBEYING, QUICK_STOPS, NO_PLC, P.QUICK_STOP, A.QUICK_STOP, Reason.PLC_LOST, "it is stopping already"),
+    Row(OBEYING, UNPOWERED, NO_PLC, P.LOCKED, A.DISABLE_VOLTAGE, Reason.PLC_LOST, "it is off"),
+    # The drive took the enable back by itself: no standing ON restarts it.
+    Row((P.FOLLOW,), (D.FELL_BACK, D.FELL_OFF), OFFS, None, A.SHUTDOWN, Reason.NOT_OPERATING, "an OFF anyway"),
+    Row((P.FOLLOW,), (D.FELL_OFF,), ANY_WISH, P.LOCKED, A.DISABLE_VOLTAGE, Reason.NEEDS_OFF, "enable input, coast"),
+    Row((P.PASS,), (D.FELL_BACK,), OFFS, None, A.PASS, Reason.NOT_OPERATING, "an OFF anyway"),
+    Row(OBEYING, (D.FELL_BACK,), (W.COAST,), P.DOUBT, A.DISABLE_VOLTAGE, Reason.NEEDS_OFF, "as it is asked"),
+    Row(OBEYING, (D.FELL_BACK,), ANY_WISH, P.DOUBT, A.QUICK_STOP, Reason.NEEDS_OFF, "its Statusword may be wrong"),
+    # The Controlword of telegram 100.
+    Row((P.PASS,), IN_OPERATION, ANY_WISH, None, A.PASS, None, "the PLC's own Controlword"),
+    Row((P.PASS,), ANY_DRIVE, ANY_WISH, None, A.PASS, Reason.NOT_OPERATING, "the PLC's own Controlword"),
+    # In operation.
+    Row((P.FOLLOW,), IN_OPERATION, ENABLES, None, A.ENABLE_OPERATION, None, "operation"),
+    Row((P.FOLLOW,), IN_OPERATION, (W.COAST,), None, A.DISABLE_VOLTAGE, Reason.COAST_STOP, "OFF2"),
+    Row((P.FOLLOW,), IN_OPERATION, (W.QUICK_STOP,), P.QUICK_STOP, A.QUICK_STOP, Reason.QUICK_STOP, "OFF3"),
+    Row((P.FOLLOW,), IN_OPERATION, OFFS, P.RAMP_STOP, A.RAMP, Reason.RAMP_STOP, "OFF1"),
+    Row((P.FOLLOW,), IN_OPERATION, (W.ON,), None, A.SWITCH_ON, Reason.NOT_OPERATING, "Disable Operation"),
+    Row((P.FOLLOW,), QUICK_STOPS, (W.COAST,), P.QUICK_STOP, A.DISABLE_VOLTAGE, Reason.QUICK_STOP, "OFF2 ends it"),
+    Row((P.FOLLOW,), QUICK_STOPS, ANY_WISH, P.QUICK_STOP, A.QUICK_STOP, Reason.QUICK_STOP, "by the drive itself"),
+    # On the way up and down.
+    Row((P.FOLLOW,), UNPOWERED, (W.COAST,), None, A.DISABLE_VOLTAGE, Reason.COAST_STOP, "OFF2"),
+    Row((P.FOLLOW,), UNPOWERED, (W.QUICK_STOP,), None, A.QUICK_STOP, Reason.QUICK_STOP, "OFF3"),
+    Row((P.FOLLOW,), UNPOWERED, OFFS, None, A.SHUTDOWN, Reason.NOT_OPERATING, "OFF1"),
+    Row((P.FOLLOW,), (D.NOT_READY, D.DISABLED), ANY_WISH, None, A.SHUTDOWN, Reason.NOT_OPERATING, "transition 2 first"),
+    Row((P.FOLLOW,), (D.SWITCHED_ON,), ENABLES, None, A.ENABLE_OPERATION, Reason.NOT_OPERATING, "transition 4"),
+    Row((P.FOLLOW,), UNPOWERED, ANY_WISH, None, A.SWITCH_ON, Reason.NOT_OPERATING, "transition 3"),
+    # The ramp stop.
+    Row(RAMPING, IN_OPERATION, (W.COAST,), P.LOCKED, A.DISABLE_VOLTAGE, Reason.COAST_STOP, "OFF2 takes over"),
+    Row(RAMPING, IN_OPERATION, (W.QUICK_STOP,), P.QUICK_STOP, A.QUICK_STOP, Reason.QUICK_STOP, "OFF3 takes over"),
+    Row((P.RAMP_STOP,), IN_OPERATION, (W.RESUME,), P.FOLLOW, A.ENABLE_OPERATION, None, "where the user lets it"),
+    Row((P.RAMP_STOP,), (D.OPERATING,), ANY_WISH, None, A.RAMP, Reason.RAMP_STOP, "to standstill"),
+    Row(RAMPING, IN_OPERATION, ANY_WISH, P.SHUTDOWN, A.RAMP_END, Reason.RAMP_STOP, "standstill"),
+    # The quick stop.
+    Row(
+        (*RAMPING, P.QUICK_STOP),
+        (*IN_OPERATION, *QUICK_STOPS),
+        (W.COAST,),
+        P.QUICK_STOP,
+        A.DISABLE_VOLTAGE,
+        Reason.QUICK_STOP,
+        "OFF2 takes over",
+    ),
+    Row(
+        (*RAMPING, P.QUICK_STOP),
+        QUICK_STOPS,
+        (W.ON,),
+        P.QUICK_STOP,
+        A.DISABLE_VOLTAGE,
+        Reason.QUICK_STOP,
+        "Disable Operation ends it",
+    ),
+    Row(
+        (*RAMPING, P.QUICK_STOP),
+        (D.QUICK_STOPPED,),
+        ANY_WISH,
+        P.QUICK_STOP,
+        A.DISABLE_VOLTAGE,
+        Reason.QUICK_STOP,
+        "it is over",
+    ),
+    Row((*RAMPING, P.QUICK_STOP), ANY_DRIVE, ANY_WISH, P.QUICK_STOP, A.QUICK_STOP, Reason.QUICK_STOP, "to its end"),
+)
+"""The whole table."""
+
+
+@dataclass(frozen=True, slots=True)
+class Cell:
+    """One entry of the compiled table; ``row`` is its number in ``ROWS``."""
+
+    row: int
+    phase: Phase
+    action: Action
+    controlword: int
+    reason: Reason | None
+
+
+def _compile() -> tuple[Cell, ...]:
+    cells = []
+    for phase in Phase:
+        for drive in Drive:
+            for wish in PowerWish:
+                for number, row in enumerate(ROWS):
+                    if phase in row.phases and drive in row.drives and wish in row.wishes:
+                        after = phase if row.phase is None else row.phase
+                        reason = row.reason
+                        if reason in _PLC_ASKED and wish in NO_PLC:
+                            reason = Reason.PLC_LOST
+                        cells.append(Cell(number, after, row.action, CONTROLWORDS[row.action], reason))
+                        break
+                else:
+                    raise AssertionError(f"power table: no row for {phase.name}, {drive.name}, {wish.name}")
+    return tuple(cells)
+
+
+_PLC_ASKED: Final = (Reason.NEEDS_OFF, Reason.RAMP_STOP, Reason.QUICK_STOP, Reason.COAST_STOP, Reason.NOT_OPERATING)
+"""Reasons that mean the PLC's own doing; without one the reason is that it is lost."""
+DRIVES: Final = len(Drive)
+WISHES: Final = len(PowerWish)
+CELLS: Final = _compile()
+"""By ``(phase * DRIVES + drive) * WISHES + wish``."""
+
+
+def cell(phase: Phase, drive: Drive, wish: PowerWish) -> Cell:
+    """What the table says."""
+    return CELLS[(phase * DRIVES + drive) * WISHES + wish]

@@ -1,0 +1,47 @@
+"""The user's choices for an axis or an encoder. Source: docs/translation.md."""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass
+from fractions import Fraction
+
+from pdgw.profidrive.sign_of_life import MONITORING_OFF
+
+
+class PlcLossReaction(enum.Enum):
+    """``on_plc_loss``: how the drive is stopped when the PLC is lost."""
+
+    RAMP = "ramp"
+    QUICK_STOP = "quick-stop"
+    COAST = "coast"
+
+
+class SetpointEnable(enum.Enum):
+    """``setpoint_enable``: what STW1 bits 4-6 = 0 do in the velocity telegrams."""
+
+    HOLD = "hold"
+    """The last Target Velocity stays (the manufacturer's rule)."""
+    PROFIDRIVE = "profidrive"
+    """Bit 4 or 6 = 0: Target Velocity 0; bit 5 = 0: hold."""
+
+
+@dataclass(frozen=True, slots=True)
+class AxisSettings:
+    """The user's choices for one axis."""
+
+    on_plc_loss: PlcLossReaction = PlcLossReaction.QUICK_STOP
+    setpoint_enable: SetpointEnable = SetpointEnable.HOLD
+    modulo_axis: bool = False
+    ramp_stop_resume: bool = False
+    """ON during an OFF1 ramp stop resumes operation (the PROFIdrive standard allows it; off by default)."""
+    standstill_window: Fraction = Fraction(1, 100)
+    """Standstill when |velocity| is at most this share of the reference speed."""
+
+
+@dataclass(frozen=True, slots=True)
+class SensorSettings:
+    """The user's choices for one encoder."""
+
+    sign_of_life_failures: int = MONITORING_OFF
+    """P925: tolerated failures of the PLC's sign of life in succession; 65535 (off) where PLC and gateway cycles drift."""

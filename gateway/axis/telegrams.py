@@ -1,0 +1,83 @@
+"""Which adapter, PDO layout and start mode belong to a telegram, and which kind of executor carries it out."""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass
+
+from pdgw.dsp402.modes import Mode
+from pdgw.dsp402.pdo import Operation
+from pdgw.gateway.axis.adapters.base import Adapter
+from pdgw.gateway.axis.adapters.positioning import PositioningAdapter
+from pdgw.gateway.axis.adapters.speed import SpeedAdapter
+from pdgw.gateway.axis.adapters.transparent import TransparentAdapter
+from pdgw.gateway.axis.settings import AxisSettings
+from pdgw.gateway.errors import GatewayError
+from pdgw.profidrive.telegrams import TELEGRAMS, ApplicationMode, telegram
+
+
+class Kind(enum.Enum):
+    """The executor of a telegram."""
+
+    SPEED = "speed"
+    POSITIONING = "positioning"
+    RAW = "raw"
+
+
+@dataclass(frozen=True, slots=True)
+class DriveTelegram:
+    """``initial_mode``: 6060h to set while configuring, None where the telegram's RPDO carries the mode."""
+
+    kind: Kind
+    operation: Operation
+    initial_mode: Mode | None = None
+
+
+_SPEED = DriveTelegram(Kind.SPEED, Operation.VELOCITY, Mode.VELOCITY)
+DRIVE_TELEGRAMS: dict[int, DriveTelegram] = {
+    1: _SPEED,
+    2: _SPEED,
+    3: DriveTelegram(Kind.SPEED, Operation.VELOCITY_WITH_POSITION, Mode.VELOCITY),
+    9: DriveTelegram(Kind.POSITIONING, Operation.POSITIONING),
+    20: _SPEED,
+    100: DriveTelegram(Kind.RAW, Operation.TRANSPARENT),
+}
+
+DRIVE_TELEGRAM_NUMBERS = tuple(sorted(DRIVE_TELEGRAMS))
+"""The telegrams a drive axis can be given (P922)."""
+
+ENCODER_TELEGRAM_NUMBERS = tuple(
+    sorted(number for number, item in TELEGRAMS.items() if item.mode is ApplicationMode.ENCODER)
+)
+"""The telegrams an encoder can be given (P922)."""
+
+
+def drive_telegram(number: int) -> DriveTelegram:
+    """The row of a drive telegram; GatewayError for one that no drive axis supports."""
+    try:
+        return DRIVE_TELEGRAMS[number]
+    except KeyError:
+        raise GatewayError(
+            f"telegram: {number} is not supported for a drive, allowed {list(DRIVE_TELEGRAM_NUMBERS)}"
+        ) from None
+
+
+def make_adapter(number: int, settings: AxisSettings) -> Adapter:
+    """The adapter of a drive telegram; GatewayError for one that no drive axis supports."""
+    kind = drive_telegram(number).kind
+    chosen = telegram(number)
+    if kind is Kind.SPEED:
+        return SpeedAdapter(chosen, settings)
+    if kind is Kind.POSITIONING:
+        return PositioningAdapter(chosen)
+    return TransparentAdapter(chosen)
+
+
+def pdo_operation(number: int) -> Operation:
+    """The PDO layout a drive telegram needs."""
+    return drive_telegram(number).operation
+
+
+def initial_mode(number: int) -> Mode | None:
+    """6060h to set while configuring, None where the telegram's RPDO carries the mode."""
+    return drive_telegram(number).initial_mode

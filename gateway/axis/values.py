@@ -1,0 +1,232 @@
+"""What goes into a step beside the cyclic data, and what comes out beside the actual values: plain values.
+
+``News`` are things that happened since the last step; ``Outputs`` is one reused object for each axis or encoder.
+"""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+from pdgw.dsp402.images import DriveCommand, DriveFeedback, References
+from pdgw.gateway.reasons import GATEWAY_FAULTS, FaultNumber, Reason
+
+
+@dataclass(frozen=True, slots=True)
+class SdoWrite:
+    """A value the device must take by SDO before the machine goes on."""
+
+    index: int
+    subindex: int
+    value: int
+
+
+class Notice(enum.Enum):
+    """What a node did or became."""
+
+    EMERGENCY = "EMCY"
+    BOOT = "boot-up during operation"
+    REFUSED = "wrong device or configuration"
+    SET_POINT_REFUSED = "data of a set-point not taken"
+    LOST = "was online, is not any more"
+    BUS_LOST = "its bus failed"
+    ONLINE = "in operation"
+    ABSENT = "does not answer"
+    PROGRESS = "anything else"
+
+
+@dataclass(frozen=True, slots=True)
+class NodeNotice:
+    """``code``, ``register`` and ``data`` (the manufacturer's bytes) are an EMCY's; ``time_ns`` is monotonic."""
+
+    notice: Notice
+    text: str
+    time_ns: int
+    code: int = 0
+    register: int = 0
+    data: bytes = b""
+
+
+@dataclass(frozen=True, slots=True)
+class RestartAsked:
+    """The gateway itself restarts the node (P972): its boot-up and absence are no fault."""
+
+
+@dataclass(frozen=True, slots=True)
+class Configured:
+    """The drive is configured anew (``restarted``), or only its references were read anew; None: they are not known."""
+
+    references: References | None
+    homing_method: int = 0
+    restarted: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class SdoAnswer:
+    """The writes of ``Outputs.writes`` are done (``error`` None) or failed; an answer to withdrawn ones counts for nothing."""
+
+    writes: tuple[SdoWrite, ...]
+    error: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class PresetAnswer:
+    """The encoder took the preset of ``Outputs.preset``, or not."""
+
+    write: SdoWrite
+    error: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class FaultRead:
+    """200Ch and 603Fh of a drive in fault, as ``Outputs.read_fault`` asked; 0 where it has no such object."""
+
+    number: int
+    code: int
+
+
+News = NodeNotice | RestartAsked | Configured | SdoAnswer | PresetAnswer | FaultRead
+
+
+@dataclass(frozen=True, slots=True)
+class FaultRecord:
+    """A fault as P945, P947 and P949 show it; ``time_ns`` is monotonic."""
+
+    number: int
+    code: int
+    value: int
+    text: str
+    time_ns: int
+    is_warning: bool = False
+
+
+def gateway_fault(number: FaultNumber, detail: str, now: int) -> FaultRecord:
+    """A fault of the gateway's own table."""
+    fault = GATEWAY_FAULTS[number]
+    return FaultRecord(number, fault.code, 0, f"{fault.name}: {detail}", now, fault.is_warning)
+
+
+class EncoderInput(Protocol):
+    """What one channel of an encoder tells; raw object values."""
+
+    @property
+    def position(self) -> int:
+        """6004h or 6020h/n in measuring units."""
+
+    @property
+    def position_time(self) -> int:
+        """When the position arrived, monotonic nanoseconds."""
+
+    @property
+    def speed(self) -> int | None:
+        """6030h/n, None where the device has no speed."""
+
+    @property
+    def alarms(self) -> int:
+        """6503h."""
+
+    @property
+    def warnings(self) -> int:
+        """6505h."""
+
+    @property
+    def error_register(self) -> int:
+        """1001h, as the last EMCY told it."""
+
+    @property
+    def error_code(self) -> int:
+        """Of the last EMCY, 0 when it said that no error is left."""
+
+    @property
+    def valid(self) -> bool:
+        """The position is one the device measured."""
+
+
+class Inputs:
+    """What one step of an axis is made from; one object, filled anew for each step. ``news`` is emptied by the step."""
+
+    __slots__ = ("drive_ok", "feedback", "news", "now", "sensor", "sensor_ok", "set_point_refused", "setpoints")
+
+    def __init__(self, feedback: DriveFeedback) -> None:
+        self.now = 0
+        """Monotonic nanoseconds."""
+        self.setpoints: Sequence[int] | None = None
+        """Raw signal values in telegram order; None while there is no valid PLC (silent, provider STOP, IOPS BAD)."""
+        self.feedback = feedback
+        self.drive_ok = False
+        """The drive is configured and its data is fresh."""
+        self.set_point_refused = False
+        """A new set-point does not reach the drive, because its data could not be written."""
+        self.sensor: EncoderInput | None = None
+        """The encoder that is G1; None: the drive's own position."""
+        self.sensor_ok = False
+        self.news: list[News] = []
+
+
+class Outputs:
+    """What a step decided. The object is the same for every step of an axis or encoder."""
+
+    __slots__ = (
+        "acknowledged",
+        "actuals",
+        "command",
+        "emergency_over",
+        "eventful",
+        "faults",
+        "good",
+        "preset",
+        "read_fault",
+        "reason",
+        "saturations",
+        "told",
+        "warning",
+        "writes",
+    )
+
+    def __init__(self, signals: int, reason: Reason | None) -> None:
+        self.command = DriveCommand()
+        """For the RPDOs of a drive."""
+        self.actuals: list[int] = [0] * signals
+        """Raw actual values in telegram order."""
+        self.good = False
+        """They are valid: IOPS."""
+        self.reason = reason
+        """Why the axis does not do what the PLC asks; None: it does."""
+        self.warning = False
+        """A warning of the gateway stands."""
+        self.eventful = False
+        """The step has something in ``faults``, ``told``, ``acknowledged``, ``emergency_over`` or ``read_fault``."""
+        self.faults: list[FaultRecord] = []
+        """New faults and warnings of this step."""
+        self.told: list[str] = []
+        """What is worth a line in the log, of this step."""
+        self.acknowledged = False
+        """The fault buffer moves on: the PLC acknowledged and the device has left its fault."""
+        self.emergency_over = False
+        """The device told that it has no error any more."""
+        self.writes: tuple[SdoWrite, ...] | None = None
+        """Values the device has to take; they stand until an ``SdoAnswer``, or until they are withdrawn or replaced."""
+        self.preset: SdoWrite | None = None
+        """A preset the encoder that is G1 has to take; another object for each."""
+        self.read_fault = False
+        """The fault number of the drive has to be read from it (``FaultRead``)."""
+        self.saturations = 0
+        """How often a value had to be limited."""
+
+    def fault(self, record: FaultRecord) -> None:
+        """A new fault or warning."""
+        self.faults.append(record)
+        self.eventful = True
+
+    def tell(self, text: str) -> None:
+        """A line for the log."""
+        self.told.append(text)
+        self.eventful = True
+
+    def forget(self) -> None:
+        """What was of one step only."""
+        self.faults.clear()
+        self.told.clear()
+        self.acknowledged = self.emergency_over = self.read_fault = self.eventful = False

@@ -1,0 +1,192 @@
+"""The narrow waist: what is asked of an axis (``Demand``) and what it shows (``Report``), in no telegram's words.
+
+One object of each belongs to an axis and is used for every cycle. Fractions of a reference are integers, 4000 0000h is 100 %
+(N4; an N2 is promoted without loss).
+"""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from pdgw.dsp402.states import STATE_OF_STATUS, State
+from pdgw.profidrive.signals import signal
+
+_ZSW1 = signal("ZSW1")
+
+
+class PowerWish(enum.IntEnum):
+    """What is asked of the power stage; the order is that of the columns of the power table."""
+
+    COAST = 0
+    """OFF2: power off at once."""
+    QUICK_STOP = 1
+    """OFF3."""
+    OFF = 2
+    """OFF1, with neither of the above."""
+    RAW_OFF = 3
+    """The same in a telegram that carries the Controlword itself: what follows passes unchanged."""
+    ON = 4
+    """Power on, no operation."""
+    ENABLE = 5
+    """Operation."""
+    RESUME = 6
+    """ENABLE during a ramp stop where the user lets it resume: the interlock's own reading of ENABLE."""
+    NO_PLC_RAMP = 7
+    """Nobody is there to ask; the user's reaction to that is a ramp,"""
+    NO_PLC_QUICK_STOP = 8
+    """or a quick stop,"""
+    NO_PLC_COAST = 9
+    """or to let the drive coast."""
+
+
+class SpeedWish(enum.IntEnum):
+    """What is to be done with the speed setpoint."""
+
+    FOLLOW = 0
+    HOLD = 1
+    """The last speed stays."""
+    ZERO = 2
+
+
+class Direction(enum.IntEnum):
+    """How a modulo axis goes to an absolute target."""
+
+    SHORTEST = 0
+    POSITIVE = 1
+    NEGATIVE = 2
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """A traversing task as it was asked for with its edge; fractions of the references."""
+
+    target: int
+    relative: bool
+    velocity: int
+    acceleration: int
+    deceleration: int
+    direction: Direction = Direction.SHORTEST
+
+
+class Demand:
+    """What is asked of an axis now. An adapter sets the fields its telegram has; the others keep their first value."""
+
+    __slots__ = (
+        "acknowledge",
+        "activate",
+        "connected",
+        "device_bits",
+        "homing",
+        "homing_edge",
+        "homing_method",
+        "homing_velocity",
+        "in_control",
+        "intermediate_stop",
+        "power",
+        "raw",
+        "reject",
+        "sensor",
+        "speed",
+        "speed_wish",
+        "task",
+        "tasks_selected",
+    )
+
+    def __init__(self) -> None:
+        self.connected = False
+        """A PLC is in charge."""
+        self.in_control = True
+        """False while there is a PLC that does not take control: what was asked last stands."""
+        self.power: PowerWish = PowerWish.OFF
+        """Meant while ``connected``."""
+        self.acknowledge = False
+        """Acknowledge a fault (level; its edge counts)."""
+        self.device_bits = 0
+        """Bits 12-15 for the Controlword."""
+        self.speed = 0
+        """Fraction of the reference speed."""
+        self.speed_wish: SpeedWish = SpeedWish.FOLLOW
+        self.task: Task | None = None
+        """A traversing task that is to be started with this very cycle (its edge)."""
+        self.activate = False
+        """The level of what starts tasks: the drive's acknowledge is taken back when it falls."""
+        self.tasks_selected = False
+        """Tasks are allowed; a running one is rejected when this falls."""
+        self.reject = False
+        self.intermediate_stop = False
+        self.homing = False
+        self.homing_edge = False
+        self.homing_method = 0
+        self.homing_velocity = 0
+        """Fraction of the reference of profile velocities."""
+        self.raw: Sequence[int] | None = None
+        """Raw values for the objects of a transparent telegram, the Controlword first; None before there are any."""
+        self.sensor: int | None = None
+        """Sensor control word (G1_STW), None without a PLC."""
+
+
+class Flag:
+    """What an axis shows, as bits of ``Report.flags``. The positions are those of ZSW1, so that masking makes the word."""
+
+    NO_COAST_STOP = _ZSW1.bit("NO_COAST_STOP").mask
+    NO_QUICK_STOP = _ZSW1.bit("NO_QUICK_STOP").mask
+    WARNING = _ZSW1.bit("WARNING").mask
+    REACHED = _ZSW1.bit("TARGET_REACHED").mask
+    HOME_SET = _ZSW1.bit("HOME_POSITION_SET", positioning=True).mask
+    TASK_ACKNOWLEDGED = _ZSW1.bit("TASK_ACKNOWLEDGE", positioning=True).mask
+    STANDING = _ZSW1.bit("DRIVE_STOPPED", positioning=True).mask
+    OF_THE_DRIVE = (
+        NO_COAST_STOP
+        | NO_QUICK_STOP
+        | WARNING
+        | _ZSW1.bit("CONTROL_REQUESTED").mask
+        | _ZSW1.bit("DEVICE_14").mask
+        | _ZSW1.bit("DEVICE_15").mask
+    )
+    """Statusword bits that are shown unchanged (docs/telegrams.md, ZSW1)."""
+
+
+class Report:
+    """What an axis shows now; see ``Flag``. ``position`` and ``speed`` are fractions of the references."""
+
+    __slots__ = ("flags", "homing_method", "position", "raw", "sensor", "speed", "tasks_active")
+
+    def __init__(self) -> None:
+        self.flags = 0
+        self.speed = 0
+        self.position = 0
+        self.homing_method = 0
+        self.tasks_active = False
+        self.raw: Sequence[int] = ()
+        """Raw values of the objects of a transparent telegram, the Statusword first."""
+        self.sensor: tuple[int, int, int] = (0, 0, 0)
+        """G1_ZSW, G1_XIST1, G1_XIST2."""
+
+
+_FAULT = _ZSW1.bit("FAULT").mask
+_READY = _ZSW1.bit("READY_TO_SWITCH_ON").mask
+_SWITCHED_ON = _READY | _ZSW1.bit("READY_TO_OPERATE").mask
+_OPERATING = _SWITCHED_ON | _ZSW1.bit("OPERATION_ENABLED").mask
+
+_SHOWN: dict[State | None, int] = {
+    State.NOT_READY_TO_SWITCH_ON: 0,
+    State.SWITCH_ON_DISABLED: _ZSW1.bit("SWITCHING_ON_INHIBITED").mask,
+    State.READY_TO_SWITCH_ON: _READY,
+    State.SWITCHED_ON: _SWITCHED_ON,
+    State.OPERATION_ENABLED: _OPERATING,
+    # Quick stop: bit 2 is 0 in ZSW1 although it is 1 in the Statusword.
+    State.QUICK_STOP_ACTIVE: _SWITCHED_ON,
+    State.FAULT_REACTION_ACTIVE: _OPERATING | _FAULT,
+    State.FAULT: _FAULT,
+    # A Statusword no state has: reported as a fault, the axis is being stopped.
+    None: _FAULT,
+}
+STATE_MASK = len(STATE_OF_STATUS) - 1
+"""The bits of a Statusword that tell its state."""
+SHOWN_STATE = tuple(_SHOWN[state] for state in STATE_OF_STATUS)
+"""Flags of the state (ZSW1 bits 0-3 and 6) by the Statusword's ``STATE_MASK``."""
+SHOWN_STOPPING = _SHOWN[State.QUICK_STOP_ACTIVE]
+"""The flags of an axis that is being stopped with power on."""
+SHOWN_FAULT = _FAULT

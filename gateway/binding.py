@@ -1,0 +1,185 @@
+"""An axis: the axis machine bound to a drive's client. It has no rules; see ``gateway.drive_object``."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import Future
+from typing import Any
+
+from canopen.sdo import SdoAbortedError
+from pdgw.ds301.client import NodeClient
+from pdgw.ds301.network import CanNetwork
+from pdgw.dsp402.configuration import ABORT_OPTION
+from pdgw.dsp402.drive import DriveClient, DriveStatus
+from pdgw.dsp402.images import REFERENCE_OBJECTS
+from pdgw.dsp402.objects import DRIVE_OBJECTS
+from pdgw.dsp402.pdo import LAYOUTS
+from pdgw.dsp402.states import State, state_of
+from pdgw.gateway.axis.machine import AxisMachine
+from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS, pdo_operation
+from pdgw.gateway.axis.values import Configured, FaultRead, Outputs, PresetAnswer, SdoWrite
+from pdgw.gateway.config import AxisConfig
+from pdgw.gateway.drive_object import OWNED, DriveObject, log
+from pdgw.gateway.encoder import EncoderObject
+from pdgw.gateway.errors import GatewayError
+from pdgw.profidrive.sensor_format import SensorFormat
+from pdgw.profidrive.telegrams import telegram
+
+_OWNED = OWNED | {ABORT_OPTION, (0x6040, 0), (0x6060, 0)}
+_HOMING_METHOD = (0x6098, 0)
+_REFERENCES = {(index, subindex) for _, index, subindex in REFERENCE_OBJECTS} | {_HOMING_METHOD}
+_FAULT_NUMBER, _ERROR_CODE = 0x200C, 0x603F
+_OWN_FORMAT = SensorFormat(resolution=0x1000, turns=0, xist1_absolute=False)
+"""The drive's own position: 1000h increments per revolution, counted from power-on."""
+_POWERED = (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE, State.FAULT_REACTION_ACTIVE)
+
+
+class Axis(DriveObject):
+    """A drive object (DO) with a drive behind it."""
+
+    kind = "axis"
+    telegram_numbers = DRIVE_TELEGRAM_NUMBERS
+
+    def __init__(
+        self, config: AxisConfig, network: CanNetwork, cycle_time_ms: float, number: int | None = None
+    ) -> None:
+        number = config.telegram if number is None else number
+        super().__init__(config.do_id, network, telegram(number))
+        self.config: AxisConfig = config
+        self._cycle_time_ms = cycle_time_ms
+        self.drive = DriveClient(
+            network,
+            config.drive_settings(number, cycle_time_ms),
+            LAYOUTS[pdo_operation(number)],
+            self.on_node_event,
+        )
+        self.machine = AxisMachine(number, config.axis_settings, self.drive.feedback)
+        self._encoder: EncoderObject | None = None
+        self._sensor_parameters: object = None
+        self._preset: SdoWrite | None = None
+        self._preset_future: Future[None] | None = None
+
+    def connect_sensor(self, encoder: EncoderObject) -> None:
+        """G1 is this encoder's channel instead of the drive's own position."""
+        self._encoder = encoder
+        self._connect_sensor()
+
+    def _connect_sensor(self) -> None:
+        encoder = self._encoder
+        if encoder is not None:
+            self.machine.inputs.sensor = encoder.input
+            self._sensor_parameters = None
+            self.machine.set_sensor_references(None)
+
+    @property
+    def client(self) -> DriveClient:
+        return self.drive
+
+    @property
+    def outputs(self) -> Outputs:
+        return self.machine.outputs
+
+    # -- cyclic -------------------------------------------------------------------------------------------------------
+
+    def step(self, setpoints: Sequence[int] | None, now: int) -> None:
+        drive, machine = self.drive, self.machine
+        inputs = machine.inputs
+        inputs.now = now
+        inputs.setpoints = setpoints
+        inputs.drive_ok = drive.refresh(now)
+        inputs.set_point_refused = drive.set_point_refused
+        if drive.generation != self._generation:
+            self._generation = drive.generation
+            inputs.news.append(Configured(drive.references, drive.homing_method))
+        if self._news or self._future is not None:
+            self._deliver(inputs.news)
+        if machine.sensor is not None and self._encoder is not None:
+            self._refresh_sensor(self._encoder, now)
+        if setpoints is not None:
+            self.last_setpoints = setpoints
+        outputs = machine.step()
+        self._serve(outputs)
+        if outputs.read_fault:
+            drive.submit(self._read_fault)
+
+    def transmit(self, now: int) -> None:
+        self.drive.send(self.machine.outputs.command, now)
+
+    def _refresh_sensor(self, encoder: EncoderObject, now: int) -> None:
+        machine = self.machine
+        if encoder.client.parameters is not self._sensor_parameters:
+            self._sensor_parameters = encoder.client.parameters
+            machine.set_sensor_references(encoder.references)
+        machine.inputs.sensor_ok = encoder.client.refresh(now)
+        preset, future = machine.outputs.preset, self._preset_future
+        if preset is not self._preset:
+            self._preset = preset
+            self._preset_future = None if preset is None else encoder.submit_write(preset)
+        elif preset is not None and future is not None and future.done():
+            self._preset_future = None
+            error = future.exception()
+            if error is not None:
+                log.warning("axis %d: preset of G1 refused: %s", self.do_id, error)
+            machine.inputs.news.append(PresetAnswer(preset, None if error is None else str(error)))
+
+    def _read_fault(self, drive: DriveClient) -> None:
+        numbers = []
+        for index in (_FAULT_NUMBER, _ERROR_CODE):
+            try:
+                numbers.append(drive.read_number(index))
+            except SdoAbortedError:
+                numbers.append(0)
+        self._news.append(FaultRead(*numbers))
+
+    # -- what others ask --------------------------------------------------------------------------------------------------
+
+    @property
+    def powered(self) -> bool:
+        """The power stage may be on."""
+        return self.drive.status is DriveStatus.ONLINE and state_of(self.drive.feedback.statusword) in _POWERED
+
+    @property
+    def released(self) -> bool:
+        return self.machine.interlock.released
+
+    def owns(self, index: int, subindex: int) -> bool:
+        address = (index, subindex)
+        if address in _OWNED:
+            return True
+        # The exchange with the drive runs whenever it is online, with or without a PLC: a value would not last.
+        return any(address == (entry.index, entry.subindex) for pdo in self.drive.layout.rpdos for entry in pdo.entries)
+
+    def is_reference(self, index: int, subindex: int) -> bool:
+        return (index, subindex) in _REFERENCES
+
+    def read_references(self, client: NodeClient[Any]) -> None:
+        self.drive.read_references()
+        self.drive.homing_method = self.drive.read_number(*_HOMING_METHOD, signed=True)
+
+    def references_changed(self) -> None:
+        self._news.append(Configured(self.drive.references, self.drive.homing_method, restarted=False))
+
+    @property
+    def sensor_format(self) -> SensorFormat:
+        """P979: what G1 is."""
+        return self._encoder.sensor_format if self._encoder is not None else _OWN_FORMAT
+
+    def set_sign_of_life_tolerance(self, failures: int) -> None:
+        """The sign of life in STW2 of a drive is not supervised: there is nothing to set."""
+
+    def entry_size(self, index: int, subindex: int) -> tuple[int, bool]:
+        entry = DRIVE_OBJECTS.entry(index, subindex)
+        return entry.type.bits // 8, entry.type.char.islower()
+
+    def change_telegram(self, number: int) -> None:
+        if self.powered:
+            raise GatewayError(
+                f"axis {self.do_id}: telegram {number} cannot be selected while the axis is in operation"
+            )
+        machine = AxisMachine(number, self.config.axis_settings, self.drive.feedback)
+        layout = LAYOUTS[pdo_operation(number)]
+        machine.adopt(self.machine)
+        self.machine = machine
+        self.drive.reconfigure(layout, self.config.drive_settings(number, self._cycle_time_ms))
+        self._telegram_changed(telegram(number))
+        self._connect_sensor()

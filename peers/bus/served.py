@@ -1,0 +1,75 @@
+"""A hub served by the loop that simulates on real buses, and what its devices on that loop are connected by."""
+
+from __future__ import annotations
+
+import selectors
+from typing import Self
+
+from pdgw.ds301.can_frame import pack_frame, unpack_frame
+from pdgw.ds301.port import Receiver as FrameReceiver
+from pdgw.ds301.port import deliver
+from pdgw.peers.bus.hub import Hub
+from pdgw.peers.node.host import simulation_thread
+
+
+class HubPort:
+    """A member in the hub's own thread: a ``ds301.port.CanPort``."""
+
+    def __init__(self, hub: Hub) -> None:
+        self._hub = hub
+        self._receiver: FrameReceiver | None = None
+        self._send = hub.attach(self._take)
+
+    def start(self, receiver: FrameReceiver) -> None:
+        self._receiver = receiver
+
+    def send(self, can_id: int, data: bytes) -> None:
+        self._send(pack_frame(can_id, data))
+
+    def close(self) -> None:
+        self._receiver = None
+        self._hub.detach(self._take)
+
+    def _take(self, frame: bytes) -> None:
+        if self._receiver is not None:
+            deliver(self._receiver, *unpack_frame(frame))
+
+
+class ServedBus:
+    """A bus other processes reach, from construction until ``stop``. GatewayError when the port cannot be had."""
+
+    def __init__(self, port: int = 0) -> None:
+        self._thread = simulation_thread()
+        # The selector is itself readable when one of its sockets is.
+        self._selector = selectors.DefaultSelector()
+        try:
+            self._hub = Hub(self._selector, port)
+        except BaseException:
+            self._selector.close()
+            raise
+        self.channel = self._hub.channel
+        self._descriptor = self._selector.fileno()
+        self._thread.call(lambda: self._thread.loop.add_reader(self._descriptor, self._serve))
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.stop()
+
+    def connect(self) -> HubPort:
+        """A port for a device that runs on the thread of all simulated devices."""
+        return self._thread.call(lambda: HubPort(self._hub))
+
+    def stop(self) -> None:
+        """End the bus; members hear nothing any more."""
+        self._thread.call(self._stop)
+
+    def _stop(self) -> None:
+        self._thread.loop.remove_reader(self._descriptor)
+        self._hub.close()
+        self._selector.close()
+
+    def _serve(self) -> None:
+        for key, _ in self._selector.select(0):
+            key.data()

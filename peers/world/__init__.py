@@ -1,0 +1,8 @@
+"""A world in virtual time: CAN buses, an IP network, devices and a PLC around the gateway. One seed is one run, bit for bit."""
+
+from pdgw.peers.world.can_bus import Member, SimulatedCan
+from pdgw.peers.world.channel import WorldChannel
+from pdgw.peers.world.udp import Conditions, SimulatedNetwork, SimulatedUdpPort
+from pdgw.peers.world.world import World
+
+__all__ = ["Conditions", "Member", "SimulatedCan", "SimulatedNetwork", "SimulatedUdpPort", "World", "WorldChannel"]

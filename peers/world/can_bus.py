@@ -1,0 +1,257 @@
+"""A CAN bus in virtual time: arbitration by identifier, bit times, errors, bus-off, cut and short circuits.
+
+Source: Bosch CAN 2.0A (arbitration, fault confinement). Frames take their worst-case bit times (``ds301.load``). A member has a
+queue of frames, as SocketCAN has; its oldest one takes part in the arbitration. Left out: error-passive timing, overload frames.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from random import Random
+
+from pdgw.ds301.can_frame import EXTENDED, REMOTE
+from pdgw.ds301.load import frame_bits
+from pdgw.ds301.loop import MS, SECOND, Loop, Timer
+from pdgw.ds301.port import PortBusyError, PortLostError, Receiver, deliver
+
+_EXTENDED_BITS = 20
+"""What an extended identifier adds, without stuffing."""
+_ERROR_BITS = 23
+"""Error flags, delimiter and interframe space."""
+_TEC_PASSIVE, _TEC_BUS_OFF, _TEC_STEP = 128, 256, 8
+_RECOVERY_BITS = 128 * 11
+_QUEUE = 16
+_MAXIMUM_DATA = 8
+
+Tap = Callable[[int, "Member", int, bytes], None]
+"""Sees every frame that went over the bus: time, sender, identifier with the flags of ``can_frame``, data."""
+
+
+class Member:
+    """One controller on the bus: a ``ds301.port.CanPort``. ``restart_ns``: how long it stays bus-off, None for ever."""
+
+    def __init__(self, bus: SimulatedCan, name: str) -> None:
+        self.name = name
+        self.restart_ns: int | None = 100 * MS
+        self.bus_off = False
+        self.connected = True
+        """Its wires reach the bus."""
+        self.queue: deque[tuple[int, bytes]] = deque()
+        self.errors = 0
+        """The transmit error counter."""
+        self._bus = bus
+        self._receiver: Receiver | None = None
+        self._lost = ""
+
+    # -- the port -------------------------------------------------------------------------------------------------------
+
+    def start(self, receiver: Receiver) -> None:
+        self._receiver = receiver
+
+    def send(self, can_id: int, data: bytes) -> None:
+        if self._lost:
+            raise PortLostError(self._lost)
+        if self.bus_off or len(self.queue) >= _QUEUE:
+            raise PortBusyError
+        self.queue.append((can_id, bytes(data)))
+        self._bus.contend(self)
+
+    def close(self) -> None:
+        self._receiver = None
+        self.queue.clear()
+        self._bus.leave(self)
+
+    # -- what happens to it ---------------------------------------------------------------------------------------------
+
+    def connect(self, connected: bool) -> None:
+        """Cut its wires, or join them: what it still had to send goes out then."""
+        self.connected = connected
+        self._bus.changed(self)
+
+    def unplug(self, text: str = "unplugged") -> None:
+        """The interface is gone from the computer."""
+        self._lost = text
+        receiver = self._receiver
+        self.close()
+        if receiver is not None:
+            receiver.on_lost(text)
+
+    def deliver(self, can_id: int, data: bytes) -> None:
+        """A frame of another member."""
+        if self._receiver is not None:
+            deliver(self._receiver, can_id, data)
+
+    def tell_error(self) -> None:
+        """An error frame was on the bus."""
+        if self._receiver is not None:
+            self._receiver.on_error_frame(bus_off=self.bus_off, passive=self.errors >= _TEC_PASSIVE)
+
+
+class SimulatedCan:
+    """One bus. ``error_rate``: the share of frames that are destroyed once; they are repeated."""
+
+    def __init__(self, loop: Loop, name: str, bitrate: int, random: Random) -> None:
+        self.name = name
+        self.loop = loop
+        self.error_rate = 0.0
+        self.taps: list[Tap] = []
+        self.frames = 0
+        self.members: list[Member] = []
+        self.shorted = False
+        self._random = random
+        self._bit_ns = SECOND / bitrate
+        self._frame_ns = [int(frame_bits(size) * self._bit_ns) for size in range(_MAXIMUM_DATA + 1)]
+        self._sender: Member | None = None
+        self._began = -1
+        self._timer: Timer | None = None
+        self._delivering = False
+
+    def join(self, name: str) -> Member:
+        """Another controller."""
+        member = Member(self, name)
+        self.members.append(member)
+        return member
+
+    def short(self, shorted: bool) -> None:
+        """A short circuit: nothing passes, and who tries becomes bus-off."""
+        self.shorted = shorted
+        self._abort()
+        for member in tuple(self.members):
+            if shorted and member.queue:
+                self._fail_soon(member)
+            elif not shorted and member.bus_off:
+                self._recover_later(member)
+        self._begin()
+
+    # -- for its members ------------------------------------------------------------------------------------------------
+
+    def contend(self, member: Member) -> None:
+        """A member has another frame."""
+        if self.shorted and member.connected:
+            if len(member.queue) == 1:
+                self._fail_soon(member)
+        elif self._sender is None:
+            self._begin()
+        elif self._began == self.loop.now() and len(member.queue) == 1:
+            # Who begins in the same instant takes part in the arbitration.
+            self._abort()
+            self._begin()
+
+    def leave(self, member: Member) -> None:
+        """It is not there any more."""
+        if member in self.members:
+            self.members.remove(member)
+            self.changed(member)
+
+    def changed(self, member: Member) -> None:
+        """It was cut off, joined again or is gone: what it is sending is destroyed."""
+        if self._sender is member:
+            self._abort()
+        self._begin()
+
+    # -- one frame after the other ----------------------------------------------------------------------------------------
+
+    def _abort(self) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+        self._sender = None
+
+    def _begin(self) -> None:
+        """The bus is idle: the lowest identifier goes first. A member alone is not acknowledged and waits."""
+        if self._sender is not None or self._delivering or self.shorted:
+            return
+        winner: Member | None = None
+        listeners = 0
+        for member in self.members:
+            if member.connected and not member.bus_off:
+                listeners += 1
+                if member.queue and (winner is None or _rank(member.queue[0][0]) < _rank(winner.queue[0][0])):
+                    winner = member
+        if winner is None or listeners < 2:
+            return
+        can_id, data = winner.queue[0]
+        duration = self._frame_ns[len(data)]
+        if can_id & EXTENDED:
+            duration += int(_EXTENDED_BITS * self._bit_ns)
+        self._sender = winner
+        self._began = self.loop.now()
+        if self.error_rate and self._random.random() < self.error_rate:
+            duration = int(duration * self._random.random() + _ERROR_BITS * self._bit_ns)
+            self._timer = self.loop.call_at(self._began + duration, self._destroyed)
+        else:
+            self._timer = self.loop.call_at(self._began + duration, self._complete)
+
+    def _complete(self) -> None:
+        sender = self._sender
+        assert sender is not None
+        self._sender = None
+        can_id, data = sender.queue.popleft()
+        if sender.errors:
+            sender.errors -= 1
+        self.frames += 1
+        self._delivering = True
+        for tap in self.taps:
+            tap(self.loop.now(), sender, can_id, data)
+        for member in tuple(self.members):
+            if member is not sender and member.connected and not member.bus_off:
+                member.deliver(can_id, data)
+        self._delivering = False
+        self._begin()
+
+    def _destroyed(self) -> None:
+        """An error frame instead of the rest; the sender tries again."""
+        sender = self._sender
+        assert sender is not None
+        self._sender = None
+        sender.errors += _TEC_STEP
+        self._delivering = True
+        if sender.errors >= _TEC_BUS_OFF:
+            self._go_off(sender)
+        for member in tuple(self.members):
+            if member.connected and not member.bus_off:
+                member.tell_error()
+        self._delivering = False
+        self._begin()
+
+    # -- fault confinement ------------------------------------------------------------------------------------------------
+
+    def _fail_soon(self, member: Member) -> None:
+        """Every try of it is destroyed at its first bits."""
+        tries = (_TEC_BUS_OFF - member.errors) // _TEC_STEP
+
+        def fail() -> None:
+            if self.shorted and member.connected and not member.bus_off:
+                self._go_off(member)
+
+        self.loop.call_later(int(tries * _ERROR_BITS * self._bit_ns), fail)
+
+    def _go_off(self, member: Member) -> None:
+        member.bus_off = True
+        member.queue.clear()
+        member.tell_error()
+        if not self.shorted:
+            self._recover_later(member)
+
+    def _recover_later(self, member: Member) -> None:
+        """After its restart time, and not before it has seen the bus free for long enough."""
+        if member.restart_ns is None:
+            return
+
+        def recover() -> None:
+            if not self.shorted and member.bus_off:
+                member.bus_off = False
+                member.errors = 0
+                self._begin()
+
+        self.loop.call_later(max(member.restart_ns, int(_RECOVERY_BITS * self._bit_ns)), recover)
+
+
+def _rank(can_id: int) -> int:
+    """The order of arbitration: base identifier, standard before extended, data before remote."""
+    if can_id & EXTENDED:
+        identifier = can_id & 0x1FFF_FFFF
+        rank = (identifier >> 18) << 20 | 1 << 19 | (identifier & 0x3FFFF) << 1
+    else:
+        rank = (can_id & 0x7FF) << 20
+    return rank | bool(can_id & REMOTE)

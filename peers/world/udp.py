@@ -1,0 +1,124 @@
+"""An IP network in virtual time: datagrams that are lost, doubled, delayed, overtaken, or cut off."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from random import Random
+
+from pdgw.ds301.loop import MS, Loop
+from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.transport.udp import Address
+
+_FIRST_FREE_PORT = 49152
+_ANY = "0.0.0.0"
+
+
+@dataclass(slots=True)
+class Conditions:
+    """What happens to datagrams: shares from 0 to 1, times in nanoseconds. Jitter above their distance lets them overtake."""
+
+    loss: float = 0.0
+    duplication: float = 0.0
+    delay_ns: int = MS // 20
+    jitter_ns: int = 0
+
+
+class SimulatedUdpPort:
+    """A bound port: a ``gateway.edge.DatagramPort``."""
+
+    def __init__(self, network: SimulatedNetwork, address: Address) -> None:
+        self.errors = 0
+        self.received_at: int | None = None
+        """When the datagram that ``receive`` gave last had come."""
+        self._network = network
+        self._address = address
+        self._waiting: deque[tuple[int, bytes, Address]] = deque()
+        self._action: Callable[[], None] | None = None
+
+    @property
+    def address(self) -> Address:
+        return self._address
+
+    def start(self, action: Callable[[], None], *, urgent: bool = False) -> None:
+        self._action = action
+
+    def receive(self) -> tuple[bytes, Address] | None:
+        if not self._waiting:
+            return None
+        self.received_at, data, source = self._waiting.popleft()
+        return data, source
+
+    def send(self, data: bytes | bytearray, address: Address) -> None:
+        self._network.carry(bytes(data), self._address, address)
+
+    def close(self) -> None:
+        self._action = None
+        self._network.release(self)
+
+    def arrive(self, data: bytes, source: Address) -> None:
+        """A datagram is there."""
+        if self._action is not None:
+            self._waiting.append((self._network.loop.now(), data, source))
+            self._notify()
+
+    def _notify(self) -> None:
+        """As long as datagrams wait."""
+        if self._action is not None and self._waiting:
+            self._action()
+            if self._waiting:
+                self._network.loop.call_later(0, self._notify)
+
+
+class SimulatedNetwork:
+    """All hosts; they are names. ``conditions`` hold for every datagram."""
+
+    def __init__(self, loop: Loop, random: Random) -> None:
+        self.loop = loop
+        self.conditions = Conditions()
+        self.taps: list[Callable[[int, Address, Address, bytes], None]] = []
+        """See every datagram that is sent: time, source, target, data."""
+        self._random = random
+        self._ports: dict[Address, SimulatedUdpPort] = {}
+        self._cut: set[str] = set()
+        self._next_port = _FIRST_FREE_PORT
+
+    def open(self, host: str, port: int, purpose: str) -> SimulatedUdpPort:
+        """Bind a port, 0 for a free one; GatewayError when it is taken."""
+        if port == 0:
+            port, self._next_port = self._next_port, self._next_port + 1
+        if (host, port) in self._ports:
+            raise GatewayError(f"{purpose}: {host} port {port} cannot be used (in use)")
+        opened = self._ports[host, port] = SimulatedUdpPort(self, (host, port))
+        return opened
+
+    def release(self, port: SimulatedUdpPort) -> None:
+        """It is not bound any more."""
+        if self._ports.get(port.address) is port:
+            del self._ports[port.address]
+
+    def cut(self, host: str, off: bool = True) -> None:
+        """Cut a host off the network, or join it again; what is on its way arrives."""
+        (self._cut.add if off else self._cut.discard)(host)
+
+    def carry(self, data: bytes, source: Address, target: Address) -> None:
+        """A datagram begins its way."""
+        for tap in self.taps:
+            tap(self.loop.now(), source, target, data)
+        if self._cut and (source[0] in self._cut or target[0] in self._cut):
+            return
+        conditions = self.conditions
+        if conditions.loss and self._random.random() < conditions.loss:
+            return
+        copies = 2 if conditions.duplication and self._random.random() < conditions.duplication else 1
+        for _ in range(copies):
+            delay = conditions.delay_ns
+            if conditions.jitter_ns:
+                delay += self._random.randrange(conditions.jitter_ns)
+            self.loop.call_later(delay, lambda: self._arrive(data, source, target))
+
+    def _arrive(self, data: bytes, source: Address, target: Address) -> None:
+        port = self._ports.get(target) or self._ports.get((_ANY, target[1]))
+        if port is not None:
+            port.arrive(data, source)

@@ -1,0 +1,93 @@
+"""The world: virtual time and everything that is on it. It is the ``Edge`` of a gateway that runs in it."""
+
+from __future__ import annotations
+
+from random import Random
+from typing import Any
+
+from pdgw.ds301.errors import CanopenError
+from pdgw.ds301.loop import VirtualLoop
+from pdgw.gateway.config import CanConfig, GatewayConfig
+from pdgw.peers.drive import SimulatedDrive
+from pdgw.peers.encoder import SimulatedEncoder
+from pdgw.peers.simulation.beside import add_device, simulated_devices
+from pdgw.peers.simulation.devices import Simulation
+from pdgw.peers.world.can_bus import Member, SimulatedCan
+from pdgw.peers.world.udp import SimulatedNetwork, SimulatedUdpPort
+
+DEFAULT_BITRATE = 1_000_000
+
+
+class World:
+    """``seed`` decides everything that is left to chance."""
+
+    def __init__(self, seed: int = 0) -> None:
+        self.seed = seed
+        self.loop = VirtualLoop()
+        self.network = SimulatedNetwork(self.loop, self.chance("network"))
+        self.simulations: dict[str, Simulation] = {}
+        self._buses: dict[str, SimulatedCan] = {}
+        self._gateways: dict[str, Member] = {}
+        self._unplugged: set[str] = set()
+
+    def chance(self, name: str) -> Random:
+        """A source of random numbers of its own: what one part draws does not change what the others do."""
+        return Random(f"{self.seed} {name}")
+
+    def bus(self, channel: str, bitrate: int | None = None) -> SimulatedCan:
+        """The bus of a channel, made on first use."""
+        if channel not in self._buses:
+            rate = bitrate or DEFAULT_BITRATE
+            self._buses[channel] = SimulatedCan(self.loop, channel, rate, self.chance(f"bus {channel}"))
+        return self._buses[channel]
+
+    def drive(self, channel: str, node_id: int, *, powered: bool = True, **options: Any) -> SimulatedDrive:
+        """A drive on a bus; not ``powered`` it waits for its ``start``."""
+        port = self.bus(channel).join(f"node {node_id}")
+        drive = SimulatedDrive(port, node_id, loop=self.loop, **options)
+        if powered:
+            drive.start()
+        return drive
+
+    def encoder(self, channel: str, node_id: int, *, powered: bool = True, **options: Any) -> SimulatedEncoder:
+        """An encoder on a bus; not ``powered`` it waits for its ``start``."""
+        port = self.bus(channel).join(f"node {node_id}")
+        encoder = SimulatedEncoder(port, node_id, loop=self.loop, **options)
+        if powered:
+            encoder.start()
+        return encoder
+
+    def simulate(self, config: GatewayConfig) -> None:
+        """The simulated devices of a gateway's configuration, powered on; ``simulations`` has them by the name of their bus."""
+        for bus in config.can:
+            simulation = self.simulations[bus.name] = Simulation(self.loop)
+            join = self.bus(str(bus.channel), bus.bitrate).join
+            for device in simulated_devices(config, bus):
+                add_device(simulation, device, join(f"node {device.node_id}"))
+            simulation.start()
+
+    def gateway_port(self, channel: str) -> Member:
+        """The gateway's controller on a bus; KeyError when it has none."""
+        return self._gateways[channel]
+
+    def unplug(self, channel: str, unplugged: bool = True) -> None:
+        """Take the gateway's CAN interface from its computer, or put it back."""
+        if not unplugged:
+            self._unplugged.discard(channel)
+        elif channel not in self._unplugged:
+            self._unplugged.add(channel)
+            self._gateways[channel].unplug()
+
+    # -- the edge of a gateway ------------------------------------------------------------------------------------------
+
+    def open_can(self, config: CanConfig) -> Member:
+        """The gateway's controller on the bus of this channel."""
+        channel = str(config.channel)
+        if channel in self._unplugged:
+            raise CanopenError("CAN interface", channel, "one that is plugged in")
+        port = self._gateways[channel] = self.bus(channel, config.bitrate).join("gateway")
+        return port
+
+    def open_udp(self, listen: str, port: int, purpose: str) -> SimulatedUdpPort:
+        """A port of the gateway."""
+        return self.network.open(listen, port, purpose)

@@ -1,0 +1,192 @@
+"""The interlock where two things happen at once: losses, refusals and acknowledges that must not start the drive."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+from pdgw.dsp402.images import DriveFeedback, References
+from pdgw.dsp402.states import STATUS_OF, ControlBit, State
+from pdgw.gateway.axis.interlock import Interlock
+from pdgw.gateway.axis.power_table import Phase
+from pdgw.gateway.axis.settings import AxisSettings, PlcLossReaction
+from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS
+from pdgw.gateway.reasons import Reason
+
+from tests.gateway.axis.test_velocity import OFF, ON, Bench
+from tests.support.stepper import Stepper, step_interlock
+
+MS = 1_000_000
+COMMANDS = range(16)
+POWERED = (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE)
+FAULTS = (State.FAULT, State.FAULT_REACTION_ACTIVE)
+
+DISABLE_VOLTAGE, QUICK_STOP, SHUTDOWN, SWITCH_ON, ENABLE = 0x0, 0x2, 0x6, 0x7, 0xF
+
+
+def power(state: State, *, after_off: bool) -> Interlock:
+    """Power control of a connected PLC whose drive is in a state, before or after the OFF that unlocks it."""
+    control = Interlock(AxisSettings())
+    step(control, 0x400, State.SWITCH_ON_DISABLED)
+    if after_off:
+        step(control, OFF, State.SWITCH_ON_DISABLED)
+        if state not in FAULTS and state is not State.SWITCH_ON_DISABLED:
+            step(control, ON, State.READY_TO_SWITCH_ON)
+            if state in POWERED or state is State.SWITCHED_ON:
+                step(control, ON, State.SWITCHED_ON)
+            if state in POWERED:
+                step(control, ON, State.OPERATION_ENABLED)
+    return control
+
+
+def step(control: Interlock, word: int, state: State, now: int = MS) -> int:
+    return step_interlock(control, word, STATUS_OF[state], now)
+
+
+@pytest.mark.parametrize("state", list(State))
+@pytest.mark.parametrize("command", COMMANDS)
+def test_before_an_off_no_command_reaches_any_state(state: State, command: int) -> None:
+    control = power(state, after_off=False)
+    word = step(control, 0x470 | command, state)
+    is_off = command & 0x7 == 0x6
+    if is_off and state not in POWERED and state not in FAULTS:
+        assert word == SHUTDOWN
+    elif state is State.QUICK_STOP_ACTIVE:
+        assert word == QUICK_STOP, "a quick stop that runs is not cut short"
+    else:
+        assert word == DISABLE_VOLTAGE
+    assert not word & ControlBit.SWITCH_ON
+
+
+def expected_controlword(state: State, command: int) -> int:
+    """The command table of docs/translation.md, read in the order of its priorities."""
+    if state in FAULTS:
+        return 0
+    if not command & 0x2:
+        return DISABLE_VOLTAGE
+    if not command & 0x4 or state is State.QUICK_STOP_ACTIVE:
+        return QUICK_STOP
+    if state is State.OPERATION_ENABLED:
+        if not command & 0x1:
+            return ENABLE  # OFF1: ramp stop with power on
+        return ENABLE if command & 0x8 else SWITCH_ON
+    if not command & 0x1 or state in {State.SWITCH_ON_DISABLED, State.NOT_READY_TO_SWITCH_ON}:
+        return SHUTDOWN
+    return ENABLE if command & 0x8 and state is State.SWITCHED_ON else SWITCH_ON
+
+
+@pytest.mark.parametrize("state", [s for s in State if s is not State.NOT_READY_TO_SWITCH_ON])
+@pytest.mark.parametrize("command", COMMANDS)
+def test_after_an_off_every_command_in_every_state(state: State, command: int) -> None:
+    control = power(state, after_off=True)
+    assert step(control, 0x470 | command, state) == expected_controlword(state, command)
+
+
+@pytest.mark.parametrize("resume", [False, True])
+def test_a_standing_on_of_a_new_connection_does_not_resume_the_ramp_stop_of_a_lost_plc(resume: bool) -> None:
+    bench = Bench(on_plc_loss=PlcLossReaction.RAMP, ramp_stop_resume=resume)
+    bench.operate(0x2000)
+    bench.drive.ramp = 100
+    bench.step(ON, 0x2000, cycles=40)
+    bench.step(None, cycles=2)
+    assert bench.drive.feedback.velocity_actual > 60
+    bench.step(ON, 0x2000, cycles=200)
+    assert bench.drive.state is not State.OPERATION_ENABLED
+    assert bench.drive.feedback.velocity_actual == 0
+    assert bench.stepper.reason is Reason.NEEDS_OFF
+
+
+def test_an_off_of_the_new_connection_allows_the_configured_resume() -> None:
+    bench = Bench(on_plc_loss=PlcLossReaction.RAMP, ramp_stop_resume=True)
+    bench.operate(0x2000)
+    bench.drive.ramp = 100
+    bench.step(ON, 0x2000, cycles=40)
+    bench.step(None, cycles=2)
+    bench.step(OFF, 0x2000, cycles=2)
+    bench.step(ON, 0x2000, cycles=2)
+    assert bench.drive.state is State.OPERATION_ENABLED
+    assert bench.controlword & 0xF == 0xF
+    assert bench.stepper.reason is None
+
+
+def raw_step(number: int, stepper: object, feedback: DriveFeedback, word: int | None, now: int) -> int:
+    half = stepper.telegram.setpoints
+    values = None if word is None else half.from_dict({half.names[0]: word})
+    stepper.step(values, feedback, True, now)
+    return int(stepper.command.controlword)
+
+
+@pytest.mark.parametrize("number", [1, 2, 3, 9, 20])
+@pytest.mark.parametrize("returns_with_control", [True, False])
+def test_a_connection_that_changed_while_the_references_were_invalid_needs_its_own_off(
+    number: int, returns_with_control: bool
+) -> None:
+    stepper = Stepper(number, AxisSettings())
+    stepper.set_references(References())
+    feedback = DriveFeedback()
+    feedback.statusword = STATUS_OF[State.READY_TO_SWITCH_ON]
+    raw_step(number, stepper, feedback, OFF, 1)
+    stepper.set_references(replace(References(), max_motor_speed=0))
+    assert raw_step(number, stepper, feedback, ON, 2) == 0
+    assert [event.number for event in stepper.events] == [104]
+    assert stepper.reason is Reason.REFERENCE_INVALID
+    raw_step(number, stepper, feedback, None, 3)
+    raw_step(number, stepper, feedback, ON if returns_with_control else 0x007F, 4)
+    stepper.set_references(References())
+    if not returns_with_control:
+        raw_step(number, stepper, feedback, 0x007F, 5)
+    for now in range(6, 10):
+        assert not raw_step(number, stepper, feedback, ON, now) & ControlBit.SWITCH_ON
+    assert stepper.reason is Reason.NEEDS_OFF
+
+
+def test_a_short_disable_operation_does_not_weaken_the_interlock_for_ever() -> None:
+    """Disable Operation for one cycle, which the drive was too slow to show; much later its enable input drops."""
+    control = power(State.OPERATION_ENABLED, after_off=True)
+    assert step(control, 0x477, State.OPERATION_ENABLED, 1 * MS) == SWITCH_ON
+    for cycle in range(2, 2000):
+        assert step(control, ON, State.OPERATION_ENABLED, cycle * MS) == ENABLE
+    word = step(control, ON, State.SWITCHED_ON, 2000 * MS)
+    assert control.phase is Phase.DOUBT
+    assert not word & ControlBit.SWITCH_ON
+    assert control.reason is Reason.NEEDS_OFF
+
+
+def test_a_short_disable_operation_shown_late_is_still_the_plcs_own() -> None:
+    control = power(State.OPERATION_ENABLED, after_off=True)
+    step(control, 0x477, State.OPERATION_ENABLED, 1 * MS)
+    step(control, ON, State.OPERATION_ENABLED, 5 * MS)
+    assert step(control, ON, State.SWITCHED_ON, 9 * MS) == ENABLE
+    assert control.phase is Phase.FOLLOW
+
+
+@pytest.mark.parametrize("number", DRIVE_TELEGRAM_NUMBERS)
+def test_an_acknowledge_that_stands_since_before_an_outage_of_the_references_is_no_edge(number: int) -> None:
+    stepper = Stepper(number, AxisSettings())
+    feedback = DriveFeedback()
+    feedback.statusword = STATUS_OF[State.FAULT]
+    stepper.set_references(References())
+    ack_free, ack = (0x0000, 0x0080) if number == 100 else (0x0400, 0x0480)
+    raw_step(number, stepper, feedback, ack_free, 1)
+    stepper.set_references(None)
+    raw_step(number, stepper, feedback, None, 2)
+    raw_step(number, stepper, feedback, ack, 3)
+    stepper.set_references(References())
+    assert raw_step(number, stepper, feedback, ack, 4) == 0
+    raw_step(number, stepper, feedback, ack_free, 5)
+    assert raw_step(number, stepper, feedback, ack, 6) == ControlBit.FAULT_RESET
+
+
+def test_transparent_says_for_as_long_as_it_stands_that_a_mode_is_not_passed_on() -> None:
+    stepper = Stepper(100, AxisSettings())
+    stepper.set_references(References())
+    feedback = DriveFeedback()
+    feedback.statusword = STATUS_OF[State.OPERATION_ENABLED]
+    half = stepper.telegram.setpoints
+    for word, mode, reason in ((0x06, 3, None), (0x0F, 7, Reason.MODE_VALUE), (0x0F, 3, None)):
+        for now in range(3):
+            values = half.from_dict({"Controlword": word, "Modes of Operation": mode})
+            feedback.statusword = STATUS_OF[State.READY_TO_SWITCH_ON if word == 0x06 else State.OPERATION_ENABLED]
+            stepper.step(values, feedback, True, now)
+            if word == 0x0F:
+                assert stepper.reason is reason

@@ -1,0 +1,177 @@
+"""Telegram 9 where orders overlap: edges while braking, homing asked anew, tasks at the end of the number range."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+from pdgw.dsp402.images import DriveFeedback, References
+from pdgw.dsp402.modes import Mode
+from pdgw.dsp402.states import STATUS_OF, ControlBit, State, StatusBit
+from pdgw.gateway.axis.settings import AxisSettings
+from pdgw.gateway.axis.values import SdoWrite
+from pdgw.gateway.reasons import Reason
+
+from tests.gateway.axis.test_positioning import (
+    ACTIVATE,
+    HOMING,
+    INTERMEDIATE,
+    MDI_ACTIVE,
+    ON,
+    REJECT,
+    STOPPED,
+    axis,
+    home,
+    position,
+    task,
+)
+from tests.support.stepper import Stepper
+
+
+@pytest.mark.parametrize("withheld", [REJECT, INTERMEDIATE])
+def test_an_edge_latched_while_braking_does_not_start_while_bit_4_or_5_is_0(withheld: int) -> None:
+    rig = axis()
+    task(rig, 200_000)
+    rig.step(50)
+    rig.values["STW1"] = ON & ~REJECT
+    rig.step(2)
+    rig.values |= {"STW1": ON | ACTIVATE, "MDI_TARPOS": 0}
+    rig.step(2)
+    rig.values["STW1"] = ON & ~withheld
+    del rig.controlwords[:-1]
+    rig.step(300)
+    assert not any(word & ControlBit.NEW_SETPOINT for word in rig.controlwords)
+    assert rig.actuals["ZSW1"] & STOPPED
+    stopped_at = position(rig)
+    rig.values["STW1"] = ON
+    rig.step(300)
+    if withheld == REJECT:
+        assert position(rig) == stopped_at, "a rejected task does not run"
+    else:
+        assert position(rig) == 0, "an intermediate stop keeps the task"
+
+
+def test_homing_asked_during_an_intermediate_stop_replaces_the_task() -> None:
+    rig = axis()
+    task(rig, 200_000)
+    rig.step(50)
+    rig.values["STW1"] = ON & ~INTERMEDIATE
+    rig.step(100)
+    rig.values |= {"SATZANW": 0x8000 | 35, "STW1": ON & ~INTERMEDIATE | HOMING}
+    rig.until(lambda actuals: bool(actuals["ZSW1"] & 0x0800))
+    assert position(rig) == 0
+
+
+def test_homing_asked_while_braking_follows_the_standstill() -> None:
+    rig = axis()
+    task(rig, 200_000)
+    rig.step(50)
+    rig.values["STW1"] = ON & ~REJECT
+    rig.step(2)
+    rig.values |= {"SATZANW": 0x8000 | 35, "STW1": ON | HOMING}
+    rig.until(lambda actuals: bool(actuals["ZSW1"] & 0x0800))
+    assert position(rig) == 0
+
+
+def test_homing_asked_anew_while_the_drive_takes_the_first_method_waits_for_its_own() -> None:
+    """The answer to the first writes must not be taken for that to the second: the axis would home the wrong way."""
+    rig = axis()
+    rig.sdo_delay = 10**9
+    home(rig, 17)
+    first = rig.stepper.sdo_request
+    rig.values["STW1"] = ON
+    rig.step(2)
+    home(rig, 18)
+    rig.stepper.sdo_done(None)
+    rig.step(20)
+    assert rig.stepper.command.modes_of_operation == Mode.POSITION
+    second = rig.stepper.sdo_request
+    assert first is not None
+    assert first[0] == SdoWrite(0x6098, 0, 17)
+    assert second is not None
+    assert second[0] == SdoWrite(0x6098, 0, 18)
+    rig.sdo_delay = 1
+    rig.step(20)
+    assert rig.stepper.command.modes_of_operation == Mode.HOMING
+    assert rig.node.model.homing_method == 18
+
+
+@pytest.mark.parametrize("modulo", [False, True])
+@pytest.mark.parametrize("direction", [1, -1])
+def test_a_relative_task_at_the_end_of_the_number_range_resumes_within_it(modulo: bool, direction: int) -> None:
+    stepper = Stepper(9, AxisSettings(modulo_axis=modulo))
+    stepper.set_references(replace(References(), position_min=-(1 << 31) + 1, position_max=(1 << 31) - 1))
+    feedback = DriveFeedback()
+    mode = Mode.TURNTABLE if modulo else Mode.POSITION
+    feedback.modes_of_operation_display = mode
+    feedback.position_actual = direction * ((1 << 31) - 10)
+    half = stepper.telegram.setpoints
+    data = {"SATZANW": 0x8000, "MDI_TARPOS": direction * (1 << 29), "MDI_VELOCITY": 1 << 30}
+
+    def step(word: int, state: State, bits: int = 0) -> int:
+        feedback.statusword = STATUS_OF[state] | bits
+        stepper.step(half.from_dict({**data, "STW1": word}), feedback, True, 1)
+        command = stepper.command
+        assert -(1 << 31) <= command.target_position < 1 << 31
+        return command.controlword
+
+    acknowledged = StatusBit.MODE_12
+    step(ON & ~1, State.SWITCH_ON_DISABLED)
+    step(ON, State.READY_TO_SWITCH_ON)
+    step(ON, State.SWITCHED_ON)
+    step(ON, State.OPERATION_ENABLED)
+    assert step(ON | ACTIVATE, State.OPERATION_ENABLED) & ControlBit.NEW_SETPOINT
+    step(ON, State.OPERATION_ENABLED, acknowledged)
+    step(ON, State.OPERATION_ENABLED)
+    assert step(ON & ~INTERMEDIATE, State.OPERATION_ENABLED) & ControlBit.HALT
+    words = [step(ON, State.OPERATION_ENABLED) for _ in range(4)]
+    assert any(word & ControlBit.NEW_SETPOINT for word in words)
+
+
+def test_a_negative_velocity_is_limited_to_0_and_counted() -> None:
+    rig = axis()
+    rig.values["MDI_VELOCITY"] = -(1 << 30)
+    task(rig, 1_000)
+    assert rig.stepper.command.profile_velocity == 0
+    assert rig.stepper.saturations == 1
+
+
+def test_row_homing_running_and_finished_aktsatz_15_keeps_its_value() -> None:
+    rig = axis()
+    rig.step(2)
+    assert rig.actuals["AKTSATZ"] & MDI_ACTIVE
+    rig.values |= {"SATZANW": 35, "STW1": ON | HOMING}
+    rig.until(lambda actuals: bool(actuals["ZSW1"] & 0x0800))
+    assert rig.actuals["AKTSATZ"] & MDI_ACTIVE
+    rig.values["STW1"] = ON
+    rig.step(3)
+    assert not rig.actuals["AKTSATZ"] & MDI_ACTIVE
+    assert rig.stepper.reason is Reason.MDI_OFF
+
+
+def test_an_old_attempt_does_not_shorten_the_time_a_mode_has_to_be_confirmed() -> None:
+    stepper = Stepper(9, AxisSettings())
+    stepper.set_references(References())
+    feedback = DriveFeedback()
+    feedback.modes_of_operation_display = Mode.VELOCITY
+    half = stepper.telegram.setpoints
+    second = 1_000_000_000
+
+    def step(word: int, state: State, now: int) -> None:
+        feedback.statusword = STATUS_OF[state]
+        stepper.step(half.from_dict({"SATZANW": 0x8000, "STW1": word}), feedback, True, now)
+
+    for word, state in ((ON & ~1, State.SWITCH_ON_DISABLED), (ON, State.READY_TO_SWITCH_ON), (ON, State.SWITCHED_ON)):
+        step(word, state, 1)
+    step(ON, State.OPERATION_ENABLED, 2)
+    step(ON | ACTIVATE, State.OPERATION_ENABLED, 3)
+    assert stepper.reason is Reason.MODE_NOT_CONFIRMED
+    step(ON & ~2, State.OPERATION_ENABLED, 4)
+    step(ON & ~1, State.SWITCH_ON_DISABLED, 10 * second)
+    step(ON, State.READY_TO_SWITCH_ON, 10 * second)
+    step(ON, State.SWITCHED_ON, 10 * second)
+    step(ON, State.OPERATION_ENABLED, 10 * second)
+    step(ON | ACTIVATE, State.OPERATION_ENABLED, 10 * second + 1)
+    assert not stepper.events
+    step(ON | ACTIVATE, State.OPERATION_ENABLED, 11 * second + 2)
+    assert [event.number for event in stepper.events] == [110]

@@ -1,0 +1,211 @@
+"""The power table walked exhaustively: what must hold in every cell, whatever its row, and that the interlock runs it."""
+
+from __future__ import annotations
+
+import itertools
+
+import pytest
+from pdgw.dsp402.states import STATUS_OF, State
+from pdgw.gateway.axis.interlock import QUICK_STOP_STANDING_NS, Interlock
+from pdgw.gateway.axis.power_table import (
+    CELLS,
+    DRIVE_OF_STATE,
+    ENABLES,
+    IN_OPERATION,
+    NO_PLC,
+    OFFS,
+    QUICK_STOPS,
+    ROWS,
+    UNPOWERED,
+    Action,
+    Cell,
+    Drive,
+    Phase,
+    cell,
+)
+from pdgw.gateway.axis.settings import AxisSettings, PlcLossReaction
+from pdgw.gateway.axis.waist import PowerWish
+
+OBEYS = {Phase.FOLLOW, Phase.PASS}
+POWERS = {Action.SWITCH_ON, Action.ENABLE_OPERATION, Action.PASS}
+"""Actions that may put the power stage on."""
+STOPS = {Action.DISABLE_VOLTAGE, Action.QUICK_STOP, Action.SHUTDOWN}
+EVERYTHING = list(itertools.product(Phase, Drive, PowerWish))
+MS = 1_000_000
+
+
+def walk(*, phases: object = Phase, drives: object = Drive, wishes: object = PowerWish) -> list[tuple[str, Cell]]:
+    """Cells with a name for messages."""
+    return [
+        (f"{phase.name}, {drive.name}, {wish.name}", cell(phase, drive, wish))
+        for phase, drive, wish in EVERYTHING
+        if phase in phases and drive in drives and wish in wishes  # type: ignore[operator]
+    ]
+
+
+def test_every_row_decides_something() -> None:
+    assert {item.row for item in CELLS} == set(range(len(ROWS)))
+    assert len(CELLS) == len(EVERYTHING)
+
+
+def test_only_an_off_leads_to_a_phase_that_obeys() -> None:
+    for phase, drive, wish in EVERYTHING:
+        if phase not in OBEYS and cell(phase, drive, wish).phase in OBEYS:
+            resumes = phase is Phase.RAMP_STOP and wish is PowerWish.RESUME and drive in IN_OPERATION
+            assert resumes or (wish in OFFS and drive in UNPOWERED), (phase, drive, wish)
+
+
+def test_power_is_put_on_only_where_it_is_obeyed() -> None:
+    for name, item in walk():
+        assert item.action not in POWERS or item.phase in OBEYS, name
+
+
+def test_an_off_never_puts_power_on() -> None:
+    for name, item in walk(wishes=OFFS, phases=set(Phase) - {Phase.PASS}):
+        assert item.action not in POWERS - {Action.PASS}, name
+    for name, item in walk(wishes={PowerWish.OFF}, phases=set(Phase) - {Phase.PASS}):
+        assert item.action is not Action.PASS, name
+
+
+@pytest.mark.parametrize("drive", [Drive.LOST, Drive.UNKNOWN])
+def test_a_drive_that_may_be_turning_is_told_to_stop_whatever_is_asked(drive: Drive) -> None:
+    for name, item in walk(drives={drive}):
+        assert (item.phase, item.action) == (Phase.DOUBT, Action.QUICK_STOP), name
+
+
+@pytest.mark.parametrize("drive", [Drive.FAULT, Drive.NO_REFERENCES, Drive.RESTARTED])
+def test_after_a_fault_or_without_references_nothing_is_obeyed(drive: Drive) -> None:
+    for name, item in walk(drives={drive}):
+        assert item.phase in {Phase.LOCKED, Phase.DOUBT}, name
+        assert item.action is Action.DISABLE_VOLTAGE, name
+
+
+def test_doubt_ends_only_with_a_drive_that_is_off_or_in_fault_or_an_off_it_can_obey() -> None:
+    ends = {Drive.DISABLED, Drive.FELL_OFF, Drive.FAULT, *QUICK_STOPS}
+    for name, item in walk(phases={Phase.DOUBT}, drives=set(Drive) - ends, wishes=set(PowerWish) - set(OFFS)):
+        assert item.phase is Phase.DOUBT, name
+    for name, item in walk(phases={Phase.DOUBT}, drives=(*IN_OPERATION, Drive.READY), wishes={PowerWish.ENABLE}):
+        assert item.action is Action.QUICK_STOP, name
+
+
+def test_off2_takes_power_off_at_once_wherever_the_gateway_decides() -> None:
+    told = set(Drive) - {Drive.LOST, Drive.UNKNOWN}
+    for name, item in walk(phases=set(Phase) - {Phase.PASS}, drives=told, wishes={PowerWish.COAST}):
+        # A quick stop the gateway has not seen begin is taken over first.
+        assert item.action is Action.DISABLE_VOLTAGE or "LOCKED, QUICK" in name or "DOUBT, QUICK" in name, name
+        assert item.phase not in {Phase.RAMP_STOP, Phase.SHUTDOWN}, name
+
+
+@pytest.mark.parametrize("phase", [Phase.FOLLOW, Phase.RAMP_STOP, Phase.SHUTDOWN, Phase.QUICK_STOP])
+def test_off3_in_operation_is_a_quick_stop_from_every_phase(phase: Phase) -> None:
+    for name, item in walk(phases={phase}, drives=IN_OPERATION, wishes={PowerWish.QUICK_STOP}):
+        assert (item.phase, item.action) == (Phase.QUICK_STOP, Action.QUICK_STOP), name
+
+
+def test_a_lost_plc_is_never_obeyed_and_always_stopped() -> None:
+    for name, item in walk(wishes=NO_PLC):
+        assert item.phase not in OBEYS, name
+        assert item.action in STOPS | {Action.RAMP, Action.RAMP_END}, name
+
+
+@pytest.mark.parametrize("phase", list(OBEYS))
+def test_the_loss_of_the_plc_in_operation_is_answered_as_the_user_chose(phase: Phase) -> None:
+    answers = {
+        PowerWish.NO_PLC_RAMP: (Phase.RAMP_STOP, Action.RAMP),
+        PowerWish.NO_PLC_QUICK_STOP: (Phase.QUICK_STOP, Action.QUICK_STOP),
+        PowerWish.NO_PLC_COAST: (Phase.LOCKED, Action.DISABLE_VOLTAGE),
+    }
+    for wish, answer in answers.items():
+        item = cell(phase, Drive.OPERATING, wish)
+        assert (item.phase, item.action) == answer
+    item = cell(phase, Drive.STANDING, PowerWish.NO_PLC_RAMP)
+    assert (item.phase, item.action) == (Phase.SHUTDOWN, Action.RAMP_END)
+
+
+def test_off1_ramps_to_standstill_with_power_on_and_then_shuts_down() -> None:
+    item = cell(Phase.FOLLOW, Drive.OPERATING, PowerWish.OFF)
+    assert (item.phase, item.action, item.controlword) == (Phase.RAMP_STOP, Action.RAMP, 0xF)
+    for wish in (PowerWish.OFF, PowerWish.ON, PowerWish.ENABLE, PowerWish.NO_PLC_RAMP):
+        item = cell(Phase.RAMP_STOP, Drive.OPERATING, wish)
+        assert (item.phase, item.action) == (Phase.RAMP_STOP, Action.RAMP), wish
+        for phase in (Phase.RAMP_STOP, Phase.SHUTDOWN):
+            item = cell(phase, Drive.STANDING, wish)
+            assert (item.phase, item.action, item.controlword) == (Phase.SHUTDOWN, Action.RAMP_END, 0x6), wish
+
+
+def test_a_shutdown_that_has_begun_is_not_taken_back() -> None:
+    for name, item in walk(phases={Phase.SHUTDOWN}, drives=IN_OPERATION):
+        assert item.phase in {Phase.SHUTDOWN, Phase.QUICK_STOP, Phase.LOCKED}, name
+        assert item.action in STOPS | {Action.RAMP_END}, name
+
+
+def test_a_quick_stop_ends_by_coast_disable_operation_or_when_it_is_over() -> None:
+    for name, item in walk(phases={Phase.QUICK_STOP}, drives=(*IN_OPERATION, *QUICK_STOPS)):
+        assert item.phase is Phase.QUICK_STOP, name
+        over = "QUICK_STOPPED" in name or name.endswith(", COAST") or ("QUICK_STOPPING" in name and ", ON" in name)
+        assert item.action is (Action.DISABLE_VOLTAGE if over else Action.QUICK_STOP), name
+
+
+def test_a_drive_that_left_operation_by_itself_needs_an_off() -> None:
+    for phase in OBEYS:
+        for name, item in walk(phases={phase}, drives={Drive.FELL_BACK}, wishes=(*ENABLES, PowerWish.ON)):
+            assert (item.phase, item.action) == (Phase.DOUBT, Action.QUICK_STOP), name
+    for name, item in walk(phases={Phase.FOLLOW}, drives={Drive.FELL_OFF}, wishes=(*ENABLES, PowerWish.ON)):
+        assert (item.phase, item.action) == (Phase.LOCKED, Action.DISABLE_VOLTAGE), name
+
+
+def test_the_way_up_takes_one_transition_at_a_time() -> None:
+    steps = [(Drive.DISABLED, 0x6), (Drive.READY, 0x7), (Drive.SWITCHED_ON, 0xF), (Drive.OPERATING, 0xF)]
+    assert [(drive, cell(Phase.FOLLOW, drive, PowerWish.ENABLE).controlword) for drive, _ in steps] == steps
+    assert cell(Phase.FOLLOW, Drive.SWITCHED_ON, PowerWish.ON).controlword == 0x7
+    assert cell(Phase.FOLLOW, Drive.OPERATING, PowerWish.ON).controlword == 0x7, "Disable Operation"
+
+
+def test_without_an_off_no_sequence_of_events_leads_back_to_operation() -> None:
+    reached = {cell(phase, drive, PowerWish.ENABLE).phase for phase in Phase for drive in (Drive.LOST, Drive.FAULT)}
+    wishes = set(PowerWish) - set(OFFS) - {PowerWish.RESUME}
+    while True:
+        further = {item.phase for _, item in walk(phases=reached, wishes=wishes)} | reached
+        if further == reached:
+            break
+        reached = further
+    assert not reached & OBEYS
+
+
+# -- the interlock runs the table --------------------------------------------------------------------------------------
+
+STATES = {drive: state for state, drive in DRIVE_OF_STATE.items() if state is not State.FAULT_REACTION_ACTIVE}
+STATUSWORD = {drive: 0x2C if state is None else STATUS_OF[state] for drive, state in STATES.items()}
+REACTIONS = {
+    PowerWish.NO_PLC_RAMP: PlcLossReaction.RAMP,
+    PowerWish.NO_PLC_QUICK_STOP: PlcLossReaction.QUICK_STOP,
+    PowerWish.NO_PLC_COAST: PlcLossReaction.COAST,
+}
+LOOKED_AT = [
+    (phase, drive, wish)
+    for phase, drive, wish in EVERYTHING
+    # These need a past of their own; they have tests of their own.
+    if drive not in {Drive.FELL_BACK, Drive.FELL_OFF, Drive.RESTARTED} and wish is not PowerWish.RESUME
+]
+
+
+@pytest.mark.parametrize("phase", list(Phase))
+def test_the_interlock_obeys_the_table_in_every_condition(phase: Phase) -> None:
+    for _, drive, wish in (item for item in LOOKED_AT if item[0] is phase):
+        interlock = Interlock(AxisSettings(on_plc_loss=REACTIONS.get(wish, PlcLossReaction.QUICK_STOP)))
+        asked = None if wish in NO_PLC else wish
+        shown = {Drive.STANDING: Drive.OPERATING, Drive.QUICK_STOPPED: Drive.QUICK_STOPPING}.get(drive, drive)
+        trouble = drive if drive in {Drive.LOST, Drive.NO_REFERENCES} else None
+        statusword = STATUSWORD.get(shown, 0x27)
+        still = drive in {Drive.STANDING, Drive.QUICK_STOPPED}
+        interlock.phase = phase
+        now = MS
+        if drive is Drive.QUICK_STOPPED:
+            if phase is not Phase.QUICK_STOP:
+                continue  # only a quick stop that is known can be over
+            interlock.step(PowerWish.ENABLE, False, trouble, statusword, still, now)
+            now += QUICK_STOP_STANDING_NS
+        word = interlock.step(asked, False, trouble, statusword, still, now)
+        expected = cell(phase, drive, wish)
+        found = (interlock.phase, interlock.action, word)
+        assert found == (expected.phase, expected.action, expected.controlword), (phase, drive, wish)

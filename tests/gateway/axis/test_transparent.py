@@ -1,0 +1,120 @@
+"""Telegram 100: unchanged values, the range check and the interlock of a connection."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from pdgw.dsp402.images import DriveFeedback, References
+from pdgw.dsp402.modes import Mode
+from pdgw.dsp402.objects import DRIVE_OBJECTS
+from pdgw.dsp402.states import State
+from pdgw.gateway.axis.adapters.transparent import ACTUAL_ATTRIBUTES, SETPOINT_ATTRIBUTES
+from pdgw.gateway.axis.settings import AxisSettings, PlcLossReaction
+from pdgw.gateway.reasons import Reason
+from pdgw.profidrive.telegrams import telegram
+
+from tests.support.rig import Rig
+from tests.support.stepper import Stepper
+from tests.support.strategies import half_values
+
+HALF = telegram(100).setpoints
+
+
+def axis(**settings: object) -> Rig:
+    rig = Rig(100, **settings)
+    rig.values |= {"Modes of Operation": 3, "Profile Acceleration": 1000, "Profile Deceleration": 1000}
+    return rig
+
+
+def test_attributes_match_the_telegrams_signals() -> None:
+    for names, half in ((SETPOINT_ATTRIBUTES, HALF), (ACTUAL_ATTRIBUTES, telegram(100).actuals)):
+        for attribute, item in list(zip(names, half.signals, strict=True))[2:]:
+            entry = DRIVE_OBJECTS.attribute(attribute)
+            assert entry.type.bits == item.type.size * 8, item.name
+            assert entry.type.char.upper() == item.type.char.upper(), item.name
+
+
+@given(values=half_values(HALF))
+def test_values_pass_unchanged_or_limited_to_what_the_object_allows(values: tuple[int, ...]) -> None:
+    stepper = Stepper(100, AxisSettings())
+    stepper.set_references(References())
+    feedback = DriveFeedback()
+    feedback.statusword = 0x0240
+    off = (0x0006, *values[1:])
+    stepper.step(off, feedback, True, 1)
+    stepper.step(values, feedback, True, 2)
+    assert stepper.command.controlword == values[0]
+    for attribute, value in list(zip(SETPOINT_ATTRIBUTES, values, strict=True))[2:]:
+        low, high = DRIVE_OBJECTS.attribute(attribute).limits
+        assert getattr(stepper.command, attribute) == min(max(value, low), high)
+
+
+def test_actual_values_pass_unchanged() -> None:
+    stepper = Stepper(100, AxisSettings())
+    stepper.set_references(References())
+    feedback = DriveFeedback()
+    for number, name in enumerate(ACTUAL_ATTRIBUTES):
+        setattr(feedback, name, number + 1)
+    feedback.modes_of_operation_display = Mode.TURNTABLE
+    assert list(stepper.step(None, feedback, True, 1)) == [1, 0xFB, *range(3, 13)]
+
+
+def test_enable_and_run_by_the_plcs_own_controlwords() -> None:
+    rig = axis()
+    for word in (0x06, 0x07, 0x0F):
+        rig.values["Controlword"] = word
+        rig.step(2)
+    rig.values["Target Velocity"] = 1000
+    rig.until(lambda actuals: actuals["Velocity Actual Value"] == 1000)
+    assert rig.actuals["Modes of Operation Display"] == 3
+
+
+@pytest.mark.parametrize("mode", [2, 7, 0x80, 0x7F])
+def test_an_unknown_mode_is_not_passed_on(mode: int) -> None:
+    rig = axis()
+    rig.step(2)
+    rig.values["Modes of Operation"] = mode
+    rig.step(1)
+    assert rig.stepper.command.modes_of_operation == Mode.VELOCITY
+
+
+def test_a_standing_on_of_a_new_connection_is_not_passed() -> None:
+    rig = axis()
+    rig.values["Controlword"] = 0x0F
+    rig.step(5)
+    assert rig.stepper.command.controlword == 0
+    assert rig.stepper.reason is Reason.NEEDS_OFF
+
+
+@pytest.mark.parametrize("reaction", list(PlcLossReaction))
+def test_loss_of_the_plc_stops_the_drive_and_a_standing_on_does_not_restart_it(reaction: PlcLossReaction) -> None:
+    rig = axis(on_plc_loss=reaction)
+    for word in (0x06, 0x07, 0x0F):
+        rig.values["Controlword"] = word
+        rig.step(2)
+    rig.values["Target Velocity"] = 4000
+    rig.step(400)
+    rig.step(2, plc=False)
+    rig.step(800)
+    assert rig.node.model.velocity_actual == 0
+    assert rig.state is not State.OPERATION_ENABLED
+    assert rig.stepper.reason is Reason.NEEDS_OFF
+
+
+def test_a_standing_on_does_not_start_after_a_fault_reset() -> None:
+    rig = axis()
+    for word in (0x06, 0x07, 0x0F):
+        rig.values["Controlword"] = word
+        rig.step(2)
+    rig.node.model.inject(7)
+    rig.step(5)
+    assert rig.state is State.FAULT
+    assert rig.actuals["Error Code"] == 7
+    rig.node.model.clear()
+    rig.values["Controlword"] = 0x0F
+    rig.step(2)
+    rig.values["Controlword"] = 0x8F
+    rig.step(3)
+    rig.values["Controlword"] = 0x0F
+    rig.step(10)
+    assert rig.state is State.SWITCH_ON_DISABLED

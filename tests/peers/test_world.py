@@ -1,0 +1,287 @@
+"""Buses and networks in virtual time: who is heard when, what errors do, and that one seed is one run."""
+
+from __future__ import annotations
+
+import pytest
+from pdgw.ds301.can_frame import EXTENDED, REMOTE
+from pdgw.ds301.errors import CanopenError
+from pdgw.ds301.load import frame_bits
+from pdgw.ds301.loop import MS, SECOND
+from pdgw.ds301.port import PortBusyError, PortLostError
+from pdgw.gateway.config import CanConfig
+from pdgw.gateway.errors import GatewayError
+from pdgw.peers.world import Conditions, Member, World
+
+BITRATE = 500_000
+FULL = frame_bits(8) * SECOND // BITRATE
+"""Nanoseconds of a frame with 8 bytes."""
+
+
+class Ear:
+    """A receiver that notes what it hears, with the time."""
+
+    def __init__(self, world: World, port: Member) -> None:
+        self.world = world
+        self.port = port
+        self.frames: list[tuple[int, int]] = []
+        self.others: list[tuple[int, bool, bool]] = []
+        self.errors: list[tuple[bool, bool]] = []
+        self.lost = ""
+        port.start(self)
+
+    @property
+    def identifiers(self) -> list[int]:
+        return [can_id for _, can_id in self.frames]
+
+    def on_frame(self, can_id: int, data: bytes) -> None:
+        self.frames.append((self.world.loop.now(), can_id))
+
+    def on_other_frame(self, can_id: int, data: bytes, *, extended: bool, remote: bool) -> None:
+        self.others.append((can_id, extended, remote))
+
+    def on_error_frame(self, *, bus_off: bool, passive: bool) -> None:
+        self.errors.append((bus_off, passive))
+
+    def on_refused(self) -> None:
+        raise AssertionError("a simulated controller takes a frame or refuses it at once")
+
+    def on_lost(self, text: str) -> None:
+        self.lost = text
+
+
+class Bus:
+    """Three members that hear each other."""
+
+    def __init__(self, seed: int = 0) -> None:
+        self.world = World(seed)
+        self.loop = self.world.loop
+        self.can = self.world.bus("a", BITRATE)
+        self.a, self.b, self.c = (Ear(self.world, self.can.join(name)) for name in "abc")
+
+
+@pytest.fixture
+def bus() -> Bus:
+    return Bus()
+
+
+def test_a_frame_is_heard_by_all_others_after_its_bit_times(bus: Bus) -> None:
+    begin = bus.loop.now()
+    bus.a.port.send(0x181, bytes(8))
+    bus.loop.run_for(SECOND)
+    assert bus.b.frames == bus.c.frames == [(begin + FULL, 0x181)]
+    assert bus.a.frames == []
+
+
+def test_of_frames_that_begin_together_the_lowest_identifier_goes_first(bus: Bus) -> None:
+    bus.a.port.send(0x701, b"")
+    bus.b.port.send(0x081, b"")
+    bus.c.port.send(0x181, b"")
+    bus.loop.run_for(SECOND)
+    assert bus.a.identifiers == [0x081, 0x181]
+    assert bus.b.identifiers == [0x181, 0x701]
+
+
+def test_a_frame_under_way_is_not_interrupted_and_a_queue_keeps_its_order(bus: Bus) -> None:
+    bus.a.port.send(0x701, bytes(8))
+    bus.a.port.send(0x081, b"")
+    bus.loop.run_for(FULL // 2)
+    bus.b.port.send(0x181, b"")
+    bus.loop.run_for(SECOND)
+    assert bus.c.identifiers == [0x701, 0x081, 0x181]
+
+
+def test_standard_goes_before_extended_and_data_before_remote(bus: Bus) -> None:
+    bus.a.port.send(0x181 << 18 | EXTENDED, b"")
+    bus.b.port.send(0x181 | REMOTE, b"")
+    bus.c.port.send(0x181, b"")
+    bus.loop.run_for(SECOND)
+    assert bus.a.identifiers == [0x181]
+    assert bus.a.others == [(0x181, False, True)]
+    assert bus.c.others == [(0x181, False, True), (0x181 << 18, True, False)]
+
+
+def test_an_answer_given_while_a_frame_is_delivered_waits_for_its_arbitration(bus: Bus) -> None:
+    bus.b.on_frame = lambda can_id, data: bus.b.port.send(0x581, data)  # type: ignore[method-assign]
+    bus.a.port.send(0x601, b"")
+    bus.a.port.send(0x081, b"")
+    bus.loop.run_for(SECOND)
+    assert bus.c.identifiers == [0x601, 0x081, 0x581, 0x581]
+
+
+def test_nobody_acknowledges_a_member_alone_and_its_queue_fills(bus: Bus) -> None:
+    bus.a.port.connect(False)
+    for number in range(16):
+        bus.a.port.send(0x200 + number, b"")
+    with pytest.raises(PortBusyError):
+        bus.a.port.send(0x300, b"")
+    bus.b.port.send(0x181, b"")
+    bus.loop.run_for(SECOND)
+    assert bus.c.identifiers == [0x181]
+    assert bus.a.frames == []
+    bus.a.port.connect(True)
+    bus.loop.run_for(SECOND)
+    assert bus.c.identifiers[1:] == [0x200 + number for number in range(16)], "what waited goes out"
+
+
+def test_a_frame_cut_off_under_way_is_repeated_as_a_whole(bus: Bus) -> None:
+    bus.a.port.send(0x181, bytes(8))
+    bus.loop.run_for(FULL // 2)
+    bus.a.port.connect(False)
+    bus.loop.run_for(10 * FULL)
+    begin = bus.loop.now()
+    bus.a.port.connect(True)
+    bus.loop.run_for(SECOND)
+    assert bus.b.frames == [(begin + FULL, 0x181)]
+
+
+def test_errors_delay_frames_and_lose_none(bus: Bus) -> None:
+    bus.can.error_rate = 0.3
+    for number in range(12):
+        bus.a.port.send(0x100 + number, bytes(8))
+    begin = bus.loop.now()
+    bus.loop.run_for(SECOND)
+    assert bus.b.identifiers == [0x100 + number for number in range(12)]
+    assert bus.b.frames[-1][0] > begin + 12 * FULL
+    assert bus.b.errors
+
+
+def test_a_controller_that_is_never_understood_becomes_bus_off_and_comes_back(bus: Bus) -> None:
+    bus.can.error_rate = 1.0
+    bus.a.port.send(0x181, b"")
+    bus.loop.until(lambda: bus.a.port.bus_off, "bus-off")
+    assert bus.a.errors[-1] == (True, True)
+    with pytest.raises(PortBusyError):
+        bus.a.port.send(0x182, b"")
+    bus.can.error_rate = 0.0
+    bus.loop.run_for(200 * MS)
+    bus.a.port.send(0x183, b"")
+    bus.loop.run_for(SECOND)
+    assert bus.b.identifiers == [0x183], "what was queued before is gone"
+
+
+def test_a_short_circuit_stops_everybody_who_sends(bus: Bus) -> None:
+    bus.a.port.send(0x181, bytes(8))
+    bus.loop.run_for(FULL // 2)
+    bus.can.short(True)
+    bus.loop.run_for(MS)
+    bus.b.port.send(0x281, b"")
+    bus.loop.run_for(SECOND)
+    assert (bus.a.port.bus_off, bus.b.port.bus_off, bus.c.port.bus_off) == (True, True, False)
+    assert bus.c.frames == []
+    bus.can.short(False)
+    bus.loop.run_for(200 * MS)
+    bus.a.port.send(0x182, b"")
+    bus.loop.run_for(SECOND)
+    assert bus.c.identifiers == [0x182]
+
+
+def test_an_unplugged_interface_is_told_and_cannot_be_opened_until_it_is_back() -> None:
+    world = World()
+    config = CanConfig(interface="virtual", channel="a")
+    ear = Ear(world, world.open_can(config))
+    world.unplug("a")
+    assert ear.lost == "unplugged"
+    with pytest.raises(PortLostError):
+        ear.port.send(0x181, b"")
+    with pytest.raises(CanopenError, match="plugged in"):
+        world.open_can(config)
+    world.unplug("a", False)
+    world.open_can(config).send(0x181, b"")
+
+
+# -- the network ----------------------------------------------------------------------------------------------------------
+
+
+class Hosts:
+    """Two ports and what arrives at the second."""
+
+    def __init__(self, seed: int, **conditions: float) -> None:
+        self.world = World(seed)
+        self.network = self.world.network
+        self.network.conditions = Conditions(**conditions)  # type: ignore[arg-type]
+        self.a, self.b = (self.network.open(name, 100, "test") for name in "ab")
+        self.heard: list[int] = []
+        self.b.start(self._take)
+
+    def _take(self) -> None:
+        datagram = self.b.receive()
+        assert datagram is not None
+        self.heard.append(datagram[0][0])
+
+    def send(self, count: int = 200) -> list[int]:
+        for number in range(count):
+            self.a.send(bytes([number]), self.b.address)
+            self.world.loop.run_for(MS)
+        self.world.loop.run_for(SECOND)
+        return self.heard
+
+
+def test_a_good_network_brings_all_in_order() -> None:
+    assert Hosts(1).send() == list(range(200))
+
+
+def test_loss_duplication_and_overtaking() -> None:
+    lossy = Hosts(1, loss=0.5).send()
+    assert 50 < len(lossy) < 150
+    assert lossy == sorted(lossy)
+    doubled = Hosts(1, duplication=0.5).send()
+    assert set(doubled) == set(range(200))
+    assert 250 < len(doubled) < 350
+    overtaken = Hosts(1, jitter_ns=5 * MS).send()
+    assert overtaken != sorted(overtaken)
+    assert sorted(overtaken) == list(range(200))
+
+
+def test_a_host_that_is_cut_off_hears_nothing() -> None:
+    hosts = Hosts(1)
+    hosts.network.cut("b")
+    hosts.send(3)
+    hosts.network.cut("b", False)
+    assert hosts.send(2) == [0, 1]
+
+
+def test_a_sender_may_use_its_buffer_again() -> None:
+    hosts = Hosts(1)
+    buffer = bytearray(b"\x07")
+    hosts.a.send(buffer, hosts.b.address)
+    buffer[0] = 9
+    hosts.world.loop.run_for(SECOND)
+    assert hosts.heard == [7]
+
+
+def test_a_port_that_is_taken_is_refused_and_free_again_after_its_end() -> None:
+    network = World().network
+    port = network.open("a", 100, "cyclic port")
+    with pytest.raises(GatewayError, match="cyclic port: a port 100 cannot be used"):
+        network.open("a", 100, "cyclic port")
+    port.close()
+    network.open("a", 100, "cyclic port")
+    assert network.open("a", 0, "free").address != network.open("a", 0, "free").address
+
+
+# -- one seed, one run ----------------------------------------------------------------------------------------------------
+
+
+def life(seed: int) -> list[tuple[int, str, int, bytes]]:
+    """Two drives and an encoder on a disturbed bus, and everything that went over it."""
+    world = World(seed)
+    can = world.bus("a")
+    log: list[tuple[int, str, int, bytes]] = []
+    can.taps.append(lambda now, member, can_id, data: log.append((now, member.name, can_id, data)))
+    can.error_rate = 0.2
+    drives = [world.drive("a", node) for node in (1, 2)]
+    world.encoder("a", 3)
+    master = can.join("master")
+    for node in (1, 2, 3):
+        master.send(0, bytes((1, node)))
+    world.loop.run_for(200 * MS)
+    drives[0].do(lambda node: node.misbehave("emcy-burst"))
+    world.loop.run_for(SECOND)
+    return log
+
+
+def test_one_seed_is_one_run_bit_for_bit_and_another_is_another() -> None:
+    first = life(7)
+    assert len(first) > 50
+    assert first == life(7)
+    assert first != life(8)

@@ -1,0 +1,92 @@
+"""A daemon on the machine's own clock and ports, with simulated devices on python-can's virtual bus: for what needs them."""
+
+from __future__ import annotations
+
+import socket
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from pdgw.gateway.config import GatewayConfig
+from pdgw.gateway.daemon import Daemon
+from pdgw.gateway.edge import open_configured_bus
+from pdgw.gateway.transport.acyclic import AcyclicServer
+from pdgw.peers.plc.endpoint import PlcEndpoint
+from pdgw.peers.simulation.beside import add_device, simulated_devices
+from pdgw.peers.simulation.devices import Simulation
+from pdgw.profidrive.telegrams import telegram
+from pdgw.tools.parameters.client import ParameterClient
+
+from tests.support import buses
+from tests.support import daemon as in_world
+
+
+def configuration(axes: str, *, transport: str = "") -> GatewayConfig:
+    """A bus of its own."""
+    can = f'[can]\ninterface = "virtual"\nchannel = "{buses.channel()}"\n'
+    return in_world.configuration(axes, can=can, transport=transport)
+
+
+class Plc:
+    """Sends a frame for each one it takes."""
+
+    def __init__(self, daemon: Daemon, numbers: list[int]) -> None:
+        self.endpoint = PlcEndpoint([telegram(n) for n in numbers], daemon.cycle_ns)
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.connect(daemon.address)
+        self._socket.settimeout(daemon.cycle_ns / 1e9)
+
+    def until(self, condition: Callable[[], object], what: str) -> None:
+        deadline = time.monotonic() + 10
+        while not condition():
+            assert time.monotonic() < deadline, f"{what}: {self.endpoint.actuals}"
+            self._socket.send(self.endpoint.build(time.monotonic_ns()))
+            try:
+                while True:
+                    self.endpoint.receive(self._socket.recv(2048))
+            except TimeoutError:
+                continue
+
+    def state(self) -> int:
+        actuals = self.endpoint.actuals[0]
+        return -1 if actuals is None else actuals["ZSW1"] & 0x4F
+
+
+@contextmanager
+def running(config: GatewayConfig, before: Callable[[Daemon], None] | None = None) -> Iterator[Daemon]:
+    simulations = []
+    for bus in config.can:
+        simulation = Simulation()
+        for device in simulated_devices(config, bus):
+            add_device(simulation, device, open_configured_bus(bus))
+        simulation.start()
+        simulations.append(simulation)
+    daemon = Daemon(config)
+    if before is not None:
+        before(daemon)
+    thread = threading.Thread(target=daemon.run)
+    thread.start()
+    try:
+        yield daemon
+    finally:
+        daemon.stop()
+        thread.join(20)
+        for simulation in simulations:
+            simulation.stop()
+        assert not thread.is_alive(), "the daemon ends in bounded time"
+
+
+@contextmanager
+def serving(config: GatewayConfig) -> Iterator[tuple[Daemon, ParameterClient]]:
+    """A daemon whose nodes are online, and a client of the parameter channel of its first drive object."""
+    servers: list[AcyclicServer] = []
+
+    def before(daemon: Daemon) -> None:
+        servers.append(AcyclicServer(daemon))
+        daemon.services.append(servers[0])
+
+    with running(config, before) as daemon:
+        buses.wait_for(lambda: all(node.generation for node in daemon.clients), "nodes online")
+        with ParameterClient(servers[0].address, daemon.objects[0].do_id) as client:
+            yield daemon, client

@@ -1,0 +1,161 @@
+"""Machines stepped by hand: the words of a telegram and a drive's feedback in, actual values and a command out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from pdgw.dsp402.images import DriveCommand, DriveFeedback, References
+from pdgw.gateway.axis.adapters.base import POWER_BITS, power_wishes
+from pdgw.gateway.axis.checkpoint import Checkpoints
+from pdgw.gateway.axis.encoder_machine import EncoderMachine
+from pdgw.gateway.axis.executors.positioning import PositioningExecutor, SubState
+from pdgw.gateway.axis.executors.sensor import DriveSensor, EncoderReferences
+from pdgw.gateway.axis.interlock import Interlock
+from pdgw.gateway.axis.machine import AxisMachine
+from pdgw.gateway.axis.power_table import Drive
+from pdgw.gateway.axis.settings import AxisSettings, SensorSettings
+from pdgw.gateway.axis.values import Configured, EncoderInput, FaultRecord, NodeNotice, Notice, SdoAnswer, SdoWrite
+from pdgw.gateway.axis.waist import PowerWish
+from pdgw.gateway.reasons import Reason
+
+_WISHES = power_wishes(PowerWish.OFF)
+
+
+def wish_of(word: int) -> PowerWish:
+    """What STW1 asks of the power stage."""
+    return _WISHES[word & POWER_BITS]
+
+
+def step_interlock(
+    interlock: Interlock, word: int, statusword: int, now: int, *, connected: bool = True, drive_ok: bool = True
+) -> int:
+    """One cycle of an interlock whose axis turns; returns the Controlword."""
+    wish = wish_of(word) if connected else None
+    acknowledge = bool(word & 0x80)
+    return interlock.step(wish, acknowledge, None if drive_ok else Drive.LOST, statusword, False, now)
+
+
+class Stepper:
+    """An axis machine; ``events`` are the faults of all steps so far."""
+
+    def __init__(self, number: int, settings: AxisSettings | None = None) -> None:
+        self.feedback = DriveFeedback()
+        self.machine = AxisMachine(number, settings or AxisSettings(), self.feedback)
+        self.telegram = self.machine.telegram
+        self.settings = self.machine.settings
+        self.events: list[FaultRecord] = []
+        self.references: References | None = None
+        self.checkpoints = Checkpoints(self.machine)
+        self._answered: object = None
+
+    def set_references(self, references: References | None, homing_method: int = 0) -> None:
+        """Only the references are read anew."""
+        self.references = references
+        self.machine.inputs.news.append(Configured(references, homing_method, restarted=False))
+
+    def drive_restarted(self) -> None:
+        self.machine.inputs.news.append(Configured(self.references))
+
+    def sdo_done(self, error: str | None) -> None:
+        """The writes asked for are taken, or not."""
+        writes = self.machine.outputs.writes
+        assert writes is not None
+        self._answered = writes
+        self.machine.inputs.news.append(SdoAnswer(writes, error))
+
+    @property
+    def sdo_request(self) -> tuple[SdoWrite, ...] | None:
+        """What has not been answered yet."""
+        writes = self.machine.outputs.writes
+        return None if writes is self._answered else writes
+
+    def step(self, setpoints: Sequence[int] | None, feedback: DriveFeedback, drive_ok: bool, now: int) -> Sequence[int]:
+        inputs = self.machine.inputs
+        for name in DriveFeedback.__slots__:
+            setattr(inputs.feedback, name, getattr(feedback, name))
+        inputs.setpoints, inputs.drive_ok, inputs.now = setpoints, drive_ok, now
+        outputs = self.machine.step()
+        self.events += outputs.faults
+        return tuple(outputs.actuals)
+
+    @property
+    def command(self) -> DriveCommand:
+        return self.machine.outputs.command
+
+    @property
+    def reason(self) -> Reason | None:
+        return self.machine.outputs.reason
+
+    @property
+    def warning(self) -> bool:
+        """That of the executor; the drive's limit has its own."""
+        return self.machine.notes.warning
+
+    @property
+    def saturations(self) -> int:
+        return self.machine.outputs.saturations
+
+    @property
+    def power(self) -> Interlock:
+        return self.machine.interlock
+
+    @property
+    def _positioning(self) -> PositioningExecutor:
+        executor = self.machine.executor
+        assert isinstance(executor, PositioningExecutor)
+        return executor
+
+    @property
+    def sub_state(self) -> SubState:
+        return self._positioning.sub_state
+
+    @property
+    def home_position_set(self) -> bool:
+        return self._positioning.homing.home_set
+
+
+class EncoderStepper:
+    """An encoder machine; ``events`` are the faults of all steps so far."""
+
+    def __init__(self, number: int, settings: SensorSettings) -> None:
+        self.machine = EncoderMachine(number, settings, DriveSensor(DriveFeedback()))
+        self.telegram = self.machine.telegram
+        self.channel = self.machine.channel
+        self.events: list[FaultRecord] = []
+        self._answered: object = None
+
+    def set_references(self, references: EncoderReferences | None) -> None:
+        self.machine.set_references(references)
+
+    def emergency(self, code: int, now: int) -> None:
+        """An EMCY with an error came."""
+        self.machine.inputs.news.append(NodeNotice(Notice.EMERGENCY, "EMCY", now, code, 1, bytes(5)))
+
+    def sdo_done(self, error: str | None) -> None:
+        """The writes asked for are taken, or not."""
+        writes = self.machine.outputs.writes
+        assert writes is not None
+        self._answered = writes
+        self.machine.inputs.news.append(SdoAnswer(writes, error))
+
+    @property
+    def sdo_request(self) -> tuple[SdoWrite, ...] | None:
+        """What has not been answered yet."""
+        writes = self.machine.outputs.writes
+        return None if writes is self._answered else writes
+
+    def step(self, setpoints: Sequence[int] | None, source: EncoderInput, ok: bool, now: int) -> Sequence[int]:
+        inputs = self.machine.inputs
+        inputs.source = source
+        inputs.setpoints, inputs.ok, inputs.now = setpoints, ok, now
+        outputs = self.machine.step()
+        self.events += outputs.faults
+        return tuple(outputs.actuals)
+
+    @property
+    def reason(self) -> Reason | None:
+        return self.machine.outputs.reason
+
+    @property
+    def saturations(self) -> int:
+        return self.machine.outputs.saturations

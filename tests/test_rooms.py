@@ -1,0 +1,41 @@
+"""Who may import whom: the product never imports what plays the other side, nor the tools."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+PRODUCT = ("profidrive", "profinet", "ds301", "dsp402", "dsp406", "gateway")
+
+
+def imports(file: Path) -> Iterator[str]:
+    """Every module a file imports, wherever in it."""
+    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            yield node.module
+
+
+def importers(room: str, *forbidden: str) -> dict[str, list[str]]:
+    found: dict[str, list[str]] = {}
+    files = list((ROOT / room).rglob("*.py"))
+    assert files
+    for file in files:
+        wrong = [name for name in imports(file) for other in forbidden if f"{name}.".startswith(f"pdgw.{other}.")]
+        if wrong:
+            found[str(file.relative_to(ROOT))] = wrong
+    return found
+
+
+@pytest.mark.parametrize("room", PRODUCT)
+def test_no_room_of_the_product_imports_peers_tools_or_decoder(room: str) -> None:
+    assert importers(room, "peers", "tools", "decoder") == {}
+
+
+def test_the_search_finds_what_is_there() -> None:
+    assert "tools/commands/sim_drive.py" in importers("tools", "peers")

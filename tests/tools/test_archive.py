@@ -1,0 +1,138 @@
+"""Many captures as one data set: every row of every file, in any number of processes, with DuckDB and on Dask."""
+
+from __future__ import annotations
+
+import pickle
+import subprocess
+import sys
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import pytest
+import typer
+from pdgw.decoder.capture.archive import ArchiveOptions, Part, captures_of, is_data_set, write_part
+from pdgw.gateway.errors import GatewayError
+from pdgw.profidrive.errors import ProfidriveError
+from pdgw.tools.commands.decode import decode
+
+from tests.support import captures
+
+pyarrow = pytest.importorskip("pyarrow", reason="the extra archive is not installed")
+EXAMPLES = Path(__file__).parents[2] / "examples"
+PACKETS = captures.both_buses()
+SIGNALS = ["NSOLL_A", "NIST_A", "ZSW1.FAULT"]
+
+
+@pytest.fixture
+def plant(tmp_path: Path) -> Path:
+    """A folder with captures in two days' folders, and something that is none."""
+    for day, name in (("monday", "a.pcapng"), ("monday", "b.pcapng"), ("tuesday", "a.pcapng")):
+        folder = tmp_path / "plant" / day
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_bytes(captures.pcapng(PACKETS))
+    (tmp_path / "plant" / "notes.txt").write_text("no capture")
+    return tmp_path / "plant"
+
+
+def rows(root: Path) -> list[dict[str, Any]]:
+    import pyarrow.dataset  # noqa: PLC0415
+
+    found: list[dict[str, Any]] = pyarrow.dataset.dataset(root, partitioning="hive").to_table().to_pylist()
+    return found
+
+
+@pytest.mark.parametrize("jobs", [1, 3])
+def test_every_file_is_a_part_however_many_processes_there_are(
+    plant: Path, tmp_path: Path, jobs: int, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "set"
+    decode([str(plant)], parquet=out, signal=SIGNALS, telegram=[1], jobs=jobs)
+    found = rows(out)
+    counts = Counter(row["file"] for row in found)
+    assert len(counts) == 3
+    assert set(counts.values()) == {8}
+    assert {row["axis"] for row in found} == {1}
+    setpoints = [row["NSOLL_A"] for row in found if row["NSOLL_A"] is not None and row["file"] == found[0]["file"]]
+    assert setpoints == [pytest.approx(i * 100 * 100 / 16384) for i in range(4)]
+    assert f"{out}: 24 rows of 3 files in " in capsys.readouterr().out
+
+
+def test_a_part_is_written_anew_and_never_half(plant: Path, tmp_path: Path) -> None:
+    file = captures_of([str(plant)])[0]
+    options = ArchiveOptions(tuple(SIGNALS), (1,))
+    first = write_part(file, tmp_path, options)
+    assert write_part(file, tmp_path, options) == first
+    assert first.axes == {1: 8}
+    assert not list(tmp_path.rglob("*unfinished*"))
+    assert len(rows(next(tmp_path.glob("file=*")))) == 8
+
+
+def test_the_work_on_a_file_goes_to_other_machines(plant: Path, tmp_path: Path) -> None:
+    options = pickle.loads(pickle.dumps(ArchiveOptions(("NSOLL_A",), (1,), filter_text="nsoll_a > 0")))
+    part = pickle.loads(pickle.dumps(write_part(captures_of([str(plant)])[0], tmp_path, options)))
+    assert isinstance(part, Part)
+    assert part.rows == 3
+
+
+def test_a_damaged_file_keeps_what_is_before_the_damage_and_is_told(
+    plant: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    data = captures.pcapng(PACKETS)
+    (plant / "monday" / "b.pcapng").write_bytes(data[:-30])
+    (plant / "monday" / "a.pcapng").write_bytes(b"")
+    with pytest.raises(typer.Exit) as left:
+        decode([str(plant)], parquet=tmp_path / "set", signal=SIGNALS, telegram=[1], jobs=1)
+    assert left.value.exit_code == 1
+    told = capsys.readouterr()
+    assert [line.split(": ")[0] for line in told.err.splitlines()] == ["error", "error"]
+    assert "16 rows of 3 files, 2 damaged" in told.out
+
+
+def test_what_cannot_be_done_is_told_before_anything_is_read(plant: Path, tmp_path: Path) -> None:
+    out = tmp_path / "set"
+    assert is_data_set(out)
+    assert not is_data_set(tmp_path / "one.parquet")
+    for options, match in (
+        ({"parquet": out}, "name the signals"),
+        ({"parquet": out, "signal": ["STW1"], "csv": "STW1"}, r"--csv: not with --parquet FOLDER"),
+        ({}, "several files become a data set"),
+        ({"jobs": 2}, "-j: several files at the same time become a data set"),
+    ):
+        with pytest.raises(GatewayError, match=match):
+            decode([str(plant)], **options)  # type: ignore[arg-type]
+    with pytest.raises(ProfidriveError, match="nope"):
+        decode([str(plant)], parquet=out, signal=["nope"])
+    empty = tmp_path / "empty"
+    empty.mkdir()
+    with pytest.raises(GatewayError, match="no captures"):
+        captures_of([str(empty)])
+    assert not out.exists()
+
+
+def test_duckdb_asks_the_data_set(plant: Path, tmp_path: Path) -> None:
+    pytest.importorskip("duckdb", reason="the extra archive is not installed")
+    decode([str(plant)], parquet=tmp_path / "set", signal=SIGNALS, telegram=[1], jobs=1)
+    command = [sys.executable, str(EXAMPLES / "archive_duckdb.py"), str(tmp_path / "set")]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=120)
+    lines = [line.split("\t") for line in done.stdout.splitlines()]
+    assert [line[0].rsplit("plant/", 1)[1] for line in lines] == [
+        "monday/a.pcapng",
+        "monday/b.pcapng",
+        "tuesday/a.pcapng",
+    ]
+    fastest = max(abs(row["NIST_A"] or 0) for row in rows(tmp_path / "set"))
+    assert {(line[1], float(line[3]), line[4]) for line in lines} == {("1", round(fastest, 2), "0")}
+
+
+def test_dask_workers_write_the_same_data_set(plant: Path, tmp_path: Path) -> None:
+    pytest.importorskip("dask.distributed", reason="the extra archive is not installed")
+    command = [sys.executable, str(EXAMPLES / "archive_dask.py"), str(plant), str(tmp_path / "dask")]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=240)
+    assert sorted(line.split("\t")[1:] for line in done.stdout.splitlines()) == [["8", "ok"]] * 3
+    decode([str(plant)], parquet=tmp_path / "set", signal=SIGNALS, jobs=1)
+
+    def ordered(root: Path) -> list[str]:
+        return sorted(map(repr, rows(root)))
+
+    assert ordered(tmp_path / "dask") == ordered(tmp_path / "set")

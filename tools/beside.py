@@ -1,0 +1,84 @@
+"""Simulated devices of a configuration in processes of their own, beside a gateway: its cycle does not pay for them."""
+
+from __future__ import annotations
+
+import contextlib
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+from pdgw.gateway.config import CanConfig, GatewayConfig
+from pdgw.gateway.errors import GatewayError
+
+_VIRTUAL = "virtual"
+"""python-can's bus inside one process: another process gets one that is served instead."""
+_STOP_S = 5.0
+_CHANNEL = "channel = "
+_READY = "; commands: "
+
+
+@contextlib.contextmanager
+def devices_beside(config: GatewayConfig) -> Iterator[GatewayConfig]:
+    """Start what has ``simulate = true``, a process for each bus; gives the configuration by which the gateway reaches them.
+
+    GatewayError when they cannot be started. They end with the context, and by themselves when this process dies.
+    """
+    if not any(axis.simulate for axis in config.axis) and not any(encoder.simulate for encoder in config.encoder):
+        yield config
+        return
+    # Only who simulates pays for loading it.
+    from pdgw.peers.bus import INTERFACE  # noqa: PLC0415
+    from pdgw.peers.simulation.beside import bus_file, simulated_devices  # noqa: PLC0415
+
+    with contextlib.ExitStack() as at_end:
+        directory = Path(at_end.enter_context(tempfile.TemporaryDirectory(prefix="pdgw-")))
+        started: list[tuple[CanConfig, subprocess.Popen[str]]] = []
+        for bus in config.can:
+            devices = simulated_devices(config, bus)
+            if devices:
+                file = directory / f"{len(started)}.toml"
+                file.write_text(bus_file(bus, devices), encoding="utf-8")
+                serve = ["--serve", "--port", "0"] if bus.interface == _VIRTUAL else []
+                started.append((bus, at_end.enter_context(_process(file, serve))))
+        reached: dict[str, CanConfig] = {}
+        for bus, process in started:
+            channel = _channel(bus, process)
+            if bus.interface == _VIRTUAL:
+                reached[bus.name] = CanConfig(interface=INTERFACE, channel=channel, name=bus.name)
+        yield config.model_copy(update={"can": tuple(reached.get(bus.name, bus) for bus in config.can)})
+
+
+@contextlib.contextmanager
+def _process(file: Path, options: list[str]) -> Iterator[subprocess.Popen[str]]:
+    """One that ends when its standard input does; Ctrl-C is not for it, the drives are needed until they stand."""
+    with subprocess.Popen(
+        [sys.executable, "-m", "pdgw", "sim", "bus", str(file), "--attached", *options],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    ) as process:
+        try:
+            yield process
+        finally:
+            assert process.stdin is not None
+            with contextlib.suppress(OSError):  # it may be gone already
+                process.stdin.close()
+            try:
+                process.wait(_STOP_S)
+            except subprocess.TimeoutExpired:
+                process.kill()
+
+
+def _channel(bus: CanConfig, process: subprocess.Popen[str]) -> str:
+    """Where a served bus is reached; returns when the devices are powered."""
+    channel = ""
+    assert process.stdout is not None
+    for line in process.stdout:
+        if line.startswith(_CHANNEL):
+            channel = line.removeprefix(_CHANNEL).strip().strip('"')
+        if _READY in line:
+            return channel
+    raise GatewayError(f"simulated devices of bus {bus.name}: could not be started, see above")

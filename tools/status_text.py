@@ -1,0 +1,106 @@
+"""The status of a gateway as text: one block for each drive object, folded at the width of the terminal and never cut."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Iterator
+from datetime import datetime
+from typing import Any
+
+from pdgw.profidrive.signals import Signal, signal
+from pdgw.profidrive.telegrams import ApplicationMode, telegram
+
+_USUAL = {"accepted", "sent", "received", "cycles", "generation"}
+"""Counters that rise while all is well."""
+_FAULTS = 3
+"""The newest ones are shown."""
+_DAY_S = 86_400
+
+
+def duration(seconds: float) -> str:
+    """``3 s``, ``12 min 5 s``, ``2 h 3 min``, ``4 d 1 h``."""
+    whole = int(seconds)
+    units = (("d", whole // _DAY_S), ("h", whole // 3600 % 24), ("min", whole // 60 % 60), ("s", whole % 60))
+    shown = [(name, value) for name, value in units if value]
+    if not shown:
+        return "0 s"
+    first = units.index(shown[0])
+    return " ".join(f"{value} {name}" for name, value in units[first : first + 2] if value)
+
+
+def status_lines(document: dict[str, Any], width: int = 80, *, counters: bool = False) -> Iterator[str]:
+    """The lines of a snapshot; ``counters``: all of them, not only those that tell of trouble."""
+    plc = document["plc"]
+    peer = f"{plc['peer'][0]}:{plc['peer'][1]}" if plc["peer"] else "no sender yet"
+    yield f"pdgw {document['version']}, up {duration(document['uptime_s'])}, at {_time_of_day(document['time'])}"
+    yield f"PLC {'connected' if plc['connected'] else 'not connected'} ({peer}), {plc['frames']['accepted']} frames"
+    for bus in document["buses"]:
+        yield f"bus {bus['name']}: {'healthy' if bus['healthy'] else 'LOST'}"
+    yield from _counters(document["counters"], width, everything=counters)
+    for item in document["axes"]:
+        yield ""
+        yield from _object(item, "axis", width)
+    for item in document["encoders"]:
+        yield ""
+        yield from _object(item, "encoder", width)
+
+
+def _time_of_day(text: str) -> str:
+    return datetime.fromisoformat(text).strftime("%H:%M:%S")
+
+
+def _folded(text: str, width: int, indent: int, first: str | None = None) -> Iterator[str]:
+    head = " " * indent if first is None else first
+    yield from textwrap.wrap(
+        text, width, initial_indent=head, subsequent_indent=" " * indent, break_on_hyphens=False
+    ) or [head]
+
+
+def _counters(items: list[dict[str, Any]], width: int, *, everything: bool) -> Iterator[str]:
+    shown = [item for item in items if everything or (item["value"] and item["name"] not in _USUAL)]
+    if shown and not everything:
+        yield "counted besides what is usual:"
+    for item in shown:
+        text = f"{item['part']} {item['name']}: {item['value']} {item['unit']} ({item['meaning']})"
+        yield from _folded(text, width, 4, "  ")
+
+
+def _object(item: dict[str, Any], kind: str, width: int) -> Iterator[str]:
+    age = item["heard_age_ms"]
+    heard = "" if age is None else f", heard {age:g} ms ago"
+    head = f"DO {item['do_id']} {kind}, node {item['node_id']} {item['drive']}{heard}, telegram {item['telegram']}"
+    yield from _folded(f"{head}: {item['state']}", width, 4, "")
+    why = item["reason"] or item["drive_text"]
+    if why:
+        yield from _folded(why, width, 5, "  -> ")
+    chosen = telegram(item["telegram"])
+    positioning = chosen.mode is ApplicationMode.POSITIONING
+    for title, values in (("from PLC", item["setpoints"]), ("to PLC", item["actuals"])):
+        if values is None:
+            yield f"  {title:<9} nothing valid"
+            continue
+        parts = [_value(signal(name), raw, positioning) for name, raw in values.items()]
+        yield from _folded(",  ".join(parts), width, 12, f"  {title:<9} ")
+    if not item["iops_good"]:
+        yield "  its values are marked bad (IOPS)"
+    for line in item.get("scaling", ()):
+        yield from _folded(line, width, 4, "  ")
+    faults = item["faults"]
+    for fault in faults[-_FAULTS:]:
+        what = "warning" if fault["is_warning"] else "fault"
+        text = f"{what} {fault['number']} at {_time_of_day(fault['time'])}, {duration(fault['age_s'])} ago: {fault['text']}"
+        yield from _folded(text, width, 4, "  ")
+    if len(faults) > _FAULTS:
+        yield f"  and {len(faults) - _FAULTS} older ones (--json)"
+
+
+def _value(item: Signal, raw: int, positioning: bool) -> str:
+    """Name, value and what it says."""
+    percent = item.percent(raw)
+    if percent is not None:
+        return f"{item.name} {percent:.2f} %"
+    bits = [bit for bit in item.fields(positioning=positioning) if bit.width == 1 and bit.of(raw)]
+    if item.bits:
+        names = " ".join(bit.name for bit in bits)
+        return f"{item.name} {raw:0{2 * item.type.size}X}h" + (f" {names}" if names else "")
+    return f"{item.name} {raw}"
