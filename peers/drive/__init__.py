@@ -1,6 +1,19 @@
-"""A realistic CiA 402 drive: pure model, CANopen node, and a thread on any python-can bus."""
+"""A realistic CiA 402 drive: pure model in several shapes, CANopen node, and a node on any python-can bus."""
 
-from pdgw.peers.drive.model import DriveModel, Machine
+from pdgw.peers.drive.model import LINEAR, MACHINES, ROTARY, DriveModel, Machine
 from pdgw.peers.drive.node import SimulatedDrive, SimulatedDriveNode
+from pdgw.peers.drive.shapes import ENGEL, SHAPES, Shape, shape
 
-__all__ = ["DriveModel", "Machine", "SimulatedDrive", "SimulatedDriveNode"]
+__all__ = [
+    "ENGEL",
+    "LINEAR",
+    "MACHINES",
+    "ROTARY",
+    "SHAPES",
+    "DriveModel",
+    "Machine",
+    "Shape",
+    "SimulatedDrive",
+    "SimulatedDriveNode",
+    "shape",
+]

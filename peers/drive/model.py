@@ -16,19 +16,28 @@ from pdgw.dsp402.modes import HOMING_METHODS, Mode
 from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.dsp402.states import STATUS_OF, Command, ControlBit, State, StatusBit, next_state
 from pdgw.peers.drive.motion import INCREMENTS_PER_REVOLUTION, TICK, Ramp, increments_per_second, speed_toward
+from pdgw.peers.drive.shapes import ENGEL, Shape
 
 MS = 1_000_000
 DI1 = 1 << 16
 NEGATIVE_LIMIT = 1 << 0
 POSITIVE_LIMIT = 1 << 1
-MODES = frozenset(Mode) - {Mode.VL_VELOCITY, Mode.CYCLIC_POSITION, Mode.CYCLIC_VELOCITY}
 _INT32_MAX = (1 << 31) - 1
 _RAMPED_STATES = (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE, State.FAULT_REACTION_ACTIVE)
 _POSITION_MODES = (Mode.POSITION, Mode.TURNTABLE)
-_EVEN_MODES = (Mode.VELOCITY, Mode.SPEED_CONTROL, Mode.TORQUE, Mode.CURRENT_CONTROL)
+_EVEN_MODES = (
+    Mode.VELOCITY,
+    Mode.VL_VELOCITY,
+    Mode.CYCLIC_VELOCITY,
+    Mode.SPEED_CONTROL,
+    Mode.TORQUE,
+    Mode.CURRENT_CONTROL,
+)
 """At constant speed nothing but the position changes in these."""
 _ABORT_COMMANDS = {2: Command.DISABLE_VOLTAGE, 3: Command.QUICK_STOP}
 """Device control command of 6007h."""
+_VL_RAMP = 0x70
+"""Controlword of velocity mode (vl): enable ramp, unlock ramp, reference ramp. All three let the set-point through."""
 COAST_DECELERATION = 1500.0
 """rpm/s of the free-running motor."""
 TORQUE_ACCELERATION = 6000.0
@@ -42,12 +51,18 @@ ObjectReader = Callable[[int, int], int]
 
 @dataclass(frozen=True, slots=True)
 class Machine:
-    """Where the simulated axis ends, in increments of the machine (power-on position is 0)."""
+    """Where the simulated axis ends, in increments of the machine (power-on position is 0); a shaft turns for ever."""
 
-    negative_limit: float | None = -550_000
-    positive_limit: float | None = 550_000
-    negative_stop: float = -600_000
-    positive_stop: float = 600_000
+    negative_limit: float | None = None
+    positive_limit: float | None = None
+    negative_stop: float = -math.inf
+    positive_stop: float = math.inf
+
+
+ROTARY = Machine()
+LINEAR = Machine(-550_000, 550_000, -600_000, 600_000)
+"""A slide with limit switches 134 revolutions away on either side, and stops behind them."""
+MACHINES = {"rotary": ROTARY, "linear": LINEAR}
 
 
 @dataclass(slots=True)
@@ -64,9 +79,14 @@ class DriveModel:
     ``read`` gives the value of the other objects (index, sub-index). ``emcy`` collects (error code, error register).
     """
 
-    def __init__(self, read: ObjectReader, machine: Machine | None = None) -> None:
+    def __init__(self, read: ObjectReader, machine: Machine | None = None, shape: Shape = ENGEL) -> None:
         self.read = read
-        self.machine = machine or Machine()
+        self.machine = machine or ROTARY
+        self.shape = shape
+        per_rpm = shape.velocity_per_rpm
+        self._fixed_unit = None if per_rpm is None else float(1 / per_rpm)
+        self._rate = float(1 / shape.acceleration_per_rpm_s)
+        """rpm/s of one acceleration unit."""
         self.emcy: list[tuple[int, int]] = []
         self.disguises: list[Callable[[DriveModel, int], None]] = []
         """What shows something else than the drive does; called with the model's time after each update of the image."""
@@ -77,9 +97,14 @@ class DriveModel:
         for entry in DRIVE_OBJECTS.entries:
             if entry.attribute:
                 setattr(self, entry.attribute, entry.default)
+        for spec in self.shape.has:
+            for entry in spec.entries:
+                if entry.attribute:
+                    setattr(self, entry.attribute, entry.default)
         self.error_register = 0
         self.state = State.NOT_READY_TO_SWITCH_ON
-        self.mode = Mode.POSITION
+        modes = self.shape.modes
+        self.mode = Mode.POSITION if Mode.POSITION in modes else Mode(min(modes))
         self.ramp = Ramp()
         self.machine_position = 0.0
         self.zero = 0.0
@@ -141,7 +166,8 @@ class DriveModel:
     @property
     def _unit(self) -> float:
         """rpm of one velocity unit (6094h)."""
-        return self.read(0x6094, 1) / self.read(0x6094, 2)
+        fixed = self._fixed_unit
+        return self.read(0x6094, 1) / self.read(0x6094, 2) if fixed is None else fixed
 
     @property
     def _max_rpm(self) -> float:
@@ -153,8 +179,8 @@ class DriveModel:
         return self.machine_position - self.zero
 
     def _acceleration(self, value: int, limit_index: int) -> float:
-        """rpm/s of a ramp object in 10 rpm/s, limited by 60C5h / 60C6h."""
-        return 10.0 * max(1, min(value, self.read(limit_index, 0)))
+        """rpm/s of a ramp object (of the ENGEL-like drive in 10 rpm/s), limited by 60C5h / 60C6h."""
+        return self._rate * max(1, min(value, self.read(limit_index, 0)))
 
     @property
     def _sine(self) -> bool:
@@ -225,7 +251,11 @@ class DriveModel:
         self._update()
 
     def _select_mode(self, word: int) -> None:
-        if self.modes_of_operation == self.mode or word & ControlBit.HALT or self.modes_of_operation not in MODES:
+        if (
+            self.modes_of_operation == self.mode
+            or word & ControlBit.HALT
+            or self.modes_of_operation not in self.shape.modes
+        ):
             return
         self.mode = Mode(self.modes_of_operation)
         self._setpoint = self._queued = None
@@ -306,6 +336,8 @@ class DriveModel:
         if self.mode is Mode.TURNTABLE:
             return target
         low, high = self.read(0x607B, 1), self.read(0x607B, 2)
+        if low == high == 0:
+            return target
         limited = min(max(target, low), high)
         self._limited = limited != target
         return limited
@@ -430,7 +462,7 @@ class DriveModel:
 
     def _quick_deceleration(self, quick: bool) -> float:
         if quick:
-            return 10.0 * self.read(0x6085, 0)
+            return self._rate * self.read(0x6085, 0)
         return self._acceleration(self.profile_deceleration, 0x60C6)
 
     def _stop(self, deceleration: float) -> bool:
@@ -488,6 +520,15 @@ class DriveModel:
             self.ramp.sine_squared(target, *self._sine_times())
         else:
             acceleration = self._acceleration(self.profile_acceleration, 0x60C5)
+            if self.mode is Mode.VL_VELOCITY:
+                up, down = (self.read(index, 1) / max(1, self.read(index, 2)) for index in (0x6048, 0x6049))
+                self.ramp.linear(target, up, down)
+                return
+            if self.mode is Mode.CYCLIC_VELOCITY:
+                # The master makes the ramp: the drive follows as fast as it can.
+                most = self._acceleration(self.read(0x60C5, 0), 0x60C5)
+                self.ramp.linear(target, most, most)
+                return
             if self.mode is Mode.SPEED_CONTROL:
                 torque = min(self.dynamic_torque_limit, self.read(0x6073, 0))
                 acceleration = min(acceleration, TORQUE_ACCELERATION * torque / 1000)
@@ -500,6 +541,8 @@ class DriveModel:
         if self._halted():
             self.target_velocity = 0
         wanted = self.target_velocity * self._unit
+        if self.mode is Mode.VL_VELOCITY and self.controlword & _VL_RAMP != _VL_RAMP:
+            wanted = 0.0
         limit = self._speed_limit()
         self._follow_ramp(min(max(wanted, -limit), limit))
 

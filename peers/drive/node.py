@@ -8,12 +8,24 @@ from pdgw.ds301.nmt import NmtState
 from pdgw.ds301.objects import Entry
 from pdgw.ds301.pdo import Pdo
 from pdgw.ds301.port import CanPort
-from pdgw.dsp402.device import drive_objects
 from pdgw.peers.drive.misbehaviour import DRIVE_MISBEHAVIOURS
-from pdgw.peers.drive.model import DriveModel, Machine
+from pdgw.peers.drive.model import MS, DriveModel, Machine
 from pdgw.peers.drive.motion import INCREMENTS_PER_REVOLUTION
+from pdgw.peers.drive.shapes import ENGEL, GUARD_TIME, LIFE_TIME_FACTOR, Shape
 from pdgw.peers.node.node import SendFunction, SimulatedNode, Value
 from pdgw.peers.node.running import RunningNode
+
+_TOGGLE = 0x80
+_WITHOUT = {
+    **dict.fromkeys((0x607F, 0x60C5, 0x60C6), 0x7FFF_FFFF),
+    0x6080: 6000,
+    0x6073: 1000,
+    0x6085: 10_000,
+    0x605A: 2,
+    0x605E: 2,
+    0x6007: 1,
+}
+"""What a drive without an object does: no limit, its own rating, the profile's default."""
 
 
 class SimulatedDriveNode(SimulatedNode):
@@ -22,18 +34,30 @@ class SimulatedDriveNode(SimulatedNode):
     catalogue = DRIVE_MISBEHAVIOURS
 
     def __init__(
-        self, node_id: int, send: SendFunction, *, machine: Machine | None = None, pdos: int = 5, serial_number: int = 1
+        self,
+        node_id: int,
+        send: SendFunction,
+        *,
+        machine: Machine | None = None,
+        pdos: int | None = None,
+        serial_number: int = 1,
+        shape: Shape = ENGEL,
     ) -> None:
         self._ready = False
-        self.model = DriveModel(self._object, machine)
-        super().__init__(node_id, drive_objects(serial_number, pdos), self.model, send)
+        self.shape = shape
+        self._guard_toggle = 0
+        self._guarded_until = 0
+        self.model = DriveModel(self._object, machine, shape)
+        super().__init__(node_id, shape.objects(serial_number, pdos), self.model, send)
+        self.boot_ns = shape.boot_ms * MS
         self._ready = True
 
     def _object(self, index: int, subindex: int) -> int:
         if not self._ready:
             # The model looks at its objects once before the node has them.
             return {0x6094: subindex, 0x6080: 1}.get(index, 0)
-        return int(self.values[index, subindex])
+        value = self.values.get((index, subindex))
+        return _WITHOUT.get(index, 0) if value is None else int(value)
 
     def on_poll(self, now: int) -> None:
         self.model.advance(now)
@@ -69,6 +93,34 @@ class SimulatedDriveNode(SimulatedNode):
     def on_reset(self) -> None:
         self.model.reset()
 
+    # -- node guarding (CiA 301, 7.2.8.3.2): what a drive without heartbeats has -----------------------------------------
+
+    @property
+    def _life_time(self) -> int:
+        return int(self.values[GUARD_TIME, 0]) * int(self.values[LIFE_TIME_FACTOR, 0]) * MS
+
+    def receive_remote(self, can_id: int, now: int) -> None:
+        if not self.shape.node_guarding or can_id != 0x700 + self.node_id:
+            super().receive_remote(can_id, now)
+        elif self.running:
+            self.now = now
+            self._guarded_until = now + self._life_time if self._life_time else 0
+            self.transmit(can_id, bytes([self._guard_toggle | self.state]))
+            self._guard_toggle ^= _TOGGLE
+
+    def poll(self, now: int) -> None:
+        if self._guarded_until and now > self._guarded_until:
+            self._guarded_until = 0
+            self.now = now
+            self.on_consumer_expired(0)
+        super().poll(now)
+
+    def next_event(self, now: int) -> int | None:
+        event = super().next_event(now)
+        if not self._guarded_until:
+            return event
+        return self._guarded_until + 1 if event is None else min(event, self._guarded_until + 1)
+
 
 class SimulatedDrive(RunningNode[SimulatedDriveNode]):
     """A ``SimulatedDriveNode`` running on a bus; see ``RunningNode``."""
@@ -79,13 +131,16 @@ class SimulatedDrive(RunningNode[SimulatedDriveNode]):
         node_id: int,
         *,
         machine: Machine | None = None,
-        pdos: int = 5,
+        pdos: int | None = None,
         serial_number: int = 1,
+        shape: Shape = ENGEL,
         loop: Loop | None = None,
     ) -> None:
         super().__init__(
             bus,
-            lambda send: SimulatedDriveNode(node_id, send, machine=machine, pdos=pdos, serial_number=serial_number),
+            lambda send: SimulatedDriveNode(
+                node_id, send, machine=machine, pdos=pdos, serial_number=serial_number, shape=shape
+            ),
             loop,
         )
 

@@ -104,6 +104,9 @@ class SimulatedNode:
         """The faults in force, by name; they begin when the node is powered."""
         self._powered = False
         self._touched = False
+        self.boot_ns = 0
+        """So long after power-on and reset it answers nothing."""
+        self._boot_at = -1
         self.object_dictionary = ObjectDictionary()
         self._sdo = BlockSdoServer(0x600 + node_id, 0x580 + node_id, self)
         self._sdo.network = self
@@ -222,13 +225,15 @@ class SimulatedNode:
         self.now = now
         for fault in list(self.misbehaviours.values()):
             fault.poll(now)
+        if 0 <= self._boot_at <= now:
+            self._boot()
         if self.state is NmtState.BOOT_UP:
             return
         if self._touched:
             self._touched = False
             self.on_touched()
         self.on_poll(now)
-        period = int(self.values[com.PRODUCER_HEARTBEAT, 0]) * MS
+        period = int(self.values.get((com.PRODUCER_HEARTBEAT, 0), 0)) * MS
         if period and now >= self._heartbeat_due:
             self._heartbeat_due = now + period
             self.transmit(0x700 + self.node_id, bytes([self.state]))
@@ -258,12 +263,14 @@ class SimulatedNode:
         if self.state is not NmtState.BOOT_UP:
             if self._touched:
                 return now
-            if self.values[com.PRODUCER_HEARTBEAT, 0] and self._heartbeat_due < soonest:
+            if self.values.get((com.PRODUCER_HEARTBEAT, 0), 0) and self._heartbeat_due < soonest:
                 soonest = self._heartbeat_due
             for limit, seen in self._consumed.values():
                 if seen >= 0 and seen + limit < soonest:
                     soonest = seen + limit + 1
             soonest = min(soonest, self._next_pdo(now))
+        elif self._boot_at >= 0:
+            soonest = min(soonest, self._boot_at)
         return soonest if soonest < _NEVER else None
 
     def _next_pdo(self, now: int) -> int:
@@ -298,6 +305,7 @@ class SimulatedNode:
     def power_off(self) -> None:
         """Silent until ``start``."""
         self.state = NmtState.BOOT_UP
+        self._boot_at = -1
 
     def restart(self) -> None:
         """The firmware starts again: power-on values, boot-up message."""
@@ -440,6 +448,11 @@ class SimulatedNode:
     # -- NMT ----------------------------------------------------------------------------------------------------------
 
     def _boot(self) -> None:
+        if self.boot_ns and self._boot_at < 0:
+            self.state = NmtState.BOOT_UP
+            self._boot_at = self.now + self.boot_ns
+            return
+        self._boot_at = -1
         self.state = NmtState.PRE_OPERATIONAL
         self._heartbeat_due = self.now
         self.transmit(0x700 + self.node_id, bytes([NmtState.BOOT_UP]))

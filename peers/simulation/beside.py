@@ -7,24 +7,32 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from typing import Literal
 
 import can
 from pdgw.ds301.port import CanPort
-from pdgw.gateway.config import CanConfig, EncoderConfig, GatewayConfig
+from pdgw.gateway.config import AxisConfig, CanConfig, EncoderConfig, GatewayConfig
 from pdgw.gateway.errors import GatewayError
 from pdgw.peers.simulation.config import DeviceConfig
 from pdgw.peers.simulation.devices import Simulation
+from pdgw.profidrive.telegrams import ApplicationMode, telegram
 from pydantic import ValidationError
 
 
 def simulated_devices(config: GatewayConfig, bus: CanConfig) -> list[DeviceConfig]:
     """Those of one bus, drives first: they turn the encoders. GatewayError for a motion that cannot be."""
     devices = [
-        DeviceConfig(type="drive", node_id=axis.node_id, serial_number=axis.do_id)
+        DeviceConfig(type="drive", node_id=axis.node_id, serial_number=axis.do_id, axis=_axis_of(axis))
         for axis in config.axis
         if axis.simulate and config.bus_of(axis).name == bus.name
     ]
     return devices + [_encoder(items) for items in config.encoders_of(bus).values() if items[0].simulate]
+
+
+def _axis_of(axis: AxisConfig) -> Literal["rotary", "linear"]:
+    """A shaft turns for ever; positioning needs switches to home on."""
+    mode = telegram(axis.telegram).setpoints.mode
+    return "linear" if mode is ApplicationMode.POSITIONING else "rotary"
 
 
 def _encoder(items: Sequence[EncoderConfig]) -> DeviceConfig:

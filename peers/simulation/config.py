@@ -6,13 +6,14 @@ TOML, validated by pydantic with the messages of the gateway's own configuration
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pdgw.ds301.errors import CanopenError
 from pdgw.dsp406.kinds import ROTARY
 from pdgw.gateway.config import CanConfig, Integer, Port, as_list
 from pdgw.gateway.explain import misplaced
 from pdgw.gateway.toml_file import parse_toml, read_text
+from pdgw.peers.drive import SHAPES
 from pdgw.peers.encoder.motion import parse_motion, still
 from pdgw.peers.node.misbehaviour import make
 from pdgw.peers.simulation.devices import DEVICE_TYPES, encoder_device
@@ -48,6 +49,9 @@ def _as_texts(value: object) -> object:
     return [value] if isinstance(value, str) else value
 
 
+_DRIVE_OPTIONS = ("axis", "like")
+
+
 class DeviceConfig(_Section):
     """One device."""
 
@@ -55,6 +59,10 @@ class DeviceConfig(_Section):
     node_id: Annotated[Integer, Field(ge=1, le=126)]
     serial_number: Annotated[Integer, Field(ge=0, le=0xFFFF_FFFF)] | None = None
     """1018h/4; without it the node-ID."""
+    axis: Literal["rotary", "linear"] | None = None
+    """Of a drive: a shaft that turns for ever, or a slide with limit switches."""
+    like: str | None = None
+    """Of a drive: the shape, see ``peers.drive.shapes``."""
     model: str | None = None
     """Of an encoder: rotary, linear or multi-sensor."""
     channels: Integer | None = None
@@ -66,14 +74,24 @@ class DeviceConfig(_Section):
     @property
     def options(self) -> dict[str, Any]:
         """What was given of the options that only some kinds of devices have."""
-        options = {"model": self.model, "channels": self.channels, "motion": self.motion}
+        options = {
+            "axis": self.axis,
+            "like": self.like,
+            "model": self.model,
+            "channels": self.channels,
+            "motion": self.motion,
+        }
         return {name: value for name, value in options.items() if value}
 
     @model_validator(mode="after")
     def _options_fit(self) -> DeviceConfig:
+        for name in self.options:
+            owner = "drive" if name in _DRIVE_OPTIONS else "encoder"
+            if self.type != owner:
+                raise ValueError(f"{name} is for {owner}s, not allowed for a {self.type}")
         if self.type != "encoder":
-            for name in self.options:
-                raise ValueError(f"{name} is for encoders, not allowed for a {self.type}")
+            if self.like is not None and self.like not in SHAPES:
+                raise ValueError(f'like = "{self.like}" is no shape of a drive, allowed: {", ".join(SHAPES)}')
             return self
         try:
             device = encoder_device(self.model or ROTARY.name, self.channels)
@@ -152,6 +170,8 @@ rest_port = 0                # GET /devices, GET /faults, POST and DELETE /devic
 [[device]]
 type = "drive"
 node_id = 1
+axis = "rotary"              # a shaft; "linear": a slide with limit switches, where homing by switches ends
+like = "engel"               # the shape, see `pdgw sim drive --help`
 
 [[device]]
 type = "drive"              # "drive" or "encoder"

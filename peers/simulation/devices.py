@@ -17,7 +17,7 @@ from pdgw.ds301.port import CanPort
 from pdgw.dsp402.states import state_of
 from pdgw.dsp406.kinds import DEVICES, ROTARY, EncoderDevice
 from pdgw.dsp406.registers import Alarm, Warnings, names
-from pdgw.peers.drive import SimulatedDrive, SimulatedDriveNode
+from pdgw.peers.drive import ENGEL, MACHINES, SimulatedDrive, SimulatedDriveNode, shape
 from pdgw.peers.encoder import SimulatedEncoder, SimulatedEncoderNode
 from pdgw.peers.encoder.motion import Motion, parse_motion
 from pdgw.peers.node.misbehaviour import Misbehaviour
@@ -56,6 +56,24 @@ def encoder_device(model: str = ROTARY.name, channels: int | None = None) -> Enc
     if model not in DEVICES:
         raise CanopenError("model of encoder", model, f"one of {', '.join(DEVICES)}")
     return DEVICES[model] if channels is None else replace(DEVICES[model], channels=channels)
+
+
+def _drive(
+    bus: can.BusABC | CanPort,
+    node_id: int,
+    /,
+    *,
+    serial_number: int,
+    axis: str = "rotary",
+    like: str = ENGEL.name,
+    loop: Loop | None = None,
+) -> SimulatedDrive:
+    """``axis``: a name of ``MACHINES``; ``like``: a name of ``SHAPES``."""
+    if axis not in MACHINES:
+        raise CanopenError("axis of drive", axis, ", ".join(MACHINES))
+    return SimulatedDrive(
+        bus, node_id, machine=MACHINES[axis], shape=shape(like), serial_number=serial_number, loop=loop
+    )
 
 
 def _encoder(
@@ -99,7 +117,7 @@ def _drive_status(node: SimulatedDriveNode) -> dict[str, object]:
 
 DEVICE_TYPES: Mapping[str, DeviceType] = MappingProxyType(
     {
-        "drive": DeviceType(SimulatedDrive, SimulatedDriveNode, _drive_status),
+        "drive": DeviceType(_drive, SimulatedDriveNode, _drive_status),
         "encoder": DeviceType(_encoder, SimulatedEncoderNode, _encoder_status),
     }
 )

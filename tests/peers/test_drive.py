@@ -19,7 +19,7 @@ from pdgw.dsp402.modes import HOMING_METHODS, Mode
 from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.dsp402.pdo import LAYOUTS
 from pdgw.dsp402.states import COMMAND_TRANSITIONS, Command, ControlBit, State, StatusBit, state_of
-from pdgw.peers.drive import Machine, SimulatedDriveNode
+from pdgw.peers.drive import LINEAR, Machine, SimulatedDriveNode
 
 MS = 1_000_000
 NODE = 1
@@ -31,7 +31,9 @@ class Bench:
 
     def __init__(self, machine: Machine | None = None, mode: Mode = Mode.VELOCITY) -> None:
         self.frames: list[tuple[int, bytes]] = []
-        self.node = SimulatedDriveNode(NODE, lambda can_id, data: self.frames.append((can_id, data)), machine=machine)
+        self.node = SimulatedDriveNode(
+            NODE, lambda can_id, data: self.frames.append((can_id, data)), machine=machine or LINEAR
+        )
         self.model = self.node.model
         self.now = 0
         self.node.start(0)

@@ -14,7 +14,7 @@ from pdgw.dsp402.pdo import LAYOUTS
 from pdgw.dsp402.states import State
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.telegrams import initial_mode, pdo_operation
-from pdgw.peers.drive import Machine, SimulatedDriveNode
+from pdgw.peers.drive import LINEAR, Machine, SimulatedDriveNode
 
 from tests.support.stepper import Stepper
 
@@ -28,7 +28,7 @@ class Rig:
     def __init__(self, number: int, machine: Machine | None = None, **settings: object) -> None:
         self.stepper = Stepper(number, AxisSettings(**settings))  # type: ignore[arg-type]
         self.layout = LAYOUTS[pdo_operation(number)]
-        self.node = SimulatedDriveNode(NODE, self._transmitted, machine=machine)
+        self.node = SimulatedDriveNode(NODE, self._transmitted, machine=machine or LINEAR)
         self.feedback = DriveFeedback()
         self.now = 0
         self.connected_drive = True

@@ -15,6 +15,7 @@ from pdgw.gateway.config import CanConfig
 from pdgw.gateway.edge import open_configured_bus
 from pdgw.gateway.errors import GatewayError
 from pdgw.peers.bus import DEFAULT_PORT, INTERFACE, ServedBus
+from pdgw.peers.drive import ENGEL, SHAPES
 from pdgw.peers.simulation.beside import add_device
 from pdgw.peers.simulation.config import ControlConfig, example, load_bus
 from pdgw.peers.simulation.console import COMMANDS
@@ -30,12 +31,16 @@ def drive(
     node_id: Annotated[
         list[int] | None, typer.Option(min=1, max=126, help="Node-ID; repeat for several drives.")
     ] = None,
+    like: Annotated[str, typer.Option(help=f"Shape of the drive: {', '.join(SHAPES)}.")] = ENGEL.name,
+    axis: Annotated[
+        str, typer.Option(help="What it moves: rotary, a shaft, or linear, a slide with limit switches.")
+    ] = "rotary",
     control_port: ControlPort = 0,
     rest_port: RestPort = 0,
 ) -> None:
     """Run simulated drives until SIGINT, SIGTERM or `quit`. Commands on standard input: see `pdgw sim inject`."""
     control = control_ports(control_port, rest_port)
-    run_nodes("drive", (interface, channel, bitrate), node_id or [1], control, "drives")
+    run_nodes("drive", (interface, channel, bitrate), node_id or [1], control, "drives", like=like, axis=axis)
 
 
 def bus(

@@ -98,7 +98,7 @@ def gateway_config(channel: str, port: int, acyclic_port: int) -> str:
 
 def devices_config(channel: str, control_port: int) -> str:
     """The devices on the bus, for ``pdgw sim bus``."""
-    drives = "".join(f'\n[[device]]\ntype = "drive"\nnode_id = {n}\n' for n in range(1, _ENCODER))
+    drives = "".join(f'\n[[device]]\ntype = "drive"\nnode_id = {n}\naxis = "linear"\n' for n in range(1, _ENCODER))
     return (
         f'[can]\ninterface = "remote"\nchannel = "{channel}"\n\n[control]\nport = {control_port}\n{drives}'
         f'\n[[device]]\ntype = "encoder"\nnode_id = {_ENCODER}\nmotion = "shaft=1"\n'

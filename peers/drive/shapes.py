@@ -1,0 +1,280 @@
+"""Shapes of simulated drives: the ENGEL-like drive behind other objects, units, modes, PDOs and manners.
+
+Each shape is one way in which drives of the market differ (CiA 402 leaves it open). What turns is always the same motor with
+4096 increments a revolution; what a value means is the shape's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+from fractions import Fraction
+from types import MappingProxyType
+
+from pdgw.ds301.communication import CONSUMER_HEARTBEAT, PRODUCER_HEARTBEAT, communication_objects, pdo_objects
+from pdgw.ds301.eds import DeviceInfo
+from pdgw.ds301.errors import CanopenError
+from pdgw.ds301.objects import Access, CanType, Entry, ObjectSpec, array, var
+from pdgw.ds301.pdo import Pdo, PdoDirection
+from pdgw.dsp402.device import DEVICE_TYPE, INFO, REVISION, drive_objects
+from pdgw.dsp402.modes import Mode
+from pdgw.dsp402.objects import DRIVE_OBJECTS
+from pdgw.dsp402.pdo import pdo
+from pdgw.peers.drive.motion import INCREMENTS_PER_REVOLUTION
+
+GUARD_TIME, LIFE_TIME_FACTOR = 0x100C, 0x100D
+_I16, _I32, _U8, _U16, _U32 = CanType.I16, CanType.I32, CanType.U8, CanType.U16, CanType.U32
+_RO, _RW = Access.RO, Access.RW
+_VENDOR_ID = 0x0000_0FFF
+"""Of nobody: a device no overlay knows."""
+_MANUFACTURER = frozenset({0x2003, 0x2004, 0x200C, 0x6094, 0x6C01, 0x7004})
+_PROFILE_MODES = 1 << 0 | 1 << 2 | 1 << 5
+"""6502h: profile position, profile velocity, homing."""
+_RATED_RPM = 3000
+_MAX_RPM_S = 10_000
+_PROFILE_RPM_S = 3000
+_SLOW_BOOT_MS = 15_000
+_ENGEL_MODES = frozenset({-5, -4, -3, 1, 3, 4, 6})
+
+
+@dataclass(frozen=True, slots=True)
+class Shape:
+    """One kind of simulated drive."""
+
+    name: str
+    text: str
+    """For the help of ``pdgw sim drive --like``."""
+    velocity_per_rpm: Fraction | None = None
+    """Velocity units of one rpm; None: what 6094h says."""
+    acceleration_per_rpm_s: Fraction = Fraction(1, 10)
+    modes: frozenset[int] = _ENGEL_MODES
+    lacks: frozenset[int] = frozenset()
+    """Objects of the ENGEL-like drive it does not have."""
+    has: tuple[ObjectSpec, ...] = ()
+    """Objects it has beside those of the ENGEL-like drive, or in their place."""
+    pdos: int = 5
+    event_timer: bool = True
+    fixed_pdos: tuple[Pdo, ...] = ()
+    """Its PDOs, when their mapping cannot be written."""
+    boot_ms: int = 0
+    node_guarding: bool = False
+    """It guards its master by remote requests instead of heartbeats."""
+    info: DeviceInfo = field(default=INFO)
+
+    def objects(self, serial_number: int = 1, pdos: int | None = None) -> tuple[ObjectSpec, ...]:
+        """Every object of the drive; ``pdos``: another number of RPDOs and TPDOs than the shape's."""
+        number = self.pdos if pdos is None else pdos
+        if self.name == ENGEL.name:
+            return drive_objects(serial_number, number)
+        info = self.info
+        identity = (info.vendor_id, info.product_code, info.revision, serial_number)
+        mapped = self.fixed_pdos or (pdo(PdoDirection.RPDO, 1, "controlword"), pdo(PdoDirection.TPDO, 1, "statusword"))
+        of_pdos: Iterable[ObjectSpec] = pdo_objects(number, number, mapped, event_timer=self.event_timer)
+        if self.fixed_pdos:
+            of_pdos = map(_fixed, of_pdos)
+        own = {spec.index: spec for spec in self.has}
+        everything = (
+            *communication_objects(DEVICE_TYPE, info.product_name, identity, ("1.0", "1.0")),
+            *of_pdos,
+            *DRIVE_OBJECTS.objects,
+        )
+        kept = [spec for spec in everything if spec.index not in self.lacks and spec.index not in own]
+        return (*kept, *own.values())
+
+
+def _fixed(spec: ObjectSpec) -> ObjectSpec:
+    """A PDO whose identifier and mapping cannot be written."""
+    mapping = any(item.mapping_index <= spec.index < item.mapping_index + 8 for item in PdoDirection)
+    entries = tuple(replace(entry, access=_RO) if mapping or entry.subindex == 1 else entry for entry in spec.entries)
+    return replace(spec, entries=entries)
+
+
+def _ratio(index: int, name: str, numerator: int, denominator: int) -> ObjectSpec:
+    return array(
+        index,
+        name,
+        Entry(index, 1, "Numerator", _U32, _RW, default=numerator),
+        Entry(index, 2, "Denominator", _U32, _RW, default=denominator),
+    )
+
+
+def _kinematics(velocity: Fraction, acceleration: Fraction, *, limits: bool = True) -> tuple[ObjectSpec, ...]:
+    """The objects with velocities and accelerations, in units of so many a rpm and a rpm/s."""
+    speed = int(_RATED_RPM * velocity)
+    fast, slow = int(200 * velocity), int(50 * velocity)
+    rate, most = int(_PROFILE_RPM_S * acceleration), int(_MAX_RPM_S * acceleration)
+    objects = (
+        var(0x6081, "Profile velocity", _U32, _RW, pdo=True, default=speed // 3, attribute="profile_velocity"),
+        var(0x6083, "Profile acceleration", _U32, _RW, pdo=True, default=rate, attribute="profile_acceleration"),
+        var(0x6084, "Profile deceleration", _U32, _RW, pdo=True, default=rate, attribute="profile_deceleration"),
+        var(0x6085, "Quick stop deceleration", _U32, _RW, default=most),
+        array(
+            0x6099,
+            "Homing speeds",
+            Entry(0x6099, 1, "Speed during search for switch", _U32, _RW, default=fast),
+            Entry(0x6099, 2, "Speed during search for zero", _U32, _RW, default=slow),
+        ),
+        var(0x609A, "Homing acceleration", _U32, _RW, default=rate),
+        var(0x60FF, "Target velocity", _I32, _RW, pdo=True, default=0, attribute="target_velocity"),
+    )
+    if not limits:
+        return objects
+    return (
+        *objects,
+        var(0x607F, "Max profile velocity", _U32, _RW, default=speed),
+        var(0x60C5, "Max acceleration", _U32, _RW, default=most),
+        var(0x60C6, "Max deceleration", _U32, _RW, default=most),
+    )
+
+
+_PER_SECOND = Fraction(INCREMENTS_PER_REVOLUTION, 60)
+"""Increments per second of one rpm."""
+_RPM_OBJECTS = (
+    *_kinematics(Fraction(1), Fraction(1)),
+    var(0x60A9, "SI unit velocity", _U32, _RW, default=0x00B4_4700),
+    var(0x6502, "Supported drive modes", _U32, _RO, default=_PROFILE_MODES),
+)
+_RPM_MODES = frozenset({Mode.POSITION.value, Mode.VELOCITY.value, Mode.HOMING.value})
+
+
+def _info(name: str, product_code: int) -> DeviceInfo:
+    return DeviceInfo("Nobody", f"Simulated drive {name}", _VENDOR_ID, product_code, REVISION)
+
+
+def _rpm(name: str, text: str, product_code: int) -> Shape:
+    """A plain drive in rpm, from which others depart in one thing."""
+    return Shape(
+        name,
+        text,
+        velocity_per_rpm=Fraction(1),
+        acceleration_per_rpm_s=Fraction(1),
+        modes=_RPM_MODES,
+        lacks=_MANUFACTURER,
+        has=_RPM_OBJECTS,
+        info=_info(name, product_code),
+    )
+
+
+def _with(shape: Shape, *objects: ObjectSpec) -> tuple[ObjectSpec, ...]:
+    """The shape's objects with others beside them or in their place."""
+    own = {spec.index for spec in objects}
+    return (*(spec for spec in shape.has if spec.index not in own), *objects)
+
+
+_R, _T = PdoDirection.RPDO, PdoDirection.TPDO
+_PREDEFINED = (
+    pdo(_R, 1, "controlword"),
+    pdo(_R, 2, "controlword", "modes_of_operation"),
+    pdo(_R, 3, "controlword", "target_position"),
+    pdo(_R, 4, "controlword", "target_velocity"),
+    pdo(_T, 1, "statusword"),
+    pdo(_T, 2, "statusword", "modes_of_operation_display"),
+    pdo(_T, 3, "statusword", "position_actual"),
+    pdo(_T, 4, "statusword", "velocity_actual"),
+)
+"""The PDOs CiA 402 pre-defines."""
+_VL_LACKS = frozenset(
+    {0x606B, 0x606C, 0x606D, 0x606F, 0x607A, 0x607B, 0x607C, 0x607F, 0x6081, 0x6083, 0x6084, 0x6085, 0x6086}
+    | {0x6098, 0x6099, 0x609A, 0x60C5, 0x60C6, 0x60FF}
+)
+_VL_OBJECTS = (
+    var(0x6042, "vl target velocity", _I16, _RW, pdo=True, default=0, attribute="target_velocity"),
+    var(0x6043, "vl velocity demand", _I16, _RO, pdo=True, default=0, attribute="velocity_demand"),
+    var(0x6044, "vl velocity actual value", _I16, _RO, pdo=True, default=0, attribute="velocity_actual"),
+    _ratio(0x6046, "vl velocity min max amount", 0, _RATED_RPM),
+    _ratio(0x6048, "vl velocity acceleration", _PROFILE_RPM_S, 1),
+    _ratio(0x6049, "vl velocity deceleration", _PROFILE_RPM_S, 1),
+    var(0x6502, "Supported drive modes", _U32, _RO, default=1 << 1),
+)
+
+ENGEL = Shape("engel", "the ENGEL-like drive: half rpm by 6094h, five PDOs, modes -5 to 6")
+_PLAIN = _rpm("rpm", "rpm by 60A9h", 1)
+_COUNTS = _rpm("counts", "increments per second by 608Fh", 2)
+
+SHAPES = MappingProxyType(
+    {
+        shape.name: shape
+        for shape in (
+            ENGEL,
+            _PLAIN,
+            replace(
+                _COUNTS,
+                velocity_per_rpm=_PER_SECOND,
+                acceleration_per_rpm_s=_PER_SECOND,
+                has=(
+                    *_kinematics(_PER_SECOND, _PER_SECOND),
+                    _ratio(0x608F, "Position encoder resolution", INCREMENTS_PER_REVOLUTION, 1),
+                    var(0x6502, "Supported drive modes", _U32, _RO, default=_PROFILE_MODES),
+                ),
+            ),
+            replace(
+                _rpm("si", "0.1 rpm by 60A9h, increments by 60A8h and 608Fh", 3),
+                velocity_per_rpm=Fraction(10),
+                has=(
+                    *_kinematics(Fraction(10), Fraction(1)),
+                    var(0x60A8, "SI unit position", _U32, _RW, default=0x00B5_0000),
+                    var(0x60A9, "SI unit velocity", _U32, _RW, default=0xFFB4_4700),
+                    _ratio(0x608F, "Position encoder resolution", INCREMENTS_PER_REVOLUTION, 1),
+                    var(0x6502, "Supported drive modes", _U32, _RO, default=_PROFILE_MODES),
+                ),
+            ),
+            replace(
+                _rpm("fixed-pdo", "rpm; the PDOs CiA 402 pre-defines, which cannot be mapped anew", 4),
+                pdos=4,
+                fixed_pdos=_PREDEFINED,
+            ),
+            replace(_rpm("no-event-timer", "rpm; TPDOs without event timer (1800h/5)", 5), event_timer=False),
+            replace(
+                _rpm("vl", "velocity mode (6042h, rpm) alone, as frequency converters have it", 6),
+                modes=frozenset({Mode.VL_VELOCITY.value}),
+                lacks=_MANUFACTURER | _VL_LACKS,
+                has=_VL_OBJECTS,
+            ),
+            replace(
+                _rpm("csv", "cyclic synchronous velocity and homing alone, increments per second", 7),
+                velocity_per_rpm=_PER_SECOND,
+                acceleration_per_rpm_s=_PER_SECOND,
+                modes=frozenset({Mode.CYCLIC_VELOCITY.value, Mode.HOMING.value}),
+                has=(
+                    *_kinematics(_PER_SECOND, _PER_SECOND),
+                    _ratio(0x608F, "Position encoder resolution", INCREMENTS_PER_REVOLUTION, 1),
+                    var(0x6502, "Supported drive modes", _U32, _RO, default=1 << 8 | 1 << 5),
+                ),
+            ),
+            replace(
+                _rpm("node-guarding", "rpm; node and life guarding (100Ch, 100Dh), no heartbeats", 8),
+                lacks=_MANUFACTURER | {CONSUMER_HEARTBEAT, PRODUCER_HEARTBEAT},
+                has=(
+                    *_RPM_OBJECTS,
+                    var(GUARD_TIME, "Guard time", _U16, _RW, default=0, unit="ms"),
+                    var(LIFE_TIME_FACTOR, "Life time factor", _U8, _RW, default=0),
+                ),
+                node_guarding=True,
+            ),
+            replace(_rpm("four-pdo", "rpm; four PDOs of each direction", 9), pdos=4),
+            replace(
+                _rpm("no-range", "rpm; 607Bh is 0/0, 60C5h and 60C6h are missing", 10),
+                lacks=_MANUFACTURER | {0x60C5, 0x60C6},
+                has=_with(
+                    replace(_PLAIN, has=(*_kinematics(Fraction(1), Fraction(1), limits=False), *_RPM_OBJECTS[-2:])),
+                    array(
+                        0x607B,
+                        "Position range limit",
+                        Entry(0x607B, 1, "Minimum", _I32, _RW, default=0),
+                        Entry(0x607B, 2, "Maximum", _I32, _RW, default=0),
+                    ),
+                ),
+            ),
+            replace(_rpm("slow-boot", "rpm; boots 15 s after power-on", 11), boot_ms=_SLOW_BOOT_MS),
+        )
+    }
+)
+"""Every shape by its name."""
+
+
+def shape(name: str) -> Shape:
+    """The shape with a name; CanopenError lists the names there are."""
+    try:
+        return SHAPES[name]
+    except KeyError:
+        raise CanopenError("shape of drive", name, ", ".join(SHAPES)) from None
