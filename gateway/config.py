@@ -10,7 +10,7 @@ import difflib
 import enum
 from collections.abc import Sequence
 from fractions import Fraction
-from ipaddress import IPv4Address, IPv4Network
+from ipaddress import IPv4Address, IPv4Interface, IPv4Network
 from math import ceil
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
@@ -25,6 +25,7 @@ from pdgw.dsp402.pdo import LAYOUTS
 from pdgw.dsp402.scaling import UnitKeys, check_unit_keys
 from pdgw.dsp406.encoder import EncoderSettings
 from pdgw.dsp406.kinds import CHANNELS_MAX, DEVICES, LINEAR, MULTI_SENSOR, ROTARY, EncoderDevice, multi_sensor
+from pdgw.gateway import identity
 from pdgw.gateway.axis.settings import AxisSettings, PlcLossReaction, SetpointEnable
 from pdgw.gateway.axis.telegrams import (
     DRIVE_TELEGRAM_NUMBERS,
@@ -67,6 +68,7 @@ Integer = Annotated[int, Strict()]
 """true is no number here, and neither is "3"."""
 Boolean = Annotated[bool, Strict()]
 Port = Annotated[Integer, Field(ge=0, le=65535)]
+DeviceNumber = Annotated[Integer, Field(ge=0, le=65535)]
 
 
 class EncoderModel(enum.Enum):
@@ -108,7 +110,15 @@ class CanConfig(BaseModel):
 class TransportConfig(_Section):
     """How the PLC is reached."""
 
-    type: Literal["udp"] = "udp"
+    type: Literal["udp", "profinet"] = "udp"
+    interface: Annotated[str, Field(min_length=1, max_length=15)] | None = None
+    """Ethernet interface of ``profinet``."""
+    ip: IPv4Interface | None = None
+    """A fixed address with its prefix length; without it the controller or engineering tool gives one by DCP."""
+    router: IPv4Address | None = None
+    """The IP suite's standard gateway, with a fixed address."""
+    vendor_id: DeviceNumber = identity.VENDOR_ID
+    device_id: DeviceNumber = identity.DEVICE_ID
     listen: IPv4Address = IPv4Address("127.0.0.1")
     cyclic_port: Port = UDP_PORT
     acyclic_port: Port = ACYCLIC_PORT
@@ -122,6 +132,19 @@ class TransportConfig(_Section):
     ar_uuid: UUID = NIL
     """Of the static application relationship."""
     station_name: Annotated[str, Field(max_length=240, pattern=_STATION_NAME)] = "pdgw"
+    """P61000; of ``profinet`` the name until DCP gives another one."""
+
+    @model_validator(mode="after")
+    def _is_one_transport(self) -> TransportConfig:
+        if self.type == "profinet" and self.interface is None:
+            raise misplaced('interface is missing, needed with type = "profinet", for example "eth1"', "type")
+        if self.type != "profinet":
+            for key in ("interface", "ip", "router"):
+                if getattr(self, key) is not None:
+                    raise misplaced(f'{key}: has a meaning with type = "profinet" only', key)
+        elif self.router is not None and (self.ip is None or self.router not in self.ip.network):
+            raise misplaced("router: allowed is an address of the network of ip, which must be given too", "router")
+        return self
 
     @model_validator(mode="after")
     def _peer_is_known(self) -> TransportConfig:
@@ -588,6 +611,13 @@ watchdog_factor = 3          # the PLC is lost after this many cycles without a 
 # ar_uuid = "00000000-0000-0000-0000-000000000000"   # of the static application relationship
 # station_name = "pdgw"      # P61000
 # peer = "192.168.0.10"      # only this PLC; without it the first sender, which only listen = "127.0.0.1" allows
+# A PROFINET IO device on Ethernet instead (docs/profinet.md):
+# type = "profinet"
+# interface = "eth1"
+# ip = "192.168.0.2/24"      # without it the controller gives one by DCP
+# router = "192.168.0.1"
+# vendor_id = {identity.VENDOR_ID}          # of your PI membership; {identity.VENDOR_ID} is nobody's
+# device_id = {identity.DEVICE_ID}
 
 # [parameters]
 # write_from = ["192.168.0.10", "192.168.0.64/28"]   # who may write parameters; without it everybody on this machine, or nobody

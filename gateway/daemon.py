@@ -25,8 +25,10 @@ from pdgw.gateway.encoder import EncoderNode, EncoderObject
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.link import Link, UdpLink
 from pdgw.gateway.masters import LISTEN_NS, watch_for_masters
+from pdgw.gateway.profinet_link import ProfinetLink
 from pdgw.gateway.reasons import FaultNumber
 from pdgw.gateway.store import ParameterStore
+from pdgw.gateway.transport.ethernet import EthernetPort, RawEthernet
 from pdgw.profidrive.telegrams import telegram
 
 log = logging.getLogger("gateway")
@@ -47,10 +49,12 @@ class Service(Protocol):
 class Daemon:
     """Owns link, buses, drive objects and services of one configuration.
 
+    ``ethernet``: the interface of the PROFINET link; None opens the configured one.
+
     Raises GatewayError or CanopenError from the constructor when a port or a CAN interface cannot be had.
     """
 
-    def __init__(self, config: GatewayConfig, edge: Edge | None = None) -> None:
+    def __init__(self, config: GatewayConfig, edge: Edge | None = None, ethernet: EthernetPort | None = None) -> None:
         self.config = config
         self.edge: Edge = SystemEdge() if edge is None else edge
         self.loop: Loop = self.edge.loop
@@ -79,10 +83,7 @@ class Daemon:
         with ExitStack() as opened:
             if edge is None:
                 opened.callback(self.loop.close)
-            port = self.edge.open_udp(str(transport.listen), transport.cyclic_port, "cyclic port")
-            opened.callback(port.close)
-            self.address = port.address
-            """Where cyclic frames are taken."""
+            open_link = self._prepare_link(opened, ethernet)
             for bus in config.can:
                 network = CanNetwork(self.loop, partial(self.edge.open_can, bus), bus.name)
                 opened.callback(network.close)
@@ -97,7 +98,8 @@ class Daemon:
                 if axis.config.g1 is not None:
                     axis.connect_sensor(by_do[axis.config.g1])
             # A stored telegram (P922) may differ from the configured one: the frame may not fit.
-            self.link: Link = UdpLink(port, transport, [item.telegram for item in self.objects], self.loop.counters)
+            self.link: Link = open_link()
+            opened.callback(self.link.close)
             self._opened = opened.pop_all()
         self._heartbeat_ns = min(client.settings.heartbeat_ms for client in self.clients) * MS // 2
         synced = {client.network.name for client in self.clients if client.settings.sync}
@@ -107,6 +109,21 @@ class Daemon:
         add = self.loop.counters.add
         add("loop", "cycles", "cycles", "of all drive objects", lambda: self.cycles)
         add("loop", "late", "cycles", "begun more than half a cycle after their time", lambda: self.late)
+
+    def _prepare_link(self, opened: ExitStack, ethernet: EthernetPort | None) -> Callable[[], Link]:
+        """Take the port of the link first: without it nothing else has to be opened."""
+        transport = self.config.transport
+        if transport.type == "profinet":
+            interface = transport.interface or ""
+            port = RawEthernet(self.loop, interface) if ethernet is None else ethernet
+            opened.callback(port.close)
+            self.address = (interface, 0)
+            return lambda: ProfinetLink(port, self.config, self.store, self.loop, self.objects)
+        udp = self.edge.open_udp(str(transport.listen), transport.cyclic_port, "cyclic port")
+        opened.callback(udp.close)
+        self.address = udp.address
+        """Where cyclic frames are taken: address and port, or the Ethernet interface."""
+        return lambda: UdpLink(udp, transport, [item.telegram for item in self.objects], self.loop.counters)
 
     def _axis(self, config: AxisConfig) -> Axis:
         network = self.networks[self.config.bus_of(config).name]

@@ -9,7 +9,7 @@ from collections import deque
 
 from pdgw.gateway.axis.values import FaultRecord
 from pdgw.gateway.reasons import GATEWAY_FAULTS
-from pdgw.profidrive.parameters.faults import SIZE, Fault, FaultBuffer
+from pdgw.profidrive.parameters.faults import FAULTS_PER_SITUATION, SIZE, Fault, FaultBuffer
 
 _NS_PER_MS = 1_000_000
 _NO_FAULT = Fault(0, 0, 0, 0)
@@ -65,6 +65,11 @@ class FaultLog:
     def entries(self) -> list[Fault]:
         """All 64 places, empty ones as zeros."""
         return [self._buffer.entry(place) or _NO_FAULT for place in range(SIZE)]
+
+    def standing(self) -> list[Fault]:
+        """What is not acknowledged: situation 0."""
+        found = (self._buffer.entry(place) for place in range(FAULTS_PER_SITUATION))
+        return [fault for fault in found if fault is not None]
 
     def warnings(self, *, present: bool) -> int:
         """P953 without the drive's own bit.

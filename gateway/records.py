@@ -69,7 +69,8 @@ class Records:
 
     One parameter request is outstanding per access point and record: while it is in work, a further write and a read are a state
     conflict. Its answer is for its caller alone, and waits for him beside those for others; his next request replaces it.
-    ``writers``: the networks parameters and I&M may be written from, None for everywhere.
+    ``writers``: the networks parameters and I&M may be written from, None for everywhere; it may be another one for each call.
+    ``ar_uuid`` None: who calls has checked the relationship.
     """
 
     def __init__(
@@ -77,7 +78,7 @@ class Records:
         manager: ParameterManager,
         store: ParameterStore,
         update_store: Callable[[Callable[[], None]], None],
-        ar_uuid: UUID,
+        ar_uuid: UUID | None,
         station_serial: str,
         writers: Sequence[IPv4Network] | None = None,
     ) -> None:
@@ -86,7 +87,7 @@ class Records:
         self._update_store = update_store
         self._ar_uuid = ar_uuid
         self._serial = station_serial
-        self._writers = writers
+        self.writers = writers
         self._told: set[str] = set()
         self._in_work: dict[tuple[int, int], Future[bytes | None]] = {}
         self._requests: OrderedDict[_Owner, Future[bytes | None]] = OrderedDict()
@@ -116,7 +117,7 @@ class Records:
         raise RecordRefused(AccessError.INVALID_INDEX)
 
     def _check_place(self, block: RecordBlock, *, implicit: bool) -> None:
-        if not implicit and block.ar_uuid != self._ar_uuid:
+        if not implicit and self._ar_uuid is not None and block.ar_uuid != self._ar_uuid:
             raise UnknownArUuid
         if block.api not in _APIS:
             raise RecordRefused(AccessError.INVALID_AREA)
@@ -125,7 +126,7 @@ class Records:
 
     def _check_writer(self, caller: Caller) -> None:
         host = caller.address[0]
-        if self._writers is None or any(IPv4Address(host) in network for network in self._writers):
+        if self.writers is None or any(IPv4Address(host) in network for network in self.writers):
             return
         if host not in self._told and len(self._told) < _TOLD:
             self._told.add(host)

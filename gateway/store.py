@@ -46,6 +46,10 @@ class DeviceParameters(BaseModel):
     im3_descriptor: Annotated[str, Field(max_length=54)] = ""
     im4_signature: Annotated[str, Field(max_length=108, pattern="^([0-9a-f]{2})*$")] = ""
     """Hexadecimal."""
+    station_name: Annotated[str, Field(max_length=240)] | None = None
+    """Given by DCP; None where the configuration's still holds."""
+    station_ip: Annotated[str, Field(pattern="^[0-9a-f]{24}$")] | None = None
+    """Address, mask and gateway given by DCP, hexadecimal."""
     objects: dict[int, DoParameters] = Field(default_factory=dict)
     """By DO-ID."""
 

@@ -20,7 +20,7 @@ from pdgw.profinet.blocks.connect import (
     IocrBlockRes,
 )
 from pdgw.profinet.blocks.control import ANSWERS, COMMANDS, Command, ControlBlock, PrmEndReq, ReleaseReq
-from pdgw.profinet.cmdev import AbortCode, Address, ApplicationRelation, Event, Output
+from pdgw.profinet.cmdev import AbortCode, Address, ApplicationRelation, CyclicCounters, Event, Output
 from pdgw.profinet.connect import (
     AR_UNKNOWN,
     ARGS_LENGTH,
@@ -74,7 +74,7 @@ class ContextManager:
         model: DeviceModel,
         station: Station,
         diagnosis: Diagnosis,
-        application: RecordHandler,
+        application: Callable[[str], RecordHandler],
         output: Output,
         *,
         seed: UUID,
@@ -109,8 +109,15 @@ class ContextManager:
             int(Operation.RELEASE): self._release,
             int(Operation.CONTROL): self._control,
         }
-        self.refused: list[PnioStatus] = []
-        """The last refusals of Connect, the newest last; at most eight."""
+        self.cyclic = CyclicCounters()
+        self.refusals = 0
+        """Connects that were refused."""
+        self.last_refusal: ConnectRefused | None = None
+
+    def replug(self, model: DeviceModel) -> None:
+        """Other modules are plugged; only while there is no relationship."""
+        self._model = model
+        self.records.replug(model)
 
     # -- calls --------------------------------------------------------------------------------------------------------
 
@@ -159,7 +166,8 @@ class ContextManager:
             if len(answer) > maximum:
                 raise refuse_call(ARGS_LENGTH, "ArgsMaximum", maximum, f"at least {len(answer)}")
         except ConnectRefused as refusal:
-            self.refused = [*self.refused[-7:], refusal.status]
+            self.refusals += 1
+            self.last_refusal = refusal
             raise
         if replaced is not None:
             replaced.handle(Event.RESTARTED, now)
@@ -199,6 +207,7 @@ class ContextManager:
             AlarmSource(self._diagnosis, self._model, granted.proper),
             self._output,
             now,
+            self.cyclic,
         )
 
     def _grant(self, relation: ApplicationRelation) -> bytes:

@@ -7,7 +7,7 @@ ended stays ended: the controller has to connect anew, and drives start only by 
 from __future__ import annotations
 
 import enum
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final, Protocol
 from uuid import UUID
 
@@ -156,6 +156,16 @@ class Ended:
         return f"{self.event.value} ({self.code.status.text})"
 
 
+@dataclass(slots=True)
+class CyclicCounters:
+    """Cyclic frames of all relationships of a device, one after the other."""
+
+    received: dict[Verdict, int] = field(default_factory=lambda: dict.fromkeys(Verdict, 0))
+    sent: int = 0
+    missed: int = 0
+    """Cycles without a frame: this side was late."""
+
+
 class Output(Protocol):
     """Where frames and datagrams go."""
 
@@ -179,6 +189,7 @@ class ApplicationRelation:
         alarms: AlarmSource,
         output: Output,
         now: int,
+        cyclic: CyclicCounters | None = None,
     ) -> None:
         ar = plan.ar
         self.plan = plan
@@ -192,6 +203,7 @@ class ApplicationRelation:
         self.stored: dict[tuple[int, int, int], bytes] = {}
         """Records written to interface and port, by slot, subslot and index."""
         self._output = output
+        self._cyclic = cyclic or CyclicCounters()
         self.alarms = alarms
         """What the controller has not been told yet."""
         self._activity_ns = ar.activity_timeout * ACTIVITY_UNIT_NS
@@ -205,7 +217,7 @@ class ApplicationRelation:
         if plan.inputs is not None and plan.outputs is not None and plan.alarm is not None:
             self.provider = Provider(plan.inputs, ar.initiator_mac, own_mac, plan.proper)
             self.provider.start(now)
-            self.consumer = Consumer(plan.outputs)
+            self.consumer = Consumer(plan.outputs, self._cyclic.received)
             relation = AlarmRelation(
                 ar.initiator_mac,
                 own_mac,
@@ -383,6 +395,8 @@ class ApplicationRelation:
                 return
             frame = provider.poll(now)
             if frame is not None:
+                self._cyclic.sent += 1
+                self._cyclic.missed += provider.skipped
                 self._output.frame(frame)
             for machine in self.machines.values():
                 if machine.deadline is not None:

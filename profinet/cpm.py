@@ -39,9 +39,9 @@ _DATA_ALIVE = frozenset({Verdict.ACCEPTED, Verdict.PROVIDER_STOP, Verdict.NO_DAT
 
 
 class Consumer:
-    """Receives one cyclic relationship. The caller has checked sender and FrameID."""
+    """Receives one cyclic relationship. The caller has checked sender and FrameID. ``counters``: to go on counting in."""
 
-    def __init__(self, plan: CyclicPlan) -> None:
+    def __init__(self, plan: CyclicPlan, counters: dict[Verdict, int] | None = None) -> None:
         block = plan.block
         self._plan = plan
         self._size = HEADER.size + block.data_length + TRAILER.size
@@ -59,7 +59,7 @@ class Consumer:
         """The controller is in RUN: its data counts."""
         self.last_ns: int | None = None
         """When the last frame was accepted; None: none yet."""
-        self.counters: dict[Verdict, int] = dict.fromkeys(Verdict, 0)
+        self.counters = dict.fromkeys(Verdict, 0) if counters is None else counters
 
     @property
     def deadline(self) -> int | None:

@@ -8,6 +8,7 @@ that there is new data. One IO controller is served; a second one is refused whi
 from __future__ import annotations
 
 import struct
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 from uuid import UUID
@@ -55,14 +56,14 @@ Outgoing = tuple[Address | None, bytes | bytearray]
 class ProfinetDevice:
     """The device. ``seed`` makes the UUIDs of its own calls unique: random at each start.
 
-    ``records`` serves I&M and parameter access. Times are monotonic nanoseconds.
+    ``records`` serves I&M and parameter access for a host. Times are monotonic nanoseconds.
     """
 
     def __init__(
         self,
         model: DeviceModel,
         station: Station,
-        records: RecordHandler,
+        records: Callable[[str], RecordHandler],
         *,
         seed: UUID,
         now: int,
@@ -214,6 +215,13 @@ class ProfinetDevice:
         if happened:
             self._events = []
         return happened
+
+    def replug(self, model: DeviceModel) -> None:
+        """Other modules are plugged; ProfidriveError while a controller has a relationship with the present ones."""
+        if self.cm.io is not None:
+            raise ProfidriveError("modules", "changed", "a change while no controller is connected")
+        self.model = model
+        self.cm.replug(model)
 
     # -- the application ----------------------------------------------------------------------------------------------
 

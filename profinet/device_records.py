@@ -160,7 +160,9 @@ class LogItem:
 class DeviceRecords:
     """Serves records for whoever asks; the relationship that asks is handed in (None: Read Implicit)."""
 
-    def __init__(self, model: DeviceModel, station: Station, diagnosis: Diagnosis, application: RecordHandler) -> None:
+    def __init__(
+        self, model: DeviceModel, station: Station, diagnosis: Diagnosis, application: Callable[[str], RecordHandler]
+    ) -> None:
         self._model = model
         self._station = station
         self._diagnosis = diagnosis
@@ -169,13 +171,17 @@ class DeviceRecords:
         self.octets = [0, 0]
         """Received and sent."""
 
+    def replug(self, model: DeviceModel) -> None:
+        """Other modules are plugged."""
+        self._model = model
+
     # -- write --------------------------------------------------------------------------------------------------------
 
-    def write(self, relation: ApplicationRelation, block: RecordBlock, data: bytes) -> None:
-        """Take a record; RecordRefused."""
+    def write(self, relation: ApplicationRelation, block: RecordBlock, data: bytes, host: str) -> None:
+        """Take a record of ``host``; RecordRefused."""
         place = self._place(block)
         if block.index in _OF_APPLICATION:
-            self._application.write(block, data)
+            self._application(host).write(block, data)
             return
         if block.slot != DAP_SLOT or block.index not in _WRITABLE.get(block.subslot, set()):
             raise RecordRefused(AccessError.INVALID_INDEX)
@@ -185,8 +191,8 @@ class DeviceRecords:
 
     # -- read ---------------------------------------------------------------------------------------------------------
 
-    def read(self, relation: ApplicationRelation | None, block: RecordBlock, now: int) -> bytes:
-        """The data of a record; RecordRefused."""
+    def read(self, relation: ApplicationRelation | None, block: RecordBlock, host: str, now: int) -> bytes:
+        """The data of a record for ``host``; RecordRefused."""
         index = block.index
         if index in _DIAGNOSIS:
             places = self._scope(_DIAGNOSIS[Index(index)], relation, block)
@@ -210,7 +216,7 @@ class DeviceRecords:
                 return self._real_data()
         place = self._place(block)
         if index in _OF_APPLICATION:
-            return self._application.read(block, implicit=relation is None)
+            return self._application(host).read(block, implicit=relation is None)
         return self._of_place(relation, place, index)
 
     def _of_place(self, relation: ApplicationRelation | None, place: Subslot, index: int) -> bytes:
@@ -389,7 +395,7 @@ class Access:
                 raise UnknownArUuid
             if self._host == relation.source[0]:
                 self._used(relation)
-        return self._records.read(relation, block, self._now)
+        return self._records.read(relation, block, self._host, self._now)
 
     def write(self, block: RecordBlock, data: bytes) -> None:
         """RecordHandler."""
@@ -397,4 +403,4 @@ class Access:
         if relation is None or self._host != relation.source[0]:
             raise UnknownArUuid
         self._used(relation)
-        self._records.write(relation, block, data)
+        self._records.write(relation, block, data, self._host)

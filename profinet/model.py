@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Final
 
-from pdgw.profidrive.telegrams import ApplicationMode, Telegram
+from pdgw.profidrive.telegrams import Telegram
 from pdgw.profinet.rpc.identification import PROFILE_ID
 from pdgw.profinet.station import Identity
 
@@ -32,6 +32,8 @@ DAP_MODULE_IDENT: Final = 0x0000_0001
 ACCESS_POINT_IDENT: Final = 0x0001_FFFF
 TELEGRAM_IDENT: Final = 0x0001_0000
 """Plus the telegram's number."""
+OBJECTS_MAX: Final = 254
+"""Drive objects of a device: as many as there are DO-IDs."""
 MIN_DEVICE_INTERVAL: Final = 32
 """Shortest cycle in 31.25 us: 1 ms."""
 
@@ -40,14 +42,15 @@ Subslot = tuple[int, int]
 
 
 class ObjectKind(enum.Enum):
-    """Kinds of drive object: module identification and the application modes its telegrams may have."""
+    """Kinds of drive object with their module identification."""
 
-    AXIS = (0x1001, frozenset(ApplicationMode) - {ApplicationMode.ENCODER})
-    ENCODER = (0x1002, frozenset({ApplicationMode.ENCODER}))
+    AXIS = 0x1001
+    ENCODER = 0x1002
 
-    def __init__(self, ident: int, modes: frozenset[ApplicationMode]) -> None:
-        self.ident = ident
-        self.modes = modes
+    @property
+    def ident(self) -> int:
+        """ModuleIdentNumber."""
+        return self.value
 
 
 @dataclass(frozen=True, slots=True)

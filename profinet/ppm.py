@@ -42,9 +42,8 @@ class Provider:
         self.frame[: len(head)] = head
         HEADER.pack_into(self.frame, len(head), plan.frame_id)
         self.data_status = STATUS_NORMAL
-        self.sent = 0
-        self.missed = 0
-        """Cycles without a frame: this side was late."""
+        self.skipped = 0
+        """Cycles without a frame before the last one: this side was late."""
 
     @property
     def due(self) -> int:
@@ -104,11 +103,8 @@ class Provider:
         late = now - self._due
         if late < 0:
             return None
-        skipped = late // self.cycle_ns
-        if skipped:
-            self.missed += skipped
+        skipped = self.skipped = late // self.cycle_ns
         self._due += (skipped + 1) * self.cycle_ns
         self._counter = (self._counter + (skipped + 1) * self._step) & _COUNTER_MASK
         TRAILER.pack_into(self.frame, self._trailer, self._counter, self.data_status, 0)
-        self.sent += 1
         return self.frame

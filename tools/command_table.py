@@ -60,6 +60,7 @@ COMMANDS: Mapping[str, Entry] = {
     ),
     "eds": Entry("eds:app", "Data sheets (EDS, DCF)."),
     "drives": Entry("drives:app", "Families of drives."),
+    "gsdml": Entry("gsdml:app", "The device description for engineering tools (GSDML)."),
     "sim": Entry("sim:app", "Simulators: PLC, drives, encoders, a bus of devices."),
     "demo": Entry(
         "demo:demo",

@@ -22,6 +22,7 @@ from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.faults import EMCY_WARNING_BIT
 from pdgw.gateway.parameters.objects import ObjectAccess, ObjectParameter
 from pdgw.gateway.parameters.signals import signal_list
+from pdgw.gateway.profinet_link import ProfinetLink
 from pdgw.gateway.reasons import FIRST_WARNING, GATEWAY_FAULTS
 from pdgw.gateway.store import DoParameters
 from pdgw.profidrive.datatypes import DataType
@@ -42,6 +43,7 @@ from pdgw.profidrive.parameters.model import BoundParameter, Parameter
 from pdgw.profidrive.sensor_format import encode_sensor_format
 from pdgw.profidrive.signals import signal
 from pdgw.profidrive.telegrams import ApplicationMode
+from pdgw.profinet.station import Station
 
 log = logging.getLogger("gateway")
 
@@ -372,12 +374,21 @@ class DeviceObject(BoundObject):
         self.bind(61002, lambda: bytes(6))
         self.bind(61003, lambda: bytes(4))
         self.bind(61004, lambda: bytes(4))
+        if isinstance(daemon.link, ProfinetLink):
+            self._bind_station(daemon.link.station)
         for axis in axes:
             axis.adopt(self)
             axis.bind_lists()
         if len(axes) == 1:
             self.adopt(axes[0])
         self.bind_lists()
+
+    def _bind_station(self, station: Station) -> None:
+        self.bind(61000, lambda: bytes(station.name, "ascii"))
+        self.bind(61001, lambda: station.ip.address.packed)
+        self.bind(61002, lambda: station.identity.mac)
+        self.bind(61003, lambda: station.ip.gateway.packed)
+        self.bind(61004, lambda: station.ip.mask.packed)
 
     def _each(self, action: Callable[[NodeObject], None]) -> None:
         for axis in self._axes:

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from ipaddress import IPv4Network
+
 from pdgw.ds301.loop import Mailbox, Task
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.parameters.manager import ParameterManager
 from pdgw.gateway.parameters.profile import MAX_BLOCK
+from pdgw.gateway.profinet_link import ProfinetLink
 from pdgw.gateway.records import Records
 from pdgw.gateway.transport.udp import Address
-from pdgw.profinet.rpc.server import RecordServer
+from pdgw.profinet.rpc.records import NIL
+from pdgw.profinet.rpc.server import RecordHandler, RecordServer
 
 _WAITING = 64
 """Datagrams that may wait for the task; of more the oldest are lost, and their senders ask again."""
@@ -66,3 +70,38 @@ class AcyclicServer:
             data, source = self._datagrams.get()
             for answer in self.server.receive(data, source, self._loop.now()):
                 self.port.send(answer, source)
+
+
+class ProfinetRecords:
+    """A daemon's service: the same records by the RPC of its PROFINET device.
+
+    The IO controller may write; others with a device access relationship only where ``write_from`` has them. An answer is for
+    the relationship that asked, whatever activities its calls have.
+    """
+
+    def __init__(self, daemon: Daemon, link: ProfinetLink) -> None:
+        self._manager = ParameterManager(daemon)
+        serial = daemon.config.transport.station_name[:16]
+        self._records = Records(self._manager, daemon.store, daemon.update_store, None, serial)
+        self._write_from = daemon.config.parameters.write_from or ()
+        self._link = link
+        link.serve_records(self._of)
+
+    def _of(self, host: str) -> RecordHandler:
+        relation = self._link.device.relation
+        controller = () if relation is None else (IPv4Network(relation.source[0]),)
+        self._records.writers = (*controller, *self._write_from)
+        return self._records.of((host, 0), NIL)
+
+    def start(self) -> None:
+        """The link listens already."""
+
+    def stop(self) -> None:
+        """Requests in work are dropped."""
+        self._manager.stop()
+
+
+def record_service(daemon: Daemon) -> AcyclicServer | ProfinetRecords:
+    """What serves the records on the transport of a daemon."""
+    link = daemon.link
+    return ProfinetRecords(daemon, link) if isinstance(link, ProfinetLink) else AcyclicServer(daemon)

@@ -61,7 +61,7 @@ class Wire:
         self.now = now
         self.application = Application()
         self.station = Station(IDENTITY, "gateway" if named else "", DEVICE_IP)
-        self.device = ProfinetDevice(model(), self.station, self.application, seed=UUID(int=99), now=now)
+        self.device = ProfinetDevice(model(), self.station, lambda host: self.application, seed=UUID(int=99), now=now)
         self.plc = IoController(
             Station(Identity(PLC_MAC, 1, 1, "plc", "PLC"), "plc-1"), of_project or project(), DEVICE_IP, seed=seed
         )

@@ -24,7 +24,7 @@ from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.explain import Problem, problems
 from pdgw.gateway.status import StatusServer
-from pdgw.gateway.transport.acyclic import AcyclicServer
+from pdgw.gateway.transport.acyclic import record_service
 from pdgw.tools.beside import devices_beside
 from pydantic import ValidationError
 from rich.console import Console
@@ -183,7 +183,7 @@ def run(
         if recorder is not None:
             for bus in chosen.can:
                 daemon.networks[bus.name].listeners.append(partial(recorder.record, _log_name(bus)))
-        daemon.services.append(AcyclicServer(daemon))
+        daemon.services.append(record_service(daemon))
         if chosen.transport.status_port:
             daemon.services.append(StatusServer(daemon, chosen.transport.status_port))
         for number in (signal.SIGINT, signal.SIGTERM):

@@ -1,0 +1,378 @@
+"""The PROFINET link of the gateway: an IO device on an Ethernet interface.
+
+The controller sets the pace: new output data steps the drive objects, input data goes out with the device's own timing. What came
+with the name and the address by DCP is kept in the store. The axes do not wait for the data hold time of the relationship, which
+may be up to 1.92 s: ``watchdog_factor`` cycles without a frame are a loss of the PLC for them.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+from collections.abc import Callable, Sequence
+from functools import partial
+from ipaddress import IPv4Address
+from uuid import UUID
+
+from pdgw.ds301.counters import Counters
+from pdgw.ds301.loop import MS, Loop, Mailbox, Task, Timer
+from pdgw.gateway.config import GatewayConfig
+from pdgw.gateway.drive_object import DriveObject
+from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.profinet_diagnosis import present_classes
+from pdgw.gateway.profinet_identity import profinet_model
+from pdgw.gateway.store import ParameterStore
+from pdgw.gateway.transport.ethernet import EthernetPort
+from pdgw.gateway.transport.udp import Address
+from pdgw.profidrive.telegrams import Telegram
+from pdgw.profinet.blocks.alarm import MessageClass
+from pdgw.profinet.cmdev import Event
+from pdgw.profinet.cpm import Verdict
+from pdgw.profinet.dcp import Flash, IpSet, NameSet, ResetToFactory
+from pdgw.profinet.device import Connected, DeviceEvent, Disconnected, ProfinetDevice
+from pdgw.profinet.model import ACCESS_POINT_SUBSLOT, TELEGRAM_SUBSLOT
+from pdgw.profinet.rpc.records import AccessError, RecordBlock, RecordRefused
+from pdgw.profinet.rpc.server import RecordHandler
+from pdgw.profinet.station import IpSuite, Station
+
+log = logging.getLogger("gateway")
+
+_AT_ONCE = 64
+_WAITING = 64
+"""Datagrams that may wait for the task; of more the oldest are lost, and their senders ask again."""
+_DIAGNOSIS_NS = 50 * MS
+FLASH_NS = 3_000 * MS
+"""How long the device shows itself after a flash signal."""
+
+
+class NoRecords:
+    """Serves nothing yet."""
+
+    def read(self, block: RecordBlock, *, implicit: bool) -> bytes:
+        """RecordHandler."""
+        raise RecordRefused(AccessError.STATE_CONFLICT)
+
+    def write(self, block: RecordBlock, data: bytes) -> None:
+        """RecordHandler."""
+        raise RecordRefused(AccessError.STATE_CONFLICT)
+
+
+class ProfinetLink:
+    """``Link`` over PROFINET. Records are served once ``serve_records`` has named who does it."""
+
+    def __init__(
+        self,
+        port: EthernetPort,
+        config: GatewayConfig,
+        store: ParameterStore,
+        loop: Loop,
+        objects: Sequence[DriveObject],
+        seed: UUID | None = None,
+    ) -> None:
+        transport = config.transport
+        self.port = port
+        self._config = config
+        self._store = store
+        self._loop = loop
+        self._objects = objects
+        self._telegrams = [item.telegram for item in objects]
+        self._records_of: Callable[[str], RecordHandler] = lambda host: NoRecords()
+        self._datagrams: Mailbox[tuple[bytes, Address]] = Mailbox(loop, _WAITING)
+        self._tasks: list[Task] = []
+        self._timer: Timer | None = None
+        self._timer_due = 0
+        self._watch: Timer | None = None
+        self._receivable = False
+        self._limit_ns = 0
+        self._told: list[set[MessageClass]] = [set() for _ in objects]
+        self._places: list[tuple[int, int] | None] = [None] * len(objects)
+        self.setpoints: list[Sequence[int] | None] = [None] * len(objects)
+        self.watchdog_expiries = 0
+        self.flashing_until = 0
+        stored = store.parameters
+        name = transport.station_name if stored.station_name is None else stored.station_name
+        suite = self._first_ip(stored.station_ip)
+        model = profinet_model(transport, port.mac, config.objects, self._telegrams)
+        self.station = Station(model.identity, name, suite, link_up=port.link_up)
+        self.device = ProfinetDevice(
+            model,
+            self.station,
+            self._records_for,
+            seed=UUID(bytes=os.urandom(16)) if seed is None else seed,
+            now=loop.now(),
+            boot_time=int(loop.wall()) & 0xFFFFFFFF,
+        )
+        self._register_counters(loop.counters)
+
+    def _first_ip(self, stored: str | None) -> IpSuite:
+        """The address in force: the configured one, else the stored one, else what the interface has."""
+        transport = self._config.transport
+        if transport.ip is not None:
+            router = transport.router or IPv4Address(0)
+            suite = IpSuite(transport.ip.ip, transport.ip.netmask, router)
+        elif stored is not None:
+            suite = IpSuite.decode(bytes.fromhex(stored))
+        else:
+            return self.port.ip()
+        current = self.port.ip()
+        if (current.address, current.mask) != (suite.address, suite.mask):
+            self.port.set_ip(suite)
+        return suite
+
+    def _register_counters(self, counters: Counters) -> None:
+        for verdict in Verdict:
+            counters.add("link", verdict.name.lower(), "frames", verdict.value, partial(self._count_of, verdict))
+        device = self.device
+        counters.add("link", "foreign", "frames", "of nobody's relationship", lambda: device.foreign)
+        counters.add("link", "watchdog_expiries", "times", "no frame in time", lambda: self.watchdog_expiries)
+        counters.add("link", "connects_refused", "times", "Connect refused", lambda: device.cm.refusals)
+        counters.add("link", "dcp_refused", "blocks", "of DCP Set refused", lambda: device.dcp.refused)
+        counters.add("link", "errors", "frames", "not sent or not received", lambda: self.port.errors)
+        counters.add("link", "sent", "frames", "cyclic, to the controller", lambda: device.cm.cyclic.sent)
+        counters.add("link", "missed", "frames", "not sent in their cycle", lambda: device.cm.cyclic.missed)
+
+    def _count_of(self, verdict: Verdict) -> int:
+        return self.device.cm.cyclic.received[verdict]
+
+    def serve_records(self, records_of: Callable[[str], RecordHandler]) -> None:
+        """Who serves parameter access and I&M from now on, for the host that asks."""
+        self._records_of = records_of
+
+    def _records_for(self, host: str) -> RecordHandler:
+        return self._records_of(host)
+
+    # -- Link ---------------------------------------------------------------------------------------------------------
+
+    @property
+    def connected(self) -> bool:
+        return self.device.connected
+
+    @property
+    def peer(self) -> str | None:
+        relation = self.device.relation
+        return f"{relation.plan.ar.station_name} {relation.source[0]}" if relation else None
+
+    def start(self, action: Callable[[], None]) -> None:
+        station = self.station
+        log.info("PROFINET device %s on %s", station.name or "without a name", self._config.transport.interface)
+        self.port.start(action, self._on_other, self._on_carrier)
+        self._tasks.append(self._loop.spawn(self._serve, "PROFINET calls"))
+        self._on_watch()
+        self._pump()
+
+    def receive(self, now: int, at_most: int = _AT_ONCE) -> bool:
+        device = self.device
+        fresh = False
+        for _ in range(at_most):
+            frame = self.port.receive()
+            if frame is None:
+                break
+            fresh = device.on_frame(frame, now) or fresh
+        self._pump()
+        if fresh:
+            self._take(now)
+        return fresh
+
+    def _take(self, now: int) -> None:
+        setpoints = self.setpoints
+        for index, telegram in enumerate(self._telegrams):
+            data = self.device.output((index + 1, TELEGRAM_SUBSLOT))
+            setpoints[index] = None if data is None else telegram.setpoints.struct.unpack(data)
+        self._receivable = True
+
+    def poll(self, now: int) -> bool:
+        if not self._receivable:
+            return False
+        age = self.device.output_age_ns(now) if self.device.connected else None
+        if age is not None and age <= self._limit_ns:
+            return False
+        self._receivable = False
+        self.watchdog_expiries += 1
+        self.lose_setpoints()
+        return True
+
+    def lose_setpoints(self) -> None:
+        for index in range(len(self.setpoints)):
+            self.setpoints[index] = None
+
+    def send(self, actuals: Sequence[Sequence[int]], good: Sequence[bool], released: Sequence[bool]) -> None:
+        # ``released`` is for links that may deliver an old order late; Ethernet frames cannot overtake each other for so long.
+        relation = self.device.relation
+        if relation is None or relation.provider is None:
+            return
+        provider = relation.provider
+        for index, telegram in enumerate(self._telegrams):
+            place = self._places[index]
+            if place is not None:
+                telegram.actuals.struct.pack_into(provider.frame, place[0], *actuals[index])
+                provider.set_status((index + 1, TELEGRAM_SUBSLOT), good=good[index])
+
+    def set_layout(self, telegrams: Sequence[Telegram]) -> None:
+        if self.device.relation is not None:
+            raise GatewayError("telegram: cannot be changed while a controller is connected, its project chooses it")
+        self._telegrams = list(telegrams)
+        transport = self._config.transport
+        self.device.replug(profinet_model(transport, self.port.mac, self._config.objects, self._telegrams))
+
+    def status(self) -> dict[str, object]:
+        relation = self.device.relation
+        station = self.station
+        return {
+            "connected": self.connected,
+            "peer": list(relation.source) if relation else None,
+            "frames": {verdict.value: self._count_of(verdict) for verdict in Verdict},
+            "station": {
+                "name": station.name,
+                "ip": str(station.ip.address),
+                "mac": self.port.mac.hex(":"),
+                "link_up": station.link_up,
+                "relationship": relation.state.value if relation else "none",
+                "controller": relation.plan.ar.station_name if relation else "",
+                "cycle_ms": relation.provider.cycle_ns / MS if relation and relation.provider else None,
+                "flashing": self._loop.now() < self.flashing_until,
+            },
+        }
+
+    def close(self) -> None:
+        self.device.end(Event.STOPPED, self._loop.now())
+        self._send_waiting()
+        for task in self._tasks:
+            task.kill()
+        for timer in (self._timer, self._watch):
+            if timer is not None:
+                timer.cancel()
+        self.port.close()
+
+    # -- the device on the loop ---------------------------------------------------------------------------------------
+
+    def _on_other(self) -> None:
+        """DCP, LLDP and RPC: bounded in each turn, so that a flood of them delays no cycle."""
+        now = self._loop.now()
+        for _ in range(_AT_ONCE // 4):
+            frame = self.port.receive_other()
+            datagram = self.port.receive_datagram()
+            if frame is None and datagram is None:
+                break
+            if frame is not None:
+                self.device.on_frame(frame, now)
+            if datagram is not None:
+                self._datagrams.put(datagram)
+        self._pump()
+
+    def _on_carrier(self) -> None:
+        up = self.port.link_up
+        if up != self.station.link_up:
+            log.log(logging.INFO if up else logging.ERROR, "cable %s", "plugged" if up else "pulled")
+            self.device.on_link(up, self._loop.now())
+            self._pump()
+
+    def _serve(self) -> None:
+        """Calls run in a task: one that writes to the disk waits there, and the exchange goes on."""
+        while True:
+            data, source = self._datagrams.get()
+            self.device.on_datagram(data, source, self._loop.now())
+            self._pump()
+
+    def _on_due(self) -> None:
+        self._timer = None
+        self.device.poll(self._loop.now())
+        self._pump()
+
+    def _pump(self) -> None:
+        """Send what waits, tell what happened, be called again in time."""
+        self._send_waiting()
+        for event in self.device.events():
+            self._on_event(event)
+        due = self.device.next_deadline()
+        if self._timer is None or due < self._timer_due:
+            if self._timer is not None:
+                self._timer.cancel()
+            self._timer_due = due
+            self._timer = self._loop.call_at(due, self._on_due)
+
+    def _send_waiting(self) -> None:
+        port = self.port
+        for address, data in self.device.outgoing():
+            if address is None:
+                port.send(data)
+            else:
+                port.send_datagram(bytes(data), address)
+
+    def _on_event(self, event: DeviceEvent) -> None:
+        match event:
+            case Connected(relation):
+                provider = relation.provider
+                if provider is None:
+                    return
+                for index in range(len(self._telegrams)):
+                    self._places[index] = provider.place((index + 1, TELEGRAM_SUBSLOT))
+                transport = self._config.transport
+                self._limit_ns = transport.watchdog_factor * provider.cycle_ns
+                cycle = provider.cycle_ns / MS
+                log.info("controller %s connected, cycle %g ms", self.peer, cycle)
+                if cycle < transport.cycle_time_ms:
+                    log.warning("the controller's cycle is shorter than cycle_time_ms = %g", transport.cycle_time_ms)
+                if relation.plan.diff is not None:
+                    log.warning("the controller's project differs from the configuration: see ModuleDiff")
+            case Disconnected(relation, ended):
+                self._places = [None] * len(self._telegrams)
+                self.lose_setpoints()
+                log.error("controller %s disconnected: %s", relation.plan.ar.station_name, ended.text)
+            case NameSet(name, permanent):
+                log.info("name of station set to %r by DCP", name)
+                self._keep("station_name", name if permanent else "")
+            case IpSet(suite, permanent):
+                log.info("IP address set to %s by DCP", suite.address)
+                self._set_ip(suite, suite.encode().hex() if permanent else None)
+            case ResetToFactory():
+                log.warning("reset to factory by DCP: name, IP address and I&M1 to I&M4 are cleared")
+                self._keep("station_name", "")
+                self._set_ip(IpSuite(), None)
+                for field in ("im1_function", "im1_location", "im2_date", "im3_descriptor", "im4_signature"):
+                    self._keep(field, "")
+            case Flash():
+                self.flashing_until = self._loop.now() + FLASH_NS
+                log.warning("flash signal: this is the device %s", self.station.name or "without a name")
+
+    def _set_ip(self, suite: IpSuite, stored: str | None) -> None:
+        try:
+            self.port.set_ip(suite)
+        except GatewayError as error:
+            log.error("%s", error)
+            return
+        self._keep("station_ip", stored)
+
+    def _keep(self, field: str, value: str | None) -> None:
+        """Store without waiting for the disk."""
+
+        def save() -> None:
+            try:
+                self._loop.result(self._loop.offload(lambda: self._store.update(partial(self._assign, field, value))))
+            except GatewayError as error:
+                log.error("%s", error)
+
+        self._loop.spawn(save, f"store {field}")
+
+    def _assign(self, field: str, value: str | None) -> None:
+        setattr(self._store.parameters, field, value)
+
+    def _on_watch(self) -> None:
+        """What is wrong with the drive objects, as diagnosis of their access points."""
+        self._watch = self._loop.call_later(_DIAGNOSIS_NS, self._on_watch)
+        changed = False
+        for index, item in enumerate(self._objects):
+            present = present_classes(item)
+            told = self._told[index]
+            if present == told:
+                continue
+            point = (index + 1, ACCESS_POINT_SUBSLOT)
+            for number in told - present:
+                self.device.clear_diagnosis(point, number)
+            for number in present - told:
+                self.device.set_diagnosis(point, number)
+            if MessageClass.INTERNAL_COMMUNICATION in told - present:
+                self.device.returned((index + 1, TELEGRAM_SUBSLOT))
+            self._told[index] = present
+            changed = True
+        if changed:
+            self._pump()

@@ -1,0 +1,426 @@
+"""The PROFINET link on virtual time: setpoints, losses, diagnosis, what DCP gives and what is kept of it."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from ipaddress import IPv4Address
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
+from uuid import UUID
+
+import pytest
+from pdgw.ds301.client import NodeStatus
+from pdgw.ds301.loop import MS, VirtualLoop
+from pdgw.gateway.config import GatewayConfig
+from pdgw.gateway.drive_object import DriveObject
+from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.faults import FaultLog, FaultRecord
+from pdgw.gateway.profinet_diagnosis import MESSAGE_CLASSES, message_class
+from pdgw.gateway.profinet_link import ProfinetLink
+from pdgw.gateway.store import ParameterStore
+from pdgw.gateway.transport.ethernet import dcp_filter, real_time_filter
+from pdgw.gateway.transport.udp import Address
+from pdgw.peers.controller.controller import IoController, Phase
+from pdgw.peers.controller.project import Project
+from pdgw.profidrive.telegrams import telegram
+from pdgw.profinet import dcp, ethernet
+from pdgw.profinet.blocks.alarm import AlarmType, MessageClass
+from pdgw.profinet.rpc.dcerpc import UDP_PORT
+from pdgw.profinet.station import Identity, IpSuite, Station
+
+from tests.support.profinet import DEVICE_IP, DEVICE_MAC, PLC_IP, PLC_MAC
+
+AXIS = (1, 2)
+
+
+class FakeEthernet:
+    """An interface whose other end is a test."""
+
+    def __init__(self, loop: VirtualLoop) -> None:
+        self.loop = loop
+        self.mac = DEVICE_MAC
+        self.link_up = True
+        self.errors = 0
+        self.address = IpSuite()
+        self.may_set = True
+        self.real_time: deque[bytes] = deque()
+        self.other: deque[bytes] = deque()
+        self.datagrams: deque[tuple[bytes, Address]] = deque()
+        self.sent: deque[tuple[Address | None, bytes]] = deque()
+        self.closed = False
+        self.on_real_time: Callable[[], None] = lambda: None
+        self.on_other: Callable[[], None] = lambda: None
+        self.on_link: Callable[[], None] = lambda: None
+
+    def start(
+        self, on_real_time: Callable[[], None], on_other: Callable[[], None], on_link: Callable[[], None]
+    ) -> None:
+        self.on_real_time, self.on_other, self.on_link = on_real_time, on_other, on_link
+
+    def receive(self) -> bytes | None:
+        return self.real_time.popleft() if self.real_time else None
+
+    def receive_other(self) -> bytes | None:
+        return self.other.popleft() if self.other else None
+
+    def receive_datagram(self) -> tuple[bytes, Address] | None:
+        return self.datagrams.popleft() if self.datagrams else None
+
+    def send(self, frame: bytes | bytearray) -> None:
+        self.sent.append((None, bytes(frame)))
+
+    def send_datagram(self, data: bytes, address: Address) -> None:
+        self.sent.append((address, data))
+
+    def ip(self) -> IpSuite:
+        return self.address
+
+    def set_ip(self, suite: IpSuite) -> None:
+        if not self.may_set:
+            raise GatewayError("interface eth1: the address cannot be set")
+        self.address = suite
+
+    def close(self) -> None:
+        self.closed = True
+
+    def arrive(self, address: Address | None, data: bytes) -> None:
+        if address is not None:
+            self.datagrams.append((data, (PLC_IP, UDP_PORT)))
+            self.on_other()
+        elif 0xFEFC <= int.from_bytes(data[14:16], "big") <= 0xFEFF or data[12:14] == b"\x88\xcc":
+            self.other.append(data)
+            self.on_other()
+        else:
+            self.real_time.append(data)
+            self.on_real_time()
+
+
+class FakeObject:
+    """A drive object: what the link asks it."""
+
+    def __init__(self, number: int) -> None:
+        self.telegram = telegram(number)
+        self.client = SimpleNamespace(status=NodeStatus.ONLINE)
+        self.fault_log = FaultLog(0)
+
+
+class Rig:
+    def __init__(self, tmp_path: Path, **transport: Any) -> None:
+        self.loop = VirtualLoop()
+        self.port = FakeEthernet(self.loop)
+        document = {
+            "can": {"interface": "virtual"},
+            "transport": {"type": "profinet", "interface": "eth1", "station_name": "gateway", **transport},
+            "axis": [{"do_id": 1, "node_id": 1, "telegram": 1}, {"do_id": 2, "node_id": 2, "telegram": 9}],
+        }
+        self.config = GatewayConfig.model_validate(document)
+        self.path = tmp_path / "store.json"
+        self.objects = [FakeObject(1), FakeObject(9)]
+        self.cycles = 0
+        self.start()
+        self.plc = IoController(
+            Station(Identity(PLC_MAC, 1, 1, "plc", "PLC"), "plc-1"),
+            Project("gateway", self.link.device.model.modules, data_hold=200),
+            DEVICE_IP,
+        )
+
+    def start(self) -> None:
+        store = ParameterStore(self.path, lambda text: None)
+        objects = cast("list[DriveObject]", self.objects)
+        self.link = ProfinetLink(self.port, self.config, store, self.loop, objects, UUID(int=5))
+        self.link.start(self.on_link)
+
+    def on_link(self) -> None:
+        if self.link.receive(self.loop.now()):
+            self.cycles += 1
+
+    def run(self, ns: int, until: Callable[[], object] = lambda: False) -> None:
+        """Both ends, until the time is over or the condition holds."""
+        end = self.loop.now() + ns
+
+        def turn() -> None:
+            now = self.loop.now()
+            self.plc.poll(now)
+            for address, data in self.plc.outgoing():
+                self.port.arrive(address, bytes(data))
+            while self.port.sent:
+                address, data = self.port.sent.popleft()
+                if address is None:
+                    self.plc.on_frame(data, now)
+                else:
+                    self.plc.on_datagram(data, (str(DEVICE_IP.address), UDP_PORT), now)
+            if until() or now >= end:
+                self.loop.stop()
+            else:
+                self.loop.call_at(now + MS // 4, turn)
+
+        self.loop.call_later(0, turn)
+        self.loop.run()
+
+    def connect(self) -> None:
+        self.plc.start(self.loop.now())
+        self.run(5_000 * MS, lambda: self.link.connected and self.plc.phase is Phase.DATA)
+        assert self.link.connected, (self.plc.phase, self.plc.learned)
+
+    def set_by_dcp(self, option: dcp.Option, value: bytes, qualifier: int) -> None:
+        block = dcp.encode_block(option, qualifier.to_bytes(2, "big") + value)
+        payload = dcp.encode(dcp.FRAME_ID_GET_SET, dcp.Service.SET, dcp.ServiceType.REQUEST, 1, block)
+        self.port.arrive(None, ethernet.frame(DEVICE_MAC, PLC_MAC, payload))
+        self.run(20 * MS)
+
+
+@pytest.fixture
+def rig(tmp_path: Path) -> Rig:
+    return Rig(tmp_path)
+
+
+def test_setpoints_arrive_as_values_and_actual_values_leave_with_their_status(rig: Rig) -> None:
+    rig.connect()
+    rig.plc.set_output(AXIS, bytes.fromhex("047f2000"))
+    rig.run(20 * MS)
+    assert rig.link.setpoints[0] == (0x047F, 0x2000)
+    rig.link.send([(0x0E37, 0x1FFF), (1, 2, 3, 4)], [True, False], [False, False])
+    rig.run(20 * MS)
+    assert rig.plc.input(AXIS) == bytes.fromhex("0e371fff")
+    assert rig.plc.input((2, 2)) is None, "IOPS of the second object is BAD"
+    assert rig.cycles > 3
+
+
+def test_an_axis_loses_its_plc_long_before_the_data_hold_time(rig: Rig) -> None:
+    rig.connect()
+    rig.plc.set_output(AXIS, bytes.fromhex("047f2000"))
+    rig.run(20 * MS)
+    assert not rig.link.poll(rig.loop.now())
+    rig.plc.provider = None
+    since = rig.loop.now()
+    rig.run(800 * MS, lambda: rig.link.poll(rig.loop.now()))
+    assert rig.loop.now() - since <= 3 * 4 * MS + MS
+    assert rig.link.setpoints == [None, None]
+    assert rig.link.device.connected, "the relationship itself waits for its data hold time of 800 ms"
+    assert rig.link.watchdog_expiries == 1
+
+
+@pytest.mark.parametrize("way", ["release", "cable", "silence"])
+def test_every_end_of_the_relationship_takes_the_setpoints_away(rig: Rig, way: str) -> None:
+    rig.connect()
+    rig.plc.set_output(AXIS, bytes.fromhex("047f2000"))
+    rig.run(20 * MS)
+    if way == "release":
+        rig.plc.release(rig.loop.now())
+        rig.run(20 * MS)
+    elif way == "cable":
+        rig.port.link_up = False
+        rig.port.on_link()
+    else:
+        rig.plc.provider = None
+        rig.run(1000 * MS)
+    assert not rig.link.connected
+    assert rig.link.setpoints == [None, None]
+    assert rig.link.poll(rig.loop.now())
+    assert not rig.link.poll(rig.loop.now()), "told once"
+
+
+def test_a_controller_in_stop_gives_no_setpoints(rig: Rig) -> None:
+    rig.connect()
+    rig.plc.set_output(AXIS, bytes.fromhex("047f2000"))
+    rig.run(20 * MS)
+    assert rig.plc.provider is not None
+    rig.plc.provider.data_status &= ~0x10
+    rig.run(20 * MS)
+    assert rig.link.setpoints == [None, None]
+    assert rig.link.connected
+
+
+def test_a_drive_that_is_lost_and_comes_back_is_diagnosis_and_return_of_submodule(rig: Rig) -> None:
+    rig.connect()
+    rig.objects[0].client.status = NodeStatus.LOST
+    rig.run(200 * MS)
+    rig.objects[0].client.status = NodeStatus.ONLINE
+    rig.run(200 * MS)
+    kinds = [(item.alarm_type, item.slot, item.subslot) for item in rig.plc.learned.alarms]
+    assert kinds == [
+        (AlarmType.DIAGNOSIS, 1, 1),
+        (AlarmType.DIAGNOSIS_DISAPPEARS, 1, 1),
+        (AlarmType.RETURN_OF_SUBMODULE, 1, 2),
+    ]
+    assert rig.plc.learned.alarms[0].payload[-2:] == MessageClass.INTERNAL_COMMUNICATION.to_bytes(2, "big")
+
+
+def test_a_fault_of_a_drive_is_told_by_its_class_until_it_is_acknowledged(rig: Rig) -> None:
+    rig.connect()
+    rig.objects[1].fault_log.enter(FaultRecord(4, 0x3210, 0, "over-voltage", rig.loop.now()))
+    rig.run(200 * MS)
+    rig.objects[1].fault_log.acknowledge()
+    rig.run(200 * MS)
+    told = [(item.alarm_type, item.slot, item.payload[-2:].hex()) for item in rig.plc.learned.alarms]
+    assert told == [(AlarmType.DIAGNOSIS, 2, "9003"), (AlarmType.DIAGNOSIS_DISAPPEARS, 2, "9003")]
+
+
+@pytest.mark.parametrize(
+    ("code", "expected"),
+    [
+        (0x2310, MessageClass.POWER_ELECTRONICS),
+        (0x3210, MessageClass.DC_LINK),
+        (0x3110, MessageClass.MAINS),
+        (0x4210, MessageClass.TEMPERATURE),
+        (0x4310, MessageClass.MOTOR_OVERLOAD),
+        (0x5110, MessageClass.SUPPLY),
+        (0x6320, MessageClass.PARAMETERS),
+        (0x7305, MessageClass.ACTUAL_VALUE),
+        (0x8130, MessageClass.INTERNAL_COMMUNICATION),
+        (0x8611, MessageClass.APPLICATION),
+        (0x0000, MessageClass.GENERAL),
+        (0xFF01, MessageClass.CONTROLLER_COMMUNICATION),
+    ],
+)
+def test_error_codes_belong_to_the_class_of_their_longest_prefix(code: int, expected: MessageClass) -> None:
+    assert message_class(code) is expected
+    assert all(1 <= len(prefix) <= 3 for prefix in MESSAGE_CLASSES)
+
+
+# -- name and address -------------------------------------------------------------------------------------------------
+
+
+def test_a_permanent_name_and_address_are_there_after_a_restart(rig: Rig) -> None:
+    rig.set_by_dcp(dcp.Option.NAME, b"press-2", 1)
+    rig.set_by_dcp(dcp.Option.IP, DEVICE_IP.encode(), 1)
+    assert rig.port.address == DEVICE_IP
+    rig.port.address = IpSuite()
+    rig.start()
+    assert (rig.link.station.name, rig.link.station.ip) == ("press-2", DEVICE_IP)
+    assert rig.port.address == DEVICE_IP
+
+
+def test_a_temporary_name_and_address_are_gone_after_a_restart(rig: Rig) -> None:
+    rig.set_by_dcp(dcp.Option.NAME, b"press-2", 0)
+    rig.set_by_dcp(dcp.Option.IP, DEVICE_IP.encode(), 0)
+    assert rig.link.station.name == "press-2"
+    rig.port.address = IpSuite()
+    rig.start()
+    assert (rig.link.station.name, rig.link.station.ip.is_set) == ("", False)
+
+
+def test_reset_to_factory_clears_name_address_and_identification(rig: Rig) -> None:
+    rig.link._store.parameters.im3_descriptor = "mine"
+    rig.set_by_dcp(dcp.Option.NAME, b"press-2", 1)
+    rig.set_by_dcp(dcp.Option.RESET, b"", 4)
+    rig.start()
+    assert rig.link.station.name == ""
+    assert rig.link._store.parameters.im3_descriptor == ""
+
+
+def test_an_address_that_may_not_be_set_is_told_and_not_kept(rig: Rig, caplog: pytest.LogCaptureFixture) -> None:
+    rig.port.may_set = False
+    rig.set_by_dcp(dcp.Option.IP, DEVICE_IP.encode(), 1)
+    assert "cannot be set" in caplog.text
+    assert rig.link._store.parameters.station_ip is None
+
+
+def test_a_fixed_address_is_given_to_the_interface(tmp_path: Path) -> None:
+    rig = Rig(tmp_path, ip="10.1.2.3/24", router="10.1.2.1")
+    assert rig.port.address == IpSuite(IPv4Address("10.1.2.3"), IPv4Address("255.255.255.0"), IPv4Address("10.1.2.1"))
+
+
+def test_a_flash_signal_is_shown_for_three_seconds(rig: Rig, caplog: pytest.LogCaptureFixture) -> None:
+    rig.set_by_dcp(dcp.Option.SIGNAL, b"\1\0", 0)
+    station = cast("dict[str, Any]", rig.link.status()["station"])
+    assert station["flashing"]
+    assert "flash signal" in caplog.text
+    rig.run(3000 * MS)
+    assert not cast("dict[str, Any]", rig.link.status()["station"])["flashing"]
+
+
+# -- the rest of Link -------------------------------------------------------------------------------------------------
+
+
+def test_telegrams_change_only_while_no_controller_is_connected(rig: Rig) -> None:
+    rig.link.set_layout([telegram(2), telegram(9)])
+    assert rig.link.device.model.modules[1].submodules[2].outputs == telegram(2).setpoints.size
+    rig.link.set_layout([telegram(1), telegram(9)])
+    rig.connect()
+    with pytest.raises(GatewayError, match="while a controller is connected"):
+        rig.link.set_layout([telegram(2), telegram(9)])
+    assert rig.link.connected
+
+
+def test_status_and_counters_tell_of_the_controller(rig: Rig) -> None:
+    rig.connect()
+    rig.run(100 * MS)
+    status = rig.link.status()
+    assert status["connected"]
+    assert status["peer"] == [PLC_IP, UDP_PORT]
+    station = cast("dict[str, Any]", status["station"])
+    assert (station["name"], station["controller"], station["cycle_ms"]) == ("gateway", "plc-1", 4)
+    counters = {item.name: item.read() for item in rig.loop.counters if item.part == "link"}
+    assert counters["accepted"] > 20
+    assert counters["sent"] > 20
+    assert counters["missed"] == 0
+
+
+def test_the_end_of_the_daemon_tells_the_controller(rig: Rig) -> None:
+    rig.connect()
+    rig.link.close()
+    assert rig.port.closed
+    while rig.port.sent:
+        _, data = rig.port.sent.popleft()
+        rig.plc.on_frame(data, rig.loop.now())
+    assert rig.plc.learned.error == 0xCF81FD0D
+
+
+def test_a_flood_of_dcp_and_calls_delays_no_frame(rig: Rig) -> None:
+    rig.connect()
+    rig.plc.set_output(AXIS, bytes.fromhex("047f2000"))
+    identify = dcp.encode(0xFEFE, dcp.Service.IDENTIFY, dcp.ServiceType.REQUEST, 9, bytes.fromhex("ffff0000"), 1)
+    frame = ethernet.frame(ethernet.DCP_MULTICAST, PLC_MAC, identify)
+    for _ in range(200):
+        rig.port.other.extend([frame] * 10)
+        rig.port.datagrams.extend([(bytes(100), ("192.168.0.9", 1))] * 10)
+        rig.run(MS // 2)
+    assert rig.link.connected
+    assert rig.link.setpoints[0] == (0x047F, 0x2000)
+    assert rig.link.watchdog_expiries == 0
+
+
+# -- the filters in the kernel, by a small interpreter ----------------------------------------------------------------
+
+
+def passes(program: list[tuple[int, int, int, int]], frame: bytes) -> bool:
+    accumulator, at = 0, 0
+    while True:
+        code, yes, no, operand = program[at]
+        at += 1
+        if code == 0x20:
+            accumulator = int.from_bytes(frame[operand : operand + 4], "big")
+        elif code == 0x28:
+            accumulator = int.from_bytes(frame[operand : operand + 2], "big")
+        elif code == 0x15:
+            at += yes if accumulator == operand else no
+        elif code == 0x35:
+            at += yes if accumulator >= operand else no
+        elif code == 0x25:
+            at += yes if accumulator > operand else no
+        else:
+            return bool(operand)
+
+
+@pytest.mark.parametrize(
+    ("destination", "frame_id", "real_time", "other"),
+    [
+        (DEVICE_MAC, 0x8000, True, False),
+        (DEVICE_MAC, 0xFC01, True, False),
+        (DEVICE_MAC, 0xFE01, True, False),
+        (PLC_MAC, 0x8000, False, False),
+        (b"\xff" * 6, 0x8000, False, False),
+        (DEVICE_MAC, 0xFEFD, False, True),
+        (ethernet.DCP_MULTICAST, 0xFEFE, False, True),
+        (DEVICE_MAC, 0xFF00, False, False),
+    ],
+)
+def test_the_kernel_passes_only_what_each_socket_is_for(
+    destination: bytes, frame_id: int, real_time: bool, other: bool
+) -> None:
+    frame = ethernet.frame(destination, PLC_MAC, frame_id.to_bytes(2, "big"))
+    assert passes(real_time_filter(DEVICE_MAC), frame) is real_time
+    assert passes(dcp_filter(), frame) is other

@@ -1,0 +1,128 @@
+"""The GSDML file: every reference has its target, nothing is there twice, and it says what the device does."""
+
+from __future__ import annotations
+
+from collections import Counter
+from datetime import date
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS, ENCODER_TELEGRAM_NUMBERS
+from pdgw.profidrive.telegrams import Direction, Telegram, telegram
+from pdgw.profinet.blocks.alarm import MessageClass
+from pdgw.profinet.gsdml import GsdmlWriter, file_name
+from pdgw.profinet.model import ObjectKind, access_module, object_module
+from pdgw.profinet.station import check_name
+from pdgw.tools.cli import app
+from typer.testing import CliRunner
+
+from tests.support.profinet import IDENTITY
+
+NS = "{http://www.profibus.com/GSDML/2003/11/DeviceProfile}"
+KINDS = {
+    ObjectKind.AXIS: [telegram(number) for number in DRIVE_TELEGRAM_NUMBERS],
+    ObjectKind.ENCODER: [telegram(number) for number in ENCODER_TELEGRAM_NUMBERS],
+}
+ROOT = ElementTree.fromstring(GsdmlWriter(IDENTITY, "pdgw", KINDS).write().encode())
+
+
+def every(name: str) -> list[ElementTree.Element]:
+    return list(ROOT.iter(NS + name))
+
+
+def test_every_identification_is_there_once() -> None:
+    ids = Counter(item.attrib["ID"] for item in ROOT.iter() if "ID" in item.attrib)
+    assert [name for name, count in ids.items() if count > 1] == []
+    texts = Counter(item.attrib["TextId"] for item in every("Text"))
+    assert [name for name, count in texts.items() if count > 1] == []
+
+
+def test_every_reference_has_its_target_and_every_text_is_used() -> None:
+    texts = {item.attrib["TextId"] for item in every("Text")}
+    used = {item.attrib["TextId"] for item in ROOT.iter() if "TextId" in item.attrib and item.tag != NS + "Text"}
+    assert used == texts
+    modules = {item.attrib["ID"] for item in every("ModuleItem")}
+    assert {item.attrib["ModuleItemTarget"] for item in every("ModuleItemRef")} == modules
+    submodules = {item.attrib["ID"] for item in every("SubmoduleItem")}
+    assert {item.attrib["SubmoduleItemTarget"] for item in every("SubmoduleItemRef")} == submodules
+
+
+def number(item: ElementTree.Element, name: str) -> int:
+    return int(item.attrib[name], 16)
+
+
+def test_identifications_are_those_the_device_answers_with() -> None:
+    (device,) = every("DeviceIdentity")
+    assert (number(device, "VendorID"), number(device, "DeviceID")) == (IDENTITY.vendor_id, IDENTITY.device_id)
+    (point,) = every("DeviceAccessPointItem")
+    assert number(point, "ModuleIdentNumber") == access_module().ident
+    check_name(point.attrib["DNS_CompatibleName"])
+    system = {
+        int(item.attrib["SubslotNumber"]): number(item, "SubmoduleIdentNumber")
+        for item in every("InterfaceSubmoduleItem") + every("PortSubmoduleItem")
+    }
+    virtual = {item.attrib["ID"]: number(item, "SubmoduleIdentNumber") for item in every("VirtualSubmoduleItem")}
+    found = {1: virtual["DAP_1"], **system}
+    assert found == {subslot: item.ident for subslot, item in access_module().submodules.items()}
+    for kind, telegrams in KINDS.items():
+        module = next(item for item in every("ModuleItem") if item.attrib["ID"] == f"MODULE_{kind.name}")
+        assert number(module, "ModuleIdentNumber") == kind.ident
+        references = {item.attrib["SubmoduleItemTarget"] for item in module.iter(NS + "SubmoduleItemRef")}
+        assert references == {f"TELEGRAM_{item.number}" for item in telegrams}
+
+
+SIZES = {f"{sign}{8 * size}": size for sign in ("Integer", "Unsigned") for size in (1, 2, 4, 8)}
+EVERY = [item for items in KINDS.values() for item in items]
+
+
+@pytest.mark.parametrize("chosen", EVERY, ids=lambda item: str(item.number))
+def test_each_telegram_has_a_submodule_with_its_signals_and_lengths(chosen: Telegram) -> None:
+    (item,) = [item for item in every("SubmoduleItem") if item.attrib["ID"] == f"TELEGRAM_{chosen.number}"]
+    plugged = object_module(ObjectKind.AXIS, chosen).submodules[2]
+    assert number(item, "SubmoduleIdentNumber") == plugged.ident
+    texts = {text.attrib["TextId"]: text.attrib["Value"] for text in every("Text")}
+    directions = (("Input", Direction.ACTUAL, plugged.inputs), ("Output", Direction.SETPOINT, plugged.outputs))
+    for tag, direction, length in directions:
+        (data,) = item.iter(NS + tag)
+        items = list(data.iter(NS + "DataItem"))
+        assert sum(SIZES[part.attrib["DataType"]] for part in items) == length
+        names = [texts[part.attrib["TextId"]] for part in items]
+        assert names == [signal.name for signal in chosen.half(direction).signals]
+        for part in items:
+            offsets = [int(bit.attrib["BitOffset"]) for bit in part.iter(NS + "BitDataItem")]
+            assert len(offsets) == len(set(offsets))
+            assert all(0 <= offset < 8 * SIZES[part.attrib["DataType"]] for offset in offsets)
+            assert bool(offsets) is (part.attrib.get("UseAsBits") == "true")
+
+
+def test_every_class_of_the_diagnosis_has_a_text() -> None:
+    items = every("ProfileChannelDiagItem")
+    assert [int(item.attrib["ErrorType"]) for item in items] == list(MessageClass)
+    assert {item.attrib["API"] for item in items} == {str(0x3A00)}
+
+
+def test_the_file_name_has_version_vendor_product_and_day() -> None:
+    assert (
+        file_name("Some Vendor", "press_drive", date(2026, 1, 2)) == "GSDML-V2.4-Some-Vendor-press-drive-20260102.xml"
+    )
+
+
+def test_the_command_writes_the_file_with_the_numbers_of_the_configuration(tmp_path: Path) -> None:
+    config = tmp_path / "gateway.toml"
+    config.write_text(
+        '[can]\ninterface = "virtual"\n[transport]\ntype = "profinet"\ninterface = "eth1"\nvendor_id = 4660\ndevice_id = 22\n'
+        "[[axis]]\ndo_id = 1\nnode_id = 1\ntelegram = 1\n"
+    )
+    result = CliRunner().invoke(app, ["gsdml", "write", str(config), "-o", str(tmp_path)])
+    assert result.exit_code == 0, result.output
+    (file,) = tmp_path.glob("GSDML-V2.4-pdgw-profidrive-gateway-*.xml")
+    device = next(ElementTree.parse(file).getroot().iter(NS + "DeviceIdentity"))
+    assert (device.attrib["VendorID"], device.attrib["DeviceID"]) == ("0x1234", "0x0016")
+    refused = CliRunner().invoke(app, ["gsdml", "write", "-o", str(tmp_path / "nowhere")])
+    assert refused.exit_code == 1
+    assert "cannot be written" in str(refused.exception)
+
+
+def test_the_file_is_the_same_each_time_it_is_written() -> None:
+    assert GsdmlWriter(IDENTITY, "pdgw", KINDS).write() == GsdmlWriter(IDENTITY, "pdgw", KINDS).write()

@@ -1,0 +1,45 @@
+"""``pdgw gsdml``: the device description for engineering tools."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS, ENCODER_TELEGRAM_NUMBERS
+from pdgw.gateway.config import TransportConfig, load_config
+from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.profinet_identity import PRODUCT, RELEASED, VENDOR_NAME, profinet_identity
+from pdgw.profidrive.telegrams import telegram
+from pdgw.profinet.gsdml import GsdmlWriter, file_name
+from pdgw.profinet.model import ObjectKind
+
+app = typer.Typer(help="The device description for engineering tools (GSDML).", no_args_is_help=True)
+
+TELEGRAMS = {ObjectKind.AXIS: DRIVE_TELEGRAM_NUMBERS, ObjectKind.ENCODER: ENCODER_TELEGRAM_NUMBERS}
+_NO_MAC = bytes(6)
+
+
+@app.callback()
+def gsdml() -> None:
+    """The device description for engineering tools (GSDML)."""
+
+
+@app.command()
+def write(
+    config: Annotated[
+        Path | None,
+        typer.Argument(help="Configuration file: vendor_id and device_id are taken from it.", show_default=False),
+    ] = None,
+    output: Annotated[Path, typer.Option("--output", "-o", metavar="DIR", help="Where the file goes.")] = Path(),
+) -> None:
+    """Write the GSDML file with every telegram; its name is what engineering tools insist on."""
+    transport = TransportConfig() if config is None else load_config(config).transport
+    kinds = {kind: [telegram(number) for number in numbers] for kind, numbers in TELEGRAMS.items()}
+    text = GsdmlWriter(profinet_identity(transport, _NO_MAC), VENDOR_NAME, kinds).write()
+    path = output / file_name(VENDOR_NAME, PRODUCT, RELEASED)
+    try:
+        path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise GatewayError(f"--output {output}: {path.name} cannot be written ({error.strerror or error})") from error
+    typer.echo(str(path))
