@@ -1,0 +1,296 @@
+"""The parameter model: what each request is answered with, without a gateway or a drive behind it."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pdgw.profidrive.datatypes import DataType
+from pdgw.profidrive.parameters.catalogue import ParameterSpec, Scope
+from pdgw.profidrive.parameters.codec import (
+    MAX_ELEMENTS,
+    ZERO,
+    Address,
+    Attribute,
+    Request,
+    RequestId,
+    Response,
+    Values,
+    decode_response,
+    encode_request,
+)
+from pdgw.profidrive.parameters.description import Description
+from pdgw.profidrive.parameters.errors import ParameterErrorNumber as Number
+from pdgw.profidrive.parameters.errors import ParameterRefused
+from pdgw.profidrive.parameters.model import BoundParameter, Parameter, answer, converted, respond
+
+_BLOCK = 240
+NUMBER, ARRAY, TEXT, READ_ONLY, SIGNED = 922, 945, 919, 964, 60001
+
+
+def spec(pnu: int, data_type: DataType, **more: object) -> ParameterSpec:
+    return ParameterSpec(pnu, f"P{pnu}", "of the test", data_type, Scope.DRIVE_OBJECT, **more)  # type: ignore[arg-type]
+
+
+@dataclass
+class Device:
+    """A drive object with one parameter of each kind; ``written`` is what its setters got."""
+
+    locked: bool = False
+    written: list[int] = field(default_factory=list)
+
+    def parameter(self, pnu: int) -> Parameter:
+        declared: dict[int, BoundParameter] = {
+            NUMBER: BoundParameter(
+                spec(NUMBER, DataType.UNSIGNED16, low=1, high=100, texts=("off", "on")), lambda: 9, self.written.append
+            ),
+            ARRAY: BoundParameter(spec(ARRAY, DataType.UNSIGNED16, array=True), lambda: [10, 11, 12, 13]),
+            TEXT: BoundParameter(spec(TEXT, DataType.VISIBLE_STRING), lambda: b"axis 1"),
+            READ_ONLY: BoundParameter(spec(READ_ONLY, DataType.UNSIGNED16), lambda: 5),
+            SIGNED: BoundParameter(spec(SIGNED, DataType.INTEGER16, low=-5, high=5), lambda: -3, self.written.append),
+        }
+        if pnu not in declared:
+            raise ParameterRefused(Number.IMPERMISSIBLE_PNU)
+        return declared[pnu]
+
+    def check_writable(self, pnu: int) -> None:
+        if self.locked:
+            raise ParameterRefused(Number.NO_OPERATION_PRIORITY)
+
+
+def read(*addresses: Address, device: Device | None = None, block: int = _BLOCK) -> Response:
+    return respond(Request(1, RequestId.REQUEST, 1, addresses), device or Device(), block)
+
+
+def write(*pairs: tuple[Address, Values], device: Device | None = None, block: int = _BLOCK) -> Response:
+    addresses, values = zip(*pairs, strict=True)
+    return respond(Request(1, RequestId.CHANGE, 1, tuple(addresses), tuple(values)), device or Device(), block)
+
+
+def word(*numbers: int) -> Values:
+    return Values(DataType.UNSIGNED16, numbers)
+
+
+def error(number: Number, subindex: int | None = None) -> Values:
+    return Values.error(number, subindex)
+
+
+@pytest.mark.parametrize(
+    ("address", "expected"),
+    [
+        (Address(NUMBER), word(9)),
+        (Address(NUMBER, 0, 1), word(9)),
+        (Address(TEXT), Values(DataType.VISIBLE_STRING, b"axis 1")),
+        (Address(TEXT, 0, 6), Values(DataType.VISIBLE_STRING, b"axis 1")),
+        (Address(ARRAY, 0, 4), word(10, 11, 12, 13)),
+        (Address(ARRAY, 3, 1), word(13)),
+        (Address(NUMBER, 1, 1, Attribute.TEXT), Values(DataType.VISIBLE_STRING, b"on" + b" " * 14)),
+        (Address(NUMBER, 0, 2, Attribute.TEXT), Values(DataType.VISIBLE_STRING, b"off".ljust(16) + b"on".ljust(16))),
+        (Address(NUMBER, 0, 0, Attribute.TEXT), Values(DataType.VISIBLE_STRING, b"off".ljust(16))),
+    ],
+)
+def test_a_value_or_text_is_read(address: Address, expected: Values) -> None:
+    assert read(address).values == (expected,)
+
+
+REFUSED_READS = [
+    (Address(0), error(Number.IMPERMISSIBLE_PNU)),
+    (Address(4711), error(Number.IMPERMISSIBLE_PNU)),
+    (Address(NUMBER, 1, 1), error(Number.NO_ARRAY)),
+    (Address(NUMBER, 0, 2), error(Number.NO_ARRAY)),
+    (Address(TEXT, 0, 7), error(Number.NO_ARRAY)),
+    (Address(ARRAY), error(Number.ADDRESS_IMPERMISSIBLE)),
+    (Address(ARRAY, 4, 1), error(Number.FAULTY_SUBINDEX)),
+    (Address(ARRAY, 2, 3), error(Number.FAULTY_SUBINDEX, 4)),
+    (Address(ARRAY, 9, 2), error(Number.FAULTY_SUBINDEX, 9)),
+    (Address(ARRAY, 2, 0), error(Number.ADDRESS_IMPERMISSIBLE)),
+    (Address(NUMBER, 0, 1, 0x40), error(Number.ADDRESS_IMPERMISSIBLE)),
+    (Address(NUMBER, 0, MAX_ELEMENTS + 1), error(Number.ADDRESS_IMPERMISSIBLE)),
+    (Address(NUMBER, 0xFFFF, 1), error(Number.ADDRESS_IMPERMISSIBLE)),
+    (Address(NUMBER, 0, 2, Attribute.DESCRIPTION), error(Number.ADDRESS_IMPERMISSIBLE)),
+    (Address(NUMBER, 13, 1, Attribute.DESCRIPTION), error(Number.FAULTY_SUBINDEX)),
+    (Address(READ_ONLY, 0, 1, Attribute.TEXT), error(Number.NO_TEXT_ARRAY)),
+    (Address(NUMBER, 2, 1, Attribute.TEXT), error(Number.FAULTY_SUBINDEX)),
+    (Address(NUMBER, 1, 2, Attribute.TEXT), error(Number.FAULTY_SUBINDEX)),
+]
+
+
+@pytest.mark.parametrize(("address", "expected"), REFUSED_READS)
+def test_what_cannot_be_read_is_answered_with_its_error(address: Address, expected: Values) -> None:
+    assert read(address).values == (expected,)
+
+
+def test_the_highest_address_is_only_not_there() -> None:
+    assert read(Address(ARRAY, 0xFFFE, 1)).values == (error(Number.FAULTY_SUBINDEX),)
+
+
+REFUSED_WRITES = [
+    (Address(READ_ONLY), word(1), error(Number.VALUE_CANNOT_BE_CHANGED)),
+    (Address(NUMBER), word(0), error(Number.LIMIT_EXCEEDED)),
+    (Address(NUMBER), word(101), error(Number.LIMIT_EXCEEDED)),
+    (Address(NUMBER, 1, 1), word(5), error(Number.NO_ARRAY)),
+    (Address(NUMBER, 0, 2), word(5, 5), error(Number.NO_ARRAY)),
+    (Address(NUMBER), Values(DataType.UNSIGNED32, (5,)), error(Number.INCORRECT_DATA_TYPE)),
+    (Address(NUMBER), Values(DataType.INTEGER16, (5,)), error(Number.INCORRECT_DATA_TYPE)),
+    (Address(NUMBER), Values(DataType.BYTE, (5,)), error(Number.INCORRECT_DATA_TYPE)),
+    (Address(NUMBER), Values(DataType.OCTET_STRING, b"\0\5"), error(Number.INCORRECT_DATA_TYPE)),
+    (Address(NUMBER), ZERO, error(Number.ILLEGAL_FORMAT)),
+    (Address(NUMBER), Values.error(1), error(Number.ILLEGAL_FORMAT)),
+    (Address(NUMBER), word(5, 6), error(Number.NUMBER_OF_VALUES_INCONSISTENT)),
+    (Address(NUMBER, 0, 1), word(5, 6), error(Number.NUMBER_OF_VALUES_INCONSISTENT)),
+    (Address(NUMBER, attribute=Attribute.DESCRIPTION), word(5), error(Number.DESCRIPTION_CANNOT_BE_CHANGED)),
+    (Address(NUMBER, 0, 1, Attribute.TEXT), word(5), error(Number.TEXT_CANNOT_BE_CHANGED)),
+    (Address(4711), word(5), error(Number.IMPERMISSIBLE_PNU)),
+]
+
+
+@pytest.mark.parametrize(("address", "values", "expected"), REFUSED_WRITES)
+def test_what_cannot_be_written_is_answered_with_its_error_and_changes_nothing(
+    address: Address, values: Values, expected: Values
+) -> None:
+    device = Device()
+    response = write((address, values), device=device)
+    assert response.values == (expected,)
+    assert response.negative
+    assert device.written == []
+
+
+@pytest.mark.parametrize("number", [1, 100])
+def test_a_value_at_its_limit_is_written_and_the_answer_is_empty(number: int) -> None:
+    device = Device()
+    response = write((Address(NUMBER), word(number)), device=device)
+    assert (response.values, response.count, response.negative) == ((), 1, False)
+    assert device.written == [number]
+
+
+def test_a_word_may_stand_for_a_number_of_its_size_with_its_sign() -> None:
+    device = Device()
+    assert not write((Address(SIGNED), Values(DataType.WORD, (0xFFFD,))), device=device).negative
+    assert device.written == [-3]
+
+
+@given(value=st.integers(-(1 << 31), (1 << 31) - 1))
+def test_a_double_word_keeps_its_bits(value: int) -> None:
+    bits = Values(DataType.DOUBLE_WORD, (value & 0xFFFFFFFF,))
+    assert converted(bits, DataType.INTEGER32) == Values(DataType.INTEGER32, (value,))
+
+
+def test_without_operation_priority_nothing_is_written_and_everything_is_read() -> None:
+    device = Device(locked=True)
+    assert write((Address(NUMBER), word(5)), device=device).values == (error(Number.NO_OPERATION_PRIORITY),)
+    assert read(Address(NUMBER), device=device).values == (word(9),)
+    assert device.written == []
+
+
+def test_a_failed_parameter_does_not_stop_the_others_and_keeps_its_place() -> None:
+    device = Device()
+    response = write(
+        (Address(NUMBER), word(5)), (Address(READ_ONLY), word(6)), (Address(NUMBER), word(7)), device=device
+    )
+    assert response.values == (ZERO, error(Number.VALUE_CANNOT_BE_CHANGED), ZERO)
+    assert device.written == [5, 7]
+    assert response.count == 3
+
+
+def test_a_drive_object_that_is_not_there() -> None:
+    response = respond(Request(1, RequestId.REQUEST, 9, (Address(NUMBER), Address(ARRAY))), None, _BLOCK)
+    assert response.values == (error(Number.DO_DOES_NOT_EXIST),) * 2
+
+
+def test_what_does_not_fit_in_the_block_is_refused_and_room_is_left_for_the_errors_of_the_rest() -> None:
+    # Header 4, area of the array 2 + 8; each further parameter may need 6.
+    whole = 4 + 10
+    assert read(Address(ARRAY, 0, 4), block=whole).values == (word(10, 11, 12, 13),)
+    assert read(Address(ARRAY, 0, 4), block=whole - 1).values == (error(Number.RESPONSE_TOO_LONG),)
+    both = (Address(ARRAY, 0, 4), Address(4711))
+    assert read(*both, block=whole + 6).values == (word(10, 11, 12, 13), error(Number.IMPERMISSIBLE_PNU))
+    assert read(*both, block=whole + 5).values == (error(Number.RESPONSE_TOO_LONG), error(Number.IMPERMISSIBLE_PNU))
+
+
+@given(
+    addresses=st.lists(
+        st.builds(
+            Address,
+            pnu=st.sampled_from([0, NUMBER, ARRAY, TEXT, READ_ONLY, 4711]),
+            subindex=st.integers(0, 5),
+            elements=st.integers(0, 5),
+            attribute=st.sampled_from([0x10, 0x20, 0x30, 0x40]),
+        ),
+        min_size=1,
+        max_size=39,
+    )
+)
+def test_no_answer_is_longer_than_the_block_and_each_parameter_has_its_place(addresses: list[Address]) -> None:
+    # Every parameter may need an error: a block has room for at least those.
+    block = 4 + 6 * len(addresses) + 60
+    data = encode_request(Request(7, RequestId.REQUEST, 1, tuple(a for a in addresses if a.pnu) or (Address(1),)))
+    response = answer(data, lambda _: Device(), block)
+    assert response is not None
+    assert len(response) <= block
+    decoded = decode_response(response)
+    assert len(decoded.values) == decoded.count == struct.unpack_from(">B", data, 3)[0]
+
+
+def test_a_request_without_a_header_has_no_answer_and_a_broken_one_has_its_error() -> None:
+    find: Callable[[int], Device] = lambda _: Device()  # noqa: E731
+    assert answer(b"\1\1\1", find, _BLOCK) is None
+    broken = answer(bytes.fromhex("01 03 00 01 10 01 10 18 00 03"), find, _BLOCK)
+    assert broken == bytes.fromhex("01 83 00 01 44 01 00 21")
+
+
+def test_the_request_says_which_drive_object_is_meant() -> None:
+    asked: list[int] = []
+
+    def find(do_id: int) -> Device:
+        asked.append(do_id)
+        return Device()
+
+    answer(encode_request(Request(1, RequestId.REQUEST, 3, (Address(NUMBER),))), find, _BLOCK)
+    assert asked == [3]
+
+
+# -- the description ------------------------------------------------------------------------------------------------------
+
+
+def test_a_description_says_what_the_parameter_is() -> None:
+    (whole,) = read(Address(NUMBER, 0, 1, Attribute.DESCRIPTION)).values
+    assert whole.format is DataType.OCTET_STRING
+    assert isinstance(whole.values, bytes)
+    assert len(whole.values) == 46
+    # Identifier: text array, not standardised, writable, UNSIGNED16; name from byte 14; limits behind it.
+    assert whole.values[:4] == bytes.fromhex("0506 0000")
+    assert whole.values[14:30] == b"P922".ljust(16)
+    assert whole.values[30:38] == struct.pack(">II", 1, 100)
+    assert Description.decode(whole.values) == Description(
+        DataType.UNSIGNED16, "P922", writable=True, has_texts=True, low=1, high=100
+    )
+
+
+@pytest.mark.parametrize(
+    ("pnu", "identifier", "count"), [(READ_ONLY, 0x0306, 0), (ARRAY, 0x4306, 4), (TEXT, 0x0309, 6)]
+)
+def test_identifier_and_number_of_elements(pnu: int, identifier: int, count: int) -> None:
+    first, second = read(Address(pnu, 1, 1, Attribute.DESCRIPTION), Address(pnu, 2, 1, Attribute.DESCRIPTION)).values
+    assert (first, second) == (word(identifier), word(count))
+
+
+@given(
+    data_type=st.sampled_from([DataType.INTEGER16, DataType.UNSIGNED32, DataType.INTEGER32]),
+    array=st.booleans(),
+    writable=st.booleans(),
+    texts=st.booleans(),
+    count=st.integers(0, 99),
+    limits=st.tuples(st.integers(0, 1000), st.integers(0, 1000)),
+)
+def test_descriptions_come_back_as_they_were(
+    data_type: DataType, array: bool, writable: bool, texts: bool, count: int, limits: tuple[int, int]
+) -> None:
+    low = -limits[0] if data_type.char.islower() else limits[0]
+    item = Description(data_type, "a name", array, count, writable, texts, low, limits[1])
+    whole = item.values(0).values
+    assert isinstance(whole, bytes)
+    assert Description.decode(whole) == item
