@@ -247,3 +247,63 @@ def test_answers_that_do_not_belong_to_the_request_are_refused() -> None:
 def test_a_request_that_cannot_be_sent_names_the_field(request_: Request, field: str) -> None:
     with pytest.raises(ProfidriveError, match=field):
         encode_request(request_)
+
+
+def test_the_largest_request_is_taken_and_a_larger_one_refused() -> None:
+    largest = Request(255, RequestId.REQUEST, 254, (Address(0xFFFF, 0xFFFE, MAX_ELEMENTS),) * 39)
+    assert decode_request(encode_request(largest)) == largest
+    with pytest.raises(ProfidriveError, match=r"No\. of Parameters"):
+        encode_request(Request(1, RequestId.REQUEST, 0, (Address(1),) * 40))
+
+
+def test_the_longest_value_area_is_taken_and_a_longer_one_refused() -> None:
+    longest = Values(DataType.OCTET_STRING, bytes(MAX_ELEMENTS))
+    request = Request(1, RequestId.CHANGE, 1, (Address(1),), (longest,))
+    assert decode_request(encode_request(request)) == request
+    with pytest.raises(ProfidriveError, match=r"No\. of Values"):
+        encode_request(Request(1, RequestId.CHANGE, 1, (Address(1),), (Values(DataType.OCTET_STRING, bytes(235)),)))
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("03 02 01 01 10 00 03 9A 00 00 99 01 00 09", "format at offset 10: '99h'"),
+        ("03 02 01 01 10 00 03 9A 00 00 42 F0 00 09", r"No\. of Values at offset 11: 240"),
+        (
+            "03 02 01 01 10 00 03 9A 00 00 42 02 00 09",
+            "values at offset 12: 'end of data at offset 14' is not allowed, expected 2 more",
+        ),
+        ("01 01 00 01 10 01 10 18 00 03 00", "data behind the last value at offset 10: '1 bytes'"),
+    ],
+)
+def test_a_bad_request_tells_where_it_is_wrong(text: str, message: str) -> None:
+    with pytest.raises(RequestError, match=message):
+        decode_request(bytes.fromhex(text))
+
+
+def test_a_request_refused_as_a_whole_belongs_to_it_whatever_its_count() -> None:
+    request = Request(1, RequestId.REQUEST, 0, (Address(1), Address(2)))
+    refused = Response(1, RequestId.REQUEST, 0, 1, (Values.error(ParameterErrorNumber.SERVICE_NOT_SUPPORTED),))
+    assert check_answers(request, refused) == refused.values
+    one_value = Response(1, RequestId.REQUEST, 0, 1, (Values(DataType.WORD, (1,)),))
+    with pytest.raises(ProfidriveError, match=r"No\. of Parameters of the response"):
+        check_answers(request, one_value)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "01 01 01 00",  # no address
+        "01 01 01 00 01 10 18 10 00 03 00 00",  # a word too many
+        "01 01 01 00 01 40 18 10 00 03",  # no attribute
+        "02 01 01 00 00 10 9A 03 00 00",  # a change without values
+    ],
+)
+def test_what_is_no_swapped_request_is_not_taken_for_one(text: str) -> None:
+    assert unswap(bytes.fromhex(text)) is None
+
+
+def test_several_swapped_addresses_keep_their_subindices() -> None:
+    assert unswap(bytes.fromhex("01 01 02 00 01 10 18 10 00 03 01 10 64 60 00 00")) == bytes.fromhex(
+        "01 01 00 02 10 01 10 18 00 03 10 01 60 64 00 00"
+    )

@@ -41,6 +41,7 @@ class Device:
     """A drive object with one parameter of each kind; ``written`` is what its setters got."""
 
     locked: bool = False
+    name: bytes = b"axis 1"
     written: list[int] = field(default_factory=list)
 
     def parameter(self, pnu: int) -> Parameter:
@@ -49,7 +50,7 @@ class Device:
                 spec(NUMBER, DataType.UNSIGNED16, low=1, high=100, texts=("off", "on")), lambda: 9, self.written.append
             ),
             ARRAY: BoundParameter(spec(ARRAY, DataType.UNSIGNED16, array=True), lambda: [10, 11, 12, 13]),
-            TEXT: BoundParameter(spec(TEXT, DataType.VISIBLE_STRING), lambda: b"axis 1"),
+            TEXT: BoundParameter(spec(TEXT, DataType.VISIBLE_STRING), lambda: self.name),
             READ_ONLY: BoundParameter(spec(READ_ONLY, DataType.UNSIGNED16), lambda: 5),
             SIGNED: BoundParameter(spec(SIGNED, DataType.INTEGER16, low=-5, high=5), lambda: -3, self.written.append),
         }
@@ -126,6 +127,7 @@ def test_what_cannot_be_read_is_answered_with_its_error(address: Address, expect
 
 def test_the_highest_address_is_only_not_there() -> None:
     assert read(Address(ARRAY, 0xFFFE, 1)).values == (error(Number.FAULTY_SUBINDEX),)
+    assert read(Address(ARRAY, 0, MAX_ELEMENTS)).values == (error(Number.FAULTY_SUBINDEX, 4),)
 
 
 REFUSED_WRITES = [
@@ -165,6 +167,12 @@ def test_a_value_at_its_limit_is_written_and_the_answer_is_empty(number: int) ->
     response = write((Address(NUMBER), word(number)), device=device)
     assert (response.values, response.count, response.negative) == ((), 1, False)
     assert device.written == [number]
+
+
+def test_one_element_of_a_number_is_the_number() -> None:
+    device = Device()
+    assert not write((Address(NUMBER, 0, 1), word(7)), device=device).negative
+    assert device.written == [7]
 
 
 def test_a_word_may_stand_for_a_number_of_its_size_with_its_sign() -> None:
@@ -209,6 +217,16 @@ def test_what_does_not_fit_in_the_block_is_refused_and_room_is_left_for_the_erro
     both = (Address(ARRAY, 0, 4), Address(4711))
     assert read(*both, block=whole + 6).values == (word(10, 11, 12, 13), error(Number.IMPERMISSIBLE_PNU))
     assert read(*both, block=whole + 5).values == (error(Number.RESPONSE_TOO_LONG), error(Number.IMPERMISSIBLE_PNU))
+    # No room is kept for those that are answered already: an error of 4 bytes before.
+    assert read(*reversed(both), block=whole + 4).values == (error(Number.IMPERMISSIBLE_PNU), word(10, 11, 12, 13))
+
+
+def test_the_padding_of_an_odd_string_takes_room_too() -> None:
+    text = Address(NUMBER, 0, 1, Attribute.TEXT)
+    odd = Device(name=b"drive")
+    assert read(Address(TEXT), device=odd, block=4 + 2 + 6).values == (Values(DataType.VISIBLE_STRING, b"drive"),)
+    assert read(Address(TEXT), device=odd, block=4 + 2 + 5).values == (error(Number.RESPONSE_TOO_LONG),)
+    assert read(text, block=4 + 2 + 16).values == (Values(DataType.VISIBLE_STRING, b"off".ljust(16)),)
 
 
 @given(
@@ -276,6 +294,11 @@ def test_a_description_says_what_the_parameter_is() -> None:
 def test_identifier_and_number_of_elements(pnu: int, identifier: int, count: int) -> None:
     first, second = read(Address(pnu, 1, 1, Attribute.DESCRIPTION), Address(pnu, 2, 1, Attribute.DESCRIPTION)).values
     assert (first, second) == (word(identifier), word(count))
+    # The element of a description needs no "No. of Elements", and there are twelve.
+    unnumbered, twelfth = read(
+        Address(pnu, 1, 0, Attribute.DESCRIPTION), Address(pnu, 12, 1, Attribute.DESCRIPTION)
+    ).values
+    assert (unnumbered, twelfth) == (word(identifier), word(0))
 
 
 @given(
