@@ -24,6 +24,7 @@ from pdgw.gateway.profinet_identity import profinet_model
 from pdgw.gateway.store import ParameterStore
 from pdgw.gateway.transport.ethernet import EthernetPort
 from pdgw.gateway.transport.udp import Address
+from pdgw.profidrive.frame import IOPS_GOOD
 from pdgw.profidrive.telegrams import Telegram
 from pdgw.profinet.blocks.alarm import MessageClass
 from pdgw.profinet.cmdev import Event
@@ -86,6 +87,9 @@ class ProfinetLink:
         self._limit_ns = 0
         self._told: list[set[MessageClass]] = [set() for _ in objects]
         self._places: list[tuple[int, int] | None] = [None] * len(objects)
+        """Where input data and IOPS of each drive object lie in the provider's frame."""
+        self._outputs: list[tuple[int, Callable[[bytes, int], tuple[int, ...]], int, int]] = []
+        """Drive objects with output data: number, codec, where data and IOPS lie in the consumer's frame."""
         self.setpoints: list[Sequence[int] | None] = [None] * len(objects)
         self.watchdog_expiries = 0
         self.flashing_until = 0
@@ -168,16 +172,21 @@ class ProfinetLink:
             if frame is None:
                 break
             fresh = device.on_frame(frame, now) or fresh
-        self._pump()
+        if not device.quiet:
+            self._pump()
         if fresh:
-            self._take(now)
+            self._take()
         return fresh
 
-    def _take(self, now: int) -> None:
-        setpoints = self.setpoints
-        for index, telegram in enumerate(self._telegrams):
-            data = self.device.output((index + 1, TELEGRAM_SUBSLOT))
-            setpoints[index] = None if data is None else telegram.setpoints.struct.unpack(data)
+    def _take(self) -> None:
+        relation = self.device.relation
+        if relation is None or relation.consumer is None:
+            return
+        consumer, setpoints = relation.consumer, self.setpoints
+        payload = consumer.payload
+        for index, unpack_from, offset, iops in self._outputs:
+            good = consumer.running and payload[iops] & IOPS_GOOD
+            setpoints[index] = unpack_from(payload, offset) if good else None
         self._receivable = True
 
     def poll(self, now: int) -> bool:
@@ -301,11 +310,15 @@ class ProfinetLink:
     def _on_event(self, event: DeviceEvent) -> None:
         match event:
             case Connected(relation):
-                provider = relation.provider
-                if provider is None:
+                provider, consumer = relation.provider, relation.consumer
+                if provider is None or consumer is None:
                     return
-                for index in range(len(self._telegrams)):
-                    self._places[index] = provider.place((index + 1, TELEGRAM_SUBSLOT))
+                for index, telegram in enumerate(self._telegrams):
+                    place = (index + 1, TELEGRAM_SUBSLOT)
+                    self._places[index] = provider.place(place)
+                    where = consumer.place(place) if place in relation.plan.proper else None
+                    if where is not None:
+                        self._outputs.append((index, telegram.setpoints.struct.unpack_from, *where))
                 transport = self._config.transport
                 self._limit_ns = transport.watchdog_factor * provider.cycle_ns
                 cycle = provider.cycle_ns / MS
@@ -316,6 +329,7 @@ class ProfinetLink:
                     log.warning("the controller's project differs from the configuration: see ModuleDiff")
             case Disconnected(relation, ended):
                 self._places = [None] * len(self._telegrams)
+                self._outputs.clear()
                 self.lose_setpoints()
                 log.error("controller %s disconnected: %s", relation.plan.ar.station_name, ended.text)
             case NameSet(name, permanent):

@@ -6,7 +6,7 @@ relationship's own IP address and session.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Final
 from uuid import UUID
 
@@ -56,6 +56,7 @@ _CALL_MAX = 1 << 15
 """Longest arguments of a call: a Connect of 254 drive objects fits."""
 _RELEASE_ERROR, _CONTROL_ERROR = 0xDC, 0xDD
 _WORD = 0xFFFF
+_NONE: tuple[ApplicationRelation, ...] = ()
 
 
 class _Refused(ProfidriveError):  # noqa: N818 (an answer, not a fault of the program)
@@ -288,8 +289,10 @@ class ContextManager:
                 relation.answer(header, body, host, now)
                 return
 
-    def sweep(self, now: int) -> list[ApplicationRelation]:
+    def sweep(self, now: int) -> Sequence[ApplicationRelation]:
         """Forget the relationships that ended; they are returned once."""
+        if not self._ended and all(item.alive for item in self.relations.values()):
+            return _NONE
         for relation in [item for item in self.relations.values() if not item.alive]:
             self._forget(relation, now)
         ended, self._ended = self._ended, []

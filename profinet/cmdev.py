@@ -363,6 +363,8 @@ class ApplicationRelation:
 
     def send_alarms(self, now: int) -> None:
         """Tell what has changed, one notification at a time."""
+        if not self.alarms.pending:
+            return
         machine = self.machines.get(Priority.LOW)
         if machine is None or self.state not in {State.AWAITING_DATA, State.DATA} or not machine.idle:
             return

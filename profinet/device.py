@@ -8,7 +8,7 @@ that there is new data. One IO controller is served; a second one is refused whi
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final
 from uuid import UUID
@@ -181,15 +181,15 @@ class ProfinetDevice:
 
     def _settle(self, now: int) -> None:
         """Tell what became of the relationships, forget those that ended."""
-        io = self.cm.io
-        if io is not None and io.connected and io is not self._told:
-            self._told = io
-            self._events.append(Connected(io))
         for relation in self.cm.sweep(now):
             if relation.has_data and relation.ended is not None:
                 self._events.append(Disconnected(relation, relation.ended))
             if relation is self._told:
                 self._told = None
+        io = self.cm.io
+        if io is not None and io.connected and io is not self._told:
+            self._told = io
+            self._events.append(Connected(io))
 
     # -- out ----------------------------------------------------------------------------------------------------------
 
@@ -202,18 +202,23 @@ class ProfinetDevice:
         """Output: a datagram."""
         self._outgoing.append((address, data))
 
-    def outgoing(self) -> list[Outgoing]:
+    @property
+    def quiet(self) -> bool:
+        """Nothing is to be sent or told, and no deadline has come nearer."""
+        return not self._outgoing and not self._events and self._next is None
+
+    def outgoing(self) -> Sequence[Outgoing]:
         """What is to be sent, in this order. Send it before the next ``poll``: buffers are reused."""
-        ready = self._outgoing
-        if ready:
-            self._outgoing = []
+        if not self._outgoing:
+            return ()
+        ready, self._outgoing = self._outgoing, []
         return ready
 
-    def events(self) -> list[DeviceEvent]:
+    def events(self) -> Sequence[DeviceEvent]:
         """What happened since the last call."""
-        happened = self._events
-        if happened:
-            self._events = []
+        if not self._events:
+            return ()
+        happened, self._events = self._events, []
         return happened
 
     def replug(self, model: DeviceModel) -> None:

@@ -46,13 +46,17 @@ class Diagnosis:
 
     def __init__(self) -> None:
         self._present: dict[Subslot, dict[int, Severity]] = {}
+        self.changes = 0
+        """Counts what was set and cleared."""
 
     def set(self, place: Subslot, error_type: int, severity: Severity = Severity.FAULT) -> None:
         """It appears, or is present with another severity."""
         self._present.setdefault(place, {})[error_type] = severity
+        self.changes += 1
 
     def clear(self, place: Subslot, error_type: int | None = None) -> None:
         """It disappears; None: all of the submodule."""
+        self.changes += 1
         if error_type is None:
             self._present.pop(place, None)
             return
@@ -112,6 +116,12 @@ class AlarmSource:
         self._told: dict[tuple[Subslot, int], Severity] = {}
         self._returned: list[Subslot] = []
         self._sequence = 0
+        self._seen = -1
+
+    @property
+    def pending(self) -> bool:
+        """``next`` may have something: asked in each cycle, so that nothing is compared while nothing changes."""
+        return bool(self._returned) or self._seen != self._diagnosis.changes
 
     def returned(self, place: Subslot) -> None:
         """A submodule's data is valid again."""
@@ -135,6 +145,7 @@ class AlarmSource:
                 return self._diagnosis_alarm(AlarmType.DIAGNOSIS, key, severity, Specifier.APPEARS)
         if self._returned:
             return self._notification(AlarmType.RETURN_OF_SUBMODULE, self._returned.pop(0), 0, b"")
+        self._seen = self._diagnosis.changes
         return None
 
     def _diagnosis_alarm(

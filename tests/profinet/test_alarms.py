@@ -275,6 +275,6 @@ def test_an_alarm_err_of_the_controller_ends_the_relationship_without_an_answer(
     sent = len(wire.device.outgoing())
     wire.device.on_frame(right, wire.now)
     assert sent == 0
-    assert wire.device.outgoing() == []
+    assert not wire.device.outgoing()
     assert not wire.device.connected
     assert [type(event) for event in wire.device.events()] == [Disconnected]

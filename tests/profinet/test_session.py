@@ -5,6 +5,7 @@ from __future__ import annotations
 from pdgw.peers.controller.controller import Phase
 from pdgw.profinet.cmdev import AbortCode
 from pdgw.profinet.device import Connected, Disconnected
+from pdgw.profinet.rpc.dcerpc import PacketType
 
 from tests.support.profinet import MS, Wire, project
 
@@ -47,3 +48,15 @@ def test_a_controller_that_falls_silent_is_lost_within_the_data_hold_time() -> N
     (lost,) = wire.told(Disconnected)
     assert lost.ended.code is AbortCode.DATA_HOLD
     assert wire.plc.learned.error == 0xCF81FD05
+
+
+def test_each_call_is_answered_once() -> None:
+    wire = Wire()
+    wire.connect()
+    wire.plc.read((0, 0, 1), 0xF821, lambda result: None)
+    wire.run(20 * MS)
+    calls = [frame[42:] for frame in wire.frames if frame[12:14] == b"\x08\x00"]
+    requests = [(packet[40:56], packet[64:68]) for packet in calls if packet[1] == PacketType.REQUEST]
+    responses = [(packet[40:56], packet[64:68]) for packet in calls if packet[1] == PacketType.RESPONSE]
+    assert sorted(requests) == sorted(responses)
+    assert len(requests) == 4, "Connect, PrmEnd, ApplicationReady, Read"
