@@ -8,31 +8,26 @@ from ``NodeClient`` and adds its images and what it configures.
 from __future__ import annotations
 
 import abc
-import enum
 import logging
 import struct
 from collections import deque
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection
 from concurrent.futures import Future
-from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, ClassVar, Generic, Self, TypeVar
 
 import canopen
-from canopen.sdo import SdoAbortedError, SdoClient, SdoCommunicationError
-from canopen.sdo.constants import EXPEDITED, REQUEST_DOWNLOAD, RESPONSE_DOWNLOAD, SDO_STRUCT, SIZE_SPECIFIED
+from canopen.sdo import SdoAbortedError, SdoCommunicationError
 from pdgw.ds301.aborts import Abort, abort_text
 from pdgw.ds301.configuration import SdoStep, is_communication_parameter, is_taken, pdo_steps
-from pdgw.ds301.connection_set import EMCY, ERROR_CONTROL, NMT, SDO_REQUEST, SDO_RESPONSE
-from pdgw.ds301.eds_import import import_eds
-from pdgw.ds301.eds_text import EdsError
+from pdgw.ds301.connection_set import EMCY, ERROR_CONTROL, NMT
 from pdgw.ds301.emcy import emcy_text
 from pdgw.ds301.errors import CanopenError
-from pdgw.ds301.loop import MS, SECOND, Event, Loop, Mailbox, Task
+from pdgw.ds301.loop import MS, SECOND, Event, Task
 from pdgw.ds301.network import CanNetwork
 from pdgw.ds301.nmt import NmtCommand, NmtState
-from pdgw.ds301.objects import CanType
+from pdgw.ds301.node import NodeEvent, NodeSettings, NodeStatus, TpdoSlot
 from pdgw.ds301.pdo import Pdo, PdoLayout
+from pdgw.ds301.sdo import SdoAccess
 
 log = logging.getLogger("gateway")
 
@@ -41,140 +36,25 @@ _Job = tuple[Future[Any], Callable[[], None]]
 """What a caller waits for, and the call that answers it."""
 
 
-class NodeStatus(enum.Enum):
-    """Where the node is on its way to operation."""
-
-    OFFLINE = "offline"
-    """Not seen yet, or stopped by us."""
-    CONFIGURING = "configuring"
-    ONLINE = "online"
-    LOST = "lost"
-    """Was online; heartbeat or TPDO stopped, or the bus failed. Re-configures by itself, never restarts motion."""
-    REFUSED = "refused"
-    """Answers, but is the wrong device or does not take the configuration; retried slowly."""
-
-
-@dataclass(frozen=True, slots=True)
-class NodeSettings:
-    """Choices for one node; times in milliseconds."""
-
-    node_id: int
-    eds: Path | None = None
-    """A user's EDS/DCF; None takes the one in the package."""
-    gateway_node_id: int = 127
-    heartbeat_ms: int = 100
-    """Producer time of both sides; consumers expire after ``heartbeat_factor`` times that."""
-    heartbeat_factor: int = 3
-    tpdo_event_ms: int = 50
-    tpdo_inhibit_us: int = 0
-    tpdo_timeout_factor: int = 4
-    sdo_timeout_ms: int = 500
-    sync: bool = False
-    """TPDOs on SYNC (type 1) instead of event-driven."""
-
-
 S = TypeVar("S", bound=NodeSettings)
-
-
-@dataclass(frozen=True, slots=True)
-class NodeEvent:
-    """Something the owner must know: ``kind`` is one of status, emcy, boot, refused, set-point (one that is not started).
-
-    For ``emcy``: ``code`` the error code, ``register`` the error register, ``data`` the manufacturer bytes.
-    """
-
-    kind: str
-    text: str
-    code: int = 0
-    register: int = 0
-    data: bytes = b""
-    time_ns: int = 0
 
 
 _RETRY_ABSENT_NS = 500 * MS
 _RETRY_REFUSED_NS = 5 * SECOND
 _SUPERVISION_NS = 20 * MS
-_FIRST_SIGN_NS = SECOND
 _LOOK_AGAIN_NS = 5 * MS
+_FIRST_SIGN_NS = SECOND
 """So soon after NMT start each TPDO has to come, and the heartbeat if its own limit is not longer."""
 _ACYCLIC_PDO_NS = 100 * MS
 _ACYCLIC_FAILURES = 3
 """So often in a row may objects without PDO not be read before their values are too old."""
 _CHECK_AFTER_NS = 200 * MS
 """A configuration that is being written comes object by object: so long after the last one it is checked."""
-_SEGMENT = 7
-_EXPEDITED_SIZE = 4
-_LONGEST_UPLOAD = 1 << 16
-_LONGEST_UPLOAD_NS = 10 * SECOND
 _HEARTBEAT_STATE = 0x7F
 """Bit 7 of a heartbeat is reserved."""
 
 
-class _Slot:
-    """The newest frame of one TPDO and the image its values go to, in the next cycle."""
-
-    __slots__ = ("data", "errors", "image", "pdo", "taken", "time")
-
-    def __init__(self, pdo: Pdo, image: object) -> None:
-        self.pdo = pdo
-        self.image = image
-        self.data: bytes | None = None
-        self.taken: bytes | None = None
-        self.time = 0
-        self.errors = 0
-
-    def receive(self, data: bytes, now: int) -> None:
-        """A frame of the TPDO.
-
-        One shorter than the mapping is no sign of life: its values would be kept for ever.
-        """
-        if len(data) < self.pdo.size:
-            self.errors += 1
-            return
-        self.data = data
-        self.time = now
-
-
-def load_dictionary(
-    path: Path, node_id: int, needed: Sequence[int], device: str, error_type: type[CanopenError] = CanopenError
-) -> canopen.ObjectDictionary:
-    """The object dictionary of an EDS/DCF, its repairs logged.
-
-    Raises ``error_type``, naming the file and what is wrong with it: not readable, not valid, or without one of the objects
-    ``needed`` that make it the data sheet of ``device``.
-    """
-    try:
-        imported = import_eds(path, node_id)
-    except EdsError as error:
-        raise error_type("EDS", str(path), f"a usable EDS or DCF ({error})") from error
-    if imported.repairs:
-        log.info("%s: %d repairs, listed by pdgw eds check", path, len(imported.repairs))
-    dictionary = imported.dictionary
-    for index in needed:
-        if index not in dictionary:
-            raise error_type("EDS", str(path), f"the data sheet of {device}, with object {index:04X}h")
-    return dictionary
-
-
-class _SdoClient(SdoClient):  # type: ignore[misc]
-    """canopen's SDO client, waiting on the loop instead of a thread's queue."""
-
-    def __init__(self, loop: Loop, node_id: int, dictionary: canopen.ObjectDictionary) -> None:
-        self._box: Mailbox[bytes] = Mailbox(loop)
-        super().__init__(SDO_REQUEST + node_id, SDO_RESPONSE + node_id, dictionary)
-
-    @property
-    def responses(self) -> Mailbox[bytes]:
-        """What the node answered."""
-        return self._box
-
-    @responses.setter
-    def responses(self, _: object) -> None:
-        # canopen makes a new queue where it wants an empty one.
-        self._box.clear()
-
-
-class NodeClient(abc.ABC, Generic[S]):
+class NodeClient(SdoAccess, abc.ABC, Generic[S]):
     """One node. ``on_event`` is called whenever something happens to it that the owner must know."""
 
     device: ClassVar[str]
@@ -183,7 +63,6 @@ class NodeClient(abc.ABC, Generic[S]):
     """With its article: ``a drive``."""
     profile: ClassVar[int]
     """The device profile number of 1000h."""
-    error_type: ClassVar[type[CanopenError]]
 
     def __init__(
         self,
@@ -193,22 +72,17 @@ class NodeClient(abc.ABC, Generic[S]):
         dictionary: canopen.ObjectDictionary,
         on_event: Callable[[NodeEvent], None],
     ) -> None:
+        super().__init__(network.loop, settings.node_id, dictionary)
         self.network = network
         self.settings = settings
         self.layout = layout
-        self.dictionary = dictionary
         self.on_event = on_event
         self.status = NodeStatus.OFFLINE
         self.status_text = "not started"
         self.generation = 0
         """Counts completed configurations, so that the owner sees each restart exactly once."""
         self._old_length_errors = 0
-        self.loop = network.loop
-        self._node = canopen.RemoteNode(settings.node_id, self.dictionary)
-        self._sdo = _SdoClient(self.loop, settings.node_id, self.dictionary)
-        self._node.sdo_channels[:] = [self._sdo]
-        self._node.sdo = self._sdo
-        self._slots: list[_Slot] = []
+        self._slots: list[TpdoSlot] = []
         self._acyclic_tpdos: list[Pdo] = []
         self._acyclic_due = 0
         self._acyclic_failures = 0
@@ -346,62 +220,6 @@ class NodeClient(abc.ABC, Generic[S]):
 
     # -- the node's task ------------------------------------------------------------------------------------------------
 
-    def read(self, index: int, subindex: int = 0) -> bytes:
-        """SDO upload, in the node's task only; raises canopen's SdoAbortedError / SdoCommunicationError.
-
-        An answer that does not end is one of the latter: the task has to watch the node.
-        """
-        declared = self.dictionary.get_variable(index, subindex)
-        if declared is not None and declared.data_type == CanType.DOMAIN.code:
-            try:
-                return self._upload(index, subindex, block=True)[0]
-            except SdoCommunicationError as error:
-                # A server may go on with a segmented transfer, which canopen's block transfer does not take.
-                log.debug("node %d: no block transfer: %s", self.settings.node_id, error)
-            except SdoAbortedError as error:
-                if error.code != Abort.INVALID_COMMAND:
-                    raise
-        data, size = self._upload(index, subindex, block=False)
-        # Some devices send 32 bits for every number: the EDS knows better.
-        if declared is not None and declared.fixed_size and (size is None or len(declared) // 8 < size):
-            data = data[: len(declared) // 8]
-        return data
-
-    def _upload(self, index: int, subindex: int, *, block: bool) -> tuple[bytes, int | None]:
-        """The bytes of an upload and the size the node told before."""
-        sdo = self._sdo
-        deadline = self.loop.now() + _LONGEST_UPLOAD_NS
-        data = b""
-        with sdo.open(index, subindex, "rb", buffering=0, block_transfer=block) as stream:
-            while segment := stream.read(_SEGMENT):
-                data += segment
-                if len(data) > _LONGEST_UPLOAD or self.loop.now() > deadline:
-                    sdo.abort()
-                    raise SdoCommunicationError(f"{index:04X}h/{subindex} does not end")
-            return data, stream.size
-
-    def write(self, index: int, subindex: int, data: bytes) -> None:
-        """SDO download, in the node's task only; raises canopen's SdoAbortedError / SdoCommunicationError.
-
-        The late answer to another write, which was given up, does not confirm this one (canopen would take it).
-        """
-        sdo = self._sdo
-        if not 1 <= len(data) <= _EXPEDITED_SIZE:
-            sdo.download(index, subindex, data)
-            return
-        command = REQUEST_DOWNLOAD | EXPEDITED | SIZE_SPECIFIED | (_EXPEDITED_SIZE - len(data)) << 2
-        address = SDO_STRUCT.pack(RESPONSE_DOWNLOAD, index, subindex)
-        deadline = self.loop.now() + int(sdo.RESPONSE_TIMEOUT * SECOND)
-        answer = sdo.request_response(SDO_STRUCT.pack(command, index, subindex) + data.ljust(_EXPEDITED_SIZE, b"\0"))
-        while answer[: len(address)] != address:
-            if self.loop.now() > deadline:
-                raise SdoCommunicationError(f"no answer to the write of {index:04X}h/{subindex}")
-            answer = sdo.read_response()
-
-    def read_number(self, index: int, subindex: int = 0, *, signed: bool = False) -> int:
-        """An integer object, in the node's task only."""
-        return int.from_bytes(self.read(index, subindex), "little", signed=signed)
-
     def hold(self) -> None:
         """In a job: what the gateway relies on is about to change. To the cyclic side the node is not online until ``unhold``."""
         self._held = True
@@ -421,17 +239,6 @@ class NodeClient(abc.ABC, Generic[S]):
     def _unsubscribe_pdos(self) -> None:
         for slot in self._slots:
             self.network.unsubscribe_pdo(slot.pdo.cob_id(self.settings.node_id))
-
-    def _fetch(self, index: int, subindex: int = 0, *, signed: bool = False) -> int:
-        """As ``read_number``, with an abort that names the object."""
-        try:
-            return self.read_number(index, subindex, signed=signed)
-        except SdoAbortedError as error:
-            raise self.error_type(
-                f"node {self.settings.node_id} object {index:04X}h/{subindex}",
-                abort_text(error.code),
-                "an object that can be read, as the EDS says",
-            ) from error
 
     def _run(self) -> None:
         while True:
@@ -569,7 +376,7 @@ class NodeClient(abc.ABC, Generic[S]):
             if step.index not in mapped:
                 self._do(step)
         self._old_length_errors = self.length_errors
-        self._slots = [_Slot(pdo, self._image(pdo)) for pdo in tpdos if pdo.communication_index in available]
+        self._slots = [TpdoSlot(pdo, self._image(pdo)) for pdo in tpdos if pdo.communication_index in available]
         self._acyclic_tpdos = [pdo for pdo in tpdos if pdo.communication_index not in available]
         return available
 

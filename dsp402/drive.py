@@ -15,10 +15,12 @@ from pathlib import Path
 import canopen
 from canopen.sdo import SdoAbortedError, SdoCommunicationError
 from pdgw.ds301.aborts import abort_text
-from pdgw.ds301.client import NodeClient, NodeEvent, NodeSettings, NodeStatus, load_dictionary
+from pdgw.ds301.client import NodeClient
 from pdgw.ds301.configuration import PRODUCER_HEARTBEAT, SdoStep
+from pdgw.ds301.data_sheet import load_dictionary
 from pdgw.ds301.loop import MS, SECOND
 from pdgw.ds301.network import CanNetwork
+from pdgw.ds301.node import NodeEvent, NodeSettings, NodeStatus
 from pdgw.ds301.objects import CanType
 from pdgw.ds301.pdo import Pdo, PdoLayout
 from pdgw.dsp402.configuration import guard_steps

@@ -14,11 +14,13 @@ from typing import Any
 import canopen
 from canopen.sdo import SdoAbortedError
 from pdgw.ds301.aborts import abort_text
-from pdgw.ds301.client import NodeClient, NodeEvent, NodeSettings, NodeStatus, load_dictionary
+from pdgw.ds301.client import NodeClient
 from pdgw.ds301.configuration import EVENT_DRIVEN_MANUFACTURER, PRODUCER_HEARTBEAT, SdoStep, pdo_steps
+from pdgw.ds301.data_sheet import load_dictionary
 from pdgw.ds301.emcy import emcy_text
 from pdgw.ds301.loop import MS
 from pdgw.ds301.network import CanNetwork
+from pdgw.ds301.node import NodeEvent, NodeSettings, NodeStatus
 from pdgw.ds301.objects import CanType
 from pdgw.ds301.pdo import Pdo, PdoLayout
 from pdgw.dsp406.device import eds_path

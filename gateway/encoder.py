@@ -11,8 +11,9 @@ from concurrent.futures import Future
 from fractions import Fraction
 from typing import Any
 
-from pdgw.ds301.client import NodeClient, NodeEvent
+from pdgw.ds301.client import NodeClient
 from pdgw.ds301.network import CanNetwork
+from pdgw.ds301.node import NodeEvent
 from pdgw.dsp406.encoder import EncoderClient
 from pdgw.dsp406.images import PARAMETER_OBJECTS, EncoderParameters
 from pdgw.dsp406.objects import CYCLIC_TIMER, PRESET, PRESET_MULTI_SENSOR, PROFILE

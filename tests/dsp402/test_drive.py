@@ -927,7 +927,7 @@ def test_values_that_cannot_be_read_any_more_are_a_loss(plant: Plant) -> None:
 
 
 def test_an_sdo_answer_that_does_not_end_does_not_hold_the_task(plant: Plant, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("pdgw.ds301.client._LONGEST_UPLOAD", 100)
+    monkeypatch.setattr("pdgw.ds301.sdo._LONGEST_UPLOAD", 100)
     drive = plant.power_on()
     client = plant.connect()
     plant.online()

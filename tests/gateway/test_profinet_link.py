@@ -11,8 +11,8 @@ from typing import Any, cast
 from uuid import UUID
 
 import pytest
-from pdgw.ds301.client import NodeStatus
 from pdgw.ds301.loop import MS, VirtualLoop
+from pdgw.ds301.node import NodeStatus
 from pdgw.gateway.config import GatewayConfig
 from pdgw.gateway.drive_object import DriveObject
 from pdgw.gateway.errors import GatewayError

@@ -1,0 +1,84 @@
+"""What the owner of a node sees of it: settings, status, events, and the newest data of its TPDOs.
+
+Source: CiA DS 301 (heartbeat, EMCY, PDO).
+"""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass
+from pathlib import Path
+
+from pdgw.ds301.pdo import Pdo
+
+
+class NodeStatus(enum.Enum):
+    """Where the node is on its way to operation."""
+
+    OFFLINE = "offline"
+    """Not seen yet, or stopped by us."""
+    CONFIGURING = "configuring"
+    ONLINE = "online"
+    LOST = "lost"
+    """Was online; heartbeat or TPDO stopped, or the bus failed. Re-configures by itself, never restarts motion."""
+    REFUSED = "refused"
+    """Answers, but is the wrong device or does not take the configuration; retried slowly."""
+
+
+@dataclass(frozen=True, slots=True)
+class NodeSettings:
+    """Choices for one node; times in milliseconds."""
+
+    node_id: int
+    eds: Path | None = None
+    """A user's EDS/DCF; None takes the one in the package."""
+    gateway_node_id: int = 127
+    heartbeat_ms: int = 100
+    """Producer time of both sides; consumers expire after ``heartbeat_factor`` times that."""
+    heartbeat_factor: int = 3
+    tpdo_event_ms: int = 50
+    tpdo_inhibit_us: int = 0
+    tpdo_timeout_factor: int = 4
+    sdo_timeout_ms: int = 500
+    sync: bool = False
+    """TPDOs on SYNC (type 1) instead of event-driven."""
+
+
+@dataclass(frozen=True, slots=True)
+class NodeEvent:
+    """Something the owner must know: ``kind`` is one of status, emcy, boot, refused, set-point (one that is not started).
+
+    For ``emcy``: ``code`` the error code, ``register`` the error register, ``data`` the manufacturer bytes.
+    """
+
+    kind: str
+    text: str
+    code: int = 0
+    register: int = 0
+    data: bytes = b""
+    time_ns: int = 0
+
+
+class TpdoSlot:
+    """The newest frame of one TPDO and the image its values go to, in the next cycle."""
+
+    __slots__ = ("data", "errors", "image", "pdo", "taken", "time")
+
+    def __init__(self, pdo: Pdo, image: object) -> None:
+        self.pdo = pdo
+        self.image = image
+        self.data: bytes | None = None
+        self.taken: bytes | None = None
+        self.time = 0
+        self.errors = 0
+
+    def receive(self, data: bytes, now: int) -> None:
+        """A frame of the TPDO.
+
+        One shorter than the mapping is no sign of life: its values would be kept for ever.
+        """
+        if len(data) < self.pdo.size:
+            self.errors += 1
+            return
+        self.data = data
+        self.time = now
