@@ -201,7 +201,13 @@ class DriveClient(NodeClient[DriveSettings]):
         self.drive_type = describe(self.dictionary, answers, self.settings.units, self.settings.family)
         # An object the drive does not have is no reference: 0 refuses the axis.
         found = {name: answers.get((index, subindex), 0) for name, index, subindex in REFERENCE_OBJECTS}
-        self.references = References(**found)
+        scaling = self.drive_type.scaling
+        self.references = References(
+            **found,
+            counts_per_revolution=scaling.counts_per_revolution,
+            velocity_per_rpm=scaling.velocity_per_rpm,
+            acceleration_per_rpm_s=scaling.acceleration_per_rpm_s,
+        )
         return self.references
 
     def _apply_times(self) -> None:

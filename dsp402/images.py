@@ -93,6 +93,10 @@ class References:
     position_max: int = 500000
     max_acceleration: int = 1000
     max_deceleration: int = 1000
+    counts_per_revolution: Fraction | None = None
+    """Position units in one revolution of the motor; this and the next two are None where nothing tells them."""
+    velocity_per_rpm: Fraction | None = None
+    acceleration_per_rpm_s: Fraction | None = None
 
     def check(self) -> None:
         """Dsp402Error names the first reference that is 0 or negative: the axis must refuse operation then."""

@@ -16,6 +16,9 @@ VELOCITY_UNIT = "velocity units (6094h rpm)"
 ACCELERATION_UNIT = "10 rpm/s (sine-squared: ms)"
 POSITION_UNIT = "increments (1000h per revolution)"
 CURRENT_UNIT = "1/1000 of 6075h"
+NEGATIVE_LIMIT_SWITCH = 1 << 0
+"""Bits of 60FDh (CiA 402)."""
+POSITIVE_LIMIT_SWITCH = 1 << 1
 VELOCITY_MAX = 32767
 """Largest velocity of the default encoder factor 1/2: (2^31-1) / (numerator * 2^(17 - log2 denominator))."""
 

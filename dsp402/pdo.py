@@ -20,6 +20,8 @@ class Operation(enum.Enum):
     VELOCITY = "velocity"
     VELOCITY_WITH_POSITION = "velocity with position"
     POSITIONING = "positioning"
+    POSITIONER = "positioner"
+    """Positions and speeds in turn, with what a message word is made from."""
     TRANSPARENT = "transparent"
 
 
@@ -50,6 +52,18 @@ LAYOUTS: dict[Operation, PdoLayout] = {
         tpdos=(
             pdo(_T, 1, "statusword", "modes_of_operation_display", "position_actual"),
             pdo(_T, 2, "velocity_actual"),
+        ),
+    ),
+    Operation.POSITIONER: PdoLayout(
+        rpdos=(
+            pdo(_R, 1, "controlword", "modes_of_operation", "target_position"),
+            pdo(_R, 2, "profile_velocity", "target_velocity"),
+            pdo(_R, 3, "profile_acceleration", "profile_deceleration"),
+        ),
+        tpdos=(
+            pdo(_T, 1, "statusword", "modes_of_operation_display", "position_actual"),
+            pdo(_T, 2, "velocity_actual", "velocity_demand"),
+            pdo(_T, 3, "digital_inputs", "current_actual"),
         ),
     ),
     Operation.TRANSPARENT: PdoLayout(

@@ -80,6 +80,7 @@ class FaultNumber(enum.IntEnum):
     MODE_NOT_CONFIRMED = 110
     HOMING_PARAMETERS = 111
     INTERNAL_LIMIT = 112
+    POSITIONER = 113
     PRESET = 118
     SET_POINT = 119
     NODE_ABSENT = 121
@@ -125,6 +126,7 @@ GATEWAY_FAULTS: MappingProxyType[int, GatewayFault] = MappingProxyType(
                 FaultNumber.HOMING_PARAMETERS, "drive did not take the homing parameters", 0xFF09, is_warning=True
             ),
             GatewayFault(FaultNumber.INTERNAL_LIMIT, "internal limit of the drive reached", 0xFF0A, is_warning=True),
+            GatewayFault(FaultNumber.POSITIONER, "positioner: task refused or changed", 0xFF0B, is_warning=True),
             GatewayFault(FaultNumber.PRESET, "encoder did not take the preset", 0xFF0F, is_warning=True),
             GatewayFault(FaultNumber.SET_POINT, "drive did not take the data of a set-point", 0xFF10, is_warning=True),
             GatewayFault(FaultNumber.NODE_ABSENT, "node does not answer", 0xFF11),

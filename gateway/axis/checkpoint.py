@@ -39,12 +39,12 @@ def _names(item: object) -> tuple[str, ...]:
 
 def _is_part(value: object) -> bool:
     kind = type(value)
-    frozen = getattr(kind, "__dataclass_params__", None)
+    frozen = getattr(getattr(kind, "__dataclass_params__", None), "frozen", False)
     return (
         kind.__module__.startswith(_PACKAGE)
         and not isinstance(value, (*_VALUES, type))
         and not callable(value)
-        and frozen is None
+        and not frozen
     )
 
 

@@ -13,6 +13,7 @@ from pdgw.dsp402.images import DriveFeedback, References
 from pdgw.dsp402.states import STATE_OF_STATUS, StatusBit
 from pdgw.gateway.axis.adapters.transparent import ACTUAL_ATTRIBUTES, SETPOINT_ATTRIBUTES
 from pdgw.gateway.axis.executors.base import Executor, Notes
+from pdgw.gateway.axis.executors.positioner import PositionerExecutor
 from pdgw.gateway.axis.executors.positioning import PositioningExecutor
 from pdgw.gateway.axis.executors.raw import RawExecutor
 from pdgw.gateway.axis.executors.sensor import DriveSensor, EncoderReferences, SensorWords
@@ -86,6 +87,8 @@ class AxisMachine:
             return SpeedExecutor(*given)
         if kind is Kind.POSITIONING:
             return PositioningExecutor(*given)
+        if kind is Kind.POSITIONER:
+            return PositionerExecutor(*given)
         return RawExecutor(*given, SETPOINT_ATTRIBUTES, ACTUAL_ATTRIBUTES)
 
     def set_sensor_references(self, references: EncoderReferences | None) -> None:
@@ -209,9 +212,9 @@ class AxisMachine:
             return
         try:
             references.check()
+            self.executor.set_references(references, homing_method)
         except Dsp402Error as error:
             self.notes.faults.append((FaultNumber.REFERENCE, str(error)))
             return
-        self.executor.set_references(references, homing_method)
         self._window = max(1, int(references.speed_reference * self.settings.standstill_window))
         self._usable = True

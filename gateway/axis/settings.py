@@ -6,6 +6,7 @@ import enum
 from dataclasses import dataclass
 from fractions import Fraction
 
+from pdgw.gateway.motion.wishes import PositionerChoices
 from pdgw.profidrive.sign_of_life import MONITORING_OFF
 
 
@@ -37,6 +38,8 @@ class AxisSettings:
     """ON during an OFF1 ramp stop resumes operation (the PROFIdrive standard allows it; off by default)."""
     standstill_window: Fraction = Fraction(1, 100)
     """Standstill when |velocity| is at most this share of the reference speed."""
+    positioner: PositionerChoices | None = None
+    """Needed by telegrams 7, 110 and 111."""
 
 
 @dataclass(frozen=True, slots=True)

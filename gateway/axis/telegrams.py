@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.pdo import Operation
 from pdgw.gateway.axis.adapters.base import Adapter
+from pdgw.gateway.axis.adapters.positioner import PositionerAdapter
 from pdgw.gateway.axis.adapters.positioning import PositioningAdapter
 from pdgw.gateway.axis.adapters.speed import SpeedAdapter
 from pdgw.gateway.axis.adapters.transparent import TransparentAdapter
@@ -21,6 +22,7 @@ class Kind(enum.Enum):
 
     SPEED = "speed"
     POSITIONING = "positioning"
+    POSITIONER = "positioner"
     RAW = "raw"
 
 
@@ -34,13 +36,17 @@ class DriveTelegram:
 
 
 _SPEED = DriveTelegram(Kind.SPEED, Operation.VELOCITY, Mode.VELOCITY)
+_POSITIONER = DriveTelegram(Kind.POSITIONER, Operation.POSITIONER)
 DRIVE_TELEGRAMS: dict[int, DriveTelegram] = {
     1: _SPEED,
     2: _SPEED,
     3: DriveTelegram(Kind.SPEED, Operation.VELOCITY_WITH_POSITION, Mode.VELOCITY),
+    7: _POSITIONER,
     9: DriveTelegram(Kind.POSITIONING, Operation.POSITIONING),
     20: _SPEED,
     100: DriveTelegram(Kind.RAW, Operation.TRANSPARENT),
+    110: _POSITIONER,
+    111: _POSITIONER,
 }
 
 DRIVE_TELEGRAM_NUMBERS = tuple(sorted(DRIVE_TELEGRAMS))
@@ -70,6 +76,8 @@ def make_adapter(number: int, settings: AxisSettings) -> Adapter:
         return SpeedAdapter(chosen, settings)
     if kind is Kind.POSITIONING:
         return PositioningAdapter(chosen)
+    if kind is Kind.POSITIONER:
+        return PositionerAdapter(chosen)
     return TransparentAdapter(chosen)
 
 

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from pdgw.dsp402.states import STATE_OF_STATUS, State
+from pdgw.gateway.motion.wishes import Asked, Outcome
 from pdgw.profidrive.signals import signal
 
 _ZSW1 = signal("ZSW1")
@@ -84,6 +85,7 @@ class Demand:
         "homing_velocity",
         "in_control",
         "intermediate_stop",
+        "motion",
         "power",
         "raw",
         "reject",
@@ -121,6 +123,8 @@ class Demand:
         self.homing_method = 0
         self.homing_velocity = 0
         """Fraction of the reference of profile velocities."""
+        self.motion: Asked | None = None
+        """What is asked of a positioner; always the same object, None in telegrams without one."""
         self.raw: Sequence[int] | None = None
         """Raw values for the objects of a transparent telegram, the Controlword first; None before there are any."""
         self.sensor: int | None = None
@@ -133,6 +137,7 @@ class Flag:
     NO_COAST_STOP = _ZSW1.bit("NO_COAST_STOP").mask
     NO_QUICK_STOP = _ZSW1.bit("NO_QUICK_STOP").mask
     WARNING = _ZSW1.bit("WARNING").mask
+    WITHIN_TOLERANCE = _ZSW1.bit("WITHIN_TOLERANCE").mask
     REACHED = _ZSW1.bit("TARGET_REACHED").mask
     HOME_SET = _ZSW1.bit("HOME_POSITION_SET", positioning=True).mask
     TASK_ACKNOWLEDGED = _ZSW1.bit("TASK_ACKNOWLEDGE", positioning=True).mask
@@ -151,7 +156,7 @@ class Flag:
 class Report:
     """What an axis shows now; see ``Flag``. ``position`` and ``speed`` are fractions of the references."""
 
-    __slots__ = ("flags", "homing_method", "position", "raw", "sensor", "speed", "tasks_active")
+    __slots__ = ("flags", "homing_method", "message", "motion", "position", "raw", "sensor", "speed", "tasks_active")
 
     def __init__(self) -> None:
         self.flags = 0
@@ -159,6 +164,10 @@ class Report:
         self.position = 0
         self.homing_method = 0
         self.tasks_active = False
+        self.motion: Outcome | None = None
+        """What a positioner shows; always the same object, None for an axis without one."""
+        self.message = 0
+        """MELDW."""
         self.raw: Sequence[int] = ()
         """Raw values of the objects of a transparent telegram, the Statusword first."""
         self.sensor: tuple[int, int, int] = (0, 0, 0)

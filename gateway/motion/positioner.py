@@ -8,7 +8,7 @@ axes, cams, homing direction, the handshake with the drive and changes of its mo
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from pdgw.gateway.motion.blocks import BlockTable
 from pdgw.gateway.motion.chain import BlockChain
@@ -105,6 +105,10 @@ class Positioner:
             Action.HOMED: self._homed,
             Action.HOMING_ERROR: self._homing_error,
         }
+
+    def set_position_range(self, low: int, high: int) -> None:
+        """Where the drive can be sent, in its own coordinates."""
+        self.settings = self._course.settings = replace(self.settings, position_range=(low, high))
 
     def drive_restarted(self) -> None:
         """The drive's coordinates are new: the home position is lost."""
@@ -340,6 +344,7 @@ class Positioner:
         outcome.state = state
         position = outcome.position = seen.position + self._course.offset
         outcome.home_set = self.home_set
+        outcome.standing = seen.standstill
         if state is State.IDLE or state is State.TRACKING:
             if not asked.activate or outcome.shown is State.OFF:
                 outcome.shown = State.IDLE

@@ -10,6 +10,7 @@ from __future__ import annotations
 import enum
 from dataclasses import dataclass, field
 
+from pdgw.gateway.motion.blocks import Block
 from pdgw.gateway.motion.states import State
 from pdgw.gateway.reasons import Reason
 from pdgw.profidrive.datatypes import N2_100_PERCENT
@@ -129,6 +130,7 @@ class Outcome:
     block: int = 0
     position: int = 0
     """Actual position in the user's coordinates."""
+    standing: bool = True
     acknowledged: bool = False
     reached: bool = False
     homing: bool = False
@@ -148,6 +150,27 @@ class Outcome:
     """Stands until a reject or the next task."""
     reason: Reason | None = None
     """Why nothing moves just now."""
+
+
+@dataclass(frozen=True, slots=True)
+class PositionerChoices:
+    """The user's choices for a positioner (docs/motion.md): LU, 1000 LU/min, 1000 LU/s2."""
+
+    lu_per_revolution: int
+    max_velocity: int
+    max_acceleration: int
+    max_deceleration: int
+    position_window: int
+    jog_velocities: tuple[int, int] = (-300, 300)
+    """Signed, of jog 1 and jog 2: which of the two is forward differs between vendors."""
+    jog_distances: tuple[int, int] = (0, 0)
+    software_limits: tuple[int, int] | None = None
+    reference_coordinate: int = 0
+    homing_method: int | None = None
+    """6098h; None: no homing."""
+    waiting_setpoints: bool = True
+    """The drive keeps a set-point for after the one that runs (set of set-points)."""
+    blocks: tuple[Block, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

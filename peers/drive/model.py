@@ -14,14 +14,14 @@ from pdgw.ds301.errors import CanopenError
 from pdgw.dsp402.faults import DRIVE_FAULTS
 from pdgw.dsp402.modes import HOMING_METHODS, Mode
 from pdgw.dsp402.objects import DRIVE_OBJECTS
+from pdgw.dsp402.objects import NEGATIVE_LIMIT_SWITCH as NEGATIVE_LIMIT
+from pdgw.dsp402.objects import POSITIVE_LIMIT_SWITCH as POSITIVE_LIMIT
 from pdgw.dsp402.states import STATUS_OF, Command, ControlBit, State, StatusBit, next_state
 from pdgw.peers.drive.motion import INCREMENTS_PER_REVOLUTION, TICK, Ramp, increments_per_second, speed_toward
 from pdgw.peers.drive.shapes import ENGEL, Shape
 
 MS = 1_000_000
 DI1 = 1 << 16
-NEGATIVE_LIMIT = 1 << 0
-POSITIVE_LIMIT = 1 << 1
 _INT32_MAX = (1 << 31) - 1
 _RAMPED_STATES = (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE, State.FAULT_REACTION_ACTIVE)
 _POSITION_MODES = (Mode.POSITION, Mode.TURNTABLE)

@@ -52,7 +52,10 @@ class Executor:
         self.notes = notes
 
     def set_references(self, references: References, homing_method: int) -> None:
-        """Valid references: at start, after a write to one, after a restart of the drive."""
+        """Valid references: at start, after a write to one, after a restart of the drive.
+
+        Dsp402Error when something this executor cannot do without is not known.
+        """
         raise NotImplementedError
 
     def restarted(self) -> None:

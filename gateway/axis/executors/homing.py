@@ -14,9 +14,7 @@ from pdgw.dsp402.states import StatusBit
 from pdgw.gateway.axis.executors.base import Notes
 from pdgw.gateway.axis.executors.mode import ModeSwitch
 from pdgw.gateway.axis.values import SdoWrite
-from pdgw.gateway.axis.waist import Demand
 from pdgw.gateway.reasons import FaultNumber, Reason
-from pdgw.profidrive.datatypes import Normalisation
 
 HOMING_STALE_NS = 50_000_000
 """A "homing attained" that was already there at the start counts only after this time (method 35 is immediate)."""
@@ -77,17 +75,17 @@ class Homing:
         notes.warning = True
         notes.reason = Reason.HOMING_METHOD
         allowed = ", ".join(str(number) for number in sorted(HOMING_METHODS))
-        notes.faults.append((FaultNumber.HOMING_METHOD, f"SATZANW homing method {method}, allowed {allowed}"))
+        notes.faults.append((FaultNumber.HOMING_METHOD, f"homing method {method}, allowed {allowed}"))
         return False
 
-    def begin(self, demand: Demand, conversion: Normalisation) -> None:
-        """Method and speeds have to reach the drive first."""
+    def begin(self, method: int, speed: int | None) -> None:
+        """Method and speeds have to reach the drive first; ``speed`` in its units, None leaves its own ones."""
         self.home_set = False
         self._notes.reason = Reason.HOMING_SETUP
-        speed = max(1, self._notes.limited(conversion, demand.homing_velocity))
+        speeds = () if speed is None else HOMING_SPEEDS
         self._writes = (
-            SdoWrite(*HOMING_METHOD, demand.homing_method),
-            *(SdoWrite(index, subindex, speed) for index, subindex in HOMING_SPEEDS),
+            SdoWrite(*HOMING_METHOD, method),
+            *(SdoWrite(index, subindex, speed or 1) for index, subindex in speeds),
         )
         self._answer = None
         self._ask()

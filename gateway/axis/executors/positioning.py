@@ -417,7 +417,7 @@ class PositioningExecutor(Executor):
         self.sub_state = SubState.HOMING_SETUP
         self._forget_tasks()
         self._homing_after_braking = False
-        self.homing.begin(demand, scaling.velocity)
+        self.homing.begin(demand.homing_method, self.notes.limited(scaling.velocity, demand.homing_velocity))
         return 0
 
     def _homing_setup(self, demand: Demand, feedback: DriveFeedback, now: int) -> int:

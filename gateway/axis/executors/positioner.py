@@ -1,0 +1,354 @@
+"""The positioner's motions on a drive: profile position (6060h = 1), profile velocity (3), homing (6), with their handshakes.
+
+Source: docs/motion.md, docs/translation.md. Each set-point is given once: CW.4 rises with its data and falls when the drive has
+acknowledged it (SW.12), whatever STW1.6 does. The mode changes at standstill only and never with Halt. Left out: modulo axes,
+touch probes, torque limits.
+"""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+from pdgw.dsp402.errors import Dsp402Error
+from pdgw.dsp402.images import DriveCommand, DriveFeedback, References
+from pdgw.dsp402.modes import Mode
+from pdgw.dsp402.objects import DRIVE_OBJECTS, NEGATIVE_LIMIT_SWITCH, POSITIVE_LIMIT_SWITCH
+from pdgw.dsp402.states import STATE_OF_STATUS, ControlBit, State, StatusBit
+from pdgw.gateway.axis.executors.base import Executor, Notes
+from pdgw.gateway.axis.executors.homing import Homing, Progress
+from pdgw.gateway.axis.executors.mode import ModeSwitch
+from pdgw.gateway.axis.power_table import Action
+from pdgw.gateway.axis.settings import AxisSettings
+from pdgw.gateway.axis.waist import STATE_MASK, Demand, Flag, Report
+from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.motion.blocks import BlockTable
+from pdgw.gateway.motion.messages import MessageWord
+from pdgw.gateway.motion.positioner import Positioner
+from pdgw.gateway.motion.states import State as Function
+from pdgw.gateway.motion.units import DriveUnits, LengthUnits
+from pdgw.gateway.motion.wishes import (
+    Asked,
+    HomingResult,
+    Motion,
+    MotionKind,
+    PositionerChoices,
+    PositionerSettings,
+    Seen,
+)
+from pdgw.gateway.reasons import FaultNumber, Reason
+from pdgw.profidrive.datatypes import Normalisation, n4
+
+_HALT = ControlBit.HALT
+_NEW_SETPOINT = ControlBit.NEW_SETPOINT
+_TARGET = DRIVE_OBJECTS.attribute("target_position").limits
+
+
+class PositionerExecutor(Executor):
+    """One axis' positioner and the drive behind it. GatewayError without the user's choices for a positioner."""
+
+    def __init__(self, settings: AxisSettings, command: DriveCommand, report: Report, notes: Notes) -> None:
+        super().__init__(settings, command, report, notes)
+        if settings.positioner is None:
+            raise GatewayError("positioner: missing, telegrams 7, 110 and 111 need [axis.positioner]")
+        self.choices: PositionerChoices = settings.positioner
+        self.positioner = Positioner(_settings(self.choices), BlockTable(self.choices.blocks))
+        self._mode = ModeSwitch(notes, Mode.POSITION.value)
+        self.homing = Homing(notes, self._mode)
+        self.command.modes_of_operation = self._mode.mode
+        self.report.motion = self.positioner.outcome
+        self._seen = Seen()
+        self._nothing = Asked()
+        self._units: LengthUnits | None = None
+        self._speed: Normalisation | None = None
+        self._message: MessageWord | None = None
+        self._limits = (0, 0, 0)
+        """Highest velocity, acceleration, deceleration of the drive."""
+        self._setpoint_bit = False
+        self._bits = 0
+        """Controlword bits 5 and 6 of the set-point given last."""
+        self._homing_begun = 0
+        """Serial of the homing that was begun."""
+        self._warned: Reason | None = None
+
+    def set_references(self, references: References, homing_method: int) -> None:
+        choices = self.choices
+        units = DriveUnits(
+            _known(references.counts_per_revolution, "position units per revolution", "counts_per_revolution"),
+            _known(references.velocity_per_rpm, "velocity units per rpm", "velocity_unit"),
+            _known(references.acceleration_per_rpm_s, "acceleration units per rpm/s", "acceleration_unit"),
+        )
+        self.homing.method = homing_method
+        length = self._units = LengthUnits(
+            choices.lu_per_revolution, choices.max_acceleration, choices.max_deceleration, units
+        )
+        reference = references.speed_reference
+        self._speed = n4(reference, DRIVE_OBJECTS.attribute("velocity_actual").limits)
+        self._message = MessageWord(int(reference))
+        self._limits = (
+            int(references.profile_velocity_reference),
+            references.max_acceleration,
+            references.max_deceleration,
+        )
+        low, high = (length.to_length(limit) for limit in (references.position_min, references.position_max))
+        self.positioner.set_position_range(low, high)
+
+    def restarted(self) -> None:
+        self._stop()
+        self._mode.halted = False
+        self._forget_home()
+
+    def lost(self) -> None:
+        self._forget_home()
+
+    def _forget_home(self) -> None:
+        self.homing.home_set = False
+        self.positioner.drive_restarted()
+
+    def recall(self, *, home_set: bool) -> None:
+        self.homing.home_set = self.positioner.home_set = home_set
+
+    def refuse(self, feedback: DriveFeedback) -> None:
+        self._stop()
+        self.command.controlword = self.command.target_velocity = 0
+        self.positioner.step(self._nothing, self._seen, 0)
+
+    def sdo_done(self, error: str | None) -> None:
+        self.homing.answered(error)
+
+    def _stop(self) -> None:
+        """Not in operation: nothing that was given goes on, and what was not given never is."""
+        self._setpoint_bit = False
+        self._bits = 0
+        self._mode.give_up()
+        self.homing.give_up()
+        self.command.target_velocity = 0
+
+    def step(
+        self,
+        demand: Demand,
+        action: Action,
+        controlword: int,
+        reason: Reason | None,
+        feedback: DriveFeedback,
+        standstill: bool,
+        now: int,
+    ) -> Reason | None:
+        units, speed, message = self._units, self._speed, self._message
+        if units is None or speed is None or message is None:
+            return reason
+        statusword = feedback.statusword
+        state = STATE_OF_STATUS[statusword & STATE_MASK]
+        mode, notes = self._mode, self.notes
+        asked = demand.motion or self._nothing
+        asked.operating = action is Action.ENABLE_OPERATION and state is State.OPERATION_ENABLED
+        self._look(units, feedback, standstill)
+        outcome = self.positioner.step(asked, self._seen, now)
+        extra = 0
+        if asked.operating:
+            notes.reason = None
+            extra = self._execute(outcome.motion, units, feedback, standstill, now)
+            mode.halted = extra & _HALT != 0
+            reason = notes.reason or outcome.reason
+        elif action is Action.RAMP or action is Action.RAMP_END:
+            mode.halted = True  # the mode stays what it is while Halt is set
+            self._stop()
+            extra = _HALT
+        else:
+            mode.halted = False
+            self._stop()
+        self._warn(outcome.warning)
+        command, report = self.command, self.report
+        command.controlword = controlword | extra
+        command.modes_of_operation = mode.mode
+        report.speed = speed.to_wire(feedback.velocity_actual)
+        report.flags = self._flags(feedback)
+        enabled = state is State.OPERATION_ENABLED or state is State.QUICK_STOP_ACTIVE
+        report.message = message.word(
+            feedback.velocity_actual,
+            feedback.velocity_demand,
+            feedback.current_actual,
+            target_reached=statusword & StatusBit.TARGET_REACHED != 0,
+            enabled=enabled,
+            ready=enabled or state is State.SWITCHED_ON or state is State.READY_TO_SWITCH_ON,
+        )
+        return reason
+
+    def _warn(self, warning: Reason | None) -> None:
+        """The positioner's warning as one of the axis: told once, shown while it stands."""
+        if warning is self._warned:
+            return
+        if warning is None:
+            self.notes.warning = False
+        elif warning is not Reason.HOMING_ERROR:  # told where it was found
+            self.notes.warning = True
+            self.notes.faults.append((FaultNumber.POSITIONER, warning.value))
+        self._warned = warning
+
+    def _flags(self, feedback: DriveFeedback) -> int:
+        outcome = self.positioner.outcome
+        flags = Flag.STANDING if outcome.standing else 0
+        if outcome.reached:
+            flags |= Flag.REACHED
+        if outcome.home_set:
+            flags |= Flag.HOME_SET
+        if outcome.acknowledged:
+            flags |= Flag.TASK_ACKNOWLEDGED
+        following_error = feedback.statusword & StatusBit.MODE_13 and self._mode.shows_base(feedback)
+        return flags if following_error else flags | Flag.WITHIN_TOLERANCE
+
+    # -- what the drive does --------------------------------------------------------------------------------------------
+
+    def _look(self, units: LengthUnits, feedback: DriveFeedback, standstill: bool) -> None:
+        seen, statusword = self._seen, feedback.statusword
+        seen.position = units.to_length(feedback.position_actual)
+        seen.velocity = feedback.velocity_actual
+        seen.standstill = standstill
+        seen.internal_limit = statusword & StatusBit.INTERNAL_LIMIT != 0
+        inputs = feedback.digital_inputs
+        seen.negative_limit = inputs & NEGATIVE_LIMIT_SWITCH != 0
+        seen.positive_limit = inputs & POSITIVE_LIMIT_SWITCH != 0
+        seen.reached = False
+        if not self._mode.shows_base(feedback):
+            return
+        acknowledged = statusword & StatusBit.MODE_12 != 0
+        if self._setpoint_bit:
+            if acknowledged:
+                seen.taken = seen.given
+                self._setpoint_bit = False
+        elif not acknowledged and seen.taken == seen.given:
+            # A set-point that waits keeps the acknowledge until the drive goes over to it.
+            seen.executing = seen.taken
+            seen.reached = statusword & StatusBit.TARGET_REACHED != 0
+
+    # -- what it is told ------------------------------------------------------------------------------------------------
+
+    def _execute(self, motion: Motion, units: LengthUnits, feedback: DriveFeedback, standstill: bool, now: int) -> int:
+        """Controlword bits 4-8 of the motion wished."""
+        kind = motion.kind
+        if kind is MotionKind.STAND:
+            return self._stand(feedback, standstill, now)
+        if self._mode.halted:
+            return 0  # Halt falls alone: a set-point or a mode together with it is not allowed
+        if kind is MotionKind.HOMING:
+            return self._home(motion, feedback, standstill, now)
+        wanted = Mode.POSITION if kind is MotionKind.POSITION else Mode.VELOCITY
+        if self._mode.mode != wanted and not standstill:
+            return self._slow_down()
+        if not self._mode.confirmed(wanted, feedback, now):
+            return 0
+        if wanted is Mode.VELOCITY:
+            self._turn(motion, units)
+            return 0
+        if not self._setpoint_bit and motion.serial != self._seen.given:
+            self._give(motion, units, feedback)
+        return self._bits | (_NEW_SETPOINT if self._setpoint_bit else 0)
+
+    def _slow_down(self) -> int:
+        """To standstill in the mode there is."""
+        self._setpoint_bit = False
+        self.command.target_velocity = 0
+        return 0 if self._mode.mode == Mode.VELOCITY else _HALT
+
+    def _stand(self, feedback: DriveFeedback, standstill: bool, now: int) -> int:
+        """Ramp down; Halt stays while a function is kept, and falls at standstill without a restart otherwise."""
+        mode = self._mode
+        self._setpoint_bit = False
+        if mode.mode == Mode.VELOCITY:
+            self.command.target_velocity = 0
+            return 0
+        if mode.mode == Mode.HOMING and standstill:
+            if not mode.halted:
+                mode.confirmed(mode.base, feedback, now)
+            return 0
+        kept = self.positioner.outcome.state not in {Function.IDLE, Function.TRACKING, Function.BRAKING}
+        stopped = standstill and (feedback.statusword & StatusBit.TARGET_REACHED != 0 or feedback.velocity_actual == 0)
+        return 0 if stopped and not kept else _HALT
+
+    def _set_ramps(self, motion: Motion, units: LengthUnits) -> None:
+        command, (_, acceleration, deceleration) = self.command, self._limits
+        command.profile_acceleration = min(units.acceleration(motion.acceleration), acceleration)
+        command.profile_deceleration = min(units.deceleration(motion.deceleration), deceleration)
+
+    def _velocity(self, motion: Motion, units: LengthUnits) -> int:
+        wanted, highest = units.velocity(motion.velocity, motion.override), self._limits[0]
+        limited = max(-highest, min(wanted, highest))
+        if limited != wanted:
+            self.notes.saturations += 1
+        return limited
+
+    def _turn(self, motion: Motion, units: LengthUnits) -> None:
+        seen = self._seen
+        if motion.serial != seen.given or not self.command.target_velocity:
+            self._set_ramps(motion, units)
+            self.command.target_velocity = self._velocity(motion, units)
+            seen.given = seen.taken = seen.executing = motion.serial
+
+    def _give(self, motion: Motion, units: LengthUnits, feedback: DriveFeedback) -> None:
+        """A set-point, once the drive has taken the acknowledge of the last one back."""
+        if feedback.statusword & StatusBit.MODE_12:
+            return
+        command = self.command
+        self._set_ramps(motion, units)
+        command.profile_velocity = self._velocity(motion, units)
+        distance = motion.distance
+        command.target_position = units.to_drive(motion.target if distance is None else distance)
+        self._bits = (ControlBit.CHANGE_IMMEDIATELY if motion.immediate else 0) | (
+            0 if distance is None else ControlBit.RELATIVE
+        )
+        self._setpoint_bit = True
+        self._seen.given = motion.serial
+
+    def _home(self, motion: Motion, feedback: DriveFeedback, standstill: bool, now: int) -> int:
+        seen, homing = self._seen, self.homing
+        if self._homing_begun != motion.serial:
+            if self._mode.mode == Mode.VELOCITY and not standstill:
+                return self._slow_down()
+            self._homing_begun = motion.serial
+            seen.given = motion.serial
+            seen.homing = HomingResult.RUNNING
+            method = self.choices.homing_method
+            if method is None or not homing.supported(method):
+                self._homing_ends(HomingResult.FAILED)
+                return 0
+            homing.begin(method, None)
+            return 0
+        if seen.taken == motion.serial:
+            progress = homing.run(feedback, standstill, now)
+            if progress is Progress.ATTAINED:
+                self._homing_ends(HomingResult.ATTAINED)
+            elif progress is Progress.FAILED:
+                self._homing_ends(HomingResult.FAILED)
+                return 0
+            return _NEW_SETPOINT
+        progress = homing.prepare(feedback, now)
+        if progress is Progress.FAILED:
+            self._homing_ends(HomingResult.FAILED)
+        elif progress is Progress.READY:
+            seen.taken = seen.executing = motion.serial
+            return _NEW_SETPOINT
+        return 0
+
+    def _homing_ends(self, result: HomingResult) -> None:
+        seen = self._seen
+        seen.homing = result
+        seen.taken = seen.executing = seen.given
+
+
+def _known(value: Fraction | None, what: str, key: str) -> Fraction:
+    if value is None:
+        raise Dsp402Error(what, "not known", f"the drive to tell it, or the key {key}")
+    return value
+
+
+def _settings(choices: PositionerChoices) -> PositionerSettings:
+    """Before the drive is known: its range is that of the object."""
+    return PositionerSettings(
+        choices.max_velocity,
+        choices.position_window,
+        _TARGET,
+        choices.jog_velocities,
+        choices.jog_distances,
+        choices.software_limits,
+        choices.reference_coordinate,
+        waiting_setpoints=choices.waiting_setpoints,
+    )

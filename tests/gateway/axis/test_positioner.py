@@ -1,0 +1,333 @@
+"""Telegrams 7, 110 and 111 on the simulated drive: words in, objects and words out, in virtual time."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+import pytest
+from pdgw.dsp402.images import References
+from pdgw.dsp402.modes import Mode
+from pdgw.dsp402.states import ControlBit
+from pdgw.gateway.axis.machine import AxisMachine
+from pdgw.gateway.axis.settings import AxisSettings
+from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.motion.blocks import Block, BlockMode, BlockNext
+from pdgw.gateway.motion.wishes import PositionerChoices
+from pdgw.gateway.reasons import FaultNumber, Reason
+
+from tests.support.rig import Rig
+
+REFERENCES = References(
+    position_min=-2_000_000,
+    position_max=2_000_000,
+    max_acceleration=2000,
+    max_deceleration=2000,
+    counts_per_revolution=Fraction(4096),
+    velocity_per_rpm=Fraction(2),
+    acceleration_per_rpm_s=Fraction(1, 10),
+)
+CHOICES = PositionerChoices(
+    lu_per_revolution=10_000,
+    max_velocity=30_000,
+    max_acceleration=2000,
+    max_deceleration=2000,
+    position_window=20,
+    jog_distances=(2500, 5000),
+    software_limits=(-1_000_000, 1_000_000),
+    homing_method=35,
+    blocks=(
+        Block(1, 10_000, 6000, next=BlockNext.FLYING),
+        Block(2, 5000, 3000, mode=BlockMode.RELATIVE),
+        Block(5, 50_000, 12_000),
+    ),
+)
+OFF, ON = 0x043E, 0x043F
+
+
+def positioner(number: int = 111, **changes: object) -> Rig:
+    rig = Rig(number, positioner=CHOICES)
+    for index, subindex, value in (
+        (0x607B, 1, -2_000_000),
+        (0x607B, 2, 2_000_000),
+        (0x60C5, 0, 2000),
+        (0x60C6, 0, 2000),
+    ):
+        rig.node.set_data(index, subindex, value.to_bytes(4, "little", signed=index == 0x607B), check_writable=False)
+    rig.stepper.set_references(REFERENCES, homing_method=35)
+    rig.enable(OFF)
+    rig.stepper.events.clear()
+    rig.values |= {"OVERRIDE": 0x4000, "MDI_ACC": 0x4000, "MDI_DEC": 0x4000} if number != 7 else {}
+    rig.values |= changes  # type: ignore[arg-type]
+    return rig
+
+
+def send(rig: Rig, words: str) -> None:
+    half = rig.stepper.telegram.setpoints
+    rig.values |= half.as_dict(half.decode(bytes.fromhex(words)))
+
+
+def bits(rig: Rig, name: str) -> set[str]:
+    signal = rig.stepper.telegram.actuals.signals[rig.stepper.telegram.actuals.index(name)]
+    return {bit.name for bit in signal.fields(positioning=True) if bit.of(rig.actuals[name])}
+
+
+def home(rig: Rig) -> None:
+    rig.values["STW1"] |= 0x0800
+    rig.until(lambda actuals: bool(actuals["ZSW1"] & 0x0800), 200)
+    rig.values["STW1"] &= ~0x0800
+    rig.step(30)
+
+
+def test_worked_example_111_absolute_to_50000_lu_at_12000() -> None:
+    rig = positioner()
+    home(rig)
+    rig.controlwords.clear()
+    send(rig, "047F 8100 0000 0000 4000 0000 C350 0000 2EE0 4000 4000 0000")
+    rig.until(lambda actuals: bool(actuals["ZSW1"] & 0x1000), 10)
+    command = rig.stepper.command
+    assert (command.target_position, command.profile_velocity) == (20_480, 2400)
+    assert (command.profile_acceleration, command.profile_deceleration) == (1200, 1200)
+    assert 0x003F in rig.controlwords
+    rig.until(lambda actuals: actuals["NIST_B"] >= 0x1999_0000, 200)
+    assert {name: rig.actuals[name] for name in ("ZSW1", "POS_ZSW1", "POS_ZSW2")} == {
+        "ZSW1": 0x1B37,
+        "POS_ZSW1": 0x8000,
+        "POS_ZSW2": 0x8010,
+    }
+    assert rig.actuals["NIST_B"] <= 0x1999_9999
+    rig.until(lambda actuals: bool(actuals["ZSW1"] & 0x0400), 2000)
+    assert (rig.actuals["ZSW1"], rig.actuals["XIST_A"]) == (0x3F37, 0xC350)
+
+
+def test_worked_example_111_with_override_2000h() -> None:
+    rig = positioner()
+    send(rig, "047F 8100 0000 0000 2000 0000 C350 0000 2EE0 4000 4000 0000")
+    rig.step(6)
+    assert rig.stepper.command.profile_velocity == 1200
+
+
+def test_worked_example_111_relative() -> None:
+    rig = positioner()
+    home(rig)
+    send(rig, "047F 8000 0000 0000 4000 0000 2710 0000 2EE0 4000 4000 0000")
+    rig.step(6)
+    assert any(word & ControlBit.RELATIVE for word in rig.controlwords)
+    rig.until(lambda actuals: bool(actuals["ZSW1"] & 0x0400), 2000)
+    assert rig.actuals["XIST_A"] == 10_000
+    rig.values["STW1"] &= ~0x40
+    rig.step(3)
+    rig.values["STW1"] |= 0x40
+    rig.step(3)
+    rig.until(lambda actuals: bool(actuals["ZSW1"] & 0x0400), 2000)
+    assert rig.actuals["XIST_A"] == 20_000
+
+
+@pytest.mark.parametrize("number", [7, 110, 111])
+def test_worked_example_block_5(number: int) -> None:
+    rig = positioner(number)
+    if number != 7:
+        home(rig)
+    rig.values[{111: "POS_STW1"}.get(number, "SATZANW")] = 5
+    rig.values["STW1"] = 0x047F
+    rig.step(5)
+    assert rig.stepper.command.target_position == 20_480
+    assert rig.actuals[{111: "POS_ZSW1"}.get(number, "AKTSATZ")] & 0x3F == 5
+    rig.until(lambda actuals: bool(actuals["ZSW1"] & 0x0400), 2000)
+    assert rig.feedback.position_actual == 20_480
+
+
+def test_worked_example_setting_up_backward_and_the_reject() -> None:
+    rig = positioner()
+    send(rig, "047F C400 0000 0000 4000 0000 0000 0000 2EE0 4000 4000 0000")
+    rig.step(120)
+    assert rig.feedback.modes_of_operation_display == Mode.VELOCITY
+    assert rig.feedback.velocity_actual == -2400
+    assert bits(rig, "POS_ZSW1") == {"SETTING_UP"}
+    assert "MOVES_BACKWARD" in bits(rig, "POS_ZSW2")
+    assert rig.actuals["ZSW1"] & 0x1000
+    rig.values["STW1"] &= ~0x10
+    rig.step(2)
+    assert bits(rig, "POS_ZSW1") == set()
+    assert not rig.actuals["ZSW1"] & 0x0400
+    rig.until(lambda actuals: bool(actuals["ZSW1"] & 0x0400), 400)
+    assert rig.feedback.velocity_actual == 0
+
+
+def test_worked_example_jog_1() -> None:
+    rig = positioner(STW1=0x053F)
+    rig.step(50)
+    assert rig.feedback.velocity_actual == -60, "-300 x 1000 LU/min are -30 rpm"
+    assert bits(rig, "POS_ZSW1") == {"JOGGING"}
+    rig.values["STW1"] = ON
+    rig.until(lambda actuals: bool(actuals["ZSW1"] & 0x0400), 400)
+
+
+def test_incremental_jog_moves_its_distance_and_returns_from_the_speed_mode() -> None:
+    rig = positioner(STW1=0x063F)
+    rig.step(30)
+    rig.values["STW1"] = ON
+    rig.until(lambda actuals: bool(actuals["ZSW1"] & 0x0400), 400)
+    before = rig.feedback.position_actual
+    rig.values |= {"POS_STW2": 0x0020, "STW1": 0x063F}
+    rig.step(5)
+    rig.until(lambda actuals: bool(actuals["ZSW1"] & 0x0400), 2000)
+    assert rig.feedback.position_actual - before == 2048
+    assert rig.feedback.modes_of_operation_display == Mode.POSITION
+
+
+def test_from_setting_up_to_a_position_the_axis_ramps_down_before_the_mode_changes() -> None:
+    rig = positioner()
+    send(rig, "047F C200 0000 0000 4000 0000 0000 0000 2EE0 4000 4000 0000")
+    rig.step(120)
+    rig.values["STW1"] &= ~0x40
+    rig.step(2)
+    send(rig, "047F 8100 0000 0000 4000 0000 0000 0000 2EE0 4000 4000 0000")
+    fast = False
+    for _ in range(1500):
+        rig.step()
+        if rig.stepper.command.modes_of_operation != rig.feedback.modes_of_operation_display:
+            fast = fast or abs(rig.feedback.velocity_actual) > 60
+            assert not rig.stepper.command.controlword & ControlBit.HALT
+        if rig.actuals["ZSW1"] & 0x0400:
+            break
+    assert not fast, "the mode changed while the axis turned"
+    assert rig.feedback.position_actual == 0
+
+
+def test_continuous_update_moves_the_target_with_one_acknowledge() -> None:
+    rig = positioner()
+    send(rig, "047F 9100 0000 0000 4000 0000 C350 0000 2EE0 4000 4000 0000")
+    rig.step(20)
+    rig.values["MDI_TARPOS"] = 20_000
+    for _ in range(1500):
+        rig.step()
+        assert rig.actuals["ZSW1"] & 0x1000
+        if rig.actuals["ZSW1"] & 0x0400:
+            break
+    assert rig.actuals["XIST_A"] == 20_000
+
+
+def test_intermediate_stop_and_resume_of_a_relative_task_end_where_it_was_sent() -> None:
+    rig = positioner()
+    send(rig, "047F 8000 0000 0000 4000 0000 C350 0000 0BB8 4000 4000 0000")
+    for _ in range(3):
+        rig.step(40)
+        rig.values["STW1"] &= ~0x20
+        rig.until(lambda _: rig.feedback.velocity_actual == 0, 400)
+        rig.step(10)
+        assert rig.stepper.reason is Reason.INTERMEDIATE_STOP
+        rig.values["STW1"] |= 0x20
+    rig.until(lambda actuals: bool(actuals["ZSW1"] & 0x0400), 3000)
+    assert rig.feedback.position_actual == 20_480
+
+
+def test_a_flying_chain_gives_the_second_block_while_the_first_runs() -> None:
+    rig = positioner(POS_STW1=1)
+    rig.values["STW1"] = 0x047F
+    rig.step(20)
+    assert rig.stepper.command.target_position == round(15_000 * 0.4096)
+    assert not rig.stepper.command.controlword & ControlBit.CHANGE_IMMEDIATELY
+    assert rig.actuals["POS_ZSW1"] & 0x7F == 1
+    rig.until(lambda actuals: actuals["POS_ZSW1"] & 0x7F == 2, 1000)
+    rig.until(lambda actuals: bool(actuals["ZSW1"] & 0x0400), 2000)
+    assert rig.actuals["XIST_A"] == 15_000
+
+
+def test_homing_is_shown_100_ms_and_sets_the_home_position() -> None:
+    rig = positioner()
+    rig.values["STW1"] |= 0x0800
+    shown = 0
+    for _ in range(60):
+        rig.step()
+        shown += "HOMING" in bits(rig, "POS_ZSW1")
+    assert shown >= 25
+    assert rig.actuals["ZSW1"] & 0x0C00 == 0x0C00
+    assert rig.feedback.modes_of_operation_display == Mode.POSITION
+
+
+def test_a_reference_point_is_set_and_kept_until_the_drive_restarts() -> None:
+    rig = positioner(STW1=0x063F)
+    rig.step(30)
+    rig.values |= {"STW1": ON}
+    rig.until(lambda actuals: bool(actuals["ZSW1"] & 0x0400), 400)
+    assert rig.actuals["XIST_A"]
+    rig.values["POS_STW2"] = 0x0002
+    rig.step(2)
+    assert (rig.actuals["XIST_A"], rig.actuals["ZSW1"] & 0x0800) == (0, 0x0800)
+    rig.restart_drive()
+    rig.step(5)
+    assert not rig.actuals["ZSW1"] & 0x0800
+
+
+def test_software_limits_end_jogging_at_the_limit() -> None:
+    rig = positioner()
+    home(rig)
+    rig.values |= {"STW1": 0x063F, "POS_STW2": 0x4000, "OVERRIDE": 0}
+    rig.step(60)
+    assert rig.feedback.modes_of_operation_display == Mode.POSITION
+    assert rig.stepper.command.target_position == 409_600
+
+
+def test_an_unknown_block_moves_nothing_and_warns_until_the_reject() -> None:
+    rig = positioner(POS_STW1=77)
+    rig.values["STW1"] = 0x047F
+    rig.step(20)
+    assert rig.stepper.reason is Reason.TASK_BLOCK_UNKNOWN
+    assert rig.actuals["ZSW1"] & 0x0080
+    assert [event.number for event in rig.stepper.events] == [FaultNumber.POSITIONER]
+    assert not rig.actuals["ZSW1"] & 0x1000
+    rig.values["STW1"] = 0x042F
+    rig.step(2)
+    assert not rig.actuals["ZSW1"] & 0x0080
+
+
+def test_loss_of_the_plc_drops_the_task_and_the_standing_edge_starts_nothing() -> None:
+    rig = positioner()
+    send(rig, "047F 8100 0000 0000 4000 0000 C350 0000 2EE0 4000 4000 0000")
+    rig.step(40)
+    rig.step(400, plc=False)
+    assert rig.feedback.velocity_actual == 0
+    rig.values["STW1"] = OFF | 0x40
+    rig.step(6)
+    rig.values["STW1"] = ON | 0x40
+    rig.step(100)
+    assert rig.feedback.velocity_actual == 0
+    assert not rig.actuals["ZSW1"] & 0x1000
+
+
+def test_off1_ramps_down_and_nothing_goes_on_after_the_next_on() -> None:
+    rig = positioner()
+    send(rig, "047F C200 0000 0000 4000 0000 0000 0000 2EE0 4000 4000 0000")
+    rig.step(120)
+    rig.values["STW1"] &= ~1
+    rig.until(lambda _: rig.feedback.velocity_actual == 0, 400)
+    rig.step(10)
+    rig.values["STW1"] |= 1
+    rig.step(100)
+    assert rig.feedback.velocity_actual == 0
+
+
+def test_telegram_7_has_no_mdi() -> None:
+    rig = positioner(7, SATZANW=0x8005)
+    rig.values["STW1"] = 0x047F
+    rig.step(20)
+    assert rig.stepper.reason is Reason.TASK_SPEED_ZERO
+    assert rig.feedback.velocity_actual == 0
+
+
+def test_a_positioner_without_its_choices_is_refused() -> None:
+    with pytest.raises(GatewayError, match=r"positioner: missing, telegrams 7, 110 and 111 need \[axis.positioner\]"):
+        AxisMachine(111, AxisSettings(), Rig(1).feedback)
+
+
+def test_a_drive_whose_units_are_not_known_does_not_operate() -> None:
+    rig = Rig(111, positioner=CHOICES)
+    rig.step(3)
+    assert rig.stepper.events[0].number == FaultNumber.REFERENCE
+    assert "counts_per_revolution" in rig.stepper.events[0].text
+    rig.values["STW1"] = OFF
+    rig.step(3)
+    rig.values["STW1"] = ON
+    rig.step(10)
+    assert rig.actuals["ZSW1"] & 0x0008
+    assert not rig.actuals["ZSW1"] & 0x0004
