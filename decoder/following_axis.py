@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
 from pdgw.decoder.cyclic import Axis
@@ -336,7 +336,7 @@ class AxisFollower(ObjectFollower):
         """Restarts of the drive and references as far as the gateway has them."""
         restarted = self._restarted
         if restarted or self._new_references:
-            references = replace(References(), **self._references)
+            references = References.of(self._references)
             self._machine.inputs.news.append(Configured(references, self._homing_method, restarted))
             self._known |= restarted
             self._restarted = self._new_references = False

@@ -88,7 +88,7 @@ class _Node:
     end_ns: int = 0
 
     def known_references(self) -> References:
-        return replace(References(), **self.references)
+        return References.of(self.references)
 
 
 class Collector:

@@ -5,8 +5,10 @@ Attribute names are those of the object catalogue (a test holds them together). 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from fractions import Fraction
+from typing import Any
 
 from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.modes import Mode
@@ -97,6 +99,12 @@ class References:
     """Position units in one revolution of the motor; this and the next two are None where nothing tells them."""
     velocity_per_rpm: Fraction | None = None
     acceleration_per_rpm_s: Fraction | None = None
+
+    @classmethod
+    def of(cls, values: Mapping[str, int]) -> References:
+        """With the values of objects by the name of their field; the others as they come."""
+        known: dict[str, Any] = dict(values)
+        return replace(cls(), **known)
 
     def check(self) -> None:
         """Dsp402Error names the first reference that is 0 or negative: the axis must refuse operation then."""

@@ -23,6 +23,7 @@ from pdgw.gateway.drive_object import OWNED, DriveObject, log
 from pdgw.gateway.encoder import EncoderObject
 from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.sensor_format import SensorFormat
+from pdgw.profidrive.sign_of_life import MONITORING_OFF
 from pdgw.profidrive.telegrams import telegram
 
 _OWNED = OWNED | {ABORT_OPTION, (0x6040, 0), (0x6060, 0)}
@@ -41,7 +42,12 @@ class Axis(DriveObject):
     telegram_numbers = DRIVE_TELEGRAM_NUMBERS
 
     def __init__(
-        self, config: AxisConfig, network: CanNetwork, cycle_time_ms: float, number: int | None = None
+        self,
+        config: AxisConfig,
+        network: CanNetwork,
+        cycle_time_ms: float,
+        number: int | None = None,
+        sign_of_life_failures: int = MONITORING_OFF,
     ) -> None:
         number = config.telegram if number is None else number
         super().__init__(config.do_id, network, telegram(number))
@@ -53,11 +59,18 @@ class Axis(DriveObject):
             LAYOUTS[pdo_operation(number)],
             self.on_node_event,
         )
-        self.machine = AxisMachine(number, config.axis_settings, self.drive.feedback)
+        self._sign_of_life_failures = sign_of_life_failures
+        """P925."""
+        self.machine = self._make_machine(number)
         self._encoder: EncoderObject | None = None
         self._sensor_parameters: object = None
         self._preset: SdoWrite | None = None
         self._preset_future: Future[None] | None = None
+
+    def _make_machine(self, number: int) -> AxisMachine:
+        machine = AxisMachine(number, self.config.axis_settings, self.drive.feedback)
+        machine.tolerate(self._sign_of_life_failures)
+        return machine
 
     def connect_sensor(self, encoder: EncoderObject) -> None:
         """G1 is this encoder's channel instead of the drive's own position."""
@@ -165,7 +178,8 @@ class Axis(DriveObject):
         return self._encoder.sensor_format if self._encoder is not None else _OWN_FORMAT
 
     def set_sign_of_life_tolerance(self, failures: int) -> None:
-        """The sign of life in STW2 of a drive is not supervised: there is nothing to set."""
+        self._sign_of_life_failures = failures
+        self.machine.tolerate(failures)
 
     def entry_size(self, index: int, subindex: int) -> tuple[int, bool]:
         entry = DRIVE_OBJECTS.entry(index, subindex)
@@ -176,7 +190,7 @@ class Axis(DriveObject):
             raise GatewayError(
                 f"axis {self.do_id}: telegram {number} cannot be selected while the axis is in operation"
             )
-        machine = AxisMachine(number, self.config.axis_settings, self.drive.feedback)
+        machine = self._make_machine(number)
         layout = LAYOUTS[pdo_operation(number)]
         machine.adopt(self.machine)
         self.machine = machine

@@ -30,12 +30,15 @@ from pdgw.gateway.axis.settings import AxisSettings, PlcLossReaction, SetpointEn
 from pdgw.gateway.axis.telegrams import (
     DRIVE_TELEGRAM_NUMBERS,
     ENCODER_TELEGRAM_NUMBERS,
+    POSITIONER_TELEGRAM_NUMBERS,
     initial_mode,
     pdo_operation,
 )
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.explain import Problem, misplaced, problems
 from pdgw.gateway.ports import STATUS_PORT
+from pdgw.gateway.positioner_config import EXAMPLE as POSITIONER_EXAMPLE
+from pdgw.gateway.positioner_config import SIMULATED, BlockConfig, PositionerConfig
 from pdgw.gateway.toml_file import parse_toml, read_text, told
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.frame import UDP_PORT, CSduLayout
@@ -187,6 +190,11 @@ def _fraction(value: object) -> object:
 Ratio = Annotated[Fraction, BeforeValidator(_fraction), Field(gt=0, le=10**12)]
 
 
+def as_list(value: object) -> object:
+    """A table where an array of tables may stand."""
+    return [value] if isinstance(value, dict) else value
+
+
 class AxisConfig(_Section):
     """One drive and its telegram."""
 
@@ -223,6 +231,8 @@ class AxisConfig(_Section):
     acceleration_unit: str = ""
     gear: Ratio | None = None
     rated_acceleration_rpm_s: Ratio | None = None
+    positioner: PositionerConfig | None = None
+    block: Annotated[tuple[BlockConfig, ...], BeforeValidator(as_list)] = ()
 
     @property
     def units(self) -> UnitKeys:
@@ -256,6 +266,20 @@ class AxisConfig(_Section):
         return self
 
     @model_validator(mode="after")
+    def _positioner_is_whole(self) -> AxisConfig:
+        if self.positioner is None:
+            if self.telegram in POSITIONER_TELEGRAM_NUMBERS:
+                raise ValueError(f"telegram = {self.telegram} needs [axis.positioner]")
+            if self.block:
+                raise ValueError("[[axis.block]] needs [axis.positioner]")
+            return self
+        try:
+            self.positioner.choices(self.block)
+        except GatewayError as error:
+            raise ValueError(str(error)) from error
+        return self
+
+    @model_validator(mode="after")
     def _silence_is_a_loss(self) -> AxisConfig:
         if self.tpdo_inhibit_us is not None and self.tpdo_inhibit_us > self.tpdo_event_ms * 1000:
             raise misplaced(
@@ -273,6 +297,7 @@ class AxisConfig(_Section):
             self.modulo_axis,
             self.ramp_stop_resume,
             self.standstill_window_percent,
+            positioner=None if self.positioner is None else self.positioner.choices(self.block),
         )
 
     def inhibit_us(self, cycle_time_ms: float) -> int:
@@ -378,11 +403,6 @@ class EncoderConfig(_Section):
         """The device of the package whose EDS is taken, and that is simulated."""
         device = DEVICES[self.model.value]
         return device if self.channel <= device.channels else multi_sensor(self.channel)
-
-
-def as_list(value: object) -> object:
-    """A table where an array of tables may stand."""
-    return [value] if isinstance(value, dict) else value
 
 
 class RealtimeConfig(_Section):
@@ -656,6 +676,7 @@ simulate = false             # true: a simulated drive instead of the one on the
 # rated_acceleration_rpm_s = 10000     # 100 % of MDI_ACC and MDI_DEC, without it Max Acceleration 60C5h
 # gear = "10/1"              # revolutions of the motor to those of the shaft behind the gear, without it 6091h
 
+{POSITIONER_EXAMPLE}
 # Encoders follow the axes in the frame. Several channels of a multi-sensor device are tables of their own.
 # [[encoder]]
 # do_id = 3
@@ -676,7 +697,11 @@ def simulated(number: int, axes: int, encoders: int = 0, encoder_number: int = 8
     """
     document = {
         "can": {"interface": "virtual", "channel": "pdgw"},
-        "axis": [{"do_id": n, "node_id": n, "telegram": number, "simulate": True} for n in range(1, axes + 1)],
+        "axis": [
+            {"do_id": n, "node_id": n, "telegram": number, "simulate": True}
+            | ({"positioner": SIMULATED} if number in POSITIONER_TELEGRAM_NUMBERS else {})
+            for n in range(1, axes + 1)
+        ],
         "encoder": [
             {
                 "do_id": axes + n,

@@ -127,8 +127,9 @@ class Daemon:
 
     def _axis(self, config: AxisConfig) -> Axis:
         network = self.networks[self.config.bus_of(config).name]
-        number = self.store.parameters.drive_object(config.do_id).telegram
-        return Axis(config, network, self.config.transport.cycle_time_ms, number)
+        stored = self.store.parameters.drive_object(config.do_id)
+        failures = stored.sign_of_life_tolerance
+        return Axis(config, network, self.config.transport.cycle_time_ms, stored.telegram, failures)
 
     def _encoders(self) -> list[EncoderObject]:
         made: dict[int, EncoderObject] = {}

@@ -19,6 +19,7 @@ from pdgw.gateway.axis.executors.raw import RawExecutor
 from pdgw.gateway.axis.executors.sensor import DriveSensor, EncoderReferences, SensorWords
 from pdgw.gateway.axis.executors.speed import SpeedExecutor
 from pdgw.gateway.axis.interlock import Interlock
+from pdgw.gateway.axis.life import LifeWords
 from pdgw.gateway.axis.power_table import Action, Drive
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.telegrams import Kind, drive_telegram, make_adapter
@@ -43,6 +44,7 @@ from pdgw.gateway.axis.waist import (
 )
 from pdgw.gateway.axis.watch import FAULTY, WATCHED, Acknowledgement, DriveWatch, NodeWatch
 from pdgw.gateway.reasons import FaultNumber, Reason
+from pdgw.profidrive.encoder import SensorError
 from pdgw.profidrive.telegrams import telegram
 
 FAULT_OF_EMCY = MappingProxyType({fault.error_code: fault.number for fault in DRIVE_FAULTS.values()})
@@ -78,6 +80,8 @@ class AxisMachine:
         self._node = NodeWatch(self.outputs, FAULT_OF_EMCY)
         self._drive = DriveWatch(self.outputs)
         self.acknowledgement = Acknowledgement()
+        has_life = "STW2" in self.telegram.setpoints.names
+        self.life = LifeWords(self.telegram, settings.sign_of_life_failures) if has_life else None
         self._usable = False
         self._window = 0
 
@@ -95,6 +99,11 @@ class AxisMachine:
         """What gives the position of an external G1 its meaning; ProfidriveError for a range no sensor has."""
         if self.sensor is not None:
             self.sensor.channel.set_references(references)
+
+    def tolerate(self, failures: int) -> None:
+        """P925: how many failures of the sign of life in succession; counting starts anew."""
+        if self.life is not None:
+            self.life.tolerate(failures)
 
     def adopt(self, other: AxisMachine) -> None:
         """Go on for the machine of another telegram of the same drive; the interlock of the new one is locked."""
@@ -116,6 +125,13 @@ class AxisMachine:
         statusword = feedback.statusword
         self.adapter.read(inputs.setpoints, demand)
         wish = demand.power if demand.connected else None
+        life = self.life
+        if life is not None:
+            if life.step(inputs.setpoints, outputs.actuals):
+                detail = f"more than {life.counters.tolerated} failures in succession"
+                outputs.fault(gateway_fault(FaultNumber.SIGN_OF_LIFE, detail, now))
+            if life.lost:
+                wish = None
         if self._usable:
             velocity, window = feedback.velocity_actual, self._window
             standstill = -window <= velocity <= window
@@ -174,10 +190,12 @@ class AxisMachine:
     def _step_sensor(self, sensor: SensorWords) -> None:
         inputs = self.inputs
         word = self.demand.sensor
+        lost = self.life is not None and self.life.lost
+        error = SensorError.CONTROLLER_SIGN_OF_LIFE if lost else None
         if inputs.sensor is None:
-            self.report.sensor = sensor.step(word, self._own_sensor, inputs.drive_ok, inputs.now)
+            self.report.sensor = sensor.step(word, self._own_sensor, inputs.drive_ok, inputs.now, error)
         else:
-            self.report.sensor = sensor.step(word, inputs.sensor, inputs.sensor_ok, inputs.now)
+            self.report.sensor = sensor.step(word, inputs.sensor, inputs.sensor_ok, inputs.now, error)
         self.outputs.preset = sensor.preset
 
     # -- what happened meanwhile --------------------------------------------------------------------------------------

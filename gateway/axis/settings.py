@@ -38,6 +38,8 @@ class AxisSettings:
     """ON during an OFF1 ramp stop resumes operation (the PROFIdrive standard allows it; off by default)."""
     standstill_window: Fraction = Fraction(1, 100)
     """Standstill when |velocity| is at most this share of the reference speed."""
+    sign_of_life_failures: int = MONITORING_OFF
+    """P925: tolerated failures of the PLC's sign of life in succession; 65535: not watched, only answered."""
     positioner: PositionerChoices | None = None
     """Needed by telegrams 7, 110 and 111."""
 

@@ -52,6 +52,9 @@ DRIVE_TELEGRAMS: dict[int, DriveTelegram] = {
 DRIVE_TELEGRAM_NUMBERS = tuple(sorted(DRIVE_TELEGRAMS))
 """The telegrams a drive axis can be given (P922)."""
 
+POSITIONER_TELEGRAM_NUMBERS = tuple(n for n, row in sorted(DRIVE_TELEGRAMS.items()) if row.kind is Kind.POSITIONER)
+"""Those of them that need a positioner in the configuration."""
+
 ENCODER_TELEGRAM_NUMBERS = tuple(
     sorted(number for number, item in TELEGRAMS.items() if item.mode is ApplicationMode.ENCODER)
 )

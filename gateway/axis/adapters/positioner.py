@@ -114,9 +114,11 @@ class PositionerAdapter(ControlWordAdapter):
         self._speed = place(actuals, "NIST_B")
 
     def read(self, setpoints: Sequence[int] | None, demand: Demand) -> None:
-        word = self.take(setpoints, demand)
+        word = None if setpoints is None else setpoints[self.stw1]
+        if word != self.word:
+            self.take(word, demand)
         demand.motion = self._asked
-        if word is None or setpoints is None or setpoints == self._last:
+        if word is None or setpoints is None or not demand.in_control or setpoints == self._last:
             return
         self._last = setpoints
         asked = self._asked
@@ -176,8 +178,7 @@ class PositionerAdapter(ControlWordAdapter):
             asked.software_limits = asked.hardware_limits = True
 
     def write(self, report: Report, actuals: list[int]) -> None:
-        report.flags &= ~_OF_THE_DRIVE
-        super().write(report, actuals)
+        actuals[self.zsw1] = report.flags & ~_OF_THE_DRIVE
         outcome = report.motion
         if outcome is None:
             return
@@ -188,8 +189,8 @@ class PositionerAdapter(ControlWordAdapter):
             actuals[self._position] = max(_LOWEST, min(position, _HIGHEST))
         if self._speed >= 0:
             actuals[self._speed] = report.speed
-        if self._zsw2 >= 0:
-            actuals[self._zsw2] = _SHOWN_FIXED_STOP if outcome.to_fixed_stop else 0
+        if self._zsw2 >= 0 and outcome.to_fixed_stop:
+            actuals[self._zsw2] |= _SHOWN_FIXED_STOP
         if self._aktsatz >= 0:
             active = _ACTIVE_MDI if outcome.shown is State.MDI or outcome.shown is State.SETTING_UP else 0
             actuals[self._aktsatz] = outcome.block & _ACTIVE_BLOCK | active

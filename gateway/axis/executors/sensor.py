@@ -199,10 +199,12 @@ class SensorWords:
         else:
             channel.sensor.preset_failed()
 
-    def step(self, word: int | None, source: EncoderInput, ok: bool, now: int) -> tuple[int, int, int]:
+    def step(
+        self, word: int | None, source: EncoderInput, ok: bool, now: int, error: SensorError | None = None
+    ) -> tuple[int, int, int]:
         """One cycle; returns G1_ZSW, G1_XIST1, G1_XIST2."""
         channel = self.channel
-        values = channel.step(word, source, ok, now)
+        values = channel.step(word, source, ok, now, error)
         if not channel.valid and channel.sensor.state is SensorState.NORMAL:
             # There was no position yet, but the drive's IOPS may be good: not latched, it ends with the first position.
             return STATUS_BITS[SensorState.ERROR], values[1], SensorError.SENSOR_GROUP

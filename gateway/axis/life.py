@@ -1,0 +1,45 @@
+"""Sign of life of a drive's telegram: STW2 and ZSW2 bits 12-15 in both directions, watched with P925.
+
+Source: PROFIdrive profile 4.1 (P925), docs/motion.md "Sign of life". Watching and answering begin with the PLC's first counter.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from pdgw.profidrive.sign_of_life import HIGHEST, SignOfLife
+from pdgw.profidrive.signals import signal
+from pdgw.profidrive.telegrams import Telegram
+
+_SHIFT = signal("STW2").bit("SIGN_OF_LIFE").position
+"""In ZSW2 too (a test)."""
+
+
+class LifeWords:
+    """The two words of one axis."""
+
+    __slots__ = ("_stw2", "_zsw2", "counters", "lost")
+
+    def __init__(self, telegram: Telegram, failures: int) -> None:
+        self._stw2 = telegram.setpoints.index("STW2")
+        self._zsw2 = telegram.actuals.index("ZSW2")
+        self.counters = SignOfLife(failures)
+        self.lost = False
+        """There is no PLC: more failures in succession than tolerated."""
+
+    def tolerate(self, failures: int) -> None:
+        """P925; counting starts anew."""
+        self.counters = SignOfLife(failures)
+        self.lost = False
+
+    def step(self, setpoints: Sequence[int] | None, actuals: list[int]) -> bool:
+        """One cycle: sets ZSW2; True when the sign of life was lost in it."""
+        counters = self.counters
+        if setpoints is None:
+            counters.reset()
+            actuals[self._zsw2] = 0
+            self.lost = False
+            return False
+        actuals[self._zsw2] = counters.step(setpoints[self._stw2] >> _SHIFT & HIGHEST) << _SHIFT
+        was_lost, self.lost = self.lost, counters.failed
+        return self.lost and not was_lost

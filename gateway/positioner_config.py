@@ -1,0 +1,159 @@
+"""[axis.positioner] and [[axis.block]]: what a positioner needs to know, checked key by key.
+
+Source: docs/motion.md. Positions are LU, speeds 1000 LU/min, accelerations 1000 LU/s2. No scaling has a default.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.motion.blocks import (
+    HIGHEST_BLOCK,
+    PERCENT_MAX,
+    Block,
+    BlockMode,
+    BlockNext,
+    BlockTable,
+    BlockTask,
+)
+from pdgw.gateway.motion.wishes import PositionerChoices
+from pdgw.profidrive.datatypes import DataType
+from pydantic import BaseModel, ConfigDict, Field, Strict, model_validator
+
+_LOWEST, _HIGHEST = DataType.INTEGER32.integer_range
+_Integer = Annotated[int, Strict()]
+_Position = Annotated[_Integer, Field(ge=_LOWEST, le=_HIGHEST)]
+_Distance = Annotated[_Integer, Field(ge=0, le=_HIGHEST)]
+_Above0 = Annotated[_Integer, Field(ge=1, le=_HIGHEST)]
+_Percent = Annotated[_Integer, Field(ge=1, le=PERCENT_MAX)]
+
+
+class BlockConfig(BaseModel):
+    """One traversing block; the keys are those of ``motion.blocks.Block``."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    number: Annotated[_Integer, Field(ge=0, le=HIGHEST_BLOCK)]
+    position: _Position = 0
+    velocity: _Distance = 0
+    acceleration: _Percent = PERCENT_MAX
+    deceleration: _Percent = PERCENT_MAX
+    mode: BlockMode = BlockMode.ABSOLUTE
+    task: BlockTask = BlockTask.POSITION
+    next: BlockNext = BlockNext.END
+    value: Annotated[_Integer, Field(ge=0)] = 0
+
+    @model_validator(mode="after")
+    def _makes_sense(self) -> BlockConfig:
+        try:
+            self.block()
+        except GatewayError as error:
+            raise ValueError(str(error)) from error
+        return self
+
+    def block(self) -> Block:
+        """For the positioner."""
+        return Block(
+            self.number,
+            self.position,
+            self.velocity,
+            self.acceleration,
+            self.deceleration,
+            self.mode,
+            self.task,
+            self.next,
+            self.value,
+        )
+
+
+class PositionerConfig(BaseModel):
+    """What telegrams 7, 110 and 111 need."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    lu_per_revolution: _Above0
+    """Length units in one revolution of the motor."""
+    max_velocity: _Above0
+    max_acceleration: _Above0
+    """100 % of MDI_ACC."""
+    max_deceleration: _Above0
+    position_window: _Above0
+    """LU around the target in which it counts as reached."""
+    jog_1_velocity: _Position = -300
+    jog_2_velocity: _Position = 300
+    jog_1_distance: _Distance = 0
+    jog_2_distance: _Distance = 0
+    software_limits: tuple[_Position, _Position] | None = None
+    """Smallest and largest position."""
+    reference_coordinate: _Position = 0
+    homing_method: _Integer | None = None
+    set_of_setpoints: Annotated[bool, Strict()] = True
+    """The drive keeps a set-point for after the one that runs."""
+
+    @model_validator(mode="after")
+    def _limits_have_room(self) -> PositionerConfig:
+        if self.software_limits is not None and self.software_limits[0] >= self.software_limits[1]:
+            raise ValueError(f"software_limits = {list(self.software_limits)}: the first must be below the second")
+        return self
+
+    def choices(self, blocks: tuple[BlockConfig, ...]) -> PositionerChoices:
+        """For the executor; GatewayError for blocks that cannot be run."""
+        table = tuple(item.block() for item in blocks)
+        BlockTable(table)
+        return PositionerChoices(
+            self.lu_per_revolution,
+            self.max_velocity,
+            self.max_acceleration,
+            self.max_deceleration,
+            self.position_window,
+            (self.jog_1_velocity, self.jog_2_velocity),
+            (self.jog_1_distance, self.jog_2_distance),
+            self.software_limits,
+            self.reference_coordinate,
+            self.homing_method,
+            self.set_of_setpoints,
+            table,
+        )
+
+
+EXAMPLE = """\
+# Telegrams 7, 110 and 111 need a positioner: LU, 1000 LU/min, 1000 LU/s2 (docs/motion.md).
+# [axis.positioner]
+# lu_per_revolution = 10000    # length units in one revolution of the motor
+# max_velocity = 30000
+# max_acceleration = 2000      # 100 % of MDI_ACC
+# max_deceleration = 2000
+# position_window = 20
+# jog_1_velocity = -300        # which of the two is forward differs between vendors
+# jog_2_velocity = 300
+# jog_1_distance = 0           # of incremental jog
+# jog_2_distance = 0
+# software_limits = [-100000, 100000]
+# reference_coordinate = 0
+# homing_method = 35           # without it no homing
+# set_of_setpoints = true      # the drive keeps a second set-point: flying blocks
+# [[axis.block]]
+# number = 1                   # 0 to 127
+# position = 50000
+# velocity = 12000
+# acceleration = 100           # percent
+# deceleration = 100
+# mode = "absolute"            # "absolute", "relative", "endless-positive", "endless-negative"
+# task = "position"            # "position", "wait", "goto", "set-output", "reset-output", "fixed-stop", with value = ...
+# next = "end"                 # "end", "continue-with-stop", "flying", "external"
+"""
+"""For ``pdgw config example``, behind an axis."""
+
+SIMULATED = {
+    "lu_per_revolution": 10_000,
+    "max_velocity": 30_000,
+    "max_acceleration": 1000,
+    "max_deceleration": 1000,
+    "position_window": 20,
+    "jog_1_distance": 2500,
+    "jog_2_distance": 5000,
+    "software_limits": (-1_000_000, 1_000_000),
+    "homing_method": 35,
+}
+"""Of the simulated drives of ``pdgw run --simulate``."""

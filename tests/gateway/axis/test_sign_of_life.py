@@ -1,0 +1,107 @@
+"""Sign of life of drives: STW2 and ZSW2 bits 12-15, P925, and what its loss does."""
+
+from __future__ import annotations
+
+import pytest
+from pdgw.dsp402.states import State
+from pdgw.gateway.reasons import FaultNumber
+from pdgw.profidrive.encoder import SensorError
+from pdgw.profidrive.sign_of_life import MONITORING_OFF, following
+from pdgw.profidrive.signals import signal
+
+from tests.support.rig import Rig
+
+OFF, ON = 0x047E, 0x047F
+
+
+def turning(number: int = 3, failures: int = 2) -> Rig:
+    rig = Rig(number, sign_of_life_failures=failures)
+    rig.enable(OFF)
+    rig.values["NSOLL_B"] = 1 << 28
+    return rig
+
+
+def alive(rig: Rig, cycles: int) -> None:
+    for _ in range(cycles):
+        rig.values["STW2"] = following(rig.values["STW2"] >> 12) << 12
+        rig.step()
+
+
+def test_both_words_have_it_in_the_same_bits() -> None:
+    assert signal("STW2").bit("SIGN_OF_LIFE").mask == signal("ZSW2").bit("SIGN_OF_LIFE").mask
+
+
+@pytest.mark.parametrize("number", [2, 3, 9])
+def test_the_gateways_counter_starts_with_the_plcs_first(number: int) -> None:
+    rig = Rig(number, sign_of_life_failures=2)
+    rig.step(20)
+    assert rig.actuals["ZSW2"] == 0
+    alive(rig, 3)
+    assert rig.actuals["ZSW2"] == 0x3000
+
+
+def test_a_plc_without_a_sign_of_life_is_not_watched() -> None:
+    rig = turning(failures=0)
+    rig.step(50)
+    assert rig.state is State.OPERATION_ENABLED
+    assert not rig.stepper.events
+
+
+def test_loss_stops_the_axis_tells_fault_and_sensor_error_and_needs_off_and_on() -> None:
+    rig = turning()
+    alive(rig, 100)
+    assert rig.feedback.velocity_actual
+    rig.step(2)
+    assert not rig.stepper.events
+    rig.step(2)
+    assert [event.number for event in rig.stepper.events] == [FaultNumber.SIGN_OF_LIFE]
+    assert rig.actuals["G1_XIST2"] == SensorError.CONTROLLER_SIGN_OF_LIFE
+    assert rig.actuals["ZSW2"] == 0
+    rig.step(300)
+    assert (rig.feedback.velocity_actual, rig.state) == (0, State.SWITCH_ON_DISABLED)
+    alive(rig, 100)
+    assert rig.state is not State.OPERATION_ENABLED, "a standing ON starts nothing"
+    rig.values["STW1"] = OFF
+    alive(rig, 4)
+    rig.values["STW1"] = ON
+    alive(rig, 30)
+    assert rig.state is State.OPERATION_ENABLED
+    assert len(rig.stepper.events) == 1
+
+
+def test_as_many_failures_as_tolerated_do_nothing() -> None:
+    rig = turning()
+    alive(rig, 20)
+    for _ in range(10):
+        rig.step(2)
+        alive(rig, 1)
+    assert rig.state is State.OPERATION_ENABLED
+
+
+def test_65535_answers_and_does_not_watch() -> None:
+    rig = turning(failures=MONITORING_OFF)
+    alive(rig, 5)
+    rig.step(100)
+    assert rig.state is State.OPERATION_ENABLED
+    assert not rig.stepper.events
+
+
+def test_a_new_connection_starts_anew() -> None:
+    rig = turning(failures=0)
+    alive(rig, 10)
+    rig.step(400, plc=False)
+    rig.values["STW2"] = 0
+    rig.values["STW1"] = OFF
+    rig.step(10)
+    rig.values["STW1"] = ON
+    rig.step(20)
+    assert rig.state is State.OPERATION_ENABLED
+
+
+def test_p925_takes_effect_at_once() -> None:
+    rig = turning(failures=MONITORING_OFF)
+    alive(rig, 5)
+    rig.stepper.machine.tolerate(0)
+    alive(rig, 5)
+    rig.step(1)
+    assert [event.number for event in rig.stepper.events] == [FaultNumber.SIGN_OF_LIFE]
