@@ -13,6 +13,7 @@ from canopen.objectdictionary import ODVariable
 from pdgw.ds301.objects import Access, CanType, Entry
 from pdgw.ds301.pdo import PdoDirection
 from pdgw.dsp402.drive_type import DriveType, PdoCapabilities, PdoSlot, Quirks
+from pdgw.dsp402.images import MAX_TORQUE
 from pdgw.dsp402.modes import MODE_NAMES, STANDARD_HOMING_METHODS, SUPPORTED_MODES, Mode
 from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.dsp402.overlay import Overlay, overlay, overlay_for
@@ -54,7 +55,8 @@ def questions(dictionary: canopen.ObjectDictionary) -> tuple[Address, ...]:
     )
     modes = [SUPPORTED_DRIVE_MODES] if SUPPORTED_DRIVE_MODES[0] in dictionary else []
     scaling = [address for address in SCALING_OBJECTS if variable(dictionary, *address) is not None]
-    return (VENDOR_ID, PRODUCT_CODE, *modes, *methods, *scaling)
+    torque = [MAX_TORQUE] if variable(dictionary, *MAX_TORQUE) is not None else []
+    return (VENDOR_ID, PRODUCT_CODE, *modes, *methods, *scaling, *torque)
 
 
 def describe(

@@ -23,6 +23,7 @@ class DriveCommand:
         "digital_outputs_mask",
         "dynamic_speed_limit",
         "dynamic_torque_limit",
+        "max_torque",
         "modes_of_operation",
         "profile_acceleration",
         "profile_deceleration",
@@ -42,6 +43,7 @@ class DriveCommand:
         self.profile_deceleration = 1
         self.dynamic_speed_limit = 0
         self.dynamic_torque_limit = 0
+        self.max_torque = 0
         self.digital_outputs = 0
         self.digital_outputs_mask = 0
         self.target_velocity = 0
@@ -95,10 +97,12 @@ class References:
     position_max: int = 500000
     max_acceleration: int = 1000
     max_deceleration: int = 1000
-    counts_per_revolution: Fraction | None = None
+    max_torque: int = 3000
+    """Torque limit (6072h) as it was found; 0 where the drive has none."""
+    counts_per_revolution: Fraction | None = Fraction(4096)
     """Position units in one revolution of the motor; this and the next two are None where nothing tells them."""
-    velocity_per_rpm: Fraction | None = None
-    acceleration_per_rpm_s: Fraction | None = None
+    velocity_per_rpm: Fraction | None = Fraction(2)
+    acceleration_per_rpm_s: Fraction | None = Fraction(1, 10)
 
     @classmethod
     def of(cls, values: Mapping[str, int]) -> References:
@@ -131,6 +135,7 @@ class References:
         return min(Fraction(self.max_profile_velocity), self.speed_reference)
 
 
+MAX_TORQUE = (0x6072, 0)
 REFERENCE_OBJECTS: tuple[tuple[str, int, int], ...] = (
     ("max_motor_speed", 0x6080, 0),
     ("velocity_numerator", 0x6094, 1),
@@ -140,5 +145,6 @@ REFERENCE_OBJECTS: tuple[tuple[str, int, int], ...] = (
     ("position_max", 0x607B, 2),
     ("max_acceleration", 0x60C5, 0),
     ("max_deceleration", 0x60C6, 0),
+    ("max_torque", *MAX_TORQUE),
 )
 """Where each field of ``References`` is read from."""

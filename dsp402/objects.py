@@ -16,6 +16,7 @@ VELOCITY_UNIT = "velocity units (6094h rpm)"
 ACCELERATION_UNIT = "10 rpm/s (sine-squared: ms)"
 POSITION_UNIT = "increments (1000h per revolution)"
 CURRENT_UNIT = "1/1000 of 6075h"
+TORQUE_UNIT = "1/1000 of the rated torque"
 NEGATIVE_LIMIT_SWITCH = 1 << 0
 """Bits of 60FDh (CiA 402)."""
 POSITIVE_LIMIT_SWITCH = 1 << 1
@@ -112,6 +113,7 @@ DRIVE_OBJECTS = Catalogue(
             unit=CURRENT_UNIT,
             attribute="target_torque",
         ),
+        var(0x6072, "Max Torque", U16, RW, pdo=True, default=3000, unit=TORQUE_UNIT, attribute="max_torque"),
         var(0x6073, "Max Current", U16, RW, default=2000, unit=CURRENT_UNIT),
         var(0x6075, "Motor Rated Current", U32, RW, default=5000, unit="mA"),
         var(

@@ -19,6 +19,8 @@ class Operation(enum.Enum):
 
     VELOCITY = "velocity"
     VELOCITY_WITH_POSITION = "velocity with position"
+    VELOCITY_WITH_TORQUE = "velocity with torque limit"
+    """And with what a message word is made from."""
     POSITIONING = "positioning"
     POSITIONER = "positioner"
     """Positions and speeds in turn, with what a message word is made from."""
@@ -42,6 +44,14 @@ LAYOUTS: dict[Operation, PdoLayout] = {
     Operation.VELOCITY_WITH_POSITION: PdoLayout(
         rpdos=(pdo(_R, 1, "controlword", "target_velocity"),),
         tpdos=(pdo(_T, 1, "statusword", "velocity_actual"), pdo(_T, 2, "position_actual")),
+    ),
+    Operation.VELOCITY_WITH_TORQUE: PdoLayout(
+        rpdos=(pdo(_R, 1, "controlword", "target_velocity"), pdo(_R, 2, "max_torque")),
+        tpdos=(
+            pdo(_T, 1, "statusword", "velocity_actual"),
+            pdo(_T, 2, "position_actual", "velocity_demand"),
+            pdo(_T, 3, "current_actual"),
+        ),
     ),
     Operation.POSITIONING: PdoLayout(
         rpdos=(

@@ -18,6 +18,7 @@ from pdgw.gateway.axis.executors.positioning import PositioningExecutor
 from pdgw.gateway.axis.executors.raw import RawExecutor
 from pdgw.gateway.axis.executors.sensor import DriveSensor, EncoderReferences, SensorWords
 from pdgw.gateway.axis.executors.speed import SpeedExecutor
+from pdgw.gateway.axis.executors.torque import TorqueExecutor
 from pdgw.gateway.axis.interlock import Interlock
 from pdgw.gateway.axis.life import LifeWords
 from pdgw.gateway.axis.power_table import Action, Drive
@@ -89,6 +90,8 @@ class AxisMachine:
         given = (self.settings, self.outputs.command, self.report, self.notes)
         if kind is Kind.SPEED:
             return SpeedExecutor(*given)
+        if kind is Kind.TORQUE:
+            return TorqueExecutor(*given)
         if kind is Kind.POSITIONING:
             return PositioningExecutor(*given)
         if kind is Kind.POSITIONER:

@@ -10,7 +10,7 @@ from pdgw.dsp402.pdo import Operation
 from pdgw.gateway.axis.adapters.base import Adapter
 from pdgw.gateway.axis.adapters.positioner import PositionerAdapter
 from pdgw.gateway.axis.adapters.positioning import PositioningAdapter
-from pdgw.gateway.axis.adapters.speed import SpeedAdapter
+from pdgw.gateway.axis.adapters.speed import SpeedAdapter, WideSpeedAdapter
 from pdgw.gateway.axis.adapters.transparent import TransparentAdapter
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.errors import GatewayError
@@ -21,6 +21,7 @@ class Kind(enum.Enum):
     """The executor of a telegram."""
 
     SPEED = "speed"
+    TORQUE = "speed with torque reduction"
     POSITIONING = "positioning"
     POSITIONER = "positioner"
     RAW = "raw"
@@ -36,15 +37,20 @@ class DriveTelegram:
 
 
 _SPEED = DriveTelegram(Kind.SPEED, Operation.VELOCITY, Mode.VELOCITY)
+_SPEED_AND_SENSOR = DriveTelegram(Kind.SPEED, Operation.VELOCITY_WITH_POSITION, Mode.VELOCITY)
+_SPEED_AND_TORQUE = DriveTelegram(Kind.TORQUE, Operation.VELOCITY_WITH_TORQUE, Mode.VELOCITY)
 _POSITIONER = DriveTelegram(Kind.POSITIONER, Operation.POSITIONER)
 DRIVE_TELEGRAMS: dict[int, DriveTelegram] = {
     1: _SPEED,
     2: _SPEED,
-    3: DriveTelegram(Kind.SPEED, Operation.VELOCITY_WITH_POSITION, Mode.VELOCITY),
+    3: _SPEED_AND_SENSOR,
+    4: _SPEED_AND_SENSOR,
     7: _POSITIONER,
     9: DriveTelegram(Kind.POSITIONING, Operation.POSITIONING),
     20: _SPEED,
     100: DriveTelegram(Kind.RAW, Operation.TRANSPARENT),
+    102: _SPEED_AND_TORQUE,
+    103: _SPEED_AND_TORQUE,
     110: _POSITIONER,
     111: _POSITIONER,
 }
@@ -75,8 +81,9 @@ def make_adapter(number: int, settings: AxisSettings) -> Adapter:
     """The adapter of a drive telegram; GatewayError for one that no drive axis supports."""
     kind = drive_telegram(number).kind
     chosen = telegram(number)
-    if kind is Kind.SPEED:
-        return SpeedAdapter(chosen, settings)
+    if kind is Kind.SPEED or kind is Kind.TORQUE:
+        wide = {"MOMRED", "G2_STW"} & set(chosen.setpoints.names)
+        return WideSpeedAdapter(chosen, settings) if wide else SpeedAdapter(chosen, settings)
     if kind is Kind.POSITIONING:
         return PositioningAdapter(chosen)
     if kind is Kind.POSITIONER:

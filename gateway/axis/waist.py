@@ -94,6 +94,7 @@ class Demand:
         "speed_wish",
         "task",
         "tasks_selected",
+        "torque_reduction",
     )
 
     def __init__(self) -> None:
@@ -110,6 +111,8 @@ class Demand:
         self.speed = 0
         """Fraction of the reference speed."""
         self.speed_wish: SpeedWish = SpeedWish.FOLLOW
+        self.torque_reduction = 0
+        """Fraction of the torque limit that is taken away (N2); 0 or below: nothing."""
         self.task: Task | None = None
         """A traversing task that is to be started with this very cycle (its edge)."""
         self.activate = False

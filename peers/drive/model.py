@@ -145,6 +145,7 @@ class DriveModel:
     target_velocity: int
     target_position: int
     target_torque: int
+    max_torque: int
     profile_velocity: int
     profile_acceleration: int
     profile_deceleration: int
@@ -529,6 +530,7 @@ class DriveModel:
                 most = self._acceleration(self.read(0x60C5, 0), 0x60C5)
                 self.ramp.linear(target, most, most)
                 return
+            acceleration = min(acceleration, TORQUE_ACCELERATION * self.max_torque / 1000)
             if self.mode is Mode.SPEED_CONTROL:
                 torque = min(self.dynamic_torque_limit, self.read(0x6073, 0))
                 acceleration = min(acceleration, TORQUE_ACCELERATION * torque / 1000)

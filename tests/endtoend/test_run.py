@@ -197,7 +197,7 @@ def test_a_port_in_use_is_named(tmp_path: Path) -> None:
     [
         (("run",), "either a configuration file or --simulate"),
         (("run", "none.toml"), "none.toml: cannot be read"),
-        (("run", "--simulate", "--telegram", "4"), "telegram = 4 is not supported"),
+        (("run", "--simulate", "--telegram", "112"), "telegram = 112 is not supported"),
         (("run", "--simulate", "--listen", "here"), "--listen here"),
         (("run", "--simulate", "--status-port", "70000"), "--status-port 70000"),
         (("run", "--simulate", "--cycle-time-ms", "0"), "--cycle-time-ms 0"),

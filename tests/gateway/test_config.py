@@ -184,7 +184,7 @@ ENCODER = "[[encoder]]\ndo_id = {}\nnode_id = {}\ntelegram = 83\n"
         ),
         (
             "\n\n" + BASE.replace("telegram = 9", "telegram = 1\ng1 = 2") + ENCODER.format(2, 7),
-            "x.toml:21: [[axis]] number 1: g1 = 2: telegram 1 has no G1, allowed with telegram [3]",
+            "x.toml:21: [[axis]] number 1: g1 = 2: telegram 1 has no G1, allowed with telegram [3, 4, 102, 103]",
         ),
         (
             BASE.replace("telegram = 9", "telegram = 3\ng1 = 5") + ENCODER.format(2, 7),
@@ -327,7 +327,7 @@ def test_simulated_encoders_sit_on_the_shafts_of_the_axes() -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ((4, 1), "telegram = 4 is not supported, allowed"),
+        ((112, 1), "telegram = 112 is not supported, allowed"),
         ((1, 1, 1, 9), "telegram = 9 is not supported, allowed: [81, 82, 83, 84]"),
         ((100, 32, 32, 84), "1440"),
     ],

@@ -4,9 +4,19 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 
-from pdgw.gateway.motion.blocks import Block, BlockTable
+from pdgw.gateway.motion.blocks import Block, BlockMode, BlockNext, BlockTable
 from pdgw.gateway.motion.positioner import Positioner
-from pdgw.gateway.motion.wishes import FULL, Asked, HomingResult, Motion, MotionKind, Outcome, PositionerSettings, Seen
+from pdgw.gateway.motion.wishes import (
+    FULL,
+    Asked,
+    HomingResult,
+    Motion,
+    MotionKind,
+    Outcome,
+    PositionerChoices,
+    PositionerSettings,
+    Seen,
+)
 
 CYCLE = 4_000_000
 RAMP = 20
@@ -22,6 +32,24 @@ SETTINGS = PositionerSettings(
     clamping_torque=300,
     probe=True,
 )
+
+
+CHOICES = PositionerChoices(
+    lu_per_revolution=10_000,
+    max_velocity=30_000,
+    max_acceleration=2000,
+    max_deceleration=2000,
+    position_window=20,
+    jog_distances=(2500, 5000),
+    software_limits=(-1_000_000, 1_000_000),
+    homing_method=35,
+    blocks=(
+        Block(1, 10_000, 6000, next=BlockNext.FLYING),
+        Block(2, 5000, 3000, mode=BlockMode.RELATIVE),
+        Block(5, 50_000, 12_000),
+    ),
+)
+"""Of the worked examples: 10000 LU a revolution."""
 
 
 @dataclass

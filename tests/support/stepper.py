@@ -18,6 +18,8 @@ from pdgw.gateway.axis.values import Configured, EncoderInput, FaultRecord, Node
 from pdgw.gateway.axis.waist import PowerWish
 from pdgw.gateway.reasons import Reason
 
+from tests.support.positioner import CHOICES
+
 _WISHES = power_wishes(PowerWish.OFF)
 
 
@@ -40,7 +42,7 @@ class Stepper:
 
     def __init__(self, number: int, settings: AxisSettings | None = None) -> None:
         self.feedback = DriveFeedback()
-        self.machine = AxisMachine(number, settings or AxisSettings(), self.feedback)
+        self.machine = AxisMachine(number, settings or AxisSettings(positioner=CHOICES), self.feedback)
         self.telegram = self.machine.telegram
         self.settings = self.machine.settings
         self.events: list[FaultRecord] = []

@@ -1,4 +1,4 @@
-"""Telegrams 1, 2, 3 and 20: STW1 and a speed setpoint, ZSW1 and a speed, in telegram 3 with the sensor words G1.
+"""Telegrams 1-4, 20, 102 and 103: STW1, ZSW1 and a speed; sensor words, MOMRED and MELDW where they have them.
 
 Source: docs/telegrams.md, docs/translation.md "Standard telegrams" 2. Left out: telegram 20's current, torque and power, which
 the velocity PDOs do not carry: they are 0.
@@ -8,10 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from pdgw.gateway.axis.adapters.base import ControlWordAdapter
+from pdgw.gateway.axis.adapters.base import ControlWordAdapter, place
 from pdgw.gateway.axis.settings import AxisSettings, SetpointEnable
 from pdgw.gateway.axis.waist import Demand, Report, SpeedWish
 from pdgw.profidrive.datatypes import N2_100_PERCENT, N4_100_PERCENT, DataType
+from pdgw.profidrive.encoder import STATUS_BITS, SensorError, SensorState
 from pdgw.profidrive.signals import signal
 from pdgw.profidrive.telegrams import Telegram, TelegramHalf
 
@@ -19,6 +20,7 @@ _STW1 = signal("STW1")
 _DEVICE_BITS = sum(_STW1.bit(f"DEVICE_{number}").mask for number in (12, 13, 14, 15))
 _RUN = _STW1.bit("ENABLE_RAMP_GENERATOR").mask | _STW1.bit("ENABLE_SETPOINT").mask
 _FOLLOW = _RUN | _STW1.bit("UNFREEZE_RAMP_GENERATOR").mask
+_NO_SENSOR = (STATUS_BITS[SensorState.ERROR], 0, SensorError.COMMAND_NOT_SUPPORTED.value)
 _N2_FACTOR = N4_100_PERCENT // N2_100_PERCENT
 
 
@@ -62,6 +64,32 @@ class SpeedAdapter(ControlWordAdapter):
         first = self.g1_zsw
         if first >= 0:
             actuals[first], actuals[first + 1], actuals[first + 2] = report.sensor
+
+
+class WideSpeedAdapter(SpeedAdapter):
+    """The longer telegrams 4, 102 and 103: torque reduction, message word and a second sensor, where they have them.
+
+    There is no second sensor behind an axis yet: it shows the error "not supported".
+    """
+
+    def __init__(self, telegram: Telegram, settings: AxisSettings) -> None:
+        super().__init__(telegram, settings)
+        self._torque = place(telegram.setpoints, "MOMRED")
+        self._message = place(telegram.actuals, "MELDW")
+        self._g2_zsw = place(telegram.actuals, "G2_ZSW")
+
+    def read(self, setpoints: Sequence[int] | None, demand: Demand) -> None:
+        super().read(setpoints, demand)
+        if self._torque >= 0 and setpoints is not None and demand.in_control:
+            demand.torque_reduction = setpoints[self._torque]
+
+    def write(self, report: Report, actuals: list[int]) -> None:
+        super().write(report, actuals)
+        if self._message >= 0:
+            actuals[self._message] = report.message
+        first = self._g2_zsw
+        if first >= 0:
+            actuals[first], actuals[first + 1], actuals[first + 2] = _NO_SENSOR
 
 
 def _speed_signal(half: TelegramHalf, prefix: str) -> tuple[int, int]:

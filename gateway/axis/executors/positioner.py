@@ -17,6 +17,7 @@ from pdgw.dsp402.states import STATE_OF_STATUS, ControlBit, State, StatusBit
 from pdgw.gateway.axis.executors.base import Executor, Notes
 from pdgw.gateway.axis.executors.homing import Homing, Progress
 from pdgw.gateway.axis.executors.mode import ModeSwitch
+from pdgw.gateway.axis.executors.torque import message_of
 from pdgw.gateway.axis.power_table import Action
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.waist import STATE_MASK, Demand, Flag, Report
@@ -162,15 +163,7 @@ class PositionerExecutor(Executor):
         command.modes_of_operation = mode.mode
         report.speed = speed.to_wire(feedback.velocity_actual)
         report.flags = self._flags(feedback)
-        enabled = state is State.OPERATION_ENABLED or state is State.QUICK_STOP_ACTIVE
-        report.message = message.word(
-            feedback.velocity_actual,
-            feedback.velocity_demand,
-            feedback.current_actual,
-            target_reached=statusword & StatusBit.TARGET_REACHED != 0,
-            enabled=enabled,
-            ready=enabled or state is State.SWITCHED_ON or state is State.READY_TO_SWITCH_ON,
-        )
+        report.message = message_of(message, feedback)
         return reason
 
     def _warn(self, warning: Reason | None) -> None:

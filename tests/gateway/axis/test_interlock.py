@@ -162,7 +162,7 @@ def test_a_short_disable_operation_shown_late_is_still_the_plcs_own() -> None:
 
 @pytest.mark.parametrize("number", DRIVE_TELEGRAM_NUMBERS)
 def test_an_acknowledge_that_stands_since_before_an_outage_of_the_references_is_no_edge(number: int) -> None:
-    stepper = Stepper(number, AxisSettings())
+    stepper = Stepper(number)
     feedback = DriveFeedback()
     feedback.statusword = STATUS_OF[State.FAULT]
     stepper.set_references(References())

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from fractions import Fraction
+from dataclasses import replace
 
 import pytest
 from pdgw.dsp402.images import References
@@ -11,10 +11,9 @@ from pdgw.dsp402.states import ControlBit
 from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.motion.blocks import Block, BlockMode, BlockNext
-from pdgw.gateway.motion.wishes import PositionerChoices
 from pdgw.gateway.reasons import FaultNumber, Reason
 
+from tests.support.positioner import CHOICES
 from tests.support.rig import Rig
 
 REFERENCES = References(
@@ -22,24 +21,6 @@ REFERENCES = References(
     position_max=2_000_000,
     max_acceleration=2000,
     max_deceleration=2000,
-    counts_per_revolution=Fraction(4096),
-    velocity_per_rpm=Fraction(2),
-    acceleration_per_rpm_s=Fraction(1, 10),
-)
-CHOICES = PositionerChoices(
-    lu_per_revolution=10_000,
-    max_velocity=30_000,
-    max_acceleration=2000,
-    max_deceleration=2000,
-    position_window=20,
-    jog_distances=(2500, 5000),
-    software_limits=(-1_000_000, 1_000_000),
-    homing_method=35,
-    blocks=(
-        Block(1, 10_000, 6000, next=BlockNext.FLYING),
-        Block(2, 5000, 3000, mode=BlockMode.RELATIVE),
-        Block(5, 50_000, 12_000),
-    ),
 )
 OFF, ON = 0x043E, 0x043F
 
@@ -322,6 +303,7 @@ def test_a_positioner_without_its_choices_is_refused() -> None:
 
 def test_a_drive_whose_units_are_not_known_does_not_operate() -> None:
     rig = Rig(111, positioner=CHOICES)
+    rig.stepper.set_references(replace(REFERENCES, counts_per_revolution=None))
     rig.step(3)
     assert rig.stepper.events[0].number == FaultNumber.REFERENCE
     assert "counts_per_revolution" in rig.stepper.events[0].text

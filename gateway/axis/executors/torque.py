@@ -1,0 +1,70 @@
+"""Profile velocity with a torque reduction and a message word: telegrams 102 and 103.
+
+Source: docs/motion.md "MELDW and MOMRED". 6072h is the limit the drive had at start without the reduction.
+"""
+
+from __future__ import annotations
+
+from pdgw.dsp402.errors import Dsp402Error
+from pdgw.dsp402.images import DriveCommand, DriveFeedback, References
+from pdgw.dsp402.states import STATE_OF_STATUS, State, StatusBit
+from pdgw.gateway.axis.executors.base import Notes
+from pdgw.gateway.axis.executors.speed import SpeedExecutor
+from pdgw.gateway.axis.power_table import Action
+from pdgw.gateway.axis.settings import AxisSettings
+from pdgw.gateway.axis.waist import STATE_MASK, Demand, Report
+from pdgw.gateway.motion.messages import MessageWord, reduced_torque
+from pdgw.gateway.reasons import Reason
+
+_ENABLED = (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE)
+_READY = (*_ENABLED, State.SWITCHED_ON, State.READY_TO_SWITCH_ON)
+
+
+def message_of(message: MessageWord, feedback: DriveFeedback) -> int:
+    """MELDW of what a drive tells."""
+    statusword = feedback.statusword
+    state = STATE_OF_STATUS[statusword & STATE_MASK]
+    return message.word(
+        feedback.velocity_actual,
+        feedback.velocity_demand,
+        feedback.current_actual,
+        target_reached=statusword & StatusBit.TARGET_REACHED != 0,
+        enabled=state in _ENABLED,
+        ready=state in _READY,
+    )
+
+
+class TorqueExecutor(SpeedExecutor):
+    """The speed as ever; the torque limit follows the reduction in every state, and is whole without a PLC."""
+
+    def __init__(self, settings: AxisSettings, command: DriveCommand, report: Report, notes: Notes) -> None:
+        super().__init__(settings, command, report, notes)
+        self._message: MessageWord | None = None
+        self._base = 0
+
+    def set_references(self, references: References, homing_method: int) -> None:
+        if references.max_torque <= 0:
+            raise Dsp402Error("Max Torque 6072h", references.max_torque, "a value above 0, which MOMRED reduces")
+        super().set_references(references, homing_method)
+        self._message = MessageWord(int(references.speed_reference))
+        self._base = self.command.max_torque = references.max_torque
+
+    def refuse(self, feedback: DriveFeedback) -> None:
+        super().refuse(feedback)
+        self.report.message = 0
+
+    def step(
+        self,
+        demand: Demand,
+        action: Action,
+        controlword: int,
+        reason: Reason | None,
+        feedback: DriveFeedback,
+        standstill: bool,
+        now: int,
+    ) -> Reason | None:
+        reduction = demand.torque_reduction if demand.connected else 0
+        self.command.max_torque = reduced_torque(self._base, reduction)
+        if self._message is not None:
+            self.report.message = message_of(self._message, feedback)
+        return super().step(demand, action, controlword, reason, feedback, standstill, now)
