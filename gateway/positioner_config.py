@@ -151,6 +151,8 @@ SIMULATED = {
     "max_acceleration": 1000,
     "max_deceleration": 1000,
     "position_window": 20,
+    "jog_1_velocity": -3000,
+    "jog_2_velocity": 3000,
     "jog_1_distance": 2500,
     "jog_2_distance": 5000,
     "software_limits": (-1_000_000, 1_000_000),

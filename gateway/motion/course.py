@@ -75,9 +75,10 @@ class Course:
         self._at_limit = False
 
     def in_range(self, target: int, absolute: bool) -> bool:
-        """Whether the drive can be sent to a position of the user, or by a distance."""
+        """Whether the drive can be sent to a position of the user, or by a distance, as far as the software limits let it."""
         low, high = self.settings.position_range
-        return low <= (target - self.offset if absolute else self._seen.position + target) <= high
+        end = target if absolute else self._seen.position + self.offset + target
+        return low <= self._inside(end) - self.offset <= high
 
     def arrived(self) -> bool:
         """The drive has reached the target of the goal in force."""

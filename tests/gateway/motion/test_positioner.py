@@ -397,6 +397,14 @@ def test_a_target_beyond_a_software_limit_is_the_limit() -> None:
     assert (rig.position, rig.outcome.at_plus) == (0, False)
 
 
+def test_a_target_beyond_the_drives_range_is_the_software_limit_too() -> None:
+    rig = PositionerRig()
+    rig.home()
+    move(rig, target=1 << 31, **ABSOLUTE)
+    rig.settle()
+    assert rig.position == 50_000
+
+
 @pytest.mark.parametrize("function", ["jog", "setting up", "endless block"])
 def test_a_function_with_a_speed_ends_at_the_software_limit_and_moves_back(function: str) -> None:
     rig = PositionerRig(blocks=tuple(Block(n, 0, 3000, mode=mode) for n, mode in enumerate(list(BlockMode)[2:])))

@@ -1,0 +1,31 @@
+"""The scenario that shows a positioner, played in virtual time on the axis machine and the simulated drive."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from pdgw.gateway.config import simulated
+from pdgw.peers.plc.endpoint import PlcEndpoint
+from pdgw.peers.plc.scenario import Engine, load_scenario
+from pdgw.profidrive.telegrams import telegram
+
+from tests.support.rig import Rig
+
+SCENARIO = Path(__file__).parents[3] / "tools" / "scenarios" / "positioner.yaml"
+CYCLE = 4_000_000
+
+
+def test_the_scenario_of_the_positioner_passes_on_a_simulated_axis() -> None:
+    endpoint = PlcEndpoint([telegram(111)], CYCLE)
+    engine = Engine(load_scenario(SCENARIO), endpoint)
+    rig = Rig(111, positioner=simulated(111, 1).axis[0].axis_settings.positioner)
+    for _ in range(30_000):
+        endpoint.actuals[0] = rig.actuals or None
+        engine.step(rig.now)
+        if engine.finished:
+            break
+        rig.values = dict(endpoint.setpoints[0])
+        rig.step()
+    assert engine.finished
+    assert engine.passed, [result for result in engine.results if not result.passed]
+    assert len(engine.results) >= 25
