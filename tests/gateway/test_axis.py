@@ -141,7 +141,7 @@ def test_without_a_drive_the_values_are_bad_and_nothing_is_sent(axis: Axis) -> N
 
 def test_an_unsupported_telegram_changes_nothing(axis: Axis) -> None:
     before = axis.machine
-    with pytest.raises(GatewayError, match="telegram: 7 is not supported"):
-        axis.change_telegram(7)
+    with pytest.raises(GatewayError, match="telegram: 112 is not supported"):
+        axis.change_telegram(112)
     assert axis.machine is before
     assert axis.telegram.number == 9
