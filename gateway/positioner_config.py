@@ -100,6 +100,11 @@ class PositionerConfig(BaseModel):
     def choices(self, blocks: tuple[BlockConfig, ...]) -> PositionerChoices:
         """For the executor; GatewayError for blocks that cannot be run."""
         table = tuple(item.block() for item in blocks)
+        for item in table:
+            if item.task is BlockTask.FIXED_STOP:
+                raise GatewayError(
+                    f"block {item.number}: task = fixed-stop needs a torque limit, which is not sent yet"
+                )
         BlockTable(table)
         return PositionerChoices(
             self.lu_per_revolution,
@@ -140,7 +145,7 @@ EXAMPLE = """\
 # acceleration = 100           # percent
 # deceleration = 100
 # mode = "absolute"            # "absolute", "relative", "endless-positive", "endless-negative"
-# task = "position"            # "position", "wait", "goto", "set-output", "reset-output", "fixed-stop", with value = ...
+# task = "position"            # "position", "wait", "goto", "set-output", "reset-output", with value = ...
 # next = "end"                 # "end", "continue-with-stop", "flying", "external"
 """
 """For ``pdgw config example``, behind an axis."""

@@ -259,7 +259,7 @@ def test_frames_of_the_plc_become_setpoints_verdicts_and_losses() -> None:
 @pytest.mark.parametrize("number", DRIVE_TELEGRAM_NUMBERS)
 def test_a_machine_goes_back_to_its_checkpoint(number: int) -> None:
     rng = random.Random(number)
-    stepper = Stepper(number, AxisSettings())
+    stepper = Stepper(number)
     stepper.set_references(References())
     stepper.step(None, DriveFeedback(), False, 0)
     half = stepper.telegram.setpoints

@@ -56,6 +56,11 @@ def test_all_keys_reach_the_axis() -> None:
         ("software_limits = [-5, 9]", "software_limits = [9, 9]", ["software_limits = [9, 9]", "below"]),
         ("value = 10", "value = -1", ["value = -1"]),
         ("5000\nvelocity = 300", "5000\nvelocity = 0", ["block 1: velocity = 0 is not allowed"]),
+        (
+            'task = "wait"\nvalue = 10',
+            'task = "fixed-stop"\nvalue = 10\nvelocity = 5',
+            ["block 2: task = fixed-stop needs a torque limit"],
+        ),
         ('task = "wait"', 'task = "jump"', ["task = 'jump'", "'position', 'wait', 'goto'"]),
         ("number = 2", "number = 3", ["block 1: goes on with block 2, which is missing"]),
         ("position_window", "position_windov", ["position_windov", "did you mean position_window"]),
