@@ -22,6 +22,7 @@ from typing import overload
 from pdgw.decoder.capture.axes import configured_axes
 from pdgw.decoder.capture.dictionary import dictionary_of
 from pdgw.decoder.capture.source import STANDARD_INPUT, Source, open_source
+from pdgw.decoder.capture.trace_page import TracePage
 from pdgw.decoder.clocks import Clocks
 from pdgw.decoder.engine import Axis, Decoder, Settings, given_axes
 from pdgw.decoder.following import HOLD_NS, Follower
@@ -250,6 +251,14 @@ def followed(opening: Opening, part: Part = Part(), *, packets: bool = False) ->
             yield from before(follower.horizon_ns)
     yield from given(follower.finish())
     yield from before(None)
+
+
+def write_page(opening: Opening, part: Part, path: Path) -> None:
+    """The timeline of a part as an HTML page with its curves; GatewayError when it cannot be written."""
+    page = TracePage(" ".join(Path(file).name for file in opening.files), opening.begin_ns)
+    for item in followed(opening, part, packets=True):
+        page.take(item)
+    page.write(path)
 
 
 class _Reading:

@@ -67,6 +67,11 @@ class Panel:
         curve.add(seconds, value)
 
 
+def quantity_of(name: str) -> str:
+    """What a value with this identifier is a set or actual value of; empty for any other."""
+    return next((text for text, begins in _QUANTITIES.items() if name.startswith(begins)), "")
+
+
 def panels_of(titles: Sequence[str], names: Names) -> list[Panel]:
     """The panel of each title: set and actual values of one quantity and unit together, any other alone."""
     panels: dict[tuple[str, str], Panel] = {}
@@ -74,8 +79,8 @@ def panels_of(titles: Sequence[str], names: Names) -> list[Panel]:
     for title in titles:
         name, part = names.split(title)
         unit = names.unit(title)
-        quantity = next((text for text, begins in _QUANTITIES.items() if not part and name.startswith(begins)), title)
-        found.append(panels.setdefault((quantity, unit), Panel(quantity, unit)))
+        quantity = quantity_of(name) if not part else ""
+        found.append(panels.setdefault((quantity or title, unit), Panel(quantity or title, unit)))
     return found
 
 

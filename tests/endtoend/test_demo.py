@@ -109,6 +109,9 @@ def test_the_can_log_holds_configuration_and_process_data(evidence: Path) -> Non
 
 def test_the_picture_is_there(evidence: Path) -> None:
     assert (evidence / "trace.png").read_bytes().startswith(b"\x89PNG")
+    page = (evidence / "trace.html").read_text()
+    assert "EMCY: node 1: 2310h" in page
+    assert "MDI_TARPOS" in page
 
 
 def children(pid: int) -> dict[str, int]:

@@ -46,9 +46,9 @@ class _Story:
 
 
 def demo(
-    out: Annotated[Path, typer.Option(help="Where report.json, plc.pcap, can.log and trace.png go.")] = Path(
-        "demo-out"
-    ),
+    out: Annotated[
+        Path, typer.Option(help="Where report.json, plc.pcap, can.log, trace.png and trace.html go.")
+    ] = Path("demo-out"),
 ) -> None:
     """PLC, gateway and the bus of three drives and an encoder as processes; every expectation with pass or fail."""
     console = Console()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -14,7 +15,17 @@ from pdgw.decoder.timeline import Summary
 from pdgw.decoder.timeline_text import entry_lines, summary_lines
 from pdgw.gateway.errors import GatewayError
 from pdgw.tools.commands.recording_options import Config, Files, Nodes, Offset, Telegrams
-from pdgw.tools.recordings import Opening, Part, followed, known_from, look_ahead, nanoseconds, tell, write_lines
+from pdgw.tools.recordings import (
+    Opening,
+    Part,
+    followed,
+    known_from,
+    look_ahead,
+    nanoseconds,
+    tell,
+    write_lines,
+    write_page,
+)
 
 
 def timeline(
@@ -30,6 +41,9 @@ def timeline(
     ] = False,
     begin: Annotated[str | None, typer.Option("--from", help="Seconds since the first frame, or an ISO time.")] = None,
     end: Annotated[str | None, typer.Option("--to", help="As --from.")] = None,
+    html: Annotated[
+        Path | None, typer.Option(help="A page instead: curves, words on hover, the timeline of a mark on click.")
+    ] = None,
 ) -> None:
     """Merge captures of both buses: what the PLC asked, what became of it, how long it took, and why not."""
     opening = look_ahead(files, known_from(config, telegram or [], node or []), nanoseconds(offset), tell)
@@ -42,6 +56,9 @@ def timeline(
         moment(end, "--to", opening.begin_ns) if end is not None else None,
         chosen,
     )
+    if html is not None:
+        write_page(opening, part, html)
+        return
     write_lines(_documents(opening, part) if as_json else _text(opening, part, verbose=verbose))
 
 

@@ -19,6 +19,7 @@ from typing import IO, Any
 from can_remote import RemoteServer
 from pdgw.gateway.errors import GatewayError
 from pdgw.tools.demo.trace import plot
+from pdgw.tools.recordings import Part, known_from, look_ahead, write_page
 
 SCENARIO = Path(__file__).parent.parent / "scenarios" / "demo.yaml"
 STORY_LIMIT_S = 58
@@ -27,7 +28,7 @@ _TELEGRAMS = (1, 9, 100)
 _ENCODER_TELEGRAM = 83
 _ENCODER = len(_TELEGRAMS) + 1
 """DO-ID and node-ID of the encoder, which is on the shaft of the first drive."""
-_EVIDENCE = ("report.json", "plc.json", "plc.pcap", "can.log", "trace.csv", "trace.png")
+_EVIDENCE = ("report.json", "plc.json", "plc.pcap", "can.log", "trace.csv", "trace.png", "trace.html")
 
 
 def free_ports(kind: socket.SocketKind, number: int) -> list[int]:
@@ -147,7 +148,14 @@ class Demo:
         report["passed"] = report["passed"] and codes["gateway"] == 0 and codes["devices"] == 0
         (self.out / "report.json").write_text(json.dumps(report, indent=2), encoding="utf-8")
         plot(self.out / "trace.csv", report["notes"], self.out / "trace.png")
+        self._write_page()
         return Outcome(report)
+
+    def _write_page(self) -> None:
+        """Both captures as a page to look around in."""
+        files = [str(self.out / name) for name in ("plc.pcap", "can.log")]
+        opening = look_ahead(files, known_from(self.out / "gateway.toml", [], []), None, lambda _: None)
+        write_page(opening, Part(), self.out / "trace.html")
 
     def _start(self, channel: str) -> None:
         port, acyclic_port = free_ports(socket.SOCK_DGRAM, 2)

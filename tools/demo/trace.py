@@ -11,6 +11,7 @@ from pdgw.profidrive.datatypes import N2_100_PERCENT, N4_100_PERCENT
 from pdgw.profidrive.signals import signal
 
 _SPEED_RPM = 3000
+_SEEN_S = 0.08
 _POSITION = 500_000
 _RPM_PER_UNIT = 0.5
 _ZSW1 = signal("ZSW1")
@@ -33,6 +34,19 @@ _PANELS = {
 """In the order of the axes: title, unit, scale, set value (none for an encoder), actual value, bits of the status word."""
 
 
+def _faults(rows: list[dict[str, float]], states: tuple[tuple[str, int, str], ...]) -> list[tuple[float, float]]:
+    """From when to when the status word shows a fault."""
+    mask = next(mask for name, mask, _ in states if name == "fault")
+    spans: list[tuple[float, float]] = []
+    before = False
+    for row in rows:
+        faulty = bool(int(row["status"]) & mask)
+        if faulty:
+            spans[-1:] = [(spans[-1][0], row["time_s"])] if before else [*spans[-1:], (row["time_s"], row["time_s"])]
+        before = faulty
+    return spans
+
+
 def plot(trace: Path, notes: list[tuple[float, str]], picture: Path) -> None:
     """Draw ``trace.csv``; GatewayError when matplotlib is not installed."""
     try:
@@ -44,7 +58,7 @@ def plot(trace: Path, notes: list[tuple[float, str]], picture: Path) -> None:
         raise GatewayError("the picture needs matplotlib: pip install 'profidrive-gateway[plot]'") from error
     with trace.open(encoding="utf-8") as file:
         rows = [dict(zip(TRACE_COLUMNS, map(float, row), strict=True)) for row in list(csv.reader(file))[1:]]
-    figure, panels = pyplot.subplots(len(_PANELS), 1, figsize=(13, 13), sharex=True, constrained_layout=True)
+    figure, panels = pyplot.subplots(len(_PANELS), 1, figsize=(15, 14), sharex=True, constrained_layout=True)
     for axis, (panel, number) in enumerate(zip(panels, _PANELS, strict=True), 1):
         title, unit, scale, demand, actual, states = _PANELS[number]
         mine = [row for row in rows if row["axis"] == axis]
@@ -58,18 +72,31 @@ def plot(trace: Path, notes: list[tuple[float, str]], picture: Path) -> None:
         for name, mask, colour in states:
             on = [bool(int(row["status"]) & mask) for row in mine]
             panel.fill_between(times, low, high, where=on, color=colour, alpha=0.16, lw=0, label=name, step="post")
+        for begin, end in _faults(mine, states):
+            # A fault that is acknowledged at once is to be seen too.
+            panel.axvspan(begin, max(end, begin + _SEEN_S), color=_RED, alpha=0.35, lw=1)
         panel.set_ylim(low, high)
-        panel.set_title(title, loc="left", fontsize=11, fontweight="bold")
+        panel.set_title(title, loc="left", fontsize=11, fontweight="bold", pad=24)
         panel.set_ylabel(unit)
         panel.grid(alpha=0.3)
-        panel.legend(loc="lower right", bbox_to_anchor=(1, 1), fontsize=8, ncols=4, frameon=False)
+        panel.legend(loc="upper left", bbox_to_anchor=(1.005, 1.0), fontsize=8, frameon=False)
         shown = [(when, note.split(": ", 1)[1]) for when, note in notes if note.startswith(f"telegram {number}:")]
         shown += [(when, note) for when, note in notes if note.startswith("PLC")]
-        for when, text in shown:
+        # Numbers above the panel, their texts beside it: nothing lies on a curve.
+        for place, (when, _) in enumerate(sorted(shown), 1):
             panel.axvline(when, color="#555555", lw=0.8, ls=":")
             panel.annotate(
-                text, (when, low), xytext=(3, 4), textcoords="offset points", rotation=90, fontsize=8, color="#222222"
+                str(place),
+                (when, 1.0),
+                xycoords=("data", "axes fraction"),
+                xytext=(0, 3 + 7 * (place % 2)),
+                textcoords="offset points",
+                ha="center",
+                fontsize=7,
+                color="#222222",
             )
+        texts = "\n".join(f"{place}  {text}" for place, (_, text) in enumerate(sorted(shown), 1))
+        panel.text(1.01, 0.55, texts, transform=panel.transAxes, va="top", fontsize=7, color="#222222")
     panels[-1].set_xlabel("time in s")
     figure.suptitle("PLC -> gateway -> CANopen drives and encoder", fontsize=13)
     figure.savefig(picture, dpi=90)

@@ -1,0 +1,129 @@
+"""A trace of both buses as one self-contained HTML file: curves, states, words with their bits, the timeline behind each mark.
+
+``TracePage`` takes the records and entries of ``decoder.following`` in the order of time. What repeats is not kept.
+"""
+
+from __future__ import annotations
+
+import json
+from array import array
+from pathlib import Path
+from typing import Any, Final
+
+from pdgw.decoder.capture.plot import States, quantity_of
+from pdgw.decoder.fields import Document
+from pdgw.decoder.records import CyclicRecord, Record
+from pdgw.decoder.timeline import Anomaly, Edge, Entry
+from pdgw.decoder.timeline_text import entry_lines
+from pdgw.gateway.errors import GatewayError
+
+_TEMPLATE: Final = Path(__file__).parent / "trace_page.html"
+_PLACE: Final = "/*DATA*/"
+MAX_POINTS: Final = 50_000
+"""Of one curve; beyond that it is thinned out."""
+MAX_ENTRIES: Final = 50_000
+
+
+class _Changes:
+    """Values over time without repetitions."""
+
+    def __init__(self) -> None:
+        self.times = array("d")
+        self.values = array("d")
+        self._stride = 1
+        self._skipped = 0
+
+    def add(self, seconds: float, value: float) -> None:
+        if self.values and self.values[-1] == value:
+            return
+        self._skipped += 1
+        if self._skipped < self._stride:
+            return
+        self._skipped = 0
+        self.times.append(seconds)
+        self.values.append(value)
+        if len(self.times) >= MAX_POINTS:
+            self.times, self.values = self.times[::2], self.values[::2]
+            self._stride *= 2
+
+    def document(self) -> Document:
+        return {"times": [round(t, 6) for t in self.times], "values": [round(v, 4) for v in self.values]}
+
+
+class TracePage:
+    """``zero_ns``: the time the page counts from."""
+
+    def __init__(self, title: str, zero_ns: int) -> None:
+        self._title = title
+        self._zero = zero_ns
+        self._curves: dict[tuple[int, str, str], dict[str, _Changes]] = {}
+        self._words: dict[tuple[int, str], tuple[list[tuple[int, str]], _Changes]] = {}
+        self._states = States()
+        self._entries: list[Document] = []
+        self._end = 0.0
+
+    def take(self, item: Entry | Record) -> None:
+        """A packet, or an entry of the timeline."""
+        if isinstance(item, Record):
+            if isinstance(item, CyclicRecord):
+                self._frame(item)
+            return
+        if len(self._entries) < MAX_ENTRIES:
+            seconds = (item.time_ns - self._zero) / 1e9
+            text = "\n".join(entry_lines(item, self._zero))
+            if text:
+                anomaly = isinstance(item, Anomaly)
+                self._entries.append({"time": seconds, "axis": item.do_id, "anomaly": anomaly, "text": text})
+        if isinstance(item, Edge):
+            self._word(item)
+
+    def _frame(self, record: CyclicRecord) -> None:
+        seconds = (record.time_ns - self._zero) / 1e9
+        self._end = max(self._end, seconds)
+        for unit in record.units:
+            self._states.add(str(unit.axis), seconds, unit)
+            for field, raw in unit.items():
+                quantity = quantity_of(field.identifier)
+                value = field.value(raw)
+                if quantity and not isinstance(value, bytes):
+                    curves = self._curves.setdefault((unit.axis, quantity, field.unit), {})
+                    curves.setdefault(field.name, _Changes()).add(seconds, value)
+
+    def _word(self, edge: Edge) -> None:
+        key = (edge.do_id, edge.name)
+        if key not in self._words:
+            bits = [(bit.mask, bit.name) for bit in edge.field.bits]
+            self._words[key] = (bits, _Changes())
+            self._words[key][1].add(0.0, edge.before)
+        self._words[key][1].add((edge.time_ns - self._zero) / 1e9, edge.after)
+
+    def document(self) -> Document:
+        """Everything the page shows, as plain data; times are seconds."""
+        panels: list[Document] = []
+        for (axis, _, unit), curves in sorted(self._curves.items()):
+            spans = [[round(a, 6), round(b, 6), state] for a, b, state in self._states.spans.get(str(axis), [])]
+            shown = [{"name": name, **changes.document()} for name, changes in curves.items()]
+            panels.append({"axis": axis, "unit": unit, "curves": shown, "spans": spans})
+        words: list[dict[str, Any]] = []
+        for (axis, name), (bits, changes) in sorted(self._words.items()):
+            found = changes.document()
+            values = [int(value) for value in found["values"]]
+            words.append({"axis": axis, "name": name, "bits": bits, "times": found["times"], "values": values})
+        return {
+            "title": self._title,
+            "range": [0.0, max(self._end, 0.001)],
+            "axes": sorted({axis for axis, _, _ in self._curves}),
+            "panels": panels,
+            "words": words,
+            "entries": self._entries,
+        }
+
+    def write(self, path: Path) -> None:
+        """The file; GatewayError when it cannot be written."""
+        # Nothing in the data can end the element it stands in.
+        data = json.dumps(self.document(), separators=(",", ":")).replace("<", "\\u003c")
+        page = _TEMPLATE.read_text(encoding="utf-8").replace(_PLACE, data)
+        try:
+            path.write_text(page, encoding="utf-8")
+        except OSError as error:
+            raise GatewayError(f"--html {path}: cannot be written ({error.strerror or error})") from error
