@@ -25,7 +25,7 @@ from pdgw.decoder.timeline import Anomaly, AnomalyKind, Edge, Entry, Event
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS
 from pdgw.gateway.transport.cyclic import CyclicEndpoint, Verdict
-from pdgw.profidrive.frame import IOPS_GOOD, is_newer
+from pdgw.profidrive.frame import COUNTER_UNIT_NS, IOPS_GOOD, is_newer
 from pdgw.profidrive.telegrams import Direction, telegram
 
 HOLD_NS: Final = RESPONSE_NS + 100_000_000
@@ -35,8 +35,10 @@ _FILL: Final = 1.5
 """Cycles without a frame after which a loss of the PLC is its silence."""
 _UNUSED: Final = 8
 """So many answers in a row that do not use the PLC's frames are more than frames and answers crossing."""
-_JUDGED: Final = 3
-"""Steps of the cycle counter after which the usual one is known."""
+_JUDGED: Final = 16
+"""Steps of the cycle counter after which it is known how it counts."""
+_COUNTER_CYCLES: Final = 10
+"""A counter that is a clock may be off by so many cycles: a recorder and a busy sender wait."""
 _SENDER = ("recorded", 0)
 _DEFAULT_FACTOR: Final = 3
 _NEVER: Final = 255
@@ -118,23 +120,24 @@ def _follower(axis: Axis, settings: AxisSettings | None, put: Put, cycle_ns: int
 
 
 class _CycleCounter:
-    """The cycle counter of one direction, and the step it usually makes."""
+    """The cycle counter of one direction: it makes the same step with each frame, or it is a clock in units of 31.25 us."""
 
-    def __init__(self, who: str) -> None:
+    def __init__(self, who: str, cycle_ns: int) -> None:
         self._who = who
+        self._tolerance = _COUNTER_CYCLES * cycle_ns
         self._last: int | None = None
+        self._last_ns = 0
         self._steps: Counter[int] = Counter()
         self._usual = 0
         self._count = 0
 
-    def jump(self, counter: int) -> str:
+    def jump(self, counter: int, now: int) -> str:
         """What is unusual about the next frame's counter; empty for an old frame, too."""
         last, self._last = self._last, counter
-        if last is None:
+        elapsed, self._last_ns = now - self._last_ns, now
+        if last is None or not is_newer(counter, last):
             return ""
         step = (counter - last) & 0xFFFF
-        if not is_newer(counter, last):
-            return ""
         self._steps[step] += 1
         self._count += 1
         if self._steps[step] > self._steps[self._usual]:
@@ -142,8 +145,14 @@ class _CycleCounter:
         usual = self._usual
         if step == usual or self._count < _JUDGED:
             return ""
-        text = f"{self._who}: counter {last} -> {counter}, usual step {usual}"
-        missing = step // usual - 1 if usual and step % usual == 0 else 0
+        text = f"{self._who}: counter {last} -> {counter}"
+        if 2 * self._steps[usual] <= self._count:
+            told = step * COUNTER_UNIT_NS
+            if abs(told - elapsed % (COUNTER_UNIT_NS << 16)) <= self._tolerance:
+                return ""
+            return f"{text} tells of {told / 1e6:.1f} ms, {elapsed / 1e6:.1f} ms have passed"
+        text += f", usual step {usual}"
+        missing = step // usual - 1 if step % usual == 0 else 0
         return f"{text}, {missing} frame{'s' if missing > 1 else ''} missing" if missing > 0 else text
 
 
@@ -159,8 +168,8 @@ class _Exchange:
         telegrams = [telegram(item.axis.telegram) for item in objects]
         self._endpoint = CyclicEndpoint(telegrams, cycle_ns=cycle_ns, watchdog_factor=_NEVER, delays=False)
         self._counters = {
-            Direction.SETPOINT: _CycleCounter("PLC -> gateway"),
-            Direction.ACTUAL: _CycleCounter("gateway -> PLC"),
+            Direction.SETPOINT: _CycleCounter("PLC -> gateway", cycle_ns),
+            Direction.ACTUAL: _CycleCounter("gateway -> PLC", cycle_ns),
         }
         self._standing: Verdict | None = None
         self._last_frame = 0
@@ -175,7 +184,7 @@ class _Exchange:
         direction = record.direction
         if direction is None:
             return
-        jump = self._counters[direction].jump(record.cycle_counter)
+        jump = self._counters[direction].jump(record.cycle_counter, record.time_ns)
         if jump:
             self._put(Anomaly(record.time_ns, 0, AnomalyKind.COUNTER, jump))
         if direction is Direction.SETPOINT:
