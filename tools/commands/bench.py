@@ -14,6 +14,7 @@ from pdgw.tools.bench import decoding, following, storm, translation
 from pdgw.tools.bench.build import machine, use_real_time_priority
 from pdgw.tools.bench.measure import Latency
 from pdgw.tools.bench.rows import ROWS, Row, idle, measure
+from pdgw.tools.reports import HtmlFile, JUnitFile, Report, figures
 from rich.console import Console
 from rich.status import Status
 from rich.table import Table
@@ -30,7 +31,14 @@ _IDLE_AXES, _IDLE_PERIOD_NS = 4, 10 * _MS
 
 
 @app.callback()
-def bench(context: typer.Context, seconds: Seconds = 3, as_json: AsJson = False, realtime: RealTime = False) -> None:
+def bench(
+    context: typer.Context,
+    seconds: Seconds = 3,
+    as_json: AsJson = False,
+    realtime: RealTime = False,
+    junit: JUnitFile = None,
+    html: HtmlFile = None,
+) -> None:
     """Translation cost; the exchange of 1 to 64 axes against a UDP echo; a storm of parameter requests; an idle gateway."""
     if context.invoked_subcommand is not None:
         return
@@ -44,19 +52,20 @@ def bench(context: typer.Context, seconds: Seconds = 3, as_json: AsJson = False,
         parameters = storm.measure(seconds)
         status.update("idle")
         idle_share = idle(_IDLE_AXES, _IDLE_PERIOD_NS, seconds)
+    document = {
+        "machine": machine() | {"realtime": realtime},
+        "translation": [asdict(cost) for cost in costs],
+        "rows": [_document(row) for row in rows],
+        "parameter_storm": {
+            "requests_per_s": parameters.requests_per_s,
+            "quiet": _latency(parameters.quiet),
+            "storm": _latency(parameters.storm),
+            "ratio_p99": parameters.ratio_p99,
+        },
+        "idle_cpu_share": idle_share,
+    }
+    Report("pdgw bench", measured=figures(document)).write(junit, html)
     if as_json:
-        document = {
-            "machine": machine() | {"realtime": realtime},
-            "translation": [asdict(cost) for cost in costs],
-            "rows": [_document(row) for row in rows],
-            "parameter_storm": {
-                "requests_per_s": parameters.requests_per_s,
-                "quiet": _latency(parameters.quiet),
-                "storm": _latency(parameters.storm),
-                "ratio_p99": parameters.ratio_p99,
-            },
-            "idle_cpu_share": idle_share,
-        }
         typer.echo(json.dumps(document, indent=2))
         return
     console = Console()

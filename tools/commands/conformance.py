@@ -11,6 +11,7 @@ from typing import Annotated
 import typer
 from pdgw.gateway.errors import GatewayError
 from pdgw.tools.conformance.faults import CASES, Result, run_case
+from pdgw.tools.reports import Check, HtmlFile, JUnitFile, Report
 from rich.console import Console
 from rich.table import Table
 
@@ -26,6 +27,8 @@ def conformance() -> None:
 def faults(
     only: Annotated[list[str] | None, typer.Argument(help="Names of faults; all without.", show_default=False)] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the results as JSON.")] = False,
+    junit: JUnitFile = None,
+    html: HtmlFile = None,
 ) -> None:
     """Give simulated drives and encoders every fault there is, show what the gateway does. Exit status 1 if a verdict fails."""
     known = {case.fault: None for case in CASES}
@@ -35,6 +38,7 @@ def faults(
     with _quiet("gateway", "canopen"):
         results = [run_case(case) for case in CASES if not only or case.fault in only]
     failed = sum(not result.passed for result in results)
+    Report("pdgw conformance faults", tuple(_check(result) for result in results)).write(junit, html)
     if as_json:
         typer.echo(json.dumps({"failed": failed, "cases": [result.as_dict() for result in results]}, indent=2))
     else:
@@ -46,6 +50,14 @@ def faults(
         console.print(f"{len(results) - failed} of {len(results)} as they must be")
     if failed:
         raise typer.Exit(1)
+
+
+def _check(result: Result) -> Check:
+    case = result.case
+    seen = [f"sent: {', '.join(result.sent) or 'nothing'}", f"told: {', '.join(map(str, result.numbers)) or 'nothing'}"]
+    seen += [text for text in (result.stopped, result.reason) if text]
+    name = f"{case.title} ({case.activity.value}, telegram {case.telegram})"
+    return Check(case.device.value, name, "; ".join(seen), tuple(result.failures))
 
 
 @contextmanager

@@ -15,6 +15,7 @@ from typing import Annotated, Any
 
 import typer
 from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.toml_file import read_text
 from pdgw.peers.plc.client import PlcClient
 from pdgw.peers.plc.endpoint import PlcEndpoint
 from pdgw.peers.plc.keyboard import EXIT, Keyboard
@@ -26,6 +27,7 @@ from pdgw.profinet.rpc.dcerpc import UDP_PORT as ACYCLIC_PORT
 from pdgw.tools.address import parse_address
 from pdgw.tools.keys import read_keys
 from pdgw.tools.plc_window import watch
+from pdgw.tools.reports import Check, HtmlFile, JUnitFile, Report
 from pdgw.tools.tables import plain_table
 from rich.console import Console
 from rich.table import Table
@@ -73,6 +75,8 @@ def plc(
     pcap: Annotated[Path | None, typer.Option(help="Record both directions here.")] = None,
     trace: Annotated[Path | None, typer.Option(help="Write sampled values here (CSV).")] = None,
     as_json: Annotated[Path | None, typer.Option("--json", help="Write the results here.")] = None,
+    junit: JUnitFile = None,
+    html: HtmlFile = None,
     acyclic_port: Annotated[
         int, typer.Option(min=1, max=65535, help="UDP port of the gateway's parameter channel.")
     ] = ACYCLIC_PORT,
@@ -115,8 +119,27 @@ def plc(
         client.close()
         if trace is not None:
             client.write_trace(trace)
-    if engine is not None:
+    if engine is not None and scenario is not None:
+        _report(engine, scenario, gateway).write(junit, html)
         _finish(engine, as_json, progress=progress)
+
+
+def _report(engine: Engine, scenario: Path, gateway: str) -> Report:
+    """The expectations as checks; a gateway that was not there is one that failed."""
+    checks = [
+        Check(
+            f"axis {item.axis}",
+            f"step {item.step}: {item.name}",
+            item.measured,
+            () if item.passed else (item.measured,),
+            item.waited_s,
+        )
+        for item in engine.results
+    ]
+    if not engine.endpoint.counters["received"]:
+        checks.append(Check("gateway", "reached", failures=(engine.endpoint.why_no_values(0),)))
+    counted = {f"frames {name}": str(count) for name, count in engine.endpoint.counters.items()}
+    return Report(engine.scenario.name, tuple(checks), read_text(scenario), {"gateway": gateway, **counted})
 
 
 def _finish(engine: Engine, as_json: Path | None, *, progress: bool) -> None:

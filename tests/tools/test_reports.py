@@ -1,0 +1,106 @@
+"""Reports of conformance, scenarios and bench: what CI systems and people read of a run."""
+
+from __future__ import annotations
+
+from html.parser import HTMLParser
+from importlib.metadata import version
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pdgw.gateway.errors import GatewayError
+from pdgw.tools.commands.conformance import faults
+from pdgw.tools.reports import Check, Report, figures
+
+from tests.endtoend.processes import pdgw
+
+CHECKS = (
+    Check("axis 1", "ready", "ZSW1.READY = 1", (), 0.25),
+    Check("axis 2", "speed < 10 & falling", "NIST_A = 20", ("NIST_A = 20", "expected less"), 3.0),
+)
+REPORT = Report("a run", CHECKS, 'listen = "<any>"', {"gateway": "127.0.0.1"})
+
+
+class Cells(HTMLParser):
+    """The texts of a page, and that every element is closed."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.texts: list[str] = []
+        self.open: list[str] = []
+
+    def handle_starttag(self, tag: str, _attributes: object) -> None:
+        if tag != "meta":
+            self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        self.texts.append(data)
+
+
+def cells(page: str) -> list[str]:
+    parser = Cells()
+    parser.feed(page)
+    parser.close()
+    assert parser.open == []
+    return parser.texts
+
+
+def test_junit_has_a_case_for_each_check_and_the_facts_as_properties() -> None:
+    suite = ElementTree.fromstring(REPORT.junit())[0]
+    assert (suite.get("tests"), suite.get("failures"), suite.get("time")) == ("2", "1", "3.250")
+    properties = {item.get("name"): item.get("value") for item in suite.iter("property")}
+    assert properties["version"] == f"pdgw {version('profidrive-gateway')}"
+    assert properties["configuration"] == 'listen = "<any>"'
+    assert properties["date"] == suite.get("timestamp")
+    good, bad = suite.iter("testcase")
+    assert (good.get("classname"), good.get("name"), good.find("failure")) == ("axis 1", "ready", None)
+    failure = bad.find("failure")
+    assert failure is not None
+    assert (failure.get("message"), failure.text) == ("NIST_A = 20", "NIST_A = 20\nexpected less")
+
+
+def test_the_page_shows_failures_first_and_the_configuration() -> None:
+    texts = cells(REPORT.page())
+    assert texts.index("Failed") < texts.index("Passed")
+    assert {"1 of 2 as they must be", "speed < 10 & falling", 'listen = "<any>"'} <= set(texts)
+    assert "http" not in REPORT.page()
+
+
+@given(text=st.text(max_size=40))
+def test_any_text_gives_well_formed_files(text: str) -> None:
+    report = Report(text, (Check(text, text, text, (text or "x",)),), text, {text: text})
+    ElementTree.fromstring(report.junit())
+    cells(report.page())
+
+
+def test_figures_have_the_paths_of_the_document() -> None:
+    assert figures({"rows": [{"axes": 1, "p50": 12.3456789}], "idle": None}) == {
+        "rows.0.axes": "1",
+        "rows.0.p50": "12.3457",
+        "idle": "None",
+    }
+
+
+def test_conformance_writes_both(tmp_path: Path) -> None:
+    faults(["slow-sdo"], junit=tmp_path / "r.xml", html=tmp_path / "r.html")
+    suite = ElementTree.parse(tmp_path / "r.xml").getroot()[0]
+    assert int(suite.get("tests", "0")) >= 1
+    assert suite.get("failures") == "0"
+    assert "slow-sdo" in " ".join(cells((tmp_path / "r.html").read_text()))
+    with pytest.raises(GatewayError, match=r"--junit .*cannot be written"):
+        REPORT.write(tmp_path / "no" / "r.xml", None)
+
+
+def test_a_scenario_writes_both_also_when_no_gateway_is_there(tmp_path: Path) -> None:
+    path = tmp_path / "story.yaml"
+    path.write_text("name: story\nsteps: [{expect: {ZSW1: 0}, within: 20 ms}]\n")
+    files = ["--junit", str(tmp_path / "r.xml"), "--html", str(tmp_path / "r.html")]
+    assert pdgw("sim", "plc", str(path), "--gateway", "127.0.0.1:9", *files).returncode == 1
+    suite = ElementTree.parse(tmp_path / "r.xml").getroot()[0]
+    assert (suite.get("name"), suite.get("tests"), suite.get("failures")) == ("story", "2", "2")
+    assert "no datagram of a gateway came" in (tmp_path / "r.html").read_text()
