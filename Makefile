@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 ROOMS := profidrive profinet ds301 dsp402 dsp406 gateway decoder peers tools
 
-.PHONY: demo test lint format bench fuzz docs compiled test-compiled bench-compiled clean
+.PHONY: demo test lint format bench fuzz soak docs compiled test-compiled bench-compiled clean
 
 demo: $(STAMP)
 	$(BIN)/pdgw demo
@@ -42,6 +42,9 @@ bench-compiled: compiled
 
 fuzz: $(STAMP)
 	PDGW_HYPOTHESIS=fuzz $(BIN)/pytest tests/fuzz
+
+soak: $(STAMP)
+	$(BIN)/pdgw soak --hours 24 --axes 2 --telegrams 1,9
 
 docs: $(STAMP)
 	$(BIN)/python -m pdgw.tools.doctables

@@ -484,6 +484,11 @@ class VirtualLoop(Loop):
     def close(self) -> None:
         """There is nothing to release."""
 
+    @property
+    def waiting(self) -> int:
+        """Timers that have not come yet, those that were taken back among them."""
+        return len(self._timers)
+
     def run(self) -> None:
         """Until ``stop``, or until nothing is left that could happen."""
         self._stopping = False

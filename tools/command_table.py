@@ -68,6 +68,10 @@ COMMANDS: Mapping[str, Entry] = {
     ),
     "bench": Entry("bench:app", "Benchmarks."),
     "conformance": Entry("conformance:app", "Conformance tests of the gateway."),
+    "soak": Entry(
+        "soak:soak",
+        "Play a day of random PLC words and faults in virtual time; exit status 1 if what must never happen did.",
+    ),
 }
 """The commands of ``pdgw`` in the order of its help."""
 

@@ -90,6 +90,10 @@ class DriveModel:
         self.emcy: list[tuple[int, int]] = []
         self.disguises: list[Callable[[DriveModel, int], None]] = []
         """What shows something else than the drive does; called with the model's time after each update of the image."""
+        self.watchers: list[Callable[[State], None]] = []
+        """Called with each state that is entered."""
+        self.started = 0
+        """Set-points and homings that were begun, since the device was made."""
         self.power_on()
 
     def power_on(self) -> None:
@@ -268,6 +272,8 @@ class DriveModel:
     def _enter(self, state: State) -> None:
         powered = self.state in _RAMPED_STATES
         self.state = state
+        for watch in self.watchers:
+            watch(state)
         if state is State.OPERATION_ENABLED and not powered:
             self._setpoint = self._queued = None
             self._acknowledged = False
@@ -324,6 +330,7 @@ class DriveModel:
         self._activate(setpoint)
 
     def _activate(self, setpoint: _Setpoint) -> None:
+        self.started += 1
         self._setpoint = setpoint
         self._position_reached = False
 
@@ -356,6 +363,7 @@ class DriveModel:
         return self.position + distance
 
     def _start_homing(self) -> None:
+        self.started += 1
         self._homing_attained = self._homing_error = False
         self._position_reached = False
         if self.homing_method not in HOMING_METHODS:

@@ -49,7 +49,7 @@ class RunningNode(Generic[N]):
         """Power off for good and release the bus; also of one that was never started."""
         self._call(self._stop)
 
-    def do(self, action: Callable[[N], None]) -> None:
+    def do(self, action: Callable[[N], object]) -> None:
         """Run an action on the node between two of its steps."""
 
         def act() -> None:

@@ -41,6 +41,15 @@ class CyclingPlc:
         self._port.start(self._receive)
         self._timer = self._loop.call_at(self._due, self._cycle)
 
+    def restart(self, port: DatagramPort) -> None:
+        """The PLC starts again: another port, a new relationship, the same set-points."""
+        self._port.close()
+        setpoints = self.endpoint.setpoints
+        self.endpoint = PlcEndpoint(self.endpoint.telegrams, self._cycle_ns)
+        self.endpoint.setpoints = setpoints
+        self._port = port
+        port.start(self._receive)
+
     def stop(self) -> None:
         """End for good and release the port."""
         if self._timer is not None:

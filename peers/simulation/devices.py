@@ -34,7 +34,7 @@ class SimulatedDevice(Protocol):
 
     def stop(self) -> None: ...
 
-    def do(self, action: Callable[[SimulatedNode], None], /) -> None:
+    def do(self, action: Callable[[SimulatedNode], object], /) -> None:
         """Run an action between two steps of the node."""
 
 

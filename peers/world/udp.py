@@ -79,6 +79,8 @@ class SimulatedNetwork:
         self.conditions = Conditions()
         self.taps: list[Callable[[int, Address, Address, bytes], None]] = []
         """See every datagram that is sent: time, source, target, data."""
+        self.arrivals: list[Callable[[int, Address, Address, bytes], None]] = []
+        """See every datagram that arrives."""
         self._random = random
         self._ports: dict[Address, SimulatedUdpPort] = {}
         self._cut: set[str] = set()
@@ -121,4 +123,6 @@ class SimulatedNetwork:
     def _arrive(self, data: bytes, source: Address, target: Address) -> None:
         port = self._ports.get(target) or self._ports.get((_ANY, target[1]))
         if port is not None:
+            for tap in self.arrivals:
+                tap(self.loop.now(), source, target, data)
             port.arrive(data, source)

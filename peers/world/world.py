@@ -6,7 +6,7 @@ from random import Random
 from typing import Any
 
 from pdgw.ds301.errors import CanopenError
-from pdgw.ds301.loop import VirtualLoop
+from pdgw.ds301.loop import SECOND, VirtualLoop
 from pdgw.gateway.config import CanConfig, GatewayConfig
 from pdgw.peers.drive import SimulatedDrive
 from pdgw.peers.encoder import SimulatedEncoder
@@ -19,11 +19,11 @@ DEFAULT_BITRATE = 1_000_000
 
 
 class World:
-    """``seed`` decides everything that is left to chance."""
+    """``seed`` decides everything that is left to chance; ``begin``: the time in it, nanoseconds."""
 
-    def __init__(self, seed: int = 0) -> None:
+    def __init__(self, seed: int | str = 0, begin: int = SECOND) -> None:
         self.seed = seed
-        self.loop = VirtualLoop()
+        self.loop = VirtualLoop(begin)
         self.network = SimulatedNetwork(self.loop, self.chance("network"))
         self.simulations: dict[str, Simulation] = {}
         self._buses: dict[str, SimulatedCan] = {}

@@ -1,0 +1,40 @@
+"""What happened in a life, as lines with the time; the last ones are kept."""
+
+from __future__ import annotations
+
+import logging
+from collections import deque
+from collections.abc import Callable
+
+from pdgw.ds301.loop import SECOND
+
+_KEPT = 60
+_KEPT_WITH_FRAMES = 600
+
+
+def clock(now: int) -> str:
+    """A moment of the day, to the microsecond."""
+    seconds, rest = divmod(now, SECOND)
+    return f"{seconds // 3600:02d}:{seconds // 60 % 60:02d}:{seconds % 60:02d}.{rest // 1000:06d}"
+
+
+class Trace(logging.Handler):
+    """Takes notes, and the log of the gateway. ``frames``: every frame of the buses and the network too."""
+
+    def __init__(self, now: Callable[[], int], *, frames: bool = False) -> None:
+        super().__init__()
+        self.frames = frames
+        self._now = now
+        self._lines: deque[str] = deque(maxlen=_KEPT_WITH_FRAMES if frames else _KEPT)
+
+    def note(self, text: str) -> None:
+        """One line."""
+        self._lines.append(f"{clock(self._now())}  {text}")
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self.note(f"gateway: {record.getMessage()}")
+
+    @property
+    def lines(self) -> list[str]:
+        """The last ones, oldest first."""
+        return list(self._lines)
