@@ -43,7 +43,7 @@ class Consumer:
 
     def __init__(self, plan: CyclicPlan, counters: dict[Verdict, int] | None = None) -> None:
         block = plan.block
-        self._plan = plan
+        self.plan = plan
         self._size = HEADER.size + block.data_length + TRAILER.size
         self._trailer = HEADER.size + block.data_length
         self._counter: int | None = None

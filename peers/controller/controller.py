@@ -14,6 +14,7 @@ from uuid import UUID
 
 from pdgw.peers.controller.project import INPUT_FRAME_ID, Project
 from pdgw.profidrive.errors import ProfidriveError
+from pdgw.profidrive.frame import HEADER, IOPS_GOOD
 from pdgw.profinet import apmx, dcp, ethernet
 from pdgw.profinet.apmx import PDU, PduType
 from pdgw.profinet.blocks.alarm import ACKS, NOTIFICATIONS, AlarmNotification, Priority
@@ -95,6 +96,8 @@ class IoController:
         self.provider: Provider | None = None
         self.consumer: Consumer | None = None
         self.answer_alarms = True
+        self.silent = False
+        """Send no cyclic frames."""
         self._ip = ip
         self._seed = seed
         self._starts = 0
@@ -159,6 +162,12 @@ class IoController:
     def input(self, place: Subslot) -> bytes | None:
         """Input data of a submodule; None while it is not GOOD."""
         return None if self.consumer is None else self.consumer.output(place)
+
+    def uses(self, place: Subslot) -> bool:
+        """The device uses our output data of a submodule: its IOCS."""
+        consumer = self.consumer
+        offset = None if consumer is None else consumer.plan.iocs.get(place)
+        return consumer is not None and offset is not None and bool(consumer.payload[HEADER.size + offset] & IOPS_GOOD)
 
     # -- finding the device -------------------------------------------------------------------------------------------
 
@@ -428,7 +437,7 @@ class IoController:
                 self._end("data hold time expired: no frame from the device")
                 return
             frame = self.provider.poll(now)
-            if frame is not None:
+            if frame is not None and not self.silent:
                 self._frame(frame)
 
     def _poll_records(self, now: int) -> None:

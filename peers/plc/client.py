@@ -1,7 +1,8 @@
-"""The UDP edge of the PLC simulator: paced sending, receiving and trace on one thread; capture and parameters beside it."""
+"""The edge of the PLC simulator: paced sending, receiving and trace on one thread; capture and parameters beside it. On UDP."""
 
 from __future__ import annotations
 
+import abc
 import csv
 import select
 import socket
@@ -27,8 +28,104 @@ TRACE_COLUMNS = ("time_s", "axis", "telegram", "control", "status", "setpoint", 
 _TRACE_NS = 10_000_000
 
 
-class PlcClient:
-    """Runs an engine against a gateway; ``acyclic_port`` is the gateway's for parameters."""
+class PlcRunner(abc.ABC):
+    """Runs an engine against a gateway, whatever the link."""
+
+    def __init__(self, endpoint: PlcEndpoint, cycle_ns: int) -> None:
+        self.endpoint = endpoint
+        self.cycle_ns = cycle_ns
+        self.trace: list[tuple[Any, ...]] = []
+        self.on_cycle: Callable[[], None] = lambda: None
+        self._stopping = threading.Event()
+        self._trace_due = 0
+        self._start = 0
+
+    @abc.abstractmethod
+    def _wait(self, ns: int) -> None:
+        """Take what comes within this time."""
+
+    @abc.abstractmethod
+    def _send(self) -> None:
+        """Send the setpoints."""
+
+    @abc.abstractmethod
+    def _serve(self, access: ParameterAccess) -> None:
+        """Read or write parameters beside the cycle."""
+
+    @abc.abstractmethod
+    def close(self) -> None:
+        """Release the link."""
+
+    @abc.abstractmethod
+    def _mute(self) -> None:
+        """The scenario wants silence: nothing is sent in this cycle."""
+
+    def stop(self) -> None:
+        """End ``run`` after the present cycle."""
+        self._stopping.set()
+
+    def run(self, engine: Engine | None, drive: Callable[[str], None] = lambda _: None) -> None:
+        """Exchange frames until the scenario is over or ``stop``; ``drive`` gets the scenario's drive commands."""
+        self._start = due = time.monotonic_ns()
+        while not self._stopping.is_set() and not (engine is not None and engine.finished):
+            now = time.monotonic_ns()
+            if now < due:
+                self._wait(due - now)
+                continue
+            due = max(due + self.cycle_ns, now)
+            muted = False
+            self.endpoint.poll(now)
+            if engine is not None:
+                engine.step(now)
+                muted = engine.muted
+                while engine.drive_commands:
+                    drive(engine.drive_commands.pop(0))
+                while engine.accesses:
+                    self._serve(engine.accesses.pop(0))
+            if muted:
+                self._mute()
+            else:
+                self._send()
+            self._sample(now)
+            self.on_cycle()
+
+    def _sample(self, now: int) -> None:
+        if now < self._trace_due:
+            return
+        self._trace_due = now + _TRACE_NS
+        for index, item in enumerate(self.endpoint.telegrams):
+            actuals = self.endpoint.actuals[index]
+            if actuals is None:
+                continue
+            setpoints = self.endpoint.setpoints[index]
+            demand, actual = _MAIN_VALUES[item.mode]
+            demand_name = next((n for n in setpoints if n.startswith(demand)), None)
+            actual_name = next((n for prefix in actual for n in actuals if n.startswith(prefix)), None)
+            self.trace.append(
+                (
+                    round((now - self._start) / 1e9, 4),
+                    index + 1,
+                    item.number,
+                    next(iter(setpoints.values())),
+                    next(iter(actuals.values())),
+                    setpoints[demand_name] if demand_name else 0,
+                    actuals[actual_name] if actual_name else 0,
+                )
+            )
+
+    def write_trace(self, path: Path) -> None:
+        """The samples as CSV; GatewayError when the file cannot be written."""
+        try:
+            with path.open("w", newline="", encoding="utf-8") as file:
+                writer = csv.writer(file)
+                writer.writerow(TRACE_COLUMNS)
+                writer.writerows(self.trace)
+        except OSError as error:
+            raise GatewayError(f"trace {path}: cannot be written: {error.strerror}") from error
+
+
+class PlcClient(PlcRunner):
+    """A PLC on UDP; ``acyclic_port`` is the gateway's for parameters."""
 
     def __init__(
         self,
@@ -38,11 +135,8 @@ class PlcClient:
         pcap: Path | None = None,
         acyclic_port: int = ACYCLIC_PORT,
     ) -> None:
+        super().__init__(endpoint, cycle_ns)
         self.gateway = gateway
-        self.endpoint = endpoint
-        self.cycle_ns = cycle_ns
-        self.trace: list[tuple[Any, ...]] = []
-        self.on_cycle: Callable[[], None] = lambda: None
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.bind(("127.0.0.1" if gateway[0].startswith("127.") else "0.0.0.0", 0))
         self._socket.setblocking(False)
@@ -56,37 +150,13 @@ class PlcClient:
             self._record = self._capture.conversation(self._socket.getsockname(), (gateway[0], UDP_PORT))
         self._acyclic_port = acyclic_port
         self._parameters: ParameterWorker | None = None
-        self._stopping = threading.Event()
-        self._trace_due = 0
-        self._start = 0
 
-    def stop(self) -> None:
-        """End ``run`` after the present cycle."""
-        self._stopping.set()
+    def _wait(self, ns: int) -> None:
+        select.select((self._socket,), (), (), ns / 1_000_000_000)
+        self._receive()
 
-    def run(self, engine: Engine | None, drive: Callable[[str], None] = lambda _: None) -> None:
-        """Exchange frames until the scenario is over or ``stop``; ``drive`` gets the scenario's drive commands."""
-        self._start = due = time.monotonic_ns()
-        while not self._stopping.is_set() and not (engine is not None and engine.finished):
-            now = time.monotonic_ns()
-            if now < due:
-                select.select((self._socket,), (), (), (due - now) / 1_000_000_000)
-                self._receive()
-                continue
-            due = max(due + self.cycle_ns, now)
-            muted = False
-            self.endpoint.poll(now)
-            if engine is not None:
-                engine.step(now)
-                muted = engine.muted
-                while engine.drive_commands:
-                    drive(engine.drive_commands.pop(0))
-                while engine.accesses:
-                    self._serve(engine.accesses.pop(0))
-            if not muted:
-                self._send()
-            self._sample(now)
-            self.on_cycle()
+    def _mute(self) -> None:
+        """Nothing is sent by itself."""
 
     def close(self) -> None:
         if self._parameters is not None:
@@ -129,40 +199,6 @@ class PlcClient:
             self.endpoint.receive(data, time.monotonic_ns())
             if self._record is not None:
                 self._record(False, data)
-
-    def _sample(self, now: int) -> None:
-        if now < self._trace_due:
-            return
-        self._trace_due = now + _TRACE_NS
-        for index, item in enumerate(self.endpoint.telegrams):
-            actuals = self.endpoint.actuals[index]
-            if actuals is None:
-                continue
-            setpoints = self.endpoint.setpoints[index]
-            demand, actual = _MAIN_VALUES[item.mode]
-            demand_name = next((n for n in setpoints if n.startswith(demand)), None)
-            actual_name = next((n for prefix in actual for n in actuals if n.startswith(prefix)), None)
-            self.trace.append(
-                (
-                    round((now - self._start) / 1e9, 4),
-                    index + 1,
-                    item.number,
-                    next(iter(setpoints.values())),
-                    next(iter(actuals.values())),
-                    setpoints[demand_name] if demand_name else 0,
-                    actuals[actual_name] if actual_name else 0,
-                )
-            )
-
-    def write_trace(self, path: Path) -> None:
-        """The samples as CSV; GatewayError when the file cannot be written."""
-        try:
-            with path.open("w", newline="", encoding="utf-8") as file:
-                writer = csv.writer(file)
-                writer.writerow(TRACE_COLUMNS)
-                writer.writerows(self.trace)
-        except OSError as error:
-            raise GatewayError(f"trace {path}: cannot be written: {error.strerror}") from error
 
 
 _MAIN_VALUES = {

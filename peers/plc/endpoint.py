@@ -102,6 +102,15 @@ class PlcEndpoint:
         self.setpoints_used = [False] * len(self.telegrams)
         return True
 
+    def accept(self, actuals: Sequence[Sequence[int] | None], used: Sequence[bool], now: int) -> None:
+        """Take what another link has brought: each axis' values (None: IOPS BAD), and whether its setpoints are used (IOCS)."""
+        self._last_counter = 0
+        self._last_time = now
+        self.counters["received"] += 1
+        for index, values in enumerate(actuals):
+            self.actuals[index] = None if values is None else self.telegrams[index].actuals.as_dict(values)
+            self.setpoints_used[index] = used[index]
+
     def receive(self, data: bytes, now: int = 0) -> bool:
         """Take a frame of the gateway; False (counted) when it is not a newer valid frame of this relationship."""
         layout = self._consumer

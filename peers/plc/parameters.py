@@ -6,10 +6,12 @@ import queue
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
+from uuid import UUID
 
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.transport.udp import Address as SocketAddress
 from pdgw.profidrive.parameters.codec import Address
+from pdgw.profinet.rpc.records import NIL
 from pdgw.tools.parameters.address import Target, parse_value
 from pdgw.tools.parameters.client import ParameterClient
 from pdgw.tools.parameters.session import Element, Session, elements_of
@@ -61,10 +63,18 @@ class ParameterWorker:
     """Serves accesses on a thread of its own, one after the other."""
 
     def __init__(
-        self, address: SocketAddress, capture: Callable[[SocketAddress], Callable[[bool, bytes], None]] | None = None
+        self,
+        address: SocketAddress,
+        capture: Callable[[SocketAddress], Callable[[bool, bytes], None]] | None = None,
+        *,
+        ar_uuid: UUID = NIL,
+        device: UUID | None = None,
     ) -> None:
-        """``capture`` is given the client's own address and returns what is told every datagram (sent, data)."""
-        self._client = ParameterClient(address, 1)
+        """``capture`` is given the client's own address and returns what is told every datagram (sent, data).
+
+        ``ar_uuid`` and ``device``: the relationship and the object UUID of a PROFINET device.
+        """
+        self._client = ParameterClient(address, 1, ar_uuid=ar_uuid, device=device)
         if capture is not None:
             self._client.tap = capture(self._client.local_address)
         self._waiting: queue.SimpleQueue[ParameterAccess | None] = queue.SimpleQueue()

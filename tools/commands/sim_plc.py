@@ -1,4 +1,4 @@
-"""``pdgw sim plc``: a PLC on UDP that plays a scenario or obeys the keyboard."""
+"""``pdgw sim plc``: a PLC on UDP or PROFINET that plays a scenario or obeys the keyboard."""
 
 from __future__ import annotations
 
@@ -10,13 +10,14 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import asdict
+from ipaddress import IPv4Interface
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.toml_file import read_text
-from pdgw.peers.plc.client import PlcClient
+from pdgw.peers.plc.client import PlcClient, PlcRunner
 from pdgw.peers.plc.endpoint import PlcEndpoint
 from pdgw.peers.plc.keyboard import EXIT, Keyboard
 from pdgw.peers.plc.scenario import Engine, Result, load_scenario
@@ -83,6 +84,13 @@ def plc(
     drive_port: Annotated[
         int | None, typer.Option(min=1, max=65535, help="--control-port of the drive simulator.")
     ] = None,
+    profinet: Annotated[
+        str | None, typer.Option(metavar="IFACE", help="PROFINET on this Ethernet interface instead of UDP.")
+    ] = None,
+    name: Annotated[str, typer.Option(metavar="STATION", help="With --profinet: name of the station.")] = "pdgw",
+    device_ip: Annotated[
+        str, typer.Option(metavar="IP/PREFIX", help="With --profinet: the address the station is given.")
+    ] = "192.168.0.2/24",
     progress: Annotated[bool, typer.Option("--progress", help="Print one JSON line per step and expectation.")] = False,
     snapshots: Annotated[
         bool, typer.Option("--snapshots", help="With --progress: also what the PLC sees, ten times a second.")
@@ -102,7 +110,13 @@ def plc(
     numbers = chosen.telegrams if chosen else (telegram or [1]) * axes
     cycle_ns = int(cycle_ms * 1_000_000)
     endpoint = PlcEndpoint([telegram_of(number) for number in numbers], cycle_ns)
-    client = PlcClient(address, endpoint, cycle_ns, pcap, acyclic_port)
+    client: PlcRunner
+    if profinet is None:
+        client = PlcClient(address, endpoint, cycle_ns, pcap, acyclic_port)
+    else:
+        if pcap is not None:
+            raise GatewayError("--pcap: not with --profinet, record the interface instead (dumpcap, tcpdump)")
+        client = _connected(profinet, name, device_ip, endpoint, cycle_ns)
     engine = Engine(chosen, endpoint) if chosen else None
     output = _Output(endpoint, as_lines=progress, snapshots=snapshots)
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # the capture is to be complete
@@ -140,6 +154,25 @@ def _report(engine: Engine, scenario: Path, gateway: str) -> Report:
         checks.append(Check("gateway", "reached", failures=(engine.endpoint.why_no_values(0),)))
     counted = {f"frames {name}": str(count) for name, count in engine.endpoint.counters.items()}
     return Report(engine.scenario.name, tuple(checks), read_text(scenario), {"gateway": gateway, **counted})
+
+
+def _connected(interface: str, name: str, device_ip: str, endpoint: PlcEndpoint, cycle_ns: int) -> PlcRunner:
+    """The PLC on PROFINET, connected: a scenario begins when data is exchanged."""
+    from pdgw.peers.controller.plc import ProfinetPlc  # noqa: PLC0415 (Linux only)
+
+    try:
+        address = IPv4Interface(device_ip)
+    except ValueError as error:
+        raise GatewayError(
+            f"--device-ip {device_ip}: allowed is an address with its prefix, like 192.168.0.2/24"
+        ) from error
+    client = ProfinetPlc(interface, name, address, endpoint, cycle_ns)
+    try:
+        client.connect()
+    except BaseException:
+        client.close()
+        raise
+    return client
 
 
 def _finish(engine: Engine, as_json: Path | None, *, progress: bool) -> None:
@@ -204,7 +237,7 @@ class _Output:
             print(text, flush=True)
 
 
-def _obey_keys(client: PlcClient, output: _Output) -> None:
+def _obey_keys(client: PlcRunner, output: _Output) -> None:
     """Keys from standard input, until its end or the exit key."""
     keyboard = Keyboard(client.endpoint, output.tell)
 

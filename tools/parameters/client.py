@@ -92,7 +92,7 @@ class UdpChannel:
 class ParameterClient:
     """One access point of a device. Raises GatewayError when it does not answer or refuses the record.
 
-    ``channel``: what reaches the device, a UDP socket without one.
+    ``channel``: what reaches the device, a UDP socket without one. ``device``: its object UUID, which PROFINET devices look at.
     """
 
     def __init__(
@@ -105,6 +105,7 @@ class ParameterClient:
         api: int = PROFILE_ID,
         local: bool = False,
         ar_uuid: uuid.UUID = NIL,
+        device: uuid.UUID | None = None,
         timeout_s: float = 30,
         channel: Channel | None = None,
     ) -> None:
@@ -113,7 +114,7 @@ class ParameterClient:
         self._place = (api, slot, subslot)
         self._index = RECORD_LOCAL if local else RECORD_GLOBAL
         self._timeout_s = timeout_s
-        self._caller = RecordCaller(uuid.uuid4(), object_uuid(1, 0, 0), ar_uuid)
+        self._caller = RecordCaller(uuid.uuid4(), device or object_uuid(1, 0, 0), ar_uuid)
         self._references = itertools.cycle(range(1, 256))
         self._channel: Channel = UdpChannel(address) if channel is None else channel
         self.tap: Callable[[bool, bytes], None] = lambda sent, data: None

@@ -1,0 +1,110 @@
+"""The PLC simulator on PROFINET: scenarios and keyboard over real Ethernet frames."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from ipaddress import IPv4Interface
+
+from pdgw.gateway.errors import GatewayError
+from pdgw.peers.controller.controller import Phase
+from pdgw.peers.controller.project import Project
+from pdgw.peers.controller.running import RunningController
+from pdgw.peers.plc.client import PlcRunner
+from pdgw.peers.plc.endpoint import PlcEndpoint
+from pdgw.peers.plc.parameters import ParameterAccess, ParameterWorker
+from pdgw.profidrive.frame import STATUS_NORMAL, STATUS_STOP
+from pdgw.profidrive.telegrams import ApplicationMode, Telegram
+from pdgw.profinet.blocks.connect import TICK_NS
+from pdgw.profinet.model import DAP_SLOT, TELEGRAM_SUBSLOT, Module, ObjectKind, access_module, object_module
+
+_SEND_CLOCK = 32
+_RETRY_NS = 1_000_000_000
+_CONNECT_S = 30
+_HOLD_NS = 100_000_000
+"""The data hold time asked for, at least three cycles."""
+
+
+def project_of(station_name: str, telegrams: Sequence[Telegram], cycle_ns: int) -> Project:
+    """Axes and encoders in the order of their telegrams; GatewayError when the cycle is none of PROFINET."""
+    ratio = cycle_ns // (_SEND_CLOCK * TICK_NS)
+    if ratio not in {1 << power for power in range(10)} or ratio * _SEND_CLOCK * TICK_NS != cycle_ns:
+        raise GatewayError(f"--cycle-ms {cycle_ns / 1e6:g}: allowed with --profinet are 1, 2, 4, 8 ... 512")
+    modules: dict[int, Module] = {DAP_SLOT: access_module()}
+    for slot, telegram in enumerate(telegrams, start=1):
+        kind = ObjectKind.ENCODER if telegram.mode is ApplicationMode.ENCODER else ObjectKind.AXIS
+        modules[slot] = object_module(kind, telegram)
+    return Project(station_name, modules, _SEND_CLOCK, ratio, max(3, _HOLD_NS // cycle_ns))
+
+
+class ProfinetPlc(PlcRunner):
+    """A PLC that connects to the station of this name; what ends its relationship is told and connected anew."""
+
+    def __init__(
+        self, interface: str, station_name: str, device: IPv4Interface, endpoint: PlcEndpoint, cycle_ns: int
+    ) -> None:
+        super().__init__(endpoint, cycle_ns)
+        project = project_of(station_name, endpoint.telegrams, cycle_ns)
+        self._running = RunningController(interface, project, device)
+        self._controller = self._running.controller
+        self._places = [(slot, TELEGRAM_SUBSLOT) for slot in range(1, len(endpoint.telegrams) + 1)]
+        self._retry = 0
+        self._parameters: ParameterWorker | None = None
+
+    def connect(self) -> None:
+        """Until data is exchanged; GatewayError with the reason when that takes too long."""
+        controller = self._controller
+        end = time.monotonic() + _CONNECT_S
+        while controller.phase is not Phase.DATA and time.monotonic() < end:
+            self._wait(_RETRY_NS // 10)
+        if controller.phase is not Phase.DATA:
+            why = controller.learned.ended or controller.phase.value
+            raise GatewayError(f"station {controller.project.station_name}: not connected, {why}")
+
+    def _wait(self, ns: int) -> None:
+        controller = self._controller
+        now = time.monotonic_ns()
+        if controller.phase in {Phase.IDLE, Phase.ENDED} and now >= self._retry:
+            self._retry = now + _RETRY_NS
+            controller.start(now)
+        before = self._running.fresh
+        self._running.step(now + ns)
+        if self._running.fresh != before:
+            self._take(time.monotonic_ns())
+
+    def _take(self, now: int) -> None:
+        controller = self._controller
+        actuals: list[tuple[int, ...] | None] = []
+        for place, telegram in zip(self._places, self.endpoint.telegrams, strict=True):
+            data = controller.input(place)
+            actuals.append(None if data is None else telegram.actuals.decode(data))
+        self.endpoint.accept(actuals, [controller.uses(place) for place in self._places], now)
+
+    def _send(self) -> None:
+        controller = self._controller
+        controller.silent = False
+        if controller.provider is None:
+            return
+        controller.provider.data_status = STATUS_NORMAL if self.endpoint.run else STATUS_STOP
+        for place, telegram, values in zip(self._places, self.endpoint.telegrams, self.endpoint.setpoints, strict=True):
+            controller.set_output(place, telegram.setpoints.encode(tuple(values.values())))
+        self.endpoint.counters["sent"] += 1
+
+    def _mute(self) -> None:
+        self._controller.silent = True
+
+    def _serve(self, access: ParameterAccess) -> None:
+        controller = self._controller
+        if self._parameters is None:
+            self._parameters = ParameterWorker(
+                controller.device_address, ar_uuid=controller.ar_uuid, device=controller.device_object
+            )
+        self._parameters.submit(access)
+
+    def close(self) -> None:
+        if self._parameters is not None:
+            self._parameters.close()
+        if self._controller.phase is Phase.DATA:
+            self._controller.release(time.monotonic_ns())
+            self._running.run(1, lambda: self._controller.phase is Phase.ENDED)
+        self._running.close()
