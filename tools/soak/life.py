@@ -8,8 +8,8 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from random import Random
 
-from pdgw.ds301.client import NodeStatus
 from pdgw.ds301.loop import MS, SECOND
+from pdgw.ds301.node import NodeStatus
 from pdgw.ds301.pdo import PdoDirection
 from pdgw.dsp402.states import Command, State
 from pdgw.gateway.config import GatewayConfig, parse_config
