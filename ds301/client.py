@@ -136,6 +136,11 @@ class NodeClient(SdoAccess, abc.ABC, Generic[S]):
     # -- the owner's side -----------------------------------------------------------------------------------------------
 
     @property
+    def nmt_stopped(self) -> bool:
+        """The last heartbeat of the node says Stopped."""
+        return self._heartbeat_state == NmtState.STOPPED
+
+    @property
     def length_errors(self) -> int:
         """TPDOs shorter than their mapping, ignored."""
         return self._old_length_errors + sum(slot.errors for slot in self._slots)

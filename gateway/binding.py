@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from concurrent.futures import Future
+from dataclasses import replace
 from typing import Any
 
 from canopen.sdo import SdoAbortedError
 from pdgw.ds301.client import NodeClient
+from pdgw.ds301.loop import MS
 from pdgw.ds301.network import CanNetwork
+from pdgw.ds301.nmt import NmtCommand
 from pdgw.dsp402.configuration import ABORT_OPTION
 from pdgw.dsp402.drive import DriveClient, DriveStatus
 from pdgw.dsp402.images import REFERENCE_OBJECTS
@@ -16,6 +19,7 @@ from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.dsp402.pdo import LAYOUTS
 from pdgw.dsp402.states import State, state_of
 from pdgw.gateway.axis.machine import AxisMachine
+from pdgw.gateway.axis.stop_watch import Brake
 from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS, pdo_operation
 from pdgw.gateway.axis.values import Configured, FaultRead, Outputs, PresetAnswer, SdoWrite
 from pdgw.gateway.config import AxisConfig
@@ -32,6 +36,7 @@ _REFERENCES = {(index, subindex) for _, index, subindex in REFERENCE_OBJECTS} | 
 _FAULT_NUMBER, _ERROR_CODE = 0x200C, 0x603F
 _OWN_FORMAT = SensorFormat(resolution=0x1000, turns=0, xist1_absolute=False)
 """The drive's own position: 1000h increments per revolution, counted from power-on."""
+_REACTION_MARGIN = 2
 _POWERED = (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE, State.FAULT_REACTION_ACTIVE)
 
 
@@ -53,9 +58,13 @@ class Axis(DriveObject):
         super().__init__(config.do_id, network, telegram(number))
         self.config: AxisConfig = config
         self._cycle_time_ms = cycle_time_ms
+        drive_settings = config.drive_settings(number, cycle_time_ms)
+        # A command that was lost goes out again with the refresh; an answer that was lost comes again with the event timer.
+        travel_ms = drive_settings.rpdo_refresh_ms + drive_settings.tpdo_event_ms + cycle_time_ms
+        self._settings = replace(config.axis_settings, reaction_ns=int(_REACTION_MARGIN * travel_ms * MS))
         self.drive = DriveClient(
             network,
-            config.drive_settings(number, cycle_time_ms),
+            drive_settings,
             LAYOUTS[pdo_operation(number)],
             self.on_node_event,
         )
@@ -64,11 +73,12 @@ class Axis(DriveObject):
         self.machine = self._make_machine(number)
         self._encoder: EncoderObject | None = None
         self._sensor_parameters: object = None
+        self._brake: Brake = Brake.NONE
         self._preset: SdoWrite | None = None
         self._preset_future: Future[None] | None = None
 
     def _make_machine(self, number: int) -> AxisMachine:
-        machine = AxisMachine(number, self.config.axis_settings, self.drive.feedback)
+        machine = AxisMachine(number, self._settings, self.drive.feedback)
         machine.tolerate(self._sign_of_life_failures)
         return machine
 
@@ -101,6 +111,7 @@ class Axis(DriveObject):
         inputs.setpoints = setpoints
         inputs.drive_ok = drive.refresh(now)
         inputs.set_point_refused = drive.set_point_refused
+        inputs.node_stopped = drive.nmt_stopped
         if drive.generation != self._generation:
             self._generation = drive.generation
             inputs.news.append(Configured(drive.references, drive.homing_method))
@@ -116,7 +127,12 @@ class Axis(DriveObject):
             drive.submit(self._read_fault)
 
     def transmit(self, now: int) -> None:
-        self.drive.send(self.machine.outputs.command, now)
+        outputs = self.machine.outputs
+        self.drive.send(outputs.command, now)
+        if outputs.brake is not self._brake:
+            self._brake = outputs.brake
+            if outputs.brake is not Brake.NONE:
+                self.network.send(0, bytes((NmtCommand.STOP, self.node_id)))
 
     def _refresh_sensor(self, encoder: EncoderObject, now: int) -> None:
         machine = self.machine
@@ -150,6 +166,11 @@ class Axis(DriveObject):
     def powered(self) -> bool:
         """The power stage may be on."""
         return self.drive.status is DriveStatus.ONLINE and state_of(self.drive.feedback.statusword) in _POWERED
+
+    @property
+    def withholds_heartbeat(self) -> bool:
+        """The drive obeys nothing else: without the gateway's heartbeat its own abort option stops it."""
+        return self.machine.outputs.brake is Brake.WITHHOLD_HEARTBEAT
 
     @property
     def released(self) -> bool:

@@ -26,7 +26,7 @@ from pdgw.dsp402.scaling import UnitKeys, check_unit_keys
 from pdgw.dsp406.encoder import EncoderSettings
 from pdgw.dsp406.kinds import CHANNELS_MAX, DEVICES, LINEAR, MULTI_SENSOR, ROTARY, EncoderDevice, multi_sensor
 from pdgw.gateway import identity
-from pdgw.gateway.axis.settings import AxisSettings, PlcLossReaction, SetpointEnable
+from pdgw.gateway.axis.settings import AxisSettings, ControlLost, PlcLossReaction, SetpointEnable
 from pdgw.gateway.axis.telegrams import (
     DRIVE_TELEGRAM_NUMBERS,
     ENCODER_TELEGRAM_NUMBERS,
@@ -204,7 +204,10 @@ class AxisConfig(_Section):
     can: str | None = None
     eds: Path | None = None
     on_plc_loss: PlcLossReaction = PlcLossReaction.QUICK_STOP
-    setpoint_enable: SetpointEnable = SetpointEnable.HOLD
+    setpoint_enable: SetpointEnable = SetpointEnable.PROFIDRIVE
+    control_lost: ControlLost = ControlLost.STOP
+    stop_time_ms: Annotated[Integer, Field(ge=10, le=600_000)] = 10_000
+    """From 100 % speed to standstill by the drive's own ramps (6084h, 6085h)."""
     modulo_axis: Boolean = False
     simulate: Boolean = False
     ramp_stop_resume: Boolean = False
@@ -297,6 +300,8 @@ class AxisConfig(_Section):
             self.modulo_axis,
             self.ramp_stop_resume,
             self.standstill_window_percent,
+            self.control_lost,
+            stop_time_ns=self.stop_time_ms * 1_000_000,
             positioner=None if self.positioner is None else self.positioner.choices(self.block),
         )
 
@@ -653,11 +658,13 @@ node_id = 1                  # CANopen node, 1 to 126
 telegram = 1                 # one of {", ".join(map(str, DRIVE_TELEGRAM_NUMBERS))}
 # eds = "drive.eds"          # EDS or DCF of the drive; without it the drive itself is asked which objects it has
 on_plc_loss = "quick-stop"   # "ramp", "quick-stop" or "coast"
-setpoint_enable = "hold"     # STW1 bits 4-6 = 0: "hold" the last setpoint, or "profidrive": speed 0
+setpoint_enable = "profidrive"  # STW1 bit 4 or 6 = 0: speed 0; bit 5 = 0: the speed stays. "hold": it stays in all three
+control_lost = "stop"        # STW1.10 = 0 in operation: "stop" as OFF1, or "hold" the last words; OFF1-3 act in any case
 modulo_axis = false          # telegram 9: turntable
 simulate = false             # true: a simulated drive instead of the one on the bus
 # ramp_stop_resume = false   # true: ON during an OFF1 ramp resumes operation
 # standstill_window_percent = 1
+# stop_time_ms = 10000       # longest way from 100 % speed to standstill; one that takes twice as long counts as deaf
 # heartbeat_ms = 100
 # tpdo_event_ms = 50
 # tpdo_inhibit_us = 4000     # without it: the cycle time

@@ -276,8 +276,10 @@ class Daemon:
             self._due = self.loop.call_at(self._deadline, self._on_due)
 
     def _on_heartbeat(self) -> None:
+        withheld = [axis.network for axis in self.axes if axis.withholds_heartbeat]
         for network in self.networks.values():
-            network.send_heartbeat(GATEWAY_NODE_ID)
+            if network not in withheld:
+                network.send_heartbeat(GATEWAY_NODE_ID)
         self._beat = self.loop.call_later(self._heartbeat_ns, self._on_heartbeat)
 
     def _cycle(self, now: int, *, accepted: bool) -> None:

@@ -16,7 +16,7 @@ class Reason(enum.Enum):
 
     NO_PLC = "no valid frame from the PLC yet: Controlword stays 0"
     PLC_LOST = "PLC lost: the drive is being stopped; ON is obeyed again only after an OFF (STW1.0 = 0)"
-    NO_CONTROL = "STW1.10 = 0 (control by PLC): STW1 and setpoints are not evaluated"
+    NO_CONTROL = "STW1.10 = 0 (control by PLC): nothing starts, setpoints are not evaluated; OFF1, OFF2 and OFF3 act"
     NEEDS_OFF = "ON ignored: needs OFF first (STW1.0 = 0 with STW1.1 = STW1.2 = 1)"
     DRIVE_OFFLINE = "drive is not online: no command is sent"
     DRIVE_FAULT = "drive is in fault: acknowledge with a rising edge of STW1.7"
@@ -83,10 +83,12 @@ class FaultNumber(enum.IntEnum):
     POSITIONER = 113
     PRESET = 118
     SET_POINT = 119
+    CONTROL_LOST = 120
     NODE_ABSENT = 121
     LEFT_OPERATION = 122
     OTHER_MASTER = 123
     SIGN_OF_LIFE = 124
+    STOP_IGNORED = 125
 
 
 FIRST_WARNING = 108
@@ -129,10 +131,12 @@ GATEWAY_FAULTS: MappingProxyType[int, GatewayFault] = MappingProxyType(
             GatewayFault(FaultNumber.POSITIONER, "positioner: task refused or changed", 0xFF0B, is_warning=True),
             GatewayFault(FaultNumber.PRESET, "encoder did not take the preset", 0xFF0F, is_warning=True),
             GatewayFault(FaultNumber.SET_POINT, "drive did not take the data of a set-point", 0xFF10, is_warning=True),
+            GatewayFault(FaultNumber.CONTROL_LOST, "control by PLC taken away in operation", 0xFF15, is_warning=True),
             GatewayFault(FaultNumber.NODE_ABSENT, "node does not answer", 0xFF11),
             GatewayFault(FaultNumber.LEFT_OPERATION, "drive left operation by itself", 0xFF12),
             GatewayFault(FaultNumber.OTHER_MASTER, "another master on the bus", 0xFF13),
             GatewayFault(FaultNumber.SIGN_OF_LIFE, "sign of life of the PLC lost", 0xFF14),
+            GatewayFault(FaultNumber.STOP_IGNORED, "drive does not obey a stop", 0xFF16),
         )
     }
 )

@@ -7,7 +7,7 @@ that an acknowledge is an edge of this connection.
 from __future__ import annotations
 
 from pdgw.dsp402.states import STATE_OF_STATUS, ControlBit
-from pdgw.gateway.axis.power_table import CELLS, DRIVE_OF_STATE, DRIVES, WISHES, Action, Drive, Phase
+from pdgw.gateway.axis.power_table import CELLS, DRIVE_OF_STATE, DRIVES, WISHES, Action, Cell, Drive, Phase
 from pdgw.gateway.axis.settings import AxisSettings, PlcLossReaction
 from pdgw.gateway.axis.waist import STATE_MASK, PowerWish
 from pdgw.gateway.reasons import Reason
@@ -52,6 +52,7 @@ class Interlock:
         "_steady_status",
         "_steady_word",
         "action",
+        "cell",
         "phase",
         "reason",
     )
@@ -60,6 +61,8 @@ class Interlock:
         self.phase: Phase = Phase.LOCKED
         self.action: Action = Action.DISABLE_VOLTAGE
         self.reason: Reason | None = Reason.NO_PLC
+        self.cell: Cell = CELLS[0]
+        """What the table said last."""
         self._no_plc = _NO_PLC[settings.on_plc_loss]
         self._resume = settings.ramp_stop_resume
         self._connected = False
@@ -148,6 +151,7 @@ class Interlock:
             if connected and not acknowledge:
                 self._acknowledge_armed = True
         cell = CELLS[(phase * DRIVES + drive) * WISHES + wish]
+        self.cell = cell
         after = cell.phase
         if after is not phase:
             self.phase = after

@@ -10,7 +10,7 @@ from types import MappingProxyType
 from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.faults import DRIVE_FAULTS
 from pdgw.dsp402.images import DriveFeedback, References
-from pdgw.dsp402.states import STATE_OF_STATUS, StatusBit
+from pdgw.dsp402.states import STATE_OF_STATUS, State, StatusBit
 from pdgw.gateway.axis.adapters.transparent import ACTUAL_ATTRIBUTES, SETPOINT_ATTRIBUTES
 from pdgw.gateway.axis.executors.base import Executor, Notes
 from pdgw.gateway.axis.executors.positioner import PositionerExecutor
@@ -23,6 +23,7 @@ from pdgw.gateway.axis.interlock import Interlock
 from pdgw.gateway.axis.life import LifeWords
 from pdgw.gateway.axis.power_table import Action, Drive
 from pdgw.gateway.axis.settings import AxisSettings
+from pdgw.gateway.axis.stop_watch import StopWatch
 from pdgw.gateway.axis.telegrams import Kind, drive_telegram, make_adapter
 from pdgw.gateway.axis.values import (
     Configured,
@@ -41,9 +42,10 @@ from pdgw.gateway.axis.waist import (
     STATE_MASK,
     Demand,
     Flag,
+    PowerWish,
     Report,
 )
-from pdgw.gateway.axis.watch import FAULTY, WATCHED, Acknowledgement, DriveWatch, NodeWatch
+from pdgw.gateway.axis.watch import FAULTY, POWERED, UNPOWERED, WATCHED, Acknowledgement, DriveWatch, NodeWatch
 from pdgw.gateway.reasons import FaultNumber, Reason
 from pdgw.profidrive.encoder import SensorError
 from pdgw.profidrive.telegrams import telegram
@@ -51,7 +53,6 @@ from pdgw.profidrive.telegrams import telegram
 FAULT_OF_EMCY = MappingProxyType({fault.error_code: fault.number for fault in DRIVE_FAULTS.values()})
 """The manufacturer's fault number of an EMCY error code."""
 _OF_THE_DRIVE = Flag.OF_THE_DRIVE
-_RAMP, _RAMP_END = Action.RAMP, Action.RAMP_END
 _WARNING = Flag.WARNING
 _INTERNAL_LIMIT = StatusBit.INTERNAL_LIMIT
 
@@ -83,8 +84,11 @@ class AxisMachine:
         self.acknowledgement = Acknowledgement()
         has_life = "STW2" in self.telegram.setpoints.names
         self.life = LifeWords(self.telegram, settings.sign_of_life_failures) if has_life else None
+        self._stop = StopWatch(settings.reaction_ns, settings.stop_time_ns)
         self._usable = False
         self._window = 0
+        self._control_lost = False
+        """The PLC took its control away in operation, and has not taken it again."""
 
     def _make_executor(self, kind: Kind) -> Executor:
         given = (self.settings, self.outputs.command, self.report, self.notes)
@@ -135,6 +139,10 @@ class AxisMachine:
                 outputs.fault(gateway_fault(FaultNumber.SIGN_OF_LIFE, detail, now))
             if life.lost:
                 wish = None
+        if not demand.in_control:
+            self._without_control()
+        elif self._control_lost:
+            self._control_lost = False
         if self._usable:
             velocity, window = feedback.velocity_actual, self._window
             standstill = -window <= velocity <= window
@@ -143,17 +151,19 @@ class AxisMachine:
             action = interlock.action
             reason = executor.step(demand, action, low, interlock.reason, feedback, standstill, now)
             if drive_ok:
-                stopping = action is _RAMP or action is _RAMP_END
-                shown = SHOWN_STOPPING if stopping else SHOWN_STATE[statusword & STATE_MASK]
-                flags = report.flags | shown | statusword & _OF_THE_DRIVE
-                report.flags = flags | _WARNING if notes.warning else flags
+                cell = interlock.cell
+                shown = SHOWN_STOPPING if cell.stopping else SHOWN_STATE[statusword & STATE_MASK]
+                flags = report.flags | shown | statusword & cell.visible
+                report.flags = flags | _WARNING if notes.warning or self._control_lost else flags
             else:
                 executor.lost()
                 report.flags = statusword & _OF_THE_DRIVE | SHOWN_FAULT
         else:
-            interlock.step(wish, demand.acknowledge, Drive.NO_REFERENCES, statusword, False, now)
+            powered = drive_ok and STATE_OF_STATUS[statusword & STATE_MASK] in POWERED
+            trouble = Drive.POWERED_UNREAD if powered else Drive.NO_REFERENCES
+            low = interlock.step(wish, demand.acknowledge, trouble, statusword, False, now)
             reason = interlock.reason if drive_ok else Reason.DRIVE_OFFLINE
-            executor.refuse(feedback)
+            executor.refuse(low, feedback)
             report.flags = statusword & _OF_THE_DRIVE | SHOWN_FAULT
             if not drive_ok:
                 executor.lost()
@@ -166,8 +176,18 @@ class AxisMachine:
         shown = statusword & WATCHED if drive_ok else 0
         if shown != self._drive.shown:
             self._drive.changed(shown, statusword, commanded, reason, now)
+            if drive_ok:
+                outputs.known_off = STATE_OF_STATUS[statusword & STATE_MASK] in UNPOWERED
         if self._drive.fault_since:
             self._drive.step(self._node, now)
+        if interlock.released:
+            if self._stop.runs:
+                self._stop.over()
+        elif not outputs.known_off:
+            self._watch_stop(interlock.action)
+        elif self._stop.runs:
+            self._stop.over()
+        outputs.brake = self._stop.brake
         acknowledgement = self.acknowledgement
         if demand.acknowledge or acknowledgement.waits:
             faulty = STATE_OF_STATUS[statusword & STATE_MASK] in FAULTY
@@ -177,12 +197,29 @@ class AxisMachine:
         if reason is None and (limited or refused):
             reason = Reason.SET_POINT_REFUSED if refused else Reason.INTERNAL_LIMIT
         outputs.reason = reason
-        outputs.warning = notes.warning or limited or refused
+        outputs.warning = notes.warning or limited or refused or self._control_lost
         outputs.saturations = notes.saturations
         outputs.writes = notes.writes
         if notes.faults:
             self._tell_faults()
         return outputs
+
+    def _watch_stop(self, action: Action) -> None:
+        inputs = self.inputs
+        feedback = inputs.feedback
+        operating = STATE_OF_STATUS[feedback.statusword & STATE_MASK] is State.OPERATION_ENABLED
+        velocity, seen, now = feedback.velocity_actual, inputs.drive_ok, inputs.now
+        if self._stop.step(action, operating, seen, inputs.node_stopped, velocity, self._window, now):
+            detail = f"Controlword {self.outputs.command.controlword:04X}h, Statusword {feedback.statusword:04X}h, "
+            self.notes.faults.append((FaultNumber.STOP_IGNORED, detail + f"speed {velocity}"))
+
+    def _without_control(self) -> None:
+        """STW1.10 = 0: taken away in operation it stops the axis, which is told."""
+        demand = self.demand
+        operated = self.interlock.action is Action.ENABLE_OPERATION
+        if operated and demand.connected and demand.power is not PowerWish.HOLD and not self._control_lost:
+            self._control_lost = True
+            self.notes.faults.append((FaultNumber.CONTROL_LOST, "STW1.10 = 0"))
 
     def _tell_faults(self) -> None:
         outputs, faults = self.outputs, self.notes.faults
@@ -238,4 +275,5 @@ class AxisMachine:
             self.notes.faults.append((FaultNumber.REFERENCE, str(error)))
             return
         self._window = max(1, int(references.speed_reference * self.settings.standstill_window))
+        self._stop.reference = int(references.speed_reference)
         self._usable = True

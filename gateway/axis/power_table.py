@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from pdgw.dsp402.states import ControlBit, State
-from pdgw.gateway.axis.waist import PowerWish
+from pdgw.gateway.axis.waist import Flag, PowerWish
 from pdgw.gateway.reasons import Reason
 
 
@@ -38,7 +38,7 @@ class Phase(enum.IntEnum):
 
 
 class Drive(enum.IntEnum):
-    """What the drive shows; the last six are looked at more closely than by its Statusword."""
+    """What the drive shows; the last eight are looked at more closely than by its Statusword."""
 
     NOT_READY = 0
     DISABLED = 1
@@ -61,7 +61,9 @@ class Drive(enum.IntEnum):
     """Not online, or silent."""
     NO_REFERENCES = 13
     """Its reference objects are not read or not valid; nothing can be told from a speed."""
-    RESTARTED = 14
+    POWERED_UNREAD = 14
+    """The same, and its Statusword shows power."""
+    RESTARTED = 15
     """It booted or was configured anew; taken before what it shows."""
 
 
@@ -130,6 +132,9 @@ ANY_WISH: Final = tuple(PowerWish)
 OFFS: Final = (W.OFF, W.RAW_OFF)
 ENABLES: Final = (W.ENABLE, W.RESUME)
 NO_PLC: Final = (W.NO_PLC_RAMP, W.NO_PLC_QUICK_STOP, W.NO_PLC_COAST)
+RAMPS: Final = (W.NO_PLC_RAMP, W.STOP)
+UNASKED: Final = (*NO_PLC, W.STOP)
+"""Nothing is asked but to stop."""
 COASTS: Final = (W.COAST, W.NO_PLC_COAST)
 IN_OPERATION: Final = (D.OPERATING, D.STANDING)
 QUICK_STOPS: Final = (D.QUICK_STOPPING, D.QUICK_STOPPED)
@@ -140,7 +145,20 @@ RAMPING: Final = (P.RAMP_STOP, P.SHUTDOWN)
 
 ROWS: Final = (
     # Doubt, in every phase.
-    Row((P.DOUBT,), (D.NO_REFERENCES, D.RESTARTED), ANY_WISH, None, A.DISABLE_VOLTAGE, Reason.REFERENCE_INVALID, ""),
+    Row(ANY_PHASE, (D.POWERED_UNREAD,), COASTS, P.DOUBT, A.DISABLE_VOLTAGE, Reason.REFERENCE_INVALID, "as asked"),
+    Row(ANY_PHASE, (D.POWERED_UNREAD,), ANY_WISH, P.DOUBT, A.QUICK_STOP, Reason.REFERENCE_INVALID, "it may be turning"),
+    Row(
+        (P.DOUBT,),
+        (D.NO_REFERENCES, D.RESTARTED),
+        COASTS,
+        None,
+        A.DISABLE_VOLTAGE,
+        Reason.REFERENCE_INVALID,
+        "as asked",
+    ),
+    Row(
+        (P.DOUBT,), (D.NO_REFERENCES, D.RESTARTED), ANY_WISH, None, A.QUICK_STOP, Reason.REFERENCE_INVALID, "as before"
+    ),
     Row(ANY_PHASE, (D.NO_REFERENCES, D.RESTARTED), ANY_WISH, P.LOCKED, A.DISABLE_VOLTAGE, Reason.REFERENCE_INVALID, ""),
     Row(ANY_PHASE, (D.LOST,), ANY_WISH, P.DOUBT, A.QUICK_STOP, Reason.DRIVE_OFFLINE, "it may be turning"),
     Row(ANY_PHASE, (D.UNKNOWN,), ANY_WISH, P.DOUBT, A.QUICK_STOP, Reason.DRIVE_UNKNOWN_STATE, "it may be turning"),
@@ -159,6 +177,7 @@ ROWS: Final = (
     Row((P.DOUBT,), (D.DISABLED, D.FELL_OFF), ANY_WISH, P.LOCKED, A.DISABLE_VOLTAGE, Reason.NEEDS_OFF, "it is off"),
     Row((P.DOUBT,), UNPOWERED, COASTS, None, A.DISABLE_VOLTAGE, Reason.NEEDS_OFF, "coasting goes before the doubt"),
     Row((P.DOUBT,), UNPOWERED, ANY_WISH, None, A.QUICK_STOP, Reason.NEEDS_OFF, "its Statusword may be wrong"),
+    Row((P.LOCKED, *STOPPING), UNPOWERED, (W.QUICK_STOP,), P.LOCKED, A.QUICK_STOP, Reason.QUICK_STOP, "as it is asked"),
     Row((P.LOCKED, *STOPPING), UNPOWERED, ANY_WISH, P.LOCKED, A.DISABLE_VOLTAGE, Reason.NEEDS_OFF, "it is off"),
     # Operation by no command of this PLC.
     Row((P.LOCKED, P.DOUBT), QUICK_STOPS, ANY_WISH, P.QUICK_STOP, A.QUICK_STOP, Reason.QUICK_STOP, "not cut short"),
@@ -174,17 +193,9 @@ ROWS: Final = (
         "in operation by no command",
     ),
     Row((P.LOCKED,), IN_OPERATION, ANY_WISH, None, A.DISABLE_VOLTAGE, Reason.NEEDS_OFF, "power off was commanded"),
-    # The loss of the PLC in operation.
-    Row(
-        OBEYING,
-        (D.OPERATING,),
-        (W.NO_PLC_RAMP,),
-        P.RAMP_STOP,
-        A.RAMP,
-        Reason.PLC_LOST,
-        "as OFF1",
-    ),
-    Row(OBEYING, (D.STANDING,), (W.NO_PLC_RAMP,), P.SHUTDOWN, A.RAMP_END, Reason.PLC_LOST, "as OFF1 at standstill"),
+    # The loss of the PLC, or of its control, in operation.
+    Row(OBEYING, (D.OPERATING,), RAMPS, P.RAMP_STOP, A.RAMP, Reason.RAMP_STOP, "as OFF1"),
+    Row(OBEYING, (D.STANDING,), RAMPS, P.SHUTDOWN, A.RAMP_END, Reason.RAMP_STOP, "as OFF1 at standstill"),
     Row(
         (*OBEYING, *RAMPING),
         IN_OPERATION,
@@ -195,28 +206,28 @@ ROWS: Final = (
         "as OFF3",
     ),
     Row((*OBEYING, *RAMPING), IN_OPERATION, (W.NO_PLC_COAST,), P.LOCKED, A.DISABLE_VOLTAGE, Reason.PLC_LOST, "as OFF2"),
-    Row(OBEYING, QUICK_STOPS, NO_PLC, P.QUICK_STOP, A.QUICK_STOP, Reason.PLC_LOST, "it is stopping already"),
-    Row(OBEYING, UNPOWERED, NO_PLC, P.LOCKED, A.DISABLE_VOLTAGE, Reason.PLC_LOST, "it is off"),
+    Row(OBEYING, QUICK_STOPS, UNASKED, P.QUICK_STOP, A.QUICK_STOP, Reason.QUICK_STOP, "it is stopping already"),
+    Row(OBEYING, UNPOWERED, (*UNASKED, W.HOLD), P.LOCKED, A.DISABLE_VOLTAGE, Reason.NEEDS_OFF, "it is off"),
     # The drive took the enable back by itself: no standing ON restarts it.
     Row((P.FOLLOW,), (D.FELL_BACK, D.FELL_OFF), OFFS, None, A.SHUTDOWN, Reason.NOT_OPERATING, "an OFF anyway"),
-    Row((P.FOLLOW,), (D.FELL_OFF,), ANY_WISH, P.LOCKED, A.DISABLE_VOLTAGE, Reason.NEEDS_OFF, "enable input, coast"),
-    Row((P.PASS,), (D.FELL_BACK,), OFFS, None, A.PASS, Reason.NOT_OPERATING, "an OFF anyway"),
+    Row((P.PASS,), (D.FELL_BACK, D.FELL_OFF), OFFS, None, A.PASS, Reason.NOT_OPERATING, "an OFF anyway"),
+    Row(OBEYING, (D.FELL_OFF,), ANY_WISH, P.LOCKED, A.DISABLE_VOLTAGE, Reason.NEEDS_OFF, "enable input, coast"),
     Row(OBEYING, (D.FELL_BACK,), (W.COAST,), P.DOUBT, A.DISABLE_VOLTAGE, Reason.NEEDS_OFF, "as it is asked"),
     Row(OBEYING, (D.FELL_BACK,), ANY_WISH, P.DOUBT, A.QUICK_STOP, Reason.NEEDS_OFF, "its Statusword may be wrong"),
+    # OFF2 and OFF3 lock, whether the drive got them or not.
+    Row(OBEYING, QUICK_STOPS, (W.COAST,), P.QUICK_STOP, A.DISABLE_VOLTAGE, Reason.COAST_STOP, "OFF2 ends it"),
+    Row(OBEYING, (*IN_OPERATION, *UNPOWERED), (W.COAST,), P.LOCKED, A.DISABLE_VOLTAGE, Reason.COAST_STOP, "OFF2"),
+    Row(OBEYING, IN_OPERATION, (W.QUICK_STOP,), P.QUICK_STOP, A.QUICK_STOP, Reason.QUICK_STOP, "OFF3"),
+    Row(OBEYING, UNPOWERED, (W.QUICK_STOP,), P.LOCKED, A.QUICK_STOP, Reason.QUICK_STOP, "OFF3"),
+    Row(OBEYING, QUICK_STOPS, ANY_WISH, P.QUICK_STOP, A.QUICK_STOP, Reason.QUICK_STOP, "by the drive itself"),
     # The Controlword of telegram 100.
     Row((P.PASS,), IN_OPERATION, ANY_WISH, None, A.PASS, None, "the PLC's own Controlword"),
     Row((P.PASS,), ANY_DRIVE, ANY_WISH, None, A.PASS, Reason.NOT_OPERATING, "the PLC's own Controlword"),
     # In operation.
-    Row((P.FOLLOW,), IN_OPERATION, ENABLES, None, A.ENABLE_OPERATION, None, "operation"),
-    Row((P.FOLLOW,), IN_OPERATION, (W.COAST,), None, A.DISABLE_VOLTAGE, Reason.COAST_STOP, "OFF2"),
-    Row((P.FOLLOW,), IN_OPERATION, (W.QUICK_STOP,), P.QUICK_STOP, A.QUICK_STOP, Reason.QUICK_STOP, "OFF3"),
+    Row((P.FOLLOW,), IN_OPERATION, (*ENABLES, W.HOLD), None, A.ENABLE_OPERATION, None, "operation"),
     Row((P.FOLLOW,), IN_OPERATION, OFFS, P.RAMP_STOP, A.RAMP, Reason.RAMP_STOP, "OFF1"),
     Row((P.FOLLOW,), IN_OPERATION, (W.ON,), None, A.SWITCH_ON, Reason.NOT_OPERATING, "Disable Operation"),
-    Row((P.FOLLOW,), QUICK_STOPS, (W.COAST,), P.QUICK_STOP, A.DISABLE_VOLTAGE, Reason.QUICK_STOP, "OFF2 ends it"),
-    Row((P.FOLLOW,), QUICK_STOPS, ANY_WISH, P.QUICK_STOP, A.QUICK_STOP, Reason.QUICK_STOP, "by the drive itself"),
     # On the way up and down.
-    Row((P.FOLLOW,), UNPOWERED, (W.COAST,), None, A.DISABLE_VOLTAGE, Reason.COAST_STOP, "OFF2"),
-    Row((P.FOLLOW,), UNPOWERED, (W.QUICK_STOP,), None, A.QUICK_STOP, Reason.QUICK_STOP, "OFF3"),
     Row((P.FOLLOW,), UNPOWERED, OFFS, None, A.SHUTDOWN, Reason.NOT_OPERATING, "OFF1"),
     Row((P.FOLLOW,), (D.NOT_READY, D.DISABLED), ANY_WISH, None, A.SHUTDOWN, Reason.NOT_OPERATING, "transition 2 first"),
     Row((P.FOLLOW,), (D.SWITCHED_ON,), ENABLES, None, A.ENABLE_OPERATION, Reason.NOT_OPERATING, "transition 4"),
@@ -229,7 +240,7 @@ ROWS: Final = (
     Row(RAMPING, IN_OPERATION, ANY_WISH, P.SHUTDOWN, A.RAMP_END, Reason.RAMP_STOP, "standstill"),
     # The quick stop.
     Row(
-        (*RAMPING, P.QUICK_STOP),
+        STOPPING,
         (*IN_OPERATION, *QUICK_STOPS),
         (W.COAST,),
         P.QUICK_STOP,
@@ -238,37 +249,38 @@ ROWS: Final = (
         "OFF2 takes over",
     ),
     Row(
-        (*RAMPING, P.QUICK_STOP),
-        QUICK_STOPS,
-        (W.ON,),
-        P.QUICK_STOP,
-        A.DISABLE_VOLTAGE,
-        Reason.QUICK_STOP,
-        "Disable Operation ends it",
+        STOPPING, QUICK_STOPS, (W.ON,), P.QUICK_STOP, A.DISABLE_VOLTAGE, Reason.QUICK_STOP, "Disable Operation ends it"
     ),
-    Row(
-        (*RAMPING, P.QUICK_STOP),
-        (D.QUICK_STOPPED,),
-        ANY_WISH,
-        P.QUICK_STOP,
-        A.DISABLE_VOLTAGE,
-        Reason.QUICK_STOP,
-        "it is over",
-    ),
-    Row((*RAMPING, P.QUICK_STOP), ANY_DRIVE, ANY_WISH, P.QUICK_STOP, A.QUICK_STOP, Reason.QUICK_STOP, "to its end"),
+    Row(STOPPING, (D.QUICK_STOPPED,), ANY_WISH, P.QUICK_STOP, A.DISABLE_VOLTAGE, Reason.QUICK_STOP, "it is over"),
+    Row(STOPPING, ANY_DRIVE, ANY_WISH, P.QUICK_STOP, A.QUICK_STOP, Reason.QUICK_STOP, "to its end"),
 )
 """The whole table."""
 
 
 @dataclass(frozen=True, slots=True)
 class Cell:
-    """One entry of the compiled table; ``row`` is its number in ``ROWS``."""
+    """One entry of the compiled table; ``row`` is its number in ``ROWS``.
+
+    ``stopping``: the drive still shows operation, which is no longer what is commanded. ``visible``: the drive's own bits that
+    are shown as they are; "no OFF2" and "no OFF3" are hidden while one is in force, whatever the drive says.
+    """
 
     row: int
     phase: Phase
     action: Action
     controlword: int
     reason: Reason | None
+    stopping: bool
+    visible: int
+
+
+def _visible(phase: Phase, wish: PowerWish) -> int:
+    visible = Flag.OF_THE_DRIVE
+    if wish in COASTS:
+        visible &= ~Flag.NO_COAST_STOP
+    if wish is W.QUICK_STOP or phase is P.QUICK_STOP:
+        visible &= ~Flag.NO_QUICK_STOP
+    return visible
 
 
 def _compile() -> tuple[Cell, ...]:
@@ -282,7 +294,9 @@ def _compile() -> tuple[Cell, ...]:
                         reason = row.reason
                         if reason in _PLC_ASKED and wish in NO_PLC:
                             reason = Reason.PLC_LOST
-                        cells.append(Cell(number, after, row.action, CONTROLWORDS[row.action], reason))
+                        stopping = drive in IN_OPERATION and after not in OBEYING
+                        word = CONTROLWORDS[row.action]
+                        cells.append(Cell(number, after, row.action, word, reason, stopping, _visible(after, wish)))
                         break
                 else:
                     raise AssertionError(f"power table: no row for {phase.name}, {drive.name}, {wish.name}")

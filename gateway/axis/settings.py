@@ -24,7 +24,16 @@ class SetpointEnable(enum.Enum):
     HOLD = "hold"
     """The last Target Velocity stays (the manufacturer's rule)."""
     PROFIDRIVE = "profidrive"
-    """Bit 4 or 6 = 0: Target Velocity 0; bit 5 = 0: hold."""
+    """Bit 4 or 6 = 0: Target Velocity 0; bit 5 = 0: hold (the profile's)."""
+
+
+class ControlLost(enum.Enum):
+    """``control_lost``: what STW1.10 = 0 does in operation; OFF1, OFF2 and OFF3 act in any case, and nothing starts."""
+
+    STOP = "stop"
+    """As OFF1, with a warning."""
+    HOLD = "hold"
+    """The last valid words stay in force (the manufacturer's rule)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,12 +41,18 @@ class AxisSettings:
     """The user's choices for one axis."""
 
     on_plc_loss: PlcLossReaction = PlcLossReaction.QUICK_STOP
-    setpoint_enable: SetpointEnable = SetpointEnable.HOLD
+    setpoint_enable: SetpointEnable = SetpointEnable.PROFIDRIVE
     modulo_axis: bool = False
     ramp_stop_resume: bool = False
     """ON during an OFF1 ramp stop resumes operation (the PROFIdrive standard allows it; off by default)."""
     standstill_window: Fraction = Fraction(1, 100)
     """Standstill when |velocity| is at most this share of the reference speed."""
+    control_lost: ControlLost = ControlLost.STOP
+    reaction_ns: int = 400_000_000
+    """So long may a stop take to show: a lost RPDO goes out again with the refresh, the answer comes at the latest with the
+    event timer of the TPDO and is looked at in the next cycle; twice that."""
+    stop_time_ns: int = 10_000_000_000
+    """From 100 % speed to standstill by the drive's own ramps."""
     sign_of_life_failures: int = MONITORING_OFF
     """P925: tolerated failures of the PLC's sign of life in succession; 65535: not watched, only answered."""
     positioner: PositionerChoices | None = None

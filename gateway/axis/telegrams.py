@@ -85,9 +85,9 @@ def make_adapter(number: int, settings: AxisSettings) -> Adapter:
         wide = {"MOMRED", "G2_STW"} & set(chosen.setpoints.names)
         return WideSpeedAdapter(chosen, settings) if wide else SpeedAdapter(chosen, settings)
     if kind is Kind.POSITIONING:
-        return PositioningAdapter(chosen)
+        return PositioningAdapter(chosen, settings)
     if kind is Kind.POSITIONER:
-        return PositionerAdapter(chosen)
+        return PositionerAdapter(chosen, settings)
     return TransparentAdapter(chosen)
 
 

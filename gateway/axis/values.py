@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from pdgw.dsp402.images import DriveCommand, DriveFeedback, References
+from pdgw.gateway.axis.stop_watch import Brake
 from pdgw.gateway.reasons import GATEWAY_FAULTS, FaultNumber, Reason
 
 
@@ -147,7 +148,17 @@ class EncoderInput(Protocol):
 class Inputs:
     """What one step of an axis is made from; one object, filled anew for each step. ``news`` is emptied by the step."""
 
-    __slots__ = ("drive_ok", "feedback", "news", "now", "sensor", "sensor_ok", "set_point_refused", "setpoints")
+    __slots__ = (
+        "drive_ok",
+        "feedback",
+        "news",
+        "node_stopped",
+        "now",
+        "sensor",
+        "sensor_ok",
+        "set_point_refused",
+        "setpoints",
+    )
 
     def __init__(self, feedback: DriveFeedback) -> None:
         self.now = 0
@@ -157,6 +168,8 @@ class Inputs:
         self.feedback = feedback
         self.drive_ok = False
         """The drive is configured and its data is fresh."""
+        self.node_stopped = False
+        """The heartbeat of the drive says Stopped (NMT)."""
         self.set_point_refused = False
         """A new set-point does not reach the drive, because its data could not be written."""
         self.sensor: EncoderInput | None = None
@@ -171,11 +184,13 @@ class Outputs:
     __slots__ = (
         "acknowledged",
         "actuals",
+        "brake",
         "command",
         "emergency_over",
         "eventful",
         "faults",
         "good",
+        "known_off",
         "preset",
         "read_fault",
         "reason",
@@ -206,6 +221,11 @@ class Outputs:
         """The fault buffer moves on: the PLC acknowledged and the device has left its fault."""
         self.emergency_over = False
         """The device told that it has no error any more."""
+        self.brake: Brake = Brake.NONE
+        """What has to be done beside the Controlword, because the drive does not obey it."""
+        self.known_off = True
+        """The drive is known to have no power: it was never seen with any, or showed so itself since. As long as it is not, Quick
+        Stop is commanded whatever happens, and has to go out with every refresh and first after a bus was lost."""
         self.writes: tuple[SdoWrite, ...] | None = None
         """Values the device has to take; they stand until an ``SdoAnswer``, or until they are withdrawn or replaced."""
         self.preset: SdoWrite | None = None

@@ -34,11 +34,15 @@ class PowerWish(enum.IntEnum):
     """Operation."""
     RESUME = 6
     """ENABLE during a ramp stop where the user lets it resume: the interlock's own reading of ENABLE."""
-    NO_PLC_RAMP = 7
+    HOLD = 7
+    """Operation goes on, nothing starts: what is left of ENABLE without control by the PLC where the user wants it so."""
+    STOP = 8
+    """As OFF1 in operation, but no OFF that releases anything: the PLC has no control."""
+    NO_PLC_RAMP = 9
     """Nobody is there to ask; the user's reaction to that is a ramp,"""
-    NO_PLC_QUICK_STOP = 8
+    NO_PLC_QUICK_STOP = 10
     """or a quick stop,"""
-    NO_PLC_COAST = 9
+    NO_PLC_COAST = 11
     """or to let the drive coast."""
 
 

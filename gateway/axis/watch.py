@@ -30,6 +30,16 @@ _CANOPEN_ERRORS = range(0x8100, 0x8300)
 _VALUE_BYTES = 4
 """So many of an EMCY's manufacturer bytes are P949's value."""
 FAULTY = (State.FAULT, State.FAULT_REACTION_ACTIVE)
+POWERED = (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE, State.FAULT_REACTION_ACTIVE)
+"""The power stage is on."""
+UNPOWERED = (
+    State.NOT_READY_TO_SWITCH_ON,
+    State.SWITCH_ON_DISABLED,
+    State.READY_TO_SWITCH_ON,
+    State.SWITCHED_ON,
+    State.FAULT,
+)
+"""Nothing turns the axis."""
 WATCHED = STATE_MASK | StatusBit.INTERNAL_LIMIT
 """Statusword bits whose changes are told."""
 _DISABLED = (State.SWITCHED_ON, State.READY_TO_SWITCH_ON, State.SWITCH_ON_DISABLED)

@@ -180,7 +180,7 @@ def test_another_choice_of_the_user_is_a_difference(tmp_path: Path) -> None:
     rig.stw(0x043F, 20)  # no setpoint: hold
     files = rig.frames.write(tmp_path)
     assert not replayed(load(files, known(1), 0, print))[1]
-    other = AxisSettings(setpoint_enable=SetpointEnable.PROFIDRIVE)
+    other = AxisSettings(setpoint_enable=SetpointEnable.HOLD)
     assert replayed(load(files, known(1, other), 0, print))[1] == [("RPDO1", ("Target Velocity",))]
 
 

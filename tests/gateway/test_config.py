@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from pdgw.dsp402.device import EDS_PATH
 from pdgw.dsp406.device import eds_path
 from pdgw.dsp406.kinds import ROTARY
-from pdgw.gateway.axis.settings import PlcLossReaction, SetpointEnable
+from pdgw.gateway.axis.settings import ControlLost, PlcLossReaction, SetpointEnable
 from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS
 from pdgw.gateway.config import example, load_config, parse_config, simulated
 from pdgw.gateway.config_check import references_wrong
@@ -61,7 +61,8 @@ def test_defaults_are_those_of_the_documentation() -> None:
     assert (config.transport.cyclic_port, config.transport.acyclic_port) == (34962, 34964)
     assert config.transport.watchdog_factor == 3
     assert config.axis[0].on_plc_loss is PlcLossReaction.QUICK_STOP
-    assert config.axis[0].setpoint_enable is SetpointEnable.HOLD
+    assert config.axis[0].setpoint_enable is SetpointEnable.PROFIDRIVE
+    assert config.axis[0].control_lost is ControlLost.STOP
 
 
 def test_the_example_is_valid_and_names_every_axis_key() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from pdgw.gateway.axis.settings import AxisSettings, ControlLost
 from pdgw.gateway.axis.waist import Demand, PowerWish, Report
 from pdgw.profidrive.signals import signal
 from pdgw.profidrive.telegrams import Telegram, TelegramHalf
@@ -52,11 +53,28 @@ class Adapter:
         raise NotImplementedError
 
 
+def _without_control(control_lost: ControlLost) -> dict[PowerWish, dict[PowerWish, PowerWish]]:
+    """What STW1 asks without control, by the last wish and what its bits 0-3 say: a stop passes, nothing starts."""
+    holds = control_lost is ControlLost.HOLD
+
+    def wish(last: PowerWish, now: PowerWish) -> PowerWish:
+        if now in {PowerWish.COAST, PowerWish.QUICK_STOP}:
+            return now
+        goes_on = holds and now is not PowerWish.OFF and last in {PowerWish.ENABLE, PowerWish.HOLD}
+        return PowerWish.HOLD if goes_on else PowerWish.STOP
+
+    return {last: {now: wish(last, now) for now in set(_WISHES)} for last in PowerWish}
+
+
+_UNCONTROLLED = {item: _without_control(item) for item in ControlLost}
+
+
 class ControlWordAdapter(Adapter):
     """A telegram with STW1 and ZSW1, and perhaps the words of a sensor. STW1 is looked at when it changes."""
 
-    def __init__(self, telegram: Telegram) -> None:
+    def __init__(self, telegram: Telegram, settings: AxisSettings) -> None:
         super().__init__(telegram)
+        self._uncontrolled = _UNCONTROLLED[settings.control_lost]
         self.stw1 = telegram.setpoints.index("STW1")
         self.zsw1 = telegram.actuals.index("ZSW1")
         self.g1_stw = place(telegram.setpoints, "G1_STW")
@@ -66,7 +84,7 @@ class ControlWordAdapter(Adapter):
         """STW1 as it was last, None without a PLC."""
 
     def take(self, word: int | None, demand: Demand) -> bool:
-        """Another STW1, None without a PLC: its part all telegrams share; False where nothing new is asked."""
+        """Another STW1, None without a PLC: its part all telegrams share; False where its other bits are not evaluated."""
         self.word = word
         if word is None:
             demand.connected = False
@@ -75,6 +93,7 @@ class ControlWordAdapter(Adapter):
             return False
         if not word & _CONTROL_BY_PLC:
             demand.in_control = False
+            demand.power = self._uncontrolled[demand.power][_WISHES[word & POWER_BITS]]
             return False
         demand.connected = demand.in_control = True
         demand.power = _WISHES[word & POWER_BITS]

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from pdgw.gateway.axis.adapters.base import ControlWordAdapter, place
+from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.waist import Demand, Report
 from pdgw.gateway.motion.states import State
 from pdgw.gateway.motion.wishes import Asked, MotionKind, Outcome
@@ -90,8 +91,8 @@ _LOWEST, _HIGHEST = DataType.INTEGER32.integer_range
 class PositionerAdapter(ControlWordAdapter):
     """Words by name; what a telegram lacks keeps its first value."""
 
-    def __init__(self, telegram: Telegram) -> None:
-        super().__init__(telegram)
+    def __init__(self, telegram: Telegram, settings: AxisSettings) -> None:
+        super().__init__(telegram, settings)
         setpoints, actuals = telegram.setpoints, telegram.actuals
         self._asked = Asked()
         self._last: Sequence[int] | None = None

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from pdgw.gateway.axis.adapters.base import ControlWordAdapter
+from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.waist import Demand, Direction, Report, Task
 from pdgw.profidrive.datatypes import N2_100_PERCENT, N4_100_PERCENT
 from pdgw.profidrive.signals import signal
@@ -33,8 +34,8 @@ _N2_FACTOR = N4_100_PERCENT // N2_100_PERCENT
 class PositioningAdapter(ControlWordAdapter):
     """Edges of STW1.6 and .11 are found here, with the data of their frame; a bit that stands when the PLC comes is none."""
 
-    def __init__(self, telegram: Telegram) -> None:
-        super().__init__(telegram)
+    def __init__(self, telegram: Telegram, settings: AxisSettings) -> None:
+        super().__init__(telegram, settings)
         setpoints, actuals = telegram.setpoints, telegram.actuals
         self._satzanw = setpoints.index("SATZANW")
         self._target = setpoints.index("MDI_TARPOS")

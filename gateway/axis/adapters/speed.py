@@ -28,7 +28,7 @@ class SpeedAdapter(ControlWordAdapter):
     """Words by name; an N2 is promoted to the demand's N4 and a report's N4 truncated toward zero, as N2 itself is."""
 
     def __init__(self, telegram: Telegram, settings: AxisSettings) -> None:
-        super().__init__(telegram)
+        super().__init__(telegram, settings)
         self._setpoint, self._setpoint_factor = _speed_signal(telegram.setpoints, "NSOLL")
         self._actual, self._actual_factor = _speed_signal(telegram.actuals, "NIST")
         self._follows = False

@@ -67,8 +67,8 @@ class Executor:
     def recall(self, *, home_set: bool) -> None:
         """What an earlier machine of this axis had found out (a recording that begins in the middle)."""
 
-    def refuse(self, feedback: DriveFeedback) -> None:
-        """Without valid references nothing is converted and nothing asked of the drive."""
+    def refuse(self, controlword: int, feedback: DriveFeedback) -> None:
+        """Without valid references nothing is converted; the drive gets the Controlword and nothing else."""
         raise NotImplementedError
 
     def sdo_done(self, error: str | None) -> None:

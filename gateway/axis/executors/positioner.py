@@ -108,9 +108,9 @@ class PositionerExecutor(Executor):
     def recall(self, *, home_set: bool) -> None:
         self.homing.home_set = self.positioner.home_set = home_set
 
-    def refuse(self, feedback: DriveFeedback) -> None:
+    def refuse(self, controlword: int, feedback: DriveFeedback) -> None:
         self._stop()
-        self.command.controlword = self.command.target_velocity = 0
+        self.command.controlword, self.command.target_velocity = controlword, 0
         self.positioner.step(self._nothing, self._seen, 0)
 
     def sdo_done(self, error: str | None) -> None:

@@ -104,6 +104,8 @@ class PositioningExecutor(Executor):
         self._homing_after_braking = False
         self._braking_reason: Reason | None = None
         self._limit = LimitWatch()
+        self._refused: Reason | None = None
+        """Why the last edge started nothing; until the next one, a reject, or the end of operation."""
         self._at_limit = False
         """The intermediate stop is not the PLC's: a limit of the drive stopped the task."""
 
@@ -132,9 +134,9 @@ class PositioningExecutor(Executor):
     def recall(self, *, home_set: bool) -> None:
         self.homing.home_set = home_set
 
-    def refuse(self, feedback: DriveFeedback) -> None:
+    def refuse(self, controlword: int, feedback: DriveFeedback) -> None:
         self._drop()
-        self.command.controlword = 0
+        self.command.controlword = controlword
         report = self.report
         report.position = report.homing_method = 0
         report.tasks_active = False
@@ -165,6 +167,11 @@ class PositioningExecutor(Executor):
             notes.reason = None
             extra = self._operate(demand, scaling, feedback, standstill, now)
             reason = notes.reason
+            if self._refused is not None:
+                if demand.reject and self._refused is not Reason.REJECTED:
+                    self._refused = None
+                elif reason is None or reason is Reason.MDI_OFF:
+                    reason = self._refused
             if self.sub_state in _SHOWS_REACHED:
                 flags |= Flag.REACHED
             mode.halted = extra & _HALT != 0
@@ -211,6 +218,7 @@ class PositioningExecutor(Executor):
         """Not in operation: task, handshake and homing are over; the next edge starts anew."""
         self.sub_state = SubState.IDLE
         self._forget_tasks()
+        self._refused = None
         self._homing_after_braking = False
         self.homing.give_up()
         self._mode.give_up()
@@ -243,14 +251,27 @@ class PositioningExecutor(Executor):
         )
 
     def _latch(self, demand: Demand, scaling: _Scaling) -> None:
-        """The edge of a task with everything else given becomes a task with the data of its frame."""
+        """The edge of a task with everything else given becomes a task with the data of its frame; any other starts nothing."""
         task = demand.task
         if task is None:
             return
         if not demand.tasks_selected:
-            self.notes.reason = Reason.MDI_OFF
-        elif not demand.reject and not demand.intermediate_stop:
-            self._pending = self._convert(task, scaling)
+            self._refused = Reason.MDI_OFF
+        elif demand.reject:
+            self._refused = Reason.REJECTED
+        elif demand.intermediate_stop and self.sub_state is not SubState.INTERMEDIATE:
+            self._refused = Reason.INTERMEDIATE_STOP
+        else:
+            self._capture(task, scaling)
+
+    def _capture(self, task: Task, scaling: _Scaling) -> None:
+        """A task with a speed replaces what waits."""
+        converted = self._convert(task, scaling)
+        if converted.velocity:
+            self._pending = converted
+            self._refused = None
+        else:
+            self._refused = Reason.TASK_SPEED_ZERO
 
     def _handshake(self, demand: Demand, feedback: DriveFeedback, now: int) -> None:
         """CW.4: raised for a pending task once the drive took the last one back, lowered when its wish has fallen."""
@@ -335,12 +356,15 @@ class PositioningExecutor(Executor):
 
     def _interrupt(self, demand: Demand, scaling: _Scaling, feedback: DriveFeedback, now: int) -> int:
         self.sub_state = SubState.INTERMEDIATE
-        # A task the drive has not taken is the one to resume with; its own Controlword edge never comes.
+        self._keep_newest()
+        return self._intermediate(demand, scaling, feedback, now)
+
+    def _keep_newest(self) -> None:
+        """A task the drive has not taken is the one to resume with; its own Controlword edge never comes."""
         if self._pending is not None:
             self._task, self._pending = self._pending, None
             self._taken = False
             self._setpoint_bit = False
-        return self._intermediate(demand, scaling, feedback, now)
 
     def _intermediate(self, demand: Demand, scaling: _Scaling, feedback: DriveFeedback, now: int) -> int:
         if self._ends(demand):
@@ -350,6 +374,8 @@ class PositioningExecutor(Executor):
         self._handshake(demand, feedback, now)
         if demand.intermediate_stop:
             self._at_limit = False
+            self._latch(demand, scaling)
+            self._keep_newest()
             self.notes.reason = Reason.INTERMEDIATE_STOP
             return _HALT | self._bits()
         if self._at_limit and demand.task is None:

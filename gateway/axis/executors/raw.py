@@ -50,8 +50,8 @@ class RawExecutor(Executor):
     def set_references(self, references: References, homing_method: int) -> None:
         """Nothing is scaled."""
 
-    def refuse(self, feedback: DriveFeedback) -> None:
-        self.command.controlword = 0
+    def refuse(self, controlword: int, feedback: DriveFeedback) -> None:
+        self.command.controlword = controlword
         self.report.raw = self._read(feedback)
 
     def lost(self) -> None:

@@ -45,11 +45,11 @@ class SpeedExecutor(Executor):
     def restarted(self) -> None:
         self._target = 0
 
-    def refuse(self, feedback: DriveFeedback) -> None:
+    def refuse(self, controlword: int, feedback: DriveFeedback) -> None:
         self._target = self._stopped = 0
         self._limit.reset()
         self.notes.warning = False
-        self.command.controlword = self.command.target_velocity = 0
+        self.command.controlword, self.command.target_velocity = controlword, 0
         self.report.speed = 0
 
     def step(

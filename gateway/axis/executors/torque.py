@@ -49,8 +49,8 @@ class TorqueExecutor(SpeedExecutor):
         self._message = MessageWord(int(references.speed_reference))
         self._base = self.command.max_torque = references.max_torque
 
-    def refuse(self, feedback: DriveFeedback) -> None:
-        super().refuse(feedback)
+    def refuse(self, controlword: int, feedback: DriveFeedback) -> None:
+        super().refuse(controlword, feedback)
         self.report.message = 0
 
     def step(

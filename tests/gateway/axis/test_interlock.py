@@ -53,6 +53,8 @@ def test_before_an_off_no_command_reaches_any_state(state: State, command: int) 
         assert word == SHUTDOWN
     elif state is State.QUICK_STOP_ACTIVE:
         assert word == QUICK_STOP, "a quick stop that runs is not cut short"
+    elif command & 0x6 == 0x2 and state not in POWERED and state not in FAULTS:
+        assert word == QUICK_STOP, "as it is asked"
     else:
         assert word == DISABLE_VOLTAGE
     assert not word & ControlBit.SWITCH_ON

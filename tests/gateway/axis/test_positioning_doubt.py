@@ -159,7 +159,7 @@ def test_an_old_attempt_does_not_shorten_the_time_a_mode_has_to_be_confirmed() -
 
     def step(word: int, state: State, now: int) -> None:
         feedback.statusword = STATUS_OF[state]
-        stepper.step(half.from_dict({"SATZANW": 0x8000, "STW1": word}), feedback, True, now)
+        stepper.step(half.from_dict({"SATZANW": 0x8000, "MDI_VELOCITY": 1 << 29, "STW1": word}), feedback, True, now)
 
     for word, state in ((ON & ~1, State.SWITCH_ON_DISABLED), (ON, State.READY_TO_SWITCH_ON), (ON, State.SWITCHED_ON)):
         step(word, state, 1)

@@ -24,11 +24,12 @@ from pdgw.gateway.axis.power_table import (
     cell,
 )
 from pdgw.gateway.axis.settings import AxisSettings, PlcLossReaction
-from pdgw.gateway.axis.waist import PowerWish
+from pdgw.gateway.axis.waist import Flag, PowerWish
 
 OBEYS = {Phase.FOLLOW, Phase.PASS}
 POWERS = {Action.SWITCH_ON, Action.ENABLE_OPERATION, Action.PASS}
 """Actions that may put the power stage on."""
+COASTS = {PowerWish.COAST, PowerWish.NO_PLC_COAST}
 STOPS = {Action.DISABLE_VOLTAGE, Action.QUICK_STOP, Action.SHUTDOWN}
 EVERYTHING = list(itertools.product(Phase, Drive, PowerWish))
 MS = 1_000_000
@@ -75,9 +76,53 @@ def test_a_drive_that_may_be_turning_is_told_to_stop_whatever_is_asked(drive: Dr
 
 @pytest.mark.parametrize("drive", [Drive.FAULT, Drive.NO_REFERENCES, Drive.RESTARTED])
 def test_after_a_fault_or_without_references_nothing_is_obeyed(drive: Drive) -> None:
-    for name, item in walk(drives={drive}):
-        assert item.phase in {Phase.LOCKED, Phase.DOUBT}, name
-        assert item.action is Action.DISABLE_VOLTAGE, name
+    for name, item in walk(drives={drive}, phases=set(Phase) - {Phase.DOUBT}):
+        assert (item.phase, item.action) == (Phase.LOCKED, Action.DISABLE_VOLTAGE), name
+    for name, item in walk(drives={drive}, phases={Phase.DOUBT}, wishes=set(PowerWish) - COASTS):
+        doubtful = (Phase.DOUBT, Action.QUICK_STOP)
+        ended = (Phase.LOCKED, Action.DISABLE_VOLTAGE)
+        assert (item.phase, item.action) == (ended if drive is Drive.FAULT else doubtful), name
+
+
+def test_a_powered_drive_whose_references_are_gone_is_stopped_not_let_coast() -> None:
+    for name, item in walk(drives={Drive.POWERED_UNREAD}, wishes=set(PowerWish) - COASTS):
+        assert (item.phase, item.action) == (Phase.DOUBT, Action.QUICK_STOP), name
+    for name, item in walk(drives={Drive.POWERED_UNREAD}, wishes=COASTS):
+        assert (item.phase, item.action) == (Phase.DOUBT, Action.DISABLE_VOLTAGE), name
+
+
+@pytest.mark.parametrize("wish", [PowerWish.STOP, PowerWish.HOLD])
+def test_without_control_by_the_plc_nothing_starts_and_nothing_is_released(wish: PowerWish) -> None:
+    for name, item in walk(
+        wishes={wish}, drives=set(UNPOWERED) | {Drive.LOST, Drive.FAULT}, phases=set(Phase) - {Phase.PASS}
+    ):
+        assert item.phase not in OBEYS, name
+        assert item.action in STOPS, name
+    item = cell(Phase.FOLLOW, Drive.OPERATING, wish)
+    stays = (Phase.FOLLOW, Action.ENABLE_OPERATION)
+    assert (item.phase, item.action) == (stays if wish is PowerWish.HOLD else (Phase.RAMP_STOP, Action.RAMP))
+
+
+@pytest.mark.parametrize("phase", list(OBEYS))
+@pytest.mark.parametrize("wish", [PowerWish.COAST, PowerWish.QUICK_STOP])
+def test_off2_and_off3_lock_whatever_the_drive_shows(phase: Phase, wish: PowerWish) -> None:
+    for name, item in walk(phases={phase}, wishes={wish}):
+        assert item.phase not in OBEYS, name
+        assert item.action in STOPS, name
+
+
+def test_an_axis_that_is_being_stopped_never_shows_operation() -> None:
+    for name, item in walk(drives=IN_OPERATION):
+        assert item.stopping is (item.phase not in OBEYS), name
+
+
+def test_zsw1_4_and_5_show_the_off2_and_off3_in_force() -> None:
+    for name, item in walk():
+        coasts = name.endswith((" COAST", "NO_PLC_COAST"))
+        stops = name.endswith(" QUICK_STOP") or item.phase is Phase.QUICK_STOP
+        assert bool(item.visible & Flag.NO_COAST_STOP) is not coasts, name
+        assert bool(item.visible & Flag.NO_QUICK_STOP) is not stops, name
+        assert item.visible | Flag.NO_COAST_STOP | Flag.NO_QUICK_STOP == Flag.OF_THE_DRIVE, name
 
 
 def test_doubt_ends_only_with_a_drive_that_is_off_or_in_fault_or_an_off_it_can_obey() -> None:
@@ -195,7 +240,7 @@ def test_the_interlock_obeys_the_table_in_every_condition(phase: Phase) -> None:
         interlock = Interlock(AxisSettings(on_plc_loss=REACTIONS.get(wish, PlcLossReaction.QUICK_STOP)))
         asked = None if wish in NO_PLC else wish
         shown = {Drive.STANDING: Drive.OPERATING, Drive.QUICK_STOPPED: Drive.QUICK_STOPPING}.get(drive, drive)
-        trouble = drive if drive in {Drive.LOST, Drive.NO_REFERENCES} else None
+        trouble = drive if drive in {Drive.LOST, Drive.NO_REFERENCES, Drive.POWERED_UNREAD} else None
         statusword = STATUSWORD.get(shown, 0x27)
         still = drive in {Drive.STANDING, Drive.QUICK_STOPPED}
         interlock.phase = phase

@@ -5,13 +5,13 @@ from __future__ import annotations
 import pytest
 from pdgw.dsp402.images import References
 from pdgw.dsp402.states import STATUS_OF, Command, State, StatusBit
-from pdgw.gateway.axis.settings import AxisSettings, PlcLossReaction, SetpointEnable
+from pdgw.gateway.axis.settings import AxisSettings, ControlLost, PlcLossReaction, SetpointEnable
 from pdgw.gateway.reasons import Reason
 
 from tests.support.plain_drive import PlainDrive
 from tests.support.stepper import Stepper
 
-OFF, ON = 0x047E, 0x047F
+OFF, ON, CONTROL = 0x047E, 0x047F, 0x0400
 MS = 1_000_000
 
 
@@ -138,13 +138,14 @@ def test_control_by_plc_0_before_the_first_1_keeps_the_controlword_0() -> None:
     assert bench.stepper.reason is Reason.NO_CONTROL
 
 
-def test_control_by_plc_0_keeps_the_last_valid_words() -> None:
-    bench = Bench()
+def test_control_lost_hold_keeps_the_last_valid_words() -> None:
+    bench = Bench(control_lost=ControlLost.HOLD)
     bench.operate(0x2000)
-    bench.step(0x0000, 0x1000, cycles=5)
+    bench.step(ON & ~CONTROL, 0x1000, cycles=5)
     assert bench.drive.state is State.OPERATION_ENABLED
     assert bench.stepper.command.target_velocity == 3000
     assert bench.stepper.reason is Reason.NO_CONTROL
+    assert not bench.stepper.events
 
 
 @pytest.mark.parametrize("bit", [4, 5, 6])
@@ -365,7 +366,7 @@ def at_limit(bench: Bench, speed: int, *, cycles: int = HALF_SECOND + 1, velocit
 
 @pytest.mark.parametrize("speed", [0x2000, -0x2000])
 def test_a_limit_switch_that_is_released_does_not_let_the_axis_move_on(speed: int) -> None:
-    bench = Bench()
+    bench = Bench(setpoint_enable=SetpointEnable.HOLD, control_lost=ControlLost.HOLD)
     bench.operate(speed)
     at_limit(bench, speed)
     assert bench.stepper.reason is Reason.STOPPED_AT_LIMIT

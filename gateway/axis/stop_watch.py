@@ -1,0 +1,95 @@
+"""Whether a drive obeys a stop, and the brakes that are left when it does not.
+
+After a stop is commanded, the Statusword has to leave Operation Enabled, or the speed to fall along the drive's ramp, within a
+time that follows from how fast commands and answers travel. Otherwise the node is to be stopped by NMT; if it does not show that
+it obeys this either, the gateway's heartbeat is to be withheld, so that the drive's own abort option (6007h) is the last brake.
+Source: docs/safety.md.
+"""
+
+from __future__ import annotations
+
+import enum
+
+from pdgw.gateway.axis.power_table import Action
+
+RAMP_MARGIN = 2
+"""So many times its stop time may a drive take."""
+_HOLDS_POWER = (Action.RAMP, Action.QUICK_STOP)
+"""Commands during which the drive brakes with power on."""
+
+
+class Brake(enum.IntEnum):
+    """What has to be done beside the Controlword."""
+
+    NONE = 0
+    NMT_STOP = 1
+    WITHHOLD_HEARTBEAT = 2
+
+
+class StopWatch:
+    """One axis. ``step`` in each cycle in which the drive is not obeying the PLC and not known to be off."""
+
+    __slots__ = ("_began", "_braked", "_reaction", "_speed", "_standing_command", "_stop_time", "brake", "reference")
+
+    def __init__(self, reaction_ns: int, stop_time_ns: int) -> None:
+        self._reaction = reaction_ns
+        self._stop_time = stop_time_ns
+        self.reference = 0
+        """100 % speed in the drive's units."""
+        self.brake: Brake = Brake.NONE
+        self._began = -1
+        """When the stop was commanded first; -1 while there is none."""
+        self._speed = 0
+        """The speed from which the drive brakes."""
+        self._standing_command = -1
+        """Since when the drive shows operation although power off, or the quick stop, is commanded; -1 while it does not."""
+        self._braked = 0
+
+    @property
+    def runs(self) -> bool:
+        """A stop is being watched."""
+        return self._began >= 0
+
+    def over(self) -> None:
+        """The drive is off, or obeys the PLC again."""
+        self._began = self._standing_command = -1
+        self.brake = Brake.NONE
+
+    def step(
+        self, action: Action, operating: bool, seen: bool, node_stopped: bool, velocity: int, window: int, now: int
+    ) -> bool:
+        """One cycle of a stop; True when the drive is found not to obey.
+
+        ``operating``: it shows Operation Enabled. ``seen``: what it shows is fresh. ``node_stopped``: its heartbeat says Stopped.
+        ``velocity``: actual speed, standstill within ``window``. ``now``: monotonic nanoseconds.
+        """
+        if self.brake is not Brake.NONE:
+            if self.brake is Brake.NMT_STOP and not node_stopped and now - self._braked >= self._reaction:
+                self.brake = Brake.WITHHOLD_HEARTBEAT
+            return False
+        if not seen:
+            return False
+        speed = abs(velocity)
+        if self._began < 0:
+            self._began = now
+            self._speed = speed
+        elif now - self._began <= self._reaction:
+            self._speed = max(self._speed, speed)  # it still gathers what was asked before
+        if operating and action is not Action.RAMP:
+            if self._standing_command < 0:
+                self._standing_command = now
+            disobeys = now - self._standing_command > self._reaction
+        else:
+            self._standing_command = -1
+            disobeys = action in _HOLDS_POWER and speed > max(window, self._allowed(now))
+        if disobeys:
+            self.brake = Brake.NMT_STOP
+            self._braked = now
+        return disobeys
+
+    def _allowed(self, now: int) -> int:
+        """The speed a drive on its ramp is below by now, with margin."""
+        braking = now - self._began - self._reaction
+        if braking <= 0:
+            return self._speed
+        return self._speed - self.reference * braking // (RAMP_MARGIN * self._stop_time)
