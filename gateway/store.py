@@ -58,6 +58,18 @@ class DeviceParameters(BaseModel):
         return self.objects.setdefault(do_id, DoParameters())
 
 
+def _settle(folder: Path) -> None:
+    """The new name is on the disk, too."""
+    try:
+        directory = os.open(folder, os.O_RDONLY)
+    except PermissionError:
+        return  # Windows opens no folders; there the file system sees to it
+    try:
+        os.fsync(directory)
+    finally:
+        os.close(directory)
+
+
 def _checksum(parameters: str) -> str:
     return f"{zlib.crc32(parameters.encode()):08x}"
 
@@ -95,11 +107,7 @@ class ParameterStore:
                 file.flush()
                 os.fsync(file.fileno())
             temporary.replace(self.path)
-            directory = os.open(self.path.parent, os.O_RDONLY)
-            try:
-                os.fsync(directory)
-            finally:
-                os.close(directory)
+            _settle(self.path.parent)
         except OSError as error:
             raise GatewayError(f"parameter store {self.path}: cannot be written: {error.strerror}") from error
 

@@ -7,7 +7,6 @@ buffer. Needs CAP_NET_RAW; CAP_NET_ADMIN to set the address that DCP gives.
 from __future__ import annotations
 
 import ctypes
-import fcntl
 import socket
 import struct
 from collections.abc import Callable, Sequence
@@ -123,6 +122,10 @@ class RawEthernet:
         self._interface = interface
         self._sockets: list[socket.socket] = []
         self.errors = 0
+        if not hasattr(socket, "AF_PACKET"):
+            raise GatewayError(
+                f'interface {interface}: raw Ethernet is there on Linux only; type = "udp" works everywhere'
+            )
         try:
             self._index = socket.if_nametoindex(interface)
         except OSError as error:
@@ -240,6 +243,8 @@ class RawEthernet:
         return struct.pack("16s2s2s4s16x", self._interface.encode(), family, b"\0\0", address)
 
     def ip(self) -> IpSuite:
+        import fcntl  # noqa: PLC0415 (not there on Windows)
+
         found = []
         for request in (_SIOCGIFADDR, _SIOCGIFNETMASK):
             try:
@@ -249,6 +254,8 @@ class RawEthernet:
         return IpSuite.decode(found[0] + found[1] + bytes(4))
 
     def set_ip(self, suite: IpSuite) -> None:
+        import fcntl  # noqa: PLC0415 (not there on Windows)
+
         requests: Final = [(_SIOCSIFADDR, suite.address.packed)]
         if suite.is_set:
             requests.append((_SIOCSIFNETMASK, suite.mask.packed))

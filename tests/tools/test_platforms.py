@@ -1,0 +1,146 @@
+"""What runs on Windows and macOS too: nothing of it may need modules and calls that only Linux or POSIX has.
+
+The commands run in processes in which these are missing. That Windows behaves otherwise in other things is not shown here.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from tests.decoder.test_replay import speed
+from tests.endtoend.processes import free_tcp_port, free_udp_port
+from tests.support.rig import NODE
+
+_ELSEWHERE = """
+import asyncio, ctypes, logging, multiprocessing, os, pathlib, select, selectors, signal, socket, subprocess, sys, tempfile
+class Missing:
+    names = {"termios", "tty", "pty", "fcntl", "pwd", "grp", "resource", "syslog", "readline", "curses"}
+    def find_spec(self, name, *_):
+        if name in self.names:
+            raise ModuleNotFoundError(f"No module named {name!r}", name=name)
+sys.meta_path.insert(0, Missing())
+for name in Missing.names:
+    sys.modules.pop(name, None)
+for module, names in (
+    (select, ("poll", "epoll", "kqueue")),
+    (selectors, ("PollSelector", "EpollSelector", "KqueueSelector")),
+    (socket, ("AF_PACKET", "AF_CAN", "AF_NETLINK", "CAN_RAW", "SO_REUSEPORT", "SO_BINDTODEVICE")),
+    (os, ("sched_setscheduler", "sched_setaffinity", "sched_param", "fork", "getuid", "geteuid", "getppid", "mkfifo")),
+    (signal, ("SIGHUP", "SIGKILL", "SIGUSR1", "SIGALRM", "setitimer", "pthread_sigmask")),
+):
+    for name in names:
+        if hasattr(module, name):
+            delattr(module, name)
+selectors.DefaultSelector = selectors.SelectSelector
+open_file = os.open
+def no_folder(path, *arguments, **options):
+    if os.path.isdir(path) and sys._getframe(1).f_globals["__name__"] != "shutil":
+        raise PermissionError(13, "Permission denied", str(path))
+    return open_file(path, *arguments, **options)
+os.open = no_folder
+sys.argv[0] = "pdgw"
+from pdgw.__main__ import run
+run()
+"""
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="the real thing")
+
+
+def elsewhere(*arguments: str, text: str = "") -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-c", _ELSEWHERE, *arguments]
+    return subprocess.run(command, input=text, capture_output=True, text=True, timeout=120, check=False)
+
+
+@pytest.fixture
+def recording(tmp_path: Path) -> list[str]:
+    return speed().frames.write(tmp_path)
+
+
+@pytest.fixture
+def configuration(tmp_path: Path) -> str:
+    path = tmp_path / "gateway.toml"
+    path.write_text(
+        '[can]\ninterface = "virtual"\n[transport]\ncycle_time_ms = 4\n[[axis]]\ndo_id = 1\n'
+        f"node_id = {NODE}\ntelegram = 1\n"
+    )
+    return str(path)
+
+
+def test_files_are_read_checked_and_decoded(recording: list[str], configuration: str, tmp_path: Path) -> None:
+    plc, can = recording
+    for arguments in (
+        ("--version",),
+        ("config", "example"),
+        ("config", "check", configuration),
+        ("map", configuration, "--format", "scl"),
+        ("decode", "--hex", "047F 2000", "--telegram", "1"),
+        ("decode", plc, "--stats"),
+        ("decode", can, "--config", configuration, "--json"),
+        ("timeline", plc, can, "--config", configuration, "--html", str(tmp_path / "t.html")),
+        ("replay", plc, can, "--config", configuration),
+        ("eds", "check", str(next(Path(__file__).parents[2].glob("dsp406/eds/*.eds")))),
+        ("sim", "bus", "--example"),
+    ):
+        done = elsewhere(*arguments)
+        assert done.returncode == 0, (arguments, done.stderr[-600:])
+
+
+@contextmanager
+def gateway(store: Path) -> Iterator[tuple[int, int, int]]:
+    """A gateway with a simulated drive in such a process: its ports for frames, parameters, status."""
+    ports = free_udp_port(), free_udp_port(), free_tcp_port()
+    names = ("--cyclic-port", "--acyclic-port", "--status-port")
+    options = [part for name, port in zip(names, ports, strict=True) for part in (name, str(port))]
+    config = store.with_suffix(".toml")
+    config.write_text(
+        f'store = "{store.name}"\n[can]\ninterface = "virtual"\n[transport]\nwatchdog_factor = 75\n'
+        "[[axis]]\ndo_id = 1\nnode_id = 1\ntelegram = 1\nsimulate = true\n"
+    )
+    command = [sys.executable, "-c", _ELSEWHERE, "run", str(config), *options]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as process:
+        try:
+            yield ports
+        finally:
+            process.terminate()
+            output = process.communicate(timeout=60)[0]
+            assert "Traceback" not in output, output
+
+
+def test_a_gateway_runs_is_asked_and_obeys_the_keyboard(tmp_path: Path) -> None:
+    store = tmp_path / "store.json"
+    with gateway(store) as (cyclic, acyclic, status):
+        deadline = time.monotonic() + 60
+        while (asked := elsewhere("status", "--port", str(status), "--json")).returncode or json.loads(asked.stdout)[
+            "axes"
+        ][0]["drive"] != "online":
+            assert time.monotonic() < deadline, asked.stderr
+        parameters = "--gateway", f"127.0.0.1:{acyclic}"
+        read = elsewhere("param", "read", "P922", "--json", *parameters)
+        assert json.loads(read.stdout)[0]["value"] == 1, read.stderr
+        written = elsewhere("param", "write", "P925", "7", *parameters)
+        assert written.returncode == 0, written.stdout + written.stderr
+        plc = elsewhere("sim", "plc", "--interactive", "--gateway", f"127.0.0.1:{cyclic}", text="ex")
+        assert plc.returncode == 0, plc.stderr
+        assert "enable" in plc.stderr
+    assert store.exists()
+
+
+def test_what_does_not_work_there_says_so(tmp_path: Path) -> None:
+    config = tmp_path / "gateway.toml"
+    config.write_text(
+        '[can]\ninterface = "virtual"\n[transport]\ntype = "profinet"\ninterface = "lo"\n'
+        "[[axis]]\ndo_id = 1\nnode_id = 1\ntelegram = 1\n"
+    )
+    raw = elsewhere("run", str(config))
+    assert raw.returncode == 1
+    assert 'raw Ethernet is there on Linux only; type = "udp" works everywhere' in raw.stderr
+    done = elsewhere("decode", "--interface", "eth0")
+    assert done.returncode == 1
+    assert "raw sockets are there on Linux only; record with dumpcap instead" in done.stderr
