@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import time
 from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
 from random import Random
@@ -32,7 +31,7 @@ from pdgw.dsp402.states import ControlBit
 from pdgw.peers.drive import SimulatedDrive, SimulatedDriveNode
 from pdgw.peers.node.node import Value
 
-from tests.support import buses
+from tests.support import site
 
 NODE = 4
 
@@ -40,15 +39,14 @@ NODE = 4
 class Plant:
     """A client and a simulated drive on one bus; ``prepare`` changes the drive before it is switched on."""
 
-    def __init__(self, network: CanNetwork, name: str) -> None:
+    def __init__(self, network: CanNetwork) -> None:
         self.network = network
-        self.name = name
         self.events: list[DriveEvent] = []
         self.drive: SimulatedDrive | None = None
         self.client: DriveClient | None = None
 
     def power_on(self, pdos: int = 5) -> SimulatedDrive:
-        self.drive = SimulatedDrive(buses.bus(self.name), NODE, pdos=pdos)
+        self.drive = site.drive(NODE, pdos=pdos)
         self.drive.start()
         return self.drive
 
@@ -62,7 +60,7 @@ class Plant:
     def online(self, generation: int = 1) -> None:
         client = self.client
         assert client is not None
-        buses.wait_for(
+        site.wait_for(
             lambda: client.status is DriveStatus.ONLINE and client.generation == generation,
             f"online ({client.status_text})",
         )
@@ -76,9 +74,8 @@ class Plant:
 
 @pytest.fixture
 def plant() -> Iterator[Plant]:
-    name = buses.channel()
-    with buses.guarded_network(name) as network:
-        plant = Plant(network, name)
+    with site.guarded_network() as network:
+        plant = Plant(network)
         yield plant
         plant.close()
 
@@ -124,7 +121,7 @@ def test_every_layout_carries_commands_and_feedback(plant: Plant, operation: Ope
     command.modes_of_operation = Mode.VELOCITY
     command.controlword = 0x06
     client.send(command, 1)
-    buses.wait_for(lambda: client.refresh(0) is not None and client.feedback.statusword & 0x6F == 0x21, "ready")
+    site.wait_for(lambda: client.refresh(0) is not None and client.feedback.statusword & 0x6F == 0x21, "ready")
     assert drive.model.controlword == 0x06
 
 
@@ -136,7 +133,7 @@ def test_a_drive_with_four_pdos_gets_the_rest_by_sdo(plant: Plant, tmp_path: Pat
     command = DriveCommand()
     command.digital_outputs = 0x0005_0000
     client.send(command, 1)
-    buses.wait_for(lambda: drive.model.digital_outputs == 0x0005_0000, "outputs written by SDO")
+    site.wait_for(lambda: drive.model.digital_outputs == 0x0005_0000, "outputs written by SDO")
 
 
 def _eds_without(folder: Path, indices: tuple[str, ...]) -> Path:
@@ -186,10 +183,10 @@ def test_nothing_is_sent_before_the_drive_is_online(plant: Plant) -> None:
 
 def test_a_node_that_does_not_answer_is_told_and_found_later(plant: Plant) -> None:
     client = plant.connect()
-    buses.wait_for(lambda: "no answer from node 4" in client.status_text, "told")
+    site.wait_for(lambda: "no answer from node 4" in client.status_text, "told")
     assert client.status is DriveStatus.OFFLINE
     with pytest.raises(Dsp402Error, match="offline"):
-        buses.result(client.submit(lambda drive: drive.read(0x1000)))
+        site.result(client.submit(lambda drive: drive.read(0x1000)))
     plant.power_on()
     plant.online()
 
@@ -205,12 +202,12 @@ def test_a_node_that_does_not_answer_is_told_and_found_later(plant: Plant) -> No
 def test_a_node_of_another_type_is_refused_by_name(
     plant: Plant, address: tuple[int, int], value: int, message: str
 ) -> None:
-    drive = SimulatedDrive(buses.bus(plant.name), NODE)
+    drive = site.drive(NODE)
     drive.node.values[address] = value
     plant.drive = drive
     drive.start()
     client = plant.connect(eds=EDS_PATH)
-    buses.wait_for(lambda: client.status is DriveStatus.REFUSED, "refused")
+    site.wait_for(lambda: client.status is DriveStatus.REFUSED, "refused")
     assert re.search(message, client.status_text), client.status_text
     assert [event.kind for event in plant.events][-1] == "refused"
 
@@ -226,7 +223,7 @@ class _Stubborn(SimulatedDriveNode):
 
 @pytest.mark.parametrize("allowed", [False, True])
 def test_a_drive_that_refuses_6007h_is_not_operated_unless_configured(plant: Plant, allowed: bool) -> None:
-    drive = SimulatedDrive(buses.bus(plant.name), NODE)
+    drive = site.drive(NODE)
     drive.node = _Stubborn(NODE, drive._send)
     plant.drive = drive
     drive.start()
@@ -235,7 +232,7 @@ def test_a_drive_that_refuses_6007h_is_not_operated_unless_configured(plant: Pla
         plant.online()
         assert any("not guarded" in event.text for event in plant.events)
     else:
-        buses.wait_for(lambda: client.status is DriveStatus.REFUSED, "refused")
+        site.wait_for(lambda: client.status is DriveStatus.REFUSED, "refused")
         assert "allow_unguarded" in client.status_text
         assert "read-only" in client.status_text
 
@@ -245,9 +242,9 @@ def test_a_silent_drive_is_lost_and_brought_back_without_a_start(plant: Plant) -
     client = plant.connect()
     plant.online()
     drive.do(lambda node: node.power_off())
-    buses.wait_for(lambda: client.status is DriveStatus.LOST, "lost")
+    site.wait_for(lambda: client.status is DriveStatus.LOST, "lost")
     assert "heartbeat" in client.status_text or "TPDO1" in client.status_text
-    assert client.refresh(time.monotonic_ns()) is False
+    assert client.refresh(site.now()) is False
     drive.do(lambda node: node.start(node.now))
     plant.online(2)
 
@@ -268,7 +265,7 @@ def test_emergencies_are_passed_on_with_their_code(plant: Plant) -> None:
     plant.connect()
     plant.online()
     drive.inject(4)
-    buses.wait_for(lambda: any(event.kind == "emcy" for event in plant.events), "EMCY")
+    site.wait_for(lambda: any(event.kind == "emcy" for event in plant.events), "EMCY")
     event = next(event for event in plant.events if event.kind == "emcy")
     assert (event.code, event.register) == (0x3210, 0x05)
 
@@ -277,14 +274,14 @@ def test_jobs_run_beside_the_exchange_and_report_their_own_errors(plant: Plant) 
     plant.power_on()
     client = plant.connect()
     plant.online()
-    assert buses.result(client.submit(lambda drive: drive.read(0x1008))) == b"ENGEL HBI"
+    assert site.result(client.submit(lambda drive: drive.read(0x1008))) == b"ENGEL HBI"
     with pytest.raises(Exception, match="0602"):
-        buses.result(client.submit(lambda drive: drive.read(0x5000)))
+        site.result(client.submit(lambda drive: drive.read(0x5000)))
     blocked = Event(client.loop)
     slow = client.submit(lambda drive: blocked.wait(5000 * MS))
-    assert client.refresh(time.monotonic_ns())
+    assert client.refresh(site.now())
     blocked.set()
-    assert buses.result(slow)
+    assert site.result(slow)
 
 
 def test_a_short_tpdo_is_counted_and_ignored(plant: Plant) -> None:
@@ -381,7 +378,7 @@ def test_four_pdos_are_found_even_if_the_eds_promises_five(plant: Plant) -> None
     command = DriveCommand()
     command.digital_outputs = 0x0003_0000
     client.send(command, 1)
-    buses.wait_for(lambda: drive.model.digital_outputs == 0x0003_0000, "outputs written by SDO")
+    site.wait_for(lambda: drive.model.digital_outputs == 0x0003_0000, "outputs written by SDO")
 
 
 class _Lacking(SimulatedDriveNode):
@@ -402,7 +399,7 @@ class _Lacking(SimulatedDriveNode):
 
 
 def _lacking(plant: Plant, *, read: int = 0, write: int = 0) -> SimulatedDrive:
-    drive = SimulatedDrive(buses.bus(plant.name), NODE)
+    drive = site.drive(NODE)
     node = _Lacking(NODE, drive._send)
     node.read_lacks, node.write_lacks = read, write
     drive.node = node
@@ -415,7 +412,7 @@ def _lacking(plant: Plant, *, read: int = 0, write: int = 0) -> SimulatedDrive:
 def test_an_object_the_eds_promises_and_the_drive_lacks_is_named(plant: Plant, index: int) -> None:
     _lacking(plant, read=index)
     client = plant.connect()
-    buses.wait_for(lambda: client.status is DriveStatus.REFUSED, "refused")
+    site.wait_for(lambda: client.status is DriveStatus.REFUSED, "refused")
     assert f"{index:04X}h/" in client.status_text
     assert "object does not exist" in client.status_text
 
@@ -450,8 +447,8 @@ def test_a_drive_that_was_exchanged_for_another_one_is_refused(plant: Plant) -> 
     client = plant.connect()
     plant.online()
     drive.do(lambda node: node.values.__setitem__((0x1018, 2), 0x77))
-    drive.do(lambda node: node.start(time.monotonic_ns()))
-    buses.wait_for(lambda: client.status is DriveStatus.REFUSED, "refused")
+    drive.do(lambda node: node.start(site.now()))
+    site.wait_for(lambda: client.status is DriveStatus.REFUSED, "refused")
     assert "00000400h, 00000077h" in client.status_text
     assert "as at the first start" in client.status_text
 
@@ -475,13 +472,13 @@ def test_guarding_that_is_refused(plant: Plant, index: int, name: str, allowed: 
     if allowed:
         plant.online()
         seen = plant.network.received
-        buses.wait_for(lambda: plant.network.received > seen + 10, "TPDOs for many heartbeat times")
+        site.wait_for(lambda: plant.network.received > seen + 10, "TPDOs for many heartbeat times")
         assert (client.status, client.generation) == (DriveStatus.ONLINE, 1)
     else:
-        buses.wait_for(lambda: client.status is DriveStatus.REFUSED, "refused")
+        site.wait_for(lambda: client.status is DriveStatus.REFUSED, "refused")
         assert name in client.status_text
         assert f"{index:04X}h" in client.status_text
-        assert client.refresh(time.monotonic_ns()) is False
+        assert client.refresh(site.now()) is False
 
 
 @pytest.mark.parametrize("index", [0x1600, 0x1A00, 0x6060])
@@ -489,7 +486,7 @@ def test_a_configuration_the_drive_refuses_is_named(plant: Plant, index: int) ->
     drive = _lacking(plant, write=index)
     drive.node.values |= {(0x1600, 0): 1, (0x1A00, 0): 1}
     client = plant.connect()
-    buses.wait_for(lambda: client.status is DriveStatus.REFUSED, "refused")
+    site.wait_for(lambda: client.status is DriveStatus.REFUSED, "refused")
     assert f"{index:04X}h/" in client.status_text
 
 
@@ -497,26 +494,21 @@ def test_a_refused_drive_is_tried_at_once_with_another_telegram(plant: Plant, mo
     monkeypatch.setattr("pdgw.ds301.client._RETRY_REFUSED_NS", 3600 * SECOND)
     _lacking(plant, write=0x1601)
     client = plant.connect(Operation.POSITIONING, initial_mode=None)
-    buses.wait_for(lambda: client.status is DriveStatus.REFUSED, "refused")
+    site.wait_for(lambda: client.status is DriveStatus.REFUSED, "refused")
     client.reconfigure(LAYOUTS[Operation.VELOCITY], DriveSettings(NODE, sdo_timeout_ms=200))
     plant.online()
 
 
 def test_a_broken_sdo_answer_is_refused_and_the_task_lives(plant: Plant) -> None:
-    bus = buses.bus(plant.name)
+    bus = site.other()
     client = plant.connect()
     plant.network.listeners.append(
-        lambda m: (
-            bus.send(can.Message(arbitration_id=0x580 + NODE, data=b"", is_extended_id=False))
-            if m.arbitration_id == 0x600 + NODE and plant.drive is None
-            else None
-        )
+        lambda m: bus.send(0x580 + NODE, b"") if m.arbitration_id == 0x600 + NODE and plant.drive is None else None
     )
-    buses.wait_for(lambda: client.status is DriveStatus.REFUSED, "refused")
+    site.wait_for(lambda: client.status is DriveStatus.REFUSED, "refused")
     assert "cannot be decoded" in client.status_text
     plant.power_on()
     plant.online()
-    bus.shutdown()
 
 
 def test_a_short_tpdo_is_no_sign_of_life(plant: Plant) -> None:
@@ -540,14 +532,14 @@ def test_a_waiting_job_fails_when_the_drive_is_lost(plant: Plant) -> None:
         release.wait()
 
     client.submit(hold)
-    buses.wait_for(running.is_set, "held")
+    site.wait_for(running.is_set, "held")
     waiting = [client.submit(lambda drive: drive.read(0x1000)) for _ in range(3)]
     drive.do(lambda node: node.power_off())
-    buses.wait_for(lambda: not client.refresh(time.monotonic_ns()), "overdue, seen although the task is busy")
+    site.wait_for(lambda: not client.refresh(site.now()), "overdue, seen although the task is busy")
     release.set()
     for job in waiting:
         # The first may still be taken and time out; none waits for ever.
-        buses.wait_for(job.done, "answered")
+        site.wait_for(job.done, "answered")
         assert job.exception(0) is not None
 
 
@@ -575,7 +567,7 @@ def test_a_dead_node_does_not_hold_up_the_other_drive(plant: Plant) -> None:
     dead.start()
     client = plant.connect()
     plant.online()
-    assert buses.result(client.submit(lambda drive: drive.read_number(0x1000))) == 0x0002_0192
+    assert site.result(client.submit(lambda drive: drive.read_number(0x1000))) == 0x0002_0192
     assert dead.status is DriveStatus.OFFLINE
     dead.stop()
 
@@ -594,7 +586,7 @@ def test_sync_lets_the_tpdos_wait_for_the_cycle(plant: Plant) -> None:
     plant.online()
     assert drive.node.read(0x1800, 2) == 1
     cycling = False
-    buses.wait_for(lambda: client.status is DriveStatus.LOST, "lost without SYNC")
+    site.wait_for(lambda: client.status is DriveStatus.LOST, "lost without SYNC")
     assert "TPDO1" in client.status_text
 
 
@@ -605,10 +597,10 @@ def test_a_drive_without_heartbeat_never_becomes_online(plant: Plant) -> None:
     drive = plant.power_on()
     drive.do(lambda node: node.misbehave("heartbeat-stops"))
     client = plant.connect()
-    buses.wait_for(lambda: client.status is DriveStatus.REFUSED, "refused")
+    site.wait_for(lambda: client.status is DriveStatus.REFUSED, "refused")
     assert re.search("heartbeat of node 4.*says operational.*1 s of NMT start", client.status_text)
     assert client.generation == 0
-    buses.wait_for(lambda: drive.node.state is NmtState.PRE_OPERATIONAL, "obeys and sends no PDOs")
+    site.wait_for(lambda: drive.node.state is NmtState.PRE_OPERATIONAL, "obeys and sends no PDOs")
 
 
 def test_a_drive_whose_heartbeat_dies_is_lost_once_and_told_once(plant: Plant, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -619,7 +611,7 @@ def test_a_drive_whose_heartbeat_dies_is_lost_once_and_told_once(plant: Plant, m
     plant.online()
     starts = _starts(plant)
     drive.do(lambda node: node.misbehave("heartbeat-stops"))
-    buses.wait_for(lambda: starts() >= 3, "brought up again and again")
+    site.wait_for(lambda: starts() >= 3, "brought up again and again")
     assert [event.text for event in plant.events if "online" in event.text] == ["online: operational, configuration 1"]
     assert len([event for event in plant.events if event.text.startswith("lost")]) == 1
     assert len({event.text for event in plant.events if event.kind == "refused"}) == 1, "one text is one fault"
@@ -640,7 +632,7 @@ def test_a_heartbeat_from_before_nmt_start_is_none(plant: Plant) -> None:
     send = drive.node.send
     drive.node.send = lambda can_id, data: send(can_id, stuck if can_id == 0x700 + NODE and data != b"\0" else data)
     client = plant.connect()
-    buses.wait_for(lambda: client.status is DriveStatus.REFUSED, "refused")
+    site.wait_for(lambda: client.status is DriveStatus.REFUSED, "refused")
     assert "none that says operational" in client.status_text
 
 
@@ -660,7 +652,7 @@ class _Fixed(SimulatedDriveNode):
 
 def _fixed(plant: Plant, operation: Operation, values: dict[tuple[int, int], int]) -> SimulatedDrive:
     """A drive whose PDOs are made for an operation, but for ``values``; its other PDOs cannot be switched off."""
-    drive = SimulatedDrive(buses.bus(plant.name), NODE)
+    drive = site.drive(NODE)
     node = _Fixed(NODE, drive._send)
     layout = LAYOUTS[operation]
     available = [d.communication_index + n for d in PdoDirection for n in range(5)]
@@ -690,8 +682,8 @@ def test_fixed_pdos_that_are_as_wanted_are_used(
     command = DriveCommand()
     command.controlword = 0x06
     client.send(command, 1)
-    buses.wait_for(lambda: drive.model.controlword == 0x06, "RPDO 1 is heard")
-    buses.wait_for(lambda: client.refresh(0) is not None and client.feedback.statusword & 0x6F == 0x21, "ready")
+    site.wait_for(lambda: drive.model.controlword == 0x06, "RPDO 1 is heard")
+    site.wait_for(lambda: client.refresh(0) is not None and client.feedback.statusword & 0x6F == 0x21, "ready")
 
 
 @pytest.mark.parametrize(("mapped", "writes"), [(0x60FF_0020, 0), (0x6071_0010, 4)])
@@ -720,7 +712,7 @@ def test_fixed_pdos_that_are_not_as_wanted_are_named(
 ) -> None:
     _fixed(plant, Operation.VELOCITY, {address: value})
     client = plant.connect()
-    buses.wait_for(lambda: client.status is DriveStatus.REFUSED, "refused")
+    site.wait_for(lambda: client.status is DriveStatus.REFUSED, "refused")
     assert text in client.status_text
 
 
@@ -732,7 +724,7 @@ class TwoPdos:
 
     def __init__(self, plant: Plant, monkeypatch: pytest.MonkeyPatch) -> None:
         self.plant = plant
-        self.drive = SimulatedDrive(buses.bus(plant.name), NODE)
+        self.drive = site.drive(NODE)
         self.drive.node.misbehave("two-pdos")
         plant.drive = self.drive
         self.drive.start()
@@ -770,7 +762,7 @@ class TwoPdos:
             self.client.send(self.command, self.now)
             return condition()
 
-        buses.wait_for(cycle, what)
+        site.wait_for(cycle, what)
 
     @property
     def told(self) -> list[str]:
@@ -823,7 +815,7 @@ def test_data_that_changes_to_and_fro_is_not_taken_for_written(two_pdos: TwoPdos
     two_pdos.drive.do(lambda node: node.misbehave("slow-sdo", delay_ms=50))
     writing = _observe(two_pdos.plant)
     two_pdos.send(ENABLED, 900)
-    buses.wait_for(lambda: writing, "900 being written")
+    site.wait_for(lambda: writing, "900 being written")
     two_pdos.send(START, 100)
     two_pdos.until(lambda: two_pdos.accelerations, "set-point")
     assert two_pdos.accelerations == [100]
@@ -864,7 +856,7 @@ def test_the_wait_for_the_data_of_a_set_point_is_bounded(two_pdos: TwoPdos) -> N
         release.wait()
 
     two_pdos.client.submit(hold)
-    buses.wait_for(running.is_set, "held")
+    site.wait_for(running.is_set, "held")
     two_pdos.send(START, 100)
     two_pdos.now += 596 * MS
     two_pdos.send(START)
@@ -913,14 +905,14 @@ def test_a_set_point_waits_for_an_rpdo_that_the_bus_did_not_take(plant: Plant, m
 
 def test_values_that_cannot_be_read_any_more_are_a_loss(plant: Plant) -> None:
     """With two TPDOs most of telegram 100 is read by SDO: old values must not be shown as good."""
-    drive = SimulatedDrive(buses.bus(plant.name), NODE)
+    drive = site.drive(NODE)
     drive.node.misbehave("two-pdos")
     plant.drive = drive
     drive.start()
     client = plant.connect(Operation.TRANSPARENT, initial_mode=None, sdo_timeout_ms=50)
     plant.online()
     drive.do(lambda node: node.misbehave("sdo-timeout"))
-    buses.wait_for(lambda: client.status is not DriveStatus.ONLINE, "lost")
+    site.wait_for(lambda: client.status is not DriveStatus.ONLINE, "lost")
     assert any("lost: objects without PDO could not be read 3 times" in event.text for event in plant.events)
     drive.do(lambda node: node.behave("sdo-timeout"))
     plant.online(2)
@@ -942,8 +934,8 @@ def test_an_sdo_answer_that_does_not_end_does_not_hold_the_task(plant: Plant, mo
 
     monkeypatch.setattr(drive.node, "receive", segments)
     with pytest.raises(SdoCommunicationError, match="1008h/0 does not end"):
-        buses.result(client.submit(lambda drive: drive.read(0x1008)))
-    assert buses.result(client.submit(lambda drive: drive.read_number(0x1000))) == 0x0002_0192
+        site.result(client.submit(lambda drive: drive.read(0x1008)))
+    assert site.result(client.submit(lambda drive: drive.read_number(0x1000))) == 0x0002_0192
 
 
 def test_a_number_is_as_long_as_the_eds_says(plant: Plant, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -956,7 +948,7 @@ def test_a_number_is_as_long_as_the_eds_says(plant: Plant, monkeypatch: pytest.M
     monkeypatch.setattr(
         drive.node, "send", lambda can_id, data: send(can_id, sizeless if data[1:4] == sizeless[1:4] else data)
     )
-    assert buses.result(client.submit(lambda drive: drive.read(0x1017))) == b"\x64\0"
+    assert site.result(client.submit(lambda drive: drive.read(0x1017))) == b"\x64\0"
 
 
 def test_the_late_answer_to_a_write_that_was_given_up_does_not_confirm_the_next(
@@ -980,37 +972,37 @@ def test_the_late_answer_to_a_write_that_was_given_up_does_not_confirm_the_next(
 
     monkeypatch.setattr(drive.node, "send", late)
     with pytest.raises(SdoCommunicationError):
-        buses.result(client.submit(lambda drive: drive.write(0x6083, 0, b"\x64\0\0\0")))
+        site.result(client.submit(lambda drive: drive.write(0x6083, 0, b"\x64\0\0\0")))
     with pytest.raises(SdoAbortedError):
-        buses.result(client.submit(lambda drive: drive.write(0x6084, 0, b"\xff\xff\xff\xff")))
+        site.result(client.submit(lambda drive: drive.write(0x6084, 0, b"\xff\xff\xff\xff")))
 
 
 @pytest.mark.parametrize("pdos", [1, 4])
 def test_any_frame_under_the_identifiers_of_the_node_is_survived(plant: Plant, pdos: int) -> None:
-    drive = SimulatedDrive(buses.bus(plant.name), NODE)
+    drive = site.drive(NODE)
     drive.node.misbehave("two-pdos", pdos=pdos)
     plant.drive = drive
     drive.start()
     client = plant.connect(Operation.TRANSPARENT, initial_mode=None, sdo_timeout_ms=20)
     plant.online()
-    bus = buses.bus(plant.name)
+    bus = site.other()
     random = Random(pdos)
     command = DriveCommand()
-    for now in range(2000):
+    for _ in range(2000):
         can_id = random.choice([0x80, 0x180, 0x280, 0x380, 0x480, 0x1C0, 0x580, 0x580, 0x700]) + NODE
         data = random.randbytes(random.choice([0, 1, 2, 3, 4, 7, 8, 8, 8]))
-        bus.send(can.Message(arbitration_id=can_id, data=data, is_extended_id=False))
+        bus.send(can_id, data)
         command.digital_outputs = command.target_position = random.getrandbits(16)
-        client.send(command, now * MS)
-        client.refresh(now * MS)
-    bus.shutdown()
+        client.send(command, site.now())
+        client.refresh(site.now())
+        site.play(MS)
 
     # What is still on its way may spoil an answer, or have the node lost and brought up again.
     def answers() -> bool:
         job = client.submit(lambda drive: drive.read_number(0x1000))
-        buses.wait_for(job.done, "an answer or an error")
+        site.wait_for(job.done, "an answer or an error")
         return job.exception(0) is None
 
-    buses.wait_for(answers, "answers", 30)
-    buses.wait_for(lambda: client.refresh(time.monotonic_ns()), "online and fresh", 30)
+    site.wait_for(answers, "answers", 30)
+    site.wait_for(lambda: client.refresh(site.now()), "online and fresh", 30)
     assert client.loop.task_errors == 0

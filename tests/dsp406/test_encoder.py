@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -20,12 +19,11 @@ from pdgw.dsp406.device import device_info, eds_path, encoder_objects
 from pdgw.dsp406.encoder import EncoderClient, EncoderEvent, EncoderSettings, EncoderStatus, load_eds
 from pdgw.dsp406.errors import Dsp406Error
 from pdgw.dsp406.kinds import LINEAR, MULTI_SENSOR, ROTARY, EncoderDevice, multi_sensor
-from pdgw.peers.drive import SimulatedDrive
 from pdgw.peers.encoder import Motion, SimulatedEncoder, SimulatedEncoderNode
 from pdgw.peers.encoder.motion import constant_speed, still
 from pdgw.peers.node.node import Value
 
-from tests.support import buses
+from tests.support import site
 
 NODE = 9
 DAY = 86_400_000_000_000
@@ -34,15 +32,14 @@ DAY = 86_400_000_000_000
 class Plant:
     """A client and a simulated encoder on one bus."""
 
-    def __init__(self, network: CanNetwork, name: str) -> None:
+    def __init__(self, network: CanNetwork) -> None:
         self.network = network
-        self.name = name
         self.events: list[EncoderEvent] = []
         self.encoder: SimulatedEncoder | None = None
         self.client: EncoderClient | None = None
 
     def power_on(self, *motions: Motion, device: EncoderDevice = ROTARY) -> SimulatedEncoder:
-        self.encoder = SimulatedEncoder(buses.bus(self.name), NODE, device=device, motions=motions)
+        self.encoder = site.encoder(NODE, device=device, motions=motions)
         return self.encoder
 
     def connect(self, **settings: object) -> EncoderClient:
@@ -57,7 +54,7 @@ class Plant:
     def online(self, generation: int = 1) -> EncoderClient:
         client = self.client
         assert client is not None
-        buses.wait_for(
+        site.wait_for(
             lambda: client.status is EncoderStatus.ONLINE and client.generation == generation,
             f"online ({client.status_text})",
         )
@@ -72,9 +69,8 @@ class Plant:
 
 @pytest.fixture
 def plant() -> Iterator[Plant]:
-    name = buses.channel()
-    with buses.guarded_network(name) as network:
-        plant = Plant(network, name)
+    with site.guarded_network() as network:
+        plant = Plant(network)
         yield plant
         plant.close()
 
@@ -107,9 +103,9 @@ def test_position_and_speed_follow_the_motion(plant: Plant) -> None:
     plant.power_on(constant_speed(-1.0)).start()
     client = plant.connect()
     plant.online()
-    buses.wait_for(lambda: fresh(client).feedback.channel(1).speed == -4096, "speed")
+    site.wait_for(lambda: fresh(client).feedback.channel(1).speed == -4096, "speed")
     before = client.feedback.channel(1).position
-    buses.wait_for(lambda: fresh(client).feedback.channel(1).position != before, "motion")
+    site.wait_for(lambda: fresh(client).feedback.channel(1).position != before, "motion")
 
 
 @pytest.mark.parametrize(("device", "eds"), [(LINEAR, None), (MULTI_SENSOR, eds_path(MULTI_SENSOR))])
@@ -132,7 +128,7 @@ def test_channels_travel_in_tpdos_and_by_sdo_where_there_are_none(plant: Plant, 
     fresh(client)
     assert [client.feedback.channel(n).position for n in range(1, 7)] == [n * 1024 for n in range(6)]
     plant.encoder.set_motion(still(10.0), 6)  # type: ignore[union-attr]
-    buses.wait_for(lambda: client.feedback.channel(6).position == 40960, "channel 6 by SDO")
+    site.wait_for(lambda: client.feedback.channel(6).position == 40960, "channel 6 by SDO")
     with pytest.raises(Dsp406Error, match=r"channel: 7"):
         client.feedback.channel(7)
 
@@ -152,7 +148,7 @@ def test_sync_uses_the_second_transmit_pdo(plant: Plant) -> None:
         plant.network.send_sync()
         return client.status is EncoderStatus.ONLINE
 
-    buses.wait_for(cycle, "online by SYNC")
+    site.wait_for(cycle, "online by SYNC")
     assert encoder.node.read(0x1802, 2) == 1
     assert encoder.node.read(0x1800, 1) == 0x8000_0180 + NODE
     assert encoder.node.read(0x6200) == 0
@@ -163,16 +159,16 @@ def test_preset_by_a_job(plant: Plant) -> None:
     plant.power_on(still(3.0)).start()
     client = plant.connect()
     plant.online()
-    buses.result(client.submit(lambda encoder: encoder.preset(1000)))
-    buses.wait_for(lambda: fresh(client).feedback.channel(1).position == 1000, "preset")
-    parameters = buses.result(client.submit(lambda encoder: encoder.read_parameters()))
+    site.result(client.submit(lambda encoder: encoder.preset(1000)))
+    site.wait_for(lambda: fresh(client).feedback.channel(1).position == 1000, "preset")
+    parameters = site.result(client.submit(lambda encoder: encoder.read_parameters()))
     assert parameters.offset == 1000 - 3 * 4096
     with pytest.raises(Dsp406Error, match=r"preset of channel 1 .*value of parameter too high"):
-        buses.result(client.submit(lambda encoder: encoder.preset(4096 * 4096)))
+        site.result(client.submit(lambda encoder: encoder.preset(4096 * 4096)))
     with pytest.raises(Dsp406Error, match=r"preset of channel 2: 0.*6003h or 6010h"):
-        buses.result(client.submit(lambda encoder: encoder.preset(0, 2)))
+        site.result(client.submit(lambda encoder: encoder.preset(0, 2)))
     with pytest.raises(Dsp406Error, match=r"preset of channel 1: -1"):
-        buses.result(client.submit(lambda encoder: encoder.preset(-1)))
+        site.result(client.submit(lambda encoder: encoder.preset(-1)))
 
 
 def test_emergencies_alarms_and_warnings_arrive(plant: Plant) -> None:
@@ -183,14 +179,14 @@ def test_emergencies_alarms_and_warnings_arrive(plant: Plant) -> None:
     encoder.inject("battery")  # a warning has no EMCY: it waits for the next one, or for its time
     encoder.inject("position-error")
     feedback = client.feedback
-    buses.wait_for(lambda: (feedback.alarms, feedback.warnings) == (1, 1 << 4), "diagnostics")
+    site.wait_for(lambda: (feedback.alarms, feedback.warnings) == (1, 1 << 4), "diagnostics")
     assert feedback.error_register == 0x21
     encoder.inject("input-voltage")
-    buses.wait_for(lambda: len([event for event in plant.events if event.kind == "emcy"]) == 2, "EMCY")
+    site.wait_for(lambda: len([event for event in plant.events if event.kind == "emcy"]) == 2, "EMCY")
     texts = [event.text for event in plant.events if event.kind == "emcy"]
     assert texts == ["EMCY 1000h generic error", "EMCY 3110h input voltage out of range"]
     encoder.clear()
-    buses.wait_for(lambda: client.feedback.alarms == 0 and client.feedback.error_register == 0, "cleared")
+    site.wait_for(lambda: client.feedback.alarms == 0 and client.feedback.error_register == 0, "cleared")
 
 
 def test_an_emergency_tells_the_error_register_of_a_device_that_answers_no_sdo(plant: Plant) -> None:
@@ -200,9 +196,9 @@ def test_an_emergency_tells_the_error_register_of_a_device_that_answers_no_sdo(p
     plant.online()
     encoder.do(lambda node: node.misbehave("sdo-timeout"))
     encoder.inject("input-voltage")
-    buses.wait_for(lambda: client.feedback.error_register == 0x05, "error register")
+    site.wait_for(lambda: client.feedback.error_register == 0x05, "error register")
     encoder.clear()
-    buses.wait_for(lambda: client.feedback.error_register == 0, "no error")
+    site.wait_for(lambda: client.feedback.error_register == 0, "no error")
 
 
 def test_an_encoder_whose_position_cannot_be_read_by_sdo_any_more_is_lost(plant: Plant) -> None:
@@ -211,11 +207,11 @@ def test_an_encoder_whose_position_cannot_be_read_by_sdo_any_more_is_lost(plant:
     encoder.start()
     client = plant.connect()
     plant.online()
-    assert client.refresh(time.monotonic_ns())
+    assert client.refresh(site.now())
     first = client.position_time(1)
-    buses.wait_for(lambda: client.position_time(1) > first, "read again")
+    site.wait_for(lambda: client.position_time(1) > first, "read again")
     encoder.do(lambda node: node.misbehave("sdo-timeout"))
-    buses.wait_for(lambda: client.status is EncoderStatus.LOST, "loss")
+    site.wait_for(lambda: client.status is EncoderStatus.LOST, "loss")
     encoder.do(lambda node: node.behave("sdo-timeout"))
     plant.online(2)
 
@@ -228,17 +224,17 @@ def test_a_position_by_sdo_is_overdue_while_the_task_is_busy_with_something_else
     plant.online()
     release = Event(client.loop)
     job = client.submit(lambda _: release.wait())
-    buses.wait_for(lambda: not client.refresh(time.monotonic_ns()), "overdue")
+    site.wait_for(lambda: not client.refresh(site.now()), "overdue")
     assert client.status is EncoderStatus.ONLINE
     release.set()
-    assert buses.result(job)
-    buses.wait_for(lambda: client.refresh(time.monotonic_ns()), "read again")
+    assert site.result(job)
+    site.wait_for(lambda: client.refresh(site.now()), "read again")
 
 
 def test_a_drive_is_refused_by_name(plant: Plant) -> None:
-    with SimulatedDrive(buses.bus(plant.name), NODE):
+    with site.drive(NODE):
         client = plant.connect()
-        buses.wait_for(lambda: client.status is EncoderStatus.REFUSED, "refusal")
+        site.wait_for(lambda: client.status is EncoderStatus.REFUSED, "refusal")
         assert "profile 402" in client.status_text
         assert "an encoder (profile 406)" in client.status_text
 
@@ -246,10 +242,10 @@ def test_a_drive_is_refused_by_name(plant: Plant) -> None:
 def test_another_encoder_than_the_eds_says_is_refused(plant: Plant) -> None:
     plant.power_on(device=LINEAR).start()
     client = plant.connect()
-    buses.wait_for(lambda: client.status is EncoderStatus.REFUSED, "refusal")
+    site.wait_for(lambda: client.status is EncoderStatus.REFUSED, "refusal")
     assert "product code 1018h/2" in client.status_text
     with pytest.raises(Dsp406Error, match="encoder 9: 'refused'"):
-        buses.result(client.submit(lambda encoder: encoder.read(0x6004)))
+        site.result(client.submit(lambda encoder: encoder.read(0x6004)))
 
 
 def test_a_restart_is_noticed_and_configured_again(plant: Plant) -> None:
@@ -268,10 +264,10 @@ def test_a_silent_encoder_is_lost_and_comes_back(plant: Plant) -> None:
     client = plant.connect(heartbeat_factor=3, tpdo_timeout_factor=10)
     plant.online()
     encoder.do(lambda node: node.power_off())
-    buses.wait_for(lambda: client.status is EncoderStatus.LOST, "loss")
+    site.wait_for(lambda: client.status is EncoderStatus.LOST, "loss")
     assert not client.refresh(DAY)
     encoder.do(lambda node: node.start(node.now))
-    buses.wait_for(lambda: client.status is EncoderStatus.ONLINE, "back")
+    site.wait_for(lambda: client.status is EncoderStatus.ONLINE, "back")
 
 
 def test_other_settings_map_the_pdos_anew(plant: Plant) -> None:
@@ -300,7 +296,7 @@ def test_an_encoder_without_heartbeat_is_watched_by_its_tpdos(plant: Plant) -> N
     client = plant.connect(heartbeat_factor=1, heartbeat_ms=1)
     plant.online()
     assert any("no heartbeat" in event.text for event in plant.events)
-    assert buses.result(client.submit(lambda encoder: encoder.read_number(0x6004))) == 0
+    assert site.result(client.submit(lambda encoder: encoder.read_number(0x6004))) == 0
     assert client.generation == 1
 
 
@@ -332,7 +328,7 @@ def test_an_encoder_that_cannot_be_operated_is_refused_with_the_reason(
 ) -> None:
     _with(plant, fault, **values)
     client = plant.connect()
-    buses.wait_for(lambda: client.status is EncoderStatus.REFUSED, "refusal")
+    site.wait_for(lambda: client.status is EncoderStatus.REFUSED, "refusal")
     assert re.search(text, client.status_text), client.status_text
 
 
@@ -369,6 +365,6 @@ def test_an_emcy_burst_is_passed_on_and_does_no_harm(plant: Plant) -> None:
     client = plant.connect()
     plant.online()
     encoder.do(lambda node: node.misbehave("emcy-burst"))
-    buses.wait_for(lambda: [event for event in plant.events if event.kind == "emcy"], "EMCY")
-    assert buses.result(client.submit(lambda encoder: encoder.read_number(0x6004))) == 4096
+    site.wait_for(lambda: [event for event in plant.events if event.kind == "emcy"], "EMCY")
+    assert site.result(client.submit(lambda encoder: encoder.read_number(0x6004))) == 4096
     assert client.generation == 1

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterator
 
 import pytest
@@ -12,7 +11,7 @@ from pdgw.gateway.config import AxisConfig
 from pdgw.gateway.reasons import Reason
 from pdgw.peers.drive import SimulatedDrive
 
-from tests.support import buses
+from tests.support import site
 
 NODE = 5
 OFF, ON, TASK, NO_REJECT = 0x043E, 0x043F, 0x0040, 0x0010
@@ -29,10 +28,10 @@ class Machine:
 
     def until(self, condition: Callable[[], object], what: str) -> None:
         def cycle() -> object:
-            self.axis.cycle(self.axis.telegram.setpoints.from_dict(self.values), time.monotonic_ns())
+            self.axis.cycle(self.axis.telegram.setpoints.from_dict(self.values), site.now())
             return condition()
 
-        buses.wait_for(cycle, what)
+        site.wait_for(cycle, what)
 
     def give(self, word: int, **values: int) -> None:
         """Setpoints, for one cycle."""
@@ -52,9 +51,8 @@ class Machine:
 
 @pytest.fixture
 def machine() -> Iterator[Machine]:
-    name = buses.channel()
-    with buses.guarded_network(name) as network:
-        drive = SimulatedDrive(buses.bus(name), NODE)
+    with site.guarded_network() as network:
+        drive = site.drive(NODE)
         drive.node.misbehave("two-pdos")
         drive.start()
         axis = Axis(AxisConfig(do_id=1, node_id=NODE, telegram=9, sdo_timeout_ms=100), network, 4)
