@@ -81,7 +81,7 @@ class Life:
         assert isinstance(drive, SimulatedDrive)
         assert isinstance(drive.port, Member)
         self.plc.endpoint.setpoints[index] = words.values
-        axis = SoakAxis(index, drive, drive.port, words, self._cycle_ns)
+        axis = SoakAxis(index, drive, drive.port, words, self._watchdog_ns + 2 * self._cycle_ns)
         drive.model.watchers.append(lambda state: self.trace.note(f"{axis.name}: drive in {state.value}"))
         return axis
 

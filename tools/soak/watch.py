@@ -31,7 +31,7 @@ class ViolationError(Exception):
 class SoakAxis:
     """The drive of one axis and what the PLC asks of it."""
 
-    def __init__(self, index: int, drive: SimulatedDrive, member: Member, words: Words, cycle_ns: int) -> None:
+    def __init__(self, index: int, drive: SimulatedDrive, member: Member, words: Words, in_force_ns: int) -> None:
         self.index = index
         self.drive = drive
         self.member = member
@@ -39,7 +39,8 @@ class SoakAxis:
         self.words = words
         self.starts = 0
         """How often operation was entered."""
-        self._tolerance_ns = 2 * cycle_ns
+        self._in_force_ns = in_force_ns
+        """An order holds so long without another: an OFF in force when the doubt ends is one after it."""
         self._off_sent = -1
         self._enabled = -1
         self._doubt = (0, "power on")
@@ -81,7 +82,7 @@ class SoakAxis:
             self.starts += 1
             since, why = self._doubt
             # What it was told before the doubt a drive may still do that only waited for its enable input.
-            if self._enabled > since and self._off_sent < since - self._tolerance_ns:
+            if self._enabled > since and self._off_sent < since - self._in_force_ns:
                 before = (
                     "none was sent"
                     if self._off_sent < 0
