@@ -10,9 +10,31 @@ from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.objects import CanType
 from pdgw.dsp402.errors import Dsp402Error
 
-__all__ = ["ABORT_OPTION", "CONSUMER_HEARTBEAT", "PRODUCER_HEARTBEAT", "SdoStep", "guard_steps", "pdo_steps"]
+__all__ = [
+    "ABORT_OPTION",
+    "CONSUMER_HEARTBEAT",
+    "INTERPOLATION_TIME",
+    "PRODUCER_HEARTBEAT",
+    "SdoStep",
+    "guard_steps",
+    "interpolation_steps",
+    "pdo_steps",
+]
 
 ABORT_OPTION = (0x6007, 0)
+INTERPOLATION_TIME = 0x60C2
+
+
+def interpolation_steps(period_us: int) -> list[SdoStep]:
+    """60C2h for a period: a count of 1 to 255 and a power of ten of a second. Dsp402Error for one that does not fit."""
+    for exponent in range(-3, -7, -1):
+        unit = 10 ** (6 + exponent)
+        if period_us % unit == 0 and 1 <= period_us // unit <= 0xFF:
+            return [
+                SdoStep(INTERPOLATION_TIME, 1, CanType.U8, period_us // unit, "interpolation time"),
+                SdoStep(INTERPOLATION_TIME, 2, CanType.I8, exponent, "its power of ten"),
+            ]
+    raise Dsp402Error("interpolation time 60C2h", f"{period_us} us", "1 to 255 times a power of ten of a microsecond")
 
 
 def guard_steps(gateway_node_id: int, consumer_ms: int, producer_ms: int, abort_option: int) -> list[SdoStep]:

@@ -23,7 +23,7 @@ from pdgw.ds301.network import CanNetwork
 from pdgw.ds301.node import NodeEvent, NodeSettings, NodeStatus
 from pdgw.ds301.objects import CanType
 from pdgw.ds301.pdo import Pdo, PdoLayout
-from pdgw.dsp402.configuration import guard_steps
+from pdgw.dsp402.configuration import INTERPOLATION_TIME, guard_steps, interpolation_steps
 from pdgw.dsp402.describe import PRODUCT_CODE, VENDOR_ID, describe, questions, signed
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.errors import Dsp402Error
@@ -57,6 +57,8 @@ class DriveSettings(NodeSettings):
     family: str = ""
     """The overlay to take, whatever the drive's identity is."""
     initial_mode: Mode | None = None
+    interpolation_us: int = 0
+    """60C2h: the time from one setpoint of a cyclic synchronous mode to the next; 0: not written."""
     """6060h to set and confirm (6061h) while configuring, for layouts that do not carry 6060h."""
 
 
@@ -261,6 +263,9 @@ class DriveClient(NodeClient[DriveSettings]):
         self._configure_guarding()
         if self.settings.initial_mode is not None:
             self._set_mode(self.settings.initial_mode)
+        if self.settings.interpolation_us and INTERPOLATION_TIME in self.dictionary:
+            for step in interpolation_steps(self.settings.interpolation_us):
+                self._do(step)
         self.read_references()
         if 0x6098 in self.dictionary:
             self.homing_method = self._fetch(0x6098, signed=True)

@@ -31,6 +31,7 @@ class DriveCommand:
         "target_position",
         "target_torque",
         "target_velocity",
+        "velocity_offset",
     )
 
     def __init__(self) -> None:
@@ -47,6 +48,7 @@ class DriveCommand:
         self.digital_outputs = 0
         self.digital_outputs_mask = 0
         self.target_velocity = 0
+        self.velocity_offset = 0
 
 
 class DriveFeedback:

@@ -24,6 +24,8 @@ class Operation(enum.Enum):
     POSITIONING = "positioning"
     POSITIONER = "positioner"
     """Positions and speeds in turn, with what a message word is made from."""
+    CYCLIC_POSITION = "cyclic synchronous position"
+    CYCLIC_VELOCITY = "cyclic synchronous velocity"
     TRANSPARENT = "transparent"
 
 
@@ -34,6 +36,12 @@ def pdo(direction: PdoDirection, number: int, *attributes: str) -> Pdo:
 
 _R = PdoDirection.RPDO
 _T = PdoDirection.TPDO
+
+_WITH_MESSAGES = (
+    pdo(_T, 1, "statusword", "velocity_actual"),
+    pdo(_T, 2, "position_actual", "velocity_demand"),
+    pdo(_T, 3, "current_actual"),
+)
 
 LAYOUTS: dict[Operation, PdoLayout] = {
     # RPDO 1 carries the Controlword and is sent last.
@@ -47,11 +55,7 @@ LAYOUTS: dict[Operation, PdoLayout] = {
     ),
     Operation.VELOCITY_WITH_TORQUE: PdoLayout(
         rpdos=(pdo(_R, 1, "controlword", "target_velocity"), pdo(_R, 2, "max_torque")),
-        tpdos=(
-            pdo(_T, 1, "statusword", "velocity_actual"),
-            pdo(_T, 2, "position_actual", "velocity_demand"),
-            pdo(_T, 3, "current_actual"),
-        ),
+        tpdos=_WITH_MESSAGES,
     ),
     Operation.POSITIONING: PdoLayout(
         rpdos=(
@@ -75,6 +79,17 @@ LAYOUTS: dict[Operation, PdoLayout] = {
             pdo(_T, 2, "velocity_actual", "velocity_demand"),
             pdo(_T, 3, "digital_inputs", "current_actual"),
         ),
+    ),
+    Operation.CYCLIC_POSITION: PdoLayout(
+        rpdos=(
+            pdo(_R, 1, "controlword", "target_position"),
+            pdo(_R, 2, "velocity_offset", "max_torque"),
+        ),
+        tpdos=_WITH_MESSAGES,
+    ),
+    Operation.CYCLIC_VELOCITY: PdoLayout(
+        rpdos=(pdo(_R, 1, "controlword", "target_velocity"), pdo(_R, 2, "max_torque")),
+        tpdos=_WITH_MESSAGES,
     ),
     Operation.TRANSPARENT: PdoLayout(
         rpdos=(

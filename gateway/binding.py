@@ -61,11 +61,11 @@ class Axis(DriveObject):
         drive_settings = config.drive_settings(number, cycle_time_ms)
         # A command that was lost goes out again with the refresh; an answer that was lost comes again with the event timer.
         travel_ms = drive_settings.rpdo_refresh_ms + drive_settings.tpdo_event_ms + cycle_time_ms
-        self._settings = replace(config.axis_settings, reaction_ns=int(_REACTION_MARGIN * travel_ms * MS))
+        self._settings = replace(config.settings_at(cycle_time_ms), reaction_ns=int(_REACTION_MARGIN * travel_ms * MS))
         self.drive = DriveClient(
             network,
             drive_settings,
-            LAYOUTS[pdo_operation(number)],
+            LAYOUTS[pdo_operation(number, config.dsc_form)],
             self.on_node_event,
         )
         self._sign_of_life_failures = sign_of_life_failures
@@ -212,7 +212,7 @@ class Axis(DriveObject):
                 f"axis {self.do_id}: telegram {number} cannot be selected while the axis is in operation"
             )
         machine = self._make_machine(number)
-        layout = LAYOUTS[pdo_operation(number)]
+        layout = LAYOUTS[pdo_operation(number, self.config.dsc_form)]
         machine.adopt(self.machine)
         self.machine = machine
         self.drive.reconfigure(layout, self.config.drive_settings(number, self._cycle_time_ms))

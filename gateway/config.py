@@ -9,6 +9,7 @@ from __future__ import annotations
 import difflib
 import enum
 from collections.abc import Sequence
+from dataclasses import replace
 from fractions import Fraction
 from ipaddress import IPv4Address, IPv4Interface, IPv4Network
 from math import ceil
@@ -29,6 +30,7 @@ from pdgw.gateway import identity
 from pdgw.gateway.axis.settings import AxisSettings, ControlLost, PlcLossReaction, SetpointEnable
 from pdgw.gateway.axis.telegrams import (
     DRIVE_TELEGRAM_NUMBERS,
+    DSC_TELEGRAM_NUMBERS,
     ENCODER_TELEGRAM_NUMBERS,
     POSITIONER_TELEGRAM_NUMBERS,
     initial_mode,
@@ -36,6 +38,7 @@ from pdgw.gateway.axis.telegrams import (
 )
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.explain import Problem, misplaced, problems
+from pdgw.gateway.motion.dsc import DELAY_CYCLES_MAX, DscChoices, DscForm
 from pdgw.gateway.ports import STATUS_PORT
 from pdgw.gateway.positioner_config import EXAMPLE as POSITIONER_EXAMPLE
 from pdgw.gateway.positioner_config import SIMULATED, BlockConfig, PositionerConfig
@@ -234,6 +237,12 @@ class AxisConfig(_Section):
     acceleration_unit: str = ""
     gear: Ratio | None = None
     rated_acceleration_rpm_s: Ratio | None = None
+    dsc: DscForm | None = None
+    """Telegrams 5, 6, 105 and 106: where the position loop is closed."""
+    following_window: Annotated[Integer, Field(ge=1)] | None = None
+    """Position units within which DSC may start."""
+    dsc_delay_cycles: Annotated[Integer, Field(ge=0, le=DELAY_CYCLES_MAX)] = 1
+    xerr_sign: Literal[1, -1] = 1
     positioner: PositionerConfig | None = None
     block: Annotated[tuple[BlockConfig, ...], BeforeValidator(as_list)] = ()
 
@@ -266,6 +275,12 @@ class AxisConfig(_Section):
             raise misplaced(
                 f"telegram = {self.telegram} is not supported, allowed: {list(DRIVE_TELEGRAM_NUMBERS)}", "telegram"
             )
+        return self
+
+    @model_validator(mode="after")
+    def _dsc_is_whole(self) -> AxisConfig:
+        if self.telegram in DSC_TELEGRAM_NUMBERS and (self.dsc is None or self.following_window is None):
+            raise ValueError(f'telegram = {self.telegram} needs dsc = "position" or "speed", and following_window')
         return self
 
     @model_validator(mode="after")
@@ -305,6 +320,20 @@ class AxisConfig(_Section):
             positioner=None if self.positioner is None else self.positioner.choices(self.block),
         )
 
+    @property
+    def dsc_form(self) -> DscForm:
+        """What decides on the mode and the PDOs of telegrams with DSC."""
+        return self.dsc or DscForm.SPEED
+
+    def settings_at(self, cycle_time_ms: float) -> AxisSettings:
+        """The user's choices, with those that the cycle of the PLC belongs to."""
+        settings = self.axis_settings
+        if self.dsc is None or self.following_window is None:
+            return settings
+        cycle_ns = round(cycle_time_ms * 1_000_000)
+        choices = DscChoices(self.dsc, self.following_window, cycle_ns, self.dsc_delay_cycles, self.xerr_sign)
+        return replace(settings, dsc=choices)
+
     def inhibit_us(self, cycle_time_ms: float) -> int:
         """The inhibit time in force; an event-driven TPDO is not sent more often than this."""
         if self.tpdo_inhibit_us is not None:
@@ -322,9 +351,10 @@ class AxisConfig(_Section):
             tpdo_event_ms=max(self.tpdo_event_ms, ceil(cycle_time_ms)) if self.sync else self.tpdo_event_ms,
             tpdo_inhibit_us=self.inhibit_us(cycle_time_ms),
             sdo_timeout_ms=self.sdo_timeout_ms,
-            sync=self.sync,
+            sync=self.sync or number in DSC_TELEGRAM_NUMBERS,
+            interpolation_us=round(cycle_time_ms * 1000) if number in DSC_TELEGRAM_NUMBERS else 0,
             allow_unguarded=self.allow_unguarded,
-            initial_mode=initial_mode(number),
+            initial_mode=initial_mode(number, self.dsc_form),
             units=self.units,
             family=self.family or "",
         )
@@ -546,7 +576,7 @@ class GatewayConfig(_Section):
         for axis in self.axis:
             if self.bus_of(axis).name != bus.name:
                 continue
-            layout = LAYOUTS[pdo_operation(axis.telegram)]
+            layout = LAYOUTS[pdo_operation(axis.telegram, axis.dsc_form)]
             inhibit = axis.inhibit_us(self.transport.cycle_time_ms)
             tpdo_rate = cycle_rate if axis.sync else 1e6 / max(inhibit, _DRIVE_CYCLE_US)
             # Controlword and state may change in every cycle; tasks and the slow values of the other PDOs do not.
@@ -683,6 +713,10 @@ simulate = false             # true: a simulated drive instead of the one on the
 # rated_acceleration_rpm_s = 10000     # 100 % of MDI_ACC and MDI_DEC, without it Max Acceleration 60C5h
 # gear = "10/1"              # revolutions of the motor to those of the shaft behind the gear, without it 6091h
 
+# dsc = "position"           # telegrams 5, 6, 105, 106: "position" (mode 8) or "speed" (mode 9), see docs/motion.md
+# following_window = 4096    # position units within which DSC may start, needed with dsc
+# dsc_delay_cycles = 1       # age of the position the PLC answers
+# xerr_sign = 1              # -1: a positive XERR moves backward
 {POSITIONER_EXAMPLE}
 # Encoders follow the axes in the frame. Several channels of a multi-sensor device are tables of their own.
 # [[encoder]]
@@ -707,6 +741,7 @@ def simulated(number: int, axes: int, encoders: int = 0, encoder_number: int = 8
         "axis": [
             {"do_id": n, "node_id": n, "telegram": number, "simulate": True}
             | ({"positioner": SIMULATED} if number in POSITIONER_TELEGRAM_NUMBERS else {})
+            | ({"dsc": "position", "following_window": 4096} if number in DSC_TELEGRAM_NUMBERS else {})
             for n in range(1, axes + 1)
         ],
         "encoder": [

@@ -81,6 +81,7 @@ class FaultNumber(enum.IntEnum):
     HOMING_PARAMETERS = 111
     INTERNAL_LIMIT = 112
     POSITIONER = 113
+    DSC_GAIN = 114
     PRESET = 118
     SET_POINT = 119
     CONTROL_LOST = 120
@@ -129,6 +130,7 @@ GATEWAY_FAULTS: MappingProxyType[int, GatewayFault] = MappingProxyType(
             ),
             GatewayFault(FaultNumber.INTERNAL_LIMIT, "internal limit of the drive reached", 0xFF0A, is_warning=True),
             GatewayFault(FaultNumber.POSITIONER, "positioner: task refused or changed", 0xFF0B, is_warning=True),
+            GatewayFault(FaultNumber.DSC_GAIN, "gain of DSC limited", 0xFF0C, is_warning=True),
             GatewayFault(FaultNumber.PRESET, "encoder did not take the preset", 0xFF0F, is_warning=True),
             GatewayFault(FaultNumber.SET_POINT, "drive did not take the data of a set-point", 0xFF10, is_warning=True),
             GatewayFault(FaultNumber.CONTROL_LOST, "control by PLC taken away in operation", 0xFF15, is_warning=True),

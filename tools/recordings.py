@@ -84,7 +84,7 @@ def known_from(config: Path | None, telegrams: Sequence[int], nodes: Sequence[st
             cyclic_ports=settings.cyclic_ports | {transport.cyclic_port},
             acyclic_ports=settings.acyclic_ports | {transport.acyclic_port} - {0},
         ),
-        {axis.do_id: axis.axis_settings for axis in loaded.axis},
+        {axis.do_id: axis.settings_at(transport.cycle_time_ms) for axis in loaded.axis},
         int(transport.cycle_time_ms * 1_000_000),
         transport.watchdog_factor,
     )

@@ -13,6 +13,7 @@ from pdgw.dsp402.images import DriveFeedback, References
 from pdgw.dsp402.states import STATE_OF_STATUS, State, StatusBit
 from pdgw.gateway.axis.adapters.transparent import ACTUAL_ATTRIBUTES, SETPOINT_ATTRIBUTES
 from pdgw.gateway.axis.executors.base import Executor, Notes
+from pdgw.gateway.axis.executors.dsc import DscExecutor
 from pdgw.gateway.axis.executors.positioner import PositionerExecutor
 from pdgw.gateway.axis.executors.positioning import PositioningExecutor
 from pdgw.gateway.axis.executors.raw import RawExecutor
@@ -94,6 +95,8 @@ class AxisMachine:
         given = (self.settings, self.outputs.command, self.report, self.notes)
         if kind is Kind.SPEED:
             return SpeedExecutor(*given)
+        if kind is Kind.DSC:
+            return DscExecutor(*given)
         if kind is Kind.TORQUE:
             return TorqueExecutor(*given)
         if kind is Kind.POSITIONING:

@@ -6,6 +6,7 @@ import enum
 from dataclasses import dataclass
 from fractions import Fraction
 
+from pdgw.gateway.motion.dsc import DscChoices
 from pdgw.gateway.motion.wishes import PositionerChoices
 from pdgw.profidrive.sign_of_life import MONITORING_OFF
 
@@ -55,6 +56,8 @@ class AxisSettings:
     """From 100 % speed to standstill by the drive's own ramps."""
     sign_of_life_failures: int = MONITORING_OFF
     """P925: tolerated failures of the PLC's sign of life in succession; 65535: not watched, only answered."""
+    dsc: DscChoices | None = None
+    """Needed by telegrams 5, 6, 105 and 106."""
     positioner: PositionerChoices | None = None
     """Needed by telegrams 7, 110 and 111."""
 

@@ -10,10 +10,11 @@ from pdgw.dsp402.pdo import Operation
 from pdgw.gateway.axis.adapters.base import Adapter
 from pdgw.gateway.axis.adapters.positioner import PositionerAdapter
 from pdgw.gateway.axis.adapters.positioning import PositioningAdapter
-from pdgw.gateway.axis.adapters.speed import SpeedAdapter, WideSpeedAdapter
+from pdgw.gateway.axis.adapters.speed import DscAdapter, SpeedAdapter, WideSpeedAdapter
 from pdgw.gateway.axis.adapters.transparent import TransparentAdapter
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.motion.dsc import DscForm
 from pdgw.profidrive.telegrams import TELEGRAMS, ApplicationMode, telegram
 
 
@@ -22,6 +23,7 @@ class Kind(enum.Enum):
 
     SPEED = "speed"
     TORQUE = "speed with torque reduction"
+    DSC = "dynamic servo control"
     POSITIONING = "positioning"
     POSITIONER = "positioner"
     RAW = "raw"
@@ -39,18 +41,24 @@ class DriveTelegram:
 _SPEED = DriveTelegram(Kind.SPEED, Operation.VELOCITY, Mode.VELOCITY)
 _SPEED_AND_SENSOR = DriveTelegram(Kind.SPEED, Operation.VELOCITY_WITH_POSITION, Mode.VELOCITY)
 _SPEED_AND_TORQUE = DriveTelegram(Kind.TORQUE, Operation.VELOCITY_WITH_TORQUE, Mode.VELOCITY)
+_DSC = DriveTelegram(Kind.DSC, Operation.CYCLIC_VELOCITY, Mode.CYCLIC_VELOCITY)
+_DSC_BY_POSITION = DriveTelegram(Kind.DSC, Operation.CYCLIC_POSITION, Mode.CYCLIC_POSITION)
 _POSITIONER = DriveTelegram(Kind.POSITIONER, Operation.POSITIONER)
 DRIVE_TELEGRAMS: dict[int, DriveTelegram] = {
     1: _SPEED,
     2: _SPEED,
     3: _SPEED_AND_SENSOR,
     4: _SPEED_AND_SENSOR,
+    5: _DSC,
+    6: _DSC,
     7: _POSITIONER,
     9: DriveTelegram(Kind.POSITIONING, Operation.POSITIONING),
     20: _SPEED,
     100: DriveTelegram(Kind.RAW, Operation.TRANSPARENT),
     102: _SPEED_AND_TORQUE,
     103: _SPEED_AND_TORQUE,
+    105: _DSC,
+    106: _DSC,
     110: _POSITIONER,
     111: _POSITIONER,
 }
@@ -58,6 +66,8 @@ DRIVE_TELEGRAMS: dict[int, DriveTelegram] = {
 DRIVE_TELEGRAM_NUMBERS = tuple(sorted(DRIVE_TELEGRAMS))
 """The telegrams a drive axis can be given (P922)."""
 
+DSC_TELEGRAM_NUMBERS = tuple(n for n, row in sorted(DRIVE_TELEGRAMS.items()) if row.kind is Kind.DSC)
+"""Those of them that need to know where the loop is closed."""
 POSITIONER_TELEGRAM_NUMBERS = tuple(n for n, row in sorted(DRIVE_TELEGRAMS.items()) if row.kind is Kind.POSITIONER)
 """Those of them that need a positioner in the configuration."""
 
@@ -67,10 +77,11 @@ ENCODER_TELEGRAM_NUMBERS = tuple(
 """The telegrams an encoder can be given (P922)."""
 
 
-def drive_telegram(number: int) -> DriveTelegram:
-    """The row of a drive telegram; GatewayError for one that no drive axis supports."""
+def drive_telegram(number: int, form: DscForm = DscForm.SPEED) -> DriveTelegram:
+    """The row of a drive telegram; ``form`` where DSC is carried out. GatewayError for one that no drive axis supports."""
     try:
-        return DRIVE_TELEGRAMS[number]
+        row = DRIVE_TELEGRAMS[number]
+        return _DSC_BY_POSITION if row is _DSC and form is DscForm.POSITION else row
     except KeyError:
         raise GatewayError(
             f"telegram: {number} is not supported for a drive, allowed {list(DRIVE_TELEGRAM_NUMBERS)}"
@@ -81,6 +92,8 @@ def make_adapter(number: int, settings: AxisSettings) -> Adapter:
     """The adapter of a drive telegram; GatewayError for one that no drive axis supports."""
     kind = drive_telegram(number).kind
     chosen = telegram(number)
+    if kind is Kind.DSC:
+        return DscAdapter(chosen, settings)
     if kind is Kind.SPEED or kind is Kind.TORQUE:
         wide = {"MOMRED", "G2_STW"} & set(chosen.setpoints.names)
         return WideSpeedAdapter(chosen, settings) if wide else SpeedAdapter(chosen, settings)
@@ -91,11 +104,11 @@ def make_adapter(number: int, settings: AxisSettings) -> Adapter:
     return TransparentAdapter(chosen)
 
 
-def pdo_operation(number: int) -> Operation:
+def pdo_operation(number: int, form: DscForm = DscForm.SPEED) -> Operation:
     """The PDO layout a drive telegram needs."""
-    return drive_telegram(number).operation
+    return drive_telegram(number, form).operation
 
 
-def initial_mode(number: int) -> Mode | None:
+def initial_mode(number: int, form: DscForm = DscForm.SPEED) -> Mode | None:
     """6060h to set while configuring, None where the telegram's RPDO carries the mode."""
-    return drive_telegram(number).initial_mode
+    return drive_telegram(number, form).initial_mode

@@ -83,12 +83,14 @@ class Demand:
         "activate",
         "connected",
         "device_bits",
+        "fresh",
         "homing",
         "homing_edge",
         "homing_method",
         "homing_velocity",
         "in_control",
         "intermediate_stop",
+        "kpc",
         "motion",
         "power",
         "raw",
@@ -99,6 +101,7 @@ class Demand:
         "task",
         "tasks_selected",
         "torque_reduction",
+        "xerr",
     )
 
     def __init__(self) -> None:
@@ -115,6 +118,12 @@ class Demand:
         self.speed = 0
         """Fraction of the reference speed."""
         self.speed_wish: SpeedWish = SpeedWish.FOLLOW
+        self.xerr = 0
+        """Position error of the PLC's controller, with the fine resolution of G1."""
+        self.kpc = 0
+        """Its gain in 0.001/s; 0: no position control by the drive."""
+        self.fresh = False
+        """What is asked came with this very cycle."""
         self.torque_reduction = 0
         """Fraction of the torque limit that is taken away (N2); 0 or below: nothing."""
         self.task: Task | None = None

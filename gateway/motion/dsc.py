@@ -49,6 +49,11 @@ def difference(newer: int, older: int) -> int:
     return (newer - older - _LOWEST) % _TURN + _LOWEST
 
 
+def wrapped(position: int) -> int:
+    """A computed position as it counts round in 32 bits."""
+    return (position - _LOWEST) % _TURN + _LOWEST
+
+
 class DscForm(enum.Enum):
     """``dsc``: where the loop is closed."""
 
@@ -56,6 +61,19 @@ class DscForm(enum.Enum):
     """In the drive (mode 8), by its own gain; any KPC but 0 only switches DSC on."""
     SPEED = "speed"
     """By the rule, over CAN (mode 9)."""
+
+
+@dataclass(frozen=True, slots=True)
+class DscChoices:
+    """The user's choices (docs/motion.md)."""
+
+    form: DscForm
+    following_window: int
+    """Increments within which the setpoint must be of the axis when DSC starts."""
+    cycle_ns: int
+    """Of the PLC; SYNC follows it."""
+    delay_cycles: int = 1
+    xerr_sign: int = 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,7 +163,7 @@ class Dsc:
         self._sent.append(position)
         if not fresh:
             if result.position is not None and self._target is not None:
-                self._target = result.position = self._wrapped(self._target + self._way)
+                self._target = result.position = wrapped(self._target + self._way)
                 self._way = 0
             return result
         numerator, denominator = self._speed
@@ -174,7 +192,7 @@ class Dsc:
     def _position(self, feed_forward: int, xerr: int, position: int) -> None:
         result, settings = self.setpoint, self.settings
         way = round_half_away(settings.xerr_sign * xerr, 1 << settings.fine_resolution)
-        target = self._wrapped(self._sent[0] + way)
+        target = wrapped(self._sent[0] + way)
         if not self._starts_near(difference(target, position)):
             self._target = None
             return
@@ -195,7 +213,3 @@ class Dsc:
         speed = feed_forward + round_half_away(kpc * error * numerator, denominator)
         result.velocity = max(_LOWEST, min(speed, _HIGHEST))
         result.position = None
-
-    @staticmethod
-    def _wrapped(position: int) -> int:
-        return (position - _LOWEST) % _TURN + _LOWEST

@@ -125,6 +125,8 @@ class DriveModel:
         self._homing_attained = False
         self._homing_error = False
         self._index_from = 0.0
+        self._interpolation_left = 0
+        """Ticks to the end of the way in cyclic synchronous position."""
         self.wake()
         self._update()
 
@@ -150,6 +152,7 @@ class DriveModel:
     target_position: int
     target_torque: int
     max_torque: int
+    velocity_offset: int
     profile_velocity: int
     profile_acceleration: int
     profile_deceleration: int
@@ -253,6 +256,9 @@ class DriveModel:
                 self._enter(target)
         if self.state is State.OPERATION_ENABLED:
             self._evaluate_bit_4(word, previous)
+        if self.mode is Mode.CYCLIC_POSITION:
+            period = self.read(0x60C2, 1) * 10.0 ** self.read(0x60C2, 2)
+            self._interpolation_left = max(1, round(period / TICK))
         self._update()
 
     def _select_mode(self, word: int) -> None:
@@ -434,6 +440,8 @@ class DriveModel:
             self.digital_inputs,
             self.current_actual,
             self.target_velocity,
+            self.target_position,
+            self._interpolation_left,
             self._setpoint,
             self._queued,
             self._acknowledged,
@@ -502,7 +510,9 @@ class DriveModel:
 
     def _move(self) -> None:
         mode = self.mode
-        if mode in _POSITION_MODES:
+        if mode is Mode.CYCLIC_POSITION:
+            self._interpolate()
+        elif mode in _POSITION_MODES:
             self._move_to_position()
         elif mode is Mode.HOMING:
             self._move_homing()
@@ -510,6 +520,19 @@ class DriveModel:
             self._move_with_torque()
         else:
             self._move_with_speed()
+
+    def _interpolate(self) -> None:
+        """To the newest target in a straight line over 60C2h; a target that stays away is the end of the way."""
+        distance = self.target_position - self.position
+        ticks = max(1, self._interpolation_left)
+        self._interpolation_left = ticks - 1
+        self._follow_at_once(distance / (ticks * TICK) * 60 / INCREMENTS_PER_REVOLUTION)
+
+    def _follow_at_once(self, wanted: float) -> None:
+        """A speed without a ramp, as far as motor and limit switches let it."""
+        limit = self._max_rpm
+        self._limited = self._against_limit(wanted)
+        self.ramp.set(0.0 if self._limited else min(max(wanted, -limit), limit))
 
     def _halted(self) -> bool:
         return bool(self.controlword & ControlBit.HALT)

@@ -188,6 +188,12 @@ _VL_OBJECTS = (
 )
 
 ENGEL = Shape("engel", "the ENGEL-like drive: half rpm by 6094h, five PDOs, modes -5 to 6")
+SYNCHRONOUS = Shape(
+    "synchronous",
+    "the ENGEL-like drive with cyclic synchronous position and velocity",
+    modes=_ENGEL_MODES | {Mode.CYCLIC_POSITION.value, Mode.CYCLIC_VELOCITY.value},
+    has=(var(0x6502, "Supported drive modes", _U32, _RO, default=_PROFILE_MODES | 1 << 7 | 1 << 8),),
+)
 _PLAIN = _rpm("rpm", "rpm by 60A9h", 1)
 _COUNTS = _rpm("counts", "increments per second by 608Fh", 2)
 
@@ -196,6 +202,7 @@ SHAPES = MappingProxyType(
         shape.name: shape
         for shape in (
             ENGEL,
+            SYNCHRONOUS,
             _PLAIN,
             replace(
                 _COUNTS,

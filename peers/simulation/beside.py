@@ -11,8 +11,11 @@ from typing import Literal
 
 import can
 from pdgw.ds301.port import CanPort
+from pdgw.gateway.axis.telegrams import DSC_TELEGRAM_NUMBERS
 from pdgw.gateway.config import AxisConfig, CanConfig, EncoderConfig, GatewayConfig
 from pdgw.gateway.errors import GatewayError
+from pdgw.peers.drive import ENGEL
+from pdgw.peers.drive.shapes import SYNCHRONOUS
 from pdgw.peers.simulation.config import DeviceConfig
 from pdgw.peers.simulation.devices import Simulation
 from pdgw.profidrive.telegrams import ApplicationMode, telegram
@@ -22,7 +25,13 @@ from pydantic import ValidationError
 def simulated_devices(config: GatewayConfig, bus: CanConfig) -> list[DeviceConfig]:
     """Those of one bus, drives first: they turn the encoders. GatewayError for a motion that cannot be."""
     devices = [
-        DeviceConfig(type="drive", node_id=axis.node_id, serial_number=axis.do_id, axis=_axis_of(axis))
+        DeviceConfig(
+            type="drive",
+            node_id=axis.node_id,
+            serial_number=axis.do_id,
+            axis=_axis_of(axis),
+            like=SYNCHRONOUS.name if axis.telegram in DSC_TELEGRAM_NUMBERS else ENGEL.name,
+        )
         for axis in config.axis
         if axis.simulate and config.bus_of(axis).name == bus.name
     ]

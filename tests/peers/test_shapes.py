@@ -15,6 +15,7 @@ from pdgw.dsp402.describe import answers_of_defaults, describe
 from pdgw.dsp402.drive_type import DriveType, Quantity
 from pdgw.dsp402.states import State
 from pdgw.peers.drive import ENGEL, LINEAR, SHAPES, Machine, SimulatedDriveNode, shape
+from pdgw.peers.drive.shapes import SYNCHRONOUS
 
 NODE = 3
 MS = 1_000_000
@@ -199,7 +200,7 @@ def test_a_drive_whose_master_stops_guarding_reacts_as_6007h_says() -> None:
 
 def test_every_shape_but_the_first_is_of_no_known_vendor() -> None:
     for name, item in SHAPES.items():
-        assert described(name).family == ("engel" if item is ENGEL else "")
+        assert described(name).family == ("engel" if item in (ENGEL, SYNCHRONOUS) else "")
 
 
 def test_a_shape_there_is_not_is_refused_with_those_there_are() -> None:

@@ -13,8 +13,10 @@ from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.dsp402.pdo import LAYOUTS
 from pdgw.dsp402.states import State
 from pdgw.gateway.axis.settings import AxisSettings
-from pdgw.gateway.axis.telegrams import initial_mode, pdo_operation
-from pdgw.peers.drive import LINEAR, Machine, SimulatedDriveNode
+from pdgw.gateway.axis.telegrams import Kind, drive_telegram, initial_mode, pdo_operation
+from pdgw.gateway.motion.dsc import DscForm
+from pdgw.peers.drive import ENGEL, LINEAR, Machine, SimulatedDriveNode
+from pdgw.peers.drive.shapes import SYNCHRONOUS
 
 from tests.support.stepper import Stepper
 
@@ -27,8 +29,11 @@ class Rig:
 
     def __init__(self, number: int, machine: Machine | None = None, **settings: object) -> None:
         self.stepper = Stepper(number, AxisSettings(**settings))  # type: ignore[arg-type]
-        self.layout = LAYOUTS[pdo_operation(number)]
-        self.node = SimulatedDriveNode(NODE, self._transmitted, machine=machine or LINEAR)
+        dsc = self.stepper.settings.dsc
+        self._form = DscForm.SPEED if dsc is None else dsc.form
+        kind = SYNCHRONOUS if drive_telegram(number).kind is Kind.DSC else ENGEL
+        self.layout = LAYOUTS[pdo_operation(number, self._form)]
+        self.node = SimulatedDriveNode(NODE, self._transmitted, machine=machine or LINEAR, shape=kind)
         self.feedback = DriveFeedback()
         self.now = 0
         self.connected_drive = True
@@ -44,7 +49,7 @@ class Rig:
         self._tpdos = {pdo.cob_id(NODE): pdo for pdo in self.layout.tpdos}
         self._sent: dict[int, bytes] = {}
         self.node.start(self.now)
-        self._configure(initial_mode(number))
+        self._configure(initial_mode(number, self._form))
         self.stepper.set_references(References(), homing_method=35)
 
     @property
@@ -82,7 +87,7 @@ class Rig:
         """Power cycle of the drive, and what the gateway does about it."""
         self.node.receive(0, bytes((NmtCommand.RESET_NODE, NODE)), self.now)
         self._sent.clear()
-        self._configure(initial_mode(self.stepper.telegram.number))
+        self._configure(initial_mode(self.stepper.telegram.number, self._form))
         self.stepper.drive_restarted()
         self.stepper.set_references(References())
 

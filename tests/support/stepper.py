@@ -16,9 +16,12 @@ from pdgw.gateway.axis.power_table import Drive
 from pdgw.gateway.axis.settings import AxisSettings, SensorSettings
 from pdgw.gateway.axis.values import Configured, EncoderInput, FaultRecord, NodeNotice, Notice, SdoAnswer, SdoWrite
 from pdgw.gateway.axis.waist import PowerWish
+from pdgw.gateway.motion.dsc import DscChoices, DscForm
 from pdgw.gateway.reasons import Reason
 
 from tests.support.positioner import CHOICES
+
+DSC = DscChoices(DscForm.SPEED, following_window=4096, cycle_ns=4_000_000)
 
 _WISHES = power_wishes(PowerWish.OFF)
 
@@ -42,7 +45,7 @@ class Stepper:
 
     def __init__(self, number: int, settings: AxisSettings | None = None) -> None:
         self.feedback = DriveFeedback()
-        self.machine = AxisMachine(number, settings or AxisSettings(positioner=CHOICES), self.feedback)
+        self.machine = AxisMachine(number, settings or AxisSettings(positioner=CHOICES, dsc=DSC), self.feedback)
         self.telegram = self.machine.telegram
         self.settings = self.machine.settings
         self.events: list[FaultRecord] = []

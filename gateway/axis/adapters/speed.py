@@ -92,6 +92,25 @@ class WideSpeedAdapter(SpeedAdapter):
             actuals[first], actuals[first + 1], actuals[first + 2] = _NO_SENSOR
 
 
+class DscAdapter(WideSpeedAdapter):
+    """Telegrams 5, 6, 105 and 106: the speed is always in force, STW1.4 to .6 are not evaluated."""
+
+    def __init__(self, telegram: Telegram, settings: AxisSettings) -> None:
+        super().__init__(telegram, settings)
+        self._xerr = telegram.setpoints.index("XERR")
+        self._kpc = telegram.setpoints.index("KPC")
+        self._last: Sequence[int] | None = None
+
+    def read(self, setpoints: Sequence[int] | None, demand: Demand) -> None:
+        super().read(setpoints, demand)
+        demand.fresh = setpoints is not None and setpoints is not self._last
+        self._last = setpoints
+        if setpoints is not None and demand.in_control:
+            demand.speed = setpoints[self._setpoint] * self._setpoint_factor
+            demand.xerr = setpoints[self._xerr]
+            demand.kpc = setpoints[self._kpc]
+
+
 def _speed_signal(half: TelegramHalf, prefix: str) -> tuple[int, int]:
     """Where the speed is, and what its steps are worth in N4."""
     index = next(index for index, name in enumerate(half.names) if name.startswith(prefix))

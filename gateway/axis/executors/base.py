@@ -6,6 +6,9 @@ An executor writes the drive's command image and its share of the report. It is 
 
 from __future__ import annotations
 
+from fractions import Fraction
+
+from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.images import DriveCommand, DriveFeedback, References
 from pdgw.dsp402.states import StatusBit
 from pdgw.gateway.axis.power_table import Action
@@ -90,6 +93,13 @@ class Executor:
         the one of the interlock, or its own.
         """
         raise NotImplementedError
+
+
+def known(value: Fraction | None, what: str, key: str) -> Fraction:
+    """A scaling of the drive; Dsp402Error where nothing tells it."""
+    if value is None:
+        raise Dsp402Error(what, "not known", f"the drive to tell it, or the key {key}")
+    return value
 
 
 class LimitWatch:

@@ -7,14 +7,11 @@ touch probes, torque limits.
 
 from __future__ import annotations
 
-from fractions import Fraction
-
-from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.images import DriveCommand, DriveFeedback, References
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.objects import DRIVE_OBJECTS, NEGATIVE_LIMIT_SWITCH, POSITIVE_LIMIT_SWITCH
 from pdgw.dsp402.states import STATE_OF_STATUS, ControlBit, State, StatusBit
-from pdgw.gateway.axis.executors.base import Executor, Notes
+from pdgw.gateway.axis.executors.base import Executor, Notes, known
 from pdgw.gateway.axis.executors.homing import Homing, Progress
 from pdgw.gateway.axis.executors.mode import ModeSwitch
 from pdgw.gateway.axis.executors.torque import message_of
@@ -74,9 +71,9 @@ class PositionerExecutor(Executor):
     def set_references(self, references: References, homing_method: int) -> None:
         choices = self.choices
         units = DriveUnits(
-            _known(references.counts_per_revolution, "position units per revolution", "counts_per_revolution"),
-            _known(references.velocity_per_rpm, "velocity units per rpm", "velocity_unit"),
-            _known(references.acceleration_per_rpm_s, "acceleration units per rpm/s", "acceleration_unit"),
+            known(references.counts_per_revolution, "position units per revolution", "counts_per_revolution"),
+            known(references.velocity_per_rpm, "velocity units per rpm", "velocity_unit"),
+            known(references.acceleration_per_rpm_s, "acceleration units per rpm/s", "acceleration_unit"),
         )
         self.homing.method = homing_method
         length = self._units = LengthUnits(
@@ -325,12 +322,6 @@ class PositionerExecutor(Executor):
         seen = self._seen
         seen.homing = result
         seen.taken = seen.executing = seen.given
-
-
-def _known(value: Fraction | None, what: str, key: str) -> Fraction:
-    if value is None:
-        raise Dsp402Error(what, "not known", f"the drive to tell it, or the key {key}")
-    return value
 
 
 def _settings(choices: PositionerChoices) -> PositionerSettings:

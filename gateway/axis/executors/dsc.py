@@ -1,0 +1,163 @@
+"""Cyclic synchronous position (6060h = 8) or velocity (9) for DSC: telegrams 5, 6, 105 and 106.
+
+Source: docs/motion.md "DSC". These modes have no ramp of their own: a ramp stop is made here, cycle by cycle, with 60C6h. While
+the axis is not in operation the setpoint is where it stands.
+"""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+from pdgw.dsp402.errors import Dsp402Error
+from pdgw.dsp402.images import DriveCommand, DriveFeedback, References
+from pdgw.dsp402.states import STATE_OF_STATUS, State
+from pdgw.gateway.axis.executors.base import Executor, Notes, known
+from pdgw.gateway.axis.executors.torque import message_of
+from pdgw.gateway.axis.power_table import Action
+from pdgw.gateway.axis.settings import AxisSettings
+from pdgw.gateway.axis.waist import STATE_MASK, Demand, Flag, Report
+from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.motion.dsc import Dsc, DscChoices, DscForm, DscSettings, wrapped
+from pdgw.gateway.motion.messages import MessageWord, reduced_torque
+from pdgw.gateway.motion.units import round_half_away
+from pdgw.gateway.reasons import FaultNumber, Reason
+from pdgw.profidrive.datatypes import Normalisation, n4
+
+_SECONDS_PER_MINUTE = 60
+_NS = 1_000_000_000
+_I32 = (-(1 << 31), (1 << 31) - 1)
+
+
+class DscExecutor(Executor):
+    """One axis under DSC. GatewayError without the user's choice where the loop is closed."""
+
+    def __init__(self, settings: AxisSettings, command: DriveCommand, report: Report, notes: Notes) -> None:
+        super().__init__(settings, command, report, notes)
+        if settings.dsc is None:
+            raise GatewayError('dsc: missing, telegrams 5, 6, 105 and 106 need dsc = "position" or "speed"')
+        self.choices: DscChoices = settings.dsc
+        self.dsc: Dsc | None = None
+        self._actual: Normalisation | None = None
+        self._message: MessageWord | None = None
+        self._torque = 0
+        self._deceleration = 1
+        """Velocity units that a ramp takes away in one cycle."""
+        self._way = (0, 1)
+        """Position units in one cycle at a velocity of one unit."""
+        self._rest = 0
+        self._velocity = 0
+        self._tolerance = 0
+        self._was_clamped = False
+
+    def set_references(self, references: References, homing_method: int) -> None:
+        if references.max_torque <= 0:
+            raise Dsp402Error("Max Torque 6072h", references.max_torque, "a value above 0, which MOMRED reduces")
+        counts = known(references.counts_per_revolution, "position units per revolution", "counts_per_revolution")
+        velocity = known(references.velocity_per_rpm, "velocity units per rpm", "velocity_unit")
+        acceleration = known(references.acceleration_per_rpm_s, "acceleration units", "acceleration_unit")
+        if counts.denominator != 1:
+            raise Dsp402Error("position units per revolution", counts, "a whole number for DSC")
+        choices, reference = self.choices, references.speed_reference
+        settings = DscSettings(
+            choices.form,
+            int(counts),
+            reference / velocity,
+            velocity,
+            choices.cycle_ns,
+            choices.following_window,
+            delay_cycles=choices.delay_cycles,
+            xerr_sign=choices.xerr_sign,
+        )
+        self.dsc = Dsc(settings)
+        self._actual = n4(reference, _I32)
+        self._message = MessageWord(int(reference))
+        self._torque = self.command.max_torque = references.max_torque
+        cycle = Fraction(choices.cycle_ns, _NS)
+        self._deceleration = max(1, int(references.max_deceleration / acceleration * cycle * velocity))
+        self._way = (counts / velocity / _SECONDS_PER_MINUTE * cycle).as_integer_ratio()
+        self._tolerance = int(reference * self.settings.standstill_window)
+
+    def refuse(self, feedback: DriveFeedback) -> None:
+        self._stand(feedback)
+        self.command.controlword = 0
+        self.report.speed = self.report.message = 0
+
+    def step(
+        self,
+        demand: Demand,
+        action: Action,
+        controlword: int,
+        reason: Reason | None,
+        feedback: DriveFeedback,
+        standstill: bool,
+        now: int,
+    ) -> Reason | None:
+        dsc, actual, message = self.dsc, self._actual, self._message
+        if dsc is None or actual is None or message is None:
+            return reason
+        command, report = self.command, self.report
+        enabled = STATE_OF_STATUS[feedback.statusword & STATE_MASK] is State.OPERATION_ENABLED
+        if enabled and action is Action.ENABLE_OPERATION:
+            reason = self._control(dsc, demand, feedback)
+        elif enabled and action is Action.RAMP:
+            self._ramp(feedback)
+        else:
+            self._stand(feedback)
+        command.controlword = controlword
+        command.max_torque = reduced_torque(self._torque, demand.torque_reduction if demand.connected else 0)
+        report.speed = actual.to_wire(feedback.velocity_actual)
+        near = abs(feedback.velocity_actual - self._velocity) <= self._tolerance
+        report.flags = Flag.REACHED if near and enabled else 0
+        report.message = message_of(message, feedback)
+        return reason
+
+    def _control(self, dsc: Dsc, demand: Demand, feedback: DriveFeedback) -> Reason | None:
+        position = feedback.position_actual
+        result = dsc.step(demand.speed, demand.xerr, demand.kpc, position, fresh=demand.fresh)
+        self._warn(dsc, clamped=result.gain_clamped)
+        command, self._velocity = self.command, result.velocity
+        if self.choices.form is DscForm.SPEED:
+            command.target_velocity = result.velocity
+            return result.reason
+        command.velocity_offset = result.velocity
+        if result.position is not None:
+            command.target_position = result.position
+            self._rest = 0
+        else:
+            self._travel(result.velocity)
+        return result.reason
+
+    def _warn(self, dsc: Dsc, *, clamped: bool) -> None:
+        if clamped and not self._was_clamped:
+            text = f"KPC is limited to {dsc.gain_limit / 1000:.1f} 1/s (dead time {dsc.dead_time_ns / 1e6:.1f} ms)"
+            self.notes.faults.append((FaultNumber.DSC_GAIN, text))
+        self._was_clamped = self.notes.warning = clamped
+
+    def _travel(self, velocity: int) -> None:
+        """The setpoint of one cycle further on at a speed, without losing fractions."""
+        numerator, denominator = self._way
+        total = velocity * numerator + self._rest
+        way = round_half_away(total, denominator)
+        self._rest = total - way * denominator
+        self.command.target_position = wrapped(self.command.target_position + way)
+
+    def _ramp(self, feedback: DriveFeedback) -> None:
+        """Down from the speed there is."""
+        if self.dsc is not None:
+            self.dsc.stop()
+        speed = self._velocity
+        speed = max(0, speed - self._deceleration) if speed > 0 else min(0, speed + self._deceleration)
+        self._velocity = self.command.target_velocity = self.command.velocity_offset = speed
+        if self.choices.form is DscForm.POSITION:
+            self._travel(speed)
+
+    def _stand(self, feedback: DriveFeedback) -> None:
+        """Not in operation: where the axis is, so that nothing jumps when it is enabled."""
+        if self.dsc is not None:
+            self.dsc.stop()
+        command = self.command
+        command.target_velocity = command.velocity_offset = 0
+        command.target_position = feedback.position_actual
+        self._velocity = feedback.velocity_actual
+        self._rest = 0
+        self._was_clamped = self.notes.warning = False

@@ -1,0 +1,142 @@
+"""Telegrams 5, 6, 105 and 106 on the simulated drive: DSC in both forms, with a proportional controller in the PLC."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+from pdgw.dsp402.images import References
+from pdgw.dsp402.modes import Mode
+from pdgw.gateway.axis.machine import AxisMachine
+from pdgw.gateway.axis.settings import AxisSettings
+from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.motion.dsc import DscChoices, DscForm, dead_time_ns, highest_gain
+from pdgw.gateway.reasons import FaultNumber, Reason
+
+from tests.support.rig import Rig
+
+CYCLE_NS = 4_000_000
+REFERENCES = References(max_acceleration=5000, max_deceleration=2000)
+OFF, ON = 0x040E, 0x040F
+"""STW1.4 to .6 are not evaluated."""
+KPC = 30_000
+FORMS = list(DscForm)
+
+
+def axis(form: DscForm, number: int = 105, **choices: int) -> Rig:
+    rig = Rig(number, dsc=DscChoices(form, **{"following_window": 4096, "cycle_ns": CYCLE_NS, **choices}))
+    rig.stepper.set_references(REFERENCES)
+    rig.enable(OFF)
+    return rig
+
+
+def control(rig: Rig, target: int, cycles: int, kpc: int = KPC) -> list[int]:
+    """The PLC's proportional controller: the error of the position it last saw; returns the errors."""
+    errors = []
+    for _ in range(cycles):
+        seen = rig.actuals["G1_XIST1"]
+        position = seen - (1 << 32) if seen >> 31 else seen
+        errors.append(target - position)
+        rig.values |= {"XERR": target - position, "KPC": kpc, "NSOLL_B": 0}
+        rig.step()
+    return errors
+
+
+@pytest.mark.parametrize("number", [5, 6, 105, 106])
+@pytest.mark.parametrize("form", FORMS)
+def test_each_form_has_its_mode(form: DscForm, number: int) -> None:
+    rig = axis(form, number)
+    wanted = {DscForm.POSITION: Mode.CYCLIC_POSITION, DscForm.SPEED: Mode.CYCLIC_VELOCITY}[form]
+    assert rig.node.model.mode is wanted
+
+
+def test_worked_example_105_50_per_second_and_2048_increments() -> None:
+    rig = axis(DscForm.SPEED, delay_cycles=0)
+    rig.values |= {"KPC": 50_000, "XERR": 0x0800}
+    rig.step()
+    gain = min(50_000, highest_gain(dead_time_ns(CYCLE_NS, 0)))
+    assert gain == 36_787, "at 4 ms the gain is limited"
+    assert rig.stepper.command.target_velocity == round(3000 * gain / 50_000)
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_a_position_is_reached_and_held(form: DscForm) -> None:
+    rig = axis(form)
+    errors = control(rig, 3000, 400)
+    assert errors[0] == 3000
+    assert max(map(abs, errors[-50:])) <= 3
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_without_kpc_nsoll_b_is_the_speed(form: DscForm) -> None:
+    rig = axis(form)
+    rig.values["NSOLL_B"] = 1 << 28
+    rig.step(150)
+    assert abs(rig.feedback.velocity_actual - 1500) <= 15
+    before = rig.feedback.position_actual
+    rig.step(250)
+    turned = rig.feedback.position_actual - before
+    assert abs(turned - 750 * 4096 / 60) <= 60, "a second at 750 rpm"
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_a_start_far_from_the_axis_stands(form: DscForm) -> None:
+    rig = axis(form)
+    control(rig, 50_000, 50)
+    assert rig.stepper.reason is Reason.DSC_FAR_FROM_AXIS
+    assert rig.feedback.velocity_actual == 0
+
+
+def test_a_gain_that_would_oscillate_is_limited_with_a_warning() -> None:
+    rig = axis(DscForm.SPEED)
+    errors = control(rig, 1000, 400, kpc=400_000)
+    assert [event.number for event in rig.stepper.events] == [FaultNumber.DSC_GAIN]
+    assert rig.actuals["ZSW1"] & 0x0080
+    assert max(map(abs, errors[-50:])) <= 20
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_off1_ramps_down_with_power_on_and_enabling_again_does_not_jump(form: DscForm) -> None:
+    rig = axis(form)
+    rig.values["NSOLL_B"] = 1 << 29
+    rig.step(200)
+    fast = rig.feedback.velocity_actual
+    assert fast >= 2900
+    rig.values["STW1"] = OFF
+    speeds = []
+    for _ in range(400):
+        rig.step()
+        speeds.append(rig.feedback.velocity_actual)
+    assert speeds[0] > fast // 2, "a ramp, no step"
+    assert speeds[-1] == 0
+    rig.values |= {"STW1": ON, "NSOLL_B": 0}
+    rig.step(50)
+    assert rig.feedback.velocity_actual == 0
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_loss_of_the_plc_stops_the_axis(form: DscForm) -> None:
+    rig = axis(form)
+    rig.values["NSOLL_B"] = 1 << 29
+    rig.step(200)
+    rig.step(400, plc=False)
+    assert rig.feedback.velocity_actual == 0
+
+
+def test_torque_reduction_works_here_too() -> None:
+    rig = axis(DscForm.SPEED)
+    rig.values["MOMRED"] = 0x2000
+    rig.step(3)
+    assert rig.node.model.max_torque == 1500
+
+
+def test_dsc_without_its_choice_is_refused() -> None:
+    with pytest.raises(GatewayError, match='need dsc = "position" or "speed"'):
+        AxisMachine(105, AxisSettings(), Rig(1).feedback)
+
+
+def test_a_drive_whose_units_are_not_known_does_not_operate() -> None:
+    rig = axis(DscForm.SPEED)
+    rig.stepper.set_references(replace(REFERENCES, velocity_per_rpm=None))
+    rig.step(2)
+    assert [event.number for event in rig.stepper.events] == [FaultNumber.REFERENCE]

@@ -1,0 +1,71 @@
+"""The motion telegrams through the whole gateway in virtual time: configuration, PDO mapping, frames, simulated drives."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from pdgw.gateway.config import GatewayConfig, simulated
+from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.positioner_config import SIMULATED
+from pdgw.peers.plc.scenario import Engine, load_scenario
+
+from tests.support.daemon import Plc, axis, configuration, drive_of, running
+
+SCENARIO = Path(__file__).parents[2] / "tools" / "scenarios" / "positioner.yaml"
+_POSITIONER = "[axis.positioner]\n" + "".join(
+    f"{key} = {list(value) if isinstance(value, tuple) else value}\n" for key, value in SIMULATED.items()
+)
+DSC = "simulate = true\nfollowing_window = 4096\ndsc = "
+
+
+def config(number: int, more: str) -> GatewayConfig:
+    return configuration(axis(1, telegram_number=number, more=more))
+
+
+def test_the_scenario_of_the_positioner_passes_through_the_gateway() -> None:
+    with running(config(111, "simulate = true\n" + _POSITIONER)) as daemon:
+        plc = Plc(daemon, [111])
+        engine = Engine(load_scenario(SCENARIO), plc.endpoint)
+        while not engine.finished:
+            engine.step(plc.loop.now())
+            plc.exchange()
+        assert engine.passed, [result for result in engine.results if not result.passed]
+
+
+def test_every_telegram_can_be_simulated_by_number_alone() -> None:
+    for number in (4, 5, 6, 7, 102, 103, 105, 106, 110, 111):
+        assert simulated(number, 2).axis[1].telegram == number
+
+
+@pytest.mark.parametrize(("form", "mode"), [("position", 8), ("speed", 9)])
+def test_dsc_through_the_gateway_holds_a_position(form: str, mode: int) -> None:
+    with running(config(105, f'{DSC}"{form}"')) as daemon:
+        plc = Plc(daemon, [105])
+        plc.enable()
+        drive = drive_of(daemon)
+        assert drive.node.read(0x6061) == mode
+        assert [drive.node.read(0x60C2, sub) for sub in (1, 2)] == [4, -3], "4 ms"
+        for _ in range(400):
+            position = plc.value("G1_XIST1")
+            error = 2000 - (position - (1 << 32) if position >> 31 else position)
+            plc.endpoint.set(0, {"XERR": error, "KPC": 20_000})
+            plc.exchange()
+        assert abs(plc.value("G1_XIST1") - 2000) <= 5
+
+
+@pytest.mark.parametrize("number", [5, 6, 105, 106])
+def test_a_dsc_telegram_needs_to_know_where_the_loop_is_closed(number: int) -> None:
+    with pytest.raises(
+        GatewayError, match=f'telegram = {number} needs dsc = "position" or "speed", and following_window'
+    ):
+        config(number, "simulate = true")
+
+
+@pytest.mark.parametrize("number", [102, 103, 4])
+def test_speed_telegrams_turn_through_the_gateway(number: int) -> None:
+    with running(config(number, "simulate = true")) as daemon:
+        plc = Plc(daemon, [number])
+        plc.enable()
+        plc.endpoint.set(0, {"NSOLL_B": 1 << 28})
+        plc.until(lambda: plc.value("NIST_B") == 1 << 28, "750 rpm")
