@@ -20,7 +20,7 @@ from pdgw.dsp402.pdo import LAYOUTS
 from pdgw.dsp402.states import State, state_of
 from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.stop_watch import Brake
-from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS, pdo_operation
+from pdgw.gateway.axis.telegrams import pdo_operation
 from pdgw.gateway.axis.values import Configured, FaultRead, Outputs, PresetAnswer, SdoWrite
 from pdgw.gateway.config import AxisConfig
 from pdgw.gateway.drive_object import OWNED, DriveObject, log
@@ -44,7 +44,6 @@ class Axis(DriveObject):
     """A drive object (DO) with a drive behind it."""
 
     kind = "axis"
-    telegram_numbers = DRIVE_TELEGRAM_NUMBERS
 
     def __init__(
         self,
@@ -57,6 +56,7 @@ class Axis(DriveObject):
         number = config.telegram if number is None else number
         super().__init__(config.do_id, network, telegram(number))
         self.config: AxisConfig = config
+        self.telegram_numbers = config.telegrams
         self._cycle_time_ms = cycle_time_ms
         drive_settings = config.drive_settings(number, cycle_time_ms)
         # A command that was lost goes out again with the refresh; an answer that was lost comes again with the event timer.

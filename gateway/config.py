@@ -321,6 +321,15 @@ class AxisConfig(_Section):
         )
 
     @property
+    def telegrams(self) -> tuple[int, ...]:
+        """What the axis can be given (P922): not those whose keys are missing."""
+        missing = {
+            *(POSITIONER_TELEGRAM_NUMBERS if self.positioner is None else ()),
+            *(DSC_TELEGRAM_NUMBERS if self.dsc is None or self.following_window is None else ()),
+        }
+        return tuple(number for number in DRIVE_TELEGRAM_NUMBERS if number not in missing)
+
+    @property
     def dsc_form(self) -> DscForm:
         """What decides on the mode and the PDOs of telegrams with DSC."""
         return self.dsc or DscForm.SPEED

@@ -56,7 +56,7 @@ class DriveObject(abc.ABC):
 
     kind: ClassVar[str]
     """``axis`` or ``encoder``, in the log."""
-    telegram_numbers: ClassVar[tuple[int, ...]]
+    telegram_numbers: tuple[int, ...]
     """What P922 may select."""
 
     config: AxisConfig | EncoderConfig

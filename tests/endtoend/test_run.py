@@ -231,11 +231,11 @@ def test_config_example_and_check(tmp_path: Path) -> None:
     good = pdgw("config", "check", str(path))
     assert good.returncode == 0
     assert "ok, 1 axes" in good.stdout
-    path.write_text(path.read_text().replace("telegram = 1", "telegram = 5"))
+    path.write_text(path.read_text().replace("telegram = 1", "telegram = 112"))
     bad = pdgw("config", "check", str(path))
     assert bad.returncode == 1
     assert f"{path}:" in bad.stderr
-    assert "[[axis]] number 1: telegram = 5 is not supported" in bad.stderr, "brackets are no markup"
+    assert "[[axis]] number 1: telegram = 112 is not supported" in bad.stderr, "brackets are no markup"
 
 
 def test_drive_simulator_obeys_its_console_and_inject(tmp_path: Path) -> None:

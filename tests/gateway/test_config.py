@@ -185,7 +185,7 @@ ENCODER = "[[encoder]]\ndo_id = {}\nnode_id = {}\ntelegram = 83\n"
         ),
         (
             "\n\n" + BASE.replace("telegram = 9", "telegram = 1\ng1 = 2") + ENCODER.format(2, 7),
-            "x.toml:21: [[axis]] number 1: g1 = 2: telegram 1 has no G1, allowed with telegram [3, 4, 102, 103]",
+            "x.toml:21: [[axis]] number 1: g1 = 2: telegram 1 has no G1, allowed with telegram [3, 4, 5, 6, 102, 103, 105, 106]",
         ),
         (
             BASE.replace("telegram = 9", "telegram = 3\ng1 = 5") + ENCODER.format(2, 7),

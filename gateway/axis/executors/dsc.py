@@ -77,9 +77,9 @@ class DscExecutor(Executor):
         self._way = (counts / velocity / _SECONDS_PER_MINUTE * cycle).as_integer_ratio()
         self._tolerance = int(reference * self.settings.standstill_window)
 
-    def refuse(self, feedback: DriveFeedback) -> None:
+    def refuse(self, controlword: int, feedback: DriveFeedback) -> None:
         self._stand(feedback)
-        self.command.controlword = 0
+        self.command.controlword = controlword
         self.report.speed = self.report.message = 0
 
     def step(
