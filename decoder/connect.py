@@ -54,6 +54,8 @@ class Connection:
 
     relations: tuple[CyclicRelation, ...]
     lengths: Mapping[tuple[Place, Direction], int] = field(default_factory=dict)
+    idents: Mapping[Place, int] = field(default_factory=dict)
+    """SubmoduleIdentNumber of each submodule."""
 
     def answered(self, frame_ids: Mapping[int, int]) -> Connection:
         """With the FrameIDs the device chose, by IOCRReference."""
@@ -105,14 +107,15 @@ def read_request(arguments: bytes) -> Connection:
     """The relationships of a Connect request; ProfidriveError when a block is damaged."""
     relations = []
     lengths: dict[tuple[Place, Direction], int] = {}
+    idents: dict[Place, int] = {}
     for kind, body in _blocks(arguments):
         if kind == _Block.IOCR_REQUEST:
             relation = _relation(_Fields(body, "IOCRBlockReq"))
             if relation is not None:
                 relations.append(relation)
         elif kind == _Block.EXPECTED_SUBMODULE:
-            lengths |= _submodules(_Fields(body, "ExpectedSubmoduleBlockReq"))
-    return Connection(tuple(relations), lengths)
+            _submodules(_Fields(body, "ExpectedSubmoduleBlockReq"), lengths, idents)
+    return Connection(tuple(relations), lengths, idents)
 
 
 def read_response(arguments: bytes) -> dict[int, int]:
@@ -139,14 +142,13 @@ def _relation(fields: _Fields) -> CyclicRelation | None:
     return None if direction is None else CyclicRelation(reference, direction, frame_id, data, iocs)
 
 
-def _submodules(fields: _Fields) -> dict[tuple[Place, Direction], int]:
-    lengths: dict[tuple[Place, Direction], int] = {}
+def _submodules(fields: _Fields, lengths: dict[tuple[Place, Direction], int], idents: dict[Place, int]) -> None:
     for _ in range(fields.number()):
         _, slot, _, _, count = fields.take(_SUBMODULE_API)
         for _ in range(count):
-            subslot, _, properties = fields.take(_SUBMODULE)
+            subslot, ident, properties = fields.take(_SUBMODULE)
+            idents[slot, subslot] = ident
             for _ in range(2 if properties & 3 == _INPUT_OUTPUT else 1):
                 kind, length, _, _ = fields.take(_DESCRIPTION)
                 if kind in _DIRECTIONS and length:
                     lengths[(slot, subslot), _DIRECTIONS[kind]] = length
-    return lengths

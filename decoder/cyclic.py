@@ -7,7 +7,7 @@ P922 or in a Connect, or inferred from where IOPS and IOCS lie. Left out: fragme
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 
@@ -27,6 +27,7 @@ from pdgw.profidrive.frame import (
     CSduLayout,
 )
 from pdgw.profidrive.telegrams import TELEGRAMS, Direction, likeliest, telegram
+from pdgw.profinet.model import TELEGRAM_IDENT
 
 _CYCLIC_FIRST = 0x8000
 _CYCLIC_LAST = 0xFBFF
@@ -179,12 +180,16 @@ class CyclicDecoder:
         self._plain: dict[tuple[int, int], tuple[int, FrameLayout]] = {}
         """Frames whose telegrams are looked for: how many came, and the layout without signals."""
         self._relations: dict[int, tuple[CyclicRelation, Connection]] = {}
+        self._connection: Connection | None = None
+        """The last Connect that has telegrams."""
 
     @property
     def axes(self) -> tuple[Axis, ...]:
         """The axes as known so far: given or inferred, with the telegrams observed in P922."""
         if self._given:
             axes = self._given
+        elif self._connection is not None:
+            axes = tuple(axis for axis, _ in self._fitting(self._connection, {}))
         elif self._candidates:
             axes = tuple(Axis(i, likeliest(numbers)) for i, numbers in enumerate(self._candidates[0], 1))
         elif set(self._observed) == set(range(1, len(self._observed) + 1)):
@@ -216,17 +221,22 @@ class CyclicDecoder:
             self._relations[relation.frame_id] = (relation, connection)
         found = [f"axis {axis.do_id} telegram {axis.telegram}" for axis, _ in self._connected(connection)]
         if found:
+            self._connection = connection
             self._notify(f"observed in Connect: {', '.join(found)}")
 
     def _connected(self, connection: Connection) -> list[tuple[Axis, Place]]:
-        """The submodules whose lengths are those of a telegram. The slot is the DO-ID."""
-        known = {axis.do_id: axis for axis in self.axes}
+        """The submodules whose lengths are those of a telegram. The slot is the number of the axis."""
+        return self._fitting(connection, {axis.do_id: axis for axis in self.axes})
+
+    def _fitting(self, connection: Connection, known: Mapping[int, Axis]) -> list[tuple[Axis, Place]]:
         found = []
         for place in connection.places:
             sizes = [connection.lengths.get((place, direction), 0) for direction in Direction]
             fitting = [n for n, t in TELEGRAMS.items() if [t.half(direction).size for direction in Direction] == sizes]
             axis = known.get(place[0]) or Axis(place[0], 0)
-            number = self._observed.get(axis.do_id, axis.telegram)
+            # The gateway's own submodules say which telegram they are; others have a length only.
+            named = connection.idents.get(place, 0) - TELEGRAM_IDENT
+            number = named if named in fitting else self._observed.get(axis.do_id, axis.telegram)
             if fitting:
                 number = number if number in fitting else likeliest(fitting)
                 found.append((replace(axis, telegram=number), place))

@@ -14,9 +14,11 @@ from pdgw.decoder.connect import read_request
 from pdgw.decoder.cyclic import given_axes
 from pdgw.decoder.engine import Decoder, Packet, Settings
 from pdgw.decoder.records import CyclicRecord, Link, Record
+from pdgw.peers.controller.project import Project
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.frame import IOPS_GOOD, STATUS_NORMAL
 from pdgw.profidrive.telegrams import Direction, telegram
+from pdgw.profinet.model import DAP_SLOT, ObjectKind, access_module, object_module
 from pdgw.profinet.rpc.dcerpc import Flags, PacketType, RpcHeader, encode_packet, object_uuid
 from pdgw.profinet.rpc.records import Operation, encode_arguments
 from scapy.contrib.pnio_rpc import (
@@ -198,3 +200,15 @@ def test_a_damaged_connect_is_refused_or_read(cut: int, position: int, value: in
         assert all(record.document() for record in decode(decoder, packets))
         with contextlib.suppress(ProfidriveError):
             read_request(content)
+
+
+def test_submodules_that_name_their_telegram_are_believed_and_the_axes_are_known_from_then_on() -> None:
+    modules = {DAP_SLOT: access_module(), 1: object_module(ObjectKind.AXIS, telegram(7))}
+    project = Project("gateway", modules)
+    blocks = project.blocks(project.ar(UUID(int=1), 1, bytes.fromhex("020000000001"), object_uuid(1, 1, 1), "plc"))
+    asked = rpc(PacketType.REQUEST, 4096, b"".join(block.encode() for block in blocks))
+    answered = rpc(PacketType.RESPONSE, 0, response())
+    decoder = Decoder()
+    decode(decoder, [ethernet(asked), ethernet(answered, answer=True)])
+    assert decoder.notices == ["observed in Connect: axis 1 telegram 7"], "telegram 1 has the same lengths"
+    assert [(axis.do_id, axis.telegram) for axis in decoder.axes] == [(1, 7)]
