@@ -20,13 +20,16 @@ COMPILED = (
     "dsp402/images.py",
     "dsp402/pdo.py",
     "dsp402/states.py",
+    "gateway/axis/**/*.py",
+    "gateway/transport/confirmation.py",
     "gateway/transport/cyclic.py",
+    "gateway/transport/sequence.py",
     "profidrive/frame.py",
     "profidrive/signals.py",
     "profidrive/telegrams.py",
 )
-"""What every cycle runs through. Traps: an enum with an ``__init__``, a class derived from an untyped library's, an interpreted
-class derived from a compiled one, a value of another type than declared."""
+"""Patterns of what every cycle runs through. Traps: an enum with an ``__init__``, a class derived from an untyped library's, an
+interpreted class derived from a compiled one, a value of another type than declared."""
 TREE = Path("build/mypyc")
 WANTED = os.environ.get("PDGW_COMPILED") == "1"
 
@@ -45,7 +48,10 @@ def extensions() -> list[Any]:
     for path in [*Path("pdgw").glob("*.py"), *map(Path, set(folders.values()) - {"pdgw"})]:
         (package / path.name).symlink_to(path.resolve())
     options = ["--config-file=", "--strict", "--follow-imports=silent", "--ignore-missing-imports"]
-    made: list[Any] = mypycify([*options, *(str(package / name) for name in COMPILED)], group_name="pdgw.compiled")
+    made: list[Any] = mypycify(
+        [*options, *(str(package / file) for pattern in COMPILED for file in sorted(Path().glob(pattern)))],
+        group_name="pdgw.compiled",
+    )
     return made
 
 

@@ -17,10 +17,12 @@ OTHER_LIBRARIES = {"can", "canopen", "greenlet", "scapy", "pydantic", "typer", "
 
 
 def compiled() -> list[str]:
-    """``COMPILED`` of setup.py."""
+    """The modules of ``COMPILED`` in setup.py."""
     for statement in SETUP.body:
         if isinstance(statement, ast.Assign) and ast.unparse(statement.targets[0]) == "COMPILED":
-            return [str(name) for name in ast.literal_eval(statement.value)]
+            patterns = ast.literal_eval(statement.value)
+            assert all(any(ROOT.glob(pattern)) for pattern in patterns)
+            return [str(path.relative_to(ROOT)) for pattern in patterns for path in sorted(ROOT.glob(pattern))]
     raise AssertionError("setup.py has no COMPILED")
 
 
