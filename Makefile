@@ -30,9 +30,9 @@ COMPILED := build/compiled
 WITH_COMPILED := PYTHONSAFEPATH=1 PYTHONPATH=$(CURDIR)/$(COMPILED)
 
 compiled: $(STAMP)
-	rm -rf $(COMPILED) build/wheel
+	rm -rf build
 	PDGW_COMPILED=1 $(BIN)/pip wheel --quiet --disable-pip-version-check --no-deps -w build/wheel .
-	$(BIN)/pip install --quiet --disable-pip-version-check --no-deps --target $(COMPILED) build/wheel/*.whl
+	$(BIN)/python -m zipfile -e build/wheel/*.whl $(COMPILED)
 
 test-compiled: compiled
 	$(WITH_COMPILED) $(BIN)/pytest --import-mode=append

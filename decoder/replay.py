@@ -28,7 +28,7 @@ from typing import Final, NamedTuple
 
 from pdgw.ds301.objects import Entry
 from pdgw.ds301.pdo import Pdo
-from pdgw.dsp402.images import DriveFeedback
+from pdgw.dsp402.images import FEEDBACK_NAMES, DriveFeedback
 from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.dsp402.pdo import LAYOUTS
 from pdgw.dsp402.states import ControlBit, State, state_of
@@ -471,7 +471,7 @@ class Replayer:
         if state.online:
             # Its IOPS tell that the gateway has done with the drive, a little before or after the NMT command's time.
             self._configure(tick.time_ns + (self._tolerance if came_online else 0))
-        for attribute in DriveFeedback.__slots__:
+        for attribute in FEEDBACK_NAMES:
             setattr(given.feedback, attribute, getattr(state.image, attribute))
         given.now, given.setpoints, given.drive_ok = now, values, state.online
         asked = outputs.writes

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from typing import Any
+from typing import Any, Final
 
 from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.modes import Mode
@@ -82,6 +82,16 @@ class DriveFeedback:
         self.analogue_input_2 = 0
         self.encoder_position = 0
         self.error_code = 0
+
+
+def _attributes(image: object) -> tuple[str, ...]:
+    """Of an image; not by ``__slots__``, which a compiled class does not have."""
+    return tuple(name for name in dir(image) if not name.startswith("_"))
+
+
+COMMAND_NAMES: Final = _attributes(DriveCommand())
+FEEDBACK_NAMES: Final = _attributes(DriveFeedback())
+"""What the images hold."""
 
 
 @dataclass(frozen=True, slots=True)

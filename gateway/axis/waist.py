@@ -9,6 +9,7 @@ from __future__ import annotations
 import enum
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Final
 
 from pdgw.dsp402.states import STATE_OF_STATUS, State
 from pdgw.gateway.motion.wishes import Asked, Outcome
@@ -150,15 +151,15 @@ class Demand:
 class Flag:
     """What an axis shows, as bits of ``Report.flags``. The positions are those of ZSW1, so that masking makes the word."""
 
-    NO_COAST_STOP = _ZSW1.bit("NO_COAST_STOP").mask
-    NO_QUICK_STOP = _ZSW1.bit("NO_QUICK_STOP").mask
-    WARNING = _ZSW1.bit("WARNING").mask
-    WITHIN_TOLERANCE = _ZSW1.bit("WITHIN_TOLERANCE").mask
-    REACHED = _ZSW1.bit("TARGET_REACHED").mask
-    HOME_SET = _ZSW1.bit("HOME_POSITION_SET", positioning=True).mask
-    TASK_ACKNOWLEDGED = _ZSW1.bit("TASK_ACKNOWLEDGE", positioning=True).mask
-    STANDING = _ZSW1.bit("DRIVE_STOPPED", positioning=True).mask
-    OF_THE_DRIVE = (
+    NO_COAST_STOP: Final = _ZSW1.bit("NO_COAST_STOP").mask
+    NO_QUICK_STOP: Final = _ZSW1.bit("NO_QUICK_STOP").mask
+    WARNING: Final = _ZSW1.bit("WARNING").mask
+    WITHIN_TOLERANCE: Final = _ZSW1.bit("WITHIN_TOLERANCE").mask
+    REACHED: Final = _ZSW1.bit("TARGET_REACHED").mask
+    HOME_SET: Final = _ZSW1.bit("HOME_POSITION_SET", positioning=True).mask
+    TASK_ACKNOWLEDGED: Final = _ZSW1.bit("TASK_ACKNOWLEDGE", positioning=True).mask
+    STANDING: Final = _ZSW1.bit("DRIVE_STOPPED", positioning=True).mask
+    OF_THE_DRIVE: Final = (
         NO_COAST_STOP
         | NO_QUICK_STOP
         | WARNING

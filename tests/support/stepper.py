@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from pdgw.dsp402.images import DriveCommand, DriveFeedback, References
+from pdgw.dsp402.images import FEEDBACK_NAMES, DriveCommand, DriveFeedback, References
 from pdgw.gateway.axis.adapters.base import POWER_BITS, power_wishes
 from pdgw.gateway.axis.checkpoint import Checkpoints
 from pdgw.gateway.axis.encoder_machine import EncoderMachine
@@ -76,7 +76,7 @@ class Stepper:
 
     def step(self, setpoints: Sequence[int] | None, feedback: DriveFeedback, drive_ok: bool, now: int) -> Sequence[int]:
         inputs = self.machine.inputs
-        for name in DriveFeedback.__slots__:
+        for name in FEEDBACK_NAMES:
             setattr(inputs.feedback, name, getattr(feedback, name))
         inputs.setpoints, inputs.drive_ok, inputs.now = setpoints, drive_ok, now
         outputs = self.machine.step()

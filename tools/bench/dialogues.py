@@ -48,7 +48,6 @@ class PlcDialogue:
         self._endpoint = PlcEndpoint([telegram(1)] * axes, period_ns)
         self._provider = CSduLayout([telegram(1)] * axes, Direction.SETPOINT)
         self._consumer = CSduLayout([telegram(1)] * axes, Direction.ACTUAL)
-        self._step = max(1, period_ns // COUNTER_UNIT_NS)
         self.words = [_OFF] * axes
         self._frames: list[bytearray] = []
         self._prepare()
@@ -67,7 +66,9 @@ class PlcDialogue:
 
     def datagram(self, cycle: int) -> bytearray:
         frame = self._frames[cycle % SPEEDS]
-        TRAILER.pack_into(frame, self._provider.trailer, cycle * self._step & 0xFFFF, STATUS_NORMAL, 0)
+        # The gateway holds the counter against the time: flat out it has to go as fast as the frames do.
+        counter = time.monotonic_ns() // COUNTER_UNIT_NS
+        TRAILER.pack_into(frame, self._provider.trailer, counter & 0xFFFF, STATUS_NORMAL, 0)
         return frame
 
     def answers(self, data: bytes, cycle: int) -> bool:

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass
 from fractions import Fraction
+from typing import Final
 
 from pdgw.dsp402.images import DriveFeedback
 from pdgw.dsp406.faults import MEMORY_ERROR
@@ -164,10 +165,14 @@ class SensorChannel:
 class DriveSensor:
     """The drive's own position as an encoder: 6064h, which has no preset."""
 
-    alarms = warnings = error_register = error_code = position_time = 0
-    speed = None
-    valid = True
-    references = EncoderReferences(_POSITIONS, Fraction(1), preset_supported=False)
+    alarms: Final = 0
+    warnings: Final = 0
+    error_register: Final = 0
+    error_code: Final = 0
+    position_time: Final = 0
+    speed: Final = None
+    valid: Final = True
+    references: Final = EncoderReferences(_POSITIONS, Fraction(1), preset_supported=False)
 
     def __init__(self, feedback: DriveFeedback) -> None:
         self._feedback = feedback
