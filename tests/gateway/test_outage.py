@@ -1,0 +1,90 @@
+"""A CAN bus that was away: a drive that turned meanwhile gets its stop as soon as a frame can pass, and nothing starts it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+from pdgw.ds301.loop import MS, SECOND
+from pdgw.ds301.pdo import PdoDirection
+from pdgw.dsp402.drive import DriveSettings
+from pdgw.dsp402.states import Command, State
+from pdgw.peers.world import World
+
+from tests.support.daemon import Plc, axis, configuration, drive_of, exchanging, running, until, world_of
+
+CHANNEL = "world"
+FULL_SPEED = 0x4000
+OUTAGES_MS = (1, 20, 60, 100, 140, 180, 219, 250, 290, 310, 400, 700, 1000, 1500, 3000, 10_000)
+REFRESH = DriveSettings(1).rpdo_refresh_ms * MS
+CONTROL = PdoDirection.RPDO.cob_id(1, 1)
+
+
+def _cut(world: World, away: bool) -> None:
+    world.gateway_port(CHANNEL).connect(not away)
+
+
+def _unplug(world: World, away: bool) -> None:
+    world.unplug(CHANNEL, away)
+
+
+def _short(world: World, away: bool) -> None:
+    world.bus(CHANNEL).short(away)
+
+
+@pytest.mark.parametrize("outage", [_cut, _unplug, _short], ids=["wire cut", "adapter unplugged", "short circuit"])
+@pytest.mark.parametrize("milliseconds", OUTAGES_MS)
+def test_a_turning_drive_is_stopped_within_two_refreshes_of_the_first_frame_that_passes(
+    milliseconds: int, outage: Callable[[World, bool], None]
+) -> None:
+    with running(configuration(axis(1))) as daemon:
+        plc = Plc(daemon, [1])
+        plc.endpoint.set(0, {"NSOLL_A": FULL_SPEED})
+        plc.enable()
+        plc.until(lambda: plc.value("NIST_A") == FULL_SPEED, "3000 rpm")
+        model, world = drive_of(daemon).model, world_of(daemon)
+        world.bus(CHANNEL).members[0].restart_ns = 0
+        with exchanging(plc):
+            outage(world, True)
+            world.loop.run_for(milliseconds * MS)
+            lost = not daemon.axes[0].good or model.state is not State.OPERATION_ENABLED
+            outage(world, False)
+            passed = daemon.networks["can"].received
+            until(daemon, lambda: daemon.networks["can"].received > passed, "the first frame", 15 * SECOND)
+            world.loop.run_for(2 * REFRESH)
+            lost = lost or not daemon.axes[0].good
+            if lost:
+                # A drive that noticed the silence of the gateway has stopped by itself already.
+                assert model.state is not State.OPERATION_ENABLED, daemon.axes[0].client.status_text
+                until(daemon, lambda: model.velocity_actual == 0, "standstill")
+                until(daemon, lambda: daemon.axes[0].good, "online again", 30 * SECOND)
+                world.loop.run_for(2 * SECOND)
+                assert model.state is State.SWITCH_ON_DISABLED, "a standing ON restarts nothing"
+                assert model.velocity_actual == 0
+            else:
+                world.loop.run_for(2 * SECOND)
+                assert model.state is State.OPERATION_ENABLED, "what nobody noticed stops nobody"
+
+
+def test_the_stop_is_on_its_way_while_the_bus_is_away() -> None:
+    """The queue of a controller without a bus, and every try to send, hold the stop: it is what passes first."""
+    sent: list[int] = []
+    with running(configuration(axis(1))) as daemon:
+        plc = Plc(daemon, [1])
+        plc.endpoint.set(0, {"NSOLL_A": FULL_SPEED})
+        plc.enable()
+        plc.until(lambda: plc.value("NIST_A") == FULL_SPEED, "3000 rpm")
+        world = world_of(daemon)
+        with exchanging(plc):
+            world.unplug(CHANNEL)
+            world.loop.run_for(900 * MS)
+            daemon.networks["can"].listeners.append(
+                lambda message: (
+                    sent.append(int.from_bytes(message.data[:2], "little"))
+                    if message.arbitration_id == CONTROL and not message.is_rx
+                    else None
+                )
+            )
+            world.unplug(CHANNEL, False)
+            until(daemon, lambda: sent, "the first Controlword")
+    assert Command.QUICK_STOP.matches(sent[0]) or Command.DISABLE_VOLTAGE.matches(sent[0])
