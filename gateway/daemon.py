@@ -69,7 +69,7 @@ class Daemon:
         self._register_counters()
         self.stopped = Event(self.loop)
         """Everything has come to rest and is released."""
-        self._failure: GatewayError | None = None
+        self.failure: GatewayError | None = None
         """Why it ended by itself."""
         self._begun = False
         self._stop_asked = False
@@ -202,8 +202,8 @@ class Daemon:
         finally:
             gc.unfreeze()
             self._finish()
-        if self._failure is not None:
-            raise self._failure
+        if self.failure is not None:
+            raise self.failure
 
     def start(self) -> None:
         """Begin everything on the loop; the buses are listened to for a moment before anything is sent on them."""
@@ -230,8 +230,8 @@ class Daemon:
             client.start()
 
     def _on_other_master(self, text: str) -> None:
-        if self._failure is None:
-            self._failure = GatewayError(text)
+        if self.failure is None:
+            self.failure = GatewayError(text)
             log.error("%s", text)
             for item in self.objects:
                 item.raise_fault(FaultNumber.OTHER_MASTER, text, self.loop.now())
