@@ -22,8 +22,9 @@ from pdgw.peers.simulation.console import Console
 from pdgw.peers.simulation.devices import DEVICE_TYPES, Simulation, fault_catalogue
 from pdgw.peers.simulation.rest import RestServer
 
-from tests.endtoend.processes import free_tcp_port, pdgw, running
+from tests.endtoend.processes import free_tcp_port, running
 from tests.support import buses
+from tests.support.cli import pdgw
 
 CAN = '[can]\ninterface = "virtual"\nchannel = "x"\n'
 
@@ -293,7 +294,6 @@ def test_sim_bus_runs_a_file_and_is_controlled_both_ways(tmp_path: Path) -> None
     assert set(DEVICE_TYPES) == {"drive", "encoder"}
 
 
-@pytest.mark.e2e
 def test_sim_bus_prints_an_example_that_it_takes_and_explains_a_wrong_file(tmp_path: Path) -> None:
     assert pdgw("sim", "bus", "--example").stdout == example()
     path = tmp_path / "bus.toml"

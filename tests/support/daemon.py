@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TypeVar
+from unittest.mock import patch
 
 from pdgw.ds301.loop import SECOND
 from pdgw.gateway.config import GatewayConfig, parse_config
@@ -16,6 +17,7 @@ from pdgw.peers.encoder import SimulatedEncoder
 from pdgw.peers.plc.endpoint import PlcEndpoint
 from pdgw.peers.world import World, WorldChannel
 from pdgw.profidrive.telegrams import telegram
+from pdgw.tools.parameters import client as client_module
 from pdgw.tools.parameters.client import ParameterClient
 
 D = TypeVar("D", SimulatedDrive, SimulatedEncoder)
@@ -141,6 +143,18 @@ def serving(config: GatewayConfig, do_id: int | None = None) -> Iterator[tuple[D
         first = daemon.objects[0].do_id if do_id is None else do_id
         with client(daemon, servers[0].address, first) as made:
             yield daemon, made
+
+
+@contextmanager
+def reached(daemon: Daemon) -> Iterator[None]:
+    """Parameter clients that are made meanwhile, those of commands too, reach the daemon's world."""
+    machine = client_module.UdpChannel
+
+    def channel(address: tuple[str, int]) -> client_module.Channel:
+        return WorldChannel(world_of(daemon), address) if address[0] == daemon.address[0] else machine(address)
+
+    with patch.object(client_module, "UdpChannel", channel):
+        yield
 
 
 @contextmanager

@@ -18,9 +18,8 @@ from pdgw.tools.parameters.client import ParameterClient
 from pdgw.tools.parameters.dump import Dump, DumpedElement, Restored, difference, other_telegram, read_all, restore
 from pdgw.tools.parameters.session import Element, Session, meaning
 
-from tests.endtoend.processes import pdgw
-from tests.support.daemon import axis
-from tests.support.machine import configuration, serving
+from tests.support.cli import pdgw
+from tests.support.daemon import axis, configuration, reached, serving
 
 
 @pytest.mark.parametrize(
@@ -73,7 +72,7 @@ def test_values_that_do_not_fit_are_told(text: str, type_name: str) -> None:
 @pytest.fixture(scope="module")
 def server() -> Iterator[tuple[str, int]]:
     """Where a gateway with one simulated axis listens."""
-    with serving(configuration(axis(1))) as (_, client):
+    with serving(configuration(axis(1))) as (daemon, client), reached(daemon):
         yield client.address
 
 
@@ -283,7 +282,7 @@ node_id = 20
 telegram = 81
 simulate = true
 """
-    with serving(configuration(table)) as (_, client):
+    with serving(configuration(table)) as (daemon, client), reached(daemon):
         where = "--gateway", f"127.0.0.1:{client.address[1]}", "--do", "2"
         text = " ".join(pdgw("param", "read", "6004h", "6502h", *where).stdout.split())
     assert "Position value" in text

@@ -11,8 +11,9 @@ from pdgw.ds301.errors import CanopenError
 from pdgw.peers.simulation.console import Console
 from pdgw.peers.simulation.devices import Simulation, encoder_device
 
-from tests.endtoend.processes import free_tcp_port, pdgw, running
+from tests.endtoend.processes import free_tcp_port, running
 from tests.support import buses
+from tests.support.cli import pdgw
 
 
 @pytest.fixture

@@ -15,8 +15,8 @@ from pdgw.tools.commands.timeline import timeline
 from pdgw.tools.recordings import known_from
 
 from tests.decoder.test_replay import speed
-from tests.endtoend.processes import pdgw
 from tests.support import captures
+from tests.support.cli import pdgw
 from tests.support.recorded import BEGIN_NS
 from tests.support.rig import NODE
 
@@ -169,8 +169,7 @@ def test_what_cannot_be_used_is_one_error(files: list[str], tmp_path: Path) -> N
         timeline(files, telegram=[1], offset=float("nan"))
 
 
-@pytest.mark.e2e
-def test_the_commands_as_processes(files: list[str]) -> None:
+def test_the_commands_with_exit_status_and_one_line(files: list[str]) -> None:
     equal = pdgw("replay", *files, "--telegram", "1", "--node", str(NODE))
     assert (equal.returncode, equal.stderr) == (0, "")
     bad = pdgw("replay", files[0], "--telegram", "1")

@@ -1,0 +1,84 @@
+"""What commands say of wrong use: one line on standard error and exit status 1."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from pdgw.tools.commands import run
+
+from tests.endtoend.processes import free_udp_port
+from tests.support.cli import pdgw
+
+
+class NoLog:
+    """The log stays that of the tests."""
+
+    def stop(self) -> None:
+        """There is none."""
+
+
+@pytest.fixture
+def unlogged(monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = run.set_up_logging
+
+    def set_up(level: run.LogLevel, file: Path | None) -> object:
+        return whole(level, file) if file is not None else NoLog()
+
+    monkeypatch.setattr(run, "set_up_logging", set_up)
+
+
+@pytest.mark.usefixtures("unlogged")
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ('[can]\ninterface = "socketcan"\nchannel = "nocan9"\n', "CAN interface: 'socketcan channel nocan9'"),
+        ('[can]\ninterface = "bogus"\n', "CAN interface: 'bogus channel None'"),
+    ],
+)
+def test_an_unreachable_can_interface_ends_with_one_line_and_status_1(tmp_path: Path, text: str, message: str) -> None:
+    path = tmp_path / "g.toml"
+    ports = f"[transport]\ncyclic_port = {free_udp_port()}\nstatus_port = 0\nacyclic_port = 0\n"
+    path.write_text(text + ports + "[[axis]]\ndo_id = 1\nnode_id = 1\ntelegram = 1\n")
+    result = pdgw("run", str(path))
+    assert result.returncode == 1
+    assert message in result.stderr
+    assert "Traceback" not in result.stderr
+
+
+@pytest.mark.usefixtures("unlogged")
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("run",), "either a configuration file or --simulate"),
+        (("run", "none.toml"), "none.toml: cannot be read"),
+        (("run", "--simulate", "--telegram", "112"), "telegram = 112 is not supported"),
+        (("run", "--simulate", "--listen", "here"), "--listen here"),
+        (("run", "--simulate", "--status-port", "70000"), "--status-port 70000"),
+        (("run", "--simulate", "--cycle-time-ms", "0"), "--cycle-time-ms 0"),
+        (("run", "--simulate", "--log-file", "/nowhere/log"), "--log-file /nowhere/log: cannot be written"),
+        (("run", "--simulate", "--can-log", "/nowhere/can.log"), "--can-log /nowhere/can.log: cannot be written"),
+        (("status", "--port", "1"), "no gateway answers"),
+        (("sim", "plc"), "give a scenario file or --interactive"),
+        (("sim", "drive", "--interface", "bogus"), "CAN interface"),
+        (("sim", "inject", "--port", "1", "fault", "7"), "no simulator answers"),
+    ],
+)
+def test_wrong_use_ends_with_one_line_and_status_1(arguments: tuple[str, ...], message: str) -> None:
+    result = pdgw(*arguments)
+    assert result.returncode == 1
+    assert message in result.stderr.replace("\n", " ")
+    assert "Traceback" not in result.stderr
+
+
+def test_config_example_and_check(tmp_path: Path) -> None:
+    path = tmp_path / "gateway.toml"
+    path.write_text(pdgw("config", "example").stdout)
+    good = pdgw("config", "check", str(path))
+    assert good.returncode == 0
+    assert "ok, 1 axes" in good.stdout
+    path.write_text(path.read_text().replace("telegram = 1", "telegram = 112"))
+    bad = pdgw("config", "check", str(path))
+    assert bad.returncode == 1
+    assert f"{path}:" in bad.stderr
+    assert "[[axis]] number 1: telegram = 112 is not supported" in bad.stderr, "brackets are no markup"
