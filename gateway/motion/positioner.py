@@ -64,7 +64,7 @@ class Positioner:
         self._limits = False
         self._levels = (False, False, False, False)
         self._activated = self._external_edge = self._reference_edge = self._homing_edge = False
-        self._events: dict[Event, Callable[[], bool]] = {
+        events: dict[Event, Callable[[], bool]] = {
             Event.NOT_OPERATING: lambda: not self._asked.operating,
             Event.OPERATING: lambda: self._asked.operating,
             Event.REJECTED: lambda: not self._asked.do_not_reject,
@@ -87,7 +87,7 @@ class Positioner:
             Event.TRACKING_OFF: lambda: not self._asked.tracking,
             Event.STANDING: lambda: self._seen.standstill,
         }
-        self._actions: dict[Action, Callable[[], None]] = {
+        actions: dict[Action, Callable[[], None]] = {
             Action.NOTHING: lambda: None,
             Action.DROP: self._drop,
             Action.CLEAR: lambda: self._warn(None),
@@ -106,6 +106,13 @@ class Positioner:
             Action.HOMING_ERROR: self._homing_error,
         }
 
+        self._table = {
+            state: tuple((events[row.event], actions[row.action], row.target) for row in rows)
+            for state, rows in TRANSITIONS.items()
+        }
+        """``TRANSITIONS`` with what finds an event and what does an action."""
+        self._rows = self._table[self._state]
+
     def set_position_range(self, low: int, high: int) -> None:
         """Where the drive can be sent, in its own coordinates."""
         self.settings = self._course.settings = replace(self.settings, position_range=(low, high))
@@ -119,10 +126,12 @@ class Positioner:
         """One cycle. Nothing of ``asked`` and ``seen`` is kept."""
         self._asked, self._seen, self._now = asked, seen, now
         self._look()
-        for row in TRANSITIONS[self._state]:
-            if self._events[row.event]():
-                self._actions[row.action]()
-                self._state = row.target
+        for happened, act, target in self._rows:
+            if happened():
+                act()
+                if target is not self._state:
+                    self._state = target
+                    self._rows = self._table[target]
                 break
         self._chain.look_ahead()
         if self._state is not State.HOMING:
@@ -162,6 +171,10 @@ class Positioner:
         asked = self._asked
         before = self._levels
         levels = (asked.activate, asked.external_block_change, asked.set_reference_point, asked.homing)
+        if levels == before:
+            if self._activated or self._external_edge or self._reference_edge or self._homing_edge:
+                self._activated = self._external_edge = self._reference_edge = self._homing_edge = False
+            return
         self._levels = levels
         self._activated, self._external_edge, self._reference_edge, self._homing_edge = (
             is_set and not was_set for is_set, was_set in zip(levels, before, strict=True)
