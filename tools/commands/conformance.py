@@ -11,6 +11,9 @@ from typing import Annotated
 import typer
 from pdgw.gateway.errors import GatewayError
 from pdgw.tools.conformance.faults import CASES, Result, run_case
+from pdgw.tools.conformance.telegrams import CASES as BITS
+from pdgw.tools.conformance.telegrams import Outcome
+from pdgw.tools.conformance.telegrams import run_case as run_bits
 from pdgw.tools.reports import Check, HtmlFile, JUnitFile, Report
 from rich.console import Console
 from rich.table import Table
@@ -50,6 +53,46 @@ def faults(
         console.print(f"{len(results) - failed} of {len(results)} as they must be")
     if failed:
         raise typer.Exit(1)
+
+
+@app.command("telegrams")
+def telegrams(
+    only: Annotated[list[int] | None, typer.Argument(help="Telegrams; all without.", show_default=False)] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the results as JSON.")] = False,
+    junit: JUnitFile = None,
+    html: HtmlFile = None,
+) -> None:
+    """Ask for the bits of the motion telegrams one by one and show what both sides saw. Exit status 1 if a case fails."""
+    known = sorted({case.telegram for case in BITS})
+    for number in only or ():
+        if number not in known:
+            raise GatewayError(f"telegram {number} has no cases, allowed: {', '.join(map(str, known))}")
+    with _quiet("gateway", "canopen"):
+        outcomes = [run_bits(case) for case in BITS if not only or case.telegram in only]
+    failed = sum(not outcome.passed for outcome in outcomes)
+    Report("pdgw conformance telegrams", tuple(_check_bits(outcome) for outcome in outcomes)).write(junit, html)
+    if as_json:
+        typer.echo(json.dumps({"failed": failed, "cases": [item.as_dict() for item in outcomes]}, indent=2))
+    else:
+        console = Console()
+        table = Table("telegram", "word and bit", "done", "seen by the PLC", "on CAN", "")
+        for item in outcomes:
+            case, verdict = item.case, "pass" if item.passed else "[red]FAIL[/red]"
+            name = f"{case.word}.{case.bit}"
+            table.add_row(str(case.telegram), name, case.did, item.seen_by_plc, item.seen_on_can, verdict)
+        console.print(table)
+        for item in outcomes:
+            for failure in item.failures:
+                console.print(f"[red]{item.case.title}[/red]: {failure}", highlight=False)
+        console.print(f"{len(outcomes) - failed} of {len(outcomes)} as they must be")
+    if failed:
+        raise typer.Exit(1)
+
+
+def _check_bits(outcome: Outcome) -> Check:
+    case = outcome.case
+    seen = f"done: {case.did}; seen by the PLC: {outcome.seen_by_plc}; on CAN: {outcome.seen_on_can}"
+    return Check(f"telegram {case.telegram}", f"{case.word}.{case.bit}", seen, outcome.failures)
 
 
 def _check(result: Result) -> Check:
