@@ -25,7 +25,6 @@ from pdgw.gateway.axis.values import Configured, FaultRead, Outputs, PresetAnswe
 from pdgw.gateway.config import AxisConfig
 from pdgw.gateway.drive_object import OWNED, DriveObject, log
 from pdgw.gateway.encoder import EncoderObject
-from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.sensor_format import SensorFormat
 from pdgw.profidrive.sign_of_life import MONITORING_OFF
 from pdgw.profidrive.telegrams import telegram
@@ -207,10 +206,6 @@ class Axis(DriveObject):
         return entry.type.bits // 8, entry.type.char.islower()
 
     def change_telegram(self, number: int) -> None:
-        if self.powered:
-            raise GatewayError(
-                f"axis {self.do_id}: telegram {number} cannot be selected while the axis is in operation"
-            )
         machine = self._make_machine(number)
         layout = LAYOUTS[pdo_operation(number, self.config.dsc_form)]
         machine.adopt(self.machine)

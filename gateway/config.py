@@ -42,6 +42,7 @@ from pdgw.gateway.motion.dsc import DELAY_CYCLES_MAX, DscChoices, DscForm
 from pdgw.gateway.ports import STATUS_PORT
 from pdgw.gateway.positioner_config import EXAMPLE as POSITIONER_EXAMPLE
 from pdgw.gateway.positioner_config import SIMULATED, BlockConfig, PositionerConfig
+from pdgw.gateway.store import default_store
 from pdgw.gateway.toml_file import parse_toml, read_text, told
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.frame import UDP_PORT, CSduLayout
@@ -471,7 +472,7 @@ class GatewayConfig(_Section):
     """The drive objects of the frame: all axes, then all encoders, each in their order."""
     realtime: RealtimeConfig = RealtimeConfig()
     store: Path | None = None
-    """File of the non-volatile gateway parameters; without it they last until the daemon ends."""
+    """File of the non-volatile gateway parameters; ``load_config`` puts one in the state directory where none is given."""
 
     @property
     def objects(self) -> tuple[AxisConfig | EncoderConfig, ...]:
@@ -628,7 +629,7 @@ def load_config(path: Path) -> GatewayConfig:
     ]
     if missing:
         raise GatewayError("\n".join(missing))
-    store = path.parent / config.store if config.store else None
+    store = path.parent / config.store if config.store else default_store(path)
     return config.model_copy(update={"axis": axes, "encoder": encoders, "store": store})
 
 
@@ -656,6 +657,9 @@ def example() -> str:
     """A commented configuration that is itself valid."""
     return f"""\
 # Configuration of the PROFIdrive-to-CANopen gateway. Times in milliseconds.
+
+# store = "parameters.json"  # what the PLC changed and a restart keeps (P922, P925, P927, I&M); without it
+#                            # ~/.local/state/pdgw/ (XDG_STATE_HOME, or systemd's StateDirectory), by this file's name
 
 [can]
 interface = "socketcan"      # any python-can interface

@@ -27,7 +27,7 @@ from pdgw.gateway.link import Link, UdpLink
 from pdgw.gateway.masters import LISTEN_NS, watch_for_masters
 from pdgw.gateway.profinet_link import ProfinetLink
 from pdgw.gateway.reasons import FaultNumber
-from pdgw.gateway.store import ParameterStore
+from pdgw.gateway.store import DeviceParameters, ParameterStore
 from pdgw.gateway.transport.ethernet import EthernetPort, RawEthernet
 from pdgw.profidrive.telegrams import telegram
 
@@ -148,10 +148,26 @@ class Daemon:
         """The client of every node."""
         return [*(axis.client for axis in self.axes), *(node.client for node in self.encoder_nodes)]
 
-    def change_telegram(self, changed: DriveObject, number: int) -> None:
-        """P922 of a drive object; the frame layout follows. GatewayError or ProfidriveError when it is not possible now."""
+    def check_telegram_change(self, changed: DriveObject, asked_by: str | None) -> None:
+        """GatewayError when another telegram cannot be selected now. ``asked_by``: the address that wants it, if any."""
+        if changed.powered:
+            raise GatewayError(f"{changed.kind} {changed.do_id}: no telegram can be selected while it is in operation")
+        plc = self.link.peer_host
+        if self.link.connected and asked_by is not None and asked_by != plc:
+            raise GatewayError(
+                f"{changed.kind} {changed.do_id}: {plc} is connected with the present frame, which would not fit any more: "
+                f"only it may change a telegram now, not {asked_by}"
+            )
+
+    def change_telegram(self, changed: DriveObject, number: int, asked_by: str | None = None) -> None:
+        """P922 of a drive object; the frame layout follows, and every drive object waits for frames that fit.
+
+        GatewayError or ProfidriveError when it is not possible now.
+        """
         if number == changed.telegram.number:
             return
+        self.check_telegram_change(changed, asked_by)
+        connected = self.link.connected
         before = [item.telegram for item in self.objects]
         self.link.set_layout([telegram(number) if item is changed else item.telegram for item in self.objects])
         try:
@@ -159,9 +175,14 @@ class Daemon:
         except BaseException:
             self.link.set_layout(before)
             raise
+        if connected:
+            now = self.loop.now()
+            for item in self.objects:
+                text = f"telegram {number} of DO {changed.do_id}: the PLC has to send the new frame"
+                item.raise_fault(FaultNumber.FRAME_CHANGED, text, now)
 
-    def update_store(self, change: Callable[[], None]) -> None:
-        """Change stored parameters and save them, in a task; GatewayError when the file cannot be written."""
+    def update_store(self, change: Callable[[DeviceParameters], None]) -> None:
+        """Change stored parameters, in a task: saved first, then in force. GatewayError when the file cannot be written."""
         self.loop.result(self.loop.offload(lambda: self.store.update(change)))
 
     # -- life ---------------------------------------------------------------------------------------------------------

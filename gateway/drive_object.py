@@ -116,7 +116,7 @@ class DriveObject(abc.ABC):
 
     @abc.abstractmethod
     def change_telegram(self, number: int) -> None:
-        """P922: another telegram, between two steps; GatewayError where it is not possible."""
+        """P922: another telegram, between two steps. The daemon has checked that nothing moves."""
 
     @abc.abstractmethod
     def owns(self, index: int, subindex: int) -> bool:
@@ -211,6 +211,7 @@ class DriveObject(abc.ABC):
 
     def _telegram_changed(self, chosen: Telegram) -> None:
         self.telegram = chosen
+        self.last_setpoints = None
         self._future = self._writes = None
         log.info("%s %d: telegram %d selected", self.kind, self.do_id, chosen.number)
 

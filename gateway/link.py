@@ -35,6 +35,10 @@ class Link(Protocol):
         """Who the PLC is or last was, for people."""
 
     @property
+    def peer_host(self) -> str | None:
+        """Its address alone."""
+
+    @property
     def setpoints(self) -> Sequence[Sequence[int] | None]:
         """The raw values of each drive object, None while it has no valid PLC."""
 
@@ -114,6 +118,11 @@ class UdpLink:
         return f"{address[0]}:{address[1]}" if address else None
 
     @property
+    def peer_host(self) -> str | None:
+        address = self.endpoint.peer
+        return address[0] if address else None
+
+    @property
     def setpoints(self) -> Sequence[Sequence[int] | None]:
         return self.endpoint.setpoints
 
@@ -164,6 +173,7 @@ class UdpLink:
         return {
             "connected": endpoint.connected,
             "peer": list(endpoint.peer) if endpoint.peer else None,
+            "layout": endpoint.layout_text,
             "frames": {verdict.value: count for verdict, count in endpoint.counters.items()},
         }
 

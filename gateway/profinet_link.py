@@ -156,6 +156,11 @@ class ProfinetLink:
         relation = self.device.relation
         return f"{relation.plan.ar.station_name} {relation.source[0]}" if relation else None
 
+    @property
+    def peer_host(self) -> str | None:
+        relation = self.device.relation
+        return str(relation.source[0]) if relation else None
+
     def start(self, action: Callable[[], None]) -> None:
         station = self.station
         log.info("PROFINET device %s on %s", station.name or "without a name", self._config.transport.interface)

@@ -17,7 +17,7 @@ from pdgw.gateway import identity
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.parameters.manager import ParameterManager
 from pdgw.gateway.parameters.profile import MAX_BLOCK
-from pdgw.gateway.store import ParameterStore
+from pdgw.gateway.store import DeviceParameters, ParameterStore
 from pdgw.gateway.transport.udp import Address
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.parameters.codec import RequestId
@@ -77,7 +77,7 @@ class Records:
         self,
         manager: ParameterManager,
         store: ParameterStore,
-        update_store: Callable[[Callable[[], None]], None],
+        update_store: Callable[[Callable[[DeviceParameters], None]], None],
         ar_uuid: UUID | None,
         station_serial: str,
         writers: Sequence[IPv4Network] | None = None,
@@ -145,7 +145,7 @@ class Records:
         if present is not None and not present.done():
             raise RecordRefused(AccessError.STATE_CONFLICT)
         local = self._manager.slots[block.slot] if block.index == RECORD_LOCAL else None
-        request = self._manager.submit(data, local)
+        request = self._manager.submit(data, local, caller.address[0])
         owner = self._owner(caller, block)
         self._in_work[place] = self._requests[owner] = request
         self._requests.move_to_end(owner)
@@ -202,10 +202,10 @@ class Records:
             log.warning("I&M%d not written: %s", number, error)
             raise RecordRefused(AccessError.INVALID_PARAMETER) from error
 
-        def change() -> None:
+        def change(parameters: DeviceParameters) -> None:
             for name, value in zip(_STORED[number], values, strict=True):
                 text = value.hex() if number == identification.SIGNATURE else value.decode("ascii").rstrip()
-                setattr(self._store.parameters, name, text)
+                setattr(parameters, name, text)
 
         try:
             self._update_store(change)

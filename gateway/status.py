@@ -94,6 +94,7 @@ def _head(daemon: Daemon) -> dict[str, Any]:
         "time": clock_time(daemon.loop.wall()),
         "uptime_s": round((daemon.loop.now() - daemon.started_ns) / 1e9, 3),
         "plc": daemon.link.status(),
+        "store": str(daemon.store.path) if daemon.store.path is not None else "",
         "buses": [
             {
                 "name": network.name,

@@ -2,8 +2,8 @@
 
 Holds what the PLC may change and a power cycle must keep: P922, P925, P927 and the name of each DO, I&M1 to I&M4 of
 the device. The file is JSON with a version and a checksum, replaced atomically: a crash at any moment leaves the old or
-the new set. A damaged file is set aside and reported, never half used. Left out: drive parameters (the drive stores its
-own, 1010h).
+the new set. A value is in force when it is on the disk, not before. A damaged file is set aside and reported, never half
+used. Left out: drive parameters (the drive stores its own, 1010h).
 """
 
 from __future__ import annotations
@@ -70,6 +70,29 @@ def _settle(folder: Path) -> None:
         os.close(directory)
 
 
+def state_directory() -> Path | None:
+    """Where the stores of configurations are that name none: systemd's StateDirectory, or ``pdgw`` in the XDG state directory.
+
+    None when there is no home directory either.
+    """
+    given = os.environ.get("STATE_DIRECTORY", "").split(":")[0]
+    if given:
+        return Path(given)
+    base = os.environ.get("XDG_STATE_HOME", "")
+    if base and Path(base).is_absolute():
+        return Path(base) / "pdgw"
+    try:
+        return Path.home() / ".local" / "state" / "pdgw"
+    except RuntimeError:
+        return None
+
+
+def default_store(config: Path) -> Path | None:
+    """The store of a configuration file that names none, by the file's name."""
+    directory = state_directory()
+    return directory / f"{config.stem}.json" if directory is not None else None
+
+
 def _checksum(parameters: str) -> str:
     return f"{zlib.crc32(parameters.encode()):08x}"
 
@@ -88,20 +111,30 @@ class ParameterStore:
         if path is not None:
             self.parameters = self._load(path)
 
-    def update(self, change: Callable[[], None]) -> None:
-        """Change parameters and save them, one caller at a time; GatewayError as ``save``."""
+    def update(self, change: Callable[[DeviceParameters], None]) -> None:
+        """Change a copy of the parameters, save it and put it in force, one caller at a time.
+
+        GatewayError when the file system refuses: the old set stays in force then. Returns when the data is on the disk.
+        """
         with self._lock:
-            change()
-            self.save()
+            changed = self.parameters.model_copy(deep=True)
+            change(changed)
+            self._write(changed)
+            self.parameters = changed
 
     def save(self) -> None:
-        """Write the present set; GatewayError when the file system refuses. Returns when the data is on the disk."""
+        """Write the present set; as ``update``."""
+        self.update(lambda _: None)
+
+    def _write(self, changed: DeviceParameters) -> None:
         if self.path is None:
             return
-        parameters = self.parameters.model_dump_json()
+        parameters = changed.model_dump_json()
         document = json.dumps({"checksum": _checksum(parameters), "parameters": parameters})
         temporary = self.path.with_name(self.path.name + ".new")
         try:
+            if self.path.parent == state_directory():
+                self.path.parent.mkdir(parents=True, exist_ok=True)
             with temporary.open("w", encoding="utf-8") as file:
                 file.write(document)
                 file.flush()
@@ -109,12 +142,9 @@ class ParameterStore:
             temporary.replace(self.path)
             _settle(self.path.parent)
         except OSError as error:
-            raise GatewayError(f"parameter store {self.path}: cannot be written: {error.strerror}") from error
-
-    def reset(self) -> None:
-        """Factory values, saved."""
-        self.parameters = DeviceParameters()
-        self.save()
+            raise GatewayError(
+                f"parameter store {self.path}: cannot be written: {error.strerror}; the old values stay in force"
+            ) from error
 
     def _load(self, path: Path) -> DeviceParameters:
         try:
@@ -141,6 +171,10 @@ class ParameterStore:
         number = 1
         while (aside := path.with_name(f"{path.name}.damaged-{number}")).exists():
             number += 1
-        path.replace(aside)
-        self._report(f"parameter store {path}: {why}; kept as {aside.name}, configuration values are used")
+        try:
+            path.replace(aside)
+            kept = f"kept as {aside.name}"
+        except OSError as error:
+            kept = f"cannot be set aside: {error.strerror}"
+        self._report(f"parameter store {path}: {why}; {kept}, configuration values are used")
         return DeviceParameters()

@@ -34,6 +34,10 @@ def status_lines(document: dict[str, Any], width: int = 80, *, counters: bool = 
     peer = f"{plc['peer'][0]}:{plc['peer'][1]}" if plc["peer"] else "no sender yet"
     yield f"pdgw {document['version']}, up {duration(document['uptime_s'])}, at {_time_of_day(document['time'])}"
     yield f"PLC {'connected' if plc['connected'] else 'not connected'} ({peer}), {plc['frames']['accepted']} frames"
+    if plc.get("layout"):
+        yield from _folded(plc["layout"], width, 5, "  -> ")
+    if document.get("store"):
+        yield from _folded(f"parameters kept in {document['store']}", width, 4, "")
     for bus in document["buses"]:
         yield f"bus {bus['name']}: {'healthy' if bus['healthy'] else 'LOST'}"
     yield from _counters(document["counters"], width, everything=counters)

@@ -10,7 +10,7 @@ from concurrent.futures import Future
 
 from pdgw.ds301.loop import MS, Event, Loop
 from pdgw.gateway.daemon import Daemon
-from pdgw.gateway.parameters.objects import request_deadline
+from pdgw.gateway.parameters.objects import request_deadline, request_host
 from pdgw.gateway.parameters.profile import (
     MAX_BLOCK,
     AxisObject,
@@ -37,10 +37,10 @@ class ParameterManager:
         timeout = daemon.config.transport.parameter_timeout_ms * MS
         self._workers = {do_id: _Worker(daemon.loop, do_id, timeout) for do_id in self._objects}
 
-    def submit(self, data: bytes, slot_do: int | None = None) -> Future[bytes | None]:
+    def submit(self, data: bytes, slot_do: int | None = None, host: str | None = None) -> Future[bytes | None]:
         """Serve a request (at least its header must be there).
 
-        ``slot_do`` is the DO of the slot for a local access: it is meant by its own DO-ID and by 0.
+        ``slot_do`` is the DO of the slot for a local access: it is meant by its own DO-ID and by 0. ``host``: who asks.
         """
         wanted = data[_DO_ID_OFFSET]
         meant: int | None = wanted
@@ -48,7 +48,7 @@ class ParameterManager:
             meant = slot_do if wanted in {0, slot_do} else None
         drive_object = self._objects.get(meant) if meant is not None else None
         worker = self._workers[drive_object.do_id if drive_object is not None else 0]
-        return worker.submit(data, drive_object)
+        return worker.submit(data, drive_object, host)
 
     def stop(self) -> None:
         """Requests that wait are dropped; one in work ends where it waits."""
@@ -62,19 +62,19 @@ class _Worker:
     def __init__(self, loop: Loop, do_id: int, timeout: int) -> None:
         self._loop = loop
         self._timeout = timeout
-        self._requests: deque[tuple[Future[bytes | None], bytes, BoundObject | None]] = deque()
+        self._requests: deque[tuple[Future[bytes | None], bytes, BoundObject | None, str | None]] = deque()
         self._filled = Event(loop)
         self._task = loop.spawn(self._run, f"parameters of DO {do_id}")
 
-    def submit(self, data: bytes, drive_object: BoundObject | None) -> Future[bytes | None]:
+    def submit(self, data: bytes, drive_object: BoundObject | None, host: str | None) -> Future[bytes | None]:
         future: Future[bytes | None] = Future()
-        self._requests.append((future, data, drive_object))
+        self._requests.append((future, data, drive_object, host))
         self._filled.set()
         return future
 
     def stop(self) -> None:
         self._task.kill()
-        for future, _, _ in self._requests:
+        for future, *_ in self._requests:
             future.cancel()
         self._requests.clear()
 
@@ -85,10 +85,13 @@ class _Worker:
             while self._requests:
                 self._serve(*self._requests.popleft())
 
-    def _serve(self, future: Future[bytes | None], data: bytes, drive_object: BoundObject | None) -> None:
+    def _serve(
+        self, future: Future[bytes | None], data: bytes, drive_object: BoundObject | None, host: str | None
+    ) -> None:
         if not future.set_running_or_notify_cancel():
             return
         request_deadline.set(self._loop.now() + self._timeout)
+        request_host.set(host)
         try:
             response = answer(data, lambda _: drive_object, MAX_BLOCK)
         except Exception as error:  # belongs to whoever reads the answer

@@ -32,6 +32,8 @@ from pdgw.profidrive.parameters.model import converted
 log = logging.getLogger("gateway")
 request_deadline: ContextVar[int | None] = ContextVar("request_deadline", default=None)
 """Monotonic nanoseconds at which the request that this task serves has to be answered; None: no limit."""
+request_host: ContextVar[str | None] = ContextVar("request_host", default=None)
+"""The address of whoever sent the request that is being served."""
 T = TypeVar("T")
 
 ABORT_ERRORS: dict[int, Number] = {

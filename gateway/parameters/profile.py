@@ -20,11 +20,11 @@ from pdgw.gateway.drive_object import DriveObject
 from pdgw.gateway.encoder import EncoderObject
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.faults import EMCY_WARNING_BIT
-from pdgw.gateway.parameters.objects import ObjectAccess, ObjectParameter
+from pdgw.gateway.parameters.objects import ObjectAccess, ObjectParameter, request_host
 from pdgw.gateway.parameters.signals import signal_list
 from pdgw.gateway.profinet_link import ProfinetLink
 from pdgw.gateway.reasons import FIRST_WARNING, GATEWAY_FAULTS
-from pdgw.gateway.store import DoParameters
+from pdgw.gateway.store import DeviceParameters, DoParameters
 from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.parameters.catalogue import (
@@ -149,8 +149,8 @@ def _constant(value: Sequence[int]) -> Getter:
     return lambda: value
 
 
-def _store_is_saved(daemon: Daemon, change: Callable[[], None]) -> None:
-    """Change stored parameters and write the file; the PLC gets an error when it cannot be written."""
+def _store_is_saved(daemon: Daemon, change: Callable[[DeviceParameters], None]) -> None:
+    """Change stored parameters and write the file; the PLC gets an error when it cannot be written, and nothing changes."""
     try:
         daemon.update_store(change)
     except GatewayError as error:
@@ -217,9 +217,12 @@ class NodeObject(BoundObject):
 
     def _setter(self, name: str) -> Setter:
         def set_value(value: int) -> None:
-            _store_is_saved(self.daemon, lambda: setattr(self._stored, name, value))
+            self._store(name, value)
 
         return set_value
+
+    def _store(self, name: str, value: int | None) -> None:
+        _store_is_saved(self.daemon, lambda stored: setattr(stored.drive_object(self.do_id), name, value))
 
     def _set_tolerance(self, failures: int) -> None:
         self._setter("sign_of_life_tolerance")(failures)
@@ -228,12 +231,27 @@ class NodeObject(BoundObject):
     def _select_telegram(self, number: int) -> None:
         if number not in self.owner.telegram_numbers:
             raise ParameterRefused(Number.VALUE_IMPERMISSIBLE)
-        self._change_telegram(number)
-        self._setter("telegram")(number)
+        self._check_telegram_change(number)
+        before = self._stored.telegram
+        self._store("telegram", number)
+        try:
+            self._change_telegram(number)
+        except ParameterRefused:
+            self._store("telegram", before)
+            raise
+
+    def _check_telegram_change(self, number: int) -> None:
+        if number == self.owner.telegram.number:
+            return
+        try:
+            self.daemon.check_telegram_change(self.owner, request_host.get())
+        except GatewayError as error:
+            log.warning("DO %d: P922 := %d refused: %s", self.do_id, number, error)
+            raise ParameterRefused(Number.NOT_EXECUTABLE_IN_STATE) from error
 
     def _change_telegram(self, number: int) -> None:
         try:
-            self.daemon.change_telegram(self.owner, number)
+            self.daemon.change_telegram(self.owner, number, request_host.get())
         except (GatewayError, ProfidriveError, CanopenError) as error:
             log.warning("DO %d: P922 := %d refused: %s", self.do_id, number, error)
             raise ParameterRefused(Number.NOT_EXECUTABLE_IN_STATE) from error
@@ -258,19 +276,27 @@ class NodeObject(BoundObject):
     def load(self) -> None:
         """P970: the node's factory values (1011h) after a restart of it, the gateway's own as configured."""
         self._standing()
-        self.access.write(RESTORE_PARAMETERS, 1, LOAD_SIGNATURE.to_bytes(4, "little"))
         configured = self.owner.config.telegram
-        if self.owner.telegram.number != configured:
-            self._change_telegram(configured)
-        objects = self.daemon.store.parameters.objects
-        _store_is_saved(self.daemon, lambda: objects.update({self.do_id: DoParameters()}))
+        self._check_telegram_change(configured)
+        before = self._stored.model_copy()
+        self._replace_stored(DoParameters())
+        try:
+            self.access.write(RESTORE_PARAMETERS, 1, LOAD_SIGNATURE.to_bytes(4, "little"))
+            if self.owner.telegram.number != configured:
+                self._change_telegram(configured)
+        except ParameterRefused:
+            self._replace_stored(before)
+            raise
         self.owner.set_sign_of_life_tolerance(self._stored.sign_of_life_tolerance)
         self.owner.reset_node()
+
+    def _replace_stored(self, parameters: DoParameters) -> None:
+        _store_is_saved(self.daemon, lambda stored: stored.objects.update({self.do_id: parameters}))
 
     def save(self) -> None:
         """P971: 1010h of the node, and the gateway's store."""
         self.access.write(STORE_PARAMETERS, 1, SAVE_SIGNATURE.to_bytes(4, "little"))
-        _store_is_saved(self.daemon, lambda: None)
+        _store_is_saved(self.daemon, lambda _: None)
 
     def _reset(self, value: int) -> None:
         if value:

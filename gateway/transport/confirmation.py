@@ -113,6 +113,20 @@ class OrderHistory:
                 stretches.popleft()
         stretches.append(_Stretch(command, elapsed_ns))
 
+    def contradict(self, command: Hashable, time: int) -> None:
+        """Another frame of a time came too late: if it orders something else, what was ordered then is not known any more."""
+        for place, stretch in enumerate(self._stretches):
+            if stretch.first <= time <= stretch.last:
+                if stretch.command != command:
+                    after = _Stretch(stretch.command, time + 1)
+                    after.last = stretch.last
+                    stretch.last = time - 1
+                    if len(self._stretches) < _STRETCHES:
+                        self._stretches.insert(place + 1, after)
+                    else:
+                        self._stretches.clear()
+                return
+
     def is_new(self, command: Hashable, elapsed_ns: int) -> bool:
         """Whether a frame of this time cannot be a copy of one sent a turn of the counter, or more, before."""
         return all(self._known_other(command, elapsed_ns - turn * WRAP_NS) for turn in _TURNS)

@@ -53,6 +53,11 @@ class Verdict(enum.Enum):
     NOT_PRIMARY = "not primary"
 
 
+_Orders = tuple[tuple[int, ...] | None, ...]
+"""What a frame orders, of each drive object; None where its IOPS is BAD."""
+_MISFITS = (Verdict.TRUNCATED, Verdict.OVERSIZED, Verdict.WRONG_TELEGRAM)
+
+
 class CyclicEndpoint:
     """Consumer and provider of one static relationship with any number of axes.
 
@@ -90,7 +95,7 @@ class CyclicEndpoint:
         self._waiting = False
         """An order waits to be confirmed."""
         self._last_time = 0
-        self._last_orders: tuple[tuple[int, ...] | None, ...] | None = None
+        self._last_orders: _Orders | None = None
         self._looked = 0
         self._looked_before = 0
         self._late = False
@@ -111,6 +116,8 @@ class CyclicEndpoint:
         self.peer: Address | None = None
         """Where frames come from and go to; kept after a loss so that the PLC can watch the axes stop."""
         self.connected = False
+        self._telegrams = tuple(item.number for item in telegrams)
+        self._misfit = ""
         self.counters: dict[Verdict, int] = dict.fromkeys(Verdict, 0)
         self.watchdog_expiries = 0
         """Losses of the PLC: silence, another sequence of frames, or a gateway that looked too late."""
@@ -121,6 +128,14 @@ class CyclicEndpoint:
     def frame_size(self) -> int:
         """Bytes of a frame from the PLC."""
         return self._consumer.frame_size
+
+    @property
+    def layout_text(self) -> str:
+        """What the PLC's frames have to be, while it seems to send another layout; else empty."""
+        if not self._misfit:
+            return ""
+        numbers = ", ".join(map(str, self._telegrams))
+        return f"{self._misfit}; expected: {self.frame_size} bytes for telegrams {numbers}"
 
     def continue_from(self, previous: CyclicEndpoint) -> None:
         """Follow an endpoint with other telegrams: its counts go on, and its cycle counter, or the PLC would see old frames."""
@@ -141,6 +156,8 @@ class CyclicEndpoint:
         verdict = Verdict.OVERDUE if now - arrived > self._watchdog_ns else self._check(data, source)
         if verdict is Verdict.ACCEPTED or verdict is Verdict.PROVIDER_STOP:
             verdict = self._take(data, source, arrived, verdict)
+        elif verdict in _MISFITS:
+            self._misfit = f"frame of {len(data)} bytes from {source[0]} does not fit"
         self.counters[verdict] += 1
         return verdict
 
@@ -193,9 +210,8 @@ class CyclicEndpoint:
             order = sequence.follow(source, counter, arrived, orders, may_connect=not self._loss_to_tell)
             if order is Order.RESTARTED:
                 self._lose()
-            if order is Order.STALE and self._waiting and orders != self._last_orders:
-                # Two frames that order different things, and only one of them is taken: that may be the old one.
-                self._doubt()
+            if order is Order.STALE:
+                self._contradicted(counter, orders)
             if order is not Order.NEXT:
                 return Verdict.STALE if order is Order.STALE else Verdict.UNCONFIRMED
             self._connect(source, orders)
@@ -208,14 +224,23 @@ class CyclicEndpoint:
             self.lose_setpoints()
         return verdict
 
+    def _contradicted(self, counter: int, orders: _Orders | None) -> None:
+        """A frame came too late for the sequence. Where it differs from one that was taken, that may have been the old one."""
+        place = self._sequence.place(counter)
+        if place is not None:
+            self._history.contradict(orders, place)
+        if self._waiting and orders != self._last_orders:
+            self._doubt()
+
     def _doubt(self) -> None:
         """Orders that wait have to be confirmed from the beginning."""
         for confirmation in self._confirmations:
             confirmation.restart(None, 0)
 
-    def _connect(self, source: Address, orders: tuple[tuple[int, ...] | None, ...] | None) -> None:
+    def _connect(self, source: Address, orders: _Orders | None) -> None:
         self.peer = source
         self.connected = True
+        self._misfit = ""
         self._history.clear()
         self._doubt()
         if orders is not None:
@@ -241,7 +266,12 @@ class CyclicEndpoint:
         values, orders = self._decode(data)
         elapsed = self._sequence.elapsed_ns
         if None in orders:
-            self.iops_bad += orders.count(None)
+            bad = orders.count(None)
+            self.iops_bad += bad
+            # Short frames of several layouts are equally long: where the one has its IOPS, the other has padding.
+            self._misfit = "every IOPS of the PLC is BAD" if bad == len(orders) else ""
+        elif self._misfit:
+            self._misfit = ""
         if orders == self._in_force and not self._waiting:
             self.setpoints[:] = values
         else:

@@ -135,6 +135,14 @@ class FrameSequence:
         self.elapsed_ns += advance
         return True
 
+    def place(self, counter: int) -> int | None:
+        """Where, in ``elapsed_ns``, a frame belongs that the newest one overtook; None when that was too long ago."""
+        present = self._present
+        if present is None:
+            return None
+        behind = (present.counter - counter & _COUNTS) * COUNTER_UNIT_NS
+        return self.elapsed_ns - behind if behind <= self._watchdog_ns else None
+
     def follow(self, source: Hashable, counter: int, time: int, command: Hashable, *, may_connect: bool) -> Order:
         """What to make of a frame that ``next`` did not take. NEXT: its sequence is the present one from now on.
 
@@ -191,6 +199,10 @@ class NewerFrames:
     def lose(self) -> None:
         """As ``FrameSequence.lose``."""
         self._last = None
+
+    def place(self, counter: int) -> int | None:
+        """As ``FrameSequence.place``; nothing depends on it here."""
+        return None
 
     def next(self, counter: int, time: int) -> bool:
         """As ``FrameSequence.next``."""

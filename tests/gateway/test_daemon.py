@@ -163,7 +163,7 @@ def test_another_telegram_is_selected_only_out_of_operation() -> None:
     with running(configuration(axis(1))) as daemon:
         plc = Plc(daemon, [1])
         plc.enable()
-        with pytest.raises(GatewayError, match="cannot be selected while the axis is in operation"):
+        with pytest.raises(GatewayError, match="no telegram can be selected while it is in operation"):
             daemon.change_telegram(daemon.axes[0], 2)
         plc.endpoint.set(0, {"STW1": OFF})
         plc.until(lambda: plc.state() == 0x01, "off")

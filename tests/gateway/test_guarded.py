@@ -17,8 +17,7 @@ from pdgw.profidrive.parameters.errors import ParameterErrorNumber as Number
 from pdgw.profidrive.parameters.errors import ParameterRefused
 from pdgw.tools.parameters.client import ParameterClient
 
-from tests.support.buses import wait_for
-from tests.support.daemon import OFF, Plc, axis, configuration, exchanging, serving
+from tests.support.daemon import OFF, Plc, axis, configuration, drive_of, exchanging, serving, until
 
 GUARDED_INDICES = (
     *(0x1005, 0x1006, 0x1007, 0x1010, 0x1011, 0x1014, 0x1015, 0x1016, 0x1017, 0x1200, 0x127F, 0x1280, 0x13FF),
@@ -135,7 +134,7 @@ def test_a_powered_axis_keeps_its_brake_and_what_was_written_when_it_was_off_is_
     with serving(configuration(axis(1)), 1) as (daemon, client):
         plc = Plc(daemon, [1])
         plc.enable()
-        drive, node = daemon.axes[0].drive, daemon.simulated[0].node
+        drive, node = daemon.axes[0].drive, drive_of(daemon).node
         with exchanging(plc):
             for index, subindex, data_type, value in (
                 (0x1400, 1, DataType.UNSIGNED32, 0x8000_0201),
@@ -155,7 +154,7 @@ def test_a_powered_axis_keeps_its_brake_and_what_was_written_when_it_was_off_is_
         with exchanging(plc):
             before = node.get_data(0x1400, 2)
             assert not write(client, 0x1400, 2, DataType.UNSIGNED8, 0).failed
-            wait_for(lambda: drive.generation == 2, "brought up again")
+            until(daemon, lambda: drive.generation == 2, "brought up again")
             assert node.get_data(0x1400, 2) == before
         plc.enable()
 

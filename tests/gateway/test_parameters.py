@@ -20,6 +20,8 @@ from pdgw.gateway.axis.telegrams import pdo_operation
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.parameters.objects import error_of_abort
+from pdgw.gateway.reasons import FaultNumber
+from pdgw.gateway.status import snapshot
 from pdgw.gateway.store import ParameterStore
 from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.parameters.catalogue import LIST_PNUS, PARAMETERS, Scope
@@ -28,6 +30,7 @@ from pdgw.profidrive.parameters.description import Description
 from pdgw.profidrive.parameters.errors import ParameterErrorNumber as Number
 from pdgw.profinet.rpc import identification
 from pdgw.tools.parameters.client import ParameterClient
+from pdgw.tools.status_text import status_lines
 
 from tests.support.daemon import OFF, Plc, axis, configuration, drive_of, exchanging, serving, until
 from tests.support.daemon import client as client_of
@@ -538,3 +541,61 @@ def test_a_response_has_the_reference_and_do_of_its_request(shared: tuple[Daemon
 
 def test_aborts_are_complete() -> None:
     assert set(Abort) == set(ABORT_TEXTS)
+
+
+# -- P922 and the PLC that is connected -------------------------------------------------------------------------------------
+
+
+def test_another_address_does_not_change_the_telegram_while_a_plc_is_connected() -> None:
+    with gateway(axis(1) + axis(2)) as (daemon, client):
+        plc = Plc(daemon, [1, 1])
+        plc.until(lambda: daemon.link.connected, "connected")
+        with exchanging(plc):
+            assert error(write(client, 922, word(9))) == Number.NOT_EXECUTABLE_IN_STATE
+        assert number(client, 922) == 1
+        assert daemon.link.connected
+        assert daemon.store.parameters.drive_object(1).telegram in {None, 1}
+        until(daemon, lambda: not daemon.link.connected, "the PLC went away")
+        assert not write(client, 922, word(9)).failed
+
+
+@pytest.mark.parametrize(("chosen", "told"), [(100, "does not fit"), (9, "every IOPS of the PLC is BAD")])
+def test_the_plc_that_changes_a_telegram_sees_in_all_drive_objects_that_its_frame_has_to_change(
+    chosen: int, told: str
+) -> None:
+    """Also where the new frame is as long as the old one."""
+    with gateway(axis(1) + axis(2)) as (daemon, client):
+        plc = Plc(daemon, [1, 1], "engineer")
+        plc.endpoint.set(0, {"STW1": OFF})
+        plc.until(lambda: plc.state() == 0x01, "ready")
+        with exchanging(plc):
+            assert not write(client, 922, word(chosen)).failed
+            until(daemon, lambda: told in str(snapshot(daemon)["plc"]["layout"]), "told")
+            document = snapshot(daemon)
+        assert f"for telegrams {chosen}, 1" in document["plc"]["layout"]
+        assert document["axes"][0]["setpoints"] is None, "those of the other telegram are not shown"
+        for do_id in (1, 2):
+            with client_of(daemon, client.address, do_id, slot=do_id) as other:
+                assert FaultNumber.FRAME_CHANGED in value(other, 947, 0, 8).values
+        assert f"{told}" in "\n".join(status_lines(document, 200))
+        until(daemon, lambda: not daemon.link.connected, "the old frames ended")
+        changed = Plc(daemon, [chosen, 1], "engineer")
+        changed.until(lambda: changed.endpoint.setpoints_used[0], "connected with the new frame")
+        assert snapshot(daemon)["plc"]["layout"] == ""
+
+
+def test_a_telegram_that_cannot_be_saved_is_not_changed_either(tmp_path: Path) -> None:
+    config = configuration(axis(1))
+    config = config.model_copy(update={"store": tmp_path / "missing" / "parameters.json"})
+    with serving(config, 1) as (daemon, client):
+        for pnu in (922, 925, 927):
+            before = number(client, pnu)
+            assert (
+                error(write(client, pnu, word(9 if pnu == 922 else 1 - before % 2))) == Number.NOT_EXECUTABLE_IN_STATE
+            )
+            assert number(client, pnu) == before
+        assert daemon.axes[0].telegram.number == 1
+        assert error(write(client, 970, word(1))) == Number.NOT_EXECUTABLE_IN_STATE, (
+            "nothing is restored in the drive either"
+        )
+        assert daemon.axes[0].drive.generation == 1

@@ -34,7 +34,7 @@ class Manager:
     def __init__(self) -> None:
         self.asked: list[tuple[bytes, Future[bytes | None]]] = []
 
-    def submit(self, data: bytes, slot_do: int | None = None) -> Future[bytes | None]:
+    def submit(self, data: bytes, slot_do: int | None = None, host: str | None = None) -> Future[bytes | None]:
         future: Future[bytes | None] = Future()
         self.asked.append((data, future))
         return future
@@ -43,12 +43,9 @@ class Manager:
 def records(*writers: str, manager: Manager | None = None, everybody: bool = True) -> tuple[Records, Manager]:
     manager = manager or Manager()
 
-    def update(change: Callable[[], None]) -> None:
-        change()
-
     networks = None if everybody else [IPv4Network(item) for item in writers]
     store = ParameterStore(None, lambda _: None)
-    return Records(cast(ParameterManager, manager), store, update, NIL, "1", networks), manager
+    return Records(cast(ParameterManager, manager), store, store.update, NIL, "1", networks), manager
 
 
 def block(kind: BlockType, index: int = RECORD_GLOBAL, slot: int = 0, ar_uuid: UUID = NIL) -> RecordBlock:

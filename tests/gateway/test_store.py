@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import os
 import signal
 import subprocess
 import sys
@@ -10,6 +12,7 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from pdgw.gateway.config import load_config
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.store import DeviceParameters, ParameterStore
 from pydantic import ValidationError
@@ -23,10 +26,11 @@ number = 0
 while True:
     number += 1
     text = f"{number:032d}"
-    store.parameters.im1_function = text
-    store.parameters.im3_descriptor = text
-    store.parameters.drive_object(1).telegram = 1 + number % 9
-    store.save()
+    def change(parameters):
+        parameters.im1_function = text
+        parameters.im3_descriptor = text
+        parameters.drive_object(1).telegram = 1 + number % 9
+    store.update(change)
     print(number, flush=True)
 """
 
@@ -52,14 +56,14 @@ def test_a_missing_file_means_the_configuration_holds(tmp_path: Path) -> None:
     assert store.parameters == DeviceParameters()
 
 
-@pytest.mark.parametrize("kills", [8])
+@pytest.mark.parametrize("kills", [int(os.environ.get("PDGW_STORE_KILLS", "8"))])
 def test_kill_9_at_any_moment_leaves_the_old_or_the_new_set(tmp_path: Path, kills: int) -> None:
     path = tmp_path / "parameters.json"
     for round_number in range(kills):
         with subprocess.Popen([sys.executable, "-c", WRITER, str(path)], stdout=subprocess.PIPE, text=True) as process:
             assert process.stdout is not None
             acknowledged = 0
-            for _ in range(3 + 7 * round_number):
+            for _ in range(3 + 7 * (round_number % 8)):
                 acknowledged = int(process.stdout.readline())
             process.send_signal(signal.SIGKILL)
             remaining = process.stdout.read().split()
@@ -106,3 +110,88 @@ def test_a_directory_that_is_not_there_is_reported(tmp_path: Path) -> None:
     store = ParameterStore(tmp_path / "missing" / "parameters.json", nothing_to_report)
     with pytest.raises(GatewayError, match="cannot be written"):
         store.save()
+
+
+class FullDisk:
+    """A file system that takes the first bytes of a file and then refuses, as a full one does; or refuses at once."""
+
+    def __init__(self, error: int, at: str) -> None:
+        self._error = error
+        self._at = at
+
+    def install(self, patch: pytest.MonkeyPatch) -> None:
+        def refuse(*_: object, **__: object) -> None:
+            raise OSError(self._error, os.strerror(self._error))
+
+        if self._at == "open":
+            patch.setattr(Path, "open", refuse)
+        else:
+            patch.setattr(os, self._at, refuse)
+
+
+@pytest.mark.parametrize(
+    "disk", [FullDisk(errno.ENOSPC, "fsync"), FullDisk(errno.EROFS, "open"), FullDisk(errno.EIO, "fsync")]
+)
+def test_what_cannot_be_saved_is_not_put_in_force_and_the_file_keeps_the_old_set(
+    tmp_path: Path, disk: FullDisk
+) -> None:
+    path = tmp_path / "parameters.json"
+    store = ParameterStore(path, nothing_to_report)
+    store.update(lambda parameters: setattr(parameters.drive_object(1), "telegram", 9))
+    before = path.read_bytes()
+    with pytest.MonkeyPatch.context() as patch:
+        disk.install(patch)
+        with pytest.raises(GatewayError, match=r"cannot be written: .*; the old values stay in force"):
+            store.update(lambda parameters: setattr(parameters.drive_object(1), "telegram", 2))
+    assert store.parameters.drive_object(1).telegram == 9
+    assert path.read_bytes() == before
+    store.update(lambda parameters: setattr(parameters.drive_object(1), "telegram", 2))
+    assert ParameterStore(path, nothing_to_report).parameters.drive_object(1).telegram == 2
+
+
+def test_a_change_that_is_not_allowed_changes_nothing(tmp_path: Path) -> None:
+    store = ParameterStore(tmp_path / "parameters.json", nothing_to_report)
+
+    def change(parameters: DeviceParameters) -> None:
+        parameters.im1_location = "hall 3"
+        parameters.drive_object(1).telegram = 0
+
+    with pytest.raises(ValidationError):
+        store.update(change)
+    assert store.parameters == DeviceParameters()
+
+
+def test_a_damaged_file_on_a_read_only_disk_is_told_and_does_not_keep_the_gateway_from_starting(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "parameters.json"
+    path.write_text("no store")
+
+    def refuse(*_: object) -> None:
+        raise OSError(errno.EROFS, os.strerror(errno.EROFS))
+
+    monkeypatch.setattr(Path, "replace", refuse)
+    reports: list[str] = []
+    assert ParameterStore(path, reports.append).parameters == DeviceParameters()
+    assert "cannot be set aside" in reports[0]
+
+
+def test_a_configuration_that_names_no_store_has_one_by_its_name_in_the_state_directory(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    config = tmp_path / "press.toml"
+    config.write_text('[can]\ninterface = "virtual"\n[[axis]]\ndo_id = 1\nnode_id = 1\ntelegram = 1\n')
+    for variable, value, expected in (
+        ("STATE_DIRECTORY", str(tmp_path / "service"), tmp_path / "service" / "press.json"),
+        ("XDG_STATE_HOME", str(tmp_path / "xdg"), tmp_path / "xdg" / "pdgw" / "press.json"),
+        ("HOME", str(tmp_path / "home"), tmp_path / "home" / ".local" / "state" / "pdgw" / "press.json"),
+    ):
+        with monkeypatch.context() as patch:
+            for name in ("STATE_DIRECTORY", "XDG_STATE_HOME"):
+                patch.delenv(name, raising=False)
+            patch.setenv(variable, value)
+            path = load_config(config).store
+            assert path == expected
+            store = ParameterStore(path, nothing_to_report)
+            store.update(lambda parameters: setattr(parameters.drive_object(1), "telegram", 9))
+            assert ParameterStore(path, nothing_to_report).parameters.drive_object(1).telegram == 9
