@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import enum
+import json
 import re
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.explain import Location, Problem, problems
@@ -45,6 +47,38 @@ def parse_toml(root: type[Root], sections: Sections, text: str, name: str) -> Ro
     except ValidationError as error:
         lines = [told(problem, text, name, sections) for problem in problems(error, root)]
         raise GatewayError("\n".join(lines)) from error
+
+
+def toml_text(document: Mapping[str, Any]) -> str:
+    """Plain data as TOML: scalars, then tables, then arrays of tables; a file with no deeper nesting than the gateway's own."""
+    lines = [f"{key} = {_scalar(value)}" for key, value in document.items() if not _is_table(value)]
+    for key, value in document.items():
+        if not _is_table(value):
+            continue
+        for table in [value] if isinstance(value, Mapping) else value:
+            lines.append(f"\n[{key}]" if isinstance(value, Mapping) else f"\n[[{key}]]")
+            lines += [f"{name} = {_scalar(item)}" for name, item in table.items() if item is not None]
+    return "\n".join(lines).strip() + "\n"
+
+
+def _is_table(value: object) -> bool:
+    return isinstance(value, Mapping) or (
+        isinstance(value, list | tuple) and bool(value) and isinstance(value[0], Mapping)
+    )
+
+
+def _scalar(value: object) -> str:
+    if isinstance(value, enum.Enum):
+        value = value.value
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, int | float):
+        return str(value)
+    if isinstance(value, list | tuple | set | frozenset):
+        return f"[{', '.join(_scalar(item) for item in value)}]"
+    if isinstance(value, Mapping):
+        return f"{{{', '.join(f'{key} = {_scalar(item)}' for key, item in value.items())}}}"
+    return json.dumps(str(value))  # TOML's basic strings are JSON's
 
 
 def _hint(message: str) -> str:

@@ -21,6 +21,7 @@ from typing import overload
 
 from pdgw.decoder.capture.axes import configured_axes
 from pdgw.decoder.capture.dictionary import dictionary_of
+from pdgw.decoder.capture.pcapng_file import configuration_in
 from pdgw.decoder.capture.source import STANDARD_INPUT, Source, open_source
 from pdgw.decoder.capture.trace_page import TracePage
 from pdgw.decoder.clocks import Clocks
@@ -33,7 +34,7 @@ from pdgw.decoder.replay import AxisReplay, Replayer
 from pdgw.decoder.timeline import Entry
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS
-from pdgw.gateway.config import load_config
+from pdgw.gateway.config import GatewayConfig, load_config, parse_config
 from pdgw.gateway.errors import GatewayError
 from pdgw.tools.progress import with_progress
 
@@ -42,6 +43,8 @@ INFER_FROM = 20_000
 TOLERANCE_NS = 50_000_000
 """So far recorded times may be off in a replay: a busy machine lets a recorder or the gateway's reader wait for some cycles."""
 _MIN_TOLERANCE_CYCLES = 4
+CONFIGURATION = "gateway.toml"
+"""Beside captures: the configuration they were made with."""
 _STRETCH_NS = 2_000_000_000
 """So much of each capture is looked at in turn before a timeline begins."""
 _LOOK_AT = 50_000
@@ -66,16 +69,33 @@ class Known:
     watchdog_factor: int | None = None
 
 
-def known_from(config: Path | None, telegrams: Sequence[int], nodes: Sequence[str]) -> Known:
-    """From ``--config``, ``--telegram`` and ``--node`` ([AXIS=]NODE); GatewayError for what does not fit together."""
-    if config is None:
-        axes = _with_nodes(list(given_axes(telegrams)), nodes) if telegrams else []
-        if nodes and not axes:
-            raise GatewayError("--node: give --telegram for each axis too, or --config")
-        return Known(Settings(axes, "--telegram and --node"))
-    loaded = load_config(config)
+def known_from(config: Path | None, telegrams: Sequence[int], nodes: Sequence[str], files: Sequence[str] = ()) -> Known:
+    """From ``--config``, ``--telegram`` and ``--node`` ([AXIS=]NODE); GatewayError for what does not fit together.
+
+    Without any of these the configuration is looked for in the ``files`` (a comment of `pdgw run --record`), then beside them.
+    """
+    if config is not None:
+        return _known_of(load_config(config), telegrams, nodes)
+    if telegrams:
+        return Known(Settings(_with_nodes(list(given_axes(telegrams)), nodes), "--telegram and --node"))
+    if nodes:
+        raise GatewayError("--node: give --telegram for each axis too, or --config")
+    for file in files:
+        text = configuration_in(Path(file))
+        if text:
+            tell(f"configuration of the gateway taken from {file}")
+            return _known_of(parse_config(text, f"{file}: its configuration"), telegrams, nodes)
+    for file in files:
+        beside = Path(file).parent / CONFIGURATION
+        if beside.is_file():
+            tell(f"configuration of the gateway taken from {beside}")
+            return _known_of(load_config(beside), telegrams, nodes)
+    return Known()
+
+
+def _known_of(loaded: GatewayConfig, telegrams: Sequence[int], nodes: Sequence[str]) -> Known:
     axes = _with_nodes(configured_axes(loaded, telegrams), nodes)
-    files = {axis.node_id: axis.eds for axis in loaded.axis if axis.eds}
+    files = {axis.node_id: axis.eds for axis in loaded.axis if axis.eds and axis.eds.is_file()}
     settings = Settings(axes, dictionary=dictionary_of(files) if files else None)
     transport = loaded.transport
     return Known(

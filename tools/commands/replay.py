@@ -24,7 +24,7 @@ def replay(
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object.")] = False,
 ) -> None:
     """Feed a recording through today's gateway; exit status 1 where it would have sent something else."""
-    loaded = load(files, known_from(config, telegram or [], node or []), nanoseconds(offset), tell)
+    loaded = load(files, known_from(config, telegram or [], node or [], files), nanoseconds(offset), tell)
     outcomes = loaded.replay(tolerance_ns=round(tolerance * 1e6), first_only=True)
     write_lines(_document(loaded, outcomes) if as_json else _text(loaded, outcomes))
     if any(outcome.differences for outcome in outcomes):

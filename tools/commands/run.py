@@ -26,6 +26,7 @@ from pdgw.gateway.explain import Problem, problems
 from pdgw.gateway.status import StatusServer
 from pdgw.gateway.transport.acyclic import record_service
 from pdgw.tools.beside import devices_beside
+from pdgw.tools.recorder import Recorder, RecordingEdge
 from pydantic import ValidationError
 from rich.console import Console
 from rich.logging import RichHandler
@@ -151,6 +152,10 @@ def run(
     cycle_time_ms: Annotated[float | None, typer.Option(help="Cycle time in milliseconds.")] = None,
     status_port: Annotated[int | None, typer.Option(help="Loopback TCP port of `pdgw status`, 0 for none.")] = None,
     can_log: Annotated[Path | None, typer.Option(help="Record all CAN frames here (candump format).")] = None,
+    record: Annotated[
+        Path | None,
+        typer.Option(metavar="FOLDER", help="Record both buses and the configuration here, for `pdgw timeline`."),
+    ] = None,
     log_level: Annotated[LogLevel, typer.Option(help="What is logged.")] = LogLevel.INFO,
     log_file: Annotated[Path | None, typer.Option(help="Log here instead of standard error.")] = None,
 ) -> None:
@@ -177,12 +182,18 @@ def run(
         recorder = CanRecorder(can_log) if can_log is not None else None
         if recorder is not None:
             at_end.callback(recorder.stop)
+        recording = Recorder(record, chosen) if record is not None else None
+        if recording is not None:
+            at_end.callback(recording.stop)
         chosen = at_end.enter_context(devices_beside(chosen))
-        daemon = Daemon(chosen)
+        daemon = Daemon(chosen, RecordingEdge(recording) if recording is not None else None)
         at_end.callback(daemon.release)
         if recorder is not None:
             for bus in chosen.can:
                 daemon.networks[bus.name].listeners.append(partial(recorder.record, _log_name(bus)))
+        if recording is not None:
+            for bus in chosen.can:
+                daemon.networks[bus.name].listeners.append(partial(recording.frame, _log_name(bus)))
         daemon.services.append(record_service(daemon))
         if chosen.transport.status_port:
             daemon.services.append(StatusServer(daemon, chosen.transport.status_port))

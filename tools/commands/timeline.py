@@ -46,7 +46,7 @@ def timeline(
     ] = None,
 ) -> None:
     """Merge captures of both buses: what the PLC asked, what became of it, how long it took, and why not."""
-    opening = look_ahead(files, known_from(config, telegram or [], node or []), nanoseconds(offset), tell)
+    opening = look_ahead(files, known_from(config, telegram or [], node or [], files), nanoseconds(offset), tell)
     chosen = frozenset(axis or ())
     unknown = chosen - {item.do_id for item in opening.known.settings.axes}
     if unknown:
