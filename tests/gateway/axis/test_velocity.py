@@ -260,6 +260,15 @@ def test_a_standing_acknowledge_of_a_new_connection_is_no_edge() -> None:
     assert bench.drive.state is not State.FAULT
 
 
+def test_an_acknowledge_that_stands_when_the_plc_comes_back_is_no_edge() -> None:
+    bench = Bench()
+    bench.drive.fault()
+    bench.step(OFF, cycles=2)
+    bench.step(None, cycles=2)
+    bench.step(OFF | 0x80, cycles=5)
+    assert bench.drive.state is State.FAULT
+
+
 def test_a_standing_on_does_not_start_after_a_restart_of_the_drive() -> None:
     bench = Bench()
     bench.operate()
@@ -347,6 +356,27 @@ def test_a_reference_of_0_refuses_operation(name: str) -> None:
     assert bench.controlword == 0
     assert zsw1 & 0x0F == 0x08
     assert bench.stepper.reason is Reason.REFERENCE_INVALID
+
+
+def test_without_references_no_speed_is_shown_and_none_asked_for() -> None:
+    """Nothing is known of what a number of the drive means."""
+    bench = Bench()
+    bench.operate(0x2000)
+    bench.step(ON, 0x2000, cycles=5)
+    assert bench.drive.feedback.velocity_actual
+    bench.stepper.set_references(None)
+    actuals = bench.stepper.step((ON, 0x2000), bench.drive.feedback, True, bench.now)
+    assert actuals[1] == 0
+    assert bench.stepper.command.target_velocity == 0
+
+
+def test_the_plcs_device_bits_end_with_the_plc() -> None:
+    bench = Bench()
+    bench.operate()
+    bench.step(ON | 0xF000, 0x2000)
+    assert bench.controlword & 0xF000 == 0xF000
+    bench.step(None)
+    assert bench.controlword & 0xF000 == 0
 
 
 # -- limit switches ----------------------------------------------------------------------------------------------------
