@@ -27,7 +27,8 @@ from pdgw.decoder.timeline import Anomaly, AnomalyKind, Edge, ReasonChange, Word
 from pdgw.ds301.aborts import abort_text
 from pdgw.ds301.nmt import NmtCommand, NmtState
 from pdgw.ds301.pdo import PdoDirection
-from pdgw.dsp402.images import REFERENCE_OBJECTS, DriveFeedback, References
+from pdgw.dsp402.generic import recorded_addresses, recorded_drive_type
+from pdgw.dsp402.images import DriveFeedback
 from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.dsp402.pdo import LAYOUTS
 from pdgw.dsp402.states import Command, ControlBit, State, StatusBit, next_state, state_of
@@ -55,7 +56,6 @@ _STATUSWORD = (DRIVE_OBJECTS.attribute("statusword").index, 0)
 _MODE = (DRIVE_OBJECTS.attribute("modes_of_operation").index, 0)
 _MODE_DISPLAY = (DRIVE_OBJECTS.attribute("modes_of_operation_display").index, 0)
 _HOMING_METHOD = (0x6098, 0)
-_REFERENCES = {(index, subindex): name for name, index, subindex in REFERENCE_OBJECTS}
 _STW1 = signal("STW1")
 _CONTROL_BY_PLC = _STW1.bit("CONTROL_BY_PLC").mask
 _HOME_POSITION_SET = signal("ZSW1").bit("HOME_POSITION_SET", positioning=True).mask
@@ -130,7 +130,7 @@ class AxisFollower(ObjectFollower):
         self._sent: dict[int, bytes] = {}
         self._image = DriveFeedback()
         self._started = True
-        self._references: dict[str, int] = {}
+        self._answers: dict[tuple[int, int], int] = {}
         self._homing_method = 0
         self._restarted = False
         self._new_references = True
@@ -261,13 +261,13 @@ class AxisFollower(ObjectFollower):
             if address == _MODE:
                 self._ask_mode(now, int.from_bytes(record.value, "little", signed=True))
             return
-        name = _REFERENCES.get(address)
+        is_signed = recorded_addresses().get(address)
         if address == _HOMING_METHOD:
             self._homing_method = int.from_bytes(record.value, "little", signed=True)
-        elif name is not None:
-            value = int.from_bytes(record.value, "little", signed=name.startswith("position"))
-            self._new_references |= self._references.get(name) != value
-            self._references[name] = value
+        elif is_signed is not None:
+            value = int.from_bytes(record.value, "little", signed=is_signed)
+            self._new_references |= self._answers.get(address) != value
+            self._answers[address] = value
 
     # -- words and their causes ---------------------------------------------------------------------------------------
 
@@ -336,8 +336,8 @@ class AxisFollower(ObjectFollower):
         """Restarts of the drive and references as far as the gateway has them."""
         restarted = self._restarted
         if restarted or self._new_references:
-            references = References.of(self._references)
-            self._machine.inputs.news.append(Configured(references, self._homing_method, restarted))
+            drive = recorded_drive_type(frozenset(self._answers.items()))
+            self._machine.inputs.news.append(Configured(drive, self._homing_method, restarted))
             self._known |= restarted
             self._restarted = self._new_references = False
 

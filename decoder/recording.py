@@ -38,7 +38,8 @@ from pdgw.decoder.replay import (
 from pdgw.ds301.aborts import abort_text
 from pdgw.ds301.nmt import NmtCommand, NmtState
 from pdgw.ds301.pdo import PdoDirection
-from pdgw.dsp402.images import REFERENCE_OBJECTS, References
+from pdgw.dsp402.drive_type import DriveType
+from pdgw.dsp402.generic import recorded_addresses, recorded_drive_type
 from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.values import Configured
@@ -49,7 +50,6 @@ from pdgw.profidrive.telegrams import Direction, telegram
 
 _HOMING_METHOD: Final = (0x6098, 0)
 _WATCHDOG_FACTOR = 3
-_REFERENCE = {(index, subindex): name for name, index, subindex in REFERENCE_OBJECTS}
 
 
 class Frame(NamedTuple):
@@ -80,15 +80,15 @@ class _Node:
     configured: list[Learned] = field(default_factory=list)
     sent: dict[int, list[Sent]] = field(default_factory=dict)
     online: list[tuple[int, bool]] = field(default_factory=list)
-    references: dict[str, int] = field(default_factory=dict)
+    answers: dict[tuple[int, int], int] = field(default_factory=dict)
     homing_method: int = 0
     started: bool = True
     """Until an NMT command says otherwise: a recording may begin in operation."""
     last: dict[int, bytes] = field(default_factory=dict)
     end_ns: int = 0
 
-    def known_references(self) -> References:
-        return References.of(self.references)
+    def drive_type(self) -> DriveType:
+        return recorded_drive_type(frozenset(self.answers.items()))
 
 
 class Collector:
@@ -183,7 +183,7 @@ class Collector:
             # The recording begins in operation: what it does not show is taken from the defaults of the profile.
             begin = min([used[0] if used else 0, *(item.time_ns for item in configured)])
             method = node.homing_method or _shown_method(node.axis.telegram, self._answers[do_id])
-            configured.insert(0, Learned(begin, Configured(node.known_references(), method, restarted=False)))
+            configured.insert(0, Learned(begin, Configured(node.drive_type(), method, restarted=False)))
         return AxisRecording(
             do_id,
             node.axis.node,
@@ -270,22 +270,22 @@ def _sdo(node: _Node, record: SdoRecord) -> None:
         return
     if address == _HOMING_METHOD:
         node.homing_method = int.from_bytes(record.value, "little", signed=True)
-    name = _REFERENCE.get(address)
-    if name is None:
+    is_signed = recorded_addresses().get(address)
+    if is_signed is None:
         return
-    value = int.from_bytes(record.value, "little", signed=name.startswith("position"))
-    before = node.references.get(name)
-    node.references[name] = value
+    value = int.from_bytes(record.value, "little", signed=is_signed)
+    before = node.answers.get(address)
+    node.answers[address] = value
     if node.started and before is not None and before != value:
         node.configured.append(
-            Learned(record.time_ns, Configured(node.known_references(), node.homing_method, restarted=False))
+            Learned(record.time_ns, Configured(node.drive_type(), node.homing_method, restarted=False))
         )
 
 
 def _nmt(node: _Node, record: NmtRecord) -> None:
     if record.command == NmtCommand.START:
         node.started = True
-        node.configured.append(Learned(record.time_ns, Configured(node.known_references(), node.homing_method)))
+        node.configured.append(Learned(record.time_ns, Configured(node.drive_type(), node.homing_method)))
     else:
         _offline(node, record.time_ns)
 

@@ -13,7 +13,6 @@ from canopen.objectdictionary import ODVariable
 from pdgw.ds301.objects import Access, CanType, Entry
 from pdgw.ds301.pdo import PdoDirection
 from pdgw.dsp402.drive_type import DriveType, PdoCapabilities, PdoSlot, Quirks
-from pdgw.dsp402.images import MAX_TORQUE
 from pdgw.dsp402.modes import MODE_NAMES, STANDARD_HOMING_METHODS, SUPPORTED_MODES, Mode
 from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.dsp402.overlay import Overlay, overlay, overlay_for
@@ -23,6 +22,7 @@ Address = tuple[int, int]
 
 VENDOR_ID: Address = (0x1018, 1)
 PRODUCT_CODE: Address = (0x1018, 2)
+MAX_TORQUE: Address = (0x6072, 0)
 SUPPORTED_DRIVE_MODES: Address = (0x6502, 0)
 SUPPORTED_HOMING_METHODS = 0x60E3
 HOMING_METHOD: Address = (0x6098, 0)
@@ -97,6 +97,7 @@ def describe(
         pdos=_pdo_capabilities(dictionary),
         faults=MappingProxyType(dict(family.drive_faults) if family else {}),
         quirks=quirks,
+        max_torque=answers.get(MAX_TORQUE, 0),
     )
 
 

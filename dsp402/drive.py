@@ -28,7 +28,7 @@ from pdgw.dsp402.describe import PRODUCT_CODE, VENDOR_ID, describe, questions, s
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.generic import NOT_THERE, dictionary_of, generic_dictionary
-from pdgw.dsp402.images import REFERENCE_OBJECTS, DriveCommand, DriveFeedback, References
+from pdgw.dsp402.images import DriveCommand, DriveFeedback
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.scaling import UnitKeys
 from pdgw.dsp402.states import ControlBit
@@ -39,8 +39,6 @@ _MODE_CONFIRM_NS = SECOND
 _RETRY_VALUE_NS = 1000 * MS
 """So long after a failed SDO write the same value is tried again."""
 _NEW_SETPOINT = ControlBit.NEW_SETPOINT
-_NEEDED = {VENDOR_ID, *((index, subindex) for _, index, subindex in REFERENCE_OBJECTS)}
-"""What a drive has to answer when its EDS has it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,9 +55,12 @@ class DriveSettings(NodeSettings):
     family: str = ""
     """The overlay to take, whatever the drive's identity is."""
     initial_mode: Mode | None = None
+    """6060h to set and confirm (6061h) while configuring, for layouts that do not carry 6060h.
+
+    Profile velocity stands for the mode of speeds the drive offers.
+    """
     interpolation_us: int = 0
     """60C2h: the time from one setpoint of a cyclic synchronous mode to the next; 0: not written."""
-    """6060h to set and confirm (6061h) while configuring, for layouts that do not carry 6060h."""
 
 
 class _Sender:
@@ -94,6 +95,17 @@ def load_eds(path: Path, node_id: int) -> canopen.ObjectDictionary:
     return load_dictionary(path, node_id, (0x1000, 0x6040, 0x6041), "a drive", Dsp402Error)
 
 
+def _fitted(layout: PdoLayout, drive: DriveType) -> PdoLayout:
+    """The layout with the objects this drive has for what travels in it; what it lacks stays and is refused by the drive."""
+
+    def fitted(pdo: Pdo) -> Pdo:
+        entries = tuple(drive.entries.get(entry.attribute, entry) for entry in pdo.entries)
+        same = [entry.mapping for entry in entries] == [entry.mapping for entry in pdo.entries]
+        return pdo if same else Pdo(pdo.direction, pdo.number, entries)
+
+    return PdoLayout(tuple(map(fitted, layout.rpdos)), tuple(map(fitted, layout.tpdos)))
+
+
 class DriveClient(NodeClient[DriveSettings]):
     """One drive. ``on_event`` is called whenever something happens to it that the owner must know."""
 
@@ -110,9 +122,8 @@ class DriveClient(NodeClient[DriveSettings]):
         on_event: Callable[[DriveEvent], None],
     ) -> None:
         self.feedback = DriveFeedback()
-        self.references: References | None = None
         self.drive_type: DriveType | None = None
-        """What kind of drive it is, made anew whenever the references are read; None before the first time."""
+        """What kind of drive it is, made anew at each start and after a write to an object it depends on."""
         self.homing_method = 0
         self._identity: tuple[int, int] | None = None
         """Vendor-ID and product code of the device whose objects were found out."""
@@ -187,30 +198,21 @@ class DriveClient(NodeClient[DriveSettings]):
 
     # -- the node's task ------------------------------------------------------------------------------------------------
 
-    def read_references(self) -> References:
-        """Read the reference objects again (in the node's task) and keep them in ``references`` and ``drive_type``."""
+    def learn(self) -> DriveType:
+        """Ask the drive again what it is (in its task) and keep that in ``drive_type``."""
         answers: dict[tuple[int, int], int] = {}
         for address in questions(self.dictionary):
             try:
                 answers[address] = self.read_number(*address, signed=signed(self.dictionary, address))
             except SdoAbortedError as error:
-                if address in _NEEDED:
+                if address == VENDOR_ID:
                     raise Dsp402Error(
                         f"node {self.settings.node_id} object {address[0]:04X}h/{address[1]}",
                         abort_text(error.code),
-                        "an object that can be read, as the EDS says",
+                        "an object that can be read: every device has it",
                     ) from error
         self.drive_type = describe(self.dictionary, answers, self.settings.units, self.settings.family)
-        # An object the drive does not have is no reference: 0 refuses the axis.
-        found = {name: answers.get((index, subindex), 0) for name, index, subindex in REFERENCE_OBJECTS}
-        scaling = self.drive_type.scaling
-        self.references = References(
-            **found,
-            counts_per_revolution=scaling.counts_per_revolution,
-            velocity_per_rpm=scaling.velocity_per_rpm,
-            acceleration_per_rpm_s=scaling.acceleration_per_rpm_s,
-        )
-        return self.references
+        return self.drive_type
 
     def _apply_times(self) -> None:
         super()._apply_times()
@@ -242,6 +244,7 @@ class DriveClient(NodeClient[DriveSettings]):
             return None if error.code in NOT_THERE else b""
 
     def _configure_pdos(self) -> Collection[int]:
+        self.layout = _fitted(self.layout, self.learn())
         available = super()._configure_pdos()
         node_id, rpdos = self.settings.node_id, self.layout.rpdos
         mapped = [pdo for pdo in rpdos if pdo.communication_index in available]
@@ -261,12 +264,14 @@ class DriveClient(NodeClient[DriveSettings]):
 
     def _configure(self) -> None:
         self._configure_guarding()
-        if self.settings.initial_mode is not None:
-            self._set_mode(self.settings.initial_mode)
+        mode = self.settings.initial_mode
+        if mode is not None:
+            drive = self.drive_type
+            offered = drive.speed_mode if drive is not None and mode is Mode.VELOCITY else None
+            self._set_mode(mode.value if offered is None else offered)
         if self.settings.interpolation_us and INTERPOLATION_TIME in self.dictionary:
             for step in interpolation_steps(self.settings.interpolation_us):
                 self._do(step)
-        self.read_references()
         if 0x6098 in self.dictionary:
             self.homing_method = self._fetch(0x6098, signed=True)
         for values in self._acyclic_rpdos:
@@ -292,12 +297,12 @@ class DriveClient(NodeClient[DriveSettings]):
                     self._heartbeat_expected = False  # the TPDOs alone tell that the drive lives
                 self._tell("status", f"not guarded: {text}")
 
-    def _set_mode(self, mode: Mode) -> None:
+    def _set_mode(self, mode: int) -> None:
         self._do(SdoStep(0x6060, 0, CanType.I8, mode, "mode of operation"))
         deadline = self.loop.now() + _MODE_CONFIRM_NS
         while (shown := self._fetch(0x6061, signed=True)) != mode:
             if self.loop.now() > deadline:
-                raise Dsp402Error("6061h", shown, f"{mode.value} within {_MODE_CONFIRM_NS / SECOND:g} s of 6060h")
+                raise Dsp402Error("6061h", shown, f"{mode} within {_MODE_CONFIRM_NS / SECOND:g} s of 6060h")
             self.loop.sleep(10 * MS)
 
     def _exchange_acyclic(self, now: int) -> None:

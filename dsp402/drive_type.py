@@ -18,6 +18,7 @@ from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.faults import DriveFault
 from pdgw.dsp402.modes import Mode
 
+_VL_RAMP = 0x70
 _ABSENT = "no object of this drive"
 
 
@@ -153,6 +154,8 @@ class DriveType:
     faults: Mapping[int, DriveFault] = field(default_factory=dict)
     """By the manufacturer's fault number."""
     quirks: Quirks = Quirks()
+    max_torque: int = 0
+    """6072h as it was found; 0 for a drive without it."""
     notes: tuple[str, ...] = ()
     """What was repaired or had to be taken from elsewhere, for the user."""
 
@@ -174,6 +177,11 @@ class DriveType:
     def speed_mode(self) -> int | None:
         """The mode for a speed setpoint: profile velocity, else cyclic synchronous velocity, else velocity mode (vl)."""
         return self._first(Mode.VELOCITY, Mode.CYCLIC_VELOCITY, Mode.VL_VELOCITY)
+
+    @property
+    def speed_bits(self) -> int:
+        """Controlword bits that let a speed through in operation: in velocity mode (vl) ramp enabled, unlocked, referenced."""
+        return _VL_RAMP if self.speed_mode == Mode.VL_VELOCITY else 0
 
     @property
     def position_mode(self) -> int | None:

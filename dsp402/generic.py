@@ -5,8 +5,8 @@ Source: CiA 301 and CiA 402. Types and PDO mapping flags are those of the profil
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import cache
+from collections.abc import Callable, Mapping
+from functools import cache, lru_cache
 
 import canopen
 from canopen.objectdictionary import ODArray, ODRecord, ODVariable
@@ -15,9 +15,19 @@ from pdgw.ds301.communication import DEVICE_NAME, communication_objects, pdo_obj
 from pdgw.ds301.eds_import import import_eds
 from pdgw.ds301.objects import Access, CanType, Entry, ObjectKind, ObjectSpec, array, var
 from pdgw.ds301.pdo import PdoDirection
-from pdgw.dsp402.describe import PROFILE_AREA
+from pdgw.dsp402.describe import (
+    PRODUCT_CODE,
+    PROFILE_AREA,
+    VENDOR_ID,
+    Address,
+    answers_of_defaults,
+    describe,
+    questions,
+    signed,
+)
+from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.objects import DRIVE_OBJECTS
-from pdgw.dsp402.overlay import overlay, overlay_for
+from pdgw.dsp402.overlay import overlay, overlay_for, overlays
 
 _RW, _RO = Access.RW, Access.RO
 _I8, _I16, _I32 = CanType.I8, CanType.I16, CanType.I32
@@ -113,6 +123,32 @@ def dictionary_of(
         if (information.vendor_number, information.product_number) == (vendor_id, product_code):
             return packaged
     return discovered_dictionary(node_id, read)
+
+
+@cache
+def recorded_addresses() -> Mapping[Address, bool]:
+    """What a drive is asked at its start, and whether it is a signed number: what a recording has to take note of."""
+    dictionary = generic_dictionary(1)
+    return {address: signed(dictionary, address) for address in questions(dictionary)}
+
+
+@lru_cache(maxsize=64)
+def recorded_drive_type(answers: frozenset[tuple[Address, int]]) -> DriveType:
+    """The drive behind a recording of these answers.
+
+    What the recording does not show is taken from the package's data sheet of that device; of one that did not tell its
+    identity, from that of the first family that has one.
+    """
+    told = dict(answers)
+    vendor_id = told.get(VENDOR_ID)
+    sheets = [item for item in overlays().values() if item.eds_path is not None]
+    packaged = [item for item in sheets if vendor_id is None or item.fits(vendor_id, told.get(PRODUCT_CODE, 0))]
+    if not packaged:
+        return describe(generic_dictionary(1), told)
+    path = packaged[0].eds_path
+    assert path is not None
+    dictionary = import_eds(path, 1).dictionary
+    return describe(dictionary, answers_of_defaults(dictionary) | told)
 
 
 def _dictionary(node_id: int, read: Read) -> canopen.ObjectDictionary:

@@ -14,9 +14,9 @@ from pdgw.ds301.network import CanNetwork
 from pdgw.ds301.nmt import NmtCommand
 from pdgw.dsp402.configuration import ABORT_OPTION
 from pdgw.dsp402.drive import DriveClient, DriveStatus
-from pdgw.dsp402.images import REFERENCE_OBJECTS
 from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.dsp402.pdo import LAYOUTS
+from pdgw.dsp402.scaling import SCALING_OBJECTS
 from pdgw.dsp402.states import State, state_of
 from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.stop_watch import Brake
@@ -31,8 +31,8 @@ from pdgw.profidrive.telegrams import telegram
 
 _OWNED = OWNED | {ABORT_OPTION, (0x6040, 0), (0x6060, 0)}
 _HOMING_METHOD = (0x6098, 0)
-_REFERENCES = {(index, subindex) for _, index, subindex in REFERENCE_OBJECTS} | {_HOMING_METHOD}
-_FAULT_NUMBER, _ERROR_CODE = 0x200C, 0x603F
+_REFERENCES = {*SCALING_OBJECTS, _HOMING_METHOD}
+_ERROR_CODE = (0x603F, 0)
 _OWN_FORMAT = SensorFormat(resolution=0x1000, turns=0, xist1_absolute=False)
 """The drive's own position: 1000h increments per revolution, counted from power-on."""
 _REACTION_MARGIN = 2
@@ -113,7 +113,7 @@ class Axis(DriveObject):
         inputs.node_stopped = drive.nmt_stopped
         if drive.generation != self._generation:
             self._generation = drive.generation
-            inputs.news.append(Configured(drive.references, drive.homing_method))
+            inputs.news.append(Configured(drive.drive_type, drive.homing_method))
         if self._news or self._future is not None:
             self._deliver(inputs.news)
         if machine.sensor is not None and self._encoder is not None:
@@ -151,10 +151,11 @@ class Axis(DriveObject):
             machine.inputs.news.append(PresetAnswer(preset, None if error is None else str(error)))
 
     def _read_fault(self, drive: DriveClient) -> None:
+        own = drive.drive_type.quirks.fault_number if drive.drive_type is not None else None
         numbers = []
-        for index in (_FAULT_NUMBER, _ERROR_CODE):
+        for address in (own, _ERROR_CODE):
             try:
-                numbers.append(drive.read_number(index))
+                numbers.append(0 if address is None else drive.read_number(*address))
             except SdoAbortedError:
                 numbers.append(0)
         self._news.append(FaultRead(*numbers))
@@ -186,11 +187,11 @@ class Axis(DriveObject):
         return (index, subindex) in _REFERENCES
 
     def read_references(self, client: NodeClient[Any]) -> None:
-        self.drive.read_references()
+        self.drive.learn()
         self.drive.homing_method = self.drive.read_number(*_HOMING_METHOD, signed=True)
 
     def references_changed(self) -> None:
-        self._news.append(Configured(self.drive.references, self.drive.homing_method, restarted=False))
+        self._news.append(Configured(self.drive.drive_type, self.drive.homing_method, restarted=False))
 
     @property
     def sensor_format(self) -> SensorFormat:

@@ -21,7 +21,9 @@ class Reason(enum.Enum):
     DRIVE_OFFLINE = "drive is not online: no command is sent"
     DRIVE_FAULT = "drive is in fault: acknowledge with a rising edge of STW1.7"
     DRIVE_UNKNOWN_STATE = "Statusword fits no state of the drive: stopping"
-    REFERENCE_INVALID = "a reference object of the drive is 0 or negative: operation refused"
+    REFERENCE_INVALID = (
+        "the drive does not tell what 100 % is, or lacks the mode (fault 104 says what settles it): refused"
+    )
     RAMP_STOP = "OFF1 ramp stop in progress: ON is not obeyed before standstill"
     QUICK_STOP = "quick stop in progress"
     COAST_STOP = "STW1.1 = 0: coast stop"
@@ -119,7 +121,7 @@ GATEWAY_FAULTS: MappingProxyType[int, GatewayFault] = MappingProxyType(
             GatewayFault(FaultNumber.NODE_LOST, "node lost (heartbeat or TPDO time-out)", 0x8130),
             GatewayFault(FaultNumber.BUS_LOST, "CAN bus-off or CAN interface lost", 0x8140),
             GatewayFault(FaultNumber.PLC_LOST, "PLC lost", 0xFF01),
-            GatewayFault(FaultNumber.REFERENCE, "reference object is 0", 0xFF02),
+            GatewayFault(FaultNumber.REFERENCE, "100 % or mode of the drive not known", 0xFF02),
             GatewayFault(FaultNumber.NODE_RESTARTED, "node restarted during operation", 0xFF03),
             GatewayFault(FaultNumber.NODE_REFUSED, "node identity or configuration refused", 0xFF04),
             GatewayFault(FaultNumber.STATE_UNKNOWN, "drive state unknown", 0xFF05),

@@ -5,11 +5,9 @@ Daemon, replay, conformance and tests drive this one machine. Source: docs/trans
 
 from __future__ import annotations
 
-from types import MappingProxyType
-
+from pdgw.dsp402.drive_type import DriveType, Quantity
 from pdgw.dsp402.errors import Dsp402Error
-from pdgw.dsp402.faults import DRIVE_FAULTS
-from pdgw.dsp402.images import DriveFeedback, References
+from pdgw.dsp402.images import DriveFeedback
 from pdgw.dsp402.states import STATE_OF_STATUS, State, StatusBit
 from pdgw.gateway.axis.adapters.transparent import ACTUAL_ATTRIBUTES, SETPOINT_ATTRIBUTES
 from pdgw.gateway.axis.executors.base import Executor, Notes
@@ -47,12 +45,11 @@ from pdgw.gateway.axis.waist import (
     Report,
 )
 from pdgw.gateway.axis.watch import FAULTY, POWERED, UNPOWERED, WATCHED, Acknowledgement, DriveWatch, NodeWatch
+from pdgw.gateway.needs import needed_quantities
 from pdgw.gateway.reasons import FaultNumber, Reason
 from pdgw.profidrive.encoder import SensorError
 from pdgw.profidrive.telegrams import telegram
 
-FAULT_OF_EMCY = MappingProxyType({fault.error_code: fault.number for fault in DRIVE_FAULTS.values()})
-"""The manufacturer's fault number of an EMCY error code."""
 _OF_THE_DRIVE = Flag.OF_THE_DRIVE
 _WARNING = Flag.WARNING
 _INTERNAL_LIMIT = StatusBit.INTERNAL_LIMIT
@@ -80,12 +77,13 @@ class AxisMachine:
         self._own_sensor = DriveSensor(feedback)
         if self.sensor is not None:
             self.sensor.channel.set_references(DriveSensor.references)
-        self._node = NodeWatch(self.outputs, FAULT_OF_EMCY)
+        self._node = NodeWatch(self.outputs, {})
         self._drive = DriveWatch(self.outputs)
         self.acknowledgement = Acknowledgement()
         has_life = "STW2" in self.telegram.setpoints.names
         self.life = LifeWords(self.telegram, settings.sign_of_life_failures) if has_life else None
         self._stop = StopWatch(settings.reaction_ns, settings.stop_time_ns)
+        self._needed = needed_quantities(self.telegram)
         self._usable = False
         self._window = 0
         self._control_lost = False
@@ -252,7 +250,7 @@ class AxisMachine:
                 if item.restarted:
                     self.interlock.restarted()
                     self.executor.restarted()
-                self._set_references(item.references, item.homing_method)
+                self._set_drive(item.drive_type, item.homing_method)
             elif isinstance(item, SdoAnswer):
                 if notes.writes is item.writes:
                     notes.writes = None
@@ -266,17 +264,22 @@ class AxisMachine:
                 self._node.restart_asked()
         inputs.news.clear()
 
-    def _set_references(self, references: References | None, homing_method: int) -> None:
-        """New reference values; without valid ones the axis refuses operation (fault 104)."""
+    def _set_drive(self, drive: DriveType | None, homing_method: int) -> None:
+        """What the drive is; one whose 100 % are not known, or that lacks a mode, refuses operation (fault 104)."""
         self._usable = False
-        if references is None:
+        if drive is None:
             return
-        try:
-            references.check()
-            self.executor.set_references(references, homing_method)
-        except Dsp402Error as error:
-            self.notes.faults.append((FaultNumber.REFERENCE, str(error)))
+        self._node.fault_of_emcy = {code: fault.number for code, fault in drive.fault_of_code.items()}
+        refusal = drive.scaling.refusal(*self._needed)
+        if not refusal:
+            try:
+                self.executor.set_drive(drive, homing_method)
+            except Dsp402Error as error:
+                refusal = str(error)
+        if refusal:
+            self.notes.faults.append((FaultNumber.REFERENCE, refusal))
             return
-        self._window = max(1, int(references.speed_reference * self.settings.standstill_window))
-        self._stop.reference = int(references.speed_reference)
+        speed = drive.scaling.reference(Quantity.SPEED)
+        self._window = max(1, int(speed * self.settings.standstill_window))
+        self._stop.reference = int(speed)
         self._usable = True

@@ -10,7 +10,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-from pdgw.dsp402.images import DriveCommand, DriveFeedback, References
+from pdgw.dsp402.drive_type import DriveType
+from pdgw.dsp402.images import DriveCommand, DriveFeedback
 from pdgw.gateway.axis.stop_watch import Brake
 from pdgw.gateway.reasons import GATEWAY_FAULTS, FaultNumber, Reason
 
@@ -57,9 +58,9 @@ class RestartAsked:
 
 @dataclass(frozen=True, slots=True)
 class Configured:
-    """The drive is configured anew (``restarted``), or only its references were read anew; None: they are not known."""
+    """The drive is configured anew (``restarted``), or only what it is was read anew; None: that is not known."""
 
-    references: References | None
+    drive_type: DriveType | None
     homing_method: int = 0
     restarted: bool = True
 

@@ -77,16 +77,17 @@ class NodeWatch:
     __slots__ = (
         "_absent",
         "_emergencies",
-        "_fault_of_emcy",
         "_outputs",
         "_refusal",
         "_restart_asked",
+        "fault_of_emcy",
         "last_emergency",
     )
 
     def __init__(self, outputs: Outputs, fault_of_emcy: Mapping[int, int]) -> None:
         self._outputs = outputs
-        self._fault_of_emcy = fault_of_emcy
+        self.fault_of_emcy = fault_of_emcy
+        """Fault number of an EMCY error code."""
         self._absent = False
         self._refusal = ""
         self._restart_asked = False
@@ -152,7 +153,7 @@ class NodeWatch:
         if not self._emergencies.is_new((code, notice.register, notice.data), now):
             return
         number = CANOPEN_FAULT if code in _CANOPEN_ERRORS else INTERNAL_FAULT
-        number = self._fault_of_emcy.get(code, number)
+        number = self.fault_of_emcy.get(code, number)
         value = int.from_bytes(notice.data[:_VALUE_BYTES], "little")
         self._outputs.fault(FaultRecord(number, code, value, notice.text, now, notice.register == 0))
 

@@ -331,10 +331,10 @@ class AxisObject(NodeObject):
         return super()._warnings() | drive << _DEVICE_WARNING_BIT
 
     def _reference_speed(self) -> float:
-        references = self.axis.drive.references
-        if references is None:
+        drive = self.axis.drive.drive_type
+        if drive is None or drive.scaling.rated_speed_rpm is None:
             raise ParameterRefused(Number.NOT_EXECUTABLE_IN_STATE)
-        return float(references.max_motor_speed)
+        return float(drive.scaling.rated_speed_rpm)
 
 
 class EncoderParameters(NodeObject):

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 from pdgw.decoder.replay import AxisRecording, Replayer, receive_frames
-from pdgw.dsp402.images import DriveFeedback, References
+from pdgw.dsp402.images import DriveFeedback
 from pdgw.gateway.axis.settings import AxisSettings, SetpointEnable
 from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS
 from pdgw.gateway.axis.waist import Flag
@@ -17,6 +17,7 @@ from pdgw.profidrive.frame import STATUS_STOP, TRAILER
 from pdgw.profidrive.telegrams import telegram
 from pdgw.tools.recordings import Loaded, load
 
+from tests.support.drive_types import References
 from tests.support.plain_drive import PlainDrive
 from tests.support.recorded import CYCLE_NS, RecordedRig, known
 from tests.support.rig import MS, NODE

@@ -23,7 +23,7 @@ from pdgw.dsp402.device import EDS_PATH
 from pdgw.dsp402.drive import DriveClient, DriveEvent, DriveSettings, DriveStatus, load_eds
 from pdgw.dsp402.drive_type import Quantity
 from pdgw.dsp402.errors import Dsp402Error
-from pdgw.dsp402.images import DriveCommand, References
+from pdgw.dsp402.images import DriveCommand
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.pdo import LAYOUTS, Operation
 from pdgw.dsp402.scaling import UnitKeys
@@ -32,6 +32,7 @@ from pdgw.peers.drive import SimulatedDrive, SimulatedDriveNode
 from pdgw.peers.node.node import Value
 
 from tests.support import site
+from tests.support.drive_types import engel
 
 NODE = 4
 
@@ -108,7 +109,9 @@ def test_start_up_maps_guards_and_reads_the_references(plant: Plant) -> None:
     assert node.read(0x1017) == 100
     assert node.read(0x6007) == 3
     assert node.read(0x6061) == Mode.VELOCITY
-    assert client.references == References()
+    assert client.drive_type is not None
+    assert client.drive_type.scaling == engel().scaling
+    assert client.drive_type.modes == engel().modes
     assert client.homing_method == 35
 
 
@@ -257,7 +260,8 @@ def test_a_restart_of_the_drive_is_noticed_and_configured_again(plant: Plant) ->
     plant.online(2)
     assert "boot" in [event.kind for event in plant.events]
     assert drive.node.read(0x1016, 1) == 127 << 16 | 300
-    assert client.references == References()
+    assert client.drive_type is not None
+    assert client.drive_type.scaling == engel().scaling
 
 
 def test_emergencies_are_passed_on_with_their_code(plant: Plant) -> None:
@@ -408,7 +412,7 @@ def _lacking(plant: Plant, *, read: int = 0, write: int = 0) -> SimulatedDrive:
     return drive
 
 
-@pytest.mark.parametrize("index", [0x1018, 0x6094, 0x6080, 0x6098])
+@pytest.mark.parametrize("index", [0x1018, 0x6098])
 def test_an_object_the_eds_promises_and_the_drive_lacks_is_named(plant: Plant, index: int) -> None:
     _lacking(plant, read=index)
     client = plant.connect()
@@ -426,9 +430,6 @@ def test_a_scaling_the_drive_does_not_tell_is_refused_and_the_key_that_gives_it_
     assert client.drive_type is not None
     assert "velocity_unit settles it" in client.drive_type.scaling.refusal(Quantity.SPEED)
     assert client.drive_type.scaling.refusal(Quantity.ACCELERATION, Quantity.DECELERATION, Quantity.POSITION) == ""
-    assert client.references is not None
-    with pytest.raises(Dsp402Error, match="6094h"):
-        client.references.check()
 
 
 def test_a_drive_of_an_unknown_vendor_needs_no_eds_and_says_what_its_scaling_lacks(plant: Plant) -> None:

@@ -7,7 +7,6 @@ from collections.abc import Iterator
 import pytest
 from pdgw.ds301.loop import VirtualLoop
 from pdgw.dsp402.drive import DriveEvent, DriveStatus
-from pdgw.dsp402.images import References
 from pdgw.dsp402.states import STATUS_OF, State, StatusBit
 from pdgw.gateway.binding import Axis
 from pdgw.gateway.config import AxisConfig
@@ -15,6 +14,7 @@ from pdgw.gateway.reasons import FIRST_WARNING, Reason
 from pdgw.gateway.status import axis_status
 
 from tests.support import buses
+from tests.support.drive_types import engel
 
 MS = 1_000_000
 OFF, ON = 0x047E, 0x047F
@@ -27,7 +27,7 @@ def axis(monkeypatch: pytest.MonkeyPatch) -> Iterator[Axis]:
     axis = Axis(AxisConfig(do_id=7, node_id=3, telegram=1), network, 4)
     monkeypatch.setattr(axis.drive, "refresh", lambda now: axis.drive.status is DriveStatus.ONLINE)
     axis.drive.status = DriveStatus.ONLINE
-    axis.drive.references = References()
+    axis.drive.drive_type = engel()
     axis.drive.generation = 1
     yield axis
     network.close()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cache
 
 import canopen
@@ -11,7 +12,35 @@ from pdgw.dsp402.device import EDS_PATH
 from pdgw.dsp402.device import PRODUCT_CODE as ENGEL_PRODUCT
 from pdgw.dsp402.device import VENDOR_ID as ENGEL_VENDOR
 from pdgw.dsp402.drive_type import DriveType
-from pdgw.dsp402.images import REFERENCE_OBJECTS, References
+
+
+@dataclass(frozen=True, slots=True)
+class References:
+    """What the reference objects of the ENGEL-like drive hold; 0 is what a drive without the object is taken for."""
+
+    max_motor_speed: int = 3000
+    velocity_numerator: int = 1
+    velocity_denominator: int = 2
+    max_profile_velocity: int = 6000
+    position_min: int = -500000
+    position_max: int = 500000
+    max_acceleration: int = 1000
+    max_deceleration: int = 1000
+    max_torque: int = 3000
+
+
+REFERENCE_OBJECTS: tuple[tuple[str, int, int], ...] = (
+    ("max_motor_speed", 0x6080, 0),
+    ("velocity_numerator", 0x6094, 1),
+    ("velocity_denominator", 0x6094, 2),
+    ("max_profile_velocity", 0x607F, 0),
+    ("position_min", 0x607B, 1),
+    ("position_max", 0x607B, 2),
+    ("max_acceleration", 0x60C5, 0),
+    ("max_deceleration", 0x60C6, 0),
+    ("max_torque", 0x6072, 0),
+)
+"""Where each field of ``References`` is."""
 
 
 @cache
@@ -19,9 +48,9 @@ def engel_dictionary() -> canopen.ObjectDictionary:
     return import_eds(EDS_PATH, 1).dictionary
 
 
-def engel(references: References | None = None) -> DriveType:
+@cache
+def engel(values: References = References()) -> DriveType:
     """The ENGEL-like drive with its defaults, or with other values of its reference objects."""
-    values = references or References()
     dictionary = engel_dictionary()
     answers = {
         VENDOR_ID: ENGEL_VENDOR,

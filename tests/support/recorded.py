@@ -10,7 +10,6 @@ from pathlib import Path
 
 from pdgw.decoder.engine import Settings, given_axes
 from pdgw.ds301.nmt import NmtCommand
-from pdgw.dsp402.images import REFERENCE_OBJECTS
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.gateway.axis.settings import AxisSettings
@@ -20,6 +19,7 @@ from pdgw.profidrive.frame import ETHERTYPE
 from pdgw.tools.recordings import Known, Loaded, Opening, load, look_ahead
 
 from tests.support import captures
+from tests.support.drive_types import REFERENCE_OBJECTS
 from tests.support.rig import MS, NODE, Rig
 
 CYCLE_NS = 4 * MS

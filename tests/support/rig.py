@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pdgw.ds301.nmt import NmtCommand
 from pdgw.dsp402.configuration import pdo_steps
 from pdgw.dsp402.drive import DriveSettings
-from pdgw.dsp402.images import DriveFeedback, References
+from pdgw.dsp402.images import DriveFeedback
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.dsp402.pdo import LAYOUTS
@@ -18,6 +18,7 @@ from pdgw.gateway.motion.dsc import DscForm
 from pdgw.peers.drive import ENGEL, LINEAR, Machine, SimulatedDriveNode
 from pdgw.peers.drive.shapes import SYNCHRONOUS
 
+from tests.support.drive_types import References
 from tests.support.stepper import Stepper
 
 MS = 1_000_000

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from pdgw.dsp402.images import FEEDBACK_NAMES, DriveCommand, DriveFeedback, References
+from pdgw.dsp402.drive_type import DriveType
+from pdgw.dsp402.images import FEEDBACK_NAMES, DriveCommand, DriveFeedback
 from pdgw.gateway.axis.adapters.base import POWER_BITS, power_wishes
 from pdgw.gateway.axis.checkpoint import Checkpoints
 from pdgw.gateway.axis.encoder_machine import EncoderMachine
@@ -19,6 +20,7 @@ from pdgw.gateway.axis.waist import PowerWish
 from pdgw.gateway.motion.dsc import DscChoices, DscForm
 from pdgw.gateway.reasons import Reason
 
+from tests.support.drive_types import References, engel
 from tests.support.positioner import CHOICES
 
 DSC = DscChoices(DscForm.SPEED, following_window=4096, cycle_ns=4_000_000)
@@ -49,17 +51,21 @@ class Stepper:
         self.telegram = self.machine.telegram
         self.settings = self.machine.settings
         self.events: list[FaultRecord] = []
-        self.references: References | None = None
+        self.drive_type: DriveType | None = None
         self.checkpoints = Checkpoints(self.machine)
         self._answered: object = None
 
     def set_references(self, references: References | None, homing_method: int = 0) -> None:
-        """Only the references are read anew."""
-        self.references = references
-        self.machine.inputs.news.append(Configured(references, homing_method, restarted=False))
+        """Only the references of the ENGEL-like drive are read anew."""
+        self.set_drive(None if references is None else engel(references), homing_method)
+
+    def set_drive(self, drive: DriveType | None, homing_method: int = 0) -> None:
+        """Only what the drive is was read anew."""
+        self.drive_type = drive
+        self.machine.inputs.news.append(Configured(drive, homing_method, restarted=False))
 
     def drive_restarted(self) -> None:
-        self.machine.inputs.news.append(Configured(self.references))
+        self.machine.inputs.news.append(Configured(self.drive_type))
 
     def sdo_done(self, error: str | None) -> None:
         """The writes asked for are taken, or not."""

@@ -6,7 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from pdgw.ds301.pdo import Pdo
-from pdgw.dsp402.images import DriveFeedback, References
+from pdgw.dsp402.generic import recorded_drive_type
+from pdgw.dsp402.images import DriveFeedback
 from pdgw.dsp402.pdo import LAYOUTS, PdoLayout
 from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.settings import AxisSettings
@@ -44,7 +45,7 @@ def axis_cycle(number: int) -> Callable[[], object]:
     feedback = DriveFeedback()
     machine = AxisMachine(number, AxisSettings(), feedback)
     inputs, command = machine.inputs, machine.outputs.command
-    inputs.news.append(Configured(References()))
+    inputs.news.append(Configured(recorded_drive_type(frozenset())))
     inputs.drive_ok = True
     now = _enable(endpoint, machine, plc, number)
     # The cycle counter goes on when they are sent again: it wraps after a whole number of times.

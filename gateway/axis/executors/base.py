@@ -1,15 +1,16 @@
 """What the machine asks of every executor, and what executors have in common.
 
-An executor writes the drive's command image and its share of the report. It is stepped while there are valid references;
-``refuse`` is called instead while there are none.
+An executor writes the drive's command image and its share of the report. It is stepped while the drive is known well enough;
+``refuse`` is called instead while it is not.
 """
 
 from __future__ import annotations
 
 from fractions import Fraction
 
+from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.errors import Dsp402Error
-from pdgw.dsp402.images import DriveCommand, DriveFeedback, References
+from pdgw.dsp402.images import DriveCommand, DriveFeedback
 from pdgw.dsp402.states import StatusBit
 from pdgw.gateway.axis.power_table import Action
 from pdgw.gateway.axis.settings import AxisSettings
@@ -54,10 +55,10 @@ class Executor:
         self.report = report
         self.notes = notes
 
-    def set_references(self, references: References, homing_method: int) -> None:
-        """Valid references: at start, after a write to one, after a restart of the drive.
+    def set_drive(self, drive: DriveType, homing_method: int) -> None:
+        """What the drive is: at start, after a write to a reference object, after a restart of the drive.
 
-        Dsp402Error when something this executor cannot do without is not known.
+        Dsp402Error for one that cannot do what the telegram asks.
         """
         raise NotImplementedError
 

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 from fractions import Fraction
 
+from pdgw.dsp402.drive_type import DriveType, Quantity
 from pdgw.dsp402.errors import Dsp402Error
-from pdgw.dsp402.images import DriveCommand, DriveFeedback, References
+from pdgw.dsp402.images import DriveCommand, DriveFeedback
 from pdgw.dsp402.states import STATE_OF_STATUS, State
 from pdgw.gateway.axis.executors.base import Executor, Notes, known
 from pdgw.gateway.axis.executors.torque import message_of
@@ -49,15 +50,16 @@ class DscExecutor(Executor):
         self._tolerance = 0
         self._was_clamped = False
 
-    def set_references(self, references: References, homing_method: int) -> None:
-        if references.max_torque <= 0:
-            raise Dsp402Error("Max Torque 6072h", references.max_torque, "a value above 0, which MOMRED reduces")
-        counts = known(references.counts_per_revolution, "position units per revolution", "counts_per_revolution")
-        velocity = known(references.velocity_per_rpm, "velocity units per rpm", "velocity_unit")
-        acceleration = known(references.acceleration_per_rpm_s, "acceleration units", "acceleration_unit")
+    def set_drive(self, drive: DriveType, homing_method: int) -> None:
+        if drive.max_torque <= 0:
+            raise Dsp402Error("Max Torque 6072h", drive.max_torque, "a value above 0, which MOMRED reduces")
+        scaling = drive.scaling
+        counts = known(scaling.counts_per_revolution, "position units per revolution", "counts_per_revolution")
+        velocity = known(scaling.velocity_per_rpm, "velocity units per rpm", "velocity_unit")
+        acceleration = known(scaling.acceleration_per_rpm_s, "acceleration units", "acceleration_unit")
         if counts.denominator != 1:
             raise Dsp402Error("position units per revolution", counts, "a whole number for DSC")
-        choices, reference = self.choices, references.speed_reference
+        choices, reference = self.choices, scaling.reference(Quantity.SPEED)
         settings = DscSettings(
             choices.form,
             int(counts),
@@ -71,9 +73,9 @@ class DscExecutor(Executor):
         self.dsc = Dsc(settings)
         self._actual = n4(reference, _I32)
         self._message = MessageWord(int(reference))
-        self._torque = self.command.max_torque = references.max_torque
+        self._torque = self.command.max_torque = drive.max_torque
         cycle = Fraction(choices.cycle_ns, _NS)
-        self._deceleration = max(1, int(references.max_deceleration / acceleration * cycle * velocity))
+        self._deceleration = max(1, int(scaling.reference(Quantity.DECELERATION) / acceleration * cycle * velocity))
         self._way = (counts / velocity / _SECONDS_PER_MINUTE * cycle).as_integer_ratio()
         self._tolerance = int(reference * self.settings.standstill_window)
 

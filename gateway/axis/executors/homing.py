@@ -9,7 +9,7 @@ from __future__ import annotations
 import enum
 
 from pdgw.dsp402.images import DriveFeedback
-from pdgw.dsp402.modes import HOMING_METHODS, Mode
+from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import StatusBit
 from pdgw.gateway.axis.executors.base import Notes
 from pdgw.gateway.axis.executors.mode import ModeSwitch
@@ -49,6 +49,7 @@ class Homing:
         "_writes",
         "home_set",
         "method",
+        "methods",
     )
 
     def __init__(self, notes: Notes, mode: ModeSwitch) -> None:
@@ -56,6 +57,8 @@ class Homing:
         self._mode = mode
         self.method = 0
         """6098h as the drive has it."""
+        self.methods: frozenset[int] = frozenset()
+        """Those the drive offers."""
         self.home_set = False
         """The drive knows where it is."""
         self._writes: tuple[SdoWrite, ...] = ()
@@ -69,12 +72,12 @@ class Homing:
     def supported(self, method: int) -> bool:
         """Whether the method exists; one that does not starts nothing and raises the warning."""
         notes = self._notes
-        if method in HOMING_METHODS:
+        if method in self.methods:
             notes.warning = False
             return True
         notes.warning = True
         notes.reason = Reason.HOMING_METHOD
-        allowed = ", ".join(str(number) for number in sorted(HOMING_METHODS))
+        allowed = ", ".join(str(number) for number in sorted(self.methods))
         notes.faults.append((FaultNumber.HOMING_METHOD, f"homing method {method}, allowed {allowed}"))
         return False
 

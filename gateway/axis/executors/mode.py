@@ -24,6 +24,12 @@ class ModeSwitch:
         """Halt is set: the mode stays what it is."""
         self._since = -1
 
+    def rebase(self, base: int) -> None:
+        """Another mode of tasks, of another drive."""
+        if self.mode == self.base:
+            self.mode = base
+        self.base = base
+
     def give_up(self) -> None:
         """Back to the base mode; nothing is waited for."""
         self._since = -1

@@ -7,9 +7,11 @@ touch probes, torque limits.
 
 from __future__ import annotations
 
-from pdgw.dsp402.images import DriveCommand, DriveFeedback, References
+from pdgw.ds301.objects import CanType
+from pdgw.dsp402.drive_type import DriveType, Quantity
+from pdgw.dsp402.images import DriveCommand, DriveFeedback
 from pdgw.dsp402.modes import Mode
-from pdgw.dsp402.objects import DRIVE_OBJECTS, NEGATIVE_LIMIT_SWITCH, POSITIVE_LIMIT_SWITCH
+from pdgw.dsp402.objects import NEGATIVE_LIMIT_SWITCH, POSITIVE_LIMIT_SWITCH
 from pdgw.dsp402.states import STATE_OF_STATUS, ControlBit, State, StatusBit
 from pdgw.gateway.axis.executors.base import Executor, Notes, known
 from pdgw.gateway.axis.executors.homing import Homing, Progress
@@ -38,7 +40,6 @@ from pdgw.profidrive.datatypes import Normalisation, n4
 
 _HALT = ControlBit.HALT
 _NEW_SETPOINT = ControlBit.NEW_SETPOINT
-_TARGET = DRIVE_OBJECTS.attribute("target_position").limits
 
 
 class PositionerExecutor(Executor):
@@ -59,6 +60,8 @@ class PositionerExecutor(Executor):
         self._units: LengthUnits | None = None
         self._speed: Normalisation | None = None
         self._message: MessageWord | None = None
+        self._target = CanType.I32.integer_range
+        """What 607Ah can hold."""
         self._limits = (0, 0, 0)
         """Highest velocity, acceleration, deceleration of the drive."""
         self._setpoint_bit = False
@@ -68,26 +71,28 @@ class PositionerExecutor(Executor):
         """Serial of the homing that was begun."""
         self._warned: Reason | None = None
 
-    def set_references(self, references: References, homing_method: int) -> None:
-        choices = self.choices
+    def set_drive(self, drive: DriveType, homing_method: int) -> None:
+        choices, scaling = self.choices, drive.scaling
         units = DriveUnits(
-            known(references.counts_per_revolution, "position units per revolution", "counts_per_revolution"),
-            known(references.velocity_per_rpm, "velocity units per rpm", "velocity_unit"),
-            known(references.acceleration_per_rpm_s, "acceleration units per rpm/s", "acceleration_unit"),
+            known(scaling.counts_per_revolution, "position units per revolution", "counts_per_revolution"),
+            known(scaling.velocity_per_rpm, "velocity units per rpm", "velocity_unit"),
+            known(scaling.acceleration_per_rpm_s, "acceleration units per rpm/s", "acceleration_unit"),
         )
         self.homing.method = homing_method
+        self.homing.methods = frozenset(drive.homing_methods)
+        self._target = drive.limits("target_position")
         length = self._units = LengthUnits(
             choices.lu_per_revolution, choices.max_acceleration, choices.max_deceleration, units
         )
-        reference = references.speed_reference
-        self._speed = n4(reference, DRIVE_OBJECTS.attribute("velocity_actual").limits)
+        reference = scaling.reference(Quantity.SPEED)
+        self._speed = n4(reference, drive.limits("velocity_actual"))
         self._message = MessageWord(int(reference))
         self._limits = (
-            int(references.profile_velocity_reference),
-            references.max_acceleration,
-            references.max_deceleration,
+            int(scaling.reference(Quantity.PROFILE_VELOCITY)),
+            int(scaling.reference(Quantity.ACCELERATION)),
+            int(scaling.reference(Quantity.DECELERATION)),
         )
-        low, high = (length.to_length(limit) for limit in (references.position_min, references.position_max))
+        low, high = (length.to_length(limit) for limit in scaling.position_range or self._target)
         self.positioner.set_position_range(low, high)
 
     def restarted(self) -> None:
@@ -329,7 +334,7 @@ def _settings(choices: PositionerChoices) -> PositionerSettings:
     return PositionerSettings(
         choices.max_velocity,
         choices.position_window,
-        _TARGET,
+        CanType.I32.integer_range,
         choices.jog_velocities,
         choices.jog_distances,
         choices.software_limits,

@@ -19,23 +19,23 @@ from __future__ import annotations
 import enum
 from dataclasses import dataclass, replace
 
-from pdgw.dsp402.images import DriveCommand, DriveFeedback, References
+from pdgw.ds301.objects import CanType
+from pdgw.dsp402.drive_type import DriveType
+from pdgw.dsp402.images import DriveCommand, DriveFeedback
 from pdgw.dsp402.modes import Mode
-from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.dsp402.states import STATE_OF_STATUS, ControlBit, State, StatusBit
 from pdgw.gateway.axis.executors.base import Executor, LimitWatch, Notes
 from pdgw.gateway.axis.executors.homing import Homing, Progress
 from pdgw.gateway.axis.executors.mode import ModeSwitch
+from pdgw.gateway.axis.executors.task_scaling import TaskScaling, base_mode
 from pdgw.gateway.axis.power_table import Action
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.waist import STATE_MASK, Demand, Direction, Flag, Report, Task
 from pdgw.gateway.reasons import Reason
-from pdgw.profidrive.datatypes import Normalisation, n4
 
 _HALT = ControlBit.HALT
 _NEW_SETPOINT = ControlBit.NEW_SETPOINT
 _ACKNOWLEDGED = StatusBit.MODE_12
-_LOWEST, _HIGHEST = DRIVE_OBJECTS.attribute("target_position").limits
 _TURN_BITS = {
     Direction.SHORTEST: ControlBit.TURNTABLE_SHORTEST,
     Direction.POSITIVE: 0,
@@ -74,17 +74,6 @@ class DriveTask:
     """Where the task ends, for the resume; None for a relative task that was not given to the drive yet."""
 
 
-@dataclass(frozen=True, slots=True)
-class _Scaling:
-    """Conversions of a drive's references."""
-
-    position: Normalisation
-    relative: Normalisation
-    velocity: Normalisation
-    acceleration: Normalisation
-    deceleration: Normalisation
-
-
 class PositioningExecutor(Executor):
     """Tasks to profile position mode, homing to homing mode, with the hand-shakes of both sides."""
 
@@ -92,10 +81,12 @@ class PositioningExecutor(Executor):
         super().__init__(settings, command, report, notes)
         self.sub_state = SubState.IDLE
         self._turntable = settings.modulo_axis
-        self._mode = ModeSwitch(notes, Mode.TURNTABLE.value if settings.modulo_axis else Mode.POSITION.value)
+        self._mode = ModeSwitch(notes, Mode.POSITION.value)
         self.homing = Homing(notes, self._mode)
         self.command.modes_of_operation = self._mode.mode
-        self._scaling: _Scaling | None = None
+        self._scaling: TaskScaling | None = None
+        self._positions = CanType.I32.integer_range
+        """What 607Ah can hold."""
         self._task: DriveTask | None = None
         self._taken = False
         """The drive has acknowledged the task (SW.12)."""
@@ -109,19 +100,12 @@ class PositioningExecutor(Executor):
         self._at_limit = False
         """The intermediate stop is not the PLC's: a limit of the drive stopped the task."""
 
-    def set_references(self, references: References, homing_method: int) -> None:
+    def set_drive(self, drive: DriveType, homing_method: int) -> None:
+        self._mode.rebase(base_mode(drive, modulo=self._turntable))
         self.homing.method = homing_method
-        velocity_low, velocity_high = DRIVE_OBJECTS.attribute("profile_velocity").limits
-        velocity_reference = references.profile_velocity_reference
-        acceleration_low = DRIVE_OBJECTS.attribute("profile_acceleration").limits[0]
-        deceleration_low = DRIVE_OBJECTS.attribute("profile_deceleration").limits[0]
-        self._scaling = _Scaling(
-            n4(references.position_max, (references.position_min, references.position_max)),
-            n4(references.position_max, (_LOWEST, _HIGHEST)),
-            n4(velocity_reference, (velocity_low, min(velocity_high, int(velocity_reference))), minimum=0),
-            n4(references.max_acceleration, (acceleration_low, references.max_acceleration)),
-            n4(references.max_deceleration, (deceleration_low, references.max_deceleration)),
-        )
+        self.homing.methods = frozenset(drive.homing_methods)
+        self._positions = drive.limits("target_position")
+        self._scaling = TaskScaling.of(drive)
 
     def restarted(self) -> None:
         self._drop()
@@ -198,7 +182,9 @@ class PositioningExecutor(Executor):
         report.position = scaling.position.to_wire(feedback.position_actual)
         return reason
 
-    def _operate(self, demand: Demand, scaling: _Scaling, feedback: DriveFeedback, standstill: bool, now: int) -> int:
+    def _operate(
+        self, demand: Demand, scaling: TaskScaling, feedback: DriveFeedback, standstill: bool, now: int
+    ) -> int:
         sub_state = self.sub_state
         if sub_state is SubState.TASK:
             return self._traversing(demand, scaling, feedback, standstill, now)
@@ -231,7 +217,7 @@ class PositioningExecutor(Executor):
 
     # -- traversing tasks -----------------------------------------------------------------------------------------
 
-    def _convert(self, task: Task, scaling: _Scaling) -> DriveTask:
+    def _convert(self, task: Task, scaling: TaskScaling) -> DriveTask:
         limited = self.notes.limited
         bits = ControlBit.CHANGE_IMMEDIATELY
         if task.relative:
@@ -250,7 +236,7 @@ class PositioningExecutor(Executor):
             None if task.relative else target,
         )
 
-    def _latch(self, demand: Demand, scaling: _Scaling) -> None:
+    def _latch(self, demand: Demand, scaling: TaskScaling) -> None:
         """The edge of a task with everything else given becomes a task with the data of its frame; any other starts nothing."""
         task = demand.task
         if task is None:
@@ -264,7 +250,7 @@ class PositioningExecutor(Executor):
         else:
             self._capture(task, scaling)
 
-    def _capture(self, task: Task, scaling: _Scaling) -> None:
+    def _capture(self, task: Task, scaling: TaskScaling) -> None:
         """A task with a speed replaces what waits."""
         converted = self._convert(task, scaling)
         if converted.velocity:
@@ -302,16 +288,17 @@ class PositioningExecutor(Executor):
 
     def _in_range(self, position: int) -> int:
         """A computed position as an object can hold it: a modulo axis turns on past the end, any other ends there."""
+        lowest, highest = self._positions
         if self._turntable:
-            return (position - _LOWEST) % (_HIGHEST - _LOWEST + 1) + _LOWEST
-        return min(max(position, _LOWEST), _HIGHEST)
+            return (position - lowest) % (highest - lowest + 1) + lowest
+        return min(max(position, lowest), highest)
 
     def _bits(self) -> int:
         """Controlword bits 4-6, 11 and 12 of the task in force."""
         task = self._task
         return (task.bits if task is not None else 0) | (_NEW_SETPOINT if self._setpoint_bit else 0)
 
-    def _idle(self, demand: Demand, scaling: _Scaling, feedback: DriveFeedback, now: int) -> int:
+    def _idle(self, demand: Demand, scaling: TaskScaling, feedback: DriveFeedback, now: int) -> int:
         if self._homing_asked(demand):
             return self._begin_homing(demand, scaling)
         self._latch(demand, scaling)
@@ -336,7 +323,7 @@ class PositioningExecutor(Executor):
         return True
 
     def _traversing(
-        self, demand: Demand, scaling: _Scaling, feedback: DriveFeedback, standstill: bool, now: int
+        self, demand: Demand, scaling: TaskScaling, feedback: DriveFeedback, standstill: bool, now: int
     ) -> int:
         if self._ends(demand):
             return self._brake(then_home=False)
@@ -354,7 +341,7 @@ class PositioningExecutor(Executor):
             return self._interrupt(demand, scaling, feedback, now)
         return self._bits()
 
-    def _interrupt(self, demand: Demand, scaling: _Scaling, feedback: DriveFeedback, now: int) -> int:
+    def _interrupt(self, demand: Demand, scaling: TaskScaling, feedback: DriveFeedback, now: int) -> int:
         self.sub_state = SubState.INTERMEDIATE
         self._keep_newest()
         return self._intermediate(demand, scaling, feedback, now)
@@ -366,7 +353,7 @@ class PositioningExecutor(Executor):
             self._taken = False
             self._setpoint_bit = False
 
-    def _intermediate(self, demand: Demand, scaling: _Scaling, feedback: DriveFeedback, now: int) -> int:
+    def _intermediate(self, demand: Demand, scaling: TaskScaling, feedback: DriveFeedback, now: int) -> int:
         if self._ends(demand):
             return self._brake(then_home=False)
         if self._homing_asked(demand):
@@ -406,7 +393,7 @@ class PositioningExecutor(Executor):
         self._braking_reason = self.notes.reason
         return _HALT
 
-    def _braking(self, demand: Demand, scaling: _Scaling, feedback: DriveFeedback, standstill: bool) -> int:
+    def _braking(self, demand: Demand, scaling: TaskScaling, feedback: DriveFeedback, standstill: bool) -> int:
         """Halt is kept to standstill and then cleared without a restart."""
         if not demand.homing:
             self._homing_after_braking = False
@@ -439,7 +426,7 @@ class PositioningExecutor(Executor):
             notes.reason = Reason.HOMING_METHOD
         return False
 
-    def _begin_homing(self, demand: Demand, scaling: _Scaling) -> int:
+    def _begin_homing(self, demand: Demand, scaling: TaskScaling) -> int:
         self.sub_state = SubState.HOMING_SETUP
         self._forget_tasks()
         self._homing_after_braking = False
@@ -470,7 +457,7 @@ class PositioningExecutor(Executor):
             self.sub_state = SubState.HOMED
         return _NEW_SETPOINT
 
-    def _homing_over(self, demand: Demand, scaling: _Scaling) -> int:
+    def _homing_over(self, demand: Demand, scaling: TaskScaling) -> int:
         if demand.homing:
             if self.sub_state is SubState.HOMED:
                 return _NEW_SETPOINT

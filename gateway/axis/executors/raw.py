@@ -8,9 +8,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from operator import attrgetter
 
-from pdgw.dsp402.images import DriveCommand, DriveFeedback, References
-from pdgw.dsp402.modes import Mode
-from pdgw.dsp402.objects import DRIVE_OBJECTS
+from pdgw.dsp402.drive_type import DriveType
+from pdgw.dsp402.images import DriveCommand, DriveFeedback
 from pdgw.dsp402.states import STATUS_OF, STATUS_PATTERNS, ControlBit, State
 from pdgw.gateway.axis.executors.base import Executor, Notes
 from pdgw.gateway.axis.power_table import Action
@@ -18,9 +17,6 @@ from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.waist import Demand, Report
 from pdgw.gateway.reasons import Reason
 
-_NOT_HERE = (Mode.VL_VELOCITY, Mode.CYCLIC_POSITION, Mode.CYCLIC_VELOCITY)
-_MODES = {mode.value.to_bytes(1, "little", signed=True)[0]: mode.value for mode in Mode if mode not in _NOT_HERE}
-"""Modes the drive knows, by the byte that carries them."""
 _BYTE = 0xFF
 _STATE_BITS = 0
 for _pattern in STATUS_PATTERNS:
@@ -42,13 +38,18 @@ class RawExecutor(Executor):
         actuals: Sequence[str],
     ) -> None:
         super().__init__(settings, command, report, notes)
-        self._limits = tuple((name, *DRIVE_OBJECTS.attribute(name).limits) for name in setpoints)
+        self._setpoints = tuple(setpoints)
+        self._limits: tuple[tuple[str, int, int], ...] = ()
+        self._modes: dict[int, int] = {}
+        """Modes the drive knows, by the byte that carries them."""
         self._read = attrgetter(*actuals)
         self._last: Sequence[int] = ()
         self._mode_refused = False
 
-    def set_references(self, references: References, homing_method: int) -> None:
-        """Nothing is scaled."""
+    def set_drive(self, drive: DriveType, homing_method: int) -> None:
+        self._limits = tuple((name, *drive.limits(name)) for name in self._setpoints)
+        self._modes = {mode & _BYTE: mode for mode in drive.modes}
+        self._last = ()
 
     def refuse(self, controlword: int, feedback: DriveFeedback) -> None:
         self.command.controlword = controlword
@@ -88,9 +89,9 @@ class RawExecutor(Executor):
         command, last = self.command, self._last
         self._last = values
         mode = values[_MODE] & _BYTE
-        self._mode_refused = mode != 0 and mode not in _MODES
-        if mode in _MODES:
-            command.modes_of_operation = _MODES[mode]
+        self._mode_refused = mode != 0 and mode not in self._modes
+        if mode in self._modes:
+            command.modes_of_operation = self._modes[mode]
         position = _FIRST_VALUE
         count = len(values)
         while position < count:

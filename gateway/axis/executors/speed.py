@@ -1,12 +1,13 @@
-"""Profile velocity (6060h = 3): a speed to 60FFh, 606Ch to a speed, a ramp stop by Target Velocity 0.
+"""Speed: to 60FFh (6060h = 3, else 9; 6042h in mode 2), 606Ch to a speed, a ramp stop by Target Velocity 0.
 
 Source: docs/translation.md "Standard telegrams", docs/telegrams.md "Normalisation"; the manufacturer's guide 6.1-6.6.
 """
 
 from __future__ import annotations
 
-from pdgw.dsp402.images import DriveCommand, DriveFeedback, References
-from pdgw.dsp402.objects import DRIVE_OBJECTS
+from pdgw.dsp402.drive_type import DriveType, Quantity
+from pdgw.dsp402.errors import Dsp402Error
+from pdgw.dsp402.images import DriveCommand, DriveFeedback
 from pdgw.dsp402.states import StatusBit
 from pdgw.gateway.axis.executors.base import Executor, LimitWatch, Notes
 from pdgw.gateway.axis.power_table import Action
@@ -32,15 +33,20 @@ class SpeedExecutor(Executor):
         self._wire: int | None = None
         self._value = 0
         self._target = 0
+        self._mode_bits = 0
+        """Controlword bits that let the setpoint through in operation."""
         self._limit = LimitWatch()
         self._stopped = 0
         """The setpoint with which the axis stood at a limit; 0: none."""
 
-    def set_references(self, references: References, homing_method: int) -> None:
-        reference = references.speed_reference
+    def set_drive(self, drive: DriveType, homing_method: int) -> None:
+        if drive.speed_mode is None:
+            raise Dsp402Error("modes of the drive (6502h)", sorted(drive.modes), "3, 9 or 2 for a speed")
+        reference = drive.scaling.reference(Quantity.SPEED)
         self._wire = None
-        self._setpoint = n4(reference, DRIVE_OBJECTS.attribute("target_velocity").limits)
-        self._actual = n4(reference, DRIVE_OBJECTS.attribute("velocity_actual").limits)
+        self._setpoint = n4(reference, drive.limits("target_velocity"))
+        self._actual = n4(reference, drive.limits("velocity_actual"))
+        self._mode_bits = drive.speed_bits
 
     def restarted(self) -> None:
         self._target = 0
@@ -84,6 +90,8 @@ class SpeedExecutor(Executor):
                 reason = Reason.STOPPED_AT_LIMIT
         else:
             self._limit.reset()
+        if action is _ENABLE_OPERATION or action is _RAMP:
+            controlword |= self._mode_bits
         command = self.command
         command.controlword = controlword | demand.device_bits if demand.connected else controlword
         command.target_velocity = target

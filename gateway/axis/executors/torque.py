@@ -5,8 +5,9 @@ Source: docs/motion.md "MELDW and MOMRED". 6072h is the limit the drive had at s
 
 from __future__ import annotations
 
+from pdgw.dsp402.drive_type import DriveType, Quantity
 from pdgw.dsp402.errors import Dsp402Error
-from pdgw.dsp402.images import DriveCommand, DriveFeedback, References
+from pdgw.dsp402.images import DriveCommand, DriveFeedback
 from pdgw.dsp402.states import STATE_OF_STATUS, State, StatusBit
 from pdgw.gateway.axis.executors.base import Notes
 from pdgw.gateway.axis.executors.speed import SpeedExecutor
@@ -42,12 +43,12 @@ class TorqueExecutor(SpeedExecutor):
         self._message: MessageWord | None = None
         self._base = 0
 
-    def set_references(self, references: References, homing_method: int) -> None:
-        if references.max_torque <= 0:
-            raise Dsp402Error("Max Torque 6072h", references.max_torque, "a value above 0, which MOMRED reduces")
-        super().set_references(references, homing_method)
-        self._message = MessageWord(int(references.speed_reference))
-        self._base = self.command.max_torque = references.max_torque
+    def set_drive(self, drive: DriveType, homing_method: int) -> None:
+        if drive.max_torque <= 0:
+            raise Dsp402Error("Max Torque 6072h", drive.max_torque, "a value above 0, which MOMRED reduces")
+        super().set_drive(drive, homing_method)
+        self._message = MessageWord(int(drive.scaling.reference(Quantity.SPEED)))
+        self._base = self.command.max_torque = drive.max_torque
 
     def refuse(self, controlword: int, feedback: DriveFeedback) -> None:
         super().refuse(controlword, feedback)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-from pdgw.dsp402.images import References
 from pdgw.dsp402.modes import Mode
 from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.settings import AxisSettings
@@ -13,6 +12,7 @@ from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.motion.dsc import DscChoices, DscForm, dead_time_ns, highest_gain
 from pdgw.gateway.reasons import FaultNumber, Reason
 
+from tests.support.drive_types import References, engel
 from tests.support.rig import Rig
 
 CYCLE_NS = 4_000_000
@@ -137,6 +137,7 @@ def test_dsc_without_its_choice_is_refused() -> None:
 
 def test_a_drive_whose_units_are_not_known_does_not_operate() -> None:
     rig = axis(DscForm.SPEED)
-    rig.stepper.set_references(replace(REFERENCES, velocity_per_rpm=None))
+    drive = engel(REFERENCES)
+    rig.stepper.set_drive(replace(drive, scaling=replace(drive.scaling, velocity_per_rpm=None)))
     rig.step(2)
     assert [event.number for event in rig.stepper.events] == [FaultNumber.REFERENCE]

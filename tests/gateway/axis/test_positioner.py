@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-from pdgw.dsp402.images import References
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import ControlBit
 from pdgw.gateway.axis.machine import AxisMachine
@@ -13,6 +12,7 @@ from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.reasons import FaultNumber, Reason
 
+from tests.support.drive_types import References, engel
 from tests.support.positioner import CHOICES
 from tests.support.rig import Rig
 
@@ -303,7 +303,8 @@ def test_a_positioner_without_its_choices_is_refused() -> None:
 
 def test_a_drive_whose_units_are_not_known_does_not_operate() -> None:
     rig = Rig(111, positioner=CHOICES)
-    rig.stepper.set_references(replace(REFERENCES, counts_per_revolution=None))
+    drive = engel(REFERENCES)
+    rig.stepper.set_drive(replace(drive, scaling=replace(drive.scaling, counts_per_revolution=None)))
     rig.step(3)
     assert rig.stepper.events[0].number == FaultNumber.REFERENCE
     assert "counts_per_revolution" in rig.stepper.events[0].text

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-from pdgw.dsp402.images import DriveFeedback, References
+from pdgw.dsp402.images import DriveFeedback
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import STATUS_OF, ControlBit, State, StatusBit
 from pdgw.gateway.axis.settings import AxisSettings
@@ -25,6 +25,7 @@ from tests.gateway.axis.test_positioning import (
     position,
     task,
 )
+from tests.support.drive_types import References
 from tests.support.stepper import Stepper
 
 

@@ -70,7 +70,7 @@ def test_the_brakes_are_released_by_a_drive_that_shows_no_power_not_by_its_confi
     bench.drive_ok = False
     assert deaf(bench, QUICK_STOP, 10) is Brake.WITHHOLD_HEARTBEAT
     bench.drive_ok = True
-    bench.stepper.machine.inputs.news.append(Configured(bench.stepper.references))
+    bench.stepper.machine.inputs.news.append(Configured(bench.stepper.drive_type))
     assert deaf(bench, QUICK_STOP, 3) is Brake.WITHHOLD_HEARTBEAT
     bench.drive.restart()
     assert deaf(bench, OFF, 2) is Brake.NONE

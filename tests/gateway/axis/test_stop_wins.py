@@ -213,7 +213,7 @@ def test_a_lost_drive_is_told_to_stop_in_every_cycle_until_it_is_known_to_be_off
     bench.drive_ok = True
     bench.drive.state = State.OPERATION_ENABLED
     bench.drive.show()
-    machine.inputs.news.append(Configured(bench.stepper.references))
+    machine.inputs.news.append(Configured(bench.stepper.drive_type))
     bench.stepper.step((ON, 0x2000), bench.drive.feedback, True, bench.now)
     assert bench.controlword & 0xF == 0x2
     assert not machine.outputs.known_off

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-from pdgw.dsp402.images import References
 from pdgw.gateway.reasons import FaultNumber
 from pdgw.profidrive.signals import signal
 
+from tests.support.drive_types import References
 from tests.support.rig import Rig
 
 OFF = 0x047E

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import pytest
-from pdgw.dsp402.images import References
 from pdgw.dsp402.states import STATUS_OF, Command, State, StatusBit
 from pdgw.gateway.axis.settings import AxisSettings, ControlLost, PlcLossReaction, SetpointEnable
 from pdgw.gateway.reasons import Reason
 
+from tests.support.drive_types import References
 from tests.support.plain_drive import PlainDrive
 from tests.support.stepper import Stepper
 
@@ -347,7 +347,7 @@ def test_speed_saturates_at_the_objects_limit_and_is_counted() -> None:
     assert bench.stepper.saturations == 1
 
 
-@pytest.mark.parametrize("name", ["max_motor_speed", "velocity_numerator", "max_acceleration"])
+@pytest.mark.parametrize("name", ["max_motor_speed", "velocity_numerator"])
 def test_a_reference_of_0_refuses_operation(name: str) -> None:
     bench = Bench(references=References(**{name: 0}))
     bench.step(OFF, cycles=3)

@@ -1,0 +1,51 @@
+"""What a traversing task needs of a drive: its mode, and 100 % of position, velocity and accelerations."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from pdgw.dsp402.drive_type import DriveType, Quantity
+from pdgw.dsp402.errors import Dsp402Error
+from pdgw.dsp402.modes import Mode
+from pdgw.profidrive.datatypes import Normalisation, n4
+
+
+def base_mode(drive: DriveType, *, modulo: bool) -> int:
+    """The mode of traversing tasks; Dsp402Error for a drive without it."""
+    if modulo:
+        if drive.quirks.modulo_mode is None:
+            raise Dsp402Error("modulo_axis", True, "false: no turntable mode of this drive is known")
+        return drive.quirks.modulo_mode
+    if Mode.POSITION not in drive.modes:
+        raise Dsp402Error("modes of the drive (6502h)", sorted(drive.modes), "1 for a traversing task")
+    return Mode.POSITION.value
+
+
+@dataclass(frozen=True, slots=True)
+class TaskScaling:
+    """Conversions between fractions and the drive's units, each within the limits of its object."""
+
+    position: Normalisation
+    relative: Normalisation
+    velocity: Normalisation
+    acceleration: Normalisation
+    deceleration: Normalisation
+
+    @classmethod
+    def of(cls, drive: DriveType) -> TaskScaling:
+        """Dsp402Error when 100 % of one of them is not known, or the drive lacks an object."""
+        scaling = drive.scaling
+        positions = drive.limits("target_position")
+        low, high = scaling.position_range or positions
+        position = scaling.reference(Quantity.POSITION)
+        velocity = scaling.reference(Quantity.PROFILE_VELOCITY)
+        acceleration = scaling.reference(Quantity.ACCELERATION)
+        deceleration = scaling.reference(Quantity.DECELERATION)
+        velocity_low, velocity_high = drive.limits("profile_velocity")
+        return cls(
+            n4(position, (max(low, positions[0]), min(high, positions[1]))),
+            n4(position, positions),
+            n4(velocity, (velocity_low, min(velocity_high, int(velocity))), minimum=0),
+            n4(acceleration, (drive.limits("profile_acceleration")[0], int(acceleration))),
+            n4(deceleration, (drive.limits("profile_deceleration")[0], int(deceleration))),
+        )
