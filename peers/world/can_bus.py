@@ -25,7 +25,7 @@ _QUEUE = 16
 _MAXIMUM_DATA = 8
 
 Tap = Callable[[int, "Member", int, bytes], None]
-"""Sees every frame that went over the bus: time, sender, identifier with the flags of ``can_frame``, data."""
+"""Sees frames: time, sender, identifier with the flags of ``can_frame``, data."""
 
 
 class Member:
@@ -55,7 +55,7 @@ class Member:
         if self.bus_off or len(self.queue) >= _QUEUE:
             raise PortBusyError
         self.queue.append((can_id, bytes(data)))
-        self._bus.contend(self)
+        self._bus.contend(self, can_id, data)
 
     def close(self) -> None:
         self._receiver = None
@@ -96,6 +96,9 @@ class SimulatedCan:
         self.loop = loop
         self.error_rate = 0.0
         self.taps: list[Tap] = []
+        """See every frame that went over the bus."""
+        self.offered: list[Tap] = []
+        """See every frame that a controller was given to send."""
         self.frames = 0
         self.members: list[Member] = []
         self.shorted = False
@@ -126,8 +129,10 @@ class SimulatedCan:
 
     # -- for its members ------------------------------------------------------------------------------------------------
 
-    def contend(self, member: Member) -> None:
+    def contend(self, member: Member, can_id: int, data: bytes) -> None:
         """A member has another frame."""
+        for tap in self.offered:
+            tap(self.loop.now(), member, can_id, data)
         if self.shorted and member.connected:
             if len(member.queue) == 1:
                 self._fail_soon(member)

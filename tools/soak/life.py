@@ -74,7 +74,9 @@ class Life:
         self._violation: ViolationError | None = None
         self.plc.before_frame.append(self._before_frame)
         self.world.network.arrivals.append(self._on_arrival)
-        self.bus.taps.append(self._on_can_frame)
+        self.bus.offered.append(self._on_offered)
+        if frames:
+            self.bus.taps.append(self._note_frame)
 
     def _axis(self, index: int, words: Words) -> SoakAxis:
         drive = self.world.simulations["can"].device(index + 1)
@@ -258,12 +260,13 @@ class Life:
             axis.check(now, reached=reached, zsw1=self._shown(axis) if quiet and reached else None)
         self.loop.call_later(_CHECK_NS, self._check)
 
-    def _on_can_frame(self, now: int, sender: Member, can_id: int, data: bytes) -> None:
+    def _on_offered(self, now: int, _: Member, can_id: int, data: bytes) -> None:
         node = can_id - _RPDO1
         if 0 < node <= len(self.axes) and data[0] & _ENABLE_MASK == _ENABLE:
             self.axes[node - 1].enabled(now)
-        if self.trace.frames:
-            self.trace.note(f"CAN {sender.name}: {can_id:03X}h {data.hex(' ')}")
+
+    def _note_frame(self, _: int, sender: Member, can_id: int, data: bytes) -> None:
+        self.trace.note(f"CAN {sender.name}: {can_id:03X}h {data.hex(' ')}")
 
 
 def _configuration(numbers: Sequence[int]) -> GatewayConfig:

@@ -73,7 +73,7 @@ class SoakAxis:
             self._off_sent = now
 
     def enabled(self, now: int) -> None:
-        """The drive was sent an Enable Operation."""
+        """The gateway gave its controller an Enable Operation for the drive."""
         self._enabled = now
 
     def _entered(self, state: State) -> None:
@@ -81,7 +81,8 @@ class SoakAxis:
         if state is State.OPERATION_ENABLED and self._previous is not State.OPERATION_ENABLED:
             self.starts += 1
             since, why = self._doubt
-            # What it was told before the doubt a drive may still do that only waited for its enable input.
+            # What it was told before the doubt a drive may still do: it waited for its enable input, or a controller that was cut
+            # off held the frame, with the stop behind it.
             if self._enabled > since and self._off_sent < since - self._in_force_ns:
                 before = (
                     "none was sent"
