@@ -25,7 +25,6 @@ from pdgw.gateway.encoder import EncoderNode, EncoderObject
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.link import Link, UdpLink
 from pdgw.gateway.masters import LISTEN_NS, watch_for_masters
-from pdgw.gateway.profinet_link import ProfinetLink
 from pdgw.gateway.reasons import FaultNumber
 from pdgw.gateway.store import DeviceParameters, ParameterStore
 from pdgw.gateway.transport.ethernet import EthernetPort, RawEthernet
@@ -114,6 +113,8 @@ class Daemon:
         """Take the port of the link first: without it nothing else has to be opened."""
         transport = self.config.transport
         if transport.type == "profinet":
+            from pdgw.gateway.profinet_link import ProfinetLink  # noqa: PLC0415 (the other transport starts without)
+
             interface = transport.interface or ""
             port = RawEthernet(self.loop, interface) if ethernet is None else ethernet
             opened.callback(port.close)

@@ -22,7 +22,6 @@ from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.faults import EMCY_WARNING_BIT
 from pdgw.gateway.parameters.objects import ObjectAccess, ObjectParameter, request_host
 from pdgw.gateway.parameters.signals import signal_list
-from pdgw.gateway.profinet_link import ProfinetLink
 from pdgw.gateway.reasons import FIRST_WARNING, GATEWAY_FAULTS
 from pdgw.gateway.store import DeviceParameters, DoParameters
 from pdgw.profidrive.datatypes import DataType
@@ -400,7 +399,10 @@ class DeviceObject(BoundObject):
         self.bind(61002, lambda: bytes(6))
         self.bind(61003, lambda: bytes(4))
         self.bind(61004, lambda: bytes(4))
-        if isinstance(daemon.link, ProfinetLink):
+        if daemon.config.transport.type == "profinet":
+            from pdgw.gateway.profinet_link import ProfinetLink  # noqa: PLC0415 (the other transport starts without)
+
+            assert isinstance(daemon.link, ProfinetLink)
             self._bind_station(daemon.link.station)
         for axis in axes:
             axis.adopt(self)

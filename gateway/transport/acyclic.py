@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from ipaddress import IPv4Network
+from typing import TYPE_CHECKING
 
 from pdgw.ds301.loop import Mailbox, Task
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.parameters.manager import ParameterManager
 from pdgw.gateway.parameters.profile import MAX_BLOCK
-from pdgw.gateway.profinet_link import ProfinetLink
 from pdgw.gateway.records import Records
 from pdgw.gateway.transport.udp import Address
 from pdgw.profinet.rpc.records import NIL
 from pdgw.profinet.rpc.server import RecordHandler, RecordServer
+
+if TYPE_CHECKING:
+    from pdgw.gateway.profinet_link import ProfinetLink
 
 _WAITING = 64
 """Datagrams that may wait for the task; of more the oldest are lost, and their senders ask again."""
@@ -103,5 +106,9 @@ class ProfinetRecords:
 
 def record_service(daemon: Daemon) -> AcyclicServer | ProfinetRecords:
     """What serves the records on the transport of a daemon."""
-    link = daemon.link
-    return ProfinetRecords(daemon, link) if isinstance(link, ProfinetLink) else AcyclicServer(daemon)
+    if daemon.config.transport.type == "udp":
+        return AcyclicServer(daemon)
+    from pdgw.gateway.profinet_link import ProfinetLink  # noqa: PLC0415 (the other transport starts without)
+
+    assert isinstance(daemon.link, ProfinetLink)
+    return ProfinetRecords(daemon, daemon.link)

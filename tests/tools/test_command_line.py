@@ -58,6 +58,17 @@ def test_decoding_and_parameters_load_no_bus_and_no_simulator_of_devices(argumen
     assert not loaded & {"scapy", "matplotlib", "can", "canopen", "pdgw.gateway.daemon", "pdgw.peers.drive"}
 
 
+def test_the_daemon_loads_no_decoder_and_only_the_transport_it_has() -> None:
+    loaded = loaded_by("run", "-h")
+    assert not loaded & {
+        "scapy",
+        "matplotlib",
+        "pdgw.decoder.engine",
+        "pdgw.gateway.profinet_link",
+        "pdgw.profinet.device",
+    }
+
+
 def test_version_is_that_of_the_installed_package() -> None:
     result = CliRunner().invoke(app, ["--version"])
     assert (result.exit_code, result.output) == (0, f"pdgw {version('profidrive-gateway')}\n")

@@ -17,7 +17,6 @@ from typing import Annotated
 
 import can
 import typer
-from pdgw.decoder.capture.canlog import candump_line
 from pdgw.gateway import realtime
 from pdgw.gateway.config import CanConfig, GatewayConfig, load_config, simulated
 from pdgw.gateway.daemon import Daemon
@@ -26,7 +25,6 @@ from pdgw.gateway.explain import Problem, problems
 from pdgw.gateway.status import StatusServer
 from pdgw.gateway.transport.acyclic import record_service
 from pdgw.tools.beside import devices_beside
-from pdgw.tools.recorder import Recorder, RecordingEdge
 from pydantic import ValidationError
 from rich.console import Console
 from rich.logging import RichHandler
@@ -111,6 +109,8 @@ class CanRecorder:
         self._file.close()
 
     def _write(self) -> None:
+        from pdgw.decoder.capture.canlog import candump_line  # noqa: PLC0415 (a gateway that records nothing starts without)
+
         while (message := self._frames.get()) is not None:
             self._file.write(candump_line(message))
 
@@ -182,11 +182,15 @@ def run(
         recorder = CanRecorder(can_log) if can_log is not None else None
         if recorder is not None:
             at_end.callback(recorder.stop)
-        recording = Recorder(record, chosen) if record is not None else None
-        if recording is not None:
+        recording = edge = None
+        if record is not None:
+            from pdgw.tools.recorder import Recorder, RecordingEdge  # noqa: PLC0415 (loads the decoder)
+
+            recording = Recorder(record, chosen)
             at_end.callback(recording.stop)
+            edge = RecordingEdge(recording)
         chosen = at_end.enter_context(devices_beside(chosen))
-        daemon = Daemon(chosen, RecordingEdge(recording) if recording is not None else None)
+        daemon = Daemon(chosen, edge)
         at_end.callback(daemon.release)
         if recorder is not None:
             for bus in chosen.can:
