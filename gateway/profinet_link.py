@@ -21,7 +21,7 @@ from pdgw.gateway.drive_object import DriveObject
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.profinet_diagnosis import present_classes
 from pdgw.gateway.profinet_identity import profinet_model
-from pdgw.gateway.store import ParameterStore
+from pdgw.gateway.store import DeviceParameters, ParameterStore
 from pdgw.gateway.transport.ethernet import EthernetPort
 from pdgw.gateway.transport.udp import Address
 from pdgw.profidrive.frame import IOPS_GOOD
@@ -364,16 +364,16 @@ class ProfinetLink:
     def _keep(self, field: str, value: str | None) -> None:
         """Store without waiting for the disk."""
 
+        def change(parameters: DeviceParameters) -> None:
+            setattr(parameters, field, value)
+
         def save() -> None:
             try:
-                self._loop.result(self._loop.offload(lambda: self._store.update(partial(self._assign, field, value))))
+                self._loop.result(self._loop.offload(lambda: self._store.update(change)))
             except GatewayError as error:
                 log.error("%s", error)
 
         self._loop.spawn(save, f"store {field}")
-
-    def _assign(self, field: str, value: str | None) -> None:
-        setattr(self._store.parameters, field, value)
 
     def _on_watch(self) -> None:
         """What is wrong with the drive objects, as diagnosis of their access points."""

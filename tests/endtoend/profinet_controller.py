@@ -53,7 +53,7 @@ def main(config: Path, pdgw: str) -> None:
         loaded.transport, bytes(6), loaded.objects, [telegram(item.telegram) for item in loaded.objects]
     )
     runner = RunningController(
-        "plc", Project("press-1", model.modules, reduction_ratio=4), IPv4Interface("192.168.0.2/24")
+        "plc", Project("press-1", model.modules, reduction_ratio=4, data_hold=100), IPv4Interface("192.168.0.2/24")
     )
     plc = runner.controller
     results: list[RecordResult] = []

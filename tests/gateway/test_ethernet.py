@@ -1,0 +1,36 @@
+"""The Ethernet edge where it cannot be had: one line that says why and what helps."""
+
+from __future__ import annotations
+
+import socket
+from collections.abc import Iterator
+
+import pytest
+from pdgw.ds301.loop import SystemLoop
+from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.transport.ethernet import RawEthernet
+
+
+@pytest.fixture
+def loop() -> Iterator[SystemLoop]:
+    loop = SystemLoop()
+    yield loop
+    loop.close()
+
+
+def test_an_interface_that_is_not_there_is_told_with_those_that_are(loop: SystemLoop) -> None:
+    with pytest.raises(GatewayError, match=r"interface nowhere0: there is none of this name, allowed: .*lo"):
+        RawEthernet(loop, "nowhere0")
+
+
+def test_without_the_right_to_raw_frames_the_message_names_the_capability(
+    loop: SystemLoop, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refused(*_: object) -> socket.socket:
+        raise PermissionError(1, "Operation not permitted")
+
+    monkeypatch.setattr(socket, "socket", refused)
+    with pytest.raises(
+        GatewayError, match=r"interface lo: raw Ethernet is not allowed \(CAP_NET_RAW is missing\).*setcap"
+    ):
+        RawEthernet(loop, "lo")
