@@ -1,0 +1,62 @@
+"""The documents: every command in them exists with its options, every file they name is there."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pdgw.tools.cli import app
+from typer.main import get_command
+
+ROOT = Path(__file__).parents[1]
+DOCUMENTS = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
+_INLINE = re.compile(r"`(pdgw [^`]+)`")
+_BLOCK = re.compile(r"^ {4,}(?:\$ )?(pdgw .+)$", re.MULTILINE)
+_LINK = re.compile(r"\]\(([^)#\s]+)(?:#[^)]*)?\)")
+_WORD = re.compile(r"[a-z][a-z-]*")
+
+
+def commands(text: str) -> Iterator[str]:
+    """What is to be typed, without comments; a command may go on in the next line of prose."""
+    for pattern in (_INLINE, _BLOCK):
+        for match in pattern.finditer(text):
+            yield " ".join(match[1].split("  #")[0].split(" # ")[0].split())
+
+
+def resolve(words: list[str]) -> tuple[Any, list[str]]:
+    """The command of the first words, and the words behind it."""
+    command: Any = get_command(app)
+    context = command.make_context("pdgw", [], resilient_parsing=True)
+    while hasattr(command, "commands") and words and _WORD.fullmatch(words[0]):
+        name, command, rest = command.resolve_command(context, words)
+        assert command is not None, name
+        context = command.make_context(name, [], parent=context, resilient_parsing=True)
+        words = list(rest)
+    return command, words
+
+
+ALL = sorted({(path.name, command) for path in DOCUMENTS for command in commands(path.read_text())})
+
+
+@pytest.mark.parametrize(("document", "text"), ALL)
+def test_every_command_exists_with_its_options(document: str, text: str) -> None:
+    words = [word.strip(",;.") for word in shlex.split(text.replace("...", "").replace("|", " "))[1:]]
+    if words and not _WORD.fullmatch(words[0]) and not words[0].startswith("-"):
+        pytest.skip("a placeholder")
+    command, rest = resolve(words)
+    known = {option for parameter in command.params for option in (*parameter.opts, *parameter.secondary_opts)}
+    known |= {"-h", "--help"}
+    for word in rest:
+        if re.match(r"--?[a-z]", word):
+            assert word.partition("=")[0] in known, f"{document}: {text}: {word}"
+
+
+@pytest.mark.parametrize("path", DOCUMENTS, ids=lambda path: path.name)
+def test_every_link_leads_to_a_file(path: Path) -> None:
+    for target in _LINK.findall(path.read_text()):
+        if "://" not in target:
+            assert (path.parent / target).exists(), target
