@@ -2,8 +2,21 @@
 
 from __future__ import annotations
 
+import errno
+
 import can
 from pdgw.ds301.errors import CanopenError
+
+
+def system_text(error: OSError, channel: object, bitrate: int | None = None) -> str:
+    """What the system says about a CAN interface, and the command that helps where there is one."""
+    text = error.strerror or str(error)
+    name = channel if isinstance(channel, str) and channel else "can0"
+    if error.errno == errno.ENETDOWN:
+        return f"{text}; bring it up: sudo ip link set {name} up type can bitrate {bitrate or 'BITRATE'}"
+    if error.errno == errno.ENODEV:
+        return f"{text}; those there are: ip link show type can"
+    return text
 
 
 def open_bus(
@@ -21,6 +34,7 @@ def open_bus(
     try:
         return can.Bus(**settings)  # type: ignore[arg-type]
     except (can.CanError, OSError, ValueError, TypeError, ImportError, NotImplementedError) as error:
+        text = system_text(error, channel, bitrate) if isinstance(error, OSError) and error.errno else str(error)
         raise CanopenError(
-            "CAN interface", f"{interface} channel {channel}", f"a reachable python-can bus ({error})"
+            "CAN interface", f"{interface} channel {channel}", f"a reachable python-can bus ({text})"
         ) from error

@@ -16,6 +16,7 @@ from typing import Protocol
 
 import can
 from can.interfaces.socketcan import SocketcanBus
+from pdgw.ds301.bus import system_text
 from pdgw.ds301.can_frame import CAN_FRAME, ERROR, EXTENDED, REMOTE, pack_frame
 from pdgw.ds301.loop import Loop
 
@@ -98,6 +99,7 @@ class SocketPort:
         self._loop = loop
         self._bus = bus
         self._socket = bus.socket
+        self._channel: object = getattr(bus, "channel", None)
         self._socket.setblocking(False)
         self._receiver: Receiver | None = None
         self._closed = False
@@ -114,7 +116,7 @@ class SocketPort:
         except OSError as error:
             if error.errno in _BUSY:
                 raise PortBusyError from error
-            raise PortLostError(error.strerror or str(error)) from error
+            raise PortLostError(system_text(error, self._channel)) from error
 
     def _read(self) -> None:
         receive = self._socket.recv
@@ -124,7 +126,7 @@ class SocketPort:
             except BlockingIOError:
                 return
             except OSError as error:
-                self._lost(error.strerror or str(error))
+                self._lost(system_text(error, self._channel))
                 return
             if len(frame) == CAN_FRAME.size and self._receiver is not None:
                 can_id, length, data = CAN_FRAME.unpack(frame)
@@ -266,8 +268,12 @@ class DriverPort:
 
 def _shut_down(bus: can.BusABC) -> None:
     """Release a bus; a driver that fails at it has nothing left to release."""
-    with contextlib.suppress(Exception):
+    try:
         bus.shutdown()
+    except Exception:  # whatever a driver raises
+        # The base class notes that it is done: else the garbage collector tries again, and prints what it raises.
+        with contextlib.suppress(Exception):
+            can.BusABC.shutdown(bus)
 
 
 Opener = Callable[[], CanPort]
