@@ -29,6 +29,12 @@ class DatagramPort(Protocol):
     def start(self, action: Callable[[], None], *, urgent: bool = False) -> None:
         """Call ``action`` in the loop whenever datagrams wait."""
 
+    def pause(self) -> None:
+        """Do not call it until the next ``start``; what comes meanwhile waits as long as there is room."""
+
+    def only_from(self, sender: Address | None) -> None:
+        """Keep away what comes from anybody else, where that is possible; None: everybody is heard again."""
+
     def receive(self) -> tuple[bytes, Address] | None:
         """The next datagram that waits, or None."""
 

@@ -150,10 +150,16 @@ class UdpLink:
                 break
         if taken > 1:
             self.skipped += taken - 1
+        if taken:
+            # A stranger's flood ends in the kernel.
+            self.port.only_from(endpoint.peer if endpoint.connected else None)
         return taken > 0
 
     def poll(self, now: int) -> bool:
-        return self.endpoint.poll(now)
+        expired = self.endpoint.poll(now)
+        if expired:
+            self.port.only_from(None)
+        return expired
 
     def lose_setpoints(self) -> None:
         self.endpoint.lose_setpoints()
@@ -167,6 +173,7 @@ class UdpLink:
         endpoint = self._endpoint(telegrams)
         endpoint.continue_from(self.endpoint)
         self.endpoint = endpoint
+        self.port.only_from(None)
 
     def status(self) -> dict[str, object]:
         endpoint = self.endpoint

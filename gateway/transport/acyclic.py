@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections import deque
 from ipaddress import IPv4Network
 from typing import TYPE_CHECKING
 
-from pdgw.ds301.loop import Mailbox, Task
+from pdgw.ds301.loop import Event, Task
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.parameters.manager import ParameterManager
 from pdgw.gateway.parameters.profile import MAX_BLOCK
@@ -17,8 +18,6 @@ from pdgw.profinet.rpc.server import RecordHandler, RecordServer
 if TYPE_CHECKING:
     from pdgw.gateway.profinet_link import ProfinetLink
 
-_WAITING = 64
-"""Datagrams that may wait for the task; of more the oldest are lost, and their senders ask again."""
 _AT_ONCE = 16
 
 
@@ -36,13 +35,12 @@ class AcyclicServer:
         self.server: RecordServer[Address] = RecordServer(
             records.of, MAX_BLOCK, boot_time=int(daemon.loop.wall()) & 0xFFFFFFFF
         )
-        self._datagrams: Mailbox[tuple[bytes, Address]] = Mailbox(daemon.loop, _WAITING)
+        self._datagrams: deque[tuple[bytes, Address]] = deque()
+        self._filled = Event(daemon.loop)
         self._task: Task | None = None
-        self.overrun = 0
         add = daemon.loop.counters.add
         add("records", "malformed", "datagrams", "that were no RPC packets", lambda: self.server.malformed)
         add("records", "repeated", "calls", "answered again", lambda: self.server.repeated)
-        add("records", "overrun", "datagrams", "lost because too many waited", lambda: self.overrun)
         add("records", "errors", "datagrams", "not sent or not received", lambda: self.port.errors)
 
     @property
@@ -52,7 +50,6 @@ class AcyclicServer:
 
     def start(self) -> None:
         self._task = self._loop.spawn(self._serve, "acyclic server")
-        self.port.start(self._on_readable)
 
     def stop(self) -> None:
         """Requests in work are dropped; nobody is answered any more."""
@@ -62,17 +59,27 @@ class AcyclicServer:
         self.port.close()
 
     def _on_readable(self) -> None:
+        """By budget: what the task has not served yet waits in the kernel, and a flood is lost there."""
         for _ in range(_AT_ONCE):
             datagram = self.port.receive()
             if datagram is None:
-                return
-            self.overrun += self._datagrams.put(datagram)
+                break
+            self._datagrams.append(datagram)
+        if self._datagrams:
+            self.port.pause()
+            self._filled.set()
 
     def _serve(self) -> None:
         while True:
-            data, source = self._datagrams.get()
+            if not self._datagrams:
+                self._filled.clear()
+                self.port.start(self._on_readable)
+                self._filled.wait()
+            data, source = self._datagrams.popleft()
             for answer in self.server.receive(data, source, self._loop.now()):
                 self.port.send(answer, source)
+            # One datagram a slice: the exchange comes first.
+            self._loop.sleep(0)
 
 
 class ProfinetRecords:

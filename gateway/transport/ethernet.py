@@ -6,7 +6,6 @@ buffer. Needs CAP_NET_RAW; CAP_NET_ADMIN to set the address that DCP gives.
 
 from __future__ import annotations
 
-import ctypes
 import socket
 import struct
 from collections.abc import Callable, Sequence
@@ -15,6 +14,16 @@ from typing import Final, Protocol
 
 from pdgw.ds301.loop import Loop
 from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.transport.packet_filter import (
+    JUMP_EQUAL,
+    JUMP_GREATER,
+    JUMP_GREATER_EQUAL,
+    LOAD_HALF,
+    LOAD_WORD,
+    RETURN,
+    Instruction,
+    attach,
+)
 from pdgw.gateway.transport.udp import Address
 from pdgw.profinet import dcp, ethernet
 from pdgw.profinet.rpc.dcerpc import UDP_PORT
@@ -23,28 +32,23 @@ from pdgw.profinet.station import IpSuite
 _FRAME_MAX = 2048
 _DATAGRAM_MAX = 65_535
 _SOL_PACKET, _PACKET_ADD_MEMBERSHIP, _MR_MULTICAST = 263, 1, 0
-_SO_ATTACH_FILTER = 26
 _SO_BINDTODEVICE = 25
 _SIOCGIFADDR, _SIOCSIFADDR, _SIOCGIFNETMASK, _SIOCSIFNETMASK = 0x8915, 0x8916, 0x891B, 0x891C
 _NETLINK_ROUTE, _GROUP_LINK = 0, 1
 _DCP_FIRST, _DCP_LAST = 0xFEFC, dcp.FRAME_ID_IDENTIFY_RESPONSE
 _FRAME_ID_AT = 14
 
-Instruction = tuple[int, int, int, int]
-"""Of the classic BPF: code, jump if true, jump if false, operand."""
-_LOAD_HALF, _LOAD_WORD, _JUMP_EQUAL, _JUMP_GREATER_EQUAL, _JUMP_GREATER, _RETURN = 0x28, 0x20, 0x15, 0x35, 0x25, 0x06
-
 
 def _to(mac: bytes) -> list[Instruction]:
     """Drop unless the destination is this one; followed by what the rest is checked for."""
     high, low = struct.unpack(">IH", mac)
     return [
-        (_LOAD_WORD, 0, 0, 0),
-        (_JUMP_EQUAL, 1, 0, high),
-        (_RETURN, 0, 0, 0),
-        (_LOAD_HALF, 0, 0, 4),
-        (_JUMP_EQUAL, 1, 0, low),
-        (_RETURN, 0, 0, 0),
+        (LOAD_WORD, 0, 0, 0),
+        (JUMP_EQUAL, 1, 0, high),
+        (RETURN, 0, 0, 0),
+        (LOAD_HALF, 0, 0, 4),
+        (JUMP_EQUAL, 1, 0, low),
+        (RETURN, 0, 0, 0),
     ]
 
 
@@ -52,21 +56,21 @@ def real_time_filter(mac: bytes) -> list[Instruction]:
     """Frames to this station that are no DCP."""
     return [
         *_to(mac),
-        (_LOAD_HALF, 0, 0, _FRAME_ID_AT),
-        (_JUMP_GREATER_EQUAL, 0, 1, _DCP_FIRST),
-        (_RETURN, 0, 0, 0),
-        (_RETURN, 0, 0, _FRAME_MAX),
+        (LOAD_HALF, 0, 0, _FRAME_ID_AT),
+        (JUMP_GREATER_EQUAL, 0, 1, _DCP_FIRST),
+        (RETURN, 0, 0, 0),
+        (RETURN, 0, 0, _FRAME_MAX),
     ]
 
 
 def dcp_filter() -> list[Instruction]:
     """DCP frames, to whomever the kernel delivers."""
     return [
-        (_LOAD_HALF, 0, 0, _FRAME_ID_AT),
-        (_JUMP_GREATER_EQUAL, 0, 1, _DCP_FIRST),
-        (_JUMP_GREATER, 0, 1, _DCP_LAST),
-        (_RETURN, 0, 0, 0),
-        (_RETURN, 0, 0, _FRAME_MAX),
+        (LOAD_HALF, 0, 0, _FRAME_ID_AT),
+        (JUMP_GREATER_EQUAL, 0, 1, _DCP_FIRST),
+        (JUMP_GREATER, 0, 1, _DCP_LAST),
+        (RETURN, 0, 0, 0),
+        (RETURN, 0, 0, _FRAME_MAX),
     ]
 
 
@@ -164,11 +168,7 @@ class RawEthernet:
         item = socket.socket(socket.AF_PACKET, socket.SOCK_RAW, 0)
         self._sockets.append(item)
         if program is not None:
-            code = b"".join(struct.pack("HBBI", *instruction) for instruction in program)
-            buffer = ctypes.create_string_buffer(code, len(code))
-            item.setsockopt(
-                socket.SOL_SOCKET, _SO_ATTACH_FILTER, struct.pack("HL", len(program), ctypes.addressof(buffer))
-            )
+            attach(item, program)
         if group:
             membership = struct.pack("iHH8s", self._index, _MR_MULTICAST, len(group), group)
             item.setsockopt(_SOL_PACKET, _PACKET_ADD_MEMBERSHIP, membership)

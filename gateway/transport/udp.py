@@ -10,6 +10,7 @@ from collections.abc import Callable
 
 from pdgw.ds301.loop import Loop
 from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.transport import packet_filter
 
 Address = tuple[str, int]
 _MAXIMUM_DATAGRAM = 2048
@@ -45,6 +46,7 @@ class UdpSocket:
             ) from error
         self._socket.setblocking(False)
         self._closed = False
+        self._only: Address | None = None
         self._emptied = loop.now()
         self._stamped = False
         if sys.platform == "linux":
@@ -66,6 +68,23 @@ class UdpSocket:
     def start(self, action: Callable[[], None], *, urgent: bool = False) -> None:
         """Call ``action`` whenever datagrams wait."""
         self._loop.add_reader(self._socket.fileno(), action, urgent=urgent)
+
+    def pause(self) -> None:
+        """Look for nothing until ``start``: the kernel drops what it has no room for."""
+        self._loop.remove_reader(self._socket.fileno())
+
+    def only_from(self, sender: Address | None) -> None:
+        """Have the kernel drop what comes from anybody else; None: everybody is heard. Linux; elsewhere the caller still asks."""
+        if sys.platform != "linux" or sender == self._only:
+            return
+        try:
+            if sender is not None:
+                packet_filter.attach(self._socket, packet_filter.from_sender(*sender))
+            else:
+                packet_filter.detach(self._socket)
+        except OSError:
+            return  # a kernel without filters: the caller asks each datagram where it comes from
+        self._only = sender
 
     def receive(self) -> tuple[bytes, Address] | None:
         """The next waiting datagram, or None."""

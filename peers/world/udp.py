@@ -13,6 +13,8 @@ from pdgw.gateway.transport.udp import Address
 
 _FIRST_FREE_PORT = 49152
 _ANY = "0.0.0.0"
+_ROOM = 256
+"""Datagrams that wait at a port; more are lost."""
 
 
 @dataclass(slots=True)
@@ -36,6 +38,7 @@ class SimulatedUdpPort:
         self._address = address
         self._waiting: deque[tuple[int, bytes, Address]] = deque()
         self._action: Callable[[], None] | None = None
+        self._paused = False
 
     @property
     def address(self) -> Address:
@@ -43,6 +46,14 @@ class SimulatedUdpPort:
 
     def start(self, action: Callable[[], None], *, urgent: bool = False) -> None:
         self._action = action
+        self._paused = False
+        self._network.loop.call_later(0, self._notify)
+
+    def pause(self) -> None:
+        self._paused = True
+
+    def only_from(self, sender: Address | None) -> None:
+        """There is no kernel: everybody is heard, and the caller asks."""
 
     def receive(self) -> tuple[bytes, Address] | None:
         if not self._waiting:
@@ -59,13 +70,13 @@ class SimulatedUdpPort:
 
     def arrive(self, data: bytes, source: Address) -> None:
         """A datagram is there."""
-        if self._action is not None:
+        if self._action is not None and len(self._waiting) < _ROOM:
             self._waiting.append((self._network.loop.now(), data, source))
             self._notify()
 
     def _notify(self) -> None:
         """As long as datagrams wait."""
-        if self._action is not None and self._waiting:
+        if self._action is not None and self._waiting and not self._paused:
             self._action()
             if self._waiting:
                 self._network.loop.call_later(0, self._notify)

@@ -30,6 +30,12 @@ class Port:
     def start(self, action: Callable[[], None], *, urgent: bool = False) -> None:
         raise AssertionError("no loop here")
 
+    def pause(self) -> None:
+        raise AssertionError("no loop here")
+
+    def only_from(self, sender: tuple[str, int] | None) -> None:
+        self.only = sender
+
     def receive(self) -> tuple[bytes, tuple[str, int]] | None:
         self.looks += 1
         return (self.waiting.popleft(), PLC) if self.waiting else None

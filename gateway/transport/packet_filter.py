@@ -1,0 +1,46 @@
+"""Filters in the kernel (classic BPF, Linux): what is not meant for us costs the exchange nothing.
+
+Source: linux/filter.h. A program is a sequence of instructions; a packet it returns 0 for is dropped.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import ipaddress
+import socket
+import struct
+from collections.abc import Sequence
+
+Instruction = tuple[int, int, int, int]
+"""Code, jump if true, jump if false, operand."""
+LOAD_HALF, LOAD_WORD, JUMP_EQUAL, JUMP_GREATER_EQUAL, JUMP_GREATER, RETURN = 0x28, 0x20, 0x15, 0x35, 0x25, 0x06
+_SO_ATTACH_FILTER, _SO_DETACH_FILTER = 26, 27
+_NETWORK_HEADER = 0xFFF0_0000
+"""SKF_NET_OFF: offsets from here are those of the IP header, others on a UDP socket those of the UDP header."""
+_SOURCE_ADDRESS = _NETWORK_HEADER + 12
+_SOURCE_PORT = 0
+_EVERYTHING = 0xFFFF
+
+
+def attach(to: socket.socket, program: Sequence[Instruction]) -> None:
+    """Have the kernel drop what the program returns 0 for; OSError where it cannot."""
+    code = b"".join(struct.pack("HBBI", *instruction) for instruction in program)
+    buffer = ctypes.create_string_buffer(code, len(code))
+    to.setsockopt(socket.SOL_SOCKET, _SO_ATTACH_FILTER, struct.pack("HL", len(program), ctypes.addressof(buffer)))
+
+
+def detach(of: socket.socket) -> None:
+    """Let everything through again; OSError where there was no filter."""
+    of.setsockopt(socket.SOL_SOCKET, _SO_DETACH_FILTER, 0)
+
+
+def from_sender(host: str, port: int) -> list[Instruction]:
+    """UDP datagrams of this sender."""
+    return [
+        (LOAD_WORD, 0, 0, _SOURCE_ADDRESS),
+        (JUMP_EQUAL, 0, 3, int(ipaddress.IPv4Address(host))),
+        (LOAD_HALF, 0, 0, _SOURCE_PORT),
+        (JUMP_EQUAL, 0, 1, port),
+        (RETURN, 0, 0, _EVERYTHING),
+        (RETURN, 0, 0, 0),
+    ]
