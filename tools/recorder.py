@@ -94,6 +94,12 @@ class RecordedPort:
     def start(self, action: Callable[[], None], *, urgent: bool = False) -> None:
         self._port.start(action, urgent=urgent)
 
+    def pause(self) -> None:
+        self._port.pause()
+
+    def only_from(self, sender: Address | None) -> None:
+        self._port.only_from(sender)
+
     def receive(self) -> tuple[bytes, Address] | None:
         found = self._port.receive()
         if found is not None:
