@@ -176,7 +176,10 @@ class ProfinetLink:
             frame = self.port.receive()
             if frame is None:
                 break
-            fresh = device.on_frame(frame, now) or fresh
+            if device.on_frame(frame, now):
+                fresh = True
+                if not device.running:
+                    break  # a STOP is seen by the axes before what follows it
         if not device.quiet:
             self._pump()
         if fresh:

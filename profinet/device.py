@@ -240,6 +240,12 @@ class ProfinetDevice:
         """A controller exchanges data."""
         return self.cm.io is not None and self.cm.io.connected
 
+    @property
+    def running(self) -> bool:
+        """The controller is in RUN: its output data counts."""
+        relation = self.cm.io
+        return relation is not None and relation.consumer is not None and relation.consumer.running
+
     def output(self, place: Subslot) -> bytes | None:
         """Output data of a submodule; None unless a controller in RUN says it is GOOD and projects this submodule."""
         relation = self.cm.io

@@ -233,6 +233,22 @@ def test_a_controller_in_stop_gives_no_setpoints(rig: Rig) -> None:
     assert rig.link.connected
 
 
+def test_a_stop_is_seen_before_the_run_that_waits_behind_it(rig: Rig) -> None:
+    rig.connect()
+    rig.plc.set_output(AXIS, bytes.fromhex("047f2000"))
+    rig.run(20 * MS)
+    assert rig.plc.provider is not None
+    frame = bytes(rig.plc.provider.frame)
+    counter = int.from_bytes(frame[-4:-2], "big")
+    for step, status in ((128, 0x25), (256, 0x35)):
+        later = (counter + step & 0xFFFF).to_bytes(2, "big")
+        rig.port.real_time.append(frame[:-4] + later + bytes((status, 0)))
+    assert rig.link.receive(rig.loop.now())
+    assert rig.link.setpoints == [None, None]
+    assert rig.link.receive(rig.loop.now())
+    assert rig.link.setpoints[0] == (0x047F, 0x2000)
+
+
 def test_a_drive_that_is_lost_and_comes_back_is_diagnosis_and_return_of_submodule(rig: Rig) -> None:
     rig.connect()
     rig.objects[0].client.status = NodeStatus.LOST
