@@ -13,8 +13,10 @@ if TYPE_CHECKING:
     from pdgw.decoder.recognise import recognise
     from pdgw.ds301.eds_import import import_eds
     from pdgw.ds301.errors import CanopenError
-    from pdgw.gateway.config import load_config
+    from pdgw.gateway.config import load_config, parse_config
+    from pdgw.gateway.daemon import Daemon
     from pdgw.gateway.errors import GatewayError
+    from pdgw.peers.world import World
     from pdgw.profidrive.errors import ProfidriveError
     from pdgw.profidrive.signals import signal
     from pdgw.profidrive.telegrams import telegram
@@ -24,11 +26,14 @@ if TYPE_CHECKING:
 
 __all__ = [
     "CanopenError",
+    "Daemon",
     "GatewayError",
     "ProfidriveError",
+    "World",
     "__version__",
     "import_eds",
     "load_config",
+    "parse_config",
     "read_parameters",
     "read_records",
     "recognise",
@@ -38,10 +43,13 @@ __all__ = [
 
 _ROOMS = {
     "CanopenError": "ds301.errors",
+    "Daemon": "gateway.daemon",
     "GatewayError": "gateway.errors",
     "ProfidriveError": "profidrive.errors",
+    "World": "peers.world",
     "import_eds": "ds301.eds_import",
     "load_config": "gateway.config",
+    "parse_config": "gateway.config",
     "read_parameters": "tools.parameters.reading",
     "read_records": "decoder.capture.reading",
     "recognise": "decoder.recognise",

@@ -154,3 +154,7 @@ def test_records_of_a_capture_that_is_not_there() -> None:
         next(pdgw.read_records("nowhere.pcap"))
     with pytest.raises(ProfidriveError, match="telegram"):
         next(pdgw.read_records("nowhere.pcap", telegrams=[77]))
+
+
+def test_example_a_gateway_inside_a_test(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run_example("gateway_in_a_test.py", capsys) == ["the drive turned, and stopped when the PLC fell silent"]
