@@ -1,0 +1,98 @@
+"""Drives of every shape behind the gateway, without a data sheet: each does what is asked, or is refused with its reason."""
+
+from __future__ import annotations
+
+import pytest
+from pdgw.gateway.daemon import Daemon
+from pdgw.gateway.reasons import FaultNumber, Reason
+from pdgw.gateway.status import snapshot
+from pdgw.peers.drive import SHAPES, SimulatedDrive, shape
+
+from tests.support.daemon import Plc, axis, configuration, running, until, world_of
+
+MS = 1_000_000
+QUARTER = 0x1000
+REFUSED = {
+    "fixed-pdo": "PDO",
+    "no-event-timer": "event timer",
+    "node-guarding": "1016h",
+}
+"""What does not come online yet, and what it is told for."""
+NOT_POSITIONING = {"vl": "modes of the drive", "csv": "modes of the drive"}
+SPEEDS = sorted(name for name in SHAPES if name not in REFUSED)
+POSITIONS = [name for name in SPEEDS if name not in NOT_POSITIONING]
+
+
+def _drive(daemon: Daemon, name: str) -> SimulatedDrive:
+    return world_of(daemon).drive("world", 1, shape=shape(name))
+
+
+@pytest.mark.parametrize("name", SPEEDS)
+def test_a_quarter_of_the_rated_speed_is_750_rpm_with_every_shape(name: str) -> None:
+    with running(configuration(axis(1, more=""))) as daemon:
+        drive = _drive(daemon, name)
+        until(daemon, lambda: daemon.axes[0].drive.generation, "online", 30_000 * MS)
+        plc = Plc(daemon, [1])
+        plc.enable()
+        plc.endpoint.set(0, {"NSOLL_A": QUARTER})
+        plc.until(lambda: abs(drive.model.ramp.speed - 750) < 1, "750 rpm")
+        plc.until(lambda: abs(plc.value("NIST_A") - QUARTER) <= 2, "the actual speed")
+        (status,) = snapshot(daemon)["axes"]
+        assert status["scaling"][0].startswith("speed: 100 % = 3000 rpm = ")
+
+
+@pytest.mark.parametrize(
+    ("name", "number", "said"), [*((name, 1, said) for name, said in REFUSED.items()), ("vl", 9, "607A")]
+)
+def test_a_shape_the_gateway_cannot_map_or_guard_is_refused_with_what_is_missing(
+    name: str, number: int, said: str
+) -> None:
+    with running(configuration(axis(1, telegram_number=number, more=""))) as daemon:
+        drive = _drive(daemon, name)
+        until(daemon, lambda: daemon.axes[0].drive.status.value == "refused", "refused")
+        assert said in daemon.axes[0].drive.status_text
+        assert drive.model.ramp.speed == 0
+
+
+TEN_TURNS = 40_960
+KEYS = {"no-range": 'rated_acceleration_rpm_s = 10000\nacceleration_unit = "rpm/s"\n'}
+"""What a shape does not tell about itself."""
+
+
+def _asks_for_ten_turns(plc: Plc, reference: int) -> None:
+    task = {"SATZANW": 0x8000, "MDI_TARPOS": (TEN_TURNS << 30) // reference, "MDI_VELOCITY": 1 << 29, "MDI_MOD": 1}
+    plc.endpoint.set(0, {**task, "MDI_ACC": 0x4000, "MDI_DEC": 0x4000, "STW1": 0x043F})
+    for _ in range(5):
+        plc.exchange()
+    plc.endpoint.set(0, {"STW1": 0x047F})
+
+
+@pytest.mark.parametrize("name", POSITIONS)
+def test_a_task_of_telegram_9_ends_at_its_target_with_every_shape_that_positions(name: str) -> None:
+    with running(configuration(axis(1, telegram_number=9, more=KEYS.get(name, "")))) as daemon:
+        drive = _drive(daemon, name)
+        until(daemon, lambda: daemon.axes[0].drive.generation, "online", 30_000 * MS)
+        plc = Plc(daemon, [9])
+        plc.enable()
+        _asks_for_ten_turns(plc, 1 << 30 if name == "no-range" else 500_000)
+        plc.until(lambda: abs(drive.model.position_actual - TEN_TURNS) <= 1, "ten revolutions")
+
+
+@pytest.mark.parametrize(
+    ("name", "said"), [("csv", NOT_POSITIONING["csv"]), ("no-range", "rated_acceleration_rpm_s settles it")]
+)
+def test_a_shape_that_cannot_position_refuses_telegram_9_and_says_why(name: str, said: str) -> None:
+    with running(configuration(axis(1, telegram_number=9, more=""))) as daemon:
+        drive = _drive(daemon, name)
+        until(daemon, lambda: daemon.axes[0].drive.generation, "online")
+        plc = Plc(daemon, [9])
+        plc.endpoint.set(0, {"STW1": 0x047E})
+        plc.until(lambda: daemon.axes[0].faults, "a fault")
+        plc.endpoint.set(0, {"STW1": 0x047F})
+        for _ in range(100):
+            plc.exchange()
+        fault = daemon.axes[0].faults[-1]
+        assert fault.number == FaultNumber.REFERENCE
+        assert said in fault.text
+        assert daemon.axes[0].outputs.reason is Reason.REFERENCE_INVALID
+        assert drive.model.ramp.speed == 0
