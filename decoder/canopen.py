@@ -11,6 +11,7 @@ import datetime
 import struct
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import cache
 from typing import Final
 
 from pdgw.decoder.cyclic import Axis
@@ -43,7 +44,7 @@ from pdgw.ds301.emcy import emcy_text, error_register_text
 from pdgw.ds301.nmt import NmtCommand, NmtState
 from pdgw.ds301.objects import Entry
 from pdgw.ds301.pdo import COB_ID_INVALID, PdoDirection
-from pdgw.dsp402.faults import DRIVE_FAULTS
+from pdgw.dsp402.overlay import known_faults
 from pdgw.dsp402.pdo import LAYOUTS
 from pdgw.profidrive.telegrams import ApplicationMode, telegram
 
@@ -60,7 +61,6 @@ _OBSERVED = "observed"
 _DAY_ZERO = datetime.date(1984, 1, 1)
 _EMCY = struct.Struct("<HB")
 _TIME = struct.Struct("<IH")
-_FAULT_OF_CODE = {fault.error_code: fault.name for fault in DRIVE_FAULTS.values()}
 _ERROR_CLASSES = {
     0x01: "transmit timeout",
     0x02: "lost arbitration",
@@ -73,6 +73,12 @@ _ERROR_CLASSES = {
     0x100: "controller restarted",
 }
 """Bits of a SocketCAN error frame's identifier (linux/can/error.h)."""
+
+
+@cache
+def _faults_of_codes() -> dict[int, str]:
+    """The manufacturer's name of a fault by its EMCY error code."""
+    return {fault.error_code: fault.name for fault in known_faults()}
 
 
 @dataclass(slots=True)
@@ -336,7 +342,7 @@ def _emcy(base: _Base, node_id: int, data: bytes, is_drive: bool) -> Record:
     if len(data) != 8:
         return CanRecord(*base, node_id, f"EMCY of {len(data)} bytes, expected 8")
     code, register = _EMCY.unpack_from(data)
-    fault = _FAULT_OF_CODE.get(code, "") if is_drive else ""
+    fault = _faults_of_codes().get(code, "") if is_drive else ""
     text = f"{code:04X}h {emcy_text(code)}" + (f" (drive: {fault})" if fault else "")
     text += f", register {register:02X}h: {error_register_text(register)}"
     if any(data[3:]):

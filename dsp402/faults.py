@@ -1,14 +1,9 @@
-"""The manufacturer's fault numbers (200Ch) and their channel error types.
-
-Source: the manufacturer's guide chapter 5.1.2; EMCY error codes from CiA DSP 402 V2.0 (unverified for this device).
-Number 6 is printed as over-voltage in the guide; it is an under-voltage.
-"""
+"""A manufacturer's fault numbers and their channel error types; the tables are in the overlays (``dsp402/families``)."""
 
 from __future__ import annotations
 
 import enum
 from dataclasses import dataclass
-from types import MappingProxyType
 
 
 class ChannelErrorType(enum.Enum):
@@ -34,25 +29,3 @@ class DriveFault:
     error_code: int
     error_register: int
     channel_error: ChannelErrorType
-
-
-DRIVE_FAULTS: MappingProxyType[int, DriveFault] = MappingProxyType(
-    {
-        fault.number: fault
-        for fault in (
-            DriveFault(1, "motor temperature", 0x4310, 0x09, ChannelErrorType.OVER_TEMPERATURE),
-            DriveFault(2, "output stage temperature", 0x4210, 0x09, ChannelErrorType.OVER_TEMPERATURE),
-            DriveFault(3, "internal auxiliary voltage", 0x5110, 0x05, ChannelErrorType.OVERVOLTAGE),
-            DriveFault(4, "over-voltage", 0x3210, 0x05, ChannelErrorType.OVERVOLTAGE),
-            DriveFault(5, "motor feedback", 0x7305, 0x21, ChannelErrorType.ERROR),
-            DriveFault(6, "under-voltage phase", 0x3220, 0x05, ChannelErrorType.UNDERVOLTAGE),
-            DriveFault(7, "over-current", 0x2310, 0x03, ChannelErrorType.SHORT_CIRCUIT),
-            DriveFault(8, "EEPROM checksum", 0x5530, 0x01, ChannelErrorType.ERROR),
-            DriveFault(9, "parameter checksum", 0x6320, 0x01, ChannelErrorType.ERROR),
-            DriveFault(10, "internal", 0x6100, 0x01, ChannelErrorType.ERROR),
-            DriveFault(11, "positioning", 0x8611, 0x21, ChannelErrorType.ERROR),
-            DriveFault(12, "CANopen", 0x8130, 0x11, ChannelErrorType.ERROR),
-        )
-    }
-)
-"""Every fault of the drive by its number."""

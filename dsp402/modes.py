@@ -76,14 +76,3 @@ MODE_NAMES: Final = {
     Mode.CYCLIC_VELOCITY: "cyclic synchronous velocity",
 }
 """The profile's names of its modes."""
-
-HOMING_METHODS: Final = {
-    1: "negative limit switch and index pulse",
-    2: "positive limit switch and index pulse",
-    17: "negative limit switch",
-    18: "positive limit switch",
-    35: "current position",
-    -17: "mechanical stop in negative direction",
-    -18: "mechanical stop in positive direction",
-}
-"""The methods the guide allows."""

@@ -197,6 +197,12 @@ def overlays() -> Mapping[str, Overlay]:
     return {path.stem: parse_overlay(path.stem, path.read_text("utf-8")) for path in sorted(FAMILIES.glob("*.toml"))}
 
 
+@cache
+def known_faults() -> tuple[DriveFault, ...]:
+    """The fault numbers of every family."""
+    return tuple(fault for item in overlays().values() for fault in item.drive_faults.values())
+
+
 def overlay(name: str) -> Overlay:
     """The overlay with a name; Dsp402Error lists the names there are."""
     try:

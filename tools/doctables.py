@@ -10,8 +10,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from pdgw.ds301.aborts import ABORT_TEXTS, abort_text
-from pdgw.dsp402.faults import DRIVE_FAULTS
-from pdgw.dsp402.modes import HOMING_METHODS, Mode
+from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.dsp402.pdo import LAYOUTS
 from pdgw.dsp402.states import COMMAND_TRANSITIONS, STATUS_PATTERNS
@@ -26,6 +25,7 @@ from pdgw.gateway.motion.states import Event
 from pdgw.gateway.parameters.guarded import GUARDED
 from pdgw.gateway.parameters.objects import error_of_abort
 from pdgw.gateway.reasons import GATEWAY_FAULTS, Reason
+from pdgw.peers.drive.family import DRIVE_FAULTS, HOMING_METHODS
 from pdgw.peers.node.misbehaviour import NODE_MISBEHAVIOURS, Misbehaviour
 from pdgw.peers.simulation.devices import DEVICE_TYPES
 from pdgw.profidrive.encoder import STATUS_BITS, TRANSITIONS, SensorError

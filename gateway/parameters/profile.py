@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Sequence
 
 from pdgw.ds301.communication import LOAD_SIGNATURE, RESTORE_PARAMETERS, SAVE_SIGNATURE, STORE_PARAMETERS
 from pdgw.ds301.errors import CanopenError
-from pdgw.dsp402.faults import DRIVE_FAULTS
+from pdgw.dsp402.overlay import known_faults
 from pdgw.gateway import identity
 from pdgw.gateway.binding import Axis
 from pdgw.gateway.config import DEFAULT_BITRATE, GATEWAY_NODE_ID
@@ -75,7 +75,7 @@ _STEPS_PER_SECOND = 0
 _DEVICE_WARNING_BIT = 15
 _STATUSWORD_WARNING = signal("ZSW1").bit("WARNING").mask
 _LIST_SIZE = 99
-_CODES = {fault.number: fault.error_code for fault in DRIVE_FAULTS.values()} | {
+_CODES = {fault.number: fault.error_code for fault in known_faults()} | {
     fault.number: fault.code for fault in GATEWAY_FAULTS.values()
 }
 _WARNING_TEXTS = tuple(

@@ -10,9 +10,9 @@ from collections import deque
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, cast
 
-from pdgw.dsp402.faults import DRIVE_FAULTS
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import StatusBit
+from pdgw.peers.drive.family import DRIVE_FAULTS
 from pdgw.peers.node.misbehaviour import HEX, MS, NODE_MISBEHAVIOURS, Misbehaviour, Reboot, catalogue, parameter
 
 if TYPE_CHECKING:

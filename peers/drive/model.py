@@ -11,12 +11,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from pdgw.ds301.errors import CanopenError
-from pdgw.dsp402.faults import DRIVE_FAULTS
-from pdgw.dsp402.modes import HOMING_METHODS, Mode
+from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.dsp402.objects import NEGATIVE_LIMIT_SWITCH as NEGATIVE_LIMIT
 from pdgw.dsp402.objects import POSITIVE_LIMIT_SWITCH as POSITIVE_LIMIT
 from pdgw.dsp402.states import STATUS_OF, Command, ControlBit, State, StatusBit, next_state
+from pdgw.peers.drive.family import DRIVE_FAULTS, HOMING_METHODS
 from pdgw.peers.drive.motion import INCREMENTS_PER_REVOLUTION, TICK, Ramp, increments_per_second, speed_toward
 from pdgw.peers.drive.shapes import ENGEL, Shape
 

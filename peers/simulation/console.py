@@ -10,8 +10,8 @@ import threading
 from collections.abc import Callable
 
 from pdgw.ds301.errors import CanopenError
-from pdgw.dsp402.faults import DRIVE_FAULTS
 from pdgw.gateway.errors import GatewayError
+from pdgw.peers.drive.family import DRIVE_FAULTS
 from pdgw.peers.simulation.devices import Simulation
 
 _NUMBER = re.compile("[0-9]{1,3}")

@@ -17,10 +17,10 @@ from pdgw.dsp402.describe import (
 )
 from pdgw.dsp402.drive_type import Quantity
 from pdgw.dsp402.errors import Dsp402Error
-from pdgw.dsp402.faults import DRIVE_FAULTS
-from pdgw.dsp402.modes import HOMING_METHODS, STANDARD_HOMING_METHODS, Mode
+from pdgw.dsp402.modes import STANDARD_HOMING_METHODS, Mode
 from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.dsp402.overlay import overlay, overlay_for, overlays, parse_overlay
+from pdgw.peers.drive.family import DRIVE_FAULTS, HOMING_METHODS
 
 from tests.support.drive_types import REFERENCE_OBJECTS, References, engel, engel_dictionary
 

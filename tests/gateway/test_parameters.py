@@ -13,7 +13,6 @@ from canopen.sdo import SdoAbortedError
 from pdgw.ds301.aborts import ABORT_TEXTS, Abort
 from pdgw.ds301.loop import SECOND, Event
 from pdgw.ds301.objects import Entry
-from pdgw.dsp402.faults import DRIVE_FAULTS
 from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.dsp402.pdo import LAYOUTS
 from pdgw.gateway.axis.telegrams import pdo_operation
@@ -23,6 +22,7 @@ from pdgw.gateway.parameters.objects import error_of_abort
 from pdgw.gateway.reasons import FaultNumber
 from pdgw.gateway.status import snapshot
 from pdgw.gateway.store import ParameterStore
+from pdgw.peers.drive.family import DRIVE_FAULTS
 from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.parameters.catalogue import LIST_PNUS, PARAMETERS, Scope
 from pdgw.profidrive.parameters.codec import Address, Attribute, Values, decode_response

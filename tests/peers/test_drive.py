@@ -13,13 +13,13 @@ from pdgw.ds301.eds import write_eds
 from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.nmt import NmtState
 from pdgw.dsp402.device import EDS_PATH, INFO, drive_objects
-from pdgw.dsp402.faults import DRIVE_FAULTS
 from pdgw.dsp402.images import COMMAND_NAMES, FEEDBACK_NAMES
-from pdgw.dsp402.modes import HOMING_METHODS, Mode
+from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.dsp402.pdo import LAYOUTS
 from pdgw.dsp402.states import COMMAND_TRANSITIONS, Command, ControlBit, State, StatusBit, state_of
 from pdgw.peers.drive import LINEAR, Machine, SimulatedDriveNode
+from pdgw.peers.drive.family import DRIVE_FAULTS, HOMING_METHODS
 
 MS = 1_000_000
 NODE = 1

@@ -6,10 +6,11 @@ from dataclasses import replace
 from itertools import pairwise
 
 import pytest
-from pdgw.dsp402.modes import HOMING_METHODS, Mode
+from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import ControlBit, State
 from pdgw.gateway.reasons import Reason
 from pdgw.peers.drive import Machine
+from pdgw.peers.drive.family import HOMING_METHODS
 from pdgw.profidrive.datatypes import n4
 from pdgw.profidrive.signals import signal
 
