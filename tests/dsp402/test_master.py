@@ -12,6 +12,7 @@ from pdgw.peers.drive import Machine, SimulatedDrive
 
 from tests.support import buses
 
+pytestmark = pytest.mark.e2e  # canopen's master has threads and sleeps of its own
 NODE = 6
 
 

@@ -16,6 +16,7 @@ from pdgw.peers.encoder.motion import still
 
 from tests.support import buses
 
+pytestmark = pytest.mark.e2e  # canopen's master has threads and sleeps of its own
 NODE = 11
 
 

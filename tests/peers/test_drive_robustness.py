@@ -14,9 +14,9 @@ from pdgw.dsp402.states import State, StatusBit
 from pdgw.peers.drive import SimulatedDriveNode
 from pdgw.peers.simulation.console import Console
 from pdgw.peers.simulation.devices import Simulation
+from pdgw.peers.world import World
 
 from tests.peers.test_drive import MS, NODE, SMALL, Bench
-from tests.support import buses
 
 START, PRE_OPERATIONAL, RESET_NODE, RESET_COMMUNICATION = 1, 128, 129, 130
 
@@ -219,14 +219,11 @@ def test_the_console_addresses_one_of_several_drives() -> None:
 @contextmanager
 def simulated(*nodes: int) -> Iterator[Simulation]:
     """Drives on a bus of their own, powered."""
-    simulation = Simulation()
-    name = buses.channel()
+    world = World()
+    simulation = Simulation(world.loop)
     for node in nodes:
-        simulation.add("drive", buses.bus(name), node, node)
+        simulation.add("drive", world.bus("a").join(f"node {node}"), node, node)
     simulation.start()
-    for node in nodes:
-        device = simulation.device(node)
-        buses.wait_for(lambda device=device: device.node.running, "powered")  # type: ignore[misc]
     try:
         yield simulation
     finally:

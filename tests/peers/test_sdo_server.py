@@ -13,8 +13,9 @@ from pdgw.ds301.objects import CanType, Entry
 from pdgw.dsp402.drive import DriveClient, DriveSettings, DriveStatus
 from pdgw.dsp402.pdo import LAYOUTS, Operation
 from pdgw.peers.drive import SimulatedDrive, SimulatedDriveNode
+from pdgw.peers.node.sdo_server import BlockSdoServer
 
-from tests.support import buses
+from tests.support import buses, site
 
 NODE, INDEX = 5, 0x2100
 SIZES = [1, 4, 6, 7, 8, 14, 127 * 7 - 1, 127 * 7, 127 * 7 + 1, 3000]
@@ -31,6 +32,7 @@ def give_domain(node: SimulatedDriveNode, data: bytes) -> None:
     node.values[INDEX, 0] = data
 
 
+@pytest.mark.e2e
 def test_canopen_reads_blocks_of_every_length_with_their_checksum() -> None:
     name = buses.channel()
     drive = SimulatedDrive(buses.bus(name), NODE)
@@ -96,11 +98,8 @@ def test_what_is_no_block_upload_is_aborted(requests: list[bytes], abort: Abort)
 def test_the_client_takes_blocks_for_domains_where_the_node_has_them(
     monkeypatch: pytest.MonkeyPatch, has_blocks: bool
 ) -> None:
-    name = buses.channel()
-    drive = SimulatedDrive(buses.bus(name), NODE)
-    give_domain(drive.node, content(200))
     served: list[bytes] = []
-    server = type(drive.node._sdo)
+    server = BlockSdoServer
     original = server.block_upload if has_blocks else SdoServer.block_upload
 
     def block_upload(self: SdoServer, request: bytes) -> None:
@@ -108,19 +107,21 @@ def test_the_client_takes_blocks_for_domains_where_the_node_has_them(
         original(self, request)
 
     monkeypatch.setattr(server, "block_upload", block_upload)
-    with buses.guarded_network(name) as network:
+    with site.guarded_network() as network:
+        drive = site.drive(NODE)
+        give_domain(drive.node, content(200))
         client = DriveClient(network, DriveSettings(NODE), LAYOUTS[Operation.VELOCITY], lambda _: None)
         drive.start()
         client.start()
         try:
-            buses.wait_for(lambda: client.status is DriveStatus.ONLINE, "online")
+            site.wait_for(lambda: client.status is DriveStatus.ONLINE, "online")
             variable = ODVariable("Trace", INDEX, 0)
             variable.data_type = CanType.DOMAIN.code
             client.dictionary.add_object(variable)
-            assert buses.result(client.submit(lambda drive: drive.read(INDEX))) == content(200)
+            assert site.result(client.submit(lambda drive: drive.read(INDEX))) == content(200)
             assert served, "a block upload was asked for"
             with pytest.raises(SdoAbortedError):
-                buses.result(client.submit(lambda drive: drive.read(0x2FFF)))
+                site.result(client.submit(lambda drive: drive.read(0x2FFF)))
         finally:
             client.stop()
             drive.stop()

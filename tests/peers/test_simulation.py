@@ -13,6 +13,7 @@ from typing import Any
 
 import pytest
 from pdgw.ds301.errors import CanopenError
+from pdgw.ds301.loop import MS, SECOND
 from pdgw.gateway.errors import GatewayError
 from pdgw.peers.drive.misbehaviour import DRIVE_MISBEHAVIOURS
 from pdgw.peers.encoder.misbehaviour import ENCODER_MISBEHAVIOURS
@@ -21,6 +22,7 @@ from pdgw.peers.simulation.config import example, load_bus, parse_bus
 from pdgw.peers.simulation.console import Console
 from pdgw.peers.simulation.devices import DEVICE_TYPES, Simulation, fault_catalogue
 from pdgw.peers.simulation.rest import RestServer
+from pdgw.peers.world import World
 
 from tests.endtoend.processes import free_tcp_port, running
 from tests.support import buses
@@ -31,14 +33,11 @@ CAN = '[can]\ninterface = "virtual"\nchannel = "x"\n'
 
 @pytest.fixture
 def simulation() -> Iterator[Simulation]:
-    simulation = Simulation()
-    name = buses.channel()
+    world = World()
+    simulation = Simulation(world.loop)
     for node in (3, 4):
-        simulation.add("drive", buses.bus(name), node, node)
+        simulation.add("drive", world.bus("a").join(f"node {node}"), node, node)
     simulation.start()
-    for node in (3, 4):
-        device = simulation.device(node)
-        buses.wait_for(lambda device=device: device.node.running, "powered")  # type: ignore[misc]
     yield simulation
     simulation.stop()
 
@@ -94,35 +93,37 @@ def test_a_missing_file_is_named(tmp_path: Path) -> None:
 
 
 def test_faults_of_the_file_are_in_force_from_the_boot_up_message_on() -> None:
-    simulation = Simulation()
-    name = buses.channel()
-    with buses.bus(name) as listener:
-        simulation.add("drive", buses.bus(name), 3, 3)
-        simulation.misbehave(3, "bus-off", {"recovery_ms": 0})
-        simulation.misbehave(3, "emcy-burst", {"count": 3})
-        simulation.start()
-        device = simulation.device(3)
-        buses.wait_for(lambda: device.node.now and device.node.running, "powered")
-        simulation.behave(3, "bus-off")
-        first = listener.recv(5)
-        simulation.stop()
-    assert first is not None
-    assert (first.arbitration_id, bytes(first.data[:2])) == (0x83, b"\x40\x81"), "recovered; nothing before it"
+    world = World()
+    simulation = Simulation(world.loop)
+    heard: list[tuple[int, bytes]] = []
+    world.bus("a").taps.append(lambda now, sender, can_id, data: heard.append((can_id, data)))
+    world.bus("a").join("listener")
+    simulation.add("drive", world.bus("a").join("node 3"), 3, 3)
+    simulation.misbehave(3, "bus-off", {"recovery_ms": 0})
+    simulation.misbehave(3, "emcy-burst", {"count": 3})
+    simulation.start()
+    world.loop.run_for(SECOND)
+    assert heard == []
+    simulation.behave(3, "bus-off")
+    world.loop.run_for(SECOND)
+    simulation.stop()
+    assert (heard[0][0], heard[0][1][:2]) == (0x83, b"\x40\x81"), "recovered; nothing before it"
 
 
 @pytest.mark.parametrize("kind", DEVICE_TYPES)
 @pytest.mark.parametrize("name", NODE_MISBEHAVIOURS)
 def test_every_kind_of_device_has_the_faults_of_a_node(kind: str, name: str) -> None:
     """By this the encoder gets them with its entry in DEVICE_TYPES."""
-    simulation = Simulation()
-    simulation.add(kind, buses.bus(buses.channel()), 3, 3)
+    world = World()
+    simulation = Simulation(world.loop)
+    simulation.add(kind, world.bus("a").join("node 3"), 3, 3)
     simulation.misbehave(3, name, {})
     simulation.start()
     device = simulation.device(3)
-    buses.wait_for(lambda: device.node.now, "powered")
     assert list(simulation.status(3)["faults"]) == [name]  # type: ignore[call-overload]
     simulation.behave(3)
-    buses.wait_for(lambda: device.node.running, "running")
+    world.loop.run_for(100 * MS)
+    assert device.node.running
     simulation.stop()
 
 

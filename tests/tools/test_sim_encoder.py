@@ -10,6 +10,7 @@ import pytest
 from pdgw.ds301.errors import CanopenError
 from pdgw.peers.simulation.console import Console
 from pdgw.peers.simulation.devices import Simulation, encoder_device
+from pdgw.peers.world import World
 
 from tests.endtoend.processes import free_tcp_port, running
 from tests.support import buses
@@ -18,12 +19,14 @@ from tests.support.cli import pdgw
 
 @pytest.fixture
 def simulation() -> Iterator[Simulation]:
-    simulation = Simulation()
-    name = buses.channel()
-    simulation.add("encoder", buses.bus(name), 3, 3, model="multi-sensor", channels=3, motion=("still=2",))
-    simulation.add("drive", buses.bus(name), 4, 4)
+    world = World()
+    simulation = Simulation(world.loop)
+    bus = world.bus("a")
+    options = {"model": "multi-sensor", "channels": 3, "motion": ("still=2",)}
+    simulation.add("encoder", bus.join("node 3"), 3, 3, **options)
+    simulation.add("drive", bus.join("node 4"), 4, 4)
     simulation.start()
-    buses.wait_for(lambda: simulation.status(3)["position"] == [8192, 0, 0], "powered")
+    assert simulation.status(3)["position"] == [8192, 0, 0]
     yield simulation
     simulation.stop()
 
@@ -37,7 +40,7 @@ def test_motions_go_on_from_where_the_encoder_stands(simulation: Simulation, tmp
     file = tmp_path / "Recorded.CSV"
     file.write_text("0,7\n")
     assert console.execute(f"@3 motion csv={file} 2") == "ok"
-    buses.wait_for(lambda: simulation.status(3)["position"][1] == 7 * 4096, "channel 2")  # type: ignore[index]
+    assert simulation.status(3)["position"][1] == 7 * 4096  # type: ignore[index]
     assert console.execute("@3 motion still=1 9").startswith("error: encoder channel: 9")
     assert console.execute("@3 motion fly").startswith("error: motion: 'fly'")
     assert console.execute("@4 motion still").startswith("error: node: 4 is not allowed, expected an encoder")
@@ -47,7 +50,7 @@ def test_an_encoder_sits_on_the_shaft_of_a_drive_of_the_same_bus(simulation: Sim
     drive = simulation.device(4)
     drive.do(lambda node: setattr(node.model, "machine_position", 2.5 * 4096))  # type: ignore[attr-defined]
     simulation.move(3, "shaft=4", 3)
-    buses.wait_for(lambda: simulation.status(3)["position"][2] == 2.5 * 4096, "position of the drive")  # type: ignore[index]
+    assert simulation.status(3)["position"][2] == 2.5 * 4096  # type: ignore[index]
     with pytest.raises(
         CanopenError, match=r"node whose shaft turns the encoder: 3 .* a drive simulated beside it: \[4\]"
     ):
