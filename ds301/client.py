@@ -527,6 +527,8 @@ class NodeClient(SdoAccess, abc.ABC, Generic[S]):
                 self.on_event(NodeEvent("boot", "boot-up message", time_ns=self._heartbeat))
 
     def _on_emcy(self, _can_id: int, data: Any, _timestamp: float) -> None:
+        # canopen keeps every EMCY for ever; what matters of them is kept by our own.
+        self._node.emcy.reset()
         if len(data) != 8:
             return
         code = int.from_bytes(data[:2], "little")

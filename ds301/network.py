@@ -36,6 +36,8 @@ class _AcyclicNetwork(canopen.Network):  # type: ignore[misc]
 
     def __init__(self, owner: CanNetwork) -> None:
         super().__init__()
+        # Answers to LSS, which nobody asks here, would wait in canopen for ever.
+        self.unsubscribe(self.lss.LSS_RX_COBID)
         self._owner = owner
 
     def send_message(self, can_id: int, data: bytes, remote: bool = False) -> None:

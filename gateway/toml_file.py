@@ -6,7 +6,7 @@ import enum
 import json
 import re
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -17,6 +17,10 @@ from pydantic import BaseModel, ValidationError
 Root = TypeVar("Root", bound=BaseModel)
 Sections = Mapping[str, type[BaseModel]]
 
+FILE_MAX = 1 << 20
+"""Bytes of a file a person writes: a configuration of 250 axes has a tenth of it."""
+DEPTH_MAX = 16
+"""Tables within tables; ours have four."""
 _TWICE = re.compile(r"Cannot declare \('(\w+)',\) twice")
 _ARRAY_AND_TABLE = re.compile(r"Cannot (?:overwrite a value|mutate immutable namespace \('(\w+)',\))")
 
@@ -24,7 +28,11 @@ _ARRAY_AND_TABLE = re.compile(r"Cannot (?:overwrite a value|mutate immutable nam
 def read_text(path: Path) -> str:
     """The text of a file, UTF-8 with or without byte order mark; GatewayError when it cannot be read."""
     try:
-        return path.read_text(encoding="utf-8-sig")
+        with path.open("rb") as file:
+            data = file.read(FILE_MAX + 1)
+        if len(data) > FILE_MAX:
+            raise GatewayError(f"{path}: longer than {FILE_MAX} bytes; is it the right file?")
+        return data.decode("utf-8-sig")
     except OSError as error:
         raise GatewayError(f"{path}: cannot be read: {error.strerror or error}") from error
     except UnicodeDecodeError as error:
@@ -42,6 +50,7 @@ def parse_toml(root: type[Root], sections: Sections, text: str, name: str) -> Ro
         document = tomllib.loads(text.removeprefix("\ufeff"))
     except (ValueError, RecursionError) as error:  # tomllib lets int() and deep nesting through
         raise GatewayError(f"{name}: not valid TOML: {error}{_hint(str(error))}") from error
+    check_depth(document, name)
     try:
         return root.model_validate(document)
     except ValidationError as error:
@@ -79,6 +88,22 @@ def _scalar(value: object) -> str:
     if isinstance(value, Mapping):
         return f"{{{', '.join(f'{key} = {_scalar(item)}' for key, item in value.items())}}}"
     return json.dumps(str(value))  # TOML's basic strings are JSON's
+
+
+def check_depth(document: object, name: str) -> None:
+    """GatewayError when tables or arrays are nested deeper than ``DEPTH_MAX``, without recursion of its own."""
+    level = [document]
+    for _ in range(DEPTH_MAX + 1):
+        level = [inner for item in level for inner in _inside(item)]
+        if not level:
+            return
+    raise GatewayError(f"{name}: nested deeper than {DEPTH_MAX} levels; no file of ours is")
+
+
+def _inside(item: object) -> Collection[object]:
+    if isinstance(item, dict):
+        return item.values()
+    return item if isinstance(item, list) else ()
 
 
 def _hint(message: str) -> str:

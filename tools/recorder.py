@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import queue
 import struct
-import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -20,6 +18,7 @@ from pdgw.gateway.edge import DatagramPort, SystemEdge
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.transport.udp import Address
 from pdgw.profidrive.frame import UDP_PORT
+from pdgw.tools.background import BackgroundWriter
 from pdgw.tools.recordings import CONFIGURATION
 
 CAPTURE: Final = "gateway.pcapng"
@@ -39,9 +38,9 @@ class Recorder:
             self._writer = PcapngWriter(folder / CAPTURE, text)
         except OSError as error:
             raise GatewayError(f"--record {folder}: cannot be written ({error.strerror or error})") from error
-        self._packets: queue.SimpleQueue[tuple[Link, str, int, bytes] | None] = queue.SimpleQueue()
-        self._thread = threading.Thread(target=self._write, name="recorder", daemon=True)
-        self._thread.start()
+        self.writer: BackgroundWriter[tuple[Link, str, int, bytes]] = BackgroundWriter(
+            f"--record {folder}", lambda packet: self._writer.write(*packet), self._writer.close
+        )
 
     def frame(self, bus: str, message: can.Message) -> None:
         """A CAN frame, sent or received."""
@@ -49,21 +48,15 @@ class Recorder:
         identifier |= (CAN_REMOTE if message.is_remote_frame else 0) | (CAN_ERROR if message.is_error_frame else 0)
         data = bytes(message.data)
         time_ns = round(message.timestamp * 1e9) or time.time_ns()
-        self._packets.put((Link.CAN_SOCKETCAN, bus, time_ns, struct.pack(">IBxxx", identifier, len(data)) + data))
+        self.writer.put((Link.CAN_SOCKETCAN, bus, time_ns, struct.pack(">IBxxx", identifier, len(data)) + data))
 
     def datagram(self, time_ns: int, source: Address, target: Address, data: bytes) -> None:
         """A datagram to or from the PLC."""
-        self._packets.put((Link.ETHERNET, _PLC, time_ns, udp_packet(source, target, data)))
+        self.writer.put((Link.ETHERNET, _PLC, time_ns, udp_packet(source, target, data)))
 
     def stop(self) -> None:
-        """Everything recorded is in the file afterwards."""
-        self._packets.put(None)
-        self._thread.join()
-        self._writer.close()
-
-    def _write(self) -> None:
-        while (item := self._packets.get()) is not None:
-            self._writer.write(*item)
+        """As ``BackgroundWriter.stop``."""
+        self.writer.stop()
 
 
 class RecordedPort:

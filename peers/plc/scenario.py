@@ -19,7 +19,7 @@ from typing import Annotated, Literal
 import yaml
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.explain import Problem, problems
-from pdgw.gateway.toml_file import read_text
+from pdgw.gateway.toml_file import check_depth, read_text
 from pdgw.peers.plc.endpoint import PlcEndpoint
 from pdgw.peers.plc.parameters import ParameterAccess
 from pdgw.peers.plc.positioner import Ask, Mdi, PositionerWords, Program, SettingUp, Wait
@@ -161,14 +161,25 @@ class Scenario(_Model):
         return self
 
 
+class _Loader(yaml.SafeLoader):
+    """Without aliases: a few lines of them are gigabytes when they are walked through."""
+
+    def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
+        if self.check_event(yaml.AliasEvent):
+            raise yaml.YAMLError("anchors and aliases (&name, *name) are not taken: write it out")
+        node: yaml.Node | None = super().compose_node(parent, index)
+        return node
+
+
 def load_scenario(path: Path) -> Scenario:
     """Read and validate a file; GatewayError names step, key, value and what is allowed."""
     try:
-        document = yaml.safe_load(read_text(path))
+        document = yaml.load(read_text(path), _Loader)
     except (yaml.YAMLError, ValueError) as error:  # a date that is none and a number of 5000 digits are ValueErrors
         raise GatewayError(f"{path}: not valid YAML: {' '.join(str(error).split())}") from error
     except RecursionError:
         raise GatewayError(f"{path}: not valid YAML: nested too deeply") from None
+    check_depth(document, str(path))
     try:
         scenario = Scenario.model_validate(document)
     except ValidationError as error:

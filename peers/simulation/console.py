@@ -14,6 +14,10 @@ from pdgw.gateway.errors import GatewayError
 from pdgw.peers.drive.family import DRIVE_FAULTS
 from pdgw.peers.simulation.devices import Simulation
 
+_LINE_MAX = 1000
+"""Characters of a command; the longest of ours has about 100."""
+_TOO_LONG = f"error: a command has at most {_LINE_MAX} characters"
+_IDLE_S = 3600.0
 _NUMBER = re.compile("[0-9]{1,3}")
 COMMANDS = (
     "fault N (1-12), fault NAME [parameter=value ...], clear [NAME], di1 on|off, motion MOTION [CHANNEL], "
@@ -106,9 +110,16 @@ def serve(console: Console, port: int) -> socketserver.ThreadingTCPServer:
     """The console on a loopback TCP port; GatewayError when it cannot be had. The caller shuts it down."""
 
     class Handler(socketserver.StreamRequestHandler):
+        timeout = _IDLE_S
+
         def handle(self) -> None:
-            for line in self.rfile:
-                self.wfile.write(console.execute(line.decode("utf-8", "replace")).encode() + b"\n")
+            # Who goes away before the answer, or says nothing for long, does not miss it.
+            with contextlib.suppress(OSError):
+                while line := self.rfile.readline(_LINE_MAX + 1):
+                    if len(line) > _LINE_MAX:
+                        self.wfile.write(_TOO_LONG.encode() + b"\n")
+                        return
+                    self.wfile.write(console.execute(line.decode("utf-8", "replace")).encode() + b"\n")
 
     socketserver.ThreadingTCPServer.allow_reuse_address = True
     try:
@@ -120,13 +131,20 @@ def serve(console: Console, port: int) -> socketserver.ThreadingTCPServer:
     return server
 
 
+def _rest_of(line: str) -> str:
+    """Read on to the end of a line that is too long."""
+    while line and not line.endswith("\n"):
+        line = sys.stdin.readline(_LINE_MAX)
+    return _TOO_LONG
+
+
 def read_standard_input(console: Console, at_end: Callable[[], None] | None = None) -> None:
     """Commands from standard input, on a thread of its own; ``at_end`` is called when it ends."""
 
     def read() -> None:
         with contextlib.suppress(ValueError, OSError):
-            for line in sys.stdin:
-                print(console.execute(line), flush=True)
+            while line := sys.stdin.readline(_LINE_MAX + 1):
+                print(console.execute(line) if len(line) <= _LINE_MAX else _rest_of(line), flush=True)
         if at_end is not None:
             at_end()
 

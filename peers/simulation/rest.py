@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import sys
 import threading
 from collections.abc import Callable
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -34,6 +35,13 @@ class _RefusedError(Exception):
         super().__init__(text)
 
 
+class _Server(ThreadingHTTPServer):
+    def handle_error(self, request: object, client_address: object) -> None:
+        """Who went away in the middle of a request is no error of ours; anything else is shown."""
+        if not isinstance(sys.exception(), OSError):
+            super().handle_error(request, client_address)  # type: ignore[arg-type]
+
+
 class RestServer:
     """Serves from construction until ``stop``; GatewayError when the port cannot be had. Port 0 takes any free one."""
 
@@ -43,7 +51,7 @@ class RestServer:
 
         Handler.simulation = simulation
         try:
-            self._server = ThreadingHTTPServer(("127.0.0.1", port), Handler)
+            self._server = _Server(("127.0.0.1", port), Handler)
         except OSError as error:
             raise GatewayError(f"REST port: 127.0.0.1 port {port} cannot be used ({error.strerror})") from error
         self._server.daemon_threads = True
@@ -145,7 +153,7 @@ class _Handler(BaseHTTPRequestHandler):
 
     def _body(self) -> dict[str, object]:
         length = self.headers.get("Content-Length", "0")
-        if not length.isascii() or not length.isdecimal() or int(length[:9]) > _MAXIMUM_BODY:
+        if not length.isascii() or not length.isdecimal() or len(length) > 9 or int(length) > _MAXIMUM_BODY:
             raise _RefusedError(413, f"Content-Length {length[:20]!r}: 0 to {_MAXIMUM_BODY} bytes are taken")
         try:
             text = self.rfile.read(int(length))

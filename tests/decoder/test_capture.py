@@ -24,7 +24,7 @@ from pdgw.decoder.records import CyclicRecord
 from pdgw.ds301.bus import open_bus
 from pdgw.profidrive.scapy_layers import cyclic_frame
 from pdgw.profidrive.telegrams import Direction
-from pdgw.tools.commands.run import CanRecorder
+from pdgw.tools.run_log import CanRecorder
 from scapy.layers.inet import IP, UDP
 from scapy.layers.l2 import Dot1Q, Ether
 from scapy.utils import PcapNgWriter, wrpcap

@@ -61,6 +61,23 @@ class LittlePlc:
         self.until(lambda: self.signal(axis, "ZSW1") & 0x4F == 0x07, "operation")
 
 
+def test_no_signal_ends_the_gateway_without_the_stop_sequence(tmp_path: Path) -> None:
+    log, moved = tmp_path / "gateway.log", tmp_path / "gateway.log.1"
+    options = ["--cyclic-port", "0", "--acyclic-port", "0", "--status-port", "0", "--log-file", str(log)]
+    with running("run", "--simulate", *options, log=tmp_path / "stderr") as process:
+        wait_for(lambda: log.exists() and "cyclic exchange" in log.read_text(), "started", 30)
+        process.send_signal(signal.SIGUSR1)
+        wait_for(lambda: "signal ignored" in log.read_text(), "SIGUSR1 is told", 10)
+        log.rename(moved)
+        process.send_signal(signal.SIGHUP)
+        wait_for(log.exists, "a new file", 10)
+        process.send_signal(signal.SIGQUIT)
+        assert process.wait(20) == 0
+    assert "stopping the drives" in log.read_text()
+    assert "stopping the drives" not in moved.read_text()
+    assert "Traceback" not in (tmp_path / "stderr").read_text()
+
+
 def test_simulated_axis_with_telegram_1_turns_and_stops_on_sigterm(tmp_path: Path) -> None:
     port, status = free_udp_port(), free_tcp_port()
     log = tmp_path / "log"

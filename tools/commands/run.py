@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-import copy
 import logging
-import logging.handlers
-import queue
 import signal
-import sys
-import threading
+from collections.abc import Callable
 from contextlib import ExitStack
-from enum import StrEnum
 from functools import partial
 from pathlib import Path
+from types import FrameType
 from typing import Annotated
 
-import can
 import typer
 from pdgw.gateway import realtime
 from pdgw.gateway.config import CanConfig, GatewayConfig, load_config, simulated
@@ -25,94 +20,17 @@ from pdgw.gateway.explain import Problem, problems
 from pdgw.gateway.status import StatusServer
 from pdgw.gateway.transport.acyclic import record_service
 from pdgw.tools.beside import devices_beside
+from pdgw.tools.run_log import CanRecorder, LogLevel, RunLog, on_signals
 from pydantic import ValidationError
-from rich.console import Console
-from rich.logging import RichHandler
 
 from pdgw import __version__
 
 log = logging.getLogger("gateway")
 
 
-class LogLevel(StrEnum):
-    """Levels of ``--log-level``."""
-
-    DEBUG = "debug"
-    INFO = "info"
-    WARNING = "warning"
-    ERROR = "error"
-
-
-def set_up_logging(level: LogLevel, file: Path | None) -> logging.handlers.QueueListener:
-    """The gateway's log on standard error (coloured on a terminal) or in a file; other libraries only warn.
-
-    Written by a thread of its own (stop it at the end): a terminal that does not take it must not stop the drives.
-    """
-    handler: logging.Handler
-    if file is not None:
-        try:
-            handler = logging.FileHandler(file, encoding="utf-8")
-        except OSError as error:
-            raise _unwritable("--log-file", file, error) from error
-    elif sys.stderr.isatty():
-        handler = RichHandler(console=Console(stderr=True), show_path=False, log_time_format="%H:%M:%S.%f")
-    else:
-        handler = logging.StreamHandler()
-    if not isinstance(handler, RichHandler):
-        handler.setFormatter(logging.Formatter("%(asctime)s.%(msecs)03d %(levelname)-7s %(message)s", "%H:%M:%S"))
-    records: queue.SimpleQueue[logging.LogRecord] = queue.SimpleQueue()
-    listener = logging.handlers.QueueListener(records, handler)
-    to_listener = logging.handlers.QueueHandler(records)
-    # The queue's side must not format: basicConfig would give it a format of its own, in front of the listener's.
-    to_listener.setFormatter(logging.Formatter("%(message)s"))
-    logging.basicConfig(level=logging.ERROR, handlers=[to_listener], force=True)
-    logging.getLogger("canopen").setLevel(logging.CRITICAL)  # the drive client reports what concerns the user
-    logging.getLogger("gateway").setLevel(level.value.upper())
-    listener.start()
-    return listener
-
-
-def _unwritable(option: str, file: Path, error: OSError) -> GatewayError:
-    return GatewayError(f"{option} {file}: cannot be written ({error.strerror or error})")
-
-
 def _log_name(bus: CanConfig) -> str:
     """What a bus is called in the log: its channel where that is a plain name like can0."""
     return bus.channel if isinstance(bus.channel, str) and bus.channel.isidentifier() else bus.name
-
-
-class CanRecorder:
-    """Writes the frames of all networks to a file, on a thread of its own."""
-
-    def __init__(self, file: Path) -> None:
-        try:
-            self._file = file.open("w", encoding="ascii", errors="replace", buffering=1 << 16)
-        except OSError as error:
-            raise _unwritable("--can-log", file, error) from error
-        self._frames: queue.SimpleQueue[can.Message | None] = queue.SimpleQueue()
-        self._thread = threading.Thread(target=self._write, name="CAN log", daemon=True)
-        self._thread.start()
-
-    def record(self, bus: str, message: can.Message) -> None:
-        """Called on the cyclic and reading threads, whose messages are used again: a copy is queued.
-
-        Sent and received frames get the same name ``bus``: python-can names the channel in received ones only.
-        """
-        recorded = copy.copy(message)
-        recorded.channel = bus
-        self._frames.put(recorded)
-
-    def stop(self) -> None:
-        """Everything recorded is in the file afterwards."""
-        self._frames.put(None)
-        self._thread.join()
-        self._file.close()
-
-    def _write(self) -> None:
-        from pdgw.decoder.capture.canlog import candump_line  # noqa: PLC0415 (a gateway that records nothing starts without)
-
-        while (message := self._frames.get()) is not None:
-            self._file.write(candump_line(message))
 
 
 def _with_options(config: GatewayConfig, updates: dict[str, object]) -> GatewayConfig:
@@ -133,6 +51,10 @@ def _told(problem: Problem) -> str:
     if section != "transport" or not key or problem.names_key:
         return problem.text
     return f"--{str(key[-1]).replace('_', '-')} {problem.value.strip(chr(39))}: {problem.text}"
+
+
+def _calls(action: Callable[[], None]) -> Callable[[int, FrameType | None], None]:
+    return lambda *_: action()
 
 
 def run(
@@ -159,7 +81,10 @@ def run(
     log_level: Annotated[LogLevel, typer.Option(help="What is logged.")] = LogLevel.INFO,
     log_file: Annotated[Path | None, typer.Option(help="Log here instead of standard error.")] = None,
 ) -> None:
-    """Run the gateway until SIGINT or SIGTERM; the drives are stopped and disabled first."""
+    """Run the gateway until SIGINT, SIGTERM or SIGQUIT; the drives are stopped and disabled first.
+
+    SIGHUP opens the log file again.
+    """
     if simulate == (config is not None):
         raise GatewayError("give either a configuration file or --simulate")
     chosen = simulated(telegram, axes, encoders, encoder_telegram) if config is None else load_config(config)
@@ -175,7 +100,8 @@ def run(
     )
     refused = realtime.apply(chosen.realtime)
     with ExitStack() as at_end:
-        at_end.callback(set_up_logging(log_level, log_file).stop)
+        run_log = RunLog(log_level, log_file)
+        at_end.callback(run_log.stop)
         for text in refused:
             log.warning("%s", text)
         logging.getLogger("gateway").info("pdgw %s, %s", __version__, config or "simulated devices")
@@ -192,15 +118,19 @@ def run(
         chosen = at_end.enter_context(devices_beside(chosen))
         daemon = Daemon(chosen, edge)
         at_end.callback(daemon.release)
+        run_log.count_in(daemon.loop.counters)
         if recorder is not None:
+            recorder.writer.count_in(daemon.loop.counters, "can-log")
             for bus in chosen.can:
                 daemon.networks[bus.name].listeners.append(partial(recorder.record, _log_name(bus)))
         if recording is not None:
+            recording.writer.count_in(daemon.loop.counters, "record")
             for bus in chosen.can:
                 daemon.networks[bus.name].listeners.append(partial(recording.frame, _log_name(bus)))
         daemon.services.append(record_service(daemon))
         if chosen.transport.status_port:
             daemon.services.append(StatusServer(daemon, chosen.transport.status_port))
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, lambda *_: daemon.stop())
+        for name, action in on_signals(daemon.stop, run_log).items():
+            if hasattr(signal, name):  # Windows has few of them
+                signal.signal(getattr(signal, name), _calls(action))
         daemon.run()

@@ -1,0 +1,79 @@
+"""The simulators' console and REST interface against long lines, wrong lengths and callers that go away."""
+
+from __future__ import annotations
+
+import socket
+import threading
+from collections.abc import Iterator
+from types import SimpleNamespace
+from typing import cast
+
+import pytest
+from pdgw.peers.simulation.console import Console, serve
+from pdgw.peers.simulation.devices import Simulation
+from pdgw.peers.simulation.rest import RestServer
+
+NOTHING = cast(Simulation, SimpleNamespace(nodes=[]))
+
+
+@pytest.fixture
+def console() -> Iterator[int]:
+    server = serve(Console(NOTHING, threading.Event()), 0)
+    yield int(server.server_address[1])
+    server.shutdown()
+    server.server_close()
+
+
+@pytest.fixture
+def rest() -> Iterator[int]:
+    server = RestServer(NOTHING, 0)
+    yield server.port
+    server.stop()
+
+
+def talk(port: int, data: bytes) -> bytes:
+    with socket.create_connection(("127.0.0.1", port), timeout=10) as connection:
+        connection.sendall(data)
+        connection.shutdown(socket.SHUT_WR)
+        answer = b""
+        try:
+            while part := connection.recv(65536):
+                answer += part
+        except ConnectionResetError:
+            pass
+        return answer
+
+
+def test_a_command_of_any_length_is_answered_or_refused(console: int) -> None:
+    assert talk(console, b"\n") == b"ok\n"
+    answer = talk(console, b"x" * 1001)
+    assert answer == b"error: a command has at most 1000 characters\n"
+    with socket.create_connection(("127.0.0.1", console), timeout=10) as connection:
+        connection.sendall(b"x" * 50_000)
+        assert connection.recv(1000).startswith(b"error: a command has at most")
+
+
+def test_callers_that_go_away_before_the_answer_make_no_noise(
+    console: int, rest: int, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for port, data in ((console, b"status\n" * 1000), (rest, b"GET /faults HTTP/1.1\r\n"), (rest, b"G")):
+        for _ in range(5):
+            connection = socket.create_connection(("127.0.0.1", port), timeout=10)
+            connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, b"\1\0\0\0\0\0\0\0")
+            connection.sendall(data)
+            connection.close()  # with a reset
+    assert talk(console, b"\n") == b"ok\n"
+    assert b"200" in talk(rest, b"GET /devices HTTP/1.1\r\nConnection: close\r\n\r\n")
+    assert "Traceback" not in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("length", [b"65537", b"999999999999", b"0000000000070000", b"-1", b"1e3", b"\xb2"])
+def test_a_body_of_a_length_that_is_none_or_too_long_is_refused_unread(rest: int, length: bytes) -> None:
+    simulation_request = b"POST /devices/1/faults/x HTTP/1.1\r\nContent-Length: " + length + b"\r\n\r\n"
+    answer = talk(rest, simulation_request)
+    assert answer.startswith((b"HTTP/1.1 413", b"HTTP/1.1 404")), answer[:100]
+
+
+def test_lines_and_headers_without_end_are_refused(rest: int) -> None:
+    assert b"414" in talk(rest, b"GET /" + b"x" * 70_000 + b" HTTP/1.1\r\n\r\n")[:50]
+    assert b"431" in talk(rest, b"GET / HTTP/1.1\r\n" + b"a: b\r\n" * 200 + b"\r\n")[:50]

@@ -1,0 +1,155 @@
+"""What the gateway writes beside its work never holds it up: full disks, pipes nobody reads, storms."""
+
+from __future__ import annotations
+
+import logging
+import os
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
+
+import can
+import pytest
+from pdgw.ds301.client import NodeClient
+from pdgw.ds301.connection_set import EMCY
+from pdgw.ds301.counters import Counters
+from pdgw.tools.run_log import CanRecorder, LogLevel, RunLog, on_signals
+
+from tests.support.daemon import axis, configuration, running, until, world_of
+
+FRAME = can.Message(arbitration_id=0x181, data=b"\x31\x02")
+
+
+@pytest.fixture(autouse=True)
+def _loggers() -> Iterator[None]:
+    """A test that sets up the log leaves none behind."""
+    root = logging.getLogger()
+    handlers, level = list(root.handlers), logging.getLogger("gateway").level
+    yield
+    root.handlers[:] = handlers
+    logging.getLogger("gateway").setLevel(level)
+    logging.getLogger("canopen").setLevel(logging.NOTSET)
+
+
+def shown(counters: Counters, part: str) -> int:
+    return sum(int(item["value"]) for item in counters.values() if item["part"] == part)  # type: ignore[call-overload]
+
+
+def test_a_can_recorder_on_a_full_disk_says_so_and_keeps_nothing(caplog: pytest.LogCaptureFixture) -> None:
+    recorder = CanRecorder(Path("/dev/full"))
+    counters = Counters()
+    recorder.writer.count_in(counters, "can-log")
+    deadline = time.monotonic() + 20
+    while not recorder.writer.failed and time.monotonic() < deadline:
+        recorder.record("can0", FRAME)
+    for _ in range(1000):
+        recorder.record("can0", FRAME)
+    assert recorder.writer.failed
+    assert recorder.writer.waiting <= 1
+    assert shown(counters, "can-log") >= 1000
+    assert "No space left on device; nothing more is recorded" in caplog.text
+    recorder.stop()
+
+
+def test_a_can_recorder_that_is_too_slow_keeps_a_bounded_number_of_frames(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("pdgw.tools.background._WAITING", 10)
+    released = threading.Event()
+    monkeypatch.setattr("pdgw.decoder.capture.canlog.candump_line", lambda _: released.wait(20) and "x\n")
+    recorder = CanRecorder(tmp_path / "can.log")
+    for _ in range(100):
+        recorder.record("can0", FRAME)
+    assert recorder.writer.lost >= 89
+    released.set()
+    recorder.stop()
+
+
+SCRIPT = """
+import logging, sys
+from pdgw.tools.run_log import LogLevel, RunLog
+run_log = RunLog(LogLevel.INFO, None)
+for number in range(3000):
+    logging.getLogger("gateway").info("%d %s", number, "x" * 200)
+run_log.stop()
+sys.stdout.write(str(run_log.lost))
+"""
+
+
+def test_a_log_into_a_pipe_nobody_reads_does_not_keep_the_process_from_ending() -> None:
+    reading, writing = os.pipe()
+    try:
+        done = subprocess.run(
+            [sys.executable, "-c", SCRIPT], stderr=writing, stdout=subprocess.PIPE, timeout=60, check=True
+        )
+    finally:
+        os.close(reading)
+        os.close(writing)
+    assert int(done.stdout) > 0
+
+
+def test_a_storm_of_log_lines_is_bounded_and_counted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("pdgw.tools.run_log._LINES", 10)
+    run_log = RunLog(LogLevel.INFO, tmp_path / "log")
+    counters = Counters()
+    run_log.count_in(counters)
+    run_log._handler.acquire()
+    try:
+        for number in range(1000):
+            logging.getLogger("gateway").info("%d", number)
+    finally:
+        run_log._handler.release()
+    run_log.stop()
+    assert shown(counters, "log") >= 900
+
+
+def test_sighup_goes_on_in_a_new_file_of_the_same_name(tmp_path: Path) -> None:
+    path = tmp_path / "log"
+    run_log = RunLog(LogLevel.INFO, path)
+    stops: list[str] = []
+    signals = on_signals(lambda: stops.append("stop"), run_log)
+    logging.getLogger("gateway").info("before")
+    deadline = time.monotonic() + 10
+    while "before" not in path.read_text() and time.monotonic() < deadline:
+        time.sleep(0.01)
+    path.rename(tmp_path / "log.1")
+    signals["SIGHUP"]()
+    logging.getLogger("gateway").info("after")
+    run_log.stop()
+    assert "before" in (tmp_path / "log.1").read_text()
+    assert "after" in path.read_text()
+    assert stops == []
+    for name in ("SIGUSR1", "SIGUSR2"):
+        signals[name]()
+    assert stops == []
+    for name in ("SIGQUIT", "SIGTERM", "SIGINT"):
+        signals[name]()
+    assert len(stops) == 3
+
+
+def test_without_a_log_file_sighup_stops_in_order_because_the_terminal_is_gone() -> None:
+    stops: list[str] = []
+    on_signals(lambda: stops.append("stop"), cast(RunLog, SimpleNamespace(reopens=False)))["SIGHUP"]()
+    assert stops == ["stop"]
+
+
+def test_storms_of_emcy_and_lss_and_sdo_answers_leave_nothing_behind_in_canopen() -> None:
+    with running(configuration(axis(1))) as daemon:
+        until(daemon, lambda: daemon.axes[0].drive.generation, "online")
+        node: NodeClient[Any] = daemon.axes[0].client
+        network = node.network.canopen
+        for number in range(5000):
+            data = number.to_bytes(2, "little") + bytes(6)
+            network.notify(EMCY + 1, bytearray(data), 0.0)
+            network.notify(0x7E4, bytearray(8), 0.0)
+            network.notify(0x581, bytearray(8), 0.0)
+        assert node._node.emcy.log == []
+        assert node._node.emcy.active == []
+        assert network.lss.responses.qsize() == 0
+        assert len(daemon.axes[0].faults) <= 64
+        assert world_of(daemon) is daemon.edge

@@ -1,0 +1,83 @@
+"""Writing recordings on a thread of its own, without ever holding up who records or growing without end."""
+
+from __future__ import annotations
+
+import logging
+import queue
+import threading
+from collections.abc import Callable
+from typing import Generic, TypeVar
+
+from pdgw.ds301.counters import Counters
+
+log = logging.getLogger("gateway")
+
+T = TypeVar("T")
+END_S = 2.0
+"""So long the end of the gateway waits for what was not written yet."""
+_WAITING = 100_000
+"""Items that may wait: some 10 s of a full bus at 1 Mbit/s."""
+
+
+class BackgroundWriter(Generic[T]):
+    """Hands items to ``write`` in their order, and calls ``close`` at the end.
+
+    Both may raise OSError: it says so, with the name ``what``, and lets the rest go.
+    """
+
+    def __init__(self, what: str, write: Callable[[T], object], close: Callable[[], None]) -> None:
+        self._what = what
+        self._write = write
+        self._close = close
+        self._items: queue.Queue[T | None] = queue.Queue(_WAITING)
+        self.lost = 0
+        self.failed = False
+        self._thread = threading.Thread(target=self._run, name=what, daemon=True)
+        self._thread.start()
+
+    def count_in(self, counters: Counters, part: str) -> None:
+        """Show what was lost."""
+        counters.add(part, "lost", "frames", "not recorded: the disk is full or too slow", lambda: self.lost)
+
+    def put(self, item: T) -> None:
+        """Never waits: what there is no room for is counted."""
+        if self.failed:
+            self.lost += 1
+            return
+        try:
+            self._items.put_nowait(item)
+        except queue.Full:
+            self.lost += 1
+
+    @property
+    def waiting(self) -> int:
+        """Items not written yet."""
+        return self._items.qsize()
+
+    def stop(self) -> None:
+        """Everything is written afterwards, as far as it is taken within two seconds."""
+        try:
+            self._items.put(None, timeout=END_S)
+        except queue.Full:
+            return
+        self._thread.join(END_S)
+
+    def _run(self) -> None:
+        try:
+            while (item := self._items.get()) is not None:
+                self._write(item)
+        except OSError as error:
+            self._fail(error)
+        try:
+            self._close()
+        except OSError as error:
+            self._fail(error)
+
+    def _fail(self, error: OSError) -> None:
+        if self.failed:
+            return
+        self.failed = True
+        with self._items.mutex:
+            self.lost += len(self._items.queue) + 1
+            self._items.queue.clear()
+        log.error("%s: %s; nothing more is recorded", self._what, error.strerror or error)
