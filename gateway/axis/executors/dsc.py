@@ -12,7 +12,7 @@ from pdgw.dsp402.drive_type import DriveType, Quantity
 from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.images import DriveCommand, DriveFeedback
 from pdgw.dsp402.states import STATE_OF_STATUS, State
-from pdgw.gateway.axis.executors.base import Executor, Notes, known
+from pdgw.gateway.axis.executors.base import Executor, LimitWatch, Notes, known
 from pdgw.gateway.axis.executors.torque import message_of
 from pdgw.gateway.axis.power_table import Action
 from pdgw.gateway.axis.settings import AxisSettings
@@ -49,6 +49,8 @@ class DscExecutor(Executor):
         self._velocity = 0
         self._tolerance = 0
         self._was_clamped = False
+        self._limit = LimitWatch()
+        self._held = False
 
     def set_drive(self, drive: DriveType, homing_method: int) -> None:
         if drive.max_torque <= 0:
@@ -101,9 +103,11 @@ class DscExecutor(Executor):
         enabled = STATE_OF_STATUS[feedback.statusword & STATE_MASK] is State.OPERATION_ENABLED
         if enabled and action is Action.ENABLE_OPERATION:
             reason = self._control(dsc, demand, feedback)
+            reason = self._held_at_limit(demand, feedback, standstill, now) or reason
         elif enabled and action is Action.RAMP:
             self._ramp(feedback)
         else:
+            self._held = False
             self._stand(feedback)
         command.controlword = controlword
         command.max_torque = reduced_torque(self._torque, demand.torque_reduction if demand.connected else 0)
@@ -128,6 +132,19 @@ class DscExecutor(Executor):
         else:
             self._travel(result.velocity)
         return result.reason
+
+    def _held_at_limit(self, demand: Demand, feedback: DriveFeedback, standstill: bool, now: int) -> Reason | None:
+        """An axis that stood at a limit of the drive does not move on when it is released: it waits for speed 0 and KPC 0."""
+        command = self.command
+        wants = self._velocity != 0 or command.target_position != feedback.position_actual
+        if self._limit.step(wants, feedback, standstill, now):
+            self._held = True
+        elif not demand.kpc and not demand.speed:
+            self._held = False
+        if not self._held:
+            return None
+        self._stand(feedback)
+        return Reason.STOPPED_AT_LIMIT
 
     def _warn(self, dsc: Dsc, *, clamped: bool) -> None:
         if clamped and not self._was_clamped:

@@ -123,6 +123,27 @@ def test_loss_of_the_plc_stops_the_axis(form: DscForm) -> None:
     assert rig.feedback.velocity_actual == 0
 
 
+@pytest.mark.parametrize("form", FORMS)
+def test_an_axis_that_a_limit_switch_stopped_does_not_move_on_when_it_is_released(form: DscForm) -> None:
+    rig = axis(form)
+    model = rig.node.model
+    rig.values["NSOLL_B"] = 1 << 28
+    rig.step(100)
+    model.machine = replace(model.machine, positive_limit=model.machine_position)
+    model.wake()
+    rig.step(400)
+    assert rig.stepper.reason is Reason.STOPPED_AT_LIMIT
+    model.machine = replace(model.machine, positive_limit=None)
+    model.wake()
+    rig.step(200)
+    assert rig.feedback.velocity_actual == 0
+    rig.values["NSOLL_B"] = 0
+    rig.step(3)
+    rig.values["NSOLL_B"] = 1 << 28
+    rig.step(100)
+    assert rig.feedback.velocity_actual > 1400
+
+
 def test_torque_reduction_works_here_too() -> None:
     rig = axis(DscForm.SPEED)
     rig.values["MOMRED"] = 0x2000
