@@ -110,6 +110,9 @@ class Axis(DriveObject):
         inputs.setpoints = setpoints
         inputs.drive_ok = drive.refresh(now)
         inputs.set_point_refused = drive.set_point_refused
+        if machine.shows_codes:
+            inputs.fault_code = self.fault_log.fault_code
+            inputs.warning_code = self.fault_log.warning_code(present=machine.outputs.warning)
         inputs.node_stopped = drive.nmt_stopped
         if drive.generation != self._generation:
             self._generation = drive.generation

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections import deque
 
 from pdgw.gateway.axis.values import FaultRecord
-from pdgw.gateway.reasons import GATEWAY_FAULTS
+from pdgw.gateway.reasons import FIRST_WARNING, GATEWAY_FAULTS
 from pdgw.profidrive.parameters.faults import FAULTS_PER_SITUATION, SIZE, Fault, FaultBuffer
 
 _NS_PER_MS = 1_000_000
@@ -65,6 +65,17 @@ class FaultLog:
     def entries(self) -> list[Fault]:
         """All 64 places, empty ones as zeros."""
         return [self._buffer.entry(place) or _NO_FAULT for place in range(SIZE)]
+
+    @property
+    def fault_code(self) -> int:
+        """The first fault that is not acknowledged (P947 element 0), 0 for none."""
+        first = self._buffer.entry(0)
+        return 0 if first is None else first.number
+
+    def warning_code(self, *, present: bool) -> int:
+        """The lowest number among the warnings of P953, 0 for none."""
+        word = self.warnings(present=present)
+        return FIRST_WARNING + (word & -word).bit_length() - 1 if word else 0
 
     def standing(self) -> list[Fault]:
         """What is not acknowledged: situation 0."""

@@ -420,7 +420,7 @@ CATALOGUE: tuple[Signal, ...] = (
     Signal("POS_ZSW1", 221, _V2, "positioner status word 1", "", _POS_ZSW1_BITS),
     Signal("POS_STW2", 222, _V2, "positioner control word 2", "", _POS_STW2_BITS),
     Signal("POS_ZSW2", 223, _V2, "positioner status word 2", "", _POS_ZSW2_BITS),
-    Signal("FAULT_CODE", 301, _U16, "number of the newest fault (P947)"),
+    Signal("FAULT_CODE", 301, _U16, "number of the first fault that stands (P947)"),
     Signal("WARN_CODE", 303, _U16, "number of the first warning (P953)"),
     Signal("USER", 0, _U16, "for the user"),
     Signal("G1_XIST3", 84, DataType.UNSIGNED64, "sensor 1 position actual value 3", "increments"),

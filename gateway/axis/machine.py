@@ -84,6 +84,8 @@ class AxisMachine:
         self.life = LifeWords(self.telegram, settings.sign_of_life_failures) if has_life else None
         self._stop = StopWatch(settings.reaction_ns, settings.stop_time_ns)
         self._needed = needed_quantities(self.telegram)
+        self.shows_codes = "FAULT_CODE" in self.telegram.actuals.names
+        """The telegram has numbers of faults and warnings: ``Inputs`` has to have them."""
         self._usable = False
         self._window = 0
         self._control_lost = False
@@ -172,6 +174,8 @@ class AxisMachine:
             reason = Reason.NO_CONTROL
         if self.sensor is not None:
             self._step_sensor(self.sensor)
+        if self.shows_codes:
+            report.fault_code, report.warning_code = inputs.fault_code, inputs.warning_code
         self.adapter.write(report, outputs.actuals)
         outputs.good = drive_ok
         shown = statusword & WATCHED if drive_ok else 0

@@ -151,6 +151,7 @@ class Inputs:
 
     __slots__ = (
         "drive_ok",
+        "fault_code",
         "feedback",
         "news",
         "node_stopped",
@@ -159,6 +160,7 @@ class Inputs:
         "sensor_ok",
         "set_point_refused",
         "setpoints",
+        "warning_code",
     )
 
     def __init__(self, feedback: DriveFeedback) -> None:
@@ -171,6 +173,10 @@ class Inputs:
         """The drive is configured and its data is fresh."""
         self.node_stopped = False
         """The heartbeat of the drive says Stopped (NMT)."""
+        self.fault_code = 0
+        """The first fault that is not acknowledged (P947); only where the telegram shows it."""
+        self.warning_code = 0
+        """The first warning (P953); likewise."""
         self.set_point_refused = False
         """A new set-point does not reach the drive, because its data could not be written."""
         self.sensor: EncoderInput | None = None

@@ -173,7 +173,19 @@ class Flag:
 class Report:
     """What an axis shows now; see ``Flag``. ``position`` and ``speed`` are fractions of the references."""
 
-    __slots__ = ("flags", "homing_method", "message", "motion", "position", "raw", "sensor", "speed", "tasks_active")
+    __slots__ = (
+        "fault_code",
+        "flags",
+        "homing_method",
+        "message",
+        "motion",
+        "position",
+        "raw",
+        "sensor",
+        "speed",
+        "tasks_active",
+        "warning_code",
+    )
 
     def __init__(self) -> None:
         self.flags = 0
@@ -185,6 +197,8 @@ class Report:
         """What a positioner shows; always the same object, None for an axis without one."""
         self.message = 0
         """MELDW."""
+        self.fault_code = 0
+        self.warning_code = 0
         self.raw: Sequence[int] = ()
         """Raw values of the objects of a transparent telegram, the Statusword first."""
         self.sensor: tuple[int, int, int] = (0, 0, 0)

@@ -8,6 +8,7 @@ import pytest
 from pdgw.gateway.config import GatewayConfig, simulated
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.positioner_config import SIMULATED
+from pdgw.gateway.reasons import FaultNumber
 from pdgw.peers.plc.scenario import Engine, load_scenario
 
 from tests.support.daemon import Plc, axis, configuration, drive_of, running
@@ -69,3 +70,19 @@ def test_speed_telegrams_turn_through_the_gateway(number: int) -> None:
         plc.enable()
         plc.endpoint.set(0, {"NSOLL_B": 1 << 28})
         plc.until(lambda: plc.value("NIST_B") == 1 << 28, "750 rpm")
+
+
+def test_111_shows_the_numbers_of_faults_and_warnings() -> None:
+    with running(config(111, "simulate = true\n" + _POSITIONER)) as daemon:
+        plc = Plc(daemon, [111])
+        plc.enable()
+        assert (plc.value("FAULT_CODE"), plc.value("WARN_CODE")) == (0, 0)
+        plc.endpoint.set(0, {"STW1": 0x043F})
+        for _ in range(5):
+            plc.exchange()
+        plc.endpoint.set(0, {"POS_STW1": 99, "STW1": 0x047F})
+        plc.until(lambda: plc.value("WARN_CODE") == FaultNumber.POSITIONER, "unknown block")
+        plc.endpoint.set(0, {"STW1": 0x042F})
+        plc.until(lambda: plc.value("WARN_CODE") == 0, "rejected")
+        drive_of(daemon).node.model.inject(7)
+        plc.until(lambda: plc.value("FAULT_CODE") == 7, "over-current")

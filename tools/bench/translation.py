@@ -19,7 +19,7 @@ from pdgw.peers.plc.endpoint import PlcEndpoint
 from pdgw.profidrive.telegrams import telegram
 from pdgw.tools.bench.measure import nanoseconds_per_call
 
-GOALS_NS = {1: 10_000, 9: 20_000}
+GOALS_NS = {1: 10_000, 9: 20_000, 111: 12_000}
 """Goals of the project for one axis-cycle."""
 _CYCLE_NS = 1_000_000
 _FRAMES = 4096

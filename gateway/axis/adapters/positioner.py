@@ -113,6 +113,8 @@ class PositionerAdapter(ControlWordAdapter):
         self._message = place(actuals, "MELDW")
         self._position = place(actuals, "XIST_A")
         self._speed = place(actuals, "NIST_B")
+        self._codes = place(actuals, "FAULT_CODE")
+        """WARN_CODE follows."""
 
     def read(self, setpoints: Sequence[int] | None, demand: Demand) -> None:
         word = None if setpoints is None else setpoints[self.stw1]
@@ -190,6 +192,8 @@ class PositionerAdapter(ControlWordAdapter):
             actuals[self._position] = max(_LOWEST, min(position, _HIGHEST))
         if self._speed >= 0:
             actuals[self._speed] = report.speed
+        if self._codes >= 0:
+            actuals[self._codes], actuals[self._codes + 1] = report.fault_code, report.warning_code
         if self._zsw2 >= 0 and outcome.to_fixed_stop:
             actuals[self._zsw2] |= _SHOWN_FIXED_STOP
         if self._aktsatz >= 0:
