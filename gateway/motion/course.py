@@ -32,8 +32,6 @@ class Goal:
     deceleration: int
     scaled: bool = True
     """The override scales the speed."""
-    sent: int = 0
-    """Serial of its newest set-point, 0 while there is none."""
     torque: int | None = None
 
 
@@ -46,6 +44,8 @@ class Course:
         self.offset = 0
         """User's coordinate minus the drive's."""
         self.goal: Goal | None = None
+        self.sent = 0
+        """Serial of the newest set-point of the goal, 0 while there is none."""
         self.speed: Goal | None = None
         """The goal of a function with a speed as asked for, without software limits."""
         self.held: Reason | None = None
@@ -65,7 +65,7 @@ class Course:
         self._seen = seen
         self._limits = self.settings.software_limits if limits else None
         goal = self.goal
-        if goal is not None and goal.distance is not None and seen.given < goal.sent:
+        if goal is not None and goal.distance is not None and seen.given < self.sent:
             self.goal = replace(goal, target=seen.position + goal.distance)
 
     def drop(self) -> None:
@@ -83,9 +83,9 @@ class Course:
     def arrived(self) -> bool:
         """The drive has reached the target of the goal in force."""
         goal, seen = self.goal, self._seen
-        if goal is None or goal.kind is not MotionKind.POSITION or not goal.sent or self.held:
+        if goal is None or goal.kind is not MotionKind.POSITION or not self.sent or self.held:
             return False
-        if not seen.reached or seen.taken < goal.sent:
+        if not seen.reached or seen.taken < self.sent:
             return False
         return goal.distance is not None or abs(goal.target - seen.position) <= self.settings.position_window
 
@@ -131,8 +131,8 @@ class Course:
         if inside != end:
             end, distance = inside, None
             self.outcome.warning = Reason.SOFTWARE_LIMIT
-        goal = Goal(MotionKind.POSITION, end - self.offset, distance, limited, acceleration, deceleration)
-        self._set(replace(goal, torque=torque))
+        target = end - self.offset
+        self._set(Goal(MotionKind.POSITION, target, distance, limited, acceleration, deceleration, torque=torque))
 
     def _inside(self, position: int) -> int:
         """A position of the user, or the software limit it is beyond."""
@@ -140,6 +140,7 @@ class Course:
 
     def _set(self, goal: Goal) -> None:
         self.goal = goal
+        self.sent = 0
         self.queued = 0
         self._at_limit = False
         self._limit_since = self._stop_since = -1
@@ -173,11 +174,11 @@ class Course:
             self.queued = 0
             return
         override = asked.override if goal.scaled else FULL
-        if goal.sent and not held and motion.override == override:
+        if self.sent and not held and motion.override == override:
             return
-        if goal.sent and goal.distance is not None:
-            if self._seen.given >= goal.sent:
-                goal = replace(goal, distance=None)  # never a second time
+        if self.sent and goal.distance is not None:
+            if self._seen.given >= self.sent:
+                goal = self.goal = replace(goal, distance=None)  # never a second time
             elif not held:
                 return  # it may be on its way to the drive
         self._send(motion, goal, override)
@@ -191,7 +192,7 @@ class Course:
             return Reason.INTERMEDIATE_STOP
         if goal.scaled and asked.override == 0:
             return Reason.OVERRIDE_ZERO
-        if not (seen.standstill and seen.internal_limit and goal.sent and not self.arrived()):
+        if not (seen.standstill and seen.internal_limit and self.sent and not self.arrived()):
             self._limit_since = -1
         elif self._limit_since < 0:
             self._limit_since = now
@@ -201,7 +202,7 @@ class Course:
 
     def _send(self, motion: Motion, goal: Goal, override: int) -> None:
         motion.serial += 1
-        self.goal = replace(goal, sent=motion.serial)
+        self.sent = motion.serial
         self.queued = 0
         motion.kind, motion.target, motion.distance = goal.kind, goal.target, goal.distance
         motion.velocity, motion.acceleration, motion.deceleration = goal.velocity, goal.acceleration, goal.deceleration
@@ -212,7 +213,7 @@ class Course:
     def queue(self, position: int, absolute: bool, velocity: int, acceleration: int, deceleration: int) -> None:
         """Give a position task that waits in the drive for the end of the goal; not beyond a limit, where it has to stop."""
         goal = self.goal
-        if goal is None or self.held or self.queued or self._seen.taken < goal.sent:
+        if goal is None or self.held or self.queued or self._seen.taken < self.sent:
             return
         target = position - self.offset if absolute else goal.target + position
         end = target + self.offset
@@ -232,9 +233,9 @@ class Course:
             Goal(
                 MotionKind.POSITION,
                 *(motion.target, None, motion.velocity, motion.acceleration, motion.deceleration),
-                sent=motion.serial,
             )
         )
+        self.sent = motion.serial
 
     def _look_for_fixed_stop(self, goal: Goal, now: int) -> None:
         outcome, seen = self.outcome, self._seen

@@ -10,9 +10,9 @@ from pdgw.dsp402.generic import recorded_drive_type
 from pdgw.dsp402.images import DriveFeedback
 from pdgw.dsp402.pdo import LAYOUTS, PdoLayout
 from pdgw.gateway.axis.machine import AxisMachine
-from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.telegrams import pdo_operation
 from pdgw.gateway.axis.values import Configured
+from pdgw.gateway.config import simulated
 from pdgw.gateway.transport.cyclic import CyclicEndpoint
 from pdgw.gateway.transport.sequence import SEQUENCE_FRAMES
 from pdgw.peers.plc.endpoint import PlcEndpoint
@@ -43,7 +43,7 @@ def axis_cycle(number: int) -> Callable[[], object]:
     endpoint = CyclicEndpoint([chosen], cycle_ns=_CYCLE_NS)
     layout = LAYOUTS[pdo_operation(number)]
     feedback = DriveFeedback()
-    machine = AxisMachine(number, AxisSettings(), feedback)
+    machine = AxisMachine(number, simulated(number, 1).axis[0].axis_settings, feedback)
     inputs, command = machine.inputs, machine.outputs.command
     inputs.news.append(Configured(recorded_drive_type(frozenset())))
     inputs.drive_ok = True
@@ -85,6 +85,7 @@ def _frame(plc: PlcEndpoint, number: int, value: int) -> bytes:
     words = {
         1: {"STW1": 0x047F, "NSOLL_A": value},
         9: {"STW1": 0x043F | (value & 8) << 3, "SATZANW": 0x8000, "MDI_TARPOS": value << 10, "MDI_VELOCITY": 1 << 29},
+        111: {"STW1": 0x047F, "POS_STW1": 0x9100, "OVERRIDE": 0x4000, "MDI_TARPOS": value << 4, "MDI_VELOCITY": 3000},
         100: {"Controlword": 0x0F, "Target Velocity": value, "Profile Acceleration": 300, "Profile Deceleration": 300},
     }
     plc.set(0, words[number])
@@ -95,7 +96,7 @@ def _enable(endpoint: CyclicEndpoint, machine: AxisMachine, plc: PlcEndpoint, nu
     """Bring the axis into operation; returns the time of the last frame."""
     now = 0
     word = plc.telegrams[0].setpoints.names[0]
-    off = {1: 0x047E, 9: 0x043E, 100: 0x0006}[number]
+    off = {1: 0x047E, 9: 0x043E, 100: 0x0006, 111: 0x043E}[number]
     for control, status in ((off, 0x0250), (off, 0x0231), (off | 1, 0x0231), (off | 1, 0x0233)):
         plc.set(0, {word: control})
         for _ in range(SEQUENCE_FRAMES):
@@ -108,5 +109,5 @@ def _enable(endpoint: CyclicEndpoint, machine: AxisMachine, plc: PlcEndpoint, nu
 
 
 def run() -> list[TranslationCost]:
-    """Measure telegrams 1, 9 and 100."""
-    return [TranslationCost(n, nanoseconds_per_call(axis_cycle(n)), GOALS_NS.get(n)) for n in (1, 9, 100)]
+    """Measure telegrams 1, 9, 100 and 111 (continuous update: a new target in each cycle)."""
+    return [TranslationCost(n, nanoseconds_per_call(axis_cycle(n)), GOALS_NS.get(n)) for n in (1, 9, 100, 111)]
