@@ -20,6 +20,8 @@ log = logging.getLogger("gateway")
 
 MS = 1_000_000
 _DATAGRAMS_AT_ONCE = 64
+_WAITED_AT_MOST = 10_000
+"""More than a socket buffer holds: a flood must not hold up the start."""
 _FROM_PLC = (Verdict.ACCEPTED, Verdict.PROVIDER_STOP)
 
 
@@ -127,6 +129,10 @@ class UdpLink:
         return self.endpoint.setpoints
 
     def start(self, action: Callable[[], None]) -> None:
+        # What came since the port was opened is of nobody's present: a loss at the start would be told for it.
+        for _ in range(_WAITED_AT_MOST):
+            if self.port.receive() is None:
+                break
         self.port.start(action, urgent=True)
 
     def receive(self, now: int, at_most: int = _DATAGRAMS_AT_ONCE) -> bool:
