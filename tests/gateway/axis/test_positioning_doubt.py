@@ -14,6 +14,7 @@ from pdgw.gateway.reasons import Reason
 
 from tests.gateway.axis.test_positioning import (
     ACTIVATE,
+    HOME_SET,
     HOMING,
     INTERMEDIATE,
     MDI_ACTIVE,
@@ -176,3 +177,16 @@ def test_an_old_attempt_does_not_shorten_the_time_a_mode_has_to_be_confirmed() -
     assert not stepper.events
     step(ON | ACTIVATE, State.OPERATION_ENABLED, 11 * second + 2)
     assert [event.number for event in stepper.events] == [110]
+
+
+def test_a_drive_that_restarted_does_not_know_its_home_position_any_more() -> None:
+    rig = axis()
+    rig.values["SATZANW"] = 0x8000 | 35
+    rig.values["STW1"] = ON | HOMING
+    rig.until(lambda actuals: bool(actuals["ZSW1"] & HOME_SET))
+    rig.values["STW1"] = ON
+    rig.step(3)
+    assert rig.actuals["ZSW1"] & HOME_SET
+    rig.restart_drive()
+    rig.step(1)
+    assert not rig.actuals["ZSW1"] & HOME_SET

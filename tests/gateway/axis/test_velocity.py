@@ -278,6 +278,17 @@ def test_a_standing_on_does_not_start_after_a_restart_of_the_drive() -> None:
     assert bench.drive.state is State.SWITCH_ON_DISABLED
 
 
+def test_a_standing_on_is_not_obeyed_by_a_drive_that_restarted_and_still_shows_operation() -> None:
+    bench = Bench()
+    bench.operate()
+    bench.step(ON, 0x2000, cycles=5)
+    bench.stepper.drive_restarted()
+    for _ in range(5):
+        bench.stepper.step((ON, 0x2000), bench.drive.feedback, True, bench.now)
+        assert not bench.controlword & 0x1
+    assert bench.stepper.reason is Reason.NEEDS_OFF
+
+
 def test_an_enable_the_drive_took_back_is_not_restored_by_a_standing_on() -> None:
     bench = Bench()
     bench.operate()
