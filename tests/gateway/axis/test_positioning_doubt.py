@@ -8,6 +8,7 @@ import pytest
 from pdgw.dsp402.images import DriveFeedback
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import STATUS_OF, ControlBit, State, StatusBit
+from pdgw.gateway.axis.executors.positioning import SubState
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.values import SdoWrite
 from pdgw.gateway.reasons import Reason
@@ -190,3 +191,34 @@ def test_a_drive_that_restarted_does_not_know_its_home_position_any_more() -> No
     rig.restart_drive()
     rig.step(1)
     assert not rig.actuals["ZSW1"] & HOME_SET
+
+
+def test_a_homing_attained_that_is_left_from_before_does_not_end_the_new_homing() -> None:
+    stepper = Stepper(9, AxisSettings())
+    stepper.set_references(References())
+    feedback = DriveFeedback()
+    half = stepper.telegram.setpoints
+    attained = StatusBit.MODE_12 | StatusBit.TARGET_REACHED
+    cycle = 4_000_000
+    now = 0
+
+    def step(word: int, status: int, mode: int = Mode.POSITION) -> None:
+        nonlocal now
+        now += cycle
+        feedback.statusword, feedback.modes_of_operation_display = status, mode
+        values = {"SATZANW": 0x8000 | 17, "MDI_VELOCITY": 1 << 29, "STW1": word}
+        stepper.step(half.from_dict(values), feedback, True, now)
+
+    for word, state in ((ON & ~1, State.SWITCH_ON_DISABLED), (ON, State.READY_TO_SWITCH_ON), (ON, State.SWITCHED_ON)):
+        step(word, STATUS_OF[state])
+    enabled = STATUS_OF[State.OPERATION_ENABLED]
+    step(ON, enabled)
+    step(ON | HOMING, enabled)
+    stepper.sdo_done(None)
+    for _ in range(5):
+        step(ON | HOMING, enabled | attained, Mode.HOMING)
+    assert stepper.sub_state is SubState.HOMING
+    assert not stepper.home_position_set
+    step(ON | HOMING, enabled, Mode.HOMING)
+    step(ON | HOMING, enabled | attained, Mode.HOMING)
+    assert stepper.home_position_set
