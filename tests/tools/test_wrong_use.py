@@ -54,6 +54,8 @@ def test_an_unreachable_can_interface_ends_with_one_line_and_status_1(tmp_path: 
         (("run", "none.toml"), "none.toml: cannot be read"),
         (("run", "--simulate", "--telegram", "112"), "telegram = 112 is not supported"),
         (("run", "--simulate", "--listen", "here"), "--listen here"),
+        (("run", "--simulate", "--listen", "0.0.0.0"), "peer is missing: listen = 0.0.0.0"),
+        (("run", "--simulate", "--listen", "0.0.0.0", "--peer", "here"), "--peer here"),
         (("run", "--simulate", "--status-port", "70000"), "--status-port 70000"),
         (("run", "--simulate", "--cycle-time-ms", "0"), "--cycle-time-ms 0"),
         (("run", "--simulate", "--log-file", "/nowhere/log"), "--log-file /nowhere/log: cannot be written"),

@@ -69,6 +69,7 @@ def run(
     ] = 0,
     encoder_telegram: Annotated[int, typer.Option(help="Telegram of the simulated encoders.")] = 83,
     listen: Annotated[str | None, typer.Option(help="Address towards the PLC.")] = None,
+    peer: Annotated[str | None, typer.Option(help="Address of the PLC, needed when --listen is not loopback.")] = None,
     cyclic_port: Annotated[int | None, typer.Option(help="UDP port of the cyclic frames.")] = None,
     acyclic_port: Annotated[int | None, typer.Option(help="UDP port of the parameter channel.")] = None,
     cycle_time_ms: Annotated[float | None, typer.Option(help="Cycle time in milliseconds.")] = None,
@@ -92,6 +93,7 @@ def run(
         chosen,
         {
             "listen": listen,
+            "peer": peer,
             "cyclic_port": cyclic_port,
             "acyclic_port": acyclic_port,
             "cycle_time_ms": cycle_time_ms,
