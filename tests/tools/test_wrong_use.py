@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from pdgw.ds301.counters import Counters
 from pdgw.tools.commands import run
 
 from tests.endtoend.processes import free_udp_port
@@ -14,18 +15,23 @@ from tests.support.cli import pdgw
 class NoLog:
     """The log stays that of the tests."""
 
+    reopens = False
+
+    def count_in(self, counters: Counters) -> None:
+        """Nothing is lost."""
+
     def stop(self) -> None:
         """There is none."""
 
 
 @pytest.fixture
 def unlogged(monkeypatch: pytest.MonkeyPatch) -> None:
-    whole = run.set_up_logging
+    whole = run.RunLog
 
     def set_up(level: run.LogLevel, file: Path | None) -> object:
         return whole(level, file) if file is not None else NoLog()
 
-    monkeypatch.setattr(run, "set_up_logging", set_up)
+    monkeypatch.setattr(run, "RunLog", set_up)
 
 
 @pytest.mark.usefixtures("unlogged")
