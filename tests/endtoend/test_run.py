@@ -183,15 +183,6 @@ def test_provider_stop_stops_the_drive(tmp_path: Path) -> None:
         assert plc.signal(0, "ZSW1") & 0x4F == 0x40, "a standing ON does not restart it"
 
 
-def test_a_port_in_use_is_named(tmp_path: Path) -> None:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
-        taken.bind(("127.0.0.1", 0))
-        port = taken.getsockname()[1]
-        result = pdgw("run", "--simulate", "--cyclic-port", str(port), "--status-port", "0")
-    assert result.returncode == 1
-    assert f"127.0.0.1 port {port} cannot be used" in result.stderr
-
-
 def test_a_scenario_that_reaches_no_gateway_fails_and_says_what_to_start(tmp_path: Path) -> None:
     path = tmp_path / "story.yaml"
     path.write_text("steps: [{speed: 10 %}, {hold: 20 ms}]\n")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import socket
 from pathlib import Path
 
 import pytest
@@ -77,6 +78,18 @@ def test_wrong_use_ends_with_one_line_and_status_1(arguments: tuple[str, ...], m
     assert result.returncode == 1
     assert message in result.stderr.replace("\n", " ")
     assert "Traceback" not in result.stderr
+
+
+@pytest.mark.usefixtures("unlogged")
+def test_a_port_in_use_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "g.toml"
+    path.write_text('[can]\ninterface = "virtual"\n[[axis]]\ndo_id = 1\nnode_id = 1\ntelegram = 1\n')
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+        taken.bind(("127.0.0.1", 0))
+        port = taken.getsockname()[1]
+        result = pdgw("run", str(path), "--cyclic-port", str(port), "--status-port", "0")
+    assert result.returncode == 1
+    assert f"127.0.0.1 port {port} cannot be used" in result.stderr
 
 
 def test_config_example_and_check(tmp_path: Path) -> None:

@@ -68,7 +68,7 @@ class SoakAxis:
         self._disturbed_until = self.drive.loop.now()
 
     def sent(self, now: int) -> None:
-        """A frame with the present word leaves the PLC."""
+        """A frame with the present word leaves the PLC; ``now``: with the delay that all frames have."""
         if not self.words.word & OFF_BIT:
             self._off_sent = now
 
