@@ -15,6 +15,7 @@ from pdgw.gateway.config import AxisConfig
 from pdgw.gateway.errors import GatewayError
 
 from tests.support import buses
+from tests.support.drive_types import engel
 
 FIRST = (SdoWrite(0x6098, 0, 35),)
 SECOND = (SdoWrite(0x6098, 0, 17),)
@@ -119,6 +120,8 @@ def test_a_lost_drive_and_a_lost_bus_are_different_faults(axis: Axis, healthy: b
 
 @pytest.mark.parametrize(("code", "number"), [(0x2310, 7), (0x1234, 10)])
 def test_an_emergency_has_the_manufacturers_number(axis: Axis, code: int, number: int) -> None:
+    axis.drive.drive_type = engel()
+    axis.references_changed()
     axis.on_node_event(DriveEvent("emcy", "EMCY", code, 1, b"\x01\x00\x00\x00\x00", 1))
     axis.step(None, 1)
     fault = axis.faults[0]
