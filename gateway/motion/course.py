@@ -176,11 +176,8 @@ class Course:
         override = asked.override if goal.scaled else FULL
         if self.sent and not held and motion.override == override:
             return
-        if self.sent and goal.distance is not None:
-            if self._seen.given >= self.sent:
-                goal = self.goal = replace(goal, distance=None)  # never a second time
-            elif not held:
-                return  # it may be on its way to the drive
+        if self.sent and goal.distance is not None and self._seen.given >= self.sent:
+            goal = self.goal = replace(goal, distance=None)  # never a second time
         self._send(motion, goal, override)
 
     def _hold(self, goal: Goal, asked: Asked, now: int) -> Reason | None:

@@ -117,6 +117,28 @@ def test_a_task_that_came_while_the_axis_brakes_starts_at_standstill() -> None:
     assert rig.position == 100
 
 
+def test_a_reject_takes_back_a_task_that_waits_for_standstill() -> None:
+    rig = PositionerRig()
+    move(rig, target=20_000, **ABSOLUTE)
+    rig.step(60)
+    rig.step(do_not_reject=False)
+    rig.step(do_not_reject=True, activate=False)
+    rig.step(activate=True, target=100)
+    rig.step(do_not_reject=False)
+    rig.step(do_not_reject=True)
+    rig.settle()
+    assert len(rig.starts) == 1
+
+
+def test_an_edge_while_stw1_5_is_0_and_nothing_is_kept_starts_nothing_later() -> None:
+    rig = PositionerRig()
+    rig.step(no_intermediate_stop=False)
+    move(rig, target=700, **ABSOLUTE)
+    rig.step(no_intermediate_stop=True)
+    rig.settle()
+    assert rig.starts == []
+
+
 def test_a_new_edge_during_an_intermediate_stop_replaces_the_kept_task() -> None:
     rig = PositionerRig()
     move(rig, target=8000, **ABSOLUTE)
@@ -429,6 +451,20 @@ def test_a_function_with_a_speed_ends_at_the_software_limit_and_moves_back(funct
     go(False)
     rig.step(600)
     assert (rig.position, rig.outcome.at_minus) == (-50_000, True)
+
+
+def test_an_axis_beyond_a_software_limit_stands_unless_it_moves_back() -> None:
+    rig = PositionerRig()
+    rig.home()
+    rig.step(400, software_limits=False, jog_2=True)
+    rig.step(60, jog_2=False)
+    beyond = rig.position
+    assert beyond > 50_000
+    rig.step(200, software_limits=True, jog_2=True)
+    assert (rig.position, rig.outcome.warning) == (beyond, Reason.SOFTWARE_LIMIT)
+    rig.step(jog_2=False)
+    rig.step(60, jog_1=True)
+    assert rig.position < beyond
 
 
 def test_a_task_that_a_limit_switch_holds_does_not_go_on_when_it_is_released() -> None:
