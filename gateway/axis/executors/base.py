@@ -39,6 +39,11 @@ class Notes:
         self.writes: tuple[SdoWrite, ...] | None = None
         """SDO writes that are wanted, until they are answered, withdrawn or replaced."""
 
+    def forget(self) -> None:
+        """No reason yet. By a method: a type checker would take an assigned None for what is there after the next call too, and
+        compiled code would insist on it."""
+        self.reason = None
+
     def limited(self, conversion: Normalisation, wire: int) -> int:
         """A fraction in the drive's units; one that a limit cuts is counted."""
         if conversion.saturates(wire):

@@ -148,7 +148,7 @@ class PositionerExecutor(Executor):
         outcome = self.positioner.step(asked, self._seen, now)
         extra = 0
         if asked.operating:
-            notes.reason = None
+            notes.forget()
             extra = self._execute(outcome.motion, units, feedback, standstill, now)
             mode.halted = extra & _HALT != 0
             reason = notes.reason or outcome.reason

@@ -147,10 +147,9 @@ class PositioningExecutor(Executor):
         flags = Flag.STANDING if standstill else 0
         operates = action is Action.ENABLE_OPERATION
         if operates and STATE_OF_STATUS[statusword & STATE_MASK] is State.OPERATION_ENABLED:
-            notes = self.notes
-            notes.reason = None
+            self.notes.forget()
             extra = self._operate(demand, scaling, feedback, standstill, now)
-            reason = notes.reason
+            reason = self.notes.reason
             if self._refused is not None:
                 if demand.reject and self._refused is not Reason.REJECTED:
                     self._refused = None
