@@ -5,9 +5,7 @@ from __future__ import annotations
 import itertools
 import time
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future
 from contextlib import contextmanager
-from typing import TypeVar
 
 import can
 from pdgw.ds301.bus import open_bus
@@ -15,7 +13,6 @@ from pdgw.ds301.loop import MS, Loop, SystemLoop
 from pdgw.ds301.network import CanNetwork
 from pdgw.ds301.port import open_port
 
-T = TypeVar("T")
 _numbers = itertools.count()
 _loops: list[SystemLoop] = []
 """Those the test plays while it waits."""
@@ -48,12 +45,6 @@ def play(duration: int) -> None:
         loop.run()
 
 
-def result(future: Future[T], seconds: float = 10) -> T:
-    """What the loop answers."""
-    wait_for(future.done, "an answer", seconds)
-    return future.result(0)
-
-
 @contextmanager
 def looped() -> Iterator[SystemLoop]:
     """A loop that runs while the test waits."""
@@ -68,21 +59,3 @@ def looped() -> Iterator[SystemLoop]:
 
 def network(loop: Loop, on: can.BusABC) -> CanNetwork:
     return CanNetwork(loop, lambda: open_port(loop, on))
-
-
-@contextmanager
-def guarded_network(name: str, node_id: int = 127) -> Iterator[CanNetwork]:
-    """A network that produces the gateway's heartbeat, as the daemon does."""
-    with looped() as loop:
-        guarded = network(loop, bus(name))
-        guarded.start()
-
-        def beat() -> None:
-            guarded.send_heartbeat(node_id)
-            loop.call_later(_BEAT_NS, beat)
-
-        beat()
-        try:
-            yield guarded
-        finally:
-            guarded.close()
