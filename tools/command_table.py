@@ -39,7 +39,9 @@ class Entry:
 
 
 COMMANDS: Mapping[str, Entry] = {
-    "run": Entry("run:run", "Run the gateway until SIGINT or SIGTERM; the drives are stopped and disabled first."),
+    "run": Entry(
+        "run:run", "Run the gateway until SIGINT, SIGTERM or SIGQUIT; the drives are stopped and disabled first."
+    ),
     "config": Entry("config:app", "Configuration files."),
     "map": Entry(
         "map:map_",
