@@ -213,6 +213,32 @@ class RebootInMotion(Reboot, DriveMisbehaviour):
         return now + MS if not self._done and self.model.next_change() is not None else super().next_event(now)
 
 
+# -- commands -----------------------------------------------------------------------------------------------------------
+
+
+@dataclass(kw_only=True, eq=False)
+class Deaf(DriveMisbehaviour):
+    """The drive takes no RPDO any more: it goes on with what it was told last, and shows it."""
+
+    name = "deaf"
+
+    def incoming(self, can_id: int, data: bytes) -> bool:
+        return not self.node.is_pdo(can_id)
+
+
+@dataclass(kw_only=True, eq=False)
+class StopRampMissing(DriveMisbehaviour):
+    """The quick stop does not brake: the drive shows Quick Stop Active and turns on."""
+
+    name = "stop-ramp-missing"
+
+    def begin(self) -> None:
+        self.model.stop_ramp = False
+
+    def end(self) -> None:
+        self.model.stop_ramp = True
+
+
 DRIVE_MISBEHAVIOURS = catalogue(
     NODE_MISBEHAVIOURS.values(),
     (
@@ -226,6 +252,8 @@ DRIVE_MISBEHAVIOURS = catalogue(
         DriveFault,
         UnderVoltage,
         RebootInMotion,
+        Deaf,
+        StopRampMissing,
     ),
 )
 """What a drive can do wrong."""

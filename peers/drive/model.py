@@ -89,6 +89,8 @@ class DriveModel:
         """rpm/s of one acceleration unit."""
         self.emcy: list[tuple[int, int]] = []
         self.disguises: list[Callable[[DriveModel, int], None]] = []
+        self.stop_ramp = True
+        """The quick stop brakes; without it the drive turns on until the connection is lost, and its power goes off then."""
         """What shows something else than the drive does; called with the model's time after each update of the image."""
         self.watchers: list[Callable[[State], None]] = []
         """Called with each state that is entered."""
@@ -226,6 +228,8 @@ class DriveModel:
         In Switched On too: its last Controlword may be an Enable Operation that only waits for DI1.
         """
         self.wake()
+        if not self.stop_ramp and self.state is State.QUICK_STOP_ACTIVE:
+            self._enter(State.SWITCH_ON_DISABLED)
         if self.state not in {State.SWITCHED_ON, State.OPERATION_ENABLED}:
             return
         option = self.read(0x6007, 0)
@@ -466,7 +470,7 @@ class DriveModel:
         if state is State.OPERATION_ENABLED:
             self._move()
         elif state is State.QUICK_STOP_ACTIVE:
-            if self._stop(self._quick_deceleration(self.read(0x605A, 0) == 2)):
+            if self.stop_ramp and self._stop(self._quick_deceleration(self.read(0x605A, 0) == 2)):
                 self._enter(State.SWITCH_ON_DISABLED)
         elif state is State.FAULT_REACTION_ACTIVE:
             option = self.read(0x605E, 0)

@@ -32,7 +32,8 @@ CHANNEL = "conformance"
 QUIET_CYCLES = 50
 """So long is watched whether something happens by itself."""
 LOST, RESTARTED = FaultNumber.NODE_LOST, FaultNumber.NODE_RESTARTED
-LOSSES = frozenset({LOST, RESTARTED})
+LOSSES = frozenset({LOST, RESTARTED, FaultNumber.STOP_IGNORED})
+"""With these the device is lost: a drive that does not stop is stopped by NMT, and silent then."""
 CONFIGURES = "NMT enter pre operational"
 """What the gateway begins a configuration with."""
 
@@ -69,6 +70,7 @@ class Activity(enum.Enum):
     START = "from power-on"
     SPEED = "turning"
     HOMING = "homing"
+    STOPPING = "turning, then OFF3"
     COMMISSIONING = "commissioning diagnostics"
 
 

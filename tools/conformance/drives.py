@@ -17,6 +17,7 @@ from pdgw.dsp402.states import State, state_of
 from pdgw.gateway.binding import Axis
 from pdgw.gateway.config import AxisConfig
 from pdgw.peers.drive import DriveModel, SimulatedDriveNode
+from pdgw.profidrive.signals import signal
 from pdgw.tools.conformance.bench import (
     CHANNEL,
     CONFIGURES,
@@ -31,6 +32,7 @@ from pdgw.tools.conformance.bench import (
 )
 
 _NODE = 5
+_NO_QUICK_STOP = signal("STW1").bit("NO_QUICK_STOP").mask
 _OFF, _ON, _ACKNOWLEDGE, _START_HOMING = 0x047E, 0x047F, 0x80, 0x0800
 _HOMING_HERE = 35
 _HALF_SPEED = 0x2000
@@ -76,6 +78,8 @@ DRIVE_CASES: tuple[Case, ...] = (
     Case("drive-fault", Reaction.STOPS, (10,)),
     Case("under-voltage", Reaction.STOPS, (6,)),
     Case("reboot-in-motion", Reaction.STOPS, (105,)),
+    Case("deaf", Reaction.STOPS, (125,), Activity.STOPPING),
+    Case("stop-ramp-missing", Reaction.STOPS, (125,), Activity.STOPPING),
 )
 """At least one for each fault of a drive (a test)."""
 
@@ -254,6 +258,7 @@ def _in_operation(bench: DriveBench, result: Result) -> None:
     else:
         if bench.axis.reason is None:
             result.failures.append("no reason is shown")
+        bench.on()
         _no_restart(bench, result, mark)
     bench.enable()
 
@@ -262,6 +267,8 @@ def _set_in(bench: DriveBench) -> None:
     case = bench.case
     if case.activity is not Activity.START:
         bench.misbehave()
+    if case.activity is Activity.STOPPING:
+        bench.values[bench.word] &= ~_NO_QUICK_STOP
     if case.activity is Activity.HOMING:
         bench.values["SATZANW"] = _HOMING_HERE
         bench.values["MDI_VELOCITY"] = 0x1000
