@@ -12,6 +12,7 @@ from pdgw.ds301.loop import MS, SECOND
 from pdgw.ds301.node import NodeStatus
 from pdgw.ds301.pdo import PdoDirection
 from pdgw.dsp402.states import Command, State
+from pdgw.gateway.axis.telegrams import DSC_TELEGRAM_NUMBERS, POSITIONER_TELEGRAM_NUMBERS
 from pdgw.gateway.config import GatewayConfig, parse_config
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.transport.udp import Address
@@ -44,6 +45,14 @@ _SHORTEST_NS, _LONGEST_NS = 2 * MS, 3 * SECOND
 _CHAOS_S = (5, 30)
 _TIMERS_MAX = 2000
 _RUNNING_STATE = 0x4F
+_POSITIONER = """\
+[axis.positioner]
+lu_per_revolution = 10000
+max_velocity = 30000
+max_acceleration = 2000
+max_deceleration = 2000
+position_window = 20
+"""
 
 
 class Life:
@@ -273,13 +282,20 @@ class Life:
 
 def _configuration(numbers: Sequence[int]) -> GatewayConfig:
     axes = "".join(
-        f"[[axis]]\ndo_id = {n}\nnode_id = {n}\ntelegram = {number}\nsimulate = true\n"
+        f"[[axis]]\ndo_id = {n}\nnode_id = {n}\ntelegram = {number}\nsimulate = true\n{_keys(number)}"
         for n, number in enumerate(numbers, 1)
     )
     return parse_config(
         f'[can]\ninterface = "virtual"\nchannel = "{_BUS}"\nbitrate = 1000000\n'
         f"[transport]\ncyclic_port = 0\nacyclic_port = 0\nstatus_port = 0\ncycle_time_ms = {CYCLE_MS}\n{axes}"
     )
+
+
+def _keys(number: int) -> str:
+    """What a telegram needs to be known beside."""
+    if number in DSC_TELEGRAM_NUMBERS:
+        return 'dsc = "speed"\nfollowing_window = 100000\n'
+    return _POSITIONER if number in POSITIONER_TELEGRAM_NUMBERS else ""
 
 
 def _exponential(chance: Random, mean: int) -> int:
