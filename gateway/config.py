@@ -1,21 +1,19 @@
 """The configuration file: TOML, validated by pydantic, with messages a user can act on.
 
-Keys of [can], [transport] and [[axis]] are fixed, others have defaults. ``example()`` is the commented file of ``pdgw config
-example``. Left out: the PLC's own parameters, which live in the parameter store.
+Keys of [can], [transport] and [[axis]] are fixed, others have defaults; what surrounds the drive objects is in
+``gateway.config_surroundings``, reading a file in ``gateway.config_file``. Left out: the PLC's own parameters, which live in
+the parameter store.
 """
 
 from __future__ import annotations
 
-import difflib
 import enum
 from collections.abc import Sequence
 from dataclasses import replace
 from fractions import Fraction
-from ipaddress import IPv4Address, IPv4Interface, IPv4Network
 from math import ceil
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar
-from uuid import UUID
+from typing import Annotated, Any, Literal
 
 from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.load import CyclicFrames, check_load
@@ -26,7 +24,6 @@ from pdgw.dsp402.pdo import LAYOUTS
 from pdgw.dsp402.scaling import UnitKeys, check_unit_keys
 from pdgw.dsp406.encoder import EncoderSettings
 from pdgw.dsp406.kinds import CHANNELS_MAX, DEVICES, LINEAR, MULTI_SENSOR, ROTARY, EncoderDevice, multi_sensor
-from pdgw.gateway import identity
 from pdgw.gateway.axis.settings import AxisSettings, ControlLost, PlcLossReaction, SetpointEnable
 from pdgw.gateway.axis.telegrams import (
     DRIVE_TELEGRAM_NUMBERS,
@@ -36,23 +33,26 @@ from pdgw.gateway.axis.telegrams import (
     initial_mode,
     pdo_operation,
 )
+from pdgw.gateway.config_surroundings import (
+    DEFAULT_BITRATE,
+    GATEWAY_NODE_ID,
+    Boolean,
+    CanConfig,
+    Integer,
+    ParametersConfig,
+    RealtimeConfig,
+    Section,
+    TransportConfig,
+)
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.explain import Problem, misplaced, problems
+from pdgw.gateway.explain import misplaced
 from pdgw.gateway.motion.dsc import DELAY_CYCLES_MAX, DscChoices, DscForm
-from pdgw.gateway.ports import STATUS_PORT
-from pdgw.gateway.positioner_config import EXAMPLE as POSITIONER_EXAMPLE
-from pdgw.gateway.positioner_config import SIMULATED, BlockConfig, PositionerConfig
-from pdgw.gateway.store import default_store
-from pdgw.gateway.toml_file import parse_toml, read_text, told
+from pdgw.gateway.positioner_config import BlockConfig, PositionerConfig
 from pdgw.profidrive.errors import ProfidriveError
-from pdgw.profidrive.frame import UDP_PORT, CSduLayout
+from pdgw.profidrive.frame import CSduLayout
 from pdgw.profidrive.telegrams import Direction, telegram
-from pdgw.profinet.rpc.dcerpc import UDP_PORT as ACYCLIC_PORT
-from pdgw.profinet.rpc.records import NIL
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, Strict, ValidationError, model_validator
+from pydantic import BeforeValidator, Field, Strict, model_validator
 
-GATEWAY_NODE_ID = 127
-DEFAULT_BITRATE = 1_000_000
 _DRIVE_CYCLE_US = 1000
 """A drive updates its values once a millisecond."""
 _DATA_PDO_RATE = 100.0
@@ -63,19 +63,8 @@ _POSITION_SIZE = 8
 _SILENCE_MS = 100
 _MAXIMUM_INHIBIT_US = 6_553_500
 """An UNSIGNED16 in units of 100 us."""
-_STATION_NAME = r"^[a-z0-9]([a-z0-9-]{0,61}[a-z0-9])?(\.[a-z0-9]([a-z0-9-]{0,61}[a-z0-9])?)*$"
-"""PROFINET: labels of lower case letters, digits and hyphens."""
-_MISSPELT = 0.85
-"""A further [can] key as similar as this to one of ours is taken for a slip of the pen."""
-
-Item = TypeVar("Item", "AxisConfig", "EncoderConfig")
 Place = tuple[str, int]
 """Section and number of its table."""
-Integer = Annotated[int, Strict()]
-"""true is no number here, and neither is "3"."""
-Boolean = Annotated[bool, Strict()]
-Port = Annotated[Integer, Field(ge=0, le=65535)]
-DeviceNumber = Annotated[Integer, Field(ge=0, le=65535)]
 
 
 class EncoderModel(enum.Enum):
@@ -84,97 +73,6 @@ class EncoderModel(enum.Enum):
     ROTARY = ROTARY.name
     LINEAR = LINEAR.name
     MULTI_SENSOR = MULTI_SENSOR.name
-
-
-class _Section(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class CanConfig(BaseModel):
-    """One bus; keys this model does not know go to the python-can interface unchanged."""
-
-    model_config = ConfigDict(extra="allow", frozen=True)
-
-    interface: str
-    channel: Annotated[str, Strict()] | Integer | None = None
-    bitrate: Annotated[Integer, Field(ge=10_000, le=1_000_000)] | None = None
-    name: str = "can"
-
-    @model_validator(mode="after")
-    def _further_keys_are_meant(self) -> CanConfig:
-        for key in self.extra:
-            close = difflib.get_close_matches(key, type(self).model_fields, n=1, cutoff=_MISSPELT)
-            if close:
-                raise misplaced(f"{key}: unknown key, did you mean {close[0]}?", key)
-        return self
-
-    @property
-    def extra(self) -> dict[str, object]:
-        """Further keys for python-can."""
-        return dict(self.model_extra or {})
-
-
-class TransportConfig(_Section):
-    """How the PLC is reached."""
-
-    type: Literal["udp", "profinet"] = "udp"
-    interface: Annotated[str, Field(min_length=1, max_length=15)] | None = None
-    """Ethernet interface of ``profinet``."""
-    ip: IPv4Interface | None = None
-    """A fixed address with its prefix length; without it the controller or engineering tool gives one by DCP."""
-    router: IPv4Address | None = None
-    """The IP suite's standard gateway, with a fixed address."""
-    vendor_id: DeviceNumber = identity.VENDOR_ID
-    device_id: DeviceNumber = identity.DEVICE_ID
-    listen: IPv4Address = IPv4Address("127.0.0.1")
-    cyclic_port: Port = UDP_PORT
-    acyclic_port: Port = ACYCLIC_PORT
-    cycle_time_ms: Annotated[float, Strict(), Field(ge=0.25, le=512)] = 4
-    watchdog_factor: Annotated[Integer, Field(ge=1, le=255)] = 3
-    peer: IPv4Address | None = None
-    status_port: Port = STATUS_PORT
-    """``pdgw status`` on loopback."""
-    parameter_timeout_ms: Annotated[Integer, Field(ge=100, le=60_000)] = 2000
-    """A parameter request is answered within this time; what the drive has not answered by then fails."""
-    ar_uuid: UUID = NIL
-    """Of the static application relationship."""
-    station_name: Annotated[str, Field(max_length=240, pattern=_STATION_NAME)] = "pdgw"
-    """P61000; of ``profinet`` the name until DCP gives another one."""
-
-    @model_validator(mode="after")
-    def _is_one_transport(self) -> TransportConfig:
-        if self.type == "profinet" and self.interface is None:
-            raise misplaced('interface is missing, needed with type = "profinet", for example "eth1"', "type")
-        if self.type != "profinet":
-            for key in ("interface", "ip", "router"):
-                if getattr(self, key) is not None:
-                    raise misplaced(f'{key}: has a meaning with type = "profinet" only', key)
-        elif self.router is not None and (self.ip is None or self.router not in self.ip.network):
-            raise misplaced("router: allowed is an address of the network of ip, which must be given too", "router")
-        return self
-
-    @model_validator(mode="after")
-    def _peer_is_known(self) -> TransportConfig:
-        if not self.listen.is_loopback and self.peer is None:
-            raise misplaced(
-                f"peer is missing: listen = {self.listen} is reached by others than programs on this machine, and whoever sends "
-                "the first frames would move the drives; peer is the address of the PLC",
-                "peer",
-            )
-        return self
-
-
-class ParametersConfig(_Section):
-    """Who may use the parameter channel."""
-
-    write_from: tuple[IPv4Network, ...] | None = None
-    """Addresses and networks parameters may be written from. None: everybody where ``listen`` is loopback, nobody otherwise."""
-
-    def writers(self, listen: IPv4Address) -> tuple[IPv4Network, ...] | None:
-        """The networks that may write; None for everybody."""
-        if self.write_from is None:
-            return None if listen.is_loopback else ()
-        return self.write_from
 
 
 def _standstill(value: object) -> object:
@@ -199,7 +97,7 @@ def as_list(value: object) -> object:
     return [value] if isinstance(value, dict) else value
 
 
-class AxisConfig(_Section):
+class AxisConfig(Section):
     """One drive and its telegram."""
 
     do_id: Annotated[Integer, Field(ge=1, le=254)]
@@ -370,7 +268,7 @@ class AxisConfig(_Section):
         )
 
 
-class EncoderConfig(_Section):
+class EncoderConfig(Section):
     """One channel of an encoder as a drive object. Channels of one device have a table each and agree in what the device is."""
 
     do_id: Annotated[Integer, Field(ge=1, le=254)]
@@ -450,18 +348,7 @@ class EncoderConfig(_Section):
         return device if self.channel <= device.channels else multi_sensor(self.channel)
 
 
-class RealtimeConfig(_Section):
-    """What is asked of the operating system for the exchange; refused politely where it does not grant it."""
-
-    priority: Annotated[Integer, Field(ge=1, le=99)] | None = None
-    """SCHED_FIFO; None: the usual scheduling."""
-    cpu: tuple[Annotated[Integer, Field(ge=0, le=1023)], ...] = ()
-    """Processors to run on; empty: all."""
-    lock_memory: Boolean = False
-    """Nothing of the process is swapped out."""
-
-
-class GatewayConfig(_Section):
+class GatewayConfig(Section):
     """The whole file."""
 
     can: Annotated[tuple[CanConfig, ...], BeforeValidator(as_list), Field(min_length=1)]
@@ -612,164 +499,3 @@ def _no_twice(what: str, values: Sequence[Any], places: Sequence[Place], key: st
     for position, (value, place) in enumerate(zip(values, places, strict=True)):
         if value in values[:position]:
             raise misplaced(f"{what}: {value!r} is used twice, each must be different", *place, key)
-
-
-def load_config(path: Path) -> GatewayConfig:
-    """Read and validate a file; GatewayError has one line for each thing that is wrong."""
-    text = read_text(path)
-    config = parse_config(text, str(path))
-    axes = tuple(_beside(axis, path) for axis in config.axis)
-    encoders = tuple(_beside(encoder, path) for encoder in config.encoder)
-    sections: tuple[tuple[str, Sequence[AxisConfig | EncoderConfig]], ...] = (("axis", axes), ("encoder", encoders))
-    missing = [
-        told(Problem((section, number, "eds"), repr(str(item.eds)), "is not a file"), text, str(path), SECTIONS)
-        for section, items in sections
-        for number, item in enumerate(items)
-        if item.eds is not None and not item.eds.is_file()
-    ]
-    if missing:
-        raise GatewayError("\n".join(missing))
-    store = path.parent / config.store if config.store else default_store(path)
-    return config.model_copy(update={"axis": axes, "encoder": encoders, "store": store})
-
-
-def _beside(item: Item, path: Path) -> Item:
-    """Relative paths are meant from where the configuration is."""
-    return item.model_copy(update={"eds": path.parent / item.eds}) if item.eds else item
-
-
-def parse_config(text: str, name: str = "configuration") -> GatewayConfig:
-    """Validate configuration text; see ``load_config``."""
-    return parse_toml(GatewayConfig, SECTIONS, text, name)
-
-
-SECTIONS: dict[str, type[BaseModel]] = {
-    "can": CanConfig,
-    "transport": TransportConfig,
-    "parameters": ParametersConfig,
-    "axis": AxisConfig,
-    "encoder": EncoderConfig,
-}
-"""The models of the file's tables."""
-
-
-def example() -> str:
-    """A commented configuration that is itself valid."""
-    return f"""\
-# Configuration of the PROFIdrive-to-CANopen gateway. Times in milliseconds.
-
-# store = "parameters.json"  # what the PLC changed and a restart keeps (P922, P925, P927, I&M); without it
-#                            # ~/.local/state/pdgw/ (XDG_STATE_HOME, or systemd's StateDirectory), by this file's name
-
-[can]
-interface = "socketcan"      # any python-can interface
-channel = "can0"
-bitrate = {DEFAULT_BITRATE}
-# Further keys go to the interface unchanged. For several buses use [[can]] tables with a name each,
-# and can = "name" in the axes.
-
-[transport]
-type = "udp"
-listen = "127.0.0.1"         # address of this machine towards the PLC
-cyclic_port = {UDP_PORT}
-acyclic_port = {ACYCLIC_PORT}
-cycle_time_ms = 4            # 0.25 to 512
-watchdog_factor = 3          # the PLC is lost after this many cycles without a frame
-# parameter_timeout_ms = 2000  # a parameter request is answered within this time
-# ar_uuid = "00000000-0000-0000-0000-000000000000"   # of the static application relationship
-# station_name = "pdgw"      # P61000
-# peer = "192.168.0.10"      # only this PLC; without it the first sender, which only listen = "127.0.0.1" allows
-# A PROFINET IO device on Ethernet instead (docs/profinet.md):
-# type = "profinet"
-# interface = "eth1"
-# ip = "192.168.0.2/24"      # without it the controller gives one by DCP
-# router = "192.168.0.1"
-# vendor_id = {identity.VENDOR_ID}          # of your PI membership; {identity.VENDOR_ID} is nobody's
-# device_id = {identity.DEVICE_ID}
-
-# [parameters]
-# write_from = ["192.168.0.10", "192.168.0.64/28"]   # who may write parameters; without it everybody on this machine, or nobody
-
-# [realtime]                 # Linux; what is not granted is told, and the gateway runs without
-# priority = 50              # SCHED_FIFO, 1 to 99
-# cpu = [1]                  # processors to run on
-# lock_memory = true
-
-[[axis]]
-do_id = 1                    # DO-ID of the parameter channel, 1 to 254
-node_id = 1                  # CANopen node, 1 to 126
-telegram = 1                 # one of {", ".join(map(str, DRIVE_TELEGRAM_NUMBERS))}
-# eds = "drive.eds"          # EDS or DCF of the drive; without it the drive itself is asked which objects it has
-on_plc_loss = "quick-stop"   # "ramp", "quick-stop" or "coast"
-setpoint_enable = "profidrive"  # STW1 bit 4 or 6 = 0: speed 0; bit 5 = 0: the speed stays. "hold": it stays in all three
-control_lost = "stop"        # STW1.10 = 0 in operation: "stop" as OFF1, or "hold" the last words; OFF1-3 act in any case
-modulo_axis = false          # telegram 9: turntable
-simulate = false             # true: a simulated drive instead of the one on the bus
-# ramp_stop_resume = false   # true: ON during an OFF1 ramp resumes operation
-# standstill_window_percent = 1
-# stop_time_ms = 10000       # longest way from 100 % speed to standstill; one that takes twice as long counts as deaf
-# heartbeat_ms = 100
-# tpdo_event_ms = 50
-# tpdo_inhibit_us = 4000     # without it: the cycle time
-# sdo_timeout_ms = 500
-# sdo_interval_ms = 4        # the parameter channel pauses between two SDOs
-# sync = false               # TPDOs on SYNC instead of event-driven
-# allow_unguarded = false    # true: operate a drive that refuses 1016h or 6007h
-# g1 = 3                     # telegram 3: DO-ID of the encoder that is G1, without it the drive's own position
-# family = "engel"           # the overlay of the drive, without it by its identity
-# What the drive does not tell about its units; pdgw config check --bus shows what it does tell (docs/units.md).
-# rated_speed_rpm = 3000     # 100 % of NSOLL in rpm of the motor, without it Max Motor Speed 6080h
-# velocity_unit = "rpm"      # of 60FFh: such as "0.1 rpm", "counts/s", "mm/s"
-# position_unit = "0.01 mm"  # of 607Ah, or:
-# counts_per_revolution = 4096         # position units in one revolution of the motor
-# acceleration_unit = "rpm/s"          # of 6083h, needed with:
-# rated_acceleration_rpm_s = 10000     # 100 % of MDI_ACC and MDI_DEC, without it Max Acceleration 60C5h
-# gear = "10/1"              # revolutions of the motor to those of the shaft behind the gear, without it 6091h
-
-# dsc = "position"           # telegrams 5, 6, 105, 106: "position" (mode 8) or "speed" (mode 9), see docs/motion.md
-# following_window = 4096    # position units within which DSC may start, needed with dsc
-# dsc_delay_cycles = 1       # age of the position the PLC answers
-# xerr_sign = 1              # -1: a positive XERR moves backward
-{POSITIONER_EXAMPLE}
-# Encoders follow the axes in the frame. Several channels of a multi-sensor device are tables of their own.
-# [[encoder]]
-# do_id = 3
-# node_id = 10
-# telegram = 83              # one of {", ".join(map(str, ENCODER_TELEGRAM_NUMBERS))}
-# model = "rotary"           # "rotary", "linear" or "multi-sensor"; eds = "encoder.eds" for another data sheet
-# channel = 1                # of a multi-sensor device
-# reference_speed = 3000     # 100 % of NIST: rpm, of a linear encoder mm/s
-# tpdo_event_ms = 4          # cyclic timer; without it the cycle time
-# simulate = false           # true: a simulated encoder, moved by motion = "..." (see pdgw sim encoder --help)
-"""
-
-
-def simulated(number: int, axes: int, encoders: int = 0, encoder_number: int = 83) -> GatewayConfig:
-    """The configuration of ``pdgw run --simulate``: simulated drives and encoders on a virtual bus, 4 ms.
-
-    The encoders sit on the shafts of the axes, one after the other. GatewayError names what is not possible.
-    """
-    document = {
-        "can": {"interface": "virtual", "channel": "pdgw"},
-        "axis": [
-            {"do_id": n, "node_id": n, "telegram": number, "simulate": True}
-            | ({"positioner": SIMULATED} if number in POSITIONER_TELEGRAM_NUMBERS else {})
-            | ({"dsc": "position", "following_window": 4096} if number in DSC_TELEGRAM_NUMBERS else {})
-            for n in range(1, axes + 1)
-        ],
-        "encoder": [
-            {
-                "do_id": axes + n,
-                "node_id": axes + n,
-                "telegram": encoder_number,
-                "simulate": True,
-                "motion": f"shaft={(n - 1) % axes + 1}",
-            }
-            for n in range(1, encoders + 1)
-        ],
-    }
-    try:
-        return GatewayConfig.model_validate(document)
-    except ValidationError as error:
-        messages = dict.fromkeys(problem.text for problem in problems(error, GatewayConfig))
-        raise GatewayError("\n".join(messages)) from error

@@ -10,7 +10,8 @@ from typing import Final
 from pdgw.ds301.errors import CanopenError
 from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.dsp406.pdo import POSITION, POSITION_MULTI_SENSOR
-from pdgw.gateway.config import SECTIONS, AxisConfig, EncoderConfig, GatewayConfig
+from pdgw.gateway.config import AxisConfig, EncoderConfig, GatewayConfig
+from pdgw.gateway.config_file import SECTIONS
 from pdgw.gateway.explain import Problem
 from pdgw.gateway.toml_file import read_text, told
 

@@ -18,7 +18,8 @@ from pdgw.ds301.client import NodeClient
 from pdgw.ds301.loop import MS, Event, Loop, Timer
 from pdgw.ds301.network import CanNetwork
 from pdgw.gateway.binding import Axis
-from pdgw.gateway.config import GATEWAY_NODE_ID, AxisConfig, GatewayConfig
+from pdgw.gateway.config import AxisConfig, GatewayConfig
+from pdgw.gateway.config_surroundings import GATEWAY_NODE_ID
 from pdgw.gateway.drive_object import DriveObject
 from pdgw.gateway.edge import Edge, SystemEdge
 from pdgw.gateway.encoder import EncoderNode, EncoderObject

@@ -12,7 +12,7 @@ import can
 from pdgw.ds301.bus import open_bus
 from pdgw.ds301.loop import Loop, SystemLoop
 from pdgw.ds301.port import CanPort, open_port
-from pdgw.gateway.config import CanConfig
+from pdgw.gateway.config_surroundings import CanConfig
 from pdgw.gateway.transport.udp import Address, UdpSocket
 
 

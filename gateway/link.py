@@ -11,7 +11,7 @@ from functools import partial
 from typing import Protocol
 
 from pdgw.ds301.counters import Counters
-from pdgw.gateway.config import TransportConfig
+from pdgw.gateway.config_surroundings import TransportConfig
 from pdgw.gateway.edge import DatagramPort
 from pdgw.gateway.transport.cyclic import CyclicEndpoint, Verdict
 from pdgw.profidrive.telegrams import Telegram

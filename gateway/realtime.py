@@ -10,7 +10,7 @@ import ctypes
 import os
 from collections.abc import Callable
 
-from pdgw.gateway.config import RealtimeConfig
+from pdgw.gateway.config_surroundings import RealtimeConfig
 
 _MCL_CURRENT, _MCL_FUTURE = 1, 2
 """linux/mman.h"""

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from pdgw.decoder.recognise import recognise
     from pdgw.ds301.eds_import import import_eds
     from pdgw.ds301.errors import CanopenError
-    from pdgw.gateway.config import load_config, parse_config
+    from pdgw.gateway.config_file import load_config, parse_config
     from pdgw.gateway.daemon import Daemon
     from pdgw.gateway.errors import GatewayError
     from pdgw.peers.world import World
@@ -48,8 +48,8 @@ _ROOMS = {
     "ProfidriveError": "profidrive.errors",
     "World": "peers.world",
     "import_eds": "ds301.eds_import",
-    "load_config": "gateway.config",
-    "parse_config": "gateway.config",
+    "load_config": "gateway.config_file",
+    "parse_config": "gateway.config_file",
     "read_parameters": "tools.parameters.reading",
     "read_records": "decoder.capture.reading",
     "recognise": "decoder.recognise",

@@ -9,7 +9,8 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
-from pdgw.gateway.config import CanConfig, GatewayConfig
+from pdgw.gateway.config import GatewayConfig
+from pdgw.gateway.config_surroundings import CanConfig
 from pdgw.gateway.errors import GatewayError
 
 _VIRTUAL = "virtual"

@@ -13,7 +13,7 @@ from pdgw.decoder.capture.pcapng_file import PcapngWriter, udp_packet
 from pdgw.decoder.link import CAN_ERROR, CAN_EXTENDED, CAN_REMOTE
 from pdgw.decoder.records import Link
 from pdgw.gateway.config import GatewayConfig
-from pdgw.gateway.config_text import config_text
+from pdgw.gateway.config_file import config_text
 from pdgw.gateway.edge import DatagramPort, SystemEdge
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.transport.udp import Address

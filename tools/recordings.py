@@ -34,7 +34,8 @@ from pdgw.decoder.replay import AxisReplay, Replayer
 from pdgw.decoder.timeline import Entry
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS
-from pdgw.gateway.config import GatewayConfig, load_config, parse_config
+from pdgw.gateway.config import GatewayConfig
+from pdgw.gateway.config_file import load_config, parse_config
 from pdgw.gateway.errors import GatewayError
 from pdgw.tools.progress import with_progress
 

@@ -47,7 +47,7 @@ def known_beforehand(
     cyclic, acyclic = settings.cyclic_ports | set(ports), settings.acyclic_ports
     bitrate = None
     if config is not None:
-        from pdgw.gateway.config import load_config  # noqa: PLC0415 (loads the whole gateway)
+        from pdgw.gateway.config_file import load_config  # noqa: PLC0415 (loads the whole gateway)
 
         loaded = load_config(config)
         origin = "configuration"

@@ -14,7 +14,7 @@ from pdgw.ds301.errors import CanopenError
 from pdgw.dsp402.overlay import known_faults
 from pdgw.gateway import identity
 from pdgw.gateway.binding import Axis
-from pdgw.gateway.config import DEFAULT_BITRATE, GATEWAY_NODE_ID
+from pdgw.gateway.config_surroundings import DEFAULT_BITRATE, GATEWAY_NODE_ID
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.drive_object import DriveObject
 from pdgw.gateway.encoder import EncoderObject

@@ -12,7 +12,8 @@ from typing import Literal
 import can
 from pdgw.ds301.port import CanPort
 from pdgw.gateway.axis.telegrams import DSC_TELEGRAM_NUMBERS
-from pdgw.gateway.config import AxisConfig, CanConfig, EncoderConfig, GatewayConfig
+from pdgw.gateway.config import AxisConfig, EncoderConfig, GatewayConfig
+from pdgw.gateway.config_surroundings import CanConfig
 from pdgw.gateway.errors import GatewayError
 from pdgw.peers.drive import ENGEL
 from pdgw.peers.drive.shapes import SYNCHRONOUS

@@ -10,7 +10,8 @@ from typing import Annotated, Any, Literal
 
 from pdgw.ds301.errors import CanopenError
 from pdgw.dsp406.kinds import ROTARY
-from pdgw.gateway.config import CanConfig, Integer, Port, as_list
+from pdgw.gateway.config import as_list
+from pdgw.gateway.config_surroundings import CanConfig, Integer, Port
 from pdgw.gateway.explain import misplaced
 from pdgw.gateway.toml_file import parse_toml, read_text
 from pdgw.peers.drive import SHAPES

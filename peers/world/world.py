@@ -7,7 +7,8 @@ from typing import Any
 
 from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.loop import SECOND, VirtualLoop
-from pdgw.gateway.config import CanConfig, GatewayConfig
+from pdgw.gateway.config import GatewayConfig
+from pdgw.gateway.config_surroundings import CanConfig
 from pdgw.peers.drive import SimulatedDrive
 from pdgw.peers.encoder import SimulatedEncoder
 from pdgw.peers.simulation.beside import add_device, simulated_devices

@@ -11,7 +11,7 @@ import time
 from ipaddress import IPv4Interface
 from pathlib import Path
 
-from pdgw.gateway.config import load_config
+from pdgw.gateway.config_file import load_config
 from pdgw.gateway.profinet_identity import profinet_model
 from pdgw.peers.controller.controller import Phase
 from pdgw.peers.controller.project import Project

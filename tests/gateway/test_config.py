@@ -12,8 +12,9 @@ from pdgw.dsp406.device import eds_path
 from pdgw.dsp406.kinds import ROTARY
 from pdgw.gateway.axis.settings import ControlLost, PlcLossReaction, SetpointEnable
 from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS
-from pdgw.gateway.config import example, load_config, parse_config, simulated
 from pdgw.gateway.config_check import references_wrong
+from pdgw.gateway.config_example import example, simulated
+from pdgw.gateway.config_file import load_config, parse_config
 from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.telegrams import TELEGRAMS
 

@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Callable
 
 from pdgw.ds301.counters import Counters
-from pdgw.gateway.config import TransportConfig
+from pdgw.gateway.config_surroundings import TransportConfig
 from pdgw.gateway.link import UdpLink
 from pdgw.peers.plc.endpoint import PlcEndpoint
 from pdgw.profidrive.telegrams import telegram

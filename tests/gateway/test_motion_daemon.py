@@ -5,7 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from pdgw.gateway.config import GatewayConfig, simulated
+from pdgw.gateway.config import GatewayConfig
+from pdgw.gateway.config_example import simulated
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.positioner_config import SIMULATED
 from pdgw.gateway.reasons import FaultNumber

@@ -8,7 +8,7 @@ import sys
 
 import pytest
 from pdgw.gateway import realtime
-from pdgw.gateway.config import RealtimeConfig
+from pdgw.gateway.config_surroundings import RealtimeConfig
 
 
 def test_nothing_is_asked_by_default(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -11,7 +11,8 @@ from uuid import UUID
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from pdgw.gateway.config import ParametersConfig, parse_config
+from pdgw.gateway.config_file import parse_config
+from pdgw.gateway.config_surroundings import ParametersConfig
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.parameters.manager import ParameterManager
 from pdgw.gateway.records import CallerRecords, Records

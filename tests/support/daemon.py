@@ -8,7 +8,8 @@ from typing import TypeVar
 from unittest.mock import patch
 
 from pdgw.ds301.loop import SECOND
-from pdgw.gateway.config import GatewayConfig, parse_config
+from pdgw.gateway.config import GatewayConfig
+from pdgw.gateway.config_file import parse_config
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.status import snapshot
 from pdgw.gateway.transport.acyclic import AcyclicServer

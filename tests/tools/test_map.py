@@ -10,7 +10,8 @@ from typing import Any
 
 import pytest
 from pdgw.gateway.bytemap import Place, counter_step, frame_maps
-from pdgw.gateway.config import GatewayConfig, load_config
+from pdgw.gateway.config import GatewayConfig
+from pdgw.gateway.config_file import load_config
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.transport.cyclic import CyclicEndpoint
 from pdgw.peers.plc.endpoint import PlcEndpoint

@@ -11,8 +11,8 @@ from pdgw.decoder.capture.pcapng_file import PcapngWriter, configuration_in, udp
 from pdgw.decoder.capture.source import open_source
 from pdgw.decoder.engine import Decoder, Packet, Settings, given_axes
 from pdgw.decoder.records import CyclicRecord, Link
-from pdgw.gateway.config import example, parse_config, simulated
-from pdgw.gateway.config_text import config_text
+from pdgw.gateway.config_example import example, simulated
+from pdgw.gateway.config_file import config_text, parse_config
 from pdgw.gateway.errors import GatewayError
 from pdgw.tools.commands.replay import replay
 from pdgw.tools.commands.timeline import timeline

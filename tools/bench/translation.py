@@ -12,7 +12,7 @@ from pdgw.dsp402.pdo import LAYOUTS, PdoLayout
 from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.telegrams import pdo_operation
 from pdgw.gateway.axis.values import Configured
-from pdgw.gateway.config import simulated
+from pdgw.gateway.config_example import simulated
 from pdgw.gateway.transport.cyclic import CyclicEndpoint
 from pdgw.gateway.transport.sequence import SEQUENCE_FRAMES
 from pdgw.peers.plc.endpoint import PlcEndpoint

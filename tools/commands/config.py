@@ -7,9 +7,10 @@ from typing import Annotated
 
 import typer
 from pdgw.ds301.errors import CanopenError
-from pdgw.gateway.config import AxisConfig, GatewayConfig, load_config
-from pdgw.gateway.config import example as example_text
+from pdgw.gateway.config import AxisConfig, GatewayConfig
 from pdgw.gateway.config_check import references_wrong
+from pdgw.gateway.config_example import example as example_text
+from pdgw.gateway.config_file import load_config
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.needs import needed_quantities
 from pdgw.profidrive.telegrams import telegram

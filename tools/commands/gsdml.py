@@ -7,7 +7,8 @@ from typing import Annotated
 
 import typer
 from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS, ENCODER_TELEGRAM_NUMBERS
-from pdgw.gateway.config import TransportConfig, load_config
+from pdgw.gateway.config_file import load_config
+from pdgw.gateway.config_surroundings import TransportConfig
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.profinet_identity import PRODUCT, RELEASED, VENDOR_NAME, profinet_identity
 from pdgw.profidrive.telegrams import telegram

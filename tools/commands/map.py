@@ -12,7 +12,7 @@ from typing import Annotated
 
 import typer
 from pdgw.gateway.bytemap import FrameMap, Place, counter_step, frame_maps
-from pdgw.gateway.config import load_config
+from pdgw.gateway.config_file import load_config
 from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.frame import FRAME_ID_TO_CONTROLLER, FRAME_ID_TO_DEVICE
 from pdgw.profidrive.telegrams import Direction

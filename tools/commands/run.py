@@ -13,7 +13,10 @@ from typing import Annotated
 
 import typer
 from pdgw.gateway import realtime
-from pdgw.gateway.config import CanConfig, GatewayConfig, load_config, simulated
+from pdgw.gateway.config import GatewayConfig
+from pdgw.gateway.config_example import simulated
+from pdgw.gateway.config_file import load_config
+from pdgw.gateway.config_surroundings import CanConfig
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.explain import Problem, problems

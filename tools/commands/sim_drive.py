@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from pdgw.gateway.config import CanConfig
+from pdgw.gateway.config_surroundings import CanConfig
 from pdgw.gateway.edge import open_configured_bus
 from pdgw.gateway.errors import GatewayError
 from pdgw.peers.bus import DEFAULT_PORT, INTERFACE, ServedBus

@@ -17,7 +17,7 @@ import can
 from pdgw.ds301.loop import SECOND
 from pdgw.ds301.network import CanNetwork
 from pdgw.ds301.nmt import NmtCommand
-from pdgw.gateway.config import GATEWAY_NODE_ID, CanConfig
+from pdgw.gateway.config_surroundings import GATEWAY_NODE_ID, CanConfig
 from pdgw.gateway.drive_object import DriveObject
 from pdgw.gateway.reasons import FaultNumber
 from pdgw.peers.node.running import RunningNode

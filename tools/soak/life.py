@@ -13,7 +13,8 @@ from pdgw.ds301.node import NodeStatus
 from pdgw.ds301.pdo import PdoDirection
 from pdgw.dsp402.states import Command, State
 from pdgw.gateway.axis.telegrams import DSC_TELEGRAM_NUMBERS, POSITIONER_TELEGRAM_NUMBERS
-from pdgw.gateway.config import GatewayConfig, parse_config
+from pdgw.gateway.config import GatewayConfig
+from pdgw.gateway.config_file import parse_config
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.transport.udp import Address
 from pdgw.peers.drive import SimulatedDrive

@@ -1,0 +1,142 @@
+"""The commented example of a configuration, and the one of a simulation."""
+
+from __future__ import annotations
+
+from pdgw.gateway import identity
+from pdgw.gateway.axis.telegrams import (
+    DRIVE_TELEGRAM_NUMBERS,
+    DSC_TELEGRAM_NUMBERS,
+    ENCODER_TELEGRAM_NUMBERS,
+    POSITIONER_TELEGRAM_NUMBERS,
+)
+from pdgw.gateway.config import GatewayConfig
+from pdgw.gateway.config_surroundings import DEFAULT_BITRATE
+from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.explain import problems
+from pdgw.gateway.positioner_config import EXAMPLE as POSITIONER_EXAMPLE
+from pdgw.gateway.positioner_config import SIMULATED
+from pdgw.profidrive.frame import UDP_PORT
+from pdgw.profinet.rpc.dcerpc import UDP_PORT as ACYCLIC_PORT
+from pydantic import ValidationError
+
+
+def example() -> str:
+    """A commented configuration that is itself valid."""
+    return f"""\
+# Configuration of the PROFIdrive-to-CANopen gateway. Times in milliseconds.
+
+# store = "parameters.json"  # what the PLC changed and a restart keeps (P922, P925, P927, I&M); without it
+#                            # ~/.local/state/pdgw/ (XDG_STATE_HOME, or systemd's StateDirectory), by this file's name
+
+[can]
+interface = "socketcan"      # any python-can interface
+channel = "can0"
+bitrate = {DEFAULT_BITRATE}
+# Further keys go to the interface unchanged. For several buses use [[can]] tables with a name each,
+# and can = "name" in the axes.
+
+[transport]
+type = "udp"
+listen = "127.0.0.1"         # address of this machine towards the PLC
+cyclic_port = {UDP_PORT}
+acyclic_port = {ACYCLIC_PORT}
+cycle_time_ms = 4            # 0.25 to 512
+watchdog_factor = 3          # the PLC is lost after this many cycles without a frame
+# parameter_timeout_ms = 2000  # a parameter request is answered within this time
+# ar_uuid = "00000000-0000-0000-0000-000000000000"   # of the static application relationship
+# station_name = "pdgw"      # P61000
+# peer = "192.168.0.10"      # only this PLC; without it the first sender, which only listen = "127.0.0.1" allows
+# A PROFINET IO device on Ethernet instead (docs/profinet.md):
+# type = "profinet"
+# interface = "eth1"
+# ip = "192.168.0.2/24"      # without it the controller gives one by DCP
+# router = "192.168.0.1"
+# vendor_id = {identity.VENDOR_ID}          # of your PI membership; {identity.VENDOR_ID} is nobody's
+# device_id = {identity.DEVICE_ID}
+
+# [parameters]
+# write_from = ["192.168.0.10", "192.168.0.64/28"]   # who may write parameters; without it everybody on this machine, or nobody
+
+# [realtime]                 # Linux; what is not granted is told, and the gateway runs without
+# priority = 50              # SCHED_FIFO, 1 to 99
+# cpu = [1]                  # processors to run on
+# lock_memory = true
+
+[[axis]]
+do_id = 1                    # DO-ID of the parameter channel, 1 to 254
+node_id = 1                  # CANopen node, 1 to 126
+telegram = 1                 # one of {", ".join(map(str, DRIVE_TELEGRAM_NUMBERS))}
+# eds = "drive.eds"          # EDS or DCF of the drive; without it the drive itself is asked which objects it has
+on_plc_loss = "quick-stop"   # "ramp", "quick-stop" or "coast"
+setpoint_enable = "profidrive"  # STW1 bit 4 or 6 = 0: speed 0; bit 5 = 0: the speed stays. "hold": it stays in all three
+control_lost = "stop"        # STW1.10 = 0 in operation: "stop" as OFF1, or "hold" the last words; OFF1-3 act in any case
+modulo_axis = false          # telegram 9: turntable
+simulate = false             # true: a simulated drive instead of the one on the bus
+# ramp_stop_resume = false   # true: ON during an OFF1 ramp resumes operation
+# standstill_window_percent = 1
+# stop_time_ms = 10000       # longest way from 100 % speed to standstill; one that takes twice as long counts as deaf
+# heartbeat_ms = 100
+# tpdo_event_ms = 50
+# tpdo_inhibit_us = 4000     # without it: the cycle time
+# sdo_timeout_ms = 500
+# sdo_interval_ms = 4        # the parameter channel pauses between two SDOs
+# sync = false               # TPDOs on SYNC instead of event-driven
+# allow_unguarded = false    # true: operate a drive that refuses 1016h or 6007h
+# g1 = 3                     # telegram 3: DO-ID of the encoder that is G1, without it the drive's own position
+# family = "engel"           # the overlay of the drive, without it by its identity
+# What the drive does not tell about its units; pdgw config check --bus shows what it does tell (docs/units.md).
+# rated_speed_rpm = 3000     # 100 % of NSOLL in rpm of the motor, without it Max Motor Speed 6080h
+# velocity_unit = "rpm"      # of 60FFh: such as "0.1 rpm", "counts/s", "mm/s"
+# position_unit = "0.01 mm"  # of 607Ah, or:
+# counts_per_revolution = 4096         # position units in one revolution of the motor
+# acceleration_unit = "rpm/s"          # of 6083h, needed with:
+# rated_acceleration_rpm_s = 10000     # 100 % of MDI_ACC and MDI_DEC, without it Max Acceleration 60C5h
+# gear = "10/1"              # revolutions of the motor to those of the shaft behind the gear, without it 6091h
+
+# dsc = "position"           # telegrams 5, 6, 105, 106: "position" (mode 8) or "speed" (mode 9), see docs/motion.md
+# following_window = 4096    # position units within which DSC may start, needed with dsc
+# dsc_delay_cycles = 1       # age of the position the PLC answers
+# xerr_sign = 1              # -1: a positive XERR moves backward
+{POSITIONER_EXAMPLE}
+# Encoders follow the axes in the frame. Several channels of a multi-sensor device are tables of their own.
+# [[encoder]]
+# do_id = 3
+# node_id = 10
+# telegram = 83              # one of {", ".join(map(str, ENCODER_TELEGRAM_NUMBERS))}
+# model = "rotary"           # "rotary", "linear" or "multi-sensor"; eds = "encoder.eds" for another data sheet
+# channel = 1                # of a multi-sensor device
+# reference_speed = 3000     # 100 % of NIST: rpm, of a linear encoder mm/s
+# tpdo_event_ms = 4          # cyclic timer; without it the cycle time
+# simulate = false           # true: a simulated encoder, moved by motion = "..." (see pdgw sim encoder --help)
+"""
+
+
+def simulated(number: int, axes: int, encoders: int = 0, encoder_number: int = 83) -> GatewayConfig:
+    """The configuration of ``pdgw run --simulate``: simulated drives and encoders on a virtual bus, 4 ms.
+
+    The encoders sit on the shafts of the axes, one after the other. GatewayError names what is not possible.
+    """
+    document = {
+        "can": {"interface": "virtual", "channel": "pdgw"},
+        "axis": [
+            {"do_id": n, "node_id": n, "telegram": number, "simulate": True}
+            | ({"positioner": SIMULATED} if number in POSITIONER_TELEGRAM_NUMBERS else {})
+            | ({"dsc": "position", "following_window": 4096} if number in DSC_TELEGRAM_NUMBERS else {})
+            for n in range(1, axes + 1)
+        ],
+        "encoder": [
+            {
+                "do_id": axes + n,
+                "node_id": axes + n,
+                "telegram": encoder_number,
+                "simulate": True,
+                "motion": f"shaft={(n - 1) % axes + 1}",
+            }
+            for n in range(1, encoders + 1)
+        ],
+    }
+    try:
+        return GatewayConfig.model_validate(document)
+    except ValidationError as error:
+        messages = dict.fromkeys(problem.text for problem in problems(error, GatewayConfig))
+        raise GatewayError("\n".join(messages)) from error

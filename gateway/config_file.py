@@ -1,0 +1,66 @@
+"""The configuration as a file: read, with errors that name line and key, and written again."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from fractions import Fraction
+from pathlib import Path
+from typing import TypeVar
+
+from pdgw.gateway.config import AxisConfig, EncoderConfig, GatewayConfig
+from pdgw.gateway.config_surroundings import CanConfig, ParametersConfig, RealtimeConfig, TransportConfig
+from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.explain import Problem
+from pdgw.gateway.store import default_store
+from pdgw.gateway.toml_file import parse_toml, read_text, told, toml_text
+from pydantic import BaseModel
+
+Item = TypeVar("Item", AxisConfig, EncoderConfig)
+SECTIONS: dict[str, type[BaseModel]] = {
+    "can": CanConfig,
+    "transport": TransportConfig,
+    "parameters": ParametersConfig,
+    "realtime": RealtimeConfig,
+    "axis": AxisConfig,
+    "encoder": EncoderConfig,
+}
+"""The models of the file's tables."""
+_PERCENT = "standstill_window_percent"
+
+
+def load_config(path: Path) -> GatewayConfig:
+    """Read and validate a file; GatewayError has one line for each thing that is wrong."""
+    text = read_text(path)
+    config = parse_config(text, str(path))
+    axes = tuple(_beside(axis, path) for axis in config.axis)
+    encoders = tuple(_beside(encoder, path) for encoder in config.encoder)
+    sections: tuple[tuple[str, Sequence[AxisConfig | EncoderConfig]], ...] = (("axis", axes), ("encoder", encoders))
+    missing = [
+        told(Problem((section, number, "eds"), repr(str(item.eds)), "is not a file"), text, str(path), SECTIONS)
+        for section, items in sections
+        for number, item in enumerate(items)
+        if item.eds is not None and not item.eds.is_file()
+    ]
+    if missing:
+        raise GatewayError("\n".join(missing))
+    store = path.parent / config.store if config.store else default_store(path)
+    return config.model_copy(update={"axis": axes, "encoder": encoders, "store": store})
+
+
+def _beside(item: Item, path: Path) -> Item:
+    """Relative paths are meant from where the configuration is."""
+    return item.model_copy(update={"eds": path.parent / item.eds}) if item.eds else item
+
+
+def parse_config(text: str, name: str = "configuration") -> GatewayConfig:
+    """Validate configuration text; see ``load_config``."""
+    return parse_toml(GatewayConfig, SECTIONS, text, name)
+
+
+def config_text(config: GatewayConfig) -> str:
+    """What is not as by default, as TOML."""
+    document = config.model_dump(exclude_defaults=True)
+    for item in document.get("axis", ()):
+        if _PERCENT in item:
+            item[_PERCENT] = float(Fraction(item[_PERCENT]) * 100)  # kept as a share, written as percent
+    return toml_text(document)

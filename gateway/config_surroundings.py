@@ -1,0 +1,131 @@
+"""What the configuration says of the gateway's surroundings: buses, transport, parameter channel, real-time scheduling."""
+
+from __future__ import annotations
+
+import difflib
+from ipaddress import IPv4Address, IPv4Interface, IPv4Network
+from typing import Annotated, Literal
+from uuid import UUID
+
+from pdgw.gateway import identity
+from pdgw.gateway.explain import misplaced
+from pdgw.gateway.ports import STATUS_PORT
+from pdgw.profidrive.frame import UDP_PORT
+from pdgw.profinet.rpc.dcerpc import UDP_PORT as ACYCLIC_PORT
+from pdgw.profinet.rpc.records import NIL
+from pydantic import BaseModel, ConfigDict, Field, Strict, model_validator
+
+GATEWAY_NODE_ID = 127
+DEFAULT_BITRATE = 1_000_000
+_STATION_NAME = r"^[a-z0-9]([a-z0-9-]{0,61}[a-z0-9])?(\.[a-z0-9]([a-z0-9-]{0,61}[a-z0-9])?)*$"
+"""PROFINET: labels of lower case letters, digits and hyphens."""
+_MISSPELT = 0.85
+"""A further [can] key as similar as this to one of ours is taken for a slip of the pen."""
+
+Integer = Annotated[int, Strict()]
+"""true is no number here, and neither is "3"."""
+Boolean = Annotated[bool, Strict()]
+Port = Annotated[Integer, Field(ge=0, le=65535)]
+DeviceNumber = Annotated[Integer, Field(ge=0, le=65535)]
+
+
+class Section(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class CanConfig(BaseModel):
+    """One bus; keys this model does not know go to the python-can interface unchanged."""
+
+    model_config = ConfigDict(extra="allow", frozen=True)
+
+    interface: str
+    channel: Annotated[str, Strict()] | Integer | None = None
+    bitrate: Annotated[Integer, Field(ge=10_000, le=1_000_000)] | None = None
+    name: str = "can"
+
+    @model_validator(mode="after")
+    def _further_keys_are_meant(self) -> CanConfig:
+        for key in self.extra:
+            close = difflib.get_close_matches(key, type(self).model_fields, n=1, cutoff=_MISSPELT)
+            if close:
+                raise misplaced(f"{key}: unknown key, did you mean {close[0]}?", key)
+        return self
+
+    @property
+    def extra(self) -> dict[str, object]:
+        """Further keys for python-can."""
+        return dict(self.model_extra or {})
+
+
+class TransportConfig(Section):
+    """How the PLC is reached."""
+
+    type: Literal["udp", "profinet"] = "udp"
+    interface: Annotated[str, Field(min_length=1, max_length=15)] | None = None
+    """Ethernet interface of ``profinet``."""
+    ip: IPv4Interface | None = None
+    """A fixed address with its prefix length; without it the controller or engineering tool gives one by DCP."""
+    router: IPv4Address | None = None
+    """The IP suite's standard gateway, with a fixed address."""
+    vendor_id: DeviceNumber = identity.VENDOR_ID
+    device_id: DeviceNumber = identity.DEVICE_ID
+    listen: IPv4Address = IPv4Address("127.0.0.1")
+    cyclic_port: Port = UDP_PORT
+    acyclic_port: Port = ACYCLIC_PORT
+    cycle_time_ms: Annotated[float, Strict(), Field(ge=0.25, le=512)] = 4
+    watchdog_factor: Annotated[Integer, Field(ge=1, le=255)] = 3
+    peer: IPv4Address | None = None
+    status_port: Port = STATUS_PORT
+    """``pdgw status`` on loopback."""
+    parameter_timeout_ms: Annotated[Integer, Field(ge=100, le=60_000)] = 2000
+    """A parameter request is answered within this time; what the drive has not answered by then fails."""
+    ar_uuid: UUID = NIL
+    """Of the static application relationship."""
+    station_name: Annotated[str, Field(max_length=240, pattern=_STATION_NAME)] = "pdgw"
+    """P61000; of ``profinet`` the name until DCP gives another one."""
+
+    @model_validator(mode="after")
+    def _is_one_transport(self) -> TransportConfig:
+        if self.type == "profinet" and self.interface is None:
+            raise misplaced('interface is missing, needed with type = "profinet", for example "eth1"', "type")
+        if self.type != "profinet":
+            for key in ("interface", "ip", "router"):
+                if getattr(self, key) is not None:
+                    raise misplaced(f'{key}: has a meaning with type = "profinet" only', key)
+        elif self.router is not None and (self.ip is None or self.router not in self.ip.network):
+            raise misplaced("router: allowed is an address of the network of ip, which must be given too", "router")
+        return self
+
+    @model_validator(mode="after")
+    def _peer_is_known(self) -> TransportConfig:
+        if not self.listen.is_loopback and self.peer is None:
+            raise misplaced(
+                f"peer is missing: listen = {self.listen} is reached by others than programs on this machine, and whoever sends "
+                "the first frames would move the drives; peer is the address of the PLC",
+                "peer",
+            )
+        return self
+
+
+class ParametersConfig(Section):
+    """Who may use the parameter channel."""
+
+    write_from: tuple[IPv4Network, ...] | None = None
+    """Addresses and networks parameters may be written from. None: everybody where ``listen`` is loopback, nobody otherwise."""
+
+    def writers(self, listen: IPv4Address) -> tuple[IPv4Network, ...] | None:
+        """The networks that may write; None for everybody."""
+        if self.write_from is None:
+            return None if listen.is_loopback else ()
+        return self.write_from
+
+
+class RealtimeConfig(Section):
+    """What is asked of the operating system for the exchange; refused politely where it does not grant it."""
+
+    priority: Annotated[Integer, Field(ge=1, le=99)] | None = None
+    """SCHED_FIFO; None: the usual scheduling."""
+    cpu: tuple[Annotated[Integer, Field(ge=0, le=1023)], ...] = ()
+    """Processors to run on; empty: all."""
+    lock_memory: Boolean = False
+    """Nothing of the process is swapped out."""
