@@ -17,6 +17,7 @@ from typing import Any, ClassVar, Generic, Self, TypeVar
 
 import canopen
 from canopen.sdo import SdoAbortedError, SdoCommunicationError
+
 from pdgw.ds301.aborts import Abort, abort_text
 from pdgw.ds301.configuration import SdoStep, is_communication_parameter, is_taken, pdo_steps
 from pdgw.ds301.connection_set import EMCY, ERROR_CONTROL, NMT

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import canopen
+
 from pdgw.ds301.eds_import import import_eds
 from pdgw.ds301.eds_text import EdsError
 from pdgw.ds301.errors import CanopenError

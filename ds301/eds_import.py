@@ -17,6 +17,7 @@ from pathlib import Path
 
 import canopen
 from canopen.objectdictionary import eds
+
 from pdgw.ds301.eds_objects import ObjectSections, ObjectWriter, Texts, check_count
 from pdgw.ds301.eds_text import (
     MAX_SIZE,

@@ -23,6 +23,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Generic, TypeVar
 
 import greenlet
+
 from pdgw.ds301.counters import Counters
 from pdgw.ds301.readiness import Readiness, best_readiness
 

@@ -12,6 +12,7 @@ from collections.abc import Callable
 
 import can
 import canopen
+
 from pdgw.ds301.connection_set import ERROR_CONTROL, SYNC
 from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.loop import MS, Loop, Timer

@@ -16,6 +16,7 @@ from typing import Protocol
 
 import can
 from can.interfaces.socketcan import SocketcanBus
+
 from pdgw.ds301.bus import system_text
 from pdgw.ds301.can_frame import CAN_FRAME, ERROR, EXTENDED, REMOTE, pack_frame
 from pdgw.ds301.loop import Loop

@@ -11,6 +11,7 @@ from typing import ClassVar
 import canopen
 from canopen.sdo import SdoAbortedError, SdoClient, SdoCommunicationError
 from canopen.sdo.constants import EXPEDITED, REQUEST_DOWNLOAD, RESPONSE_DOWNLOAD, SDO_STRUCT, SIZE_SPECIFIED
+
 from pdgw.ds301.aborts import Abort, abort_text
 from pdgw.ds301.connection_set import SDO_REQUEST, SDO_RESPONSE
 from pdgw.ds301.errors import CanopenError

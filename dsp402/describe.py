@@ -10,6 +10,7 @@ from types import MappingProxyType
 
 import canopen
 from canopen.objectdictionary import ODVariable
+
 from pdgw.ds301.objects import Access, CanType, Entry
 from pdgw.ds301.pdo import PdoDirection
 from pdgw.dsp402.drive_type import DriveType, PdoCapabilities, PdoSlot, Quirks

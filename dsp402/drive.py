@@ -14,6 +14,7 @@ from pathlib import Path
 
 import canopen
 from canopen.sdo import SdoAbortedError, SdoCommunicationError
+
 from pdgw.ds301.aborts import abort_text
 from pdgw.ds301.client import NodeClient
 from pdgw.ds301.configuration import PRODUCER_HEARTBEAT, SdoStep

@@ -10,6 +10,7 @@ from functools import cache, lru_cache
 
 import canopen
 from canopen.objectdictionary import ODArray, ODRecord, ODVariable
+
 from pdgw.ds301.aborts import Abort
 from pdgw.ds301.communication import DEVICE_NAME, communication_objects, pdo_objects
 from pdgw.ds301.eds_import import import_eds

@@ -15,12 +15,13 @@ from functools import cache
 from pathlib import Path
 from typing import Annotated, Any
 
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
+
 from pdgw.dsp402.drive_type import Quirks
 from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.faults import ChannelErrorType, DriveFault
 from pdgw.dsp402.scaling import FamilyUnits
 from pdgw.dsp402.units import parse_unit
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
 FAMILIES = Path(__file__).parent / "families"
 _DATA_SHEETS = Path(__file__).parent / "eds"

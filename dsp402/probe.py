@@ -11,6 +11,7 @@ from contextlib import contextmanager
 import can
 import canopen
 from canopen.sdo import SdoAbortedError, SdoCommunicationError
+
 from pdgw.dsp402.describe import PRODUCT_CODE, VENDOR_ID, describe, questions, signed, variable
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.errors import Dsp402Error

@@ -13,6 +13,7 @@ from typing import Any
 
 import canopen
 from canopen.sdo import SdoAbortedError
+
 from pdgw.ds301.aborts import abort_text
 from pdgw.ds301.client import NodeClient
 from pdgw.ds301.configuration import EVENT_DRIVEN_MANUFACTURER, PRODUCER_HEARTBEAT, SdoStep, pdo_steps

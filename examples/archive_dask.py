@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 from dask.distributed import Client, as_completed
+
 from pdgw.decoder.capture.archive import ArchiveOptions, captures_of, write_part
 
 

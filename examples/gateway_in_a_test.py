@@ -4,9 +4,8 @@ A `World` is the machine the gateway runs on: its clock, its CAN buses with simu
 as it is.
 """
 
-from pdgw.peers.plc.endpoint import PlcEndpoint
-
 import pdgw
+from pdgw.peers.plc.endpoint import PlcEndpoint
 
 CONFIG = """
 [can]

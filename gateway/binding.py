@@ -8,6 +8,7 @@ from dataclasses import replace
 from typing import Any
 
 from canopen.sdo import SdoAbortedError
+
 from pdgw.ds301.client import NodeClient
 from pdgw.ds301.loop import MS
 from pdgw.ds301.network import CanNetwork

@@ -15,6 +15,8 @@ from math import ceil
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+from pydantic import BeforeValidator, Field, Strict, model_validator
+
 from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.load import CyclicFrames, check_load
 from pdgw.dsp402.drive import DriveSettings
@@ -51,7 +53,6 @@ from pdgw.gateway.positioner_config import BlockConfig, PositionerConfig
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.frame import CSduLayout
 from pdgw.profidrive.telegrams import Direction, telegram
-from pydantic import BeforeValidator, Field, Strict, model_validator
 
 _DRIVE_CYCLE_US = 1000
 """A drive updates its values once a millisecond."""

@@ -7,13 +7,14 @@ from fractions import Fraction
 from pathlib import Path
 from typing import TypeVar
 
+from pydantic import BaseModel
+
 from pdgw.gateway.config import AxisConfig, EncoderConfig, GatewayConfig
 from pdgw.gateway.config_surroundings import CanConfig, ParametersConfig, RealtimeConfig, TransportConfig
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.explain import Problem
 from pdgw.gateway.store import default_store
 from pdgw.gateway.toml_file import parse_toml, read_text, told, toml_text
-from pydantic import BaseModel
 
 Item = TypeVar("Item", AxisConfig, EncoderConfig)
 SECTIONS: dict[str, type[BaseModel]] = {

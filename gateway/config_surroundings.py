@@ -7,13 +7,14 @@ from ipaddress import IPv4Address, IPv4Interface, IPv4Network
 from typing import Annotated, Literal
 from uuid import UUID
 
+from pydantic import BaseModel, ConfigDict, Field, Strict, model_validator
+
 from pdgw.gateway import identity
 from pdgw.gateway.explain import misplaced
 from pdgw.gateway.ports import STATUS_PORT
 from pdgw.profidrive.frame import UDP_PORT
 from pdgw.profinet.rpc.dcerpc import UDP_PORT as ACYCLIC_PORT
 from pdgw.profinet.rpc.records import NIL
-from pydantic import BaseModel, ConfigDict, Field, Strict, model_validator
 
 GATEWAY_NODE_ID = 127
 DEFAULT_BITRATE = 1_000_000

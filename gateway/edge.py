@@ -9,6 +9,7 @@ from collections.abc import Callable
 from typing import Protocol
 
 import can
+
 from pdgw.ds301.bus import open_bus
 from pdgw.ds301.loop import Loop, SystemLoop
 from pdgw.ds301.port import CanPort, open_port

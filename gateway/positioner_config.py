@@ -7,6 +7,8 @@ from __future__ import annotations
 
 from typing import Annotated
 
+from pydantic import BaseModel, ConfigDict, Field, Strict, model_validator
+
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.motion.blocks import (
     HIGHEST_BLOCK,
@@ -19,7 +21,6 @@ from pdgw.gateway.motion.blocks import (
 )
 from pdgw.gateway.motion.wishes import PositionerChoices
 from pdgw.profidrive.datatypes import DataType
-from pydantic import BaseModel, ConfigDict, Field, Strict, model_validator
 
 _LOWEST, _HIGHEST = DataType.INTEGER32.integer_range
 _Integer = Annotated[int, Strict()]

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from datetime import datetime
 from typing import Any
 
+from pdgw import __version__
 from pdgw.ds301.loop import SECOND, Event, Task
 from pdgw.dsp402.states import state_of
 from pdgw.gateway.binding import Axis
@@ -15,8 +16,6 @@ from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.drive_object import DriveObject
 from pdgw.gateway.encoder import EncoderObject
 from pdgw.gateway.errors import GatewayError
-
-from pdgw import __version__
 
 _CONNECTIONS = 8
 """Answered at the same time; more are closed."""

@@ -16,8 +16,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pdgw.gateway.errors import GatewayError
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from pdgw.gateway.errors import GatewayError
 
 
 class DoParameters(BaseModel):

@@ -10,9 +10,10 @@ from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
+from pydantic import BaseModel, ValidationError
+
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.explain import Location, Problem, problems
-from pydantic import BaseModel, ValidationError
 
 Root = TypeVar("Root", bound=BaseModel)
 Sections = Mapping[str, type[BaseModel]]

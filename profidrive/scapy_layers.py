@@ -15,20 +15,6 @@ from collections.abc import Mapping, Sequence
 from functools import cache
 from typing import Any
 
-from pdgw.profidrive.errors import ProfidriveError
-from pdgw.profidrive.frame import (
-    C_SDU_MIN,
-    ETHERTYPE,
-    FRAME_ID_MAX,
-    FRAME_ID_MIN,
-    FRAME_ID_TO_CONTROLLER,
-    FRAME_ID_TO_DEVICE,
-    IOPS_GOOD,
-    STATUS_NORMAL,
-    UDP_PORT,
-)
-from pdgw.profidrive.signals import Signal
-from pdgw.profidrive.telegrams import ApplicationMode, Direction, TelegramHalf, telegram
 from scapy.contrib.pnio import PNIORealTime_IOxS, PNIORealTimeCyclicPDU, ProfinetIO
 from scapy.fields import (
     Field,
@@ -43,6 +29,21 @@ from scapy.fields import (
 from scapy.layers.inet import UDP
 from scapy.layers.l2 import Ether
 from scapy.packet import Packet, Padding, bind_layers, split_layers
+
+from pdgw.profidrive.errors import ProfidriveError
+from pdgw.profidrive.frame import (
+    C_SDU_MIN,
+    ETHERTYPE,
+    FRAME_ID_MAX,
+    FRAME_ID_MIN,
+    FRAME_ID_TO_CONTROLLER,
+    FRAME_ID_TO_DEVICE,
+    IOPS_GOOD,
+    STATUS_NORMAL,
+    UDP_PORT,
+)
+from pdgw.profidrive.signals import Signal
+from pdgw.profidrive.telegrams import ApplicationMode, Direction, TelegramHalf, telegram
 
 _FIELD_OF_CHAR = {
     "h": SignedShortField,

@@ -13,12 +13,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+
+import pdgw
 from pdgw.ds301.errors import CanopenError
 from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.tools.bench.captures import write_capture
-
-import pdgw
 from tests.support.daemon import axis
 from tests.support.machine import configuration, serving
 

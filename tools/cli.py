@@ -9,6 +9,7 @@ import sys
 from typing import Annotated
 
 import typer
+
 from pdgw.ds301.errors import CanopenError
 from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.errors import ProfidriveError

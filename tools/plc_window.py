@@ -13,14 +13,15 @@ from collections import deque
 from collections.abc import Sequence
 from typing import IO, Any
 
+from rich.console import Group, RenderableType
+from rich.live import Live
+from rich.text import Text
+
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.ports import STATUS_PORT
 from pdgw.peers.plc.view import tables
 from pdgw.tools.commands.status import fetch
 from pdgw.tools.keys import read_keys, single_keys
-from rich.console import Group, RenderableType
-from rich.live import Live
-from rich.text import Text
 
 _TOLD = 5
 """Messages that stay on the screen."""

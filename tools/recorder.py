@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Final
 
 import can
+
 from pdgw.decoder.capture.pcapng_file import PcapngWriter, udp_packet
 from pdgw.decoder.link import CAN_ERROR, CAN_EXTENDED, CAN_REMOTE
 from pdgw.decoder.records import Link

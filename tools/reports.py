@@ -12,9 +12,9 @@ from typing import Annotated, Any
 from xml.etree import ElementTree
 
 import typer
-from pdgw.gateway.errors import GatewayError
 
 from pdgw import __version__
+from pdgw.gateway.errors import GatewayError
 
 JUnitFile = Annotated[Path | None, typer.Option("--junit", help="Write the results as JUnit XML.")]
 HtmlFile = Annotated[Path | None, typer.Option("--html", help="Write the results as an HTML page.")]

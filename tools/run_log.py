@@ -18,11 +18,12 @@ from enum import StrEnum
 from pathlib import Path
 
 import can
+from rich.console import Console
+from rich.logging import RichHandler
+
 from pdgw.ds301.counters import Counters
 from pdgw.gateway.errors import GatewayError
 from pdgw.tools.background import END_S, BackgroundWriter
-from rich.console import Console
-from rich.logging import RichHandler
 
 log = logging.getLogger("gateway")
 

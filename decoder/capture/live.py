@@ -69,6 +69,7 @@ def open_can(text: str) -> Source:
 
 def _messages(bus: object, name: str) -> Iterator[CanPacket]:
     import can  # noqa: PLC0415
+
     from pdgw.decoder.capture.canlog import message_packet  # noqa: PLC0415
 
     assert isinstance(bus, can.BusABC)

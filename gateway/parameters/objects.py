@@ -15,6 +15,7 @@ from typing import Any, TypeVar
 
 import canopen
 from canopen.sdo import SdoAbortedError, SdoCommunicationError
+
 from pdgw.ds301.aborts import Abort, abort_text
 from pdgw.ds301.client import NodeClient
 from pdgw.ds301.errors import CanopenError

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import can
+
 from pdgw.ds301.loop import Loop
 from pdgw.ds301.nmt import NmtState
 from pdgw.ds301.objects import Entry

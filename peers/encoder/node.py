@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import can
 from canopen.sdo import SdoAbortedError
+
 from pdgw.ds301 import communication as com
 from pdgw.ds301.aborts import Abort
 from pdgw.ds301.configuration import EVENT_DRIVEN_PROFILE

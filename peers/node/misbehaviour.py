@@ -15,6 +15,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from canopen.sdo import SdoAbortedError
+
 from pdgw.ds301 import communication as com
 from pdgw.ds301.aborts import Abort
 from pdgw.ds301.errors import CanopenError

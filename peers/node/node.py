@@ -13,6 +13,7 @@ from typing import Any, ClassVar
 
 from canopen.objectdictionary import ObjectDictionary
 from canopen.sdo import SdoAbortedError
+
 from pdgw.ds301 import communication as com
 from pdgw.ds301.aborts import Abort
 from pdgw.ds301.errors import CanopenError

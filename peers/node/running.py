@@ -10,6 +10,7 @@ from collections.abc import Callable
 from typing import Generic, Self, TypeVar
 
 import can
+
 from pdgw.ds301.loop import Loop, Timer
 from pdgw.ds301.port import CanPort, PortBusyError, PortLostError, open_port
 from pdgw.peers.node.host import simulation_thread

@@ -11,6 +11,7 @@ from binascii import crc_hqx
 from typing import Any
 
 from canopen.sdo import SdoAbortedError, SdoServer
+
 from pdgw.ds301.aborts import Abort
 
 _INITIATE, _END, _ACKNOWLEDGE, _START = range(4)

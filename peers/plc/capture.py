@@ -8,12 +8,13 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.transport.udp import Address
 from scapy.layers.inet import IP, UDP
 from scapy.layers.l2 import Ether
 from scapy.packet import Packet
 from scapy.utils import PcapWriter
+
+from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.transport.udp import Address
 
 _MACS = ("02:00:00:00:00:01", "02:00:00:00:00:02")
 

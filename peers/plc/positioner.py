@@ -9,10 +9,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated, Literal, NamedTuple
 
+from pydantic import BaseModel, ConfigDict, Field
+
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.motion.blocks import HIGHEST_BLOCK
 from pdgw.profidrive.telegrams import Telegram
-from pydantic import BaseModel, ConfigDict, Field
 
 FULL = "100 %"
 _DEFAULT_VELOCITY = 3000

@@ -17,6 +17,8 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.explain import Problem, problems
 from pdgw.gateway.toml_file import check_depth, read_text
@@ -30,7 +32,6 @@ from pdgw.profidrive.signals import Signal
 from pdgw.profidrive.telegrams import ApplicationMode, TelegramHalf, telegram
 from pdgw.tools.parameters.address import Target, parse_target
 from pdgw.tools.parameters.session import Element
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 Scalar = int | float | str
 NS = 1_000_000_000

@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from pdgw.peers.plc.endpoint import PlcEndpoint
-from pdgw.profidrive.signals import Signal
-from pdgw.profidrive.telegrams import ApplicationMode, TelegramHalf, telegram
 from rich import box
 from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
+
+from pdgw.peers.plc.endpoint import PlcEndpoint
+from pdgw.profidrive.signals import Signal
+from pdgw.profidrive.telegrams import ApplicationMode, TelegramHalf, telegram
 
 
 def snapshot(endpoint: PlcEndpoint, title: str) -> dict[str, Any]:

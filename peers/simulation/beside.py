@@ -10,6 +10,8 @@ from collections.abc import Sequence
 from typing import Literal
 
 import can
+from pydantic import ValidationError
+
 from pdgw.ds301.port import CanPort
 from pdgw.gateway.axis.telegrams import DSC_TELEGRAM_NUMBERS
 from pdgw.gateway.config import AxisConfig, EncoderConfig, GatewayConfig
@@ -20,7 +22,6 @@ from pdgw.peers.drive.shapes import SYNCHRONOUS
 from pdgw.peers.simulation.config import DeviceConfig
 from pdgw.peers.simulation.devices import Simulation
 from pdgw.profidrive.telegrams import ApplicationMode, telegram
-from pydantic import ValidationError
 
 
 def simulated_devices(config: GatewayConfig, bus: CanConfig) -> list[DeviceConfig]:

@@ -8,6 +8,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+
 from pdgw.ds301.errors import CanopenError
 from pdgw.dsp406.kinds import ROTARY
 from pdgw.gateway.config import as_list
@@ -18,7 +20,6 @@ from pdgw.peers.drive import SHAPES
 from pdgw.peers.encoder.motion import parse_motion, still
 from pdgw.peers.node.misbehaviour import make
 from pdgw.peers.simulation.devices import DEVICE_TYPES, encoder_device
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
 
 class _Section(BaseModel):

@@ -11,6 +11,7 @@ from types import MappingProxyType
 from typing import Any, Protocol
 
 import can
+
 from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.loop import Loop
 from pdgw.ds301.port import CanPort

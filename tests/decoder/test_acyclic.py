@@ -8,6 +8,7 @@ from uuid import UUID
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from pdgw.decoder.acyclic import AcyclicDecoder
 from pdgw.decoder.records import AcyclicRecord, OtherRecord, ParameterRequestRecord, ParameterResponseRecord, Record
 from pdgw.profidrive.datatypes import DataType

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from pdgw.decoder.canopen import CanopenDecoder
 from pdgw.decoder.capture.dictionary import dictionary_of
 from pdgw.decoder.cyclic import Axis, given_axes

@@ -14,6 +14,10 @@ from typing import Any
 
 import can
 import pytest
+from scapy.layers.inet import IP, UDP
+from scapy.layers.l2 import Dot1Q, Ether
+from scapy.utils import PcapNgWriter, wrpcap
+
 from pdgw.decoder.capture import live
 from pdgw.decoder.capture.canlog import MAX_LINE, candump_line, message_packet, read_candump
 from pdgw.decoder.capture.errors import CaptureError
@@ -25,10 +29,6 @@ from pdgw.ds301.bus import open_bus
 from pdgw.profidrive.scapy_layers import cyclic_frame
 from pdgw.profidrive.telegrams import Direction
 from pdgw.tools.run_log import CanRecorder
-from scapy.layers.inet import IP, UDP
-from scapy.layers.l2 import Dot1Q, Ether
-from scapy.utils import PcapNgWriter, wrpcap
-
 from tests.support import captures, tshark
 from tests.support.buses import channel
 from tests.support.captures import BEGIN_NS, CANOPEN, MS

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from pdgw.decoder.clocks import AxisWords, Clocks, Word, correlate
 
+from pdgw.decoder.clocks import AxisWords, Clocks, Word, correlate
 from tests.decoder.test_replay import RIGS
 from tests.support.recorded import CYCLE_NS
 from tests.support.rig import MS

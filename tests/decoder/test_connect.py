@@ -10,17 +10,6 @@ from uuid import UUID
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from pdgw.decoder.connect import read_request
-from pdgw.decoder.cyclic import given_axes
-from pdgw.decoder.engine import Decoder, Packet, Settings
-from pdgw.decoder.records import CyclicRecord, Link, Record
-from pdgw.peers.controller.project import Project
-from pdgw.profidrive.errors import ProfidriveError
-from pdgw.profidrive.frame import IOPS_GOOD, STATUS_NORMAL
-from pdgw.profidrive.telegrams import Direction, telegram
-from pdgw.profinet.model import DAP_SLOT, ObjectKind, access_module, object_module
-from pdgw.profinet.rpc.dcerpc import Flags, PacketType, RpcHeader, encode_packet, object_uuid
-from pdgw.profinet.rpc.records import Operation, encode_arguments
 from scapy.contrib.pnio_rpc import (
     IOCRAPI,
     ARBlockReq,
@@ -35,6 +24,17 @@ from scapy.contrib.pnio_rpc import (
 from scapy.layers.inet import IP, UDP
 from scapy.layers.l2 import Ether
 
+from pdgw.decoder.connect import read_request
+from pdgw.decoder.cyclic import given_axes
+from pdgw.decoder.engine import Decoder, Packet, Settings
+from pdgw.decoder.records import CyclicRecord, Link, Record
+from pdgw.peers.controller.project import Project
+from pdgw.profidrive.errors import ProfidriveError
+from pdgw.profidrive.frame import IOPS_GOOD, STATUS_NORMAL
+from pdgw.profidrive.telegrams import Direction, telegram
+from pdgw.profinet.model import DAP_SLOT, ObjectKind, access_module, object_module
+from pdgw.profinet.rpc.dcerpc import Flags, PacketType, RpcHeader, encode_packet, object_uuid
+from pdgw.profinet.rpc.records import Operation, encode_arguments
 from tests.support import captures, tshark
 
 INPUT, OUTPUT = 0x8011, 0x8022

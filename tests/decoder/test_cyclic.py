@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from pdgw.decoder.cyclic import Axis, CyclicDecoder, given_axes, infer
 from pdgw.decoder.records import CyclicRecord, OtherRecord
 from pdgw.profidrive.errors import ProfidriveError
@@ -19,7 +20,6 @@ from pdgw.profidrive.frame import (
     CSduLayout,
 )
 from pdgw.profidrive.telegrams import TELEGRAMS, Direction, Telegram, telegram
-
 from tests.support.strategies import axes_values
 
 Values = list[tuple[int, ...]]

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+
 from pdgw.decoder.capture.source import open_source
 from pdgw.decoder.engine import CanPacket, Decoder, Packet, Settings, given_axes
 from pdgw.decoder.render import record_line, record_tree

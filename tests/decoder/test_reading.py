@@ -8,6 +8,7 @@ import struct
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from pdgw.decoder.changes import Changes
 from pdgw.decoder.columns import Columns
 from pdgw.decoder.engine import CanPacket, Decoder, Packet, Settings, given_axes
@@ -21,7 +22,6 @@ from pdgw.ds301.load import frame_bits
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.frame import STATUS_NORMAL
 from pdgw.profidrive.telegrams import Direction, telegram
-
 from tests.decoder.test_cyclic import frame
 
 NAMES = Names()

@@ -9,12 +9,12 @@ import sys
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from pdgw.decoder.recognise import parse_hex, recognise
 from pdgw.decoder.render import one_line, tree
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.frame import RtFrame
 from pdgw.profidrive.telegrams import Direction, Telegram, telegram
-
 from tests.support.strategies import directions, half_values, telegrams
 
 FRAME = "C001 047F 2000 80 80" + "00" * 34 + "0020 35 00"

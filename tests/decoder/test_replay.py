@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+
 from pdgw.decoder.replay import AxisRecording, Replayer, receive_frames
 from pdgw.dsp402.images import DriveFeedback
 from pdgw.gateway.axis.settings import AxisSettings, SetpointEnable
@@ -17,7 +18,6 @@ from pdgw.profidrive.frame import STATUS_STOP, TRAILER
 from pdgw.profidrive.telegrams import telegram
 from pdgw.tools.bench.build import build
 from pdgw.tools.recordings import Loaded, load
-
 from tests.support.drive_types import References
 from tests.support.plain_drive import PlainDrive
 from tests.support.recorded import CYCLE_NS, RecordedRig, known

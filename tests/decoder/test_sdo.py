@@ -7,6 +7,7 @@ from collections.abc import Iterator
 
 from hypothesis import given
 from hypothesis import strategies as st
+
 from pdgw.decoder.sdo import MAX_TRANSFER, SdoChannel, Step
 
 Frame = tuple[bool, bytes]

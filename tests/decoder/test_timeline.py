@@ -15,6 +15,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
+
 from pdgw.decoder.fields import Field
 from pdgw.decoder.following import HOLD_NS, Follower
 from pdgw.decoder.following_axis import AGREEMENT_NS, NOT_JUDGED
@@ -36,7 +37,6 @@ from pdgw.gateway.reasons import Reason
 from pdgw.gateway.transport.cyclic import CyclicEndpoint
 from pdgw.profidrive.frame import COUNTER_UNIT_NS, IOPS_BAD
 from pdgw.tools.recordings import Opening, Part, followed
-
 from tests.decoder.test_replay import RIGS, positioning, speed
 from tests.support.recorded import BEGIN_NS, CYCLE_NS, RecordedRig
 from tests.support.rig import MS, NODE

@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+
 from pdgw.decoder.capture.trace_page import TracePage
 from pdgw.decoder.timeline import Anomaly, AnomalyKind
 from pdgw.gateway.errors import GatewayError
 from pdgw.tools.recordings import Part, write_page
-
 from tests.decoder.test_replay import speed
 from tests.support.recorded import RecordedRig
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import canopen
 from hypothesis import given
 from hypothesis import strategies as st
+
 from pdgw.ds301.eds_import import import_eds
 from pdgw.ds301.eds_text import EdsError
 from pdgw.dsp402.device import EDS_PATH

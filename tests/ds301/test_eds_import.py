@@ -8,6 +8,7 @@ from typing import Any
 
 import canopen
 import pytest
+
 from pdgw.ds301.eds_import import import_eds
 from pdgw.ds301.eds_text import EdsError, Repair
 from pdgw.ds301.errors import CanopenError

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.load import CyclicFrames, bus_load, check_load, frame_bits
 

@@ -9,6 +9,7 @@ import threading
 from collections.abc import Callable, Iterator
 
 import pytest
+
 from pdgw.ds301.loop import MS, SECOND, Event, Loop, Mailbox, SystemLoop, VirtualLoop
 from pdgw.ds301.readiness import Readiness, SelectReadiness, best_readiness
 

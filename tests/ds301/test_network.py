@@ -10,12 +10,12 @@ import can
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from pdgw.ds301.bus import open_bus
 from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.loop import MS, SECOND, VirtualLoop
 from pdgw.ds301.network import CanNetwork
 from pdgw.ds301.port import CanPort, PortBusyError, PortLostError, Receiver, open_port
-
 from tests.support import buses
 
 PDO = 0x184

@@ -10,6 +10,7 @@ from typing import Any
 
 import can
 import pytest
+
 from pdgw.ds301.bus import open_bus, system_text
 from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.loop import SystemLoop

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+
 from pdgw.ds301.pdo import COB_ID_INVALID, PdoDirection
 from pdgw.dsp402.configuration import guard_steps, pdo_steps
 from pdgw.dsp402.errors import Dsp402Error

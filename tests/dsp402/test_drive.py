@@ -10,6 +10,7 @@ from random import Random
 import can
 import pytest
 from canopen.sdo import SdoAbortedError, SdoCommunicationError
+
 from pdgw.ds301.aborts import Abort
 from pdgw.ds301.bus import open_bus
 from pdgw.ds301.errors import CanopenError
@@ -30,7 +31,6 @@ from pdgw.dsp402.scaling import UnitKeys
 from pdgw.dsp402.states import ControlBit
 from pdgw.peers.drive import SimulatedDrive, SimulatedDriveNode
 from pdgw.peers.node.node import Value
-
 from tests.support import site
 from tests.support.drive_types import engel
 

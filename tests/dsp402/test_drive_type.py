@@ -6,6 +6,7 @@ from dataclasses import replace
 from fractions import Fraction
 
 import pytest
+
 from pdgw.ds301.objects import CanType
 from pdgw.dsp402.describe import (
     PRODUCT_CODE,
@@ -21,7 +22,6 @@ from pdgw.dsp402.modes import STANDARD_HOMING_METHODS, Mode
 from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.dsp402.overlay import overlay, overlay_for, overlays, parse_overlay
 from pdgw.peers.drive.family import DRIVE_FAULTS, HOMING_METHODS
-
 from tests.support.drive_types import REFERENCE_OBJECTS, References, engel, engel_dictionary
 
 MINIMAL = 'title = "a"\nsources = ["b"]\n'

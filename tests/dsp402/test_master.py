@@ -7,9 +7,9 @@ from collections.abc import Iterator
 import canopen
 import pytest
 from canopen.profiles.p402 import BaseNode402, OperationMode
+
 from pdgw.dsp402.device import EDS_PATH
 from pdgw.peers.drive import Machine, SimulatedDrive
-
 from tests.support import buses
 
 pytestmark = pytest.mark.e2e  # canopen's master has threads and sleeps of its own

@@ -13,6 +13,7 @@ from fractions import Fraction
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
+
 from pdgw.dsp402.drive_type import Quantity
 from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.scaling import FamilyUnits, UnitKeys, find_scaling

@@ -5,6 +5,7 @@ from __future__ import annotations
 from fractions import Fraction
 
 import pytest
+
 from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.units import Kind, dimension_unit, parse_unit, si_unit
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 from canopen.sdo import SdoAbortedError
+
 from pdgw.ds301.aborts import Abort
 from pdgw.ds301.eds import write_eds
 from pdgw.ds301.loop import Event
@@ -22,7 +23,6 @@ from pdgw.dsp406.kinds import LINEAR, MULTI_SENSOR, ROTARY, EncoderDevice, multi
 from pdgw.peers.encoder import Motion, SimulatedEncoder, SimulatedEncoderNode
 from pdgw.peers.encoder.motion import constant_speed, still
 from pdgw.peers.node.node import Value
-
 from tests.support import site
 
 NODE = 9

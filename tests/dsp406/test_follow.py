@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import pytest
+
 from pdgw.ds301.configuration import map_pdo
 from pdgw.dsp402.pdo import LAYOUTS, Operation
 from pdgw.peers.drive import SimulatedDriveNode

@@ -9,11 +9,11 @@ import canopen
 import pytest
 from canopen.pdo.base import PdoMap
 from canopen.sdo import SdoAbortedError
+
 from pdgw.dsp406.device import eds_path
 from pdgw.dsp406.kinds import DEVICES, ROTARY, EncoderDevice
 from pdgw.peers.encoder import SimulatedEncoder
 from pdgw.peers.encoder.motion import still
-
 from tests.support import buses
 
 pytestmark = pytest.mark.e2e  # canopen's master has threads and sleeps of its own

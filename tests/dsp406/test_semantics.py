@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from pdgw.dsp406.registers import AreaState
 from pdgw.dsp406.semantics import Chain, area_state, cam_active, cam_state, chain, speed_value
 

@@ -12,9 +12,9 @@ from pathlib import Path
 
 import can
 import pytest
-from pdgw.profidrive.scapy_layers import ProfidriveCyclic, bind
 from scapy.utils import rdpcap
 
+from pdgw.profidrive.scapy_layers import ProfidriveCyclic, bind
 from tests.endtoend.processes import COMMAND, free_udp_port, pdgw, running
 from tests.support import tshark
 from tests.support.buses import wait_for

@@ -11,10 +11,10 @@ from pathlib import Path
 
 import can
 import pytest
+
 from pdgw.peers.plc.endpoint import PlcEndpoint
 from pdgw.profidrive.telegrams import telegram
 from pdgw.tools.commands.status import fetch
-
 from tests.endtoend.processes import free_tcp_port, free_udp_port, pdgw, running
 from tests.support.buses import wait_for
 

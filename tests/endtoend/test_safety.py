@@ -7,8 +7,8 @@ import signal
 from pathlib import Path
 
 import pytest
-from pdgw.tools.demo.run import can_server
 
+from pdgw.tools.demo.run import can_server
 from tests.endtoend.processes import free_tcp_port, free_udp_port, pdgw, running
 from tests.endtoend.test_run import LittlePlc
 from tests.support.buses import wait_for

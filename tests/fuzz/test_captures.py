@@ -14,6 +14,7 @@ import can
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from pdgw.decoder.capture.source import Source, source_of_stream
 from pdgw.decoder.changes import Changes
 from pdgw.decoder.columns import Columns
@@ -26,7 +27,6 @@ from pdgw.ds301.errors import CanopenError
 from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.tools.commands.decode import decode
-
 from tests.fuzz.test_frames import mutated
 from tests.support import captures
 

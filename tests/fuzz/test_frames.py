@@ -6,6 +6,7 @@ import contextlib
 
 from hypothesis import given
 from hypothesis import strategies as st
+
 from pdgw.dsp402.states import state_of
 from pdgw.gateway.transport.cyclic import CyclicEndpoint, Verdict
 from pdgw.gateway.transport.sequence import SEQUENCE_FRAMES
@@ -14,7 +15,6 @@ from pdgw.peers.plc.endpoint import PlcEndpoint
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.frame import RtFrame
 from pdgw.profidrive.telegrams import Direction, Telegram
-
 from tests.support.strategies import axes_values
 
 CYCLE = 4_000_000

@@ -8,6 +8,7 @@ from uuid import UUID
 
 from hypothesis import given
 from hypothesis import strategies as st
+
 from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.parameters.catalogue import PARAMETERS, ParameterSpec
@@ -27,7 +28,6 @@ from pdgw.profinet.rpc import dcerpc
 from pdgw.profinet.rpc.client import RecordCaller
 from pdgw.profinet.rpc.records import RecordBlock
 from pdgw.profinet.rpc.server import RecordServer
-
 from tests.fuzz.test_frames import mutated
 
 _NUMBERS = [item for item in DataType if item.char and item not in {DataType.ERROR, DataType.FLOATING_POINT}]

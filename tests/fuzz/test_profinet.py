@@ -8,11 +8,11 @@ import random
 import tracemalloc
 
 import pytest
+
 from pdgw.peers.controller.controller import Phase
 from pdgw.profinet.cmdev import Event
 from pdgw.profinet.model import API_PROFIDRIVE
 from pdgw.profinet.rpc.dcerpc import UDP_PORT
-
 from tests.support.profinet import DEVICE_MAC, MS, PLC_IP, PLC_MAC, Wire
 
 COUNT = 10_000_000 if os.environ.get("PDGW_HYPOTHESIS") == "fuzz" else 50_000

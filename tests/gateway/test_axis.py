@@ -7,13 +7,13 @@ from concurrent.futures import Future
 from typing import Any
 
 import pytest
+
 from pdgw.ds301.loop import VirtualLoop
 from pdgw.dsp402.drive import DriveEvent, DriveStatus
 from pdgw.gateway.axis.values import Outputs, SdoAnswer, SdoWrite
 from pdgw.gateway.binding import Axis
 from pdgw.gateway.config import AxisConfig
 from pdgw.gateway.errors import GatewayError
-
 from tests.support import buses
 from tests.support.drive_types import engel
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import pytest
+
 from pdgw.ds301.loop import VirtualLoop
 from pdgw.dsp402.drive import DriveEvent, DriveStatus
 from pdgw.dsp402.states import STATUS_OF, State, StatusBit
@@ -12,7 +13,6 @@ from pdgw.gateway.binding import Axis
 from pdgw.gateway.config import AxisConfig
 from pdgw.gateway.reasons import FIRST_WARNING, Reason
 from pdgw.gateway.status import axis_status
-
 from tests.support import buses
 from tests.support.drive_types import engel
 

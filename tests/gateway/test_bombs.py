@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+
 from pdgw.gateway.config_file import load_config
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.toml_file import DEPTH_MAX, FILE_MAX

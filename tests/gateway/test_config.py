@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from pdgw.dsp402.device import EDS_PATH
 from pdgw.dsp406.device import eds_path
 from pdgw.dsp406.kinds import ROTARY

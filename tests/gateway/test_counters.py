@@ -6,11 +6,11 @@ import ast
 from pathlib import Path
 
 import pytest
+
 from pdgw.ds301.counters import Counters
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.status import snapshot
 from pdgw.gateway.transport.acyclic import AcyclicServer
-
 from tests.support.daemon import axis, configuration
 
 _ROOT = Path(__file__).parents[2]

@@ -6,6 +6,7 @@ import socket
 import threading
 
 import pytest
+
 from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.loop import MS, SystemLoop
 from pdgw.dsp402.states import State
@@ -17,7 +18,6 @@ from pdgw.gateway.transport.cyclic import CyclicEndpoint, Verdict
 from pdgw.gateway.transport.udp import UdpSocket
 from pdgw.peers.world import World
 from pdgw.tools.commands.status import fetch
-
 from tests.endtoend.processes import free_tcp_port
 from tests.support import machine
 from tests.support.daemon import OFF, Plc, axis, configuration, drive_of, running, world_of

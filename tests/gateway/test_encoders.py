@@ -5,6 +5,7 @@ from __future__ import annotations
 from contextlib import AbstractContextManager
 
 import pytest
+
 from pdgw.gateway.config_file import parse_config
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
@@ -14,7 +15,6 @@ from pdgw.profidrive.parameters.errors import ParameterErrorNumber as Number
 from pdgw.profidrive.sensor_format import decode_sensor_format
 from pdgw.profidrive.signals import signal
 from pdgw.tools.parameters.client import ParameterClient
-
 from tests.support.daemon import OFF, Plc, axis, configuration, encoder_of, serving, until
 
 CONTROL = signal("STW2_ENC").bit("CONTROL_BY_PLC").mask

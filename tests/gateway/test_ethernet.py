@@ -6,6 +6,7 @@ import socket
 from collections.abc import Iterator
 
 import pytest
+
 from pdgw.ds301.loop import SystemLoop
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.transport.ethernet import RawEthernet

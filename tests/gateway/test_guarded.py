@@ -8,6 +8,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+
 from pdgw.ds301.loop import VirtualLoop
 from pdgw.gateway.parameters.guarded import GUARDED, Check, guard_of
 from pdgw.gateway.parameters.objects import ObjectAccess
@@ -16,7 +17,6 @@ from pdgw.profidrive.parameters.codec import Address, Values
 from pdgw.profidrive.parameters.errors import ParameterErrorNumber as Number
 from pdgw.profidrive.parameters.errors import ParameterRefused
 from pdgw.tools.parameters.client import ParameterClient
-
 from tests.support.daemon import OFF, Plc, axis, configuration, drive_of, exchanging, serving, until
 
 GUARDED_INDICES = (

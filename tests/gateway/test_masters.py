@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+
 from pdgw.ds301.connection_set import ERROR_CONTROL
 from pdgw.ds301.loop import SECOND
 from pdgw.dsp402.states import State
@@ -11,7 +12,6 @@ from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.reasons import FaultNumber
 from pdgw.peers.world import World
-
 from tests.support.daemon import Plc, axis, configuration, drive_of, exchanging
 
 HEARTBEAT = ERROR_CONTROL + GATEWAY_NODE_ID

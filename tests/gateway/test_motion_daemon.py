@@ -5,13 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+
 from pdgw.gateway.config import GatewayConfig
 from pdgw.gateway.config_example import simulated
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.positioner_config import SIMULATED
 from pdgw.gateway.reasons import FaultNumber
 from pdgw.peers.plc.scenario import Engine, load_scenario
-
 from tests.support.daemon import Plc, axis, configuration, drive_of, running
 
 SCENARIO = Path(__file__).parents[2] / "tools" / "scenarios" / "positioner.yaml"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+
 from pdgw.dsp402.drive_type import Quantity
 from pdgw.gateway.needs import needed_quantities
 from pdgw.profidrive.telegrams import telegram

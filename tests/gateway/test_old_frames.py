@@ -11,13 +11,13 @@ from itertools import pairwise
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from pdgw.dsp402.states import State
 from pdgw.gateway.transport.confirmation import CONFIRMING_FRAMES
 from pdgw.gateway.transport.cyclic import CyclicEndpoint, Verdict
 from pdgw.gateway.transport.sequence import OLDEST_NS, SEQUENCE_FRAMES, WRAP_NS
 from pdgw.profidrive.frame import COUNTER_UNIT_NS, FRAME_ID_TO_DEVICE, IOPS_GOOD, RtFrame
 from pdgw.profidrive.telegrams import telegram
-
 from tests.support.drive_types import References
 from tests.support.plain_drive import PlainDrive
 from tests.support.stepper import Stepper

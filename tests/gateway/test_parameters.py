@@ -10,6 +10,7 @@ from uuid import UUID
 
 import pytest
 from canopen.sdo import SdoAbortedError
+
 from pdgw.ds301.aborts import ABORT_TEXTS, Abort
 from pdgw.ds301.loop import SECOND, Event
 from pdgw.ds301.objects import Entry
@@ -31,7 +32,6 @@ from pdgw.profidrive.parameters.errors import ParameterErrorNumber as Number
 from pdgw.profinet.rpc import identification
 from pdgw.tools.parameters.client import ParameterClient
 from pdgw.tools.status_text import status_lines
-
 from tests.support.daemon import OFF, Plc, axis, configuration, drive_of, exchanging, serving, until
 from tests.support.daemon import client as client_of
 

@@ -11,6 +11,7 @@ from typing import Any, cast
 from uuid import UUID
 
 import pytest
+
 from pdgw.ds301.loop import MS, VirtualLoop
 from pdgw.ds301.node import NodeStatus
 from pdgw.gateway.config import GatewayConfig
@@ -29,7 +30,6 @@ from pdgw.profinet import dcp, ethernet
 from pdgw.profinet.blocks.alarm import AlarmType, MessageClass
 from pdgw.profinet.rpc.dcerpc import UDP_PORT
 from pdgw.profinet.station import Identity, IpSuite, Station
-
 from tests.support.profinet import DEVICE_IP, DEVICE_MAC, PLC_IP, PLC_MAC
 
 AXIS = (1, 2)

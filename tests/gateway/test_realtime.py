@@ -7,6 +7,7 @@ import subprocess
 import sys
 
 import pytest
+
 from pdgw.gateway import realtime
 from pdgw.gateway.config_surroundings import RealtimeConfig
 

@@ -11,6 +11,7 @@ from uuid import UUID
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from pdgw.gateway.config_file import parse_config
 from pdgw.gateway.config_surroundings import ParametersConfig
 from pdgw.gateway.errors import GatewayError
@@ -19,7 +20,6 @@ from pdgw.gateway.records import CallerRecords, Records
 from pdgw.gateway.store import ParameterStore
 from pdgw.profinet.rpc import identification
 from pdgw.profinet.rpc.records import NIL, RECORD_GLOBAL, AccessError, BlockType, RecordBlock, RecordRefused
-
 from tests.support.daemon import axis, configuration
 
 HERE = ("127.0.0.1", 40000)

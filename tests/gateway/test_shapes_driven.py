@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import pytest
+
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.reasons import FaultNumber, Reason
 from pdgw.gateway.status import snapshot
 from pdgw.peers.drive import SHAPES, SimulatedDrive, shape
-
 from tests.support.daemon import Plc, axis, configuration, running, until, world_of
 
 MS = 1_000_000

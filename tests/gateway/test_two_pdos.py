@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 
 import pytest
+
 from pdgw.dsp402.drive import DriveStatus
 from pdgw.gateway.binding import Axis
 from pdgw.gateway.config import AxisConfig
 from pdgw.gateway.reasons import Reason
 from pdgw.peers.drive import SimulatedDrive
-
 from tests.support import site
 
 NODE = 5

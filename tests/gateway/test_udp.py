@@ -7,6 +7,7 @@ import sys
 from collections.abc import Iterator
 
 import pytest
+
 from pdgw.ds301.loop import SystemLoop
 from pdgw.gateway.transport.udp import Address, UdpSocket
 

@@ -16,6 +16,7 @@ import pytest
 from can.interfaces.socketcan.socketcan import build_can_frame
 from hypothesis import given
 from hypothesis import strategies as st
+
 from pdgw.ds301.bus import open_bus
 from pdgw.ds301.can_frame import CAN_FRAME, EXTENDED, pack_frame, unpack_frame
 from pdgw.ds301.errors import CanopenError
@@ -23,7 +24,6 @@ from pdgw.gateway.errors import GatewayError
 from pdgw.peers.bus import INTERFACE, Hub, LoopbackBus, ServedBus
 from pdgw.peers.bus.hub import JOIN, WELCOME
 from pdgw.peers.drive import SimulatedDrive
-
 from tests.endtoend.processes import COMMAND
 
 WAIT_S = 5.0

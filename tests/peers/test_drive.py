@@ -8,6 +8,7 @@ import canopen
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from pdgw.ds301.aborts import Abort
 from pdgw.ds301.eds import write_eds
 from pdgw.ds301.errors import CanopenError

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 import pytest
+
 from pdgw.ds301.aborts import Abort
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import State, StatusBit
@@ -15,7 +16,6 @@ from pdgw.peers.drive import SimulatedDriveNode
 from pdgw.peers.simulation.console import Console
 from pdgw.peers.simulation.devices import Simulation
 from pdgw.peers.world import World
-
 from tests.peers.test_drive import MS, NODE, SMALL, Bench
 
 START, PRE_OPERATIONAL, RESET_NODE, RESET_COMMUNICATION = 1, 128, 129, 130

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from pdgw.ds301.aborts import Abort
 from pdgw.ds301.communication import LOAD_SIGNATURE, SAVE_SIGNATURE
 from pdgw.ds301.nmt import NmtCommand

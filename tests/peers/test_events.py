@@ -8,6 +8,7 @@ from collections.abc import Callable
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from pdgw.ds301.nmt import NmtCommand
 from pdgw.dsp402.configuration import pdo_steps
 from pdgw.dsp402.images import DriveCommand

@@ -5,6 +5,7 @@ from __future__ import annotations
 import struct
 
 import pytest
+
 from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.nmt import NmtCommand, NmtState
 from pdgw.dsp402.modes import Mode

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import canopen
 import pytest
 from canopen.sdo import SdoClient
+
 from pdgw.ds301.aborts import Abort
 from pdgw.ds301.communication import communication_objects, pdo_objects
 from pdgw.ds301.eds import DeviceInfo, write_eds

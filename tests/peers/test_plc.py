@@ -7,6 +7,9 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scapy.layers.inet import UDP
+from scapy.utils import rdpcap
+
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.transport.acyclic import AcyclicServer
@@ -22,9 +25,6 @@ from pdgw.profidrive.frame import RtFrame
 from pdgw.profidrive.telegrams import Direction, Telegram, telegram
 from pdgw.tools.parameters.address import Target, parse_target
 from pdgw.tools.parameters.session import Element
-from scapy.layers.inet import UDP
-from scapy.utils import rdpcap
-
 from tests.support.daemon import axis
 from tests.support.machine import configuration, running
 from tests.support.strategies import axes_values

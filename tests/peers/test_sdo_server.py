@@ -8,13 +8,13 @@ import canopen
 import pytest
 from canopen.objectdictionary import ODVariable
 from canopen.sdo import SdoAbortedError, SdoServer
+
 from pdgw.ds301.aborts import Abort
 from pdgw.ds301.objects import CanType, Entry
 from pdgw.dsp402.drive import DriveClient, DriveSettings, DriveStatus
 from pdgw.dsp402.pdo import LAYOUTS, Operation
 from pdgw.peers.drive import SimulatedDrive, SimulatedDriveNode
 from pdgw.peers.node.sdo_server import BlockSdoServer
-
 from tests.support import buses, site
 
 NODE, INDEX = 5, 0x2100

@@ -6,6 +6,7 @@ import struct
 
 import pytest
 from canopen.sdo import SdoAbortedError
+
 from pdgw.ds301.aborts import Abort
 from pdgw.ds301.eds import write_eds
 from pdgw.ds301.eds_import import import_eds

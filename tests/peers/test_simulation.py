@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+
 from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.loop import MS, SECOND
 from pdgw.gateway.errors import GatewayError
@@ -23,7 +24,6 @@ from pdgw.peers.simulation.console import Console
 from pdgw.peers.simulation.devices import DEVICE_TYPES, Simulation, fault_catalogue
 from pdgw.peers.simulation.rest import RestServer
 from pdgw.peers.world import World
-
 from tests.endtoend.processes import free_tcp_port, running
 from tests.support import buses
 from tests.support.cli import pdgw

@@ -9,6 +9,7 @@ from types import SimpleNamespace
 from typing import cast
 
 import pytest
+
 from pdgw.peers.simulation.console import Console, serve
 from pdgw.peers.simulation.devices import Simulation
 from pdgw.peers.simulation.rest import RestServer

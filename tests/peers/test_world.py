@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+
 from pdgw.ds301.can_frame import EXTENDED, REMOTE
 from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.load import frame_bits

@@ -7,6 +7,7 @@ from fractions import Fraction
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from pdgw.profidrive.datatypes import DataType, n2, n4
 from pdgw.profidrive.errors import ProfidriveError
 

@@ -9,6 +9,7 @@ from fractions import Fraction
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.encoder import (
     PRESET_SETTLE_NS,

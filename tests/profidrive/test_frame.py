@@ -8,14 +8,14 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from pdgw.profidrive import frame as rt
-from pdgw.profidrive.errors import ProfidriveError
-from pdgw.profidrive.scapy_layers import ProfidriveCyclic, bind, cyclic_frame, field_name
-from pdgw.profidrive.telegrams import Direction, Telegram, telegram
 from scapy.layers.inet import IP, UDP
 from scapy.layers.l2 import Ether
 from scapy.utils import rdpcap, wrpcap
 
+from pdgw.profidrive import frame as rt
+from pdgw.profidrive.errors import ProfidriveError
+from pdgw.profidrive.scapy_layers import ProfidriveCyclic, bind, cyclic_frame, field_name
+from pdgw.profidrive.telegrams import Direction, Telegram, telegram
 from tests.support import tshark
 from tests.support.strategies import axes_values
 

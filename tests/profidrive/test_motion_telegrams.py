@@ -6,6 +6,7 @@ L = 10000 LU per revolution, 3000 rpm reference speed.
 from __future__ import annotations
 
 import pytest
+
 from pdgw.profidrive.scapy_layers import telegram_layer
 from pdgw.profidrive.telegrams import ApplicationMode, Direction, TelegramHalf, telegram
 

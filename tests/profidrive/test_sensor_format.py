@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.sensor_format import SensorFormat, decode_sensor_format, encode_sensor_format
 

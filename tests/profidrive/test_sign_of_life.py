@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.sign_of_life import MONITORING_OFF, SignOfLife
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.signals import CATALOGUE, POSITIONER_FORMS, SIGNALS, Signal, signal
 from pdgw.profidrive.telegrams import TELEGRAMS, Direction, Telegram, likeliest, telegram, word_positions
-
 from tests.support.strategies import directions, half_values, telegrams
 
 WORDS = {1: (2, 2), 2: (4, 4), 3: (5, 9), 7: (2, 2), 9: (10, 5), 20: (2, 6), 100: (19, 17)}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 
 import pytest
+
 from pdgw.profinet import apmx
 from pdgw.profinet.apmx import PDU, TABLE, Action, AlarmMachine, AlarmRelation, Event, PduType, State
 from pdgw.profinet.blocks.alarm import (
@@ -21,7 +22,6 @@ from pdgw.profinet.blocks.alarm import (
 from pdgw.profinet.cmdev import AbortCode
 from pdgw.profinet.device import Disconnected
 from pdgw.profinet.diagnosis import AlarmSource, Diagnosis, Notification
-
 from tests.support.profinet import DEVICE_MAC, MS, PLC_MAC, Wire, model, project
 
 POINT = (1, 1)

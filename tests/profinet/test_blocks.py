@@ -7,6 +7,8 @@ from uuid import UUID
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scapy.contrib import pnio_rpc
+
 from pdgw.profinet.blocks import connect, control
 from pdgw.profinet.blocks.connect import (
     AlarmCrBlockReq,
@@ -21,7 +23,6 @@ from pdgw.profinet.blocks.connect import (
 )
 from pdgw.profinet.rpc.dcerpc import object_uuid
 from pdgw.profinet.wire import Block, WireError, number_of, split
-from scapy.contrib import pnio_rpc
 
 AR_UUID = UUID(int=0x1234)
 INITIATOR = object_uuid(1, 2, 3)

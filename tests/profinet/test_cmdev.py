@@ -7,6 +7,7 @@ from dataclasses import replace
 from uuid import UUID
 
 import pytest
+
 from pdgw.peers.controller.controller import Phase
 from pdgw.profinet import cmdev
 from pdgw.profinet.blocks.control import ApplicationReadyRes, Command, PrmBeginReq, PrmEndReq, ReleaseReq
@@ -26,7 +27,6 @@ from pdgw.profinet.device import Disconnected
 from pdgw.profinet.diagnosis import AlarmSource, Diagnosis
 from pdgw.profinet.rpc import dcerpc
 from pdgw.profinet.rpc.records import Operation, PnioStatus, encode_arguments
-
 from tests.profinet.test_connect import AR_UUID, INITIATOR, SOURCE, Caller, blocks
 from tests.support.profinet import MS, PLC_IP, PLC_MAC, Wire, model, project
 

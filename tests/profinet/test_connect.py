@@ -12,6 +12,7 @@ from uuid import UUID
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from pdgw.peers.controller.project import Layout, Project
 from pdgw.profidrive.telegrams import telegram
 from pdgw.profinet.blocks.connect import (
@@ -35,7 +36,6 @@ from pdgw.profinet.rpc import dcerpc
 from pdgw.profinet.rpc.dcerpc import Flags, PacketType, RpcHeader
 from pdgw.profinet.rpc.records import Operation, PnioStatus, decode_arguments, encode_arguments
 from pdgw.profinet.wire import Block, split
-
 from tests.support.profinet import PLC_IP, PLC_MAC, Wire, model, project
 
 AR_UUID = UUID(int=0xABC)

@@ -7,12 +7,12 @@ import itertools
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from pdgw.profidrive.frame import STATUS_NO_PROBLEM, STATUS_NORMAL, STATUS_STOP
 from pdgw.profinet import ethernet
 from pdgw.profinet.blocks.connect import HOLD_MAX_NS, IocrType
 from pdgw.profinet.cpm import STATUS_IGNORE, Consumer, Verdict
 from pdgw.profinet.ppm import Provider
-
 from tests.profinet.test_connect import Caller, blocks
 from tests.support.profinet import DEVICE_MAC, MS, PLC_MAC, Wire, project
 

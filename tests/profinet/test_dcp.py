@@ -8,14 +8,14 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from pdgw.profidrive.errors import ProfidriveError
-from pdgw.profinet import dcp, ethernet
-from pdgw.profinet.dcp import DcpResponder, Flash, IpSet, NameSet, Option, ResetToFactory, Service, SetError
-from pdgw.profinet.station import Identity, IpSuite, Neighbour, Station, check_name
 from scapy.contrib.pnio import ProfinetIO
 from scapy.contrib.pnio_dcp import ProfinetDCP
 from scapy.layers.l2 import Ether
 
+from pdgw.profidrive.errors import ProfidriveError
+from pdgw.profinet import dcp, ethernet
+from pdgw.profinet.dcp import DcpResponder, Flash, IpSet, NameSet, Option, ResetToFactory, Service, SetError
+from pdgw.profinet.station import Identity, IpSuite, Neighbour, Station, check_name
 from tests.support import tshark, tshark_frames
 
 MS = 1_000_000

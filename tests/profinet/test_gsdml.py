@@ -8,6 +8,8 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
+from typer.testing import CliRunner
+
 from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS, ENCODER_TELEGRAM_NUMBERS
 from pdgw.profidrive.telegrams import Direction, Telegram, telegram
 from pdgw.profinet.blocks.alarm import MessageClass
@@ -15,8 +17,6 @@ from pdgw.profinet.gsdml import GsdmlWriter, file_name
 from pdgw.profinet.model import ObjectKind, access_module, object_module
 from pdgw.profinet.station import check_name
 from pdgw.tools.cli import app
-from typer.testing import CliRunner
-
 from tests.support.profinet import IDENTITY
 
 NS = "{http://www.profibus.com/GSDML/2003/11/DeviceProfile}"

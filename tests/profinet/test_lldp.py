@@ -9,12 +9,12 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from pdgw.profidrive.errors import ProfidriveError
-from pdgw.profinet import lldp
-from pdgw.profinet.station import Identity, IpSuite, Station
 from scapy.contrib import lldp as scapy_lldp
 from scapy.layers.l2 import Ether
 
+from pdgw.profidrive.errors import ProfidriveError
+from pdgw.profinet import lldp
+from pdgw.profinet.station import Identity, IpSuite, Station
 from tests.support import tshark, tshark_frames
 
 MAC = bytes.fromhex("020000000001")

@@ -5,6 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from scapy.contrib.pnio import ProfinetIO
+from scapy.contrib.pnio_rpc import PNIOServiceReqPDU, PNIOServiceResPDU
+from scapy.layers.dcerpc import DceRpc4
+from scapy.layers.inet import UDP
+from scapy.layers.l2 import Ether
+
 from pdgw.profidrive.telegrams import telegram
 from pdgw.profinet.blocks.alarm import MessageClass
 from pdgw.profinet.device_records import Index
@@ -14,12 +20,6 @@ from pdgw.profinet.rpc.dcerpc import UDP_PORT
 from pdgw.profinet.rpc.identification import INDEX as IM0
 from pdgw.profinet.rpc.identification import Im0, encode_im0
 from pdgw.profinet.station import Neighbour
-from scapy.contrib.pnio import ProfinetIO
-from scapy.contrib.pnio_rpc import PNIOServiceReqPDU, PNIOServiceResPDU
-from scapy.layers.dcerpc import DceRpc4
-from scapy.layers.inet import UDP
-from scapy.layers.l2 import Ether
-
 from tests.support import tshark, tshark_frames
 from tests.support.profinet import MS, Wire, model, project
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 from uuid import UUID
 
 import pytest
+
 from pdgw.profinet.blocks.alarm import DiagnosisBlock, MessageClass
 from pdgw.profinet.blocks.records import ExpectedIdentification, LogData, RealIdentification
 from pdgw.profinet.cmdev import AbortCode
@@ -21,7 +22,6 @@ from pdgw.profinet.rpc.records import (
     encode_block,
     join_multiple,
 )
-
 from tests.profinet.test_connect import AR_UUID, Caller, blocks
 from tests.support.profinet import MS, PLC_IP, Wire
 

@@ -6,7 +6,6 @@ from pdgw.peers.controller.controller import Phase
 from pdgw.profinet.cmdev import AbortCode
 from pdgw.profinet.device import Connected, Disconnected
 from pdgw.profinet.rpc.dcerpc import PacketType
-
 from tests.support.profinet import MS, Wire, project
 
 AXIS = (1, 2)

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 import can
+
 from pdgw.ds301.bus import open_bus
 from pdgw.ds301.loop import MS, Loop, SystemLoop
 from pdgw.ds301.network import CanNetwork

@@ -7,6 +7,9 @@ from collections.abc import Sequence
 from uuid import UUID
 
 import can
+from scapy.layers.inet import IP, UDP
+from scapy.layers.l2 import Ether
+
 from pdgw.profidrive.frame import UDP_PORT
 from pdgw.profidrive.scapy_layers import cyclic_frame
 from pdgw.profidrive.telegrams import Direction
@@ -15,8 +18,6 @@ from pdgw.profinet.rpc.dcerpc import object_uuid
 from pdgw.profinet.rpc.records import RECORD_GLOBAL
 from pdgw.profinet.rpc.server import RecordServer
 from pdgw.tools.bench.captures import block
-from scapy.layers.inet import IP, UDP
-from scapy.layers.l2 import Ether
 
 BEGIN_NS = 1_700_000_000_123_456_000
 MS = 1_000_000

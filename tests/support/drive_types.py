@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from functools import cache
 
 import canopen
+
 from pdgw.ds301.eds_import import import_eds
 from pdgw.dsp402.describe import PRODUCT_CODE, SUPPORTED_DRIVE_MODES, VENDOR_ID, describe
 from pdgw.dsp402.device import EDS_PATH

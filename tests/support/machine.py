@@ -17,7 +17,6 @@ from pdgw.peers.simulation.beside import add_device, simulated_devices
 from pdgw.peers.simulation.devices import Simulation
 from pdgw.profidrive.telegrams import telegram
 from pdgw.tools.parameters.client import ParameterClient
-
 from tests.support import buses
 from tests.support import daemon as in_world
 

@@ -16,7 +16,6 @@ from pdgw.profinet.model import DeviceModel, Module, ObjectKind, drive_model
 from pdgw.profinet.rpc.dcerpc import UDP_PORT
 from pdgw.profinet.rpc.records import AccessError, RecordBlock, RecordRefused
 from pdgw.profinet.station import Identity, IpSuite, Station
-
 from tests.support.tshark_frames import datagram
 
 MS = 1_000_000

@@ -17,7 +17,6 @@ from pdgw.gateway.transport.cyclic import CyclicEndpoint
 from pdgw.peers.plc.endpoint import PlcEndpoint
 from pdgw.profidrive.frame import ETHERTYPE
 from pdgw.tools.recordings import Known, Loaded, Opening, load, look_ahead
-
 from tests.support import captures
 from tests.support.drive_types import REFERENCE_OBJECTS
 from tests.support.rig import MS, NODE, Rig

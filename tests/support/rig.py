@@ -17,7 +17,6 @@ from pdgw.gateway.axis.telegrams import Kind, drive_telegram, initial_mode, pdo_
 from pdgw.gateway.motion.dsc import DscForm
 from pdgw.peers.drive import ENGEL, LINEAR, Machine, SimulatedDriveNode
 from pdgw.peers.drive.shapes import SYNCHRONOUS
-
 from tests.support.drive_types import References
 from tests.support.stepper import Stepper
 

@@ -19,7 +19,6 @@ from pdgw.gateway.axis.values import Configured, EncoderInput, FaultRecord, Node
 from pdgw.gateway.axis.waist import PowerWish
 from pdgw.gateway.motion.dsc import DscChoices, DscForm
 from pdgw.gateway.reasons import Reason
-
 from tests.support.drive_types import References, engel
 from tests.support.positioner import CHOICES
 

@@ -11,11 +11,11 @@ from typing import Any
 
 import pytest
 import typer
+
 from pdgw.decoder.capture.archive import ArchiveOptions, Part, captures_of, is_data_set, write_part
 from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.tools.commands.decode import decode
-
 from tests.support import captures
 
 pyarrow = pytest.importorskip("pyarrow", reason="the extra archive is not installed")

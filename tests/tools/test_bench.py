@@ -7,6 +7,8 @@ import socket
 from collections.abc import Callable, Iterator
 
 import pytest
+from typer.testing import CliRunner
+
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.transport.cyclic import CyclicEndpoint
 from pdgw.profidrive.frame import RtFrame
@@ -18,7 +20,6 @@ from pdgw.tools.bench.rows import setpoints_to_can
 from pdgw.tools.bench.schedule import Peer
 from pdgw.tools.bench.translation import axis_cycle
 from pdgw.tools.commands.bench import app
-from typer.testing import CliRunner
 
 
 @pytest.mark.parametrize(("number", "enabled"), [(1, 0x07), (9, 0x07), (100, 0x27)])

@@ -10,10 +10,11 @@ from importlib.metadata import version
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
+
 from pdgw.tools import commands
 from pdgw.tools.cli import app
 from pdgw.tools.command_table import COMMANDS, SIM_COMMANDS, Entry
-from typer.testing import CliRunner
 
 ENTRIES = [*COMMANDS.items(), *SIM_COMMANDS.items()]
 _HELPERS = {"__init__", "recording_options", "simulation_options"}

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pdgw.peers.drive import SimulatedDrive
-from pdgw.tools.commands.config import app
 from typer.testing import CliRunner
 
+from pdgw.peers.drive import SimulatedDrive
+from pdgw.tools.commands.config import app
 from tests.support import buses
 
 CONFIG = """

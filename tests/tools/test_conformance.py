@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 
 import pytest
+from typer.testing import CliRunner
+
 from pdgw.dsp406.encoder import EncoderClient
 from pdgw.gateway.axis import encoder_machine
 from pdgw.gateway.axis.executors.speed import SpeedExecutor
@@ -18,8 +20,6 @@ from pdgw.profidrive.encoder import EncoderControl
 from pdgw.tools.commands.conformance import app
 from pdgw.tools.conformance import bench, encoders
 from pdgw.tools.conformance.faults import CASES, Activity, Case, Device, Reaction, Result, run_case
-from typer.testing import CliRunner
-
 from tests.support.daemon import Plc, axis, configuration, drive_of, running
 
 PATIENT = "watchdog_factor = 255"

@@ -6,10 +6,11 @@ import json
 from dataclasses import replace
 
 import pytest
+from typer.testing import CliRunner
+
 from pdgw.profidrive.signals import signal
 from pdgw.tools.commands.conformance import app
 from pdgw.tools.conformance.telegrams import CASES, Case, run_case
-from typer.testing import CliRunner
 
 NOT_EVALUATED = {"REFERENCE_CAM", "HOMING_NEGATIVE", "PROBE_2", "PROBE_FALLING_EDGE", "HARDWARE_LIMITS"}
 """Bits without an effect that a simulated drive could show (docs/motion.md)."""

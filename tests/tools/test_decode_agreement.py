@@ -8,6 +8,9 @@ import struct
 from pathlib import Path
 
 import pytest
+from scapy.layers.can import CAN
+from scapy.utils import PcapReader
+
 from pdgw.decoder.capture.source import open_source
 from pdgw.decoder.engine import Decoder, Settings, given_axes
 from pdgw.decoder.records import (
@@ -22,9 +25,6 @@ from pdgw.decoder.records import (
     SdoRecord,
 )
 from pdgw.profidrive.scapy_layers import ProfidriveCyclic, bind
-from scapy.layers.can import CAN
-from scapy.utils import PcapReader
-
 from tests.support import captures, tshark
 from tests.support.captures import BEGIN_NS, MS
 

@@ -11,6 +11,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
+
 from pdgw.decoder.capture.errors import CaptureError
 from pdgw.decoder.capture.plot import States, panels_of
 from pdgw.decoder.capture.source import open_source
@@ -19,7 +20,6 @@ from pdgw.decoder.names import Names
 from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.tools.commands.decode import DirectionOption, decode
-
 from tests.support import captures
 from tests.support.captures import BEGIN_NS
 

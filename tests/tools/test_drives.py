@@ -6,12 +6,13 @@ import json
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
+
 from pdgw.ds301.eds import DeviceInfo, write_eds
 from pdgw.ds301.objects import Access, CanType, var
 from pdgw.dsp402.device import EDS_PATH, drive_objects
 from pdgw.dsp402.overlay import overlay_for, overlays
 from pdgw.tools.commands.drives import app
-from typer.testing import CliRunner
 
 
 def _run(*arguments: str) -> str:

@@ -5,9 +5,10 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+from typer.testing import CliRunner
+
 from pdgw.ds301.eds_import import import_eds
 from pdgw.tools.commands.eds import app
-from typer.testing import CliRunner
 
 NODE = 5
 CORPUS = Path(__file__).parents[1] / "ds301" / "eds"

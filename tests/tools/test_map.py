@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+
 from pdgw.gateway.bytemap import Place, counter_step, frame_maps
 from pdgw.gateway.config import GatewayConfig
 from pdgw.gateway.config_file import load_config

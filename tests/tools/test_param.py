@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import cast
 
 import pytest
+
 from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.parameters.codec import Values
@@ -17,7 +18,6 @@ from pdgw.tools.parameters.address import Target, parse_target, parse_type, pars
 from pdgw.tools.parameters.client import ParameterClient
 from pdgw.tools.parameters.dump import Dump, DumpedElement, Restored, difference, other_telegram, read_all, restore
 from pdgw.tools.parameters.session import Element, Session, meaning
-
 from tests.support.cli import pdgw
 from tests.support.daemon import axis, configuration, reached, serving
 

@@ -5,12 +5,13 @@ from __future__ import annotations
 import io
 
 import pytest
+from rich.console import Console
+
 from pdgw.peers.plc.endpoint import PlcEndpoint
 from pdgw.peers.plc.keyboard import Keyboard
 from pdgw.peers.plc.view import snapshot, tables
 from pdgw.profidrive.signals import signal
 from pdgw.profidrive.telegrams import telegram
-from rich.console import Console
 
 CYCLE = 4_000_000
 READY, OPERATION = 0x31, 0x37

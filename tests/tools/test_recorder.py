@@ -7,6 +7,7 @@ from pathlib import Path
 
 import can
 import pytest
+
 from pdgw.decoder.capture.pcapng_file import PcapngWriter, configuration_in, udp_packet
 from pdgw.decoder.capture.source import open_source
 from pdgw.decoder.engine import Decoder, Packet, Settings, given_axes
@@ -18,7 +19,6 @@ from pdgw.tools.commands.replay import replay
 from pdgw.tools.commands.timeline import timeline
 from pdgw.tools.recorder import CAPTURE, Recorder
 from pdgw.tools.recordings import CONFIGURATION, known_from
-
 from tests.decoder.test_replay import speed
 from tests.endtoend.processes import free_udp_port, running
 from tests.endtoend.test_run import LittlePlc

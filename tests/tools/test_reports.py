@@ -10,10 +10,10 @@ from xml.etree import ElementTree
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from pdgw.gateway.errors import GatewayError
 from pdgw.tools.commands.conformance import faults
 from pdgw.tools.reports import Check, Report, figures
-
 from tests.endtoend.processes import pdgw
 
 CHECKS = (

@@ -15,11 +15,11 @@ from typing import Any, cast
 
 import can
 import pytest
+
 from pdgw.ds301.client import NodeClient
 from pdgw.ds301.connection_set import EMCY
 from pdgw.ds301.counters import Counters
 from pdgw.tools.run_log import CanRecorder, LogLevel, RunLog, on_signals
-
 from tests.support.daemon import axis, configuration, running, until, world_of
 
 FRAME = can.Message(arbitration_id=0x181, data=b"\x31\x02")

@@ -7,11 +7,11 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+
 from pdgw.ds301.errors import CanopenError
 from pdgw.peers.simulation.console import Console
 from pdgw.peers.simulation.devices import Simulation, encoder_device
 from pdgw.peers.world import World
-
 from tests.endtoend.processes import free_tcp_port, running
 from tests.support import buses
 from tests.support.cli import pdgw

@@ -6,6 +6,9 @@ import re
 from typing import Any
 
 import pytest
+from typer import Typer
+from typer.testing import CliRunner
+
 from pdgw.ds301.client import NodeClient
 from pdgw.ds301.loop import SECOND
 from pdgw.gateway.axis import interlock
@@ -19,8 +22,6 @@ from pdgw.tools.soak.life import PART_NS, Life
 from pdgw.tools.soak.troubles import TROUBLES
 from pdgw.tools.soak.watch import SoakAxis, ViolationError
 from pdgw.tools.soak.words import Words
-from typer import Typer
-from typer.testing import CliRunner
 
 APP = Typer()
 APP.command()(soak)

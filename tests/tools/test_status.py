@@ -6,9 +6,9 @@ from importlib.metadata import version
 from typing import Any
 
 import pytest
+
 from pdgw.gateway.status import snapshot
 from pdgw.tools.status_text import duration, status_lines
-
 from tests.support.daemon import axis, configuration, running
 
 

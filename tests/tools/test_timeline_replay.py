@@ -7,13 +7,13 @@ from pathlib import Path
 
 import pytest
 import typer
+
 from pdgw.decoder.capture.errors import CaptureError
 from pdgw.ds301.loop import MS
 from pdgw.gateway.errors import GatewayError
 from pdgw.tools.commands.replay import replay
 from pdgw.tools.commands.timeline import timeline
 from pdgw.tools.recordings import known_from
-
 from tests.decoder.test_replay import speed
 from tests.support import captures
 from tests.support.cli import pdgw

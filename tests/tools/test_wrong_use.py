@@ -6,9 +6,9 @@ import socket
 from pathlib import Path
 
 import pytest
+
 from pdgw.ds301.counters import Counters
 from pdgw.tools.commands import run
-
 from tests.endtoend.processes import free_udp_port
 from tests.support.cli import pdgw
 

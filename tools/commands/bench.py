@@ -10,14 +10,15 @@ from dataclasses import asdict
 from typing import Annotated, Any
 
 import typer
+from rich.console import Console
+from rich.status import Status
+from rich.table import Table
+
 from pdgw.tools.bench import decoding, following, storm, translation
 from pdgw.tools.bench.build import machine, use_real_time_priority
 from pdgw.tools.bench.measure import Latency
 from pdgw.tools.bench.rows import ROWS, Row, idle, measure
 from pdgw.tools.reports import HtmlFile, JUnitFile, Report, figures
-from rich.console import Console
-from rich.status import Status
-from rich.table import Table
 
 app = typer.Typer(help="Benchmarks.", invoke_without_command=True)
 

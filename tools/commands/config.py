@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+
 from pdgw.ds301.errors import CanopenError
 from pdgw.gateway.config import AxisConfig, GatewayConfig
 from pdgw.gateway.config_check import references_wrong

@@ -9,14 +9,15 @@ from contextlib import contextmanager
 from typing import Annotated
 
 import typer
+from rich.console import Console
+from rich.table import Table
+
 from pdgw.gateway.errors import GatewayError
 from pdgw.tools.conformance.faults import CASES, Result, run_case
 from pdgw.tools.conformance.telegrams import CASES as BITS
 from pdgw.tools.conformance.telegrams import Outcome
 from pdgw.tools.conformance.telegrams import run_case as run_bits
 from pdgw.tools.reports import Check, HtmlFile, JUnitFile, Report
-from rich.console import Console
-from rich.table import Table
 
 app = typer.Typer(help="Conformance tests of the gateway.", no_args_is_help=True)
 

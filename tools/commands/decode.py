@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+
 from pdgw.decoder.capture import live
 from pdgw.decoder.capture.archive import ArchiveOptions, captures_of, is_data_set, write_data_set
 from pdgw.decoder.capture.knowledge import known_beforehand, look_ahead

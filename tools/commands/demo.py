@@ -8,12 +8,13 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from pdgw.peers.plc.scenario import Result
-from pdgw.tools.commands.sim_plc import results_table
-from pdgw.tools.demo.run import Demo
 from rich.console import Console
 from rich.live import Live
 from rich.table import Table
+
+from pdgw.peers.plc.scenario import Result
+from pdgw.tools.commands.sim_plc import results_table
+from pdgw.tools.demo.run import Demo
 
 
 class _Story:

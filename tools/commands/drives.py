@@ -7,6 +7,9 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from rich.console import Console
+from rich.table import Table
+
 from pdgw.dsp402.describe import PRODUCT_CODE, VENDOR_ID, answers_of_defaults, describe
 from pdgw.dsp402.drive import load_eds
 from pdgw.dsp402.drive_type import DriveType
@@ -14,8 +17,6 @@ from pdgw.dsp402.overlay import Overlay, overlay, overlays
 from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS
 from pdgw.gateway.needs import needed_quantities
 from pdgw.profidrive.telegrams import telegram
-from rich.console import Console
-from rich.table import Table
 
 app = typer.Typer(help="Families of drives.", no_args_is_help=True)
 

@@ -8,12 +8,13 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from pdgw.ds301.eds_import import EdsImport, import_eds
-from pdgw.ds301.eds_text import EdsError
-from pdgw.gateway.errors import GatewayError
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
+
+from pdgw.ds301.eds_import import EdsImport, import_eds
+from pdgw.ds301.eds_text import EdsError
+from pdgw.gateway.errors import GatewayError
 
 app = typer.Typer(help="Data sheets (EDS, DCF).", no_args_is_help=True)
 

@@ -11,6 +11,8 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from rich.console import Console
+
 from pdgw.gateway.bytemap import FrameMap, Place, counter_step, frame_maps
 from pdgw.gateway.config_file import load_config
 from pdgw.gateway.errors import GatewayError
@@ -18,7 +20,6 @@ from pdgw.profidrive.frame import FRAME_ID_TO_CONTROLLER, FRAME_ID_TO_DEVICE
 from pdgw.profidrive.telegrams import Direction
 from pdgw.tools.plc_code import Dialect, code
 from pdgw.tools.tables import plain_table
-from rich.console import Console
 
 _TITLES = {
     Direction.SETPOINT: f"PLC -> gateway, FrameID {FRAME_ID_TO_DEVICE:04X}h",

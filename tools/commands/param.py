@@ -12,6 +12,9 @@ from typing import Annotated
 from uuid import UUID
 
 import typer
+from rich.console import Console
+from rich.progress import Progress as ProgressBar
+
 from pdgw.gateway.errors import GatewayError
 from pdgw.profinet.rpc.dcerpc import UDP_PORT as ACYCLIC_PORT
 from pdgw.profinet.rpc.identification import PROFILE_ID
@@ -22,8 +25,6 @@ from pdgw.tools.parameters.client import ParameterClient
 from pdgw.tools.parameters.dump import Dump, difference, other_telegram, read_all, restore
 from pdgw.tools.parameters.session import Element, Progress, Session, address_text, meaning, name_and_unit
 from pdgw.tools.tables import plain_table
-from rich.console import Console
-from rich.progress import Progress as ProgressBar
 
 app = typer.Typer(help="Parameters of a gateway or any PROFIdrive device.", no_args_is_help=True)
 

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Annotated
 
 import typer
+
 from pdgw.decoder.replay import AxisReplay, Difference
 from pdgw.tools.commands.recording_options import Config, Files, Nodes, Offset, Telegrams
 from pdgw.tools.recordings import TOLERANCE_NS, Loaded, known_from, load, nanoseconds, tell, write_lines

@@ -12,6 +12,9 @@ from types import FrameType
 from typing import Annotated
 
 import typer
+from pydantic import ValidationError
+
+from pdgw import __version__
 from pdgw.gateway import realtime
 from pdgw.gateway.config import GatewayConfig
 from pdgw.gateway.config_example import simulated
@@ -24,9 +27,6 @@ from pdgw.gateway.status import StatusServer
 from pdgw.gateway.transport.acyclic import record_service
 from pdgw.tools.beside import devices_beside
 from pdgw.tools.run_log import CanRecorder, LogLevel, RunLog, on_signals
-from pydantic import ValidationError
-
-from pdgw import __version__
 
 log = logging.getLogger("gateway")
 

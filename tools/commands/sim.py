@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import typer
+
 from pdgw.tools.command_table import SIM_COMMANDS, lazy_group
 
 app = typer.Typer(

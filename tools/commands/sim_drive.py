@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+
 from pdgw.gateway.config_surroundings import CanConfig
 from pdgw.gateway.edge import open_configured_bus
 from pdgw.gateway.errors import GatewayError

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Annotated
 
 import typer
+
 from pdgw.dsp406.kinds import DEVICES, ROTARY
 from pdgw.peers.encoder.motion import MOTIONS
 from pdgw.peers.simulation.running import run_nodes

@@ -15,6 +15,9 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from rich.console import Console
+from rich.table import Table
+
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.toml_file import read_text
 from pdgw.peers.plc.client import PlcClient, PlcRunner
@@ -30,8 +33,6 @@ from pdgw.tools.keys import read_keys
 from pdgw.tools.plc_window import watch
 from pdgw.tools.reports import Check, HtmlFile, JUnitFile, Report
 from pdgw.tools.tables import plain_table
-from rich.console import Console
-from rich.table import Table
 
 _SNAPSHOT_NS = 100_000_000
 

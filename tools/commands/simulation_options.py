@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Annotated
 
 import typer
+
 from pdgw.gateway.errors import GatewayError
 from pdgw.peers.simulation.config import ControlConfig
 

@@ -7,14 +7,15 @@ from collections.abc import Sequence
 from typing import Annotated, NoReturn
 
 import typer
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
 from pdgw.ds301.loop import SECOND
 from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS
 from pdgw.gateway.errors import GatewayError
 from pdgw.tools.soak.life import PART_NS, Life
 from pdgw.tools.soak.trace import clock
 from pdgw.tools.soak.watch import ViolationError
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 _HOUR_NS = 3600 * SECOND
 _GROWTH_KIB = 64 * 1024

@@ -8,6 +8,7 @@ import socket
 from typing import Annotated, Any
 
 import typer
+
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.ports import STATUS_PORT
 from pdgw.tools.status_text import status_lines

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+
 from pdgw.decoder.capture.moments import moment
 from pdgw.decoder.records import Record
 from pdgw.decoder.render import record_line

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import can
+
 from pdgw.ds301.loop import SECOND
 from pdgw.ds301.network import CanNetwork
 from pdgw.ds301.nmt import NmtCommand

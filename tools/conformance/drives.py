@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import can
+
 from pdgw.dsp402.device import EDS_PATH
 from pdgw.dsp402.drive import DriveStatus
 from pdgw.dsp402.modes import Mode

@@ -11,6 +11,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
 import can
+
 from pdgw.dsp402.states import State
 from pdgw.dsp406.faults import ENCODER_FAULTS
 from pdgw.gateway.config import EncoderConfig

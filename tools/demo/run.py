@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import IO, Any
 
 from can_remote import RemoteServer
+
 from pdgw.gateway.errors import GatewayError
 from pdgw.tools.demo.trace import plot
 from pdgw.tools.recordings import Part, known_from, look_ahead, write_page

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.explain import problems
 from pdgw.gateway.toml_file import read_text
@@ -14,7 +16,6 @@ from pdgw.profidrive.parameters.catalogue import OBJECTS
 from pdgw.profidrive.parameters.codec import Values
 from pdgw.tools.parameters.address import Target, parse_type, parse_value
 from pdgw.tools.parameters.session import NOT_THERE, Element, Progress, Session, address_text
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 _COMMANDS = {928, 952, 970, 971, 972, 976, 977}
 """Writing these does something; they are no settings."""

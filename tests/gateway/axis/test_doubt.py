@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import pytest
+
 from pdgw.dsp402.states import STATUS_OF, ControlBit, State
 from pdgw.gateway.axis.executors.positioning import SubState
 from pdgw.gateway.axis.interlock import Interlock
 from pdgw.gateway.axis.settings import AxisSettings, PlcLossReaction
 from pdgw.gateway.reasons import Reason
-
 from tests.support.rig import Rig
 from tests.support.stepper import step_interlock
 

@@ -8,6 +8,7 @@ from fractions import Fraction
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from pdgw.dsp406.images import EncoderParameters
 from pdgw.gateway.axis.executors.sensor import EncoderReferences, SpeedFromPosition
 from pdgw.gateway.axis.settings import SensorSettings
@@ -17,7 +18,6 @@ from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.reasons import GATEWAY_FAULTS, Reason
 from pdgw.profidrive.encoder import SensorError
 from pdgw.profidrive.telegrams import telegram
-
 from tests.support.stepper import EncoderStepper
 from tests.support.strategies import half_values
 

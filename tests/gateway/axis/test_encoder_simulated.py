@@ -7,13 +7,13 @@ from fractions import Fraction
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+
 from pdgw.dsp406.images import PARAMETER_OBJECTS, EncoderParameters
 from pdgw.dsp406.kinds import LINEAR, MULTI_SENSOR, ROTARY, EncoderDevice
 from pdgw.gateway.axis.executors.sensor import EncoderReferences
 from pdgw.gateway.axis.settings import SensorSettings
 from pdgw.peers.encoder.motion import Motion, constant_speed
 from pdgw.peers.encoder.node import SimulatedEncoderNode
-
 from tests.support.stepper import EncoderStepper
 
 MS = 1_000_000

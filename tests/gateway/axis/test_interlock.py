@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
+
 from pdgw.dsp402.images import DriveFeedback
 from pdgw.dsp402.states import STATUS_OF, ControlBit, State
 from pdgw.gateway.axis.interlock import Interlock
@@ -12,7 +13,6 @@ from pdgw.gateway.axis.power_table import Phase
 from pdgw.gateway.axis.settings import AxisSettings, PlcLossReaction
 from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS
 from pdgw.gateway.reasons import Reason
-
 from tests.gateway.axis.test_velocity import OFF, ON, Bench
 from tests.support.drive_types import References
 from tests.support.stepper import Stepper, step_interlock

@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
+
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import ControlBit
 from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.reasons import FaultNumber, Reason
-
 from tests.support.drive_types import References, engel
 from tests.support.positioner import CHOICES
 from tests.support.rig import Rig

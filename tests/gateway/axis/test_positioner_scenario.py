@@ -8,7 +8,6 @@ from pdgw.gateway.config_example import simulated
 from pdgw.peers.plc.endpoint import PlcEndpoint
 from pdgw.peers.plc.scenario import Engine, load_scenario
 from pdgw.profidrive.telegrams import telegram
-
 from tests.support.rig import Rig
 
 SCENARIO = Path(__file__).parents[3] / "tools" / "scenarios" / "positioner.yaml"

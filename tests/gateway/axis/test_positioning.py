@@ -6,6 +6,7 @@ from dataclasses import replace
 from itertools import pairwise
 
 import pytest
+
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import ControlBit, State
 from pdgw.gateway.reasons import Reason
@@ -13,7 +14,6 @@ from pdgw.peers.drive import Machine
 from pdgw.peers.drive.family import HOMING_METHODS
 from pdgw.profidrive.datatypes import n4
 from pdgw.profidrive.signals import signal
-
 from tests.support.rig import Rig
 
 ZSW1 = signal("ZSW1")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
+
 from pdgw.dsp402.images import DriveFeedback
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import STATUS_OF, ControlBit, State, StatusBit
@@ -12,7 +13,6 @@ from pdgw.gateway.axis.executors.positioning import SubState
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.values import SdoWrite
 from pdgw.gateway.reasons import Reason
-
 from tests.gateway.axis.test_positioning import (
     ACTIVATE,
     HOME_SET,

@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
+
 from pdgw.gateway import axis
 
 IMPURE = ("can", "canopen", "threading", "time", "socket", "selectors", "logging", "asyncio", "queue", "subprocess")

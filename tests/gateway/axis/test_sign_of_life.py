@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import pytest
+
 from pdgw.dsp402.states import State
 from pdgw.gateway.reasons import FaultNumber
 from pdgw.profidrive.encoder import SensorError
 from pdgw.profidrive.sign_of_life import MONITORING_OFF, following
 from pdgw.profidrive.signals import signal
-
 from tests.support.rig import Rig
 
 OFF, ON = 0x047E, 0x047F

@@ -8,10 +8,10 @@ import pytest
 from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
+
 from pdgw.dsp402.states import ControlBit, State
 from pdgw.gateway.axis.waist import SHOWN_STATE
 from pdgw.profidrive.telegrams import TELEGRAMS, telegram
-
 from tests.support.rig import Rig
 
 POWERED = (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE, State.FAULT_REACTION_ACTIVE)

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import pytest
+
 from pdgw.dsp402.states import STATUS_OF, State, StatusBit
 from pdgw.gateway.axis.settings import AxisSettings, PlcLossReaction
 from pdgw.gateway.axis.stop_watch import Brake
 from pdgw.gateway.axis.values import Configured
 from pdgw.gateway.reasons import FaultNumber
-
 from tests.gateway.axis.test_velocity import OFF, ON, Bench
 from tests.support.rig import Rig
 

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import pytest
+
 from pdgw.dsp402.states import STATUS_OF, ControlBit, State, StatusBit
 from pdgw.gateway.axis.settings import ControlLost, PlcLossReaction, SetpointEnable
 from pdgw.gateway.axis.values import Configured
 from pdgw.gateway.reasons import FaultNumber, Reason
-
 from tests.gateway.axis.test_positioning import ACTIVATE, INTERMEDIATE, POSITION, REJECT, axis, position, reached
 from tests.gateway.axis.test_velocity import CONTROL, OFF, ON, Bench
 from tests.support.rig import Rig

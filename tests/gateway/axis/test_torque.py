@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
+
 from pdgw.gateway.reasons import FaultNumber
 from pdgw.profidrive.signals import signal
-
 from tests.support.drive_types import References
 from tests.support.rig import Rig
 

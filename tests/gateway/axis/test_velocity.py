@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import pytest
+
 from pdgw.dsp402.states import STATUS_OF, Command, State, StatusBit
 from pdgw.gateway.axis.settings import AxisSettings, ControlLost, PlcLossReaction, SetpointEnable
 from pdgw.gateway.reasons import Reason
-
 from tests.support.drive_types import References
 from tests.support.plain_drive import PlainDrive
 from tests.support.stepper import Stepper

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.motion.blocks import Block, BlockMode, BlockNext, BlockTable, BlockTask
 

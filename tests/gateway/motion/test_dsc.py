@@ -9,6 +9,7 @@ from math import e, pi
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.motion.dsc import Dsc, DscForm, DscSettings, dead_time_ns, difference, highest_gain
 from pdgw.gateway.reasons import Reason

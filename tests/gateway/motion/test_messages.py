@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from pdgw.gateway.motion.messages import MessageWord, reduced_torque
 from pdgw.profidrive.signals import signal
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
+
 from pdgw.gateway.motion.blocks import Block, BlockMode, BlockNext, BlockTask
 from pdgw.gateway.motion.course import LIMIT_STANDING_NS
 from pdgw.gateway.motion.states import TASK_STATES, TRANSITIONS, Event, State
 from pdgw.gateway.motion.wishes import FULL, MotionKind
 from pdgw.gateway.reasons import Reason
-
 from tests.support.positioner import CYCLE, SETTINGS, PositionerRig
 
 ABSOLUTE = {"mdi": True, "absolute": True, "velocity": 3000}

@@ -7,6 +7,7 @@ from fractions import Fraction
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.motion.units import DriveUnits, LengthUnits
 from pdgw.profidrive.datatypes import N2_100_PERCENT

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
+
 from pdgw.profidrive.parameters.faults import SIZE, Fault, FaultBuffer
 
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.parameters.catalogue import ParameterSpec, Scope
 from pdgw.profidrive.parameters.codec import (

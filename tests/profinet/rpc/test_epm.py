@@ -8,11 +8,11 @@ from pathlib import Path
 from uuid import UUID
 
 import pytest
+
 from pdgw.profinet.rpc import dcerpc, epm
 from pdgw.profinet.rpc.dcerpc import PacketType, RejectStatus, RpcHeader
 from pdgw.profinet.rpc.epm import EndpointMapper
 from pdgw.profinet.rpc.server import RpcServer
-
 from tests.support import tshark, tshark_frames
 
 ADDRESS = IPv4Address("192.168.0.2")

@@ -9,6 +9,20 @@ from uuid import UUID
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scapy.contrib.pnio_rpc import (
+    IM0Block,
+    IODReadReq,
+    IODReadRes,
+    IODWriteReq,
+    IODWriteRes,
+    PNIOServiceReqPDU,
+    PNIOServiceResPDU,
+)
+from scapy.layers.dcerpc import DceRpc4
+from scapy.layers.inet import IP, UDP
+from scapy.layers.l2 import Ether
+from scapy.utils import wrpcap
+
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profinet.rpc import dcerpc, identification
 from pdgw.profinet.rpc.client import RecordCall, RecordCaller, RecordResult
@@ -28,20 +42,6 @@ from pdgw.profinet.rpc.records import (
     split_multiple,
 )
 from pdgw.profinet.rpc.server import FRAGMENT_TIMEOUT_NS, STRAGGLER_NS, RecordServer
-from scapy.contrib.pnio_rpc import (
-    IM0Block,
-    IODReadReq,
-    IODReadRes,
-    IODWriteReq,
-    IODWriteRes,
-    PNIOServiceReqPDU,
-    PNIOServiceResPDU,
-)
-from scapy.layers.dcerpc import DceRpc4
-from scapy.layers.inet import IP, UDP
-from scapy.layers.l2 import Ether
-from scapy.utils import wrpcap
-
 from tests.support import tshark
 
 ACTIVITY = UUID("11111111-2222-3333-4444-555555555555")

@@ -7,6 +7,10 @@ from pathlib import Path
 from uuid import UUID
 
 import pytest
+from scapy.layers.inet import IP, UDP
+from scapy.layers.l2 import Ether
+from scapy.utils import wrpcap
+
 from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.parameters.codec import (
     ZERO,
@@ -23,10 +27,6 @@ from pdgw.profinet.rpc import dcerpc
 from pdgw.profinet.rpc.client import RecordCall, RecordCaller
 from pdgw.profinet.rpc.records import RECORD_GLOBAL, RECORD_LOCAL, RecordBlock
 from pdgw.profinet.rpc.server import RecordServer
-from scapy.layers.inet import IP, UDP
-from scapy.layers.l2 import Ether
-from scapy.utils import wrpcap
-
 from tests.support import tshark
 
 R, C = RequestId.REQUEST, RequestId.CHANGE
