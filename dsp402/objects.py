@@ -6,7 +6,7 @@ simulated drive. EDS, simulator, PDO layouts, parameter channel and decoder deri
 
 from __future__ import annotations
 
-from pdgw.ds301.objects import Access, CanType, Catalogue, Entry, array, var
+from pdgw.ds301.objects import Access, CanType, Catalogue, Entry, ObjectKind, array, var
 
 RO, RW, CONST = Access.RO, Access.RW, Access.CONST
 I8, I16, I32 = CanType.I8, CanType.I16, CanType.I32
@@ -239,6 +239,7 @@ DRIVE_OBJECTS = Catalogue(
             "Interpolation Time Period",
             Entry(0x60C2, 1, "Period", U8, RW, default=4, low=1),
             Entry(0x60C2, 2, "Index", I8, RW, default=-3, low=-6, high=0),
+            kind=ObjectKind.RECORD,
         ),
         var(0x60C5, "Max Acceleration", U32, RW, default=1000, low=1, unit="10 rpm/s"),
         var(0x60C6, "Max Deceleration", U32, RW, default=1000, low=1, unit="10 rpm/s"),

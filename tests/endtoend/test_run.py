@@ -134,17 +134,19 @@ def test_the_gateway_survives_garbage_and_counts_it(tmp_path: Path) -> None:
     with running("run", "--simulate", *options, log=tmp_path / "log"):
         plc = LittlePlc(port, [1])
         plc.enable(0)
+        garbage = (b"", b"x", bytes(46), bytes(1500), b"\xc0\x01")
         intruder = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        for data in (b"", b"x", bytes(46), bytes(1500), bytes(plc.endpoint.build())):
+        # A stranger beside a connected PLC is counted, or dropped by the kernel before it costs anything.
+        for data in (*garbage, bytes(plc.endpoint.build())):
             intruder.sendto(data, ("127.0.0.1", port))
-        for data in (b"\xc0\x01", bytes(46)):
+        for data in garbage:
             plc.socket.send(data)
         plc.endpoint.set(0, {"NSOLL_A": 0x1000})
         plc.until(lambda: plc.signal(0, "NIST_A") == 0x1000, "still turning")
         document = json.loads(pdgw("status", "--port", str(status), "--json").stdout)
         frames = document["plc"]["frames"]
-        assert frames["foreign sender"] >= 5
-        assert frames["truncated"] >= 1
+        assert frames["truncated"] >= 3
+        assert frames["oversized"] >= 1
         assert frames["wrong FrameID"] >= 1
 
 

@@ -133,6 +133,7 @@ def test_a_recording_needs_nothing_else_and_has_no_false_alarms(
 ) -> None:
     port = free_udp_port()
     options = ["--cyclic-port", str(port), "--acyclic-port", "0", "--status-port", "0", "--record", str(tmp_path / "r")]
+    options += ["--cycle-time-ms", "100"]  # a busy machine does not make the PLC a lost one
     with running("run", "--simulate", *options, log=tmp_path / "log") as process:
         plc = LittlePlc(port, [1])
         plc.enable(0)
