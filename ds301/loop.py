@@ -110,6 +110,7 @@ class Task:
             self._loop.task_errors += 1
             log.exception("task %s ended with an error", self.name)
         finally:
+            self._loop.tasks.discard(self)
             self.done.set()
 
 
@@ -119,6 +120,8 @@ class Loop(abc.ABC):
     def __init__(self) -> None:
         self.hub = greenlet.getcurrent()
         self.running: Task | None = None
+        self.tasks: set[Task] = set()
+        """Those that have not ended."""
         self.counters = Counters()
         """Of everything that runs on the loop."""
         self.task_errors = 0
@@ -168,7 +171,7 @@ class Loop(abc.ABC):
 
     @abc.abstractmethod
     def close(self) -> None:
-        """Wait for what was offloaded, and release what the loop itself has."""
+        """End the tasks, wait for what was offloaded, and release what the loop itself has."""
 
     def stop(self) -> None:
         """End ``run`` after the present turn."""
@@ -188,8 +191,16 @@ class Loop(abc.ABC):
     def spawn(self, function: Callable[[], None], name: str) -> Task:
         """Begin a task in a later slice."""
         task = Task(self, function, name)
+        self.tasks.add(task)
         task.resume()
         return task
+
+    def end_tasks(self) -> None:
+        """End every task where it waits: one that waits for ever keeps all that it knows, and the collector cannot help."""
+        for task in tuple(self.tasks):
+            task.kill()
+        while self._slices:
+            self._slices.popleft()()
 
     def add_slice(self, action: Callable[[], None]) -> None:
         """Something that can wait for a gap in the exchange; in the order they were added."""
@@ -426,6 +437,7 @@ class SystemLoop(Loop):
         return self._slice_due or not self._expected or time.monotonic_ns() + SLICE_NS <= self._expected
 
     def close(self) -> None:
+        self.end_tasks()
         if self._workers is not None:
             self._workers.shutdown()
         self._take_calls()
@@ -483,7 +495,7 @@ class VirtualLoop(Loop):
         """Slices take no time here."""
 
     def close(self) -> None:
-        """There is nothing to release."""
+        self.end_tasks()
 
     @property
     def waiting(self) -> int:

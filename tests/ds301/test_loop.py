@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import functools
+import gc
 import os
 import queue
 import socket
 import threading
+import weakref
 from collections.abc import Callable, Iterator
 
 import pytest
@@ -134,6 +137,32 @@ def test_a_killed_task_ends_where_it_waits_and_runs_its_clean_up() -> None:
     assert task.done.is_set()
     task.kill()
     loop.run_for(MS)
+
+
+def test_a_closed_loop_has_no_tasks_left_and_keeps_nothing_they_knew() -> None:
+    class Known:
+        """What a task knows."""
+
+    loop = VirtualLoop()
+    known = Known()
+    gone = weakref.ref(known)
+
+    def wait(held: Known) -> None:
+        try:
+            Event(loop).wait()
+        finally:
+            del held
+
+    loop.spawn(functools.partial(wait, known), "waits for ever")
+    loop.spawn(lambda: loop.sleep(60 * SECOND), "sleeps")
+    loop.run_for(MS)
+    del known
+    loop.close()
+    assert not loop.tasks
+    del wait
+    loop = VirtualLoop()
+    gc.collect()
+    assert gone() is None
 
 
 def test_a_task_killed_before_its_first_slice_does_nothing() -> None:

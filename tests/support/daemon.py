@@ -123,6 +123,7 @@ def running(config: GatewayConfig, before: Callable[[Daemon], None] | None = Non
         daemon.stop()
         until(daemon, daemon.stopped.is_set, "the end of the daemon")
     assert world.loop.task_errors == 0
+    world.loop.close()
 
 
 def client(daemon: Daemon, address: tuple[str, int], do_id: int, **options: object) -> ParameterClient:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import gc
 import re
+import weakref
 from typing import Any
 
 import pytest
@@ -152,3 +154,14 @@ def test_a_failure_is_told_with_the_command_that_shows_its_moment(monkeypatch: p
 def test_wrong_telegrams_are_told() -> None:
     result = CliRunner().invoke(APP, ["--telegrams", "1,x"])
     assert "expected numbers with commas between" in str(result.exception)
+
+
+def test_nothing_of_a_part_is_left_after_it() -> None:
+    """A day is many parts: what one keeps is a leak."""
+    life = Life(1, 0, [1])
+    life.play(5 * SECOND, lambda _: None)
+    world = weakref.ref(life.world)
+    life.close()
+    del life
+    gc.collect()
+    assert world() is None

@@ -69,6 +69,7 @@ def soak(
                 bar.stop()
                 _fail(console, life, violation, seed, numbers)
             starts += life.starts
+            life.close()
     console.print(f"{clock(end)} h of seed {seed}: {starts} starts, nothing that must not happen")
 
 

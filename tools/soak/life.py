@@ -114,6 +114,10 @@ class Life:
 
     # -- playing ------------------------------------------------------------------------------------------------------
 
+    def close(self) -> None:
+        """The end of this world: what waits in it would keep it for ever."""
+        self.loop.close()
+
     def play(self, until: int, progress: Callable[[int], None] = lambda now: None) -> None:
         """Up to a time of the day; ViolationError when something happened that must not."""
         with _told_to(self.trace):
