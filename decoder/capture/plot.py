@@ -31,9 +31,10 @@ Units = tuple[Unit, ...] | None
 
 
 class Curve:
-    """Points of one curve; beyond a limit every second one is dropped, again and again."""
+    """Points of one curve; beyond ``most`` every second one is dropped, again and again."""
 
-    def __init__(self) -> None:
+    def __init__(self, most: int = MAX_POINTS) -> None:
+        self._most = most
         self.times = array("d")
         self.values = array("d")
         self._stride = 1
@@ -46,7 +47,7 @@ class Curve:
         self._skipped = 0
         self.times.append(seconds)
         self.values.append(value)
-        if len(self.times) >= MAX_POINTS:
+        if len(self.times) >= self._most:
             self.times, self.values = self.times[::2], self.values[::2]
             self._stride *= 2
 

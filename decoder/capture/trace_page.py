@@ -6,11 +6,10 @@
 from __future__ import annotations
 
 import json
-from array import array
 from pathlib import Path
 from typing import Any, Final
 
-from pdgw.decoder.capture.plot import States, quantity_of
+from pdgw.decoder.capture.plot import Curve, States, quantity_of
 from pdgw.decoder.fields import Document
 from pdgw.decoder.records import CyclicRecord, Record
 from pdgw.decoder.timeline import Anomaly, Edge, Entry
@@ -24,27 +23,15 @@ MAX_POINTS: Final = 50_000
 MAX_ENTRIES: Final = 50_000
 
 
-class _Changes:
+class _Changes(Curve):
     """Values over time without repetitions."""
 
     def __init__(self) -> None:
-        self.times = array("d")
-        self.values = array("d")
-        self._stride = 1
-        self._skipped = 0
+        super().__init__(MAX_POINTS)
 
     def add(self, seconds: float, value: float) -> None:
-        if self.values and self.values[-1] == value:
-            return
-        self._skipped += 1
-        if self._skipped < self._stride:
-            return
-        self._skipped = 0
-        self.times.append(seconds)
-        self.values.append(value)
-        if len(self.times) >= MAX_POINTS:
-            self.times, self.values = self.times[::2], self.values[::2]
-            self._stride *= 2
+        if not self.values or self.values[-1] != value:
+            super().add(seconds, value)
 
     def document(self) -> Document:
         return {"times": [round(t, 6) for t in self.times], "values": [round(v, 4) for v in self.values]}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import can
 
+from pdgw.ds301.connection_set import ERROR_CONTROL
 from pdgw.ds301.loop import Loop
 from pdgw.ds301.nmt import NmtState
 from pdgw.ds301.objects import Entry
@@ -101,7 +102,7 @@ class SimulatedDriveNode(SimulatedNode):
         return int(self.values[GUARD_TIME, 0]) * int(self.values[LIFE_TIME_FACTOR, 0]) * MS
 
     def receive_remote(self, can_id: int, now: int) -> None:
-        if not self.shape.node_guarding or can_id != 0x700 + self.node_id:
+        if not self.shape.node_guarding or can_id != ERROR_CONTROL + self.node_id:
             super().receive_remote(can_id, now)
         elif self.running:
             self.now = now

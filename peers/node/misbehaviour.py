@@ -18,6 +18,7 @@ from canopen.sdo import SdoAbortedError
 
 from pdgw.ds301 import communication as com
 from pdgw.ds301.aborts import Abort
+from pdgw.ds301.connection_set import ERROR_CONTROL, SDO_REQUEST, SDO_RESPONSE
 from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.objects import Entry
 
@@ -183,7 +184,7 @@ class SlowSdo(_Late):
     delay_ms: int = parameter(50, 1, 10_000, "between request and answer", "ms")
 
     def outgoing(self, can_id: int, data: bytes) -> bool:
-        return can_id != 0x580 + self.node.node_id or self._hold(True, can_id, data)
+        return can_id != SDO_RESPONSE + self.node.node_id or self._hold(True, can_id, data)
 
 
 @dataclass(kw_only=True, eq=False)
@@ -196,7 +197,7 @@ class SdoTimeout(Misbehaviour):
     _count: int = field(init=False, repr=False, default=0)
 
     def outgoing(self, can_id: int, data: bytes) -> bool:
-        if can_id != 0x580 + self.node.node_id:
+        if can_id != SDO_RESPONSE + self.node.node_id:
             return True
         self._count += 1
         return self._count % self.every != 0
@@ -218,7 +219,7 @@ class SdoToggleError(Misbehaviour):
     _pending: bytes = field(init=False, repr=False, default=b"")
 
     def outgoing(self, can_id: int, data: bytes) -> bool:
-        if can_id != 0x580 + self.node.node_id:
+        if can_id != SDO_RESPONSE + self.node.node_id:
             return True
         command = data[0]
         if command & (_COMMAND | 0x02) == _EXPEDITED_UPLOAD:
@@ -233,13 +234,13 @@ class SdoToggleError(Misbehaviour):
         return True
 
     def incoming(self, can_id: int, data: bytes) -> bool:
-        if can_id != 0x600 + self.node.node_id or not data or not self._pending:
+        if can_id != SDO_REQUEST + self.node.node_id or not data or not self._pending:
             return True
         pending, self._pending = self._pending, b""
         if data[0] & _COMMAND != _SEGMENT:
             return True
         command = (data[0] & _TOGGLE ^ _TOGGLE) | (7 - len(pending)) << 1 | 1
-        self.node.transmit(0x580 + self.node.node_id, bytes([command]) + pending.ljust(7, b"\0"), past=self)
+        self.node.transmit(SDO_RESPONSE + self.node.node_id, bytes([command]) + pending.ljust(7, b"\0"), past=self)
         return False
 
 
@@ -382,7 +383,7 @@ class HeartbeatStops(Misbehaviour):
 
     def outgoing(self, can_id: int, data: bytes) -> bool:
         # The boot-up message has the same COB-ID and is no heartbeat.
-        return can_id != 0x700 + self.node.node_id or data == b"\0"
+        return can_id != ERROR_CONTROL + self.node.node_id or data == b"\0"
 
 
 @dataclass(kw_only=True, eq=False)

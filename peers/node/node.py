@@ -16,6 +16,7 @@ from canopen.sdo import SdoAbortedError
 
 from pdgw.ds301 import communication as com
 from pdgw.ds301.aborts import Abort
+from pdgw.ds301.connection_set import EMCY, ERROR_CONTROL, SDO_REQUEST, SDO_RESPONSE
 from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.nmt import NmtCommand, NmtState
 from pdgw.ds301.objects import Access, CanType, Entry, ObjectSpec
@@ -109,7 +110,7 @@ class SimulatedNode:
         """So long after power-on and reset it answers nothing."""
         self._boot_at = -1
         self.object_dictionary = ObjectDictionary()
-        self._sdo = BlockSdoServer(0x600 + node_id, 0x580 + node_id, self)
+        self._sdo = BlockSdoServer(SDO_REQUEST + node_id, SDO_RESPONSE + node_id, self)
         self._sdo.network = self
         self._sdo._index = self._sdo._subindex = 0  # a segment before any transfer is aborted, not an exception
         self._defaults()
@@ -204,7 +205,7 @@ class SimulatedNode:
             if self.state is NmtState.OPERATIONAL:
                 self.on_poll(now)
                 self._receive_pdo(can_id, pdo, data)
-        elif can_id == 0x600 + self.node_id:
+        elif can_id == SDO_REQUEST + self.node_id:
             if self.state is not NmtState.STOPPED and self.state is not NmtState.BOOT_UP and len(data) == 8:
                 self.on_poll(now)
                 self._sdo.on_request(can_id, bytearray(data), 0.0)
@@ -237,11 +238,11 @@ class SimulatedNode:
         period = int(self.values.get((com.PRODUCER_HEARTBEAT, 0), 0)) * MS
         if period and now >= self._heartbeat_due:
             self._heartbeat_due = now + period
-            self.transmit(0x700 + self.node_id, bytes([self.state]))
+            self.transmit(ERROR_CONTROL + self.node_id, bytes([self.state]))
         for can_id, (limit, seen) in self._consumed.items():
             if seen >= 0 and now - seen > limit:
                 self._consumed[can_id] = (limit, -1)
-                self.on_consumer_expired(can_id - 0x700)
+                self.on_consumer_expired(can_id - ERROR_CONTROL)
         if self.state is NmtState.OPERATIONAL:
             self._event_driven(now)
 
@@ -340,7 +341,7 @@ class SimulatedNode:
         else:
             self._errors = []
         if self.state not in {NmtState.BOOT_UP, NmtState.STOPPED}:
-            self.transmit(0x80 + self.node_id, struct.pack("<HB5s", code, register, data))
+            self.transmit(EMCY + self.node_id, struct.pack("<HB5s", code, register, data))
 
     # -- object dictionary (the interface canopen's SDO server expects) ---------------------------------------------
 
@@ -456,7 +457,7 @@ class SimulatedNode:
         self._boot_at = -1
         self.state = NmtState.PRE_OPERATIONAL
         self._heartbeat_due = self.now
-        self.transmit(0x700 + self.node_id, bytes([NmtState.BOOT_UP]))
+        self.transmit(ERROR_CONTROL + self.node_id, bytes([NmtState.BOOT_UP]))
         self.on_nmt(self.state)
 
     def _nmt(self, command: int) -> None:
@@ -487,7 +488,7 @@ class SimulatedNode:
         for (index, subindex), value in self.values.items():
             if index == com.CONSUMER_HEARTBEAT and subindex and int(value) & 0xFFFF:
                 # Guarding starts with the first heartbeat.
-                self._consumed[0x700 + (int(value) >> 16 & 0x7F)] = ((int(value) & 0xFFFF) * MS, -1)
+                self._consumed[ERROR_CONTROL + (int(value) >> 16 & 0x7F)] = ((int(value) & 0xFFFF) * MS, -1)
 
     # -- PDO ----------------------------------------------------------------------------------------------------------
 
