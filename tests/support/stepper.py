@@ -41,30 +41,11 @@ def step_interlock(
     return interlock.step(wish, acknowledge, None if drive_ok else Drive.LOST, statusword, False, now)
 
 
-class Stepper:
-    """An axis machine; ``events`` are the faults of all steps so far."""
+class _Device:
+    """What answers the SDO writes a machine asks for."""
 
-    def __init__(self, number: int, settings: AxisSettings | None = None) -> None:
-        self.feedback = DriveFeedback()
-        self.machine = AxisMachine(number, settings or AxisSettings(positioner=CHOICES, dsc=DSC), self.feedback)
-        self.telegram = self.machine.telegram
-        self.settings = self.machine.settings
-        self.events: list[FaultRecord] = []
-        self.drive_type: DriveType | None = None
-        self.checkpoints = Checkpoints(self.machine)
-        self._answered: object = None
-
-    def set_references(self, references: References | None, homing_method: int = 0) -> None:
-        """Only the references of the ENGEL-like drive are read anew."""
-        self.set_drive(None if references is None else engel(references), homing_method)
-
-    def set_drive(self, drive: DriveType | None, homing_method: int = 0) -> None:
-        """Only what the drive is was read anew."""
-        self.drive_type = drive
-        self.machine.inputs.news.append(Configured(drive, homing_method, restarted=False))
-
-    def drive_restarted(self) -> None:
-        self.machine.inputs.news.append(Configured(self.drive_type))
+    machine: AxisMachine | EncoderMachine
+    _answered: object = None
 
     def sdo_done(self, error: str | None) -> None:
         """The writes asked for are taken, or not."""
@@ -78,6 +59,33 @@ class Stepper:
         """What has not been answered yet."""
         writes = self.machine.outputs.writes
         return None if writes is self._answered else writes
+
+
+class Stepper(_Device):
+    """An axis machine; ``events`` are the faults of all steps so far."""
+
+    machine: AxisMachine
+
+    def __init__(self, number: int, settings: AxisSettings | None = None) -> None:
+        self.feedback = DriveFeedback()
+        self.machine = AxisMachine(number, settings or AxisSettings(positioner=CHOICES, dsc=DSC), self.feedback)
+        self.telegram = self.machine.telegram
+        self.settings = self.machine.settings
+        self.events: list[FaultRecord] = []
+        self.drive_type: DriveType | None = None
+        self.checkpoints = Checkpoints(self.machine)
+
+    def set_references(self, references: References | None, homing_method: int = 0) -> None:
+        """Only the references of the ENGEL-like drive are read anew."""
+        self.set_drive(None if references is None else engel(references), homing_method)
+
+    def set_drive(self, drive: DriveType | None, homing_method: int = 0) -> None:
+        """Only what the drive is was read anew."""
+        self.drive_type = drive
+        self.machine.inputs.news.append(Configured(drive, homing_method, restarted=False))
+
+    def drive_restarted(self) -> None:
+        self.machine.inputs.news.append(Configured(self.drive_type))
 
     def step(self, setpoints: Sequence[int] | None, feedback: DriveFeedback, drive_ok: bool, now: int) -> Sequence[int]:
         inputs = self.machine.inputs
@@ -124,15 +132,16 @@ class Stepper:
         return self._positioning.homing.home_set
 
 
-class EncoderStepper:
+class EncoderStepper(_Device):
     """An encoder machine; ``events`` are the faults of all steps so far."""
+
+    machine: EncoderMachine
 
     def __init__(self, number: int, settings: SensorSettings) -> None:
         self.machine = EncoderMachine(number, settings, DriveSensor(DriveFeedback()))
         self.telegram = self.machine.telegram
         self.channel = self.machine.channel
         self.events: list[FaultRecord] = []
-        self._answered: object = None
 
     def set_references(self, references: EncoderReferences | None) -> None:
         self.machine.set_references(references)
@@ -140,19 +149,6 @@ class EncoderStepper:
     def emergency(self, code: int, now: int) -> None:
         """An EMCY with an error came."""
         self.machine.inputs.news.append(NodeNotice(Notice.EMERGENCY, "EMCY", now, code, 1, bytes(5)))
-
-    def sdo_done(self, error: str | None) -> None:
-        """The writes asked for are taken, or not."""
-        writes = self.machine.outputs.writes
-        assert writes is not None
-        self._answered = writes
-        self.machine.inputs.news.append(SdoAnswer(writes, error))
-
-    @property
-    def sdo_request(self) -> tuple[SdoWrite, ...] | None:
-        """What has not been answered yet."""
-        writes = self.machine.outputs.writes
-        return None if writes is self._answered else writes
 
     def step(self, setpoints: Sequence[int] | None, source: EncoderInput, ok: bool, now: int) -> Sequence[int]:
         inputs = self.machine.inputs
