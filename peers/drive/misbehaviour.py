@@ -16,7 +16,8 @@ from pdgw.peers.drive.family import DRIVE_FAULTS
 from pdgw.peers.node.misbehaviour import HEX, MS, NODE_MISBEHAVIOURS, Misbehaviour, Reboot, catalogue, parameter
 
 if TYPE_CHECKING:
-    from pdgw.peers.drive.model import DriveModel, Machine
+    from pdgw.peers.drive.machine import Machine
+    from pdgw.peers.drive.model import DriveModel
     from pdgw.peers.drive.node import SimulatedDriveNode
 
 _STATE_BITS = 0x7F

@@ -1,14 +1,13 @@
-"""The simulated drive: state machine, modes, homing, limits and faults, without CANopen around it.
+"""The simulated drive without CANopen around it: the image of its objects, its power section, and time.
 
 Source: the manufacturer's guide chapters 5 and 7, CiA DSP 402 V2.0, readings of docs/translation.md. Time is simulated in
-whole milliseconds. Left out: following error, temperature and current models beyond a torque-proportional acceleration.
+whole milliseconds. What it does in a mode of operation is in ``modes``. Left out: following error, temperature and current
+models beyond a torque-proportional acceleration.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
-from dataclasses import dataclass
 
 from pdgw.ds301.errors import CanopenError
 from pdgw.dsp402.modes import Mode
@@ -16,61 +15,25 @@ from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.dsp402.objects import NEGATIVE_LIMIT_SWITCH as NEGATIVE_LIMIT
 from pdgw.dsp402.objects import POSITIVE_LIMIT_SWITCH as POSITIVE_LIMIT
 from pdgw.dsp402.states import STATUS_OF, Command, ControlBit, State, StatusBit, next_state
-from pdgw.peers.drive.family import DRIVE_FAULTS, HOMING_METHODS
-from pdgw.peers.drive.motion import INCREMENTS_PER_REVOLUTION, TICK, Ramp, increments_per_second, speed_toward
+from pdgw.peers.drive.family import DRIVE_FAULTS
+from pdgw.peers.drive.machine import ROTARY, Machine
+from pdgw.peers.drive.modes import MODES
+from pdgw.peers.drive.motion import TICK, Ramp, increments_per_second
 from pdgw.peers.drive.shapes import ENGEL, Shape
 
 MS = 1_000_000
 DI1 = 1 << 16
 _INT32_MAX = (1 << 31) - 1
 _RAMPED_STATES = (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE, State.FAULT_REACTION_ACTIVE)
-_POSITION_MODES = (Mode.POSITION, Mode.TURNTABLE)
-_EVEN_MODES = (
-    Mode.VELOCITY,
-    Mode.VL_VELOCITY,
-    Mode.CYCLIC_VELOCITY,
-    Mode.SPEED_CONTROL,
-    Mode.TORQUE,
-    Mode.CURRENT_CONTROL,
-)
-"""At constant speed nothing but the position changes in these."""
 _ABORT_COMMANDS = {2: Command.DISABLE_VOLTAGE, 3: Command.QUICK_STOP}
 """Device control command of 6007h."""
-_VL_RAMP = 0x70
-"""Controlword of velocity mode (vl): enable ramp, unlock ramp, reference ramp. All three let the set-point through."""
 COAST_DECELERATION = 1500.0
 """rpm/s of the free-running motor."""
-TORQUE_ACCELERATION = 6000.0
-"""rpm/s that rated current gives the unloaded motor."""
 
 _CATCH_UP_TICKS = 1000
 """So much of a gap is simulated; a drive that was not asked for longer has lost time."""
 
 ObjectReader = Callable[[int, int], int]
-
-
-@dataclass(frozen=True, slots=True)
-class Machine:
-    """Where the simulated axis ends, in increments of the machine (power-on position is 0); a shaft turns for ever."""
-
-    negative_limit: float | None = None
-    positive_limit: float | None = None
-    negative_stop: float = -math.inf
-    positive_stop: float = math.inf
-
-
-ROTARY = Machine()
-LINEAR = Machine(-550_000, 550_000, -600_000, 600_000)
-"""A slide with limit switches 134 revolutions away on either side, and stops behind them."""
-MACHINES = {"rotary": ROTARY, "linear": LINEAR}
-
-
-@dataclass(slots=True)
-class _Setpoint:
-    target: float
-    speed: float
-    acceleration: float
-    deceleration: float
 
 
 class DriveModel:
@@ -89,9 +52,9 @@ class DriveModel:
         """rpm/s of one acceleration unit."""
         self.emcy: list[tuple[int, int]] = []
         self.disguises: list[Callable[[DriveModel, int], None]] = []
+        """What shows something else than the drive does; called with the model's time after each update of the image."""
         self.stop_ramp = True
         """The quick stop brakes; without it the drive turns on until the connection is lost, and its power goes off then."""
-        """What shows something else than the drive does; called with the model's time after each update of the image."""
         self.watchers: list[Callable[[State], None]] = []
         """Called with each state that is entered."""
         self.started = 0
@@ -109,26 +72,19 @@ class DriveModel:
                     setattr(self, entry.attribute, entry.default)
         self.error_register = 0
         self.state = State.NOT_READY_TO_SWITCH_ON
-        modes = self.shape.modes
-        self.mode = Mode.POSITION if Mode.POSITION in modes else Mode(min(modes))
         self.ramp = Ramp()
         self.machine_position = 0.0
         self.zero = 0.0
         self.digital_inputs = DI1
+        self.limited = False
+        """Something inside the drive keeps it from what is asked (Statusword.11)."""
         self.causes: set[int] = set()
         self._time = -1
         self._previous_controlword = 0
-        self._setpoint: _Setpoint | None = None
-        self._queued: _Setpoint | None = None
-        self._acknowledged = False
-        self._position_reached = True
-        self._limited = False
-        self._homing_phase = ""
-        self._homing_attained = False
-        self._homing_error = False
-        self._index_from = 0.0
-        self._interpolation_left = 0
-        """Ticks to the end of the way in cyclic synchronous position."""
+        self._modes = {Mode(number): MODES[Mode(number)](self) for number in self.shape.modes}
+        self.mode = Mode.POSITION if Mode.POSITION in self._modes else min(self._modes)
+        self.motion = self._modes[self.mode]
+        """The mode of operation at work."""
         self.wake()
         self._update()
 
@@ -174,29 +130,37 @@ class DriveModel:
     # -- units --------------------------------------------------------------------------------------------------------
 
     @property
-    def _unit(self) -> float:
+    def unit(self) -> float:
         """rpm of one velocity unit (6094h)."""
         fixed = self._fixed_unit
         return self.read(0x6094, 1) / self.read(0x6094, 2) if fixed is None else fixed
 
     @property
-    def _max_rpm(self) -> float:
+    def max_rpm(self) -> float:
+        """Of the motor."""
         return float(self.read(0x6080, 0))
+
+    @property
+    def speed_limit(self) -> float:
+        """rpm that profiles reach."""
+        return min(self.max_rpm, self.read(0x607F, 0) * self.unit)
 
     @property
     def position(self) -> float:
         """Actual position in increments."""
         return self.machine_position - self.zero
 
-    def _acceleration(self, value: int, limit_index: int) -> float:
+    def acceleration(self, value: int, limit_index: int) -> float:
         """rpm/s of a ramp object (of the ENGEL-like drive in 10 rpm/s), limited by 60C5h / 60C6h."""
         return self._rate * max(1, min(value, self.read(limit_index, 0)))
 
     @property
-    def _sine(self) -> bool:
+    def sine(self) -> bool:
+        """Ramps are sine-squared (6086h)."""
         return self.read(0x6086, 0) == 1
 
-    def _sine_times(self) -> tuple[float, float]:
+    @property
+    def sine_times(self) -> tuple[float, float]:
         """Rise and fall time in seconds of a sine-squared ramp; a PDO may carry 0."""
         return max(1, self.profile_acceleration) * TICK, max(1, self.profile_deceleration) * TICK
 
@@ -259,10 +223,8 @@ class DriveModel:
             if target is not self.state and not (target is State.OPERATION_ENABLED and not self.digital_inputs & DI1):
                 self._enter(target)
         if self.state is State.OPERATION_ENABLED:
-            self._evaluate_bit_4(word, previous)
-        if self.mode is Mode.CYCLIC_POSITION:
-            period = self.read(0x60C2, 1) * 10.0 ** self.read(0x60C2, 2)
-            self._interpolation_left = max(1, round(period / TICK))
+            self.motion.command(word, previous)
+        self.motion.received()
         self._update()
 
     def _select_mode(self, word: int) -> None:
@@ -273,25 +235,18 @@ class DriveModel:
         ):
             return
         self.mode = Mode(self.modes_of_operation)
-        self._setpoint = self._queued = None
-        self._acknowledged = False
-        self._homing_phase = ""
-        self._homing_attained = self._homing_error = False
-        self._position_reached = True
+        self.motion = self._modes[self.mode]
+        self.motion.selected()
 
     def _enter(self, state: State) -> None:
         powered = self.state in _RAMPED_STATES
         self.state = state
         for watch in self.watchers:
             watch(state)
-        if state is State.OPERATION_ENABLED and not powered:
-            self._setpoint = self._queued = None
-            self._acknowledged = False
-            self._position_reached = True
         if state is not State.OPERATION_ENABLED:
-            self._setpoint = self._queued = None
-            self._acknowledged = False
-            self._homing_phase = ""
+            self.motion.disabled()
+        elif not powered:
+            self.motion.enabled()
         if state is State.QUICK_STOP_ACTIVE and self.read(0x605A, 0) == 0:
             self.state = State.SWITCH_ON_DISABLED
 
@@ -306,89 +261,6 @@ class DriveModel:
         self.wake()
         self._enter(State.FAULT_REACTION_ACTIVE)
         self._update()
-
-    # -- set-points ---------------------------------------------------------------------------------------------------
-
-    def _evaluate_bit_4(self, word: int, previous: int) -> None:
-        rising = word & ControlBit.NEW_SETPOINT and not previous & ControlBit.NEW_SETPOINT
-        # Resetting Halt and setting bit 4 in one Controlword is not allowed: the set-point is not taken.
-        allowed = not (word | previous) & ControlBit.HALT
-        if self.mode in _POSITION_MODES:
-            if rising and allowed and not self._acknowledged:
-                self._take_setpoint(word)
-            elif not word & ControlBit.NEW_SETPOINT and self._queued is None:
-                self._acknowledged = False
-        elif self.mode is Mode.HOMING:
-            if rising and allowed:
-                self._start_homing()
-            elif not word & ControlBit.NEW_SETPOINT and self._homing_phase:
-                self._homing_phase = "stopping"
-
-    def _take_setpoint(self, word: int) -> None:
-        unit = self._unit
-        limit = min(self.read(0x607F, 0) * unit, self._max_rpm)
-        setpoint = _Setpoint(
-            self._absolute_target(word),
-            min(self.profile_velocity * unit, limit),
-            self._acceleration(self.profile_acceleration, 0x60C5),
-            self._acceleration(self.profile_deceleration, 0x60C6),
-        )
-        self._acknowledged = True
-        if self._setpoint is not None and not word & ControlBit.CHANGE_IMMEDIATELY:
-            self._queued = setpoint
-            return
-        self._activate(setpoint)
-
-    def _activate(self, setpoint: _Setpoint) -> None:
-        self.started += 1
-        self._setpoint = setpoint
-        self._position_reached = False
-
-    def _absolute_target(self, word: int) -> float:
-        if word & ControlBit.RELATIVE:
-            target = self.position + self.target_position
-        elif self.mode is Mode.TURNTABLE:
-            target = self._turntable_target(word)
-        else:
-            target = float(self.target_position)
-        if self.mode is Mode.TURNTABLE:
-            return target
-        low, high = self.read(0x607B, 1), self.read(0x607B, 2)
-        if low == high == 0:
-            return target
-        limited = min(max(target, low), high)
-        self._limited = limited != target
-        return limited
-
-    def _turntable_target(self, word: int) -> float:
-        """The nearest absolute position with this angle in the wanted direction."""
-        rev = INCREMENTS_PER_REVOLUTION
-        forward = (self.target_position - self.position) % rev
-        if word & ControlBit.TURNTABLE_SHORTEST:
-            distance = forward if forward <= rev / 2 else forward - rev
-        elif word & ControlBit.TURNTABLE_CCW:
-            distance = forward - rev if forward else 0.0
-        else:
-            distance = forward
-        return self.position + distance
-
-    def _start_homing(self) -> None:
-        self.started += 1
-        self._homing_attained = self._homing_error = False
-        self._position_reached = False
-        if self.homing_method not in HOMING_METHODS:
-            self._homing_error = True
-        elif self.homing_method == 35:
-            self._home_here()
-        else:
-            self._homing_phase = "search"
-
-    def _home_here(self) -> None:
-        self.zero = self.machine_position - self.read(0x607C, 0)
-        self._homing_phase = ""
-        self._homing_attained = True
-        self._position_reached = True
-        self.ramp.set(0.0)
 
     # -- time ---------------------------------------------------------------------------------------------------------
 
@@ -430,7 +302,7 @@ class DriveModel:
         self._tick()
         if before == self._condition():
             self._resting = self.ramp.speed == 0.0
-            self._even = not self._resting and self.state is State.OPERATION_ENABLED and self.mode in _EVEN_MODES
+            self._even = not self._resting and self.state is State.OPERATION_ENABLED and self.motion.even
         return 1
 
     def _condition(self) -> tuple[object, ...]:
@@ -445,21 +317,14 @@ class DriveModel:
             self.current_actual,
             self.target_velocity,
             self.target_position,
-            self._interpolation_left,
-            self._setpoint,
-            self._queued,
-            self._acknowledged,
-            self._position_reached,
-            self._limited,
-            self._homing_phase,
-            self._homing_attained,
-            self._homing_error,
+            self.limited,
+            *self.motion.condition(),
         )
 
     def _cruise(self, ticks: int) -> int:
         """At constant speed, so many ticks at once, fewer where a limit switch or stop is met; returns how many."""
         position = self.machine_position + ticks * increments_per_second(self.ramp.speed) * TICK
-        if self._inputs_at(position) != self.digital_inputs or not self._within_stops(position):
+        if self._inputs_at(position) != self.digital_inputs or not self.machine.within_stops(position):
             self._even = False
             return self._watched_tick()
         self.machine_position = position
@@ -468,13 +333,13 @@ class DriveModel:
     def _tick(self) -> None:
         state = self.state
         if state is State.OPERATION_ENABLED:
-            self._move()
+            self.motion.move()
         elif state is State.QUICK_STOP_ACTIVE:
-            if self.stop_ramp and self._stop(self._quick_deceleration(self.read(0x605A, 0) == 2)):
+            if self.stop_ramp and self.slow_down(self._quick_deceleration(self.read(0x605A, 0) == 2)):
                 self._enter(State.SWITCH_ON_DISABLED)
         elif state is State.FAULT_REACTION_ACTIVE:
             option = self.read(0x605E, 0)
-            if option == 0 or self._stop(self._quick_deceleration(option == 2)):
+            if option == 0 or self.slow_down(self._quick_deceleration(option == 2)):
                 self._enter(State.FAULT)
         else:
             self.ramp.linear(0.0, COAST_DECELERATION, COAST_DECELERATION)
@@ -484,269 +349,73 @@ class DriveModel:
     def _quick_deceleration(self, quick: bool) -> float:
         if quick:
             return self._rate * self.read(0x6085, 0)
-        return self._acceleration(self.profile_deceleration, 0x60C6)
-
-    def _stop(self, deceleration: float) -> bool:
-        return self.ramp.linear(0.0, deceleration, deceleration) == 0.0
+        return self.acceleration(self.profile_deceleration, 0x60C6)
 
     def _turn(self) -> None:
         """Move the axis; a mechanical stop holds it."""
         position = self.machine_position + increments_per_second(self.ramp.speed) * TICK
-        if not self._within_stops(position):
-            machine = self.machine
-            position = min(max(position, machine.negative_stop), machine.positive_stop)
+        if not self.machine.within_stops(position):
+            position = min(max(position, self.machine.negative_stop), self.machine.positive_stop)
             self.ramp.set(0.0)
         self.machine_position = position
         self.digital_inputs = self._inputs_at(position)
 
-    def _within_stops(self, position: float) -> bool:
-        return self.machine.negative_stop < position < self.machine.positive_stop
-
     def _inputs_at(self, position: float) -> int:
         """The digital inputs with the limit switches as they are at a position of the machine."""
-        machine = self.machine
-        inputs = self.digital_inputs & ~(NEGATIVE_LIMIT | POSITIVE_LIMIT)
-        if machine.negative_limit is not None and position <= machine.negative_limit:
-            inputs |= NEGATIVE_LIMIT
-        if machine.positive_limit is not None and position >= machine.positive_limit:
-            inputs |= POSITIVE_LIMIT
-        return inputs
+        return self.digital_inputs & ~(NEGATIVE_LIMIT | POSITIVE_LIMIT) | self.machine.switches(position)
 
-    def _move(self) -> None:
-        mode = self.mode
-        if mode is Mode.CYCLIC_POSITION:
-            self._interpolate()
-        elif mode in _POSITION_MODES:
-            self._move_to_position()
-        elif mode is Mode.HOMING:
-            self._move_homing()
-        elif mode is Mode.TORQUE or mode is Mode.CURRENT_CONTROL:
-            self._move_with_torque()
-        else:
-            self._move_with_speed()
+    # -- what the modes ask for ---------------------------------------------------------------------------------------
 
-    def _interpolate(self) -> None:
-        """To the newest target in a straight line over 60C2h; a target that stays away is the end of the way."""
-        distance = self.target_position - self.position
-        ticks = max(1, self._interpolation_left)
-        self._interpolation_left = ticks - 1
-        self._follow_at_once(distance / (ticks * TICK) * 60 / INCREMENTS_PER_REVOLUTION)
-
-    def _follow_at_once(self, wanted: float) -> None:
-        """A speed without a ramp, as far as motor and limit switches let it."""
-        limit = self._max_rpm
-        self._limited = self._against_limit(wanted)
-        self.ramp.set(0.0 if self._limited else min(max(wanted, -limit), limit))
-
-    def _halted(self) -> bool:
+    @property
+    def halted(self) -> bool:
+        """Halt is set in the Controlword."""
         return bool(self.controlword & ControlBit.HALT)
 
-    def _against_limit(self, speed: float) -> bool:
+    def against_limit(self, speed: float) -> bool:
         """A limit switch forbids this direction."""
         return bool(
             (speed < 0 and self.digital_inputs & NEGATIVE_LIMIT) or (speed > 0 and self.digital_inputs & POSITIVE_LIMIT)
         )
 
-    def _follow_ramp(self, target: float) -> None:
-        """Toward a speed with the profile's ramps; limit switches stop motion in their direction."""
-        self._limited = self._against_limit(target)
-        if self._limited:
-            target = 0.0
-        if self._sine:
-            self.ramp.sine_squared(target, *self._sine_times())
-        else:
-            acceleration = self._acceleration(self.profile_acceleration, 0x60C5)
-            if self.mode is Mode.VL_VELOCITY:
-                up, down = (self.read(index, 1) / max(1, self.read(index, 2)) for index in (0x6048, 0x6049))
-                self.ramp.linear(target, up, down)
-                return
-            if self.mode is Mode.CYCLIC_VELOCITY:
-                # The master makes the ramp: the drive follows as fast as it can.
-                most = self._acceleration(self.read(0x60C5, 0), 0x60C5)
-                self.ramp.linear(target, most, most)
-                return
-            acceleration = min(acceleration, TORQUE_ACCELERATION * self.max_torque / 1000)
-            if self.mode is Mode.SPEED_CONTROL:
-                torque = min(self.dynamic_torque_limit, self.read(0x6073, 0))
-                acceleration = min(acceleration, TORQUE_ACCELERATION * torque / 1000)
-            self.ramp.linear(target, acceleration, self._acceleration(self.profile_deceleration, 0x60C6))
+    def slow_down(self, deceleration: float) -> bool:
+        """One tick toward standstill (rpm/s); True when it stands."""
+        return self.ramp.linear(0.0, deceleration, deceleration) == 0.0
 
-    def _speed_limit(self) -> float:
-        return min(self._max_rpm, self.read(0x607F, 0) * self._unit)
+    def follow_at_once(self, wanted: float) -> None:
+        """A speed (rpm) without a ramp, as far as motor and limit switches let it."""
+        limit = self.max_rpm
+        self.limited = self.against_limit(wanted)
+        self.ramp.set(0.0 if self.limited else min(max(wanted, -limit), limit))
 
-    def _move_with_speed(self) -> None:
-        if self._halted():
-            self.target_velocity = 0
-        wanted = self.target_velocity * self._unit
-        if self.mode is Mode.VL_VELOCITY and self.controlword & _VL_RAMP != _VL_RAMP:
-            wanted = 0.0
-        limit = self._speed_limit()
-        self._follow_ramp(min(max(wanted, -limit), limit))
-
-    def _move_with_torque(self) -> None:
-        rated = min(1000, self.read(0x6073, 0))
-        torque = 0 if self._halted() else min(max(self.target_torque, -rated), rated)
-        limit = self._max_rpm
-        if self.mode is Mode.CURRENT_CONTROL:
-            limit = min(limit, self.dynamic_speed_limit * 0.5)
-        if torque == 0:
-            deceleration = self._acceleration(self.profile_deceleration, 0x60C6)
-            self.ramp.linear(0.0, deceleration, deceleration)
-        else:
-            rate = TORQUE_ACCELERATION * abs(torque) / 1000
-            target = math.copysign(limit, torque)
-            self._limited = self._against_limit(target)
-            self.ramp.linear(0.0 if self._limited else target, rate, rate)
-        self.current_actual = torque
-
-    def _move_to_position(self) -> None:
-        setpoint = self._setpoint
-        if self._halted() or setpoint is None:
-            if self._halted():
-                self._setpoint = self._queued = None
-            deceleration = setpoint.deceleration if setpoint else self._acceleration(self.profile_deceleration, 0x60C6)
-            if self._stop(deceleration) and self._halted():
-                self._position_reached = True
-            return
-        distance = setpoint.target - self.position
-        if self._sine:
-            target = self._sine_speed(setpoint, distance)
-        else:
-            target = speed_toward(distance, setpoint.speed, setpoint.deceleration)
-        self._limited = self._limited and self.read(0x607B, 2) != 0
-        if self._against_limit(target):
-            self._limited = True
-            self._stop(setpoint.deceleration)
-            return
-        if self._sine:
-            self.ramp.sine_squared(target, *self._sine_times())
-        else:
-            self.ramp.linear(target, setpoint.acceleration, setpoint.deceleration + 1e-6)
-        step = increments_per_second(self.ramp.speed) * TICK
-        slow = increments_per_second(2 * setpoint.deceleration * TICK) * TICK
-        if abs(distance) <= max(1.0, abs(slow)) and abs(step) <= max(1.0, 2 * abs(slow)):
-            self._arrive(setpoint)
-
-    def _sine_speed(self, setpoint: _Setpoint, distance: float) -> float:
-        """Speed setpoint for sine-squared ramps: the braking distance of a whole ramp is half speed times ramp time."""
-        rise, fall = self._sine_times()
-        if self.ramp.speed == 0.0 and abs(distance) > 1:
-            rpm = 2 * abs(distance) / (rise + fall) * 60 / INCREMENTS_PER_REVOLUTION
-            return math.copysign(min(setpoint.speed, rpm), distance)
-        braking = increments_per_second(abs(self.ramp.speed)) * fall / 2
-        if self.ramp._to == 0.0 or abs(distance) <= braking or distance * self.ramp.speed < 0:
-            # The last increments are crept: a ramp by time cannot meet a position exactly.
-            creep = math.copysign(min(setpoint.speed, abs(distance) * 60 / INCREMENTS_PER_REVOLUTION * 5), distance)
-            return creep if abs(self.ramp.speed) < 1.0 else 0.0
-        return self.ramp._to
-
-    def _arrive(self, setpoint: _Setpoint) -> None:
-        self.machine_position = setpoint.target + self.zero
+    def stand_at(self, position: float) -> None:
+        """Arrived (increments)."""
+        self.machine_position = position + self.zero
         self.ramp.set(0.0)
-        self._setpoint = None
-        if self._queued is not None:
-            self._activate(self._queued)
-            self._queued = None
-            if not self.controlword & ControlBit.NEW_SETPOINT:
-                self._acknowledged = False
-        else:
-            self._position_reached = True
 
-    def _move_homing(self) -> None:
-        phase = self._homing_phase
-        acceleration = self._acceleration(self.read(0x609A, 0), 0x60C5)
-        if not phase or phase == "stopping" or self._halted():
-            if self._stop(acceleration):
-                self._position_reached = self._position_reached or not phase or self._halted()
-                if phase == "stopping":
-                    self._homing_phase = ""
-                    self._position_reached = True
-            return
-        method = self.homing_method
-        direction = -1.0 if method in {1, 17, -17} else 1.0
-        fast, slow = (min(self.read(0x6099, sub) * self._unit, self._speed_limit()) for sub in (1, 2))
-        switch = NEGATIVE_LIMIT if direction < 0 else POSITIVE_LIMIT
-        stop = self.machine.negative_stop if direction < 0 else self.machine.positive_stop
-        on_switch = bool(self.digital_inputs & switch)
-        if phase == "search":
-            self._search(direction, fast, acceleration, stop, on_switch)
-        elif phase == "leave":
-            self.ramp.linear(-direction * slow, acceleration, acceleration)
-            if not on_switch and self.ramp.speed * direction < 0:
-                if method in {1, 2}:
-                    self._homing_phase = "index"
-                    self._index_from = self.machine_position
-                else:
-                    self._home_here()
-        elif phase == "index":
-            self.ramp.linear(-direction * slow, acceleration, acceleration)
-            before = math.floor(self._index_from / INCREMENTS_PER_REVOLUTION)
-            after = math.floor(self.machine_position / INCREMENTS_PER_REVOLUTION)
-            if before != after:
-                pulse = max(before, after) * INCREMENTS_PER_REVOLUTION
-                self.machine_position = float(pulse)
-                self._home_here()
-
-    def _search(self, direction: float, speed: float, acceleration: float, stop: float, on_switch: bool) -> None:
-        """Toward the limit switch or the mechanical stop; a switch that is not there is a homing error."""
-        at_stop = self.machine_position == stop
-        if self.homing_method < 0:
-            if at_stop:
-                self._home_here()
-                return
-        elif on_switch:
-            if self._stop(acceleration):
-                self._homing_phase = "leave"
-            return
-        elif at_stop:
-            self._homing_phase = ""
-            self._homing_error = True
-            self.ramp.set(0.0)
-            return
-        self.ramp.linear(direction * speed, acceleration, acceleration)
+    def home_here(self) -> None:
+        """This is where 607Ch says the home position is."""
+        self.zero = self.machine_position - self.read(0x607C, 0)
+        self.ramp.set(0.0)
 
     # -- image --------------------------------------------------------------------------------------------------------
 
     def _update(self) -> None:
         speed = self.ramp.speed
-        unit = self._unit
+        unit = self.unit
         units = min(max(round(speed / unit), -_INT32_MAX), _INT32_MAX)
         self.velocity_actual = self.velocity_demand = units
         self.position_actual = _wrap32(round(self.position))
         self.encoder_position = _wrap16(round(self.machine_position))
         self.modes_of_operation_display = self.mode
-        self.statusword = STATUS_OF[self.state] | self._mode_bits(units) | StatusBit.VOLTAGE_ENABLED | StatusBit.REMOTE
+        halted = self.halted and self.state is State.OPERATION_ENABLED
+        bits = self.motion.bits(halted, units) | StatusBit.VOLTAGE_ENABLED | StatusBit.REMOTE
+        self.statusword = STATUS_OF[self.state] | bits
         if self.state is not State.QUICK_STOP_ACTIVE:
             self.statusword |= StatusBit.NO_QUICK_STOP
-        if self._limited:
+        if self.limited:
             self.statusword |= StatusBit.INTERNAL_LIMIT
         for disguise in self.disguises:
             disguise(self, self._time)
-
-    def _mode_bits(self, units: int) -> int:
-        mode = self.mode
-        bits = 0
-        halted = self._halted() and self.state is State.OPERATION_ENABLED
-        if mode in _POSITION_MODES:
-            if self._acknowledged:
-                bits |= StatusBit.MODE_12
-            if units == 0 if halted else self._position_reached:
-                bits |= StatusBit.TARGET_REACHED
-        elif mode is Mode.HOMING:
-            if self._homing_attained:
-                bits |= StatusBit.MODE_12
-            if self._homing_error:
-                bits |= StatusBit.MODE_13
-            if self._position_reached or (halted and units == 0):
-                bits |= StatusBit.TARGET_REACHED
-        elif mode is Mode.VELOCITY or mode is Mode.SPEED_CONTROL:
-            if abs(units) <= self.read(0x606F, 0):
-                bits |= StatusBit.MODE_12
-            if abs(units - self.target_velocity) <= self.read(0x606D, 0):
-                bits |= StatusBit.TARGET_REACHED
-        elif halted and units == 0:
-            bits |= StatusBit.TARGET_REACHED
-        return bits
 
 
 def _wrap32(value: int) -> int:

@@ -20,16 +20,16 @@ def increments_per_second(rpm: float) -> float:
 class Ramp:
     """The speed setpoint on its way: linear by acceleration, or sine-squared by ramp time."""
 
-    __slots__ = ("_elapsed", "_from", "_time", "_to", "speed")
+    __slots__ = ("_elapsed", "_from", "_time", "speed", "target")
 
     def __init__(self) -> None:
         self.speed = 0.0
-        self._from = self._to = 0.0
+        self._from = self.target = 0.0
         self._elapsed = self._time = 0.0
 
     def set(self, speed: float) -> None:
         """Take a speed over at once (coasting, a stop that is hit)."""
-        self.speed = self._from = self._to = speed
+        self.speed = self._from = self.target = speed
         self._time = 0.0
 
     def linear(self, target: float, acceleration: float, deceleration: float) -> float:
@@ -42,13 +42,13 @@ class Ramp:
             self.speed = target
         else:
             self.speed += math.copysign(step, target - self.speed)
-        self._to = self.speed
+        self.target = self.speed
         return self.speed
 
     def sine_squared(self, target: float, rise_time: float, fall_time: float) -> float:
         """One tick toward ``target``; the times are those of a whole ramp in seconds, whatever its height."""
-        if target != self._to or self._time == 0.0 and self.speed != target:
-            self._from, self._to, self._elapsed = self.speed, target, 0.0
+        if target != self.target or self._time == 0.0 and self.speed != target:
+            self._from, self.target, self._elapsed = self.speed, target, 0.0
             self._time = fall_time if abs(target) < abs(self.speed) else rise_time
         if self.speed == target:
             return target
@@ -57,7 +57,7 @@ class Ramp:
             self.speed = target
         else:
             share = math.sin(math.pi / 2 * self._elapsed / self._time) ** 2
-            self.speed = self._from + (self._to - self._from) * share
+            self.speed = self._from + (self.target - self._from) * share
         return self.speed
 
 

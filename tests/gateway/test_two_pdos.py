@@ -11,6 +11,7 @@ from pdgw.gateway.binding import Axis
 from pdgw.gateway.config import AxisConfig
 from pdgw.gateway.reasons import Reason
 from pdgw.peers.drive import SimulatedDrive
+from pdgw.peers.drive.modes import ProfilePosition
 from tests.support import site
 
 NODE = 5
@@ -73,7 +74,9 @@ def test_a_task_starts_with_its_own_accelerations(machine: Machine) -> None:
         machine.give(ON | TASK, MDI_TARPOS=acceleration << 12, MDI_ACC=acceleration, MDI_DEC=acceleration)
         machine.until(lambda: machine.acknowledged, "task taken")
         assert machine.drive.model.profile_acceleration == expected
-        assert machine.drive.model._setpoint is None or machine.drive.model._setpoint.acceleration == 10 * expected
+        motion = machine.drive.model.motion
+        assert isinstance(motion, ProfilePosition)
+        assert motion.setpoint is None or motion.setpoint.acceleration == 10 * expected
     assert not machine.axis.faults
 
 
