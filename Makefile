@@ -40,8 +40,12 @@ test-compiled: compiled
 bench-compiled: compiled
 	$(WITH_COMPILED) $(BIN)/python -m pdgw bench
 
+# 10,500,000 damaged inputs (so many to each of seven tests), and 20,000 of hypothesis to each of the others.
+INPUTS ?= 1500000
+SEED ?= 1
+
 fuzz: $(STAMP)
-	PDGW_HYPOTHESIS=fuzz $(BIN)/pytest tests/fuzz
+	PDGW_HYPOTHESIS=fuzz PDGW_FUZZ_INPUTS=$(INPUTS) PDGW_FUZZ_SEED=$(SEED) $(BIN)/pytest tests/fuzz
 
 soak: $(STAMP)
 	$(BIN)/pdgw soak --hours 24 --axes 2 --telegrams 1,9

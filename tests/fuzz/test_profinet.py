@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gc
-import os
 import random
 import tracemalloc
 
@@ -13,12 +12,13 @@ from pdgw.peers.controller.controller import Phase
 from pdgw.profinet.cmdev import Event
 from pdgw.profinet.model import API_PROFIDRIVE
 from pdgw.profinet.rpc.dcerpc import UDP_PORT
+from tests.fuzz.amount import INPUTS, SEED, damage
 from tests.support.profinet import DEVICE_MAC, MS, PLC_IP, PLC_MAC, Wire
 
-COUNT = 10_000_000 if os.environ.get("PDGW_HYPOTHESIS") == "fuzz" else 50_000
-"""Each of the two tests; ``make fuzz`` does many."""
 STRANGER_MAC = bytes.fromhex("020000000099")
 AXIS = (1, 2)
+WATCHED = min(40_000, INPUTS * 4 // 5)
+"""Inputs at the end during which the memory is watched, which takes time."""
 LEAK = 300_000
 """Bytes that logs and caches of bounded size may still grow by."""
 
@@ -52,23 +52,6 @@ def conversation() -> tuple[list[bytes], list[bytes]]:
     return list(frames.values()), datagrams
 
 
-def damage(data: bytes, chance: random.Random, start: int) -> bytes:
-    """Change a few bytes behind ``start``, cut, extend or repeat a piece."""
-    out = bytearray(data)
-    for _ in range(chance.randrange(4)):
-        at = chance.randrange(min(start, len(out) - 1), len(out))
-        out[at] = chance.choice((0, 1, 0x7F, 0x80, 0xFF, chance.randrange(256), out[at] ^ 1 << chance.randrange(8)))
-    kind = chance.randrange(8)
-    if kind == 0:
-        del out[chance.randrange(len(out)) :]
-    elif kind == 1:
-        out += chance.randbytes(chance.randrange(64))
-    elif kind == 2:
-        at = chance.randrange(len(out))
-        out[at:at] = out[chance.randrange(len(out)) :][:40]
-    return bytes(out)
-
-
 @pytest.fixture(scope="module")
 def seeds() -> tuple[list[bytes], list[bytes]]:
     return conversation()
@@ -76,14 +59,14 @@ def seeds() -> tuple[list[bytes], list[bytes]]:
 
 def test_strangers_neither_disturb_the_controller_nor_fill_the_memory(seeds: tuple[list[bytes], list[bytes]]) -> None:
     frames, datagrams = seeds
-    chance = random.Random(1)
+    chance = random.Random(SEED)
     wire = Wire(seed=2)
     wire.connect()
     relation = wire.device.relation
     wire.plc.set_output(AXIS, b"\1\2\3\4")
     device = wire.device
     before = 0
-    for number in range(COUNT):
+    for number in range(INPUTS):
         if chance.random() < 0.5:
             frame = damage(chance.choice(frames), chance, 12)
             source = STRANGER_MAC if frame[6:12] == PLC_MAC else frame[6:12]
@@ -99,7 +82,7 @@ def test_strangers_neither_disturb_the_controller_nor_fill_the_memory(seeds: tup
             wire.run(4 * MS)
             assert device.relation is relation
             assert device.output(AXIS) == b"\1\2\3\4"
-        if number == COUNT // 5:
+        if number == INPUTS - WATCHED:
             gc.collect()
             tracemalloc.start()
             before = tracemalloc.get_traced_memory()[0]
@@ -116,10 +99,10 @@ def test_strangers_neither_disturb_the_controller_nor_fill_the_memory(seeds: tup
 
 def test_a_controller_gone_mad_ends_its_relationship_at_most(seeds: tuple[list[bytes], list[bytes]]) -> None:
     frames, datagrams = seeds
-    chance = random.Random(2)
+    chance = random.Random(f"{SEED} mad")
     wire = Wire(seed=2)
     device = wire.device
-    for number in range(COUNT):
+    for number in range(INPUTS):
         if chance.random() < 0.5:
             frame = damage(chance.choice(frames), chance, 14)
             device.on_frame((DEVICE_MAC + PLC_MAC + frame[12:]) if len(frame) > 12 else frame, wire.now)

@@ -1,0 +1,129 @@
+"""Damaged inputs by the million (``make fuzz INPUTS=...``): whatever comes, the gateway goes on with who is in order."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Iterator
+from uuid import UUID
+
+import pytest
+
+from pdgw.decoder.engine import Decoder, Packet
+from pdgw.decoder.records import Link
+from pdgw.decoder.render import record_line
+from pdgw.ds301.connection_set import EMCY, ERROR_CONTROL, NMT, SDO_RESPONSE, SYNC, TIME
+from pdgw.ds301.loop import MS
+from pdgw.ds301.pdo import PdoDirection
+from pdgw.dsp402.states import State
+from pdgw.gateway.transport.cyclic import CyclicEndpoint, Verdict
+from pdgw.peers.plc.endpoint import PlcEndpoint
+from pdgw.profidrive.parameters.codec import Address, Attribute, Request, RequestId, decode_response, encode_request
+from pdgw.profidrive.parameters.model import answer
+from pdgw.profidrive.telegrams import telegram
+from pdgw.profinet.rpc import dcerpc
+from pdgw.profinet.rpc.client import RecordCaller, RecordResult
+from pdgw.profinet.rpc.server import RecordServer
+from tests.fuzz.amount import INPUTS, SEED, damage
+from tests.fuzz.test_parameters import Device, Memory
+from tests.support import captures
+from tests.support.daemon import Plc, axis, configuration, drive_of, exchanging, running, until, world_of
+
+CYCLE = 4 * MS
+PLC, STRANGER = ("10.0.0.1", 40000), ("10.0.0.9", 40000)
+TELEGRAMS = [telegram(number) for number in (1, 9, 111)]
+RECONNECT = 12
+"""Frames after which a PLC that sends in order again is connected."""
+
+
+@pytest.fixture
+def chance() -> random.Random:
+    return random.Random(SEED)
+
+
+def requests() -> Iterator[bytes]:
+    """A request of each service and attribute, for one and for many parameters."""
+    for number in (1, 5, 39):
+        for attribute in Attribute:
+            addresses = tuple(Address(900 + place * 7 % 90, place % 3, place, attribute) for place in range(number))
+            yield encode_request(Request(1 + number, RequestId.REQUEST, 1, addresses))
+
+
+def test_damaged_cyclic_frames_stop_at_most_and_the_plc_goes_on(chance: random.Random) -> None:
+    plc = PlcEndpoint(TELEGRAMS, CYCLE)
+    endpoint = CyclicEndpoint(TELEGRAMS, cycle_ns=CYCLE)
+    now, given = 0, 0
+    while given < INPUTS:
+        for _ in range(RECONNECT):
+            now += CYCLE
+            verdict = endpoint.receive(bytes(plc.build(now)), PLC, now)
+            endpoint.poll(now)
+        assert verdict is Verdict.ACCEPTED
+        for _ in range(100):
+            now += chance.choice((0, MS, CYCLE, 3 * CYCLE))
+            source = chance.choice((PLC, STRANGER))
+            verdict = endpoint.receive(damage(bytes(plc.build(now)), chance), source, now)
+            assert (
+                source is PLC or not endpoint.connected or endpoint.peer == STRANGER or verdict is not Verdict.ACCEPTED
+            )
+            endpoint.poll(now)
+            given += 1
+        now += 10 * CYCLE
+        endpoint.poll(now)
+        assert all(values is None for values in endpoint.setpoints), "nobody sends"
+
+
+def test_damaged_parameter_requests_have_a_valid_answer_or_none(chance: random.Random) -> None:
+    device = Device()
+    originals = list(requests())
+    for _ in range(INPUTS):
+        raw = damage(chance.choice(originals), chance)
+        response = answer(raw, lambda do_id: device if do_id < 2 else None, 240)
+        if response is None:
+            assert len(raw) < 4
+            continue
+        assert len(response) <= 240
+        assert (response[0], response[2]) == (raw[0], raw[2])
+        if raw[1] in set(RequestId):
+            decode_response(response)
+        else:
+            assert response[1] == raw[1] | 0x80, "the service that is not known, negative"
+
+
+def test_damaged_record_calls_leave_the_server_to_others(chance: random.Random) -> None:
+    server = RecordServer(Memory(), 2048)
+    caller = RecordCaller(UUID(int=7), dcerpc.object_uuid(1, 2, 3))
+    calls = [caller.write(0, 1, 1, 0xB02F, bytes(3000)), caller.read(0, 1, 1, 0xB02F)]
+    packets = [packet for call in calls for packet in call.packets]
+    for _ in range(INPUTS):
+        for reply in server.receive(damage(chance.choice(packets), chance), "stranger"):
+            dcerpc.decode_packet(reply)
+    other = RecordCaller(UUID(int=8), dcerpc.object_uuid(1, 2, 3))
+    call = other.write(0, 1, 1, 0xB02F, b"whole")
+    replies = [reply for packet in call.packets for reply in server.receive(packet, "plc")]
+    assert isinstance(call.receive(replies[-1]), RecordResult)
+
+
+def test_damaged_packets_are_records(chance: random.Random) -> None:
+    known = captures.cyclic_packets(2) + captures.parameter_packets([(bytes(20), bytes(8))])
+    decoder = Decoder()
+    for number in range(1, INPUTS + 1):
+        packet = Packet(number, number, Link.ETHERNET, "", damage(chance.choice(known), chance))
+        assert record_line(decoder.decode(packet), 0)
+
+
+def test_any_can_frames_never_start_a_drive(chance: random.Random) -> None:
+    """All that a node may send, with any bytes, while the PLC sends OFF: the gateway stays, the drive stays off."""
+    kinds = (NMT, SYNC, TIME, EMCY + 1, ERROR_CONTROL + 1, SDO_RESPONSE + 1, EMCY + 9, SDO_RESPONSE + 9)
+    kinds += tuple(PdoDirection.TPDO.cob_id(number, node) for number in (1, 2, 3, 4) for node in (1, 9))
+    with running(configuration(axis(1))) as daemon:
+        plc = Plc(daemon, [1])
+        plc.endpoint.set(0, {"STW1": 0x047E})
+        plc.until(lambda: plc.state() == 0x01, "ready")
+        world, port = world_of(daemon), daemon.networks["can"]
+        with exchanging(plc):
+            for number in range(INPUTS):
+                port.on_frame(chance.choice(kinds), chance.randbytes(chance.choice((0, 1, 2, 4, 6, 8, 8, 8))))
+                if number % 50 == 0:
+                    world.loop.run_for(2 * MS)
+                    assert drive_of(daemon).model.state is not State.OPERATION_ENABLED
+            until(daemon, lambda: daemon.axes[0].good, "the drive again", 60_000 * MS)
