@@ -146,6 +146,12 @@ class Daemon:
         return [made[config.do_id] for config in self.config.encoder]
 
     @property
+    def name(self) -> str:
+        """What the gateway is called: its name of station."""
+        stored = self.store.parameters.station_name
+        return self.config.transport.station_name if stored is None else stored
+
+    @property
     def clients(self) -> list[NodeClient[Any]]:
         """The client of every node."""
         return [*(axis.client for axis in self.axes), *(node.client for node in self.encoder_nodes)]

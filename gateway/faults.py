@@ -6,6 +6,7 @@ Fed by the drive object, read by the parameter channel. Source: docs/parameter-c
 from __future__ import annotations
 
 from collections import deque
+from typing import NamedTuple
 
 from pdgw.gateway.axis.values import FaultRecord
 from pdgw.gateway.reasons import FIRST_WARNING, GATEWAY_FAULTS
@@ -18,6 +19,21 @@ EMCY_WARNING_BIT = 14
 """Bit of P953 for an EMCY without an error in its error register."""
 
 
+class ToldFault(NamedTuple):
+    """A fault as the status document tells it; ``id`` counts the faults and warnings of a drive object from 1."""
+
+    id: int
+    active: bool
+    """Not acknowledged; of a warning: it stands."""
+    record: FaultRecord
+
+
+def _warning_mask(record: FaultRecord) -> int:
+    """The bit of a warning in P953."""
+    fault = GATEWAY_FAULTS.get(record.number)
+    return 1 << EMCY_WARNING_BIT if fault is None else fault.warning_mask
+
+
 class FaultLog:
     """The history for the user, the fault buffer and the warnings of one axis; times count from ``origin_ns``."""
 
@@ -27,21 +43,26 @@ class FaultLog:
         self._buffer = FaultBuffer()
         self._warnings = 0
         self._emergency = 0
+        self._entered = 0
+        self._over_until = 0
+        """Faults with an id up to this one are acknowledged."""
 
     def enter(self, record: FaultRecord) -> None:
         """A fault goes to the buffer, a warning to the warning word."""
         self.history.append(record)
+        self._entered += 1
         if not record.is_warning:
             time_ms = max(0, record.time_ns - self._origin) // _NS_PER_MS
             self._buffer.enter(Fault(record.number, record.code, record.value, time_ms & 0xFFFFFFFF))
         elif record.number in GATEWAY_FAULTS:
-            self._warnings |= GATEWAY_FAULTS[record.number].warning_mask
+            self._warnings |= _warning_mask(record)
         else:
-            self._emergency = 1 << EMCY_WARNING_BIT
+            self._emergency = _warning_mask(record)
 
     def acknowledge(self) -> None:
         """The PLC acknowledged and the cause is gone."""
         self._buffer.acknowledge()
+        self._over_until = self._entered
         self._emergency = 0
 
     def emergency_over(self) -> None:
@@ -51,6 +72,25 @@ class FaultLog:
     def clear(self) -> None:
         """P952 := 0."""
         self._buffer.clear()
+        self._over_until = self._entered
+
+    def told(self, *, present: bool, newest: int | None = None) -> list[ToldFault]:
+        """The history with its ids, newest first; ``newest``: so many of it. ``present`` as in ``warnings``."""
+        warnings = self.warnings(present=present)
+        seen: set[int] = set()
+        result: list[ToldFault] = []
+        for back, record in enumerate(reversed(self.history)):
+            if newest is not None and back >= newest:
+                break
+            number = self._entered - back
+            if record.is_warning:
+                # A warning stands once, however often it was told.
+                active = bool(warnings & _warning_mask(record)) and record.number not in seen
+                seen.add(record.number)
+            else:
+                active = number > self._over_until
+            result.append(ToldFault(number, active, record))
+        return result
 
     @property
     def counter(self) -> int:

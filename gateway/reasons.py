@@ -11,60 +11,326 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 
-class Reason(enum.Enum):
-    """A standing reason; ``value`` is the text for the user."""
+class AxisState(enum.Enum):
+    """What a drive object does in the eyes of the user; ``value`` is the word shown, the same everywhere."""
 
-    NO_PLC = "no valid frame from the PLC yet: Controlword stays 0"
-    PLC_LOST = "PLC lost: the drive is being stopped; ON is obeyed again only after an OFF (STW1.0 = 0)"
-    NO_CONTROL = "STW1.10 = 0 (control by PLC): nothing starts, setpoints are not evaluated; OFF1, OFF2 and OFF3 act"
-    NEEDS_OFF = "ON ignored: needs OFF first (STW1.0 = 0 with STW1.1 = STW1.2 = 1)"
-    DRIVE_OFFLINE = "drive is not online: no command is sent"
-    DRIVE_FAULT = "drive is in fault: acknowledge with a rising edge of STW1.7"
-    DRIVE_UNKNOWN_STATE = "Statusword fits no state of the drive: stopping"
-    REFERENCE_INVALID = (
-        "the drive does not tell what 100 % is, or lacks the mode (fault 104 says what settles it): refused"
+    OBEYS = "Obeys the PLC"
+    OFF = "Off"
+    """As the PLC asks."""
+    STARTING = "Starting"
+    WAITS = "Waits"
+    """Something is missing: the reason says what."""
+    STOPPING = "Stopping"
+    FAULT = "Fault"
+    NOT_ON_THE_BUS = "Not on the bus"
+
+
+class Enable(enum.Enum):
+    """A link of the chain that has to hold before a drive object does what it is told, the first one first."""
+
+    PLC = "PLC frames"
+    CONTROL = "control by PLC"
+    NODE = "device on the bus"
+    NO_FAULT = "no fault"
+    ON_EDGE = "ON edge taken"
+    OPERATION = "operation enabled"
+    SETPOINT = "setpoint enabled"
+    SENSOR = "sensor in operation"
+
+
+_S, _E = AxisState, Enable
+
+
+class Reason(enum.Enum):
+    """A standing reason, declared with what follows from it; ``value`` is the text for the user."""
+
+    _value_: str
+    code: int
+    """1 for the first; 0 is left for no reason."""
+    state: AxisState
+    """What the object is in with it, unless power is on and it is being stopped."""
+    enable: Enable
+    """The first link of the chain it breaks."""
+    remedy: str
+    """What to do."""
+
+    def __new__(cls, text: str, state: AxisState, enable: Enable, remedy: str) -> Reason:
+        member = object.__new__(cls)
+        member._value_ = text
+        member.code = len(cls.__members__) + 1
+        member.state, member.enable, member.remedy = state, enable, remedy
+        return member
+
+    NO_PLC = (
+        "no valid frame from the PLC yet: Controlword stays 0",
+        _S.WAITS,
+        _E.PLC,
+        "bring the PLC to RUN; check its target address and port, and that its frames have the bytes of pdgw map",
     )
-    RAMP_STOP = "OFF1 ramp stop in progress: ON is not obeyed before standstill"
-    QUICK_STOP = "quick stop in progress"
-    COAST_STOP = "STW1.1 = 0: coast stop"
-    SETPOINT_DISABLED = "no setpoint: STW1 bits 4, 5 and 6 must all be 1"
-    INTERNAL_LIMIT = "the drive limits the motion by itself (Statusword.11: limit switch, position or speed limit)"
+    PLC_LOST = (
+        "PLC lost: the drive is being stopped; ON is obeyed again only after an OFF (STW1.0 = 0)",
+        _S.WAITS,
+        _E.PLC,
+        "look for the cable, the PLC's STOP and its cycle time; then OFF and ON",
+    )
+    NO_CONTROL = (
+        "STW1.10 = 0 (control by PLC): nothing starts, setpoints are not evaluated; OFF1, OFF2 and OFF3 act",
+        _S.WAITS,
+        _E.CONTROL,
+        "the PLC's program has to set STW1.10 = 1",
+    )
+    NEEDS_OFF = (
+        "ON ignored: needs OFF first (STW1.0 = 0 with STW1.1 = STW1.2 = 1)",
+        _S.WAITS,
+        _E.ON_EDGE,
+        "the PLC's program has to take STW1.0 to 0 and then to 1, with STW1.1 = STW1.2 = 1",
+    )
+    DRIVE_OFFLINE = (
+        "drive is not online: no command is sent",
+        _S.NOT_ON_THE_BUS,
+        _E.NODE,
+        "check power, CAN cable, termination, bit rate and node-ID of the drive",
+    )
+    DRIVE_FAULT = (
+        "drive is in fault: acknowledge with a rising edge of STW1.7",
+        _S.FAULT,
+        _E.NO_FAULT,
+        "end its cause, then acknowledge with a rising edge of STW1.7; then OFF and ON",
+    )
+    DRIVE_UNKNOWN_STATE = (
+        "Statusword fits no state of the drive: stopping",
+        _S.FAULT,
+        _E.NO_FAULT,
+        "the drive's Statusword is no CiA 402 state: check the device and its PDO mapping",
+    )
+    REFERENCE_INVALID = (
+        "the drive does not tell what 100 % is, or lacks the mode (fault 104 says what settles it): refused",
+        _S.FAULT,
+        _E.NO_FAULT,
+        "set the key that fault 104 names, see pdgw config check --bus",
+    )
+    RAMP_STOP = (
+        "OFF1 ramp stop in progress: ON is not obeyed before standstill",
+        _S.STOPPING,
+        _E.ON_EDGE,
+        "wait for standstill, then ON",
+    )
+    QUICK_STOP = (
+        "quick stop in progress",
+        _S.OFF,
+        _E.ON_EDGE,
+        "STW1.2 = 1, then OFF and ON",
+    )
+    COAST_STOP = (
+        "STW1.1 = 0: coast stop",
+        _S.OFF,
+        _E.ON_EDGE,
+        "STW1.1 = 1, then OFF and ON",
+    )
+    SETPOINT_DISABLED = (
+        "no setpoint: STW1 bits 4, 5 and 6 must all be 1",
+        _S.WAITS,
+        _E.SETPOINT,
+        "the PLC's program has to set STW1.4, STW1.5 and STW1.6",
+    )
+    INTERNAL_LIMIT = (
+        "the drive limits the motion by itself (Statusword.11: limit switch, position or speed limit)",
+        _S.WAITS,
+        _E.SETPOINT,
+        "look for limit switches and the drive's own limits; move away from them",
+    )
     STOPPED_AT_LIMIT = (
-        "stood at a limit of the drive: setpoint 0 until the PLC takes its setpoint through 0, or OFF and ON"
+        "stood at a limit of the drive: setpoint 0 until the PLC takes its setpoint through 0, or OFF and ON",
+        _S.WAITS,
+        _E.SETPOINT,
+        "take the setpoint through 0, or OFF and ON",
     )
     TASK_AT_LIMIT = (
-        "task stands at a limit of the drive: needs an intermediate stop (STW1.5 = 0, 1), a new task or a reject"
+        "task stands at a limit of the drive: needs an intermediate stop (STW1.5 = 0, 1), a new task or a reject",
+        _S.WAITS,
+        _E.SETPOINT,
+        "an intermediate stop (STW1.5 = 0, 1), a new task or a reject",
     )
-    SET_POINT_REFUSED = "the drive did not take the data of the set-point (SDO): not started, needs a new edge"
-    NOT_OPERATING = "drive is not in operation: setpoints have no effect"
-    MODE_NOT_CONFIRMED = "waiting for the drive to confirm the mode of operation (6061h)"
-    MODE_VALUE = "mode of operation is not one the drive knows: not passed on"
-    MDI_OFF = "SATZANW.15 = 0: MDI is not selected, no traversing task is started"
-    REJECTED = "STW1.4 = 0: traversing task rejected"
-    INTERMEDIATE_STOP = "STW1.5 = 0: intermediate stop"
-    HOMING_METHOD = "homing method is not supported: homing is not started"
-    HOMING_SETUP = "waiting for the drive to take homing method and speeds (SDO)"
-    HOMING_STOPPED = "STW1.11 = 0: homing is being stopped"
-    HOMING_ERROR = "the drive reports a homing error (Statusword.13) or does not reach its home position"
-    FUNCTION_RUNS = "another function of the positioner runs: it has to end first"
-    TASK_BLOCK_UNKNOWN = "traversing block does not exist: nothing moves"
-    TASK_SPEED_ZERO = "speed of the task is 0: nothing moves"
-    TASK_TARGET_RANGE = "target of the task is out of range: nothing moves"
-    TASK_DIRECTION = "setting up needs exactly one direction (POS_STW1.9 or .10): nothing moves"
-    UPDATE_RELATIVE = "continuous update needs absolute positions: nothing changes"
-    OVERRIDE_ZERO = "OVERRIDE is 0: task is kept"
-    SOFTWARE_LIMIT = "target is beyond a software limit: the limit is the target"
-    FLYING_NOT_SUPPORTED = "the drive keeps no second set-point: the block continues with a stop"
-    FIXED_STOP_MISSED = "no fixed stop before the target of the block"
-    PASSIVE_HOMING_NOT_SUPPORTED = "the drive has no touch probe (60B8h): no passive homing"
-    REFERENCE_POINT_MOVING = "a reference point is set at standstill and without a task only"
-    DSC_FAR_FROM_AXIS = "DSC starts too far from the actual position (following_window): axis stands"
-    ENCODER_NO_PLC = "no valid frame from the PLC: nothing is requested of the encoder"
-    ENCODER_NO_CONTROL = "STW2_ENC.10 = 0 (control by PLC): G1_STW is not evaluated"
-    ENCODER_OFFLINE = "encoder is not online: its position is not valid"
-    SENSOR_ERROR = "sensor error, code in G1_XIST2: acknowledge with a rising edge of G1_STW.15"
-    SENSOR_PARKED = "G1_STW.14 = 1: sensor is parked"
-    SENSOR_PRESETTING = "waiting for the encoder to take the preset (SDO)"
+    SET_POINT_REFUSED = (
+        "the drive did not take the data of the set-point (SDO): not started, needs a new edge",
+        _S.WAITS,
+        _E.SETPOINT,
+        "look at fault 119 for what the drive refuses, then a new edge",
+    )
+    NOT_OPERATING = (
+        "drive is not in operation: setpoints have no effect",
+        _S.STARTING,
+        _E.OPERATION,
+        "the drive follows ON and STW1.3 = 1 (enable operation); if it stays, its own enables are missing",
+    )
+    MODE_NOT_CONFIRMED = (
+        "waiting for the drive to confirm the mode of operation (6061h)",
+        _S.WAITS,
+        _E.OPERATION,
+        "the drive has to support the mode of operation of this telegram",
+    )
+    MODE_VALUE = (
+        "mode of operation is not one the drive knows: not passed on",
+        _S.WAITS,
+        _E.SETPOINT,
+        "send a mode of operation the drive has",
+    )
+    MDI_OFF = (
+        "SATZANW.15 = 0: MDI is not selected, no traversing task is started",
+        _S.WAITS,
+        _E.SETPOINT,
+        "set SATZANW.15",
+    )
+    REJECTED = (
+        "STW1.4 = 0: traversing task rejected",
+        _S.WAITS,
+        _E.SETPOINT,
+        "set STW1.4, then a new edge of STW1.6",
+    )
+    INTERMEDIATE_STOP = (
+        "STW1.5 = 0: intermediate stop",
+        _S.WAITS,
+        _E.SETPOINT,
+        "set STW1.5",
+    )
+    HOMING_METHOD = (
+        "homing method is not supported: homing is not started",
+        _S.WAITS,
+        _E.SETPOINT,
+        "choose a homing method the drive has",
+    )
+    HOMING_SETUP = (
+        "waiting for the drive to take homing method and speeds (SDO)",
+        _S.WAITS,
+        _E.SETPOINT,
+        "nothing: it takes a moment",
+    )
+    HOMING_STOPPED = (
+        "STW1.11 = 0: homing is being stopped",
+        _S.WAITS,
+        _E.SETPOINT,
+        "set STW1.11 again for another attempt",
+    )
+    HOMING_ERROR = (
+        "the drive reports a homing error (Statusword.13) or does not reach its home position",
+        _S.WAITS,
+        _E.SETPOINT,
+        "look at the home switch and the homing speeds, then start it again",
+    )
+    FUNCTION_RUNS = (
+        "another function of the positioner runs: it has to end first",
+        _S.WAITS,
+        _E.SETPOINT,
+        "end the function that runs",
+    )
+    TASK_BLOCK_UNKNOWN = (
+        "traversing block does not exist: nothing moves",
+        _S.WAITS,
+        _E.SETPOINT,
+        "select a block of the configuration",
+    )
+    TASK_SPEED_ZERO = (
+        "speed of the task is 0: nothing moves",
+        _S.WAITS,
+        _E.SETPOINT,
+        "give the task a speed above 0",
+    )
+    TASK_TARGET_RANGE = (
+        "target of the task is out of range: nothing moves",
+        _S.WAITS,
+        _E.SETPOINT,
+        "give a target in range",
+    )
+    TASK_DIRECTION = (
+        "setting up needs exactly one direction (POS_STW1.9 or .10): nothing moves",
+        _S.WAITS,
+        _E.SETPOINT,
+        "set one of POS_STW1.9 and .10",
+    )
+    UPDATE_RELATIVE = (
+        "continuous update needs absolute positions: nothing changes",
+        _S.WAITS,
+        _E.SETPOINT,
+        "select absolute positioning",
+    )
+    OVERRIDE_ZERO = (
+        "OVERRIDE is 0: task is kept",
+        _S.WAITS,
+        _E.SETPOINT,
+        "raise OVERRIDE",
+    )
+    SOFTWARE_LIMIT = (
+        "target is beyond a software limit: the limit is the target",
+        _S.WAITS,
+        _E.SETPOINT,
+        "give a target inside the software limits",
+    )
+    FLYING_NOT_SUPPORTED = (
+        "the drive keeps no second set-point: the block continues with a stop",
+        _S.WAITS,
+        _E.SETPOINT,
+        "use blocks that stop, or a drive that keeps a second set-point",
+    )
+    FIXED_STOP_MISSED = (
+        "no fixed stop before the target of the block",
+        _S.WAITS,
+        _E.SETPOINT,
+        "check the mechanics and the target of the block",
+    )
+    PASSIVE_HOMING_NOT_SUPPORTED = (
+        "the drive has no touch probe (60B8h): no passive homing",
+        _S.WAITS,
+        _E.SETPOINT,
+        "use active homing",
+    )
+    REFERENCE_POINT_MOVING = (
+        "a reference point is set at standstill and without a task only",
+        _S.WAITS,
+        _E.SETPOINT,
+        "wait for standstill and end the task",
+    )
+    DSC_FAR_FROM_AXIS = (
+        "DSC starts too far from the actual position (following_window): axis stands",
+        _S.WAITS,
+        _E.SETPOINT,
+        "take the axis' position over in the PLC before DSC starts",
+    )
+    ENCODER_NO_PLC = (
+        "no valid frame from the PLC: nothing is requested of the encoder",
+        _S.WAITS,
+        _E.PLC,
+        "bring the PLC to RUN; check its target address and port, and that its frames have the bytes of pdgw map",
+    )
+    ENCODER_NO_CONTROL = (
+        "STW2_ENC.10 = 0 (control by PLC): G1_STW is not evaluated",
+        _S.WAITS,
+        _E.CONTROL,
+        "the PLC's program has to set STW2_ENC.10 = 1",
+    )
+    ENCODER_OFFLINE = (
+        "encoder is not online: its position is not valid",
+        _S.NOT_ON_THE_BUS,
+        _E.NODE,
+        "check power, CAN cable, termination, bit rate and node-ID of the encoder",
+    )
+    SENSOR_ERROR = (
+        "sensor error, code in G1_XIST2: acknowledge with a rising edge of G1_STW.15",
+        _S.FAULT,
+        _E.NO_FAULT,
+        "end its cause, then acknowledge with a rising edge of G1_STW.15",
+    )
+    SENSOR_PARKED = (
+        "G1_STW.14 = 1: sensor is parked",
+        _S.OFF,
+        _E.SENSOR,
+        "take G1_STW.14 to 0",
+    )
+    SENSOR_PRESETTING = (
+        "waiting for the encoder to take the preset (SDO)",
+        _S.STARTING,
+        _E.SENSOR,
+        "nothing: it takes a moment",
+    )
 
 
 class FaultNumber(enum.IntEnum):

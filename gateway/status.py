@@ -16,10 +16,15 @@ from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.drive_object import DriveObject
 from pdgw.gateway.encoder import EncoderObject
 from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.standing import Standing, axis_standing, encoder_standing
 
 _CONNECTIONS = 8
 """Answered at the same time; more are closed."""
 _PATIENCE_NS = 5 * SECOND
+_REQUEST = 64
+"""Bytes of the longest request."""
+SCHEMA = 1
+"""Of the document; it rises when a key changes its meaning or goes, readers ignore keys they do not know."""
 
 
 def clock_time(seconds: float) -> str:
@@ -27,81 +32,112 @@ def clock_time(seconds: float) -> str:
     return datetime.fromtimestamp(seconds).astimezone().isoformat(timespec="milliseconds")
 
 
-def _object_status(item: DriveObject) -> dict[str, Any]:
-    """What axes and encoders have in common."""
-    setpoints = item.last_setpoints
+def fault_status(item: DriveObject, newest: int | None = None) -> list[dict[str, Any]]:
+    """Faults and warnings of a drive object, newest first; ``newest``: so many of them."""
     loop = item.client.loop
-    now = loop.now()
+    now, wall = loop.now(), loop.wall()
+    return [
+        {
+            "id": told.id,
+            "active": told.active,
+            "number": int(told.record.number),
+            "code": told.record.code,
+            "text": told.record.text,
+            "is_warning": told.record.is_warning,
+            "time": clock_time(wall - (now - told.record.time_ns) / SECOND),
+            "age_s": round((now - told.record.time_ns) / SECOND, 3),
+        }
+        for told in item.fault_log.told(present=item.warning, newest=newest)
+    ]
+
+
+def _object_status(item: DriveObject, standing: Standing) -> dict[str, Any]:
+    """What axes and encoders have in common."""
+    setpoints, reason = item.last_setpoints, item.reason
     heard_ns = item.client.heard_ns
     return {
         "do_id": item.do_id,
         "node_id": item.node_id,
+        "bus": item.network.name,
         "telegram": item.telegram.number,
+        "state": standing.state.value,
+        "state_id": standing.state.name,
+        "reason": reason.value if reason else "",
+        "reason_id": reason.name if reason else "",
+        "chain": [
+            {"id": link.enable.name, "text": link.enable.value, "ok": link.ok, "todo": link.todo}
+            for link in standing.chain
+        ],
         "drive": item.client.status.value,
         "drive_text": item.client.status_text,
-        "reason": item.reason.value if item.reason else "",
         "setpoints": item.telegram.setpoints.as_dict(setpoints) if setpoints is not None else None,
         "actuals": item.telegram.actuals.as_dict(item.actuals),
         "iops_good": item.good,
-        "heard_age_ms": round((now - heard_ns) / 1e6, 1) if heard_ns else None,
-        "faults": [
-            {
-                "number": f.number,
-                "code": f.code,
-                "text": f.text,
-                "is_warning": f.is_warning,
-                "time": clock_time(loop.wall() - (now - f.time_ns) / SECOND),
-                "age_s": round((now - f.time_ns) / SECOND, 3),
-            }
-            for f in tuple(item.faults)
-        ],
+        "heard_age_ms": round((item.client.loop.now() - heard_ns) / 1e6, 1) if heard_ns else None,
+        "saturations": item.outputs.saturations,
+        "faults": fault_status(item, 1),
+        "fault_count": len(item.faults),
     }
 
 
 def axis_status(axis: Axis) -> dict[str, Any]:
-    """One axis as plain data."""
-    feedback = axis.drive.feedback
+    """One axis as plain data. A value no PDO of its telegram brings is None, as is a unit nobody told."""
+    feedback, drive_type = axis.drive.feedback, axis.drive.drive_type
     state = state_of(feedback.statusword)
-    return _object_status(axis) | {
-        "state": state.value if state else "unknown",
+    mapped = {name for pdo in axis.drive.layout.tpdos for name in pdo.attributes}
+    scaling = drive_type.scaling if drive_type else None
+    velocity = feedback.velocity_actual if "velocity_actual" in mapped else None
+    per_rpm = scaling.velocity_per_rpm if scaling else None
+    return _object_status(axis, axis_standing(axis)) | {
+        "drive_state": state.value if state else "unknown",
         "statusword": feedback.statusword,
         "controlword": axis.outputs.command.controlword,
-        "velocity": feedback.velocity_actual,
-        "position": feedback.position_actual,
-        "saturations": axis.outputs.saturations,
-        "scaling": list(axis.drive.drive_type.scaling.lines) if axis.drive.drive_type else [],
+        "velocity": velocity,
+        "speed_rpm": round(float(velocity / per_rpm), 3) if velocity is not None and per_rpm else None,
+        "position": feedback.position_actual if "position_actual" in mapped else None,
+        "position_unit": scaling.position_unit if scaling else None,
+        "scaling": list(scaling.lines) if scaling else [],
     }
 
 
 def encoder_status(encoder: EncoderObject) -> dict[str, Any]:
     """One encoder channel as plain data."""
     source = encoder.input
-    return _object_status(encoder) | {
+    return _object_status(encoder, encoder_standing(encoder)) | {
         "channel": encoder.config.channel,
-        "state": encoder.machine.channel.sensor.state.value,
-        "position": source.position,
+        "sensor_state": encoder.machine.channel.sensor.state.value,
+        "velocity": source.speed,
+        "position": source.position if source.valid else None,
         "alarms": source.alarms,
         "warnings": source.warnings,
-        "saturations": encoder.outputs.saturations,
     }
 
 
 def _head(daemon: Daemon) -> dict[str, Any]:
     """Everything but the drive objects."""
+    loop, config = daemon.loop, daemon.config
+    uptime_s = (loop.now() - daemon.started_ns) / SECOND
     return {
+        "schema": SCHEMA,
+        "name": daemon.name,
         "version": __version__,
-        "time": clock_time(daemon.loop.wall()),
-        "uptime_s": round((daemon.loop.now() - daemon.started_ns) / 1e9, 3),
-        "plc": daemon.link.status(),
+        "simulated": any(item.simulate for item in config.objects),
+        "time": clock_time(loop.wall()),
+        "started": clock_time(loop.wall() - uptime_s),
+        "uptime_s": round(uptime_s, 3),
+        "plc": {"type": config.transport.type, "cycle_ms": config.transport.cycle_time_ms} | daemon.link.status(),
         "store": str(daemon.store.path) if daemon.store.path is not None else "",
         "buses": [
             {
-                "name": network.name,
-                "healthy": network.healthy,
+                "name": bus.name,
+                "interface": bus.interface,
+                "channel": bus.channel,
+                "bitrate": bus.bitrate,
+                "healthy": daemon.networks[bus.name].healthy,
             }
-            for network in daemon.networks.values()
+            for bus in config.can
         ],
-        "counters": daemon.loop.counters.values(),
+        "counters": loop.counters.values(),
     }
 
 
@@ -126,8 +162,28 @@ def encoded(daemon: Daemon) -> Iterator[bytes]:
     yield b"}\n"
 
 
+def answered(daemon: Daemon, request: bytes) -> Iterator[bytes]:
+    """The answer to a request, in parts: nothing asks for the status, ``faults DO`` for all faults of a drive object."""
+    match request.split():
+        case []:
+            yield from encoded(daemon)
+        case [b"faults", number]:
+            item = next((item for item in daemon.objects if str(item.do_id).encode() == number), None)
+            if item is None:
+                known = ", ".join(str(item.do_id) for item in daemon.objects)
+                yield _refused("do_id", f"there is no such drive object, allowed: {known}")
+                return
+            yield json.dumps({"do_id": item.do_id, "faults": fault_status(item)}).encode() + b"\n"
+        case _:
+            yield _refused("request", "allowed: an empty line, faults DO")
+
+
+def _refused(field: str, text: str) -> bytes:
+    return json.dumps({"error": text, "field": field}).encode() + b"\n"
+
+
 class StatusServer:
-    """Answers every connection on 127.0.0.1 with a snapshot and closes it."""
+    """Answers the one line of every connection on 127.0.0.1 (``answered``) and closes it."""
 
     def __init__(self, daemon: Daemon, port: int) -> None:
         self._daemon = daemon
@@ -176,9 +232,12 @@ class StatusServer:
         self._tasks.add(task)
 
     def _answer(self, connection: socket.socket) -> None:
-        writable = Event(self._loop)
         deadline = self._loop.now() + _PATIENCE_NS
-        for part in encoded(self._daemon):
+        request = self._request(connection, deadline)
+        if request is None:
+            return
+        writable = Event(self._loop)
+        for part in answered(self._daemon, request):
             rest = memoryview(part)
             while rest:
                 try:
@@ -193,3 +252,23 @@ class StatusServer:
                 except OSError:
                     return  # who went away before the end does not miss it
             self._loop.sleep(0)
+
+    def _request(self, connection: socket.socket, deadline: int) -> bytes | None:
+        """One line, or what came before the end of what is sent; None from who sends neither in time."""
+        readable = Event(self._loop)
+        request = b""
+        self._loop.add_reader(connection.fileno(), readable.set)
+        try:
+            while b"\n" not in request:
+                if not readable.wait(max(0, deadline - self._loop.now())):
+                    return None
+                readable.clear()
+                part = connection.recv(_REQUEST)
+                request += part
+                if not part or len(request) >= _REQUEST:
+                    break
+        except OSError:
+            return None  # gone already
+        finally:
+            self._loop.remove_reader(connection.fileno())
+        return request

@@ -293,7 +293,10 @@ def generate() -> str:
             ),
         ),
         "## Why it does not move\n",
-        _table(("reason", "text"), ((reason.name, reason.value) for reason in Reason)),
+        _table(
+            ("reason", "text", "state", "first broken link", "what to do"),
+            ((item.name, item.value, item.state.value, item.enable.value, item.remedy) for item in Reason),
+        ),
     ]
     return "\n".join(out)
 

@@ -19,8 +19,8 @@ from rich.text import Text
 
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.ports import STATUS_PORT
+from pdgw.gateway.status_client import fetch
 from pdgw.peers.plc.view import tables
-from pdgw.tools.commands.status import fetch
 from pdgw.tools.keys import read_keys, single_keys
 
 _TOLD = 5

@@ -12,8 +12,6 @@ from pdgw.profidrive.telegrams import ApplicationMode, telegram
 
 _USUAL = {"accepted", "sent", "received", "cycles", "generation"}
 """Counters that rise while all is well."""
-_FAULTS = 3
-"""The newest ones are shown."""
 _DAY_S = 86_400
 
 
@@ -32,7 +30,8 @@ def status_lines(document: dict[str, Any], width: int = 80, *, counters: bool = 
     """The lines of a snapshot; ``counters``: all of them, not only those that tell of trouble."""
     plc = document["plc"]
     peer = f"{plc['peer'][0]}:{plc['peer'][1]}" if plc["peer"] else "no sender yet"
-    yield f"pdgw {document['version']}, up {duration(document['uptime_s'])}, at {_time_of_day(document['time'])}"
+    up, at = duration(document["uptime_s"]), _time_of_day(document["time"])
+    yield f"{document['name']}: pdgw {document['version']}, up {up}, at {at}"
     yield f"PLC {'connected' if plc['connected'] else 'not connected'} ({peer}), {plc['frames']['accepted']} frames"
     if plc.get("layout"):
         yield from _folded(plc["layout"], width, 5, "  -> ")
@@ -73,10 +72,14 @@ def _object(item: dict[str, Any], kind: str, width: int) -> Iterator[str]:
     age = item["heard_age_ms"]
     heard = "" if age is None else f", heard {age:g} ms ago"
     head = f"DO {item['do_id']} {kind}, node {item['node_id']} {item['drive']}{heard}, telegram {item['telegram']}"
-    yield from _folded(f"{head}: {item['state']}", width, 4, "")
+    shown = item["drive_state"] if kind == "axis" else f"sensor {item['sensor_state']}"
+    yield from _folded(f"{head}: {item['state']} ({shown})", width, 4, "")
     why = item["reason"] or item["drive_text"]
     if why:
         yield from _folded(why, width, 5, "  -> ")
+    for link in item["chain"]:
+        if link["todo"]:
+            yield from _folded(f"{link['text']} is missing: {link['todo']}", width, 5, "     ")
     chosen = telegram(item["telegram"])
     positioning = chosen.mode is ApplicationMode.POSITIONING
     for title, values in (("from PLC", item["setpoints"]), ("to PLC", item["actuals"])):
@@ -89,13 +92,13 @@ def _object(item: dict[str, Any], kind: str, width: int) -> Iterator[str]:
         yield "  its values are marked bad (IOPS)"
     for line in item.get("scaling", ()):
         yield from _folded(line, width, 4, "  ")
-    faults = item["faults"]
-    for fault in faults[-_FAULTS:]:
-        what = "warning" if fault["is_warning"] else "fault"
+    for fault in item["faults"]:
+        what = ("active " if fault["active"] else "") + ("warning" if fault["is_warning"] else "fault")
         text = f"{what} {fault['number']} at {_time_of_day(fault['time'])}, {duration(fault['age_s'])} ago: {fault['text']}"
         yield from _folded(text, width, 4, "  ")
-    if len(faults) > _FAULTS:
-        yield f"  and {len(faults) - _FAULTS} older ones (--json)"
+    older = item["fault_count"] - len(item["faults"])
+    if older > 0:
+        yield f"  and {older} older {'one' if older == 1 else 'ones'} (--faults)"
 
 
 def _value(item: Signal, raw: int, positioning: bool) -> str:

@@ -12,9 +12,9 @@ from pathlib import Path
 import can
 import pytest
 
+from pdgw.gateway.status_client import fetch
 from pdgw.peers.plc.endpoint import PlcEndpoint
 from pdgw.profidrive.telegrams import telegram
-from pdgw.tools.commands.status import fetch
 from tests.endtoend.processes import free_tcp_port, free_udp_port, pdgw, running
 from tests.support.buses import wait_for
 
@@ -88,7 +88,7 @@ def test_simulated_axis_with_telegram_1_turns_and_stops_on_sigterm(tmp_path: Pat
         plc.endpoint.set(0, {"NSOLL_A": 0x2000})
         plc.until(lambda: plc.signal(0, "NIST_A") == 0x2000, "1500 rpm")
         axis = fetch(status)["axes"][0]
-        assert axis["state"] == "Operation Enabled"
+        assert (axis["state"], axis["drive_state"]) == ("Obeys the PLC", "Operation Enabled")
         assert axis["velocity"] == 3000
         process.send_signal(signal.SIGTERM)
         assert process.wait(20) == 0

@@ -14,10 +14,10 @@ from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.link import UdpLink
 from pdgw.gateway.status import StatusServer
+from pdgw.gateway.status_client import fetch
 from pdgw.gateway.transport.cyclic import CyclicEndpoint, Verdict
 from pdgw.gateway.transport.udp import UdpSocket
 from pdgw.peers.world import World
-from pdgw.tools.commands.status import fetch
 from tests.endtoend.processes import free_tcp_port
 from tests.support import machine
 from tests.support.daemon import OFF, Plc, axis, configuration, drive_of, running, world_of
@@ -218,7 +218,7 @@ def test_status_tells_axes_reasons_and_counters() -> None:
         document = fetch(port)
         assert document["plc"]["frames"]["accepted"] > 0
         entry = document["axes"][0]
-        assert (entry["telegram"], entry["drive"], entry["state"]) == (1, "online", "Switch On Disabled")
+        assert (entry["telegram"], entry["drive"], entry["drive_state"]) == (1, "online", "Switch On Disabled")
         assert "STW1.10" in entry["reason"]
 
 
@@ -239,6 +239,7 @@ def test_what_is_no_gateway_on_the_status_port_is_told() -> None:
         def answer() -> None:
             connection, _ = server.accept()
             with connection:
+                connection.recv(1)
                 connection.sendall(b"SSH-2.0\r\n")
 
         thread = threading.Thread(target=answer)

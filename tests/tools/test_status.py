@@ -14,6 +14,8 @@ from tests.support.daemon import axis, configuration, running
 
 def fault(number: int, age_s: float) -> dict[str, Any]:
     return {
+        "id": 1,
+        "active": True,
         "number": number,
         "code": 1,
         "text": "drive does not confirm its mode of operation " * 3,

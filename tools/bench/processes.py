@@ -16,8 +16,8 @@ from pathlib import Path
 from typing import Any
 
 from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.status_client import fetch
 from pdgw.tools.bench.drives import PER_BUS
-from pdgw.tools.commands.status import fetch
 from pdgw.tools.demo.run import free_ports
 
 _READY_S = 60.0

@@ -1,0 +1,50 @@
+"""Asking a running daemon what it does; see ``gateway.status`` for what answers, docs/status.md for what is in it."""
+
+from __future__ import annotations
+
+import json
+import socket
+from typing import Any
+
+from pdgw.gateway.errors import GatewayError
+
+_PATIENCE_S = 5.0
+
+
+def fetch(port: int) -> dict[str, Any]:
+    """The status document of the daemon on a loopback port; GatewayError when none answers."""
+    document = _ask(port, "")
+    if not {"schema", "plc", "axes", "encoders"} <= document.keys():
+        raise _no_gateway(port)
+    return document
+
+
+def fetch_faults(port: int, do_id: int) -> list[dict[str, Any]]:
+    """All faults and warnings of a drive object that the daemon keeps, newest first; GatewayError when there is no such one."""
+    document = _ask(port, f"faults {do_id}")
+    if "error" in document:
+        raise GatewayError(f"{document.get('field')} {do_id}: {document['error']}")
+    faults = document.get("faults")
+    if not isinstance(faults, list):
+        raise _no_gateway(port)
+    return faults
+
+
+def _ask(port: int, request: str) -> dict[str, Any]:
+    try:
+        with socket.create_connection(("127.0.0.1", port), timeout=_PATIENCE_S) as connection:
+            connection.sendall(f"{request}\n".encode())
+            text = b"".join(iter(lambda: connection.recv(65536), b""))
+    except OSError as error:
+        raise GatewayError(f"no gateway answers on 127.0.0.1 port {port} ({error.strerror or error})") from error
+    try:
+        document = json.loads(text)
+    except ValueError as error:
+        raise _no_gateway(port) from error
+    if not isinstance(document, dict):
+        raise _no_gateway(port)
+    return document
+
+
+def _no_gateway(port: int) -> GatewayError:
+    return GatewayError(f"127.0.0.1 port {port}: what answers there is no gateway")

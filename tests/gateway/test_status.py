@@ -1,0 +1,139 @@
+"""The status document: state words and chain from the daemon, faults with ids, and a socket nobody can block."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from pdgw.dsp402.states import State
+from pdgw.gateway.daemon import Daemon
+from pdgw.gateway.reasons import AxisState, Enable, FaultNumber, Reason
+from pdgw.gateway.standing import AXIS_CHAIN, ENCODER_CHAIN, Break, axis_standing
+from pdgw.gateway.status import answered, axis_status, encoder_status, snapshot
+from tests.support.daemon import OFF, Plc, axis, configuration, drive_of, running, until, world_of
+
+ENCODER = "[[encoder]]\ndo_id = 2\nnode_id = 20\ntelegram = 83\nsimulate = true\n"
+
+
+def broken(daemon: Daemon) -> Break | None:
+    """The first broken link of the first axis."""
+    links = axis_standing(daemon.axes[0]).chain
+    found = [Break(link.enable, link.todo) for link in links if link.ok is False]
+    assert len(found) <= 1
+    return found[0] if found else None
+
+
+def state(daemon: Daemon) -> AxisState:
+    return axis_standing(daemon.axes[0]).state
+
+
+@pytest.mark.parametrize("reason", Reason, ids=lambda reason: reason.name)
+def test_every_reason_declares_state_link_and_what_to_do(reason: Reason) -> None:
+    chain = ENCODER_CHAIN if reason.name.startswith(("ENCODER", "SENSOR")) else AXIS_CHAIN
+    assert reason.enable in chain
+    assert reason.state in AxisState
+    assert reason.state is not AxisState.OBEYS
+    assert reason.remedy
+    assert reason.remedy[0] not in " ."
+
+
+def test_the_numbers_of_reasons_are_distinct_and_none_is_0() -> None:
+    assert sorted(reason.code for reason in Reason) == list(range(1, len(Reason) + 1))
+
+
+def test_the_chain_follows_an_axis_from_silence_to_operation_and_back() -> None:
+    with running(configuration(axis(1))) as daemon:
+        plc = Plc(daemon, [1])
+        assert state(daemon) is AxisState.NOT_ON_THE_BUS
+        # Two things are missing; the first one is told.
+        assert broken(daemon) == Break(Enable.PLC, Reason.NO_PLC.remedy)
+        until(daemon, lambda: state(daemon) is AxisState.WAITS, "online")
+        plc.endpoint.set(0, {"STW1": OFF & ~0x400})
+        plc.until(
+            lambda: state(daemon) is AxisState.WAITS and broken(daemon) != Break(Enable.PLC, Reason.NO_PLC.remedy), ""
+        )
+        assert broken(daemon) == Break(Enable.CONTROL, Reason.NO_CONTROL.remedy)
+        plc.endpoint.set(0, {"STW1": OFF})
+        plc.until(lambda: state(daemon) is AxisState.OFF, "off, as it is asked")
+        found = broken(daemon)
+        assert found is not None
+        assert (found.enable, "nothing is wrong" in found.todo) == (Enable.ON_EDGE, True)
+        seen = set()
+        plc.endpoint.set(0, {"STW1": OFF | 1})
+
+        def obeys() -> bool:
+            seen.add((state(daemon), None if (link := broken(daemon)) is None else link.enable))
+            return state(daemon) is AxisState.OBEYS
+
+        plc.until(obeys, "operation")
+        assert (AxisState.STARTING, Enable.OPERATION) in seen
+        assert broken(daemon) is None
+        assert all(link.ok for link in axis_standing(daemon.axes[0]).chain)
+        plc.endpoint.set(0, {"STW1": OFF | 1, "NSOLL_A": 0x4000})
+        plc.until(lambda: plc.value("NIST_A") > 0x3000, "turns")
+        plc.silent = True
+        plc.until(lambda: state(daemon) is AxisState.STOPPING, "power on, PLC lost")
+        assert broken(daemon) == Break(Enable.PLC, Reason.PLC_LOST.remedy)
+        plc.until(lambda: state(daemon) is AxisState.WAITS, "stopped")
+
+
+def test_a_setpoint_that_is_not_enabled_is_the_last_link() -> None:
+    with running(configuration(axis(1))) as daemon:
+        plc = Plc(daemon, [1])
+        plc.enable()
+        plc.endpoint.set(0, {"STW1": (OFF | 1) & ~0x10})
+        plc.until(lambda: state(daemon) is AxisState.WAITS, "setpoint disabled")
+        assert broken(daemon) == Break(Enable.SETPOINT, Reason.SETPOINT_DISABLED.remedy)
+
+
+def test_a_fault_has_id_time_and_activity_and_only_the_newest_is_in_the_document() -> None:
+    with running(configuration(axis(1))) as daemon:
+        plc = Plc(daemon, [1])
+        plc.enable()
+        drive_of(daemon).inject(7)
+        plc.until(lambda: state(daemon) is AxisState.FAULT, "fault")
+        assert broken(daemon) == Break(Enable.NO_FAULT, Reason.DRIVE_FAULT.remedy)
+        daemon.axes[0].raise_fault(FaultNumber.FRAME_CHANGED, "made up", world_of(daemon).loop.now())
+        entry = axis_status(daemon.axes[0])
+        (newest,) = entry["faults"]
+        assert (newest["number"], newest["active"], newest["id"]) == (127, True, entry["fault_count"])
+        answer = json.loads(b"".join(answered(daemon, b"faults 1\n")))
+        assert [fault["id"] for fault in answer["faults"]] == list(range(entry["fault_count"], 0, -1))
+        assert all(fault["time"].startswith("20") for fault in answer["faults"])
+        drive_of(daemon).clear()
+        plc.endpoint.set(0, {"STW1": OFF})
+        plc.exchange()
+        plc.endpoint.set(0, {"STW1": OFF | 0x80})
+        plc.until(lambda: drive_of(daemon).model.state is State.SWITCH_ON_DISABLED, "acknowledged")
+        plc.until(lambda: not axis_status(daemon.axes[0])["faults"][0]["active"], "no longer active")
+
+
+def test_a_value_no_pdo_brings_is_null_and_not_0() -> None:
+    with running(configuration(axis(1) + axis(3, telegram_number=9) + ENCODER)) as daemon:
+        until(daemon, lambda: all(node.generation for node in daemon.clients), "online")
+        speed, positions = (axis_status(item) for item in daemon.axes)
+        assert (speed["position"], speed["velocity"]) == (None, 0)
+        assert isinstance(positions["position"], int)
+        assert positions["position_unit"]
+        assert isinstance(encoder_status(daemon.encoders[0])["position"], int)
+
+
+def test_what_is_sent_in_parts_is_the_snapshot() -> None:
+    with running(configuration(axis(1) + axis(3) + ENCODER)) as daemon:
+        parts = list(answered(daemon, b"\n"))
+        assert len(parts) > 3  # an exchange comes in between
+        assert json.loads(b"".join(parts)) == snapshot(daemon)
+        document = snapshot(daemon)
+        assert (document["schema"], document["simulated"], document["name"]) == (1, True, "pdgw")
+        assert [item["do_id"] for item in document["axes"]] == [1, 3]
+
+
+@pytest.mark.parametrize(
+    ("request_", "field"), [(b"faults 9\n", "do_id"), (b"faults\n", "request"), (b"\xff\x00 x\n", "request")]
+)
+def test_a_request_nobody_knows_is_refused_with_what_is_allowed(request_: bytes, field: str) -> None:
+    with running(configuration(axis(1))) as daemon:
+        answer = json.loads(b"".join(answered(daemon, request_)))
+        assert answer["field"] == field
+        assert "allowed" in answer["error"]
