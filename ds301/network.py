@@ -150,7 +150,7 @@ class CanNetwork:
             return
         try:
             self.canopen.notify(can_id, bytearray(data), self.loop.wall())
-        except (struct.error, IndexError, ValueError):
+        except (struct.error, LookupError, ValueError):
             # canopen unpacks unchecked: one node's bad frame must not end the reception of all of them.
             self.malformed += 1
 

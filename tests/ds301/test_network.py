@@ -107,6 +107,16 @@ def test_a_malformed_frame_is_counted_and_the_reader_lives(
     assert network.malformed == 1
 
 
+def test_a_node_in_a_state_that_does_not_exist_and_then_commanded_ends_nothing() -> None:
+    """canopen names the old state when somebody else commands the node another one."""
+    network = CanNetwork(VirtualLoop(), PlainPort)
+    network.canopen.add_node(4)
+    network.on_frame(0x704, b"\x2e")
+    network.on_frame(0x000, b"\x80\x00")
+    assert network.malformed == 1
+    assert network.received == 2
+
+
 @given(can_id=st.integers(0, 0x7FF), data=st.binary(max_size=8))
 def test_no_frame_ends_the_reception(can_id: int, data: bytes) -> None:
     network = CanNetwork(VirtualLoop(), PlainPort)
