@@ -9,14 +9,16 @@ sub-objects are written out, which is no repair. Left out: type definitions (DEF
 from __future__ import annotations
 
 import configparser
+import copy
 import io
 import re
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 
 import canopen
-from canopen.objectdictionary import eds
+from canopen.objectdictionary import ODArray, ODRecord, ODVariable, eds
 
 from pdgw.ds301.eds_objects import ObjectSections, ObjectWriter, Texts, check_count
 from pdgw.ds301.eds_text import (
@@ -49,9 +51,17 @@ _PDO_PARTS = ((0x1400, 0x1600), (0x1800, 0x1A00))
 _PDOS = 0x200
 
 
+_FILES = 32
+"""So many different files are kept read."""
+_RELATIVE = "$NODEID"
+
+
 @dataclass(frozen=True, slots=True)
 class EdsImport:
-    """An imported file: canopen's dictionary, what had to be repaired, and the repaired file."""
+    """An imported file: canopen's dictionary, what had to be repaired, and the repaired file.
+
+    The dictionaries of one file share the objects that do not depend on the node-ID: they are for reading.
+    """
 
     dictionary: canopen.ObjectDictionary
     repairs: tuple[Repair, ...]
@@ -66,16 +76,67 @@ def import_eds(source: Path | bytes, node_id: int) -> EdsImport:
     """
     if not 1 <= node_id <= 127:
         raise EdsError((Problem(0, "", "node-ID", str(node_id), "a node-ID is 1..127"),))
+    sheet, relative = _imported(_read(source))
+    return EdsImport(_at_node(sheet.dictionary, relative, node_id), sheet.repairs, sheet.text)
+
+
+@lru_cache(maxsize=_FILES)
+def _imported(content: bytes) -> tuple[EdsImport, tuple[int, ...]]:
+    """A file with what is relative to the node-ID read as for node-ID 0, and the indices where that is.
+
+    Reading costs tens of milliseconds, and the devices of a machine are often alike.
+    """
     report = Report()
-    sections = parse(decode(_read(source), report), report)
+    sections = parse(decode(content, report), report)
     text = _written(_normalised(sections, report))
     if report.problems:
         raise EdsError(tuple(sorted(report.problems, key=lambda problem: problem.line)))
     try:
-        dictionary = eds.import_eds(io.StringIO(text), node_id)
+        dictionary = eds.import_eds(io.StringIO(text), 0)
     except (KeyError, ValueError, configparser.Error) as error:  # no such file is known
         raise EdsError((Problem(0, "", "file", "", f"canopen's importer does not take it ({error})"),)) from error
-    return EdsImport(dictionary, tuple(sorted(report.repairs, key=lambda repair: repair.line)), text)
+    repairs = tuple(sorted(report.repairs, key=lambda repair: repair.line))
+    relative = tuple(index for index, item in dictionary.items() if any(map(_is_relative, _variables(item))))
+    return EdsImport(dictionary, repairs, text), relative
+
+
+def _variables(item: ODVariable | ODArray | ODRecord) -> Iterable[ODVariable]:
+    return (item,) if isinstance(item, ODVariable) else item.subindices.values()
+
+
+def _is_relative(variable: ODVariable) -> bool:
+    return variable.relative or _RELATIVE in getattr(variable, "value_raw", "")
+
+
+def _at_node(sheet: canopen.ObjectDictionary, relative: Iterable[int], node_id: int) -> canopen.ObjectDictionary:
+    """The dictionary of one node: objects with values relative to its node-ID are its own."""
+    dictionary = copy.copy(sheet)
+    dictionary.indices, dictionary.names = dict(sheet.indices), dict(sheet.names)
+    if sheet.node_id is not None:
+        dictionary.node_id = node_id
+    for index in relative:
+        shared = sheet.indices[index]
+        if isinstance(shared, ODVariable):
+            own = _variable_at(shared, node_id)
+        else:
+            own = copy.copy(shared)
+            own.subindices, own.names = {}, {}
+            for variable in shared.subindices.values():
+                own.add_member(_variable_at(variable, node_id))
+        own.parent = dictionary
+        dictionary.indices[index] = own
+        if sheet.names[own.name] is shared:  # two objects may have one name
+            dictionary.names[own.name] = own
+    return dictionary
+
+
+def _variable_at(shared: ODVariable, node_id: int) -> ODVariable:
+    own = copy.copy(shared)
+    if own.relative and isinstance(own.default, int):
+        own.default += node_id
+    if _RELATIVE in getattr(own, "value_raw", "") and isinstance(own.value, int):
+        own.value += node_id
+    return own
 
 
 def _read(source: Path | bytes) -> bytes:

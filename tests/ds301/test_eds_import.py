@@ -54,6 +54,26 @@ def test_the_packages_own_sheet_needs_no_repair_and_reads_as_canopen_reads_it() 
     assert list(attributes(imported.dictionary)) == list(attributes(canopen.import_od(str(EDS_PATH), NODE)))
 
 
+def test_each_node_of_one_file_has_its_own_identifiers() -> None:
+    for node_id in (1, NODE, 127):
+        imported = import_eds(EDS_PATH, node_id)
+        assert list(attributes(imported.dictionary)) == list(attributes(canopen.import_od(str(EDS_PATH), node_id)))
+    first, second = (import_eds(EDS_PATH, node_id).dictionary for node_id in (1, 2))
+    assert (first[0x1400][1].default, second[0x1400][1].default) == (0x201, 0x202)
+    assert first[0x1400] is first["RPDO1 communication parameter"]
+    assert first[0x1400].parent is first
+    assert first[0x1400][1].parent is first[0x1400]
+
+
+def test_a_configured_value_is_relative_to_the_node_id_too() -> None:
+    content = simple("DefaultValue=1\nParameterValue=$NODEID+0x180") + b"[DeviceComissioning]\nNodeID=3\n"
+    dictionaries = [import_eds(content, node_id).dictionary for node_id in (2, 9)]
+    assert [(item.node_id, item[0x2000].default, item[0x2000].value) for item in dictionaries] == [
+        (2, 1, 0x182),
+        (9, 1, 0x189),
+    ]
+
+
 def test_a_right_sheet_with_compact_sub_objects_needs_no_repair() -> None:
     imported = import_eds(GOOD, NODE)
     assert imported.repairs == ()
