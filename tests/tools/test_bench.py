@@ -4,17 +4,22 @@ from __future__ import annotations
 
 import json
 import socket
+import time
 from collections.abc import Callable, Iterator
 
 import pytest
 from typer.testing import CliRunner
 
+from pdgw.ds301.can_frame import pack_frame, unpack_frame
+from pdgw.ds301.connection_set import NMT
+from pdgw.ds301.nmt import NmtCommand
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.transport.cyclic import CyclicEndpoint
 from pdgw.profidrive.frame import RtFrame
 from pdgw.profidrive.telegrams import telegram
 from pdgw.tools.bench import storm
 from pdgw.tools.bench.dialogues import SPEEDS, EchoDialogue, PlcDialogue, speed
+from pdgw.tools.bench.drives import IdealDrives
 from pdgw.tools.bench.measure import latency
 from pdgw.tools.bench.rows import setpoints_to_can
 from pdgw.tools.bench.schedule import Peer
@@ -120,6 +125,28 @@ def test_the_echo_knows_its_cycle_and_the_plc_what_the_drives_turned_by() -> Non
     gateway = CyclicEndpoint([telegram(1)], cycle_ns=1_000_000)
     turning_as_in_cycle_6 = bytes(gateway.build([(0x0637, speed(6) - 2)], [True]))
     assert [plc.answers(turning_as_in_cycle_6, cycle) for cycle in (6, 7, 8)] == [False, True, False]
+
+
+class _Wire:
+    """A bus with one member, whose frames are kept; ``deliver`` sends it one."""
+
+    def __init__(self) -> None:
+        self.sent: list[int] = []
+
+    def attach(self, deliver: Callable[[bytes], None]) -> Callable[[bytes], None]:
+        self.deliver = deliver
+        return lambda frame: self.sent.append(unpack_frame(frame)[0])
+
+
+def test_a_drive_that_starts_beside_one_in_operation_shows_its_first_tpdo() -> None:
+    wire = _Wire()
+    drives = IdealDrives(wire, 2)  # type: ignore[arg-type]
+    rpdo = pack_frame(0x201, bytes(6))
+    for frame in (pack_frame(NMT, bytes((NmtCommand.START, 1))), rpdo, pack_frame(NMT, bytes((NmtCommand.START, 2)))):
+        wire.deliver(frame)
+        wire.deliver(rpdo)
+    drives.poll(time.monotonic_ns())
+    assert 0x182 in wire.sent
 
 
 class _Report:

@@ -44,7 +44,8 @@ class IdealDrives:
     def __init__(self, hub: Hub, count: int) -> None:
         self._send = hub.attach(self._receive)
         self._nodes = [SimulatedDriveNode(node, self._from_node) for node in range(1, count + 1)]
-        self._operational = False
+        self._ideal: set[int] = set()
+        """Node-IDs whose TPDOs are answers to RPDOs; the others show their first ones themselves."""
         self._uploads: dict[bytes, bytes] = {}
         self._asked: bytes | None = None
         self.rpdos = [0] * count
@@ -71,7 +72,7 @@ class IdealDrives:
             and data[0] & _EXPEDITED_MASK == _EXPEDITED_UPLOAD
         ):
             self._uploads[self._asked] = frame
-        if can_id & _SERVICE != _TPDO or not self._operational:
+        if can_id & _SERVICE != _TPDO or can_id & _NODE not in self._ideal:
             self._send(frame)
 
     def _receive(self, frame: bytes) -> None:
@@ -80,10 +81,10 @@ class IdealDrives:
             now = time.monotonic_ns()
             command, velocity = data[0], data[2:6]
             status = _STATUS_OF_COMMAND.get(command, _SWITCH_ON_DISABLED)
-            self._operational = True
+            node = can_id & _NODE
+            self._ideal.add(node)
             actual = velocity if command == _ENABLE_OPERATION else bytes(4)
             self._send(CAN_FRAME.pack(can_id - _RPDO + _TPDO, 6, status + actual))
-            node = can_id & _NODE
             self.rpdos[node - 1] += 1
             if node == self._last:
                 self.log.append((now, int.from_bytes(velocity, "little", signed=True)))
@@ -92,7 +93,7 @@ class IdealDrives:
             self._send(known)
             return
         if can_id == NMT:
-            self._operational = False  # a drive that is configured anew shows its first TPDO itself
+            self._ideal.discard(data[1])
         self._asked = frame if can_id & _SERVICE == SDO_REQUEST and data[0] == _UPLOAD else None
         identifier, content = unpack_frame(frame)
         for drive in self._nodes:

@@ -12,6 +12,7 @@ import tempfile
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -153,6 +154,14 @@ class Gateway:
         return int(pages) * os.sysconf("SC_PAGE_SIZE")
 
 
+@cache
+def _environment() -> dict[str, str]:
+    """Where a gateway starts as it does on a user's machine: with the byte code Python keeps of what it once imported."""
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
+    subprocess.run([sys.executable, "-c", "import pdgw.tools.commands.run"], env=environment, check=True)
+    return environment
+
+
 @contextmanager
 def running(axes: int, period_ns: int) -> Iterator[tuple[Drives, Gateway]]:
     """Ideal drives, and a gateway that is on its way up; both are stopped at the end."""
@@ -167,7 +176,10 @@ def running(axes: int, period_ns: int) -> Iterator[tuple[Drives, Gateway]]:
         config, log = Path(directory) / "gateway.toml", Path(directory) / "gateway.log"
         config.write_text(configuration(drives.channels, axes, period_ns, ports), encoding="utf-8")
         command = [sys.executable, "-m", "pdgw", "run", str(config), "--log-file", str(log)]
-        with log.open("w") as errors, subprocess.Popen(command, stdout=errors, stderr=errors) as daemon:
+        with (
+            log.open("w") as errors,
+            subprocess.Popen(command, stdout=errors, stderr=errors, env=_environment()) as daemon,
+        ):
             try:
                 yield drives, Gateway(daemon, ports, log)
             finally:
