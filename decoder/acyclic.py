@@ -1,19 +1,22 @@
 """Acyclic PROFINET: DCE/RPC packets, record access, parameter requests and responses paired with each other.
 
 Source: docs/transport.md section 3, docs/parameter-channel.md; the codecs are ``profinet.rpc`` and
-``profidrive.parameters.codec``. Of Connect only what the cyclic frames
-need is read (``decoder.connect``). Left out: the blocks of Control and Release, which are named only.
+``profidrive.parameters.codec``. Connect, Control and Release are read by ``decoder.profinet_calls``. Left out: the entries of the
+endpoint mapper, which is named only.
 """
 
 from __future__ import annotations
 
-from collections import OrderedDict
 from collections.abc import Callable, Hashable
-from typing import Final, Generic, TypeVar
+from typing import Final
 from uuid import UUID
 
-from pdgw.decoder.connect import Connection, read_request, read_response
+from pdgw.decoder.connect import Connection
 from pdgw.decoder.fields import Document
+from pdgw.decoder.profinet_blocks import IM_INDEXES, documents, named, place_text
+from pdgw.decoder.profinet_calls import OPERATIONS, RelationCalls
+from pdgw.decoder.profinet_names import StationNames
+from pdgw.decoder.recent import Recent
 from pdgw.decoder.recognise import request_document, response_document
 from pdgw.decoder.records import AcyclicRecord, OtherRecord, ParameterRequestRecord, ParameterResponseRecord, Record
 from pdgw.decoder.render import parameter_text
@@ -27,7 +30,10 @@ from pdgw.profidrive.parameters.codec import (
     decode_request,
     decode_response,
 )
+from pdgw.profinet.device_records import Index
+from pdgw.profinet.rpc import epm
 from pdgw.profinet.rpc.dcerpc import (
+    CONTROLLER_INTERFACE,
     DEVICE_INTERFACE,
     Flags,
     PacketType,
@@ -40,43 +46,25 @@ from pdgw.profinet.rpc.dcerpc import (
 from pdgw.profinet.rpc.records import (
     RECORD_GLOBAL,
     RECORD_LOCAL,
+    RECORD_MULTIPLE,
     BlockType,
     Operation,
     PnioStatus,
     RecordBlock,
     decode_arguments,
     decode_block,
+    split_answers,
+    split_multiple,
 )
 
 TELEGRAM_SELECTION: Final = 922
 """PNU of the telegram selection."""
-_REMEMBERED = 256
-"""Calls and requests whose answers are waited for; the oldest is forgotten first."""
 _MAX_BODY = 1 << 16
 _PARAMETER_RECORDS = {RECORD_LOCAL: "parameters, local", RECORD_GLOBAL: "parameters, global"}
-_I_AND_M = range(0xAFF0, 0xB000)
-
-K = TypeVar("K", bound=Hashable)
-V = TypeVar("V")
-
-
-class _Recent(Generic[K, V]):
-    """A dictionary of the newest entries."""
-
-    def __init__(self) -> None:
-        self._entries: OrderedDict[K, V] = OrderedDict()
-
-    def put(self, key: K, value: V) -> None:
-        self._entries[key] = value
-        self._entries.move_to_end(key)
-        if len(self._entries) > _REMEMBERED:
-            self._entries.popitem(last=False)
-
-    def get(self, key: K) -> V | None:
-        return self._entries.get(key)
-
-    def pop(self, key: K) -> V | None:
-        return self._entries.pop(key, None)
+_FIRST_SYSTEM_INDEX: Final = 0x8000
+"""Records below are the manufacturer's own."""
+_INTERFACES: Final = frozenset({DEVICE_INTERFACE, CONTROLLER_INTERFACE})
+_INDEXES: Final = frozenset(Index)
 
 
 class AcyclicDecoder:
@@ -84,13 +72,17 @@ class AcyclicDecoder:
     ``connect`` every Connect the device accepted.
     """
 
-    def __init__(self, observe: Callable[[int, int], None], connect: Callable[[Connection], None]) -> None:
+    def __init__(
+        self,
+        observe: Callable[[int, int], None],
+        connect: Callable[[Connection], None],
+        names: StationNames | None = None,
+    ) -> None:
         self._observe = observe
-        self._connect = connect
-        self._connections: _Recent[tuple[UUID, int], Connection] = _Recent()
-        self._calls: _Recent[tuple[UUID, int], int] = _Recent()
-        self._bodies: _Recent[tuple[UUID, int, bool], Reassembly] = _Recent()
-        self._requests: _Recent[tuple[Hashable, int, int], tuple[int, Request]] = _Recent()
+        self.relations = RelationCalls(connect, names or StationNames())
+        self._calls: Recent[tuple[UUID, int], int] = Recent()
+        self._bodies: Recent[tuple[UUID, int, bool], Reassembly] = Recent()
+        self._requests: Recent[tuple[Hashable, int, int], tuple[int, Request]] = Recent()
 
     def decode(self, number: int, time_ns: int, channel: str, data: bytes, peers: frozenset[bytes]) -> Record:
         """The record of one UDP payload; ``peers`` are the two addresses."""
@@ -112,7 +104,10 @@ class AcyclicDecoder:
             return AcyclicRecord(*base, f"{head}: {text}", fields, latency)
         if header.packet_type not in {PacketType.REQUEST, PacketType.RESPONSE}:
             return AcyclicRecord(*base, head, fields, latency)
-        if header.interface != DEVICE_INTERFACE:
+        if header.interface == epm.INTERFACE[0]:
+            fields["operation"] = "endpoint-mapper-lookup"
+            return AcyclicRecord(*base, f"{fields['operation']} {fields['packet']}", fields, latency)
+        if header.interface not in _INTERFACES:
             return AcyclicRecord(*base, f"{head} of interface {header.interface}", fields, latency)
         try:
             whole = self._whole(header, body)
@@ -158,9 +153,8 @@ class AcyclicDecoder:
         if not is_request:
             fields["status"] = {"raw": status.value, "text": status.text}
         outcome = "" if is_request or not status.value else f": {status.text}"
-        if header.operation == Operation.CONNECT and arguments:
-            text = self._connecting(header, arguments, is_request, fields)
-            return AcyclicRecord(*base, f"{head}: {text}{outcome}", fields, latency)
+        if header.operation in OPERATIONS and arguments and not status.value:
+            return self.relations.record(base, header, head, arguments, fields, latency, is_request=is_request)
         if header.operation not in {Operation.READ, Operation.WRITE, Operation.READ_IMPLICIT} or not arguments:
             return AcyclicRecord(*base, f"{head}, {len(arguments)} bytes{outcome}", fields, latency)
         block, record = decode_block(arguments)
@@ -172,32 +166,31 @@ class AcyclicDecoder:
             "length": block.length,
             "data": record.hex(),
         }
-        head += f" of {_record_name(block.index)}, slot {block.slot}.{block.subslot}"
+        head += f" of {_record_name(block.index)}, {place_text(block.slot, block.subslot)}"
         if block.index in _PARAMETER_RECORDS and record:
             if block.type is BlockType.WRITE_REQUEST:
                 return self._request(base, head, record, fields, peers)
             if block.type is BlockType.READ_RESPONSE:
                 return self._response(base, head, record, fields, peers)
-        return AcyclicRecord(*base, f"{head}{_length(block, record)}{outcome}", fields, latency)
+        return AcyclicRecord(*base, f"{head}{self._contents(block, record, fields)}{outcome}", fields, latency)
 
-    def _connecting(self, header: RpcHeader, arguments: bytes, is_request: bool, fields: Document) -> str:
-        """Read a Connect; the device's answer makes it valid."""
-        key = (header.activity, header.sequence)
-        if is_request:
-            connection = read_request(arguments)
-            self._connections.put(key, connection)
-        else:
-            asked = self._connections.pop(key)
-            if asked is None:
-                return "the request was not seen"
-            connection = asked.answered(read_response(arguments))
-            self._connect(connection)
-        fields["relations"] = [
-            {"direction": relation.direction.value, "frame_id": relation.frame_id, "submodules": len(relation.data)}
-            for relation in connection.relations
-        ]
-        parts = [f"{r.direction.value}s FrameID {r.frame_id:04X}h" for r in connection.relations]
-        return ", ".join(parts) or "no cyclic relationship"
+    def _contents(self, block: RecordBlock, record: bytes, fields: Document) -> str:
+        """What is in a record that is no parameter request or response."""
+        if block.index == RECORD_MULTIPLE and block.type is BlockType.WRITE_REQUEST:
+            writes = split_multiple(record)
+            fields["record"]["writes"] = [_write_document(item) | {"data": data.hex()} for item, data in writes]
+            return f": {'; '.join(_written(item) for item, _ in writes)}"
+        if block.index == RECORD_MULTIPLE and record:
+            answers = split_answers(record)
+            fields["record"]["writes"] = [
+                _write_document(item) | {"status": {"raw": item.status.value, "text": item.status.text}}
+                for item in answers
+            ]
+            return f": {'; '.join(_written(item) for item in answers)}"
+        if not record or block.index < _FIRST_SYSTEM_INDEX:
+            return _length(block, record)
+        fields["record"]["blocks"] = blocks = documents(record)
+        return f"{_length(block, record)}: {named(blocks)}" if blocks else _length(block, record)
 
     def _request(
         self, base: tuple[int, int, str, bytes], head: str, record: bytes, fields: Document, peers: frozenset[bytes]
@@ -267,7 +260,18 @@ def _operation_name(operation: int) -> str:
 def _record_name(index: int) -> str:
     if index in _PARAMETER_RECORDS:
         return f"{index:04X}h ({_PARAMETER_RECORDS[index]})"
-    return f"{index:04X}h (I&M{index - _I_AND_M.start})" if index in _I_AND_M else f"{index:04X}h"
+    if index in IM_INDEXES:
+        return f"{index:04X}h (I&M{index - IM_INDEXES.start})"
+    return f"{index:04X}h ({Index(index).name.lower().replace('_', ' ')})" if index in _INDEXES else f"{index:04X}h"
+
+
+def _write_document(block: RecordBlock) -> Document:
+    return {"index": block.index, "api": block.api, "slot": block.slot, "subslot": block.subslot}
+
+
+def _written(block: RecordBlock) -> str:
+    text = f"{_record_name(block.index)}, {place_text(block.slot, block.subslot)}"
+    return text if block.type is BlockType.WRITE_REQUEST or not block.status.value else f"{text}: {block.status.text}"
 
 
 def _length(block: RecordBlock, record: bytes) -> str:

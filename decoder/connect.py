@@ -1,48 +1,41 @@
 """What a PROFINET Connect says about cyclic frames: FrameIDs, directions, where the data of each submodule lies.
 
-Source: IEC 61158-6-10 (IOCRBlockReq, IOCRBlockRes, ExpectedSubmoduleBlockReq) as scapy's ``pnio_rpc`` and the tshark dissector
-read it. Read only, to understand a capture; other blocks are skipped. Left out: multicast relationships, several API numbers
-with the same slots.
+Source: IEC 61158-6-10, by the blocks ``profinet.blocks.connect`` declares. Read only, to understand a capture: what a device
+would refuse is read all the same, other blocks are skipped. Left out: multicast relationships, several API numbers with the
+same slots.
 """
 
 from __future__ import annotations
 
-import enum
-import struct
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
-from pdgw.profidrive.errors import ProfidriveError
+from pdgw.decoder.profinet_blocks import split
 from pdgw.profidrive.telegrams import Direction
-
-_HEADER = struct.Struct(">HHxx")
-_IOCR_REQUEST = struct.Struct(">HHHIHHHHHHIHHH6s")
-_IOCR_RESPONSE = struct.Struct(">HHH")
-_SUBMODULE_API = struct.Struct(">IHIHH")
-_SUBMODULE = struct.Struct(">HIH")
-_DESCRIPTION = struct.Struct(">HHBB")
-_PLACE = struct.Struct(">HHH")
-_INPUT_OUTPUT = 3
+from pdgw.profinet.blocks.connect import (
+    ArBlockReq,
+    ArBlockRes,
+    ArServerBlockRes,
+    ExpectedSubmoduleBlockReq,
+    IocrBlockReq,
+    IocrBlockRes,
+    IocrType,
+)
+from pdgw.profinet.connect import CyclicPlan, DataObject
 
 Place = tuple[int, int]
 """Slot and subslot."""
-_DIRECTIONS = {1: Direction.ACTUAL, 2: Direction.SETPOINT}
+_DIRECTIONS = {IocrType.INPUT: Direction.ACTUAL, IocrType.OUTPUT: Direction.SETPOINT}
 """Input and output relationship, seen from the controller."""
-
-
-class _Block(enum.IntEnum):
-    IOCR_REQUEST = 0x0102
-    EXPECTED_SUBMODULE = 0x0104
-    IOCR_RESPONSE = 0x8102
 
 
 @dataclass(frozen=True)
 class CyclicRelation:
     """One communication relationship. Offsets count from the first byte of the C_SDU."""
 
-    reference: int
     direction: Direction
     frame_id: int
+    block: IocrBlockReq
     data: Mapping[Place, int]
     """Where the data of each submodule begins; its IOPS follows."""
     iocs: Mapping[Place, int]
@@ -50,57 +43,69 @@ class CyclicRelation:
 
 @dataclass(frozen=True)
 class Connection:
-    """A Connect request: relationships, and the data lengths of the submodules by direction."""
+    """A Connect: relationships, the data lengths of the submodules by direction, and between whom."""
 
     relations: tuple[CyclicRelation, ...]
     lengths: Mapping[tuple[Place, Direction], int] = field(default_factory=dict)
     idents: Mapping[Place, int] = field(default_factory=dict)
     """SubmoduleIdentNumber of each submodule."""
+    ar: ArBlockReq | None = None
+    device_mac: bytes | None = None
+    station: str = ""
+    """The device's name, where something told it."""
 
-    def answered(self, frame_ids: Mapping[int, int]) -> Connection:
-        """With the FrameIDs the device chose, by IOCRReference."""
-        relations = (replace(item, frame_id=frame_ids.get(item.reference, item.frame_id)) for item in self.relations)
-        return replace(self, relations=tuple(relations))
+    def answered(self, response: Response) -> Connection:
+        """With what the device's answer says."""
+        relations = tuple(
+            replace(item, frame_id=response.frame_ids.get(item.block.reference, item.frame_id))
+            for item in self.relations
+        )
+        return replace(self, relations=relations, device_mac=response.mac, station=response.station or self.station)
+
+    @property
+    def controller(self) -> str:
+        """The controller's name; empty where it is not known."""
+        return "" if self.ar is None else self.ar.station_name
 
     @property
     def places(self) -> list[Place]:
         """The submodules with data in either direction, by slot."""
         return sorted({place for (place, _), length in self.lengths.items() if length})
 
+    def relation(self, direction: Direction) -> CyclicRelation | None:
+        """The relationship of a direction."""
+        return next((item for item in self.relations if item.direction is direction), None)
 
-class _Fields:
-    """Structures one behind the other; ProfidriveError at the end of the data."""
+    def addresses(self, direction: Direction) -> bytes | None:
+        """Destination and source of the frames of a direction; None where one of them is not known."""
+        if self.ar is None or self.device_mac is None:
+            return None
+        ends = (self.device_mac, self.ar.initiator_mac)
+        return b"".join(ends if direction is Direction.SETPOINT else reversed(ends))
 
-    def __init__(self, data: bytes, what: str) -> None:
-        self._data = data
-        self._at = 0
-        self._what = what
+    def is_between(self, addresses: bytes) -> bool:
+        """Whether frames with this destination and source belong to it."""
+        return any(self.addresses(direction) == addresses for direction in Direction)
 
-    def take(self, layout: struct.Struct) -> tuple[int, ...]:
-        if self._at + layout.size > len(self._data):
-            missing = self._at + layout.size - len(self._data)
-            raise ProfidriveError(self._what, f"{len(self._data)} bytes", f"{missing} more bytes")
-        values = layout.unpack_from(self._data, self._at)
-        self._at += layout.size
-        return values
-
-    def number(self) -> int:
-        return self.take(_WORD)[0]
-
-
-_WORD = struct.Struct(">H")
-_DOUBLE_WORD = struct.Struct(">I")
+    def plan(self, direction: Direction) -> CyclicPlan | None:
+        """What a protocol machine of this end needs; None without a relationship of this direction."""
+        relation = self.relation(direction)
+        if relation is None:
+            return None
+        data = {
+            place: DataObject(offset, self.lengths.get((place, direction), 0))
+            for place, offset in relation.data.items()
+        }
+        return CyclicPlan(relation.block, relation.frame_id, data, relation.iocs)
 
 
-def _blocks(data: bytes) -> Iterator[tuple[int, bytes]]:
-    at = 0
-    while at + _HEADER.size <= len(data):
-        kind, length = _HEADER.unpack_from(data, at)
-        end = at + 4 + length
-        if length < 2 or end > len(data):
-            raise ProfidriveError(f"BlockLength at offset {at}", length, f"2..{len(data) - at - 4}")
-        yield kind, data[at + _HEADER.size : end]
-        at = end
+@dataclass(frozen=True)
+class Response:
+    """What a device grants: FrameIDs by IOCRReference, its MAC address and, in an advanced start-up, its name."""
+
+    frame_ids: Mapping[int, int]
+    mac: bytes | None = None
+    station: str = ""
 
 
 def read_request(arguments: bytes) -> Connection:
@@ -108,47 +113,50 @@ def read_request(arguments: bytes) -> Connection:
     relations = []
     lengths: dict[tuple[Place, Direction], int] = {}
     idents: dict[Place, int] = {}
-    for kind, body in _blocks(arguments):
-        if kind == _Block.IOCR_REQUEST:
-            relation = _relation(_Fields(body, "IOCRBlockReq"))
+    ar = None
+    for kind, data in split(arguments):
+        if kind == ArBlockReq.TYPE:
+            ar = ArBlockReq.understand(data)
+        elif kind == IocrBlockReq.TYPE:
+            relation = _relation(IocrBlockReq.understand(data))
             if relation is not None:
                 relations.append(relation)
-        elif kind == _Block.EXPECTED_SUBMODULE:
-            _submodules(_Fields(body, "ExpectedSubmoduleBlockReq"), lengths, idents)
-    return Connection(tuple(relations), lengths, idents)
+        elif kind == ExpectedSubmoduleBlockReq.TYPE:
+            _submodules(ExpectedSubmoduleBlockReq.understand(data), lengths, idents)
+    return Connection(tuple(relations), lengths, idents, ar)
 
 
-def read_response(arguments: bytes) -> dict[int, int]:
-    """FrameID by IOCRReference of a Connect response; ProfidriveError when a block is damaged."""
+def read_response(arguments: bytes) -> Response:
+    """What a Connect response grants; ProfidriveError when a block is damaged."""
     frame_ids = {}
-    for kind, body in _blocks(arguments):
-        if kind == _Block.IOCR_RESPONSE:
-            _, reference, frame_id = _Fields(body, "IOCRBlockRes").take(_IOCR_RESPONSE)
-            frame_ids[reference] = frame_id
-    return frame_ids
+    mac, station = None, ""
+    for kind, data in split(arguments):
+        if kind == IocrBlockRes.TYPE:
+            block = IocrBlockRes.understand(data)
+            frame_ids[block.reference] = block.frame_id
+        elif kind == ArBlockRes.TYPE:
+            mac = ArBlockRes.understand(data).responder_mac
+        elif kind == ArServerBlockRes.TYPE:
+            station = ArServerBlockRes.understand(data).station_name
+    return Response(frame_ids, mac, station)
 
 
-def _relation(fields: _Fields) -> CyclicRelation | None:
-    kind, reference, _, _, _, frame_id, *_ = fields.take(_IOCR_REQUEST)
-    data: dict[Place, int] = {}
-    iocs: dict[Place, int] = {}
-    for _ in range(fields.number()):
-        fields.take(_DOUBLE_WORD)
-        for places in (data, iocs):
-            for _ in range(fields.number()):
-                slot, subslot, offset = fields.take(_PLACE)
-                places[slot, subslot] = offset
-    direction = _DIRECTIONS.get(kind)
-    return None if direction is None else CyclicRelation(reference, direction, frame_id, data, iocs)
+def _relation(block: IocrBlockReq) -> CyclicRelation | None:
+    if block.iocr_type not in set(IocrType):
+        return None
+    data = {(item.slot, item.subslot): item.offset for api in block.apis for item in api.data}
+    iocs = {(item.slot, item.subslot): item.offset for api in block.apis for item in api.iocs}
+    return CyclicRelation(_DIRECTIONS[IocrType(block.iocr_type)], block.frame_id, block, data, iocs)
 
 
-def _submodules(fields: _Fields, lengths: dict[tuple[Place, Direction], int], idents: dict[Place, int]) -> None:
-    for _ in range(fields.number()):
-        _, slot, _, _, count = fields.take(_SUBMODULE_API)
-        for _ in range(count):
-            subslot, ident, properties = fields.take(_SUBMODULE)
-            idents[slot, subslot] = ident
-            for _ in range(2 if properties & 3 == _INPUT_OUTPUT else 1):
-                kind, length, _, _ = fields.take(_DESCRIPTION)
-                if kind in _DIRECTIONS and length:
-                    lengths[(slot, subslot), _DIRECTIONS[kind]] = length
+def _submodules(
+    block: ExpectedSubmoduleBlockReq, lengths: dict[tuple[Place, Direction], int], idents: dict[Place, int]
+) -> None:
+    for slot in block.slots:
+        for item in slot.submodules:
+            place = (slot.slot, item.subslot)
+            idents[place] = item.ident
+            for kind, direction in _DIRECTIONS.items():
+                length = item.length(kind)
+                if length:
+                    lengths[place, direction] = length

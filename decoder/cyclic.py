@@ -31,21 +31,13 @@ from pdgw.profinet.model import TELEGRAM_IDENT
 
 _CYCLIC_FIRST = 0x8000
 _CYCLIC_LAST = 0xFBFF
-_ACYCLIC_FRAMES = {
-    0xFC01: "alarm, high priority",
-    0xFE01: "alarm, low priority",
-    0xFEFC: "DCP hello",
-    0xFEFD: "DCP get or set",
-    0xFEFE: "DCP identify request",
-    0xFEFF: "DCP identify response",
-}
 _FRAME_MIN = HEADER.size + C_SDU_MIN + TRAILER.size
 _DIRECTIONS = {FRAME_ID_TO_DEVICE: Direction.SETPOINT, FRAME_ID_TO_CONTROLLER: Direction.ACTUAL}
 _ATTEMPTS = 500
 """Frames of one kind that are all looked at for their telegrams; of later ones every ``_SELDOM``-th."""
 _SELDOM = 64
 _MAX_KINDS = 4096
-"""Different (FrameID, length) remembered."""
+"""Different kinds of frame remembered."""
 _MAX_INFERRED_AXES = 8
 _LIVE = STATUS_RUN | STATUS_DATA_VALID
 
@@ -118,6 +110,8 @@ def frame_layout(axes: Sequence[Axis], direction: Direction, length: int) -> Fra
     return placed_layout([Placement(*place) for place in places], direction, length)
 
 
+_Kind = tuple[int, int, bytes]
+"""FrameID, length, destination and source: frames that look alike."""
 Candidate = tuple[frozenset[int], ...]
 """The telegrams possible for each axis."""
 
@@ -166,20 +160,22 @@ def _combine(one: list[Candidate], other: list[Candidate]) -> list[Candidate]:
 class CyclicDecoder:
     """All cyclic frames of a capture. ``notify`` is told how telegrams became known."""
 
-    def __init__(self, axes: Sequence[Axis], notify: Callable[[str], None]) -> None:
+    def __init__(self, axes: Sequence[Axis], notify: Callable[[str], None], station: str = "") -> None:
         for axis in axes:
             telegram(axis.telegram)
         self._given = tuple(axes)
+        self._station = station
         self._notify = notify
         self._observed: dict[int, int] = {}
         self.inference = ""
         """What was said about the telegrams inferred last."""
         self._candidates: list[Candidate] | None = None
         self._seen: set[Direction] = set()
-        self._layouts: dict[tuple[int, int], FrameLayout] = {}
-        self._plain: dict[tuple[int, int], tuple[int, FrameLayout]] = {}
+        self._layouts: dict[_Kind, FrameLayout] = {}
+        self._plain: dict[_Kind, tuple[int, FrameLayout]] = {}
         """Frames whose telegrams are looked for: how many came, and the layout without signals."""
-        self._relations: dict[int, tuple[CyclicRelation, Connection]] = {}
+        self._relations: dict[tuple[int, bytes], tuple[CyclicRelation, Connection]] = {}
+        """By FrameID and the destination and source of its frames, empty where these are not known."""
         self._connection: Connection | None = None
         """The last Connect that has telegrams."""
 
@@ -218,15 +214,34 @@ class CyclicDecoder:
         for relation in connection.relations:
             if len(self._relations) >= _MAX_KINDS:
                 self._relations.clear()
-            self._relations[relation.frame_id] = (relation, connection)
+            key = (relation.frame_id, connection.addresses(relation.direction) or b"")
+            self._relations.pop(key, None)
+            self._relations[key] = (relation, connection)
         found = [f"axis {axis.do_id} telegram {axis.telegram}" for axis, _ in self._connected(connection)]
-        if found:
+        if not found:
+            return
+        whose = f" of {connection.station}" if connection.station else ""
+        if self._chosen(connection):
             self._connection = connection
-            self._notify(f"observed in Connect: {', '.join(found)}")
+            self._notify(f"observed in Connect{whose}: {', '.join(found)}")
+        else:
+            self._notify(f"left out: another station{whose} with {', '.join(found)}; --station chooses")
+
+    def _chosen(self, connection: Connection) -> bool:
+        """Whether a station is the one to be read: the named one, else the first that has telegrams."""
+        if self._station:
+            return connection.station == self._station
+        first = self._connection
+        return (
+            first is None
+            or None in {first.device_mac, connection.device_mac}
+            or (first.device_mac == connection.device_mac)
+        )
 
     def _connected(self, connection: Connection) -> list[tuple[Axis, Place]]:
-        """The submodules whose lengths are those of a telegram. The slot is the number of the axis."""
-        return self._fitting(connection, {axis.do_id: axis for axis in self.axes})
+        """The submodules whose lengths are those of a telegram. The n-th drive object is in slot n."""
+        known = dict(enumerate(self.axes, 1)) if self._given else {axis.do_id: axis for axis in self.axes}
+        return self._fitting(connection, known)
 
     def _fitting(self, connection: Connection, known: Mapping[int, Axis]) -> list[tuple[Axis, Place]]:
         found = []
@@ -242,8 +257,16 @@ class CyclicDecoder:
                 found.append((replace(axis, telegram=number), place))
         return found
 
-    def _connected_layout(self, frame_id: int, length: int) -> FrameLayout:
-        relation, connection = self._relations[frame_id]
+    def _relation(self, frame_id: int, addresses: bytes) -> tuple[CyclicRelation, Connection] | None:
+        """The relationship of a frame, the newest where its addresses do not tell."""
+        if addresses:
+            return self._relations.get((frame_id, addresses)) or self._relations.get((frame_id, b""))
+        found = (item for (known, _), item in reversed(self._relations.items()) if known == frame_id)
+        return next(found, None)
+
+    def _connected_layout(self, relation: CyclicRelation, connection: Connection, length: int) -> FrameLayout:
+        if not self._chosen(connection):
+            return _plain_layout(length, None, f"of another station {connection.station}".rstrip())
         placements = []
         for axis, place in self._connected(connection):
             size = telegram(axis.telegram).half(relation.direction).size
@@ -266,18 +289,18 @@ class CyclicDecoder:
         if before != number:
             self._notify(f"axis {do_id}: telegram {number}, observed in P922")
 
-    def decode(self, number: int, time_ns: int, channel: str, data: bytes) -> Record:
-        """The record of one RT frame."""
+    def decode(self, number: int, time_ns: int, channel: str, data: bytes, addresses: bytes = b"") -> Record:
+        """The record of one RT frame. ``addresses``: destination and source MAC, where it came on Ethernet."""
         frame_id = data[0] << 8 | data[1] if len(data) > 1 else 0
-        layout = self._layouts.get((frame_id, len(data)))
+        layout = self._layouts.get((frame_id, len(data), addresses))
         if layout is None:
             if not _CYCLIC_FIRST <= frame_id <= _CYCLIC_LAST or len(data) < _FRAME_MIN:
                 return OtherRecord(number, time_ns, channel, data, text=_refusal(frame_id, data))
-            layout = self._find(frame_id, data)
+            layout = self._find(frame_id, data, addresses)
         return CyclicRecord(number, time_ns, channel, data, layout, layout.struct.unpack(data))
 
-    def _find(self, frame_id: int, data: bytes) -> FrameLayout:
-        key = (frame_id, len(data))
+    def _find(self, frame_id: int, data: bytes, addresses: bytes) -> FrameLayout:
+        key = (frame_id, len(data), addresses)
         count, plain = self._plain.get(key, (0, None))
         if plain is not None:
             self._plain[key] = (count + 1, plain)
@@ -286,12 +309,15 @@ class CyclicDecoder:
         if len(self._layouts) + len(self._plain) > _MAX_KINDS:
             self._layouts.clear()
             self._plain.clear()
-        if frame_id in self._relations:
-            connected = self._layouts[key] = self._connected_layout(frame_id, len(data))
+        known = self._relation(frame_id, addresses)
+        if known is not None:
+            connected = self._layouts[key] = self._connected_layout(*known, len(data))
             return connected
         direction = _DIRECTIONS.get(frame_id)
         if direction is None:
-            layout = self._layouts[key] = _plain_layout(len(data), None, "FrameID of another relationship")
+            layout = self._layouts[key] = _plain_layout(
+                len(data), None, "FrameID of another relationship, or its Connect was not seen"
+            )
             return layout
         if self._given:
             self._doubt(direction, data)
@@ -362,8 +388,6 @@ def _inferred(candidate: Candidate, axes: Sequence[Axis]) -> str:
 
 
 def _refusal(frame_id: int, data: bytes) -> str:
-    if frame_id in _ACYCLIC_FRAMES:
-        return f"PROFINET {_ACYCLIC_FRAMES[frame_id]} (FrameID {frame_id:04X}h), {len(data)} bytes"
     if not _CYCLIC_FIRST <= frame_id <= _CYCLIC_LAST:
         return f"FrameID {frame_id:04X}h is no cyclic frame, {len(data)} bytes"
     return f"{len(data)} bytes are too short for a cyclic frame, at least {_FRAME_MIN}"

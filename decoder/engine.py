@@ -19,7 +19,10 @@ from pdgw.decoder.acyclic import AcyclicDecoder
 from pdgw.decoder.canopen import CanopenDecoder, Dictionary
 from pdgw.decoder.cyclic import Axis, CyclicDecoder, given_axes
 from pdgw.decoder.link import CanFrame, Carried, socketcan, unwrap
+from pdgw.decoder.profinet_frames import FRAME_IDS, FrameDecoder
+from pdgw.decoder.profinet_names import StationNames
 from pdgw.decoder.records import CanRecord, Link, OtherRecord, Record
+from pdgw.profidrive.frame import ETHERTYPE
 from pdgw.profidrive.frame import UDP_PORT as CYCLIC_PORT
 from pdgw.profinet.rpc.dcerpc import UDP_PORT as ACYCLIC_PORT
 
@@ -50,6 +53,7 @@ class Settings:
     """What is known beforehand; everything has a default.
 
     ``axes``: the axes of the cyclic frames in their order, with node-IDs where these are known. ``origin`` says who told.
+    ``station``: whose PROFINET frames are read where several stations have telegrams; empty for the first one.
     ``dictionary``: EDS/DCF entries by node-ID. Ports: where cyclic frames and RPC packets are looked for.
     """
 
@@ -58,6 +62,7 @@ class Settings:
     dictionary: Dictionary | None = None
     cyclic_ports: frozenset[int] = frozenset({CYCLIC_PORT})
     acyclic_ports: frozenset[int] = frozenset({ACYCLIC_PORT})
+    station: str = ""
 
 
 @dataclass
@@ -69,8 +74,10 @@ class Decoder:
     """What the user should know (an inferred telegram); the owner takes them out."""
 
     def __post_init__(self) -> None:
-        self._cyclic = CyclicDecoder(self.settings.axes, self.notices.append)
-        self._acyclic = AcyclicDecoder(self._cyclic.observe, self._cyclic.connect)
+        names = StationNames()
+        self._cyclic = CyclicDecoder(self.settings.axes, self.notices.append, self.settings.station)
+        self._acyclic = AcyclicDecoder(self._cyclic.observe, self._cyclic.connect, names)
+        self._frames = FrameDecoder(names, self._acyclic.relations.between)
         self._buses: dict[str, CanopenDecoder] = {}
 
     @property
@@ -108,6 +115,8 @@ class Decoder:
                 end = _UDP_BEGIN + length
                 if (dport in ports or sport in ports) and _UDP_END < end <= len(data):
                     return self._cyclic.decode(number, time_ns, channel, data[_UDP_END:end])
+            elif kind == ETHERTYPE:
+                return self._real_time(number, time_ns, channel, data[_ETHERNET:], data[:_MACS])
         elif link == Link.CAN_SOCKETCAN:
             return self._socketcan(number, time_ns, channel, data)
         return self._general(number, time_ns, link, channel, data)
@@ -136,10 +145,19 @@ class Decoder:
             return CanRecord(number, time_ns, channel, data, 0, 0, frame)
         return self.decode_can(number, time_ns, channel, frame)
 
+    def _real_time(self, number: int, time_ns: int, channel: str, data: bytes, addresses: bytes) -> Record:
+        frame_id = data[0] << 8 | data[1] if len(data) > 1 else 0
+        if frame_id in FRAME_IDS:
+            return self._frames.real_time((number, time_ns, channel, data), frame_id, addresses)
+        return self._cyclic.decode(number, time_ns, channel, data, addresses)
+
     def _general(self, number: int, time_ns: int, link: int, channel: str, data: bytes) -> Record:
         payload = unwrap(link, data)
+        addresses = data[:_MACS] if link == Link.ETHERNET else b""
         if payload.carried is Carried.RT:
-            return self._cyclic.decode(number, time_ns, channel, payload.data)
+            return self._real_time(number, time_ns, channel, payload.data, addresses)
+        if payload.carried is Carried.LLDP:
+            return self._frames.lldp((number, time_ns, channel, payload.data), addresses)
         if payload.carried is Carried.CAN:
             return self._socketcan(number, time_ns, channel, payload.data)
         if payload.carried is Carried.UDP:
@@ -161,4 +179,7 @@ _PLAIN_HEADER = 0x45
 _UDP = 17
 _UDP_BEGIN = 34
 _UDP_END = 42
+_ETHERNET = 14
+_MACS = 12
+"""Destination and source."""
 _SOCKETCAN = struct.Struct(">IBxxx")

@@ -12,12 +12,14 @@ from typing import NamedTuple
 
 from pdgw.decoder.records import Link
 from pdgw.profidrive.frame import ETHERTYPE
+from pdgw.profinet.ethernet import ETHERTYPE_LLDP
 
 
 class Carried(enum.Enum):
     """What was found behind the headers."""
 
     RT = "PROFINET RT"
+    LLDP = "LLDP"
     UDP = "UDP"
     CAN = "CAN"
     OTHER = "other"
@@ -40,7 +42,7 @@ _SLL_CAN = (0x000C, 0x000D)
 _UDP = 17
 _FRAGMENT = 0x3FFF
 _PROTOCOLS = {1: "ICMP", 2: "IGMP", 6: "TCP", 58: "ICMPv6"}
-_ETHERTYPES = {0x0806: "ARP", 0x88CC: "LLDP", 0x88E3: "MRP", 0x8863: "PPPoE"}
+_ETHERTYPES = {0x0806: "ARP", 0x88E3: "MRP", 0x8863: "PPPoE"}
 _IPV4_HEADER = struct.Struct(">BxHxxHxBxx4s4s")
 _UDP_HEADER = struct.Struct(">HHHxx")
 
@@ -100,6 +102,8 @@ def _typed(ethertype: int, data: bytes) -> Payload:
         ethertype, data = int.from_bytes(data[2:4], "big"), data[4:]
     if ethertype == ETHERTYPE:
         return Payload(Carried.RT, data)
+    if ethertype == ETHERTYPE_LLDP:
+        return Payload(Carried.LLDP, data)
     if ethertype == _IPV4:
         return _ipv4(data)
     if ethertype == _IPV6:

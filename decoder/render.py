@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import Any
 
+from pdgw.decoder.profinet_records import StationRecord
 from pdgw.decoder.records import AcyclicRecord, CanRecord, CyclicRecord, PdoRecord, Record, Unit
 from pdgw.profidrive.frame import IOPS_GOOD
 from pdgw.profidrive.signals import SIGNALS
@@ -90,7 +91,9 @@ def source_text(record: Record) -> str:
         return "PLC ->" if record.direction is Direction.SETPOINT else "PLC <-"
     if isinstance(record, CanRecord):
         return f"{record.cob_id:03X}" + (f" n{record.node}" if record.node else "")
-    return "acyclic" if isinstance(record, AcyclicRecord) else record.kind
+    if isinstance(record, AcyclicRecord) and not isinstance(record, StationRecord):
+        return "acyclic"
+    return record.kind
 
 
 def line_parts(record: Record, units: Sequence[Unit] | None = None) -> tuple[str, str, str]:

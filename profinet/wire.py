@@ -46,15 +46,16 @@ def between(low: int, high: int) -> Check:
 
 
 class Cursor:
-    """Where a structure is being read."""
+    """Where a structure is being read. ``checked``: False to understand what others sent, whatever its values."""
 
-    __slots__ = ("at", "data", "start")
+    __slots__ = ("at", "checked", "data", "start")
 
-    def __init__(self, data: bytes, at: int = 0, start: int = 0) -> None:
+    def __init__(self, data: bytes, at: int = 0, start: int = 0, *, checked: bool = True) -> None:
         self.data = data
         self.at = at
         self.start = start
         """What alignment counts from."""
+        self.checked = checked
 
     @property
     def left(self) -> int:
@@ -88,7 +89,7 @@ class _Scalar(_Kind):
 
     def read(self, cursor: Cursor, name: str, number: int, before: dict[str, Any]) -> Any:
         value = self._struct.unpack(cursor.take(self._struct.size, name))[0]
-        if self._check is not None and not self._check.accepts(value):
+        if self._check is not None and cursor.checked and not self._check.accepts(value):
             raise WireError(name, f"{value:X}h", self._check.allowed, number + self._shift)
         return value
 
@@ -102,7 +103,7 @@ class _Uuid(_Kind):
 
     def read(self, cursor: Cursor, name: str, number: int, before: dict[str, Any]) -> UUID:
         value = UUID(bytes=cursor.take(16, name))
-        if self._check is not None and not self._check.accepts(value):
+        if self._check is not None and cursor.checked and not self._check.accepts(value):
             raise WireError(name, str(value), self._check.allowed, number)
         return value
 
@@ -117,7 +118,7 @@ class _Octets(_Kind):
 
     def read(self, cursor: Cursor, name: str, number: int, before: dict[str, Any]) -> bytes:
         value = cursor.take(self._size, name)
-        if self._check is not None and not self._check.accepts(value):
+        if self._check is not None and cursor.checked and not self._check.accepts(value):
             raise WireError(name, value.hex(":"), self._check.allowed, number)
         return value
 
@@ -137,10 +138,10 @@ class _Text(_Kind):
 
     def read(self, cursor: Cursor, name: str, number: int, before: dict[str, Any]) -> str:
         (length,) = self._size.unpack(cursor.take(self._size.size, name))
-        if not self._length.accepts(length):
+        if cursor.checked and not self._length.accepts(length):
             raise WireError(f"length of {name}", length, self._length.allowed, number)
         text = cursor.take(length, name).decode("latin-1")
-        if not self._characters.accepts(text):
+        if cursor.checked and not self._characters.accepts(text):
             raise WireError(name, text, self._characters.allowed, number + 1)
         return text
 
@@ -163,7 +164,7 @@ class _Array(_Kind):
             count = self._count(before)
         else:
             count = int.from_bytes(cursor.take(2, f"number of {name}"), "big")
-            if count < self._minimum:
+            if cursor.checked and count < self._minimum:
                 raise WireError(f"number of {name}", count, f"at least {self._minimum}", number)
         return tuple(self.item.read(cursor, number + self.first) for _ in range(count))
 
@@ -349,6 +350,11 @@ class Block(Structure):
         if cursor.left:
             raise WireError(cls.__name__, f"{cursor.left} bytes behind the last field", "none", LENGTH_FIELD)
         return block
+
+    @classmethod
+    def understand(cls, data: bytes) -> Self:
+        """The fields of a block that others exchanged, whatever their values; WireError only where it is too short."""
+        return cls.read(Cursor(data, HEADER.size, checked=False))
 
 
 def split(data: bytes) -> list[tuple[int, bytes]]:

@@ -70,11 +70,19 @@ class Known:
     watchdog_factor: int | None = None
 
 
-def known_from(config: Path | None, telegrams: Sequence[int], nodes: Sequence[str], files: Sequence[str] = ()) -> Known:
-    """From ``--config``, ``--telegram`` and ``--node`` ([AXIS=]NODE); GatewayError for what does not fit together.
+def known_from(
+    config: Path | None, telegrams: Sequence[int], nodes: Sequence[str], files: Sequence[str] = (), station: str = ""
+) -> Known:
+    """From ``--config``, ``--telegram``, ``--node`` ([AXIS=]NODE) and ``--station``; GatewayError for what does not fit together.
 
-    Without any of these the configuration is looked for in the ``files`` (a comment of `pdgw run --record`), then beside them.
+    Without any of the first three the configuration is looked for in the ``files`` (a comment of `pdgw run --record`), then
+    beside them.
     """
+    known = _known_from(config, telegrams, nodes, files)
+    return replace(known, settings=replace(known.settings, station=station))
+
+
+def _known_from(config: Path | None, telegrams: Sequence[int], nodes: Sequence[str], files: Sequence[str]) -> Known:
     if config is not None:
         return _known_of(load_config(config), telegrams, nodes)
     if telegrams:

@@ -37,9 +37,11 @@ class Knowledge:
 
 
 def known_beforehand(
-    telegrams: Sequence[int], config: Path | None, eds: Sequence[str], ports: Sequence[int]
+    telegrams: Sequence[int], config: Path | None, eds: Sequence[str], ports: Sequence[int], station: str = ""
 ) -> Knowledge:
-    """From ``--telegram``, ``--config``, ``--eds`` and ``--port``; GatewayError or ProfidriveError for what cannot be used."""
+    """From ``--telegram``, ``--config``, ``--eds``, ``--port`` and ``--station``; GatewayError or ProfidriveError for what cannot
+    be used.
+    """
     axes: Sequence[Axis] = given_axes(telegrams)
     origin = "--telegram, node-ID taken as the number of the axis"
     files, default = _eds_files(eds)
@@ -63,7 +65,7 @@ def known_beforehand(
         chosen = [*files, *([min(set(range(1, 128)) - set(files))] if default else [])]
         names = Names(ObjectNames(found) for node_id in chosen if (found := dictionary(node_id)) is not None)
     return Knowledge(
-        Settings(axes, origin, dictionary, frozenset(cyclic - {0}), frozenset(acyclic - {0})), names, bitrate
+        Settings(axes, origin, dictionary, frozenset(cyclic - {0}), frozenset(acyclic - {0}), station), names, bitrate
     )
 
 

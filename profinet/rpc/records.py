@@ -179,7 +179,10 @@ def encode_block(block: RecordBlock) -> bytes:
 
 
 def decode_block(data: bytes) -> tuple[RecordBlock, bytes]:
-    """The header at the start of NDR arguments and the record data behind it; ProfidriveError names what is wrong."""
+    """The header at the start of NDR arguments and the record data behind it; ProfidriveError names what is wrong.
+
+    Behind the answer to a RECORD_MULTIPLE are those to its writes (``split_answers``).
+    """
     if len(data) < BLOCK_SIZE:
         raise ProfidriveError("record block", f"{len(data)} bytes", f"at least {BLOCK_SIZE}")
     kind, length, major, minor, sequence, ar_uuid, api, slot, subslot, index, record_length = _COMMON.unpack_from(data)
@@ -202,7 +205,8 @@ def decode_block(data: bytes) -> tuple[RecordBlock, bytes]:
     carries = block_type in {BlockType.WRITE_REQUEST, BlockType.READ_RESPONSE}
     if carries and record_length != len(record):
         raise ProfidriveError("RecordDataLength", record_length, f"the {len(record)} bytes behind the block")
-    if not carries and record:
+    answers_multiple = block_type is BlockType.WRITE_RESPONSE and index == RECORD_MULTIPLE
+    if not carries and record and not answers_multiple:
         raise ProfidriveError("data behind the block", f"{len(record)} bytes", "none")
     return block, record
 
@@ -222,6 +226,11 @@ def split_multiple(data: bytes) -> list[tuple[RecordBlock, bytes]]:
         writes.append((block, record))
         at = end + -end % 4
     return writes
+
+
+def split_answers(data: bytes) -> list[RecordBlock]:
+    """What an answer to a RECORD_MULTIPLE carries: a header with its status for each write; ProfidriveError for a damaged one."""
+    return [decode_block(data[at : at + BLOCK_SIZE])[0] for at in range(0, len(data), BLOCK_SIZE)]
 
 
 def join_multiple(writes: Sequence[tuple[RecordBlock, bytes]]) -> bytes:

@@ -39,6 +39,7 @@ from pdgw.decoder.selection import Selection
 from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.telegrams import Direction
 from pdgw.profidrive.telegrams import telegram as telegram_of
+from pdgw.tools.commands.recording_options import Station
 from pdgw.tools.progress import with_progress, with_progress_of
 
 _DEFAULT_BITRATE = 1_000_000
@@ -74,6 +75,7 @@ def decode(
     config: Annotated[Path | None, typer.Option(help="The gateway's configuration: axes, nodes, ports, EDS.")] = None,
     eds: Annotated[list[str] | None, typer.Option(help="EDS or DCF of the nodes, or NODE=FILE.")] = None,
     port: Annotated[list[int] | None, typer.Option(help="Further UDP port of cyclic frames.")] = None,
+    station: Station = "",
     direction: Annotated[
         DirectionOption | None, typer.Option(help="With --hex: default by FrameID, else setpoint.")
     ] = None,
@@ -137,7 +139,7 @@ def decode(
     if files and (len(files) > 1 or Path(files[0]).is_dir()):
         raise GatewayError("several files become a data set: give --parquet FOLDER and --signal, or one file")
     file = files[0] if files else None
-    known = known_beforehand(telegram or [], config, eds or [], port or [])
+    known = known_beforehand(telegram or [], config, eds or [], port or [], station)
     selection = Selection(
         nodes=frozenset(node or ()),
         signals=[known.names.split(name)[0] for name in signals],

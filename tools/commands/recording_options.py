@@ -16,3 +16,6 @@ Nodes = Annotated[
 Offset = Annotated[
     float | None, typer.Option(help="Clock of the CAN capture minus the PLC's, seconds. Without it correlated.")
 ]
+Station = Annotated[
+    str, typer.Option(metavar="NAME", help="PROFINET station, where several in the capture have telegrams.")
+]

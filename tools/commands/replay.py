@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from pdgw.decoder.replay import AxisReplay, Difference
-from pdgw.tools.commands.recording_options import Config, Files, Nodes, Offset, Telegrams
+from pdgw.tools.commands.recording_options import Config, Files, Nodes, Offset, Station, Telegrams
 from pdgw.tools.recordings import TOLERANCE_NS, Loaded, known_from, load, nanoseconds, tell, write_lines
 
 
@@ -19,13 +19,14 @@ def replay(
     telegram: Telegrams = None,
     node: Nodes = None,
     offset: Offset = None,
+    station: Station = "",
     tolerance: Annotated[
         float, typer.Option(min=0, max=10_000, help="How far recorded times may be off, milliseconds.")
     ] = TOLERANCE_NS / 1e6,
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object.")] = False,
 ) -> None:
     """Feed a recording through today's gateway; exit status 1 where it would have sent something else."""
-    loaded = load(files, known_from(config, telegram or [], node or [], files), nanoseconds(offset), tell)
+    loaded = load(files, known_from(config, telegram or [], node or [], files, station), nanoseconds(offset), tell)
     outcomes = loaded.replay(tolerance_ns=round(tolerance * 1e6), first_only=True)
     write_lines(_document(loaded, outcomes) if as_json else _text(loaded, outcomes))
     if any(outcome.differences for outcome in outcomes):

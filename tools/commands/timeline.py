@@ -15,7 +15,7 @@ from pdgw.decoder.render import record_line
 from pdgw.decoder.timeline import Summary
 from pdgw.decoder.timeline_text import entry_lines, summary_lines
 from pdgw.gateway.errors import GatewayError
-from pdgw.tools.commands.recording_options import Config, Files, Nodes, Offset, Telegrams
+from pdgw.tools.commands.recording_options import Config, Files, Nodes, Offset, Station, Telegrams
 from pdgw.tools.recordings import (
     Opening,
     Part,
@@ -36,6 +36,7 @@ def timeline(
     node: Nodes = None,
     axis: Annotated[list[int] | None, typer.Option(help="Show only this axis.")] = None,
     offset: Offset = None,
+    station: Station = "",
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object for each entry.")] = False,
     verbose: Annotated[
         bool, typer.Option("--verbose", "-v", help="Every packet and every passing reason too.")
@@ -47,7 +48,9 @@ def timeline(
     ] = None,
 ) -> None:
     """Merge captures of both buses: what the PLC asked, what became of it, how long it took, and why not."""
-    opening = look_ahead(files, known_from(config, telegram or [], node or [], files), nanoseconds(offset), tell)
+    opening = look_ahead(
+        files, known_from(config, telegram or [], node or [], files, station), nanoseconds(offset), tell
+    )
     chosen = frozenset(axis or ())
     unknown = chosen - {item.do_id for item in opening.known.settings.axes}
     if unknown:

@@ -1,0 +1,145 @@
+"""PROFINET blocks as plain data: every block that is declared in ``profinet.blocks``, by its fields.
+
+Source: IEC 61158-6-10; the declarations are those the device answers with. Values are shown as they came, allowed or not; what is
+declared nowhere keeps its type and its bytes.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import struct
+from collections.abc import Iterator
+from typing import Any, Final
+from uuid import UUID
+
+from pdgw.decoder.fields import Document
+from pdgw.profinet.blocks import alarm, connect, control, records
+from pdgw.profinet.blocks.alarm import (
+    MESSAGE_CLASS_TEXTS,
+    SPECIFIER_SHIFT,
+    USI_CHANNEL_DIAGNOSIS,
+    ChannelDiagnosis,
+    DiagnosisBlock,
+    MessageClass,
+    Specifier,
+)
+from pdgw.profinet.blocks.records import MultipleBlock
+from pdgw.profinet.model import INTERFACE_SUBSLOT
+from pdgw.profinet.rpc.identification import INDEX as IM_INDEX
+from pdgw.profinet.rpc.identification import TEXT_FIELDS
+from pdgw.profinet.wire import HEADER, VERSION_SIZE, Block, Cursor, Structure, WireError
+
+_MODULES = (alarm, connect, control, records)
+BLOCKS: Final[dict[int, type[Block]]] = {
+    cls.TYPE: cls
+    for module in _MODULES
+    for cls in vars(module).values()
+    if isinstance(cls, type) and issubclass(cls, Block) and hasattr(cls, "TYPE")
+}
+"""Declared blocks by their type."""
+_IM_TYPE: Final = 0x0020
+_IM_NAMES: Final = {_IM_TYPE + number: f"I&M{number}" for number in range(len(TEXT_FIELDS) + 1)}
+IM_INDEXES: Final = range(IM_INDEX, IM_INDEX + 16)
+_TYPE_AND_LENGTH = struct.Struct(">HH")
+_ALIGNMENT: Final = 4
+_MAC_SIZE: Final = 6
+_SPECIFIER_MASK: Final = 3
+
+
+def split(data: bytes) -> Iterator[tuple[int, bytes]]:
+    """Type and whole bytes of blocks, with or without the padding records have between them; WireError at a damaged length."""
+    at = 0
+    while len(data) - at >= HEADER.size:
+        kind, length = _TYPE_AND_LENGTH.unpack_from(data, at)
+        padding = -at % _ALIGNMENT
+        if padding and kind not in BLOCKS and not any(data[at : at + padding]):
+            at += padding
+            continue
+        end = at + HEADER.size - VERSION_SIZE + length
+        if length < VERSION_SIZE or end > len(data):
+            raise WireError(f"BlockLength at offset {at}", length, f"{VERSION_SIZE}..{len(data) - at - 4}", number=1)
+        yield kind, data[at:end]
+        at = end
+
+
+def name_of(kind: int) -> str:
+    """What a block is called."""
+    if kind in BLOCKS:
+        return BLOCKS[kind].__name__
+    return _IM_NAMES.get(kind, f"block {kind:04X}h")
+
+
+def documents(data: bytes) -> list[Document]:
+    """All blocks; a damaged one ends the list with its error."""
+    found: list[Document] = []
+    try:
+        found.extend(_block(kind, block) for kind, block in split(data))
+    except WireError as error:
+        found.append({"error": str(error)})
+    return found
+
+
+def named(blocks: list[Document]) -> str:
+    """The names of the blocks in one line."""
+    return ", ".join(block.get("name", "damaged block") for block in blocks)
+
+
+def _block(kind: int, data: bytes) -> Document:
+    document: Document = {"type": kind, "name": name_of(kind)}
+    cls = BLOCKS.get(kind)
+    if cls is None:
+        return document | {"data": data[HEADER.size :].hex()}
+    try:
+        block = cls.understand(data)
+    except WireError as error:
+        return document | {"error": str(error), "data": data[HEADER.size :].hex()}
+    document |= fields_of(block)
+    if isinstance(block, MultipleBlock):
+        document["blocks"] = documents(block.blocks)
+    elif isinstance(block, DiagnosisBlock):
+        document["entries"] = diagnoses(block.entries) if block.usi == USI_CHANNEL_DIAGNOSIS else block.entries.hex()
+    return document
+
+
+def fields_of(structure: Structure) -> Document:
+    """The fields of a structure by their names; UUIDs and bytes as text, reserved ones left out."""
+    values = ((item.name, getattr(structure, item.name)) for item in dataclasses.fields(structure))  # type: ignore[arg-type]
+    return {name: _plain(value) for name, value in values if value is not None}
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, Structure):
+        return fields_of(value)
+    if isinstance(value, bytes):
+        return value.hex(":") if len(value) == _MAC_SIZE else value.hex()
+    return str(value) if isinstance(value, UUID) else value
+
+
+def place_text(slot: int, subslot: int) -> str:
+    """A submodule's place, for the reader; interface and port are known by their hexadecimal number."""
+    return f"slot {slot}.{subslot:04X}h" if subslot >= INTERFACE_SUBSLOT else f"slot {slot}.{subslot}"
+
+
+def diagnoses(entries: bytes) -> list[Document]:
+    """Channel diagnosis, each entry with its text; what is cut short is left out."""
+    found: list[Document] = []
+    cursor = Cursor(entries, checked=False)
+    while cursor.left:
+        try:
+            entry = ChannelDiagnosis.read(cursor)
+        except WireError:
+            break
+        found.append(fields_of(entry) | {"text": diagnosis_text(entry)})
+    return found
+
+
+def diagnosis_text(entry: ChannelDiagnosis) -> str:
+    """What an entry says, for the reader."""
+    specifier = entry.properties >> SPECIFIER_SHIFT & _SPECIFIER_MASK
+    what = f"channel error {entry.error_type:04X}h"
+    if entry.error_type in set(MessageClass):
+        what = MESSAGE_CLASS_TEXTS[MessageClass(entry.error_type)]
+    happened = Specifier(specifier).name.lower().replace("_", " ") if specifier in set(Specifier) else ""
+    return f"{what} {happened}".rstrip()

@@ -1,0 +1,37 @@
+"""What is waited for: a dictionary that forgets its oldest entries."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Hashable, Iterator
+from typing import Final, Generic, TypeVar
+
+REMEMBERED: Final = 256
+"""Calls, requests and the like whose answers are waited for."""
+
+K = TypeVar("K", bound=Hashable)
+V = TypeVar("V")
+
+
+class Recent(Generic[K, V]):
+    """The newest entries; a capture of any length fills no memory with what is never answered."""
+
+    def __init__(self) -> None:
+        self._entries: OrderedDict[K, V] = OrderedDict()
+
+    def put(self, key: K, value: V) -> None:
+        """Remember, and forget the oldest."""
+        self._entries[key] = value
+        self._entries.move_to_end(key)
+        if len(self._entries) > REMEMBERED:
+            self._entries.popitem(last=False)
+
+    def newest(self) -> Iterator[V]:
+        """All that is remembered, the newest first."""
+        return reversed(self._entries.values())
+
+    def get(self, key: K) -> V | None:
+        return self._entries.get(key)
+
+    def pop(self, key: K) -> V | None:
+        return self._entries.pop(key, None)
