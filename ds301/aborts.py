@@ -44,6 +44,9 @@ class Abort(enum.IntEnum):
     NO_DATA = 0x08000024
 
 
+NOT_THERE = (Abort.NO_SUCH_OBJECT, Abort.NO_SUCH_SUBINDEX)
+"""Of an object the device does not have; with another code it is there and cannot be read now."""
+
 ABORT_TEXTS: dict[int, str] = {
     Abort.TOGGLE_NOT_ALTERNATED: "toggle bit not alternated",
     Abort.TIMEOUT: "SDO protocol timed out",

@@ -9,6 +9,8 @@ import struct
 
 CAN_FRAME = struct.Struct("=IB3x8s")
 """Identifier with flags, length 0..8, data."""
+FD_FRAME_SIZE = 72
+"""``struct canfd_frame``: what is read has to be so long that a frame of CAN FD is not taken for a classic one."""
 EXTENDED, REMOTE, ERROR = 0x8000_0000, 0x4000_0000, 0x2000_0000
 """Flags of the identifier: 29 bit, remote request, message of the driver about an error."""
 

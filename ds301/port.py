@@ -18,7 +18,7 @@ import can
 from can.interfaces.socketcan import SocketcanBus
 
 from pdgw.ds301.bus import system_text
-from pdgw.ds301.can_frame import CAN_FRAME, ERROR, EXTENDED, REMOTE, pack_frame
+from pdgw.ds301.can_frame import CAN_FRAME, ERROR, EXTENDED, FD_FRAME_SIZE, REMOTE, pack_frame
 from pdgw.ds301.loop import Loop
 
 _AT_ONCE = 64
@@ -123,12 +123,13 @@ class SocketPort:
         receive = self._socket.recv
         for _ in range(_AT_ONCE):
             try:
-                frame = receive(CAN_FRAME.size)
+                frame = receive(FD_FRAME_SIZE)
             except BlockingIOError:
                 return
             except OSError as error:
                 self._lost(system_text(error, self._channel))
                 return
+            # An interface that was given fd = true delivers frames of CAN FD too, which are none of CANopen's.
             if len(frame) == CAN_FRAME.size and self._receiver is not None:
                 can_id, length, data = CAN_FRAME.unpack(frame)
                 deliver(self._receiver, can_id, data[: min(length, 8)])
@@ -245,7 +246,7 @@ class DriverPort:
 
     def _dispatch(self, message: can.Message) -> None:
         receiver = self._receiver
-        if receiver is None or self._closed:
+        if receiver is None or self._closed or message.is_fd:  # CAN FD is none of CANopen's
             return
         if message.is_error_frame:
             bus_off = bool(message.arbitration_id & _BUS_OFF) or self._state() is can.BusState.ERROR

@@ -15,7 +15,7 @@ from pathlib import Path
 import canopen
 from canopen.sdo import SdoAbortedError, SdoCommunicationError
 
-from pdgw.ds301.aborts import abort_text
+from pdgw.ds301.aborts import NOT_THERE, abort_text
 from pdgw.ds301.client import NodeClient
 from pdgw.ds301.configuration import PRODUCER_HEARTBEAT, SdoStep
 from pdgw.ds301.data_sheet import load_dictionary
@@ -28,7 +28,7 @@ from pdgw.dsp402.configuration import INTERPOLATION_TIME, guard_steps, interpola
 from pdgw.dsp402.describe import PRODUCT_CODE, VENDOR_ID, describe, questions, signed
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.errors import Dsp402Error
-from pdgw.dsp402.generic import NOT_THERE, dictionary_of, generic_dictionary
+from pdgw.dsp402.generic import dictionary_of, generic_dictionary
 from pdgw.dsp402.images import DriveCommand, DriveFeedback
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.scaling import UnitKeys

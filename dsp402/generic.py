@@ -11,7 +11,6 @@ from functools import cache, lru_cache
 import canopen
 from canopen.objectdictionary import ODArray, ODRecord, ODVariable
 
-from pdgw.ds301.aborts import Abort
 from pdgw.ds301.communication import DEVICE_NAME, communication_objects, pdo_objects
 from pdgw.ds301.eds_import import import_eds
 from pdgw.ds301.objects import Access, CanType, Entry, ObjectKind, ObjectSpec, array, var
@@ -36,10 +35,6 @@ _U8, _U16, _U32 = CanType.U8, CanType.U16, CanType.U32
 _PDOS = 5
 """PDOs of each direction that have an identifier of their own."""
 _METHODS = 37
-
-
-NOT_THERE = (Abort.NO_SUCH_OBJECT, Abort.NO_SUCH_SUBINDEX)
-"""Abort codes of an object the device does not have; with another it is there and cannot be read now."""
 
 Read = Callable[[int, int], bytes | None]
 """Reads an object of the device; None where the device does not have it."""

@@ -43,6 +43,7 @@ COMMANDS: Mapping[str, Entry] = {
         "run:run", "Run the gateway until SIGINT, SIGTERM or SIGQUIT; the drives are stopped and disabled first."
     ),
     "config": Entry("config:app", "Configuration files."),
+    "bus": Entry("bus:app", "A CAN bus, before a gateway runs on it."),
     "map": Entry(
         "map:map_",
         "Print the byte map of a configuration: offset, length, signal, unit and 100 % of every value; or code for the PLC.",

@@ -268,18 +268,23 @@ class AxisMachine:
                 self._node.restart_asked()
         inputs.news.clear()
 
-    def _set_drive(self, drive: DriveType | None, homing_method: int) -> None:
-        """What the drive is; one whose 100 % are not known, or that lacks a mode, refuses operation (fault 104)."""
-        self._usable = False
-        if drive is None:
-            return
-        self._node.fault_of_emcy = {code: fault.number for code, fault in drive.fault_of_code.items()}
+    def lacking(self, drive: DriveType, homing_method: int) -> str:
+        """Why this drive cannot be operated with the telegram; empty when it can, and the executor works for it from now on."""
         refusal = drive.scaling.refusal(*self._needed)
         if not refusal:
             try:
                 self.executor.set_drive(drive, homing_method)
             except Dsp402Error as error:
                 refusal = str(error)
+        return refusal
+
+    def _set_drive(self, drive: DriveType | None, homing_method: int) -> None:
+        """What the drive is; one whose 100 % are not known, or that lacks a mode, refuses operation (fault 104)."""
+        self._usable = False
+        if drive is None:
+            return
+        self._node.fault_of_emcy = {code: fault.number for code, fault in drive.fault_of_code.items()}
+        refusal = self.lacking(drive, homing_method)
         if refusal:
             self.notes.faults.append((FaultNumber.REFERENCE, refusal))
             return

@@ -5,16 +5,21 @@ from __future__ import annotations
 import errno
 import gc
 import os
+import socket
+import struct
 import sys
-from typing import Any
+from typing import Any, cast
 
 import can
 import pytest
+from can.interfaces.socketcan import SocketcanBus
 
 from pdgw.ds301.bus import open_bus, system_text
+from pdgw.ds301.can_frame import pack_frame
 from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.loop import SystemLoop
-from pdgw.ds301.port import open_port
+from pdgw.ds301.port import SocketPort, open_port
+from tests.support import buses
 
 
 class Gone(can.BusABC):
@@ -65,3 +70,72 @@ def test_an_interface_that_is_not_there_is_told_with_how_to_see_those_that_are(m
     monkeypatch.setattr(can, "Bus", missing)
     with pytest.raises(CanopenError, match="No such device; those there are: ip link show type can"):
         open_bus("socketcan", "can7")
+
+
+class Heard:
+    """The data frames a port delivered."""
+
+    def __init__(self) -> None:
+        self.frames: list[tuple[int, bytes]] = []
+
+    def on_frame(self, can_id: int, data: bytes) -> None:
+        self.frames.append((can_id, data))
+
+    def on_other_frame(self, can_id: int, data: bytes, *, extended: bool, remote: bool) -> None:
+        raise AssertionError
+
+    def on_error_frame(self, *, bus_off: bool, passive: bool) -> None:
+        raise AssertionError
+
+    def on_refused(self) -> None:
+        raise AssertionError
+
+    def on_lost(self, text: str) -> None:
+        raise AssertionError(text)
+
+
+class Pair:
+    """The end of a socket in place of SocketCAN's."""
+
+    def __init__(self, end: socket.socket) -> None:
+        self.socket = end
+
+    def shutdown(self) -> None:
+        self.socket.close()
+
+
+def test_a_frame_of_can_fd_is_not_taken_for_a_classic_one_with_the_same_identifier() -> None:
+    near, far = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
+    heard = Heard()
+    with buses.looped() as loop, far:
+        port = SocketPort(loop, cast(SocketcanBus, Pair(near)))
+        port.start(heard)
+        far.send(struct.pack("=IBBxx64s", 0x181, 64, 0, b"\xff" * 64))
+        far.send(pack_frame(0x181, b"\x27\x02"))
+        buses.wait_for(lambda: heard.frames, "the classic frame")
+        port.close()
+    assert heard.frames == [(0x181, b"\x27\x02")]
+
+
+class FdBus(Gone):
+    """A driver that delivers a frame of CAN FD, then a classic one."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._frames = [
+            can.Message(arbitration_id=0x181, is_extended_id=False, is_fd=is_fd, data=data)
+            for is_fd, data in ((True, bytes(64)), (False, b"\x27\x02"))
+        ]
+
+    def recv(self, timeout: float | None = None) -> can.Message | None:
+        return self._frames.pop(0) if self._frames else None
+
+
+def test_a_frame_of_can_fd_of_any_driver_is_dropped() -> None:
+    heard = Heard()
+    with buses.looped() as loop:
+        port = open_port(loop, FdBus())
+        port.start(heard)
+        buses.wait_for(lambda: heard.frames, "the classic frame")
+        port.close()
+    assert heard.frames == [(0x181, b"\x27\x02")]

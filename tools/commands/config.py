@@ -13,8 +13,6 @@ from pdgw.gateway.config_check import references_wrong
 from pdgw.gateway.config_example import example as example_text
 from pdgw.gateway.config_file import load_config
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.needs import needed_quantities
-from pdgw.profidrive.telegrams import telegram
 
 app = typer.Typer(help="Configuration files.", no_args_is_help=True)
 
@@ -47,23 +45,24 @@ def check(
 
 def _ask(config: GatewayConfig, axis: AxisConfig) -> bool:
     """Print what 100 % is for an axis; whether its telegram can be run with that."""
-    from pdgw.ds301.bus import open_bus  # noqa: PLC0415 - a check of the file alone needs no CAN
+    from pdgw.ds301.inquiry import Inquiry  # noqa: PLC0415 - a check of the file alone needs no CAN
     from pdgw.dsp402.drive import load_eds  # noqa: PLC0415
-    from pdgw.dsp402.probe import probe, probing  # noqa: PLC0415
+    from pdgw.dsp402.probe import probe  # noqa: PLC0415
+    from pdgw.gateway.fitness import lacks  # noqa: PLC0415
+    from pdgw.tools.on_loop import complete, opened  # noqa: PLC0415
 
-    settings = config.bus_of(axis)
     name = f"DO {axis.do_id}, node {axis.node_id}"
     try:
         dictionary = load_eds(axis.eds, axis.node_id) if axis.eds else None
-        with probing(open_bus(settings.interface, settings.channel, settings.bitrate, **settings.extra)) as network:
-            drive = probe(network, axis.node_id, dictionary, axis.units, axis.family or "", axis.sdo_timeout_ms / 1000)
+        with opened(config.bus_of(axis)) as network, Inquiry(network, axis.node_id, axis.sdo_timeout_ms / 1000) as node:
+            drive = complete(network.loop, lambda: probe(node, dictionary, axis.units, axis.family or ""))
     except CanopenError as error:
         typer.echo(f"{name}: {error}")
         return False
     typer.echo(f"{name}: {drive.name}" + (f", family {drive.family}" if drive.family else ""))
     for line in drive.scaling.lines:
         typer.echo(f"  {line}")
-    refusal = drive.scaling.refusal(*needed_quantities(telegram(axis.telegram)))
+    refusal = lacks(drive, axis.telegram, axis.settings_at(config.transport.cycle_time_ms))
     if refusal:
         typer.echo(f"  telegram {axis.telegram} is refused: {refusal}")
     return not refusal

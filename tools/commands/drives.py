@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -14,9 +15,7 @@ from pdgw.dsp402.describe import PRODUCT_CODE, VENDOR_ID, answers_of_defaults, d
 from pdgw.dsp402.drive import load_eds
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.overlay import Overlay, overlay, overlays
-from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS
-from pdgw.gateway.needs import needed_quantities
-from pdgw.profidrive.telegrams import telegram
+from pdgw.gateway.fitness import lacks_by_telegram
 
 app = typer.Typer(help="Families of drives.", no_args_is_help=True)
 
@@ -80,11 +79,7 @@ def match(
         if value:
             answers[address] = value
     drive = describe(dictionary, answers)
-    missing = {
-        number: refusal
-        for number in DRIVE_TELEGRAM_NUMBERS
-        if (refusal := drive.scaling.refusal(*needed_quantities(telegram(number))))
-    }
+    missing = lacks_by_telegram(drive)
     if as_json:
         document = {
             "file": str(eds),
@@ -93,14 +88,14 @@ def match(
             "modes": dict(drive.modes),
             "homing_methods": list(drive.homing_methods),
             "scaling": list(drive.scaling.lines),
-            "telegrams": {number: missing.get(number, "") for number in DRIVE_TELEGRAM_NUMBERS},
+            "telegrams": dict(missing),
         }
         typer.echo(json.dumps(document, indent=2))
         return
     _print_match(drive, missing)
 
 
-def _print_match(drive: DriveType, missing: dict[int, str]) -> None:
+def _print_match(drive: DriveType, missing: Mapping[int, str]) -> None:
     typer.echo(
         f"{drive.name}: " + (f"family {drive.family}" if drive.family else "no family, CiA 402 as it tells itself")
     )
@@ -110,7 +105,8 @@ def _print_match(drive: DriveType, missing: dict[int, str]) -> None:
     for line in drive.scaling.lines:
         typer.echo(f"  {line}")
     for number, refusal in missing.items():
-        typer.echo(f"telegram {number} needs more: {refusal}")
+        if refusal:
+            typer.echo(f"telegram {number} needs more: {refusal}")
     for line in overlay(drive.family).hints if drive.family else ():
         typer.echo(f"hint: {line}")
 

@@ -1,0 +1,51 @@
+"""Asks a node what it is, with nothing written: for commissioning, while no gateway runs on its bus.
+
+Source: CiA 301 (SDO upload). Every object is one SDO upload; no NMT command, no PDO.
+"""
+
+from __future__ import annotations
+
+from typing import Self
+
+import canopen
+from canopen.sdo import SdoAbortedError
+
+from pdgw.ds301.aborts import NOT_THERE
+from pdgw.ds301.network import CanNetwork
+from pdgw.ds301.sdo import SdoAccess
+
+
+class Inquiry(SdoAccess):
+    """A node that is asked until the end of the ``with`` block, inside a task. ``timeout_s``: for each answer."""
+
+    def __init__(self, network: CanNetwork, node_id: int, timeout_s: float) -> None:
+        super().__init__(network.loop, node_id, canopen.ObjectDictionary())
+        self.node_id = node_id
+        self._sdo.RESPONSE_TIMEOUT = timeout_s
+        self._network = network.canopen
+
+    def __enter__(self) -> Self:
+        self._network.add_node(self._node)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        del self._network[self.node_id]
+
+    def fetch(self, index: int, subindex: int = 0) -> bytes | None:
+        """What an object holds: None where the node does not have it, nothing where it cannot be read now.
+
+        Raises canopen's SdoCommunicationError when the node does not answer.
+        """
+        try:
+            return self.read(index, subindex)
+        except SdoAbortedError as error:
+            return None if error.code in NOT_THERE else b""
+
+    def number(self, index: int, subindex: int = 0) -> int | None:
+        """An unsigned number; None where there is none."""
+        data = self.fetch(index, subindex)
+        return int.from_bytes(data, "little") if data else None
+
+    def text(self, index: int) -> str:
+        """A visible string; empty where there is none."""
+        return (self.fetch(index) or b"").decode("latin-1").rstrip("\0 ").strip()

@@ -1,0 +1,36 @@
+"""What a drive lacks for a telegram, before anything is configured or moves: the axis machine's own judgement."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from pdgw.dsp402.drive_type import DriveType
+from pdgw.dsp402.images import DriveFeedback
+from pdgw.dsp402.modes import MODE_NAMES, Mode
+from pdgw.gateway.axis.machine import AxisMachine
+from pdgw.gateway.axis.settings import AxisSettings
+from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS, initial_mode
+from pdgw.gateway.motion.dsc import DscChoices, DscForm
+from pdgw.gateway.positioner_config import SIMULATED, PositionerConfig
+
+_CYCLE_NS = 4_000_000
+_USUAL = AxisSettings(
+    dsc=DscChoices(DscForm.SPEED, following_window=1, cycle_ns=_CYCLE_NS),
+    positioner=PositionerConfig.model_validate(SIMULATED).choices(()),
+)
+"""For telegrams that need keys of the configuration, where there is none yet."""
+
+
+def lacks(drive: DriveType, number: int, settings: AxisSettings = _USUAL) -> str:
+    """Why a drive cannot be operated with a telegram; empty when what is known of it suffices."""
+    choices = settings.dsc or _USUAL.dsc
+    mode = initial_mode(number, DscForm.SPEED if choices is None else choices.form)
+    # A speed is followed in one of several modes, of which the executor knows.
+    if mode is not None and mode is not Mode.VELOCITY and mode.value not in drive.modes:
+        return f"modes of the drive (6502h): no {mode.value} ({MODE_NAMES[mode]})"
+    return AxisMachine(number, settings, DriveFeedback()).lacking(drive, homing_method=0)
+
+
+def lacks_by_telegram(drive: DriveType) -> Mapping[int, str]:
+    """``lacks`` for every telegram a drive axis can have."""
+    return {number: lacks(drive, number) for number in DRIVE_TELEGRAM_NUMBERS}

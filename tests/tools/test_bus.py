@@ -1,0 +1,46 @@
+"""``pdgw bus scan`` on buses as users have them."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from pdgw.ds301.bus import open_bus
+from pdgw.peers.bus import INTERFACE, ServedBus
+from pdgw.peers.drive import SimulatedDrive
+from tests.support import buses
+from tests.support.cli import pdgw
+
+_QUICK = ("--listen-s", "0.05", "--timeout-ms", "200")
+
+
+def test_a_bus_that_crosses_processes_is_scanned_and_told_in_text_and_json() -> None:
+    with ServedBus(0) as hub:
+        place = ("--interface", INTERFACE, "--channel", hub.channel)
+        with SimulatedDrive(open_bus(INTERFACE, hub.channel), 5):
+            text = pdgw("bus", "scan", *place, *_QUICK)
+            document = json.loads(pdgw("bus", "scan", *place, *_QUICK, "--json").stdout)
+    assert text.returncode == 0, text.stderr
+    assert "node 5: drive 'ENGEL HBI'" in text.stdout
+    assert "nothing missing for telegrams: 1, 2, 3," in text.stdout
+    (bus,) = document
+    (node,) = bus["nodes"]
+    assert (node["node_id"], node["profile"], node["family"], node["telegrams"]["1"]) == (5, 402, "engel", "")
+
+
+def test_the_buses_of_a_configuration_are_scanned_and_what_is_missing_is_told(tmp_path: Path) -> None:
+    file = tmp_path / "gateway.toml"
+    channel = buses.channel()
+    file.write_text(
+        f'[can]\ninterface = "virtual"\nchannel = "{channel}"\n[[axis]]\ndo_id = 3\nnode_id = 9\ntelegram = 1\n'
+    )
+    result = pdgw("bus", "scan", str(file), *_QUICK)
+    assert result.returncode == 0, result.stderr
+    assert "node 9" in result.stdout
+    assert "DO 3 of the configuration is missing" in result.stdout
+
+
+def test_an_interface_that_is_not_there_is_named() -> None:
+    result = pdgw("bus", "scan", "--interface", "socketcan", "--channel", "can77", *_QUICK)
+    assert result.returncode == 1
+    assert "CAN interface: 'socketcan channel can77'" in result.stderr

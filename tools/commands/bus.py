@@ -1,0 +1,134 @@
+"""``pdgw bus``: what is on a CAN bus, before a gateway runs on it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from pdgw.ds301.loop import SECOND
+from pdgw.gateway.config_file import load_config
+from pdgw.gateway.config_surroundings import CanConfig
+from pdgw.gateway.scan import DRIVE_PROFILE, ENCODER_PROFILE, Expected, FoundNode, Scan, expected_on, load_sheets
+from pdgw.tools.on_loop import complete, opened
+
+app = typer.Typer(help="A CAN bus, before a gateway runs on it.", no_args_is_help=True)
+
+_PROFILES = {DRIVE_PROFILE: "drive", ENCODER_PROFILE: "encoder"}
+
+
+@app.callback()
+def group() -> None:
+    """A CAN bus, before a gateway runs on it."""
+
+
+@app.command()
+def scan(
+    config: Annotated[
+        Path | None,
+        typer.Argument(help="Configuration: its buses are scanned, its nodes compared.", show_default=False),
+    ] = None,
+    interface: Annotated[str, typer.Option(help="python-can interface, without a configuration.")] = "socketcan",
+    channel: Annotated[str, typer.Option(help="Channel of the interface.")] = "can0",
+    bitrate: Annotated[int | None, typer.Option(help="Bit rate.")] = None,
+    eds: Annotated[list[Path] | None, typer.Option(help="Data sheet, or a folder of them; repeat for several.")] = None,
+    listen_s: Annotated[float, typer.Option(min=0.0, max=60, help="Listen so long first.")] = 1.0,
+    timeout_ms: Annotated[int, typer.Option(min=10, max=60_000, help="A drive answers within this time.")] = 1000,
+    as_json: Annotated[bool, typer.Option("--json", help="A JSON list, one object per bus.")] = False,
+) -> None:
+    """List the nodes on a bus, what they are and what each telegram lacks with them; nothing is written to them."""
+    places: list[tuple[CanConfig, dict[int, Expected]]]
+    if config is None:
+        places = [(CanConfig(interface=interface, channel=channel, bitrate=bitrate, name=channel), {})]
+    else:
+        loaded = load_config(config)
+        places = [(bus, expected_on(loaded, bus)) for bus in loaded.can]
+    sheets = load_sheets(eds or ())
+    documents = []
+    for bus, expected in places:
+        with opened(bus) as network:
+            scan_ = Scan(
+                network,
+                sheets,
+                expected,
+                listen_ns=int(listen_s * SECOND),
+                answer_ns=timeout_ms * SECOND // 1000,
+                timeout_s=timeout_ms / 1000,
+            )
+            found = complete(network.loop, scan_.run)
+        if as_json:
+            documents.append({"bus": bus.name, "nodes": [_document(node) for node in found]})
+        else:
+            for line in _lines(bus, found):
+                typer.echo(line)
+    if as_json:
+        typer.echo(json.dumps(documents, indent=2))
+
+
+def _lines(bus: CanConfig, found: list[FoundNode]) -> Iterator[str]:
+    count = f"{len(found)} node{'' if len(found) == 1 else 's'}" if found else "no node was heard, none answered"
+    yield f"{bus.name} ({bus.interface} {bus.channel}): {count}"
+    for node in found:
+        yield ""
+        yield from _node_lines(node)
+
+
+def _node_lines(node: FoundNode) -> Iterator[str]:
+    state = f", {node.nmt_state}" if node.nmt_state else ""
+    if node.device_type is None:
+        yield f"node {node.node_id}{state}"
+    else:
+        assert node.profile is not None
+        kind = _PROFILES.get(node.profile, f"profile {node.profile}")
+        yield f"node {node.node_id}: {kind} {node.name!r}{state}"
+        numbers = (
+            ("vendor-ID", node.vendor_id),
+            ("product code", node.product_code),
+            ("revision", node.revision),
+            ("serial number", node.serial_number),
+        )
+        yield "  1018h: " + ", ".join(f"{what} {value:08X}h" for what, value in numbers if value is not None)
+        drive = node.drive
+        if drive is not None:
+            yield f"  family: {drive.family or 'none, CiA 402 as it tells itself'}"
+        yield f"  data sheet: {node.eds or 'none given that fits'}"
+        if drive is not None:
+            yield f"  modes: {', '.join(f'{mode} {name}' for mode, name in drive.modes.items())}"
+            yield f"  PDOs: {len(drive.pdos.rpdos)} RPDOs, {len(drive.pdos.tpdos)} TPDOs"
+            for line in drive.scaling.lines:
+                yield f"  {line}"
+    fit = [str(number) for number, missing in node.lacks.items() if not missing]
+    if node.lacks:
+        yield f"  nothing missing for telegrams: {', '.join(fit) or 'none'}"
+    by_reason: dict[str, list[str]] = {}
+    for number, missing in node.lacks.items():
+        if missing:
+            by_reason.setdefault(missing, []).append(str(number))
+    for missing, numbers_ in by_reason.items():
+        yield f"  telegram{'s' if len(numbers_) > 1 else ''} {', '.join(numbers_)}: {missing}"
+    for note in node.notes:
+        yield f"  -> {note}"
+
+
+def _document(node: FoundNode) -> dict[str, Any]:
+    drive = node.drive
+    return {
+        "node_id": node.node_id,
+        "nmt_state": node.nmt_state or None,
+        "profile": node.profile,
+        "device_type": node.device_type,
+        "vendor_id": node.vendor_id,
+        "product_code": node.product_code,
+        "revision": node.revision,
+        "serial_number": node.serial_number,
+        "name": node.name,
+        "eds": None if node.eds is None else str(node.eds),
+        "family": None if drive is None else drive.family or None,
+        "modes": {} if drive is None else {str(mode): name for mode, name in drive.modes.items()},
+        "scaling": [] if drive is None else list(drive.scaling.lines),
+        "telegrams": {str(number): missing for number, missing in node.lacks.items()},
+        "notes": node.notes,
+    }
