@@ -5,13 +5,17 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 ROOMS := profidrive profinet ds301 dsp402 dsp406 gateway decoder peers tools
 
-.PHONY: demo test lint format bench fuzz soak docs compiled test-compiled bench-compiled clean
+.PHONY: demo test tour lint format bench fuzz soak docs site compiled test-compiled bench-compiled clean
 
 demo: $(STAMP)
 	$(BIN)/pdgw demo
 
 test: $(STAMP)
 	$(BIN)/pytest
+
+# README's tour and the tutorials, word by word, each in a network of its own.
+tour: $(STAMP)
+	$(BIN)/pytest tests/tour/tour.py
 
 lint: $(STAMP)
 	$(BIN)/ruff check .
@@ -54,6 +58,11 @@ docs: $(STAMP)
 	$(BIN)/python -m pdgw.tools.doctables
 	$(BIN)/python -m pdgw.dsp402.device
 	$(BIN)/python -m pdgw.dsp406.device
+
+# The documents and the API reference as a web site in build/site.
+site: $(STAMP)
+	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[site]'
+	$(BIN)/mkdocs build --strict
 
 $(STAMP): pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)

@@ -112,6 +112,10 @@ simulate = false             # true: a simulated drive instead of the one on the
 """
 
 
+SIMULATED_WATCHDOG_FACTOR = 100
+"""Cycles without a frame until the PLC is lost, where nothing real moves: a busy laptop holds a program up for 0.1 s."""
+
+
 def simulated(number: int, axes: int, encoders: int = 0, encoder_number: int = 83) -> GatewayConfig:
     """The configuration of ``pdgw run --simulate``: simulated drives and encoders on a virtual bus, 4 ms.
 
@@ -119,6 +123,7 @@ def simulated(number: int, axes: int, encoders: int = 0, encoder_number: int = 8
     """
     document = {
         "can": {"interface": "virtual", "channel": "pdgw"},
+        "transport": {"watchdog_factor": SIMULATED_WATCHDOG_FACTOR},
         "axis": [
             {"do_id": n, "node_id": n, "telegram": number, "simulate": True}
             | ({"positioner": SIMULATED} if number in POSITIONER_TELEGRAM_NUMBERS else {})

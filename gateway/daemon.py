@@ -215,8 +215,13 @@ class Daemon:
 
     def start(self) -> None:
         """Begin everything on the loop; the buses are listened to for a moment before anything is sent on them."""
-        count = len(self.objects)
-        log.info("cyclic exchange on %s:%d, %d drive objects, cycle %g ms", *self.address, count, self.cycle_ns / MS)
+        log.info(
+            "cyclic exchange on %s:%d, drive objects: %d, cycle %g ms, the PLC is lost after %d cycles without a frame",
+            *self.address,
+            len(self.objects),
+            self.cycle_ns / MS,
+            self.config.transport.watchdog_factor,
+        )
         for name, network in self.networks.items():
             network.start()
             drives = [axis.node_id for axis in self.axes if axis.network is network]

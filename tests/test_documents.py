@@ -14,9 +14,9 @@ from typer.main import get_command
 from pdgw.tools.cli import app
 
 ROOT = Path(__file__).parents[1]
-DOCUMENTS = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
+DOCUMENTS = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
 _INLINE = re.compile(r"`(pdgw [^`]+)`")
-_BLOCK = re.compile(r"^ {4,}(?:\$ )?(pdgw .+)$", re.MULTILINE)
+_BLOCK = re.compile(r"^(?: {4,}| *\$ )(pdgw .+)$", re.MULTILINE)
 _LINK = re.compile(r"\]\(([^)#\s]+)(?:#[^)]*)?\)")
 _WORD = re.compile(r"[a-z][a-z-]*")
 
@@ -25,7 +25,7 @@ def commands(text: str) -> Iterator[str]:
     """What is to be typed, without comments; a command may go on in the next line of prose."""
     for pattern in (_INLINE, _BLOCK):
         for match in pattern.finditer(text):
-            yield " ".join(match[1].split("  #")[0].split(" # ")[0].split())
+            yield " ".join(re.split(r"  #| # | > | &$", match[1])[0].split())
 
 
 def resolve(words: list[str]) -> tuple[Any, list[str]]:

@@ -127,7 +127,7 @@ class DeviceConfig(_Section):
 class BusConfig(_Section):
     """The whole file."""
 
-    can: CanConfig
+    can: CanConfig | None = None
     control: ControlConfig = ControlConfig()
     device: Annotated[tuple[DeviceConfig, ...], BeforeValidator(as_list), Field(min_length=1)]
 

@@ -103,3 +103,11 @@ def test_config_example_and_check(tmp_path: Path) -> None:
     assert bad.returncode == 1
     assert f"{path}:" in bad.stderr
     assert "[[axis]] number 1: telegram = 112 is not supported" in bad.stderr, "brackets are no markup"
+
+
+def test_devices_without_a_bus_are_refused_unless_one_is_opened_for_them(tmp_path: Path) -> None:
+    path = tmp_path / "bus.toml"
+    path.write_text("[[device]]\nnode_id = 1\n")
+    result = pdgw("sim", "bus", str(path))
+    assert result.returncode == 1
+    assert f"{path}: [can]: is missing: the bus of the devices; --serve opens one for them" in result.stderr

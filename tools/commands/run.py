@@ -76,6 +76,9 @@ def run(
     cyclic_port: Annotated[int | None, typer.Option(help="UDP port of the cyclic frames.")] = None,
     acyclic_port: Annotated[int | None, typer.Option(help="UDP port of the parameter channel.")] = None,
     cycle_time_ms: Annotated[float | None, typer.Option(help="Cycle time in milliseconds.")] = None,
+    watchdog_factor: Annotated[
+        int | None, typer.Option(help="The PLC is lost after so many cycles without a frame; 100 with --simulate.")
+    ] = None,
     status_port: Annotated[int | None, typer.Option(help="Loopback TCP port of `pdgw status`, 0 for none.")] = None,
     can_log: Annotated[Path | None, typer.Option(help="Record all CAN frames here (candump format).")] = None,
     record: Annotated[
@@ -100,6 +103,7 @@ def run(
             "cyclic_port": cyclic_port,
             "acyclic_port": acyclic_port,
             "cycle_time_ms": cycle_time_ms,
+            "watchdog_factor": watchdog_factor,
             "status_port": status_port,
         },
     )

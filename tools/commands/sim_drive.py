@@ -72,7 +72,8 @@ def bus(
             served = at_end.enter_context(ServedBus(port))
             place = CanConfig(interface=INTERFACE, channel=served.channel)
             typer.echo(f'[can]\ninterface = "{INTERFACE}"\nchannel = "{served.channel}"\n')
-        assert place is not None
+        if place is None:
+            raise GatewayError(f"{file}: [can]: is missing: the bus of the devices; --serve opens one for them")
         simulation = Simulation()
         devices = config.device if config is not None else ()
         for device in devices:
