@@ -13,6 +13,7 @@ from collections.abc import Callable
 import can
 import canopen
 
+from pdgw.ds301.can_frame import ERROR, EXTENDED, REMOTE
 from pdgw.ds301.connection_set import ERROR_CONTROL, SYNC
 from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.loop import MS, Loop, Timer
@@ -23,6 +24,10 @@ log = logging.getLogger("gateway")
 PdoCallback = Callable[[bytes, int], None]
 """(data, monotonic receive time in ns)."""
 FrameListener = Callable[[can.Message], None]
+FrameTap = Callable[[int, bytes, int], object]
+"""Identifier with the flags of SocketCAN, data, 1 for a frame that was sent."""
+_ERROR_BUS_OFF, _ERROR_CONTROLLER = 0x40, 0x04
+"""Classes of an error frame (linux/can/error.h)."""
 """Sees every frame sent and received (``is_rx`` tells). It must only queue."""
 
 _BUSY_NS = 100 * MS
@@ -63,6 +68,8 @@ class CanNetwork:
         self.healthy = True
         """False from a bus-off or a lost interface until a frame passes again."""
         self.listeners: list[FrameListener] = []
+        self.tap: FrameTap | None = None
+        """Told of every frame in the cheapest way."""
         self._pdos: dict[int, PdoCallback] = {}
         self._opener = opener
         self._port: CanPort | None = opener()
@@ -124,6 +131,8 @@ class CanNetwork:
             return False
         self._busy_since = -1
         self.sent += 1
+        if self.tap is not None:
+            self.tap(cob_id, data, 1)
         if self.listeners:
             self._tell(cob_id, data, is_rx=False)
         return True
@@ -142,6 +151,8 @@ class CanNetwork:
         """A data frame with a standard identifier."""
         self.received += 1
         self.healthy = True
+        if self.tap is not None:
+            self.tap(can_id, data, 0)
         if self.listeners:
             self._tell(can_id, data, is_rx=True)
         callback = self._pdos.get(can_id)
@@ -158,12 +169,16 @@ class CanNetwork:
         """A frame that is none of CANopen's, or a request nobody answers here."""
         self.received += 1
         self.healthy = True
+        if self.tap is not None:
+            self.tap(can_id | (EXTENDED if extended else 0) | (REMOTE if remote else 0), data, 0)
         if self.listeners:
             self._tell(can_id, data, is_rx=True, extended=extended, remote=remote)
 
     def on_error_frame(self, *, bus_off: bool, passive: bool) -> None:
         """A single disturbed frame is repeated by the controller; only bus-off ends the traffic."""
         self.error_frames += 1
+        if self.tap is not None:
+            self.tap(ERROR | (_ERROR_BUS_OFF if bus_off else _ERROR_CONTROLLER if passive else 0), bytes(8), 0)
         if passive:
             self.error_passive += 1
         if bus_off:

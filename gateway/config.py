@@ -44,6 +44,7 @@ from pdgw.gateway.config_surroundings import (
     ParametersConfig,
     RealtimeConfig,
     Section,
+    TraceConfig,
     TransportConfig,
 )
 from pdgw.gateway.errors import GatewayError
@@ -359,6 +360,7 @@ class GatewayConfig(Section):
     encoder: Annotated[tuple[EncoderConfig, ...], BeforeValidator(as_list)] = ()
     """The drive objects of the frame: all axes, then all encoders, each in their order."""
     realtime: RealtimeConfig = RealtimeConfig()
+    trace: TraceConfig = TraceConfig()
     store: Path | None = None
     """File of the non-volatile gateway parameters; ``load_config`` puts one in the state directory where none is given."""
 

@@ -63,6 +63,12 @@ watchdog_factor = 3          # the PLC is lost after this many cycles without a 
 # cpu = [1]                  # processors to run on
 # lock_memory = true
 
+# [trace]                    # flight recorder, see pdgw trace
+# enabled = true             # where there is a run directory
+# directory = "/run/pdgw"    # in RAM; without it systemd's RuntimeDirectory, XDG_RUNTIME_DIR or /dev/shm
+# seconds = 120              # that long back
+# megabytes = 32             # of memory at most
+
 [[axis]]
 do_id = 1                    # DO-ID of the parameter channel, 1 to 254
 node_id = 1                  # CANopen node, 1 to 126

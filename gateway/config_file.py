@@ -10,7 +10,7 @@ from typing import TypeVar
 from pydantic import BaseModel
 
 from pdgw.gateway.config import AxisConfig, EncoderConfig, GatewayConfig
-from pdgw.gateway.config_surroundings import CanConfig, ParametersConfig, RealtimeConfig, TransportConfig
+from pdgw.gateway.config_surroundings import CanConfig, ParametersConfig, RealtimeConfig, TraceConfig, TransportConfig
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.explain import Problem
 from pdgw.gateway.store import default_store
@@ -22,6 +22,7 @@ SECTIONS: dict[str, type[BaseModel]] = {
     "transport": TransportConfig,
     "parameters": ParametersConfig,
     "realtime": RealtimeConfig,
+    "trace": TraceConfig,
     "axis": AxisConfig,
     "encoder": EncoderConfig,
 }

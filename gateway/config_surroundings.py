@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 from ipaddress import IPv4Address, IPv4Interface, IPv4Network
+from pathlib import Path
 from typing import Annotated, Literal
 from uuid import UUID
 
@@ -119,6 +120,19 @@ class ParametersConfig(Section):
         if self.write_from is None:
             return None if listen.is_loopback else ()
         return self.write_from
+
+
+class TraceConfig(Section):
+    """The flight recorder: the last minutes in RAM."""
+
+    enabled: Boolean = True
+    """False: nothing is recorded. True records where there is a run directory."""
+    directory: Path | None = None
+    """On a file system in RAM; None: systemd's RuntimeDirectory, or ``pdgw`` in the XDG run directory, or in /dev/shm."""
+    seconds: Annotated[Integer, Field(ge=1, le=86_400)] = 120
+    """What the ring is to hold at least, as far as there is room."""
+    megabytes: Annotated[Integer, Field(ge=1, le=4096)] = 32
+    """All records together at most."""
 
 
 class RealtimeConfig(Section):

@@ -12,7 +12,7 @@ import logging
 from collections.abc import Callable
 from contextlib import ExitStack
 from functools import partial
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 from pdgw.ds301.client import NodeClient
 from pdgw.ds301.loop import MS, Event, Loop, Timer
@@ -20,6 +20,7 @@ from pdgw.ds301.network import CanNetwork
 from pdgw.gateway.binding import Axis
 from pdgw.gateway.config import AxisConfig, GatewayConfig
 from pdgw.gateway.config_surroundings import GATEWAY_NODE_ID
+from pdgw.gateway.cycle_watch import CycleWatch
 from pdgw.gateway.drive_object import DriveObject
 from pdgw.gateway.edge import Edge, SystemEdge
 from pdgw.gateway.encoder import EncoderNode, EncoderObject
@@ -30,6 +31,9 @@ from pdgw.gateway.reasons import FaultNumber
 from pdgw.gateway.store import DeviceParameters, ParameterStore
 from pdgw.gateway.transport.ethernet import EthernetPort, RawEthernet
 from pdgw.profidrive.telegrams import telegram
+
+if TYPE_CHECKING:
+    from pdgw.gateway.trace.recorder import FlightRecorder
 
 log = logging.getLogger("gateway")
 
@@ -63,6 +67,9 @@ class Daemon:
         self.store = ParameterStore(config.store, log.warning)
         self.networks: dict[str, CanNetwork] = {}
         self.services: list[Service] = []
+        self.watch = CycleWatch()
+        """Told of every cycle when it is done."""
+        self.recorder: FlightRecorder | None = None
         self.started_ns = self.loop.now()
         self.cycles = 0
         self.late = 0
@@ -327,6 +334,7 @@ class Daemon:
             item.step(setpoints[index], now)
         self.cycles += 1
         cycle = self.cycle_ns
+        answered = 0
         # The PLC waits for its answer, a drive only for the bus.
         if accepted or self._stopping or now - self._last_sent >= 2 * cycle:
             objects = self.objects
@@ -336,10 +344,12 @@ class Daemon:
                 [item.released for item in objects],
             )
             self._last_sent = now
+            answered = self.loop.now()
         for item in self.objects:
             item.transmit(now)
         for network in self._synced:
             network.send_sync()
+        self.watch.cycle(now, accepted, answered)
         self._deadline = now + (cycle + cycle // 2 if accepted else cycle)
         self.loop.pace(now + cycle)
         if self._stopping:

@@ -44,6 +44,10 @@ class FaultLog:
         self._warnings = 0
         self._emergency = 0
         self._entered = 0
+        self.count = 0
+        """Faults since the start, without warnings."""
+        self.active = False
+        """A fault is not acknowledged."""
         self._over_until = 0
         """Faults with an id up to this one are acknowledged."""
 
@@ -52,6 +56,8 @@ class FaultLog:
         self.history.append(record)
         self._entered += 1
         if not record.is_warning:
+            self.count += 1
+            self.active = True
             time_ms = max(0, record.time_ns - self._origin) // _NS_PER_MS
             self._buffer.enter(Fault(record.number, record.code, record.value, time_ms & 0xFFFFFFFF))
         elif record.number in GATEWAY_FAULTS:
@@ -63,6 +69,7 @@ class FaultLog:
         """The PLC acknowledged and the cause is gone."""
         self._buffer.acknowledge()
         self._over_until = self._entered
+        self.active = False
         self._emergency = 0
 
     def emergency_over(self) -> None:
@@ -73,6 +80,7 @@ class FaultLog:
         """P952 := 0."""
         self._buffer.clear()
         self._over_until = self._entered
+        self.active = False
 
     def told(self, *, present: bool, newest: int | None = None) -> list[ToldFault]:
         """The history with its ids, newest first; ``newest``: so many of it. ``present`` as in ``warnings``."""

@@ -13,6 +13,7 @@ from typing import Protocol
 from pdgw.ds301.counters import Counters
 from pdgw.gateway.config_surroundings import TransportConfig
 from pdgw.gateway.edge import DatagramPort
+from pdgw.gateway.trace.layout import FramePlaces
 from pdgw.gateway.transport.cyclic import CyclicEndpoint, Verdict
 from pdgw.profidrive.telegrams import Telegram
 
@@ -62,6 +63,21 @@ class Link(Protocol):
     def set_layout(self, telegrams: Sequence[Telegram]) -> None:
         """Other telegrams from now on, in the order of the drive objects; GatewayError or ProfidriveError when not possible."""
 
+    @property
+    def layout_generation(self) -> int:
+        """Rises with every new layout of the frames."""
+
+    def places(self) -> FramePlaces:
+        """The present layout of the frames."""
+
+    @property
+    def received(self) -> bytes:
+        """The newest frame of the PLC, empty before there was one."""
+
+    @property
+    def sent(self) -> bytes | bytearray:
+        """The newest frame to the PLC, likewise; the buffer is used again."""
+
     def status(self) -> dict[str, object]:
         """Connection and verdicts, for ``pdgw status``."""
 
@@ -79,6 +95,7 @@ class UdpLink:
         self._transport = transport
         self.endpoint = self._endpoint(telegrams)
         self.skipped = 0
+        self._generation = 0
         self._register_counters(counters)
 
     def _register_counters(self, counters: Counters) -> None:
@@ -179,7 +196,25 @@ class UdpLink:
         endpoint = self._endpoint(telegrams)
         endpoint.continue_from(self.endpoint)
         self.endpoint = endpoint
+        self._generation += 1
         self.port.only_from(None)
+
+    @property
+    def layout_generation(self) -> int:
+        return self._generation
+
+    def places(self) -> FramePlaces:
+        endpoint = self.endpoint
+        consumer, provider = endpoint.consumer, endpoint.provider
+        return FramePlaces("udp", consumer.frame_size, provider.frame_size, consumer.offsets, provider.offsets)
+
+    @property
+    def received(self) -> bytes:
+        return self.endpoint.received
+
+    @property
+    def sent(self) -> bytes | bytearray:
+        return self.endpoint.frame
 
     def status(self) -> dict[str, object]:
         endpoint = self.endpoint

@@ -22,6 +22,7 @@ from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.profinet_diagnosis import present_classes
 from pdgw.gateway.profinet_identity import profinet_model
 from pdgw.gateway.store import DeviceParameters, ParameterStore
+from pdgw.gateway.trace.layout import FramePlaces
 from pdgw.gateway.transport.ethernet import EthernetPort
 from pdgw.gateway.transport.udp import Address
 from pdgw.profidrive.frame import IOPS_GOOD
@@ -91,6 +92,7 @@ class ProfinetLink:
         self._outputs: list[tuple[int, Callable[[bytes, int], tuple[int, ...]], int, int]] = []
         """Drive objects with output data: number, codec, where data and IOPS lie in the consumer's frame."""
         self.setpoints: list[Sequence[int] | None] = [None] * len(objects)
+        self._generation = 0
         self.watchdog_expiries = 0
         self.flashing_until = 0
         stored = store.parameters
@@ -231,6 +233,29 @@ class ProfinetLink:
         transport = self._config.transport
         self.device.replug(profinet_model(transport, self.port.mac, self._config.objects, self._telegrams))
 
+    @property
+    def layout_generation(self) -> int:
+        return self._generation
+
+    def places(self) -> FramePlaces:
+        relation = self.device.relation
+        offsets = {index: offset for index, _, offset, _ in self._outputs}
+        setpoints = tuple(offsets.get(index) for index in range(len(self._telegrams)))
+        actuals = tuple(None if place is None else place[0] for place in self._places)
+        if relation is None or relation.consumer is None or relation.provider is None:
+            return FramePlaces("profinet", 0, 0, setpoints, actuals)
+        return FramePlaces("profinet", len(relation.consumer.payload), len(relation.provider.frame), setpoints, actuals)
+
+    @property
+    def received(self) -> bytes:
+        relation = self.device.relation
+        return relation.consumer.payload if relation is not None and relation.consumer is not None else b""
+
+    @property
+    def sent(self) -> bytes | bytearray:
+        relation = self.device.relation
+        return relation.provider.frame if relation is not None and relation.provider is not None else b""
+
     def status(self) -> dict[str, object]:
         relation = self.device.relation
         station = self.station
@@ -329,6 +354,7 @@ class ProfinetLink:
                         self._outputs.append((index, telegram.setpoints.struct.unpack_from, *where))
                 transport = self._config.transport
                 self._limit_ns = transport.watchdog_factor * provider.cycle_ns
+                self._generation += 1
                 cycle = provider.cycle_ns / MS
                 log.info("controller %s connected, cycle %g ms", self.peer, cycle)
                 if cycle < transport.cycle_time_ms:

@@ -127,6 +127,7 @@ def _head(daemon: Daemon) -> dict[str, Any]:
         "uptime_s": round(uptime_s, 3),
         "plc": {"type": config.transport.type, "cycle_ms": config.transport.cycle_time_ms} | daemon.link.status(),
         "store": str(daemon.store.path) if daemon.store.path is not None else "",
+        "trace": str(daemon.recorder.path or "") if daemon.recorder is not None else "",
         "buses": [
             {
                 "name": bus.name,
@@ -137,6 +138,8 @@ def _head(daemon: Daemon) -> dict[str, Any]:
             }
             for bus in config.can
         ],
+        "cycle_times": daemon.watch.periods.status(),
+        "response_times": daemon.watch.responses.status(),
         "counters": loop.counters.values(),
     }
 

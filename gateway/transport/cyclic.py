@@ -77,12 +77,15 @@ class CyclicEndpoint:
         setpoint_frame_id: int = FRAME_ID_TO_DEVICE,
         actual_frame_id: int = FRAME_ID_TO_CONTROLLER,
     ) -> None:
-        self._consumer = CSduLayout(telegrams, Direction.SETPOINT)
-        self._provider = CSduLayout(telegrams, Direction.ACTUAL)
+        self.consumer = CSduLayout(telegrams, Direction.SETPOINT)
+        self.provider = CSduLayout(telegrams, Direction.ACTUAL)
         self._frame_id = setpoint_frame_id
-        self._padding_start = HEADER.size + self._consumer.used
-        self._padding = bytes(self._consumer.trailer - self._padding_start)
-        self._frame = self._provider.new_frame(actual_frame_id)
+        self._padding_start = HEADER.size + self.consumer.used
+        self._padding = bytes(self.consumer.trailer - self._padding_start)
+        self.frame = self.provider.new_frame(actual_frame_id)
+        """The newest frame to the PLC; the buffer is used again."""
+        self.received = b""
+        """The newest frame of the PLC that was accepted."""
         self._step = max(1, cycle_ns // COUNTER_UNIT_NS)
         self._counter = 0
         self._watchdog_ns = cycle_ns * watchdog_factor
@@ -90,7 +93,7 @@ class CyclicEndpoint:
         self._sequence = FrameSequence(cycle_ns, self._watchdog_ns) if delays else NewerFrames()
         self._believes = not delays
         self._history = OrderHistory(cycle_ns)
-        self._confirmations = tuple(Confirmation(half) for half in self._consumer.halves)
+        self._confirmations = tuple(Confirmation(half) for half in self.consumer.halves)
         self._in_force: list[tuple[int, ...] | None] = [None] * len(telegrams)
         self._waiting = False
         """An order waits to be confirmed."""
@@ -103,10 +106,10 @@ class CyclicEndpoint:
         self._axes = tuple(
             (half.struct.unpack_from, offset, iops, confirmation.read)
             for half, offset, iops, confirmation in zip(
-                self._consumer.halves, self._consumer.offsets, self._consumer.iops, self._confirmations, strict=True
+                self.consumer.halves, self.consumer.offsets, self.consumer.iops, self._confirmations, strict=True
             )
         )
-        provider = self._provider
+        provider = self.provider
         self._answers = tuple(
             (index, half.struct.pack_into, provider.offsets[index], provider.iops[index], provider.iocs[index])
             for index, half in enumerate(provider.halves)
@@ -127,7 +130,7 @@ class CyclicEndpoint:
     @property
     def frame_size(self) -> int:
         """Bytes of a frame from the PLC."""
-        return self._consumer.frame_size
+        return self.consumer.frame_size
 
     @property
     def layout_text(self) -> str:
@@ -181,7 +184,7 @@ class CyclicEndpoint:
             self._late = now - self._looked_before > self._watchdog_ns
 
     def _check(self, data: bytes, source: Address) -> Verdict:
-        layout = self._consumer
+        layout = self.consumer
         size = len(data)
         if self._fixed_peer is not None and source[0] != self._fixed_peer:
             return Verdict.FOREIGN_SENDER
@@ -203,7 +206,7 @@ class CyclicEndpoint:
     def _take(self, data: bytes, source: Address, arrived: int, verdict: Verdict) -> Verdict:
         """The verdict on a frame whose content is right, by its place in the sequence of frames."""
         sequence = self._sequence
-        (counter,) = _COUNTER.unpack_from(data, self._consumer.trailer)
+        (counter,) = _COUNTER.unpack_from(data, self.consumer.trailer)
         runs = verdict is Verdict.ACCEPTED
         if not sequence.next(counter, arrived):
             orders = tuple(self._decode(data)[1]) if runs else None
@@ -216,6 +219,7 @@ class CyclicEndpoint:
                 return Verdict.STALE if order is Order.STALE else Verdict.UNCONFIRMED
             self._connect(source, orders)
         self._last_time = arrived
+        self.received = data
         if runs:
             self._accept(data)
         else:
@@ -326,8 +330,8 @@ class CyclicEndpoint:
         """
         if released is not None:
             self._released = released
-        frame = self._frame
-        layout = self._provider
+        frame = self.frame
+        layout = self.provider
         setpoints = self.setpoints
         for index, pack_into, offset, iops, iocs in self._answers:
             pack_into(frame, offset, *actuals[index])

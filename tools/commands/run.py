@@ -24,6 +24,8 @@ from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.explain import Problem, problems
 from pdgw.gateway.status import StatusServer
+from pdgw.gateway.trace.place import prepared, run_directory
+from pdgw.gateway.trace.recorder import FlightRecorder
 from pdgw.gateway.transport.acyclic import record_service
 from pdgw.tools.beside import devices_beside
 from pdgw.tools.run_log import CanRecorder, LogLevel, RunLog, on_signals
@@ -58,6 +60,18 @@ def _told(problem: Problem) -> str:
 
 def _calls(action: Callable[[], None]) -> Callable[[int, FrameType | None], None]:
     return lambda *_: action()
+
+
+def _record_flight(daemon: Daemon, name: str) -> None:
+    """The flight recorder; without the room for it the gateway runs all the same."""
+    trace = daemon.config.trace
+    directory = trace.directory or run_directory()
+    if not trace.enabled or directory is None:
+        return
+    try:
+        daemon.services.append(FlightRecorder(daemon, prepared(directory), name))
+    except GatewayError as error:
+        log.warning("%s; goes on without", error)
 
 
 def run(
@@ -137,6 +151,7 @@ def run(
             for bus in chosen.can:
                 daemon.networks[bus.name].listeners.append(partial(recording.frame, _log_name(bus)))
         daemon.services.append(record_service(daemon))
+        _record_flight(daemon, "simulated" if config is None else config.stem)
         if chosen.transport.status_port:
             daemon.services.append(StatusServer(daemon, chosen.transport.status_port))
         for name, action in on_signals(daemon.stop, run_log).items():

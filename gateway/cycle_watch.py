@@ -1,0 +1,65 @@
+"""What looks at every cycle once it is done: how long it took, the flight recorder, and the sign of life for the service manager.
+
+The cyclic loop calls ``CycleWatch.cycle`` after the PLC has its answer and the drives their commands, and nothing else.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from typing import Protocol
+
+_MS = 1_000_000
+BOUNDS_NS = (*(int(step * scale * _MS) for scale in (0.1, 1, 10) for step in (1, 2, 5)), 100 * _MS)
+"""Upper ends of the classes: 0.1 to 100 ms in steps of 1, 2, 5; what is longer has a class of its own."""
+
+
+class Histogram:
+    """Durations by class. Counts are plain integers and never fall."""
+
+    def __init__(self) -> None:
+        self.counts = [0] * (len(BOUNDS_NS) + 1)
+        self.total_ns = 0
+
+    def observe(self, duration_ns: int) -> None:
+        self.counts[bisect_left(BOUNDS_NS, duration_ns)] += 1
+        self.total_ns += duration_ns
+
+    def status(self) -> dict[str, object]:
+        """Upper ends in seconds, how many were in each class (the last one: longer than all), and the sum of all."""
+        return {
+            "bounds_s": [bound / 1e9 for bound in BOUNDS_NS],
+            "counts": list(self.counts),
+            "sum_s": self.total_ns / 1e9,
+        }
+
+
+class CycleListener(Protocol):
+    """Somebody who looks at every cycle."""
+
+    def cycle(self, now: int, accepted: bool, answered: int) -> None:
+        """See ``CycleWatch.cycle``. It never waits."""
+
+
+class CycleWatch:
+    """The one place the cyclic loop tells of its cycles."""
+
+    def __init__(self) -> None:
+        self.periods = Histogram()
+        """From the beginning of a cycle to that of the next one."""
+        self.responses = Histogram()
+        """From the PLC's frame to the answer."""
+        self.listeners: list[CycleListener] = []
+        self._last = 0
+
+    def cycle(self, now: int, accepted: bool, answered: int) -> None:
+        """A cycle that began at ``now`` is done.
+
+        ``accepted``: it began with a frame of the PLC; ``answered``: when its answer was sent, 0 without one.
+        """
+        if self._last:
+            self.periods.observe(now - self._last)
+        self._last = now
+        if accepted and answered:
+            self.responses.observe(answered - now)
+        for listener in self.listeners:
+            listener.cycle(now, accepted, answered)

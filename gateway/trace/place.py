@@ -1,0 +1,55 @@
+"""Where rings are: a run directory of this machine, which is in RAM."""
+
+from __future__ import annotations
+
+import os
+import stat
+from pathlib import Path
+
+from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.trace.layout import SUFFIX
+
+_SHARED_MEMORY = Path("/dev/shm")
+_PRIVATE = 0o750
+
+
+def run_directory() -> Path | None:
+    """systemd's RuntimeDirectory, else ``pdgw`` in the XDG run directory, else the user's folder in /dev/shm; None: nowhere."""
+    given = os.environ.get("RUNTIME_DIRECTORY", "").split(":")[0]
+    if given:
+        return Path(given)
+    base = os.environ.get("XDG_RUNTIME_DIR", "")
+    if base and Path(base).is_dir():
+        return Path(base) / "pdgw"
+    if _SHARED_MEMORY.is_dir() and hasattr(os, "getuid"):
+        return _SHARED_MEMORY / f"pdgw-{os.getuid()}"
+    return None
+
+
+def prepared(directory: Path) -> Path:
+    """The directory, made when it is missing; GatewayError when it cannot be had or belongs to somebody else."""
+    try:
+        directory.mkdir(mode=_PRIVATE, parents=True, exist_ok=True)
+        found = directory.lstat()
+    except OSError as error:
+        raise GatewayError(f"flight recorder: {directory}: {error.strerror or error}") from error
+    if not stat.S_ISDIR(found.st_mode):
+        raise GatewayError(f"flight recorder: {directory}: is no directory")
+    # Whoever made it first in a place where everybody may make files could read along or take the file away.
+    if found.st_uid != os.getuid() and found.st_mode & stat.S_IWOTH:
+        raise GatewayError(f"flight recorder: {directory}: belongs to somebody else")
+    return directory
+
+
+def rings(directory: Path | None = None) -> list[Path]:
+    """The rings in a directory (None: the run directory), the one written last first."""
+    place = run_directory() if directory is None else directory
+    if place is None:
+        return []
+    found: list[tuple[float, Path]] = []
+    try:
+        for path in place.glob(f"*{SUFFIX}"):
+            found.append((path.stat().st_mtime, path))
+    except OSError as error:
+        raise GatewayError(f"{place}: {error.strerror or error}") from error
+    return [path for _, path in sorted(found, reverse=True)]

@@ -1,0 +1,209 @@
+"""The flight recorder of a daemon: hands every cycle and every CAN frame to a ring file."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pdgw.ds301.loop import SECOND
+from pdgw.gateway.binding import Axis
+from pdgw.gateway.config_file import config_text
+from pdgw.gateway.drive_object import DriveObject
+from pdgw.gateway.encoder import EncoderObject
+from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.reasons import Reason
+from pdgw.gateway.trace.layout import CycleFlag, ObjectFlag, RingLayout, TracedObject
+from pdgw.gateway.trace.writer import RingFile
+
+if TYPE_CHECKING:
+    from pdgw.gateway.daemon import Daemon
+
+log = logging.getLogger("gateway")
+
+_MEGABYTE = 1 << 20
+_ANCHOR_NS = SECOND
+"""So often the ring is told the wall clock and who the PLC is."""
+_LONGEST_US = 0xFFFF
+_OTHER_FRAMES = 200
+"""CAN frames a second and bus beside the PDOs: heartbeats, SDOs."""
+_FRESH, _CONNECTED, _ANSWERED = int(CycleFlag.FRESH), int(CycleFlag.CONNECTED), int(CycleFlag.ANSWERED)
+_SETPOINTS, _GOOD, _ACTIVE = int(ObjectFlag.SETPOINTS), int(ObjectFlag.GOOD), int(ObjectFlag.ACTIVE_FAULT)
+_NOTHING = (0, 0, 0, 0)
+
+
+class FlightRecorder:
+    """Records until ``stop``; GatewayError from the constructor when the file cannot be made."""
+
+    def __init__(self, daemon: Daemon, directory: Path, name: str) -> None:
+        self._daemon = daemon
+        self._directory = directory
+        self._name = name
+        self._lost = 0
+        self._link = daemon.link
+        self._ring: RingFile | None = None
+        self._sources: list[tuple[Any, ...]] = []
+        self._anchor_due = 0
+        self._generation = 0
+        self._open(keep_previous=True)
+        daemon.loop.counters.add("trace", "lost", "records", "of the flight recorder, not written", lambda: self.lost)
+        for number, network in enumerate(daemon.networks.values()):
+            network.tap = partial(self._frame, number)
+        daemon.watch.listeners.append(self)
+        daemon.recorder = self
+
+    @property
+    def path(self) -> Path | None:
+        """The file, None while there is none."""
+        return None if self._ring is None else self._ring.path
+
+    @property
+    def lost(self) -> int:
+        """Records that were not written."""
+        return self._lost + (self._ring.failures if self._ring is not None else 0)
+
+    def start(self) -> None:
+        """It records already."""
+
+    def stop(self) -> None:
+        """End in order; the file stays."""
+        for network in self._daemon.networks.values():
+            network.tap = None
+        if self._ring is not None:
+            self._ring.close()
+            self._ring = None
+
+    # -- the exchange -----------------------------------------------------------------------------------------------------
+
+    def cycle(self, now: int, accepted: bool, answered: int) -> None:
+        """CycleListener."""
+        link, ring = self._link, self._ring
+        if link.layout_generation != self._generation:
+            self._change()
+            return
+        if ring is None:
+            return
+        received, sent = link.received, link.sent
+        flags = _FRESH if accepted else 0
+        if link.connected:
+            flags |= _CONNECTED
+        response = 0
+        if answered:
+            flags |= _ANSWERED
+            response = min((answered - now) // 1000, _LONGEST_US)
+        values: list[Any] = [now, flags, len(received), len(sent), response, received, sent]
+        for outputs, inputs, feedback, command, faults in self._sources:
+            reason = outputs.reason
+            state = (_SETPOINTS if inputs.setpoints is not None else 0) | (_GOOD if outputs.good else 0)
+            if feedback is None:
+                values += _NOTHING
+            else:
+                values += (
+                    feedback.velocity_actual,
+                    feedback.position_actual,
+                    feedback.statusword,
+                    command.controlword,
+                )
+            values += (
+                0 if reason is None else reason.code,
+                state | _ACTIVE if faults.active else state,
+                faults.count & 0xFF,
+            )
+        ring.cycle(values)
+        if now >= self._anchor_due:
+            self._anchor(ring, now)
+
+    def _frame(self, bus: int, identifier: int, data: bytes, sent: int) -> None:
+        ring = self._ring
+        if ring is not None:
+            ring.frame(self._daemon.loop.now(), identifier, bus, sent, data)
+
+    def _anchor(self, ring: RingFile, now: int) -> None:
+        self._anchor_due = now + _ANCHOR_NS
+        loop = self._daemon.loop
+        ring.set_clock(int(loop.wall() * SECOND) - loop.now())
+        peer = self._link.peer
+        if peer is not None:
+            ring.set_peer(peer)
+
+    # -- the file ---------------------------------------------------------------------------------------------------------
+
+    def _open(self, *, keep_previous: bool) -> None:
+        self._generation = self._link.layout_generation
+        layout = self._layout()
+        limit = self._daemon.config.trace.megabytes * _MEGABYTE
+        ring = RingFile(self._directory, layout, limit, keep_previous=keep_previous)
+        self._sources = [_source(item) for item in self._daemon.objects]
+        self._anchor(ring, self._daemon.loop.now())
+        self._ring = ring
+
+    def _change(self) -> None:
+        """The frames have another layout from now on: so has the ring. Making the file takes longer than a cycle may."""
+        self._generation = self._link.layout_generation
+        old = self._ring
+        if old is not None and _shape(old.layout) == _shape(self._layout()):
+            return
+        self._ring = None
+        loop = self._daemon.loop
+
+        def reopen() -> None:
+            if old is not None:
+                self._lost += old.failures
+                old.close()
+            try:
+                self._open(keep_previous=False)
+            except GatewayError as error:
+                log.warning("%s", error)
+
+        loop.spawn(lambda: loop.result(loop.offload(reopen)), "flight recorder")
+
+    def _layout(self) -> RingLayout:
+        daemon = self._daemon
+        config = daemon.config
+        per_second = SECOND / daemon.cycle_ns
+        pdos = sum(len(client.layout.rpdos) + len(client.layout.tpdos) for client in daemon.clients)
+        frames = per_second * pdos + _OTHER_FRAMES * len(daemon.networks)
+        seconds = config.trace.seconds
+        return RingLayout(
+            name=self._name,
+            cycle_ns=daemon.cycle_ns,
+            places=self._link.places(),
+            objects=tuple(_traced(item) for item in daemon.objects),
+            buses=tuple(daemon.networks),
+            cycles=int(seconds * per_second),
+            frames=int(seconds * frames),
+            address=daemon.address,
+            reasons=tuple(reason.name for reason in Reason),
+            configuration=config_text(config),
+        )
+
+
+def _shape(layout: RingLayout) -> tuple[object, ...]:
+    """What makes another ring necessary."""
+    return layout.places, layout.objects
+
+
+def _traced(item: DriveObject) -> TracedObject:
+    mapped: Sequence[str] = ()
+    if isinstance(item, Axis):
+        mapped = [name for pdo in item.drive.layout.tpdos for name in pdo.attributes]
+    return TracedObject(
+        item.do_id,
+        item.kind,
+        item.node_id,
+        item.network.name,
+        item.telegram.number,
+        "velocity_actual" in mapped,
+        "position_actual" in mapped,
+    )
+
+
+def _source(item: DriveObject) -> tuple[Any, ...]:
+    """Where the values of a drive object are, from cycle to cycle the same objects."""
+    if isinstance(item, Axis):
+        outputs = item.machine.outputs
+        return outputs, item.machine.inputs, item.drive.feedback, outputs.command, item.fault_log
+    assert isinstance(item, EncoderObject)
+    return item.machine.outputs, item.machine.inputs, None, None, item.fault_log

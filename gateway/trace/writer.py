@@ -1,0 +1,135 @@
+"""The writing side of the ring: a record in less than a microsecond, and a file that is there before the first one.
+
+Nothing here waits for the disk or allocates while the exchange runs: the file is made whole and its pages are mapped when it is
+opened. Nobody is told of a record; readers look at the file (``reader``).
+"""
+
+from __future__ import annotations
+
+import mmap
+import os
+import struct
+from dataclasses import replace
+from pathlib import Path
+
+from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.trace.layout import (
+    FRAME,
+    PEER_OFFSET,
+    PEER_SIZE,
+    SUFFIX,
+    WORD,
+    RingLayout,
+    Word,
+    sized,
+)
+
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None  # type: ignore[assignment]
+
+PREVIOUS = ".previous" + SUFFIX
+_MODE = 0o640
+_NAMES = 9
+"""So many gateways of one name may run on a machine, each with a file of its own."""
+_U64 = (1 << 64) - 1
+
+
+class RingFile:
+    """A ring that is written; GatewayError when it cannot be made. ``limit``: bytes of records at most."""
+
+    def __init__(self, directory: Path, layout: RingLayout, limit: int, *, keep_previous: bool = True) -> None:
+        cycles, frames = sized(layout, limit)
+        self.layout = layout = replace(layout, cycles=cycles, frames=frames)
+        self.failures = 0
+        """Records that could not be written: a value that fits no field."""
+        try:
+            self.path, self._lock = _place(directory, layout.name, keep_previous=keep_previous)
+            self._map = _make(self.path, layout)
+        except OSError as error:
+            raise GatewayError(f"flight recorder: {directory}: {error.strerror or error}") from error
+        except AttributeError as error:
+            raise GatewayError("flight recorder: not on this operating system") from error
+        self._words = memoryview(self._map).cast("Q")
+        self._pack_cycle = layout.cycle.pack_into
+        self._cycle_size, self._cycle_mask, self._cycles = layout.cycle.size, cycles - 1, layout.cycles_offset
+        self._frame_mask, self._frames = frames - 1, layout.frames_offset
+        self._cycle = self._frame = 0
+        self._words[Word.PROCESS] = os.getpid()
+
+    def cycle(self, values: list[object]) -> None:
+        """One cycle: time, flags, sizes, answer time, both frames, then the fields of each drive object."""
+        sequence = self._cycle = self._cycle + 1
+        offset = self._cycles + (sequence & self._cycle_mask) * self._cycle_size
+        words, word = self._words, offset // WORD
+        words[word] = 0
+        try:
+            self._pack_cycle(self._map, offset, 0, *values)
+        except struct.error:
+            self.failures += 1
+            return
+        words[word] = sequence
+        words[Word.NEWEST_CYCLE] = sequence
+
+    def frame(self, time_ns: int, identifier: int, bus: int, sent: int, data: bytes) -> None:
+        """One CAN frame; ``identifier`` with the flags of SocketCAN."""
+        sequence = self._frame = self._frame + 1
+        offset = self._frames + (sequence & self._frame_mask) * FRAME.size
+        words, word = self._words, offset // WORD
+        words[word] = 0
+        FRAME.pack_into(self._map, offset, 0, time_ns, identifier, bus, sent, len(data), 0, data)
+        words[word] = sequence
+        words[Word.NEWEST_FRAME] = sequence
+
+    def set_clock(self, wall_offset_ns: int) -> None:
+        """How far the wall clock is ahead of the monotonic one."""
+        self._words[Word.WALL_OFFSET] = wall_offset_ns & _U64
+
+    def set_peer(self, peer: str) -> None:
+        """Who the PLC is or was last."""
+        self._map[PEER_OFFSET : PEER_OFFSET + PEER_SIZE] = peer.encode()[:PEER_SIZE].ljust(PEER_SIZE, b"\0")
+
+    def close(self) -> None:
+        """Nothing more comes; the file stays."""
+        self._words[Word.ENDED] = 1
+        self._words.release()
+        self._map.close()
+        os.close(self._lock)
+
+
+def _place(directory: Path, name: str, *, keep_previous: bool) -> tuple[Path, int]:
+    """The path no living gateway has, and the lock that says so. What an earlier one left there is kept as the previous ring."""
+    for number in range(1, _NAMES + 1):
+        stem = name if number == 1 else f"{name}-{number}"
+        lock = os.open(directory / f"{stem}.lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, _MODE)
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            os.close(lock)
+            continue
+        path = directory / (stem + SUFFIX)
+        if keep_previous and path.exists():
+            path.replace(directory / (stem + PREVIOUS))
+        return path, lock
+    raise OSError(0, f"{_NAMES} gateways called {name} run already")
+
+
+def _make(path: Path, layout: RingLayout) -> mmap.mmap:
+    """The file, whole in memory before anything is written to it: a full file system is an error now, not in a cycle."""
+    new = path.with_suffix(".new")
+    new.unlink(missing_ok=True)
+    descriptor = os.open(new, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC | os.O_NOFOLLOW, _MODE)
+    try:
+        os.fchmod(descriptor, _MODE)
+        os.posix_fallocate(descriptor, 0, layout.size)
+        mapped = mmap.mmap(descriptor, layout.size, flags=mmap.MAP_SHARED | getattr(mmap, "MAP_POPULATE", 0))
+    except OSError:
+        new.unlink(missing_ok=True)
+        raise
+    finally:
+        os.close(descriptor)
+    head = layout.head()
+    mapped[: len(head)] = head
+    new.replace(path)
+    return mapped
