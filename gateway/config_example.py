@@ -104,6 +104,7 @@ simulate = false             # true: a simulated drive instead of the one on the
 # following_window = 4096    # position units within which DSC may start, needed with dsc
 # dsc_delay_cycles = 1       # age of the position the PLC answers
 # xerr_sign = 1              # -1: a positive XERR moves backward
+# sync_jitter_us = 0         # added to the dead time that limits KPC; pdgw status shows the jitter
 {POSITIONER_EXAMPLE}
 # Encoders follow the axes in the frame. Several channels of a multi-sensor device are tables of their own.
 # [[encoder]]
