@@ -132,7 +132,9 @@ def decode(
     for speed in speeds:
         ratio = "" if speed is ours else f"{ours.rate / speed.rate:.1f} x as fast"
         table.add_row(speed.name, f"{speed.seconds:.2f}", f"{speed.rate:.0f}", ratio)
-    Console().print(table)
+    console = Console()
+    _print_machine(console)
+    console.print(table)
     typer.echo(f"goals: {decoding.GOAL_SCAPY:g} x scapy, {decoding.GOAL_TSHARK:g} x tshark")
 
 
@@ -146,6 +148,7 @@ def timeline(
     if as_json:
         typer.echo(json.dumps({"timeline": {**asdict(speed), "factor": speed.factor}}, indent=2))
         return
+    _print_machine(Console())
     typer.echo(
         f"timeline: {speed.recorded_s} s of traffic in {speed.cpu_s:.1f} s of CPU, {speed.factor:.0f} x as fast as real time "
         f"(goal {following.GOAL_FACTOR:g}); first line after {speed.first_line_s:.1f} s; {speed.peak_mib:.0f} MiB at most"
@@ -266,14 +269,12 @@ def _document(row: Row) -> dict[str, Any]:
     return {**asdict(row), **latencies, **ratios}
 
 
-def _print_machine(console: Console, realtime: bool) -> None:
+def _print_machine(console: Console, realtime: bool = False) -> None:
     facts = machine()
     priority = "real-time" if realtime else "usual"
-    console.print(
-        f"pdgw {facts['version']}, {facts['build']}, Python {facts['python']}, {facts['system']} {facts['processor']}, "
-        f"{facts['cores']} cores, {priority} priority",
-        highlight=False,
-    )
+    build = f"{facts['date']}, pdgw {facts['version']}, {facts['build']}, Python {facts['python']}"
+    system = f"{facts['system']} {facts['processor']}, {facts['cores']} cores, {priority} priority"
+    console.print(f"{build}, {system}", highlight=False)
 
 
 def _missed(item: Latency) -> str:
