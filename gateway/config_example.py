@@ -68,6 +68,11 @@ watchdog_factor = 3          # the PLC is lost after this many cycles without a 
 # directory = "/run/pdgw"    # in RAM; without it systemd's RuntimeDirectory, XDG_RUNTIME_DIR or /dev/shm
 # seconds = 120              # that long back
 # megabytes = 32             # of memory at most
+# keep = ["fault", "stop"]   # a file of what was before and after each, as pdgw trace save writes it
+# keep_directory = "traces"  # without it in the state directory
+# keep_before_s = 10
+# keep_after_s = 5
+# keep_files = 20            # the oldest go
 
 [[axis]]
 do_id = 1                    # DO-ID of the parameter channel, 1 to 254

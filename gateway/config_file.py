@@ -46,7 +46,10 @@ def load_config(path: Path) -> GatewayConfig:
     if missing:
         raise GatewayError("\n".join(missing))
     store = path.parent / config.store if config.store else default_store(path)
-    return config.model_copy(update={"axis": axes, "encoder": encoders, "store": store})
+    trace = config.trace
+    if trace.keep_directory is not None:
+        trace = trace.model_copy(update={"keep_directory": path.parent / trace.keep_directory})
+    return config.model_copy(update={"axis": axes, "encoder": encoders, "store": store, "trace": trace})
 
 
 def _beside(item: Item, path: Path) -> Item:

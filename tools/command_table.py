@@ -49,6 +49,7 @@ COMMANDS: Mapping[str, Entry] = {
         "Print the byte map of a configuration: offset, length, signal, unit and 100 % of every value; or code for the PLC.",
     ),
     "status": Entry("status:status", "Show axes, reasons, faults and counters of a running gateway."),
+    "trace": Entry("trace:app", "The flight recorder: the last minutes of both buses."),
     "param": Entry("param:app", "Parameters of a gateway or any PROFIdrive device."),
     "decode": Entry(
         "decode:decode", "Decode a piece of data (--hex), a capture of either bus, or what is on a bus now."
