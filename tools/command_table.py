@@ -89,6 +89,10 @@ SIM_COMMANDS: Mapping[str, Entry] = {
         "sim_encoder:encoder",
         "Run simulated encoders until SIGINT, SIGTERM or `quit`. Commands on standard input: see `pdgw sim inject`.",
     ),
+    "loop": Entry(
+        "sim_loop:loop",
+        "Close a position loop in a simulated PLC, with DSC and without: following error and stability, in virtual time.",
+    ),
     "bus": Entry(
         "sim_drive:bus",
         "Run the simulated devices of FILE with their faults until SIGINT, SIGTERM or `quit`; "
