@@ -69,13 +69,13 @@ _INDEXES: Final = frozenset(Index)
 
 class AcyclicDecoder:
     """All RPC packets of a capture. ``observe`` is told the telegram (DO-ID, number) of every P922 read or written,
-    ``connect`` every Connect the device accepted.
+    ``connect`` every Connect the device accepted; it says whether that is of interest.
     """
 
     def __init__(
         self,
         observe: Callable[[int, int], None],
-        connect: Callable[[Connection], None],
+        connect: Callable[[Connection], bool],
         names: StationNames | None = None,
     ) -> None:
         self._observe = observe

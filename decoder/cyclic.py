@@ -46,13 +46,15 @@ _LIVE = STATUS_RUN | STATUS_DATA_VALID
 class Axis:
     """One axis of the relationship, in the order of the frame.
 
-    ``node`` is its CANopen node-ID, 0 when not known; ``bus`` the channel that node is on, empty for any.
+    ``node`` is its CANopen node-ID, 0 when not known; ``bus`` the channel that node is on, empty for any. ``slot`` is its
+    PROFINET slot, 0 where the order tells it.
     """
 
     do_id: int
     telegram: int
     node: int = 0
     bus: str = ""
+    slot: int = 0
 
 
 @cache
@@ -192,9 +194,7 @@ class CyclicDecoder:
             axes = tuple(Axis(do_id, 0) for do_id in sorted(self._observed))
         else:
             return ()
-        return tuple(
-            Axis(axis.do_id, self._observed.get(axis.do_id, axis.telegram), axis.node, axis.bus) for axis in axes
-        )
+        return tuple(replace(axis, telegram=self._observed.get(axis.do_id, axis.telegram)) for axis in axes)
 
     @property
     def inferred(self) -> tuple[Axis, ...]:
@@ -208,8 +208,8 @@ class CyclicDecoder:
         """Live frames of both directions were looked at: more will not make ``inferred`` surer."""
         return len(self._seen) == len(Direction)
 
-    def connect(self, connection: Connection) -> None:
-        """A Connect was seen: from now on its FrameIDs are read as it says."""
+    def connect(self, connection: Connection) -> bool:
+        """A Connect was seen: from now on its FrameIDs are read as it says. False where it is not that of the chosen station."""
         self._layouts.clear()
         for relation in connection.relations:
             if len(self._relations) >= _MAX_KINDS:
@@ -219,13 +219,15 @@ class CyclicDecoder:
             self._relations[key] = (relation, connection)
         found = [f"axis {axis.do_id} telegram {axis.telegram}" for axis, _ in self._connected(connection)]
         if not found:
-            return
+            return False
         whose = f" of {connection.station}" if connection.station else ""
-        if self._chosen(connection):
+        chosen = self._chosen(connection)
+        if chosen:
             self._connection = connection
             self._notify(f"observed in Connect{whose}: {', '.join(found)}")
         else:
             self._notify(f"left out: another station{whose} with {', '.join(found)}; --station chooses")
+        return chosen
 
     def _chosen(self, connection: Connection) -> bool:
         """Whether a station is the one to be read: the named one, else the first that has telegrams."""
@@ -240,7 +242,7 @@ class CyclicDecoder:
 
     def _connected(self, connection: Connection) -> list[tuple[Axis, Place]]:
         """The submodules whose lengths are those of a telegram. The n-th drive object is in slot n."""
-        known = dict(enumerate(self.axes, 1)) if self._given else {axis.do_id: axis for axis in self.axes}
+        known = {axis.slot or place: axis for place, axis in enumerate(self.axes, 1)}
         return self._fitting(connection, known)
 
     def _fitting(self, connection: Connection, known: Mapping[int, Axis]) -> list[tuple[Axis, Place]]:
@@ -248,7 +250,7 @@ class CyclicDecoder:
         for place in connection.places:
             sizes = [connection.lengths.get((place, direction), 0) for direction in Direction]
             fitting = [n for n, t in TELEGRAMS.items() if [t.half(direction).size for direction in Direction] == sizes]
-            axis = known.get(place[0]) or Axis(place[0], 0)
+            axis = known.get(place[0]) or Axis(place[0], 0, slot=place[0])
             # The gateway's own submodules say which telegram they are; others have a length only.
             named = connection.idents.get(place, 0) - TELEGRAM_IDENT
             number = named if named in fitting else self._observed.get(axis.do_id, axis.telegram)

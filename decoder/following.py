@@ -1,8 +1,9 @@
 """A timeline out of the records of both buses as they come: entries in the order of time, in constant memory.
 
-Facts are taken from the recording: whether the gateway has the PLC (IOCS of its answers) and the drive (IOPS). Only where it has
-no answers the watchdog decides. An entry is held back until all that belongs to it has come (``HOLD_NS`` of recorded time), then
-it is given out and forgotten. Without I/O; one clock (``decoder.lookahead`` finds the offset).
+Facts are taken from the recording: whether the gateway has the PLC (IOCS of its answers) and the drive (IOPS). Where it has no
+answers, and over PROFINET, whose IOCS do not tell, the watchdog decides. An entry is held back until all that belongs to it has
+come (``HOLD_NS`` of recorded time), then it is given out and forgotten. Without I/O; one clock (``decoder.lookahead`` finds the
+offset).
 
     >>> follower = Follower(axes, settings, cycle_ns=4_000_000)
     >>> for record in records:
@@ -17,9 +18,12 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Final
 
+from pdgw.decoder.connect import Connection
 from pdgw.decoder.cyclic import Axis
 from pdgw.decoder.following_axis import RESPONSE_NS, AxisFollower
 from pdgw.decoder.following_object import ObjectFollower, Put
+from pdgw.decoder.profinet_endpoint import ProfinetEndpoint
+from pdgw.decoder.profinet_records import AlarmRecord, Change, RelationRecord
 from pdgw.decoder.records import CanRecord, CyclicRecord, NmtRecord, Record
 from pdgw.decoder.timeline import Anomaly, AnomalyKind, Edge, Entry, Event
 from pdgw.gateway.axis.settings import AxisSettings
@@ -83,6 +87,10 @@ class Follower:
                     item.take(record)
         elif isinstance(record, CyclicRecord):
             self._exchange.take(record)
+        elif isinstance(record, RelationRecord):
+            self._exchange.relate(record.time_ns, record.change, record.connection)
+        elif isinstance(record, AlarmRecord):
+            self._alarm(record)
         if now < self._due:
             return _NOTHING
         self._due = now + _TICK_NS
@@ -90,6 +98,15 @@ class Follower:
             item.tick(now)
         self.horizon_ns = now - HOLD_NS
         return self._release(self.horizon_ns)
+
+    def _alarm(self, record: AlarmRecord) -> None:
+        if record.ended is not None:
+            self._exchange.relate(record.time_ns, Change.ENDED, record.ended)
+        if record.tells:
+            do_id = next(
+                (item.axis.do_id for place, item in enumerate(self._objects, 1) if _slot(item, place) == record.slot), 0
+            )
+            self._put(Event(record.time_ns, do_id, "PLC", record.text))
 
     def finish(self) -> Sequence[Entry]:
         """The rest, at the end of the recording."""
@@ -112,6 +129,11 @@ class Follower:
         return released
 
 
+def _slot(item: ObjectFollower, place: int) -> int:
+    """The PROFINET slot of a drive object."""
+    return item.axis.slot or place
+
+
 def _follower(axis: Axis, settings: AxisSettings | None, put: Put, cycle_ns: int) -> ObjectFollower:
     if axis.telegram not in DRIVE_TELEGRAM_NUMBERS:
         return ObjectFollower(axis, put, HOLD_NS)
@@ -130,6 +152,10 @@ class _CycleCounter:
         self._steps: Counter[int] = Counter()
         self._usual = 0
         self._count = 0
+
+    def restart(self) -> None:
+        """A new relationship counts from anywhere."""
+        self._last = None
 
     def jump(self, counter: int, now: int) -> str:
         """What is unusual about the next frame's counter; empty for an old frame, too."""
@@ -166,7 +192,10 @@ class _Exchange:
         self._cycle_ns = cycle_ns
         self._factor = watchdog_factor
         telegrams = [telegram(item.axis.telegram) for item in objects]
-        self._endpoint = CyclicEndpoint(telegrams, cycle_ns=cycle_ns, watchdog_factor=_NEVER, delays=False)
+        self._endpoint: CyclicEndpoint | ProfinetEndpoint = CyclicEndpoint(
+            telegrams, cycle_ns=cycle_ns, watchdog_factor=_NEVER, delays=False
+        )
+        self._watchdog_ns = (watchdog_factor or _DEFAULT_FACTOR) * cycle_ns
         self._counters = {
             Direction.SETPOINT: _CycleCounter("PLC -> gateway", cycle_ns),
             Direction.ACTUAL: _CycleCounter("gateway -> PLC", cycle_ns),
@@ -178,6 +207,20 @@ class _Exchange:
         self._stepped = False
         """A step was made for a frame whose answer has not come yet."""
         self._unused = 0
+
+    def relate(self, now: int, change: Change, connection: Connection) -> None:
+        """A PROFINET relationship comes or goes: from now on its frames count as the link counts them."""
+        endpoint = self._endpoint
+        if not isinstance(endpoint, ProfinetEndpoint):
+            axes = [item.axis for item in self._order]
+            endpoint = self._endpoint = ProfinetEndpoint(axes, self._factor or _DEFAULT_FACTOR)
+        endpoint.relate(change, connection)
+        self._watchdog_ns = endpoint.watchdog_ns
+        if change is Change.GRANTED:
+            for counter in self._counters.values():
+                counter.restart()
+        who = " and ".join(name for name in (connection.controller, connection.station) if name)
+        self._put(Event(now, 0, "PLC", f"relationship of {who} {change.value}"))
 
     def take(self, record: CyclicRecord) -> None:
         """A cyclic frame of either direction."""
@@ -197,6 +240,8 @@ class _Exchange:
         if not self._answered:
             self._watch(now)
         verdict = endpoint.receive(record.data, _SENDER, now, now)
+        if verdict is Verdict.UNCONFIRMED and isinstance(endpoint, ProfinetEndpoint):
+            return  # before ApplicationReady is confirmed no frame counts
         if verdict is Verdict.STALE or (verdict is not Verdict.ACCEPTED and verdict is not self._standing):
             kind = _VERDICTS.get(verdict, AnomalyKind.DROPPED)
             self._put(Anomaly(now, 0, kind, f"frame with counter {record.cycle_counter}: {verdict.value}"))
@@ -219,7 +264,8 @@ class _Exchange:
 
     def _answer(self, record: CyclicRecord) -> None:
         now, values = record.time_ns, record.values
-        self._answered = True
+        # Over PROFINET neither IOCS nor the time of an answer tell what the gateway makes of the PLC's frames.
+        answers = self._answered = isinstance(self._endpoint, CyclicEndpoint)
         used = False
         for do_id, _, unit, first, iops, iocs in record.layout.axes:
             used |= bool(values[iocs] & IOPS_GOOD)
@@ -228,7 +274,9 @@ class _Exchange:
                 good = bool(values[iops] & IOPS_GOOD)
                 item.status(now, values[first:iops], good=good)
                 item.quality(now, Direction.ACTUAL, good=good)
-        if record.layout.axes:
+        if not answers:
+            self._watch(now)
+        elif record.layout.axes:
             self._used(now, used=used)
         if not self._stepped:
             self._step(now)
@@ -253,7 +301,7 @@ class _Exchange:
 
     def _watch(self, now: int) -> None:
         """Without answers of the gateway, only the silence of the PLC tells about its watchdog."""
-        watchdog_ns = (self._factor or _DEFAULT_FACTOR) * self._cycle_ns
+        watchdog_ns = self._watchdog_ns
         silence = now - self._last_frame
         if not self._endpoint.connected or silence <= watchdog_ns:
             return
@@ -265,7 +313,7 @@ class _Exchange:
         self._step(expiry)
 
     def _lose(self) -> None:
-        self._endpoint.poll(self._last_frame + _NEVER * self._cycle_ns + 1)
+        self._endpoint.poll(self._last_frame + max(_NEVER * self._cycle_ns, self._watchdog_ns) + 1)
 
     def _step(self, now: int) -> None:
         ignored = self._unused >= _UNUSED

@@ -33,9 +33,9 @@ Base = tuple[int, int, str, bytes]
 
 
 class RelationCalls:
-    """All relationships of a capture. ``connect`` is told every Connect a device granted."""
+    """All relationships of a capture. ``connect`` is told every Connect a device granted, and says whether it is of interest."""
 
-    def __init__(self, connect: Callable[[Connection], None], names: StationNames) -> None:
+    def __init__(self, connect: Callable[[Connection], bool], names: StationNames) -> None:
         self._connect = connect
         self._names = names
         self._asked: Recent[tuple[UUID, int], Connection] = Recent()
@@ -72,7 +72,8 @@ class RelationCalls:
                     cls, change = _CHANGES[kind]
                     uuid = cls.understand(data).ar_uuid
                     known = self._granted.pop(uuid) if change is Change.ENDED else self._granted.get(uuid)
-                    return RelationRecord(*base, text, fields, latency, change=change, connection=known)
+                    if known is not None:
+                        return RelationRecord(*base, text, fields, latency, change=change, connection=known)
         return AcyclicRecord(*base, text, fields, latency)
 
     def _answered(
@@ -93,10 +94,11 @@ class RelationCalls:
                 self._names.learn(response.mac, response.station)
             connection = replace(connection, station=self._names.of(response.mac) or connection.station)
         if connection.ar is not None:
-            self._names.learn(connection.ar.initiator_mac, connection.ar.station_name)
-            self._granted.put(connection.ar.ar_uuid, connection)
-        self._connect(connection)
+            self._names.learn(connection.ar.initiator_mac, connection.controller)
         text = f"{head}: {_asked_text(connection, fields)}"
+        if not self._connect(connection) or connection.ar is None:
+            return AcyclicRecord(*base, text, fields, latency)
+        self._granted.put(connection.ar.ar_uuid, connection)
         return RelationRecord(*base, text, fields, latency, change=Change.GRANTED, connection=connection)
 
 

@@ -145,22 +145,22 @@ class FrameDecoder:
             "ack_sequence": ack,
         }
         text, latency, slot = f"{self._from(addresses)}alarm {priority.value} {name}", None, 0
-        connection = None
+        ended, tells = None, False
         if kind == PduType.DATA:
             self._sent.put((priority, addresses, sequence), time_ns)
             fields["blocks"] = blocks = _notification(content)
             text += f": {'; '.join(_said(block) for block in blocks)}"
             slot = blocks[0].get("slot", 0) if blocks else 0
+            tells = any(block.get("type") in _NOTIFICATION_TYPES for block in blocks)
         elif kind == PduType.ERR:
             status = PnioStatus.of(int.from_bytes(content[:4], "big"))
             fields["status"] = {"raw": status.value, "text": _abort_text(status)}
             text += f": the relationship is ended, {_abort_text(status)}"
-            connection = self._between(addresses)
+            ended = self._between(addresses)
         else:
             asked = self._sent.get((priority, addresses[6:] + addresses[:6], ack))
             latency = None if asked is None else max(0, time_ns - asked)
-        ended = kind == PduType.ERR
-        return AlarmRecord(*base, text, fields, latency, slot=slot, ended=ended, connection=connection)
+        return AlarmRecord(*base, text, fields, latency, slot=slot, tells=tells, ended=ended)
 
     # -- LLDP ---------------------------------------------------------------------------------------------------------
 

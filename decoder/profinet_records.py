@@ -20,10 +20,10 @@ class Change(enum.Enum):
 
 @dataclass(slots=True)
 class RelationRecord(AcyclicRecord):
-    """A call that changes a relationship; ``connection`` is None where its Connect was not seen."""
+    """A call that changes a relationship of the station that is read, where its Connect was seen."""
 
     change: Change = field(kw_only=True)
-    connection: Connection | None = field(kw_only=True, default=None)
+    connection: Connection = field(kw_only=True)
 
 
 @dataclass(slots=True)
@@ -53,7 +53,7 @@ class AlarmRecord(StationRecord):
 
     slot: int = field(kw_only=True, default=0)
     """Of the submodule a notification is about; 0 of others and of the device itself."""
-    ended: bool = field(kw_only=True, default=False)
-    """It ends its relationship (ERR)."""
-    connection: Connection | None = field(kw_only=True, default=None)
-    """Of an ERR, the relationship it ends, where its Connect was seen."""
+    tells: bool = field(kw_only=True, default=False)
+    """It is a notification, no acknowledgement."""
+    ended: Connection | None = field(kw_only=True, default=None)
+    """The relationship an ERR ends, where its Connect was seen."""

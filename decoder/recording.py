@@ -12,9 +12,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
-from typing import Final, NamedTuple
+from typing import Final
 
+from pdgw.decoder.connect import Connection
 from pdgw.decoder.cyclic import Axis
+from pdgw.decoder.plc_inputs import USED, Frame, PlcInputs, Relation, receive_frames, receive_profinet
+from pdgw.decoder.profinet_endpoint import ProfinetEndpoint
+from pdgw.decoder.profinet_records import AlarmRecord, Change, RelationRecord
+from pdgw.decoder.recorded import Answer, AxisRecording, Feedback, Learned, SdoResult, Sent, Setpoints
 from pdgw.decoder.records import (
     CanRecord,
     CyclicRecord,
@@ -24,17 +29,6 @@ from pdgw.decoder.records import (
     Record,
     SdoRecord,
 )
-from pdgw.decoder.replay import (
-    Answer,
-    AxisRecording,
-    Feedback,
-    Learned,
-    PlcInputs,
-    SdoResult,
-    Sent,
-    Setpoints,
-    receive_frames,
-)
 from pdgw.ds301.aborts import abort_text
 from pdgw.ds301.nmt import NmtCommand, NmtState
 from pdgw.ds301.pdo import PdoDirection
@@ -43,20 +37,12 @@ from pdgw.dsp402.generic import recorded_addresses, recorded_drive_type
 from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.values import Configured
-from pdgw.gateway.transport.cyclic import Verdict
 from pdgw.profidrive.frame import IOPS_GOOD
 from pdgw.profidrive.signals import signal
 from pdgw.profidrive.telegrams import Direction, telegram
 
 _HOMING_METHOD: Final = (0x6098, 0)
 _WATCHDOG_FACTOR = 3
-
-
-class Frame(NamedTuple):
-    """A cyclic frame of the PLC."""
-
-    time_ns: int
-    data: bytes
 
 
 @dataclass
@@ -101,7 +87,12 @@ class Collector:
         self.axes = tuple(axes)
         self._settings = dict(settings or {})
         self._nodes = [_Node(axis) for axis in self.axes]
-        self._setpoint_frames: list[Frame] = []
+        self._happened: list[Frame | Relation] = []
+        self._profinet = False
+        self._ready = True
+        """Cyclic data counts; over PROFINET only while a relationship is confirmed."""
+        self._valid: set[int] = set()
+        """Drive objects with valid data in the present relationship: before, nothing is in the frame yet."""
         self._answers: dict[int, list[Answer]] = {axis.do_id: [] for axis in self.axes}
         self._begin_ns: int | None = None
 
@@ -114,6 +105,11 @@ class Collector:
                 self._setpoint(record)
             elif record.direction is Direction.ACTUAL:
                 self._actual(record)
+        elif isinstance(record, RelationRecord):
+            self._relate(record.time_ns, record.change, record.connection)
+        elif isinstance(record, AlarmRecord):
+            if record.ended is not None:
+                self._relate(record.time_ns, Change.ENDED, record.ended)
         elif isinstance(record, CanRecord):
             for node in self._nodes:
                 to_all = isinstance(record, NmtRecord) and not record.node
@@ -122,28 +118,46 @@ class Collector:
 
     # -- the PLC's side -----------------------------------------------------------------------------------------------
 
+    def _relate(self, time_ns: int, change: Change, connection: Connection) -> None:
+        self._profinet = True
+        self._ready = change is Change.READY
+        self._valid.clear()
+        self._happened.append(Relation(time_ns, change, connection))
+
     def _setpoint(self, record: CyclicRecord) -> None:
-        self._setpoint_frames.append(Frame(record.time_ns, record.data))
+        self._happened.append(Frame(record.time_ns, record.data))
 
     def _actual(self, record: CyclicRecord) -> None:
+        if not self._ready:
+            return
         for unit in record.units:
-            if unit.axis in self._answers:
+            good = bool((unit.iops or 0) & IOPS_GOOD)
+            if good:
+                self._valid.add(unit.axis)
+            if unit.axis in self._answers and (not self._profinet or unit.axis in self._valid):
                 values = tuple(_integer(value) for value in unit.values)
-                good, plc_ok = bool((unit.iops or 0) & IOPS_GOOD), bool((unit.iocs or 0) & IOPS_GOOD)
+                # Over PROFINET IOCS says that a submodule is the right one, not that the PLC is there.
+                plc_ok = None if self._profinet else bool((unit.iocs or 0) & IOPS_GOOD)
                 self._answers[unit.axis].append(Answer(record.time_ns, values, good, plc_ok))
 
     # -- the result ---------------------------------------------------------------------------------------------------
 
+    @property
+    def _frame_times(self) -> list[int]:
+        return [item.time_ns for item in self._happened if isinstance(item, Frame)]
+
     @cached_property
     def measured_cycle_ns(self) -> int:
         """The PLC's cycle: the median time between its frames."""
-        times = [frame.time_ns for frame in self._setpoint_frames]
+        times = self._frame_times
         gaps = sorted(later - earlier for earlier, later in pairwise(times))
         return max(1, gaps[len(gaps) // 2]) if gaps else 4_000_000
 
     def measured_watchdog_factor(self, cycle_ns: int) -> int:
         """Cycles without a frame after which the gateway's answers (IOCS) show the PLC as lost; 3 where they never do."""
-        frames = [frame.time_ns for frame in self._setpoint_frames]
+        if self._profinet:
+            return _WATCHDOG_FACTOR
+        frames = self._frame_times
         answers = next(iter(self._answers.values()), [])
         tolerated, lost = 0, None
         for answer in answers:
@@ -159,17 +173,22 @@ class Collector:
 
     def recording(self, offset_ns: int, *, cycle_ns: int, watchdog_factor: int) -> Recording:
         """Everything on the PLC's clock; ``offset_ns`` is the CAN capture's clock minus the PLC's."""
-        frames = sorted(self._setpoint_frames, key=lambda frame: frame.time_ns)
-        telegrams = [telegram(axis.telegram) for axis in self.axes]
-        plc = receive_frames(
-            [(frame.time_ns, frame.data) for frame in frames],
-            telegrams,
-            cycle_ns=cycle_ns,
-            watchdog_factor=watchdog_factor,
-        )
-        used = [item.time_ns for item in plc.received if item.verdict in {Verdict.ACCEPTED, Verdict.PROVIDER_STOP}]
+        happened = sorted(self._happened, key=lambda item: item.time_ns)
+        watchdog_ns = cycle_ns * watchdog_factor
+        if self._profinet:
+            endpoint = ProfinetEndpoint(self.axes, watchdog_factor)
+            plc = receive_profinet(happened, endpoint)
+            watchdog_ns = endpoint.watchdog_ns
+        else:
+            plc = receive_frames(
+                [(item.time_ns, item.data) for item in happened if isinstance(item, Frame)],
+                [telegram(axis.telegram) for axis in self.axes],
+                cycle_ns=cycle_ns,
+                watchdog_factor=watchdog_factor,
+            )
+        used = [item.time_ns for item in plc.received if item.verdict in USED]
         axes = [
-            self._axis(node, plc.setpoints[position], used, offset_ns, cycle_ns * watchdog_factor)
+            self._axis(node, plc.setpoints[position], used, offset_ns, watchdog_ns)
             for position, node in enumerate(self._nodes)
         ]
         return Recording(axes, plc, cycle_ns, self._begin_ns or 0)
@@ -202,6 +221,7 @@ class Collector:
             [(now - offset_ns, online) for now, online in node.online],
             node.end_ns - offset_ns,
             watchdog_ns,
+            self._profinet,
         )
 
 

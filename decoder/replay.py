@@ -1,6 +1,6 @@
 """Replay: recorded inputs of one axis through today's axis machine, in recorded time, against the recorded outputs.
 
-Without I/O; ``decoder.recording`` makes the inputs out of captures. The PLC's frames go through ``CyclicEndpoint``, the drive's
+Without I/O; ``decoder.recording`` makes the inputs out of captures. The PLC's frames go through the link's endpoint, the drive's
 values are what its TPDOs carried, and the recorded answers say when the gateway stepped.
 
 A recorder does not tell which TPDO the gateway had at hand when it made a step, nor the exact time of the step. So the
@@ -26,6 +26,8 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Final, NamedTuple
 
+from pdgw.decoder.recorded import Answer, AxisRecording, Sent
+from pdgw.decoder.ticks import Tick, ticks
 from pdgw.ds301.objects import Entry
 from pdgw.ds301.pdo import Pdo
 from pdgw.dsp402.images import FEEDBACK_NAMES, DriveFeedback
@@ -34,13 +36,11 @@ from pdgw.dsp402.pdo import LAYOUTS
 from pdgw.dsp402.states import ControlBit, State, state_of
 from pdgw.gateway.axis.checkpoint import Checkpoint, Checkpoints
 from pdgw.gateway.axis.machine import AxisMachine
-from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.telegrams import pdo_operation
-from pdgw.gateway.axis.values import Configured, FaultRecord, SdoAnswer, SdoWrite
+from pdgw.gateway.axis.values import FaultRecord, SdoAnswer, SdoWrite
 from pdgw.gateway.reasons import Reason
-from pdgw.gateway.transport.cyclic import CyclicEndpoint, Verdict
 from pdgw.profidrive.signals import signal
-from pdgw.profidrive.telegrams import ApplicationMode, Telegram
+from pdgw.profidrive.telegrams import ApplicationMode
 
 MAX_DIFFERENCES: Final = 20
 """After so many differences of an axis no more are looked for."""
@@ -50,10 +50,6 @@ REFRESH_NS: Final = 100_000_000
 """The gateway repeats an RPDO after this time."""
 SENDING_GAP_NS: Final = 3 * REFRESH_NS
 """A longer silence means that the gateway does not send to this drive."""
-_FILL = 1.5
-"""Cycles without a frame after which the gateway steps by itself."""
-_MAX_FILLED = 1000
-"""Such steps in one silence; whatever was to happen has happened then."""
 
 _STW1 = signal("STW1")
 _CONTROL_BY_PLC = _STW1.bit("CONTROL_BY_PLC").mask
@@ -61,130 +57,6 @@ _OFF_MASK = ControlBit.SWITCH_ON | ControlBit.ENABLE_VOLTAGE | ControlBit.QUICK_
 _OFF = ControlBit.ENABLE_VOLTAGE | ControlBit.QUICK_STOP
 _HOME_POSITION_SET = signal("ZSW1").bit("HOME_POSITION_SET", positioning=True).mask
 _UNPOWERED = (State.SWITCH_ON_DISABLED, State.READY_TO_SWITCH_ON, State.SWITCHED_ON)
-
-
-# -- what was recorded ------------------------------------------------------------------------------------------------
-
-
-class Setpoints(NamedTuple):
-    """From here on these raw values are in force; None without a valid PLC."""
-
-    time_ns: int
-    values: tuple[int, ...] | None
-
-
-class Feedback(NamedTuple):
-    """A TPDO: values by their attribute of ``DriveFeedback``."""
-
-    time_ns: int
-    values: tuple[tuple[str, int], ...]
-
-
-@dataclass(frozen=True, slots=True)
-class SdoResult:
-    """A completed SDO download; ``error`` is the abort's text."""
-
-    time_ns: int
-    index: int
-    subindex: int
-    data: bytes
-    error: str | None = None
-
-
-class Learned(NamedTuple):
-    """What the gateway has learned of the drive: it was (re-)configured, or its references were read anew or are assumed."""
-
-    time_ns: int
-    configured: Configured
-
-
-class Answer(NamedTuple):
-    """What a frame to the PLC said about one axis: raw actual values, IOPS (the drive is there), IOCS (so is the PLC)."""
-
-    time_ns: int
-    actuals: tuple[int, ...]
-    drive_ok: bool
-    plc_ok: bool
-
-
-class Sent(NamedTuple):
-    """A recorded RPDO."""
-
-    time_ns: int
-    data: bytes
-
-
-@dataclass
-class AxisRecording:
-    """Everything recorded of one axis, each list in the order of time, on one clock (nanoseconds).
-
-    ``sent`` are the RPDOs by number, repetitions included. ``frames`` are the times of the PLC's accepted frames. ``online`` is
-    used where there are no answers: times from which the drive was there or not.
-    """
-
-    do_id: int
-    node: int
-    telegram: Telegram
-    settings: AxisSettings = field(default_factory=AxisSettings)
-    frames: list[int] = field(default_factory=list)
-    setpoints: list[Setpoints] = field(default_factory=list)
-    feedback: list[Feedback] = field(default_factory=list)
-    sdo: list[SdoResult] = field(default_factory=list)
-    configured: list[Learned] = field(default_factory=list)
-    answers: list[Answer] = field(default_factory=list)
-    sent: dict[int, list[Sent]] = field(default_factory=dict)
-    online: list[tuple[int, bool]] = field(default_factory=list)
-    can_end_ns: int = 0
-    """The last frame of the drive or to it."""
-    watchdog_ns: int = 0
-    """After so long a silence the PLC is lost."""
-
-
-class Received(NamedTuple):
-    """What became of one frame of the PLC."""
-
-    time_ns: int
-    verdict: Verdict
-
-
-@dataclass
-class PlcInputs:
-    """The PLC's side as the gateway's endpoint saw it. ``setpoints`` by axis; ``losses`` are expiries of the watchdog."""
-
-    setpoints: list[list[Setpoints]]
-    received: list[Received] = field(default_factory=list)
-    losses: list[int] = field(default_factory=list)
-
-
-def receive_frames(
-    frames: Sequence[tuple[int, bytes]], telegrams: Sequence[Telegram], *, cycle_ns: int, watchdog_factor: int = 3
-) -> PlcInputs:
-    """Feed recorded frames (time, RT frame) to a ``CyclicEndpoint``; all count as coming from one sender."""
-    endpoint = CyclicEndpoint(telegrams, cycle_ns=cycle_ns, watchdog_factor=watchdog_factor, delays=False)
-    inputs = PlcInputs([[] for _ in telegrams])
-    last = 0
-    watchdog_ns = cycle_ns * watchdog_factor
-
-    def note(now: int) -> None:
-        for events, values in zip(inputs.setpoints, endpoint.setpoints, strict=True):
-            if not events or events[-1].values != values:
-                events.append(Setpoints(now, values))
-
-    def expire(before: int | None) -> None:
-        expiry = last + watchdog_ns + 1
-        if (before is None or expiry < before) and endpoint.poll(expiry):
-            inputs.losses.append(expiry)
-            note(expiry)
-
-    for now, data in frames:
-        expire(now)
-        verdict = endpoint.receive(data, ("recorded", 0), now, now)
-        inputs.received.append(Received(now, verdict))
-        if verdict in {Verdict.ACCEPTED, Verdict.PROVIDER_STOP}:
-            last = now
-            note(now)
-    expire(None)
-    return inputs
 
 
 # -- what came out ----------------------------------------------------------------------------------------------------
@@ -307,14 +179,6 @@ class _State:
         return other
 
 
-class _Tick(NamedTuple):
-    """A step of the gateway; frames up to ``evaluated_ns`` were certainly taken before it."""
-
-    time_ns: int
-    answer: Answer | None
-    evaluated_ns: int
-
-
 class _Inputs(NamedTuple):
     """One choice for a step: events taken so far, and how much the clock is off."""
 
@@ -352,7 +216,7 @@ class Replayer:
         self._setpoint_times = [event.time_ns for event in recording.setpoints]
         self._feedback_times = [event.time_ns for event in recording.feedback]
         self._state = _State()
-        self._ticks = _ticks(recording, cycle_ns)
+        self._ticks = ticks(recording, cycle_ns)
         # A payload is missed when the tolerance has passed; its cause may be as far before it.
         self._depth = 2 * -(-tolerance_ns // cycle_ns) + 4
         self._visited: set[Hashable] = set()
@@ -402,7 +266,7 @@ class Replayer:
 
     # -- one step -----------------------------------------------------------------------------------------------------
 
-    def _choice(self, tick: _Tick) -> _Choice:
+    def _choice(self, tick: Tick) -> _Choice:
         return _Choice(self._checkpoints.save(), self._state, self._inputs(tick, self._state))
 
     def _go_back(self, choice: _Choice) -> None:
@@ -444,7 +308,7 @@ class Replayer:
                 choice.best = difference
         return False
 
-    def _inputs(self, tick: _Tick, state: _State) -> Iterator[_Inputs]:
+    def _inputs(self, tick: Tick, state: _State) -> Iterator[_Inputs]:
         now, tolerance = tick.time_ns, self._tolerance
         latest = now + self._cycle_ns if tick.answer is None else tick.answer.time_ns
         setpoints = _near(self._setpoint_times, now, tick.evaluated_ns, latest, state.setpoints)
@@ -454,7 +318,7 @@ class Replayer:
                 for received in feedback:
                     yield _Inputs(taken, received, shift)
 
-    def _step(self, tick: _Tick, inputs: _Inputs, *, check: bool) -> tuple[Step, Difference | None]:
+    def _step(self, tick: Tick, inputs: _Inputs, *, check: bool) -> tuple[Step, Difference | None]:
         state, machine, recording = self._state, self._machine, self._recording
         given, outputs = machine.inputs, machine.outputs
         now = tick.time_ns + inputs.shift_ns
@@ -498,7 +362,7 @@ class Replayer:
             self._recognise(values, tick)
         return step, difference if compare else None
 
-    def _online(self, tick: _Tick, before: bool) -> bool:
+    def _online(self, tick: Tick, before: bool) -> bool:
         if tick.answer is not None:
             return tick.answer.drive_ok
         if self._recording.answers:
@@ -506,7 +370,7 @@ class Replayer:
         position = bisect_right(self._recording.online, (tick.time_ns, True))
         return position > 0 and self._recording.online[position - 1][1]
 
-    def _doubtful_loss(self, tick: _Tick) -> bool:
+    def _doubtful_loss(self, tick: Tick) -> bool:
         """Whether a silence of the PLC was about as long as the watchdog: then IOCS says if the gateway saw a loss."""
         position = bisect_right(self._doubtful, (tick.time_ns + self._tolerance,)) - 1
         return position >= 0 and tick.time_ns <= self._doubtful[position][1] + self._tolerance
@@ -521,7 +385,7 @@ class Replayer:
             state.known |= configured.restarted
             self._machine.inputs.news.append(configured)
 
-    def _recognise(self, values: Sequence[int], tick: _Tick) -> None:
+    def _recognise(self, values: Sequence[int], tick: Tick) -> None:
         """With an OFF while the drive is not powered, the machine's state is what the recording tells."""
         word, state = values[0], self._state
         if state.known:
@@ -551,14 +415,17 @@ class Replayer:
     ) -> Difference:
         return Difference(time_ns, self._recording.do_id, what, recorded, today, note)
 
-    def _compare_answer(self, tick: _Tick, actuals: tuple[int, ...], plc_ok: bool) -> Difference | None:
+    def _compare_answer(self, tick: Tick, actuals: tuple[int, ...], plc_ok: bool) -> Difference | None:
         answer = tick.answer
-        if answer is None or (answer.actuals == actuals and answer.plc_ok == plc_ok):
+        if answer is None:
+            return None
+        agrees = answer.plc_ok is None or answer.plc_ok == plc_ok
+        if agrees and answer.actuals == actuals:
             return None
         half = self._recording.telegram.actuals
         recorded, today = half.as_dict(answer.actuals), half.as_dict(actuals)
-        if answer.plc_ok != plc_ok:
-            recorded, today = {**recorded, "IOCS": answer.plc_ok}, {**today, "IOCS": plc_ok}
+        if not agrees:
+            recorded, today = {**recorded, "IOCS": bool(answer.plc_ok)}, {**today, "IOCS": plc_ok}
         return self._difference(answer.time_ns, "actual values", recorded, today)
 
     def _follow_sent(self, now: int) -> None:
@@ -567,7 +434,7 @@ class Replayer:
         state.span = next((i for i, span in enumerate(self._spans) if span.begin <= now <= span.end), -1)
         state.cursors.clear()
 
-    def _compare_sent(self, tick: _Tick) -> Difference | None:
+    def _compare_sent(self, tick: Tick) -> Difference | None:
         now, state = tick.time_ns, self._state
         if state.span < 0 or now > self._spans[state.span].end:
             self._follow_sent(now)
@@ -698,39 +565,3 @@ def _near(times: Sequence[int], now: int, earliest: int, latest: int, taken: int
     high = max(low, bisect_right(times, latest))
     likely = min(max(low, bisect_right(times, now)), high)
     return sorted(range(low, high + 1), key=lambda count: abs(count - likely))
-
-
-def _ticks(recording: AxisRecording, cycle_ns: int) -> list[_Tick]:
-    """When the gateway stepped: once before each answer, and by itself where frames stay away for longer than a cycle.
-
-    The time of a step is that of the frame it answers.
-    """
-    frames = recording.frames
-    moments: list[_Tick] = []
-    taken = -1  # the newest frame that was certainly taken
-    before: int | None = None
-    for answer in recording.answers:
-        newest = bisect_right(frames, answer.time_ns) - 1
-        if before is not None:
-            idle = bisect_right(frames, before)
-            if idle < len(frames) and frames[idle] - before >= cycle_ns // 2:
-                taken = max(taken, idle - 1)  # whatever had been sent was answered
-        silence = 0 <= taken < newest and frames[taken + 1] - frames[taken] > _FILL * cycle_ns
-        now = answer.time_ns
-        if taken < newest and not silence:
-            # To the next frame; the answer may have waited for a busy PLC. All others the gateway may have sent by itself.
-            taken += 1
-            now = frames[taken]
-        moments.append(_Tick(now, answer, frames[taken] if taken >= 0 else 0))
-        before = answer.time_ns
-    if not moments:
-        moments = [_Tick(now, None, now) for now in frames]
-    ticks: list[_Tick] = []
-    for tick in moments:
-        filled = 0
-        while ticks and filled < _MAX_FILLED and tick.time_ns - ticks[-1].time_ns > _FILL * cycle_ns:
-            ticks.append(_Tick(ticks[-1].time_ns + cycle_ns, None, ticks[-1].evaluated_ns))
-            filled += 1
-        now = max(tick.time_ns, ticks[-1].time_ns) if ticks else tick.time_ns
-        ticks.append(_Tick(now, tick.answer, tick.evaluated_ns))
-    return ticks

@@ -28,7 +28,7 @@ from pdgw.gateway.transport.udp import Address
 from pdgw.profidrive.frame import IOPS_GOOD
 from pdgw.profidrive.telegrams import Telegram
 from pdgw.profinet.blocks.alarm import MessageClass
-from pdgw.profinet.cmdev import Event
+from pdgw.profinet.cmdev import ApplicationRelation, Event
 from pdgw.profinet.cpm import Verdict
 from pdgw.profinet.dcp import Flash, IpSet, NameSet, ResetToFactory
 from pdgw.profinet.device import Connected, DeviceEvent, Disconnected, ProfinetDevice
@@ -87,8 +87,11 @@ class ProfinetLink:
         self._receivable = False
         self._limit_ns = 0
         self._told: list[set[MessageClass]] = [set() for _ in objects]
-        self._places: list[tuple[int, int] | None] = [None] * len(objects)
-        """Where input data and IOPS of each drive object lie in the provider's frame."""
+        self._newest: tuple[Sequence[Sequence[int]], Sequence[bool]] | None = None
+        """Actual values of the last step and whether they are valid: what a new relationship begins with."""
+        self._placed_for: ApplicationRelation | None = None
+        self._places: list[tuple[int, int] | None] = []
+        """Where input data and IOPS of each drive object lie in the frame of the provider of ``_placed_for``."""
         self._outputs: list[tuple[int, Callable[[bytes, int], tuple[int, ...]], int, int]] = []
         """Drive objects with output data: number, codec, where data and IOPS lie in the consumer's frame."""
         self.setpoints: list[Sequence[int] | None] = [None] * len(objects)
@@ -216,10 +219,15 @@ class ProfinetLink:
 
     def send(self, actuals: Sequence[Sequence[int]], good: Sequence[bool], released: Sequence[bool]) -> None:
         # ``released`` is for links that may deliver an old order late; Ethernet frames cannot overtake each other for so long.
+        self._newest = (actuals, good)
         relation = self.device.relation
         if relation is None or relation.provider is None:
             return
         provider = relation.provider
+        if relation is not self._placed_for:
+            # Filled from the Connect on: with ApplicationReady the data has to be valid.
+            self._placed_for = relation
+            self._places = [provider.place((slot, TELEGRAM_SUBSLOT)) for slot in range(1, len(self._telegrams) + 1)]
         for index, telegram in enumerate(self._telegrams):
             place = self._places[index]
             if place is not None:
@@ -230,6 +238,7 @@ class ProfinetLink:
         if self.device.relation is not None:
             raise GatewayError("telegram: cannot be changed while a controller is connected, its project chooses it")
         self._telegrams = list(telegrams)
+        self._newest = None
         transport = self._config.transport
         self.device.replug(profinet_model(transport, self.port.mac, self._config.objects, self._telegrams))
 
@@ -313,6 +322,8 @@ class ProfinetLink:
         while True:
             data, source = self._datagrams.get()
             self.device.on_datagram(data, source, self._loop.now())
+            if self.device.relation is not self._placed_for and self._newest is not None:
+                self.send(*self._newest, ())
             self._pump()
 
     def _on_due(self) -> None:
@@ -348,7 +359,6 @@ class ProfinetLink:
                     return
                 for index, telegram in enumerate(self._telegrams):
                     place = (index + 1, TELEGRAM_SUBSLOT)
-                    self._places[index] = provider.place(place)
                     where = consumer.place(place) if place in relation.plan.proper else None
                     if where is not None:
                         self._outputs.append((index, telegram.setpoints.struct.unpack_from, *where))
@@ -362,7 +372,7 @@ class ProfinetLink:
                 if relation.plan.diff is not None:
                     log.warning("the controller's project differs from the configuration: see ModuleDiff")
             case Disconnected(relation, ended):
-                self._places = [None] * len(self._telegrams)
+                self._placed_for = None
                 self._outputs.clear()
                 self.lose_setpoints()
                 log.error("controller %s disconnected: %s", relation.plan.ar.station_name, ended.text)

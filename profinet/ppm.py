@@ -36,6 +36,8 @@ class Provider:
         self._counter = 0
         self._due = 0
         self._open = False
+        self._good: set[Subslot] = set()
+        """Submodules whose data is valid, open or not."""
         self.cycle_ns = block.cycle_ns
         self.frame = bytearray(self._trailer + TRAILER.size)
         """The whole Ethernet frame; written in place."""
@@ -55,10 +57,10 @@ class Provider:
         self._due = now + self.cycle_ns
 
     def open(self) -> None:
-        """Data is valid from now on: statuses become GOOD where nothing else is said."""
+        """Statuses are GOOD from now on, of submodules with data where that was said to be valid."""
         self._open = True
         for place, item in self._plan.data.items():
-            if place in self._proper and not item.length:
+            if place in self._proper and (not item.length or place in self._good):
                 self.frame[self._start + item.iops] = IOPS_GOOD
         for place, offset in self._plan.iocs.items():
             if place in self._proper:
@@ -86,12 +88,13 @@ class Provider:
             return
         offset, iops = where
         self.frame[offset:iops] = data
-        self.frame[iops] = IOPS_GOOD if good and self._open else IOPS_BAD
+        self.set_status(place, good=good)
 
     def set_status(self, place: Subslot, *, good: bool) -> None:
         """The IOPS of a submodule alone."""
         where = self.place(place)
         if where is not None:
+            (self._good.add if good else self._good.discard)(place)
             self.frame[where[1]] = IOPS_GOOD if good and self._open else IOPS_BAD
 
     def set_problem(self, present: bool) -> None:

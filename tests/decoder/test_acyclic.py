@@ -78,7 +78,7 @@ def change(pnu: int, value: int, reference: int = 3, do_id: int = 1) -> Request:
 
 def observed() -> tuple[AcyclicDecoder, list[tuple[int, int]]]:
     telegrams: list[tuple[int, int]] = []
-    return AcyclicDecoder(lambda do_id, number: telegrams.append((do_id, number)), lambda _: None), telegrams
+    return AcyclicDecoder(lambda do_id, number: telegrams.append((do_id, number)), lambda _: True), telegrams
 
 
 def test_a_response_is_paired_with_its_request_over_repeated_reads() -> None:

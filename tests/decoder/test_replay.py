@@ -8,7 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from pdgw.decoder.replay import AxisRecording, Replayer, receive_frames
+from pdgw.decoder.plc_inputs import receive_frames
+from pdgw.decoder.recorded import AxisRecording
+from pdgw.decoder.replay import Replayer
 from pdgw.dsp402.images import DriveFeedback
 from pdgw.gateway.axis.settings import AxisSettings, SetpointEnable
 from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable
 from ipaddress import IPv4Address
 from pathlib import Path
@@ -22,79 +21,19 @@ from pdgw.gateway.profinet_diagnosis import MESSAGE_CLASSES, message_class
 from pdgw.gateway.profinet_link import ProfinetLink
 from pdgw.gateway.store import ParameterStore
 from pdgw.gateway.transport.ethernet import dcp_filter, real_time_filter
-from pdgw.gateway.transport.udp import Address
 from pdgw.peers.controller.controller import IoController, Phase
 from pdgw.peers.controller.project import Project
+from pdgw.profidrive.frame import IOPS_BAD, IOPS_GOOD
 from pdgw.profidrive.telegrams import telegram
 from pdgw.profinet import dcp, ethernet
 from pdgw.profinet.blocks.alarm import AlarmType, MessageClass
+from pdgw.profinet.cmdev import State
 from pdgw.profinet.rpc.dcerpc import UDP_PORT
 from pdgw.profinet.station import Identity, IpSuite, Station
+from tests.support.ethernet import FakeEthernet
 from tests.support.profinet import DEVICE_IP, DEVICE_MAC, PLC_IP, PLC_MAC
 
 AXIS = (1, 2)
-
-
-class FakeEthernet:
-    """An interface whose other end is a test."""
-
-    def __init__(self, loop: VirtualLoop) -> None:
-        self.loop = loop
-        self.mac = DEVICE_MAC
-        self.link_up = True
-        self.errors = 0
-        self.address = IpSuite()
-        self.may_set = True
-        self.real_time: deque[bytes] = deque()
-        self.other: deque[bytes] = deque()
-        self.datagrams: deque[tuple[bytes, Address]] = deque()
-        self.sent: deque[tuple[Address | None, bytes]] = deque()
-        self.closed = False
-        self.on_real_time: Callable[[], None] = lambda: None
-        self.on_other: Callable[[], None] = lambda: None
-        self.on_link: Callable[[], None] = lambda: None
-
-    def start(
-        self, on_real_time: Callable[[], None], on_other: Callable[[], None], on_link: Callable[[], None]
-    ) -> None:
-        self.on_real_time, self.on_other, self.on_link = on_real_time, on_other, on_link
-
-    def receive(self) -> bytes | None:
-        return self.real_time.popleft() if self.real_time else None
-
-    def receive_other(self) -> bytes | None:
-        return self.other.popleft() if self.other else None
-
-    def receive_datagram(self) -> tuple[bytes, Address] | None:
-        return self.datagrams.popleft() if self.datagrams else None
-
-    def send(self, frame: bytes | bytearray) -> None:
-        self.sent.append((None, bytes(frame)))
-
-    def send_datagram(self, data: bytes, address: Address) -> None:
-        self.sent.append((address, data))
-
-    def ip(self) -> IpSuite:
-        return self.address
-
-    def set_ip(self, suite: IpSuite) -> None:
-        if not self.may_set:
-            raise GatewayError("interface eth1: the address cannot be set")
-        self.address = suite
-
-    def close(self) -> None:
-        self.closed = True
-
-    def arrive(self, address: Address | None, data: bytes) -> None:
-        if address is not None:
-            self.datagrams.append((data, (PLC_IP, UDP_PORT)))
-            self.on_other()
-        elif 0xFEFC <= int.from_bytes(data[14:16], "big") <= 0xFEFF or data[12:14] == b"\x88\xcc":
-            self.other.append(data)
-            self.on_other()
-        else:
-            self.real_time.append(data)
-            self.on_real_time()
 
 
 class FakeObject:
@@ -186,6 +125,20 @@ def test_setpoints_arrive_as_values_and_actual_values_leave_with_their_status(ri
     assert rig.plc.input(AXIS) == bytes.fromhex("0e371fff")
     assert rig.plc.input((2, 2)) is None, "IOPS of the second object is BAD"
     assert rig.cycles > 3
+
+
+def test_the_first_input_frame_after_application_ready_has_valid_data(rig: Rig) -> None:
+    rig.link.send([(0x0270, 5), (1, 2, 3, 4)], [True, False], [False, False])
+    rig.plc.start(rig.loop.now())
+    rig.run(5_000 * MS, lambda: (rel := rig.link.device.relation) and rel.state is not State.PARAMETERISING)
+    relation = rig.link.device.relation
+    assert relation is not None
+    assert relation.provider is not None
+    for place, data, status in ((AXIS, "02700005", IOPS_GOOD), ((2, 2), "00010002000300000004", IOPS_BAD)):
+        where = relation.provider.place(place)
+        assert where is not None
+        assert bytes(relation.provider.frame[where[0] : where[1]]).hex() == data
+        assert relation.provider.frame[where[1]] == status
 
 
 def test_an_axis_loses_its_plc_long_before_the_data_hold_time(rig: Rig) -> None:

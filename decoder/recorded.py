@@ -1,0 +1,89 @@
+"""What both captures say about one axis: what the gateway took in and sent out, on one clock."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+from pdgw.gateway.axis.settings import AxisSettings
+from pdgw.gateway.axis.values import Configured
+from pdgw.profidrive.telegrams import Telegram
+
+
+class Setpoints(NamedTuple):
+    """From here on these raw values are in force; None without a valid PLC."""
+
+    time_ns: int
+    values: tuple[int, ...] | None
+
+
+class Feedback(NamedTuple):
+    """A TPDO: values by their attribute of ``DriveFeedback``."""
+
+    time_ns: int
+    values: tuple[tuple[str, int], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class SdoResult:
+    """A completed SDO download; ``error`` is the abort's text."""
+
+    time_ns: int
+    index: int
+    subindex: int
+    data: bytes
+    error: str | None = None
+
+
+class Learned(NamedTuple):
+    """What the gateway has learned of the drive: it was (re-)configured, or its references were read anew or are assumed."""
+
+    time_ns: int
+    configured: Configured
+
+
+class Answer(NamedTuple):
+    """What a frame to the PLC said about one axis: raw actual values, IOPS (the drive is there), IOCS (so is the PLC).
+
+    Over PROFINET the IOCS does not tell whether the PLC is there: None.
+    """
+
+    time_ns: int
+    actuals: tuple[int, ...]
+    drive_ok: bool
+    plc_ok: bool | None
+
+
+class Sent(NamedTuple):
+    """A recorded RPDO."""
+
+    time_ns: int
+    data: bytes
+
+
+@dataclass
+class AxisRecording:
+    """Everything recorded of one axis, each list in the order of time, on one clock (nanoseconds).
+
+    ``sent`` are the RPDOs by number, repetitions included. ``frames`` are the times of the PLC's accepted frames. ``online`` is
+    used where there are no answers: times from which the drive was there or not.
+    """
+
+    do_id: int
+    node: int
+    telegram: Telegram
+    settings: AxisSettings = field(default_factory=AxisSettings)
+    frames: list[int] = field(default_factory=list)
+    setpoints: list[Setpoints] = field(default_factory=list)
+    feedback: list[Feedback] = field(default_factory=list)
+    sdo: list[SdoResult] = field(default_factory=list)
+    configured: list[Learned] = field(default_factory=list)
+    answers: list[Answer] = field(default_factory=list)
+    sent: dict[int, list[Sent]] = field(default_factory=dict)
+    online: list[tuple[int, bool]] = field(default_factory=list)
+    can_end_ns: int = 0
+    """The last frame of the drive or to it."""
+    watchdog_ns: int = 0
+    """After so long a silence the PLC is lost."""
+    paced: bool = False
+    """The gateway sends with a timing of its own (PROFINET), whatever the PLC's frames do."""

@@ -1,0 +1,152 @@
+"""A whole gateway on PROFINET in virtual time: simulated drives, an IO controller, and a recorder of both buses."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from pdgw.ds301.loop import MS, SECOND
+from pdgw.gateway.config import GatewayConfig
+from pdgw.gateway.config_file import parse_config
+from pdgw.gateway.daemon import Daemon
+from pdgw.gateway.profinet_link import ProfinetLink
+from pdgw.peers.controller.controller import IoController, Phase
+from pdgw.peers.controller.project import Project
+from pdgw.peers.world import World
+from pdgw.profidrive.telegrams import telegram
+from pdgw.profinet.rpc.dcerpc import UDP_PORT
+from pdgw.profinet.station import Identity, Station
+from tests.support import captures
+from tests.support.daemon import until
+from tests.support.ethernet import FakeEthernet
+from tests.support.profinet import DEVICE_IP, PLC_IP, PLC_MAC
+from tests.support.tshark_frames import datagram
+
+_TURN_NS = MS // 4
+OFF, ON = 0x047E, 0x047F
+_PATIENCE = 20 * SECOND
+
+
+def configuration(axes: str, store: Path, *, transport: str = "") -> GatewayConfig:
+    """A gateway whose watchdog is three cycles; ``axes`` are complete tables."""
+    head = f"""
+        store = "{store}"
+        [can]
+        interface = "virtual"
+        channel = "world"
+        [transport]
+        type = "profinet"
+        interface = "eth1"
+        station_name = "press-1"
+        status_port = 0
+        {transport}
+        """
+    return parse_config(head + axes)
+
+
+class Plant:
+    """The controller's side of a daemon; what goes over both buses is kept."""
+
+    def __init__(self, daemon: Daemon, port: FakeEthernet, world: World, *, data_hold: int = 100) -> None:
+        assert isinstance(daemon.link, ProfinetLink)
+        self.daemon = daemon
+        self.link = daemon.link
+        self.port = port
+        self.loop = world.loop
+        modules = self.link.device.model.modules
+        self.plc = IoController(
+            Station(Identity(PLC_MAC, 1, 1, "plc", "PLC"), "plc-1"),
+            Project("press-1", modules, data_hold=data_hold),
+            DEVICE_IP,
+        )
+        self.killed = False
+        """The controller does nothing any more."""
+        self.frames: list[tuple[int, bytes]] = []
+        self.can: list[tuple[int, int, bytes]] = []
+        for network in daemon.networks.values():
+            network.listeners.append(
+                lambda message: self.can.append((self.loop.now(), message.arbitration_id, bytes(message.data)))
+            )
+        self._turn()
+
+    def _turn(self) -> None:
+        now = self.loop.now()
+        if not self.killed:
+            self.plc.poll(now)
+            for address, data in self.plc.outgoing():
+                self._keep(data, (PLC_IP, UDP_PORT), address)
+                self.port.arrive(address, bytes(data))
+        while self.port.sent:
+            address, sent = self.port.sent.popleft()
+            self._keep(sent, (str(DEVICE_IP.address), UDP_PORT), address)
+            if self.killed:
+                continue
+            if address is None:
+                self.plc.on_frame(sent, now)
+            else:
+                self.plc.on_datagram(sent, (str(DEVICE_IP.address), UDP_PORT), now)
+        self.loop.call_later(_TURN_NS, self._turn)
+
+    def _keep(self, data: bytes | bytearray, source: tuple[str, int], address: tuple[str, int] | None) -> None:
+        frame = bytes(data) if address is None else datagram(bytes(data), source, address)
+        self.frames.append((self.loop.now(), frame))
+
+    def until(self, condition: Callable[[], object], what: str, patience: int = _PATIENCE) -> None:
+        until(self.daemon, condition, what, patience)
+
+    def run(self, ns: int) -> None:
+        self.loop.run_for(ns)
+
+    def connect(self) -> None:
+        self.plc.start(self.loop.now())
+        self.until(lambda: self.link.connected and self.plc.phase is Phase.DATA, "data exchange")
+
+    def set(self, slot: int, *values: int) -> None:
+        """Set-points of a drive object; what is not given is 0."""
+        half = telegram(self.daemon.objects[slot - 1].telegram.number).setpoints
+        given = (*values, *([0] * (len(half.signals) - len(values))))
+        self.plc.set_output((slot, 2), half.encode(given))
+
+    def word(self, slot: int = 1) -> int:
+        """ZSW1; -1 while the input data is BAD."""
+        data = self.plc.input((slot, 2))
+        return -1 if data is None else int.from_bytes(data[:2], "big")
+
+    def enable(self, slot: int = 1, *values: int) -> None:
+        """OFF, then ON, with further set-points."""
+        self.set(slot, OFF, *values)
+        self.until(lambda: self.word(slot) & 0x4F == 0x01, "ready")
+        self.set(slot, ON, *values)
+        self.until(lambda: self.word(slot) & 0x4F == 0x07, "operation")
+
+    def write(self, folder: Path) -> list[str]:
+        """plc.pcap and can.log."""
+        begin = captures.BEGIN_NS
+        packets = [(begin + now, captures.ETHERNET, frame) for now, frame in self.frames]
+        (folder / "plc.pcap").write_bytes(captures.pcap(packets, nanoseconds=True))
+        lines = []
+        for now, can_id, data in self.can:
+            seconds, rest = divmod(begin + now, 10**9)
+            lines.append(f"({seconds}.{rest // 1000:06d}) can0 {can_id:03X}#{data.hex().upper()}\n")
+        (folder / "can.log").write_text("".join(lines))
+        return [str(folder / "plc.pcap"), str(folder / "can.log")]
+
+
+@contextmanager
+def plant(config: GatewayConfig, *, data_hold: int = 100) -> Iterator[Plant]:
+    """A daemon whose nodes are online, not connected yet."""
+    world = World()
+    world.simulate(config)
+    port = FakeEthernet(world.loop)
+    daemon = Daemon(config, world, port)
+    made = Plant(daemon, port, world, data_hold=data_hold)
+    daemon.start()
+    try:
+        made.until(lambda: all(node.generation for node in daemon.clients), "nodes online")
+        yield made
+    finally:
+        daemon.stop()
+        until(daemon, daemon.stopped.is_set, "the end of the daemon")
+    assert world.loop.task_errors == 0
+    world.loop.close()
