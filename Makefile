@@ -3,9 +3,9 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
-ROOMS := profidrive profinet ds301 dsp402 dsp406 gateway decoder peers tools
+ROOMS := profidrive profinet ds301 dsp402 dsp406 gateway decoder web peers tools
 
-.PHONY: demo test tour lint format bench measured fuzz soak docs site compiled test-compiled bench-compiled clean
+.PHONY: demo test tour lint format bench fuzz soak docs site compiled test-compiled bench-compiled clean
 
 demo: $(STAMP)
 	$(BIN)/pdgw demo
@@ -28,15 +28,6 @@ format: $(STAMP)
 
 bench: $(STAMP)
 	$(BIN)/pdgw bench
-
-# The figures that the documents quote, on a quiet machine: as the benchmarks print them, with date and machine.
-MEASURED := docs/measured
-measured: $(STAMP)
-	mkdir -p $(MEASURED)
-	COLUMNS=120 $(BIN)/pdgw bench --seconds 10 > $(MEASURED)/exchange.txt
-	COLUMNS=120 $(BIN)/pdgw bench --seconds 10 --realtime > $(MEASURED)/exchange-realtime.txt
-	COLUMNS=120 $(BIN)/pdgw bench decode > $(MEASURED)/decode.txt
-	COLUMNS=120 $(BIN)/pdgw bench timeline > $(MEASURED)/timeline.txt
 
 # The same sources with the cyclic path compiled by mypyc (a C compiler is needed): into build/compiled, beside the editable install.
 COMPILED := build/compiled
@@ -75,7 +66,7 @@ site: $(STAMP)
 
 $(STAMP): pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[plot,dev]'
+	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[plot,web,mqtt,dev]'
 	@# As an installation that is not editable does: every start is quicker by what compiling took.
 	$(BIN)/python -m compileall -q $(ROOMS) pdgw
 	@# mypy does not know setuptools' mapping of the rooms to one package: the same tree, as links.

@@ -122,7 +122,7 @@ def _full(item: AxisConfig | EncoderConfig, signal: Signal) -> str:
     if raw is None:
         return ""
     if isinstance(item, EncoderConfig):
-        return f"{raw} = {item.reference_speed:g} {'mm/s' if item.is_linear else 'rpm'}"
+        return f"{raw} = {item.reference_speed:g} {item.speed_unit}"
     quantity = quantity_of(signal)
     rated = item.units.rated_speed_rpm
     if rated is not None and signal.name.startswith(("NSOLL", "NIST")):

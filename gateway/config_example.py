@@ -13,6 +13,7 @@ from pdgw.gateway.axis.telegrams import (
 )
 from pdgw.gateway.config import GatewayConfig
 from pdgw.gateway.config_surroundings import DEFAULT_BITRATE
+from pdgw.gateway.config_web import WebConfig
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.explain import problems
 from pdgw.gateway.positioner_config import EXAMPLE as POSITIONER_EXAMPLE
@@ -68,11 +69,22 @@ watchdog_factor = 3          # the PLC is lost after this many cycles without a 
 # directory = "/run/pdgw"    # in RAM; without it systemd's RuntimeDirectory, XDG_RUNTIME_DIR or /dev/shm
 # seconds = 120              # that long back
 # megabytes = 32             # of memory at most
-# keep = ["fault", "stop"]   # a file of what was before and after each, as pdgw trace save writes it
-# keep_directory = "traces"  # without it in the state directory
-# keep_before_s = 10
-# keep_after_s = 5
-# keep_files = 20            # the oldest go
+
+# [web]                      # the page of `pdgw web`, which shows everything and changes nothing (docs/web.md)
+# listen = "{WebConfig().listen}"  # beyond this machine only with token_file
+# token_file = "web.token"   # its text opens the page
+# hosts = ["gateway.plant"]  # names by which browsers reach it, beside its address
+# tls_cert = "web.pem"
+# tls_key = "web.key"
+
+# [mqtt]                     # `pdgw web` tells a broker what the axes do, and takes nothing from it
+# host = "broker.plant"
+# port = 1883
+# topic = "pdgw"             # before the gateway's name
+# username = "gateway"
+# password_file = "mqtt.password"
+# tls = true
+# ca_file = "ca.pem"
 
 [[axis]]
 do_id = 1                    # DO-ID of the parameter channel, 1 to 254
@@ -109,7 +121,6 @@ simulate = false             # true: a simulated drive instead of the one on the
 # following_window = 4096    # position units within which DSC may start, needed with dsc
 # dsc_delay_cycles = 1       # age of the position the PLC answers
 # xerr_sign = 1              # -1: a positive XERR moves backward
-# sync_jitter_us = 0         # added to the dead time that limits KPC; pdgw status shows the jitter
 {POSITIONER_EXAMPLE}
 # Encoders follow the axes in the frame. Several channels of a multi-sensor device are tables of their own.
 # [[encoder]]

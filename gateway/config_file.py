@@ -11,18 +11,22 @@ from pydantic import BaseModel
 
 from pdgw.gateway.config import AxisConfig, EncoderConfig, GatewayConfig
 from pdgw.gateway.config_surroundings import CanConfig, ParametersConfig, RealtimeConfig, TraceConfig, TransportConfig
+from pdgw.gateway.config_web import MqttConfig, WebConfig
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.explain import Problem
 from pdgw.gateway.store import default_store
 from pdgw.gateway.toml_file import parse_toml, read_text, told, toml_text
 
 Item = TypeVar("Item", AxisConfig, EncoderConfig)
+FileSection = TypeVar("FileSection", WebConfig, MqttConfig)
 SECTIONS: dict[str, type[BaseModel]] = {
     "can": CanConfig,
     "transport": TransportConfig,
     "parameters": ParametersConfig,
     "realtime": RealtimeConfig,
     "trace": TraceConfig,
+    "web": WebConfig,
+    "mqtt": MqttConfig,
     "axis": AxisConfig,
     "encoder": EncoderConfig,
 }
@@ -46,15 +50,20 @@ def load_config(path: Path) -> GatewayConfig:
     if missing:
         raise GatewayError("\n".join(missing))
     store = path.parent / config.store if config.store else default_store(path)
-    trace = config.trace
-    if trace.keep_directory is not None:
-        trace = trace.model_copy(update={"keep_directory": path.parent / trace.keep_directory})
-    return config.model_copy(update={"axis": axes, "encoder": encoders, "store": store, "trace": trace})
+    web = _files_beside(config.web, path)
+    mqtt = None if config.mqtt is None else _files_beside(config.mqtt, path)
+    return config.model_copy(update={"axis": axes, "encoder": encoders, "store": store, "web": web, "mqtt": mqtt})
 
 
 def _beside(item: Item, path: Path) -> Item:
     """Relative paths are meant from where the configuration is."""
     return item.model_copy(update={"eds": path.parent / item.eds}) if item.eds else item
+
+
+def _files_beside(section: FileSection, path: Path) -> FileSection:
+    """As ``_beside``, for every file of a section; whether it is there is told by who needs it, with its rights."""
+    files = {name: path.parent / value for name, value in section if isinstance(value, Path)}
+    return section.model_copy(update=files)
 
 
 def parse_config(text: str, name: str = "configuration") -> GatewayConfig:

@@ -222,6 +222,7 @@ class UdpLink:
             "connected": endpoint.connected,
             "peer": list(endpoint.peer) if endpoint.peer else None,
             "layout": endpoint.layout_text,
+            "watchdog_ms": self._transport.cycle_time_ms * self._transport.watchdog_factor,
             "frames": {verdict.value: count for verdict, count in endpoint.counters.items()},
         }
 

@@ -96,6 +96,9 @@ def axis_status(axis: Axis) -> dict[str, Any]:
         "speed_rpm": round(float(velocity / per_rpm), 3) if velocity is not None and per_rpm else None,
         "position": feedback.position_actual if "position_actual" in mapped else None,
         "position_unit": scaling.position_unit if scaling else None,
+        "velocity_per_rpm": float(per_rpm) if per_rpm else None,
+        "rated_speed": float(scaling.rated_speed_rpm) if scaling and scaling.rated_speed_rpm else None,
+        "rated_speed_unit": "rpm",
         "scaling": list(scaling.lines) if scaling else [],
     }
 
@@ -105,6 +108,8 @@ def encoder_status(encoder: EncoderObject) -> dict[str, Any]:
     source = encoder.input
     return _object_status(encoder, encoder_standing(encoder)) | {
         "channel": encoder.config.channel,
+        "rated_speed": float(encoder.config.reference_speed),
+        "rated_speed_unit": encoder.config.speed_unit,
         "sensor_state": encoder.machine.channel.sensor.state.value,
         "velocity": source.speed,
         "position": source.position if source.valid else None,
@@ -135,7 +140,6 @@ def _head(daemon: Daemon) -> dict[str, Any]:
                 "channel": bus.channel,
                 "bitrate": bus.bitrate,
                 "healthy": daemon.networks[bus.name].healthy,
-                "sync": producer.status() if (producer := daemon.sync_producers.get(bus.name)) else None,
             }
             for bus in config.can
         ],

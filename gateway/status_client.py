@@ -11,17 +11,17 @@ from pdgw.gateway.errors import GatewayError
 _PATIENCE_S = 5.0
 
 
-def fetch(port: int) -> dict[str, Any]:
-    """The status document of the daemon on a loopback port; GatewayError when none answers."""
-    document = _ask(port, "")
+def fetch(port: int, patience_s: float = _PATIENCE_S) -> dict[str, Any]:
+    """The status document of the daemon on a loopback port; GatewayError when none answers within about ``patience_s``."""
+    document = _ask(port, "", patience_s)
     if not {"schema", "plc", "axes", "encoders"} <= document.keys():
         raise _no_gateway(port)
     return document
 
 
-def fetch_faults(port: int, do_id: int) -> list[dict[str, Any]]:
+def fetch_faults(port: int, do_id: int, patience_s: float = _PATIENCE_S) -> list[dict[str, Any]]:
     """All faults and warnings of a drive object that the daemon keeps, newest first; GatewayError when there is no such one."""
-    document = _ask(port, f"faults {do_id}")
+    document = _ask(port, f"faults {do_id}", patience_s)
     if "error" in document:
         raise GatewayError(f"{document.get('field')} {do_id}: {document['error']}")
     faults = document.get("faults")
@@ -30,9 +30,9 @@ def fetch_faults(port: int, do_id: int) -> list[dict[str, Any]]:
     return faults
 
 
-def _ask(port: int, request: str) -> dict[str, Any]:
+def _ask(port: int, request: str, patience_s: float) -> dict[str, Any]:
     try:
-        with socket.create_connection(("127.0.0.1", port), timeout=_PATIENCE_S) as connection:
+        with socket.create_connection(("127.0.0.1", port), timeout=patience_s) as connection:
             connection.sendall(f"{request}\n".encode())
             text = b"".join(iter(lambda: connection.recv(65536), b""))
     except OSError as error:

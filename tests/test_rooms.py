@@ -37,5 +37,16 @@ def test_no_room_of_the_product_imports_peers_tools_or_decoder(room: str) -> Non
     assert importers(room, "peers", "tools", "decoder") == {}
 
 
+def test_the_daemon_and_what_it_consists_of_know_no_page_metrics_or_mqtt() -> None:
+    assert importers("gateway", "web") == importers("decoder", "web") == importers("peers", "web") == {}
+    for room in (*PRODUCT, "decoder", "peers"):
+        names = {name.partition(".")[0] for file in (ROOT / room).rglob("*.py") for name in imports(file)}
+        assert not names & {"starlette", "uvicorn", "prometheus_client", "paho"}, room
+
+
+def test_the_page_knows_no_command_and_nobody_who_plays_the_other_side() -> None:
+    assert importers("web", "tools", "peers") == {}
+
+
 def test_the_search_finds_what_is_there() -> None:
     assert "tools/commands/sim_drive.py" in importers("tools", "peers")

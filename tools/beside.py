@@ -1,4 +1,4 @@
-"""Simulated devices of a configuration in processes of their own, beside a gateway: its cycle does not pay for them."""
+"""Processes beside a gateway, so that its cycle does not pay for them: simulated devices of its configuration, its page."""
 
 from __future__ import annotations
 
@@ -6,11 +6,12 @@ import contextlib
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 from pdgw.gateway.config import GatewayConfig
-from pdgw.gateway.config_surroundings import CanConfig, TraceConfig
+from pdgw.gateway.config_file import config_text
+from pdgw.gateway.config_surroundings import CanConfig
 from pdgw.gateway.errors import GatewayError
 
 _VIRTUAL = "virtual"
@@ -42,7 +43,7 @@ def devices_beside(config: GatewayConfig) -> Iterator[GatewayConfig]:
                 file = directory / f"{len(started)}.toml"
                 file.write_text(bus_file(bus, devices), encoding="utf-8")
                 serve = ["--serve", "--port", "0"] if bus.interface == _VIRTUAL else []
-                started.append((bus, at_end.enter_context(_process(file, serve))))
+                started.append((bus, at_end.enter_context(_process("sim", "bus", str(file), *serve))))
         reached: dict[str, CanConfig] = {}
         for bus, process in started:
             channel = _channel(bus, process)
@@ -52,10 +53,20 @@ def devices_beside(config: GatewayConfig) -> Iterator[GatewayConfig]:
 
 
 @contextlib.contextmanager
-def _process(file: Path, options: list[str]) -> Iterator[subprocess.Popen[str]]:
+def page_beside(config: GatewayConfig) -> Iterator[None]:
+    """Start ``pdgw web`` for the gateway with this configuration; why it cannot be started, it says itself."""
+    with tempfile.TemporaryDirectory(prefix="pdgw-") as directory:
+        file = Path(directory) / "gateway.toml"
+        file.write_text(config_text(config), encoding="utf-8")
+        with _process("web", str(file)):
+            yield
+
+
+@contextlib.contextmanager
+def _process(*command: str) -> Iterator[subprocess.Popen[str]]:
     """One that ends when its standard input does; Ctrl-C is not for it, the drives are needed until they stand."""
     with subprocess.Popen(
-        [sys.executable, "-m", "pdgw", "sim", "bus", str(file), "--attached", *options],
+        [sys.executable, "-m", "pdgw", *command, "--attached"],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         text=True,
@@ -71,43 +82,6 @@ def _process(file: Path, options: list[str]) -> Iterator[subprocess.Popen[str]]:
                 process.wait(_STOP_S)
             except subprocess.TimeoutExpired:
                 process.kill()
-
-
-@contextlib.contextmanager
-def keeper_beside(trace: TraceConfig) -> Iterator[Callable[[Path], None]]:
-    """The process that keeps parts of the flight recorder, if the configuration wants any; gives what tells it the ring.
-
-    Started before the gateway takes its priority, which it must not have; it ends by itself when the gateway is gone, in whatever
-    way, after it has kept what was before that.
-    """
-    if not trace.enabled or not trace.keep:
-        yield lambda path: None
-        return
-    options = [f"--on={item}" for item in trace.keep]
-    options += [f"--before={trace.keep_before_s}", f"--after={trace.keep_after_s}", f"--files={trace.keep_files}"]
-    if trace.keep_directory is not None:
-        options.append(f"--to={trace.keep_directory}")
-    process = subprocess.Popen(
-        [sys.executable, "-m", "pdgw", "trace", "watch", "--attached", *options],
-        stdin=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-    )
-    assert process.stdin is not None
-    stdin = process.stdin
-
-    def tell(path: Path) -> None:
-        with contextlib.suppress(OSError):  # it may be gone already
-            stdin.write(f"{path}\n")
-            stdin.flush()
-
-    try:
-        yield tell
-    finally:
-        with contextlib.suppress(OSError):
-            stdin.close()
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            process.wait(_STOP_S)
 
 
 def _channel(bus: CanConfig, process: subprocess.Popen[str]) -> str:

@@ -167,13 +167,13 @@ class RingReader:
 
     # -- the records ------------------------------------------------------------------------------------------------------
 
-    def cycles(self, after: int = 0, at_most: int | None = None) -> list[Cycle]:
-        """The cycles behind sequence number ``after``, oldest first; ``at_most``: the newest so many."""
+    def cycles(self, after: int = 0, at_most: int | None = None, upto: int | None = None) -> list[Cycle]:
+        """The cycles behind sequence number ``after``, oldest first; ``at_most``: the newest so many; ``upto``: the last one."""
         layout = self.layout
-        first = self._first(self.newest_cycle, layout.cycles, after, at_most)
-        return self._copied(
-            layout.cycles_offset, layout.cycles, self._cycle.size, first, self.newest_cycle, self._cycle_at
-        )
+        newest = self.newest_cycle
+        first = self._first(newest, layout.cycles, after, at_most)
+        last = newest if upto is None else min(newest, upto)
+        return self._copied(layout.cycles_offset, layout.cycles, self._cycle.size, first, last, self._cycle_at)
 
     def frames(self, after: int = 0, at_most: int | None = None) -> list[Frame]:
         """The CAN frames behind sequence number ``after``, oldest first; ``at_most``: the newest so many."""

@@ -1,0 +1,147 @@
+"""The web page of a gateway that is played by the test: its documents are what the test says, in virtual time or not."""
+
+from __future__ import annotations
+
+import asyncio
+import http.client
+import json
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from pdgw.gateway.config import GatewayConfig
+from pdgw.gateway.config_web import WebConfig
+from pdgw.gateway.daemon import Daemon
+from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.status import fault_status, snapshot
+from pdgw.web.app import made_app
+from pdgw.web.feed import Document
+from pdgw.web.guard import Token
+from pdgw.web.server import listen, made_server
+from pdgw.web.watch import Watch
+
+PATIENCE_S = 20.0
+TOKEN = "a token of more than sixteen characters"
+
+
+class ShownGateway:
+    """Answers with what was shown last; ``failure``: it does not answer."""
+
+    def __init__(self) -> None:
+        self.document: Document = {}
+        self.histories: dict[int, list[Document]] = {}
+        self.failure = ""
+        self.asked = 0
+
+    def show(self, daemon: Daemon) -> None:
+        """What a daemon would answer now."""
+        self.histories = {item.do_id: fault_status(item) for item in daemon.objects}
+        self.document = json.loads(json.dumps(snapshot(daemon)))
+
+    def status(self) -> Document:
+        self.asked += 1
+        if self.failure:
+            raise GatewayError(self.failure)
+        return json.loads(json.dumps(self.document))  # type: ignore[no-any-return]
+
+    def faults(self, do_id: int) -> list[Document]:
+        if self.failure:
+            raise GatewayError(self.failure)
+        return self.histories[do_id]
+
+
+class ShownParameters:
+    """Has P922 of every drive object; a dump waits for ``slow``."""
+
+    def __init__(self) -> None:
+        self.slow = threading.Lock()
+        self.waiting = False
+
+    def read(self, do_id: int, text: str) -> list[dict[str, Any]]:
+        if text != "P922":
+            raise GatewayError(f"parameter {text!r}: only P922 here")
+        return [{"parameter": "P922", "name": "Telegram", "value": do_id, "unit": "", "meaning": "", "error": None}]
+
+    def dump(self, do_id: int) -> dict[str, Any]:
+        self.waiting = True
+        with self.slow:
+            return {"version": 1, "do_id": do_id, "parameters": []}
+
+    def names(self, do_id: int) -> list[dict[str, Any]]:
+        return [{"pnu": "P922", "name": "Telegram"}]
+
+
+class Page:
+    """A served page."""
+
+    def __init__(self, port: int, watch: Watch, parameters: ShownParameters) -> None:
+        self.port = port
+        self.parameters = parameters
+        self.watch = watch
+        self.address = f"http://127.0.0.1:{port}"
+
+    def ask(self, path: str, **headers: str) -> http.client.HTTPConnection:
+        """A request on a connection of its own; the answer is waited for by ``getresponse``."""
+        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=PATIENCE_S)
+        connection.request("GET", path, headers={key.replace("_", "-"): value for key, value in headers.items()})
+        return connection
+
+    def get(self, path: str, **headers: str) -> http.client.HTTPResponse:
+        """The answer to one request; its body can be read afterwards."""
+        return self.ask(path, **headers).getresponse()
+
+    def document(self, path: str, **headers: str) -> Any:
+        """The JSON of an answer."""
+        return json.loads(self.get(path, **headers).read())
+
+    def heard(self) -> None:
+        """Wait until the gateway was asked after now."""
+        ticks = self.watch.feed.ticks
+        until(lambda: self.watch.feed.ticks > ticks + 1, "the next look at the gateway")
+
+
+def until(condition: Any, what: str) -> None:
+    """Wait for another thread."""
+    deadline = time.monotonic() + PATIENCE_S
+    while not condition():
+        assert time.monotonic() < deadline, what
+        time.sleep(0.01)
+
+
+@contextmanager
+def page(config: GatewayConfig, gateway: ShownGateway, token: str | None = None) -> Iterator[Page]:
+    """The page of a gateway on a free port of loopback, served by a thread."""
+    web = WebConfig(listen="127.0.0.1:0", hosts=config.web.hosts)
+    watch = Watch(config.model_copy(update={"web": web}), gateway)
+    watch.feed.unwatched_s = watch.feed.watched_s / 4
+    parameters = ShownParameters()
+    app, streams = made_app(watch, parameters, None if token is None else Token(token))
+    server = made_server(app, streams, web)
+    with listen(web) as port:
+        thread = threading.Thread(target=lambda: asyncio.run(server.serve(sockets=[port])), name="page")
+        thread.start()
+        try:
+            until(lambda: server.started, "the server")
+            yield Page(port.getsockname()[1], watch, parameters)
+        finally:
+            server.should_exit = True
+            thread.join(PATIENCE_S)
+            assert not thread.is_alive()
+
+
+def events_of(response: http.client.HTTPResponse, count: int) -> list[tuple[str, str, Any]]:
+    """The next ``count`` messages of a stream: kind, id, data."""
+    found: list[tuple[str, str, Any]] = []
+    fields: dict[str, str] = {}
+    while len(found) < count:
+        line = response.readline().decode().rstrip("\n")
+        if line:
+            name, _, value = line.partition(": ")
+            fields[name] = value
+            continue
+        if "data" in fields:
+            found.append((fields.get("event", ""), fields.get("id", ""), json.loads(fields["data"])))
+        fields = {}
+    return found

@@ -1,0 +1,147 @@
+"""What a real broker gets: states on change, events, the last will."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import shutil
+import socket
+import subprocess
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+from paho.mqtt.client import Client
+from paho.mqtt.enums import CallbackAPIVersion
+
+from pdgw.gateway.config import GatewayConfig
+from pdgw.gateway.config_web import MqttConfig
+from pdgw.gateway.errors import GatewayError
+from pdgw.web.mqtt import Publisher, made_client, object_message
+from pdgw.web.watch import Watch
+from tests.endtoend.processes import free_tcp_port
+from tests.support.daemon import axis, configuration, running
+from tests.support.daemon import until as until_true
+from tests.support.page import ShownGateway, until
+
+BROKER = shutil.which("mosquitto") or "/usr/sbin/mosquitto"
+needs_broker = pytest.mark.skipif(
+    not Path(BROKER).exists(), reason="no MQTT broker on this machine (apt-get install mosquitto)"
+)
+ENCODER = "[[encoder]]\ndo_id = 2\nnode_id = 20\ntelegram = 83\nsimulate = true\n"
+
+
+@contextmanager
+def broker(port: int) -> Iterator[None]:
+    """A broker of its own; returns when it accepts."""
+    with subprocess.Popen([BROKER, "-p", str(port)], stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL) as process:
+        try:
+            until(lambda: accepts(port), "the broker")
+            yield
+        finally:
+            process.terminate()
+
+
+def accepts(port: int) -> bool:
+    with socket.socket() as probe:
+        return probe.connect_ex(("127.0.0.1", port)) == 0
+
+
+class Subscriber:
+    """Hears everything below a topic: the last text of each topic, and all events."""
+
+    def __init__(self, port: int) -> None:
+        self.texts: dict[str, str] = {}
+        self.events: list[dict[str, Any]] = []
+        self.states = 0
+        self._subscribed = threading.Event()
+        self.client = Client(CallbackAPIVersion.VERSION2, client_id="test")
+        self.client.on_message = self._take
+        self.client.on_subscribe = lambda *_: self._subscribed.set()
+        self.client.on_connect = lambda client, *_: client.subscribe("pdgw/#", 1)
+        self.client.connect("127.0.0.1", port)
+        self.client.loop_start()
+        assert self._subscribed.wait(20)
+
+    def _take(self, _client: Client, _data: object, message: Any) -> None:
+        text = message.payload.decode()
+        if message.topic.endswith("/event"):
+            self.events.append(json.loads(text))
+        self.states += message.topic.endswith("/state")
+        self.texts[message.topic] = text
+
+    def close(self) -> None:
+        self.client.disconnect()
+        self.client.loop_stop()
+
+
+def looked(watch: Watch, publisher: Publisher) -> None:
+    """One look at the gateway, told to the broker."""
+    asyncio.run(watch.feed.once())
+    publisher.tell()
+
+
+def with_broker(config: GatewayConfig, port: int) -> GatewayConfig:
+    transport = config.transport.model_copy(update={"station_name": "line-3"})
+    return config.model_copy(update={"mqtt": MqttConfig(host="127.0.0.1", port=port), "transport": transport})
+
+
+@needs_broker
+def test_states_on_change_events_and_the_last_will() -> None:
+    port = free_tcp_port()
+    gateway = ShownGateway()
+    with broker(port), running(with_broker(configuration(axis(1) + ENCODER), port)) as daemon:
+        gateway.show(daemon)
+        watch = Watch(daemon.config, gateway)
+        assert watch.config.mqtt is not None
+        publisher = Publisher(watch.config.mqtt, watch)
+        publisher.start()
+        heard = Subscriber(port)
+        until(lambda: publisher.connected, "the publisher")
+        looked(watch, publisher)
+        until(lambda: len(heard.texts) >= 4, f"axis, encoder, online and events: {heard.texts}")
+        assert heard.texts["pdgw/line-3/online"] == "1"
+        state = json.loads(heard.texts["pdgw/line-3/axis/1/state"])
+        assert (state["state"], state["reason_id"], state["fault"]) == ("Not on the bus", "DRIVE_OFFLINE", None)
+        assert "pdgw/line-3/encoder/2/state" in heard.texts
+
+        told = heard.states
+        looked(watch, publisher)  # nothing changed
+        until_true(daemon, lambda: all(item.client.generation for item in daemon.objects), "nodes online")
+        gateway.show(daemon)
+        looked(watch, publisher)
+        until(lambda: json.loads(heard.texts["pdgw/line-3/axis/1/state"])["drive"] == "online", "the new state")
+        until(lambda: heard.states >= told + 2, "axis and encoder")
+        assert heard.states == told + 2, "once each"
+        until(lambda: any("online" in event["text"] for event in heard.events), "the event")
+
+        gateway.failure = "hangs"
+        looked(watch, publisher)
+        until(lambda: heard.texts["pdgw/line-3/online"] == "0", "that the gateway does not answer")
+        gateway.failure = ""
+        looked(watch, publisher)
+        until(lambda: heard.texts["pdgw/line-3/online"] == "1", "that it answers again")
+        connection = publisher._client.socket()
+        assert connection is not None
+        connection.shutdown(socket.SHUT_RDWR)
+        until(lambda: heard.texts["pdgw/line-3/online"] == "0", "the last will of who vanished")
+        publisher.stop()
+        heard.close()
+
+
+def test_a_message_has_nothing_that_changes_all_the_time() -> None:
+    gateway = ShownGateway()
+    with running(configuration(axis(1))) as daemon:
+        gateway.show(daemon)
+        message = json.loads(object_message(gateway.document["axes"][0]))
+    assert set(message) == {"state", "state_id", "reason", "reason_id", "drive", "telegram", "fault"}
+
+
+def test_files_that_cannot_be_used_are_told(tmp_path: Path) -> None:
+    with pytest.raises(GatewayError, match="password_file"):
+        made_client(MqttConfig(host="b", username="u", password_file=tmp_path / "none"), "x")
+    with pytest.raises(GatewayError, match="ca_file"):
+        made_client(MqttConfig(host="b", tls=True, ca_file=tmp_path / "none"), "x")

@@ -1,0 +1,378 @@
+"""The interface of the page: documents, streams that resume, limits, headers, trends; what is told of a silent gateway."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import socket
+import zipfile
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+import pytest
+
+from pdgw.gateway.reasons import Reason
+from pdgw.gateway.trace.recorder import FlightRecorder
+from pdgw.web.app import READS_PER_S, Allowance
+from pdgw.web.events import KEPT, EventLog
+from pdgw.web.guard import HEADERS
+from pdgw.web.server import CONNECTIONS_MAX
+from pdgw.web.stream import STREAMS_MAX
+from tests.support.daemon import Plc, axis, configuration, drive_of, running
+from tests.support.page import TOKEN, Page, ShownGateway, events_of, page, until
+
+ENCODER = "[[encoder]]\ndo_id = 2\nnode_id = 20\ntelegram = 83\nsimulate = true\n"
+NAMED = 'station_name = "line-3"'
+
+
+class Turning:
+    """An axis that turns at half speed and an encoder, in virtual time, with their flight recorder, and the page of them."""
+
+    def __init__(self, directory: Path, at_end: ExitStack) -> None:
+        config = configuration(axis(1) + ENCODER, transport=NAMED)
+        self.daemon = at_end.enter_context(
+            running(config, lambda daemon: daemon.services.append(FlightRecorder(daemon, directory, "test")))
+        )
+        self.gateway = ShownGateway()
+        self.plc = Plc(self.daemon, [1, 83])
+        self.plc.enable()
+        self.plc.endpoint.set(0, {"NSOLL_A": 0x2000})
+        self.plc.until(lambda: self.plc.value("NIST_A") == 0x2000, "half speed")
+        self.gateway.show(self.daemon)
+        self.page = at_end.enter_context(page(self.daemon.config, self.gateway))
+        self.page.heard()
+
+    def lose_drive(self) -> None:
+        """The drive is switched off while it turns."""
+        drive_of(self.daemon).node.power_off()
+        axis = self.daemon.axes[0]
+        self.plc.until(lambda: axis.faults and axis.reason is Reason.DRIVE_OFFLINE, "drive lost")
+
+
+@pytest.fixture
+def turning(tmp_path: Path) -> Iterator[Turning]:
+    with ExitStack() as at_end:
+        yield Turning(tmp_path, at_end)
+
+
+@pytest.fixture(scope="module")
+def still() -> Iterator[Page]:
+    """The page of a gateway nothing happens at."""
+    gateway = ShownGateway()
+    with running(configuration(axis(1) + ENCODER, transport=NAMED)) as daemon:
+        gateway.show(daemon)
+        with page(daemon.config, gateway) as served:
+            served.heard()
+            yield served
+
+
+@contextmanager
+def stream(served: Page, query: str = "", **headers: str) -> Iterator[Iterator[tuple[str, str, object]]]:
+    """The messages of a stream."""
+    answer = served.get(f"/api/v1/events{query}", **headers)
+    assert (answer.status, answer.headers["content-type"]) == (200, "text/event-stream")
+
+    def messages() -> Iterator[tuple[str, str, object]]:
+        while True:
+            yield from events_of(answer, 1)
+
+    try:
+        yield messages()
+    finally:
+        answer.close()
+
+
+# -- documents -----------------------------------------------------------------------------------------------------------
+
+
+def test_the_status_is_the_gateways_own_document_and_says_whether_it_is_old(turning: Turning) -> None:
+    document = turning.page.document("/api/v1/status")
+    assert document["stale"] is False
+    own = turning.gateway.document
+    assert {key: document[key] for key in own if key != "buses"} == {key: own[key] for key in own if key != "buses"}
+    assert document["axes"][0]["speed_rpm"] == 1500
+
+    turning.gateway.failure = "hangs"
+    turning.page.heard()
+    answer = turning.page.get("/api/v1/status")
+    assert answer.status == 503
+    old = json.loads(answer.read())
+    assert (old["stale"], old["axes"][0]["speed_rpm"], old["answered"]) == (True, 1500, document["answered"])
+
+
+def test_health_is_of_the_daemon_readiness_of_the_machine(turning: Turning) -> None:
+    served = turning.page
+    assert [served.get(path).status for path in ("/healthz", "/readyz")] == [200, 200]
+    turning.lose_drive()
+    turning.gateway.show(turning.daemon)
+    served.heard()
+    assert [served.get(path).status for path in ("/healthz", "/readyz")] == [200, 503]
+    turning.gateway.failure = "hangs"
+    served.heard()
+    assert [served.get(path).status for path in ("/healthz", "/readyz")] == [503, 503]
+
+
+def test_every_answer_has_the_headers_that_keep_the_page_to_itself(still: Page) -> None:
+    for path in ("/", "/static/app.js", "/api/v1/status", "/metrics", "/nowhere", "/static/nowhere", "/healthz"):
+        answer = still.get(path)
+        for name, value in HEADERS.items():
+            assert answer.headers[name] == value, path
+        assert "server" not in answer.headers
+        assert "access-control-allow-origin" not in answer.headers
+
+
+@pytest.mark.parametrize(
+    ("path", "status", "field", "part"),
+    [
+        ("/nowhere", 404, "path", "Not Found"),
+        ("/api/v1/objects/9/faults", 404, "do_id", "allowed: 1, 2"),
+        ("/api/v1/objects/x/faults", 404, "path", "Not Found"),
+        ("/api/v1/telegrams/77", 404, "number", "telegram"),
+        ("/api/v1/objects/1/trace?seconds=0", 400, "request", "1 to 600"),
+        ("/api/v1/objects/1/trace?seconds=1e3", 400, "request", "whole number"),
+        ("/api/v1/objects/1/trace?bins=" + "9" * 5000, 400, "request", "bins"),
+        ("/api/v1/events?after=-1", 400, "request", "Last-Event-ID"),
+        ("/api/v1/events?trace=9", 404, "path", "no drive object 9"),
+        ("/api/v1/objects/1/trace", 502, "gateway", "no flight recorder"),
+        ("/static/../app.py", 404, "path", "Not Found"),
+        ("/static/%2e%2e/app.py", 404, "path", "Not Found"),
+    ],
+)
+def test_what_is_not_there_or_not_allowed_is_told_with_its_field(
+    still: Page, path: str, status: int, field: str, part: str
+) -> None:
+    answer = still.get(path)
+    document = json.loads(answer.read())
+    assert (answer.status, document["field"]) == (status, field)
+    assert part in document["error"]
+
+
+def test_words_are_declared_with_bits_and_units(still: Page) -> None:
+    telegram = still.document("/api/v1/telegrams/9")
+    stw1, *_ = telegram["setpoints"]
+    assert [bit["name"] for bit in stw1["bits"] if bit["position"] in {4, 10}] == ["DO_NOT_REJECT", "CONTROL_BY_PLC"]
+    nsoll = still.document("/api/v1/telegrams/1")["setpoints"][1]
+    assert (nsoll["name"], nsoll["quantity"], nsoll["percent_of_one"] * 0x4000) == ("NSOLL_A", "speed", 100)
+    states = still.document("/api/v1/states")
+    assert states["OBEYS"] == {"text": "Obeys the PLC", "symbol": "●"}
+    assert len(states) == 7
+
+
+def test_the_about_view_has_licences_and_the_configuration_without_secrets() -> None:
+    gateway = ShownGateway()
+    bus = '[can]\ninterface = "virtual"\nchannel = "world"\nremote_password = "hidden"\n'
+    with running(configuration(axis(1), can=bus)) as daemon:
+        gateway.show(daemon)
+        with page(daemon.config, gateway) as served:
+            document = served.document("/api/v1/about")
+            archive = zipfile.ZipFile(io.BytesIO(served.get("/api/v1/support").read()))
+    assert "hidden" not in document["configuration"]
+    assert 'remote_password = "..."' in document["configuration"]
+    licences = {item["name"]: item["licence"] for item in document["licences"]}
+    assert (licences["uplot"], licences["lit-html"], licences["starlette"]) == ("MIT", "BSD-3-Clause", "BSD-3-Clause")
+    assert {"status.json", "events.json", "gateway.toml"} <= set(archive.namelist())
+    assert b"hidden" not in archive.read("gateway.toml")
+
+
+def test_no_more_than_five_parameters_are_read_in_a_second() -> None:
+    allowance = Allowance(READS_PER_S)
+    assert [allowance.take(moment) for moment in (0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.99)] == [True] * 5 + [False] * 2
+    assert [allowance.take(moment) for moment in (1.0, 1.05, 1.1)] == [True, False, True]
+    assert [allowance.take(9) for _ in range(6)] == [True] * 5 + [False]
+
+
+def test_parameters_are_read_one_at_a_time(still: Page) -> None:
+    (element,) = still.document("/api/v1/objects/2/parameters?pnu=P922")["elements"]
+    assert (element["parameter"], element["value"]) == ("P922", 2)
+    with still.parameters.slow:  # the reading thread has to wait
+        first = still.ask("/api/v1/objects/1/parameters/dump")
+        until(lambda: still.parameters.waiting, "the first read")
+        answer = still.get("/api/v1/objects/1/parameters?pnu=P922")
+        assert answer.status == 429
+        assert "one read at a time" in json.loads(answer.read())["error"]
+    assert json.loads(first.getresponse().read())["do_id"] == 1
+
+
+def test_a_parameter_that_is_none_is_told(still: Page) -> None:
+    until(lambda: still.get("/api/v1/objects/1/parameters?pnu=P9").status == 502, "the error")
+
+
+# -- streams -------------------------------------------------------------------------------------------------------------
+
+
+def test_a_stream_has_the_status_and_every_event_once(turning: Turning) -> None:
+    with stream(turning.page) as messages:
+        first = [next(messages) for _ in range(8)]
+        kinds = {kind for kind, _, _ in first}
+        assert kinds == {"event", "status"}
+        turning.lose_drive()
+        turning.gateway.show(turning.daemon)
+        told: list[str] = []
+        while not any("drive is not online" in text for text in told):
+            kind, _, data = next(messages)
+            told += [data["text"]] if kind == "event" else []  # type: ignore[index]
+    assert any(text.startswith("fault 101: node lost") for text in told)
+    assert len(told) == len(set(told))
+
+
+def test_a_stream_goes_on_behind_the_last_event_the_page_has(turning: Turning) -> None:
+    with stream(turning.page) as messages:
+        seen = [next(messages) for _ in range(6)]
+    ids = [int(number) for kind, number, _ in seen if kind == "event"]
+    assert ids == list(range(ids[0], ids[0] + len(ids)))
+    for resumed in ({"query": f"?after={ids[1]}"}, {"last_event_id": str(ids[1])}):
+        with stream(turning.page, **resumed) as messages:
+            kind, number, _ = next(messages)
+            assert (kind, int(number)) == ("event", ids[2])
+
+
+def test_the_event_log_forgets_the_oldest_and_resumes_after_a_restart() -> None:
+    log = EventLog(5000)
+    for number in range(KEPT + 10):
+        log.add("t", "plc", None, str(number))
+    assert [event.id for event in log.after(0)] == list(range(5010, 5010 + KEPT))
+    assert [event.id for event in log.after(5010 + KEPT - 2)] == [5010 + KEPT - 1]
+    assert log.after(5010 + KEPT - 1) == []
+    assert len(log.after(3000)) == KEPT, "a page of an earlier process gets all there is"
+    assert len(log.after(10**15)) == KEPT, "so does one whose number nobody gave"
+
+
+def test_the_gateway_is_asked_once_for_all_who_look(turning: Turning) -> None:
+    with ExitStack() as at_end:
+        opened = [at_end.enter_context(stream(turning.page)) for _ in range(5)]
+        for messages in opened:
+            next(messages)
+        before, ticks = turning.gateway.asked, turning.page.watch.feed.ticks
+        turning.page.heard()
+        assert turning.gateway.asked - before <= turning.page.watch.feed.ticks - ticks + 1
+
+
+def test_there_are_no_more_streams_than_allowed(still: Page) -> None:
+    with ExitStack() as at_end:
+        for _ in range(STREAMS_MAX):
+            next(at_end.enter_context(stream(still)))
+        answer = still.get("/api/v1/events")
+        assert answer.status == 503
+        assert json.loads(answer.read())["field"] == "streams"
+        assert still.get("/api/v1/status").status == 200
+    until(lambda: still.get("/api/v1/events").status == 200, "a place after the streams were closed")
+
+
+def test_a_flood_of_connections_is_bounded_and_ends_with_it(still: Page) -> None:
+    until(lambda: still.get("/healthz").status == 200, "the page")
+    flood = [socket.create_connection(("127.0.0.1", still.port)) for _ in range(CONNECTIONS_MAX + 20)]
+    try:
+        closed = 0
+        for connection in flood[-10:]:
+            connection.settimeout(20)
+            try:
+                closed += connection.recv(1) == b""
+            except ConnectionResetError:
+                closed += 1
+        assert closed == 10, "connections beyond the bound are closed at once"
+    finally:
+        for connection in flood:
+            connection.close()
+
+    def answers() -> bool:
+        try:
+            return still.get("/healthz").status == 200
+        except OSError:
+            return False
+
+    until(answers, "the page after the flood")
+
+
+@pytest.mark.parametrize(
+    "data", [b"\x16\x03\x01garbage\r\n\r\n", b"GET / HTTP/1.1\r\n" + b"x: y\r\n" * 5000, b"GET /\0 HTTP/1.1\r\n\r\n"]
+)
+def test_garbage_is_refused_and_the_page_lives(still: Page, data: bytes) -> None:
+    with socket.create_connection(("127.0.0.1", still.port), timeout=20) as connection:
+        try:
+            connection.sendall(data)
+            assert connection.recv(100).startswith((b"HTTP/1.1 400", b""))
+        except OSError:
+            pass  # closed while it was still sent
+    assert still.get("/healthz").status == 200
+
+
+def test_with_a_token_streams_take_the_cookie() -> None:
+    gateway = ShownGateway()
+    with running(configuration(axis(1))) as daemon:
+        gateway.show(daemon)
+        with page(daemon.config, gateway, TOKEN) as served:
+            assert served.get("/api/v1/events").status == 401
+            answer = served.get("/api/v1/login", authorization=f"Bearer {TOKEN}")
+            cookie = answer.headers["set-cookie"].partition(";")[0]
+            with stream(served, cookie=cookie) as messages:
+                next(messages)
+
+
+# -- trends --------------------------------------------------------------------------------------------------------------
+
+
+def test_a_trend_has_set_and_actual_values_in_their_unit(turning: Turning) -> None:
+    document = turning.page.document("/api/v1/objects/1/trace?seconds=1")
+    assert [(item["name"], item["unit"]) for item in document["signals"]] == [("NSOLL_A", "rpm"), ("NIST_A", "rpm")]
+    assert [column[-1] for column in document["values"]] == [1500, 1500]
+    assert document["time"] == sorted(document["time"])
+    assert 200 < len(document["time"]) <= 251, "a second at 4 ms"
+
+
+def test_a_trend_in_bins_keeps_the_extremes(turning: Turning) -> None:
+    turning.plc.endpoint.set(0, {"NSOLL_A": 0x7000})
+    turning.plc.exchange()
+    turning.plc.endpoint.set(0, {"NSOLL_A": 0})
+    for _ in range(200):
+        turning.plc.exchange()
+    document = turning.page.document("/api/v1/objects/1/trace?seconds=10&bins=10&signals=NSOLL_A")
+    (values,) = document["values"]
+    assert len(values) <= 22
+    assert max(values) == 5250, "a peak of one cycle is not lost"
+
+
+def test_a_trend_as_a_file_for_a_spreadsheet(turning: Turning) -> None:
+    for query, headers in (("&format=csv", {}), ("", {"accept": "text/csv"})):
+        answer = turning.page.get(f"/api/v1/objects/1/trace?seconds=1&signals=velocity,NIST_A{query}", **headers)
+        assert answer.headers["content-type"].startswith("text/csv")
+        rows = list(csv.reader(io.StringIO(answer.read().decode())))
+        assert rows[0] == ["time_s", "velocity (rpm)", "NIST_A (rpm)"]
+        assert [float(cell) for cell in rows[-1][1:]] == [1500, 1500]
+
+
+def test_signals_that_do_not_exist_are_told_with_those_that_do(turning: Turning) -> None:
+    answer = turning.page.get("/api/v1/objects/1/trace?signals=SPEED")
+    assert answer.status == 502
+    assert "allowed are NSOLL_A, NIST_A, velocity" in json.loads(answer.read())["error"]
+
+
+def test_a_stream_brings_what_the_recorder_wrote_since(turning: Turning) -> None:
+    with stream(turning.page, "?trace=1") as messages:
+        for kind, _, _ in messages:
+            if kind == "status":
+                break
+        turning.plc.endpoint.set(0, {"NSOLL_A": 0x1000})
+        for _ in range(50):
+            turning.plc.exchange()
+        chunk = next(data for kind, _, data in messages if kind == "trace")
+    assert isinstance(chunk, dict)
+    assert chunk["do_id"] == 1
+    assert min(chunk["values"][0]) == 750
+
+
+def test_the_trend_follows_the_daemon_to_its_next_ring(turning: Turning, tmp_path: Path) -> None:
+    before = turning.page.document("/api/v1/objects/1/trace?seconds=10")
+    ring = Path(turning.gateway.document["trace"])
+    ring.rename(ring.with_suffix(".gone"))
+    answer = turning.page.get("/api/v1/objects/1/trace?seconds=10")
+    assert answer.status == 502
+    ring.with_suffix(".gone").rename(ring)
+    assert turning.page.document("/api/v1/objects/1/trace?seconds=10")["values"] == before["values"]
+
+
+def test_an_encoder_has_a_trend_too(turning: Turning) -> None:
+    document = turning.page.document("/api/v1/objects/2/trace?seconds=1")
+    assert document["signals"]
+    assert all(len(column) == len(document["time"]) for column in document["values"])

@@ -1,0 +1,92 @@
+"""``pdgw web``: the page of a gateway, its metrics, and what MQTT is told."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import threading
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from pydantic import ValidationError
+
+from pdgw.gateway.config import GatewayConfig
+from pdgw.gateway.config_file import load_config
+from pdgw.gateway.config_web import WebConfig
+from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.explain import problems
+from pdgw.tools.parameters.page import PageParameters
+from pdgw.tools.run_log import LogLevel, RunLog
+
+_NICE = 10
+_EXTRAS = {"starlette": "web", "uvicorn": "web", "prometheus_client": "web", "paho": "mqtt"}
+"""Packages of the page, and the extra each belongs to."""
+_ANYWHERE = "0.0.0.0"
+
+
+def web(
+    config: Annotated[Path, typer.Argument(help="The configuration file of the gateway.", show_default=False)],
+    listen: Annotated[str | None, typer.Option(help="ADDRESS:PORT of the page, instead of [web] listen.")] = None,
+    log_level: Annotated[LogLevel, typer.Option(help="What is logged.")] = LogLevel.INFO,
+    log_file: Annotated[Path | None, typer.Option(help="Log here instead of standard error.")] = None,
+    attached: Annotated[
+        bool, typer.Option("--attached", hidden=True, help="End with standard input: with the process that started it.")
+    ] = False,
+) -> None:
+    """Show a running gateway to browsers, Prometheus and MQTT until SIGINT or SIGTERM; it changes nothing."""
+    _stand_back()
+    if attached:
+        if hasattr(os, "sched_setaffinity"):  # the processors the gateway has chosen are its own
+            os.sched_setaffinity(0, range(os.cpu_count() or 1))
+        threading.Thread(target=_end_with_input, daemon=True).start()
+    chosen = load_config(config)
+    if listen is not None:
+        chosen = _listening(chosen, listen)
+    with ExitStack() as at_end:
+        run_log = RunLog(log_level, log_file)
+        at_end.callback(run_log.stop)
+        try:
+            from pdgw.web.run import serve  # noqa: PLC0415 (of an extra)
+
+            serve(chosen, PageParameters(_record_channel(chosen)))
+        except ModuleNotFoundError as error:
+            package = (error.name or "").partition(".")[0]
+            if package not in _EXTRAS:
+                raise
+            extra = _EXTRAS[package]
+            raise GatewayError(f"this needs {package}: pip install 'profidrive-gateway[{extra}]'") from error
+
+
+def _stand_back() -> None:
+    """The exchange goes first: no real-time scheduling, which is inherited from a gateway that has it, and a lower priority."""
+    if hasattr(os, "sched_setscheduler") and os.sched_getscheduler(0) != os.SCHED_OTHER:
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+    if hasattr(os, "nice"):
+        os.nice(max(0, _NICE - os.nice(0)))
+
+
+def _end_with_input() -> None:
+    while sys.stdin.read(1):
+        pass
+    os.kill(os.getpid(), signal.SIGTERM)
+
+
+def _listening(config: GatewayConfig, listen: str) -> GatewayConfig:
+    try:
+        web_config = WebConfig.model_validate(config.web.model_dump() | {"listen": listen})
+    except ValidationError as error:
+        text = "\n".join(problem.text for problem in problems(error, WebConfig))
+        raise GatewayError(f"--listen {listen}: {text}") from error
+    return config.model_copy(update={"web": web_config})
+
+
+def _record_channel(config: GatewayConfig) -> tuple[str, int] | None:
+    """Where the parameter channel is reached from this machine; None on PROFINET, whose records are the controller's."""
+    transport = config.transport
+    if transport.type == "profinet":
+        return None
+    host = str(transport.listen)
+    return "127.0.0.1" if host == _ANYWHERE else host, transport.acyclic_port

@@ -1,0 +1,58 @@
+"""The parameter channel as the page of ``pdgw web`` reads it: blocking calls, one connection for each."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from pdgw.gateway.errors import GatewayError
+from pdgw.tools.parameters.address import parse_target
+from pdgw.tools.parameters.client import ParameterClient
+from pdgw.tools.parameters.dump import read_all
+from pdgw.tools.parameters.session import Element, Session, address_text, meaning, name_and_unit
+
+
+class PageParameters:
+    """Of the gateway whose record channel is at ``address``; None: there is none for this machine."""
+
+    def __init__(self, address: tuple[str, int] | None) -> None:
+        self._address = address
+
+    def read(self, do_id: int, text: str) -> list[dict[str, Any]]:
+        """The elements of ``P922``, ``6041h``, ``1018h.1-4``; what the device refuses is among them."""
+        target = parse_target(text)
+        with self._session(do_id) as session:
+            encoder = session.is_encoder
+            return [_document(element, encoder=encoder) for element in session.read([target])]
+
+    def dump(self, do_id: int) -> dict[str, Any]:
+        """As ``pdgw param dump`` writes it."""
+        with self._session(do_id) as session:
+            return read_all(session)[0].model_dump(mode="json")
+
+    def names(self, do_id: int) -> list[dict[str, Any]]:
+        """What the drive object has, by number and name."""
+        with self._session(do_id) as session:
+            encoder = session.is_encoder
+            return [
+                {"pnu": address_text(pnu), "name": name_and_unit(pnu, 0, encoder=encoder)[0]} for pnu in session.pnus()
+            ]
+
+    @contextmanager
+    def _session(self, do_id: int) -> Iterator[Session]:
+        if self._address is None:
+            raise GatewayError('transport type = "profinet": parameters are read by the controller, not by the page')
+        with ParameterClient(self._address, do_id) as client:
+            yield Session(client)
+
+
+def _document(element: Element, *, encoder: bool) -> dict[str, Any]:
+    name, unit = name_and_unit(element.pnu, element.subindex, encoder=encoder)
+    said = {
+        "parameter": address_text(element.pnu, element.subindex or None),
+        "name": name,
+        "unit": unit,
+        "meaning": meaning(element, encoder=encoder),
+    }
+    return element.document() | said

@@ -1,0 +1,118 @@
+"""What happened, in the user's words: faults, warnings, reasons, connections. Found by comparing one status with the next.
+
+Faults carry an id and their own time, so that none is missed between two looks; of the others the change counts that was seen.
+Numbers of events rise also over restarts of the web process (they begin at its start in milliseconds), so that a browser can
+resume.
+"""
+
+from __future__ import annotations
+
+import json
+from collections import deque
+from collections.abc import Iterable, Iterator
+from dataclasses import asdict, dataclass
+
+from pdgw.web.feed import Document
+
+KEPT = 1000
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """One thing that happened."""
+
+    id: int
+    time: str
+    """Of the gateway's clock, ISO with time zone."""
+    kind: str
+    """``fault``, ``warning``, ``reason``, ``plc``, ``bus``, ``node`` or ``gateway``."""
+    do_id: int | None
+    """The drive object it is about, if any."""
+    text: str
+
+    @property
+    def message(self) -> bytes:
+        """As an event of a stream."""
+        return f"id: {self.id}\nevent: event\ndata: {json.dumps(asdict(self))}\n\n".encode()
+
+
+class EventLog:
+    """The last thousand; ``first_id`` is above every number of an earlier process."""
+
+    def __init__(self, first_id: int) -> None:
+        self._events: deque[Event] = deque(maxlen=KEPT)
+        self._next = first_id
+
+    def add(self, time: str, kind: str, do_id: int | None, text: str) -> None:
+        """Number it and keep it."""
+        self._events.append(Event(self._next, time, kind, do_id, text))
+        self._next += 1
+
+    def after(self, number: int) -> list[Event]:
+        """Those with a higher number, the oldest first. A number nobody gave gets all."""
+        if number >= self._next:
+            number = 0
+        found: list[Event] = []
+        for event in reversed(self._events):
+            if event.id <= number:
+                break
+            found.append(event)
+        found.reverse()
+        return found
+
+    def add_fault(self, do_id: int, fault: Document) -> None:
+        """A fault or warning as the status tells it, with the time it had."""
+        kind = "warning" if fault["is_warning"] else "fault"
+        self.add(fault["time"], kind, do_id, f"{kind} {fault['number']}: {fault['text']}")
+
+    def take(self, before: Document | None, document: Document) -> None:
+        """Enter what changed since the last status; after none, how everything stands."""
+        time = document["time"]
+        if before is not None and document["uptime_s"] < before["uptime_s"]:
+            before = None
+            self.add(time, "gateway", None, f"gateway started again, version {document['version']}")
+        for kind, do_id, text in _changes(before, document):
+            self.add(time, kind, do_id, text)
+
+
+def _objects(document: Document) -> Iterable[Document]:
+    return (*document["axes"], *document["encoders"])
+
+
+def new_faults(before: Document | None, document: Document) -> Iterator[tuple[int, int]]:
+    """Drive objects with faults that came since the status before: DO-ID, and the id of the last one that was known.
+
+    A status has only the newest fault of each; who wants all of them asks for the history.
+    """
+    same_life = before is not None and document["uptime_s"] >= before["uptime_s"]
+    known = {item["do_id"]: _newest(item) for item in _objects(before)} if before is not None and same_life else {}
+    for item in _objects(document):
+        last = known.get(item["do_id"], 0)
+        if _newest(item) > last:
+            yield item["do_id"], last
+
+
+def _newest(item: Document) -> int:
+    return max((fault["id"] for fault in item["faults"]), default=0)
+
+
+def _changes(before: Document | None, document: Document) -> Iterator[tuple[str, int | None, str]]:
+    plc = _plc_text(document["plc"])
+    if before is None or _plc_text(before["plc"]) != plc:
+        yield "plc", None, plc
+    buses = {} if before is None else {bus["name"]: bus["healthy"] for bus in before["buses"]}
+    for bus in document["buses"]:
+        if buses.get(bus["name"]) != bus["healthy"]:
+            yield "bus", None, f"bus {bus['name']}: {'healthy' if bus['healthy'] else 'LOST'}"
+    known = {} if before is None else {item["do_id"]: item for item in _objects(before)}
+    for item in _objects(document):
+        do_id, old = item["do_id"], known.get(item["do_id"], {})
+        if old.get("drive") != item["drive"]:
+            yield "node", do_id, f"node {item['node_id']}: {item['drive']}"
+        if old.get("state") != item["state"] or old.get("reason") != item["reason"]:
+            yield "reason", do_id, f"{item['state']}: {item['reason']}" if item["reason"] else item["state"]
+
+
+def _plc_text(plc: Document) -> str:
+    peer = "" if not plc["peer"] else f" ({':'.join(map(str, plc['peer']))})"
+    return f"PLC {'connected' if plc['connected'] else 'not connected'}{peer}"

@@ -1,0 +1,112 @@
+"""One reader of the daemon's status for all who look: asked five times a second while a page is open, else once.
+
+What was last heard stays, marked as old, when the gateway does not answer. Every answer or failure is a tick that wakes all
+streams; they take the newest, so that a slow browser skips and nothing queues.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import time
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import asynccontextmanager
+from typing import Any
+
+from pdgw.gateway.errors import GatewayError
+
+Document = dict[str, Any]
+
+_WATCHED_S = 0.2
+_UNWATCHED_S = 1.0
+ANSWER_WITHIN_S = 1.5
+"""So a gateway that hangs is told within three seconds."""
+
+
+class Feed:
+    """The newest status of a gateway. ``took`` is called with each new document before anybody is woken."""
+
+    def __init__(
+        self, ask: Callable[[], Awaitable[Document]], took: Callable[[Document | None, Document], Awaitable[None]]
+    ) -> None:
+        self._ask = ask
+        self._took = took
+        self.document: Document | None = None
+        """What the gateway last said; None: nothing yet."""
+        self.answered: float | None = None
+        """When, seconds of the wall clock."""
+        self.stale = True
+        """It did not answer the last time."""
+        self.failure = "not asked yet"
+        self.watched_s, self.unwatched_s = _WATCHED_S, _UNWATCHED_S
+        """From one question to the next."""
+        self.ticks = 0
+        self.listeners: list[Callable[[], None]] = []
+        """Called after each tick; they do not wait for anything."""
+        self._tick = asyncio.Event()
+        self._watchers = 0
+        self._wanted = asyncio.Event()
+        self._message: bytes | None = None
+
+    async def run(self) -> None:
+        """Ask, for ever."""
+        while True:
+            begin = time.monotonic()
+            await self.once()
+            self._wanted.clear()
+            interval = self.watched_s if self._watchers else self.unwatched_s
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(max(0.0, begin + interval - time.monotonic())):
+                    await self._wanted.wait()
+
+    async def once(self) -> None:
+        """Ask once, and wake who waits for it."""
+        try:
+            async with asyncio.timeout(ANSWER_WITHIN_S):
+                document = await self._ask()
+                await self._took(self.document, document)
+        except (GatewayError, TimeoutError) as error:
+            self.failure = str(error) or "no answer in time"
+            self.stale = True
+        else:
+            self.document = document
+            self.answered = time.time()
+            self.stale = False
+        self._message = None
+        self.ticks += 1
+        for listener in self.listeners:
+            listener()
+        tick, self._tick = self._tick, asyncio.Event()
+        tick.set()
+
+    def status(self) -> Document:
+        """What ``/api/v1/status`` answers: the newest document, with whether it is old and since when."""
+        return (self.document or {}) | {"stale": self.stale, "answered": self.answered}
+
+    @property
+    def message(self) -> bytes:
+        """The same as an event of a stream: made once for all of them."""
+        if self._message is None:
+            self._message = b"event: status\ndata: " + json.dumps(self.status()).encode() + b"\n\n"
+        return self._message
+
+    async def next_tick(self, patience_s: float) -> bool:
+        """Wait for the next answer or failure; False when none came."""
+        tick = self._tick
+        try:
+            async with asyncio.timeout(patience_s):
+                await tick.wait()
+        except TimeoutError:
+            return False
+        return True
+
+    @asynccontextmanager
+    async def watched(self) -> AsyncIterator[None]:
+        """Somebody looks: ask more often."""
+        self._watchers += 1
+        self._wanted.set()
+        try:
+            yield
+        finally:
+            self._watchers -= 1

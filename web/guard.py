@@ -1,0 +1,184 @@
+"""Who may ask for what: the rules every request passes before the page's own code sees it.
+
+Only GET and HEAD; a Host that is one of ours (DNS rebinding); nothing for other sites' scripts; the token, as ``Authorization``
+or as the cookie that ``/api/v1/login`` gave for it; headers that let the page load nothing but its own files. The rules are
+plain functions of the request and the time; ``Guard`` is their ASGI middleware.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import hmac
+from collections import OrderedDict, deque
+from collections.abc import Callable, Collection
+from http.cookies import CookieError, SimpleCookie
+from pathlib import Path
+
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.responses import JSONResponse, Response
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from pdgw.gateway.config_web import WebConfig
+from pdgw.gateway.errors import GatewayError
+
+COOKIE = "pdgw_session"
+LOGIN_PATH = "/api/v1/login"
+HEADERS = {
+    "content-security-policy": (
+        "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; img-src 'self' data:; "
+        "frame-ancestors 'none'; base-uri 'none'; form-action 'none'"
+    ),
+    "x-content-type-options": "nosniff",
+    "referrer-policy": "no-referrer",
+    "cross-origin-resource-policy": "same-origin",
+    "cross-origin-opener-policy": "same-origin",
+}
+FAILURES_MAX = 5
+FAILURES_WITHIN_S = 60.0
+_ADDRESSES_MAX = 256
+"""So many addresses that tried are remembered, the latest ones."""
+_TOKEN_MIN, _TOKEN_MAX = 16, 4096
+_SEALED = ("/api/", "/metrics")
+"""What needs the token. The page's own files and the answers to "is it well?" hold nothing of the plant."""
+_LOCAL_NAMES = frozenset({"localhost", "127.0.0.1", "[::1]"})
+
+
+def read_token(path: Path) -> str:
+    """The token of a file, without the white space around it; GatewayError when it cannot be read or is too short to be one."""
+    try:
+        token = path.read_bytes()[: _TOKEN_MAX + 1].decode().strip()
+    except (OSError, UnicodeDecodeError) as error:
+        raise GatewayError(f"token_file {path}: cannot be read ({error})") from error
+    if not _TOKEN_MIN <= len(token) <= _TOKEN_MAX or not token.isascii() or not token.isprintable():
+        raise GatewayError(
+            f"token_file {path}: allowed are {_TOKEN_MIN} to {_TOKEN_MAX} printable ASCII characters, "
+            "for example what `openssl rand -hex 32` prints"
+        )
+    return token
+
+
+def allowed_hosts(config: WebConfig) -> frozenset[str]:
+    """The names a request may have in its Host header, lower case and without port."""
+    host = config.address[0]
+    own = f"[{host}]" if ":" in host else host
+    return frozenset({*(name.lower() for name in config.hosts), own, *(_LOCAL_NAMES if config.is_local else ())})
+
+
+def host_name(header: str) -> str:
+    """The name of a Host header without its port."""
+    name, colon, port = header.lower().rpartition(":")
+    return name if colon and port.isdecimal() else header.lower()
+
+
+class Failures:
+    """Wrong tokens of each address: after five in a minute none of it is looked at until the minute is over."""
+
+    def __init__(self) -> None:
+        self._times: OrderedDict[str, deque[float]] = OrderedDict()
+
+    def wait_s(self, address: str, now: float) -> float:
+        """So long nothing of this address is looked at; 0: it may try. ``now``: monotonic seconds."""
+        times = self._times.get(address)
+        if times is None or len(times) < FAILURES_MAX:
+            return 0.0
+        return max(0.0, times[0] + FAILURES_WITHIN_S - now)
+
+    def count(self, address: str, now: float) -> None:
+        """Another one."""
+        times = self._times.setdefault(address, deque(maxlen=FAILURES_MAX))
+        times.append(now)
+        self._times.move_to_end(address)
+        while len(self._times) > _ADDRESSES_MAX:
+            self._times.popitem(last=False)
+
+
+class Token:
+    """The secret, compared in constant time; None of it is kept or handed out as it is."""
+
+    def __init__(self, token: str) -> None:
+        self._digest = hashlib.sha256(token.encode()).digest()
+        self.session = hmac.new(token.encode(), b"session of pdgw web", hashlib.sha256).hexdigest()
+        """The value of the cookie. It ends with the token: who changes the file has logged everybody out."""
+
+    def opens(self, authorization: str) -> bool:
+        """An ``Authorization: Bearer`` header with the token."""
+        kind, _, given = authorization.partition(" ")
+        digest = hashlib.sha256(given.strip().encode("latin-1", "replace")).digest()
+        return hmac.compare_digest(digest, self._digest) and kind.lower() == "bearer"
+
+    def is_session(self, cookies: str) -> bool:
+        """A ``Cookie`` header of who has logged in."""
+        try:
+            given = SimpleCookie(cookies).get(COOKIE)
+        except CookieError:
+            return False
+        return given is not None and hmac.compare_digest(given.value.encode(), self.session.encode())
+
+
+def refusal(status: int, text: str, field: str, **headers: str) -> Response:
+    """An error as the interface tells it."""
+    return JSONResponse({"error": text, "field": field}, status, {k.replace("_", "-"): v for k, v in headers.items()})
+
+
+class Guard:
+    """ASGI middleware with these rules; ``now`` is monotonic seconds."""
+
+    def __init__(
+        self, app: ASGIApp, hosts: Collection[str], token: Token | None, now: Callable[[], float], *, secure: bool
+    ) -> None:
+        self._app = app
+        self._hosts = hosts
+        self._token = token
+        self._now = now
+        self._secure = secure
+        self._failures = Failures()
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+
+        async def send_guarded(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                headers = MutableHeaders(scope=message)
+                headers.update(HEADERS)
+                headers.setdefault("cache-control", "no-store")
+            await send(message)
+
+        answer = self.answer(scope["method"], scope["path"], Headers(scope=scope), (scope.get("client") or ("",))[0])
+        await (self._app if answer is None else answer)(scope, receive, send_guarded)
+
+    def answer(self, method: str, path: str, headers: Headers, address: str) -> Response | None:
+        """What the request gets instead of what it asks for; None: it may go on."""
+        if method not in {"GET", "HEAD"}:
+            return refusal(405, "nothing can be changed here: GET and HEAD only", "method", allow="GET, HEAD")
+        if host_name(headers.get("host", "")) not in self._hosts:
+            allowed = ", ".join(sorted(self._hosts))
+            return refusal(421, f"not a name of this page; allowed: {allowed}, more by [web] hosts", "host")
+        sealed = path.startswith(_SEALED)
+        if sealed and headers.get("sec-fetch-site", "none") not in {"none", "same-origin"}:
+            return refusal(403, "asked for by another site", "sec-fetch-site")
+        if self._token is None:
+            return Response(status_code=204) if path == LOGIN_PATH else None
+        return self._checked(self._token, path, headers, address) if sealed else None
+
+    def _checked(self, token: Token, path: str, headers: Headers, address: str) -> Response | None:
+        given = headers.get("authorization")
+        if given is None:
+            if path != LOGIN_PATH and token.is_session(headers.get("cookie", "")):
+                return None
+            return refusal(401, "the token is needed", "authorization", www_authenticate="Bearer")
+        now = self._now()
+        wait = self._failures.wait_s(address, now)
+        if wait:
+            return refusal(
+                429, "too many wrong tokens, try again later", "authorization", retry_after=str(int(wait) + 1)
+            )
+        if not token.opens(given):
+            self._failures.count(address, now)
+            return refusal(401, "wrong token", "authorization", www_authenticate="Bearer")
+        if path != LOGIN_PATH:
+            return None
+        done = Response(status_code=204)
+        done.set_cookie(COOKIE, token.session, path="/", secure=self._secure, httponly=True, samesite="strict")
+        return done

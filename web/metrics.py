@@ -1,0 +1,139 @@
+"""The metrics of a gateway for Prometheus, made from its status when they are asked for.
+
+Base units; label values are bounded by the configuration and by our own tables: no free text, no address, no speed or position.
+A gateway that does not answer has ``pdgw_up`` 0 and nothing else: old values would look like a healthy machine.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from itertools import accumulate
+
+from prometheus_client import CollectorRegistry
+from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, HistogramMetricFamily, Metric
+from prometheus_client.exposition import generate_latest
+from prometheus_client.registry import Collector
+
+from pdgw.gateway.reasons import AxisState
+from pdgw.gateway.transport.cyclic import Verdict
+from pdgw.web.feed import Document
+from pdgw.web.watch import Watch, counter
+
+CONTENT_TYPE = "text/plain; version=0.0.4; charset=utf-8"
+_MS = 1000
+
+_LINK_COUNTERS = (
+    ("watchdog_expiries", "pdgw_plc_watchdog_expiries", "Times no valid frame of the PLC came in time."),
+    ("iops_bad", "pdgw_plc_iops_bad", "Values of a drive object the PLC marked as bad."),
+    ("accepted", "pdgw_plc_frames_accepted", "Frames of the PLC that were used."),
+    ("sent", "pdgw_plc_frames_sent", "Frames sent to the PLC."),
+    ("skipped", "pdgw_plc_frames_skipped", "Frames overtaken by a newer one before the axes saw them."),
+)
+_DROPPED = tuple(verdict.name.lower() for verdict in Verdict if verdict is not Verdict.ACCEPTED)
+
+
+def _gauge(name: str, text: str, value: float) -> Metric:
+    return GaugeMetricFamily(name, text, value=value)
+
+
+class GatewayCollector(Collector):
+    """Makes all metrics of a watch."""
+
+    def __init__(self, watch: Watch) -> None:
+        self._watch = watch
+
+    def collect(self) -> Iterator[Metric]:
+        """For the registry."""
+        document = self._watch.document
+        yield _gauge("pdgw_up", "The gateway answers.", document is not None)
+        if document is None:
+            return
+        build = GaugeMetricFamily("pdgw_build_info", "Version of the gateway.", labels=["version"])
+        build.add_metric([document["version"]], 1)
+        yield build
+        yield _gauge("pdgw_uptime_seconds", "Since the gateway was started.", document["uptime_s"])
+        yield _gauge("pdgw_simulated", "Some of its devices are simulated.", document["simulated"])
+        cycle_s = document["plc"]["cycle_ms"] / _MS
+        yield _gauge("pdgw_cycle_time_seconds", "Cycle of the exchange, as configured.", cycle_s)
+        yield from _plc(document)
+        yield from _objects(document)
+        yield from self._faults()
+        yield from self._buses(document)
+
+    def _faults(self) -> Iterator[Metric]:
+        counts = CounterMetricFamily("pdgw_faults", "Faults seen since this process began.", labels=["do", "number"])
+        for (do_id, number), count in sorted(self._watch.fault_counts.items()):
+            counts.add_metric([str(do_id), str(number)], count)
+        yield counts
+
+    def _buses(self, document: Document) -> Iterator[Metric]:
+        frames = CounterMetricFamily("pdgw_can_frames", "Frames of a bus.", labels=["bus", "direction"])
+        errors = CounterMetricFamily("pdgw_can_send_errors", "Frames the bus did not take.", labels=["bus"])
+        healthy = GaugeMetricFamily("pdgw_can_bus_healthy", "The bus works.", labels=["bus"])
+        load = GaugeMetricFamily("pdgw_can_bus_load_ratio", "Share of the bit rate in use.", labels=["bus", "kind"])
+        for bus in document["buses"]:
+            name, part = bus["name"], f"bus {bus['name']}"
+            for direction in ("sent", "received"):
+                frames.add_metric([name, direction], counter(document, part, direction) or 0)
+            errors.add_metric([name], counter(document, part, "send_errors") or 0)
+            healthy.add_metric([name], bus["healthy"])
+            for kind, loads in (("planned", self._watch.loads.planned), ("measured", self._watch.loads.measured)):
+                if name in loads:
+                    load.add_metric([name, kind], loads[name])
+        yield from (frames, errors, healthy, load)
+
+
+def _plc(document: Document) -> Iterator[Metric]:
+    yield _gauge("pdgw_plc_connected", "A PLC exchanges frames.", document["plc"]["connected"])
+    for name, metric, text in _LINK_COUNTERS:
+        value = counter(document, "link", name)
+        if value is not None:
+            yield CounterMetricFamily(metric, text, value=value)
+    dropped = CounterMetricFamily("pdgw_frames_dropped", "Frames that were not used.", labels=["reason"])
+    for reason in _DROPPED:
+        value = counter(document, "link", reason)
+        if value is not None:
+            dropped.add_metric([reason], value)
+    yield dropped
+    for name, text in (
+        ("cycle", "From one step of the drive objects to the next."),
+        ("response", "From a frame of the PLC to its answer."),
+    ):
+        yield _histogram(f"pdgw_{name}_seconds", text, document[f"{name}_times"])
+
+
+def _histogram(name: str, text: str, times: Document) -> Metric:
+    """``times``: upper bounds, the count of each and of those above, the sum."""
+    ends = [*(f"{bound:g}" for bound in times["bounds_s"]), "+Inf"]
+    buckets = list(zip(ends, accumulate(times["counts"]), strict=True))
+    return HistogramMetricFamily(name, text, buckets=buckets, sum_value=times["sum_s"])
+
+
+def _objects(document: Document) -> Iterator[Metric]:
+    state = GaugeMetricFamily("pdgw_axis_state", "1 for the state a drive object is in.", labels=["do", "state"])
+    blocked = GaugeMetricFamily("pdgw_object_blocked", "Why it does not obey.", labels=["do", "reason"])
+    active = GaugeMetricFamily("pdgw_fault_active", "Its newest fault, unacknowledged.", labels=["do", "number"])
+    online = GaugeMetricFamily("pdgw_node_online", "The device is on the bus.", labels=["do", "node"])
+    age = GaugeMetricFamily("pdgw_heartbeat_age_seconds", "Since it was heard.", labels=["bus", "node"])
+    for item in (*document["axes"], *document["encoders"]):
+        do_id, node = str(item["do_id"]), str(item["node_id"])
+        for known in AxisState:
+            state.add_metric([do_id, known.name.lower()], item["state_id"] == known.name)
+        if item["reason_id"]:
+            blocked.add_metric([do_id, item["reason_id"].lower()], 1)
+        for fault in item["faults"]:
+            if fault["active"] and not fault["is_warning"]:
+                active.add_metric([do_id, str(fault["number"])], 1)
+        online.add_metric([do_id, node], item["drive"] == "online")
+        if item["heard_age_ms"] is not None and not any(
+            sample.labels == {"bus": item["bus"], "node": node} for sample in age.samples
+        ):
+            age.add_metric([item["bus"], node], item["heard_age_ms"] / _MS)
+    yield from (state, blocked, active, online, age)
+
+
+def exposition(watch: Watch) -> Callable[[], bytes]:
+    """A function that gives the metrics in the text format 0.0.4."""
+    registry = CollectorRegistry(auto_describe=False)
+    registry.register(GatewayCollector(watch))
+    return lambda: generate_latest(registry)

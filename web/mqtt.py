@@ -1,0 +1,133 @@
+"""What an MQTT broker is told: the state of each drive object when it changes, and events. Nothing is taken from it.
+
+    TOPIC/NAME/online               "1"; "0" is the last will, and what is said while the gateway does not answer   retained
+    TOPIC/NAME/axis/DO/state        {"state", "reason", "fault", "time", ...} on change                             retained
+    TOPIC/NAME/encoder/DO/state     the same
+    TOPIC/NAME/event                one event as in the page's list
+
+paho's own thread connects, and connects again; what is to be said waits in its queue for a limited time only: after a new
+connection the present states are said, not those of the outage.
+"""
+
+from __future__ import annotations
+
+import json
+import ssl
+import threading
+from dataclasses import asdict
+
+from paho.mqtt.client import Client, ConnectFlags
+from paho.mqtt.enums import CallbackAPIVersion
+from paho.mqtt.properties import Properties
+from paho.mqtt.reasoncodes import ReasonCode
+
+from pdgw.gateway.config_web import MqttConfig
+from pdgw.gateway.errors import GatewayError
+from pdgw.web.events import Event
+from pdgw.web.feed import Document
+from pdgw.web.watch import Watch, log
+
+_QOS = 1
+_KEEP_ALIVE_S = 15
+_RECONNECT_MAX_S = 30
+_TOLD = ("state", "state_id", "reason", "reason_id", "drive", "telegram")
+
+
+def object_message(item: Document) -> str:
+    """What is said of a drive object: nothing that changes while it does what it should, such as a speed."""
+    fault = item["faults"][0] if item["faults"] else None
+    newest = None if fault is None else {key: fault[key] for key in ("number", "text", "is_warning", "active", "time")}
+    return json.dumps({key: item[key] for key in _TOLD} | {"fault": newest})
+
+
+def made_client(config: MqttConfig, client_id: str) -> Client:
+    """A client that is not connected; GatewayError when its files cannot be used."""
+    client = Client(CallbackAPIVersion.VERSION2, client_id=client_id, reconnect_on_failure=True)
+    if config.username is not None:
+        password = None
+        if config.password_file is not None:
+            try:
+                password = config.password_file.read_text(encoding="utf-8").strip()
+            except (OSError, UnicodeDecodeError) as error:
+                raise GatewayError(f"[mqtt] password_file {config.password_file}: cannot be read ({error})") from error
+        client.username_pw_set(config.username, password)
+    if config.tls:
+        try:
+            client.tls_set_context(ssl.create_default_context(cafile=config.ca_file))
+        except OSError as error:
+            raise GatewayError(f"[mqtt] ca_file {config.ca_file}: cannot be used ({error})") from error
+    client.reconnect_delay_set(1, _RECONNECT_MAX_S)
+    return client
+
+
+class Publisher:
+    """Tells a broker about the gateway of a watch, from ``start`` to ``stop``. ``name``: of the gateway, for the topics."""
+
+    def __init__(self, config: MqttConfig, watch: Watch) -> None:
+        self._config = config
+        self._watch = watch
+        self._base = f"{config.topic}/{watch.config.transport.station_name}"
+        self._said: dict[str, str] = {}
+        self._last_event = 0
+        self._anew = threading.Event()
+        self._client = made_client(config, f"pdgw-{watch.config.transport.station_name}"[:23])
+        self._client.will_set(self._online_topic, "0", _QOS, retain=True)
+        self._client.on_connect = self._connected
+        self._client.on_connect_fail = lambda *_: log.warning("MQTT: %s:%d is not reached", config.host, config.port)
+
+    @property
+    def _online_topic(self) -> str:
+        return f"{self._base}/online"
+
+    @property
+    def connected(self) -> bool:
+        """The broker is there."""
+        return self._client.is_connected()
+
+    def start(self) -> None:
+        """Connect as soon as the broker is there."""
+        self._client.connect_async(self._config.host, self._config.port, _KEEP_ALIVE_S)
+        self._client.loop_start()
+
+    def stop(self) -> None:
+        """Say good-bye: who ends in order is not online either."""
+        if self.connected:
+            self._client.publish(self._online_topic, "0", _QOS, retain=True).wait_for_publish(1)
+        self._client.disconnect()
+        self._client.loop_stop()
+
+    def tell(self) -> None:
+        """After a tick of the feed: whatever changed."""
+        if self._anew.is_set():
+            self._anew.clear()
+            self._said.clear()
+        if not self.connected:
+            return
+        document = self._watch.document
+        self._say(self._online_topic, "1" if document is not None else "0")
+        if document is None:
+            return
+        for kind, items in (("axis", document["axes"]), ("encoder", document["encoders"])):
+            for item in items:
+                self._say(f"{self._base}/{kind}/{item['do_id']}/state", object_message(item))
+        for event in self._watch.log.after(self._last_event):
+            self._event(event)
+
+    def _event(self, event: Event) -> None:
+        self._client.publish(f"{self._base}/event", json.dumps(asdict(event)), _QOS)
+        self._last_event = event.id
+
+    def _say(self, topic: str, text: str) -> None:
+        if self._said.get(topic) != text:
+            self._said[topic] = text
+            self._client.publish(topic, text, _QOS, retain=True)
+
+    def _connected(
+        self, _client: Client, _data: object, _flags: ConnectFlags, code: ReasonCode, _properties: Properties | None
+    ) -> None:
+        """On paho's thread."""
+        if code.is_failure:
+            log.warning("MQTT: %s:%d refuses: %s", self._config.host, self._config.port, code)
+        else:
+            log.info("MQTT: connected to %s:%d", self._config.host, self._config.port)
+            self._anew.set()

@@ -1,0 +1,50 @@
+"""``pdgw web`` as a process: the server, the watch and, where configured, the MQTT publisher, until it is told to end."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+
+from pdgw.gateway.config import GatewayConfig
+from pdgw.gateway.errors import GatewayError
+from pdgw.web.app import Parameters, made_app
+from pdgw.web.guard import Token, read_token
+from pdgw.web.server import listen, made_server
+from pdgw.web.watch import StatusPort, Watch, log
+
+
+def serve(config: GatewayConfig, parameters: Parameters) -> None:
+    """Serve the page of the gateway with this configuration until SIGINT or SIGTERM.
+
+    GatewayError when its port, token or certificate cannot be used, or when the gateway has no status port.
+    """
+    status_port = config.transport.status_port
+    if not status_port:
+        raise GatewayError("[transport] status_port = 0: the page needs the status port of the gateway")
+    web = config.web
+    token = None if web.token_file is None else Token(read_token(web.token_file))
+    watch = Watch(config, StatusPort(status_port))
+    publisher = None
+    if config.mqtt is not None:
+        from pdgw.web.mqtt import Publisher  # noqa: PLC0415 (of an extra of its own)
+
+        publisher = Publisher(config.mqtt, watch)
+        watch.feed.listeners.append(publisher.tell)
+    app, streams = made_app(watch, parameters, token)
+    server = made_server(app, streams, web)
+    with listen(web) as port:
+        log.info("page at %s", page_address(port, tls=web.tls_cert is not None))
+        if publisher is not None:
+            publisher.start()
+        try:
+            asyncio.run(server.serve(sockets=[port]))
+        finally:
+            if publisher is not None:
+                publisher.stop()
+
+
+def page_address(port: socket.socket, *, tls: bool) -> str:
+    """What is typed into a browser."""
+    host, number = port.getsockname()[:2]
+    name = f"[{host}]" if ":" in host else host
+    return f"http{'s' if tls else ''}://{name}:{number}/"

@@ -1,0 +1,80 @@
+// The one stream of the page. It is closed while the page is hidden: a browser has six connections for all its tabs.
+
+const SILENT_MS = 2500;
+const RETRY_MS = 1000;
+
+export class Stream {
+  constructor({ onStatus, onEvent, onTrace, onState }) {
+    this.on = { status: onStatus, event: onEvent, trace: onTrace };
+    this.onState = onState;
+    this.lastId = 0;
+    this.trace = null;
+    this.heard = 0;
+    this.source = null;
+    this.retry = null;
+    document.addEventListener("visibilitychange", () => (document.hidden ? this.close() : this.open()));
+    window.addEventListener("pagehide", () => this.close());
+    setInterval(() => this.look(), 500);
+  }
+
+  // The axis whose samples are wanted, or null.
+  follow(doId) {
+    if (this.trace === doId) return;
+    this.trace = doId;
+    if (this.source) this.open();
+  }
+
+  open() {
+    this.close();
+    if (document.hidden) return;
+    const query = new URLSearchParams({ after: this.lastId });
+    if (this.trace !== null) query.set("trace", this.trace);
+    const source = new EventSource(`/api/v1/events?${query}`);
+    this.source = source;
+    this.heard = Date.now();
+    for (const kind of ["status", "event", "trace"]) {
+      source.addEventListener(kind, (message) => {
+        if (source !== this.source) return;
+        this.heard = Date.now();
+        if (message.lastEventId) this.lastId = Math.max(this.lastId, Number(message.lastEventId));
+        this.onState("live");
+        this.on[kind](JSON.parse(message.data));
+      });
+    }
+    source.onerror = () => {
+      if (source !== this.source) return;
+      this.close();
+      this.lost();
+    };
+  }
+
+  close() {
+    clearTimeout(this.retry);
+    this.source?.close();
+    this.source = null;
+  }
+
+  look() {
+    if (this.source && Date.now() - this.heard > SILENT_MS) {
+      this.close();
+      this.lost();
+    }
+  }
+
+  async lost() {
+    this.onState(await this.cause());
+    clearTimeout(this.retry);
+    this.retry = setTimeout(() => this.open(), RETRY_MS);
+  }
+
+  // EventSource does not tell why: ask.
+  async cause() {
+    try {
+      const answer = await fetch("/api/v1/status", { cache: "no-store", signal: AbortSignal.timeout(2000) });
+      if (answer.status === 401) return "login";
+      return answer.status === 200 || answer.status === 503 ? "full" : "lost";
+    } catch {
+      return "lost";
+    }
+  }
+}

@@ -1,0 +1,46 @@
+// The exchange with the PLC: who, how fast, and what became of every frame.
+
+import { html, nothing } from "../vendor/lit-html/lit-html.js";
+import { DASH, integer, number, withUnit } from "../format.js";
+
+// The value below which a share of all lies, as far as the classes tell.
+function below(times, share) {
+  const all = times.counts.reduce((sum, count) => sum + count, 0);
+  let sum = 0;
+  for (const [place, count] of times.counts.entries()) {
+    sum += count;
+    if (all && sum >= all * share) return place < times.bounds_s.length ? `at most ${1000 * times.bounds_s[place]}\u00a0ms` : `more than ${1000 * times.bounds_s.at(-1)}\u00a0ms`;
+  }
+  return DASH;
+}
+
+export function plc(state) {
+  const { plc: link, counters, cycle_times: cycles, response_times: responses } = state.status;
+  const count = (name) => counters.find((item) => item.part === "link" && item.name === name)?.value;
+  const mean = (times) => {
+    const all = times.counts.reduce((sum, value) => sum + value, 0);
+    return all ? withUnit(number((1000 * times.sum_s) / all, 2), "ms") : DASH;
+  };
+  const rows = [
+    ["Connected", link.connected ? "yes" : "no"],
+    ["PLC", link.peer ? (link.peer.join?.(":") ?? link.peer) : "nobody yet"],
+    ["Transport", link.type],
+    ["Cycle, configured", withUnit(link.cycle_ms, "ms")],
+    ["Cycle, measured", html`mean ${mean(cycles)}, 99 % ${below(cycles, 0.99)}`],
+    ["Answer after", html`mean ${mean(responses)}, 99 % ${below(responses, 0.99)}`],
+    ["Watchdog", link.watchdog_ms ? withUnit(number(link.watchdog_ms, 0), "ms") : "the controller's"],
+    ["Watchdog expired", withUnit(integer(count("watchdog_expiries")), "times")],
+  ];
+  const slugs = counters.filter((item) => item.part === "link" && item.unit === "frames");
+  const usual = ["accepted", "sent"];
+  const order = (item) => (usual.includes(item.name) ? 2 : item.value ? 0 : 1);
+  return html`<h2>PLC</h2>
+    ${link.layout ? html`<p class="banner bad" role="alert">${link.layout}</p>` : nothing}
+    <dl class="facts">${rows.map(([name, value]) => html`<div><dt>${name}</dt><dd data-live>${value}</dd></div>`)}</dl>
+    <h3>Frames</h3>
+    <div class="scroll"><table>
+      <thead><tr><th class="number">Frames</th><th>What became of them</th></tr></thead>
+      <tbody>${[...slugs].sort((one, other) => order(one) - order(other)).map((item) => html`
+        <tr class=${order(item) === 0 ? "told" : ""}><td class="number" data-live>${integer(item.value)}</td><td>${item.name.replaceAll("_", " ")}${item.meaning.toLowerCase() === item.name.replaceAll("_", " ") ? nothing : html` <small>${item.meaning}</small>`}</td></tr>`)}</tbody>
+    </table></div>`;
+}

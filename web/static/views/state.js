@@ -1,0 +1,37 @@
+// How a state, a reason and a fault look: symbol and word, never colour alone.
+
+import { html, nothing } from "../vendor/lit-html/lit-html.js";
+import { DASH, duration, integer, moment, number, withUnit } from "../format.js";
+
+export function stateWord(state, item) {
+  const symbol = state.states[item.state_id]?.symbol ?? "";
+  return html`<span class="state" data-state=${item.state_id}><span aria-hidden="true">${symbol}</span> ${item.state}</span>`;
+}
+
+export const objectName = (item) => `${"channel" in item ? "Encoder" : "Axis"} ${item.do_id}`;
+
+export function speed(item) {
+  if (item.speed_rpm !== null && item.speed_rpm !== undefined) return withUnit(number(item.speed_rpm), "rpm");
+  return item.velocity === null || item.velocity === undefined ? DASH : withUnit(integer(item.velocity), "units");
+}
+
+export function position(item) {
+  return withUnit(integer(item.position), item.position === null ? "" : item.position_unit ?? "units");
+}
+
+export function lastFault(item) {
+  const [fault] = item.faults;
+  if (!fault) return html`${DASH}`;
+  return html`<span class=${fault.active ? "active" : "past"}>${fault.is_warning ? "Warning" : "Fault"} ${fault.number}${fault.active ? ", active" : nothing}</span>
+    <small>${duration(fault.age_s)} ago</small>`;
+}
+
+export function faultTable(faults) {
+  if (!faults.length) return html`<p>None.</p>`;
+  return html`<div class="scroll"><table>
+    <thead><tr><th>Time</th><th>Number</th><th>Text</th></tr></thead>
+    <tbody>${faults.map((fault) => html`<tr>
+      <td class="number">${moment(fault.time)}</td>
+      <td>${fault.is_warning ? "Warning" : "Fault"} ${fault.number}${fault.active ? html`, <strong>active</strong>` : nothing}</td>
+      <td>${fault.text}</td></tr>`)}</tbody></table></div>`;
+}

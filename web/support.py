@@ -1,0 +1,74 @@
+"""What the page says about the gateway itself, and the file that is sent to who helps."""
+
+from __future__ import annotations
+
+import io
+import json
+import re
+import zipfile
+from dataclasses import asdict
+from functools import lru_cache
+from importlib.metadata import PackageNotFoundError, metadata, requires
+from pathlib import Path
+from typing import Any
+
+from pdgw import __version__
+from pdgw.gateway.config import GatewayConfig
+from pdgw.gateway.config_file import config_text
+from pdgw.web.watch import Watch
+
+VENDORED = Path(__file__).parent / "static" / "vendor" / "vendored.json"
+_PACKAGE = "profidrive-gateway"
+_SECRET = re.compile(r'^(\s*"?[\w-]*(?:pass|secret|token|key|user)[\w-]*"?\s*=\s*).*$', re.IGNORECASE | re.MULTILINE)
+"""Keys of a python-can interface or of ours that may hold, or lead to, something nobody else has to see."""
+
+
+def public_config(config: GatewayConfig) -> str:
+    """The configuration as TOML, what may be a secret left out."""
+    return _SECRET.sub(r'\1"..."', config_text(config))
+
+
+@lru_cache(maxsize=1)
+def licences() -> list[dict[str, str]]:
+    """Every package this one may use, and the files of others that the page consists of."""
+    found = {_PACKAGE: _licence(_PACKAGE)}
+    for requirement in requires(_PACKAGE) or ():
+        name = re.split(r"[^\w.-]", requirement, maxsplit=1)[0]
+        if name not in found:
+            found[name] = _licence(name)
+    listed = [{"name": name, **known} for name, known in found.items() if known]
+    vendored = json.loads(VENDORED.read_text(encoding="utf-8"))
+    return listed + [
+        {"name": item["package"], "version": item["version"], "licence": item["licence"]} for item in vendored
+    ]
+
+
+def _licence(name: str) -> dict[str, str]:
+    try:
+        said = metadata(name)
+    except PackageNotFoundError:
+        return {}  # of an extra that is not installed
+    listed = [text.rpartition(" :: ")[2] for text in said.get_all("Classifier") or () if text.startswith("License")]
+    given = next((str(said[key]).partition("\n")[0] for key in ("License-Expression", "License") if key in said), "")
+    licence = given or ", ".join(listed)
+    return {"version": said["Version"], "licence": licence or "see its files"}
+
+
+def about_document(config: GatewayConfig) -> dict[str, Any]:
+    """What the view About shows."""
+    return {"version": __version__, "configuration": public_config(config), "licences": licences()}
+
+
+def support_archive(watch: Watch) -> bytes:
+    """A ZIP file: newest status, events, configuration without secrets."""
+    status = watch.feed.status()
+    files = {
+        "status.json": json.dumps(status, indent=1),
+        "events.json": json.dumps([asdict(event) for event in watch.log.after(0)], indent=1),
+        "gateway.toml": public_config(watch.config),
+    }
+    made = io.BytesIO()
+    with zipfile.ZipFile(made, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, text in files.items():
+            archive.writestr(name, text)
+    return made.getvalue()
