@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 ROOMS := profidrive profinet ds301 dsp402 dsp406 gateway decoder web peers tools
 
-.PHONY: demo test tour lint format bench fuzz soak docs site compiled test-compiled bench-compiled clean
+.PHONY: demo test tour lint format bench measured fuzz soak docs site compiled test-compiled bench-compiled clean
 
 demo: $(STAMP)
 	$(BIN)/pdgw demo
@@ -28,6 +28,15 @@ format: $(STAMP)
 
 bench: $(STAMP)
 	$(BIN)/pdgw bench
+
+# The figures that the documents quote, on a quiet machine: as the benchmarks print them, with date and machine.
+MEASURED := docs/measured
+measured: $(STAMP)
+	mkdir -p $(MEASURED)
+	COLUMNS=120 $(BIN)/pdgw bench --seconds 10 > $(MEASURED)/exchange.txt
+	COLUMNS=120 $(BIN)/pdgw bench --seconds 10 --realtime > $(MEASURED)/exchange-realtime.txt
+	COLUMNS=120 $(BIN)/pdgw bench decode > $(MEASURED)/decode.txt
+	COLUMNS=120 $(BIN)/pdgw bench timeline > $(MEASURED)/timeline.txt
 
 # The same sources with the cyclic path compiled by mypyc (a C compiler is needed): into build/compiled, beside the editable install.
 COMPILED := build/compiled

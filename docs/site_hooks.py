@@ -18,7 +18,7 @@ import pdgw
 
 _ROOT = Path(__file__).parent.parent
 _ROOMS = ("profidrive", "profinet", "ds301", "dsp402", "dsp406", "gateway", "decoder", "peers", "tools")
-_FOLDERS = {"examples": "python", "tools/scenarios": "yaml"}
+_FOLDERS = {"examples": "python", "tools/scenarios": "yaml", "docs/measured": "text"}
 """Folders the documents link to, each a page with its files."""
 _BESIDE = ("CHANGELOG.md", "CONTRIBUTING.md")
 """Documents of the repository outside ``docs/``."""
@@ -57,7 +57,7 @@ def _generated() -> Iterator[tuple[str, str]]:
         yield name, (_ROOT / name).read_text()
     yield "LICENSE.md", f"# License\n\n```\n{(_ROOT / 'LICENSE').read_text()}```\n"
     for folder, language in _FOLDERS.items():
-        yield f"{folder}.md", _folder(folder, language)
+        yield f"{folder.removeprefix('docs/')}.md", _folder(folder, language)
     yield "api.md", _front_door()
     for room in _ROOMS:
         yield f"api/{room}.md", _room(room)
@@ -78,7 +78,7 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
         target = (_ROOT / folder / link["target"]).resolve().relative_to(_ROOT).as_posix()
         for outside in _FOLDERS:
             if target == outside or target.startswith(f"{outside}/"):
-                target = f"{outside}.md"
+                target = f"{outside.removeprefix('docs/')}.md"
         target = _RENAMED.get(target, target.removeprefix("docs/"))
         return f"]({'../' * here.count('/')}{target}{link['rest']}"
 

@@ -19,6 +19,7 @@ import canopen
 from canopen.sdo import SdoAbortedError, SdoCommunicationError
 
 from pdgw.ds301.aborts import Abort, abort_text
+from pdgw.ds301.communication import SYNC_PERIOD
 from pdgw.ds301.configuration import SdoStep, is_communication_parameter, is_taken, pdo_steps
 from pdgw.ds301.connection_set import EMCY, ERROR_CONTROL, NMT
 from pdgw.ds301.emcy import emcy_text
@@ -27,6 +28,7 @@ from pdgw.ds301.loop import MS, SECOND, Event, Task
 from pdgw.ds301.network import CanNetwork
 from pdgw.ds301.nmt import NmtCommand, NmtState
 from pdgw.ds301.node import NodeEvent, NodeSettings, NodeStatus, TpdoSlot
+from pdgw.ds301.objects import CanType
 from pdgw.ds301.pdo import Pdo, PdoLayout
 from pdgw.ds301.sdo import SdoAccess
 
@@ -127,6 +129,7 @@ class NodeClient(SdoAccess, abc.ABC, Generic[S]):
             settings.node_id,
             available,
             sync=settings.sync,
+            sync_rpdos=settings.sync_period_us > 0,
             event_ms=settings.tpdo_event_ms,
             inhibit_us=settings.tpdo_inhibit_us,
         )
@@ -381,6 +384,8 @@ class NodeClient(SdoAccess, abc.ABC, Generic[S]):
         for step in steps:
             if step.index not in mapped:
                 self._do(step)
+        if period := self.settings.sync_period_us:
+            self._do(SdoStep(SYNC_PERIOD, 0, CanType.U32, period, "SYNC period", optional=True))
         self._old_length_errors = self.length_errors
         self._slots = [TpdoSlot(pdo, self._image(pdo)) for pdo in tpdos if pdo.communication_index in available]
         self._acyclic_tpdos = [pdo for pdo in tpdos if pdo.communication_index not in available]

@@ -50,14 +50,16 @@ def map_pdo(
     node_id: int,
     *,
     sync: bool = False,
+    sync_rpdos: bool = False,
     event_ms: int | None = 0,
     inhibit_us: int = 0,
     asynchronous: int = EVENT_DRIVEN_PROFILE,
 ) -> list[SdoStep]:
     """The writes that make a PDO carry its entries.
 
-    Times are for TPDOs only; ``event_ms`` is None for a device without event timers. ``asynchronous`` is the transmission
-    type without ``sync``: 254 (the manufacturer's event) or 255 (the profile's).
+    Times are for TPDOs only; ``event_ms`` is None for a device without event timers. ``sync``: TPDOs are sent on SYNC,
+    ``sync_rpdos``: RPDOs are taken on SYNC. ``asynchronous`` is the transmission type without: 254 (the manufacturer's event)
+    or 255 (the profile's).
     """
     cob_id = pdo.cob_id(node_id)
     communication, mapping = pdo.communication_index, pdo.mapping_index
@@ -68,7 +70,7 @@ def map_pdo(
     for position, entry in enumerate(pdo.entries, 1):
         steps.append(SdoStep(mapping, position, CanType.U32, entry.mapping, f"{pdo} carries {entry}"))
     steps.append(SdoStep(mapping, 0, CanType.U8, len(pdo.entries), f"{pdo} has {len(pdo.entries)} objects"))
-    cyclic = sync and pdo.direction is PdoDirection.TPDO
+    cyclic = sync if pdo.direction is PdoDirection.TPDO else sync_rpdos
     transmission = EVERY_SYNC if cyclic else asynchronous
     steps.append(SdoStep(communication, 2, CanType.U8, transmission, f"{pdo} transmission type"))
     if pdo.direction is PdoDirection.TPDO and not sync:
@@ -93,6 +95,7 @@ def pdo_steps(
     available: Collection[int],
     *,
     sync: bool,
+    sync_rpdos: bool = False,
     event_ms: int | None,
     inhibit_us: int,
     asynchronous: int = EVENT_DRIVEN_PROFILE,
@@ -108,7 +111,13 @@ def pdo_steps(
     for pdo in (*layout.rpdos, *layout.tpdos):
         if pdo.communication_index in available:
             steps += map_pdo(
-                pdo, node_id, sync=sync, event_ms=event_ms, inhibit_us=inhibit_us, asynchronous=asynchronous
+                pdo,
+                node_id,
+                sync=sync,
+                sync_rpdos=sync_rpdos,
+                event_ms=event_ms,
+                inhibit_us=inhibit_us,
+                asynchronous=asynchronous,
             )
     return steps
 

@@ -42,6 +42,8 @@ class NodeSettings:
     sdo_timeout_ms: int = 500
     sync: bool = False
     """TPDOs on SYNC (type 1) instead of event-driven."""
+    sync_period_us: int = 0
+    """RPDOs on SYNC too, which comes so often (1006h); 0: they are taken when they come."""
 
 
 @dataclass(frozen=True, slots=True)

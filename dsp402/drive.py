@@ -58,10 +58,9 @@ class DriveSettings(NodeSettings):
     initial_mode: Mode | None = None
     """6060h to set and confirm (6061h) while configuring, for layouts that do not carry 6060h.
 
-    Profile velocity stands for the mode of speeds the drive offers.
+    Profile velocity stands for the mode of speeds the drive offers. With ``sync_period_us`` 60C2h is that time: it is a cyclic
+    synchronous mode.
     """
-    interpolation_us: int = 0
-    """60C2h: the time from one setpoint of a cyclic synchronous mode to the next; 0: not written."""
 
 
 class _Sender:
@@ -144,6 +143,11 @@ class DriveClient(NodeClient[DriveSettings]):
         """Another telegram: map the PDOs anew; the drive must not be in operation."""
         self._change(layout, settings)
 
+    @property
+    def position_ns(self) -> int:
+        """When the newest position came, monotonic nanoseconds; 0 never."""
+        return next((slot.time for slot in self._slots if "position_actual" in slot.pdo.attributes), 0)
+
     # -- cyclic -------------------------------------------------------------------------------------------------------
 
     def send(self, command: DriveCommand, now: int) -> None:
@@ -217,7 +221,8 @@ class DriveClient(NodeClient[DriveSettings]):
 
     def _apply_times(self) -> None:
         super()._apply_times()
-        self._refresh_ns = self.settings.rpdo_refresh_ms * MS
+        # On SYNC the drive expects a new set-point each time.
+        self._refresh_ns = 0 if self.settings.sync_period_us else self.settings.rpdo_refresh_ms * MS
 
     def _image(self, pdo: Pdo) -> object:
         return self.feedback
@@ -270,8 +275,8 @@ class DriveClient(NodeClient[DriveSettings]):
             drive = self.drive_type
             offered = drive.speed_mode if drive is not None and mode is Mode.VELOCITY else None
             self._set_mode(mode.value if offered is None else offered)
-        if self.settings.interpolation_us and INTERPOLATION_TIME in self.dictionary:
-            for step in interpolation_steps(self.settings.interpolation_us):
+        if self.settings.sync_period_us and INTERPOLATION_TIME in self.dictionary:
+            for step in interpolation_steps(self.settings.sync_period_us):
                 self._do(step)
         if 0x6098 in self.dictionary:
             self.homing_method = self._fetch(0x6098, signed=True)

@@ -29,6 +29,8 @@ class Mode(enum.IntEnum):
     """Cyclic synchronous position."""
     CYCLIC_VELOCITY = 9
     """Cyclic synchronous velocity."""
+    CYCLIC_TORQUE = 10
+    """Cyclic synchronous torque."""
 
 
 STANDARD_HOMING_METHODS: Final = {
@@ -63,6 +65,7 @@ SUPPORTED_MODES: Final = {
     5: Mode.HOMING,
     7: Mode.CYCLIC_POSITION,
     8: Mode.CYCLIC_VELOCITY,
+    9: Mode.CYCLIC_TORQUE,
 }
 """Bits of 6502h and the modes they stand for; bits 16 to 31 are the manufacturer's."""
 
@@ -74,5 +77,6 @@ MODE_NAMES: Final = {
     Mode.HOMING: "homing",
     Mode.CYCLIC_POSITION: "cyclic synchronous position",
     Mode.CYCLIC_VELOCITY: "cyclic synchronous velocity",
+    Mode.CYCLIC_TORQUE: "cyclic synchronous torque",
 }
 """The profile's names of its modes."""

@@ -145,6 +145,8 @@ class AxisConfig(Section):
     """Position units within which DSC may start."""
     dsc_delay_cycles: Annotated[Integer, Field(ge=0, le=DELAY_CYCLES_MAX)] = 1
     xerr_sign: Literal[1, -1] = 1
+    sync_jitter_us: Annotated[Integer, Field(ge=0, le=100_000)] = 0
+    """Added to the dead time that limits KPC; what ``pdgw status`` shows as jitter."""
     positioner: PositionerConfig | None = None
     block: Annotated[tuple[BlockConfig, ...], BeforeValidator(as_list)] = ()
 
@@ -242,7 +244,10 @@ class AxisConfig(Section):
         if self.dsc is None or self.following_window is None:
             return settings
         cycle_ns = round(cycle_time_ms * 1_000_000)
-        choices = DscChoices(self.dsc, self.following_window, cycle_ns, self.dsc_delay_cycles, self.xerr_sign)
+        jitter_ns = self.sync_jitter_us * 1000
+        choices = DscChoices(
+            self.dsc, self.following_window, cycle_ns, self.dsc_delay_cycles, self.xerr_sign, jitter_ns
+        )
         return replace(settings, dsc=choices)
 
     def inhibit_us(self, cycle_time_ms: float) -> int:
@@ -253,17 +258,19 @@ class AxisConfig(Section):
 
     def drive_settings(self, number: int, cycle_time_ms: float) -> DriveSettings:
         """For a telegram, which may differ from the configured one (P922)."""
+        cyclic = number in DSC_TELEGRAM_NUMBERS
+        on_sync = self.sync or cyclic
         return DriveSettings(
             node_id=self.node_id,
             eds=self.eds,
             gateway_node_id=GATEWAY_NODE_ID,
             heartbeat_ms=self.heartbeat_ms,
             # On SYNC a value comes once in a cycle, however long that is.
-            tpdo_event_ms=max(self.tpdo_event_ms, ceil(cycle_time_ms)) if self.sync else self.tpdo_event_ms,
+            tpdo_event_ms=max(self.tpdo_event_ms, ceil(cycle_time_ms)) if on_sync else self.tpdo_event_ms,
             tpdo_inhibit_us=self.inhibit_us(cycle_time_ms),
             sdo_timeout_ms=self.sdo_timeout_ms,
-            sync=self.sync or number in DSC_TELEGRAM_NUMBERS,
-            interpolation_us=round(cycle_time_ms * 1000) if number in DSC_TELEGRAM_NUMBERS else 0,
+            sync=on_sync,
+            sync_period_us=round(cycle_time_ms * 1000) if cyclic else 0,
             allow_unguarded=self.allow_unguarded,
             initial_mode=initial_mode(number, self.dsc_form),
             units=self.units,
@@ -486,11 +493,12 @@ class GatewayConfig(Section):
                 continue
             layout = LAYOUTS[pdo_operation(axis.telegram, axis.dsc_form)]
             inhibit = axis.inhibit_us(self.transport.cycle_time_ms)
-            tpdo_rate = cycle_rate if axis.sync else 1e6 / max(inhibit, _DRIVE_CYCLE_US)
-            # Controlword and state may change in every cycle; tasks and the slow values of the other PDOs do not.
+            cyclic = axis.telegram in DSC_TELEGRAM_NUMBERS
+            tpdo_rate = cycle_rate if axis.sync or cyclic else 1e6 / max(inhibit, _DRIVE_CYCLE_US)
+            # Controlword and state may change in every cycle; tasks and the slow values of the other PDOs do not, but on SYNC.
             for rate, pdos in ((cycle_rate, layout.rpdos), (tpdo_rate, layout.tpdos)):
                 for pdo in pdos:
-                    limit = rate if pdo.number == 1 else min(rate, _DATA_PDO_RATE)
+                    limit = rate if pdo.number == 1 or cyclic else min(rate, _DATA_PDO_RATE)
                     frames.append(CyclicFrames(f"{pdo} {axis.node_id}", pdo.size, limit))
             frames.append(CyclicFrames(f"heartbeat {axis.node_id}", 1, 1000 / axis.heartbeat_ms))
         for node_id, channels in self.encoders_of(bus).items():

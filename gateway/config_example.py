@@ -69,6 +69,11 @@ watchdog_factor = 3          # the PLC is lost after this many cycles without a 
 # directory = "/run/pdgw"    # in RAM; without it systemd's RuntimeDirectory, XDG_RUNTIME_DIR or /dev/shm
 # seconds = 120              # that long back
 # megabytes = 32             # of memory at most
+# keep = ["fault", "stop"]   # a file of what was before and after each, as pdgw trace save writes it
+# keep_directory = "traces"  # without it in the state directory
+# keep_before_s = 10
+# keep_after_s = 5
+# keep_files = 20            # the oldest go
 
 # [web]                      # the page of `pdgw web`, which shows everything and changes nothing (docs/web.md)
 # listen = "{WebConfig().listen}"  # beyond this machine only with token_file
@@ -121,6 +126,7 @@ simulate = false             # true: a simulated drive instead of the one on the
 # following_window = 4096    # position units within which DSC may start, needed with dsc
 # dsc_delay_cycles = 1       # age of the position the PLC answers
 # xerr_sign = 1              # -1: a positive XERR moves backward
+# sync_jitter_us = 0         # added to the dead time that limits KPC; pdgw status shows the jitter
 {POSITIONER_EXAMPLE}
 # Encoders follow the axes in the frame. Several channels of a multi-sensor device are tables of their own.
 # [[encoder]]

@@ -50,9 +50,13 @@ def load_config(path: Path) -> GatewayConfig:
     if missing:
         raise GatewayError("\n".join(missing))
     store = path.parent / config.store if config.store else default_store(path)
+    trace = config.trace
+    if trace.keep_directory is not None:
+        trace = trace.model_copy(update={"keep_directory": path.parent / trace.keep_directory})
     web = _files_beside(config.web, path)
     mqtt = None if config.mqtt is None else _files_beside(config.mqtt, path)
-    return config.model_copy(update={"axis": axes, "encoder": encoders, "store": store, "web": web, "mqtt": mqtt})
+    update = {"axis": axes, "encoder": encoders, "store": store, "trace": trace, "web": web, "mqtt": mqtt}
+    return config.model_copy(update=update)
 
 
 def _beside(item: Item, path: Path) -> Item:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+from enum import StrEnum
 from ipaddress import IPv4Address, IPv4Interface, IPv4Network
 from pathlib import Path
 from typing import Annotated, Literal
@@ -122,6 +123,15 @@ class ParametersConfig(Section):
         return self.write_from
 
 
+class Trigger(StrEnum):
+    """What has a part of the flight recorder kept."""
+
+    FAULT = "fault"
+    """A new fault of a drive object."""
+    STOP = "stop"
+    """An axis leaves operation without an OFF of the PLC, or the gateway ends without its stop sequence."""
+
+
 class TraceConfig(Section):
     """The flight recorder: the last minutes in RAM."""
 
@@ -133,6 +143,14 @@ class TraceConfig(Section):
     """What the ring is to hold at least, as far as there is room."""
     megabytes: Annotated[Integer, Field(ge=1, le=4096)] = 32
     """All records together at most."""
+    keep: tuple[Trigger, ...] = ()
+    """What has the seconds before and after it kept in a file."""
+    keep_directory: Path | None = None
+    """Where; None: ``traces`` in the state directory."""
+    keep_before_s: Annotated[Integer, Field(ge=0, le=3600)] = 10
+    keep_after_s: Annotated[Integer, Field(ge=0, le=3600)] = 5
+    keep_files: Annotated[Integer, Field(ge=1, le=10_000)] = 20
+    """The oldest go when there are more."""
 
 
 class RealtimeConfig(Section):

@@ -29,6 +29,7 @@ from pdgw.gateway.link import Link, UdpLink
 from pdgw.gateway.masters import LISTEN_NS, watch_for_masters
 from pdgw.gateway.reasons import FaultNumber
 from pdgw.gateway.store import DeviceParameters, ParameterStore
+from pdgw.gateway.sync import SyncProducer
 from pdgw.gateway.transport.ethernet import EthernetPort, RawEthernet
 from pdgw.profidrive.telegrams import telegram
 
@@ -109,8 +110,19 @@ class Daemon:
             opened.callback(self.link.close)
             self._opened = opened.pop_all()
         self._heartbeat_ns = min(client.settings.heartbeat_ms for client in self.clients) * MS // 2
+        self.sync_producers = self._sync_producers()
+
+    def _sync_producers(self) -> dict[str, SyncProducer]:
+        """By the name of each bus on which something waits for SYNC."""
         synced = {client.network.name for client in self.clients if client.settings.sync}
-        self._synced = [network for name, network in self.networks.items() if name in synced]
+        cyclic = [axis for axis in self.axes if axis.drive.settings.sync_period_us]
+        return {
+            name: SyncProducer(
+                network, self.cycle_ns, [axis for axis in cyclic if axis.network is network], self.loop.now
+            )
+            for name, network in self.networks.items()
+            if name in synced
+        }
 
     def _register_counters(self) -> None:
         add = self.loop.counters.add
@@ -190,6 +202,7 @@ class Daemon:
         except BaseException:
             self.link.set_layout(before)
             raise
+        self.sync_producers = self._sync_producers()
         if connected:
             now = self.loop.now()
             for item in self.objects:
@@ -347,8 +360,8 @@ class Daemon:
             answered = self.loop.now()
         for item in self.objects:
             item.transmit(now)
-        for network in self._synced:
-            network.send_sync()
+        for producer in self.sync_producers.values():
+            producer.send()
         self.watch.cycle(now, accepted, answered)
         self._deadline = now + (cycle + cycle // 2 if accepted else cycle)
         self.loop.pace(now + cycle)

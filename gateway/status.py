@@ -140,6 +140,7 @@ def _head(daemon: Daemon) -> dict[str, Any]:
                 "channel": bus.channel,
                 "bitrate": bus.bitrate,
                 "healthy": daemon.networks[bus.name].healthy,
+                "sync": producer.status() if (producer := daemon.sync_producers.get(bus.name)) else None,
             }
             for bus in config.can
         ],

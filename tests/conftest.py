@@ -1,6 +1,6 @@
 """Hypothesis profiles: ``ci`` is deterministic; ``fuzz`` (make fuzz) searches long with fresh seeds.
 
-No test uses the user's state directory.
+No test uses the user's state or run directory.
 """
 
 from __future__ import annotations
@@ -20,8 +20,10 @@ settings.load_profile(os.environ.get("PDGW_HYPOTHESIS", "ci"))
 
 @pytest.fixture(scope="session", autouse=True)
 def _state_directory(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Parameter stores of configurations that name none, also of the processes that tests start."""
+    """Parameter stores of configurations that name none, and rings, also of the processes that tests start."""
     with pytest.MonkeyPatch.context() as patch:
         patch.delenv("STATE_DIRECTORY", raising=False)
         patch.setenv("XDG_STATE_HOME", str(tmp_path_factory.mktemp("state")))
+        patch.delenv("RUNTIME_DIRECTORY", raising=False)
+        patch.setenv("XDG_RUNTIME_DIR", str(tmp_path_factory.mktemp("run")))
         yield

@@ -6,12 +6,12 @@ import contextlib
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from pdgw.gateway.config import GatewayConfig
 from pdgw.gateway.config_file import config_text
-from pdgw.gateway.config_surroundings import CanConfig
+from pdgw.gateway.config_surroundings import CanConfig, TraceConfig
 from pdgw.gateway.errors import GatewayError
 
 _VIRTUAL = "virtual"
@@ -82,6 +82,43 @@ def _process(*command: str) -> Iterator[subprocess.Popen[str]]:
                 process.wait(_STOP_S)
             except subprocess.TimeoutExpired:
                 process.kill()
+
+
+@contextlib.contextmanager
+def keeper_beside(trace: TraceConfig) -> Iterator[Callable[[Path], None]]:
+    """The process that keeps parts of the flight recorder, if the configuration wants any; gives what tells it the ring.
+
+    Started before the gateway takes its priority, which it must not have; it ends by itself when the gateway is gone, in whatever
+    way, after it has kept what was before that.
+    """
+    if not trace.enabled or not trace.keep:
+        yield lambda path: None
+        return
+    options = [f"--on={item}" for item in trace.keep]
+    options += [f"--before={trace.keep_before_s}", f"--after={trace.keep_after_s}", f"--files={trace.keep_files}"]
+    if trace.keep_directory is not None:
+        options.append(f"--to={trace.keep_directory}")
+    process = subprocess.Popen(
+        [sys.executable, "-m", "pdgw", "trace", "watch", "--attached", *options],
+        stdin=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    assert process.stdin is not None
+    stdin = process.stdin
+
+    def tell(path: Path) -> None:
+        with contextlib.suppress(OSError):  # it may be gone already
+            stdin.write(f"{path}\n")
+            stdin.flush()
+
+    try:
+        yield tell
+    finally:
+        with contextlib.suppress(OSError):
+            stdin.close()
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            process.wait(_STOP_S)
 
 
 def _channel(bus: CanConfig, process: subprocess.Popen[str]) -> str:

@@ -49,6 +49,7 @@ COMMANDS: Mapping[str, Entry] = {
         "Print the byte map of a configuration: offset, length, signal, unit and 100 % of every value; or code for the PLC.",
     ),
     "status": Entry("status:status", "Show axes, reasons, faults and counters of a running gateway."),
+    "trace": Entry("trace:app", "The flight recorder: the last minutes of both buses."),
     "web": Entry(
         "web:web",
         "Show a running gateway to browsers, Prometheus and MQTT until SIGINT or SIGTERM; it changes nothing.",
@@ -91,6 +92,10 @@ SIM_COMMANDS: Mapping[str, Entry] = {
     "encoder": Entry(
         "sim_encoder:encoder",
         "Run simulated encoders until SIGINT, SIGTERM or `quit`. Commands on standard input: see `pdgw sim inject`.",
+    ),
+    "loop": Entry(
+        "sim_loop:loop",
+        "Close a position loop in a simulated PLC, with DSC and without: following error and stability, in virtual time.",
     ),
     "bus": Entry(
         "sim_drive:bus",

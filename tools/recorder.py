@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import struct
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -10,7 +9,7 @@ from typing import Final
 
 import can
 
-from pdgw.decoder.capture.pcapng_file import PcapngWriter, udp_packet
+from pdgw.decoder.capture.pcapng_file import PcapngWriter, can_packet, udp_packet
 from pdgw.decoder.link import CAN_ERROR, CAN_EXTENDED, CAN_REMOTE
 from pdgw.decoder.records import Link
 from pdgw.gateway.config import GatewayConfig
@@ -49,7 +48,7 @@ class Recorder:
         identifier |= (CAN_REMOTE if message.is_remote_frame else 0) | (CAN_ERROR if message.is_error_frame else 0)
         data = bytes(message.data)
         time_ns = round(message.timestamp * 1e9) or time.time_ns()
-        self.writer.put((Link.CAN_SOCKETCAN, bus, time_ns, struct.pack(">IBxxx", identifier, len(data)) + data))
+        self.writer.put((Link.CAN_SOCKETCAN, bus, time_ns, can_packet(identifier, data)))
 
     def datagram(self, time_ns: int, source: Address, target: Address, data: bytes) -> None:
         """A datagram to or from the PLC."""

@@ -39,6 +39,8 @@ def status_lines(document: dict[str, Any], width: int = 80, *, counters: bool = 
         yield from _folded(f"parameters kept in {document['store']}", width, 4, "")
     for bus in document["buses"]:
         yield f"bus {bus['name']}: {'healthy' if bus['healthy'] else 'LOST'}"
+        if bus.get("sync"):
+            yield from _sync(bus["sync"], width)
     yield from _counters(document["counters"], width, everything=counters)
     for item in document["axes"]:
         yield ""
@@ -65,6 +67,18 @@ def _counters(items: list[dict[str, Any]], width: int, *, everything: bool) -> I
         yield "counted besides what is usual:"
     for item in shown:
         text = f"{item['part']} {item['name']}: {item['value']} {item['unit']} ({item['meaning']})"
+        yield from _folded(text, width, 4, "  ")
+
+
+def _sync(sync: dict[str, Any], width: int) -> Iterator[str]:
+    jitter = f"jitter p99 {sync['jitter_p99_us']:g} us, worst {sync['jitter_worst_us']:g} us"
+    yield from _folded(f"SYNC every {sync['period_ms']:g} ms, {jitter}", width, 4, "  ")
+    for item in sync["axes"]:
+        text = (
+            f"DO {item['do_id']} dead time p99 {item['dead_time_p99_ms']:g} ms, worst {item['dead_time_worst_ms']:g} ms"
+        )
+        if item["highest_gain"] is not None:
+            text += f"; for {item['dead_time_calculated_ms']:g} ms KPC is at most {item['highest_gain']:.1f} 1/s"
         yield from _folded(text, width, 4, "  ")
 
 

@@ -85,6 +85,11 @@ def configuration_in(path: Path) -> str:
     return ""
 
 
+def can_packet(identifier: int, data: bytes) -> bytes:
+    """A CAN frame as a packet of SocketCAN; ``identifier`` has its flags."""
+    return struct.pack(">IBxxx", identifier, len(data)) + data
+
+
 _ETHERNET = bytes.fromhex("020000000002 020000000001 0800")
 
 

@@ -74,6 +74,8 @@ class DscChoices:
     """Of the PLC; SYNC follows it."""
     delay_cycles: int = 1
     xerr_sign: int = 1
+    jitter_ns: int = 0
+    """Of SYNC, added to the dead time."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,8 +8,11 @@ models beyond a torque-proportional acceleration.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
+from pdgw.ds301.communication import SYNC_PERIOD
 from pdgw.ds301.errors import CanopenError
+from pdgw.dsp402.faults import DriveFault
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.dsp402.objects import NEGATIVE_LIMIT_SWITCH as NEGATIVE_LIMIT
@@ -17,7 +20,7 @@ from pdgw.dsp402.objects import POSITIVE_LIMIT_SWITCH as POSITIVE_LIMIT
 from pdgw.dsp402.states import STATUS_OF, Command, ControlBit, State, StatusBit, next_state
 from pdgw.peers.drive.family import DRIVE_FAULTS
 from pdgw.peers.drive.machine import ROTARY, Machine
-from pdgw.peers.drive.modes import MODES
+from pdgw.peers.drive.modes import COAST_DECELERATION, MODES
 from pdgw.peers.drive.motion import TICK, Ramp, increments_per_second
 from pdgw.peers.drive.shapes import ENGEL, Shape
 
@@ -27,9 +30,9 @@ _INT32_MAX = (1 << 31) - 1
 _RAMPED_STATES = (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE, State.FAULT_REACTION_ACTIVE)
 _ABORT_COMMANDS = {2: Command.DISABLE_VOLTAGE, 3: Command.QUICK_STOP}
 """Device control command of 6007h."""
-COAST_DECELERATION = 1500.0
-"""rpm/s of the free-running motor."""
-
+_SYNC_FAULT = replace(DRIVE_FAULTS[12], name="SYNC missing", error_code=0x8700)
+_SYNC_LOST_PERIODS = 3
+"""So many periods (1006h) without SYNC are a fault in a cyclic synchronous mode."""
 _CATCH_UP_TICKS = 1000
 """So much of a gap is simulated; a drive that was not asked for longer has lost time."""
 
@@ -80,6 +83,8 @@ class DriveModel:
         """Something inside the drive keeps it from what is asked (Statusword.11)."""
         self.causes: set[int] = set()
         self._time = -1
+        self._without_sync = 0
+        """Ticks since the last SYNC."""
         self._previous_controlword = 0
         self._modes = {Mode(number): MODES[Mode(number)](self) for number in self.shape.modes}
         self.mode = Mode.POSITION if Mode.POSITION in self._modes else min(self._modes)
@@ -95,7 +100,7 @@ class DriveModel:
         self.digital_inputs, self.causes, self.ramp = inputs, causes, ramp
         self.machine_position = self.zero = position
         if causes:
-            self._fault(min(causes))
+            self._fault(DRIVE_FAULTS[min(causes)])
         self._update()
 
     # The attributes of the catalogue, for the type checker; ``power_on`` sets them from the declarations.
@@ -171,7 +176,7 @@ class DriveModel:
         if number not in DRIVE_FAULTS:
             raise CanopenError("fault number", number, f"one of {list(DRIVE_FAULTS)}")
         self.causes.add(number)
-        self._fault(number)
+        self._fault(DRIVE_FAULTS[number])
 
     def clear(self) -> None:
         """Remove the causes of all faults, so that a fault reset is accepted."""
@@ -186,6 +191,16 @@ class DriveModel:
         # The Controlword is a level: an Enable Operation that still stands takes effect as soon as the input allows.
         self.command()
 
+    def synchronised(self) -> None:
+        """A SYNC came."""
+        self._without_sync = 0
+        self.wake()
+
+    @property
+    def sync_ticks(self) -> int:
+        """From one SYNC to the next in a mode that needs them (1006h); 0: they are not watched."""
+        return self.read(SYNC_PERIOD, 0) * 1000 // MS if self.motion.synchronous else 0
+
     def abort_connection(self) -> None:
         """The connection to the master is lost: react as 6007h says.
 
@@ -198,7 +213,7 @@ class DriveModel:
             return
         option = self.read(0x6007, 0)
         if option == 1:
-            self._fault(12)
+            self._fault(DRIVE_FAULTS[12])
         elif option in _ABORT_COMMANDS:
             self._enter(next_state(self.state, _ABORT_COMMANDS[option].word, self.controlword))
         self._update()
@@ -250,11 +265,10 @@ class DriveModel:
         if state is State.QUICK_STOP_ACTIVE and self.read(0x605A, 0) == 0:
             self.state = State.SWITCH_ON_DISABLED
 
-    def _fault(self, number: int) -> None:
-        fault = DRIVE_FAULTS[number]
+    def _fault(self, fault: DriveFault) -> None:
         if self.state in {State.FAULT, State.FAULT_REACTION_ACTIVE}:
             return
-        self.error_code = number
+        self.error_code = fault.number
         self.emcy_code = fault.error_code
         self.error_register = fault.error_register
         self.emcy.append((fault.error_code, fault.error_register))
@@ -300,7 +314,7 @@ class DriveModel:
         """One tick, and whether the next ones would do the same: nothing, or turn on as evenly."""
         before = self._condition()
         self._tick()
-        if before == self._condition():
+        if before == self._condition() and not (self.sync_ticks and self.state is State.OPERATION_ENABLED):
             self._resting = self.ramp.speed == 0.0
             self._even = not self._resting and self.state is State.OPERATION_ENABLED and self.motion.even
         return 1
@@ -333,7 +347,8 @@ class DriveModel:
     def _tick(self) -> None:
         state = self.state
         if state is State.OPERATION_ENABLED:
-            self.motion.move()
+            if not self._sync_is_lost():
+                self.motion.move()
         elif state is State.QUICK_STOP_ACTIVE:
             if self.stop_ramp and self.slow_down(self._quick_deceleration(self.read(0x605A, 0) == 2)):
                 self._enter(State.SWITCH_ON_DISABLED)
@@ -345,6 +360,14 @@ class DriveModel:
             self.ramp.linear(0.0, COAST_DECELERATION, COAST_DECELERATION)
             self.current_actual = 0
         self._turn()
+
+    def _sync_is_lost(self) -> bool:
+        period = self.sync_ticks
+        self._without_sync = self._without_sync + 1 if period else 0
+        lost = self._without_sync > _SYNC_LOST_PERIODS * period
+        if lost:
+            self._fault(_SYNC_FAULT)
+        return lost
 
     def _quick_deceleration(self, quick: bool) -> float:
         if quick:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, ClassVar
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.objects import NEGATIVE_LIMIT_SWITCH as NEGATIVE_LIMIT
 from pdgw.dsp402.objects import POSITIVE_LIMIT_SWITCH as POSITIVE_LIMIT
-from pdgw.dsp402.states import ControlBit, StatusBit
+from pdgw.dsp402.states import ControlBit, State, StatusBit
 from pdgw.peers.drive.family import HOMING_METHODS
 from pdgw.peers.drive.motion import INCREMENTS_PER_REVOLUTION, TICK, increments_per_second, speed_toward
 
@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
 _VL_RAMP = 0x70
 """Controlword of velocity mode (vl): enable ramp, unlock ramp, reference ramp. All three let the set-point through."""
+COAST_DECELERATION = 1500.0
+"""rpm/s of the free-running motor."""
 TORQUE_ACCELERATION = 6000.0
 """rpm/s that rated current gives the unloaded motor."""
 
@@ -41,6 +43,8 @@ class ModeOfOperation:
 
     even: ClassVar[bool] = False
     """At constant speed nothing but the position changes."""
+    synchronous: ClassVar[bool] = False
+    """It needs a set-point with each SYNC."""
 
     def __init__(self, drive: DriveModel) -> None:
         self.drive = drive
@@ -145,8 +149,19 @@ class VelocityMode(_SpeedMode):
         drive.ramp.linear(target, up, down)
 
 
+def _follows(drive: DriveModel, halted: bool) -> int:
+    """Bit 12 of the cyclic synchronous modes: the drive follows the command value."""
+    operating = drive.state is State.OPERATION_ENABLED
+    return StatusBit.MODE_12 if operating and not halted and not drive.limited else 0
+
+
 class CyclicVelocity(_SpeedMode):
-    """The master makes the ramp: the drive follows as fast as it can."""
+    """The master makes the ramp: the drive follows as fast as it can. A set-point that stays away: the speed stays."""
+
+    synchronous = True
+
+    def bits(self, halted: bool, units: int) -> int:
+        return _follows(self.drive, halted)
 
     def _follow(self, target: float) -> None:
         drive = self.drive
@@ -182,6 +197,18 @@ class Torque(ModeOfOperation):
         drive.ramp.linear(0.0, deceleration, deceleration)
 
 
+class CyclicTorque(Torque):
+    """Without torque the motor runs out. A set-point that stays away: the torque stays."""
+
+    synchronous = True
+
+    def bits(self, halted: bool, units: int) -> int:
+        return _follows(self.drive, halted)
+
+    def _release(self) -> None:
+        self.drive.slow_down(COAST_DECELERATION)
+
+
 class CurrentControl(Torque):
     """The manufacturer's: with a limit of the speed by PDO."""
 
@@ -193,26 +220,51 @@ class CurrentControl(Torque):
 
 
 class CyclicPosition(ModeOfOperation):
-    """To the newest target in a straight line over 60C2h; a target that stays away is the end of the way."""
+    """To the newest target in a straight line over 60C2h.
+
+    A target that stays away is the end of the way; where SYNC has a period (1006h) the way goes on for one more 60C2h first.
+    """
+
+    synchronous = True
 
     def __init__(self, drive: DriveModel) -> None:
         super().__init__(drive)
+        self._goal = 0.0
+        self._way = 0.0
+        """From the goal before."""
         self._left = 0
-        """Ticks to the end of the way."""
+        """Ticks to the goal."""
+        self._extrapolated = True
+
+    def enabled(self) -> None:
+        self._goal, self._way, self._left = self.drive.position, 0.0, 0
+        self._extrapolated = True
+
+    @property
+    def _period(self) -> int:
+        read = self.drive.read
+        return max(1, round(read(0x60C2, 1) * 10.0 ** read(0x60C2, 2) / TICK))
 
     def received(self) -> None:
-        read = self.drive.read
-        self._left = max(1, round(read(0x60C2, 1) * 10.0 ** read(0x60C2, 2) / TICK))
+        goal = float(self.drive.target_position)
+        self._goal, self._way, self._left = goal, goal - self._goal, self._period
+        self._extrapolated = not self.drive.sync_ticks
 
     def move(self) -> None:
         drive = self.drive
+        if not self._left and not self._extrapolated:
+            self._extrapolated = True
+            self._goal += self._way
+            self._left = self._period
         ticks = max(1, self._left)
         self._left = ticks - 1
-        rpm = (drive.target_position - drive.position) / (ticks * TICK) * 60 / INCREMENTS_PER_REVOLUTION
-        drive.follow_at_once(rpm)
+        drive.follow_at_once((self._goal - drive.position) / (ticks * TICK) * 60 / INCREMENTS_PER_REVOLUTION)
+
+    def bits(self, halted: bool, units: int) -> int:
+        return _follows(self.drive, halted)
 
     def condition(self) -> tuple[object, ...]:
-        return (self._left,)
+        return self._goal, self._left, self._extrapolated
 
 
 class ProfilePosition(ModeOfOperation):
@@ -470,5 +522,6 @@ MODES: dict[Mode, type[ModeOfOperation]] = {
     Mode.HOMING: Homing,
     Mode.CYCLIC_POSITION: CyclicPosition,
     Mode.CYCLIC_VELOCITY: CyclicVelocity,
+    Mode.CYCLIC_TORQUE: CyclicTorque,
 }
 """What each mode does."""

@@ -78,6 +78,9 @@ class SimulatedDriveNode(SimulatedNode):
             self.model.command()
             self.send_emergencies(self.model.emcy)
 
+    def on_sync(self) -> None:
+        self.model.synchronised()
+
     def on_written(self, entry: Entry, value: Value) -> None:
         if entry.attribute in {"controlword", "modes_of_operation"}:
             setattr(self.model, entry.attribute, value)

@@ -11,7 +11,13 @@ from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from types import MappingProxyType
 
-from pdgw.ds301.communication import CONSUMER_HEARTBEAT, PRODUCER_HEARTBEAT, communication_objects, pdo_objects
+from pdgw.ds301.communication import (
+    CONSUMER_HEARTBEAT,
+    PRODUCER_HEARTBEAT,
+    SYNC_PERIOD,
+    communication_objects,
+    pdo_objects,
+)
 from pdgw.ds301.eds import DeviceInfo
 from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.objects import Access, CanType, Entry, ObjectSpec, array, var
@@ -190,9 +196,12 @@ _VL_OBJECTS = (
 ENGEL = Shape("engel", "the ENGEL-like drive: half rpm by 6094h, five PDOs, modes -5 to 6")
 SYNCHRONOUS = Shape(
     "synchronous",
-    "the ENGEL-like drive with cyclic synchronous position and velocity",
-    modes=_ENGEL_MODES | {Mode.CYCLIC_POSITION.value, Mode.CYCLIC_VELOCITY.value},
-    has=(var(0x6502, "Supported drive modes", _U32, _RO, default=_PROFILE_MODES | 1 << 7 | 1 << 8),),
+    "the ENGEL-like drive with cyclic synchronous position, velocity and torque",
+    modes=_ENGEL_MODES | {Mode.CYCLIC_POSITION.value, Mode.CYCLIC_VELOCITY.value, Mode.CYCLIC_TORQUE.value},
+    has=(
+        var(SYNC_PERIOD, "Communication cycle period", _U32, _RW, default=0, unit="us"),
+        var(0x6502, "Supported drive modes", _U32, _RO, default=_PROFILE_MODES | 1 << 7 | 1 << 8 | 1 << 9),
+    ),
 )
 _PLAIN = _rpm("rpm", "rpm by 60A9h", 1)
 _COUNTS = _rpm("counts", "increments per second by 608Fh", 2)

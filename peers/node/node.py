@@ -145,6 +145,9 @@ class SimulatedNode:
     def on_rpdo(self, pdo: Pdo) -> None:
         """The values of an RPDO are in the image."""
 
+    def on_sync(self) -> None:
+        """A SYNC in operation; the RPDOs that waited for it are in the image."""
+
     def on_nmt(self, state: NmtState) -> None:
         """The NMT state changed."""
 
@@ -581,6 +584,7 @@ class SimulatedNode:
             pdo.unpack_into(data, self.image)
             self.on_rpdo(pdo)
         self._rpdo_waiting.clear()
+        self.on_sync()
         for tpdo in self._tpdos:
             if tpdo.type > _TRANSMISSION_SYNC_MAX:
                 continue

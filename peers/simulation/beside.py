@@ -13,7 +13,6 @@ import can
 from pydantic import ValidationError
 
 from pdgw.ds301.port import CanPort
-from pdgw.gateway.axis.telegrams import DSC_TELEGRAM_NUMBERS
 from pdgw.gateway.config import AxisConfig, EncoderConfig, GatewayConfig
 from pdgw.gateway.config_surroundings import CanConfig
 from pdgw.gateway.errors import GatewayError
@@ -32,7 +31,7 @@ def simulated_devices(config: GatewayConfig, bus: CanConfig) -> list[DeviceConfi
             node_id=axis.node_id,
             serial_number=axis.do_id,
             axis=_axis_of(axis),
-            like=SYNCHRONOUS.name if axis.telegram in DSC_TELEGRAM_NUMBERS else ENGEL.name,
+            like=ENGEL.name if axis.dsc is None else SYNCHRONOUS.name,
         )
         for axis in config.axis
         if axis.simulate and config.bus_of(axis).name == bus.name

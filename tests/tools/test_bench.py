@@ -14,10 +14,11 @@ from pdgw.ds301.can_frame import pack_frame, unpack_frame
 from pdgw.ds301.connection_set import NMT
 from pdgw.ds301.nmt import NmtCommand
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.transport.cyclic import CyclicEndpoint
+from pdgw.gateway.transport.cyclic import CyclicEndpoint, Verdict
 from pdgw.profidrive.frame import RtFrame
 from pdgw.profidrive.telegrams import telegram
-from pdgw.tools.bench import storm
+from pdgw.profinet.rpc.server import RecordServer
+from pdgw.tools.bench import flood, killed, stops, storm
 from pdgw.tools.bench.dialogues import SPEEDS, EchoDialogue, PlcDialogue, speed
 from pdgw.tools.bench.drives import IdealDrives
 from pdgw.tools.bench.measure import latency
@@ -25,6 +26,7 @@ from pdgw.tools.bench.rows import setpoints_to_can
 from pdgw.tools.bench.schedule import Peer
 from pdgw.tools.bench.translation import axis_cycle
 from pdgw.tools.commands.bench import app
+from tests.fuzz.test_parameters import Memory
 
 
 @pytest.mark.parametrize(("number", "enabled"), [(1, 0x07), (9, 0x07), (100, 0x27)])
@@ -212,3 +214,30 @@ def test_a_short_storm_of_parameter_requests_is_answered_beside_the_exchange() -
     assert result.quiet.samples > 0
     assert result.storm.samples > 0
     assert result.requests_per_s > 0
+
+
+@pytest.mark.parametrize(("row", "loss"), stops.VIRTUAL, ids=lambda item: getattr(item, "cause", None))
+def test_every_loss_stops_the_drive_within_its_bound(row: stops.Stop, loss: Callable[[stops.Site], int]) -> None:
+    site = stops.Site(seed=3)
+    with site.running():
+        site.turn()
+        took = loss(site)
+        site.off()
+    assert 0 < took <= row.bound_ms * 1_000_000
+
+
+@pytest.mark.e2e
+def test_a_gateway_that_is_killed_or_stands_still_leaves_the_drive_to_its_own_guarding() -> None:
+    """It raises when the standing ON starts the drive again."""
+    rows = list(killed.real(1))
+    assert [len(row.times_ns) for row in rows] == [1, 1]
+    assert all(150 < row.milliseconds(1) < 2000 for row in rows), "by the drive's time-out, not by the signal"
+
+
+def test_a_stranger_sends_what_the_ports_are_for() -> None:
+    """Otherwise the flood would be dropped before it costs anything."""
+    frame = flood.datagram(flood.CYCLIC)
+    endpoint = CyclicEndpoint([telegram(1)] * flood.AXES, cycle_ns=flood.PERIOD_NS)
+    assert endpoint.receive(frame, ("10.0.0.9", 1), 1) is Verdict.UNCONFIRMED
+    server = RecordServer(Memory(), 2048)
+    assert server.receive(flood.datagram(flood.ACYCLIC), "stranger", 1)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import platform
+from datetime import UTC, datetime
 from importlib import import_module
 from importlib.metadata import version
 
@@ -23,6 +24,7 @@ def build() -> str:
 def machine() -> dict[str, object]:
     """What the figures depend on, as plain data."""
     return {
+        "date": datetime.now(UTC).date().isoformat(),
         "version": version("profidrive-gateway"),
         "build": build(),
         "python": platform.python_version(),

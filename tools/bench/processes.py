@@ -23,6 +23,8 @@ from pdgw.tools.demo.run import free_ports
 
 _READY_S = 60.0
 _LOOK_S = 0.02
+_END_S = 120.0
+"""A process with the least priority may wait long for a busy machine."""
 _NANOSECONDS = 1_000_000_000
 
 
@@ -55,7 +57,7 @@ class Background:
 
     def end(self) -> str:
         """Close its input; what it prints at its end."""
-        rest, _ = self._process.communicate(timeout=30)
+        rest, _ = self._process.communicate(timeout=_END_S)
         return rest or ""
 
 

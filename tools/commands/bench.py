@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
+import logging
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict
+from itertools import chain
 from typing import Annotated, Any
 
 import typer
@@ -14,10 +16,11 @@ from rich.console import Console
 from rich.status import Status
 from rich.table import Table
 
-from pdgw.tools.bench import decoding, following, storm, translation
+from pdgw.tools.bench import decoding, flood, following, killed, stops, storm, translation
 from pdgw.tools.bench.build import machine, use_real_time_priority
 from pdgw.tools.bench.measure import Latency
 from pdgw.tools.bench.rows import ROWS, Row, idle, measure
+from pdgw.tools.bench.stops import Stop
 from pdgw.tools.reports import HtmlFile, JUnitFile, Report, figures
 
 app = typer.Typer(help="Benchmarks.", invoke_without_command=True)
@@ -28,6 +31,7 @@ RealTime = Annotated[
     bool, typer.Option("--realtime", help="All processes with real-time priority (Linux; root or CAP_SYS_NICE).")
 ]
 _MS = 1_000_000
+_STOP_SHARES = (0.5, 0.99, 1.0)
 _IDLE_AXES, _IDLE_PERIOD_NS = 4, 10 * _MS
 
 
@@ -51,6 +55,7 @@ def bench(
         rows = [_measured(status, axes, period_ns, seconds) for axes, period_ns in ROWS]
         status.update(f"{storm.AXES} axes under a storm of parameter requests")
         parameters = storm.measure(seconds)
+        floods = _floods(status, seconds)
         status.update("idle")
         idle_share = idle(_IDLE_AXES, _IDLE_PERIOD_NS, seconds)
     document = {
@@ -63,6 +68,7 @@ def bench(
             "storm": _latency(parameters.storm),
             "ratio_p99": parameters.ratio_p99,
         },
+        "floods": [_flood_document(item) for item in floods],
         "idle_cpu_share": idle_share,
     }
     Report("pdgw bench", measured=figures(document)).write(junit, html)
@@ -83,6 +89,7 @@ def bench(
         table.add_row(name, f"{row.p50:.0f} us", f"{row.p99:.0f} us", f"{row.p999:.0f} us", _missed(row))
     table.add_row("storm / quiet", "", f"{parameters.ratio_p99:.2f}", "", "")
     console.print(table)
+    _print_floods(console, floods)
     console.print(f"idle, {_IDLE_AXES} axes at 10 ms without a PLC: {_share(idle_share)} of a core")
 
 
@@ -125,7 +132,9 @@ def decode(
     for speed in speeds:
         ratio = "" if speed is ours else f"{ours.rate / speed.rate:.1f} x as fast"
         table.add_row(speed.name, f"{speed.seconds:.2f}", f"{speed.rate:.0f}", ratio)
-    Console().print(table)
+    console = Console()
+    _print_machine(console)
+    console.print(table)
     typer.echo(f"goals: {decoding.GOAL_SCAPY:g} x scapy, {decoding.GOAL_TSHARK:g} x tshark")
 
 
@@ -139,10 +148,104 @@ def timeline(
     if as_json:
         typer.echo(json.dumps({"timeline": {**asdict(speed), "factor": speed.factor}}, indent=2))
         return
+    _print_machine(Console())
     typer.echo(
         f"timeline: {speed.recorded_s} s of traffic in {speed.cpu_s:.1f} s of CPU, {speed.factor:.0f} x as fast as real time "
         f"(goal {following.GOAL_FACTOR:g}); first line after {speed.first_line_s:.1f} s; {speed.peak_mib:.0f} MiB at most"
     )
+
+
+@app.command("flood")
+def flood_command(seconds: Seconds = 10, as_json: AsJson = False, realtime: RealTime = False) -> None:
+    """Four axes at 4 ms while a stranger sends 20,000 datagrams/s to the cyclic, then to the acyclic port."""
+    if realtime:
+        use_real_time_priority()
+    with _progress() as status:
+        floods = _floods(status, seconds)
+    if as_json:
+        document = {"machine": machine() | {"realtime": realtime}, "floods": [_flood_document(item) for item in floods]}
+        typer.echo(json.dumps(document, indent=2))
+        return
+    _print_machine(console := Console(), realtime)
+    _print_floods(console, floods)
+
+
+@app.command("stops")
+def stops_command(
+    trials: Annotated[int, typer.Option(min=1, max=10_000, help="Losses of each kind in virtual time.")] = 100,
+    kills: Annotated[int, typer.Option(min=0, max=1_000, help="Gateway processes killed and stopped; 0: none.")] = 20,
+    as_json: AsJson = False,
+    markdown: Annotated[
+        bool, typer.Option("--markdown", help="Print the table as it stands in docs/safety.md.")
+    ] = False,
+    junit: JUnitFile = None,
+    html: HtmlFile = None,
+) -> None:
+    """How long each loss takes until the drive gets its stop; exit status 1 when one is beyond its bound."""
+    rows = []
+    with _progress() as status, _without_log():
+        for row in chain(stops.virtual(trials), killed.real(kills) if kills else ()):
+            status.update(row.cause)
+            rows.append(row)
+    document = {"machine": machine(), "stops": [row.document() for row in rows]}
+    Report("pdgw bench stops", measured=figures(document)).write(junit, html)
+    if as_json:
+        typer.echo(json.dumps(document, indent=2))
+    elif markdown:
+        typer.echo("\n".join(_stops_markdown(rows)))
+    else:
+        _print_machine(console := Console(), realtime=False)
+        table = Table("", "from ... to", "p50", "p99", "max", "bound", "clock", "samples")
+        for row in rows:
+            times = (f"{row.milliseconds(share):.1f} ms" for share in _STOP_SHARES)
+            bound = f"{row.bound_ms:g} ms" if row.kept else f"[red]{row.bound_ms:g} ms[/red]"
+            table.add_row(row.cause, row.measured, *times, bound, row.clock, str(len(row.times_ns)))
+        console.print(table)
+    if not all(row.kept for row in rows):
+        raise typer.Exit(1)
+
+
+def _stops_markdown(rows: list[Stop]) -> Iterator[str]:
+    yield "| what is lost | from ... to | p50 | p99 | max | bound | clock, losses |"
+    yield "| --- | --- | --- | --- | --- | --- | --- |"
+    for row in rows:
+        times = " | ".join(f"{row.milliseconds(share):.1f} ms" for share in _STOP_SHARES)
+        bound = f"{row.bound_ms:g} ms: {row.bound}"
+        yield f"| {row.cause} | {row.measured} | {times} | {bound} | {row.clock}, {len(row.times_ns)} |"
+
+
+@contextmanager
+def _without_log() -> Iterator[None]:
+    """The gateways of a benchmark in this process say nothing: what they would say is what is measured."""
+    gateway_log = logging.getLogger("gateway")
+    before = gateway_log.disabled
+    gateway_log.disabled = True
+    try:
+        yield
+    finally:
+        gateway_log.disabled = before
+
+
+def _floods(status: Status, seconds: float) -> list[flood.Flood]:
+    floods = []
+    for port in (flood.CYCLIC, flood.ACYCLIC):
+        status.update(f"a stranger floods the {port} port")
+        floods.append(flood.measure(port, seconds))
+    return floods
+
+
+def _flood_document(item: flood.Flood) -> dict[str, Any]:
+    return {**asdict(item), "quiet": _latency(item.quiet), "flooded": _latency(item.flooded)}
+
+
+def _print_floods(console: Console, floods: list[flood.Flood]) -> None:
+    title = f"{flood.AXES} axes at {flood.PERIOD_NS / _MS:g} ms while a stranger floods a port"
+    table = Table("", "datagrams/s", "p50", "p99", "p99.9", "missed", title=title)
+    for item in floods:
+        for name, rate, row in (("quiet", 0.0, item.quiet), (f"{item.port} port", item.datagrams_per_s, item.flooded)):
+            micros = (f"{value:.0f} us" for value in (row.p50, row.p99, row.p999))
+            table.add_row(name, f"{rate:.0f}", *micros, f"{row.missed} of {row.samples + row.missed}")
+    console.print(table)
 
 
 @contextmanager
@@ -166,14 +269,12 @@ def _document(row: Row) -> dict[str, Any]:
     return {**asdict(row), **latencies, **ratios}
 
 
-def _print_machine(console: Console, realtime: bool) -> None:
+def _print_machine(console: Console, realtime: bool = False) -> None:
     facts = machine()
     priority = "real-time" if realtime else "usual"
-    console.print(
-        f"pdgw {facts['version']}, {facts['build']}, Python {facts['python']}, {facts['system']} {facts['processor']}, "
-        f"{facts['cores']} cores, {priority} priority",
-        highlight=False,
-    )
+    build = f"{facts['date']}, pdgw {facts['version']}, {facts['build']}, Python {facts['python']}"
+    system = f"{facts['system']} {facts['processor']}, {facts['cores']} cores, {priority} priority"
+    console.print(f"{build}, {system}", highlight=False)
 
 
 def _missed(item: Latency) -> str:

@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import json
-import logging
-from collections.abc import Iterator
-from contextlib import contextmanager
 from typing import Annotated
 
 import typer
@@ -17,6 +14,7 @@ from pdgw.tools.conformance.faults import CASES, Result, run_case
 from pdgw.tools.conformance.telegrams import CASES as BITS
 from pdgw.tools.conformance.telegrams import Outcome
 from pdgw.tools.conformance.telegrams import run_case as run_bits
+from pdgw.tools.quiet import quiet
 from pdgw.tools.reports import Check, HtmlFile, JUnitFile, Report
 
 app = typer.Typer(help="Conformance tests of the gateway.", no_args_is_help=True)
@@ -39,7 +37,7 @@ def faults(
     for name in only or ():
         if name not in known:
             raise GatewayError(f"fault {name!r} does not exist, allowed: {', '.join(known)}")
-    with _quiet("gateway", "canopen"):
+    with quiet("gateway", "canopen"):
         results = [run_case(case) for case in CASES if not only or case.fault in only]
     failed = sum(not result.passed for result in results)
     Report("pdgw conformance faults", tuple(_check(result) for result in results)).write(junit, html)
@@ -68,7 +66,7 @@ def telegrams(
     for number in only or ():
         if number not in known:
             raise GatewayError(f"telegram {number} has no cases, allowed: {', '.join(map(str, known))}")
-    with _quiet("gateway", "canopen"):
+    with quiet("gateway", "canopen"):
         outcomes = [run_bits(case) for case in BITS if not only or case.telegram in only]
     failed = sum(not outcome.passed for outcome in outcomes)
     Report("pdgw conformance telegrams", tuple(_check_bits(outcome) for outcome in outcomes)).write(junit, html)
@@ -102,20 +100,6 @@ def _check(result: Result) -> Check:
     seen += [text for text in (result.stopped, result.reason) if text]
     name = f"{case.title} ({case.activity.value}, telegram {case.telegram})"
     return Check(case.device.value, name, "; ".join(seen), tuple(result.failures))
-
-
-@contextmanager
-def _quiet(*names: str) -> Iterator[None]:
-    """What happens in the cases is in the results."""
-    loggers = [logging.getLogger(name) for name in names]
-    levels = [logger.level for logger in loggers]
-    for logger in loggers:
-        logger.setLevel(logging.CRITICAL)
-    try:
-        yield
-    finally:
-        for logger, level in zip(loggers, levels, strict=True):
-            logger.setLevel(level)
 
 
 def matrix(results: list[Result]) -> Table:

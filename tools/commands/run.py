@@ -27,7 +27,7 @@ from pdgw.gateway.status import StatusServer
 from pdgw.gateway.trace.place import prepared, run_directory
 from pdgw.gateway.trace.recorder import FlightRecorder
 from pdgw.gateway.transport.acyclic import record_service
-from pdgw.tools.beside import devices_beside, page_beside
+from pdgw.tools.beside import devices_beside, keeper_beside, page_beside
 from pdgw.tools.run_log import CanRecorder, LogLevel, RunLog, on_signals
 
 log = logging.getLogger("gateway")
@@ -62,16 +62,20 @@ def _calls(action: Callable[[], None]) -> Callable[[int, FrameType | None], None
     return lambda *_: action()
 
 
-def _record_flight(daemon: Daemon, name: str) -> None:
+def _record_flight(daemon: Daemon, name: str, keep: Callable[[Path], None]) -> None:
     """The flight recorder; without the room for it the gateway runs all the same."""
     trace = daemon.config.trace
     directory = trace.directory or run_directory()
     if not trace.enabled or directory is None:
         return
     try:
-        daemon.services.append(FlightRecorder(daemon, prepared(directory), name))
+        recorder = FlightRecorder(daemon, prepared(directory), name)
     except GatewayError as error:
         log.warning("%s; goes on without", error)
+        return
+    daemon.services.append(recorder)
+    if recorder.path is not None:
+        keep(recorder.path)
 
 
 def run(
@@ -124,8 +128,9 @@ def run(
             "status_port": status_port,
         },
     )
-    refused = realtime.apply(chosen.realtime)
     with ExitStack() as at_end:
+        keep = at_end.enter_context(keeper_beside(chosen.trace))
+        refused = realtime.apply(chosen.realtime)
         run_log = RunLog(log_level, log_file)
         at_end.callback(run_log.stop)
         for text in refused:
@@ -154,7 +159,7 @@ def run(
             for bus in chosen.can:
                 daemon.networks[bus.name].listeners.append(partial(recording.frame, _log_name(bus)))
         daemon.services.append(record_service(daemon))
-        _record_flight(daemon, "simulated" if config is None else config.stem)
+        _record_flight(daemon, "simulated" if config is None else config.stem, keep)
         if chosen.transport.status_port:
             daemon.services.append(StatusServer(daemon, chosen.transport.status_port))
         if web:

@@ -71,6 +71,7 @@ class DscExecutor(Executor):
             choices.following_window,
             delay_cycles=choices.delay_cycles,
             xerr_sign=choices.xerr_sign,
+            jitter_ns=choices.jitter_ns,
         )
         self.dsc = Dsc(settings)
         self._actual = n4(reference, _I32)

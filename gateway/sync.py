@@ -1,0 +1,98 @@
+"""SYNC of a bus: sent after the RPDOs of each cycle; how evenly, and how old the positions are that set-points are made from.
+
+Source: CiA 301 (SYNC), docs/motion.md "DSC". SYNC follows the PLC's frame, there is no PLL. What is measured is shown
+(``pdgw status``); nothing is decided by it.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from pdgw.ds301.loop import MS
+from pdgw.ds301.network import CanNetwork
+from pdgw.gateway.axis.executors.dsc import DscExecutor
+from pdgw.gateway.binding import Axis
+from pdgw.gateway.motion.dsc import KPC_PER_UNIT, DscForm
+
+US = 1_000
+_KEPT = 1024
+"""So many of the newest values are looked at."""
+_PERCENTILE = 99
+
+
+class Spread:
+    """Times in nanoseconds: the 99th percentile of the newest 1024, and the worst there ever was."""
+
+    __slots__ = ("_newest", "worst")
+
+    def __init__(self) -> None:
+        self._newest: deque[int] = deque(maxlen=_KEPT)
+        self.worst = 0
+
+    def add(self, value: int) -> None:
+        """One more."""
+        self._newest.append(value)
+        self.worst = max(self.worst, value)
+
+    @property
+    def p99(self) -> int:
+        """0 while there is none."""
+        values = sorted(self._newest)
+        return values[(len(values) - 1) * _PERCENTILE // 100] if values else 0
+
+
+class SyncProducer:
+    """The SYNC of one bus; ``axes``: those on it that take their set-points with it."""
+
+    def __init__(self, network: CanNetwork, period_ns: int, axes: Sequence[Axis], clock: Callable[[], int]) -> None:
+        self.network = network
+        self.period_ns = period_ns
+        self.jitter = Spread()
+        """Of the intervals, from the period."""
+        self.dead_times: dict[int, Spread] = {axis.do_id: Spread() for axis in axes}
+        """By DO: from the SYNC at which a position was measured to the middle of the period in which the set-point made from it
+        is in force."""
+        self._axes = axes
+        self._clock = clock
+        self._last = self._before = 0
+
+    def send(self) -> None:
+        """One SYNC, from the cyclic exchange, and what it shows."""
+        self.network.send_sync()
+        now = self._clock()
+        if self._last:
+            self.jitter.add(abs(now - self._last - self.period_ns))
+            for axis in self._axes:
+                if axis.good:
+                    age = now - self._measured(axis.drive.position_ns)
+                    self.dead_times[axis.do_id].add(age + self.period_ns // 2)
+        self._before, self._last = self._last, now
+
+    def status(self) -> dict[str, Any]:
+        """As plain data."""
+        return {
+            "period_ms": self.period_ns / MS,
+            "jitter_p99_us": round(self.jitter.p99 / US, 1),
+            "jitter_worst_us": round(self.jitter.worst / US, 1),
+            "axes": [self._axis_status(axis) for axis in self._axes],
+        }
+
+    def _axis_status(self, axis: Axis) -> dict[str, Any]:
+        measured, executor = self.dead_times[axis.do_id], axis.machine.executor
+        dsc = executor.dsc if isinstance(executor, DscExecutor) else None
+        by_speed = dsc is not None and dsc.settings.form is DscForm.SPEED
+        return {
+            "do_id": axis.do_id,
+            "dead_time_p99_ms": round(measured.p99 / MS, 3),
+            "dead_time_worst_ms": round(measured.worst / MS, 3),
+            "dead_time_calculated_ms": None if dsc is None else dsc.dead_time_ns / MS,
+            "highest_gain": dsc.gain_limit / KPC_PER_UNIT if dsc is not None and by_speed else None,
+        }
+
+    def _measured(self, received: int) -> int:
+        """When a position that was received then was measured: at the SYNC before."""
+        if received >= self._last:
+            return self._last
+        return self._before if received >= self._before else received

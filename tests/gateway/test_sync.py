@@ -1,0 +1,106 @@
+"""DSC on SYNC through the whole gateway in virtual time: transmission types, periods, what is measured and shown."""
+
+from __future__ import annotations
+
+import pytest
+
+from pdgw.ds301.connection_set import SYNC
+from pdgw.ds301.loop import MS
+from pdgw.dsp402.states import State
+from pdgw.gateway.daemon import Daemon
+from pdgw.gateway.status import snapshot
+from pdgw.gateway.sync import Spread
+from pdgw.tools.status_text import status_lines
+from tests.support.daemon import Plc, axis, configuration, drive_of, exchanging, running, until, world_of
+
+MORE = 'simulate = true\nfollowing_window = 4096\nsync_jitter_us = 500\ndsc = "speed"'
+CYCLE_MS = 4
+
+
+def _online(daemon: Daemon) -> None:
+    until(daemon, lambda: all(client.generation for client in daemon.clients), "online")
+
+
+def test_set_points_and_actual_values_are_synchronous_and_the_drive_knows_the_period() -> None:
+    with running(configuration(axis(1, telegram_number=105, more=MORE))) as daemon:
+        _online(daemon)
+        node = drive_of(daemon).node
+        assert [node.read(index, 2) for index in (0x1400, 0x1401, 0x1800, 0x1801, 0x1802)] == [1] * 5
+        assert node.read(0x1006) == CYCLE_MS * 1000
+        assert [node.read(0x60C2, sub) for sub in (1, 2)] == [CYCLE_MS, -3]
+
+
+def test_speed_telegrams_stay_event_driven_and_no_sync_is_sent() -> None:
+    with running(configuration(axis(1, telegram_number=102, more=MORE))) as daemon:
+        _online(daemon)
+        node = drive_of(daemon).node
+        assert [node.read(index, 2) for index in (0x1400, 0x1800)] == [255, 255]
+        assert [bus["sync"] for bus in snapshot(daemon)["buses"]] == [None]
+
+
+def test_a_set_point_takes_effect_with_the_sync_behind_it_and_comes_in_every_cycle() -> None:
+    with running(configuration(axis(1, telegram_number=105, more=MORE))) as daemon:
+        plc = Plc(daemon, [105])
+        plc.enable()
+        frames: list[int] = []
+        daemon.networks["can"].listeners.append(lambda message: frames.append(message.arbitration_id))
+        for _ in range(5):
+            plc.exchange()
+        sent = [frame for frame in frames if frame in {0x201, 0x301, SYNC}]
+        assert sent == [0x301, 0x201, SYNC] * 5
+
+
+def test_without_sync_the_drive_stops_by_itself() -> None:
+    with running(configuration(axis(1, telegram_number=105, more=MORE))) as daemon:
+        plc = Plc(daemon, [105])
+        plc.enable()
+        plc.endpoint.set(0, {"NSOLL_B": 1 << 28})
+        plc.until(lambda: plc.value("NIST_B") > 1 << 27, "it turns")
+        model = drive_of(daemon).model
+        daemon.sync_producers.clear()
+        plc.until(lambda: model.state is not State.OPERATION_ENABLED, "loss of SYNC")
+        assert model.emcy_code == 0x8700
+        plc.until(lambda: model.velocity_actual == 0, "standstill")
+
+
+def test_jitter_and_dead_time_are_measured_and_shown() -> None:
+    with running(configuration(axis(1, telegram_number=105, more=MORE))) as daemon:
+        plc = Plc(daemon, [105])
+        plc.enable()
+        daemon.sync_producers = daemon._sync_producers()
+        for late_us in (0, 300, 0, -200) * 20:
+            plc.send()
+            plc.loop.run_for(CYCLE_MS * MS + late_us * 1000)
+        (bus,) = snapshot(daemon)["buses"]
+        sync = bus["sync"]
+        assert sync["period_ms"] == CYCLE_MS
+        assert 200 <= sync["jitter_p99_us"] <= sync["jitter_worst_us"] <= 600
+        (item,) = sync["axes"]
+        # The position of the last SYNC is in the set-point of the next one, which is in force for a period.
+        assert 6 <= item["dead_time_p99_ms"] <= item["dead_time_worst_ms"] <= 6.6
+        assert item["dead_time_calculated_ms"] == 2.5 * CYCLE_MS + 0.5
+        assert item["highest_gain"] == pytest.approx(1000 / (2.718281828 * 10.5), abs=0.01)
+        text = "\n".join(status_lines(snapshot(daemon), 200))
+        assert "SYNC every 4 ms, jitter p99" in text
+        assert "for 10.5 ms KPC is at most 35.0 1/s" in text
+
+
+def test_a_telegram_with_dsc_that_is_chosen_later_gets_its_sync() -> None:
+    with running(configuration(axis(1, telegram_number=1, more=MORE))) as daemon:
+        _online(daemon)
+        assert not daemon.sync_producers
+        daemon.change_telegram(daemon.axes[0], 105)
+        plc = Plc(daemon, [105])
+        with exchanging(plc):
+            until(daemon, lambda: daemon.axes[0].good, "online with SYNC")
+        assert drive_of(daemon).node.read(0x1400, 2) == 1
+        assert world_of(daemon).loop.task_errors == 0
+
+
+def test_a_spread_shows_the_99th_percentile_of_the_newest_and_the_worst_of_all() -> None:
+    spread = Spread()
+    assert (spread.p99, spread.worst) == (0, 0)
+    spread.add(5000)
+    for value in range(1, 1025):
+        spread.add(value)
+    assert (spread.p99, spread.worst) == (1013, 5000)

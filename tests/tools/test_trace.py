@@ -1,0 +1,244 @@
+"""``pdgw trace``: the flight recorder as a capture other programs read, and what keeps parts of it."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from pdgw.decoder.capture.pcapng_file import configuration_in
+from pdgw.gateway.config_file import parse_config
+from pdgw.gateway.config_surroundings import Trigger
+from pdgw.gateway.daemon import Daemon
+from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.trace.place import rings, run_directory
+from pdgw.gateway.trace.reader import RingReader
+from pdgw.gateway.trace.recorder import FlightRecorder
+from pdgw.gateway.trace.writer import RingFile
+from pdgw.tools.commands.timeline import timeline
+from pdgw.tools.trace_file import chosen_ring, save
+from pdgw.tools.trace_keeper import Choice, Keeper, follow
+from tests.endtoend.processes import free_tcp_port, free_udp_port, pdgw, running
+from tests.endtoend.test_run import LittlePlc
+from tests.support import tshark
+from tests.support.buses import wait_for
+from tests.support.daemon import OFF, ON, Plc, axis, configuration, drive_of, world_of
+from tests.support.daemon import running as playing
+from tests.support.ring import LAYOUT, LIMIT, record
+
+SECOND = 1_000_000_000
+
+
+@contextmanager
+def recorded(directory: Path, text: str = "") -> Iterator[tuple[Daemon, Plc, RingReader]]:
+    """A daemon with one axis in operation, and its ring."""
+    recorders: list[FlightRecorder] = []
+
+    def before(daemon: Daemon) -> None:
+        recorders.append(FlightRecorder(daemon, directory, "test"))
+        daemon.services.append(recorders[0])
+
+    with playing(configuration(text or axis(1)), before) as daemon:
+        plc = Plc(daemon, [1])
+        plc.enable()
+        path = recorders[0].path
+        assert path is not None
+        with RingReader(path) as reader:
+            yield daemon, plc, reader
+
+
+def play(plc: Plc, nanoseconds: int) -> None:
+    until = plc.loop.now() + nanoseconds
+    plc.until(lambda: plc.loop.now() >= until, "time passes")
+
+
+def test_a_saved_trace_carries_both_buses_and_its_configuration_to_the_timeline(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with recorded(tmp_path) as (_, plc, reader):
+        play(plc, SECOND)
+        file = tmp_path / "x.pcapng"
+        count = save(reader, file)
+        assert count == len(reader.frames()) + sum(1 for _ in reader.cycles()) * 2 - silent(reader)
+    assert parse_config(configuration_in(file)).axis[0].telegram == 1
+    timeline([str(file)])
+    out = capsys.readouterr().out
+    assert "+OPERATION_ENABLED" in out
+    assert "clocks: one clock" in out
+
+
+def silent(reader: RingReader) -> int:
+    """Frames that were not there: cycles without one of the PLC, and without anybody to answer."""
+    return sum((not cycle.flags & 1) + (not cycle.received or not cycle.flags & 4) for cycle in reader.cycles())
+
+
+@pytest.mark.tshark
+@tshark.needs_tshark
+def test_tshark_reads_a_saved_trace_of_both_link_types_without_a_malformed_packet(tmp_path: Path) -> None:
+    with recorded(tmp_path) as (daemon, plc, reader):
+        play(plc, SECOND // 2)
+        file = tmp_path / "x.pcapng"
+        count = save(reader, file)
+        wall = world_of(daemon).loop.wall()
+    rows = tshark.fields(
+        file,
+        ["frame.encap_type", "frame.interface_name", "frame.time_epoch", "pn_rt.frame_id", "can.id", "_ws.malformed"],
+    )
+    assert len(rows) == count
+    assert {row["frame.interface_name"] for row in rows} == {"plc", "can"}
+    assert len({row["frame.encap_type"] for row in rows}) == 2
+    assert not [row for row in rows if row["_ws.malformed"]]
+    times = [float(row["frame.time_epoch"]) for row in rows]
+    assert times == sorted(times)
+    assert times[-1] == pytest.approx(wall, abs=1)
+    plc_frames = [row for row in rows if row["frame.interface_name"] == "plc"]
+    assert {int(row["pn_rt.frame_id"], 0) for row in plc_frames} == {0xC000, 0xC001}
+    assert {"0x00000201", "0x00000181"} <= {f"0x{int(row['can.id'], 0):08x}" for row in rows if row["can.id"]}
+
+
+def test_only_the_last_seconds_are_saved_on_request(tmp_path: Path) -> None:
+    with recorded(tmp_path) as (_, plc, reader):
+        play(plc, SECOND)
+        newest = reader.cycles(at_most=1)[0].time_ns
+        whole = save(reader, tmp_path / "a.pcapng")
+        part = save(reader, tmp_path / "b.pcapng", newest - SECOND // 10)
+        assert 0 < part < whole / 5
+        with pytest.raises(GatewayError, match="cannot be written"):
+            save(reader, tmp_path / "missing" / "c.pcapng")
+
+
+def test_without_a_name_the_ring_of_the_gateway_that_runs_is_taken(tmp_path: Path) -> None:
+    with pytest.raises(GatewayError, match=r"no ring of a gateway.*none"):
+        chosen_ring(None, tmp_path)
+    first = RingFile(tmp_path, LAYOUT, LIMIT)
+    assert chosen_ring(None, tmp_path) == first.path
+    second = RingFile(tmp_path, LAYOUT, LIMIT)
+    with pytest.raises(GatewayError, match=r"(test-2, test|test, test-2)$"):
+        chosen_ring(None, tmp_path)
+    first.close()
+    assert chosen_ring(None, tmp_path) == second.path
+    assert chosen_ring("test", tmp_path) == first.path
+    assert chosen_ring(str(first.path)) == first.path
+    second.close()
+    with pytest.raises(GatewayError, match="--ring other"):
+        chosen_ring("other", tmp_path)
+
+
+# -- keeping ---------------------------------------------------------------------------------------------------------------
+
+
+def choice(directory: Path, *triggers: Trigger, files: int = 20) -> Choice:
+    return Choice(directory / "kept", frozenset(triggers or Trigger), before_s=1, after_s=1, files=files)
+
+
+def test_a_fault_keeps_the_seconds_before_and_after_it(tmp_path: Path) -> None:
+    with recorded(tmp_path) as (daemon, plc, reader):
+        keeper = Keeper(reader, choice(tmp_path, Trigger.FAULT))
+        play(plc, 3 * SECOND)
+        keeper.poll()
+        assert keeper.kept == []
+        drive_of(daemon).inject(7)
+        play(plc, SECOND // 2)
+        keeper.poll()
+        assert keeper.kept == []  # what comes after belongs to it
+        play(plc, SECOND)
+        keeper.poll()
+        (file,) = keeper.kept
+        assert file.name.startswith("test-2023")
+        assert file.name.endswith("-fault-axis-1.pcapng")
+        play(plc, 2 * SECOND)
+        keeper.poll()
+        assert len(keeper.kept) == 1  # one fault, one file
+    assert configuration_in(file)
+
+
+@pytest.mark.parametrize(
+    ("happens", "kept"),
+    [
+        (lambda plc: setattr(plc, "silent", True), True),
+        (lambda plc: plc.endpoint.set(0, {"STW1": ON & ~0x400}), True),
+        (lambda plc: drive_of(plc.daemon).inject(7), True),
+        (lambda plc: plc.endpoint.set(0, {"STW1": OFF}), False),
+        (lambda plc: plc.endpoint.set(0, {"STW1": ON & ~2}), False),
+        (lambda plc: plc.endpoint.set(0, {"STW1": ON & ~0x40}), False),
+    ],
+    ids=["PLC lost", "control lost", "fault", "OFF1", "OFF2", "setpoint disabled"],
+)
+def test_a_stop_the_plc_did_not_ask_for_is_kept_and_its_own_is_not(
+    tmp_path: Path, happens: Callable[[Plc], object], kept: bool
+) -> None:
+    with recorded(tmp_path) as (_, plc, reader):
+        keeper = Keeper(reader, choice(tmp_path, Trigger.STOP))
+        play(plc, SECOND // 10)
+        happens(plc)
+        plc.loop.run_for(SECOND // 100)
+        play(plc, 2 * SECOND)
+        keeper.poll()
+        assert [file.name.endswith("-stop-axis-1.pcapng") for file in keeper.kept] == ([True] if kept else [])
+
+
+def test_the_oldest_files_go(tmp_path: Path) -> None:
+    with recorded(tmp_path) as (daemon, plc, reader):
+        keeper = Keeper(reader, choice(tmp_path, Trigger.FAULT, files=2))
+        play(plc, SECOND // 10)
+        keeper.poll()
+        for _ in range(4):
+            daemon.axes[0].raise_fault(127, "made up", plc.loop.now())
+            play(plc, 2 * SECOND)
+            keeper.poll()
+        assert len(keeper.kept) == 4
+        assert sorted((tmp_path / "kept").iterdir()) == sorted(keeper.kept[2:])
+
+
+def test_a_keeper_follows_the_gateway_that_replaces_a_killed_one(tmp_path: Path) -> None:
+    first = RingFile(tmp_path, LAYOUT, LIMIT)
+    first.set_clock(0)
+    steps = iter(range(100))
+    second: list[RingFile] = []
+
+    def wait(_: float) -> bool:
+        step = next(steps)
+        if step == 1:
+            first.cycle(record(1))
+            first.cycle([2, *record(2)[1:-1], 10])  # another fault
+        elif step == 3:
+            first.close()
+        elif step == 5:
+            second.append(RingFile(tmp_path, LAYOUT, LIMIT))
+        elif step == 7:
+            second[0].cycle(record(1))
+            second[0].cycle([2, *record(2)[1:-1], 11])
+            second[0].close()
+        return step > 12
+
+    follow(first.path, choice(tmp_path, Trigger.FAULT), wait)
+    assert len(second) == 1
+    assert len(list((tmp_path / "kept").iterdir())) == 1  # the same second and the same axis: one name
+
+
+@pytest.mark.e2e
+def test_kill_9_leaves_a_trace_and_what_was_kept(tmp_path: Path) -> None:
+    port, status = free_udp_port(), free_tcp_port()
+    config = tmp_path / "plant.toml"
+    transport = f"[transport]\ncyclic_port = {port}\nacyclic_port = 0\nstatus_port = {status}\ncycle_time_ms = 20\n"
+    bus = '[can]\ninterface = "virtual"\nchannel = "k"\n'
+    config.write_text(
+        f'{bus}{transport}watchdog_factor = 50\n[trace]\nkeep = ["stop"]\nkeep_directory = "kept"\n{axis(1)}'
+    )
+    with running("run", str(config), log=tmp_path / "log") as process:
+        plc = LittlePlc(port, [1])
+        plc.enable(0)
+        assert [path.name for path in rings() if path.name.startswith("plant")] == ["plant.ring"]
+        process.send_signal(signal.SIGKILL)
+        process.wait(10)
+    listed = pdgw("trace", "list")
+    assert "plant.ring: killed" in listed.stdout
+    saved = pdgw("trace", "save", str(tmp_path / "x.pcapng"), "--ring", "plant")
+    assert "packets of plant.ring (killed)" in saved.stdout, saved.stderr
+    wait_for(lambda: list((tmp_path / "kept").glob("plant-*-killed.pcapng")), "kept")
+    directory = run_directory()
+    assert directory is not None
+    assert (directory / "plant.ring").stat().st_mode & 0o777 == 0o640

@@ -1,0 +1,114 @@
+"""``pdgw trace``: what the flight recorder of a gateway has, also of one that was killed."""
+
+from __future__ import annotations
+
+import logging
+import os
+import select
+import sys
+from datetime import datetime
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from pdgw.gateway.config_surroundings import Trigger
+from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.store import state_directory
+from pdgw.gateway.trace.place import rings, run_directory
+from pdgw.gateway.trace.reader import RingReader
+from pdgw.tools.trace_file import chosen_ring, is_alive, save
+from pdgw.tools.trace_keeper import Choice, follow, sleeping
+
+app = typer.Typer(help="The flight recorder: the last minutes of both buses.", no_args_is_help=True)
+
+Ring = Annotated[
+    str | None,
+    typer.Option("--ring", metavar="NAME|PATH", help="Which one, see `pdgw trace list`.", show_default=False),
+]
+_SECOND = 1_000_000_000
+
+
+@app.callback()
+def trace() -> None:
+    """The flight recorder: the last minutes of both buses."""
+
+
+@app.command("save")
+def save_(
+    file: Annotated[Path, typer.Argument(help="The pcapng file to write.")],
+    ring: Ring = None,
+    last: Annotated[float | None, typer.Option(min=0.001, help="Only the last so many seconds.")] = None,
+) -> None:
+    """Write both buses and the configuration as pcapng, for Wireshark, `pdgw timeline` and `pdgw replay`."""
+    with RingReader(chosen_ring(ring)) as reader:
+        newest = reader.cycles(at_most=1)
+        begin = None if last is None or not newest else newest[0].time_ns - int(last * _SECOND)
+        count = save(reader, file, begin)
+        state = "running" if is_alive(reader) else "ended" if reader.ended else "killed"
+        typer.echo(f"{file}: {count} packets of {reader.path.name} ({state})")
+
+
+@app.command("list")
+def list_() -> None:
+    """The rings of this machine, those of gateways that ended or were killed too."""
+    for path in rings():
+        try:
+            with RingReader(path) as reader:
+                typer.echo(_line(reader))
+        except GatewayError as error:
+            typer.echo(str(error))
+    if not rings():
+        typer.echo(f"no rings in {run_directory() or 'a run directory, this machine has none'}")
+
+
+def _line(reader: RingReader) -> str:
+    state = f"process {reader.process}" if is_alive(reader) else "ended" if reader.ended else "killed"
+    cycles = reader.cycles()
+    if not cycles:
+        return f"{reader.path}: {state}, nothing recorded yet"
+    until = datetime.fromtimestamp(reader.wall_ns(cycles[-1].time_ns) / _SECOND).strftime("%Y-%m-%d %H:%M:%S")
+    seconds = (cycles[-1].time_ns - cycles[0].time_ns) / _SECOND
+    return f"{reader.path}: {state}, {seconds:.1f} s until {until}, {len(reader.layout.objects)} drive objects"
+
+
+@app.command("watch")
+def watch(
+    ring: Ring = None,
+    on: Annotated[
+        list[Trigger] | None, typer.Option("--on", help="Of what; without it of both.", show_default=False)
+    ] = None,
+    to: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="Where files go, without it the state directory.", show_default=False),
+    ] = None,
+    before: Annotated[int, typer.Option(min=0, help="Seconds before.")] = 10,
+    after: Annotated[int, typer.Option(min=0, help="Seconds after.")] = 5,
+    files: Annotated[int, typer.Option(min=1, help="So many files, the oldest go.")] = 20,
+    attached: Annotated[bool, typer.Option("--attached", hidden=True)] = False,
+) -> None:
+    """Keep a file of what was before and after each fault, or each stop the PLC did not ask for."""
+    triggers = frozenset(on or Trigger)
+    directory = to if to is not None else kept_directory()
+    choice = Choice(directory, triggers, before, after, files)
+    logging.basicConfig(format="%(message)s", level=logging.INFO)
+    if not attached:
+        path = chosen_ring(ring)
+        typer.echo(f"watching {path}, files go to {directory}")
+        follow(path, choice, sleeping)
+        return
+    # Of a gateway that tells the path on standard input and closes it when it is gone.
+    os.nice(10)
+    follow(Path(sys.stdin.readline().strip()), choice, _until_closed)
+
+
+def kept_directory() -> Path:
+    """Where kept files go that are told no other place; GatewayError when there is no home directory either."""
+    state = state_directory()
+    if state is None:
+        raise GatewayError("--to: give a directory, there is no state directory")
+    return state / "traces"
+
+
+def _until_closed(seconds: float) -> bool:
+    return bool(select.select([sys.stdin], [], [], seconds)[0]) and not sys.stdin.readline()
