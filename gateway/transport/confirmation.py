@@ -40,9 +40,10 @@ _SIGN_OF_LIFE = "SIGN_OF_LIFE"
 class Orders:
     """The control words of a telegram as one value: all that can start something. A sign of life is no order."""
 
-    __slots__ = ("_off2_opens", "_power", "read")
+    __slots__ = ("_off2_opens", "_power", "mask", "read")
 
     def __init__(self, half: TelegramHalf) -> None:
+        mask = [0] * len(half.signals)
         words: list[tuple[int, int]] = []
         self._power: int | None = None
         self._off2_opens = _LOCK_OPENED_BY_OFF1_ONLY not in half.names
@@ -53,8 +54,12 @@ class Orders:
                 continue
             life = sum(bit.mask for bit in item.bits if bit.name == _SIGN_OF_LIFE)
             words.append((place, ~life))
+            low, high = item.type.integer_range
+            mask[place] = (high - low) & ~life
         self.read: Callable[[Sequence[int]], tuple[int, ...]]
         """The order in the values of a frame."""
+        self.mask = half.struct.pack(*mask)
+        """Its bits in the telegram's bytes."""
         if len(words) == 1 and words[0][1] == ~0:
             only = slice(words[0][0], words[0][0] + 1)
             self.read = itemgetter(only)
@@ -141,11 +146,12 @@ class OrderHistory:
 class Confirmation:
     """The order of one drive object: in force at once, or when it stood in enough frames."""
 
-    __slots__ = ("_newest", "_orders", "_repeats", "read")
+    __slots__ = ("_newest", "_orders", "_repeats", "mask", "read")
 
     def __init__(self, half: TelegramHalf) -> None:
         self._orders = Orders(half)
         self.read = self._orders.read
+        self.mask = self._orders.mask
         self._newest: tuple[int, ...] | None = None
         self._repeats = 0
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import enum
 import struct
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from pdgw.gateway.transport.confirmation import Confirmation, OrderHistory
 from pdgw.gateway.transport.sequence import FrameSequence, NewerFrames, Order
@@ -34,6 +34,7 @@ from pdgw.profidrive.telegrams import Direction, Telegram
 _COUNTER = struct.Struct(">H")
 _STATUS_OFFSET = _COUNTER.size
 """DataStatus stands behind the CycleCounter."""
+_STATUS_USED = STATUS_DATA_VALID | STATUS_PRIMARY | STATUS_RUN
 
 
 class Verdict(enum.Enum):
@@ -52,9 +53,14 @@ class Verdict(enum.Enum):
     NOT_VALID = "data not valid"
     NOT_PRIMARY = "not primary"
 
+    # Each is one object; Enum's own is a Python function, which counting would call in every cycle.
+    __hash__ = object.__hash__
+
 
 _Orders = tuple[tuple[int, ...] | None, ...]
 """What a frame orders, of each drive object; None where its IOPS is BAD."""
+_Axis = tuple[Callable[[bytes, int], tuple[int, ...]], int, int, Callable[[Sequence[int]], tuple[int, ...]]]
+"""How the values of a drive object are read, where they and its IOPS are, and how its order is read from them."""
 _MISFITS = (Verdict.TRUNCATED, Verdict.OVERSIZED, Verdict.WRONG_TELEGRAM)
 
 
@@ -79,7 +85,7 @@ class CyclicEndpoint:
     ) -> None:
         self.consumer = CSduLayout(telegrams, Direction.SETPOINT)
         self.provider = CSduLayout(telegrams, Direction.ACTUAL)
-        self._frame_id = setpoint_frame_id
+        self._header = HEADER.pack(setpoint_frame_id)
         self._padding_start = HEADER.size + self.consumer.used
         self._padding = bytes(self.consumer.trailer - self._padding_start)
         self.frame = self.provider.new_frame(actual_frame_id)
@@ -97,18 +103,26 @@ class CyclicEndpoint:
         self._in_force: list[tuple[int, ...] | None] = [None] * len(telegrams)
         self._waiting = False
         """An order waits to be confirmed."""
+        self._settled: int | None = None
+        """The bits of a frame that orders, of every drive object, what is in force; None while that has to be looked at."""
         self._last_time = 0
         self._last_orders: _Orders | None = None
         self._looked = 0
         self._looked_before = 0
         self._late = False
         self._loss_to_tell = False
-        self._axes = tuple(
-            (half.struct.unpack_from, offset, iops, confirmation.read)
-            for half, offset, iops, confirmation in zip(
-                self.consumer.halves, self.consumer.offsets, self.consumer.iops, self._confirmations, strict=True
-            )
-        )
+        axes: list[_Axis] = []
+        mask = bytearray(self.frame_size)
+        for half, offset, iops, confirmation in zip(
+            self.consumer.halves, self.consumer.offsets, self.consumer.iops, self._confirmations, strict=True
+        ):
+            axes.append((half.struct.unpack_from, offset, iops, confirmation.read))
+            mask[offset : offset + half.size] = confirmation.mask
+            mask[iops] = IOPS_GOOD
+        self._axes = tuple(axes)
+        self._values = tuple((index, unpack, offset) for index, (unpack, offset, _, _) in enumerate(axes))
+        self._order_mask = int.from_bytes(mask, "big")
+        """Of a frame: all that can start or stop something."""
         provider = self.provider
         self._answers = tuple(
             (index, half.struct.pack_into, provider.offsets[index], provider.iops[index], provider.iocs[index])
@@ -155,7 +169,17 @@ class CyclicEndpoint:
         had the datagram, None where that is not known. A loss that shows itself here is told by the next ``poll``; until then no
         connection begins, so that the drive objects see every loss.
         """
-        arrived = self._note_arrival(now, received_at)
+        if now != self._looked:
+            self._look(now)
+        if received_at is not None:
+            arrived = earliest = received_at if received_at < now else now
+        else:
+            arrived = now
+            # Without a time stamp it came at some time since the socket was looked at before.
+            earliest = self._looked_before
+        # The PLC is lost when that was too late, or when nobody looked for too long.
+        if self.connected and (self._late or earliest - self._last_time > self._watchdog_ns):
+            self._lose()
         verdict = Verdict.OVERDUE if now - arrived > self._watchdog_ns else self._check(data, source)
         if verdict is Verdict.ACCEPTED or verdict is Verdict.PROVIDER_STOP:
             verdict = self._take(data, source, arrived, verdict)
@@ -164,44 +188,31 @@ class CyclicEndpoint:
         self.counters[verdict] += 1
         return verdict
 
-    def _note_arrival(self, now: int, received_at: int | None) -> int:
-        """When a datagram came. The PLC is lost when that was too late, or when nobody looked for too long."""
-        self._look(now)
-        if received_at is not None:
-            arrived = earliest = min(received_at, now)
-        else:
-            arrived = now
-            # Without a time stamp it came at some time since the socket was looked at before.
-            earliest = self._looked_before
-        if self.connected and (self._late or earliest - self._last_time > self._watchdog_ns):
-            self._lose()
-        return arrived
-
     def _look(self, now: int) -> None:
-        if now != self._looked:
-            self._looked_before = self._looked
-            self._looked = now
-            self._late = now - self._looked_before > self._watchdog_ns
+        self._looked_before = self._looked
+        self._looked = now
+        self._late = now - self._looked_before > self._watchdog_ns
 
     def _check(self, data: bytes, source: Address) -> Verdict:
+        if self.connected:
+            if source != self.peer:
+                return Verdict.FOREIGN_SENDER
+        elif self._fixed_peer is not None and source[0] != self._fixed_peer:
+            return Verdict.FOREIGN_SENDER
         layout = self.consumer
         size = len(data)
-        if self._fixed_peer is not None and source[0] != self._fixed_peer:
-            return Verdict.FOREIGN_SENDER
-        if self.connected and source != self.peer:
-            return Verdict.FOREIGN_SENDER
         if size != layout.frame_size:
             return Verdict.TRUNCATED if size < layout.frame_size else Verdict.OVERSIZED
-        if HEADER.unpack_from(data)[0] != self._frame_id:
+        if not data.startswith(self._header):
             return Verdict.WRONG_FRAME_ID
-        if data[self._padding_start : layout.trailer] != self._padding:
+        if not data.startswith(self._padding, self._padding_start):
             return Verdict.WRONG_TELEGRAM
         status = data[layout.trailer + _STATUS_OFFSET]
+        if status & _STATUS_USED == _STATUS_USED:
+            return Verdict.ACCEPTED
         if not status & STATUS_DATA_VALID:
             return Verdict.NOT_VALID
-        if not status & STATUS_PRIMARY:
-            return Verdict.NOT_PRIMARY
-        return Verdict.ACCEPTED if status & STATUS_RUN else Verdict.PROVIDER_STOP
+        return Verdict.PROVIDER_STOP if status & STATUS_PRIMARY else Verdict.NOT_PRIMARY
 
     def _take(self, data: bytes, source: Address, arrived: int, verdict: Verdict) -> Verdict:
         """The verdict on a frame whose content is right, by its place in the sequence of frames."""
@@ -267,8 +278,22 @@ class CyclicEndpoint:
         return values, orders
 
     def _accept(self, data: bytes) -> None:
-        values, orders = self._decode(data)
         elapsed = self._sequence.elapsed_ns
+        ordered = int.from_bytes(data, "big") & self._order_mask
+        if ordered == self._settled:
+            setpoints = self.setpoints
+            for index, unpack, offset in self._values:
+                setpoints[index] = unpack(data, offset)
+            if self._misfit:
+                self._misfit = ""
+        else:
+            self._settled = None
+            self._accept_orders(data, ordered, elapsed)
+        self._history.enter(self._last_orders, elapsed)
+
+    def _accept_orders(self, data: bytes, ordered: int, elapsed: int) -> None:
+        """A frame that may order something else than is in force; ``ordered``: its bits that do."""
+        values, orders = self._decode(data)
         if None in orders:
             bad = orders.count(None)
             self.iops_bad += bad
@@ -278,10 +303,11 @@ class CyclicEndpoint:
             self._misfit = ""
         if orders == self._in_force and not self._waiting:
             self.setpoints[:] = values
+            if None not in orders:
+                self._settled = ordered
         else:
             self._confirm(values, orders, elapsed)
         self._last_orders = tuple(orders)
-        self._history.enter(self._last_orders, elapsed)
 
     def _confirm(
         self, values: Sequence[tuple[int, ...] | None], orders: Sequence[tuple[int, ...] | None], elapsed: int
@@ -301,6 +327,7 @@ class CyclicEndpoint:
 
     def lose_setpoints(self) -> None:
         """No axis has a valid PLC until the next valid frame."""
+        self._settled = None
         for index in range(len(self.setpoints)):
             self.setpoints[index] = None
             self._in_force[index] = None
@@ -314,7 +341,8 @@ class CyclicEndpoint:
 
     def poll(self, now: int) -> bool:
         """The watchdog, after the datagrams that waited; True when the PLC was lost since the last call."""
-        self._look(now)
+        if now != self._looked:
+            self._look(now)
         if self.connected and now - self._last_time > self._watchdog_ns:
             self._lose()
         lost, self._loss_to_tell = self._loss_to_tell, False

@@ -78,16 +78,18 @@ class _Run:
     def advance(self, counter: int, time: int, credit_max: int) -> int:
         """Take the next frame; its counter's advance in ns, 0 when it does not fit (then nothing changes)."""
         advance = (counter - self.counter & _COUNTS) * COUNTER_UNIT_NS
-        elapsed = max(0, time - self.time)
+        elapsed = time - self.time if time > self.time else 0
         spare = self.credit + elapsed + elapsed // _DRIFT - advance
         if not advance or spare < 0:
             return 0
-        # After a silence longer than the counter takes to wrap, whole turns are missing from the advance.
-        turns, spare = divmod(spare, WRAP_NS)
-        self.credit = min(spare, credit_max)
+        if spare >= WRAP_NS:
+            # After a silence longer than the counter takes to wrap, whole turns are missing from the advance.
+            turns, spare = divmod(spare, WRAP_NS)
+            advance += turns * WRAP_NS
+        self.credit = spare if spare < credit_max else credit_max
         self.counter = counter
         self.time = time
-        return advance + turns * WRAP_NS
+        return advance
 
     def extend(self, counter: int, time: int, cycle_ns: int, command: Hashable) -> bool:
         """``advance`` of a sequence that is being followed: early by half a cycle at most, late by one."""
