@@ -34,7 +34,7 @@ def test_a_pdo_may_carry_one_value() -> None:
 
 def test_a_short_frame_changes_nothing() -> None:
     image = SimpleNamespace(statusword=1, velocity=2)
-    with pytest.raises(CanopenError, match="TPDO1 length '5' is not allowed, expected 6 bytes"):
+    with pytest.raises(CanopenError, match="TPDO1 length: 5 is not allowed, expected 6 bytes"):
         Pdo(PdoDirection.TPDO, 1, (STATUS, SPEED)).unpack_into(bytes(5), image)
     assert vars(image) == {"statusword": 1, "velocity": 2}
 
