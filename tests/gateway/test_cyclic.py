@@ -148,6 +148,20 @@ def test_provider_stop_is_a_loss_but_not_a_watchdog_expiry() -> None:
     assert endpoint.connected
 
 
+def test_an_off_counts_at_once_also_behind_a_provider_stop() -> None:
+    endpoint = device()
+    connect(endpoint)
+    for number in (1, 2):
+        assert endpoint.receive(frame(1 + number * STEP), PLC, number * CYCLE) is Verdict.ACCEPTED
+    endpoint.receive(frame(1 + 3 * STEP, status=rt.STATUS_STOP), PLC, 3 * CYCLE)
+    endpoint.receive(frame(1 + 4 * STEP), PLC, 4 * CYCLE)
+    assert endpoint.setpoints == [(0x047F, 0x2000)], "it stood in the frames before"
+    endpoint.build([(0, 0)], [True], [True])
+    off = frame(1 + 5 * STEP).replace(bytes.fromhex("047F"), bytes.fromhex("047E"))
+    assert endpoint.receive(off, PLC, 5 * CYCLE) is Verdict.ACCEPTED
+    assert endpoint.setpoints == [(0x047E, 0x2000)]
+
+
 def test_iops_bad_is_a_loss_for_that_axis_only() -> None:
     endpoint = device(1, 1)
     c_sdu = bytes.fromhex("047F2000 00 047E1000 80 8080")
