@@ -53,6 +53,7 @@ _ACYCLIC_FAILURES = 3
 """So often in a row may objects without PDO not be read before their values are too old."""
 _CHECK_AFTER_NS = 200 * MS
 """A configuration that is being written comes object by object: so long after the last one it is checked."""
+_ONLINE = NodeStatus.ONLINE
 _HEARTBEAT_STATE = 0x7F
 """Bit 7 of a heartbeat is reserved."""
 
@@ -95,6 +96,8 @@ class NodeClient(SdoAccess, abc.ABC, Generic[S]):
         """The node is in operation and takes RPDOs."""
         self._heartbeat = 0
         self._heartbeat_state = NmtState.BOOT_UP.value
+        self.nmt_stopped = False
+        """The last heartbeat of the node says Stopped."""
         self._heartbeat_expected = False
         self._booted = Event(self.loop)
         self._wake = Event(self.loop)
@@ -138,11 +141,6 @@ class NodeClient(SdoAccess, abc.ABC, Generic[S]):
         return emcy_text(code)
 
     # -- the owner's side -----------------------------------------------------------------------------------------------
-
-    @property
-    def nmt_stopped(self) -> bool:
-        """The last heartbeat of the node says Stopped."""
-        return self._heartbeat_state == NmtState.STOPPED
 
     @property
     def length_errors(self) -> int:
@@ -215,14 +213,14 @@ class NodeClient(SdoAccess, abc.ABC, Generic[S]):
 
     def refresh(self, now: int) -> bool:
         """Cyclic: take the newest TPDO data into the feedback; True when online and no TPDO is overdue."""
-        fresh = self.status is NodeStatus.ONLINE and not self._held and self._check_at is None
+        fresh = self.status is _ONLINE and not self._held and self._check_at is None
         oldest = now - self._timeout_ns
         for slot in self._slots:
             data = slot.data
             if data is not slot.taken:
                 slot.taken = data
                 if data is not None:
-                    slot.pdo.unpack_into(data, slot.image)
+                    slot.unpack_into(data, slot.image)
             if slot.time < oldest:
                 fresh = False
         return fresh
@@ -321,6 +319,7 @@ class NodeClient(SdoAccess, abc.ABC, Generic[S]):
             self._read_acyclic(pdo)
         self._acyclic_failures = 0
         self._heartbeat_state = NmtState.BOOT_UP.value
+        self.nmt_stopped = False
         self._nmt(NmtCommand.START)
         try:
             self._await_tpdos()
@@ -527,6 +526,7 @@ class NodeClient(SdoAccess, abc.ABC, Generic[S]):
             return
         self._heartbeat = self.loop.now()
         self._heartbeat_state = data[0] & _HEARTBEAT_STATE
+        self.nmt_stopped = self._heartbeat_state == NmtState.STOPPED
         if data[0] == NmtState.BOOT_UP:
             self._booted.set()
             if self.status is NodeStatus.ONLINE:

@@ -64,10 +64,11 @@ class NodeEvent:
 class TpdoSlot:
     """The newest frame of one TPDO and the image its values go to, in the next cycle."""
 
-    __slots__ = ("data", "errors", "image", "pdo", "taken", "time")
+    __slots__ = ("data", "errors", "image", "pdo", "taken", "time", "unpack_into")
 
     def __init__(self, pdo: Pdo, image: object) -> None:
         self.pdo = pdo
+        self.unpack_into = pdo.unpack_into
         self.image = image
         self.data: bytes | None = None
         self.taken: bytes | None = None

@@ -18,7 +18,7 @@ import can
 from can.interfaces.socketcan import SocketcanBus
 
 from pdgw.ds301.bus import system_text
-from pdgw.ds301.can_frame import CAN_FRAME, ERROR, EXTENDED, FD_FRAME_SIZE, REMOTE, pack_frame
+from pdgw.ds301.can_frame import CAN_FRAME, ERROR, EXTENDED, FD_FRAME_SIZE, REMOTE
 from pdgw.ds301.loop import Loop
 
 _AT_ONCE = 64
@@ -111,7 +111,7 @@ class SocketPort:
 
     def send(self, can_id: int, data: bytes) -> None:
         try:
-            self._socket.send(pack_frame(can_id, data))
+            self._socket.send(CAN_FRAME.pack(can_id, len(data), data))
         except BlockingIOError as error:
             raise PortBusyError from error
         except OSError as error:

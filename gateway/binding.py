@@ -104,7 +104,7 @@ class Axis(DriveObject):
 
     # -- cyclic -------------------------------------------------------------------------------------------------------
 
-    def step(self, setpoints: Sequence[int] | None, now: int) -> None:
+    def step(self, setpoints: Sequence[int] | None, now: int) -> Outputs:
         drive, machine = self.drive, self.machine
         inputs = machine.inputs
         inputs.now = now
@@ -125,9 +125,11 @@ class Axis(DriveObject):
         if setpoints is not None:
             self.last_setpoints = setpoints
         outputs = machine.step()
-        self._serve(outputs)
-        if outputs.read_fault:
-            drive.submit(self._read_fault)
+        if outputs.eventful or outputs.writes is not None or outputs.reason is not self._told_reason:
+            self._serve(outputs)
+            if outputs.read_fault:
+                drive.submit(self._read_fault)
+        return outputs
 
     def transmit(self, now: int) -> None:
         outputs = self.machine.outputs
@@ -175,10 +177,6 @@ class Axis(DriveObject):
     def withholds_heartbeat(self) -> bool:
         """The drive obeys nothing else: without the gateway's heartbeat its own abort option stops it."""
         return self.machine.outputs.brake is Brake.WITHHOLD_HEARTBEAT
-
-    @property
-    def released(self) -> bool:
-        return self.machine.interlock.released
 
     def owns(self, index: int, subindex: int) -> bool:
         address = (index, subindex)

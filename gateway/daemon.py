@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import gc
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from functools import partial
 from typing import TYPE_CHECKING, Any, Protocol
@@ -101,6 +101,13 @@ class Daemon:
             self.encoders: list[EncoderObject] = self._encoders()
             self.objects: list[DriveObject] = [*self.axes, *self.encoders]
             """In the order of the frame."""
+            count = len(self.objects)
+            self._answer: tuple[list[Sequence[int]], list[bool], list[bool]] = (
+                [()] * count,
+                [False] * count,
+                [False] * count,
+            )
+            """Of each drive object after its last step: actual values, whether they are good, whether it is released."""
             by_do = {item.do_id: item for item in self.encoders}
             for axis in self.axes:
                 if axis.config.g1 is not None:
@@ -342,20 +349,19 @@ class Daemon:
             log.error("PLC lost: no valid frame for %d cycles", self.config.transport.watchdog_factor)
             for item in self.objects:
                 item.raise_fault(FaultNumber.PLC_LOST, "watchdog expired", now)
+        actuals, good, released = self._answer
         setpoints = link.setpoints
         for index, item in enumerate(self.objects):
-            item.step(setpoints[index], now)
+            outputs = item.step(setpoints[index], now)
+            actuals[index] = outputs.actuals
+            good[index] = outputs.good
+            released[index] = outputs.released
         self.cycles += 1
         cycle = self.cycle_ns
         answered = 0
         # The PLC waits for its answer, a drive only for the bus.
         if accepted or self._stopping or now - self._last_sent >= 2 * cycle:
-            objects = self.objects
-            link.send(
-                [item.actuals for item in objects],
-                [item.good for item in objects],
-                [item.released for item in objects],
-            )
+            link.send(actuals, good, released)
             self._last_sent = now
             answered = self.loop.now()
         for item in self.objects:

@@ -89,8 +89,8 @@ class DriveObject(abc.ABC):
         """What the last step decided."""
 
     @abc.abstractmethod
-    def step(self, setpoints: Sequence[int] | None, now: int) -> None:
-        """One cycle: feedback in, decide. ``actuals`` and ``good`` are new afterwards, nothing was sent."""
+    def step(self, setpoints: Sequence[int] | None, now: int) -> Outputs:
+        """One cycle: feedback in, decide; returns ``outputs``. Nothing was sent."""
 
     def transmit(self, now: int) -> None:  # noqa: B027 - an encoder is sent nothing
         """Send what the last step commands."""
@@ -107,8 +107,8 @@ class DriveObject(abc.ABC):
 
     @property
     def released(self) -> bool:
-        """An interlock is released: an OFF does nothing but stop. What has no interlock starts nothing either."""
-        return False
+        """See ``Outputs.released``."""
+        return self.outputs.released
 
     @abc.abstractmethod
     def entry_size(self, index: int, subindex: int) -> tuple[int, bool]:
@@ -182,7 +182,7 @@ class DriveObject(abc.ABC):
             news.append(waiting.popleft())
 
     def _serve(self, outputs: Outputs) -> None:
-        """Do and tell what the step asks for."""
+        """Do and tell what the step asks for, where it asks for anything."""
         writes = outputs.writes
         if writes is not None and writes is not self._writes and self._future is None:
             self._writes = writes

@@ -116,7 +116,7 @@ class EncoderObject(DriveObject):
 
     # -- cyclic -------------------------------------------------------------------------------------------------------
 
-    def step(self, setpoints: Sequence[int] | None, now: int) -> None:
+    def step(self, setpoints: Sequence[int] | None, now: int) -> Outputs:
         client, machine = self.client, self.machine
         inputs = machine.inputs
         inputs.now = now
@@ -129,7 +129,9 @@ class EncoderObject(DriveObject):
             self._deliver(inputs.news)
         if setpoints is not None:
             self.last_setpoints = setpoints
-        self._serve(machine.step())
+        outputs = machine.step()
+        self._serve(outputs)
+        return outputs
 
     # -- what others ask --------------------------------------------------------------------------------------------------
 

@@ -15,6 +15,7 @@ from pdgw.gateway.config_surroundings import TransportConfig
 from pdgw.gateway.edge import DatagramPort
 from pdgw.gateway.trace.layout import FramePlaces
 from pdgw.gateway.transport.cyclic import CyclicEndpoint, Verdict
+from pdgw.gateway.transport.udp import Address
 from pdgw.profidrive.telegrams import Telegram
 
 log = logging.getLogger("gateway")
@@ -23,7 +24,7 @@ MS = 1_000_000
 _DATAGRAMS_AT_ONCE = 64
 _WAITED_AT_MOST = 10_000
 """More than a socket buffer holds: a flood must not hold up the start."""
-_FROM_PLC = (Verdict.ACCEPTED, Verdict.PROVIDER_STOP)
+_ACCEPTED = Verdict.ACCEPTED
 
 
 class Link(Protocol):
@@ -95,6 +96,8 @@ class UdpLink:
         self._transport = transport
         self.endpoint = self._endpoint(telegrams)
         self.skipped = 0
+        self._filtered = False
+        """There is a connection, and nobody but its PLC is heard."""
         self._generation = 0
         self._register_counters(counters)
 
@@ -153,35 +156,38 @@ class UdpLink:
         self.port.start(action, urgent=True)
 
     def receive(self, now: int, at_most: int = _DATAGRAMS_AT_ONCE) -> bool:
-        endpoint = self.endpoint
+        endpoint, port = self.endpoint, self.port
         taken = 0
         # Bounded, so that a flood of datagrams delays no cycle; a STOP is seen by the axes before what follows it.
         for _ in range(at_most):
-            datagram = self.port.receive()
+            datagram = port.receive()
             if datagram is None:
                 break
             data, source = datagram
-            connected = endpoint.connected
-            verdict = endpoint.receive(data, source, now, self.port.received_at)
-            if verdict in _FROM_PLC:
+            verdict = endpoint.receive(data, source, now, port.received_at)
+            if verdict is _ACCEPTED:
                 taken += 1
-                if not connected:
-                    log.info("PLC %s:%d connected", *source)
+            elif verdict is Verdict.PROVIDER_STOP:
+                taken += 1
+                break
             elif verdict is not Verdict.UNCONFIRMED and endpoint.counters[verdict] == 1:
                 log.warning("frame from %s:%d dropped: %s (%d bytes)", *source, verdict.value, len(data))
-            if verdict is Verdict.PROVIDER_STOP:
-                break
         if taken > 1:
             self.skipped += taken - 1
-        if taken:
+        if endpoint.connected and not self._filtered and endpoint.peer is not None:
+            log.info("PLC %s:%d connected", *endpoint.peer)
             # A stranger's flood ends in the kernel.
-            self.port.only_from(endpoint.peer if endpoint.connected else None)
+            self._listen_to(endpoint.peer)
         return taken > 0
+
+    def _listen_to(self, peer: Address | None) -> None:
+        self._filtered = peer is not None
+        self.port.only_from(peer)
 
     def poll(self, now: int) -> bool:
         expired = self.endpoint.poll(now)
         if expired:
-            self.port.only_from(None)
+            self._listen_to(None)
         return expired
 
     def lose_setpoints(self) -> None:
@@ -197,7 +203,7 @@ class UdpLink:
         endpoint.continue_from(self.endpoint)
         self.endpoint = endpoint
         self._generation += 1
-        self.port.only_from(None)
+        self._listen_to(None)
 
     @property
     def layout_generation(self) -> int:

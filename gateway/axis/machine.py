@@ -20,7 +20,7 @@ from pdgw.gateway.axis.executors.speed import SpeedExecutor
 from pdgw.gateway.axis.executors.torque import TorqueExecutor
 from pdgw.gateway.axis.interlock import Interlock
 from pdgw.gateway.axis.life import LifeWords
-from pdgw.gateway.axis.power_table import Action, Drive
+from pdgw.gateway.axis.power_table import Action, Drive, Phase
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.stop_watch import StopWatch
 from pdgw.gateway.axis.telegrams import Kind, drive_telegram, make_adapter
@@ -53,6 +53,7 @@ from pdgw.profidrive.telegrams import telegram
 _OF_THE_DRIVE = Flag.OF_THE_DRIVE
 _WARNING = Flag.WARNING
 _INTERNAL_LIMIT = StatusBit.INTERNAL_LIMIT
+_FOLLOW, _PASS = Phase.FOLLOW, Phase.PASS
 
 
 class AxisMachine:
@@ -185,7 +186,9 @@ class AxisMachine:
                 outputs.known_off = STATE_OF_STATUS[statusword & STATE_MASK] in UNPOWERED
         if self._drive.fault_since:
             self._drive.step(self._node, now)
-        if interlock.released:
+        phase = interlock.phase
+        released = outputs.released = phase is _FOLLOW or phase is _PASS
+        if released:
             if self._stop.runs:
                 self._stop.over()
         elif not outputs.known_off:

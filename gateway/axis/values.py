@@ -201,6 +201,7 @@ class Outputs:
         "preset",
         "read_fault",
         "reason",
+        "released",
         "saturations",
         "told",
         "warning",
@@ -214,6 +215,8 @@ class Outputs:
         """Raw actual values in telegram order."""
         self.good = False
         """They are valid: IOPS."""
+        self.released = False
+        """The interlock is released: an OFF does nothing but stop. What has no interlock starts nothing either."""
         self.reason = reason
         """Why the axis does not do what the PLC asks; None: it does."""
         self.warning = False

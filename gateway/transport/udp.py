@@ -92,7 +92,7 @@ class UdpSocket:
             if not self._stamped:
                 return self._socket.recvfrom(_MAXIMUM_DATAGRAM)
             data, ancillary, _, source = self._socket.recvmsg(_MAXIMUM_DATAGRAM, _ANCILLARY)
-            self.received_at = self._arrival(ancillary)
+            self.received_at = self._arrival(*ancillary[0]) if ancillary else None
             return data, source
         except BlockingIOError:
             self._emptied = self._loop.now()
@@ -101,12 +101,12 @@ class UdpSocket:
             self.errors += 1
             return None
 
-    def _arrival(self, ancillary: list[tuple[int, int, bytes]]) -> int | None:
-        for level, kind, data in ancillary:
-            if level == socket.SOL_SOCKET and kind == _SO_TIMESTAMPNS and len(data) == _TIMESPEC.size:
-                seconds, nanoseconds = _TIMESPEC.unpack(data)
-                return arrival(seconds * _SECOND + nanoseconds, time.time_ns(), self._loop.now(), self._emptied)
-        return None
+    def _arrival(self, _level: int, kind: int, data: bytes) -> int | None:
+        """The time in the first ancillary message: nothing else was asked for."""
+        if kind != _SO_TIMESTAMPNS or len(data) != _TIMESPEC.size:
+            return None
+        seconds, nanoseconds = _TIMESPEC.unpack(data)
+        return arrival(seconds * _SECOND + nanoseconds, time.time_ns(), self._loop.now(), self._emptied)
 
     def send(self, data: bytes | bytearray, address: Address) -> None:
         """Send without waiting; a failure is counted, the next cycle sends anew."""

@@ -26,6 +26,7 @@ class Port:
     def __init__(self) -> None:
         self.waiting: deque[bytes] = deque()
         self.looks = 0
+        self.filters: list[tuple[str, int] | None] = []
 
     def start(self, action: Callable[[], None], *, urgent: bool = False) -> None:
         self.started = True
@@ -34,7 +35,7 @@ class Port:
         raise AssertionError("no loop here")
 
     def only_from(self, sender: tuple[str, int] | None) -> None:
-        self.only = sender
+        self.filters.append(sender)
 
     def receive(self) -> tuple[bytes, tuple[str, int]] | None:
         self.looks += 1
@@ -111,6 +112,19 @@ def test_a_flood_of_rubbish_does_not_keep_the_plc_waiting() -> None:
     scene.frame(7)
     assert scene.link.receive(CYCLE)
     assert scene.speed == 7
+
+
+def test_strangers_are_kept_out_once_for_each_connection() -> None:
+    scene = connected()
+    for number in (1, 2):
+        scene.frame(number)
+        scene.link.receive(number * CYCLE)
+    assert scene.port.filters == [PLC]
+    assert scene.link.poll(6 * CYCLE), "lost"
+    for number in range(7, 12):
+        scene.frame(number)
+        scene.link.receive(number * CYCLE)
+    assert scene.port.filters == [PLC, None, PLC]
 
 
 def test_what_waited_before_the_start_connects_nobody() -> None:
