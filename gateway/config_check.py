@@ -4,18 +4,14 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterator, Sequence
+from importlib import import_module
 from pathlib import Path
-from typing import Final
 
 from pdgw.ds301.errors import CanopenError
-from pdgw.dsp402.objects import DRIVE_OBJECTS
-from pdgw.dsp406.pdo import POSITION, POSITION_MULTI_SENSOR
 from pdgw.gateway.config import AxisConfig, EncoderConfig, GatewayConfig
 from pdgw.gateway.config_file import SECTIONS
 from pdgw.gateway.explain import Problem
 from pdgw.gateway.toml_file import read_text, told
-
-_CONTROLWORD: Final = DRIVE_OBJECTS.attribute("controlword")
 
 
 def references_wrong(config: GatewayConfig, path: Path) -> list[str]:
@@ -26,18 +22,26 @@ def references_wrong(config: GatewayConfig, path: Path) -> list[str]:
 
 
 def _interfaces(config: GatewayConfig) -> Iterator[Problem]:
-    from can.interfaces import VALID_INTERFACES  # noqa: PLC0415 (slow to load)
-
     for number, bus in enumerate(config.can):
-        if bus.interface not in VALID_INTERFACES:
-            close = difflib.get_close_matches(bus.interface, VALID_INTERFACES, n=1)
-            hint = f"did you mean {close[0]}? " if close else ""
-            allowed = ", ".join(sorted(VALID_INTERFACES))
-            yield Problem(
-                ("can", number, "interface"),
-                repr(bus.interface),
-                f"no interface of python-can, {hint}allowed: {allowed}",
-            )
+        wrong = _interface(bus.interface)
+        if wrong:
+            yield Problem(("can", number, "interface"), repr(bus.interface), wrong)
+
+
+def _interface(name: str) -> str:
+    """Why an interface of python-can cannot be used on this machine; empty when it can."""
+    from can.interfaces import BACKENDS  # noqa: PLC0415 (slow to load)
+
+    if name not in BACKENDS:
+        close = difflib.get_close_matches(name, BACKENDS, n=1)
+        hint = f"did you mean {close[0]}? " if close else ""
+        return f"no interface of python-can, {hint}allowed: {', '.join(sorted(BACKENDS))}"
+    module, attribute = BACKENDS[name]
+    try:
+        getattr(import_module(module), attribute)
+    except Exception as error:  # whatever a driver raises that finds its library or its system missing
+        return f"its driver cannot be loaded on this machine ({type(error).__name__}: {error})"
+    return ""
 
 
 def _sheets(section: str, items: Sequence[AxisConfig | EncoderConfig]) -> Iterator[Problem]:
@@ -48,19 +52,15 @@ def _sheets(section: str, items: Sequence[AxisConfig | EncoderConfig]) -> Iterat
 
 
 def _sheet(item: AxisConfig | EncoderConfig) -> str:
-    """Why a data sheet cannot be used; empty when it can."""
-    from pdgw.ds301.eds_import import import_eds  # noqa: PLC0415 (slow to load)
+    """Why a data sheet cannot be used, in the words of ``pdgw run``; empty when it can."""
+    from pdgw.dsp402.drive import load_eds as load_drive  # noqa: PLC0415 (slow to load)
+    from pdgw.dsp406.encoder import load_eds as load_encoder  # noqa: PLC0415
 
     assert item.eds is not None
+    load = load_drive if isinstance(item, AxisConfig) else load_encoder
     try:
-        dictionary = import_eds(item.eds, item.node_id).dictionary
+        load(item.eds, item.node_id)
     except CanopenError as error:
-        first, *more = str(error).splitlines()
-        return first + (f" (and {len(more)} more, see pdgw eds check)" if more else "")
-    if isinstance(item, AxisConfig):
-        needed = {_CONTROLWORD.index: f"{_CONTROLWORD.name} {_CONTROLWORD.index:04X}h of a drive"}
-    else:
-        needed = dict.fromkeys((POSITION, POSITION_MULTI_SENSOR), f"position {POSITION:04X}h of an encoder")
-    if any(index in dictionary for index in needed):
-        return ""
-    return f"has no {next(iter(needed.values()))}: is it the data sheet of another device?"
+        first, *more = error.allowed.splitlines()
+        return f"is not {first}" + (f" (and {len(more)} more, see pdgw eds check)" if more else "")
+    return ""

@@ -44,6 +44,7 @@ COMMANDS: Mapping[str, Entry] = {
     ),
     "config": Entry("config:app", "Configuration files."),
     "bus": Entry("bus:app", "A CAN bus, before a gateway runs on it."),
+    "axis": Entry("axis:app", "An axis that is brought into service."),
     "map": Entry(
         "map:map_",
         "Print the byte map of a configuration: offset, length, signal, unit and 100 % of every value; or code for the PLC.",

@@ -28,7 +28,8 @@ def complete(loop: Loop, function: Callable[[], T]) -> T:
         loop.stop()
 
     loop.spawn(run, "command")
-    loop.run()
+    while not future.done():  # what it uses may stop the loop before
+        loop.run()
     return future.result(0)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from can.interfaces import BACKENDS
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -254,6 +255,24 @@ def test_what_a_configuration_refers_to_is_checked(old: str, new: str, told: str
     assert told in line
     path.write_text(BASE)
     assert references_wrong(load_config(path), path) == []
+
+
+def test_a_data_sheet_of_another_kind_of_device_is_refused_in_the_words_of_the_start(tmp_path: Path) -> None:
+    path = tmp_path / "c.toml"
+    encoder = ENCODER.format(2, 7) + f'eds = "{EDS_PATH}"\n'
+    path.write_text(BASE.replace("simulate = true", f'eds = "{eds_path(ROTARY)}"') + encoder)
+    drive, other = references_wrong(load_config(path), path)
+    assert drive.endswith("is not the data sheet of a drive, with object 6040h")
+    assert other.endswith("is not the data sheet of an encoder, with object 6004h or 6020h")
+
+
+def test_an_interface_whose_driver_is_not_installed_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(BACKENDS, "acme", ("acme_can_driver", "AcmeBus"))
+    path = tmp_path / "c.toml"
+    path.write_text(BASE.replace('"socketcan"', '"acme"'))
+    (line,) = references_wrong(load_config(path), path)
+    assert "interface = 'acme': its driver cannot be loaded on this machine" in line
+    assert "acme_can_driver" in line
 
 
 def test_the_packages_own_data_sheets_pass(tmp_path: Path) -> None:

@@ -12,6 +12,7 @@ from pdgw.gateway.config import AxisConfig, GatewayConfig
 from pdgw.gateway.config_check import references_wrong
 from pdgw.gateway.config_example import example as example_text
 from pdgw.gateway.config_file import load_config
+from pdgw.gateway.config_surroundings import TransportConfig
 from pdgw.gateway.errors import GatewayError
 
 app = typer.Typer(help="Configuration files.", no_args_is_help=True)
@@ -35,12 +36,23 @@ def check(
     wrong = references_wrong(config, file)
     if wrong:
         raise GatewayError("\n".join(wrong))
+    _start(config)
     buses = ", ".join(f"{bus.name} ({bus.interface} {bus.channel or ''})".replace(" )", ")") for bus in config.can)
     objects = f"{len(config.axis)} axes" + (f" and {len(config.encoder)} encoders" if config.encoder else "")
     typer.echo(f"{file}: ok, {objects} on {buses}, cycle {config.transport.cycle_time_ms:g} ms")
     refused = [axis for axis in config.axis if not _ask(config, axis)] if bus else []
     if refused:
         raise typer.Exit(1)
+
+
+def _start(config: GatewayConfig) -> None:
+    """Whatever else the gateway refuses at its start: it is made in a world of its own; no interface, port or file is touched."""
+    from pdgw.gateway.daemon import Daemon  # noqa: PLC0415 - slow to load, and a file that is wrong needs it not
+    from pdgw.peers.world import World  # noqa: PLC0415
+
+    # A PROFINET link is made of a real interface only.
+    transport = config.transport if config.transport.type == "udp" else TransportConfig()
+    Daemon(config.model_copy(update={"transport": transport, "store": None}), World()).release()
 
 
 def _ask(config: GatewayConfig, axis: AxisConfig) -> bool:

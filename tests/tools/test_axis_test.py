@@ -1,0 +1,309 @@
+"""``pdgw axis test``: it turns what may be turned, slowly and not far, and tells wrong units from right ones."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from fractions import Fraction
+from pathlib import Path
+
+import pytest
+
+from pdgw.ds301.connection_set import ERROR_CONTROL
+from pdgw.ds301.loop import MS, SECOND
+from pdgw.dsp402.states import State
+from pdgw.gateway.config import GatewayConfig
+from pdgw.gateway.daemon import Daemon
+from pdgw.gateway.errors import GatewayError
+from pdgw.peers.drive import ENGEL, Shape, SimulatedDrive, shape
+from pdgw.peers.drive.model import DriveModel
+from pdgw.peers.world import World
+from pdgw.tools.axis_test import AxisTest, Choices, Outcome
+from pdgw.tools.on_loop import complete
+from tests.support.cli import pdgw
+from tests.support.daemon import axis, configuration
+
+BUS = "world"
+TURN = 4096
+CHOICES = Choices(Fraction(2), Fraction(2))
+"""60 rpm for two turns."""
+
+
+class Site:
+    """A drive, the test of its axis, and what happened to it."""
+
+    def __init__(
+        self,
+        keys: str = "",
+        shape: Shape = ENGEL,
+        *,
+        typed: str | None = "turn 1",
+        choices: Choices = CHOICES,
+        config: GatewayConfig | None = None,
+    ) -> None:
+        self.world = World()
+        self.drive: SimulatedDrive = self.world.drive(BUS, 1, shape=shape)
+        self.config = config or configuration(axis(1, more=keys))
+        self.lines: list[str] = []
+        self.asked: list[str] = []
+        self.fastest = 0.0
+        """rpm of the motor."""
+        self.states: set[State | None] = set()
+
+        def confirm(wanted: str, answer: Callable[[str], None]) -> None:
+            self.asked.append(wanted)
+            if typed is not None:
+                answer(typed + "\n")
+
+        self.test = AxisTest(self.config, 1, self.world, self.lines.append, confirm, choices)
+        self._watch()
+
+    def _watch(self) -> None:
+        model = self.drive.model
+        self.fastest = max(self.fastest, abs(model.ramp.speed))
+        self.states.add(model.state)
+        self.world.loop.call_later(5 * MS, self._watch)
+
+    def when_turning(self, action: Callable[[], object]) -> None:
+        """Once the creep speed is reached."""
+
+        def look() -> None:
+            if abs(self.drive.model.ramp.speed) > 14:
+                action()
+            else:
+                self.world.loop.call_later(5 * MS, look)
+
+        look()
+
+    def run(self) -> Outcome:
+        return complete(self.world.loop, self.test.run)
+
+    @property
+    def turned(self) -> float:
+        """Turns of the motor."""
+        return self.drive.shaft(0)
+
+    def stands_without_power(self) -> bool:
+        model = self.drive.model
+        return model.ramp.speed == 0 and model.state in {
+            State.SWITCH_ON_DISABLED,
+            State.READY_TO_SWITCH_ON,
+            State.FAULT,
+        }
+
+
+@pytest.mark.parametrize("name", ["engel", "counts", "si", "csv", "rpm", "vl", "four-pdo", "slow-boot"])
+def test_a_drive_of_any_shape_turns_as_it_is_told_and_not_further(name: str) -> None:
+    site = Site(shape=shape(name))
+    outcome = site.run()
+    assert outcome.passed, site.lines
+    assert outcome.speed_factor is not None
+    assert abs(outcome.speed_factor - 1) < Fraction(1, 20)
+    if outcome.position_factor is not None:
+        assert abs(outcome.position_factor - 1) < Fraction(1, 50)
+    else:  # a drive that does not tell the unit of its position
+        fit = re.search(r"counts_per_revolution is not known, (\d+) would fit", "".join(site.lines))
+        assert fit is not None
+        assert abs(int(fit[1]) - TURN) < TURN // 50
+    assert 2.4 < site.turned < 3
+    assert site.fastest < 61
+    assert site.stands_without_power()
+    assert any(line.startswith("in all     6064h +") for line in site.lines)
+
+
+def test_the_other_direction_and_another_speed_are_a_choice() -> None:
+    site = Site(choices=Choices(Fraction(-5), Fraction(1)))
+    assert site.run().passed, site.lines
+    assert -2.5 < site.turned < -1.2
+    assert 149 < site.fastest < 151
+
+
+def test_a_drive_whose_units_are_not_known_is_not_turned_and_the_key_is_told() -> None:
+    site = Site(shape=replace(shape("rpm"), lacks=shape("rpm").lacks | {0x6080}))
+    outcome = site.run()
+    assert not outcome.passed
+    assert "rated_speed_rpm settles it" in outcome.doubt
+    assert site.asked == []
+    assert site.turned == 0
+
+
+@pytest.mark.parametrize("typed", ["", "y", "turn 2", "turn1"])
+def test_without_the_typed_words_no_power_is_switched_on(typed: str) -> None:
+    site = Site(typed=typed)
+    outcome = site.run()
+    assert "not confirmed" in outcome.doubt
+    assert site.asked == ["turn 1"]
+    assert site.states <= {State.NOT_READY_TO_SWITCH_ON, State.SWITCH_ON_DISABLED}
+
+
+def test_who_types_nothing_is_not_waited_for_for_ever() -> None:
+    site = Site(typed=None)
+    assert "something was typed" in site.run().doubt
+    assert State.OPERATION_ENABLED not in site.states
+    assert site.world.loop.now() < 200 * SECOND
+
+
+def test_a_unit_that_is_wrong_by_two_is_found_at_the_creep_speed_and_it_is_not_turned_faster() -> None:
+    site = Site('velocity_unit = "rpm"\nrated_speed_rpm = 3000\n')
+    outcome = site.run()
+    assert not outcome.passed
+    assert outcome.speed_factor == 1, "the drive's own word agrees: it is read in the same wrong unit"
+    assert outcome.position_factor is not None
+    assert abs(outcome.position_factor - Fraction(1, 2)) < Fraction(1, 50)
+    assert re.search(r"one unit of 60FFh is 0\.50\d* rpm", "".join(site.lines))
+    assert site.fastest < 16
+    assert site.turned < 1
+    assert site.stands_without_power()
+
+
+@pytest.mark.parametrize("unit", ["1/4 rpm", "0.1 rpm", "0.005 rpm"])
+def test_a_unit_with_which_it_turns_faster_than_it_should_stops_within_a_fraction_of_a_turn(unit: str) -> None:
+    site = Site(f'velocity_unit = "{unit}"\nrated_speed_rpm = 3000\n')
+    outcome = site.run()
+    assert "wrong units, or it runs away" in outcome.doubt
+    assert site.turned < 1
+    assert site.stands_without_power()
+
+
+def test_a_wrong_count_per_revolution_is_told_with_both_ways_to_read_it() -> None:
+    site = Site("counts_per_revolution = 8192\n")
+    outcome = site.run()
+    assert outcome.position_factor is not None
+    assert abs(outcome.position_factor - Fraction(1, 2)) < Fraction(1, 50)
+    assert any("if it turned at 15 rpm, one revolution is 4096 of 6064h" in line for line in site.lines)
+    assert site.fastest < 16
+
+
+def test_a_drive_that_is_deaf_from_the_start_is_not_waited_for_for_ever() -> None:
+    site = Site()
+    site.drive.do(lambda node: node.misbehave("deaf"))
+    outcome = site.run()
+    assert "the drive is ready to switch on" in outcome.doubt
+    assert site.turned == 0
+
+
+def test_a_drive_that_turns_deaf_is_stopped_by_what_the_axis_machine_has_left() -> None:
+    site = Site()
+    site.when_turning(lambda: site.drive.do(lambda node: node.misbehave("deaf")))
+    outcome = site.run()
+    assert not outcome.passed
+    assert any("DID NOT STOP" in line for line in site.lines)
+    assert site.fastest < 16
+    assert site.drive.model.ramp.speed == 0, "by NMT stop or the missing heartbeat"
+
+
+@pytest.mark.parametrize(
+    ("attribute", "said"), [("velocity_actual", "the wrong way: 606Ch is -"), ("position_actual", "6064h moved by -")]
+)
+def test_a_drive_that_shows_the_other_direction_is_stopped_at_once(
+    monkeypatch: pytest.MonkeyPatch, attribute: str, said: str
+) -> None:
+    site = Site()
+    original = DriveModel.advance
+
+    def advance(model: DriveModel, now: int) -> None:
+        original(model, now)
+        setattr(model, attribute, -abs(getattr(model, attribute)))
+
+    monkeypatch.setattr(DriveModel, "advance", advance)
+    outcome = site.run()
+    assert said in outcome.doubt
+    assert site.turned < 0.3
+    assert site.stands_without_power()
+
+
+def test_a_fault_of_the_drive_while_it_turns_ends_the_test_with_its_text() -> None:
+    site = Site()
+    site.when_turning(lambda: site.drive.inject(7))
+    outcome = site.run()
+    assert "not in operation any more" in outcome.doubt
+    assert "over-current" in outcome.doubt.lower() or "2310h" in outcome.doubt
+    assert site.stands_without_power()
+
+
+def test_ctrl_c_stops_the_drive_by_quick_stop() -> None:
+    site = Site()
+    site.when_turning(site.test.interrupt)
+    outcome = site.run()
+    assert outcome.interrupted
+    assert State.QUICK_STOP_ACTIVE in site.states
+    assert site.turned < 0.3
+    assert site.stands_without_power()
+
+
+def test_a_plc_that_sends_is_not_taken_over() -> None:
+    site = Site()
+    plc = site.world.network.open("plc", 0, "PLC")
+    address = str(site.config.transport.listen), 34980
+    config = site.config.model_copy(
+        update={"transport": site.config.transport.model_copy(update={"cyclic_port": 34980})}
+    )
+    site.test = AxisTest(config, 1, site.world, site.lines.append, lambda *_: None, CHOICES)
+    site.world.loop.call_later(400 * MS, lambda: plc.send(b"frame", address))
+    with pytest.raises(GatewayError, match="a PLC sends frames from plc:"):
+        site.run()
+    assert site.turned == 0
+
+
+def test_a_plc_that_is_switched_on_meanwhile_ends_it() -> None:
+    config = configuration(axis(1, more=""), transport="watchdog_factor = 75\n")
+    config = config.model_copy(update={"transport": config.transport.model_copy(update={"cyclic_port": 34980})})
+    site = Site(config=config)
+    plc = site.world.network.open("plc", 0, "PLC")
+    site.when_turning(lambda: plc.send(b"frame", ("127.0.0.1", 34980)))
+    assert "a PLC sends frames from plc:" in site.run().doubt
+    assert site.stands_without_power()
+
+
+def test_beside_a_running_gateway_nothing_is_begun() -> None:
+    config = configuration(axis(1, more=""))
+    config = config.model_copy(update={"transport": config.transport.model_copy(update={"cyclic_port": 34980})})
+    site = Site(config=config)
+    daemon = Daemon(config, site.world)
+    with pytest.raises(GatewayError, match="is a gateway running"):
+        site.run()
+    daemon.release()
+
+
+@pytest.mark.parametrize("turning", [False, True], ids=["before", "while it turns"])
+def test_another_master_on_the_bus_ends_it(turning: bool) -> None:
+    site = Site()
+    other = site.world.bus(BUS).join("other")
+
+    def beat() -> None:
+        other.send(ERROR_CONTROL + 127, b"\x05")
+        site.world.loop.call_later(100 * MS, beat)
+
+    if turning:
+        site.when_turning(beat)
+    else:
+        beat()
+    with pytest.raises(GatewayError, match="another master"):
+        site.run()
+    assert (State.OPERATION_ENABLED in site.states) == turning
+    assert site.stands_without_power()
+
+
+def test_a_speed_below_one_unit_of_the_drive_is_refused() -> None:
+    site = Site(shape=shape("rpm"), choices=Choices(Fraction(1, 10), Fraction(1)))
+    assert "choose a higher --percent" in site.run().doubt
+    assert site.turned == 0
+
+
+def test_an_axis_that_is_none_is_told_with_those_there_are() -> None:
+    with pytest.raises(GatewayError, match=r"DO 7: is no axis, allowed: \[1\]"):
+        AxisTest(configuration(axis(1)), 7, World(), print, lambda *_: None, CHOICES)
+
+
+@pytest.mark.e2e
+def test_the_command_turns_a_simulated_axis_after_what_was_typed(tmp_path: Path) -> None:
+    file = tmp_path / "gateway.toml"
+    file.write_text(
+        '[can]\ninterface = "virtual"\nchannel = "x"\n[transport]\ncyclic_port = 0\n'
+        "[[axis]]\ndo_id = 3\nnode_id = 5\ntelegram = 9\nsimulate = true\n"
+    )
+    result = pdgw("axis", "test", "3", str(file), "--percent", "10", "--turns", "0.5", text="turn 3\n")
+    assert result.returncode == 0, result.stdout + result.stderr
+    assert "Type 'turn 3' to go on:" in result.stdout
+    assert result.stdout.rstrip().endswith("the axis does what is commanded")

@@ -1,0 +1,78 @@
+"""``pdgw axis``: one axis while it is brought into service, without a PLC."""
+
+from __future__ import annotations
+
+import signal
+import sys
+import threading
+from collections.abc import Callable
+from contextlib import ExitStack
+from fractions import Fraction
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from pdgw.ds301.loop import Loop
+from pdgw.gateway.config_file import load_config
+from pdgw.gateway.edge import SystemEdge
+from pdgw.gateway.errors import GatewayError
+from pdgw.tools.axis_test import AxisTest, Choices
+from pdgw.tools.beside import devices_beside
+from pdgw.tools.on_loop import complete
+
+app = typer.Typer(help="An axis that is brought into service.", no_args_is_help=True)
+
+_INTERRUPTED = 130
+_SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")
+
+
+@app.callback()
+def group() -> None:
+    """An axis that is brought into service."""
+
+
+@app.command("test")
+def try_out(
+    do_id: Annotated[int, typer.Argument(metavar="DO", min=1, max=254, help="Drive object of the axis.")],
+    config: Annotated[Path, typer.Argument(help="Configuration file (TOML).")] = Path("gateway.toml"),
+    percent: Annotated[
+        float, typer.Option(min=0.1, max=20, help="Speed, of 100 % of NSOLL; a quarter of it comes first.")
+    ] = 2.0,
+    turns: Annotated[float, typer.Option(min=0.1, max=100, help="Turns of the motor at that speed.")] = 2.0,
+    backward: Annotated[bool, typer.Option("--backward", help="With a negative speed.")] = False,
+) -> None:
+    """Turn an axis slowly without a PLC, after a typed confirmation, and compare what was commanded with what was seen."""
+    choices = Choices(Fraction(str(percent)) * (-1 if backward else 1), Fraction(str(turns)))
+    loaded = load_config(config)
+    with ExitStack() as at_end:
+        reached = at_end.enter_context(devices_beside(loaded))
+        edge = SystemEdge()
+        at_end.callback(edge.loop.close)
+        axis_test = AxisTest(reached, do_id, edge, typer.echo, _asking(edge.loop), choices)
+        for name in _SIGNALS:
+            if hasattr(signal, name):  # Windows has few of them
+                number = getattr(signal, name)
+                before = signal.signal(number, lambda *_: edge.loop.call_threadsafe(axis_test.interrupt))
+                at_end.callback(signal.signal, number, before)
+        outcome = complete(edge.loop, axis_test.run)
+    if outcome.interrupted:
+        raise typer.Exit(_INTERRUPTED)
+    if not outcome.passed:
+        raise GatewayError(f"DO {do_id}: {outcome.doubt or 'the axis does not do what is commanded'}")
+    typer.echo("the axis does what is commanded")
+
+
+def _asking(loop: Loop) -> Callable[[str, Callable[[str], None]], None]:
+    """Asks on the terminal while the gateway goes on; the end of the input is no confirmation."""
+
+    def ask(wanted: str, answer: Callable[[str], None]) -> None:
+        typer.echo(f"Type '{wanted}' to go on: ", nl=False)
+
+        def read() -> None:
+            line = sys.stdin.readline()
+            loop.call_threadsafe(lambda: answer(line))
+
+        threading.Thread(target=read, name="terminal", daemon=True).start()
+
+    return ask
