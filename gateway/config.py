@@ -93,6 +93,7 @@ def _fraction(value: object) -> object:
 
 
 Ratio = Annotated[Fraction, BeforeValidator(_fraction), Field(gt=0, le=10**12)]
+SignedRatio = Annotated[Fraction, BeforeValidator(_fraction), Field(ge=-(10**6), le=10**6)]
 
 
 def as_list(value: object) -> object:
@@ -139,6 +140,9 @@ class AxisConfig(Section):
     acceleration_unit: str = ""
     gear: Ratio | None = None
     rated_acceleration_rpm_s: Ratio | None = None
+    jog_1_speed_rpm: SignedRatio | None = None
+    """Speed telegrams, signed: STW1.8 with .4 to .6 = 0; needs jog_2_speed_rpm."""
+    jog_2_speed_rpm: SignedRatio | None = None
     dsc: DscForm | None = None
     """Telegrams 5, 6, 105 and 106: where the position loop is closed."""
     following_window: Annotated[Integer, Field(ge=1)] | None = None
@@ -188,6 +192,12 @@ class AxisConfig(Section):
         return self
 
     @model_validator(mode="after")
+    def _jog_is_whole(self) -> AxisConfig:
+        if (self.jog_1_speed_rpm is None) != (self.jog_2_speed_rpm is None):
+            raise ValueError("jog_1_speed_rpm and jog_2_speed_rpm: only one is there, allowed: both or none")
+        return self
+
+    @model_validator(mode="after")
     def _positioner_is_whole(self) -> AxisConfig:
         if self.positioner is None:
             if self.telegram in POSITIONER_TELEGRAM_NUMBERS:
@@ -221,8 +231,14 @@ class AxisConfig(Section):
             self.standstill_window_percent,
             self.control_lost,
             stop_time_ns=self.stop_time_ms * 1_000_000,
+            jog_speeds_rpm=self._jog_speeds,
             positioner=None if self.positioner is None else self.positioner.choices(self.block),
         )
+
+    @property
+    def _jog_speeds(self) -> tuple[Fraction, Fraction] | None:
+        first, second = self.jog_1_speed_rpm, self.jog_2_speed_rpm
+        return None if first is None or second is None else (first, second)
 
     @property
     def telegrams(self) -> tuple[int, ...]:

@@ -122,6 +122,8 @@ simulate = false             # true: a simulated drive instead of the one on the
 # rated_acceleration_rpm_s = 10000     # 100 % of MDI_ACC and MDI_DEC, without it Max Acceleration 60C5h
 # gear = "10/1"              # revolutions of the motor to those of the shaft behind the gear, without it 6091h
 
+# jog_1_speed_rpm = -100     # speed telegrams: STW1.8 and .9 with .4 to .6 = 0; without both keys they do nothing
+# jog_2_speed_rpm = 100
 # dsc = "position"           # telegrams 5, 6, 105, 106: "position" (mode 8) or "speed" (mode 9), see docs/motion.md
 # following_window = 4096    # position units within which DSC may start, needed with dsc
 # dsc_delay_cycles = 1       # age of the position the PLC answers

@@ -170,7 +170,7 @@ _ZSW1_BITS = (
     Bit(5, "NO_QUICK_STOP", "quick stop not activated"),
     Bit(6, "SWITCHING_ON_INHIBITED", "switching on inhibited"),
     Bit(7, "WARNING", "warning present"),
-    Bit(8, "WITHIN_TOLERANCE", "speed error within tolerance (not used)"),
+    Bit(8, "WITHIN_TOLERANCE", "speed error within tolerance (telegrams with MELDW)"),
     Bit(9, "CONTROL_REQUESTED", "control requested"),
     Bit(10, "TARGET_REACHED", "target speed reached"),
     Bit(11, "DEVICE_11", "device specific"),

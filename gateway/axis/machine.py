@@ -79,6 +79,7 @@ class AxisMachine:
         if self.sensor is not None:
             self.sensor.channel.set_references(DriveSensor.references)
         self._node = NodeWatch(self.outputs, {})
+        self.notes.heat = self._node.heat
         self._drive = DriveWatch(self.outputs)
         self.acknowledgement = Acknowledgement()
         has_life = "STW2" in self.telegram.setpoints.names
@@ -120,6 +121,7 @@ class AxisMachine:
         """Go on for the machine of another telegram of the same drive; the interlock of the new one is locked."""
         self._node = other._node
         self._node.tell_to(self.outputs)
+        self.notes.heat = self._node.heat
 
     # -- the step -----------------------------------------------------------------------------------------------------
 
@@ -201,6 +203,7 @@ class AxisMachine:
             faulty = STATE_OF_STATUS[statusword & STATE_MASK] in FAULTY
             if acknowledgement.step(demand.connected and demand.acknowledge, drive_ok, faulty, now):
                 outputs.acknowledged = outputs.eventful = True
+                self._node.heat.over()
         limited, refused = shown & _INTERNAL_LIMIT != 0, inputs.set_point_refused
         if reason is None and (limited or refused):
             reason = Reason.SET_POINT_REFUSED if refused else Reason.INTERNAL_LIMIT
@@ -267,6 +270,7 @@ class AxisMachine:
                     self.sensor.answered(item)
             elif isinstance(item, FaultRead):
                 self._drive.fault_read(item, inputs.feedback, inputs.now)
+                self._node.told(item.code)
             else:
                 self._node.restart_asked()
         inputs.news.clear()

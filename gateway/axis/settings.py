@@ -56,6 +56,8 @@ class AxisSettings:
     """From 100 % speed to standstill by the drive's own ramps."""
     sign_of_life_failures: int = MONITORING_OFF
     """P925: tolerated failures of the PLC's sign of life in succession; 65535: not watched, only answered."""
+    jog_speeds_rpm: tuple[Fraction, Fraction] | None = None
+    """Signed, of jog 1 and jog 2 of the speed telegrams; None: their bits do nothing."""
     dsc: DscChoices | None = None
     """Needed by telegrams 5, 6, 105 and 106."""
     positioner: PositionerChoices | None = None

@@ -54,6 +54,9 @@ class SpeedWish(enum.IntEnum):
     HOLD = 1
     """The last speed stays."""
     ZERO = 2
+    JOG_1 = 3
+    """The speed of the user's choice, begun at standstill."""
+    JOG_2 = 4
 
 
 class Direction(enum.IntEnum):

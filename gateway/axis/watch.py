@@ -9,6 +9,7 @@ from collections.abc import Mapping
 
 from pdgw.dsp402.images import DriveFeedback
 from pdgw.dsp402.states import STATE_OF_STATUS, State, StatusBit
+from pdgw.gateway.axis.executors.base import Heat
 from pdgw.gateway.axis.power_table import CONTROLWORDS, Action
 from pdgw.gateway.axis.values import FaultRead, FaultRecord, NodeNotice, Notice, Outputs, gateway_fault
 from pdgw.gateway.axis.waist import STATE_MASK
@@ -27,6 +28,9 @@ CANOPEN_FAULT = 12
 """The manufacturer's numbers for what has none of its own."""
 _CANOPEN_ERRORS = range(0x8100, 0x8300)
 """EMCY classes 81xxh communication and 82xxh protocol error."""
+_CLASS = 0xFF00
+_STAGE_TEMPERATURE, _MOTOR_TEMPERATURE = 0x4200, 0x4300
+"""EMCY classes 42xxh temperature of the device and 43xxh of the drive (CiA 402)."""
 _VALUE_BYTES = 4
 """So many of an EMCY's manufacturer bytes are P949's value."""
 FAULTY = (State.FAULT, State.FAULT_REACTION_ACTIVE)
@@ -81,6 +85,7 @@ class NodeWatch:
         "_refusal",
         "_restart_asked",
         "fault_of_emcy",
+        "heat",
         "last_emergency",
     )
 
@@ -88,6 +93,7 @@ class NodeWatch:
         self._outputs = outputs
         self.fault_of_emcy = fault_of_emcy
         """Fault number of an EMCY error code."""
+        self.heat = Heat()
         self._absent = False
         self._refusal = ""
         self._restart_asked = False
@@ -141,15 +147,23 @@ class NodeWatch:
     def _raise(self, number: FaultNumber, notice: NodeNotice) -> None:
         self._outputs.fault(gateway_fault(number, notice.text, notice.time_ns))
 
+    def told(self, code: int) -> None:
+        """An error code of the drive, by EMCY or read."""
+        kind = code & _CLASS
+        self.heat.motor |= kind == _MOTOR_TEMPERATURE
+        self.heat.stage |= kind == _STAGE_TEMPERATURE
+
     def _emergency(self, notice: NodeNotice) -> None:
         """An EMCY: a fault while its error register has a bit set, else a warning."""
         code, now = notice.code, notice.time_ns
         if code == 0:
             self._emergencies.clear()
+            self.heat.over()
             self._outputs.emergency_over = self._outputs.eventful = True
             self._tell(notice.text)
             return
         self.last_emergency = now
+        self.told(code)
         if not self._emergencies.is_new((code, notice.register, notice.data), now):
             return
         number = CANOPEN_FAULT if code in _CANOPEN_ERRORS else INTERNAL_FAULT

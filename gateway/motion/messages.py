@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from fractions import Fraction
+from typing import Final
 
 from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.datatypes import N2_100_PERCENT
@@ -19,7 +20,7 @@ _SPEED_BELOW_3 = _MELDW.bit("SPEED_BELOW_THRESHOLD_3").mask
 _SPEED_BELOW_2 = _MELDW.bit("SPEED_BELOW_THRESHOLD_2").mask
 _NO_MOTOR_OVERTEMPERATURE = _MELDW.bit("NO_MOTOR_OVERTEMPERATURE").mask
 _NO_STAGE_OVERTEMPERATURE = _MELDW.bit("NO_POWER_STAGE_OVERTEMPERATURE").mask
-_WITHIN_TOLERANCE = _MELDW.bit("SPEED_WITHIN_TOLERANCE").mask
+SPEED_WITHIN_TOLERANCE: Final = _MELDW.bit("SPEED_WITHIN_TOLERANCE").mask
 _ENABLED = _MELDW.bit("CONTROLLER_ENABLED").mask | _MELDW.bit("PULSES_ENABLED").mask
 _READY = _MELDW.bit("DRIVE_READY").mask
 
@@ -80,7 +81,7 @@ class MessageWord:
         if not stage_hot:
             word |= _NO_STAGE_OVERTEMPERATURE
         if abs(velocity - demand) <= self._tolerance:
-            word |= _WITHIN_TOLERANCE | (_RAMP_COMPLETED if target_reached else 0)
+            word |= SPEED_WITHIN_TOLERANCE | (_RAMP_COMPLETED if target_reached else 0)
         if abs(torque) < self._torque:
             word |= _TORQUE_BELOW
         if speed < self._speed_3:

@@ -20,6 +20,9 @@ _STW1 = signal("STW1")
 _DEVICE_BITS = sum(_STW1.bit(f"DEVICE_{number}").mask for number in (12, 13, 14, 15))
 _RUN = _STW1.bit("ENABLE_RAMP_GENERATOR").mask | _STW1.bit("ENABLE_SETPOINT").mask
 _FOLLOW = _RUN | _STW1.bit("UNFREEZE_RAMP_GENERATOR").mask
+_JOG_1, _JOG_2 = _STW1.bit("JOG_1_ON").mask, _STW1.bit("JOG_2_ON").mask
+_JOGS = {_JOG_1: SpeedWish.JOG_1, _JOG_2: SpeedWish.JOG_2}
+"""With STW1.4 to .6 = 0; both bits are speed 0."""
 _NO_SENSOR = (STATUS_BITS[SensorState.ERROR], 0, SensorError.COMMAND_NOT_SUPPORTED.value)
 _N2_FACTOR = N4_100_PERCENT // N2_100_PERCENT
 
@@ -34,6 +37,7 @@ class SpeedAdapter(ControlWordAdapter):
         self._follows = False
         """The speed setpoint is in force."""
         self._profidrive = settings.setpoint_enable is SetpointEnable.PROFIDRIVE
+        self._jogs = self._profidrive and settings.jog_speeds_rpm is not None
 
     def read(self, setpoints: Sequence[int] | None, demand: Demand) -> None:
         word = None if setpoints is None else setpoints[self.stw1]
@@ -52,6 +56,8 @@ class SpeedAdapter(ControlWordAdapter):
         if word & _FOLLOW == _FOLLOW:
             demand.speed_wish = SpeedWish.FOLLOW
             self._follows = True
+        elif self._jogs and not word & _FOLLOW:
+            demand.speed_wish = _JOGS.get(word & (_JOG_1 | _JOG_2), SpeedWish.ZERO)
         elif self._profidrive and word & _RUN != _RUN:
             demand.speed_wish = SpeedWish.ZERO
         else:

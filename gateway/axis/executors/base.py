@@ -24,10 +24,24 @@ LIMIT_STANDING_NS = 500_000_000
 speed is limited has left standstill by then."""
 
 
-class Notes:
-    """What an executor has to tell beside the report; read by the machine after each step."""
+class Heat:
+    """Which overtemperature a drive has told and not taken back."""
 
-    __slots__ = ("faults", "reason", "saturations", "warning", "writes")
+    __slots__ = ("motor", "stage")
+
+    def __init__(self) -> None:
+        self.motor = False
+        self.stage = False
+
+    def over(self) -> None:
+        """The drive has left its fault, or says that it has none."""
+        self.motor = self.stage = False
+
+
+class Notes:
+    """What an executor has to tell beside the report; read by the machine after each step. ``heat`` is what it has to know."""
+
+    __slots__ = ("faults", "heat", "reason", "saturations", "warning", "writes")
 
     def __init__(self) -> None:
         self.warning = False
@@ -36,6 +50,7 @@ class Notes:
         self.faults: list[tuple[FaultNumber, str]] = []
         """New faults and warnings with their details."""
         self.saturations = 0
+        self.heat = Heat()
         self.writes: tuple[SdoWrite, ...] | None = None
         """SDO writes that are wanted, until they are answered, withdrawn or replaced."""
 

@@ -19,7 +19,7 @@ from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.waist import STATE_MASK, Demand, Flag, Report
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.motion.dsc import Dsc, DscChoices, DscForm, DscSettings, wrapped
-from pdgw.gateway.motion.messages import MessageWord, reduced_torque
+from pdgw.gateway.motion.messages import SPEED_WITHIN_TOLERANCE, MessageWord, reduced_torque
 from pdgw.gateway.motion.units import round_half_away
 from pdgw.gateway.reasons import FaultNumber, Reason
 from pdgw.profidrive.datatypes import Normalisation, n4
@@ -114,8 +114,10 @@ class DscExecutor(Executor):
         command.max_torque = reduced_torque(self._torque, demand.torque_reduction if demand.connected else 0)
         report.speed = actual.to_wire(feedback.velocity_actual)
         near = abs(feedback.velocity_actual - self._velocity) <= self._tolerance
-        report.flags = Flag.REACHED if near and enabled else 0
-        report.message = message_of(message, feedback)
+        shown = report.message = message_of(message, feedback, self.notes.heat)
+        report.flags = (Flag.REACHED if near and enabled else 0) | (
+            Flag.WITHIN_TOLERANCE if shown & SPEED_WITHIN_TOLERANCE else 0
+        )
         return reason
 
     def _control(self, dsc: Dsc, demand: Demand, feedback: DriveFeedback) -> Reason | None:

@@ -9,7 +9,7 @@ from pdgw.dsp402.drive_type import DriveType, Quantity
 from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.images import DriveCommand, DriveFeedback
 from pdgw.dsp402.states import StatusBit
-from pdgw.gateway.axis.executors.base import Executor, LimitWatch, Notes
+from pdgw.gateway.axis.executors.base import Executor, LimitWatch, Notes, known
 from pdgw.gateway.axis.power_table import Action
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.waist import Demand, Flag, Report, SpeedWish
@@ -17,7 +17,7 @@ from pdgw.gateway.reasons import Reason
 from pdgw.profidrive.datatypes import Normalisation, n4
 
 _ENABLE_OPERATION, _RAMP = Action.ENABLE_OPERATION, Action.RAMP
-_FOLLOW, _ZERO = SpeedWish.FOLLOW, SpeedWish.ZERO
+_FOLLOW, _HOLD, _ZERO, _JOG_1 = SpeedWish.FOLLOW, SpeedWish.HOLD, SpeedWish.ZERO, SpeedWish.JOG_1
 _INTERNAL_LIMIT = StatusBit.INTERNAL_LIMIT
 
 
@@ -35,6 +35,9 @@ class SpeedExecutor(Executor):
         self._target = 0
         self._mode_bits = 0
         """Controlword bits that let the setpoint through in operation."""
+        self._jog_speeds = (0, 0)
+        self._jogging: SpeedWish | None = None
+        """The jog that was begun at standstill."""
         self._limit = LimitWatch()
         self._stopped = 0
         """The setpoint with which the axis stood at a limit; 0: none."""
@@ -47,6 +50,12 @@ class SpeedExecutor(Executor):
         self._setpoint = n4(reference, drive.limits("target_velocity"))
         self._actual = n4(reference, drive.limits("velocity_actual"))
         self._mode_bits = drive.speed_bits
+        jogs = self.settings.jog_speeds_rpm
+        if jogs is not None:
+            unit = known(drive.scaling.velocity_per_rpm, "velocity units per rpm", "velocity_unit")
+            low, high = drive.limits("target_velocity")
+            first, second = (max(low, min(round(rpm * unit), high)) for rpm in jogs)
+            self._jog_speeds = first, second
 
     def restarted(self) -> None:
         self._target = 0
@@ -70,9 +79,11 @@ class SpeedExecutor(Executor):
     ) -> Reason | None:
         if action is not _ENABLE_OPERATION:
             self._target = 0
+            self._jogging = None
         else:
             wish = demand.speed_wish
             if wish is _FOLLOW:
+                self._jogging = None
                 wire = demand.speed
                 if wire != self._wire and self._setpoint is not None:
                     self._wire = wire
@@ -80,8 +91,10 @@ class SpeedExecutor(Executor):
                 self._target = self._value
             else:
                 reason = Reason.SETPOINT_DISABLED
-                if wish is _ZERO:
-                    self._target = 0
+                if wish is not _HOLD:
+                    self._target = self._jog(wish, standstill)
+                    if self._target:
+                        reason = None
         target = self._target
         statusword = feedback.statusword
         if self._stopped or statusword & _INTERNAL_LIMIT:
@@ -100,6 +113,18 @@ class SpeedExecutor(Executor):
         if self._actual is not None:
             report.speed = self._actual.to_wire(feedback.velocity_actual)
         return reason
+
+    def _jog(self, wish: SpeedWish, standstill: bool) -> int:
+        """The speed of a jog, 0 for none and for one that does not begin at standstill."""
+        if wish is _ZERO:
+            self._jogging = None
+            return 0
+        if wish is not self._jogging:
+            if not standstill:
+                self._jogging = None
+                return 0
+            self._jogging = wish
+        return self._jog_speeds[0 if wish is _JOG_1 else 1]
 
     def _held_at_limit(self, target: int, feedback: DriveFeedback, standstill: bool, now: int) -> int:
         """The target, or 0 while an axis that stood at a limit is asked for the same direction again."""

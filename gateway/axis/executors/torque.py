@@ -9,19 +9,19 @@ from pdgw.dsp402.drive_type import DriveType, Quantity
 from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.images import DriveCommand, DriveFeedback
 from pdgw.dsp402.states import STATE_OF_STATUS, State, StatusBit
-from pdgw.gateway.axis.executors.base import Notes
+from pdgw.gateway.axis.executors.base import Heat, Notes
 from pdgw.gateway.axis.executors.speed import SpeedExecutor
 from pdgw.gateway.axis.power_table import Action
 from pdgw.gateway.axis.settings import AxisSettings
-from pdgw.gateway.axis.waist import STATE_MASK, Demand, Report
-from pdgw.gateway.motion.messages import MessageWord, reduced_torque
+from pdgw.gateway.axis.waist import STATE_MASK, Demand, Flag, Report
+from pdgw.gateway.motion.messages import SPEED_WITHIN_TOLERANCE, MessageWord, reduced_torque
 from pdgw.gateway.reasons import Reason
 
 _ENABLED = (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE)
 _READY = (*_ENABLED, State.SWITCHED_ON, State.READY_TO_SWITCH_ON)
 
 
-def message_of(message: MessageWord, feedback: DriveFeedback) -> int:
+def message_of(message: MessageWord, feedback: DriveFeedback, heat: Heat) -> int:
     """MELDW of what a drive tells."""
     statusword = feedback.statusword
     state = STATE_OF_STATUS[statusword & STATE_MASK]
@@ -32,6 +32,8 @@ def message_of(message: MessageWord, feedback: DriveFeedback) -> int:
         target_reached=statusword & StatusBit.TARGET_REACHED != 0,
         enabled=state in _ENABLED,
         ready=state in _READY,
+        motor_hot=heat.motor,
+        stage_hot=heat.stage,
     )
 
 
@@ -66,6 +68,9 @@ class TorqueExecutor(SpeedExecutor):
     ) -> Reason | None:
         reduction = demand.torque_reduction if demand.connected else 0
         self.command.max_torque = reduced_torque(self._base, reduction)
+        reason = super().step(demand, action, controlword, reason, feedback, standstill, now)
         if self._message is not None:
-            self.report.message = message_of(self._message, feedback)
-        return super().step(demand, action, controlword, reason, feedback, standstill, now)
+            message = self.report.message = message_of(self._message, feedback, self.notes.heat)
+            if message & SPEED_WITHIN_TOLERANCE:
+                self.report.flags |= Flag.WITHIN_TOLERANCE
+        return reason

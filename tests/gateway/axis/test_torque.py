@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import pytest
 
+from pdgw.gateway.axis.values import NodeNotice, Notice
 from pdgw.gateway.reasons import FaultNumber
 from pdgw.profidrive.signals import signal
 from tests.support.drive_types import References
@@ -101,3 +102,32 @@ def test_telegram_4_is_telegram_3_with_more_words() -> None:
     rig.values["NSOLL_B"] = 1 << 28
     rig.until(lambda actuals: actuals["NIST_B"] == 1 << 28, 500)
     assert rig.actuals["G1_XIST1"]
+
+
+def test_zsw1_8_is_the_deviation_of_meldw_8() -> None:
+    rig = Rig(102)
+    rig.enable(OFF)
+    mask = signal("ZSW1").bit("WITHIN_TOLERANCE").mask
+    assert rig.actuals["ZSW1"] & mask
+    rig.feedback.velocity_demand = 400
+    rig._tpdos.clear()
+    rig.step()
+    assert not rig.actuals["ZSW1"] & mask
+    assert "SPEED_WITHIN_TOLERANCE" not in messages(rig)
+
+
+@pytest.mark.parametrize(
+    ("code", "gone"),
+    [(0x4310, "NO_MOTOR_OVERTEMPERATURE"), (0x4210, "NO_POWER_STAGE_OVERTEMPERATURE")],
+)
+def test_an_overtemperature_shows_until_the_drive_takes_it_back(code: int, gone: str) -> None:
+    rig = Rig(102)
+    rig.enable(OFF)
+    both = {"NO_MOTOR_OVERTEMPERATURE", "NO_POWER_STAGE_OVERTEMPERATURE"}
+    assert both <= messages(rig)
+    rig.stepper.machine.inputs.news.append(NodeNotice(Notice.EMERGENCY, "EMCY", rig.now, code, 0x09))
+    rig.step()
+    assert messages(rig) & both == both - {gone}
+    rig.stepper.machine.inputs.news.append(NodeNotice(Notice.EMERGENCY, "EMCY", rig.now, 0, 0))
+    rig.step()
+    assert both <= messages(rig)
