@@ -101,21 +101,5 @@ def main(config: Path, pdgw: str) -> None:
         print(json.dumps(seen))
 
 
-def play(config: Path, pdgw: str, scenario: Path) -> int:
-    """The same with ``pdgw sim plc`` as the controller; its exit status."""
-    holder = pair()
-    gateway = subprocess.Popen(["nsenter", "-t", str(holder.pid), "-n", pdgw, "run", str(config)])
-    try:
-        plc = [pdgw, "sim", "plc", str(scenario), "--profinet", "plc", "--name", "press-1"]
-        return subprocess.run(plc, check=False, timeout=90).returncode
-    finally:
-        gateway.send_signal(signal.SIGTERM)
-        gateway.wait(20)
-        holder.kill()
-        holder.wait()
-
-
 if __name__ == "__main__":
-    if len(sys.argv) > 3:
-        sys.exit(play(Path(sys.argv[1]), sys.argv[2], Path(sys.argv[3])))
     main(Path(sys.argv[1]), sys.argv[2])

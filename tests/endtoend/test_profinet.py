@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import json
 import os
-import shutil
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+
+from pdgw.gateway.errors import GatewayError
+from pdgw.tools import namespaces
+from tests.endtoend.processes import pdgw
+from tests.support import tshark
 
 CONFIG = """\
 store = "store.json"
@@ -31,54 +35,93 @@ node_id = 1
 telegram = 1
 simulate = true
 """
-TOOLS = ("unshare", "nsenter", "ip")
-
-
-def namespaces_allowed() -> bool:
-    """A user may make network namespaces here."""
-    if any(shutil.which(tool) is None for tool in TOOLS):
-        return False
-    probe = ["unshare", "-Urn", "ip", "link", "add", "plc", "type", "veth", "peer", "name", "eth1"]
-    return subprocess.run(probe, capture_output=True, check=False).returncode == 0
-
-
 SCENARIO = """\
 name: speed over PROFINET
-telegrams: [1]
+telegrams: [1, 9, 100, 83]
+references: {speed_rpm: 3000, position: 500000}
 steps:
   - {note: "enable", enable: true, within: 20 s}
   - {read: {P965: 0x0329}}
   - {speed: 1500 rpm}
   - {expect: {NIST_A: "1500 rpm +- 10 rpm"}, note: "speed reached", within: 20 s}
-  - {off1: true}
-  - {expect: {ZSW1.READY_TO_OPERATE: 0, NIST_A: "0 +- 30 rpm"}, note: "standstill, power off", within: 20 s}
+  - {drive: "@1 fault 7"}
+  - {expect: {ZSW1.FAULT: 1, ZSW1.OPERATION_ENABLED: 0}, note: "over-current", within: 20 s}
+  - {drive: "@1 clear"}
+  - {ack: true}
+  - {expect: {ZSW1.FAULT: 0, ZSW1.OPERATION_ENABLED: 0, NIST_A: "0 +- 30 rpm"}, note: "not started", within: 20 s}
 """
 
 
-def in_namespace(tmp_path: Path, *further: str) -> subprocess.CompletedProcess[str]:
-    """The script with a gateway of its own; skips, in CI fails, where that is not possible."""
-    if not namespaces_allowed():
+def namespaces_or_skip() -> None:
+    """Skips, in CI fails, where network namespaces are not possible."""
+    why = namespaces.missing()
+    if why:
         if os.environ.get("CI"):
-            pytest.fail(f"network namespaces are not allowed, or one of {TOOLS} is missing")
-        pytest.skip(f"network namespaces are not allowed here, or one of {TOOLS} is missing")
-    config = tmp_path / "gateway.toml"
-    config.write_text(CONFIG, encoding="utf-8")
-    script = Path(__file__).with_name("profinet_controller.py")
-    pdgw = Path(sys.executable).with_name("pdgw")
-    command = ["unshare", "-Urn", sys.executable, str(script), str(config), str(pdgw), *further]
-    return subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+            pytest.fail(why)
+        pytest.skip(why)
 
 
-def test_a_scenario_of_the_plc_simulator_plays_over_ethernet(tmp_path: Path) -> None:
-    scenario = tmp_path / "speed.yaml"
+@pytest.fixture(scope="module")
+def demo(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """`pdgw demo --profinet` with a short story; where its evidence is."""
+    namespaces_or_skip()
+    folder = tmp_path_factory.mktemp("profinet")
+    scenario = folder / "speed.yaml"
     scenario.write_text(SCENARIO, encoding="utf-8")
-    result = in_namespace(tmp_path, str(scenario))
-    assert result.returncode == 0, (result.stdout, result.stderr)
+    result = pdgw("demo", "--profinet", "--scenario", str(scenario), "--out", str(folder / "out"))
+    assert result.returncode == 0, (result.stdout, result.stderr, (folder / "out" / "gateway.log").read_text())
     assert "FAIL" not in result.stdout
+    return folder / "out"
+
+
+def test_the_demo_plays_over_ethernet_frames_and_its_faults_reach_the_drives(demo: Path) -> None:
+    report = json.loads((demo / "report.json").read_text())
+    assert report["passed"]
+    names = [item["name"] for item in report["results"]]
+    assert any("speed reached" in name for name in names)
+    assert any("over-current" in name for name in names)
+    assert report["exit_codes"] == {"plc": 0, "gateway": 0, "devices": 0}
+
+
+def test_the_demos_capture_tells_everything_without_a_configuration(demo: Path) -> None:
+    result = pdgw("decode", str(demo / "plc.pcapng"), "--json")
+    assert result.returncode == 0, result.stderr
+    assert "observed in Connect of press-1: axis 1 telegram 1, axis 2 telegram 9" in result.stderr
+    kinds = {json.loads(line)["kind"] for line in result.stdout.splitlines()}
+    assert kinds >= {"dcp", "lldp", "rpc", "alarm", "frame", "parameter-request", "parameter-response"}
+    timeline = pdgw("timeline", str(demo / "plc.pcapng"), str(demo / "can.log"), "--config", str(demo / "gateway.toml"))
+    assert timeline.returncode == 0, timeline.stderr
+    assert "relationship of pdgw-plc and press-1 confirmed" in timeline.stdout
+    assert "obeyed" in timeline.stdout
+
+
+@tshark.needs_tshark
+@pytest.mark.tshark
+def test_tshark_finds_nothing_malformed_in_the_demos_capture(demo: Path) -> None:
+    rows = tshark.fields(demo / "plc.pcapng", ["pn_rt.frame_id", "_ws.malformed"])
+    assert not [row for row in rows if row["_ws.malformed"]]
+    assert sum(bool(row["pn_rt.frame_id"]) for row in rows) > 500
+
+
+def test_where_the_kernel_forbids_namespaces_the_demo_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(namespaces, "_unshare", lambda: ["sh", "-c", "echo unshare: not permitted >&2; exit 1"])
+    monkeypatch.setattr(namespaces.shutil, "which", lambda tool: tool)
+    with pytest.raises(
+        GatewayError, match=r"the kernel does not allow network namespaces here .unshare: not permitted"
+    ):
+        namespaces.enter()
+    monkeypatch.setattr(namespaces.shutil, "which", lambda tool: None)
+    with pytest.raises(GatewayError, match="unshare, nsenter, ip not found; install util-linux and iproute2"):
+        namespaces.enter()
 
 
 def test_a_controller_finds_the_gateway_on_ethernet_and_moves_a_drive(tmp_path: Path) -> None:
-    result = in_namespace(tmp_path)
+    namespaces_or_skip()
+    config = tmp_path / "gateway.toml"
+    config.write_text(CONFIG, encoding="utf-8")
+    script = Path(__file__).with_name("profinet_controller.py")
+    command = ["unshare", "-Urn", sys.executable, str(script), str(config), str(Path(sys.executable).with_name("pdgw"))]
+    result = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
     assert result.returncode == 0, result.stderr
     seen = json.loads(result.stdout.splitlines()[-1])
     log = result.stderr

@@ -28,7 +28,7 @@ from pdgw.peers.node.host import simulation_thread
 from pdgw.peers.plc.endpoint import PlcEndpoint
 from pdgw.profidrive.telegrams import telegram
 from pdgw.tools.bench.stops import NODE, OFF, ON, SPEED, Stop
-from pdgw.tools.demo.run import free_ports
+from pdgw.tools.demo.links import free_ports
 
 _PATIENCE_S = 60.0
 _LOOK_S = 0.01

@@ -19,7 +19,7 @@ from typing import Any
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.status_client import fetch
 from pdgw.tools.bench.drives import PER_BUS
-from pdgw.tools.demo.run import free_ports
+from pdgw.tools.demo.links import free_ports
 
 _READY_S = 60.0
 _LOOK_S = 0.02

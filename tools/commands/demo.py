@@ -13,8 +13,10 @@ from rich.live import Live
 from rich.table import Table
 
 from pdgw.peers.plc.scenario import Result
+from pdgw.tools import namespaces
 from pdgw.tools.commands.sim_plc import results_table
-from pdgw.tools.demo.run import Demo
+from pdgw.tools.demo.links import OnEthernet, OnLoopback
+from pdgw.tools.demo.run import SCENARIO, Demo
 
 
 class _Story:
@@ -50,11 +52,20 @@ def demo(
     out: Annotated[
         Path, typer.Option(help="Where report.json, plc.pcap, can.log, trace.png and trace.html go.")
     ] = Path("demo-out"),
+    profinet: Annotated[
+        bool,
+        typer.Option("--profinet", help="PLC and gateway over Ethernet frames, between network namespaces (Linux)."),
+    ] = False,
+    scenario: Annotated[
+        Path, typer.Option(help="Another story for these drives (telegrams 1, 9, 100, 83).", show_default=False)
+    ] = SCENARIO,
 ) -> None:
     """PLC, gateway and the bus of three drives and an encoder as processes; every expectation with pass or fail."""
+    if profinet and not namespaces.inside():
+        namespaces.enter()
     console = Console()
     story = _Story(console)
-    run = Demo(out, story.show)
+    run = Demo(out, story.show, OnEthernet() if profinet else OnLoopback(), scenario)
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # a stopped demo stops its processes
     try:
         if sys.stdout.isatty():

@@ -19,6 +19,7 @@ from typing import IO, Any
 from can_remote import RemoteServer
 
 from pdgw.gateway.errors import GatewayError
+from pdgw.tools.demo.links import DemoLink, free_ports
 from pdgw.tools.demo.trace import plot
 from pdgw.tools.recordings import Part, known_from, look_ahead, write_page
 
@@ -29,16 +30,7 @@ _TELEGRAMS = (1, 9, 100)
 _ENCODER_TELEGRAM = 83
 _ENCODER = len(_TELEGRAMS) + 1
 """DO-ID and node-ID of the encoder, which is on the shaft of the first drive."""
-_EVIDENCE = ("report.json", "plc.json", "plc.pcap", "can.log", "trace.csv", "trace.png", "trace.html")
-
-
-def free_ports(kind: socket.SocketKind, number: int) -> list[int]:
-    """Different ports of 127.0.0.1 nobody uses at this moment."""
-    with contextlib.ExitStack() as stack:
-        sockets = [stack.enter_context(socket.socket(socket.AF_INET, kind)) for _ in range(number)]
-        for sock in sockets:
-            sock.bind(("127.0.0.1", 0))
-        return [int(sock.getsockname()[1]) for sock in sockets]
+_EVIDENCE = ("report.json", "plc.json", "plc.pcap", "plc.pcapng", "can.log", "trace.csv", "trace.png", "trace.html")
 
 
 class _CanServer(RemoteServer):  # type: ignore[misc]  # untyped package
@@ -81,7 +73,7 @@ def can_server() -> Iterator[str]:
         thread.join()
 
 
-def gateway_config(channel: str, port: int, acyclic_port: int) -> str:
+def gateway_config(channel: str, transport: str) -> str:
     """The gateway of the demo. Its times let a busy machine pause for a while without anything counting as lost."""
     axes = "".join(
         f"\n[[axis]]\ndo_id = {n}\nnode_id = {n}\ntelegram = {t}\nheartbeat_ms = 500\ntpdo_event_ms = 200\n"
@@ -93,7 +85,7 @@ def gateway_config(channel: str, port: int, acyclic_port: int) -> str:
     )
     return (
         f'[can]\ninterface = "remote"\nchannel = "{channel}"\n\n'
-        f"[transport]\ncyclic_port = {port}\nacyclic_port = {acyclic_port}\nstatus_port = 0\n"
+        f"[transport]\n{transport}status_port = 0\n"
         f"cycle_time_ms = 4\nwatchdog_factor = 100\n{axes}{encoder}"
     )
 
@@ -119,11 +111,18 @@ class Outcome:
 
 
 class Demo:
-    """One run with its evidence in ``out``; ``show`` gets each progress document of the PLC."""
+    """One run with its evidence in ``out``; ``show`` gets each progress document of the PLC.
 
-    def __init__(self, out: Path, show: Callable[[dict[str, Any]], None]) -> None:
+    ``link``: between PLC and gateway. ``scenario``: the story.
+    """
+
+    def __init__(
+        self, out: Path, show: Callable[[dict[str, Any]], None], link: DemoLink, scenario: Path = SCENARIO
+    ) -> None:
         self.out = out
         self.show = show
+        self.link = link
+        self.scenario = scenario
         self._processes: dict[str, subprocess.Popen[str]] = {}
         self._logs: list[IO[str]] = []
 
@@ -136,7 +135,7 @@ class Demo:
         for name in _EVIDENCE:
             (self.out / name).unlink(missing_ok=True)  # a run that fails leaves no old success
         started = time.monotonic()
-        with _quiet_lost_clients(), can_server() as channel:
+        with _quiet_lost_clients(), can_server() as channel, contextlib.closing(self.link):
             try:
                 self._start(channel)
                 self._follow()
@@ -154,31 +153,30 @@ class Demo:
 
     def _write_page(self) -> None:
         """Both captures as a page to look around in."""
-        files = [str(self.out / name) for name in ("plc.pcap", "can.log")]
+        files = [str(self.out / name) for name in (self.link.capture, "can.log")]
         opening = look_ahead(files, known_from(self.out / "gateway.toml", [], []), None, lambda _: None)
         write_page(opening, Part(), self.out / "trace.html")
 
     def _start(self, channel: str) -> None:
-        port, acyclic_port = free_ports(socket.SOCK_DGRAM, 2)
         (control,) = free_ports(socket.SOCK_STREAM, 1)
+        self.link.open(self.out, control)
         config, devices = self.out / "gateway.toml", self.out / "devices.toml"
-        config.write_text(gateway_config(channel, port, acyclic_port), encoding="utf-8")
+        config.write_text(gateway_config(channel, self.link.transport), encoding="utf-8")
         devices.write_text(devices_config(channel, control), encoding="utf-8")
         self._spawn("devices", "sim", "bus", str(devices))
         self._spawn("gateway", "run", str(config), "--can-log", str(self.out / "can.log"))
         self._spawn(
             "plc",
-            *("sim", "plc", str(SCENARIO), "--progress", "--drive-port", str(control)),
-            *("--gateway", f"127.0.0.1:{port}", "--acyclic-port", str(acyclic_port)),
-            *("--pcap", str(self.out / "plc.pcap"), "--trace", str(self.out / "trace.csv")),
-            *("--json", str(self.out / "plc.json")),
+            *("sim", "plc", str(self.scenario), "--progress", *self.link.plc(self.out)),
+            *("--trace", str(self.out / "trace.csv"), "--json", str(self.out / "plc.json")),
         )
 
     def _spawn(self, name: str, *arguments: str) -> None:
         log = (self.out / f"{name}.log").open("w", encoding="utf-8")
         self._logs.append(log)
+        command = [sys.executable, "-m", "pdgw", *arguments]
         self._processes[name] = subprocess.Popen(
-            [sys.executable, "-m", "pdgw", *arguments],
+            self.link.command(*command) if name == "plc" else command,
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE if name == "plc" else log,
             stderr=log,
