@@ -64,20 +64,17 @@ class Link(Protocol):
     def set_layout(self, telegrams: Sequence[Telegram]) -> None:
         """Other telegrams from now on, in the order of the drive objects; GatewayError or ProfidriveError when not possible."""
 
-    @property
-    def layout_generation(self) -> int:
-        """Rises with every new layout of the frames."""
+    layout_token: object
+    """Another one with every new layout of the frames."""
 
     def places(self) -> FramePlaces:
         """The present layout of the frames."""
 
-    @property
-    def received(self) -> bytes:
-        """The newest frame of the PLC, empty before there was one."""
+    def newest(self) -> tuple[bool, bytes, bytes | bytearray]:
+        """Whether a PLC is connected, its newest frame and the newest one to it, empty before there was one.
 
-    @property
-    def sent(self) -> bytes | bytearray:
-        """The newest frame to the PLC, likewise; the buffer is used again."""
+        The buffer of the last one is used again.
+        """
 
     def status(self) -> dict[str, object]:
         """Connection and verdicts, for ``pdgw status``."""
@@ -98,7 +95,7 @@ class UdpLink:
         self.skipped = 0
         self._filtered = False
         """There is a connection, and nobody but its PLC is heard."""
-        self._generation = 0
+        self.layout_token = object()
         self._register_counters(counters)
 
     def _register_counters(self, counters: Counters) -> None:
@@ -202,25 +199,17 @@ class UdpLink:
         endpoint = self._endpoint(telegrams)
         endpoint.continue_from(self.endpoint)
         self.endpoint = endpoint
-        self._generation += 1
+        self.layout_token = object()
         self._listen_to(None)
-
-    @property
-    def layout_generation(self) -> int:
-        return self._generation
 
     def places(self) -> FramePlaces:
         endpoint = self.endpoint
         consumer, provider = endpoint.consumer, endpoint.provider
         return FramePlaces("udp", consumer.frame_size, provider.frame_size, consumer.offsets, provider.offsets)
 
-    @property
-    def received(self) -> bytes:
-        return self.endpoint.received
-
-    @property
-    def sent(self) -> bytes | bytearray:
-        return self.endpoint.frame
+    def newest(self) -> tuple[bool, bytes, bytes | bytearray]:
+        endpoint = self.endpoint
+        return endpoint.connected, endpoint.received, endpoint.frame
 
     def status(self) -> dict[str, object]:
         endpoint = self.endpoint

@@ -95,7 +95,7 @@ class ProfinetLink:
         self._outputs: list[tuple[int, Callable[[bytes, int], tuple[int, ...]], int, int]] = []
         """Drive objects with output data: number, codec, where data and IOPS lie in the consumer's frame."""
         self.setpoints: list[Sequence[int] | None] = [None] * len(objects)
-        self._generation = 0
+        self.layout_token = object()
         self.watchdog_expiries = 0
         self.flashing_until = 0
         stored = store.parameters
@@ -242,10 +242,6 @@ class ProfinetLink:
         transport = self._config.transport
         self.device.replug(profinet_model(transport, self.port.mac, self._config.objects, self._telegrams))
 
-    @property
-    def layout_generation(self) -> int:
-        return self._generation
-
     def places(self) -> FramePlaces:
         relation = self.device.relation
         offsets = {index: offset for index, _, offset, _ in self._outputs}
@@ -255,15 +251,11 @@ class ProfinetLink:
             return FramePlaces("profinet", 0, 0, setpoints, actuals)
         return FramePlaces("profinet", len(relation.consumer.payload), len(relation.provider.frame), setpoints, actuals)
 
-    @property
-    def received(self) -> bytes:
+    def newest(self) -> tuple[bool, bytes, bytes | bytearray]:
         relation = self.device.relation
-        return relation.consumer.payload if relation is not None and relation.consumer is not None else b""
-
-    @property
-    def sent(self) -> bytes | bytearray:
-        relation = self.device.relation
-        return relation.provider.frame if relation is not None and relation.provider is not None else b""
+        if relation is None or relation.consumer is None or relation.provider is None:
+            return False, b"", b""
+        return self.connected, relation.consumer.payload, relation.provider.frame
 
     def status(self) -> dict[str, object]:
         relation = self.device.relation
@@ -364,7 +356,7 @@ class ProfinetLink:
                         self._outputs.append((index, telegram.setpoints.struct.unpack_from, *where))
                 transport = self._config.transport
                 self._limit_ns = transport.watchdog_factor * provider.cycle_ns
-                self._generation += 1
+                self.layout_token = object()
                 cycle = provider.cycle_ns / MS
                 log.info("controller %s connected, cycle %g ms", self.peer, cycle)
                 if cycle < transport.cycle_time_ms:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pdgw.ds301.loop import SECOND
+from pdgw.dsp402.images import DriveCommand, DriveFeedback
 from pdgw.gateway.binding import Axis
 from pdgw.gateway.config_file import config_text
 from pdgw.gateway.drive_object import DriveObject
@@ -31,7 +32,8 @@ _OTHER_FRAMES = 200
 """CAN frames a second and bus beside the PDOs: heartbeats, SDOs."""
 _FRESH, _CONNECTED, _ANSWERED = int(CycleFlag.FRESH), int(CycleFlag.CONNECTED), int(CycleFlag.ANSWERED)
 _SETPOINTS, _GOOD, _ACTIVE = int(ObjectFlag.SETPOINTS), int(ObjectFlag.GOOD), int(ObjectFlag.ACTIVE_FAULT)
-_NOTHING = (0, 0, 0, 0)
+_NO_FEEDBACK, _NO_COMMAND = DriveFeedback(), DriveCommand()
+"""Of an encoder, whose values are in its telegram."""
 
 
 class FlightRecorder:
@@ -46,7 +48,7 @@ class FlightRecorder:
         self._ring: RingFile | None = None
         self._sources: list[tuple[Any, ...]] = []
         self._anchor_due = 0
-        self._generation = 0
+        self._token: object = None
         self._open(keep_previous=True)
         daemon.loop.counters.add("trace", "lost", "records", "of the flight recorder, not written", lambda: self.lost)
         for number, network in enumerate(daemon.networks.values()):
@@ -80,14 +82,14 @@ class FlightRecorder:
     def cycle(self, now: int, accepted: bool, answered: int) -> None:
         """CycleListener."""
         link, ring = self._link, self._ring
-        if link.layout_generation != self._generation:
+        if link.layout_token is not self._token:
             self._change()
             return
         if ring is None:
             return
-        received, sent = link.received, link.sent
+        connected, received, sent = link.newest()
         flags = _FRESH if accepted else 0
-        if link.connected:
+        if connected:
             flags |= _CONNECTED
         response = 0
         if answered:
@@ -96,19 +98,15 @@ class FlightRecorder:
         values: list[Any] = [now, flags, len(received), len(sent), response, received, sent]
         for outputs, inputs, feedback, command, faults in self._sources:
             reason = outputs.reason
-            state = (_SETPOINTS if inputs.setpoints is not None else 0) | (_GOOD if outputs.good else 0)
-            if feedback is None:
-                values += _NOTHING
-            else:
-                values += (
-                    feedback.velocity_actual,
-                    feedback.position_actual,
-                    feedback.statusword,
-                    command.controlword,
-                )
             values += (
+                feedback.velocity_actual,
+                feedback.position_actual,
+                feedback.statusword,
+                command.controlword,
                 0 if reason is None else reason.code,
-                state | _ACTIVE if faults.active else state,
+                (_SETPOINTS if inputs.setpoints is not None else 0)
+                + (_GOOD if outputs.good else 0)
+                + (_ACTIVE if faults.active else 0),
                 faults.count & 0xFF,
             )
         ring.cycle(values)
@@ -131,7 +129,7 @@ class FlightRecorder:
     # -- the file ---------------------------------------------------------------------------------------------------------
 
     def _open(self, *, keep_previous: bool) -> None:
-        self._generation = self._link.layout_generation
+        self._token = self._link.layout_token
         layout = self._layout()
         limit = self._daemon.config.trace.megabytes * _MEGABYTE
         ring = RingFile(self._directory, layout, limit, keep_previous=keep_previous)
@@ -141,7 +139,7 @@ class FlightRecorder:
 
     def _change(self) -> None:
         """The frames have another layout from now on: so has the ring. Making the file takes longer than a cycle may."""
-        self._generation = self._link.layout_generation
+        self._token = self._link.layout_token
         old = self._ring
         if old is not None and _shape(old.layout) == _shape(self._layout()):
             return
@@ -206,4 +204,4 @@ def _source(item: DriveObject) -> tuple[Any, ...]:
         outputs = item.machine.outputs
         return outputs, item.machine.inputs, item.drive.feedback, outputs.command, item.fault_log
     assert isinstance(item, EncoderObject)
-    return item.machine.outputs, item.machine.inputs, None, None, item.fault_log
+    return item.machine.outputs, item.machine.inputs, _NO_FEEDBACK, _NO_COMMAND, item.fault_log

@@ -16,7 +16,7 @@ from rich.console import Console
 from rich.status import Status
 from rich.table import Table
 
-from pdgw.tools.bench import decoding, flood, following, killed, stops, storm, translation
+from pdgw.tools.bench import decoding, flood, following, killed, recording, stops, storm, translation
 from pdgw.tools.bench.build import machine, use_real_time_priority
 from pdgw.tools.bench.measure import Latency
 from pdgw.tools.bench.rows import ROWS, Row, idle, measure
@@ -50,6 +50,7 @@ def bench(
     with _progress() as status:
         status.update("translation")
         costs = translation.run()
+        recorder = recording.run()
         if realtime:
             use_real_time_priority()
         rows = [_measured(status, axes, period_ns, seconds) for axes, period_ns in ROWS]
@@ -61,6 +62,7 @@ def bench(
     document = {
         "machine": machine() | {"realtime": realtime},
         "translation": [asdict(cost) for cost in costs],
+        "flight_recorder": asdict(recorder),
         "rows": [_document(row) for row in rows],
         "parameter_storm": {
             "requests_per_s": parameters.requests_per_s,
@@ -83,6 +85,10 @@ def bench(
         share = f"{cost.total_ns / cost.goal_ns:.2f}" if cost.goal_ns else ""
         table.add_row(str(cost.telegram), f"{cost.total_ns / 1000:.2f} us", goal, share)
     console.print(table)
+    console.print(
+        f"flight recorder: {recorder.cycle_ns / 1000:.2f} us a cycle and {recorder.axis_ns / 1000:.2f} us an axis, "
+        f"{recorder.frame_ns / 1000:.2f} us a CAN frame; counting cycle and answer times {recorder.times_ns / 1000:.2f} us"
+    )
     _print_rows(console, rows)
     table = Table("", "p50", "p99", "p99.9", "missed", title=f"{storm.AXES} axes at 1 ms under parameter requests")
     for name, row in (("quiet", parameters.quiet), (f"{parameters.requests_per_s:.0f} requests/s", parameters.storm)):

@@ -23,6 +23,7 @@ from pdgw.gateway.config_surroundings import CanConfig
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.explain import Problem, problems
+from pdgw.gateway.notify import ServiceManager
 from pdgw.gateway.status import StatusServer
 from pdgw.gateway.trace.place import prepared, run_directory
 from pdgw.gateway.trace.recorder import FlightRecorder
@@ -164,6 +165,10 @@ def run(
             daemon.services.append(StatusServer(daemon, chosen.transport.status_port))
         if web:
             at_end.enter_context(page_beside(chosen))
+        manager = ServiceManager.of_this_process()
+        manager.count_in(daemon.loop.counters)
+        daemon.watch.listeners.append(manager)
+        daemon.services.append(manager)
         for name, action in on_signals(daemon.stop, run_log).items():
             if hasattr(signal, name):  # Windows has few of them
                 signal.signal(getattr(signal, name), _calls(action))

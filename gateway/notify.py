@@ -1,0 +1,67 @@
+"""Telling the service manager that the gateway is ready, alive and going: the protocol of sd_notify(3), a datagram for each line.
+
+The sign of life comes from the cyclic loop and from nowhere else: a loop that hangs is killed and started again.
+"""
+
+from __future__ import annotations
+
+import os
+import socket
+from collections.abc import Mapping
+
+from pdgw.ds301.counters import Counters
+
+_SHARE = 4
+"""So many signs of life in the time in which one is wanted."""
+_NS_PER_US = 1000
+
+
+class ServiceManager:
+    """The service manager that started this process, by its environment; does nothing where there is none."""
+
+    def __init__(self, environment: Mapping[str, str], process: int) -> None:
+        address = environment.get("NOTIFY_SOCKET", "")
+        self._address = "\0" + address[1:] if address.startswith("@") else address
+        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) if address else None
+        if self._socket is not None:
+            self._socket.setblocking(False)
+        wanted = environment.get("WATCHDOG_USEC", "")
+        mine = environment.get("WATCHDOG_PID", str(process)) == str(process)
+        self.interval_ns = int(wanted) * _NS_PER_US // _SHARE if wanted.isdigit() and mine else 0
+        """Between two signs of life, 0: none is wanted."""
+        self._due = 0
+        self.failures = 0
+
+    @classmethod
+    def of_this_process(cls) -> ServiceManager:
+        """By the environment of the process."""
+        return cls(os.environ, os.getpid())
+
+    def count_in(self, counters: Counters) -> None:
+        """Show what was not taken."""
+        counters.add("service", "failures", "messages", "the service manager did not take", lambda: self.failures)
+
+    def start(self) -> None:
+        """Ports and buses are open."""
+        self._tell(b"READY=1")
+
+    def cycle(self, now: int, accepted: bool, answered: int) -> None:
+        """CycleListener: the sign of life."""
+        if self.interval_ns and now >= self._due:
+            self._due = now + self.interval_ns
+            self._tell(b"WATCHDOG=1")
+
+    def stop(self) -> None:
+        """The drives are stopped, the rest is released."""
+        self._tell(b"STOPPING=1")
+        if self._socket is not None:
+            self._socket.close()
+            self._socket = None
+
+    def _tell(self, line: bytes) -> None:
+        if self._socket is None:
+            return
+        try:
+            self._socket.sendto(line, self._address)
+        except OSError:
+            self.failures += 1  # nobody is there, or nobody reads: the exchange goes on
