@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import heapq
 import os
+import tempfile
 from collections.abc import Iterator, Sequence
 from operator import itemgetter
 from pathlib import Path
@@ -24,6 +25,7 @@ _NOBODY = ("0.0.0.0", UDP_PORT)
 _MAC = slice(0, 6)
 _SOURCE_MAC = slice(6, 12)
 _US = 1000
+_SECOND = 1_000_000_000
 
 Packet = tuple[int, Link, str, bytes]
 """Monotonic time, link type, interface, bytes."""
@@ -69,13 +71,32 @@ def is_alive(reader: RingReader) -> bool:
     return True
 
 
-def save(reader: RingReader, path: Path, begin_ns: int | None = None, end_ns: int | None = None) -> int:
-    """Write what a ring has between two monotonic times; the number of packets. GatewayError when the file cannot be written."""
+def captured(ring: Path, seconds: float, configuration: str) -> bytes:
+    """The last seconds of a ring as the bytes of such a file with another text of the configuration; errors as of ``save``."""
+    with RingReader(ring) as reader, tempfile.TemporaryDirectory(prefix="pdgw-") as directory:
+        newest = reader.cycles(at_most=1)
+        file = Path(directory) / "capture.pcapng"
+        begin = newest[0].time_ns - int(seconds * _SECOND) if newest else None
+        save(reader, file, begin, configuration=configuration)
+        return file.read_bytes()
+
+
+def save(
+    reader: RingReader,
+    path: Path,
+    begin_ns: int | None = None,
+    end_ns: int | None = None,
+    configuration: str | None = None,
+) -> int:
+    """Write what a ring has between two monotonic times; the number of packets. GatewayError when the file cannot be written.
+
+    ``configuration``: the text that goes with it, None for the gateway's own.
+    """
     cycles = [cycle for cycle in reader.cycles() if _within(cycle.time_ns, begin_ns, end_ns)]
     frames = [frame for frame in reader.frames() if _within(frame.time_ns, begin_ns, end_ns)]
     count = 0
     try:
-        writer = PcapngWriter(path, reader.layout.configuration)
+        writer = PcapngWriter(path, reader.layout.configuration if configuration is None else configuration)
         try:
             for time_ns, link, name, data in packets(reader, cycles, frames):
                 writer.write(link, name, reader.wall_ns(time_ns), data)

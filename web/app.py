@@ -10,7 +10,7 @@ import asyncio
 import contextlib
 import time
 from collections import deque
-from collections.abc import AsyncIterator, Sequence
+from collections.abc import AsyncIterator, Callable, Sequence
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -29,7 +29,7 @@ from pdgw.web.declarations import states_document, telegram_document
 from pdgw.web.guard import Guard, Token, allowed_hosts, refusal
 from pdgw.web.metrics import CONTENT_TYPE, exposition
 from pdgw.web.stream import EventStream, Streams
-from pdgw.web.support import about_document, support_archive
+from pdgw.web.support import about_document, public_config, support_archive
 from pdgw.web.trace import BINS_MAX, SECONDS_MAX, Traces, csv_text
 from pdgw.web.watch import Watch
 
@@ -51,6 +51,10 @@ class Parameters(Protocol):
         """The parameters the drive object lists, with their names."""
 
 
+Capture = Callable[[Path, float, str], bytes]
+"""The last seconds of a ring as a pcapng file with this configuration, on a thread; GatewayError when it cannot be read."""
+
+
 class Allowance:
     """So many reads in any second."""
 
@@ -68,8 +72,9 @@ class Allowance:
 class Interface:
     """The routes of one gateway."""
 
-    def __init__(self, watch: Watch, parameters: Parameters) -> None:
+    def __init__(self, watch: Watch, parameters: Parameters, capture: Capture) -> None:
         self._watch = watch
+        self._capture = capture
         self._feed = watch.feed
         self._parameters = parameters
         self._one_at_a_time = asyncio.Lock()
@@ -92,6 +97,7 @@ class Interface:
             Route(f"{do}/trace", self._trace),
             Route(f"{do}/parameters", self._read),
             Route(f"{do}/parameters/dump", self._dump),
+            Route("/api/v1/capture", self._captured),
             Route("/api/v1/about", self._about),
             Route("/api/v1/support", self._support),
             Route("/metrics", self._metrics),
@@ -178,8 +184,17 @@ class Interface:
     async def _about(self, _: Request) -> Response:
         return JSONResponse(about_document(self._watch.config))
 
+    async def _captured(self, request: Request) -> Response:
+        seconds = _whole("seconds", request.query_params.get("seconds", "10"), 1, SECONDS_MAX)
+        data = await run_in_threadpool(self._last, seconds)
+        headers = {"content-disposition": 'attachment; filename="pdgw.pcapng"'}
+        return Response(data, media_type="application/x-pcapng", headers=headers)
+
+    def _last(self, seconds: float) -> bytes:
+        return self._capture(self._traces.reader().path, seconds, public_config(self._watch.config))
+
     async def _support(self, _: Request) -> Response:
-        archive = await run_in_threadpool(support_archive, self._watch)
+        archive = await run_in_threadpool(support_archive, self._watch, self._last)
         name = 'attachment; filename="pdgw-support.zip"'
         return Response(archive, media_type="application/zip", headers={"content-disposition": name})
 
@@ -212,9 +227,9 @@ async def _gateway_error(_: Request, error: Exception) -> Response:
     return JSONResponse({"error": str(error), "field": "gateway"}, 502)
 
 
-def made_app(watch: Watch, parameters: Parameters, token: Token | None) -> tuple[ASGIApp, Streams]:
+def made_app(watch: Watch, parameters: Parameters, capture: Capture, token: Token | None) -> tuple[ASGIApp, Streams]:
     """The application of one gateway, and its streams; while it lives, the gateway is watched."""
-    interface = Interface(watch, parameters)
+    interface = Interface(watch, parameters, capture)
     web = watch.config.web
 
     @contextlib.asynccontextmanager

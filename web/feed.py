@@ -69,6 +69,9 @@ class Feed:
         except (GatewayError, TimeoutError) as error:
             self.failure = str(error) or "no answer in time"
             self.stale = True
+        except (LookupError, TypeError) as error:
+            self.failure = f"the gateway's status is not understood, is it of another version? ({error!r})"
+            self.stale = True
         else:
             self.document = document
             self.answered = time.time()

@@ -7,13 +7,13 @@ import socket
 
 from pdgw.gateway.config import GatewayConfig
 from pdgw.gateway.errors import GatewayError
-from pdgw.web.app import Parameters, made_app
+from pdgw.web.app import Capture, Parameters, made_app
 from pdgw.web.guard import Token, read_token
 from pdgw.web.server import listen, made_server
 from pdgw.web.watch import StatusPort, Watch, log
 
 
-def serve(config: GatewayConfig, parameters: Parameters) -> None:
+def serve(config: GatewayConfig, parameters: Parameters, capture: Capture) -> None:
     """Serve the page of the gateway with this configuration until SIGINT or SIGTERM.
 
     GatewayError when its port, token or certificate cannot be used, or when the gateway has no status port.
@@ -30,7 +30,7 @@ def serve(config: GatewayConfig, parameters: Parameters) -> None:
 
         publisher = Publisher(config.mqtt, watch)
         watch.feed.listeners.append(publisher.tell)
-    app, streams = made_app(watch, parameters, token)
+    app, streams = made_app(watch, parameters, capture, token)
     server = made_server(app, streams, web)
     with listen(web) as port:
         log.info("page at %s", page_address(port, tls=web.tls_cert is not None))

@@ -6,6 +6,7 @@ import io
 import json
 import re
 import zipfile
+from collections.abc import Callable
 from dataclasses import asdict
 from functools import lru_cache
 from importlib.metadata import PackageNotFoundError, metadata, requires
@@ -15,9 +16,11 @@ from typing import Any
 from pdgw import __version__
 from pdgw.gateway.config import GatewayConfig
 from pdgw.gateway.config_file import config_text
+from pdgw.gateway.errors import GatewayError
 from pdgw.web.watch import Watch
 
 VENDORED = Path(__file__).parent / "static" / "vendor" / "vendored.json"
+_CAPTURE_S = 30
 _PACKAGE = "profidrive-gateway"
 _SECRET = re.compile(r'^(\s*"?[\w-]*(?:pass|secret|token|key|user)[\w-]*"?\s*=\s*).*$', re.IGNORECASE | re.MULTILINE)
 """Keys of a python-can interface or of ours that may hold, or lead to, something nobody else has to see."""
@@ -59,8 +62,8 @@ def about_document(config: GatewayConfig) -> dict[str, Any]:
     return {"version": __version__, "configuration": public_config(config), "licences": licences()}
 
 
-def support_archive(watch: Watch) -> bytes:
-    """A ZIP file: newest status, events, configuration without secrets."""
+def support_archive(watch: Watch, capture: Callable[[float], bytes]) -> bytes:
+    """A ZIP file: newest status, events, configuration without secrets, the last half minute of both buses if recorded."""
     status = watch.feed.status()
     files = {
         "status.json": json.dumps(status, indent=1),
@@ -71,4 +74,8 @@ def support_archive(watch: Watch) -> bytes:
     with zipfile.ZipFile(made, "w", zipfile.ZIP_DEFLATED) as archive:
         for name, text in files.items():
             archive.writestr(name, text)
+        try:
+            archive.writestr("capture.pcapng", capture(_CAPTURE_S))
+        except GatewayError as error:
+            archive.writestr("capture.txt", f"There is no capture: {error}\n")
     return made.getvalue()

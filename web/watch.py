@@ -26,7 +26,7 @@ _MS = 1000
 
 def counter(document: Document, part: str, name: str) -> int | None:
     """A counter of the gateway; None where that part has no such counter."""
-    for item in document.get("counters", ()):
+    for item in document["counters"]:
         if item["part"] == part and item["name"] == name:
             return int(item["value"])
     return None

@@ -16,6 +16,7 @@ from pdgw.gateway.config_web import WebConfig
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.status import fault_status, snapshot
+from pdgw.tools.trace_file import captured
 from pdgw.web.app import made_app
 from pdgw.web.feed import Document
 from pdgw.web.guard import Token
@@ -111,20 +112,20 @@ def until(condition: Any, what: str) -> None:
 
 
 @contextmanager
-def page(config: GatewayConfig, gateway: ShownGateway, token: str | None = None) -> Iterator[Page]:
-    """The page of a gateway on a free port of loopback, served by a thread."""
-    web = WebConfig(listen="127.0.0.1:0", hosts=config.web.hosts)
+def page(config: GatewayConfig, gateway: ShownGateway, token: str | None = None, port: int = 0) -> Iterator[Page]:
+    """The page of a gateway on loopback, served by a thread; ``port`` 0: a free one."""
+    web = WebConfig(listen=f"127.0.0.1:{port}", hosts=config.web.hosts)
     watch = Watch(config.model_copy(update={"web": web}), gateway)
     watch.feed.unwatched_s = watch.feed.watched_s / 4
     parameters = ShownParameters()
-    app, streams = made_app(watch, parameters, None if token is None else Token(token))
+    app, streams = made_app(watch, parameters, captured, None if token is None else Token(token))
     server = made_server(app, streams, web)
-    with listen(web) as port:
-        thread = threading.Thread(target=lambda: asyncio.run(server.serve(sockets=[port])), name="page")
+    with listen(web) as listening:
+        thread = threading.Thread(target=lambda: asyncio.run(server.serve(sockets=[listening])), name="page")
         thread.start()
         try:
             until(lambda: server.started, "the server")
-            yield Page(port.getsockname()[1], watch, parameters)
+            yield Page(listening.getsockname()[1], watch, parameters)
         finally:
             server.should_exit = True
             thread.join(PATIENCE_S)

@@ -13,6 +13,8 @@ from pathlib import Path
 
 import pytest
 
+from pdgw.decoder.capture.pcap import read_capture
+from pdgw.decoder.records import Link
 from pdgw.gateway.reasons import Reason
 from pdgw.gateway.trace.recorder import FlightRecorder
 from pdgw.web.app import READS_PER_S, Allowance
@@ -172,7 +174,7 @@ def test_the_about_view_has_licences_and_the_configuration_without_secrets() -> 
     assert 'remote_password = "..."' in document["configuration"]
     licences = {item["name"]: item["licence"] for item in document["licences"]}
     assert (licences["uplot"], licences["lit-html"], licences["starlette"]) == ("MIT", "BSD-3-Clause", "BSD-3-Clause")
-    assert {"status.json", "events.json", "gateway.toml"} <= set(archive.namelist())
+    assert set(archive.namelist()) == {"status.json", "events.json", "gateway.toml", "capture.txt"}
     assert b"hidden" not in archive.read("gateway.toml")
 
 
@@ -197,6 +199,17 @@ def test_parameters_are_read_one_at_a_time(still: Page) -> None:
 
 def test_a_parameter_that_is_none_is_told(still: Page) -> None:
     until(lambda: still.get("/api/v1/objects/1/parameters?pnu=P9").status == 502, "the error")
+
+
+@pytest.mark.parametrize("key", ["uptime_s", "counters", "buses"])
+def test_a_status_of_another_version_is_no_answer_and_the_page_goes_on_asking(turning: Turning, key: str) -> None:
+    whole = turning.gateway.document
+    turning.gateway.document = {name: value for name, value in whole.items() if name != key}
+    turning.page.heard()
+    assert turning.page.get("/api/v1/status").status == 503
+    turning.gateway.document = whole
+    turning.page.heard()
+    assert turning.page.get("/api/v1/status").status == 200
 
 
 # -- streams -------------------------------------------------------------------------------------------------------------
@@ -370,6 +383,16 @@ def test_the_trend_follows_the_daemon_to_its_next_ring(turning: Turning, tmp_pat
     assert answer.status == 502
     ring.with_suffix(".gone").rename(ring)
     assert turning.page.document("/api/v1/objects/1/trace?seconds=10")["values"] == before["values"]
+
+
+def test_the_last_seconds_of_both_buses_are_a_capture(turning: Turning, tmp_path: Path) -> None:
+    file = tmp_path / "page.pcapng"
+    file.write_bytes(turning.page.get("/api/v1/capture?seconds=1").read())
+    with file.open("rb") as stream:
+        links = {packet.link for packet in read_capture(stream, "page")}
+    assert links == {Link.CAN_SOCKETCAN, Link.ETHERNET}
+    archive = zipfile.ZipFile(io.BytesIO(turning.page.get("/api/v1/support").read()))
+    assert archive.read("capture.pcapng")[:4] == b"\x0a\x0d\x0d\x0a"
 
 
 def test_an_encoder_has_a_trend_too(turning: Turning) -> None:

@@ -20,6 +20,7 @@ from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.explain import problems
 from pdgw.tools.parameters.page import PageParameters
 from pdgw.tools.run_log import LogLevel, RunLog
+from pdgw.tools.trace_file import captured
 
 _NICE = 10
 _EXTRAS = {"starlette": "web", "uvicorn": "web", "prometheus_client": "web", "paho": "mqtt"}
@@ -51,7 +52,7 @@ def web(
         try:
             from pdgw.web.run import serve  # noqa: PLC0415 (of an extra)
 
-            serve(chosen, PageParameters(_record_channel(chosen)))
+            serve(chosen, PageParameters(_record_channel(chosen)), captured)
         except ModuleNotFoundError as error:
             package = (error.name or "").partition(".")[0]
             if package not in _EXTRAS:

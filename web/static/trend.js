@@ -141,6 +141,7 @@ export class Trend {
         <button type="button" aria-pressed=${this.window === seconds} @click=${() => choose(seconds)}>${text}</button>`)}
         <button type="button" aria-pressed=${this.paused} @click=${pause}>Pause</button>
         <a class="button" href=${`/api/v1/objects/${this.doId}/trace?seconds=${this.window}&format=csv`} download>CSV</a>
+        <a class="button" href=${`/api/v1/capture?seconds=${this.window}`} download>Capture</a>
       </div>
       ${this.error ? html`<p>No trend: ${this.error}</p>` : nothing}
       ${this.element}

@@ -24,7 +24,7 @@ export function about(state, draw) {
       <div><dt>Its time</dt><dd data-live>${moment(status.time)}</dd></div>
       <div><dt>Parameters kept in</dt><dd>${status.store || DASH}</dd></div>
     </dl>
-    <p><a class="button" href="/api/v1/support" download>Support file</a> Status, events and configuration in one file for who helps you.</p>
+    <p><a class="button" href="/api/v1/support" download>Support file</a> Status, events, configuration and the last half minute of both buses in one file, for who helps you.</p>
     <h3>Configuration</h3>
     ${held.document ? html`<pre tabindex="0">${held.document.configuration}</pre>
       <h3>Licences</h3><div class="scroll"><table><tbody>${held.document.licences.map((item) => html`<tr><td>${item.name}</td><td>${item.version}</td><td>${item.licence}</td></tr>`)}</tbody></table></div>`

@@ -1,0 +1,346 @@
+"""The page in Chromium: what a technician reads when an axis moves, and when it does not.
+
+The gateway plays in virtual time and the test says when it goes on; the browser is waited for, never slept for.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from pdgw.gateway.reasons import Enable, Reason
+from pdgw.gateway.trace.recorder import FlightRecorder
+from tests.support.daemon import Plc, axis, configuration, drive_of, running
+from tests.support.page import TOKEN, Page, ShownGateway, page
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser
+    from playwright.sync_api import Page as Tab
+
+CHROMIUM = shutil.which("chromium")
+pytestmark = [
+    pytest.mark.browser,
+    pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on this machine (apt-get install chromium)"),
+]
+PATIENCE_MS = 20_000
+NAMED = 'station_name = "line-3"\nwatchdog_factor = 3\ncycle_time_ms = 4'
+ENCODER = "[[encoder]]\ndo_id = 3\nnode_id = 20\ntelegram = 83\nsimulate = true\n"
+PHONE = {"width": 390, "height": 844}
+OFF, ON = 0x047E, 0x047F
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    api = pytest.importorskip("playwright.sync_api", reason="no playwright (pip install 'profidrive-gateway[browser]')")
+    root = ["--no-sandbox"] if os.getuid() == 0 else []
+    quiet = ["--disable-gpu", "--disable-background-networking", "--disable-component-update", "--no-first-run"]
+    with api.sync_playwright() as started:
+        launched = started.chromium.launch(executable_path=CHROMIUM, args=[*root, *quiet])
+        yield launched
+        launched.close()
+
+
+class Shown:
+    """Two axes in virtual time, the first one turning, the page of them, and a tab that shows it."""
+
+    def __init__(self, browser: Browser, directory: Path, at_end: ExitStack) -> None:
+        self.browser = browser
+        self.at_end = at_end
+        config = configuration(axis(1) + axis(2) + ENCODER, transport=NAMED)
+        self.daemon = at_end.enter_context(
+            running(config, lambda daemon: daemon.services.append(FlightRecorder(daemon, directory, "test")))
+        )
+        self.plc = Plc(self.daemon, [1, 1, 83])
+        self.plc.enable()
+        self.plc.endpoint.set(0, {"STW1": ON, "NSOLL_A": 0x2000})
+        self.plc.until(lambda: self.plc.value("NIST_A") == 0x2000, "half speed")
+        self.gateway = ShownGateway()
+        self.show()
+        self.served: Page = at_end.enter_context(page(config, self.gateway))
+        self.noise: list[str] = []
+        self.asked: list[str] = []
+        self.tab = self.open()
+
+    def show(self) -> None:
+        """The page learns what the daemon would say now."""
+        self.gateway.show(self.daemon)
+
+    def open(self, path: str = "#/axes", **options: Any) -> Tab:
+        """Another tab; all its requests and its console are remembered."""
+        context = self.browser.new_context(**options)
+        self.at_end.callback(context.close)
+        tab = context.new_page()
+        tab.set_default_timeout(PATIENCE_MS)
+        tab.on("console", lambda message: self.noise.append(f"{message.type}: {message.text}"))
+        tab.on("pageerror", lambda error: self.noise.append(str(error)))
+        tab.on("request", lambda request: self.asked.append(request.url))
+        tab.goto(f"{self.served.address}/{path}")
+        tab.wait_for_selector("#main h2")
+        return tab
+
+    def go(self, tab: Tab, path: str) -> None:
+        """To a view, by its link."""
+        tab.evaluate("path => { location.hash = path; }", path)
+        tab.wait_for_selector("#main h2")
+
+    def until(self, condition: Callable[[], object], what: str) -> None:
+        self.plc.until(condition, what)
+        self.show()
+
+
+@pytest.fixture
+def shown(browser: Browser, tmp_path: Path) -> Iterator[Shown]:
+    with ExitStack() as at_end:
+        yield Shown(browser, tmp_path, at_end)
+
+
+def reads(tab: Tab, selector: str, text: str) -> None:
+    """Wait until something on the page reads so."""
+    tab.wait_for_function(
+        "([selector, text]) => [...document.querySelectorAll(selector)]"
+        ".some(e => e.innerText.replace(/\\s+/g, ' ').includes(text))",
+        arg=[selector, text],
+    )
+
+
+def test_home_says_how_every_axis_is_and_changes_by_itself(shown: Shown) -> None:
+    tab = shown.tab
+    reads(tab, "[role=status]", "live, PLC connected, 1 of 2 axes obey")
+    reads(tab, "nav[aria-label=Views] a[aria-current=page]", "Axes")
+    reads(tab, "[data-do='1']", "● Obeys the PLC")
+    reads(tab, "[data-do='1'] [data-live]", "1500.0 rpm")
+    reads(tab, "[data-do='2']", Reason.NO_CONTROL.value)
+    assert tab.locator("[data-do]").count() == 3
+    shown.plc.endpoint.set(0, {"NSOLL_A": 0x1000})
+    shown.until(lambda: shown.plc.value("NIST_A") == 0x1000, "a quarter of the speed")
+    reads(tab, "[data-do='1'] [data-live]", "750.0 rpm")
+    assert tab.locator("[role=alert]").count() == 0
+    assert shown.noise == []
+    assert all(url.startswith(shown.served.address) for url in shown.asked), "nobody else is asked"
+
+
+def broken(tab: Tab) -> str:
+    return tab.locator("[data-chain] li.broken").inner_text()
+
+
+def link_is(shown: Shown, tab: Tab, reason: Reason) -> None:
+    """The page has reason, broken link and what to do, word by word as they are declared."""
+    reads(tab, "#main .reason", reason.value)
+    reads(tab, "[data-chain] li.broken", reason.enable.value)
+    assert reason.remedy in broken(tab)
+    assert tab.locator("[data-chain] li.broken").count() == 1
+
+
+def test_the_chain_names_the_first_broken_link_and_what_to_do(shown: Shown) -> None:
+    tab = shown.open("#/axis/1")
+    reads(tab, "#main h2", "Axis 1")
+    reads(tab, ".large", "Obeys the PLC")
+    assert tab.locator("[data-chain] li.holds").count() == 7
+
+    shown.plc.endpoint.set(0, {"STW1": ON & ~(1 << 10)})
+    shown.until(
+        lambda: shown.daemon.axes[0].reason is Reason.NO_CONTROL and not shown.daemon.axes[0].powered, "control"
+    )
+    link_is(shown, tab, Reason.NO_CONTROL)
+
+    shown.plc.endpoint.set(0, {"STW1": ON})
+    shown.until(lambda: shown.daemon.axes[0].reason is Reason.NEEDS_OFF, "ON without OFF")
+    link_is(shown, tab, Reason.NEEDS_OFF)
+
+    shown.plc.enable()
+    shown.plc.silent = True
+    shown.until(lambda: shown.daemon.axes[0].reason is Reason.PLC_LOST and not shown.daemon.axes[0].powered, "PLC lost")
+    reads(tab, "[data-chain] li.broken", Enable.PLC.value)
+    reads(tab, ".banner", "The axes are stopped; each needs OFF, then ON.")
+    shown.plc.silent = False
+    shown.plc.enable()
+
+    drive_of(shown.daemon).inject(12)
+    shown.until(lambda: shown.daemon.axes[0].reason is Reason.DRIVE_FAULT, "a fault")
+    link_is(shown, tab, Reason.DRIVE_FAULT)
+    reads(tab, "tbody tr", "active")
+
+    drive_of(shown.daemon).node.power_off()
+    shown.until(lambda: shown.daemon.axes[0].reason is Reason.DRIVE_OFFLINE, "off the bus")
+    link_is(shown, tab, Reason.DRIVE_OFFLINE)
+    reads(tab, ".large", "■ Not on the bus")
+    assert shown.noise == []
+
+
+def test_an_axis_has_its_words_by_bits_and_a_trend_that_goes_on(shown: Shown) -> None:
+    tab = shown.open("#/axis/1")
+    reads(tab, ".word", "STW1 047Fh")
+    reads(tab, ".bits li.set", "ENABLE_OPERATION")
+    reads(tab, ".word", "NSOLL_A 2000h 50.00 % = 1500.0 rpm")
+    tab.wait_for_selector("#main canvas")
+    reads(tab, ".u-legend", "NIST_A (rpm)")
+    shown.plc.endpoint.set(0, {"NSOLL_A": 0x3000})
+    shown.until(lambda: shown.plc.value("NIST_A") == 0x3000, "three quarters")
+    reads(tab, ".word", "= 2250.0 rpm")
+    tab.get_by_role("button", name="Pause").click()
+    assert tab.get_by_role("button", name="Pause").get_attribute("aria-pressed") == "true"
+    tab.get_by_role("button", name="60 s").click()
+    reads(tab, "button[aria-pressed=true]", "60 s")
+    with tab.expect_download() as download:
+        tab.get_by_role("link", name="CSV").click()
+    assert "NIST_A" in Path(download.value.path()).read_text()
+    assert shown.noise == []
+
+
+def test_old_values_are_called_old_until_the_gateway_answers_again(shown: Shown) -> None:
+    tab = shown.tab
+    reads(tab, "[role=status]", "live")
+    shown.gateway.failure = "stopped"
+    reads(tab, "[role=alert]", "The gateway does not answer since")
+    reads(tab, "[role=status]", "no data since")
+    reads(tab, "[data-do='1'] [data-live]", "1500.0 rpm")
+    assert tab.locator("main.old").count() == 1
+    assert tab.locator("[role=alert]").evaluate("e => getComputedStyle(e).opacity") == "1"
+    shown.gateway.failure = ""
+    reads(tab, "[role=status]", "live")
+    assert tab.locator("[role=alert]").count() == 0
+
+
+def test_a_page_that_lost_its_server_says_so_and_is_live_again_by_itself(shown: Shown) -> None:
+    with ExitStack() as first:
+        served = first.enter_context(page(shown.daemon.config, shown.gateway))
+        tab = shown.browser.new_context().new_page()
+        tab.set_default_timeout(PATIENCE_MS)
+        tab.goto(f"{served.address}/")
+        reads(tab, "[role=status]", "live")
+    reads(tab, "[role=alert]", "This page lost its connection at")
+    reads(tab, "[data-do='1'] [data-live]", "1500.0 rpm")
+    with page(shown.daemon.config, shown.gateway, port=served.port):
+        reads(tab, "[role=status]", "live")
+        assert tab.locator("[role=alert]").count() == 0
+    tab.context.close()
+
+
+def test_every_view_opens_and_a_telephone_shows_all_of_it(shown: Shown) -> None:
+    for scheme in ("light", "dark"):
+        tab = shown.open(viewport=PHONE, color_scheme=scheme)
+        for view, text in (
+            ("axes", "Axis 1"),
+            ("axis/1", "From the PLC"),
+            ("axis/3", "Encoder 3"),
+            ("plc", "What became of them"),
+            ("buses", "worst case planned"),
+            ("parameters", "Nothing was read yet"),
+            ("events", "PLC connected"),
+            ("about", "Licences"),
+        ):
+            shown.go(tab, f"#/{view}")
+            reads(tab, "#main", text)
+            assert tab.evaluate("document.documentElement.scrollWidth") <= PHONE["width"], f"{view} is too wide"
+            assert tab.evaluate(UNREADABLE) == [], f"{view}, {scheme}"
+    assert shown.noise == []
+
+
+UNREADABLE = """() => {
+  const rgb = text => (text.match(/[\\d.]+/g) ?? []).map(Number);
+  const light = ([r, g, b]) => [r, g, b].map(v => v / 255).map(v => v <= 0.03928 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4)
+    .reduce((sum, v, i) => sum + v * [0.2126, 0.7152, 0.0722][i], 0);
+  const ground = element => {
+    for (let e = element; e; e = e.parentElement) {
+      const colour = rgb(getComputedStyle(e).backgroundColor);
+      if (colour.length === 3 || colour[3] > 0) return colour;
+    }
+    return [255, 255, 255];
+  };
+  const found = [];
+  for (const element of document.querySelectorAll('body *')) {
+    const text = [...element.childNodes].filter(n => n.nodeType === 3).map(n => n.textContent.trim()).join('');
+    if (!text || !element.checkVisibility()) continue;
+    const [a, b] = [light(rgb(getComputedStyle(element).color)), light(ground(element))].sort((x, y) => y - x);
+    if ((a + 0.05) / (b + 0.05) < 4.5) found.push(`${text}: ${((a + 0.05) / (b + 0.05)).toFixed(2)}`);
+  }
+  return found;
+}"""
+
+
+def test_the_keyboard_reaches_everything_and_the_first_line_stays_visible(shown: Shown) -> None:
+    tab = shown.tab
+    reads(tab, "[data-do='1']", "Obeys")
+    tab.keyboard.press("Tab")
+    assert tab.evaluate("document.activeElement.id") == "skip"
+    reached: list[str] = []
+    for _ in range(20):
+        tab.keyboard.press("Tab")
+        name = tab.evaluate("document.activeElement.innerText")
+        reached.append(name)
+        if name == "Axis 2":
+            break
+    assert reached[:6] == ["Axes", "PLC", "Buses", "Parameters", "Events", "About"]
+    tab.keyboard.press("Enter")
+    reads(tab, "#main h2", "Axis 2")
+    assert tab.evaluate("document.activeElement.id") == "main"
+    assert tab.evaluate("scrollY") == 0
+    top = tab.evaluate("document.querySelector('#main h2').getBoundingClientRect().top")
+    assert top >= tab.evaluate("document.querySelector('header').getBoundingClientRect().bottom")
+
+
+def test_seven_tabs_are_live_for_hidden_ones_hold_no_connection(shown: Shown) -> None:
+    tabs = [shown.tab]
+    for _ in range(6):
+        tab = shown.tab.context.new_page()
+        tab.set_default_timeout(PATIENCE_MS)
+        tab.goto(f"{shown.served.address}/#/axes")
+        # Headless tabs are never hidden by themselves: say it, as a browser does when another one is in front.
+        tabs[-1].evaluate(
+            "() => { Object.defineProperty(document, 'hidden', {get: () => true, configurable: true});"
+            " document.dispatchEvent(new Event('visibilitychange')); }"
+        )
+        tabs.append(tab)
+        reads(tab, "[role=status]", "live, PLC connected")
+
+
+def test_texts_of_devices_are_shown_as_text(shown: Shown) -> None:
+    script = "<img src=x onerror=alert(1)><b>bold</b>"
+    shown.gateway.document["axes"][0]["faults"] = [
+        {"id": 99, "active": True, "number": 12, "code": 1, "text": script, "is_warning": False}
+        | {"time": "2026-03-01T12:03:41.500+01:00", "age_s": 1}
+    ]
+    shown.gateway.document["axes"][0]["reason"] = script
+    shown.gateway.histories[1] = shown.gateway.document["axes"][0]["faults"]
+    for view in ("axes", "axis/1", "events"):
+        shown.go(shown.tab, f"#/{view}")
+        reads(shown.tab, "#main", script)
+        assert shown.tab.locator("#main img, #main b:text-is('bold')").count() == 0
+
+
+def test_parameters_are_read_when_somebody_asks(shown: Shown) -> None:
+    tab = shown.open("#/parameters")
+    tab.get_by_label("Parameter", exact=True).fill("P922")
+    tab.get_by_role("button", name="Read").click()
+    reads(tab, "tbody tr", "P922 Telegram 1")
+
+
+def test_events_are_filtered(shown: Shown) -> None:
+    tab = shown.open("#/events")
+    reads(tab, "tbody tr", "Obeys the PLC")
+    before = tab.locator("tbody tr").count()
+    tab.get_by_label("Kind").select_option("plc")
+    tab.wait_for_function("count => document.querySelectorAll('tbody tr').length < count", arg=before)
+    assert {cell.inner_text() for cell in tab.locator("td.kind").all()} == {"plc"}
+
+
+def test_the_token_opens_the_page_and_stays_out_of_reach_of_scripts(shown: Shown) -> None:
+    guarded = shown.at_end.enter_context(page(shown.daemon.config, shown.gateway, TOKEN))
+    tab = shown.browser.new_context().new_page()
+    tab.set_default_timeout(PATIENCE_MS)
+    tab.goto(f"{guarded.address}/")
+    tab.get_by_label("Token").fill("a wrong token of some length")
+    tab.get_by_role("button", name="Open").click()
+    reads(tab, "output", "wrong token")
+    tab.get_by_label("Token").fill(TOKEN)
+    tab.get_by_role("button", name="Open").click()
+    reads(tab, "[role=status]", "live, PLC connected")
+    assert tab.evaluate("document.cookie") == ""
+    assert TOKEN not in tab.content()
+    tab.context.close()
