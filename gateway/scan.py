@@ -15,6 +15,7 @@ import canopen
 from canopen.sdo import SdoCommunicationError
 
 from pdgw.ds301.communication import DEVICE_NAME, DEVICE_TYPE, IDENTITY
+from pdgw.ds301.configuration import CONSUMER_HEARTBEAT, PRODUCER_HEARTBEAT
 from pdgw.ds301.connection_set import ERROR_CONTROL, NMT, SDO_REQUEST, SDO_RESPONSE
 from pdgw.ds301.data_sheet import load_dictionary
 from pdgw.ds301.inquiry import Inquiry
@@ -41,6 +42,7 @@ _PAUSE_NS = 2 * MS
 """Between two questions: a transmit queue is short."""
 _QUESTION = bytes((0x40,)) + DEVICE_TYPE.to_bytes(2, "little") + bytes(5)
 """SDO upload of 1000h."""
+_GUARDING = (CONSUMER_HEARTBEAT, PRODUCER_HEARTBEAT)
 _NMT_STATE = 0x7F
 _PROFILE = 0xFFFF
 _RPDO_BASES = frozenset(PdoDirection.RPDO.cob_id(number, 0) for number in range(1, 5))
@@ -284,6 +286,11 @@ class Scan:
             return
         found.drive = drive
         found.lacks = dict(lacks_by_telegram(drive))
+        unguarded = [f"{address[0]:04X}h" for address in _GUARDING if node.fetch(*address) is None]
+        if unguarded:
+            found.notes.append(
+                f"has no {' and no '.join(unguarded)}: gateway and drive cannot guard each other by heartbeats"
+            )
         if expected is None:
             return
         if expected.settings is not None:

@@ -26,6 +26,7 @@ from pdgw.gateway.reasons import FaultNumber
 from pdgw.peers.plc.endpoint import PlcEndpoint
 from pdgw.profidrive.signals import signal
 from pdgw.profidrive.telegrams import telegram
+from pdgw.tools.axis_chain import Measurement, judge, rpm
 
 TELEGRAM = 1
 _POSITION = 0x6064
@@ -44,9 +45,6 @@ _CREEP = Fraction(1, 4)
 """Of the speed that was asked for comes first: what is wrong shows before it is fast."""
 _SHORTEST_NS = 500 * MS
 """Measured at least: some milliseconds of an SDO are a small part of it."""
-_TOLERANCE = Fraction(5, 100)
-_UNCERTAIN_S = Fraction(2, 100)
-"""Of the moment a position is of."""
 _SETTLED = Fraction(10, 100)
 _STILL = Fraction(25, 10_000)
 """Of 100 %."""
@@ -83,23 +81,6 @@ class Choices:
 
     percent: Fraction = Fraction(2)
     turns: Fraction = Fraction(2)
-
-
-@dataclass(frozen=True, slots=True)
-class Measurement:
-    """A speed that was held, in the drive's units: what was commanded and what was seen."""
-
-    wire: int
-    """NSOLL_A."""
-    target: int
-    """60FFh."""
-    velocity: Fraction
-    """606Ch on average."""
-    shown: int
-    """NIST_A at the end."""
-    seconds: Fraction
-    moved: int | None
-    """Of 6064h meanwhile; None for a drive that has none."""
 
 
 @dataclass(slots=True)
@@ -167,10 +148,14 @@ class AxisTest:
         self._stranger = ""
         self._begun: int | None = None
         """Position before the first move."""
+        self._raw: int | None = None
+        """6064h as it was read last; ``_way`` goes on where it wraps."""
+        self._way = 0
         self._still = Fraction(0)
         """Velocities up to this are none."""
         self._commanded = Fraction(0)
-        """Turns so far, as commanded."""
+        """Turns so far, as commanded, up to ``_watched_at``."""
+        self._watched_at = 0
 
     def interrupt(self) -> None:
         """Stop and end: Ctrl-C. On the loop's thread."""
@@ -217,6 +202,7 @@ class AxisTest:
         self._exchange()
         self._power_up()
         self._begun = self._position()
+        self._watched_at = self._loop.now()
         self._judge(drive, self._hold(drive, self._choices.percent * _CREEP))
         if self.outcome.passed:
             self._judge(drive, self._hold(drive, self._choices.percent))
@@ -265,7 +251,7 @@ class AxisTest:
         return drive
 
     def _announce(self, drive: DriveType) -> None:
-        full = _rpm(drive, drive.scaling.reference(Quantity.SPEED)) * self._choices.percent / 100
+        full = rpm(drive, drive.scaling.reference(Quantity.SPEED)) * self._choices.percent / 100
         self._tell(
             f"It will turn at {float(full * _CREEP):g} rpm of the motor, and if that is as it should be at {float(full):g} rpm "
             f"({float(self._choices.percent):g} %) for {float(self._choices.turns):g} turns."
@@ -331,9 +317,9 @@ class AxisTest:
         self._command(_ON, wire)
         self._wait(lambda: self._settled(drive), _SETTLING_NS, "the speed was reached", drive)
         target = axis.outputs.command.target_velocity
-        rpm = abs(_rpm(drive, target))
+        speed = abs(rpm(drive, target))
         share = 1 if percent == self._choices.percent else _CREEP
-        duration = max(_SHORTEST_NS, int(self._choices.turns * share / (rpm / 60) * SECOND))
+        duration = max(_SHORTEST_NS, int(self._choices.turns * share / (speed / 60) * SECOND))
         begun, first = self._loop.now(), self._position()
         last, ended, velocities = first, begun, [axis.drive.feedback.velocity_actual]
         while ended - begun < duration:
@@ -394,7 +380,9 @@ class AxisTest:
         if not self._shows(_ENABLED):
             raise DoubtError(f"the drive is not in operation any more: {self._why()}")
         target, velocity = self._axis.outputs.command.target_velocity, self._axis.drive.feedback.velocity_actual
-        self._commanded += abs(_rpm(drive, target)) * _CYCLE_NS / (60 * SECOND)
+        now = self._loop.now()
+        self._commanded += abs(rpm(drive, target)) * (now - self._watched_at) / (60 * SECOND)
+        self._watched_at = now
         seen = f"606Ch is {velocity} with 60FFh {target}"
         slack = max(self._still, Fraction(abs(target), 4))
         if velocity * self._direction < -slack:
@@ -403,9 +391,9 @@ class AxisTest:
             raise DoubtError(f"it runs away: {seen}")
 
     def _position(self) -> int | None:
-        """6064h now; None for a drive that has none. DoubtError when it has moved further than it was told."""
+        """How far 6064h has gone; None for a drive that has none. DoubtError when it has moved further than it was told."""
         try:
-            position = self._loop.result(
+            raw = self._loop.result(
                 self._axis.drive.submit(lambda node: node.read_number(_POSITION, signed=True)), _SDO_NS
             )
         except SdoAbortedError:
@@ -413,9 +401,13 @@ class AxisTest:
         except (CanopenError, SdoCommunicationError, TimeoutError) as error:
             raise DoubtError(f"6064h cannot be read: {error}") from error
         drive = self._axis.drive.drive_type
-        counts = None if drive is None else drive.scaling.counts_per_revolution
+        assert drive is not None
+        counts = drive.scaling.counts_per_revolution
+        step = 0 if self._raw is None else raw - self._raw
+        self._raw = raw
+        self._way += min((step + turn for turn in _turns_over(drive)), key=abs)
         if self._begun is not None and counts is not None:
-            moved = position - self._begun
+            moved = self._way - self._begun
             turns = Fraction(moved) / counts * self._direction
             if not -_MARGIN <= turns <= self._commanded * _TOO_FAR + _MARGIN:
                 raise DoubtError(
@@ -423,7 +415,7 @@ class AxisTest:
                     f"commanded were {float(self._commanded * self._direction):.2f} so far: "
                     "wrong direction, wrong units, or it runs away"
                 )
-        return position
+        return self._way
 
     def _why(self) -> str:
         """What gateway and drive say."""
@@ -436,41 +428,12 @@ class AxisTest:
     # -- what it was ----------------------------------------------------------------------------------------------------
 
     def _judge(self, drive: DriveType, held: Measurement) -> None:
-        """Tell what was seen, and the factor of each to what was commanded."""
-        outcome, rpm = self.outcome, _rpm(drive, held.target)
-        speed = outcome.speed_factor = held.velocity / held.target
-        self._tell(f"commanded  NSOLL_A {held.wire & 0xFFFF:04X}h = {_g(rpm)} rpm = 60FFh {held.target}")
-        self._tell(
-            f"speed      606Ch {_g(held.velocity)} = {_g(_rpm(drive, held.velocity))} rpm, NIST_A {held.shown & 0xFFFF:04X}h: "
-            f"factor {float(speed):.3f}"
-        )
-        outcome.passed = abs(speed - 1) <= max(_TOLERANCE, Fraction(2, abs(held.target)))
-        if held.moved is None:
-            outcome.position_factor = None
-            self._tell("position   none (6064h): the speed is the drive's word alone, compare a mark on the shaft")
-            return
-        counts = drive.scaling.counts_per_revolution
-        if counts is None:
-            would = Fraction(held.moved) / (rpm * held.seconds / 60)
-            self._tell(
-                f"position   6064h {held.moved:+d} in {float(held.seconds):.2f} s: counts_per_revolution is not known, "
-                f"{float(would):.0f} would fit the commanded speed"
-            )
-            return
-        seen = Fraction(held.moved) / counts / held.seconds * 60
-        factor = outcome.position_factor = seen / rpm
-        self._tell(
-            f"position   6064h {held.moved:+d} in {float(held.seconds):.2f} s = {_g(seen)} rpm "
-            f"({_g(counts)} in one revolution): factor {float(factor):.3f}"
-        )
-        expected = abs(rpm * held.seconds / 60 * counts)
-        if abs(factor - 1) > max(_TOLERANCE, _UNCERTAIN_S / held.seconds + 2 / expected):
-            outcome.passed = False
-            self._tell(
-                "speed and position do not fit: velocity_unit, counts_per_revolution or gear is not the drive's. Look at the "
-                f"shaft: if it turned at {_g(rpm)} rpm, one revolution is {_g(counts * abs(factor))} of 6064h; "
-                f"if at {_g(seen)} rpm, one unit of 60FFh is {_g(seen / held.target)} rpm"
-            )
+        judgement = judge(drive, held)
+        for line in judgement.lines:
+            self._tell(line)
+        outcome = self.outcome
+        outcome.passed = judgement.passed
+        outcome.speed_factor, outcome.position_factor = judgement.speed_factor, judgement.position_factor
 
     def _show_way(self, drive: DriveType) -> None:
         end, counts = self._position(), drive.scaling.counts_per_revolution
@@ -481,12 +444,11 @@ class AxisTest:
         self._tell(f"in all     6064h {moved:+d}{turns}: compare a mark on the shaft")
 
 
-def _rpm(drive: DriveType, velocity: Fraction | int) -> Fraction:
-    """A velocity of the drive in rpm of the motor, as the scaling has it."""
-    rated = drive.scaling.rated_speed_rpm
-    assert rated is not None, "known wherever 100 % of the speed is"
-    return velocity * rated / drive.scaling.reference(Quantity.SPEED)
-
-
-def _g(value: Fraction) -> str:
-    return f"{float(value):.4g}"
+def _turns_over(drive: DriveType) -> tuple[int, ...]:
+    """What a position jumps by where it begins anew: between two readings it moves by little."""
+    spans = [1 << 32]
+    scaling = drive.scaling
+    if scaling.position_wraps and scaling.position_range is not None:
+        low, high = scaling.position_range
+        spans.append(high - low + 1)
+    return (0, *spans, *(-span for span in spans))

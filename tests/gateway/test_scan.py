@@ -87,6 +87,11 @@ def test_what_a_shape_lacks_is_what_the_axis_machine_refuses(site: Site, name: s
     assert (not found.lacks[1]) == known, found.lacks[1]
 
 
+def test_a_drive_without_heartbeats_is_noted(site: Site) -> None:
+    site.world.drive(BUS, 7, shape=SHAPES["node-guarding"])
+    assert "has no 1016h and no 1017h: gateway and drive cannot guard each other by heartbeats" in site.scan()[7].notes
+
+
 def test_a_data_sheet_that_fits_is_named_and_one_of_another_device_is_not_used(site: Site) -> None:
     site.world.drive(BUS, 5)
     site.world.drive(BUS, 6, shape=SHAPES["rpm"])

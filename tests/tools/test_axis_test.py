@@ -175,6 +175,16 @@ def test_a_wrong_count_per_revolution_is_told_with_both_ways_to_read_it() -> Non
     assert site.fastest < 16
 
 
+@pytest.mark.parametrize("at", [2**31 - 100, -(2**31) + 100])
+def test_a_position_that_wraps_is_followed(at: int) -> None:
+    site = Site(choices=Choices(Fraction(2) if at > 0 else Fraction(-2), Fraction(1)), shape=shape("counts"))
+    site.drive.do(lambda node: node.model.stand_at(at))
+    outcome = site.run()
+    assert outcome.passed, site.lines
+    assert outcome.moved is not None
+    assert 1.2 < abs(outcome.moved) / TURN < 2
+
+
 def test_a_drive_that_is_deaf_from_the_start_is_not_waited_for_for_ever() -> None:
     site = Site()
     site.drive.do(lambda node: node.misbehave("deaf"))

@@ -1,0 +1,83 @@
+"""What was commanded and what was seen of one speed that an axis held: over the whole chain, in numbers and in words."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from fractions import Fraction
+
+from pdgw.dsp402.drive_type import DriveType, Quantity
+
+_TOLERANCE = Fraction(5, 100)
+_UNCERTAIN_S = Fraction(2, 100)
+"""Of the moment a position is of."""
+
+
+@dataclass(frozen=True, slots=True)
+class Measurement:
+    """A speed that was held, in the drive's units: what was commanded and what was seen."""
+
+    wire: int
+    """NSOLL_A."""
+    target: int
+    """60FFh."""
+    velocity: Fraction
+    """606Ch on average."""
+    shown: int
+    """NIST_A at the end."""
+    seconds: Fraction
+    moved: int | None
+    """Of 6064h meanwhile; None for a drive that has none."""
+
+
+@dataclass(frozen=True, slots=True)
+class Judgement:
+    """A factor is what was seen to what was commanded, None where that is not known; ``passed``: none of them is off."""
+
+    passed: bool
+    lines: tuple[str, ...]
+    speed_factor: Fraction
+    position_factor: Fraction | None
+
+
+def rpm(drive: DriveType, velocity: Fraction | int) -> Fraction:
+    """A velocity of the drive in rpm of the motor, as the scaling has it."""
+    rated = drive.scaling.rated_speed_rpm
+    assert rated is not None, "known wherever 100 % of the speed is"
+    return velocity * rated / drive.scaling.reference(Quantity.SPEED)
+
+
+def judge(drive: DriveType, held: Measurement) -> Judgement:
+    """Compare speed and position with the command."""
+    commanded = rpm(drive, held.target)
+    speed = held.velocity / held.target
+    passed = abs(speed - 1) <= max(_TOLERANCE, Fraction(2, abs(held.target)))
+    lines = [
+        f"commanded  NSOLL_A {held.wire & 0xFFFF:04X}h = {_g(commanded)} rpm = 60FFh {held.target}",
+        f"speed      606Ch {_g(held.velocity)} = {_g(rpm(drive, held.velocity))} rpm, NIST_A {held.shown & 0xFFFF:04X}h: "
+        f"factor {float(speed):.3f}",
+    ]
+    moved, counts = held.moved, drive.scaling.counts_per_revolution
+    if moved is None:
+        lines.append("position   none (6064h): the speed is the drive's word alone, compare a mark on the shaft")
+        return Judgement(passed, tuple(lines), speed, None)
+    way = f"position   6064h {moved:+d} in {float(held.seconds):.2f} s"
+    if counts is None:
+        would = moved / (commanded * held.seconds / 60)
+        lines.append(f"{way}: counts_per_revolution is not known, {float(would):.0f} would fit the commanded speed")
+        return Judgement(passed, tuple(lines), speed, None)
+    seen = moved / counts / held.seconds * 60
+    factor = seen / commanded
+    lines.append(f"{way} = {_g(seen)} rpm ({_g(counts)} in one revolution): factor {float(factor):.3f}")
+    expected = abs(commanded * held.seconds / 60 * counts)
+    if abs(factor - 1) > max(_TOLERANCE, _UNCERTAIN_S / held.seconds + 2 / expected):
+        passed = False
+        lines.append(
+            "speed and position do not fit: velocity_unit, counts_per_revolution or gear is not the drive's. Look at the "
+            f"shaft: if it turned at {_g(commanded)} rpm, one revolution is {_g(counts * abs(factor))} of 6064h; "
+            f"if at {_g(seen)} rpm, one unit of 60FFh is {_g(seen / held.target)} rpm"
+        )
+    return Judgement(passed, tuple(lines), speed, factor)
+
+
+def _g(value: Fraction) -> str:
+    return f"{float(value):.4g}"
