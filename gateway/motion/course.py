@@ -19,9 +19,12 @@ LIMIT_STANDING_NS = 500 * MS
 """An axis that stands at an internal limit of the drive for so long is held by it."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True, eq=False)
 class Goal:
-    """What the axis is to do; it outlives intermediate stops. Replaced, never changed."""
+    """What the axis is to do; it outlives intermediate stops. Replaced, never changed.
+
+    Under continuous update there is one in each cycle: a frozen class would take three times as long to make it.
+    """
 
     kind: MotionKind
     target: int

@@ -7,26 +7,32 @@ axes, cams, homing direction, the handshake with the drive and changes of its mo
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
 from pdgw.gateway.motion.blocks import BlockTable
 from pdgw.gateway.motion.chain import BlockChain
 from pdgw.gateway.motion.course import MS, Course
-from pdgw.gateway.motion.states import TASK_STATES, TRANSITIONS, Action, Event, State
+from pdgw.gateway.motion.states import TASK_STATES, TRANSITIONS, Action, Event, State, Transition
 from pdgw.gateway.motion.wishes import FULL, Asked, HomingResult, MotionKind, Outcome, PositionerSettings, Seen
 from pdgw.gateway.reasons import Reason
 
 SHOWN_NS = 100 * MS
 """POS_ZSW1.11 shows homing and a set reference point at least so long, because masters poll it."""
+_BOTH = (True, True)
 _KEPT = frozenset({State.MDI, State.SETTING_UP, State.BLOCK})
 """Functions an intermediate stop keeps, and an edge during it replaces."""
+_DISTURBANCES = frozenset(
+    {Event.NOT_OPERATING, Event.REJECTED, Event.TASK_REFUSED, Event.MDI, Event.SETTING_UP, Event.BLOCK}
+)
+"""What cannot be there in a calm step: in operation, not rejected, without the edge of a task."""
+_Row = tuple[Callable[[], bool], Callable[[], None], State]
 _FUNCTION = {Event.MDI: State.MDI, Event.SETTING_UP: State.SETTING_UP, Event.BLOCK: State.BLOCK}
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True, eq=False)
 class _Task:
-    """The data of the frame that brought an edge of STW1.6, or a change under continuous update."""
+    """The data of the frame that brought an edge of STW1.6, or a change under continuous update. Never changed."""
 
     event: Event
     refusal: Reason | None
@@ -106,12 +112,15 @@ class Positioner:
             Action.HOMING_ERROR: self._homing_error,
         }
 
+        def compiled(rows: Iterable[Transition]) -> tuple[_Row, ...]:
+            return tuple((events[row.event], actions[row.action], row.target) for row in rows)
+
         self._table = {
-            state: tuple((events[row.event], actions[row.action], row.target) for row in rows)
+            state: (compiled(rows), compiled(row for row in rows if row.event not in _DISTURBANCES))
             for state, rows in TRANSITIONS.items()
         }
-        """``TRANSITIONS`` with what finds an event and what does an action."""
-        self._rows = self._table[self._state]
+        """``TRANSITIONS`` with what finds an event and what does an action: all rows of a state, and those of a calm step."""
+        self._rows, self._calm_rows = self._table[self._state]
 
     def set_position_range(self, low: int, high: int) -> None:
         """Where the drive can be sent, in its own coordinates."""
@@ -126,12 +135,13 @@ class Positioner:
         """One cycle. Nothing of ``asked`` and ``seen`` is kept."""
         self._asked, self._seen, self._now = asked, seen, now
         self._look()
-        for happened, act, target in self._rows:
+        calm = asked.operating and asked.do_not_reject and self._pending is None
+        for happened, act, target in self._calm_rows if calm else self._rows:
             if happened():
                 act()
                 if target is not self._state:
                     self._state = target
-                    self._rows = self._table[target]
+                    self._rows, self._calm_rows = self._table[target]
                 break
         self._chain.look_ahead()
         if self._state is not State.HOMING:
@@ -146,9 +156,12 @@ class Positioner:
         asked = self._asked
         self._edges()
         self._show_acknowledge()
-        bits = (asked.jog_1, asked.jog_2)
-        allowed = asked.operating and asked.do_not_reject and not all(bits)
-        self._armed = (not bits[0] or (self._armed[0] and allowed), not bits[1] or (self._armed[1] and allowed))
+        if asked.jog_1 or asked.jog_2:
+            allowed = asked.operating and asked.do_not_reject and not (asked.jog_1 and asked.jog_2)
+            first, second = self._armed
+            self._armed = (not asked.jog_1 or (first and allowed), not asked.jog_2 or (second and allowed))
+        else:
+            self._armed = _BOTH
         if not asked.do_not_reject:
             self._pending = None
         self._limits = asked.software_limits and self.home_set and self.settings.software_limits is not None
@@ -164,7 +177,8 @@ class Positioner:
             self._chain.external = True
         if self._reference_edge:
             self._set_reference_point()
-        self._home_on_the_fly()
+        if asked.homing or self._probe_wanted:
+            self._home_on_the_fly()
 
     def _edges(self) -> None:
         """Rising edges of this step; bits that stood before operation are none."""

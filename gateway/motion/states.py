@@ -27,6 +27,9 @@ class State(enum.Enum):
     TRACKING = "tracking"
     BRAKING = "braking"
 
+    # Each is one object; Enum's own is a Python function, which every cycle would call.
+    __hash__ = object.__hash__
+
 
 class Event(enum.Enum):
     """What a step looks for; ``value`` for the reader."""

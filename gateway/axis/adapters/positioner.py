@@ -96,6 +96,8 @@ class PositionerAdapter(ControlWordAdapter):
         setpoints, actuals = telegram.setpoints, telegram.actuals
         self._asked = Asked()
         self._last: Sequence[int] | None = None
+        self._words = (-1, -1, -1)
+        """STW1 and the positioner's words as they were evaluated last."""
         self._stw2 = place(setpoints, "STW2")
         self._satzanw = place(setpoints, "SATZANW")
         self._pos_stw = place(setpoints, "POS_STW")
@@ -125,6 +127,27 @@ class PositionerAdapter(ControlWordAdapter):
             return
         self._last = setpoints
         asked = self._asked
+        if self._pos_stw1 >= 0:
+            words = (word, setpoints[self._pos_stw1], setpoints[self._pos_stw2])
+            if words != self._words:
+                self._words = words
+                self._read_stw1(word)
+                self._read_111(words[1], words[2])
+        else:
+            self._read_stw1(word)
+            self._read_selection(setpoints)
+        if self._stw2 >= 0:
+            asked.to_fixed_stop = setpoints[self._stw2] & _TO_FIXED_STOP != 0
+        if self._override >= 0:
+            override = setpoints[self._override]
+            asked.override = override if override > 0 else 0
+        first = self._target
+        if first >= 0:
+            asked.target, asked.velocity = setpoints[first], setpoints[first + 1]
+            asked.acceleration, asked.deceleration = setpoints[first + 2], setpoints[first + 3]
+
+    def _read_stw1(self, word: int) -> None:
+        asked = self._asked
         asked.do_not_reject = word & _DO_NOT_REJECT != 0
         asked.no_intermediate_stop = word & _NO_INTERMEDIATE_STOP != 0
         asked.activate = word & _ACTIVATE_TASK != 0
@@ -132,18 +155,6 @@ class PositionerAdapter(ControlWordAdapter):
         asked.jog_2 = word & _JOG_2 != 0
         asked.homing = word & _START_HOMING != 0
         asked.external_block_change = word & _EXTERNAL != 0
-        if self._stw2 >= 0:
-            asked.to_fixed_stop = setpoints[self._stw2] & _TO_FIXED_STOP != 0
-        if self._override >= 0:
-            asked.override = max(0, setpoints[self._override])
-        first = self._target
-        if first >= 0:
-            asked.target, asked.velocity = setpoints[first], setpoints[first + 1]
-            asked.acceleration, asked.deceleration = setpoints[first + 2], setpoints[first + 3]
-        if self._pos_stw1 >= 0:
-            self._read_111(setpoints[self._pos_stw1], setpoints[self._pos_stw2])
-        else:
-            self._read_selection(setpoints)
 
     def _read_111(self, word: int, second: int) -> None:
         asked = self._asked
@@ -189,7 +200,9 @@ class PositionerAdapter(ControlWordAdapter):
             actuals[self._message] = report.message
         if self._position >= 0:
             position = outcome.position
-            actuals[self._position] = max(_LOWEST, min(position, _HIGHEST))
+            actuals[self._position] = (
+                position if _LOWEST <= position <= _HIGHEST else max(_LOWEST, min(position, _HIGHEST))
+            )
         if self._speed >= 0:
             actuals[self._speed] = report.speed
         if self._codes >= 0:

@@ -17,21 +17,24 @@ from pdgw.gateway.axis.waist import STATE_MASK, Demand, Flag, Report
 from pdgw.gateway.motion.messages import SPEED_WITHIN_TOLERANCE, MessageWord, reduced_torque
 from pdgw.gateway.reasons import Reason
 
-_ENABLED = (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE)
-_READY = (*_ENABLED, State.SWITCHED_ON, State.READY_TO_SWITCH_ON)
+_ENABLED_STATES = (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE)
+_READY_STATES = (*_ENABLED_STATES, State.SWITCHED_ON, State.READY_TO_SWITCH_ON)
+_ENABLED = tuple(state in _ENABLED_STATES for state in STATE_OF_STATUS)
+_READY = tuple(state in _READY_STATES for state in STATE_OF_STATUS)
+"""By the Statusword's ``STATE_MASK``."""
 
 
 def message_of(message: MessageWord, feedback: DriveFeedback, heat: Heat) -> int:
     """MELDW of what a drive tells."""
     statusword = feedback.statusword
-    state = STATE_OF_STATUS[statusword & STATE_MASK]
+    shown = statusword & STATE_MASK
     return message.word(
         feedback.velocity_actual,
         feedback.velocity_demand,
         feedback.current_actual,
         target_reached=statusword & StatusBit.TARGET_REACHED != 0,
-        enabled=state in _ENABLED,
-        ready=state in _READY,
+        enabled=_ENABLED[shown],
+        ready=_READY[shown],
         motor_hot=heat.motor,
         stage_hot=heat.stage,
     )
