@@ -1,0 +1,159 @@
+"""Every way a PROFINET controller can be lost stops a turning drive within the bound, and nothing starts again by itself."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from pdgw.ds301.loop import MS
+from pdgw.dsp402.states import State
+from pdgw.peers.controller.controller import Phase
+from pdgw.profidrive.frame import STATUS_RUN
+from pdgw.profinet import apmx, dcp, ethernet
+from pdgw.profinet.apmx import PduType
+from pdgw.profinet.blocks.alarm import Priority
+from pdgw.profinet.cmdev import AbortCode
+from tests.support.daemon import axis, drive_of
+from tests.support.profinet import DEVICE_MAC, PLC_MAC
+from tests.support.profinet_daemon import ON, Plant, configuration, plant
+
+CYCLE_NS = 4 * MS
+WATCHDOG_NS = 3 * CYCLE_NS
+BOUND_NS = WATCHDOG_NS + 2 * CYCLE_NS
+"""From the controller's last frame to the command that stops the drive: watchdog, the cycle that sees it, the bus."""
+SPEED = 0x1000
+
+
+def kill(site: Plant) -> None:
+    site.killed = True
+
+
+def pull(site: Plant) -> None:
+    site.port.link_up = False
+    site.port.on_link()
+    site.killed = True
+
+
+def fall_silent(site: Plant) -> None:
+    site.plc.silent = True
+
+
+def stop(site: Plant) -> None:
+    assert site.plc.provider is not None
+    site.plc.provider.data_status &= ~STATUS_RUN
+
+
+def mark_bad(site: Plant) -> None:
+    site.plc.set_output((1, 2), bytes(4), good=False)
+
+
+def release(site: Plant) -> None:
+    site.plc.release(site.loop.now())
+
+
+def abort(site: Plant) -> None:
+    relation = site.link.device.relation
+    assert relation is not None
+    pdu = apmx.encode(
+        Priority.LOW,
+        relation.reference,
+        site.plc.project.alarm().reference,
+        PduType.ERR,
+        0xFFFE,
+        0xFFFF,
+        AbortCode.REQUESTED.status.value.to_bytes(4, "big"),
+    )
+    site.port.arrive(None, ethernet.frame(DEVICE_MAC, PLC_MAC, pdu, tag=0xA000))
+    site.killed = True
+
+
+def restart(site: Plant) -> None:
+    site.plc.start(site.loop.now())
+
+
+WAYS = [kill, pull, fall_silent, stop, mark_bad, release, abort, restart]
+
+
+@pytest.mark.parametrize("way", WAYS, ids=lambda way: way.__name__)
+def test_the_drive_is_stopped_within_the_bound_and_stays_stopped(tmp_path: Path, way: Callable[[Plant], None]) -> None:
+    with plant(configuration(axis(1), tmp_path / "store.json"), data_hold=400) as site:
+        model = drive_of(site.daemon).model
+        site.connect()
+        site.enable(1, SPEED)
+        site.run(300 * MS)
+        assert model.state is State.OPERATION_ENABLED
+        assert abs(model.velocity_actual) > 100
+        before = len(site.can)
+        since = site.loop.now()
+        way(site)
+        site.until(lambda: model.state is not State.OPERATION_ENABLED, "a command to stop", BOUND_NS)
+        assert site.loop.now() - since <= BOUND_NS
+        site.until(lambda: model.state is State.SWITCH_ON_DISABLED and not model.velocity_actual, "standstill")
+        assert len(site.can) > before
+        # The controller is there again, with the ON it had: it needs an OFF first.
+        site.killed = site.plc.silent = False
+        site.port.link_up = True
+        site.port.on_link()
+        if site.plc.provider is not None:
+            site.plc.provider.data_status |= STATUS_RUN
+        site.run(100 * MS)
+        if not (site.link.connected and site.plc.phase is Phase.DATA):
+            site.connect()
+        site.set(1, ON, SPEED)
+        site.run(1000 * MS)
+        assert model.state is State.SWITCH_ON_DISABLED
+        assert not model.velocity_actual
+        site.enable(1, SPEED)
+        site.run(200 * MS)
+        assert abs(model.velocity_actual) > 100
+
+
+def test_the_data_hold_time_ends_the_relationship_long_after_the_drive_has_stopped(tmp_path: Path) -> None:
+    with plant(configuration(axis(1), tmp_path / "store.json"), data_hold=400) as site:
+        model = drive_of(site.daemon).model
+        site.connect()
+        site.enable(1, SPEED)
+        site.plc.silent = True
+        since = site.loop.now()
+        site.until(lambda: model.state is not State.OPERATION_ENABLED, "a command to stop", BOUND_NS)
+        site.until(lambda: not site.link.connected, "the end of the relationship")
+        assert 1_600 * MS - CYCLE_NS <= site.loop.now() - since <= 1_600 * MS + CYCLE_NS
+        assert site.plc.learned.error == AbortCode.DATA_HOLD.status.value
+
+
+def test_name_and_address_cannot_be_changed_under_a_turning_drive(tmp_path: Path) -> None:
+    with plant(configuration(axis(1), tmp_path / "store.json")) as site:
+        model = drive_of(site.daemon).model
+        site.connect()
+        site.enable(1, SPEED)
+        site.run(100 * MS)
+        address = site.link.station.ip
+        requests = [
+            (dcp.Option.IP, bytes.fromhex("0001c0a80063ffffff0000000000")),
+            (dcp.Option.NAME, b"\0\1other"),
+            (dcp.Option.RESET, b"\0\4"),
+        ]
+        for option, value in requests:
+            blocks = dcp.encode_block(option, value)
+            payload = dcp.encode(dcp.FRAME_ID_GET_SET, dcp.Service.SET, dcp.ServiceType.REQUEST, 7, blocks)
+            site.port.arrive(None, ethernet.frame(DEVICE_MAC, PLC_MAC, payload))
+        site.run(300 * MS)
+        assert site.link.device.dcp.refused == len(requests)
+        assert (site.link.station.ip, site.link.station.name) == (address, "press-1")
+        assert site.link.connected
+        assert model.state is State.OPERATION_ENABLED
+
+
+def test_a_loss_of_one_axis_data_stops_that_axis_alone(tmp_path: Path) -> None:
+    with plant(configuration(axis(1) + axis(2), tmp_path / "store.json")) as site:
+        site.connect()
+        for slot in (1, 2):
+            site.enable(slot, SPEED)
+        site.run(100 * MS)
+        mark_bad(site)
+        models = [drive_of(site.daemon, node).model for node in (1, 2)]
+        site.until(lambda: models[0].state is not State.OPERATION_ENABLED, "a command to stop", BOUND_NS)
+        site.run(200 * MS)
+        assert models[1].state is State.OPERATION_ENABLED
