@@ -15,6 +15,7 @@ from typing import Final, NamedTuple
 from pdgw.decoder.cyclic import Axis
 from pdgw.decoder.following_object import ObjectFollower, Put
 from pdgw.decoder.following_words import Decision, Words
+from pdgw.decoder.mapping import recorded_rpdo
 from pdgw.decoder.records import (
     CanRecord,
     HeartbeatRecord,
@@ -30,12 +31,10 @@ from pdgw.ds301.pdo import PdoDirection
 from pdgw.dsp402.generic import recorded_addresses, recorded_drive_type
 from pdgw.dsp402.images import DriveFeedback
 from pdgw.dsp402.objects import DRIVE_OBJECTS
-from pdgw.dsp402.pdo import LAYOUTS
 from pdgw.dsp402.states import Command, ControlBit, State, StatusBit, next_state, state_of
 from pdgw.gateway.axis.executors.mode import MODE_CONFIRM_NS
 from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.settings import AxisSettings
-from pdgw.gateway.axis.telegrams import pdo_operation
 from pdgw.gateway.axis.values import Configured, SdoAnswer, SdoWrite
 from pdgw.gateway.reasons import Reason
 from pdgw.profidrive.signals import signal
@@ -69,7 +68,6 @@ class _Plan(NamedTuple):
     """What of a PDO is looked at; positions are -1 where it does not have the object."""
 
     direction: PdoDirection
-    number: int
     word: int
     mode: int
     attributes: tuple[tuple[str, int], ...]
@@ -127,7 +125,7 @@ class AxisFollower(ObjectFollower):
         # -- the drive
         self._plans: dict[PdoLayout, _Plan] = {}
         self._last: dict[int, bytes] = {}
-        self._sent: dict[int, bytes] = {}
+        self._sent: dict[PdoLayout, bytes] = {}
         self._image = DriveFeedback()
         self._started = True
         self._answers: dict[tuple[int, int], int] = {}
@@ -137,7 +135,6 @@ class AxisFollower(ObjectFollower):
         self._written: deque[_Written] = deque(maxlen=64)
         # -- today's machine
         self._machine = AxisMachine(axis.telegram, settings, self._image)
-        self._rpdos = LAYOUTS[pdo_operation(axis.telegram)].rpdos
         self._request: tuple[SdoWrite, ...] | None = None
         self._to_write: list[SdoWrite] = []
         self._shown: int | None = None
@@ -216,7 +213,7 @@ class AxisFollower(ObjectFollower):
         values = layout.unpack(data)
         word, mode = values[plan.word] if plan.word >= 0 else None, values[plan.mode] if plan.mode >= 0 else None
         if plan.direction is PdoDirection.RPDO:
-            self._sent[plan.number] = data[: layout.size]
+            self._sent[layout] = data[: layout.size]
             if isinstance(word, int):
                 self._commanded(now, word)
             if isinstance(mode, int):
@@ -241,7 +238,6 @@ class AxisFollower(ObjectFollower):
         entries = [(DRIVE_OBJECTS.get(*address), position) for address, position in places.items()]
         plan = self._plans[layout] = _Plan(
             direction,
-            int(layout.name.removeprefix(direction.label)),
             places.get(_CONTROLWORD if receives else _STATUSWORD, -1),
             places.get(_MODE if receives else _MODE_DISPLAY, -1),
             tuple((entry.attribute, position) for entry, position in entries if entry is not None and not receives),
@@ -390,9 +386,8 @@ class AxisFollower(ObjectFollower):
             return
         self._known = True
         self._since = None
-        for pdo in self._rpdos:
-            sent = self._sent.get(pdo.number, b"")
-            if len(sent) == pdo.size:
+        for layout, sent in self._sent.items():
+            if (pdo := recorded_rpdo(layout)) is not None:
                 pdo.unpack_into(sent, self._machine.outputs.command)
         if WordKind.STATUS in self._words.values:
             self._machine.executor.recall(home_set=bool(self._words.values[WordKind.STATUS] & _HOME_POSITION_SET))

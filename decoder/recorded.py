@@ -87,3 +87,5 @@ class AxisRecording:
     """After so long a silence the PLC is lost."""
     paced: bool = False
     """The gateway sends with a timing of its own (PROFINET), whatever the PLC's frames do."""
+    rpdos: tuple[Pdo, ...] = ()
+    """Those of ``sent``, as they were mapped."""

@@ -16,6 +16,7 @@ from typing import Final
 
 from pdgw.decoder.connect import Connection
 from pdgw.decoder.cyclic import Axis
+from pdgw.decoder.mapping import recorded_rpdo
 from pdgw.decoder.plc_inputs import USED, Frame, PlcInputs, Relation, receive_frames, receive_profinet
 from pdgw.decoder.profinet_endpoint import ProfinetEndpoint
 from pdgw.decoder.profinet_records import AlarmRecord, Change, RelationRecord
@@ -31,7 +32,7 @@ from pdgw.decoder.records import (
 )
 from pdgw.ds301.aborts import abort_text
 from pdgw.ds301.nmt import NmtCommand, NmtState
-from pdgw.ds301.pdo import PdoDirection
+from pdgw.ds301.pdo import Pdo, PdoDirection
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.generic import recorded_addresses, recorded_drive_type
 from pdgw.dsp402.objects import DRIVE_OBJECTS
@@ -71,6 +72,7 @@ class _Node:
     started: bool = True
     """Until an NMT command says otherwise: a recording may begin in operation."""
     last: dict[int, bytes] = field(default_factory=dict)
+    rpdos: dict[int, Pdo | None] = field(default_factory=dict)
     end_ns: int = 0
 
     def drive_type(self) -> DriveType:
@@ -222,6 +224,7 @@ class Collector:
             node.end_ns - offset_ns,
             watchdog_ns,
             self._profinet,
+            tuple(pdo for _, pdo in sorted(node.rpdos.items()) if pdo is not None),
         )
 
 
@@ -267,6 +270,8 @@ def _pdo(node: _Node, record: PdoRecord) -> None:
     now = record.time_ns
     if layout.name.startswith(PdoDirection.RPDO.label):
         node.sent.setdefault(number, []).append(Sent(now, record.data[: layout.size]))
+        if number not in node.rpdos:
+            node.rpdos[number] = recorded_rpdo(layout)
         return
     if node.started and (not node.online or not node.online[-1][1]):
         node.online.append((now, True))

@@ -32,11 +32,9 @@ from pdgw.ds301.objects import Entry
 from pdgw.ds301.pdo import Pdo
 from pdgw.dsp402.images import FEEDBACK_NAMES, DriveFeedback
 from pdgw.dsp402.objects import DRIVE_OBJECTS
-from pdgw.dsp402.pdo import LAYOUTS
 from pdgw.dsp402.states import ControlBit, State, state_of
 from pdgw.gateway.axis.checkpoint import Checkpoint, Checkpoints
 from pdgw.gateway.axis.machine import AxisMachine
-from pdgw.gateway.axis.telegrams import pdo_operation
 from pdgw.gateway.axis.values import FaultRecord, SdoAnswer, SdoWrite
 from pdgw.gateway.reasons import Reason
 from pdgw.profidrive.signals import signal
@@ -210,8 +208,7 @@ class Replayer:
         self._tolerance = tolerance_ns
         self._machine = AxisMachine(recording.telegram.number, recording.settings, DriveFeedback())
         self._checkpoints = Checkpoints(self._machine)
-        layout = LAYOUTS[pdo_operation(recording.telegram.number)]
-        self._rpdos: tuple[Pdo, ...] = tuple(pdo for pdo in layout.rpdos if pdo.number in recording.sent)
+        self._rpdos = recording.rpdos
         self._spans = _spans(recording.sent, recording.can_end_ns)
         self._setpoint_times = [event.time_ns for event in recording.setpoints]
         self._feedback_times = [event.time_ns for event in recording.feedback]

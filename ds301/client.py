@@ -11,16 +11,17 @@ import abc
 import logging
 import struct
 from collections import deque
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping
 from concurrent.futures import Future
 from typing import Any, ClassVar, Generic, Self, TypeVar
 
 import canopen
 from canopen.sdo import SdoAbortedError, SdoCommunicationError
 
-from pdgw.ds301.aborts import Abort, abort_text
+from pdgw.ds301.aborts import abort_text
 from pdgw.ds301.communication import SYNC_PERIOD
-from pdgw.ds301.configuration import SdoStep, is_communication_parameter, is_taken, pdo_steps
+from pdgw.ds301.configuration import SdoStep
+from pdgw.ds301.configuring import ConfiguringAccess
 from pdgw.ds301.connection_set import EMCY, ERROR_CONTROL, NMT
 from pdgw.ds301.emcy import emcy_text
 from pdgw.ds301.errors import CanopenError
@@ -30,7 +31,7 @@ from pdgw.ds301.nmt import NmtCommand, NmtState
 from pdgw.ds301.node import NodeEvent, NodeSettings, NodeStatus, TpdoSlot
 from pdgw.ds301.objects import CanType
 from pdgw.ds301.pdo import Pdo, PdoLayout
-from pdgw.ds301.sdo import SdoAccess
+from pdgw.ds301.plan import Pace, PdoPlan, plan_steps, straight_plan
 
 log = logging.getLogger("gateway")
 
@@ -58,13 +59,11 @@ _HEARTBEAT_STATE = 0x7F
 """Bit 7 of a heartbeat is reserved."""
 
 
-class NodeClient(SdoAccess, abc.ABC, Generic[S]):
+class NodeClient(ConfiguringAccess, abc.ABC, Generic[S]):
     """One node. ``on_event`` is called whenever something happens to it that the owner must know."""
 
     device: ClassVar[str]
     """What the node is, in messages: ``drive``."""
-    a_device: ClassVar[str]
-    """With its article: ``a drive``."""
     profile: ClassVar[int]
     """The device profile number of 1000h."""
 
@@ -80,6 +79,9 @@ class NodeClient(SdoAccess, abc.ABC, Generic[S]):
         self.network = network
         self.settings = settings
         self.layout = layout
+        """What has to travel, best in these PDOs."""
+        self.plan: PdoPlan | None = None
+        """What travels in which PDO of this node; None before its first start."""
         self.on_event = on_event
         self.status = NodeStatus.OFFLINE
         self.status_text = "not started"
@@ -124,18 +126,19 @@ class NodeClient(SdoAccess, abc.ABC, Generic[S]):
     def _configure(self) -> None:
         """Everything between the mapping of the PDOs and NMT start, in the node's task; errors refuse the node."""
 
-    def _pdo_steps(self, available: Collection[int]) -> list[SdoStep]:
-        """The SDO writes that map the PDOs; ``available``: communication parameter indices the node has."""
+    def _make_plan(self, found: Mapping[int, int]) -> PdoPlan:
+        """What travels in which PDO. ``found``: COB-IDs by the communication parameter indices the node has."""
+        return straight_plan(self.layout, self.settings.node_id, found, sync=self.settings.sync)
+
+    def _plan_without(self, plan: PdoPlan, step: SdoStep, error: SdoAbortedError) -> PdoPlan | None:
+        """Another plan, which does without a write the node has refused; None where there is none."""
+        return None
+
+    def _plan_steps(self, plan: PdoPlan, available: Collection[int]) -> list[SdoStep]:
+        """The SDO writes of a plan; ``available``: communication parameter indices the node has."""
         settings = self.settings
-        return pdo_steps(
-            self.layout,
-            settings.node_id,
-            available,
-            sync=settings.sync,
-            sync_rpdos=settings.sync_period_us > 0,
-            event_ms=settings.tpdo_event_ms,
-            inhibit_us=settings.tpdo_inhibit_us,
-        )
+        event_ms, inhibit_us = settings.tpdo_event_ms, settings.tpdo_inhibit_us
+        return plan_steps(plan, settings.node_id, available, event_ms=event_ms, inhibit_us=inhibit_us)
 
     def _emcy_text(self, code: int) -> str:
         return emcy_text(code)
@@ -193,6 +196,7 @@ class NodeClient(SdoAccess, abc.ABC, Generic[S]):
         self.status_text = "stopped"
         self._fail_jobs()
         self._unsubscribe_pdos()
+        self.network.want_sync(self.settings.node_id, wanted=False)
         network, node_id = self.network.canopen, self.settings.node_id
         if network.nodes.get(node_id) is self._node:
             del network[node_id]
@@ -221,7 +225,7 @@ class NodeClient(SdoAccess, abc.ABC, Generic[S]):
                 slot.taken = data
                 if data is not None:
                     slot.unpack_into(data, slot.image)
-            if slot.time < oldest:
+            if slot.time < oldest and slot.watched:
                 fresh = False
         return fresh
 
@@ -245,7 +249,7 @@ class NodeClient(SdoAccess, abc.ABC, Generic[S]):
 
     def _unsubscribe_pdos(self) -> None:
         for slot in self._slots:
-            self.network.unsubscribe_pdo(slot.pdo.cob_id(self.settings.node_id))
+            self.network.unsubscribe_pdo(slot.cob_id)
 
     def _run(self) -> None:
         while True:
@@ -314,7 +318,7 @@ class NodeClient(SdoAccess, abc.ABC, Generic[S]):
         self._configure_pdos()
         self._configure()
         for slot in self._slots:
-            self.network.subscribe_pdo(slot.pdo.cob_id(self.settings.node_id), slot.receive)
+            self.network.subscribe_pdo(slot.cob_id, slot.receive)
         for pdo in self._acyclic_tpdos:
             self._read_acyclic(pdo)
         self._acyclic_failures = 0
@@ -350,69 +354,42 @@ class NodeClient(SdoAccess, abc.ABC, Generic[S]):
                     f"node {self.settings.node_id} {what}", f"{found:08X}h", f"{expected:08X}h as the EDS says"
                 )
 
-    def _do(self, step: SdoStep) -> None:
-        try:
-            self.write(step.index, step.subindex, step.data)
-        except SdoAbortedError as error:
-            if step.optional or self._is_fixed_as_wanted(step):
-                return
-            raise self.error_type(
-                f"{step.meaning} ({step.index:04X}h/{step.subindex} := {step.value:X}h)",
-                abort_text(error.code),
-                f"{self.a_device} that takes it",
-            ) from error
-
-    def _is_fixed_as_wanted(self, step: SdoStep) -> bool:
-        """Whether a communication parameter that cannot be written already does what was to be written."""
-        if not is_communication_parameter(step.index):
-            return False
-        try:
-            return is_taken(step, self.read_number(step.index, step.subindex))
-        except SdoAbortedError:
-            return False
-
-    def _configure_pdos(self) -> Collection[int]:
-        """Map the PDOs of the layout; returns the communication parameter indices the node has."""
-        available = [index for index in self.dictionary if self._has_pdo(index)]
-        steps = self._pdo_steps(available)
+    def _configure_pdos(self) -> None:
+        """Plan the PDOs and map them."""
+        found = {index: cob_id for index in self.dictionary if (cob_id := self._cob_id_of(index)) is not None}
         self._unsubscribe_pdos()
-        # A mapping that is as wanted need not be written: it may be the manufacturer's, which is fixed.
-        tpdos = self.layout.tpdos
-        used = [pdo for pdo in (*self.layout.rpdos, *tpdos) if pdo.communication_index in available]
-        mapped = {pdo.mapping_index for pdo in used if self._is_mapped(pdo)}
-        for step in steps:
-            if step.index not in mapped:
-                self._do(step)
+        plan = self._make_plan(found)
+        while True:
+            # A mapping that is as wanted need not be written: it may be the manufacturer's, which is fixed.
+            planned = (*plan.rpdos, *plan.tpdos)
+            mapped = {item.pdo.mapping_index for item in planned if not item.adopted and self._is_mapped(item.pdo)}
+            refused = self._do_all(step for step in self._plan_steps(plan, found) if step.index not in mapped)
+            if refused is None:
+                break
+            other = self._plan_without(plan, *refused)
+            if other is None:
+                raise self._refused(*refused)
+            plan = other
         if period := self.settings.sync_period_us:
             self._do(SdoStep(SYNC_PERIOD, 0, CanType.U32, period, "SYNC period", optional=True))
+        self._take_plan(plan)
+
+    def _take_plan(self, plan: PdoPlan) -> None:
+        settings = self.settings
         self._old_length_errors = self.length_errors
-        self._slots = [TpdoSlot(pdo, self._image(pdo)) for pdo in tpdos if pdo.communication_index in available]
-        self._acyclic_tpdos = [pdo for pdo in tpdos if pdo.communication_index not in available]
-        return available
-
-    def _is_mapped(self, pdo: Pdo) -> bool:
-        """Whether the PDO carries exactly these objects already."""
-        wanted = [len(pdo.entries), *(entry.mapping for entry in pdo.entries)]
-        return all(self._fetch(pdo.mapping_index, subindex) == value for subindex, value in enumerate(wanted))
-
-    def _has_pdo(self, index: int) -> bool:
-        """Whether ``index`` is the communication parameter of a PDO that exists: in the EDS and in the device."""
-        if not is_communication_parameter(index):
-            return False
-        try:
-            self.read(index, 1)
-        except SdoAbortedError as error:
-            if error.code == Abort.NO_SUCH_OBJECT:
-                return False
-            raise
-        return True
-
-    def _write_checked(self, step: SdoStep) -> None:
-        """Write and read back; the package's error when the node does not hold the value."""
-        self._do(step)
-        found = self.read(step.index, step.subindex)
-        if found != step.data:
-            raise self.error_type(step.meaning, found.hex(), f"{step.data.hex()} when read back")
+        self._slots = [
+            TpdoSlot(item.pdo, self._image(item.pdo), item.cob_id, watched=item.pace is not Pace.CHANGE)
+            for item in plan.tpdos
+        ]
+        self._acyclic_tpdos = list(plan.read)
+        self._timeout_ns = settings.tpdo_event_ms * settings.tpdo_timeout_factor * MS
+        if plan.needs_sync:
+            self._timeout_ns = max(self._timeout_ns, settings.cycle_ms * settings.tpdo_timeout_factor * MS)
+        self.network.want_sync(settings.node_id, wanted=plan.needs_sync)
+        if plan != self.plan:
+            self.plan = plan
+            for line in plan.lines:
+                self._tell("plan", line)
 
     @property
     def _interrupted(self) -> bool:
@@ -421,7 +398,7 @@ class NodeClient(SdoAccess, abc.ABC, Generic[S]):
 
     def _await_tpdos(self) -> None:
         deadline = self.loop.now() + _FIRST_SIGN_NS
-        while missing := [str(slot.pdo) for slot in self._slots if slot.data is None]:
+        while missing := [str(slot.pdo) for slot in self._slots if slot.data is None and slot.watched]:
             if self._interrupted:
                 return
             if self.loop.now() > deadline:
@@ -481,7 +458,7 @@ class NodeClient(SdoAccess, abc.ABC, Generic[S]):
             return f"node {self.settings.node_id} restarted"
         if now - self._heartbeat > self._heartbeat_limit_ms * MS and self._heartbeat_expected:
             return f"no heartbeat for {self._heartbeat_limit_ms} ms"
-        overdue = [str(slot.pdo) for slot in self._slots if now - slot.time > self._timeout_ns]
+        overdue = [str(slot.pdo) for slot in self._slots if slot.watched and now - slot.time > self._timeout_ns]
         if overdue:
             return f"no {', '.join(overdue)} for {self._timeout_ns // MS} ms"
         if self._acyclic_failures >= _ACYCLIC_FAILURES:

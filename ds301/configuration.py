@@ -6,19 +6,21 @@ count, communication parameters, PDO valid. A device profile adds its own object
 
 from __future__ import annotations
 
-from collections.abc import Collection
 from dataclasses import dataclass
 
 from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.objects import CanType
-from pdgw.ds301.pdo import COB_ID_INVALID, COB_ID_NO_REMOTE, Pdo, PdoDirection, PdoLayout
+from pdgw.ds301.pdo import COB_ID_INVALID, COB_ID_NO_REMOTE, Pdo, PdoDirection
 
 CONSUMER_HEARTBEAT = (0x1016, 1)
 PRODUCER_HEARTBEAT = (0x1017, 0)
 EVENT_DRIVEN_MANUFACTURER = 254
 EVENT_DRIVEN_PROFILE = 255
 EVERY_SYNC = 1
-_COB_ID, _TRANSMISSION_TYPE = 1, 2
+SYNC_TYPES = range(241)
+"""Transmission types of PDOs that wait for a SYNC."""
+_COB_ID, TRANSMISSION_TYPE, EVENT_TIMER = 1, 2, 5
+"""Sub-indices of a communication parameter."""
 _EVENT_DRIVEN = (EVENT_DRIVEN_MANUFACTURER, EVENT_DRIVEN_PROFILE)
 
 
@@ -44,41 +46,34 @@ class SdoStep:
         """The bytes of the download."""
         return self.value.to_bytes(self.type.bits // 8, "little", signed=self.value < 0)
 
+    @property
+    def is_cob_id(self) -> bool:
+        """The COB-ID of a PDO."""
+        return is_communication_parameter(self.index) and self.subindex == _COB_ID
+
 
 def map_pdo(
-    pdo: Pdo,
-    node_id: int,
-    *,
-    sync: bool = False,
-    sync_rpdos: bool = False,
-    event_ms: int | None = 0,
-    inhibit_us: int = 0,
-    asynchronous: int = EVENT_DRIVEN_PROFILE,
+    pdo: Pdo, cob_id: int, type_: int = EVENT_DRIVEN_PROFILE, *, event_ms: int | None = None, inhibit_us: int = 0
 ) -> list[SdoStep]:
-    """The writes that make a PDO carry its entries.
+    """The writes that make a PDO carry its entries with this COB-ID and transmission type.
 
-    Times are for TPDOs only; ``event_ms`` is None for a device without event timers. ``sync``: TPDOs are sent on SYNC,
-    ``sync_rpdos``: RPDOs are taken on SYNC. ``asynchronous`` is the transmission type without: 254 (the manufacturer's event)
-    or 255 (the profile's).
+    Times are for TPDOs that do not wait for a SYNC only; ``event_ms``: None for one whose event timer is not used.
     """
-    cob_id = pdo.cob_id(node_id)
     communication, mapping = pdo.communication_index, pdo.mapping_index
     steps = [
-        SdoStep(communication, 1, CanType.U32, cob_id | COB_ID_INVALID, f"{pdo} invalid while it is mapped"),
+        SdoStep(communication, _COB_ID, CanType.U32, cob_id | COB_ID_INVALID, f"{pdo} invalid while it is mapped"),
         SdoStep(mapping, 0, CanType.U8, 0, f"{pdo} without mapping"),
     ]
     for position, entry in enumerate(pdo.entries, 1):
         steps.append(SdoStep(mapping, position, CanType.U32, entry.mapping, f"{pdo} carries {entry}"))
     steps.append(SdoStep(mapping, 0, CanType.U8, len(pdo.entries), f"{pdo} has {len(pdo.entries)} objects"))
-    cyclic = sync if pdo.direction is PdoDirection.TPDO else sync_rpdos
-    transmission = EVERY_SYNC if cyclic else asynchronous
-    steps.append(SdoStep(communication, 2, CanType.U8, transmission, f"{pdo} transmission type"))
-    if pdo.direction is PdoDirection.TPDO and not sync:
+    steps.append(SdoStep(communication, TRANSMISSION_TYPE, CanType.U8, type_, f"{pdo} transmission type"))
+    if pdo.direction is PdoDirection.TPDO and type_ not in SYNC_TYPES:
         inhibit = inhibit_us // 100
         steps.append(SdoStep(communication, 3, CanType.U16, inhibit, f"{pdo} inhibit time", optional=True))
         if event_ms is not None:
-            steps.append(SdoStep(communication, 5, CanType.U16, event_ms, f"{pdo} event timer"))
-    steps.append(SdoStep(communication, 1, CanType.U32, cob_id, f"{pdo} valid"))
+            steps.append(SdoStep(communication, EVENT_TIMER, CanType.U16, event_ms, f"{pdo} event timer"))
+    steps.append(SdoStep(communication, _COB_ID, CanType.U32, cob_id, f"{pdo} valid"))
     return steps
 
 
@@ -87,39 +82,6 @@ def disable_pdo(direction: PdoDirection, number: int, node_id: int) -> SdoStep:
     cob_id = direction.cob_id(number, node_id) | COB_ID_INVALID
     index = direction.communication_index + number - 1
     return SdoStep(index, 1, CanType.U32, cob_id, f"{direction.label}{number} unused")
-
-
-def pdo_steps(
-    layout: PdoLayout,
-    node_id: int,
-    available: Collection[int],
-    *,
-    sync: bool,
-    sync_rpdos: bool = False,
-    event_ms: int | None,
-    inhibit_us: int,
-    asynchronous: int = EVENT_DRIVEN_PROFILE,
-) -> list[SdoStep]:
-    """All PDO writes for a layout. ``available``: communication parameter indices the device has."""
-    steps: list[SdoStep] = []
-    used = {pdo.communication_index for pdo in (*layout.rpdos, *layout.tpdos)}
-    for direction in PdoDirection:
-        for number in range(1, len(direction.bases) + 1):
-            index = direction.communication_index + number - 1
-            if index in available and index not in used and (number <= 4 or node_id <= 0x3F):
-                steps.append(disable_pdo(direction, number, node_id))
-    for pdo in (*layout.rpdos, *layout.tpdos):
-        if pdo.communication_index in available:
-            steps += map_pdo(
-                pdo,
-                node_id,
-                sync=sync,
-                sync_rpdos=sync_rpdos,
-                event_ms=event_ms,
-                inhibit_us=inhibit_us,
-                asynchronous=asynchronous,
-            )
-    return steps
 
 
 def is_communication_parameter(index: int) -> bool:
@@ -138,6 +100,6 @@ def is_taken(step: SdoStep, found: int) -> bool:
             step.value | COB_ID_NO_REMOTE,
             step.value & ~COB_ID_INVALID | COB_ID_NO_REMOTE,
         )
-    if step.subindex == _TRANSMISSION_TYPE and step.value in _EVENT_DRIVEN:
+    if step.subindex == TRANSMISSION_TYPE and step.value in _EVENT_DRIVEN:
         return found in _EVENT_DRIVEN
     return found == step.value

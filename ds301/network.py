@@ -71,6 +71,11 @@ class CanNetwork:
         self.tap: FrameTap | None = None
         """Told of every frame in the cheapest way."""
         self._pdos: dict[int, PdoCallback] = {}
+        self._sync_for: set[int] = set()
+        self.sync_wanted = False
+        """A node on this bus sends or takes PDOs on SYNC."""
+        self.sync_changed: Callable[[], None] | None = None
+        """Called when that changes."""
         self._opener = opener
         self._port: CanPort | None = opener()
         self._started = False
@@ -140,6 +145,14 @@ class CanNetwork:
     def send_heartbeat(self, node_id: int, state: int = 5) -> None:
         """The gateway's own heartbeat. The cyclic exchange calls it, so that a hung loop stops the drives."""
         self.send(ERROR_CONTROL + node_id, bytes((state,)))
+
+    def want_sync(self, node_id: int, *, wanted: bool) -> None:
+        """Whether a node needs SYNC."""
+        (self._sync_for.add if wanted else self._sync_for.discard)(node_id)
+        if self.sync_wanted != bool(self._sync_for):
+            self.sync_wanted = bool(self._sync_for)
+            if self.sync_changed is not None:
+                self.sync_changed()
 
     def send_sync(self) -> None:
         """One SYNC, from the cyclic exchange."""

@@ -44,11 +44,13 @@ class NodeSettings:
     """TPDOs on SYNC (type 1) instead of event-driven."""
     sync_period_us: int = 0
     """RPDOs on SYNC too, which comes so often (1006h); 0: they are taken when they come."""
+    cycle_ms: int = 0
+    """From one SYNC of the gateway to the next."""
 
 
 @dataclass(frozen=True, slots=True)
 class NodeEvent:
-    """Something the owner must know: ``kind`` is one of status, emcy, boot, refused, set-point (one that is not started).
+    """Something the owner must know: ``kind`` is one of status, plan, emcy, boot, refused, set-point (one that is not started).
 
     For ``emcy``: ``code`` the error code, ``register`` the error register, ``data`` the manufacturer bytes.
     """
@@ -64,12 +66,15 @@ class NodeEvent:
 class TpdoSlot:
     """The newest frame of one TPDO and the image its values go to, in the next cycle."""
 
-    __slots__ = ("data", "errors", "image", "pdo", "taken", "time", "unpack_into")
+    __slots__ = ("cob_id", "data", "errors", "image", "pdo", "taken", "time", "unpack_into", "watched")
 
-    def __init__(self, pdo: Pdo, image: object) -> None:
+    def __init__(self, pdo: Pdo, image: object, cob_id: int, *, watched: bool) -> None:
         self.pdo = pdo
         self.unpack_into = pdo.unpack_into
         self.image = image
+        self.cob_id = cob_id
+        self.watched = watched
+        """Silence is a loss."""
         self.data: bytes | None = None
         self.taken: bytes | None = None
         self.time = 0

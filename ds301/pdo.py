@@ -77,7 +77,8 @@ def unpack_into(data, image):
 class Pdo:
     """One PDO: direction, number (1 = first) and mapped entries, with the codec compiled from them.
 
-    ``pack`` reads the entries' attributes from an image object, ``unpack_into`` writes them to one.
+    ``pack`` reads the entries' attributes from an image object, ``unpack_into`` writes them to one. Entries without attribute
+    are sent as zeros and not looked at.
     """
 
     direction: PdoDirection
@@ -92,11 +93,13 @@ class Pdo:
     """Write the PDO's values to an image; CanopenError when the data is shorter than the mapping."""
 
     def __post_init__(self) -> None:
-        layout = struct.Struct("<" + "".join(entry.type.char for entry in self.entries))
+        # What has no attribute is of no interest: a dummy, or an object of a mapping that cannot be changed.
+        cuts = [entry.type.char if entry.attribute else f"{entry.type.bits // 8}x" for entry in self.entries]
+        layout = struct.Struct("<" + "".join(cuts))
+        attributes = tuple(entry.attribute for entry in self.entries if entry.attribute)
         if not 1 <= layout.size <= 8:
             raise CanopenError(str(self), f"{layout.size} bytes mapped", "1..8 bytes")
-        attributes = tuple(entry.attribute for entry in self.entries)
-        if not all(attribute.isidentifier() for attribute in attributes):
+        if not attributes or not all(attribute.isidentifier() for attribute in attributes):
             raise CanopenError(
                 str(self), ", ".join(map(str, self.entries)), "objects whose values have a name in the images"
             )

@@ -5,7 +5,7 @@ Source: docs/translation.md "Loss and doubt".
 
 from __future__ import annotations
 
-from pdgw.ds301.configuration import CONSUMER_HEARTBEAT, PRODUCER_HEARTBEAT, SdoStep, pdo_steps
+from pdgw.ds301.configuration import CONSUMER_HEARTBEAT, PRODUCER_HEARTBEAT, SdoStep
 from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.objects import CanType
 from pdgw.dsp402.errors import Dsp402Error
@@ -18,7 +18,6 @@ __all__ = [
     "SdoStep",
     "guard_steps",
     "interpolation_steps",
-    "pdo_steps",
 ]
 
 ABORT_OPTION = (0x6007, 0)

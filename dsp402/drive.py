@@ -8,7 +8,7 @@ drive (docs/translation.md "PDO layouts"), which takes SDO writes where the driv
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -24,13 +24,16 @@ from pdgw.ds301.network import CanNetwork
 from pdgw.ds301.node import NodeEvent, NodeSettings, NodeStatus
 from pdgw.ds301.objects import CanType
 from pdgw.ds301.pdo import Pdo, PdoLayout
+from pdgw.ds301.plan import PdoPlan
 from pdgw.dsp402.configuration import INTERPOLATION_TIME, guard_steps, interpolation_steps
 from pdgw.dsp402.describe import PRODUCT_CODE, VENDOR_ID, describe, questions, signed
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.generic import dictionary_of, generic_dictionary
 from pdgw.dsp402.images import DriveCommand, DriveFeedback
+from pdgw.dsp402.mapping import DriveMapping
 from pdgw.dsp402.modes import Mode
+from pdgw.dsp402.planner import CONTROLWORD
 from pdgw.dsp402.scaling import UnitKeys
 from pdgw.dsp402.states import ControlBit
 
@@ -68,9 +71,9 @@ class _Sender:
 
     __slots__ = ("cob_id", "last", "pdo", "time")
 
-    def __init__(self, pdo: Pdo, node_id: int) -> None:
+    def __init__(self, pdo: Pdo, cob_id: int) -> None:
         self.pdo = pdo
-        self.cob_id = pdo.cob_id(node_id)
+        self.cob_id = cob_id
         self.last = b""
         self.time = 0
 
@@ -93,17 +96,6 @@ class _Values:
 def load_eds(path: Path, node_id: int) -> canopen.ObjectDictionary:
     """The object dictionary of a user's EDS/DCF; Dsp402Error names the file and what is wrong with it."""
     return load_dictionary(path, node_id, (0x1000, 0x6040, 0x6041), "a drive", Dsp402Error)
-
-
-def _fitted(layout: PdoLayout, drive: DriveType) -> PdoLayout:
-    """The layout with the objects this drive has for what travels in it; what it lacks stays and is refused by the drive."""
-
-    def fitted(pdo: Pdo) -> Pdo:
-        entries = tuple(drive.entries.get(entry.attribute, entry) for entry in pdo.entries)
-        same = [entry.mapping for entry in entries] == [entry.mapping for entry in pdo.entries]
-        return pdo if same else Pdo(pdo.direction, pdo.number, entries)
-
-    return PdoLayout(tuple(map(fitted, layout.rpdos)), tuple(map(fitted, layout.tpdos)))
 
 
 class DriveClient(NodeClient[DriveSettings]):
@@ -130,7 +122,10 @@ class DriveClient(NodeClient[DriveSettings]):
         self.set_point_refused = False
         """A new set-point (Controlword.4) does not reach the drive, because its data could not be written; until it falls."""
         self._data_senders: list[_Sender] = []
-        self._control = _Sender(layout.rpdos[0], settings.node_id)
+        self._control = _Sender(layout.rpdos[0], layout.rpdos[0].cob_id(settings.node_id))
+        self._starts_early = False
+        """The Controlword is not the last object of its RPDO: the drive may see it before the data behind it."""
+        self._mapping = DriveMapping(self.read_number)
         self._acyclic_rpdos: list[_Values] = []
         self._set_point_sent = False
         self._held_since = -1
@@ -151,7 +146,7 @@ class DriveClient(NodeClient[DriveSettings]):
     # -- cyclic -------------------------------------------------------------------------------------------------------
 
     def send(self, command: DriveCommand, now: int) -> None:
-        """Cyclic: send the RPDOs that changed or are due for refresh, data first, RPDO 1 (Controlword) last.
+        """Cyclic: send the RPDOs that changed or are due for refresh, data first, the one with the Controlword last.
 
         While data of the command is not in the drive, a rising bit 4 (new set-point) is held back and the other bits pass.
         """
@@ -166,8 +161,12 @@ class DriveClient(NodeClient[DriveSettings]):
         if not word & _NEW_SETPOINT:
             self._set_point_sent = self.set_point_refused = False
             self._held_since = -1
-        elif not self._set_point_sent and not self._may_start(complete, now):
+        elif not self._set_point_sent:
             command.controlword = word & ~_NEW_SETPOINT
+            if self._starts_early and self._control.pdo.pack(command) != self._control.last:
+                complete = False  # the data goes a cycle ahead of the edge
+            if self._may_start(complete, now):
+                command.controlword = word
         sent = self._put(self._control, self._control.pdo.pack(command), now)
         if sent and command.controlword & _NEW_SETPOINT:
             self._set_point_sent = True
@@ -249,24 +248,31 @@ class DriveClient(NodeClient[DriveSettings]):
         except SdoAbortedError as error:
             return None if error.code in NOT_THERE else b""
 
-    def _configure_pdos(self) -> Collection[int]:
-        self.layout = _fitted(self.layout, self.learn())
-        available = super()._configure_pdos()
-        node_id, rpdos = self.settings.node_id, self.layout.rpdos
-        mapped = [pdo for pdo in rpdos if pdo.communication_index in available]
-        # RPDO 1 carries the Controlword and is sent last.
-        self._control = _Sender(rpdos[0], node_id)
-        self._data_senders = [_Sender(pdo, node_id) for pdo in reversed(mapped) if pdo is not rpdos[0]]
-        self._acyclic_rpdos = [_Values(pdo) for pdo in rpdos if pdo not in mapped]
+    def _make_plan(self, found: Mapping[int, int]) -> PdoPlan:
+        self._mapping.survey(self.learn(), found)
+        return self._planned()
+
+    def _plan_without(self, plan: PdoPlan, step: SdoStep, error: SdoAbortedError) -> PdoPlan | None:
+        # A PDO that is not used and cannot be switched off is nothing a plan could do without.
+        return self._planned() if plan.uses(step.index) and self._mapping.learn(step, error) else None
+
+    def _planned(self) -> PdoPlan:
+        assert self.drive_type is not None
+        settings = self.settings
+        return self._mapping.plan(self.layout, self.drive_type, settings.node_id, sync=settings.sync)
+
+    def _take_plan(self, plan: PdoPlan) -> None:
+        super()._take_plan(plan)
+        *data, control = plan.rpdos
+        self._control = _Sender(control.pdo, control.cob_id)
+        self._data_senders = [_Sender(item.pdo, item.cob_id) for item in data]
+        self._acyclic_rpdos = [_Values(pdo) for pdo in plan.written]
+        self._starts_early = control.pdo.attributes[-1] != CONTROLWORD
         self._set_point_sent = self.set_point_refused = False
         self._held_since = -1
         # Each object takes one time-out at most, and so does what the worker may be doing before.
         objects = 1 + sum(len(values.pdo.entries) for values in self._acyclic_rpdos)
         self._hold_limit_ns = objects * self.settings.sdo_timeout_ms * MS
-        cyclic = {pdo.number for pdo in mapped} & {slot.pdo.number for slot in self._slots}
-        if 1 not in cyclic:
-            raise Dsp402Error("PDOs of the drive", "no RPDO 1 or TPDO 1", "at least one of each for the Controlword")
-        return available
 
     def _configure(self) -> None:
         self._configure_guarding()
@@ -322,7 +328,7 @@ class DriveClient(NodeClient[DriveSettings]):
     def _write_values(self, values: _Values, now: int) -> None:
         # Not confirmed while it is written: cycles go on meanwhile.
         values.written = None
-        data = values.wanted
+        data, held_since = values.wanted, self._held_since
         offset = 0
         entry = values.pdo.entries[0]
         try:
@@ -336,7 +342,8 @@ class DriveClient(NodeClient[DriveSettings]):
                 values.error = text
                 self._tell("status", f"object without PDO: {text}")
             values.retry_at = now + _RETRY_VALUE_NS
-            values.refused = data
+            # A set-point that began meanwhile is a new try.
+            values.refused = data if held_since == self._held_since else None
         else:
             values.error = ""
             values.refused = None

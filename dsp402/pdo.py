@@ -44,22 +44,23 @@ _WITH_MESSAGES = (
 )
 
 LAYOUTS: dict[Operation, PdoLayout] = {
-    # RPDO 1 carries the Controlword and is sent last.
+    # RPDO 1 carries the Controlword as its last object and is sent last: a drive that applies objects in the order of the mapping
+    # would start toward the previous target.
     Operation.VELOCITY: PdoLayout(
-        rpdos=(pdo(_R, 1, "controlword", "target_velocity"),),
+        rpdos=(pdo(_R, 1, "target_velocity", "controlword"),),
         tpdos=(pdo(_T, 1, "statusword", "velocity_actual"),),
     ),
     Operation.VELOCITY_WITH_POSITION: PdoLayout(
-        rpdos=(pdo(_R, 1, "controlword", "target_velocity"),),
+        rpdos=(pdo(_R, 1, "target_velocity", "controlword"),),
         tpdos=(pdo(_T, 1, "statusword", "velocity_actual"), pdo(_T, 2, "position_actual")),
     ),
     Operation.VELOCITY_WITH_TORQUE: PdoLayout(
-        rpdos=(pdo(_R, 1, "controlword", "target_velocity"), pdo(_R, 2, "max_torque")),
+        rpdos=(pdo(_R, 1, "target_velocity", "controlword"), pdo(_R, 2, "max_torque")),
         tpdos=_WITH_MESSAGES,
     ),
     Operation.POSITIONING: PdoLayout(
         rpdos=(
-            pdo(_R, 1, "controlword", "modes_of_operation", "target_position"),
+            pdo(_R, 1, "target_position", "modes_of_operation", "controlword"),
             pdo(_R, 2, "profile_velocity"),
             pdo(_R, 3, "profile_acceleration", "profile_deceleration"),
         ),
@@ -70,7 +71,7 @@ LAYOUTS: dict[Operation, PdoLayout] = {
     ),
     Operation.POSITIONER: PdoLayout(
         rpdos=(
-            pdo(_R, 1, "controlword", "modes_of_operation", "target_position"),
+            pdo(_R, 1, "target_position", "modes_of_operation", "controlword"),
             pdo(_R, 2, "profile_velocity", "target_velocity"),
             pdo(_R, 3, "profile_acceleration", "profile_deceleration"),
         ),
@@ -82,18 +83,18 @@ LAYOUTS: dict[Operation, PdoLayout] = {
     ),
     Operation.CYCLIC_POSITION: PdoLayout(
         rpdos=(
-            pdo(_R, 1, "controlword", "target_position"),
+            pdo(_R, 1, "target_position", "controlword"),
             pdo(_R, 2, "velocity_offset", "max_torque"),
         ),
         tpdos=_WITH_MESSAGES,
     ),
     Operation.CYCLIC_VELOCITY: PdoLayout(
-        rpdos=(pdo(_R, 1, "controlword", "target_velocity"), pdo(_R, 2, "max_torque")),
+        rpdos=(pdo(_R, 1, "target_velocity", "controlword"), pdo(_R, 2, "max_torque")),
         tpdos=_WITH_MESSAGES,
     ),
     Operation.TRANSPARENT: PdoLayout(
         rpdos=(
-            pdo(_R, 1, "controlword", "modes_of_operation", "target_torque"),
+            pdo(_R, 1, "target_torque", "modes_of_operation", "controlword"),
             pdo(_R, 2, "target_position", "target_velocity"),
             pdo(_R, 3, "profile_velocity", "profile_acceleration"),
             pdo(_R, 4, "profile_deceleration", "dynamic_speed_limit", "dynamic_torque_limit"),

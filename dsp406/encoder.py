@@ -6,7 +6,7 @@ is a job for ``submit``: ``client.submit(lambda encoder: encoder.preset(1000))``
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,7 +16,7 @@ from canopen.sdo import SdoAbortedError
 
 from pdgw.ds301.aborts import abort_text
 from pdgw.ds301.client import NodeClient
-from pdgw.ds301.configuration import EVENT_DRIVEN_MANUFACTURER, PRODUCER_HEARTBEAT, SdoStep, pdo_steps
+from pdgw.ds301.configuration import EVENT_DRIVEN_MANUFACTURER, PRODUCER_HEARTBEAT, SdoStep
 from pdgw.ds301.data_sheet import load_dictionary
 from pdgw.ds301.emcy import emcy_text
 from pdgw.ds301.loop import MS
@@ -24,6 +24,7 @@ from pdgw.ds301.network import CanNetwork
 from pdgw.ds301.node import NodeEvent, NodeSettings, NodeStatus
 from pdgw.ds301.objects import CanType
 from pdgw.ds301.pdo import Pdo, PdoLayout
+from pdgw.ds301.plan import PdoPlan, plan_steps, straight_plan
 from pdgw.dsp406.device import eds_path
 from pdgw.dsp406.errors import Dsp406Error
 from pdgw.dsp406.faults import ENCODER_EMCY
@@ -156,18 +157,16 @@ class EncoderClient(NodeClient[EncoderSettings]):
     def _image(self, pdo: Pdo) -> object:
         return self.feedback.channel(self._channel_of(pdo))
 
-    def _pdo_steps(self, available: Collection[int]) -> list[SdoStep]:
+    def _make_plan(self, found: Mapping[int, int]) -> PdoPlan:
+        settings = self.settings
+        kind = EVENT_DRIVEN_MANUFACTURER
+        return straight_plan(self.layout, settings.node_id, found, sync=settings.sync, asynchronous=kind)
+
+    def _plan_steps(self, plan: PdoPlan, available: Collection[int]) -> list[SdoStep]:
         settings = self.settings
         timers = all(_has(self.dictionary, index, 5) for index in available)
-        return pdo_steps(
-            self.layout,
-            settings.node_id,
-            available,
-            sync=settings.sync,
-            event_ms=settings.tpdo_event_ms if timers else None,
-            inhibit_us=settings.tpdo_inhibit_us,
-            asynchronous=EVENT_DRIVEN_MANUFACTURER,
-        )
+        event_ms = settings.tpdo_event_ms if timers else None
+        return plan_steps(plan, settings.node_id, available, event_ms=event_ms, inhibit_us=settings.tpdo_inhibit_us)
 
     def _configure(self) -> None:
         settings = self.settings

@@ -183,7 +183,8 @@ class Axis(DriveObject):
         if address in _OWNED:
             return True
         # The exchange with the drive runs whenever it is online, with or without a PLC: a value would not last.
-        return any(address == (entry.index, entry.subindex) for pdo in self.drive.layout.rpdos for entry in pdo.entries)
+        commanded = () if self.drive.plan is None else self.drive.plan.commanded
+        return any(address == (entry.index, entry.subindex) for entry in commanded)
 
     def is_reference(self, index: int, subindex: int) -> bool:
         return (index, subindex) in _REFERENCES

@@ -284,6 +284,7 @@ class AxisConfig(Section):
             # On SYNC a value comes once in a cycle, however long that is.
             tpdo_event_ms=max(self.tpdo_event_ms, ceil(cycle_time_ms)) if on_sync else self.tpdo_event_ms,
             tpdo_inhibit_us=self.inhibit_us(cycle_time_ms),
+            cycle_ms=ceil(cycle_time_ms),
             sdo_timeout_ms=self.sdo_timeout_ms,
             sync=on_sync,
             sync_period_us=round(cycle_time_ms * 1000) if cyclic else 0,

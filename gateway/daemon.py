@@ -117,11 +117,17 @@ class Daemon:
             opened.callback(self.link.close)
             self._opened = opened.pop_all()
         self._heartbeat_ns = min(client.settings.heartbeat_ms for client in self.clients) * MS // 2
+        self._find_sync()
+        for network in self.networks.values():
+            network.sync_changed = self._find_sync
+
+    def _find_sync(self) -> None:
         self.sync_producers = self._sync_producers()
 
     def _sync_producers(self) -> dict[str, SyncProducer]:
         """By the name of each bus on which something waits for SYNC."""
         synced = {client.network.name for client in self.clients if client.settings.sync}
+        synced |= {name for name, network in self.networks.items() if network.sync_wanted}
         cyclic = [axis for axis in self.axes if axis.drive.settings.sync_period_us]
         return {
             name: SyncProducer(

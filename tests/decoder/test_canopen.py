@@ -47,7 +47,7 @@ def configure(bus: CanopenDecoder, operation: Operation) -> None:
     """What the gateway writes to a drive."""
     layout = LAYOUTS[operation]
     for pdo in (*layout.rpdos, *layout.tpdos):
-        for step in map_pdo(pdo, NODE):
+        for step in map_pdo(pdo, pdo.cob_id(NODE)):
             write(bus, step.index, step.subindex, step.data)
 
 

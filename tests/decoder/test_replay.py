@@ -112,7 +112,9 @@ def test_every_changed_controlword_is_found(name: str, tmp_path: Path) -> None:
         before = list(rig.frames.can)
         number = rng.randrange(1, count - 1)
         bit = 1 << rng.randrange(8)
-        time_ns = rig.frames.change_can(RPDO1, number, lambda data, bit=bit: bytes((data[0] ^ bit,)) + data[1:])
+        time_ns = rig.frames.change_can(
+            RPDO1, number, lambda data, bit=bit: data[:-2] + bytes((data[-2] ^ bit, data[-1]))
+        )
         loaded = rig.load(tmp_path, 0)
         (outcome,) = loaded.replay(first_only=True)
         (difference,) = outcome.differences
@@ -125,7 +127,7 @@ def test_every_changed_controlword_is_found(name: str, tmp_path: Path) -> None:
 
 def test_a_changed_target_is_named_with_its_time_and_both_values(tmp_path: Path) -> None:
     rig = speed()
-    moment = rig.frames.change_can(RPDO1, 6, lambda data: data[:2] + (1234).to_bytes(4, "little"))
+    moment = rig.frames.change_can(RPDO1, 6, lambda data: (1234).to_bytes(4, "little") + data[4:])
     (outcome,) = rig.load(tmp_path, 0).replay(first_only=True)
     (difference,) = outcome.differences
     assert (difference.do_id, difference.what, difference.names) == (1, "RPDO1", ("Target Velocity",))
@@ -137,7 +139,7 @@ def test_a_changed_target_is_named_with_its_time_and_both_values(tmp_path: Path)
 
 def test_a_command_that_was_not_sent_is_a_difference(tmp_path: Path) -> None:
     rig = speed()
-    words = [frame[2][0] for frame in rig.frames.can if frame[1] == RPDO1]
+    words = [frame[2][-2] for frame in rig.frames.can if frame[1] == RPDO1]
     rig.frames.change_can(RPDO1, words.index(0x07), lambda _: None)
     assert replayed(rig.load(tmp_path, 0))[1] == [("RPDO1", ("Controlword",))]
 
@@ -216,7 +218,7 @@ def test_without_answers_the_rpdos_are_compared(tmp_path: Path) -> None:
     compared, differences = replayed(rig.load(tmp_path, 0))
     assert not differences
     assert compared > 200
-    rig.frames.change_can(RPDO1, 6, lambda data: data[:2] + (77).to_bytes(4, "little"))
+    rig.frames.change_can(RPDO1, 6, lambda data: (77).to_bytes(4, "little") + data[4:])
     assert replayed(rig.load(tmp_path, 0))[1] == [("RPDO1", ("Target Velocity",))]
 
 
@@ -236,7 +238,7 @@ def test_after_a_difference_comparison_goes_on_with_the_next_off(tmp_path: Path)
     rig.stw(0x047E, 60)
     rig.stw(0x047F, 40)
     for number in (6, -3):
-        rig.frames.change_can(RPDO1, number, lambda data: data[:2] + (77).to_bytes(4, "little"))
+        rig.frames.change_can(RPDO1, number, lambda data: (77).to_bytes(4, "little") + data[4:])
     (outcome,) = rig.load(tmp_path, 0).replay()
     assert [item.names for item in outcome.differences] == [("Target Velocity",), ("Target Velocity",)]
     assert len(outcome.steps) >= len(rig.frames.plc)

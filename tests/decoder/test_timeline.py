@@ -405,10 +405,10 @@ def test_frames_the_gateway_does_not_use_are_told_once(tmp_path: Path) -> None:
 def shutdown_for_ever(rig: RecordedRig) -> int:
     """The recorded gateway sends Shutdown where today's rules enable; the time it begins."""
     sent = [item for item in rig.frames.can if item[1] == 0x200 + NODE]
-    begin = next(now for now, _, data in sent if data[0] == 0x0F)
+    begin = next(now for now, _, data in sent if data[-2] == 0x0F)
     for position, (now, cob_id, data) in enumerate(rig.frames.can):
         if cob_id == 0x200 + NODE and now >= begin:
-            rig.frames.can[position] = (now, cob_id, b"\x06\0" + data[2:])
+            rig.frames.can[position] = (now, cob_id, data[:-2] + b"\x06\0")
     return begin
 
 

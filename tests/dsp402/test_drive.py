@@ -19,7 +19,6 @@ from pdgw.ds301.network import CanNetwork
 from pdgw.ds301.nmt import NmtCommand, NmtState
 from pdgw.ds301.objects import Entry
 from pdgw.ds301.pdo import COB_ID_INVALID, Pdo, PdoDirection
-from pdgw.dsp402.configuration import pdo_steps
 from pdgw.dsp402.device import EDS_PATH
 from pdgw.dsp402.drive import DriveClient, DriveEvent, DriveSettings, DriveStatus, load_eds
 from pdgw.dsp402.drive_type import Quantity
@@ -33,6 +32,7 @@ from pdgw.peers.drive import SimulatedDrive, SimulatedDriveNode
 from pdgw.peers.node.node import Value
 from tests.support import site
 from tests.support.drive_types import engel
+from tests.support.mapping import pdo_steps
 
 NODE = 4
 
@@ -363,8 +363,8 @@ def test_the_order_of_the_start_up_on_the_bus(plant: Plant) -> None:
     assert [(index, sub, data.hex()) for index, sub, data in seen if index in {0x1400, 0x1600}] == [
         (0x1400, 1, "04020080"),
         (0x1600, 0, "00"),
-        (0x1600, 1, "10004060"),
-        (0x1600, 2, "2000ff60"),
+        (0x1600, 1, "2000ff60"),
+        (0x1600, 2, "10004060"),
         (0x1600, 0, "02"),
         (0x1400, 2, "ff"),
         (0x1400, 1, "04020000"),
@@ -482,21 +482,28 @@ def test_guarding_that_is_refused(plant: Plant, index: int, name: str, allowed: 
         assert client.refresh(site.now()) is False
 
 
-@pytest.mark.parametrize("index", [0x1600, 0x1A00, 0x6060])
-def test_a_configuration_the_drive_refuses_is_named(plant: Plant, index: int) -> None:
-    drive = _lacking(plant, write=index)
-    drive.node.values |= {(0x1600, 0): 1, (0x1A00, 0): 1}
+def test_a_mode_the_drive_does_not_take_is_named(plant: Plant) -> None:
+    _lacking(plant, write=0x6060)
     client = plant.connect()
     site.wait_for(lambda: client.status is DriveStatus.REFUSED, "refused")
-    assert f"{index:04X}h/" in client.status_text
+    assert "6060h/" in client.status_text
+
+
+def test_a_pdo_whose_mapping_cannot_be_written_is_left_for_another_one(plant: Plant) -> None:
+    drive = _lacking(plant, write=0x1600)
+    drive.node.values |= {(0x1600, 0): 1, (0x1600, 1): 0x60FE_0120}
+    client = plant.connect()
+    plant.online()
+    assert client.plan is not None
+    assert client.plan.lines[0] == "RPDO2 304h: Target Velocity 60FFh, Controlword 6040h"
 
 
 def test_a_refused_drive_is_tried_at_once_with_another_telegram(plant: Plant, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("pdgw.ds301.client._RETRY_REFUSED_NS", 3600 * SECOND)
-    _lacking(plant, write=0x1601)
-    client = plant.connect(Operation.POSITIONING, initial_mode=None)
+    _lacking(plant, write=0x6060)
+    client = plant.connect(Operation.VELOCITY)
     site.wait_for(lambda: client.status is DriveStatus.REFUSED, "refused")
-    client.reconfigure(LAYOUTS[Operation.VELOCITY], DriveSettings(NODE, sdo_timeout_ms=200))
+    client.reconfigure(LAYOUTS[Operation.POSITIONING], DriveSettings(NODE, sdo_timeout_ms=200))
     plant.online()
 
 
@@ -689,7 +696,7 @@ def test_fixed_pdos_that_are_as_wanted_are_used(
 
 @pytest.mark.parametrize(("mapped", "writes"), [(0x60FF_0020, 0), (0x6071_0010, 4)])
 def test_a_mapping_the_drive_has_already_is_not_written_again(plant: Plant, mapped: int, writes: int) -> None:
-    plant.power_on().node.values[0x1600, 2] = mapped
+    plant.power_on().node.values |= {(0x1600, 1): mapped, (0x1600, 2): 0x6040_0010}
     seen = _observe(plant)
     plant.connect(Operation.VELOCITY)
     plant.online()
@@ -699,22 +706,46 @@ def test_a_mapping_the_drive_has_already_is_not_written_again(plant: Plant, mapp
 @pytest.mark.parametrize(
     ("address", "value", "text"),
     [
-        ((0x1600, 2), 0x6071_0010, "RPDO1 without mapping (1600h/0 := 0h)"),
-        ((0x1A00, 0), 1, "TPDO1 without mapping (1A00h/0 := 0h)"),
-        ((0x1400, 1), 0x244, "RPDO1 invalid while it is mapped (1400h/1 := 80000204h)"),
-        ((0x1400, 1), 0x8000_0204, "RPDO1 valid (1400h/1 := 204h)"),
-        ((0x1800, 2), 1, "TPDO1 transmission type (1800h/2 := FFh)"),
-        ((0x1800, 5), 500, "TPDO1 event timer (1800h/5 := 32h)"),
+        ((0x1600, 1), 0x6071_0010, "no RPDO for Controlword 6040h: fixed are 1600h with 6071h, 6040h"),
+        ((0x1A00, 1), 0x6064_0020, "no TPDO for Statusword 6041h: fixed are 1A00h with 6064h, 606Ch"),
+        ((0x1400, 1), 0x8000_0204, "no RPDO for Controlword 6040h"),
         ((0x1801, 1), 0x285, "TPDO2 unused (1801h/1 := 80000284h)"),
     ],
 )
-def test_fixed_pdos_that_are_not_as_wanted_are_named(
+def test_fixed_pdos_that_do_not_carry_what_is_needed_are_named(
     plant: Plant, address: tuple[int, int], value: int, text: str
 ) -> None:
     _fixed(plant, Operation.VELOCITY, {address: value})
     client = plant.connect()
     site.wait_for(lambda: client.status is DriveStatus.REFUSED, "refused")
     assert text in client.status_text
+
+
+@pytest.mark.parametrize(
+    ("address", "value", "line"),
+    [
+        ((0x1A00, 0), 1, "read by SDO every 100 ms: Velocity Actual Value 606Ch"),
+        ((0x1400, 1), 0x244, "RPDO1 244h: Target Velocity 60FFh, Controlword 6040h; its own COB-ID"),
+        (
+            (0x1800, 5),
+            500,
+            "TPDO1 on change alone: neither event timer nor SYNC can be set; heartbeat and SDO watch it",
+        ),
+    ],
+)
+def test_fixed_pdos_that_carry_what_is_needed_are_adopted_as_they_are(
+    plant: Plant, address: tuple[int, int], value: int, line: str
+) -> None:
+    drive = _fixed(plant, Operation.VELOCITY, {address: value})
+    client = plant.connect()
+    plant.online()
+    assert client.plan is not None
+    assert line in client.plan.lines
+    command = DriveCommand()
+    command.controlword = 0x06
+    client.send(command, 1)
+    site.wait_for(lambda: drive.model.controlword == 0x06, "the Controlword is heard")
+    site.wait_for(lambda: client.refresh(0) is not None and client.feedback.statusword & 0x6F == 0x21, "ready")
 
 
 # -- a drive with too few RPDOs: data by SDO first, then the set-point -------------------------------------------------
@@ -749,7 +780,7 @@ class TwoPdos:
 
     def _listen(self, message: can.Message) -> None:
         if not message.is_rx and message.arbitration_id == 0x200 + NODE:
-            self.words.append(int.from_bytes(message.data[:2], "little"))
+            self.words.append(int.from_bytes(message.data[-2:], "little"))
 
     def send(self, word: int, acceleration: int | None = None) -> None:
         self.command.controlword = word
@@ -883,7 +914,7 @@ def test_a_set_point_waits_for_an_rpdo_that_the_bus_did_not_take(plant: Plant, m
     def send(cob_id: int, data: bytes) -> bool:
         if full and cob_id == 0x300 + NODE:
             return False
-        sent.append((cob_id, data[:2]))
+        sent.append((cob_id, data[:2] if cob_id == 0x300 + NODE else data[-2:]))
         return True
 
     monkeypatch.setattr(plant.network, "send", send)

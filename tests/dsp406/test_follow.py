@@ -28,7 +28,7 @@ class Shaft:
         self.now = 0
         for node in (self.drive, self.encoder):
             node.start(0)
-        for step in map_pdo(TPDO, DRIVE):
+        for step in map_pdo(TPDO, TPDO.cob_id(DRIVE), event_ms=0):
             self.drive.set_data(step.index, step.subindex, step.data, check_writable=True)
         self.run(2)
         self.drive.receive(0, bytes((NmtCommand.START, 0)), self.now)

@@ -10,7 +10,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pdgw.ds301.nmt import NmtCommand
-from pdgw.dsp402.configuration import pdo_steps
 from pdgw.dsp402.images import DriveCommand
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.pdo import LAYOUTS, Operation
@@ -19,6 +18,7 @@ from pdgw.peers.encoder import SimulatedEncoderNode
 from pdgw.peers.encoder.motion import constant_speed, still
 from pdgw.peers.node.misbehaviour import NODE_MISBEHAVIOURS
 from pdgw.peers.node.node import SimulatedNode
+from tests.support.mapping import pdo_steps
 
 MS = 1_000_000
 NODE = 5

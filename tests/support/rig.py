@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from pdgw.ds301.nmt import NmtCommand
-from pdgw.dsp402.configuration import pdo_steps
 from pdgw.dsp402.drive import DriveSettings
 from pdgw.dsp402.images import DriveFeedback
 from pdgw.dsp402.modes import Mode
@@ -18,6 +17,7 @@ from pdgw.gateway.motion.dsc import DscForm
 from pdgw.peers.drive import ENGEL, LINEAR, Machine, SimulatedDriveNode
 from pdgw.peers.drive.shapes import SYNCHRONOUS
 from tests.support.drive_types import References
+from tests.support.mapping import pdo_steps
 from tests.support.stepper import Stepper
 
 MS = 1_000_000

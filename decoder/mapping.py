@@ -1,0 +1,16 @@
+"""The PDOs of a recording as the drive's codec sees them, whatever the gateway that made it has mapped."""
+
+from __future__ import annotations
+
+from pdgw.decoder.records import PdoLayout
+from pdgw.ds301.pdo import Pdo, PdoDirection
+from pdgw.dsp402.objects import DRIVE_OBJECTS
+
+
+def recorded_rpdo(layout: PdoLayout) -> Pdo | None:
+    """The RPDO as it was mapped; None for one with an object that is none of the drive's."""
+    entries = tuple(DRIVE_OBJECTS.get(*address) for address in layout.addresses)
+    known = tuple(entry for entry in entries if entry is not None and entry.attribute)
+    if not known or len(known) < len(entries) or sum(entry.type.bits for entry in known) != layout.size * 8:
+        return None
+    return Pdo(PdoDirection.RPDO, int(layout.name.removeprefix(PdoDirection.RPDO.label)), known)

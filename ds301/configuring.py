@@ -1,0 +1,81 @@
+"""Writing a configuration into a node, step by step, in its task.
+
+Source: CiA DS 301 V4.02 chapter 7.5.2.36. A parameter that cannot be written and is as wanted already is as good as written.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import ClassVar
+
+from canopen.sdo import SdoAbortedError
+
+from pdgw.ds301.aborts import Abort, abort_text
+from pdgw.ds301.configuration import SdoStep, is_communication_parameter, is_taken
+from pdgw.ds301.errors import CanopenError
+from pdgw.ds301.pdo import Pdo
+from pdgw.ds301.sdo import SdoAccess
+
+
+class ConfiguringAccess(SdoAccess):
+    """SDO access that writes ``SdoStep``s."""
+
+    a_device: ClassVar[str]
+    """What the node is, in messages, with its article: ``a drive``."""
+
+    def _do(self, step: SdoStep) -> None:
+        try:
+            self.write(step.index, step.subindex, step.data)
+        except SdoAbortedError as error:
+            if step.optional or self._is_fixed_as_wanted(step):
+                return
+            raise self._refused(step, error) from error
+
+    def _refused(self, step: SdoStep, error: SdoAbortedError) -> CanopenError:
+        return self.error_type(
+            f"{step.meaning} ({step.index:04X}h/{step.subindex} := {step.value:X}h)",
+            abort_text(error.code),
+            f"{self.a_device} that takes it",
+        )
+
+    def _do_all(self, steps: Iterable[SdoStep]) -> tuple[SdoStep, SdoAbortedError] | None:
+        """Write until one is refused; that one, with its abort."""
+        for step in steps:
+            try:
+                self.write(step.index, step.subindex, step.data)
+            except SdoAbortedError as error:
+                if not (step.optional or self._is_fixed_as_wanted(step)):
+                    return step, error
+        return None
+
+    def _is_fixed_as_wanted(self, step: SdoStep) -> bool:
+        """Whether a communication parameter that cannot be written already does what was to be written."""
+        if not is_communication_parameter(step.index):
+            return False
+        try:
+            return is_taken(step, self.read_number(step.index, step.subindex))
+        except SdoAbortedError:
+            return False
+
+    def _write_checked(self, step: SdoStep) -> None:
+        """Write and read back; the package's error when the node does not hold the value."""
+        self._do(step)
+        found = self.read(step.index, step.subindex)
+        if found != step.data:
+            raise self.error_type(step.meaning, found.hex(), f"{step.data.hex()} when read back")
+
+    def _is_mapped(self, pdo: Pdo) -> bool:
+        """Whether the PDO carries exactly these objects already."""
+        wanted = [len(pdo.entries), *(entry.mapping for entry in pdo.entries)]
+        return all(self._fetch(pdo.mapping_index, subindex) == value for subindex, value in enumerate(wanted))
+
+    def _cob_id_of(self, index: int) -> int | None:
+        """Sub-index 1 of a PDO's communication parameter; None for one that the EDS or the device does not have."""
+        if not is_communication_parameter(index):
+            return None
+        try:
+            return self.read_number(index, 1)
+        except SdoAbortedError as error:
+            if error.code == Abort.NO_SUCH_OBJECT:
+                return None
+            raise

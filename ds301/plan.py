@@ -1,0 +1,151 @@
+"""What travels in which PDO of one node, and how: a value that is shown, counted and carried out.
+
+Source: CiA DS 301 V4.02 chapters 7.2.2 (PDO) and 7.5.2.35-38 (parameters, mapping procedure). A device profile makes the plan;
+``plan_steps`` are the SDO writes that bring it about.
+"""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass, field
+
+from pdgw.ds301.configuration import EVENT_DRIVEN_PROFILE, EVERY_SYNC, SdoStep, disable_pdo, map_pdo
+from pdgw.ds301.load import CyclicFrames
+from pdgw.ds301.objects import Entry
+from pdgw.ds301.pdo import Pdo, PdoDirection, PdoLayout
+
+_DATA_PDO_RATE = 100.0
+"""Frames per second allowed for in PDOs without Controlword or Statusword."""
+
+
+class Pace(enum.Enum):
+    """When a PDO is sent, or taken by the device."""
+
+    TIMER = "on change and by its event timer"
+    SYNC = "on SYNC"
+    CHANGE = "on change alone, and read by SDO beside"
+    """There is no event timer and no SYNC: a frame that is lost does not come again, and silence says nothing."""
+    AT_ONCE = "at once"
+    """Of an RPDO."""
+
+
+@dataclass(frozen=True)
+class PlannedPdo:
+    """One PDO in use."""
+
+    pdo: Pdo
+    cob_id: int
+    pace: Pace
+    type: int = EVENT_DRIVEN_PROFILE
+    """Transmission type."""
+    adopted: bool = False
+    """The mapping is the device's own; it is not written."""
+    keeps_cob_id: bool = False
+    """The COB-ID is the device's own; it is not written."""
+
+    def __str__(self) -> str:
+        names = ", ".join(str(entry) for entry in self.pdo.entries if entry.attribute)
+        own = (("its own mapping", self.adopted), ("its own COB-ID", self.keeps_cob_id))
+        said = [self.pace.value] if self.pace is not Pace.AT_ONCE else []
+        return f"{self.pdo} {self.cob_id:03X}h: {'; '.join([names, *said, *(text for text, holds in own if holds)])}"
+
+
+@dataclass(frozen=True)
+class PdoPlan:
+    """The PDOs of one node, and what travels by SDO for want of them."""
+
+    rpdos: tuple[PlannedPdo, ...]
+    """In the order they are sent; that of the command is the last."""
+    tpdos: tuple[PlannedPdo, ...]
+    written: tuple[Pdo, ...] = ()
+    """Objects that are written by SDO when they change, in groups that are written together."""
+    read: tuple[Pdo, ...] = ()
+    """Objects that are read by SDO again and again, in groups."""
+    notes: tuple[str, ...] = field(default=())
+    """What was chosen and why, for a person."""
+
+    @property
+    def needs_sync(self) -> bool:
+        """Whether the gateway has to send SYNC."""
+        return any(item.pace is Pace.SYNC for item in (*self.rpdos, *self.tpdos))
+
+    def uses(self, index: int) -> bool:
+        """Whether a communication or mapping parameter is that of a PDO in use."""
+        used = (item.pdo for item in (*self.rpdos, *self.tpdos))
+        return any(index in (pdo.communication_index, pdo.mapping_index) for pdo in used)
+
+    @property
+    def commanded(self) -> Iterator[Entry]:
+        """The objects that only the exchange writes."""
+        for pdo in (*(item.pdo for item in self.rpdos), *self.written):
+            yield from pdo.entries
+
+    @property
+    def lines(self) -> tuple[str, ...]:
+        """For a person: each PDO, what goes by SDO, and the notes."""
+        by_sdo = ((self.written, "written by SDO when they change"), (self.read, "read by SDO every 100 ms"))
+        told = [
+            f"{what}: {', '.join(str(entry) for group in groups for entry in group.entries)}"
+            for groups, what in by_sdo
+            if groups
+        ]
+        return (*map(str, (*self.rpdos, *self.tpdos)), *told, *self.notes)
+
+    def frames(self, node_id: int, cycle_rate: float, tpdo_rate: float) -> list[CyclicFrames]:
+        """The frames of its PDOs when every value changes in every cycle; rates per second, of event-driven TPDOs ``tpdo_rate``.
+
+        Controlword and state may change in every cycle; tasks and the slow values of the other PDOs do not.
+        """
+        found = []
+        for item in (*self.rpdos, *self.tpdos):
+            rate = cycle_rate if item.pdo.direction is PdoDirection.RPDO or item.pace is Pace.SYNC else tpdo_rate
+            slow = item.pace is not Pace.SYNC and not {"controlword", "statusword"} & set(item.pdo.attributes)
+            found.append(
+                CyclicFrames(f"{item.pdo} {node_id}", item.pdo.size, min(rate, _DATA_PDO_RATE) if slow else rate)
+            )
+        return found
+
+
+def straight_plan(
+    layout: PdoLayout, node_id: int, available: Collection[int], *, sync: bool, asynchronous: int = EVENT_DRIVEN_PROFILE
+) -> PdoPlan:
+    """Every PDO of a layout in the PDO of its number; what is not ``available`` (communication parameter indices) by SDO."""
+
+    def planned(pdo: Pdo) -> PlannedPdo:
+        tpdo = pdo.direction is PdoDirection.TPDO
+        pace = Pace.SYNC if tpdo and sync else Pace.TIMER if tpdo else Pace.AT_ONCE
+        return PlannedPdo(pdo, pdo.cob_id(node_id), pace, EVERY_SYNC if pace is Pace.SYNC else asynchronous)
+
+    there = {pdo for pdo in (*layout.rpdos, *layout.tpdos) if pdo.communication_index in available}
+    return PdoPlan(
+        tuple(planned(pdo) for pdo in reversed(layout.rpdos) if pdo in there),
+        tuple(planned(pdo) for pdo in layout.tpdos if pdo in there),
+        tuple(pdo for pdo in layout.rpdos if pdo not in there),
+        tuple(pdo for pdo in layout.tpdos if pdo not in there),
+    )
+
+
+def plan_steps(
+    plan: PdoPlan, node_id: int, available: Collection[int], *, event_ms: int | None, inhibit_us: int
+) -> list[SdoStep]:
+    """The SDO writes of a plan, in the order CiA 301 demands. ``event_ms``: None for a device without event timers."""
+    planned = (*plan.rpdos, *plan.tpdos)
+    used = {item.pdo.communication_index for item in planned}
+    steps: list[SdoStep] = []
+    for direction in PdoDirection:
+        for number in range(1, len(direction.bases) + 1):
+            index = direction.communication_index + number - 1
+            if index in available and index not in used and (number <= 4 or node_id <= 0x3F):
+                steps.append(disable_pdo(direction, number, node_id))
+    for item in sorted(planned, key=lambda item: item.pdo.communication_index):
+        timer = event_ms if item.pace is Pace.TIMER else None
+        writes = map_pdo(item.pdo, item.cob_id, item.type, event_ms=timer, inhibit_us=inhibit_us)
+        steps += [step for step in writes if not _is_kept(item, step)]
+    return steps
+
+
+def _is_kept(item: PlannedPdo, step: SdoStep) -> bool:
+    if step.index == item.pdo.mapping_index:
+        return item.adopted
+    return item.keeps_cob_id and step.is_cob_id

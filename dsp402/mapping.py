@@ -1,0 +1,104 @@
+"""What the plan of a drive's PDOs is made from while it is being configured: its data sheet, and what it refuses.
+
+Source: CiA DS 301 V4.02 chapter 7.5.2.36. Each refusal is something found out about the drive; the plan is made anew with it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+from canopen.sdo import SdoAbortedError
+
+from pdgw.ds301.aborts import Abort
+from pdgw.ds301.configuration import EVENT_TIMER, TRANSMISSION_TYPE, SdoStep, is_communication_parameter
+from pdgw.ds301.pdo import COB_ID_INVALID, PdoDirection, PdoLayout
+from pdgw.ds301.plan import PdoPlan
+from pdgw.dsp402.drive_type import DriveType
+from pdgw.dsp402.planner import Address, Findings, Key, plan_pdos
+
+ReadNumber = Callable[[int, int], int]
+_MAPPING_DISTANCE = 0x200
+"""From a communication parameter to the mapping of the same PDO."""
+_NOT_NOW = (Abort.CANNOT_STORE, Abort.CANNOT_STORE_LOCAL_CONTROL, Abort.CANNOT_STORE_DEVICE_STATE)
+"""The drive refuses for the state it is in: that says nothing about what it can."""
+
+
+def key_of(index: int) -> Key:
+    """The PDO a communication or mapping parameter belongs to."""
+    communication = index if is_communication_parameter(index) else index - _MAPPING_DISTANCE
+    direction = PdoDirection.RPDO if communication < PdoDirection.TPDO.communication_index else PdoDirection.TPDO
+    return direction, communication - direction.communication_index + 1
+
+
+class DriveMapping:
+    """The findings about one drive. ``read`` reads a number by SDO."""
+
+    def __init__(self, read: ReadNumber) -> None:
+        self._read = read
+        self._findings = Findings()
+
+    def survey(self, drive: DriveType, cob_ids: Mapping[int, int]) -> None:
+        """Begin anew, with the PDOs that are there. What never came before is still not trusted."""
+        findings = self._findings = Findings(dropped=self._findings.dropped)
+        for index, cob_id in cob_ids.items():
+            findings.present.add(key_of(index))
+            findings.cob_ids[key_of(index)] = cob_id
+        for direction, slots in ((PdoDirection.RPDO, drive.pdos.rpdos), (PdoDirection.TPDO, drive.pdos.tpdos)):
+            for slot in slots:
+                if (key := (direction, slot.number)) in findings.present and not slot.mapping_writable:
+                    findings.fixed[key] = self._mapped(key)
+
+    def plan(self, needs: PdoLayout, drive: DriveType, node_id: int, *, sync: bool) -> PdoPlan:
+        """As ``plan_pdos``."""
+        return plan_pdos(needs, drive, node_id, self._findings, sync=sync)
+
+    def drop(self, address: Address) -> None:
+        """An object that is taken in a mapping and does not come."""
+        self._findings.dropped.add(address)
+
+    def learn(self, step: SdoStep, error: SdoAbortedError) -> bool:
+        """What a refused write tells; False when that is nothing new, or nothing about the drive's PDOs."""
+        if error.code in _NOT_NOW:
+            return False
+        key = key_of(step.index)
+        if is_communication_parameter(step.index):
+            return self._learn_communication(key, step)
+        return self._learn_mapping(key, step)
+
+    def _learn_communication(self, key: Key, step: SdoStep) -> bool:
+        findings = self._findings
+        if step.is_cob_id:
+            valid = not findings.cob_ids[key] & COB_ID_INVALID
+            known = findings.kept if valid else findings.dead
+            new = key not in known
+            known.add(key)
+        elif step.subindex == TRANSMISSION_TYPE:
+            new = key not in findings.types
+            findings.types[key] = self._read(step.index, step.subindex)
+        else:
+            new = step.subindex == EVENT_TIMER and key not in findings.timerless
+            findings.timerless.add(key)
+        return new
+
+    def _learn_mapping(self, key: Key, step: SdoStep) -> bool:
+        findings = self._findings
+        if step.subindex:
+            address = step.value >> 16, step.value >> 8 & 0xFF
+            new = address not in findings.unmappable
+            findings.unmappable.add(address)
+        elif step.value > 1:
+            findings.most[key] = step.value - 1
+            new = True
+        else:
+            new = key not in findings.fixed
+            findings.fixed[key] = self._mapped(key)
+        return new
+
+    def _mapped(self, key: Key) -> tuple[int, ...]:
+        """The mapping of a PDO as it is."""
+        direction, number = key
+        index = direction.mapping_index + number - 1
+        try:
+            return tuple(self._read(index, subindex) for subindex in range(1, self._read(index, 0) + 1))
+        except SdoAbortedError:
+            return ()

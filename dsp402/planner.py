@@ -1,0 +1,313 @@
+"""Plans the PDOs of a drive: what a telegram needs, put into what this drive has.
+
+Source: CiA DS 301 (PDO parameters), CiA 402 (pre-defined PDOs), docs/translation.md "PDO layouts". Pure: the data sheet's part
+is in the ``DriveType``, what the device itself has answered since is ``Findings``. Left out: bit-granular mappings.
+
+The Controlword is the last object of its RPDO and its RPDO the last that is sent: a drive that applies objects in the order of
+the mapping would start toward the previous target.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Final
+
+from pdgw.ds301.configuration import EVENT_DRIVEN_PROFILE, EVERY_SYNC, SYNC_TYPES
+from pdgw.ds301.objects import CanType, Entry
+from pdgw.ds301.pdo import Pdo, PdoDirection, PdoLayout
+from pdgw.ds301.plan import Pace, PdoPlan, PlannedPdo
+from pdgw.dsp402.drive_type import DriveType, PdoSlot
+from pdgw.dsp402.errors import Dsp402Error
+
+Key = tuple[PdoDirection, int]
+"""Direction and number of a PDO."""
+Address = tuple[int, int]
+CONTROLWORD: Final = "controlword"
+STATUSWORD: Final = "statusword"
+_ESSENTIAL = {CONTROLWORD, STATUSWORD}
+_PDO_BYTES = 8
+_OBJECTS = 8
+_OWN_COB_IDS = 4
+"""PDOs 1 to 4 have COB-IDs in the pre-defined connection set."""
+_HIGHEST_SHORT_NODE_ID = 0x3F
+_COB_IDS = range(0x181, 0x580)
+_DUMMIES = 0x20
+"""Objects below this are data types: place holders in a mapping."""
+
+
+@dataclass
+class Findings:
+    """What a device answered that its data sheet did not say."""
+
+    present: set[Key] = field(default_factory=set)
+    """PDOs it has."""
+    cob_ids: dict[Key, int] = field(default_factory=dict)
+    """Sub-index 1 of each as it was found."""
+    fixed: dict[Key, tuple[int, ...]] = field(default_factory=dict)
+    """Mappings that cannot be written, as they are."""
+    kept: set[Key] = field(default_factory=set)
+    """COB-IDs that cannot be written."""
+    dead: set[Key] = field(default_factory=set)
+    """PDOs that are not valid and cannot be made so."""
+    most: dict[Key, int] = field(default_factory=dict)
+    """So many objects it takes."""
+    unmappable: set[Address] = field(default_factory=set)
+    timerless: set[Key] = field(default_factory=set)
+    """TPDOs whose event timer cannot be set."""
+    types: dict[Key, int] = field(default_factory=dict)
+    """Transmission types that cannot be written, as they are."""
+    dropped: set[Address] = field(default_factory=set)
+    """Objects taken in a mapping whose values never came."""
+
+
+def found_in_data_sheet(drive: DriveType, node_id: int) -> Findings:
+    """What the data sheet tells of a device nobody asked yet."""
+    findings = Findings()
+    for direction, slots in ((PdoDirection.RPDO, drive.pdos.rpdos), (PdoDirection.TPDO, drive.pdos.tpdos)):
+        for slot in slots:
+            key = direction, slot.number
+            findings.present.add(key)
+            if slot.cob_id is not None:
+                findings.cob_ids[key] = slot.cob_id
+            if not slot.mapping_writable:
+                findings.fixed[key] = slot.mapping
+    return findings
+
+
+def plan_pdos(needs: PdoLayout, drive: DriveType, node_id: int, findings: Findings, *, sync: bool) -> PdoPlan:
+    """The plan for what a telegram ``needs``; ``sync``: TPDOs wait for the gateway's SYNC.
+
+    Dsp402Error when Controlword or Statusword have no PDO, or the drive lacks an object.
+    """
+    notes: list[str] = []
+    rpdos, written = _Direction(PdoDirection.RPDO, needs.rpdos, drive, node_id, findings, notes, sync=sync).planned()
+    tpdos, read = _Direction(PdoDirection.TPDO, needs.tpdos, drive, node_id, findings, notes, sync=sync).planned()
+    # What comes on change alone is read as well: nothing else would tell that a frame was lost.
+    read += [
+        Pdo(entry_pdo.direction, entry_pdo.number, (entry,))
+        for entry_pdo in (item.pdo for item in tpdos if item.pace is Pace.CHANGE)
+        for entry in entry_pdo.entries
+        if entry.attribute
+    ]
+    last_first = sorted(rpdos, key=lambda item: (CONTROLWORD in item.pdo.attributes, -item.pdo.number))
+    return PdoPlan(tuple(last_first), tuple(tpdos), tuple(written), tuple(read), tuple(notes))
+
+
+class _Direction:
+    """The plan of one direction; ``planned`` is called once."""
+
+    def __init__(
+        self,
+        direction: PdoDirection,
+        needs: Sequence[Pdo],
+        drive: DriveType,
+        node_id: int,
+        findings: Findings,
+        notes: list[str],
+        *,
+        sync: bool,
+    ) -> None:
+        self.direction = direction
+        self.needs = needs
+        self.drive = drive
+        self.node_id = node_id
+        self.findings = findings
+        self.notes = notes
+        self.sync = sync
+        self.essential = CONTROLWORD if direction is PdoDirection.RPDO else STATUSWORD
+        slots = drive.pdos.rpdos if direction is PdoDirection.RPDO else drive.pdos.tpdos
+        self.slots = {slot.number: slot for slot in slots if self._is_usable(slot)}
+        self.fixed = {number: self._mapping(number) for number in self.slots if self._is_fixed(number)}
+
+    def _key(self, number: int) -> Key:
+        return self.direction, number
+
+    def _is_usable(self, slot: PdoSlot) -> bool:
+        key = self._key(slot.number)
+        if key not in self.findings.present or key in self.findings.dead:
+            return False
+        return self._own_cob_id(slot.number) is not None or self.findings.cob_ids.get(key, 0) in _COB_IDS
+
+    def _own_cob_id(self, number: int) -> int | None:
+        """The COB-ID the gateway gives a PDO; None for one that has none of its own."""
+        known = number <= _OWN_COB_IDS or (
+            number <= len(self.direction.bases) and self.node_id <= _HIGHEST_SHORT_NODE_ID
+        )
+        return self.direction.cob_id(number, self.node_id) if known else None
+
+    def _is_fixed(self, number: int) -> bool:
+        return self._key(number) in self.findings.fixed
+
+    def _mapping(self, number: int) -> tuple[int, ...]:
+        return self.findings.fixed[self._key(number)]
+
+    # -- what goes where --------------------------------------------------------------------------------------------------
+
+    def planned(self) -> tuple[list[PlannedPdo], list[Pdo]]:
+        """PDOs, and by SDO the rest."""
+        groups = [self._fitted(pdo) for pdo in self.needs]
+        free = [number for number in sorted(self.slots) if number not in self.fixed]
+        pdos: list[Pdo] = []
+        left: list[tuple[int, Entry]] = []
+        for pdo, group in zip(self.needs, groups, strict=True):
+            carried, rest = self._into(pdo, group, free)
+            if carried is not None:
+                free.remove(carried.number)
+                pdos.append(carried)
+            left += [(pdo.number, entry) for entry in rest]
+        adopted = self._adopt(
+            [entry for _, entry in left], has_essential=any(self.essential in pdo.attributes for pdo in pdos)
+        )
+        taken = {attribute for pdo in adopted for attribute in pdo.attributes}
+        left = [(number, entry) for number, entry in left if entry.attribute not in taken]
+        if any(entry.attribute == self.essential for _, entry in left):
+            raise self._without_essential()
+        fixed = {pdo.number for pdo in adopted}
+        planned = [self._planned(pdo, adopted=pdo.number in fixed) for pdo in (*pdos, *adopted)]
+        return planned, [Pdo(self.direction, number, (entry,)) for number, entry in left]
+
+    def _fitted(self, pdo: Pdo) -> list[Entry]:
+        """The objects this drive has for what travels in a PDO."""
+        return [self.drive.entries.get(entry.attribute) or self._lacking(entry) for entry in pdo.entries]
+
+    def _lacking(self, entry: Entry) -> Entry:
+        raise Dsp402Error(str(entry), "no object of this drive", "a drive that has it: the telegram needs it")
+
+    def _is_mappable(self, entry: Entry) -> bool:
+        address = entry.index, entry.subindex
+        findings = self.findings
+        if address in findings.unmappable or address in findings.dropped:
+            return False
+        return entry.attribute in _ESSENTIAL or self.drive.pdos.is_mappable(entry)
+
+    def _into(self, pdo: Pdo, group: Sequence[Entry], free: Sequence[int]) -> tuple[Pdo | None, list[Entry]]:
+        """A group in the PDO of its number, else in the next free one; and what has to travel otherwise."""
+        wanted = [entry for entry in group if self._is_mappable(entry)]
+        number = pdo.number if pdo.number in free else self._spare(free)
+        fixed = self.fixed.get(pdo.number)
+        if fixed == tuple(entry.mapping for entry in group):
+            return None, list(group)  # adopted as it is
+        if number is None or not wanted:
+            return None, list(group)
+        most = self.findings.most.get(self._key(number), _OBJECTS)
+        kept = _fitting(wanted, most, self.essential)
+        return Pdo(self.direction, number, tuple(kept)), [entry for entry in group if entry not in kept]
+
+    def _spare(self, free: Sequence[int]) -> int | None:
+        """A PDO no group has by its number."""
+        named = {pdo.number for pdo in self.needs}
+        return next((number for number in free if number not in named), None)
+
+    # -- mappings of the device ---------------------------------------------------------------------------------------------
+
+    def _adopt(self, left: Sequence[Entry], *, has_essential: bool) -> list[Pdo]:
+        """Fixed PDOs for what is left, the most useful first; of an RPDO everything in it must be known."""
+        dropped = self.findings.dropped
+        wanted = {address: entry for entry in left if (address := (entry.index, entry.subindex)) not in dropped}
+        adopted: list[Pdo] = []
+        while wanted:
+            found = [
+                (self._gain(pdo, wanted), -pdo.number, pdo)
+                for number, mapping in self.fixed.items()
+                if number not in {item.number for item in adopted}
+                and (pdo := self._carried(number, mapping, wanted)) is not None
+            ]
+            if self.direction is PdoDirection.RPDO:
+                found = [item for item in found if (CONTROLWORD in item[2].attributes) is not has_essential]
+            if not found:
+                break
+            _, _, best = max(found)
+            adopted.append(best)
+            has_essential = True
+            carried = set(best.attributes)
+            wanted = {address: entry for address, entry in wanted.items() if entry.attribute not in carried}
+        return adopted
+
+    def _gain(self, pdo: Pdo, wanted: Mapping[Address, Entry]) -> int:
+        """How much a fixed PDO is worth: the essential word first, then what the telegram names first."""
+        order = [entry.attribute for entry in wanted.values()]
+        worth = sum(1 << (len(order) - order.index(name)) for name in pdo.attributes)
+        return worth + (1 << len(order) + 1 if self.essential in pdo.attributes else 0)
+
+    def _carried(self, number: int, mapping: tuple[int, ...], wanted: Mapping[Address, Entry]) -> Pdo | None:
+        """A fixed PDO with gaps for what is not wanted; None where it cannot be used."""
+        entries: list[Entry] = []
+        bits = 0
+        for item in mapping:
+            address, size = (item >> 16, item >> 8 & 0xFF), item & 0xFF
+            entry = wanted.get(address)
+            bits += size
+            if entry is not None and entry.type.bits == size:
+                entries.append(entry)
+            elif size % 8 or (self.direction is PdoDirection.RPDO and address[0] >= _DUMMIES):
+                return None
+            else:
+                entries += [Entry(*address, "", CanType.U8)] * (size // 8)
+        if not any(entry.attribute for entry in entries) or bits > _PDO_BYTES * 8:
+            return None
+        return Pdo(self.direction, number, tuple(entries))
+
+    def _without_essential(self) -> Dsp402Error:
+        word = self.drive.entry(self.essential)
+        index = self.direction.mapping_index
+        there = [f"{index + number - 1:04X}h with {_named(mapping)}" for number, mapping in self.fixed.items()]
+        return Dsp402Error(
+            "PDOs of the drive",
+            f"no {self.direction.label} for {word}" + (f": fixed are {'; '.join(there)}" if there else ""),
+            f"one that can be mapped, or whose mapping has {word.index:04X}h and nothing the telegram does not know",
+        )
+
+    # -- how it travels -----------------------------------------------------------------------------------------------------
+
+    def _planned(self, pdo: Pdo, *, adopted: bool) -> PlannedPdo:
+        key = self._key(pdo.number)
+        findings = self.findings
+        own = self._own_cob_id(pdo.number)
+        kept = key in findings.kept or own is None
+        cob_id = findings.cob_ids[key] & 0x7FF if kept or own is None else own
+        pace, type_ = self._pace(self.slots[pdo.number])
+        return PlannedPdo(pdo, cob_id, pace, type_, adopted, kept)
+
+    def _pace(self, slot: PdoSlot) -> tuple[Pace, int]:
+        key = self._key(slot.number)
+        given = self.findings.types.get(key)
+        if self.direction is PdoDirection.RPDO:
+            if given is not None and given in SYNC_TYPES:
+                self.notes.append(f"RPDO{slot.number} is taken on SYNC: its transmission type cannot be written")
+                return Pace.SYNC, given
+            return Pace.AT_ONCE, EVENT_DRIVEN_PROFILE if given is None else given
+        if given is not None and given in SYNC_TYPES:
+            if not self.sync:
+                self.notes.append(f"TPDO{slot.number} on SYNC: its transmission type cannot be written")
+            return Pace.SYNC, given
+        if self.sync and given is None:
+            return Pace.SYNC, EVERY_SYNC
+        if slot.event_timer and key not in self.findings.timerless:
+            return Pace.TIMER, EVENT_DRIVEN_PROFILE if given is None else given
+        if given is None:
+            self.notes.append(f"TPDO{slot.number} on SYNC: it has no event timer ({0x1800 + slot.number - 1:04X}h/5)")
+            return Pace.SYNC, EVERY_SYNC
+        self.notes.append(
+            f"TPDO{slot.number} on change alone: neither event timer nor SYNC can be set; heartbeat and SDO watch it"
+        )
+        return Pace.CHANGE, given
+
+
+def _fitting(entries: Sequence[Entry], most: int, essential: str) -> list[Entry]:
+    """As many as go into one PDO, in their order; the essential one in any case."""
+    first = [entry for entry in entries if entry.attribute == essential]
+    size = sum(entry.type.bits // 8 for entry in first)
+    kept = list(first)
+    for entry in entries:
+        if entry in first:
+            continue
+        size += entry.type.bits // 8
+        if size > _PDO_BYTES or len(kept) >= most:
+            break
+        kept.append(entry)
+    return [entry for entry in entries if entry in kept]
+
+
+def _named(mapping: Iterable[int]) -> str:
+    return ", ".join(f"{item >> 16:04X}h" for item in mapping) or "nothing"
