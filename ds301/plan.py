@@ -82,6 +82,12 @@ class PdoPlan:
             yield from pdo.entries
 
     @property
+    def shown(self) -> Iterator[str]:
+        """The image attributes that are known of the device."""
+        for pdo in (*(item.pdo for item in self.tpdos), *self.read):
+            yield from pdo.attributes
+
+    @property
     def lines(self) -> tuple[str, ...]:
         """For a person: each PDO, what goes by SDO, and the notes."""
         by_sdo = ((self.written, "written by SDO when they change"), (self.read, "read by SDO every 100 ms"))
@@ -108,13 +114,23 @@ class PdoPlan:
 
 
 def straight_plan(
-    layout: PdoLayout, node_id: int, available: Collection[int], *, sync: bool, asynchronous: int = EVENT_DRIVEN_PROFILE
+    layout: PdoLayout,
+    node_id: int,
+    available: Collection[int],
+    *,
+    sync: bool,
+    sync_rpdos: bool = False,
+    asynchronous: int = EVENT_DRIVEN_PROFILE,
 ) -> PdoPlan:
-    """Every PDO of a layout in the PDO of its number; what is not ``available`` (communication parameter indices) by SDO."""
+    """Every PDO of a layout in the PDO of its number; what is not ``available`` (communication parameter indices) by SDO.
+
+    ``sync``: TPDOs are sent on SYNC, ``sync_rpdos``: RPDOs are taken on SYNC. ``asynchronous`` is the transmission type without:
+    254 (the manufacturer's event) or 255 (the profile's).
+    """
 
     def planned(pdo: Pdo) -> PlannedPdo:
         tpdo = pdo.direction is PdoDirection.TPDO
-        pace = Pace.SYNC if tpdo and sync else Pace.TIMER if tpdo else Pace.AT_ONCE
+        pace = Pace.SYNC if (sync if tpdo else sync_rpdos) else Pace.TIMER if tpdo else Pace.AT_ONCE
         return PlannedPdo(pdo, pdo.cob_id(node_id), pace, EVERY_SYNC if pace is Pace.SYNC else asynchronous)
 
     there = {pdo for pdo in (*layout.rpdos, *layout.tpdos) if pdo.communication_index in available}

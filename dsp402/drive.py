@@ -259,7 +259,13 @@ class DriveClient(NodeClient[DriveSettings]):
     def _planned(self) -> PdoPlan:
         assert self.drive_type is not None
         settings = self.settings
-        return self._mapping.plan(self.layout, self.drive_type, settings.node_id, sync=settings.sync)
+        return self._mapping.plan(
+            self.layout,
+            self.drive_type,
+            settings.node_id,
+            sync=settings.sync,
+            sync_rpdos=settings.sync_period_us > 0,
+        )
 
     def _take_plan(self, plan: PdoPlan) -> None:
         super()._take_plan(plan)

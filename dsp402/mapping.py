@@ -48,9 +48,9 @@ class DriveMapping:
                 if (key := (direction, slot.number)) in findings.present and not slot.mapping_writable:
                     findings.fixed[key] = self._mapped(key)
 
-    def plan(self, needs: PdoLayout, drive: DriveType, node_id: int, *, sync: bool) -> PdoPlan:
+    def plan(self, needs: PdoLayout, drive: DriveType, node_id: int, *, sync: bool, sync_rpdos: bool) -> PdoPlan:
         """As ``plan_pdos``."""
-        return plan_pdos(needs, drive, node_id, self._findings, sync=sync)
+        return plan_pdos(needs, drive, node_id, self._findings, sync=sync, sync_rpdos=sync_rpdos)
 
     def drop(self, address: Address) -> None:
         """An object that is taken in a mapping and does not come."""

@@ -61,7 +61,7 @@ class Findings:
     """Objects taken in a mapping whose values never came."""
 
 
-def found_in_data_sheet(drive: DriveType, node_id: int) -> Findings:
+def found_in_data_sheet(drive: DriveType) -> Findings:
     """What the data sheet tells of a device nobody asked yet."""
     findings = Findings()
     for direction, slots in ((PdoDirection.RPDO, drive.pdos.rpdos), (PdoDirection.TPDO, drive.pdos.tpdos)):
@@ -75,13 +75,15 @@ def found_in_data_sheet(drive: DriveType, node_id: int) -> Findings:
     return findings
 
 
-def plan_pdos(needs: PdoLayout, drive: DriveType, node_id: int, findings: Findings, *, sync: bool) -> PdoPlan:
-    """The plan for what a telegram ``needs``; ``sync``: TPDOs wait for the gateway's SYNC.
+def plan_pdos(
+    needs: PdoLayout, drive: DriveType, node_id: int, findings: Findings, *, sync: bool, sync_rpdos: bool = False
+) -> PdoPlan:
+    """The plan for what a telegram ``needs``; ``sync``: TPDOs wait for the gateway's SYNC, ``sync_rpdos``: RPDOs too.
 
     Dsp402Error when Controlword or Statusword have no PDO, or the drive lacks an object.
     """
     notes: list[str] = []
-    rpdos, written = _Direction(PdoDirection.RPDO, needs.rpdos, drive, node_id, findings, notes, sync=sync).planned()
+    rpdos, written = _Direction(PdoDirection.RPDO, needs.rpdos, drive, node_id, findings, notes, sync=sync_rpdos).planned()
     tpdos, read = _Direction(PdoDirection.TPDO, needs.tpdos, drive, node_id, findings, notes, sync=sync).planned()
     # What comes on change alone is read as well: nothing else would tell that a frame was lost.
     read += [
@@ -185,6 +187,8 @@ class _Direction:
         """A group in the PDO of its number, else in the next free one; and what has to travel otherwise."""
         wanted = [entry for entry in group if self._is_mappable(entry)]
         number = pdo.number if pdo.number in free else self._spare(free)
+        if number is None and any(entry.attribute == self.essential for entry in group):
+            number = min(free, default=None)
         fixed = self.fixed.get(pdo.number)
         if fixed == tuple(entry.mapping for entry in group):
             return None, list(group)  # adopted as it is
@@ -274,8 +278,13 @@ class _Direction:
         given = self.findings.types.get(key)
         if self.direction is PdoDirection.RPDO:
             if given is not None and given in SYNC_TYPES:
-                self.notes.append(f"RPDO{slot.number} is taken on SYNC: its transmission type cannot be written")
+                if not self.sync:
+                    self.notes.append(f"RPDO{slot.number} is taken on SYNC: its transmission type cannot be written")
                 return Pace.SYNC, given
+            if self.sync:
+                if given is not None:
+                    raise Dsp402Error(f"RPDO{slot.number} transmission type", given, "1: the telegram needs set-points on SYNC")
+                return Pace.SYNC, EVERY_SYNC
             return Pace.AT_ONCE, EVENT_DRIVEN_PROFILE if given is None else given
         if given is not None and given in SYNC_TYPES:
             if not self.sync:

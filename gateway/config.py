@@ -18,11 +18,10 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, Strict, model_validator
 
 from pdgw.ds301.errors import CanopenError
-from pdgw.ds301.load import CyclicFrames, check_load
+from pdgw.ds301.load import check_load
 from pdgw.dsp402.drive import DriveSettings
 from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.overlay import overlay
-from pdgw.dsp402.pdo import LAYOUTS
 from pdgw.dsp402.scaling import UnitKeys, check_unit_keys
 from pdgw.dsp406.encoder import EncoderSettings
 from pdgw.dsp406.kinds import CHANNELS_MAX, DEVICES, LINEAR, MULTI_SENSOR, ROTARY, EncoderDevice, multi_sensor
@@ -33,8 +32,8 @@ from pdgw.gateway.axis.telegrams import (
     ENCODER_TELEGRAM_NUMBERS,
     POSITIONER_TELEGRAM_NUMBERS,
     initial_mode,
-    pdo_operation,
 )
+from pdgw.gateway.bus_load import cyclic_frames
 from pdgw.gateway.config_surroundings import (
     DEFAULT_BITRATE,
     GATEWAY_NODE_ID,
@@ -56,13 +55,6 @@ from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.frame import CSduLayout
 from pdgw.profidrive.telegrams import Direction, telegram
 
-_DRIVE_CYCLE_US = 1000
-"""A drive updates its values once a millisecond."""
-_DATA_PDO_RATE = 100.0
-"""Frames per second allowed for in PDOs without Controlword or Statusword."""
-
-_POSITION_SIZE = 8
-"""Bytes of an encoder's TPDO with position, speed, area and cam state."""
 _SILENCE_MS = 100
 _MAXIMUM_INHIBIT_US = 6_553_500
 """An UNSIGNED16 in units of 100 us."""
@@ -447,7 +439,8 @@ class GatewayConfig(Section):
 
     def _check_load(self, bus: CanConfig, number: int) -> None:
         try:
-            check_load(bus.name, self.cyclic_frames(bus), bus.bitrate or DEFAULT_BITRATE)
+            frames = cyclic_frames(self.axes_of(bus), self.encoders_of(bus), self.transport.cycle_time_ms)
+            check_load(bus.name, frames, bus.bitrate or DEFAULT_BITRATE)
         except CanopenError as error:
             raise misplaced(str(error), "can", number) from error
 
@@ -501,29 +494,9 @@ class GatewayConfig(Section):
                 nodes.setdefault(item.node_id, []).append(item)
         return nodes
 
-    def cyclic_frames(self, bus: CanConfig) -> list[CyclicFrames]:
-        """The frames the axes of a bus can put on it when every value changes in every cycle."""
-        cycle_rate = 1000 / self.transport.cycle_time_ms
-        frames: list[CyclicFrames] = []
-        for axis in self.axis:
-            if self.bus_of(axis).name != bus.name:
-                continue
-            layout = LAYOUTS[pdo_operation(axis.telegram, axis.dsc_form)]
-            inhibit = axis.inhibit_us(self.transport.cycle_time_ms)
-            cyclic = axis.telegram in DSC_TELEGRAM_NUMBERS
-            tpdo_rate = cycle_rate if axis.sync or cyclic else 1e6 / max(inhibit, _DRIVE_CYCLE_US)
-            # Controlword and state may change in every cycle; tasks and the slow values of the other PDOs do not, but on SYNC.
-            for rate, pdos in ((cycle_rate, layout.rpdos), (tpdo_rate, layout.tpdos)):
-                for pdo in pdos:
-                    limit = rate if pdo.number == 1 or cyclic else min(rate, _DATA_PDO_RATE)
-                    frames.append(CyclicFrames(f"{pdo} {axis.node_id}", pdo.size, limit))
-            frames.append(CyclicFrames(f"heartbeat {axis.node_id}", 1, 1000 / axis.heartbeat_ms))
-        for node_id, channels in self.encoders_of(bus).items():
-            first = channels[0]
-            rate = cycle_rate if first.sync else 1000 / first.event_ms(self.transport.cycle_time_ms)
-            frames += [CyclicFrames(f"position {node_id}/{item.channel}", _POSITION_SIZE, rate) for item in channels]
-            frames.append(CyclicFrames(f"heartbeat {node_id}", 1, 1000 / first.heartbeat_ms))
-        return frames
+    def axes_of(self, bus: CanConfig) -> list[AxisConfig]:
+        """The axes of a bus."""
+        return [axis for axis in self.axis if self.bus_of(axis).name == bus.name]
 
 
 def _has_g1(number: int) -> bool:

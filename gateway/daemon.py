@@ -215,7 +215,7 @@ class Daemon:
         except BaseException:
             self.link.set_layout(before)
             raise
-        self.sync_producers = self._sync_producers()
+        self._find_sync()
         if connected:
             now = self.loop.now()
             for item in self.objects:

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from pdgw.ds301.plan import PdoPlan
 from pdgw.dsp402.drive_type import DriveType
+from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.images import DriveFeedback
 from pdgw.dsp402.modes import MODE_NAMES, Mode
+from pdgw.dsp402.pdo import LAYOUTS
+from pdgw.dsp402.planner import found_in_data_sheet, plan_pdos
 from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.settings import AxisSettings
-from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS, initial_mode
+from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS, DSC_TELEGRAM_NUMBERS, initial_mode, pdo_operation
 from pdgw.gateway.motion.dsc import DscChoices, DscForm
 from pdgw.gateway.positioner_config import SIMULATED, PositionerConfig
 
@@ -28,7 +32,24 @@ def lacks(drive: DriveType, number: int, settings: AxisSettings = _USUAL) -> str
     # A speed is followed in one of several modes, of which the executor knows.
     if mode is not None and mode is not Mode.VELOCITY and mode.value not in drive.modes:
         return f"modes of the drive (6502h): no {mode.value} ({MODE_NAMES[mode]})"
-    return AxisMachine(number, settings, DriveFeedback()).lacking(drive, homing_method=0)
+    lacking = AxisMachine(number, settings, DriveFeedback()).lacking(drive, homing_method=0)
+    if lacking:
+        return lacking
+    try:
+        planned(drive, number, settings=settings)
+    except Dsp402Error as error:
+        return str(error)
+    return ""
+
+
+def planned(
+    drive: DriveType, number: int, node_id: int = 1, *, sync: bool = False, settings: AxisSettings = _USUAL
+) -> PdoPlan:
+    """What would travel in which PDO, as far as the data sheet tells; Dsp402Error when no plan is possible."""
+    choices = settings.dsc or _USUAL.dsc
+    needs = LAYOUTS[pdo_operation(number, DscForm.SPEED if choices is None else choices.form)]
+    cyclic = number in DSC_TELEGRAM_NUMBERS
+    return plan_pdos(needs, drive, node_id, found_in_data_sheet(drive), sync=sync or cyclic, sync_rpdos=cyclic)
 
 
 def lacks_by_telegram(drive: DriveType) -> Mapping[int, str]:

@@ -84,7 +84,8 @@ def axis_status(axis: Axis) -> dict[str, Any]:
     """One axis as plain data. A value no PDO of its telegram brings is None, as is a unit nobody told."""
     feedback, drive_type = axis.drive.feedback, axis.drive.drive_type
     state = state_of(feedback.statusword)
-    mapped = {name for pdo in axis.drive.layout.tpdos for name in pdo.attributes}
+    plan = axis.drive.plan
+    mapped = set(plan.shown) if plan is not None else set()
     scaling = drive_type.scaling if drive_type else None
     velocity = feedback.velocity_actual if "velocity_actual" in mapped else None
     per_rpm = scaling.velocity_per_rpm if scaling else None
@@ -100,6 +101,7 @@ def axis_status(axis: Axis) -> dict[str, Any]:
         "rated_speed": float(scaling.rated_speed_rpm) if scaling and scaling.rated_speed_rpm else None,
         "rated_speed_unit": "rpm",
         "scaling": list(scaling.lines) if scaling else [],
+        "pdos": list(plan.lines) if plan is not None else [],
     }
 
 

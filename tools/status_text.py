@@ -104,7 +104,7 @@ def _object(item: dict[str, Any], kind: str, width: int) -> Iterator[str]:
         yield from _folded(",  ".join(parts), width, 12, f"  {title:<9} ")
     if not item["iops_good"]:
         yield "  its values are marked bad (IOPS)"
-    for line in item.get("scaling", ()):
+    for line in (*item.get("scaling", ()), *item.get("pdos", ())):
         yield from _folded(line, width, 4, "  ")
     for fault in item["faults"]:
         what = ("active " if fault["active"] else "") + ("warning" if fault["is_warning"] else "fault")

@@ -13,8 +13,6 @@ from tests.support.daemon import Plc, axis, configuration, running, until, world
 MS = 1_000_000
 QUARTER = 0x1000
 REFUSED = {
-    "fixed-pdo": "PDO",
-    "no-event-timer": "event timer",
     "node-guarding": "1016h",
 }
 """What does not come online yet, and what it is told for."""

@@ -8,15 +8,13 @@ import pytest
 from canopen.sdo import SdoAbortedError
 
 from pdgw.ds301.aborts import Abort
-from pdgw.ds301.eds import write_eds
-from pdgw.ds301.eds_import import import_eds
 from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.nmt import NmtCommand
-from pdgw.dsp402.describe import answers_of_defaults, describe
-from pdgw.dsp402.drive_type import DriveType, Quantity
+from pdgw.dsp402.drive_type import Quantity
 from pdgw.dsp402.states import State
 from pdgw.peers.drive import ENGEL, LINEAR, SHAPES, Machine, SimulatedDriveNode, shape
 from pdgw.peers.drive.shapes import SYNCHRONOUS
+from tests.support.drive_types import described
 
 NODE = 3
 MS = 1_000_000
@@ -61,13 +59,6 @@ class Bench:
     @property
     def rpm(self) -> float:
         return self.node.model.ramp.speed
-
-
-def described(name: str) -> DriveType:
-    """The shape as its data sheet and defaults tell it."""
-    chosen = shape(name)
-    dictionary = import_eds(write_eds(chosen.info, chosen.objects()).encode(), NODE).dictionary
-    return describe(dictionary, answers_of_defaults(dictionary))
 
 
 @pytest.mark.parametrize("name", DRIVEN)

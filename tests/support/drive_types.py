@@ -7,12 +7,14 @@ from functools import cache
 
 import canopen
 
+from pdgw.ds301.eds import write_eds
 from pdgw.ds301.eds_import import import_eds
-from pdgw.dsp402.describe import PRODUCT_CODE, SUPPORTED_DRIVE_MODES, VENDOR_ID, describe
+from pdgw.dsp402.describe import PRODUCT_CODE, SUPPORTED_DRIVE_MODES, VENDOR_ID, answers_of_defaults, describe
 from pdgw.dsp402.device import EDS_PATH
 from pdgw.dsp402.device import PRODUCT_CODE as ENGEL_PRODUCT
 from pdgw.dsp402.device import VENDOR_ID as ENGEL_VENDOR
 from pdgw.dsp402.drive_type import DriveType
+from pdgw.peers.drive import shape
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,6 +44,14 @@ REFERENCE_OBJECTS: tuple[tuple[str, int, int], ...] = (
     ("max_torque", 0x6072, 0),
 )
 """Where each field of ``References`` is."""
+
+
+@cache
+def described(name: str) -> DriveType:
+    """A shape of simulated drive as its data sheet and defaults tell it."""
+    chosen = shape(name)
+    dictionary = import_eds(write_eds(chosen.info, chosen.objects()).encode(), 1).dictionary
+    return describe(dictionary, answers_of_defaults(dictionary))
 
 
 @cache

@@ -8,11 +8,14 @@ from typing import Annotated
 import typer
 
 from pdgw.ds301.errors import CanopenError
+from pdgw.ds301.load import check_load
+from pdgw.ds301.plan import PdoPlan
+from pdgw.gateway.bus_load import cyclic_frames
 from pdgw.gateway.config import AxisConfig, GatewayConfig
 from pdgw.gateway.config_check import references_wrong
 from pdgw.gateway.config_example import example as example_text
 from pdgw.gateway.config_file import load_config
-from pdgw.gateway.config_surroundings import TransportConfig
+from pdgw.gateway.config_surroundings import DEFAULT_BITRATE, TransportConfig
 from pdgw.gateway.errors import GatewayError
 
 app = typer.Typer(help="Configuration files.", no_args_is_help=True)
@@ -28,7 +31,8 @@ def example() -> None:
 def check(
     file: Annotated[Path, typer.Argument(help="Configuration file (TOML).")],
     bus: Annotated[
-        bool, typer.Option("--bus", help="Also ask the drives on the bus for their units; nothing is written to them.")
+        bool,
+        typer.Option("--bus", help="Also ask the drives on the bus for units and PDOs; nothing is written to them."),
     ] = False,
 ) -> None:
     """Validate a file; exit status 1 and one line for each thing that is wrong."""
@@ -40,7 +44,19 @@ def check(
     buses = ", ".join(f"{bus.name} ({bus.interface} {bus.channel or ''})".replace(" )", ")") for bus in config.can)
     objects = f"{len(config.axis)} axes" + (f" and {len(config.encoder)} encoders" if config.encoder else "")
     typer.echo(f"{file}: ok, {objects} on {buses}, cycle {config.transport.cycle_time_ms:g} ms")
-    refused = [axis for axis in config.axis if not _ask(config, axis)] if bus else []
+    if not bus:
+        return
+    refused = False
+    for item in config.can:
+        plans = {axis.node_id: _ask(config, axis) for axis in config.axes_of(item)}
+        known = {node_id: plan for node_id, plan in plans.items() if plan is not None}
+        refused |= len(known) < len(plans)
+        cycle_ms = config.transport.cycle_time_ms
+        frames = cyclic_frames(config.axes_of(item), config.encoders_of(item), cycle_ms, known)
+        load = check_load(item.name, frames, item.bitrate or DEFAULT_BITRATE)
+        typer.echo(
+            f"bus {item.name}: worst-case load {load:.0%} of {item.bitrate or DEFAULT_BITRATE} bit/s with these PDOs"
+        )
     if refused:
         raise typer.Exit(1)
 
@@ -55,12 +71,12 @@ def _start(config: GatewayConfig) -> None:
     Daemon(config.model_copy(update={"transport": transport, "store": None}), World()).release()
 
 
-def _ask(config: GatewayConfig, axis: AxisConfig) -> bool:
-    """Print what 100 % is for an axis; whether its telegram can be run with that."""
+def _ask(config: GatewayConfig, axis: AxisConfig) -> PdoPlan | None:
+    """Print what 100 % is for an axis and its PDOs; None when its telegram cannot be run with that."""
     from pdgw.ds301.inquiry import Inquiry  # noqa: PLC0415 - a check of the file alone needs no CAN
     from pdgw.dsp402.drive import load_eds  # noqa: PLC0415
     from pdgw.dsp402.probe import probe  # noqa: PLC0415
-    from pdgw.gateway.fitness import lacks  # noqa: PLC0415
+    from pdgw.gateway.fitness import lacks, planned  # noqa: PLC0415
     from pdgw.tools.on_loop import complete, opened  # noqa: PLC0415
 
     name = f"DO {axis.do_id}, node {axis.node_id}"
@@ -70,11 +86,17 @@ def _ask(config: GatewayConfig, axis: AxisConfig) -> bool:
             drive = complete(network.loop, lambda: probe(node, dictionary, axis.units, axis.family or ""))
     except CanopenError as error:
         typer.echo(f"{name}: {error}")
-        return False
+        return None
     typer.echo(f"{name}: {drive.name}" + (f", family {drive.family}" if drive.family else ""))
     for line in drive.scaling.lines:
         typer.echo(f"  {line}")
-    refusal = lacks(drive, axis.telegram, axis.settings_at(config.transport.cycle_time_ms))
+    settings = axis.settings_at(config.transport.cycle_time_ms)
+    refusal = lacks(drive, axis.telegram, settings)
     if refusal:
         typer.echo(f"  telegram {axis.telegram} is refused: {refusal}")
-    return not refusal
+        return None
+    sync = axis.drive_settings(axis.telegram, config.transport.cycle_time_ms).sync
+    plan = planned(drive, axis.telegram, axis.node_id, sync=sync, settings=settings)
+    for line in plan.lines:
+        typer.echo(f"  {line}")
+    return plan

@@ -1,0 +1,193 @@
+"""The PDO planner: for every shape of drive and telegram the plan carries what is needed, in the order that is safe."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pdgw.ds301.configuration import EVENT_DRIVEN_PROFILE
+from pdgw.ds301.pdo import COB_ID_INVALID, PdoDirection
+from pdgw.ds301.plan import Pace, PdoPlan, plan_steps
+from pdgw.dsp402.drive_type import DriveType
+from pdgw.dsp402.errors import Dsp402Error
+from pdgw.dsp402.pdo import LAYOUTS, Operation
+from pdgw.dsp402.planner import Findings, found_in_data_sheet, plan_pdos
+from pdgw.peers.drive import SHAPES
+from tests.support.drive_types import described
+
+NODE = 5
+RPDO, TPDO = PdoDirection
+ENGEL = described("engel")
+
+
+def plan(operation: Operation, findings: Findings | None = None, drive: DriveType = ENGEL) -> PdoPlan:
+    return plan_pdos(LAYOUTS[operation], drive, NODE, findings or found_in_data_sheet(drive), sync=False)
+
+
+def carried(found: PdoPlan) -> set[str]:
+    return {name for pdo in (*(item.pdo for item in found.rpdos), *found.written) for name in pdo.attributes}
+
+
+def shown(found: PdoPlan) -> set[str]:
+    return set(found.shown)
+
+
+def needed(operation: Operation) -> tuple[set[str], set[str]]:
+    layout = LAYOUTS[operation]
+    rpdos, tpdos = ({name for pdo in pdos for name in pdo.attributes} for pdos in (layout.rpdos, layout.tpdos))
+    return rpdos, tpdos
+
+
+@pytest.mark.parametrize("operation", list(Operation))
+def test_a_drive_that_takes_any_mapping_gets_the_layout_of_the_telegram(operation: Operation) -> None:
+    found, layout = plan(operation), LAYOUTS[operation]
+    assert [item.pdo for item in found.rpdos] == list(reversed(layout.rpdos))
+    assert [item.pdo for item in found.tpdos] == list(layout.tpdos)
+    assert not found.written
+    assert not found.read
+    assert not found.notes
+
+
+@pytest.mark.parametrize("operation", list(Operation))
+def test_the_controlword_is_last_in_its_pdo_and_its_pdo_is_sent_last(operation: Operation) -> None:
+    found = plan(operation)
+    assert [item for item in found.rpdos if "controlword" in item.pdo.attributes] == [found.rpdos[-1]]
+    assert found.rpdos[-1].pdo.attributes[-1] == "controlword"
+
+
+@pytest.mark.parametrize("name", SHAPES)
+@pytest.mark.parametrize("operation", list(Operation))
+def test_a_plan_has_all_that_is_needed_once_or_names_the_object_that_is_missing(
+    name: str, operation: Operation
+) -> None:
+    drive = described(name)
+    rpdos, tpdos = needed(operation)
+    if not all(drive.has(attribute) for attribute in rpdos | tpdos):
+        with pytest.raises(Dsp402Error, match="no object of this drive"):
+            plan(operation, drive=drive)
+        return
+    found = plan(operation, drive=drive)
+    assert (carried(found), shown(found)) == (rpdos, tpdos)
+    names = [name for item in found.rpdos for name in item.pdo.attributes]
+    assert len(names) == len(set(names))
+    assert len({item.cob_id for item in (*found.rpdos, *found.tpdos)}) == len(found.rpdos) + len(found.tpdos)
+
+
+def test_predefined_pdos_that_are_fixed_are_adopted_and_the_rest_goes_by_sdo() -> None:
+    found = plan(Operation.POSITIONING, drive=described("fixed-pdo"))
+    assert found.lines == (
+        "RPDO3 405h: Controlword 6040h, Target Position 607Ah; its own mapping",
+        "TPDO2 285h: Statusword 6041h, Modes of Operation Display 6061h; on change and by its event timer; its own mapping",
+        "TPDO3 385h: Position Actual Value 6064h; on change and by its event timer; its own mapping",
+        "TPDO4 485h: Velocity Actual Value 606Ch; on change and by its event timer; its own mapping",
+        "written by SDO when they change: Modes of Operation 6060h, Profile velocity 6081h, Profile acceleration 6083h, "
+        "Profile deceleration 6084h",
+    )
+    # TPDO 3 brings the Statusword too; it is taken from one PDO alone.
+    assert [item.pdo.attributes for item in found.tpdos][1] == ("position_actual",)
+    assert found.tpdos[1].pdo.size == 6
+
+
+def test_an_rpdo_with_an_object_nobody_has_a_value_for_is_not_adopted() -> None:
+    findings = found_in_data_sheet(ENGEL)
+    findings.fixed = dict.fromkeys(findings.present, ())
+    findings.fixed[RPDO, 1] = (0x6040_0010, 0x6071_0010)
+    findings.fixed[RPDO, 2] = (0x0005_0008, 0x6040_0010)
+    findings.fixed[TPDO, 1] = (0x6041_0010, 0x200C_0010, 0x606C_0020)
+    found = plan(Operation.VELOCITY, findings)
+    assert [item.pdo.number for item in found.rpdos] == [2]
+    assert found.rpdos[0].pdo.size == 3
+    assert [entry.attribute for group in found.written for entry in group.entries] == ["target_velocity"]
+    assert found.tpdos[0].pdo.attributes == ("statusword", "velocity_actual")
+    assert found.tpdos[0].pdo.size == 8
+
+
+def test_without_any_pdo_for_the_controlword_the_drive_is_refused_with_what_it_has() -> None:
+    findings = found_in_data_sheet(ENGEL)
+    findings.fixed = {(RPDO, number): (0x6071_0010,) for number in range(1, 6)}
+    with pytest.raises(Dsp402Error, match="no RPDO for Controlword 6040h: fixed are 1600h with 6071h; 1601h"):
+        plan(Operation.VELOCITY, findings)
+
+
+def test_objects_that_cannot_be_mapped_go_by_sdo() -> None:
+    findings = found_in_data_sheet(ENGEL)
+    findings.unmappable |= {(0x607A, 0), (0x6061, 0)}
+    found = plan(Operation.POSITIONING, findings)
+    assert [entry.index for group in found.written for entry in group.entries] == [0x607A]
+    assert [entry.index for group in found.read for entry in group.entries] == [0x6061]
+    assert found.rpdos[-1].pdo.attributes == ("modes_of_operation", "controlword")
+
+
+def test_a_pdo_takes_no_more_objects_than_the_drive_allows_and_keeps_the_controlword() -> None:
+    findings = found_in_data_sheet(ENGEL)
+    findings.most[RPDO, 1] = 1
+    found = plan(Operation.VELOCITY, findings)
+    assert found.rpdos[-1].pdo.attributes == ("controlword",)
+
+
+@pytest.mark.parametrize(
+    ("timer", "type_", "pace"),
+    [(True, None, Pace.TIMER), (False, None, Pace.SYNC), (False, 255, Pace.CHANGE), (True, 1, Pace.SYNC)],
+)
+def test_how_a_tpdo_comes_is_what_the_drive_can(timer: bool, type_: int | None, pace: Pace) -> None:
+    findings = found_in_data_sheet(ENGEL)
+    if not timer:
+        findings.timerless.add((TPDO, 1))
+    if type_ is not None:
+        findings.types[TPDO, 1] = type_
+    found = plan(Operation.VELOCITY, findings)
+    assert found.tpdos[0].pace is pace
+    assert found.needs_sync is (pace is Pace.SYNC)
+    assert bool(found.notes) is (pace is not Pace.TIMER)
+    # Where silence says nothing, the values are asked for.
+    assert bool(found.read) is (pace is Pace.CHANGE)
+
+
+def test_cob_ids_that_cannot_be_written_are_kept_and_others_beyond_the_fifth_too() -> None:
+    slots = [replace(slot, number=slot.number + 20) if slot.number > 1 else slot for slot in ENGEL.pdos.rpdos]
+    drive = replace(ENGEL, pdos=replace(ENGEL.pdos, rpdos=tuple(slots)))
+    findings = found_in_data_sheet(drive)
+    findings.kept.add((RPDO, 1))
+    findings.cob_ids |= {(RPDO, 1): 0x4000_0321, (RPDO, 22): 0x333, (RPDO, 23): 0x8000_0000}
+    found = plan(Operation.POSITIONING, findings, drive)
+    assert [(item.pdo.number, item.cob_id, item.keeps_cob_id) for item in found.rpdos][-1] == (1, 0x321, True)
+    assert (22, 0x333, True) in [(item.pdo.number, item.cob_id, item.keeps_cob_id) for item in found.rpdos]
+    steps = plan_steps(found, NODE, {item.pdo.communication_index for item in found.rpdos}, event_ms=50, inhibit_us=0)
+    assert not [step for step in steps if step.is_cob_id and step.index in (0x1400, 0x1415)]
+
+
+@given(
+    fixed=st.sets(st.tuples(st.sampled_from(PdoDirection), st.integers(1, 5))),
+    absent=st.sets(st.tuples(st.sampled_from(PdoDirection), st.integers(1, 5))),
+    unmappable=st.sets(st.sampled_from(sorted(ENGEL.pdos.mappable - {(0x6040, 0), (0x6041, 0)}))),
+    timerless=st.sets(st.tuples(st.just(TPDO), st.integers(1, 5))),
+    operation=st.sampled_from(Operation),
+)
+def test_any_findings_give_a_plan_with_everything_or_a_refusal(
+    fixed: set[tuple[PdoDirection, int]],
+    absent: set[tuple[PdoDirection, int]],
+    unmappable: set[tuple[int, int]],
+    timerless: set[tuple[PdoDirection, int]],
+    operation: Operation,
+) -> None:
+    findings = found_in_data_sheet(ENGEL)
+    findings.present -= absent
+    findings.fixed = dict.fromkeys(fixed, (0x6040_0010,)) | {key: (0x6041_0010,) for key in fixed if key[0] is TPDO}
+    findings.unmappable |= unmappable
+    findings.timerless |= timerless
+    if {direction for direction, _ in findings.present} != set(PdoDirection):
+        with pytest.raises(Dsp402Error, match="PDOs of the drive"):
+            plan(operation, findings)
+        return
+    found = plan(operation, findings)
+    rpdos, tpdos = needed(operation)
+    assert (carried(found), shown(found)) == (rpdos, tpdos)
+    steps = plan_steps(
+        found, NODE, {0x1400 + n for n in range(5)} | {0x1800 + n for n in range(5)}, event_ms=50, inhibit_us=0
+    )
+    valid = {step.index for step in steps if step.is_cob_id and not step.value & COB_ID_INVALID}
+    assert valid == {item.pdo.communication_index for item in (*found.rpdos, *found.tpdos)}
+    assert {item.type for item in found.rpdos} == {EVENT_DRIVEN_PROFILE}
