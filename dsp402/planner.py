@@ -83,7 +83,9 @@ def plan_pdos(
     Dsp402Error when Controlword or Statusword have no PDO, or the drive lacks an object.
     """
     notes: list[str] = []
-    rpdos, written = _Direction(PdoDirection.RPDO, needs.rpdos, drive, node_id, findings, notes, sync=sync_rpdos).planned()
+    rpdos, written = _Direction(
+        PdoDirection.RPDO, needs.rpdos, drive, node_id, findings, notes, sync=sync_rpdos
+    ).planned()
     tpdos, read = _Direction(PdoDirection.TPDO, needs.tpdos, drive, node_id, findings, notes, sync=sync).planned()
     # What comes on change alone is read as well: nothing else would tell that a frame was lost.
     read += [
@@ -283,7 +285,9 @@ class _Direction:
                 return Pace.SYNC, given
             if self.sync:
                 if given is not None:
-                    raise Dsp402Error(f"RPDO{slot.number} transmission type", given, "1: the telegram needs set-points on SYNC")
+                    raise Dsp402Error(
+                        f"RPDO{slot.number} transmission type", given, "1: the telegram needs set-points on SYNC"
+                    )
                 return Pace.SYNC, EVERY_SYNC
             return Pace.AT_ONCE, EVENT_DRIVEN_PROFILE if given is None else given
         if given is not None and given in SYNC_TYPES:

@@ -10,6 +10,7 @@ from collections import Counter
 from typing import Protocol
 
 from pdgw.ds301.load import bus_load, frame_bits
+from pdgw.gateway.bus_load import cyclic_frames
 from pdgw.gateway.config import GatewayConfig
 from pdgw.gateway.config_surroundings import DEFAULT_BITRATE
 from pdgw.gateway.errors import GatewayError
@@ -40,7 +41,7 @@ class BusLoads:
         self._bits: dict[str, float] = {}
         self.planned: dict[str, float] = {}
         for bus in config.can:
-            frames = config.cyclic_frames(bus)
+            frames = cyclic_frames(config.axes_of(bus), config.encoders_of(bus), config.transport.cycle_time_ms)
             self.planned[bus.name] = bus_load(frames, self._bitrates[bus.name])
             rate = sum(frame.per_second for frame in frames)
             bits = sum(frame_bits(frame.size, worst=False) * frame.per_second for frame in frames)
