@@ -163,7 +163,7 @@ def test_log_file_and_can_log_are_complete_at_the_end(tmp_path: Path) -> None:
     assert (tmp_path / "err").read_text() == ""
     assert log.read_text().rstrip().endswith("stopped")
     recorded = [(message.arbitration_id, bytes(message.data)) for message in can.CanutilsLogReader(frames)]
-    controlwords = [data[:2].hex() for identifier, data in recorded if identifier == 0x201]
+    controlwords = [data[-2:].hex() for identifier, data in recorded if identifier == 0x201]
     first = [controlwords.index(word) for word in ("0600", "0700", "0f00")]
     assert first == sorted(first), "Shutdown, Switch On, Enable Operation in this order"
     assert recorded[-1] == (0, bytes((0x80, 1))), "the last frame is NMT pre-operational"

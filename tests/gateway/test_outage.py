@@ -80,7 +80,7 @@ def test_the_stop_is_on_its_way_while_the_bus_is_away() -> None:
             world.loop.run_for(900 * MS)
             daemon.networks["can"].listeners.append(
                 lambda message: (
-                    sent.append(int.from_bytes(message.data[:2], "little"))
+                    sent.append(int.from_bytes(message.data[-2:], "little"))
                     if message.arbitration_id == CONTROL and not message.is_rx
                     else None
                 )

@@ -95,7 +95,7 @@ def test_a_difference_is_shown_with_its_context_and_exit_status_1(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     rig = speed()
-    moment = rig.frames.change_can(0x200 + NODE, 6, lambda data: data[:2] + (77).to_bytes(4, "little"))
+    moment = rig.frames.change_can(0x200 + NODE, 6, lambda data: (77).to_bytes(4, "little") + data[4:])
     files = rig.frames.write(tmp_path)
     with pytest.raises(typer.Exit) as left:
         replay(files, config=configuration(tmp_path), offset=0.0)

@@ -90,8 +90,8 @@ class Stop:
 
 
 def is_stop(data: bytes) -> bool:
-    """Whether an RPDO 1 carries a Controlword that takes the enable back."""
-    word = int.from_bytes(data[:2], "little")
+    """Whether an RPDO 1, whose last object it is, carries a Controlword that takes the enable back."""
+    word = int.from_bytes(data[-2:], "little")
     return any(command.matches(word) for command in _STOPS)
 
 

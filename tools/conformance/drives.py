@@ -145,7 +145,7 @@ class DriveBench(Bench):
     def command_of(self, message: can.Message) -> str:
         if message.arbitration_id != 0x200 + _NODE:
             return ""
-        return f"CW {int.from_bytes(bytes(message.data)[:2], 'little'):04X}h"
+        return f"CW {int.from_bytes(bytes(message.data)[-2:], 'little'):04X}h"
 
     # -- the PLC ------------------------------------------------------------------------------------------------------
 
