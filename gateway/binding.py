@@ -26,6 +26,7 @@ from pdgw.gateway.axis.values import Configured, FaultRead, Outputs, PresetAnswe
 from pdgw.gateway.config import AxisConfig
 from pdgw.gateway.drive_object import OWNED, DriveObject, log
 from pdgw.gateway.encoder import EncoderObject
+from pdgw.gateway.probe import ProbeReader
 from pdgw.profidrive.sensor_format import SensorFormat
 from pdgw.profidrive.sign_of_life import MONITORING_OFF
 from pdgw.profidrive.telegrams import telegram
@@ -74,6 +75,8 @@ class Axis(DriveObject):
         self._encoder: EncoderObject | None = None
         self._sensor_parameters: object = None
         self._brake: Brake = Brake.NONE
+        self._probe = ProbeReader(self.drive, self._news)
+        self._probing = False
         self._preset: SdoWrite | None = None
         self._preset_future: Future[None] | None = None
 
@@ -125,6 +128,8 @@ class Axis(DriveObject):
         if setpoints is not None:
             self.last_setpoints = setpoints
         outputs = machine.step()
+        if self._probing or outputs.probe is not None:
+            self._probing = self._probe.step(outputs.probe, now) or outputs.probe is not None
         if outputs.eventful or outputs.writes is not None or outputs.reason is not self._told_reason:
             self._serve(outputs)
             if outputs.read_fault:

@@ -1,8 +1,8 @@
 """Encoder objects: the handshake of G1_STW and G1_ZSW, the position values, STW2_ENC and ZSW2_ENC. Sans-I/O.
 
 Source: PROFIdrive encoder profile 4.1 (3.162), PROFIdrive profile 4.1 chapter 6.3.6 (sensor interface);
-docs/dsp406-encoder.md, docs/telegrams.md. Left out: reference mark search and measurement on the fly (G1_STW bits 0-7),
-which CiA 406 encoders do not have; they are answered with error 0F01h.
+docs/dsp406-encoder.md, docs/telegrams.md. Reference mark search and measurement on the fly (G1_STW bits 0-7) are in
+``measuring``; CiA 406 encoders have neither and answer them with error 0F01h.
 
 | state | G1_ZSW | entered by | left by |
 | --- | --- | --- | --- |
@@ -17,12 +17,14 @@ which CiA 406 encoders do not have; they are answered with error 0F01h.
 from __future__ import annotations
 
 import enum
+from collections.abc import Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 from types import MappingProxyType
 
 from pdgw.profidrive.datatypes import DataType, Normalisation, n2, n4
 from pdgw.profidrive.errors import ProfidriveError
+from pdgw.profidrive.measuring import Measuring, Search, Trouble
 from pdgw.profidrive.sign_of_life import SignOfLife
 from pdgw.profidrive.signals import signal
 
@@ -56,6 +58,14 @@ class SensorError(enum.IntEnum):
 
     SENSOR_GROUP = 0x0001
     """The position is wrong or missing."""
+    REFERENCE_ABORTED = 0x0004
+    """The reference mark search is not carried out by the device."""
+    NO_REFERENCE_VALUE = 0x0005
+    """There is no value of a reference mark to read."""
+    MEASUREMENT_ABORTED = 0x0006
+    """The measurement on the fly is not carried out by the device."""
+    NO_MEASURED_VALUE = 0x0007
+    """There is no measured value to read."""
     MEMORY = 0x1001
     """Offset or preset could not be stored or read."""
     COMMAND_NOT_SUPPORTED = 0x0F01
@@ -91,6 +101,17 @@ class SensorEvent(enum.Enum):
     PRESET_END = "G1_STW.12 = 0"
 
 
+_TROUBLES: MappingProxyType[tuple[Trouble, bool], SensorError] = MappingProxyType(
+    {
+        (Trouble.NOT_SUPPORTED, False): SensorError.COMMAND_NOT_SUPPORTED,
+        (Trouble.NOT_SUPPORTED, True): SensorError.COMMAND_NOT_SUPPORTED,
+        (Trouble.NO_VALUE, False): SensorError.NO_REFERENCE_VALUE,
+        (Trouble.NO_VALUE, True): SensorError.NO_MEASURED_VALUE,
+        (Trouble.REFUSED, False): SensorError.REFERENCE_ABORTED,
+        (Trouble.REFUSED, True): SensorError.MEASUREMENT_ABORTED,
+    }
+)
+"""By what is wrong, and whether it is a measurement on the fly."""
 _S, _E = SensorState, SensorEvent
 TRANSITIONS: MappingProxyType[tuple[SensorState, SensorEvent], SensorState] = MappingProxyType(
     {
@@ -164,8 +185,10 @@ class SensorInterface:
         "_position",
         "_previous",
         "_range",
+        "_refused",
         "_shift",
         "error",
+        "measuring",
         "preset_request",
         "preset_supported",
         "preset_value",
@@ -180,6 +203,9 @@ class SensorInterface:
         self.preset_request: PresetRequest | None = None
         self.state = SensorState.NORMAL
         self.error: SensorError | None = None
+        self.measuring: Measuring | None = None
+        """Of a sensor whose device can latch positions; None: commands of G1_STW are not supported."""
+        self._refused: Trouble | None = None
         self._answer: tuple[SensorEvent, SensorError | None] | None = None
         self._previous = _EVERYTHING
         self._position: int | None = None
@@ -215,6 +241,17 @@ class SensorInterface:
         """The sensor did not take the preset; ``error`` tells the PLC why."""
         self._answered(SensorEvent.FAILED, error)
 
+    def measured(self, search: Search, positions: Mapping[int, int]) -> None:
+        """The device latched positions of a search, by function (0 to 3)."""
+        if self.measuring is not None and self._last is not None:
+            last, count = self._last, self._count
+            self.measuring.found(search, {k: count + self._wrapped(v - last) for k, v in positions.items()})
+
+    def measurement_failed(self, search: Search, *, supported: bool) -> None:
+        """The device does not carry out a search, because it cannot (not ``supported``) or for another reason."""
+        if self.measuring is not None and self.measuring.wanted is search:
+            self._refused = Trouble.REFUSED if supported else Trouble.NOT_SUPPORTED
+
     def _answered(self, event: SensorEvent, error: SensorError | None) -> None:
         if self.preset_request is not None:
             self.preset_request = None
@@ -234,15 +271,29 @@ class SensorInterface:
         self._previous = _EVERYTHING if g1_stw is None else word
         if error is None and not valid and self._position is not None:
             error = SensorError.SENSOR_GROUP
-        elif error is None and word & _COMMAND:
-            error = SensorError.COMMAND_NOT_SUPPORTED
+        measuring, measured = self.measuring, 0
+        if measuring is None:
+            if error is None and word & _COMMAND:
+                error = SensorError.COMMAND_NOT_SUPPORTED
+        elif word & _COMMAND or measuring.busy:
+            measured = measuring.step(word)
+            trouble = measuring.trouble or self._refused
+            if error is None and trouble is not None:
+                error = _TROUBLES[trouble, measuring.on_the_fly]
+        self._refused = None
         self._take_events(word, edges, error, position if valid else None, now)
         if valid:
             self._follow(position, now)
         state = self.state
         status = STATUS_BITS[state]
+        if measuring is not None and state not in _MEASURING:
+            measuring.cancel()
+            measured = 0
+        status |= measured
         if state in _IN_ERROR:
             return status, self._count & 0xFFFF_FFFF, int(self.error or 0)
+        if measuring is not None and measuring.value is not None:
+            return status, self._count & 0xFFFF_FFFF, measuring.value & 0xFFFF_FFFF
         if state in _MEASURING and word & _ABSOLUTE and valid:
             return status | _ABSOLUTE_VALID, self._count & 0xFFFF_FFFF, position & 0xFFFF_FFFF
         return status, self._count & 0xFFFF_FFFF, 0

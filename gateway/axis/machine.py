@@ -31,6 +31,7 @@ from pdgw.gateway.axis.values import (
     NodeNotice,
     Outputs,
     PresetAnswer,
+    ProbeAnswer,
     SdoAnswer,
     gateway_fault,
 )
@@ -78,6 +79,7 @@ class AxisMachine:
         self._own_sensor = DriveSensor(feedback)
         if self.sensor is not None:
             self.sensor.channel.set_references(DriveSensor.references)
+            self.sensor.measure(possible=True)
         self._node = NodeWatch(self.outputs, {})
         self.notes.heat = self._node.heat
         self._drive = DriveWatch(self.outputs)
@@ -110,6 +112,7 @@ class AxisMachine:
     def set_sensor_references(self, references: EncoderReferences | None) -> None:
         """What gives the position of an external G1 its meaning; ProfidriveError for a range no sensor has."""
         if self.sensor is not None:
+            self.sensor.measure(possible=False)
             self.sensor.channel.set_references(references)
 
     def tolerate(self, failures: int) -> None:
@@ -177,6 +180,8 @@ class AxisMachine:
             reason = Reason.NO_CONTROL
         if self.sensor is not None:
             self._step_sensor(self.sensor)
+        else:
+            outputs.probe = notes.probe
         if self.shows_codes:
             report.fault_code, report.warning_code = inputs.fault_code, inputs.warning_code
         self.adapter.write(report, outputs.actuals)
@@ -248,6 +253,7 @@ class AxisMachine:
         else:
             self.report.sensor = sensor.step(word, inputs.sensor, inputs.sensor_ok, inputs.now, error)
         self.outputs.preset = sensor.preset
+        self.outputs.probe = sensor.probe
 
     # -- what happened meanwhile --------------------------------------------------------------------------------------
 
@@ -268,6 +274,11 @@ class AxisMachine:
             elif isinstance(item, PresetAnswer):
                 if self.sensor is not None:
                     self.sensor.answered(item)
+            elif isinstance(item, ProbeAnswer):
+                if self.sensor is not None:
+                    self.sensor.probed(item)
+                else:
+                    self.executor.probed(item)
             elif isinstance(item, FaultRead):
                 self._drive.fault_read(item, inputs.feedback, inputs.now)
                 self._node.told(item.code)

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import enum
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -89,7 +89,27 @@ class FaultRead:
     code: int
 
 
-News = NodeNotice | RestartAsked | Configured | SdoAnswer | PresetAnswer | FaultRead
+@dataclass(frozen=True, slots=True, eq=False)
+class ProbeWish:
+    """Positions to be latched by the drive's touch probe. ``edges``: 0 to 3 as ``dsp402.touch_probe`` counts them."""
+
+    edges: tuple[int, ...]
+    zero_pulse: bool = False
+    """At the zero pulse of the encoder instead of the first probe."""
+
+
+@dataclass(frozen=True, slots=True)
+class ProbeAnswer:
+    """What became of a ``ProbeWish``; an answer to a withdrawn one counts for nothing. ``positions``: by edge."""
+
+    wish: ProbeWish
+    positions: Mapping[int, int]
+    error: str | None = None
+    supported: bool = True
+    """False: the drive has no touch probe."""
+
+
+News = NodeNotice | RestartAsked | Configured | SdoAnswer | PresetAnswer | FaultRead | ProbeAnswer
 
 
 @dataclass(frozen=True, slots=True)
@@ -199,6 +219,7 @@ class Outputs:
         "good",
         "known_off",
         "preset",
+        "probe",
         "read_fault",
         "reason",
         "released",
@@ -240,6 +261,8 @@ class Outputs:
         """Values the device has to take; they stand until an ``SdoAnswer``, or until they are withdrawn or replaced."""
         self.preset: SdoWrite | None = None
         """A preset the encoder that is G1 has to take; another object for each."""
+        self.probe: ProbeWish | None = None
+        """Positions the drive has to latch; another object for each wish."""
         self.read_fault = False
         """The fault number of the drive has to be read from it (``FaultRead``)."""
         self.saturations = 0

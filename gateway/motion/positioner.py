@@ -360,6 +360,9 @@ class Positioner:
             self._probing = self.settings.probe
             if not self.settings.probe:
                 self._warn(Reason.PASSIVE_HOMING_NOT_SUPPORTED)
+        elif self._probing and seen.probe_refused:
+            self._probing = False
+            self._warn(Reason.PASSIVE_HOMING_NOT_SUPPORTED)
         elif self._probing and seen.probe is not None:
             self._probing = False
             self._refer(seen.probe)

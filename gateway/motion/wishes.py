@@ -33,6 +33,10 @@ class Asked:
     jog_incremental: bool = False
     homing: bool = False
     passive_homing: bool = False
+    probe_2: bool = False
+    """Passive homing at probe 2 instead of 1,"""
+    probe_falling: bool = False
+    """and at its falling edge."""
     set_reference_point: bool = False
     tracking: bool = False
     external_block_change: bool = False
@@ -86,6 +90,8 @@ class Seen:
     torque_at_limit: bool = False
     probe: int | None = None
     """Position at the edge of the armed probe."""
+    probe_refused: bool = False
+    """The drive does not carry out the probe that was armed."""
 
 
 class MotionKind(enum.Enum):
@@ -191,4 +197,4 @@ class PositionerSettings:
     waiting_setpoints: bool = True
     """The drive keeps a set-point for after the one that runs (set of set-points)."""
     probe: bool = False
-    """The drive has a touch probe (60B8h)."""
+    """The drive may have a touch probe (60B8h)."""

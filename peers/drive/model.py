@@ -22,6 +22,7 @@ from pdgw.peers.drive.family import DRIVE_FAULTS
 from pdgw.peers.drive.machine import ROTARY, Machine
 from pdgw.peers.drive.modes import COAST_DECELERATION, MODES
 from pdgw.peers.drive.motion import TICK, Ramp, increments_per_second
+from pdgw.peers.drive.probe import TouchProbe
 from pdgw.peers.drive.shapes import ENGEL, Shape
 
 MS = 1_000_000
@@ -82,6 +83,7 @@ class DriveModel:
         self.limited = False
         """Something inside the drive keeps it from what is asked (Statusword.11)."""
         self.causes: set[int] = set()
+        self.probe = TouchProbe(self)
         self._time = -1
         self._without_sync = 0
         """Ticks since the last SYNC."""
@@ -131,6 +133,8 @@ class DriveModel:
     error_code: int
     emcy_code: int
     homing_method: int
+    touch_probe_function: int
+    touch_probe_status: int
 
     # -- units --------------------------------------------------------------------------------------------------------
 
@@ -341,6 +345,7 @@ class DriveModel:
         if self._inputs_at(position) != self.digital_inputs or not self.machine.within_stops(position):
             self._even = False
             return self._watched_tick()
+        self.probe.turned(self.machine_position, position)
         self.machine_position = position
         return ticks
 
@@ -380,6 +385,7 @@ class DriveModel:
         if not self.machine.within_stops(position):
             position = min(max(position, self.machine.negative_stop), self.machine.positive_stop)
             self.ramp.set(0.0)
+        self.probe.turned(self.machine_position, position)
         self.machine_position = position
         self.digital_inputs = self._inputs_at(position)
 

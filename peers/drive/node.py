@@ -10,6 +10,7 @@ from pdgw.ds301.nmt import NmtState
 from pdgw.ds301.objects import Entry
 from pdgw.ds301.pdo import Pdo
 from pdgw.ds301.port import CanPort
+from pdgw.dsp402 import touch_probe
 from pdgw.peers.drive.machine import Machine
 from pdgw.peers.drive.misbehaviour import DRIVE_MISBEHAVIOURS
 from pdgw.peers.drive.model import MS, DriveModel
@@ -86,6 +87,9 @@ class SimulatedDriveNode(SimulatedNode):
             setattr(self.model, entry.attribute, value)
             self.model.command()
             self.send_emergencies(self.model.emcy)
+        elif entry.index == touch_probe.FUNCTION:
+            self.model.touch_probe_function = int(value)
+            self.model.probe.command()
 
     def on_nmt(self, state: NmtState) -> None:
         if state is not NmtState.OPERATIONAL:
@@ -168,6 +172,10 @@ class SimulatedDrive(RunningNode[SimulatedDriveNode]):
     def clear(self) -> None:
         """Remove the causes of all faults."""
         self.do(lambda node: node.model.clear())
+
+    def set_probe(self, probe: int, on: bool) -> None:
+        """Touch probe 1 or 2 is deflected, or let go."""
+        self.do(lambda node: node.model.probe.set_input(probe, on))
 
     def set_enable_input(self, on: bool) -> None:
         """Digital input DI1."""

@@ -22,11 +22,13 @@ from pdgw.ds301.eds import DeviceInfo
 from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.objects import Access, CanType, Entry, ObjectSpec, array, var
 from pdgw.ds301.pdo import Pdo, PdoDirection
+from pdgw.dsp402 import touch_probe
 from pdgw.dsp402.device import DEVICE_TYPE, INFO, REVISION, drive_objects
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.dsp402.pdo import pdo
 from pdgw.peers.drive.motion import INCREMENTS_PER_REVOLUTION
+from pdgw.peers.drive.probe import POSITIONS
 
 GUARD_TIME, LIFE_TIME_FACTOR = 0x100C, 0x100D
 _I16, _I32, _U8, _U16, _U32 = CanType.I16, CanType.I32, CanType.U8, CanType.U16, CanType.U32
@@ -194,11 +196,20 @@ _VL_OBJECTS = (
 )
 
 ENGEL = Shape("engel", "the ENGEL-like drive: half rpm by 6094h, five PDOs, modes -5 to 6")
+_TOUCH_PROBE = (
+    var(touch_probe.FUNCTION, "Touch probe function", _U16, _RW, pdo=True, default=0, attribute="touch_probe_function"),
+    var(touch_probe.STATUS, "Touch probe status", _U16, _RO, pdo=True, default=0, attribute="touch_probe_status"),
+    *(
+        var(index, f"Touch probe position {edge}", _I32, _RO, pdo=True, default=0, attribute=attribute)
+        for edge, (index, attribute) in enumerate(zip(touch_probe.POSITIONS, POSITIONS, strict=True), 1)
+    ),
+)
 SYNCHRONOUS = Shape(
     "synchronous",
-    "the ENGEL-like drive with cyclic synchronous position, velocity and torque",
+    "the ENGEL-like drive with cyclic synchronous position, velocity and torque, and a touch probe",
     modes=_ENGEL_MODES | {Mode.CYCLIC_POSITION.value, Mode.CYCLIC_VELOCITY.value, Mode.CYCLIC_TORQUE.value},
     has=(
+        *_TOUCH_PROBE,
         var(SYNC_PERIOD, "Communication cycle period", _U32, _RW, default=0, unit="us"),
         var(0x6502, "Supported drive modes", _U32, _RO, default=_PROFILE_MODES | 1 << 7 | 1 << 8 | 1 << 9),
     ),

@@ -17,7 +17,7 @@ from pdgw.gateway.config import AxisConfig, EncoderConfig, GatewayConfig
 from pdgw.gateway.config_surroundings import CanConfig
 from pdgw.gateway.errors import GatewayError
 from pdgw.peers.drive import ENGEL
-from pdgw.peers.drive.shapes import SYNCHRONOUS
+from pdgw.peers.drive.shapes import SYNCHRONOUS, Shape
 from pdgw.peers.simulation.config import DeviceConfig
 from pdgw.peers.simulation.devices import Simulation
 from pdgw.profidrive.telegrams import ApplicationMode, telegram
@@ -31,12 +31,18 @@ def simulated_devices(config: GatewayConfig, bus: CanConfig) -> list[DeviceConfi
             node_id=axis.node_id,
             serial_number=axis.do_id,
             axis=_axis_of(axis),
-            like=ENGEL.name if axis.dsc is None else SYNCHRONOUS.name,
+            like=_kind_of(axis).name,
         )
         for axis in config.axis
         if axis.simulate and config.bus_of(axis).name == bus.name
     ]
     return devices + [_encoder(items) for items in config.encoders_of(bus).values() if items[0].simulate]
+
+
+def _kind_of(axis: AxisConfig) -> Shape:
+    """With cyclic synchronous modes and a touch probe where something may ask for them."""
+    wanted = axis.dsc is not None or axis.positioner is not None or "G1_STW" in telegram(axis.telegram).setpoints.names
+    return SYNCHRONOUS if wanted else ENGEL
 
 
 def _axis_of(axis: AxisConfig) -> Literal["rotary", "linear"]:

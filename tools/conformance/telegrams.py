@@ -151,9 +151,9 @@ CASES: tuple[Case, ...] = (
         *(_see(XIST_A=5000, ZSW1__TARGET_REACHED=1), {"hold": "500 ms"}, _see(XIST_A=5000)),
     ),
     _case(
-        *(111, "POS_STW2.PASSIVE_HOMING", "drive without a touch probe"),
+        *(111, "POS_STW2.PASSIVE_HOMING", "probe armed"),
         {"set": {"POS_STW2.PASSIVE_HOMING": 1, "STW1.START_HOMING": 1}},
-        _see(ZSW1__WARNING=1, ZSW1__HOME_POSITION_SET=0),
+        _see(POS_ZSW1__PASSIVE_HOMING=1, ZSW1__HOME_POSITION_SET=0),
     ),
     _case(
         111,

@@ -54,6 +54,8 @@ _2_TRACKING = _POS_STW2.bit("TRACKING").mask
 _2_SET_REFERENCE = _POS_STW2.bit("SET_REFERENCE_POINT").mask
 _2_INCREMENTAL = _POS_STW2.bit("JOG_INCREMENTAL").mask
 _2_PASSIVE = _POS_STW2.bit("PASSIVE_HOMING").mask
+_2_PROBE_2 = _POS_STW2.bit("PROBE_2").mask
+_2_FALLING = _POS_STW2.bit("PROBE_FALLING_EDGE").mask
 _2_SOFTWARE = _POS_STW2.bit("SOFTWARE_LIMITS").mask
 _2_HARDWARE = _POS_STW2.bit("HARDWARE_LIMITS").mask
 
@@ -169,6 +171,8 @@ class PositionerAdapter(ControlWordAdapter):
         asked.set_reference_point = second & _2_SET_REFERENCE != 0
         asked.jog_incremental = second & _2_INCREMENTAL != 0
         asked.passive_homing = second & _2_PASSIVE != 0
+        asked.probe_2 = second & _2_PROBE_2 != 0
+        asked.probe_falling = second & _2_FALLING != 0
         asked.software_limits = second & _2_SOFTWARE != 0
         asked.hardware_limits = second & _2_HARDWARE != 0
 

@@ -14,7 +14,7 @@ from pdgw.dsp402.images import DriveCommand, DriveFeedback
 from pdgw.dsp402.states import StatusBit
 from pdgw.gateway.axis.power_table import Action
 from pdgw.gateway.axis.settings import AxisSettings
-from pdgw.gateway.axis.values import SdoWrite
+from pdgw.gateway.axis.values import ProbeAnswer, ProbeWish, SdoWrite
 from pdgw.gateway.axis.waist import Demand, Report
 from pdgw.gateway.reasons import FaultNumber, Reason
 from pdgw.profidrive.datatypes import Normalisation
@@ -41,7 +41,7 @@ class Heat:
 class Notes:
     """What an executor has to tell beside the report; read by the machine after each step. ``heat`` is what it has to know."""
 
-    __slots__ = ("faults", "heat", "reason", "saturations", "warning", "writes")
+    __slots__ = ("faults", "heat", "probe", "reason", "saturations", "warning", "writes")
 
     def __init__(self) -> None:
         self.warning = False
@@ -51,6 +51,8 @@ class Notes:
         """New faults and warnings with their details."""
         self.saturations = 0
         self.heat = Heat()
+        self.probe: ProbeWish | None = None
+        """Positions the drive has to latch."""
         self.writes: tuple[SdoWrite, ...] | None = None
         """SDO writes that are wanted, until they are answered, withdrawn or replaced."""
 
@@ -97,6 +99,9 @@ class Executor:
 
     def sdo_done(self, error: str | None) -> None:
         """The writes of the notes are done (None) or failed (the reason)."""
+
+    def probed(self, answer: ProbeAnswer) -> None:
+        """What became of the probe of the notes."""
 
     def step(
         self,

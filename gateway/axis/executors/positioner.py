@@ -2,7 +2,7 @@
 
 Source: docs/motion.md, docs/translation.md. Each set-point is given once: CW.4 rises with its data and falls when the drive has
 acknowledged it (SW.12), whatever STW1.6 does. The mode changes at standstill only and never with Halt. Left out: modulo axes,
-touch probes, torque limits.
+torque limits.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from pdgw.gateway.axis.executors.mode import ModeSwitch
 from pdgw.gateway.axis.executors.torque import message_of
 from pdgw.gateway.axis.power_table import Action
 from pdgw.gateway.axis.settings import AxisSettings
+from pdgw.gateway.axis.values import ProbeAnswer, ProbeWish
 from pdgw.gateway.axis.waist import STATE_MASK, Demand, Flag, Report
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.motion.blocks import BlockTable
@@ -118,6 +119,25 @@ class PositionerExecutor(Executor):
     def sdo_done(self, error: str | None) -> None:
         self.homing.answered(error)
 
+    def probed(self, answer: ProbeAnswer) -> None:
+        units = self._units
+        if answer.wish is not self.notes.probe or units is None:
+            return
+        if answer.error is not None:
+            self._seen.probe_refused = True
+        for position in answer.positions.values():
+            self._seen.probe = units.to_length(position)
+
+    def _probe(self, asked: Asked) -> None:
+        """Arm the probe of passive homing, and take it back."""
+        notes, seen = self.notes, self._seen
+        if self.positioner.outcome.probe is (notes.probe is not None):
+            return
+        seen.probe = None
+        seen.probe_refused = False
+        armed = self.positioner.outcome.probe
+        notes.probe = ProbeWish((2 * asked.probe_2 + asked.probe_falling,)) if armed else None
+
     def _stop(self) -> None:
         """Not in operation: nothing that was given goes on, and what was not given never is."""
         self._setpoint_bit = False
@@ -146,6 +166,7 @@ class PositionerExecutor(Executor):
         asked.operating = action is Action.ENABLE_OPERATION and state is State.OPERATION_ENABLED
         self._look(units, feedback, standstill)
         outcome = self.positioner.step(asked, self._seen, now)
+        self._probe(asked)
         extra = 0
         if asked.operating:
             notes.forget()
@@ -340,4 +361,5 @@ def _settings(choices: PositionerChoices) -> PositionerSettings:
         choices.software_limits,
         choices.reference_coordinate,
         waiting_setpoints=choices.waiting_setpoints,
+        probe=True,
     )

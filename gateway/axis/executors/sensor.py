@@ -15,7 +15,7 @@ from pdgw.dsp402.images import DriveFeedback
 from pdgw.dsp406.faults import MEMORY_ERROR
 from pdgw.dsp406.images import EncoderParameters
 from pdgw.dsp406.objects import PRESET, PRESET_MULTI_SENSOR
-from pdgw.gateway.axis.values import EncoderInput, PresetAnswer, SdoWrite
+from pdgw.gateway.axis.values import EncoderInput, PresetAnswer, ProbeAnswer, ProbeWish, SdoWrite
 from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.encoder import (
     STATUS_BITS,
@@ -25,6 +25,7 @@ from pdgw.profidrive.encoder import (
     SensorState,
     rotary_speed_reference,
 )
+from pdgw.profidrive.measuring import FUNCTIONS, Measuring, Search
 
 SPEED_LIMITS = DataType.INTEGER16.integer_range
 """6030h stops here; at a limit it says only that the speed is not below."""
@@ -188,6 +189,32 @@ class SensorWords:
 
     def __init__(self) -> None:
         self.channel = SensorChannel()
+        self.probe: ProbeWish | None = None
+        """What the drive's touch probe has to latch; another object for each wish."""
+        self._search: Search | None = None
+
+    def measure(self, *, possible: bool) -> None:
+        """Whether the sensor is the drive's own, which may latch positions."""
+        self.channel.sensor.measuring = Measuring() if possible else None
+
+    def probed(self, answer: ProbeAnswer) -> None:
+        """An answer to a wish that is withdrawn counts for nothing."""
+        sensor, search = self.channel.sensor, self._search
+        if answer.wish is not self.probe or search is None:
+            return
+        if answer.error is None:
+            sensor.measured(search, answer.positions)
+        else:
+            sensor.measurement_failed(search, supported=answer.supported)
+
+    def _look_for_search(self, measuring: Measuring) -> None:
+        search = measuring.wanted
+        if search is not self._search:
+            self._search = search
+            self.probe = None
+            if search is not None:
+                edges = tuple(edge for edge in range(FUNCTIONS) if search.functions >> edge & 1)
+                self.probe = ProbeWish(edges, zero_pulse=not search.on_the_fly)
 
     @property
     def preset(self) -> SdoWrite | None:
@@ -210,6 +237,9 @@ class SensorWords:
         """One cycle; returns G1_ZSW, G1_XIST1, G1_XIST2."""
         channel = self.channel
         values = channel.step(word, source, ok, now, error)
+        measuring = channel.sensor.measuring
+        if measuring is not None:
+            self._look_for_search(measuring)
         if not channel.valid and channel.sensor.state is SensorState.NORMAL:
             # There was no position yet, but the drive's IOPS may be good: not latched, it ends with the first position.
             return STATUS_BITS[SensorState.ERROR], values[1], SensorError.SENSOR_GROUP

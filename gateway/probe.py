@@ -1,0 +1,86 @@
+"""The touch probe of a drive, by SDO: arm it, look at it now and then, read what it latched (``Outputs.probe``).
+
+The drive latches the position itself, so that nothing depends on when it is read. Source: CiA 402-2, 60B8h to 60BDh.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from concurrent.futures import Future
+from typing import Final
+
+from canopen.sdo import SdoAbortedError, SdoCommunicationError
+
+from pdgw.ds301.aborts import Abort, abort_text
+from pdgw.ds301.errors import CanopenError
+from pdgw.ds301.loop import MS
+from pdgw.dsp402 import touch_probe
+from pdgw.dsp402.drive import DriveClient
+from pdgw.gateway.axis.values import News, ProbeAnswer, ProbeWish
+
+_LOOK_NS: Final = 20 * MS
+_FUNCTION_BYTES = 2
+_NOT_THERE = (Abort.NO_SUCH_OBJECT, Abort.NO_SUCH_SUBINDEX)
+
+
+class ProbeReader:
+    """Carries out the wishes of one axis; answers go to ``news``."""
+
+    def __init__(self, drive: DriveClient, news: deque[News]) -> None:
+        self._drive = drive
+        self._news = news
+        self._wish: ProbeWish | None = None
+        self._job: Future[None] | None = None
+        self._due = 0
+        self._ended = True
+        """There is nothing to look for: answered, or no wish."""
+
+    def step(self, wish: ProbeWish | None, now: int) -> bool:
+        """One cycle; a wish that is another object than the last is a new one. False: there is nothing to do without a wish."""
+        if self._job is not None:
+            if not self._job.done():
+                return True
+            error, self._job = self._job.exception(), None
+            if error is not None:
+                self._failed(error)
+        if wish is not self._wish:
+            armed = self._wish is not None
+            self._wish, self._ended = wish, wish is None
+            if wish is not None or armed:
+                function = touch_probe.function(wish.edges, zero_pulse=wish.zero_pulse) if wish is not None else 0
+                self._job = self._drive.submit(lambda drive: _arm(drive, function))
+                self._due = now + _LOOK_NS
+        elif wish is not None and not self._ended and now >= self._due:
+            self._due = now + _LOOK_NS
+            self._job = self._drive.submit(lambda drive: self._look(drive, wish))
+        return self._job is not None
+
+    def _look(self, drive: DriveClient, wish: ProbeWish) -> None:
+        status = drive.read_number(touch_probe.STATUS)
+        stored = [edge for edge in wish.edges if status & touch_probe.stored_bit(edge)]
+        if stored:
+            self._ended = True
+            read = {edge: drive.read_number(touch_probe.POSITIONS[edge], signed=True) for edge in stored}
+            self._news.append(ProbeAnswer(wish, read))
+        elif not touch_probe.enabled_bits(status):
+            self._ended = True
+            self._news.append(ProbeAnswer(wish, {}, f"60B9h = {status:04X}h: the drive has dropped it"))
+
+    def _failed(self, error: BaseException) -> None:
+        wish, self._ended = self._wish, True
+        if wish is None:
+            return  # a probe that cannot be taken back: nobody waits for it
+        if isinstance(error, SdoAbortedError):
+            supported = error.code not in _NOT_THERE
+            self._news.append(ProbeAnswer(wish, {}, abort_text(error.code), supported))
+        elif isinstance(error, SdoCommunicationError | CanopenError):
+            self._news.append(ProbeAnswer(wish, {}, str(error)))
+        else:
+            raise error
+
+
+def _arm(drive: DriveClient, function: int) -> None:
+    """Off first: what was stored before is gone then."""
+    drive.write(touch_probe.FUNCTION, 0, bytes(_FUNCTION_BYTES))
+    if function:
+        drive.write(touch_probe.FUNCTION, 0, function.to_bytes(_FUNCTION_BYTES, "little"))

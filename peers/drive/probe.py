@@ -1,0 +1,65 @@
+"""The touch probe of the simulated drive: 60B8h to 60BDh, with two inputs and the zero pulse of each revolution.
+
+Source: CiA 402-2. Only the first event after arming is latched. A zero pulse is passed where the machine's position is a multiple
+of a revolution.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from pdgw.dsp402 import touch_probe
+from pdgw.peers.drive.motion import INCREMENTS_PER_REVOLUTION
+
+if TYPE_CHECKING:
+    from pdgw.peers.drive.model import DriveModel
+
+POSITIONS = ("touch_probe_1_rising", "touch_probe_1_falling", "touch_probe_2_rising", "touch_probe_2_falling")
+"""Attributes of the image, by edge."""
+
+
+class TouchProbe:
+    """One drive's; the image has its objects where the shape does."""
+
+    def __init__(self, drive: DriveModel) -> None:
+        self._drive = drive
+        self._armed = 0
+        self._inputs = [False, False]
+
+    def command(self) -> None:
+        """60B8h was written: what it enables anew is stored anew."""
+        drive = self._drive
+        function = drive.touch_probe_function
+        kept = 0
+        for edge in range(touch_probe.EDGES):
+            if touch_probe.waits_for(function, edge) and touch_probe.waits_for(self._armed, edge):
+                kept |= drive.touch_probe_status & touch_probe.stored_bit(edge)
+        self._armed = function
+        drive.touch_probe_status = touch_probe.enabled_bits(function) | kept
+
+    def set_input(self, probe: int, on: bool) -> None:
+        """Probe 1 or 2 is deflected, or let go."""
+        before, self._inputs[probe - 1] = self._inputs[probe - 1], on
+        if on is not before and not (probe == 1 and touch_probe.at_zero_pulse(self._armed)):
+            self._latch(2 * (probe - 1) + (not on), self._drive.position)
+
+    def turned(self, before: float, after: float) -> None:
+        """The machine went from a position to another (increments)."""
+        if not touch_probe.at_zero_pulse(self._armed) or before == after:
+            return
+        passed = math.floor(after / INCREMENTS_PER_REVOLUTION)
+        if after < before:
+            passed = math.floor(before / INCREMENTS_PER_REVOLUTION)
+            if passed * INCREMENTS_PER_REVOLUTION == before:
+                passed -= 1
+        pulse = passed * INCREMENTS_PER_REVOLUTION
+        if min(before, after) <= pulse <= max(before, after) and pulse != before:
+            self._latch(0, pulse - self._drive.zero)
+
+    def _latch(self, edge: int, position: float) -> None:
+        drive = self._drive
+        stored = touch_probe.stored_bit(edge)
+        if touch_probe.waits_for(self._armed, edge) and not drive.touch_probe_status & stored:
+            drive.touch_probe_status |= stored
+            setattr(drive, POSITIONS[edge], round(position))
