@@ -56,6 +56,8 @@ class CanNetwork:
     def __init__(self, loop: Loop, opener: Opener, name: str = "can") -> None:
         self.loop = loop
         self.name = name
+        self._told = {"event": "bus", "bus": name}
+        """For who collects the log."""
         self.canopen = _AcyclicNetwork(self)
         self.sent = 0
         self.received = 0
@@ -197,7 +199,7 @@ class CanNetwork:
         if bus_off:
             self.bus_off += 1
             if self.healthy:
-                log.error("CAN bus %s: bus-off", self.name)
+                log.error("CAN bus %s: bus-off", self.name, extra=self._told)
             self.healthy = False
 
     def on_lost(self, text: str) -> None:
@@ -205,7 +207,8 @@ class CanNetwork:
         self._port = None
         self.lost += 1
         if self.healthy:
-            log.error("CAN bus %s: interface lost (%s); it is opened again when it is back", self.name, text)
+            text = f"interface lost ({text}); it is opened again when it is back"
+            log.error("CAN bus %s: %s", self.name, text, extra=self._told)
         self.healthy = False
         self._pause = _FIRST_PAUSE_NS
         self._try_later()
@@ -222,7 +225,7 @@ class CanNetwork:
             log.debug("CAN bus %s: %s", self.name, error)
             self._try_later()
             return
-        log.info("CAN bus %s: interface opened again", self.name)
+        log.info("CAN bus %s: interface opened again", self.name, extra=self._told)
         self._port.start(self)
 
     def on_refused(self) -> None:

@@ -352,7 +352,8 @@ class Daemon:
     def _cycle(self, now: int, *, accepted: bool) -> None:
         link = self.link
         if link.poll(now):
-            log.error("PLC lost: no valid frame for %d cycles", self.config.transport.watchdog_factor)
+            cycles = self.config.transport.watchdog_factor
+            log.error("PLC lost: no valid frame for %d cycles", cycles, extra={"event": "plc"})
             for item in self.objects:
                 item.raise_fault(FaultNumber.PLC_LOST, "watchdog expired", now)
         actuals, good, released = self._answer

@@ -192,13 +192,14 @@ class DriveObject(abc.ABC):
         reason = outputs.reason
         if reason is not self._told_reason:
             self._told_reason = reason
-            log.info("%s %d: %s", self.kind, self.do_id, reason.value if reason else "obeys the PLC")
+            text = reason.value if reason else "obeys the PLC"
+            log.info("%s %d: %s", self.kind, self.do_id, text, extra={"event": "reason", "do": self.do_id})
 
     def _tell(self, outputs: Outputs) -> None:
         for record in outputs.faults:
             self._record(record)
         for text in outputs.told:
-            log.info("%s %d: %s", self.kind, self.do_id, text)
+            log.info("%s %d: %s", self.kind, self.do_id, text, extra={"event": "node", "do": self.do_id})
         if outputs.acknowledged:
             self.fault_log.acknowledge()
         if outputs.emergency_over:
@@ -236,6 +237,7 @@ class DriveObject(abc.ABC):
             record.number,
             record.code,
             record.text,
+            extra={"event": "warning" if record.is_warning else "fault", "do": self.do_id, "fault": int(record.number)},
         )
 
     def on_node_event(self, event: NodeEvent) -> None:

@@ -172,7 +172,7 @@ class UdpLink:
         if taken > 1:
             self.skipped += taken - 1
         if endpoint.connected and not self._filtered and endpoint.peer is not None:
-            log.info("PLC %s:%d connected", *endpoint.peer)
+            log.info("PLC %s:%d connected", *endpoint.peer, extra={"event": "plc"})
             # A stranger's flood ends in the kernel.
             self._listen_to(endpoint.peer)
         return taken > 0

@@ -13,6 +13,7 @@ import queue
 import select
 import sys
 import threading
+import time
 from collections.abc import Callable
 from enum import StrEnum
 from pathlib import Path
@@ -24,11 +25,14 @@ from rich.logging import RichHandler
 from pdgw.ds301.counters import Counters
 from pdgw.gateway.errors import GatewayError
 from pdgw.tools.background import END_S, BackgroundWriter
+from pdgw.tools.log_format import Bundle, LogFormat, formatter
 
 log = logging.getLogger("gateway")
 
 _LINES = 10_000
 """Log records that may wait."""
+_LOOK_S = 1.0
+"""So often the bundle of repeated lines is looked at while nothing comes."""
 _PATIENCE_MS = 1000
 _LONGEST_LINE = 2000
 """Of a log on standard error: a pipe that has room takes so much at once."""
@@ -58,7 +62,28 @@ class _ToQueue(logging.handlers.QueueHandler):
 
 
 class _FromQueue(logging.handlers.QueueListener):
-    """Its end waits for a limited time."""
+    """Bundles lines that repeat themselves; its end waits for a limited time."""
+
+    def __init__(self, records: queue.Queue[logging.LogRecord], handler: logging.Handler) -> None:
+        super().__init__(records, handler)
+        self._records = records
+        self._bundle = Bundle()
+
+    def dequeue(self, block: bool) -> logging.LogRecord:
+        while True:
+            try:
+                return self._records.get(block, timeout=_LOOK_S)
+            except queue.Empty:
+                if not block:
+                    raise
+                self._write(self._bundle.due(time.time()))
+
+    def handle(self, record: logging.LogRecord) -> None:
+        self._write(self._bundle.take(record))
+
+    def _write(self, records: list[logging.LogRecord]) -> None:
+        for record in records:
+            super().handle(record)
 
     def stop(self) -> None:
         thread: threading.Thread | None = self._thread
@@ -70,6 +95,8 @@ class _FromQueue(logging.handlers.QueueListener):
             return  # nothing is taken any more: the thread ends with the process
         thread.join(END_S)
         self._thread = None
+        if not thread.is_alive():
+            self._write(self._bundle.flush())
 
 
 class _Taken(logging.Filter):
@@ -96,10 +123,10 @@ class _Taken(logging.Filter):
 class RunLog:
     """The gateway's log on standard error (coloured on a terminal) or in a file; other libraries only warn."""
 
-    def __init__(self, level: LogLevel, file: Path | None) -> None:
+    def __init__(self, level: LogLevel, file: Path | None, log_format: LogFormat = LogFormat.AUTO) -> None:
         self._failed = 0
         self._taken: _Taken | None = None
-        self._handler = self._open(file)
+        self._handler = self._open(file, log_format)
         records: queue.Queue[logging.LogRecord] = queue.Queue(_LINES)
         self._listener = _FromQueue(records, self._handler)
         self._to_listener = _ToQueue(records)
@@ -110,19 +137,19 @@ class RunLog:
         log.setLevel(level.value.upper())
         self._listener.start()
 
-    def _open(self, file: Path | None) -> logging.Handler:
+    def _open(self, file: Path | None, log_format: LogFormat) -> logging.Handler:
         handler: logging.Handler
         if file is not None:
             try:
-                handler = logging.FileHandler(file, encoding="utf-8")
+                handler = logging.handlers.WatchedFileHandler(file, encoding="utf-8")
             except OSError as error:
                 raise _unwritable("--log-file", file, error) from error
-        elif sys.stderr.isatty():
-            handler = RichHandler(console=Console(stderr=True), show_path=False, log_time_format="%H:%M:%S.%f")
+        elif sys.stderr.isatty() and log_format is LogFormat.AUTO:
+            handler = RichHandler(console=Console(stderr=True), show_path=False, log_time_format="%m-%d %H:%M:%S.%f")
         else:
             handler = logging.StreamHandler()
         if not isinstance(handler, RichHandler):
-            handler.setFormatter(logging.Formatter("%(asctime)s.%(msecs)03d %(levelname)-7s %(message)s", "%H:%M:%S"))
+            handler.setFormatter(formatter(log_format, to_file=file is not None))
         if file is None and hasattr(select, "poll"):
             self._taken = _Taken(sys.stderr.fileno())
             handler.addFilter(self._taken)

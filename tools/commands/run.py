@@ -29,6 +29,7 @@ from pdgw.gateway.trace.place import prepared, run_directory
 from pdgw.gateway.trace.recorder import FlightRecorder
 from pdgw.gateway.transport.acyclic import record_service
 from pdgw.tools.beside import devices_beside, keeper_beside, page_beside
+from pdgw.tools.log_format import LogFormat
 from pdgw.tools.run_log import CanRecorder, LogLevel, RunLog, on_signals
 
 log = logging.getLogger("gateway")
@@ -109,6 +110,9 @@ def run(
     ] = False,
     log_level: Annotated[LogLevel, typer.Option(help="What is logged.")] = LogLevel.INFO,
     log_file: Annotated[Path | None, typer.Option(help="Log here instead of standard error.")] = None,
+    log_format: Annotated[
+        LogFormat, typer.Option(help="Text with dates, JSON, or as the journal wants it where standard error is one.")
+    ] = LogFormat.AUTO,
 ) -> None:
     """Run the gateway until SIGINT, SIGTERM or SIGQUIT; the drives are stopped and disabled first.
 
@@ -132,7 +136,7 @@ def run(
     with ExitStack() as at_end:
         keep = at_end.enter_context(keeper_beside(chosen.trace))
         refused = realtime.apply(chosen.realtime)
-        run_log = RunLog(log_level, log_file)
+        run_log = RunLog(log_level, log_file, log_format)
         at_end.callback(run_log.stop)
         for text in refused:
             log.warning("%s", text)

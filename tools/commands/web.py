@@ -18,6 +18,7 @@ from pdgw.gateway.config_file import load_config
 from pdgw.gateway.config_web import WebConfig
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.explain import problems
+from pdgw.tools.log_format import LogFormat
 from pdgw.tools.parameters.page import PageParameters
 from pdgw.tools.run_log import LogLevel, RunLog
 from pdgw.tools.trace_file import captured
@@ -33,6 +34,9 @@ def web(
     listen: Annotated[str | None, typer.Option(help="ADDRESS:PORT of the page, instead of [web] listen.")] = None,
     log_level: Annotated[LogLevel, typer.Option(help="What is logged.")] = LogLevel.INFO,
     log_file: Annotated[Path | None, typer.Option(help="Log here instead of standard error.")] = None,
+    log_format: Annotated[
+        LogFormat, typer.Option(help="Text with dates, JSON, or as the journal wants it where standard error is one.")
+    ] = LogFormat.AUTO,
     attached: Annotated[
         bool, typer.Option("--attached", hidden=True, help="End with standard input: with the process that started it.")
     ] = False,
@@ -47,7 +51,7 @@ def web(
     if listen is not None:
         chosen = _listening(chosen, listen)
     with ExitStack() as at_end:
-        run_log = RunLog(log_level, log_file)
+        run_log = RunLog(log_level, log_file, log_format)
         at_end.callback(run_log.stop)
         try:
             from pdgw.web.run import serve  # noqa: PLC0415 (of an extra)

@@ -1,0 +1,123 @@
+"""Lines of the log: with dates, as JSON, for the journal; what repeats itself is told once and counted."""
+
+from __future__ import annotations
+
+import json
+import logging
+import os
+import re
+from collections.abc import Iterator
+from datetime import datetime
+from pathlib import Path
+
+import pytest
+
+from pdgw.ds301.loop import SECOND
+from pdgw.gateway.reasons import FaultNumber, Reason
+from pdgw.tools.log_format import Bundle, LogFormat, formatter
+from pdgw.tools.run_log import LogLevel, RunLog
+from tests.support.buses import wait_for
+from tests.support.daemon import Plc, axis, configuration, running, world_of
+
+
+@pytest.fixture(autouse=True)
+def _loggers() -> Iterator[None]:
+    root = logging.getLogger()
+    handlers, level = list(root.handlers), logging.getLogger("gateway").level
+    yield
+    root.handlers[:] = handlers
+    logging.getLogger("gateway").setLevel(level)
+    logging.getLogger("canopen").setLevel(logging.NOTSET)
+
+
+def record(text: str, created: float = 0.0, level: int = logging.INFO) -> logging.LogRecord:
+    return logging.makeLogRecord(
+        {"msg": text, "levelno": level, "levelname": logging.getLevelName(level), "created": created}
+    )
+
+
+def texts(records: list[logging.LogRecord]) -> list[str]:
+    return [item.getMessage() for item in records]
+
+
+def test_text_has_the_date_the_level_and_milliseconds() -> None:
+    line = formatter(LogFormat.TEXT, to_file=True).format(record("stopped", 1_700_000_000.25))
+    assert re.fullmatch(r"2023-11-\d\d \d\d:\d\d:20\.\d{3} INFO    stopped", line)
+
+
+def test_json_has_time_level_event_object_fault_and_text(tmp_path: Path) -> None:
+    path = tmp_path / "log"
+    run_log = RunLog(LogLevel.INFO, path, LogFormat.JSON)
+    with running(configuration(axis(7))) as daemon:
+        Plc(daemon, [1]).exchange()
+        world_of(daemon).loop.run_for(SECOND)
+        daemon.axes[0].raise_fault(FaultNumber.REFERENCE, 'a "quoted" text\nin two lines', world_of(daemon).loop.now())
+        next(iter(daemon.networks.values())).on_error_frame(bus_off=True, passive=False)
+    run_log.stop()
+    lines = [json.loads(line) for line in path.read_text().splitlines()]
+    for line in lines:
+        assert {"time", "level", "text"} <= line.keys() <= {"time", "level", "text", "event", "do", "bus", "fault"}
+        assert datetime.fromisoformat(line["time"]).tzinfo is not None
+    (fault,) = (line for line in lines if line.get("fault") == 104)
+    assert (fault["level"], fault["event"], fault["do"]) == ("error", "fault", 7)
+    assert '"quoted" text\nin two lines' in fault["text"]
+    assert any(line.get("bus") == "can" and line["event"] == "bus" for line in lines)
+    assert any(line.get("event") == "reason" and Reason.NO_PLC.value in line["text"] for line in lines)
+
+
+def test_the_journal_gets_levels_and_no_second_date(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    with (tmp_path / "journal").open("w") as file:
+        monkeypatch.setattr("sys.stderr", file)
+        status = os.fstat(file.fileno())
+        monkeypatch.setenv("JOURNAL_STREAM", f"{status.st_dev}:{status.st_ino}")
+        chosen = formatter(LogFormat.AUTO, to_file=False)
+        levels = (logging.ERROR, logging.WARNING, logging.INFO, logging.DEBUG)
+        lines = [chosen.format(record("x", level=level)) for level in levels]
+        assert lines == ["<3>x", "<4>x", "<6>x", "<7>x"]
+        # A log file is no journal, and neither is standard error that was redirected since.
+        assert formatter(LogFormat.AUTO, to_file=True).format(record("x")).startswith("19")
+        monkeypatch.setenv("JOURNAL_STREAM", f"{status.st_dev}:{status.st_ino + 1}")
+        assert formatter(LogFormat.AUTO, to_file=False).format(record("x")).startswith("19")
+
+
+def test_lines_that_repeat_themselves_are_told_once_and_counted() -> None:
+    bundle = Bundle()
+    assert texts(bundle.take(record("a"))) == ["a"]
+    assert bundle.take(record("a", 1)) == bundle.take(record("a", 2)) == []
+    assert texts(bundle.take(record("b", 3))) == ["a (2 times more)", "b"]
+    assert texts(bundle.take(record("b", 3, logging.ERROR))) == ["b"]  # another level is another thing
+    assert bundle.take(record("b", 4, logging.ERROR)) == []
+    assert bundle.due(5) == []
+    assert texts(bundle.due(14)) == ["b (once more)"]
+    assert bundle.due(30) == bundle.flush() == []
+    assert texts(bundle.take(record("a", 31))) == ["a"]
+    assert texts(bundle.take(record("b", 32))) == ["b"]
+
+
+def test_a_line_that_never_stops_repeating_itself_is_told_every_ten_seconds() -> None:
+    bundle = Bundle()
+    told = [item for second in range(60) for item in bundle.take(record("again", second))]
+    assert texts(told) == ["again", *["again (11 times more)"] * 5]
+
+
+def test_what_was_repeated_at_the_end_is_in_the_log(tmp_path: Path) -> None:
+    path = tmp_path / "log"
+    run_log = RunLog(LogLevel.INFO, path)
+    for _ in range(1000):
+        logging.getLogger("gateway").info("the same")
+    run_log.stop()
+    assert [line.split("INFO")[1].strip() for line in path.read_text().splitlines()] == [
+        "the same",
+        "the same (999 times more)",
+    ]
+
+
+def test_a_log_file_that_was_moved_away_is_opened_anew_without_a_signal(tmp_path: Path) -> None:
+    path = tmp_path / "log"
+    run_log = RunLog(LogLevel.INFO, path)
+    logging.getLogger("gateway").info("before")
+    wait_for(path.read_text, "written")
+    path.rename(tmp_path / "log.1")
+    logging.getLogger("gateway").info("after")
+    run_log.stop()
+    assert "after" in path.read_text()

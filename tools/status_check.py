@@ -1,0 +1,58 @@
+"""``pdgw status --check``: one line and an exit code, as monitoring systems call their checks (Nagios, Icinga, Zabbix)."""
+
+from __future__ import annotations
+
+from enum import IntEnum
+from typing import Any, NamedTuple
+
+from pdgw.gateway.reasons import AxisState
+
+_BAD = (AxisState.FAULT.name, AxisState.NOT_ON_THE_BUS.name)
+_HELD_UP = (AxisState.WAITS.name, AxisState.STOPPING.name)
+
+
+class Health(IntEnum):
+    """Exit codes of a check."""
+
+    OK = 0
+    WARNING = 1
+    """An axis waits or is being stopped, or a warning stands."""
+    CRITICAL = 2
+    """No PLC, a bus lost, a drive or encoder in fault or not on its bus."""
+    UNKNOWN = 3
+    """No gateway answers."""
+
+
+class Finding(NamedTuple):
+    """What is wrong, and how much."""
+
+    health: Health
+    text: str
+
+
+def findings(document: dict[str, Any]) -> list[Finding]:
+    """Everything that is not as it should be, the worst first."""
+    found: list[Finding] = []
+    if not document["plc"]["connected"]:
+        found.append(Finding(Health.CRITICAL, "no PLC"))
+    found += [Finding(Health.CRITICAL, f"bus {bus['name']} lost") for bus in document["buses"] if not bus["healthy"]]
+    for kind, items in (("axis", document["axes"]), ("encoder", document["encoders"])):
+        for item in items:
+            name, state = f"{kind} {item['do_id']}", item["state_id"]
+            if state in _BAD or state in _HELD_UP:
+                health = Health.CRITICAL if state in _BAD else Health.WARNING
+                found.append(Finding(health, f"{name} {item['state']}: {item['reason']}"))
+            elif any(fault["active"] for fault in item["faults"]):
+                found.append(Finding(Health.WARNING, f"{name}: {item['faults'][0]['text']}"))
+    return sorted(found, key=lambda finding: -finding.health)
+
+
+def check_line(document: dict[str, Any]) -> tuple[Health, str]:
+    """The worst of it, and the line with its figures behind ``|``."""
+    found = findings(document)
+    health = found[0].health if found else Health.OK
+    items = [*document["axes"], *document["encoders"]]
+    obeying = sum(item["state_id"] == AxisState.OBEYS.name for item in items)
+    text = "; ".join(finding.text for finding in found) or f"PLC connected, {obeying} of {len(items)} obey"
+    figures = f"objects={len(items)} obeying={obeying} findings={len(found)} uptime={document['uptime_s']:.0f}s"
+    return health, f"{health.name} - {document['name']}: {text} | {figures}".replace("\n", " ")
