@@ -92,9 +92,9 @@ class ContextManager:
         self._mapper = EndpointMapper(self._object, identity.annotation)
         self._afterwards: list[Callable[[int], object]] = []
         self._ended: list[ApplicationRelation] = []
-        self.records = DeviceRecords(model, station, diagnosis, application)
         self.relations: dict[UUID, ApplicationRelation] = {}
         """By ARUUID."""
+        self.records = DeviceRecords(model, station, diagnosis, application, self.relations.values)
         self.io: ApplicationRelation | None = None
         """That of the IO controller."""
         self.server: RpcServer[Address] = RpcServer(

@@ -62,6 +62,12 @@ class Consumer:
         self.counters = dict.fromkeys(Verdict, 0) if counters is None else counters
 
     @property
+    def status(self) -> tuple[int, int, int]:
+        """CycleCounter, DataStatus and TransferStatus of the last frame with data."""
+        counter, data_status, transfer = TRAILER.unpack_from(self.payload, self._trailer)
+        return counter, data_status, transfer
+
+    @property
     def deadline(self) -> int | None:
         """When the data hold time is over."""
         return None if self.last_ns is None else self.last_ns + self.hold_ns

@@ -13,9 +13,13 @@ from typing import TYPE_CHECKING, Final
 from uuid import UUID
 
 from pdgw.profinet import lldp
+from pdgw.profinet.blocks.connect import LT_RT
 from pdgw.profinet.blocks.records import (
     Api,
     ApiData,
+    ArData,
+    ArEntry,
+    ArIocr,
     ExpectedIdentification,
     IdentApi,
     IdentificationData,
@@ -97,6 +101,7 @@ class Index(enum.IntEnum):
     DIAGNOSIS_CHANNEL_API = 0xF00A
     DIAGNOSIS_ALL_API = 0xF00B
     DIAGNOSIS_STATUS_API = 0xF00C
+    AR_DATA = 0xF820
     API_DATA = 0xF821
     LOG_DATA = 0xF830
     IM_FILTER = 0xF840
@@ -161,12 +166,18 @@ class DeviceRecords:
     """Serves records for whoever asks; the relationship that asks is handed in (None: Read Implicit)."""
 
     def __init__(
-        self, model: DeviceModel, station: Station, diagnosis: Diagnosis, application: Callable[[str], RecordHandler]
+        self,
+        model: DeviceModel,
+        station: Station,
+        diagnosis: Diagnosis,
+        application: Callable[[str], RecordHandler],
+        relations: Callable[[], Iterable[ApplicationRelation]],
     ) -> None:
         self._model = model
         self._station = station
         self._diagnosis = diagnosis
         self._application = application
+        self._relations = relations
         self.log: deque[LogItem] = deque(maxlen=_LOG_ENTRIES)
         self.octets = [0, 0]
         """Received and sent."""
@@ -205,6 +216,8 @@ class DeviceRecords:
             case Index.MODULE_DIFF:
                 diff = self._needed(relation).plan.diff
                 return b"" if diff is None else diff.encode()
+            case Index.AR_DATA:
+                return ArData(ars=tuple(map(self._relation, self._relations()))).encode()
             case Index.API_DATA:
                 apis = sorted({module.api for module in self._model.modules.values()})
                 return ApiData(apis=tuple(Api(api=api) for api in apis)).encode()
@@ -311,6 +324,39 @@ class DeviceRecords:
         return ExpectedIdentification(
             apis=tuple(IdentApi(api=api, slots=tuple(slots)) for api, slots in apis.items())
         ).encode()
+
+    def _relation(self, relation: ApplicationRelation) -> ArEntry:
+        plan = relation.plan
+        ar, alarm = plan.ar, plan.alarm
+        iocrs = []
+        for cyclic, machine in ((plan.inputs, relation.provider), (plan.outputs, relation.consumer)):
+            if cyclic is not None and machine is not None:
+                counter, data_status, transfer_status = machine.status
+                iocrs.append(
+                    ArIocr(
+                        iocr_type=cyclic.block.iocr_type,
+                        properties=cyclic.block.properties,
+                        frame_id=cyclic.frame_id,
+                        cycle_counter=counter,
+                        data_status=data_status,
+                        transfer_status=transfer_status,
+                        initiator_port=ar.rt_port,
+                        responder_port=LT_RT,
+                    )
+                )
+        return ArEntry(
+            ar_uuid=ar.ar_uuid,
+            ar_type=ar.ar_type,
+            properties=ar.properties,
+            initiator_object=ar.initiator_object,
+            station_name=ar.station_name,
+            iocrs=tuple(iocrs),
+            alarm_type=0 if alarm is None else alarm.cr_type,
+            local_reference=0 if alarm is None else relation.reference,
+            remote_reference=0 if alarm is None else alarm.reference,
+            server_name="",
+            apis=tuple(Api(api=api) for api in sorted({slot.api for slot in plan.expected})),
+        )
 
     def _filter(self) -> bytes:
         points = [(DAP_SLOT, DAP_SUBSLOT)]

@@ -206,6 +206,9 @@ class GsdmlWriter:
             SupportedRT_Classes="RT_CLASS_1",
             SupportedProtocols="LLDP",
             NetworkComponentDiagnosisSupported="false",
+            # Engineering tools insist on both from PNIO_Version V2.31 on; one port has nobody to pass anything on to.
+            PTP_BoundarySupported="true",
+            DCP_BoundarySupported="true",
         )
         relations = SubElement(interface, "ApplicationRelations", StartupMode="Legacy;Advanced")
         SubElement(relations, "TimingProperties", SendClock="32", ReductionRatio=_RATIOS)

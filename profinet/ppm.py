@@ -52,6 +52,12 @@ class Provider:
         """When the next frame is to be sent."""
         return self._due
 
+    @property
+    def status(self) -> tuple[int, int, int]:
+        """CycleCounter, DataStatus and TransferStatus of the last frame."""
+        counter, data_status, transfer = TRAILER.unpack_from(self.frame, self._trailer)
+        return counter, data_status, transfer
+
     def start(self, now: int) -> None:
         """The first frame is sent a cycle from now."""
         self._due = now + self.cycle_ns

@@ -33,6 +33,7 @@ from pdgw.profidrive.parameters.catalogue import PARAMETERS
 from pdgw.profidrive.parameters.errors import ERROR_TEXTS
 from pdgw.profidrive.signals import CATALOGUE, POSITIONER_FORMS, Bit, Confidence, Signal
 from pdgw.profidrive.telegrams import TELEGRAMS, ApplicationClass, Telegram, TelegramHalf, word_positions
+from pdgw.profinet.model import TELEGRAM_IDENT, TELEGRAM_SUBSLOT
 from pdgw.tools.conformance.faults import CASES, Case, Device
 
 _DOCS = Path(__file__).parent.parent / "docs"
@@ -53,6 +54,15 @@ def _half(half: TelegramHalf) -> str:
         last = word + signal.words - 1
         parts.append(f"{word}{f'-{last}' if last > word else ''} {signal.name}")
     return ", ".join(parts)
+
+
+def _bytes(half: TelegramHalf) -> str:
+    """Offset of each signal in the data of a submodule, and how long all are."""
+    offset, parts = 0, []
+    for signal in half.signals:
+        parts.append(f"{offset} {signal.name}")
+        offset += signal.type.size
+    return f"{', '.join(parts)}; {offset} in all"
 
 
 def _doubtful(text: str, confidence: Confidence) -> str:
@@ -153,6 +163,13 @@ def generate() -> str:
             ),
         ),
         _CONFIDENCE,
+        "## PROFINET submodules\n",
+        f"Byte offsets in the data of subslot {TELEGRAM_SUBSLOT} of a drive object's slot, big-endian. "
+        "IOPS follows, it is the driver's business.\n",
+        _table(
+            ("telegram", "identification", "output (to the drive)", "input (from the drive)"),
+            ((n, f"{TELEGRAM_IDENT + n:08X}h", _bytes(t.setpoints), _bytes(t.actuals)) for n, t in TELEGRAMS.items()),
+        ),
         "## Signals\n",
         _table(_SIGNAL_HEADER, map(_signal_row, CATALOGUE)),
         f"In telegrams {_positioner_telegrams()} instead:\n",

@@ -164,6 +164,46 @@ class ApiData(Block):
 
 
 @dataclass(frozen=True, kw_only=True)
+class ArIocr(Structure):
+    """A cyclic relationship with the status of its last frame."""
+
+    iocr_type: int = u16()
+    properties: int = u32()
+    frame_id: int = u16()
+    cycle_counter: int = u16()
+    data_status: int = u8()
+    transfer_status: int = u8()
+    initiator_port: int = u16()
+    responder_port: int = u16()
+
+
+@dataclass(frozen=True, kw_only=True)
+class ArEntry(Structure):
+    """An application relationship; there is no parameter server."""
+
+    ar_uuid: UUID = uuid()
+    ar_type: int = u16()
+    properties: int = u32()
+    initiator_object: UUID = uuid()
+    station_name: str = text()
+    iocrs: tuple[ArIocr, ...] = array(ArIocr)
+    alarm_type: int = u16(default=0)
+    local_reference: int = u16(default=0)
+    remote_reference: int = u16(default=0)
+    server_object: UUID = uuid(default=UUID(int=0))
+    server_name: str = text()
+    apis: tuple[Api, ...] = array(Api)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ArData(Block):
+    """All relationships of the device."""
+
+    TYPE: ClassVar[int] = 0x0018
+    ars: tuple[ArEntry, ...] = array(ArEntry)
+
+
+@dataclass(frozen=True, kw_only=True)
 class LogEntry(Structure):
     """How a relationship ended."""
 

@@ -126,3 +126,25 @@ def test_the_command_writes_the_file_with_the_numbers_of_the_configuration(tmp_p
 
 def test_the_file_is_the_same_each_time_it_is_written() -> None:
     assert GsdmlWriter(IDENTITY, "pdgw", KINDS).write() == GsdmlWriter(IDENTITY, "pdgw", KINDS).write()
+
+
+def test_what_engineering_tools_ask_of_this_version_beyond_the_schema_is_there() -> None:
+    (point,) = every("DeviceAccessPointItem")
+    assert point.attrib["PNIO_Version"] == "V2.4"
+    assert [item.tag for item in point].count(NS + "CertificationInfo") == 1
+    for name, value in {
+        "LLDP_NoD_Supported": "true",
+        "ResetToFactoryModes": "2",
+        "CheckDeviceID_Allowed": "true",
+        "NameOfStationNotTransferable": "false",
+    }.items():
+        assert point.attrib[name] == value
+    (interface,) = every("InterfaceSubmoduleItem")
+    for name in ("PTP_BoundarySupported", "DCP_BoundarySupported"):
+        assert interface.attrib[name] == "true"
+
+
+def test_the_longest_frames_of_a_project_fit_what_the_file_allows() -> None:
+    (limits,) = every("IOConfigData")
+    # Tools count data with all IOPS and IOCS, not the data alone.
+    assert {int(limits.attrib[name]) for name in ("MaxInputLength", "MaxOutputLength")} == {1440}

@@ -36,6 +36,7 @@ READS = [
     (0, 0, 0x8001, Index.STATISTIC),
     (0, 0, 0x8000, Index.INTERFACE_DATA_REAL),
     (0, 0, 1, Index.REAL_DATA),
+    (0, 0, 1, Index.AR_DATA),
     (0, 0, 1, Index.API_DATA),
     (0, 0, 1, Index.LOG_DATA),
     (0, 0, 1, Index.IM_FILTER),
@@ -102,7 +103,21 @@ def test_tshark_reads_every_frame_of_a_session(tmp_path: Path) -> None:
     found = {part for row in rows for part in row["pn_io.block_type"].split(",") if part}
     types = {int(part, 0) for part in found}
     assert types >= {0x0101, 0x0102, 0x0103, 0x0104, 0x8101, 0x8102, 0x8103, 0x8104, 0x8106, 0x0110, 0x8110, 0x0112}
-    assert types >= {0x8112, 0x0114, 0x8114, 0x0002, 0x8002, 0x0012, 0x0013, 0x020F, 0x0240, 0x0251, 0x0020, 0x0010}
+    assert types >= {
+        0x8112,
+        0x0114,
+        0x8114,
+        0x0002,
+        0x8002,
+        0x0012,
+        0x0013,
+        0x020F,
+        0x0240,
+        0x0251,
+        0x0020,
+        0x0010,
+        0x0018,
+    }
     alarms = [row for row in rows if row["pn_io.alarm_type"]]
     told = [(int(row["pn_io.alarm_type"], 0), row["pn_io.channel_error_type"]) for row in alarms]
     kinds = [kind for kind, _ in told]

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from uuid import UUID
 
 import pytest
 
 from pdgw.profinet.blocks.alarm import DiagnosisBlock, MessageClass
-from pdgw.profinet.blocks.records import ExpectedIdentification, LogData, RealIdentification
+from pdgw.profinet.blocks.connect import ArType
+from pdgw.profinet.blocks.records import ArData, ExpectedIdentification, LogData, RealIdentification
 from pdgw.profinet.cmdev import AbortCode
 from pdgw.profinet.device_records import Index
 from pdgw.profinet.model import API_PROFIDRIVE
@@ -23,6 +25,7 @@ from pdgw.profinet.rpc.records import (
     join_multiple,
 )
 from tests.profinet.test_connect import AR_UUID, Caller, blocks
+from tests.support import tshark, tshark_frames
 from tests.support.profinet import MS, PLC_IP, Wire
 
 PORT = (0, 0, 0x8001)
@@ -196,3 +199,46 @@ def test_the_log_keeps_how_relationships_ended() -> None:
     assert [item.status for item in log.entries] == [AbortCode.RELEASED.status.value]
     assert wire.plc.learned.ended == ""
     assert str(wire.device.station.ip.address) != PLC_IP
+
+
+def test_the_relationships_of_the_device_can_be_read_with_the_status_of_their_frames() -> None:
+    wire = Wire()
+    wire.connect()
+    wire.run(20 * MS)
+    results: list[RecordResult] = []
+    wire.plc.read((0, 0, 1), Index.AR_DATA, results.append)
+    wire.run(20 * MS)
+    (entry,) = ArData.decode(results[0].data).ars
+    assert (entry.ar_uuid, entry.ar_type, entry.station_name) == (wire.plc.ar_uuid, ArType.IO, "plc-1")
+    assert [api.api for api in entry.apis] == [0, API_PROFIDRIVE]
+    relation = wire.device.relation
+    assert relation is not None
+    assert relation.provider is not None
+    assert relation.consumer is not None
+    assert [(item.frame_id, item.data_status) for item in entry.iocrs] == [
+        (relation.plan.inputs.frame_id if relation.plan.inputs else 0, 0x35),
+        (relation.consumer.frame_id, 0x35),
+    ]
+    assert entry.iocrs[0].cycle_counter
+    assert (entry.local_reference, entry.remote_reference) == (relation.reference, wire.plc.project.alarm().reference)
+
+
+@tshark.needs_tshark
+@pytest.mark.tshark
+def test_tshark_reads_the_relationships_with_their_frames_and_references(tmp_path: Path) -> None:
+    wire = Wire()
+    wire.connect()
+    wire.run(20 * MS)
+    wire.plc.read((0, 0, 1), Index.AR_DATA, lambda result: None)
+    wire.frames.clear()
+    wire.run(20 * MS)
+    names = ["pn_io.index", "pn_io.number_of_ars", "pn_io.frame_id", "pn_io.localalarmref", "pn_io.ar_type"]
+    rows = tshark_frames.read(wire.frames, tmp_path / "ar.pcap", names, every=True)
+    (row,) = [row for row in rows if row["pn_io.number_of_ars"]]
+    relation = wire.device.relation
+    assert relation is not None
+    assert relation.consumer is not None
+    assert row["pn_io.number_of_ars"] == "1"
+    assert int(row["pn_io.ar_type"].split(",")[-1], 0) == ArType.IO
+    assert relation.consumer.frame_id in [int(part, 0) for part in row["pn_io.frame_id"].split(",")]
+    assert int(row["pn_io.localalarmref"].split(",")[0], 0) == relation.reference
