@@ -55,8 +55,8 @@ _ACYCLIC_FAILURES = 3
 _CHECK_AFTER_NS = 200 * MS
 """A configuration that is being written comes object by object: so long after the last one it is checked."""
 _ONLINE = NodeStatus.ONLINE
-_HEARTBEAT_STATE = 0x7F
-"""Bit 7 of a heartbeat is reserved."""
+_HEARTBEAT_STATE, _TOGGLE = 0x7F, 0x80
+"""Bit 7 of a heartbeat is reserved, and alternates in the answers of node guarding."""
 
 
 class NodeClient(ConfiguringAccess, abc.ABC, Generic[S]):
@@ -101,6 +101,9 @@ class NodeClient(ConfiguringAccess, abc.ABC, Generic[S]):
         self.nmt_stopped = False
         """The last heartbeat of the node says Stopped."""
         self._heartbeat_expected = False
+        self._guarded_by_requests = False
+        """The node is asked for its state, and answers with a toggle bit (node guarding)."""
+        self._toggle = -1
         self._booted = Event(self.loop)
         self._wake = Event(self.loop)
         """Something for the node's task: a job, a loss, another telegram."""
@@ -154,6 +157,11 @@ class NodeClient(ConfiguringAccess, abc.ABC, Generic[S]):
     def heard_ns(self) -> int:
         """When the node's last TPDO or heartbeat came; 0 never."""
         return max((slot.time for slot in self._slots), default=0) or self._heartbeat
+
+    def guard(self) -> None:
+        """Ask a node for its state that is guarded by being asked; with the gateway's own heartbeat."""
+        if self._guarded_by_requests:
+            self.network.request(ERROR_CONTROL + self.settings.node_id)
 
     def start(self) -> None:
         """Start the task: waits for the node, checks identity, configures, goes operational, supervises."""
@@ -323,6 +331,7 @@ class NodeClient(ConfiguringAccess, abc.ABC, Generic[S]):
             self._read_acyclic(pdo)
         self._acyclic_failures = 0
         self._heartbeat_state = NmtState.BOOT_UP.value
+        self._toggle = -1
         self.nmt_stopped = False
         self._nmt(NmtCommand.START)
         try:
@@ -501,6 +510,11 @@ class NodeClient(ConfiguringAccess, abc.ABC, Generic[S]):
     def _on_heartbeat(self, _can_id: int, data: bytes, _timestamp: float) -> None:
         if len(data) != 1:
             return
+        if self._guarded_by_requests:
+            toggle, before = data[0] & _TOGGLE, self._toggle
+            self._toggle = -1 if data[0] == NmtState.BOOT_UP else toggle
+            if toggle == before:
+                return  # the same answer again is none
         self._heartbeat = self.loop.now()
         self._heartbeat_state = data[0] & _HEARTBEAT_STATE
         self.nmt_stopped = self._heartbeat_state == NmtState.STOPPED

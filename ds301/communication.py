@@ -82,11 +82,12 @@ def pdo_objects(
     *,
     tpdo_types: Mapping[int, int] | None = None,
     event_timer: bool = True,
+    time_out: bool = False,
 ) -> tuple[ObjectSpec, ...]:
     """Communication and mapping parameters of the device's PDOs; PDOs without a default are invalid and unmapped.
 
     ``rpdos`` and ``tpdos`` are how many it has, or which numbers. ``tpdo_types`` gives default transmission types (255 for
-    the others); without ``event_timer`` the TPDOs end with the inhibit time.
+    the others); without ``event_timer`` the TPDOs end with the inhibit time; with ``time_out`` the RPDOs have one.
     """
     by_key = {(pdo.direction, pdo.number): pdo for pdo in defaults}
     objects: list[ObjectSpec] = []
@@ -107,6 +108,8 @@ def pdo_objects(
                 entries.append(Entry(index, 3, "Inhibit time", U16, RW, default=0, unit="100 us"))
                 if event_timer:
                     entries.append(Entry(index, 5, "Event timer", U16, RW, default=0, unit="ms"))
+            elif time_out:
+                entries.append(Entry(index, 5, "Event timer", U16, RW, default=0, unit="ms"))
             objects.append(
                 array(
                     index,

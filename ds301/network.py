@@ -30,6 +30,8 @@ _ERROR_BUS_OFF, _ERROR_CONTROLLER = 0x40, 0x04
 """Classes of an error frame (linux/can/error.h)."""
 """Sees every frame sent and received (``is_rx`` tells). It must only queue."""
 
+_ONE_BYTE = bytes(1)
+"""Of a request: the length alone is sent."""
 _BUSY_NS = 100 * MS
 """An interface that takes no frame for so long is not healthy; a full queue now and then is nothing."""
 _FIRST_PAUSE_NS = 100 * MS
@@ -144,6 +146,10 @@ class CanNetwork:
             self._tell(cob_id, data, is_rx=False)
         return True
 
+    def request(self, cob_id: int) -> bool:
+        """A remote request of one byte, as ``send``."""
+        return self.send(cob_id | REMOTE, _ONE_BYTE)
+
     def send_heartbeat(self, node_id: int, state: int = 5) -> None:
         """The gateway's own heartbeat. The cyclic exchange calls it, so that a hung loop stops the drives."""
         self.send(ERROR_CONTROL + node_id, bytes((state,)))
@@ -238,12 +244,14 @@ class CanNetwork:
             self.healthy = False
 
     def _tell(self, can_id: int, data: bytes, *, is_rx: bool, extended: bool = False, remote: bool = False) -> None:
+        requests = remote or bool(can_id & REMOTE)
         message = can.Message(
             timestamp=self.loop.wall(),
-            arbitration_id=can_id,
-            data=data,
+            arbitration_id=can_id & ~REMOTE,
+            data=None if requests else data,
+            dlc=len(data),
             is_extended_id=extended,
-            is_remote_frame=remote,
+            is_remote_frame=requests,
             is_rx=is_rx,
         )
         for listener in self.listeners:

@@ -82,7 +82,10 @@ class CanPort(Protocol):
         """Deliver frames from now on."""
 
     def send(self, can_id: int, data: bytes) -> None:
-        """Send a data frame without waiting; PortBusyError or PortLostError when it is not taken."""
+        """Send a frame without waiting; PortBusyError or PortLostError when it is not taken.
+
+        With ``REMOTE`` in the identifier it is a request of as many bytes as ``data`` has.
+        """
 
     def close(self) -> None:
         """Release the interface; a second call does nothing."""
@@ -174,7 +177,7 @@ class DriverPort:
         if self._stopping.is_set():
             raise PortLostError("the driver stopped")
         try:
-            self._sending.put_nowait(can.Message(arbitration_id=can_id, data=data, is_extended_id=False, is_rx=False))
+            self._sending.put_nowait(_message(can_id, data))
         except queue.Full as error:
             raise PortBusyError from error
 
@@ -266,6 +269,16 @@ class DriverPort:
             return self._bus.state
         except Exception:  # a driver without it
             return can.BusState.ACTIVE
+
+
+def _message(can_id: int, data: bytes) -> can.Message:
+    """For a driver; the identifier has the flags of ``can_frame``."""
+    if can_id & REMOTE:
+        identifier, count = can_id & ~REMOTE, len(data)
+        return can.Message(
+            arbitration_id=identifier, is_remote_frame=True, dlc=count, is_extended_id=False, is_rx=False
+        )
+    return can.Message(arbitration_id=can_id, data=data, is_extended_id=False, is_rx=False)
 
 
 def _shut_down(bus: can.BusABC) -> None:

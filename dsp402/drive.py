@@ -17,7 +17,7 @@ from canopen.sdo import SdoAbortedError, SdoCommunicationError
 
 from pdgw.ds301.aborts import NOT_THERE, abort_text
 from pdgw.ds301.client import NodeClient
-from pdgw.ds301.configuration import PRODUCER_HEARTBEAT, SdoStep
+from pdgw.ds301.configuration import SdoStep
 from pdgw.ds301.data_sheet import load_dictionary
 from pdgw.ds301.loop import MS, SECOND
 from pdgw.ds301.network import CanNetwork
@@ -25,11 +25,12 @@ from pdgw.ds301.node import NodeEvent, NodeSettings, NodeStatus
 from pdgw.ds301.objects import CanType
 from pdgw.ds301.pdo import Pdo, PdoLayout
 from pdgw.ds301.plan import PdoPlan
-from pdgw.dsp402.configuration import INTERPOLATION_TIME, guard_steps, interpolation_steps
+from pdgw.dsp402.configuration import INTERPOLATION_TIME, interpolation_steps
 from pdgw.dsp402.describe import PRODUCT_CODE, VENDOR_ID, describe, questions, signed
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.generic import dictionary_of, generic_dictionary
+from pdgw.dsp402.guarding import Guarding, Wanted, guard
 from pdgw.dsp402.images import DriveCommand, DriveFeedback
 from pdgw.dsp402.mapping import DriveMapping
 from pdgw.dsp402.modes import Mode
@@ -53,7 +54,7 @@ class DriveSettings(NodeSettings):
     abort_option: int = 3
     """6007h, when the gateway's heartbeat stops: 0 nothing, 1 malfunction, 2 disable voltage, 3 quick stop."""
     allow_unguarded: bool = False
-    """Operate a drive that refuses 1016h, 1017h or 6007h."""
+    """Operate a drive that nothing stops when the gateway dies."""
     units: UnitKeys | None = None
     """What the configuration says about the drive's units."""
     family: str = ""
@@ -117,6 +118,8 @@ class DriveClient(NodeClient[DriveSettings]):
         self.drive_type: DriveType | None = None
         """What kind of drive it is, made anew at each start and after a write to an object it depends on."""
         self.homing_method = 0
+        self.guarding: Guarding | None = None
+        """What stops this drive when the gateway dies; None before its first start."""
         self._identity: tuple[int, int] | None = None
         """Vendor-ID and product code of the device whose objects were found out."""
         self.set_point_refused = False
@@ -298,22 +301,29 @@ class DriveClient(NodeClient[DriveSettings]):
 
     def _configure_guarding(self) -> None:
         settings = self.settings
-        limit = settings.heartbeat_ms * settings.heartbeat_factor
-        self._heartbeat_expected = settings.heartbeat_ms > 0
-        for step in guard_steps(settings.gateway_node_id, limit, settings.heartbeat_ms, settings.abort_option):
-            try:
-                self._write_checked(step)
-            except (Dsp402Error, SdoAbortedError) as error:
-                text = str(error) if isinstance(error, Dsp402Error) else abort_text(error.code)
-                if not settings.allow_unguarded:
-                    raise Dsp402Error(
-                        "guarding of the gateway by the drive",
-                        text,
-                        "1016h, 1017h and 6007h that can be written (allow_unguarded = true operates it anyway)",
-                    ) from error
-                if (step.index, step.subindex) == PRODUCER_HEARTBEAT:
-                    self._heartbeat_expected = False  # the TPDOs alone tell that the drive lives
-                self._tell("status", f"not guarded: {text}")
+        wanted = Wanted(
+            settings.gateway_node_id,
+            settings.heartbeat_ms,
+            settings.heartbeat_factor,
+            settings.rpdo_refresh_ms,
+            settings.abort_option,
+            self._control.pdo.communication_index,
+        )
+        guarding = guard(wanted, self._write_checked, self.read_number)
+        if guarding.refusal and not settings.allow_unguarded:
+            raise Dsp402Error(
+                "guarding of the gateway by the drive",
+                guarding.refusal,
+                "1016h or 100Ch and 100Dh or 1400h/5, and 6007h, that can be written "
+                "(allow_unguarded = true operates it anyway)",
+            )
+        if guarding.refusal:
+            self._tell("status", f"not guarded: {guarding.refusal}")
+        elif guarding != self.guarding:
+            self._tell("status", f"when the gateway dies, this drive is stopped by {guarding.text}")
+        self.guarding = guarding
+        self._guarded_by_requests = guarding.life_guarding
+        self._heartbeat_expected = guarding.heartbeat or guarding.life_guarding
 
     def _set_mode(self, mode: int) -> None:
         self._do(SdoStep(0x6060, 0, CanType.I8, mode, "mode of operation"))

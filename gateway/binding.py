@@ -137,8 +137,10 @@ class Axis(DriveObject):
         return outputs
 
     def transmit(self, now: int) -> None:
-        outputs = self.machine.outputs
-        self.drive.send(outputs.command, now)
+        outputs, guarding = self.machine.outputs, self.drive.guarding
+        # A drive that guards the gateway by its RPDOs is stopped by their absence.
+        if outputs.brake is not Brake.WITHHOLD_HEARTBEAT or guarding is None or not guarding.rpdos:
+            self.drive.send(outputs.command, now)
         if outputs.brake is not self._brake:
             self._brake = outputs.brake
             if outputs.brake is not Brake.NONE:

@@ -347,6 +347,9 @@ class Daemon:
         for network in self.networks.values():
             if network not in withheld:
                 network.send_heartbeat(GATEWAY_NODE_ID)
+        for client in self.clients:
+            if client.network not in withheld:
+                client.guard()
         self._beat = self.loop.call_later(self._heartbeat_ns, self._on_heartbeat)
 
     def _cycle(self, now: int, *, accepted: bool) -> None:

@@ -102,6 +102,7 @@ def axis_status(axis: Axis) -> dict[str, Any]:
         "rated_speed_unit": "rpm",
         "scaling": list(scaling.lines) if scaling else [],
         "pdos": list(plan.lines) if plan is not None else [],
+        "guarding": axis.drive.guarding.text if axis.drive.guarding is not None else "",
     }
 
 

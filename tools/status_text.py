@@ -104,7 +104,8 @@ def _object(item: dict[str, Any], kind: str, width: int) -> Iterator[str]:
         yield from _folded(",  ".join(parts), width, 12, f"  {title:<9} ")
     if not item["iops_good"]:
         yield "  its values are marked bad (IOPS)"
-    for line in (*item.get("scaling", ()), *item.get("pdos", ())):
+    guarding = [f"when the gateway dies it is stopped by: {item['guarding']}"] if item.get("guarding") else []
+    for line in (*item.get("scaling", ()), *item.get("pdos", ()), *guarding):
         yield from _folded(line, width, 4, "  ")
     for fault in item["faults"]:
         what = ("active " if fault["active"] else "") + ("warning" if fault["is_warning"] else "fault")

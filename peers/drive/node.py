@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import can
 
+from pdgw.ds301.configuration import EVENT_TIMER
 from pdgw.ds301.connection_set import ERROR_CONTROL
 from pdgw.ds301.loop import Loop
 from pdgw.ds301.nmt import NmtState
@@ -75,6 +76,8 @@ class SimulatedDriveNode(SimulatedNode):
 
     def on_rpdo(self, pdo: Pdo) -> None:
         self.model.wake()
+        if time_out := int(self.values.get((pdo.communication_index, EVENT_TIMER), 0)):
+            self._guarded_until = self.now + time_out * MS
         if "controlword" in pdo.attributes or "modes_of_operation" in pdo.attributes:
             self.model.command()
             self.send_emergencies(self.model.emcy)
@@ -103,7 +106,7 @@ class SimulatedDriveNode(SimulatedNode):
     def on_reset(self) -> None:
         self.model.reset()
 
-    # -- node guarding (CiA 301, 7.2.8.3.2): what a drive without heartbeats has -----------------------------------------
+    # -- node guarding (CiA 301, 7.2.8.3.2) and the time-out of RPDOs: what drives without heartbeats have ------------------
 
     @property
     def _life_time(self) -> int:

@@ -62,6 +62,8 @@ class Shape:
     """Objects it has beside those of the ENGEL-like drive, or in their place."""
     pdos: int = 5
     event_timer: bool = True
+    time_out: bool = False
+    """Its RPDOs have a time-out (1400h/5)."""
     fixed_pdos: tuple[Pdo, ...] = ()
     """Its PDOs, when their mapping cannot be written."""
     boot_ms: int = 0
@@ -77,7 +79,9 @@ class Shape:
         info = self.info
         identity = (info.vendor_id, info.product_code, info.revision, serial_number)
         mapped = self.fixed_pdos or (pdo(PdoDirection.RPDO, 1, "controlword"), pdo(PdoDirection.TPDO, 1, "statusword"))
-        of_pdos: Iterable[ObjectSpec] = pdo_objects(number, number, mapped, event_timer=self.event_timer)
+        of_pdos: Iterable[ObjectSpec] = pdo_objects(
+            number, number, mapped, event_timer=self.event_timer, time_out=self.time_out
+        )
         if self.fixed_pdos:
             of_pdos = map(_fixed, of_pdos)
         own = {spec.index: spec for spec in self.has}
@@ -277,6 +281,19 @@ SHAPES = MappingProxyType(
                     var(LIFE_TIME_FACTOR, "Life time factor", _U8, _RW, default=0),
                 ),
                 node_guarding=True,
+            ),
+            replace(
+                _rpm("rpdo-timeout", "rpm; nothing but the time-out of its RPDOs (1400h/5) guards its master", 12),
+                lacks=_MANUFACTURER | {CONSUMER_HEARTBEAT, PRODUCER_HEARTBEAT},
+                time_out=True,
+            ),
+            replace(
+                _rpm("unguarded", "rpm; nothing guards its master", 13),
+                lacks=_MANUFACTURER | {CONSUMER_HEARTBEAT, PRODUCER_HEARTBEAT},
+            ),
+            replace(
+                _rpm("no-abort-option", "rpm; heartbeats without 6007h: a lost master is a malfunction", 14),
+                lacks=_MANUFACTURER | {0x6007},
             ),
             replace(_rpm("four-pdo", "rpm; four PDOs of each direction", 9), pdos=4),
             replace(

@@ -465,21 +465,28 @@ def test_the_configuration_settles_the_scaling_of_a_drive_of_an_unknown_vendor(
     assert client.drive_type.scaling.reference(Quantity.SPEED) == 6000
 
 
-@pytest.mark.parametrize(("index", "name"), [(0x1016, "the drive guards the gateway"), (0x1017, "heartbeat")])
 @pytest.mark.parametrize("allowed", [False, True])
-def test_guarding_that_is_refused(plant: Plant, index: int, name: str, allowed: bool) -> None:
-    _lacking(plant, write=index)
+def test_guarding_that_is_refused(plant: Plant, allowed: bool) -> None:
+    _lacking(plant, write=0x1016)
     client = plant.connect(allow_unguarded=allowed, heartbeat_ms=10)
     if allowed:
         plant.online()
-        seen = plant.network.received
-        site.wait_for(lambda: plant.network.received > seen + 10, "TPDOs for many heartbeat times")
-        assert (client.status, client.generation) == (DriveStatus.ONLINE, 1)
-    else:
-        site.wait_for(lambda: client.status is DriveStatus.REFUSED, "refused")
-        assert name in client.status_text
-        assert f"{index:04X}h" in client.status_text
-        assert client.refresh(site.now()) is False
+        return
+    site.wait_for(lambda: client.status is DriveStatus.REFUSED, "refused")
+    assert "the drive guards the gateway" in client.status_text
+    assert "1016h" in client.status_text
+    assert client.refresh(site.now()) is False
+
+
+def test_a_drive_without_a_heartbeat_of_its_own_is_guarded_and_watched_by_its_tpdos(plant: Plant) -> None:
+    _lacking(plant, write=0x1017)
+    client = plant.connect(heartbeat_ms=10)
+    plant.online()
+    assert client.guarding is not None
+    assert "told by its TPDOs alone" in client.guarding.text
+    seen = plant.network.received
+    site.wait_for(lambda: plant.network.received > seen + 10, "TPDOs for many heartbeat times")
+    assert (client.status, client.generation) == (DriveStatus.ONLINE, 1)
 
 
 def test_a_mode_the_drive_does_not_take_is_named(plant: Plant) -> None:

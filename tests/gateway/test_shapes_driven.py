@@ -13,9 +13,9 @@ from tests.support.daemon import Plc, axis, configuration, running, until, world
 MS = 1_000_000
 QUARTER = 0x1000
 REFUSED = {
-    "node-guarding": "1016h",
+    "unguarded": "1016h",
 }
-"""What does not come online yet, and what it is told for."""
+"""What does not come online, and what it is told for."""
 NOT_POSITIONING = {"vl": "modes of the drive", "csv": "modes of the drive"}
 SPEEDS = sorted(name for name in SHAPES if name not in REFUSED)
 POSITIONS = [name for name in SPEEDS if name not in NOT_POSITIONING]
@@ -94,3 +94,49 @@ def test_a_shape_that_cannot_position_refuses_telegram_9_and_says_why(name: str,
         assert said in fault.text
         assert daemon.axes[0].outputs.reason is Reason.REFERENCE_INVALID
         assert drive.model.ramp.speed == 0
+
+
+GUARDED = {
+    "rpm": "the gateway's heartbeat (1016h, 300 ms), then quick stop (6007h = 3)",
+    "node-guarding": "life guarding (100Ch, 100Dh, 300 ms), then quick stop (6007h = 3)",
+    "rpdo-timeout": "the time-out of its RPDO (1400h/5, 300 ms), then quick stop (6007h = 3)",
+    "no-abort-option": "the gateway's heartbeat (1016h, 300 ms), then its own reaction, by default a malfunction (no 6007h)",
+}
+
+
+@pytest.mark.parametrize("name", GUARDED)
+def test_a_drive_of_a_gateway_that_dies_stops_by_what_the_status_names(name: str) -> None:
+    with running(configuration(axis(1, more=""))) as daemon:
+        drive = _drive(daemon, name)
+        until(daemon, lambda: daemon.axes[0].drive.generation, "online")
+        plc = Plc(daemon, [1])
+        plc.enable()
+        plc.endpoint.set(0, {"NSOLL_A": QUARTER})
+        plc.until(lambda: abs(drive.model.ramp.speed - 750) < 1, "750 rpm")
+        (status,) = snapshot(daemon)["axes"]
+        assert status["guarding"] == GUARDED[name]
+        for _ in range(250):
+            plc.exchange()
+        assert drive.model.ramp.speed == pytest.approx(750), "guarded for a second, and not stopped"
+        world_of(daemon).gateway_port("world").connect(False)
+        plc.loop.run_for(1500 * MS)
+        assert drive.model.ramp.speed == 0
+        world_of(daemon).gateway_port("world").connect(True)
+
+
+def test_allow_unguarded_operates_a_drive_that_has_nothing_and_says_so() -> None:
+    with running(configuration(axis(1, more="allow_unguarded = true"))) as daemon:
+        _drive(daemon, "unguarded")
+        until(daemon, lambda: daemon.axes[0].drive.generation, "online")
+        (status,) = snapshot(daemon)["axes"]
+        assert status["guarding"] == "nothing"
+
+
+def test_a_drive_that_answers_node_guarding_with_the_same_toggle_bit_is_lost() -> None:
+    with running(configuration(axis(1, more=""))) as daemon:
+        drive = _drive(daemon, "node-guarding")
+        until(daemon, lambda: daemon.axes[0].drive.generation, "online")
+        stuck = bytes([0x85])
+        drive.do(lambda node: setattr(node, "receive_remote", lambda can_id, now: node.transmit(can_id, stuck)))
+        until(daemon, lambda: daemon.axes[0].drive.status.value == "lost", "lost")
+        assert "no heartbeat for 300 ms" in daemon.axes[0].drive.status_text

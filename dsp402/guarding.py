@@ -1,0 +1,108 @@
+"""What stops a drive when the gateway dies, and what tells the gateway that the drive lives: the first of these the drive has.
+
+Source: CiA DS 301 V4.02 chapters 7.2.8.3 (node guarding, life guarding, heartbeat) and 7.5.2.35 (event timer of an RPDO), CiA 402
+(6007h). A device that sends heartbeats answers no node guarding: 1017h is 0 where life guarding is taken.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Final
+
+from canopen.sdo import SdoAbortedError
+
+from pdgw.ds301.aborts import NOT_THERE, abort_text
+from pdgw.ds301.configuration import EVENT_TIMER, SdoStep
+from pdgw.ds301.errors import CanopenError
+from pdgw.ds301.objects import CanType
+from pdgw.dsp402.configuration import guard_steps
+
+GUARD_TIME: Final = (0x100C, 0)
+LIFE_TIME_FACTOR: Final = (0x100D, 0)
+_REACTIONS = {0: "nothing", 1: "malfunction", 2: "disable voltage", 3: "quick stop"}
+"""Values of 6007h."""
+_OWN_REACTION = "its own reaction, by default a malfunction (no 6007h)"
+_RPDO_REFRESHES = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Wanted:
+    """Times in milliseconds."""
+
+    gateway_node_id: int
+    heartbeat_ms: int
+    heartbeat_factor: int
+    rpdo_refresh_ms: int
+    reaction: int
+    """For 6007h."""
+    control_index: int
+    """Communication parameter of the RPDO with the Controlword."""
+
+
+@dataclass(frozen=True, slots=True)
+class Guarding:
+    """What was found. ``text`` is for a person; empty ``refusal``: something stops the drive."""
+
+    text: str
+    refusal: str = ""
+    heartbeat: bool = False
+    """The drive sends heartbeats."""
+    life_guarding: bool = False
+    """The gateway has to ask the drive for its state again and again, and the drive answers."""
+    rpdos: bool = False
+    """The drive stops when the gateway's RPDO does not come any more."""
+
+
+def guard(wanted: Wanted, write_checked: Callable[[SdoStep], None], read: Callable[[int, int], int]) -> Guarding:
+    """Have the drive guard the gateway; for the node's task. Raises what ``write_checked`` raises but for refusals."""
+
+    def refused(step: SdoStep) -> str:
+        """Why the drive does not take a value; empty when it does."""
+        try:
+            write_checked(step)
+        except CanopenError as error:
+            return str(error)
+        except SdoAbortedError as error:
+            return abort_text(error.code)
+        return ""
+
+    limit = wanted.heartbeat_ms * wanted.heartbeat_factor
+    consumer, option, producer = guard_steps(wanted.gateway_node_id, limit, wanted.heartbeat_ms, wanted.reaction)
+    no_consumer = refused(consumer)
+    reaction, no_reaction = _reaction(option, refused, read)
+    no_producer = refused(producer)
+    if not no_consumer:
+        life = "" if not no_producer else "; that it lives is told by its TPDOs alone"
+        text = f"the gateway's heartbeat (1016h, {limit} ms), then {reaction}{life}"
+        return Guarding(text, no_reaction, heartbeat=not no_producer and wanted.heartbeat_ms > 0)
+    silent = bool(no_producer) or not refused(replace(producer, value=0))
+    life_steps = (
+        SdoStep(*GUARD_TIME, CanType.U16, wanted.heartbeat_ms, "guard time"),
+        SdoStep(*LIFE_TIME_FACTOR, CanType.U8, wanted.heartbeat_factor, "life time factor"),
+    )
+    if silent and not any(map(refused, life_steps)):
+        return Guarding(f"life guarding (100Ch, 100Dh, {limit} ms), then {reaction}", no_reaction, life_guarding=True)
+    beats = not no_producer and wanted.heartbeat_ms > 0 and not refused(producer)
+    time_out = _RPDO_REFRESHES * wanted.rpdo_refresh_ms
+    timer = SdoStep(
+        wanted.control_index, EVENT_TIMER, CanType.U16, time_out, "time-out of the RPDO with the Controlword"
+    )
+    if not refused(timer):
+        text = f"the time-out of its RPDO ({wanted.control_index:04X}h/5, {time_out} ms), then {reaction}"
+        return Guarding(text, no_reaction, heartbeat=beats, rpdos=True)
+    return Guarding("nothing", no_consumer, heartbeat=beats)
+
+
+def _reaction(step: SdoStep, refused: Callable[[SdoStep], str], read: Callable[[int, int], int]) -> tuple[str, str]:
+    """What the drive does then; and why that is nothing, empty when it is something."""
+    found, refusal = step.value, refused(step)
+    if refusal:
+        try:
+            found = read(step.index, step.subindex)
+        except SdoAbortedError as error:
+            if error.code in NOT_THERE:
+                return _OWN_REACTION, ""
+            return "an unknown reaction (6007h cannot be read)", abort_text(error.code)
+    text = f"{_REACTIONS.get(found, 'a reaction of the manufacturer')} (6007h = {found})"
+    return ("nothing (6007h = 0)", refusal) if refusal and found == 0 else (text, "")
