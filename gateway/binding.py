@@ -15,6 +15,7 @@ from pdgw.ds301.network import CanNetwork
 from pdgw.ds301.nmt import NmtCommand
 from pdgw.dsp402.configuration import ABORT_OPTION
 from pdgw.dsp402.drive import DriveClient, DriveStatus
+from pdgw.dsp402.guarding import GUARD_TIME, LIFE_TIME_FACTOR
 from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.dsp402.pdo import LAYOUTS
 from pdgw.dsp402.scaling import SCALING_OBJECTS
@@ -31,7 +32,7 @@ from pdgw.profidrive.sensor_format import SensorFormat
 from pdgw.profidrive.sign_of_life import MONITORING_OFF
 from pdgw.profidrive.telegrams import telegram
 
-_OWNED = OWNED | {ABORT_OPTION, (0x6040, 0), (0x6060, 0)}
+_OWNED = OWNED | {ABORT_OPTION, GUARD_TIME, LIFE_TIME_FACTOR, (0x6040, 0), (0x6060, 0)}
 _HOMING_METHOD = (0x6098, 0)
 _REFERENCES = {*SCALING_OBJECTS, _HOMING_METHOD}
 _ERROR_CODE = (0x603F, 0)

@@ -110,7 +110,7 @@ simulate = false             # true: a simulated drive instead of the one on the
 # sdo_timeout_ms = 500
 # sdo_interval_ms = 4        # the parameter channel pauses between two SDOs
 # sync = false               # TPDOs on SYNC instead of event-driven
-# allow_unguarded = false    # true: operate a drive that refuses 1016h or 6007h
+# allow_unguarded = false    # true: operate a drive that nothing stops when the gateway dies
 # g1 = 3                     # telegram 3: DO-ID of the encoder that is G1, without it the drive's own position
 # family = "engel"           # the overlay of the drive, without it by its identity
 # What the drive does not tell about its units; pdgw config check --bus shows what it does tell (docs/units.md).
