@@ -13,6 +13,7 @@ from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.motion.blocks import (
     HIGHEST_BLOCK,
     PERCENT_MAX,
+    TORQUE_MAX,
     Block,
     BlockMode,
     BlockNext,
@@ -92,6 +93,9 @@ class PositionerConfig(BaseModel):
     set_of_setpoints: Annotated[bool, Strict()] = True
     """The drive keeps a set-point for after the one that runs."""
 
+    clamping_torque: Annotated[_Integer, Field(ge=1, le=TORQUE_MAX)] | None = None
+    """Of a task with STW2.8, in 1/1000 of the rated torque."""
+
     @model_validator(mode="after")
     def _limits_have_room(self) -> PositionerConfig:
         if self.software_limits is not None and self.software_limits[0] >= self.software_limits[1]:
@@ -101,11 +105,6 @@ class PositionerConfig(BaseModel):
     def choices(self, blocks: tuple[BlockConfig, ...]) -> PositionerChoices:
         """For the executor; GatewayError for blocks that cannot be run."""
         table = tuple(item.block() for item in blocks)
-        for item in table:
-            if item.task is BlockTask.FIXED_STOP:
-                raise GatewayError(
-                    f"block {item.number}: task = fixed-stop needs a torque limit, which is not sent yet"
-                )
         BlockTable(table)
         return PositionerChoices(
             self.lu_per_revolution,
@@ -120,6 +119,7 @@ class PositionerConfig(BaseModel):
             self.homing_method,
             self.set_of_setpoints,
             table,
+            self.clamping_torque,
         )
 
 
@@ -139,6 +139,7 @@ EXAMPLE = """\
 # reference_coordinate = 0
 # homing_method = 35           # without it no homing
 # set_of_setpoints = true      # the drive keeps a second set-point: flying blocks
+# clamping_torque = 250        # 1/1000 of the rated torque, of a task with STW2.8 (fixed stop)
 # [[axis.block]]
 # number = 1                   # 0 to 127
 # position = 50000
@@ -146,7 +147,7 @@ EXAMPLE = """\
 # acceleration = 100           # percent
 # deceleration = 100
 # mode = "absolute"            # "absolute", "relative", "endless-positive", "endless-negative"
-# task = "position"            # "position", "wait", "goto", "set-output", "reset-output", with value = ...
+# task = "position"            # "position", "wait", "goto", "set-output", "reset-output", "fixed-stop", with value = ...
 # next = "end"                 # "end", "continue-with-stop", "flying", "external"
 """
 """For ``pdgw config example``, behind an axis."""

@@ -271,6 +271,12 @@ class Reason(enum.Enum):
         _E.SETPOINT,
         "use blocks that stop, or a drive that keeps a second set-point",
     )
+    TORQUE_LIMIT = (
+        "torque limit 6072h is being written, or not taken by the drive",
+        _S.WAITS,
+        _E.SETPOINT,
+        "wait; if it lasts, look at the fault of the axis",
+    )
     FIXED_STOP_MISSED = (
         "no fixed stop before the target of the block",
         _S.WAITS,

@@ -192,7 +192,8 @@ class Course:
             return Reason.INTERMEDIATE_STOP
         if goal.scaled and asked.override == 0:
             return Reason.OVERRIDE_ZERO
-        if not (seen.standstill and seen.internal_limit and self.sent and not self.arrived()):
+        presses = goal.torque is not None  # the torque limit is what it is to stand at
+        if presses or not (seen.standstill and seen.internal_limit and self.sent and not self.arrived()):
             self._limit_since = -1
         elif self._limit_since < 0:
             self._limit_since = now

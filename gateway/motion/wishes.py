@@ -177,6 +177,8 @@ class PositionerChoices:
     waiting_setpoints: bool = True
     """The drive keeps a set-point for after the one that runs (set of set-points)."""
     blocks: tuple[Block, ...] = ()
+    clamping_torque: int | None = None
+    """Of a task with STW2.8, in 1/1000 of the rated torque; None: only blocks move to a fixed stop."""
 
 
 @dataclass(frozen=True, slots=True)

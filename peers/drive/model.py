@@ -82,6 +82,8 @@ class DriveModel:
         self.digital_inputs = DI1
         self.limited = False
         """Something inside the drive keeps it from what is asked (Statusword.11)."""
+        self._pressed = 0
+        """Torque against a mechanical stop."""
         self.causes: set[int] = set()
         self.probe = TouchProbe(self)
         self._time = -1
@@ -382,9 +384,13 @@ class DriveModel:
     def _turn(self) -> None:
         """Move the axis; a mechanical stop holds it."""
         position = self.machine_position + increments_per_second(self.ramp.speed) * TICK
-        if not self.machine.within_stops(position):
+        pressing = not self.machine.within_stops(position)
+        if pressing:
             position = min(max(position, self.machine.negative_stop), self.machine.positive_stop)
+            self._pressed = self.max_torque if self.ramp.speed > 0 else -self.max_torque
             self.ramp.set(0.0)
+        if self._pressed and not self.motion.makes_torque:
+            self.current_actual = self._pressed = self._pressed if pressing else 0
         self.probe.turned(self.machine_position, position)
         self.machine_position = position
         self.digital_inputs = self._inputs_at(position)

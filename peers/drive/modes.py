@@ -43,6 +43,8 @@ class ModeOfOperation:
 
     even: ClassVar[bool] = False
     """At constant speed nothing but the position changes."""
+    makes_torque: ClassVar[bool] = False
+    """It sets the torque itself."""
     synchronous: ClassVar[bool] = False
     """It needs a set-point with each SYNC."""
 
@@ -173,6 +175,7 @@ class Torque(ModeOfOperation):
     """Target Torque accelerates the unloaded motor up to a speed."""
 
     even = True
+    makes_torque = True
 
     def move(self) -> None:
         drive = self.drive

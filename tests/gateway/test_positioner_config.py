@@ -59,8 +59,8 @@ def test_all_keys_reach_the_axis() -> None:
         ("5000\nvelocity = 300", "5000\nvelocity = 0", ["block 1: velocity = 0 is not allowed"]),
         (
             'task = "wait"\nvalue = 10',
-            'task = "fixed-stop"\nvalue = 10\nvelocity = 5',
-            ["block 2: task = fixed-stop needs a torque limit"],
+            'task = "fixed-stop"\nvalue = 1001\nvelocity = 5',
+            ["block 2: value = 1001 is not allowed, expected 1..1000"],
         ),
         ('task = "wait"', 'task = "jump"', ["task = 'jump'", "'position', 'wait', 'goto'"]),
         ("number = 2", "number = 3", ["block 1: goes on with block 2, which is missing"]),

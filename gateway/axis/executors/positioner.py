@@ -1,14 +1,14 @@
 """The positioner's motions on a drive: profile position (6060h = 1), profile velocity (3), homing (6), with their handshakes.
 
 Source: docs/motion.md, docs/translation.md. Each set-point is given once: CW.4 rises with its data and falls when the drive has
-acknowledged it (SW.12), whatever STW1.6 does. The mode changes at standstill only and never with Halt. Left out: modulo axes,
-torque limits.
+acknowledged it (SW.12), whatever STW1.6 does. The mode changes at standstill only and never with Halt. Left out: modulo axes.
 """
 
 from __future__ import annotations
 
 from pdgw.ds301.objects import CanType
 from pdgw.dsp402.drive_type import DriveType, Quantity
+from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.images import DriveCommand, DriveFeedback
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.objects import NEGATIVE_LIMIT_SWITCH, POSITIVE_LIMIT_SWITCH
@@ -17,12 +17,13 @@ from pdgw.gateway.axis.executors.base import Executor, Notes, known
 from pdgw.gateway.axis.executors.homing import Homing, Progress
 from pdgw.gateway.axis.executors.mode import ModeSwitch
 from pdgw.gateway.axis.executors.torque import message_of
+from pdgw.gateway.axis.executors.torque_limit import TorqueLimit
 from pdgw.gateway.axis.power_table import Action
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.values import ProbeAnswer, ProbeWish
 from pdgw.gateway.axis.waist import STATE_MASK, Demand, Flag, Report
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.motion.blocks import BlockTable
+from pdgw.gateway.motion.blocks import BlockTable, BlockTask
 from pdgw.gateway.motion.messages import MessageWord
 from pdgw.gateway.motion.positioner import Positioner
 from pdgw.gateway.motion.states import State as Function
@@ -41,6 +42,8 @@ from pdgw.profidrive.datatypes import Normalisation, n4
 
 _HALT = ControlBit.HALT
 _NEW_SETPOINT = ControlBit.NEW_SETPOINT
+_AT_LIMIT = 20
+"""The torque is at its limit within one part in so many."""
 
 
 class PositionerExecutor(Executor):
@@ -68,6 +71,7 @@ class PositionerExecutor(Executor):
         self._setpoint_bit = False
         self._bits = 0
         """Controlword bits 5 and 6 of the set-point given last."""
+        self._torque = TorqueLimit(notes)
         self._homing_begun = 0
         """Serial of the homing that was begun."""
         self._warned: Reason | None = None
@@ -93,12 +97,17 @@ class PositionerExecutor(Executor):
             int(scaling.reference(Quantity.ACCELERATION)),
             int(scaling.reference(Quantity.DECELERATION)),
         )
+        self._torque.set_base(drive.max_torque)
+        clamps = [block for block in choices.blocks if block.task is BlockTask.FIXED_STOP]
+        if (clamps or choices.clamping_torque is not None) and drive.max_torque <= 0:
+            raise Dsp402Error("Max Torque 6072h", drive.max_torque, "a value above 0, which a fixed stop lowers")
         low, high = (length.to_length(limit) for limit in scaling.position_range or self._target)
         self.positioner.set_position_range(low, high)
 
     def restarted(self) -> None:
         self._stop()
         self._mode.halted = False
+        self._torque.restarted()
         self._forget_home()
 
     def lost(self) -> None:
@@ -117,7 +126,8 @@ class PositionerExecutor(Executor):
         self.positioner.step(self._nothing, self._seen, 0)
 
     def sdo_done(self, error: str | None) -> None:
-        self.homing.answered(error)
+        if not self._torque.answered(error):
+            self.homing.answered(error)
 
     def probed(self, answer: ProbeAnswer) -> None:
         units = self._units
@@ -180,6 +190,7 @@ class PositionerExecutor(Executor):
         else:
             mode.halted = False
             self._stop()
+        self._torque.follow(outcome.motion.torque if asked.operating else None)
         self._warn(outcome.warning)
         command, report = self.command, self.report
         command.controlword = controlword | extra
@@ -220,6 +231,10 @@ class PositionerExecutor(Executor):
         seen.velocity = feedback.velocity_actual
         seen.standstill = standstill
         seen.internal_limit = statusword & StatusBit.INTERNAL_LIMIT != 0
+        torque = self.positioner.outcome.motion.torque
+        seen.torque_at_limit = torque is not None and abs(feedback.current_actual) * _AT_LIMIT >= torque * (
+            _AT_LIMIT - 1
+        )
         inputs = feedback.digital_inputs
         seen.negative_limit = inputs & NEGATIVE_LIMIT_SWITCH != 0
         seen.positive_limit = inputs & POSITIVE_LIMIT_SWITCH != 0
@@ -300,8 +315,11 @@ class PositionerExecutor(Executor):
             seen.given = seen.taken = seen.executing = motion.serial
 
     def _give(self, motion: Motion, units: LengthUnits, feedback: DriveFeedback) -> None:
-        """A set-point, once the drive has taken the acknowledge of the last one back."""
+        """A set-point, once the drive has taken the acknowledge of the last one back and has the torque limit."""
         if feedback.statusword & StatusBit.MODE_12:
+            return
+        if not self._torque.holds(motion.torque):
+            self.notes.reason = Reason.TORQUE_LIMIT
             return
         command = self.command
         self._set_ramps(motion, units)
@@ -361,5 +379,6 @@ def _settings(choices: PositionerChoices) -> PositionerSettings:
         choices.software_limits,
         choices.reference_coordinate,
         waiting_setpoints=choices.waiting_setpoints,
+        clamping_torque=choices.clamping_torque,
         probe=True,
     )

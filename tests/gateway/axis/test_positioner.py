@@ -11,7 +11,10 @@ from pdgw.dsp402.states import ControlBit
 from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.motion.blocks import Block, BlockNext, BlockTask
+from pdgw.gateway.motion.wishes import PositionerChoices
 from pdgw.gateway.reasons import FaultNumber, Reason
+from pdgw.peers.drive import Machine
 from tests.support.drive_types import References, engel
 from tests.support.positioner import CHOICES
 from tests.support.rig import Rig
@@ -25,8 +28,10 @@ REFERENCES = References(
 OFF, ON = 0x043E, 0x043F
 
 
-def positioner(number: int = 111, **changes: object) -> Rig:
-    rig = Rig(number, positioner=CHOICES)
+def positioner(
+    number: int = 111, choices: PositionerChoices = CHOICES, machine: Machine | None = None, **changes: object
+) -> Rig:
+    rig = Rig(number, machine, positioner=choices)
     for index, subindex, value in (
         (0x607B, 1, -2_000_000),
         (0x607B, 2, 2_000_000),
@@ -314,3 +319,89 @@ def test_a_drive_whose_units_are_not_known_does_not_operate() -> None:
     rig.step(10)
     assert rig.actuals["ZSW1"] & 0x0008
     assert not rig.actuals["ZSW1"] & 0x0004
+
+
+# -- fixed stop -------------------------------------------------------------------------------------------------------------
+
+_STOP = Machine(positive_stop=3000.0)
+_PRESSING = replace(
+    CHOICES,
+    clamping_torque=400,
+    blocks=(
+        Block(1, 50_000, 3000, task=BlockTask.FIXED_STOP, value=250),
+        Block(2, 50_000, 3000, task=BlockTask.FIXED_STOP, value=250, next=BlockNext.CONTINUE_WITH_STOP),
+        Block(3, 0, 3000),
+    ),
+)
+OWN_TORQUE = 3000
+
+
+def press(rig: Rig, **values: int) -> None:
+    rig.values |= {"STW1": ON, **values}
+    rig.step(5)
+    rig.values["STW1"] = ON | 0x40
+    rig.until(lambda actuals: "FIXED_STOP_REACHED" in bits(rig, "POS_ZSW2"), 2000)
+
+
+def test_a_block_presses_on_its_fixed_stop_with_its_torque_until_the_reject() -> None:
+    rig = positioner(choices=_PRESSING, machine=_STOP)
+    torques: list[int] = []
+    rig.values |= {"STW1": ON, "POS_STW1": 1}
+    rig.step(5)
+    rig.values["STW1"] = ON | 0x40
+    for _ in range(2000):
+        rig.step()
+        if rig.node.model.ramp.speed:
+            torques.append(rig.node.model.max_torque)
+        if "FIXED_STOP_REACHED" in bits(rig, "POS_ZSW2"):
+            break
+    assert set(torques) == {250}, "it never moves with another limit"
+    assert {"FIXED_STOP_REACHED", "CLAMPING_TORQUE_REACHED", "TO_FIXED_STOP"} <= bits(rig, "POS_ZSW2")
+    assert rig.node.model.position == 3000
+    rig.step(300)
+    assert rig.node.model.max_torque == 250, "it presses on"
+    rig.values["STW1"] = ON & ~0x10
+    rig.step(20)
+    assert rig.node.model.max_torque == OWN_TORQUE
+    assert "FIXED_STOP_REACHED" not in bits(rig, "POS_ZSW2")
+
+
+def test_behind_a_fixed_stop_the_next_block_has_the_drives_own_torque() -> None:
+    rig = positioner(choices=_PRESSING, machine=_STOP)
+    press(rig, POS_STW1=2)
+    rig.until(lambda actuals: rig.node.model.ramp.speed < 0, 500)
+    assert rig.node.model.max_torque == OWN_TORQUE
+    rig.until(lambda actuals: actuals["XIST_A"] == 0, 2000)
+
+
+def test_stw2_8_presses_with_the_clamping_torque() -> None:
+    rig = positioner(choices=_PRESSING, machine=_STOP)
+    press(rig, POS_STW1=0x8100, STW2=0x0100, MDI_TARPOS=50_000, MDI_VELOCITY=3000)
+    assert rig.node.model.max_torque == 400
+    assert rig.actuals["ZSW2"] & 0x0100
+
+
+def test_leaving_operation_gives_the_drive_its_own_torque_back() -> None:
+    rig = positioner(choices=_PRESSING, machine=_STOP)
+    press(rig, POS_STW1=1)
+    rig.step(50, plc=False)
+    assert rig.node.model.max_torque == OWN_TORQUE
+
+
+def test_a_torque_limit_the_drive_does_not_take_moves_nothing_and_is_told() -> None:
+    rig = positioner(choices=_PRESSING, machine=_STOP)
+    rig.sdo_error = "refused"
+    rig.values |= {"STW1": ON, "POS_STW1": 1}
+    rig.step(5)
+    rig.values["STW1"] = ON | 0x40
+    rig.step(100)
+    assert rig.node.model.position == 0
+    assert rig.stepper.reason is Reason.TORQUE_LIMIT
+    assert any("6072h = 250: refused" in event.text for event in rig.stepper.events)
+
+
+def test_a_drive_without_a_torque_limit_refuses_a_fixed_stop() -> None:
+    rig = Rig(111, positioner=_PRESSING)
+    rig.stepper.set_references(replace(REFERENCES, max_torque=0))
+    rig.step()
+    assert any("Max Torque 6072h" in event.text for event in rig.stepper.events)

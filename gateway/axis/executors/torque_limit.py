@@ -1,0 +1,77 @@
+"""The torque limit (6072h) of a positioner by SDO: lowered for a fixed stop, and the drive's own again behind it.
+
+Source: docs/motion.md "Traversing blocks". The positioner's PDOs have no room for 6072h, and a fixed stop is not in a hurry.
+"""
+
+from __future__ import annotations
+
+from pdgw.gateway.axis.executors.base import Notes
+from pdgw.gateway.axis.values import SdoWrite
+from pdgw.gateway.reasons import FaultNumber, Reason
+
+MAX_TORQUE = (0x6072, 0)
+
+
+class TorqueLimit:
+    """``follow`` once per cycle; ``holds`` once the drive has a limit."""
+
+    __slots__ = ("_base", "_held", "_notes", "_refused", "_writes")
+
+    def __init__(self, notes: Notes) -> None:
+        self._notes = notes
+        self._base = 0
+        self._held = 0
+        """What the drive holds; -1 while that is not known."""
+        self._refused = -1
+        self._writes: tuple[SdoWrite, ...] | None = None
+
+    @property
+    def base(self) -> int:
+        """The limit the drive had at start, in 1/1000 of the rated torque; 0 for one that does not tell."""
+        return self._base
+
+    def set_base(self, limit: int) -> None:
+        """What the drive is, was found out anew: a limit of ours that still stands is not taken for the drive's own."""
+        if self._base and self._held != self._base:
+            return
+        self._base = self._held = limit
+        self._writes = None
+
+    def restarted(self) -> None:
+        """The drive has its own limit again, or what it had last: it is written once."""
+        self._writes = None
+        self._held = -1 if self._base else 0
+        self._refused = -1
+
+    def _limit(self, torque: int | None) -> int:
+        return self._base if torque is None else min(torque, self._base)
+
+    def holds(self, torque: int | None) -> bool:
+        """The drive has this limit."""
+        return self._held == self._limit(torque)
+
+    def follow(self, torque: int | None) -> None:
+        """The limit that is wanted, in 1/1000 of the rated torque; None: the drive's own. Behind all that may write."""
+        notes, wanted = self._notes, self._limit(torque)
+        if self._writes is not None and notes.writes is not self._writes:
+            self._writes = None  # homing has taken the place: once more behind it
+        if wanted == self._held or wanted == self._refused or notes.writes is not None:
+            return
+        self._held = self._refused = -1
+        self._writes = notes.writes = (SdoWrite(*MAX_TORQUE, wanted),)
+
+    def answered(self, error: str | None) -> bool:
+        """The writes of the notes are done: whether they were ours."""
+        writes = self._writes
+        if writes is None:
+            return False
+        self._writes = None
+        if error is None:
+            self._held = writes[0].value
+        else:
+            notes = self._notes
+            self._refused = writes[0].value
+            notes.warning = True
+            notes.reason = Reason.TORQUE_LIMIT
+            notes.faults.append((FaultNumber.POSITIONER, f"torque limit 6072h = {writes[0].value}: {error}"))
+        return True
