@@ -10,6 +10,8 @@ from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.trace.layout import SUFFIX
 
 _SHARED_MEMORY = Path("/dev/shm")
+_SERVICES = Path("/run/pdgw")
+"""The units of ``deploy/`` have a folder for each gateway here."""
 _PRIVATE = 0o750
 
 
@@ -35,21 +37,24 @@ def prepared(directory: Path) -> Path:
         raise GatewayError(f"flight recorder: {directory}: {error.strerror or error}") from error
     if not stat.S_ISDIR(found.st_mode):
         raise GatewayError(f"flight recorder: {directory}: is no directory")
-    # Whoever made it first in a place where everybody may make files could read along or take the file away.
-    if found.st_uid != os.getuid() and found.st_mode & stat.S_IWOTH:
+    # Whoever made it first, in a place where everybody may make files, could take ours away.
+    if found.st_uid not in (0, os.getuid()):
         raise GatewayError(f"flight recorder: {directory}: belongs to somebody else")
     return directory
 
 
 def rings(directory: Path | None = None) -> list[Path]:
-    """The rings in a directory (None: the run directory), the one written last first."""
-    place = run_directory() if directory is None else directory
-    if place is None:
-        return []
+    """The rings in a directory, the newest first; None: in the run directory and in those of the gateways that are services."""
+    places: set[Path] = set()
+    if directory is not None:
+        places.add(directory)
+    else:
+        own = run_directory()
+        places.update(path for path in (own, _SERVICES, *_SERVICES.glob("*/")) if path is not None)
     found: list[tuple[float, Path]] = []
-    try:
-        for path in place.glob(f"*{SUFFIX}"):
-            found.append((path.stat().st_mtime, path))
-    except OSError as error:
-        raise GatewayError(f"{place}: {error.strerror or error}") from error
+    for place in places:
+        try:
+            found += [(path.stat().st_mtime, path) for path in place.glob(f"*{SUFFIX}")]
+        except OSError:
+            continue  # somebody else's, or gone meanwhile
     return [path for _, path in sorted(found, reverse=True)]

@@ -121,3 +121,7 @@ def test_a_hung_gateway_gives_no_sign_of_life(tmp_path: Path, monkeypatch: pytes
             process.send_signal(signal.SIGCONT)
             listening.settimeout(20)
             assert listening.recv(100) == b"WATCHDOG=1"
+            # As the manager's watchdog ends it: it says where it was.
+            process.send_signal(signal.SIGABRT)
+            process.wait(20)
+    assert "Fatal Python error: Aborted" in (tmp_path / "log").read_text()

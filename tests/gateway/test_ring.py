@@ -185,6 +185,15 @@ def test_the_run_directory_is_the_service_managers_or_the_users(
     (tmp_path / "file").touch()
     with pytest.raises(GatewayError, match="flight recorder"):
         prepared(tmp_path / "file")
+    (tmp_path / "link").symlink_to(tmp_path / "pdgw")
+    with pytest.raises(GatewayError, match="is no directory"):
+        prepared(tmp_path / "link")
+    if os.getuid():
+        monkeypatch.setattr("os.getuid", lambda: 4711)
+    else:
+        os.chown(tmp_path / "pdgw", 4711, -1)
+    with pytest.raises(GatewayError, match="belongs to somebody else"):
+        prepared(tmp_path / "pdgw")
 
 
 # -- torture: a writer in another process, as fast as it can, and killed ---------------------------------------------------

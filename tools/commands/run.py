@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import faulthandler
 import logging
 import signal
 from collections.abc import Callable
@@ -133,6 +134,7 @@ def run(
             "status_port": status_port,
         },
     )
+    faulthandler.enable()  # where it hung, when a service manager's watchdog ends it (SIGABRT)
     with ExitStack() as at_end:
         keep = at_end.enter_context(keeper_beside(chosen.trace))
         refused = realtime.apply(chosen.realtime)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import os
 import select
+import signal
 import sys
 from datetime import datetime
 from pathlib import Path
@@ -97,7 +98,10 @@ def watch(
         typer.echo(f"watching {path}, files go to {directory}")
         follow(path, choice, sleeping)
         return
-    # Of a gateway that tells the path on standard input and closes it when it is gone.
+    # Of a gateway that tells the path on standard input and closes it when it is gone. Only that ends it: it is still there when
+    # a service manager stops all processes of one that died.
+    for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)
     os.nice(10)
     follow(Path(sys.stdin.readline().strip()), choice, _until_closed)
 

@@ -1,0 +1,113 @@
+"""What ``deploy/`` installs: the service manager accepts it, and it names commands, options and extras that exist."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from pdgw.tools.command_table import COMMANDS
+
+ROOT = Path(__file__).parent.parent
+UNITS = ROOT / "deploy" / "systemd"
+SERVICES = ("pdgw@.service", "pdgw-web@.service")
+DROP_INS = ("realtime.conf", "raw-sockets.conf")
+EXPOSURE = 45
+"""Tenths of what systemd-analyze security may say at most: "OK"."""
+needs_systemd = pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="systemd-analyze is not installed")
+
+
+def installed(directory: Path, service: str, drop_in: str | None = None) -> Path:
+    """The unit of one gateway, with a program this machine has."""
+    text = (UNITS / service).read_text().replace("/opt/pdgw/bin/pdgw", "/bin/true").replace("%i", "line-3")
+    unit = directory / service.replace("@", "-line-3")
+    unit.write_text(text)
+    if drop_in is not None:
+        folder = directory / f"{unit.name}.d"
+        folder.mkdir()
+        shutil.copy(UNITS / drop_in, folder / drop_in)
+    return unit
+
+
+def systemd(*arguments: str) -> subprocess.CompletedProcess[str]:
+    command = ["systemd-analyze", *arguments]
+    return subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+
+
+@needs_systemd
+@pytest.mark.parametrize("drop_in", [None, *DROP_INS])
+@pytest.mark.parametrize("service", SERVICES)
+def test_systemd_accepts_the_units(tmp_path: Path, service: str, drop_in: str | None) -> None:
+    unit = installed(tmp_path, service, drop_in)
+    done = systemd("verify", "--man=no", str(unit))
+    complaints = [line for line in done.stderr.splitlines() if tmp_path.name in line or unit.name in line]
+    assert (done.returncode, complaints) == (0, [])
+
+
+@needs_systemd
+@pytest.mark.parametrize("service", SERVICES)
+def test_the_units_may_do_little_beyond_their_work(tmp_path: Path, service: str) -> None:
+    unit = installed(tmp_path, service)
+    done = systemd("security", "--offline=true", f"--threshold={EXPOSURE}", str(unit))
+    if "unrecognized option" in done.stderr or "Failed to" in done.stderr:
+        pytest.skip(f"systemd-analyze security: {done.stderr.strip()}")
+    assert done.returncode == 0, done.stdout[-400:]
+
+
+def test_gateway_and_page_are_one_user_and_the_page_never_gets_the_gateways_priority() -> None:
+    gateway, page = ((UNITS / service).read_text().splitlines() for service in SERVICES)
+    for lines in (gateway, page):
+        assert {"User=pdgw", "DynamicUser=yes", "ProtectSystem=strict", "CapabilityBoundingSet="} <= set(lines)
+    assert {"Type=notify", "WatchdogSec=2", "Restart=always", "RuntimeDirectoryPreserve=yes"} <= set(gateway)
+    assert {"RestrictRealtime=yes", "Nice=10"} <= set(page)
+    assert not any(line.startswith("AmbientCapabilities") for line in (*gateway, *page))
+
+
+def commands() -> list[tuple[str, str]]:
+    """Every call of ``pdgw`` in the files, by the file."""
+    found = []
+    for service in SERVICES:
+        found += [
+            (service, call) for call in re.findall(r"^ExecStart=\S*/pdgw (.*)$", (UNITS / service).read_text(), re.M)
+        ]
+    text = (ROOT / "deploy" / "Containerfile").read_text()
+    found += [("Containerfile", call) for call in re.findall(r"CMD pdgw (\S+)", text)]
+    found += [
+        ("Containerfile", " ".join(re.findall(r'"([^"]+)"', call))) for call in re.findall(r"^CMD \[(.*)\]", text, re.M)
+    ]
+    return found
+
+
+def test_what_is_started_are_commands_of_this_package() -> None:
+    called = {(file, call.split()[0]) for file, call in commands()}
+    assert called == {
+        ("pdgw@.service", "run"),
+        ("pdgw-web@.service", "web"),
+        ("Containerfile", "status"),
+        ("Containerfile", "run"),
+    }
+    assert {command for _, command in called} <= COMMANDS.keys()
+
+
+def test_the_image_asks_for_extras_that_exist() -> None:
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+    asked = re.findall(r"(?:\.|profidrive-gateway)\[([a-z,]+)\]", (ROOT / "deploy" / "Containerfile").read_text())
+    assert len(asked) == 2
+    assert {name for names in asked for name in names.split(",")} <= extras.keys()
+
+
+@pytest.mark.skipif(shutil.which("logrotate") is None, reason="logrotate is not installed")
+def test_logrotate_accepts_its_file(tmp_path: Path) -> None:
+    (tmp_path / "x.log").write_text("a line\n")
+    rules = tmp_path / "rules"
+    rules.write_text((ROOT / "deploy" / "logrotate" / "pdgw").read_text().replace("/var/log/pdgw", str(tmp_path)))
+    os.chmod(rules, 0o644)
+    command = [shutil.which("logrotate") or "", "--force", "--state", str(tmp_path / "state"), str(rules)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert (tmp_path / "x.log.1").read_text() == "a line\n"
