@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import socket
+import subprocess
 import time
 from collections.abc import Callable, Iterator
 
@@ -18,7 +19,7 @@ from pdgw.gateway.transport.cyclic import CyclicEndpoint, Verdict
 from pdgw.profidrive.frame import RtFrame
 from pdgw.profidrive.telegrams import telegram
 from pdgw.profinet.rpc.server import RecordServer
-from pdgw.tools.bench import flood, killed, stops, storm
+from pdgw.tools.bench import command_line, flood, killed, stops, storm
 from pdgw.tools.bench.dialogues import SPEEDS, EchoDialogue, PlcDialogue, speed
 from pdgw.tools.bench.drives import IdealDrives
 from pdgw.tools.bench.measure import latency
@@ -206,6 +207,13 @@ def test_a_short_row_is_consistent_and_says_what_was_measured() -> None:
     assert row["gateway"]["samples"] + row["gateway"]["missed"] + row["slept"] == 128
     assert row["to_can"]["samples"] + row["to_can"]["missed"] + row["slept"] == 128
     assert min(row["start_s"], row["gateway_per_s"], row["echo_per_s"], row["ratio_p50"]) > 0
+
+
+@pytest.mark.e2e
+def test_the_cpu_of_a_command_is_that_of_its_process() -> None:
+    assert 0 < command_line.cpu_s("--version") < 60
+    with pytest.raises(subprocess.CalledProcessError):
+        command_line.cpu_s("no-such-command")
 
 
 @pytest.mark.e2e

@@ -157,7 +157,7 @@ class Gateway:
 
 
 @cache
-def _environment() -> dict[str, str]:
+def environment() -> dict[str, str]:
     """Where a gateway starts as it does on a user's machine: with the byte code Python keeps of what it once imported."""
     environment = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
     subprocess.run([sys.executable, "-c", "import pdgw.tools.commands.run"], env=environment, check=True)
@@ -180,7 +180,7 @@ def running(axes: int, period_ns: int) -> Iterator[tuple[Drives, Gateway]]:
         command = [sys.executable, "-m", "pdgw", "run", str(config), "--log-file", str(log)]
         with (
             log.open("w") as errors,
-            subprocess.Popen(command, stdout=errors, stderr=errors, env=_environment()) as daemon,
+            subprocess.Popen(command, stdout=errors, stderr=errors, env=environment()) as daemon,
         ):
             try:
                 yield drives, Gateway(daemon, ports, log)

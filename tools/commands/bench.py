@@ -16,7 +16,7 @@ from rich.console import Console
 from rich.status import Status
 from rich.table import Table
 
-from pdgw.tools.bench import decoding, flood, following, killed, recording, stops, storm, translation
+from pdgw.tools.bench import command_line, decoding, flood, following, killed, recording, stops, storm, translation
 from pdgw.tools.bench.build import machine, use_real_time_priority
 from pdgw.tools.bench.measure import Latency
 from pdgw.tools.bench.rows import ROWS, Row, idle, measure
@@ -59,6 +59,8 @@ def bench(
         floods = _floods(status, seconds)
         status.update("idle")
         idle_share = idle(_IDLE_AXES, _IDLE_PERIOD_NS, seconds)
+        status.update("commands")
+        commands = command_line.measure()
     document = {
         "machine": machine() | {"realtime": realtime},
         "translation": [asdict(cost) for cost in costs],
@@ -72,6 +74,7 @@ def bench(
         },
         "floods": [_flood_document(item) for item in floods],
         "idle_cpu_share": idle_share,
+        "command_cpu_s": commands,
     }
     Report("pdgw bench", measured=figures(document)).write(junit, html)
     if as_json:
@@ -97,6 +100,7 @@ def bench(
     console.print(table)
     _print_floods(console, floods)
     console.print(f"idle, {_IDLE_AXES} axes at 10 ms without a PLC: {_share(idle_share)} of a core")
+    console.print(", ".join(f"pdgw {name}: {seconds:.2f} s of CPU" for name, seconds in commands.items()))
 
 
 @app.command("cycle")
