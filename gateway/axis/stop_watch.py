@@ -29,7 +29,17 @@ class Brake(enum.IntEnum):
 class StopWatch:
     """One axis. ``step`` in each cycle in which the drive is not obeying the PLC and not known to be off."""
 
-    __slots__ = ("_began", "_braked", "_reaction", "_speed", "_standing_command", "_stop_time", "brake", "reference")
+    __slots__ = (
+        "_began",
+        "_braked",
+        "_reaction",
+        "_speed",
+        "_standing_command",
+        "_stop_time",
+        "brake",
+        "reference",
+        "runs",
+    )
 
     def __init__(self, reaction_ns: int, stop_time_ns: int) -> None:
         self._reaction = reaction_ns
@@ -37,22 +47,20 @@ class StopWatch:
         self.reference = 0
         """100 % speed in the drive's units."""
         self.brake: Brake = Brake.NONE
-        self._began = -1
-        """When the stop was commanded first; -1 while there is none."""
+        self.runs = False
+        """A stop is being watched."""
+        self._began = 0
+        """When the stop was commanded first."""
         self._speed = 0
         """The speed from which the drive brakes."""
         self._standing_command = -1
         """Since when the drive shows operation although power off, or the quick stop, is commanded; -1 while it does not."""
         self._braked = 0
 
-    @property
-    def runs(self) -> bool:
-        """A stop is being watched."""
-        return self._began >= 0
-
     def over(self) -> None:
         """The drive is off, or obeys the PLC again."""
-        self._began = self._standing_command = -1
+        self.runs = False
+        self._standing_command = -1
         self.brake = Brake.NONE
 
     def step(
@@ -70,7 +78,8 @@ class StopWatch:
         if not seen:
             return False
         speed = abs(velocity)
-        if self._began < 0:
+        if not self.runs:
+            self.runs = True
             self._began = now
             self._speed = speed
         elif now - self._began <= self._reaction:

@@ -175,24 +175,26 @@ class NodeWatch:
 class Acknowledgement:
     """When the fault buffer moves on: the PLC acknowledged, and the device has left its fault."""
 
-    __slots__ = ("_seen", "_until")
+    __slots__ = ("_seen", "_until", "waits")
 
     def __init__(self) -> None:
         self._seen = False
         self._until = 0
+        self.waits = False
+        """There is something to do although nothing is asked now."""
 
     @property
     def pending(self) -> bool:
         """The PLC acknowledged, and the device is still in its fault."""
         return self._until != 0
 
-    @property
-    def waits(self) -> bool:
-        """There is something to do although nothing is asked now."""
-        return self._seen or self._until != 0
-
     def step(self, asked: bool, ok: bool, faulty: bool, now: int) -> bool:
         """One cycle with the bit's level; a cause that stays needs another edge."""
+        over = self._step(asked, ok, faulty, now)
+        self.waits = self._seen or self._until != 0
+        return over
+
+    def _step(self, asked: bool, ok: bool, faulty: bool, now: int) -> bool:
         if asked and not self._seen:
             self._until = now + ACKNOWLEDGE_NS
         self._seen = asked

@@ -63,9 +63,10 @@ class Notes:
 
     def limited(self, conversion: Normalisation, wire: int) -> int:
         """A fraction in the drive's units; one that a limit cuts is counted."""
-        if conversion.saturates(wire):
+        value = conversion.to_value(wire)
+        if not conversion.value_min < value < conversion.value_max and conversion.saturates(wire):
             self.saturations += 1
-        return conversion.to_value(wire)
+        return value
 
 
 class Executor:
