@@ -20,6 +20,7 @@ from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.dsp402.pdo import LAYOUTS
 from pdgw.dsp402.scaling import SCALING_OBJECTS
 from pdgw.dsp402.states import State, state_of
+from pdgw.gateway.axis.executors.positioner import PositionerExecutor
 from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.stop_watch import Brake
 from pdgw.gateway.axis.telegrams import pdo_operation
@@ -27,7 +28,10 @@ from pdgw.gateway.axis.values import Configured, FaultRead, Outputs, PresetAnswe
 from pdgw.gateway.config import AxisConfig
 from pdgw.gateway.drive_object import OWNED, DriveObject, log
 from pdgw.gateway.encoder import EncoderObject
+from pdgw.gateway.motion.wishes import PositionerChoices
+from pdgw.gateway.positioner_parameters import PositionerValues
 from pdgw.gateway.probe import ProbeReader
+from pdgw.gateway.store import DoParameters
 from pdgw.profidrive.sensor_format import SensorFormat
 from pdgw.profidrive.sign_of_life import MONITORING_OFF
 from pdgw.profidrive.telegrams import telegram
@@ -97,6 +101,20 @@ class Axis(DriveObject):
             self.machine.inputs.sensor = encoder.input
             self._sensor_parameters = None
             self.machine.set_sensor_references(None)
+
+    def choose_positioner(self, choices: PositionerChoices) -> None:
+        """Other values for the positioner (P2571 and others), out of operation."""
+        self._settings = replace(self._settings, positioner=choices)
+        executor = self.machine.executor
+        if isinstance(executor, PositionerExecutor):
+            executor.choose(choices)
+
+    def positioner_values(self, stored: DoParameters) -> PositionerValues | None:
+        """The positioner's configuration with what was stored instead; None for an axis without one."""
+        config = self.config
+        if config.positioner is None:
+            return None
+        return PositionerValues(config.positioner, config.block, stored.positioner, stored.positioner_blocks)
 
     @property
     def client(self) -> DriveClient:

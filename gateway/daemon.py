@@ -163,7 +163,14 @@ class Daemon:
         network = self.networks[self.config.bus_of(config).name]
         stored = self.store.parameters.drive_object(config.do_id)
         failures = stored.sign_of_life_tolerance
-        return Axis(config, network, self.config.transport.cycle_time_ms, stored.telegram, failures)
+        axis = Axis(config, network, self.config.transport.cycle_time_ms, stored.telegram, failures)
+        values = axis.positioner_values(stored)
+        if values is not None and (stored.positioner or stored.positioner_blocks):
+            try:
+                axis.choose_positioner(values.choices())
+            except GatewayError as error:
+                log.error("axis %d: stored positioner parameters do not fit the configuration: %s", config.do_id, error)
+        return axis
 
     def _encoders(self) -> list[EncoderObject]:
         made: dict[int, EncoderObject] = {}

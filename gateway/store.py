@@ -1,7 +1,7 @@
 """Non-volatile gateway parameters in a crash-safe file.
 
-Holds what the PLC may change and a power cycle must keep: P922, P925, P927 and the name of each DO, I&M1 to I&M4 of
-the device. The file is JSON with a version and a checksum, replaced atomically: a crash at any moment leaves the old or
+Holds what the PLC may change and a power cycle must keep: P922, P925, P927, positioner and name of each DO, I&M1 to I&M4
+of the device. The file is JSON with a version and a checksum, replaced atomically: a crash at any moment leaves the old or
 the new set. A value is in force when it is on the disk, not before. A damaged file is set aside and reported, never half
 used. Left out: drive parameters (the drive stores its own, 1010h).
 """
@@ -33,6 +33,10 @@ class DoParameters(BaseModel):
     operation_priority: Annotated[int, Field(ge=0, le=1)] = 1
     """P927: 1 = the parameter channel may write."""
     name: Annotated[str, Field(max_length=32)] = ""
+    positioner: dict[int, int] = Field(default_factory=dict)
+    """Parameters of a positioner by PNU, beside those of its blocks."""
+    positioner_blocks: dict[int, tuple[int, ...]] = Field(default_factory=dict)
+    """P2616 to P2623 of blocks by number."""
 
 
 class DeviceParameters(BaseModel):

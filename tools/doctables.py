@@ -24,6 +24,7 @@ from pdgw.gateway.motion.states import TRANSITIONS as POSITIONER_TRANSITIONS
 from pdgw.gateway.motion.states import Event
 from pdgw.gateway.parameters.guarded import GUARDED
 from pdgw.gateway.parameters.objects import error_of_abort
+from pdgw.gateway.positioner_parameters import BLOCK_ITEMS, ITEMS
 from pdgw.gateway.reasons import GATEWAY_FAULTS, Reason
 from pdgw.peers.drive.family import DRIVE_FAULTS, HOMING_METHODS
 from pdgw.peers.node.misbehaviour import NODE_MISBEHAVIOURS, Misbehaviour
@@ -288,6 +289,22 @@ def generate() -> str:
                     ", ".join(spec.elements),
                 )
                 for spec in PARAMETERS.values()
+            ),
+        ),
+        "## Parameters of a positioner\n",
+        _table(
+            ("PNU", "name", "type", "unit", "from", "to", "key"),
+            (
+                (
+                    f"P{pnu}" + ("[block]" if item.spec.array else ""),
+                    item.spec.name,
+                    item.spec.type.name,
+                    item.spec.unit,
+                    item.spec.low,
+                    item.spec.high,
+                    item.spec.meaning,
+                )
+                for pnu, item in (*ITEMS.items(), *BLOCK_ITEMS.items())
             ),
         ),
         "## Error numbers of the parameter channel\n",

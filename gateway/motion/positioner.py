@@ -126,6 +126,11 @@ class Positioner:
         """Where the drive can be sent, in its own coordinates."""
         self.settings = self._course.settings = replace(self.settings, position_range=(low, high))
 
+    def choose(self, settings: PositionerSettings, blocks: BlockTable) -> None:
+        """Other values of the user, out of operation."""
+        self.settings = self._course.settings = replace(settings, position_range=self.settings.position_range)
+        self._chain.blocks = blocks
+
     def drive_restarted(self) -> None:
         """The drive's coordinates are new: the home position is lost."""
         self.home_set = False

@@ -21,7 +21,9 @@ from pdgw.gateway.encoder import EncoderObject
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.faults import EMCY_WARNING_BIT
 from pdgw.gateway.parameters.objects import ObjectAccess, ObjectParameter, request_host
+from pdgw.gateway.parameters.positioner import PositionerParameters
 from pdgw.gateway.parameters.signals import signal_list
+from pdgw.gateway.positioner_parameters import BLOCK_ITEMS, ITEMS, PositionerValues
 from pdgw.gateway.reasons import FIRST_WARNING, GATEWAY_FAULTS
 from pdgw.gateway.store import DeviceParameters, DoParameters
 from pdgw.profidrive.datatypes import DataType
@@ -223,6 +225,9 @@ class NodeObject(BoundObject):
     def _store(self, name: str, value: int | None) -> None:
         _store_is_saved(self.daemon, lambda stored: setattr(stored.drive_object(self.do_id), name, value))
 
+    def _store_change(self, change: Callable[[DoParameters], None]) -> None:
+        _store_is_saved(self.daemon, lambda stored: change(stored.drive_object(self.do_id)))
+
     def _set_tolerance(self, failures: int) -> None:
         self._setter("sign_of_life_tolerance")(failures)
         self.owner.set_sign_of_life_tolerance(failures)
@@ -318,7 +323,34 @@ class AxisObject(NodeObject):
         self.bind(975, lambda: (*identity.UNIT, AXIS_CLASS, _SUBCLASS, self.do_id))
         self.bind(979, lambda: encode_sensor_format([axis.sensor_format]))
         self.bind(60000, self._reference_speed)
+        self._positioner: PositionerParameters | None = None
+        if axis.config.positioner is not None:
+            self._positioner = PositionerParameters(
+                lambda: self._stored,
+                self._positioner_values,
+                self._store_change,
+                axis.choose_positioner,
+                self._standing,
+            )
         self.bind_lists()
+
+    def _positioner_values(self, stored: DoParameters) -> PositionerValues:
+        values = self.axis.positioner_values(stored)
+        assert values is not None, "only of an axis with a positioner"
+        return values
+
+    def parameter(self, pnu: int) -> Parameter:
+        found = None if self._positioner is None else self._positioner.parameter(pnu)
+        return super().parameter(pnu) if found is None else found
+
+    def further_pnus(self) -> Iterable[int]:
+        own = (*ITEMS, *BLOCK_ITEMS) if self._positioner is not None else ()
+        return (*super().further_pnus(), *own)
+
+    def load(self) -> None:
+        super().load()
+        if self._positioner is not None:
+            self.axis.choose_positioner(self._positioner.now.choices())
 
     def _operating_mode(self) -> int:
         telegram = self.axis.telegram

@@ -61,6 +61,7 @@ class PositionerExecutor(Executor):
         self.report.motion = self.positioner.outcome
         self._seen = Seen()
         self._nothing = Asked()
+        self._drive: DriveType | None = None
         self._units: LengthUnits | None = None
         self._speed: Normalisation | None = None
         self._message: MessageWord | None = None
@@ -77,6 +78,7 @@ class PositionerExecutor(Executor):
         self._warned: Reason | None = None
 
     def set_drive(self, drive: DriveType, homing_method: int) -> None:
+        self._drive = drive
         choices, scaling = self.choices, drive.scaling
         units = DriveUnits(
             known(scaling.counts_per_revolution, "position units per revolution", "counts_per_revolution"),
@@ -103,6 +105,13 @@ class PositionerExecutor(Executor):
             raise Dsp402Error("Max Torque 6072h", drive.max_torque, "a value above 0, which a fixed stop lowers")
         low, high = (length.to_length(limit) for limit in scaling.position_range or self._target)
         self.positioner.set_position_range(low, high)
+
+    def choose(self, choices: PositionerChoices) -> None:
+        """Other values of the user, out of operation; Dsp402Error where the drive cannot do what they ask."""
+        self.choices = choices
+        self.positioner.choose(_settings(choices), BlockTable(choices.blocks))
+        if self._drive is not None:
+            self.set_drive(self._drive, self.homing.method)
 
     def restarted(self) -> None:
         self._stop()
