@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from datetime import datetime
 from pathlib import Path
 from typing import Final
 
@@ -12,34 +13,82 @@ import can
 from pdgw.decoder.capture.pcapng_file import PcapngWriter, can_packet, udp_packet
 from pdgw.decoder.link import CAN_ERROR, CAN_EXTENDED, CAN_REMOTE
 from pdgw.decoder.records import Link
+from pdgw.ds301.loop import Loop
 from pdgw.gateway.config import GatewayConfig
 from pdgw.gateway.config_file import config_text
 from pdgw.gateway.edge import DatagramPort, SystemEdge
 from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.transport.ethernet import RawEthernet
 from pdgw.gateway.transport.udp import Address
 from pdgw.profidrive.frame import UDP_PORT
+from pdgw.profinet.rpc.dcerpc import UDP_PORT as ACYCLIC_PORT
 from pdgw.tools.background import BackgroundWriter
 from pdgw.tools.recordings import CONFIGURATION
 
 CAPTURE: Final = "gateway.pcapng"
+CAPTURE_SIZE: Final = 256 << 20
+"""Bytes after which another capture begins."""
+CAPTURES: Final = 20
+"""Full ones that are kept."""
 _PLC: Final = "plc"
 _WELL_KNOWN: Final = {"cyclic port": UDP_PORT}
 """The gateway's side is written with this port, so that every reader dissects the frames without help."""
 
 
+class Captures:
+    """``gateway.pcapng`` in a folder; when it is full it gets the time of its end in its name and another one begins.
+
+    ``size``: bytes of each at most, ``files``: so many full ones are kept. What an earlier run left counts as a full one. Raises
+    OSError as files do.
+    """
+
+    def __init__(self, folder: Path, configuration: str, size: int, files: int) -> None:
+        self._folder = folder
+        self._configuration = configuration
+        self._size = size
+        self._files = files
+        self._path = folder / CAPTURE
+        if self._path.exists():
+            self._put_aside()
+        self._writer = PcapngWriter(self._path, configuration)
+
+    def write(self, link: Link, name: str, time_ns: int, data: bytes) -> None:
+        """One packet."""
+        if self._writer.size >= self._size:
+            self._writer.close()
+            self._put_aside()
+            self._writer = PcapngWriter(self._path, self._configuration)
+        self._writer.write(link, name, time_ns, data)
+
+    def close(self) -> None:
+        self._writer.close()
+
+    def _put_aside(self) -> None:
+        ended = datetime.fromtimestamp(self._path.stat().st_mtime).strftime("%Y%m%d-%H%M%S")
+        names = (
+            f"{self._path.stem}-{ended}{more}{self._path.suffix}" for more in ("", *(f"-{n}" for n in range(2, 1000)))
+        )
+        self._path.replace(next(path for name in names if not (path := self._folder / name).exists()))
+        full = sorted(
+            self._folder.glob(f"{self._path.stem}-*{self._path.suffix}"), key=lambda path: path.stat().st_mtime_ns
+        )
+        for path in full[: -self._files]:
+            path.unlink()
+
+
 class Recorder:
     """Writes on a thread of its own what the gateway's loop hands it."""
 
-    def __init__(self, folder: Path, config: GatewayConfig) -> None:
+    def __init__(self, folder: Path, config: GatewayConfig, size: int = CAPTURE_SIZE, files: int = CAPTURES) -> None:
         text = config_text(config)
         try:
             folder.mkdir(parents=True, exist_ok=True)
             (folder / CONFIGURATION).write_text(text, encoding="utf-8")
-            self._writer = PcapngWriter(folder / CAPTURE, text)
+            captures = Captures(folder, text, size, files)
         except OSError as error:
             raise GatewayError(f"--record {folder}: cannot be written ({error.strerror or error})") from error
         self.writer: BackgroundWriter[tuple[Link, str, int, bytes]] = BackgroundWriter(
-            f"--record {folder}", lambda packet: self._writer.write(*packet), self._writer.close
+            f"--record {folder}", lambda packet: captures.write(*packet), captures.close
         )
 
     def frame(self, bus: str, message: can.Message) -> None:
@@ -53,6 +102,10 @@ class Recorder:
     def datagram(self, time_ns: int, source: Address, target: Address, data: bytes) -> None:
         """A datagram to or from the PLC."""
         self.writer.put((Link.ETHERNET, _PLC, time_ns, udp_packet(source, target, data)))
+
+    def ethernet(self, frame: bytes) -> None:
+        """A frame to or from the controller, now."""
+        self.writer.put((Link.ETHERNET, _PLC, time.time_ns(), frame))
 
     def stop(self) -> None:
         """As ``BackgroundWriter.stop``."""
@@ -107,6 +160,42 @@ class RecordedPort:
 
     def close(self) -> None:
         self._port.close()
+
+
+class RecordedEthernet(RawEthernet):
+    """The interface of a PROFINET device, whose frames and calls are recorded."""
+
+    def __init__(self, loop: Loop, interface: str, recorder: Recorder) -> None:
+        super().__init__(loop, interface)
+        self._recorder = recorder
+
+    def receive(self) -> bytes | None:
+        return self._noted(super().receive())
+
+    def receive_other(self) -> bytes | None:
+        return self._noted(super().receive_other())
+
+    def _noted(self, frame: bytes | None) -> bytes | None:
+        if frame is not None:
+            self._recorder.ethernet(frame)
+        return frame
+
+    def receive_datagram(self) -> tuple[bytes, Address] | None:
+        found = super().receive_datagram()
+        if found is not None:
+            self._recorder.datagram(time.time_ns(), found[1], self._here(), found[0])
+        return found
+
+    def send(self, frame: bytes | bytearray) -> None:
+        super().send(frame)
+        self._recorder.ethernet(bytes(frame))
+
+    def send_datagram(self, data: bytes, address: Address) -> None:
+        super().send_datagram(data, address)
+        self._recorder.datagram(time.time_ns(), self._here(), address, data)
+
+    def _here(self) -> Address:
+        return str(self.ip().address), ACYCLIC_PORT
 
 
 class RecordingEdge(SystemEdge):

@@ -17,13 +17,13 @@ from pdgw.gateway.trace.layout import CycleFlag
 from pdgw.gateway.trace.place import rings, run_directory
 from pdgw.gateway.trace.reader import Cycle, Frame, RingReader
 from pdgw.gateway.trace.writer import PREVIOUS
-from pdgw.profidrive.frame import ETHERTYPE, UDP_PORT
+from pdgw.profidrive.frame import UDP_PORT
+from pdgw.profinet.ethernet import header
 
 PLC: Final = "plc"
 """The interface of the PLC's frames in captures."""
 _NOBODY = ("0.0.0.0", UDP_PORT)
-_MAC = slice(0, 6)
-_SOURCE_MAC = slice(6, 12)
+_TARGET, _SOURCE = slice(0, 6), slice(6, 12)
 _US = 1000
 _SECOND = 1_000_000_000
 
@@ -133,10 +133,10 @@ def _udp(reader: RingReader, cycles: Sequence[Cycle]) -> Iterator[Packet]:
 
 
 def _profinet(cycles: Sequence[Cycle]) -> Iterator[Packet]:
+    """The device sends on its own timer: a frame to the controller is as the cycle left it, with the last one's counter."""
     for cycle in cycles:
-        ends = cycle.sent[_SOURCE_MAC] + cycle.sent[_MAC] if cycle.sent else bytes(12)
-        if cycle.flags & CycleFlag.FRESH:
-            yield cycle.time_ns, Link.ETHERNET, PLC, ends + ETHERTYPE.to_bytes(2, "big") + cycle.received
+        if cycle.flags & CycleFlag.FRESH and cycle.sent:
+            yield cycle.time_ns, Link.ETHERNET, PLC, header(cycle.sent[_SOURCE], cycle.sent[_TARGET]) + cycle.received
         if cycle.flags & CycleFlag.ANSWERED and cycle.sent:
             yield _answered(cycle), Link.ETHERNET, PLC, cycle.sent
 

@@ -46,7 +46,8 @@ class PcapngWriter:
         options = b""
         if configuration:
             options = _option(_COMMENT, (CONFIGURATION + configuration).encode()[:_COMMENT_MAX]) + bytes(4)
-        self._file.write(_block(_SECTION, struct.pack("<IHHq", _BYTE_ORDER, 1, 0, -1) + options))
+        self.size = self._file.write(_block(_SECTION, struct.pack("<IHHq", _BYTE_ORDER, 1, 0, -1) + options))
+        """Bytes so far."""
 
     def write(self, link: Link, name: str, time_ns: int, data: bytes) -> None:
         """One packet of an interface."""
@@ -54,9 +55,9 @@ class PcapngWriter:
         if number is None:
             number = self._interfaces[link, name] = len(self._interfaces)
             options = _option(_IF_NAME, name.encode()) + _option(_IF_TSRESOL, _NANOSECONDS) + bytes(4)
-            self._file.write(_block(_INTERFACE, struct.pack("<HHI", link, 0, 0) + options))
+            self.size += self._file.write(_block(_INTERFACE, struct.pack("<HHI", link, 0, 0) + options))
         head = struct.pack("<IIIII", number, time_ns >> 32, time_ns & 0xFFFFFFFF, len(data), len(data))
-        self._file.write(_block(_PACKET, head + _padded(data)))
+        self.size += self._file.write(_block(_PACKET, head + _padded(data)))
 
     def close(self) -> None:
         self._file.close()

@@ -47,7 +47,9 @@ def pair() -> subprocess.Popen[bytes]:
 def main(config: Path, pdgw: str) -> None:
     seen: dict[str, object] = {}
     holder = pair()
-    gateway = subprocess.Popen(["nsenter", "-t", str(holder.pid), "-n", pdgw, "run", str(config)])
+    gateway = subprocess.Popen(
+        ["nsenter", "-t", str(holder.pid), "-n", pdgw, "run", str(config), "--record", str(config.parent)]
+    )
     loaded = load_config(config)
     model = profinet_model(
         loaded.transport, bytes(6), loaded.objects, [telegram(item.telegram) for item in loaded.objects]

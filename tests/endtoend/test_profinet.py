@@ -10,8 +10,13 @@ from pathlib import Path
 
 import pytest
 
+from pdgw.decoder.capture.source import open_source
+from pdgw.decoder.engine import Decoder, Packet
+from pdgw.decoder.profinet_records import DcpRecord
+from pdgw.decoder.records import CyclicRecord, PdoRecord
 from pdgw.gateway.errors import GatewayError
 from pdgw.tools import namespaces
+from pdgw.tools.recorder import CAPTURE
 from tests.endtoend.processes import pdgw
 from tests.support import tshark
 
@@ -135,3 +140,7 @@ def test_a_controller_finds_the_gateway_on_ethernet_and_moves_a_drive(tmp_path: 
     assert seen["exit status"] == 0
     assert "IP address set to 192.168.0.2 by DCP" in log
     assert "controller pdgw-plc 192.168.0.1 connected, cycle 4 ms" in log
+    with open_source(str(tmp_path / CAPTURE)) as source:
+        decoder = Decoder()
+        kinds = {type(decoder.decode(packet)) for packet in source.packets if isinstance(packet, Packet)}
+    assert {DcpRecord, CyclicRecord, PdoRecord} <= kinds  # what was on the wire, and on the CAN bus

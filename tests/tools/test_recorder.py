@@ -8,7 +8,7 @@ from pathlib import Path
 import can
 import pytest
 
-from pdgw.decoder.capture.pcapng_file import PcapngWriter, configuration_in, udp_packet
+from pdgw.decoder.capture.pcapng_file import PcapngWriter, can_packet, configuration_in, udp_packet
 from pdgw.decoder.capture.source import open_source
 from pdgw.decoder.engine import Decoder, Packet, Settings, given_axes
 from pdgw.decoder.records import CyclicRecord, Link
@@ -17,7 +17,7 @@ from pdgw.gateway.config_file import config_text, parse_config
 from pdgw.gateway.errors import GatewayError
 from pdgw.tools.commands.replay import replay
 from pdgw.tools.commands.timeline import timeline
-from pdgw.tools.recorder import CAPTURE, Recorder
+from pdgw.tools.recorder import CAPTURE, Captures, Recorder
 from pdgw.tools.recordings import CONFIGURATION, known_from
 from tests.decoder.test_replay import speed
 from tests.endtoend.processes import free_udp_port, running
@@ -165,3 +165,30 @@ def test_can_frames_keep_their_kind(tmp_path: Path) -> None:
     texts = [record.summary for record in records]
     assert texts[1].startswith("extended identifier 12345678h")
     assert texts[2] == "node guarding request"
+
+
+def test_a_full_recording_is_put_aside_and_the_oldest_go(tmp_path: Path) -> None:
+    captures = Captures(tmp_path, config_text(simulated(1, 1)), size=2000, files=2)
+    for number in range(200):
+        captures.write(Link.CAN_SOCKETCAN, "can0", number, can_packet(0x181, number.to_bytes(8, "big")))
+    captures.close()
+    files = sorted(tmp_path.glob("gateway-*.pcapng"), key=lambda path: path.stat().st_mtime_ns)
+    assert len(files) == 2
+    assert all(2000 <= path.stat().st_size < 2200 for path in files)
+    # Each can be read alone: it has its interfaces and the configuration. Together they are what came last, without a gap.
+    numbers: list[int] = []
+    for path in (*files, tmp_path / CAPTURE):
+        assert parse_config(configuration_in(path)) == simulated(1, 1)
+        with open_source(str(path)) as source:
+            numbers += [packet.time_ns for packet in source.packets if isinstance(packet, Packet)]
+    assert numbers == list(range(numbers[0], 200))
+    assert len(numbers) > 40
+
+
+def test_what_an_earlier_run_recorded_is_kept(tmp_path: Path) -> None:
+    for number in range(3):
+        recorder = Recorder(tmp_path, simulated(1, 1))
+        recorder.frame("can0", can.Message(float(number + 1), 0x181, False, data=b"\x01"))
+        recorder.stop()
+    assert len(list(tmp_path.glob("gateway-*.pcapng"))) == 2
+    assert (tmp_path / CAPTURE).exists()

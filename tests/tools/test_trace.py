@@ -10,6 +10,9 @@ from pathlib import Path
 import pytest
 
 from pdgw.decoder.capture.pcapng_file import configuration_in
+from pdgw.decoder.capture.source import open_source
+from pdgw.decoder.engine import Packet
+from pdgw.decoder.records import Link
 from pdgw.gateway.config_file import parse_config
 from pdgw.gateway.config_surroundings import Trigger
 from pdgw.gateway.daemon import Daemon
@@ -23,10 +26,11 @@ from pdgw.tools.trace_file import chosen_ring, save
 from pdgw.tools.trace_keeper import Choice, Keeper, follow
 from tests.endtoend.processes import free_tcp_port, free_udp_port, pdgw, running
 from tests.endtoend.test_run import LittlePlc
-from tests.support import tshark
+from tests.support import profinet_daemon, tshark
 from tests.support.buses import wait_for
 from tests.support.daemon import OFF, ON, Plc, axis, configuration, drive_of, world_of
 from tests.support.daemon import running as playing
+from tests.support.profinet import DEVICE_MAC, PLC_MAC
 from tests.support.ring import LAYOUT, LIMIT, record
 
 SECOND = 1_000_000_000
@@ -242,3 +246,29 @@ def test_kill_9_leaves_a_trace_and_what_was_kept(tmp_path: Path) -> None:
     directory = run_directory()
     assert directory is not None
     assert (directory / "plant.ring").stat().st_mode & 0o777 == 0o640
+
+
+def test_a_profinet_gateways_trace_has_its_ethernet_frames(tmp_path: Path) -> None:
+    config = profinet_daemon.configuration(axis(1), tmp_path / "store.json")
+    with profinet_daemon.plant(config) as plant:
+        recorder = FlightRecorder(plant.daemon, tmp_path, "test")
+        plant.daemon.services.append(recorder)
+        plant.run(SECOND // 10)
+        plant.connect()
+        plant.enable(1, 0x2000)
+        plant.run(SECOND // 2)
+        assert recorder.path is not None
+        with RingReader(recorder.path) as reader:
+            cycle = reader.cycles(at_most=1)[0]
+            assert list(reader.setpoints(cycle, 0) or ()) == [ON, 0x2000]
+            assert (reader.actuals(cycle, 0) or (0,))[0] == plant.word()
+            save(reader, tmp_path / "x.pcapng")
+    with open_source(str(tmp_path / "x.pcapng")) as source:
+        found = {
+            packet.data for packet in source.packets if isinstance(packet, Packet) and packet.link == Link.ETHERNET
+        }
+    sent = {frame[18:] for _, frame in plant.frames if frame[:6] == DEVICE_MAC}
+    # What the controller sent is there to the byte, but for the tag in front, which the kernel takes off.
+    assert {data[:6] for data in found} == {DEVICE_MAC, PLC_MAC}
+    assert len([data for data in found if data[:6] == DEVICE_MAC and data[14:] in sent]) > 50
+    assert all(data[14:] in sent for data in found if data[:6] == DEVICE_MAC)

@@ -106,6 +106,8 @@ def run(
         Path | None,
         typer.Option(metavar="FOLDER", help="Record both buses and the configuration here, for `pdgw timeline`."),
     ] = None,
+    record_size: Annotated[int, typer.Option(min=1, help="Megabytes of a recording before another begins.")] = 256,
+    record_files: Annotated[int, typer.Option(min=1, help="Full recordings that are kept, the oldest go.")] = 20,
     web: Annotated[
         bool, typer.Option("--web", help="Serve the page as `pdgw web` does, in a process of its own.")
     ] = False,
@@ -146,15 +148,18 @@ def run(
         recorder = CanRecorder(can_log) if can_log is not None else None
         if recorder is not None:
             at_end.callback(recorder.stop)
-        recording = edge = None
+        recording = edge = ethernet = None
         if record is not None:
-            from pdgw.tools.recorder import Recorder, RecordingEdge  # noqa: PLC0415 (loads the decoder)
+            from pdgw.tools.recorder import RecordedEthernet, Recorder, RecordingEdge  # noqa: PLC0415 (loads the decoder)
 
-            recording = Recorder(record, chosen)
+            recording = Recorder(record, chosen, record_size << 20, record_files)
             at_end.callback(recording.stop)
             edge = RecordingEdge(recording)
+            if chosen.transport.type == "profinet":
+                ethernet = RecordedEthernet(edge.loop, chosen.transport.interface or "", recording)
+                at_end.callback(ethernet.close)
         chosen = at_end.enter_context(devices_beside(chosen))
-        daemon = Daemon(chosen, edge)
+        daemon = Daemon(chosen, edge, ethernet)
         at_end.callback(daemon.release)
         run_log.count_in(daemon.loop.counters)
         if recorder is not None:
