@@ -37,6 +37,8 @@ _BUSY_NS = 100 * MS
 _FIRST_PAUSE_NS = 100 * MS
 _LONGEST_PAUSE_NS = 2_000 * MS
 """Between two tries to open an interface that was lost."""
+_WORKING_NS = 50 * MS
+"""An interface that is down can be opened, and is lost in the next turn: so long it has to last."""
 
 
 class _AcyclicNetwork(canopen.Network):  # type: ignore[misc]
@@ -86,6 +88,8 @@ class CanNetwork:
         self._busy_since = -1
         self._pause = _FIRST_PAUSE_NS
         self._reopening: Timer | None = None
+        """The next try, or the end of the doubt whether the last one was good."""
+        self._working = True
         self._register_counters()
 
     def _register_counters(self) -> None:
@@ -211,15 +215,19 @@ class CanNetwork:
     def on_lost(self, text: str) -> None:
         """The interface went away: say so and open it again when it is back."""
         self._port = None
-        self.lost += 1
-        if self.healthy:
+        self.healthy = False
+        if self._working:
+            self.lost += 1
+            self._working = False
             text = f"interface lost ({text}); it is opened again when it is back"
             log.error("CAN bus %s: %s", self.name, text, extra=self._told)
-        self.healthy = False
-        self._pause = _FIRST_PAUSE_NS
+        else:
+            log.debug("CAN bus %s: %s", self.name, text)
         self._try_later()
 
     def _try_later(self) -> None:
+        if self._reopening is not None:
+            self._reopening.cancel()
         if self._started:
             self._reopening = self.loop.call_later(self._pause, self._reopen)
             self._pause = min(2 * self._pause, _LONGEST_PAUSE_NS)
@@ -231,8 +239,13 @@ class CanNetwork:
             log.debug("CAN bus %s: %s", self.name, error)
             self._try_later()
             return
-        log.info("CAN bus %s: interface opened again", self.name, extra=self._told)
+        self._reopening = self.loop.call_later(_WORKING_NS, self._is_back)
         self._port.start(self)
+
+    def _is_back(self) -> None:
+        self._working = True
+        self._pause = _FIRST_PAUSE_NS
+        log.info("CAN bus %s: interface opened again", self.name, extra=self._told)
 
     def on_refused(self) -> None:
         """A frame was not taken, or did not go out."""

@@ -31,7 +31,8 @@ from pdgw.tools.axis_chain import Measurement, judge, rpm
 TELEGRAM = 1
 _POSITION = 0x6064
 _CYCLE_NS = 10 * MS
-_WATCHDOG_FACTOR = 10
+_WATCHDOG_FACTOR = 100
+"""PLC and gateway are one process here: what guards it is the heartbeat."""
 _LISTEN_NS = SECOND
 """A PLC sends more often than this."""
 _ONLINE_NS = 60 * SECOND

@@ -180,6 +180,29 @@ def test_an_interface_that_is_lost_is_opened_again_when_it_is_back(caplog: pytes
     assert ports.opened[1].closed
 
 
+def test_an_interface_that_is_down_can_be_opened_and_is_told_once_not_at_every_try(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    caplog.set_level("INFO", "gateway")
+    loop, ports = VirtualLoop(), Ports()
+    network = CanNetwork(loop, ports)
+    network.start()
+    network.on_lost("Network is down")
+    for _ in range(10):  # SocketCAN binds to it, and reports it with the next readiness
+        count = len(ports.opened)
+        loop.until(lambda count=count: len(ports.opened) > count, "another try")  # type: ignore[misc]
+        loop.call_later(MS, lambda: network.on_lost("Network is down"))
+    begun = loop.now()
+    loop.until(lambda: len(ports.opened) == 12, "another try")
+    assert loop.now() - begun >= SECOND, "tries become rare"
+    loop.run_for(SECOND)
+    assert network.lost == 1
+    assert [record.levelname for record in caplog.records] == ["ERROR", "INFO"]
+    network.on_lost("Network is down")
+    assert network.lost == 2
+    network.close()
+
+
 def test_a_closed_network_opens_nothing_again() -> None:
     loop, ports = VirtualLoop(), Ports()
     network = CanNetwork(loop, ports)
