@@ -16,7 +16,19 @@ from rich.console import Console
 from rich.status import Status
 from rich.table import Table
 
-from pdgw.tools.bench import command_line, decoding, flood, following, killed, recording, stops, storm, translation
+from pdgw.tools import namespaces
+from pdgw.tools.bench import (
+    command_line,
+    decoding,
+    flood,
+    following,
+    killed,
+    profinet,
+    recording,
+    stops,
+    storm,
+    translation,
+)
 from pdgw.tools.bench.build import machine, use_real_time_priority
 from pdgw.tools.bench.measure import Latency
 from pdgw.tools.bench.rows import ROWS, Row, idle, measure
@@ -122,6 +134,60 @@ def cycle(
     console = Console()
     _print_machine(console, realtime)
     _print_rows(console, [row])
+
+
+@app.command("profinet")
+def over_profinet(
+    cycle_time_ms: Annotated[
+        list[int] | None, typer.Option(min=1, max=512, help="Cycle time in milliseconds; repeat for more rows.")
+    ] = None,
+    seconds: Seconds = 5,
+    as_json: AsJson = False,
+    realtime: RealTime = False,
+) -> None:
+    """The PROFINET device at 1, 2, 4 and 32 ms over virtual Ethernet interfaces, against a process that only sends (Linux)."""
+    if not namespaces.inside():
+        namespaces.enter()
+    if realtime:
+        use_real_time_priority()  # refused here, before anything is measured without it
+    rows = []
+    with _progress() as status:
+        for cycle_ms in cycle_time_ms or profinet.CYCLES_MS:
+            status.update(f"PROFINET, {cycle_ms} ms")
+            rows.append(profinet.measure(cycle_ms, seconds, realtime=realtime))
+    if as_json:
+        documents = [asdict(row) | {"ratio_p99": row.ratio_p99} for row in rows]
+        typer.echo(json.dumps({"machine": machine() | {"realtime": realtime}, "rows": documents}, indent=2))
+        return
+    console = Console()
+    _print_machine(console, realtime)
+    periods = Table(
+        "cycle", "", "p50", "p99", "max", "missed", "p99 beyond the cycle", title="period of the input frames"
+    )
+    for row in rows:
+        for name, item in (("gateway", row.gateway), ("only sends", row.floor)):
+            own = item is row.gateway
+            periods.add_row(
+                f"{row.cycle_ms} ms" if own else "",
+                name,
+                *(f"{value:.3f} ms" for value in (item.p50_ms, item.p99_ms, item.max_ms)),
+                f"{row.missed} of {item.frames}" if own else "",
+                f"{row.ratio_p99:.1f} times" if own else "",
+            )
+    console.print(periods)
+    times = Table("cycle", "CPU", "memory", "start", "Connect", "Identify to data", "record", "killed", title="times")
+    for row in rows:
+        times.add_row(
+            f"{row.cycle_ms} ms",
+            _share(row.cpu_share),
+            f"{row.resident_bytes / 2**20:.0f} MiB",
+            f"{row.start_s:.2f} s",
+            f"{row.connect_ms:.1f} ms",
+            f"{row.data_ms:.1f} ms",
+            f"{row.record_ms:.2f} ms",
+            f"{row.killed_ms:.1f} ms (hold {row.hold_ms:g})",
+        )
+    console.print(times)
 
 
 @app.command("decode")

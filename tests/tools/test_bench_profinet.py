@@ -1,0 +1,49 @@
+"""The rows of ``pdgw bench profinet`` out of a capture whose times are known: a gateway in virtual time."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from pdgw.ds301.loop import MS
+from pdgw.gateway.errors import GatewayError
+from pdgw.tools.bench.profinet import FLOOR_FRAME_ID, period, records_in, row_of
+from tests.support import captures
+from tests.support.daemon import axis
+from tests.support.profinet import DEVICE_MAC
+from tests.support.profinet_daemon import configuration, plant
+
+FLOOR = bytes.fromhex("02000000007f") + DEVICE_MAC + b"\x88\x92" + FLOOR_FRAME_ID.to_bytes(2, "big") + bytes(44)
+
+
+def test_a_row_tells_what_the_capture_shows(tmp_path: Path) -> None:
+    with plant(configuration(axis(1), tmp_path / "store.json"), data_hold=50) as site:
+        started = captures.BEGIN_NS + site.loop.now()
+        site.connect()
+        site.run(400 * MS)
+        site.plc.read((0, 0, 1), 0xAFF0, lambda result: None)
+        site.run(20 * MS)
+        begin = site.loop.now()
+        site.killed = True
+        site.run(500 * MS)
+        sent = [(begin - 400 * MS + number * 4 * MS, FLOOR) for number in range(100)]
+        site.frames = sorted([*site.frames, *sent])
+        (capture, _) = site.write(tmp_path)
+    row = row_of(4, 200, list(records_in(Path(capture))), started, 0.05, 1 << 20)
+    assert (row.gateway.p50_ms, row.gateway.p99_ms, row.gateway.max_ms, row.missed) == (4, 4, 4, 0)
+    assert (row.floor.frames, row.floor.p99_ms) == (100, 4)
+    assert row.gateway.frames == pytest.approx(105, abs=3)
+    assert row.killed_ms == pytest.approx(200, abs=4)
+    assert row.data_ms <= 8
+    assert row.connect_ms <= 1
+    assert row.record_ms <= 1
+    assert row.start_s < 0.1
+
+
+def test_the_percentiles_of_a_period_are_those_of_the_gaps() -> None:
+    times = [number * MS for number in range(100)] + [99 * MS + 5 * MS]
+    found = period(times)
+    assert (found.frames, found.p50_ms, found.p99_ms, found.max_ms) == (101, 1, 1, 5)
+    with pytest.raises(GatewayError, match="2 frames are too few"):
+        period(times[:2])
