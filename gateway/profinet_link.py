@@ -92,6 +92,8 @@ class ProfinetLink:
         self._placed_for: ApplicationRelation | None = None
         self._places: list[tuple[int, int] | None] = []
         """Where input data and IOPS of each drive object lie in the frame of the provider of ``_placed_for``."""
+        self._statuses: list[bool | None] = []
+        """Whether its provider was told that the data is valid."""
         self._outputs: list[tuple[int, Callable[[bytes, int], tuple[int, ...]], int, int]] = []
         """Drive objects with output data: number, codec, where data and IOPS lie in the consumer's frame."""
         self.setpoints: list[Sequence[int] | None] = [None] * len(objects)
@@ -228,11 +230,15 @@ class ProfinetLink:
             # Filled from the Connect on: with ApplicationReady the data has to be valid.
             self._placed_for = relation
             self._places = [provider.place((slot, TELEGRAM_SUBSLOT)) for slot in range(1, len(self._telegrams) + 1)]
+            self._statuses = [None] * len(self._telegrams)
+        statuses = self._statuses
         for index, telegram in enumerate(self._telegrams):
             place = self._places[index]
             if place is not None:
                 telegram.actuals.struct.pack_into(provider.frame, place[0], *actuals[index])
-                provider.set_status((index + 1, TELEGRAM_SUBSLOT), good=good[index])
+                if statuses[index] is not good[index]:
+                    statuses[index] = good[index]
+                    provider.set_status((index + 1, TELEGRAM_SUBSLOT), good=good[index])
 
     def set_layout(self, telegrams: Sequence[Telegram]) -> None:
         if self.device.relation is not None:

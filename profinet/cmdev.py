@@ -380,11 +380,20 @@ class ApplicationRelation:
         """When ``poll`` has something to do."""
         if self.state is State.CLOSED:
             return None
-        due = [self._activity_due, self._ready_due]
+        nearest: int | None = None
         if self.provider is not None and self.consumer is not None:
-            due += [self.provider.due, self.consumer.deadline]
-            due += [machine.deadline for machine in self.machines.values()]
-        return min((when for when in due if when is not None), default=None)
+            nearest = self.provider.due
+            hold = self.consumer.deadline
+            if hold is not None and hold < nearest:
+                nearest = hold
+            for machine in self.machines.values():
+                alarm = machine.deadline
+                if alarm is not None and alarm < nearest:
+                    nearest = alarm
+        for due in (self._activity_due, self._ready_due):
+            if due is not None and (nearest is None or due < nearest):
+                nearest = due
+        return nearest
 
     def poll(self, now: int) -> None:
         """Send what is due; let what has not come have its consequences."""

@@ -163,7 +163,7 @@ class DcpResponder:
     @property
     def deadline(self) -> int | None:
         """When ``poll`` has something to hand out."""
-        return min((due for due, _ in self._pending.values()), default=None)
+        return min(due for due, _ in self._pending.values()) if self._pending else None
 
     def poll(self, now: int) -> list[bytes]:
         """The Identify answers that are due."""

@@ -159,8 +159,15 @@ class ProfinetDevice:
 
     def next_deadline(self) -> int:
         """When ``poll`` has something to do."""
-        due = [self._lldp_due, self.dcp.deadline, self._next, *(item.deadline for item in self.cm.relations.values())]
-        return min(when for when in due if when is not None)
+        due = self._lldp_due
+        for relation in self.cm.relations.values():
+            deadline = relation.deadline
+            if deadline is not None and deadline < due:
+                due = deadline
+        for other in (self.dcp.deadline, self._next):
+            if other is not None and other < due:
+                due = other
+        return due
 
     def poll(self, now: int) -> None:
         """Send what is due, notice what has not come."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -15,6 +16,8 @@ from tests.support.daemon import axis
 from tests.support.profinet_daemon import OFF, Plant, configuration, plant
 
 RPDO1 = 0x201
+ENABLED = b"\x0f\x00"
+"""The Controlword in operation."""
 
 
 @pytest.fixture(scope="module")
@@ -75,14 +78,16 @@ def test_a_changed_command_is_found(recorded: tuple[Plant, Path], tmp_path: Path
     site = recorded[0]
     before = list(site.can)
     try:
-        position = [i for i, item in enumerate(site.can) if item[1] == RPDO1][40]
+        # Repeated in operation: nothing else changes at that time.
+        sent = [i for i, item in enumerate(site.can) if item[1] == RPDO1 and ENABLED in item[2]]
+        position = next(here for last, here in pairwise(sent) if site.can[last][2] == site.can[here][2])
         now, can_id, data = site.can[position]
-        site.can[position] = (now, can_id, bytes((data[0] ^ 8,)) + data[1:])
+        site.can[position] = (now, can_id, data.replace(ENABLED, b"\x07\x00"))
         outcome = opened(site, tmp_path).replay(first_only=True)[0]
     finally:
         site.can[:] = before
     (difference,) = outcome.differences
-    assert (difference.what, difference.names[0]) == ("RPDO1", "Controlword")
+    assert (difference.what, difference.names) == ("RPDO1", ("Controlword",))
 
 
 def test_a_changed_actual_value_is_found(recorded: tuple[Plant, Path], tmp_path: Path) -> None:
