@@ -44,6 +44,7 @@ S = TypeVar("S", bound=NodeSettings)
 
 
 _RETRY_ABSENT_NS = 500 * MS
+_LONGEST_SDO_NS = 4 * SECOND
 _RETRY_REFUSED_NS = 5 * SECOND
 _SUPERVISION_NS = 20 * MS
 _LOOK_AGAIN_NS = 5 * MS
@@ -104,6 +105,8 @@ class NodeClient(ConfiguringAccess, abc.ABC, Generic[S]):
         self._guarded_by_requests = False
         """The node is asked for its state, and answers with a toggle bit (node guarding)."""
         self._toggle = -1
+        self._slow = 0
+        """The time for SDO answers of a node that was found to need more than configured."""
         self._booted = Event(self.loop)
         self._wake = Event(self.loop)
         """Something for the node's task: a job, a loss, another telegram."""
@@ -251,7 +254,8 @@ class NodeClient(ConfiguringAccess, abc.ABC, Generic[S]):
 
     def _apply_times(self) -> None:
         settings = self.settings
-        self._sdo.RESPONSE_TIMEOUT = settings.sdo_timeout_ms / 1000
+        self._sdo_timeout_ns = max(settings.sdo_timeout_ms * MS, self._slow)
+        self._sdo.RESPONSE_TIMEOUT = self._sdo_timeout_ns / SECOND
         self._timeout_ns = settings.tpdo_event_ms * settings.tpdo_timeout_factor * MS
         self._heartbeat_limit_ms = settings.heartbeat_ms * settings.heartbeat_factor
 
@@ -297,6 +301,10 @@ class NodeClient(ConfiguringAccess, abc.ABC, Generic[S]):
         if self.status is not NodeStatus.LOST:
             self._set_status(NodeStatus.OFFLINE, text)
         self._wait(_RETRY_ABSENT_NS)
+        if self._answers_late and self._sdo_timeout_ns < _LONGEST_SDO_NS:
+            self._slow = 2 * self._sdo_timeout_ns
+            self._apply_times()
+            self._tell("status", f"answers SDO late: it is given {self._slow // MS} ms")
 
     def _refuse(self, text: str) -> None:
         self._set_status(NodeStatus.REFUSED, text)

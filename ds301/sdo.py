@@ -61,6 +61,11 @@ class SdoAccess:
         self._node.sdo_channels[:] = [self._sdo]
         self._node.sdo = self._sdo
 
+    @property
+    def _answers_late(self) -> bool:
+        """An answer has come that was given up."""
+        return not self._sdo.responses.empty()
+
     def read(self, index: int, subindex: int = 0) -> bytes:
         """SDO upload, in the node's task only; raises canopen's SdoAbortedError / SdoCommunicationError.
 

@@ -36,11 +36,16 @@ from pdgw.dsp402.mapping import DriveMapping
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.planner import CONTROLWORD
 from pdgw.dsp402.scaling import UnitKeys
-from pdgw.dsp402.states import ControlBit
+from pdgw.dsp402.states import ControlBit, State, state_of
+from pdgw.dsp402.witness import Witness
 
 DriveStatus = NodeStatus
 DriveEvent = NodeEvent
 _MODE_CONFIRM_NS = SECOND
+_SPEED_MODES = (Mode.VELOCITY, Mode.CYCLIC_VELOCITY, Mode.VL_VELOCITY)
+_NO_MODE = 0
+_WITNESS_NS = SECOND
+"""So often is a TPDO that does not change compared with its objects."""
 _RETRY_VALUE_NS = 1000 * MS
 """So long after a failed SDO write the same value is tried again."""
 _NEW_SETPOINT = ControlBit.NEW_SETPOINT
@@ -129,6 +134,13 @@ class DriveClient(NodeClient[DriveSettings]):
         self._starts_early = False
         """The Controlword is not the last object of its RPDO: the drive may see it before the data behind it."""
         self._mapping = DriveMapping(self.read_number)
+        self._mode_awaited: int | None = None
+        """A mode that 6061h has not shown yet; no speed is sent meanwhile."""
+        self._mode_wrong = ""
+        self._operating_since = -1
+        self._witness = Witness(())
+        self._witness_due = 0
+        self._dropped = ""
         self._acyclic_rpdos: list[_Values] = []
         self._set_point_sent = False
         self._held_since = -1
@@ -155,6 +167,9 @@ class DriveClient(NodeClient[DriveSettings]):
         """
         if not self._sending:
             return
+        speed = command.target_velocity
+        if self._mode_awaited is not None:
+            command.target_velocity = 0
         for values in self._acyclic_rpdos:
             values.wanted = values.pdo.pack(command)
         complete = True
@@ -174,6 +189,7 @@ class DriveClient(NodeClient[DriveSettings]):
         if sent and command.controlword & _NEW_SETPOINT:
             self._set_point_sent = True
         command.controlword = word
+        command.target_velocity = speed
 
     def _put(self, sender: _Sender, data: bytes, now: int) -> bool:
         """Send an RPDO if it changed or is due; True when this data was sent, now or before."""
@@ -277,11 +293,14 @@ class DriveClient(NodeClient[DriveSettings]):
         self._data_senders = [_Sender(item.pdo, item.cob_id) for item in data]
         self._acyclic_rpdos = [_Values(pdo) for pdo in plan.written]
         self._starts_early = control.pdo.attributes[-1] != CONTROLWORD
+        self._witness = Witness(item.pdo for item in plan.tpdos)
+        self._witness_due = self.loop.now() + _WITNESS_NS
+        self._dropped = ""
         self._set_point_sent = self.set_point_refused = False
         self._held_since = -1
         # Each object takes one time-out at most, and so does what the worker may be doing before.
         objects = 1 + sum(len(values.pdo.entries) for values in self._acyclic_rpdos)
-        self._hold_limit_ns = objects * self.settings.sdo_timeout_ms * MS
+        self._hold_limit_ns = objects * self._sdo_timeout_ns
 
     def _configure(self) -> None:
         self._configure_guarding()
@@ -326,12 +345,59 @@ class DriveClient(NodeClient[DriveSettings]):
         self._heartbeat_expected = guarding.heartbeat or guarding.life_guarding
 
     def _set_mode(self, mode: int) -> None:
+        self._mode_awaited, self._mode_wrong, self._operating_since = None, "", -1
         self._do(SdoStep(0x6060, 0, CanType.I8, mode, "mode of operation"))
         deadline = self.loop.now() + _MODE_CONFIRM_NS
+        late = self.drive_type is not None and self.drive_type.quirks.mode_shown_in_operation_only
         while (shown := self._fetch(0x6061, signed=True)) != mode:
+            if mode in _SPEED_MODES and (late or (shown == _NO_MODE and self.loop.now() > deadline)):
+                # Some drives show a mode in operation only. No speed is sent before it is shown.
+                self._mode_awaited = mode
+                self._tell("status", f"6061h shows {shown}: mode {mode} is looked for when the operation is enabled")
+                return
             if self.loop.now() > deadline:
                 raise Dsp402Error("6061h", shown, f"{mode} within {_MODE_CONFIRM_NS / SECOND:g} s of 6060h")
             self.loop.sleep(10 * MS)
+
+    def _look_for_mode(self, mode: int, now: int) -> None:
+        """In operation 6061h has to show the mode."""
+        if state_of(self.feedback.statusword) is not State.OPERATION_ENABLED:
+            self._operating_since = -1
+            return
+        if self._operating_since < 0:
+            self._operating_since = now
+        shown = self.read_number(0x6061, signed=True)
+        if shown == mode:
+            self._mode_awaited = None
+        elif now - self._operating_since > _MODE_CONFIRM_NS:
+            self._mode_wrong = f"6061h shows {shown} for {_MODE_CONFIRM_NS / SECOND:g} s in operation, not {mode}"
+
+    def _lost(self, now: int) -> str:
+        return super()._lost(now) or self._mode_wrong or self._dropped
+
+    def _look_for_dropped_objects(self, now: int) -> None:
+        """Once a second, and at once where a TPDO was found to show something else than its object."""
+        for slot in self._slots:
+            if slot.data is not None:
+                self._witness.see(slot.pdo, slot.data)
+        due = now >= self._witness_due
+        for doubt in self._witness.doubts:
+            if not due and not doubt.contradictions:
+                continue
+            entry = doubt.entry
+            try:
+                held = self.read(entry.index, entry.subindex)
+            except SdoAbortedError:
+                self._witness.trust(doubt)
+                continue
+            if self._witness.compare(doubt, held):
+                self._mapping.drop((entry.index, entry.subindex))
+                shown, there = (int.from_bytes(data, "little") for data in (doubt.first, held))
+                self._dropped = (
+                    f"{doubt.pdo} takes {entry} and does not send it: it shows {shown}, the object holds {there}"
+                )
+        if due:
+            self._witness_due = now + _WITNESS_NS
 
     def _exchange_acyclic(self, now: int) -> None:
         """Objects for which the drive has no PDO: written when they change, read every 100 ms."""
@@ -339,7 +405,10 @@ class DriveClient(NodeClient[DriveSettings]):
             wanted = values.wanted
             if values.written != wanted and (values.refused != wanted or now >= values.retry_at):
                 self._write_values(values, now)
+        if self._mode_awaited is not None:
+            self._look_for_mode(self._mode_awaited, now)
         super()._exchange_acyclic(now)
+        self._look_for_dropped_objects(now)
 
     def _write_values(self, values: _Values, now: int) -> None:
         # Not confirmed while it is written: cycles go on meanwhile.

@@ -441,7 +441,8 @@ class DriveModel:
         self.velocity_actual = self.velocity_demand = units
         self.position_actual = _wrap32(round(self.position))
         self.encoder_position = _wrap16(round(self.machine_position))
-        self.modes_of_operation_display = self.mode
+        shown = not self.shape.mode_in_operation_only or self.state is State.OPERATION_ENABLED
+        self.modes_of_operation_display = self.mode if shown else 0
         halted = self.halted and self.state is State.OPERATION_ENABLED
         bits = self.motion.bits(halted, units) | StatusBit.VOLTAGE_ENABLED | StatusBit.REMOTE
         self.statusword = STATUS_OF[self.state] | bits

@@ -55,6 +55,8 @@ class SimulatedDriveNode(SimulatedNode):
         self.model = DriveModel(self._object, machine, shape)
         super().__init__(node_id, shape.objects(serial_number, pdos), self.model, send)
         self.boot_ns = shape.boot_ms * MS
+        if shape.sdo_ms:
+            self.misbehave("slow-sdo", delay_ms=shape.sdo_ms)
         self._ready = True
 
     def _object(self, index: int, subindex: int) -> int:
@@ -81,6 +83,16 @@ class SimulatedDriveNode(SimulatedNode):
         if "controlword" in pdo.attributes or "modes_of_operation" in pdo.attributes:
             self.model.command()
             self.send_emergencies(self.model.emcy)
+
+    def packed(self, pdo: Pdo) -> bytes:
+        data = super().packed(pdo)
+        if not self.shape.frozen.isdisjoint(pdo.attributes):
+            end = 0
+            for entry in pdo.entries:
+                begin, end = end, end + entry.type.bits // 8
+                if entry.attribute in self.shape.frozen:
+                    data = data[:begin] + bytes(end - begin) + data[end:]
+        return data
 
     def on_sync(self) -> None:
         self.model.synchronised()

@@ -42,6 +42,7 @@ _RATED_RPM = 3000
 _MAX_RPM_S = 10_000
 _PROFILE_RPM_S = 3000
 _SLOW_BOOT_MS = 15_000
+_SLOW_SDO_MS = 500
 _ENGEL_MODES = frozenset({-5, -4, -3, 1, 3, 4, 6})
 
 
@@ -67,6 +68,12 @@ class Shape:
     fixed_pdos: tuple[Pdo, ...] = ()
     """Its PDOs, when their mapping cannot be written."""
     boot_ms: int = 0
+    sdo_ms: int = 0
+    """So long it takes for each SDO answer."""
+    mode_in_operation_only: bool = False
+    """6061h is 0 but in operation."""
+    frozen: frozenset[str] = frozenset()
+    """Objects it takes in the mapping of a TPDO and sends as zeros."""
     node_guarding: bool = False
     """It guards its master by remote requests instead of heartbeats."""
     info: DeviceInfo = field(default=INFO)
@@ -295,6 +302,12 @@ SHAPES = MappingProxyType(
                 _rpm("no-abort-option", "rpm; heartbeats without 6007h: a lost master is a malfunction", 14),
                 lacks=_MANUFACTURER | {0x6007},
             ),
+            replace(_rpm("mode-late", "rpm; 6061h shows the mode in operation only", 15), mode_in_operation_only=True),
+            replace(
+                _rpm("frozen", "rpm; takes 606Ch in a TPDO and sends it as 0", 16),
+                frozen=frozenset({"velocity_actual"}),
+            ),
+            replace(_rpm("slow-sdo", "rpm; answers SDO after half a second", 17), sdo_ms=_SLOW_SDO_MS),
             replace(_rpm("four-pdo", "rpm; four PDOs of each direction", 9), pdos=4),
             replace(
                 _rpm("no-range", "rpm; 607Bh is 0/0, 60C5h and 60C6h are missing", 10),

@@ -145,6 +145,10 @@ class SimulatedNode:
     def on_rpdo(self, pdo: Pdo) -> None:
         """The values of an RPDO are in the image."""
 
+    def packed(self, pdo: Pdo) -> bytes:
+        """What a TPDO is sent with."""
+        return pdo.pack(self.image)
+
     def on_sync(self) -> None:
         """A SYNC in operation; the RPDOs that waited for it are in the image."""
 
@@ -588,7 +592,7 @@ class SimulatedNode:
         for tpdo in self._tpdos:
             if tpdo.type > _TRANSMISSION_SYNC_MAX:
                 continue
-            data = tpdo.pdo.pack(self.image)
+            data = self.packed(tpdo.pdo)
             tpdo.sync_count += 1
             due = data != tpdo.last if tpdo.type == 0 else tpdo.sync_count >= tpdo.type
             if due:
@@ -603,7 +607,7 @@ class SimulatedNode:
         self.on_poll(now)
         for tpdo in self._tpdos:
             if tpdo.cob_id == can_id and tpdo.remote:
-                self._send_tpdo(tpdo, tpdo.pdo.pack(self.image))
+                self._send_tpdo(tpdo, self.packed(tpdo.pdo))
 
     def _event_driven(self, now: int) -> None:
         for tpdo in self._tpdos:
@@ -612,7 +616,7 @@ class SimulatedNode:
             tpdo.held = now - tpdo.last_time < tpdo.inhibit_ns
             if tpdo.held:
                 continue
-            data = tpdo.pdo.pack(self.image)
+            data = self.packed(tpdo.pdo)
             changed = data != tpdo.last and self.sent_on_change(tpdo.type)
             if changed or (tpdo.event_ns and now >= tpdo.due):
                 self._send_tpdo(tpdo, data)

@@ -17,7 +17,9 @@ REFUSED = {
 }
 """What does not come online, and what it is told for."""
 NOT_POSITIONING = {"vl": "modes of the drive", "csv": "modes of the drive"}
-SPEEDS = sorted(name for name in SHAPES if name not in REFUSED)
+SPEEDS = sorted(name for name in SHAPES if name not in {*REFUSED, "frozen"})
+PATIENCE = 300_000 * MS
+"""A drive that answers SDO after half a second has some hundred of them to answer."""
 POSITIONS = [name for name in SPEEDS if name not in NOT_POSITIONING]
 
 
@@ -29,7 +31,7 @@ def _drive(daemon: Daemon, name: str) -> SimulatedDrive:
 def test_a_quarter_of_the_rated_speed_is_750_rpm_with_every_shape(name: str) -> None:
     with running(configuration(axis(1, more=""))) as daemon:
         drive = _drive(daemon, name)
-        until(daemon, lambda: daemon.axes[0].drive.generation, "online", 30_000 * MS)
+        until(daemon, lambda: daemon.axes[0].drive.generation, "online", PATIENCE)
         plc = Plc(daemon, [1])
         plc.enable()
         plc.endpoint.set(0, {"NSOLL_A": QUARTER})
@@ -69,7 +71,7 @@ def _asks_for_ten_turns(plc: Plc, reference: int) -> None:
 def test_a_task_of_telegram_9_ends_at_its_target_with_every_shape_that_positions(name: str) -> None:
     with running(configuration(axis(1, telegram_number=9, more=KEYS.get(name, "")))) as daemon:
         drive = _drive(daemon, name)
-        until(daemon, lambda: daemon.axes[0].drive.generation, "online", 30_000 * MS)
+        until(daemon, lambda: daemon.axes[0].drive.generation, "online", PATIENCE)
         plc = Plc(daemon, [9])
         plc.enable()
         _asks_for_ten_turns(plc, 1 << 30 if name == "no-range" else 500_000)
@@ -140,3 +142,35 @@ def test_a_drive_that_answers_node_guarding_with_the_same_toggle_bit_is_lost() -
         drive.do(lambda node: setattr(node, "receive_remote", lambda can_id, now: node.transmit(can_id, stuck)))
         until(daemon, lambda: daemon.axes[0].drive.status.value == "lost", "lost")
         assert "no heartbeat for 300 ms" in daemon.axes[0].drive.status_text
+
+
+def test_an_object_that_is_taken_in_a_tpdo_and_never_sent_is_noticed_and_read_by_sdo_from_then_on() -> None:
+    with running(configuration(axis(1, more=""))) as daemon:
+        drive = _drive(daemon, "frozen")
+        client = daemon.axes[0].drive
+        until(daemon, lambda: client.generation, "online")
+        plc = Plc(daemon, [1])
+        plc.enable()
+        plc.endpoint.set(0, {"NSOLL_A": QUARTER})
+        plc.until(lambda: client.status.value == "lost", "lost")
+        assert "TPDO1 takes Velocity Actual Value 606Ch and does not send it: it shows 0" in client.status_text
+        plc.until(lambda: drive.model.ramp.speed == 0, "stopped")
+        plc.endpoint.set(0, {"NSOLL_A": 0})
+        plc.until(lambda: client.generation == 2, "online again")
+        assert client.plan is not None
+        assert "read by SDO every 100 ms: Velocity Actual Value 606Ch" in client.plan.lines
+
+
+def test_no_speed_is_sent_before_the_drive_shows_its_mode_and_one_that_never_does_is_stopped() -> None:
+    with running(configuration(axis(1, more=""))) as daemon:
+        drive = _drive(daemon, "mode-late")
+        client = daemon.axes[0].drive
+        until(daemon, lambda: client.generation, "online")
+        drive.do(lambda node: node.misbehave("mode-display-stuck"))
+        plc = Plc(daemon, [1])
+        plc.enable()
+        plc.endpoint.set(0, {"NSOLL_A": QUARTER})
+        plc.until(lambda: client.status.value == "lost", "lost")
+        assert "6061h shows 0 for 1 s in operation, not 3" in client.status_text
+        assert drive.model.started == 0
+        assert drive.model.turned(plc.loop.now()) == 0

@@ -1,0 +1,70 @@
+"""Notices an object that a drive takes in a TPDO's mapping and then does not send: its place in the PDO never changes.
+
+Sans-I/O: the newest bytes of each TPDO come in, and what the object itself holds (by SDO); an object whose bytes have changed
+once is trusted for good. Source: none; CiA 301 has no way to tell.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+from pdgw.ds301.objects import Entry
+from pdgw.ds301.pdo import Pdo
+
+CONTRADICTIONS = 3
+"""So often in a row has an object to hold another value than its PDO shows."""
+
+
+@dataclass(slots=True, eq=False)
+class Doubt:
+    """An object whose place in a PDO has not changed yet."""
+
+    pdo: Pdo
+    entry: Entry
+    begin: int
+    """Its place in the PDO: first byte."""
+    first: bytes = b""
+    contradictions: int = 0
+
+    def place(self, data: bytes) -> bytes:
+        return data[self.begin : self.begin + self.entry.type.bits // 8]
+
+
+class Witness:
+    """Of one drive, from one start to the next."""
+
+    def __init__(self, pdos: Iterable[Pdo]) -> None:
+        self._doubts: list[Doubt] = []
+        for pdo in pdos:
+            begin = 0
+            for entry in pdo.entries:
+                if entry.attribute:
+                    self._doubts.append(Doubt(pdo, entry, begin))
+                begin += entry.type.bits // 8
+
+    def see(self, pdo: Pdo, data: bytes) -> None:
+        """The newest bytes of a TPDO."""
+        kept = []
+        for doubt in self._doubts:
+            if doubt.pdo is pdo:
+                place = doubt.place(data)
+                doubt.first = doubt.first or place
+                if place != doubt.first:
+                    continue
+            kept.append(doubt)
+        self._doubts = kept
+
+    @property
+    def doubts(self) -> Iterator[Doubt]:
+        """What has to be asked for; objects that were not in a frame yet are not."""
+        return (doubt for doubt in tuple(self._doubts) if doubt.first)
+
+    def trust(self, doubt: Doubt) -> None:
+        """It cannot be asked for."""
+        self._doubts.remove(doubt)
+
+    def compare(self, doubt: Doubt, held: bytes) -> bool:
+        """What the object holds; True when its place in the PDO has contradicted that often enough."""
+        doubt.contradictions = doubt.contradictions + 1 if held != doubt.first else 0
+        return doubt.contradictions >= CONTRADICTIONS
