@@ -36,7 +36,7 @@ from pdgw.dsp402.mapping import DriveMapping
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.planner import CONTROLWORD
 from pdgw.dsp402.scaling import UnitKeys
-from pdgw.dsp402.states import ControlBit, State, state_of
+from pdgw.dsp402.states import ControlBit, FaultReset, State, state_of
 from pdgw.dsp402.witness import Witness
 
 DriveStatus = NodeStatus
@@ -134,6 +134,7 @@ class DriveClient(NodeClient[DriveSettings]):
         self._starts_early = False
         """The Controlword is not the last object of its RPDO: the drive may see it before the data behind it."""
         self._mapping = DriveMapping(self.read_number)
+        self._fault_reset: FaultReset | None = None
         self._mode_awaited: int | None = None
         """A mode that 6061h has not shown yet; no speed is sent meanwhile."""
         self._mode_wrong = ""
@@ -167,7 +168,9 @@ class DriveClient(NodeClient[DriveSettings]):
         """
         if not self._sending:
             return
-        speed = command.target_velocity
+        speed, asked = command.target_velocity, command.controlword
+        if self._fault_reset is not None:
+            command.controlword = self._fault_reset.step(asked, self.feedback.statusword, now)
         if self._mode_awaited is not None:
             command.target_velocity = 0
         for values in self._acyclic_rpdos:
@@ -188,7 +191,7 @@ class DriveClient(NodeClient[DriveSettings]):
         sent = self._put(self._control, self._control.pdo.pack(command), now)
         if sent and command.controlword & _NEW_SETPOINT:
             self._set_point_sent = True
-        command.controlword = word
+        command.controlword = asked
         command.target_velocity = speed
 
     def _put(self, sender: _Sender, data: bytes, now: int) -> bool:
@@ -304,13 +307,17 @@ class DriveClient(NodeClient[DriveSettings]):
 
     def _configure(self) -> None:
         self._configure_guarding()
-        mode = self.settings.initial_mode
+        mode, drive, period_us = self.settings.initial_mode, self.drive_type, self.settings.sync_period_us
+        assert drive is not None
+        edges = drive.quirks.fault_reset_edges
+        self._fault_reset = FaultReset(edges) if edges > 1 else None
         if mode is not None:
-            drive = self.drive_type
-            offered = drive.speed_mode if drive is not None and mode is Mode.VELOCITY else None
+            offered = drive.speed_mode if mode is Mode.VELOCITY else None
             self._set_mode(mode.value if offered is None else offered)
-        if self.settings.sync_period_us and INTERPOLATION_TIME in self.dictionary:
-            for step in interpolation_steps(self.settings.sync_period_us):
+            if offered == Mode.CYCLIC_VELOCITY:
+                period_us = self.settings.cycle_ms * 1000
+        if period_us and INTERPOLATION_TIME in self.dictionary:
+            for step in interpolation_steps(period_us):
                 self._do(step)
         if 0x6098 in self.dictionary:
             self.homing_method = self._fetch(0x6098, signed=True)

@@ -183,3 +183,36 @@ def next_state(state: State, controlword: int, previous: int) -> State:
             continue
         return transition.target
     return state
+
+
+EDGE_NS = 50_000_000
+"""So long is each level of a repeated fault reset: the drive has seen it by then."""
+
+
+class FaultReset:
+    """Rising edges of Controlword 7 for a drive that needs several of them to leave its fault: one in, ``edges`` out.
+
+    ``step`` is the Controlword to send; it is called in every cycle with the time (monotonic nanoseconds).
+    """
+
+    __slots__ = ("_asked", "_edges", "_high", "_left", "_until")
+
+    def __init__(self, edges: int) -> None:
+        self._edges = edges
+        self._asked = self._high = False
+        self._left = 0
+        self._until = 0
+
+    def step(self, word: int, statusword: int, now: int) -> int:
+        asked = bool(word & ControlBit.FAULT_RESET)
+        if asked and not self._asked:
+            self._left, self._high, self._until = self._edges, True, now + EDGE_NS
+        self._asked = asked
+        if not self._left:
+            return word
+        if now >= self._until:
+            self._left -= self._high
+            self._high, self._until = not self._high, now + EDGE_NS
+        if state_of(statusword) is not State.FAULT:
+            self._left = 0
+        return word | ControlBit.FAULT_RESET if self._left and self._high else word & ~ControlBit.FAULT_RESET

@@ -29,6 +29,9 @@ MS = 1_000_000
 DI1 = 1 << 16
 _INT32_MAX = (1 << 31) - 1
 _RAMPED_STATES = (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE, State.FAULT_REACTION_ACTIVE)
+_QUICK_RAMPS = (2, 6)
+_STAYS_STOPPED = 5
+"""605Ah from here on: the drive stays in Quick Stop Active."""
 _ABORT_COMMANDS = {2: Command.DISABLE_VOLTAGE, 3: Command.QUICK_STOP}
 """Device control command of 6007h."""
 _SYNC_FAULT = replace(DRIVE_FAULTS[12], name="SYNC missing", error_code=0x8700)
@@ -90,6 +93,7 @@ class DriveModel:
         self._without_sync = 0
         """Ticks since the last SYNC."""
         self._previous_controlword = 0
+        self._reset_edges = 0
         self._modes = {Mode(number): MODES[Mode(number)](self) for number in self.shape.modes}
         self.mode = Mode.POSITION if Mode.POSITION in self._modes else min(self._modes)
         self.motion = self._modes[self.mode]
@@ -231,8 +235,9 @@ class DriveModel:
         self._previous_controlword = word
         self._select_mode(word)
         if self.state is State.FAULT:
-            reset = next_state(self.state, word, previous) is not State.FAULT
-            if reset and not self.causes:
+            self._reset_edges += next_state(self.state, word, previous) is not State.FAULT
+            if self._reset_edges >= self.shape.fault_reset_edges and not self.causes:
+                self._reset_edges = 0
                 self.error_code = self.emcy_code = self.error_register = 0
                 self.emcy.append((0, 0))
                 self._enter(State.SWITCH_ON_DISABLED)
@@ -289,7 +294,7 @@ class DriveModel:
         if self._time < 0:
             self._time = now
             if self.state is State.NOT_READY_TO_SWITCH_ON:
-                self._enter(State.SWITCH_ON_DISABLED)
+                self._enter(State.FAULT if self.shape.starts_in_fault else State.SWITCH_ON_DISABLED)
             self._update()
         steps = (now - self._time) // MS
         if steps <= 0:
@@ -357,7 +362,9 @@ class DriveModel:
             if not self._sync_is_lost():
                 self.motion.move()
         elif state is State.QUICK_STOP_ACTIVE:
-            if self.stop_ramp and self.slow_down(self._quick_deceleration(self.read(0x605A, 0) == 2)):
+            option = self.read(0x605A, 0)
+            stands = self.stop_ramp and self.slow_down(self._quick_deceleration(option in _QUICK_RAMPS))
+            if stands and option < _STAYS_STOPPED:
                 self._enter(State.SWITCH_ON_DISABLED)
         elif state is State.FAULT_REACTION_ACTIVE:
             option = self.read(0x605E, 0)

@@ -70,6 +70,9 @@ class Shape:
     boot_ms: int = 0
     sdo_ms: int = 0
     """So long it takes for each SDO answer."""
+    fault_reset_edges: int = 1
+    """So many rising edges of Controlword 7 end a fault."""
+    starts_in_fault: bool = False
     mode_in_operation_only: bool = False
     """6061h is 0 but in operation."""
     frozen: frozenset[str] = frozenset()
@@ -306,6 +309,15 @@ SHAPES = MappingProxyType(
             replace(
                 _rpm("frozen", "rpm; takes 606Ch in a TPDO and sends it as 0", 16),
                 frozen=frozenset({"velocity_actual"}),
+            ),
+            replace(
+                _rpm("two-edges", "rpm; powers up in Fault, which two edges of Controlword 7 end", 18),
+                starts_in_fault=True,
+                fault_reset_edges=2,
+            ),
+            replace(
+                _rpm("stays-stopped", "rpm; stays in Quick Stop Active at standstill (605Ah = 6)", 19),
+                has=(*_RPM_OBJECTS, var(0x605A, "Quick stop option code", _I16, _RW, default=6)),
             ),
             replace(_rpm("slow-sdo", "rpm; answers SDO after half a second", 17), sdo_ms=_SLOW_SDO_MS),
             replace(_rpm("four-pdo", "rpm; four PDOs of each direction", 9), pdos=4),

@@ -4,6 +4,11 @@ from __future__ import annotations
 
 import pytest
 
+from pdgw.dsp402.overlay import Overlay, QuirkKeys
+from pdgw.dsp402.states import State
+from pdgw.gateway.axis.executors.base import Notes
+from pdgw.gateway.axis.executors.homing import Homing
+from pdgw.gateway.axis.executors.mode import ModeSwitch
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.reasons import FaultNumber, Reason
 from pdgw.gateway.status import snapshot
@@ -17,7 +22,7 @@ REFUSED = {
 }
 """What does not come online, and what it is told for."""
 NOT_POSITIONING = {"vl": "modes of the drive", "csv": "modes of the drive"}
-SPEEDS = sorted(name for name in SHAPES if name not in {*REFUSED, "frozen"})
+SPEEDS = sorted(name for name in SHAPES if name not in {*REFUSED, "frozen", "two-edges"})
 PATIENCE = 300_000 * MS
 """A drive that answers SDO after half a second has some hundred of them to answer."""
 POSITIONS = [name for name in SPEEDS if name not in NOT_POSITIONING]
@@ -174,3 +179,46 @@ def test_no_speed_is_sent_before_the_drive_shows_its_mode_and_one_that_never_doe
         assert "6061h shows 0 for 1 s in operation, not 3" in client.status_text
         assert drive.model.started == 0
         assert drive.model.turned(plc.loop.now()) == 0
+
+
+def test_a_drive_that_powers_up_in_fault_and_needs_two_edges_is_acknowledged_by_one_edge_of_the_plc(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    family = Overlay(name="test", title="test", sources=("this test",), quirks=QuirkKeys(fault_reset_edges=2))
+    monkeypatch.setattr("pdgw.dsp402.describe.overlay_for", lambda *_: family)
+    with running(configuration(axis(1, more=""))) as daemon:
+        drive = _drive(daemon, "two-edges")
+        until(daemon, lambda: daemon.axes[0].drive.generation, "online")
+        plc = Plc(daemon, [1])
+        plc.endpoint.set(0, {"STW1": 0x047E})
+        plc.until(lambda: plc.state() == 0x08, "the fault")
+        plc.endpoint.set(0, {"STW1": 0x04FE})
+        plc.until(lambda: plc.state() == 0x01, "acknowledged, and ready")
+        plc.enable()
+        plc.endpoint.set(0, {"NSOLL_A": QUARTER})
+        plc.until(lambda: abs(drive.model.ramp.speed - 750) < 1, "750 rpm")
+
+
+def test_a_drive_that_stays_in_quick_stop_is_led_out_of_it_and_can_be_started_again() -> None:
+    with running(configuration(axis(1, more=""))) as daemon:
+        drive = _drive(daemon, "stays-stopped")
+        until(daemon, lambda: daemon.axes[0].drive.generation, "online")
+        plc = Plc(daemon, [1])
+        for _ in range(2):
+            plc.enable()
+            plc.endpoint.set(0, {"NSOLL_A": QUARTER})
+            plc.until(lambda: abs(drive.model.ramp.speed - 750) < 1, "750 rpm")
+            plc.endpoint.set(0, {"STW1": 0x047B, "NSOLL_A": 0})
+            plc.until(lambda: drive.model.ramp.speed == 0, "standstill")
+            plc.until(lambda: drive.model.state is State.SWITCH_ON_DISABLED, "off")
+
+
+@pytest.mark.parametrize(("asked", "there"), [(35, 37), (37, 35), (35, 35)])
+def test_homing_at_the_current_position_is_35_and_37_whichever_the_drive_has(asked: int, there: int) -> None:
+    notes = Notes()
+    homing = Homing(notes, ModeSwitch(notes, 1))
+    homing.methods = frozenset({1, there})
+    assert homing.supported(asked)
+    homing.begin(asked, None)
+    assert notes.writes is not None
+    assert notes.writes[0].value == there

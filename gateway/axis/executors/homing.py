@@ -20,6 +20,8 @@ HOMING_STALE_NS = 50_000_000
 """A "homing attained" that was already there at the start counts only after this time (method 35 is immediate)."""
 HOMING_UNATTAINED_NS = 1_000_000_000
 """A drive that stands with "target reached" but without "homing attained" for so long has given the homing up."""
+_SAME_METHOD = {35: 37, 37: 35}
+"""Current position (CiA 402)."""
 HOMING_METHOD = (0x6098, 0)
 HOMING_SPEEDS = ((0x6099, 1), (0x6099, 2))
 _FINISHED = StatusBit.MODE_12 | StatusBit.TARGET_REACHED
@@ -72,7 +74,7 @@ class Homing:
     def supported(self, method: int) -> bool:
         """Whether the method exists; one that does not starts nothing and raises the warning."""
         notes = self._notes
-        if method in self.methods:
+        if self._offered(method) in self.methods:
             notes.warning = False
             return True
         notes.warning = True
@@ -81,13 +83,17 @@ class Homing:
         notes.faults.append((FaultNumber.HOMING_METHOD, f"homing method {method}, allowed {allowed}"))
         return False
 
+    def _offered(self, method: int) -> int:
+        """35 is the older number of 37: the one the drive has."""
+        return _SAME_METHOD.get(method, method) if method not in self.methods else method
+
     def begin(self, method: int, speed: int | None) -> None:
         """Method and speeds have to reach the drive first; ``speed`` in its units, None leaves its own ones."""
         self.home_set = False
         self._notes.reason = Reason.HOMING_SETUP
         speeds = () if speed is None else HOMING_SPEEDS
         self._writes = (
-            SdoWrite(*HOMING_METHOD, method),
+            SdoWrite(*HOMING_METHOD, self._offered(method)),
             *(SdoWrite(index, subindex, speed or 1) for index, subindex in speeds),
         )
         self._answer = None
