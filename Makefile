@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 ROOMS := profidrive profinet ds301 dsp402 dsp406 gateway decoder web peers tools
 
-.PHONY: demo test tour lint format bench measured fuzz soak docs site compiled test-compiled bench-compiled clean
+.PHONY: demo test tour lint format bench measured fuzz soak docs screenshots site compiled test-compiled bench-compiled clean
 
 demo: $(STAMP)
 	$(BIN)/pdgw demo
@@ -67,6 +67,11 @@ docs: $(STAMP)
 	$(BIN)/python -m pdgw.tools.doctables
 	$(BIN)/python -m pdgw.dsp402.device
 	$(BIN)/python -m pdgw.dsp406.device
+
+# The pictures of the page in docs/: needs Debian's chromium.
+screenshots: $(STAMP)
+	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[browser]'
+	$(BIN)/python -m pdgw.tools.screenshots docs/page
 
 # The documents and the API reference as a web site in build/site.
 site: $(STAMP)

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import socket
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 from pdgw.gateway.config import GatewayConfig
 from pdgw.gateway.errors import GatewayError
@@ -41,6 +44,22 @@ def serve(config: GatewayConfig, parameters: Parameters, capture: Capture) -> No
         finally:
             if publisher is not None:
                 publisher.stop()
+
+
+@contextmanager
+def in_background(watch: Watch, parameters: Parameters, capture: Capture, token: Token | None = None) -> Iterator[int]:
+    """Serve a page on a thread, for tests and pictures; gives its port."""
+    web = watch.config.web
+    app, streams = made_app(watch, parameters, capture, token)
+    server = made_server(app, streams, web)
+    with listen(web) as port:
+        thread = threading.Thread(target=lambda: asyncio.run(server.serve(sockets=[port])), name="page")
+        thread.start()
+        try:
+            yield int(port.getsockname()[1])
+        finally:
+            server.should_exit = True
+            thread.join()
 
 
 def page_address(port: socket.socket, *, tls: bool) -> str:

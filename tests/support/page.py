@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import http.client
 import json
 import threading
@@ -17,10 +16,9 @@ from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.status import fault_status, snapshot
 from pdgw.tools.trace_file import captured
-from pdgw.web.app import made_app
 from pdgw.web.feed import Document
 from pdgw.web.guard import Token
-from pdgw.web.server import listen, made_server
+from pdgw.web.run import in_background
 from pdgw.web.watch import Watch
 
 PATIENCE_S = 20.0
@@ -118,18 +116,8 @@ def page(config: GatewayConfig, gateway: ShownGateway, token: str | None = None,
     watch = Watch(config.model_copy(update={"web": web}), gateway)
     watch.feed.unwatched_s = watch.feed.watched_s / 4
     parameters = ShownParameters()
-    app, streams = made_app(watch, parameters, captured, None if token is None else Token(token))
-    server = made_server(app, streams, web)
-    with listen(web) as listening:
-        thread = threading.Thread(target=lambda: asyncio.run(server.serve(sockets=[listening])), name="page")
-        thread.start()
-        try:
-            until(lambda: server.started, "the server")
-            yield Page(listening.getsockname()[1], watch, parameters)
-        finally:
-            server.should_exit = True
-            thread.join(PATIENCE_S)
-            assert not thread.is_alive()
+    with in_background(watch, parameters, captured, None if token is None else Token(token)) as served:
+        yield Page(served, watch, parameters)
 
 
 def events_of(response: http.client.HTTPResponse, count: int) -> list[tuple[str, str, Any]]:

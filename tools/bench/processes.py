@@ -118,7 +118,8 @@ def configuration(channels: Sequence[str], axes: int, period_ns: int, ports: tup
 class Gateway:
     """`pdgw run` on a configuration."""
 
-    def __init__(self, process: subprocess.Popen[bytes], ports: tuple[int, int, int], log: Path) -> None:
+    def __init__(self, process: subprocess.Popen[bytes], ports: tuple[int, int, int], config: Path, log: Path) -> None:
+        self.config = config
         self._process = process
         self._started = time.monotonic()
         self._log = log
@@ -183,7 +184,7 @@ def running(axes: int, period_ns: int) -> Iterator[tuple[Drives, Gateway]]:
             subprocess.Popen(command, stdout=errors, stderr=errors, env=environment()) as daemon,
         ):
             try:
-                yield drives, Gateway(daemon, ports, log)
+                yield drives, Gateway(daemon, ports, config, log)
             finally:
                 daemon.terminate()
                 try:

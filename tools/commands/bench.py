@@ -28,6 +28,7 @@ from pdgw.tools.bench import (
     stops,
     storm,
     translation,
+    watching,
 )
 from pdgw.tools.bench.build import machine, use_real_time_priority
 from pdgw.tools.bench.measure import Latency
@@ -244,6 +245,35 @@ def flood_command(seconds: Seconds = 10, as_json: AsJson = False, realtime: Real
         return
     _print_machine(console := Console(), realtime)
     _print_floods(console, floods)
+
+
+@app.command("web")
+def web_command(seconds: Seconds = 10, as_json: AsJson = False, realtime: RealTime = False) -> None:
+    """Eight axes at 1 ms while twenty pages and Prometheus look, and while the page's process is flooded, stopped and killed."""
+    if realtime:
+        use_real_time_priority()
+    with _progress() as status:
+        status.update("pages")
+        item = watching.measure(seconds)
+    if as_json:
+        latencies = {
+            name: _latency(getattr(item, name)) for name in (watching.QUIET, watching.WATCHED, watching.HARMED)
+        }
+        ratios = {"ratio_p99": item.ratio_p99, "ratio_p99_harmed": item.ratio_p99_harmed}
+        document = {"machine": machine() | {"realtime": realtime}, "web": {**asdict(item), **latencies, **ratios}}
+        typer.echo(json.dumps(document, indent=2))
+        return
+    _print_machine(console := Console(), realtime)
+    table = Table("", "p50", "p99", "p99.9", "missed", title=f"{watching.AXES} axes at 1 ms, {watching.PAGES} pages")
+    for name, row in (
+        ("no page", item.quiet),
+        (f"looked at, {item.messages_per_s:.0f} messages/s", item.watched),
+        (f"flooded, {item.requests_per_s:.0f} requests/s, stopped, killed", item.harmed),
+    ):
+        table.add_row(name, f"{row.p50:.0f} us", f"{row.p99:.0f} us", f"{row.p999:.0f} us", _missed(row))
+    table.add_row("looked at / no page", "", f"{item.ratio_p99:.2f}", "", "")
+    table.add_row("flooded / no page", "", f"{item.ratio_p99_harmed:.2f}", "", "")
+    console.print(table)
 
 
 @app.command("stops")

@@ -1,0 +1,152 @@
+"""The page as processes: started beside a gateway, frozen, flooded and killed while an axis turns; the PLC does not notice."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import signal
+import socket
+import threading
+import time
+import urllib.request
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from pdgw.gateway.status_client import fetch
+from pdgw.peers.plc.endpoint import PlcEndpoint
+from pdgw.profidrive.telegrams import telegram
+from tests.endtoend.processes import free_tcp_port, free_udp_port, pdgw, running
+
+pytestmark = pytest.mark.e2e
+OFF, ON = 0x047E, 0x047F
+CYCLE_NS = 4_000_000
+PATIENCE_S = 60.0
+
+
+class Plc(threading.Thread):
+    """Sends a frame in each cycle, whatever the test does meanwhile."""
+
+    def __init__(self, port: int) -> None:
+        super().__init__(name="PLC", daemon=True)
+        self.endpoint = PlcEndpoint([telegram(1)], CYCLE_NS)
+        self.stopping = threading.Event()
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.connect(("127.0.0.1", port))
+        self._socket.setblocking(False)
+
+    def run(self) -> None:
+        with closing(self._socket):
+            while not self.stopping.wait(CYCLE_NS / 1e9):
+                with contextlib.suppress(OSError):
+                    self._socket.send(self.endpoint.build(time.monotonic_ns()))
+                    while True:
+                        self.endpoint.receive(self._socket.recv(2048), time.monotonic_ns())
+
+    def value(self, name: str) -> int:
+        actuals = self.endpoint.actuals[0]
+        return -1 if actuals is None else actuals[name]
+
+
+def until(condition: Any, what: str) -> None:
+    deadline = time.monotonic() + PATIENCE_S
+    while not condition():
+        assert time.monotonic() < deadline, what
+        time.sleep(0.05)
+
+
+def page_of(process: int) -> int:
+    """The process id of the page a gateway has started."""
+    children = Path(f"/proc/{process}/task/{process}/children").read_text().split()
+    (found,) = [int(child) for child in children if b"\0web\0" in Path(f"/proc/{child}/cmdline").read_bytes()]
+    return found
+
+
+@contextmanager
+def exchanging(port: int) -> Iterator[Plc]:
+    plc = Plc(port)
+    plc.start()
+    try:
+        yield plc
+    finally:
+        plc.stopping.set()
+        plc.join()
+
+
+def test_a_page_that_is_frozen_flooded_and_killed_changes_nothing_for_the_plc(tmp_path: Path) -> None:
+    cyclic, status, web = free_udp_port(), free_tcp_port(), free_tcp_port()
+    config = tmp_path / "gateway.toml"
+    config.write_text(
+        f'[can]\ninterface = "virtual"\nchannel = "page"\n[web]\nlisten = "127.0.0.1:{web}"\n[transport]\n'
+        f"cyclic_port = {cyclic}\nacyclic_port = {free_udp_port()}\nstatus_port = {status}\nwatchdog_factor = 255\n"
+        "[[axis]]\ndo_id = 1\nnode_id = 1\ntelegram = 1\nsimulate = true\nheartbeat_ms = 2000\ntpdo_event_ms = 2000\n"
+    )
+
+    def answers() -> bool:
+        with contextlib.suppress(OSError, ValueError):
+            with urllib.request.urlopen(f"http://127.0.0.1:{web}/api/v1/status", timeout=5) as answer:
+                document = json.loads(answer.read())
+            return bool(document["axes"][0]["state_id"] == "OBEYS" and not document["stale"])
+        return False
+
+    def counted(name: str) -> int:
+        counters = fetch(status)["counters"]
+        return next(item["value"] for item in counters if (item["part"], item["name"]) == ("link", name))
+
+    log = tmp_path / "log"
+    with running("run", str(config), "--web", log=log) as gateway, exchanging(cyclic) as plc:
+        plc.endpoint.set(0, {"STW1": OFF})
+        until(lambda: plc.value("ZSW1") & 0x4F == 0x01, f"the drive: {log.read_text()}")
+        plc.endpoint.set(0, {"STW1": ON, "NSOLL_A": 0x2000})
+        until(lambda: plc.value("NIST_A") == 0x2000, "half speed")
+        until(answers, f"the page: {log.read_text()}")
+        lost, accepted = counted("watchdog_expiries"), counted("accepted")
+        page = page_of(gateway.pid)
+
+        os.kill(page, signal.SIGSTOP)
+        flood = [socket.create_connection(("127.0.0.1", web), timeout=5) for _ in range(60)]
+        for connection in flood:
+            connection.sendall(b"GET /api/v1/objects/1/trace HTTP/1.1\r\nHost: localhost\r\n\r\n" * 10)
+        until(lambda: counted("accepted") > accepted + 50, "frames while the page is frozen and flooded")
+        os.kill(page, signal.SIGCONT)
+        until(lambda: counted("accepted") > accepted + 100, "frames while the page works on the flood")
+        for connection in flood:
+            connection.close()
+        until(answers, "the page after the flood")
+        os.kill(page, signal.SIGKILL)
+        until(lambda: counted("accepted") > accepted + 150, "frames after the page was killed")
+
+        assert plc.value("NIST_A") == 0x2000
+        assert counted("watchdog_expiries") == lost
+        assert fetch(status)["axes"][0]["state_id"] == "OBEYS"
+
+
+@pytest.mark.parametrize(
+    ("lines", "part"),
+    [
+        ("[transport]\nstatus_port = 0\n", "needs the status port"),
+        ('[web]\ntoken_file = "none"\n', "token_file"),
+        ('[web]\ntls_cert = "none"\ntls_key = "none"\n', "tls_cert"),
+    ],
+)
+def test_what_the_page_cannot_start_with_is_one_line(tmp_path: Path, lines: str, part: str) -> None:
+    config = tmp_path / "gateway.toml"
+    config.write_text(f'{lines}[can]\ninterface = "virtual"\n[[axis]]\ndo_id = 1\nnode_id = 1\ntelegram = 1\n')
+    done = pdgw("web", str(config), "--listen", "127.0.0.1:0")
+    assert done.returncode == 1
+    assert part in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_a_port_in_use_and_an_address_without_a_token_are_told(tmp_path: Path) -> None:
+    config = tmp_path / "gateway.toml"
+    config.write_text('[can]\ninterface = "virtual"\n[[axis]]\ndo_id = 1\nnode_id = 1\ntelegram = 1\n')
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        done = pdgw("web", str(config), "--listen", f"127.0.0.1:{taken.getsockname()[1]}")
+    assert (done.returncode, "cannot be used" in done.stderr) == (1, True)
+    done = pdgw("web", str(config), "--listen", "10.1.2.3:8420")
+    assert (done.returncode, "token_file is missing" in done.stderr) == (1, True)
