@@ -327,6 +327,11 @@ class SimulatedNode:
         if not self.misbehaviours or all(fault.outgoing(can_id, data) for fault in self._behind(past)):
             self.send(can_id, data)
 
+    def pdo(self, can_id: int) -> Pdo | None:
+        """What is mapped to a PDO of either direction now, by its identifier; None for none."""
+        transmitted = (tpdo.pdo for tpdo in self._tpdos if tpdo.cob_id == can_id)
+        return self._rpdos.get(can_id) or next(transmitted, None)
+
     def is_pdo(self, can_id: int) -> bool:
         """Whether a COB-ID is one of the node's valid PDOs."""
         return can_id in self._rpdos or any(tpdo.cob_id == can_id for tpdo in self._tpdos)

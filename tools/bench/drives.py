@@ -16,13 +16,16 @@ from collections.abc import Sequence
 
 from pdgw.ds301.can_frame import CAN_FRAME, pack_frame, unpack_frame
 from pdgw.ds301.connection_set import NMT, SDO_REQUEST, SDO_RESPONSE
+from pdgw.ds301.pdo import Pdo
+from pdgw.dsp402.images import DriveCommand, DriveFeedback
 from pdgw.peers.bus import Hub
 from pdgw.peers.drive import SimulatedDriveNode
 
 PER_BUS = 3
 """Axes a 1 Mbit/s bus carries at 1 kHz: 70 % of it."""
-_STATUS_OF_COMMAND = {0x06: b"\x31\x02", 0x07: b"\x33\x02", 0x0F: b"\x37\x06"}
-_SWITCH_ON_DISABLED = b"\x50\x02"
+_STATUS_OF_COMMAND = {0x06: 0x0231, 0x07: 0x0233, 0x0F: 0x0637}
+_SWITCH_ON_DISABLED = 0x0250
+_COMMAND = 0xFF
 _ENABLE_OPERATION = 0x0F
 _SERVICE, _NODE = 0x780, 0x7F
 _TPDO, _RPDO = 0x180, 0x200
@@ -44,8 +47,9 @@ class IdealDrives:
     def __init__(self, hub: Hub, count: int) -> None:
         self._send = hub.attach(self._receive)
         self._nodes = [SimulatedDriveNode(node, self._from_node) for node in range(1, count + 1)]
-        self._ideal: set[int] = set()
-        """Node-IDs whose TPDOs are answers to RPDOs; the others show their first ones themselves."""
+        self._ideal: dict[int, tuple[Pdo, Pdo]] = {}
+        """RPDO and TPDO by the node-ID of drives whose TPDOs are answers; the others show their first ones themselves."""
+        self._command, self._feedback = DriveCommand(), DriveFeedback()
         self._uploads: dict[bytes, bytes] = {}
         self._asked: bytes | None = None
         self.rpdos = [0] * count
@@ -79,26 +83,36 @@ class IdealDrives:
         can_id, _, data = CAN_FRAME.unpack(frame)
         if can_id & _SERVICE == _RPDO:
             now = time.monotonic_ns()
-            command, velocity = data[0], data[2:6]
-            status = _STATUS_OF_COMMAND.get(command, _SWITCH_ON_DISABLED)
-            node = can_id & _NODE
-            self._ideal.add(node)
-            actual = velocity if command == _ENABLE_OPERATION else bytes(4)
-            self._send(CAN_FRAME.pack(can_id - _RPDO + _TPDO, 6, status + actual))
+            node, command, feedback = can_id & _NODE, self._command, self._feedback
+            rpdo, tpdo = self._ideal.get(node) or self._begin(node)
+            rpdo.unpack_into(data, command)
+            word, velocity = command.controlword & _COMMAND, command.target_velocity
+            feedback.statusword = _STATUS_OF_COMMAND.get(word, _SWITCH_ON_DISABLED)
+            feedback.velocity_actual = velocity if word == _ENABLE_OPERATION else 0
+            self._send(CAN_FRAME.pack(_TPDO + node, tpdo.size, tpdo.pack(feedback)))
             self.rpdos[node - 1] += 1
             if node == self._last:
-                self.log.append((now, int.from_bytes(velocity, "little", signed=True)))
+                self.log.append((now, velocity))
             return
         if (known := self._uploads.get(frame)) is not None:
             self._send(known)
             return
         if can_id == NMT:
-            self._ideal.discard(data[1])
+            self._ideal.pop(data[1], None)
         self._asked = frame if can_id & _SERVICE == SDO_REQUEST and data[0] == _UPLOAD else None
         identifier, content = unpack_frame(frame)
         for drive in self._nodes:
             drive.receive(identifier, content, time.monotonic_ns())
         self._asked = None
+
+    def _begin(self, node: int) -> tuple[Pdo, Pdo]:
+        """The drive is ideal from now on, with the PDOs it was given."""
+        drive = self._nodes[node - 1]
+        rpdo, tpdo = drive.pdo(_RPDO + node), drive.pdo(_TPDO + node)
+        assert rpdo is not None, "the gateway sends what it mapped"
+        assert tpdo is not None, "the gateway waited for it"
+        self._ideal[node] = rpdo, tpdo
+        return rpdo, tpdo
 
 
 def _serve(selector: selectors.BaseSelector, drives: Sequence[IdealDrives]) -> None:
