@@ -136,7 +136,7 @@ def take(folder: Path) -> None:
         )
         at_end.callback(browser.close)
         for name, view, size, colours in SHOTS:
-            tab = browser.new_page(viewport=size, color_scheme=colours)  # type: ignore[arg-type]
+            tab = browser.new_page(viewport=size, color_scheme=colours)
             tab.set_default_timeout(_PATIENCE_MS)
             tab.goto(f"http://127.0.0.1:{port}/{view}")
             tab.get_by_text("live, PLC connected").wait_for()
