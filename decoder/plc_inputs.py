@@ -10,7 +10,9 @@ from pdgw.decoder.connect import Connection
 from pdgw.decoder.profinet_endpoint import ProfinetEndpoint
 from pdgw.decoder.profinet_records import Change
 from pdgw.decoder.recorded import Setpoints
+from pdgw.gateway.transport.confirmation import CONFIRMING_FRAMES, Orders
 from pdgw.gateway.transport.cyclic import CyclicEndpoint, Verdict
+from pdgw.gateway.transport.sequence import SEQUENCE_FRAMES
 from pdgw.profidrive.telegrams import Telegram
 
 _SENDER: Final = ("recorded", 0)
@@ -19,10 +21,11 @@ USED: Final = frozenset({Verdict.ACCEPTED, Verdict.PROVIDER_STOP})
 
 
 class Frame(NamedTuple):
-    """A cyclic frame of the PLC."""
+    """A cyclic frame of the PLC: when the gateway dealt with it, and when it had come, where both are known apart."""
 
     time_ns: int
     data: bytes
+    received_ns: int
 
 
 class Relation(NamedTuple):
@@ -49,53 +52,120 @@ class PlcInputs:
     losses: list[int] = field(default_factory=list)
 
 
+class _Events:
+    """The setpoints of one axis, and since which frame (counted from 0) each is certainly in force.
+
+    ``orders``: its control words, where the gateway waits before it believes one; None where it believes all at once (Ethernet).
+    """
+
+    def __init__(self, orders: Orders | None) -> None:
+        self._orders = orders
+        self._order: tuple[int, ...] | None = None
+        self._believed = 0
+        """The frame with which the present order is believed at the latest."""
+        self._connected = False
+        self._found: list[tuple[int, tuple[int, ...] | None, int | None]] = []
+
+    def frame(self, number: int, now: int, values: tuple[int, ...] | None) -> None:
+        """What is in force with an accepted frame, if it is believed at once."""
+        if self._orders is None:
+            self.note(now, values)
+            return
+        if not self._connected:
+            self._connected = True
+            self._believed = number + SEQUENCE_FRAMES - 1
+        order = None if values is None else self._orders.read(values)
+        changed = None if order == self._order else order
+        if changed is not None and not self._orders.only_stops(changed, self._order, released=False):
+            self._believed = max(self._believed, number + CONFIRMING_FRAMES - 1)
+        self._order = order
+        self.note(now, values, number if values is None else max(number, self._believed))
+
+    def lost(self, now: int) -> None:
+        """The PLC was lost."""
+        self._connected = False
+        self._order = None
+        self.note(now, None)
+
+    def note(self, now: int, values: tuple[int, ...] | None, certain: int | None = None) -> None:
+        """``values`` from a time on, for certain with a frame, or at once."""
+        if not self._found or self._found[-1][1] != values:
+            self._found.append((now, values, certain))
+
+    def setpoints(self, taken: Sequence[int]) -> list[Setpoints]:
+        """With the times of the accepted frames."""
+        events: list[Setpoints] = []
+        end = taken[-1] + 1 if taken else 0
+        for now, values, certain in reversed(self._found):
+            when = now if certain is None else taken[certain] if certain < len(taken) else end
+            # What follows has replaced it then, believed or not.
+            events.append(Setpoints(now, values, min(when, events[-1].certain_ns) if events else when))
+        events.reverse()
+        return events
+
+
 class _Receiver:
     """Feeds an endpoint and keeps what it makes of it."""
 
-    def __init__(self, endpoint: CyclicEndpoint | ProfinetEndpoint) -> None:
-        self.inputs = PlcInputs([[] for _ in endpoint.setpoints])
-        self.last_ns = 0
+    def __init__(self, endpoint: CyclicEndpoint | ProfinetEndpoint, orders: Sequence[Orders | None]) -> None:
+        self._inputs = PlcInputs([])
         self._endpoint = endpoint
+        self._events = [_Events(item) for item in orders]
+        self._taken: list[int] = []
+        self._last_ns = 0
+        """When the last accepted frame had come."""
 
     def note(self, now: int) -> None:
         """The setpoints as they are now."""
-        for events, values in zip(self.inputs.setpoints, self._endpoint.setpoints, strict=True):
-            if not events or events[-1].values != values:
-                events.append(Setpoints(now, None if values is None else tuple(values)))
+        for events, values in zip(self._events, self._endpoint.setpoints, strict=True):
+            events.note(now, None if values is None else tuple(values))
 
     def expire(self, before: int | None, watchdog_ns: int) -> None:
         """The watchdog, if it expires before a time."""
-        expiry = self.last_ns + watchdog_ns + 1
+        expiry = self._last_ns + watchdog_ns + 1
         if (before is None or expiry < before) and self._endpoint.poll(expiry):
-            self.inputs.losses.append(expiry)
-            self.note(expiry)
+            self._inputs.losses.append(expiry)
+            for events in self._events:
+                events.lost(expiry)
 
     def take(self, frame: Frame) -> None:
         """A frame."""
         now = frame.time_ns
-        verdict = self._endpoint.receive(frame.data, _SENDER, now, now)
-        self.inputs.received.append(Received(now, verdict))
+        verdict = self._endpoint.receive(frame.data, _SENDER, now, frame.received_ns)
+        self._inputs.received.append(Received(now, verdict))
         if verdict in USED:
-            self.last_ns = now
-            self.note(now)
+            for events, values in zip(self._events, self._endpoint.setpoints, strict=True):
+                events.frame(len(self._taken), now, None if values is None else tuple(values))
+            self._last_ns = frame.received_ns
+            self._taken.append(now)
+
+    def end(self, watchdog_ns: int) -> PlcInputs:
+        """Nothing comes any more."""
+        self.expire(None, watchdog_ns)
+        self._inputs.setpoints = [events.setpoints(self._taken) for events in self._events]
+        return self._inputs
 
 
 def receive_frames(
-    frames: Sequence[tuple[int, bytes]], telegrams: Sequence[Telegram], *, cycle_ns: int, watchdog_factor: int = 3
+    frames: Sequence[Frame], telegrams: Sequence[Telegram], *, cycle_ns: int, watchdog_factor: int = 3
 ) -> PlcInputs:
-    """Feed recorded frames (time, RT frame) to a ``CyclicEndpoint``; all count as coming from one sender."""
-    receiver = _Receiver(CyclicEndpoint(telegrams, cycle_ns=cycle_ns, watchdog_factor=watchdog_factor, delays=False))
+    """Feed recorded frames to a ``CyclicEndpoint``; all count as coming from one sender.
+
+    Whether the gateway waited for more frames before it believed one depends on its own receive times to the microsecond: all
+    are believed at once here, and ``Setpoints.certain_ns`` says how long the gateway may have waited.
+    """
+    endpoint = CyclicEndpoint(telegrams, cycle_ns=cycle_ns, watchdog_factor=watchdog_factor, delays=False)
+    receiver = _Receiver(endpoint, [Orders(item.setpoints) for item in telegrams])
     watchdog_ns = cycle_ns * watchdog_factor
-    for now, data in frames:
-        receiver.expire(now, watchdog_ns)
-        receiver.take(Frame(now, data))
-    receiver.expire(None, watchdog_ns)
-    return receiver.inputs
+    for frame in frames:
+        receiver.expire(frame.received_ns, watchdog_ns)
+        receiver.take(frame)
+    return receiver.end(watchdog_ns)
 
 
 def receive_profinet(happened: Iterable[Frame | Relation], endpoint: ProfinetEndpoint) -> PlcInputs:
     """Feed what happened on a PROFINET link, in the order of time."""
-    receiver = _Receiver(endpoint)
+    receiver = _Receiver(endpoint, [None] * len(endpoint.setpoints))
     for item in happened:
         receiver.expire(item.time_ns, endpoint.watchdog_ns)
         if isinstance(item, Frame):
@@ -103,5 +173,4 @@ def receive_profinet(happened: Iterable[Frame | Relation], endpoint: ProfinetEnd
         else:
             endpoint.relate(item.change, item.connection)
             receiver.note(item.time_ns)
-    receiver.expire(None, endpoint.watchdog_ns)
-    return receiver.inputs
+    return receiver.end(endpoint.watchdog_ns)

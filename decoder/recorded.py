@@ -12,10 +12,15 @@ from pdgw.profidrive.telegrams import Telegram
 
 
 class Setpoints(NamedTuple):
-    """From here on these raw values are in force; None without a valid PLC."""
+    """From here on these raw values may be in force, from ``certain_ns`` on they are; None without a valid PLC.
+
+    Between the two the gateway may have waited: a connection begins with the fourth frame, and an order that may be an old one
+    has to stand in three (docs/transport.md, "Which frames are new").
+    """
 
     time_ns: int
     values: tuple[int, ...] | None
+    certain_ns: int
 
 
 class Feedback(NamedTuple):
@@ -90,3 +95,5 @@ class AxisRecording:
     """The gateway sends with a timing of its own (PROFINET), whatever the PLC's frames do."""
     rpdos: tuple[Pdo, ...] = ()
     """Those of ``sent``, as they were mapped."""
+    in_order: bool = False
+    """Times are those at which the gateway dealt with each frame, in its order: a step had all that came before its answer."""

@@ -82,11 +82,17 @@ class _Node:
 class Collector:
     """Feed ``add`` every record of both captures.
 
-    ``axes``: in the order of the frame, with their node-IDs; ``settings`` the choices of the user by DO-ID.
+    ``axes``: in the order of the frame, with their node-IDs; ``settings`` the choices of the user by DO-ID. ``in_order``: the
+    records are in the order in which the gateway dealt with them, as it writes them itself: a frame that had waited in the kernel
+    has an earlier time than what stands before it, and counts from its place on.
     """
 
-    def __init__(self, axes: Sequence[Axis], settings: Mapping[int, AxisSettings] | None = None) -> None:
+    def __init__(
+        self, axes: Sequence[Axis], settings: Mapping[int, AxisSettings] | None = None, *, in_order: bool = False
+    ) -> None:
         self.axes = tuple(axes)
+        self._in_order = in_order
+        self._dealt_with = 0
         self._settings = dict(settings or {})
         self._nodes = [_Node(axis) for axis in self.axes]
         self._happened: list[Frame | Relation] = []
@@ -100,11 +106,14 @@ class Collector:
 
     def add(self, record: Record) -> None:
         """One more record, in the order of its capture."""
+        received_ns = record.time_ns
+        if self._in_order:
+            record.time_ns = self._dealt_with = max(self._dealt_with + 1, received_ns)
         if isinstance(record, CyclicRecord):
             if self._begin_ns is None:
                 self._begin_ns = record.time_ns
             if record.direction is Direction.SETPOINT:
-                self._setpoint(record)
+                self._happened.append(Frame(record.time_ns, record.data, received_ns))
             elif record.direction is Direction.ACTUAL:
                 self._actual(record)
         elif isinstance(record, RelationRecord):
@@ -125,9 +134,6 @@ class Collector:
         self._ready = change is Change.READY
         self._valid.clear()
         self._happened.append(Relation(time_ns, change, connection))
-
-    def _setpoint(self, record: CyclicRecord) -> None:
-        self._happened.append(Frame(record.time_ns, record.data))
 
     def _actual(self, record: CyclicRecord) -> None:
         if not self._ready:
@@ -183,7 +189,7 @@ class Collector:
             watchdog_ns = endpoint.watchdog_ns
         else:
             plc = receive_frames(
-                [(item.time_ns, item.data) for item in happened if isinstance(item, Frame)],
+                [item for item in happened if isinstance(item, Frame)],
                 [telegram(axis.telegram) for axis in self.axes],
                 cycle_ns=cycle_ns,
                 watchdog_factor=watchdog_factor,
@@ -225,6 +231,7 @@ class Collector:
             watchdog_ns,
             self._profinet,
             tuple(pdo for _, pdo in sorted(node.rpdos.items()) if pdo is not None),
+            self._in_order,
         )
 
 

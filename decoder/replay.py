@@ -211,6 +211,7 @@ class Replayer:
         self._rpdos = recording.rpdos
         self._spans = _spans(recording.sent, recording.can_end_ns)
         self._setpoint_times = [event.time_ns for event in recording.setpoints]
+        self._certain_times = [event.certain_ns for event in recording.setpoints]
         self._feedback_times = [event.time_ns for event in recording.feedback]
         self._state = _State()
         self._ticks = ticks(recording, cycle_ns)
@@ -306,10 +307,14 @@ class Replayer:
         return False
 
     def _inputs(self, tick: Tick, state: _State) -> Iterator[_Inputs]:
-        now, tolerance = tick.time_ns, self._tolerance
+        now, recording = tick.time_ns, self._recording
+        exact = recording.in_order and not recording.paced and tick.answer is not None
+        tolerance = 0 if exact else self._tolerance
         latest = now + self._cycle_ns if tick.answer is None else tick.answer.time_ns
-        setpoints = _near(self._setpoint_times, now, tick.evaluated_ns, latest, state.setpoints)
-        feedback = _near(self._feedback_times, now, now - tolerance, now + tolerance, state.feedback)
+        certain = bisect_right(self._certain_times, tick.evaluated_ns)
+        setpoints = _near(self._setpoint_times, now, certain, latest, state.setpoints)
+        certain = bisect_right(self._feedback_times, now - tolerance)
+        feedback = _near(self._feedback_times, now, certain, now + tolerance, state.feedback)
         for shift in self._shifts:
             for taken in setpoints:
                 for received in feedback:
@@ -556,9 +561,9 @@ def _named(pdo: Pdo, data: bytes) -> dict[str, int]:
     return {entry.name: value for entry, value in zip(pdo.entries, values, strict=True)}
 
 
-def _near(times: Sequence[int], now: int, earliest: int, latest: int, taken: int) -> list[int]:
-    """How many events may have been taken: all before ``earliest``, none after ``latest``; the likeliest number first."""
-    low = max(taken, bisect_right(times, earliest))
+def _near(times: Sequence[int], now: int, certain: int, latest: int, taken: int) -> list[int]:
+    """How many events may have been taken: the first ``certain`` ones, none of a time after ``latest``; the likeliest first."""
+    low = max(taken, certain)
     high = max(low, bisect_right(times, latest))
     likely = min(max(low, bisect_right(times, now)), high)
     return sorted(range(low, high + 1), key=lambda count: abs(count - likely))

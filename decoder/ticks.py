@@ -27,7 +27,12 @@ def ticks(recording: AxisRecording, cycle_ns: int) -> list[Tick]:
 
     The time of a step is that of the frame it answers.
     """
-    moments = _paced(recording, cycle_ns) if recording.paced else _answering(recording, cycle_ns)
+    if recording.paced:
+        moments = _paced(recording, cycle_ns)
+    elif recording.in_order and recording.answers:
+        moments = [Tick(answer.time_ns, answer, answer.time_ns) for answer in recording.answers]
+    else:
+        moments = _answering(recording, cycle_ns)
     return _filled(moments, cycle_ns)
 
 

@@ -115,10 +115,10 @@ class Recorder:
 class RecordedPort:
     """A UDP port whose datagrams are recorded; ``port_number`` stands for its own in the file."""
 
-    def __init__(self, port: DatagramPort, recorder: Recorder, now: Callable[[], int], port_number: int) -> None:
+    def __init__(self, port: DatagramPort, recorder: Recorder, loop: Loop, port_number: int) -> None:
         self._port = port
         self._recorder = recorder
-        self._now = now
+        self._loop = loop
         self._here = (port.address[0], port_number)
 
     @property
@@ -150,13 +150,16 @@ class RecordedPort:
         found = self._port.receive()
         if found is not None:
             at = self._port.received_at
-            waited = 0 if at is None else self._now() - at
-            self._recorder.datagram(time.time_ns() - waited, found[1], self._here, found[0])
+            waited = 0 if at is None else self._loop.now() - at
+            self._recorder.datagram(self._wall_ns() - waited, found[1], self._here, found[0])
         return found
 
     def send(self, data: bytes | bytearray, address: Address) -> None:
         self._port.send(data, address)
-        self._recorder.datagram(time.time_ns(), self._here, address, bytes(data))
+        self._recorder.datagram(self._wall_ns(), self._here, address, bytes(data))
+
+    def _wall_ns(self) -> int:
+        return round(self._loop.wall() * 1e9)
 
     def close(self) -> None:
         self._port.close()
@@ -208,4 +211,4 @@ class RecordingEdge(SystemEdge):
     def open_udp(self, listen: str, port: int, purpose: str) -> DatagramPort:
         opened = super().open_udp(listen, port, purpose)
         number = _WELL_KNOWN.get(purpose, opened.address[1])
-        return RecordedPort(opened, self._recorder, self.loop.now, number)
+        return RecordedPort(opened, self._recorder, self.loop, number)

@@ -336,13 +336,15 @@ def load(files: Sequence[str], known: Known, offset_ns: int | None, notify: Noti
     """Read the captures and bring them on one clock; CaptureError for damaged ones, GatewayError for unusable ones."""
     known, _ = _with_axes(files, known, notify)
     axes = known.settings.axes
-    collector, looking = Collector(axes, known.choices), Lookahead(axes)
+    # The gateway itself writes one file, with its configuration in it.
+    in_order = len(files) == 1 and bool(configuration_in(Path(files[0])))
+    collector, looking = Collector(axes, known.choices, in_order=in_order), Lookahead(axes)
     buses: dict[str, set[BusKind]] = {}
     for file in files:
         buses[file] = set()
         for record in _decoded(file, known.settings, notify):
-            collector.add(record)
             looking.add(record)
+            collector.add(record)
             bus = is_of(record)
             if bus is not None:
                 buses[file].add(bus)

@@ -25,7 +25,7 @@ CYCLE_NS = 4 * MS
 BEGIN_NS = captures.BEGIN_NS
 _REFRESH_NS = 100 * MS
 _PLC = ("127.0.0.1", 34962)
-_MACS = bytes.fromhex("020000000002020000000001") + struct.pack(">H", ETHERTYPE)
+MACS = bytes.fromhex("020000000002020000000001") + struct.pack(">H", ETHERTYPE)
 _COMMAND_NS, _ANSWER_NS, _DRIVE_NS = 100_000, 300_000, 600_000
 """What the gateway needs for its RPDOs and for its answer, and when the drive has answered the RPDOs."""
 
@@ -48,7 +48,7 @@ class Frames:
         """plc.pcap and can.log; the CAN clock is ahead by ``offset_ns``, CAN times are off by up to ``jitter_ns``."""
         noise = random.Random(1)
         both = sorted([*self.plc, *self.answers], key=lambda item: item[0])
-        packets = [(BEGIN_NS + now, captures.ETHERNET, _MACS + data) for now, data in both]
+        packets = [(BEGIN_NS + now, captures.ETHERNET, MACS + data) for now, data in both]
         (folder / "plc.pcap").write_bytes(captures.pcap(packets, nanoseconds=True))
         lines = []
         last = {True: 0, False: 0}

@@ -30,6 +30,8 @@ _TELEGRAMS = (1, 9, 100)
 _ENCODER_TELEGRAM = 83
 _ENCODER = len(_TELEGRAMS) + 1
 """DO-ID and node-ID of the encoder, which is on the shaft of the first drive."""
+RECORD = "gateway"
+"""The folder of what the gateway itself saw, in its own order."""
 _EVIDENCE = ("report.json", "plc.json", "plc.pcap", "plc.pcapng", "can.log", "trace.csv", "trace.png", "trace.html")
 
 
@@ -164,7 +166,9 @@ class Demo:
         config.write_text(gateway_config(channel, self.link.transport), encoding="utf-8")
         devices.write_text(devices_config(channel, control), encoding="utf-8")
         self._spawn("devices", "sim", "bus", str(devices))
-        self._spawn("gateway", "run", str(config), "--can-log", str(self.out / "can.log"))
+        self._spawn(
+            "gateway", "run", str(config), "--can-log", str(self.out / "can.log"), "--record", str(self.out / RECORD)
+        )
         self._spawn(
             "plc",
             *("sim", "plc", str(self.scenario), "--progress", *self.link.plc(self.out)),
