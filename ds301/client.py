@@ -460,6 +460,7 @@ class NodeClient(ConfiguringAccess, abc.ABC, Generic[S]):
                 return
             lost = self._lost(now)
             if lost:
+                self.network.drop_waiting()
                 self._set_status(NodeStatus.LOST, lost)
                 self._give_up()
                 return

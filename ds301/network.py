@@ -154,6 +154,11 @@ class CanNetwork:
         """A remote request of one byte, as ``send``."""
         return self.send(cob_id | REMOTE, _ONE_BYTE)
 
+    def drop_waiting(self) -> None:
+        """Forget what has not gone out: a node is lost, and what it was told before must not reach it behind its stop."""
+        if self._port is not None:
+            self._port.drop()
+
     def send_heartbeat(self, node_id: int, state: int = 5) -> None:
         """The gateway's own heartbeat. The cyclic exchange calls it, so that a hung loop stops the drives."""
         self.send(ERROR_CONTROL + node_id, bytes((state,)))

@@ -26,6 +26,10 @@ _AT_ONCE = 64
 _RECEIVE_TIMEOUT_S = 0.2
 _SEND_QUEUE = 256
 """Frames that may wait for a driver which takes them slowly; more are refused, as a full controller refuses them."""
+_SEND_TIMEOUT_S = 0.1
+"""A driver that may wait for room waits no longer for one frame."""
+_DROP = can.Message()
+"""Among the frames for the driver: empty your own buffer."""
 _BUSY = (errno.ENOBUFS, errno.EAGAIN)
 _BUS_OFF = 0x40
 """The bit of an error frame's identifier that says bus-off (SocketCAN, linux/can/error.h)."""
@@ -87,6 +91,9 @@ class CanPort(Protocol):
         With ``REMOTE`` in the identifier it is a request of as many bytes as ``data`` has.
         """
 
+    def drop(self) -> None:
+        """Forget the frames that have not gone out, where the interface can: what they say is not true any more."""
+
     def close(self) -> None:
         """Release the interface; a second call does nothing."""
 
@@ -121,6 +128,9 @@ class SocketPort:
             if error.errno in _BUSY:
                 raise PortBusyError from error
             raise PortLostError(system_text(error, self._channel)) from error
+
+    def drop(self) -> None:
+        """The kernel has no way to: its queue (txqueuelen, 10 frames unless set) goes out before what is sent now."""
 
     def _read(self) -> None:
         receive = self._socket.recv
@@ -181,6 +191,12 @@ class DriverPort:
         except queue.Full as error:
             raise PortBusyError from error
 
+    def drop(self) -> None:
+        with contextlib.suppress(queue.Empty):
+            while True:
+                self._sending.get_nowait()
+        self._sending.put_nowait(_DROP)
+
     def close(self) -> None:
         if self._closed:
             return
@@ -212,7 +228,12 @@ class DriverPort:
     def _write(self) -> None:
         while (message := self._sending.get()) is not None:
             try:
-                self._bus.send(message)
+                if message is _DROP:
+                    self._bus.flush_tx_buffer()
+                else:
+                    self._bus.send(message, _SEND_TIMEOUT_S)
+            except NotImplementedError:
+                continue  # a driver whose buffer cannot be emptied
             except can.CanOperationError:
                 self._loop.call_threadsafe(self._refused)
             except Exception as error:  # whatever a driver raises: it has failed

@@ -255,8 +255,8 @@ class Outputs:
         self.brake: Brake = Brake.NONE
         """What has to be done beside the Controlword, because the drive does not obey it."""
         self.known_off = True
-        """The drive is known to have no power: it was never seen with any, or showed so itself since. As long as it is not, Quick
-        Stop is commanded whatever happens, and has to go out with every refresh and first after a bus was lost."""
+        """The drive is known to have no power: it was never seen with any, or showed so itself since. As long as it is not,
+        and the PLC is not obeyed, the stop that is commanded is watched."""
         self.writes: tuple[SdoWrite, ...] | None = None
         """Values the device has to take; they stand until an ``SdoAnswer``, or until they are withdrawn or replaced."""
         self.preset: SdoWrite | None = None

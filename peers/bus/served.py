@@ -26,6 +26,9 @@ class HubPort:
     def send(self, can_id: int, data: bytes) -> None:
         self._send(pack_frame(can_id, data))
 
+    def drop(self) -> None:
+        """Nothing waits: frames go straight to the members."""
+
     def close(self) -> None:
         self._receiver = None
         self._hub.detach(self._take)

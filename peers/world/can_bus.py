@@ -40,6 +40,8 @@ class Member:
         self.queue: deque[tuple[int, bytes]] = deque()
         self.errors = 0
         """The transmit error counter."""
+        self.droppable = False
+        """Its queue can be emptied; SocketCAN's cannot."""
         self._bus = bus
         self._receiver: Receiver | None = None
         self._lost = ""
@@ -56,6 +58,13 @@ class Member:
             raise PortBusyError
         self.queue.append((can_id, bytes(data)))
         self._bus.contend(self, can_id, data)
+
+    def drop(self) -> None:
+        if self.droppable:
+            # The frame that is being sent is on the wire.
+            kept = 1 if self._bus.sends(self) else 0
+            while len(self.queue) > kept:
+                self.queue.pop()
 
     def close(self) -> None:
         self._receiver = None
@@ -142,6 +151,10 @@ class SimulatedCan:
             # Who begins in the same instant takes part in the arbitration.
             self._abort()
             self._begin()
+
+    def sends(self, member: Member) -> bool:
+        """A frame of this member is on the wire."""
+        return self._sender is member
 
     def leave(self, member: Member) -> None:
         """It is not there any more."""

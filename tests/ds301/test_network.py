@@ -140,6 +140,9 @@ class PlainPort:
         if self.refuse is not None:
             raise self.refuse
 
+    def drop(self) -> None:
+        pass
+
     def close(self) -> None:
         self.closed = True
 
@@ -324,3 +327,39 @@ _INTERFACES = sorted(can.VALID_INTERFACES - {"udp_multicast", "virtual"})
 def test_every_interface_without_its_driver_or_channel_is_a_clear_error(interface: str) -> None:
     with pytest.raises(CanopenError, match=f"CAN interface: '{interface} channel no-such-channel'"):
         open_bus(interface, "no-such-channel", 500_000)
+
+
+class Full(ScriptedBus):
+    """A driver that blocks at its first frame until the test lets it go on, with a buffer of its own."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.going_on = threading.Event()
+        self.timeouts: list[float | None] = []
+        self.emptied = 0
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:
+        self.timeouts.append(timeout)
+        self.going_on.wait(10)
+        super().send(msg)
+
+    def flush_tx_buffer(self) -> None:
+        self.emptied += 1
+
+
+def test_what_waits_for_a_driver_is_dropped_and_what_follows_is_sent() -> None:
+    bus = Full()
+    with buses.looped() as loop:
+        network = buses.network(loop, bus)
+        network.start()
+        for number in range(5):
+            network.send(PDO, bytes((number,)))
+        buses.wait_for(lambda: bus.timeouts, "the driver blocks")
+        network.drop_waiting()
+        network.send(PDO, b"stop")
+        bus.going_on.set()
+        buses.wait_for(lambda: len(bus.taken) == 2, "the stop")
+        network.close()
+    assert [bytes(message.data) for message in bus.taken] == [b"\x00", b"stop"]
+    assert bus.emptied == 1
+    assert all(timeout is not None for timeout in bus.timeouts), "no driver may wait for ever"

@@ -10,6 +10,7 @@ import pytest
 from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.loop import MS, SystemLoop
 from pdgw.dsp402.states import State
+from pdgw.gateway.binding import Axis
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.link import UdpLink
@@ -43,6 +44,24 @@ def test_two_buses_carry_nodes_of_the_same_number() -> None:
         assert plc.value("NIST_A", 0) == 0
         assert drive_of(daemon, 5, "l").model.state is State.SWITCH_ON_DISABLED
         assert drive_of(daemon, 5, "r").model.state is State.OPERATION_ENABLED
+
+
+def test_a_withheld_heartbeat_stops_the_drives_of_that_bus_and_no_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The last brake of a drive that obeys nothing is its own guarding of the gateway."""
+    can = "".join(f'[[can]]\nname = "{name}"\ninterface = "virtual"\nchannel = "{name}"\n' for name in ("l", "r"))
+    axes = "".join(
+        f'[[axis]]\ndo_id = {n}\nnode_id = 5\ntelegram = 1\ncan = "{bus}"\nsimulate = true\n'
+        for n, bus in ((1, "l"), (2, "r"))
+    )
+    with running(configuration(axes, can=can)) as daemon:
+        plc = Plc(daemon, [1, 1])
+        for index in (0, 1):
+            plc.endpoint.set(index, {"NSOLL_A": 0x1000})
+            plc.enable(index)
+        left, right = (drive_of(daemon, 5, bus).model for bus in ("l", "r"))
+        monkeypatch.setattr(Axis, "withholds_heartbeat", property(lambda axis: axis.do_id == 1))
+        plc.until(lambda: left.state is not State.OPERATION_ENABLED, "the drive's own stop")
+        assert right.state is State.OPERATION_ENABLED
 
 
 @pytest.mark.parametrize("more", ["", "sync = true"])

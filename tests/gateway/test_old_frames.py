@@ -13,9 +13,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pdgw.dsp402.states import State
-from pdgw.gateway.transport.confirmation import CONFIRMING_FRAMES
+from pdgw.gateway.transport.confirmation import CONFIRMING_FRAMES, OrderHistory
 from pdgw.gateway.transport.cyclic import CyclicEndpoint, Verdict
-from pdgw.gateway.transport.sequence import OLDEST_NS, SEQUENCE_FRAMES, WRAP_NS
+from pdgw.gateway.transport.sequence import OLDEST_NS, SEQUENCE_FRAMES, WRAP_NS, FrameSequence, Order
 from pdgw.profidrive.frame import COUNTER_UNIT_NS, FRAME_ID_TO_DEVICE, IOPS_GOOD, RtFrame
 from pdgw.profidrive.telegrams import telegram
 from tests.support.drive_types import References
@@ -350,3 +350,33 @@ def test_a_burst_of_old_frames_is_no_sequence() -> None:
     gateway = Gateway(plc)
     for frame in frames:
         assert gateway.endpoint.receive(frame, PLC, 5000 * MS, 5000 * MS) is Verdict.UNCONFIRMED
+
+
+def test_a_silence_longer_than_the_counter_s_turn_is_counted_whole() -> None:
+    """With a long watchdog the history of orders must not lose the turns that nobody saw."""
+    cycle = 4 * MS
+    sequence = FrameSequence(cycle, 5_000 * MS)
+    now = 0
+    for _ in range(SEQUENCE_FRAMES):
+        now += cycle
+        order = sequence.follow("plc", now // COUNTER_UNIT_NS & 0xFFFF, now, None, may_connect=True)
+    assert order is Order.NEXT
+    later = now + 3_000 * MS
+    assert sequence.next(later // COUNTER_UNIT_NS & 0xFFFF, later)
+    assert abs(sequence.elapsed_ns - 3_000 * MS) < cycle
+
+
+def test_a_late_frame_that_orders_something_else_makes_that_moment_unknown() -> None:
+    """Of two frames of one moment either may be the old one: neither proves that an order is new."""
+    cycle, history = 4 * MS, OrderHistory(4 * MS)
+    now = 0
+    while now < 5_200 * MS:
+        now += cycle
+        history.enter("off", now)
+    assert history.is_new("on", now)
+    turn = now - WRAP_NS
+    history.contradict("off", turn)
+    assert history.is_new("on", now), "the same again contradicts nothing"
+    history.contradict("on", turn)
+    assert not history.is_new("on", now)
+    assert history.is_new("on", now + cycle), "only that moment"

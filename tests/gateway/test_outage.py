@@ -11,7 +11,7 @@ from pdgw.ds301.pdo import PdoDirection
 from pdgw.dsp402.drive import DriveSettings
 from pdgw.dsp402.states import Command, State
 from pdgw.peers.world import World
-from tests.support.daemon import Plc, axis, configuration, drive_of, exchanging, running, until, world_of
+from tests.support.daemon import OFF, ON, Plc, axis, configuration, drive_of, exchanging, running, until, world_of
 
 CHANNEL = "world"
 FULL_SPEED = 0x4000
@@ -88,3 +88,40 @@ def test_the_stop_is_on_its_way_while_the_bus_is_away() -> None:
             world.unplug(CHANNEL, False)
             until(daemon, lambda: sent, "the first Controlword")
     assert Command.QUICK_STOP.matches(sent[0]) or Command.DISABLE_VOLTAGE.matches(sent[0])
+
+
+@pytest.mark.parametrize(("droppable", "at_most_ms"), [(True, 0), (False, 10)])
+@pytest.mark.parametrize("outage_ms", [300, 1000, 5000])
+def test_an_enable_that_waited_in_the_controller_turns_no_drive(
+    outage_ms: int, droppable: bool, at_most_ms: int
+) -> None:
+    """The wire is cut while the drive stands in Switched On, then the PLC enables: that is queued, and the stop behind it."""
+    switched_on = ON & ~0x8
+    with running(configuration(axis(1))) as daemon:
+        plc = Plc(daemon, [1])
+        plc.endpoint.set(0, {"STW1": OFF})
+        plc.until(lambda: plc.state() == 0x01, "ready")
+        plc.endpoint.set(0, {"STW1": switched_on, "NSOLL_A": FULL_SPEED})
+        plc.until(lambda: plc.state() == 0x03, "switched on")
+        drive, world = drive_of(daemon), world_of(daemon)
+        # The drive does not notice the outage itself: its guarding is what would hide the rest.
+        drive.do(lambda node: node.set_data(0x1016, 1, bytes(4), check_writable=True))
+        controller = world.gateway_port(CHANNEL)
+        controller.droppable = droppable
+        enabled: list[int] = []
+        drive.do(
+            lambda node: node.model.disguises.append(
+                lambda model, now: enabled.append(now) if model.state is State.OPERATION_ENABLED else None
+            )
+        )
+        with exchanging(plc):
+            world.loop.run_for(100 * MS)
+            controller.connect(connected=False)
+            plc.endpoint.set(0, {"STW1": ON})
+            world.loop.run_for(outage_ms * MS)
+            assert not enabled
+            controller.connect(connected=True)
+            world.loop.run_for(3 * SECOND)
+        assert (enabled[-1] - enabled[0] if enabled else 0) <= at_most_ms * MS
+        assert droppable is (not enabled)
+        assert drive.model.state is not State.OPERATION_ENABLED

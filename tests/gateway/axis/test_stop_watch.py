@@ -104,6 +104,26 @@ def test_a_ramp_within_its_margin_is_no_disobedience(word: int | None, seconds: 
     assert FaultNumber.STOP_IGNORED not in numbers(bench)
 
 
+@pytest.mark.parametrize("word", [OFF, None])
+def test_a_ramp_that_takes_longer_than_its_margin_is_found(word: int | None) -> None:
+    bench = turning(on_plc_loss=PlcLossReaction.RAMP)
+    bench.drive.ramp = int(6000 * CYCLE / 1e9 / 25)
+    for _ in range(int(10e9 / CYCLE)):
+        bench.step(word, 0x2000)
+        if bench.stepper.machine.outputs.brake is not Brake.NONE:
+            break
+    assert bench.stepper.machine.outputs.brake is Brake.NMT_STOP
+    assert bench.drive.feedback.velocity_actual > 0
+
+
+def test_the_brakes_are_released_when_the_drive_shows_that_it_is_off_without_an_off_of_the_plc() -> None:
+    bench = turning()
+    assert deaf(bench, QUICK_STOP, REACTION // CYCLE + 20) is Brake.NMT_STOP
+    bench.drive.feedback.statusword = STATUS_OF[State.SWITCH_ON_DISABLED]
+    bench.drive.feedback.velocity_actual = 0
+    assert deaf(bench, None, 3) is Brake.NONE
+
+
 def test_a_shutdown_at_standstill_that_the_drive_ignores_is_found() -> None:
     bench = turning()
     bench.drive.feedback.velocity_actual = 0
