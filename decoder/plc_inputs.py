@@ -125,8 +125,12 @@ class _Receiver:
         expiry = self._last_ns + watchdog_ns + 1
         if (before is None or expiry < before) and self._endpoint.poll(expiry):
             self._inputs.losses.append(expiry)
-            for events in self._events:
-                events.lost(expiry)
+            self.lose(expiry)
+
+    def lose(self, now: int) -> None:
+        """No axis has a PLC any more."""
+        for events in self._events:
+            events.lost(now)
 
     def take(self, frame: Frame) -> None:
         """A frame."""
@@ -147,9 +151,16 @@ class _Receiver:
 
 
 def receive_frames(
-    frames: Sequence[Frame], telegrams: Sequence[Telegram], *, cycle_ns: int, watchdog_factor: int = 3
+    frames: Sequence[Frame],
+    telegrams: Sequence[Telegram],
+    *,
+    cycle_ns: int,
+    watchdog_factor: int = 3,
+    ended_ns: int | None = None,
 ) -> PlcInputs:
     """Feed recorded frames to a ``CyclicEndpoint``; all count as coming from one sender.
+
+    ``ended_ns``: when the gateway began to end, which is as a loss of the PLC.
 
     Whether the gateway waited for more frames before it believed one depends on its own receive times to the microsecond: all
     are believed at once here, and ``Setpoints.certain_ns`` says how long the gateway may have waited.
@@ -160,6 +171,9 @@ def receive_frames(
     for frame in frames:
         receiver.expire(frame.received_ns, watchdog_ns)
         receiver.take(frame)
+    if ended_ns is not None:
+        receiver.expire(ended_ns, watchdog_ns)
+        receiver.lose(ended_ns)
     return receiver.end(watchdog_ns)
 
 

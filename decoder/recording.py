@@ -179,6 +179,19 @@ class Collector:
                 lost = silent
         return lost if lost is not None and lost >= tolerated else max(_WATCHDOG_FACTOR, tolerated)
 
+    def _ended_ns(self, watchdog_ns: int) -> int | None:
+        """When the gateway itself began to end: to the end of the recording no PLC is there (IOCS), and none was lost before."""
+        answers = next(iter(self._answers.values()), [])
+        position = len(answers)
+        while position and answers[position - 1].plc_ok is False:
+            position -= 1
+        if not 0 < position < len(answers):
+            return None
+        end_ns = answers[position].time_ns
+        frames = self._frame_times
+        before = bisect_right(frames, end_ns)
+        return end_ns if before and end_ns - frames[before - 1] <= watchdog_ns else None
+
     def recording(self, offset_ns: int, *, cycle_ns: int, watchdog_factor: int) -> Recording:
         """Everything on the PLC's clock; ``offset_ns`` is the CAN capture's clock minus the PLC's."""
         happened = sorted(self._happened, key=lambda item: item.time_ns)
@@ -188,11 +201,13 @@ class Collector:
             plc = receive_profinet(happened, endpoint)
             watchdog_ns = endpoint.watchdog_ns
         else:
+            ended = self._ended_ns(watchdog_ns)
             plc = receive_frames(
-                [item for item in happened if isinstance(item, Frame)],
+                [item for item in happened if isinstance(item, Frame) and (ended is None or item.time_ns < ended)],
                 [telegram(axis.telegram) for axis in self.axes],
                 cycle_ns=cycle_ns,
                 watchdog_factor=watchdog_factor,
+                ended_ns=ended,
             )
         used = [item.time_ns for item in plc.received if item.verdict in USED]
         axes = [
