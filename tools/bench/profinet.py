@@ -140,6 +140,8 @@ def measure(cycle_ms: int, seconds: float, *, realtime: bool) -> ProfinetRow:
         config = Path(folder) / "gateway.toml"
         text = _CONFIG.format(cycle_ms=cycle_ms, realtime=_REALTIME if realtime else "")
         config.write_text(f'store = "{folder}/store.json"\n{text}', encoding="utf-8")
+        bare = config.with_name("bare.toml")
+        bare.write_text(config.read_text(encoding="utf-8").replace("simulate = true\n", ""), encoding="utf-8")
         controller = pair.command(
             *(sys.executable, "-m", "pdgw.tools.bench.profinet_controller"),
             *(str(cycle_ms), str(hold_ms), str(seconds), "realtime" if realtime else ""),
@@ -152,6 +154,9 @@ def measure(cycle_ms: int, seconds: float, *, realtime: bool) -> ProfinetRow:
         ):
             _expect(plc, "ready")
             started = time.time_ns()
+            # Without its simulated drive, whose process it would start and wait for first.
+            with _process([sys.executable, "-m", "pdgw", "run", str(bare)]):
+                _expect(plc, "found")
             with _process([sys.executable, "-m", "pdgw", "run", str(config)]) as gateway:
                 _expect(plc, "data")
                 cpu, begun = _cpu_s(gateway.pid), time.monotonic()

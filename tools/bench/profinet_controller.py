@@ -39,15 +39,20 @@ def main(cycle_ms: int, hold_ms: int, seconds: float) -> None:
     project = replace(made, data_hold=hold_ms // cycle_ms)
     runner = RunningController(THERE, project, IPv4Interface(ADDRESS_HERE))
     plc = runner.controller
+    found = False
     _tell("ready")
 
     def connect() -> None:
         """Until the drive's data is valid; anew where a busy machine ends the relationship."""
+        nonlocal found
         end = time.monotonic() + _PATIENCE_S
         while plc.input(_AXIS) is None and time.monotonic() < end:
             if plc.phase in {Phase.IDLE, Phase.IDENTIFY, Phase.ENDED}:
                 plc.start(time.monotonic_ns())
             runner.run(_ASK_S, lambda: plc.input(_AXIS) is not None)
+            if not found and plc.learned.mac:
+                found = True
+                _tell("found")
 
     connect()
     runner.run(0.5)
