@@ -93,7 +93,7 @@ class Failures:
 
 
 class Token:
-    """The secret, compared in constant time; None of it is kept or handed out as it is."""
+    """The secret, compared in constant time; what is kept of it and handed out cannot be turned back into it."""
 
     def __init__(self, token: str) -> None:
         self._digest = hashlib.sha256(token.encode()).digest()

@@ -87,7 +87,7 @@ class Streams:
             result, _ = await asyncio.gather(task, gone, return_exceptions=True)
         if isinstance(result, Exception) and not isinstance(result, TimeoutError):
             raise result
-        if not gone.done() or gone.cancelled():
+        if gone.cancelled():  # it is still there
             await send({"type": "http.response.body", "body": b""})
 
 

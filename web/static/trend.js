@@ -110,7 +110,7 @@ export class Trend {
           value: (plot, raw) => (raw === null || raw === undefined ? DASH : raw.toFixed(1)),
         })),
       ],
-      axes: [times, ...units.map((unit, place) => ({ ...axis, scale: unit, label: unit, side: place ? 1 : 3, size: 64, labelSize: 18, grid: place ? { show: false } : axis.grid }))],
+      axes: [times, ...units.map((unit, place) => ({ ...axis, scale: unit, label: unit, side: place ? 1 : 3, size: 78, labelSize: 18, grid: place ? { show: false } : axis.grid }))],
     };
     this.plot = new uPlot(options, this.data, this.element);
   }
