@@ -140,5 +140,3 @@ class PdoLayout:
 
     rpdos: tuple[Pdo, ...]
     tpdos: tuple[Pdo, ...]
-    optional: frozenset[str] = frozenset()
-    """Attributes a device without the object can be operated without."""

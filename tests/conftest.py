@@ -1,12 +1,14 @@
 """Hypothesis profiles: ``ci`` is deterministic; ``fuzz`` (make fuzz) searches long with fresh seeds.
 
-No test uses the user's state or run directory.
+No test uses the user's state or run directory. A test that starts a Python, a gateway or a network namespace is marked ``e2e``.
 """
 
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -16,6 +18,31 @@ settings.register_profile(
 )
 settings.register_profile("fuzz", deadline=None, max_examples=20_000, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile(os.environ.get("PDGW_HYPOTHESIS", "ci"))
+
+
+_marked = True
+"""The test that runs now may start processes."""
+
+
+def _on_audit(event: str, arguments: tuple[object, ...]) -> None:
+    """One-shot readers of a file (tshark, node, git ...) are no processes in this sense: they have no time of their own."""
+    if event == "subprocess.Popen" and not _marked:
+        program = Path(str(arguments[0])).name
+        if program.startswith(("python", "pdgw", "unshare")):
+            raise AssertionError(f"this test starts {program} and is not marked e2e")
+
+
+sys.addaudithook(_on_audit)
+
+
+@pytest.fixture(autouse=True)
+def _starts_no_process_unmarked(request: pytest.FixtureRequest) -> Iterator[None]:
+    global _marked  # noqa: PLW0603 (an audit hook cannot be removed, and is told nothing)
+    _marked = (
+        request.node.get_closest_marker("e2e") is not None or request.node.get_closest_marker("browser") is not None
+    )
+    yield
+    _marked = True
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -93,6 +93,7 @@ def test_the_front_door_gives_the_things_themselves() -> None:
         pdgw.Telegram  # type: ignore[attr-defined]  # noqa: B018
 
 
+@pytest.mark.e2e
 def test_opening_the_front_door_loads_nothing() -> None:
     code = "import sys, pdgw; pdgw.signal('STW1'); print(*(name for name in sys.modules))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
@@ -132,7 +133,7 @@ def test_example_iterate_a_capture(tmp_path: Path, capsys: pytest.CaptureFixture
     lines = run_example("iterate_capture.py", capsys, str(capture))
     assert len(lines) == 8
     assert "plc: axis 1: {'stw1': 1151, 'nsoll_a': 0}" in lines[0]
-    assert "can: axis 1: {'controlword': 15, 'target_velocity': 0}" in lines[1]
+    assert "can: axis 1: {'target_velocity': 0, 'controlword': 15}" in lines[1]
 
 
 def test_example_read_a_parameter(capsys: pytest.CaptureFixture[str]) -> None:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 
 import pytest
 from hypothesis import given
@@ -15,6 +13,7 @@ from pdgw.decoder.render import one_line, tree
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.frame import RtFrame
 from pdgw.profidrive.telegrams import Direction, Telegram, telegram
+from tests.support.cli import pdgw
 from tests.support.strategies import directions, half_values, telegrams
 
 FRAME = "C001 047F 2000 80 80" + "00" * 34 + "0020 35 00"
@@ -123,12 +122,12 @@ def test_bad_hex_is_told_with_its_offset(text: str, message: str) -> None:
 
 
 def test_the_command_prints_the_documented_object_and_one_line_for_an_error() -> None:
-    command = [sys.executable, "-m", "pdgw", "decode", "--telegram", "1", "--json", "--hex"]
-    good = subprocess.run([*command, "047F 2000"], capture_output=True, text=True, check=True, timeout=60)
+    good = pdgw("decode", "--telegram", "1", "--json", "--hex", "047F 2000")
+    assert good.returncode == 0
     document = json.loads(good.stdout)
     assert set(document) >= {"kind", "signals"}
     assert document["signals"]["NSOLL_A"]["value"] == 50.0
-    bad = subprocess.run([*command, "047F 20"], capture_output=True, text=True, check=False, timeout=60)
+    bad = pdgw("decode", "--telegram", "1", "--json", "--hex", "047F 20")
     assert bad.returncode == 1
     assert "telegram 1 have 4 bytes" in bad.stderr
     assert "Traceback" not in bad.stderr

@@ -79,6 +79,7 @@ def demo(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "out"
 
 
+@pytest.mark.e2e
 def test_the_demo_plays_over_ethernet_frames_and_its_faults_reach_the_drives(demo: Path) -> None:
     report = json.loads((demo / "report.json").read_text())
     assert report["passed"]
@@ -88,6 +89,7 @@ def test_the_demo_plays_over_ethernet_frames_and_its_faults_reach_the_drives(dem
     assert report["exit_codes"] == {"plc": 0, "gateway": 0, "devices": 0}
 
 
+@pytest.mark.e2e
 def test_the_demos_capture_tells_everything_without_a_configuration(demo: Path) -> None:
     result = pdgw("decode", str(demo / "plc.pcapng"), "--json")
     assert result.returncode == 0, result.stderr
@@ -120,6 +122,7 @@ def test_where_the_kernel_forbids_namespaces_the_demo_says_so(monkeypatch: pytes
         namespaces.enter()
 
 
+@pytest.mark.e2e
 def test_a_controller_finds_the_gateway_on_ethernet_and_moves_a_drive(tmp_path: Path) -> None:
     namespaces_or_skip()
     config = tmp_path / "gateway.toml"

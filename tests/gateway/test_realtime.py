@@ -41,6 +41,7 @@ def test_a_system_without_it_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="the operating system has no processor affinity")
+@pytest.mark.e2e
 def test_the_process_runs_where_it_is_asked_to() -> None:
     wanted = min(os.sched_getaffinity(0))
     code = (

@@ -216,6 +216,7 @@ ROUNDS = int(os.environ.get("PDGW_RING_ROUNDS", "300"))
 """So often the whole ring is read; many more for the long form."""
 
 
+@pytest.mark.e2e
 def test_no_reader_ever_sees_a_torn_record_and_kill_9_leaves_the_ring_readable(tmp_path: Path) -> None:
     arguments = [sys.executable, "-c", textwrap.dedent(WRITER), str(tmp_path)]
     with subprocess.Popen(arguments, stdout=subprocess.PIPE, text=True) as process:

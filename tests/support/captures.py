@@ -91,7 +91,7 @@ CANOPEN: tuple[tuple[int, bytes], ...] = tuple(
         (0x581, "8000200500000206"),
         (0x081, "1043090A00000000"),
         (0x181, "3702B80B0000"),
-        (0x201, "0F00F4010000"),
+        (0x201, "F40100000F00"),
     )
 )
 """One of each service: NMT, boot-up, heartbeat, SYNC, SDO upload and download, abort, EMCY, PDOs."""

@@ -5,6 +5,8 @@ from __future__ import annotations
 import shutil
 from pathlib import Path
 
+import pytest
+
 from pdgw.decoder.capture.source import open_source
 from pdgw.decoder.engine import Decoder, Settings, given_axes
 from pdgw.decoder.records import CyclicRecord, PdoRecord
@@ -28,6 +30,7 @@ def test_the_measured_capture_is_of_both_buses_and_every_packet_carries_values(t
     assert records[-1].time_ns - records[0].time_ns == 3999 * 250_000
 
 
+@pytest.mark.e2e
 def test_a_short_comparison_measures_every_reader() -> None:
     speeds = decoding.run(packets=400, rounds=1)
     expected = ["pdgw decode --csv", *(["tshark -T fields"] if shutil.which("tshark") else []), "scapy"]
@@ -43,6 +46,7 @@ def test_the_measured_recording_starts_and_stops_four_axes_once_a_second(tmp_pat
     assert not [item for item in entries if isinstance(item, Anomaly)]
 
 
+@pytest.mark.e2e
 def test_a_short_timeline_is_measured() -> None:
     speed = following.run(2)
     assert (speed.recorded_s, speed.cpu_s > 0, speed.first_line_s > 0, speed.peak_mib > 1) == (2, True, True, True)

@@ -217,5 +217,5 @@ def test_the_table_of_a_capture_is_what_plain_struct_reads(tmp_path: Path, capsy
             word, speed = struct.unpack_from(">Hh", data, 44)
             expected.append((time, str(word), str(speed * 100 / 16384), ""))
         elif link == captures.SOCKETCAN and data[:4] == b"\0\0\x02\x01":
-            expected.append((time, "", "", str(struct.unpack_from("<i", data, 10)[0])))
+            expected.append((time, "", "", str(struct.unpack_from("<i", data, 8)[0])))
     assert [(r["time"], r["stw1"], r["nsoll_a"], r["Target Velocity"]) for r in rows] == expected

@@ -267,6 +267,7 @@ def test_hex_takes_one_telegram(capsys: pytest.CaptureFixture[str]) -> None:
         decode(hex_text="0637 2000", telegram=[1, 9])
 
 
+@pytest.mark.e2e
 def test_damage_ends_with_status_1_after_everything_before(tmp_path: Path) -> None:
     whole = captures.pcapng(PACKETS)
     path = tmp_path / "cut.pcapng"
@@ -284,6 +285,7 @@ def test_damage_ends_with_status_1_after_everything_before(tmp_path: Path) -> No
             assert found
 
 
+@pytest.mark.e2e
 def test_standard_input_and_a_reader_that_leaves(tmp_path: Path) -> None:
     result = run("-", "--json", data=captures.pcapng(PACKETS))
     assert (result.returncode, len(result.stdout.splitlines())) == (0, len(PACKETS))

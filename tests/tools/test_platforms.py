@@ -73,6 +73,7 @@ def configuration(tmp_path: Path) -> str:
     return str(path)
 
 
+@pytest.mark.e2e
 def test_files_are_read_checked_and_decoded(recording: list[str], configuration: str, tmp_path: Path) -> None:
     plc, can = recording
     for arguments in (
@@ -113,6 +114,7 @@ def gateway(store: Path) -> Iterator[tuple[int, int, int]]:
             assert "Traceback" not in output, output
 
 
+@pytest.mark.e2e
 def test_a_gateway_runs_is_asked_and_obeys_the_keyboard(tmp_path: Path) -> None:
     store = tmp_path / "store.json"
     with gateway(store) as (cyclic, acyclic, status):
@@ -132,6 +134,7 @@ def test_a_gateway_runs_is_asked_and_obeys_the_keyboard(tmp_path: Path) -> None:
     assert store.exists()
 
 
+@pytest.mark.e2e
 def test_what_does_not_work_there_says_so(tmp_path: Path) -> None:
     config = tmp_path / "gateway.toml"
     config.write_text(

@@ -128,6 +128,7 @@ def test_the_configuration_is_looked_for_in_the_captures_then_beside_them(
     assert [axis.telegram for axis in known_from(None, [2], [], files).settings.axes] == [2]
 
 
+@pytest.mark.e2e
 def test_a_recording_needs_nothing_else_and_has_no_false_alarms(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

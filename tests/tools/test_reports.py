@@ -96,6 +96,7 @@ def test_conformance_writes_both(tmp_path: Path) -> None:
         REPORT.write(tmp_path / "no" / "r.xml", None)
 
 
+@pytest.mark.e2e
 def test_a_scenario_writes_both_also_when_no_gateway_is_there(tmp_path: Path) -> None:
     path = tmp_path / "story.yaml"
     path.write_text("name: story\nsteps: [{expect: {ZSW1: 0}, within: 20 ms}]\n")

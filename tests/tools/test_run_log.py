@@ -81,6 +81,7 @@ sys.stdout.write(str(run_log.lost))
 """
 
 
+@pytest.mark.e2e
 def test_a_log_into_a_pipe_nobody_reads_does_not_keep_the_process_from_ending() -> None:
     reading, writing = os.pipe()
     try:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import BinaryIO
 
 from pdgw.decoder.records import Link
@@ -58,8 +59,9 @@ def _rt(direction: Direction, counter: int, word: int, value: int, axes: int = 1
     return bytes(frame)
 
 
-def _can(pdo: Pdo, word: int, value: int) -> bytes:
-    data = pdo.struct.pack(word, value)
+def _can(pdo: Pdo, **values: int) -> bytes:
+    """A frame with the values by the names of the images, whatever their order in the PDO."""
+    data = pdo.pack(SimpleNamespace(**values))
     return struct.pack(">IBxxx", pdo.cob_id(_NODE), len(data)) + data
 
 
@@ -71,8 +73,8 @@ def _cycles() -> Iterator[tuple[int, bytes]]:
     while True:
         speed = cycle % 0x4000
         yield 0, _udp(_rt(Direction.SETPOINT, cycle * _COUNTER_STEP, 0x047F, speed))
-        yield 1, _can(rpdo, 0x000F, speed)
-        yield 1, _can(tpdo, 0x0637, speed - 1)
+        yield 1, _can(rpdo, controlword=0x000F, target_velocity=speed)
+        yield 1, _can(tpdo, statusword=0x0637, velocity_actual=speed - 1)
         yield 0, _udp(_rt(Direction.ACTUAL, cycle * _COUNTER_STEP, 0x0637, speed - 1))
         cycle += 1
 
@@ -117,13 +119,16 @@ def write_recording(folder: Path, seconds: int) -> list[str]:
             stw1 = 0x047F if since_on >= 0 else 0x047E
             controlword, statusword = _STARTING[min(since_on, 4)] if since_on >= 0 else _STOPPED
             speed = cycle % 0x4000
+            values = SimpleNamespace(
+                controlword=controlword, target_velocity=speed, statusword=statusword, velocity_actual=speed
+            )
             for direction, later, word in ((Direction.SETPOINT, 0, stw1), (Direction.ACTUAL, 300_000, statusword)):
                 data = _udp(_rt(direction, cycle * 4 * _COUNTER_STEP, word, speed, AXES))
                 seconds_part, rest = divmod(now + later, 1_000_000_000)
                 packets.write(struct.pack("<IIII", seconds_part, rest, len(data), len(data)) + data)
             for node in range(1, AXES + 1):
-                for pdo, later, word in ((rpdo, 100_000, controlword), (tpdo, 600_000, statusword)):
+                for pdo, later in ((rpdo, 100_000), (tpdo, 600_000)):
                     seconds_part, rest = divmod(now + later + node * 10_000, 1_000_000_000)
-                    data = pdo.struct.pack(word, speed)
+                    data = pdo.pack(values)
                     log.write(f"({seconds_part}.{rest // 1000:06d}) can0 {pdo.cob_id(node):03X}#{data.hex().upper()}\n")
     return [str(plc), str(can)]

@@ -16,6 +16,7 @@ MODULES = sorted(module.name for module in pkgutil.walk_packages(axis.__path__, 
 LINES = 500
 
 
+@pytest.mark.e2e
 def test_no_module_of_the_axis_machine_brings_the_outside_along() -> None:
     code = f"import sys; sys.modules.update(dict.fromkeys({IMPURE!r})); import {', '.join(MODULES)}"
     done = subprocess.run([sys.executable, "-c", code], check=False, capture_output=True, text=True)

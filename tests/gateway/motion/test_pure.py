@@ -5,6 +5,8 @@ from __future__ import annotations
 import subprocess
 import sys
 
+import pytest
+
 SCRIPT = """
 import sys
 before = set(sys.modules)
@@ -14,6 +16,7 @@ sys.exit(", ".join(sorted(bad)) or 0)
 """
 
 
+@pytest.mark.e2e
 def test_nothing_of_motion_brings_a_bus_a_socket_a_thread_or_a_log_along() -> None:
     done = subprocess.run([sys.executable, "-c", SCRIPT], check=False, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
