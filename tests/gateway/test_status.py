@@ -7,7 +7,10 @@ import json
 import pytest
 
 from pdgw.dsp402.states import State
+from pdgw.gateway.axis.values import gateway_fault
+from pdgw.gateway.cycle_watch import Histogram
 from pdgw.gateway.daemon import Daemon
+from pdgw.gateway.faults import FaultLog
 from pdgw.gateway.reasons import AxisState, Enable, FaultNumber, Reason
 from pdgw.gateway.standing import AXIS_CHAIN, ENCODER_CHAIN, Break, axis_standing
 from pdgw.gateway.status import answered, axis_status, encoder_status, snapshot
@@ -137,3 +140,47 @@ def test_a_request_nobody_knows_is_refused_with_what_is_allowed(request_: bytes,
         answer = json.loads(b"".join(answered(daemon, request_)))
         assert answer["field"] == field
         assert "allowed" in answer["error"]
+
+
+def test_a_warning_is_active_while_it_stands_and_only_its_newest_telling() -> None:
+    log = FaultLog(0)
+    for number in (FaultNumber.HOMING, FaultNumber.PLC_LOST, FaultNumber.HOMING):
+        log.enter(gateway_fault(number, "told", 1))
+    assert [(told.id, told.active) for told in log.told(present=True)] == [(3, True), (2, True), (1, False)]
+    assert [told.id for told in log.told(present=True, newest=2)] == [3, 2]
+    assert (log.count, log.active) == (1, True)
+    # The gateway's warnings end with the standing one of the machine, a fault with its acknowledge or P952 := 0.
+    assert [told.active for told in log.told(present=False)] == [False, True, False]
+    log.clear()
+    assert not any(told.active for told in log.told(present=True))
+    assert (log.count, log.active) == (1, False)
+
+
+def test_ids_go_on_when_old_faults_are_forgotten() -> None:
+    log = FaultLog(0)
+    for number in range(100):
+        log.enter(gateway_fault(FaultNumber.PLC_LOST, str(number), number))
+    ids = [told.id for told in log.told(present=False)]
+    assert (ids[0], ids[-1], len(ids)) == (100, 37, 64)
+
+
+def test_durations_are_counted_by_class_an_upper_end_belongs_to_its_own() -> None:
+    histogram = Histogram()
+    for duration in (0, 100_000, 100_001, 1_000_000, 100_000_000, 100_000_001):
+        histogram.observe(duration)
+    status = histogram.status()
+    assert status["bounds_s"] == [0.0001, 0.0002, 0.0005, 0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1]
+    assert status["counts"] == [2, 1, 0, 1, 0, 0, 0, 0, 0, 1, 1]
+    assert status["sum_s"] == pytest.approx(0.201200002)
+
+
+def test_cycle_and_answer_times_of_a_daemon_are_in_the_document() -> None:
+    with running(configuration(axis(1))) as daemon:
+        plc = Plc(daemon, [1])
+        for _ in range(50):
+            plc.exchange()
+        document = snapshot(daemon)
+        periods, responses = document["cycle_times"], document["response_times"]
+        assert sum(periods["counts"]) == daemon.cycles - 1
+        assert sum(responses["counts"]) == document["plc"]["frames"]["accepted"]
+        assert periods["sum_s"] == pytest.approx(document["uptime_s"], abs=0.05)
