@@ -10,7 +10,6 @@ from __future__ import annotations
 import abc
 import logging
 import struct
-from collections import deque
 from collections.abc import Callable, Collection, Mapping
 from concurrent.futures import Future
 from typing import Any, ClassVar, Generic, Self, TypeVar
@@ -25,6 +24,7 @@ from pdgw.ds301.configuring import ConfiguringAccess
 from pdgw.ds301.connection_set import EMCY, ERROR_CONTROL, NMT
 from pdgw.ds301.emcy import emcy_text
 from pdgw.ds301.errors import CanopenError
+from pdgw.ds301.jobs import Jobs
 from pdgw.ds301.loop import MS, SECOND, Event, Task
 from pdgw.ds301.network import CanNetwork
 from pdgw.ds301.nmt import NmtCommand, NmtState
@@ -36,8 +36,6 @@ from pdgw.ds301.plan import Pace, PdoPlan, plan_steps, straight_plan
 log = logging.getLogger("gateway")
 
 T = TypeVar("T")
-_Job = tuple[Future[Any], Callable[[], None]]
-"""What a caller waits for, and the call that answers it."""
 
 
 S = TypeVar("S", bound=NodeSettings)
@@ -65,8 +63,6 @@ class NodeClient(ConfiguringAccess, abc.ABC, Generic[S]):
 
     device: ClassVar[str]
     """What the node is, in messages: ``drive``."""
-    profile: ClassVar[int]
-    """The device profile number of 1000h."""
 
     def __init__(
         self,
@@ -114,7 +110,7 @@ class NodeClient(ConfiguringAccess, abc.ABC, Generic[S]):
         self._held = False
         self._check_at: int | None = None
         """When the node is brought up again because its configuration was written to; until then no cyclic data counts."""
-        self._jobs: deque[_Job] = deque()
+        self._jobs = Jobs()
         self._task: Task | None = None
         part = f"node {settings.node_id} on {network.name}"
         add = self.loop.counters.add
@@ -180,20 +176,11 @@ class NodeClient(ConfiguringAccess, abc.ABC, Generic[S]):
 
         The future fails with the package's error at once when the node is not online.
         """
-        future: Future[T] = Future()
         if self.status is not NodeStatus.ONLINE:
-            future.set_exception(self._not_online())
-            return future
-
-        def run() -> None:
-            try:
-                result = job(self)
-            except Exception as error:  # whatever the job raised belongs to whoever asked for it
-                future.set_exception(error)
-            else:
-                future.set_result(result)
-
-        self._jobs.append((future, run))
+            failed: Future[T] = Future()
+            failed.set_exception(self._not_online())
+            return failed
+        future = self._jobs.add(lambda: job(self))
         self._wake.set()
         return future
 
@@ -205,7 +192,7 @@ class NodeClient(ConfiguringAccess, abc.ABC, Generic[S]):
         self._nmt(NmtCommand.ENTER_PRE_OPERATIONAL)
         self.status = NodeStatus.OFFLINE
         self.status_text = "stopped"
-        self._fail_jobs()
+        self._jobs.fail(self._not_online)
         self._unsubscribe_pdos()
         self.network.want_sync(self.settings.node_id, wanted=False)
         network, node_id = self.network.canopen, self.settings.node_id
@@ -293,7 +280,7 @@ class NodeClient(ConfiguringAccess, abc.ABC, Generic[S]):
         self.status = status
         self.status_text = text
         if status is not NodeStatus.ONLINE:
-            self._fail_jobs()
+            self._jobs.fail(self._not_online)
         if changed:
             self._tell("refused" if status is NodeStatus.REFUSED else "status", f"{status.value}: {text}")
 
@@ -354,35 +341,12 @@ class NodeClient(ConfiguringAccess, abc.ABC, Generic[S]):
         self._sending = True
         self._set_status(NodeStatus.ONLINE, f"operational, configuration {self.generation}")
 
-    def _check_identity(self, device_type: int) -> None:
-        name = f"node {self.settings.node_id} device type 1000h"
-        if device_type & 0xFFFF != self.profile:
-            raise self.error_type(name, f"profile {device_type & 0xFFFF}", f"{self.a_device} (profile {self.profile})")
-        information = self.dictionary.device_information
-        for what, subindex, expected in (
-            ("vendor-ID 1018h/1", 1, information.vendor_number),
-            ("product code 1018h/2", 2, information.product_number),
-        ):
-            if not expected:
-                continue
-            found = self._fetch(0x1018, subindex)
-            if found != expected:
-                raise self.error_type(
-                    f"node {self.settings.node_id} {what}", f"{found:08X}h", f"{expected:08X}h as the EDS says"
-                )
-
     def _configure_pdos(self) -> None:
         """Plan the PDOs and map them."""
         found = {index: cob_id for index in self.dictionary if (cob_id := self._cob_id_of(index)) is not None}
         self._unsubscribe_pdos()
         plan = self._make_plan(found)
-        while True:
-            # A mapping that is as wanted need not be written: it may be the manufacturer's, which is fixed.
-            planned = (*plan.rpdos, *plan.tpdos)
-            mapped = {item.pdo.mapping_index for item in planned if not item.adopted and self._is_mapped(item.pdo)}
-            refused = self._do_all(step for step in self._plan_steps(plan, found) if step.index not in mapped)
-            if refused is None:
-                break
+        while refused := self._map(plan, self._plan_steps(plan, found)):
             other = self._plan_without(plan, *refused)
             if other is None:
                 raise self._refused(*refused)
@@ -446,9 +410,7 @@ class NodeClient(ConfiguringAccess, abc.ABC, Generic[S]):
             self._wake.wait(_SUPERVISION_NS)
             self._wake.clear()
             if self._jobs:
-                future, run = self._jobs.popleft()
-                if future.set_running_or_notify_cancel():
-                    run()
+                self._jobs.run_next()
                 if self._jobs:
                     self._wake.set()
             now = self.loop.now()
@@ -490,13 +452,6 @@ class NodeClient(ConfiguringAccess, abc.ABC, Generic[S]):
             return
         if self._heartbeat == seen:
             self._nmt(NmtCommand.STOP)
-
-    def _fail_jobs(self) -> None:
-        """Waiting jobs fail at once, because the node is not online."""
-        while self._jobs:
-            future, _ = self._jobs.popleft()
-            if future.set_running_or_notify_cancel():
-                future.set_exception(self._not_online())
 
     def _exchange_acyclic(self, now: int) -> None:
         """Objects for which the node has no PDO, read every 100 ms."""

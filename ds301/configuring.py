@@ -1,4 +1,4 @@
-"""Writing a configuration into a node, step by step, in its task.
+"""Making sure of a node and writing a configuration into it, step by step, in its task.
 
 Source: CiA DS 301 V4.02 chapter 7.5.2.36. A parameter that cannot be written and is as wanted already is as good as written.
 """
@@ -14,6 +14,7 @@ from pdgw.ds301.aborts import Abort, abort_text
 from pdgw.ds301.configuration import SdoStep, is_communication_parameter, is_taken
 from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.pdo import Pdo
+from pdgw.ds301.plan import PdoPlan
 from pdgw.ds301.sdo import SdoAccess
 
 
@@ -22,6 +23,25 @@ class ConfiguringAccess(SdoAccess):
 
     a_device: ClassVar[str]
     """What the node is, in messages, with its article: ``a drive``."""
+    profile: ClassVar[int]
+    """The device profile number of 1000h."""
+
+    def _check_identity(self, device_type: int) -> None:
+        name = f"node {self._node_id} device type 1000h"
+        if device_type & 0xFFFF != self.profile:
+            raise self.error_type(name, f"profile {device_type & 0xFFFF}", f"{self.a_device} (profile {self.profile})")
+        information = self.dictionary.device_information
+        for what, subindex, expected in (
+            ("vendor-ID 1018h/1", 1, information.vendor_number),
+            ("product code 1018h/2", 2, information.product_number),
+        ):
+            if not expected:
+                continue
+            found = self._fetch(0x1018, subindex)
+            if found != expected:
+                raise self.error_type(
+                    f"node {self._node_id} {what}", f"{found:08X}h", f"{expected:08X}h as the EDS says"
+                )
 
     def _do(self, step: SdoStep) -> None:
         try:
@@ -38,9 +58,14 @@ class ConfiguringAccess(SdoAccess):
             f"{self.a_device} that takes it",
         )
 
-    def _do_all(self, steps: Iterable[SdoStep]) -> tuple[SdoStep, SdoAbortedError] | None:
-        """Write until one is refused; that one, with its abort."""
+    def _map(self, plan: PdoPlan, steps: Iterable[SdoStep]) -> tuple[SdoStep, SdoAbortedError] | None:
+        """Carry out a plan until a write is refused; that one, with its abort."""
+        # A mapping that is as wanted need not be written: it may be the manufacturer's, which is fixed.
+        planned = (*plan.rpdos, *plan.tpdos)
+        mapped = {item.pdo.mapping_index for item in planned if not item.adopted and self._is_mapped(item.pdo)}
         for step in steps:
+            if step.index in mapped:
+                continue
             try:
                 self.write(step.index, step.subindex, step.data)
             except SdoAbortedError as error:

@@ -1,0 +1,51 @@
+"""Jobs for the task of a node, answered by futures.
+
+Whoever wants something of a node hands in a call; the node's task runs one after the other between what it does otherwise.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from concurrent.futures import Future
+from typing import Any, TypeVar
+
+T = TypeVar("T")
+
+
+class Jobs:
+    """The jobs that wait, oldest first."""
+
+    def __init__(self) -> None:
+        self._waiting: deque[tuple[Future[Any], Callable[[], None]]] = deque()
+
+    def __bool__(self) -> bool:
+        return bool(self._waiting)
+
+    def add(self, job: Callable[[], T]) -> Future[T]:
+        """Another one; its future has what the job returns or raises."""
+        future: Future[T] = Future()
+
+        def run() -> None:
+            try:
+                result = job()
+            except Exception as error:  # whatever the job raised belongs to whoever asked for it
+                future.set_exception(error)
+            else:
+                future.set_result(result)
+
+        self._waiting.append((future, run))
+        return future
+
+    def run_next(self) -> None:
+        """Run the oldest, unless nobody waits for it any more."""
+        future, run = self._waiting.popleft()
+        if future.set_running_or_notify_cancel():
+            run()
+
+    def fail(self, error: Callable[[], Exception]) -> None:
+        """None of them is run."""
+        while self._waiting:
+            future, _ = self._waiting.popleft()
+            if future.set_running_or_notify_cancel():
+                future.set_exception(error())
