@@ -45,8 +45,13 @@ class DriveMapping:
             findings.cob_ids[key_of(index)] = cob_id
         for direction, slots in ((PdoDirection.RPDO, drive.pdos.rpdos), (PdoDirection.TPDO, drive.pdos.tpdos)):
             for slot in slots:
-                if (key := (direction, slot.number)) in findings.present and not slot.mapping_writable:
+                if (key := (direction, slot.number)) not in findings.present:
+                    continue
+                if not slot.mapping_writable:
                     findings.fixed[key] = self._mapped(key)
+                if not slot.cob_id_writable:
+                    valid = not findings.cob_ids[key] & COB_ID_INVALID
+                    (findings.kept if valid else findings.dead).add(key)
 
     def plan(self, needs: PdoLayout, drive: DriveType, node_id: int, *, sync: bool, sync_rpdos: bool) -> PdoPlan:
         """As ``plan_pdos``."""

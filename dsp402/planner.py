@@ -72,6 +72,8 @@ def found_in_data_sheet(drive: DriveType) -> Findings:
                 findings.cob_ids[key] = slot.cob_id
             if not slot.mapping_writable:
                 findings.fixed[key] = slot.mapping
+            if not slot.cob_id_writable:
+                findings.kept.add(key)
     return findings
 
 

@@ -79,10 +79,11 @@ def test_a_plan_has_all_that_is_needed_once_or_names_the_object_that_is_missing(
 def test_predefined_pdos_that_are_fixed_are_adopted_and_the_rest_goes_by_sdo() -> None:
     found = plan(Operation.POSITIONING, drive=described("fixed-pdo"))
     assert found.lines == (
-        "RPDO3 405h: Controlword 6040h, Target Position 607Ah; its own mapping",
-        "TPDO2 285h: Statusword 6041h, Modes of Operation Display 6061h; on change and by its event timer; its own mapping",
-        "TPDO3 385h: Position Actual Value 6064h; on change and by its event timer; its own mapping",
-        "TPDO4 485h: Velocity Actual Value 606Ch; on change and by its event timer; its own mapping",
+        "RPDO3 401h: Controlword 6040h, Target Position 607Ah; its own mapping; its own COB-ID",
+        "TPDO2 281h: Statusword 6041h, Modes of Operation Display 6061h; on change and by its event timer; its own mapping; "
+        "its own COB-ID",
+        "TPDO3 381h: Position Actual Value 6064h; on change and by its event timer; its own mapping; its own COB-ID",
+        "TPDO4 481h: Velocity Actual Value 606Ch; on change and by its event timer; its own mapping; its own COB-ID",
         "written by SDO when they change: Modes of Operation 6060h, Profile velocity 6081h, Profile acceleration 6083h, "
         "Profile deceleration 6084h",
     )
