@@ -90,7 +90,7 @@ class ProfinetLink:
         self._newest: tuple[Sequence[Sequence[int]], Sequence[bool]] | None = None
         """Actual values of the last step and whether they are valid: what a new relationship begins with."""
         self._placed_for: ApplicationRelation | None = None
-        self._places: list[tuple[int, int] | None] = []
+        self._places: list[tuple[int, int] | None] = [None] * len(objects)
         """Where input data and IOPS of each drive object lie in the frame of the provider of ``_placed_for``."""
         self._statuses: list[bool | None] = []
         """Whether its provider was told that the data is valid."""
@@ -370,7 +370,9 @@ class ProfinetLink:
                 if relation.plan.diff is not None:
                     log.warning("the controller's project differs from the configuration: see ModuleDiff")
             case Disconnected(relation, ended):
-                self._placed_for = None
+                if relation is self._placed_for:
+                    self._placed_for = None
+                    self._places = [None] * len(self._telegrams)
                 self._outputs.clear()
                 self.lose_setpoints()
                 log.error("controller %s disconnected: %s", relation.plan.ar.station_name, ended.text)
