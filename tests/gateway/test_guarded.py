@@ -161,3 +161,14 @@ def test_a_powered_axis_keeps_its_brake_and_what_was_written_when_it_was_off_is_
 
 def test_checks_are_those_of_the_table() -> None:
     assert {item.check for item in GUARDED} == set(Check)
+
+
+def test_a_drive_whose_guarded_objects_are_being_written_is_not_there_for_the_cycle() -> None:
+    """Nothing can switch it on meanwhile."""
+    with serving(configuration(axis(1)), 1) as (daemon, _):
+        drive = daemon.axes[0].drive
+        until(daemon, lambda: daemon.axes[0].good, "online")
+        drive.submit(lambda node: node.hold())
+        until(daemon, lambda: not daemon.axes[0].good, "held")
+        drive.submit(lambda node: node.unhold(check=False))
+        until(daemon, lambda: daemon.axes[0].good, "free again")
