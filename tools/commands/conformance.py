@@ -11,8 +11,9 @@ from rich.table import Table
 
 from pdgw.gateway.errors import GatewayError
 from pdgw.tools.conformance.faults import CASES, Result, run_case
+from pdgw.tools.conformance.shared import NUMBERS, walk
 from pdgw.tools.conformance.telegrams import CASES as BITS
-from pdgw.tools.conformance.telegrams import Outcome
+from pdgw.tools.conformance.telegrams import Outcome, run_walk
 from pdgw.tools.conformance.telegrams import run_case as run_bits
 from pdgw.tools.quiet import quiet
 from pdgw.tools.reports import Check, HtmlFile, JUnitFile, Report
@@ -62,12 +63,15 @@ def telegrams(
     html: HtmlFile = None,
 ) -> None:
     """Ask for the bits of the motion telegrams one by one and show what both sides saw. Exit status 1 if a case fails."""
-    known = sorted({case.telegram for case in BITS})
+    known = sorted({case.telegram for case in BITS} | set(NUMBERS))
     for number in only or ():
         if number not in known:
             raise GatewayError(f"telegram {number} has no cases, allowed: {', '.join(map(str, known))}")
     with quiet("gateway", "canopen"):
         outcomes = [run_bits(case) for case in BITS if not only or case.telegram in only]
+        for number in NUMBERS:
+            if not only or number in only:
+                outcomes += run_walk(walk(number))
     failed = sum(not outcome.passed for outcome in outcomes)
     Report("pdgw conformance telegrams", tuple(_check_bits(outcome) for outcome in outcomes)).write(junit, html)
     if as_json:

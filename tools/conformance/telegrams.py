@@ -1,13 +1,14 @@
 """``pdgw conformance telegrams``: bits of the motion telegrams, asked for one by one through the whole gateway in virtual time.
 
 Each case plays steps of a PLC scenario against a gateway with a simulated drive, and says which bit of which word it is about,
-what was done, and what was seen on both sides. Source: docs/motion.md. Left out: bits that every telegram has, which the cases of
-``faults`` walk.
+what was done, and what was seen on both sides. Source: docs/motion.md. Bits that several telegrams have are in ``shared``.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import threading
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,6 +18,7 @@ from pdgw.gateway.daemon import Daemon
 from pdgw.peers.drive import SimulatedDrive
 from pdgw.peers.plc.endpoint import PlcEndpoint
 from pdgw.peers.plc.scenario import Engine, Scenario
+from pdgw.peers.simulation.console import Console
 from pdgw.peers.world import World
 from pdgw.profidrive.telegrams import telegram
 
@@ -250,14 +252,14 @@ CASES: tuple[Case, ...] = (
 
 
 class _Plc:
-    """A PLC in the world, that plays a scenario."""
+    """A PLC in the world, that plays steps of a scenario."""
 
-    def __init__(self, world: World, daemon: Daemon, case: Case) -> None:
+    def __init__(self, world: World, daemon: Daemon, number: int) -> None:
         self.loop = world.loop
         self.daemon = daemon
-        self.endpoint = PlcEndpoint([telegram(case.telegram)], daemon.cycle_ns)
-        scenario = Scenario.model_validate({"telegrams": [case.telegram], "steps": list(case.steps)})
-        self.engine = Engine(scenario, self.endpoint)
+        self.number = number
+        self.endpoint = PlcEndpoint([telegram(number)], daemon.cycle_ns)
+        self.console = Console(world.simulations[daemon.config.can[0].name], threading.Event())
         self.port = world.network.open("plc", 0, "PLC")
         self.port.start(self._take)
 
@@ -265,39 +267,61 @@ class _Plc:
         while (datagram := self.port.receive()) is not None:
             self.endpoint.receive(datagram[0], self.loop.now())
 
-    def play(self) -> None:
-        """Cycle by cycle to the end of the scenario."""
+    def play(self, steps: Steps) -> Engine:
+        """Cycle by cycle to the end of the steps."""
+        scenario = Scenario.model_validate({"telegrams": [self.number], "steps": list(steps)})
+        engine = Engine(scenario, self.endpoint)
         end = self.loop.now() + _LIMIT_NS
-        while not self.engine.finished and self.loop.now() < end:
-            self.engine.step(self.loop.now())
+        while not engine.finished and self.loop.now() < end:
+            engine.step(self.loop.now())
+            while engine.drive_commands:
+                self.console.execute(engine.drive_commands.pop(0))
             self.port.send(self.endpoint.build(self.loop.now()), self.daemon.address)
             self.loop.run_for(self.daemon.cycle_ns)
+        return engine
 
 
-def run_case(case: Case) -> Outcome:
-    """Play one case in a world of its own."""
-    config = simulated(case.telegram, 1)
+@contextmanager
+def _gateway(number: int) -> Iterator[tuple[_Plc, SimulatedDrive]]:
+    """A gateway in a world of its own, its PLC and its drive."""
+    config = simulated(number, 1)
     world = World(0)
     world.simulate(config)
     daemon = Daemon(config, world)
     daemon.start()
     try:
-        plc = _Plc(world, daemon, case)
-        plc.play()
         drive = world.simulations[config.can[0].name].device(1)
+        assert isinstance(drive, SimulatedDrive)
+        yield _Plc(world, daemon, number), drive
     finally:
         daemon.stop()
-    failures = [f"{result.name}: {result.measured}" for result in plc.engine.results if not result.passed]
-    if not plc.engine.finished:
+
+
+def run_case(case: Case) -> Outcome:
+    """Play one case in a world of its own."""
+    with _gateway(case.telegram) as (plc, drive):
+        return _outcome(case, plc, drive)
+
+
+def run_walk(cases: Sequence[Case]) -> list[Outcome]:
+    """Play cases of one telegram one after the other with the same gateway, which is in operation at the begin of each."""
+    number = cases[0].telegram
+    with _gateway(number) as (plc, drive):
+        plc.play(_on(number)[:1])
+        return [_outcome(case, plc, drive) for case in cases]
+
+
+def _outcome(case: Case, plc: _Plc, drive: SimulatedDrive) -> Outcome:
+    engine = plc.play(case.steps)
+    failures = [f"{result.name}: {result.measured}" for result in engine.results if not result.passed]
+    if not engine.finished:
         failures.append("not finished")
-    sent: dict[str, int] = {}
-    if isinstance(drive, SimulatedDrive):
-        model = drive.node.model
-        sent = {name: int(getattr(model, attribute)) for name, attribute in _ON_CAN.items()}
+    model = drive.node.model
+    sent = {name: int(getattr(model, attribute)) for name, attribute in _ON_CAN.items()}
     for name, value in (case.on_can or {}).items():
         if sent.get(name) != value:
             failures.append(f"{name} = {sent.get(name)}, must be {value}")
-    shown = plc.engine.results[-1].measured if plc.engine.results else ""
+    shown = engine.results[-1].measured if engine.results else ""
     on_can = ", ".join(
         f"{name} = {value:04X}h" if name == "6040h" else f"{name} = {value}" for name, value in sent.items()
     )

@@ -241,10 +241,10 @@ class PositionerAdapter(ControlWordAdapter):
         """POS_ZSW2."""
         motion = outcome.motion
         word = outcome.outputs << _OUTPUT_1.position
-        if motion.kind is MotionKind.STAND:
-            word |= _STATIONARY
-        elif outcome.reached:
+        if outcome.reached:
             word |= _STATIONARY | _SETPOINT_REACHED
+        elif motion.kind is MotionKind.STAND:
+            word |= _STATIONARY
         else:
             word |= _TRAVERSING
         if not outcome.standing:
