@@ -134,11 +134,11 @@ class _Wire:
     """A bus with one member, whose frames are kept; ``deliver`` sends it one."""
 
     def __init__(self) -> None:
-        self.sent: list[int] = []
+        self.frames: list[tuple[int, bytes]] = []
 
     def attach(self, deliver: Callable[[bytes], None]) -> Callable[[bytes], None]:
         self.deliver = deliver
-        return lambda frame: self.sent.append(unpack_frame(frame)[0])
+        return lambda frame: self.frames.append(unpack_frame(frame))
 
 
 def test_a_drive_that_starts_beside_one_in_operation_shows_its_first_tpdo() -> None:
@@ -149,7 +149,19 @@ def test_a_drive_that_starts_beside_one_in_operation_shows_its_first_tpdo() -> N
         wire.deliver(frame)
         wire.deliver(rpdo)
     drives.poll(time.monotonic_ns())
-    assert 0x182 in wire.sent
+    assert 0x182 in [identifier for identifier, _ in wire.frames]
+
+
+def test_what_an_ideal_drive_answers_from_memory_ends_with_the_next_write() -> None:
+    wire = _Wire()
+    drives = IdealDrives(wire, 1)  # type: ignore[arg-type]
+    read, write = bytes.fromhex("4017100000000000"), bytes.fromhex("2B171000E8030000")
+    for request in (read, read, write, read):
+        wire.deliver(pack_frame(0x601, request))
+        drives.poll(time.monotonic_ns())
+    answers = [data for identifier, data in wire.frames if identifier == 0x581]
+    assert answers[0] == answers[1]
+    assert [data[:6].hex() for data in answers[2:]] == ["601710000000", "4b171000e803"]
 
 
 class _Report:

@@ -50,7 +50,8 @@ class IdealDrives:
         self._ideal: dict[int, tuple[Pdo, Pdo]] = {}
         """RPDO and TPDO by the node-ID of drives whose TPDOs are answers; the others show their first ones themselves."""
         self._command, self._feedback = DriveCommand(), DriveFeedback()
-        self._uploads: dict[bytes, bytes] = {}
+        self._uploads: dict[int, dict[bytes, bytes]] = {node.node_id: {} for node in self._nodes}
+        """By node-ID: the answers to uploads, until something is written."""
         self._asked: bytes | None = None
         self.rpdos = [0] * count
         self.log: list[tuple[int, int]] = []
@@ -75,7 +76,7 @@ class IdealDrives:
             and can_id & _SERVICE == SDO_RESPONSE
             and data[0] & _EXPEDITED_MASK == _EXPEDITED_UPLOAD
         ):
-            self._uploads[self._asked] = frame
+            self._uploads[can_id & _NODE][self._asked] = frame
         if can_id & _SERVICE != _TPDO or can_id & _NODE not in self._ideal:
             self._send(frame)
 
@@ -94,9 +95,12 @@ class IdealDrives:
             if node == self._last:
                 self.log.append((now, velocity))
             return
-        if (known := self._uploads.get(frame)) is not None:
-            self._send(known)
-            return
+        if can_id & _SERVICE == SDO_REQUEST and (answers := self._uploads.get(can_id & _NODE)) is not None:
+            if data[0] != _UPLOAD:
+                answers.clear()
+            elif (known := answers.get(frame)) is not None:
+                self._send(known)
+                return
         if can_id == NMT:
             self._ideal.pop(data[1], None)
         self._asked = frame if can_id & _SERVICE == SDO_REQUEST and data[0] == _UPLOAD else None
