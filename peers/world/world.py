@@ -6,7 +6,8 @@ from random import Random
 from typing import Any
 
 from pdgw.ds301.errors import CanopenError
-from pdgw.ds301.loop import SECOND, VirtualLoop
+from pdgw.ds301.loop import SECOND
+from pdgw.ds301.virtual_loop import VirtualLoop
 from pdgw.gateway.config import GatewayConfig
 from pdgw.gateway.config_surroundings import CanConfig
 from pdgw.peers.drive import SimulatedDrive

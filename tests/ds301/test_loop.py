@@ -13,8 +13,9 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from pdgw.ds301.loop import MS, SECOND, Event, Loop, Mailbox, SystemLoop, VirtualLoop
+from pdgw.ds301.loop import MS, SECOND, Event, Loop, Mailbox, SystemLoop
 from pdgw.ds301.readiness import Readiness, SelectReadiness, best_readiness
+from pdgw.ds301.virtual_loop import VirtualLoop
 
 
 @pytest.fixture(params=["virtual", "system"])

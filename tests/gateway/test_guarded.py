@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from pdgw.ds301.loop import VirtualLoop
+from pdgw.ds301.virtual_loop import VirtualLoop
 from pdgw.gateway.parameters.guarded import GUARDED, Check, guard_of
 from pdgw.gateway.parameters.objects import ObjectAccess
 from pdgw.profidrive.datatypes import DataType

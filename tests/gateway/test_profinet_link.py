@@ -11,8 +11,9 @@ from uuid import UUID
 
 import pytest
 
-from pdgw.ds301.loop import MS, VirtualLoop
+from pdgw.ds301.loop import MS
 from pdgw.ds301.node import NodeStatus
+from pdgw.ds301.virtual_loop import VirtualLoop
 from pdgw.gateway.config import GatewayConfig
 from pdgw.gateway.drive_object import DriveObject
 from pdgw.gateway.errors import GatewayError
