@@ -116,6 +116,7 @@ class NodeClient(ConfiguringAccess, abc.ABC, Generic[S]):
         add = self.loop.counters.add
         add(part, "length_errors", "frames", "TPDOs shorter than their mapping, ignored", lambda: self.length_errors)
         add(part, "generation", "times", "configured and started", lambda: self.generation)
+        add(part, "sdo_aborts", "answers", "of the node that refuse an access by SDO", lambda: self.sdo_aborts)
         self._apply_times()
 
     # -- the device profile's part --------------------------------------------------------------------------------

@@ -140,3 +140,5 @@ class PdoLayout:
 
     rpdos: tuple[Pdo, ...]
     tpdos: tuple[Pdo, ...]
+    optional: frozenset[str] = frozenset()
+    """Attributes a device without the object can be operated without."""

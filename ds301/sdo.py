@@ -10,7 +10,14 @@ from typing import ClassVar
 
 import canopen
 from canopen.sdo import SdoAbortedError, SdoClient, SdoCommunicationError
-from canopen.sdo.constants import EXPEDITED, REQUEST_DOWNLOAD, RESPONSE_DOWNLOAD, SDO_STRUCT, SIZE_SPECIFIED
+from canopen.sdo.constants import (
+    EXPEDITED,
+    REQUEST_ABORTED,
+    REQUEST_DOWNLOAD,
+    RESPONSE_DOWNLOAD,
+    SDO_STRUCT,
+    SIZE_SPECIFIED,
+)
 
 from pdgw.ds301.aborts import Abort, abort_text
 from pdgw.ds301.connection_set import SDO_REQUEST, SDO_RESPONSE
@@ -31,7 +38,14 @@ class _SdoClient(SdoClient):  # type: ignore[misc]
 
     def __init__(self, loop: Loop, node_id: int, dictionary: canopen.ObjectDictionary) -> None:
         self._box: Mailbox[bytes] = Mailbox(loop)
+        self.aborts = 0
         super().__init__(SDO_REQUEST + node_id, SDO_RESPONSE + node_id, dictionary)
+
+    def on_response(self, can_id: int, data: bytes, timestamp: float) -> None:
+        """A frame of the node."""
+        if data and data[0] == REQUEST_ABORTED:
+            self.aborts += 1
+        super().on_response(can_id, data, timestamp)
 
     @property
     def responses(self) -> Mailbox[bytes]:
@@ -60,6 +74,11 @@ class SdoAccess:
         self._sdo = _SdoClient(loop, node_id, dictionary)
         self._node.sdo_channels[:] = [self._sdo]
         self._node.sdo = self._sdo
+
+    @property
+    def sdo_aborts(self) -> int:
+        """Accesses the node refused."""
+        return self._sdo.aborts
 
     @property
     def _answers_late(self) -> bool:

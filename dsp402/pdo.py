@@ -21,6 +21,8 @@ class Operation(enum.Enum):
     VELOCITY_WITH_POSITION = "velocity with position"
     VELOCITY_WITH_TORQUE = "velocity with torque limit"
     """And with what a message word is made from."""
+    VELOCITY_WITH_LOAD = "velocity with load"
+    """And with the current, where the drive tells it."""
     POSITIONING = "positioning"
     POSITIONER = "positioner"
     """Positions and speeds in turn, with what a message word is made from."""
@@ -57,6 +59,11 @@ LAYOUTS: dict[Operation, PdoLayout] = {
     Operation.VELOCITY_WITH_TORQUE: PdoLayout(
         rpdos=(pdo(_R, 1, "target_velocity", "controlword"), pdo(_R, 2, "max_torque")),
         tpdos=_WITH_MESSAGES,
+    ),
+    Operation.VELOCITY_WITH_LOAD: PdoLayout(
+        rpdos=(pdo(_R, 1, "target_velocity", "controlword"),),
+        tpdos=(pdo(_T, 1, "statusword", "velocity_actual"), pdo(_T, 2, "current_actual")),
+        optional=frozenset({"current_actual"}),
     ),
     Operation.POSITIONING: PdoLayout(
         rpdos=(

@@ -85,10 +85,11 @@ def plan_pdos(
     Dsp402Error when Controlword or Statusword have no PDO, or the drive lacks an object.
     """
     notes: list[str] = []
+    shared = drive, node_id, findings, notes
     rpdos, written = _Direction(
-        PdoDirection.RPDO, needs.rpdos, drive, node_id, findings, notes, sync=sync_rpdos
+        PdoDirection.RPDO, needs.rpdos, *shared, optional=needs.optional, sync=sync_rpdos
     ).planned()
-    tpdos, read = _Direction(PdoDirection.TPDO, needs.tpdos, drive, node_id, findings, notes, sync=sync).planned()
+    tpdos, read = _Direction(PdoDirection.TPDO, needs.tpdos, *shared, optional=needs.optional, sync=sync).planned()
     # What comes on change alone is read as well: nothing else would tell that a frame was lost.
     read += [
         Pdo(entry_pdo.direction, entry_pdo.number, (entry,))
@@ -112,8 +113,10 @@ class _Direction:
         findings: Findings,
         notes: list[str],
         *,
+        optional: frozenset[str],
         sync: bool,
     ) -> None:
+        self.optional = optional
         self.direction = direction
         self.needs = needs
         self.drive = drive
@@ -175,7 +178,9 @@ class _Direction:
 
     def _fitted(self, pdo: Pdo) -> list[Entry]:
         """The objects this drive has for what travels in a PDO."""
-        return [self.drive.entries.get(entry.attribute) or self._lacking(entry) for entry in pdo.entries]
+        entries = self.drive.entries
+        wanted = [item for item in pdo.entries if item.attribute in entries or item.attribute not in self.optional]
+        return [entries.get(item.attribute) or self._lacking(item) for item in wanted]
 
     def _lacking(self, entry: Entry) -> Entry:
         raise Dsp402Error(str(entry), "no object of this drive", "a drive that has it: the telegram needs it")

@@ -32,7 +32,12 @@ def resolve(words: list[str]) -> tuple[Any, list[str]]:
     """The command of the first words, and the words behind it."""
     command: Any = get_command(app)
     context = command.make_context("pdgw", [], resilient_parsing=True)
-    while hasattr(command, "commands") and words and _WORD.fullmatch(words[0]):
+    while hasattr(command, "commands") and words:
+        if words[0] in {option for item in command.params if getattr(item, "is_flag", False) for option in item.opts}:
+            words = words[1:]  # a switch of the group, before its command
+            continue
+        if not _WORD.fullmatch(words[0]):
+            break
         name, command, rest = command.resolve_command(context, words)
         assert command is not None, name
         context = command.make_context(name, [], parent=context, resilient_parsing=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import subprocess
 import sys
 import tempfile
@@ -91,7 +92,7 @@ def keeper_beside(trace: TraceConfig) -> Iterator[Callable[[Path], None]]:
     Started before the gateway takes its priority, which it must not have; it ends by itself when the gateway is gone, in whatever
     way, after it has kept what was before that.
     """
-    if not trace.enabled or not trace.keep:
+    if not trace.enabled or not trace.keep or os.name != "posix":  # elsewhere there are no rings
         yield lambda path: None
         return
     options = [f"--on={item}" for item in trace.keep]

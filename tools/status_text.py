@@ -10,7 +10,7 @@ from typing import Any
 from pdgw.profidrive.signals import Signal, signal
 from pdgw.profidrive.telegrams import ApplicationMode, telegram
 
-_USUAL = {"accepted", "sent", "received", "cycles", "generation"}
+_USUAL = {"accepted", "answered", "sent", "received", "cycles", "generation"}
 """Counters that rise while all is well."""
 _DAY_S = 86_400
 

@@ -79,21 +79,30 @@ def _objects(document: Document) -> Iterable[Document]:
     return (*document["axes"], *document["encoders"])
 
 
-def new_faults(before: Document | None, document: Document) -> Iterator[tuple[int, int]]:
-    """Drive objects with faults that came since the status before: DO-ID, and the id of the last one that was known.
+def changed_faults(before: Document | None, document: Document) -> Iterator[tuple[int, int]]:
+    """Drive objects whose faults are others than in the status before: DO-ID, and the id of the last one that was known.
 
-    A status has only the newest fault of each; who wants all of them asks for the history.
+    A status has only the newest fault of each, and whether it stands; who wants all of them asks for the history.
     """
     same_life = before is not None and document["uptime_s"] >= before["uptime_s"]
-    known = {item["do_id"]: _newest(item) for item in _objects(before)} if before is not None and same_life else {}
+    known = {item["do_id"]: item for item in _objects(before)} if before is not None and same_life else {}
     for item in _objects(document):
-        last = known.get(item["do_id"], 0)
-        if _newest(item) > last:
+        old = known.get(item["do_id"])
+        last = 0 if old is None else _newest(old)
+        # An older one that is acknowledged is seen by what the object does then.
+        if _newest(item) and (old is None or any(old[key] != item[key] for key in ("state_id", "reason_id"))):
+            yield item["do_id"], last
+        elif old is not None and _standing(old) != _standing(item):
             yield item["do_id"], last
 
 
 def _newest(item: Document) -> int:
+    """Id of the newest fault; 0 for none."""
     return max((fault["id"] for fault in item["faults"]), default=0)
+
+
+def _standing(item: Document) -> list[tuple[int, bool]]:
+    return [(fault["id"], fault["active"]) for fault in item["faults"]]
 
 
 def _changes(before: Document | None, document: Document) -> Iterator[tuple[str, int | None, str]]:

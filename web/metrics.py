@@ -57,6 +57,7 @@ class GatewayCollector(Collector):
         yield _gauge("pdgw_cycle_time_seconds", "Cycle of the exchange, as configured.", cycle_s)
         yield from _plc(document)
         yield from _objects(document)
+        yield from _acyclic(document)
         yield from self._faults()
         yield from self._buses(document)
 
@@ -64,7 +65,11 @@ class GatewayCollector(Collector):
         counts = CounterMetricFamily("pdgw_faults", "Faults seen since this process began.", labels=["do", "number"])
         for (do_id, number), count in sorted(self._watch.fault_counts.items()):
             counts.add_metric([str(do_id), str(number)], count)
-        yield counts
+        active = GaugeMetricFamily("pdgw_fault_active", "Not acknowledged.", labels=["do", "number"])
+        for do_id, numbers in sorted(self._watch.active_faults.items()):
+            for number in sorted(numbers):
+                active.add_metric([str(do_id), str(number)], 1)
+        yield from (counts, active)
 
     def _buses(self, document: Document) -> Iterator[Metric]:
         frames = CounterMetricFamily("pdgw_can_frames", "Frames of a bus.", labels=["bus", "direction"])
@@ -112,7 +117,6 @@ def _histogram(name: str, text: str, times: Document) -> Metric:
 def _objects(document: Document) -> Iterator[Metric]:
     state = GaugeMetricFamily("pdgw_axis_state", "1 for the state a drive object is in.", labels=["do", "state"])
     blocked = GaugeMetricFamily("pdgw_object_blocked", "Why it does not obey.", labels=["do", "reason"])
-    active = GaugeMetricFamily("pdgw_fault_active", "Its newest fault, unacknowledged.", labels=["do", "number"])
     online = GaugeMetricFamily("pdgw_node_online", "The device is on the bus.", labels=["do", "node"])
     age = GaugeMetricFamily("pdgw_heartbeat_age_seconds", "Since it was heard.", labels=["bus", "node"])
     for item in (*document["axes"], *document["encoders"]):
@@ -121,15 +125,26 @@ def _objects(document: Document) -> Iterator[Metric]:
             state.add_metric([do_id, known.name.lower()], item["state_id"] == known.name)
         if item["reason_id"]:
             blocked.add_metric([do_id, item["reason_id"].lower()], 1)
-        for fault in item["faults"]:
-            if fault["active"] and not fault["is_warning"]:
-                active.add_metric([do_id, str(fault["number"])], 1)
         online.add_metric([do_id, node], item["drive"] == "online")
         if item["heard_age_ms"] is not None and not any(
             sample.labels == {"bus": item["bus"], "node": node} for sample in age.samples
         ):
             age.add_metric([item["bus"], node], item["heard_age_ms"] / _MS)
-    yield from (state, blocked, active, online, age)
+    yield from (state, blocked, online, age)
+
+
+def _acyclic(document: Document) -> Iterator[Metric]:
+    aborts = CounterMetricFamily("pdgw_sdo_aborts", "SDO accesses the node refused.", labels=["bus", "node"])
+    nodes = {(item["bus"], item["node_id"]) for item in (*document["axes"], *document["encoders"])}
+    for bus, node in sorted(nodes):
+        aborts.add_metric([bus, str(node)], counter(document, f"node {node} on {bus}", "sdo_aborts") or 0)
+    requests = CounterMetricFamily("pdgw_parameter_requests", "Of the parameter channel.", labels=["do", "result"])
+    for do_id in (0, *(item["do_id"] for item in (*document["axes"], *document["encoders"]))):
+        for result in ("answered", "refused"):
+            value = counter(document, f"parameters of DO {do_id}", result)
+            if value is not None:
+                requests.add_metric([str(do_id), result], value)
+    yield from (aborts, requests)
 
 
 def exposition(watch: Watch) -> Callable[[], bytes]:

@@ -15,7 +15,7 @@ from pdgw.gateway.config import GatewayConfig
 from pdgw.gateway.config_surroundings import DEFAULT_BITRATE
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.status_client import fetch, fetch_faults
-from pdgw.web.events import EventLog, new_faults
+from pdgw.web.events import EventLog, changed_faults
 from pdgw.web.feed import ANSWER_WITHIN_S, Document, Feed
 
 log = logging.getLogger("gateway")
@@ -100,35 +100,41 @@ class Watch:
         self.loads = BusLoads(config)
         self.fault_counts: Counter[tuple[int, int]] = Counter()
         """Faults by DO-ID and number, since this process began."""
+        self.active_faults: dict[int, set[int]] = {}
+        """Numbers of those that are not acknowledged, by DO-ID."""
         self._gateway = gateway
         self.feed = Feed(lambda: asyncio.to_thread(gateway.status), self._take)
 
     async def _take(self, before: Document | None, document: Document) -> None:
         # First everything that may fail, so that nothing is entered twice.
-        found = [
-            (do_id, fault)
-            for do_id, last in new_faults(before, document)
-            for fault in await self._history(do_id, last, document)
-        ]
-        for do_id, fault in found:
-            self.log.add_fault(do_id, fault)
-            if not fault["is_warning"]:
-                self.fault_counts[do_id, fault["number"]] += 1
+        histories = {
+            do_id: (last, await self._history(do_id, document)) for do_id, last in changed_faults(before, document)
+        }
+        for do_id, (last, faults) in histories.items():
+            for fault in faults:
+                if fault["id"] <= last:
+                    continue
+                self.log.add_fault(do_id, fault)
+                if not fault["is_warning"]:
+                    self.fault_counts[do_id, fault["number"]] += 1
+            self.active_faults[do_id] = {
+                fault["number"] for fault in faults if fault["active"] and not fault["is_warning"]
+            }
         self.log.take(before, document)
         self.loads.take(document)
         for bus in document["buses"]:
             bus["load_planned"] = self.loads.planned.get(bus["name"])
             bus["load_measured"] = self.loads.measured.get(bus["name"])
 
-    async def _history(self, do_id: int, last: int, document: Document) -> list[Document]:
-        """The faults after the one with the id ``last``, the oldest first."""
+    async def _history(self, do_id: int, document: Document) -> list[Document]:
+        """The faults of a drive object, the oldest first."""
         known: list[Document] = []
         with contextlib.suppress(GatewayError):
             known = await self.faults(do_id)
         if not known:  # the gateway went away just now: what the status had is better than nothing
             objects = (*document["axes"], *document["encoders"])
             known = next(item["faults"] for item in objects if item["do_id"] == do_id)
-        return sorted((fault for fault in known if fault["id"] > last), key=lambda fault: fault["id"])
+        return sorted(known, key=lambda fault: fault["id"])
 
     async def faults(self, do_id: int) -> list[Document]:
         """The history of a drive object, newest first; GatewayError when the gateway does not answer."""

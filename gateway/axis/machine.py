@@ -12,6 +12,7 @@ from pdgw.dsp402.states import STATE_OF_STATUS, State, StatusBit
 from pdgw.gateway.axis.adapters.transparent import ACTUAL_ATTRIBUTES, SETPOINT_ATTRIBUTES
 from pdgw.gateway.axis.executors.base import Executor, Notes
 from pdgw.gateway.axis.executors.dsc import DscExecutor
+from pdgw.gateway.axis.executors.load import LoadExecutor
 from pdgw.gateway.axis.executors.positioner import PositionerExecutor
 from pdgw.gateway.axis.executors.positioning import PositioningExecutor
 from pdgw.gateway.axis.executors.raw import RawExecutor
@@ -81,7 +82,7 @@ class AxisMachine:
             self.sensor.channel.set_references(DriveSensor.references)
             self.sensor.measure(possible=True)
         self._node = NodeWatch(self.outputs, {})
-        self.notes.heat = self._node.heat
+        self.notes.troubles = self._node.troubles
         self._drive = DriveWatch(self.outputs)
         self.acknowledgement = Acknowledgement()
         has_life = "STW2" in self.telegram.setpoints.names
@@ -101,6 +102,8 @@ class AxisMachine:
             return SpeedExecutor(*given)
         if kind is Kind.DSC:
             return DscExecutor(*given)
+        if kind is Kind.LOAD:
+            return LoadExecutor(*given)
         if kind is Kind.TORQUE:
             return TorqueExecutor(*given)
         if kind is Kind.POSITIONING:
@@ -124,7 +127,7 @@ class AxisMachine:
         """Go on for the machine of another telegram of the same drive; the interlock of the new one is locked."""
         self._node = other._node
         self._node.tell_to(self.outputs)
-        self.notes.heat = self._node.heat
+        self.notes.troubles = self._node.troubles
 
     # -- the step -----------------------------------------------------------------------------------------------------
 
@@ -208,7 +211,7 @@ class AxisMachine:
             faulty = STATE_OF_STATUS[statusword & STATE_MASK] in FAULTY
             if acknowledgement.step(demand.connected and demand.acknowledge, drive_ok, faulty, now):
                 outputs.acknowledged = outputs.eventful = True
-                self._node.heat.over()
+                self._node.troubles.over()
         limited, refused = shown & _INTERNAL_LIMIT != 0, inputs.set_point_refused
         if reason is None and (limited or refused):
             reason = Reason.SET_POINT_REFUSED if refused else Reason.INTERNAL_LIMIT

@@ -10,7 +10,7 @@ from pdgw.dsp402.pdo import Operation
 from pdgw.gateway.axis.adapters.base import Adapter
 from pdgw.gateway.axis.adapters.positioner import PositionerAdapter
 from pdgw.gateway.axis.adapters.positioning import PositioningAdapter
-from pdgw.gateway.axis.adapters.speed import DscAdapter, SpeedAdapter, WideSpeedAdapter
+from pdgw.gateway.axis.adapters.speed import DscAdapter, LoadAdapter, SpeedAdapter, WideSpeedAdapter
 from pdgw.gateway.axis.adapters.transparent import TransparentAdapter
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.errors import GatewayError
@@ -23,6 +23,7 @@ class Kind(enum.Enum):
 
     SPEED = "speed"
     TORQUE = "speed with torque reduction"
+    LOAD = "speed with what the motor delivers"
     DSC = "dynamic servo control"
     POSITIONING = "positioning"
     POSITIONER = "positioner"
@@ -53,7 +54,7 @@ DRIVE_TELEGRAMS: dict[int, DriveTelegram] = {
     6: _DSC,
     7: _POSITIONER,
     9: DriveTelegram(Kind.POSITIONING, Operation.POSITIONING),
-    20: _SPEED,
+    20: DriveTelegram(Kind.LOAD, Operation.VELOCITY_WITH_LOAD, Mode.VELOCITY),
     100: DriveTelegram(Kind.RAW, Operation.TRANSPARENT),
     102: _SPEED_AND_TORQUE,
     103: _SPEED_AND_TORQUE,
@@ -94,6 +95,8 @@ def make_adapter(number: int, settings: AxisSettings) -> Adapter:
     chosen = telegram(number)
     if kind is Kind.DSC:
         return DscAdapter(chosen, settings)
+    if kind is Kind.LOAD:
+        return LoadAdapter(chosen, settings)
     if kind is Kind.SPEED or kind is Kind.TORQUE:
         wide = {"MOMRED", "G2_STW"} & set(chosen.setpoints.names)
         return WideSpeedAdapter(chosen, settings) if wide else SpeedAdapter(chosen, settings)

@@ -89,7 +89,7 @@ class FaultRead:
     code: int
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True)
 class ProbeWish:
     """Positions to be latched by the drive's touch probe. ``edges``: 0 to 3 as ``dsp402.touch_probe`` counts them."""
 

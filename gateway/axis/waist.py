@@ -180,8 +180,10 @@ class Report:
         "fault_code",
         "flags",
         "homing_method",
+        "load",
         "message",
         "motion",
+        "namur",
         "position",
         "raw",
         "sensor",
@@ -200,6 +202,10 @@ class Report:
         """What a positioner shows; always the same object, None for an axis without one."""
         self.message = 0
         """MELDW."""
+        self.load: tuple[int, int, int] = (0, 0, 0)
+        """Current, torque and power as N2."""
+        self.namur = 0
+        """MELD_NAMUR."""
         self.fault_code = 0
         self.warning_code = 0
         self.raw: Sequence[int] = ()

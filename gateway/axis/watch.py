@@ -9,7 +9,7 @@ from collections.abc import Mapping
 
 from pdgw.dsp402.images import DriveFeedback
 from pdgw.dsp402.states import STATE_OF_STATUS, State, StatusBit
-from pdgw.gateway.axis.executors.base import Heat
+from pdgw.gateway.axis.executors.base import Troubles
 from pdgw.gateway.axis.power_table import CONTROLWORDS, Action
 from pdgw.gateway.axis.values import FaultRead, FaultRecord, NodeNotice, Notice, Outputs, gateway_fault
 from pdgw.gateway.axis.waist import STATE_MASK
@@ -85,15 +85,15 @@ class NodeWatch:
         "_refusal",
         "_restart_asked",
         "fault_of_emcy",
-        "heat",
         "last_emergency",
+        "troubles",
     )
 
     def __init__(self, outputs: Outputs, fault_of_emcy: Mapping[int, int]) -> None:
         self._outputs = outputs
         self.fault_of_emcy = fault_of_emcy
         """Fault number of an EMCY error code."""
-        self.heat = Heat()
+        self.troubles = Troubles()
         self._absent = False
         self._refusal = ""
         self._restart_asked = False
@@ -149,16 +149,17 @@ class NodeWatch:
 
     def told(self, code: int) -> None:
         """An error code of the drive, by EMCY or read."""
+        self.troubles.code = code
         kind = code & _CLASS
-        self.heat.motor |= kind == _MOTOR_TEMPERATURE
-        self.heat.stage |= kind == _STAGE_TEMPERATURE
+        self.troubles.motor_hot |= kind == _MOTOR_TEMPERATURE
+        self.troubles.stage_hot |= kind == _STAGE_TEMPERATURE
 
     def _emergency(self, notice: NodeNotice) -> None:
         """An EMCY: a fault while its error register has a bit set, else a warning."""
         code, now = notice.code, notice.time_ns
         if code == 0:
             self._emergencies.clear()
-            self.heat.over()
+            self.troubles.over()
             self._outputs.emergency_over = self._outputs.eventful = True
             self._tell(notice.text)
             return

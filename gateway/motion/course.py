@@ -19,7 +19,7 @@ LIMIT_STANDING_NS = 500 * MS
 """An axis that stands at an internal limit of the drive for so long is held by it."""
 
 
-@dataclass(slots=True, eq=False)
+@dataclass(slots=True, unsafe_hash=True)
 class Goal:
     """What the axis is to do; it outlives intermediate stops. Replaced, never changed.
 

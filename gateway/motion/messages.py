@@ -31,6 +31,44 @@ def reduced_torque(base: int, momred: int) -> int:
     return base * left // N2_100_PERCENT
 
 
+_NAMUR = signal("MELD_NAMUR")
+_OTHER = _NAMUR.bit("OTHER").mask
+_NAMUR_OF_CODE: Final = {
+    0x2330: "GROUND_FAULT",
+    0x3210: "DC_LINK_OVERVOLTAGE",
+    0x3220: "LINE",
+    0x21: "POWER_UNIT",
+    0x22: "POWER_UNIT",
+    0x23: "POWER_UNIT",
+    0x31: "LINE",
+    0x33: "POWER_UNIT",
+    0x41: "OVERTEMPERATURE",
+    0x42: "OVERTEMPERATURE",
+    0x43: "MOTOR_OVERLOAD",
+    0x50: "CONVERTER",
+    0x51: "CONVERTER",
+    0x52: "CONVERTER",
+    0x53: "CONVERTER",
+    0x54: "POWER_UNIT",
+    0x55: "CONVERTER",
+    0x60: "CONVERTER",
+    0x61: "CONVERTER",
+    0x62: "CONVERTER",
+    0x63: "CONVERTER",
+    0x81: "COMMUNICATION",
+    0x82: "COMMUNICATION",
+}
+"""Bit of MELD_NAMUR by error code (CiA 402) without its last digit, else by its class."""
+
+
+def namur_word(code: int) -> int:
+    """MELD_NAMUR of an error code (603Fh, EMCY); 0 for none."""
+    if not code:
+        return 0
+    name = _NAMUR_OF_CODE.get(code & 0xFFF0) or _NAMUR_OF_CODE.get(code >> 8)
+    return _OTHER if name is None else _NAMUR.bit(name).mask
+
+
 @dataclass(frozen=True, slots=True)
 class MessageThresholds:
     """``threshold_*``: shares of the reference speed, of the rated torque for the torque. GatewayError outside 0 to 2."""

@@ -30,7 +30,7 @@ _Row = tuple[Callable[[], bool], Callable[[], None], State]
 _FUNCTION = {Event.MDI: State.MDI, Event.SETTING_UP: State.SETTING_UP, Event.BLOCK: State.BLOCK}
 
 
-@dataclass(slots=True, eq=False)
+@dataclass(slots=True, unsafe_hash=True)
 class _Task:
     """The data of the frame that brought an edge of STW1.6, or a change under continuous update. Never changed."""
 

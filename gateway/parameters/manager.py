@@ -19,6 +19,7 @@ from pdgw.gateway.parameters.profile import (
     EncoderParameters,
     NodeObject,
 )
+from pdgw.profidrive.parameters.codec import is_negative
 from pdgw.profidrive.parameters.model import answer
 
 _DO_ID_OFFSET = 2
@@ -64,7 +65,12 @@ class _Worker:
         self._timeout = timeout
         self._requests: deque[tuple[Future[bytes | None], bytes, BoundObject | None, str | None]] = deque()
         self._filled = Event(loop)
-        self._task = loop.spawn(self._run, f"parameters of DO {do_id}")
+        self.answered = 0
+        self.refused = 0
+        part = f"parameters of DO {do_id}"
+        loop.counters.add(part, "answered", "requests", "served with all their values", lambda: self.answered)
+        loop.counters.add(part, "refused", "requests", "of which something was refused", lambda: self.refused)
+        self._task = loop.spawn(self._run, part)
 
     def submit(self, data: bytes, drive_object: BoundObject | None, host: str | None) -> Future[bytes | None]:
         future: Future[bytes | None] = Future()
@@ -97,4 +103,8 @@ class _Worker:
         except Exception as error:  # belongs to whoever reads the answer
             future.set_exception(error)
         else:
+            if response is None or is_negative(response):
+                self.refused += 1
+            else:
+                self.answered += 1
             future.set_result(response)

@@ -49,6 +49,8 @@ class FlightRecorder:
         self._sources: list[tuple[Any, ...]] = []
         self._anchor_due = 0
         self._token: object = None
+        self._opening = False
+        self._configuration = config_text(daemon.config)
         self._open(keep_previous=True)
         daemon.loop.counters.add("trace", "lost", "records", "of the flight recorder, not written", lambda: self.lost)
         for number, network in enumerate(daemon.networks.values()):
@@ -139,11 +141,14 @@ class FlightRecorder:
 
     def _change(self) -> None:
         """The frames have another layout from now on: so has the ring. Making the file takes longer than a cycle may."""
+        if self._opening:
+            return  # the next cycle comes here again
         self._token = self._link.layout_token
         old = self._ring
         if old is not None and _shape(old.layout) == _shape(self._layout()):
             return
         self._ring = None
+        self._opening = True
         loop = self._daemon.loop
 
         def reopen() -> None:
@@ -154,6 +159,8 @@ class FlightRecorder:
                 self._open(keep_previous=False)
             except GatewayError as error:
                 log.warning("%s", error)
+            finally:
+                self._opening = False
 
         loop.spawn(lambda: loop.result(loop.offload(reopen)), "flight recorder")
 
@@ -174,7 +181,7 @@ class FlightRecorder:
             frames=int(seconds * frames),
             address=daemon.address,
             reasons=tuple(reason.name for reason in Reason),
-            configuration=config_text(config),
+            configuration=self._configuration,
         )
 
 

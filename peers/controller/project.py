@@ -8,6 +8,7 @@ from uuid import UUID
 
 from pdgw.profidrive.frame import C_SDU_MIN
 from pdgw.profinet.blocks.connect import (
+    ACTIVE_BY_INITIATOR,
     ADVANCED_STARTUP,
     BEST_EFFORT,
     FRAME_ID_BY_DEVICE,
@@ -33,7 +34,6 @@ from pdgw.profinet.connect import CyclicPlan, DataObject
 from pdgw.profinet.model import Module, Submodule, Subslot
 from pdgw.profinet.wire import Block
 
-_ACTIVE_BY_INITIATOR = 0x11
 INPUT_FRAME_ID = 0x8001
 INPUT_REFERENCE, OUTPUT_REFERENCE = 1, 2
 ALARM_REFERENCE = 0x0042
@@ -110,7 +110,7 @@ class Project:
             session_key=session,
             initiator_mac=mac,
             initiator_object=initiator,
-            properties=_ACTIVE_BY_INITIATOR | (ADVANCED_STARTUP if self.advanced else 0),
+            properties=ACTIVE_BY_INITIATOR | (ADVANCED_STARTUP if self.advanced else 0),
             activity_timeout=self.activity_timeout,
             rt_port=LT_RT,
             station_name=name,

@@ -289,6 +289,11 @@ def encode_response(response: Response) -> bytes:
     return b"".join(parts)
 
 
+def is_negative(response: bytes) -> bool:
+    """Whether a response says that something of the request was refused."""
+    return len(response) < _HEADER.size or bool(response[1] & _NEGATIVE)
+
+
 def decode_response(data: bytes) -> Response:
     """A response's bytes as an object; ProfidriveError tells the offset of what is wrong."""
     reader = _Reader(data)

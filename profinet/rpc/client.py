@@ -30,18 +30,16 @@ class RecordResult:
     data: bytes
 
 
-class RecordCall:
+class RpcCall:
     """One call: ``packets`` are sent (again, while no answer comes), ``receive`` is given what comes back."""
 
-    def __init__(self, header: RpcHeader, arguments: bytes, max_record: int) -> None:
+    def __init__(self, header: RpcHeader, body: bytes, max_answer: int) -> None:
         self._header = header
-        maximum = max_record + BLOCK_SIZE
-        ndr = encode_arguments(maximum, arguments, max(maximum, len(arguments)), little=header.little_endian)
-        self.packets = dcerpc.encode_fragments(header, ndr)
-        self._reassembly = Reassembly(maximum + 64)
+        self.packets = dcerpc.encode_fragments(header, body)
+        self._reassembly = Reassembly(max_answer)
 
-    def receive(self, data: bytes) -> RecordResult | list[bytes] | None:
-        """The result, or datagrams to send back (acknowledged fragments), or None for what is not of this call.
+    def receive(self, data: bytes) -> tuple[RpcHeader, bytes] | list[bytes] | None:
+        """Header and body of the answer, or datagrams to send back (acknowledged fragments), or None for what is of another call.
 
         ProfidriveError when the device rejects the call or its answer makes no sense.
         """
@@ -57,14 +55,54 @@ class RecordCall:
         whole = self._reassembly.add(header, body)
         if whole is None:
             return [] if Flags.NO_FACK in header.flags else [dcerpc.encode_fack(header, 8)]
-        status_value, arguments = decode_arguments(whole, little=header.little_endian)
-        status = PnioStatus.of(status_value)
-        if status.value:
-            return RecordResult(status, b"")
-        block, record = decode_block(arguments)
-        expected = BlockType.WRITE_RESPONSE if own.operation == Operation.WRITE else BlockType.READ_RESPONSE
-        if block.type is not expected:
-            raise ProfidriveError("BlockType of the answer", f"{block.type:04X}h", f"{expected:04X}h")
+        return header, whole
+
+
+@dataclass(frozen=True, slots=True)
+class ServiceResult:
+    """The answer of a service of the device: its status and its blocks."""
+
+    status: PnioStatus
+    arguments: bytes
+
+
+class ServiceCall:
+    """A call of the device interface whose arguments are blocks (Connect, Release ...)."""
+
+    def __init__(self, header: RpcHeader, arguments: bytes, maximum: int) -> None:
+        ndr = encode_arguments(maximum, arguments, max(maximum, len(arguments)), little=header.little_endian)
+        self._call = RpcCall(header, ndr, maximum + 64)
+        self.packets = self._call.packets
+
+    def receive(self, data: bytes) -> ServiceResult | list[bytes] | None:
+        """As ``RpcCall.receive``, with the answer read."""
+        answer = self._call.receive(data)
+        if not isinstance(answer, tuple):
+            return answer
+        header, body = answer
+        status, arguments = decode_arguments(body, little=header.little_endian)
+        return ServiceResult(PnioStatus.of(status), arguments)
+
+
+class RecordCall:
+    """A read or write of a record."""
+
+    def __init__(self, header: RpcHeader, arguments: bytes, max_record: int) -> None:
+        write = header.operation == Operation.WRITE
+        self._expected = BlockType.WRITE_RESPONSE if write else BlockType.READ_RESPONSE
+        self._call = ServiceCall(header, arguments, max_record + BLOCK_SIZE)
+        self.packets = self._call.packets
+
+    def receive(self, data: bytes) -> RecordResult | list[bytes] | None:
+        """As ``RpcCall.receive``, with the record of the answer."""
+        answer = self._call.receive(data)
+        if not isinstance(answer, ServiceResult):
+            return answer
+        if answer.status.value:
+            return RecordResult(answer.status, b"")
+        block, record = decode_block(answer.arguments)
+        if block.type is not self._expected:
+            raise ProfidriveError("BlockType of the answer", f"{block.type:04X}h", f"{self._expected:04X}h")
         return RecordResult(block.status, record)
 
 

@@ -11,6 +11,7 @@ from ipaddress import IPv4Address
 from typing import Final
 from uuid import UUID
 
+from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profinet.rpc.dcerpc import DEVICE_INTERFACE, INTERFACE_VERSION, UDP_PORT, RejectStatus
 
 INTERFACE: Final = (UUID("e1af8308-5d1f-11c9-91a4-08002b14a0fa"), 3)
@@ -26,8 +27,28 @@ _REQUEST_MIN = 40
 """Null references carry no UUID."""
 _TAIL = struct.calcsize("=20sI")
 """Handle and number of entries wanted, at the end of a request."""
+_COUNTS = 16
+"""Entries, maximum, offset and actual count, behind the handle of an answer."""
 _ANNOTATION_SIZE = 64
 _FLOOR_UUID, _FLOOR_RPC, _FLOOR_UDP, _FLOOR_IP = 0x0D, 0x0A, 0x08, 0x09
+
+
+def lookup_request(handle: bytes = _NIL_HANDLE, *, little: bool = True) -> bytes:
+    """The NDR body that asks for the next entry of all (``handle`` of the answer before)."""
+    end = "<" if little else ">"
+    return struct.pack(f"{end}4I", 0, 0, 0, 0) + handle + struct.pack(f"{end}I", 1)
+
+
+def lookup_answer(body: bytes, *, little: bool) -> tuple[bytes, UUID | None]:
+    """Handle and object of the entry; None when there is no further one. ProfidriveError for what is too short."""
+    least = len(_NIL_HANDLE) + _COUNTS + 16
+    if len(body) < len(_NIL_HANDLE) + _COUNTS:
+        raise ProfidriveError("answer of the endpoint mapper", f"{len(body)} bytes", f"at least {least}")
+    handle, content = body[: len(_NIL_HANDLE)], body[len(_NIL_HANDLE) + _COUNTS :]
+    (count,) = struct.unpack_from("<I" if little else ">I", body, len(_NIL_HANDLE))
+    if not count or len(content) < 16:
+        return handle, None
+    return handle, UUID(bytes_le=content[:16]) if little else UUID(bytes=content[:16])
 
 
 def _floor(left: bytes, right: bytes) -> bytes:

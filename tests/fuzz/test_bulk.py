@@ -23,6 +23,7 @@ from pdgw.profidrive.telegrams import telegram
 from pdgw.profinet.rpc import dcerpc
 from pdgw.profinet.rpc.client import RecordCaller, RecordResult
 from pdgw.profinet.rpc.server import RecordServer
+from tests.decoder.test_profinet import examples as profinet_packets
 from tests.fuzz.amount import INPUTS, SEED, damage
 from tests.fuzz.test_parameters import Device, Memory
 from tests.support import captures
@@ -104,7 +105,7 @@ def test_damaged_record_calls_leave_the_server_to_others(chance: random.Random) 
 
 
 def test_damaged_packets_are_records(chance: random.Random) -> None:
-    known = captures.cyclic_packets(2) + captures.parameter_packets([(bytes(20), bytes(8))])
+    known = captures.cyclic_packets(2) + captures.parameter_packets([(bytes(20), bytes(8))]) + profinet_packets()
     decoder = Decoder()
     for number in range(1, INPUTS + 1):
         packet = Packet(number, number, Link.ETHERNET, "", damage(chance.choice(known), chance))

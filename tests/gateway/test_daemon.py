@@ -4,23 +4,26 @@ from __future__ import annotations
 
 import socket
 import threading
+from contextlib import ExitStack
 
 import pytest
 
 from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.loop import MS, SystemLoop
 from pdgw.dsp402.states import State
+from pdgw.gateway import status as status_module
 from pdgw.gateway.binding import Axis
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.link import UdpLink
 from pdgw.gateway.status import StatusServer
-from pdgw.gateway.status_client import fetch
+from pdgw.gateway.status_client import fetch, fetch_faults
 from pdgw.gateway.transport.cyclic import CyclicEndpoint, Verdict
 from pdgw.gateway.transport.udp import UdpSocket
 from pdgw.peers.world import World
 from tests.endtoend.processes import free_tcp_port
 from tests.support import machine
+from tests.support.buses import wait_for
 from tests.support.daemon import OFF, Plc, axis, configuration, drive_of, running, world_of
 
 
@@ -266,3 +269,32 @@ def test_what_is_no_gateway_on_the_status_port_is_told() -> None:
         with pytest.raises(GatewayError, match="what answers there is no gateway"):
             fetch(server.getsockname()[1])
         thread.join()
+
+
+@pytest.mark.e2e
+def test_who_asks_the_status_port_nothing_is_sent_away_and_others_are_answered(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(status_module, "_PATIENCE_NS", 300 * MS)
+    port = free_tcp_port()
+    config = machine.configuration(axis(1))
+    with machine.running(config, lambda d: d.services.append(StatusServer(d, port))) as daemon, ExitStack() as open_:
+        fetch(port)
+        connect = socket.create_connection
+        silent = [
+            open_.enter_context(connect(("127.0.0.1", port), timeout=20)) for _ in range(status_module._CONNECTIONS)
+        ]
+        wait_for(
+            lambda: sum(task.name == "status" for task in daemon.loop.tasks) == len(silent), "all are being served"
+        )
+        # One more has no place.
+        with connect(("127.0.0.1", port), timeout=20) as late:
+            assert late.recv(1) == b""
+        for connection in silent:
+            assert connection.recv(1) == b""
+        assert fetch(port)["schema"] == 1
+        # A line without an end is no reason to wait, nor to take more of it.
+        with connect(("127.0.0.1", port), timeout=20) as endless:
+            endless.sendall(b"x" * 64)
+            assert b"allowed" in endless.recv(1000)
+        assert fetch_faults(port, 1) == []
+        with pytest.raises(GatewayError, match="do_id 9: there is no such drive object, allowed: 1"):
+            fetch_faults(port, 9)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -11,6 +12,8 @@ from pdgw.gateway.config import GatewayConfig
 from pdgw.gateway.config_file import parse_config
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.profinet_link import ProfinetLink
+from pdgw.gateway.transport.acyclic import record_service
+from pdgw.gateway.transport.udp import Address
 from pdgw.peers.controller.controller import IoController, Phase
 from pdgw.peers.controller.project import Project
 from pdgw.peers.world import World
@@ -60,6 +63,8 @@ class Plant:
             Project("press-1", modules, data_hold=data_hold),
             DEVICE_IP,
         )
+        self.others: dict[Address, deque[bytes]] = {}
+        """Datagrams to whoever else asks the device."""
         self.killed = False
         """The controller does nothing any more."""
         self.frames: list[tuple[int, bytes]] = []
@@ -80,9 +85,11 @@ class Plant:
         while self.port.sent:
             address, sent = self.port.sent.popleft()
             self._keep(sent, (str(DEVICE_IP.address), UDP_PORT), address)
-            if self.killed:
+            if address in self.others:
+                self.others[address].append(bytes(sent))
+            elif self.killed:
                 continue
-            if address is None:
+            elif address is None:
                 self.plc.on_frame(sent, now)
             else:
                 self.plc.on_datagram(sent, (str(DEVICE_IP.address), UDP_PORT), now)
@@ -140,6 +147,7 @@ def plant(config: GatewayConfig, *, data_hold: int = 100) -> Iterator[Plant]:
     world.simulate(config)
     port = FakeEthernet(world.loop)
     daemon = Daemon(config, world, port)
+    daemon.services.append(record_service(daemon))
     made = Plant(daemon, port, world, data_hold=data_hold)
     daemon.start()
     try:
@@ -150,3 +158,32 @@ def plant(config: GatewayConfig, *, data_hold: int = 100) -> Iterator[Plant]:
         until(daemon, daemon.stopped.is_set, "the end of the daemon")
     assert world.loop.task_errors == 0
     world.loop.close()
+
+
+class PlantChannel:
+    """An engineer's datagrams to the station, from an address of his own."""
+
+    local_address = ("192.168.0.9", 50_000)
+
+    def __init__(self, site: Plant) -> None:
+        self._site = site
+        self._received = site.others.setdefault(self.local_address, deque())
+
+    def send(self, data: bytes) -> None:
+        self._site.port.datagrams.append((data, self.local_address))
+        self._site.port.on_other()
+
+    def receive(self, timeout_s: float) -> bytes | None:
+        end = self._site.loop.now() + int(timeout_s * SECOND)
+        while not self._received and self._site.loop.now() < end:
+            self._site.run(MS)
+        return self._received.popleft() if self._received else None
+
+    def now(self) -> float:
+        return self._site.loop.now() / SECOND
+
+    def sleep(self, seconds: float) -> None:
+        self._site.run(int(seconds * SECOND))
+
+    def close(self) -> None:
+        del self._site.others[self.local_address]

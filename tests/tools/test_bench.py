@@ -14,12 +14,13 @@ from typer.testing import CliRunner
 from pdgw.ds301.can_frame import pack_frame, unpack_frame
 from pdgw.ds301.connection_set import NMT
 from pdgw.ds301.nmt import NmtCommand
+from pdgw.gateway.config_file import parse_config
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.transport.cyclic import CyclicEndpoint, Verdict
 from pdgw.profidrive.frame import RtFrame
 from pdgw.profidrive.telegrams import telegram
 from pdgw.profinet.rpc.server import RecordServer
-from pdgw.tools.bench import command_line, flood, killed, stops, storm
+from pdgw.tools.bench import command_line, flood, killed, processes, recording, settings, stops, storm
 from pdgw.tools.bench.dialogues import SPEEDS, EchoDialogue, PlcDialogue, speed
 from pdgw.tools.bench.drives import IdealDrives
 from pdgw.tools.bench.measure import latency
@@ -261,3 +262,29 @@ def test_a_stranger_sends_what_the_ports_are_for() -> None:
     assert endpoint.receive(frame, ("10.0.0.9", 1), 1) is Verdict.UNCONFIRMED
     server = RecordServer(Memory(), 2048)
     assert server.receive(flood.datagram(flood.ACYCLIC), "stranger", 1)
+
+
+def test_the_same_exchange_is_measured_with_every_choice_that_is_granted(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(settings, "_TURNS", 1)
+    monkeypatch.setattr(settings, "may_be_real_time", lambda: False)
+    asked: list[str] = []
+    rows = {"": object(), "[trace]\nenabled = false\n": object()}
+
+    def measured(axes: int, period_ns: int, seconds: float, more: str) -> object:
+        asked.append(more)
+        return rows[more]
+
+    monkeypatch.setattr(settings, "measure", measured)
+    choices = settings.run(2, 4_000_000, 0.1, lambda text: None)
+    assert [choice.name for choice in choices] == [settings.AS_SHIPPED, "without flight recorder"]
+    assert [choice.rows for choice in choices] == [(row,) for row in rows.values()]
+    for more in settings.SETTINGS.values():
+        # What is added is a configuration the gateway takes.
+        assert parse_config(processes.configuration(["x"], 1, 4_000_000, (1, 2, 3)) + more)
+
+
+def test_the_cost_of_the_flight_recorder_is_measured_where_it_records() -> None:
+    cost = recording.run()
+    assert cost.axis_ns > 0
+    assert cost.frame_ns > 0
+    assert cost.times_ns > 0

@@ -15,9 +15,10 @@ from prometheus_client.parser import text_string_to_metric_families
 
 from pdgw.gateway.reasons import AxisState, FaultNumber, Reason
 from pdgw.gateway.transport.cyclic import Verdict
+from pdgw.profidrive.parameters.codec import Address
 from pdgw.web.metrics import exposition
 from pdgw.web.watch import Watch
-from tests.support.daemon import Plc, axis, configuration, drive_of, running
+from tests.support.daemon import Plc, axis, configuration, drive_of, running, serving
 from tests.support.page import ShownGateway
 
 DEPLOY = Path(__file__).parents[2] / "deploy"
@@ -46,7 +47,7 @@ class Scraped:
             plc.enable(1)
             plc.endpoint.set(0, {"NSOLL_A": 0x2000})
             drive_of(daemon, 2).node.power_off()
-            plc.until(lambda: daemon.axes[1].reason is Reason.DRIVE_OFFLINE, "axis 2 lost")
+            plc.until(lambda: daemon.axes[1].faults and daemon.axes[1].reason is Reason.DRIVE_OFFLINE, "axis 2 lost")
             self.gateway.show(daemon)
             self.watch = Watch(daemon.config, self.gateway)
         self.expose = exposition(self.watch)
@@ -99,6 +100,48 @@ def test_the_exchange_is_counted(text: str, scraped: Scraped) -> None:
     assert cycles == sum(scraped.gateway.document["cycle_times"]["counts"])
     assert value(text, "pdgw_cycle_seconds_bucket", le="+Inf") == cycles
     assert value(text, "pdgw_cycle_time_seconds") == 0.004
+
+
+def test_a_fault_is_active_until_it_is_acknowledged() -> None:
+    gateway = ShownGateway()
+    with running(configuration(axis(1))) as daemon:
+        plc = Plc(daemon, [1])
+        plc.enable()
+        watch = Watch(daemon.config, gateway)
+        expose = exposition(watch)
+
+        def look() -> str:
+            gateway.show(daemon)
+            asyncio.run(watch.feed.once())
+            return expose().decode()
+
+        drive_of(daemon).inject(7)
+        plc.until(lambda: daemon.axes[0].reason is Reason.DRIVE_FAULT and daemon.axes[0].faults, "the fault")
+        assert value(look(), "pdgw_fault_active", do="1", number="7") == 1
+        drive_of(daemon).clear()
+        plc.endpoint.set(0, {"STW1": 0x04FE})
+        plc.until(lambda: daemon.axes[0].reason is not Reason.DRIVE_FAULT, "acknowledged")
+        text = look()
+    assert value(text, "pdgw_fault_active", do="1", number="7") is None
+    assert value(text, "pdgw_faults_total", do="1", number="7") == 1
+
+
+def test_requests_and_refusals_beside_the_exchange_are_counted() -> None:
+    gateway = ShownGateway()
+    with serving(configuration(axis(1))) as (daemon, client):
+        aborts = daemon.axes[0].client.sdo_aborts
+        client.request([Address(922)])
+        client.request([Address(0x5FFF)])
+        client.request([Address(922), Address(0x2FFE, 9, 1)])
+        gateway.show(daemon)
+        watch = Watch(daemon.config, gateway)
+        asyncio.run(watch.feed.once())
+        text = exposition(watch)().decode()
+        refused = daemon.axes[0].client.sdo_aborts
+    assert value(text, "pdgw_parameter_requests_total", do="1", result="answered") == 1
+    assert value(text, "pdgw_parameter_requests_total", do="1", result="refused") == 2
+    assert value(text, "pdgw_sdo_aborts_total", bus="can", node="1") == refused
+    assert refused > aborts
 
 
 def test_the_load_of_a_bus_is_planned_and_measured(scraped: Scraped) -> None:

@@ -166,8 +166,11 @@ def environment() -> dict[str, str]:
 
 
 @contextmanager
-def running(axes: int, period_ns: int) -> Iterator[tuple[Drives, Gateway]]:
-    """Ideal drives, and a gateway that is on its way up; both are stopped at the end."""
+def running(axes: int, period_ns: int, more: str = "") -> Iterator[tuple[Drives, Gateway]]:
+    """Ideal drives, and a gateway that is on its way up; both are stopped at the end.
+
+    ``more``: further tables of its configuration.
+    """
     cyclic, acyclic = free_ports(socket.SOCK_DGRAM, 2)
     (status,) = free_ports(socket.SOCK_STREAM, 1)
     ports = (cyclic, acyclic, status)
@@ -177,7 +180,7 @@ def running(axes: int, period_ns: int) -> Iterator[tuple[Drives, Gateway]]:
     ):
         drives = Drives(process)
         config, log = Path(directory) / "gateway.toml", Path(directory) / "gateway.log"
-        config.write_text(configuration(drives.channels, axes, period_ns, ports), encoding="utf-8")
+        config.write_text(configuration(drives.channels, axes, period_ns, ports) + more, encoding="utf-8")
         command = [sys.executable, "-m", "pdgw", "run", str(config), "--log-file", str(log)]
         with (
             log.open("w") as errors,

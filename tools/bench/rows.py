@@ -73,8 +73,11 @@ class Row:
         return None if self.cpu_ns_per_cycle is None else self.cpu_ns_per_cycle / self.period_ns
 
 
-def measure(axes: int, period_ns: int, seconds: float) -> Row:
-    """Measure a row for about ``seconds``; GatewayError when the axes do not do what they are told."""
+def measure(axes: int, period_ns: int, seconds: float, more: str = "") -> Row:
+    """Measure a row for about ``seconds``; GatewayError when the axes do not do what they are told.
+
+    ``more``: further tables of the gateway's configuration.
+    """
     cycles = max(2 * SPEEDS, int(seconds * 1e9) // period_ns)
     plc = PlcDialogue(axes, period_ns)
     side_by_side = period_ns >= _SIDE_BY_SIDE_NS
@@ -85,7 +88,7 @@ def measure(axes: int, period_ns: int, seconds: float) -> Row:
         echo.begin()
         if not side_by_side:
             run([echo], cycles // 2, period_ns)
-        with running(axes, period_ns) as (drives, daemon):
+        with running(axes, period_ns, more) as (drives, daemon):
             start_s = daemon.wait_online(axes)
             with closing(Peer(daemon.cyclic_port, plc)) as peer:
                 plc.enable(peer, period_ns)

@@ -25,6 +25,7 @@ from pdgw.tools.bench import (
     killed,
     profinet,
     recording,
+    settings,
     stops,
     storm,
     translation,
@@ -189,6 +190,34 @@ def over_profinet(
             f"{row.killed_ms:.1f} ms (hold {row.hold_ms:g})",
         )
     console.print(times)
+
+
+@app.command("settings")
+def settings_command(
+    axes: Annotated[int, typer.Option(min=1, max=64, help="Axes, three on a bus.")] = 8,
+    cycle_time_ms: Annotated[float, typer.Option(min=1, max=512, help="Cycle time in milliseconds.")] = 1,
+    seconds: Seconds = 5,
+    as_json: AsJson = False,
+) -> None:
+    """The same exchange as by default, without the flight recorder, and with [realtime]; three turns, the best of each."""
+    with _progress() as status:
+        choices = settings.run(axes, round(cycle_time_ms * _MS), seconds, status.update)
+    if as_json:
+        rows = [
+            {"name": item.name, "ratio_p50": item.p50, "ratio_p99": item.p99, "cpu_ns_per_cycle": item.cpu_ns_per_cycle}
+            for item in choices
+        ]
+        typer.echo(json.dumps({"machine": machine(), "settings": rows}, indent=2))
+        return
+    _print_machine(console := Console())
+    title = f"{axes} axes at {cycle_time_ms:g} ms against a UDP echo of the same turn"
+    table = Table("", "p50", "p99", "CPU a cycle", title=title)
+    for item in choices:
+        cost = "?" if item.cpu_ns_per_cycle is None else f"{item.cpu_ns_per_cycle / 1000:.0f} us"
+        table.add_row(item.name, f"{item.p50:.2f}", f"{item.p99:.2f}", cost)
+    console.print(table)
+    if len(choices) < len(settings.SETTINGS):
+        console.print("[realtime] is not granted here: root or CAP_SYS_NICE is needed", markup=False)
 
 
 @app.command("decode")

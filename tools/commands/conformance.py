@@ -10,7 +10,10 @@ from rich.console import Console
 from rich.table import Table
 
 from pdgw.gateway.errors import GatewayError
+from pdgw.peers.drive import SHAPES, shape
 from pdgw.tools.conformance.faults import CASES, Result, run_case
+from pdgw.tools.conformance.shapes import TELEGRAMS
+from pdgw.tools.conformance.shapes import run_case as run_shape
 from pdgw.tools.conformance.shared import NUMBERS, walk
 from pdgw.tools.conformance.telegrams import CASES as BITS
 from pdgw.tools.conformance.telegrams import Outcome, run_walk
@@ -88,6 +91,40 @@ def telegrams(
             for failure in item.failures:
                 console.print(f"[red]{item.case.title}[/red]: {failure}", highlight=False)
         console.print(f"{len(outcomes) - failed} of {len(outcomes)} as they must be")
+    if failed:
+        raise typer.Exit(1)
+
+
+@app.command("shapes")
+def shapes(
+    only: Annotated[list[str] | None, typer.Argument(help="Names of shapes; all without.", show_default=False)] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the results as JSON.")] = False,
+    junit: JUnitFile = None,
+    html: HtmlFile = None,
+) -> None:
+    """Drives of every shape with telegrams 1, 3, 9 and 100: each moves as told or is refused with its reason."""
+    for name in only or ():
+        shape(name)
+    with quiet("gateway", "canopen"):
+        fields = [run_shape(name, number) for name in only or SHAPES for number in TELEGRAMS]
+    failed = sum(not item.passed for item in fields)
+    checks = [
+        Check(item.shape, f"telegram {item.telegram}", item.text, (item.failure,) if item.failure else ())
+        for item in fields
+    ]
+    Report("pdgw conformance shapes", tuple(checks)).write(junit, html)
+    if as_json:
+        typer.echo(json.dumps({"failed": failed, "cases": [item.as_dict() for item in fields]}, indent=2))
+    else:
+        console = Console()
+        table = Table("shape", "telegram", "what it did", "")
+        for item in fields:
+            table.add_row(item.shape, str(item.telegram), item.text, "pass" if item.passed else "[red]FAIL[/red]")
+        console.print(table)
+        for item in fields:
+            if item.failure:
+                console.print(f"[red]{item.shape}, telegram {item.telegram}[/red]: {item.failure}", highlight=False)
+        console.print(f"{len(fields) - failed} of {len(fields)} as they must be")
     if failed:
         raise typer.Exit(1)
 

@@ -42,6 +42,7 @@ class _Place:
     api: int = PROFILE_ID
     local: bool = False
     ar_uuid: UUID = NIL
+    station: bool = False
 
 
 _place = _Place()
@@ -55,10 +56,13 @@ def options(
     api: Annotated[int, typer.Option(min=0, help="Its API.")] = PROFILE_ID,
     local: Annotated[bool, typer.Option("--local", help="Use record B02Eh instead of B02Fh.")] = False,
     ar_uuid: Annotated[UUID, typer.Option(help="AR UUID of the application relationship.")] = NIL,
+    profinet: Annotated[
+        bool, typer.Option("--profinet", help="A PROFINET station: connect for device access, beside its controller.")
+    ] = False,
 ) -> None:
     """Parameters are written P922, 965, 6041h, 0x1018.3, 1018h.1-4 or P947[0..7]."""
     global _place  # noqa: PLW0603 (typer hands the options of a group over no other way that is shorter)
-    _place = _Place(slot, subslot, api, local, ar_uuid)
+    _place = _Place(slot, subslot, api, local, ar_uuid, profinet)
 
 
 @contextmanager
@@ -73,6 +77,8 @@ def _session(gateway: str, do_id: int) -> Iterator[Session]:
         local=place.local,
         ar_uuid=place.ar_uuid,
     ) as client:
+        if place.station:
+            client.connect()
         yield Session(client)
 
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import socket
 import time
 import uuid
 from collections.abc import Callable
 from types import TracebackType
-from typing import Protocol, Self
+from typing import Protocol, Self, TypeVar
 
 from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.errors import ProfidriveError
@@ -24,16 +25,32 @@ from pdgw.profidrive.parameters.codec import (
     decode_response,
     encode_request,
 )
-from pdgw.profinet.rpc.client import RecordCall, RecordCaller, RecordResult
+from pdgw.profinet.rpc.client import RecordCaller
 from pdgw.profinet.rpc.dcerpc import object_uuid
 from pdgw.profinet.rpc.identification import PROFILE_ID
 from pdgw.profinet.rpc.records import NIL, RECORD_GLOBAL, RECORD_LOCAL, AccessError
+from pdgw.tools.parameters.station import StationAccess
 
 _ATTEMPTS = 5
 _REPEAT_S = 0.4
 _POLL_S = 0.002
 _LONGEST_POLL_S = 0.05
 _DATAGRAM = 2048
+
+
+R = TypeVar("R")
+R_co = TypeVar("R_co", covariant=True)
+
+
+class Call(Protocol[R_co]):
+    """A call that can be repeated, and how its answer is recognised."""
+
+    @property
+    def packets(self) -> list[bytes]:
+        """What is sent."""
+
+    def receive(self, data: bytes) -> R_co | list[bytes] | None:
+        """The answer, datagrams to send back, or None for what is of another call."""
 
 
 class Channel(Protocol):
@@ -115,6 +132,7 @@ class ParameterClient:
         self._index = RECORD_LOCAL if local else RECORD_GLOBAL
         self._timeout_s = timeout_s
         self._caller = RecordCaller(uuid.uuid4(), device or object_uuid(1, 0, 0), ar_uuid)
+        self._station: StationAccess | None = None
         self._references = itertools.cycle(range(1, 256))
         self._channel: Channel = UdpChannel(address) if channel is None else channel
         self.tap: Callable[[bool, bytes], None] = lambda sent, data: None
@@ -129,7 +147,17 @@ class ParameterClient:
         self.close()
 
     def close(self) -> None:
+        if self._station is not None:
+            with contextlib.suppress(GatewayError):  # a station that does not answer ends the relationship by itself
+                self._station.close()
         self._channel.close()
+
+    def connect(self) -> None:
+        """Be a device access relationship of a PROFINET station from now on; GatewayError when it refuses."""
+        station = StationAccess(self.call, self._name)
+        station.open()
+        self._station = station
+        self._caller = RecordCaller(uuid.uuid4(), station.device, station.ar_uuid)
 
     @property
     def local_address(self) -> tuple[str, int]:
@@ -142,7 +170,7 @@ class ParameterClient:
 
     # -- records ------------------------------------------------------------------------------------------------------
 
-    def call(self, call: RecordCall) -> RecordResult:
+    def call(self, call: Call[R]) -> R:
         """Send a call, again while no answer comes."""
         for _ in range(_ATTEMPTS):
             try:
@@ -162,7 +190,7 @@ class ParameterClient:
             f"{self._name}: does not answer on the record channel ({reason}); does pdgw run, or the device, listen there?"
         )
 
-    def _answer(self, call: RecordCall) -> RecordResult | None:
+    def _answer(self, call: Call[R]) -> R | None:
         channel = self._channel
         deadline = channel.now() + _REPEAT_S
         while (left := deadline - channel.now()) > 0:
@@ -171,10 +199,11 @@ class ParameterClient:
                 return None
             self.tap(False, data)
             received = call.receive(data)
-            if isinstance(received, RecordResult):
+            if isinstance(received, list):
+                for packet in received:
+                    self._send(packet)
+            elif received is not None:
                 return received
-            for packet in received or ():
-                self._send(packet)
         return None
 
     @property

@@ -1,7 +1,6 @@
 """Telegrams 1-4, 20, 102 and 103: STW1, ZSW1 and a speed; sensor words, MOMRED and MELDW where they have them.
 
-Source: docs/telegrams.md, docs/translation.md "Standard telegrams" 2. Left out: telegram 20's current, torque and power, which
-the velocity PDOs do not carry: they are 0.
+Source: docs/telegrams.md, docs/translation.md "Standard telegrams" 2.
 """
 
 from __future__ import annotations
@@ -70,6 +69,21 @@ class SpeedAdapter(ControlWordAdapter):
         first = self.g1_zsw
         if first >= 0:
             actuals[first], actuals[first + 1], actuals[first + 2] = report.sensor
+
+
+class LoadAdapter(SpeedAdapter):
+    """Telegram 20: current, torque, power and the NAMUR word behind the speed."""
+
+    def __init__(self, telegram: Telegram, settings: AxisSettings) -> None:
+        super().__init__(telegram, settings)
+        self._current = telegram.actuals.index("IAIST_GLATT")
+        """MIST_GLATT, PIST_GLATT and MELD_NAMUR follow."""
+
+    def write(self, report: Report, actuals: list[int]) -> None:
+        super().write(report, actuals)
+        first = self._current
+        actuals[first], actuals[first + 1], actuals[first + 2] = report.load
+        actuals[first + 3] = report.namur
 
 
 class WideSpeedAdapter(SpeedAdapter):

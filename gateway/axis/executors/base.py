@@ -24,24 +24,27 @@ LIMIT_STANDING_NS = 500_000_000
 speed is limited has left standstill by then."""
 
 
-class Heat:
-    """Which overtemperature a drive has told and not taken back."""
+class Troubles:
+    """What a drive has told and not taken back: overtemperatures, and its last error code."""
 
-    __slots__ = ("motor", "stage")
+    __slots__ = ("code", "motor_hot", "stage_hot")
 
     def __init__(self) -> None:
-        self.motor = False
-        self.stage = False
+        self.motor_hot = False
+        self.stage_hot = False
+        self.code = 0
+        """603Fh, or of the last EMCY; 0: none."""
 
     def over(self) -> None:
         """The drive has left its fault, or says that it has none."""
-        self.motor = self.stage = False
+        self.motor_hot = self.stage_hot = False
+        self.code = 0
 
 
 class Notes:
-    """What an executor has to tell beside the report; read by the machine after each step. ``heat`` is what it has to know."""
+    """What an executor has to tell beside the report, read by the machine after each step; ``troubles`` is for it to know."""
 
-    __slots__ = ("faults", "heat", "probe", "reason", "saturations", "warning", "writes")
+    __slots__ = ("faults", "probe", "reason", "saturations", "troubles", "warning", "writes")
 
     def __init__(self) -> None:
         self.warning = False
@@ -50,7 +53,7 @@ class Notes:
         self.faults: list[tuple[FaultNumber, str]] = []
         """New faults and warnings with their details."""
         self.saturations = 0
-        self.heat = Heat()
+        self.troubles = Troubles()
         self.probe: ProbeWish | None = None
         """Positions the drive has to latch."""
         self.writes: tuple[SdoWrite, ...] | None = None

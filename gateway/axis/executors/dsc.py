@@ -114,7 +114,7 @@ class DscExecutor(Executor):
         command.max_torque = reduced_torque(self._torque, demand.torque_reduction if demand.connected else 0)
         report.speed = actual.to_wire(feedback.velocity_actual)
         near = abs(feedback.velocity_actual - self._velocity) <= self._tolerance
-        shown = report.message = message_of(message, feedback, self.notes.heat)
+        shown = report.message = message_of(message, feedback, self.notes.troubles)
         report.flags = (Flag.REACHED if near and enabled else 0) | (
             Flag.WITHIN_TOLERANCE if shown & SPEED_WITHIN_TOLERANCE else 0
         )

@@ -206,7 +206,7 @@ class PositionerExecutor(Executor):
         command.modes_of_operation = mode.mode
         report.speed = speed.to_wire(feedback.velocity_actual)
         report.flags = self._flags(feedback)
-        report.message = message_of(message, feedback, self.notes.heat)
+        report.message = message_of(message, feedback, self.notes.troubles)
         return reason
 
     def _warn(self, warning: Reason | None) -> None:

@@ -9,7 +9,7 @@ from pdgw.dsp402.drive_type import DriveType, Quantity
 from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.images import DriveCommand, DriveFeedback
 from pdgw.dsp402.states import STATE_OF_STATUS, State, StatusBit
-from pdgw.gateway.axis.executors.base import Heat, Notes
+from pdgw.gateway.axis.executors.base import Notes, Troubles
 from pdgw.gateway.axis.executors.speed import SpeedExecutor
 from pdgw.gateway.axis.power_table import Action
 from pdgw.gateway.axis.settings import AxisSettings
@@ -24,7 +24,7 @@ _READY = tuple(state in _READY_STATES for state in STATE_OF_STATUS)
 """By the Statusword's ``STATE_MASK``."""
 
 
-def message_of(message: MessageWord, feedback: DriveFeedback, heat: Heat) -> int:
+def message_of(message: MessageWord, feedback: DriveFeedback, troubles: Troubles) -> int:
     """MELDW of what a drive tells."""
     statusword = feedback.statusword
     shown = statusword & STATE_MASK
@@ -35,8 +35,8 @@ def message_of(message: MessageWord, feedback: DriveFeedback, heat: Heat) -> int
         target_reached=statusword & StatusBit.TARGET_REACHED != 0,
         enabled=_ENABLED[shown],
         ready=_READY[shown],
-        motor_hot=heat.motor,
-        stage_hot=heat.stage,
+        motor_hot=troubles.motor_hot,
+        stage_hot=troubles.stage_hot,
     )
 
 
@@ -73,7 +73,7 @@ class TorqueExecutor(SpeedExecutor):
         self.command.max_torque = reduced_torque(self._base, reduction)
         reason = super().step(demand, action, controlword, reason, feedback, standstill, now)
         if self._message is not None:
-            message = self.report.message = message_of(self._message, feedback, self.notes.heat)
+            message = self.report.message = message_of(self._message, feedback, self.notes.troubles)
             if message & SPEED_WITHIN_TOLERANCE:
                 self.report.flags |= Flag.WITHIN_TOLERANCE
         return reason

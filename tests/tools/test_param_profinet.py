@@ -1,0 +1,85 @@
+"""Parameters of a PROFINET station by a device access relationship, while its controller turns a drive."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from pdgw.ds301.loop import MS
+from pdgw.gateway.errors import GatewayError
+from pdgw.profidrive.datatypes import DataType
+from pdgw.profidrive.parameters.codec import Address, Values
+from pdgw.profinet.blocks.connect import ArType
+from pdgw.tools.cli import app
+from pdgw.tools.parameters import client as client_module
+from pdgw.tools.parameters.client import ParameterClient
+from tests.support.daemon import axis
+from tests.support.profinet_daemon import Plant, PlantChannel, configuration, plant
+
+STATION = ("192.168.0.2", 34964)
+
+
+@pytest.fixture
+def site(tmp_path: Path) -> Iterator[Plant]:
+    with plant(configuration(axis(1) + axis(2), tmp_path / "store.json")) as made:
+        made.connect()
+        made.enable(1, 0x1000)
+        yield made
+
+
+def test_parameters_are_read_beside_the_controller_and_the_relationship_ends_with_the_client(site: Plant) -> None:
+    with ParameterClient(STATION, 1, channel=PlantChannel(site)) as client:
+        client.connect()
+        kinds = [item.plan.ar.ar_type for item in site.link.device.cm.relations.values()]
+        assert kinds == [ArType.IO, ArType.DEVICE_ACCESS]
+        profile, telegram = client.request([Address(965), Address(922)])
+        assert (list(profile.values), list(telegram.values)) == ([0x0329], [1])
+        client.do_id = 2
+        assert list(client.request([Address(922)])[0].values) == [1]
+    site.run(20 * MS)
+    assert len(site.link.device.cm.relations) == 1
+    assert site.link.connected
+    assert site.word(1) & 0x4F == 0x07, "the drive turns as before"
+
+
+def test_writing_needs_the_stations_permission(site: Plant) -> None:
+    with ParameterClient(STATION, 1, channel=PlantChannel(site)) as client:
+        client.connect()
+        with pytest.raises(GatewayError, match="record B02Fh not written: access denied"):
+            client.request([Address(925)], [Values(DataType.UNSIGNED16, (5,))])
+
+
+def test_a_station_with_as_many_accesses_as_it_has_refuses_with_its_reason(site: Plant) -> None:
+    clients = [ParameterClient(STATION, 1, channel=PlantChannel(site)) for _ in range(2)]
+    for client in clients:
+        client.connect()
+    third = ParameterClient(STATION, 1, channel=PlantChannel(site))
+    with pytest.raises(GatewayError, match=r"device access is refused: error .DB 81 40 04."):
+        third.connect()
+
+
+def test_without_a_connect_the_station_refuses_the_records(site: Plant) -> None:
+    client = ParameterClient(STATION, 1, channel=PlantChannel(site))
+    with pytest.raises(GatewayError):
+        client.request([Address(965)])
+
+
+def test_the_command_asks_a_station(site: Plant, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[tuple[str, int]] = []
+
+    def channel(address: tuple[str, int]) -> PlantChannel:
+        asked.append(address)
+        return PlantChannel(site)
+
+    monkeypatch.setattr(client_module, "UdpChannel", channel)
+    command = ["param", "--profinet", "read", "P965", "P922", "--gateway", "192.168.0.2", "--json"]
+    result = CliRunner().invoke(app, command)
+    assert result.exit_code == 0, result.output
+    assert asked == [STATION]
+    assert [item["value"] for item in json.loads(result.output)] == [0x0329, 1]
+    site.run(20 * MS)
+    assert len(site.link.device.cm.relations) == 1
