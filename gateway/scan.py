@@ -12,10 +12,11 @@ from pathlib import Path
 
 import can
 import canopen
-from canopen.sdo import SdoCommunicationError
+from canopen.sdo import SdoAbortedError, SdoCommunicationError
 
+from pdgw.ds301.aborts import Abort
 from pdgw.ds301.communication import DEVICE_NAME, DEVICE_TYPE, IDENTITY
-from pdgw.ds301.configuration import CONSUMER_HEARTBEAT, PRODUCER_HEARTBEAT
+from pdgw.ds301.configuration import SdoStep
 from pdgw.ds301.connection_set import ERROR_CONTROL, NMT, SDO_REQUEST, SDO_RESPONSE
 from pdgw.ds301.data_sheet import load_dictionary
 from pdgw.ds301.inquiry import Inquiry
@@ -23,8 +24,10 @@ from pdgw.ds301.loop import MS, SECOND
 from pdgw.ds301.network import CanNetwork
 from pdgw.ds301.nmt import NmtState
 from pdgw.ds301.pdo import PdoDirection
+from pdgw.dsp402.drive import DriveSettings
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.errors import Dsp402Error
+from pdgw.dsp402.guarding import Guarding, Wanted, guard
 from pdgw.dsp402.probe import probe
 from pdgw.dsp402.scaling import UnitKeys
 from pdgw.dsp406.kinds import PROFILE_NUMBER, EncoderType
@@ -42,7 +45,6 @@ _PAUSE_NS = 2 * MS
 """Between two questions: a transmit queue is short."""
 _QUESTION = bytes((0x40,)) + DEVICE_TYPE.to_bytes(2, "little") + bytes(5)
 """SDO upload of 1000h."""
-_GUARDING = (CONSUMER_HEARTBEAT, PRODUCER_HEARTBEAT)
 _NMT_STATE = 0x7F
 _PROFILE = 0xFFFF
 _RPDO_BASES = frozenset(PdoDirection.RPDO.cob_id(number, 0) for number in range(1, 5))
@@ -286,11 +288,9 @@ class Scan:
             return
         found.drive = drive
         found.lacks = dict(lacks_by_telegram(drive))
-        unguarded = [f"{address[0]:04X}h" for address in _GUARDING if node.fetch(*address) is None]
-        if unguarded:
-            found.notes.append(
-                f"has no {' and no '.join(unguarded)}: gateway and drive cannot guard each other by heartbeats"
-            )
+        guarding = _guarding(node)
+        refused = "; pdgw run refuses it without allow_unguarded = true" if guarding.refusal else ""
+        found.notes.append(f"when the gateway dies, what stops it is {guarding.text}{refused}")
         if expected is None:
             return
         if expected.settings is not None:
@@ -299,6 +299,30 @@ class Scan:
         found.notes.append(
             f"{expected.what} of the configuration, telegram {expected.telegram}: " + (missing or "nothing is missing")
         )
+
+
+def _guarding(node: Inquiry) -> Guarding:
+    """What would guard the gateway; an object that is there counts as one that can be written."""
+
+    def number(index: int, subindex: int) -> int:
+        value = node.number(index, subindex)
+        if value is None:
+            raise SdoAbortedError(Abort.NO_SUCH_OBJECT)
+        return value
+
+    def pretend(step: SdoStep) -> None:
+        number(step.index, step.subindex)
+
+    usual = DriveSettings(node.node_id)
+    wanted = Wanted(
+        usual.gateway_node_id,
+        usual.heartbeat_ms,
+        usual.heartbeat_factor,
+        usual.rpdo_refresh_ms,
+        usual.abort_option,
+        PdoDirection.RPDO.communication_index,
+    )
+    return guard(wanted, pretend, number)
 
 
 def _describe_encoder(node: Inquiry, found: FoundNode) -> None:

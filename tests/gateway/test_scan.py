@@ -87,9 +87,19 @@ def test_what_a_shape_lacks_is_what_the_axis_machine_refuses(site: Site, name: s
     assert (not found.lacks[1]) == known, found.lacks[1]
 
 
-def test_a_drive_without_heartbeats_is_noted(site: Site) -> None:
-    site.world.drive(BUS, 7, shape=SHAPES["node-guarding"])
-    assert "has no 1016h and no 1017h: gateway and drive cannot guard each other by heartbeats" in site.scan()[7].notes
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [
+        ("engel", "is the gateway's heartbeat (1016h, 300 ms), then quick stop (6007h = 3)"),
+        ("node-guarding", "is life guarding (100Ch, 100Dh, 300 ms)"),
+        ("rpdo-timeout", "is the time-out of its RPDO (1400h/5,"),
+        ("unguarded", "is nothing; pdgw run refuses it without allow_unguarded = true"),
+    ],
+)
+def test_what_would_stop_a_drive_when_the_gateway_dies_is_told(site: Site, name: str, told: str) -> None:
+    site.world.drive(BUS, 7, shape=SHAPES[name])
+    (note,) = site.scan()[7].notes
+    assert note.startswith(f"when the gateway dies, what stops it {told}")
 
 
 def test_a_data_sheet_that_fits_is_named_and_one_of_another_device_is_not_used(site: Site) -> None:
@@ -109,7 +119,7 @@ def test_a_configured_node_is_compared_with_what_is_there(site: Site) -> None:
         axis(1, telegram_number=9, more="") + axis(2, more=f'eds = "{EDS_PATH}"') + axis(3, more="") + axis(4, more="")
     )
     found = site.scan(expected=expected_on(config, config.can[0]))
-    assert found[1].notes == ["DO 1 of the configuration, telegram 9: nothing is missing"]
+    assert found[1].notes[-1] == "DO 1 of the configuration, telegram 9: nothing is missing"
     assert "another device, pdgw run refuses it" in found[2].notes[0]
     assert "DO 3 of the configuration is a device of profile 402, not of this one" in found[3].notes
     assert found[4].notes == ["answers no SDO (not heard): DO 4 of the configuration is missing"]
