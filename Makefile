@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 ROOMS := profidrive profinet ds301 dsp402 dsp406 gateway decoder web peers tools
 
-.PHONY: demo test tour lint format bench measured fuzz soak docs screenshots site compiled test-compiled bench-compiled clean
+.PHONY: demo test tour test-can lint format bench measured fuzz soak docs screenshots site compiled test-compiled bench-compiled clean
 
 demo: $(STAMP)
 	$(BIN)/pdgw demo
@@ -16,6 +16,10 @@ test: $(STAMP)
 # README's tour and the tutorials, word by word, each in a network of its own.
 tour: $(STAMP)
 	$(BIN)/pytest tests/tour/tour.py
+
+# On CAN interfaces of a real kernel: this one where it has vcan, else in a virtual machine; skipped visibly where neither can be had.
+test-can: $(STAMP)
+	tests/can/run env PDGW_TEST_CAN=1 $(BIN)/pytest -p no:cacheprovider tests/can
 
 lint: $(STAMP)
 	$(BIN)/ruff check .
@@ -89,4 +93,4 @@ $(STAMP): pyproject.toml constraints.txt
 	@touch $@
 
 clean:
-	rm -rf $(VENV) demo-out build *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	rm -rf $(VENV) .can-vm demo-out build *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis

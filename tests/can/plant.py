@@ -1,0 +1,148 @@
+"""A gateway on real interfaces, simulated drives on the wire, a PLC, and a test's story: one loop of the machine's clock."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TypeVar
+
+from pdgw.ds301.bus import open_bus
+from pdgw.ds301.loop import MS, SECOND
+from pdgw.gateway.config_file import parse_config
+from pdgw.gateway.daemon import Daemon
+from pdgw.gateway.edge import SystemEdge
+from pdgw.gateway.status import snapshot
+from pdgw.gateway.transport.udp import UdpSocket
+from pdgw.peers.drive import ENGEL, Shape, SimulatedDrive
+from pdgw.peers.plc.endpoint import PlcEndpoint
+from pdgw.profidrive.telegrams import telegram
+
+T = TypeVar("T")
+CYCLE_MS = 20
+OFF, ON = 0x047E, 0x047F
+INHIBITED, READY, OPERATION = 0x40, 0x01, 0x07
+"""State bits of ZSW1."""
+HALF = 0x2000
+"""50 % of NSOLL and NIST."""
+_LOOK_NS = 10 * MS
+_PATIENCE_S = 60
+"""No healthy run needs so long, on the slowest machine."""
+
+
+def can_table(channel: str, more: str = "") -> str:
+    return f'[[can]]\nname = "{channel}"\ninterface = "socketcan"\nchannel = "{channel}"\nbitrate = 1000000\n{more}'
+
+
+def axis_table(number: int, channel: str, more: str = "") -> str:
+    """Times that a loaded machine keeps: what is guarded here is the wire."""
+    times = "heartbeat_ms = 1000\ntpdo_event_ms = 500\nsdo_timeout_ms = 5000\n"
+    return f'[[axis]]\ndo_id = {number}\nnode_id = {number}\ntelegram = 1\ncan = "{channel}"\n{times}{more}'
+
+
+class Plant:
+    """``tables``: the buses and axes of the configuration. ``play`` runs a story as a task beside the gateway."""
+
+    def __init__(self, *tables: str) -> None:
+        transport = (
+            f"cyclic_port = 0\nacyclic_port = 0\nstatus_port = 0\ncycle_time_ms = {CYCLE_MS}\nwatchdog_factor = 100\n"
+        )
+        self.config = parse_config("\n".join((*tables, f"[transport]\n{transport}")))
+        self.daemon = Daemon(self.config, SystemEdge())
+        self.loop = self.daemon.loop
+        self.plc = PlcEndpoint([telegram(1)] * len(self.config.axis), CYCLE_MS * MS)
+        self._port = UdpSocket(self.loop, "127.0.0.1", 0, "PLC")
+        self._drives: list[SimulatedDrive] = []
+
+    # -- around the gateway -----------------------------------------------------------------------------------------------
+
+    def drive(self, channel: str, node_id: int = 1, shape: Shape = ENGEL) -> SimulatedDrive:
+        """Power a drive on."""
+        drive = SimulatedDrive(open_bus("socketcan", channel), node_id, shape=shape, loop=self.loop)
+        self._drives.append(drive)
+        drive.start()
+        return drive
+
+    def outside(self, action: Callable[[], T]) -> T:
+        """Do what takes long, such as a command, while the gateway goes on."""
+        return self.loop.result(self.loop.offload(action))
+
+    def play(self, story: Callable[[], None]) -> None:
+        """Until the story has ended; what it raises is raised here. The gateway is stopped in order."""
+        loop = self.loop
+        outcome: list[BaseException | None] = []
+
+        def run() -> None:
+            try:
+                story()
+                outcome.append(None)
+            except Exception as error:  # the test's
+                outcome.append(error)
+            self.daemon.stop()
+
+        try:
+            self.daemon.start()
+            self._port.start(self._answers)
+            self._exchange()
+            loop.spawn(run, "story")
+            loop.run()
+            assert loop.task_errors == 0
+        finally:
+            self.daemon.release()
+            for drive in self._drives:
+                drive.stop()
+            self._port.close()
+            loop.close()
+        assert outcome, f"the gateway ended before the story: {self.daemon.failure}"
+        if outcome[0] is not None:
+            raise outcome[0]
+
+    def _exchange(self) -> None:
+        self._port.send(self.plc.build(self.loop.now()), self.daemon.address)
+        self.loop.call_later(CYCLE_MS * MS, self._exchange)
+
+    def _answers(self) -> None:
+        while (datagram := self._port.receive()) is not None:
+            self.plc.receive(datagram[0], self.loop.now())
+
+    # -- inside the story -------------------------------------------------------------------------------------------------
+
+    def until(self, condition: Callable[[], object], what: str, seconds: float = _PATIENCE_S) -> None:
+        end = self.loop.now() + int(seconds * SECOND)
+        while not condition():
+            assert self.loop.now() < end, f"not within {seconds:g} s: {what}; {snapshot(self.daemon)}"
+            self.loop.sleep(_LOOK_NS)
+
+    def stays(self, condition: Callable[[], object], what: str, seconds: float = 1) -> None:
+        end = self.loop.now() + int(seconds * SECOND)
+        while self.loop.now() < end:
+            assert condition(), f"{what}; {snapshot(self.daemon)}"
+            self.loop.sleep(_LOOK_NS)
+
+    def value(self, name: str, axis: int = 0) -> int | None:
+        """An actual value of the PLC, None while there are none (IOPS BAD)."""
+        actuals = self.plc.actuals[axis]
+        return None if actuals is None else actuals[name]
+
+    def state(self, axis: int = 0) -> int | None:
+        word = self.value("ZSW1", axis)
+        return None if word is None else word & 0x4F
+
+    def command(self, word: int, speed: int = 0, axis: int = 0) -> None:
+        self.plc.set(axis, {"STW1": word, "NSOLL_A": speed})
+
+    def turn(self, axis: int = 0) -> None:
+        """OFF, ON, half speed."""
+        self.command(OFF, axis=axis)
+        self.until(lambda: self.state(axis) == READY, "ready")
+        self.command(ON, axis=axis)
+        self.until(lambda: self.state(axis) == OPERATION, "operation")
+        self.command(ON, HALF, axis)
+        self.until(lambda: self.turns(axis), "half speed")
+
+    def turns(self, axis: int = 0) -> bool:
+        return self.value("NIST_A", axis) == HALF
+
+    def counter(self, part: str, name: str) -> int:
+        """A counter of the gateway."""
+        return next(
+            int(item["value"]) for item in self.loop.counters.values() if (item["part"], item["name"]) == (part, name)
+        )

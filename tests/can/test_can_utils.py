@@ -1,0 +1,59 @@
+"""The tools everybody has beside: can-utils on the gateway's bus, Wireshark on what was recorded."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from pdgw.tools.run_log import CanRecorder
+from tests.can.interfaces import Wire
+from tests.can.plant import INHIBITED, Plant, axis_table, can_table
+from tests.support.cli import pdgw
+
+
+def test_candump_sees_what_the_gateway_records_and_tshark_reads_both(line: Wire, tmp_path: Path) -> None:
+    plant = Plant(can_table(line.near), axis_table(1, line.near))
+    plant.drive(line.far)
+    seen, recorded = tmp_path / "candump.log", tmp_path / "can.log"
+    recorder = CanRecorder(recorded)
+    plant.daemon.networks[line.near].listeners.append(lambda message: recorder.record(line.near, message))
+    with seen.open("w") as output, subprocess.Popen(["candump", "-L", line.near], stdout=output) as candump:
+
+        def story() -> None:
+            plant.turn()
+            plant.stays(plant.turns, "turns on")
+
+        plant.play(story)
+        candump.terminate()
+    recorder.stop()
+    frames = [{text.split()[2] for text in path.read_text().splitlines()} for path in (seen, recorded)]
+    common = frames[0] & frames[1]
+    assert "000#0101" in common, "NMT start"
+    assert any(frame.startswith("201#") and frame.endswith("0F00") for frame in common), "Enable Operation"
+    decoded = pdgw("decode", str(seen), "--stats")
+    assert decoded.returncode == 0, decoded.stderr
+    if shutil.which("tshark") is None:
+        pytest.skip("tshark is not installed")
+    for path in (seen, recorded):
+        fields = ["tshark", "-r", str(path), "-T", "fields", "-e", "can.id", "-e", "data.data"]
+        shown = subprocess.run(fields, capture_output=True, text=True, check=True, timeout=300).stdout.splitlines()
+        assert len(shown) == len(path.read_text().splitlines())
+
+
+def test_cansend_can_take_a_node_out_of_operation_and_the_axis_stops(line: Wire) -> None:
+    plant = Plant(can_table(line.near), axis_table(1, line.near))
+    drive = plant.drive(line.far)
+
+    def story() -> None:
+        plant.turn()
+        plant.outside(lambda: subprocess.run(["cansend", line.far, "000#8001"], check=True, timeout=60))
+        plant.until(lambda: plant.state() != 0x07, "the axis is not in operation")
+        plant.until(lambda: drive.model.velocity_actual == 0, "standstill")
+        plant.until(lambda: plant.state() == INHIBITED, "the gateway has it again")
+        plant.stays(lambda: plant.state() == INHIBITED, "the ON that stands starts nothing")
+        plant.turn()
+
+    plant.play(story)

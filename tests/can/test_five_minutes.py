@@ -1,0 +1,94 @@
+"""README's five minutes with a real drive on can0, word by word: the commands and the file are taken from there."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import signal
+import subprocess
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.ports import STATUS_PORT
+from pdgw.tools.commands.status import fetch
+from tests.can.forked import Forked, forked
+from tests.can.interfaces import Wire, ip, is_controller
+
+_README = (Path(__file__).parents[2] / "README.md").read_text("utf-8")
+_CHAPTER = _README[_README.index("## Five minutes with a real drive on can0") :]
+_CHAPTER = _CHAPTER[: _CHAPTER.index("\n## ")]
+_PATIENCE_S = 240
+_CYCLE_MS = 50
+"""Instead of 4: times that a slow machine keeps. Everything else is as it is written there."""
+_PATIENT = "heartbeat_ms = 1000\ntpdo_event_ms = 500\nsdo_timeout_ms = 5000\n"
+
+
+def command(start: str) -> list[str]:
+    """The words of the one command of the chapter that begins so, without ``pdgw``."""
+    (found,) = {"".join(text) for text in re.findall(rf"`({start}[^`]*)`|^ +({start}[^\n#]*)", _CHAPTER, re.MULTILINE)}
+    words = shlex.split(found.strip())
+    return words[1:] if words[0] == "pdgw" else words
+
+
+def said(*words: str) -> str:
+    """What a command prints that ends by itself."""
+    with forked(*words, log=Path("said.log")) as process:
+        assert process.wait(_PATIENCE_S) == 0, process.text
+        return process.text
+
+
+def wait_for(condition: Callable[[], object], what: str, *processes: Forked) -> None:
+    end = time.monotonic() + _PATIENCE_S
+    while not condition():
+        assert time.monotonic() < end, "\n".join((what, *(item.text for item in processes)))
+        time.sleep(0.1)
+
+
+def axis() -> tuple[object, object]:
+    """State and 606Ch of the running gateway's axis."""
+    try:
+        (shown,) = fetch(STATUS_PORT)["axes"]
+    except GatewayError:
+        return "", 0
+    return shown["drive_state"], shown["velocity"]
+
+
+def test_the_five_minutes_of_the_readme_turn_a_drive(
+    line: Wire, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    if is_controller(line.near):
+        ip("set", line.near, "down")
+        sudo, *bring_up = command("sudo ip link")
+        assert sudo == "sudo"
+        subprocess.run(bring_up, check=True, timeout=60)
+    (text,) = re.findall(r"```toml\n(.*?)```", _CHAPTER, re.DOTALL)
+    smallest = re.sub(r"^   ", "", text, flags=re.MULTILINE)
+    assert "cycle_time_ms = 4\n" in smallest
+    slow = smallest.replace("cycle_time_ms = 4\n", f"cycle_time_ms = {_CYCLE_MS}\nwatchdog_factor = 100\n")
+    Path("gateway.toml").write_text(slow + _PATIENT)  # the axis is the last table
+    simulator = ("sim", "drive", "--interface", "socketcan", "--channel", line.far)
+    with (
+        forked(*simulator, log=Path("drive.log")) as drive,
+        forked(*command("pdgw run gateway.toml"), log=Path("gateway.log")) as gateway,
+        forked(*command("pdgw sim plc"), "--cycle-ms", str(_CYCLE_MS), log=Path("plc.log")) as plc,
+    ):
+        everybody = drive, gateway, plc
+        assert "gateway.toml: ok, 1 axes on can (socketcan can0)" in said(*command("pdgw config check"))
+        wait_for(lambda: axis()[0] == "Switch On Disabled", "the drive is online", *everybody)
+        wait_for(lambda: "e=enable" in plc.text, "the PLC's keys", *everybody)
+        for key, shown in (("e", ("Operation Enabled", 0)), ("+", ("Operation Enabled", 600))):
+            plc.type(key)
+            wait_for(lambda shown=shown: axis() == shown, f"after {key}", *everybody)  # type: ignore[misc]
+        assert "DO 1 axis, node 1 online" in said(*command("pdgw status"))
+        assert "P922" in said("param", "read", "P922", "6041h")
+        plc.type("ox")
+        assert plc.wait(_PATIENCE_S) == 0
+        gateway.signal(signal.SIGTERM)
+        assert gateway.wait(_PATIENCE_S) == 0
+        assert gateway.text.rstrip().endswith("stopped")
+        assert "Traceback" not in gateway.text
