@@ -24,7 +24,7 @@ from pdgw.ds301.loop import MS, SECOND
 from pdgw.ds301.network import CanNetwork
 from pdgw.ds301.nmt import NmtState
 from pdgw.ds301.pdo import PdoDirection
-from pdgw.dsp402.drive import DriveSettings
+from pdgw.dsp402.drive import DriveClient, DriveSettings
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.guarding import Guarding, Wanted, guard
@@ -40,7 +40,7 @@ from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.fitness import lacks, lacks_by_telegram
 
 NODE_IDS = range(1, 128)
-DRIVE_PROFILE, ENCODER_PROFILE = 402, PROFILE_NUMBER
+DRIVE_PROFILE, ENCODER_PROFILE = DriveClient.profile, PROFILE_NUMBER
 _PAUSE_NS = 2 * MS
 """Between two questions: a transmit queue is short."""
 _QUESTION = bytes((0x40,)) + DEVICE_TYPE.to_bytes(2, "little") + bytes(5)
