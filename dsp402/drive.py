@@ -142,6 +142,7 @@ class DriveClient(NodeClient[DriveSettings]):
         self._witness = Witness(())
         self._witness_due = 0
         self._dropped = ""
+        self._motion_asked = False
         self._acyclic_rpdos: list[_Values] = []
         self._set_point_sent = False
         self._held_since = -1
@@ -193,6 +194,7 @@ class DriveClient(NodeClient[DriveSettings]):
             self._set_point_sent = True
         command.controlword = asked
         command.target_velocity = speed
+        self._motion_asked = speed != 0 or self._set_point_sent
 
     def _put(self, sender: _Sender, data: bytes, now: int) -> bool:
         """Send an RPDO if it changed or is due; True when this data was sent, now or before."""
@@ -383,7 +385,7 @@ class DriveClient(NodeClient[DriveSettings]):
         return super()._lost(now) or self._mode_wrong or self._dropped
 
     def _look_for_dropped_objects(self, now: int) -> None:
-        """Once a second, and at once where a TPDO was found to show something else than its object."""
+        """Once a second while the drive is to move, at once where a TPDO was found to show something else than its object."""
         for slot in self._slots:
             if slot.data is not None:
                 self._witness.see(slot.pdo, slot.data)
@@ -415,7 +417,9 @@ class DriveClient(NodeClient[DriveSettings]):
         if self._mode_awaited is not None:
             self._look_for_mode(self._mode_awaited, now)
         super()._exchange_acyclic(now)
-        self._look_for_dropped_objects(now)
+        if self._motion_asked:
+            # Not before: while an answer is waited for, a loss of the drive is told late.
+            self._look_for_dropped_objects(now)
 
     def _write_values(self, values: _Values, now: int) -> None:
         # Not confirmed while it is written: cycles go on meanwhile.

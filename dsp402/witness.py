@@ -12,6 +12,8 @@ from dataclasses import dataclass
 from pdgw.ds301.objects import Entry
 from pdgw.ds301.pdo import Pdo
 
+MOTION = frozenset({"position_actual", "velocity_actual"})
+"""Image attributes of what changes as soon as a drive moves."""
 CONTRADICTIONS = 3
 """So often in a row has an object to hold another value than its PDO shows."""
 
@@ -32,14 +34,14 @@ class Doubt:
 
 
 class Witness:
-    """Of one drive, from one start to the next."""
+    """Of one drive, from one start to the next; for the objects of ``MOTION``."""
 
     def __init__(self, pdos: Iterable[Pdo]) -> None:
         self._doubts: list[Doubt] = []
         for pdo in pdos:
             begin = 0
             for entry in pdo.entries:
-                if entry.attribute:
+                if entry.attribute in MOTION:
                     self._doubts.append(Doubt(pdo, entry, begin))
                 begin += entry.type.bits // 8
 
