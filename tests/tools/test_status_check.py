@@ -69,6 +69,7 @@ def test_a_drive_in_fault_is_critical() -> None:
         plc.until(lambda: check_line(snapshot(daemon))[0] == Health.CRITICAL, "told")
 
 
+@pytest.mark.e2e
 def test_no_gateway_is_unknown() -> None:
     done = pdgw("status", "--check", "--port", str(free_tcp_port()))
     assert done.returncode == Health.UNKNOWN == 3
