@@ -7,7 +7,7 @@ that an acknowledge is an edge of this connection.
 from __future__ import annotations
 
 from pdgw.dsp402.states import STATE_OF_STATUS, ControlBit
-from pdgw.gateway.axis.power_table import CELLS, DRIVE_OF_STATE, DRIVES, WISHES, Action, Cell, Drive, Phase
+from pdgw.gateway.axis.power_table import CELLS, COASTS, DRIVE_OF_STATE, DRIVES, WISHES, Action, Cell, Drive, Phase
 from pdgw.gateway.axis.settings import AxisSettings, PlcLossReaction
 from pdgw.gateway.axis.waist import STATE_MASK, PowerWish
 from pdgw.gateway.reasons import Reason
@@ -53,6 +53,7 @@ class Interlock:
         "_steady_word",
         "action",
         "cell",
+        "enabled_at",
         "phase",
         "reason",
     )
@@ -69,6 +70,8 @@ class Interlock:
         self._ever_connected = False
         self._acknowledge_armed = False
         self._disabled_at = -DISABLE_SHOWN_NS
+        self.enabled_at = -DISABLE_SHOWN_NS
+        """When operation was commanded last, but for the cycles of steady operation."""
         self._off_seen = False
         self._standing_since = -1
         self._shown: Drive | None = None
@@ -142,7 +145,7 @@ class Interlock:
             drive = _DRIVE_OF_STATUS[statusword & STATE_MASK]
             shown, self._shown = self._shown, drive
             if drive is not shown and (phase is _FOLLOW or phase is _PASS):
-                drive = self._changed(drive, shown, now)
+                drive = self._changed(drive, shown, wish, now)
             if drive is _OPERATING:
                 if standstill:
                     drive = _STANDING
@@ -162,6 +165,8 @@ class Interlock:
         if reason is Reason.PLC_LOST and not self._ever_connected:
             reason = Reason.NO_PLC
         self.reason = reason
+        if action is Action.ENABLE_OPERATION or action is Action.RAMP:
+            self.enabled_at = now
         if action is Action.SWITCH_ON or (action is _PASSES and wish is not _ENABLE):
             self._disabled_at = now
         elif wish is _ENABLE and drive in _IN_OPERATION and action in _OPERATES and not acknowledge:
@@ -173,11 +178,13 @@ class Interlock:
             return cell.controlword | ControlBit.FAULT_RESET
         return cell.controlword
 
-    def _changed(self, drive: Drive, shown: Drive | None, now: int) -> Drive:
+    def _changed(self, drive: Drive, shown: Drive | None, wish: PowerWish, now: int) -> Drive:
         """The drive shows another state while it is obeyed: its own doing, or an answer to a command?"""
         if drive is Drive.OPERATING:
             self._disabled_at = now - DISABLE_SHOWN_NS
-            return drive
+            # To ramp down a drive that nobody enabled would enable it, if its Statusword is wrong.
+            commanded = now - self.enabled_at < DISABLE_SHOWN_NS
+            return drive if commanded or self.phase is _PASS or wish in COASTS else Drive.UNKNOWN
         if drive is Drive.DISABLED:
             return Drive.FELL_OFF if shown in _ABOVE_DISABLED else drive
         fell = shown is Drive.OPERATING and now - self._disabled_at >= DISABLE_SHOWN_NS and drive in _FELL

@@ -245,7 +245,7 @@ def test_the_interlock_obeys_the_table_in_every_condition(phase: Phase) -> None:
         statusword = STATUSWORD.get(shown, 0x27)
         still = drive in {Drive.STANDING, Drive.QUICK_STOPPED}
         interlock.phase = phase
-        now = MS
+        interlock.enabled_at = now = MS
         if drive is Drive.QUICK_STOPPED:
             if phase is not Phase.QUICK_STOP:
                 continue  # only a quick stop that is known can be over

@@ -311,3 +311,20 @@ def test_a_task_with_velocity_0_starts_nothing_and_says_so_until_a_reject_or_a_n
     move(rig, 20_000, MDI_VELOCITY=1 << 30)
     rig.until(reached)
     assert position(rig) == 20_000
+
+
+@pytest.mark.parametrize("word", [OFF, ON & ~0x8, None])
+@pytest.mark.parametrize("reaction", [PlcLossReaction.RAMP, PlcLossReaction.QUICK_STOP])
+def test_a_statusword_that_claims_operation_nobody_commanded_enables_nothing(
+    word: int | None, reaction: PlcLossReaction
+) -> None:
+    """The ramp of an OFF1 holds power on: on a wrong Statusword it would switch it on."""
+    bench = Bench(on_plc_loss=reaction)
+    bench.step(OFF, cycles=100)
+    assert bench.drive.state is State.READY_TO_SWITCH_ON
+    for _ in range(20):
+        bench.now += 4_000_000
+        bench.drive.feedback.statusword = STATUS_OF[State.OPERATION_ENABLED] | StatusBit.VOLTAGE_ENABLED
+        bench.drive.feedback.velocity_actual = 1000
+        bench.stepper.step(None if word is None else (word, 0x2000), bench.drive.feedback, True, bench.now)
+        assert bench.controlword & 0xF != 0xF
