@@ -46,6 +46,7 @@ BUDGET: Final = 10_000
 """Choices that are tried for one step that does not fit."""
 REFRESH_NS: Final = 100_000_000
 """The gateway repeats an RPDO after this time."""
+_LONGEST_STALL_NS: Final = 1_000_000_000
 SENDING_GAP_NS: Final = 3 * REFRESH_NS
 """A longer silence means that the gateway does not send to this drive."""
 
@@ -205,7 +206,12 @@ class Replayer:
     def __init__(self, recording: AxisRecording, *, cycle_ns: int, tolerance_ns: int) -> None:
         self._recording = recording
         self._cycle_ns = cycle_ns
-        self._tolerance = tolerance_ns
+        self._tolerance = self._sent_tolerance = tolerance_ns
+        if recording.in_order:
+            # A step without an answer may have been as late as the gateway ever stood still.
+            times = [answer.time_ns for answer in recording.answers]
+            longest = max((later - earlier for earlier, later in pairwise(times)), default=0)
+            self._sent_tolerance = max(tolerance_ns, min(longest, _LONGEST_STALL_NS))
         self._machine = AxisMachine(recording.telegram.number, recording.settings, DriveFeedback())
         self._checkpoints = Checkpoints(self._machine)
         self._rpdos = recording.rpdos
@@ -216,7 +222,7 @@ class Replayer:
         self._state = _State()
         self._ticks = ticks(recording, cycle_ns)
         # A payload is missed when the tolerance has passed; its cause may be as far before it.
-        self._depth = 2 * -(-tolerance_ns // cycle_ns) + 4
+        self._depth = 2 * -(-self._sent_tolerance // cycle_ns) + 4
         self._visited: set[Hashable] = set()
         cycles = (cycle_ns, 2 * cycle_ns, tolerance_ns)
         self._shifts = (0, *(sign * shift for shift in cycles for sign in (1, -1)))
@@ -457,7 +463,7 @@ class Replayer:
     def _compare_rpdo(self, pdo: Pdo, frames: Sequence[Sent], now: int) -> Difference | None:
         """The payload of this step is the one in force, or the next of the recording at about its time."""
         data = pdo.pack(self._machine.outputs.command)
-        tolerance = self._tolerance
+        tolerance = self._sent_tolerance
         cursors = self._state.cursors
         cursor = cursors.get(pdo.number)
         if cursor is None:
@@ -481,7 +487,7 @@ class Replayer:
 
     def _enter(self, pdo: Pdo, frames: Sequence[Sent], data: bytes, now: int) -> Difference | None:
         """The first payload that is compared: any that was in force about now."""
-        tolerance = self._tolerance
+        tolerance = self._sent_tolerance
         last = None
         for position, item in enumerate(frames):
             if item.time_ns > now + tolerance:
