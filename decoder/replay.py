@@ -229,7 +229,7 @@ class Replayer:
         self._doubtful = [
             (last, following)
             for last, following in pairwise(recording.frames)
-            if abs(following - last - recording.watchdog_ns) <= tolerance_ns
+            if abs(following - last - recording.watchdog_ns) <= self._sent_tolerance
         ]
 
     def run(self, *, first_only: bool = False) -> AxisReplay:
@@ -380,8 +380,8 @@ class Replayer:
 
     def _doubtful_loss(self, tick: Tick) -> bool:
         """Whether a silence of the PLC was about as long as the watchdog: then IOCS says if the gateway saw a loss."""
-        position = bisect_right(self._doubtful, (tick.time_ns + self._tolerance,)) - 1
-        return position >= 0 and tick.time_ns <= self._doubtful[position][1] + self._tolerance
+        position = bisect_right(self._doubtful, (tick.time_ns + self._sent_tolerance,)) - 1
+        return position >= 0 and tick.time_ns <= self._doubtful[position][1] + self._sent_tolerance
 
     def _configure(self, until: int) -> None:
         """References and restarts of the drive that the gateway has learned until a time."""
