@@ -224,3 +224,27 @@ def test_all_formats_are_written(file: Path, tmp_path: Path, capsys: pytest.Capt
         assert "PDGW_T9_SET" in (tmp_path / "code.txt").read_text()
     with pytest.raises(GatewayError, match=r"--out .*cannot be written"):
         map_(file, Format.CSV, tmp_path / "no" / "x")
+
+
+def test_on_profinet_each_value_is_counted_from_the_first_byte_of_its_submodule(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "gateway.toml"
+    path.write_text(
+        CONFIG.replace("cycle_time_ms = 2", 'type = "profinet"\ninterface = "eth1"\nstation_name = "press-1"')
+    )
+    map_(path, Format.TEXT, None)
+    text = capsys.readouterr().out
+    assert "FrameID" not in text
+    assert "UDP" not in text
+    map_(path, Format.CSV, None)
+    rows = list(csv.DictReader(io.StringIO(capsys.readouterr().out)))
+    for item in load_config(path).objects:
+        half = telegram(item.telegram).setpoints
+        own = [row for row in rows if row["axis"] == str(item.do_id) and row["direction"] == "plc-to-gateway"]
+        data = half.encode(range(1, len(half.signals) + 1))
+        for number, row in enumerate(own, 1):
+            begin = int(row["in_submodule"])
+            assert row["offset"] == ""
+            assert int.from_bytes(data[begin : begin + int(row["length"])], "big") == number
+        assert sum(int(row["length"]) for row in own) == len(data)

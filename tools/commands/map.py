@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
@@ -24,6 +24,10 @@ from pdgw.tools.tables import plain_table
 _TITLES = {
     Direction.SETPOINT: f"PLC -> gateway, FrameID {FRAME_ID_TO_DEVICE:04X}h",
     Direction.ACTUAL: f"gateway -> PLC, FrameID {FRAME_ID_TO_CONTROLLER:04X}h",
+}
+_SUBMODULE = {
+    Direction.SETPOINT: "PLC -> gateway, output data",
+    Direction.ACTUAL: "gateway -> PLC, input data",
 }
 _COLUMNS = (
     "direction",
@@ -61,10 +65,11 @@ def map_(
     """Print the byte map of a configuration: offset, length, signal, unit and 100 % of every value; or code for the PLC."""
     loaded = load_config(config)
     maps = frame_maps(loaded)
+    profinet = loaded.transport.type == "profinet"
     step = counter_step(loaded)
     formats: dict[Format, Callable[[], str]] = {
-        Format.TEXT: lambda: _text(maps, None if out is None else 120),
-        Format.CSV: lambda: _csv(maps),
+        Format.TEXT: lambda: (_profinet_text if profinet else _udp_text)(maps, None if out is None else 120),
+        Format.CSV: lambda: _csv(maps, profinet=profinet),
         Format.ST: lambda: "\n".join(code(maps, step, Dialect(siemens=False))) + "\n",
         Format.SCL: lambda: "\n".join(code(maps, step, Dialect(siemens=True))) + "\n",
     }
@@ -78,9 +83,38 @@ def map_(
         raise GatewayError(f"--out {out}: cannot be written ({error.strerror or error})") from error
 
 
-def _text(maps: Maps, width: int | None) -> str:
+def _udp_text(maps: Maps, width: int | None) -> str:
+    tables = [
+        (
+            f"{_TITLES[found.direction]}: {found.size} bytes of UDP payload, numbers big-endian",
+            [(str(place.axis or ""), place.in_frame, place) for place in found.places],
+        )
+        for found in maps
+    ]
+    return _tables(tables, width, "Bytes behind the last IOCS up to the CycleCounter are 0.")
+
+
+def _profinet_text(maps: Maps, width: int | None) -> str:
+    """The data of each submodule; where they lie in the frame is agreed anew with every connection."""
+    tables = [
+        (
+            f"{_SUBMODULE[found.direction]}, subslot 2 of each axis' slot, numbers big-endian",
+            [
+                (f"{axis.do_id} in slot {slot}", place.in_object, place)
+                for slot, axis in enumerate(found.axes, 1)
+                for place in axis.places
+                if place.in_object is not None
+            ],
+        )
+        for found in maps
+    ]
+    return _tables(tables, width, "IOPS, IOCS and the place in the frame are the PROFINET driver's business.")
+
+
+def _tables(tables: Sequence[tuple[str, Sequence[tuple[str, int, Place]]]], width: int | None, remark: str) -> str:
+    """Tables with a title and rows of whose it is, at which byte, and what."""
     console = Console(file=io.StringIO(), width=width or Console().width)
-    for found in maps:
+    for title, rows in tables:
         table = plain_table(
             "axis",
             "offset",
@@ -89,45 +123,33 @@ def _text(maps: Maps, width: int | None) -> str:
             "type",
             "100 %, values",
             "description",
-            title=f"{_TITLES[found.direction]}: {found.size} bytes of UDP payload, numbers big-endian",
+            title=title,
             narrow=("axis", "offset", "bytes", "name", "type"),
         )
-        for place in found.places:
-            table.add_row(
-                *(_cell(place)[name] for name in ("axis", "offset", "length", "name", "type", "scale", "description"))
-            )
+        for whose, offset, place in rows:
+            scale = place.full or place.unit
+            table.add_row(whose, str(offset), str(place.length), place.name, place.type, scale, place.description)
         console.print(table)
-    console.print(
-        "Bytes behind the last IOCS up to the CycleCounter are 0. On PROFINET each axis is a submodule of its own."
-    )
+    console.print(remark)
     assert isinstance(console.file, io.StringIO)
     return console.file.getvalue()
 
 
-def _cell(place: Place) -> dict[str, str]:
-    return {
-        "axis": str(place.axis) if place.axis else "",
-        "offset": str(place.in_frame),
-        "length": str(place.length),
-        "name": place.name,
-        "type": place.type,
-        "scale": place.full or place.unit,
-        "description": place.description,
-    }
-
-
-def _csv(maps: Maps) -> str:
+def _csv(maps: Maps, *, profinet: bool) -> str:
+    """One row for each value. On PROFINET there is no ``offset`` in a frame, and no row of what belongs to the frame."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(_COLUMNS)
     for found in maps:
         for place in found.places:
+            if profinet and place.in_object is None:
+                continue
             in_submodule = "" if place.in_object is None else place.in_object
             writer.writerow(
                 (
                     "plc-to-gateway" if found.direction is Direction.SETPOINT else "gateway-to-plc",
                     place.axis or "",
-                    place.in_frame,
+                    "" if profinet else place.in_frame,
                     in_submodule,
                     place.length,
                     place.name,
