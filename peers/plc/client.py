@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.transport.udp import Address
 from pdgw.peers.plc.endpoint import PlcEndpoint
+from pdgw.peers.plc.engine import Engine
 from pdgw.peers.plc.parameters import ParameterAccess, ParameterWorker
-from pdgw.peers.plc.scenario import Engine
 from pdgw.profidrive.frame import UDP_PORT
 from pdgw.profidrive.telegrams import ApplicationMode
 from pdgw.profinet.rpc.dcerpc import UDP_PORT as ACYCLIC_PORT

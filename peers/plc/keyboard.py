@@ -8,7 +8,8 @@ from typing import Any, Final
 
 from pdgw.gateway.errors import GatewayError
 from pdgw.peers.plc.endpoint import PlcEndpoint
-from pdgw.peers.plc.scenario import Engine, Scenario
+from pdgw.peers.plc.engine import Engine
+from pdgw.peers.plc.scenario import Scenario
 from pdgw.profidrive.signals import signal
 
 KEYS: Final[dict[str, tuple[str, dict[str, Any]]]] = {

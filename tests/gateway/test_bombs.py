@@ -9,7 +9,7 @@ import pytest
 from pdgw.gateway.config_file import load_config
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.toml_file import DEPTH_MAX, FILE_MAX
-from pdgw.peers.plc.scenario import load_scenario
+from pdgw.peers.plc.scenario_file import load_scenario
 
 LAUGHS = "a: &a [x, x, x, x, x, x, x, x, x, x]\n" + "".join(
     f"{chr(98 + n)}: &{chr(98 + n)} [{', '.join([f'*{chr(97 + n)}'] * 10)}]\n" for n in range(12)

@@ -11,7 +11,8 @@ from pdgw.gateway.config_example import simulated
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.positioner_config import SIMULATED
 from pdgw.gateway.reasons import FaultNumber
-from pdgw.peers.plc.scenario import Engine, load_scenario
+from pdgw.peers.plc.engine import Engine
+from pdgw.peers.plc.scenario_file import load_scenario
 from tests.support.daemon import Plc, axis, configuration, drive_of, running
 
 SCENARIO = Path(__file__).parents[2] / "tools" / "scenarios" / "positioner.yaml"

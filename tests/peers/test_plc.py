@@ -17,8 +17,11 @@ from pdgw.gateway.transport.cyclic import CyclicEndpoint, Verdict
 from pdgw.gateway.transport.sequence import SEQUENCE_FRAMES
 from pdgw.peers.plc.client import PlcClient
 from pdgw.peers.plc.endpoint import PlcEndpoint
+from pdgw.peers.plc.engine import Engine
+from pdgw.peers.plc.notation import parse_time
 from pdgw.peers.plc.parameters import ParameterAccess
-from pdgw.peers.plc.scenario import Engine, Scenario, load_scenario, parse_time
+from pdgw.peers.plc.scenario import Scenario
+from pdgw.peers.plc.scenario_file import load_scenario
 from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.frame import RtFrame

@@ -8,7 +8,8 @@ import pytest
 
 from pdgw.gateway.errors import GatewayError
 from pdgw.peers.plc.endpoint import PlcEndpoint
-from pdgw.peers.plc.scenario import Engine, Scenario
+from pdgw.peers.plc.engine import Engine
+from pdgw.peers.plc.scenario import Scenario
 from pdgw.profidrive.telegrams import telegram
 
 CYCLE = 4_000_000

@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.live import Live
 from rich.table import Table
 
-from pdgw.peers.plc.scenario import Result
+from pdgw.peers.plc.engine import Result
 from pdgw.tools import namespaces
 from pdgw.tools.commands.sim_plc import results_table
 from pdgw.tools.demo.links import OnEthernet, OnLoopback

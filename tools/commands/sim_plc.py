@@ -22,8 +22,9 @@ from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.toml_file import read_text
 from pdgw.peers.plc.client import PlcClient, PlcRunner
 from pdgw.peers.plc.endpoint import PlcEndpoint
+from pdgw.peers.plc.engine import Engine, Result
 from pdgw.peers.plc.keyboard import EXIT, Keyboard
-from pdgw.peers.plc.scenario import Engine, Result, load_scenario
+from pdgw.peers.plc.scenario_file import load_scenario
 from pdgw.peers.plc.view import snapshot
 from pdgw.profidrive.frame import UDP_PORT
 from pdgw.profidrive.telegrams import telegram as telegram_of

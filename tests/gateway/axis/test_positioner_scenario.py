@@ -6,7 +6,8 @@ from pathlib import Path
 
 from pdgw.gateway.config_example import simulated
 from pdgw.peers.plc.endpoint import PlcEndpoint
-from pdgw.peers.plc.scenario import Engine, load_scenario
+from pdgw.peers.plc.engine import Engine
+from pdgw.peers.plc.scenario_file import load_scenario
 from pdgw.profidrive.telegrams import telegram
 from tests.support.rig import Rig
 

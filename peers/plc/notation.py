@@ -1,0 +1,97 @@
+"""How the values of a scenario are written.
+
+``1234``, ``0x4D2``, ``2000h``, ``50 %`` or, with the scenario's references, ``1500 rpm`` and ``2000 inc``; what is expected also
+``<= 5``, ``100 +- 2`` and ``& 0x4F = 0x40``; times ``500 ms`` and ``3 s``.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from fractions import Fraction
+
+from pdgw.gateway.errors import GatewayError
+from pdgw.peers.plc.scenario import References, Scalar
+from pdgw.profidrive.datatypes import DataType, Normalisation, n2, n4
+from pdgw.profidrive.signals import Signal
+
+NS = 1_000_000_000
+_DECIMALS = 1_000_000_000
+_LARGEST = 2
+"""N2 and N4 hold up to 200 %."""
+_I64 = (-(1 << 62), 1 << 62)
+
+
+def parse_time(text: str) -> int:
+    """``500 ms`` or ``3 s`` in nanoseconds; GatewayError otherwise."""
+    match = re.fullmatch(r"\s*(\d{1,9}(?:\.\d{1,9})?)\s*(ms|s)\s*", text)
+    if match is None:
+        raise GatewayError(f"time {text[:40]!r}: expected a number with ms or s")
+    return int(Fraction(match[1]) * (1_000_000 if match[2] == "ms" else NS))
+
+
+def comparison(wanted: Scalar, raw: Callable[[Scalar], int]) -> Callable[[float], bool]:
+    """What is expected, as a predicate; ``raw`` makes an integer of each value in the text."""
+    text = str(wanted).strip()
+    match = re.fullmatch(r"&\s*(\S+)\s*=\s*(\S+)", text)
+    if match:
+        mask, bits = raw(match[1]), raw(match[2])
+        return lambda value: int(value) & mask == bits
+    match = re.fullmatch(r"(<=|>=|<|>)\s*(.+)", text)
+    if match:
+        bound = raw(match[2])
+        compare: dict[str, Callable[[float], bool]] = {
+            "<": lambda value: value < bound,
+            ">": lambda value: value > bound,
+            "<=": lambda value: value <= bound,
+            ">=": lambda value: value >= bound,
+        }
+        return compare[match[1]]
+    centre, _, tolerance = text.partition("+-")
+    middle = raw(centre)
+    width = abs(raw(tolerance)) if tolerance else 0
+    return lambda value: abs(value - middle) <= width
+
+
+def raw_value(references: References, item: Signal, value: Scalar) -> int:
+    """A value in any notation as the signal's raw integer."""
+    text = str(value).strip()
+    match = re.fullmatch(r"(-?\d{1,15}(?:\.\d{1,9})?)\s*(%|rpm|inc)", text)
+    if match:
+        number = Fraction(match[1])
+        full: dict[str, Fraction | int] = {
+            "%": 100,
+            "rpm": Fraction(references.speed_rpm),
+            "inc": references.position,
+        }
+        reference = full[match[2]]
+        if abs(number) > _LARGEST * reference:
+            most = f"{float(_LARGEST * reference):g} {match[2]}"
+            raise GatewayError(f"{item.name} = {text}: allowed is up to {most} in either direction (200 %)")
+        return _to_wire(item, number, reference)
+    return integer(item.name, value, ", 50 %, 1500 rpm or 2000 inc")
+
+
+def integer(name: str, value: Scalar, others: str = "") -> int:
+    """A whole number in any notation; ``others`` completes the message of the GatewayError for anything else."""
+    if isinstance(value, int):
+        return int(value)
+    text = str(value).strip()
+    match = re.fullmatch(r"(-?)(?:0x([0-9a-fA-F]{1,16})|([0-9a-fA-F]{1,16})h|(\d{1,20}))", text)
+    if match is None:
+        raise GatewayError(f"{name} = {text[:40]!r}: expected 1234, 0x4D2, 2000h{others}")
+    magnitude = int(match[2] or match[3] or match[4], 16 if match[2] or match[3] else 10)
+    return -magnitude if match[1] else magnitude
+
+
+def _normalisation(item: Signal, reference: Fraction | int) -> Normalisation:
+    if item.type is DataType.N2:
+        return n2(reference, _I64)
+    if item.type is DataType.N4:
+        return n4(reference, _I64)
+    raise GatewayError(f"{item.name}: %, rpm and inc are for normalised signals only")
+
+
+def _to_wire(item: Signal, number: Fraction, full: Fraction | int) -> int:
+    """A number with up to nine decimals, where ``full`` is 100 %, as the raw value."""
+    return _normalisation(item, full * _DECIMALS).to_wire(int(number * _DECIMALS))

@@ -1,0 +1,58 @@
+"""Scenarios from YAML files, refused with the step, the key, the value and what is allowed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import yaml
+from pydantic import ValidationError
+
+from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.explain import Problem, problems
+from pdgw.gateway.toml_file import check_depth, read_text
+from pdgw.peers.plc.endpoint import PlcEndpoint
+from pdgw.peers.plc.engine import Engine
+from pdgw.peers.plc.scenario import Scenario
+from pdgw.profidrive.telegrams import telegram
+
+
+class _Loader(yaml.SafeLoader):
+    """Without aliases: a few lines of them are gigabytes when they are walked through."""
+
+    def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
+        if self.check_event(yaml.AliasEvent):
+            raise yaml.YAMLError("anchors and aliases (&name, *name) are not taken: write it out")
+        node: yaml.Node | None = super().compose_node(parent, index)
+        return node
+
+
+def load_scenario(path: Path) -> Scenario:
+    """Read and validate a file; GatewayError names step, key, value and what is allowed."""
+    try:
+        document = yaml.load(read_text(path), _Loader)
+    except (yaml.YAMLError, ValueError) as error:  # a date that is none and a number of 5000 digits are ValueErrors
+        raise GatewayError(f"{path}: not valid YAML: {' '.join(str(error).split())}") from error
+    except RecursionError:
+        raise GatewayError(f"{path}: not valid YAML: nested too deeply") from None
+    check_depth(document, str(path))
+    try:
+        scenario = Scenario.model_validate(document)
+    except ValidationError as error:
+        raise GatewayError("\n".join(f"{path}: {_told(problem)}" for problem in problems(error, Scenario))) from error
+    try:
+        Engine(scenario, PlcEndpoint([telegram(number) for number in scenario.telegrams], 1_000_000))
+    except GatewayError as error:
+        raise GatewayError(f"{path}: {error}") from error
+    return scenario
+
+
+def _told(problem: Problem) -> str:
+    """``step 3: move.to = 'x': expected a number``: steps are counted from 1, as in the results."""
+    location = list(problem.location)
+    place = ""
+    if location[:1] == ["steps"] and len(location) > 1:
+        place = f"step {int(location[1]) + 1}: "
+        location = location[2:]
+    key = ".".join(str(part) for part in location) if not problem.names_key else ""
+    value = f" = {problem.value}" if key and problem.value else ""
+    return f"{place}{key}{value}{': ' if key else ''}{problem.text}"
