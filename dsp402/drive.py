@@ -385,28 +385,29 @@ class DriveClient(NodeClient[DriveSettings]):
         return super()._lost(now) or self._mode_wrong or self._dropped
 
     def _look_for_dropped_objects(self, now: int) -> None:
-        """Once a second while the drive is to move, at once where a TPDO was found to show something else than its object."""
+        """Once a second while the drive is to move; where a TPDO showed something else than its object, after its time-out.
+
+        A TPDO that is later than that is a lost drive.
+        """
         for slot in self._slots:
             if slot.data is not None:
-                self._witness.see(slot.pdo, slot.data)
-        due = now >= self._witness_due
+                self._witness.see(slot.pdo, slot.data, slot.time)
+        if now < self._witness_due:
+            return
         for doubt in self._witness.doubts:
-            if not due and not doubt.contradictions:
-                continue
             entry = doubt.entry
             try:
                 held = self.read(entry.index, entry.subindex)
             except SdoAbortedError:
                 self._witness.trust(doubt)
                 continue
-            if self._witness.compare(doubt, held):
+            if self._witness.compare(doubt, held, now):
                 self._mapping.drop((entry.index, entry.subindex))
                 shown, there = (int.from_bytes(data, "little") for data in (doubt.first, held))
                 self._dropped = (
                     f"{doubt.pdo} takes {entry} and does not send it: it shows {shown}, the object holds {there}"
                 )
-        if due:
-            self._witness_due = now + _WITNESS_NS
+        self._witness_due = now + (self._timeout_ns if self._witness.contradicted else _WITNESS_NS)
 
     def _exchange_acyclic(self, now: int) -> None:
         """Objects for which the drive has no PDO: written when they change, read every 100 ms."""

@@ -15,7 +15,7 @@ from pdgw.ds301.pdo import Pdo
 MOTION = frozenset({"position_actual", "velocity_actual"})
 """Image attributes of what changes as soon as a drive moves."""
 CONTRADICTIONS = 3
-"""So often in a row has an object to hold another value than its PDO shows."""
+"""So often in a row has an object to hold another value than a newer frame of its PDO shows."""
 
 
 @dataclass(slots=True, eq=False)
@@ -27,6 +27,9 @@ class Doubt:
     begin: int
     """Its place in the PDO: first byte."""
     first: bytes = b""
+    seen: int = -1
+    """When its newest frame came."""
+    compared: int = -1
     contradictions: int = 0
 
     def place(self, data: bytes) -> bytes:
@@ -45,8 +48,8 @@ class Witness:
                     self._doubts.append(Doubt(pdo, entry, begin))
                 begin += entry.type.bits // 8
 
-    def see(self, pdo: Pdo, data: bytes) -> None:
-        """The newest bytes of a TPDO."""
+    def see(self, pdo: Pdo, data: bytes, time: int) -> None:
+        """The newest frame of a TPDO: its bytes, and when it came."""
         kept = []
         for doubt in self._doubts:
             if doubt.pdo is pdo:
@@ -54,6 +57,7 @@ class Witness:
                 doubt.first = doubt.first or place
                 if place != doubt.first:
                     continue
+                doubt.seen = time
             kept.append(doubt)
         self._doubts = kept
 
@@ -66,7 +70,17 @@ class Witness:
         """It cannot be asked for."""
         self._doubts.remove(doubt)
 
-    def compare(self, doubt: Doubt, held: bytes) -> bool:
-        """What the object holds; True when its place in the PDO has contradicted that often enough."""
-        doubt.contradictions = doubt.contradictions + 1 if held != doubt.first else 0
+    @property
+    def contradicted(self) -> bool:
+        """An object held another value when it was asked for last."""
+        return any(doubt.contradictions for doubt in self._doubts)
+
+    def compare(self, doubt: Doubt, held: bytes, now: int) -> bool:
+        """What the object holds; True when its place in the PDO has contradicted that often enough.
+
+        Without a frame since the last time nothing is learned: frames may be late or lost.
+        """
+        if doubt.seen > doubt.compared:
+            doubt.contradictions = doubt.contradictions + 1 if held != doubt.first else 0
+            doubt.compared = now
         return doubt.contradictions >= CONTRADICTIONS

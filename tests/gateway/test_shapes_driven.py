@@ -13,7 +13,7 @@ from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.reasons import FaultNumber, Reason
 from pdgw.gateway.status import snapshot
 from pdgw.peers.drive import SimulatedDrive, shape
-from tests.support.daemon import Plc, axis, configuration, running, until, world_of
+from tests.support.daemon import OFF, Plc, axis, configuration, running, until, world_of
 
 MS = 1_000_000
 QUARTER = 0x1000
@@ -160,6 +160,27 @@ def test_an_object_that_is_taken_in_a_tpdo_and_never_sent_is_noticed_and_read_by
         plc.until(lambda: client.generation == 2, "online again")
         assert client.plan is not None
         assert "read by SDO every 100 ms: Velocity Actual Value 606Ch" in client.plan.lines
+
+
+@pytest.mark.parametrize("fault", [("late-pdos", {"delay_ms": 150}), ("lost-pdos", {"every": 2})])
+def test_an_object_whose_tpdo_comes_late_or_not_always_is_not_taken_for_one_that_never_comes(
+    fault: tuple[str, dict[str, int]],
+) -> None:
+    with running(configuration(axis(1, more=""))) as daemon:
+        drive = _drive(daemon, "synchronous")
+        client = daemon.axes[0].drive
+        until(daemon, lambda: client.generation, "online")
+        name, values = fault
+        drive.do(lambda node: node.misbehave(name, **values))
+        plc = Plc(daemon, [1])
+        for _ in range(20):
+            plc.enable()
+            plc.endpoint.set(0, {"NSOLL_A": QUARTER})
+            plc.until(lambda: drive.model.ramp.speed > 100, "turns")
+            plc.endpoint.set(0, {"STW1": OFF, "NSOLL_A": 0})
+            plc.until(lambda: plc.state() == 1, "off")
+        assert "does not send it" not in client.status_text
+        assert client.generation == 1
 
 
 def test_no_speed_is_sent_before_the_drive_shows_its_mode_and_one_that_never_does_is_stopped() -> None:
