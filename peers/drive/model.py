@@ -20,8 +20,8 @@ from pdgw.dsp402.objects import POSITIVE_LIMIT_SWITCH as POSITIVE_LIMIT
 from pdgw.dsp402.states import STATUS_OF, Command, ControlBit, State, StatusBit, next_state
 from pdgw.peers.drive.family import DRIVE_FAULTS
 from pdgw.peers.drive.machine import ROTARY, Machine
-from pdgw.peers.drive.modes import COAST_DECELERATION, MODES
-from pdgw.peers.drive.motion import TICK, Ramp, increments_per_second
+from pdgw.peers.drive.modes import MODES
+from pdgw.peers.drive.motion import COAST_DECELERATION, TICK, Ramp, increments_per_second
 from pdgw.peers.drive.probe import TouchProbe
 from pdgw.peers.drive.shapes import ENGEL, Shape
 

@@ -10,6 +10,10 @@ import math
 INCREMENTS_PER_REVOLUTION = 4096
 TICK = 0.001
 """Seconds of one simulation step."""
+COAST_DECELERATION = 1500.0
+"""rpm/s of the free-running motor."""
+TORQUE_ACCELERATION = 6000.0
+"""rpm/s that rated current gives the unloaded motor."""
 
 
 def increments_per_second(rpm: float) -> float:

@@ -1,0 +1,208 @@
+"""The simulated drive's modes for a position; their sources are in ``modes``."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from pdgw.dsp402.states import ControlBit, StatusBit
+from pdgw.peers.drive.mode_of_operation import ModeOfOperation, follows
+from pdgw.peers.drive.motion import INCREMENTS_PER_REVOLUTION, TICK, increments_per_second, speed_toward
+
+if TYPE_CHECKING:
+    from pdgw.peers.drive.model import DriveModel
+
+
+@dataclass(slots=True)
+class Setpoint:
+    """A target of profile position as it was taken: increments, rpm, rpm/s."""
+
+    target: float
+    speed: float
+    acceleration: float
+    deceleration: float
+
+
+class CyclicPosition(ModeOfOperation):
+    """To the newest target in a straight line over 60C2h.
+
+    A target that stays away is the end of the way; where SYNC has a period (1006h) the way goes on for one more 60C2h first.
+    """
+
+    synchronous = True
+
+    def __init__(self, drive: DriveModel) -> None:
+        super().__init__(drive)
+        self._goal = 0.0
+        self._way = 0.0
+        """From the goal before."""
+        self._left = 0
+        """Ticks to the goal."""
+        self._extrapolated = True
+
+    def enabled(self) -> None:
+        self._goal, self._way, self._left = self.drive.position, 0.0, 0
+        self._extrapolated = True
+
+    @property
+    def _period(self) -> int:
+        read = self.drive.read
+        return max(1, round(read(0x60C2, 1) * 10.0 ** read(0x60C2, 2) / TICK))
+
+    def received(self) -> None:
+        goal = float(self.drive.target_position)
+        self._goal, self._way, self._left = goal, goal - self._goal, self._period
+        self._extrapolated = not self.drive.sync_ticks
+
+    def move(self) -> None:
+        drive = self.drive
+        if not self._left and not self._extrapolated:
+            self._extrapolated = True
+            self._goal += self._way
+            self._left = self._period
+        ticks = max(1, self._left)
+        self._left = ticks - 1
+        drive.follow_at_once((self._goal - drive.position) / (ticks * TICK) * 60 / INCREMENTS_PER_REVOLUTION)
+
+    def bits(self, halted: bool, units: int) -> int:
+        return follows(self.drive, halted)
+
+    def condition(self) -> tuple[object, ...]:
+        return self._goal, self._left, self._extrapolated
+
+
+class ProfilePosition(ModeOfOperation):
+    """Set-points by a handshake, each with its speed and ramps; one may wait for the end of another."""
+
+    def __init__(self, drive: DriveModel) -> None:
+        super().__init__(drive)
+        self.setpoint: Setpoint | None = None
+        self._queued: Setpoint | None = None
+        self._acknowledged = False
+        self._reached = True
+
+    def enabled(self) -> None:
+        self.disabled()
+        self._reached = True
+
+    def disabled(self) -> None:
+        self.setpoint = self._queued = None
+        self._acknowledged = False
+
+    def condition(self) -> tuple[object, ...]:
+        return self.setpoint, self._queued, self._acknowledged, self._reached
+
+    def bits(self, halted: bool, units: int) -> int:
+        bits = StatusBit.MODE_12 if self._acknowledged else 0
+        return bits | StatusBit.TARGET_REACHED if (units == 0 if halted else self._reached) else bits
+
+    def command(self, word: int, previous: int) -> None:
+        if self._rises(word, previous) and self._allowed(word, previous) and not self._acknowledged:
+            self._take(word)
+        elif not word & ControlBit.NEW_SETPOINT and self._queued is None:
+            self._acknowledged = False
+
+    def _take(self, word: int) -> None:
+        drive = self.drive
+        setpoint = Setpoint(
+            self._target(word),
+            min(drive.profile_velocity * drive.unit, drive.speed_limit),
+            drive.acceleration(drive.profile_acceleration, 0x60C5),
+            drive.acceleration(drive.profile_deceleration, 0x60C6),
+        )
+        self._acknowledged = True
+        if self.setpoint is not None and not word & ControlBit.CHANGE_IMMEDIATELY:
+            self._queued = setpoint
+            return
+        self._activate(setpoint)
+
+    def _activate(self, setpoint: Setpoint) -> None:
+        self.drive.started += 1
+        self.setpoint = setpoint
+        self._reached = False
+
+    def _target(self, word: int) -> float:
+        drive = self.drive
+        target = float(drive.target_position)
+        if word & ControlBit.RELATIVE:
+            target += drive.position
+        low, high = drive.read(0x607B, 1), drive.read(0x607B, 2)
+        if low == high == 0:
+            return target
+        limited = min(max(target, low), high)
+        drive.limited = limited != target
+        return limited
+
+    def move(self) -> None:
+        drive, setpoint = self.drive, self.setpoint
+        if drive.halted or setpoint is None:
+            if drive.halted:
+                self.setpoint = self._queued = None
+            deceleration = setpoint.deceleration if setpoint else drive.acceleration(drive.profile_deceleration, 0x60C6)
+            if drive.slow_down(deceleration) and drive.halted:
+                self._reached = True
+            return
+        distance = setpoint.target - drive.position
+        if drive.sine:
+            target = self._sine_speed(setpoint, distance)
+        else:
+            target = speed_toward(distance, setpoint.speed, setpoint.deceleration)
+        drive.limited = drive.limited and drive.read(0x607B, 2) != 0
+        if drive.against_limit(target):
+            drive.limited = True
+            drive.slow_down(setpoint.deceleration)
+            return
+        if drive.sine:
+            drive.ramp.sine_squared(target, *drive.sine_times)
+        else:
+            drive.ramp.linear(target, setpoint.acceleration, setpoint.deceleration + 1e-6)
+        step = increments_per_second(drive.ramp.speed) * TICK
+        slow = increments_per_second(2 * setpoint.deceleration * TICK) * TICK
+        if abs(distance) <= max(1.0, abs(slow)) and abs(step) <= max(1.0, 2 * abs(slow)):
+            self._arrive(setpoint)
+
+    def _sine_speed(self, setpoint: Setpoint, distance: float) -> float:
+        """Speed setpoint for sine-squared ramps: the braking distance of a whole ramp is half speed times ramp time."""
+        ramp = self.drive.ramp
+        rise, fall = self.drive.sine_times
+        if ramp.speed == 0.0 and abs(distance) > 1:
+            rpm = 2 * abs(distance) / (rise + fall) * 60 / INCREMENTS_PER_REVOLUTION
+            return math.copysign(min(setpoint.speed, rpm), distance)
+        braking = increments_per_second(abs(ramp.speed)) * fall / 2
+        if ramp.target == 0.0 or abs(distance) <= braking or distance * ramp.speed < 0:
+            # The last increments are crept: a ramp by time cannot meet a position exactly.
+            creep = math.copysign(min(setpoint.speed, abs(distance) * 60 / INCREMENTS_PER_REVOLUTION * 5), distance)
+            return creep if abs(ramp.speed) < 1.0 else 0.0
+        return ramp.target
+
+    def _arrive(self, setpoint: Setpoint) -> None:
+        drive = self.drive
+        drive.stand_at(setpoint.target)
+        self.setpoint = None
+        if self._queued is not None:
+            self._activate(self._queued)
+            self._queued = None
+            if not drive.controlword & ControlBit.NEW_SETPOINT:
+                self._acknowledged = False
+        else:
+            self._reached = True
+
+
+class Turntable(ProfilePosition):
+    """The manufacturer's: angles of one revolution instead of positions."""
+
+    def _target(self, word: int) -> float:
+        """The nearest absolute position with this angle in the wanted direction."""
+        drive = self.drive
+        if word & ControlBit.RELATIVE:
+            return drive.position + drive.target_position
+        rev = INCREMENTS_PER_REVOLUTION
+        forward = (drive.target_position - drive.position) % rev
+        if word & ControlBit.TURNTABLE_SHORTEST:
+            distance = forward if forward <= rev / 2 else forward - rev
+        elif word & ControlBit.TURNTABLE_CCW:
+            distance = forward - rev if forward else 0.0
+        else:
+            distance = forward
+        return drive.position + distance

@@ -1,0 +1,135 @@
+"""The simulated drive's modes for a speed or a torque; their sources are in ``modes``."""
+
+from __future__ import annotations
+
+import math
+
+from pdgw.dsp402.states import StatusBit
+from pdgw.peers.drive.mode_of_operation import ModeOfOperation, follows
+from pdgw.peers.drive.motion import COAST_DECELERATION, TORQUE_ACCELERATION
+
+_VL_RAMP = 0x70
+"""Controlword of velocity mode (vl): enable ramp, unlock ramp, reference ramp. All three let the set-point through."""
+
+
+class _SpeedMode(ModeOfOperation):
+    """Target Velocity under the profile's ramps."""
+
+    even = True
+
+    def move(self) -> None:
+        drive = self.drive
+        if drive.halted:
+            drive.target_velocity = 0
+        limit = drive.speed_limit
+        target = min(max(self._wanted(), -limit), limit)
+        drive.limited = drive.against_limit(target)
+        self._follow(0.0 if drive.limited else target)
+
+    def _wanted(self) -> float:
+        return self.drive.target_velocity * self.drive.unit
+
+    def _follow(self, target: float) -> None:
+        drive = self.drive
+        if drive.sine:
+            drive.ramp.sine_squared(target, *drive.sine_times)
+            return
+        acceleration = drive.acceleration(drive.profile_acceleration, 0x60C5)
+        acceleration = min(acceleration, TORQUE_ACCELERATION * self._torque() / 1000)
+        drive.ramp.linear(target, acceleration, drive.acceleration(drive.profile_deceleration, 0x60C6))
+
+    def _torque(self) -> int:
+        return self.drive.max_torque
+
+
+class ProfileVelocity(_SpeedMode):
+    def bits(self, halted: bool, units: int) -> int:
+        drive = self.drive
+        bits = 0
+        if abs(units) <= drive.read(0x606F, 0):
+            bits |= StatusBit.MODE_12
+        if abs(units - drive.target_velocity) <= drive.read(0x606D, 0):
+            bits |= StatusBit.TARGET_REACHED
+        return bits
+
+
+class SpeedControl(ProfileVelocity):
+    """The manufacturer's: with a limit of the torque by PDO."""
+
+    def _torque(self) -> int:
+        drive = self.drive
+        return min(drive.max_torque, drive.dynamic_torque_limit, drive.read(0x6073, 0))
+
+
+class VelocityMode(_SpeedMode):
+    """vl, of frequency converters."""
+
+    def _wanted(self) -> float:
+        return super()._wanted() if self.drive.controlword & _VL_RAMP == _VL_RAMP else 0.0
+
+    def _follow(self, target: float) -> None:
+        drive = self.drive
+        up, down = (drive.read(index, 1) / max(1, drive.read(index, 2)) for index in (0x6048, 0x6049))
+        drive.ramp.linear(target, up, down)
+
+
+class CyclicVelocity(_SpeedMode):
+    """The master makes the ramp: the drive follows as fast as it can. A set-point that stays away: the speed stays."""
+
+    synchronous = True
+
+    def bits(self, halted: bool, units: int) -> int:
+        return follows(self.drive, halted)
+
+    def _follow(self, target: float) -> None:
+        drive = self.drive
+        most = drive.acceleration(drive.read(0x60C5, 0), 0x60C5)
+        drive.ramp.linear(target, most, most)
+
+
+class Torque(ModeOfOperation):
+    """Target Torque accelerates the unloaded motor up to a speed."""
+
+    even = True
+    makes_torque = True
+
+    def move(self) -> None:
+        drive = self.drive
+        rated = min(1000, drive.read(0x6073, 0))
+        torque = 0 if drive.halted else min(max(drive.target_torque, -rated), rated)
+        if torque == 0:
+            self._release()
+        else:
+            rate = TORQUE_ACCELERATION * abs(torque) / 1000
+            target = math.copysign(self._highest(), torque)
+            drive.limited = drive.against_limit(target)
+            drive.ramp.linear(0.0 if drive.limited else target, rate, rate)
+        drive.current_actual = torque
+
+    def _highest(self) -> float:
+        return self.drive.max_rpm
+
+    def _release(self) -> None:
+        """No torque is asked for."""
+        drive = self.drive
+        deceleration = drive.acceleration(drive.profile_deceleration, 0x60C6)
+        drive.ramp.linear(0.0, deceleration, deceleration)
+
+
+class CyclicTorque(Torque):
+    """Without torque the motor runs out. A set-point that stays away: the torque stays."""
+
+    synchronous = True
+
+    def bits(self, halted: bool, units: int) -> int:
+        return follows(self.drive, halted)
+
+    def _release(self) -> None:
+        self.drive.slow_down(COAST_DECELERATION)
+
+
+class CurrentControl(Torque):
+    """The manufacturer's: with a limit of the speed by PDO."""
+
+    def _highest(self) -> float:
+        return min(super()._highest(), self.drive.dynamic_speed_limit * 0.5)
