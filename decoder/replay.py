@@ -21,22 +21,22 @@ from __future__ import annotations
 import copy
 from bisect import bisect_right
 from collections import deque
-from collections.abc import Hashable, Iterator, Mapping, Sequence
+from collections.abc import Hashable, Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Final, NamedTuple
 
-from pdgw.decoder.recorded import Answer, AxisRecording, Sent
+from pdgw.decoder.recorded import AxisRecording
+from pdgw.decoder.replay_rpdos import Place, RpdoComparison
+from pdgw.decoder.replayed import AxisReplay, Difference, Step
 from pdgw.decoder.ticks import Tick, ticks
 from pdgw.ds301.objects import Entry
-from pdgw.ds301.pdo import Pdo
 from pdgw.dsp402.images import FEEDBACK_NAMES, DriveFeedback
 from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.dsp402.states import ControlBit, State, state_of
 from pdgw.gateway.axis.checkpoint import Checkpoint, Checkpoints
 from pdgw.gateway.axis.machine import AxisMachine
-from pdgw.gateway.axis.values import FaultRecord, SdoAnswer, SdoWrite
-from pdgw.gateway.reasons import Reason
+from pdgw.gateway.axis.values import SdoAnswer, SdoWrite
 from pdgw.profidrive.signals import signal
 from pdgw.profidrive.telegrams import ApplicationMode
 
@@ -44,11 +44,7 @@ MAX_DIFFERENCES: Final = 20
 """After so many differences of an axis no more are looked for."""
 BUDGET: Final = 10_000
 """Choices that are tried for one step that does not fit."""
-REFRESH_NS: Final = 100_000_000
-"""The gateway repeats an RPDO after this time."""
 _LONGEST_STALL_NS: Final = 1_000_000_000
-SENDING_GAP_NS: Final = 3 * REFRESH_NS
-"""A longer silence means that the gateway does not send to this drive."""
 
 _STW1 = signal("STW1")
 _CONTROL_BY_PLC = _STW1.bit("CONTROL_BY_PLC").mask
@@ -56,102 +52,6 @@ _OFF_MASK = ControlBit.SWITCH_ON | ControlBit.ENABLE_VOLTAGE | ControlBit.QUICK_
 _OFF = ControlBit.ENABLE_VOLTAGE | ControlBit.QUICK_STOP
 _HOME_POSITION_SET = signal("ZSW1").bit("HOME_POSITION_SET", positioning=True).mask
 _UNPOWERED = (State.SWITCH_ON_DISABLED, State.READY_TO_SWITCH_ON, State.SWITCHED_ON)
-
-
-# -- what came out ----------------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class Difference:
-    """Where today's gateway would not have done what the recording shows.
-
-    ``what`` is ``actual values``, ``RPDO n`` or ``SDO``; ``recorded`` and ``today`` map signal or object names to raw values
-    (None: nothing was or would be sent there).
-    """
-
-    time_ns: int
-    do_id: int
-    what: str
-    recorded: Mapping[str, int] | None
-    today: Mapping[str, int] | None
-    note: str = ""
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """What differs, in the order of the frame."""
-        recorded, today = self.recorded or {}, self.today or {}
-        return tuple(name for name in {**recorded, **today} if recorded.get(name) != today.get(name))
-
-
-class Step(NamedTuple):
-    """One cycle as replayed. ``setpoints`` and ``feedback`` count the events taken so far.
-
-    ``controlword``, ``actuals`` and ``reason`` are those of today's machine; ``compared`` is False while its past is not known.
-    """
-
-    time_ns: int
-    answer: Answer | None
-    setpoints: int
-    feedback: int
-    controlword: int
-    actuals: tuple[int, ...]
-    reason: Reason | None
-    events: tuple[FaultRecord, ...]
-    compared: bool
-
-
-@dataclass
-class AxisReplay:
-    """The outcome for one axis: every step and the differences in their order."""
-
-    recording: AxisRecording
-    steps: list[Step] = field(default_factory=list)
-    differences: list[Difference] = field(default_factory=list)
-
-    @property
-    def compared(self) -> int:
-        """Steps that were compared."""
-        return sum(step.compared for step in self.steps)
-
-
-# -- the engine -------------------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True, slots=True)
-class _Span:
-    """Payloads the gateway sent to one drive without a break, repetitions left out, by RPDO number.
-
-    From the ``last`` frame to the ``end``, when the next refresh was due, a silence means that nothing has changed.
-    """
-
-    begin: int
-    last: int
-    end: int
-    sent: dict[int, list[Sent]]
-
-
-def _without_repetitions(frames: Sequence[Sent]) -> list[Sent]:
-    return [item for i, item in enumerate(frames) if not i or frames[i - 1].data != item.data]
-
-
-def _spans(sent: Mapping[int, Sequence[Sent]], can_end_ns: int) -> list[_Span]:
-    times = [item.time_ns for item in sent.get(1, ())]
-    limits: list[tuple[int, int]] = []
-    for now in times:
-        if limits and now - limits[-1][1] <= SENDING_GAP_NS:
-            limits[-1] = (limits[-1][0], now)
-        else:
-            limits.append((now, now))
-    spans = []
-    for begin, end in limits:
-        margin = SENDING_GAP_NS // 2
-        inside = {
-            number: _without_repetitions([f for f in frames if begin - margin <= f.time_ns <= end + margin])
-            for number, frames in sent.items()
-        }
-        due = max(end, min(end + REFRESH_NS, can_end_ns))
-        spans.append(_Span(begin, end, due, {number: frames for number, frames in inside.items() if frames}))
-    return spans
 
 
 @dataclass(slots=True)
@@ -167,14 +67,13 @@ class _State:
     done_at: int | None = None
     done_error: str | None = None
     sdo: int = 0
-    span: int = -1
-    cursors: dict[int, int] = field(default_factory=dict)
+    sent: Place = field(default_factory=Place)
     known: bool = False
 
     def copy(self) -> _State:
         other = copy.copy(self)
         other.image = copy.copy(self.image)
-        other.cursors = dict(self.cursors)
+        other.sent = self.sent.copy()
         return other
 
 
@@ -215,12 +114,15 @@ class Replayer:
         self._machine = AxisMachine(recording.telegram.number, recording.settings, DriveFeedback())
         self._checkpoints = Checkpoints(self._machine)
         self._rpdos = recording.rpdos
-        self._spans = _spans(recording.sent, recording.can_end_ns)
         self._setpoint_times = [event.time_ns for event in recording.setpoints]
         self._certain_times = [event.certain_ns for event in recording.setpoints]
         self._feedback_times = [event.time_ns for event in recording.feedback]
         self._state = _State()
         self._ticks = ticks(recording, cycle_ns)
+        last_ns = self._ticks[-1].time_ns if self._ticks else 0
+        self._comparison = RpdoComparison(
+            recording, cycle_ns=cycle_ns, tolerance_ns=self._sent_tolerance, last_ns=last_ns
+        )
         # A payload is missed when the tolerance has passed; its cause may be as far before it.
         self._depth = 2 * -(-self._sent_tolerance // cycle_ns) + 4
         self._visited: set[Hashable] = set()
@@ -287,8 +189,8 @@ class Replayer:
             state.configured,
             state.sdo,
             state.done_at,
-            state.span,
-            tuple(sorted(state.cursors.items())),
+            state.sent.span,
+            tuple(sorted(state.sent.cursors.items())),
             self._checkpoints.fingerprint(),
         )
         if key in self._visited:
@@ -351,9 +253,11 @@ class Replayer:
         actuals = tuple(outputs.actuals)
         difference = None
         if compare:
-            difference = self._compare_answer(tick, actuals, values is not None) or self._compare_sent(tick)
+            difference = self._compare_answer(tick, actuals, values is not None) or self._comparison.compare(
+                state.sent, tick.time_ns, outputs.command, online=state.online
+            )
         else:
-            self._follow_sent(tick.time_ns)
+            self._comparison.follow(state.sent, tick.time_ns)
         difference = self._serve_sdo(asked, now, difference)
         step = Step(
             tick.time_ns,
@@ -411,18 +315,6 @@ class Replayer:
         if tick.answer is not None:
             self._machine.executor.recall(home_set=bool(tick.answer.actuals[0] & _HOME_POSITION_SET))
 
-    # -- comparison ---------------------------------------------------------------------------------------------------
-
-    def _difference(
-        self,
-        time_ns: int,
-        what: str,
-        recorded: Mapping[str, int] | None,
-        today: Mapping[str, int] | None,
-        note: str = "",
-    ) -> Difference:
-        return Difference(time_ns, self._recording.do_id, what, recorded, today, note)
-
     def _compare_answer(self, tick: Tick, actuals: tuple[int, ...], plc_ok: bool) -> Difference | None:
         answer = tick.answer
         if answer is None:
@@ -434,80 +326,7 @@ class Replayer:
         recorded, today = half.as_dict(answer.actuals), half.as_dict(actuals)
         if not agrees:
             recorded, today = {**recorded, "IOCS": bool(answer.plc_ok)}, {**today, "IOCS": plc_ok}
-        return self._difference(answer.time_ns, "actual values", recorded, today)
-
-    def _follow_sent(self, now: int) -> None:
-        """While nothing is compared: the payloads in force by their time alone."""
-        state = self._state
-        state.span = next((i for i, span in enumerate(self._spans) if span.begin <= now <= span.end), -1)
-        state.cursors.clear()
-
-    def _compare_sent(self, tick: Tick) -> Difference | None:
-        now, state = tick.time_ns, self._state
-        if state.span < 0 or now > self._spans[state.span].end:
-            self._follow_sent(now)
-            if state.span < 0:
-                return None
-        span = self._spans[state.span]
-        if now > span.last and not state.online:
-            return None
-        for pdo in self._rpdos:
-            frames = span.sent.get(pdo.number)
-            if frames is None:
-                continue
-            difference = self._compare_rpdo(pdo, frames, now)
-            if difference is not None:
-                return difference
-        return None
-
-    def _compare_rpdo(self, pdo: Pdo, frames: Sequence[Sent], now: int) -> Difference | None:
-        """The payload of this step is the one in force, or the next of the recording at about its time."""
-        data = pdo.pack(self._machine.outputs.command)
-        tolerance = self._sent_tolerance
-        cursors = self._state.cursors
-        cursor = cursors.get(pdo.number)
-        if cursor is None:
-            return self._enter(pdo, frames, data, now)
-        following = frames[cursor + 1] if cursor + 1 < len(frames) else None
-        if data == frames[cursor].data:
-            # Behind the last step nothing comes that could send what the recording shows.
-            late = 2 * self._cycle_ns if now >= self._ticks[-1].time_ns else tolerance
-            if following is None or following.time_ns >= now - late:
-                return None
-            return self._sent_difference(pdo, following.time_ns, following.data, data)
-        if following is None or following.data != data:
-            due = following is not None and following.time_ns <= now + tolerance
-            recorded = following if due and following is not None else frames[cursor]
-            return self._sent_difference(pdo, recorded.time_ns if due else now, recorded.data, data)
-        if abs(following.time_ns - now) > tolerance:
-            note = f"the same, recorded {(following.time_ns - now) / 1e6:+.1f} ms from where it is sent today"
-            return self._sent_difference(pdo, now, frames[cursor].data, data, note)
-        cursors[pdo.number] = cursor + 1
-        return None
-
-    def _enter(self, pdo: Pdo, frames: Sequence[Sent], data: bytes, now: int) -> Difference | None:
-        """The first payload that is compared: any that was in force about now."""
-        tolerance = self._sent_tolerance
-        last = None
-        for position, item in enumerate(frames):
-            if item.time_ns > now + tolerance:
-                break
-            over = position + 1 < len(frames) and frames[position + 1].time_ns < now - tolerance
-            if over:
-                continue
-            last = item
-            if item.data == data:
-                self._state.cursors[pdo.number] = position
-                return None
-        if last is None or (last is frames[0] and last.time_ns > now - tolerance):
-            return None  # sent for the first time about now
-        return self._sent_difference(pdo, now, last.data, data)
-
-    def _sent_difference(self, pdo: Pdo, time_ns: int, recorded: bytes, today: bytes, note: str = "") -> Difference:
-        if len(recorded) != pdo.size:
-            note = note or f"{len(recorded)} bytes recorded, {pdo.size} today: {recorded.hex(' ')}"
-            return self._difference(time_ns, str(pdo), None, _named(pdo, today), note)
-        return self._difference(time_ns, str(pdo), _named(pdo, recorded), _named(pdo, today), note)
+        return Difference(answer.time_ns, self._recording.do_id, "actual values", recorded, today)
 
     # -- SDO ----------------------------------------------------------------------------------------------------------
 
@@ -548,7 +367,7 @@ class Replayer:
             if result.error is None and result.data != wanted:
                 signed = entry.type.char.islower()
                 recorded = {entry.name: int.from_bytes(result.data, "little", signed=signed)}
-                wrong = self._difference(result.time_ns, "SDO", recorded, {entry.name: write.value})
+                wrong = Difference(result.time_ns, self._recording.do_id, "SDO", recorded, {entry.name: write.value})
                 return None, None, wrong
             done = max(done, result.time_ns)
             if result.error is not None:
@@ -560,11 +379,6 @@ class Replayer:
 
 def _encode(entry: Entry, value: int) -> bytes:
     return value.to_bytes(entry.type.bits // 8, "little", signed=entry.type.char.islower())
-
-
-def _named(pdo: Pdo, data: bytes) -> dict[str, int]:
-    values = pdo.struct.unpack(data)
-    return {entry.name: value for entry, value in zip(pdo.entries, values, strict=True)}
 
 
 def _near(times: Sequence[int], now: int, certain: int, latest: int, taken: int) -> list[int]:

@@ -30,7 +30,8 @@ from pdgw.decoder.following import HOLD_NS, Follower
 from pdgw.decoder.lookahead import Lookahead, is_of
 from pdgw.decoder.recording import Collector, Recording
 from pdgw.decoder.records import BusKind, Record
-from pdgw.decoder.replay import AxisReplay, Replayer
+from pdgw.decoder.replay import Replayer
+from pdgw.decoder.replayed import AxisReplay
 from pdgw.decoder.timeline import Entry
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS

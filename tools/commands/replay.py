@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from pdgw.decoder.replay import AxisReplay, Difference
+from pdgw.decoder.replayed import AxisReplay, Difference
 from pdgw.tools.commands.recording_options import Config, Files, Nodes, Offset, Station, Telegrams
 from pdgw.tools.recordings import TOLERANCE_NS, Loaded, known_from, load, nanoseconds, tell, write_lines
 
