@@ -18,6 +18,7 @@ DISABLE_SHOWN_NS = 200_000_000
 """So long after a Disable Operation the drive's leaving of Operation Enabled is the PLC's doing, not its own."""
 
 _DRIVE_OF_STATUS = tuple(DRIVE_OF_STATE[state] for state in STATE_OF_STATUS)
+_ENABLES = (Action.ENABLE_OPERATION, Action.RAMP)
 _ABOVE_DISABLED = (Drive.READY, Drive.SWITCHED_ON, Drive.OPERATING, Drive.QUICK_STOPPING)
 _FELL = (Drive.NOT_READY, Drive.DISABLED, Drive.READY, Drive.SWITCHED_ON)
 _ACKNOWLEDGES = (Phase.LOCKED, Phase.DOUBT, Phase.FOLLOW)
@@ -165,7 +166,7 @@ class Interlock:
         if reason is Reason.PLC_LOST and not self._ever_connected:
             reason = Reason.NO_PLC
         self.reason = reason
-        if action is Action.ENABLE_OPERATION or action is Action.RAMP:
+        if action in _ENABLES:
             self.enabled_at = now
         if action is Action.SWITCH_ON or (action is _PASSES and wish is not _ENABLE):
             self._disabled_at = now
@@ -183,7 +184,8 @@ class Interlock:
         if drive is Drive.OPERATING:
             self._disabled_at = now - DISABLE_SHOWN_NS
             # To ramp down a drive that nobody enabled would enable it, if its Statusword is wrong.
-            commanded = now - self.enabled_at < DISABLE_SHOWN_NS
+            # The command of the step before counts however long the cycle is.
+            commanded = self.action in _ENABLES or now - self.enabled_at < DISABLE_SHOWN_NS
             return drive if commanded or self.phase is _PASS or wish in COASTS else Drive.UNKNOWN
         if drive is Drive.DISABLED:
             return Drive.FELL_OFF if shown in _ABOVE_DISABLED else drive

@@ -110,6 +110,7 @@ def test_what_cannot_be_done_is_told_before_anything_is_read(plant: Path, tmp_pa
     assert not out.exists()
 
 
+@pytest.mark.e2e
 def test_duckdb_asks_the_data_set(plant: Path, tmp_path: Path) -> None:
     pytest.importorskip("duckdb", reason="the extra archive is not installed")
     decode([str(plant)], parquet=tmp_path / "set", signal=SIGNALS, telegram=[1], jobs=1)
@@ -125,6 +126,7 @@ def test_duckdb_asks_the_data_set(plant: Path, tmp_path: Path) -> None:
     assert {(line[1], float(line[3]), line[4]) for line in lines} == {("1", round(fastest, 2), "0")}
 
 
+@pytest.mark.e2e
 def test_dask_workers_write_the_same_data_set(plant: Path, tmp_path: Path) -> None:
     pytest.importorskip("dask.distributed", reason="the extra archive is not installed")
     command = [sys.executable, str(EXAMPLES / "archive_dask.py"), str(plant), str(tmp_path / "dask")]

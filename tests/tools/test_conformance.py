@@ -110,7 +110,7 @@ def test_an_encoder_that_is_lost_is_stopped_by_nmt_if_it_is_silent_and_configure
 
 def test_a_gateway_that_starts_a_drive_again_by_itself_fails(monkeypatch: pytest.MonkeyPatch) -> None:
     # It does not see that the drive took the enable back.
-    monkeypatch.setattr(Interlock, "_changed", lambda self, drive, shown, now: drive)
+    monkeypatch.setattr(Interlock, "_changed", lambda self, drive, shown, wish, now: drive)
     result = run_case(Case("enable-input-dropped", Reaction.STOPS))
     assert result.restarted
     assert "started by itself" in result.failures

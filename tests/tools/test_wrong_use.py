@@ -29,8 +29,8 @@ class NoLog:
 def unlogged(monkeypatch: pytest.MonkeyPatch) -> None:
     whole = run.RunLog
 
-    def set_up(level: run.LogLevel, file: Path | None) -> object:
-        return whole(level, file) if file is not None else NoLog()
+    def set_up(level: run.LogLevel, file: Path | None, log_format: run.LogFormat) -> object:
+        return whole(level, file, log_format) if file is not None else NoLog()
 
     monkeypatch.setattr(run, "RunLog", set_up)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import faulthandler
 import logging
 import signal
+import sys
 from collections.abc import Callable
 from contextlib import ExitStack
 from functools import partial
@@ -136,7 +137,8 @@ def run(
             "status_port": status_port,
         },
     )
-    faulthandler.enable()  # where it hung, when a service manager's watchdog ends it (SIGABRT)
+    if sys.__stderr__ is not None:  # as without a console on Windows
+        faulthandler.enable(sys.__stderr__)  # where it hung, when a service manager's watchdog ends it (SIGABRT)
     with ExitStack() as at_end:
         keep = at_end.enter_context(keeper_beside(chosen.trace))
         refused = realtime.apply(chosen.realtime)
