@@ -225,7 +225,7 @@ def test_interactive_plc_turns_the_drive_from_the_keyboard(tmp_path: Path) -> No
             if result.returncode:
                 return ""
             axis = json.loads(result.stdout)["axes"][0]
-            return f"{axis['state']} {axis['velocity']}"
+            return f"{axis['drive_state']} {axis['velocity']}"
 
         wait_for(lambda: state().startswith("Switch On Disabled"), "online", 30)
         plc.stdin.write("e")
