@@ -36,6 +36,7 @@ def test_the_blocks_of_a_document_are_commands_and_files() -> None:
     assert not agrees("a\n", "a\nb\n")
 
 
+@pytest.mark.e2e
 @pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)
 def test_a_reader_sees_what_the_document_shows(document: Path, tmp_path: Path) -> None:
     if not all(shutil.which(tool) for tool in ("unshare", "ip")):
@@ -43,17 +44,13 @@ def test_a_reader_sees_what_the_document_shows(document: Path, tmp_path: Path) -
     private = ["unshare", "-Urn"]
     if subprocess.run([*private, "true"], check=False, capture_output=True).returncode:
         pytest.skip("this kernel forbids user namespaces")
-    home = {
-        "HOME": str(tmp_path),
-        "XDG_STATE_HOME": str(tmp_path / "state"),
-        "XDG_RUNTIME_DIR": str(tmp_path),
-        "COLUMNS": "120",
-    }
+    home = {"HOME": str(tmp_path), "XDG_STATE_HOME": str(tmp_path / "state"), "XDG_RUNTIME_DIR": str(tmp_path / "run")}
+    (tmp_path / "run").mkdir()
     done = subprocess.run(
         [*private, sys.executable, "-m", "tests.tour.console", str(document), str(tmp_path)],
         check=False,
         cwd=ROOT,
-        env=os.environ | home,
+        env=os.environ | home | {"COLUMNS": "120"},
         capture_output=True,
         text=True,
     )
