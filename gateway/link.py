@@ -76,6 +76,10 @@ class Link(Protocol):
         The buffer of the last one is used again.
         """
 
+    @property
+    def heard_ns(self) -> int | None:
+        """When the newest frame that counts came; None: none yet."""
+
     def status(self) -> dict[str, object]:
         """Connection and verdicts, for ``pdgw status``."""
 
@@ -210,6 +214,10 @@ class UdpLink:
     def newest(self) -> tuple[bool, bytes, bytes | bytearray]:
         endpoint = self.endpoint
         return endpoint.connected, endpoint.received, endpoint.frame
+
+    @property
+    def heard_ns(self) -> int | None:
+        return self.endpoint.heard_ns
 
     def status(self) -> dict[str, object]:
         endpoint = self.endpoint

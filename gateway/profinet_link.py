@@ -263,6 +263,11 @@ class ProfinetLink:
             return False, b"", b""
         return self.connected, relation.consumer.payload, relation.provider.frame
 
+    @property
+    def heard_ns(self) -> int | None:
+        relation = self.device.relation
+        return relation.consumer.last_ns if relation is not None and relation.consumer is not None else None
+
     def status(self) -> dict[str, object]:
         relation = self.device.relation
         station = self.station

@@ -9,7 +9,7 @@ from datetime import datetime
 from typing import Any
 
 from pdgw import __version__
-from pdgw.ds301.loop import SECOND, Event, Task
+from pdgw.ds301.loop import MS, SECOND, Event, Task
 from pdgw.dsp402.states import state_of
 from pdgw.gateway.binding import Axis
 from pdgw.gateway.daemon import Daemon
@@ -125,6 +125,7 @@ def _head(daemon: Daemon) -> dict[str, Any]:
     """Everything but the drive objects."""
     loop, config = daemon.loop, daemon.config
     uptime_s = (loop.now() - daemon.started_ns) / SECOND
+    heard_ns = daemon.link.heard_ns
     return {
         "schema": SCHEMA,
         "name": daemon.name,
@@ -133,7 +134,12 @@ def _head(daemon: Daemon) -> dict[str, Any]:
         "time": clock_time(loop.wall()),
         "started": clock_time(loop.wall() - uptime_s),
         "uptime_s": round(uptime_s, 3),
-        "plc": {"type": config.transport.type, "cycle_ms": config.transport.cycle_time_ms} | daemon.link.status(),
+        "plc": {
+            "type": config.transport.type,
+            "cycle_ms": config.transport.cycle_time_ms,
+            "heard_age_ms": None if heard_ns is None else round((loop.now() - heard_ns) / MS, 1),
+        }
+        | daemon.link.status(),
         "store": str(daemon.store.path) if daemon.store.path is not None else "",
         "trace": str(daemon.recorder.path or "") if daemon.recorder is not None else "",
         "buses": [

@@ -26,13 +26,19 @@ def duration(seconds: float) -> str:
     return " ".join(f"{value} {name}" for name, value in units[first : first + 2] if value)
 
 
+def _age(age_ms: float) -> str:
+    return f"{age_ms:g} ms" if age_ms < 1000 else duration(age_ms / 1000)
+
+
 def status_lines(document: dict[str, Any], width: int = 80, *, counters: bool = False) -> Iterator[str]:
     """The lines of a snapshot; ``counters``: all of them, not only those that tell of trouble."""
     plc = document["plc"]
     peer = f"{plc['peer'][0]}:{plc['peer'][1]}" if plc["peer"] else "no sender yet"
     up, at = duration(document["uptime_s"]), _time_of_day(document["time"])
     yield f"{document['name']}: pdgw {document['version']}, up {up}, at {at}"
-    yield f"PLC {'connected' if plc['connected'] else 'not connected'} ({peer}), {plc['frames']['accepted']} frames"
+    age = "" if plc["heard_age_ms"] is None else f", the last {_age(plc['heard_age_ms'])} ago"
+    connected = "connected" if plc["connected"] else "not connected"
+    yield f"PLC {connected} ({peer}), {plc['frames']['accepted']} frames{age}"
     if plc.get("layout"):
         yield from _folded(plc["layout"], width, 5, "  -> ")
     if document.get("store"):

@@ -339,6 +339,11 @@ class CyclicEndpoint:
         self._loss_to_tell = True
         self.lose_setpoints()
 
+    @property
+    def heard_ns(self) -> int | None:
+        """When the newest frame that counts came; None: none yet."""
+        return self._last_time or None
+
     def poll(self, now: int) -> bool:
         """The watchdog, after the datagrams that waited; True when the PLC was lost since the last call."""
         if now != self._looked:

@@ -6,6 +6,7 @@ import json
 
 import pytest
 
+from pdgw.ds301.loop import MS
 from pdgw.dsp402.states import State
 from pdgw.gateway.axis.values import gateway_fault
 from pdgw.gateway.cycle_watch import Histogram
@@ -14,6 +15,7 @@ from pdgw.gateway.faults import FaultLog
 from pdgw.gateway.reasons import AxisState, Enable, FaultNumber, Reason
 from pdgw.gateway.standing import AXIS_CHAIN, ENCODER_CHAIN, Break, axis_standing
 from pdgw.gateway.status import answered, axis_status, encoder_status, snapshot
+from pdgw.tools.status_text import status_lines
 from tests.support.daemon import OFF, Plc, axis, configuration, drive_of, running, until, world_of
 
 ENCODER = "[[encoder]]\ndo_id = 2\nnode_id = 20\ntelegram = 83\nsimulate = true\n"
@@ -184,3 +186,16 @@ def test_cycle_and_answer_times_of_a_daemon_are_in_the_document() -> None:
         assert sum(periods["counts"]) == daemon.cycles - 1
         assert sum(responses["counts"]) == document["plc"]["frames"]["accepted"]
         assert periods["sum_s"] == pytest.approx(document["uptime_s"], abs=0.05)
+
+
+def test_the_age_of_the_plcs_last_frame_is_told() -> None:
+    with running(configuration(axis(1))) as daemon:
+        assert snapshot(daemon)["plc"]["heard_age_ms"] is None
+        plc = Plc(daemon, [1])
+        plc.enable()
+        assert snapshot(daemon)["plc"]["heard_age_ms"] <= 4
+        plc.silent = True
+        world_of(daemon).loop.run_for(2_000 * MS)
+        age = snapshot(daemon)["plc"]["heard_age_ms"]
+        assert 2_000 <= age <= 2_004
+        assert "the last 2 s ago" in "\n".join(status_lines(snapshot(daemon)))
