@@ -15,9 +15,10 @@ from dataclasses import dataclass
 
 from pdgw.profidrive.parameters.codec import Address
 from pdgw.tools.bench.dialogues import PlcDialogue
-from pdgw.tools.bench.measure import Latency, latency
+from pdgw.tools.bench.measure import Latency
+from pdgw.tools.bench.phases import Phases
 from pdgw.tools.bench.processes import Background, running
-from pdgw.tools.bench.schedule import Peer, run
+from pdgw.tools.bench.schedule import Peer
 from pdgw.tools.parameters.client import ParameterClient
 
 AXES = 4
@@ -44,32 +45,22 @@ def measure(seconds: float, phases: int = 4) -> Storm:
     """So many quiet and stormy phases in turn, for about ``seconds`` each in sum."""
     cycles = max(1, int(seconds * 1e9) // PERIOD_NS // phases)
     plc = PlcDialogue(AXES, PERIOD_NS)
-    samples: dict[str, list[int]] = {"quiet": [], "storm": []}
-    missed = {"quiet": 0, "storm": 0}
     requests = 0
     elapsed = 0.0
     with running(AXES, PERIOD_NS) as (_, daemon):
         daemon.wait_online(AXES)
         with closing(Peer(daemon.cyclic_port, plc)) as peer:
-
-            def phase(name: str) -> None:
-                # Starting the storm took longer than the watchdog waits.
-                plc.enable(peer, PERIOD_NS)
-                peer.begin()
-                run([peer], cycles, PERIOD_NS)
-                samples[name] += peer.samples
-                missed[name] += peer.missed
-
+            parts = Phases(plc, peer, PERIOD_NS, cycles)
             for _ in range(phases):
-                phase("quiet")
+                parts.play("quiet")
                 storm = Background("pdgw.tools.bench.storm", str(daemon.acyclic_port), str(AXES))
                 start = time.monotonic()
                 try:
-                    phase("storm")
+                    parts.play("storm")
                 finally:
                     elapsed += time.monotonic() - start
                     requests += int(storm.end())
-    quiet, stormy = (latency(samples[name], missed[name], PERIOD_NS) for name in ("quiet", "storm"))
+    quiet, stormy = (parts.latency(name) for name in ("quiet", "storm"))
     return Storm(quiet, stormy, requests / elapsed)
 
 

@@ -23,9 +23,10 @@ from pathlib import Path
 
 from pdgw.gateway.errors import GatewayError
 from pdgw.tools.bench.dialogues import PlcDialogue
-from pdgw.tools.bench.measure import Latency, latency
+from pdgw.tools.bench.measure import Latency
+from pdgw.tools.bench.phases import Phases
 from pdgw.tools.bench.processes import Background, running
-from pdgw.tools.bench.schedule import Peer, run
+from pdgw.tools.bench.schedule import Peer
 from pdgw.tools.demo.links import free_ports
 
 AXES = 8
@@ -64,34 +65,24 @@ def measure(seconds: float, phases: int = 4) -> Watching:
     """So many phases of each kind in turn, for about ``seconds`` each in sum."""
     cycles = max(1, int(seconds * 1e9) // PERIOD_NS // phases)
     plc = PlcDialogue(AXES, PERIOD_NS)
-    samples: dict[str, list[int]] = {QUIET: [], WATCHED: [], HARMED: []}
-    missed = dict.fromkeys(samples, 0)
-    counted = dict.fromkeys(samples, 0)
-    elapsed = dict.fromkeys(samples, 0.0)
+    counted = dict.fromkeys((WATCHED, HARMED), 0)
+    elapsed = dict.fromkeys((WATCHED, HARMED), 0.0)
     with running(AXES, PERIOD_NS) as (_, gateway):
         gateway.wait_online(AXES)
         with closing(Peer(gateway.cyclic_port, plc)) as peer:
-
-            def phase(name: str) -> None:
-                # Starting a process took longer than the watchdog waits.
-                plc.enable(peer, PERIOD_NS)
-                peer.begin()
-                run([peer], cycles, PERIOD_NS)
-                samples[name] += peer.samples
-                missed[name] += peer.missed
-
+            parts = Phases(plc, peer, PERIOD_NS, cycles)
             for _ in range(phases):
-                phase(QUIET)
+                parts.play(QUIET)
                 for name, role in ((WATCHED, "look"), (HARMED, "harm")):
                     with _page(gateway.config) as (port, process):
                         others = Background("pdgw.tools.bench.watching", role, str(port), str(process.pid))
                         start = time.monotonic()
                         try:
-                            phase(name)
+                            parts.play(name)
                         finally:
                             elapsed[name] += time.monotonic() - start
                             counted[name] += int(others.end())
-    quiet, watched, harmed = (latency(samples[name], missed[name], PERIOD_NS) for name in samples)
+    quiet, watched, harmed = (parts.latency(name) for name in (QUIET, WATCHED, HARMED))
     return Watching(quiet, watched, harmed, counted[WATCHED] / elapsed[WATCHED], counted[HARMED] / elapsed[HARMED])
 
 

@@ -13,6 +13,7 @@ from typing import Annotated, Any
 
 import typer
 from rich.console import Console
+from rich.markup import escape
 from rich.status import Status
 from rich.table import Table
 
@@ -214,7 +215,7 @@ def settings_command(
     table = Table("", "p50", "p99", "CPU a cycle", title=title)
     for item in choices:
         cost = "?" if item.cpu_ns_per_cycle is None else f"{item.cpu_ns_per_cycle / 1000:.0f} us"
-        table.add_row(item.name, f"{item.p50:.2f}", f"{item.p99:.2f}", cost)
+        table.add_row(escape(item.name), f"{item.p50:.2f}", f"{item.p99:.2f}", cost)
     console.print(table)
     if len(choices) < len(settings.SETTINGS):
         console.print("[realtime] is not granted here: root or CAP_SYS_NICE is needed", markup=False)
