@@ -213,7 +213,7 @@ WRITER = """
         ring.frame(number, number & 0x7FF, 0, 1, number.to_bytes(8, "big"))
 """
 ROUNDS = int(os.environ.get("PDGW_RING_ROUNDS", "300"))
-"""So often the whole ring is read; many more for the long form."""
+"""So often at least the whole ring is read; many more for the long form."""
 
 
 @pytest.mark.e2e
@@ -224,7 +224,11 @@ def test_no_reader_ever_sees_a_torn_record_and_kill_9_leaves_the_ring_readable(t
         path = Path(process.stdout.readline().strip())
         read = newest = 0
         with RingReader(path) as reader:
-            for _ in range(ROUNDS):
+            rounds = 0
+            # On a busy machine the reader may get many turns before the writer gets one: it reads until there was enough.
+            while rounds < ROUNDS or (read <= ROUNDS and rounds < 1000 * ROUNDS):
+                rounds += 1
+                assert process.poll() is None
                 for cycle in reader.cycles():
                     number = cycle.sequence
                     low = number & 0xFFFF
