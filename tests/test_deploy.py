@@ -62,7 +62,11 @@ def test_the_units_may_do_little_beyond_their_work(tmp_path: Path, service: str)
 def test_gateway_and_page_are_one_user_and_the_page_never_gets_the_gateways_priority() -> None:
     gateway, page = ((UNITS / service).read_text().splitlines() for service in SERVICES)
     for lines in (gateway, page):
-        assert {"User=pdgw", "DynamicUser=yes", "ProtectSystem=strict", "CapabilityBoundingSet="} <= set(lines)
+        assert {"User=pdgw", "NoNewPrivileges=yes", "ProtectSystem=strict", "CapabilityBoundingSet="} <= set(lines)
+        # A dynamic user's RuntimeDirectory is hidden from every other unit, and so the flight recorder from the page.
+        assert not any(line.startswith("DynamicUser") for line in lines)
+    users = [line.split() for line in (UNITS / "pdgw.conf").read_text().splitlines() if not line.startswith("#")]
+    assert [user[:2] for user in users] == [["u", "pdgw"]]
     assert {"Type=notify", "WatchdogSec=2", "Restart=always", "RuntimeDirectoryPreserve=yes"} <= set(gateway)
     assert {"RestrictRealtime=yes", "Nice=10"} <= set(page)
     assert not any(line.startswith("AmbientCapabilities") for line in (*gateway, *page))

@@ -19,7 +19,7 @@ def run_directory() -> Path | None:
     """systemd's RuntimeDirectory, else ``pdgw`` in the XDG run directory, else the user's folder in /dev/shm; None: nowhere."""
     given = os.environ.get("RUNTIME_DIRECTORY", "").split(":")[0]
     if given:
-        return Path(given)
+        return Path(given).resolve()  # of a dynamic user it is a link to a folder of its own
     base = os.environ.get("XDG_RUNTIME_DIR", "")
     if base and Path(base).is_dir():
         return Path(base) / "pdgw"

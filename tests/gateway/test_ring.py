@@ -178,6 +178,9 @@ def test_the_run_directory_is_the_service_managers_or_the_users(
 ) -> None:
     monkeypatch.setenv("RUNTIME_DIRECTORY", f"{tmp_path}/run:{tmp_path}/other")
     assert run_directory() == tmp_path / "run"
+    (tmp_path / "private").mkdir()
+    (tmp_path / "run").symlink_to("private")  # what systemd makes of RuntimeDirectory= with DynamicUser=
+    assert prepared(run_directory() or tmp_path) == tmp_path / "private"
     monkeypatch.delenv("RUNTIME_DIRECTORY")
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     assert run_directory() == tmp_path / "pdgw"
