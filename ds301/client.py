@@ -125,6 +125,9 @@ class NodeClient(ConfiguringAccess, abc.ABC, Generic[S]):
     def _image(self, pdo: Pdo) -> object:
         """The image that takes the values of a TPDO."""
 
+    def _make_safe(self, device_type: int) -> None:
+        """In the node's task, after its first SDO answer (1000h) and before anything else: it takes no RPDO from now on."""
+
     @abc.abstractmethod
     def _configure(self) -> None:
         """Everything between the mapping of the PDOs and NMT start, in the node's task; errors refuse the node."""
@@ -310,13 +313,14 @@ class NodeClient(ConfiguringAccess, abc.ABC, Generic[S]):
         self._booted.clear()
         self._reconfigure = False
         self._check_at = None
-        # A node that was stopped answers no SDO before this; a running one stops by its abort option. Until it has answered,
-        # nobody knows that it did: one that was in operation is still sent its stop.
+        # A node that was stopped answers no SDO before this; a running one may stop by its abort option. Until it has answered,
+        # nobody knows what it does: one that was in operation is still sent its stop.
         self._nmt(NmtCommand.ENTER_PRE_OPERATIONAL)
         device_type = self._fetch(0x1000)
         self._sending = False
         self._booted.clear()  # a boot-up before this answer is the one we waited for
         self._set_status(NodeStatus.CONFIGURING, "checking identity")
+        self._make_safe(device_type)
         self._check_identity(device_type)
         self._set_status(NodeStatus.CONFIGURING, "mapping PDOs")
         self._configure_pdos()

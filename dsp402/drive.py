@@ -36,7 +36,7 @@ from pdgw.dsp402.mapping import DriveMapping
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.planner import CONTROLWORD
 from pdgw.dsp402.scaling import UnitKeys
-from pdgw.dsp402.states import ControlBit, FaultReset, State, state_of
+from pdgw.dsp402.states import Command, ControlBit, FaultReset, State, state_of
 from pdgw.dsp402.witness import Witness
 
 DriveStatus = NodeStatus
@@ -49,6 +49,8 @@ _WITNESS_NS = SECOND
 _RETRY_VALUE_NS = 1000 * MS
 """So long after a failed SDO write the same value is tried again."""
 _NEW_SETPOINT = ControlBit.NEW_SETPOINT
+_OFF = (State.NOT_READY_TO_SWITCH_ON, State.SWITCH_ON_DISABLED, State.READY_TO_SWITCH_ON, State.FAULT)
+"""States of a drive that has no power, and gets none without two commands."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -265,6 +267,25 @@ class DriveClient(NodeClient[DriveSettings]):
                     "{:08X}h, {:08X}h as at the first start".format(*self._identity),
                 )
         super()._check_identity(device_type)
+
+    def _make_safe(self, device_type: int) -> None:
+        """A drive that still has power is stopped by SDO: it takes no RPDO, and need not stop in pre-operational (6007h).
+
+        Quick Stop, as the owner sends it to a drive that is lost. One that refuses is stopped by its RPDOs after the bring-up.
+        """
+        if device_type & 0xFFFF != self.profile:
+            return
+        state = state_of(self._fetch(0x6041))
+        if state in _OFF:
+            return
+        shown = "an unknown state" if state is None else state.value
+        stop = SdoStep(0x6040, 0, CanType.U16, Command.QUICK_STOP.word, "Quick Stop")
+        try:
+            self.write(stop.index, stop.subindex, stop.data)
+        except SdoAbortedError as error:
+            self._tell("status", f"in {shown}, and refuses {stop.meaning} by SDO: {abort_text(error.code)}")
+        else:
+            self._tell("status", f"in {shown}: {stop.meaning} by SDO before it is configured")
 
     def _read_if_present(self, index: int, subindex: int) -> bytes | None:
         try:

@@ -240,6 +240,19 @@ class StopRampMissing(DriveMisbehaviour):
         self.model.stop_ramp = True
 
 
+@dataclass(kw_only=True, eq=False)
+class TurnsInPreOperational(DriveMisbehaviour):
+    """NMT pre-operational does not stop the drive (CiA 402 does not list it for 6007h), and it takes no RPDO there."""
+
+    name = "turns-in-pre-operational"
+
+    def begin(self) -> None:
+        self.model.stops_in_pre_operational = False
+
+    def end(self) -> None:
+        self.model.stops_in_pre_operational = True
+
+
 DRIVE_MISBEHAVIOURS = catalogue(
     NODE_MISBEHAVIOURS.values(),
     (
@@ -255,6 +268,7 @@ DRIVE_MISBEHAVIOURS = catalogue(
         RebootInMotion,
         Deaf,
         StopRampMissing,
+        TurnsInPreOperational,
     ),
 )
 """What a drive can do wrong."""

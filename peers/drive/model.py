@@ -62,6 +62,8 @@ class DriveModel:
         """What shows something else than the drive does; called with the model's time after each update of the image."""
         self.stop_ramp = True
         """The quick stop brakes; without it the drive turns on until the connection is lost, and its power goes off then."""
+        self.stops_in_pre_operational = True
+        """NMT pre-operational is a lost connection."""
         self.watchers: list[Callable[[State], None]] = []
         """Called with each state that is entered."""
         self.started = 0

@@ -107,7 +107,8 @@ class SimulatedDriveNode(SimulatedNode):
             self.model.probe.command()
 
     def on_nmt(self, state: NmtState) -> None:
-        if state is not NmtState.OPERATIONAL:
+        goes_on = state is NmtState.PRE_OPERATIONAL and not self.model.stops_in_pre_operational
+        if state is not NmtState.OPERATIONAL and not goes_on:
             self.model.abort_connection()
 
     def on_consumer_expired(self, producer: int) -> None:

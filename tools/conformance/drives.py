@@ -56,6 +56,7 @@ DRIVE_CASES: tuple[Case, ...] = (
     Case("two-pdos", Reaction.GOES_ON, activity=Activity.START, telegram=100),
     Case("lost-pdos", Reaction.GOES_ON),
     Case("lost-pdos", Reaction.STOPS, (101,), values={"every": 1}),
+    Case("lost-pdos", Reaction.STOPS, (101,), values={"every": 1}, beside={"turns-in-pre-operational": {}}),
     Case("duplicated-pdos", Reaction.GOES_ON),
     Case("late-pdos", Reaction.GOES_ON),
     Case("heartbeat-stops", Reaction.REFUSES, (106,), Activity.START),
@@ -81,6 +82,7 @@ DRIVE_CASES: tuple[Case, ...] = (
     Case("reboot-in-motion", Reaction.STOPS, (105,)),
     Case("deaf", Reaction.STOPS, (125,), Activity.STOPPING),
     Case("stop-ramp-missing", Reaction.STOPS, (125,), Activity.STOPPING),
+    Case("turns-in-pre-operational", Reaction.GOES_ON),
 )
 """At least one for each fault of a drive (a test)."""
 

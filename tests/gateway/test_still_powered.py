@@ -1,0 +1,125 @@
+"""A drive that still has power when it is brought up (again): in pre-operational it takes no RPDO, its stop goes by SDO."""
+
+from __future__ import annotations
+
+import pytest
+from canopen.sdo import SdoAbortedError
+
+from pdgw.ds301.aborts import Abort
+from pdgw.ds301.connection_set import SDO_REQUEST
+from pdgw.ds301.loop import MS, SECOND
+from pdgw.ds301.objects import Entry
+from pdgw.dsp402.states import Command, State
+from pdgw.gateway.daemon import Daemon
+from pdgw.peers.drive import SimulatedDrive, SimulatedDriveNode
+from pdgw.peers.node.node import Value
+from tests.support.daemon import OFF, Plc, axis, configuration, drive_of, exchanging, running, until, world_of
+
+FULL_SPEED = 0x4000
+OFF2 = OFF & ~0x2
+_DOWNLOAD = range(0x20, 0x40)
+
+
+def _turning(daemon: Daemon) -> tuple[Plc, SimulatedDrive]:
+    """The drive at 3000 rpm; NMT pre-operational does not stop it."""
+    drive = drive_of(daemon)
+    drive.do(lambda node: node.misbehave("turns-in-pre-operational"))
+    plc = Plc(daemon, [1])
+    plc.endpoint.set(0, {"NSOLL_A": FULL_SPEED})
+    plc.enable()
+    plc.until(lambda: plc.value("NIST_A") == FULL_SPEED, "3000 rpm")
+    return plc, drive
+
+
+def _written(daemon: Daemon) -> list[tuple[int, int]]:
+    """Object and value of every SDO download to the drive from now on."""
+    written: list[tuple[int, int]] = []
+    daemon.networks["can"].listeners.append(
+        lambda message: (
+            written.append((int.from_bytes(message.data[1:3], "little"), int.from_bytes(message.data[4:], "little")))
+            if message.arbitration_id == SDO_REQUEST + 1 and not message.is_rx and message.data[0] in _DOWNLOAD
+            else None
+        )
+    )
+    return written
+
+
+@pytest.mark.parametrize("asked", [None, OFF2, OFF], ids=["ON", "OFF2", "OFF1"])
+def test_a_lost_drive_that_turns_on_in_pre_operational_is_stopped_before_it_is_configured(asked: int | None) -> None:
+    with running(configuration(axis(1))) as daemon:
+        plc, drive = _turning(daemon)
+        written = _written(daemon)
+        drive.do(lambda node: node.misbehave("lost-pdos", every=1))
+        if asked is not None:
+            plc.endpoint.set(0, {"STW1": asked})
+        with exchanging(plc):
+            until(daemon, lambda: written, "the first SDO write")
+            assert written[0] == (0x6040, Command.QUICK_STOP.word)
+            until(daemon, lambda: drive.model.state is State.QUICK_STOP_ACTIVE, "its stop", 2 * MS)
+            until(daemon, lambda: drive.model.ramp.speed == 0, "standstill")
+            world_of(daemon).loop.run_for(10 * SECOND)
+            assert [index for index, _ in written].count(0x6040) == 1, "a drive that is off is told nothing"
+            drive.do(lambda node: node.behave())
+            until(daemon, lambda: daemon.axes[0].good, "online again")
+            world_of(daemon).loop.run_for(SECOND)
+        assert drive.model.state is not State.OPERATION_ENABLED, "a standing ON restarts nothing"
+
+
+def test_a_drive_that_somebody_left_turning_is_stopped_when_the_gateway_finds_it() -> None:
+    with running(configuration(axis(1))) as daemon:
+        written = _written(daemon)
+        drive = drive_of(daemon)
+
+        def turn(node: SimulatedDriveNode) -> None:
+            node.misbehave("turns-in-pre-operational")
+            model = node.model
+            for word in (Command.SHUTDOWN, Command.ENABLE_OPERATION):
+                model.controlword = word.word
+                model.command()
+            model.ramp.set(1000.0)
+
+        drive.do(turn)
+        assert drive.model.state is State.OPERATION_ENABLED
+        until(daemon, lambda: written, "the first SDO write")
+        assert written[0] == (0x6040, Command.QUICK_STOP.word)
+        until(daemon, lambda: daemon.axes[0].good, "online")
+        assert drive.model.state is not State.OPERATION_ENABLED
+
+
+@pytest.mark.parametrize("shown", [State.SWITCH_ON_DISABLED, State.READY_TO_SWITCH_ON])
+def test_a_drive_without_power_is_brought_up_with_no_controlword_by_sdo(shown: State) -> None:
+    with running(configuration(axis(1))) as daemon:
+        plc = Plc(daemon, [1])
+        drive, written = drive_of(daemon), _written(daemon)
+        drive.do(lambda node: node.misbehave("turns-in-pre-operational"))
+        plc.endpoint.set(0, {"STW1": OFF if shown is State.READY_TO_SWITCH_ON else 0})
+        plc.until(lambda: drive.model.state is shown, shown.value)
+        drive.do(lambda node: node.misbehave("lost-pdos", every=1))
+        with exchanging(plc):
+            until(daemon, lambda: not daemon.axes[0].good, "lost")
+            until(daemon, lambda: drive.model.state is shown, "as it was")
+            drive.do(lambda node: node.behave())
+            until(daemon, lambda: daemon.axes[0].good, "online again")
+        assert 0x6040 not in [index for index, _ in written]
+
+
+def test_a_drive_that_refuses_its_stop_by_sdo_is_brought_up_and_stopped_by_its_rpdo() -> None:
+    with running(configuration(axis(1))) as daemon:
+        plc, drive = _turning(daemon)
+
+        def refuse(entry: Entry, value: Value) -> None:
+            if entry.index == 0x6040:
+                raise SdoAbortedError(Abort.CANNOT_STORE_DEVICE_STATE)
+
+        def lose(node: SimulatedDriveNode) -> None:
+            node.on_written = refuse  # type: ignore[method-assign]
+            node.misbehave("lost-pdos", every=1)
+
+        drive.do(lose)
+        client = daemon.axes[0].drive
+        with exchanging(plc):
+            until(daemon, lambda: client.status.value == "configuring", "brought up")
+            assert drive.model.state is State.OPERATION_ENABLED
+            drive.do(lambda node: node.behave("lost-pdos"))
+            until(daemon, lambda: drive.model.ramp.speed == 0, "standstill")
+        assert client.generation == 2
