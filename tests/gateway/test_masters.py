@@ -34,6 +34,7 @@ def test_a_bus_with_another_master_is_left_alone(can_id: int, data: bytes, what:
     sent: list[int] = []
     daemon.networks["can"].listeners.append(lambda m: None if m.is_rx else sent.append(m.arbitration_id))
     world.loop.call_later(0, lambda: other.send(can_id, data))
+    world.loop.call_later(10 * SECOND, daemon.stop)
     with pytest.raises(GatewayError, match=what):
         daemon.run()
     assert sent == [], "not one frame"

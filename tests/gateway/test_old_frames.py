@@ -344,6 +344,25 @@ def test_off2_and_off3_act_at_once_however_young_the_connection(word: int) -> No
     assert gateway.order == word
 
 
+def test_a_start_that_may_be_an_old_one_counts_with_its_third_frame_in_a_row() -> None:
+    plc, gateway, now = connected(OFF, 10)
+    in_force = []
+    for order in (ON, ON, OFF, ON, ON, ON):
+        now += CYCLE
+        gateway.receive(plc.frame(now, order), now)
+        in_force.append(gateway.order)
+    assert in_force == [OFF, OFF, OFF, OFF, OFF, ON]
+
+
+def test_frames_further_apart_than_the_watchdog_are_no_sequence_however_well_their_counters_fit() -> None:
+    sequence = FrameSequence(CYCLE, WATCHDOG)
+    now = 0
+    for gap in (CYCLE, CYCLE, WATCHDOG + MS, CYCLE, WATCHDOG, CYCLE):
+        assert sequence.follow("plc", now // COUNTER_UNIT_NS & 0xFFFF, now, None, may_connect=True) is Order.UNCONFIRMED
+        now += gap
+    assert sequence.follow("plc", now // COUNTER_UNIT_NS & 0xFFFF, now, None, may_connect=True) is Order.NEXT
+
+
 def test_a_burst_of_old_frames_is_no_sequence() -> None:
     plc = Plc()
     frames = [plc.frame(n * CYCLE, OFF) for n in range(50)]
