@@ -89,7 +89,7 @@ $(STAMP): pyproject.toml constraints.txt
 	$(BIN)/python -m compileall -q $(ROOMS) pdgw
 	@# mypy does not know setuptools' mapping of the rooms to one package: the same tree, as links.
 	@mkdir -p $(VENV)/rooms/pdgw
-	@ln -sfn $(addprefix $(CURDIR)/,$(ROOMS)) $(CURDIR)/pdgw/__init__.py $(CURDIR)/pdgw/__main__.py $(CURDIR)/pdgw/py.typed $(VENV)/rooms/pdgw
+	@ln -sfn $(addprefix $(CURDIR)/,$(ROOMS)) $(CURDIR)/pdgw/*.py $(CURDIR)/pdgw/py.typed $(VENV)/rooms/pdgw
 	@touch $@
 
 clean:

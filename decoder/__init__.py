@@ -1,7 +1,8 @@
 """The decoder: bytes of both buses to named values, without I/O.
 
-* ``engine.Decoder`` turns the packets of a capture into ``records.Record`` objects, one for each packet, in order; it learns
-  telegrams and PDO mappings on the way. Their documents are plain data with a stable schema (docs/decoder-schema.md).
+* ``engine.Decoder`` turns the packets of a capture into ``records.Record`` objects (``can_records``: those of the CAN side), one
+  for each packet, in order; it learns telegrams and PDO mappings on the way. Their documents are plain data with a stable schema
+  (docs/decoder-schema.md).
 * ``recognise`` tells what a single piece of data is and why.
 * ``selection``, ``filter``, ``changes`` choose among records; ``columns`` makes rows of them, ``statistics`` rates and loads,
   ``render`` text.

@@ -14,6 +14,17 @@ from dataclasses import dataclass, field
 from functools import cache
 from typing import Final
 
+from pdgw.decoder.can_records import (
+    CanRecord,
+    EmcyRecord,
+    HeartbeatRecord,
+    NmtRecord,
+    PdoLayout,
+    PdoRecord,
+    SdoRecord,
+    SyncRecord,
+    TimeRecord,
+)
 from pdgw.decoder.cyclic import Axis
 from pdgw.decoder.link import CanFrame
 from pdgw.decoder.objects import (
@@ -24,18 +35,7 @@ from pdgw.decoder.objects import (
     pdo_layout,
     profile_catalogue,
 )
-from pdgw.decoder.records import (
-    CanRecord,
-    EmcyRecord,
-    HeartbeatRecord,
-    NmtRecord,
-    PdoLayout,
-    PdoRecord,
-    Record,
-    SdoRecord,
-    SyncRecord,
-    TimeRecord,
-)
+from pdgw.decoder.records import Record
 from pdgw.decoder.sdo import FRAME_SIZE, SdoChannel, Step
 from pdgw.ds301.aborts import abort_text
 from pdgw.ds301.communication import DEVICE_TYPE

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import lru_cache
 
-from pdgw.decoder.records import CanRecord, CyclicRecord, HeartbeatRecord, Record, SyncRecord, Unit, UnitLayout
+from pdgw.decoder.can_records import CanRecord, HeartbeatRecord, SyncRecord
+from pdgw.decoder.records import CyclicRecord, Record, Unit, UnitLayout
 from pdgw.profidrive.frame import TRAILER
 
 

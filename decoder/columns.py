@@ -9,8 +9,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
+from pdgw.decoder.can_records import PdoRecord
 from pdgw.decoder.names import RECORD_NAMES, Getter, Names, Value, part_value
-from pdgw.decoder.records import CyclicRecord, PdoRecord, Record, Unit, UnitLayout
+from pdgw.decoder.records import CyclicRecord, Record, Unit, UnitLayout
 
 Row = list[Value]
 _Cell = tuple[int, int, Callable[[Any], Value] | None]

@@ -16,12 +16,13 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from pdgw.decoder.acyclic import AcyclicDecoder
+from pdgw.decoder.can_records import CanRecord
 from pdgw.decoder.canopen import CanopenDecoder, Dictionary
 from pdgw.decoder.cyclic import Axis, CyclicDecoder, given_axes
 from pdgw.decoder.link import CanFrame, Carried, socketcan, unwrap
 from pdgw.decoder.profinet_frames import FRAME_IDS, FrameDecoder
 from pdgw.decoder.profinet_names import StationNames
-from pdgw.decoder.records import CanRecord, Link, OtherRecord, Record
+from pdgw.decoder.records import Link, OtherRecord, Record
 from pdgw.profidrive.frame import ETHERTYPE
 from pdgw.profidrive.frame import UDP_PORT as CYCLIC_PORT
 from pdgw.profinet.rpc.dcerpc import UDP_PORT as ACYCLIC_PORT

@@ -18,13 +18,14 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Final
 
+from pdgw.decoder.can_records import CanRecord, NmtRecord
 from pdgw.decoder.connect import Connection
 from pdgw.decoder.cyclic import Axis
 from pdgw.decoder.following_axis import RESPONSE_NS, AxisFollower
 from pdgw.decoder.following_object import ObjectFollower, Put
 from pdgw.decoder.profinet_endpoint import ProfinetEndpoint
 from pdgw.decoder.profinet_records import AlarmRecord, Change, RelationRecord
-from pdgw.decoder.records import CanRecord, CyclicRecord, NmtRecord, Record
+from pdgw.decoder.records import CyclicRecord, Record
 from pdgw.decoder.timeline import Anomaly, AnomalyKind, Edge, Entry, Event
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS

@@ -12,18 +12,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
+from pdgw.decoder.can_records import CanRecord, HeartbeatRecord, NmtRecord, PdoLayout, PdoRecord, SdoRecord
 from pdgw.decoder.cyclic import Axis
 from pdgw.decoder.following_object import ObjectFollower, Put
 from pdgw.decoder.following_words import Decision, Words
 from pdgw.decoder.mapping import recorded_rpdo
-from pdgw.decoder.records import (
-    CanRecord,
-    HeartbeatRecord,
-    NmtRecord,
-    PdoLayout,
-    PdoRecord,
-    SdoRecord,
-)
 from pdgw.decoder.timeline import Anomaly, AnomalyKind, Edge, ReasonChange, WordKind
 from pdgw.ds301.aborts import abort_text
 from pdgw.ds301.nmt import NmtCommand, NmtState

@@ -6,8 +6,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
+from pdgw.decoder.can_records import CanRecord, EmcyRecord, HeartbeatRecord, NmtRecord
 from pdgw.decoder.cyclic import Axis
-from pdgw.decoder.records import CanRecord, EmcyRecord, HeartbeatRecord, NmtRecord
 from pdgw.decoder.timeline import Anomaly, AnomalyKind, Entry, Event
 from pdgw.profidrive.telegrams import Direction
 

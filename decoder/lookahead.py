@@ -10,9 +10,10 @@ from functools import cached_property
 from itertools import pairwise
 from typing import Final
 
+from pdgw.decoder.can_records import CanRecord, PdoRecord
 from pdgw.decoder.clocks import AxisWords, Clocks, Word, correlate
 from pdgw.decoder.cyclic import Axis
-from pdgw.decoder.records import BusKind, CanRecord, CyclicRecord, PdoRecord, Record
+from pdgw.decoder.records import BusKind, CyclicRecord, Record
 from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.profidrive.telegrams import Direction
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pdgw.decoder.records import PdoLayout
+from pdgw.decoder.can_records import PdoLayout
 from pdgw.ds301.pdo import Pdo, PdoDirection
 from pdgw.dsp402.objects import DRIVE_OBJECTS
 

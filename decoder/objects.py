@@ -12,8 +12,9 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Final
 
+from pdgw.decoder.can_records import PdoLayout
 from pdgw.decoder.fields import Field, Raw, entry_field
-from pdgw.decoder.records import PdoLayout, UnitLayout
+from pdgw.decoder.records import UnitLayout
 from pdgw.ds301.objects import CanType, Entry
 from pdgw.ds301.pdo import COB_ID_INVALID, PdoDirection
 from pdgw.dsp402.device import drive_objects

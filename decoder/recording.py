@@ -14,6 +14,7 @@ from functools import cached_property
 from itertools import pairwise
 from typing import Final
 
+from pdgw.decoder.can_records import CanRecord, HeartbeatRecord, NmtRecord, PdoRecord, SdoRecord
 from pdgw.decoder.connect import Connection
 from pdgw.decoder.cyclic import Axis
 from pdgw.decoder.mapping import recorded_rpdo
@@ -21,15 +22,7 @@ from pdgw.decoder.plc_inputs import USED, Frame, PlcInputs, Relation, receive_fr
 from pdgw.decoder.profinet_endpoint import ProfinetEndpoint
 from pdgw.decoder.profinet_records import AlarmRecord, Change, RelationRecord
 from pdgw.decoder.recorded import Answer, AxisRecording, Feedback, Learned, SdoResult, Sent, Setpoints
-from pdgw.decoder.records import (
-    CanRecord,
-    CyclicRecord,
-    HeartbeatRecord,
-    NmtRecord,
-    PdoRecord,
-    Record,
-    SdoRecord,
-)
+from pdgw.decoder.records import CyclicRecord, Record
 from pdgw.ds301.aborts import abort_text
 from pdgw.ds301.nmt import NmtCommand, NmtState
 from pdgw.ds301.pdo import Pdo, PdoDirection

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import Any
 
+from pdgw.decoder.can_records import CanRecord, PdoRecord
 from pdgw.decoder.profinet_records import StationRecord
-from pdgw.decoder.records import AcyclicRecord, CanRecord, CyclicRecord, PdoRecord, Record, Unit
+from pdgw.decoder.records import AcyclicRecord, CyclicRecord, Record, Unit
 from pdgw.profidrive.frame import IOPS_GOOD
 from pdgw.profidrive.signals import SIGNALS
 from pdgw.profidrive.telegrams import Direction

@@ -10,8 +10,9 @@ import math
 from collections import Counter
 from dataclasses import dataclass, field
 
+from pdgw.decoder.can_records import CanRecord, PdoRecord
 from pdgw.decoder.fields import Document
-from pdgw.decoder.records import CanRecord, CyclicRecord, PdoRecord, Record
+from pdgw.decoder.records import CyclicRecord, Record
 from pdgw.ds301.load import frame_bits
 from pdgw.profidrive.frame import COUNTER_UNIT_NS, is_newer
 from pdgw.profidrive.telegrams import Direction

@@ -22,6 +22,7 @@ from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.faults import ChannelErrorType, DriveFault
 from pdgw.dsp402.scaling import FamilyUnits
 from pdgw.dsp402.units import parse_unit
+from pdgw.explain import Problem, problems
 
 FAMILIES = Path(__file__).parent / "families"
 _DATA_SHEETS = Path(__file__).parent / "eds"
@@ -48,6 +49,14 @@ def _channel(value: object) -> object:
 
 
 Address = Annotated[tuple[int, int], BeforeValidator(_address)]
+
+
+class OverlayError(Dsp402Error):
+    """An overlay file with a key that is wrong."""
+
+    def __init__(self, name: str, problem: Problem) -> None:
+        super().__init__(f"overlay {name}: {'.'.join(map(str, problem.location))}", problem.value, problem.text)
+        self.args = (f"overlay {name}: {problem.line}",)
 
 
 class _Model(BaseModel):
@@ -187,9 +196,7 @@ def parse_overlay(name: str, text: str) -> Overlay:
     except tomllib.TOMLDecodeError as error:
         raise Dsp402Error("overlay", name, f"a TOML file ({error})") from error
     except ValidationError as error:
-        detail = error.errors()[0]
-        key = ".".join(map(str, detail["loc"]))
-        raise Dsp402Error(f"overlay {name}: {key}", detail.get("input"), detail["msg"]) from error
+        raise OverlayError(name, problems(error, Overlay)[0]) from error
 
 
 @cache

@@ -25,6 +25,7 @@ from pdgw.dsp402.overlay import overlay
 from pdgw.dsp402.scaling import UnitKeys, check_unit_keys
 from pdgw.dsp406.encoder import EncoderSettings
 from pdgw.dsp406.kinds import CHANNELS_MAX, DEVICES, LINEAR, MULTI_SENSOR, ROTARY, EncoderDevice, multi_sensor
+from pdgw.explain import misplaced
 from pdgw.gateway.axis.settings import AxisSettings, ControlLost, PlcLossReaction, SetpointEnable
 from pdgw.gateway.axis.telegrams import (
     DRIVE_TELEGRAM_NUMBERS,
@@ -48,7 +49,6 @@ from pdgw.gateway.config_surroundings import (
 )
 from pdgw.gateway.config_web import MqttConfig, WebConfig
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.explain import misplaced
 from pdgw.gateway.motion.dsc import DELAY_CYCLES_MAX, DscChoices, DscForm
 from pdgw.gateway.positioner_config import BlockConfig, PositionerConfig
 from pdgw.profidrive.errors import ProfidriveError

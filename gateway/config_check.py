@@ -8,9 +8,9 @@ from importlib import import_module
 from pathlib import Path
 
 from pdgw.ds301.errors import CanopenError
+from pdgw.explain import Problem
 from pdgw.gateway.config import AxisConfig, EncoderConfig, GatewayConfig
 from pdgw.gateway.config_file import SECTIONS
-from pdgw.gateway.explain import Problem
 from pdgw.gateway.toml_file import read_text, told
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pydantic import ValidationError
 
+from pdgw.explain import problems
 from pdgw.gateway import identity
 from pdgw.gateway.axis.telegrams import (
     DRIVE_TELEGRAM_NUMBERS,
@@ -15,7 +16,6 @@ from pdgw.gateway.config import GatewayConfig
 from pdgw.gateway.config_surroundings import DEFAULT_BITRATE
 from pdgw.gateway.config_web import WebConfig
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.explain import problems
 from pdgw.gateway.positioner_config import EXAMPLE as POSITIONER_EXAMPLE
 from pdgw.gateway.positioner_config import SIMULATED
 from pdgw.profidrive.frame import UDP_PORT

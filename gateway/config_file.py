@@ -9,11 +9,11 @@ from typing import TypeVar
 
 from pydantic import BaseModel
 
+from pdgw.explain import Problem
 from pdgw.gateway.config import AxisConfig, EncoderConfig, GatewayConfig
 from pdgw.gateway.config_surroundings import CanConfig, ParametersConfig, RealtimeConfig, TraceConfig, TransportConfig
 from pdgw.gateway.config_web import MqttConfig, WebConfig
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.explain import Problem
 from pdgw.gateway.store import default_store
 from pdgw.gateway.toml_file import parse_toml, read_text, told, toml_text
 

@@ -11,8 +11,8 @@ from uuid import UUID
 
 from pydantic import BaseModel, ConfigDict, Field, Strict, model_validator
 
+from pdgw.explain import misplaced
 from pdgw.gateway import identity
-from pdgw.gateway.explain import misplaced
 from pdgw.gateway.ports import STATUS_PORT
 from pdgw.profidrive.frame import UDP_PORT
 from pdgw.profinet.rpc.dcerpc import UDP_PORT as ACYCLIC_PORT

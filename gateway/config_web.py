@@ -8,8 +8,8 @@ from typing import Annotated
 
 from pydantic import AfterValidator, Field, Strict, model_validator
 
+from pdgw.explain import misplaced
 from pdgw.gateway.config_surroundings import Boolean, Integer, Section
-from pdgw.gateway.explain import misplaced
 
 WEB_PORT = 8420
 """TCP on loopback: the page, unless ``listen`` says otherwise."""

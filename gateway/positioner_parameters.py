@@ -13,6 +13,7 @@ from typing import Final
 
 from pydantic import ValidationError
 
+from pdgw.explain import problems
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.motion.blocks import HIGHEST_BLOCK, PERCENT_MAX, Block, BlockMode, BlockNext, BlockTask
 from pdgw.gateway.motion.wishes import PositionerChoices
@@ -129,7 +130,7 @@ def _block_of(number: int, row: Row) -> BlockConfig:
             value=value,
         )
     except ValidationError as error:
-        raise GatewayError(f"block {number}: {error.errors()[0]['msg'].removeprefix('Value error, ')}") from error
+        raise GatewayError(f"block {number}: {problems(error, BlockConfig)[0].line}") from error
 
 
 class PositionerValues:
@@ -172,7 +173,6 @@ class PositionerValues:
         try:
             config = PositionerConfig.model_validate(document)
         except ValidationError as error:
-            first = error.errors()[0]
-            raise GatewayError(f"{'.'.join(map(str, first['loc']))}: {first['msg']}") from error
+            raise GatewayError(problems(error, PositionerConfig)[0].line) from error
         active = sorted((number, row) for number, row in self._rows.items() if row[0] != INACTIVE)
         return config.choices(tuple(_block_of(number, row) for number, row in active))

@@ -12,8 +12,8 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
+from pdgw.explain import Location, Problem, problems
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.explain import Location, Problem, problems
 
 Root = TypeVar("Root", bound=BaseModel)
 Sections = Mapping[str, type[BaseModel]]

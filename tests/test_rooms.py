@@ -50,3 +50,22 @@ def test_the_page_knows_no_command_and_nobody_who_plays_the_other_side() -> None
 
 def test_the_search_finds_what_is_there() -> None:
     assert "tools/commands/sim_drive.py" in importers("tools", "peers")
+
+
+def test_what_pydantic_finds_wrong_is_worded_in_one_place() -> None:
+    """Whoever catches a ValidationError hands it to ``pdgw.explain``; ``error_count`` alone needs no words."""
+    catching = [
+        file
+        for room in (*PRODUCT, "decoder", "web", "peers", "tools")
+        for file in (ROOT / room).rglob("*.py")
+        if "except ValidationError" in file.read_text(encoding="utf-8")
+    ]
+    assert len(catching) > 5
+    for file in catching:
+        text = file.read_text(encoding="utf-8")
+        assert "pdgw.explain" in imports(file), file
+        assert ".errors()" not in text, file
+
+
+def test_the_explanation_belongs_to_no_room() -> None:
+    assert not [name for name in imports(ROOT / "pdgw" / "explain.py") if name.startswith("pdgw")]

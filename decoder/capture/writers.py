@@ -11,21 +11,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final, Protocol, TextIO
 
+from pdgw.decoder.can_records import CanRecord, EmcyRecord, HeartbeatRecord, NmtRecord, PdoRecord, SdoRecord
 from pdgw.decoder.capture.parquet import ParquetTable
 from pdgw.decoder.columns import Columns
 from pdgw.decoder.names import Names
-from pdgw.decoder.records import (
-    AcyclicRecord,
-    BusKind,
-    CanRecord,
-    EmcyRecord,
-    HeartbeatRecord,
-    NmtRecord,
-    PdoRecord,
-    Record,
-    SdoRecord,
-    Unit,
-)
+from pdgw.decoder.records import AcyclicRecord, BusKind, Record, Unit
 from pdgw.decoder.render import line_parts, record_line, record_tree
 from pdgw.decoder.statistics import Statistics
 from pdgw.gateway.errors import GatewayError

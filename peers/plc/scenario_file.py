@@ -7,8 +7,8 @@ from pathlib import Path
 import yaml
 from pydantic import ValidationError
 
+from pdgw.explain import Problem, problems
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.explain import Problem, problems
 from pdgw.gateway.toml_file import check_depth, read_text
 from pdgw.peers.plc.endpoint import PlcEndpoint
 from pdgw.peers.plc.engine import Engine
@@ -48,11 +48,7 @@ def load_scenario(path: Path) -> Scenario:
 
 def _told(problem: Problem) -> str:
     """``step 3: move.to = 'x': expected a number``: steps are counted from 1, as in the results."""
-    location = list(problem.location)
-    place = ""
-    if location[:1] == ["steps"] and len(location) > 1:
-        place = f"step {int(location[1]) + 1}: "
-        location = location[2:]
-    key = ".".join(str(part) for part in location) if not problem.names_key else ""
-    value = f" = {problem.value}" if key and problem.value else ""
-    return f"{place}{key}{value}{': ' if key else ''}{problem.text}"
+    section, *place = problem.location or ("",)
+    if section != "steps" or not place:
+        return problem.line
+    return f"step {int(place[0]) + 1}: {problem._replace(location=tuple(place[1:])).line}"

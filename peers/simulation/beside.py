@@ -13,6 +13,7 @@ import can
 from pydantic import ValidationError
 
 from pdgw.ds301.port import CanPort
+from pdgw.explain import problems
 from pdgw.gateway.config import AxisConfig, EncoderConfig, GatewayConfig
 from pdgw.gateway.config_surroundings import CanConfig
 from pdgw.gateway.errors import GatewayError
@@ -65,8 +66,7 @@ def _encoder(items: Sequence[EncoderConfig]) -> DeviceConfig:
             motion=tuple(motions.get(number, "still") for number in range(1, last.channel + 1)),
         )
     except ValidationError as error:
-        text = error.errors()[0]["msg"].removeprefix("Value error, ")
-        raise GatewayError(f"[[encoder]] do_id = {items[0].do_id}: {text}") from error
+        raise GatewayError(f"[[encoder]] do_id = {items[0].do_id}: {problems(error, DeviceConfig)[0].line}") from error
 
 
 def add_device(simulation: Simulation, device: DeviceConfig, bus: can.BusABC | CanPort) -> None:

@@ -9,13 +9,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from pdgw.decoder.can_records import CanRecord, EmcyRecord, HeartbeatRecord, PdoRecord, SdoRecord
 from pdgw.decoder.canopen import CanopenDecoder
 from pdgw.decoder.capture.dictionary import dictionary_of
 from pdgw.decoder.cyclic import Axis, given_axes
 from pdgw.decoder.engine import CanPacket, Decoder, Settings
 from pdgw.decoder.link import CanFrame
 from pdgw.decoder.objects import Mapped, ObjectNames, catalogue, pdo_layout
-from pdgw.decoder.records import CanRecord, EmcyRecord, HeartbeatRecord, PdoRecord, Record, SdoRecord
+from pdgw.decoder.records import Record
 from pdgw.ds301.configuration import map_pdo
 from pdgw.ds301.objects import CanType, Entry
 from pdgw.ds301.pdo import COB_ID_INVALID

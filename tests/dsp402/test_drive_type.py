@@ -118,7 +118,13 @@ def test_an_overlay_is_chosen_by_the_identity() -> None:
     ("text", "said"),
     [
         ("title", "TOML"),
-        ('title = "a"\nsources = []\n', "sources"),
+        ('title = "a"\nsources = []\n', "^overlay mine: sources: at least one is needed$"),
+        (MINIMAL + "quirks = { boot_ms = 70000 }", "^overlay mine: quirks.boot_ms = 70000: allowed: 0 to 60000$"),
+        (
+            MINIMAL + "quirks = { boot_ms = 'long' }",
+            "^overlay mine: quirks.boot_ms = 'long': expected an integer, allowed: 0 to",
+        ),
+        (MINIMAL + "titel = 'b'", "^overlay mine: titel: unknown key, did you mean title?"),
         (MINIMAL + 'objects = { error_code = "200C" }', "2003h or 6C01h/1"),
         (MINIMAL + "colour = 3", "colour"),
         (MINIMAL + '[faults]\n1 = { name = "x", code = 1, error_register = 0, channel = "hot" }', "channel error type"),

@@ -10,10 +10,11 @@ from pathlib import Path
 
 import pytest
 
+from pdgw.decoder.can_records import PdoRecord
 from pdgw.decoder.capture.source import open_source
 from pdgw.decoder.engine import Decoder, Packet
 from pdgw.decoder.profinet_records import DcpRecord
-from pdgw.decoder.records import CyclicRecord, PdoRecord
+from pdgw.decoder.records import CyclicRecord
 from pdgw.gateway.errors import GatewayError
 from pdgw.tools import namespaces
 from pdgw.tools.recorder import CAPTURE

@@ -7,9 +7,10 @@ from pathlib import Path
 
 import pytest
 
+from pdgw.decoder.can_records import PdoRecord
 from pdgw.decoder.capture.source import open_source
 from pdgw.decoder.engine import Decoder, Settings, given_axes
-from pdgw.decoder.records import CyclicRecord, PdoRecord
+from pdgw.decoder.records import CyclicRecord
 from pdgw.decoder.timeline import Anomaly, Edge, WordKind
 from pdgw.tools.bench import decoding, following
 from pdgw.tools.bench.captures import AXES, write_capture, write_recording

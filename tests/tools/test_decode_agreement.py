@@ -11,19 +11,10 @@ import pytest
 from scapy.layers.can import CAN
 from scapy.utils import PcapReader
 
+from pdgw.decoder.can_records import EmcyRecord, HeartbeatRecord, NmtRecord, PdoRecord, SdoRecord
 from pdgw.decoder.capture.source import open_source
 from pdgw.decoder.engine import Decoder, Settings, given_axes
-from pdgw.decoder.records import (
-    CyclicRecord,
-    EmcyRecord,
-    HeartbeatRecord,
-    NmtRecord,
-    ParameterRequestRecord,
-    ParameterResponseRecord,
-    PdoRecord,
-    Record,
-    SdoRecord,
-)
+from pdgw.decoder.records import CyclicRecord, ParameterRequestRecord, ParameterResponseRecord, Record
 from pdgw.profidrive.scapy_layers import ProfidriveCyclic, bind
 from tests.support import captures, tshark
 from tests.support.captures import BEGIN_NS, MS

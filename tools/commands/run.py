@@ -17,6 +17,7 @@ import typer
 from pydantic import ValidationError
 
 from pdgw import __version__
+from pdgw.explain import Problem, problems
 from pdgw.gateway import realtime
 from pdgw.gateway.config import GatewayConfig
 from pdgw.gateway.config_example import simulated
@@ -24,7 +25,6 @@ from pdgw.gateway.config_file import load_config
 from pdgw.gateway.config_surroundings import CanConfig
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.explain import Problem, problems
 from pdgw.gateway.notify import ServiceManager
 from pdgw.gateway.status import StatusServer
 from pdgw.gateway.trace.place import prepared, run_directory

@@ -13,11 +13,11 @@ from typing import Annotated
 import typer
 from pydantic import ValidationError
 
+from pdgw.explain import problems
 from pdgw.gateway.config import GatewayConfig
 from pdgw.gateway.config_file import load_config
 from pdgw.gateway.config_web import WebConfig
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.explain import problems
 from pdgw.tools.log_format import LogFormat
 from pdgw.tools.parameters.page import PageParameters
 from pdgw.tools.run_log import LogLevel, RunLog

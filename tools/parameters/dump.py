@@ -9,8 +9,8 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from pdgw.explain import problems
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.explain import problems
 from pdgw.gateway.toml_file import read_text
 from pdgw.profidrive.parameters.catalogue import OBJECTS
 from pdgw.profidrive.parameters.codec import Values
@@ -82,9 +82,7 @@ class Dump(BaseModel):
         try:
             return cls.model_validate_json(read_text(path))
         except ValidationError as error:
-            first = problems(error, cls)[0]
-            where = ".".join(str(part) for part in first.location) + (f" = {first.value}" if first.value else "")
-            raise GatewayError(f"{path}: no parameter file: {where}: {first.text}") from error
+            raise GatewayError(f"{path}: no parameter file: {problems(error, cls)[0].line}") from error
 
 
 def read_all(session: Session, progress: Progress | None = None) -> tuple[Dump, list[Element]]:

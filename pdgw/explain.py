@@ -1,4 +1,5 @@
-"""What pydantic finds wrong, in words for the user: which key, which value, what is allowed. One function for all files.
+"""What pydantic finds wrong, in words for the user: which key, which value, what is allowed. One function for all of them, in
+no room: whoever reads a file may import it.
 
 A check of a whole file that concerns one place of it raises ``misplaced``, so that the place can be told.
 """
@@ -43,6 +44,13 @@ class Problem(NamedTuple):
     value: str
     text: str
     names_key: bool = False
+
+    @property
+    def line(self) -> str:
+        """``motion.limit = 0: allowed: 1 to 5``: all of it, for what has no file with lines to point at."""
+        key = "" if self.names_key else ".".join(map(str, self.location))
+        value = f" = {self.value}" if key and self.value else ""
+        return f"{key}{value}{': ' if key else ''}{self.text}"
 
 
 def misplaced(text: str, *location: str | int) -> PydanticCustomError:
