@@ -10,8 +10,11 @@ ROOMS := profidrive profinet ds301 dsp402 dsp406 gateway decoder web peers tools
 demo: $(STAMP)
 	$(BIN)/pdgw demo
 
+# Two tests at a time, each worker with its half in the order of the files, then what the other one has left.
+TOGETHER := -n 2 --dist worksteal
+
 test: $(STAMP)
-	$(BIN)/pytest
+	$(BIN)/pytest $(TOGETHER)
 
 # README's tour and the tutorials, word by word, each in a network of its own.
 tour: $(STAMP)
@@ -52,7 +55,7 @@ compiled: $(STAMP)
 	$(BIN)/python -m zipfile -e build/wheel/*.whl $(COMPILED)
 
 test-compiled: compiled
-	$(WITH_COMPILED) $(BIN)/pytest --import-mode=append
+	$(WITH_COMPILED) $(BIN)/pytest $(TOGETHER) --import-mode=append
 
 bench-compiled: compiled
 	$(WITH_COMPILED) $(BIN)/python -m pdgw bench
