@@ -11,13 +11,14 @@ from pdgw.gateway.axis.telegrams import (
     DSC_TELEGRAM_NUMBERS,
     ENCODER_TELEGRAM_NUMBERS,
     POSITIONER_TELEGRAM_NUMBERS,
+    SPEED_TELEGRAM_NUMBERS,
 )
 from pdgw.gateway.config import GatewayConfig
 from pdgw.gateway.config_surroundings import DEFAULT_BITRATE
 from pdgw.gateway.config_web import WebConfig
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.positioner_config import EXAMPLE as POSITIONER_EXAMPLE
-from pdgw.gateway.positioner_config import SIMULATED
+from pdgw.gateway.positioner_config import SIMULATED, SIMULATED_BLOCKS
 from pdgw.profidrive.frame import UDP_PORT
 from pdgw.profinet.rpc.dcerpc import UDP_PORT as ACYCLIC_PORT
 
@@ -146,6 +147,8 @@ simulate = false             # true: a simulated drive instead of the one on the
 SIMULATED_WATCHDOG_FACTOR = 100
 """Cycles without a frame until the PLC is lost, where nothing real moves: a busy laptop holds a program up for 0.1 s."""
 
+_SIMULATED_JOG = {"jog_1_speed_rpm": -150, "jog_2_speed_rpm": 150}
+
 
 def simulated(number: int, axes: int, encoders: int = 0, encoder_number: int = 83) -> GatewayConfig:
     """The configuration of ``pdgw run --simulate``: simulated drives and encoders on a virtual bus, 4 ms.
@@ -157,7 +160,8 @@ def simulated(number: int, axes: int, encoders: int = 0, encoder_number: int = 8
         "transport": {"watchdog_factor": SIMULATED_WATCHDOG_FACTOR},
         "axis": [
             {"do_id": n, "node_id": n, "telegram": number, "simulate": True}
-            | ({"positioner": SIMULATED} if number in POSITIONER_TELEGRAM_NUMBERS else {})
+            | ({"positioner": SIMULATED, "block": SIMULATED_BLOCKS} if number in POSITIONER_TELEGRAM_NUMBERS else {})
+            | (_SIMULATED_JOG if number in SPEED_TELEGRAM_NUMBERS else {})
             | ({"dsc": "position", "following_window": 4096} if number in DSC_TELEGRAM_NUMBERS else {})
             for n in range(1, axes + 1)
         ],

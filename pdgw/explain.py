@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import difflib
 import types
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Annotated, Any, NamedTuple, Union, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
@@ -53,6 +53,12 @@ class Problem(NamedTuple):
         return f"{key}{value}{': ' if key else ''}{self.text}"
 
 
+def did_you_mean(name: str, known: Iterable[str]) -> str:
+    """``, did you mean override?`` for a name that is like a known one, else nothing."""
+    close = difflib.get_close_matches(name, known, n=1)
+    return f", did you mean {close[0]}?" if close else ""
+
+
 def misplaced(text: str, *location: str | int) -> PydanticCustomError:
     """The error of a check of several keys; ``text`` names them, ``location`` is where to look, like ``"axis", 1, "g1"``."""
     return PydanticCustomError(_PLACED, "{text}", {"text": text, "location": location})
@@ -84,8 +90,7 @@ def _problem(location: Location, details: list[ErrorDetails], root: type[BaseMod
     if first["type"] == "extra_forbidden":
         model = _model_at(location[:-1], root)
         known = list(model.model_fields) if model else []
-        close = difflib.get_close_matches(str(location[-1]), known, n=1)
-        hint = f", did you mean {close[0]}?" if close else ""
+        hint = did_you_mean(str(location[-1]), known)
         return Problem(location, "", f"unknown key{hint} (allowed: {', '.join(known)})")
     field = _field_at(location, root)
     expected = list(dict.fromkeys(_EXPECTED[detail["type"]] for detail in details if detail["type"] in _EXPECTED))

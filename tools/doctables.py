@@ -1,4 +1,4 @@
-"""The reference tables of ``docs/tables.md``, ``misbehaviour.md`` and ``power-table.md``, generated from the declarations.
+"""The documents that are generated from the declarations: tables, faults of devices, power table, words of the PLC simulator.
 
 ``python -m tools.doctables`` (``make docs``) rewrites the files; a test fails when one is out of date.
 """
@@ -36,17 +36,14 @@ from pdgw.profidrive.signals import CATALOGUE, POSITIONER_FORMS, Bit, Confidence
 from pdgw.profidrive.telegrams import TELEGRAMS, ApplicationClass, Telegram, TelegramHalf, word_positions
 from pdgw.profinet.model import TELEGRAM_IDENT, TELEGRAM_SUBSLOT
 from pdgw.tools.conformance.faults import CASES, Case, Device
+from pdgw.tools.markdown import table
+from pdgw.tools.word_tables import generate_words
 
 _DOCS = Path(__file__).parent.parent / "docs"
 PATH = _DOCS / "tables.md"
 MISBEHAVIOUR_PATH = _DOCS / "misbehaviour.md"
 POWER_PATH = _DOCS / "power-table.md"
-
-
-def _table(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    lines = ["| " + " | ".join(header) + " |", "|" + " --- |" * len(header)]
-    lines += ["| " + " | ".join(str(cell) for cell in row) + " |" for row in rows]
-    return "\n".join(lines) + "\n"
+WORDS_PATH = _DOCS / "plc-simulator.md"
 
 
 def _half(half: TelegramHalf) -> str:
@@ -92,8 +89,8 @@ def _bits(signal: Signal) -> str:
         span = f"{bit.position}-{bit.position + bit.width - 1}" if bit.width > 1 else f"{bit.position}"
         rows.append((span, bit.name, _meaning(bit), other.name if other else "", _meaning(other) if other else ""))
     if positioning:
-        return _table(("bit", "name", "meaning of 1", "positioning", "meaning of 1 in positioning"), rows)
-    return _table(("bit", "name", "meaning of 1"), (row[:3] for row in rows))
+        return table(("bit", "name", "meaning of 1", "positioning", "meaning of 1 in positioning"), rows)
+    return table(("bit", "name", "meaning of 1"), (row[:3] for row in rows))
 
 
 def _pattern(mask: int, value: int) -> str:
@@ -150,7 +147,7 @@ def generate() -> str:
         "# Reference tables\n",
         "Generated from the declarations by `make docs`; do not edit.\n",
         "## Telegrams\n",
-        _table(
+        table(
             ("telegram", "mode", "class", "setpoints (word, signal)", "actual values (word, signal)"),
             (
                 (
@@ -167,14 +164,14 @@ def generate() -> str:
         "## PROFINET submodules\n",
         f"Byte offsets in the data of subslot {TELEGRAM_SUBSLOT} of a drive object's slot, big-endian. "
         "IOPS follows, it is the driver's business.\n",
-        _table(
+        table(
             ("telegram", "identification", "output (to the drive)", "input (from the drive)"),
             ((n, f"{TELEGRAM_IDENT + n:08X}h", _bytes(t.setpoints), _bytes(t.actuals)) for n, t in TELEGRAMS.items()),
         ),
         "## Signals\n",
-        _table(_SIGNAL_HEADER, map(_signal_row, CATALOGUE)),
+        table(_SIGNAL_HEADER, map(_signal_row, CATALOGUE)),
         f"In telegrams {_positioner_telegrams()} instead:\n",
-        _table(_SIGNAL_HEADER, map(_signal_row, POSITIONER_FORMS.values())),
+        table(_SIGNAL_HEADER, map(_signal_row, POSITIONER_FORMS.values())),
     ]
     for signal in CATALOGUE:
         if signal.bits:
@@ -185,7 +182,7 @@ def generate() -> str:
     out += [
         "## Positioner\n",
         _POSITIONER,
-        _table(
+        table(
             ("state", "event", "next state", "what is done"),
             (
                 (state.value, row.event.value, row.target.value, row.action.value)
@@ -195,23 +192,23 @@ def generate() -> str:
         ),
         _positioner_diagram(),
         "## Drive states\n",
-        _table(("state", "Statusword"), ((p.state.value, f"`{_pattern(p.mask, p.value)}`") for p in STATUS_PATTERNS)),
+        table(("state", "Statusword"), ((p.state.value, f"`{_pattern(p.mask, p.value)}`") for p in STATUS_PATTERNS)),
         "## Commands of the Controlword\n",
-        _table(
+        table(
             ("transition", "from", "command", "to"),
             ((t.number, t.source.value, t.command.name, t.target.value) for t in COMMAND_TRANSITIONS),
         ),
         "## Sensor interface: G1_STW and G1_ZSW\n",
-        _table(("state", "event", "next state"), ((s.value, e.value, n.value) for (s, e), n in TRANSITIONS.items())),
-        _table(("state", "G1_ZSW"), ((state.value, f"{bits:04X}h") for state, bits in STATUS_BITS.items())),
+        table(("state", "event", "next state"), ((s.value, e.value, n.value) for (s, e), n in TRANSITIONS.items())),
+        table(("state", "G1_ZSW"), ((state.value, f"{bits:04X}h") for state, bits in STATUS_BITS.items())),
         "### Error codes in G1_XIST2\n",
-        _table(("code", "error"), ((f"{error.value:04X}h", error.name) for error in SensorError)),
+        table(("code", "error"), ((f"{error.value:04X}h", error.name) for error in SensorError)),
         "## Modes of operation\n",
-        _table(("6060h", "mode"), ((mode.value, mode.name) for mode in Mode)),
+        table(("6060h", "mode"), ((mode.value, mode.name) for mode in Mode)),
         "## Homing methods\n",
-        _table(("6098h", "method"), HOMING_METHODS.items()),
+        table(("6098h", "method"), HOMING_METHODS.items()),
         "## PDO layouts\n",
-        _table(
+        table(
             ("operation", "PDO", "objects", "bytes"),
             (
                 (operation.value, pdo, ", ".join(str(entry) for entry in pdo.entries), pdo.size)
@@ -220,7 +217,7 @@ def generate() -> str:
             ),
         ),
         "## Drive objects\n",
-        _table(
+        table(
             ("index", "sub", "name", "type", "access", "PDO", "unit"),
             (
                 (f"{e.index:04X}h", e.subindex, e.name, e.type.name, e.access.value, "yes" if e.pdo else "", e.unit)
@@ -228,7 +225,7 @@ def generate() -> str:
             ),
         ),
         "## Encoder objects\n",
-        _table(
+        table(
             ("index", "name", "type", "access", "PDO", "C1", "C2", "for", "unit"),
             (
                 (
@@ -246,7 +243,7 @@ def generate() -> str:
             ),
         ),
         "## Bits of the encoder's registers\n",
-        _table(
+        table(
             ("object", "bit", "meaning"),
             (
                 (title, bit.value.bit_length() - 1, (bit.name or "").lower().replace("_", " "))
@@ -260,14 +257,14 @@ def generate() -> str:
             ),
         ),
         "## EMCY error codes of encoders\n",
-        _table(("code", "meaning"), ((f"{code:04X}h", text) for code, text in ENCODER_EMCY.items())),
+        table(("code", "meaning"), ((f"{code:04X}h", text) for code, text in ENCODER_EMCY.items())),
         "## Fault numbers of the drive (200Ch, P947)\n",
-        _table(
+        table(
             ("number", "fault", "EMCY code", "channel error"),
             ((f.number, f.name, f"{f.error_code:04X}h", f.channel_error.text) for f in DRIVE_FAULTS.values()),
         ),
         "## Fault numbers of the gateway (P947)\n",
-        _table(
+        table(
             ("number", "fault", "P945", "kind"),
             (
                 (f.number, f.name, f"{f.code:04X}h", "warning" if f.is_warning else "fault")
@@ -275,7 +272,7 @@ def generate() -> str:
             ),
         ),
         "## Parameters of the profile\n",
-        _table(
+        table(
             ("PNU", "name", "type", "access", "of", "unit", "meaning", "elements"),
             (
                 (
@@ -292,7 +289,7 @@ def generate() -> str:
             ),
         ),
         "## Parameters of a positioner\n",
-        _table(
+        table(
             ("PNU", "name", "type", "unit", "from", "to", "key"),
             (
                 (
@@ -308,14 +305,14 @@ def generate() -> str:
             ),
         ),
         "## Error numbers of the parameter channel\n",
-        _table(("number", "meaning"), ((f"{number:02X}h", text) for number, text in ERROR_TEXTS.items())),
+        table(("number", "meaning"), ((f"{number:02X}h", text) for number, text in ERROR_TEXTS.items())),
         "## SDO abort codes and what the PLC is told\n",
-        _table(
+        table(
             ("abort code", "meaning", "error number"),
             ((*abort_text(code).split(": ", 1), f"{error_of_abort(code):02X}h") for code in ABORT_TEXTS),
         ),
         "## Objects that a powered axis keeps\n",
-        _table(
+        table(
             ("objects", "why", "after a write while it is off"),
             (
                 (
@@ -327,7 +324,7 @@ def generate() -> str:
             ),
         ),
         "## Why it does not move\n",
-        _table(
+        table(
             ("reason", "text", "state", "first broken link", "what to do"),
             ((item.name, item.value, item.state.value, item.enable.value, item.remedy) for item in Reason),
         ),
@@ -366,10 +363,10 @@ def generate_power_table() -> str:
             "What the gateway does with the power stage of a drive, for every telegram, once in each cycle: the first row",
             "that fits. Nothing is enabled without an OFF and then an ON after any doubt; in doubt the drive is stopped. The",
             "reason is what `pdgw status` shows; while there is no PLC it is that.\n",
-            _table(("row", "phase", "drive shows", "asked", "then", "commanded", "reason", "why"), rows),
+            table(("row", "phase", "drive shows", "asked", "then", "commanded", "reason", "why"), rows),
             f"Phases: {', '.join(map(_name, Phase))}. What a drive shows: {', '.join(map(_name, Drive))}.",
             f"What is asked: {', '.join(map(_name, PowerWish))}.\n",
-            _table(("commanded", "Controlword bits 0-3"), zip(map(_name, Action), words, strict=True)),
+            table(("commanded", "Controlword bits 0-3"), zip(map(_name, Action), words, strict=True)),
         )
     )
 
@@ -400,7 +397,7 @@ def _faults(title: str, kinds: Iterable[type[Misbehaviour]], types: Sequence[str
         "parameters",
         *(f"what the gateway does with the {name}" for name in types),
     )
-    return f"## {title}\n\n" + _table(header, rows)
+    return f"## {title}\n\n" + table(header, rows)
 
 
 def _reaction(case: Case, kind: type[Misbehaviour]) -> str:
@@ -448,3 +445,4 @@ if __name__ == "__main__":
     PATH.write_text(generate(), encoding="utf-8")
     MISBEHAVIOUR_PATH.write_text(generate_misbehaviour(), encoding="utf-8")
     POWER_PATH.write_text(generate_power_table(), encoding="utf-8")
+    WORDS_PATH.write_text(generate_words(), encoding="utf-8")

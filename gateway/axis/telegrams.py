@@ -71,6 +71,10 @@ DSC_TELEGRAM_NUMBERS = tuple(n for n, row in sorted(DRIVE_TELEGRAMS.items()) if 
 """Those of them that need to know where the loop is closed."""
 POSITIONER_TELEGRAM_NUMBERS = tuple(n for n, row in sorted(DRIVE_TELEGRAMS.items()) if row.kind is Kind.POSITIONER)
 """Those of them that need a positioner in the configuration."""
+SPEED_TELEGRAM_NUMBERS = tuple(
+    n for n, row in sorted(DRIVE_TELEGRAMS.items()) if row.kind in {Kind.SPEED, Kind.TORQUE, Kind.LOAD}
+)
+"""Those of them that jog with speeds of their own."""
 
 ENCODER_TELEGRAM_NUMBERS = tuple(
     sorted(number for number, item in TELEGRAMS.items() if item.mode is ApplicationMode.ENCODER)

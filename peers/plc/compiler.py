@@ -2,17 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
+from types import MappingProxyType
 
+from pdgw.gateway.axis.telegrams import POSITIONER_TELEGRAM_NUMBERS, SPEED_TELEGRAM_NUMBERS
 from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.explain import did_you_mean
 from pdgw.peers.plc.endpoint import PlcEndpoint
+from pdgw.peers.plc.following import Follow, Following, can_follow
 from pdgw.peers.plc.notation import comparison, integer, raw_value
 from pdgw.peers.plc.parameters import ParameterAccess
 from pdgw.peers.plc.positioner import Ask, PositionerWords, Program, Wait
-from pdgw.peers.plc.scenario import Move, References, Scalar, Step
-from pdgw.profidrive.telegrams import ApplicationMode, TelegramHalf
+from pdgw.peers.plc.scenario import Home, Move, References, Scalar, Step
+from pdgw.peers.plc.sensor import SensorWords
+from pdgw.peers.plc.vocabulary import word
+from pdgw.profidrive.errors import ProfidriveError
+from pdgw.profidrive.signals import Bit
+from pdgw.profidrive.telegrams import TELEGRAMS, ApplicationMode, Telegram, TelegramHalf
 from pdgw.tools.parameters.address import Target, parse_target
 from pdgw.tools.parameters.session import Element
 
@@ -29,7 +37,6 @@ _STW1_ACTIONS = {
 _CONTROLWORDS = {"off1": 0x0006, "quick_stop": 0x0002, "coast": 0x0000}
 _ENABLING = ((0x06, "& 0x6F = 0x21"), (0x07, "& 0x6F = 0x23"), (0x0F, "& 0x6F = 0x27"))
 """Telegram 100: Controlwords, and the Statusword each has to be answered with."""
-_POSITIONERS = frozenset({7, 110, 111})
 _POSITIONER_ACTIONS: dict[str, Callable[[PositionerWords, Step], Program]] = {
     "mdi": lambda words, step: words.mdi(step.mdi) if step.mdi is not None else [],
     "setting_up": lambda words, step: words.setting_up(step.setting_up) if step.setting_up is not None else [],
@@ -38,9 +45,31 @@ _POSITIONER_ACTIONS: dict[str, Callable[[PositionerWords, Step], Program]] = {
     "jog": lambda words, step: words.jog(step.jog or 0, distance=False),
     "jog_distance": lambda words, step: words.jog(step.jog_distance or 0, distance=True),
     "set_reference": lambda words, _: words.set_reference(),
-    "home": lambda words, _: words.home(),
+    "home": lambda words, step: _home(words, step.home) if step.home is not None else [],
 }
 """``home`` is telegram 9's too, with its method in SATZANW."""
+
+
+def _home(words: PositionerWords, wish: Home) -> Program:
+    """Its method and speeds are the configuration's."""
+    for name in sorted({"method", "velocity"} & wish.model_fields_set):
+        raise GatewayError(f"home.{name} is for telegram 9, here it is the configuration's")
+    return words.home(passive=wish.passive, negative=wish.negative)
+
+
+_SENSOR_ACTIONS: dict[str, Callable[[Telegram, Step], Program]] = {
+    "reference_mark": lambda chosen, step: SensorWords(chosen, step.reference_mark or 1).reference_mark(),
+    "measure": lambda chosen, step: (
+        SensorWords(chosen, step.measure.sensor).measure(step.measure) if step.measure is not None else []
+    ),
+    "read_value": lambda chosen, step: (
+        SensorWords(chosen, step.read_value.sensor).read_value(step.read_value) if step.read_value is not None else []
+    ),
+    "stop_measuring": lambda chosen, step: SensorWords(chosen, step.stop_measuring or 1).stop(),
+}
+_RAMP_BITS = ("STW1.ENABLE_RAMP_GENERATOR", "STW1.UNFREEZE_RAMP_GENERATOR", "STW1.ENABLE_SETPOINT")
+"""All 0 while a speed telegram jogs."""
+_SIGN_OF_LIFE = "SIGN_OF_LIFE"
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,7 +120,7 @@ class Access:
     access: ParameterAccess | None = None
 
 
-Primitive = Callable[[], None] | Expectation | Access | int
+Primitive = Callable[[], None] | Expectation | Access | Following | int
 """What the engine plays; an integer is a pause in nanoseconds."""
 
 
@@ -120,6 +149,13 @@ class Compiler:
                 self._setter(axis, {"G1_STW.PRESET": 0}),
                 self._expectation(axis, {"G1_ZSW.PRESET_DONE": 0}, within, "ready for the next preset"),
             ]
+        chosen = self._endpoint.telegrams[axis]
+        if action in _SENSOR_ACTIONS:
+            return self._program(axis, _SENSOR_ACTIONS[action](chosen, step), within)
+        if step.sign_of_life is not None:
+            return [self._sign_of_life(axis, counts=step.sign_of_life)]
+        if step.follow is not None:
+            return [self._follow(axis, step.follow, within)]
         if mode is ApplicationMode.TRANSPARENT:
             return self._transparent(action, axis, within)
         if mode is ApplicationMode.ENCODER:
@@ -143,17 +179,22 @@ class Compiler:
                 self._setter(axis, {"STW1.FAULT_ACKNOWLEDGE": 0}),
             ]
         positioner = _POSITIONER_ACTIONS.get(action)
-        chosen = self._endpoint.telegrams[axis]
-        if positioner is not None and (action != "home" or chosen.number in _POSITIONERS):
-            if chosen.number not in _POSITIONERS:
-                raise GatewayError(f"not possible with telegram {chosen.number}, only with {sorted(_POSITIONERS)}")
+        if step.jog is not None and chosen.number in SPEED_TELEGRAM_NUMBERS:
+            return [self._jog(axis, step.jog)]
+        if positioner is not None and (action != "home" or chosen.number in POSITIONER_TELEGRAM_NUMBERS):
+            if chosen.number not in POSITIONER_TELEGRAM_NUMBERS:
+                allowed = ", ".join(map(str, sorted(POSITIONER_TELEGRAM_NUMBERS)))
+                raise GatewayError(f"not possible with telegram {chosen.number}, only with {allowed}")
             return self._program(axis, positioner(PositionerWords(chosen), step), within)
         if step.speed is not None:
-            name = next((n for n in self._endpoint.telegrams[axis].setpoints.names if n.startswith("NSOLL")), "NSOLL_A")
-            return [self._setter(axis, {name: step.speed})]
+            return [self._setter(axis, {_speed_setpoint(chosen): step.speed})]
         if step.move is not None:
             return self._move(axis, step.move, within)
         if step.home is not None:
+            if step.home.passive or step.home.negative:
+                raise GatewayError(
+                    f"passive and negative are not possible with telegram {chosen.number}, only with 111"
+                )
             method = step.home.method & 0xFF
             return [
                 self._setter(axis, {"SATZANW.HOMING_METHOD": method, "MDI_VELOCITY": step.home.velocity}),
@@ -165,11 +206,40 @@ class Compiler:
         return [
             self._expectation(axis, dict(item.values), within, item.name)
             if isinstance(item, Wait)
-            else self._setter(axis, dict(item.values))
+            else self._setter(axis, dict(item.values), dict(item.if_zero))
             if isinstance(item, Ask)
             else item
             for item in program
         ]
+
+    def _jog(self, axis: int, which: int) -> Callable[[], None]:
+        """Of a speed telegram; what lets go leaves speed 0, so that nothing turns by a setpoint of before."""
+        values: dict[str, Scalar] = {_speed_setpoint(self._endpoint.telegrams[axis]): 0}
+        values |= dict.fromkeys(_RAMP_BITS, int(not which))
+        return self._setter(axis, {**values, "STW1.JOG_1_ON": int(which == 1), "STW1.JOG_2_ON": int(which == 2)})
+
+    def _sign_of_life(self, axis: int, *, counts: bool) -> Callable[[], None]:
+        half = self._endpoint.telegrams[axis].setpoints
+        for item in half.signals:
+            bit = next((bit for bit in item.bits if bit.name == _SIGN_OF_LIFE), None)
+            if bit is not None:
+                return partial(self._endpoint.count, axis, item.name, bit if counts else None)
+        raise GatewayError(f"not possible with telegram {half.telegram}, which has no sign of life")
+
+    def _follow(self, axis: int, wish: Follow, within: int) -> Following:
+        chosen = self._endpoint.telegrams[axis]
+        if not can_follow(chosen, dsc=wish.dsc):
+            allowed = [str(t.number) for t in TELEGRAMS.values() if can_follow(t, dsc=wish.dsc)]
+            raise GatewayError(f"not possible with telegram {chosen.number}, only with {', '.join(allowed)}")
+        known = self._references
+        return Following(
+            wish,
+            axis,
+            within,
+            increments=known.increments,
+            rpm=known.speed_rpm,
+            dsc=can_follow(chosen, dsc=True),
+        )
 
     def _move(self, axis: int, move: Move, within: int) -> list[Primitive]:
         """Data, then the edge of STW1.6, held until ZSW1.12 acknowledges."""
@@ -256,44 +326,72 @@ class Compiler:
             return lambda element: element.value == wanted  # a name, octets
         return lambda element: isinstance(element.value, int | float) and holds(element.value)
 
-    def _setter(self, axis: int, values: dict[str, Scalar]) -> Callable[[], None]:
-        half = self._endpoint.telegrams[axis].setpoints
-        changes: list[tuple[str, int, int]] = []
-        for name, value in values.items():
-            signal_name, mask, shift = self._resolve(name, half)
-            raw = raw_value(self._references, half.signal(signal_name), value)
-            if mask and not 0 <= raw << shift <= mask:
-                raise GatewayError(f"{name} = {value!r}: expected 0..{mask >> shift}")
-            if not mask:
-                half.encode(half.from_dict({signal_name: raw}))
-            changes.append((signal_name, mask, raw << shift))
+    def _setter(
+        self, axis: int, values: Mapping[str, Scalar], if_zero: Mapping[str, Scalar] = MappingProxyType({})
+    ) -> Callable[[], None]:
+        """Sets setpoints; those of ``if_zero`` where they are 0."""
+        changes = [self._change(axis, name, value) for name, value in values.items()]
+        more = [self._change(axis, name, value) for name, value in if_zero.items()]
 
         def apply() -> None:
             current = self._endpoint.setpoints[axis]
+            wanted = [*changes, *(change for change in more if not current[change[0]])]
             new: dict[str, int] = {}
-            for signal_name, mask, raw in changes:
+            for signal_name, mask, raw in wanted:
                 before = new.get(signal_name, current[signal_name])
                 new[signal_name] = before & ~mask | raw if mask else raw
             self._endpoint.set(axis, new)
 
         return apply
 
+    def _change(self, axis: int, name: str, value: Scalar) -> tuple[str, int, int]:
+        """Signal, mask (0: all of it) and bits in place."""
+        half = self._endpoint.telegrams[axis].setpoints
+        key = word(name, half.telegram).key if name.islower() else name
+        signal_name, bit = self._resolve(key, half)
+        raw = raw_value(self._references, half.signal(signal_name), value)
+        if bit is None:
+            half.encode(half.from_dict({signal_name: raw}))
+            return signal_name, 0, raw
+        highest = bit.mask >> bit.position
+        lowest = -(highest // 2) - 1 if bit.signed else 0
+        if not lowest <= raw <= highest:
+            raise GatewayError(f"{name} = {value!r}: expected {lowest}..{highest}")
+        return signal_name, bit.mask, (raw & highest) << bit.position
+
     def _expectation(self, axis: int, values: dict[str, Scalar], within: int, name: str) -> Expectation:
         half = self._endpoint.telegrams[axis].actuals
         conditions = []
         for key, wanted in values.items():
-            signal_name, mask, shift = self._resolve(key, half)
+            signal_name, bit = self._resolve(key, half)
             holds = comparison(wanted, partial(raw_value, self._references, half.signal(signal_name)))
+            mask, shift = (0, 0) if bit is None else (bit.mask, bit.position)
             conditions.append(Condition(key, str(wanted), holds, mask, shift, signal_name))
         text = ", ".join(f"{c.name} {c.text}" for c in conditions)
         return Expectation(conditions, f"{name}: {text}" if name else text, axis, within)
 
     @staticmethod
-    def _resolve(key: str, half: TelegramHalf) -> tuple[str, int, int]:
+    def _resolve(key: str, half: TelegramHalf) -> tuple[str, Bit | None]:
         signal_name, _, bit_name = key.partition(".")
         if signal_name not in half.names:
-            raise GatewayError(f"signal {signal_name!r} is not in the telegram, allowed: {', '.join(half.names)}")
+            hint = did_you_mean(signal_name, half.names)
+            raise GatewayError(
+                f"signal {signal_name!r} is not in the telegram{hint} (allowed: {', '.join(half.names)})"
+            )
         if not bit_name:
-            return signal_name, 0, 0
-        bit = half.signal(signal_name).bit(bit_name, positioning=half.mode is ApplicationMode.POSITIONING)
-        return signal_name, bit.mask, bit.position
+            return signal_name, None
+        positioning = half.mode is ApplicationMode.POSITIONING
+        item = half.signal(signal_name)
+        try:
+            return signal_name, item.bit(bit_name, positioning=positioning)
+        except ProfidriveError as error:
+            names = [bit.name for bit in item.fields(positioning=positioning)]
+            hint = did_you_mean(bit_name, names)
+            raise GatewayError(f"{key}: no bit of {signal_name}{hint} (allowed: {', '.join(names)})") from error
+
+
+def _speed_setpoint(chosen: Telegram) -> str:
+    name = next((n for n in chosen.setpoints.names if n.startswith("NSOLL")), None)
+    if name is None:
+        raise GatewayError(f"not possible with telegram {chosen.number}, which has no NSOLL")
+    return name

@@ -21,6 +21,7 @@ from pdgw.profidrive.frame import (
     RtFrame,
     is_newer,
 )
+from pdgw.profidrive.signals import Bit
 from pdgw.profidrive.telegrams import Direction, Telegram
 
 _WATCHDOG_NS = 200_000_000
@@ -48,6 +49,8 @@ class PlcEndpoint:
         """None until a valid frame came, while the gateway says the values are bad (IOPS), and after its loss."""
         self.setpoints_used: list[bool] = [False] * len(self.telegrams)
         """The gateway uses our setpoints (its IOCS)."""
+        self._counting: dict[int, tuple[str, Bit]] = {}
+        """Axes whose sign of life counts, with its word and bits."""
         self.run = True
         """Provider state of the PLC: RUN or STOP."""
         self.counters: Counter[str] = Counter()
@@ -59,12 +62,23 @@ class PlcEndpoint:
         half.encode(half.from_dict(merged))
         self.setpoints[axis] = merged
 
+    def count(self, axis: int, word: str, bit: Bit | None) -> None:
+        """The sign of life in these bits of a setpoint counts with each frame; None: it stays."""
+        if bit is None:
+            self._counting.pop(axis, None)
+        else:
+            self._counting[axis] = (word, bit)
+
     def build(self, now: int | None = None) -> bytearray:
         """The next frame to the gateway; the buffer is reused.
 
         ``now``: when it is sent, which its cycle counter tells; without it each frame is one cycle after the last.
         """
         frame, layout = self._frame, self._provider
+        for axis, (word, bit) in self._counting.items():
+            before = self.setpoints[axis][word]
+            life = bit.of(before) % (bit.mask >> bit.position) + 1  # 1 to 15, 0 is none
+            self.setpoints[axis] = {**self.setpoints[axis], word: before & ~bit.mask | life << bit.position}
         for index, half in enumerate(layout.halves):
             half.encode_into(frame, layout.offsets[index], tuple(self.setpoints[index].values()))
             frame[layout.iops[index]] = IOPS_GOOD

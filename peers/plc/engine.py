@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pdgw.gateway.errors import GatewayError
 from pdgw.peers.plc.compiler import Access, Compiler, Expectation, Primitive
 from pdgw.peers.plc.endpoint import PlcEndpoint
+from pdgw.peers.plc.following import Following
 from pdgw.peers.plc.notation import NS, parse_time
 from pdgw.peers.plc.parameters import ParameterAccess
 from pdgw.peers.plc.scenario import Scenario, Step
@@ -91,6 +92,9 @@ class Engine:
             elif isinstance(item, Access):
                 if not self._parameters(item, now):
                     return
+            elif isinstance(item, Following):
+                if not self._follow(item, now):
+                    return
             elif isinstance(item, int):
                 if self._hold_until < 0:
                     self._hold_until = now + item
@@ -115,6 +119,20 @@ class Engine:
         self._result(wait, wait.name, met, measured, now)
         return True
 
+    def _follow(self, item: Following, now: int) -> bool:
+        wanted = item.step(now, self.endpoint.actuals[item.axis])
+        self.endpoint.set(item.axis, item.rest if wanted is None else wanted)
+        if wanted is None:
+            self._result(item, item.name, item.passed, item.measured, now)
+        return wanted is None
+
+    def give_up(self) -> None:
+        """End what is under way; a loop that was closed leaves no setpoints behind."""
+        if self._queue and isinstance(self._queue[0], Following):
+            self.endpoint.set(self._queue[0].axis, self._queue[0].rest)
+        self._queue = []
+        self.finished = True
+
     def _parameters(self, item: Access, now: int) -> bool:
         if item.since < 0:
             item.since = now
@@ -137,7 +155,7 @@ class Engine:
                 self._result(item, check.name, False, access.error or "no answer in time", now)
         return True
 
-    def _result(self, item: Expectation | Access, name: str, passed: bool, measured: str, now: int) -> None:
+    def _result(self, item: Expectation | Access | Following, name: str, passed: bool, measured: str, now: int) -> None:
         began, waited = now - self._start, now - item.since
         self.results.append(
             Result(self._position, item.axis + 1, name, passed, measured, round(began / NS, 3), round(waited / NS, 3))

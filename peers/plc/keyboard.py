@@ -1,122 +1,230 @@
-"""The keys of the PLC simulator, sans-I/O: what a person types becomes steps of a scenario on the chosen axes."""
+"""What a person types at the PLC simulator, sans-I/O: keys and typed words become steps of a scenario on the chosen axes."""
 
 from __future__ import annotations
 
 import queue
 from collections.abc import Callable
-from typing import Any, Final
+from dataclasses import dataclass
+from functools import partial
+from typing import Final
 
 from pdgw.gateway.errors import GatewayError
 from pdgw.peers.plc.endpoint import PlcEndpoint
 from pdgw.peers.plc.engine import Engine
-from pdgw.peers.plc.scenario import Scenario
-from pdgw.profidrive.signals import signal
+from pdgw.peers.plc.keys import (
+    ALL,
+    BIT_LETTERS,
+    BITS,
+    CHANGED_BY_KEYS,
+    EXIT,
+    FASTER,
+    KEYS,
+    LIST,
+    SLOWER,
+    STEP_PERCENT,
+    TYPE,
+    Action,
+    shown,
+    stops,
+)
+from pdgw.peers.plc.scenario import ACTIONS, examples
+from pdgw.peers.plc.scenario_file import parse_step, scenario_of
+from pdgw.peers.plc.vocabulary import Word, words_of
 
-KEYS: Final[dict[str, tuple[str, dict[str, Any]]]] = {
-    "o": ("OFF1", {"off1": True}),
-    "e": ("enable", {"enable": True}),
-    "+": ("faster", {"speed": "0 %"}),
-    "-": ("slower", {"speed": "0 %"}),
-    "q": ("quick stop", {"quick_stop": True}),
-    "c": ("coast stop", {"coast": True}),
-    "a": ("acknowledge", {"ack": True}),
-    "h": ("home (method 35)", {"home": {"method": 35}}),
-    "m": ("move +10 %", {"move": {"to": "10 %", "relative": True}}),
-    "p": ("positioner: +10000 LU", {"mdi": {"to": 10_000, "relative": True}}),
-    "b": ("block 1", {"block": 1}),
-    "v": ("setting up, forward", {"setting_up": {"velocity": 3000}}),
-    "j": ("jog 1", {"jog": 1}),
-    "k": ("jog 2", {"jog": 2}),
-    "l": ("let go", {"jog": 0}),
-    "r": ("reject", {"reject": True}),
-    "s": ("set reference point", {"set_reference": True}),
-    " ": ("intermediate stop / resume", {"intermediate_stop": True}),
-}
-"""What each key does to an axis, as a step of a scenario; an axis has the keys whose step its telegram takes."""
-EXIT: Final = "x"
-ALL: Final = "0"
-"""Digits choose an axis, this one all of them."""
-_SPEED_STEP = 10
-_NO_INTERMEDIATE_STOP = signal("STW1").bit("NO_INTERMEDIATE_STOP", positioning=True).mask
+_ENTER: Final = ("\r", "\n")
+_BACKSPACE: Final = ("\x7f", "\b")
+_ESCAPE: Final = "\x1b"
+_FULL: Final = 100
+_GIVEN_UP_BY_STOPS: Final = {"enable", "follow"}
+_TOLD: Final = "follow"
+"""What came of it is of interest also when it went well."""
+
+
+@dataclass(slots=True)
+class _Job:
+    """What an axis is to do; ``action`` is asked when its turn comes, ``engine`` has then begun with it."""
+
+    text: str
+    action: Callable[[], Action]
+    engine: Engine | None = None
 
 
 class Keyboard:
     """Keys to setpoints, sans-I/O: ``press`` from any thread, ``step`` once per cycle.
 
     Each axis works off its keys by itself. A stop key acts at once: what has not begun is dropped, an enable that waits for
-    the drive is given up, and only a handshake that has begun is completed. ``tell`` gets what the user must know.
+    the drive is given up, and only a handshake that has begun is completed. ``tell`` gets what the user must know, ``leave``
+    is called when the user wants no more.
     """
 
-    def __init__(self, endpoint: PlcEndpoint, tell: Callable[[str], None]) -> None:
+    def __init__(
+        self, endpoint: PlcEndpoint, tell: Callable[[str], None], leave: Callable[[], None] = lambda: None
+    ) -> None:
         self.endpoint = endpoint
         self.tell = tell
         self.selected: int | None = None
         """The axis (from 1) the keys are for; None: all."""
+        self._leave = leave
         self._numbers = [item.number for item in endpoint.telegrams]
         self._keys: queue.SimpleQueue[str] = queue.SimpleQueue()
-        self._pending: list[list[tuple[str, Engine]]] = [[] for _ in self._numbers]
-        self._speeds = [0] * len(self._numbers)
-        self._available = [
-            {key for key, (_, action) in KEYS.items() if self._possible(axis, action)}
-            for axis in range(1, len(self._numbers) + 1)
-        ]
+        self._typed: str | None = None
+        """A line that is being typed."""
+        self._choosing = False
+        """The next key is the letter of a bit."""
+        self._pending: list[list[_Job]] = [[] for _ in self._numbers]
+        self._available = [set(self.keys_of(axis)) for axis in range(1, len(self._numbers) + 1)]
 
     def press(self, key: str) -> None:
         """Take a key; an unknown one does nothing."""
-        if key in KEYS or key.isdecimal():
-            self._keys.put(key)
+        self._keys.put(key)
 
     def step(self, now: int) -> None:
         """Obey the keys pressed since the last cycle and go on with what is under way."""
         while not self._keys.empty():
             self._obey(self._keys.get(), now)
-        for pending in self._pending:
+        for axis, pending in enumerate(self._pending, 1):
             if pending:
-                key, engine = pending[0]
-                engine.step(now)
-                if engine.finished:
+                job = pending[0]
+                if job.engine is None:
+                    job.engine = self._engine(axis, job.action())
+                job.engine.step(now)
+                if job.engine.finished:
                     pending.pop(0)
-                    self._tell_failures(key, engine)
+                    self._tell_results(job.text, job.engine)
+
+    def keys_of(self, axis: int) -> list[str]:
+        """The keys whose step the telegram of an axis takes."""
+        changed = self._changed_by_keys(axis) is not None
+        return [
+            key
+            for key, item in KEYS.items()
+            if (changed if key in (FASTER, SLOWER) else self._possible(axis, item.step))
+        ]
 
     @property
     def help(self) -> str:
-        """The chosen axes and the keys they have."""
+        """The chosen axes and the keys they have, or what is being typed."""
         chosen = "all axes" if self.selected is None else f"axis {self.selected}"
+        if self._typed is not None:
+            return f"{chosen}  {TYPE}{self._typed}_   (Enter does it, Esc does not)"
+        if self._choosing:
+            letters = "  ".join(f"{letter}={word.name}" for letter, word in zip(BIT_LETTERS, self._bits, strict=False))
+            return f"{chosen}, toggle:  {letters}"
         keys = [key for key in KEYS if any(key in self._available[axis - 1] for axis in self._chosen)]
-        texts = [f"{'space' if key == ' ' else key}={KEYS[key][0]}" for key in keys]
+        texts = [f"{shown(key)}={KEYS[key].text}" for key in keys]
         if len(self._numbers) > 1:
             texts.append(f"1..{min(9, len(self._numbers))}=axis, {ALL}=all")
-        return f"{chosen}:  {'  '.join([*texts, f'{EXIT}=exit'])}"
+        if self._bits:
+            texts.append(f"{BITS}=toggle a bit")
+        texts += [f"{TYPE}=type a word", f"{LIST}=words", f"{EXIT}=exit"]
+        return f"{chosen}:  {'  '.join(texts)}"
 
     @property
     def _chosen(self) -> range:
         return range(1, len(self._numbers) + 1) if self.selected is None else range(self.selected, self.selected + 1)
 
-    def _engine(self, axis: int, action: dict[str, Any]) -> Engine:
-        document = {"telegrams": self._numbers, "steps": [{"axis": axis, **action}]}
-        return Engine(Scenario.model_validate(document), self.endpoint)
+    @property
+    def _bits(self) -> list[Word]:
+        """Of the first chosen axis: what ``BITS`` toggles."""
+        return [word for word in words_of(self._numbers[self._chosen[0] - 1]).values() if word.switch]
 
-    def _possible(self, axis: int, action: dict[str, Any]) -> bool:
+    def _changed_by_keys(self, axis: int) -> str | None:
+        names = self.endpoint.telegrams[axis - 1].setpoints.names
+        return next((name for name in CHANGED_BY_KEYS if name in names), None)
+
+    def _engine(self, axis: int, action: Action) -> Engine:
+        return Engine(scenario_of(self._numbers, [{"axis": axis, **action}]), self.endpoint)
+
+    def _possible(self, axis: int, action: Action) -> bool:
         try:
             self._engine(axis, action)
         except GatewayError:
             return False
         return True
 
-    def _tell_failures(self, key: str, engine: Engine) -> None:
+    def _tell_results(self, text: str, engine: Engine) -> None:
         for result in engine.results:
             if not result.passed:
-                self.tell(f"{KEYS[key][0]}, axis {result.axis}: {result.name} not met: {result.measured}")
+                self.tell(f"{text}, axis {result.axis}: {result.name} not met: {result.measured}")
+            elif engine.scenario.steps[0].action == _TOLD:
+                self.tell(f"{text}, axis {result.axis}: {result.measured}")
 
     def _obey(self, key: str, now: int) -> None:
-        if key.isdecimal():
+        if self._typed is not None:
+            self._type(key, now)
+        elif self._choosing:
+            self._choosing = False
+            self._toggle(key, now)
+        elif key == TYPE:
+            self._typed = ""
+        elif key == BITS and self._bits:
+            self._choosing = True
+        elif key == LIST:
+            self._list()
+        elif key == EXIT:
+            self._leave()
+        elif key.isdecimal():
             self._select(key)
-            return
+        elif key in KEYS:
+            self._press(key, now)
+
+    def _press(self, key: str, now: int) -> None:
         for axis in self._chosen:
             if key in self._available[axis - 1]:
-                self._do(key, axis, now)
+                self._do(axis, _Job(KEYS[key].text, partial(self._action, key, axis)), now)
             elif self.selected is not None or not any(key in keys for keys in self._available):
-                self.tell(f"{KEYS[key][0]}, axis {axis}: telegram {self._numbers[axis - 1]} has no use for this key")
+                number = self._numbers[axis - 1]
+                self.tell(f"{KEYS[key].text}, axis {axis}: telegram {number} has no use for this key")
+
+    def _type(self, key: str, now: int) -> None:
+        line = self._typed or ""
+        if key == _ESCAPE:
+            self._typed = None
+        elif key in _BACKSPACE:
+            self._typed = line[:-1]
+        elif key not in _ENTER:
+            self._typed = line + key
+        else:
+            self._typed = None
+            if line.strip():
+                self._say(line.strip(), now)
+
+    def _say(self, line: str, now: int) -> None:
+        """A typed step, for each chosen axis that takes it."""
+        refusals = []
+        for axis in self._chosen:
+            try:
+                action = parse_step(line)
+                self._engine(axis, action)
+            except GatewayError as error:
+                refusals.append(str(error))
+            else:
+                self._do(axis, _Job(line, partial(dict, action)), now)
+        if len(refusals) == len(self._chosen):
+            for text in dict.fromkeys(refusals):
+                self.tell(text)
+
+    def _toggle(self, letter: str, now: int) -> None:
+        position = BIT_LETTERS.find(letter)
+        if not 0 <= position < len(self._bits):
+            return
+        word = self._bits[position]
+        on = int(not self._value(self._chosen[0], word.name))
+        for axis in self._chosen:
+            if word.name in words_of(self._numbers[axis - 1]):
+                self._do(axis, _Job(word.name, partial(dict, {"set": {word.key: on}})), now)
+        self.tell(f"{word.key} = {on}: {word.meaning}")
+
+    def _value(self, axis: int, name: str) -> int:
+        word = words_of(self._numbers[axis - 1])[name]
+        raw = self.endpoint.setpoints[axis - 1][word.signal.name]
+        return raw if word.bit is None else word.bit.of(raw)
+
+    def _list(self) -> None:
+        for number in dict.fromkeys(self._numbers[axis - 1] for axis in self._chosen):
+            axis = self._numbers.index(number) + 1
+            actions = [name for name in ACTIONS if any(self._possible(axis, example) for example in examples(name))]
+            self.tell(f"telegram {number}: {', '.join([*actions, *words_of(number)])}")
 
     def _select(self, key: str) -> None:
         if key == ALL:
@@ -126,18 +234,26 @@ class Keyboard:
         else:
             self.tell(f"axis {key}: there are {len(self._numbers)}")
 
-    def _do(self, key: str, axis: int, now: int) -> None:
-        action = KEYS[key][1]
-        if key in "+-":
-            step = _SPEED_STEP if key == "+" else -_SPEED_STEP
-            self._speeds[axis - 1] = max(-100, min(100, self._speeds[axis - 1] + step))
-            action = {"speed": f"{self._speeds[axis - 1]} %"}
-        elif key == " " and not self.endpoint.setpoints[axis - 1].get("STW1", 0) & _NO_INTERMEDIATE_STOP:
-            action = {"resume": True}
+    def _action(self, key: str, axis: int) -> Action:
+        name = self._changed_by_keys(axis)
+        if key in (FASTER, SLOWER) and name is not None:
+            item = self.endpoint.telegrams[axis - 1].setpoints.signal(name)
+            now = round(item.percent(self.endpoint.setpoints[axis - 1][name]) or 0)
+            wanted = now + (STEP_PERCENT if key == FASTER else -STEP_PERCENT)
+            return {"set": {name: f"{max(-_FULL, min(_FULL, wanted))} %"}}
+        item_of = KEYS[key]
+        if item_of.back is not None and self._value(axis, item_of.held):
+            return item_of.back
+        return item_of.step
+
+    def _do(self, axis: int, job: _Job, now: int) -> None:
         pending = self._pending[axis - 1]
-        engine = self._engine(axis, action)
-        if key in "oqclr" or "intermediate_stop" in action:
-            pending[:] = [item for item in pending[:1] if item[0] != "e" and item[1].current]
-            engine.step(now)
-        else:
-            pending.append((key, engine))
+        action = job.action()
+        if not stops(action):
+            pending.append(job)
+            return
+        for other in pending:
+            if other.engine is not None and other.engine.scenario.steps[0].action in _GIVEN_UP_BY_STOPS:
+                other.engine.give_up()
+        pending[:] = [other for other in pending if other.engine is not None and not other.engine.finished]
+        self._engine(axis, action).step(now)

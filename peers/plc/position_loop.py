@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from pdgw.gateway.motion.dsc import KPC_PER_UNIT, difference
 from pdgw.profidrive.datatypes import N4_100_PERCENT, DataType
 
-_SECONDS_PER_MINUTE = 60
+SECONDS_PER_MINUTE = 60
 _LOWEST, _HIGHEST = DataType.N4.integer_range
 
 
@@ -32,7 +32,7 @@ class PositionLoop:
         if self.dsc:
             kpc = round(self.gain * KPC_PER_UNIT)
             return {"NSOLL_B": self._speed(feed_forward_rpm), "XERR": round(self.error), "KPC": kpc}
-        rpm = self.gain * self.error / self._increments * _SECONDS_PER_MINUTE
+        rpm = self.gain * self.error / self._increments * SECONDS_PER_MINUTE
         return {"NSOLL_B": self._speed(feed_forward_rpm + rpm), "XERR": 0, "KPC": 0}
 
     def _speed(self, rpm: float) -> int:

@@ -7,6 +7,7 @@ units (LU) and 1000 LU/min.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Annotated, Literal, NamedTuple
 
 from pydantic import BaseModel, ConfigDict, Field
@@ -26,12 +27,18 @@ class _Model(BaseModel):
 
 
 class Mdi(_Model):
-    """``mdi``: a task with position and velocity. ``update``: STW1.6 stays, further ``mdi`` steps change the task under way."""
+    """``mdi``: a task with position and velocity. ``update``: STW1.6 stays, further ``mdi`` steps change the task under way.
+
+    ``direction``: of a modulo axis.
+    """
 
     to: int
     velocity: Annotated[int, Field(ge=0)] = _DEFAULT_VELOCITY
+    acceleration: int | str = FULL
+    deceleration: int | str = FULL
     relative: bool = False
     update: bool = False
+    direction: Literal["positive", "negative"] | None = None
 
 
 class SettingUp(_Model):
@@ -41,9 +48,10 @@ class SettingUp(_Model):
 
 
 class Ask(NamedTuple):
-    """Setpoints by signal or ``signal.bit``."""
+    """Setpoints by signal or ``signal.bit``; ``if_zero`` has those that stay as they are unless they are 0."""
 
     values: Mapping[str, int | str]
+    if_zero: Mapping[str, int | str] = MappingProxyType({})
 
 
 class Wait(NamedTuple):
@@ -73,8 +81,9 @@ class PositionerWords:
         if name not in self._names:
             raise GatewayError(f"{what} is not possible with telegram {self._number}, which has no {name}")
 
-    def _values(self, velocity: int) -> dict[str, int | str]:
-        return {"OVERRIDE": FULL, "MDI_VELOCITY": velocity, "MDI_ACC": FULL, "MDI_DEC": FULL}
+    @property
+    def _override(self) -> dict[str, int | str]:
+        return {"OVERRIDE": FULL} if "OVERRIDE" in self._names else {}
 
     def _mode(self, absolute: bool, positive: bool, negative: bool) -> dict[str, int | str]:
         word = "POS_STW1" if self._block == "POS_STW1" else "MDI_MOD"
@@ -85,11 +94,15 @@ class PositionerWords:
             f"{self._block}.MDI": 1,
         }
 
+    def _begin(self, values: Mapping[str, int | str]) -> Program:
+        """An override that was not asked for is 100 %."""
+        task = Ask({**values, **_READY, "STW1.ACTIVATE_TASK": 1}, self._override)
+        return [task, Wait(_ACKNOWLEDGED, "task acknowledged")]
+
     def _edge(self, values: Mapping[str, int | str]) -> Program:
         """Data and edge in one frame; STW1.6 falls once the task is acknowledged."""
         return [
-            Ask({**values, **_READY, "STW1.ACTIVATE_TASK": 1}),
-            Wait(_ACKNOWLEDGED, "task acknowledged"),
+            *self._begin(values),
             Ask({"STW1.ACTIVATE_TASK": 0}),
             Wait(_TAKEN_BACK, "ready for the next task"),
         ]
@@ -98,17 +111,17 @@ class PositionerWords:
         """A traversing task; with ``update`` STW1.6 stays set."""
         self._has("MDI_TARPOS", "mdi")
         values = {
-            **self._values(task.velocity),
-            **self._mode(not task.relative, False, False),
+            **self._mode(not task.relative, task.direction == "positive", task.direction == "negative"),
             "MDI_TARPOS": task.to,
+            "MDI_VELOCITY": task.velocity,
+            "MDI_ACC": task.acceleration,
+            "MDI_DEC": task.deceleration,
         }
         if self._block == "POS_STW1":
             values |= {"POS_STW1.SETTING_UP": 0, "POS_STW1.CONTINUOUS_UPDATE": int(task.update)}
         elif task.update:
             self._has("POS_STW1", "update")
-        if task.update:
-            return [Ask({**values, **_READY, "STW1.ACTIVATE_TASK": 1}), Wait(_ACKNOWLEDGED, "task acknowledged")]
-        return self._edge(values)
+        return self._begin(values) if task.update else self._edge(values)
 
     def setting_up(self, wish: SettingUp) -> Program:
         """Move with a velocity."""
@@ -116,8 +129,10 @@ class PositionerWords:
         forward = wish.velocity > 0
         return self._edge(
             {
-                **self._values(abs(wish.velocity)),
                 **self._mode(False, forward, not forward),
+                "MDI_VELOCITY": abs(wish.velocity),
+                "MDI_ACC": FULL,
+                "MDI_DEC": FULL,
                 "POS_STW1.SETTING_UP": 1,
                 "POS_STW1.CONTINUOUS_UPDATE": 0,
             }
@@ -127,10 +142,7 @@ class PositionerWords:
         """A traversing block, or the chain that begins with it."""
         if not 0 <= number <= HIGHEST_BLOCK:
             raise GatewayError(f"block = {number} is not allowed, expected 0..{HIGHEST_BLOCK}")
-        values: dict[str, int | str] = {f"{self._block}.BLOCK": number, f"{self._block}.MDI": 0}
-        if "OVERRIDE" in self._names:
-            values["OVERRIDE"] = FULL
-        return self._edge(values)
+        return self._edge({f"{self._block}.BLOCK": number, f"{self._block}.MDI": 0})
 
     def next_block(self) -> Program:
         """The edge of STW1.13 that an external change waits for."""
@@ -143,7 +155,7 @@ class PositionerWords:
             self._has(self._second, "jog_distance")
         if self._second in self._names:
             values[f"{self._second}.JOG_INCREMENTAL"] = int(distance)
-        return [Ask(values)]
+        return [Ask(values, self._override if distance else {})]
 
     def set_reference(self) -> Program:
         """The reference point, where the axis stands."""
@@ -151,6 +163,11 @@ class PositionerWords:
         bit = f"{self._second}.SET_REFERENCE_POINT"
         return [Ask({bit: 1}), EDGE_NS, Wait({"ZSW1.HOME_POSITION_SET": 1}, "reference point set"), Ask({bit: 0})]
 
-    def home(self) -> Program:
-        """A homing; STW1.11 stays set until ``home_end``."""
+    def home(self, *, passive: bool, negative: bool) -> Program:
+        """A homing, or the wait for the probe's edge; STW1.11 stays set until ``home_end``."""
+        bits = {"PASSIVE_HOMING": passive, "HOMING_NEGATIVE": negative}
+        if self._second == "POS_STW2":
+            return [Ask({**{f"POS_STW2.{name}": int(on) for name, on in bits.items()}, "STW1.START_HOMING": 1})]
+        if any(bits.values()):
+            self._has("POS_STW2", "home: passive and negative")
         return [Ask({"STW1.START_HOMING": 1})]

@@ -1,17 +1,23 @@
 """Scenarios: what a PLC program does, as data.
 
-A scenario is a list of steps; each has one action, an optional ``axis`` (from 1) and ``note``. ``read`` and ``write`` go to the
-parameter channel, to the drive object with the number of the axis as DO-ID. A file of it is YAML (``scenario_file``), its
-values are written as ``notation`` says, and ``engine`` plays it. See ``tools/scenarios`` for examples.
+A scenario is a list of steps; each has one action, an optional ``axis`` (from 1) and ``note``. The actions are declared here with
+what they do and an example, from which docs and the keyboard take them; beside them every value and bit of the telegram is
+a word (``vocabulary``). ``read`` and ``write`` go to the parameter channel, to the drive object with the number of the axis as
+DO-ID. A file of it is YAML (``scenario_file``), its values are written as ``notation`` says, and ``engine`` plays it. See
+``tools/scenarios`` for examples.
 """
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Final, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from pdgw.gateway.explain import did_you_mean, misplaced
+from pdgw.peers.plc.following import Follow
 from pdgw.peers.plc.positioner import Mdi, SettingUp
+from pdgw.peers.plc.sensor import Measuring, Reading
+from pdgw.peers.plc.vocabulary import telegrams_of
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.parameters.codec import MAX_PARAMETERS
 from pdgw.profidrive.telegrams import telegram
@@ -23,11 +29,18 @@ class _Model(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
+_Flag = Literal[True] | None
+_Parameters = Annotated[dict[str, Scalar], Field(min_length=1, max_length=MAX_PARAMETERS)] | None
+_Values = Annotated[dict[str, Scalar], Field(min_length=1)] | None
+
+
 class References(_Model):
     """What 100 % stands for, to write values in physical units."""
 
     speed_rpm: Annotated[float, Field(gt=0, allow_inf_nan=False)] = 3000
     position: Annotated[int, Field(gt=0)] = 500_000
+    increments: Annotated[int, Field(gt=0)] = 4096
+    """Of G1_XIST1 for one revolution, with its fine resolution."""
 
 
 class Move(_Model):
@@ -41,70 +54,142 @@ class Move(_Model):
 
 
 class Home(_Model):
-    """A homing procedure of telegram 9."""
+    """A homing procedure. ``method`` and ``velocity`` are of telegram 9, ``passive`` and ``negative`` of telegram 111."""
 
     method: int = 35
     velocity: Scalar = "20 %"
+    passive: bool = False
+    negative: bool = False
 
 
 class Step(_Model):
-    """One step: exactly one action."""
+    """One step: exactly one action; words of the telegram are a ``set``."""
+
+    model_config = ConfigDict(use_attribute_docstrings=True)
 
     axis: Annotated[int, Field(ge=1)] = 1
     note: str = ""
     within: str = "3 s"
     refused: Annotated[int, Field(ge=0, le=0xFFFF)] | None = None
-    """The error number a ``write`` has to be refused with."""
-    enable: Literal[True] | None = None
-    off1: Literal[True] | None = None
-    quick_stop: Literal[True] | None = None
-    coast: Literal[True] | None = None
-    ack: Literal[True] | None = None
-    speed: Scalar | None = None
-    home: Home | None = None
-    home_end: Literal[True] | None = None
-    move: Move | None = None
-    mdi: Mdi | None = None
-    setting_up: SettingUp | None = None
-    block: int | None = None
-    next_block: Literal[True] | None = None
-    jog: Literal[0, 1, 2] | None = None
-    """Jog 1 or 2; 0 lets go."""
-    jog_distance: Literal[1, 2] | None = None
-    set_reference: Literal[True] | None = None
-    reject: Literal[True] | None = None
-    intermediate_stop: Literal[True] | None = None
-    resume: Literal[True] | None = None
-    preset: Literal["absolute", "relative"] | None = None
-    """The value is parameter 65000."""
-    read: Annotated[dict[str, Scalar], Field(min_length=1, max_length=MAX_PARAMETERS)] | None = None
-    """What parameters have to be, as in ``expect``; read again until they are."""
-    write: Annotated[dict[str, Scalar], Field(min_length=1, max_length=MAX_PARAMETERS)] | None = None
-    set: Annotated[dict[str, Scalar], Field(min_length=1)] | None = None
-    expect: Annotated[dict[str, Scalar], Field(min_length=1)] | None = None
-    hold: str | None = None
-    mute: bool | None = None
-    run: bool | None = None
-    drive: str | None = None
+    enable: _Flag = None
+    """OFF, then ON once the drive is ready"""
+    off1: _Flag = None
+    """OFF1: ramp down, power off"""
+    quick_stop: _Flag = None
+    """OFF3: quick stop"""
+    coast: _Flag = None
+    """OFF2: coast"""
+    ack: _Flag = None
+    """acknowledge faults, those of an encoder too"""
+    speed: Annotated[Scalar | None, Field(examples=["1500 rpm"])] = None
+    """speed setpoint"""
+    move: Annotated[Move | None, Field(examples=[{"to": "60000 inc", "velocity": "80 %"}])] = None
+    """task of telegram 9"""
+    mdi: Annotated[Mdi | None, Field(examples=[{"to": 50000, "velocity": 12000}, {"to": 0, "update": True}])] = None
+    """task in LU; with ``update`` STW1.6 stays, and further ``mdi`` steps change it under way"""
+    setting_up: Annotated[SettingUp | None, Field(examples=[{"velocity": -3000}])] = None
+    """move with a signed velocity until ``reject``"""
+    block: Annotated[int | None, Field(examples=[5])] = None
+    """a traversing block, or the chain that begins with it"""
+    next_block: _Flag = None
+    """external block change: the edge of STW1.13"""
+    jog: Annotated[Literal[0, 1, 2] | None, Field(examples=[1, 0])] = None
+    """jog 1 or 2; 0 lets go. With a speed telegram STW1.4-6 are 0 meanwhile"""
+    jog_distance: Annotated[Literal[1, 2] | None, Field(examples=[1])] = None
+    """incremental jog 1 or 2"""
+    home: Annotated[Home | None, Field(examples=[{}, {"passive": True}])] = None
+    """homing; STW1.11 stays until ``home_end``"""
+    home_end: _Flag = None
+    """end of the homing, or of a passive one that waits"""
+    set_reference: _Flag = None
+    """the reference point is where the axis stands"""
+    reject: _Flag = None
+    """reject the task: ramp"""
+    intermediate_stop: _Flag = None
+    """intermediate stop, the task is kept"""
+    resume: _Flag = None
+    """end of the intermediate stop"""
+    follow: Annotated[
+        Follow | None, Field(examples=[{"by": 4096, "error": 200}, {"by": 4096, "error": 900, "dsc": False}])
+    ] = None
+    """the PLC closes the position loop and follows a sine, until one period was within ``error``; with ``dsc`` by XERR and KPC"""
+    reference_mark: Annotated[Literal[1, 2] | None, Field(examples=[1])] = None
+    """sensor 1 or 2 searches its reference mark"""
+    measure: Annotated[Measuring | None, Field(examples=[{"function": 1}])] = None
+    """measurement on the fly: functions 1, 2 are probe 1 rising, falling, 3, 4 probe 2"""
+    read_value: Annotated[Reading | None, Field(examples=[{"function": 1}])] = None
+    """wait for the value of a function and show it in Gn_XIST2, until the next word for this sensor"""
+    stop_measuring: Annotated[Literal[1, 2] | None, Field(examples=[1])] = None
+    """abort what sensor 1 or 2 searches or measures"""
+    sign_of_life: Annotated[bool | None, Field(examples=[True])] = None
+    """the sign of life in STW2 counts with each frame, or stays"""
+    preset: Annotated[Literal["absolute", "relative"] | None, Field(examples=["absolute"])] = None
+    """preset of an encoder; the value is parameter 65000"""
+    read: Annotated[_Parameters, Field(examples=[{"P947.0": 0}])] = None
+    """what parameters have to be, as in ``expect``; read again until they are"""
+    write: Annotated[_Parameters, Field(examples=[{"6083h": 250}])] = None
+    """parameters; ``refused``: the error number it has to be refused with"""
+    set: Annotated[_Values, Field(examples=[{"STW1.ON": 0}])] = None
+    """setpoints and bits, with their signal or as words"""
+    expect: Annotated[_Values, Field(examples=[{"NIST_A": "1500 rpm +- 10 rpm"}])] = None
+    """what actual values have to become ``within`` a time"""
+    hold: Annotated[str | None, Field(examples=["500 ms"])] = None
+    """a pause"""
+    mute: Annotated[bool | None, Field(examples=[True])] = None
+    """nothing is sent: PLC unplugged"""
+    run: Annotated[bool | None, Field(examples=[False])] = None
+    """provider state RUN or STOP"""
+    drive: Annotated[str | None, Field(examples=["@1 fault 7"])] = None
+    """a line for the simulated devices, as for `pdgw sim inject`"""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _words(cls, document: Any) -> Any:
+        """What is no action is a word of the telegram."""
+        if not isinstance(document, dict):
+            return document
+        known, words = {}, {}
+        for key, value in document.items():
+            name = "on" if key is True else key  # as YAML reads ``on:``
+            if name in cls.model_fields or not isinstance(name, str):
+                known[name] = value
+            elif name in telegrams_of():
+                words[name] = value
+            else:
+                hint = did_you_mean(name, [*cls.model_fields, *telegrams_of()])
+                raise misplaced(
+                    f"{name}: unknown word{hint} (actions: {', '.join(ACTIONS)}; and every value and bit that the telegram "
+                    "sends, in lower case, like override, tracking: docs/tables.md)",
+                    name,
+                )
+        if words:
+            given = known.get("set", {})
+            known["set"] = {**given, **words} if isinstance(given, dict) else given
+        return known
 
     @property
     def action(self) -> str:
         """The name of the action."""
-        return next(name for name in _ACTIONS if getattr(self, name) is not None)
+        return next(name for name in ACTIONS if getattr(self, name) is not None)
 
     @model_validator(mode="after")
     def _one_action(self) -> Step:
-        given = [name for name in _ACTIONS if getattr(self, name) is not None]
+        given = [name for name in ACTIONS if getattr(self, name) is not None]
         if len(given) != 1:
             raise ValueError(
-                f"{len(given)} actions ({', '.join(given) or 'none'}), allowed exactly one of {', '.join(_ACTIONS)}"
+                f"{len(given)} actions ({', '.join(given) or 'none'}), allowed exactly one of {', '.join(ACTIONS)}"
             )
         if self.refused is not None and self.write is None:
             raise ValueError("refused: only a write has it")
         return self
 
 
-_ACTIONS = tuple(name for name in Step.model_fields if name not in {"axis", "note", "within", "refused"})
+ACTIONS: Final = tuple(name for name in Step.model_fields if name not in {"axis", "note", "within", "refused"})
+
+
+def examples(action: str) -> list[dict[str, Any]]:
+    """Steps with this action, as its declaration shows them."""
+    return [{action: example} for example in Step.model_fields[action].examples or [True]]
 
 
 class Scenario(_Model):

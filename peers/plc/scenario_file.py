@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import yaml
 from pydantic import ValidationError
@@ -26,14 +28,39 @@ class _Loader(yaml.SafeLoader):
         return node
 
 
+def _document(text: str) -> Any:
+    """YAML; GatewayError when it is none."""
+    try:
+        return yaml.load(text, _Loader)
+    except (yaml.YAMLError, ValueError) as error:  # a date that is none and a number of 5000 digits are ValueErrors
+        raise GatewayError(f"not valid YAML: {' '.join(str(error).split())}") from error
+    except RecursionError:
+        raise GatewayError("not valid YAML: nested too deeply") from None
+
+
+def parse_step(text: str) -> dict[str, Any]:
+    """A step as it is typed: a word and its value, ``override 50 %``; without one it is true. GatewayError for no YAML."""
+    name, _, value = text.strip().partition(" ")
+    document = _document(value) if value.strip() else True
+    check_depth(document, name)
+    return {name.removesuffix(":"): document}
+
+
+def scenario_of(telegrams: Sequence[int], steps: Sequence[Mapping[str, Any]]) -> Scenario:
+    """Steps without a file; GatewayError says what is wrong with them."""
+    try:
+        return Scenario.model_validate({"telegrams": list(telegrams), "steps": [dict(step) for step in steps]})
+    except ValidationError as error:
+        raise GatewayError("; ".join(_told(problem) for problem in problems(error, Scenario))) from error
+
+
 def load_scenario(path: Path) -> Scenario:
     """Read and validate a file; GatewayError names step, key, value and what is allowed."""
+    text = read_text(path)
     try:
-        document = yaml.load(read_text(path), _Loader)
-    except (yaml.YAMLError, ValueError) as error:  # a date that is none and a number of 5000 digits are ValueErrors
-        raise GatewayError(f"{path}: not valid YAML: {' '.join(str(error).split())}") from error
-    except RecursionError:
-        raise GatewayError(f"{path}: not valid YAML: nested too deeply") from None
+        document = _document(text)
+    except GatewayError as error:
+        raise GatewayError(f"{path}: {error}") from error
     check_depth(document, str(path))
     try:
         scenario = Scenario.model_validate(document)

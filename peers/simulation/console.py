@@ -20,7 +20,7 @@ _TOO_LONG = f"error: a command has at most {_LINE_MAX} characters"
 _IDLE_S = 3600.0
 _NUMBER = re.compile("[0-9]{1,3}")
 COMMANDS = (
-    "fault N (1-12), fault NAME [parameter=value ...], clear [NAME], di1 on|off, motion MOTION [CHANNEL], "
+    "fault N (1-12), fault NAME [parameter=value ...], clear [NAME], di1 on|off, probe 1|2 on|off, motion MOTION [CHANNEL], "
     "faults, status, quit"
 )
 
@@ -76,6 +76,9 @@ class Console:
                 return "ok"
             case ["di1", "on"]:
                 simulation.behave(node, "enable-input-dropped")
+                return "ok"
+            case ["probe", "1" | "2" as probe, "on" | "off" as level]:
+                simulation.deflect(node, int(probe), level == "on")
                 return "ok"
             case ["motion", motion]:
                 simulation.move(node, motion)

@@ -193,6 +193,13 @@ class Simulation:
 
         device.do(move)
 
+    def deflect(self, node_id: int, probe: int, on: bool) -> None:
+        """Touch probe 1 or 2 of a drive is deflected, or let go."""
+        device = self.device(node_id)
+        if not isinstance(device, SimulatedDrive):
+            raise CanopenError("node", node_id, "a drive, with probes")
+        device.set_probe(probe, on)
+
     def misbehave(self, node_id: int, name: str, values: Mapping[str, object]) -> Misbehaviour:
         """Give a device a fault of its catalogue."""
         made: list[Misbehaviour] = []

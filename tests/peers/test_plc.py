@@ -312,7 +312,7 @@ def test_the_scenarios_of_the_package_are_valid(path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "parts"),
     [
-        ("steps: [{fly: true}]", ["step 1", "fly", "unknown key"]),
+        ("steps: [{fly: true}]", ["step 1", "fly", "unknown word"]),
         ("steps: [{enable: true, off1: true}]", ["step 1", "2 actions", "exactly one"]),
         ("steps: [{axis: 3, enable: true}]", ["step 1", "axis 3 does not exist", "1..1"]),
         ("steps: [{set: {NSOL: 1}}]", ["step 1", "'NSOL'", "STW1, NSOLL_A"]),

@@ -9,9 +9,11 @@ from rich.console import Console
 
 from pdgw.peers.plc.endpoint import PlcEndpoint
 from pdgw.peers.plc.keyboard import Keyboard
+from pdgw.peers.plc.keys import BIT_LETTERS
 from pdgw.peers.plc.view import snapshot, tables
+from pdgw.peers.plc.vocabulary import words_of
 from pdgw.profidrive.signals import signal
-from pdgw.profidrive.telegrams import telegram
+from pdgw.profidrive.telegrams import TELEGRAMS, telegram
 
 CYCLE = 4_000_000
 READY, OPERATION = 0x31, 0x37
@@ -127,7 +129,7 @@ def test_an_axis_that_waits_does_not_hold_up_the_others() -> None:
 def test_keys_a_telegram_has_no_use_for_are_told_and_unknown_ones_ignored() -> None:
     desk = Desk(1)
     before = dict(desk.plc.setpoints[0])
-    desk.keys("mh ?\n\x1b")
+    desk.keys("mh %\n\x1b")
     desk.cycles(5)
     assert desk.plc.setpoints[0] == before
     assert len(desk.told) == 3
@@ -161,7 +163,8 @@ def test_only_keys_that_a_telegram_has_are_offered() -> None:
     assert "faster" not in desk.keyboard.help
     assert "move" in desk.keyboard.help
     desk.keys("3")
-    assert desk.keyboard.help == "axis 3:  e=enable  a=acknowledge  1..3=axis, 0=all  x=exit"
+    assert "absolute value" in desk.keyboard.help
+    assert not {"faster", "move", "jog 1", "OFF1"} & set(desk.keyboard.help.replace("=", "  ").split("  "))
 
 
 def test_a_key_for_all_axes_acts_on_those_that_have_it() -> None:
@@ -180,3 +183,114 @@ def test_the_reason_of_an_axis_is_shown_below_it() -> None:
     lines = [line.strip() for line in console.export_text().splitlines()]
     assert any(line.startswith("axis 1: no datagram of a gateway came: start one") for line in lines)
     assert "axis 2: ON ignored" in lines
+
+
+@pytest.mark.parametrize("number", sorted(set(TELEGRAMS) - {100}))
+def test_every_bit_that_a_telegram_sends_is_toggled_by_a_letter(number: int) -> None:
+    desk = Desk(number)
+    switches = [word for word in words_of(number).values() if word.switch]
+    assert switches
+    for letter, word in zip(BIT_LETTERS, switches, strict=False):
+        assert word.bit is not None
+        for wanted in (1, 0):
+            desk.keys(f"t{letter}")
+            desk.cycles(2)
+            assert word.bit.of(desk.plc.setpoints[0][word.signal.name]) == wanted, word.key
+        desk.keys("t")
+        assert f"{letter}={word.name}" in desk.keyboard.help
+        desk.keys("\x1b")
+    assert len(switches) <= len(BIT_LETTERS)
+
+
+def test_a_typed_word_is_a_step_of_a_scenario() -> None:
+    desk = Desk(111)
+    desk.keys(":override 25 x%")
+    assert ":override 25 x%_" in desk.keyboard.help, "the exit key is a letter here"
+    desk.keys("\x7f\x7f%\r")
+    desk.cycles(2)
+    assert desk.plc.setpoints[0]["OVERRIDE"] == 0x4000 // 4
+    desk.keys(":tracking\n")
+    desk.cycles(2)
+    assert desk.plc.setpoints[0]["POS_STW2"] == 1
+    desk.keys(":mdi {to: 700}\n:tracking 0")
+    desk.keys("\x1b")
+    desk.cycles(2)
+    assert (desk.plc.setpoints[0]["MDI_TARPOS"], desk.plc.setpoints[0]["POS_STW2"]) == (700, 1)
+    assert desk.told == []
+
+
+@pytest.mark.parametrize(
+    ("line", "text"),
+    [
+        ("trackin 1", "trackin: unknown word, did you mean tracking?"),
+        ("momred 50 %", "step 1 (set): momred: not in telegram 111, only in 102, 103, 105, 106"),
+        ("mdi {too: 4}", "mdi.too: unknown key, did you mean to?"),
+        ("override 50 rpm rpm", "step 1 (set): OVERRIDE = '50 rpm rpm': expected"),
+        ("mdi {", "not valid YAML"),
+    ],
+)
+def test_a_typed_word_that_is_none_is_told_with_what_was_meant(line: str, text: str) -> None:
+    desk = Desk(111)
+    before = dict(desk.plc.setpoints[0])
+    desk.keys(f":{line}\n")
+    desk.cycles(2)
+    assert len(desk.told) == 1
+    assert text in desk.told[0]
+    assert desk.plc.setpoints[0] == before
+
+
+def test_a_typed_word_for_all_axes_is_for_those_that_have_it() -> None:
+    desk = Desk(102, 111)
+    desk.keys(":momred 50 %\n")
+    desk.cycles(2)
+    assert desk.plc.setpoints[0]["MOMRED"] == 0x2000
+    assert desk.told == []
+
+
+def test_the_list_has_the_words_of_the_telegram() -> None:
+    desk = Desk(105)
+    desk.keys("?")
+    (told,) = desk.told
+    assert told.startswith("telegram 105: enable, off1,")
+    words = told.split(": ", 1)[1].split(", ")
+    assert {"follow", "kpc", "xerr", "g1_park", "momred"} <= set(words)
+    assert not {"mdi", "override", "jog"} & set(words)
+
+
+def test_keys_that_switch_go_back_when_pressed_again() -> None:
+    desk = Desk(105)
+    desk.keys("dM")
+    desk.cycles(4)
+    assert [desk.plc.setpoints[0][name] for name in ("KPC", "MOMRED")] == [20_000, 0x2000]
+    desk.keys("dM")
+    desk.cycles(4)
+    assert [desk.plc.setpoints[0][name] for name in ("KPC", "MOMRED")] == [0, 0]
+
+
+def test_a_stop_ends_the_following_of_a_sine_and_leaves_no_setpoints() -> None:
+    desk = Desk(105)
+    desk.answer(OPERATION)
+    desk.keys("f")
+    desk.cycles(100)
+    assert desk.plc.setpoints[0]["KPC"]
+    assert desk.plc.setpoints[0]["XERR"]
+    desk.keys("o")
+    desk.cycles(100)
+    assert [desk.plc.setpoints[0][name] for name in ("KPC", "XERR", "NSOLL_B")] == [0, 0, 0]
+    assert desk.bit("ON") == 0
+
+
+def test_faster_and_slower_change_the_override_of_a_positioner() -> None:
+    desk = Desk(111)
+    desk.keys("+++-")
+    desk.cycles(5)
+    assert desk.plc.setpoints[0]["OVERRIDE"] == 0x4000 * 20 // 100
+
+
+def test_the_exit_key_leaves() -> None:
+    plc = PlcEndpoint([telegram(1)], CYCLE)
+    left: list[bool] = []
+    keyboard = Keyboard(plc, print, lambda: left.append(True))
+    keyboard.press("x")
+    keyboard.step(0)
+    assert left == [True]

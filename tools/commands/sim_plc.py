@@ -23,7 +23,7 @@ from pdgw.gateway.toml_file import read_text
 from pdgw.peers.plc.client import PlcClient, PlcRunner
 from pdgw.peers.plc.endpoint import PlcEndpoint
 from pdgw.peers.plc.engine import Engine, Result
-from pdgw.peers.plc.keyboard import EXIT, Keyboard
+from pdgw.peers.plc.keyboard import Keyboard
 from pdgw.peers.plc.scenario_file import load_scenario
 from pdgw.peers.plc.view import snapshot
 from pdgw.profidrive.frame import UDP_PORT
@@ -241,7 +241,7 @@ class _Output:
 
 def _obey_keys(client: PlcRunner, output: _Output) -> None:
     """Keys from standard input, until its end or the exit key."""
-    keyboard = Keyboard(client.endpoint, output.tell)
+    keyboard = Keyboard(client.endpoint, output.tell, client.stop)
 
     def cycle() -> None:
         keyboard.step(time.monotonic_ns())
@@ -256,8 +256,5 @@ def _obey_keys(client: PlcRunner, output: _Output) -> None:
 def _read_keys(press: Callable[[str], None], stop: Callable[[], None]) -> None:
     while keys := read_keys():
         for key in keys:
-            if key == EXIT:
-                stop()
-            else:
-                press(key)
+            press(key)
     stop()

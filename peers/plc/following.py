@@ -1,0 +1,103 @@
+"""``follow``: the PLC closes the position loop and lets an axis follow a sine, as long as it takes to follow it well.
+
+The controller is ``position_loop``. The target swings from where the axis stands forward and back, begins and ends each period at
+rest, and does not run on while the PLC itself was held up. Left out: a load.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Annotated, Final
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from pdgw.ds301.loop import SECOND
+from pdgw.peers.plc.position_loop import SECONDS_PER_MINUTE, PositionLoop
+from pdgw.profidrive.telegrams import Telegram
+
+POSITION: Final = "G1_XIST1"
+_LONGEST_STEP_NS: Final = 20_000_000
+
+
+class Follow(BaseModel):
+    """``by``, ``error``: increments of G1_XIST1; ``frequency``: Hz; ``gain``: 1/s.
+
+    ``feed_forward``: NSOLL_B has the target's speed too.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    by: Annotated[int, Field(gt=0, lt=1 << 30)]
+    frequency: Annotated[float, Field(gt=0, le=10, allow_inf_nan=False)] = 0.5
+    gain: Annotated[float, Field(gt=0, le=1000, allow_inf_nan=False)] = 20
+    error: Annotated[int, Field(gt=0)]
+    dsc: bool = True
+    feed_forward: bool = False
+
+
+def can_follow(telegram: Telegram, *, dsc: bool) -> bool:
+    """A speed setpoint, a position, and with DSC its two values are all it needs."""
+    needed = {"NSOLL_B", "XERR", "KPC"} if dsc else {"NSOLL_B"}
+    return needed <= set(telegram.setpoints.names) and POSITION in telegram.actuals.names
+
+
+class Following:
+    """One ``follow`` of an axis; ``within`` and ``since``, when it began, in nanoseconds."""
+
+    def __init__(self, wish: Follow, axis: int, within: int, *, increments: int, rpm: float, dsc: bool) -> None:
+        """``increments``: of a revolution; ``rpm``: 100 %; ``dsc``: the telegram has XERR and KPC."""
+        self.axis = axis
+        self.within = within
+        self.since = -1
+        form = f"gain {wish.gain:g}/s, {'DSC' if wish.dsc else 'no DSC'}"
+        self.name = f"follows a sine of {wish.by} increments at {wish.frequency:g} Hz within {wish.error} ({form})"
+        self.rest: dict[str, int] = {"NSOLL_B": 0, **({"XERR": 0, "KPC": 0} if dsc else {})}
+        """What ends it."""
+        self._wish = wish
+        self._increments = increments
+        self._loop = PositionLoop(wish.gain, dsc=wish.dsc, increments_per_revolution=increments, reference_rpm=rpm)
+        self._base: int | None = None
+        self._before = 0
+        self._turn = 0.0
+        self._worst = 0.0
+        self._seen: list[float] = []
+
+    @property
+    def passed(self) -> bool:
+        """The last whole period was within its bound."""
+        return bool(self._seen) and self._seen[-1] <= self._wish.error
+
+    @property
+    def measured(self) -> str:
+        """What was seen, for the report."""
+        if not self._seen:
+            return "no whole period"
+        periods = "" if len(self._seen) == 1 else f" in period {len(self._seen)}"
+        return f"largest error {self._seen[-1]:.0f} increments{periods}"
+
+    def step(self, now: int, actuals: Mapping[str, int] | None) -> dict[str, int] | None:
+        """The setpoints of one cycle; None once it is over, well or by its time."""
+        if self.since < 0:
+            self.since = self._before = now
+        if actuals is None:
+            return None if now - self.since >= self.within else dict(self.rest)
+        if self._base is None:
+            self._base = actuals[POSITION]
+        self._turn += min(now - self._before, _LONGEST_STEP_NS) / SECOND * self._wish.frequency
+        self._before = now
+        if self._turn >= 1:
+            self._turn -= 1
+            self._seen.append(self._worst)
+            self._worst = 0.0
+            if self.passed:
+                return None
+        if now - self.since >= self.within:
+            return None
+        angle = 2 * math.pi * self._turn
+        target = self._base + self._wish.by / 2 * (1 - math.cos(angle))
+        speed = self._wish.by / 2 * 2 * math.pi * self._wish.frequency * math.sin(angle)
+        rpm = speed / self._increments * SECONDS_PER_MINUTE if self._wish.feed_forward else 0.0
+        wanted = self._loop.step(target, actuals, rpm)
+        self._worst = max(self._worst, abs(self._loop.error))
+        return {name: wanted[name] for name in self.rest}

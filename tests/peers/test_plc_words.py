@@ -1,0 +1,189 @@
+"""The PLC simulator knows every function by name: words from the declarations, actions played on a gateway in virtual time."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from pdgw.gateway.errors import GatewayError
+from pdgw.peers.plc.endpoint import PlcEndpoint
+from pdgw.peers.plc.engine import Engine
+from pdgw.peers.plc.scenario_file import parse_step, scenario_of
+from pdgw.peers.plc.vocabulary import words_of
+from pdgw.profidrive.signals import signal
+from pdgw.profidrive.telegrams import TELEGRAMS, ApplicationMode, telegram
+from pdgw.tools.conformance.telegrams import Case, run_case
+
+CYCLE = 4_000_000
+ON = ({"expect": {"ZSW1.CONTROL_REQUESTED": 1}, "within": "20 s"}, {"enable": True})
+
+
+def play(number: int, *steps: dict[str, Any]) -> PlcEndpoint:
+    """Steps without a gateway."""
+    endpoint = PlcEndpoint([telegram(number)], CYCLE)
+    engine = Engine(scenario_of([number], steps), endpoint)
+    for cycle in range(100):
+        engine.step(cycle * CYCLE)
+    assert engine.finished
+    return endpoint
+
+
+def on_a_gateway(number: int, *steps: dict[str, Any]) -> None:
+    """Steps with a gateway and its drive, enabled; every expectation must hold."""
+    outcome = run_case(Case(number, "", "", "", (*ON, *steps)))
+    assert outcome.passed, outcome.failures
+
+
+@pytest.mark.parametrize("number", TELEGRAMS)
+def test_every_bit_a_telegram_sends_has_a_word_of_its_own(number: int) -> None:
+    half = telegram(number).setpoints
+    bits = [
+        (item.name, bit.name)
+        for item in half.signals
+        for bit in item.fields(positioning=half.mode is ApplicationMode.POSITIONING)
+        if not bit.name.startswith(("DEVICE_", "RESERVED"))
+    ]
+    words = words_of(number).values()
+    assert [(word.signal.name, word.bit.name) for word in words if word.bit is not None] == bits
+    assert [word.signal.name for word in words if word.bit is None] == list(half.names)
+
+
+@pytest.mark.parametrize("number", TELEGRAMS)
+def test_every_word_of_a_telegram_sets_what_it_names(number: int) -> None:
+    for word in words_of(number).values():
+        values = play(number, {"set": {word.name: 1}}).setpoints[0]
+        assert values == {**dict.fromkeys(values, 0), word.signal.name: 1 << (word.bit.position if word.bit else 0)}
+
+
+def test_words_of_one_step_go_out_in_one_frame() -> None:
+    endpoint = play(111, {"tracking": True, "override": "50 %", "axis": 1, "note": "both"})
+    assert (endpoint.setpoints[0]["POS_STW2"], endpoint.setpoints[0]["OVERRIDE"]) == (1, 0x2000)
+
+
+def test_on_as_yaml_reads_it_is_the_bit() -> None:
+    assert play(1, {True: 1}).setpoints[0]["STW1"] == signal("STW1").word("ON")  # type: ignore[dict-item]
+
+
+@pytest.mark.parametrize(
+    ("number", "step", "text"),
+    [
+        (111, {"trackin": 1}, "trackin: unknown word, did you mean tracking?"),
+        (111, {"jogg": 1}, "jogg: unknown word, did you mean jog?"),
+        (1, {"tracking": 1}, "tracking: not in telegram 1, only in 110, 111"),
+        (1, {"set": {"NSOL_A": 1}}, r"signal 'NSOL_A' is not in the telegram, did you mean NSOLL_A\? \(allowed: STW1, NSOLL_A\)"),
+        (1, {"expect": {"ZSW1.FAULTY": 1}}, r"ZSW1.FAULTY: no bit of ZSW1, did you mean FAULT\?"),
+        (111, {"block": 3, "tracking": 1}, "2 actions"),
+        (111, {"data_set": 32}, r"data_set = 32: expected 0\.\.31"),
+        (9, {"homing_method": -129}, r"homing_method = -129: expected -128\.\.255"),
+        (9, {"jog": 1}, "not possible with telegram 9, only with 7, 110, 111"),
+        (105, {"jog": 1}, "not possible with telegram 105"),
+        (9, {"home": {"passive": True}}, "passive and negative are not possible with telegram 9"),
+        (110, {"home": {"passive": True}}, "home: passive and negative is not possible with telegram 110"),
+        (111, {"home": {"method": 35}}, "home.method is for telegram 9"),
+        (1, {"reference_mark": 1}, "not possible with telegram 1, which has no G1_STW"),
+        (102, {"measure": {"sensor": 2}}, "not possible with telegram 102, which has no G2_STW"),
+        (102, {"follow": {"by": 4096, "error": 10}}, "not possible with telegram 102, only with 5, 6, 105, 106"),
+        (1, {"sign_of_life": True}, "not possible with telegram 1, which has no sign of life"),
+        (111, {"speed": "5 %"}, "not possible with telegram 111, which has no NSOLL"),
+    ],
+)  # fmt: skip
+def test_a_word_that_does_not_fit_is_told(number: int, step: dict[str, Any], text: str) -> None:
+    with pytest.raises(GatewayError, match=text):
+        play(number, step)
+
+
+def test_a_typed_line_is_a_step() -> None:
+    assert parse_step("mdi {to: 5, update: true}") == {"mdi": {"to": 5, "update": True}}
+    assert parse_step("override: 50 %") == {"override": "50 %"}
+    assert parse_step(" reject ") == {"reject": True}
+
+
+def test_an_override_that_was_asked_for_stays_with_the_next_task() -> None:
+    endpoint = PlcEndpoint([telegram(111)], CYCLE)
+    engine = Engine(scenario_of([111], [{"override": "25 %"}, {"mdi": {"to": 5}}]), endpoint)
+    engine.step(0)
+    assert endpoint.setpoints[0]["OVERRIDE"] == 0x1000
+
+
+def test_the_sign_of_life_counts_from_1_to_15_with_each_frame() -> None:
+    endpoint = play(2, {"sign_of_life": True})
+    life = signal("STW2").bit("SIGN_OF_LIFE")
+    seen = []
+    for _ in range(17):
+        endpoint.build()
+        seen.append(life.of(endpoint.setpoints[0]["STW2"]))
+    assert seen == [*range(1, 16), 1, 2]
+    Engine(scenario_of([2], [{"sign_of_life": False}]), endpoint).step(0)
+    endpoint.build()
+    assert life.of(endpoint.setpoints[0]["STW2"]) == 2
+
+
+@pytest.mark.parametrize("number", [1, 2, 3, 4, 20, 102, 103])
+def test_jog_turns_an_axis_with_a_speed_telegram_and_leaves_speed_0(number: int) -> None:
+    actual = next(name for name in telegram(number).actuals.names if name.startswith("NIST"))
+    turns, stands = {"expect": {actual: "< -1 %"}}, {"expect": {actual: 0}}
+    on_a_gateway(number, {"speed": "10 %"}, {"speed": 0}, stands, {"jog": 1}, turns, {"jog": 0}, stands)
+
+
+def test_tracking_fixed_stop_and_limits_are_seen_by_the_positioner() -> None:
+    on_a_gateway(
+        111,
+        {"tracking": 1},
+        {"expect": {"POS_ZSW2.TRACKING": 1}},
+        {"tracking": 0},
+        {"home": {"passive": True}},
+        {"expect": {"POS_ZSW1.PASSIVE_HOMING": 1}},
+        {"home_end": True},
+        {"expect": {"POS_ZSW1.PASSIVE_HOMING": 0}},
+        {"set_reference": True},
+        {"software_limits": 1},
+        {"mdi": {"to": 2_000_000, "velocity": 30_000, "acceleration": "50 %"}},
+        {"expect": {"ZSW1.WARNING": 1}},
+        {"reject": True},
+    )
+
+
+def test_a_value_is_measured_on_the_fly_and_read() -> None:
+    on_a_gateway(
+        102,
+        {"speed": "10 %"},
+        {"measure": {"function": 1}},
+        {"expect": {"G1_ZSW.FUNCTION_1": 1}},
+        {"drive": "probe 1 on"},
+        {"read_value": {"function": 1}},
+        {"expect": {"G1_XIST2": "> 0", "G1_ZSW.ERROR": 0}},
+        {"reference_mark": 1},
+        {"read_value": {"function": 1}, "within": "5 s"},
+        {"stop_measuring": 1},
+        {"expect": {"G1_ZSW.FUNCTION_1": 0, "G1_ZSW.ERROR": 0}},
+    )
+
+
+@pytest.mark.parametrize(
+    ("number", "wish"),
+    [
+        (105, {"error": 120}),
+        (105, {"error": 120, "feed_forward": True, "gain": 10}),
+        (105, {"error": 800, "dsc": False, "gain": 10}),
+        (102, {"error": 800, "dsc": False, "gain": 10}),
+    ],
+)
+def test_an_axis_follows_a_sine(number: int, wish: dict[str, Any]) -> None:
+    on_a_gateway(
+        number,
+        {"follow": {"by": 4096, **wish}, "within": "20 s"},
+        {"expect": {"NIST_B": "0 +- 2 %"}},
+    )
+
+
+def test_an_axis_that_does_not_follow_closely_enough_fails_with_its_error() -> None:
+    outcome = run_case(Case(105, "", "", "", (*ON, {"follow": {"by": 4096, "error": 1}, "within": "5 s"})))
+    assert len(outcome.failures) == 1
+    assert "follows a sine of 4096 increments at 0.5 Hz within 1" in outcome.failures[0]
+    assert "largest error" in outcome.failures[0]
+
+
+@pytest.mark.parametrize("step", [{"momred": "50 %"}, {"park_axis": 1}, {"g1_park": 1}, {"g1_error_acknowledge": 1}])
+def test_words_of_a_speed_telegram_are_taken_while_it_runs(step: dict[str, Any]) -> None:
+    on_a_gateway(103, step, {"hold": "50 ms"}, {"expect": {"ZSW1.OPERATION_ENABLED": 1}})
