@@ -430,8 +430,8 @@ _MISBEHAVIOUR_INTRODUCTION = """\
 Each simulated device can be given faults by name, with parameters (integers), from power-on or while it runs:
 
 * in the file of `pdgw sim bus FILE` (`pdgw sim bus --example` prints one): `[[device.fault]]` tables with `name` and parameters;
-* `pdgw sim inject --port P [@NODE] fault NAME parameter=value ...`, `clear [NAME]`, `faults`, `status`, with the port of
-  `--control-port` or `[control] port`;
+* `pdgw sim inject --port P [@NODE] fault NAME parameter=value ...`, `clear [NAME]`, `faults`, `status`, `probe 1|2 on|off` (touch
+  probe of a drive), with the port of `--control-port` or `[control] port`;
 * REST on 127.0.0.1, `--rest-port` or `[control] rest_port`: `GET /devices`, `GET /faults`,
   `POST /devices/{node}/faults/{name}` with a JSON object of parameters, `DELETE /devices/{node}/faults/{name}`.
 

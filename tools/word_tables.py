@@ -28,10 +28,10 @@ _INTRODUCTION = """\
 
 Generated from the declarations by `make docs`; do not edit.
 
-`pdgw sim plc SCENARIO` plays steps, `pdgw sim plc --interactive --telegram 111` obeys the keyboard, where `:` takes the same steps. A
-scenario is YAML: `telegrams` (one for each axis), `references` (`speed_rpm`, `position`, `increments`: what 100 % and a revolution
-are) and `steps`. A step has one action or words of the telegram, and where needed `axis` (from 1), `note`, `within` (how long is
-waited, `3 s`):
+`pdgw sim plc SCENARIO` plays steps; `pdgw sim plc --interactive --telegram 111` obeys the keyboard, where `:` takes the same
+steps. A scenario is YAML: `telegrams` (one for each axis), `references` (`speed_rpm`, `position`, `increments`: what 100 % and a
+revolution are) and `steps`. A step has one action or words of the telegram, and where needed `axis` (from 1), `note`, `within`
+(how long is waited, `3 s`):
 
     steps:
       - {enable: true, within: 10 s}
@@ -39,7 +39,8 @@ waited, `3 s`):
       - {mdi: {to: 50000, velocity: 12000}, note: "to 50000 LU"}
       - {expect: {XIST_A: "50000 +- 20", ZSW1.TARGET_REACHED: 1}, within: 10 s}
 
-Values: `1234`, `0x4D2`, `2000h`, `50 %`, `1500 rpm`, `2000 inc`; expected also `<= 5`, `100 +- 2`, `& 0x4F = 0x40`. [Examples](../tools/scenarios).
+Values: `1234`, `0x4D2`, `2000h`, `50 %`, `1500 rpm`, `2000 inc`; expected also `<= 5`,
+`100 +- 2`, `& 0x4F = 0x40`. [Examples](../tools/scenarios).
 """
 
 
@@ -120,8 +121,8 @@ def generate_words() -> str:
             "## Actions\n",
             table(("action", "example", "telegrams", "what the PLC does"), _actions()),
             "## Words of the telegrams\n",
-            "Every value and every bit that a telegram sends, as it is declared; several in one step go out in one frame. Bits are 0",
-            "and 1. What an action has the name of is reached by `set: {POS_STW1.MDI: 1}`.\n",
+            "Every value and every bit that a telegram sends, as it is declared; several in one step go out in one frame. Bits",
+            "are 0 and 1. What an action has the name of is reached by `set: {POS_STW1.MDI: 1}`.\n",
             table(("word", "is", "telegrams", "meaning (of 1)"), _words()),
             "## Keys\n",
             "The screen offers those that the telegram has; some go back when they are pressed again.\n",

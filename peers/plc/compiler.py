@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from functools import partial
 from types import MappingProxyType
 
+from pdgw.explain import did_you_mean
 from pdgw.gateway.axis.telegrams import POSITIONER_TELEGRAM_NUMBERS, SPEED_TELEGRAM_NUMBERS
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.explain import did_you_mean
 from pdgw.peers.plc.endpoint import PlcEndpoint
 from pdgw.peers.plc.following import Follow, Following, can_follow
 from pdgw.peers.plc.notation import comparison, integer, raw_value

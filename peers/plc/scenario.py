@@ -13,7 +13,7 @@ from typing import Annotated, Any, Final, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from pdgw.gateway.explain import did_you_mean, misplaced
+from pdgw.explain import did_you_mean, misplaced
 from pdgw.peers.plc.following import Follow
 from pdgw.peers.plc.positioner import Mdi, SettingUp
 from pdgw.peers.plc.sensor import Measuring, Reading
