@@ -15,10 +15,10 @@ from __future__ import annotations
 
 import heapq
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Final
 
-from pdgw.decoder.can_records import CanRecord, NmtRecord
+from pdgw.decoder.can_records import CanRecord, EmcyRecord, HeartbeatRecord, NmtRecord, PdoRecord, SdoRecord
 from pdgw.decoder.connect import Connection
 from pdgw.decoder.cyclic import Axis
 from pdgw.decoder.following_axis import RESPONSE_NS, AxisFollower
@@ -27,6 +27,7 @@ from pdgw.decoder.profinet_endpoint import ProfinetEndpoint
 from pdgw.decoder.profinet_records import AlarmRecord, Change, RelationRecord
 from pdgw.decoder.records import CyclicRecord, Record
 from pdgw.decoder.timeline import Anomaly, AnomalyKind, Edge, Entry, Event
+from pdgw.ds301.pdo import PdoDirection
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS
 from pdgw.gateway.transport.cyclic import CyclicEndpoint, Verdict
@@ -77,14 +78,19 @@ class Follower:
         for item in self._objects:
             self._nodes.setdefault(item.axis.node, []).append(item)
         self._exchange = _Exchange(self._objects, self._put, cycle_ns, watchdog_factor)
+        self._can_seen = False
+        self._last_ns = 0
 
     def add(self, record: Record) -> Sequence[Entry]:
         """One more record, about in the order of time; what is complete by now."""
-        now = record.time_ns
+        now = self._last_ns = record.time_ns
         if isinstance(record, CanRecord):
+            self._can_seen = True
             to_all = isinstance(record, NmtRecord) and not record.node
             for item in self._objects if to_all else self._nodes.get(record.node, ()):
                 if item.axis.bus in {"", record.channel}:
+                    if not item.heard:
+                        item.heard = _is_from_node(record)
                     item.take(record)
         elif isinstance(record, CyclicRecord):
             self._exchange.take(record)
@@ -113,7 +119,23 @@ class Follower:
         """The rest, at the end of the recording."""
         for item in self._objects:
             item.finish()
+        for do_id, text in self._missing():
+            self._put(Event(self._last_ns, do_id, "missing", text))
         return self._release(None)
+
+    def _missing(self) -> Iterator[tuple[int, str]]:
+        """What was not in the records, by DO-ID (0: of all)."""
+        seen = self._exchange.seen
+        if Direction.SETPOINT not in seen:
+            yield 0, "no frame of a PLC: what was asked of the drives, and why, is not in this recording"
+        if Direction.ACTUAL not in seen:
+            yield 0, "no frame to a PLC: what it was told is not in this recording"
+        if not self._can_seen:
+            yield 0, "no CAN frame: what the drives were told, and what they answered, is not in this recording"
+            return
+        for item in self._objects:
+            if not item.heard:
+                yield item.axis.do_id, f"nothing came from node {item.axis.node}"
 
     def _put(self, entry: Entry) -> None:
         self._count += 1
@@ -128,6 +150,15 @@ class Follower:
                 entry.root = entry.cause.root or entry.cause
             released.append(entry)
         return released
+
+
+def _is_from_node(record: CanRecord) -> bool:
+    """Whether a frame that belongs to a node was sent by it."""
+    if isinstance(record, PdoRecord):
+        return record.layout.name.startswith(PdoDirection.TPDO.label)
+    return isinstance(record, HeartbeatRecord | EmcyRecord) or (
+        isinstance(record, SdoRecord) and not record.from_client
+    )
 
 
 def _slot(item: ObjectFollower, place: int) -> int:
@@ -202,6 +233,8 @@ class _Exchange:
             Direction.ACTUAL: _CycleCounter("gateway -> PLC", cycle_ns),
         }
         self._standing: Verdict | None = None
+        self.seen: set[Direction] = set()
+        """Of which directions there were frames."""
         self._last_frame = 0
         self._lost_since: int | None = None
         self._answered = False
@@ -228,6 +261,7 @@ class _Exchange:
         direction = record.direction
         if direction is None:
             return
+        self.seen.add(direction)
         jump = self._counters[direction].jump(record.cycle_counter, record.time_ns)
         if jump:
             self._put(Anomaly(record.time_ns, 0, AnomalyKind.COUNTER, jump))

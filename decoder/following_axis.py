@@ -41,6 +41,7 @@ AGREEMENT_NS: Final = 500_000_000
 """So long have the recorded and today's Controlword to agree, or to differ, until it counts."""
 NOT_VALID: Final = "not evaluated: no valid frame (stale, stopped, or IOPS BAD)"
 OVERTAKEN: Final = "not evaluated: the frame was dropped or overtaken"
+NO_CONTROLWORD: Final = "not judged: no Controlword to the drive in the recording up to here"
 NOT_JUDGED: Final = "not judged: what the gateway remembers from before is not known; an OFF makes it known"
 
 _CONTROLWORD = (DRIVE_OBJECTS.attribute("controlword").index, 0)
@@ -393,7 +394,7 @@ class AxisFollower(ObjectFollower):
             if self._known:
                 self._settling = _Settling(control)
             else:
-                control.note = NOT_JUDGED
+                control.note = NOT_JUDGED if WordKind.CONTROLWORD in self._words.values else NO_CONTROLWORD
         settling = self._settling
         if settling is not None and settling.reasons and now > settling.edge.time_ns + SETTLE_NS:
             self._settled()

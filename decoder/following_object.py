@@ -34,6 +34,8 @@ class ObjectFollower:
         self._put = put
         self._hold_ns = hold_ns
         self._bad: dict[Direction, _Bad] = {}
+        self.heard = False
+        """Something came from the node."""
 
     # -- what an axis makes more of -----------------------------------------------------------------------------------
 

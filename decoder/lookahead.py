@@ -32,6 +32,8 @@ class Lookahead:
         self.words = {axis.do_id: AxisWords() for axis in axes}
         self.begin_ns: int | None = None
         """The first cyclic frame."""
+        self.first_ns: int | None = None
+        """The first record."""
         self.changes = {BusKind.PLC: 0, BusKind.CAN: 0}
         """Changes of words seen on each bus."""
         self._axes = {axis.do_id: axis for axis in axes}
@@ -47,6 +49,8 @@ class Lookahead:
 
     def add(self, record: Record) -> None:
         """One more record."""
+        if self.first_ns is None:
+            self.first_ns = record.time_ns
         if isinstance(record, CyclicRecord):
             self._cyclic(record)
         elif isinstance(record, PdoRecord):

@@ -161,7 +161,7 @@ class Opening:
     clocks: Clocks
     cycle_ns: int
     begin_ns: int
-    """The first cyclic frame, on the PLC's clock."""
+    """The first cyclic frame, on the PLC's clock; where there is none, the first packet."""
     shifted: frozenset[str]
     """The files whose clock is not the PLC's."""
     assumed: tuple[str, ...] = ()
@@ -209,11 +209,12 @@ def look_ahead(files: Sequence[str], known: Known, offset_ns: int | None, notify
             one_clock = any(len(found) > 1 for found in buses.values())
             sure = offset_ns is not None or one_clock or looking.enough
             few = min(looking.changes.values()) >= _FEW_CHANGES and count >= _LOOK_AT
-            if _missing(buses) is None and (sure or few):
+            alone = len(parts) == 1 and (known.cycle_ns or looking.begin_ns is not None) and count >= _LOOK_AT
+            if alone or (len(_seen(buses)) == len(BusKind) and (sure or few)):
                 break
-    missing = _missing(buses)
-    if missing is not None:
-        raise GatewayError(f"{', '.join(files)}: no {missing}, both buses are needed")
+    if not _seen(buses):
+        raise GatewayError(f"{', '.join(files)}: neither {' nor '.join(_EVIDENCE.values())}")
+    one_clock |= len(_seen(buses)) == 1 or len(files) == 1
     cycle_ns = known.cycle_ns or looking.cycle_ns
     if offset_ns is not None:
         clocks = Clocks(offset_ns)
@@ -222,7 +223,8 @@ def look_ahead(files: Sequence[str], known: Known, offset_ns: int | None, notify
     else:
         clocks = looking.clocks(cycle_ns)
     shifted = frozenset(file for file, found in buses.items() if BusKind.PLC not in found)
-    return Opening(tuple(files), known, clocks, cycle_ns, looking.begin_ns or 0, shifted, tuple(assumed))
+    begin_ns = next((time_ns for time_ns in (looking.begin_ns, looking.first_ns) if time_ns is not None), 0)
+    return Opening(tuple(files), known, clocks, cycle_ns, begin_ns, shifted, tuple(assumed))
 
 
 @dataclass(frozen=True)
@@ -312,10 +314,9 @@ class _Reading:
         self.ended = record is None
 
 
-def _missing(buses: Mapping[str, set[BusKind]]) -> str | None:
-    """What no file has."""
-    seen = set().union(*buses.values())
-    return next((text for bus, text in _EVIDENCE.items() if bus not in seen), None)
+def _seen(buses: Mapping[str, set[BusKind]]) -> set[BusKind]:
+    """The buses that are in any of the files."""
+    return set[BusKind]().union(*buses.values())
 
 
 def _with_axes(files: Sequence[str], known: Known, notify: Notify) -> tuple[Known, list[str]]:
@@ -349,9 +350,12 @@ def load(files: Sequence[str], known: Known, offset_ns: int | None, notify: Noti
             bus = is_of(record)
             if bus is not None:
                 buses[file].add(bus)
-    missing = _missing(buses)
-    if missing is not None:
-        raise GatewayError(f"{', '.join(files)}: no {missing}, both buses are needed")
+    for bus in BusKind:
+        if bus not in _seen(buses):
+            raise GatewayError(
+                f"{', '.join(files)}: no {_EVIDENCE[bus]}: a replay compares what went from one bus to the other, "
+                "`pdgw timeline` shows what is there"
+            )
     cycle_ns = known.cycle_ns or collector.measured_cycle_ns
     watchdog_factor = known.watchdog_factor or collector.measured_watchdog_factor(cycle_ns)
     one_clock = any(len(found) > 1 for found in buses.values())
@@ -376,7 +380,9 @@ def _inferred(files: Sequence[str], known: Known, notify: Notify) -> Sequence[Ax
             for notice in decoder.notices:
                 notify(notice)
             return [replace(axis, node=axis.node or axis.do_id) for axis in decoder.axes]
-    raise GatewayError(f"{', '.join(files)}: the telegrams cannot be told from the frames, give --telegram or --config")
+    raise GatewayError(
+        f"{', '.join(files)}: the telegrams cannot be told from the frames, give --telegram and --node, or --config"
+    )
 
 
 def _decoded(file: str, settings: Settings, notify: Notify) -> Iterator[Record]:

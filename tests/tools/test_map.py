@@ -226,6 +226,22 @@ def test_all_formats_are_written(file: Path, tmp_path: Path, capsys: pytest.Capt
         map_(file, Format.CSV, tmp_path / "no" / "x")
 
 
+def test_the_device_description_is_written_beside_the_map(
+    file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(GatewayError, match=r'--gsdml: .* has type = "udp", expected "profinet"'):
+        map_(file, gsdml=tmp_path)
+    assert capsys.readouterr().out == ""
+    file.write_text(CONFIG.replace("cycle_time_ms = 2", 'type = "profinet"\ninterface = "eth1"\ndevice_id = 22'))
+    map_(file, Format.SCL, tmp_path / "pdgw.scl", tmp_path)
+    (description,) = tmp_path.glob("GSDML-V2.4-*.xml")
+    assert 'DeviceID="0x0016"' in description.read_text()
+    assert "PDGW_Profinet" in (tmp_path / "pdgw.scl").read_text()
+    assert capsys.readouterr() == ("", f"device description: {description}\n")
+    with pytest.raises(GatewayError, match=r"--gsdml .*: GSDML.* cannot be written"):
+        map_(file, gsdml=tmp_path / "nowhere")
+
+
 def test_on_profinet_each_value_is_counted_from_the_first_byte_of_its_submodule(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

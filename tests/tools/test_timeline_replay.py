@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import pytest
 import typer
 
 from pdgw.decoder.capture.errors import CaptureError
+from pdgw.decoder.following_axis import NO_CONTROLWORD
 from pdgw.ds301.loop import MS
 from pdgw.gateway.errors import GatewayError
 from pdgw.tools.commands.replay import replay
@@ -146,17 +148,58 @@ def test_both_buses_in_one_file_have_one_clock(tmp_path: Path, capsys: pytest.Ca
     assert text[-1].endswith("all equal")
 
 
+@pytest.mark.parametrize("page", [False, True])
+def test_a_recording_of_one_bus_is_told_as_far_as_it_goes_and_what_it_lacks(
+    files: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str], *, page: bool
+) -> None:
+    plc, can = files
+    html = tmp_path / "timeline.html" if page else None
+    for given, has, lacks in (
+        (plc, {"STW1", "ZSW1"}, ["no CAN frame: what the drives were told"]),
+        (can, {"Controlword", "Statusword"}, ["no frame of a PLC: what was asked", "no frame to a PLC"]),
+    ):
+        timeline([given], telegram=[1], node=NODES, html=html)
+        text = html.read_text() if html is not None else capsys.readouterr().out
+        assert all(word in text for word in has)
+        assert all(item in text for item in lacks)
+        if html is None:
+            told = text.splitlines()
+            assert {line.split()[3] for line in told if re.search(r"axis 1  \w+ +[0-9A-F]{4}h ->", line)} == has
+            assert "clocks: one clock" in told
+            assert told[-1] == "anomalies: none"
+
+
+def test_a_plc_that_is_recorded_alone_gets_no_promise_that_an_off_would_help(
+    files: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    timeline(files[:1], telegram=[1], node=NODES)
+    text = lines(capsys)
+    on = next(i for i, line in enumerate(text) if "047Eh -> 047Fh +ON" in line)
+    assert text[on + 1].endswith(f"-> {NO_CONTROLWORD}")
+
+
+def test_a_node_that_never_answered_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    rig = speed()
+    rig.frames.can = [frame for frame in rig.frames.can if frame[1] & ~0x7F in {0, 0x200, 0x600}]
+    timeline(rig.frames.write(tmp_path), telegram=[1], node=NODES, offset=0.0)
+    assert any(line.endswith(f"axis 1  missing: nothing came from node {NODE}") for line in lines(capsys))
+    timeline(speed().frames.write(tmp_path), telegram=[1], node=NODES)
+    assert not any("missing:" in line for line in lines(capsys))
+
+
 def test_what_cannot_be_used_is_one_error(files: list[str], tmp_path: Path) -> None:
     plc, can = files
     empty = tmp_path / "empty.log"
     empty.write_text("")
     for given, match in (
-        ([plc], "no CAN frames, both buses are needed"),
-        ([can], "the telegrams cannot be told from the frames"),
+        ([can], "the telegrams cannot be told from the frames, give --telegram and --node, or --config"),
         ([plc, "-"], "read more than once"),
     ):
         with pytest.raises(GatewayError, match=match):
             timeline(given)
+    for given, match in (([plc], "no CAN frames: a replay compares"), ([can], "no cyclic frames: a replay compares")):
+        with pytest.raises(GatewayError, match=match):
+            replay(given, telegram=[1])
     with pytest.raises(CaptureError, match="is empty"):
         replay([plc, str(empty)], telegram=[1])
     with pytest.raises(GatewayError, match="no drive telegram among the axes"):

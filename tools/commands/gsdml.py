@@ -37,11 +37,16 @@ def write(
 ) -> None:
     """Write the GSDML file with every telegram; its name is what engineering tools insist on."""
     transport = TransportConfig() if config is None else load_config(config).transport
+    typer.echo(str(write_gsdml(transport, output, "--output")))
+
+
+def write_gsdml(transport: TransportConfig, folder: Path, option: str) -> Path:
+    """Write the file into a folder; GatewayError names the ``option`` that gave the folder when that cannot be done."""
     kinds = {kind: [telegram(number) for number in numbers] for kind, numbers in TELEGRAMS.items()}
     text = GsdmlWriter(profinet_identity(transport, _NO_MAC), VENDOR_NAME, kinds).write()
-    path = output / file_name(VENDOR_NAME, PRODUCT, RELEASED)
+    path = folder / file_name(VENDOR_NAME, PRODUCT, RELEASED)
     try:
         path.write_text(text, encoding="utf-8")
     except OSError as error:
-        raise GatewayError(f"--output {output}: {path.name} cannot be written ({error.strerror or error})") from error
-    typer.echo(str(path))
+        raise GatewayError(f"{option} {folder}: {path.name} cannot be written ({error.strerror or error})") from error
+    return path

@@ -18,6 +18,7 @@ from pdgw.gateway.config_file import load_config
 from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.frame import FRAME_ID_TO_CONTROLLER, FRAME_ID_TO_DEVICE
 from pdgw.profidrive.telegrams import Direction
+from pdgw.tools.commands.gsdml import write_gsdml
 from pdgw.tools.plc_code import Dialect, code
 from pdgw.tools.tables import plain_table
 
@@ -61,11 +62,18 @@ def map_(
         Format, typer.Option("--format", help="text, csv, st (IEC 61131-3 Structured Text) or scl (Siemens).")
     ] = Format.TEXT,
     out: Annotated[Path | None, typer.Option(help="Write here instead of standard output.")] = None,
+    gsdml: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="PROFINET: write the device description into this folder too.")
+    ] = None,
 ) -> None:
     """Print the byte map of a configuration: offset, length, signal, unit and 100 % of every value; or code for the PLC."""
     loaded = load_config(config)
     maps = frame_maps(loaded)
     profinet = loaded.transport.type == "profinet"
+    if gsdml is not None:
+        if not profinet:
+            raise GatewayError(f'--gsdml: {config} has type = "{loaded.transport.type}", expected "profinet"')
+        typer.echo(f"device description: {write_gsdml(loaded.transport, gsdml, '--gsdml')}", err=True)
     step = counter_step(loaded)
     formats: dict[Format, Callable[[], str]] = {
         Format.TEXT: lambda: (_profinet_text if profinet else _udp_text)(maps, None if out is None else 120),
