@@ -5,12 +5,14 @@ Daemon, replay, conformance and tests drive this one machine. Source: docs/trans
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from pdgw.dsp402.drive_type import DriveType, Quantity
 from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.images import DriveFeedback
 from pdgw.dsp402.states import STATE_OF_STATUS, State, StatusBit
 from pdgw.gateway.axis.adapters.transparent import ACTUAL_ATTRIBUTES, SETPOINT_ATTRIBUTES
-from pdgw.gateway.axis.executors.base import Executor, Notes
+from pdgw.gateway.axis.executors.base import AxisCycle, Executor
 from pdgw.gateway.axis.executors.dsc import DscExecutor
 from pdgw.gateway.axis.executors.load import LoadExecutor
 from pdgw.gateway.axis.executors.positioner import PositionerExecutor
@@ -56,6 +58,14 @@ _OF_THE_DRIVE = Flag.OF_THE_DRIVE
 _WARNING = Flag.WARNING
 _INTERNAL_LIMIT = StatusBit.INTERNAL_LIMIT
 _FOLLOW, _PASS = Phase.FOLLOW, Phase.PASS
+_EXECUTORS: dict[Kind, Callable[[AxisCycle], Executor]] = {
+    Kind.SPEED: SpeedExecutor,
+    Kind.DSC: DscExecutor,
+    Kind.LOAD: LoadExecutor,
+    Kind.TORQUE: TorqueExecutor,
+    Kind.POSITIONING: PositioningExecutor,
+    Kind.POSITIONER: PositionerExecutor,
+}
 
 
 class AxisMachine:
@@ -73,7 +83,8 @@ class AxisMachine:
         self.outputs = Outputs(len(self.telegram.actuals.signals), Reason.NO_PLC)
         self.demand = Demand()
         self.report = Report()
-        self.notes = Notes()
+        self.cycle = AxisCycle(settings, self.demand, feedback, self.outputs.command, self.report)
+        self.notes = self.cycle.notes
         self.interlock = Interlock(settings)
         self.executor = self._make_executor(kind)
         self.sensor = SensorWords() if "G1_STW" in self.telegram.setpoints.names else None
@@ -97,20 +108,9 @@ class AxisMachine:
         """The PLC took its control away in operation, and has not taken it again."""
 
     def _make_executor(self, kind: Kind) -> Executor:
-        given = (self.settings, self.outputs.command, self.report, self.notes)
-        if kind is Kind.SPEED:
-            return SpeedExecutor(*given)
-        if kind is Kind.DSC:
-            return DscExecutor(*given)
-        if kind is Kind.LOAD:
-            return LoadExecutor(*given)
-        if kind is Kind.TORQUE:
-            return TorqueExecutor(*given)
-        if kind is Kind.POSITIONING:
-            return PositioningExecutor(*given)
-        if kind is Kind.POSITIONER:
-            return PositionerExecutor(*given)
-        return RawExecutor(*given, SETPOINT_ATTRIBUTES, ACTUAL_ATTRIBUTES)
+        if kind is Kind.RAW:
+            return RawExecutor(self.cycle, SETPOINT_ATTRIBUTES, ACTUAL_ATTRIBUTES)
+        return _EXECUTORS[kind](self.cycle)
 
     def set_sensor_references(self, references: EncoderReferences | None) -> None:
         """What gives the position of an external G1 its meaning; ProfidriveError for a range no sensor has."""
@@ -159,9 +159,11 @@ class AxisMachine:
             velocity, window = feedback.velocity_actual, self._window
             standstill = -window <= velocity <= window
             trouble = None if drive_ok else Drive.LOST
-            low = interlock.step(wish, demand.acknowledge, trouble, statusword, standstill, now)
-            action = interlock.action
-            reason = executor.step(demand, action, low, interlock.reason, feedback, standstill, now)
+            cycle = self.cycle
+            cycle.controlword = interlock.step(wish, demand.acknowledge, trouble, statusword, standstill, now)
+            cycle.action, cycle.reason = interlock.action, interlock.reason
+            cycle.standstill, cycle.now = standstill, now
+            reason = executor.step()
             if drive_ok:
                 cell = interlock.cell
                 shown = SHOWN_STOPPING if cell.stopping else SHOWN_STATE[statusword & STATE_MASK]
@@ -173,9 +175,9 @@ class AxisMachine:
         else:
             powered = drive_ok and STATE_OF_STATUS[statusword & STATE_MASK] in POWERED
             trouble = Drive.POWERED_UNREAD if powered else Drive.NO_REFERENCES
-            low = interlock.step(wish, demand.acknowledge, trouble, statusword, False, now)
+            self.cycle.controlword = interlock.step(wish, demand.acknowledge, trouble, statusword, False, now)
             reason = interlock.reason if drive_ok else Reason.DRIVE_OFFLINE
-            executor.refuse(low, feedback)
+            executor.refuse()
             report.flags = statusword & _OF_THE_DRIVE | SHOWN_FAULT
             if not drive_ok:
                 executor.lost()

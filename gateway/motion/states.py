@@ -94,6 +94,10 @@ _REPLACED_BY_MDI = Transition(Event.MDI, State.MDI, Action.REPLACE)
 _REPLACED_BY_SETTING_UP = Transition(Event.SETTING_UP, State.SETTING_UP, Action.REPLACE)
 _REPLACED_BY_BLOCK = Transition(Event.BLOCK, State.BLOCK, Action.REPLACE)
 _JOG_RELEASED = Transition(Event.JOG_RELEASED, State.BRAKING, Action.BRAKE)
+_ENDS = (_LOST, _REJECTED)
+"""What every motion ends by, before anything else is looked at,"""
+_TASK = (*_ENDS, _REFUSED, _REPLACED_BY_MDI, _REPLACED_BY_SETTING_UP)
+"""and what every task does."""
 
 TRANSITIONS: Mapping[State, tuple[Transition, ...]] = MappingProxyType(
     {
@@ -111,44 +115,26 @@ TRANSITIONS: Mapping[State, tuple[Transition, ...]] = MappingProxyType(
             Transition(Event.TRACKING, State.TRACKING),
         ),
         State.MDI: (
-            _LOST,
-            _REJECTED,
-            _REFUSED,
-            _REPLACED_BY_MDI,
-            _REPLACED_BY_SETTING_UP,
+            *_TASK,
             _REPLACED_BY_BLOCK,
             Transition(Event.CHANGED, State.MDI, Action.UPDATE),
             Transition(Event.REACHED, State.IDLE, Action.FINISH),
         ),
         State.SETTING_UP: (
-            _LOST,
-            _REJECTED,
-            _REFUSED,
-            _REPLACED_BY_MDI,
-            _REPLACED_BY_SETTING_UP,
+            *_TASK,
             Transition(Event.BLOCK, State.SETTING_UP, Action.REFUSE),
             Transition(Event.CHANGED, State.SETTING_UP, Action.UPDATE),
         ),
         State.BLOCK: (
-            _LOST,
-            _REJECTED,
-            _REFUSED,
-            _REPLACED_BY_MDI,
-            _REPLACED_BY_SETTING_UP,
+            *_TASK,
             _REPLACED_BY_BLOCK,
             Transition(Event.BLOCK_DONE, State.BLOCK, Action.FOLLOW),
             Transition(Event.CHAIN_DONE, State.IDLE, Action.FINISH),
         ),
-        State.JOG: (_LOST, _REJECTED, _JOG_RELEASED),
-        State.JOG_INCREMENTAL: (
-            _LOST,
-            _REJECTED,
-            _JOG_RELEASED,
-            Transition(Event.REACHED, State.IDLE, Action.FINISH),
-        ),
+        State.JOG: (*_ENDS, _JOG_RELEASED),
+        State.JOG_INCREMENTAL: (*_ENDS, _JOG_RELEASED, Transition(Event.REACHED, State.IDLE, Action.FINISH)),
         State.HOMING: (
-            _LOST,
-            _REJECTED,
+            *_ENDS,
             Transition(Event.HOMING_ATTAINED, State.IDLE, Action.HOMED),
             Transition(Event.HOMING_FAILED, State.IDLE, Action.HOMING_ERROR),
             Transition(Event.HOMING_WITHDRAWN, State.BRAKING, Action.BRAKE),

@@ -1,7 +1,7 @@
 """What the machine asks of every executor, and what executors have in common.
 
-An executor writes the drive's command image and its share of the report. It is stepped while the drive is known well enough;
-``refuse`` is called instead while it is not.
+An executor reads and writes one ``AxisCycle``: the drive's command image, its share of the report. It is stepped while the drive
+is known well enough; ``refuse`` is called instead while it is not.
 """
 
 from __future__ import annotations
@@ -72,14 +72,61 @@ class Notes:
         return value
 
 
+class AxisCycle:
+    """What an executor works with: one object for each axis, in which the machine sets what changes before each cycle."""
+
+    __slots__ = (
+        "action",
+        "command",
+        "controlword",
+        "demand",
+        "feedback",
+        "notes",
+        "now",
+        "reason",
+        "report",
+        "settings",
+        "standstill",
+    )
+
+    def __init__(
+        self, settings: AxisSettings, demand: Demand, feedback: DriveFeedback, command: DriveCommand, report: Report
+    ) -> None:
+        self.settings = settings
+        self.demand = demand
+        self.feedback = feedback
+        self.command = command
+        self.report = report
+        self.notes = Notes()
+        self.action: Action = Action.DISABLE_VOLTAGE
+        """What is commanded,"""
+        self.controlword = 0
+        """as bits 0-3 and 7 of the Controlword,"""
+        self.reason: Reason | None = None
+        """and why it is not what the PLC asks."""
+        self.standstill = False
+        """The actual speed is inside the standstill window."""
+        self.now = 0
+        """Monotonic nanoseconds."""
+
+    @property
+    def stopped(self) -> bool:
+        """The axis stands, and the drive does not ramp any more."""
+        feedback = self.feedback
+        return self.standstill and (
+            feedback.statusword & StatusBit.TARGET_REACHED != 0 or feedback.velocity_actual == 0
+        )
+
+
 class Executor:
     """One kind of operation of one drive."""
 
-    def __init__(self, settings: AxisSettings, command: DriveCommand, report: Report, notes: Notes) -> None:
-        self.settings = settings
-        self.command = command
-        self.report = report
-        self.notes = notes
+    def __init__(self, cycle: AxisCycle) -> None:
+        self.cycle = cycle
+        self.settings = cycle.settings
+        self.command = cycle.command
+        self.report = cycle.report
+        self.notes = cycle.notes
 
     def set_drive(self, drive: DriveType, homing_method: int) -> None:
         """What the drive is: at start, after a write to a reference object, after a restart of the drive.
@@ -97,7 +144,7 @@ class Executor:
     def recall(self, *, home_set: bool) -> None:
         """What an earlier machine of this axis had found out (a recording that begins in the middle)."""
 
-    def refuse(self, controlword: int, feedback: DriveFeedback) -> None:
+    def refuse(self) -> None:
         """Without valid references nothing is converted; the drive gets the Controlword and nothing else."""
         raise NotImplementedError
 
@@ -107,20 +154,11 @@ class Executor:
     def probed(self, answer: ProbeAnswer) -> None:
         """What became of the probe of the notes."""
 
-    def step(
-        self,
-        demand: Demand,
-        action: Action,
-        controlword: int,
-        reason: Reason | None,
-        feedback: DriveFeedback,
-        standstill: bool,
-        now: int,
-    ) -> Reason | None:
+    def step(self) -> Reason | None:
         """One cycle: the command with bits 0-3 and 7 of the Controlword as given, and the report.
 
         Sets ``report.flags`` to the flags that only the executor knows. Returns the reason why it does not do what is asked:
-        the one of the interlock, or its own.
+        the one of the cycle, or its own.
         """
         raise NotImplementedError
 
@@ -144,11 +182,11 @@ class LimitWatch:
         """It does not stand there."""
         self._since = -1
 
-    def step(self, wants_to_move: bool, feedback: DriveFeedback, standstill: bool, now: int) -> bool:
+    def step(self, wants_to_move: bool, cycle: AxisCycle) -> bool:
         """One cycle; True when it is held."""
-        if not (wants_to_move and standstill and feedback.statusword & StatusBit.INTERNAL_LIMIT):
+        if not (wants_to_move and cycle.standstill and cycle.feedback.statusword & StatusBit.INTERNAL_LIMIT):
             self._since = -1
             return False
         if self._since < 0:
-            self._since = now
-        return now - self._since >= LIMIT_STANDING_NS
+            self._since = cycle.now
+        return cycle.now - self._since >= LIMIT_STANDING_NS

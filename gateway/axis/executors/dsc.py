@@ -10,13 +10,11 @@ from fractions import Fraction
 
 from pdgw.dsp402.drive_type import DriveType, Quantity
 from pdgw.dsp402.errors import Dsp402Error
-from pdgw.dsp402.images import DriveCommand, DriveFeedback
 from pdgw.dsp402.states import STATE_OF_STATUS, State
-from pdgw.gateway.axis.executors.base import Executor, LimitWatch, Notes, known
+from pdgw.gateway.axis.executors.base import AxisCycle, Executor, LimitWatch, known
 from pdgw.gateway.axis.executors.torque import message_of
 from pdgw.gateway.axis.power_table import Action
-from pdgw.gateway.axis.settings import AxisSettings
-from pdgw.gateway.axis.waist import STATE_MASK, Demand, Flag, Report
+from pdgw.gateway.axis.waist import STATE_MASK, Flag
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.motion.dsc import Dsc, DscChoices, DscForm, DscSettings, wrapped
 from pdgw.gateway.motion.messages import SPEED_WITHIN_TOLERANCE, MessageWord, reduced_torque
@@ -32,11 +30,11 @@ _I32 = (-(1 << 31), (1 << 31) - 1)
 class DscExecutor(Executor):
     """One axis under DSC. GatewayError without the user's choice where the loop is closed."""
 
-    def __init__(self, settings: AxisSettings, command: DriveCommand, report: Report, notes: Notes) -> None:
-        super().__init__(settings, command, report, notes)
-        if settings.dsc is None:
+    def __init__(self, cycle: AxisCycle) -> None:
+        super().__init__(cycle)
+        if self.settings.dsc is None:
             raise GatewayError('dsc: missing, telegrams 5, 6, 105 and 106 need dsc = "position" or "speed"')
-        self.choices: DscChoices = settings.dsc
+        self.choices: DscChoices = self.settings.dsc
         self.dsc: Dsc | None = None
         self._actual: Normalisation | None = None
         self._message: MessageWord | None = None
@@ -82,35 +80,27 @@ class DscExecutor(Executor):
         self._way = (counts / velocity / _SECONDS_PER_MINUTE * cycle).as_integer_ratio()
         self._tolerance = int(reference * self.settings.standstill_window)
 
-    def refuse(self, controlword: int, feedback: DriveFeedback) -> None:
-        self._stand(feedback)
-        self.command.controlword = controlword
+    def refuse(self) -> None:
+        self._stand()
+        self.command.controlword = self.cycle.controlword
         self.report.speed = self.report.message = 0
 
-    def step(
-        self,
-        demand: Demand,
-        action: Action,
-        controlword: int,
-        reason: Reason | None,
-        feedback: DriveFeedback,
-        standstill: bool,
-        now: int,
-    ) -> Reason | None:
-        dsc, actual, message = self.dsc, self._actual, self._message
+    def step(self) -> Reason | None:
+        cycle, dsc, actual, message = self.cycle, self.dsc, self._actual, self._message
+        reason, action = cycle.reason, cycle.action
         if dsc is None or actual is None or message is None:
             return reason
-        command, report = self.command, self.report
+        command, report, demand, feedback = self.command, self.report, cycle.demand, cycle.feedback
         enabled = STATE_OF_STATUS[feedback.statusword & STATE_MASK] is State.OPERATION_ENABLED
         if enabled and action is Action.ENABLE_OPERATION:
-            reason = self._control(dsc, demand, feedback)
-            reason = self._held_at_limit(demand, feedback, standstill, now) or reason
+            reason = self._control(dsc)
+            reason = self._held_at_limit() or reason
         elif enabled and action is Action.RAMP:
-            self._ramp(feedback)
+            self._ramp()
         else:
             self._held = False
-            self._stand(feedback)
-        command.controlword = controlword
+            self._stand()
+        command.controlword = cycle.controlword
         command.max_torque = reduced_torque(self._torque, demand.torque_reduction if demand.connected else 0)
         report.speed = actual.to_wire(feedback.velocity_actual)
         near = abs(feedback.velocity_actual - self._velocity) <= self._tolerance
@@ -120,8 +110,8 @@ class DscExecutor(Executor):
         )
         return reason
 
-    def _control(self, dsc: Dsc, demand: Demand, feedback: DriveFeedback) -> Reason | None:
-        position = feedback.position_actual
+    def _control(self, dsc: Dsc) -> Reason | None:
+        demand, position = self.cycle.demand, self.cycle.feedback.position_actual
         result = dsc.step(demand.speed, demand.xerr, demand.kpc, position, fresh=demand.fresh)
         self._warn(dsc, clamped=result.gain_clamped)
         command, self._velocity = self.command, result.velocity
@@ -136,17 +126,17 @@ class DscExecutor(Executor):
             self._travel(result.velocity)
         return result.reason
 
-    def _held_at_limit(self, demand: Demand, feedback: DriveFeedback, standstill: bool, now: int) -> Reason | None:
+    def _held_at_limit(self) -> Reason | None:
         """An axis that stood at a limit of the drive does not move on when it is released: it waits for speed 0 and KPC 0."""
-        command = self.command
-        wants = self._velocity != 0 or command.target_position != feedback.position_actual
-        if self._limit.step(wants, feedback, standstill, now):
+        command, cycle = self.command, self.cycle
+        wants = self._velocity != 0 or command.target_position != cycle.feedback.position_actual
+        if self._limit.step(wants, cycle):
             self._held = True
-        elif not demand.kpc and not demand.speed:
+        elif not cycle.demand.kpc and not cycle.demand.speed:
             self._held = False
         if not self._held:
             return None
-        self._stand(feedback)
+        self._stand()
         return Reason.STOPPED_AT_LIMIT
 
     def _warn(self, dsc: Dsc, *, clamped: bool) -> None:
@@ -163,7 +153,7 @@ class DscExecutor(Executor):
         self._rest = total - way * denominator
         self.command.target_position = wrapped(self.command.target_position + way)
 
-    def _ramp(self, feedback: DriveFeedback) -> None:
+    def _ramp(self) -> None:
         """Down from the speed there is."""
         if self.dsc is not None:
             self.dsc.stop()
@@ -173,11 +163,11 @@ class DscExecutor(Executor):
         if self.choices.form is DscForm.POSITION:
             self._travel(speed)
 
-    def _stand(self, feedback: DriveFeedback) -> None:
+    def _stand(self) -> None:
         """Not in operation: where the axis is, so that nothing jumps when it is enabled."""
         if self.dsc is not None:
             self.dsc.stop()
-        command = self.command
+        command, feedback = self.command, self.cycle.feedback
         command.target_velocity = command.velocity_offset = 0
         command.target_position = feedback.position_actual
         self._velocity = feedback.velocity_actual

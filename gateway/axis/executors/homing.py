@@ -8,10 +8,9 @@ from __future__ import annotations
 
 import enum
 
-from pdgw.dsp402.images import DriveFeedback
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import StatusBit
-from pdgw.gateway.axis.executors.base import Notes
+from pdgw.gateway.axis.executors.base import AxisCycle
 from pdgw.gateway.axis.executors.mode import ModeSwitch
 from pdgw.gateway.axis.values import SdoWrite
 from pdgw.gateway.reasons import FaultNumber, Reason
@@ -44,6 +43,7 @@ class Homing:
         "_answer",
         "_attained_seen_low",
         "_busy",
+        "_cycle",
         "_idle_since",
         "_mode",
         "_notes",
@@ -54,8 +54,9 @@ class Homing:
         "methods",
     )
 
-    def __init__(self, notes: Notes, mode: ModeSwitch) -> None:
-        self._notes = notes
+    def __init__(self, cycle: AxisCycle, mode: ModeSwitch) -> None:
+        self._cycle = cycle
+        self._notes = cycle.notes
         self._mode = mode
         self.method = 0
         """6098h as the drive has it."""
@@ -117,7 +118,7 @@ class Homing:
         """An answer that still comes is to nothing."""
         self._answer = None
 
-    def prepare(self, feedback: DriveFeedback, now: int) -> Progress:
+    def prepare(self) -> Progress:
         """READY once the drive has taken method and speeds and confirmed mode 6."""
         notes = self._notes
         if self._answer is None:
@@ -131,20 +132,21 @@ class Homing:
             notes.reason = Reason.HOMING_ERROR
             return Progress.FAILED
         self.method = self._writes[0].value
-        if not self._mode.confirmed(Mode.HOMING, feedback, now):
+        if not self._mode.confirmed(Mode.HOMING):
             return Progress.WAITS
-        self._since = now
+        self._since = self._cycle.now
         self._idle_since = -1
         self._attained_seen_low = False
         return Progress.READY
 
-    def run(self, feedback: DriveFeedback, standstill: bool, now: int) -> Progress:
+    def run(self) -> Progress:
         """While the drive homes."""
-        statusword = feedback.statusword
+        cycle = self._cycle
+        statusword, now = cycle.feedback.statusword, cycle.now
         error = statusword & _ERROR != 0
         if statusword & _FINISHED != _FINISHED and not error:
             self._attained_seen_low = True
-            if not standstill or not statusword & StatusBit.TARGET_REACHED:
+            if not cycle.standstill or not statusword & StatusBit.TARGET_REACHED:
                 self._idle_since = -1
             elif self._idle_since < 0:
                 self._idle_since = now

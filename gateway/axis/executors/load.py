@@ -6,10 +6,7 @@ Source: docs/motion.md "Telegram 20". 6078h is the torque too, in 1/1000 of what
 from __future__ import annotations
 
 from pdgw.dsp402.drive_type import DriveType, Quantity
-from pdgw.dsp402.images import DriveFeedback
 from pdgw.gateway.axis.executors.speed import SpeedExecutor
-from pdgw.gateway.axis.power_table import Action
-from pdgw.gateway.axis.waist import Demand
 from pdgw.gateway.motion.messages import namur_word
 from pdgw.gateway.motion.units import round_half_away
 from pdgw.gateway.reasons import Reason
@@ -29,26 +26,18 @@ class LoadExecutor(SpeedExecutor):
         super().set_drive(drive, homing_method)
         self._full_power = int(_RATED * drive.scaling.reference(Quantity.SPEED))
 
-    def refuse(self, controlword: int, feedback: DriveFeedback) -> None:
-        super().refuse(controlword, feedback)
+    def refuse(self) -> None:
+        super().refuse()
         self.report.load = (0, 0, 0)
         self.report.namur = namur_word(self.notes.troubles.code)
 
-    def step(
-        self,
-        demand: Demand,
-        action: Action,
-        controlword: int,
-        reason: Reason | None,
-        feedback: DriveFeedback,
-        standstill: bool,
-        now: int,
-    ) -> Reason | None:
+    def step(self) -> Reason | None:
+        feedback = self.cycle.feedback
         torque = feedback.current_actual
         current = _n2(torque, _RATED)
         self.report.load = (current, current, _n2(torque * feedback.velocity_actual, self._full_power))
         self.report.namur = namur_word(self.notes.troubles.code)
-        return super().step(demand, action, controlword, reason, feedback, standstill, now)
+        return super().step()
 
 
 def _n2(value: int, full: int) -> int:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from pdgw.dsp402.images import DriveFeedback
-from pdgw.gateway.axis.executors.base import Notes
+from pdgw.gateway.axis.executors.base import AxisCycle
 from pdgw.gateway.reasons import FaultNumber, Reason
 
 MODE_CONFIRM_NS = 1_000_000_000
@@ -13,10 +12,10 @@ MODE_CONFIRM_NS = 1_000_000_000
 class ModeSwitch:
     """The mode that is asked for, and since when it is waited for."""
 
-    __slots__ = ("_notes", "_since", "base", "halted", "mode")
+    __slots__ = ("_cycle", "_since", "base", "halted", "mode")
 
-    def __init__(self, notes: Notes, base: int) -> None:
-        self._notes = notes
+    def __init__(self, cycle: AxisCycle, base: int) -> None:
+        self._cycle = cycle
         self.base = base
         """The mode of tasks, to which everything else returns."""
         self.mode = base
@@ -36,24 +35,25 @@ class ModeSwitch:
         if not self.halted:
             self.mode = self.base
 
-    def shows_base(self, feedback: DriveFeedback) -> bool:
+    def shows_base(self) -> bool:
         """The drive is in the mode of tasks."""
-        return feedback.modes_of_operation_display == self.base
+        return self._cycle.feedback.modes_of_operation_display == self.base
 
-    def confirmed(self, mode: int, feedback: DriveFeedback, now: int) -> bool:
+    def confirmed(self, mode: int) -> bool:
         """Ask for a mode (never while Halt is set) and tell whether 6061h shows it."""
+        cycle = self._cycle
+        shown, now = cycle.feedback.modes_of_operation_display, cycle.now
         if self.mode != mode and not self.halted:
             self.mode = mode
             self._since = now
-        if self.mode == mode and feedback.modes_of_operation_display == mode:
+        if self.mode == mode and shown == mode:
             self._since = -1
             return True
-        notes = self._notes
+        notes = cycle.notes
         notes.reason = Reason.MODE_NOT_CONFIRMED
         if self._since < 0:
             self._since = now
         elif now - self._since >= MODE_CONFIRM_NS and not notes.warning:
             notes.warning = True
-            shown = feedback.modes_of_operation_display
             notes.faults.append((FaultNumber.MODE_NOT_CONFIRMED, f"6060h = {mode}, 6061h = {shown} for 1 s"))
         return False

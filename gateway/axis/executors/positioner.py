@@ -9,19 +9,17 @@ from __future__ import annotations
 from pdgw.ds301.objects import CanType
 from pdgw.dsp402.drive_type import DriveType, Quantity
 from pdgw.dsp402.errors import Dsp402Error
-from pdgw.dsp402.images import DriveCommand, DriveFeedback
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.objects import NEGATIVE_LIMIT_SWITCH, POSITIVE_LIMIT_SWITCH
 from pdgw.dsp402.states import STATE_OF_STATUS, ControlBit, State, StatusBit
-from pdgw.gateway.axis.executors.base import Executor, Notes, known
+from pdgw.gateway.axis.executors.base import AxisCycle, Executor, known
 from pdgw.gateway.axis.executors.homing import Homing, Progress
 from pdgw.gateway.axis.executors.mode import ModeSwitch
 from pdgw.gateway.axis.executors.torque import message_of
 from pdgw.gateway.axis.executors.torque_limit import TorqueLimit
 from pdgw.gateway.axis.power_table import Action
-from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.values import ProbeAnswer, ProbeWish
-from pdgw.gateway.axis.waist import STATE_MASK, Demand, Flag, Report
+from pdgw.gateway.axis.waist import STATE_MASK, Flag
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.motion.blocks import BlockTable, BlockTask
 from pdgw.gateway.motion.messages import MessageWord
@@ -49,14 +47,14 @@ _AT_LIMIT = 20
 class PositionerExecutor(Executor):
     """One axis' positioner and the drive behind it. GatewayError without the user's choices for a positioner."""
 
-    def __init__(self, settings: AxisSettings, command: DriveCommand, report: Report, notes: Notes) -> None:
-        super().__init__(settings, command, report, notes)
-        if settings.positioner is None:
+    def __init__(self, cycle: AxisCycle) -> None:
+        super().__init__(cycle)
+        if self.settings.positioner is None:
             raise GatewayError("positioner: missing, telegrams 7, 110 and 111 need [axis.positioner]")
-        self.choices: PositionerChoices = settings.positioner
+        self.choices: PositionerChoices = self.settings.positioner
         self.positioner = Positioner(_settings(self.choices), BlockTable(self.choices.blocks))
-        self._mode = ModeSwitch(notes, Mode.POSITION.value)
-        self.homing = Homing(notes, self._mode)
+        self._mode = ModeSwitch(cycle, Mode.POSITION.value)
+        self.homing = Homing(cycle, self._mode)
         self.command.modes_of_operation = self._mode.mode
         self.report.motion = self.positioner.outcome
         self._seen = Seen()
@@ -72,7 +70,7 @@ class PositionerExecutor(Executor):
         self._setpoint_bit = False
         self._bits = 0
         """Controlword bits 5 and 6 of the set-point given last."""
-        self._torque = TorqueLimit(notes)
+        self._torque = TorqueLimit(self.notes)
         self._homing_begun = 0
         """Serial of the homing that was begun."""
         self._warned: Reason | None = None
@@ -129,9 +127,9 @@ class PositionerExecutor(Executor):
     def recall(self, *, home_set: bool) -> None:
         self.homing.home_set = self.positioner.home_set = home_set
 
-    def refuse(self, controlword: int, feedback: DriveFeedback) -> None:
+    def refuse(self) -> None:
         self._stop()
-        self.command.controlword, self.command.target_velocity = controlword, 0
+        self.command.controlword, self.command.target_velocity = self.cycle.controlword, 0
         self.positioner.step(self._nothing, self._seen, 0)
 
     def sdo_done(self, error: str | None) -> None:
@@ -165,31 +163,24 @@ class PositionerExecutor(Executor):
         self.homing.give_up()
         self.command.target_velocity = 0
 
-    def step(
-        self,
-        demand: Demand,
-        action: Action,
-        controlword: int,
-        reason: Reason | None,
-        feedback: DriveFeedback,
-        standstill: bool,
-        now: int,
-    ) -> Reason | None:
-        units, speed, message = self._units, self._speed, self._message
+    def step(self) -> Reason | None:
+        cycle, units, speed, message = self.cycle, self._units, self._speed, self._message
+        reason = cycle.reason
         if units is None or speed is None or message is None:
             return reason
+        action, feedback = cycle.action, cycle.feedback
         statusword = feedback.statusword
         state = STATE_OF_STATUS[statusword & STATE_MASK]
         mode, notes = self._mode, self.notes
-        asked = demand.motion or self._nothing
+        asked = cycle.demand.motion or self._nothing
         asked.operating = action is Action.ENABLE_OPERATION and state is State.OPERATION_ENABLED
-        self._look(units, feedback, standstill)
-        outcome = self.positioner.step(asked, self._seen, now)
+        self._look(units)
+        outcome = self.positioner.step(asked, self._seen, cycle.now)
         self._probe(asked)
         extra = 0
         if asked.operating:
             notes.forget()
-            extra = self._execute(outcome.motion, units, feedback, standstill, now)
+            extra = self._execute(outcome.motion, units)
             mode.halted = extra & _HALT != 0
             reason = notes.reason or outcome.reason
         elif action is Action.RAMP or action is Action.RAMP_END:
@@ -202,10 +193,10 @@ class PositionerExecutor(Executor):
         self._torque.follow(outcome.motion.torque if asked.operating else None)
         self._warn(outcome.warning)
         command, report = self.command, self.report
-        command.controlword = controlword | extra
+        command.controlword = cycle.controlword | extra
         command.modes_of_operation = mode.mode
         report.speed = speed.to_wire(feedback.velocity_actual)
-        report.flags = self._flags(feedback)
+        report.flags = self._flags()
         report.message = message_of(message, feedback, self.notes.troubles)
         return reason
 
@@ -220,7 +211,7 @@ class PositionerExecutor(Executor):
             self.notes.faults.append((FaultNumber.POSITIONER, warning.value))
         self._warned = warning
 
-    def _flags(self, feedback: DriveFeedback) -> int:
+    def _flags(self) -> int:
         outcome = self.positioner.outcome
         flags = Flag.STANDING if outcome.standing else 0
         if outcome.reached:
@@ -229,16 +220,17 @@ class PositionerExecutor(Executor):
             flags |= Flag.HOME_SET
         if outcome.acknowledged:
             flags |= Flag.TASK_ACKNOWLEDGED
-        following_error = feedback.statusword & StatusBit.MODE_13 and self._mode.shows_base(feedback)
+        following_error = self.cycle.feedback.statusword & StatusBit.MODE_13 and self._mode.shows_base()
         return flags if following_error else flags | Flag.WITHIN_TOLERANCE
 
     # -- what the drive does --------------------------------------------------------------------------------------------
 
-    def _look(self, units: LengthUnits, feedback: DriveFeedback, standstill: bool) -> None:
-        seen, statusword = self._seen, feedback.statusword
+    def _look(self, units: LengthUnits) -> None:
+        seen, feedback = self._seen, self.cycle.feedback
+        statusword = feedback.statusword
         seen.position = units.to_length(feedback.position_actual)
         seen.velocity = feedback.velocity_actual
-        seen.standstill = standstill
+        seen.standstill = self.cycle.standstill
         seen.internal_limit = statusword & StatusBit.INTERNAL_LIMIT != 0
         torque = self.positioner.outcome.motion.torque
         seen.torque_at_limit = torque is not None and abs(feedback.current_actual) * _AT_LIMIT >= torque * (
@@ -248,7 +240,7 @@ class PositionerExecutor(Executor):
         seen.negative_limit = inputs & NEGATIVE_LIMIT_SWITCH != 0
         seen.positive_limit = inputs & POSITIVE_LIMIT_SWITCH != 0
         seen.reached = False
-        if not self._mode.shows_base(feedback):
+        if not self._mode.shows_base():
             return
         acknowledged = statusword & StatusBit.MODE_12 != 0
         if self._setpoint_bit:
@@ -262,25 +254,25 @@ class PositionerExecutor(Executor):
 
     # -- what it is told ------------------------------------------------------------------------------------------------
 
-    def _execute(self, motion: Motion, units: LengthUnits, feedback: DriveFeedback, standstill: bool, now: int) -> int:
+    def _execute(self, motion: Motion, units: LengthUnits) -> int:
         """Controlword bits 4-8 of the motion wished."""
         kind = motion.kind
         if kind is MotionKind.STAND:
-            return self._stand(feedback, standstill, now)
+            return self._stand()
         if self._mode.halted:
             return 0  # Halt falls alone: a set-point or a mode together with it is not allowed
         if kind is MotionKind.HOMING:
-            return self._home(motion, feedback, standstill, now)
+            return self._home(motion)
         wanted = Mode.POSITION if kind is MotionKind.POSITION else Mode.VELOCITY
-        if self._mode.mode != wanted and not standstill:
+        if self._mode.mode != wanted and not self.cycle.standstill:
             return self._slow_down()
-        if not self._mode.confirmed(wanted, feedback, now):
+        if not self._mode.confirmed(wanted):
             return 0
         if wanted is Mode.VELOCITY:
             self._turn(motion, units)
             return 0
         if not self._setpoint_bit and motion.serial != self._seen.given:
-            self._give(motion, units, feedback)
+            self._give(motion, units)
         return self._bits | (_NEW_SETPOINT if self._setpoint_bit else 0)
 
     def _slow_down(self) -> int:
@@ -289,20 +281,19 @@ class PositionerExecutor(Executor):
         self.command.target_velocity = 0
         return 0 if self._mode.mode == Mode.VELOCITY else _HALT
 
-    def _stand(self, feedback: DriveFeedback, standstill: bool, now: int) -> int:
+    def _stand(self) -> int:
         """Ramp down; Halt stays while a function is kept, and falls at standstill without a restart otherwise."""
         mode = self._mode
         self._setpoint_bit = False
         if mode.mode == Mode.VELOCITY:
             self.command.target_velocity = 0
             return 0
-        if mode.mode == Mode.HOMING and standstill:
+        if mode.mode == Mode.HOMING and self.cycle.standstill:
             if not mode.halted:
-                mode.confirmed(mode.base, feedback, now)
+                mode.confirmed(mode.base)
             return 0
         kept = self.positioner.outcome.state not in {Function.IDLE, Function.TRACKING, Function.BRAKING}
-        stopped = standstill and (feedback.statusword & StatusBit.TARGET_REACHED != 0 or feedback.velocity_actual == 0)
-        return 0 if stopped and not kept else _HALT
+        return 0 if self.cycle.stopped and not kept else _HALT
 
     def _set_ramps(self, motion: Motion, units: LengthUnits) -> None:
         command, (_, acceleration, deceleration) = self.command, self._limits
@@ -323,9 +314,9 @@ class PositionerExecutor(Executor):
             self.command.target_velocity = self._velocity(motion, units)
             seen.given = seen.taken = seen.executing = motion.serial
 
-    def _give(self, motion: Motion, units: LengthUnits, feedback: DriveFeedback) -> None:
+    def _give(self, motion: Motion, units: LengthUnits) -> None:
         """A set-point, once the drive has taken the acknowledge of the last one back and has the torque limit."""
-        if feedback.statusword & StatusBit.MODE_12:
+        if self.cycle.feedback.statusword & StatusBit.MODE_12:
             return
         if not self._torque.holds(motion.torque):
             self.notes.reason = Reason.TORQUE_LIMIT
@@ -341,10 +332,10 @@ class PositionerExecutor(Executor):
         self._setpoint_bit = True
         self._seen.given = motion.serial
 
-    def _home(self, motion: Motion, feedback: DriveFeedback, standstill: bool, now: int) -> int:
+    def _home(self, motion: Motion) -> int:
         seen, homing = self._seen, self.homing
         if self._homing_begun != motion.serial:
-            if self._mode.mode == Mode.VELOCITY and not standstill:
+            if self._mode.mode == Mode.VELOCITY and not self.cycle.standstill:
                 return self._slow_down()
             self._homing_begun = motion.serial
             seen.given = motion.serial
@@ -356,14 +347,14 @@ class PositionerExecutor(Executor):
             homing.begin(method, None)
             return 0
         if seen.taken == motion.serial:
-            progress = homing.run(feedback, standstill, now)
+            progress = homing.run()
             if progress is Progress.ATTAINED:
                 self._homing_ends(HomingResult.ATTAINED)
             elif progress is Progress.FAILED:
                 self._homing_ends(HomingResult.FAILED)
                 return 0
             return _NEW_SETPOINT
-        progress = homing.prepare(feedback, now)
+        progress = homing.prepare()
         if progress is Progress.FAILED:
             self._homing_ends(HomingResult.FAILED)
         elif progress is Progress.READY:

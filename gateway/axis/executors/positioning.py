@@ -21,16 +21,14 @@ from dataclasses import dataclass, replace
 
 from pdgw.ds301.objects import CanType
 from pdgw.dsp402.drive_type import DriveType
-from pdgw.dsp402.images import DriveCommand, DriveFeedback
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import STATE_OF_STATUS, ControlBit, State, StatusBit
-from pdgw.gateway.axis.executors.base import Executor, LimitWatch, Notes
+from pdgw.gateway.axis.executors.base import AxisCycle, Executor, LimitWatch
 from pdgw.gateway.axis.executors.homing import Homing, Progress
 from pdgw.gateway.axis.executors.mode import ModeSwitch
 from pdgw.gateway.axis.executors.task_scaling import TaskScaling, base_mode
 from pdgw.gateway.axis.power_table import Action
-from pdgw.gateway.axis.settings import AxisSettings
-from pdgw.gateway.axis.waist import STATE_MASK, Demand, Direction, Flag, Report, Task
+from pdgw.gateway.axis.waist import STATE_MASK, Direction, Flag, Task
 from pdgw.gateway.reasons import Reason
 
 _HALT = ControlBit.HALT
@@ -77,12 +75,12 @@ class DriveTask:
 class PositioningExecutor(Executor):
     """Tasks to profile position mode, homing to homing mode, with the hand-shakes of both sides."""
 
-    def __init__(self, settings: AxisSettings, command: DriveCommand, report: Report, notes: Notes) -> None:
-        super().__init__(settings, command, report, notes)
+    def __init__(self, cycle: AxisCycle) -> None:
+        super().__init__(cycle)
         self.sub_state = SubState.IDLE
-        self._turntable = settings.modulo_axis
-        self._mode = ModeSwitch(notes, Mode.POSITION.value)
-        self.homing = Homing(notes, self._mode)
+        self._turntable = self.settings.modulo_axis
+        self._mode = ModeSwitch(cycle, Mode.POSITION.value)
+        self.homing = Homing(cycle, self._mode)
         self.command.modes_of_operation = self._mode.mode
         self._scaling: TaskScaling | None = None
         self._positions = CanType.I32.integer_range
@@ -118,9 +116,9 @@ class PositioningExecutor(Executor):
     def recall(self, *, home_set: bool) -> None:
         self.homing.home_set = home_set
 
-    def refuse(self, controlword: int, feedback: DriveFeedback) -> None:
+    def refuse(self) -> None:
         self._drop()
-        self.command.controlword = controlword
+        self.command.controlword = self.cycle.controlword
         report = self.report
         report.position = report.homing_method = 0
         report.tasks_active = False
@@ -128,27 +126,20 @@ class PositioningExecutor(Executor):
     def sdo_done(self, error: str | None) -> None:
         self.homing.answered(error)
 
-    def step(
-        self,
-        demand: Demand,
-        action: Action,
-        controlword: int,
-        reason: Reason | None,
-        feedback: DriveFeedback,
-        standstill: bool,
-        now: int,
-    ) -> Reason | None:
-        scaling = self._scaling
+    def step(self) -> Reason | None:
+        cycle, scaling = self.cycle, self._scaling
+        reason = cycle.reason
         if scaling is None:
             return reason
+        action, demand, feedback = cycle.action, cycle.demand, cycle.feedback
         statusword = feedback.statusword
         mode = self._mode
         extra = 0
-        flags = Flag.STANDING if standstill else 0
+        flags = Flag.STANDING if cycle.standstill else 0
         operates = action is Action.ENABLE_OPERATION
         if operates and STATE_OF_STATUS[statusword & STATE_MASK] is State.OPERATION_ENABLED:
             self.notes.forget()
-            extra = self._operate(demand, scaling, feedback, standstill, now)
+            extra = self._operate(scaling)
             reason = self.notes.reason
             if self._refused is not None:
                 if demand.reject and self._refused is not Reason.REJECTED:
@@ -166,13 +157,13 @@ class PositioningExecutor(Executor):
             self._drop()
             mode.halted = False
         command = self.command
-        command.controlword = controlword | extra
+        command.controlword = cycle.controlword | extra
         command.modes_of_operation = mode.mode
         report = self.report
         if self.homing.home_set:
             flags |= Flag.HOME_SET
         if self.sub_state not in _IN_HOMING:
-            if statusword & _ACKNOWLEDGED and mode.shows_base(feedback):
+            if statusword & _ACKNOWLEDGED and mode.shows_base():
                 flags |= Flag.TASK_ACKNOWLEDGED
             enabled = operates or action is Action.RAMP
             report.tasks_active = enabled and demand.connected and demand.tasks_selected
@@ -181,23 +172,21 @@ class PositioningExecutor(Executor):
         report.position = scaling.position.to_wire(feedback.position_actual)
         return reason
 
-    def _operate(
-        self, demand: Demand, scaling: TaskScaling, feedback: DriveFeedback, standstill: bool, now: int
-    ) -> int:
+    def _operate(self, scaling: TaskScaling) -> int:
         sub_state = self.sub_state
         if sub_state is SubState.TASK:
-            return self._traversing(demand, scaling, feedback, standstill, now)
+            return self._traversing(scaling)
         if sub_state is SubState.IDLE:
-            return self._idle(demand, scaling, feedback, now)
+            return self._idle(scaling)
         if sub_state is SubState.INTERMEDIATE:
-            return self._intermediate(demand, scaling, feedback, now)
+            return self._intermediate(scaling)
         if sub_state is SubState.BRAKING:
-            return self._braking(demand, scaling, feedback, standstill)
+            return self._braking(scaling)
         if sub_state is SubState.HOMING_SETUP:
-            return self._homing_setup(demand, feedback, now)
+            return self._homing_setup()
         if sub_state is SubState.HOMING:
-            return self._homing(demand, feedback, standstill, now)
-        return self._homing_over(demand, scaling)
+            return self._homing()
+        return self._homing_over(scaling)
 
     def _drop(self) -> None:
         """Not in operation: task, handshake and homing are over; the next edge starts anew."""
@@ -235,8 +224,9 @@ class PositioningExecutor(Executor):
             None if task.relative else target,
         )
 
-    def _latch(self, demand: Demand, scaling: TaskScaling) -> None:
+    def _latch(self, scaling: TaskScaling) -> None:
         """The edge of a task with everything else given becomes a task with the data of its frame; any other starts nothing."""
+        demand = self.cycle.demand
         task = demand.task
         if task is None:
             return
@@ -258,19 +248,20 @@ class PositioningExecutor(Executor):
         else:
             self._refused = Reason.TASK_SPEED_ZERO
 
-    def _handshake(self, demand: Demand, feedback: DriveFeedback, now: int) -> None:
+    def _handshake(self) -> None:
         """CW.4: raised for a pending task once the drive took the last one back, lowered when its wish has fallen."""
-        acknowledged = feedback.statusword & _ACKNOWLEDGED != 0 and self._mode.shows_base(feedback)
+        feedback = self.cycle.feedback
+        acknowledged = feedback.statusword & _ACKNOWLEDGED != 0 and self._mode.shows_base()
         if self._setpoint_bit:
             if acknowledged:
                 self._taken = True
-            if (self._task is None or self._taken) and (not demand.activate or self._pending is not None):
+            if (self._task is None or self._taken) and (not self.cycle.demand.activate or self._pending is not None):
                 self._setpoint_bit = False
             return
         pending = self._pending
         if pending is None or acknowledged or self._mode.halted:
             return
-        if not self._mode.confirmed(self._mode.base, feedback, now):
+        if not self._mode.confirmed(self._mode.base):
             return
         if pending.absolute_target is None:
             target = self._in_range(feedback.position_actual + pending.target)
@@ -297,22 +288,23 @@ class PositioningExecutor(Executor):
         task = self._task
         return (task.bits if task is not None else 0) | (_NEW_SETPOINT if self._setpoint_bit else 0)
 
-    def _idle(self, demand: Demand, scaling: TaskScaling, feedback: DriveFeedback, now: int) -> int:
-        if self._homing_asked(demand):
-            return self._begin_homing(demand, scaling)
-        self._latch(demand, scaling)
-        if not demand.tasks_selected:
+    def _idle(self, scaling: TaskScaling) -> int:
+        if self._homing_asked():
+            return self._begin_homing(scaling)
+        self._latch(scaling)
+        if not self.cycle.demand.tasks_selected:
             self.notes.reason = Reason.MDI_OFF
-        self._handshake(demand, feedback, now)
+        self._handshake()
         untaken = self._setpoint_bit and self._task is not None and not self._taken
         if untaken or self._pending is not None:
             self.sub_state = SubState.TASK
         elif self._mode.mode != self._mode.base:
-            self._mode.confirmed(self._mode.base, feedback, now)
+            self._mode.confirmed(self._mode.base)
         return self._bits()
 
-    def _ends(self, demand: Demand) -> bool:
+    def _ends(self) -> bool:
         """Whether tasks are rejected, or not selected any more; the reason is noted."""
+        demand = self.cycle.demand
         if demand.reject:
             self.notes.reason = Reason.REJECTED
         elif not demand.tasks_selected:
@@ -321,29 +313,28 @@ class PositioningExecutor(Executor):
             return False
         return True
 
-    def _traversing(
-        self, demand: Demand, scaling: TaskScaling, feedback: DriveFeedback, standstill: bool, now: int
-    ) -> int:
-        if self._ends(demand):
+    def _traversing(self, scaling: TaskScaling) -> int:
+        cycle = self.cycle
+        if self._ends():
             return self._brake(then_home=False)
-        if self._homing_asked(demand):
+        if self._homing_asked():
             return self._brake(then_home=True)
-        if demand.intermediate_stop:
-            return self._interrupt(demand, scaling, feedback, now)
-        self._latch(demand, scaling)
-        self._handshake(demand, feedback, now)
+        if cycle.demand.intermediate_stop:
+            return self._interrupt(scaling)
+        self._latch(scaling)
+        self._handshake()
         finished = self._task is not None and self._taken and self._pending is None
-        if finished and feedback.statusword & StatusBit.TARGET_REACHED:
+        if finished and cycle.feedback.statusword & StatusBit.TARGET_REACHED:
             self.sub_state = SubState.IDLE
-        elif self._limit.step(self._pending is None, feedback, standstill, now):
+        elif self._limit.step(self._pending is None, cycle):
             self._at_limit = True
-            return self._interrupt(demand, scaling, feedback, now)
+            return self._interrupt(scaling)
         return self._bits()
 
-    def _interrupt(self, demand: Demand, scaling: TaskScaling, feedback: DriveFeedback, now: int) -> int:
+    def _interrupt(self, scaling: TaskScaling) -> int:
         self.sub_state = SubState.INTERMEDIATE
         self._keep_newest()
-        return self._intermediate(demand, scaling, feedback, now)
+        return self._intermediate(scaling)
 
     def _keep_newest(self) -> None:
         """A task the drive has not taken is the one to resume with; its own Controlword edge never comes."""
@@ -352,15 +343,16 @@ class PositioningExecutor(Executor):
             self._taken = False
             self._setpoint_bit = False
 
-    def _intermediate(self, demand: Demand, scaling: TaskScaling, feedback: DriveFeedback, now: int) -> int:
-        if self._ends(demand):
+    def _intermediate(self, scaling: TaskScaling) -> int:
+        demand = self.cycle.demand
+        if self._ends():
             return self._brake(then_home=False)
-        if self._homing_asked(demand):
+        if self._homing_asked():
             return self._brake(then_home=True)
-        self._handshake(demand, feedback, now)
+        self._handshake()
         if demand.intermediate_stop:
             self._at_limit = False
-            self._latch(demand, scaling)
+            self._latch(scaling)
             self._keep_newest()
             self.notes.reason = Reason.INTERMEDIATE_STOP
             return _HALT | self._bits()
@@ -370,19 +362,19 @@ class PositioningExecutor(Executor):
         # Halt and CW.4 fall in this Controlword, CW.4 rises in a later one: the two together are not allowed.
         task = self._task
         self._forget_tasks()
-        self._latch(demand, scaling)
+        self._latch(scaling)
         if task is not None and self._pending is None:
-            self._pending = self._resumed(task, feedback)
+            self._pending = self._resumed(task)
         self.sub_state = SubState.TASK
         return 0
 
-    def _resumed(self, task: DriveTask, feedback: DriveFeedback) -> DriveTask:
+    def _resumed(self, task: DriveTask) -> DriveTask:
         """The rest of an interrupted task: to its original target, absolute where the axis has no modulo."""
         end = task.absolute_target
         if end is None:
             return task
         if task.bits & ControlBit.RELATIVE and self._turntable:
-            return replace(task, target=self._in_range(end - feedback.position_actual))
+            return replace(task, target=self._in_range(end - self.cycle.feedback.position_actual))
         return replace(task, target=end, bits=task.bits & ~ControlBit.RELATIVE)
 
     def _brake(self, then_home: bool) -> int:
@@ -392,29 +384,29 @@ class PositioningExecutor(Executor):
         self._braking_reason = self.notes.reason
         return _HALT
 
-    def _braking(self, demand: Demand, scaling: TaskScaling, feedback: DriveFeedback, standstill: bool) -> int:
+    def _braking(self, scaling: TaskScaling) -> int:
         """Halt is kept to standstill and then cleared without a restart."""
+        demand = self.cycle.demand
         if not demand.homing:
             self._homing_after_braking = False
-        elif self._homing_asked(demand):
+        elif self._homing_asked():
             self._homing_after_braking = True
         self.notes.reason = self._braking_reason
-        self._latch(demand, scaling)
+        self._latch(scaling)
         if demand.reject or not demand.tasks_selected:
             self._pending = None
-        stopped = standstill and (feedback.statusword & StatusBit.TARGET_REACHED or feedback.velocity_actual == 0)
-        if not stopped:
+        if not self.cycle.stopped:
             return _HALT
         if self._homing_after_braking:
-            return self._begin_homing(demand, scaling)
+            return self._begin_homing(scaling)
         self.sub_state = SubState.IDLE if self._pending is None else SubState.TASK
         return 0
 
     # -- homing ---------------------------------------------------------------------------------------------------
 
-    def _homing_asked(self, demand: Demand) -> bool:
+    def _homing_asked(self) -> bool:
         """The edge of a homing with a supported method; anything else raises the warning and starts nothing."""
-        notes = self.notes
+        demand, notes = self.cycle.demand, self.notes
         if not demand.homing:
             if notes.warning and self.sub_state is SubState.IDLE:
                 notes.warning = False
@@ -425,18 +417,19 @@ class PositioningExecutor(Executor):
             notes.reason = Reason.HOMING_METHOD
         return False
 
-    def _begin_homing(self, demand: Demand, scaling: TaskScaling) -> int:
+    def _begin_homing(self, scaling: TaskScaling) -> int:
+        demand = self.cycle.demand
         self.sub_state = SubState.HOMING_SETUP
         self._forget_tasks()
         self._homing_after_braking = False
         self.homing.begin(demand.homing_method, self.notes.limited(scaling.velocity, demand.homing_velocity))
         return 0
 
-    def _homing_setup(self, demand: Demand, feedback: DriveFeedback, now: int) -> int:
-        if not demand.homing:
+    def _homing_setup(self) -> int:
+        if not self.cycle.demand.homing:
             self._drop()
             return 0
-        progress = self.homing.prepare(feedback, now)
+        progress = self.homing.prepare()
         if progress is Progress.FAILED:
             self.sub_state = SubState.HOMING_FAILED
         elif progress is Progress.READY:
@@ -444,11 +437,11 @@ class PositioningExecutor(Executor):
             return _NEW_SETPOINT
         return 0
 
-    def _homing(self, demand: Demand, feedback: DriveFeedback, standstill: bool, now: int) -> int:
-        if not demand.homing:
+    def _homing(self) -> int:
+        if not self.cycle.demand.homing:
             self.notes.reason = Reason.HOMING_STOPPED
             return self._brake(then_home=False)
-        progress = self.homing.run(feedback, standstill, now)
+        progress = self.homing.run()
         if progress is Progress.FAILED:
             self.sub_state = SubState.HOMING_FAILED
             return 0
@@ -456,15 +449,15 @@ class PositioningExecutor(Executor):
             self.sub_state = SubState.HOMED
         return _NEW_SETPOINT
 
-    def _homing_over(self, demand: Demand, scaling: TaskScaling) -> int:
-        if demand.homing:
+    def _homing_over(self, scaling: TaskScaling) -> int:
+        if self.cycle.demand.homing:
             if self.sub_state is SubState.HOMED:
                 return _NEW_SETPOINT
             self.notes.reason = Reason.HOMING_ERROR
             return 0
         self.notes.warning = False
         self._drop()
-        self._latch(demand, scaling)
+        self._latch(scaling)
         if self._pending is not None:
             self.sub_state = SubState.TASK
         return 0

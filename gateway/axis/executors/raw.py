@@ -9,12 +9,9 @@ from collections.abc import Sequence
 from operator import attrgetter
 
 from pdgw.dsp402.drive_type import DriveType
-from pdgw.dsp402.images import DriveCommand, DriveFeedback
 from pdgw.dsp402.states import STATUS_OF, STATUS_PATTERNS, ControlBit, State
-from pdgw.gateway.axis.executors.base import Executor, Notes
+from pdgw.gateway.axis.executors.base import AxisCycle, Executor
 from pdgw.gateway.axis.power_table import Action
-from pdgw.gateway.axis.settings import AxisSettings
-from pdgw.gateway.axis.waist import Demand, Report
 from pdgw.gateway.reasons import Reason
 
 _BYTE = 0xFF
@@ -28,16 +25,8 @@ _CONTROLWORD, _MODE, _FIRST_VALUE = 0, 1, 2
 class RawExecutor(Executor):
     """``setpoints`` and ``actuals`` are attributes of the images in the order of ``Demand.raw`` and ``Report.raw``."""
 
-    def __init__(
-        self,
-        settings: AxisSettings,
-        command: DriveCommand,
-        report: Report,
-        notes: Notes,
-        setpoints: Sequence[str],
-        actuals: Sequence[str],
-    ) -> None:
-        super().__init__(settings, command, report, notes)
+    def __init__(self, cycle: AxisCycle, setpoints: Sequence[str], actuals: Sequence[str]) -> None:
+        super().__init__(cycle)
         self._setpoints = tuple(setpoints)
         self._limits: tuple[tuple[str, int, int], ...] = ()
         self._modes: dict[int, int] = {}
@@ -51,25 +40,17 @@ class RawExecutor(Executor):
         self._modes = {mode & _BYTE: mode for mode in drive.modes}
         self._last = ()
 
-    def refuse(self, controlword: int, feedback: DriveFeedback) -> None:
-        self.command.controlword = controlword
-        self.report.raw = self._read(feedback)
+    def refuse(self) -> None:
+        self.command.controlword = self.cycle.controlword
+        self.report.raw = self._read(self.cycle.feedback)
 
     def lost(self) -> None:
         statusword, *rest = self.report.raw
         self.report.raw = (statusword & ~_STATE_BITS | STATUS_OF[State.FAULT], *rest)
 
-    def step(
-        self,
-        demand: Demand,
-        action: Action,
-        controlword: int,
-        reason: Reason | None,
-        feedback: DriveFeedback,
-        standstill: bool,
-        now: int,
-    ) -> Reason | None:
-        command = self.command
+    def step(self) -> Reason | None:
+        cycle, command = self.cycle, self.command
+        action, controlword, demand = cycle.action, cycle.controlword, cycle.demand
         raw = demand.raw
         if raw is not None:
             if demand.connected and raw is not self._last:
@@ -81,7 +62,8 @@ class RawExecutor(Executor):
             command.target_velocity = 0
             self._last = ()
         command.controlword = controlword
-        self.report.raw = self._read(feedback)
+        self.report.raw = self._read(cycle.feedback)
+        reason = cycle.reason
         return Reason.MODE_VALUE if reason is None and self._mode_refused else reason
 
     def _take(self, values: Sequence[int]) -> None:

@@ -7,12 +7,10 @@ from __future__ import annotations
 
 from pdgw.dsp402.drive_type import DriveType, Quantity
 from pdgw.dsp402.errors import Dsp402Error
-from pdgw.dsp402.images import DriveCommand, DriveFeedback
 from pdgw.dsp402.states import StatusBit
-from pdgw.gateway.axis.executors.base import Executor, LimitWatch, Notes, known
+from pdgw.gateway.axis.executors.base import AxisCycle, Executor, LimitWatch, known
 from pdgw.gateway.axis.power_table import Action
-from pdgw.gateway.axis.settings import AxisSettings
-from pdgw.gateway.axis.waist import Demand, Flag, Report, SpeedWish
+from pdgw.gateway.axis.waist import Flag, SpeedWish
 from pdgw.gateway.reasons import Reason
 from pdgw.profidrive.datatypes import Normalisation, n4
 
@@ -26,8 +24,8 @@ class SpeedExecutor(Executor):
     its setpoint through 0 (or to the other direction, off the switch), or out of operation.
     """
 
-    def __init__(self, settings: AxisSettings, command: DriveCommand, report: Report, notes: Notes) -> None:
-        super().__init__(settings, command, report, notes)
+    def __init__(self, cycle: AxisCycle) -> None:
+        super().__init__(cycle)
         self._setpoint: Normalisation | None = None
         self._actual: Normalisation | None = None
         self._wire: int | None = None
@@ -60,23 +58,16 @@ class SpeedExecutor(Executor):
     def restarted(self) -> None:
         self._target = 0
 
-    def refuse(self, controlword: int, feedback: DriveFeedback) -> None:
+    def refuse(self) -> None:
         self._target = self._stopped = 0
         self._limit.reset()
         self.notes.warning = False
-        self.command.controlword, self.command.target_velocity = controlword, 0
+        self.command.controlword, self.command.target_velocity = self.cycle.controlword, 0
         self.report.speed = 0
 
-    def step(
-        self,
-        demand: Demand,
-        action: Action,
-        controlword: int,
-        reason: Reason | None,
-        feedback: DriveFeedback,
-        standstill: bool,
-        now: int,
-    ) -> Reason | None:
+    def step(self) -> Reason | None:
+        cycle = self.cycle
+        action, controlword, reason, demand = cycle.action, cycle.controlword, cycle.reason, cycle.demand
         if action is not _ENABLE_OPERATION:
             self._target = 0
             self._jogging = None
@@ -92,13 +83,14 @@ class SpeedExecutor(Executor):
             else:
                 reason = Reason.SETPOINT_DISABLED
                 if wish is not _HOLD:
-                    self._target = self._jog(wish, standstill)
+                    self._target = self._jog(wish, cycle.standstill)
                     if self._target:
                         reason = None
         target = self._target
+        feedback = cycle.feedback
         statusword = feedback.statusword
         if self._stopped or statusword & _INTERNAL_LIMIT:
-            target = self._held_at_limit(target, feedback, standstill, now)
+            target = self._held_at_limit(target)
             if self._stopped and reason is None:
                 reason = Reason.STOPPED_AT_LIMIT
         else:
@@ -126,13 +118,13 @@ class SpeedExecutor(Executor):
             self._jogging = wish
         return self._jog_speeds[0 if wish is _JOG_1 else 1]
 
-    def _held_at_limit(self, target: int, feedback: DriveFeedback, standstill: bool, now: int) -> int:
+    def _held_at_limit(self, target: int) -> int:
         """The target, or 0 while an axis that stood at a limit is asked for the same direction again."""
         if target * self._stopped > 0:
             return 0
         self._stopped = 0
         self.notes.warning = False
-        if self._limit.step(target != 0, feedback, standstill, now):
+        if self._limit.step(target != 0, self.cycle):
             self._stopped = target
             self.notes.warning = True
             return 0

@@ -7,13 +7,11 @@ from __future__ import annotations
 
 from pdgw.dsp402.drive_type import DriveType, Quantity
 from pdgw.dsp402.errors import Dsp402Error
-from pdgw.dsp402.images import DriveCommand, DriveFeedback
+from pdgw.dsp402.images import DriveFeedback
 from pdgw.dsp402.states import STATE_OF_STATUS, State, StatusBit
-from pdgw.gateway.axis.executors.base import Notes, Troubles
+from pdgw.gateway.axis.executors.base import AxisCycle, Troubles
 from pdgw.gateway.axis.executors.speed import SpeedExecutor
-from pdgw.gateway.axis.power_table import Action
-from pdgw.gateway.axis.settings import AxisSettings
-from pdgw.gateway.axis.waist import STATE_MASK, Demand, Flag, Report
+from pdgw.gateway.axis.waist import STATE_MASK, Flag
 from pdgw.gateway.motion.messages import SPEED_WITHIN_TOLERANCE, MessageWord, reduced_torque
 from pdgw.gateway.reasons import Reason
 
@@ -43,8 +41,8 @@ def message_of(message: MessageWord, feedback: DriveFeedback, troubles: Troubles
 class TorqueExecutor(SpeedExecutor):
     """The speed as ever; the torque limit follows the reduction in every state, and is whole without a PLC."""
 
-    def __init__(self, settings: AxisSettings, command: DriveCommand, report: Report, notes: Notes) -> None:
-        super().__init__(settings, command, report, notes)
+    def __init__(self, cycle: AxisCycle) -> None:
+        super().__init__(cycle)
         self._message: MessageWord | None = None
         self._base = 0
 
@@ -55,25 +53,17 @@ class TorqueExecutor(SpeedExecutor):
         self._message = MessageWord(int(drive.scaling.reference(Quantity.SPEED)))
         self._base = self.command.max_torque = drive.max_torque
 
-    def refuse(self, controlword: int, feedback: DriveFeedback) -> None:
-        super().refuse(controlword, feedback)
+    def refuse(self) -> None:
+        super().refuse()
         self.report.message = 0
 
-    def step(
-        self,
-        demand: Demand,
-        action: Action,
-        controlword: int,
-        reason: Reason | None,
-        feedback: DriveFeedback,
-        standstill: bool,
-        now: int,
-    ) -> Reason | None:
+    def step(self) -> Reason | None:
+        demand = self.cycle.demand
         reduction = demand.torque_reduction if demand.connected else 0
         self.command.max_torque = reduced_torque(self._base, reduction)
-        reason = super().step(demand, action, controlword, reason, feedback, standstill, now)
+        reason = super().step()
         if self._message is not None:
-            message = self.report.message = message_of(self._message, feedback, self.notes.troubles)
+            message = self.report.message = message_of(self._message, self.cycle.feedback, self.notes.troubles)
             if message & SPEED_WITHIN_TOLERANCE:
                 self.report.flags |= Flag.WITHIN_TOLERANCE
         return reason
