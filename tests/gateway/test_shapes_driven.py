@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import pytest
 
+from pdgw.dsp402.images import DriveCommand, DriveFeedback
 from pdgw.dsp402.overlay import Overlay, QuirkKeys
 from pdgw.dsp402.states import State
-from pdgw.gateway.axis.executors.base import Notes
+from pdgw.gateway.axis.executors.base import AxisCycle
 from pdgw.gateway.axis.executors.homing import Homing
 from pdgw.gateway.axis.executors.mode import ModeSwitch
+from pdgw.gateway.axis.settings import AxisSettings
+from pdgw.gateway.axis.waist import Demand, Report
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.reasons import FaultNumber, Reason
 from pdgw.gateway.status import snapshot
@@ -232,10 +235,10 @@ def test_a_drive_that_stays_in_quick_stop_is_led_out_of_it_and_can_be_started_ag
 
 @pytest.mark.parametrize(("asked", "there"), [(35, 37), (37, 35), (35, 35)])
 def test_homing_at_the_current_position_is_35_and_37_whichever_the_drive_has(asked: int, there: int) -> None:
-    notes = Notes()
-    homing = Homing(notes, ModeSwitch(notes, 1))
+    cycle = AxisCycle(AxisSettings(), Demand(), DriveFeedback(), DriveCommand(), Report())
+    homing = Homing(cycle, ModeSwitch(cycle, 1))
     homing.methods = frozenset({1, there})
     assert homing.supported(asked)
     homing.begin(asked, None)
-    assert notes.writes is not None
-    assert notes.writes[0].value == there
+    assert cycle.notes.writes is not None
+    assert cycle.notes.writes[0].value == there
