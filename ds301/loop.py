@@ -50,6 +50,10 @@ class Timer:
         self.when = when
         self.action: Callable[[], None] | None = action
 
+    def postpone(self, when: int) -> None:
+        """It will be called later than it would have been, without a turn of the loop at the time before."""
+        self.when = when
+
     def cancel(self) -> None:
         """It will not be called; cancelling twice or afterwards is no error."""
         self.action = None
@@ -180,9 +184,12 @@ class Loop(abc.ABC):
     def call_at(self, when: int, action: Callable[[], None]) -> Timer:
         """Call at a time; one that is past is called in the next turn. Timers of the same time keep their order."""
         timer = Timer(when, action)
-        self._number += 1
-        heapq.heappush(self._timers, (when, self._number, timer))
+        self._add(timer)
         return timer
+
+    def _add(self, timer: Timer) -> None:
+        self._number += 1
+        heapq.heappush(self._timers, (timer.when, self._number, timer))
 
     def call_later(self, delay: int, action: Callable[[], None]) -> Timer:
         """Call after so many nanoseconds."""
@@ -241,9 +248,16 @@ class Loop(abc.ABC):
     def _next(self) -> int | None:
         """When the next timer is due."""
         timers = self._timers
-        while timers and timers[0][2].action is None:
-            heapq.heappop(timers)
-        return timers[0][0] if timers else None
+        while timers:
+            when, _, timer = timers[0]
+            if timer.action is None:
+                heapq.heappop(timers)
+            elif timer.when > when:
+                heapq.heappop(timers)
+                self._add(timer)
+            else:
+                return when
+        return None
 
     def _fire(self, now: int) -> None:
         """Call the timers that were due when this turn began: what they add is for the next one."""
@@ -251,6 +265,9 @@ class Loop(abc.ABC):
         last = self._number
         while timers and timers[0][0] <= now and timers[0][1] <= last:
             timer = heapq.heappop(timers)[2]
+            if timer.when > now:
+                self._add(timer)
+                continue
             action, timer.action = timer.action, None
             if action is not None:
                 action()
@@ -397,7 +414,8 @@ class SystemLoop(Loop):
             self._watch(descriptor)
 
     def _watch(self, descriptor: int) -> None:
-        self._readiness.watch(descriptor, read=descriptor in self._readers, write=descriptor in self._writers)
+        read, write = descriptor in self._readers, descriptor in self._writers
+        self._readiness.watch(descriptor, read=read, write=write, urgent=descriptor in self._urgent)
 
     def pace(self, expected: int) -> None:
         self._expected = expected

@@ -327,9 +327,16 @@ class Daemon:
     # -- the cyclic exchange ------------------------------------------------------------------------------------------
 
     def _on_link(self) -> None:
-        """Something of the PLC waits: what came first is answered before anything else is looked for; then the newest counts."""
-        self._take(self.link.receive(now := self.loop.now(), 1), now)
-        self._take(self.link.receive(now := self.loop.now()), now)
+        """Something of the PLC waits: what came first is answered before anything else is looked for; then the newest counts.
+
+        Nothing more is looked for behind a frame that came at its time: what waits all the same is there in the next turn.
+        """
+        now = self.loop.now()
+        early, late = self._deadline - self.cycle_ns, self._deadline
+        accepted = self.link.receive(now, 1)
+        self._take(accepted, now)
+        if not accepted or not early < now < late:
+            self._take(self.link.receive(now := self.loop.now()), now)
 
     def _take(self, accepted: bool, now: int) -> None:
         if self._stopping:
@@ -338,14 +345,13 @@ class Daemon:
             self._cycle(now, accepted=True)
 
     def _on_due(self) -> None:
-        """A cycle without a frame, unless one came meanwhile."""
+        """A cycle without a frame, unless one waits: frames postpone it."""
         now = self.loop.now()
-        if now >= self._deadline:
-            if now - self._deadline > self.cycle_ns // 2:
-                self.late += 1
-            # What waits came before this cycle: the watchdog must not overtake it.
-            accepted = not self._stopping and self.link.receive(now)
-            self._cycle(now, accepted=accepted)
+        if now - self._deadline > self.cycle_ns // 2:
+            self.late += 1
+        # What waits came before this cycle: the watchdog must not overtake it.
+        accepted = not self._stopping and self.link.receive(now)
+        self._cycle(now, accepted=accepted)
         if not self.stopped.is_set():
             self._due = self.loop.call_at(self._deadline, self._on_due)
 
@@ -387,6 +393,8 @@ class Daemon:
             producer.send()
         self.watch.cycle(now, accepted, answered)
         self._deadline = now + (cycle + cycle // 2 if accepted else cycle)
+        if self._due is not None:
+            self._due.postpone(self._deadline)
         self.loop.pace(now + cycle)
         if self._stopping:
             self._come_to_rest(now)

@@ -29,7 +29,7 @@ from pdgw.profidrive.frame import IOPS_GOOD
 from pdgw.profidrive.telegrams import Telegram
 from pdgw.profinet.blocks.alarm import MessageClass
 from pdgw.profinet.cmdev import ApplicationRelation, Event
-from pdgw.profinet.cpm import Verdict
+from pdgw.profinet.cpm import Consumer, Verdict
 from pdgw.profinet.dcp import Flash, IpSet, NameSet, ResetToFactory
 from pdgw.profinet.device import Connected, DeviceEvent, Disconnected, ProfinetDevice
 from pdgw.profinet.model import ACCESS_POINT_SUBSLOT, TELEGRAM_SUBSLOT
@@ -83,6 +83,8 @@ class ProfinetLink:
         self._tasks: list[Task] = []
         self._timer: Timer | None = None
         self._timer_due = 0
+        self._consumer: Consumer | None = None
+        """Of the controller that exchanges data."""
         self._watch: Timer | None = None
         self._receivable = False
         self._limit_ns = 0
@@ -194,10 +196,9 @@ class ProfinetLink:
         return fresh
 
     def _take(self) -> None:
-        relation = self.device.relation
-        if relation is None or relation.consumer is None:
+        consumer, setpoints = self._consumer, self.setpoints
+        if consumer is None:
             return
-        consumer, setpoints = relation.consumer, self.setpoints
         payload = consumer.payload
         for index, unpack_from, offset, iops in self._outputs:
             good = consumer.running and payload[iops] & IOPS_GOOD
@@ -207,8 +208,8 @@ class ProfinetLink:
     def poll(self, now: int) -> bool:
         if not self._receivable:
             return False
-        age = self.device.output_age_ns(now) if self.device.connected else None
-        if age is not None and age <= self._limit_ns:
+        consumer = self._consumer
+        if consumer is not None and consumer.last_ns is not None and now - consumer.last_ns <= self._limit_ns:
             return False
         self._receivable = False
         self.watchdog_expiries += 1
@@ -331,8 +332,14 @@ class ProfinetLink:
 
     def _on_due(self) -> None:
         self._timer = None
-        self.device.poll(self._loop.now())
-        self._pump()
+        now = self._loop.now()
+        frame = self.device.provide(now)
+        if frame is None:
+            self.device.poll(now)
+            self._pump()
+        else:
+            self.port.send(frame)
+            self._call_at(self.device.cyclic_deadline)
 
     def _pump(self) -> None:
         """Send what waits, tell what happened, be called again in time."""
@@ -343,8 +350,11 @@ class ProfinetLink:
         if self._timer is None or due < self._timer_due:
             if self._timer is not None:
                 self._timer.cancel()
-            self._timer_due = due
-            self._timer = self._loop.call_at(due, self._on_due)
+            self._call_at(due)
+
+    def _call_at(self, due: int) -> None:
+        self._timer_due = due
+        self._timer = self._loop.call_at(due, self._on_due)
 
     def _send_waiting(self) -> None:
         port = self.port
@@ -365,6 +375,7 @@ class ProfinetLink:
                     where = consumer.place(place) if place in relation.plan.proper else None
                     if where is not None:
                         self._outputs.append((index, telegram.setpoints.struct.unpack_from, *where))
+                self._consumer = consumer
                 transport = self._config.transport
                 self._limit_ns = transport.watchdog_factor * provider.cycle_ns
                 self.layout_token = object()
@@ -379,6 +390,7 @@ class ProfinetLink:
                     self._placed_for = None
                     self._places = [None] * len(self._telegrams)
                 self._outputs.clear()
+                self._consumer = None
                 self.lose_setpoints()
                 log.error("controller %s disconnected: %s", relation.plan.ar.station_name, ended.text)
             case NameSet(name, permanent):

@@ -12,6 +12,8 @@ from typing import Final, Protocol
 from uuid import UUID
 
 from pdgw.profidrive.errors import ProfidriveError
+from pdgw.profidrive.frame import HEADER
+from pdgw.profinet import ethernet
 from pdgw.profinet.apmx import AlarmMachine, AlarmRelation
 from pdgw.profinet.blocks.alarm import Priority
 from pdgw.profinet.blocks.connect import ArType
@@ -25,6 +27,7 @@ from pdgw.profinet.rpc.dcerpc import Flags, PacketType, RpcHeader
 from pdgw.profinet.rpc.records import PnioStatus, decode_arguments, encode_arguments
 
 Address = tuple[str, int]
+_ACCEPTED, _PROVIDER_STOP = Verdict.ACCEPTED, Verdict.PROVIDER_STOP
 
 ACTIVITY_UNIT_NS: Final = 100_000_000
 RTA_UNIT_NS: Final = 100_000_000
@@ -125,6 +128,7 @@ _ENDS: Final = {
     Event.RELEASE: (State.CLOSED, Action.CLOSE),
     Event.PEER_ERROR: (State.CLOSED, Action.CLOSE),
 }
+_DATA = State.DATA
 _P, _C, _A, _D, _X = State.PARAMETERISING, State.CONFIRMING, State.AWAITING_DATA, State.DATA, State.ACCESS
 _SERVICES = (Event.PRM_END, Event.PRM_BEGIN)
 TABLE: Final[dict[tuple[State, Event], tuple[State, Action]]] = {
@@ -214,10 +218,13 @@ class ApplicationRelation:
         self.provider: Provider | None = None
         self.consumer: Consumer | None = None
         self.machines: dict[Priority, AlarmMachine] = {}
+        self.head = b""
+        """What a frame with output data begins with when it has no tag; empty without data."""
         if plan.inputs is not None and plan.outputs is not None and plan.alarm is not None:
             self.provider = Provider(plan.inputs, ar.initiator_mac, own_mac, plan.proper)
             self.provider.start(now)
             self.consumer = Consumer(plan.outputs, self._cyclic.received)
+            self.head = ethernet.header(own_mac, ar.initiator_mac) + HEADER.pack(plan.outputs.frame_id)
             relation = AlarmRelation(
                 ar.initiator_mac,
                 own_mac,
@@ -340,8 +347,8 @@ class ApplicationRelation:
         if self.consumer is None or self.state is State.CLOSED:
             return False
         verdict = self.consumer.receive(frame, start, now)
-        if verdict is Verdict.ACCEPTED or verdict is Verdict.PROVIDER_STOP:
-            if self.state is State.DATA:
+        if verdict is _ACCEPTED or verdict is _PROVIDER_STOP:
+            if self.state is _DATA:
                 return True
             self.handle(Event.DATA_RECEIVED, now)
             return self.connected
@@ -380,20 +387,36 @@ class ApplicationRelation:
         """When ``poll`` has something to do."""
         if self.state is State.CLOSED:
             return None
+        watched = self.watch_deadline
+        if self.provider is None:
+            return watched
+        return self.provider.due if watched is None else min(self.provider.due, watched)
+
+    @property
+    def watch_deadline(self) -> int | None:
+        """When ``poll`` has something else to do than to send input data. Frames that come postpone it at most."""
         nearest: int | None = None
-        if self.provider is not None and self.consumer is not None:
-            nearest = self.provider.due
-            hold = self.consumer.deadline
-            if hold is not None and hold < nearest:
-                nearest = hold
+        if self.consumer is not None:
+            nearest = self.consumer.deadline
             for machine in self.machines.values():
                 alarm = machine.deadline
-                if alarm is not None and alarm < nearest:
+                if alarm is not None and (nearest is None or alarm < nearest):
                     nearest = alarm
         for due in (self._activity_due, self._ready_due):
             if due is not None and (nearest is None or due < nearest):
                 nearest = due
         return nearest
+
+    def provide(self, now: int) -> bytearray | None:
+        """The frame with input data when it is due; its buffer is reused."""
+        provider = self.provider
+        if provider is None:
+            return None
+        frame = provider.poll(now)
+        if frame is not None:
+            self._cyclic.sent += 1
+            self._cyclic.missed += provider.skipped
+        return frame
 
     def poll(self, now: int) -> None:
         """Send what is due; let what has not come have its consequences."""
@@ -404,10 +427,8 @@ class ApplicationRelation:
             if consumer.last_ns is not None and now - consumer.last_ns >= consumer.hold_ns:
                 self.handle(Event.HOLD_EXPIRED, now)
                 return
-            frame = provider.poll(now)
+            frame = self.provide(now)
             if frame is not None:
-                self._cyclic.sent += 1
-                self._cyclic.missed += provider.skipped
                 self._output.frame(frame)
             for machine in self.machines.values():
                 if machine.deadline is not None:

@@ -26,6 +26,8 @@ STATUS_IGNORE = 0x80
 class Verdict(enum.Enum):
     """What became of a cyclic frame; the value is the name of its counter."""
 
+    __hash__ = object.__hash__  # that of Enum is Python, and one is counted in every cycle
+
     ACCEPTED = "accepted"
     PROVIDER_STOP = "provider stop"
     NO_DATA = "backup or ignore: data kept"
@@ -35,7 +37,9 @@ class Verdict(enum.Enum):
     STALE = "stale cycle counter"
 
 
-_DATA_ALIVE = frozenset({Verdict.ACCEPTED, Verdict.PROVIDER_STOP, Verdict.NO_DATA})
+_ACCEPTED = Verdict.ACCEPTED
+_PLAIN = STATUS_PRIMARY | STATUS_DATA_VALID | STATUS_RUN
+"""What a DataStatus has whose data counts, and no ``STATUS_IGNORE``."""
 
 
 class Consumer:
@@ -76,11 +80,16 @@ class Consumer:
         """A frame whose payload starts at ``start``."""
         verdict = self._check(frame, start)
         self.counters[verdict] += 1
-        if verdict in _DATA_ALIVE:
+        if verdict is _ACCEPTED:
             self.last_ns = now
-            if verdict is not Verdict.NO_DATA:
-                self.payload = frame[start:]
-                self.running = verdict is Verdict.ACCEPTED
+            self.payload = frame[start:]
+            self.running = True
+        elif verdict is Verdict.PROVIDER_STOP:
+            self.last_ns = now
+            self.payload = frame[start:]
+            self.running = False
+        elif verdict is Verdict.NO_DATA:
+            self.last_ns = now
         return verdict
 
     def _check(self, frame: bytes, start: int) -> Verdict:
@@ -94,9 +103,11 @@ class Consumer:
         if self._counter is not None and not is_newer(counter, self._counter):
             return Verdict.STALE
         self._counter = counter
+        if status & (_PLAIN | STATUS_IGNORE) == _PLAIN:
+            return _ACCEPTED
         if status & STATUS_IGNORE or not status & STATUS_PRIMARY:
             return Verdict.NO_DATA
-        return Verdict.ACCEPTED if status & STATUS_RUN else Verdict.PROVIDER_STOP
+        return Verdict.PROVIDER_STOP
 
     def place(self, place: Subslot) -> tuple[int, int] | None:
         """Where data and IOPS of a submodule lie in ``payload``; None where it has none."""

@@ -30,6 +30,7 @@ from pdgw.profinet.station import Station
 _FRAME_ID = struct.Struct(">H")
 _ALARM_IDS = {frame_id: priority for priority, frame_id in FRAME_IDS.items()}
 _DCP_IDS = frozenset({dcp.FRAME_ID_GET_SET, dcp.FRAME_ID_IDENTIFY})
+_CYCLIC_HEAD: Final = ethernet.HEADER_SIZE + _FRAME_ID.size
 _CALLS: Final = frozenset({PacketType.REQUEST, PacketType.PING})
 
 
@@ -79,6 +80,8 @@ class ProfinetDevice:
         self._lldp_due = now
         self._told: ApplicationRelation | None = None
         self._next: int | None = now
+        self._watch_due = now
+        """When ``poll`` has something else to do than to send input data."""
         self.foreign = 0
         """Real-time frames of nobody's relationship."""
 
@@ -86,23 +89,22 @@ class ProfinetDevice:
 
     def on_frame(self, data: bytes, now: int) -> bool:
         """An Ethernet frame; True when there is new output data."""
+        io = self.cm.io
+        if io is not None and data[:_CYCLIC_HEAD] == io.head:
+            return self._cyclic(io, data, ethernet.HEADER_SIZE, now)
         ethertype, start = ethernet.payload_of(data)
         if ethertype == ethernet.ETHERTYPE_PROFINET and len(data) >= start + _FRAME_ID.size:
-            self.cm.records.octets[0] += len(data)
             (frame_id,) = _FRAME_ID.unpack_from(data, start)
-            relation = self.cm.io
-            if relation is not None and data[6:12] == relation.plan.ar.initiator_mac:
-                consumer = relation.consumer
-                own = data[:6] == self.station.identity.mac
-                if consumer is not None and frame_id == consumer.frame_id and own:
-                    fresh = relation.receive(data, start, now)
-                    if relation is not self._told:
-                        self._settle(now)
-                    return fresh
-                if frame_id in _ALARM_IDS and own:
-                    relation.receive_alarm(_ALARM_IDS[frame_id], data, start, now)
+            if io is not None and data[6:12] == io.plan.ar.initiator_mac and data[:6] == self.station.identity.mac:
+                if io.consumer is not None and frame_id == io.consumer.frame_id:
+                    return self._cyclic(io, data, start, now)
+                if frame_id in _ALARM_IDS:
+                    self.cm.records.octets[0] += len(data)
+                    io.receive_alarm(_ALARM_IDS[frame_id], data, start, now)
+                    self._next = now
                     self._settle(now)
                     return False
+            self.cm.records.octets[0] += len(data)
             if frame_id in _DCP_IDS:
                 self._dcp(data, start, now)
             else:
@@ -110,6 +112,13 @@ class ProfinetDevice:
         elif ethertype == ethernet.ETHERTYPE_LLDP and data[6:12] != self.station.identity.mac:
             self._lldp(data, start, now)
         return False
+
+    def _cyclic(self, relation: ApplicationRelation, data: bytes, start: int, now: int) -> bool:
+        self.cm.records.octets[0] += len(data)
+        fresh = relation.receive(data, start, now)
+        if relation is not self._told:
+            self._settle(now)
+        return fresh
 
     def _dcp(self, data: bytes, start: int, now: int) -> None:
         answer = self.dcp.receive(data, start, now)
@@ -158,16 +167,34 @@ class ProfinetDevice:
     # -- time ---------------------------------------------------------------------------------------------------------
 
     def next_deadline(self) -> int:
-        """When ``poll`` has something to do."""
+        """When ``poll`` has something to do. Ask again after everything that happened but cyclic frames."""
         due = self._lldp_due
         for relation in self.cm.relations.values():
-            deadline = relation.deadline
+            deadline = relation.watch_deadline
             if deadline is not None and deadline < due:
                 due = deadline
         for other in (self.dcp.deadline, self._next):
             if other is not None and other < due:
                 due = other
-        return due
+        self._watch_due = due
+        return self.cyclic_deadline
+
+    @property
+    def cyclic_deadline(self) -> int:
+        """As ``next_deadline``, when nothing happened since it was asked but cyclic frames."""
+        io = self.cm.io
+        due = self._watch_due
+        return due if io is None or io.provider is None else min(io.provider.due, due)
+
+    def provide(self, now: int) -> bytearray | None:
+        """The frame with input data, to be sent now; None when that is not all there is to do, or nothing: see ``poll``."""
+        io = self._told
+        if io is None or now >= self._watch_due or self._next is not None or io.alarms.pending:
+            return None
+        frame = io.provide(now)
+        if frame is not None:
+            self.cm.records.octets[1] += len(frame)
+        return frame
 
     def poll(self, now: int) -> None:
         """Send what is due, notice what has not come."""
