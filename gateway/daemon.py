@@ -327,15 +327,9 @@ class Daemon:
     # -- the cyclic exchange ------------------------------------------------------------------------------------------
 
     def _on_link(self) -> None:
-        """Something of the PLC waits: what came first is answered before anything else is looked for; then the newest counts.
-
-        Nothing more is looked for behind a frame that came at its time: what waits all the same is there in the next turn.
-        """
-        now = self.loop.now()
-        early, late = self._deadline - self.cycle_ns, self._deadline
-        accepted = self.link.receive(now, 1)
-        self._take(accepted, now)
-        if not accepted or not early < now < late:
+        """Something of the PLC waits: what came first is answered before anything else is looked for; then the newest counts."""
+        self._take(self.link.receive(now := self.loop.now(), 1), now)
+        if self.link.more:
             self._take(self.link.receive(now := self.loop.now()), now)
 
     def _take(self, accepted: bool, now: int) -> None:

@@ -52,6 +52,10 @@ class Link(Protocol):
     def receive(self, now: int, at_most: int = ...) -> bool:
         """Take everything that waits, or so many items of it; True when valid data of the PLC was among it."""
 
+    @property
+    def more(self) -> bool:
+        """Something may wait behind what ``receive`` took last."""
+
     def poll(self, now: int) -> bool:
         """The watchdog; True when it expires in this call."""
 
@@ -97,6 +101,7 @@ class UdpLink:
         self._transport = transport
         self.endpoint = self._endpoint(telegrams)
         self.skipped = 0
+        self.more = True
         self._filtered = False
         """There is a connection, and nobody but its PLC is heard."""
         self.layout_token = object()

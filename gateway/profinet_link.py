@@ -88,6 +88,9 @@ class ProfinetLink:
         self._watch: Timer | None = None
         self._receivable = False
         self._limit_ns = 0
+        self._came = 0
+        self.more = True
+        """What waits behind a frame that came at its time is taken in the next turn: the kernel need not be asked each cycle."""
         self._told: list[set[MessageClass]] = [set() for _ in objects]
         self._newest: tuple[Sequence[Sequence[int]], Sequence[bool]] | None = None
         """Actual values of the last step and whether they are valid: what a new relationship begins with."""
@@ -191,14 +194,18 @@ class ProfinetLink:
                     break  # a STOP is seen by the axes before what follows it
         if not device.quiet:
             self._pump()
+        self.more = True
         if fresh:
-            self._take()
+            self._take(now)
         return fresh
 
-    def _take(self) -> None:
+    def _take(self, now: int) -> None:
         consumer, setpoints = self._consumer, self.setpoints
         if consumer is None:
             return
+        since, half = now - self._came, consumer.cycle_ns >> 1
+        self._came = now
+        self.more = not half < since < consumer.cycle_ns + half
         payload = consumer.payload
         for index, unpack_from, offset, iops in self._outputs:
             good = consumer.running and payload[iops] & IOPS_GOOD

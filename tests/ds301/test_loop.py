@@ -54,6 +54,36 @@ def test_timers_fire_in_order_of_time_and_of_their_making() -> None:
     assert seen == [("early", 2 * MS), ("early too", 2 * MS), ("late", 5 * MS)]
 
 
+def test_a_postponed_timer_fires_once_at_its_later_time(loop: Loop) -> None:
+    seen: list[str] = []
+    begin = loop.now()
+    timer = loop.call_later(MS, lambda: seen.append("postponed"))
+    timer.postpone(begin + 3 * MS)
+    timer.postpone(begin + 5 * MS)
+    loop.call_at(begin + 4 * MS, lambda: seen.append("between"))
+    loop.call_at(begin + 5 * MS, lambda: seen.append("same time"))
+    loop.call_at(begin + 6 * MS, loop.stop)
+    loop.run()
+    # Where it was put last is what counts among timers of the same time, as if it had been made then.
+    assert seen == ["between", "same time", "postponed"]
+
+
+def test_the_loop_does_not_wake_for_the_time_before_a_timer_was_postponed() -> None:
+    waits: list[float] = []
+
+    class Watching(SelectReadiness):
+        def wait(self, seconds: float) -> list[tuple[int, bool, bool]]:
+            waits.append(seconds)
+            loop.stop()
+            return []
+
+    loop = SystemLoop(Watching())
+    loop.call_at(loop.now(), lambda: None).postpone(loop.now() + 1_000 * SECOND)
+    loop.run()
+    loop.close()
+    assert waits[0] > 900
+
+
 def test_a_timer_added_by_a_timer_at_the_same_time_is_for_the_next_turn() -> None:
     loop = VirtualLoop()
     seen = []

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from ipaddress import IPv4Address
+from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
@@ -26,7 +27,7 @@ from pdgw.peers.controller.controller import IoController, Phase
 from pdgw.peers.controller.project import Project
 from pdgw.profidrive.frame import IOPS_BAD, IOPS_GOOD
 from pdgw.profidrive.telegrams import telegram
-from pdgw.profinet import dcp, ethernet
+from pdgw.profinet import dcp, ethernet, lldp
 from pdgw.profinet.blocks.alarm import AlarmType, MessageClass
 from pdgw.profinet.cmdev import State
 from pdgw.profinet.rpc.dcerpc import UDP_PORT
@@ -185,6 +186,58 @@ def test_a_controller_in_stop_gives_no_setpoints(rig: Rig) -> None:
     rig.run(20 * MS)
     assert rig.link.setpoints == [None, None]
     assert rig.link.connected
+
+
+def cyclic(rig: Rig, values: bytes) -> bytes:
+    """The controller's next frame with output data."""
+    provider = rig.plc.provider
+    assert provider is not None
+    provider.set(AXIS, values, good=True)
+    frame = provider.poll(provider.due)
+    assert frame is not None
+    return bytes(frame[:12] + frame[16:])  # the kernel takes the tag
+
+
+def test_nothing_more_is_looked_for_behind_a_frame_at_its_time_and_what_piled_up_is_taken_at_once(rig: Rig) -> None:
+    rig.connect()
+    rig.run(20 * MS)
+    cycle = 4 * MS
+    now = rig.loop.now() + cycle
+    rig.port.real_time.append(cyclic(rig, bytes.fromhex("047f0001")))
+    rig.link.receive(now, 1)
+    taken = []
+    for late in (cycle, 3 * cycle, cycle // 8):  # at its time, after a pause, at the heels of the one before
+        now += late
+        rig.port.real_time.append(cyclic(rig, bytes.fromhex("047f0002")))
+        assert rig.link.receive(now, 1)
+        taken.append(rig.link.more)
+    assert taken == [False, True, True]
+    assert not rig.link.receive(now)
+    assert rig.link.more, "the next frame is looked at anew"
+
+
+def test_cyclic_frames_alone_do_not_hide_what_else_is_due(rig: Rig) -> None:
+    """Frames go out by the short way; LLDP, alarms and the data hold time come in their time all the same."""
+    rig.connect()
+    seen: list[bytes] = []
+    original = rig.port.send
+
+    def send(frame: bytes | bytearray) -> None:
+        seen.append(bytes(frame))
+        original(frame)
+
+    rig.port.send = send  # type: ignore[method-assign]
+    rig.run(2 * lldp.INTERVAL_NS)
+    assert sum(frame[12:14] == b"\x88\xcc" for frame in seen) == 2
+    counters = [int.from_bytes(frame[-4:-2], "big") for frame in seen if frame[18:20] == b"\x80\x01"]
+    assert len(counters) == pytest.approx(2 * lldp.INTERVAL_NS / (4 * MS), abs=2)
+    assert {(later - earlier) & 0xFFFF for earlier, later in pairwise(counters)} == {4 * 32}
+    rig.link.device.set_diagnosis((1, 1), MessageClass.MOTOR_OVERLOAD)
+    rig.run(20 * MS)
+    assert [alarm.slot for alarm in rig.plc.learned.alarms] == [1]
+    rig.plc.silent = True
+    rig.run(900 * MS)
+    assert not rig.link.connected
 
 
 def test_a_stop_is_seen_before_the_run_that_waits_behind_it(rig: Rig) -> None:
