@@ -25,6 +25,8 @@ _WIDTH_CYCLES = 4
 _OUTLIERS = 0.1
 """Share of a group that may be late."""
 _AMBIGUOUS = 0.8
+ONE_CLOCK: Final = "one clock"
+"""The origin where nothing had to be found out."""
 
 
 class Word(NamedTuple):
@@ -62,6 +64,11 @@ class Clocks:
     origin: str = "given"
 
     @property
+    def exact(self) -> bool:
+        """Both were recorded with the same clock."""
+        return self.origin == ONE_CLOCK
+
+    @property
     def ambiguous(self) -> bool:
         """Another offset fits nearly as well."""
         return self.origin == "correlated" and self.rivals >= _AMBIGUOUS * self.pairs
@@ -72,8 +79,8 @@ class Clocks:
         said = f"CAN clock {self.offset_ns / 1e9:+.6f} s from the PLC's"
         if self.origin == "given":
             return f"{said}, as given"
-        if self.origin == "one clock":
-            return "one clock"
+        if self.exact:
+            return ONE_CLOCK
         if self.origin == "not known":
             return "no edges in common: offset not known, taken as one clock"
         quality = f"{self.pairs} of {self.edges} edges agree, uncertainty {self.uncertainty_ns / 1e6:.3f} ms"

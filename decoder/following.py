@@ -56,7 +56,8 @@ class Follower:
     """Both buses of one gateway.
 
     ``axes``: in the order of the frame, with their node-IDs; ``settings``: the choices of the user by DO-ID, defaults are assumed
-    for others. ``watchdog_factor``: the gateway's, None where it is not known.
+    for others. ``watchdog_factor``: the gateway's, None where it is not known. ``one_clock``: both buses were recorded with
+    one, so that no edge comes before its cause.
     """
 
     def __init__(
@@ -66,6 +67,7 @@ class Follower:
         *,
         cycle_ns: int,
         watchdog_factor: int | None = None,
+        one_clock: bool = False,
     ) -> None:
         self.horizon_ns: int | None = None
         """All entries up to this time have been given out."""
@@ -73,7 +75,9 @@ class Follower:
         self._count = 0
         self._due = 0
         given = settings or {}
-        self._objects = [_follower(axis, given.get(axis.do_id), self._put, cycle_ns) for axis in axes]
+        self._objects = [
+            _follower(axis, given.get(axis.do_id), self._put, cycle_ns, one_clock=one_clock) for axis in axes
+        ]
         self._nodes: dict[int, list[ObjectFollower]] = {}
         for item in self._objects:
             self._nodes.setdefault(item.axis.node, []).append(item)
@@ -166,11 +170,13 @@ def _slot(item: ObjectFollower, place: int) -> int:
     return item.axis.slot or place
 
 
-def _follower(axis: Axis, settings: AxisSettings | None, put: Put, cycle_ns: int) -> ObjectFollower:
+def _follower(axis: Axis, settings: AxisSettings | None, put: Put, cycle_ns: int, *, one_clock: bool) -> ObjectFollower:
     if axis.telegram not in DRIVE_TELEGRAM_NUMBERS:
         return ObjectFollower(axis, put, HOLD_NS)
     chosen = settings or AxisSettings()
-    return AxisFollower(axis, chosen, put, cycle_ns=cycle_ns, hold_ns=HOLD_NS, assumed=settings is None)
+    return AxisFollower(
+        axis, chosen, put, cycle_ns=cycle_ns, hold_ns=HOLD_NS, one_clock=one_clock, assumed=settings is None
+    )
 
 
 class _CycleCounter:

@@ -105,7 +105,15 @@ class AxisFollower(ObjectFollower):
     """Follows one axis with a drive. ``assumed``: the settings are not the user's but defaults."""
 
     def __init__(
-        self, axis: Axis, settings: AxisSettings, put: Put, *, cycle_ns: int, hold_ns: int, assumed: bool
+        self,
+        axis: Axis,
+        settings: AxisSettings,
+        put: Put,
+        *,
+        cycle_ns: int,
+        hold_ns: int,
+        one_clock: bool,
+        assumed: bool,
     ) -> None:
         super().__init__(axis, put, hold_ns)
         self.online = False
@@ -115,7 +123,7 @@ class AxisFollower(ObjectFollower):
         self._assumed = assumed
         chosen = telegram(axis.telegram)
         self._transparent = chosen.setpoints.mode is ApplicationMode.TRANSPARENT
-        self._words = Words(axis.do_id, chosen, 2 * cycle_ns, put)
+        self._words = Words(axis.do_id, chosen, 2 * cycle_ns, put, one_clock=one_clock)
         # -- the drive
         self._plans: dict[PdoLayout, _Plan] = {}
         self._last: dict[int, bytes] = {}
@@ -262,6 +270,9 @@ class AxisFollower(ObjectFollower):
     # -- words and their causes ---------------------------------------------------------------------------------------
 
     def _commanded(self, now: int, word: int) -> None:
+        if self._shown is not None and word != self._machine.outputs.command.controlword:
+            # RPDOs come of a step. That of a busy gateway may have no answer of its own: then this is its only trace.
+            self.step(self._machine.inputs.setpoints, now)
         edge = self._words.edge(WordKind.CONTROLWORD, now, word)
         if edge is None:
             return

@@ -34,7 +34,7 @@ class Decision(NamedTuple):
 class Words:
     """The words as recorded, and the decisions that explain their changes within ``tolerance_ns``."""
 
-    def __init__(self, do_id: int, telegram: Telegram, tolerance_ns: int, put: Put) -> None:
+    def __init__(self, do_id: int, telegram: Telegram, tolerance_ns: int, put: Put, *, one_clock: bool) -> None:
         self.values: dict[WordKind, int] = {}
         self.fields = {
             WordKind.CONTROL: half_fields(telegram.setpoints)[0],
@@ -44,6 +44,8 @@ class Words:
         }
         self._do_id = do_id
         self._tolerance = tolerance_ns
+        self._early = 0 if one_clock else tolerance_ns
+        """So much sooner than its cause an edge may seem to come."""
         self._put = put
         self._decisions = {kind: deque[Decision](maxlen=_WAITING) for kind in WordKind}
         self._unexplained = {kind: deque[Edge](maxlen=_WAITING) for kind in WordKind}
@@ -79,7 +81,8 @@ class Words:
         while edges and edges[0].time_ns < decision.time_ns - self._tolerance:
             edges.popleft()
         for edge in tuple(edges):
-            if decision.explains(edge):
+            sooner = decision.cause.time_ns - edge.time_ns if decision.cause is not None else 0
+            if sooner <= self._early and decision.explains(edge):
                 edges.remove(edge)
                 if decision.cause is not None and decision.cause is not edge:
                     edge.follow(decision.cause)

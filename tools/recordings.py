@@ -24,7 +24,7 @@ from pdgw.decoder.capture.dictionary import dictionary_of
 from pdgw.decoder.capture.pcapng_file import configuration_in
 from pdgw.decoder.capture.source import STANDARD_INPUT, Source, open_source
 from pdgw.decoder.capture.trace_page import TracePage
-from pdgw.decoder.clocks import Clocks
+from pdgw.decoder.clocks import ONE_CLOCK, Clocks
 from pdgw.decoder.engine import Axis, Decoder, Settings, given_axes
 from pdgw.decoder.following import HOLD_NS, Follower
 from pdgw.decoder.lookahead import Lookahead, is_of
@@ -219,7 +219,7 @@ def look_ahead(files: Sequence[str], known: Known, offset_ns: int | None, notify
     if offset_ns is not None:
         clocks = Clocks(offset_ns)
     elif one_clock:
-        clocks = Clocks(0, origin="one clock")
+        clocks = Clocks(0, origin=ONE_CLOCK)
     else:
         clocks = looking.clocks(cycle_ns)
     shifted = frozenset(file for file, found in buses.items() if BusKind.PLC not in found)
@@ -257,6 +257,7 @@ def followed(opening: Opening, part: Part = Part(), *, packets: bool = False) ->
         opening.known.choices,
         cycle_ns=opening.cycle_ns,
         watchdog_factor=opening.known.watchdog_factor,
+        one_clock=opening.clocks.exact,
     )
     waiting: deque[Record] = deque()
     stop_ns = None if part.end_ns is None else part.end_ns + HOLD_NS
@@ -362,7 +363,7 @@ def load(files: Sequence[str], known: Known, offset_ns: int | None, notify: Noti
     if offset_ns is not None:
         clocks = Clocks(offset_ns)
     elif one_clock:
-        clocks = Clocks(0, origin="one clock")
+        clocks = Clocks(0, origin=ONE_CLOCK)
     else:
         clocks = looking.clocks(cycle_ns)
     recording = collector.recording(clocks.offset_ns, cycle_ns=cycle_ns, watchdog_factor=watchdog_factor)

@@ -36,9 +36,10 @@ from pdgw.dsp402.states import State
 from pdgw.gateway.reasons import Reason
 from pdgw.gateway.transport.cyclic import CyclicEndpoint
 from pdgw.profidrive.frame import COUNTER_UNIT_NS, IOPS_BAD
-from pdgw.tools.recordings import Opening, Part, followed
+from pdgw.tools.recordings import Opening, Part, followed, look_ahead
 from tests.decoder.test_replay import RIGS, positioning, speed
-from tests.support.recorded import BEGIN_NS, CYCLE_NS, RecordedRig
+from tests.support import captures
+from tests.support.recorded import BEGIN_NS, CYCLE_NS, MACS, RecordedRig
 from tests.support.rig import MS, NODE
 
 GOLDEN = Path(__file__).parent / "golden" / "timeline.txt"
@@ -410,6 +411,50 @@ def shutdown_for_ever(rig: RecordedRig) -> int:
         if cob_id == 0x200 + NODE and now >= begin:
             rig.frames.can[position] = (now, cob_id, data[:-2] + b"\x06\0")
     return begin
+
+
+def one_file(rig: RecordedRig, folder: Path) -> Timeline:
+    """The timeline of a recording of both buses with one clock."""
+    frames = rig.frames
+    packets = [(BEGIN_NS + now, captures.ETHERNET, MACS + data) for now, data in (*frames.plc, *frames.answers)]
+    packets += [
+        (BEGIN_NS + now, captures.SOCKETCAN, captures.socketcan_packet(cob_id, data))
+        for now, cob_id, data in frames.can
+    ]
+    path = folder / "both.pcapng"
+    path.write_bytes(captures.pcapng(sorted(packets)))
+    opening = look_ahead([str(path)], rig.known, None, lambda _: None)
+    return Timeline(opening, list(followed(opening)))
+
+
+def test_a_step_of_which_only_the_rpdo_was_recorded_is_no_difference(tmp_path: Path) -> None:
+    """A busy gateway steps by its timer and sends the RPDO; the answer to the PLC is that of a later step."""
+    rig = speed()
+    enabled = next(now for now, cob_id, data in rig.frames.can if cob_id == 0x200 + NODE and data[4] == 0x0F)
+    for frames in (rig.frames.plc, rig.frames.answers):
+        frames[:] = [frame for frame in frames if not enabled - MS <= frame[0] <= enabled + MS]
+    found = one_file(rig, tmp_path)
+    assert texts(found, AnomalyKind.DIFFERENCE) == texts(found, AnomalyKind.GATEWAY_FAULT) == []
+    on = next(edge for edge in edges(found, WordKind.CONTROL) if edge.after == 0x047F)
+    assert on.outcome is None
+    enable = next(edge for edge in edges(found, WordKind.CONTROLWORD) if edge.after == 0x000F)
+    assert enable.cause is not None
+    assert enable.cause.kind is WordKind.STATUSWORD
+
+
+def test_with_one_clock_no_edge_comes_before_its_cause(tmp_path: Path) -> None:
+    rig = speed()
+    rig.values["STW1"] = 0x047E
+    quick = rig.frames.change_can(0x200 + NODE, -1, lambda data: data)
+    # The gateway ends: a Quick Stop that no step for the PLC has asked for, and the drive's answer to it.
+    rig.frames.can += [
+        (quick + MS, 0x200 + NODE, bytes(4) + b"\x02\x00"),
+        (quick + 2 * MS, 0x180 + NODE, b"\x17\x16" + bytes(4)),
+    ]
+    found = one_file(rig, tmp_path)
+    causes = [entry for entry in found.entries if isinstance(entry, Edge) and entry.cause is not None]
+    assert causes
+    assert all((edge.latency_ns or 0) >= 0 for edge in causes)
 
 
 def test_where_todays_rules_differ_for_longer_no_reasons_are_told(tmp_path: Path) -> None:
