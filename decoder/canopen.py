@@ -45,7 +45,6 @@ from pdgw.ds301.nmt import NmtCommand, NmtState
 from pdgw.ds301.objects import Entry
 from pdgw.ds301.pdo import COB_ID_INVALID, PdoDirection
 from pdgw.dsp402.overlay import known_faults
-from pdgw.dsp402.pdo import LAYOUTS
 from pdgw.profidrive.telegrams import ApplicationMode, telegram
 
 Dictionary = Callable[[int], Sequence[Entry] | None]
@@ -231,12 +230,12 @@ class CanopenDecoder:
         """The gateway's own layouts for the axis' telegram."""
         from pdgw.gateway.axis.telegrams import (  # noqa: PLC0415 (loads canopen, and is needed with given axes only)
             DRIVE_TELEGRAM_NUMBERS,
-            pdo_operation,
+            drive_layout,
         )
 
         if axis.telegram not in DRIVE_TELEGRAM_NUMBERS:
             return
-        layouts = LAYOUTS[pdo_operation(axis.telegram)]
+        layouts = drive_layout(axis.telegram)
         for pdo in (*layouts.rpdos, *layouts.tpdos):
             if pdo.number <= 4 or node_id <= 0x3F:
                 node.parameters[pdo.communication_index, 1] = pdo.cob_id(node_id)

@@ -60,6 +60,7 @@ class DriveFeedback:
         "error_code",
         "modes_of_operation_display",
         "position_actual",
+        "second_position",
         "statusword",
         "velocity_actual",
         "velocity_demand",
@@ -69,6 +70,7 @@ class DriveFeedback:
         self.statusword = 0
         self.modes_of_operation_display = 0
         self.position_actual = 0
+        self.second_position = 0
         self.velocity_demand = 0
         self.velocity_actual = 0
         self.current_actual = 0

@@ -243,6 +243,21 @@ DRIVE_OBJECTS = Catalogue(
         ),
         var(0x60C5, "Max Acceleration", U32, RW, default=1000, low=1, unit="10 rpm/s"),
         var(0x60C6, "Max Deceleration", U32, RW, default=1000, low=1, unit="10 rpm/s"),
+        array(
+            0x60E4,
+            "Additional Position Actual Value",
+            Entry(
+                0x60E4,
+                1,
+                "1st additional position actual value",
+                I32,
+                RO,
+                pdo=True,
+                default=0,
+                unit="increments of the second encoder",
+                attribute="second_position",
+            ),
+        ),
         var(0x60FD, "Digital Inputs", U32, RO, pdo=True, default=1 << 16, attribute="digital_inputs"),
         array(
             0x60FE,

@@ -7,11 +7,12 @@ this package knows no PROFIdrive; the gateway chooses.
 from __future__ import annotations
 
 import enum
+from dataclasses import replace
 
 from pdgw.ds301.pdo import Pdo, PdoDirection, PdoLayout
 from pdgw.dsp402.objects import DRIVE_OBJECTS
 
-__all__ = ["LAYOUTS", "Operation", "PdoLayout", "pdo"]
+__all__ = ["LAYOUTS", "Operation", "PdoLayout", "pdo", "with_second_position"]
 
 
 class Operation(enum.Enum):
@@ -116,3 +117,9 @@ LAYOUTS: dict[Operation, PdoLayout] = {
         ),
     ),
 }
+
+
+def with_second_position(layout: PdoLayout) -> PdoLayout:
+    """The layout with the position of the drive's second encoder (60E4h) in its last TPDO."""
+    *tpdos, last = layout.tpdos
+    return replace(layout, tpdos=(*tpdos, pdo(last.direction, last.number, *last.attributes, "second_position")))

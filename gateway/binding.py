@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from concurrent.futures import Future
 from dataclasses import replace
 from typing import Any
 
@@ -17,20 +16,19 @@ from pdgw.dsp402.configuration import ABORT_OPTION
 from pdgw.dsp402.drive import DriveClient, DriveStatus
 from pdgw.dsp402.guarding import GUARD_TIME, LIFE_TIME_FACTOR
 from pdgw.dsp402.objects import DRIVE_OBJECTS
-from pdgw.dsp402.pdo import LAYOUTS
 from pdgw.dsp402.scaling import SCALING_OBJECTS
 from pdgw.dsp402.states import State, state_of
 from pdgw.gateway.axis.executors.positioner import PositionerExecutor
 from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.stop_watch import Brake
-from pdgw.gateway.axis.telegrams import pdo_operation
-from pdgw.gateway.axis.values import Configured, FaultRead, Outputs, PresetAnswer, SdoWrite
+from pdgw.gateway.axis.values import Configured, FaultRead, Outputs
 from pdgw.gateway.config import AxisConfig
-from pdgw.gateway.drive_object import OWNED, DriveObject, log
+from pdgw.gateway.drive_object import OWNED, DriveObject
 from pdgw.gateway.encoder import EncoderObject
 from pdgw.gateway.motion.wishes import PositionerChoices
 from pdgw.gateway.positioner_parameters import PositionerValues
 from pdgw.gateway.probe import ProbeReader
+from pdgw.gateway.sensor_link import SensorLink
 from pdgw.gateway.store import DoParameters
 from pdgw.profidrive.sensor_format import SensorFormat
 from pdgw.profidrive.sign_of_life import MONITORING_OFF
@@ -42,6 +40,8 @@ _REFERENCES = {*SCALING_OBJECTS, _HOMING_METHOD}
 _ERROR_CODE = (0x603F, 0)
 _OWN_FORMAT = SensorFormat(resolution=0x1000, turns=0, xist1_absolute=False)
 """The drive's own position: 1000h increments per revolution, counted from power-on."""
+_SECOND_FORMAT = SensorFormat(resolution=0, turns=0, xist1_absolute=False, valid=False)
+"""The drive's second encoder: what one revolution is, is not asked for."""
 _REACTION_MARGIN = 2
 _POWERED = (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE, State.FAULT_REACTION_ACTIVE)
 
@@ -71,36 +71,29 @@ class Axis(DriveObject):
         self.drive = DriveClient(
             network,
             drive_settings,
-            LAYOUTS[pdo_operation(number, config.dsc_form)],
+            config.drive_layout(number),
             self.on_node_event,
         )
         self._sign_of_life_failures = sign_of_life_failures
         """P925."""
         self.machine = self._make_machine(number)
-        self._encoder: EncoderObject | None = None
-        self._sensor_parameters: object = None
+        self._links: tuple[SensorLink | None, SensorLink | None] = (None, None)
+        """The encoders that are G1 and G2."""
         self._brake: Brake = Brake.NONE
         self._probe = ProbeReader(self.drive, self._news)
         self._probing = False
-        self._preset: SdoWrite | None = None
-        self._preset_future: Future[None] | None = None
 
     def _make_machine(self, number: int) -> AxisMachine:
         machine = AxisMachine(number, self._settings, self.drive.feedback)
         machine.tolerate(self._sign_of_life_failures)
         return machine
 
-    def connect_sensor(self, encoder: EncoderObject) -> None:
-        """G1 is this encoder's channel instead of the drive's own position."""
-        self._encoder = encoder
-        self._connect_sensor()
-
-    def _connect_sensor(self) -> None:
-        encoder = self._encoder
-        if encoder is not None:
-            self.machine.inputs.sensor = encoder.input
-            self._sensor_parameters = None
-            self.machine.set_sensor_references(None)
+    def connect_sensor(self, encoder: EncoderObject, place: int) -> None:
+        """This encoder's channel is G1 (``place`` 0) or G2 (1)."""
+        link = SensorLink(encoder, place, self.do_id)
+        first, second = self._links
+        self._links = (first, link) if place else (link, second)
+        link.connect(self.machine)
 
     def choose_positioner(self, choices: PositionerChoices) -> None:
         """Other values for the positioner (P2571 and others), out of operation."""
@@ -142,8 +135,10 @@ class Axis(DriveObject):
             inputs.news.append(Configured(drive.drive_type, drive.homing_method))
         if self._news or self._future is not None:
             self._deliver(inputs.news)
-        if machine.sensor is not None and self._encoder is not None:
-            self._refresh_sensor(self._encoder, now)
+        if machine.sensor is not None:
+            for link in self._links:
+                if link is not None:
+                    link.step(machine, now)
         if setpoints is not None:
             self.last_setpoints = setpoints
         outputs = machine.step()
@@ -164,23 +159,6 @@ class Axis(DriveObject):
             self._brake = outputs.brake
             if outputs.brake is not Brake.NONE:
                 self.network.send(0, bytes((NmtCommand.STOP, self.node_id)))
-
-    def _refresh_sensor(self, encoder: EncoderObject, now: int) -> None:
-        machine = self.machine
-        if encoder.client.parameters is not self._sensor_parameters:
-            self._sensor_parameters = encoder.client.parameters
-            machine.set_sensor_references(encoder.references)
-        machine.inputs.sensor_ok = encoder.client.refresh(now)
-        preset, future = machine.outputs.preset, self._preset_future
-        if preset is not self._preset:
-            self._preset = preset
-            self._preset_future = None if preset is None else encoder.submit_write(preset)
-        elif preset is not None and future is not None and future.done():
-            self._preset_future = None
-            error = future.exception()
-            if error is not None:
-                log.warning("axis %d: preset of G1 refused: %s", self.do_id, error)
-            machine.inputs.news.append(PresetAnswer(preset, None if error is None else str(error)))
 
     def _read_fault(self, drive: DriveClient) -> None:
         own = drive.drive_type.quirks.fault_number if drive.drive_type is not None else None
@@ -223,9 +201,13 @@ class Axis(DriveObject):
         self._news.append(Configured(self.drive.drive_type, self.drive.homing_method, restarted=False))
 
     @property
-    def sensor_format(self) -> SensorFormat:
-        """P979: what G1 is."""
-        return self._encoder.sensor_format if self._encoder is not None else _OWN_FORMAT
+    def sensor_formats(self) -> tuple[SensorFormat, ...]:
+        """P979: what G1 and, where there is one, G2 is."""
+        first, second = self._links
+        formats = (_OWN_FORMAT if first is None else first.sensor_format,)
+        if self.machine.second_sensor is None:
+            return formats
+        return (*formats, _SECOND_FORMAT if second is None else second.sensor_format)
 
     def set_sign_of_life_tolerance(self, failures: int) -> None:
         self._sign_of_life_failures = failures
@@ -237,9 +219,12 @@ class Axis(DriveObject):
 
     def change_telegram(self, number: int) -> None:
         machine = self._make_machine(number)
-        layout = LAYOUTS[pdo_operation(number, self.config.dsc_form)]
         machine.adopt(self.machine)
         self.machine = machine
-        self.drive.reconfigure(layout, self.config.drive_settings(number, self._cycle_time_ms))
+        self.drive.reconfigure(
+            self.config.drive_layout(number), self.config.drive_settings(number, self._cycle_time_ms)
+        )
         self._telegram_changed(telegram(number))
-        self._connect_sensor()
+        for link in self._links:
+            if link is not None:
+                link.connect(machine)

@@ -10,8 +10,6 @@ from typing import TYPE_CHECKING
 
 from pdgw.ds301.load import CyclicFrames
 from pdgw.ds301.plan import PdoPlan, straight_plan
-from pdgw.dsp402.pdo import LAYOUTS
-from pdgw.gateway.axis.telegrams import pdo_operation
 
 if TYPE_CHECKING:
     from pdgw.gateway.config import AxisConfig, EncoderConfig
@@ -24,7 +22,7 @@ _POSITION_SIZE = 8
 
 def wanted_plan(axis: AxisConfig, cycle_time_ms: float) -> PdoPlan:
     """The PDOs of an axis with a drive that takes all that its telegram wants."""
-    layout = LAYOUTS[pdo_operation(axis.telegram, axis.dsc_form)]
+    layout = axis.drive_layout(axis.telegram)
     available = {
         pdo.communication_index for pdo in (*layout.rpdos, *layout.tpdos) if axis.node_id <= 0x3F or pdo.number <= 4
     }

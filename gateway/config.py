@@ -22,16 +22,20 @@ from pdgw.ds301.load import check_load
 from pdgw.dsp402.drive import DriveSettings
 from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.overlay import overlay
+from pdgw.dsp402.pdo import PdoLayout
 from pdgw.dsp402.scaling import UnitKeys, check_unit_keys
 from pdgw.dsp406.encoder import EncoderSettings
 from pdgw.dsp406.kinds import CHANNELS_MAX, DEVICES, LINEAR, MULTI_SENSOR, ROTARY, EncoderDevice, multi_sensor
 from pdgw.explain import misplaced
-from pdgw.gateway.axis.settings import AxisSettings, ControlLost, PlcLossReaction, SetpointEnable
+from pdgw.gateway.axis.settings import AxisSettings, ControlLost, PlcLossReaction, SecondSensor, SetpointEnable
 from pdgw.gateway.axis.telegrams import (
     DRIVE_TELEGRAM_NUMBERS,
     DSC_TELEGRAM_NUMBERS,
     ENCODER_TELEGRAM_NUMBERS,
+    FIRST_SENSOR_NUMBERS,
     POSITIONER_TELEGRAM_NUMBERS,
+    SECOND_SENSOR_NUMBERS,
+    drive_layout,
     initial_mode,
 )
 from pdgw.gateway.bus_load import cyclic_frames
@@ -122,7 +126,9 @@ class AxisConfig(Section):
     sync: Boolean = False
     allow_unguarded: Boolean = False
     g1: Annotated[Integer, Field(ge=1, le=254)] | None = None
-    """Telegram 3: the do_id of the encoder that is G1; None: the drive's own position."""
+    """Telegrams with G1: the do_id of the encoder that it is; None: the drive's own position."""
+    g2: Annotated[Integer, Field(ge=1, le=254)] | Literal["drive"] | None = None
+    """Telegrams with G2: the do_id of the encoder that it is, or the drive's second encoder (60E4h); None: error 0F01h."""
     family: str | None = None
     """The overlay of the drive; None: the one that fits its identity."""
     rated_speed_rpm: Ratio | None = None
@@ -224,8 +230,19 @@ class AxisConfig(Section):
             self.control_lost,
             stop_time_ns=self.stop_time_ms * 1_000_000,
             jog_speeds_rpm=self._jog_speeds,
+            second_sensor=self._second_sensor,
             positioner=None if self.positioner is None else self.positioner.choices(self.block),
         )
+
+    @property
+    def _second_sensor(self) -> SecondSensor:
+        if self.g2 is None:
+            return SecondSensor.NONE
+        return SecondSensor.ENCODER if isinstance(self.g2, int) else SecondSensor.DRIVE
+
+    def drive_layout(self, number: int) -> PdoLayout:
+        """The PDOs a telegram needs."""
+        return drive_layout(number, self.dsc_form, self._second_sensor)
 
     @property
     def _jog_speeds(self) -> tuple[Fraction, Fraction] | None:
@@ -476,15 +493,20 @@ class GatewayConfig(Section):
     def _check_sensors(self) -> None:
         encoders = [item.do_id for item in self.encoder]
         for number, axis in enumerate(self.axis):
-            if axis.g1 is None:
-                continue
-            if not _has_g1(axis.telegram):
-                with_sensor = [item for item in DRIVE_TELEGRAM_NUMBERS if _has_g1(item)]
-                text = f"g1 = {axis.g1}: telegram {axis.telegram} has no G1, allowed with telegram {with_sensor}"
-                raise misplaced(text, "axis", number, "g1")
-            if axis.g1 not in encoders:
-                text = f"g1 = {axis.g1} is no do_id of an [[encoder]], allowed: {encoders}"
-                raise misplaced(text, "axis", number, "g1")
+            for key, value, numbers in (
+                ("g1", axis.g1, FIRST_SENSOR_NUMBERS),
+                ("g2", axis.g2, SECOND_SENSOR_NUMBERS),
+            ):
+                problem = ""
+                if value is not None and axis.telegram not in numbers:
+                    problem = f": telegram {axis.telegram} has no {key.upper()}, allowed with telegram {list(numbers)}"
+                elif isinstance(value, int) and value not in encoders:
+                    problem = f" is no do_id of an [[encoder]], allowed: {encoders}"
+                if problem:
+                    raise misplaced(f"{key} = {value}{problem}", "axis", number, key)
+            if axis.g2 is not None and axis.g2 == axis.g1:
+                text = f"g2 = {axis.g2} is G1 already: one encoder has one control word, allowed: another one"
+                raise misplaced(text, "axis", number, "g2")
 
     def encoders_of(self, bus: CanConfig) -> dict[int, list[EncoderConfig]]:
         """The channels of each encoder on a bus, by node-ID."""
@@ -497,11 +519,6 @@ class GatewayConfig(Section):
     def axes_of(self, bus: CanConfig) -> list[AxisConfig]:
         """The axes of a bus."""
         return [axis for axis in self.axis if self.bus_of(axis).name == bus.name]
-
-
-def _has_g1(number: int) -> bool:
-    """Whether a telegram carries the words of an encoder."""
-    return "G1_STW" in telegram(number).setpoints.names
 
 
 def _no_twice(what: str, values: Sequence[Any], places: Sequence[Place], key: str) -> None:

@@ -11,6 +11,7 @@ from pdgw.gateway.axis.telegrams import (
     DSC_TELEGRAM_NUMBERS,
     ENCODER_TELEGRAM_NUMBERS,
     POSITIONER_TELEGRAM_NUMBERS,
+    SECOND_SENSOR_NUMBERS,
     SPEED_TELEGRAM_NUMBERS,
 )
 from pdgw.gateway.config import GatewayConfig
@@ -112,7 +113,8 @@ simulate = false             # true: a simulated drive instead of the one on the
 # sdo_interval_ms = 4        # the parameter channel pauses between two SDOs
 # sync = false               # TPDOs on SYNC instead of event-driven
 # allow_unguarded = false    # true: operate a drive that nothing stops when the gateway dies
-# g1 = 3                     # telegram 3: DO-ID of the encoder that is G1, without it the drive's own position
+# g1 = 3                     # telegrams with G1: DO-ID of the encoder that it is, without it the drive's own position
+# g2 = 4                     # telegrams with G2: DO-ID, or "drive": its second encoder (60E4h); without it error 0F01h
 # family = "engel"           # the overlay of the drive, without it by its identity
 # What the drive does not tell about its units; pdgw config check --bus shows what it does tell (docs/units.md).
 # rated_speed_rpm = 3000     # 100 % of NSOLL in rpm of the motor, without it Max Motor Speed 6080h
@@ -163,6 +165,7 @@ def simulated(number: int, axes: int, encoders: int = 0, encoder_number: int = 8
             | ({"positioner": SIMULATED, "block": SIMULATED_BLOCKS} if number in POSITIONER_TELEGRAM_NUMBERS else {})
             | (_SIMULATED_JOG if number in SPEED_TELEGRAM_NUMBERS else {})
             | ({"dsc": "position", "following_window": 4096} if number in DSC_TELEGRAM_NUMBERS else {})
+            | ({"g2": "drive"} if number in SECOND_SENSOR_NUMBERS else {})
             for n in range(1, axes + 1)
         ],
         "encoder": [

@@ -110,8 +110,9 @@ class Daemon:
             """Of each drive object after its last step: actual values, whether they are good, whether it is released."""
             by_do = {item.do_id: item for item in self.encoders}
             for axis in self.axes:
-                if axis.config.g1 is not None:
-                    axis.connect_sensor(by_do[axis.config.g1])
+                for place, source in enumerate((axis.config.g1, axis.config.g2)):
+                    if isinstance(source, int):
+                        axis.connect_sensor(by_do[source], place)
             # A stored telegram (P922) may differ from the configured one: the frame may not fit.
             self.link: Link = open_link()
             opened.callback(self.link.close)

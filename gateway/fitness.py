@@ -9,11 +9,10 @@ from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.images import DriveFeedback
 from pdgw.dsp402.modes import MODE_NAMES, Mode
-from pdgw.dsp402.pdo import LAYOUTS
 from pdgw.dsp402.planner import found_in_data_sheet, plan_pdos
 from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.settings import AxisSettings
-from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS, DSC_TELEGRAM_NUMBERS, initial_mode, pdo_operation
+from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS, DSC_TELEGRAM_NUMBERS, drive_layout, initial_mode
 from pdgw.gateway.motion.dsc import DscChoices, DscForm
 from pdgw.gateway.positioner_config import SIMULATED, PositionerConfig
 
@@ -47,7 +46,8 @@ def planned(
 ) -> PdoPlan:
     """What would travel in which PDO, as far as the data sheet tells; Dsp402Error when no plan is possible."""
     choices = settings.dsc or _USUAL.dsc
-    needs = LAYOUTS[pdo_operation(number, DscForm.SPEED if choices is None else choices.form)]
+    form = DscForm.SPEED if choices is None else choices.form
+    needs = drive_layout(number, form, settings.second_sensor)
     cyclic = number in DSC_TELEGRAM_NUMBERS
     return plan_pdos(needs, drive, node_id, found_in_data_sheet(drive), sync=sync or cyclic, sync_rpdos=cyclic)
 

@@ -18,15 +18,15 @@ from pdgw.gateway.axis.executors.load import LoadExecutor
 from pdgw.gateway.axis.executors.positioner import PositionerExecutor
 from pdgw.gateway.axis.executors.positioning import PositioningExecutor
 from pdgw.gateway.axis.executors.raw import RawExecutor
-from pdgw.gateway.axis.executors.sensor import DriveSensor, EncoderReferences, SensorWords
+from pdgw.gateway.axis.executors.sensor import DriveSensor, EncoderReferences, SecondDriveSensor, SensorWords
 from pdgw.gateway.axis.executors.speed import SpeedExecutor
 from pdgw.gateway.axis.executors.torque import TorqueExecutor
 from pdgw.gateway.axis.interlock import Interlock
 from pdgw.gateway.axis.life import LifeWords
 from pdgw.gateway.axis.power_table import Action, Drive, Phase
-from pdgw.gateway.axis.settings import AxisSettings
+from pdgw.gateway.axis.settings import AxisSettings, SecondSensor
 from pdgw.gateway.axis.stop_watch import StopWatch
-from pdgw.gateway.axis.telegrams import Kind, drive_telegram, make_adapter
+from pdgw.gateway.axis.telegrams import SECOND_SENSOR_NUMBERS, Kind, drive_telegram, make_adapter
 from pdgw.gateway.axis.values import (
     Configured,
     FaultRead,
@@ -88,10 +88,15 @@ class AxisMachine:
         self.interlock = Interlock(settings)
         self.executor = self._make_executor(kind)
         self.sensor = SensorWords() if "G1_STW" in self.telegram.setpoints.names else None
+        has_second = settings.second_sensor is not SecondSensor.NONE and number in SECOND_SENSOR_NUMBERS
+        self.second_sensor = SensorWords() if has_second else None
         self._own_sensor = DriveSensor(feedback)
+        self._own_second = SecondDriveSensor(feedback)
         if self.sensor is not None:
             self.sensor.channel.set_references(DriveSensor.references)
             self.sensor.measure(possible=True)
+        if self.second_sensor is not None and settings.second_sensor is SecondSensor.DRIVE:
+            self.second_sensor.channel.set_references(DriveSensor.references)
         self._node = NodeWatch(self.outputs, {})
         self.notes.troubles = self._node.troubles
         self._drive = DriveWatch(self.outputs)
@@ -112,11 +117,15 @@ class AxisMachine:
             return RawExecutor(self.cycle, SETPOINT_ATTRIBUTES, ACTUAL_ATTRIBUTES)
         return _EXECUTORS[kind](self.cycle)
 
-    def set_sensor_references(self, references: EncoderReferences | None) -> None:
-        """What gives the position of an external G1 its meaning; ProfidriveError for a range no sensor has."""
-        if self.sensor is not None:
-            self.sensor.measure(possible=False)
-            self.sensor.channel.set_references(references)
+    def set_references(self, place: int, references: EncoderReferences | None) -> None:
+        """What gives the position of an external G1 (``place`` 0) or G2 (1) its meaning.
+
+        ProfidriveError for a range no sensor has.
+        """
+        sensor = self.second_sensor if place else self.sensor
+        if sensor is not None:
+            sensor.measure(possible=False)
+            sensor.channel.set_references(references)
 
     def tolerate(self, failures: int) -> None:
         """P925: how many failures of the sign of life in succession; counting starts anew."""
@@ -184,7 +193,7 @@ class AxisMachine:
         if not demand.in_control:
             reason = Reason.NO_CONTROL
         if self.sensor is not None:
-            self._step_sensor(self.sensor)
+            self._step_sensors(self.sensor)
         else:
             outputs.probe = notes.probe
         if self.shows_codes:
@@ -248,17 +257,26 @@ class AxisMachine:
             outputs.fault(gateway_fault(number, detail, self.inputs.now))
         faults.clear()
 
-    def _step_sensor(self, sensor: SensorWords) -> None:
-        inputs = self.inputs
-        word = self.demand.sensor
+    def _step_sensors(self, sensor: SensorWords) -> None:
+        inputs, outputs, demand, report = self.inputs, self.outputs, self.demand, self.report
+        drive_ok, now = inputs.drive_ok, inputs.now
         lost = self.life is not None and self.life.lost
         error = SensorError.CONTROLLER_SIGN_OF_LIFE if lost else None
-        if inputs.sensor is None:
-            self.report.sensor = sensor.step(word, self._own_sensor, inputs.drive_ok, inputs.now, error)
+        first = inputs.sensors[0]
+        if first.source is None:
+            report.sensor = sensor.step(demand.sensor, self._own_sensor, drive_ok, now, error)
         else:
-            self.report.sensor = sensor.step(word, inputs.sensor, inputs.sensor_ok, inputs.now, error)
-        self.outputs.preset = sensor.preset
-        self.outputs.probe = sensor.probe
+            report.sensor = sensor.step(demand.sensor, first.source, first.ok, now, error)
+        outputs.presets[0] = sensor.preset
+        outputs.probe = sensor.probe
+        sensor_2 = self.second_sensor
+        if sensor_2 is not None:
+            second = inputs.sensors[1]
+            if second.source is None:
+                report.second_sensor = sensor_2.step(demand.second_sensor, self._own_second, drive_ok, now, error)
+            else:
+                report.second_sensor = sensor_2.step(demand.second_sensor, second.source, second.ok, now, error)
+            outputs.presets[1] = sensor_2.preset
 
     # -- what happened meanwhile --------------------------------------------------------------------------------------
 
@@ -277,8 +295,9 @@ class AxisMachine:
                     notes.writes = None
                     self.executor.sdo_done(item.error)
             elif isinstance(item, PresetAnswer):
-                if self.sensor is not None:
-                    self.sensor.answered(item)
+                for sensor in (self.sensor, self.second_sensor):
+                    if sensor is not None:
+                        sensor.answered(item)
             elif isinstance(item, ProbeAnswer):
                 if self.sensor is not None:
                     self.sensor.probed(item)

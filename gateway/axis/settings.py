@@ -28,6 +28,17 @@ class SetpointEnable(enum.Enum):
     """Bit 4 or 6 = 0: Target Velocity 0; bit 5 = 0: hold (the profile's)."""
 
 
+class SecondSensor(enum.Enum):
+    """``g2``: what is behind G2 of telegrams 4, 6, 103 and 106."""
+
+    NONE = "none"
+    """G2 shows the error "not supported"."""
+    DRIVE = "drive"
+    """The drive's second encoder, 60E4h."""
+    ENCODER = "encoder"
+    """A channel of an encoder of its own."""
+
+
 class ControlLost(enum.Enum):
     """``control_lost``: what STW1.10 = 0 does in operation; OFF1, OFF2 and OFF3 act in any case, and nothing starts."""
 
@@ -58,6 +69,7 @@ class AxisSettings:
     """P925: tolerated failures of the PLC's sign of life in succession; 65535: not watched, only answered."""
     jog_speeds_rpm: tuple[Fraction, Fraction] | None = None
     """Signed, of jog 1 and jog 2 of the speed telegrams; None: their bits do nothing."""
+    second_sensor: SecondSensor = SecondSensor.NONE
     dsc: DscChoices | None = None
     """Needed by telegrams 5, 6, 105 and 106."""
     positioner: PositionerChoices | None = None

@@ -6,13 +6,13 @@ import enum
 from dataclasses import dataclass
 
 from pdgw.dsp402.modes import Mode
-from pdgw.dsp402.pdo import Operation
+from pdgw.dsp402.pdo import LAYOUTS, Operation, PdoLayout, with_second_position
 from pdgw.gateway.axis.adapters.base import Adapter
 from pdgw.gateway.axis.adapters.positioner import PositionerAdapter
 from pdgw.gateway.axis.adapters.positioning import PositioningAdapter
 from pdgw.gateway.axis.adapters.speed import DscAdapter, LoadAdapter, SpeedAdapter, WideSpeedAdapter
 from pdgw.gateway.axis.adapters.transparent import TransparentAdapter
-from pdgw.gateway.axis.settings import AxisSettings
+from pdgw.gateway.axis.settings import AxisSettings, SecondSensor
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.motion.dsc import DscForm
 from pdgw.profidrive.telegrams import TELEGRAMS, ApplicationMode, telegram
@@ -75,6 +75,9 @@ SPEED_TELEGRAM_NUMBERS = tuple(
     n for n, row in sorted(DRIVE_TELEGRAMS.items()) if row.kind in {Kind.SPEED, Kind.TORQUE, Kind.LOAD}
 )
 """Those of them that jog with speeds of their own."""
+FIRST_SENSOR_NUMBERS = tuple(n for n in DRIVE_TELEGRAM_NUMBERS if "G1_STW" in telegram(n).setpoints.names)
+SECOND_SENSOR_NUMBERS = tuple(n for n in DRIVE_TELEGRAM_NUMBERS if "G2_STW" in telegram(n).setpoints.names)
+"""Those of them with the words of G1, and of G2."""
 
 ENCODER_TELEGRAM_NUMBERS = tuple(
     sorted(number for number, item in TELEGRAMS.items() if item.mode is ApplicationMode.ENCODER)
@@ -111,9 +114,11 @@ def make_adapter(number: int, settings: AxisSettings) -> Adapter:
     return TransparentAdapter(chosen)
 
 
-def pdo_operation(number: int, form: DscForm = DscForm.SPEED) -> Operation:
-    """The PDO layout a drive telegram needs."""
-    return drive_telegram(number, form).operation
+def drive_layout(number: int, form: DscForm = DscForm.SPEED, second: SecondSensor = SecondSensor.NONE) -> PdoLayout:
+    """The PDOs a drive telegram needs; ``second``: what is behind its G2."""
+    layout = LAYOUTS[drive_telegram(number, form).operation]
+    wanted = second is SecondSensor.DRIVE and number in SECOND_SENSOR_NUMBERS
+    return with_second_position(layout) if wanted else layout
 
 
 def initial_mode(number: int, form: DscForm = DscForm.SPEED) -> Mode | None:

@@ -75,7 +75,7 @@ class SdoAnswer:
 
 @dataclass(frozen=True, slots=True)
 class PresetAnswer:
-    """The encoder took the preset of ``Outputs.preset``, or not."""
+    """An encoder took the preset of ``Outputs.presets``, or not."""
 
     write: SdoWrite
     error: str | None
@@ -166,6 +166,16 @@ class EncoderInput(Protocol):
         """The position is one the device measured."""
 
 
+class SensorInput:
+    """An encoder of its own as G1 or G2. ``source``: None where there is none; ``ok``: it is configured and its data is fresh."""
+
+    __slots__ = ("ok", "source")
+
+    def __init__(self) -> None:
+        self.source: EncoderInput | None = None
+        self.ok = False
+
+
 class Inputs:
     """What one step of an axis is made from; one object, filled anew for each step. ``news`` is emptied by the step."""
 
@@ -176,8 +186,7 @@ class Inputs:
         "news",
         "node_stopped",
         "now",
-        "sensor",
-        "sensor_ok",
+        "sensors",
         "set_point_refused",
         "setpoints",
         "warning_code",
@@ -199,9 +208,8 @@ class Inputs:
         """The first warning (P953); likewise."""
         self.set_point_refused = False
         """A new set-point does not reach the drive, because its data could not be written."""
-        self.sensor: EncoderInput | None = None
-        """The encoder that is G1; None: the drive's own position."""
-        self.sensor_ok = False
+        self.sensors = (SensorInput(), SensorInput())
+        """The encoders that are G1 and G2; without a source a position of the drive."""
         self.news: list[News] = []
 
 
@@ -218,7 +226,7 @@ class Outputs:
         "faults",
         "good",
         "known_off",
-        "preset",
+        "presets",
         "probe",
         "read_fault",
         "reason",
@@ -259,8 +267,8 @@ class Outputs:
         and the PLC is not obeyed, the stop that is commanded is watched."""
         self.writes: tuple[SdoWrite, ...] | None = None
         """Values the device has to take; they stand until an ``SdoAnswer``, or until they are withdrawn or replaced."""
-        self.preset: SdoWrite | None = None
-        """A preset the encoder that is G1 has to take; another object for each."""
+        self.presets: list[SdoWrite | None] = [None, None]
+        """Presets the encoders that are G1 and G2 have to take; another object for each."""
         self.probe: ProbeWish | None = None
         """Positions the drive has to latch; another object for each wish."""
         self.read_fault = False

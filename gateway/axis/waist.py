@@ -13,6 +13,7 @@ from typing import Final
 
 from pdgw.dsp402.states import STATE_OF_STATUS, State
 from pdgw.gateway.motion.wishes import Asked, Outcome
+from pdgw.profidrive.encoder import STATUS_BITS, SensorError, SensorState
 from pdgw.profidrive.signals import signal
 
 _ZSW1 = signal("ZSW1")
@@ -99,6 +100,7 @@ class Demand:
         "power",
         "raw",
         "reject",
+        "second_sensor",
         "sensor",
         "speed",
         "speed_wish",
@@ -149,6 +151,8 @@ class Demand:
         """Raw values for the objects of a transparent telegram, the Controlword first; None before there are any."""
         self.sensor: int | None = None
         """Sensor control word (G1_STW), None without a PLC."""
+        self.second_sensor: int | None = None
+        """G2_STW, likewise."""
 
 
 class Flag:
@@ -173,6 +177,10 @@ class Flag:
     """Statusword bits that are shown unchanged (docs/telegrams.md, ZSW1)."""
 
 
+NO_SENSOR: Final = (STATUS_BITS[SensorState.ERROR], 0, SensorError.COMMAND_NOT_SUPPORTED.value)
+"""What the words of a sensor show where there is none."""
+
+
 class Report:
     """What an axis shows now; see ``Flag``. ``position`` and ``speed`` are fractions of the references."""
 
@@ -186,6 +194,7 @@ class Report:
         "namur",
         "position",
         "raw",
+        "second_sensor",
         "sensor",
         "speed",
         "tasks_active",
@@ -212,6 +221,8 @@ class Report:
         """Raw values of the objects of a transparent telegram, the Statusword first."""
         self.sensor: tuple[int, int, int] = (0, 0, 0)
         """G1_ZSW, G1_XIST1, G1_XIST2."""
+        self.second_sensor: tuple[int, int, int] = NO_SENSOR
+        """G2_ZSW, G2_XIST1, G2_XIST2."""
 
 
 _FAULT = _ZSW1.bit("FAULT").mask

@@ -321,7 +321,7 @@ class AxisObject(NodeObject):
         self.bind(967, lambda: axis.last_setpoints[0] if axis.last_setpoints else 0)
         self.bind(968, lambda: axis.actuals[0])
         self.bind(975, lambda: (*identity.UNIT, AXIS_CLASS, _SUBCLASS, self.do_id))
-        self.bind(979, lambda: encode_sensor_format([axis.sensor_format]))
+        self.bind(979, lambda: encode_sensor_format(axis.sensor_formats))
         self.bind(60000, self._reference_speed)
         self._positioner: PositionerParameters | None = None
         if axis.config.positioner is not None:

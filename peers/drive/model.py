@@ -21,7 +21,7 @@ from pdgw.dsp402.states import STATUS_OF, Command, ControlBit, State, StatusBit,
 from pdgw.peers.drive.family import DRIVE_FAULTS
 from pdgw.peers.drive.machine import ROTARY, Machine
 from pdgw.peers.drive.modes import MODES
-from pdgw.peers.drive.motion import COAST_DECELERATION, TICK, Ramp, increments_per_second
+from pdgw.peers.drive.motion import COAST_DECELERATION, SECOND_ENCODER_STEPS, TICK, Ramp, increments_per_second
 from pdgw.peers.drive.probe import TouchProbe
 from pdgw.peers.drive.shapes import ENGEL, Shape
 
@@ -119,6 +119,7 @@ class DriveModel:
     modes_of_operation: int
     modes_of_operation_display: int
     position_actual: int
+    second_position: int
     velocity_demand: int
     velocity_actual: int
     target_velocity: int
@@ -449,6 +450,7 @@ class DriveModel:
         units = min(max(round(speed / unit), -_INT32_MAX), _INT32_MAX)
         self.velocity_actual = self.velocity_demand = units
         self.position_actual = _wrap32(round(self.position))
+        self.second_position = _wrap32(round(self.machine_position * SECOND_ENCODER_STEPS))
         self.encoder_position = _wrap16(round(self.machine_position))
         shown = not self.shape.mode_in_operation_only or self.state is State.OPERATION_ENABLED
         self.modes_of_operation_display = self.mode if shown else 0

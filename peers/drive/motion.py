@@ -8,6 +8,8 @@ from __future__ import annotations
 import math
 
 INCREMENTS_PER_REVOLUTION = 4096
+SECOND_ENCODER_STEPS = 4
+"""Increments of the second encoder, on the same shaft, in one of the first."""
 TICK = 0.001
 """Seconds of one simulation step."""
 COAST_DECELERATION = 1500.0

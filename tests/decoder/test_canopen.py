@@ -22,7 +22,7 @@ from pdgw.ds301.objects import CanType, Entry
 from pdgw.ds301.pdo import COB_ID_INVALID
 from pdgw.dsp402.device import EDS_PATH
 from pdgw.dsp402.pdo import LAYOUTS, Operation
-from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS, pdo_operation
+from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS, drive_layout
 
 NODE = 5
 
@@ -55,7 +55,7 @@ def configure(bus: CanopenDecoder, operation: Operation) -> None:
 @pytest.mark.parametrize("number", DRIVE_TELEGRAM_NUMBERS)
 def test_every_pdo_the_gateway_maps_for_a_telegram_is_read(number: int) -> None:
     bus = CanopenDecoder([Axis(1, number, NODE)])
-    layout = LAYOUTS[pdo_operation(number)]
+    layout = drive_layout(number)
     for pdo in (*layout.rpdos, *layout.tpdos):
         assert list(values(feed(bus, pdo.cob_id(NODE), bytes(pdo.size)))) == [entry.name for entry in pdo.entries]
 

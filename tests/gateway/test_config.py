@@ -194,6 +194,26 @@ ENCODER = "[[encoder]]\ndo_id = {}\nnode_id = {}\ntelegram = 83\n"
             BASE.replace("telegram = 9", "telegram = 3\ng1 = 5") + ENCODER.format(2, 7),
             "x.toml:19: [[axis]] number 1: g1 = 5 is no do_id of an [[encoder]], allowed: [2]",
         ),
+        (
+            BASE.replace("telegram = 9", "telegram = 3\ng2 = 2") + ENCODER.format(2, 7),
+            "x.toml:19: [[axis]] number 1: g2 = 2: telegram 3 has no G2, allowed with telegram [4, 6, 103, 106]",
+        ),
+        (
+            BASE.replace("telegram = 9", 'telegram = 3\ng2 = "drive"'),
+            "x.toml:19: [[axis]] number 1: g2 = drive: telegram 3 has no G2, allowed with telegram [4, 6, 103, 106]",
+        ),
+        (
+            BASE.replace("telegram = 9", "telegram = 4\ng2 = 5") + ENCODER.format(2, 7),
+            "x.toml:19: [[axis]] number 1: g2 = 5 is no do_id of an [[encoder]], allowed: [2]",
+        ),
+        (
+            BASE.replace("telegram = 9", "telegram = 4\ng1 = 2\ng2 = 2") + ENCODER.format(2, 7),
+            "x.toml:20: [[axis]] number 1: g2 = 2 is G1 already: one encoder has one control word, allowed: another one",
+        ),
+        (
+            BASE.replace("telegram = 9", 'telegram = 4\ng2 = "motor"'),
+            "x.toml:19: [[axis]] number 1 g2 = 'motor': allowed: 'drive'",
+        ),
         (BASE + ENCODER.format(1, 7), "x.toml:24: [[encoder]] number 1: do_id: 1 is used twice"),
         (BASE + ENCODER.format(2, 3), "x.toml:25: [[encoder]] number 1: node_id on bus can: 3 is used twice"),
         (BASE.replace("simulate = true", 'can = "b"'), 'x.toml:22: [[axis]] number 1: can = "b" is no [[can]] name'),

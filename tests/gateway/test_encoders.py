@@ -255,6 +255,25 @@ def test_telegram_3_with_another_node_s_encoder_as_g1() -> None:
         assert client.request([Address(978, 0, 2)])[0].values == (1, 2)
 
 
+def test_telegram_4_with_another_node_s_encoder_as_g2() -> None:
+    objects = axis(1, telegram_number=4, more="simulate = true\ng2 = 2") + encoder(2, 81, more='motion = "still=0.75"')
+    with gateway(objects) as (daemon, client):
+        plc = Plc(daemon, [4, 81])
+        plc.endpoint.set(0, {"STW1": OFF, "G2_STW": G1["REQUEST_ABSOLUTE"]})
+        plc.until(lambda: plc.value("G2_XIST2") == 3072, "the encoder's position")
+        assert (plc.value("G1_ZSW"), plc.value("G1_XIST2")) == (0, 0)
+        plc.endpoint.set(0, {"G2_STW": G1["REQUEST_ABSOLUTE"] | G1["PRESET"]})
+        plc.until(lambda: plc.value("G2_XIST2") == 0 and has(plc, "G2_ZSW", STATUS["PRESET_DONE"]), "preset to 0")
+        assert encoder_of(daemon).model.position_1 == 0
+        first, second = decode_sensor_format(tuple(map(int, client.request([Address(979, 0, 31)])[0].values)))
+        assert (first.resolution, second.resolution) == (4096, 4096)
+        assert (first.turns, second.turns) == (0, 4096), "the drive's own counts from power-on"
+        encoder_of(daemon).inject("position-error")
+        plc.endpoint.set(0, {"G2_STW": 0})
+        plc.until(lambda: has(plc, "G2_ZSW", STATUS["ERROR"]) and plc.value("G2_XIST2") == 1, "the encoder's error")
+        assert plc.value("G1_ZSW") == 0
+
+
 @pytest.mark.parametrize(
     ("objects", "message"),
     [

@@ -15,8 +15,7 @@ from pdgw.ds301.aborts import ABORT_TEXTS, Abort
 from pdgw.ds301.loop import SECOND, Event
 from pdgw.ds301.objects import Entry
 from pdgw.dsp402.objects import DRIVE_OBJECTS
-from pdgw.dsp402.pdo import LAYOUTS
-from pdgw.gateway.axis.telegrams import pdo_operation
+from pdgw.gateway.axis.telegrams import drive_layout
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.parameters.objects import error_of_abort
@@ -94,7 +93,7 @@ def test_worked_example_that_changes_the_telegram() -> None:
         drive = daemon.axes[0].drive
         until(daemon, lambda: drive.generation == 2, "mapped anew")
         assert number(client, 922) == 9
-        expected = [(pdo.number, pdo.size) for pdo in LAYOUTS[pdo_operation(9)].rpdos]
+        expected = [(pdo.number, pdo.size) for pdo in drive_layout(9).rpdos]
         assert [(pdo.number, pdo.size) for pdo in drive.layout.rpdos] == expected
         plc = Plc(daemon, [9])
         plc.endpoint.set(0, {"STW1": 0x043E})

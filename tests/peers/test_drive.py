@@ -17,7 +17,7 @@ from pdgw.dsp402.device import EDS_PATH, INFO, drive_objects
 from pdgw.dsp402.images import COMMAND_NAMES, FEEDBACK_NAMES
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.objects import DRIVE_OBJECTS
-from pdgw.dsp402.pdo import LAYOUTS
+from pdgw.dsp402.pdo import LAYOUTS, Operation, with_second_position
 from pdgw.dsp402.states import COMMAND_TRANSITIONS, Command, ControlBit, State, StatusBit, state_of
 from pdgw.peers.drive import LINEAR, Machine, SimulatedDriveNode
 from pdgw.peers.drive.family import DRIVE_FAULTS, HOMING_METHODS
@@ -513,4 +513,5 @@ def test_images_hold_exactly_the_objects_of_the_layouts() -> None:
     commands = {a for layout in LAYOUTS.values() for pdo in layout.rpdos for a in pdo.attributes}
     feedback = {a for layout in LAYOUTS.values() for pdo in layout.tpdos for a in pdo.attributes}
     assert commands == set(COMMAND_NAMES)
-    assert feedback == set(FEEDBACK_NAMES)
+    last = with_second_position(LAYOUTS[Operation.VELOCITY_WITH_POSITION]).tpdos[-1]
+    assert feedback | set(last.attributes) == set(FEEDBACK_NAMES)

@@ -9,10 +9,9 @@ from pdgw.dsp402.drive import DriveSettings
 from pdgw.dsp402.images import DriveFeedback
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.objects import DRIVE_OBJECTS
-from pdgw.dsp402.pdo import LAYOUTS
 from pdgw.dsp402.states import State
 from pdgw.gateway.axis.settings import AxisSettings
-from pdgw.gateway.axis.telegrams import Kind, drive_telegram, initial_mode, pdo_operation
+from pdgw.gateway.axis.telegrams import Kind, drive_layout, drive_telegram, initial_mode
 from pdgw.gateway.motion.dsc import DscForm
 from pdgw.peers.drive import ENGEL, LINEAR, Machine, SimulatedDriveNode
 from pdgw.peers.drive.shapes import SYNCHRONOUS
@@ -32,7 +31,7 @@ class Rig:
         dsc = self.stepper.settings.dsc
         self._form = DscForm.SPEED if dsc is None else dsc.form
         kind = SYNCHRONOUS if drive_telegram(number).kind is Kind.DSC else ENGEL
-        self.layout = LAYOUTS[pdo_operation(number, self._form)]
+        self.layout = drive_layout(number, self._form, self.stepper.settings.second_sensor)
         self.node = SimulatedDriveNode(NODE, self._transmitted, machine=machine or LINEAR, shape=kind)
         self.feedback = DriveFeedback()
         self.now = 0

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from pdgw.ds301.pdo import Pdo
 from pdgw.dsp402.generic import recorded_drive_type
 from pdgw.dsp402.images import DriveFeedback
-from pdgw.dsp402.pdo import LAYOUTS, PdoLayout
+from pdgw.dsp402.pdo import PdoLayout
 from pdgw.gateway.axis.machine import AxisMachine
-from pdgw.gateway.axis.telegrams import pdo_operation
+from pdgw.gateway.axis.telegrams import drive_layout
 from pdgw.gateway.axis.values import Configured
 from pdgw.gateway.config_example import simulated
 from pdgw.gateway.transport.cyclic import CyclicEndpoint
@@ -41,7 +41,7 @@ def axis_cycle(number: int) -> Callable[[], object]:
     chosen = telegram(number)
     plc = PlcEndpoint([chosen], _CYCLE_NS)
     endpoint = CyclicEndpoint([chosen], cycle_ns=_CYCLE_NS)
-    layout = LAYOUTS[pdo_operation(number)]
+    layout = drive_layout(number)
     feedback = DriveFeedback()
     machine = AxisMachine(number, simulated(number, 1).axis[0].axis_settings, feedback)
     inputs, command = machine.inputs, machine.outputs.command

@@ -386,7 +386,7 @@ class _SensorBench(DriveBench):
     def __init__(self, case: Case) -> None:
         super().__init__(case)
         self.encoder, self.simulated, zero = _encoder(self, 81)
-        self.axis.connect_sensor(self.encoder)
+        self.axis.connect_sensor(self.encoder, 0)
         self.objects.append(self.encoder)
         self.devices.insert(0, self.simulated)
         self.sight = _Sight(self.axis, zero)

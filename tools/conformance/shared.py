@@ -124,11 +124,29 @@ def _sensor(number: int) -> Iterator[Case]:
 
 
 def _second_sensor(number: int) -> Iterator[Case]:
+    """The drive's second encoder: as G1, but nothing latches its position."""
+    clear: Mapping[str, Any] = {"set": {"G2_STW": 0}}
+    acknowledge: Mapping[str, Any] = {"set": {"G2_STW": 0x8000}}
     nothing = {f"G2_ZSW.{bit.name}": 0 for bit in signal("G2_ZSW").bits if bit.name != "ERROR"}
-    for bit in signal("G2_STW").bits:
-        ask = {"set": {"G2_STW": bit.mask}}
-        seen = {"expect": {"G2_ZSW.ERROR": 1, "G2_XIST2": _ERROR, **nothing}, "within": "10 s"}
-        yield _case(number, f"G2_STW.{bit.name}", "no second sensor", ask, seen)
+    refused = {"expect": {"G2_ZSW.ERROR": 1, "G2_XIST2": _ERROR, **nothing}, "within": "10 s"}
+    latch = {"COMMAND": 1, "MODE": 1}
+    rows: tuple[tuple[str, str, Mapping[str, int], Mapping[str, Any]], ...] = (
+        ("REQUEST_ABSOLUTE", "absolute value", {"REQUEST_ABSOLUTE": 1}, _see(G2_ZSW__ABSOLUTE_VALID=1)),
+        ("PARK", "parked", {"PARK": 1}, _see(G2_ZSW__PARKED=1)),
+        *((f"FUNCTION_{n}", "nothing latches it", {f"FUNCTION_{n}": 1, **latch}, refused) for n in (1, 2, 3, 4)),
+        ("MODE", "no reference mark", {"FUNCTION_1": 1, "COMMAND": 1}, refused),
+        ("COMMAND", "nothing to abort", {"FUNCTION_1": 1, "COMMAND": 3}, refused),
+        ("PRESET", "not of a drive's position", {"PRESET": 1}, refused),
+        ("PRESET_RELATIVE", "alone it does nothing", {"PRESET_RELATIVE": 1}, _see(G2_ZSW=0)),
+    )
+    for bit, did, bits, seen in rows:
+        ask = {"set": {f"G2_STW.{name}": value for name, value in bits.items()}}
+        untouched = {"expect": {"G1_ZSW.ERROR": 0}}
+        steps = (clear, {"hold": "40 ms"}, ask, seen, untouched, acknowledge, {"hold": "40 ms"})
+        yield _case(number, f"G2_STW.{bit}", did, *steps)
+    acknowledged = (_see(G2_ZSW__ERROR_ACKNOWLEDGED=1), clear, _see(G2_ZSW__ERROR=0, G2_XIST2=0))
+    failed = (clear, {"set": {"G2_STW.PRESET": 1}}, refused, acknowledge)
+    yield _case(number, "G2_STW.ERROR_ACKNOWLEDGE", "error and its end", *failed, *acknowledged)
 
 
 def _not_evaluated(number: int) -> Iterator[Case]:

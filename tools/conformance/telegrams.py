@@ -237,7 +237,6 @@ CASES: tuple[Case, ...] = (
         {"speed": "1500 rpm"},
         _see(MELDW__SPEED_BELOW_THRESHOLD_2=0, MELDW__SPEED_WITHIN_TOLERANCE=1),
     ),
-    _case(103, "G2_STW.REQUEST_ABSOLUTE", "no second sensor", _see(G2_ZSW__ERROR=1, G2_XIST2=0x0F01)),
     _case(102, "STW2.SIGN_OF_LIFE", "first counter", {"set": {"STW2.SIGN_OF_LIFE": 5}}, _see(ZSW2__SIGN_OF_LIFE="> 0")),
     _case(105, "KPC.0", "speed alone", {"set": {"NSOLL_B": "750 rpm"}}, _see(NIST_B="750 rpm +- 10 rpm")),
     _case(105, "KPC and XERR", "error that stays: turns on", {"set": {"KPC": 20_000, "XERR": 50}}, _see(NIST_B="> 0")),

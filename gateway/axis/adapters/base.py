@@ -89,7 +89,7 @@ class ControlWordAdapter(Adapter):
         if word is None:
             demand.connected = False
             demand.in_control = True
-            demand.sensor = None
+            demand.sensor = demand.second_sensor = None
             return False
         if not word & _CONTROL_BY_PLC:
             demand.in_control = False

@@ -11,7 +11,6 @@ from pdgw.gateway.axis.adapters.base import ControlWordAdapter, place
 from pdgw.gateway.axis.settings import AxisSettings, SetpointEnable
 from pdgw.gateway.axis.waist import Demand, Report, SpeedWish
 from pdgw.profidrive.datatypes import N2_100_PERCENT, N4_100_PERCENT, DataType
-from pdgw.profidrive.encoder import STATUS_BITS, SensorError, SensorState
 from pdgw.profidrive.signals import signal
 from pdgw.profidrive.telegrams import Telegram, TelegramHalf
 
@@ -22,7 +21,6 @@ _FOLLOW = _RUN | _STW1.bit("UNFREEZE_RAMP_GENERATOR").mask
 _JOG_1, _JOG_2 = _STW1.bit("JOG_1_ON").mask, _STW1.bit("JOG_2_ON").mask
 _JOGS = {_JOG_1: SpeedWish.JOG_1, _JOG_2: SpeedWish.JOG_2}
 """With STW1.4 to .6 = 0; both bits are speed 0."""
-_NO_SENSOR = (STATUS_BITS[SensorState.ERROR], 0, SensorError.COMMAND_NOT_SUPPORTED.value)
 _N2_FACTOR = N4_100_PERCENT // N2_100_PERCENT
 
 
@@ -87,21 +85,22 @@ class LoadAdapter(SpeedAdapter):
 
 
 class WideSpeedAdapter(SpeedAdapter):
-    """The longer telegrams 4, 102 and 103: torque reduction, message word and a second sensor, where they have them.
-
-    There is no second sensor behind an axis yet: it shows the error "not supported".
-    """
+    """The longer telegrams 4, 102 and 103: torque reduction, message word and a second sensor, where they have them."""
 
     def __init__(self, telegram: Telegram, settings: AxisSettings) -> None:
         super().__init__(telegram, settings)
         self._torque = place(telegram.setpoints, "MOMRED")
         self._message = place(telegram.actuals, "MELDW")
+        self._g2_stw = place(telegram.setpoints, "G2_STW")
         self._g2_zsw = place(telegram.actuals, "G2_ZSW")
 
     def read(self, setpoints: Sequence[int] | None, demand: Demand) -> None:
         super().read(setpoints, demand)
-        if self._torque >= 0 and setpoints is not None and demand.in_control:
-            demand.torque_reduction = setpoints[self._torque]
+        if setpoints is not None and demand.in_control:
+            if self._torque >= 0:
+                demand.torque_reduction = setpoints[self._torque]
+            if self._g2_stw >= 0:
+                demand.second_sensor = setpoints[self._g2_stw]
 
     def write(self, report: Report, actuals: list[int]) -> None:
         super().write(report, actuals)
@@ -109,7 +108,7 @@ class WideSpeedAdapter(SpeedAdapter):
             actuals[self._message] = report.message
         first = self._g2_zsw
         if first >= 0:
-            actuals[first], actuals[first + 1], actuals[first + 2] = _NO_SENSOR
+            actuals[first], actuals[first + 1], actuals[first + 2] = report.second_sensor
 
 
 class DscAdapter(WideSpeedAdapter):

@@ -1,4 +1,4 @@
-"""The sensor interface G1 joined to a position: of a channel of an encoder, or a drive's own.
+"""The sensor interface (G1, G2) joined to a position: of a channel of an encoder, or a drive's own.
 
 Source: docs/dsp406-encoder.md; PROFIdrive encoder profile 4.1. Left out: cams, work area and the reading of alarms, which the
 encoder's owner hands in.
@@ -184,8 +184,16 @@ class DriveSensor:
         return self._feedback.position_actual % _POSITIONS
 
 
+class SecondDriveSensor(DriveSensor):
+    """The position of the drive's second encoder: 60E4h."""
+
+    @property
+    def position(self) -> int:
+        return self._feedback.second_position % _POSITIONS
+
+
 class SensorWords:
-    """G1 of a drive's telegram beside its executor; ``preset`` is what the encoder has to take."""
+    """G1 or G2 of a drive's telegram beside its executor; ``preset`` is what the encoder has to take."""
 
     def __init__(self) -> None:
         self.channel = SensorChannel()
