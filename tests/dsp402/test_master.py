@@ -1,62 +1,66 @@
-"""An independent master: canopen's own CiA 402 profile drives the simulator over a virtual bus."""
+"""An independent master: canopen's own CiA 402 profile drives the simulator, in virtual time."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 
-import canopen
 import pytest
 from canopen.profiles.p402 import BaseNode402, OperationMode
 
 from pdgw.dsp402.device import EDS_PATH
 from pdgw.peers.drive import Machine, SimulatedDrive
-from tests.support import buses
+from pdgw.peers.world import World
+from tests.support.canopen_master import master
 
-pytestmark = pytest.mark.e2e  # canopen's master has threads and sleeps of its own
 NODE = 6
 
 
-@pytest.fixture
-def pair() -> Iterator[tuple[BaseNode402, SimulatedDrive]]:
-    name = buses.channel()
-    machine = Machine(-20_000, 20_000, -30_000, 30_000)
-    network = canopen.Network(buses.bus(name))
-    network.connect()
-    with SimulatedDrive(buses.bus(name), NODE, machine=machine) as drive:
-        node = BaseNode402(NODE, str(EDS_PATH))
-        network.add_node(node)
-        buses.wait_for(lambda: drive.node.state.value, "boot-up")
+class Pair:
+    """canopen's node and the simulated drive."""
+
+    def __init__(self, world: World, node: BaseNode402) -> None:
+        self.node = node
+        self.drive: SimulatedDrive = world.drive("a", NODE, machine=Machine(-20_000, 20_000, -30_000, 30_000))
+        self.until = world.loop.until
+        self.until(lambda: self.drive.node.state.value, "boot-up")
         node.nmt.state = "PRE-OPERATIONAL"
         # p402 waits for a TPDO before it believes a Statusword: send it every 5 ms, changed or not.
         node.sdo[0x1800][5].raw = 5
         node.setup_402_state_machine()
         node.nmt.state = "OPERATIONAL"
-        yield node, drive
-        network.disconnect()
 
 
-def test_enable_by_the_independent_master(pair: tuple[BaseNode402, SimulatedDrive]) -> None:
-    node, _ = pair
+@pytest.fixture
+def pair() -> Iterator[Pair]:
+    world = World()
+    with master(world, "a") as network:
+        node = BaseNode402(NODE, str(EDS_PATH))
+        network.add_node(node)
+        yield Pair(world, node)
+
+
+def test_enable_by_the_independent_master(pair: Pair) -> None:
+    node = pair.node
     node.state = "OPERATION ENABLED"
     assert node.state == "OPERATION ENABLED"
     node.state = "SWITCH ON DISABLED"
     assert node.state == "SWITCH ON DISABLED"
 
 
-def test_fault_reset_by_the_independent_master(pair: tuple[BaseNode402, SimulatedDrive]) -> None:
-    node, drive = pair
+def test_fault_reset_by_the_independent_master(pair: Pair) -> None:
+    node, drive = pair.node, pair.drive
     node.state = "OPERATION ENABLED"
     drive.inject(7)
-    buses.wait_for(lambda: node.state == "FAULT", "fault")
+    pair.until(lambda: node.state == "FAULT", "fault")
     assert node.sdo[0x200C].raw == 7
     assert [error.code for error in node.emcy.log] == [0x2310]
     drive.clear()
     node.reset_from_fault()
-    buses.wait_for(lambda: node.state != "FAULT", "fault reset")
+    pair.until(lambda: node.state != "FAULT", "fault reset")
 
 
-def test_homing_by_the_independent_master(pair: tuple[BaseNode402, SimulatedDrive]) -> None:
-    node, drive = pair
+def test_homing_by_the_independent_master(pair: Pair) -> None:
+    node, drive = pair.node, pair.drive
     node.sdo[0x6098].raw = 17
     node.sdo[0x6099][1].raw = 6000
     node.sdo[0x6099][2].raw = 3000
@@ -65,17 +69,17 @@ def test_homing_by_the_independent_master(pair: tuple[BaseNode402, SimulatedDriv
     assert drive.model.machine_position == pytest.approx(-20_000, abs=110)  # one step at 1500 rpm
 
 
-def test_position_move_by_the_independent_master(pair: tuple[BaseNode402, SimulatedDrive]) -> None:
-    node, drive = pair
+def test_position_move_by_the_independent_master(pair: Pair) -> None:
+    node, drive = pair.node, pair.drive
     node.op_mode = "PROFILED POSITION"
     assert node.op_mode == "PROFILED POSITION"
     node.state = "OPERATION ENABLED"
     node.sdo[0x607A].raw = 9000
     node.sdo[0x6081].raw = 6000
     node.controlword = 0x1F
-    buses.wait_for(lambda: node.sdo[0x6041].raw & 0x1000, "set-point acknowledge")
+    pair.until(lambda: node.sdo[0x6041].raw & 0x1000, "set-point acknowledge")
     node.controlword = 0x0F
-    buses.wait_for(lambda: node.sdo[0x6041].raw & 0x1400 == 0x0400, "target reached")
+    pair.until(lambda: node.sdo[0x6041].raw & 0x1400 == 0x0400, "target reached")
     assert node.sdo[0x6064].raw == 9000
     assert OperationMode.CODE2NAME[node.sdo[0x6061].raw] == "PROFILED POSITION"
     assert drive.model.position_actual == 9000

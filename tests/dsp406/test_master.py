@@ -1,9 +1,8 @@
-"""An independent master: canopen configures and reads the simulated encoders over a virtual bus."""
+"""An independent master: canopen configures and reads the simulated encoders, in virtual time."""
 
 from __future__ import annotations
 
-import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import canopen
 import pytest
@@ -12,50 +11,42 @@ from canopen.sdo import SdoAbortedError
 
 from pdgw.dsp406.device import eds_path
 from pdgw.dsp406.kinds import DEVICES, ROTARY, EncoderDevice
-from pdgw.peers.encoder import SimulatedEncoder
 from pdgw.peers.encoder.motion import still
-from tests.support import buses
+from pdgw.peers.world import World
+from tests.support.canopen_master import Master, master
 
-pytestmark = pytest.mark.e2e  # canopen's master has threads and sleeps of its own
 NODE = 11
 
 
-class Master:
+class Site:
     """canopen's network and node, and the simulated encoder."""
 
-    def __init__(self, device: EncoderDevice) -> None:
-        name = buses.channel()
-        self.network = canopen.Network(buses.bus(name))
-        self.network.NOTIFIER_CYCLE = 0.05
-        self.network.connect()
-        self.encoder = SimulatedEncoder(buses.bus(name), NODE, device=device, motions=[still(1.0)])
+    def __init__(self, world: World, network: Master, device: EncoderDevice) -> None:
+        self.network = network
+        self.until = world.loop.until
+        self.encoder = world.encoder("a", NODE, powered=False, device=device, motions=[still(1.0)])
         self.node = self.network.add_node(NODE, str(eds_path(device)))
         self.encoder.start()
-        buses.wait_for(lambda: self.node.nmt.state == "PRE-OPERATIONAL", "boot-up")
-
-    def close(self) -> None:
-        self.network.disconnect()
-        self.encoder.stop()
+        self.until(lambda: self.node.nmt.state == "PRE-OPERATIONAL", "boot-up")
 
 
 @pytest.fixture
-def make() -> Iterator[list[Master]]:
-    masters: list[Master] = []
-    yield masters
-    for master in masters:
-        master.close()
+def make() -> Iterator[Callable[[EncoderDevice], Site]]:
+    world = World()
+    with master(world, "a") as network:
+        yield lambda device: Site(world, network, device)
 
 
 @pytest.fixture
-def rotary(make: list[Master]) -> Master:
-    make.append(Master(ROTARY))
-    return make[0]
+def rotary(make: Callable[[EncoderDevice], Site]) -> Site:
+    return make(ROTARY)
 
 
 @pytest.mark.parametrize("device", DEVICES.values(), ids=lambda device: device.name)
-def test_every_object_of_the_eds_is_there_with_its_default(make: list[Master], device: EncoderDevice) -> None:
-    make.append(Master(device))
-    node = make[0].node
+def test_every_object_of_the_eds_is_there_with_its_default(
+    make: Callable[[EncoderDevice], Site], device: EncoderDevice
+) -> None:
+    node = make(device).node
     changing = {0x1003, 0x6004, 0x6020, 0x6500, 0x6508}
     for index in node.object_dictionary:
         variables = node.object_dictionary[index]
@@ -69,7 +60,7 @@ def test_every_object_of_the_eds_is_there_with_its_default(make: list[Master], d
             assert int.from_bytes(found, "little", signed=signed) == variable.default, hex(index)
 
 
-def test_scaling_and_preset_by_sdo(rotary: Master) -> None:
+def test_scaling_and_preset_by_sdo(rotary: Site) -> None:
     sdo = rotary.node.sdo
     assert sdo[0x1000].raw == 0x0002_0196
     assert sdo["Position value"].raw == 4096
@@ -84,32 +75,33 @@ def test_scaling_and_preset_by_sdo(rotary: Master) -> None:
     assert sdo["Cam 8 hysteresis"][1].raw == 0
 
 
-def test_pdos_by_cyclic_timer_sync_and_remote_request(rotary: Master) -> None:
+def test_pdos_by_cyclic_timer_sync_and_remote_request(rotary: Site) -> None:
     node, network = rotary.node, rotary.network
     node.tpdo.read()
     assert [node.tpdo[n].trans_type for n in (1, 3)] == [254, 1]
     assert [node.tpdo[n].map[0].name for n in (1, 3)] == ["Position value"] * 2
     node.nmt.state = "OPERATIONAL"
-    buses.wait_for(lambda: rotary.encoder.node.state.value == 5, "operational")
-    received: dict[int, threading.Event] = {n: threading.Event() for n in (1, 3)}
+    rotary.until(lambda: rotary.encoder.node.state.value == 5, "operational")
+    received: list[int] = []
 
     def on(pdo: PdoMap) -> None:
-        received[1 if pdo.cob_id == 0x180 + NODE else 3].set()
+        received.append(1 if pdo.cob_id == 0x180 + NODE else 3)
 
-    for number in received:
+    for number in (1, 3):
         node.tpdo[number].add_callback(on)
-    assert not received[1].is_set()
+    assert not received
     node.sdo["Cyclic timer"].raw = 5
-    assert received[1].wait(5)
+    rotary.until(lambda: received == [1, 1, 1], "the cyclic timer")
+    node.sdo["Cyclic timer"].raw = 0
+    received.clear()
     network.sync.transmit()
-    assert received[3].wait(5)
-    received[3].clear()
+    rotary.until(lambda: received == [3], "on SYNC")
     node.tpdo[3].remote_request()
-    assert received[3].wait(5)
+    rotary.until(lambda: received == [3, 3], "on request")
     assert node.tpdo[3]["Position value"].raw == 4096
 
 
-def test_the_master_maps_more_into_a_pdo(rotary: Master) -> None:
+def test_the_master_maps_more_into_a_pdo(rotary: Site) -> None:
     node = rotary.node
     node.tpdo.read()
     pdo = node.tpdo[3]
@@ -122,26 +114,26 @@ def test_the_master_maps_more_into_a_pdo(rotary: Master) -> None:
     assert rotary.encoder.node.read(0x1802, 1) == 0x4000_0380 + NODE
 
 
-def test_emergency_nmt_and_heartbeat(rotary: Master) -> None:
+def test_emergency_nmt_and_heartbeat(rotary: Site) -> None:
     node = rotary.node
     node.sdo["Producer heartbeat time"].raw = 10
     node.nmt.state = "OPERATIONAL"
     node.nmt.wait_for_heartbeat(5)
-    buses.wait_for(lambda: node.nmt.state == "OPERATIONAL", "heartbeat")
+    rotary.until(lambda: node.nmt.state == "OPERATIONAL", "heartbeat")
     rotary.encoder.inject("memory")
-    buses.wait_for(lambda: node.emcy.log, "EMCY")
+    rotary.until(lambda: node.emcy.log, "EMCY")
     assert [(error.code, error.register) for error in node.emcy.log] == [(0x5100, 0x01)]
     assert node.sdo["Alarms"].raw == 1
     assert node.sdo["Pre-defined error field"][1].raw == 0x5100
     rotary.encoder.clear()
-    buses.wait_for(lambda: node.emcy.log[-1].code == 0, "error reset")
+    rotary.until(lambda: node.emcy.log[-1].code == 0, "error reset")
     node.nmt.state = "STOPPED"
-    buses.wait_for(lambda: rotary.encoder.node.state.value == 4, "stopped")
+    rotary.until(lambda: rotary.encoder.node.state.value == 4, "stopped")
     node.nmt.state = "RESET"
-    buses.wait_for(lambda: rotary.encoder.node.state.value == 127, "boot-up")
+    rotary.until(lambda: rotary.encoder.node.state.value == 127, "boot-up")
 
 
-def test_parameters_are_stored_and_restored(rotary: Master) -> None:
+def test_parameters_are_stored_and_restored(rotary: Site) -> None:
     node = rotary.node
 
     def reset() -> None:
