@@ -93,15 +93,6 @@ def test_the_front_door_gives_the_things_themselves() -> None:
         pdgw.Telegram  # type: ignore[attr-defined]  # noqa: B018
 
 
-@pytest.mark.e2e
-def test_opening_the_front_door_loads_nothing() -> None:
-    code = "import sys, pdgw; pdgw.signal('STW1'); print(*(name for name in sys.modules))"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    loaded = set(done.stdout.split())
-    assert "pdgw.profidrive.signals" in loaded
-    assert not loaded & {"can", "canopen", "scapy", "pydantic", "typer", "pdgw.gateway.config", "importlib.metadata"}
-
-
 # -- examples ---------------------------------------------------------------------------------------------------------
 
 

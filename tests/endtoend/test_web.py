@@ -20,9 +20,8 @@ import pytest
 from pdgw.gateway.status_client import fetch
 from pdgw.peers.plc.endpoint import PlcEndpoint
 from pdgw.profidrive.telegrams import telegram
-from tests.endtoend.processes import free_tcp_port, free_udp_port, pdgw, running
+from tests.endtoend.processes import free_tcp_port, free_udp_port, running
 
-pytestmark = pytest.mark.e2e
 OFF, ON = 0x047E, 0x047F
 CYCLE_NS = 4_000_000
 PATIENCE_S = 60.0
@@ -77,6 +76,7 @@ def exchanging(port: int) -> Iterator[Plc]:
         plc.join()
 
 
+@pytest.mark.e2e
 def test_a_page_that_is_frozen_flooded_and_killed_changes_nothing_for_the_plc(tmp_path: Path) -> None:
     cyclic, status, web = free_udp_port(), free_tcp_port(), free_tcp_port()
     config = tmp_path / "gateway.toml"
@@ -123,30 +123,3 @@ def test_a_page_that_is_frozen_flooded_and_killed_changes_nothing_for_the_plc(tm
         assert plc.value("NIST_A") == 0x2000
         assert counted("watchdog_expiries") == lost
         assert fetch(status)["axes"][0]["state_id"] == "OBEYS"
-
-
-@pytest.mark.parametrize(
-    ("lines", "part"),
-    [
-        ("[transport]\nstatus_port = 0\n", "needs the status port"),
-        ('[web]\ntoken_file = "none"\n', "token_file"),
-        ('[web]\ntls_cert = "none"\ntls_key = "none"\n', "tls_cert"),
-    ],
-)
-def test_what_the_page_cannot_start_with_is_one_line(tmp_path: Path, lines: str, part: str) -> None:
-    config = tmp_path / "gateway.toml"
-    config.write_text(f'{lines}[can]\ninterface = "virtual"\n[[axis]]\ndo_id = 1\nnode_id = 1\ntelegram = 1\n')
-    done = pdgw("web", str(config), "--listen", "127.0.0.1:0")
-    assert done.returncode == 1
-    assert part in done.stderr
-    assert "Traceback" not in done.stderr
-
-
-def test_a_port_in_use_and_an_address_without_a_token_are_told(tmp_path: Path) -> None:
-    config = tmp_path / "gateway.toml"
-    config.write_text('[can]\ninterface = "virtual"\n[[axis]]\ndo_id = 1\nnode_id = 1\ntelegram = 1\n')
-    with socket.create_server(("127.0.0.1", 0)) as taken:
-        done = pdgw("web", str(config), "--listen", f"127.0.0.1:{taken.getsockname()[1]}")
-    assert (done.returncode, "cannot be used" in done.stderr) == (1, True)
-    done = pdgw("web", str(config), "--listen", "10.1.2.3:8420")
-    assert (done.returncode, "token_file is missing" in done.stderr) == (1, True)

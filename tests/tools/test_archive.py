@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+import runpy
 import subprocess
 import sys
 from collections import Counter
@@ -42,7 +43,7 @@ def rows(root: Path) -> list[dict[str, Any]]:
     return found
 
 
-@pytest.mark.parametrize("jobs", [1, 3])
+@pytest.mark.parametrize("jobs", [1, pytest.param(3, marks=pytest.mark.e2e)])
 def test_every_file_is_a_part_however_many_processes_there_are(
     plant: Path, tmp_path: Path, jobs: int, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -110,13 +111,15 @@ def test_what_cannot_be_done_is_told_before_anything_is_read(plant: Path, tmp_pa
     assert not out.exists()
 
 
-@pytest.mark.e2e
-def test_duckdb_asks_the_data_set(plant: Path, tmp_path: Path) -> None:
+def test_duckdb_asks_the_data_set(
+    plant: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     pytest.importorskip("duckdb", reason="the extra archive is not installed")
     decode([str(plant)], parquet=tmp_path / "set", signal=SIGNALS, telegram=[1], jobs=1)
-    command = [sys.executable, str(EXAMPLES / "archive_duckdb.py"), str(tmp_path / "set")]
-    done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=120)
-    lines = [line.split("\t") for line in done.stdout.splitlines()]
+    capsys.readouterr()
+    monkeypatch.setattr(sys, "argv", ["archive_duckdb.py", str(tmp_path / "set")])
+    runpy.run_path(str(EXAMPLES / "archive_duckdb.py"), run_name="__main__")
+    lines = [line.split("\t") for line in capsys.readouterr().out.splitlines()]
     assert [line[0].rsplit("plant/", 1)[1] for line in lines] == [
         "monday/a.pcapng",
         "monday/b.pcapng",

@@ -17,21 +17,6 @@ from pdgw.tools.command_table import COMMANDS, SIM_COMMANDS, Entry
 
 ENTRIES = [*COMMANDS.items(), *SIM_COMMANDS.items()]
 _HELPERS = {"__init__", "recording_options", "simulation_options"}
-_LOADED = """
-import contextlib, io, sys
-from pdgw.tools.cli import main
-for command in sys.argv[1:]:
-    sys.argv = ["pdgw", *command.split()]
-    with contextlib.redirect_stdout(io.StringIO()), contextlib.suppress(SystemExit):
-        main()
-print(*sys.modules)
-"""
-
-
-def loaded_by(*commands: str) -> set[str]:
-    """Names of the modules that are imported after these commands, one after the other in a fresh process."""
-    done = subprocess.run([sys.executable, "-c", _LOADED, *commands], capture_output=True, text=True, check=True)
-    return set(done.stdout.split())
 
 
 @pytest.mark.parametrize(("name", "entry"), ENTRIES, ids=[name for name, _ in ENTRIES])
@@ -44,31 +29,6 @@ def test_the_table_says_of_a_command_what_the_command_says_of_itself(name: str, 
 def test_every_module_of_a_command_is_in_the_table() -> None:
     modules = {path.stem for path in Path(commands.__path__[0]).glob("*.py")} - _HELPERS
     assert modules == {entry.target.partition(":")[0] for _, entry in ENTRIES}
-
-
-@pytest.mark.e2e
-def test_looking_loads_nothing_of_what_works() -> None:
-    loaded = loaded_by("--help", "-h", "sim -h", "--version", "status --port 1")
-    assert not loaded & {"scapy", "matplotlib", "can", "canopen", "yaml", "pyarrow"}
-    assert not {name for name in loaded if name.startswith("pdgw.peers")} | (loaded & {"pdgw.gateway.config"})
-
-
-@pytest.mark.e2e
-def test_decoding_and_parameters_load_no_bus_and_no_simulator_of_devices() -> None:
-    loaded = loaded_by("decode --hex 047F2000 --telegram 1", "param -h")
-    assert not loaded & {"scapy", "matplotlib", "can", "canopen", "pdgw.gateway.daemon", "pdgw.peers.drive"}
-
-
-@pytest.mark.e2e
-def test_the_daemon_loads_no_decoder_and_only_the_transport_it_has() -> None:
-    loaded = loaded_by("run -h")
-    assert not loaded & {
-        "scapy",
-        "matplotlib",
-        "pdgw.decoder.engine",
-        "pdgw.gateway.profinet_link",
-        "pdgw.profinet.device",
-    }
 
 
 def test_version_is_that_of_the_installed_package() -> None:
