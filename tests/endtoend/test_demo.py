@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import json
 import os
-import pty
+import shutil
 import signal
-import subprocess
-import threading
 from pathlib import Path
 
 import can
@@ -15,27 +13,20 @@ import pytest
 from scapy.utils import rdpcap
 
 from pdgw.profidrive.scapy_layers import ProfidriveCyclic, bind
-from tests.endtoend.processes import COMMAND, free_udp_port, pdgw, running
+from tests.endtoend.processes import pdgw, running
 from tests.support import tshark
-from tests.support.buses import wait_for
+from tests.support.buses import PATIENCE_S, wait_for
 
 pytestmark = pytest.mark.e2e
 
 
-@pytest.fixture(scope="module")
-def evidence(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    out = tmp_path_factory.mktemp("demo")
-    result = pdgw("demo", "--out", str(out))
-    assert result.returncode == 0, result.stdout + result.stderr
-    return out
-
-
-def test_every_expectation_of_the_story_passed(evidence: Path) -> None:
-    report = json.loads((evidence / "report.json").read_text())
+def story(out: Path) -> None:
+    """Every expectation passed; the encoder and the parameters are part of it."""
+    report = json.loads((out / "report.json").read_text())
     assert report["passed"]
     assert len(report["results"]) >= 50
     assert all(item["passed"] for item in report["results"])
-    story = " ".join(note for _, note in report["notes"])
+    told = " ".join(note for _, note in report["notes"])
     for chapter in (
         "OFF1",
         "quick stop",
@@ -46,12 +37,8 @@ def test_every_expectation_of_the_story_passed(evidence: Path) -> None:
         "rejected",
         "on the fly",
     ):
-        assert chapter in story
+        assert chapter in told
     assert report["exit_codes"] == {"plc": 0, "gateway": 0, "devices": 0}
-
-
-def test_the_encoder_and_the_parameters_are_part_of_the_story(evidence: Path) -> None:
-    report = json.loads((evidence / "report.json").read_text())
     results = [(item["axis"], item["name"], item["measured"]) for item in report["results"]]
 
     def measured(axis: int, text: str) -> list[str]:
@@ -71,10 +58,10 @@ def test_the_encoder_and_the_parameters_are_part_of_the_story(evidence: Path) ->
     assert measured(1, "60FFh := 0 refused") == ["0Bh: no operation priority"]
 
 
-def test_the_pcap_shows_the_enable_and_the_speed(evidence: Path) -> None:
+def frames_of_the_plc(out: Path) -> None:
+    """scapy finds the enable and the speed."""
     bind([1, 9, 100, 83])
-    packets = [p for p in rdpcap(str(evidence / "plc.pcap")) if ProfidriveCyclic in p]
-    assert len(packets) > 1000
+    packets = [p for p in rdpcap(str(out / "plc.pcap")) if ProfidriveCyclic in p]
     setpoints = [p[ProfidriveCyclic].data[0] for p in packets if p.frameID == 0xC001]
     actuals = [p[ProfidriveCyclic].data[0] for p in packets if p.frameID == 0xC000]
     assert any(part.STW1.ON and part.NSOLL_A == 0x2000 for part in setpoints)
@@ -83,11 +70,27 @@ def test_the_pcap_shows_the_enable_and_the_speed(evidence: Path) -> None:
     assert all(p[ProfidriveCyclic].dataStatus.run for p in packets)
 
 
-@pytest.mark.tshark
-@tshark.needs_tshark
-def test_tshark_dissects_the_pcap_as_profinet(evidence: Path) -> None:
+def frames_on_can(out: Path) -> None:
+    """Configuration and process data of every node, and the fault."""
+    messages = list(can.LogReader(out / "can.log"))
+    identifiers = {message.arbitration_id for message in messages}
+    for node in (1, 2, 3):
+        assert {0x600 + node, 0x580 + node, 0x200 + node, 0x180 + node, 0x700 + node} <= identifiers
+    assert {0x604, 0x584, 0x184, 0x704, 0x84} <= identifiers
+    assert any(message.arbitration_id == 0x81 and bytes(message.data[:2]) == b"\x10\x23" for message in messages)
+
+
+def pictures(out: Path) -> None:
+    assert (out / "trace.png").read_bytes().startswith(b"\x89PNG")
+    page = (out / "trace.html").read_text()
+    assert "EMCY: node 1: 2310h" in page
+    assert "MDI_TARPOS" in page
+
+
+def dissected(out: Path) -> None:
+    """tshark finds PROFINET, the parameters, and nothing malformed."""
     pnu = "pn_io.profidrive.parameter.number"
-    rows = tshark.fields(evidence / "plc.pcap", ["pn_rt.frame_id", "pn_rt.ds", "udp.dstport", pnu, "_ws.malformed"])
+    rows = tshark.fields(out / "plc.pcap", ["pn_rt.frame_id", "pn_rt.ds", "udp.dstport", pnu, "_ws.malformed"])
     cyclic = [row for row in rows if row["pn_rt.frame_id"]]
     acyclic = [row for row in rows if not row["pn_rt.frame_id"]]
     assert {int(row["pn_rt.frame_id"], 0) for row in cyclic} == {0xC000, 0xC001}
@@ -98,20 +101,16 @@ def test_tshark_dissects_the_pcap_as_profinet(evidence: Path) -> None:
     assert not [row for row in rows if row["_ws.malformed"]]
 
 
-def test_the_can_log_holds_configuration_and_process_data(evidence: Path) -> None:
-    messages = list(can.LogReader(evidence / "can.log"))
-    identifiers = {message.arbitration_id for message in messages}
-    for node in (1, 2, 3):
-        assert {0x600 + node, 0x580 + node, 0x200 + node, 0x180 + node, 0x700 + node} <= identifiers
-    assert {0x604, 0x584, 0x184, 0x704, 0x84} <= identifiers
-    assert any(message.arbitration_id == 0x81 and bytes(message.data[:2]) == b"\x10\x23" for message in messages)
-
-
-def test_the_picture_is_there(evidence: Path) -> None:
-    assert (evidence / "trace.png").read_bytes().startswith(b"\x89PNG")
-    page = (evidence / "trace.html").read_text()
-    assert "EMCY: node 1: 2310h" in page
-    assert "MDI_TARPOS" in page
+def test_the_story_passes_and_independent_readers_find_it_in_the_evidence(tmp_path: Path) -> None:
+    result = pdgw("demo", "--out", str(tmp_path))
+    assert result.returncode == 0, result.stdout + result.stderr
+    story(tmp_path)
+    frames_of_the_plc(tmp_path)
+    frames_on_can(tmp_path)
+    pictures(tmp_path)
+    if shutil.which("tshark") is None:
+        pytest.skip("tshark is not installed; what the others read is there")
+    dissected(tmp_path)
 
 
 def children(pid: int) -> dict[str, int]:
@@ -128,73 +127,24 @@ def children(pid: int) -> dict[str, int]:
 def test_a_demo_that_is_stopped_leaves_nothing_running_and_no_old_report(tmp_path: Path, number: int) -> None:
     (tmp_path / "report.json").write_text('{"passed": true}')
     with running("demo", "--out", str(tmp_path), log=tmp_path / "demo.log") as demo:
-        wait_for(lambda: "telegram 1: ramp" in (tmp_path / "demo.log").read_text(), "the story", 40)
+        wait_for(lambda: "telegram 1: ramp" in (tmp_path / "demo.log").read_text(), "the story")
         started = children(demo.pid)
         assert len(started) == 3
         demo.send_signal(number)
-        assert demo.wait(30) == 130
+        assert demo.wait(PATIENCE_S) == 130
     assert not [pid for pid in started.values() if Path(f"/proc/{pid}").exists()]
     assert not (tmp_path / "report.json").exists()
-    assert len(rdpcap(str(tmp_path / "plc.pcap"))) > 100
+    assert len(rdpcap(str(tmp_path / "plc.pcap"))) > 0, "what was captured until then is complete"
 
 
 def test_a_process_that_dies_ends_the_demo_with_its_name_and_log(tmp_path: Path) -> None:
     log = tmp_path / "demo.log"
     with running("demo", "--out", str(tmp_path), log=log) as demo:
-        wait_for(lambda: "telegram 1: ramp" in log.read_text(), "the story", 40)
+        wait_for(lambda: "telegram 1: ramp" in log.read_text(), "the story")
         started = children(demo.pid)
         gateway = next(pid for command, pid in started.items() if command.startswith("run "))
         os.kill(gateway, signal.SIGKILL)
-        assert demo.wait(60) == 1
+        assert demo.wait(PATIENCE_S) == 1
     assert "the gateway process ended with status -9: " in log.read_text()
     assert "Traceback" not in log.read_text()
     assert not [pid for pid in started.values() if Path(f"/proc/{pid}").exists()]
-
-
-def test_interactive_mode_in_a_terminal_shows_the_words_and_restores_the_terminal(tmp_path: Path) -> None:
-    port = free_udp_port()
-    master, slave = pty.openpty()
-    shown = bytearray()
-
-    def read() -> None:
-        try:
-            while data := os.read(master, 4096):
-                shown.extend(data)
-        except OSError:  # how a terminal says that nobody holds its other end
-            return
-
-    with running(
-        "run", "--simulate", "--cyclic-port", str(port), "--acyclic-port", "0", "--status-port", "0",
-        log=tmp_path / "gateway.log",
-    ):  # fmt: skip
-        before = subprocess.run(["stty", "-g"], stdin=slave, capture_output=True, text=True, check=True).stdout
-        environment = {**os.environ, "TERM": "xterm", "COLUMNS": "160", "LINES": "50"}
-        with subprocess.Popen(
-            [*COMMAND, "sim", "plc", "--interactive", "--gateway", f"127.0.0.1:{port}"],
-            stdin=slave,
-            stdout=slave,
-            stderr=slave,
-            env=environment,
-        ) as plc:
-            reader = threading.Thread(target=read, daemon=True)
-            reader.start()
-            try:
-                wait_for(lambda: b"SWITCHING_ON_INHIBITED" in shown, "the drive's first state", 30)
-                for key, text in (
-                    (b"e", b"OPERATION_ENABLED"),
-                    (b"+", b"1638  (10.00 %)"),
-                    (b"q", b"SWITCHING_ON_INHIBITED"),
-                ):
-                    shown.clear()
-                    os.write(master, key)
-                    wait_for(lambda text=text: text in shown, key.decode(), 30)  # type: ignore[misc]
-                os.write(master, b"x")
-                assert plc.wait(20) == 0
-            finally:
-                plc.kill()
-        after = subprocess.run(["stty", "-g"], stdin=slave, capture_output=True, text=True, check=True).stdout
-    os.close(slave)
-    reader.join(10)
-    os.close(master)
-    assert after == before
-    assert b"Traceback" not in shown

@@ -1,17 +1,20 @@
-"""What happens to the drive when a process dies: three processes on a bus that crosses them."""
+"""What happens to the drive when a process dies: processes on a bus that crosses them."""
 
 from __future__ import annotations
 
 import re
-import signal
+import subprocess
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
 
+from pdgw.gateway.trace.place import rings, run_directory
 from pdgw.tools.demo.run import can_server
-from tests.endtoend.processes import free_tcp_port, free_udp_port, pdgw, running
+from tests.endtoend.processes import free_tcp_port, free_udp_port, running
 from tests.endtoend.test_run import LittlePlc
-from tests.support.buses import wait_for
+from tests.support.buses import PATIENCE_S, wait_for
+from tests.support.cli import pdgw
 
 pytestmark = [
     pytest.mark.e2e,
@@ -23,7 +26,8 @@ pytestmark = [
 def config(channel: str, port: int) -> str:
     return (
         f'[can]\ninterface = "remote"\nchannel = "{channel}"\n'
-        f"[transport]\ncyclic_port = {port}\nacyclic_port = 0\nstatus_port = 0\nwatchdog_factor = 50\n"
+        f"[transport]\ncyclic_port = {port}\nacyclic_port = 0\nstatus_port = 0\ncycle_time_ms = 20\nwatchdog_factor = 250\n"
+        '[trace]\nkeep = ["stop"]\nkeep_directory = "kept"\n'
         "[[axis]]\ndo_id = 1\nnode_id = 1\ntelegram = 1\n"
     )
 
@@ -37,45 +41,57 @@ def velocity(port: int) -> int:
     return int(match[1]) if match else -1
 
 
-def test_a_killed_gateway_leaves_the_drive_stopped_and_a_new_one_does_not_start_it(tmp_path: Path) -> None:
-    port, control = free_udp_port(), free_tcp_port()
-    path = tmp_path / "g.toml"
-    with can_server() as channel:
+def test_whoever_is_killed_the_drive_is_stopped_told_and_not_started_again_by_a_standing_on(tmp_path: Path) -> None:
+    port = free_udp_port()
+    path = tmp_path / "plant.toml"
+    with can_server() as channel, ExitStack() as at_end:
         path.write_text(config(channel, port))
-        simulator = ["sim", "drive", "--interface", "remote", "--channel", channel, "--control-port", str(control)]
-        with running(*simulator, log=tmp_path / "drive.log"):
-            with running("run", str(path), log=tmp_path / "first.log") as gateway:
-                plc = LittlePlc(port, [1])
-                plc.enable(0)
-                plc.endpoint.set(0, {"NSOLL_A": 0x2000})
-                plc.until(lambda: plc.signal(0, "NIST_A") > 0x1F00, "1500 rpm")
-                gateway.send_signal(signal.SIGKILL)
-                gateway.wait(5)
-            wait_for(lambda: velocity(control) == 0, "standstill", 20)
-            assert "Switch On Disabled" in drive_status(control)
-            with running("run", str(path), log=tmp_path / "second.log"):
-                plc.until(lambda: plc.signal(0, "ZSW1") & 0x4F == 0x40, "the new gateway has the drive")
-                for _ in range(50):
-                    plc.exchange()
-                assert plc.signal(0, "ZSW1") & 0x4F == 0x40, "the ON that still stands does not start it"
-                plc.enable(0)
+
+        def drive(log: str) -> tuple[subprocess.Popen[str], int]:
+            control = free_tcp_port()
+            command = ["sim", "drive", "--interface", "remote", "--channel", channel, "--control-port", str(control)]
+            return at_end.enter_context(running(*command, log=tmp_path / log)), control
+
+        def gateway(log: str) -> subprocess.Popen[str]:
+            return at_end.enter_context(running("run", str(path), log=tmp_path / log))
+
+        def inhibited(what: str) -> None:
+            plc.until(lambda: plc.signal(0, "ZSW1") & 0x4F == 0x40, what)
+            for _ in range(50):
+                plc.exchange()
+            assert plc.signal(0, "ZSW1") & 0x4F == 0x40, "the ON that still stands does not start it"
+
+        first, _ = drive("drive.log")
+        killed = gateway("first.log")
+        plc = LittlePlc(port, [1])
+        plc.enable(0)
+        first.kill()
+        plc.until(lambda: plc.endpoint.actuals[0] is None, "IOPS BAD")
+        _, control = drive("again.log")
+        inhibited("the drive is back")
+        assert "fault 101" in (tmp_path / "first.log").read_text()
+
+        plc.enable(0)
+        plc.endpoint.set(0, {"NSOLL_A": 0x2000})
+        plc.until(lambda: plc.signal(0, "NIST_A") > 0x1F00, "1500 rpm")
+        assert [ring.name for ring in rings() if ring.name.startswith("plant")] == ["plant.ring"]
+        killed.kill()
+        killed.wait(PATIENCE_S)
+        wait_for(lambda: velocity(control) == 0, "standstill")
+        assert "Switch On Disabled" in drive_status(control)
+        what_the_killed_gateway_left(tmp_path)
+
+        gateway("second.log")
+        inhibited("the new gateway has the drive")
+        plc.enable(0)
 
 
-def test_a_killed_drive_is_a_fault_with_bad_iops_and_comes_back_inhibited(tmp_path: Path) -> None:
-    port, control = free_udp_port(), free_tcp_port()
-    path = tmp_path / "g.toml"
-    with can_server() as channel:
-        path.write_text(config(channel, port))
-        simulator = ["sim", "drive", "--interface", "remote", "--channel", channel, "--control-port", str(control)]
-        with running("run", str(path), log=tmp_path / "gateway.log"):
-            plc = LittlePlc(port, [1])
-            with running(*simulator, log=tmp_path / "drive.log") as drive:
-                plc.enable(0)
-                drive.send_signal(signal.SIGKILL)
-                drive.wait(5)
-            plc.until(lambda: plc.endpoint.actuals[0] is None, "IOPS BAD")
-            simulator[-1] = str(free_tcp_port())
-            with running(*simulator, log=tmp_path / "again.log"):
-                plc.until(lambda: plc.signal(0, "ZSW1") & 0x4F == 0x40, "inhibited with the ON still standing")
-                plc.enable(0)
-    assert "fault 101" in (tmp_path / "gateway.log").read_text()
+def what_the_killed_gateway_left(folder: Path) -> None:
+    """Its flight recorder, and what was kept of it."""
+    assert "plant.ring: killed" in pdgw("trace", "list").stdout
+    saved = pdgw("trace", "save", str(folder / "x.pcapng"), "--ring", "plant")
+    assert "packets of plant.ring (killed)" in saved.stdout, saved.stderr
+    wait_for(lambda: list((folder / "kept").glob("plant-*-killed.pcapng")), "kept")
+    directory = run_directory()
+    assert directory is not None
+    assert (directory / "plant.ring").stat().st_mode & 0o777 == 0o640

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import signal
 from pathlib import Path
 
 import can
@@ -15,13 +14,9 @@ from pdgw.decoder.records import CyclicRecord, Link
 from pdgw.gateway.config_example import example, simulated
 from pdgw.gateway.config_file import config_text, parse_config
 from pdgw.gateway.errors import GatewayError
-from pdgw.tools.commands.replay import replay
-from pdgw.tools.commands.timeline import timeline
 from pdgw.tools.recorder import CAPTURE, Captures, Recorder
 from pdgw.tools.recordings import CONFIGURATION, known_from
 from tests.decoder.test_replay import speed
-from tests.endtoend.processes import free_udp_port, running
-from tests.endtoend.test_run import LittlePlc
 from tests.support import tshark
 
 FULL = """
@@ -126,29 +121,6 @@ def test_the_configuration_is_looked_for_in_the_captures_then_beside_them(
     carried = known_from(None, [], [], [*files, str(tmp_path / CAPTURE)])
     assert [axis.telegram for axis in carried.settings.axes] == [1]
     assert [axis.telegram for axis in known_from(None, [2], [], files).settings.axes] == [2]
-
-
-@pytest.mark.e2e
-def test_a_recording_needs_nothing_else_and_has_no_false_alarms(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    port = free_udp_port()
-    options = ["--cyclic-port", str(port), "--acyclic-port", "0", "--status-port", "0", "--record", str(tmp_path / "r")]
-    options += ["--cycle-time-ms", "100"]  # a busy machine does not make the PLC a lost one
-    with running("run", "--simulate", *options, log=tmp_path / "log") as process:
-        plc = LittlePlc(port, [1])
-        plc.enable(0)
-        process.send_signal(signal.SIGINT)
-        assert process.wait(30) == 0
-    recorded = str(tmp_path / "r" / CAPTURE)
-    timeline([recorded])
-    captured = capsys.readouterr()
-    assert "+OPERATION_ENABLED" in captured.out
-    assert "clocks: one clock" in captured.out
-    assert "assumed:" not in captured.out
-    assert "not what today's rules give" not in captured.out
-    replay([recorded])
-    assert capsys.readouterr().out.splitlines()[-1].endswith("all equal")
 
 
 def test_can_frames_keep_their_kind(tmp_path: Path) -> None:

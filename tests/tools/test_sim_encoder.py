@@ -12,8 +12,6 @@ from pdgw.ds301.errors import CanopenError
 from pdgw.peers.simulation.console import Console
 from pdgw.peers.simulation.devices import Simulation, encoder_device
 from pdgw.peers.world import World
-from tests.endtoend.processes import free_tcp_port, running
-from tests.support import buses
 from tests.support.cli import pdgw
 
 
@@ -78,17 +76,7 @@ def test_a_model_that_does_not_exist_is_named() -> None:
         encoder_device("x")
 
 
-@pytest.mark.e2e
-def test_pdgw_sim_encoder_runs_and_is_given_an_alarm(tmp_path: Path) -> None:
-    port = free_tcp_port()
-    log = tmp_path / "encoder.log"
-    options = ("--node-id", "10", "--motion", "still=1.5", "--control-port", str(port))
-    with running("sim", "encoder", *options, log=log):
-        buses.wait_for(lambda: "rotary encoders [10] on virtual" in log.read_text(), "running", 30)
-        assert pdgw("sim", "inject", "--port", str(port), "fault", "temperature").stdout == "ok: temperature\n"
-        answer = pdgw("sim", "inject", "--port", str(port), "status").stdout
-        assert "node 10: encoder, NMT PRE_OPERATIONAL, model rotary, position [6144]" in answer
-        assert "misbehaves: temperature" in answer
+def test_a_motion_that_is_none_is_told() -> None:
     result = pdgw("sim", "encoder", "--motion", "fly")
     assert (result.returncode, result.stderr.count("\n")) == (1, 1)
     assert "speed=PER_SECOND" in result.stderr

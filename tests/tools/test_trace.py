@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import signal
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -17,17 +16,13 @@ from pdgw.gateway.config_file import parse_config
 from pdgw.gateway.config_surroundings import Trigger
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.trace.place import rings, run_directory
 from pdgw.gateway.trace.reader import RingReader
 from pdgw.gateway.trace.recorder import FlightRecorder
 from pdgw.gateway.trace.writer import RingFile
 from pdgw.tools.commands.timeline import timeline
 from pdgw.tools.trace_file import chosen_ring, save
 from pdgw.tools.trace_keeper import Choice, Keeper, follow
-from tests.endtoend.processes import free_tcp_port, free_udp_port, pdgw, running
-from tests.endtoend.test_run import LittlePlc
 from tests.support import profinet_daemon, tshark
-from tests.support.buses import wait_for
 from tests.support.daemon import OFF, ON, Plc, axis, configuration, drive_of, world_of
 from tests.support.daemon import running as playing
 from tests.support.profinet import DEVICE_MAC, PLC_MAC
@@ -221,31 +216,6 @@ def test_a_keeper_follows_the_gateway_that_replaces_a_killed_one(tmp_path: Path)
     follow(first.path, choice(tmp_path, Trigger.FAULT), wait)
     assert len(second) == 1
     assert len(list((tmp_path / "kept").iterdir())) == 1  # the same second and the same axis: one name
-
-
-@pytest.mark.e2e
-def test_kill_9_leaves_a_trace_and_what_was_kept(tmp_path: Path) -> None:
-    port, status = free_udp_port(), free_tcp_port()
-    config = tmp_path / "plant.toml"
-    transport = f"[transport]\ncyclic_port = {port}\nacyclic_port = 0\nstatus_port = {status}\ncycle_time_ms = 20\n"
-    bus = '[can]\ninterface = "virtual"\nchannel = "k"\n'
-    config.write_text(
-        f'{bus}{transport}watchdog_factor = 50\n[trace]\nkeep = ["stop"]\nkeep_directory = "kept"\n{axis(1)}'
-    )
-    with running("run", str(config), log=tmp_path / "log") as process:
-        plc = LittlePlc(port, [1])
-        plc.enable(0)
-        assert [path.name for path in rings() if path.name.startswith("plant")] == ["plant.ring"]
-        process.send_signal(signal.SIGKILL)
-        process.wait(10)
-    listed = pdgw("trace", "list")
-    assert "plant.ring: killed" in listed.stdout
-    saved = pdgw("trace", "save", str(tmp_path / "x.pcapng"), "--ring", "plant")
-    assert "packets of plant.ring (killed)" in saved.stdout, saved.stderr
-    wait_for(lambda: list((tmp_path / "kept").glob("plant-*-killed.pcapng")), "kept")
-    directory = run_directory()
-    assert directory is not None
-    assert (directory / "plant.ring").stat().st_mode & 0o777 == 0o640
 
 
 def test_a_profinet_gateways_trace_has_its_ethernet_frames(tmp_path: Path) -> None:
