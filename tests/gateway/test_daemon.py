@@ -13,6 +13,7 @@ from pdgw.ds301.loop import MS, SystemLoop
 from pdgw.dsp402.states import State
 from pdgw.gateway import status as status_module
 from pdgw.gateway.binding import Axis
+from pdgw.gateway.config_example import simulated
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.link import UdpLink
@@ -47,6 +48,26 @@ def test_two_buses_carry_nodes_of_the_same_number() -> None:
         assert plc.value("NIST_A", 0) == 0
         assert drive_of(daemon, 5, "l").model.state is State.SWITCH_ON_DISABLED
         assert drive_of(daemon, 5, "r").model.state is State.OPERATION_ENABLED
+
+
+def test_two_axes_as_simulated_with_telegram_9_are_tasked_each_for_itself() -> None:
+    with running(simulated(9, 2)) as daemon:
+        plc = Plc(daemon, [9, 9])
+        for index in (0, 1):
+            plc.endpoint.set(index, {"STW1": OFF & ~0x40})
+            plc.until(lambda index=index: plc.state(index) == 0x01, "ready")  # type: ignore[misc]
+            plc.endpoint.set(index, {"STW1": (OFF & ~0x40) | 1})
+            plc.until(lambda index=index: plc.state(index) == 0x07, "operation")  # type: ignore[misc]
+        target = 0x0100_0000
+        plc.endpoint.set(
+            1,
+            {"SATZANW": 0x8000, "MDI_TARPOS": target, "MDI_VELOCITY": 1 << 30, "MDI_ACC": 1 << 14, "MDI_DEC": 1 << 14}
+            | {"MDI_MOD": 1, "STW1": 0x047F},
+        )
+        plc.until(lambda: plc.value("ZSW1", 1) & 0x1000, "task acknowledged")
+        plc.endpoint.set(1, {"STW1": 0x043F})
+        plc.until(lambda: plc.value("ZSW1", 1) & 0x0400 and abs(plc.value("XIST_A", 1) - target) < 4000, "target")
+        assert plc.value("XIST_A", 0) == 0, "the other axis stands"
 
 
 def test_a_withheld_heartbeat_stops_the_drives_of_that_bus_and_no_others(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -4,11 +4,8 @@ from __future__ import annotations
 
 import selectors
 import socket
-import subprocess
 import sys
-import tomllib
 from collections.abc import Iterator
-from pathlib import Path
 
 import can
 import canopen
@@ -24,9 +21,7 @@ from pdgw.gateway.errors import GatewayError
 from pdgw.peers.bus import INTERFACE, Hub, LoopbackBus, ServedBus
 from pdgw.peers.bus.hub import JOIN, WELCOME
 from pdgw.peers.drive import SimulatedDrive
-from tests.endtoend.processes import COMMAND
-
-WAIT_S = 5.0
+from tests.support.buses import PATIENCE_S
 
 
 @pytest.fixture
@@ -67,13 +62,13 @@ def test_every_other_member_hears_a_frame_and_the_sender_does_not(
     ):
         one.send(message)
         for other in (two, three):
-            heard = other.recv(WAIT_S)
+            heard = other.recv(PATIENCE_S)
             assert heard is not None
             assert heard.equals(message, timestamp_delta=None, check_channel=False, check_direction=False)
             assert heard.timestamp > 0
         three.send(message)
-        assert two.recv(WAIT_S) is not None
-        assert one.recv(WAIT_S) is not None
+        assert two.recv(PATIENCE_S) is not None
+        assert one.recv(PATIENCE_S) is not None
         assert one.recv(0) is None, "its own frame came back"
 
 
@@ -83,7 +78,7 @@ def test_the_socket_of_a_member_takes_and_gives_can_frames(channel: str) -> None
         assert isinstance(two, LoopbackBus)
         assert one.fileno() == one.socket.fileno() >= 0
         one.socket.send(pack_frame(0x201, b"\x0f\x00"))
-        heard = two.recv(WAIT_S)
+        heard = two.recv(PATIENCE_S)
         assert heard is not None
         assert (heard.arbitration_id, bytes(heard.data)) == (0x201, b"\x0f\x00")
         two.send(can.Message(arbitration_id=0x181, data=b"\x37\x06", is_extended_id=False))
@@ -95,7 +90,7 @@ def test_filters_and_periodic_frames_work_without_the_kernel(channel: str) -> No
         two.set_filters([{"can_id": 0x80, "can_mask": 0x7FF}])
         one.send(can.Message(arbitration_id=0x181, is_extended_id=False))
         task = one.send_periodic(can.Message(arbitration_id=0x80, is_extended_id=False), 0.01)
-        heard = two.recv(WAIT_S)
+        heard = two.recv(PATIENCE_S)
         task.stop()
         assert heard is not None
         assert heard.arbitration_id == 0x80
@@ -187,7 +182,7 @@ def serial_number_over(channel: str, node_id: int) -> int:
     network.connect(interface=INTERFACE, channel=channel)
     try:
         client = network.add_node(node_id, canopen.ObjectDictionary()).sdo
-        client.RESPONSE_TIMEOUT = WAIT_S
+        client.RESPONSE_TIMEOUT = PATIENCE_S
         return int.from_bytes(client.upload(0x1018, 4), "little")
     finally:
         network.disconnect()
@@ -196,21 +191,3 @@ def serial_number_over(channel: str, node_id: int) -> int:
 def test_a_simulated_drive_is_read_over_it(channel: str) -> None:
     with SimulatedDrive(open_bus(INTERFACE, channel), 5, serial_number=4711):
         assert serial_number_over(channel, 5) == 4711
-
-
-@pytest.mark.e2e
-def test_pdgw_sim_bus_serve_prints_the_can_table_by_which_another_process_reaches_its_devices(tmp_path: Path) -> None:
-    description = tmp_path / "bus.toml"
-    description.write_text('[can]\ninterface = "virtual"\n[[device]]\nnode_id = 5\nserial_number = 4711\n')
-    command = [*COMMAND, "sim", "bus", str(description), "--serve", "--port", "0"]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
-        assert process.stdout is not None
-        lines = []
-        while not (lines and lines[-1].startswith("drive 5 on pdgw-bus")):
-            lines.append(process.stdout.readline())
-            assert lines[-1], "the simulation ended"
-        bus = tomllib.loads("".join(lines[:-1]))["can"]
-        assert bus["interface"] == INTERFACE
-        assert serial_number_over(bus["channel"], 5) == 4711
-        process.communicate("quit\n", timeout=15)
-    assert process.returncode == 0

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import socket
 import threading
+import tomllib
 import urllib.error
 import urllib.request
 from collections.abc import Iterator
@@ -16,6 +17,7 @@ import pytest
 from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.loop import MS, SECOND
 from pdgw.gateway.errors import GatewayError
+from pdgw.peers.bus import INTERFACE
 from pdgw.peers.drive.misbehaviour import DRIVE_MISBEHAVIOURS
 from pdgw.peers.encoder.misbehaviour import ENCODER_MISBEHAVIOURS
 from pdgw.peers.node.misbehaviour import NODE_MISBEHAVIOURS
@@ -25,6 +27,7 @@ from pdgw.peers.simulation.devices import DEVICE_TYPES, Simulation, fault_catalo
 from pdgw.peers.simulation.rest import RestServer
 from pdgw.peers.world import World
 from tests.endtoend.processes import free_tcp_port, running
+from tests.peers.test_bus import serial_number_over
 from tests.support import buses
 from tests.support.cli import pdgw
 
@@ -180,7 +183,7 @@ class Client:
         data = None if body is None else body if isinstance(body, bytes) else json.dumps(body).encode()
         request = urllib.request.Request(f"http://127.0.0.1:{self.port}{path}", data, headers, method=method)
         try:
-            with urllib.request.urlopen(request, timeout=10) as answer:
+            with urllib.request.urlopen(request, timeout=buses.PATIENCE_S) as answer:
                 return answer.status, json.load(answer)
         except urllib.error.HTTPError as error:
             return error.code, json.load(error)
@@ -271,17 +274,20 @@ def test_a_port_in_use_is_named(simulation: Simulation) -> None:
 
 
 @pytest.mark.e2e
-def test_sim_bus_runs_a_file_and_is_controlled_both_ways(tmp_path: Path) -> None:
+def test_sim_bus_serves_the_devices_of_a_file_and_is_controlled_both_ways(tmp_path: Path) -> None:
     port, rest_port = free_tcp_port(), free_tcp_port()
     path = tmp_path / "bus.toml"
     path.write_text(
         example().replace("rest_port = 0", f"rest_port = {rest_port}").replace("\nport = 0", f"\nport = {port}")
     )
-    with running("sim", "bus", str(path), log=tmp_path / "bus.log"):
+    log = tmp_path / "bus.log"
+    with running("sim", "bus", str(path), "--serve", "--port", "0", log=log) as process:
         rest = Client(rest_port)
-        buses.wait_for(
-            lambda: "drive 1, drive 2, encoder 10 on virtual" in (tmp_path / "bus.log").read_text(), "running", 30
-        )
+        buses.wait_for(lambda: "drive 1, drive 2, encoder 10 on pdgw-bus" in log.read_text(), "running")
+        # It prints the [can] table by which another process reaches its devices.
+        bus = tomllib.loads(log.read_text().partition("drive 1")[0])["can"]
+        assert bus["interface"] == INTERFACE
+        assert serial_number_over(bus["channel"], 2) > 0
         assert [list(device["faults"]) for device in rest("GET", "/devices")[1]] == [
             [],
             ["slow-sdo", "reboot-in-motion"],
@@ -292,6 +298,10 @@ def test_sim_bus_runs_a_file_and_is_controlled_both_ways(tmp_path: Path) -> None
         )
         assert rest("GET", "/devices/1")[1]["fault"] == 6
         assert rest("GET", "/devices/10")[1]["warnings"] == "battery charge"
+        assert process.stdin is not None
+        process.stdin.write("quit\n")
+        process.stdin.flush()
+        assert process.wait(buses.PATIENCE_S) == 0
     assert set(DEVICE_TYPES) == {"drive", "encoder"}
 
 

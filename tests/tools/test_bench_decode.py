@@ -32,11 +32,13 @@ def test_the_measured_capture_is_of_both_buses_and_every_packet_carries_values(t
 
 
 @pytest.mark.e2e
-def test_a_short_comparison_measures_every_reader() -> None:
+def test_a_short_comparison_measures_every_reader_and_the_timeline() -> None:
     speeds = decoding.run(packets=400, rounds=1)
     expected = ["pdgw decode --csv", *(["tshark -T fields"] if shutil.which("tshark") else []), "scapy"]
     assert [speed.name for speed in speeds] == expected
     assert all(speed.packets == 400 and speed.seconds > 0 for speed in speeds)
+    told = following.run(2)
+    assert (told.recorded_s, told.cpu_s > 0, told.first_line_s > 0, told.peak_mib > 1) == (2, True, True, True)
 
 
 def test_the_measured_recording_starts_and_stops_four_axes_once_a_second(tmp_path: Path) -> None:
@@ -45,9 +47,3 @@ def test_the_measured_recording_starts_and_stops_four_axes_once_a_second(tmp_pat
     ons = [item for item in entries if isinstance(item, Edge) and item.kind is WordKind.CONTROL and item.after & 1]
     assert len(ons) == 3 * AXES
     assert not [item for item in entries if isinstance(item, Anomaly)]
-
-
-@pytest.mark.e2e
-def test_a_short_timeline_is_measured() -> None:
-    speed = following.run(2)
-    assert (speed.recorded_s, speed.cpu_s > 0, speed.first_line_s > 0, speed.peak_mib > 1) == (2, True, True, True)

@@ -21,7 +21,9 @@ from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.tools.commands.decode import DirectionOption, decode
 from tests.support import captures
+from tests.support.buses import PATIENCE_S
 from tests.support.captures import BEGIN_NS
+from tests.support.cli import pdgw
 
 PACKETS = captures.both_buses()
 
@@ -46,11 +48,6 @@ def configuration(tmp_path: Path) -> Path:
 
 def lines(capsys: pytest.CaptureFixture[str]) -> list[str]:
     return capsys.readouterr().out.splitlines()
-
-
-def run(*arguments: str, data: bytes | None = None) -> subprocess.CompletedProcess[bytes]:
-    command = [sys.executable, "-m", "pdgw", "decode", *arguments]
-    return subprocess.run(command, input=data, capture_output=True, check=False, timeout=60)
 
 
 def test_text_is_one_plain_line_for_each_packet(capture: str, capsys: pytest.CaptureFixture[str]) -> None:
@@ -267,18 +264,16 @@ def test_hex_takes_one_telegram(capsys: pytest.CaptureFixture[str]) -> None:
         decode(hex_text="0637 2000", telegram=[1, 9])
 
 
-@pytest.mark.e2e
 def test_damage_ends_with_status_1_after_everything_before(tmp_path: Path) -> None:
     whole = captures.pcapng(PACKETS)
     path = tmp_path / "cut.pcapng"
     path.write_bytes(whole[:-20])
     for options in (["--json"], ["--csv", "kind"], ["--stats"]):
-        result = run(str(path), "--telegram", "1", *options)
+        result = pdgw("decode", str(path), "--telegram", "1", *options)
         assert result.returncode == 1
-        error = result.stderr.decode()
-        assert "cut.pcapng: offset" in error
-        assert "Traceback" not in error
-        found = result.stdout.decode().splitlines()
+        assert "cut.pcapng: offset" in result.stderr
+        assert "Traceback" not in result.stderr
+        found = result.stdout.splitlines()
         if options == ["--json"]:
             assert [json.loads(line)["number"] for line in found] == list(range(1, len(PACKETS)))
         else:
@@ -287,19 +282,20 @@ def test_damage_ends_with_status_1_after_everything_before(tmp_path: Path) -> No
 
 @pytest.mark.e2e
 def test_standard_input_and_a_reader_that_leaves(tmp_path: Path) -> None:
-    result = run("-", "--json", data=captures.pcapng(PACKETS))
+    command = [sys.executable, "-m", "pdgw", "decode"]
+    result = subprocess.run(
+        [*command, "-", "--json"], input=captures.pcapng(PACKETS), capture_output=True, check=False, timeout=PATIENCE_S
+    )
     assert (result.returncode, len(result.stdout.splitlines())) == (0, len(PACKETS))
     path = tmp_path / "long.log"
     path.write_bytes(captures.candump(captures.CANOPEN * 2000))
-    reader = subprocess.Popen(
-        [sys.executable, "-m", "pdgw", "decode", str(path)], stdout=subprocess.PIPE, stderr=subprocess.PIPE
-    )
+    reader = subprocess.Popen([*command, str(path)], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     assert reader.stdout is not None
     assert reader.stderr is not None
     assert b"NMT" in reader.stdout.readline()
     reader.stdout.close()
     assert reader.stderr.read() == b""
-    assert reader.wait(60) == 0
+    assert reader.wait(PATIENCE_S) == 0
     reader.stderr.close()
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import signal
 from html.parser import HTMLParser
 from importlib.metadata import version
 from pathlib import Path
@@ -14,7 +16,7 @@ from hypothesis import strategies as st
 from pdgw.gateway.errors import GatewayError
 from pdgw.tools.commands.conformance import faults
 from pdgw.tools.reports import Check, Report, figures
-from tests.endtoend.processes import pdgw
+from tests.support.cli import pdgw
 
 CHECKS = (
     Check("axis 1", "ready", "ZSW1.READY = 1", (), 0.25),
@@ -97,11 +99,18 @@ def test_conformance_writes_both(tmp_path: Path) -> None:
 
 
 @pytest.mark.e2e
-def test_a_scenario_writes_both_also_when_no_gateway_is_there(tmp_path: Path) -> None:
+def test_a_scenario_writes_both_and_says_what_to_start_when_no_gateway_is_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(signal, "signal", lambda *_: None)  # those of the tests stay
     path = tmp_path / "story.yaml"
     path.write_text("name: story\nsteps: [{expect: {ZSW1: 0}, within: 20 ms}]\n")
     files = ["--junit", str(tmp_path / "r.xml"), "--html", str(tmp_path / "r.html")]
-    assert pdgw("sim", "plc", str(path), "--gateway", "127.0.0.1:9", *files).returncode == 1
+    files += ["--json", str(tmp_path / "r.json")]
+    result = pdgw("sim", "plc", str(path), "--gateway", "127.0.0.1:9", *files)
+    assert result.returncode == 1
+    assert "the scenario has not reached a gateway: no datagram of a gateway came: start one" in result.stderr
+    assert json.loads((tmp_path / "r.json").read_text())["passed"] is False
     suite = ElementTree.parse(tmp_path / "r.xml").getroot()[0]
     assert (suite.get("name"), suite.get("tests"), suite.get("failures")) == ("story", "2", "2")
     assert "no datagram of a gateway came" in (tmp_path / "r.html").read_text()
