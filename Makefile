@@ -44,6 +44,10 @@ measured: $(STAMP)
 	COLUMNS=120 $(BIN)/pdgw bench --seconds 10 --realtime > $(MEASURED)/exchange-realtime.txt
 	COLUMNS=120 $(BIN)/pdgw bench decode > $(MEASURED)/decode.txt
 	COLUMNS=120 $(BIN)/pdgw bench timeline > $(MEASURED)/timeline.txt
+	@# Needs network namespaces; real-time priority inside one needs root.
+	if unshare --net true || unshare --user --map-root-user --net true; then \
+		COLUMNS=120 $(BIN)/pdgw bench profinet > $(MEASURED)/profinet.txt; fi
+	if unshare --net true; then COLUMNS=120 $(BIN)/pdgw bench profinet --realtime >> $(MEASURED)/profinet.txt; fi
 
 # The same sources with the cyclic path compiled by mypyc (a C compiler is needed): into build/compiled, beside the editable install.
 COMPILED := build/compiled

@@ -1,28 +1,30 @@
 """The PROFINET device over a pair of virtual Ethernet interfaces, all from a capture with the kernel's time stamps.
 
 In the namespace of ``eth1`` run the gateway with one simulated axis and, as the floor, a process that does nothing but send
-frames of the same size at the same cycle; in the other one a controller (``profinet_controller``) that connects, exchanges data,
-reads records and ends without a word.
+frames of the same size at the same cycle, and a plain UDP echo; in the other one a controller (``profinet_controller``) that
+connects, exchanges data, reads records in turn with the echo, connects anew with a short data hold time, and ends without a word.
 """
 
 from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
 import tempfile
 import time
+from bisect import bisect
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import Final
 
 from pdgw.decoder.capture.source import open_source
-from pdgw.decoder.engine import Decoder
+from pdgw.decoder.engine import CanPacket, Decoder
 from pdgw.decoder.profinet_records import Change, DcpRecord, RelationRecord
 from pdgw.decoder.records import AcyclicRecord, CyclicRecord, Record
 from pdgw.gateway.errors import GatewayError
@@ -35,10 +37,20 @@ CYCLES_MS: Final = (1, 2, 4, 32)
 STATION: Final = "press-1"
 FLOOR_FRAME_ID: Final = 0xBBFF
 """Of the frames of the process that only sends."""
+ECHO_PORT: Final = 34_980
+ECHO_BYTES: Final = 240
+"""About a record's request."""
 _HOLD_MS: Final = 200
-"""At least; the controller of the benchmark is no real-time system."""
+"""At least, while the exchange is measured; the controller of the benchmark is no real-time system."""
+_KILLED_HOLD_MS: Final = 24
+"""At least, in the relationship whose controller is killed."""
+_CYCLES_HELD: Final = 3
 _PATIENCE_S: Final = 60
 _NS_PER_MS: Final = 1e6
+_UDP: Final = re.compile(
+    rb"(?s).{12}\x08\x00\x45.{8}\x11.{10}(?P<source>.{2})(?P<target>.{2}).{4}(?P<data>.{%d})" % ECHO_BYTES
+)
+"""A datagram in an Ethernet frame."""
 _TICKS: Final = os.sysconf("SC_CLK_TCK") if hasattr(os, "sysconf") else 100
 
 _CONFIG: Final = f"""\
@@ -77,6 +89,15 @@ while True:
         time.sleep(left / 1e9)
     sock.send(frame)
 """
+_ECHO: Final = """
+import os, socket, sys
+sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+sock.bind(("0.0.0.0", int(sys.argv[1])))
+if len(sys.argv) > 2:
+    os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(40))
+while True:
+    sock.sendto(*sock.recvfrom(2048))
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,6 +111,17 @@ class Period:
 
 
 @dataclass(frozen=True, slots=True)
+class Cost:
+    """What a process takes."""
+
+    cpu_share: float
+    """Of one core, while data is exchanged."""
+    resident_bytes: int
+    start_s: float
+    """From its start to its first DCP answer, or the first frame of the one that only sends."""
+
+
+@dataclass(frozen=True, slots=True)
 class ProfinetRow:
     """What was measured at one cycle time."""
 
@@ -99,20 +131,24 @@ class ProfinetRow:
     """Of the process that only sends, in the same run."""
     missed: int
     """Cycles without a frame, by the cycle counter."""
-    cpu_share: float
-    """Of one core, the gateway's process while data is exchanged."""
-    resident_bytes: int
-    start_s: float
-    """From the start of the process to its first DCP answer."""
+    cost: Cost
+    floor_cost: Cost
     connect_ms: float
     """Connect request to response."""
     data_ms: float
     """Identify request to the first input frame with valid data, with the drive online."""
     record_ms: float
     """Read request to response, median."""
+    echo_ms: float
+    """A datagram to the UDP echo and back, median, in turn with the records."""
     hold_ms: float
     killed_ms: float
     """From the last frame of a controller that was killed to the last frame of the gateway; the data hold time is ``hold_ms``."""
+
+    @property
+    def ratio_record(self) -> float:
+        """The record's answer against the echo's."""
+        return self.record_ms / max(self.echo_ms, 0.001)
 
     @property
     def ratio_p99(self) -> float:
@@ -134,8 +170,9 @@ def period(times: Sequence[int]) -> Period:
 
 def measure(cycle_ms: int, seconds: float, *, realtime: bool) -> ProfinetRow:
     """One row; inside a namespace of its own (``namespaces.enter``)."""
-    hold_ms = max(3, -(-_HOLD_MS // cycle_ms)) * cycle_ms
-    with tempfile.TemporaryDirectory() as folder, VethPair() as pair:
+    holds = [max(_CYCLES_HELD, -(-least // cycle_ms)) * cycle_ms for least in (_HOLD_MS, _KILLED_HOLD_MS)]
+    as_asked = ["realtime"] if realtime else []
+    with tempfile.TemporaryDirectory() as folder, VethPair() as pair, ExitStack() as running:
         capture = Path(folder) / "bench.pcapng"
         config = Path(folder) / "gateway.toml"
         text = _CONFIG.format(cycle_ms=cycle_ms, realtime=_REALTIME if realtime else "")
@@ -144,28 +181,43 @@ def measure(cycle_ms: int, seconds: float, *, realtime: bool) -> ProfinetRow:
         bare.write_text(config.read_text(encoding="utf-8").replace("simulate = true\n", ""), encoding="utf-8")
         controller = pair.command(
             *(sys.executable, "-m", "pdgw.tools.bench.profinet_controller"),
-            *(str(cycle_ms), str(hold_ms), str(seconds), "realtime" if realtime else ""),
+            *(str(cycle_ms), *map(str, holds), str(seconds), *as_asked),
         )
+        echo = [sys.executable, "-c", _ECHO, str(ECHO_PORT), *as_asked]
         floor = [sys.executable, "-c", _SENDER, HERE, str(cycle_ms * 1_000_000), f"{FLOOR_FRAME_ID:04x}"]
         with (
             EthernetCapture(HERE, capture),
-            _process(floor + (["realtime"] if realtime else [])),
             subprocess.Popen(controller, stdout=subprocess.PIPE, text=True) as plc,
+            _process(echo),
         ):
             _expect(plc, "ready")
+            floor_started = time.time_ns()
+            only_sends = running.enter_context(_process(floor + as_asked))
             started = time.time_ns()
             # Without its simulated drive, whose process it would start and wait for first.
             with _process([sys.executable, "-m", "pdgw", "run", str(bare)]):
                 _expect(plc, "found")
             with _process([sys.executable, "-m", "pdgw", "run", str(config)]) as gateway:
                 _expect(plc, "data")
-                cpu, begun = _cpu_s(gateway.pid), time.monotonic()
+                pids = (gateway.pid, only_sends.pid)
+                before, begun = [_cpu_s(pid) for pid in pids], time.monotonic()
+                _expect(plc, "measured")
+                spent, lasted = [_cpu_s(pid) for pid in pids], time.monotonic() - begun
+                taken = [
+                    ((after - earlier) / lasted, _resident_bytes(pid))
+                    for pid, earlier, after in zip(pids, before, spent, strict=True)
+                ]
                 _expect(plc, "done")
-                share = (_cpu_s(gateway.pid) - cpu) / (time.monotonic() - begun)
-                resident = _resident_bytes(gateway.pid)
                 plc.wait(_PATIENCE_S)
-                time.sleep(2 * hold_ms / 1000)
-        return row_of(cycle_ms, hold_ms, list(records_in(capture)), started, share, resident)
+                time.sleep(2 * holds[1] / 1000)
+        records = list(records_in(capture))
+        costs = [
+            Cost(*item, (first - start) / 1e9)
+            for item, first, start in zip(
+                taken, (first_answer(records), first_of_floor(records)), (started, floor_started), strict=True
+            )
+        ]
+        return row_of(cycle_ms, holds[1], records, echoes_in(capture), costs[0], costs[1])
 
 
 @contextmanager
@@ -206,43 +258,87 @@ def records_in(capture: Path) -> Iterator[Record]:
             yield decoder.decode(packet)
 
 
+def echoes_in(capture: Path) -> list[int]:
+    """How long each datagram to the echo took, nanoseconds."""
+    asked: dict[bytes, int] = {}
+    took: list[int] = []
+    with open_source(str(capture)) as source:
+        for packet in source.packets:
+            found = None if isinstance(packet, CanPacket) else _UDP.match(packet.data)
+            if found is None:
+                continue
+            port_from, port_to = (int.from_bytes(found[name], "big") for name in ("source", "target"))
+            if port_to == ECHO_PORT:
+                asked[found["data"]] = packet.time_ns
+            elif port_from == ECHO_PORT and found["data"] in asked:
+                took.append(packet.time_ns - asked.pop(found["data"]))
+    return took
+
+
+def first_answer(records: Sequence[Record]) -> int:
+    """When DCP was first answered; GatewayError when it never was."""
+    return _first(r.time_ns for r in records if isinstance(r, DcpRecord) and r.details()["packet"] == "response")
+
+
+def first_of_floor(records: Sequence[Record]) -> int:
+    """When the process that only sends first did; GatewayError when it never did."""
+    return _first(r.time_ns for r in records if isinstance(r, CyclicRecord) and r.frame_id == FLOOR_FRAME_ID)
+
+
+def _first(times: Iterator[int]) -> int:
+    found = next(times, None)
+    if found is None:
+        raise GatewayError("the capture has no DCP answer, or no frame of the process that only sends")
+    return found
+
+
+def _median_ms(times: Sequence[int]) -> float:
+    return sorted(times)[len(times) // 2] / _NS_PER_MS if times else 0.0
+
+
 def row_of(
-    cycle_ms: int, hold_ms: int, records: Sequence[Record], started: int, share: float, resident: int
+    cycle_ms: int, hold_ms: int, records: Sequence[Record], echoes: Sequence[int], cost: Cost, floor_cost: Cost
 ) -> ProfinetRow:
-    """A row out of the records of a capture; ``started`` on its clock. The last Connect is the one measured."""
-    answers = [r.time_ns for r in records if isinstance(r, DcpRecord) and r.details()["packet"] == "response"]
+    """A row out of the records of a capture: of the relationship with the reads of records, and the end of the last one."""
     granted = [r for r in records if isinstance(r, RelationRecord) and r.change is Change.GRANTED]
+    reads = [
+        r
+        for r in records
+        if isinstance(r, AcyclicRecord) and r.latency_ns is not None and r.details().get("operation") == "read"
+    ]
+    at = bisect([r.time_ns for r in granted], reads[-1].time_ns) if reads else 0
+    if not 0 < at < len(granted):
+        raise GatewayError("the capture has no relationship whose records are read, or none behind it")
+    session, last = granted[at - 1], granted[-1]
+    measured_end = granted[at].time_ns
     cyclic = [r for r in records if isinstance(r, CyclicRecord)]
-    if not answers or not granted:
-        raise GatewayError("the capture has no DCP answer or no Connect")
-    session = granted[-1]
     asked = max(
         r.time_ns
         for r in records
         if isinstance(r, DcpRecord) and r.details()["packet"] == "request" and r.time_ns < session.time_ns
     )
-    inputs = [r for r in cyclic if r.direction is Direction.ACTUAL and r.time_ns > session.time_ns]
-    outputs = [r for r in cyclic if r.direction is Direction.SETPOINT and r.time_ns > session.time_ns]
+    measured = [r for r in cyclic if session.time_ns < r.time_ns < measured_end]
+    inputs = [r for r in measured if r.direction is Direction.ACTUAL]
+    outputs = [r for r in measured if r.direction is Direction.SETPOINT]
     valid = [r for r in inputs if any((unit.iops or 0) & IOPS_GOOD for unit in r.units)]
     exchanged = [r for r in valid if r.time_ns <= outputs[-1].time_ns]
-    reads = sorted(
-        r.latency_ns
-        for r in records
-        if isinstance(r, AcyclicRecord) and r.latency_ns is not None and r.details().get("operation") == "read"
-    )
+    ends = {
+        direction: max(r.time_ns for r in cyclic if r.direction is direction and r.time_ns > last.time_ns)
+        for direction in (Direction.ACTUAL, Direction.SETPOINT)
+    }
     usual = cycle_ms * 1_000_000 // COUNTER_UNIT_NS
     steps = [(later.cycle_counter - earlier.cycle_counter) & 0xFFFF for earlier, later in pairwise(exchanged)]
     return ProfinetRow(
         cycle_ms,
         period([r.time_ns for r in exchanged]),
-        period([r.time_ns for r in cyclic if r.frame_id == FLOOR_FRAME_ID and r.time_ns > session.time_ns]),
+        period([r.time_ns for r in measured if r.frame_id == FLOOR_FRAME_ID]),
         sum(step // usual - 1 for step in steps),
-        share,
-        resident,
-        (answers[0] - started) / 1e9,
+        cost,
+        floor_cost,
         (session.latency_ns or 0) / _NS_PER_MS,
         (valid[0].time_ns - asked) / _NS_PER_MS,
-        reads[len(reads) // 2] / _NS_PER_MS if reads else 0.0,
+        _median_ms([r.latency_ns for r in reads if r.latency_ns is not None]),
+        _median_ms(echoes),
         hold_ms,
-        (inputs[-1].time_ns - outputs[-1].time_ns) / _NS_PER_MS,
+        (ends[Direction.ACTUAL] - ends[Direction.SETPOINT]) / _NS_PER_MS,
     )

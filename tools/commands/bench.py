@@ -159,7 +159,7 @@ def over_profinet(
             status.update(f"PROFINET, {cycle_ms} ms")
             rows.append(profinet.measure(cycle_ms, seconds, realtime=realtime))
     if as_json:
-        documents = [asdict(row) | {"ratio_p99": row.ratio_p99} for row in rows]
+        documents = [asdict(row) | {"ratio_p99": row.ratio_p99, "ratio_record": row.ratio_record} for row in rows]
         typer.echo(json.dumps({"machine": machine() | {"realtime": realtime}, "rows": documents}, indent=2))
         return
     console = Console()
@@ -178,18 +178,27 @@ def over_profinet(
                 f"{row.ratio_p99:.1f} times" if own else "",
             )
     console.print(periods)
-    times = Table("cycle", "CPU", "memory", "start", "Connect", "Identify to data", "record", "killed", title="times")
+    costs = Table("cycle", "", "CPU", "memory", "start to first answer", title="what the processes take")
+    times = Table(
+        *("cycle", "Identify to data", "Connect", "record", "UDP echo", "record over echo", "controller killed"),
+        title="answer times",
+    )
     for row in rows:
+        for name, cost in (("gateway", row.cost), ("only sends", row.floor_cost)):
+            costs.add_row(
+                f"{row.cycle_ms} ms" if cost is row.cost else "",
+                name,
+                _share(cost.cpu_share),
+                f"{cost.resident_bytes / 2**20:.0f} MiB",
+                f"{cost.start_s:.2f} s",
+            )
         times.add_row(
             f"{row.cycle_ms} ms",
-            _share(row.cpu_share),
-            f"{row.resident_bytes / 2**20:.0f} MiB",
-            f"{row.start_s:.2f} s",
-            f"{row.connect_ms:.1f} ms",
-            f"{row.data_ms:.1f} ms",
-            f"{row.record_ms:.2f} ms",
+            *(f"{value:.2f} ms" for value in (row.data_ms, row.connect_ms, row.record_ms, row.echo_ms)),
+            f"{row.ratio_record:.1f} times",
             f"{row.killed_ms:.1f} ms (hold {row.hold_ms:g})",
         )
+    console.print(costs)
     console.print(times)
 
 
