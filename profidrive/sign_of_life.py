@@ -27,7 +27,7 @@ class SignOfLife:
     due after so many cycles. ``failed`` is True while more failures than tolerated came in succession.
     """
 
-    __slots__ = ("_due", "_last", "_own", "failures", "tolerated")
+    __slots__ = ("_last", "_own", "due", "failures", "tolerated")
 
     def __init__(self, tolerated: int) -> None:
         """``tolerated`` is P925: failures in succession that are accepted, 0..65534, or 65535 for no monitoring."""
@@ -40,7 +40,8 @@ class SignOfLife:
         """The connection is new: the next counter received is the first."""
         self.failures = 0
         self._last = 0
-        self._due = 0
+        self.due = 0
+        """What comes next; 0 as long as the controller has not begun."""
         self._own = 0
 
     @property
@@ -52,16 +53,16 @@ class SignOfLife:
         """Take the controller's counter (0..15) of this cycle; returns the device's own, 0 while there is none."""
         if not 0 <= received <= HIGHEST:
             raise ProfidriveError("sign of life", received, f"0..{HIGHEST}")
-        if not self._due:
+        if not self.due:
             if not received:
                 return 0
-            self._due = received
-        elif received not in (0, self._last) and received in (following(self._last), self._due):
+            self.due = received
+        elif received not in (0, self._last) and received in (following(self._last), self.due):
             self.failures = 0
-            self._due = received
+            self.due = received
         else:
             self.failures += 1
         self._last = received
-        self._due = following(self._due)
+        self.due = following(self.due)
         self._own = 0 if self.failed else following(self._own)
         return self._own

@@ -40,6 +40,10 @@ class LifeWords:
             actuals[self._zsw2] = 0
             self.lost = False
             return False
-        actuals[self._zsw2] = counters.step(setpoints[self._stw2] >> _SHIFT & HIGHEST) << _SHIFT
+        received = setpoints[self._stw2] >> _SHIFT & HIGHEST
+        if not received and not counters.due:
+            actuals[self._zsw2] = 0
+            return False
+        actuals[self._zsw2] = counters.step(received) << _SHIFT
         was_lost, self.lost = self.lost, counters.failed
         return self.lost and not was_lost

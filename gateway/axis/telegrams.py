@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.pdo import LAYOUTS, Operation, PdoLayout, with_second_position
 from pdgw.gateway.axis.adapters.base import Adapter
-from pdgw.gateway.axis.adapters.positioner import PositionerAdapter
+from pdgw.gateway.axis.adapters.positioner import BlockAdapter, SelectionAdapter, WideAdapter
 from pdgw.gateway.axis.adapters.positioning import PositioningAdapter
 from pdgw.gateway.axis.adapters.speed import DscAdapter, LoadAdapter, SpeedAdapter, WideSpeedAdapter
 from pdgw.gateway.axis.adapters.transparent import TransparentAdapter
@@ -110,7 +110,9 @@ def make_adapter(number: int, settings: AxisSettings) -> Adapter:
     if kind is Kind.POSITIONING:
         return PositioningAdapter(chosen, settings)
     if kind is Kind.POSITIONER:
-        return PositionerAdapter(chosen, settings)
+        if "POS_STW1" in chosen.setpoints.names:
+            return WideAdapter(chosen, settings)
+        return (SelectionAdapter if "POS_STW" in chosen.setpoints.names else BlockAdapter)(chosen, settings)
     return TransparentAdapter(chosen)
 
 

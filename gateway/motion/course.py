@@ -17,6 +17,7 @@ FIXED_STOP_NS = 100 * MS
 """Standing at the torque limit for so long is the fixed stop."""
 LIMIT_STANDING_NS = 500 * MS
 """An axis that stands at an internal limit of the drive for so long is held by it."""
+_STAND, _POSITION, _SPEED = MotionKind.STAND, MotionKind.POSITION, MotionKind.SPEED
 
 
 @dataclass(slots=True, unsafe_hash=True)
@@ -57,7 +58,8 @@ class Course:
         """Of the task that runs, 0 while nothing of it was sent."""
         self.queued = 0
         """Serial of the set-point that waits in the drive, 0 for none."""
-        self._limits: tuple[int, int] | None = None
+        self.limits: tuple[int, int] | None = None
+        """The software limits, while they are watched."""
         self._limit_since = -1
         self._at_limit = False
         self._stop_since = -1
@@ -66,7 +68,7 @@ class Course:
     def look(self, seen: Seen, limits: bool) -> None:
         """Take what the axis does, and whether the software limits are watched, before anything is decided."""
         self._seen = seen
-        self._limits = self.settings.software_limits if limits else None
+        self.limits = self.settings.software_limits if limits else None
         goal = self.goal
         if goal is not None and goal.distance is not None and seen.given < self.sent:
             self.goal = replace(goal, target=seen.position + goal.distance)
@@ -81,14 +83,16 @@ class Course:
         """Whether the drive can be sent to a position of the user, or by a distance, as far as the software limits let it."""
         low, high = self.settings.position_range
         end = target if absolute else self._seen.position + self.offset + target
-        return low <= self._inside(end) - self.offset <= high
+        if self.limits is not None:
+            end = self._inside(end, self.limits)
+        return low <= end - self.offset <= high
 
     def arrived(self) -> bool:
         """The drive has reached the target of the goal in force."""
         goal, seen = self.goal, self._seen
-        if goal is None or goal.kind is not MotionKind.POSITION or not self.sent or self.held:
+        if not seen.reached or goal is None or goal.kind is not _POSITION or not self.sent or self.held:
             return False
-        if not seen.reached or seen.taken < self.sent:
+        if seen.taken < self.sent:
             return False
         return goal.distance is not None or abs(goal.target - seen.position) <= self.settings.position_window
 
@@ -98,19 +102,19 @@ class Course:
         """Move with a signed speed, to the software limit where one is watched."""
         limited = max(-self.settings.max_velocity, min(velocity, self.settings.max_velocity))
         self.outcome.speed_limited = limited != velocity
-        self.speed = Goal(MotionKind.SPEED, 0, None, limited, acceleration, deceleration, scaled)
+        self.speed = Goal(_SPEED, 0, None, limited, acceleration, deceleration, scaled)
         self._aim_speed()
 
     def _aim_speed(self) -> None:
         """Make the goal of a function with a speed, anew when software limits begin or cease to be watched."""
         speed = self.speed
         assert speed is not None, "only functions with a speed come here"
-        if self._limits is None:
+        if self.limits is None:
             self._set(speed)
             return
-        target = self._limits[speed.velocity > 0] - self.offset
+        target = self.limits[speed.velocity > 0] - self.offset
         if (target - self._seen.position) * speed.velocity > 0:
-            self._set(replace(speed, kind=MotionKind.POSITION, target=target, velocity=abs(speed.velocity)))
+            self._set(replace(speed, kind=_POSITION, target=target, velocity=abs(speed.velocity)))
         else:
             self.goal = None
             self.outcome.warning = Reason.SOFTWARE_LIMIT
@@ -126,28 +130,31 @@ class Course:
     ) -> None:
         """Move to a position of the user or by a distance, not beyond a software limit that is watched."""
         self.speed = None
-        limited = min(velocity, self.settings.max_velocity)
+        highest = self.settings.max_velocity
+        limited = velocity if velocity < highest else highest
         self.outcome.speed_limited = limited != velocity
         distance = None if absolute else target
         end = target if absolute else self._seen.position + self.offset + target
-        inside = self._inside(end)
-        if inside != end:
-            end, distance = inside, None
-            self.outcome.warning = Reason.SOFTWARE_LIMIT
+        if self.limits is not None:
+            inside = self._inside(end, self.limits)
+            if inside != end:
+                end, distance = inside, None
+                self.outcome.warning = Reason.SOFTWARE_LIMIT
         target = end - self.offset
-        self._set(Goal(MotionKind.POSITION, target, distance, limited, acceleration, deceleration, torque=torque))
+        self._set(Goal(_POSITION, target, distance, limited, acceleration, deceleration, torque=torque))
 
-    def _inside(self, position: int) -> int:
+    @staticmethod
+    def _inside(position: int, limits: tuple[int, int]) -> int:
         """A position of the user, or the software limit it is beyond."""
-        return position if self._limits is None else max(self._limits[0], min(position, self._limits[1]))
+        return max(limits[0], min(position, limits[1]))
 
     def _set(self, goal: Goal) -> None:
+        outcome = self.outcome
         self.goal = goal
-        self.sent = 0
-        self.queued = 0
-        self._at_limit = False
+        self.sent = self.queued = 0
+        self._at_limit = outcome.fixed_stop = False
         self._limit_since = self._stop_since = -1
-        self.outcome.fixed_stop = False
+        outcome.to_fixed_stop = goal.torque is not None
 
     def stand(self) -> None:
         """Keep the function without a goal."""
@@ -158,29 +165,30 @@ class Course:
 
     def follow(self, asked: Asked, now: int) -> None:
         """Bring the motion in line with the goal: hold, resume, override, software limits."""
-        motion = self.outcome.motion
-        if self.speed is not None and (self.goal is None or self.goal.kind is MotionKind.POSITION) != (
-            self._limits is not None
-        ):
+        motion, goal = self.outcome.motion, self.goal
+        if self.speed is not None and (goal is None or goal.kind is _POSITION) != (self.limits is not None):
             self._aim_speed()
-        goal = self.goal
+            goal = self.goal
         if goal is None:
-            motion.kind = MotionKind.STAND
+            motion.kind = _STAND
             motion.torque = None
             self.held = None
             self.outcome.to_fixed_stop = self.outcome.fixed_stop = False
             return
-        held, self.held = self.held, self._hold(goal, asked, now)
-        self._look_for_fixed_stop(goal, now)
-        if self.held:
-            motion.kind = MotionKind.STAND
+        held = self.held
+        holds = self.held = self._hold(goal, asked, now)
+        if goal.torque is not None:
+            self._look_for_fixed_stop(now)
+        if holds:
+            motion.kind = _STAND
             self.queued = 0
             return
         override = asked.override if goal.scaled else FULL
-        if self.sent and not held and motion.override == override:
-            return
-        if self.sent and goal.distance is not None and self._seen.given >= self.sent:
-            goal = self.goal = replace(goal, distance=None)  # never a second time
+        if self.sent:
+            if not held and motion.override == override:
+                return
+            if goal.distance is not None and self._seen.given >= self.sent:
+                goal = self.goal = replace(goal, distance=None)  # never a second time
         self._send(motion, goal, override)
 
     def _hold(self, goal: Goal, asked: Asked, now: int) -> Reason | None:
@@ -192,8 +200,9 @@ class Course:
             return Reason.INTERMEDIATE_STOP
         if goal.scaled and asked.override == 0:
             return Reason.OVERRIDE_ZERO
-        presses = goal.torque is not None  # the torque limit is what it is to stand at
-        if presses or not (seen.standstill and seen.internal_limit and self.sent and not self.arrived()):
+        stands = seen.internal_limit and seen.standstill and self.sent
+        # A fixed stop stands at the torque limit: that is what it is for.
+        if not stands or goal.torque is not None or self.arrived():
             self._limit_since = -1
         elif self._limit_since < 0:
             self._limit_since = now
@@ -202,14 +211,13 @@ class Course:
         return Reason.TASK_AT_LIMIT if self._at_limit else None
 
     def _send(self, motion: Motion, goal: Goal, override: int) -> None:
-        motion.serial += 1
-        self.sent = motion.serial
+        self.sent = motion.serial = serial = motion.serial + 1
         self.queued = 0
         motion.kind, motion.target, motion.distance = goal.kind, goal.target, goal.distance
         motion.velocity, motion.acceleration, motion.deceleration = goal.velocity, goal.acceleration, goal.deceleration
         motion.override, motion.immediate, motion.torque = override, True, goal.torque
         if not self.first_serial:
-            self.first_serial = motion.serial
+            self.first_serial = serial
 
     def queue(self, position: int, absolute: bool, velocity: int, acceleration: int, deceleration: int) -> None:
         """Give a position task that waits in the drive for the end of the goal; not beyond a limit, where it has to stop."""
@@ -218,7 +226,7 @@ class Course:
             return
         target = position - self.offset if absolute else goal.target + position
         end = target + self.offset
-        if self._inside(end) != end or not self.in_range(end, True):
+        if (self.limits is not None and self._inside(end, self.limits) != end) or not self.in_range(end, True):
             return
         motion = self.outcome.motion
         motion.serial += 1
@@ -232,20 +240,17 @@ class Course:
         motion = self.outcome.motion
         self._set(
             Goal(
-                MotionKind.POSITION,
+                _POSITION,
                 *(motion.target, None, motion.velocity, motion.acceleration, motion.deceleration),
             )
         )
         self.sent = motion.serial
 
-    def _look_for_fixed_stop(self, goal: Goal, now: int) -> None:
-        outcome, seen = self.outcome, self._seen
-        outcome.to_fixed_stop = goal.torque is not None
-        if not outcome.to_fixed_stop:
-            outcome.fixed_stop = False
-        elif not (seen.standstill and seen.torque_at_limit):
+    def _look_for_fixed_stop(self, now: int) -> None:
+        seen = self._seen
+        if not (seen.standstill and seen.torque_at_limit):
             self._stop_since = -1
         elif self._stop_since < 0:
             self._stop_since = now
         elif now - self._stop_since >= FIXED_STOP_NS:
-            outcome.fixed_stop = True
+            self.outcome.fixed_stop = True

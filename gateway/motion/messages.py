@@ -21,6 +21,7 @@ _SPEED_BELOW_2 = _MELDW.bit("SPEED_BELOW_THRESHOLD_2").mask
 _NO_MOTOR_OVERTEMPERATURE = _MELDW.bit("NO_MOTOR_OVERTEMPERATURE").mask
 _NO_STAGE_OVERTEMPERATURE = _MELDW.bit("NO_POWER_STAGE_OVERTEMPERATURE").mask
 SPEED_WITHIN_TOLERANCE: Final = _MELDW.bit("SPEED_WITHIN_TOLERANCE").mask
+_AT_SPEED = SPEED_WITHIN_TOLERANCE | _RAMP_COMPLETED
 _ENABLED = _MELDW.bit("CONTROLLER_ENABLED").mask | _MELDW.bit("PULSES_ENABLED").mask
 _READY = _MELDW.bit("DRIVE_READY").mask
 
@@ -96,36 +97,34 @@ class MessageWord:
         self._speed_3 = int(reference * chosen.speed_3)
         self._speed_2 = int(reference * chosen.speed_2)
 
-    def word(
-        self,
-        velocity: int,
-        demand: int,
-        torque: int,
-        *,
-        target_reached: bool,
-        enabled: bool,
-        ready: bool,
-        motor_hot: bool = False,
-        stage_hot: bool = False,
-    ) -> int:
-        """The word of this cycle.
+    @staticmethod
+    def states(*, enabled: bool, ready: bool, motor_hot: bool = False, stage_hot: bool = False) -> int:
+        """The bits of the word that no value decides.
 
-        ``velocity`` 606Ch, ``demand`` 606Bh, ``torque`` 6077h; ``target_reached``: Statusword.10; ``enabled``: operation
-        enabled or quick stop active; ``ready``: no fault and not switch on disabled; ``motor_hot``, ``stage_hot``: that fault is
-        present.
+        ``enabled``: operation enabled or quick stop active; ``ready``: no fault and not switch on disabled; ``motor_hot``,
+        ``stage_hot``: that fault is present.
         """
-        speed = abs(velocity)
         word = 0 if motor_hot else _NO_MOTOR_OVERTEMPERATURE
         if not stage_hot:
             word |= _NO_STAGE_OVERTEMPERATURE
-        if abs(velocity - demand) <= self._tolerance:
-            word |= SPEED_WITHIN_TOLERANCE | (_RAMP_COMPLETED if target_reached else 0)
-        if abs(torque) < self._torque:
-            word |= _TORQUE_BELOW
-        if speed < self._speed_3:
-            word |= _SPEED_BELOW_3
-        if speed <= self._speed_2:
-            word |= _SPEED_BELOW_2
         if enabled:
             word |= _ENABLED
         return word | _READY if ready else word
+
+    def word(self, velocity: int, demand: int, torque: int, states: int, *, target_reached: bool) -> int:
+        """The word of this cycle.
+
+        ``velocity`` 606Ch, ``demand`` 606Bh, ``torque`` 6077h; ``states``: what ``states`` says; ``target_reached``:
+        Statusword.10.
+        """
+        word = states
+        tolerance, most = self._tolerance, self._torque
+        if -tolerance <= velocity - demand <= tolerance:
+            word |= _AT_SPEED if target_reached else SPEED_WITHIN_TOLERANCE
+        if -most < torque < most:
+            word |= _TORQUE_BELOW
+        if velocity < 0:
+            velocity = -velocity
+        if velocity <= self._speed_2:
+            word |= _SPEED_BELOW_2
+        return word | _SPEED_BELOW_3 if velocity < self._speed_3 else word

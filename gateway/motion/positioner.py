@@ -8,7 +8,7 @@ axes, cams, homing direction, the handshake with the drive and changes of its mo
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from pdgw.gateway.motion.blocks import BlockTable
 from pdgw.gateway.motion.chain import BlockChain
@@ -30,20 +30,45 @@ _Row = tuple[Callable[[], bool], Callable[[], None], State]
 _FUNCTION = {Event.MDI: State.MDI, Event.SETTING_UP: State.SETTING_UP, Event.BLOCK: State.BLOCK}
 
 
-@dataclass(slots=True, unsafe_hash=True)
+_OFF, _IDLE, _MDI, _SETTING_UP = State.OFF, State.IDLE, State.MDI, State.SETTING_UP
+_HOMING, _TRACKING = State.HOMING, State.TRACKING
+_MDI_TASK, _SETTING_UP_TASK, _BLOCK_TASK = Event.MDI, Event.SETTING_UP, Event.BLOCK
+_REJECTED = Reason.REJECTED
+
+
 class _Task:
-    """The data of the frame that brought an edge of STW1.6, or a change under continuous update. Never changed."""
+    """The data of the frame that brought an edge of STW1.6; under continuous update those of the newest change."""
 
-    event: Event
-    refusal: Reason | None
-    block: int
-    absolute: bool
-    values: tuple[int, int, int, int, bool, bool]
-    """Target, velocity, acceleration, deceleration, positive and negative direction."""
+    __slots__ = (
+        "absolute",
+        "acceleration",
+        "block",
+        "deceleration",
+        "event",
+        "negative",
+        "positive",
+        "refusal",
+        "target",
+        "velocity",
+    )
 
+    def __init__(self) -> None:
+        self.event: Event = _BLOCK_TASK
+        self.refusal: Reason | None = None
+        self.block = 0
+        self.absolute = self.positive = self.negative = False
+        self.target = self.velocity = self.acceleration = self.deceleration = 0
 
-def _values(asked: Asked) -> tuple[int, int, int, int, bool, bool]:
-    return asked.target, asked.velocity, asked.acceleration, asked.deceleration, asked.positive, asked.negative
+    def is_of(self, asked: Asked) -> bool:
+        """Whether nothing else is asked now."""
+        return (
+            asked.target == self.target
+            and asked.velocity == self.velocity
+            and asked.acceleration == self.acceleration
+            and asked.deceleration == self.deceleration
+            and asked.positive is self.positive
+            and asked.negative is self.negative
+        )
 
 
 class Positioner:
@@ -51,9 +76,8 @@ class Positioner:
 
     def __init__(self, settings: PositionerSettings, blocks: BlockTable | None = None) -> None:
         self.settings = settings
-        self.home_set = False
         self.outcome = Outcome()
-        self._state = State.OFF
+        self._state: State = _OFF
         self._course = Course(settings, self.outcome)
         self._chain = BlockChain(blocks or BlockTable(), self._course)
         self._asked = Asked()
@@ -66,8 +90,10 @@ class Positioner:
         self._armed = (False, False)
         self._jog = 0
         self._homing_until = 0
-        self._probing = self._probe_wanted = False
-        self._limits = False
+        self._probe_wanted = False
+        self._edition = 0
+        self._edges = False
+        """There was an edge in the last step."""
         self._levels = (False, False, False, False)
         self._activated = self._external_edge = self._reference_edge = self._homing_edge = False
         events: dict[Event, Callable[[], bool]] = {
@@ -131,6 +157,15 @@ class Positioner:
         self.settings = self._course.settings = replace(settings, position_range=self.settings.position_range)
         self._chain.blocks = blocks
 
+    @property
+    def home_set(self) -> bool:
+        """The home position is known."""
+        return self.outcome.home_set
+
+    @home_set.setter
+    def home_set(self, known: bool) -> None:
+        self.outcome.home_set = known
+
     def drive_restarted(self) -> None:
         """The drive's coordinates are new: the home position is lost."""
         self.home_set = False
@@ -138,29 +173,40 @@ class Positioner:
 
     def step(self, asked: Asked, seen: Seen, now: int) -> Outcome:
         """One cycle. Nothing of ``asked`` and ``seen`` is kept."""
+        other = asked is not self._asked or asked.edition != self._edition
         self._asked, self._seen, self._now = asked, seen, now
-        self._look()
+        outcome, course = self.outcome, self._course
+        if self._owed:
+            self._show_acknowledge()
+        course.look(seen, asked.software_limits and outcome.home_set)
+        if other:
+            self._look(asked)
+        elif self._edges:
+            self._edges = self._activated = self._external_edge = self._reference_edge = self._homing_edge = False
+        state = self._state
+        if (asked.homing or self._probe_wanted) and state is not _OFF:
+            self._home_on_the_fly()
         calm = asked.operating and asked.do_not_reject and self._pending is None
         for happened, act, target in self._calm_rows if calm else self._rows:
             if happened():
                 act()
-                if target is not self._state:
-                    self._state = target
+                if target is not state:
+                    self._state = outcome.state = target
                     self._rows, self._calm_rows = self._table[target]
                 break
-        self._chain.look_ahead()
-        if self._state is not State.HOMING:
-            self._course.follow(asked, now)
+        if self._chain.block is not None:
+            self._chain.look_ahead()
+        if self._state is not _HOMING:
+            course.follow(asked, now)
         self._show()
-        return self.outcome
+        return outcome
 
     # -- what came in ---------------------------------------------------------------------------------------------------
 
-    def _look(self) -> None:
-        """Edges, limits and probes, before the table is asked."""
-        asked = self._asked
-        self._edges()
-        self._show_acknowledge()
+    def _look(self, asked: Asked) -> None:
+        """Other bits, before the table is asked: edges, and what they are the edges of."""
+        self._edition = asked.edition
+        self._find_edges()
         if asked.jog_1 or asked.jog_2:
             allowed = asked.operating and asked.do_not_reject and not (asked.jog_1 and asked.jog_2)
             first, second = self._armed
@@ -169,61 +215,57 @@ class Positioner:
             self._armed = _BOTH
         if not asked.do_not_reject:
             self._pending = None
-        self._limits = asked.software_limits and self.home_set and self.settings.software_limits is not None
-        self._course.look(self._seen, self._limits)
-        if self._state is State.OFF:
+        if self._state is _OFF:
             return
         if self._activated and asked.do_not_reject:
             if self._state not in TASK_STATES:
                 self._warn(Reason.FUNCTION_RUNS)
             elif asked.no_intermediate_stop or self._state in _KEPT:
-                self._pending = self._captured()
+                self._pending = _Task()
+                self._capture(self._pending)
         if self._external_edge:
             self._chain.external = True
         if self._reference_edge:
             self._set_reference_point()
-        if asked.homing or self._probe_wanted:
-            self._home_on_the_fly()
 
-    def _edges(self) -> None:
+    def _find_edges(self) -> None:
         """Rising edges of this step; bits that stood before operation are none."""
         asked = self._asked
         before = self._levels
-        levels = (asked.activate, asked.external_block_change, asked.set_reference_point, asked.homing)
-        if levels == before:
-            if self._activated or self._external_edge or self._reference_edge or self._homing_edge:
-                self._activated = self._external_edge = self._reference_edge = self._homing_edge = False
-            return
-        self._levels = levels
-        self._activated, self._external_edge, self._reference_edge, self._homing_edge = (
-            is_set and not was_set for is_set, was_set in zip(levels, before, strict=True)
-        )
+        self._levels = (asked.activate, asked.external_block_change, asked.set_reference_point, asked.homing)
+        edges = [is_set and not was_set for is_set, was_set in zip(self._levels, before, strict=True)]
+        self._activated, self._external_edge, self._reference_edge, self._homing_edge = edges
+        self._edges = any(edges)
 
-    def _captured(self) -> _Task:
+    def _capture(self, task: _Task) -> None:
+        """What is asked now, and why it cannot be done."""
         asked = self._asked
-        refusal: Reason | None = None
+        target, absolute = asked.target, asked.absolute
+        task.block, task.absolute, task.target, task.velocity = asked.block, absolute, target, asked.velocity
+        task.acceleration, task.deceleration = asked.acceleration, asked.deceleration
+        task.positive, task.negative = asked.positive, asked.negative
+        task.refusal = None
         if not asked.mdi:
-            event = Event.BLOCK
-            refusal = self._chain.refusal(asked.block)
+            task.event = _BLOCK_TASK
+            task.refusal = self._chain.refusal(task.block)
+            return
+        task.event = _SETTING_UP_TASK if asked.setting_up else _MDI_TASK
+        if not task.velocity:
+            task.refusal = Reason.TASK_SPEED_ZERO
         elif asked.setting_up:
-            event = Event.SETTING_UP
-            refusal = Reason.TASK_DIRECTION if asked.positive == asked.negative else None
-        else:
-            event = Event.MDI
-            reachable = self._course.in_range(asked.target, asked.absolute)
-            refusal = None if reachable else Reason.TASK_TARGET_RANGE
-        if asked.mdi and not asked.velocity:
-            refusal = Reason.TASK_SPEED_ZERO
-        return _Task(event, refusal, asked.block, asked.absolute, _values(asked))
+            if task.positive is task.negative:
+                task.refusal = Reason.TASK_DIRECTION
+        elif not self._course.in_range(target, absolute):
+            task.refusal = Reason.TASK_TARGET_RANGE
 
     def _changed(self) -> bool:
         """Continuous update: other values than those in force, while STW1.6 stands."""
         asked, task = self._asked, self._task
         if not (asked.continuous_update and asked.activate and asked.mdi and task is not None):
             return False
-        if asked.setting_up is not (self._state is State.SETTING_UP) or _values(asked) == task.values:
+        if task.is_of(asked) or asked.setting_up is not (self._state is _SETTING_UP):
             return False
-        if self._state is State.MDI and not (asked.absolute and task.absolute):
+        if not (asked.absolute and task.absolute) and self._state is _MDI:
             self._warn(Reason.UPDATE_RELATIVE)
             return False
         return True
@@ -241,7 +283,7 @@ class Positioner:
         return self._seen.taken >= self.outcome.motion.serial and self._seen.homing is result
 
     def _finished(self) -> bool:
-        if self._state is State.MDI and self._asked.continuous_update and self._asked.activate:
+        if self._state is _MDI and self._asked.continuous_update and self._asked.activate:
             return False
         return self._course.arrived() or (self._course.goal is None and self._seen.standstill)
 
@@ -260,20 +302,20 @@ class Positioner:
         """A function other than a task begins."""
         self._forget()
         self._warn(None)
-        self.outcome.shown = State.IDLE
+        self.outcome.shown = _IDLE
 
     def _drop(self) -> None:
         self._forget()
-        self._probing = False
-        self.outcome.acknowledged = False
-        self.outcome.shown = State.OFF
-        self.outcome.outputs = 0
+        outcome = self.outcome
+        outcome.probe = outcome.acknowledged = False
+        outcome.shown = _OFF
+        outcome.outputs = 0
 
     def _brake(self) -> None:
         self._forget()
         if not self._asked.do_not_reject:
             self._warn(None)
-        self.outcome.shown = State.IDLE
+        self.outcome.shown = _IDLE
 
     def _refuse(self) -> None:
         pending, self._pending = self._pending, None
@@ -291,26 +333,28 @@ class Positioner:
         self._task = task
         self._owed = True
         self.outcome.shown = _FUNCTION[task.event]
-        if task.event is Event.BLOCK:
+        if task.event is _BLOCK_TASK:
             self._chain.run(task.block, self._now)
         else:
             self._pursue(task)
 
     def _update(self) -> None:
-        task = self._task = self._captured()
-        self._warn(task.refusal)
-        if task.refusal is None:
+        task = self._task
+        assert task is not None, "the rows with an update follow a change"
+        self._capture(task)
+        refusal = self.outcome.warning = task.refusal
+        if refusal is None:
             self._pursue(task)
         else:
             self._course.stand()
 
     def _pursue(self, task: _Task) -> None:
-        target, velocity, acceleration, deceleration, positive, _negative = task.values
-        if task.event is Event.SETTING_UP:
-            self._course.go(velocity if positive else -velocity, acceleration, deceleration)
+        velocity, acceleration, deceleration = task.velocity, task.acceleration, task.deceleration
+        if task.event is _SETTING_UP_TASK:
+            self._course.go(velocity if task.positive else -velocity, acceleration, deceleration)
         else:
             torque = self.settings.clamping_torque if self._asked.to_fixed_stop else None
-            self._course.go_to(target, task.absolute, velocity, acceleration, deceleration, torque)
+            self._course.go_to(task.target, task.absolute, velocity, acceleration, deceleration, torque)
 
     def _start_jog(self) -> None:
         self._begin()
@@ -344,7 +388,7 @@ class Positioner:
         self._warn(Reason.HOMING_ERROR)
 
     def _set_reference_point(self) -> None:
-        if self._state in {State.IDLE, State.TRACKING} and self._seen.standstill:
+        if (self._state is _IDLE or self._state is _TRACKING) and self._seen.standstill:
             self._refer(self._seen.position)
         else:
             self._warn(Reason.REFERENCE_POINT_MOVING)
@@ -356,56 +400,58 @@ class Positioner:
 
     def _home_on_the_fly(self) -> None:
         """STW1.11 with POS_STW2.8: the probe gives the offset while anything runs; a task keeps its target in the drive."""
-        asked, seen = self._asked, self._seen
+        asked, seen, outcome = self._asked, self._seen, self.outcome
         wanted = asked.homing and asked.passive_homing
         before, self._probe_wanted = self._probe_wanted, wanted
         if not wanted:
-            self._probing = False
+            outcome.probe = False
         elif not before:
-            self._probing = self.settings.probe
+            outcome.probe = self.settings.probe
             if not self.settings.probe:
                 self._warn(Reason.PASSIVE_HOMING_NOT_SUPPORTED)
-        elif self._probing and seen.probe_refused:
-            self._probing = False
+        elif outcome.probe and seen.probe_refused:
+            outcome.probe = False
             self._warn(Reason.PASSIVE_HOMING_NOT_SUPPORTED)
-        elif self._probing and seen.probe is not None:
-            self._probing = False
+        elif outcome.probe and seen.probe is not None:
+            outcome.probe = False
             self._refer(seen.probe)
 
     # -- what goes out --------------------------------------------------------------------------------------------------
 
     def _show(self) -> None:
-        outcome, asked, seen, state = self.outcome, self._asked, self._seen, self._state
-        outcome.state = state
-        position = outcome.position = seen.position + self._course.offset
-        outcome.home_set = self.home_set
-        outcome.standing = seen.standstill
-        if state is State.IDLE or state is State.TRACKING:
-            if not asked.activate or outcome.shown is State.OFF:
-                outcome.shown = State.IDLE
-            outcome.reached = seen.standstill
+        outcome, asked, seen, course, state = self.outcome, self._asked, self._seen, self._course, self._state
+        position = outcome.position = seen.position + course.offset
+        standing = outcome.standing = seen.standstill
+        if state is _MDI:
+            outcome.reached = course.arrived()
+        elif state is _IDLE or state is _TRACKING:
+            if not asked.activate or outcome.shown is _OFF:
+                outcome.shown = _IDLE
+            outcome.reached = standing
         else:
-            outcome.reached = state is State.MDI and self._course.arrived()
+            outcome.reached = False
         block = self._chain.block
-        outcome.block = block.number if block is not None else 0
-        outcome.homing = state is State.HOMING or self._now < self._homing_until
-        outcome.passive_homing = outcome.probe = self._probing
-        outcome.negative_limit = asked.hardware_limits and seen.negative_limit
-        outcome.positive_limit = asked.hardware_limits and seen.positive_limit
-        outcome.at_minus = outcome.at_plus = False
-        limits = self.settings.software_limits
-        if self._limits and limits is not None and seen.standstill:
+        outcome.block = 0 if block is None else block.number
+        outcome.homing = state is _HOMING or self._now < self._homing_until
+        if asked.hardware_limits:
+            outcome.negative_limit, outcome.positive_limit = seen.negative_limit, seen.positive_limit
+        else:
+            outcome.negative_limit = outcome.positive_limit = False
+        limits = course.limits
+        if standing and limits is not None:
             outcome.at_minus = position <= limits[0] + self.settings.position_window
             outcome.at_plus = position >= limits[1] - self.settings.position_window
-        outcome.reason = self._course.held or (None if asked.do_not_reject else Reason.REJECTED) or outcome.warning
+        else:
+            outcome.at_minus = outcome.at_plus = False
+        outcome.reason = course.held or (None if asked.do_not_reject else _REJECTED) or outcome.warning
 
     def _show_acknowledge(self) -> None:
-        outcome, task, first = self.outcome, self._task, self._course.first_serial
+        """Of a task that is owed one. A position task is the drive's to acknowledge, anything else the gateway's."""
+        outcome, task = self.outcome, self._task
         if not self._asked.activate:
             outcome.acknowledged = self._owed = False
-        elif self._owed and task is not None:
-            # A position task is the drive's to acknowledge, anything else the gateway's.
+        elif task is not None and not outcome.acknowledged:
             block = self._chain.block
-            still = task.event is Event.BLOCK and block is not None and not block.task.moves
+            still = task.event is _BLOCK_TASK and block is not None and not block.task.moves
             speed = self._course.speed is not None
-            outcome.acknowledged = outcome.acknowledged or still or speed or 0 < first <= self._seen.taken
+            outcome.acknowledged = still or speed or 0 < self._course.first_serial <= self._seen.taken

@@ -71,7 +71,11 @@ class LengthUnits:
     def to_length(self, position: int) -> int:
         """The drive's position units to LU, to the nearest."""
         numerator, denominator = self._position
-        return round_half_away(position * denominator, numerator)
+        # ``round_half_away`` in line: every cycle needs it.
+        doubled = 2 * position * denominator
+        if doubled >= 0:
+            return (doubled + numerator) // (2 * numerator)
+        return -((numerator - doubled) // (2 * numerator))
 
     def velocity(self, velocity: int, override: int = N2_100_PERCENT) -> int:
         """1000 LU/min under an override (N2, 0 or above) to the drive's velocity units; 0 only for 0."""

@@ -56,6 +56,8 @@ class Asked:
     velocity: int = 0
     acceleration: int = FULL
     deceleration: int = FULL
+    edition: int = 0
+    """Another one whenever a bit has changed: who changes bits of an object that is in use counts on."""
 
 
 class HomingResult(enum.Enum):
@@ -140,7 +142,6 @@ class Outcome:
     acknowledged: bool = False
     reached: bool = False
     homing: bool = False
-    passive_homing: bool = False
     home_set: bool = False
     speed_limited: bool = False
     at_minus: bool = False
@@ -151,7 +152,7 @@ class Outcome:
     fixed_stop: bool = False
     outputs: int = 0
     probe: bool = False
-    """The probe is to be armed."""
+    """The probe is to be armed: passive homing."""
     warning: Reason | None = None
     """Stands until a reject or the next task."""
     reason: Reason | None = None

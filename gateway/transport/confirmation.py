@@ -13,9 +13,10 @@ these from the PLC.
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections import deque
 from collections.abc import Callable, Hashable, Sequence
-from operator import itemgetter
+from operator import attrgetter, itemgetter
 
 from pdgw.gateway.transport.sequence import OLDEST_NS, WRAP_NS
 from pdgw.profidrive.frame import COUNTER_UNIT_NS
@@ -91,6 +92,9 @@ class _Stretch:
         self.first = self.last = first
 
 
+_FIRST: Callable[[_Stretch], int] = attrgetter("first")
+
+
 class OrderHistory:
     """What the frames of a connection ordered, and when by the PLC's clock."""
 
@@ -137,10 +141,11 @@ class OrderHistory:
         return all(self._known_other(command, elapsed_ns - turn * WRAP_NS) for turn in _TURNS)
 
     def _known_other(self, command: Hashable, time: int) -> bool:
-        for stretch in reversed(self._stretches):
-            if stretch.first <= time:
-                return time <= stretch.last and stretch.command != command
-        return False
+        place = bisect_right(self._stretches, time, key=_FIRST)
+        if not place:
+            return False
+        stretch = self._stretches[place - 1]
+        return time <= stretch.last and stretch.command != command
 
 
 class Confirmation:

@@ -61,6 +61,7 @@ _Orders = tuple[tuple[int, ...] | None, ...]
 """What a frame orders, of each drive object; None where its IOPS is BAD."""
 _Axis = tuple[Callable[[bytes, int], tuple[int, ...]], int, int, Callable[[Sequence[int]], tuple[int, ...]]]
 """How the values of a drive object are read, where they and its IOPS are, and how its order is read from them."""
+_ACCEPTED, _PROVIDER_STOP = Verdict.ACCEPTED, Verdict.PROVIDER_STOP
 _MISFITS = (Verdict.TRUNCATED, Verdict.OVERSIZED, Verdict.WRONG_TELEGRAM)
 
 
@@ -181,7 +182,7 @@ class CyclicEndpoint:
         if self.connected and (self._late or earliest - self._last_time > self._watchdog_ns):
             self._lose()
         verdict = Verdict.OVERDUE if now - arrived > self._watchdog_ns else self._check(data, source)
-        if verdict is Verdict.ACCEPTED or verdict is Verdict.PROVIDER_STOP:
+        if verdict is _ACCEPTED or verdict is _PROVIDER_STOP:
             verdict = self._take(data, source, arrived, verdict)
         elif verdict in _MISFITS:
             self._misfit = f"frame of {len(data)} bytes from {source[0]} does not fit"
@@ -209,7 +210,7 @@ class CyclicEndpoint:
             return Verdict.WRONG_TELEGRAM
         status = data[layout.trailer + _STATUS_OFFSET]
         if status & _STATUS_USED == _STATUS_USED:
-            return Verdict.ACCEPTED
+            return _ACCEPTED
         if not status & STATUS_DATA_VALID:
             return Verdict.NOT_VALID
         return Verdict.PROVIDER_STOP if status & STATUS_PRIMARY else Verdict.NOT_PRIMARY
@@ -218,7 +219,7 @@ class CyclicEndpoint:
         """The verdict on a frame whose content is right, by its place in the sequence of frames."""
         sequence = self._sequence
         (counter,) = _COUNTER.unpack_from(data, self.consumer.trailer)
-        runs = verdict is Verdict.ACCEPTED
+        runs = verdict is _ACCEPTED
         if not sequence.next(counter, arrived):
             orders = tuple(self._decode(data)[1]) if runs else None
             order = sequence.follow(source, counter, arrived, orders, may_connect=not self._loss_to_tell)

@@ -7,8 +7,9 @@ what 111 has in POS_STW1 and POS_STW2. Left out: USER, the reference cam, ZSW1.1
 from __future__ import annotations
 
 from collections.abc import Sequence
+from operator import itemgetter
 
-from pdgw.gateway.axis.adapters.base import ControlWordAdapter, place
+from pdgw.gateway.axis.adapters.base import ControlWordAdapter
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.waist import Demand, Report
 from pdgw.gateway.motion.states import State
@@ -26,7 +27,7 @@ _JOG_2 = _STW1.bit("JOG_2_ON").mask
 _START_HOMING = _STW1.bit("START_HOMING", positioning=True).mask
 _EXTERNAL = _STW1.bit("EXTERNAL_BLOCK_CHANGE", positioning=True).mask
 _ZSW1 = signal("ZSW1")
-_OF_THE_DRIVE = _ZSW1.bit("DEVICE_14").mask | _ZSW1.bit("DEVICE_15").mask
+_OWN = ~(_ZSW1.bit("DEVICE_14").mask | _ZSW1.bit("DEVICE_15").mask)
 """What the Statusword has there is neither acceleration nor deceleration."""
 
 _TO_FIXED_STOP = signal("STW2").bit("TO_FIXED_STOP").mask
@@ -65,12 +66,16 @@ _POSITIVE_LIMIT = _POS_ZSW1.bit("POSITIVE_HARDWARE_LIMIT").mask
 _JOGGING = _POS_ZSW1.bit("JOGGING").mask
 _HOMING = _POS_ZSW1.bit("HOMING").mask
 _PASSIVE_HOMING = _POS_ZSW1.bit("PASSIVE_HOMING").mask
-_FUNCTION = {
+_FUNCTION = dict.fromkeys(State, 0) | {
     State.BLOCK: _POS_ZSW1.bit("BLOCK_MODE").mask,
     State.SETTING_UP: _POS_ZSW1.bit("SETTING_UP").mask,
     State.MDI: _POS_ZSW1.bit("MDI_ACTIVE").mask,
 }
-_JOG_STATES = (State.JOG, State.JOG_INCREMENTAL)
+"""Of the state that is shown,"""
+_RUNNING = dict.fromkeys(State, 0) | dict.fromkeys((State.JOG, State.JOG_INCREMENTAL), _JOGGING)
+"""and of the one that is."""
+_MDI_STATES = (State.MDI, State.SETTING_UP)
+_STAND, _IN_TRACKING = MotionKind.STAND, State.TRACKING
 
 _POS_ZSW2 = signal("POS_ZSW2")
 _TRACKING = _POS_ZSW2.bit("TRACKING").mask
@@ -81,7 +86,7 @@ _FORWARD = _POS_ZSW2.bit("MOVES_FORWARD").mask
 _BACKWARD = _POS_ZSW2.bit("MOVES_BACKWARD").mask
 _LIMIT_MINUS = _POS_ZSW2.bit("SOFTWARE_LIMIT_MINUS").mask
 _LIMIT_PLUS = _POS_ZSW2.bit("SOFTWARE_LIMIT_PLUS").mask
-_OUTPUT_1 = _POS_ZSW2.bit("OUTPUT_1")
+_OUTPUT_1 = _POS_ZSW2.bit("OUTPUT_1").position
 _FIXED_STOP = _POS_ZSW2.bit("FIXED_STOP_REACHED").mask | _POS_ZSW2.bit("CLAMPING_TORQUE_REACHED").mask
 _MOVING_TO_STOP = _POS_ZSW2.bit("TO_FIXED_STOP").mask
 _TRAVERSING = _POS_ZSW2.bit("TRAVERSING").mask
@@ -91,65 +96,44 @@ _LOWEST, _HIGHEST = DataType.INTEGER32.integer_range
 
 
 class PositionerAdapter(ControlWordAdapter):
-    """Words by name; what a telegram lacks keeps its first value."""
+    """What telegrams 7, 110 and 111 have in common: STW1 and ZSW1, and that words are looked at when they change.
 
-    def __init__(self, telegram: Telegram, settings: AxisSettings) -> None:
+    A telegram's own adapter names its control words and evaluates them.
+    """
+
+    def __init__(self, telegram: Telegram, settings: AxisSettings, *controls: str) -> None:
         super().__init__(telegram, settings)
-        setpoints, actuals = telegram.setpoints, telegram.actuals
-        self._asked = Asked()
+        self.asked = Asked()
         self._last: Sequence[int] | None = None
-        self._words = (-1, -1, -1)
-        """STW1 and the positioner's words as they were evaluated last."""
-        self._stw2 = place(setpoints, "STW2")
-        self._satzanw = place(setpoints, "SATZANW")
-        self._pos_stw = place(setpoints, "POS_STW")
-        self._pos_stw1 = place(setpoints, "POS_STW1")
-        self._pos_stw2 = place(setpoints, "POS_STW2")
-        self._override = place(setpoints, "OVERRIDE")
-        self._target = place(setpoints, "MDI_TARPOS")
-        """MDI_VELOCITY, MDI_ACC and MDI_DEC follow."""
-        self._mod = place(setpoints, "MDI_MOD")
-        self._zsw2 = place(actuals, "ZSW2")
-        self._aktsatz = place(actuals, "AKTSATZ")
-        self._pos_zsw = place(actuals, "POS_ZSW")
-        self._pos_zsw1 = place(actuals, "POS_ZSW1")
-        """POS_ZSW2 follows."""
-        self._message = place(actuals, "MELDW")
-        self._position = place(actuals, "XIST_A")
-        self._speed = place(actuals, "NIST_B")
-        self._codes = place(actuals, "FAULT_CODE")
-        """WARN_CODE follows."""
+        self._controls = itemgetter(*(telegram.setpoints.index(name) for name in ("STW1", *controls)))
+        self._evaluated: Sequence[int] = ()
+        """The control words as they were evaluated last."""
 
     def read(self, setpoints: Sequence[int] | None, demand: Demand) -> None:
         word = None if setpoints is None else setpoints[self.stw1]
         if word != self.word:
             self.take(word, demand)
-        demand.motion = self._asked
-        if word is None or setpoints is None or not demand.in_control or setpoints == self._last:
+        demand.motion = self.asked
+        if setpoints is None or not demand.in_control or setpoints == self._last:
             return
         self._last = setpoints
-        asked = self._asked
-        if self._pos_stw1 >= 0:
-            words = (word, setpoints[self._pos_stw1], setpoints[self._pos_stw2])
-            if words != self._words:
-                self._words = words
-                self._read_stw1(word)
-                self._read_111(words[1], words[2])
-        else:
-            self._read_stw1(word)
-            self._read_selection(setpoints)
-        if self._stw2 >= 0:
-            asked.to_fixed_stop = setpoints[self._stw2] & _TO_FIXED_STOP != 0
-        if self._override >= 0:
-            override = setpoints[self._override]
-            asked.override = override if override > 0 else 0
-        first = self._target
-        if first >= 0:
-            asked.target, asked.velocity = setpoints[first], setpoints[first + 1]
-            asked.acceleration, asked.deceleration = setpoints[first + 2], setpoints[first + 3]
+        controls = self._controls(setpoints)
+        if controls != self._evaluated:
+            self._evaluated = controls
+            self.asked.edition += 1
+            self._read_stw1(controls[0])
+            self.read_controls(controls)
+        self.read_values(setpoints)
+
+    def read_controls(self, controls: Sequence[int]) -> None:
+        """Other control words: STW1 and those that were named."""
+        raise NotImplementedError
+
+    def read_values(self, setpoints: Sequence[int]) -> None:
+        """What is no bit of a control word."""
 
     def _read_stw1(self, word: int) -> None:
-        asked = self._asked
+        asked = self.asked
         asked.do_not_reject = word & _DO_NOT_REJECT != 0
         asked.no_intermediate_stop = word & _NO_INTERMEDIATE_STOP != 0
         asked.activate = word & _ACTIVATE_TASK != 0
@@ -158,8 +142,107 @@ class PositionerAdapter(ControlWordAdapter):
         asked.homing = word & _START_HOMING != 0
         asked.external_block_change = word & _EXTERNAL != 0
 
-    def _read_111(self, word: int, second: int) -> None:
-        asked = self._asked
+
+class BlockAdapter(PositionerAdapter):
+    """Telegram 7: traversing blocks alone."""
+
+    def __init__(self, telegram: Telegram, settings: AxisSettings, *controls: str) -> None:
+        super().__init__(telegram, settings, "SATZANW", *controls)
+        self._aktsatz = telegram.actuals.index("AKTSATZ")
+
+    def read_controls(self, controls: Sequence[int]) -> None:
+        selection = controls[1]
+        self.asked.block = _BLOCK.of(selection)
+        # There is no MDI: its bit selects a task that cannot be done (speed 0).
+        self.asked.mdi = selection & _BLOCK_MDI != 0
+
+    def write(self, report: Report, actuals: list[int]) -> None:
+        actuals[self.zsw1] = report.flags & _OWN
+        outcome = report.motion
+        if outcome is not None:
+            active = _ACTIVE_MDI if outcome.shown in _MDI_STATES else 0
+            actuals[self._aktsatz] = outcome.block & _ACTIVE_BLOCK | active
+
+
+class _ValuesOfMdi:
+    """Where STW2, OVERRIDE and the setpoints of MDI are, and the words that show it."""
+
+    __slots__ = ("_first", "_message", "_override", "_position", "_stw2", "_zsw2")
+
+    def __init__(self, telegram: Telegram) -> None:
+        setpoints, actuals = telegram.setpoints, telegram.actuals
+        self._stw2 = setpoints.index("STW2")
+        self._override = setpoints.index("OVERRIDE")
+        self._first = setpoints.index("MDI_TARPOS")
+        """MDI_VELOCITY, MDI_ACC and MDI_DEC follow."""
+        self._zsw2 = actuals.index("ZSW2")
+        self._message = actuals.index("MELDW")
+        self._position = actuals.index("XIST_A")
+
+    def read(self, setpoints: Sequence[int], asked: Asked) -> None:
+        asked.to_fixed_stop = setpoints[self._stw2] & _TO_FIXED_STOP != 0
+        override = setpoints[self._override]
+        asked.override = override if override > 0 else 0
+        first = self._first
+        asked.target, asked.velocity = setpoints[first], setpoints[first + 1]
+        asked.acceleration, asked.deceleration = setpoints[first + 2], setpoints[first + 3]
+
+    def write(self, report: Report, outcome: Outcome, actuals: list[int]) -> None:
+        position = outcome.position
+        actuals[self._position] = position if _LOWEST <= position <= _HIGHEST else max(_LOWEST, min(position, _HIGHEST))
+        actuals[self._message] = report.message
+        if outcome.to_fixed_stop:
+            actuals[self._zsw2] |= _SHOWN_FIXED_STOP
+
+
+class SelectionAdapter(BlockAdapter):
+    """Telegram 110: SATZANW, POS_STW and MDI_MOD."""
+
+    def __init__(self, telegram: Telegram, settings: AxisSettings) -> None:
+        super().__init__(telegram, settings, "POS_STW", "MDI_MOD")
+        self._mdi = _ValuesOfMdi(telegram)
+        self._pos_zsw = telegram.actuals.index("POS_ZSW")
+
+    def read_controls(self, controls: Sequence[int]) -> None:
+        super().read_controls(controls)
+        asked = self.asked
+        word, mode = controls[2], controls[3]
+        asked.tracking = word & _2_TRACKING != 0
+        asked.set_reference_point = word & _2_SET_REFERENCE != 0
+        asked.jog_incremental = word & _2_INCREMENTAL != 0
+        # Limits have no bit here: they are watched as soon as they are known.
+        asked.software_limits = asked.hardware_limits = True
+        asked.absolute = mode & _MOD_ABSOLUTE != 0
+        asked.positive = mode & _MOD_POSITIVE != 0
+        asked.negative = mode & _MOD_NEGATIVE != 0
+
+    def read_values(self, setpoints: Sequence[int]) -> None:
+        self._mdi.read(setpoints, self.asked)
+
+    def write(self, report: Report, actuals: list[int]) -> None:
+        super().write(report, actuals)
+        outcome = report.motion
+        if outcome is not None:
+            self._mdi.write(report, outcome, actuals)
+            actuals[self._pos_zsw] = _second(outcome, report.speed) & _POS_ZSW
+
+
+class WideAdapter(PositionerAdapter):
+    """Telegram 111: POS_STW1 and POS_STW2, speed and numbers of faults and warnings."""
+
+    def __init__(self, telegram: Telegram, settings: AxisSettings) -> None:
+        super().__init__(telegram, settings, "POS_STW1", "POS_STW2")
+        self._mdi = _ValuesOfMdi(telegram)
+        actuals = telegram.actuals
+        self._pos_zsw1 = actuals.index("POS_ZSW1")
+        """POS_ZSW2 follows."""
+        self._speed = actuals.index("NIST_B")
+        self._codes = actuals.index("FAULT_CODE")
+        """WARN_CODE follows."""
+
+    def read_controls(self, controls: Sequence[int]) -> None:
+        asked = self.asked
+        word, second = controls[1], controls[2]
         asked.block = _1_BLOCK.of(word)
         asked.absolute = word & _1_ABSOLUTE != 0
         asked.positive = word & _1_POSITIVE != 0
@@ -176,87 +259,53 @@ class PositionerAdapter(ControlWordAdapter):
         asked.software_limits = second & _2_SOFTWARE != 0
         asked.hardware_limits = second & _2_HARDWARE != 0
 
-    def _read_selection(self, setpoints: Sequence[int]) -> None:
-        asked = self._asked
-        selection = setpoints[self._satzanw]
-        asked.block = _BLOCK.of(selection)
-        # Telegram 7 has no MDI: its bit selects a task that cannot be done (speed 0).
-        asked.mdi = selection & _BLOCK_MDI != 0
-        if self._mod >= 0:
-            mode = setpoints[self._mod]
-            asked.absolute = mode & _MOD_ABSOLUTE != 0
-            asked.positive = mode & _MOD_POSITIVE != 0
-            asked.negative = mode & _MOD_NEGATIVE != 0
-        if self._pos_stw >= 0:
-            word = setpoints[self._pos_stw]
-            asked.tracking = word & _2_TRACKING != 0
-            asked.set_reference_point = word & _2_SET_REFERENCE != 0
-            asked.jog_incremental = word & _2_INCREMENTAL != 0
-            # Limits have no bit in telegram 110: they are watched as soon as they are known.
-            asked.software_limits = asked.hardware_limits = True
+    def read_values(self, setpoints: Sequence[int]) -> None:
+        self._mdi.read(setpoints, self.asked)
 
     def write(self, report: Report, actuals: list[int]) -> None:
-        actuals[self.zsw1] = report.flags & ~_OF_THE_DRIVE
+        actuals[self.zsw1] = report.flags & _OWN
         outcome = report.motion
         if outcome is None:
             return
-        if self._message >= 0:
-            actuals[self._message] = report.message
-        if self._position >= 0:
-            position = outcome.position
-            actuals[self._position] = (
-                position if _LOWEST <= position <= _HIGHEST else max(_LOWEST, min(position, _HIGHEST))
-            )
-        if self._speed >= 0:
-            actuals[self._speed] = report.speed
-        if self._codes >= 0:
-            actuals[self._codes], actuals[self._codes + 1] = report.fault_code, report.warning_code
-        if self._zsw2 >= 0 and outcome.to_fixed_stop:
-            actuals[self._zsw2] |= _SHOWN_FIXED_STOP
-        if self._aktsatz >= 0:
-            active = _ACTIVE_MDI if outcome.shown is State.MDI or outcome.shown is State.SETTING_UP else 0
-            actuals[self._aktsatz] = outcome.block & _ACTIVE_BLOCK | active
-        if self._pos_zsw >= 0:
-            actuals[self._pos_zsw] = self._second(outcome, report.speed) & _POS_ZSW
-        if self._pos_zsw1 >= 0:
-            actuals[self._pos_zsw1] = self._first(outcome)
-            actuals[self._pos_zsw1 + 1] = self._second(outcome, report.speed)
+        self._mdi.write(report, outcome, actuals)
+        speed = actuals[self._speed] = report.speed
+        first = self._pos_zsw1
+        actuals[first], actuals[first + 1] = _first(outcome), _second(outcome, speed)
+        first = self._codes
+        actuals[first], actuals[first + 1] = report.fault_code, report.warning_code
 
-    @staticmethod
-    def _first(outcome: Outcome) -> int:
-        """POS_ZSW1."""
-        word = outcome.block | _FUNCTION.get(outcome.shown, 0)
-        if outcome.state in _JOG_STATES:
-            word |= _JOGGING
-        if outcome.homing:
-            word |= _HOMING
-        if outcome.passive_homing:
-            word |= _PASSIVE_HOMING
-        if outcome.negative_limit:
-            word |= _NEGATIVE_LIMIT
-        return word | _POSITIVE_LIMIT if outcome.positive_limit else word
 
-    @staticmethod
-    def _second(outcome: Outcome, speed: int) -> int:
-        """POS_ZSW2."""
-        motion = outcome.motion
-        word = outcome.outputs << _OUTPUT_1.position
-        if outcome.reached:
-            word |= _STATIONARY | _SETPOINT_REACHED
-        elif motion.kind is MotionKind.STAND:
-            word |= _STATIONARY
-        else:
-            word |= _TRAVERSING
-        if not outcome.standing:
-            word |= _FORWARD if speed > 0 else _BACKWARD
-        if outcome.state is State.TRACKING:
-            word |= _TRACKING
-        if outcome.speed_limited:
-            word |= _SPEED_LIMITED
-        if outcome.at_minus:
-            word |= _LIMIT_MINUS
-        if outcome.at_plus:
-            word |= _LIMIT_PLUS
-        if outcome.to_fixed_stop:
-            word |= _MOVING_TO_STOP
-        return word | _FIXED_STOP if outcome.fixed_stop else word
+def _first(outcome: Outcome) -> int:
+    """POS_ZSW1."""
+    word = outcome.block | _FUNCTION[outcome.shown] | _RUNNING[outcome.state]
+    if outcome.homing:
+        word |= _HOMING
+    if outcome.probe:
+        word |= _PASSIVE_HOMING
+    if outcome.negative_limit:
+        word |= _NEGATIVE_LIMIT
+    return word | _POSITIVE_LIMIT if outcome.positive_limit else word
+
+
+def _second(outcome: Outcome, speed: int) -> int:
+    """POS_ZSW2."""
+    word = outcome.outputs << _OUTPUT_1
+    if outcome.reached:
+        word |= _STATIONARY | _SETPOINT_REACHED
+    elif outcome.motion.kind is _STAND:
+        word |= _STATIONARY
+    else:
+        word |= _TRAVERSING
+    if not outcome.standing:
+        word |= _FORWARD if speed > 0 else _BACKWARD
+    if outcome.state is _IN_TRACKING:
+        word |= _TRACKING
+    if outcome.speed_limited:
+        word |= _SPEED_LIMITED
+    if outcome.at_minus:
+        word |= _LIMIT_MINUS
+    if outcome.at_plus:
+        word |= _LIMIT_PLUS
+    if outcome.to_fixed_stop:
+        word |= _MOVING_TO_STOP
+    return word | _FIXED_STOP if outcome.fixed_stop else word

@@ -11,7 +11,7 @@ from fractions import Fraction
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.images import DriveCommand, DriveFeedback
-from pdgw.dsp402.states import StatusBit
+from pdgw.dsp402.states import STATE_OF_STATUS, State, StatusBit
 from pdgw.gateway.axis.power_table import Action
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.values import ProbeAnswer, ProbeWish, SdoWrite
@@ -19,6 +19,8 @@ from pdgw.gateway.axis.waist import Demand, Report
 from pdgw.gateway.reasons import FaultNumber, Reason
 from pdgw.profidrive.datatypes import Normalisation
 
+OPERATION_ENABLED = tuple(state is State.OPERATION_ENABLED for state in STATE_OF_STATUS)
+"""By the Statusword's ``STATE_MASK``."""
 LIMIT_STANDING_NS = 500_000_000
 """A drive that reports an internal limit and stands so long with a setpoint or task is held by it (a limit switch); one whose
 speed is limited has left standstill by then."""

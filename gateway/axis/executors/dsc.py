@@ -10,8 +10,7 @@ from fractions import Fraction
 
 from pdgw.dsp402.drive_type import DriveType, Quantity
 from pdgw.dsp402.errors import Dsp402Error
-from pdgw.dsp402.states import STATE_OF_STATUS, State
-from pdgw.gateway.axis.executors.base import AxisCycle, Executor, LimitWatch, known
+from pdgw.gateway.axis.executors.base import OPERATION_ENABLED, AxisCycle, Executor, LimitWatch, known
 from pdgw.gateway.axis.executors.torque import message_of
 from pdgw.gateway.axis.power_table import Action
 from pdgw.gateway.axis.waist import STATE_MASK, Flag
@@ -22,6 +21,8 @@ from pdgw.gateway.motion.units import round_half_away
 from pdgw.gateway.reasons import FaultNumber, Reason
 from pdgw.profidrive.datatypes import Normalisation, n4
 
+_ENABLE_OPERATION, _RAMP = Action.ENABLE_OPERATION, Action.RAMP
+_BY_SPEED = DscForm.SPEED
 _SECONDS_PER_MINUTE = 60
 _NS = 1_000_000_000
 _I32 = (-(1 << 31), (1 << 31) - 1)
@@ -91,11 +92,11 @@ class DscExecutor(Executor):
         if dsc is None or actual is None or message is None:
             return reason
         command, report, demand, feedback = self.command, self.report, cycle.demand, cycle.feedback
-        enabled = STATE_OF_STATUS[feedback.statusword & STATE_MASK] is State.OPERATION_ENABLED
-        if enabled and action is Action.ENABLE_OPERATION:
+        enabled = OPERATION_ENABLED[feedback.statusword & STATE_MASK]
+        if enabled and action is _ENABLE_OPERATION:
             reason = self._control(dsc)
             reason = self._held_at_limit() or reason
-        elif enabled and action is Action.RAMP:
+        elif enabled and action is _RAMP:
             self._ramp()
         else:
             self._held = False
@@ -115,7 +116,7 @@ class DscExecutor(Executor):
         result = dsc.step(demand.speed, demand.xerr, demand.kpc, position, fresh=demand.fresh)
         self._warn(dsc, clamped=result.gain_clamped)
         command, self._velocity = self.command, result.velocity
-        if self.choices.form is DscForm.SPEED:
+        if self.choices.form is _BY_SPEED:
             command.target_velocity = result.velocity
             return result.reason
         command.velocity_offset = result.velocity

@@ -11,8 +11,8 @@ from pdgw.dsp402.drive_type import DriveType, Quantity
 from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.objects import NEGATIVE_LIMIT_SWITCH, POSITIVE_LIMIT_SWITCH
-from pdgw.dsp402.states import STATE_OF_STATUS, ControlBit, State, StatusBit
-from pdgw.gateway.axis.executors.base import AxisCycle, Executor, known
+from pdgw.dsp402.states import ControlBit, StatusBit
+from pdgw.gateway.axis.executors.base import OPERATION_ENABLED, AxisCycle, Executor, known
 from pdgw.gateway.axis.executors.homing import Homing, Progress
 from pdgw.gateway.axis.executors.mode import ModeSwitch
 from pdgw.gateway.axis.executors.torque import message_of
@@ -31,6 +31,7 @@ from pdgw.gateway.motion.wishes import (
     HomingResult,
     Motion,
     MotionKind,
+    Outcome,
     PositionerChoices,
     PositionerSettings,
     Seen,
@@ -40,6 +41,15 @@ from pdgw.profidrive.datatypes import Normalisation, n4
 
 _HALT = ControlBit.HALT
 _NEW_SETPOINT = ControlBit.NEW_SETPOINT
+_ENABLE_OPERATION, _RAMP, _RAMP_END = Action.ENABLE_OPERATION, Action.RAMP, Action.RAMP_END
+_STAND, _POSITION, _HOMING = MotionKind.STAND, MotionKind.POSITION, MotionKind.HOMING
+_POSITION_MODE, _VELOCITY_MODE, _HOMING_MODE = Mode.POSITION.value, Mode.VELOCITY.value, Mode.HOMING.value
+_WITHOUT_FUNCTION = (Function.IDLE, Function.TRACKING, Function.BRAKING)
+_STANDING, _REACHED, _WITHIN_TOLERANCE = Flag.STANDING, Flag.REACHED, Flag.WITHIN_TOLERANCE
+_HOME_SET, _TASK_ACKNOWLEDGED = Flag.HOME_SET, Flag.TASK_ACKNOWLEDGED
+_INTERNAL_LIMIT, _TARGET_REACHED = StatusBit.INTERNAL_LIMIT, StatusBit.TARGET_REACHED
+_ACKNOWLEDGED, _FOLLOWING_ERROR = StatusBit.MODE_12, StatusBit.MODE_13
+"""Of mode 1."""
 _AT_LIMIT = 20
 """The torque is at its limit within one part in so many."""
 
@@ -53,7 +63,7 @@ class PositionerExecutor(Executor):
             raise GatewayError("positioner: missing, telegrams 7, 110 and 111 need [axis.positioner]")
         self.choices: PositionerChoices = self.settings.positioner
         self.positioner = Positioner(_settings(self.choices), BlockTable(self.choices.blocks))
-        self._mode = ModeSwitch(cycle, Mode.POSITION.value)
+        self._mode = ModeSwitch(cycle, _POSITION_MODE)
         self.homing = Homing(cycle, self._mode)
         self.command.modes_of_operation = self._mode.mode
         self.report.motion = self.positioner.outcome
@@ -74,6 +84,8 @@ class PositionerExecutor(Executor):
         self._homing_begun = 0
         """Serial of the homing that was begun."""
         self._warned: Reason | None = None
+        self._inputs = 0
+        """The digital inputs as they were looked at last."""
 
     def set_drive(self, drive: DriveType, homing_method: int) -> None:
         self._drive = drive
@@ -148,8 +160,6 @@ class PositionerExecutor(Executor):
     def _probe(self, asked: Asked) -> None:
         """Arm the probe of passive homing, and take it back."""
         notes, seen = self.notes, self._seen
-        if self.positioner.outcome.probe is (notes.probe is not None):
-            return
         seen.probe = None
         seen.probe_refused = False
         armed = self.positioner.outcome.probe
@@ -169,41 +179,43 @@ class PositionerExecutor(Executor):
         if units is None or speed is None or message is None:
             return reason
         action, feedback = cycle.action, cycle.feedback
-        statusword = feedback.statusword
-        state = STATE_OF_STATUS[statusword & STATE_MASK]
         mode, notes = self._mode, self.notes
         asked = cycle.demand.motion or self._nothing
-        asked.operating = action is Action.ENABLE_OPERATION and state is State.OPERATION_ENABLED
+        operating = action is _ENABLE_OPERATION and OPERATION_ENABLED[feedback.statusword & STATE_MASK]
+        if operating is not asked.operating:
+            asked.operating = operating
+            asked.edition += 1
         self._look(units)
         outcome = self.positioner.step(asked, self._seen, cycle.now)
-        self._probe(asked)
+        if outcome.probe is (notes.probe is None):
+            self._probe(asked)
         extra = 0
-        if asked.operating:
+        motion = outcome.motion
+        if operating:
             notes.forget()
-            extra = self._execute(outcome.motion, units)
+            extra = self._execute(motion, units)
             mode.halted = extra & _HALT != 0
             reason = notes.reason or outcome.reason
-        elif action is Action.RAMP or action is Action.RAMP_END:
+        elif action is _RAMP or action is _RAMP_END:
             mode.halted = True  # the mode stays what it is while Halt is set
             self._stop()
             extra = _HALT
         else:
             mode.halted = False
             self._stop()
-        self._torque.follow(outcome.motion.torque if asked.operating else None)
-        self._warn(outcome.warning)
+        self._torque.follow(motion.torque if operating else None)
+        if outcome.warning is not self._warned:
+            self._warn(outcome.warning)
         command, report = self.command, self.report
         command.controlword = cycle.controlword | extra
         command.modes_of_operation = mode.mode
         report.speed = speed.to_wire(feedback.velocity_actual)
-        report.flags = self._flags()
-        report.message = message_of(message, feedback, self.notes.troubles)
+        report.flags = self._flags(outcome)
+        report.message = message_of(message, feedback, notes.troubles)
         return reason
 
     def _warn(self, warning: Reason | None) -> None:
-        """The positioner's warning as one of the axis: told once, shown while it stands."""
-        if warning is self._warned:
-            return
+        """Another warning of the positioner as one of the axis: told once, shown while it stands."""
         if warning is None:
             self.notes.warning = False
         elif warning is not Reason.HOMING_ERROR:  # told where it was found
@@ -211,17 +223,16 @@ class PositionerExecutor(Executor):
             self.notes.faults.append((FaultNumber.POSITIONER, warning.value))
         self._warned = warning
 
-    def _flags(self) -> int:
-        outcome = self.positioner.outcome
-        flags = Flag.STANDING if outcome.standing else 0
+    def _flags(self, outcome: Outcome) -> int:
+        flags = _STANDING if outcome.standing else 0
         if outcome.reached:
-            flags |= Flag.REACHED
+            flags |= _REACHED
         if outcome.home_set:
-            flags |= Flag.HOME_SET
+            flags |= _HOME_SET
         if outcome.acknowledged:
-            flags |= Flag.TASK_ACKNOWLEDGED
-        following_error = self.cycle.feedback.statusword & StatusBit.MODE_13 and self._mode.shows_base()
-        return flags if following_error else flags | Flag.WITHIN_TOLERANCE
+            flags |= _TASK_ACKNOWLEDGED
+        following_error = self.cycle.feedback.statusword & _FOLLOWING_ERROR and self._mode.shows_base()
+        return flags if following_error else flags | _WITHIN_TOLERANCE
 
     # -- what the drive does --------------------------------------------------------------------------------------------
 
@@ -231,44 +242,46 @@ class PositionerExecutor(Executor):
         seen.position = units.to_length(feedback.position_actual)
         seen.velocity = feedback.velocity_actual
         seen.standstill = self.cycle.standstill
-        seen.internal_limit = statusword & StatusBit.INTERNAL_LIMIT != 0
+        seen.internal_limit = statusword & _INTERNAL_LIMIT != 0
         torque = self.positioner.outcome.motion.torque
         seen.torque_at_limit = torque is not None and abs(feedback.current_actual) * _AT_LIMIT >= torque * (
             _AT_LIMIT - 1
         )
         inputs = feedback.digital_inputs
-        seen.negative_limit = inputs & NEGATIVE_LIMIT_SWITCH != 0
-        seen.positive_limit = inputs & POSITIVE_LIMIT_SWITCH != 0
+        if inputs != self._inputs:
+            self._inputs = inputs
+            seen.negative_limit = inputs & NEGATIVE_LIMIT_SWITCH != 0
+            seen.positive_limit = inputs & POSITIVE_LIMIT_SWITCH != 0
         seen.reached = False
         if not self._mode.shows_base():
             return
-        acknowledged = statusword & StatusBit.MODE_12 != 0
         if self._setpoint_bit:
-            if acknowledged:
+            if statusword & _ACKNOWLEDGED:
                 seen.taken = seen.given
                 self._setpoint_bit = False
-        elif not acknowledged and seen.taken == seen.given:
+        elif not statusword & _ACKNOWLEDGED and seen.taken == seen.given:
             # A set-point that waits keeps the acknowledge until the drive goes over to it.
             seen.executing = seen.taken
-            seen.reached = statusword & StatusBit.TARGET_REACHED != 0
+            seen.reached = statusword & _TARGET_REACHED != 0
 
     # -- what it is told ------------------------------------------------------------------------------------------------
 
     def _execute(self, motion: Motion, units: LengthUnits) -> int:
         """Controlword bits 4-8 of the motion wished."""
         kind = motion.kind
-        if kind is MotionKind.STAND:
+        if kind is _STAND:
             return self._stand()
-        if self._mode.halted:
+        mode = self._mode
+        if mode.halted:
             return 0  # Halt falls alone: a set-point or a mode together with it is not allowed
-        if kind is MotionKind.HOMING:
+        if kind is _HOMING:
             return self._home(motion)
-        wanted = Mode.POSITION if kind is MotionKind.POSITION else Mode.VELOCITY
-        if self._mode.mode != wanted and not self.cycle.standstill:
+        wanted = _POSITION_MODE if kind is _POSITION else _VELOCITY_MODE
+        if mode.mode != wanted and not self.cycle.standstill:
             return self._slow_down()
-        if not self._mode.confirmed(wanted):
+        if not mode.confirmed(wanted):
             return 0
-        if wanted is Mode.VELOCITY:
+        if kind is not _POSITION:
             self._turn(motion, units)
             return 0
         if not self._setpoint_bit and motion.serial != self._seen.given:
@@ -279,20 +292,20 @@ class PositionerExecutor(Executor):
         """To standstill in the mode there is."""
         self._setpoint_bit = False
         self.command.target_velocity = 0
-        return 0 if self._mode.mode == Mode.VELOCITY else _HALT
+        return 0 if self._mode.mode == _VELOCITY_MODE else _HALT
 
     def _stand(self) -> int:
         """Ramp down; Halt stays while a function is kept, and falls at standstill without a restart otherwise."""
         mode = self._mode
         self._setpoint_bit = False
-        if mode.mode == Mode.VELOCITY:
+        if mode.mode == _VELOCITY_MODE:
             self.command.target_velocity = 0
             return 0
-        if mode.mode == Mode.HOMING and self.cycle.standstill:
+        if mode.mode == _HOMING_MODE and self.cycle.standstill:
             if not mode.halted:
                 mode.confirmed(mode.base)
             return 0
-        kept = self.positioner.outcome.state not in {Function.IDLE, Function.TRACKING, Function.BRAKING}
+        kept = self.positioner.outcome.state not in _WITHOUT_FUNCTION
         return 0 if self.cycle.stopped and not kept else _HALT
 
     def _set_ramps(self, motion: Motion, units: LengthUnits) -> None:
@@ -316,7 +329,7 @@ class PositionerExecutor(Executor):
 
     def _give(self, motion: Motion, units: LengthUnits) -> None:
         """A set-point, once the drive has taken the acknowledge of the last one back and has the torque limit."""
-        if self.cycle.feedback.statusword & StatusBit.MODE_12:
+        if self.cycle.feedback.statusword & _ACKNOWLEDGED:
             return
         if not self._torque.holds(motion.torque):
             self.notes.reason = Reason.TORQUE_LIMIT
@@ -335,7 +348,7 @@ class PositionerExecutor(Executor):
     def _home(self, motion: Motion) -> int:
         seen, homing = self._seen, self.homing
         if self._homing_begun != motion.serial:
-            if self._mode.mode == Mode.VELOCITY and not self.cycle.standstill:
+            if self._mode.mode == _VELOCITY_MODE and not self.cycle.standstill:
                 return self._slow_down()
             self._homing_begun = motion.serial
             seen.given = motion.serial

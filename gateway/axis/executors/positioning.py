@@ -22,8 +22,8 @@ from dataclasses import dataclass, replace
 from pdgw.ds301.objects import CanType
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.modes import Mode
-from pdgw.dsp402.states import STATE_OF_STATUS, ControlBit, State, StatusBit
-from pdgw.gateway.axis.executors.base import AxisCycle, Executor, LimitWatch
+from pdgw.dsp402.states import ControlBit, StatusBit
+from pdgw.gateway.axis.executors.base import OPERATION_ENABLED, AxisCycle, Executor, LimitWatch
 from pdgw.gateway.axis.executors.homing import Homing, Progress
 from pdgw.gateway.axis.executors.mode import ModeSwitch
 from pdgw.gateway.axis.executors.task_scaling import TaskScaling, base_mode
@@ -33,7 +33,10 @@ from pdgw.gateway.reasons import Reason
 
 _HALT = ControlBit.HALT
 _NEW_SETPOINT = ControlBit.NEW_SETPOINT
-_ACKNOWLEDGED = StatusBit.MODE_12
+_ACKNOWLEDGED, _TARGET_REACHED = StatusBit.MODE_12, StatusBit.TARGET_REACHED
+_ENABLE_OPERATION, _RAMP, _RAMP_END = Action.ENABLE_OPERATION, Action.RAMP, Action.RAMP_END
+_STANDING, _REACHED = Flag.STANDING, Flag.REACHED
+_HOME_SET, _TASK_ACKNOWLEDGED = Flag.HOME_SET, Flag.TASK_ACKNOWLEDGED
 _TURN_BITS = {
     Direction.SHORTEST: ControlBit.TURNTABLE_SHORTEST,
     Direction.POSITIVE: 0,
@@ -54,6 +57,7 @@ class SubState(enum.Enum):
     HOMING_FAILED = "homing failed"
 
 
+_IDLE, _TASK = SubState.IDLE, SubState.TASK
 _IN_HOMING = (SubState.HOMING_SETUP, SubState.HOMING, SubState.HOMED, SubState.HOMING_FAILED)
 _SHOWS_REACHED = (SubState.IDLE, SubState.HOMED)
 
@@ -135,9 +139,9 @@ class PositioningExecutor(Executor):
         statusword = feedback.statusword
         mode = self._mode
         extra = 0
-        flags = Flag.STANDING if cycle.standstill else 0
-        operates = action is Action.ENABLE_OPERATION
-        if operates and STATE_OF_STATUS[statusword & STATE_MASK] is State.OPERATION_ENABLED:
+        flags = _STANDING if cycle.standstill else 0
+        operates = action is _ENABLE_OPERATION
+        if operates and OPERATION_ENABLED[statusword & STATE_MASK]:
             self.notes.forget()
             extra = self._operate(scaling)
             reason = self.notes.reason
@@ -147,9 +151,9 @@ class PositioningExecutor(Executor):
                 elif reason is None or reason is Reason.MDI_OFF:
                     reason = self._refused
             if self.sub_state in _SHOWS_REACHED:
-                flags |= Flag.REACHED
+                flags |= _REACHED
             mode.halted = extra & _HALT != 0
-        elif action is Action.RAMP or action is Action.RAMP_END:
+        elif action is _RAMP or action is _RAMP_END:
             mode.halted = True  # the mode stays what it is while Halt is set
             self._drop()
             extra = _HALT
@@ -161,11 +165,11 @@ class PositioningExecutor(Executor):
         command.modes_of_operation = mode.mode
         report = self.report
         if self.homing.home_set:
-            flags |= Flag.HOME_SET
+            flags |= _HOME_SET
         if self.sub_state not in _IN_HOMING:
             if statusword & _ACKNOWLEDGED and mode.shows_base():
-                flags |= Flag.TASK_ACKNOWLEDGED
-            enabled = operates or action is Action.RAMP
+                flags |= _TASK_ACKNOWLEDGED
+            enabled = operates or action is _RAMP
             report.tasks_active = enabled and demand.connected and demand.tasks_selected
         report.flags = flags
         report.homing_method = self.homing.method
@@ -174,9 +178,9 @@ class PositioningExecutor(Executor):
 
     def _operate(self, scaling: TaskScaling) -> int:
         sub_state = self.sub_state
-        if sub_state is SubState.TASK:
+        if sub_state is _TASK:
             return self._traversing(scaling)
-        if sub_state is SubState.IDLE:
+        if sub_state is _IDLE:
             return self._idle(scaling)
         if sub_state is SubState.INTERMEDIATE:
             return self._intermediate(scaling)
@@ -190,7 +194,7 @@ class PositioningExecutor(Executor):
 
     def _drop(self) -> None:
         """Not in operation: task, handshake and homing are over; the next edge starts anew."""
-        self.sub_state = SubState.IDLE
+        self.sub_state = _IDLE
         self._forget_tasks()
         self._refused = None
         self._homing_after_braking = False
@@ -324,7 +328,7 @@ class PositioningExecutor(Executor):
         self._latch(scaling)
         self._handshake()
         finished = self._task is not None and self._taken and self._pending is None
-        if finished and cycle.feedback.statusword & StatusBit.TARGET_REACHED:
+        if finished and cycle.feedback.statusword & _TARGET_REACHED:
             self.sub_state = SubState.IDLE
         elif self._limit.step(self._pending is None, cycle):
             self._at_limit = True

@@ -14,6 +14,7 @@ from pdgw.gateway.axis.executors.base import AxisCycle, Executor
 from pdgw.gateway.axis.power_table import Action
 from pdgw.gateway.reasons import Reason
 
+_PASS, _RAMP = Action.PASS, Action.RAMP
 _BYTE = 0xFF
 _STATE_BITS = 0
 for _pattern in STATUS_PATTERNS:
@@ -55,9 +56,9 @@ class RawExecutor(Executor):
         if raw is not None:
             if demand.connected and raw is not self._last:
                 self._take(raw)
-            if action is Action.PASS:
+            if action is _PASS:
                 controlword = raw[_CONTROLWORD]
-        if action is Action.RAMP:
+        if action is _RAMP:
             controlword |= ControlBit.HALT
             command.target_velocity = 0
             self._last = ()

@@ -16,7 +16,7 @@ from pdgw.profidrive.datatypes import Normalisation, n4
 
 _ENABLE_OPERATION, _RAMP = Action.ENABLE_OPERATION, Action.RAMP
 _FOLLOW, _HOLD, _ZERO, _JOG_1 = SpeedWish.FOLLOW, SpeedWish.HOLD, SpeedWish.ZERO, SpeedWish.JOG_1
-_INTERNAL_LIMIT = StatusBit.INTERNAL_LIMIT
+_INTERNAL_LIMIT, _REACHED = StatusBit.INTERNAL_LIMIT, Flag.REACHED
 
 
 class SpeedExecutor(Executor):
@@ -101,7 +101,7 @@ class SpeedExecutor(Executor):
         command.controlword = controlword | demand.device_bits if demand.connected else controlword
         command.target_velocity = target
         report = self.report
-        report.flags = statusword & Flag.REACHED
+        report.flags = statusword & _REACHED
         if self._actual is not None:
             report.speed = self._actual.to_wire(feedback.velocity_actual)
         return reason

@@ -17,24 +17,37 @@ from pdgw.gateway.reasons import Reason
 
 _ENABLED_STATES = (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE)
 _READY_STATES = (*_ENABLED_STATES, State.SWITCHED_ON, State.READY_TO_SWITCH_ON)
-_ENABLED = tuple(state in _ENABLED_STATES for state in STATE_OF_STATUS)
-_READY = tuple(state in _READY_STATES for state in STATE_OF_STATUS)
-"""By the Statusword's ``STATE_MASK``."""
+
+
+def _message_states(*, motor_hot: bool, stage_hot: bool) -> tuple[int, ...]:
+    """By the Statusword's ``STATE_MASK``."""
+    return tuple(
+        MessageWord.states(
+            enabled=state in _ENABLED_STATES,
+            ready=state in _READY_STATES,
+            motor_hot=motor_hot,
+            stage_hot=stage_hot,
+        )
+        for state in STATE_OF_STATUS
+    )
+
+
+_MESSAGE_STATES = tuple(
+    tuple(_message_states(motor_hot=motor_hot, stage_hot=stage_hot) for stage_hot in (False, True))
+    for motor_hot in (False, True)
+)
+_TARGET_REACHED = StatusBit.TARGET_REACHED
 
 
 def message_of(message: MessageWord, feedback: DriveFeedback, troubles: Troubles) -> int:
     """MELDW of what a drive tells."""
     statusword = feedback.statusword
-    shown = statusword & STATE_MASK
     return message.word(
         feedback.velocity_actual,
         feedback.velocity_demand,
         feedback.current_actual,
-        target_reached=statusword & StatusBit.TARGET_REACHED != 0,
-        enabled=_ENABLED[shown],
-        ready=_READY[shown],
-        motor_hot=troubles.motor_hot,
-        stage_hot=troubles.stage_hot,
+        _MESSAGE_STATES[troubles.motor_hot][troubles.stage_hot][statusword & STATE_MASK],
+        target_reached=statusword & _TARGET_REACHED != 0,
     )
 
 
