@@ -15,17 +15,22 @@ from pdgw.tools.cli import app
 
 ROOT = Path(__file__).parents[1]
 DOCUMENTS = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
-_INLINE = re.compile(r"`(pdgw [^`]+)`")
-_BLOCK = re.compile(r"^(?: {4,}| *\$ )(pdgw .+)$", re.MULTILINE)
+INLINE = re.compile(r"`(pdgw [^`]+)`")
+BLOCK = re.compile(r"^(?: {4,}| *\$ )(pdgw .+)$", re.MULTILINE)
 _LINK = re.compile(r"\]\(([^)#\s]+)(?:#[^)]*)?\)")
 _WORD = re.compile(r"[a-z][a-z-]*")
 
 
 def commands(text: str) -> Iterator[str]:
     """What is to be typed, without comments; a command may go on in the next line of prose."""
-    for pattern in (_INLINE, _BLOCK):
+    for pattern in (INLINE, BLOCK):
         for match in pattern.finditer(text):
-            yield " ".join(re.split(r"  #| # | > | &$", match[1])[0].split())
+            yield command_in(match)
+
+
+def command_in(match: re.Match[str]) -> str:
+    """What is to be typed of a match of ``INLINE`` or ``BLOCK``."""
+    return " ".join(re.split(r"  #| # | > | &(?:$| )", match[1])[0].split())
 
 
 def resolve(words: list[str]) -> tuple[Any, list[str]]:

@@ -174,6 +174,8 @@ class PlotWriter:
         from matplotlib import pyplot  # noqa: PLC0415
 
         panels = list(dict.fromkeys(self._panels))
+        if not any(panel.curves for panel in panels):
+            raise GatewayError(f"--plot {self._path}: nothing to draw: no chosen packet has {', '.join(self._titles)}")
         shown = {whose for panel in panels for _, whose in panel.curves}
         spans = {whose: found for whose, found in sorted(self._states.spans.items()) if whose in shown}
         heights = [2.4] * len(panels) + ([0.4 + 0.3 * len(spans)] if spans else [])

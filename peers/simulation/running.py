@@ -43,11 +43,14 @@ def run_nodes(
     title: str,
     **options: object,
 ) -> None:
-    """Devices of one kind with the same ``options`` on one bus; ``place`` is interface, channel and bit rate."""
+    """Devices of one kind with the same ``options`` on one bus; ``place`` is interface, channel and bit rate, ``title`` what one
+    of them is called.
+    """
     if len(set(nodes)) != len(nodes):
         raise GatewayError(f"--node-id: {nodes} names a node twice")
     simulation = Simulation()
     for node in nodes:
         simulation.add(kind, open_bus(*place), node, node, **options)
     interface, channel, _ = place
-    run(simulation, control, f"{title} {nodes} on {interface} {channel}")
+    names = ", ".join(f"{title} {node}" for node in nodes)
+    run(simulation, control, f"{names} on {interface} {channel}")

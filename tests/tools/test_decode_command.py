@@ -191,6 +191,9 @@ def test_plot_draws_the_signals(capture: str, tmp_path: Path, capsys: pytest.Cap
         decode([capture], plot=picture)
     with pytest.raises(GatewayError, match=r"--plot .*out.xyz: cannot be written"):
         decode([capture], plot=tmp_path / "out.xyz", signal=["NSOLL_A"])
+    with pytest.raises(GatewayError, match=r"--plot .*none.png: nothing to draw: no chosen packet has NSOLL_A"):
+        decode([capture], telegram=[1], plot=tmp_path / "none.png", signal=["NSOLL_A"], filter_text="axis == 7")
+    assert not (tmp_path / "none.png").exists()
 
 
 def test_set_and_actual_values_share_a_panel_with_its_unit() -> None:

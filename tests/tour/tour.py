@@ -1,4 +1,5 @@
-"""The README's tour and the tutorials, word by word: every command is typed, what it prints is what the document shows.
+"""The README's tour and the tutorials, word by word: every command is typed, what it prints is what the document shows. Of the
+other documents the commands are typed in ``other-documents.md``.
 
 ``make tour`` runs them (not among the quick tests: each command is a process of its own).
 """
@@ -17,7 +18,12 @@ from tests.tour.console import Command, File, agrees, steps
 
 ROOT = Path(__file__).parents[2]
 DOCUMENTS = [
-    path for path in (ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))) if "```console" in path.read_text()
+    *(
+        path
+        for path in (ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")))
+        if "```console" in path.read_text()
+    ),
+    Path(__file__).with_name("other-documents.md"),
 ]
 
 

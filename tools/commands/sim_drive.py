@@ -41,7 +41,7 @@ def drive(
 ) -> None:
     """Run simulated drives until SIGINT, SIGTERM or `quit`. Commands on standard input: see `pdgw sim inject`."""
     control = control_ports(control_port, rest_port)
-    run_nodes("drive", (interface, channel, bitrate), node_id or [1], control, "drives", like=like, axis=axis)
+    run_nodes("drive", (interface, channel, bitrate), node_id or [1], control, "drive", like=like, axis=axis)
 
 
 def bus(

@@ -33,4 +33,4 @@ def encoder(
     """Run simulated encoders until SIGINT, SIGTERM or `quit`. Commands on standard input: see `pdgw sim inject`."""
     control = control_ports(control_port, rest_port)
     options = {"model": model, "channels": channels, "motion": motion or ()}
-    run_nodes("encoder", (interface, channel, bitrate), node_id or [1], control, f"{model} encoders", **options)
+    run_nodes("encoder", (interface, channel, bitrate), node_id or [1], control, f"{model} encoder", **options)
