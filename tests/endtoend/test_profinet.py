@@ -6,6 +6,7 @@ import json
 import os
 import subprocess
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -21,6 +22,7 @@ from pdgw.tools.recorder import CAPTURE
 from tests.endtoend.processes import pdgw
 from tests.support import tshark
 
+EXAMPLES = Path(__file__).parents[2] / "examples"
 CONFIG = """\
 store = "store.json"
 
@@ -149,3 +151,28 @@ def test_a_controller_finds_the_gateway_on_ethernet_and_moves_a_drive(tmp_path: 
         decoder = Decoder()
         kinds = {type(decoder.decode(packet)) for packet in source.packets if isinstance(packet, Packet)}
     assert {DcpRecord, CyclicRecord, PdoRecord} <= kinds  # what was on the wire, and on the CAN bus
+
+
+@pytest.mark.e2e
+def test_an_open_controller_of_others_turns_an_axis_by_the_gsdml_file(tmp_path: Path) -> None:
+    """profinet-py knows nothing of this package: modules and lengths are those of the file."""
+    namespaces_or_skip()
+    if not find_spec("construct"):
+        pytest.skip("the extra controller is not installed")
+    config = tmp_path / "gateway.toml"
+    config.write_text(CONFIG.replace('station_name = "press-1"', 'station_name = "press-1"\nip = "192.168.0.2/24"'))
+    written = pdgw("gsdml", "write", str(config), "-o", str(tmp_path))
+    assert written.returncode == 0, written.stderr
+    (gsdml,) = tmp_path.glob("GSDML-*.xml")
+    script, example = Path(__file__).with_name("open_controller.py"), EXAMPLES / "open_controller.py"
+    command = ["unshare", "-Urn", sys.executable, str(script), str(config), str(gsdml), str(example)]
+    result = subprocess.run(command, capture_output=True, text=True, timeout=150, check=False, cwd=tmp_path)
+    assert result.returncode == 0, (result.stdout, result.stderr)
+    station, ready, operation, turns, stands = result.stdout.splitlines()
+    assert station == "press-1 at 192.168.0.2"
+    assert ready.startswith("ready to switch on: ZSW1")
+    assert operation.startswith("in operation: ZSW1")
+    assert turns.startswith("turns at 25 %: ZSW1")
+    assert stands.startswith("stands: ZSW1")
+    assert "connected, cycle 16 ms" in result.stderr
+    assert "differs from the configuration" not in result.stderr

@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import json
+import re
+import subprocess
+import sys
 from collections import Counter
 from datetime import date
+from importlib.util import find_spec
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -46,6 +51,103 @@ def test_every_reference_has_its_target_and_every_text_is_used() -> None:
     assert {item.attrib["ModuleItemTarget"] for item in every("ModuleItemRef")} == modules
     submodules = {item.attrib["ID"] for item in every("SubmoduleItem")}
     assert {item.attrib["SubmoduleItemTarget"] for item in every("SubmoduleItemRef")} == submodules
+
+
+def test_what_is_plugged_in_one_place_has_one_identification() -> None:
+    submodules = {item.attrib["ID"]: number(item, "SubmoduleIdentNumber") for item in every("SubmoduleItem")}
+    modules = every("ModuleItem")
+    assert len({number(item, "ModuleIdentNumber") for item in [*modules, *every("DeviceAccessPointItem")]}) == 3
+    for module in modules:
+        plugged = [submodules[item.attrib["SubmoduleItemTarget"]] for item in module.iter(NS + "SubmoduleItemRef")]
+        plugged += [number(item, "SubmoduleIdentNumber") for item in module.iter(NS + "VirtualSubmoduleItem")]
+        assert len(plugged) == len(set(plugged)), module.attrib["ID"]
+
+
+def places(text: str) -> set[int]:
+    """Of a list of numbers and ranges."""
+    found: set[int] = set()
+    for part in text.split():
+        first, _, last = part.partition("..")
+        found |= set(range(int(first), int(last or first) + 1))
+    return found
+
+
+def test_what_can_be_plugged_lies_where_there_is_a_place_for_it() -> None:
+    (point,) = every("DeviceAccessPointItem")
+    slots = places(point.attrib["PhysicalSlots"])
+    assert places(point.attrib["FixedInSlots"]) == {0}
+    assert {0, 1, 254} <= slots
+    for reference in every("ModuleItemRef"):
+        assert places(reference.attrib["AllowedInSlots"]) == slots - {0}
+    for module in every("ModuleItem"):
+        subslots = places(module.attrib["PhysicalSubslots"])
+        for item in module.iter(NS + "SubmoduleItemRef"):
+            assert places(item.attrib["AllowedInSubslots"]) == {2} <= subslots
+        for item in module.iter(NS + "VirtualSubmoduleItem"):
+            assert places(item.attrib["FixedInSubslots"]) == {1} <= subslots
+    subslot_numbers = [
+        int(item.attrib["SubslotNumber"]) for item in every("InterfaceSubmoduleItem") + every("PortSubmoduleItem")
+    ]
+    assert subslot_numbers == [0x8000, 0x8001]
+
+
+def test_numbers_have_the_form_and_the_range_of_their_attribute() -> None:
+    for item in ROOT.iter():
+        for name, digits in {"VendorID": 4, "DeviceID": 4, "ModuleIdentNumber": 8, "SubmoduleIdentNumber": 8}.items():
+            if name in item.attrib:
+                assert re.fullmatch(rf"0x[0-9A-F]{{{digits}}}", item.attrib[name]), item.attrib
+                assert number(item, name) > 0
+        assert item.attrib.get("API", "14848") == "14848"
+        for name in ("ID", "TextId"):
+            assert re.fullmatch(r"[A-Za-z_][\w.-]*", item.attrib.get(name, "X"))
+    (timing,) = every("TimingProperties")
+    assert timing.attrib["SendClock"] == "32"
+    assert places(timing.attrib["ReductionRatio"]) == {1 << power for power in range(10)}
+    for item in every("Text"):
+        assert 0 < len(item.attrib["Value"]) <= 255
+    (point,) = every("DeviceAccessPointItem")
+    assert int(point.attrib["MinDeviceInterval"]) * 31_250 == 1_000_000
+
+
+_OTHERS_READING = """
+import json, sys
+from profinet.gsdml import load_gsdml
+device = load_gsdml(sys.argv[1])
+(point,) = device.daps
+print(json.dumps({
+    "device": [device.vendor_id, device.device_id],
+    "slot 0": [[item.subslot, item.submodule_ident] for item in device.build_io_slots({})],
+    "modules": {item.id: [item.module_ident, sorted(item.useable_submodules)] for item in device.modules.values()},
+    "submodules": {
+        item.id: [item.submodule_ident, item.input_length, item.output_length, item.api]
+        for item in device.submodule_catalog.values()
+    },
+}))
+"""
+
+
+@pytest.mark.e2e
+def test_an_open_controllers_own_reader_finds_every_module_and_length(tmp_path: Path) -> None:
+    if find_spec("construct") is None:
+        pytest.skip("the extra controller is not installed")
+    file = tmp_path / "device.xml"
+    file.write_text(GsdmlWriter(IDENTITY, "pdgw", KINDS).write(), encoding="utf-8")
+    # In a process of its own: a folder of this repository has the name of that package.
+    command = [sys.executable, "-P", "-c", _OTHERS_READING, str(file)]
+    said = json.loads(subprocess.run(command, capture_output=True, check=True, cwd=tmp_path).stdout)
+    assert said["device"] == [IDENTITY.vendor_id, IDENTITY.device_id]
+    assert said["slot 0"] == [[subslot, item.ident] for subslot, item in access_module().submodules.items()]
+    for kind, telegrams in KINDS.items():
+        ident, useable = said["modules"][f"MODULE_{kind.name}"]
+        assert (ident, useable) == (kind.ident, sorted(f"TELEGRAM_{item.number}" for item in telegrams))
+        for item in telegrams:
+            plugged = object_module(kind, item).submodules[2]
+            assert said["submodules"][f"TELEGRAM_{item.number}"] == [
+                plugged.ident,
+                plugged.inputs,
+                plugged.outputs,
+                0x3A00,
+            ]
 
 
 def number(item: ElementTree.Element, name: str) -> int:
