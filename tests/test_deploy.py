@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from pdgw.tools.command_table import COMMANDS
+from tests.support.buses import PATIENCE_S
 
 ROOT = Path(__file__).parent.parent
 UNITS = ROOT / "deploy" / "systemd"
@@ -36,7 +37,7 @@ def installed(directory: Path, service: str, drop_in: str | None = None) -> Path
 
 def systemd(*arguments: str) -> subprocess.CompletedProcess[str]:
     command = ["systemd-analyze", *arguments]
-    return subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    return subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
 
 
 @needs_systemd
@@ -112,6 +113,6 @@ def test_logrotate_accepts_its_file(tmp_path: Path) -> None:
     rules.write_text((ROOT / "deploy" / "logrotate" / "pdgw").read_text().replace("/var/log/pdgw", str(tmp_path)))
     os.chmod(rules, 0o644)
     command = [shutil.which("logrotate") or "", "--force", "--state", str(tmp_path / "state"), str(rules)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
     assert (done.returncode, done.stderr) == (0, "")
     assert (tmp_path / "x.log.1").read_text() == "a line\n"

@@ -16,6 +16,7 @@ from pdgw.decoder.timeline import Anomaly, AnomalyKind
 from pdgw.gateway.errors import GatewayError
 from pdgw.tools.recordings import Part, write_page
 from tests.decoder.test_replay import speed
+from tests.support.buses import PATIENCE_S
 from tests.support.recorded import RecordedRig
 
 needs_node = pytest.mark.skipif(shutil.which("node") is None, reason="node is not installed")
@@ -66,7 +67,7 @@ def script(page: str) -> str:
 
 def node(*parts: str) -> Any:
     done = subprocess.run(
-        ["node", "-"], input="\n".join(parts), capture_output=True, text=True, timeout=60, check=False
+        ["node", "-"], input="\n".join(parts), capture_output=True, text=True, timeout=PATIENCE_S, check=False
     )
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout) if done.stdout.strip() else None

@@ -268,7 +268,7 @@ def test_a_frame_the_driver_did_not_send_is_counted(bus: ScriptedBus, network: C
 
 def test_a_driver_that_blocks_does_not_hold_the_loop(bus: ScriptedBus, network: CanNetwork) -> None:
     release = threading.Event()
-    bus.answer = lambda _: release.wait(10) and None
+    bus.answer = lambda _: release.wait(buses.PATIENCE_S) and None
     for _ in range(1000):
         network.send(0x201, b"\0")
     assert network.send_errors > 0, "the queue is bounded"
@@ -341,7 +341,7 @@ class Full(ScriptedBus):
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
         self.timeouts.append(timeout)
-        self.going_on.wait(10)
+        self.going_on.wait(buses.PATIENCE_S)
         super().send(msg)
 
     def flush_tx_buffer(self) -> None:

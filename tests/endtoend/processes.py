@@ -25,7 +25,7 @@ def free_tcp_port() -> int:
         return int(sock.getsockname()[1])
 
 
-def pdgw(*arguments: str, timeout: float = 120, text: str | None = None) -> subprocess.CompletedProcess[str]:
+def pdgw(*arguments: str, timeout: float = 600, text: str | None = None) -> subprocess.CompletedProcess[str]:
     """Run a command to its end."""
     return subprocess.run(
         [*COMMAND, *arguments], capture_output=True, text=True, timeout=timeout, input=text, check=False

@@ -21,10 +21,10 @@ from pdgw.gateway.status_client import fetch
 from pdgw.peers.plc.endpoint import PlcEndpoint
 from pdgw.profidrive.telegrams import telegram
 from tests.endtoend.processes import free_tcp_port, free_udp_port, running
+from tests.support.buses import PATIENCE_S
 
 OFF, ON = 0x047E, 0x047F
 CYCLE_NS = 4_000_000
-PATIENCE_S = 60.0
 
 
 class Plc(threading.Thread):
@@ -82,13 +82,14 @@ def test_a_page_that_is_frozen_flooded_and_killed_changes_nothing_for_the_plc(tm
     config = tmp_path / "gateway.toml"
     config.write_text(
         f'[can]\ninterface = "virtual"\nchannel = "page"\n[web]\nlisten = "127.0.0.1:{web}"\n[transport]\n'
-        f"cyclic_port = {cyclic}\nacyclic_port = {free_udp_port()}\nstatus_port = {status}\nwatchdog_factor = 255\n"
+        f"cyclic_port = {cyclic}\nacyclic_port = {free_udp_port()}\nstatus_port = {status}\n"
+        "cycle_time_ms = 40\nwatchdog_factor = 255\n"
         "[[axis]]\ndo_id = 1\nnode_id = 1\ntelegram = 1\nsimulate = true\nheartbeat_ms = 2000\ntpdo_event_ms = 2000\n"
     )
 
     def answers() -> bool:
         with contextlib.suppress(OSError, ValueError):
-            with urllib.request.urlopen(f"http://127.0.0.1:{web}/api/v1/status", timeout=5) as answer:
+            with urllib.request.urlopen(f"http://127.0.0.1:{web}/api/v1/status", timeout=PATIENCE_S) as answer:
                 document = json.loads(answer.read())
             return bool(document["axes"][0]["state_id"] == "OBEYS" and not document["stale"])
         return False
@@ -108,7 +109,7 @@ def test_a_page_that_is_frozen_flooded_and_killed_changes_nothing_for_the_plc(tm
         page = page_of(gateway.pid)
 
         os.kill(page, signal.SIGSTOP)
-        flood = [socket.create_connection(("127.0.0.1", web), timeout=5) for _ in range(60)]
+        flood = [socket.create_connection(("127.0.0.1", web), timeout=PATIENCE_S) for _ in range(60)]
         for connection in flood:
             connection.sendall(b"GET /api/v1/objects/1/trace HTTP/1.1\r\nHost: localhost\r\n\r\n" * 10)
         until(lambda: counted("accepted") > accepted + 50, "frames while the page is frozen and flooded")

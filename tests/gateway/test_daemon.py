@@ -9,7 +9,7 @@ from contextlib import ExitStack
 import pytest
 
 from pdgw.ds301.errors import CanopenError
-from pdgw.ds301.loop import MS, SystemLoop
+from pdgw.ds301.loop import MS, SECOND, SystemLoop
 from pdgw.dsp402.states import State
 from pdgw.gateway import status as status_module
 from pdgw.gateway.binding import Axis
@@ -24,7 +24,7 @@ from pdgw.gateway.transport.udp import UdpSocket
 from pdgw.peers.world import World
 from tests.endtoend.processes import free_tcp_port
 from tests.support import machine
-from tests.support.buses import wait_for
+from tests.support.buses import PATIENCE_S, wait_for
 from tests.support.daemon import OFF, Plc, axis, configuration, drive_of, running, world_of
 
 
@@ -249,22 +249,6 @@ def test_what_was_opened_is_closed_when_a_bus_is_missing() -> None:
     loop.close()
 
 
-@pytest.mark.e2e
-def test_status_tells_axes_reasons_and_counters() -> None:
-    port = free_tcp_port()
-    config = machine.configuration(axis(1))
-    with machine.running(config, lambda d: d.services.append(StatusServer(d, port))) as daemon:
-        plc = machine.Plc(daemon, [1])
-        plc.until(lambda: plc.state() == 0x40, "online")
-        # Who connects and leaves disturbs nobody.
-        socket.create_connection(("127.0.0.1", port)).close()
-        document = fetch(port)
-        assert document["plc"]["frames"]["accepted"] > 0
-        entry = document["axes"][0]
-        assert (entry["telegram"], entry["drive"], entry["drive_state"]) == (1, "online", "Switch On Disabled")
-        assert "STW1.10" in entry["reason"]
-
-
 def test_status_port_in_use_is_named() -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
@@ -293,29 +277,48 @@ def test_what_is_no_gateway_on_the_status_port_is_told() -> None:
 
 
 @pytest.mark.e2e
-def test_who_asks_the_status_port_nothing_is_sent_away_and_others_are_answered(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(status_module, "_PATIENCE_NS", 300 * MS)
+def test_the_status_port_tells_axes_and_counters_whoever_else_has_connected_to_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(status_module, "_PATIENCE_NS", 3600 * SECOND)
     port = free_tcp_port()
     config = machine.configuration(axis(1))
-    with machine.running(config, lambda d: d.services.append(StatusServer(d, port))) as daemon, ExitStack() as open_:
-        fetch(port)
-        connect = socket.create_connection
-        silent = [
-            open_.enter_context(connect(("127.0.0.1", port), timeout=20)) for _ in range(status_module._CONNECTIONS)
-        ]
-        wait_for(
-            lambda: sum(task.name == "status" for task in daemon.loop.tasks) == len(silent), "all are being served"
-        )
-        # One more has no place.
-        with connect(("127.0.0.1", port), timeout=20) as late:
-            assert late.recv(1) == b""
-        for connection in silent:
-            assert connection.recv(1) == b""
-        assert fetch(port)["schema"] == 1
-        # A line without an end is no reason to wait, nor to take more of it.
-        with connect(("127.0.0.1", port), timeout=20) as endless:
-            endless.sendall(b"x" * 64)
-            assert b"allowed" in endless.recv(1000)
+    with machine.running(config, lambda d: d.services.append(StatusServer(d, port))) as daemon:
+        plc = machine.Plc(daemon, [1])
+        plc.until(lambda: plc.state() == 0x40, "online")
+        # Who connects and leaves disturbs nobody.
+        socket.create_connection(("127.0.0.1", port)).close()
+        document = fetch(port)
+        assert document["schema"] == 1
+        assert document["plc"]["frames"]["accepted"] > 0
+        entry = document["axes"][0]
+        assert (entry["telegram"], entry["drive"], entry["drive_state"]) == (1, "online", "Switch On Disabled")
+        assert "STW1.10" in entry["reason"]
         assert fetch_faults(port, 1) == []
         with pytest.raises(GatewayError, match="do_id 9: there is no such drive object, allowed: 1"):
             fetch_faults(port, 9)
+
+        def connect() -> socket.socket:
+            return socket.create_connection(("127.0.0.1", port), timeout=PATIENCE_S)
+
+        # A line without an end is no reason to wait, nor to take more of it.
+        with connect() as endless:
+            endless.sendall(b"x" * 64)
+            assert b"allowed" in endless.recv(1000)
+        # Some may ask nothing; one more has no place.
+        with ExitStack() as silent:
+            for _ in range(status_module._CONNECTIONS):
+                silent.enter_context(connect())
+            wait_for(lambda: served(daemon) == status_module._CONNECTIONS, "all are being served")
+            with connect() as late:
+                assert late.recv(1) == b""
+        wait_for(lambda: served(daemon) == 0, "they have gone")
+        # Who asks nothing for long is sent away.
+        monkeypatch.setattr(status_module, "_PATIENCE_NS", 10 * MS)
+        with connect() as one:
+            assert one.recv(1) == b""
+
+
+def served(daemon: Daemon) -> int:
+    """Connections to the status port that have not been answered yet."""
+    return sum(task.name == "status" for task in daemon.loop.tasks)

@@ -16,6 +16,7 @@ from pdgw.ds301.loop import MS, SECOND
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.notify import ServiceManager
 from tests.endtoend.processes import free_udp_port, running
+from tests.support.buses import PATIENCE_S
 from tests.support.daemon import axis, configuration, world_of
 from tests.support.daemon import running as playing
 
@@ -108,7 +109,7 @@ def test_a_hung_gateway_gives_no_sign_of_life(tmp_path: Path, monkeypatch: pytes
         monkeypatch.setenv("WATCHDOG_USEC", "400000")
         ports = ["--cyclic-port", str(free_udp_port()), "--acyclic-port", "0", "--status-port", "0"]
         with running("run", "--simulate", *ports, log=tmp_path / "log") as process:
-            listening.settimeout(60)
+            listening.settimeout(PATIENCE_S)
             assert listening.recv(100) == b"READY=1"
             assert listening.recv(100) == b"WATCHDOG=1"
             process.send_signal(signal.SIGSTOP)
@@ -119,9 +120,9 @@ def test_a_hung_gateway_gives_no_sign_of_life(tmp_path: Path, monkeypatch: pytes
             with pytest.raises(TimeoutError):
                 listening.recv(100)
             process.send_signal(signal.SIGCONT)
-            listening.settimeout(20)
+            listening.settimeout(PATIENCE_S)
             assert listening.recv(100) == b"WATCHDOG=1"
             # As the manager's watchdog ends it: it says where it was.
             process.send_signal(signal.SIGABRT)
-            process.wait(20)
+            process.wait(PATIENCE_S)
     assert "Fatal Python error: Aborted" in (tmp_path / "log").read_text()

@@ -258,7 +258,7 @@ def test_rest_is_not_for_web_pages(rest: Client, simulation: Simulation) -> None
 
 @pytest.mark.parametrize("length", ["-1", "99999999999999999999", "x", "70000"])
 def test_rest_takes_no_body_of_unknown_or_great_length(rest: Client, length: str) -> None:
-    with socket.create_connection(("127.0.0.1", rest.port), timeout=10) as connection:
+    with socket.create_connection(("127.0.0.1", rest.port), timeout=buses.PATIENCE_S) as connection:
         connection.sendall(f"POST /devices/3/faults/reboot HTTP/1.1\r\nContent-Length: {length}\r\n\r\n".encode())
         assert b" 413 " in connection.makefile("rb").readline()
 

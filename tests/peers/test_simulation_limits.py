@@ -13,6 +13,7 @@ import pytest
 from pdgw.peers.simulation.console import Console, serve
 from pdgw.peers.simulation.devices import Simulation
 from pdgw.peers.simulation.rest import RestServer
+from tests.support.buses import PATIENCE_S
 
 NOTHING = cast(Simulation, SimpleNamespace(nodes=[]))
 
@@ -33,7 +34,7 @@ def rest() -> Iterator[int]:
 
 
 def talk(port: int, data: bytes) -> bytes:
-    with socket.create_connection(("127.0.0.1", port), timeout=10) as connection:
+    with socket.create_connection(("127.0.0.1", port), timeout=PATIENCE_S) as connection:
         connection.sendall(data)
         connection.shutdown(socket.SHUT_WR)
         answer = b""
@@ -49,7 +50,7 @@ def test_a_command_of_any_length_is_answered_or_refused(console: int) -> None:
     assert talk(console, b"\n") == b"ok\n"
     answer = talk(console, b"x" * 1001)
     assert answer == b"error: a command has at most 1000 characters\n"
-    with socket.create_connection(("127.0.0.1", console), timeout=10) as connection:
+    with socket.create_connection(("127.0.0.1", console), timeout=PATIENCE_S) as connection:
         connection.sendall(b"x" * 50_000)
         assert connection.recv(1000).startswith(b"error: a command has at most")
 
@@ -59,7 +60,7 @@ def test_callers_that_go_away_before_the_answer_make_no_noise(
 ) -> None:
     for port, data in ((console, b"status\n" * 1000), (rest, b"GET /faults HTTP/1.1\r\n"), (rest, b"G")):
         for _ in range(5):
-            connection = socket.create_connection(("127.0.0.1", port), timeout=10)
+            connection = socket.create_connection(("127.0.0.1", port), timeout=PATIENCE_S)
             connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, b"\1\0\0\0\0\0\0\0")
             connection.sendall(data)
             connection.close()  # with a reset

@@ -37,7 +37,7 @@ class Plc:
         self._socket.settimeout(daemon.cycle_ns / 1e9)
 
     def until(self, condition: Callable[[], object], what: str) -> None:
-        deadline = time.monotonic() + 10
+        deadline = time.monotonic() + buses.PATIENCE_S
         while not condition():
             assert time.monotonic() < deadline, f"{what}: {self.endpoint.actuals}"
             self._socket.send(self.endpoint.build(time.monotonic_ns()))
@@ -70,7 +70,7 @@ def running(config: GatewayConfig, before: Callable[[Daemon], None] | None = Non
         yield daemon
     finally:
         daemon.stop()
-        thread.join(20)
+        thread.join(buses.PATIENCE_S)
         for simulation in simulations:
             simulation.stop()
         assert not thread.is_alive(), "the daemon ends in bounded time"

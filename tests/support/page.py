@@ -20,8 +20,8 @@ from pdgw.web.feed import Document
 from pdgw.web.guard import Token
 from pdgw.web.run import in_background
 from pdgw.web.watch import Watch
+from tests.support.buses import PATIENCE_S
 
-PATIENCE_S = 20.0
 TOKEN = "a token of more than sixteen characters"
 
 

@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.support.buses import PATIENCE_S
+
 needs_tshark = pytest.mark.skipif(shutil.which("tshark") is None, reason="tshark is not installed")
 
 
@@ -17,5 +19,5 @@ def fields(capture: Path, names: Sequence[str], options: Sequence[str] = ()) -> 
     command = ["tshark", "-n", "-r", str(capture), "-T", "fields", "-E", "occurrence=f", "-E", "separator=/t", *options]
     for name in names:
         command += ["-e", name]
-    result = subprocess.run(command, capture_output=True, text=True, check=True, timeout=60)
+    result = subprocess.run(command, capture_output=True, text=True, check=True, timeout=PATIENCE_S)
     return [dict(zip(names, line.split("\t"), strict=True)) for line in result.stdout.splitlines()]

@@ -133,7 +133,7 @@ def test_duckdb_asks_the_data_set(
 def test_dask_workers_write_the_same_data_set(plant: Path, tmp_path: Path) -> None:
     pytest.importorskip("dask.distributed", reason="the extra archive is not installed")
     command = [sys.executable, str(EXAMPLES / "archive_dask.py"), str(plant), str(tmp_path / "dask")]
-    done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=240)
+    done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=600)
     assert sorted(line.split("\t")[1:] for line in done.stdout.splitlines()) == [["8", "ok"]] * 3
     decode([str(plant)], parquet=tmp_path / "set", signal=SIGNALS, jobs=1)
 

@@ -20,6 +20,7 @@ from pdgw.ds301.client import NodeClient
 from pdgw.ds301.connection_set import EMCY
 from pdgw.ds301.counters import Counters
 from pdgw.tools.run_log import CanRecorder, LogLevel, RunLog, on_signals
+from tests.support.buses import PATIENCE_S
 from tests.support.daemon import axis, configuration, running, until, world_of
 
 FRAME = can.Message(arbitration_id=0x181, data=b"\x31\x02")
@@ -61,7 +62,7 @@ def test_a_can_recorder_that_is_too_slow_keeps_a_bounded_number_of_frames(
 ) -> None:
     monkeypatch.setattr("pdgw.tools.background._WAITING", 10)
     released = threading.Event()
-    monkeypatch.setattr("pdgw.decoder.capture.canlog.candump_line", lambda _: released.wait(20) and "x\n")
+    monkeypatch.setattr("pdgw.decoder.capture.canlog.candump_line", lambda _: released.wait(PATIENCE_S) and "x\n")
     recorder = CanRecorder(tmp_path / "can.log")
     for _ in range(100):
         recorder.record("can0", FRAME)
@@ -86,7 +87,7 @@ def test_a_log_into_a_pipe_nobody_reads_does_not_keep_the_process_from_ending() 
     reading, writing = os.pipe()
     try:
         done = subprocess.run(
-            [sys.executable, "-c", SCRIPT], stderr=writing, stdout=subprocess.PIPE, timeout=60, check=True
+            [sys.executable, "-c", SCRIPT], stderr=writing, stdout=subprocess.PIPE, timeout=PATIENCE_S, check=True
         )
     finally:
         os.close(reading)
@@ -115,7 +116,7 @@ def test_sighup_goes_on_in_a_new_file_of_the_same_name(tmp_path: Path) -> None:
     stops: list[str] = []
     signals = on_signals(lambda: stops.append("stop"), run_log)
     logging.getLogger("gateway").info("before")
-    deadline = time.monotonic() + 10
+    deadline = time.monotonic() + PATIENCE_S
     while "before" not in path.read_text() and time.monotonic() < deadline:
         time.sleep(0.01)
     path.rename(tmp_path / "log.1")

@@ -16,6 +16,7 @@ import pytest
 
 from pdgw.gateway.reasons import Enable, Reason
 from pdgw.gateway.trace.recorder import FlightRecorder
+from tests.support.buses import PATIENCE_S
 from tests.support.daemon import Plc, axis, configuration, drive_of, running
 from tests.support.page import TOKEN, Page, ShownGateway, page
 
@@ -28,7 +29,7 @@ pytestmark = [
     pytest.mark.browser,
     pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on this machine (apt-get install chromium)"),
 ]
-PATIENCE_MS = 20_000
+PATIENCE_MS = PATIENCE_S * 1000
 NAMED = 'station_name = "line-3"\nwatchdog_factor = 3\ncycle_time_ms = 4'
 ENCODER = "[[encoder]]\ndo_id = 3\nnode_id = 20\ntelegram = 83\nsimulate = true\n"
 PHONE = {"width": 390, "height": 844}

@@ -23,6 +23,7 @@ from pdgw.gateway.errors import GatewayError
 from pdgw.web.mqtt import Publisher, made_client, object_message
 from pdgw.web.watch import Watch
 from tests.endtoend.processes import free_tcp_port
+from tests.support.buses import PATIENCE_S
 from tests.support.daemon import axis, configuration, running
 from tests.support.daemon import until as until_true
 from tests.support.page import ShownGateway, until
@@ -64,7 +65,7 @@ class Subscriber:
         self.client.on_connect = lambda client, *_: client.subscribe("pdgw/#", 1)
         self.client.connect("127.0.0.1", port)
         self.client.loop_start()
-        assert self._subscribed.wait(20)
+        assert self._subscribed.wait(PATIENCE_S)
 
     def _take(self, _client: Client, _data: object, message: Any) -> None:
         text = message.payload.decode()

@@ -22,6 +22,7 @@ from pdgw.web.events import KEPT, EventLog
 from pdgw.web.guard import HEADERS
 from pdgw.web.server import CONNECTIONS_MAX
 from pdgw.web.stream import STREAMS_MAX
+from tests.support.buses import PATIENCE_S
 from tests.support.daemon import Plc, axis, configuration, drive_of, running
 from tests.support.page import TOKEN, Page, ShownGateway, events_of, page, until
 
@@ -279,7 +280,7 @@ def test_a_flood_of_connections_is_bounded_and_ends_with_it(still: Page) -> None
     try:
         closed = 0
         for connection in flood[-10:]:
-            connection.settimeout(20)
+            connection.settimeout(PATIENCE_S)
             try:
                 closed += connection.recv(1) == b""
             except ConnectionResetError:
@@ -302,7 +303,7 @@ def test_a_flood_of_connections_is_bounded_and_ends_with_it(still: Page) -> None
     "data", [b"\x16\x03\x01garbage\r\n\r\n", b"GET / HTTP/1.1\r\n" + b"x: y\r\n" * 5000, b"GET /\0 HTTP/1.1\r\n\r\n"]
 )
 def test_garbage_is_refused_and_the_page_lives(still: Page, data: bytes) -> None:
-    with socket.create_connection(("127.0.0.1", still.port), timeout=20) as connection:
+    with socket.create_connection(("127.0.0.1", still.port), timeout=PATIENCE_S) as connection:
         try:
             connection.sendall(data)
             assert connection.recv(100).startswith((b"HTTP/1.1 400", b""))
