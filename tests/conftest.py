@@ -1,13 +1,14 @@
 """Hypothesis profiles: ``ci`` is deterministic; ``fuzz`` (make fuzz) searches long with fresh seeds.
 
-No test uses the user's state or run directory. A test that starts a Python, a gateway or a network namespace is marked ``e2e``.
+No test uses the user's state or run directory. A test that starts a Python, a gateway, a broker or a network namespace, or needs
+time to pass on the wall clock, is marked ``e2e``; one with Chromium ``browser``. ``tests/test_marks.py`` holds their number.
 """
 
 from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from pathlib import Path
 
 import pytest
@@ -28,21 +29,27 @@ def _on_audit(event: str, arguments: tuple[object, ...]) -> None:
     """One-shot readers of a file (tshark, node, git ...) are no processes in this sense: they have no time of their own."""
     if event == "subprocess.Popen" and not _marked:
         program = Path(str(arguments[0])).name
-        if program.startswith(("python", "pdgw", "unshare")):
+        if program.startswith(("python", "pdgw", "unshare", "mosquitto")):
             raise AssertionError(f"this test starts {program} and is not marked e2e")
 
 
 sys.addaudithook(_on_audit)
 
 
-@pytest.fixture(autouse=True)
-def _starts_no_process_unmarked(request: pytest.FixtureRequest) -> Iterator[None]:
+def is_real(item: pytest.Item) -> bool:
+    """Whether a test may start processes and has the wall clock."""
+    return item.get_closest_marker("e2e") is not None or item.get_closest_marker("browser") is not None
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, bool, bool]:
+    """From the set-up of the fixtures, also of a module's, until they are gone."""
     global _marked  # noqa: PLW0603 (an audit hook cannot be removed, and is told nothing)
-    _marked = (
-        request.node.get_closest_marker("e2e") is not None or request.node.get_closest_marker("browser") is not None
-    )
-    yield
-    _marked = True
+    _marked = is_real(item)
+    try:
+        return (yield)
+    finally:
+        _marked = True
 
 
 @pytest.fixture(scope="session", autouse=True)

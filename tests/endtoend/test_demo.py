@@ -123,24 +123,26 @@ def children(pid: int) -> dict[str, int]:
     return found
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_demo_that_is_stopped_leaves_nothing_running_and_no_old_report(tmp_path: Path, number: int) -> None:
-    (tmp_path / "report.json").write_text('{"passed": true}')
-    with running("demo", "--out", str(tmp_path), log=tmp_path / "demo.log") as demo:
-        wait_for(lambda: "telegram 1: ramp" in (tmp_path / "demo.log").read_text(), "the story")
-        started = children(demo.pid)
-        assert len(started) == 3
-        demo.send_signal(number)
-        assert demo.wait(PATIENCE_S) == 130
-    assert not [pid for pid in started.values() if Path(f"/proc/{pid}").exists()]
-    assert not (tmp_path / "report.json").exists()
-    assert len(rdpcap(str(tmp_path / "plc.pcap"))) > 0, "what was captured until then is complete"
+def test_a_demo_that_is_stopped_leaves_nothing_running_and_no_old_report(tmp_path: Path) -> None:
+    for number in (signal.SIGINT, signal.SIGTERM):
+        out = tmp_path / number.name
+        out.mkdir()
+        (out / "report.json").write_text('{"passed": true}')
+        with running("demo", "--out", str(out), log=out / "demo.log") as demo:
+            wait_for(lambda log=out / "demo.log": "telegram 1: enable" in log.read_text(), "the story")  # type: ignore[misc]
+            started = children(demo.pid)
+            assert len(started) == 3
+            demo.send_signal(number)
+            assert demo.wait(PATIENCE_S) == 130
+        assert not [pid for pid in started.values() if Path(f"/proc/{pid}").exists()]
+        assert not (out / "report.json").exists()
+        assert len(rdpcap(str(out / "plc.pcap"))) > 0, "what was captured until then is complete"
 
 
 def test_a_process_that_dies_ends_the_demo_with_its_name_and_log(tmp_path: Path) -> None:
     log = tmp_path / "demo.log"
     with running("demo", "--out", str(tmp_path), log=log) as demo:
-        wait_for(lambda: "telegram 1: ramp" in log.read_text(), "the story")
+        wait_for(lambda: "telegram 1: enable" in log.read_text(), "the story")
         started = children(demo.pid)
         gateway = next(pid for command, pid in started.items() if command.startswith("run "))
         os.kill(gateway, signal.SIGKILL)

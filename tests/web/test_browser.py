@@ -194,7 +194,7 @@ def test_an_axis_has_its_words_by_bits_and_a_trend_that_goes_on(shown: Shown) ->
     assert shown.noise == []
 
 
-def test_old_values_are_called_old_until_the_gateway_answers_again(shown: Shown) -> None:
+def test_values_are_called_old_while_the_gateway_or_the_page_itself_does_not_answer(shown: Shown) -> None:
     tab = shown.tab
     reads(tab, "[role=status]", "live")
     shown.gateway.failure = "stopped"
@@ -207,8 +207,6 @@ def test_old_values_are_called_old_until_the_gateway_answers_again(shown: Shown)
     reads(tab, "[role=status]", "live")
     assert tab.locator("[role=alert]").count() == 0
 
-
-def test_a_page_that_lost_its_server_says_so_and_is_live_again_by_itself(shown: Shown) -> None:
     with ExitStack() as first:
         served = first.enter_context(page(shown.daemon.config, shown.gateway))
         tab = shown.browser.new_context().new_page()
@@ -223,7 +221,7 @@ def test_a_page_that_lost_its_server_says_so_and_is_live_again_by_itself(shown: 
     tab.context.close()
 
 
-def test_every_view_opens_and_a_telephone_shows_all_of_it(shown: Shown) -> None:
+def test_every_view_opens_a_telephone_shows_all_of_it_and_the_keyboard_reaches_it(shown: Shown) -> None:
     for scheme in ("light", "dark"):
         tab = shown.open(viewport=PHONE, color_scheme=scheme)
         for view, text in (
@@ -241,6 +239,26 @@ def test_every_view_opens_and_a_telephone_shows_all_of_it(shown: Shown) -> None:
             assert tab.evaluate("document.documentElement.scrollWidth") <= PHONE["width"], f"{view} is too wide"
             assert tab.evaluate(UNREADABLE) == [], f"{view}, {scheme}"
     assert shown.noise == []
+
+    # The keyboard reaches everything, and the first line stays visible.
+    tab = shown.open()
+    reads(tab, "[data-do='1']", "Obeys")
+    tab.keyboard.press("Tab")
+    assert tab.evaluate("document.activeElement.id") == "skip"
+    reached: list[str] = []
+    for _ in range(20):
+        tab.keyboard.press("Tab")
+        name = tab.evaluate("document.activeElement.innerText")
+        reached.append(name)
+        if name == "Axis 2":
+            break
+    assert reached[:6] == ["Axes", "PLC", "Buses", "Parameters", "Events", "About"]
+    tab.keyboard.press("Enter")
+    reads(tab, "#main h2", "Axis 2")
+    assert tab.evaluate("document.activeElement.id") == "main"
+    assert tab.evaluate("scrollY") == 0
+    top = tab.evaluate("document.querySelector('#main h2').getBoundingClientRect().top")
+    assert top >= tab.evaluate("document.querySelector('header').getBoundingClientRect().bottom")
 
 
 UNREADABLE = """() => {
@@ -265,27 +283,6 @@ UNREADABLE = """() => {
 }"""
 
 
-def test_the_keyboard_reaches_everything_and_the_first_line_stays_visible(shown: Shown) -> None:
-    tab = shown.tab
-    reads(tab, "[data-do='1']", "Obeys")
-    tab.keyboard.press("Tab")
-    assert tab.evaluate("document.activeElement.id") == "skip"
-    reached: list[str] = []
-    for _ in range(20):
-        tab.keyboard.press("Tab")
-        name = tab.evaluate("document.activeElement.innerText")
-        reached.append(name)
-        if name == "Axis 2":
-            break
-    assert reached[:6] == ["Axes", "PLC", "Buses", "Parameters", "Events", "About"]
-    tab.keyboard.press("Enter")
-    reads(tab, "#main h2", "Axis 2")
-    assert tab.evaluate("document.activeElement.id") == "main"
-    assert tab.evaluate("scrollY") == 0
-    top = tab.evaluate("document.querySelector('#main h2').getBoundingClientRect().top")
-    assert top >= tab.evaluate("document.querySelector('header').getBoundingClientRect().bottom")
-
-
 def test_seven_tabs_are_live_for_hidden_ones_hold_no_connection(shown: Shown) -> None:
     tabs = [shown.tab]
     for _ in range(6):
@@ -301,7 +298,19 @@ def test_seven_tabs_are_live_for_hidden_ones_hold_no_connection(shown: Shown) ->
         reads(tab, "[role=status]", "live, PLC connected")
 
 
-def test_texts_of_devices_are_shown_as_text(shown: Shown) -> None:
+def test_parameters_are_read_and_events_filtered_on_request_and_texts_of_devices_stay_text(shown: Shown) -> None:
+    tab = shown.open("#/parameters")
+    tab.get_by_label("Parameter", exact=True).fill("P922")
+    tab.get_by_role("button", name="Read").click()
+    reads(tab, "tbody tr", "P922 Telegram 1")
+
+    tab = shown.open("#/events")
+    reads(tab, "tbody tr", "Obeys the PLC")
+    before = tab.locator("tbody tr").count()
+    tab.get_by_label("Kind").select_option("plc")
+    tab.wait_for_function("count => document.querySelectorAll('tbody tr').length < count", arg=before)
+    assert {cell.inner_text() for cell in tab.locator("td.kind").all()} == {"plc"}
+
     script = "<img src=x onerror=alert(1)><b>bold</b>"
     shown.gateway.document["axes"][0]["faults"] = [
         {"id": 99, "active": True, "number": 12, "code": 1, "text": script, "is_warning": False}
@@ -313,22 +322,6 @@ def test_texts_of_devices_are_shown_as_text(shown: Shown) -> None:
         shown.go(shown.tab, f"#/{view}")
         reads(shown.tab, "#main", script)
         assert shown.tab.locator("#main img, #main b:text-is('bold')").count() == 0
-
-
-def test_parameters_are_read_when_somebody_asks(shown: Shown) -> None:
-    tab = shown.open("#/parameters")
-    tab.get_by_label("Parameter", exact=True).fill("P922")
-    tab.get_by_role("button", name="Read").click()
-    reads(tab, "tbody tr", "P922 Telegram 1")
-
-
-def test_events_are_filtered(shown: Shown) -> None:
-    tab = shown.open("#/events")
-    reads(tab, "tbody tr", "Obeys the PLC")
-    before = tab.locator("tbody tr").count()
-    tab.get_by_label("Kind").select_option("plc")
-    tab.wait_for_function("count => document.querySelectorAll('tbody tr').length < count", arg=before)
-    assert {cell.inner_text() for cell in tab.locator("td.kind").all()} == {"plc"}
 
 
 def test_the_token_opens_the_page_and_stays_out_of_reach_of_scripts(shown: Shown) -> None:
