@@ -12,14 +12,15 @@ from tests.support import buses
 from tests.support.cli import pdgw
 
 _QUICK = ("--listen-s", "0.05", "--timeout-ms", "200")
+_PATIENT = ("--listen-s", "0.05", "--timeout-ms", "1500")
 
 
 def test_a_bus_that_crosses_processes_is_scanned_and_told_in_text_and_json() -> None:
     with ServedBus(0) as hub:
         place = ("--interface", INTERFACE, "--channel", hub.channel)
         with SimulatedDrive(open_bus(INTERFACE, hub.channel), 5):
-            text = pdgw("bus", "scan", *place, *_QUICK)
-            document = json.loads(pdgw("bus", "scan", *place, *_QUICK, "--json").stdout)
+            text = pdgw("bus", "scan", *place, *_PATIENT)
+            document = json.loads(pdgw("bus", "scan", *place, *_PATIENT, "--json").stdout)
     assert text.returncode == 0, text.stderr
     assert "node 5: drive 'ENGEL HBI'" in text.stdout
     assert "nothing missing for telegrams: 1, 2, 3," in text.stdout

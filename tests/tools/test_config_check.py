@@ -19,6 +19,7 @@ channel = "{channel}"
 do_id = 1
 node_id = 5
 telegram = {telegram}
+sdo_timeout_ms = 60000
 {keys}
 """
 
