@@ -150,7 +150,7 @@ class DriveClient(NodeClient[DriveSettings]):
         self._held_since = -1
         self._hold_limit_ns = 0
         node_id = settings.node_id
-        dictionary = load_eds(settings.eds, node_id) if settings.eds else generic_dictionary(node_id)
+        dictionary = load_eds(settings.eds, node_id) if settings.eds else generic_dictionary()
         super().__init__(network, settings, layout, dictionary, on_event)
 
     def reconfigure(self, layout: PdoLayout, settings: DriveSettings) -> None:

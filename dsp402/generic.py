@@ -90,9 +90,10 @@ def generic_objects() -> tuple[ObjectSpec, ...]:
     )
 
 
-def generic_dictionary(node_id: int) -> canopen.ObjectDictionary:
-    """The object dictionary of a drive nobody asked yet."""
-    return _dictionary(node_id, lambda *_: b"")
+@cache
+def generic_dictionary() -> canopen.ObjectDictionary:
+    """The object dictionary of a drive nobody asked yet: one for all of them, not to be changed."""
+    return _dictionary(None, lambda *_: b"")
 
 
 def discovered_dictionary(node_id: int, read: Read) -> canopen.ObjectDictionary:
@@ -124,7 +125,7 @@ def dictionary_of(
 @cache
 def recorded_addresses() -> Mapping[Address, bool]:
     """What a drive is asked at its start, and whether it is a signed number: what a recording has to take note of."""
-    dictionary = generic_dictionary(1)
+    dictionary = generic_dictionary()
     return {address: signed(dictionary, address) for address in questions(dictionary)}
 
 
@@ -140,14 +141,14 @@ def recorded_drive_type(answers: frozenset[tuple[Address, int]]) -> DriveType:
     sheets = [item for item in overlays().values() if item.eds_path is not None]
     packaged = [item for item in sheets if vendor_id is None or item.fits(vendor_id, told.get(PRODUCT_CODE, 0))]
     if not packaged:
-        return describe(generic_dictionary(1), told)
+        return describe(generic_dictionary(), told)
     path = packaged[0].eds_path
     assert path is not None
     dictionary = import_eds(path, 1).dictionary
     return describe(dictionary, answers_of_defaults(dictionary) | told)
 
 
-def _dictionary(node_id: int, read: Read) -> canopen.ObjectDictionary:
+def _dictionary(node_id: int | None, read: Read) -> canopen.ObjectDictionary:
     dictionary = canopen.ObjectDictionary()
     dictionary.node_id = node_id
     missing: set[PdoDirection] = set()

@@ -30,11 +30,11 @@ from pdgw.gateway.masters import LISTEN_NS, watch_for_masters
 from pdgw.gateway.reasons import FaultNumber
 from pdgw.gateway.store import DeviceParameters, ParameterStore
 from pdgw.gateway.sync import SyncProducer
-from pdgw.gateway.transport.ethernet import EthernetPort, RawEthernet
 from pdgw.profidrive.telegrams import telegram
 
 if TYPE_CHECKING:
     from pdgw.gateway.trace.recorder import FlightRecorder
+    from pdgw.gateway.transport.ethernet import EthernetPort
 
 log = logging.getLogger("gateway")
 
@@ -147,7 +147,9 @@ class Daemon:
         """Take the port of the link first: without it nothing else has to be opened."""
         transport = self.config.transport
         if transport.type == "profinet":
-            from pdgw.gateway.profinet_link import ProfinetLink  # noqa: PLC0415 (the other transport starts without)
+            # The other transport starts without.
+            from pdgw.gateway.profinet_link import ProfinetLink  # noqa: PLC0415
+            from pdgw.gateway.transport.ethernet import RawEthernet  # noqa: PLC0415
 
             interface = transport.interface or ""
             port = RawEthernet(self.loop, interface) if ethernet is None else ethernet
@@ -242,11 +244,12 @@ class Daemon:
         GatewayError when another master is on a bus. An error nobody expected ends it too, raised here after the drives were
         left pre-operational.
         """
-        # What exists now lives until the end: keep the collector from walking it in the middle of a cycle.
-        gc.collect()
-        gc.freeze()
         try:
-            self.start()
+            self._listen()
+            # What exists now lives until the end: keep the collector from walking it in the middle of a cycle.
+            gc.collect()
+            gc.freeze()
+            self._exchange()
             self.loop.run()
         finally:
             gc.unfreeze()
@@ -256,6 +259,10 @@ class Daemon:
 
     def start(self) -> None:
         """Begin everything on the loop; the buses are listened to for a moment before anything is sent on them."""
+        self._listen()
+        self._exchange()
+
+    def _listen(self) -> None:
         log.info(
             "cyclic exchange on %s:%d, drive objects: %d, cycle %g ms, the PLC is lost after %d cycles without a frame",
             *self.address,
@@ -267,12 +274,14 @@ class Daemon:
             network.start()
             drives = [axis.node_id for axis in self.axes if axis.network is network]
             watch_for_masters(self.networks[name], GATEWAY_NODE_ID, drives, self._on_other_master)
+        self._beat = self.loop.call_later(LISTEN_NS, self._begin)
+
+    def _exchange(self) -> None:
         for service in self.services:
             service.start()
         self.link.start(self._on_link)
         self._deadline = self.loop.now()
         self._on_due()
-        self._beat = self.loop.call_later(LISTEN_NS, self._begin)
         if self._stop_asked:
             self._begin_stop()
 

@@ -6,6 +6,7 @@ nothing at all. A test holds the lines equal to what the commands themselves say
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib import import_module
@@ -27,6 +28,7 @@ class Entry:
         """Import the module and make the command."""
         module, _, attribute = self.target.partition(":")
         found = getattr(import_module(f"pdgw.tools.commands.{module}"), attribute)
+        gc.enable()
         holder = typer.Typer(add_completion=False)
         holder.callback()(lambda: None)  # makes it a group, also with a single command
         if isinstance(found, typer.Typer):

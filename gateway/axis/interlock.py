@@ -27,7 +27,8 @@ _FOLLOW, _PASS, _RAMP_STOP, _QUICK_STOP = Phase.FOLLOW, Phase.PASS, Phase.RAMP_S
 _OPERATING, _STANDING = Drive.OPERATING, Drive.STANDING
 _IN_OPERATION = (_OPERATING, _STANDING)
 _OFF, _ENABLE = PowerWish.OFF, PowerWish.ENABLE
-_PASSES = Action.PASS
+_PASSES, _SWITCH_ON = Action.PASS, Action.SWITCH_ON
+_PLC_LOST = Reason.PLC_LOST
 _OPERATES = (Action.ENABLE_OPERATION, Action.PASS)
 _NO_PLC = {
     PlcLossReaction.RAMP: PowerWish.NO_PLC_RAMP,
@@ -163,12 +164,12 @@ class Interlock:
         self.action = action = cell.action
         self._steady = False
         reason = cell.reason
-        if reason is Reason.PLC_LOST and not self._ever_connected:
+        if reason is _PLC_LOST and not self._ever_connected:
             reason = Reason.NO_PLC
         self.reason = reason
         if action in _ENABLES:
             self.enabled_at = now
-        if action is Action.SWITCH_ON or (action is _PASSES and wish is not _ENABLE):
+        if action is _SWITCH_ON or (action is _PASSES and wish is not _ENABLE):
             self._disabled_at = now
         elif wish is _ENABLE and drive in _IN_OPERATION and action in _OPERATES and not acknowledge:
             # Operation goes on; the next cycle like this one has the same answer.

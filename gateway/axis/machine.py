@@ -58,6 +58,8 @@ _OF_THE_DRIVE = Flag.OF_THE_DRIVE
 _WARNING = Flag.WARNING
 _INTERNAL_LIMIT = StatusBit.INTERNAL_LIMIT
 _FOLLOW, _PASS = Phase.FOLLOW, Phase.PASS
+_LOST, _POWERED_UNREAD, _NO_REFERENCES = Drive.LOST, Drive.POWERED_UNREAD, Drive.NO_REFERENCES
+_DRIVE_OFFLINE, _NO_CONTROL = Reason.DRIVE_OFFLINE, Reason.NO_CONTROL
 _EXECUTORS: dict[Kind, Callable[[AxisCycle], Executor]] = {
     Kind.SPEED: SpeedExecutor,
     Kind.DSC: DscExecutor,
@@ -167,7 +169,7 @@ class AxisMachine:
         if self._usable:
             velocity, window = feedback.velocity_actual, self._window
             standstill = -window <= velocity <= window
-            trouble = None if drive_ok else Drive.LOST
+            trouble = None if drive_ok else _LOST
             cycle = self.cycle
             cycle.controlword = interlock.step(wish, demand.acknowledge, trouble, statusword, standstill, now)
             cycle.action, cycle.reason = interlock.action, interlock.reason
@@ -183,15 +185,15 @@ class AxisMachine:
                 report.flags = statusword & _OF_THE_DRIVE | SHOWN_FAULT
         else:
             powered = drive_ok and STATE_OF_STATUS[statusword & STATE_MASK] in POWERED
-            trouble = Drive.POWERED_UNREAD if powered else Drive.NO_REFERENCES
+            trouble = _POWERED_UNREAD if powered else _NO_REFERENCES
             self.cycle.controlword = interlock.step(wish, demand.acknowledge, trouble, statusword, False, now)
-            reason = interlock.reason if drive_ok else Reason.DRIVE_OFFLINE
+            reason = interlock.reason if drive_ok else _DRIVE_OFFLINE
             executor.refuse()
             report.flags = statusword & _OF_THE_DRIVE | SHOWN_FAULT
             if not drive_ok:
                 executor.lost()
         if not demand.in_control:
-            reason = Reason.NO_CONTROL
+            reason = _NO_CONTROL
         if self.sensor is not None:
             self._step_sensors(self.sensor)
         else:

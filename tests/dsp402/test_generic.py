@@ -76,6 +76,6 @@ def test_the_package_s_data_sheet_is_taken_only_for_the_device_it_describes() ->
 
 
 def test_nobody_asked_yet_is_every_object_of_the_profile() -> None:
-    dictionary = generic_dictionary(NODE)
+    dictionary = generic_dictionary()
     assert {0x1400, 0x1804, 0x6040, 0x6042, 0x608F, 0x60A9, 0x60E3, 0x6502} <= {*dictionary}
     assert 0x2003 not in dictionary
