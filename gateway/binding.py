@@ -101,6 +101,8 @@ class Axis(DriveObject):
         executor = self.machine.executor
         if isinstance(executor, PositionerExecutor):
             executor.choose(choices)
+            if self.drive.drive_type is not None:
+                self.references_changed()  # what the drive cannot do refuses operation
 
     def positioner_values(self, stored: DoParameters) -> PositionerValues | None:
         """The positioner's configuration with what was stored instead; None for an axis without one."""

@@ -95,6 +95,21 @@ class PositionerConfig(BaseModel):
 
     clamping_torque: Annotated[_Integer, Field(ge=1, le=TORQUE_MAX)] | None = None
     """Of a task with STW2.8, in 1/1000 of the rated torque."""
+    modulo_range: _Distance = 0
+    """Of a rotary axis: LU after which positions begin anew."""
+    modulo_correction: Annotated[bool, Strict()] = False
+    """Positions are 0 to ``modulo_range`` - 1."""
+
+    @model_validator(mode="after")
+    def _modulo_is_whole(self) -> PositionerConfig:
+        if self.modulo_correction and not self.modulo_range:
+            raise ValueError("modulo_correction = true: needs modulo_range above 0")
+        if self.modulo_correction and self.software_limits is not None:
+            raise ValueError("software_limits: not with modulo_correction, such an axis has no end")
+        if self.modulo_correction and not 0 <= self.reference_coordinate < self.modulo_range:
+            text = f"reference_coordinate = {self.reference_coordinate}: allowed 0 to {self.modulo_range - 1}"
+            raise ValueError(f"{text} with modulo_correction")
+        return self
 
     @model_validator(mode="after")
     def _limits_have_room(self) -> PositionerConfig:
@@ -120,6 +135,7 @@ class PositionerConfig(BaseModel):
             self.set_of_setpoints,
             table,
             self.clamping_torque,
+            self.modulo_range if self.modulo_correction else 0,
         )
 
 
@@ -139,6 +155,8 @@ EXAMPLE = """\
 # reference_coordinate = 0
 # homing_method = 35           # without it no homing
 # set_of_setpoints = true      # the drive keeps a second set-point: flying blocks
+# modulo_correction = false    # true: a rotary axis, positions are 0 to modulo_range - 1
+# modulo_range = 360000        # LU after which positions begin anew
 # clamping_torque = 250        # 1/1000 of the rated torque, of a task with STW2.8 (fixed stop)
 # [[axis.block]]
 # number = 1                   # 0 to 127

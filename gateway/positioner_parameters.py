@@ -52,6 +52,8 @@ ITEMS: Final = MappingProxyType(
             _item(2571, "max_velocity", "max velocity", _U32, "1000 LU/min", 1, HIGHEST),
             _item(2572, "max_acceleration", "max accel", _U32, "1000 LU/s2", 1, HIGHEST),
             _item(2573, "max_deceleration", "max decel", _U32, "1000 LU/s2", 1, HIGHEST),
+            _item(2576, "modulo_range", "modulo range", _U32, "LU", 0, HIGHEST),
+            _item(2577, "modulo_correction", "modulo active", _U16, "", 0, 1),
             _item(2580, LIMIT_KEYS[0], "sw limit minus", _I32, "LU", LOWEST, HIGHEST),
             _item(2581, LIMIT_KEYS[1], "sw limit plus", _I32, "LU", LOWEST, HIGHEST),
             _item(2585, "jog_1_velocity", "jog 1 velocity", _I32, "1000 LU/min", LOWEST, HIGHEST),
@@ -133,6 +135,11 @@ def _block_of(number: int, row: Row) -> BlockConfig:
         raise GatewayError(f"block {number}: {problems(error, BlockConfig)[0].line}") from error
 
 
+def _typed(configured: object, value: int) -> int:
+    """A stored value in the type of its key."""
+    return bool(value) if isinstance(configured, bool) else value
+
+
 class PositionerValues:
     """The configuration with what was stored instead of it; both may be read, ``choices`` is what the axis has to take.
 
@@ -167,7 +174,11 @@ class PositionerValues:
     def choices(self) -> PositionerChoices:
         """GatewayError for values that do not fit together."""
         document = self._config.model_dump()
-        document |= {ITEMS[pnu].key: value for pnu, value in self._stored.items() if ITEMS[pnu].key not in LIMIT_KEYS}
+        document |= {
+            ITEMS[pnu].key: _typed(document[ITEMS[pnu].key], value)
+            for pnu, value in self._stored.items()
+            if ITEMS[pnu].key not in LIMIT_KEYS
+        }
         limits = tuple(self.value(pnu) for pnu, item in ITEMS.items() if item.key in LIMIT_KEYS)
         document["software_limits"] = None if limits == (LOWEST, HIGHEST) else limits
         try:

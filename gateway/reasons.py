@@ -242,7 +242,7 @@ class Reason(enum.Enum):
         "give a target in range",
     )
     TASK_DIRECTION = (
-        "setting up needs exactly one direction (POS_STW1.9 or .10): nothing moves",
+        "setting up needs exactly one direction (POS_STW1.9 or .10), a modulo axis at most one: nothing moves",
         _S.WAITS,
         _E.SETPOINT,
         "set one of POS_STW1.9 and .10",

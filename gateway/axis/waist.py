@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from pdgw.dsp402.states import STATE_OF_STATUS, State
+from pdgw.gateway.motion.modulo import Direction
 from pdgw.gateway.motion.wishes import Asked, Outcome
 from pdgw.profidrive.encoder import STATUS_BITS, SensorError, SensorState
 from pdgw.profidrive.signals import signal
@@ -58,14 +59,6 @@ class SpeedWish(enum.IntEnum):
     JOG_1 = 3
     """The speed of the user's choice, begun at standstill."""
     JOG_2 = 4
-
-
-class Direction(enum.IntEnum):
-    """How a modulo axis goes to an absolute target."""
-
-    SHORTEST = 0
-    POSITIVE = 1
-    NEGATIVE = 2
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+from pdgw.gateway.motion.modulo import Direction, way
 from pdgw.gateway.motion.wishes import FULL, Asked, Motion, MotionKind, Outcome, PositionerSettings, Seen
 from pdgw.gateway.reasons import Reason
 
@@ -79,13 +80,24 @@ class Course:
         self.queued = self.first_serial = 0
         self._at_limit = False
 
-    def in_range(self, target: int, absolute: bool) -> bool:
+    def in_range(self, target: int, absolute: bool, direction: Direction = Direction.SHORTEST) -> bool:
         """Whether the drive can be sent to a position of the user, or by a distance, as far as the software limits let it."""
         low, high = self.settings.position_range
-        end = target if absolute else self._seen.position + self.offset + target
+        modulo = self.settings.modulo
+        if modulo and absolute and not 0 <= target < modulo:
+            return False
+        end = self._end(target, absolute, direction)
         if self.limits is not None:
             end = self._inside(end, self.limits)
         return low <= end - self.offset <= high
+
+    def _end(self, target: int, absolute: bool, direction: Direction) -> int:
+        """Where a task ends in the user's coordinates, of a modulo axis counted on across the turns."""
+        begin = self._seen.position + self.offset
+        if not absolute:
+            return begin + target
+        modulo = self.settings.modulo
+        return begin + way(begin, target, modulo, direction, self.settings.position_window) if modulo else target
 
     def arrived(self) -> bool:
         """The drive has reached the target of the goal in force."""
@@ -127,6 +139,7 @@ class Course:
         acceleration: int,
         deceleration: int,
         torque: int | None = None,
+        direction: Direction = Direction.SHORTEST,
     ) -> None:
         """Move to a position of the user or by a distance, not beyond a software limit that is watched."""
         self.speed = None
@@ -134,7 +147,7 @@ class Course:
         limited = velocity if velocity < highest else highest
         self.outcome.speed_limited = limited != velocity
         distance = None if absolute else target
-        end = target if absolute else self._seen.position + self.offset + target
+        end = self._end(target, absolute, direction)
         if self.limits is not None:
             inside = self._inside(end, self.limits)
             if inside != end:

@@ -1,8 +1,8 @@
 """The basic positioner of telegrams 7, 110 and 111: which motion is wished, from what is asked and what the axis does.
 
 Source: basic positioners of public drive manuals (docs/motion.md). Sans-I/O: one ``step`` per cycle, values and monotonic
-nanoseconds in, one reused ``Outcome`` out. The states and what leads to the next are ``states.TRANSITIONS``. Left out: modulo
-axes, cams, homing direction, the handshake with the drive and changes of its mode, which executors own.
+nanoseconds in, one reused ``Outcome`` out. The states and what leads to the next are ``states.TRANSITIONS``. Left out: cams,
+homing direction, the handshake with the drive and changes of its mode, which executors own.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from dataclasses import replace
 from pdgw.gateway.motion.blocks import BlockTable
 from pdgw.gateway.motion.chain import BlockChain
 from pdgw.gateway.motion.course import MS, Course
+from pdgw.gateway.motion.modulo import Direction
 from pdgw.gateway.motion.states import TASK_STATES, TRANSITIONS, Action, Event, State, Transition
 from pdgw.gateway.motion.wishes import FULL, Asked, HomingResult, MotionKind, Outcome, PositionerSettings, Seen
 from pdgw.gateway.reasons import Reason
@@ -58,6 +59,13 @@ class _Task:
         self.block = 0
         self.absolute = self.positive = self.negative = False
         self.target = self.velocity = self.acceleration = self.deceleration = 0
+
+    @property
+    def direction(self) -> Direction:
+        """Of an absolute task of a modulo axis; both bits are refused."""
+        if self.positive is self.negative:
+            return Direction.SHORTEST
+        return Direction.POSITIVE if self.positive else Direction.NEGATIVE
 
     def is_of(self, asked: Asked) -> bool:
         """Whether nothing else is asked now."""
@@ -255,7 +263,9 @@ class Positioner:
         elif asked.setting_up:
             if task.positive is task.negative:
                 task.refusal = Reason.TASK_DIRECTION
-        elif not self._course.in_range(target, absolute):
+        elif task.positive and task.negative and self.settings.modulo and absolute:
+            task.refusal = Reason.TASK_DIRECTION
+        elif not self._course.in_range(target, absolute, task.direction):
             task.refusal = Reason.TASK_TARGET_RANGE
 
     def _changed(self) -> bool:
@@ -354,7 +364,7 @@ class Positioner:
             self._course.go(velocity if task.positive else -velocity, acceleration, deceleration)
         else:
             torque = self.settings.clamping_torque if self._asked.to_fixed_stop else None
-            self._course.go_to(task.target, task.absolute, velocity, acceleration, deceleration, torque)
+            self._course.go_to(task.target, task.absolute, velocity, acceleration, deceleration, torque, task.direction)
 
     def _start_jog(self) -> None:
         self._begin()
@@ -420,7 +430,9 @@ class Positioner:
 
     def _show(self) -> None:
         outcome, asked, seen, course, state = self.outcome, self._asked, self._seen, self._course, self._state
-        position = outcome.position = seen.position + course.offset
+        position = seen.position + course.offset
+        modulo = self.settings.modulo
+        outcome.position = position % modulo if modulo else position
         standing = outcome.standing = seen.standstill
         if state is _MDI:
             outcome.reached = course.arrived()

@@ -180,6 +180,8 @@ class PositionerChoices:
     blocks: tuple[Block, ...] = ()
     clamping_torque: int | None = None
     """Of a task with STW2.8, in 1/1000 of the rated torque; None: only blocks move to a fixed stop."""
+    modulo: int = 0
+    """LU after which positions begin anew; 0: not a modulo axis."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -201,3 +203,5 @@ class PositionerSettings:
     """The drive keeps a set-point for after the one that runs (set of set-points)."""
     probe: bool = False
     """The drive may have a touch probe (60B8h)."""
+    modulo: int = 0
+    """Positions of the user are 0 to this - 1; 0: they go on. ``Seen`` and ``Motion`` count on across the turns in any case."""

@@ -442,6 +442,14 @@ class DriveModel:
         self.zero = self.machine_position - self.read(0x607C, 0)
         self.ramp.set(0.0)
 
+    def _shown_position(self) -> int:
+        """6064h."""
+        position = round(self.position)
+        if not self.shape.wraps:
+            return _wrap32(position)
+        low, high = self.read(0x607B, 1), self.read(0x607B, 2)
+        return low + (position - low) % max(1, high - low)
+
     # -- image --------------------------------------------------------------------------------------------------------
 
     def _update(self) -> None:
@@ -449,7 +457,7 @@ class DriveModel:
         unit = self.unit
         units = min(max(round(speed / unit), -_INT32_MAX), _INT32_MAX)
         self.velocity_actual = self.velocity_demand = units
-        self.position_actual = _wrap32(round(self.position))
+        self.position_actual = self._shown_position()
         self.second_position = _wrap32(round(self.machine_position * SECOND_ENCODER_STEPS))
         self.encoder_position = _wrap16(round(self.machine_position))
         shown = not self.shape.mode_in_operation_only or self.state is State.OPERATION_ENABLED

@@ -130,6 +130,9 @@ class ProfilePosition(ModeOfOperation):
         low, high = drive.read(0x607B, 1), drive.read(0x607B, 2)
         if low == high == 0:
             return target
+        if drive.shape.wraps:
+            turns = 0 if word & ControlBit.RELATIVE else round(drive.position) - drive.position_actual
+            return target + turns  # as a linear axis goes, not across the end
         limited = min(max(target, low), high)
         drive.limited = limited != target
         return limited

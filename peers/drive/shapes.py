@@ -77,6 +77,8 @@ class Shape:
     """6061h is 0 but in operation."""
     frozen: frozenset[str] = frozenset()
     """Objects it takes in the mapping of a TPDO and sends as zeros."""
+    wraps: bool = False
+    """Its position begins anew at the end of 607Bh, of which the last is the first again; targets are within it."""
     node_guarding: bool = False
     """It guards its master by remote requests instead of heartbeats."""
     info: DeviceInfo = field(default=INFO)

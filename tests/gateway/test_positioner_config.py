@@ -43,6 +43,15 @@ def test_all_keys_reach_the_axis() -> None:
     assert choices.jog_velocities == (-300, 300)
     assert choices.blocks[0] == Block(1, 5000, 300, next=BlockNext.CONTINUE_WITH_STOP)
     assert len(choices.blocks) == 2
+    assert choices.modulo == 0
+
+
+@pytest.mark.parametrize(("correction", "expected"), [("true", 360), ("false", 0)])
+def test_the_modulo_range_counts_with_the_correction_alone(correction: str, expected: int) -> None:
+    text = BASE.replace("software_limits = [-5, 9]", f"modulo_correction = {correction}\nmodulo_range = 360")
+    choices = parse_config(text).axis[0].axis_settings.positioner
+    assert choices is not None
+    assert choices.modulo == expected
 
 
 @pytest.mark.parametrize(
@@ -56,6 +65,21 @@ def test_all_keys_reach_the_axis() -> None:
         ("max_velocity = 30000", "max_velocity = 0", ["x.toml:4", "positioner.max_velocity = 0", "1 to"]),
         ("software_limits = [-5, 9]", "software_limits = [9, 9]", ["software_limits = [9, 9]", "below"]),
         ("value = 10", "value = -1", ["value = -1"]),
+        (
+            "software_limits = [-5, 9]",
+            "modulo_correction = true",
+            ["modulo_correction = true: needs modulo_range above 0"],
+        ),
+        (
+            "software_limits = [-5, 9]",
+            "software_limits = [-5, 9]\nmodulo_correction = true\nmodulo_range = 360",
+            ["software_limits: not with modulo_correction"],
+        ),
+        (
+            "software_limits = [-5, 9]",
+            "reference_coordinate = 360\nmodulo_correction = true\nmodulo_range = 360",
+            ["reference_coordinate = 360: allowed 0 to 359"],
+        ),
         ("5000\nvelocity = 300", "5000\nvelocity = 0", ["block 1: velocity = 0 is not allowed"]),
         (
             'task = "wait"\nvalue = 10',

@@ -60,7 +60,7 @@ def error(answer: Values) -> int:
     return int(answer.values[0])
 
 
-@pytest.mark.parametrize("pnu", ITEMS)
+@pytest.mark.parametrize("pnu", [pnu for pnu in ITEMS if ITEMS[pnu].spec.high != 1])
 def test_each_parameter_is_the_key_of_its_name(pnu: int) -> None:
     config = PositionerConfig.model_validate(SIMULATED)
     item, value = ITEMS[pnu], 1234
@@ -136,6 +136,20 @@ def test_what_is_refused_changes_nothing() -> None:
         (answer,) = client.request([Address(2617, 128, 1)])
         assert error(answer) == Number.FAULTY_SUBINDEX
         assert choices(daemon) == before
+
+
+def test_an_axis_becomes_a_modulo_axis_by_parameters() -> None:
+    with serving(CONFIG) as (daemon, client):
+        assert (read(client, 2576), read(client, 2577)) == (0, 0)
+        assert error(write(client, 2577, 1)) == Number.VALUE_IMPERMISSIBLE, "no range"
+        assert not write(client, 2576, 10_000).failed
+        assert error(write(client, 2577, 1)) == Number.VALUE_IMPERMISSIBLE, "software limits"
+        for pnu, place in zip((2580, 2581), DataType.INTEGER32.integer_range, strict=True):
+            assert not write(client, pnu, place).failed
+        assert not write(client, 2577, 1).failed
+        assert choices(daemon).modulo == 10_000
+        assert not write(client, 2577, 0).failed
+        assert choices(daemon).modulo == 0
 
 
 def test_in_operation_nothing_is_written() -> None:

@@ -14,7 +14,7 @@ from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.telegrams import Kind, drive_layout, drive_telegram, initial_mode
 from pdgw.gateway.motion.dsc import DscForm
 from pdgw.peers.drive import ENGEL, LINEAR, Machine, SimulatedDriveNode
-from pdgw.peers.drive.shapes import SYNCHRONOUS
+from pdgw.peers.drive.shapes import SYNCHRONOUS, Shape
 from tests.support.drive_types import References
 from tests.support.mapping import pdo_steps
 from tests.support.stepper import Stepper
@@ -26,13 +26,15 @@ NODE = 5
 class Rig:
     """``step`` runs PLC cycles of 4 ms; the drive runs every millisecond in between."""
 
-    def __init__(self, number: int, machine: Machine | None = None, **settings: object) -> None:
+    def __init__(
+        self, number: int, machine: Machine | None = None, shape: Shape | None = None, **settings: object
+    ) -> None:
         self.stepper = Stepper(number, AxisSettings(**settings))  # type: ignore[arg-type]
         dsc = self.stepper.settings.dsc
         self._form = DscForm.SPEED if dsc is None else dsc.form
         kind = SYNCHRONOUS if drive_telegram(number).kind is Kind.DSC else ENGEL
         self.layout = drive_layout(number, self._form, self.stepper.settings.second_sensor)
-        self.node = SimulatedDriveNode(NODE, self._transmitted, machine=machine or LINEAR, shape=kind)
+        self.node = SimulatedDriveNode(NODE, self._transmitted, machine=machine or LINEAR, shape=shape or kind)
         self.feedback = DriveFeedback()
         self.now = 0
         self.connected_drive = True

@@ -10,7 +10,8 @@ from collections.abc import Sequence
 
 from pdgw.gateway.axis.adapters.base import ControlWordAdapter
 from pdgw.gateway.axis.settings import AxisSettings
-from pdgw.gateway.axis.waist import Demand, Direction, Report, Task
+from pdgw.gateway.axis.waist import Demand, Report, Task
+from pdgw.gateway.motion.modulo import Direction
 from pdgw.profidrive.datatypes import N2_100_PERCENT, N4_100_PERCENT
 from pdgw.profidrive.signals import signal
 from pdgw.profidrive.telegrams import Telegram

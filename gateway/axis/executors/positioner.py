@@ -1,13 +1,17 @@
 """The positioner's motions on a drive: profile position (6060h = 1), profile velocity (3), homing (6), with their handshakes.
 
 Source: docs/motion.md, docs/translation.md. Each set-point is given once: CW.4 rises with its data and falls when the drive has
-acknowledged it (SW.12), whatever STW1.6 does. The mode changes at standstill only and never with Halt. Left out: modulo axes.
+acknowledged it (SW.12), whatever STW1.6 does. The mode changes at standstill only and never with Halt.
+
+The position of a modulo axis is counted on across the ends of what the drive shows: of 607Bh where it wraps, else of 32 bit. A
+way that crosses an end is given as a relative task from standstill, behind an absolute one to where the axis stands: whatever a
+drive takes a distance from (60F2h), it is that position then.
 """
 
 from __future__ import annotations
 
 from pdgw.ds301.objects import CanType
-from pdgw.dsp402.drive_type import DriveType, Quantity
+from pdgw.dsp402.drive_type import DriveType, Quantity, Scaling
 from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.objects import NEGATIVE_LIMIT_SWITCH, POSITIVE_LIMIT_SWITCH
@@ -23,6 +27,7 @@ from pdgw.gateway.axis.waist import STATE_MASK, Flag
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.motion.blocks import BlockTable, BlockTask
 from pdgw.gateway.motion.messages import MessageWord
+from pdgw.gateway.motion.modulo import Ring
 from pdgw.gateway.motion.positioner import Positioner
 from pdgw.gateway.motion.states import State as Function
 from pdgw.gateway.motion.units import DriveUnits, LengthUnits
@@ -50,6 +55,8 @@ _HOME_SET, _TASK_ACKNOWLEDGED = Flag.HOME_SET, Flag.TASK_ACKNOWLEDGED
 _INTERNAL_LIMIT, _TARGET_REACHED = StatusBit.INTERNAL_LIMIT, StatusBit.TARGET_REACHED
 _ACKNOWLEDGED, _FOLLOWING_ERROR = StatusBit.MODE_12, StatusBit.MODE_13
 """Of mode 1."""
+_ENDLESS = (-(1 << 62), (1 << 62) - 1)
+"""Where a modulo axis can be sent, whose position is counted on across the ends."""
 _AT_LIMIT = 20
 """The torque is at its limit within one part in so many."""
 
@@ -69,7 +76,6 @@ class PositionerExecutor(Executor):
         self.report.motion = self.positioner.outcome
         self._seen = Seen()
         self._nothing = Asked()
-        self._drive: DriveType | None = None
         self._units: LengthUnits | None = None
         self._speed: Normalisation | None = None
         self._message: MessageWord | None = None
@@ -81,6 +87,10 @@ class PositionerExecutor(Executor):
         self._bits = 0
         """Controlword bits 5 and 6 of the set-point given last."""
         self._torque = TorqueLimit(self.notes)
+        self._ring: Ring | None = None
+        """Of a modulo axis."""
+        self._anchored = 0
+        """Serial of the motion before which the drive was sent to where it stands."""
         self._homing_begun = 0
         """Serial of the homing that was begun."""
         self._warned: Reason | None = None
@@ -88,7 +98,6 @@ class PositionerExecutor(Executor):
         """The digital inputs as they were looked at last."""
 
     def set_drive(self, drive: DriveType, homing_method: int) -> None:
-        self._drive = drive
         choices, scaling = self.choices, drive.scaling
         units = DriveUnits(
             known(scaling.counts_per_revolution, "position units per revolution", "counts_per_revolution"),
@@ -113,15 +122,31 @@ class PositionerExecutor(Executor):
         clamps = [block for block in choices.blocks if block.task is BlockTask.FIXED_STOP]
         if (clamps or choices.clamping_torque is not None) and drive.max_torque <= 0:
             raise Dsp402Error("Max Torque 6072h", drive.max_torque, "a value above 0, which a fixed stop lowers")
-        low, high = (length.to_length(limit) for limit in scaling.position_range or self._target)
+        self._ring = self._make_ring(scaling, units) if choices.modulo else None
+        limits = scaling.position_range
+        if self._ring is None or (limits is not None and not scaling.position_wraps):
+            low, high = (length.to_length(limit) for limit in limits or self._target)
+        else:
+            low, high = _ENDLESS
         self.positioner.set_position_range(low, high)
 
+    def _make_ring(self, scaling: Scaling, units: DriveUnits) -> Ring:
+        """How the position of this drive goes on; Dsp402Error where it wraps after something else than the modulo range."""
+        if not scaling.position_wraps or scaling.position_range is None:
+            low, high = CanType.I32.integer_range
+            return Ring(low, high - low + 1)
+        low, high = scaling.position_range
+        size = units.positions_per_revolution * self.choices.modulo / self.choices.lu_per_revolution
+        # 607Bh names the last position, or the one that is the first again: drives differ.
+        if size not in {high - low, high - low + 1}:
+            allowed = f"what the drive wraps after (607Bh {low} to {high})"
+            raise Dsp402Error("modulo_range", f"{self.choices.modulo} LU = {float(size):g} position units", allowed)
+        return Ring(low, int(size))
+
     def choose(self, choices: PositionerChoices) -> None:
-        """Other values of the user, out of operation; Dsp402Error where the drive cannot do what they ask."""
+        """Other values of the user, out of operation; in force with the next ``set_drive``."""
         self.choices = choices
         self.positioner.choose(_settings(choices), BlockTable(choices.blocks))
-        if self._drive is not None:
-            self.set_drive(self._drive, self.homing.method)
 
     def restarted(self) -> None:
         self._stop()
@@ -133,6 +158,8 @@ class PositionerExecutor(Executor):
         self._forget_home()
 
     def _forget_home(self) -> None:
+        if self._ring is not None:
+            self._ring.reset()
         self.homing.home_set = False
         self.positioner.drive_restarted()
 
@@ -155,7 +182,7 @@ class PositionerExecutor(Executor):
         if answer.error is not None:
             self._seen.probe_refused = True
         for position in answer.positions.values():
-            self._seen.probe = units.to_length(position)
+            self._seen.probe = units.to_length(position if self._ring is None else self._ring.near(position))
 
     def _probe(self, asked: Asked) -> None:
         """Arm the probe of passive homing, and take it back."""
@@ -239,7 +266,8 @@ class PositionerExecutor(Executor):
     def _look(self, units: LengthUnits) -> None:
         seen, feedback = self._seen, self.cycle.feedback
         statusword = feedback.statusword
-        seen.position = units.to_length(feedback.position_actual)
+        position, ring = feedback.position_actual, self._ring
+        seen.position = units.to_length(position if ring is None else ring.follow(position))
         seen.velocity = feedback.velocity_actual
         seen.standstill = self.cycle.standstill
         seen.internal_limit = statusword & _INTERNAL_LIMIT != 0
@@ -271,7 +299,9 @@ class PositionerExecutor(Executor):
         kind = motion.kind
         if kind is _STAND:
             return self._stand()
-        mode = self._mode
+        mode, ring = self._mode, self._ring
+        if ring is not None and not self.cycle.stopped and self._crosses(ring, motion, units):
+            return self._slow_down()
         if mode.halted:
             return 0  # Halt falls alone: a set-point or a mode together with it is not allowed
         if kind is _HOMING:
@@ -287,6 +317,12 @@ class PositionerExecutor(Executor):
         if not self._setpoint_bit and motion.serial != self._seen.given:
             self._give(motion, units)
         return self._bits | (_NEW_SETPOINT if self._setpoint_bit else 0)
+
+    def _crosses(self, ring: Ring, motion: Motion, units: LengthUnits) -> bool:
+        """A set-point that was not given yet leads across an end of what the drive shows."""
+        if motion.kind is not MotionKind.POSITION or motion.distance is not None or motion.serial == self._seen.given:
+            return False
+        return ring.target(units.to_drive(motion.target)) is None
 
     def _slow_down(self) -> int:
         """To standstill in the mode there is."""
@@ -337,16 +373,34 @@ class PositionerExecutor(Executor):
         command = self.command
         self._set_ramps(motion, units)
         command.profile_velocity = self._velocity(motion, units)
-        distance = motion.distance
-        command.target_position = units.to_drive(motion.target if distance is None else distance)
-        self._bits = (ControlBit.CHANGE_IMMEDIATELY if motion.immediate else 0) | (
-            0 if distance is None else ControlBit.RELATIVE
-        )
-        self._setpoint_bit = True
+        relative = motion.distance is not None
+        target = units.to_drive(motion.target if motion.distance is None else motion.distance)
+        ring = self._ring
+        if ring is not None and not relative:
+            inside = ring.target(target)
+            if inside is not None:
+                target = inside
+            elif self._anchored != motion.serial:
+                self._anchored = motion.serial
+                self._set_point(ring.position, ControlBit.CHANGE_IMMEDIATELY)
+                return
+            else:
+                relative = True
+                target -= ring.near(ring.position)
+        immediate = ControlBit.CHANGE_IMMEDIATELY if motion.immediate else 0
+        self._set_point(target, immediate | (ControlBit.RELATIVE if relative else 0))
         self._seen.given = motion.serial
+
+    def _set_point(self, target: int, bits: int) -> None:
+        """The handshake begins with this target."""
+        self.command.target_position = target
+        self._bits = bits
+        self._setpoint_bit = True
 
     def _home(self, motion: Motion) -> int:
         seen, homing = self._seen, self.homing
+        if self._ring is not None:
+            self._ring.reset()
         if self._homing_begun != motion.serial:
             if self._mode.mode == _VELOCITY_MODE and not self.cycle.standstill:
                 return self._slow_down()
@@ -391,7 +445,9 @@ def _settings(choices: PositionerChoices) -> PositionerSettings:
         choices.jog_distances,
         choices.software_limits,
         choices.reference_coordinate,
-        waiting_setpoints=choices.waiting_setpoints,
+        # A set-point that waits could not be told from which turn it counts.
+        waiting_setpoints=choices.waiting_setpoints and not choices.modulo,
         clamping_torque=choices.clamping_torque,
         probe=True,
+        modulo=choices.modulo,
     )

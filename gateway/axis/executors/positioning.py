@@ -28,7 +28,8 @@ from pdgw.gateway.axis.executors.homing import Homing, Progress
 from pdgw.gateway.axis.executors.mode import ModeSwitch
 from pdgw.gateway.axis.executors.task_scaling import TaskScaling, base_mode
 from pdgw.gateway.axis.power_table import Action
-from pdgw.gateway.axis.waist import STATE_MASK, Direction, Flag, Task
+from pdgw.gateway.axis.waist import STATE_MASK, Flag, Task
+from pdgw.gateway.motion.modulo import Direction
 from pdgw.gateway.reasons import Reason
 
 _HALT = ControlBit.HALT

@@ -1,0 +1,77 @@
+"""Modulo correction: positions of a rotary axis that begin anew after a range, and the way to one of them.
+
+Source: modulo axes of public basic positioners (docs/motion.md). A ``Ring`` counts a drive's position on across its ends,
+whether these are those of 607Bh, where it wraps, or those of a number of 32 bit. Pure; integers in any unit.
+"""
+
+from __future__ import annotations
+
+from enum import IntEnum
+
+
+class Direction(IntEnum):
+    """How a modulo axis goes to an absolute target."""
+
+    SHORTEST = 0
+    POSITIVE = 1
+    NEGATIVE = 2
+
+
+def way(start: int, target: int, modulo: int, direction: Direction, window: int) -> int:
+    """From a position (across any number of turns) to one in 0..``modulo`` - 1, signed.
+
+    A target no further away than ``window`` is the shortest way whatever the direction: an axis that stands a little beside its
+    target does not turn round. Half a turn is forward.
+    """
+    forward = (target - start) % modulo
+    shortest = forward if 2 * forward <= modulo else forward - modulo
+    if direction is Direction.SHORTEST or abs(shortest) <= window:
+        return shortest
+    return forward if direction is Direction.POSITIVE else forward - modulo
+
+
+class Ring:
+    """The position of one axis: ``low`` is the first the drive shows, ``size`` how many there are."""
+
+    __slots__ = ("_base", "_known", "_low", "_raw", "_size")
+
+    def __init__(self, low: int, size: int) -> None:
+        self._low = low
+        self._size = size
+        self._raw = 0
+        self._base = 0
+        self._known = False
+
+    def reset(self) -> None:
+        """The drive's coordinates are new: the next position counts from 0."""
+        self._known = False
+
+    def follow(self, raw: int) -> int:
+        """The count of a position the drive shows, less than half a ring after the last."""
+        if not self._known:
+            self._base = 0
+            self._known = True
+        elif raw != self._raw:
+            self._base += self._turn(raw)
+        self._raw = raw
+        return self._base + raw
+
+    def near(self, raw: int) -> int:
+        """The count of a position the drive latched, less than half a ring from where it is."""
+        return self._base + self._turn(raw) + raw
+
+    def _turn(self, raw: int) -> int:
+        """What the count has gone on by beside the difference of the positions."""
+        moved = raw - self._raw
+        half = self._size // 2
+        return (moved + half) % self._size - half - moved
+
+    def target(self, count: int) -> int | None:
+        """The drive's position for a count; None where the way to it crosses the ends of the ring."""
+        raw = count - self._base
+        return raw if self._low <= raw < self._low + self._size else None
+
+    @property
+    def position(self) -> int:
+        """Where the drive is, as it shows it."""
+        return self._raw
