@@ -69,8 +69,8 @@ class DriveSettings(NodeSettings):
     initial_mode: Mode | None = None
     """6060h to set and confirm (6061h) while configuring, for layouts that do not carry 6060h.
 
-    Profile velocity stands for the mode of speeds the drive offers. With ``sync_period_us`` 60C2h is that time: it is a cyclic
-    synchronous mode.
+    Profile velocity stands for the mode of speeds the drive offers. With ``sync_period_us`` set-points take effect
+    with SYNC, and 60C2h is that time.
     """
 
 

@@ -29,6 +29,7 @@ from pdgw.dsp406.kinds import CHANNELS_MAX, DEVICES, LINEAR, MULTI_SENSOR, ROTAR
 from pdgw.explain import misplaced
 from pdgw.gateway.axis.settings import AxisSettings, ControlLost, PlcLossReaction, SecondSensor, SetpointEnable
 from pdgw.gateway.axis.telegrams import (
+    CENTRAL_TELEGRAM_NUMBERS,
     DRIVE_TELEGRAM_NUMBERS,
     DSC_TELEGRAM_NUMBERS,
     ENCODER_TELEGRAM_NUMBERS,
@@ -283,7 +284,7 @@ class AxisConfig(Section):
 
     def drive_settings(self, number: int, cycle_time_ms: float) -> DriveSettings:
         """For a telegram, which may differ from the configured one (P922)."""
-        cyclic = number in DSC_TELEGRAM_NUMBERS
+        cyclic = number in DSC_TELEGRAM_NUMBERS or (self.sync and number in CENTRAL_TELEGRAM_NUMBERS)
         on_sync = self.sync or cyclic
         return DriveSettings(
             node_id=self.node_id,

@@ -12,7 +12,13 @@ from pdgw.dsp402.modes import MODE_NAMES, Mode
 from pdgw.dsp402.planner import found_in_data_sheet, plan_pdos
 from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.settings import AxisSettings
-from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS, DSC_TELEGRAM_NUMBERS, drive_layout, initial_mode
+from pdgw.gateway.axis.telegrams import (
+    CENTRAL_TELEGRAM_NUMBERS,
+    DRIVE_TELEGRAM_NUMBERS,
+    DSC_TELEGRAM_NUMBERS,
+    drive_layout,
+    initial_mode,
+)
 from pdgw.gateway.motion.dsc import DscChoices, DscForm
 from pdgw.gateway.positioner_config import SIMULATED, PositionerConfig
 
@@ -48,7 +54,7 @@ def planned(
     choices = settings.dsc or _USUAL.dsc
     form = DscForm.SPEED if choices is None else choices.form
     needs = drive_layout(number, form, settings.second_sensor)
-    cyclic = number in DSC_TELEGRAM_NUMBERS
+    cyclic = number in DSC_TELEGRAM_NUMBERS or (sync and number in CENTRAL_TELEGRAM_NUMBERS)
     return plan_pdos(needs, drive, node_id, found_in_data_sheet(drive), sync=sync or cyclic, sync_rpdos=cyclic)
 
 

@@ -15,7 +15,7 @@ from pdgw.gateway.axis.adapters.transparent import TransparentAdapter
 from pdgw.gateway.axis.settings import AxisSettings, SecondSensor
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.motion.dsc import DscForm
-from pdgw.profidrive.telegrams import TELEGRAMS, ApplicationMode, telegram
+from pdgw.profidrive.telegrams import TELEGRAMS, ApplicationClass, ApplicationMode, telegram
 
 
 class Kind(enum.Enum):
@@ -69,6 +69,8 @@ DRIVE_TELEGRAM_NUMBERS = tuple(sorted(DRIVE_TELEGRAMS))
 
 DSC_TELEGRAM_NUMBERS = tuple(n for n, row in sorted(DRIVE_TELEGRAMS.items()) if row.kind is Kind.DSC)
 """Those of them that need to know where the loop is closed."""
+CENTRAL_TELEGRAM_NUMBERS = tuple(n for n in DRIVE_TELEGRAM_NUMBERS if ApplicationClass.CENTRAL in telegram(n).classes)
+"""Those of them in which the PLC may close the position loop: with SYNC their set-points take effect with it too."""
 POSITIONER_TELEGRAM_NUMBERS = tuple(n for n, row in sorted(DRIVE_TELEGRAMS.items()) if row.kind is Kind.POSITIONER)
 """Those of them that need a positioner in the configuration."""
 SPEED_TELEGRAM_NUMBERS = tuple(

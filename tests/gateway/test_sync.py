@@ -38,6 +38,40 @@ def test_speed_telegrams_stay_event_driven_and_no_sync_is_sent() -> None:
         assert [bus["sync"] for bus in snapshot(daemon)["buses"]] == [None]
 
 
+@pytest.mark.parametrize("number", [3, 4, 102, 103])
+def test_speed_telegrams_with_an_encoder_are_synchronous_where_it_is_configured(number: int) -> None:
+    more = "simulate = true\nsync = true" + ("\ng2 = 'drive'" if number in {4, 103} else "")
+    with running(configuration(axis(1, telegram_number=number, more=more))) as daemon:
+        plc = Plc(daemon, [number])
+        plc.enable()
+        node = drive_of(daemon).node
+        rpdos = range(0x1400, 0x1402 if number > 100 else 0x1401)
+        assert {node.read(index, 2) for index in (*rpdos, 0x1800, 0x1801)} == {1}
+        assert [node.read(0x60C2, sub) for sub in (1, 2)] == [CYCLE_MS, -3]
+        assert node.read(0x6061) == 3
+        frames: list[int] = []
+        daemon.networks["can"].listeners.append(lambda message: frames.append(message.arbitration_id))
+        for _ in range(5):
+            plc.exchange()
+        sent = [frame for frame in frames if frame in {0x201, 0x301, SYNC}]
+        assert sent == ([0x301, 0x201, SYNC] if number > 100 else [0x201, SYNC]) * 5, "also what did not change"
+        plc.endpoint.set(0, {"NSOLL_B": 1 << 28})
+        plc.until(lambda: plc.value("NIST_B") == 1 << 28, "it turns")
+        for _ in range(1100):
+            plc.exchange()
+        (item,) = snapshot(daemon)["buses"][0]["sync"]["axes"]
+        assert item["dead_time_p99_ms"] == 1.5 * CYCLE_MS
+        assert (item["dead_time_calculated_ms"], item["highest_gain"]) == (None, None), "no gain of the gateway's"
+        assert "DO 1 dead time p99 6 ms" in "\n".join(status_lines(snapshot(daemon), 200))
+
+
+def test_sync_makes_the_values_of_other_telegrams_synchronous_and_not_their_set_points() -> None:
+    with running(configuration(axis(1, telegram_number=1, more="simulate = true\nsync = true"))) as daemon:
+        _online(daemon)
+        node = drive_of(daemon).node
+        assert [node.read(index, 2) for index in (0x1400, 0x1800)] == [255, 1]
+
+
 def test_a_set_point_takes_effect_with_the_sync_behind_it_and_comes_in_every_cycle() -> None:
     with running(configuration(axis(1, telegram_number=105, more=MORE))) as daemon:
         plc = Plc(daemon, [105])
