@@ -25,12 +25,18 @@ _marked = True
 """The test that runs now may start processes."""
 
 
+def needs_the_mark(what: str) -> None:
+    """Raises AssertionError when the test that starts this is not marked."""
+    if not _marked:
+        raise AssertionError(f"this test starts {what} and is not marked e2e")
+
+
 def _on_audit(event: str, arguments: tuple[object, ...]) -> None:
     """One-shot readers of a file (tshark, node, git ...) are no processes in this sense: they have no time of their own."""
-    if event == "subprocess.Popen" and not _marked:
+    if event == "subprocess.Popen":
         program = Path(str(arguments[0])).name
         if program.startswith(("python", "pdgw", "unshare", "mosquitto")):
-            raise AssertionError(f"this test starts {program} and is not marked e2e")
+            needs_the_mark(program)
 
 
 sys.addaudithook(_on_audit)

@@ -19,8 +19,7 @@ from pdgw.ds301.errors import CanopenError
 from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.tools.bench.captures import write_capture
-from tests.support.daemon import axis
-from tests.support.machine import configuration, serving
+from tests.support.daemon import axis, configuration, reached, serving
 
 ROOT = Path(__file__).parents[1]
 EXAMPLES = ROOT / "examples"
@@ -128,7 +127,7 @@ def test_example_iterate_a_capture(tmp_path: Path, capsys: pytest.CaptureFixture
 
 
 def test_example_read_a_parameter(capsys: pytest.CaptureFixture[str]) -> None:
-    with serving(configuration(axis(1))) as (_, client):
+    with serving(configuration(axis(1))) as (daemon, client), reached(daemon):
         lines = run_example("read_parameter.py", capsys, str(client.address[1]))
     assert lines[0] == "922 0 1"
     assert len(lines) == 3

@@ -296,7 +296,7 @@ def test_a_bus_that_answers_inside_send_is_heard(bus: ScriptedBus, network: CanN
 
     bus.answer = answer
     assert network.send(0x204, b"\x06")
-    flush(bus, network)
+    buses.wait_for(lambda: answers, "the answer")  # the driver is called by a thread of its own
     assert answers == [b"\x07"]
     assert [m.arbitration_id for m in bus.taken] == [0x204]
 

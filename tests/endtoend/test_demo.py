@@ -6,6 +6,9 @@ import json
 import os
 import shutil
 import signal
+import subprocess
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import can
@@ -123,30 +126,31 @@ def children(pid: int) -> dict[str, int]:
     return found
 
 
-def test_a_demo_that_is_stopped_leaves_nothing_running_and_no_old_report(tmp_path: Path) -> None:
+@contextmanager
+def told_a_part(out: Path) -> Iterator[tuple[subprocess.Popen[str], dict[str, int]]]:
+    """A demo in its story, and its processes; nothing of it is left afterwards."""
+    out.mkdir()
+    (out / "report.json").write_text('{"passed": true}')  # of an earlier one
+    with running("demo", "--out", str(out), log=out / "demo.log") as demo:
+        wait_for(lambda: "telegram 1: enable" in (out / "demo.log").read_text(), "the story")
+        started = children(demo.pid)
+        assert len(started) == 3
+        yield demo, started
+    assert not [pid for pid in started.values() if Path(f"/proc/{pid}").exists()]
+    assert not (out / "report.json").exists()
+
+
+def test_a_demo_that_is_stopped_or_loses_a_process_leaves_nothing_running_and_says_why(tmp_path: Path) -> None:
     for number in (signal.SIGINT, signal.SIGTERM):
         out = tmp_path / number.name
-        out.mkdir()
-        (out / "report.json").write_text('{"passed": true}')
-        with running("demo", "--out", str(out), log=out / "demo.log") as demo:
-            wait_for(lambda log=out / "demo.log": "telegram 1: enable" in log.read_text(), "the story")  # type: ignore[misc]
-            started = children(demo.pid)
-            assert len(started) == 3
+        with told_a_part(out) as (demo, _):
             demo.send_signal(number)
             assert demo.wait(PATIENCE_S) == 130
-        assert not [pid for pid in started.values() if Path(f"/proc/{pid}").exists()]
-        assert not (out / "report.json").exists()
         assert len(rdpcap(str(out / "plc.pcap"))) > 0, "what was captured until then is complete"
-
-
-def test_a_process_that_dies_ends_the_demo_with_its_name_and_log(tmp_path: Path) -> None:
-    log = tmp_path / "demo.log"
-    with running("demo", "--out", str(tmp_path), log=log) as demo:
-        wait_for(lambda: "telegram 1: enable" in log.read_text(), "the story")
-        started = children(demo.pid)
+    out = tmp_path / "dies"
+    with told_a_part(out) as (demo, started):
         gateway = next(pid for command, pid in started.items() if command.startswith("run "))
         os.kill(gateway, signal.SIGKILL)
         assert demo.wait(PATIENCE_S) == 1
-    assert "the gateway process ended with status -9: " in log.read_text()
-    assert "Traceback" not in log.read_text()
-    assert not [pid for pid in started.values() if Path(f"/proc/{pid}").exists()]
+    assert "the gateway process ended with status -9: " in (out / "demo.log").read_text()
+    assert "Traceback" not in (out / "demo.log").read_text()

@@ -275,6 +275,7 @@ def test_a_silent_parameter_channel_fails_every_expectation_of_the_step(answer: 
         assert [(item.passed, item.measured) for item in engine.results] == [(False, measured)] * 2
 
 
+@pytest.mark.e2e
 def test_a_plc_reads_and_writes_parameters_beside_its_cyclic_exchange_and_captures_both(tmp_path: Path) -> None:
     servers: list[AcyclicServer] = []
 

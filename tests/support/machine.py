@@ -11,12 +11,11 @@ from contextlib import contextmanager
 from pdgw.gateway.config import GatewayConfig
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.edge import open_configured_bus
-from pdgw.gateway.transport.acyclic import AcyclicServer
 from pdgw.peers.plc.endpoint import PlcEndpoint
 from pdgw.peers.simulation.beside import add_device, simulated_devices
 from pdgw.peers.simulation.devices import Simulation
 from pdgw.profidrive.telegrams import telegram
-from pdgw.tools.parameters.client import ParameterClient
+from tests import conftest
 from tests.support import buses
 from tests.support import daemon as in_world
 
@@ -54,6 +53,8 @@ class Plc:
 
 @contextmanager
 def running(config: GatewayConfig, before: Callable[[Daemon], None] | None = None) -> Iterator[Daemon]:
+    """Raises AssertionError in a test that is not marked to have the wall clock."""
+    conftest.needs_the_mark("a gateway on the machine's clock")
     simulations = []
     for bus in config.can:
         simulation = Simulation()
@@ -74,18 +75,3 @@ def running(config: GatewayConfig, before: Callable[[Daemon], None] | None = Non
         for simulation in simulations:
             simulation.stop()
         assert not thread.is_alive(), "the daemon ends in bounded time"
-
-
-@contextmanager
-def serving(config: GatewayConfig) -> Iterator[tuple[Daemon, ParameterClient]]:
-    """A daemon whose nodes are online, and a client of the parameter channel of its first drive object."""
-    servers: list[AcyclicServer] = []
-
-    def before(daemon: Daemon) -> None:
-        servers.append(AcyclicServer(daemon))
-        daemon.services.append(servers[0])
-
-    with running(config, before) as daemon:
-        buses.wait_for(lambda: all(node.generation for node in daemon.clients), "nodes online")
-        with ParameterClient(servers[0].address, daemon.objects[0].do_id) as client:
-            yield daemon, client

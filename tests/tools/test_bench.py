@@ -207,7 +207,7 @@ def test_a_row_whose_axes_did_not_do_their_work_is_refused(words: list[int], rpd
 
 
 @pytest.mark.e2e
-def test_a_short_row_is_consistent_and_the_cpu_of_a_command_is_that_of_its_process() -> None:
+def test_short_measurements_are_consistent_and_say_what_was_measured() -> None:
     arguments = ["cycle", "--axes", "4", "--cycle-time-ms", "4", "--seconds", "0.5", "--json"]
     result = CliRunner().invoke(app, arguments)
     assert result.exit_code == 0, result.output
@@ -223,14 +223,10 @@ def test_a_short_row_is_consistent_and_the_cpu_of_a_command_is_that_of_its_proce
     assert command_line.cpu_s("--version") > 0
     with pytest.raises(subprocess.CalledProcessError):
         command_line.cpu_s("no-such-command")
-
-
-@pytest.mark.e2e
-def test_a_short_storm_of_parameter_requests_is_answered_beside_the_exchange() -> None:
-    result = storm.measure(seconds=0.1, phases=1)
-    assert result.quiet.samples > 0
-    assert result.storm.samples > 0
-    assert result.requests_per_s > 0
+    told = storm.measure(seconds=0.1, phases=1)
+    assert told.quiet.samples > 0
+    assert told.storm.samples > 0
+    assert told.requests_per_s > 0
 
 
 @pytest.mark.parametrize(("row", "loss"), stops.VIRTUAL, ids=lambda item: getattr(item, "cause", None))
