@@ -12,6 +12,7 @@ import socket
 import struct
 from collections import deque
 from collections.abc import Callable
+from typing import Protocol
 
 from pdgw.ds301.can_frame import CAN_FRAME
 from pdgw.gateway.errors import GatewayError
@@ -29,14 +30,24 @@ Receiver = Callable[[bytes], None]
 """Gets the 16 bytes of a frame."""
 
 
+class Readers(Protocol):
+    """Who calls ``data`` when a socket can be read; a selector while it is served: ``for key, _ in s.select(): key.data()``."""
+
+    def register(self, fileobj: socket.socket, events: int, data: Callable[[], None], /) -> object:
+        """From now on; ``events`` is EVENT_READ."""
+
+    def unregister(self, fileobj: socket.socket, /) -> object:
+        """No more."""
+
+
 class Hub:
-    """One bus. It works while somebody serves the selector: ``for key, _ in selector.select(): key.data()``.
+    """One bus. It works while ``readers`` are served.
 
     Raises GatewayError when the port cannot be had; port 0 takes a free one.
     """
 
-    def __init__(self, selector: selectors.BaseSelector, port: int = 0) -> None:
-        self._selector = selector
+    def __init__(self, readers: Readers, port: int = 0) -> None:
+        self._readers = readers
         self._door = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
             self._door.bind((HOST, port))
@@ -47,7 +58,7 @@ class Hub:
         self._members: list[socket.socket] = []
         self._local: list[Receiver] = []
         self._waiting: deque[tuple[object, bytes]] = deque()
-        selector.register(self._door, selectors.EVENT_READ, self._admit)
+        readers.register(self._door, selectors.EVENT_READ, self._admit)
 
     @property
     def channel(self) -> str:
@@ -74,7 +85,7 @@ class Hub:
         """All members lose the bus."""
         for member in tuple(self._members):
             self._remove(member)
-        self._selector.unregister(self._door)
+        self._readers.unregister(self._door)
         self._door.close()
 
     def _admit(self) -> None:
@@ -86,7 +97,7 @@ class Hub:
                 member.connect(address)
                 member.setblocking(False)
                 self._members.append(member)
-                self._selector.register(member, selectors.EVENT_READ, lambda: self._take(member))
+                self._readers.register(member, selectors.EVENT_READ, lambda: self._take(member))
                 self._door.sendto(WELCOME.pack(b"W", member.getsockname()[1]), address)
 
     def _take(self, member: socket.socket) -> None:
@@ -130,5 +141,5 @@ class Hub:
     def _remove(self, member: socket.socket) -> None:
         if member in self._members:
             self._members.remove(member)
-            self._selector.unregister(member)
+            self._readers.unregister(member)
             member.close()

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-import selectors
+import socket
+from collections.abc import Callable
 from typing import Self
 
 from pdgw.ds301.can_frame import pack_frame, unpack_frame
+from pdgw.ds301.loop import Loop
 from pdgw.ds301.port import Receiver as FrameReceiver
 from pdgw.ds301.port import deliver
 from pdgw.peers.bus.hub import Hub
@@ -38,21 +40,26 @@ class HubPort:
             deliver(self._receiver, *unpack_frame(frame))
 
 
+class _LoopReaders:
+    """The sockets of a hub on a loop: what works on every system, where a selector inside another does not."""
+
+    def __init__(self, loop: Loop) -> None:
+        self._loop = loop
+
+    def register(self, fileobj: socket.socket, _events: int, data: Callable[[], None], /) -> None:
+        self._loop.add_reader(fileobj.fileno(), data)
+
+    def unregister(self, fileobj: socket.socket, /) -> None:
+        self._loop.remove_reader(fileobj.fileno())
+
+
 class ServedBus:
     """A bus other processes reach, from construction until ``stop``. GatewayError when the port cannot be had."""
 
     def __init__(self, port: int = 0) -> None:
         self._thread = simulation_thread()
-        # The selector is itself readable when one of its sockets is.
-        self._selector = selectors.DefaultSelector()
-        try:
-            self._hub = Hub(self._selector, port)
-        except BaseException:
-            self._selector.close()
-            raise
+        self._hub = self._thread.call(lambda: Hub(_LoopReaders(self._thread.loop), port))
         self.channel = self._hub.channel
-        self._descriptor = self._selector.fileno()
-        self._thread.call(lambda: self._thread.loop.add_reader(self._descriptor, self._serve))
 
     def __enter__(self) -> Self:
         return self
@@ -66,13 +73,4 @@ class ServedBus:
 
     def stop(self) -> None:
         """End the bus; members hear nothing any more."""
-        self._thread.call(self._stop)
-
-    def _stop(self) -> None:
-        self._thread.loop.remove_reader(self._descriptor)
-        self._hub.close()
-        self._selector.close()
-
-    def _serve(self) -> None:
-        for key, _ in self._selector.select(0):
-            key.data()
+        self._thread.call(self._hub.close)

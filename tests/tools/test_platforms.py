@@ -6,6 +6,7 @@ The commands run in processes in which these are missing. That Windows behaves o
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 import time
@@ -14,14 +15,19 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+import typer
+from typer.main import get_command
 
+from pdgw.gateway.errors import GatewayError
+from pdgw.tools.commands import bench
 from tests.decoder.test_replay import speed
 from tests.endtoend.processes import free_tcp_port, free_udp_port
 from tests.support.buses import PATIENCE_S
 from tests.support.rig import NODE
 
 _ELSEWHERE = """
-import asyncio, ctypes, logging, multiprocessing, os, pathlib, select, selectors, signal, socket, subprocess, sys, tempfile
+import asyncio, ctypes, logging, mmap, multiprocessing, os, pathlib, select, selectors, signal, socket, subprocess, sys, tempfile
+import time
 class Missing:
     names = {"termios", "tty", "pty", "fcntl", "pwd", "grp", "resource", "syslog", "readline", "curses"}
     def find_spec(self, name, *_):
@@ -33,24 +39,36 @@ for name in Missing.names:
 for module, names in (
     (select, ("poll", "epoll", "kqueue")),
     (selectors, ("PollSelector", "EpollSelector", "KqueueSelector")),
-    (socket, ("AF_PACKET", "AF_CAN", "AF_NETLINK", "CAN_RAW", "SO_REUSEPORT", "SO_BINDTODEVICE")),
-    (os, ("sched_setscheduler", "sched_setaffinity", "sched_param", "fork", "getuid", "geteuid", "getppid", "mkfifo")),
-    (signal, ("SIGHUP", "SIGKILL", "SIGUSR1", "SIGALRM", "setitimer", "pthread_sigmask")),
+    (socket, ("AF_UNIX", "AF_PACKET", "AF_CAN", "AF_NETLINK", "CAN_RAW", "SO_REUSEPORT", "SO_BINDTODEVICE", "MSG_DONTWAIT")),
+    (os, ("sched_setscheduler", "sched_setaffinity", "sched_param", "fork", "getuid", "geteuid", "mkfifo", "nice")),
+    (os, ("killpg", "setsid", "sysconf", "statvfs", "getloadavg", "chown", "fchmod", "O_DIRECTORY", "O_CLOEXEC", "O_NOFOLLOW")),
+    (signal, ("SIGHUP", "SIGKILL", "SIGUSR1", "SIGUSR2", "SIGQUIT", "SIGALRM", "setitimer", "pthread_sigmask")),
+    (time, ("clock_gettime", "clock_gettime_ns", "CLOCK_MONOTONIC", "CLOCK_PROCESS_CPUTIME_ID", "CLOCK_THREAD_CPUTIME_ID")),
+    (mmap, ("MAP_SHARED", "MAP_PRIVATE", "MAP_POPULATE", "PROT_READ", "PROT_WRITE")),
 ):
     for name in names:
         if hasattr(module, name):
             delattr(module, name)
 selectors.DefaultSelector = selectors.SelectSelector
+def socketpair(*_):
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        first = socket.create_connection(server.getsockname())
+        return first, server.accept()[0]
+socket.socketpair = socketpair
 open_file = os.open
 def no_folder(path, *arguments, **options):
     if os.path.isdir(path) and sys._getframe(1).f_globals["__name__"] != "shutil":
         raise PermissionError(13, "Permission denied", str(path))
     return open_file(path, *arguments, **options)
 os.open = no_folder
-from pdgw.__main__ import run
 """
-_RUN = 'sys.argv[0] = "pdgw"\nrun()\n'
+_RUN = """
+from pdgw.__main__ import run
+sys.argv[0] = "pdgw"
+run()
+"""
 _RUN_EACH = """
+from pdgw.__main__ import run
 for line in sys.stdin:
     sys.argv = ["pdgw", *line.rstrip("\\n").split("\\t")]
     print("\\0", end="")
@@ -115,6 +133,11 @@ def test_files_are_read_checked_and_decoded_and_what_does_not_work_says_so(
         ("replay", plc, can, "--config", configuration),
         ("eds", "check", str(next(Path(__file__).parents[2].glob("dsp406/eds/*.eds")))),
         ("sim", "bus", "--example"),
+        ("gsdml", "write", "--output", str(tmp_path)),
+        ("drives", "show", "epos4"),
+        ("conformance", "faults", "deaf"),
+        ("soak", "--hours", "0.001"),
+        ("trace", "list"),
     )
     profinet = tmp_path / "profinet.toml"
     profinet.write_text(
@@ -140,8 +163,13 @@ def gateway(store: Path) -> Iterator[tuple[int, int, int]]:
         f'store = "{store.name}"\n[can]\ninterface = "virtual"\n[transport]\nwatchdog_factor = 250\n'
         "[[axis]]\ndo_id = 1\nnode_id = 1\ntelegram = 1\nsimulate = true\n"
     )
-    command = [sys.executable, "-c", _ELSEWHERE + _RUN, "run", str(config), *options]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as process:
+    # The simulated devices are a process that this one starts: nothing is there in it either.
+    (store.parent / "sitecustomize.py").write_text(_ELSEWHERE)
+    command = [sys.executable, "-m", "pdgw", "run", str(config), *options]
+    environment = os.environ | {"PYTHONPATH": str(store.parent)}
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=environment
+    ) as process:
         try:
             yield ports
         finally:
@@ -167,4 +195,13 @@ def test_a_gateway_runs_is_asked_and_obeys_the_keyboard(tmp_path: Path) -> None:
         plc = elsewhere("sim", "plc", "--interactive", "--gateway", f"127.0.0.1:{cyclic}", text="ex")
         assert plc.returncode == 0, plc.stderr
         assert "enable" in plc.stderr
+        dumped = elsewhere("param", "dump", str(tmp_path / "axis.json"), *parameters)
+        assert dumped.returncode == 0, dumped.stderr
     assert store.exists()
+
+
+def test_what_measures_by_linux_says_so_elsewhere(monkeypatch: pytest.MonkeyPatch) -> None:
+    context = typer.Context(get_command(bench.app))
+    monkeypatch.setattr(sys, "platform", "darwin")
+    with pytest.raises(GatewayError, match="runs on Linux only, whose /proc"):
+        bench.bench(context)

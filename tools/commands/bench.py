@@ -17,6 +17,7 @@ from rich.markup import escape
 from rich.status import Status
 from rich.table import Table
 
+from pdgw.gateway.errors import GatewayError
 from pdgw.tools import namespaces
 from pdgw.tools.bench import (
     command_line,
@@ -60,6 +61,8 @@ def bench(
     html: HtmlFile = None,
 ) -> None:
     """Translation cost; the exchange of 1 to 64 axes against a UDP echo; a storm of parameter requests; an idle gateway."""
+    if sys.platform != "linux":
+        raise GatewayError("pdgw bench: runs on Linux only, whose /proc tells the CPU and memory of each process")
     if context.invoked_subcommand is not None:
         return
     with _progress() as status:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import resource
 from collections.abc import Sequence
 from typing import Annotated, NoReturn
 
@@ -74,7 +73,11 @@ def soak(
 
 
 def _memory() -> int:
-    """The most this process has had, KiB."""
+    """The most this process has had, KiB; 0 where the system does not tell."""
+    try:
+        import resource  # noqa: PLC0415 (not there on Windows)
+    except ImportError:
+        return 0
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 
 
