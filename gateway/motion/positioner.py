@@ -8,7 +8,7 @@ homing direction, the handshake with the drive and changes of its mode, which ex
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from pdgw.gateway.motion.blocks import BlockTable
 from pdgw.gateway.motion.chain import BlockChain
@@ -34,38 +34,26 @@ _FUNCTION = {Event.MDI: State.MDI, Event.SETTING_UP: State.SETTING_UP, Event.BLO
 _OFF, _IDLE, _MDI, _SETTING_UP = State.OFF, State.IDLE, State.MDI, State.SETTING_UP
 _HOMING, _TRACKING = State.HOMING, State.TRACKING
 _MDI_TASK, _SETTING_UP_TASK, _BLOCK_TASK = Event.MDI, Event.SETTING_UP, Event.BLOCK
+_SHORTEST, _POSITIVE, _NEGATIVE = Direction.SHORTEST, Direction.POSITIVE, Direction.NEGATIVE
 _REJECTED = Reason.REJECTED
 
 
+@dataclass(slots=True, unsafe_hash=True)
 class _Task:
-    """The data of the frame that brought an edge of STW1.6; under continuous update those of the newest change."""
+    """The data of the frame that brought an edge of STW1.6, or a change under continuous update. Never changed."""
 
-    __slots__ = (
-        "absolute",
-        "acceleration",
-        "block",
-        "deceleration",
-        "event",
-        "negative",
-        "positive",
-        "refusal",
-        "target",
-        "velocity",
-    )
-
-    def __init__(self) -> None:
-        self.event: Event = _BLOCK_TASK
-        self.refusal: Reason | None = None
-        self.block = 0
-        self.absolute = self.positive = self.negative = False
-        self.target = self.velocity = self.acceleration = self.deceleration = 0
-
-    @property
-    def direction(self) -> Direction:
-        """Of an absolute task of a modulo axis; both bits are refused."""
-        if self.positive is self.negative:
-            return Direction.SHORTEST
-        return Direction.POSITIVE if self.positive else Direction.NEGATIVE
+    event: Event
+    refusal: Reason | None
+    block: int
+    absolute: bool
+    target: int
+    velocity: int
+    acceleration: int
+    deceleration: int
+    positive: bool
+    negative: bool
+    direction: Direction
+    """Of an absolute task of a modulo axis; both bits are refused."""
 
     def is_of(self, asked: Asked) -> bool:
         """Whether nothing else is asked now."""
@@ -99,7 +87,8 @@ class Positioner:
         self._jog = 0
         self._homing_until = 0
         self._probe_wanted = False
-        self._edition = 0
+        self._controls: tuple[int, ...] | None = None
+        self._operating = False
         self._edges = False
         """There was an edge in the last step."""
         self._levels = (False, False, False, False)
@@ -181,13 +170,12 @@ class Positioner:
 
     def step(self, asked: Asked, seen: Seen, now: int) -> Outcome:
         """One cycle. Nothing of ``asked`` and ``seen`` is kept."""
-        other = asked is not self._asked or asked.edition != self._edition
         self._asked, self._seen, self._now = asked, seen, now
         outcome, course = self.outcome, self._course
         if self._owed:
             self._show_acknowledge()
         course.look(seen, asked.software_limits and outcome.home_set)
-        if other:
+        if asked.controls != self._controls or asked.operating is not self._operating:
             self._look(asked)
         elif self._edges:
             self._edges = self._activated = self._external_edge = self._reference_edge = self._homing_edge = False
@@ -213,7 +201,7 @@ class Positioner:
 
     def _look(self, asked: Asked) -> None:
         """Other bits, before the table is asked: edges, and what they are the edges of."""
-        self._edition = asked.edition
+        self._controls, self._operating = asked.controls, asked.operating
         self._find_edges()
         if asked.jog_1 or asked.jog_2:
             allowed = asked.operating and asked.do_not_reject and not (asked.jog_1 and asked.jog_2)
@@ -229,8 +217,7 @@ class Positioner:
             if self._state not in TASK_STATES:
                 self._warn(Reason.FUNCTION_RUNS)
             elif asked.no_intermediate_stop or self._state in _KEPT:
-                self._pending = _Task()
-                self._capture(self._pending)
+                self._pending = self._captured()
         if self._external_edge:
             self._chain.external = True
         if self._reference_edge:
@@ -245,28 +232,31 @@ class Positioner:
         self._activated, self._external_edge, self._reference_edge, self._homing_edge = edges
         self._edges = any(edges)
 
-    def _capture(self, task: _Task) -> None:
+    def _captured(self) -> _Task:
         """What is asked now, and why it cannot be done."""
         asked = self._asked
-        target, absolute = asked.target, asked.absolute
-        task.block, task.absolute, task.target, task.velocity = asked.block, absolute, target, asked.velocity
-        task.acceleration, task.deceleration = asked.acceleration, asked.deceleration
-        task.positive, task.negative = asked.positive, asked.negative
-        task.refusal = None
+        target, absolute, velocity = asked.target, asked.absolute, asked.velocity
+        positive, negative = asked.positive, asked.negative
+        direction = _SHORTEST if positive is negative else _POSITIVE if positive else _NEGATIVE
+        refusal: Reason | None = None
         if not asked.mdi:
-            task.event = _BLOCK_TASK
-            task.refusal = self._chain.refusal(task.block)
-            return
-        task.event = _SETTING_UP_TASK if asked.setting_up else _MDI_TASK
-        if not task.velocity:
-            task.refusal = Reason.TASK_SPEED_ZERO
-        elif asked.setting_up:
-            if task.positive is task.negative:
-                task.refusal = Reason.TASK_DIRECTION
-        elif task.positive and task.negative and self.settings.modulo and absolute:
-            task.refusal = Reason.TASK_DIRECTION
-        elif not self._course.in_range(target, absolute, task.direction):
-            task.refusal = Reason.TASK_TARGET_RANGE
+            event = _BLOCK_TASK
+            refusal = self._chain.refusal(asked.block)
+        else:
+            event = _SETTING_UP_TASK if asked.setting_up else _MDI_TASK
+            if not velocity:
+                refusal = Reason.TASK_SPEED_ZERO
+            elif asked.setting_up:
+                refusal = Reason.TASK_DIRECTION if positive is negative else None
+            elif positive and negative and self.settings.modulo and absolute:
+                refusal = Reason.TASK_DIRECTION
+            elif not self._course.in_range(target, absolute, direction):
+                refusal = Reason.TASK_TARGET_RANGE
+        acceleration, deceleration = asked.acceleration, asked.deceleration
+        block = asked.block
+        return _Task(
+            event, refusal, block, absolute, target, velocity, acceleration, deceleration, positive, negative, direction
+        )
 
     def _changed(self) -> bool:
         """Continuous update: other values than those in force, while STW1.6 stands."""
@@ -349,9 +339,7 @@ class Positioner:
             self._pursue(task)
 
     def _update(self) -> None:
-        task = self._task
-        assert task is not None, "the rows with an update follow a change"
-        self._capture(task)
+        task = self._task = self._captured()
         refusal = self.outcome.warning = task.refusal
         if refusal is None:
             self._pursue(task)

@@ -56,8 +56,8 @@ class Asked:
     velocity: int = 0
     acceleration: int = FULL
     deceleration: int = FULL
-    edition: int = 0
-    """Another one whenever a bit has changed: who changes bits of an object that is in use counts on."""
+    controls: tuple[int, ...] = ()
+    """The control words that all bits but ``operating`` and ``to_fixed_stop`` are from: while they are the same, the bits are."""
 
 
 class HomingResult(enum.Enum):

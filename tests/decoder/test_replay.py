@@ -17,7 +17,6 @@ from pdgw.decoder.replay import Replayer
 from pdgw.dsp402.images import DriveFeedback
 from pdgw.gateway.axis.settings import AxisSettings, SetpointEnable
 from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS
-from pdgw.gateway.axis.waist import Flag
 from pdgw.gateway.transport.cyclic import CyclicEndpoint, Verdict
 from pdgw.profidrive.frame import STATUS_STOP, TRAILER
 from pdgw.profidrive.telegrams import telegram
@@ -198,7 +197,7 @@ def test_another_choice_of_the_user_is_a_difference(tmp_path: Path) -> None:
 @pytest.mark.skipif(build() == "compiled", reason="constants of compiled modules cannot be replaced")
 def test_a_changed_gateway_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     loaded = speed().load(tmp_path, 0)
-    monkeypatch.setattr(Flag, "REACHED", 0)  # no more ZSW1.10
+    monkeypatch.setattr("pdgw.gateway.axis.executors.speed._REACHED", 0)  # no more ZSW1.10
     assert replayed(loaded)[1] == [("actual values", ("ZSW1",))]
 
 

@@ -67,6 +67,7 @@ class PositionerRig:
     def __post_init__(self) -> None:
         self.positioner = Positioner(self.settings, BlockTable(self.blocks))
         self.now = 0
+        self._frames = 0
         self.speed = 0
         self.running = Motion()
         self.waiting: Motion | None = None
@@ -85,7 +86,8 @@ class PositionerRig:
 
     def step(self, cycles: int = 1, **changes: object) -> Outcome:
         """Change what is asked, then run cycles."""
-        self.asked = replace(self.asked, **changes)  # type: ignore[arg-type]
+        self._frames += 1
+        self.asked = replace(self.asked, controls=(self._frames,), **changes)  # type: ignore[arg-type]
         for _ in range(cycles):
             self.now += CYCLE
             outcome = self.positioner.step(self.asked, self.seen, self.now)

@@ -6,7 +6,7 @@ what 111 has in POS_STW1 and POS_STW2. Left out: USER, the reference cam, ZSW1.1
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from operator import itemgetter
 
 from pdgw.gateway.axis.adapters.base import ControlWordAdapter
@@ -105,9 +105,9 @@ class PositionerAdapter(ControlWordAdapter):
         super().__init__(telegram, settings)
         self.asked = Asked()
         self._last: Sequence[int] | None = None
-        self._controls = itemgetter(*(telegram.setpoints.index(name) for name in ("STW1", *controls)))
-        self._evaluated: Sequence[int] = ()
-        """The control words as they were evaluated last."""
+        self._controls: Callable[[Sequence[int]], tuple[int, ...]] = itemgetter(
+            *(telegram.setpoints.index(name) for name in ("STW1", *controls))
+        )
 
     def read(self, setpoints: Sequence[int] | None, demand: Demand) -> None:
         word = None if setpoints is None else setpoints[self.stw1]
@@ -118,9 +118,8 @@ class PositionerAdapter(ControlWordAdapter):
             return
         self._last = setpoints
         controls = self._controls(setpoints)
-        if controls != self._evaluated:
-            self._evaluated = controls
-            self.asked.edition += 1
+        if controls != self.asked.controls:
+            self.asked.controls = controls
             self._read_stw1(controls[0])
             self.read_controls(controls)
         self.read_values(setpoints)

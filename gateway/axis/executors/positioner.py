@@ -209,9 +209,7 @@ class PositionerExecutor(Executor):
         mode, notes = self._mode, self.notes
         asked = cycle.demand.motion or self._nothing
         operating = action is _ENABLE_OPERATION and OPERATION_ENABLED[feedback.statusword & STATE_MASK]
-        if operating is not asked.operating:
-            asked.operating = operating
-            asked.edition += 1
+        asked.operating = operating
         self._look(units)
         outcome = self.positioner.step(asked, self._seen, cycle.now)
         if outcome.probe is (notes.probe is None):
