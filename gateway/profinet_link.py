@@ -108,6 +108,8 @@ class ProfinetLink:
         stored = store.parameters
         name = transport.station_name if stored.station_name is None else stored.station_name
         suite = self._first_ip(stored.station_ip)
+        self._address = self.port.ip()
+        """What the interface has; another one that is not from here is somebody else's."""
         model = profinet_model(transport, port.mac, config.objects, self._telegrams)
         self.station = Station(model.identity, name, suite, link_up=port.link_up)
         self.device = ProfinetDevice(
@@ -327,6 +329,15 @@ class ProfinetLink:
             log.log(logging.INFO if up else logging.ERROR, "cable %s", "plugged" if up else "pulled")
             self.device.on_link(up, self._loop.now())
             self._pump()
+        address = self.port.ip()
+        if address != self._address:
+            # Calls of the controller do not arrive any more, and what it is connected with is not there.
+            log.error(
+                "the IP address is %s now and was %s: changed by somebody else", address.address, self._address.address
+            )
+            self._address = self.station.ip = address
+            self.device.end(Event.NAME_CHANGED, self._loop.now())
+            self._pump()
 
     def _serve(self) -> None:
         """Calls run in a task: one that writes to the disk waits there, and the exchange goes on."""
@@ -422,6 +433,7 @@ class ProfinetLink:
         except GatewayError as error:
             log.error("%s", error)
             return
+        self._address = self.port.ip()
         self._keep("station_ip", stored)
 
     def _keep(self, field: str, value: str | None) -> None:

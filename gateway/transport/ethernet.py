@@ -34,7 +34,7 @@ _DATAGRAM_MAX = 65_535
 _SOL_PACKET, _PACKET_ADD_MEMBERSHIP, _MR_MULTICAST = 263, 1, 0
 _SO_BINDTODEVICE = 25
 _SIOCGIFADDR, _SIOCSIFADDR, _SIOCGIFNETMASK, _SIOCSIFNETMASK = 0x8915, 0x8916, 0x891B, 0x891C
-_NETLINK_ROUTE, _GROUP_LINK = 0, 1
+_NETLINK_ROUTE, _GROUP_LINK, _GROUP_ADDRESS = 0, 1, 0x10
 _DCP_FIRST, _DCP_LAST = 0xFEFC, dcp.FRAME_ID_IDENTIFY_RESPONSE
 _FRAME_ID_AT = 14
 
@@ -91,7 +91,7 @@ class EthernetPort(Protocol):
     def start(
         self, on_real_time: Callable[[], None], on_other: Callable[[], None], on_link: Callable[[], None]
     ) -> None:
-        """Call these in the loop: a real-time frame waits; DCP, LLDP or a datagram waits; the cable was plugged or pulled."""
+        """Call these in the loop: a real-time frame; DCP, LLDP or a datagram; cable or address may be another."""
 
     def receive(self) -> bytes | None:
         """The next real-time frame."""
@@ -159,7 +159,7 @@ class RawEthernet:
         self._rpc.bind(("0.0.0.0", UDP_PORT))
         self._netlink = socket.socket(socket.AF_NETLINK, socket.SOCK_RAW, _NETLINK_ROUTE)
         self._sockets.append(self._netlink)
-        self._netlink.bind((0, _GROUP_LINK))
+        self._netlink.bind((0, _GROUP_LINK | _GROUP_ADDRESS))
         for item in self._sockets:
             item.setblocking(False)
 

@@ -98,6 +98,13 @@ def main(config: Path, pdgw: str) -> None:
         plc.release(time.monotonic_ns())
         runner.run(PATIENCE_S, lambda: plc.phase is Phase.ENDED)
         seen["released"] = plc.learned.ended
+        for _ in range(10):
+            plc.start(time.monotonic_ns())
+            if runner.run(5, lambda: plc.phase is Phase.DATA or plc.phase is Phase.ENDED) and plc.phase is Phase.DATA:
+                break
+        subprocess.run(["nsenter", "-t", str(holder.pid), "-n", "ip", "addr", "flush", "dev", "eth1"], check=True)
+        runner.run(5, lambda: plc.phase is Phase.ENDED)
+        seen["address taken"] = plc.learned.ended
     finally:
         runner.close()
         gateway.send_signal(signal.SIGTERM)

@@ -146,6 +146,7 @@ def test_a_controller_finds_the_gateway_on_ethernet_and_moves_a_drive(tmp_path: 
     assert seen["interface"] == 0
     assert seen["more frames"]
     assert seen["released"] == "released"
+    assert "CF 81 FD 1F" in seen["address taken"], (seen, log)
     assert seen["exit status"] == 0
     assert "IP address set to 192.168.0.2 by DCP" in log
     assert "controller pdgw-plc 192.168.0.1 connected, cycle 16 ms" in log

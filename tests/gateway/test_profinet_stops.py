@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from ipaddress import IPv4Address
 from pathlib import Path
 
 import pytest
@@ -15,6 +16,7 @@ from pdgw.profinet import apmx, dcp, ethernet
 from pdgw.profinet.apmx import PduType
 from pdgw.profinet.blocks.alarm import Priority
 from pdgw.profinet.cmdev import AbortCode
+from pdgw.profinet.station import IpSuite
 from tests.support.daemon import axis, drive_of
 from tests.support.profinet import DEVICE_MAC, PLC_MAC
 from tests.support.profinet_daemon import ON, Plant, configuration, plant
@@ -73,7 +75,13 @@ def restart(site: Plant) -> None:
     site.plc.start(site.loop.now())
 
 
-WAYS = [kill, pull, fall_silent, stop, mark_bad, release, abort, restart]
+def readdress(site: Plant) -> None:
+    """Not by DCP, which is refused: by somebody on the gateway's machine."""
+    site.port.address = IpSuite(IPv4Address("10.0.0.9"), IPv4Address("255.0.0.0"), IPv4Address(0))
+    site.port.on_link()
+
+
+WAYS = [kill, pull, fall_silent, stop, mark_bad, release, abort, restart, readdress]
 
 
 @pytest.mark.parametrize("way", WAYS, ids=lambda way: way.__name__)

@@ -181,18 +181,8 @@ def test_application_ready_is_repeated_and_then_the_relationship_ends() -> None:
 
 def test_application_ready_comes_after_the_answer_to_prm_end() -> None:
     caller = connected_by_hand()
-    device = caller.wire.device
-    original = device.outgoing
-    kept: list[tuple[object, bytes]] = []
-
-    def outgoing() -> list[tuple[tuple[str, int] | None, bytes | bytearray]]:
-        items = original()
-        kept.extend((address, bytes(data)) for address, data in items)
-        return items
-
-    device.outgoing = outgoing  # type: ignore[method-assign]
     control(caller, PRM_END, Operation.CONTROL)
-    assert [address for address, _ in kept] == [SOURCE, (PLC_IP, 34964)]
+    assert caller.addressed == [SOURCE, (PLC_IP, 34964)]
 
 
 def test_a_controller_that_confirms_and_then_sends_no_data_is_given_up() -> None:

@@ -52,6 +52,8 @@ class Caller:
         self.source = source
         self.sequence = 0
         self.activity = UUID(int=zlib.crc32(source[0].encode()))
+        self.addressed: list[object] = []
+        """Whom the device sent something to in the last call."""
 
     def call(
         self, arguments: bytes, operation: int = Operation.CONNECT, maximum: int = 16_384, little: bool = True
@@ -74,7 +76,9 @@ class Caller:
         whole = None
         for packet in dcerpc.encode_fragments(header, ndr):
             self.wire.device.on_datagram(packet, self.source, self.wire.now)
-        for address, data in self.wire.device.outgoing():
+        sent = self.wire.device.outgoing()
+        self.addressed = [address for address, _ in sent]
+        for address, data in sent:
             if address == self.source:
                 answer, body = dcerpc.decode_packet(bytes(data))
                 assert answer.packet_type is PacketType.RESPONSE
