@@ -186,9 +186,9 @@ SIMULATED = {
 """Of the simulated drives of ``pdgw run --simulate``."""
 SIMULATED_BLOCKS: tuple[dict[str, int | str], ...] = (
     {"number": 1, "position": 20_000, "velocity": 6000, "next": "flying"},
-    {"number": 2, "position": 50_000, "velocity": 12_000, "next": "continue-with-stop"},
+    {"number": 2, "position": 50_000, "velocity": 12_000, "next": "external"},
     {"number": 3, "task": "wait", "value": 300, "next": "continue-with-stop"},
     {"number": 4, "position": 60_000, "velocity": 3000, "next": "external"},
     {"number": 5, "position": 0, "velocity": 15_000},
 )
-"""A chain: one set-point on the fly, a stop, a pause, and back when the PLC says so."""
+"""A chain: one set-point on the fly, a pause when the PLC says so, a slow way, and back when the PLC says so again."""

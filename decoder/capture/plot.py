@@ -18,6 +18,9 @@ MAX_POINTS: Final = 1 << 19
 _QUANTITIES: Final = {
     "speed": ("nsoll_", "nist_", "mdi_velocity"),
     "position": ("mdi_tarpos", "xist_"),
+    "position error": ("xerr",),
+    "override": ("override",),
+    "torque reduction": ("momred",),
     "velocity of the drive": ("target_velocity", "velocity_actual_value", "velocity_demand_value"),
     "position of the drive": ("target_position", "position_actual_value", "position_demand_value"),
 }

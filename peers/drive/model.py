@@ -35,8 +35,6 @@ _STAYS_STOPPED = 5
 _ABORT_COMMANDS = {2: Command.DISABLE_VOLTAGE, 3: Command.QUICK_STOP}
 """Device control command of 6007h."""
 _SYNC_FAULT = replace(DRIVE_FAULTS[12], name="SYNC missing", error_code=0x8700)
-_SYNC_LOST_PERIODS = 3
-"""So many periods (1006h) without SYNC are a fault in a cyclic synchronous mode."""
 _CATCH_UP_TICKS = 1000
 """So much of a gap is simulated; a drive that was not asked for longer has lost time."""
 
@@ -381,7 +379,7 @@ class DriveModel:
     def _sync_is_lost(self) -> bool:
         period = self.sync_ticks
         self._without_sync = self._without_sync + 1 if period else 0
-        lost = self._without_sync > _SYNC_LOST_PERIODS * period
+        lost = self._without_sync > self.shape.sync_tolerance * period
         if lost:
             self._fault(_SYNC_FAULT)
         return lost

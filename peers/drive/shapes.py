@@ -79,6 +79,8 @@ class Shape:
     """Objects it takes in the mapping of a TPDO and sends as zeros."""
     wraps: bool = False
     """Its position begins anew at the end of 607Bh, of which the last is the first again; targets are within it."""
+    sync_tolerance: int = 3
+    """So many periods (1006h) without SYNC are a fault in a cyclic synchronous mode."""
     node_guarding: bool = False
     """It guards its master by remote requests instead of heartbeats."""
     info: DeviceInfo = field(default=INFO)

@@ -163,7 +163,7 @@ class Engine:
 
     def _compile(self, number: int, step: Step) -> list[Primitive]:
         try:
-            within = parse_time(step.within)
+            within = parse_time(step.within or self.scenario.within)
             if step.action in _ENVIRONMENT:
                 return [self._environment(step)]
             return self._compiler.compile(step, within)

@@ -100,4 +100,6 @@ class Following:
         rpm = speed / self._increments * SECONDS_PER_MINUTE if self._wish.feed_forward else 0.0
         wanted = self._loop.step(target, actuals, rpm)
         self._worst = max(self._worst, abs(self._loop.error))
+        # Without DSC nobody evaluates XERR: it is there to be seen.
+        wanted["XERR"] = round(self._loop.error)
         return {name: wanted[name] for name in self.rest}

@@ -69,7 +69,8 @@ class Step(_Model):
 
     axis: Annotated[int, Field(ge=1)] = 1
     note: str = ""
-    within: str = "3 s"
+    within: str | None = None
+    """How long is waited; without it as the scenario says."""
     refused: Annotated[int, Field(ge=0, le=0xFFFF)] | None = None
     enable: _Flag = None
     """OFF, then ON once the drive is ready"""
@@ -196,6 +197,8 @@ class Scenario(_Model):
     """The whole file."""
 
     name: str = "scenario"
+    within: str = "3 s"
+    """How long each step waits that does not say it."""
     telegrams: Annotated[list[int], Field(min_length=1)] = [1]
     references: References = References()
     steps: Annotated[list[Step], Field(min_length=1)]

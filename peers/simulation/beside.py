@@ -33,6 +33,10 @@ def simulated_devices(config: GatewayConfig, bus: CanConfig) -> list[DeviceConfi
             serial_number=axis.do_id,
             axis=_axis_of(axis),
             like=_kind_of(axis).name,
+            # The drive is as patient as the gateway that drives it.
+            sync_tolerance=None
+            if axis.dsc is None
+            else max(SYNCHRONOUS.sync_tolerance, config.transport.watchdog_factor),
         )
         for axis in config.axis
         if axis.simulate and config.bus_of(axis).name == bus.name

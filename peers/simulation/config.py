@@ -51,7 +51,7 @@ def _as_texts(value: object) -> object:
     return [value] if isinstance(value, str) else value
 
 
-_DRIVE_OPTIONS = ("axis", "like")
+_DRIVE_OPTIONS = ("axis", "like", "sync_tolerance")
 
 
 class DeviceConfig(_Section):
@@ -65,6 +65,8 @@ class DeviceConfig(_Section):
     """Of a drive: a shaft that turns for ever, or a slide with limit switches."""
     like: str | None = None
     """Of a drive: the shape, see ``peers.drive.shapes``."""
+    sync_tolerance: Annotated[Integer, Field(ge=1, le=1000)] | None = None
+    """Of a drive in a cyclic synchronous mode: so many periods without SYNC are a fault; without it the shape's."""
     model: str | None = None
     """Of an encoder: rotary, linear or multi-sensor."""
     channels: Integer | None = None
@@ -79,6 +81,7 @@ class DeviceConfig(_Section):
         options = {
             "axis": self.axis,
             "like": self.like,
+            "sync_tolerance": self.sync_tolerance,
             "model": self.model,
             "channels": self.channels,
             "motion": self.motion,
@@ -174,6 +177,7 @@ type = "drive"
 node_id = 1
 axis = "rotary"              # a shaft; "linear": a slide with limit switches, where homing by switches ends
 like = "engel"               # the shape, see `pdgw sim drive --help`
+sync_tolerance = 3           # periods without SYNC that are a fault in a cyclic synchronous mode
 
 [[device]]
 type = "drive"              # "drive" or "encoder"

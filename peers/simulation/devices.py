@@ -67,14 +67,16 @@ def _drive(
     serial_number: int,
     axis: str = "rotary",
     like: str = ENGEL.name,
+    sync_tolerance: int | None = None,
     loop: Loop | None = None,
 ) -> SimulatedDrive:
-    """``axis``: a name of ``MACHINES``; ``like``: a name of ``SHAPES``."""
+    """``axis``: a name of ``MACHINES``; ``like``: a name of ``SHAPES``, whose ``sync_tolerance`` is another one where given."""
     if axis not in MACHINES:
         raise CanopenError("axis of drive", axis, ", ".join(MACHINES))
-    return SimulatedDrive(
-        bus, node_id, machine=MACHINES[axis], shape=shape(like), serial_number=serial_number, loop=loop
-    )
+    chosen = shape(like)
+    if sync_tolerance is not None:
+        chosen = replace(chosen, sync_tolerance=sync_tolerance)
+    return SimulatedDrive(bus, node_id, machine=MACHINES[axis], shape=chosen, serial_number=serial_number, loop=loop)
 
 
 def _encoder(

@@ -105,15 +105,28 @@ def dissected(out: Path) -> None:
 
 
 def test_the_story_passes_and_independent_readers_find_it_in_the_evidence(tmp_path: Path) -> None:
-    result = pdgw("demo", "--out", str(tmp_path))
+    result = pdgw("demo", "--chapter", "basics", "--out", str(tmp_path))
     assert result.returncode == 0, result.stdout + result.stderr
-    story(tmp_path)
-    frames_of_the_plc(tmp_path)
-    frames_on_can(tmp_path)
-    pictures(tmp_path)
+    out = tmp_path / "basics"
+    story(out)
+    frames_of_the_plc(out)
+    frames_on_can(out)
+    pictures(out)
     if shutil.which("tshark") is None:
         pytest.skip("tshark is not installed; what the others read is there")
-    dissected(tmp_path)
+    dissected(out)
+
+
+def test_the_chapters_of_positioner_and_dsc_come_true_and_are_drawn_from_their_captures(tmp_path: Path) -> None:
+    result = pdgw("demo", "--chapter", "positioner", "--chapter", "dsc", "--out", str(tmp_path))
+    assert result.returncode == 0, result.stdout + result.stderr
+    for chapter, drawn in (("positioner", "OVERRIDE"), ("dsc", "XERR")):
+        out = tmp_path / chapter
+        assert json.loads((out / "report.json").read_text())["passed"]
+        assert (out / "trace.png").read_bytes().startswith(b"\x89PNG")
+        assert drawn in (out / "trace.html").read_text()
+        assert f"Chapter {chapter}: " in result.stdout
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["dsc", "positioner"]
 
 
 def children(pid: int) -> dict[str, int]:
@@ -129,15 +142,16 @@ def children(pid: int) -> dict[str, int]:
 @contextmanager
 def told_a_part(out: Path) -> Iterator[tuple[subprocess.Popen[str], dict[str, int]]]:
     """A demo in its story, and its processes; nothing of it is left afterwards."""
-    out.mkdir()
-    (out / "report.json").write_text('{"passed": true}')  # of an earlier one
+    evidence = out / "basics"
+    evidence.mkdir(parents=True)
+    (evidence / "report.json").write_text('{"passed": true}')  # of an earlier one
     with running("demo", "--out", str(out), log=out / "demo.log") as demo:
         wait_for(lambda: "telegram 1: enable" in (out / "demo.log").read_text(), "the story")
         started = children(demo.pid)
         assert len(started) == 3
         yield demo, started
     assert not [pid for pid in started.values() if Path(f"/proc/{pid}").exists()]
-    assert not (out / "report.json").exists()
+    assert not (evidence / "report.json").exists()
 
 
 def test_a_demo_that_is_stopped_or_loses_a_process_leaves_nothing_running_and_says_why(tmp_path: Path) -> None:
@@ -146,7 +160,7 @@ def test_a_demo_that_is_stopped_or_loses_a_process_leaves_nothing_running_and_sa
         with told_a_part(out) as (demo, _):
             demo.send_signal(number)
             assert demo.wait(PATIENCE_S) == 130
-        assert len(rdpcap(str(out / "plc.pcap"))) > 0, "what was captured until then is complete"
+        assert len(rdpcap(str(out / "basics" / "plc.pcap"))) > 0, "what was captured until then is complete"
     out = tmp_path / "dies"
     with told_a_part(out) as (demo, started):
         gateway = next(pid for command, pid in started.items() if command.startswith("run "))

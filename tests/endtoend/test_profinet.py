@@ -104,9 +104,9 @@ def dissected(out: Path) -> None:
 @pytest.mark.e2e
 def test_the_demo_plays_over_ethernet_frames_and_its_capture_tells_everything(tmp_path: Path) -> None:
     namespaces_or_skip()
-    scenario, out = tmp_path / "speed.yaml", tmp_path / "out"
+    scenario, out = tmp_path / "speed.yaml", tmp_path / "basics"
     scenario.write_text(SCENARIO, encoding="utf-8")
-    result = pdgw("demo", "--profinet", "--scenario", str(scenario), "--out", str(out))
+    result = pdgw("demo", "--profinet", "--chapter", "basics", "--scenario", str(scenario), "--out", str(tmp_path))
     assert result.returncode == 0, (result.stdout, result.stderr, (out / "gateway.log").read_text())
     assert "FAIL" not in result.stdout
     story(out)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import signal
 import sys
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -12,18 +13,24 @@ from rich.console import Console
 from rich.live import Live
 from rich.table import Table
 
+from pdgw.gateway.errors import GatewayError
 from pdgw.peers.plc.engine import Result
 from pdgw.tools import namespaces
 from pdgw.tools.commands.sim_plc import results_table
+from pdgw.tools.demo.chapters import CHAPTERS, Chapter
 from pdgw.tools.demo.links import OnEthernet, OnLoopback
-from pdgw.tools.demo.run import SCENARIO, Demo
+from pdgw.tools.demo.run import Demo, Outcome
+
+Story = StrEnum("Story", {name: name for name in CHAPTERS})  # type: ignore[misc]  # made of the chapters
+CHAPTERS_HELP = "; ".join(f"{item.name}: {item.about}" for item in CHAPTERS.values())
 
 
 class _Story:
     """The story as it unfolds: live on a terminal, one line per step otherwise."""
 
-    def __init__(self, console: Console) -> None:
+    def __init__(self, console: Console, chapter: str) -> None:
         self.console = console
+        self.chapter = chapter
         self.lines: list[tuple[str, int, int]] = []
         self.live: Live | None = None
 
@@ -42,44 +49,68 @@ class _Story:
             self.console.print(f"           FAILED {document['result']['name']}: {document['result']['measured']}")
 
     def table(self) -> Table:
-        grid = Table("story", "passed", "failed", title="pdgw demo")
+        grid = Table("story", "passed", "failed", title=f"pdgw demo, chapter {self.chapter}")
         for text, passed, failed in self.lines[-20:]:
             grid.add_row(text, f"[green]{passed}[/green]", f"[red]{failed}[/red]" if failed else "")
         return grid
 
 
 def demo(
+    chapter: Annotated[
+        list[Story] | None,
+        typer.Option(help=f"Only this chapter; repeat for several. {CHAPTERS_HELP}", show_default=False),
+    ] = None,
     out: Annotated[
-        Path, typer.Option(help="Where report.json, plc.pcap, can.log, trace.png and trace.html go.")
+        Path,
+        typer.Option(
+            help="Each chapter's report.json, plc.pcap, can.log, trace.png and trace.html go into its folder here."
+        ),
     ] = Path("demo-out"),
     profinet: Annotated[
         bool,
         typer.Option("--profinet", help="PLC and gateway over Ethernet frames, between network namespaces (Linux)."),
     ] = False,
     scenario: Annotated[
-        Path, typer.Option(help="Another story for these drives (telegrams 1, 9, 100, 83).", show_default=False)
-    ] = SCENARIO,
+        Path | None, typer.Option(help="Another story for the devices of one chapter.", show_default=False)
+    ] = None,
 ) -> None:
-    """PLC, gateway and the bus of three drives and an encoder as processes; every expectation with pass or fail."""
+    """PLC, gateway and the bus of its drives as processes, chapter by chapter; every expectation with pass or fail."""
+    chosen = [CHAPTERS[item.value] for item in dict.fromkeys(chapter or Story)]
+    if scenario is not None and len(chosen) > 1:
+        raise GatewayError(f"--scenario: of one chapter, give --chapter too ({', '.join(CHAPTERS)})")
     if profinet and not namespaces.inside():
         namespaces.enter()
     console = Console()
-    story = _Story(console)
-    run = Demo(out, story.show, OnEthernet() if profinet else OnLoopback(), scenario)
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # a stopped demo stops its processes
     try:
-        if sys.stdout.isatty():
-            with Live(story.table(), console=console, refresh_per_second=8) as story.live:
-                outcome = run.run()
-        else:
-            outcome = run.run()
+        outcomes = [_play(item, out / item.name, console, scenario, profinet=profinet) for item in chosen]
     except KeyboardInterrupt:
         raise typer.Exit(130) from None
-    console.print(results_table([Result(**item) for item in outcome.report["results"]]))
-    results = outcome.report["results"]
-    good = sum(item["passed"] for item in results)
-    console.print(
-        f"{good} of {len(results)} expectations passed in {outcome.report['duration_s']} s; evidence in {out}/"
-    )
-    if not outcome.passed:
+    if len(outcomes) > 1:
+        _tell(console, f"{len(outcomes)} chapters", outcomes, out)
+    if not all(outcome.passed for outcome in outcomes):
         raise typer.Exit(1)
+
+
+def _play(chapter: Chapter, out: Path, console: Console, scenario: Path | None, *, profinet: bool) -> Outcome:
+    """One chapter, with its results."""
+    console.print(f"Chapter {chapter.name}: {chapter.about}", style="bold", highlight=False)
+    story = _Story(console, chapter.name)
+    run = Demo(chapter, out, story.show, OnEthernet() if profinet else OnLoopback(), scenario)
+    if sys.stdout.isatty():
+        with Live(story.table(), console=console, refresh_per_second=8) as story.live:
+            outcome = run.run()
+    else:
+        outcome = run.run()
+    console.print(results_table([Result(**item) for item in outcome.report["results"]]))
+    _tell(console, chapter.name, [outcome], out)
+    return outcome
+
+
+def _tell(console: Console, what: str, outcomes: list[Outcome], out: Path) -> None:
+    results = [item for outcome in outcomes for item in outcome.report["results"]]
+    good = sum(item["passed"] for item in results)
+    seconds = sum(outcome.report["duration_s"] for outcome in outcomes)
+    console.print(
+        f"{what}: {good} of {len(results)} expectations passed in {seconds:.0f} s; evidence in {out}/", highlight=False
+    )

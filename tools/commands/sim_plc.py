@@ -122,6 +122,7 @@ def plc(
     engine = Engine(chosen, endpoint) if chosen else None
     output = _Output(endpoint, as_lines=progress, snapshots=snapshots)
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # the capture is to be complete
+    begin_s = time.time()
     try:
         if engine is None:
             _obey_keys(client, output)
@@ -137,7 +138,7 @@ def plc(
             client.write_trace(trace)
     if engine is not None and scenario is not None:
         _report(engine, scenario, gateway).write(junit, html)
-        _finish(engine, as_json, progress=progress)
+        _finish(engine, as_json, begin_s, progress=progress)
 
 
 def _report(engine: Engine, scenario: Path, gateway: str) -> Report:
@@ -177,14 +178,18 @@ def _connected(interface: str, name: str, device_ip: str, endpoint: PlcEndpoint,
     return client
 
 
-def _finish(engine: Engine, as_json: Path | None, *, progress: bool) -> None:
-    """Results, and exit status 1 when something failed or nobody was there to fail."""
+def _finish(engine: Engine, as_json: Path | None, begin_s: float, *, progress: bool) -> None:
+    """Results, and exit status 1 when something failed or nobody was there to fail.
+
+    ``begin_s``: what their times count from, in seconds of the epoch.
+    """
     endpoint = engine.endpoint
     reached = bool(endpoint.counters["received"])
     if as_json is not None:
         document = {
             "name": engine.scenario.name,
             "passed": engine.passed and reached,
+            "begin_s": begin_s,
             "results": [asdict(item) for item in engine.results],
             "notes": engine.notes,
             "counters": dict(endpoint.counters),

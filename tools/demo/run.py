@@ -1,4 +1,4 @@
-"""The orchestrator: starts the processes, follows the story, collects the evidence."""
+"""The orchestrator: starts the processes of a chapter, follows its story, collects the evidence."""
 
 from __future__ import annotations
 
@@ -19,20 +19,16 @@ from typing import IO, Any
 from can_remote import RemoteServer
 
 from pdgw.gateway.errors import GatewayError
+from pdgw.tools.demo.chapters import Chapter
 from pdgw.tools.demo.links import DemoLink, free_ports
 from pdgw.tools.demo.trace import plot
 from pdgw.tools.recordings import Part, known_from, look_ahead, write_page
 
-SCENARIO = Path(__file__).parent.parent / "scenarios" / "demo.yaml"
-STORY_LIMIT_S = 58
+STORY_LIMIT_S = 180
 _STOP_S = 10
-_TELEGRAMS = (1, 9, 100)
-_ENCODER_TELEGRAM = 83
-_ENCODER = len(_TELEGRAMS) + 1
-"""DO-ID and node-ID of the encoder, which is on the shaft of the first drive."""
 RECORD = "gateway"
 """The folder of what the gateway itself saw, in its own order."""
-_EVIDENCE = ("report.json", "plc.json", "plc.pcap", "plc.pcapng", "can.log", "trace.csv", "trace.png", "trace.html")
+_EVIDENCE = ("report.json", "plc.json", "plc.pcap", "plc.pcapng", "can.log", "trace.png", "trace.html")
 
 
 class _CanServer(RemoteServer):  # type: ignore[misc]  # untyped package
@@ -75,32 +71,6 @@ def can_server() -> Iterator[str]:
         thread.join()
 
 
-def gateway_config(channel: str, transport: str) -> str:
-    """The gateway of the demo. Its times let a busy machine pause for a while without anything counting as lost."""
-    axes = "".join(
-        f"\n[[axis]]\ndo_id = {n}\nnode_id = {n}\ntelegram = {t}\nheartbeat_ms = 500\ntpdo_event_ms = 200\n"
-        for n, t in enumerate(_TELEGRAMS, 1)
-    )
-    encoder = (
-        f"\n[[encoder]]\ndo_id = {_ENCODER}\nnode_id = {_ENCODER}\ntelegram = {_ENCODER_TELEGRAM}\n"
-        "heartbeat_ms = 500\ntpdo_event_ms = 20\n"
-    )
-    return (
-        f'[can]\ninterface = "remote"\nchannel = "{channel}"\n\n'
-        f"[transport]\n{transport}status_port = 0\n"
-        f"cycle_time_ms = 4\nwatchdog_factor = 100\n{axes}{encoder}"
-    )
-
-
-def devices_config(channel: str, control_port: int) -> str:
-    """The devices on the bus, for ``pdgw sim bus``."""
-    drives = "".join(f'\n[[device]]\ntype = "drive"\nnode_id = {n}\naxis = "linear"\n' for n in range(1, _ENCODER))
-    return (
-        f'[can]\ninterface = "remote"\nchannel = "{channel}"\n\n[control]\nport = {control_port}\n{drives}'
-        f'\n[[device]]\ntype = "encoder"\nnode_id = {_ENCODER}\nmotion = "shaft=1"\n'
-    )
-
-
 @dataclass
 class Outcome:
     """What the demo showed."""
@@ -113,18 +83,24 @@ class Outcome:
 
 
 class Demo:
-    """One run with its evidence in ``out``; ``show`` gets each progress document of the PLC.
+    """One run of a chapter with its evidence in ``out``; ``show`` gets each progress document of the PLC.
 
-    ``link``: between PLC and gateway. ``scenario``: the story.
+    ``link``: between PLC and gateway. ``scenario``: another story than the chapter's.
     """
 
     def __init__(
-        self, out: Path, show: Callable[[dict[str, Any]], None], link: DemoLink, scenario: Path = SCENARIO
+        self,
+        chapter: Chapter,
+        out: Path,
+        show: Callable[[dict[str, Any]], None],
+        link: DemoLink,
+        scenario: Path | None = None,
     ) -> None:
+        self.chapter = chapter
         self.out = out
         self.show = show
         self.link = link
-        self.scenario = scenario
+        self.scenario = scenario or chapter.scenario
         self._processes: dict[str, subprocess.Popen[str]] = {}
         self._logs: list[IO[str]] = []
 
@@ -149,7 +125,8 @@ class Demo:
         report["exit_codes"] = codes
         report["passed"] = report["passed"] and codes["gateway"] == 0 and codes["devices"] == 0
         (self.out / "report.json").write_text(json.dumps(report, indent=2), encoding="utf-8")
-        plot(self.out / "trace.csv", report["notes"], self.out / "trace.png")
+        config, capture = self.out / "gateway.toml", self.out / self.link.capture
+        plot(self.chapter, capture, config, report["begin_s"], report["notes"], self.out / "trace.png")
         self._write_page()
         return Outcome(report)
 
@@ -163,8 +140,9 @@ class Demo:
         (control,) = free_ports(socket.SOCK_STREAM, 1)
         self.link.open(self.out, control)
         config, devices = self.out / "gateway.toml", self.out / "devices.toml"
-        config.write_text(gateway_config(channel, self.link.transport), encoding="utf-8")
-        devices.write_text(devices_config(channel, control), encoding="utf-8")
+        can = {"interface": "remote", "channel": channel}
+        config.write_text(self.chapter.gateway(can, self.link.transport), encoding="utf-8")
+        devices.write_text(self.chapter.devices(can, control), encoding="utf-8")
         self._spawn("devices", "sim", "bus", str(devices))
         self._spawn(
             "gateway", "run", str(config), "--can-log", str(self.out / "can.log"), "--record", str(self.out / RECORD)
@@ -172,7 +150,7 @@ class Demo:
         self._spawn(
             "plc",
             *("sim", "plc", str(self.scenario), "--progress", *self.link.plc(self.out)),
-            *("--trace", str(self.out / "trace.csv"), "--json", str(self.out / "plc.json")),
+            *("--cycle-ms", str(self.chapter.cycle_ms), "--json", str(self.out / "plc.json")),
         )
 
     def _spawn(self, name: str, *arguments: str) -> None:

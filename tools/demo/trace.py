@@ -1,54 +1,100 @@
-"""The demo's picture: set and actual values of the three axes and the encoder with their states marked."""
+"""The picture of a chapter, drawn from its capture: set and actual values with the states and what the story says."""
 
 from __future__ import annotations
 
-import csv
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
+from pdgw.decoder.capture.source import open_source
+from pdgw.decoder.engine import Decoder
+from pdgw.decoder.records import Unit
 from pdgw.gateway.errors import GatewayError
-from pdgw.peers.plc.client import TRACE_COLUMNS
-from pdgw.profidrive.datatypes import N2_100_PERCENT, N4_100_PERCENT
-from pdgw.profidrive.signals import signal
+from pdgw.profidrive.frame import IOPS_GOOD
+from pdgw.profidrive.signals import SIGNALS
+from pdgw.profidrive.telegrams import Direction
+from pdgw.tools.demo.chapters import Chapter, Curve, Panel
+from pdgw.tools.recordings import known_from
 
-_SPEED_RPM = 3000
+_NS = 1_000_000_000
+_SAMPLE_NS = 4_000_000
 _SEEN_S = 0.08
-_POSITION = 500_000
-_RPM_PER_UNIT = 0.5
-_ZSW1 = signal("ZSW1")
+"""A fault that is acknowledged at once is to be seen too."""
 _RED, _GREEN = "#e45756", "#72b7b2"
-_STATES = (("fault", _ZSW1.bit("FAULT").mask, _RED), ("operation", _ZSW1.bit("OPERATION_ENABLED").mask, _GREEN))
-_ENCODER_STATES = (("fault", signal("ZSW2_ENC").bit("FAULT").mask, _RED),)
-_PANELS = {
-    1: ("Telegram 1: speed", "rpm", _SPEED_RPM / N2_100_PERCENT, "NSOLL_A", "NIST_A", _STATES),
-    9: ("Telegram 9: position", "increments", _POSITION / N4_100_PERCENT, "MDI_TARPOS", "XIST_A", _STATES),
-    100: ("Telegram 100: speed", "rpm", _RPM_PER_UNIT, "Target Velocity", "Velocity Actual Value", _STATES),
-    83: (
-        "Telegram 83: speed of the encoder on axis 1",
-        "rpm",
-        _SPEED_RPM / N4_100_PERCENT,
-        "",
-        "NIST_B",
-        _ENCODER_STATES,
-    ),
-}
-"""In the order of the axes: title, unit, scale, set value (none for an encoder), actual value, bits of the status word."""
+_COLOURS = {True: ("#f58518", "#b279a2"), False: ("#4c78a8", "#54a24b")}
+"""Of set values, of actual values."""
+_STATES = {"FAULT": ("fault", _RED, 0.35), "OPERATION_ENABLED": ("operation", _GREEN, 0.16)}
+_OPERATION_ENABLED_402 = (0x6F, 0x27)
+_OF_EVERY_AXIS = "PLC"
+"""How a note begins that belongs to all panels."""
+_TEXT_BELOW = 0.62
 
 
-def _faults(rows: list[dict[str, float]], states: tuple[tuple[str, int, str], ...]) -> list[tuple[float, float]]:
-    """From when to when the status word shows a fault."""
-    mask = next(mask for name, mask, _ in states if name == "fault")
+@dataclass
+class _Seen:
+    """What the capture shows of one axis: the values at each time in seconds, and the status."""
+
+    newest: dict[str, int] = field(default_factory=dict)
+    times: list[float] = field(default_factory=list)
+    values: list[dict[str, int]] = field(default_factory=list)
+    sampled_ns: int = -_SAMPLE_NS
+
+    def take(self, unit: Unit, now_ns: int) -> None:
+        """An axis' part of a frame; what is marked bad is no value."""
+        if unit.layout.direction is Direction.ACTUAL and not (unit.iops or 0) & IOPS_GOOD:
+            return
+        self.newest |= {item.name: int(raw) for item, raw in unit.items() if not isinstance(raw, bytes)}
+        if unit.layout.direction is Direction.ACTUAL and now_ns - self.sampled_ns >= _SAMPLE_NS:
+            self.sampled_ns = now_ns
+            self.times.append(now_ns / _NS)
+            self.values.append(dict(self.newest))
+
+
+def _seen(capture: Path, config: Path, begin_s: float) -> Mapping[int, _Seen]:
+    """Each axis of a capture by its place in the frame; times from ``begin_s`` (seconds of the epoch) on."""
+    decoder = Decoder(known_from(config, [], []).settings)
+    begin_ns = round(begin_s * _NS)
+    found: dict[int, _Seen] = defaultdict(_Seen)
+    with open_source(str(capture)) as source:
+        for packet in source.packets:
+            for unit in decoder.decode(packet).units:
+                found[unit.axis].take(unit, packet.time_ns - begin_ns)
+            decoder.notices.clear()
+    return found
+
+
+def _spans(times: Sequence[float], on: Sequence[bool]) -> list[tuple[float, float]]:
+    """From when to when something holds."""
     spans: list[tuple[float, float]] = []
     before = False
-    for row in rows:
-        faulty = bool(int(row["status"]) & mask)
-        if faulty:
-            spans[-1:] = [(spans[-1][0], row["time_s"])] if before else [*spans[-1:], (row["time_s"], row["time_s"])]
-        before = faulty
+    for when, holds in zip(times, on, strict=True):
+        if holds:
+            spans[-1:] = [(spans[-1][0], when)] if before else [*spans[-1:], (when, when)]
+        before = holds
     return spans
 
 
-def plot(trace: Path, notes: list[tuple[float, str]], picture: Path) -> None:
-    """Draw ``trace.csv``; GatewayError when matplotlib is not installed."""
+def _states(panel: Panel, seen: _Seen) -> list[tuple[str, str, float, list[tuple[float, float]]]]:
+    """Name, colour, opacity and spans of the states that the panel's status word tells."""
+    item = SIGNALS[panel.status]
+    words = [values[panel.status] for values in seen.values]
+    if not item.bits:
+        mask, value = _OPERATION_ENABLED_402
+        name, colour, opacity = _STATES["OPERATION_ENABLED"]
+        return [(name, colour, opacity, _spans(seen.times, [word & mask == value for word in words]))]
+    return [
+        (*_STATES[bit.name], _spans(seen.times, [bool(bit.of(word)) for word in words]))
+        for bit in item.bits
+        if bit.name in _STATES
+    ]
+
+
+def plot(
+    chapter: Chapter, capture: Path, config: Path, begin_s: float, notes: list[tuple[float, str]], picture: Path
+) -> None:
+    """Draw a chapter; ``begin_s``: when its story began. GatewayError when matplotlib is not installed."""
     try:
         import matplotlib as mpl  # noqa: PLC0415
 
@@ -56,48 +102,71 @@ def plot(trace: Path, notes: list[tuple[float, str]], picture: Path) -> None:
         from matplotlib import pyplot  # noqa: PLC0415
     except ImportError as error:
         raise GatewayError("the picture needs matplotlib: pip install 'profidrive-gateway[plot]'") from error
-    with trace.open(encoding="utf-8") as file:
-        rows = [dict(zip(TRACE_COLUMNS, map(float, row), strict=True)) for row in list(csv.reader(file))[1:]]
-    figure, panels = pyplot.subplots(len(_PANELS), 1, figsize=(15, 14), sharex=True, constrained_layout=True)
-    for axis, (panel, number) in enumerate(zip(panels, _PANELS, strict=True), 1):
-        title, unit, scale, demand, actual, states = _PANELS[number]
-        mine = [row for row in rows if row["axis"] == axis]
-        times = [row["time_s"] for row in mine]
-        if demand:
-            panel.step(
-                times, [row["setpoint"] * scale for row in mine], where="post", color="#f58518", lw=1.2, label=demand
-            )
-        panel.plot(times, [row["actual"] * scale for row in mine], color="#4c78a8", lw=1.6, label=actual)
-        low, high = panel.get_ylim()
-        for name, mask, colour in states:
-            on = [bool(int(row["status"]) & mask) for row in mine]
-            panel.fill_between(times, low, high, where=on, color=colour, alpha=0.16, lw=0, label=name, step="post")
-        for begin, end in _faults(mine, states):
-            # A fault that is acknowledged at once is to be seen too.
-            panel.axvspan(begin, max(end, begin + _SEEN_S), color=_RED, alpha=0.35, lw=1)
-        panel.set_ylim(low, high)
-        panel.set_title(title, loc="left", fontsize=11, fontweight="bold", pad=24)
-        panel.set_ylabel(unit)
-        panel.grid(alpha=0.3)
-        panel.legend(loc="upper left", bbox_to_anchor=(1.005, 1.0), fontsize=8, frameon=False)
-        shown = [(when, note.split(": ", 1)[1]) for when, note in notes if note.startswith(f"telegram {number}:")]
-        shown += [(when, note) for when, note in notes if note.startswith("PLC")]
-        # Numbers above the panel, their texts beside it: nothing lies on a curve.
-        for place, (when, _) in enumerate(sorted(shown), 1):
-            panel.axvline(when, color="#555555", lw=0.8, ls=":")
-            panel.annotate(
-                str(place),
-                (when, 1.0),
-                xycoords=("data", "axes fraction"),
-                xytext=(0, 3 + 7 * (place % 2)),
-                textcoords="offset points",
-                ha="center",
-                fontsize=7,
-                color="#222222",
-            )
-        texts = "\n".join(f"{place}  {text}" for place, (_, text) in enumerate(sorted(shown), 1))
-        panel.text(1.01, 0.55, texts, transform=panel.transAxes, va="top", fontsize=7, color="#222222")
-    panels[-1].set_xlabel("time in s")
-    figure.suptitle("PLC -> gateway -> CANopen drives and encoder", fontsize=13)
+    seen = _seen(capture, config, begin_s)
+    figure, places = pyplot.subplots(
+        len(chapter.panels),
+        1,
+        figsize=(15, 1 + 3.3 * len(chapter.panels)),
+        sharex=True,
+        squeeze=False,
+        constrained_layout=True,
+    )
+    for number, (place, panel) in enumerate(zip(places[:, 0], chapter.panels, strict=True)):
+        _draw(place, panel, seen[panel.axis])
+        # The texts stand beside the first panel they belong to.
+        first = panel.notes not in {other.notes for other in chapter.panels[:number]}
+        _mark(place, _belonging(panel, notes), texts=first)
+    places[-1, 0].set_xlabel("time in s")
+    places[-1, 0].margins(x=0.01)
+    figure.suptitle(f"PLC -> gateway -> CANopen: {chapter.about}", fontsize=13)
     figure.savefig(picture, dpi=90)
     pyplot.close(figure)
+
+
+def _belonging(panel: Panel, notes: list[tuple[float, str]]) -> list[tuple[float, str]]:
+    """The notes of a panel, without how they begin."""
+    begin = f"{panel.notes}: "
+    return sorted((when, note.removeprefix(begin)) for when, note in notes if note.startswith((begin, _OF_EVERY_AXIS)))
+
+
+def _draw(place: Any, panel: Panel, seen: _Seen) -> None:
+    drawn = {True: 0, False: 0}
+    for curve in panel.curves:
+        colours = _COLOURS[curve.wanted]
+        _draw_curve(place, curve, seen, colours[drawn[curve.wanted] % len(colours)])
+        drawn[curve.wanted] += 1
+    for name, colour, opacity, spans in _states(panel, seen):
+        for number, (begin, end) in enumerate(spans):
+            last = max(end, begin + _SEEN_S)
+            place.axvspan(begin, last, color=colour, alpha=opacity, lw=0, label="" if number else name)
+    place.set_title(panel.title, loc="left", fontsize=11, fontweight="bold", pad=24)
+    place.set_ylabel(panel.unit)
+    place.grid(alpha=0.3)
+    place.legend(loc="upper left", bbox_to_anchor=(1.005, 1.0), fontsize=8, frameon=False)
+
+
+def _mark(place: Any, notes: list[tuple[float, str]], *, texts: bool) -> None:
+    """Numbers above the panel, their texts beside it: nothing lies on a curve."""
+    for number, (when, _) in enumerate(notes, 1):
+        place.axvline(when, color="#555555", lw=0.8, ls=":")
+        place.annotate(
+            str(number),
+            (when, 1.0),
+            xycoords=("data", "axes fraction"),
+            xytext=(0, 3 + 7 * (number % 2)),
+            textcoords="offset points",
+            ha="center",
+            fontsize=7,
+            color="#222222",
+        )
+    if texts:
+        lines = "\n".join(f"{number}  {text}" for number, (_, text) in enumerate(notes, 1))
+        place.text(1.01, _TEXT_BELOW, lines, transform=place.transAxes, va="top", fontsize=7, color="#222222")
+
+
+def _draw_curve(place: Any, curve: Curve, seen: _Seen, colour: str) -> None:
+    values = [curve.value(values) for values in seen.values]
+    if curve.wanted:
+        place.step(seen.times, values, where="post", color=colour, lw=1.2, label=curve.label)
+    else:
+        place.plot(seen.times, values, color=colour, lw=1.6, label=curve.label)

@@ -1,0 +1,90 @@
+"""The chapters of the demo: their files are valid, and their stories come true in virtual time."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import typer
+
+from pdgw.gateway.config_file import parse_config
+from pdgw.gateway.errors import GatewayError
+from pdgw.peers.plc.engine import Engine
+from pdgw.peers.plc.scenario_file import load_scenario
+from pdgw.peers.simulation.config import parse_bus
+from pdgw.profidrive.signals import signal
+from pdgw.tools.commands.demo import Story, demo
+from pdgw.tools.demo.chapters import CHAPTERS
+from pdgw.tools.demo.run import Demo, Outcome
+from tests.support.daemon import Plc, drive_of, running
+
+CAN = {"interface": "virtual", "channel": "world"}
+FREE_PORTS = "cyclic_port = 0\nacyclic_port = 0\n"
+WITHOUT_PARAMETERS = ["positioner", "dsc"]
+"""Their stories need no parameter channel: a scenario's engine and frames are all they are."""
+
+
+@pytest.mark.parametrize("name", CHAPTERS)
+def test_a_chapters_gateway_devices_and_story_fit_together(name: str) -> None:
+    chapter = CHAPTERS[name]
+    config = parse_config(chapter.gateway(CAN, FREE_PORTS))
+    bus = parse_bus(chapter.devices(CAN, 5000))
+    assert [device.node_id for device in bus.device] == [item.node_id for item in (*config.axis, *config.encoder)]
+    scenario = load_scenario(chapter.scenario)
+    assert scenario.telegrams == [item.telegram for item in (*config.axis, *config.encoder)]
+    notes = [step.note for step in scenario.steps]
+    for panel in chapter.panels:
+        assert any(note.startswith(f"{panel.notes}: ") for note in notes), panel.title
+
+
+@pytest.mark.parametrize("name", WITHOUT_PARAMETERS)
+def test_the_story_of_a_chapter_comes_true(name: str) -> None:
+    chapter = CHAPTERS[name]
+    scenario = load_scenario(chapter.scenario)
+    with running(parse_config(chapter.gateway(CAN, FREE_PORTS, simulate=True))) as daemon:
+        plc = Plc(daemon, scenario.telegrams)
+        engine = Engine(scenario, plc.endpoint)
+        while not engine.finished:
+            engine.step(plc.loop.now())
+            plc.exchange()
+    assert engine.passed, [result for result in engine.results if not result.passed]
+    assert len(engine.results) > 10
+
+
+def test_the_story_of_dsc_does_not_come_true_with_a_drive_that_is_in_fault() -> None:
+    chapter = CHAPTERS["dsc"]
+    fault = signal("ZSW1").bit("FAULT")
+    with running(parse_config(chapter.gateway(CAN, FREE_PORTS, simulate=True))) as daemon:
+        plc = Plc(daemon, [105])
+        engine = Engine(load_scenario(chapter.scenario), plc.endpoint)
+        while engine.passed:
+            assert not engine.finished
+            engine.step(plc.loop.now())
+            plc.exchange()
+            if engine.current.endswith("the error is large") and not fault.of(plc.value("ZSW1")):
+                drive_of(daemon).node.model.inject(7)
+    assert "follows a sine" in engine.results[-1].name, engine.results[-1]
+
+
+def test_a_story_that_did_not_come_true_ends_with_status_1(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    result = {
+        "step": 1,
+        "axis": 1,
+        "name": "turns",
+        "passed": False,
+        "measured": "NIST_B = 0",
+        "time_s": 1.0,
+        "waited_s": 1.0,
+    }
+    report = {"passed": False, "results": [result], "duration_s": 1.0}
+    monkeypatch.setattr(Demo, "run", lambda _: Outcome(report))
+    with pytest.raises(typer.Exit) as error:
+        demo(chapter=[Story("dsc")], out=tmp_path)
+    assert error.value.exit_code == 1
+
+
+def test_another_story_needs_to_know_its_chapter(tmp_path: Path) -> None:
+    with pytest.raises(
+        GatewayError, match=r"--scenario: of one chapter, give --chapter too \(basics, positioner, dsc\)"
+    ):
+        demo(chapter=[Story("basics"), Story("dsc")], out=tmp_path, scenario=tmp_path / "s.yaml")

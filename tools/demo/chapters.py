@@ -1,0 +1,210 @@
+"""The chapters of the demo: which axes, which devices, which story, and what of it is drawn.
+
+Another chapter is one entry of ``CHAPTERS`` and a scenario.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+from pdgw.gateway.positioner_config import SIMULATED, SIMULATED_BLOCKS
+from pdgw.peers.drive.shapes import ENGEL, SYNCHRONOUS
+from pdgw.profidrive.datatypes import N2_100_PERCENT, N4_100_PERCENT
+
+_SCENARIOS = Path(__file__).parent.parent / "scenarios"
+_RPM, _POSITION = 3000, 500_000
+"""100 % of speeds and of telegram 9's positions, as in the scenarios."""
+_RPM_PER_UNIT = 0.5
+_I32: Final = 1 << 31
+_PATIENT_CYCLES = 250
+"""Watchdog of the gateway and of drives for SYNC: a machine that is busy with other things holds a process up for a second."""
+_HEARTBEAT_MS, _TPDO_MS, _ENCODER_MS = 2000, 500, 20
+
+Values = Mapping[str, int]
+"""Newest setpoints and actual values of an axis by name."""
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A value over time, in the unit of its panel."""
+
+    label: str
+    value: Callable[[Values], float]
+    wanted: bool = False
+    """A set value: drawn in steps."""
+
+
+@dataclass(frozen=True)
+class Panel:
+    """A picture of one axis; ``notes``: how the notes begin that belong to it."""
+
+    title: str
+    unit: str
+    axis: int
+    curves: tuple[Curve, ...]
+    notes: str
+    status: str = "ZSW1"
+
+
+def _scaled(name: str, scale: float = 1.0, *, wanted: bool = False) -> Curve:
+    return Curve(name, lambda values: values[name] * scale, wanted)
+
+
+@dataclass(frozen=True)
+class Chapter:
+    """One story with a gateway of its own. ``axes``: further keys of each [[axis]]; the encoders sit on the shaft of node 1."""
+
+    name: str
+    about: str
+    scenario: Path
+    axes: tuple[Mapping[str, Any], ...]
+    panels: tuple[Panel, ...]
+    encoders: tuple[int, ...] = ()
+    cycle_ms: int = 8
+    like: str = ENGEL.name
+    blocks: Sequence[Mapping[str, Any]] = field(default=())
+
+    def gateway(self, can: Mapping[str, Any], transport: str, *, simulate: bool = False) -> str:
+        """The gateway's configuration. Its times let a busy machine pause for a while without anything counting as lost."""
+        parts = [f"[can]\n{_keys(can)}[transport]\n{transport}status_port = 0\ncycle_time_ms = {self.cycle_ms}"]
+        parts.append(f"watchdog_factor = {_PATIENT_CYCLES}\n")
+        beside = {"simulate": True} if simulate else {}
+        for number, keys in enumerate(self.axes, 1):
+            tables = {key: value for key, value in keys.items() if isinstance(value, dict)}
+            flat = {"do_id": number, "node_id": number, **_times(_TPDO_MS), **keys, **beside}
+            parts.append("[[axis]]\n" + _keys({key: value for key, value in flat.items() if key not in tables}))
+            parts += [f"[axis.{key}]\n{_keys(value)}" for key, value in tables.items()]
+            parts += [f"[[axis.block]]\n{_keys(block)}" for block in self.blocks]
+        for number, telegram in enumerate(self.encoders, len(self.axes) + 1):
+            keys = {"do_id": number, "node_id": number, "telegram": telegram, **_times(_ENCODER_MS)}
+            parts.append("[[encoder]]\n" + _keys({**keys, **beside}))
+        return "\n".join(parts)
+
+    def devices(self, can: Mapping[str, Any], control_port: int) -> str:
+        """The devices on the bus, for ``pdgw sim bus``."""
+        drive = {"type": "drive", "axis": "linear", "like": self.like, "sync_tolerance": _PATIENT_CYCLES}
+        found = [{"node_id": number, **drive} for number in range(1, len(self.axes) + 1)]
+        first = len(self.axes) + 1
+        found += [{"node_id": first + n, "type": "encoder", "motion": "shaft=1"} for n in range(len(self.encoders))]
+        tables = "\n".join(f"[[device]]\n{_keys(device)}" for device in found)
+        return f"[can]\n{_keys(can)}[control]\nport = {control_port}\n\n{tables}"
+
+
+def _times(tpdo_ms: int) -> dict[str, int]:
+    return {"heartbeat_ms": _HEARTBEAT_MS, "tpdo_event_ms": tpdo_ms}
+
+
+def _keys(table: Mapping[str, Any]) -> str:
+    """Lines of TOML: a number, a text, a truth and a list of them are the same in JSON."""
+    return "".join(f"{key} = {json.dumps(value)}\n" for key, value in table.items()) + "\n"
+
+
+def _wide(position: int) -> int:
+    """An UNSIGNED32 of the telegram as the signed position it stands for."""
+    return position - 2 * _I32 if position >= _I32 else position
+
+
+_N2, _N4 = _RPM / N2_100_PERCENT, _RPM / N4_100_PERCENT
+
+CHAPTERS: Final[Mapping[str, Chapter]] = {
+    chapter.name: chapter
+    for chapter in (
+        Chapter(
+            "basics",
+            "telegrams 1, 9 and 100, an encoder with 83, parameters",
+            _SCENARIOS / "demo.yaml",
+            ({"telegram": 1}, {"telegram": 9}, {"telegram": 100}),
+            (
+                Panel(
+                    *("Telegram 1: speed", "rpm", 1),
+                    (_scaled("NSOLL_A", _N2, wanted=True), _scaled("NIST_A", _N2)),
+                    "telegram 1",
+                ),
+                Panel(
+                    *("Telegram 9: position", "increments", 2),
+                    (
+                        _scaled("MDI_TARPOS", _POSITION / N4_100_PERCENT, wanted=True),
+                        _scaled("XIST_A", _POSITION / N4_100_PERCENT),
+                    ),
+                    "telegram 9",
+                ),
+                Panel(
+                    *("Telegram 100: speed", "rpm", 3),
+                    (
+                        _scaled("Target Velocity", _RPM_PER_UNIT, wanted=True),
+                        _scaled("Velocity Actual Value", _RPM_PER_UNIT),
+                    ),
+                    *("telegram 100", "Statusword"),
+                ),
+                Panel(
+                    *("Telegram 83: speed of the encoder on axis 1", "rpm", 4),
+                    (_scaled("NIST_B", _N4),),
+                    *("telegram 83", "ZSW2_ENC"),
+                ),
+            ),
+            encoders=(83,),
+        ),
+        Chapter(
+            "positioner",
+            "telegram 111: jog, homing, MDI with continuous update, override, traversing blocks, software limit",
+            _SCENARIOS / "demo-positioner.yaml",
+            ({"telegram": 111, "positioner": {**SIMULATED, "software_limits": [-20_000, 90_000]}},),
+            (
+                Panel(
+                    *("Telegram 111: position", "LU", 1),
+                    (_scaled("MDI_TARPOS", wanted=True), _scaled("XIST_A")),
+                    "telegram 111",
+                ),
+                Panel("Telegram 111: speed", "rpm", 1, (_scaled("NIST_B", _N4),), "telegram 111"),
+                Panel(
+                    *("Telegram 111: override and active block", "", 1),
+                    (
+                        Curve("OVERRIDE in 10 %", lambda values: values["OVERRIDE"] * 10 / N2_100_PERCENT, True),
+                        Curve("POS_ZSW1.BLOCK", lambda values: values["POS_ZSW1"] & 0x7F, True),
+                    ),
+                    "telegram 111",
+                ),
+            ),
+            like=SYNCHRONOUS.name,
+            blocks=SIMULATED_BLOCKS,
+        ),
+        Chapter(
+            "dsc",
+            "telegram 105: the PLC follows a sine, without DSC and with it",
+            _SCENARIOS / "demo-dsc.yaml",
+            ({"telegram": 105, "dsc": "position", "following_window": 4096},),
+            (
+                Panel(
+                    *("Telegram 105: position", "increments", 1),
+                    (
+                        Curve(
+                            "target (G1_XIST1 + XERR)",
+                            lambda values: _wide(values["G1_XIST1"]) + values["XERR"],
+                            True,
+                        ),
+                        Curve("G1_XIST1", lambda values: _wide(values["G1_XIST1"])),
+                    ),
+                    "telegram 105",
+                ),
+                Panel(
+                    "Telegram 105: position error as the PLC sees it",
+                    "increments",
+                    1,
+                    (_scaled("XERR"),),
+                    "telegram 105",
+                ),
+                Panel(
+                    *("Telegram 105: speed", "rpm", 1),
+                    (_scaled("NSOLL_B", _N4, wanted=True), _scaled("NIST_B", _N4)),
+                    "telegram 105",
+                ),
+            ),
+            cycle_ms=4,
+            like=SYNCHRONOUS.name,
+        ),
+    )
+}
