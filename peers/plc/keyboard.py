@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import queue
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -36,8 +37,12 @@ _BACKSPACE: Final = ("\x7f", "\b")
 _ESCAPE: Final = "\x1b"
 _FULL: Final = 100
 _GIVEN_UP_BY_STOPS: Final = {"enable", "follow"}
-_TOLD: Final = "follow"
+_TOLD: Final = frozenset({"follow", "expect"})
 """What came of it is of interest also when it went well."""
+_OF_SCENARIOS: Final = frozenset({"read", "write", "mute", "drive"})
+"""They need more than the frames that the keys are about."""
+_WHERE: Final = re.compile(r"\bstep 1(?: \(\w+\))?: ")
+"""How a refusal of a scenario says where; what is typed is one step."""
 
 
 @dataclass(slots=True)
@@ -104,7 +109,7 @@ class Keyboard:
     @property
     def help(self) -> str:
         """The chosen axes and the keys they have, or what is being typed."""
-        chosen = "all axes" if self.selected is None else f"axis {self.selected}"
+        chosen = "all axes" if len(self._chosen) > 1 else f"axis {self._chosen[0]}"
         if self._typed is not None:
             return f"{chosen}  {TYPE}{self._typed}_   (Enter does it, Esc does not)"
         if self._choosing:
@@ -146,7 +151,7 @@ class Keyboard:
         for result in engine.results:
             if not result.passed:
                 self.tell(f"{text}, axis {result.axis}: {result.name} not met: {result.measured}")
-            elif engine.scenario.steps[0].action == _TOLD:
+            elif engine.scenario.steps[0].action in _TOLD:
                 self.tell(f"{text}, axis {result.axis}: {result.measured}")
 
     def _obey(self, key: str, now: int) -> None:
@@ -195,9 +200,11 @@ class Keyboard:
         for axis in self._chosen:
             try:
                 action = parse_step(line)
+                for name in _OF_SCENARIOS & set(action):
+                    raise GatewayError(f"{name}: only in a scenario (pdgw sim plc FILE)")
                 self._engine(axis, action)
             except GatewayError as error:
-                refusals.append(str(error))
+                refusals.append(_WHERE.sub("", str(error)))
             else:
                 self._do(axis, _Job(line, partial(dict, action)), now)
         if len(refusals) == len(self._chosen):
@@ -223,8 +230,12 @@ class Keyboard:
     def _list(self) -> None:
         for number in dict.fromkeys(self._numbers[axis - 1] for axis in self._chosen):
             axis = self._numbers.index(number) + 1
-            actions = [name for name in ACTIONS if any(self._possible(axis, example) for example in examples(name))]
-            self.tell(f"telegram {number}: {', '.join([*actions, *words_of(number)])}")
+            actions = [
+                name
+                for name in ACTIONS
+                if name not in _OF_SCENARIOS and any(self._possible(axis, example) for example in examples(name))
+            ]
+            self.tell(f"telegram {number}: {', '.join(dict.fromkeys([*actions, *words_of(number)]))}")
 
     def _select(self, key: str) -> None:
         if key == ALL:

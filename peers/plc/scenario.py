@@ -160,7 +160,7 @@ class Step(_Model):
                 hint = did_you_mean(name, [*cls.model_fields, *telegrams_of()])
                 raise misplaced(
                     f"{name}: unknown word{hint} (actions: {', '.join(ACTIONS)}; and every value and bit that the telegram "
-                    "sends, in lower case, like override, tracking: docs/tables.md)",
+                    "sends, in lower case, like override, tracking: docs/plc-simulator.md)",
                     name,
                 )
         if words:

@@ -38,7 +38,11 @@ def _rows(half: TelegramHalf, values: Mapping[str, int]) -> list[tuple[str, str]
 
 def _value(item: Signal, raw: int, positioning: bool) -> str:
     if item.bits and item.name not in {"Modes of Operation", "Modes of Operation Display"}:
-        names = [bit.name for bit in item.fields(positioning=positioning) if bit.width == 1 and bit.of(raw)]
+        names = [
+            bit.name if bit.width == 1 else f"{bit.name}={bit.of(raw)}"
+            for bit in item.fields(positioning=positioning)
+            if bit.of(raw)
+        ]
         return f"{raw:04X}h  {' '.join(names)}"
     percent = item.percent(raw)
     if percent is None:

@@ -223,10 +223,11 @@ def test_a_typed_word_is_a_step_of_a_scenario() -> None:
     ("line", "text"),
     [
         ("trackin 1", "trackin: unknown word, did you mean tracking?"),
-        ("momred 50 %", "step 1 (set): momred: not in telegram 111, only in 102, 103, 105, 106"),
+        ("momred 50 %", "momred: not in telegram 111, only in 102, 103, 105, 106"),
         ("mdi {too: 4}", "mdi.too: unknown key, did you mean to?"),
-        ("override 50 rpm rpm", "step 1 (set): OVERRIDE = '50 rpm rpm': expected"),
+        ("override 50 rpm rpm", "OVERRIDE = '50 rpm rpm': expected"),
         ("mdi {", "not valid YAML"),
+        ("mute true", "mute: only in a scenario"),
     ],
 )
 def test_a_typed_word_that_is_none_is_told_with_what_was_meant(line: str, text: str) -> None:
@@ -236,6 +237,7 @@ def test_a_typed_word_that_is_none_is_told_with_what_was_meant(line: str, text: 
     desk.cycles(2)
     assert len(desk.told) == 1
     assert text in desk.told[0]
+    assert "step 1" not in desk.told[0]
     assert desk.plc.setpoints[0] == before
 
 
@@ -254,7 +256,8 @@ def test_the_list_has_the_words_of_the_telegram() -> None:
     assert told.startswith("telegram 105: enable, off1,")
     words = told.split(": ", 1)[1].split(", ")
     assert {"follow", "kpc", "xerr", "g1_park", "momred"} <= set(words)
-    assert not {"mdi", "override", "jog"} & set(words)
+    assert not {"mdi", "override", "jog", "read"} & set(words)
+    assert len(words) == len(set(words))
 
 
 def test_keys_that_switch_go_back_when_pressed_again() -> None:
@@ -285,6 +288,24 @@ def test_faster_and_slower_change_the_override_of_a_positioner() -> None:
     desk.keys("+++-")
     desk.cycles(5)
     assert desk.plc.setpoints[0]["OVERRIDE"] == 0x4000 * 20 // 100
+
+
+def test_one_axis_is_named_and_a_block_is_shown_by_its_number() -> None:
+    desk = Desk(111)
+    assert desk.keyboard.help.startswith("axis 1:  o=OFF1")
+    desk.keys(":set {POS_STW1.BLOCK: 5}\n")
+    desk.cycles(2)
+    console = Console(width=150, record=True, file=io.StringIO())
+    console.print(tables(snapshot(desk.plc, "")))
+    assert "0005h  BLOCK=5" in console.export_text()
+
+
+def test_what_was_expected_is_told_when_it_came() -> None:
+    desk = Desk(1)
+    desk.answer(READY)
+    desk.keys(":expect {ZSW1.READY_TO_SWITCH_ON: 1}\n")
+    desk.cycles(2)
+    assert desk.told == ["expect {ZSW1.READY_TO_SWITCH_ON: 1}, axis 1: ZSW1.READY_TO_SWITCH_ON = 1"]
 
 
 def test_the_exit_key_leaves() -> None:

@@ -212,7 +212,8 @@ class _Output:
     def __init__(self, endpoint: PlcEndpoint, *, as_lines: bool, snapshots: bool) -> None:
         self._endpoint = endpoint
         self._as_lines = as_lines
-        self._snapshots = as_lines and snapshots
+        self.draws = as_lines and snapshots
+        """Snapshots go out, which have what the keys do as their title."""
         self._due = 0
         self._notes = self._results = 0
 
@@ -226,7 +227,7 @@ class _Output:
                 self._results += 1
                 failed = "" if item.passed else f"{item.time_s:7.3f} s  FAILED {item.name}: {item.measured}"
                 self._say({"result": asdict(item)}, failed)
-        if self._snapshots and time.monotonic_ns() >= self._due:
+        if self.draws and time.monotonic_ns() >= self._due:
             self._due = time.monotonic_ns() + _SNAPSHOT_NS
             self._say({"snapshot": snapshot(self._endpoint, title)}, "")
 
@@ -252,7 +253,8 @@ def _obey_keys(client: PlcRunner, output: _Output) -> None:
         keyboard.step(time.monotonic_ns())
         output.show(None, keyboard.help)
 
-    output.tell(keyboard.help)
+    if not output.draws:
+        output.tell(keyboard.help)
     client.on_cycle = cycle
     threading.Thread(target=_read_keys, args=(keyboard.press, client.stop), daemon=True).start()
     client.run(None)
