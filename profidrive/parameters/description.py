@@ -14,7 +14,9 @@ from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.parameters.codec import Values
 from pdgw.profidrive.parameters.errors import ParameterErrorNumber, ParameterRefused
 
-_LAYOUT = struct.Struct(">HHf2s4s16s4s4s2sHHH")
+NAME_LENGTH = 16
+"""Characters of a name."""
+_LAYOUT = struct.Struct(f">HHf2s4s{NAME_LENGTH}s4s4s2sHHH")
 SIZE = _LAYOUT.size
 _ELEMENT_TYPES = (
     DataType.UNSIGNED16,
@@ -57,7 +59,7 @@ class Description:
         flags |= Identifier(0) if self.writable else Identifier.READ_ONLY
         flags |= Identifier.TEXT if self.has_texts else Identifier(0)
         flags |= Identifier.ARRAY if self.array else Identifier(0)
-        name = self.name.encode("ascii", "replace")[:16].ljust(16)
+        name = self.name.encode("ascii", "replace")[:NAME_LENGTH].ljust(NAME_LENGTH)
         limits = [(value & 0xFFFFFFFF).to_bytes(4, "big") for value in (self.low, self.high)]
         return flags | self.type.code, self.count, 1.0, bytes(2), bytes(4), name, *limits, bytes(2), 0, 0, 0
 

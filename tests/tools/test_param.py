@@ -17,6 +17,7 @@ from pdgw.profidrive.parameters.codec import Values
 from pdgw.tools.parameters.address import Target, parse_target, parse_type, parse_value
 from pdgw.tools.parameters.client import ParameterClient
 from pdgw.tools.parameters.dump import Dump, DumpedElement, Restored, difference, other_telegram, read_all, restore
+from pdgw.tools.parameters.names import full_name
 from pdgw.tools.parameters.session import Element, Session, meaning
 from tests.support.cli import pdgw
 from tests.support.daemon import axis, configuration, reached, serving
@@ -115,11 +116,23 @@ def test_list_and_describe(server: tuple[str, int]) -> None:
     by_pnu = {row["pnu"]: row for row in rows}
     assert by_pnu[922] == {"pnu": 922, "name": "Telegram", "format": "UNSIGNED16", "elements": None, "writable": True}
     assert by_pnu[0x6041]["name"] == "Statusword"
+    # The description has sixteen characters for a name.
+    full = {0x1003: "Pre-defined error field", 0x6065: "Following Error Window", 0x605A: "Quick Stop Option Code"}
+    assert {pnu: by_pnu[pnu]["name"] for pnu in full} == full
+    text = pdgw("param", "list", *option(server)).stdout
+    assert all(name in text for name in full.values())
+    assert max(map(len, text.splitlines())) <= 80
     (described,) = json.loads(pdgw("param", "describe", "P968", "--json", *option(server)).stdout)
     assert described["texts"][3] == "fault"
     missing = pdgw("param", "describe", "5000", *option(server))
     assert missing.returncode == 1
     assert "1388h" in missing.stderr
+
+
+def test_a_name_is_continued_only_where_one_data_sheet_continues_it() -> None:
+    assert full_name(0x605A, "Quick Stop Optio") == "Quick Stop Option Code"
+    assert full_name(0x605A, "Schnellhalt-Art ") == "Schnellhalt-Art "
+    assert full_name(925, "Sign of life tol") == "Sign of life tol"
 
 
 def test_tables_name_states_and_units(server: tuple[str, int]) -> None:

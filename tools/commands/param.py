@@ -23,6 +23,7 @@ from pdgw.tools.address import parse_address
 from pdgw.tools.parameters.address import parse_target, parse_type, parse_value
 from pdgw.tools.parameters.client import ParameterClient
 from pdgw.tools.parameters.dump import Dump, difference, other_telegram, read_all, restore
+from pdgw.tools.parameters.names import full_name
 from pdgw.tools.parameters.session import Element, Progress, Session, address_text, meaning, name_and_unit
 from pdgw.tools.tables import plain_table
 
@@ -171,7 +172,7 @@ def list_(
         for pnu in pnus:
             item = descriptions[pnu]
             details = {
-                "name": item.name if item else None,
+                "name": full_name(pnu, item.name) if item else None,
                 "format": item.type.name if item else None,
                 "elements": item.count if item and item.array else None,
                 "writable": item.writable if item else None,
@@ -184,7 +185,7 @@ def list_(
         item = descriptions[pnu]
         table.add_row(
             address_text(pnu),
-            item.name if item else "",
+            full_name(pnu, item.name) if item else "",
             item.type.name if item else "",
             str(item.count) if item and item.array else "",
             ("rw" if item.writable else "r") if item else "",
@@ -212,7 +213,7 @@ def describe(
             documents.append(
                 {
                     "pnu": target.pnu,
-                    "name": item.name,
+                    "name": full_name(target.pnu, item.name),
                     "format": item.type.name,
                     "elements": item.count if item.array else None,
                     "writable": item.writable,

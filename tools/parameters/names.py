@@ -1,0 +1,33 @@
+"""Names in full: the description of a parameter has sixteen characters for one (PROFIdrive 6.2.1.4), objects have longer ones.
+
+The names of the data sheets that the package has go on where a device's name ends; a name they do not know stays as it was told.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from functools import cache
+from pathlib import Path
+
+from pdgw import dsp402, dsp406
+from pdgw.profidrive.parameters.description import NAME_LENGTH
+
+_OBJECT = re.compile(r"^\[([0-9A-Fa-f]{4})\]\s*\nParameterName=(.+?)\s*$", re.MULTILINE)
+
+
+@cache
+def _names() -> Mapping[int, frozenset[str]]:
+    """What the data sheets call each object."""
+    found: dict[int, set[str]] = {}
+    for package in (dsp402, dsp406):
+        for path in sorted(Path(package.__path__[0], "eds").glob("*.eds")):
+            for index, name in _OBJECT.findall(path.read_text(encoding="latin-1")):
+                found.setdefault(int(index, 16), set()).add(name)
+    return {index: frozenset(names) for index, names in found.items()}
+
+
+def full_name(pnu: int, told: str) -> str:
+    """The name of which a device has told the beginning; what was told where nothing or several names go on so."""
+    fitting = {name for name in _names().get(pnu, ()) if name[:NAME_LENGTH].rstrip() == told}
+    return fitting.pop() if len(fitting) == 1 else told
