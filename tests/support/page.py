@@ -9,6 +9,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
+from unittest.mock import patch
 
 from pdgw.gateway.config import GatewayConfig
 from pdgw.gateway.config_web import WebConfig
@@ -16,6 +17,7 @@ from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.status import fault_status, snapshot
 from pdgw.tools.trace_file import captured
+from pdgw.web import feed
 from pdgw.web.feed import Document
 from pdgw.web.guard import Token
 from pdgw.web.run import in_background
@@ -116,7 +118,10 @@ def page(config: GatewayConfig, gateway: ShownGateway, token: str | None = None,
     watch = Watch(config.model_copy(update={"web": web}), gateway)
     watch.feed.unwatched_s = watch.feed.watched_s / 4
     parameters = ShownParameters()
-    with in_background(watch, parameters, captured, None if token is None else Token(token)) as served:
+    with (
+        patch.object(feed, "ANSWER_WITHIN_S", PATIENCE_S),  # a busy machine makes no answer an old one
+        in_background(watch, parameters, captured, None if token is None else Token(token)) as served,
+    ):
         yield Page(served, watch, parameters)
 
 

@@ -223,7 +223,7 @@ def test_short_measurements_are_consistent_and_say_what_was_measured() -> None:
     assert command_line.cpu_s("--version") > 0
     with pytest.raises(subprocess.CalledProcessError):
         command_line.cpu_s("no-such-command")
-    told = storm.measure(seconds=0.1, phases=1)
+    told = storm.measure(seconds=0.5, phases=1)
     assert told.quiet.samples > 0
     assert told.storm.samples > 0
     assert told.requests_per_s > 0
