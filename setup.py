@@ -28,6 +28,7 @@ COMPILED = (
     "profidrive/frame.py",
     "profidrive/signals.py",
     "profidrive/telegrams.py",
+    "profidrive/words.py",
 )
 """Patterns of what every cycle runs through. Traps: an enum with an ``__init__``, a class derived from an untyped library's, an
 interpreted class derived from a compiled one, a value of another type than declared."""

@@ -13,8 +13,9 @@ from pdgw.ds301.objects import CanType, Entry
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import Command, ControlBit, StatusBit, state_of
 from pdgw.profidrive.datatypes import DataType
-from pdgw.profidrive.signals import Bit, Signal
+from pdgw.profidrive.signals import Signal
 from pdgw.profidrive.telegrams import ApplicationMode, TelegramHalf
+from pdgw.profidrive.words import Bit
 
 Raw = int | float | bytes
 Document = dict[str, Any]

@@ -17,7 +17,8 @@ from functools import cached_property
 from types import MappingProxyType
 
 from pdgw.profidrive.errors import ProfidriveError
-from pdgw.profidrive.signals import POSITIONER_FORMS, Confidence, Signal, signal
+from pdgw.profidrive.signals import POSITIONER_FORMS, Signal, signal
+from pdgw.profidrive.words import Confidence
 
 
 class Direction(enum.Enum):

@@ -32,8 +32,9 @@ from pdgw.peers.simulation.devices import DEVICE_TYPES
 from pdgw.profidrive.encoder import STATUS_BITS, TRANSITIONS, SensorError
 from pdgw.profidrive.parameters.catalogue import PARAMETERS
 from pdgw.profidrive.parameters.errors import ERROR_TEXTS
-from pdgw.profidrive.signals import CATALOGUE, POSITIONER_FORMS, Bit, Confidence, Signal
+from pdgw.profidrive.signals import CATALOGUE, POSITIONER_FORMS, Signal
 from pdgw.profidrive.telegrams import TELEGRAMS, ApplicationClass, Telegram, TelegramHalf, word_positions
+from pdgw.profidrive.words import Bit, Confidence
 from pdgw.profinet.model import TELEGRAM_IDENT, TELEGRAM_SUBSLOT
 from pdgw.tools.conformance.faults import CASES, Case, Device
 from pdgw.tools.markdown import table

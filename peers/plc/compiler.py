@@ -19,8 +19,8 @@ from pdgw.peers.plc.scenario import Home, Move, References, Scalar, Step
 from pdgw.peers.plc.sensor import SensorWords
 from pdgw.peers.plc.vocabulary import word
 from pdgw.profidrive.errors import ProfidriveError
-from pdgw.profidrive.signals import Bit
 from pdgw.profidrive.telegrams import TELEGRAMS, ApplicationMode, Telegram, TelegramHalf
+from pdgw.profidrive.words import Bit
 from pdgw.tools.parameters.address import Target, parse_target
 from pdgw.tools.parameters.session import Element
 

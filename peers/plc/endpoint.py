@@ -21,8 +21,8 @@ from pdgw.profidrive.frame import (
     RtFrame,
     is_newer,
 )
-from pdgw.profidrive.signals import Bit
 from pdgw.profidrive.telegrams import Direction, Telegram
+from pdgw.profidrive.words import Bit
 
 _WATCHDOG_NS = 200_000_000
 _WATCHDOG_CYCLES = 10

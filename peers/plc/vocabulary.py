@@ -13,8 +13,9 @@ from types import MappingProxyType
 
 from pdgw.explain import did_you_mean
 from pdgw.gateway.errors import GatewayError
-from pdgw.profidrive.signals import Bit, Signal
+from pdgw.profidrive.signals import Signal
 from pdgw.profidrive.telegrams import TELEGRAMS, ApplicationMode, telegram
+from pdgw.profidrive.words import Bit
 
 _WITHOUT_FUNCTION = ("DEVICE_", "RESERVED")
 _SENSOR_WORDS = "_STW"
