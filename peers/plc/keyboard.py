@@ -77,7 +77,8 @@ class Keyboard:
         self._choosing = False
         """The next key is the letter of a bit."""
         self._pending: list[list[_Job]] = [[] for _ in self._numbers]
-        self._available = [set(self.keys_of(axis)) for axis in range(1, len(self._numbers) + 1)]
+        keys = {number: set(self.keys_of(self._numbers.index(number) + 1)) for number in dict.fromkeys(self._numbers)}
+        self._available = [keys[number] for number in self._numbers]
 
     def press(self, key: str) -> None:
         """Take a key; an unknown one does nothing."""
