@@ -183,7 +183,8 @@ class Compiler:
             return [self._jog(axis, step.jog)]
         if positioner is not None and (action != "home" or chosen.number in POSITIONER_TELEGRAM_NUMBERS):
             if chosen.number not in POSITIONER_TELEGRAM_NUMBERS:
-                allowed = ", ".join(map(str, sorted(POSITIONER_TELEGRAM_NUMBERS)))
+                others = SPEED_TELEGRAM_NUMBERS if action == "jog" else ()
+                allowed = ", ".join(map(str, sorted((*POSITIONER_TELEGRAM_NUMBERS, *others))))
                 raise GatewayError(f"not possible with telegram {chosen.number}, only with {allowed}")
             return self._program(axis, positioner(PositionerWords(chosen), step), within)
         if step.speed is not None:

@@ -76,7 +76,7 @@ def test_on_as_yaml_reads_it_is_the_bit() -> None:
         (111, {"block": 3, "tracking": 1}, "2 actions"),
         (111, {"data_set": 32}, r"data_set = 32: expected 0\.\.31"),
         (9, {"homing_method": -129}, r"homing_method = -129: expected -128\.\.255"),
-        (9, {"jog": 1}, "not possible with telegram 9, only with 7, 110, 111"),
+        (9, {"jog": 1}, "not possible with telegram 9, only with 1, 2, 3, 4, 7, 20, 102, 103, 110, 111"),
         (105, {"jog": 1}, "not possible with telegram 105"),
         (9, {"home": {"passive": True}}, "passive and negative are not possible with telegram 9"),
         (110, {"home": {"passive": True}}, "home: passive and negative is not possible with telegram 110"),
