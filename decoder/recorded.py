@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from pdgw.ds301.pdo import Pdo
-from pdgw.gateway.axis.settings import AxisSettings
+from pdgw.gateway.axis.settings import AxisSettings, SecondSensor
 from pdgw.gateway.axis.values import Configured
 from pdgw.profidrive.telegrams import Telegram
 
@@ -39,6 +39,16 @@ class SdoResult:
     subindex: int
     data: bytes
     error: str | None = None
+
+
+class ProbeTransfer(NamedTuple):
+    """A completed SDO of the touch probe (60B8h to 60BDh), or its abort."""
+
+    time_ns: int
+    address: int
+    value: int
+    written: bool
+    abort: int | None = None
 
 
 class Learned(NamedTuple):
@@ -83,6 +93,7 @@ class AxisRecording:
     setpoints: list[Setpoints] = field(default_factory=list)
     feedback: list[Feedback] = field(default_factory=list)
     sdo: list[SdoResult] = field(default_factory=list)
+    probe: list[ProbeTransfer] = field(default_factory=list)
     configured: list[Learned] = field(default_factory=list)
     answers: list[Answer] = field(default_factory=list)
     sent: dict[int, list[Sent]] = field(default_factory=dict)
@@ -95,5 +106,15 @@ class AxisRecording:
     """The gateway sends with a timing of its own (PROFINET), whatever the PLC's frames do."""
     rpdos: tuple[Pdo, ...] = ()
     """Those of ``sent``, as they were mapped."""
+
+    @property
+    def sensors_elsewhere(self) -> frozenset[int]:
+        """Places of the actual values that come from another node: the words of G1 or G2 with an encoder of its own."""
+        settings = self.settings
+        first, second = settings.g1_is_encoder, settings.second_sensor is SecondSensor.ENCODER
+        names = self.telegram.actuals.names
+        chosen = [name for name in names if (first and name.startswith("G1_")) or (second and name.startswith("G2_"))]
+        return frozenset(map(names.index, chosen))
+
     in_order: bool = False
     """Times are those at which the gateway dealt with each frame, in its order: a step had all that came before its answer."""

@@ -21,11 +21,12 @@ from pdgw.decoder.mapping import recorded_rpdo
 from pdgw.decoder.plc_inputs import USED, Frame, PlcInputs, Relation, receive_frames, receive_profinet
 from pdgw.decoder.profinet_endpoint import ProfinetEndpoint
 from pdgw.decoder.profinet_records import AlarmRecord, Change, RelationRecord
-from pdgw.decoder.recorded import Answer, AxisRecording, Feedback, Learned, SdoResult, Sent, Setpoints
+from pdgw.decoder.recorded import Answer, AxisRecording, Feedback, Learned, ProbeTransfer, SdoResult, Sent, Setpoints
 from pdgw.decoder.records import CyclicRecord, Record
 from pdgw.ds301.aborts import abort_text
 from pdgw.ds301.nmt import NmtCommand, NmtState
 from pdgw.ds301.pdo import Pdo, PdoDirection
+from pdgw.dsp402 import touch_probe
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.generic import recorded_addresses, recorded_drive_type
 from pdgw.dsp402.objects import DRIVE_OBJECTS
@@ -36,6 +37,7 @@ from pdgw.profidrive.signals import signal
 from pdgw.profidrive.telegrams import Direction, telegram
 
 _HOMING_METHOD: Final = (0x6098, 0)
+_PROBE: Final = frozenset({touch_probe.FUNCTION, touch_probe.STATUS, *touch_probe.POSITIONS})
 _WATCHDOG_FACTOR = 3
 
 
@@ -57,6 +59,7 @@ class _Node:
     axis: Axis
     feedback: list[Feedback] = field(default_factory=list)
     sdo: list[SdoResult] = field(default_factory=list)
+    probe: list[ProbeTransfer] = field(default_factory=list)
     configured: list[Learned] = field(default_factory=list)
     sent: dict[int, list[Sent]] = field(default_factory=dict)
     online: list[tuple[int, bool]] = field(default_factory=list)
@@ -228,6 +231,7 @@ class Collector:
             setpoints,
             sorted((item._replace(time_ns=item.time_ns - offset_ns) for item in node.feedback), key=_time),
             [replace(item, time_ns=item.time_ns - offset_ns) for item in node.sdo],
+            [item._replace(time_ns=item.time_ns - offset_ns) for item in node.probe],
             configured,
             sorted(self._answers[do_id], key=_time),
             {
@@ -301,6 +305,8 @@ def _sdo(node: _Node, record: SdoRecord) -> None:
     if record.index is None or record.subindex is None:
         return
     address = (record.index, record.subindex)
+    if record.index in _PROBE:
+        _probe(node, record, record.index)
     if record.abort is not None:
         node.sdo.append(SdoResult(record.time_ns, *address, b"", abort_text(record.abort)))
     if record.from_client or record.value is None:
@@ -320,6 +326,16 @@ def _sdo(node: _Node, record: SdoRecord) -> None:
         node.configured.append(
             Learned(record.time_ns, Configured(node.drive_type(), node.homing_method, restarted=False))
         )
+
+
+def _probe(node: _Node, record: SdoRecord, index: int) -> None:
+    written = "download" in record.step
+    if record.abort is not None:
+        node.probe.append(ProbeTransfer(record.time_ns, index, 0, written, record.abort))
+    elif record.value is not None and not record.from_client:
+        signed = index in touch_probe.POSITIONS
+        value = int.from_bytes(record.value, "little", signed=signed)
+        node.probe.append(ProbeTransfer(record.time_ns, index, value, written))
 
 
 def _nmt(node: _Node, record: NmtRecord) -> None:

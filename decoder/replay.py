@@ -10,10 +10,12 @@ which today's axis machine gives exactly the recorded actual values, and each RP
 Repetitions of a payload (refresh) do not count. Where a step cannot be explained, the search goes back as far as the tolerance
 reaches; when it finds nothing, that step is the difference.
 
-Whether a drive is online is an input (IOPS of the answers), as are references (SDO) and the results of SDO writes; where a
+Whether a drive is online is an input (IOPS of the answers), as are references (SDO), the results of SDO writes and what the
+touch probe latched; where a
 silence of the PLC is as long as the watchdog within the tolerance, IOCS tells whether the gateway saw a loss. What the
 machine remembers from before the recording is not known: comparison starts when the drive is configured in the recording,
-or with an OFF while the power stage is off; after a difference likewise. Left out: a telegram changed in operation (P922).
+or with an OFF while the power stage is off; after a difference likewise. Left out: a telegram changed in operation (P922),
+the words of a sensor that is another node's encoder.
 """
 
 from __future__ import annotations
@@ -27,6 +29,7 @@ from itertools import pairwise
 from typing import Final, NamedTuple
 
 from pdgw.decoder.recorded import AxisRecording
+from pdgw.decoder.replay_probe import Found, find_answer
 from pdgw.decoder.replay_rpdos import Place, RpdoComparison
 from pdgw.decoder.replayed import AxisReplay, Difference, Step
 from pdgw.decoder.ticks import Tick, ticks
@@ -36,7 +39,7 @@ from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.dsp402.states import ControlBit, State, state_of
 from pdgw.gateway.axis.checkpoint import Checkpoint, Checkpoints
 from pdgw.gateway.axis.machine import AxisMachine
-from pdgw.gateway.axis.values import SdoAnswer, SdoWrite
+from pdgw.gateway.axis.values import ProbeWish, SdoAnswer, SdoWrite
 from pdgw.profidrive.signals import signal
 from pdgw.profidrive.telegrams import ApplicationMode
 
@@ -67,6 +70,10 @@ class _State:
     done_at: int | None = None
     done_error: str | None = None
     sdo: int = 0
+    probe: ProbeWish | None = None
+    probe_found: Found | None = None
+    probes: int = 0
+    """Transfers of the touch probe that were used."""
     sent: Place = field(default_factory=Place)
     known: bool = False
 
@@ -114,6 +121,7 @@ class Replayer:
         self._machine = AxisMachine(recording.telegram.number, recording.settings, DriveFeedback())
         self._checkpoints = Checkpoints(self._machine)
         self._rpdos = recording.rpdos
+        self._not_compared = recording.sensors_elsewhere
         self._setpoint_times = [event.time_ns for event in recording.setpoints]
         self._certain_times = [event.certain_ns for event in recording.setpoints]
         self._feedback_times = [event.time_ns for event in recording.feedback]
@@ -189,6 +197,7 @@ class Replayer:
             state.configured,
             state.sdo,
             state.done_at,
+            state.probes,
             state.sent.span,
             tuple(sorted(state.sent.cursors.items())),
             self._checkpoints.fingerprint(),
@@ -259,6 +268,7 @@ class Replayer:
         else:
             self._comparison.follow(state.sent, tick.time_ns)
         difference = self._serve_sdo(asked, now, difference)
+        self._serve_probe(now)
         step = Step(
             tick.time_ns,
             tick.answer,
@@ -319,6 +329,9 @@ class Replayer:
         answer = tick.answer
         if answer is None:
             return None
+        if self._not_compared:
+            recorded_values = answer.actuals
+            actuals = tuple(recorded_values[i] if i in self._not_compared else value for i, value in enumerate(actuals))
         agrees = answer.plc_ok is None or answer.plc_ok == plc_ok
         if agrees and answer.actuals == actuals:
             return None
@@ -346,6 +359,20 @@ class Replayer:
         if asked is request and state.done_at is not None and state.done_at <= now:
             machine.inputs.news.append(SdoAnswer(request, state.done_error))
         return difference
+
+    def _serve_probe(self, now: int) -> None:
+        """Answer the machine's wish when the gateway had read the position from the drive."""
+        state, machine = self._state, self._machine
+        wish = machine.outputs.probe
+        if wish is not state.probe:
+            state.probe = wish
+            begin = now - self._tolerance
+            transfers = self._recording.probe
+            state.probe_found = None if wish is None else find_answer(wish, transfers, state.probes, begin)
+        found = state.probe_found
+        if found is not None and found.time_ns <= now:
+            state.probes, state.probe_found = found.used, None
+            machine.inputs.news.append(found.answer)
 
     def _find_writes(self, request: Sequence[SdoWrite], now: int) -> tuple[int | None, str | None, Difference | None]:
         """Time and error of the recorded writes that serve a request."""

@@ -231,6 +231,7 @@ class AxisConfig(Section):
             self.control_lost,
             stop_time_ns=self.stop_time_ms * 1_000_000,
             jog_speeds_rpm=self._jog_speeds,
+            g1_is_encoder=self.g1 is not None,
             second_sensor=self._second_sensor,
             positioner=None if self.positioner is None else self.positioner.choices(self.block),
         )

@@ -64,19 +64,28 @@ class ProbeReader:
             self._news.append(ProbeAnswer(wish, read))
         elif not touch_probe.enabled_bits(status):
             self._ended = True
-            self._news.append(ProbeAnswer(wish, {}, f"60B9h = {status:04X}h: the drive has dropped it"))
+            self._news.append(dropped(wish, status))
 
     def _failed(self, error: BaseException) -> None:
         wish, self._ended = self._wish, True
         if wish is None:
             return  # a probe that cannot be taken back: nobody waits for it
         if isinstance(error, SdoAbortedError):
-            supported = error.code not in _NOT_THERE
-            self._news.append(ProbeAnswer(wish, {}, abort_text(error.code), supported))
+            self._news.append(refused(wish, error.code))
         elif isinstance(error, SdoCommunicationError | CanopenError):
             self._news.append(ProbeAnswer(wish, {}, str(error)))
         else:
             raise error
+
+
+def dropped(wish: ProbeWish, status: int) -> ProbeAnswer:
+    """60B9h shows neither a position nor that the probe is enabled."""
+    return ProbeAnswer(wish, {}, f"60B9h = {status:04X}h: the drive has dropped it")
+
+
+def refused(wish: ProbeWish, abort: int) -> ProbeAnswer:
+    """The drive has aborted an SDO of its touch probe."""
+    return ProbeAnswer(wish, {}, abort_text(abort), abort not in _NOT_THERE)
 
 
 def _arm(drive: DriveClient, function: int) -> None:

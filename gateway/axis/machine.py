@@ -96,7 +96,7 @@ class AxisMachine:
         self._own_second = SecondDriveSensor(feedback)
         if self.sensor is not None:
             self.sensor.channel.set_references(DriveSensor.references)
-            self.sensor.measure(possible=True)
+            self.sensor.measure(possible=not settings.g1_is_encoder)
         if self.second_sensor is not None and settings.second_sensor is SecondSensor.DRIVE:
             self.second_sensor.channel.set_references(DriveSensor.references)
         self._node = NodeWatch(self.outputs, {})
@@ -126,7 +126,6 @@ class AxisMachine:
         """
         sensor = self.second_sensor if place else self.sensor
         if sensor is not None:
-            sensor.measure(possible=False)
             sensor.channel.set_references(references)
 
     def tolerate(self, failures: int) -> None:

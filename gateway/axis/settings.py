@@ -69,6 +69,8 @@ class AxisSettings:
     """P925: tolerated failures of the PLC's sign of life in succession; 65535: not watched, only answered."""
     jog_speeds_rpm: tuple[Fraction, Fraction] | None = None
     """Signed, of jog 1 and jog 2 of the speed telegrams; None: their bits do nothing."""
+    g1_is_encoder: bool = False
+    """G1 is an encoder of its own, not the drive's position."""
     second_sensor: SecondSensor = SecondSensor.NONE
     dsc: DscChoices | None = None
     """Needed by telegrams 5, 6, 105 and 106."""
