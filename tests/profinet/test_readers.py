@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import re
+import subprocess
 from pathlib import Path
+from uuid import UUID
 
 import pytest
 from scapy.contrib.pnio import ProfinetIO
@@ -10,18 +13,20 @@ from scapy.contrib.pnio_rpc import PNIOServiceReqPDU, PNIOServiceResPDU
 from scapy.layers.dcerpc import DceRpc4
 from scapy.layers.inet import UDP
 from scapy.layers.l2 import Ether
+from scapy.utils import wrpcap
 
 from pdgw.profidrive.telegrams import telegram
 from pdgw.profinet.blocks.alarm import MessageClass
 from pdgw.profinet.device_records import Index
 from pdgw.profinet.model import API_PROFIDRIVE, ObjectKind, object_module
-from pdgw.profinet.rpc.client import RecordResult
+from pdgw.profinet.rpc import dcerpc
+from pdgw.profinet.rpc.client import RecordCaller, RecordResult
 from pdgw.profinet.rpc.dcerpc import UDP_PORT
 from pdgw.profinet.rpc.identification import INDEX as IM0
 from pdgw.profinet.rpc.identification import Im0, encode_im0
 from pdgw.profinet.station import Neighbour
 from tests.support import tshark, tshark_frames
-from tests.support.profinet import MS, Wire, model, project
+from tests.support.profinet import DEVICE_IP, MS, PLC_IP, Wire, model, project
 
 AXIS = (1, 2)
 ACCESS_POINT = (1, 1)
@@ -127,6 +132,51 @@ def test_tshark_reads_every_frame_of_a_session(tmp_path: Path) -> None:
     assert {int(text, 0) for _, text in told if text} == {MessageClass.TEMPERATURE, MessageClass.MAINS}
     statuses = {row["pn_rt.ds"] for row in rows if row["pn_rt.ds"]}
     assert {int(status, 0) for status in statuses} == {0x35, 0x15}
+
+
+IDENTIFICATIONS = {
+    "EXPECTED": "ExpectedIdentificationData",
+    "REAL": "RealIdentificationData",
+    "DIAGNOSIS_CHANNEL": "Diagnosis in channel coding",
+    "DIAGNOSIS_ALL": "Diagnosis in all codings",
+    "DIAGNOSIS_STATUS": "Diagnosis, Maintenance, Qualified and Status",
+}
+SCOPES = {"SUBSLOT": "subslot", "SLOT": "slot", "AR": "AR", "API": "API"}
+RECORD_NAMES = {
+    **{
+        f"{kind}_{scope}": f"{name} for one {of}"
+        for kind, name in IDENTIFICATIONS.items()
+        for scope, of in SCOPES.items()
+        if (kind, scope) != ("EXPECTED", "API")
+    },
+    "MODULE_DIFF": "ModuleDiffBlock for one AR",
+    "PORT_DATA_REAL": "PDPortDataReal for one subslot",
+    "PORT_DATA_CHECK": "PDPortDataCheck for one subslot",
+    "PORT_DATA_ADJUST": "PDPortDataAdjust for one subslot",
+    "NETWORK_COMPONENT_CHECK": "PDNCDataCheck for one subslot",
+    "INTERFACE_ADJUST": "PDInterfaceAdjust for one subslot",
+    "STATISTIC": "PDPortStatistic for one subslot",
+    "INTERFACE_DATA_REAL": "PDInterfaceDataReal",
+    "FAST_STARTUP_ADJUST": "PDInterfaceFSUDataAdjust",
+    "AR_DATA": "ARData",
+    "API_DATA": "APIData",
+    "LOG_DATA": "LogData",
+    "IM_FILTER": "I&M0FilterData",
+    "REAL_DATA": "PDRealData",
+}
+
+
+@tshark.needs_tshark
+@pytest.mark.tshark
+def test_every_record_has_the_index_that_tshark_knows_by_its_name(tmp_path: Path) -> None:
+    caller = RecordCaller(UUID(int=5), dcerpc.object_uuid(1, 0x0402, 0xFFFF), UUID(int=7))
+    ends = (PLC_IP, 50_000), (str(DEVICE_IP.address), dcerpc.UDP_PORT)
+    packets = [packet for index in Index for packet in caller.read(0, 0, 1, index, implicit=True).packets]
+    wrpcap(str(tmp_path / "reads.pcap"), [Ether(tshark_frames.datagram(packet, *ends)) for packet in packets])
+    command = ["tshark", "-n", "-V", "-r", str(tmp_path / "reads.pcap")]
+    printed = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    names = re.findall(r"^ +Index: (.*) \(0x[0-9a-f]{4}\)$", printed, re.MULTILINE)
+    assert dict(zip([item.name for item in Index], names, strict=True)) == RECORD_NAMES
 
 
 def test_scapy_rebuilds_every_rpc_and_cyclic_frame_byte_for_byte() -> None:
