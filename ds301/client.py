@@ -136,6 +136,11 @@ class NodeClient(ConfiguringAccess, abc.ABC, Generic[S]):
         """What travels in which PDO. ``found``: COB-IDs by the communication parameter indices the node has."""
         return straight_plan(self.layout, self.settings.node_id, found, sync=self.settings.sync)
 
+    @property
+    def _sync_period_us(self) -> int:
+        """From one SYNC to the next for a node that has to know it; 0: it need not."""
+        return self.settings.sync_period_us
+
     def _plan_without(self, plan: PdoPlan, step: SdoStep, error: SdoAbortedError) -> PdoPlan | None:
         """Another plan, which does without a write the node has refused; None where there is none."""
         return None
@@ -356,7 +361,7 @@ class NodeClient(ConfiguringAccess, abc.ABC, Generic[S]):
             if other is None:
                 raise self._refused(*refused)
             plan = other
-        if period := self.settings.sync_period_us:
+        if period := self._sync_period_us:
             self._do(SdoStep(SYNC_PERIOD, 0, CanType.U32, period, "SYNC period", optional=True))
         self._take_plan(plan)
 

@@ -24,6 +24,9 @@ Address = tuple[int, int]
 VENDOR_ID: Address = (0x1018, 1)
 PRODUCT_CODE: Address = (0x1018, 2)
 MAX_TORQUE: Address = (0x6072, 0)
+POSITION_WINDOW: Address = (0x6067, 0)
+_NO_WINDOW = 0xFFFF_FFFF
+"""6067h of a drive that does not use it."""
 SUPPORTED_DRIVE_MODES: Address = (0x6502, 0)
 SUPPORTED_HOMING_METHODS = 0x60E3
 HOMING_METHOD: Address = (0x6098, 0)
@@ -56,8 +59,8 @@ def questions(dictionary: canopen.ObjectDictionary) -> tuple[Address, ...]:
     )
     modes = [SUPPORTED_DRIVE_MODES] if SUPPORTED_DRIVE_MODES[0] in dictionary else []
     scaling = [address for address in SCALING_OBJECTS if variable(dictionary, *address) is not None]
-    torque = [MAX_TORQUE] if variable(dictionary, *MAX_TORQUE) is not None else []
-    return (VENDOR_ID, PRODUCT_CODE, *modes, *methods, *scaling, *torque)
+    others = [address for address in (MAX_TORQUE, POSITION_WINDOW) if variable(dictionary, *address) is not None]
+    return (VENDOR_ID, PRODUCT_CODE, *modes, *methods, *scaling, *others)
 
 
 def describe(
@@ -80,6 +83,7 @@ def describe(
     vl = _speaks_vl(modes)
     entries = _entries(dictionary, family, vl=vl)
     quirks = family.drive_quirks if family else Quirks()
+    window = answers.get(POSITION_WINDOW)
     scaling = find_scaling(
         answers,
         units,
@@ -99,6 +103,7 @@ def describe(
         faults=MappingProxyType(dict(family.drive_faults) if family else {}),
         quirks=quirks,
         max_torque=answers.get(MAX_TORQUE, 0),
+        position_window=None if window == _NO_WINDOW else window,
     )
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import canopen
@@ -34,6 +34,7 @@ from pdgw.dsp402.guarding import Guarding, Wanted, guard
 from pdgw.dsp402.images import DriveCommand, DriveFeedback
 from pdgw.dsp402.mapping import DriveMapping
 from pdgw.dsp402.modes import Mode
+from pdgw.dsp402.pdo import interpolated
 from pdgw.dsp402.planner import CONTROLWORD
 from pdgw.dsp402.scaling import UnitKeys
 from pdgw.dsp402.states import Command, ControlBit, FaultReset, State, state_of
@@ -46,6 +47,7 @@ _SPEED_MODES = (Mode.VELOCITY, Mode.CYCLIC_VELOCITY, Mode.VL_VELOCITY)
 _NO_MODE = 0
 _WITNESS_NS = SECOND
 """So often is a TPDO that does not change compared with its objects."""
+_INTERPOLATED = "traversing tasks: no profile position (6502h): the gateway makes a position for each SYNC (mode 8)"
 _RETRY_VALUE_NS = 1000 * MS
 """So long after a failed SDO write the same value is tried again."""
 _NEW_SETPOINT = ControlBit.NEW_SETPOINT
@@ -66,6 +68,9 @@ class DriveSettings(NodeSettings):
     """What the configuration says about the drive's units."""
     family: str = ""
     """The overlay to take, whatever the drive's identity is."""
+    interpolation_us: int = 0
+    """From one SYNC to the next, for a telegram with traversing tasks: a drive without profile position gets a position then.
+    0: the telegram has none."""
     initial_mode: Mode | None = None
     """6060h to set and confirm (6061h) while configuring, for layouts that do not carry 6060h.
 
@@ -247,7 +252,16 @@ class DriveClient(NodeClient[DriveSettings]):
     def _apply_times(self) -> None:
         super()._apply_times()
         # On SYNC the drive expects a new set-point each time.
-        self._refresh_ns = 0 if self.settings.sync_period_us else self.settings.rpdo_refresh_ms * MS
+        self._refresh_ns = 0 if self._sync_period_us else self.settings.rpdo_refresh_ms * MS
+
+    @property
+    def _interpolates(self) -> bool:
+        """The owner makes the positions of traversing tasks."""
+        return self.settings.interpolation_us > 0 and self.drive_type is not None and self.drive_type.interpolates
+
+    @property
+    def _sync_period_us(self) -> int:
+        return self.settings.interpolation_us if self._interpolates else self.settings.sync_period_us
 
     def _image(self, pdo: Pdo) -> object:
         return self.feedback
@@ -303,14 +317,15 @@ class DriveClient(NodeClient[DriveSettings]):
 
     def _planned(self) -> PdoPlan:
         assert self.drive_type is not None
-        settings = self.settings
-        return self._mapping.plan(
-            self.layout,
+        settings, made = self.settings, self._interpolates
+        plan = self._mapping.plan(
+            interpolated(self.layout) if made else self.layout,
             self.drive_type,
             settings.node_id,
-            sync=settings.sync,
-            sync_rpdos=settings.sync_period_us > 0,
+            sync=settings.sync or made,
+            sync_rpdos=self._sync_period_us > 0,
         )
+        return replace(plan, notes=(*plan.notes, _INTERPOLATED)) if made else plan
 
     def _take_plan(self, plan: PdoPlan) -> None:
         super()._take_plan(plan)
@@ -324,13 +339,14 @@ class DriveClient(NodeClient[DriveSettings]):
         self._dropped = ""
         self._set_point_sent = self.set_point_refused = False
         self._held_since = -1
+        self._refresh_ns = 0 if self._sync_period_us else self.settings.rpdo_refresh_ms * MS
         # Each object takes one time-out at most, and so does what the worker may be doing before.
         objects = 1 + sum(len(values.pdo.entries) for values in self._acyclic_rpdos)
         self._hold_limit_ns = objects * self._sdo_timeout_ns
 
     def _configure(self) -> None:
         self._configure_guarding()
-        mode, drive, period_us = self.settings.initial_mode, self.drive_type, self.settings.sync_period_us
+        mode, drive, period_us = self.settings.initial_mode, self.drive_type, self._sync_period_us
         assert drive is not None
         edges = drive.quirks.fault_reset_edges
         self._fault_reset = FaultReset(edges) if edges > 1 else None

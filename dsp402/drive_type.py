@@ -156,6 +156,8 @@ class DriveType:
     quirks: Quirks = Quirks()
     max_torque: int = 0
     """6072h as it was found; 0 for a drive without it."""
+    position_window: int | None = None
+    """6067h as it was found; None for a drive without it, or that does not use it."""
     notes: tuple[str, ...] = ()
     """What was repaired or had to be taken from elsewhere, for the user."""
 
@@ -187,6 +189,11 @@ class DriveType:
     def position_mode(self) -> int | None:
         """The mode for a traversing task: profile position, else cyclic synchronous position."""
         return self._first(Mode.POSITION, Mode.CYCLIC_POSITION)
+
+    @property
+    def interpolates(self) -> bool:
+        """Traversing tasks need set-points that somebody makes for each cycle: cyclic synchronous position is all there is."""
+        return self.position_mode == Mode.CYCLIC_POSITION
 
     @property
     def fault_of_code(self) -> Mapping[int, DriveFault]:

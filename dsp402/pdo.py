@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import enum
 from dataclasses import replace
+from typing import Final
 
 from pdgw.ds301.pdo import Pdo, PdoDirection, PdoLayout
 from pdgw.dsp402.objects import DRIVE_OBJECTS
 
-__all__ = ["LAYOUTS", "Operation", "PdoLayout", "pdo", "with_second_position"]
+__all__ = ["LAYOUTS", "Operation", "PdoLayout", "interpolated", "pdo", "with_second_position"]
 
 
 class Operation(enum.Enum):
@@ -30,6 +31,18 @@ class Operation(enum.Enum):
     CYCLIC_POSITION = "cyclic synchronous position"
     CYCLIC_VELOCITY = "cyclic synchronous velocity"
     TRANSPARENT = "transparent"
+
+
+INTERPOLATED: Final = frozenset({"profile_velocity", "profile_acceleration", "profile_deceleration", "target_velocity"})
+"""Commands that a drive is not sent whose set-points are made for each cycle."""
+
+
+def interpolated(layout: PdoLayout) -> PdoLayout:
+    """The layout for a drive that gets a position with each SYNC instead of tasks."""
+    kept = (
+        (item, tuple(entry for entry in item.entries if entry.attribute not in INTERPOLATED)) for item in layout.rpdos
+    )
+    return replace(layout, rpdos=tuple(Pdo(item.direction, item.number, entries) for item, entries in kept if entries))
 
 
 def pdo(direction: PdoDirection, number: int, *attributes: str) -> Pdo:

@@ -36,6 +36,7 @@ from pdgw.gateway.axis.telegrams import (
     FIRST_SENSOR_NUMBERS,
     POSITIONER_TELEGRAM_NUMBERS,
     SECOND_SENSOR_NUMBERS,
+    TASK_TELEGRAM_NUMBERS,
     drive_layout,
     initial_mode,
 )
@@ -267,10 +268,10 @@ class AxisConfig(Section):
 
     def settings_at(self, cycle_time_ms: float) -> AxisSettings:
         """The user's choices, with those that the cycle of the PLC belongs to."""
-        settings = self.axis_settings
+        cycle_ns = round(cycle_time_ms * 1_000_000)
+        settings = replace(self.axis_settings, cycle_ns=cycle_ns)
         if self.dsc is None or self.following_window is None:
             return settings
-        cycle_ns = round(cycle_time_ms * 1_000_000)
         jitter_ns = self.sync_jitter_us * 1000
         choices = DscChoices(
             self.dsc, self.following_window, cycle_ns, self.dsc_delay_cycles, self.xerr_sign, jitter_ns
@@ -299,6 +300,7 @@ class AxisConfig(Section):
             sdo_timeout_ms=self.sdo_timeout_ms,
             sync=on_sync,
             sync_period_us=round(cycle_time_ms * 1000) if cyclic else 0,
+            interpolation_us=round(cycle_time_ms * 1000) if number in TASK_TELEGRAM_NUMBERS else 0,
             allow_unguarded=self.allow_unguarded,
             initial_mode=initial_mode(number, self.dsc_form),
             units=self.units,

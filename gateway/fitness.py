@@ -9,6 +9,7 @@ from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.images import DriveFeedback
 from pdgw.dsp402.modes import MODE_NAMES, Mode
+from pdgw.dsp402.pdo import interpolated
 from pdgw.dsp402.planner import found_in_data_sheet, plan_pdos
 from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.settings import AxisSettings
@@ -16,6 +17,7 @@ from pdgw.gateway.axis.telegrams import (
     CENTRAL_TELEGRAM_NUMBERS,
     DRIVE_TELEGRAM_NUMBERS,
     DSC_TELEGRAM_NUMBERS,
+    TASK_TELEGRAM_NUMBERS,
     drive_layout,
     initial_mode,
 )
@@ -25,6 +27,7 @@ from pdgw.gateway.positioner_config import SIMULATED, PositionerConfig
 _CYCLE_NS = 4_000_000
 _USUAL = AxisSettings(
     dsc=DscChoices(DscForm.SPEED, following_window=1, cycle_ns=_CYCLE_NS),
+    cycle_ns=_CYCLE_NS,
     positioner=PositionerConfig.model_validate(SIMULATED).choices(()),
 )
 """For telegrams that need keys of the configuration, where there is none yet."""
@@ -54,7 +57,9 @@ def planned(
     choices = settings.dsc or _USUAL.dsc
     form = DscForm.SPEED if choices is None else choices.form
     needs = drive_layout(number, form, settings.second_sensor)
-    cyclic = number in DSC_TELEGRAM_NUMBERS or (sync and number in CENTRAL_TELEGRAM_NUMBERS)
+    made = drive.interpolates and number in TASK_TELEGRAM_NUMBERS
+    cyclic = number in DSC_TELEGRAM_NUMBERS or (sync and number in CENTRAL_TELEGRAM_NUMBERS) or made
+    needs = interpolated(needs) if made else needs
     return plan_pdos(needs, drive, node_id, found_in_data_sheet(drive), sync=sync or cyclic, sync_rpdos=cyclic)
 
 

@@ -337,6 +337,12 @@ class Reason(enum.Enum):
         _E.SENSOR,
         "nothing: it takes a moment",
     )
+    NOT_FOLLOWING = (
+        "the drive does not take the target positions (Statusword.12 = 0 in mode 8): the set-point stays where the axis is",
+        _S.WAITS,
+        _E.SETPOINT,
+        "look for what keeps the drive from following: SYNC, its limits, its own enable",
+    )
 
 
 class FaultNumber(enum.IntEnum):

@@ -14,6 +14,7 @@ from pdgw.dsp402.states import STATE_OF_STATUS, State, StatusBit
 from pdgw.gateway.axis.adapters.transparent import ACTUAL_ATTRIBUTES, SETPOINT_ATTRIBUTES
 from pdgw.gateway.axis.executors.base import AxisCycle, Executor
 from pdgw.gateway.axis.executors.dsc import DscExecutor
+from pdgw.gateway.axis.executors.interpolation import Interpolation
 from pdgw.gateway.axis.executors.load import LoadExecutor
 from pdgw.gateway.axis.executors.positioner import PositionerExecutor
 from pdgw.gateway.axis.executors.positioning import PositioningExecutor
@@ -89,6 +90,9 @@ class AxisMachine:
         self.notes = self.cycle.notes
         self.interlock = Interlock(settings)
         self.executor = self._make_executor(kind)
+        self._with_tasks = kind is Kind.POSITIONING or kind is Kind.POSITIONER
+        self._interpolation: Interpolation | None = None
+        """Between executor and drive, where the drive has no profile position."""
         self.sensor = SensorWords() if "G1_STW" in self.telegram.setpoints.names else None
         has_second = settings.second_sensor is not SecondSensor.NONE and number in SECOND_SENSOR_NUMBERS
         self.second_sensor = SensorWords() if has_second else None
@@ -173,7 +177,8 @@ class AxisMachine:
             cycle.controlword = interlock.step(wish, demand.acknowledge, trouble, statusword, standstill, now)
             cycle.action, cycle.reason = interlock.action, interlock.reason
             cycle.standstill, cycle.now = standstill, now
-            reason = executor.step()
+            between = self._interpolation
+            reason = executor.step() if between is None else between.step(executor)
             if drive_ok:
                 cell = interlock.cell
                 shown = SHOWN_STOPPING if cell.stopping else SHOWN_STATE[statusword & STATE_MASK]
@@ -187,7 +192,10 @@ class AxisMachine:
             trouble = _POWERED_UNREAD if powered else _NO_REFERENCES
             self.cycle.controlword = interlock.step(wish, demand.acknowledge, trouble, statusword, False, now)
             reason = interlock.reason if drive_ok else _DRIVE_OFFLINE
-            executor.refuse()
+            if self._interpolation is None:
+                executor.refuse()
+            else:
+                self._interpolation.refuse(executor)
             report.flags = statusword & _OF_THE_DRIVE | SHOWN_FAULT
             if not drive_ok:
                 executor.lost()
@@ -316,10 +324,22 @@ class AxisMachine:
         refusal = drive.scaling.refusal(*self._needed)
         if not refusal:
             try:
-                self.executor.set_drive(drive, homing_method)
+                self.executor.set_drive(self._shown_to_executor(drive), homing_method)
             except Dsp402Error as error:
                 refusal = str(error)
         return refusal
+
+    def _shown_to_executor(self, drive: DriveType) -> DriveType:
+        cycle, executor = self.cycle, self.executor
+        if not (self._with_tasks and drive.interpolates):
+            self._interpolation = None
+            cycle.feedback, cycle.command = self.inputs.feedback, self.outputs.command
+            executor.command = cycle.command
+            return drive
+        if self._interpolation is None:
+            self._interpolation = Interpolation(cycle)
+            executor.command = cycle.command
+        return self._interpolation.set_drive(drive)
 
     def _set_drive(self, drive: DriveType | None, homing_method: int) -> None:
         """What the drive is; one whose 100 % are not known, or that lacks a mode, refuses operation (fault 104)."""

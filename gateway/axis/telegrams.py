@@ -80,6 +80,10 @@ SPEED_TELEGRAM_NUMBERS = tuple(
 FIRST_SENSOR_NUMBERS = tuple(n for n in DRIVE_TELEGRAM_NUMBERS if "G1_STW" in telegram(n).setpoints.names)
 SECOND_SENSOR_NUMBERS = tuple(n for n in DRIVE_TELEGRAM_NUMBERS if "G2_STW" in telegram(n).setpoints.names)
 """Those of them with the words of G1, and of G2."""
+TASK_TELEGRAM_NUMBERS = tuple(
+    sorted((*POSITIONER_TELEGRAM_NUMBERS, *(n for n, row in DRIVE_TELEGRAMS.items() if row.kind is Kind.POSITIONING)))
+)
+"""Those of them with traversing tasks."""
 
 ENCODER_TELEGRAM_NUMBERS = tuple(
     sorted(number for number, item in TELEGRAMS.items() if item.mode is ApplicationMode.ENCODER)

@@ -203,6 +203,8 @@ _VL_LACKS = frozenset(
     {0x606B, 0x606C, 0x606D, 0x606F, 0x607A, 0x607B, 0x607C, 0x607F, 0x6081, 0x6083, 0x6084, 0x6085, 0x6086}
     | {0x6098, 0x6099, 0x609A, 0x60C5, 0x60C6, 0x60FF}
 )
+_PROFILES = frozenset({0x6081, 0x6083, 0x6084, 0x6086, 0x60FF})
+"""What only profile position and profile velocity use."""
 _VL_OBJECTS = (
     var(0x6042, "vl target velocity", _I16, _RW, pdo=True, default=0, attribute="target_velocity"),
     var(0x6043, "vl velocity demand", _I16, _RO, pdo=True, default=0, attribute="velocity_demand"),
@@ -284,6 +286,20 @@ SHAPES = MappingProxyType(
                     *_kinematics(_PER_SECOND, _PER_SECOND),
                     _ratio(0x608F, "Position encoder resolution", INCREMENTS_PER_REVOLUTION, 1),
                     var(0x6502, "Supported drive modes", _U32, _RO, default=1 << 8 | 1 << 5),
+                ),
+            ),
+            replace(
+                _rpm("csp", "cyclic synchronous position and homing alone, increments per second", 20),
+                velocity_per_rpm=_PER_SECOND,
+                acceleration_per_rpm_s=_PER_SECOND,
+                modes=frozenset({Mode.CYCLIC_POSITION.value, Mode.HOMING.value}),
+                lacks=_MANUFACTURER | _PROFILES,
+                has=(
+                    *(spec for spec in _kinematics(_PER_SECOND, _PER_SECOND) if spec.index not in _PROFILES),
+                    _ratio(0x608F, "Position encoder resolution", INCREMENTS_PER_REVOLUTION, 1),
+                    var(0x60AA, "SI unit acceleration", _U32, _RW, default=0x00B5_0303),
+                    var(SYNC_PERIOD, "Communication cycle period", _U32, _RW, default=0, unit="us"),
+                    var(0x6502, "Supported drive modes", _U32, _RO, default=1 << 7 | 1 << 5),
                 ),
             ),
             replace(

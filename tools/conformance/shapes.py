@@ -56,6 +56,7 @@ REFUSALS: Mapping[tuple[str, int], str] = {
     **{("unguarded", number): "guarding of the gateway by the drive" for number in (1, 3, 9)},
     ("vl", 9): _LACKS,
     ("csv", 9): "modes of the drive",
+    **{("csp", number): _LACKS for number in (1, 3)},
     ("no-range", 9): "rated_acceleration_rpm_s settles it",
 }
 """What a shape must be refused for with a telegram, part of the text; without an entry it must move."""

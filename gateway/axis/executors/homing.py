@@ -80,7 +80,9 @@ class Homing:
             return True
         notes.warning = True
         notes.reason = Reason.HOMING_METHOD
-        allowed = ", ".join(str(number) for number in sorted(self.methods))
+        allowed = (
+            ", ".join(str(number) for number in sorted(self.methods)) or "none: the drive has no homing (6502h, 60E3h)"
+        )
         notes.faults.append((FaultNumber.HOMING_METHOD, f"homing method {method}, allowed {allowed}"))
         return False
 

@@ -17,7 +17,7 @@ def base_mode(drive: DriveType, *, modulo: bool) -> int:
             raise Dsp402Error("modulo_axis", True, "false: no turntable mode of this drive is known")
         return drive.quirks.modulo_mode
     if Mode.POSITION not in drive.modes:
-        raise Dsp402Error("modes of the drive (6502h)", sorted(drive.modes), "1 for a traversing task")
+        raise Dsp402Error("modes of the drive (6502h)", sorted(drive.modes), "1 or 8 for a traversing task")
     return Mode.POSITION.value
 
 

@@ -1,0 +1,60 @@
+"""A motion profile made cycle by cycle: a trapezoid of speed to a position, or a ramp to a speed. Pure.
+
+All numbers are integers in one unit of length that the caller chooses: positions, speeds per cycle, accelerations per cycle
+and cycle. Nothing is rounded but the speed from which an axis still stops at its target, and that downward: no speed and no
+acceleration is ever above what was asked, and a target is met exactly.
+"""
+
+from __future__ import annotations
+
+from math import isqrt
+
+
+def highest_speed(way: int, deceleration: int) -> int:
+    """The highest speed of the next cycle from which ``deceleration`` (above 0) still ends after ``way`` (0 or more)."""
+    # With n cycles after it: way = (n + 1) speed - deceleration n (n + 1) / 2, n being the most that fit.
+    cycles = (isqrt(4 * (2 * way // deceleration) + 1) - 1) // 2
+    return (2 * way + deceleration * cycles * (cycles + 1)) // (2 * (cycles + 1))
+
+
+def next_speed(speed: int, wanted: int, acceleration: int, deceleration: int) -> int:
+    """One cycle toward a speed: faster by ``acceleration`` at most, slower by ``deceleration``; through zero in two cycles."""
+    if speed < 0 or (speed == 0 and wanted < 0):
+        return -next_speed(-speed, -wanted, acceleration, deceleration)
+    if wanted > speed:
+        return min(wanted, speed + acceleration)
+    return max(wanted, speed - deceleration, 0)
+
+
+class Profile:
+    """Where an axis has to be, and how fast it has to be there. Each method but ``stand`` is one cycle."""
+
+    __slots__ = ("position", "speed")
+
+    def __init__(self) -> None:
+        self.position = 0
+        self.speed = 0
+
+    def stand(self, position: int) -> None:
+        """Stand here."""
+        self.position = position
+        self.speed = 0
+
+    def toward(self, target: int, speed: int, acceleration: int, deceleration: int) -> None:
+        """To a position, with ``speed`` (0 or more) at most. One that cannot be met any more is passed and come back to."""
+        way = target - self.position
+        wanted = 0
+        if way * self.speed >= 0:
+            wanted = min(speed, highest_speed(abs(way), deceleration))
+            if way < 0:
+                wanted = -wanted
+        self.turn(wanted, acceleration, deceleration)
+
+    def turn(self, speed: int, acceleration: int, deceleration: int) -> None:
+        """To a speed with its sign."""
+        self.speed = next_speed(self.speed, speed, acceleration, deceleration)
+        self.position += self.speed
+
+    def stop(self, deceleration: int) -> None:
+        """To standstill."""
+        self.turn(0, 0, deceleration)
