@@ -11,9 +11,10 @@ from pdgw.gateway.config_example import simulated
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.positioner_config import SIMULATED
 from pdgw.gateway.reasons import FaultNumber
+from pdgw.peers.drive import shape
 from pdgw.peers.plc.engine import Engine
 from pdgw.peers.plc.scenario_file import load_scenario
-from tests.support.daemon import Plc, axis, configuration, drive_of, running
+from tests.support.daemon import Plc, axis, configuration, drive_of, running, world_of
 
 SCENARIO = Path(__file__).parents[2] / "tools" / "scenarios" / "positioner.yaml"
 _POSITIONER = "[axis.positioner]\n" + "".join(
@@ -26,8 +27,10 @@ def config(number: int, more: str) -> GatewayConfig:
     return configuration(axis(1, telegram_number=number, more=more))
 
 
-def test_the_scenario_of_the_positioner_passes_through_the_gateway() -> None:
-    with running(config(111, "simulate = true\n" + _POSITIONER)) as daemon:
+@pytest.mark.parametrize("like", ["engel", "csp"])
+def test_the_scenario_of_the_positioner_passes_through_the_gateway(like: str) -> None:
+    with running(config(111, _POSITIONER)) as daemon:
+        world_of(daemon).drive("world", 1, shape=shape(like))
         plc = Plc(daemon, [111])
         engine = Engine(load_scenario(SCENARIO), plc.endpoint)
         while not engine.finished:

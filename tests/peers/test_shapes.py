@@ -19,7 +19,8 @@ from tests.support.drive_types import described
 NODE = 3
 MS = 1_000_000
 ALL = sorted(SHAPES)
-DRIVEN = [name for name in ALL if name not in {"slow-boot", "two-edges"}]
+DRIVEN = [name for name in ALL if name not in {"slow-boot", "two-edges", "csp"}]
+"""By a speed, as soon as they are switched on."""
 
 
 class Bench:

@@ -4,23 +4,27 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from pdgw.ds301.communication import SYNC_PERIOD
+from pdgw.ds301.connection_set import SYNC
 from pdgw.ds301.nmt import NmtCommand
 from pdgw.dsp402.drive import DriveSettings
 from pdgw.dsp402.images import DriveFeedback
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.objects import DRIVE_OBJECTS
+from pdgw.dsp402.pdo import interpolated
 from pdgw.dsp402.states import State
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.telegrams import Kind, drive_layout, drive_telegram, initial_mode
 from pdgw.gateway.motion.dsc import DscForm
 from pdgw.peers.drive import ENGEL, LINEAR, Machine, SimulatedDriveNode
 from pdgw.peers.drive.shapes import SYNCHRONOUS, Shape
-from tests.support.drive_types import References
+from tests.support.drive_types import References, described
 from tests.support.mapping import pdo_steps
 from tests.support.stepper import Stepper
 
 MS = 1_000_000
 NODE = 5
+CYCLE_MS = 4
 
 
 class Rig:
@@ -29,11 +33,15 @@ class Rig:
     def __init__(
         self, number: int, machine: Machine | None = None, shape: Shape | None = None, **settings: object
     ) -> None:
-        self.stepper = Stepper(number, AxisSettings(**settings))  # type: ignore[arg-type]
+        self.stepper = Stepper(number, AxisSettings(**{"cycle_ns": CYCLE_MS * MS, **settings}))  # type: ignore[arg-type]
         dsc = self.stepper.settings.dsc
         self._form = DscForm.SPEED if dsc is None else dsc.form
         kind = SYNCHRONOUS if drive_telegram(number).kind is Kind.DSC else ENGEL
         self.layout = drive_layout(number, self._form, self.stepper.settings.second_sensor)
+        self.synchronous = shape is not None and described(shape.name).interpolates
+        self.drive_type = described(shape.name) if shape is not None and self.synchronous else None
+        if self.synchronous:
+            self.layout = interpolated(self.layout)
         self.node = SimulatedDriveNode(NODE, self._transmitted, machine=machine or LINEAR, shape=shape or kind)
         self.feedback = DriveFeedback()
         self.now = 0
@@ -51,7 +59,10 @@ class Rig:
         self._sent: dict[int, bytes] = {}
         self.node.start(self.now)
         self._configure(initial_mode(number, self._form))
-        self.stepper.set_references(References(), homing_method=35)
+        if self.drive_type is None:
+            self.stepper.set_references(References(), homing_method=35)
+        else:
+            self.stepper.set_drive(self.drive_type, homing_method=35)
 
     @property
     def model(self) -> object:
@@ -68,6 +79,8 @@ class Rig:
             self.layout, NODE, available, sync=False, event_ms=settings.tpdo_event_ms, inhibit_us=1000
         ):
             self.node.set_data(step.index, step.subindex, step.data, check_writable=True)
+        if self.synchronous:
+            self.node.set_data(SYNC_PERIOD, 0, (CYCLE_MS * 1000).to_bytes(4, "little"), check_writable=True)
         if mode is not None:
             self.node.set_data(0x6060, 0, mode.to_bytes(1, "little", signed=True), check_writable=True)
         self._advance(2)
@@ -96,7 +109,7 @@ class Rig:
         """Run PLC cycles with the present setpoints; returns the actual values by name."""
         half = self.stepper.telegram.setpoints
         for _ in range(cycles):
-            self._advance(4)
+            self._advance(CYCLE_MS)
             setpoints = half.from_dict(self.values) if plc else None
             self.seen_statusword = self.feedback.statusword
             actuals = self.stepper.step(setpoints, self.feedback, self.connected_drive, self.now)
@@ -111,9 +124,11 @@ class Rig:
             self.controlwords.append(command.controlword)
         for pdo in sorted(self.layout.rpdos, key=lambda item: -item.number):
             data = pdo.pack(command)
-            if self._sent.get(pdo.number) != data:
+            if self.synchronous or self._sent.get(pdo.number) != data:
                 self._sent[pdo.number] = data
                 self.node.receive(pdo.cob_id(NODE), data, self.now)
+        if self.synchronous:
+            self.node.receive(SYNC, b"", self.now)
 
     def _serve_sdo(self) -> None:
         request = self.stepper.sdo_request

@@ -24,6 +24,7 @@ from pdgw.dsp402.states import STATE_OF_STATUS, ControlBit, State, StatusBit
 from pdgw.gateway.axis.executors.base import AxisCycle, Executor, known
 from pdgw.gateway.axis.power_table import Action
 from pdgw.gateway.axis.waist import STATE_MASK
+from pdgw.gateway.motion.dsc import wrapped
 from pdgw.gateway.motion.profile import Profile
 from pdgw.gateway.reasons import Reason
 
@@ -89,7 +90,9 @@ class Interpolation:
         self._ramp_unit = 1
         """and of one acceleration unit."""
         self._range = _ALL_POSITIONS
-        self._wraps = True
+        """Of set-points. One that wraps (607Bh) limits them too: whether a drive takes a jump by a range for none is unknown."""
+        self._turns_on = True
+        """There is no range: positions go on past the end of their 32 bits, as every drive's do."""
         self._window: int | None = None
         self._mode = _POSITION
         """What the executor asked for last, of the two."""
@@ -122,7 +125,7 @@ class Interpolation:
         self._deceleration = int(scaling.reference(Quantity.DECELERATION)) * self._ramp_unit
         positions = drive.limits("target_position")
         self._range = scaling.position_range or positions
-        self._wraps = scaling.position_wraps or self._range == _ALL_POSITIONS
+        self._turns_on = self._range == _ALL_POSITIONS
         self._window = drive.position_window
         return _offered(drive)
 
@@ -194,14 +197,13 @@ class Interpolation:
 
     @property
     def _position(self) -> int:
-        """Of the profile in position units, beyond the range where that wraps."""
+        """Of the profile in position units, beyond 32 bits where there is no range."""
         return (self._profile.position + self._resolution // 2) // self._resolution
 
     @property
     def _demanded(self) -> int:
         """The set-point."""
-        position, (low, high) = self._position, self._range
-        return (position - low) % (high - low + 1) + low if self._wraps else position
+        return wrapped(self._position) if self._turns_on else self._position
 
     def _stand(self, feedback: DriveFeedback) -> None:
         """Not in operation, or in another mode: where the axis is, so that nothing jumps when it is enabled."""
@@ -240,7 +242,7 @@ class Interpolation:
             return direction != 0
         speed, acceleration = wanted * self._speed_unit, wished.profile_acceleration * self._ramp_unit
         end = self._range[direction > 0] * self._resolution
-        if not direction or self._wraps:
+        if not direction or self._turns_on:
             profile.turn(speed, acceleration, self._deceleration)
         elif (end - profile.position) * direction <= 0:
             self._cut = True
@@ -293,15 +295,15 @@ class Interpolation:
         self._deceleration = setpoint.deceleration
 
     def _target(self, word: int) -> int:
-        """Where the set-point ends, in position units: inside the range, or turning on past its end where it wraps."""
+        """Where the set-point ends, in position units."""
         target = self._wished.target_position
-        low, high = self._range
-        if self._wraps:
+        if self._turns_on:
             self._profile.position -= (self._position - self._demanded) * self._resolution
         if word & _RELATIVE:
             target += self._position
-        if self._wraps:
+        if self._turns_on:
             return target
+        low, high = self._range
         limited = min(max(target, low), high)
         self._cut = limited != target
         return limited
