@@ -101,68 +101,6 @@ def test_a_task_is_a_trapezoid_of_set_points_in_mode_8_and_shows_zsw1_as_ever() 
     assert rig.position == 90_000
 
 
-@settings(max_examples=25)
-@given(
-    targets=st.lists(st.integers(-50_000, 50_000), min_size=1, max_size=3),
-    speed=st.integers(1 << 28, FULL),
-    acceleration=st.integers(1 << 10, 1 << 14),
-    deceleration=st.integers(1 << 10, 1 << 14),
-    cycles=st.integers(0, 60),
-)
-def test_tasks_that_replace_each_other_at_any_moment_keep_to_their_speed_and_ramps_and_end_at_the_last_target(
-    targets: list[int], speed: int, acceleration: int, deceleration: int, cycles: int
-) -> None:
-    rig = CspRig()
-    rig.values |= {"MDI_VELOCITY": speed, "MDI_ACC": acceleration, "MDI_DEC": deceleration}
-    for target in targets:
-        rig.task(target)
-        rig.step(cycles)
-    rig.reached()
-    assert abs(rig.position - POSITION.to_value(POSITION.to_wire(targets[-1]))) <= 1
-    ramp = max(acceleration, deceleration)
-    check_profile(rig.targets, COUNTS_PER_CYCLE * speed / FULL, RAMP_PER_CYCLE * ramp / (1 << 14))
-
-
-STOPS = {
-    "OFF1": {"STW1": 0x043E},
-    "reject": {"STW1": ON & ~REJECT},
-    "intermediate stop": {"STW1": ON & ~INTERMEDIATE},
-    "MDI off": {"SATZANW": 0},
-    "PLC lost": {},
-}
-
-
-@pytest.mark.parametrize("stop", STOPS)
-@settings(max_examples=12)
-@given(cycles=st.integers(0, 150), deceleration=st.integers(1 << 11, 1 << 14))
-def test_a_stop_at_any_moment_ends_within_the_ramp(stop: str, cycles: int, deceleration: int) -> None:
-    rig = CspRig(on_plc_loss=PlcLossReaction.RAMP)
-    rig.values["MDI_DEC"] = deceleration
-    rig.task(100_000)
-    rig.step(cycles)
-    speed = abs(steps(rig.targets)[-1])
-    rig.values |= STOPS[stop]
-    plc = stop != "PLC lost"
-    began = len(rig.targets)
-    ramp = RAMP_PER_CYCLE * deceleration / (1 << 14)
-    for _ in range(int(speed / ramp) + 2):
-        rig.step(plc=plc)
-        if rig.state is not State.OPERATION_ENABLED:  # switched off inside the standstill window
-            del rig.targets[-1]
-            break
-    ways = steps(rig.targets[began - 1 :])
-    assert rig.state is not State.OPERATION_ENABLED or abs(ways[-1]) <= 1, "standstill"
-    assert all(abs(after) <= abs(before) + 2 for before, after in pairwise([speed, *ways])), "never faster again"
-    check_profile(rig.targets, COUNTS_PER_CYCLE, RAMP_PER_CYCLE)
-    rig.step(30, plc=plc)
-    stood = rig.targets[-1]
-    rig.step(50, plc=plc)
-    assert rig.stands
-    assert rig.targets[-1] == stood
-    if stop in {"OFF1", "PLC lost"}:
-        assert rig.state is not State.OPERATION_ENABLED
-
-
 def test_an_intermediate_stop_is_resumed_to_the_target() -> None:
     rig = CspRig()
     rig.task(80_000)
@@ -351,3 +289,101 @@ def test_an_axis_without_a_range_turns_on_past_the_end_of_32_bits() -> None:
     ways = [way + (1 << 32) if way < -(1 << 31) else way for way in steps(targets)]
     assert min(ways) >= 0, "forward all the way"
     assert max(ways) <= COUNTS_PER_CYCLE + 1
+
+
+def test_a_limit_that_shows_for_a_moment_holds_the_axis_until_a_new_task() -> None:
+    rig = CspRig()
+    rig.task(100_000)
+    rig.step(30)
+
+    def held(model: DriveModel, now: int) -> None:
+        model.statusword = model.statusword & ~StatusBit.MODE_12 | StatusBit.INTERNAL_LIMIT
+
+    rig.node.model.disguises.append(held)
+    rig.step(3)
+    rig.node.model.disguises.remove(held)
+    rig.step(2)
+    stood = rig.targets[-1]
+    rig.step(200)
+    assert rig.targets[-1] == stood
+    assert rig.stepper.reason is Reason.TASK_AT_LIMIT
+    rig.task(90_000)
+    rig.reached()
+    assert rig.position == 90_000
+
+
+def test_a_drive_that_has_not_obeyed_a_quick_stop_yet_is_led_to_standstill() -> None:
+    rig = CspRig()
+    rig.task(400_000)
+    rig.step(100)
+
+    def deaf(model: DriveModel, now: int) -> None:
+        model.statusword = STATUS_OF[State.OPERATION_ENABLED] | StatusBit.NO_QUICK_STOP | StatusBit.MODE_12
+
+    rig.node.model.disguises.append(deaf)
+    rig.values["STW1"] = 0x043B
+    rig.step(90)
+    assert len(set(rig.targets[-5:])) == 1
+    check_profile(rig.targets, COUNTS_PER_CYCLE, RAMP_PER_CYCLE)
+
+
+@settings(max_examples=25)
+@given(
+    targets=st.lists(st.integers(-50_000, 50_000), min_size=1, max_size=3),
+    speed=st.integers(1 << 28, FULL),
+    acceleration=st.integers(1 << 10, 1 << 14),
+    deceleration=st.integers(1 << 10, 1 << 14),
+    cycles=st.integers(0, 60),
+)
+def test_tasks_that_replace_each_other_at_any_moment_keep_to_their_speed_and_ramps_and_end_at_the_last_target(
+    targets: list[int], speed: int, acceleration: int, deceleration: int, cycles: int
+) -> None:
+    rig = CspRig()
+    rig.values |= {"MDI_VELOCITY": speed, "MDI_ACC": acceleration, "MDI_DEC": deceleration}
+    for target in targets:
+        rig.task(target)
+        rig.step(cycles)
+    rig.reached()
+    assert abs(rig.position - POSITION.to_value(POSITION.to_wire(targets[-1]))) <= 1
+    ramp = max(acceleration, deceleration)
+    check_profile(rig.targets, COUNTS_PER_CYCLE * speed / FULL, RAMP_PER_CYCLE * ramp / (1 << 14))
+
+
+STOPS = {
+    "OFF1": {"STW1": 0x043E},
+    "reject": {"STW1": ON & ~REJECT},
+    "intermediate stop": {"STW1": ON & ~INTERMEDIATE},
+    "MDI off": {"SATZANW": 0},
+    "PLC lost": {},
+}
+
+
+@pytest.mark.parametrize("stop", STOPS)
+@settings(max_examples=12)
+@given(cycles=st.integers(0, 150), deceleration=st.integers(1 << 11, 1 << 14))
+def test_a_stop_at_any_moment_ends_within_the_ramp(stop: str, cycles: int, deceleration: int) -> None:
+    rig = CspRig(on_plc_loss=PlcLossReaction.RAMP)
+    rig.values["MDI_DEC"] = deceleration
+    rig.task(100_000)
+    rig.step(cycles)
+    speed = abs(steps(rig.targets)[-1])
+    rig.values |= STOPS[stop]
+    plc = stop != "PLC lost"
+    began = len(rig.targets)
+    ramp = RAMP_PER_CYCLE * deceleration / (1 << 14)
+    for _ in range(int(speed / ramp) + 2):
+        rig.step(plc=plc)
+        if rig.state is not State.OPERATION_ENABLED:  # switched off inside the standstill window
+            del rig.targets[-1]
+            break
+    ways = steps(rig.targets[began - 1 :])
+    assert rig.state is not State.OPERATION_ENABLED or abs(ways[-1]) <= 1, "standstill"
+    assert all(abs(after) <= abs(before) + 2 for before, after in pairwise([speed, *ways])), "never faster again"
+    check_profile(rig.targets, COUNTS_PER_CYCLE, RAMP_PER_CYCLE)
+    rig.step(30, plc=plc)
+    stood = rig.targets[-1]
+    rig.step(50, plc=plc)
+    assert rig.stands
+    assert rig.targets[-1] == stood
+    if stop in {"OFF1", "PLC lost"}:
+        assert rig.state is not State.OPERATION_ENABLED
