@@ -23,6 +23,7 @@ from pdgw.peers.drive import DriveModel, Machine, shape
 from pdgw.profidrive.datatypes import n4
 from pdgw.profidrive.signals import signal
 from tests.support.drive_types import described
+from tests.support.positioner import CHOICES
 from tests.support.rig import CYCLE_MS, Rig
 from tests.support.stepper import Stepper
 
@@ -387,3 +388,8 @@ def test_a_stop_at_any_moment_ends_within_the_ramp(stop: str, cycles: int, decel
     assert rig.targets[-1] == stood
     if stop in {"OFF1", "PLC lost"}:
         assert rig.state is not State.OPERATION_ENABLED
+
+
+def test_a_modulo_axis_whose_drive_wraps_its_positions_is_refused_in_mode_8() -> None:
+    settings = AxisSettings(cycle_ns=CYCLE_MS * 1_000_000, positioner=replace(CHOICES, modulo=10_000))
+    assert "modulo_range" in lacks(described("csp"), 111, settings)
