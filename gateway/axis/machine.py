@@ -339,7 +339,8 @@ class AxisMachine:
         if self._interpolation is None:
             self._interpolation = Interpolation(cycle)
             executor.command = cycle.command
-        return self._interpolation.set_drive(drive)
+        modulo = isinstance(executor, PositionerExecutor) and executor.choices.modulo != 0
+        return self._interpolation.set_drive(drive, modulo=modulo)
 
     def _set_drive(self, drive: DriveType | None, homing_method: int) -> None:
         """What the drive is; one whose 100 % are not known, or that lacks a mode, refuses operation (fault 104)."""

@@ -60,7 +60,7 @@ def _offered(drive: DriveType) -> DriveType:
         entries=MappingProxyType({**drive.entries, **own}),
         modes=MappingProxyType({**modes, _HOMING: drive.modes[_HOMING]} if homing else modes),
         homing_methods=drive.homing_methods if homing else MappingProxyType({}),
-        quirks=replace(drive.quirks, modulo_mode=None, range_is_limit=True),
+        quirks=replace(drive.quirks, modulo_mode=None),
     )
 
 
@@ -108,8 +108,13 @@ class Interpolation:
         self._held = 0
         """The direction in which a limit of the drive holds the axis, until something else is asked; 0: none does."""
 
-    def set_drive(self, drive: DriveType) -> DriveType:
-        """What the executor has to be given instead of this drive; Dsp402Error where a unit is not known."""
+    def set_drive(self, drive: DriveType, *, modulo: bool) -> DriveType:
+        """What the executor has to be given instead of this drive; ``modulo``: it turns on over the end of a range.
+
+        Dsp402Error where a unit is not known, or the drive's range wraps under a modulo axis.
+        """
+        if modulo and drive.scaling.position_wraps:
+            raise Dsp402Error("modulo_range", "607Bh wraps", "a drive without 607Bh, or with profile position (6502h)")
         if self._cycle_ns <= 0:
             raise Dsp402Error("cycle", f"{self._cycle_ns} ns", "a time above 0: set-points are made for each cycle")
         scaling = drive.scaling

@@ -122,10 +122,6 @@ class PositionerExecutor(Executor):
         clamps = [block for block in choices.blocks if block.task is BlockTask.FIXED_STOP]
         if (clamps or choices.clamping_torque is not None) and drive.max_torque <= 0:
             raise Dsp402Error("Max Torque 6072h", drive.max_torque, "a value above 0, which a fixed stop lowers")
-        if choices.modulo and scaling.position_wraps and drive.quirks.range_is_limit:
-            raise Dsp402Error(
-                "modulo_range", choices.modulo, "no 607Bh that wraps, or profile position (6502h): none jumps"
-            )
         self._ring = self._make_ring(scaling, units) if choices.modulo else None
         limits = scaling.position_range
         if self._ring is None or (limits is not None and not scaling.position_wraps):
