@@ -17,6 +17,8 @@ def system_text(error: OSError, channel: object, bitrate: int | None = None) -> 
         return f"{text}; bring it up: sudo ip link set {name} up type can bitrate {bitrate or 'BITRATE'}"
     if error.errno == errno.ENODEV:
         return f"{text}; those there are: ip link show type can"
+    if error.errno == errno.EAFNOSUPPORT:
+        return f"{text}; load the kernel's CAN: sudo modprobe can-raw"
     return text
 
 

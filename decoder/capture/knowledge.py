@@ -37,10 +37,16 @@ class Knowledge:
 
 
 def known_beforehand(
-    telegrams: Sequence[int], config: Path | None, eds: Sequence[str], ports: Sequence[int], station: str = ""
+    telegrams: Sequence[int],
+    config: Path | None,
+    eds: Sequence[str],
+    ports: Sequence[int],
+    station: str = "",
+    embedded: str = "",
 ) -> Knowledge:
     """From ``--telegram``, ``--config``, ``--eds``, ``--port`` and ``--station``; GatewayError or ProfidriveError for what cannot
     be used.
+    ``embedded``: the text of a configuration the capture has in it, used without ``config``.
     """
     axes: Sequence[Axis] = given_axes(telegrams)
     origin = "--telegram, node-ID taken as the number of the axis"
@@ -48,13 +54,15 @@ def known_beforehand(
     settings = Settings()
     cyclic, acyclic = settings.cyclic_ports | set(ports), settings.acyclic_ports
     bitrate = None
-    if config is not None:
-        from pdgw.gateway.config_file import load_config  # noqa: PLC0415 (loads the whole gateway)
+    if config is not None or embedded:
+        from pdgw.gateway.config_file import load_config, parse_config  # noqa: PLC0415 (loads the whole gateway)
 
-        loaded = load_config(config)
+        loaded = (
+            load_config(config) if config is not None else parse_config(embedded, "the configuration in the capture")
+        )
         origin = "configuration"
         axes = configured_axes(loaded, telegrams)
-        files = {axis.node_id: axis.eds for axis in loaded.axis if axis.eds} | files
+        files = {axis.node_id: axis.eds for axis in loaded.axis if axis.eds and axis.eds.is_file()} | files
         cyclic |= {loaded.transport.cyclic_port}
         acyclic |= {loaded.transport.acyclic_port}
         bitrate = loaded.can[0].bitrate

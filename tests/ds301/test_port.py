@@ -55,6 +55,7 @@ def test_a_bus_whose_server_has_gone_is_released_once_and_silently(monkeypatch: 
     ("number", "text"),
     [
         (errno.ENETDOWN, "Network is down; bring it up: sudo ip link set can1 up type can bitrate 500000"),
+        (errno.EAFNOSUPPORT, "Address family not supported by protocol; load the kernel's CAN: sudo modprobe can-raw"),
         (errno.ENODEV, "No such device; those there are: ip link show type can"),
         (errno.EPERM, "Operation not permitted"),
     ],

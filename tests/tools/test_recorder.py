@@ -14,6 +14,7 @@ from pdgw.decoder.records import CyclicRecord, Link
 from pdgw.gateway.config_example import example, simulated
 from pdgw.gateway.config_file import config_text, parse_config
 from pdgw.gateway.errors import GatewayError
+from pdgw.tools.commands.decode import decode
 from pdgw.tools.recorder import CAPTURE, Captures, Recorder
 from pdgw.tools.recordings import CONFIGURATION, known_from
 from tests.decoder.test_replay import speed
@@ -95,6 +96,22 @@ def test_what_is_written_is_read_again(tmp_path: Path) -> None:
     record = Decoder(Settings(given_axes([1]))).decode(packets[0])
     assert isinstance(record, CyclicRecord)
     assert record.data == frame
+
+
+def test_decode_knows_the_axes_of_a_capture_that_has_its_configuration(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "x.pcapng"
+    writer = PcapngWriter(path, config_text(simulated(1, 1)))
+    datagram = udp_packet(("192.168.0.10", 50000), ("192.168.0.5", 34962), speed().frames.plc[0][1])
+    writer.write(Link.ETHERNET, "plc", 1_700_000_000_123_456_789, datagram)
+    writer.close()
+    decode([str(path)])
+    shown = capsys.readouterr()
+    assert "axis 1 T1 " in shown.out
+    assert shown.err == f"note: configuration of the gateway taken from {path}\n"
+    decode([str(path)], telegram=[20])
+    assert "configuration of the gateway" not in capsys.readouterr().err
 
 
 @pytest.mark.tshark

@@ -20,6 +20,7 @@ from pdgw.decoder.capture import live
 from pdgw.decoder.capture.archive import ArchiveOptions, captures_of, is_data_set, write_data_set
 from pdgw.decoder.capture.knowledge import known_beforehand, look_ahead
 from pdgw.decoder.capture.moments import moment
+from pdgw.decoder.capture.pcapng_file import configuration_in
 from pdgw.decoder.capture.plot import PlotWriter
 from pdgw.decoder.capture.source import Source, open_source
 from pdgw.decoder.capture.writers import (
@@ -139,7 +140,10 @@ def decode(
     if files and (len(files) > 1 or Path(files[0]).is_dir()):
         raise GatewayError("several files become a data set: give --parquet FOLDER and --signal, or one file")
     file = files[0] if files else None
-    known = known_beforehand(telegram or [], config, eds or [], port or [], station)
+    embedded = configuration_in(Path(file)) if file is not None and config is None and not telegram else ""
+    if embedded:
+        _tell([f"configuration of the gateway taken from {file}"])
+    known = known_beforehand(telegram or [], config, eds or [], port or [], station, embedded)
     selection = Selection(
         nodes=frozenset(node or ()),
         signals=[known.names.split(name)[0] for name in signals],
