@@ -12,7 +12,8 @@ from pdgw.ds301.load import CyclicFrames
 from pdgw.ds301.plan import PdoPlan, straight_plan
 
 if TYPE_CHECKING:
-    from pdgw.gateway.config import AxisConfig, EncoderConfig
+    from pdgw.gateway.config import AxisConfig
+    from pdgw.gateway.config_encoder import EncoderConfig
 
 _DRIVE_CYCLE_US = 1000
 """A drive updates its values once a millisecond."""

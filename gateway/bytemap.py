@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from pdgw.gateway.config import AxisConfig, EncoderConfig, GatewayConfig
+from pdgw.gateway.config import AxisConfig, GatewayConfig
+from pdgw.gateway.config_encoder import EncoderConfig
 from pdgw.gateway.needs import quantity_of
 from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.frame import COUNTER_UNIT_NS, HEADER, IOPS_GOOD, STATUS_NORMAL, CSduLayout

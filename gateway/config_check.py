@@ -9,7 +9,8 @@ from pathlib import Path
 
 from pdgw.ds301.errors import CanopenError
 from pdgw.explain import Problem
-from pdgw.gateway.config import AxisConfig, EncoderConfig, GatewayConfig
+from pdgw.gateway.config import AxisConfig, GatewayConfig
+from pdgw.gateway.config_encoder import EncoderConfig
 from pdgw.gateway.config_file import SECTIONS
 from pdgw.gateway.toml_file import read_text, told
 

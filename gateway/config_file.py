@@ -10,7 +10,8 @@ from typing import TypeVar
 from pydantic import BaseModel
 
 from pdgw.explain import Problem
-from pdgw.gateway.config import AxisConfig, EncoderConfig, GatewayConfig
+from pdgw.gateway.config import AxisConfig, GatewayConfig
+from pdgw.gateway.config_encoder import EncoderConfig
 from pdgw.gateway.config_surroundings import CanConfig, ParametersConfig, RealtimeConfig, TraceConfig, TransportConfig
 from pdgw.gateway.config_web import MqttConfig, WebConfig
 from pdgw.gateway.errors import GatewayError

@@ -29,7 +29,8 @@ from pdgw.gateway.axis.values import (
     SdoWrite,
     gateway_fault,
 )
-from pdgw.gateway.config import AxisConfig, EncoderConfig
+from pdgw.gateway.config import AxisConfig
+from pdgw.gateway.config_encoder import EncoderConfig
 from pdgw.gateway.faults import FaultLog
 from pdgw.gateway.reasons import FaultNumber, Reason
 from pdgw.profidrive.telegrams import Telegram

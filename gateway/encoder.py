@@ -22,7 +22,7 @@ from pdgw.gateway.axis.executors.sensor import EncoderReferences
 from pdgw.gateway.axis.settings import SensorSettings
 from pdgw.gateway.axis.telegrams import ENCODER_TELEGRAM_NUMBERS
 from pdgw.gateway.axis.values import Outputs, SdoWrite
-from pdgw.gateway.config import EncoderConfig
+from pdgw.gateway.config_encoder import EncoderConfig
 from pdgw.gateway.drive_object import OWNED, DriveObject
 from pdgw.profidrive.sensor_format import SensorFormat
 from pdgw.profidrive.sign_of_life import MONITORING_OFF

@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from datetime import date
 
 from pdgw.gateway import identity
-from pdgw.gateway.config import AxisConfig, EncoderConfig
+from pdgw.gateway.config import AxisConfig
+from pdgw.gateway.config_encoder import EncoderConfig
 from pdgw.gateway.config_surroundings import TransportConfig
 from pdgw.profidrive.telegrams import Telegram
 from pdgw.profinet.model import DeviceModel, ObjectKind, drive_model

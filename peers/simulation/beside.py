@@ -14,7 +14,8 @@ from pydantic import ValidationError
 
 from pdgw.ds301.port import CanPort
 from pdgw.explain import problems
-from pdgw.gateway.config import AxisConfig, EncoderConfig, GatewayConfig
+from pdgw.gateway.config import AxisConfig, GatewayConfig
+from pdgw.gateway.config_encoder import EncoderConfig
 from pdgw.gateway.config_surroundings import CanConfig
 from pdgw.gateway.errors import GatewayError
 from pdgw.peers.drive import ENGEL

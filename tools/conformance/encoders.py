@@ -14,7 +14,7 @@ import can
 
 from pdgw.dsp402.states import State
 from pdgw.dsp406.faults import ENCODER_FAULTS
-from pdgw.gateway.config import EncoderConfig
+from pdgw.gateway.config_encoder import EncoderConfig
 from pdgw.gateway.drive_object import DriveObject
 from pdgw.gateway.encoder import EncoderNode, EncoderObject
 from pdgw.peers.encoder import SimulatedEncoder, SimulatedEncoderNode
