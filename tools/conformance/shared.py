@@ -69,6 +69,13 @@ def _speed(number: int) -> Iterator[Case]:
     other = {"set": {"NSOLL_B": "300 rpm"}}
     held = (*_ENABLE, full, turning, hold, other, {"hold": "300 ms"}, turning, rest)
     yield _case(number, "STW1.UNFREEZE_RAMP_GENERATOR", "the speed stays", *held)
+    bits = ("ENABLE_RAMP_GENERATOR", "UNFREEZE_RAMP_GENERATOR", "ENABLE_SETPOINT")
+    for which, too, jogged in ((1, 2, "-150 rpm"), (2, 1, "150 rpm")):
+        jog = {"set": {f"STW1.JOG_{which}_ON": 1, **{f"STW1.{bit}": 0 for bit in bits}}}
+        both = {"set": {f"STW1.JOG_{too}_ON": 1}}
+        end = {"set": {"STW1.JOG_1_ON": 0, "STW1.JOG_2_ON": 0, **{f"STW1.{bit}": 1 for bit in bits}}}
+        taken = (jog, _see(NIST_B=f"{jogged} +- 10 rpm"), both, standing, end)
+        yield _case(number, f"STW1.JOG_{which}_ON", f"jog {which}, then both", *_ENABLE, rest, *taken)
 
 
 def _message(number: int) -> Iterator[Case]:
@@ -118,6 +125,17 @@ def _sensor(number: int) -> Iterator[Case]:
     for bit, did, bits, seen in rows:
         ask = {"set": {f"G1_STW.{name}": value for name, value in bits.items()}}
         yield _case(number, f"G1_STW.{bit}", did, clear, {"hold": "40 ms"}, ask, seen, acknowledge, {"hold": "40 ms"})
+    for function in (1, 2, 3, 4):
+        probe, rising = (function + 1) // 2, function % 2 == 1
+        before, after = ("off", "on") if rising else ("on", "off")
+        asked = {f"G1_STW.FUNCTION_{function}": 1, "G1_STW.MODE": 1}
+        latched = (
+            *(clear, {"hold": "40 ms"}, {"drive": f"probe {probe} {before}"}, {"hold": "40 ms"}),
+            *({"set": {**asked, "G1_STW.COMMAND": 1}}, _see(**{f"G1_ZSW__FUNCTION_{function}": 1}), {"hold": "200 ms"}),
+            *({"drive": f"probe {probe} {after}"}, _see(**{f"G1_ZSW__VALUE_{function}": 1, "G1_ZSW__ERROR": 0})),
+            *({"set": {"G1_STW.COMMAND": 2}}, {"hold": "40 ms"}, clear, _see(**{f"G1_ZSW__VALUE_{function}": 0})),
+        )
+        yield _case(number, f"G1_ZSW.VALUE_{function}", f"probe {probe} {after}, read", *latched)
     failed = ({"set": {"G1_STW.PRESET": 1}}, _see(G1_ZSW__ERROR=1))
     acknowledged = (acknowledge, _see(G1_ZSW__ERROR_ACKNOWLEDGED=1), clear, _see(G1_ZSW__ERROR=0))
     yield _case(number, "G1_STW.ERROR_ACKNOWLEDGE", "error and its end", clear, *failed, *acknowledged)
@@ -186,6 +204,12 @@ def _positioner(number: int) -> Iterator[Case]:
         begin, moves = {"jog": which}, _see(ZSW1__DRIVE_STOPPED=0)
         end = ({"jog": 0}, stopped, _see(ZSW1__TARGET_REACHED=1))
         yield _case(number, f"STW1.JOG_{which}_ON", f"jog {which}", *_ENABLE, begin, moves, *end)
+    word = "POS_ZSW1" if number == 111 else "AKTSATZ"
+    runs = {"expect": {f"{word}.BLOCK": 4, **({"POS_ZSW1.BLOCK_MODE": 1} if number == 111 else {})}, "within": "10 s"}
+    goes_on = ({"next_block": True}, {"expect": {f"{word}.BLOCK": 5}, "within": "10 s"}, {"reject": True})
+    speeds = ({"set": {"OVERRIDE": "100 %"}},) if number != 7 else ()
+    steps = (*_ENABLE, *speeds, {"block": 4}, runs, {"hold": "400 ms"}, *goes_on, _see(ZSW1__TARGET_REACHED=1))
+    yield _case(number, "STW1.EXTERNAL_BLOCK_CHANGE", "block 4, then on to 5", *steps)
     unknown = ({"set": {"SATZANW": 63, "STW1.ACTIVATE_TASK": 1}}, _see(ZSW1__WARNING=1, ZSW1__TASK_ACKNOWLEDGE=0))
     if number != 111:
         rejected = ({"reject": True}, _see(ZSW1__WARNING=0, AKTSATZ__BLOCK=0))
