@@ -24,7 +24,7 @@ from pdgw.tools.demo.links import DemoLink, free_ports
 from pdgw.tools.demo.trace import plot
 from pdgw.tools.recordings import Part, known_from, look_ahead, write_page
 
-STORY_LIMIT_S = 180
+STORY_LIMIT_S = 300
 _STOP_S = 10
 RECORD = "gateway"
 """The folder of what the gateway itself saw, in its own order."""
