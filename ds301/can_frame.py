@@ -6,12 +6,15 @@ Source: linux/can.h. The identifier has the flags in its upper bits; the data is
 from __future__ import annotations
 
 import struct
+from typing import Final
 
-CAN_FRAME = struct.Struct("=IB3x8s")
+CAN_FRAME: Final = struct.Struct("=IB3x8s")
 """Identifier with flags, length 0..8, data."""
-FD_FRAME_SIZE = 72
+FD_FRAME_SIZE: Final = 72
 """``struct canfd_frame``: what is read has to be so long that a frame of CAN FD is not taken for a classic one."""
-EXTENDED, REMOTE, ERROR = 0x8000_0000, 0x4000_0000, 0x2000_0000
+EXTENDED: Final = 0x8000_0000
+REMOTE: Final = 0x4000_0000
+ERROR: Final = 0x2000_0000
 """Flags of the identifier: 29 bit, remote request, message of the driver about an error."""
 
 

@@ -12,7 +12,7 @@ import logging
 import struct
 from collections.abc import Callable, Collection, Mapping
 from concurrent.futures import Future
-from typing import Any, ClassVar, Generic, Self, TypeVar
+from typing import Any, ClassVar, Final, Generic, Self, TypeVar
 
 import canopen
 from canopen.sdo import SdoAbortedError, SdoCommunicationError
@@ -41,20 +41,20 @@ T = TypeVar("T")
 S = TypeVar("S", bound=NodeSettings)
 
 
-_RETRY_ABSENT_NS = 500 * MS
-_LONGEST_SDO_NS = 4 * SECOND
-_RETRY_REFUSED_NS = 5 * SECOND
-_SUPERVISION_NS = 20 * MS
-_LOOK_AGAIN_NS = 5 * MS
-_FIRST_SIGN_NS = SECOND
+_RETRY_ABSENT_NS: Final = 500 * MS
+_LONGEST_SDO_NS: Final = 4 * SECOND
+_RETRY_REFUSED_NS: Final = 5 * SECOND
+_LOOK_AGAIN_NS: Final = 5 * MS
+_FIRST_SIGN_NS: Final = SECOND
 """So soon after NMT start each TPDO has to come, and the heartbeat if its own limit is not longer."""
-_ACYCLIC_PDO_NS = 100 * MS
-_ACYCLIC_FAILURES = 3
+_ACYCLIC_PDO_NS: Final = 100 * MS
+_ACYCLIC_FAILURES: Final = 3
 """So often in a row may objects without PDO not be read before their values are too old."""
-_CHECK_AFTER_NS = 200 * MS
+_CHECK_AFTER_NS: Final = 200 * MS
 """A configuration that is being written comes object by object: so long after the last one it is checked."""
-_ONLINE = NodeStatus.ONLINE
-_HEARTBEAT_STATE, _TOGGLE = 0x7F, 0x80
+_ONLINE: Final = NodeStatus.ONLINE
+_HEARTBEAT_STATE: Final = 0x7F
+_TOGGLE: Final = 0x80
 """Bit 7 of a heartbeat is reserved, and alternates in the answers of node guarding."""
 
 
@@ -415,9 +415,27 @@ class NodeClient(ConfiguringAccess, abc.ABC, Generic[S]):
 
     def _supervise(self) -> None:
         """Online: run jobs, watch heartbeat, TPDOs and boot-ups. Returns when the node has to be brought up anew."""
+        self.network.watch(self._look)
+        try:
+            self._care()
+        finally:
+            self.network.unwatch(self._look)
+
+    def _look(self, now: int) -> None:
+        """Every 20 ms, outside the task, which costs more: it is woken when there is something for it."""
+        if self._has_work(now):
+            self._wake.set()
+
+    def _has_work(self, now: int) -> bool:
+        """Whether the time has come for something of the task."""
+        if self._check_at is not None or (self._acyclic_tpdos and now >= self._acyclic_due):
+            return True
+        return self._lost(now) != ""
+
+    def _care(self) -> None:
         trouble = ""
         while True:
-            self._wake.wait(_SUPERVISION_NS)
+            self._wake.wait()
             self._wake.clear()
             if self._jobs:
                 self._jobs.run_next()
@@ -481,7 +499,7 @@ class NodeClient(ConfiguringAccess, abc.ABC, Generic[S]):
 
     # -- frames of the node ---------------------------------------------------------------------------------------------
 
-    def _on_heartbeat(self, _can_id: int, data: bytes, _timestamp: float) -> None:
+    def _on_heartbeat(self, _can_id: int, data: bytes | bytearray, _timestamp: float) -> None:
         if len(data) != 1:
             return
         if self._guarded_by_requests:

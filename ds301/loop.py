@@ -20,21 +20,22 @@ import time
 from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
-from typing import Generic, TypeVar
+from typing import Final, Generic, TypeVar
 
 import greenlet
 
 from pdgw.ds301.counters import Counters
-from pdgw.ds301.readiness import Readiness, best_readiness
+from pdgw.ds301.readiness import WRITABLE, Readiness, best_readiness
 
 log = logging.getLogger("gateway")
 
 T = TypeVar("T")
-MS = 1_000_000
-SECOND = 1_000_000_000
-SLICE_NS = 200_000
+MS: Final = 1_000_000
+SECOND: Final = 1_000_000_000
+SLICE_NS: Final = 200_000
 """A slice of a task is nearly always shorter: it is begun only when nothing is expected for so long."""
-_LONGEST_WAIT_S = 3600.0
+_monotonic_ns: Final = time.monotonic_ns
+_LONGEST_WAIT_S: Final = 3600.0
 
 
 class TaskKilled(BaseException):
@@ -42,7 +43,7 @@ class TaskKilled(BaseException):
 
 
 class Timer:
-    """A call at a time; ``cancel`` takes it back."""
+    """A call at a time; ``cancel`` takes it back, ``postpone`` moves it."""
 
     __slots__ = ("action", "when")
 
@@ -360,7 +361,7 @@ class SystemLoop(Loop):
         self.add_reader(self._awake.fileno(), self._take_calls)
 
     def now(self) -> int:
-        return time.monotonic_ns()
+        return _monotonic_ns()
 
     def wall(self) -> float:
         return time.time()
@@ -414,8 +415,7 @@ class SystemLoop(Loop):
             self._watch(descriptor)
 
     def _watch(self, descriptor: int) -> None:
-        read, write = descriptor in self._readers, descriptor in self._writers
-        self._readiness.watch(descriptor, read=read, write=write, urgent=descriptor in self._urgent)
+        self._readiness.watch(descriptor, read=descriptor in self._readers, write=descriptor in self._writers)
 
     def pace(self, expected: int) -> None:
         self._expected = expected
@@ -433,18 +433,18 @@ class SystemLoop(Loop):
         elif due is None:
             wait = _LONGEST_WAIT_S
         else:
-            wait = min(max(0, due - time.monotonic_ns()) / SECOND, _LONGEST_WAIT_S)
+            wait = min(max(0, due - _monotonic_ns()) / SECOND, _LONGEST_WAIT_S)
         ready = self._readiness.wait(wait)
         if len(ready) > 1:
             ready.sort(key=lambda item: item[0] not in self._urgent)
-        for descriptor, readable, writable in ready:
+        for descriptor, state in ready:
             # What one does may end the watch over another.
-            if readable and (action := self._readers.get(descriptor)) is not None:
+            if state & ~WRITABLE and (action := self._readers.get(descriptor)) is not None:
                 action()
-            if writable and (action := self._writers.get(descriptor)) is not None:
+            if state & WRITABLE and (action := self._writers.get(descriptor)) is not None:
                 action()
-        if self._timers:
-            self._fire(time.monotonic_ns())
+        if self._timers and self._timers[0][0] <= (now := _monotonic_ns()):
+            self._fire(now)
         if self._may_slice():
             self._slice_due = False
             self._slices.popleft()()
@@ -452,7 +452,7 @@ class SystemLoop(Loop):
     def _may_slice(self) -> bool:
         if not self._slices:
             return False
-        return self._slice_due or not self._expected or time.monotonic_ns() + SLICE_NS <= self._expected
+        return self._slice_due or not self._expected or _monotonic_ns() + SLICE_NS <= self._expected
 
     def close(self) -> None:
         self.end_tasks()

@@ -9,52 +9,42 @@ from __future__ import annotations
 import logging
 import struct
 from collections.abc import Callable
+from typing import Final
 
 import can
-import canopen
 
 from pdgw.ds301.can_frame import ERROR, EXTENDED, REMOTE
 from pdgw.ds301.connection_set import ERROR_CONTROL, SYNC
 from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.loop import MS, Loop, Timer
-from pdgw.ds301.port import CanPort, Opener, PortBusyError, PortLostError
+from pdgw.ds301.on_canopen import AcyclicNetwork
+from pdgw.ds301.port import CanPort, Opener, PortBusyError, PortLostError, Receiver
 
 log = logging.getLogger("gateway")
 
 PdoCallback = Callable[[bytes, int], None]
 """(data, monotonic receive time in ns)."""
 FrameListener = Callable[[can.Message], None]
-FrameTap = Callable[[int, bytes, int], object]
-"""Identifier with the flags of SocketCAN, data, 1 for a frame that was sent."""
-_ERROR_BUS_OFF, _ERROR_CONTROLLER = 0x40, 0x04
+FrameTap = Callable[[int, bytes, int, int], object]
+"""Identifier with the flags of SocketCAN, data, 1 for a frame that was sent, monotonic nanoseconds."""
+_ERROR_BUS_OFF: Final = 0x40
+_ERROR_CONTROLLER: Final = 0x04
 """Classes of an error frame (linux/can/error.h)."""
 """Sees every frame sent and received (``is_rx`` tells). It must only queue."""
 
-_ONE_BYTE = bytes(1)
+_ONE_BYTE: Final = bytes(1)
 """Of a request: the length alone is sent."""
-_BUSY_NS = 100 * MS
+_BUSY_NS: Final = 100 * MS
 """An interface that takes no frame for so long is not healthy; a full queue now and then is nothing."""
-_FIRST_PAUSE_NS = 100 * MS
-_LONGEST_PAUSE_NS = 2_000 * MS
+_LOOK_NS: Final = 20 * MS
+_FIRST_PAUSE_NS: Final = 100 * MS
+_LONGEST_PAUSE_NS: Final = 2_000 * MS
 """Between two tries to open an interface that was lost."""
-_WORKING_NS = 50 * MS
+_WORKING_NS: Final = 50 * MS
 """An interface that is down can be opened, and is lost in the next turn: so long it has to last."""
 
 
-class _AcyclicNetwork(canopen.Network):  # type: ignore[misc]
-    """canopen's network, sending through ours and fed by ours."""
-
-    def __init__(self, owner: CanNetwork) -> None:
-        super().__init__()
-        # Answers to LSS, which nobody asks here, would wait in canopen for ever.
-        self.unsubscribe(self.lss.LSS_RX_COBID)
-        self._owner = owner
-
-    def send_message(self, can_id: int, data: bytes, remote: bool = False) -> None:
-        self._owner.send(can_id, bytes(data))
-
-
-class CanNetwork:
+class CanNetwork(Receiver):
     """A bus shared by the drives and encoders on it. CanopenError from the constructor when it cannot be opened."""
 
     def __init__(self, loop: Loop, opener: Opener, name: str = "can") -> None:
@@ -62,7 +52,7 @@ class CanNetwork:
         self.name = name
         self._told = {"event": "bus", "bus": name}
         """For who collects the log."""
-        self.canopen = _AcyclicNetwork(self)
+        self.canopen = AcyclicNetwork(self.send)
         self.sent = 0
         self.received = 0
         self.send_errors = 0
@@ -77,6 +67,8 @@ class CanNetwork:
         self.tap: FrameTap | None = None
         """Told of every frame in the cheapest way."""
         self._pdos: dict[int, PdoCallback] = {}
+        self._watchers: list[Callable[[int], None]] = []
+        self._looking: Timer | None = None
         self._sync_for: set[int] = set()
         self.sync_wanted = False
         """A node on this bus sends or takes PDOs on SYNC."""
@@ -112,8 +104,9 @@ class CanNetwork:
     def close(self) -> None:
         """Release the interface for good."""
         self._started = False
-        if self._reopening is not None:
-            self._reopening.cancel()
+        for timer in (self._reopening, self._looking):
+            if timer is not None:
+                timer.cancel()
         if self._port is not None:
             self._port.close()
             self._port = None
@@ -125,6 +118,24 @@ class CanNetwork:
     def unsubscribe_pdo(self, cob_id: int) -> None:
         """End a subscription; none is no error."""
         self._pdos.pop(cob_id, None)
+
+    def watch(self, look: Callable[[int], None]) -> None:
+        """Call with the time every 20 ms, all of the bus together: each time of its own would wake the loop."""
+        self._watchers.append(look)
+        if self._looking is None:
+            self._looking = self.loop.call_later(_LOOK_NS, self._look)
+
+    def unwatch(self, look: Callable[[int], None]) -> None:
+        """The end of ``watch``."""
+        self._watchers.remove(look)
+
+    def _look(self) -> None:
+        self._looking = None
+        now = self.loop.now()
+        for look in self._watchers:
+            look(now)
+        if self._watchers:
+            self._looking = self.loop.call_later(_LOOK_NS, self._look)
 
     def send(self, cob_id: int, data: bytes) -> bool:
         """Send without waiting; False (counted) when the interface does not take the frame."""
@@ -145,7 +156,7 @@ class CanNetwork:
         self._busy_since = -1
         self.sent += 1
         if self.tap is not None:
-            self.tap(cob_id, data, 1)
+            self.tap(cob_id, data, 1, self.loop.now())
         if self.listeners:
             self._tell(cob_id, data, is_rx=False)
         return True
@@ -181,13 +192,14 @@ class CanNetwork:
         """A data frame with a standard identifier."""
         self.received += 1
         self.healthy = True
+        now = self.loop.now()
         if self.tap is not None:
-            self.tap(can_id, data, 0)
+            self.tap(can_id, data, 0, now)
         if self.listeners:
             self._tell(can_id, data, is_rx=True)
         callback = self._pdos.get(can_id)
         if callback is not None:
-            callback(data, self.loop.now())
+            callback(data, now)
             return
         try:
             self.canopen.notify(can_id, bytearray(data), self.loop.wall())
@@ -200,7 +212,7 @@ class CanNetwork:
         self.received += 1
         self.healthy = True
         if self.tap is not None:
-            self.tap(can_id | (EXTENDED if extended else 0) | (REMOTE if remote else 0), data, 0)
+            self.tap(can_id | (EXTENDED if extended else 0) | (REMOTE if remote else 0), data, 0, self.loop.now())
         if self.listeners:
             self._tell(can_id, data, is_rx=True, extended=extended, remote=remote)
 
@@ -208,7 +220,12 @@ class CanNetwork:
         """A single disturbed frame is repeated by the controller; only bus-off ends the traffic."""
         self.error_frames += 1
         if self.tap is not None:
-            self.tap(ERROR | (_ERROR_BUS_OFF if bus_off else _ERROR_CONTROLLER if passive else 0), bytes(8), 0)
+            self.tap(
+                ERROR | (_ERROR_BUS_OFF if bus_off else _ERROR_CONTROLLER if passive else 0),
+                bytes(8),
+                0,
+                self.loop.now(),
+            )
         if passive:
             self.error_passive += 1
         if bus_off:

@@ -12,7 +12,7 @@ import queue
 import threading
 from collections import deque
 from collections.abc import Callable
-from typing import Protocol
+from typing import Final, Protocol
 
 import can
 from can.interfaces.socketcan import SocketcanBus
@@ -21,21 +21,21 @@ from pdgw.ds301.bus import system_text
 from pdgw.ds301.can_frame import CAN_FRAME, ERROR, EXTENDED, FD_FRAME_SIZE, REMOTE
 from pdgw.ds301.loop import Loop
 
-_AT_ONCE = 64
+_AT_ONCE: Final = 64
 """Frames taken in one turn of the loop: a flood on one bus must not keep the others waiting."""
-_RECEIVE_TIMEOUT_S = 0.2
-_SEND_QUEUE = 256
+_RECEIVE_TIMEOUT_S: Final = 0.2
+_SEND_QUEUE: Final = 256
 """Frames that may wait for a driver which takes them slowly; more are refused, as a full controller refuses them."""
-_SEND_TIMEOUT_S = 0.1
+_SEND_TIMEOUT_S: Final = 0.1
 """A driver that may wait for room waits no longer for one frame."""
-_DROP = can.Message()
+_DROP: Final = can.Message()
 """Among the frames for the driver: empty your own buffer."""
-_BUSY = (errno.ENOBUFS, errno.EAGAIN)
-_BUS_OFF = 0x40
+_BUSY: Final = (errno.ENOBUFS, errno.EAGAIN)
+_BUS_OFF: Final = 0x40
 """The bit of an error frame's identifier that says bus-off (SocketCAN, linux/can/error.h)."""
-_CONTROLLER = 0x04
+_CONTROLLER: Final = 0x04
 """The bit of an error frame's identifier that says controller problem; data byte 1 tells which."""
-_PASSIVE = 0x30
+_PASSIVE: Final = 0x30
 """Data byte 1 of a controller problem: error-passive, receiving or sending."""
 
 
@@ -103,7 +103,7 @@ def open_port(loop: Loop, bus: can.BusABC) -> CanPort:
     return SocketPort(loop, bus) if isinstance(bus, SocketcanBus) else DriverPort(loop, bus)
 
 
-class SocketPort:
+class SocketPort(CanPort):
     """SocketCAN, and what looks like it: frames as 16 bytes over the socket, read in the loop."""
 
     def __init__(self, loop: Loop, bus: SocketcanBus) -> None:
@@ -133,21 +133,18 @@ class SocketPort:
         """The kernel has no way to: its queue (txqueuelen, 10 frames unless set) goes out before what is sent now."""
 
     def _read(self) -> None:
-        receive = self._socket.recv
-        for _ in range(_AT_ONCE):
-            try:
-                frame = receive(FD_FRAME_SIZE)
-            except BlockingIOError:
-                return
-            except OSError as error:
-                self._lost(system_text(error, self._channel))
-                return
-            # An interface that was given fd = true delivers frames of CAN FD too, which are none of CANopen's.
-            if len(frame) == CAN_FRAME.size and self._receiver is not None:
-                can_id, length, data = CAN_FRAME.unpack(frame)
-                deliver(self._receiver, can_id, data[: min(length, 8)])
-            if self._closed:
-                return
+        """One frame: the loop asks for the next one, of all buses in one call; a socket that has none takes longer to say so."""
+        try:
+            frame = self._socket.recv(FD_FRAME_SIZE)
+        except BlockingIOError:
+            return
+        except OSError as error:
+            self._lost(system_text(error, self._channel))
+            return
+        # An interface that was given fd = true delivers frames of CAN FD too, which are none of CANopen's.
+        if len(frame) == CAN_FRAME.size and self._receiver is not None:
+            can_id, length, data = CAN_FRAME.unpack(frame)
+            deliver(self._receiver, can_id, data if length >= 8 else data[:length])
 
     def _lost(self, text: str) -> None:
         receiver = self._receiver
@@ -162,7 +159,7 @@ class SocketPort:
             _shut_down(self._bus)
 
 
-class DriverPort:
+class DriverPort(CanPort):
     """Any python-can bus: its driver may block, so sending and receiving each have a thread that only queues."""
 
     def __init__(self, loop: Loop, bus: can.BusABC) -> None:

@@ -4,63 +4,67 @@ from __future__ import annotations
 
 import contextlib
 import select
-from typing import Protocol
+from typing import Final, Protocol
+
+READABLE: Final = 0x001
+WRITABLE: Final = 0x004
+"""Of a descriptor that is ready: bits of its state. Any other bit, an error or the peer's end, is for who reads."""
+_MS_PER_S: Final = 1000
+_AT_ONCE: Final = 64
+"""Descriptors told of in one call; the kernel goes on with the others in the next one."""
 
 
 class Readiness(Protocol):
     """Watches descriptors."""
 
-    def watch(self, descriptor: int, *, read: bool, write: bool, urgent: bool = False) -> None:
-        """What to look for, instead of what was before; neither ends it. ``urgent``: read in nearly every cycle."""
+    def watch(self, descriptor: int, *, read: bool, write: bool) -> None:
+        """What to look for, instead of what was before; neither ends it."""
 
-    def wait(self, seconds: float) -> list[tuple[int, bool, bool]]:
-        """Descriptors with whether they can be read and written, after so long at most; 0 only looks."""
+    def wait(self, seconds: float) -> list[tuple[int, int]]:
+        """Descriptors with their states, after so long at most; 0 only looks. It may return sooner with none."""
 
     def close(self) -> None:
         """Release what it has itself."""
 
 
-class SelectReadiness:
+class SelectReadiness(Readiness):
     """Readiness by ``select``: it takes microseconds, which ``poll`` does not, and sockets on every system."""
 
     def __init__(self) -> None:
         self._readers: list[int] = []
         self._writers: list[int] = []
 
-    def watch(self, descriptor: int, *, read: bool, write: bool, urgent: bool = False) -> None:
+    def watch(self, descriptor: int, *, read: bool, write: bool) -> None:
         for wanted, descriptors in ((read, self._readers), (write, self._writers)):
             if wanted and descriptor not in descriptors:
                 descriptors.append(descriptor)
             elif not wanted and descriptor in descriptors:
                 descriptors.remove(descriptor)
 
-    def wait(self, seconds: float) -> list[tuple[int, bool, bool]]:
+    def wait(self, seconds: float) -> list[tuple[int, int]]:
         readable, writable, _ = select.select(self._readers, self._writers, (), seconds)
-        return [(item, item in readable, item in writable) for item in dict.fromkeys((*readable, *writable))]
+        states = dict.fromkeys(readable, READABLE)
+        for item in writable:
+            states[item] = states.get(item, 0) | WRITABLE
+        return list(states.items())
 
     def close(self) -> None:
         """Nothing to release."""
 
 
-class EpollReadiness:
-    """Readiness by Linux's ``epoll``, whose cost does not grow with the buses; ``select`` on it waits microseconds.
+class EpollReadiness(Readiness):
+    """Readiness by Linux's ``epoll``, whose cost does not grow with the buses.
 
-    Urgent descriptors stand beside it in ``select``: nothing more has to be asked where one of them is all that is ready.
+    It waits whole milliseconds, what is left ``select`` on it, in microseconds: one call where a frame comes before.
     """
 
     def __init__(self) -> None:
         self._epoll = select.epoll()
-        self._number = self._epoll.fileno()
-        self._selected = [self._number]
+        self._self = (self._epoll.fileno(),)
         self._watched: set[int] = set()
 
-    def watch(self, descriptor: int, *, read: bool, write: bool, urgent: bool = False) -> None:
-        if descriptor in self._selected:
-            self._selected.remove(descriptor)
-        if urgent and read:
-            self._selected.append(descriptor)
-            read = False
-        mask = (select.EPOLLIN if read else 0) | (select.EPOLLOUT if write else 0)
+    def watch(self, descriptor: int, *, read: bool, write: bool) -> None:
+        mask = (READABLE if read else 0) | (WRITABLE if write else 0)
         if not mask:
             if descriptor in self._watched:
                 self._watched.remove(descriptor)
@@ -73,16 +77,14 @@ class EpollReadiness:
             self._watched.add(descriptor)
             self._epoll.register(descriptor, mask)
 
-    def wait(self, seconds: float) -> list[tuple[int, bool, bool]]:
-        selected = select.select(self._selected, (), (), seconds)[0]
-        if not selected:
+    def wait(self, seconds: float) -> list[tuple[int, int]]:
+        milliseconds = int(seconds * _MS_PER_S)
+        if milliseconds:
+            # Python rounds up to the next millisecond.
+            return self._epoll.poll((milliseconds - 0.5) / _MS_PER_S, _AT_ONCE)
+        if seconds and not select.select(self._self, (), (), seconds)[0]:
             return []
-        number = self._number
-        ready = [(item, True, False) for item in selected if item != number]
-        if len(ready) < len(selected):
-            write = select.EPOLLOUT
-            ready += [(item, bool(mask & ~write), bool(mask & write)) for item, mask in self._epoll.poll(0)]
-        return ready
+        return self._epoll.poll(0, _AT_ONCE)
 
     def close(self) -> None:
         self._epoll.close()

@@ -9,10 +9,9 @@ import logging
 from typing import ClassVar
 
 import canopen
-from canopen.sdo import SdoAbortedError, SdoClient, SdoCommunicationError
+from canopen.sdo import SdoAbortedError, SdoCommunicationError
 from canopen.sdo.constants import (
     EXPEDITED,
-    REQUEST_ABORTED,
     REQUEST_DOWNLOAD,
     RESPONSE_DOWNLOAD,
     SDO_STRUCT,
@@ -20,10 +19,10 @@ from canopen.sdo.constants import (
 )
 
 from pdgw.ds301.aborts import Abort, abort_text
-from pdgw.ds301.connection_set import SDO_REQUEST, SDO_RESPONSE
 from pdgw.ds301.errors import CanopenError
-from pdgw.ds301.loop import SECOND, Loop, Mailbox
+from pdgw.ds301.loop import SECOND, Loop
 from pdgw.ds301.objects import CanType
+from pdgw.ds301.on_canopen import SdoClient
 
 log = logging.getLogger("gateway")
 
@@ -31,31 +30,6 @@ _SEGMENT = 7
 _EXPEDITED_SIZE = 4
 _LONGEST_UPLOAD = 1 << 16
 _LONGEST_UPLOAD_NS = 10 * SECOND
-
-
-class _SdoClient(SdoClient):  # type: ignore[misc]
-    """canopen's SDO client, waiting on the loop instead of a thread's queue."""
-
-    def __init__(self, loop: Loop, node_id: int, dictionary: canopen.ObjectDictionary) -> None:
-        self._box: Mailbox[bytes] = Mailbox(loop)
-        self.aborts = 0
-        super().__init__(SDO_REQUEST + node_id, SDO_RESPONSE + node_id, dictionary)
-
-    def on_response(self, can_id: int, data: bytes, timestamp: float) -> None:
-        """A frame of the node."""
-        if data and data[0] == REQUEST_ABORTED:
-            self.aborts += 1
-        super().on_response(can_id, data, timestamp)
-
-    @property
-    def responses(self) -> Mailbox[bytes]:
-        """What the node answered."""
-        return self._box
-
-    @responses.setter
-    def responses(self, _: object) -> None:
-        # canopen makes a new queue where it wants an empty one.
-        self._box.clear()
 
 
 class SdoAccess:
@@ -71,7 +45,7 @@ class SdoAccess:
         self.dictionary = dictionary
         self._node_id = node_id
         self._node = canopen.RemoteNode(node_id, dictionary)
-        self._sdo = _SdoClient(loop, node_id, dictionary)
+        self._sdo = SdoClient(loop, node_id, dictionary)
         self._node.sdo_channels[:] = [self._sdo]
         self._node.sdo = self._sdo
 

@@ -11,6 +11,7 @@ import struct
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Final
 
 import canopen
 from canopen.sdo import SdoAbortedError, SdoCommunicationError
@@ -42,16 +43,18 @@ from pdgw.dsp402.witness import Witness
 
 DriveStatus = NodeStatus
 DriveEvent = NodeEvent
-_MODE_CONFIRM_NS = SECOND
-_SPEED_MODES = (Mode.VELOCITY, Mode.CYCLIC_VELOCITY, Mode.VL_VELOCITY)
-_NO_MODE = 0
-_WITNESS_NS = SECOND
+_MODE_CONFIRM_NS: Final = SECOND
+_SPEED_MODES: Final = (Mode.VELOCITY, Mode.CYCLIC_VELOCITY, Mode.VL_VELOCITY)
+_NO_MODE: Final = 0
+_WITNESS_NS: Final = SECOND
 """So often is a TPDO that does not change compared with its objects."""
-_INTERPOLATED = "traversing tasks: no profile position (6502h): the gateway makes a position for each SYNC (mode 8)"
-_RETRY_VALUE_NS = 1000 * MS
+_INTERPOLATED: Final = (
+    "traversing tasks: no profile position (6502h): the gateway makes a position for each SYNC (mode 8)"
+)
+_RETRY_VALUE_NS: Final = 1000 * MS
 """So long after a failed SDO write the same value is tried again."""
-_NEW_SETPOINT = ControlBit.NEW_SETPOINT
-_OFF = (State.NOT_READY_TO_SWITCH_ON, State.SWITCH_ON_DISABLED, State.READY_TO_SWITCH_ON, State.FAULT)
+_NEW_SETPOINT: Final = ControlBit.NEW_SETPOINT
+_OFF: Final = (State.NOT_READY_TO_SWITCH_ON, State.SWITCH_ON_DISABLED, State.READY_TO_SWITCH_ON, State.FAULT)
 """States of a drive that has no power, and gets none without two commands."""
 
 
@@ -417,6 +420,11 @@ class DriveClient(NodeClient[DriveSettings]):
             self._mode_awaited = None
         elif now - self._operating_since > _MODE_CONFIRM_NS:
             self._mode_wrong = f"6061h shows {shown} for {_MODE_CONFIRM_NS / SECOND:g} s in operation, not {mode}"
+
+    def _has_work(self, now: int) -> bool:
+        if self._acyclic_rpdos or self._mode_awaited is not None or (self._motion_asked and self._witness.doubtful):
+            return True
+        return super()._has_work(now)
 
     def _lost(self, now: int) -> str:
         return super()._lost(now) or self._mode_wrong or self._dropped

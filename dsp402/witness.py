@@ -62,6 +62,11 @@ class Witness:
         self._doubts = kept
 
     @property
+    def doubtful(self) -> bool:
+        """There are objects whose place has not changed yet."""
+        return bool(self._doubts)
+
+    @property
     def doubts(self) -> Iterator[Doubt]:
         """What has to be asked for; objects that were not in a frame yet are not."""
         return (doubt for doubt in tuple(self._doubts) if doubt.first)

@@ -194,9 +194,15 @@ class EncoderClient(NodeClient[EncoderSettings]):
         super()._exchange_acyclic(now)
         if self._acyclic_read != before:
             self._round_ns = self.loop.now() - now
-        if self._diagnose or now - self._diagnosed >= self.settings.diagnosis_ms * MS:
+        if self._diagnosis_due(now):
             self._diagnosed = now
             self._read_diagnostics()
+
+    def _has_work(self, now: int) -> bool:
+        return self._diagnosis_due(now) or super()._has_work(now)
+
+    def _diagnosis_due(self, now: int) -> bool:
+        return self._diagnose or now - self._diagnosed >= self.settings.diagnosis_ms * MS
 
     def _read_diagnostics(self) -> None:
         self._diagnose = False

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, Final
 
 from canopen.sdo import SdoAbortedError
 
@@ -34,16 +34,16 @@ from pdgw.profidrive.sensor_format import SensorFormat
 from pdgw.profidrive.sign_of_life import MONITORING_OFF
 from pdgw.profidrive.telegrams import telegram
 
-_OWNED = OWNED | {ABORT_OPTION, GUARD_TIME, LIFE_TIME_FACTOR, (0x6040, 0), (0x6060, 0)}
-_HOMING_METHOD = (0x6098, 0)
-_REFERENCES = {*SCALING_OBJECTS, _HOMING_METHOD}
-_ERROR_CODE = (0x603F, 0)
-_OWN_FORMAT = SensorFormat(resolution=0x1000, turns=0, xist1_absolute=False)
+_OWNED: Final = OWNED | {ABORT_OPTION, GUARD_TIME, LIFE_TIME_FACTOR, (0x6040, 0), (0x6060, 0)}
+_HOMING_METHOD: Final = (0x6098, 0)
+_REFERENCES: Final = {*SCALING_OBJECTS, _HOMING_METHOD}
+_ERROR_CODE: Final = (0x603F, 0)
+_OWN_FORMAT: Final = SensorFormat(resolution=0x1000, turns=0, xist1_absolute=False)
 """The drive's own position: 1000h increments per revolution, counted from power-on."""
-_SECOND_FORMAT = SensorFormat(resolution=0, turns=0, xist1_absolute=False, valid=False)
+_SECOND_FORMAT: Final = SensorFormat(resolution=0, turns=0, xist1_absolute=False, valid=False)
 """The drive's second encoder: what one revolution is, is not asked for."""
-_REACTION_MARGIN = 2
-_POWERED = (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE, State.FAULT_REACTION_ACTIVE)
+_REACTION_MARGIN: Final = 2
+_POWERED: Final = (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE, State.FAULT_REACTION_ACTIVE)
 
 
 class Axis(DriveObject):

@@ -6,10 +6,10 @@ The cyclic loop calls ``CycleWatch.cycle`` after the PLC has its answer and the 
 from __future__ import annotations
 
 from bisect import bisect_left
-from typing import Protocol
+from typing import Final, Protocol
 
-_MS = 1_000_000
-BOUNDS_NS = (*(int(step * scale * _MS) for scale in (0.1, 1, 10) for step in (1, 2, 5)), 100 * _MS)
+_MS: Final = 1_000_000
+BOUNDS_NS: Final = (*(int(step * scale * _MS) for scale in (0.1, 1, 10) for step in (1, 2, 5)), 100 * _MS)
 """Upper ends of the classes: 0.1 to 100 ms in steps of 1, 2, 5; what is longer has a class of its own."""
 
 

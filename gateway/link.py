@@ -8,7 +8,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Protocol
+from typing import Final, Protocol
 
 from pdgw.ds301.counters import Counters
 from pdgw.gateway.config_surroundings import TransportConfig
@@ -20,11 +20,11 @@ from pdgw.profidrive.telegrams import Telegram
 
 log = logging.getLogger("gateway")
 
-MS = 1_000_000
-_DATAGRAMS_AT_ONCE = 64
-_WAITED_AT_MOST = 10_000
+MS: Final = 1_000_000
+_DATAGRAMS_AT_ONCE: Final = 64
+_WAITED_AT_MOST: Final = 10_000
 """More than a socket buffer holds: a flood must not hold up the start."""
-_ACCEPTED = Verdict.ACCEPTED
+_ACCEPTED: Final = Verdict.ACCEPTED
 
 
 class Link(Protocol):
@@ -49,7 +49,7 @@ class Link(Protocol):
     def start(self, action: Callable[[], None]) -> None:
         """Call ``action`` in the loop whenever something of the PLC waits."""
 
-    def receive(self, now: int, at_most: int = ...) -> bool:
+    def receive(self, now: int, at_most: int = _DATAGRAMS_AT_ONCE) -> bool:
         """Take everything that waits, or so many items of it; True when valid data of the PLC was among it."""
 
     @property

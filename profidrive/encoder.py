@@ -22,9 +22,10 @@ from dataclasses import dataclass
 from fractions import Fraction
 from types import MappingProxyType
 
-from pdgw.profidrive.datatypes import DataType, Normalisation, n2, n4
+from pdgw.profidrive.datatypes import DataType, n2, n4
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.measuring import Measuring, Search, Trouble
+from pdgw.profidrive.normalisation import Normalisation
 from pdgw.profidrive.sign_of_life import SignOfLife
 from pdgw.profidrive.signals import signal
 

@@ -17,7 +17,7 @@ from typing import Any
 from pdgw.dsp402.images import DriveFeedback
 from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.settings import AxisSettings
-from pdgw.profidrive.datatypes import Normalisation
+from pdgw.profidrive.normalisation import Normalisation
 from pdgw.profidrive.telegrams import Telegram
 
 _CONTAINERS = (list, dict, deque)

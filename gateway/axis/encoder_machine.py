@@ -26,9 +26,9 @@ from pdgw.gateway.axis.values import (
 from pdgw.gateway.axis.watch import CANOPEN_FAULT, INTERNAL_FAULT, Acknowledgement, NodeWatch
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.reasons import FaultNumber, Reason
-from pdgw.profidrive.datatypes import Normalisation
 from pdgw.profidrive.encoder import EncoderControl, SensorError, SensorState, speed_normalisation
 from pdgw.profidrive.errors import ProfidriveError
+from pdgw.profidrive.normalisation import Normalisation
 from pdgw.profidrive.sign_of_life import SignOfLife
 from pdgw.profidrive.signals import signal
 from pdgw.profidrive.telegrams import telegram

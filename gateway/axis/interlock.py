@@ -6,31 +6,39 @@ that an acknowledge is an edge of this connection.
 
 from __future__ import annotations
 
+from typing import Final
+
 from pdgw.dsp402.states import STATE_OF_STATUS, ControlBit
 from pdgw.gateway.axis.power_table import CELLS, COASTS, DRIVE_OF_STATE, DRIVES, WISHES, Action, Cell, Drive, Phase
 from pdgw.gateway.axis.settings import AxisSettings, PlcLossReaction
 from pdgw.gateway.axis.waist import STATE_MASK, PowerWish
 from pdgw.gateway.reasons import Reason
 
-QUICK_STOP_STANDING_NS = 200_000_000
+QUICK_STOP_STANDING_NS: Final = 200_000_000
 """A drive that stays in Quick Stop Active at standstill for so long (option codes 5-8) gets Disable Voltage."""
-DISABLE_SHOWN_NS = 200_000_000
+DISABLE_SHOWN_NS: Final = 200_000_000
 """So long after a Disable Operation the drive's leaving of Operation Enabled is the PLC's doing, not its own."""
 
-_DRIVE_OF_STATUS = tuple(DRIVE_OF_STATE[state] for state in STATE_OF_STATUS)
-_ENABLES = (Action.ENABLE_OPERATION, Action.RAMP)
-_ABOVE_DISABLED = (Drive.READY, Drive.SWITCHED_ON, Drive.OPERATING, Drive.QUICK_STOPPING)
-_FELL = (Drive.NOT_READY, Drive.DISABLED, Drive.READY, Drive.SWITCHED_ON)
-_ACKNOWLEDGES = (Phase.LOCKED, Phase.DOUBT, Phase.FOLLOW)
+_DRIVE_OF_STATUS: Final = tuple(DRIVE_OF_STATE[state] for state in STATE_OF_STATUS)
+_ENABLES: Final = (Action.ENABLE_OPERATION, Action.RAMP)
+_ABOVE_DISABLED: Final = (Drive.READY, Drive.SWITCHED_ON, Drive.OPERATING, Drive.QUICK_STOPPING)
+_FELL: Final = (Drive.NOT_READY, Drive.DISABLED, Drive.READY, Drive.SWITCHED_ON)
+_ACKNOWLEDGES: Final = (Phase.LOCKED, Phase.DOUBT, Phase.FOLLOW)
 """Phases in which an acknowledge passes; a stop is not disturbed by it."""
-_FOLLOW, _PASS, _RAMP_STOP, _QUICK_STOP = Phase.FOLLOW, Phase.PASS, Phase.RAMP_STOP, Phase.QUICK_STOP
-_OPERATING, _STANDING = Drive.OPERATING, Drive.STANDING
-_IN_OPERATION = (_OPERATING, _STANDING)
-_OFF, _ENABLE = PowerWish.OFF, PowerWish.ENABLE
-_PASSES, _SWITCH_ON = Action.PASS, Action.SWITCH_ON
-_PLC_LOST = Reason.PLC_LOST
-_OPERATES = (Action.ENABLE_OPERATION, Action.PASS)
-_NO_PLC = {
+_FOLLOW: Final = Phase.FOLLOW
+_PASS: Final = Phase.PASS
+_RAMP_STOP: Final = Phase.RAMP_STOP
+_QUICK_STOP: Final = Phase.QUICK_STOP
+_OPERATING: Final = Drive.OPERATING
+_STANDING: Final = Drive.STANDING
+_IN_OPERATION: Final = (_OPERATING, _STANDING)
+_OFF: Final = PowerWish.OFF
+_ENABLE: Final = PowerWish.ENABLE
+_PASSES: Final = Action.PASS
+_SWITCH_ON: Final = Action.SWITCH_ON
+_PLC_LOST: Final = Reason.PLC_LOST
+_OPERATES: Final = (Action.ENABLE_OPERATION, Action.PASS)
+_NO_PLC: Final = {
     PlcLossReaction.RAMP: PowerWish.NO_PLC_RAMP,
     PlcLossReaction.QUICK_STOP: PowerWish.NO_PLC_QUICK_STOP,
     PlcLossReaction.COAST: PowerWish.NO_PLC_COAST,

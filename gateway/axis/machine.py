@@ -6,6 +6,7 @@ Daemon, replay, conformance and tests drive this one machine. Source: docs/trans
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Final
 
 from pdgw.dsp402.drive_type import DriveType, Quantity
 from pdgw.dsp402.errors import Dsp402Error
@@ -55,12 +56,16 @@ from pdgw.gateway.reasons import FaultNumber, Reason
 from pdgw.profidrive.encoder import SensorError
 from pdgw.profidrive.telegrams import telegram
 
-_OF_THE_DRIVE = Flag.OF_THE_DRIVE
-_WARNING = Flag.WARNING
-_INTERNAL_LIMIT = StatusBit.INTERNAL_LIMIT
-_FOLLOW, _PASS = Phase.FOLLOW, Phase.PASS
-_LOST, _POWERED_UNREAD, _NO_REFERENCES = Drive.LOST, Drive.POWERED_UNREAD, Drive.NO_REFERENCES
-_DRIVE_OFFLINE, _NO_CONTROL = Reason.DRIVE_OFFLINE, Reason.NO_CONTROL
+_OF_THE_DRIVE: Final = Flag.OF_THE_DRIVE
+_WARNING: Final = Flag.WARNING
+_INTERNAL_LIMIT: Final = StatusBit.INTERNAL_LIMIT
+_FOLLOW: Final = Phase.FOLLOW
+_PASS: Final = Phase.PASS
+_LOST: Final = Drive.LOST
+_POWERED_UNREAD: Final = Drive.POWERED_UNREAD
+_NO_REFERENCES: Final = Drive.NO_REFERENCES
+_DRIVE_OFFLINE: Final = Reason.DRIVE_OFFLINE
+_NO_CONTROL: Final = Reason.NO_CONTROL
 _EXECUTORS: dict[Kind, Callable[[AxisCycle], Executor]] = {
     Kind.SPEED: SpeedExecutor,
     Kind.DSC: DscExecutor,

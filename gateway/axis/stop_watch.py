@@ -9,12 +9,13 @@ Source: docs/safety.md.
 from __future__ import annotations
 
 import enum
+from typing import Final
 
 from pdgw.gateway.axis.power_table import Action
 
-RAMP_MARGIN = 2
+RAMP_MARGIN: Final = 2
 """So many times its stop time may a drive take."""
-_HOLDS_POWER = (Action.RAMP, Action.QUICK_STOP)
+_HOLDS_POWER: Final = (Action.RAMP, Action.QUICK_STOP)
 """Commands during which the drive brakes with power on."""
 
 

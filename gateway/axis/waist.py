@@ -17,7 +17,7 @@ from pdgw.gateway.motion.wishes import Asked, Outcome
 from pdgw.profidrive.encoder import STATUS_BITS, SensorError, SensorState
 from pdgw.profidrive.signals import signal
 
-_ZSW1 = signal("ZSW1")
+_ZSW1: Final = signal("ZSW1")
 
 
 class PowerWish(enum.IntEnum):
@@ -218,10 +218,10 @@ class Report:
         """G2_ZSW, G2_XIST1, G2_XIST2."""
 
 
-_FAULT = _ZSW1.bit("FAULT").mask
-_READY = _ZSW1.bit("READY_TO_SWITCH_ON").mask
-_SWITCHED_ON = _READY | _ZSW1.bit("READY_TO_OPERATE").mask
-_OPERATING = _SWITCHED_ON | _ZSW1.bit("OPERATION_ENABLED").mask
+_FAULT: Final = _ZSW1.bit("FAULT").mask
+_READY: Final = _ZSW1.bit("READY_TO_SWITCH_ON").mask
+_SWITCHED_ON: Final = _READY | _ZSW1.bit("READY_TO_OPERATE").mask
+_OPERATING: Final = _SWITCHED_ON | _ZSW1.bit("OPERATION_ENABLED").mask
 
 _SHOWN: dict[State | None, int] = {
     State.NOT_READY_TO_SWITCH_ON: 0,
@@ -236,10 +236,10 @@ _SHOWN: dict[State | None, int] = {
     # A Statusword no state has: reported as a fault, the axis is being stopped.
     None: _FAULT,
 }
-STATE_MASK = len(STATE_OF_STATUS) - 1
+STATE_MASK: Final = len(STATE_OF_STATUS) - 1
 """The bits of a Statusword that tell its state."""
-SHOWN_STATE = tuple(_SHOWN[state] for state in STATE_OF_STATUS)
+SHOWN_STATE: Final = tuple(_SHOWN[state] for state in STATE_OF_STATUS)
 """Flags of the state (ZSW1 bits 0-3 and 6) by the Statusword's ``STATE_MASK``."""
-SHOWN_STOPPING = _SHOWN[State.QUICK_STOP_ACTIVE]
+SHOWN_STOPPING: Final = _SHOWN[State.QUICK_STOP_ACTIVE]
 """The flags of an axis that is being stopped with power on."""
-SHOWN_FAULT = _FAULT
+SHOWN_FAULT: Final = _FAULT

@@ -6,6 +6,7 @@ Source: docs/translation.md "Loss and doubt", docs/parameter-channel.md "Fault b
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Final
 
 from pdgw.dsp402.images import DriveFeedback
 from pdgw.dsp402.states import STATE_OF_STATUS, State, StatusBit
@@ -15,28 +16,29 @@ from pdgw.gateway.axis.values import FaultRead, FaultRecord, NodeNotice, Notice,
 from pdgw.gateway.axis.waist import STATE_MASK
 from pdgw.gateway.reasons import FaultNumber, Reason
 
-SAME_EVENT_NS = 1_000_000_000
+SAME_EVENT_NS: Final = 1_000_000_000
 """What repeats is told once in this time: a loose contact must not push the first cause out of the fault buffer."""
-ACKNOWLEDGE_NS = 1_000_000_000
+ACKNOWLEDGE_NS: Final = 1_000_000_000
 """So long may a device take to leave its fault."""
-EMERGENCY_PATIENCE_NS = 200_000_000
+EMERGENCY_PATIENCE_NS: Final = 200_000_000
 """An EMCY may come so long before or after the Statusword that shows its fault."""
-EMERGENCIES_KEPT = 64
+EMERGENCIES_KEPT: Final = 64
 """So many different EMCY are told apart at a time."""
-INTERNAL_FAULT = 10
-CANOPEN_FAULT = 12
+INTERNAL_FAULT: Final = 10
+CANOPEN_FAULT: Final = 12
 """The manufacturer's numbers for what has none of its own."""
-_CANOPEN_ERRORS = range(0x8100, 0x8300)
+_CANOPEN_ERRORS: Final = range(0x8100, 0x8300)
 """EMCY classes 81xxh communication and 82xxh protocol error."""
-_CLASS = 0xFF00
-_STAGE_TEMPERATURE, _MOTOR_TEMPERATURE = 0x4200, 0x4300
+_CLASS: Final = 0xFF00
+_STAGE_TEMPERATURE: Final = 0x4200
+_MOTOR_TEMPERATURE: Final = 0x4300
 """EMCY classes 42xxh temperature of the device and 43xxh of the drive (CiA 402)."""
-_VALUE_BYTES = 4
+_VALUE_BYTES: Final = 4
 """So many of an EMCY's manufacturer bytes are P949's value."""
-FAULTY = (State.FAULT, State.FAULT_REACTION_ACTIVE)
-POWERED = (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE, State.FAULT_REACTION_ACTIVE)
+FAULTY: Final = (State.FAULT, State.FAULT_REACTION_ACTIVE)
+POWERED: Final = (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE, State.FAULT_REACTION_ACTIVE)
 """The power stage is on."""
-UNPOWERED = (
+UNPOWERED: Final = (
     State.NOT_READY_TO_SWITCH_ON,
     State.SWITCH_ON_DISABLED,
     State.READY_TO_SWITCH_ON,
@@ -44,10 +46,10 @@ UNPOWERED = (
     State.FAULT,
 )
 """Nothing turns the axis."""
-WATCHED = STATE_MASK | StatusBit.INTERNAL_LIMIT
+WATCHED: Final = STATE_MASK | StatusBit.INTERNAL_LIMIT
 """Statusword bits whose changes are told."""
-_DISABLED = (State.SWITCHED_ON, State.READY_TO_SWITCH_ON, State.SWITCH_ON_DISABLED)
-_COMMAND = CONTROLWORDS[Action.ENABLE_OPERATION]
+_DISABLED: Final = (State.SWITCHED_ON, State.READY_TO_SWITCH_ON, State.SWITCH_ON_DISABLED)
+_COMMAND: Final = CONTROLWORDS[Action.ENABLE_OPERATION]
 
 
 class Repetitions:

@@ -6,10 +6,12 @@ import logging
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 from pdgw.ds301.loop import SECOND
 from pdgw.dsp402.images import DriveCommand, DriveFeedback
+from pdgw.gateway.axis.encoder_machine import EncoderInputs
+from pdgw.gateway.axis.values import Inputs
 from pdgw.gateway.binding import Axis
 from pdgw.gateway.config_file import config_text
 from pdgw.gateway.drive_object import DriveObject
@@ -24,15 +26,20 @@ if TYPE_CHECKING:
 
 log = logging.getLogger("gateway")
 
-_MEGABYTE = 1 << 20
-_ANCHOR_NS = SECOND
+_MEGABYTE: Final = 1 << 20
+_ANCHOR_NS: Final = SECOND
 """So often the ring is told the wall clock and who the PLC is."""
-_LONGEST_US = 0xFFFF
-_OTHER_FRAMES = 200
+_LONGEST_US: Final = 0xFFFF
+_OTHER_FRAMES: Final = 200
 """CAN frames a second and bus beside the PDOs: heartbeats, SDOs."""
-_FRESH, _CONNECTED, _ANSWERED = int(CycleFlag.FRESH), int(CycleFlag.CONNECTED), int(CycleFlag.ANSWERED)
-_SETPOINTS, _GOOD, _ACTIVE = int(ObjectFlag.SETPOINTS), int(ObjectFlag.GOOD), int(ObjectFlag.ACTIVE_FAULT)
-_NO_FEEDBACK, _NO_COMMAND = DriveFeedback(), DriveCommand()
+_FRESH: Final = int(CycleFlag.FRESH)
+_CONNECTED: Final = int(CycleFlag.CONNECTED)
+_ANSWERED: Final = int(CycleFlag.ANSWERED)
+_SETPOINTS: Final = int(ObjectFlag.SETPOINTS)
+_GOOD: Final = int(ObjectFlag.GOOD)
+_ACTIVE: Final = int(ObjectFlag.ACTIVE_FAULT)
+_NO_FEEDBACK: Final = DriveFeedback()
+_NO_COMMAND: Final = DriveCommand()
 """Of an encoder, whose values are in its telegram."""
 
 
@@ -46,7 +53,7 @@ class FlightRecorder:
         self._lost = 0
         self._link = daemon.link
         self._ring: RingFile | None = None
-        self._sources: list[tuple[Any, ...]] = []
+        self._sources: list[_Source] = []
         self._anchor_due = 0
         self._token: object = None
         self._opening = False
@@ -98,15 +105,16 @@ class FlightRecorder:
             flags |= _ANSWERED
             response = min((answered - now) // 1000, _LONGEST_US)
         values: list[Any] = [now, flags, len(received), len(sent), response, received, sent]
-        for outputs, inputs, feedback, command, faults in self._sources:
+        for source in self._sources:
+            outputs, feedback, faults = source.outputs, source.feedback, source.faults
             reason = outputs.reason
             values += (
                 feedback.velocity_actual,
                 feedback.position_actual,
                 feedback.statusword,
-                command.controlword,
+                source.command.controlword,
                 0 if reason is None else reason.code,
-                (_SETPOINTS if inputs.setpoints is not None else 0)
+                (_SETPOINTS if source.inputs.setpoints is not None else 0)
                 + (_GOOD if outputs.good else 0)
                 + (_ACTIVE if faults.active else 0),
                 faults.count & 0xFF,
@@ -115,10 +123,10 @@ class FlightRecorder:
         if now >= self._anchor_due:
             self._anchor(ring, now)
 
-    def _frame(self, bus: int, identifier: int, data: bytes, sent: int) -> None:
+    def _frame(self, bus: int, identifier: int, data: bytes, sent: int, now: int) -> None:
         ring = self._ring
         if ring is not None:
-            ring.frame(self._daemon.loop.now(), identifier, bus, sent, data)
+            ring.frame(now, identifier, bus, sent, data)
 
     def _anchor(self, ring: RingFile, now: int) -> None:
         self._anchor_due = now + _ANCHOR_NS
@@ -135,7 +143,7 @@ class FlightRecorder:
         layout = self._layout()
         limit = self._daemon.config.trace.megabytes * _MEGABYTE
         ring = RingFile(self._directory, layout, limit, keep_previous=keep_previous)
-        self._sources = [_source(item) for item in self._daemon.objects]
+        self._sources = [_Source(item) for item in self._daemon.objects]
         self._anchor(ring, self._daemon.loop.now())
         self._ring = ring
 
@@ -205,10 +213,17 @@ def _traced(item: DriveObject) -> TracedObject:
     )
 
 
-def _source(item: DriveObject) -> tuple[Any, ...]:
+class _Source:
     """Where the values of a drive object are, from cycle to cycle the same objects."""
-    if isinstance(item, Axis):
-        outputs = item.machine.outputs
-        return outputs, item.machine.inputs, item.drive.feedback, outputs.command, item.fault_log
-    assert isinstance(item, EncoderObject)
-    return item.machine.outputs, item.machine.inputs, _NO_FEEDBACK, _NO_COMMAND, item.fault_log
+
+    __slots__ = ("command", "faults", "feedback", "inputs", "outputs")
+
+    def __init__(self, item: DriveObject) -> None:
+        self.outputs = item.outputs
+        self.faults = item.fault_log
+        self.inputs: Inputs | EncoderInputs
+        if isinstance(item, Axis):
+            self.inputs, self.feedback, self.command = item.machine.inputs, item.drive.feedback, self.outputs.command
+        else:
+            assert isinstance(item, EncoderObject)
+            self.inputs, self.feedback, self.command = item.machine.inputs, _NO_FEEDBACK, _NO_COMMAND

@@ -11,6 +11,7 @@ import os
 import struct
 from dataclasses import replace
 from pathlib import Path
+from typing import Final
 
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.trace.layout import (
@@ -33,7 +34,12 @@ PREVIOUS = ".previous" + SUFFIX
 _MODE = 0o640
 _NAMES = 9
 """So many gateways of one name may run on a machine, each with a file of its own."""
-_U64 = (1 << 64) - 1
+_U64: Final = (1 << 64) - 1
+_pack_frame: Final = FRAME.pack_into
+_FRAME_SIZE: Final = FRAME.size
+_NEWEST_CYCLE: Final = int(Word.NEWEST_CYCLE)
+_NEWEST_FRAME: Final = int(Word.NEWEST_FRAME)
+"""Plain values: a member of an enum is looked up each time it is used."""
 
 
 class RingFile:
@@ -69,18 +75,16 @@ class RingFile:
         except struct.error:
             self.failures += 1
             return
-        words[word] = sequence
-        words[Word.NEWEST_CYCLE] = sequence
+        words[word] = words[_NEWEST_CYCLE] = sequence
 
     def frame(self, time_ns: int, identifier: int, bus: int, sent: int, data: bytes) -> None:
         """One CAN frame; ``identifier`` with the flags of SocketCAN."""
         sequence = self._frame = self._frame + 1
-        offset = self._frames + (sequence & self._frame_mask) * FRAME.size
+        offset = self._frames + (sequence & self._frame_mask) * _FRAME_SIZE
         words, word = self._words, offset // WORD
         words[word] = 0
-        FRAME.pack_into(self._map, offset, 0, time_ns, identifier, bus, sent, len(data), 0, data)
-        words[word] = sequence
-        words[Word.NEWEST_FRAME] = sequence
+        _pack_frame(self._map, offset, 0, time_ns, identifier, bus, sent, len(data), 0, data)
+        words[word] = words[_NEWEST_FRAME] = sequence
 
     def set_clock(self, wall_offset_ns: int) -> None:
         """How far the wall clock is ahead of the monotonic one."""

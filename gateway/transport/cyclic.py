@@ -11,6 +11,7 @@ from __future__ import annotations
 import enum
 import struct
 from collections.abc import Callable, Sequence
+from typing import Final
 
 from pdgw.gateway.transport.confirmation import Confirmation, OrderHistory
 from pdgw.gateway.transport.sequence import FrameSequence, NewerFrames, Order
@@ -31,10 +32,10 @@ from pdgw.profidrive.frame import (
 )
 from pdgw.profidrive.telegrams import Direction, Telegram
 
-_COUNTER = struct.Struct(">H")
-_STATUS_OFFSET = _COUNTER.size
+_COUNTER: Final = struct.Struct(">H")
+_STATUS_OFFSET: Final = _COUNTER.size
 """DataStatus stands behind the CycleCounter."""
-_STATUS_USED = STATUS_DATA_VALID | STATUS_PRIMARY | STATUS_RUN
+_STATUS_USED: Final = STATUS_DATA_VALID | STATUS_PRIMARY | STATUS_RUN
 
 
 class Verdict(enum.Enum):
@@ -61,8 +62,9 @@ _Orders = tuple[tuple[int, ...] | None, ...]
 """What a frame orders, of each drive object; None where its IOPS is BAD."""
 _Axis = tuple[Callable[[bytes, int], tuple[int, ...]], int, int, Callable[[Sequence[int]], tuple[int, ...]]]
 """How the values of a drive object are read, where they and its IOPS are, and how its order is read from them."""
-_ACCEPTED, _PROVIDER_STOP = Verdict.ACCEPTED, Verdict.PROVIDER_STOP
-_MISFITS = (Verdict.TRUNCATED, Verdict.OVERSIZED, Verdict.WRONG_TELEGRAM)
+_ACCEPTED: Final = Verdict.ACCEPTED
+_PROVIDER_STOP: Final = Verdict.PROVIDER_STOP
+_MISFITS: Final = (Verdict.TRUNCATED, Verdict.OVERSIZED, Verdict.WRONG_TELEGRAM)
 
 
 class CyclicEndpoint:

@@ -14,21 +14,22 @@ from __future__ import annotations
 
 import enum
 from collections.abc import Hashable
+from typing import Final
 
 from pdgw.profidrive.frame import COUNTER_UNIT_NS, is_newer
 
-SEQUENCE_FRAMES = 4
+SEQUENCE_FRAMES: Final = 4
 """So many frames in a row make a sequence."""
-WRAP_NS = (1 << 16) * COUNTER_UNIT_NS
+WRAP_NS: Final = (1 << 16) * COUNTER_UNIT_NS
 """After so long the counter has the same value again: 2.048 s."""
-_COUNTS = 0xFFFF
-_DRIFT = 50
+_COUNTS: Final = 0xFFFF
+_DRIFT: Final = 50
 """The clocks may differ by 1/50: twice the 1 % a PLC is allowed, as both directions are reckoned from the fastest frame."""
-_CREDIT_MAX_NS = WRAP_NS // 4
+_CREDIT_MAX_NS: Final = WRAP_NS // 4
 """However long the watchdog is, a counter that runs ahead by more than this is not distinguishable from an old one."""
-OLDEST_NS = 5_000_000_000
+OLDEST_NS: Final = 5_000_000_000
 """No network keeps a frame longer."""
-_FOLLOWED = 8
+_FOLLOWED: Final = 8
 """Possible sequences followed at a time; of more, those with a single frame are forgotten first."""
 
 

@@ -7,18 +7,19 @@ import struct
 import sys
 import time
 from collections.abc import Callable
+from typing import Final
 
 from pdgw.ds301.loop import Loop
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.transport import packet_filter
 
 Address = tuple[str, int]
-_MAXIMUM_DATAGRAM = 2048
-_SO_TIMESTAMPNS = 35
+_MAXIMUM_DATAGRAM: Final = 2048
+_SO_TIMESTAMPNS: Final = 35
 """Of Linux; Python has no name for it before 3.14."""
-_TIMESPEC = struct.Struct("@ll")
-_ANCILLARY = socket.CMSG_SPACE(_TIMESPEC.size) if hasattr(socket, "CMSG_SPACE") else 0
-_SECOND = 1_000_000_000
+_TIMESPEC: Final = struct.Struct("@ll")
+_ANCILLARY: Final = socket.CMSG_SPACE(_TIMESPEC.size) if hasattr(socket, "CMSG_SPACE") else 0
+_SECOND: Final = 1_000_000_000
 
 
 def arrival(stamp: int, wall: int, now: int, emptied: int) -> int:

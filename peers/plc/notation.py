@@ -12,7 +12,8 @@ from fractions import Fraction
 
 from pdgw.gateway.errors import GatewayError
 from pdgw.peers.plc.scenario import References, Scalar
-from pdgw.profidrive.datatypes import DataType, Normalisation, n2, n4
+from pdgw.profidrive.datatypes import DataType, n2, n4
+from pdgw.profidrive.normalisation import Normalisation
 from pdgw.profidrive.signals import Signal
 
 NS = 1_000_000_000

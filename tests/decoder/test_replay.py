@@ -20,7 +20,6 @@ from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS
 from pdgw.gateway.transport.cyclic import CyclicEndpoint, Verdict
 from pdgw.profidrive.frame import STATUS_STOP, TRAILER
 from pdgw.profidrive.telegrams import telegram
-from pdgw.tools.bench.build import build
 from pdgw.tools.recordings import Loaded, load
 from tests.support import captures
 from tests.support.drive_types import References
@@ -194,7 +193,7 @@ def test_another_choice_of_the_user_is_a_difference(tmp_path: Path) -> None:
     assert replayed(load(files, known(1, other), 0, print))[1] == [("RPDO1", ("Target Velocity",))]
 
 
-@pytest.mark.skipif(build() == "compiled", reason="constants of compiled modules cannot be replaced")
+@pytest.mark.planted
 def test_a_changed_gateway_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     loaded = speed().load(tmp_path, 0)
     monkeypatch.setattr("pdgw.gateway.axis.executors.speed._REACHED", 0)  # no more ZSW1.10

@@ -71,8 +71,14 @@ def test_a_postponed_timer_fires_once_at_its_later_time(loop: Loop) -> None:
 def test_the_loop_does_not_wake_for_the_time_before_a_timer_was_postponed() -> None:
     waits: list[float] = []
 
-    class Watching(SelectReadiness):
-        def wait(self, seconds: float) -> list[tuple[int, bool, bool]]:
+    class Watching:
+        def watch(self, descriptor: int, *, read: bool, write: bool) -> None:
+            """Nothing is ever ready."""
+
+        def close(self) -> None:
+            """Nothing to release."""
+
+        def wait(self, seconds: float) -> list[tuple[int, int]]:
             waits.append(seconds)
             loop.stop()
             return []
@@ -82,6 +88,17 @@ def test_the_loop_does_not_wake_for_the_time_before_a_timer_was_postponed() -> N
     loop.run()
     loop.close()
     assert waits[0] > 900
+
+
+@pytest.mark.parametrize("delay", [300_000, MS, 2_500_000])
+def test_no_timer_is_called_before_its_time_whatever_the_wait_is_made_of(delay: int) -> None:
+    loop = SystemLoop()
+    due = loop.now() + delay
+    called: list[int] = []
+    loop.call_at(due, lambda: (called.append(loop.now()), loop.stop()))
+    loop.run()
+    loop.close()
+    assert called[0] >= due
 
 
 def test_a_timer_added_by_a_timer_at_the_same_time_is_for_the_next_turn() -> None:

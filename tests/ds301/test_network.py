@@ -364,3 +364,33 @@ def test_what_waits_for_a_driver_is_dropped_and_what_follows_is_sent() -> None:
     assert [bytes(message.data) for message in bus.taken] == [b"\x00", b"stop"]
     assert bus.emptied == 1
     assert all(timeout is not None for timeout in bus.timeouts), "no driver may wait for ever"
+
+
+def test_what_watches_a_bus_is_called_together_until_it_is_over() -> None:
+    """A wake of the loop for each node costs more than what it looks for."""
+    loop = VirtualLoop()
+    network = CanNetwork(loop, lambda: open_port(loop, ScriptedBus()))
+    seen: list[tuple[str, int]] = []
+
+    def first(now: int) -> None:
+        seen.append(("first", now))
+
+    def second(now: int) -> None:
+        seen.append(("second", now))
+
+    begin = loop.now()
+    network.watch(first)
+    loop.run_for(5 * MS)
+    network.watch(second)
+    loop.run_for(30 * MS)
+    assert seen == [("first", begin + 20 * MS), ("second", begin + 20 * MS)]
+    network.unwatch(first)
+    loop.run_for(10 * MS)
+    assert seen[2:] == [("second", begin + 40 * MS)]
+    network.unwatch(second)
+    loop.run_for(50 * MS)
+    assert len(seen) == 3
+    network.watch(first)
+    network.close()
+    loop.run_for(50 * MS)
+    assert len(seen) == 3

@@ -140,3 +140,23 @@ def test_a_frame_of_can_fd_of_any_driver_is_dropped() -> None:
         buses.wait_for(lambda: heard.frames, "the classic frame")
         port.close()
     assert heard.frames == [(0x181, b"\x27\x02")]
+
+
+def test_frames_that_wait_on_a_bus_are_delivered_in_order_and_keep_no_other_descriptor_waiting() -> None:
+    near, far = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
+    heard = Heard()
+    other, wake = socket.socketpair()
+    seen: list[int] = []
+    with buses.looped() as loop, far, other, wake:
+        port = SocketPort(loop, cast(SocketcanBus, Pair(near)))
+        port.start(heard)
+        loop.add_reader(other.fileno(), lambda: (other.recv(1), seen.append(len(heard.frames))))
+        frames = [(0x181, bytes((number,))) for number in range(10)]
+        for can_id, data in frames:
+            far.send(pack_frame(can_id, data))
+        wake.send(b"x")
+        buses.wait_for(lambda: len(heard.frames) == len(frames), "all frames")
+        port.close()
+        loop.remove_reader(other.fileno())
+    assert heard.frames == frames
+    assert seen[0] < len(frames)

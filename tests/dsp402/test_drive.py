@@ -19,6 +19,7 @@ from pdgw.ds301.network import CanNetwork
 from pdgw.ds301.nmt import NmtCommand, NmtState
 from pdgw.ds301.objects import Entry
 from pdgw.ds301.pdo import COB_ID_INVALID, Pdo, PdoDirection
+from pdgw.ds301.port import PortBusyError
 from pdgw.dsp402.device import EDS_PATH
 from pdgw.dsp402.drive import DriveClient, DriveEvent, DriveSettings, DriveStatus, load_eds
 from pdgw.dsp402.drive_type import Quantity
@@ -505,13 +506,14 @@ def test_a_pdo_whose_mapping_cannot_be_written_is_left_for_another_one(plant: Pl
     assert client.plan.lines[0] == "RPDO2 304h: Target Velocity 60FFh, Controlword 6040h"
 
 
-def test_a_refused_drive_is_tried_at_once_with_another_telegram(plant: Plant, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("pdgw.ds301.client._RETRY_REFUSED_NS", 3600 * SECOND)
+def test_a_refused_drive_is_tried_at_once_with_another_telegram(plant: Plant) -> None:
     _lacking(plant, write=0x6060)
     client = plant.connect(Operation.VELOCITY)
     site.wait_for(lambda: client.status is DriveStatus.REFUSED, "refused")
+    begin = site.now()
     client.reconfigure(LAYOUTS[Operation.POSITIONING], DriveSettings(NODE, sdo_timeout_ms=200))
     plant.online()
+    assert site.now() - begin < 2 * SECOND, "not with the next try, which is 5 s after the refusal"
 
 
 def test_a_broken_sdo_answer_is_refused_and_the_task_lives(plant: Plant) -> None:
@@ -618,15 +620,13 @@ def test_a_drive_without_heartbeat_never_becomes_online(plant: Plant) -> None:
     site.wait_for(lambda: drive.node.state is NmtState.PRE_OPERATIONAL, "obeys and sends no PDOs")
 
 
-def test_a_drive_whose_heartbeat_dies_is_lost_once_and_told_once(plant: Plant, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("pdgw.ds301.client._RETRY_REFUSED_NS", 10 * MS)
-    monkeypatch.setattr("pdgw.ds301.client._FIRST_SIGN_NS", 50 * MS)
+def test_a_drive_whose_heartbeat_dies_is_lost_once_and_told_once(plant: Plant) -> None:
     drive = plant.power_on()
     plant.connect(heartbeat_ms=20, heartbeat_factor=5)
     plant.online()
     starts = _starts(plant)
     drive.do(lambda node: node.misbehave("heartbeat-stops"))
-    site.wait_for(lambda: starts() >= 3, "brought up again and again")
+    site.wait_for(lambda: starts() >= 3, "brought up again and again", 60)
     assert [event.text for event in plant.events if "online" in event.text] == ["online: operational, configuration 1"]
     assert len([event for event in plant.events if event.text.startswith("lost")]) == 1
     assert len({event.text for event in plant.events if event.kind == "refused"}) == 1, "one text is one fault"
@@ -908,35 +908,46 @@ def test_the_wait_for_the_data_of_a_set_point_is_bounded(two_pdos: TwoPdos) -> N
     assert two_pdos.accelerations == [], "too late is not at all"
 
 
-def test_a_set_point_waits_for_an_rpdo_that_the_bus_did_not_take(plant: Plant, monkeypatch: pytest.MonkeyPatch) -> None:
+class _PartlyFull:
+    """A port that may take no frame of one identifier."""
+
+    def __init__(self, refused: int) -> None:
+        self.refused = refused
+        self.full = True
+        self.sent: list[tuple[int, bytes]] = []
+
+    def send(self, can_id: int, data: bytes) -> None:
+        if self.full and can_id == self.refused:
+            raise PortBusyError
+        self.sent.append((can_id, data))
+
+    def close(self) -> None:
+        """Nothing to release."""
+
+
+def test_a_set_point_waits_for_an_rpdo_that_the_bus_did_not_take(plant: Plant) -> None:
     plant.power_on()
     client = plant.connect(Operation.POSITIONING, initial_mode=None)
     plant.online()
     command = DriveCommand()
     command.controlword = ENABLED
     client.send(command, 1)
-    sent: list[tuple[int, bytes]] = []
-    full = True
-
-    def send(cob_id: int, data: bytes) -> bool:
-        if full and cob_id == 0x300 + NODE:
-            return False
-        sent.append((cob_id, data[:2] if cob_id == 0x300 + NODE else data[-2:]))
-        return True
-
-    monkeypatch.setattr(plant.network, "send", send)
+    before = plant.network._port
+    plant.network._port = port = _PartlyFull(0x300 + NODE)  # type: ignore[assignment]
     command.controlword = START
     command.profile_velocity = 77
     client.send(command, 2)
-    assert sent == []
-    full = False
+    assert port.sent == []
+    port.full = False
     client.send(command, 3)
-    assert sent == [(0x304, b"\x4d\0"), (0x204, b"\x3f\0")]
-    full = True
+    data, edge = port.sent
+    assert (data[0], data[1][:2], edge[0], edge[1][-2:]) == (0x300 + NODE, b"\x4d\0", 0x200 + NODE, b"\x3f\0")
+    port.full = True
     command.profile_velocity = 78
-    sent.clear()
+    port.sent.clear()
     client.send(command, 4)
-    assert sent == [], "the edge was there: it is not taken back"
+    assert port.sent == [], "the edge was there: it is not taken back"
+    plant.network._port = before
 
 
 # -- what a node's task must not do for ever --------------------------------------------------------------------------------

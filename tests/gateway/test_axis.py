@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import Future
 from typing import Any
 
@@ -10,7 +10,7 @@ import pytest
 
 from pdgw.ds301.virtual_loop import VirtualLoop
 from pdgw.dsp402.drive import DriveEvent, DriveStatus
-from pdgw.gateway.axis.values import Outputs, SdoAnswer, SdoWrite
+from pdgw.gateway.axis.values import News, SdoAnswer, SdoWrite
 from pdgw.gateway.binding import Axis
 from pdgw.gateway.config import AxisConfig
 from pdgw.gateway.errors import GatewayError
@@ -29,67 +29,59 @@ def axis() -> Iterator[Axis]:
     network.close()
 
 
-@pytest.fixture
-def jobs(axis: Axis, monkeypatch: pytest.MonkeyPatch) -> list[Future[Any]]:
-    """The SDO jobs the axis gave the drive, to be finished by the test."""
-    futures: list[Future[Any]] = []
+class Requests:
+    """An axis whose drive is online: the SDO jobs it was given wait for the test, and the machine is played by it too."""
 
-    def submit(job: Callable[..., Any]) -> Future[Any]:
-        futures.append(Future())
-        return futures[-1]
+    def __init__(self, axis: Axis) -> None:
+        axis.drive.status = DriveStatus.ONLINE
+        self._axis = axis
+        self.told: list[SdoAnswer] = []
+        """What the machine is told."""
 
-    monkeypatch.setattr(axis.drive, "submit", submit)
-    return futures
+    @property
+    def jobs(self) -> list[Future[Any]]:
+        """Answers to the jobs, to be given."""
+        return [future for future, _ in self._axis.drive._jobs._waiting]
 
-
-def answers(axis: Axis, monkeypatch: pytest.MonkeyPatch) -> list[SdoAnswer]:
-    """What the machine is told; the machine itself does nothing."""
-    told: list[SdoAnswer] = []
-    machine = axis.machine
-
-    def step() -> Outputs:
-        for item in machine.inputs.news:
+    def cycle(self) -> None:
+        """A step of the axis, around a machine that takes back what was answered."""
+        outputs = self._axis.outputs
+        news: list[News] = []
+        self._axis._deliver(news)
+        for item in news:
             assert isinstance(item, SdoAnswer)
-            told.append(item)
-            if item.writes is machine.outputs.writes:
-                machine.outputs.writes = None
-        machine.inputs.news.clear()
-        return machine.outputs
-
-    monkeypatch.setattr(machine, "step", step)
-    return told
+            self.told.append(item)
+            if item.writes is outputs.writes:
+                outputs.writes = None
+        self._axis._serve(outputs)
 
 
-def test_an_sdo_request_is_performed_once_and_answered(
-    axis: Axis, jobs: list[Future[Any]], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    told = answers(axis, monkeypatch)
+def test_an_sdo_request_is_performed_once_and_answered(axis: Axis) -> None:
+    requests = Requests(axis)
     axis.outputs.writes = FIRST
-    for now in range(3):
-        axis.step(None, now)
-    assert (len(jobs), told) == (1, [])
-    jobs[0].set_exception(GatewayError("not taken"))
-    axis.step(None, 4)
-    axis.step(None, 5)
-    assert (len(jobs), told) == (1, [SdoAnswer(FIRST, "not taken")])
+    for _ in range(3):
+        requests.cycle()
+    assert (len(requests.jobs), requests.told) == (1, [])
+    requests.jobs[0].set_exception(GatewayError("not taken"))
+    requests.cycle()
+    requests.cycle()
+    assert (len(requests.jobs), requests.told) == (1, [SdoAnswer(FIRST, "not taken")])
 
 
-def test_the_end_of_a_withdrawn_request_does_not_answer_the_next(
-    axis: Axis, jobs: list[Future[Any]], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    told = answers(axis, monkeypatch)
+def test_the_end_of_a_withdrawn_request_does_not_answer_the_next(axis: Axis) -> None:
+    requests = Requests(axis)
     axis.outputs.writes = FIRST
-    axis.step(None, 0)
+    requests.cycle()
     axis.outputs.writes = SECOND
-    jobs[0].set_result(None)
-    axis.step(None, 1)
-    assert [answer.writes for answer in told] == [FIRST]
+    requests.jobs[0].set_result(None)
+    requests.cycle()
+    assert [answer.writes for answer in requests.told] == [FIRST]
     assert axis.outputs.writes is SECOND
-    axis.step(None, 2)
-    assert len(jobs) == 2
-    jobs[1].set_result(None)
-    axis.step(None, 3)
-    assert told[1:] == [SdoAnswer(SECOND, None)]
+    requests.cycle()
+    assert len(requests.jobs) == 2
+    requests.jobs[1].set_result(None)
+    requests.cycle()
+    assert requests.told[1:] == [SdoAnswer(SECOND, None)]
 
 
 def test_a_refusal_that_repeats_is_one_fault_until_the_drive_was_accepted(axis: Axis) -> None:

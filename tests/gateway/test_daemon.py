@@ -12,7 +12,7 @@ from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.loop import MS, SECOND, SystemLoop
 from pdgw.dsp402.states import State
 from pdgw.gateway import status as status_module
-from pdgw.gateway.binding import Axis
+from pdgw.gateway.axis.stop_watch import Brake
 from pdgw.gateway.config_example import simulated
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
@@ -70,7 +70,7 @@ def test_two_axes_as_simulated_with_telegram_9_are_tasked_each_for_itself() -> N
         assert plc.value("XIST_A", 0) == 0, "the other axis stands"
 
 
-def test_a_withheld_heartbeat_stops_the_drives_of_that_bus_and_no_others(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_withheld_heartbeat_stops_the_drives_of_that_bus_and_no_others() -> None:
     """The last brake of a drive that obeys nothing is its own guarding of the gateway."""
     can = "".join(f'[[can]]\nname = "{name}"\ninterface = "virtual"\nchannel = "{name}"\n' for name in ("l", "r"))
     axes = "".join(
@@ -83,7 +83,8 @@ def test_a_withheld_heartbeat_stops_the_drives_of_that_bus_and_no_others(monkeyp
             plc.endpoint.set(index, {"NSOLL_A": 0x1000})
             plc.enable(index)
         left, right = (drive_of(daemon, 5, bus).model for bus in ("l", "r"))
-        monkeypatch.setattr(Axis, "withholds_heartbeat", property(lambda axis: axis.do_id == 1))
+        disobeyed = daemon.axes[0]
+        disobeyed.machine._stop.brake = disobeyed._brake = Brake.WITHHOLD_HEARTBEAT  # the brake before was of no use
         plc.until(lambda: left.state is not State.OPERATION_ENABLED, "the drive's own stop")
         assert right.state is State.OPERATION_ENABLED
 

@@ -215,6 +215,8 @@ WRITER = """
         ring.cycle(record(number))
         ring.frame(number, number & 0x7FF, 0, 1, number.to_bytes(8, "big"))
 """
+SEEN = os.pathsep.join(filter(None, sys.path))
+"""What this process imports, the tests and the build they are run on, for the other one."""
 ROUNDS = int(os.environ.get("PDGW_RING_ROUNDS", "300"))
 """So often at least the whole ring is read; many more for the long form."""
 
@@ -222,7 +224,9 @@ ROUNDS = int(os.environ.get("PDGW_RING_ROUNDS", "300"))
 @pytest.mark.e2e
 def test_no_reader_ever_sees_a_torn_record_and_kill_9_leaves_the_ring_readable(tmp_path: Path) -> None:
     arguments = [sys.executable, "-c", textwrap.dedent(WRITER), str(tmp_path)]
-    with subprocess.Popen(arguments, stdout=subprocess.PIPE, text=True) as process:
+    with subprocess.Popen(
+        arguments, stdout=subprocess.PIPE, text=True, env=os.environ | {"PYTHONPATH": SEEN}
+    ) as process:
         assert process.stdout is not None
         path = Path(process.stdout.readline().strip())
         read = newest = 0

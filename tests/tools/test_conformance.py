@@ -108,6 +108,7 @@ def test_an_encoder_that_is_lost_is_stopped_by_nmt_if_it_is_silent_and_configure
 # -- the harness ----------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.planted
 def test_a_gateway_that_starts_a_drive_again_by_itself_fails(monkeypatch: pytest.MonkeyPatch) -> None:
     # It does not see that the drive took the enable back.
     monkeypatch.setattr(Interlock, "_changed", lambda self, drive, shown, wish, now: drive)
@@ -116,6 +117,7 @@ def test_a_gateway_that_starts_a_drive_again_by_itself_fails(monkeypatch: pytest
     assert "started by itself" in result.failures
 
 
+@pytest.mark.planted
 def test_a_gateway_that_moves_on_when_a_limit_switch_is_released_fails(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(SpeedExecutor, "_held_at_limit", lambda self, target, *_: target)
     result = run_case(Case("limit-switch", Reaction.STANDS, (112,)))
@@ -140,6 +142,7 @@ def encoder_case(fault: str, reaction: Reaction, numbers: tuple[int, ...] = (), 
     return Case(fault, reaction, numbers, values=values, telegram=81, device=Device.ENCODER)
 
 
+@pytest.mark.planted
 def test_a_gateway_that_shows_a_frozen_position_as_good_fails(monkeypatch: pytest.MonkeyPatch) -> None:
     refresh = EncoderClient.refresh
     monkeypatch.setattr(EncoderClient, "refresh", lambda self, now: refresh(self, now) or self.generation > 0)
@@ -150,6 +153,7 @@ def test_a_gateway_that_shows_a_frozen_position_as_good_fails(monkeypatch: pytes
     assert any("ms old was shown as good" in failure for failure in result.failures)
 
 
+@pytest.mark.planted
 def test_a_gateway_that_forgets_a_fault_without_an_acknowledge_fails(monkeypatch: pytest.MonkeyPatch) -> None:
     step = EncoderControl.step
 

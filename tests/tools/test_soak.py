@@ -82,11 +82,13 @@ def violation(numbers: tuple[int, ...] = (1,)) -> str:
     return str(caught.value)
 
 
+@pytest.mark.planted
 def test_a_gateway_that_forgets_the_loss_of_its_plc_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(CyclicEndpoint, "lose_setpoints", lambda self: None)
     assert "started without OFF after a doubt (provider STOP" in violation()
 
 
+@pytest.mark.planted
 def test_a_gateway_that_obeys_without_off_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     step = Interlock.step
 
@@ -99,12 +101,14 @@ def test_a_gateway_that_obeys_without_off_is_found(monkeypatch: pytest.MonkeyPat
     assert "started without OFF after a doubt" in violation()
 
 
+@pytest.mark.planted
 def test_a_gateway_that_lets_a_drive_turn_without_a_plc_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(SoakAxis, "doubt", lambda self, *_: None)  # it would be found by its start first
     monkeypatch.setattr(interlock, "_NO_PLC", dict.fromkeys(PlcLossReaction, PowerWish.ENABLE))
     assert re.search(r"turns with .* rpm under power 10\d\d ms after a loss", violation())
 
 
+@pytest.mark.planted
 def test_a_task_that_the_plc_did_not_give_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Words, "set_word", lambda self, word: self.values.update({self.name: word}))
     assert re.search("tasks begun, 0 given by the PLC", violation((9,)))
@@ -115,6 +119,7 @@ def test_a_zsw1_that_shows_what_is_not_is_found(monkeypatch: pytest.MonkeyPatch)
     assert re.search("ZSW1 0007h shows (operation|no fault), the drive is in", violation())
 
 
+@pytest.mark.planted
 def test_a_gateway_that_never_finds_its_drive_again_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     bring_up = NodeClient._bring_up
 
@@ -137,6 +142,7 @@ def test_the_command_says_what_was_played() -> None:
     assert "nothing that must not happen" in result.output
 
 
+@pytest.mark.planted
 def test_a_failure_is_told_with_the_command_that_shows_its_moment(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(CyclicEndpoint, "lose_setpoints", lambda self: None)
     failed = CliRunner().invoke(APP, ["--hours", "0.2", "--seed", "2"])

@@ -12,13 +12,15 @@ from pdgw.gateway.errors import GatewayError
 
 _HOT = "pdgw.gateway.transport.cyclic"
 """A module that every compiled build has compiled."""
+COMPILED = "compiled"
+"""What ``build`` says of a build with compiled modules."""
 _PRIORITY = 10
 
 
 def build() -> str:
     """``compiled`` or ``pure Python``."""
     file = import_module(_HOT).__file__ or ""
-    return "pure Python" if file.endswith(".py") else "compiled"
+    return "pure Python" if file.endswith(".py") else COMPILED
 
 
 def machine() -> dict[str, object]:

@@ -47,7 +47,7 @@ def _cost(axes: int) -> tuple[float, float, float]:
                 network = next(iter(daemon.networks.values()))
                 tap = network.tap
                 assert tap is not None
-                frame = nanoseconds_per_call(lambda: tap(0x181, _FRAME, 0))
+                frame = nanoseconds_per_call(lambda: tap(0x181, _FRAME, 0, _CYCLE_NS))
             finally:
                 recorder.stop()
         finally:

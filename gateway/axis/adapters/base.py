@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Final
 
 from pdgw.gateway.axis.settings import AxisSettings, ControlLost
 from pdgw.gateway.axis.waist import Demand, PowerWish, Report
 from pdgw.profidrive.signals import signal
 from pdgw.profidrive.telegrams import Telegram, TelegramHalf
 
-_STW1 = signal("STW1")
-_NO_COAST_STOP = _STW1.bit("NO_COAST_STOP").mask
-_NO_QUICK_STOP = _STW1.bit("NO_QUICK_STOP").mask
-_ON = _STW1.bit("ON").mask
-_ENABLE_OPERATION = _STW1.bit("ENABLE_OPERATION").mask
-_CONTROL_BY_PLC = _STW1.bit("CONTROL_BY_PLC").mask
-_FAULT_ACKNOWLEDGE = _STW1.bit("FAULT_ACKNOWLEDGE").mask
-POWER_BITS = _ON | _NO_COAST_STOP | _NO_QUICK_STOP | _ENABLE_OPERATION
+_STW1: Final = signal("STW1")
+_NO_COAST_STOP: Final = _STW1.bit("NO_COAST_STOP").mask
+_NO_QUICK_STOP: Final = _STW1.bit("NO_QUICK_STOP").mask
+_ON: Final = _STW1.bit("ON").mask
+_ENABLE_OPERATION: Final = _STW1.bit("ENABLE_OPERATION").mask
+_CONTROL_BY_PLC: Final = _STW1.bit("CONTROL_BY_PLC").mask
+_FAULT_ACKNOWLEDGE: Final = _STW1.bit("FAULT_ACKNOWLEDGE").mask
+POWER_BITS: Final = _ON | _NO_COAST_STOP | _NO_QUICK_STOP | _ENABLE_OPERATION
 """Bits 0-3 of STW1 and of the Controlword."""
 
 
@@ -35,7 +36,7 @@ def power_wishes(off: PowerWish) -> tuple[PowerWish, ...]:
     return tuple(wish(word) for word in range(POWER_BITS + 1))
 
 
-_WISHES = power_wishes(PowerWish.OFF)
+_WISHES: Final = power_wishes(PowerWish.OFF)
 
 
 class Adapter:
@@ -66,7 +67,7 @@ def _without_control(control_lost: ControlLost) -> dict[PowerWish, dict[PowerWis
     return {last: {now: wish(last, now) for now in set(_WISHES)} for last in PowerWish}
 
 
-_UNCONTROLLED = {item: _without_control(item) for item in ControlLost}
+_UNCONTROLLED: Final = {item: _without_control(item) for item in ControlLost}
 
 
 class ControlWordAdapter(Adapter):

@@ -6,6 +6,7 @@ Source: docs/telegrams.md, docs/translation.md "Standard telegrams" 2.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Final
 
 from pdgw.gateway.axis.adapters.base import ControlWordAdapter, place
 from pdgw.gateway.axis.settings import AxisSettings, SetpointEnable
@@ -14,14 +15,14 @@ from pdgw.profidrive.datatypes import N2_100_PERCENT, N4_100_PERCENT, DataType
 from pdgw.profidrive.signals import signal
 from pdgw.profidrive.telegrams import Telegram, TelegramHalf
 
-_STW1 = signal("STW1")
-_DEVICE_BITS = sum(_STW1.bit(f"DEVICE_{number}").mask for number in (12, 13, 14, 15))
-_RUN = _STW1.bit("ENABLE_RAMP_GENERATOR").mask | _STW1.bit("ENABLE_SETPOINT").mask
-_FOLLOW = _RUN | _STW1.bit("UNFREEZE_RAMP_GENERATOR").mask
+_STW1: Final = signal("STW1")
+_DEVICE_BITS: Final = sum(_STW1.bit(f"DEVICE_{number}").mask for number in (12, 13, 14, 15))
+_RUN: Final = _STW1.bit("ENABLE_RAMP_GENERATOR").mask | _STW1.bit("ENABLE_SETPOINT").mask
+_FOLLOW: Final = _RUN | _STW1.bit("UNFREEZE_RAMP_GENERATOR").mask
 _JOG_1, _JOG_2 = _STW1.bit("JOG_1_ON").mask, _STW1.bit("JOG_2_ON").mask
-_JOGS = {_JOG_1: SpeedWish.JOG_1, _JOG_2: SpeedWish.JOG_2}
+_JOGS: Final = {_JOG_1: SpeedWish.JOG_1, _JOG_2: SpeedWish.JOG_2}
 """With STW1.4 to .6 = 0; both bits are speed 0."""
-_N2_FACTOR = N4_100_PERCENT // N2_100_PERCENT
+_N2_FACTOR: Final = N4_100_PERCENT // N2_100_PERCENT
 
 
 class SpeedAdapter(ControlWordAdapter):

@@ -17,7 +17,7 @@ from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.values import ProbeAnswer, ProbeWish, SdoWrite
 from pdgw.gateway.axis.waist import Demand, Report
 from pdgw.gateway.reasons import FaultNumber, Reason
-from pdgw.profidrive.datatypes import Normalisation
+from pdgw.profidrive.normalisation import Normalisation
 
 OPERATION_ENABLED = tuple(state is State.OPERATION_ENABLED for state in STATE_OF_STATUS)
 """By the Statusword's ``STATE_MASK``."""

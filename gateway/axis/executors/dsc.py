@@ -19,7 +19,8 @@ from pdgw.gateway.motion.dsc import Dsc, DscChoices, DscForm, DscSettings, wrapp
 from pdgw.gateway.motion.messages import SPEED_WITHIN_TOLERANCE, MessageWord, reduced_torque
 from pdgw.gateway.motion.units import round_half_away
 from pdgw.gateway.reasons import FaultNumber, Reason
-from pdgw.profidrive.datatypes import Normalisation, n4
+from pdgw.profidrive.datatypes import n4
+from pdgw.profidrive.normalisation import Normalisation
 
 _ENABLE_OPERATION, _RAMP = Action.ENABLE_OPERATION, Action.RAMP
 _BY_SPEED = DscForm.SPEED

@@ -42,7 +42,8 @@ from pdgw.gateway.motion.wishes import (
     Seen,
 )
 from pdgw.gateway.reasons import FaultNumber, Reason
-from pdgw.profidrive.datatypes import Normalisation, n4
+from pdgw.profidrive.datatypes import n4
+from pdgw.profidrive.normalisation import Normalisation
 
 _HALT = ControlBit.HALT
 _NEW_SETPOINT = ControlBit.NEW_SETPOINT

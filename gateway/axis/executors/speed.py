@@ -5,6 +5,8 @@ Source: docs/translation.md "Standard telegrams", docs/telegrams.md "Normalisati
 
 from __future__ import annotations
 
+from typing import Final
+
 from pdgw.dsp402.drive_type import DriveType, Quantity
 from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.states import StatusBit
@@ -12,11 +14,17 @@ from pdgw.gateway.axis.executors.base import AxisCycle, Executor, LimitWatch, kn
 from pdgw.gateway.axis.power_table import Action
 from pdgw.gateway.axis.waist import Flag, SpeedWish
 from pdgw.gateway.reasons import Reason
-from pdgw.profidrive.datatypes import Normalisation, n4
+from pdgw.profidrive.datatypes import n4
+from pdgw.profidrive.normalisation import Normalisation
 
-_ENABLE_OPERATION, _RAMP = Action.ENABLE_OPERATION, Action.RAMP
-_FOLLOW, _HOLD, _ZERO, _JOG_1 = SpeedWish.FOLLOW, SpeedWish.HOLD, SpeedWish.ZERO, SpeedWish.JOG_1
-_INTERNAL_LIMIT, _REACHED = StatusBit.INTERNAL_LIMIT, Flag.REACHED
+_ENABLE_OPERATION: Final = Action.ENABLE_OPERATION
+_RAMP: Final = Action.RAMP
+_FOLLOW: Final = SpeedWish.FOLLOW
+_HOLD: Final = SpeedWish.HOLD
+_ZERO: Final = SpeedWish.ZERO
+_JOG_1: Final = SpeedWish.JOG_1
+_INTERNAL_LIMIT: Final = StatusBit.INTERNAL_LIMIT
+_REACHED: Final = Flag.REACHED
 
 
 class SpeedExecutor(Executor):

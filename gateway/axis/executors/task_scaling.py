@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from pdgw.dsp402.drive_type import DriveType, Quantity
 from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.modes import Mode
-from pdgw.profidrive.datatypes import Normalisation, n4
+from pdgw.profidrive.datatypes import n4
+from pdgw.profidrive.normalisation import Normalisation
 
 
 def base_mode(drive: DriveType, *, modulo: bool) -> int:
