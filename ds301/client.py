@@ -18,7 +18,6 @@ import canopen
 from canopen.sdo import SdoAbortedError, SdoCommunicationError
 
 from pdgw.ds301.aborts import abort_text
-from pdgw.ds301.communication import SYNC_PERIOD
 from pdgw.ds301.configuration import SdoStep
 from pdgw.ds301.configuring import ConfiguringAccess
 from pdgw.ds301.connection_set import EMCY, ERROR_CONTROL, NMT
@@ -29,7 +28,6 @@ from pdgw.ds301.loop import MS, SECOND, Event, Task
 from pdgw.ds301.network import CanNetwork
 from pdgw.ds301.nmt import NmtCommand, NmtState
 from pdgw.ds301.node import NodeEvent, NodeSettings, NodeStatus, TpdoSlot
-from pdgw.ds301.objects import CanType
 from pdgw.ds301.pdo import Pdo, PdoLayout
 from pdgw.ds301.plan import Pace, PdoPlan, plan_steps, straight_plan
 
@@ -135,11 +133,6 @@ class NodeClient(ConfiguringAccess, abc.ABC, Generic[S]):
     def _make_plan(self, found: Mapping[int, int]) -> PdoPlan:
         """What travels in which PDO. ``found``: COB-IDs by the communication parameter indices the node has."""
         return straight_plan(self.layout, self.settings.node_id, found, sync=self.settings.sync)
-
-    @property
-    def _sync_period_us(self) -> int:
-        """From one SYNC to the next for a node that has to know it; 0: it need not."""
-        return self.settings.sync_period_us
 
     def _plan_without(self, plan: PdoPlan, step: SdoStep, error: SdoAbortedError) -> PdoPlan | None:
         """Another plan, which does without a write the node has refused; None where there is none."""
@@ -361,8 +354,6 @@ class NodeClient(ConfiguringAccess, abc.ABC, Generic[S]):
             if other is None:
                 raise self._refused(*refused)
             plan = other
-        if period := self._sync_period_us:
-            self._do(SdoStep(SYNC_PERIOD, 0, CanType.U32, period, "SYNC period", optional=True))
         self._take_plan(plan)
 
     def _take_plan(self, plan: PdoPlan) -> None:

@@ -18,6 +18,7 @@ from canopen.sdo import SdoAbortedError, SdoCommunicationError
 
 from pdgw.ds301.aborts import NOT_THERE, abort_text
 from pdgw.ds301.client import NodeClient
+from pdgw.ds301.communication import SYNC_PERIOD
 from pdgw.ds301.configuration import SdoStep
 from pdgw.ds301.data_sheet import load_dictionary
 from pdgw.ds301.loop import MS, SECOND
@@ -348,6 +349,8 @@ class DriveClient(NodeClient[DriveSettings]):
         self._hold_limit_ns = objects * self._sdo_timeout_ns
 
     def _configure(self) -> None:
+        if period := self._sync_period_us:
+            self._do(SdoStep(SYNC_PERIOD, 0, CanType.U32, period, "SYNC period", optional=True))
         self._configure_guarding()
         mode, drive, period_us = self.settings.initial_mode, self.drive_type, self._sync_period_us
         assert drive is not None
