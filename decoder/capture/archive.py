@@ -21,6 +21,7 @@ from urllib.parse import quote
 from pdgw.decoder.capture.errors import CaptureError
 from pdgw.decoder.capture.knowledge import Knowledge, known_beforehand, look_ahead
 from pdgw.decoder.capture.parquet import ParquetTable
+from pdgw.decoder.capture.pcapng_file import configuration_in
 from pdgw.decoder.capture.source import open_source
 from pdgw.decoder.columns import Columns
 from pdgw.decoder.engine import Decoder
@@ -44,9 +45,11 @@ class ArchiveOptions:
     ports: tuple[int, ...] = ()
     filter_text: str | None = None
 
-    def knowledge(self) -> Knowledge:
-        """What is known beforehand; GatewayError or ProfidriveError when something cannot be used."""
-        known = known_beforehand(self.telegrams, self.config, self.eds, self.ports)
+    def knowledge(self, embedded: str = "") -> Knowledge:
+        """What is known beforehand, with the configuration ``embedded`` in a capture; GatewayError or ProfidriveError when
+        something cannot be used.
+        """
+        known = known_beforehand(self.telegrams, self.config, self.eds, self.ports, embedded=embedded)
         if not self.signals:
             raise GatewayError("--parquet: name the signals of the table, like --signal NSOLL_A --signal NIST_A")
         for name in self.signals:
@@ -104,12 +107,23 @@ def write_data_set(
         yield from pool.map(work, files)
 
 
+def _known(file: str, options: ArchiveOptions) -> tuple[Knowledge, str]:
+    """What is known of a file, and what is to be told: without other options by the configuration it has in it."""
+    embedded = configuration_in(Path(file)) if options.config is None and not options.telegrams else ""
+    if not embedded:
+        return options.knowledge(), ""
+    try:
+        return options.knowledge(embedded), "configuration of the gateway taken from the capture"
+    except GatewayError as error:
+        return options.knowledge(), f"the configuration in the capture is not used: {error}"
+
+
 def write_part(file: str, root: Path, options: ArchiveOptions) -> Part:
     """Decode one file into its part of the data set, in place of an older one. Never raises for what a file contains."""
-    known = options.knowledge()
+    known, notice = _known(file, options)
     settings, _, inference = look_ahead(file, known.settings)
     decoder = Decoder(settings)
-    notices = dict.fromkeys([inference] if inference else [])
+    notices = dict.fromkeys(text for text in (notice, inference) if text)
     chosen = [name for name in options.signals if name.lower() not in {"axis", "node", "time"}]
     columns = Columns(["axis", "node", *chosen], known.names)
     wanted = Filter(options.filter_text, known.names) if options.filter_text is not None else None

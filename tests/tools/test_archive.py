@@ -14,6 +14,10 @@ import pytest
 import typer
 
 from pdgw.decoder.capture.archive import ArchiveOptions, Part, captures_of, is_data_set, write_part
+from pdgw.decoder.capture.pcapng_file import PcapngWriter
+from pdgw.decoder.records import Link
+from pdgw.gateway.config_example import simulated
+from pdgw.gateway.config_file import config_text
 from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.tools.commands.decode import decode
@@ -34,6 +38,25 @@ def plant(tmp_path: Path) -> Path:
         (folder / name).write_bytes(captures.pcapng(PACKETS))
     (tmp_path / "plant" / "notes.txt").write_text("no capture")
     return tmp_path / "plant"
+
+
+@pytest.mark.parametrize(
+    ("text", "axis", "told"),
+    [
+        (config_text(simulated(1, 1)).replace("do_id = 1", "do_id = 7"), 7, "configuration of the gateway taken from"),
+        ("[can]\n", 1, "the configuration in the capture is not used"),
+    ],
+)
+def test_a_capture_with_its_configuration_is_known_by_it(tmp_path: Path, text: str, axis: int, told: str) -> None:
+    path = tmp_path / "x.pcapng"
+    writer = PcapngWriter(path, text)
+    for time_ns, link, data in PACKETS:
+        writer.write(Link(link), "plc" if link == captures.ETHERNET else "can0", time_ns, data)
+    writer.close()
+    part = write_part(str(path), tmp_path / "set", ArchiveOptions(("NSOLL_A",)))
+    assert not part.error
+    assert axis in part.axes
+    assert part.notices[0].startswith(told)
 
 
 def rows(root: Path) -> list[dict[str, Any]]:
