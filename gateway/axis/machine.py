@@ -272,25 +272,27 @@ class AxisMachine:
         faults.clear()
 
     def _step_sensors(self, sensor: SensorWords) -> None:
-        inputs, outputs, demand, report = self.inputs, self.outputs, self.demand, self.report
-        drive_ok, now = inputs.drive_ok, inputs.now
+        demand, report = self.demand, self.report
         lost = self.life is not None and self.life.lost
         error = SensorError.CONTROLLER_SIGN_OF_LIFE if lost else None
-        first = inputs.sensors[0]
-        if first.source is None:
-            report.sensor = sensor.step(demand.sensor, self._own_sensor, drive_ok, now, error)
+        report.sensor = self._sensor_words(sensor, 0, demand.sensor, self._own_sensor, error)
+        self.outputs.probe = sensor.probe
+        second = self.second_sensor
+        if second is not None:
+            report.second_sensor = self._sensor_words(second, 1, demand.second_sensor, self._own_second, error)
+
+    def _sensor_words(
+        self, sensor: SensorWords, place: int, word: int | None, own: DriveSensor, error: SensorError | None
+    ) -> tuple[int, int, int]:
+        """One cycle of G1 (``place`` 0) or G2 (1); ``own``: the drive's position, without an encoder of its own."""
+        inputs = self.inputs
+        given = inputs.sensors[place]
+        if given.source is None:
+            values = sensor.step(word, own, inputs.drive_ok, inputs.now, error)
         else:
-            report.sensor = sensor.step(demand.sensor, first.source, first.ok, now, error)
-        outputs.presets[0] = sensor.preset
-        outputs.probe = sensor.probe
-        sensor_2 = self.second_sensor
-        if sensor_2 is not None:
-            second = inputs.sensors[1]
-            if second.source is None:
-                report.second_sensor = sensor_2.step(demand.second_sensor, self._own_second, drive_ok, now, error)
-            else:
-                report.second_sensor = sensor_2.step(demand.second_sensor, second.source, second.ok, now, error)
-            outputs.presets[1] = sensor_2.preset
+            values = sensor.step(word, given.source, given.ok, inputs.now, error)
+        self.outputs.presets[place] = sensor.preset
+        return values
 
     # -- what happened meanwhile --------------------------------------------------------------------------------------
 
