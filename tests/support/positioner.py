@@ -19,6 +19,9 @@ from pdgw.gateway.motion.wishes import (
 )
 
 CYCLE = 4_000_000
+ABSOLUTE = {"mdi": True, "absolute": True, "velocity": 3000}
+RELATIVE = {"mdi": True, "absolute": False, "velocity": 3000}
+"""Tasks."""
 RAMP = 20
 """LU per cycle and cycle, speeding up and slowing down."""
 SETTINGS = PositionerSettings(
@@ -189,3 +192,9 @@ class PositionerRig:
             speed += RAMP
         speed = min(speed, self._limit(), abs(distance)) or min(abs(distance), self._limit(), RAMP)
         return speed if distance > 0 else -speed
+
+
+def move(rig: PositionerRig, **values: object) -> None:
+    """The edge of STW1.6 with these values."""
+    rig.step(activate=False)
+    rig.step(activate=True, **values)

@@ -2,25 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import pytest
 
-from pdgw.gateway.motion.blocks import Block, BlockMode, BlockNext, BlockTask
+from pdgw.gateway.motion.blocks import Block, BlockMode
 from pdgw.gateway.motion.course import LIMIT_STANDING_NS
 from pdgw.gateway.motion.states import TASK_STATES, TRANSITIONS, Event, State
-from pdgw.gateway.motion.wishes import FULL, MotionKind
+from pdgw.gateway.motion.wishes import FULL
 from pdgw.gateway.reasons import Reason
-from tests.support.positioner import CYCLE, SETTINGS, PositionerRig
-
-ABSOLUTE = {"mdi": True, "absolute": True, "velocity": 3000}
-RELATIVE = {"mdi": True, "absolute": False, "velocity": 3000}
-
-
-def move(rig: PositionerRig, **values: object) -> None:
-    rig.step(activate=False)
-    rig.step(activate=True, **values)
-
+from tests.support.positioner import ABSOLUTE, CYCLE, RELATIVE, PositionerRig, move
 
 # -- the table ----------------------------------------------------------------------------------------------------------
 
@@ -336,75 +325,6 @@ def test_jog_and_tasks_do_not_replace_each_other() -> None:
     assert rig.outcome.state is State.MDI
 
 
-# -- homing and the reference point ---------------------------------------------------------------------------------------
-
-
-def test_homing_sets_the_reference_coordinate_and_is_shown_100_ms() -> None:
-    rig = PositionerRig(replace(SETTINGS, reference_coordinate=1234))
-    rig.step(homing=True)
-    assert (rig.outcome.state, rig.outcome.homing, rig.outcome.home_set) == (State.HOMING, True, False)
-    assert rig.outcome.motion.kind is MotionKind.HOMING
-    rig.step(5)
-    assert (rig.outcome.state, rig.outcome.home_set, rig.position) == (State.IDLE, True, 1234)
-    assert rig.outcome.homing
-    rig.step(100_000_000 // CYCLE)
-    assert not rig.outcome.homing
-    assert rig.outcome.state is State.IDLE, "a standing STW1.11 homes once"
-
-
-def test_homing_that_is_taken_back_leaves_no_home_position() -> None:
-    rig = PositionerRig(delay=5)
-    rig.home()
-    rig.step(2, homing=True)
-    rig.step(homing=False)
-    assert rig.outcome.state is State.BRAKING
-    rig.settle()
-    assert not rig.outcome.home_set
-
-
-def test_a_reference_point_is_set_at_standstill_without_motion() -> None:
-    rig = PositionerRig(replace(SETTINGS, reference_coordinate=-70))
-    move(rig, target=500, **ABSOLUTE)
-    rig.settle()
-    rig.step(set_reference_point=True)
-    assert (rig.position, rig.outcome.home_set, rig.outcome.homing) == (-70, True, True)
-    move(rig, target=0)
-    rig.settle()
-    assert (rig.position, rig.seen.position) == (0, 570)
-    move(rig, target=9000)
-    rig.step(20, set_reference_point=False)
-    rig.step(set_reference_point=True)
-    assert rig.outcome.warning is Reason.REFERENCE_POINT_MOVING
-
-
-def test_passive_homing_takes_the_probe_during_a_task_that_keeps_its_way() -> None:
-    rig = PositionerRig()
-    move(rig, target=5000, **ABSOLUTE)
-    rig.step(3, homing=True, passive_homing=True)
-    assert (rig.outcome.probe, rig.outcome.state) == (True, State.MDI)
-    rig.seen.probe = 300
-    rig.step()
-    assert (rig.outcome.home_set, rig.outcome.probe) == (True, False)
-    rig.settle()
-    assert (rig.seen.position, rig.position, rig.outcome.reached) == (5000, 4700, True)
-
-
-def test_passive_homing_needs_a_probe() -> None:
-    rig = PositionerRig(replace(SETTINGS, probe=False))
-    rig.step(homing=True, passive_homing=True)
-    assert (rig.outcome.warning, rig.outcome.probe) == (Reason.PASSIVE_HOMING_NOT_SUPPORTED, False)
-
-
-def test_tracking_needs_no_task() -> None:
-    rig = PositionerRig()
-    rig.step(2, tracking=True)
-    assert rig.outcome.state is State.TRACKING
-    move(rig, target=900, **ABSOLUTE)
-    assert rig.outcome.warning is Reason.FUNCTION_RUNS
-    rig.step(2, tracking=False, activate=False)
-    assert rig.outcome.state is State.IDLE
-
-
 # -- limits ---------------------------------------------------------------------------------------------------------------
 
 
@@ -488,139 +408,6 @@ def test_limit_switches_show_only_when_they_are_watched() -> None:
     rig.seen.negative_limit = True
     assert not rig.step().negative_limit
     assert rig.step(hardware_limits=True).negative_limit
-
-
-# -- blocks -----------------------------------------------------------------------------------------------------------------
-
-
-def chain(*blocks: Block, **settings: object) -> PositionerRig:
-    rig = PositionerRig(replace(SETTINGS, **settings), blocks)  # type: ignore[arg-type]
-    rig.step(activate=True, mdi=False, block=blocks[0].number)
-    return rig
-
-
-def test_a_chain_runs_to_its_end_with_stops_waits_and_outputs() -> None:
-    rig = chain(
-        Block(1, 1000, 3000, next=BlockNext.CONTINUE_WITH_STOP),
-        Block(2, task=BlockTask.SET_OUTPUT, value=0b10, next=BlockNext.CONTINUE_WITH_STOP),
-        Block(3, task=BlockTask.WAIT, value=200, next=BlockNext.CONTINUE_WITH_STOP),
-        Block(4, task=BlockTask.GOTO, value=9),
-        Block(9, -400, 3000, mode=BlockMode.RELATIVE),
-    )
-    numbers = [rig.outcome.block]
-    waited = 0
-    while rig.outcome.state is State.BLOCK:
-        rig.step()
-        waited += rig.outcome.block == 3
-        assert not (rig.outcome.block == 3 and rig.speed)
-        if rig.outcome.block != numbers[-1]:
-            numbers.append(rig.outcome.block)
-    assert numbers == [1, 3, 9, 0]
-    assert waited == 200_000_000 // CYCLE
-    assert (rig.position, rig.outcome.outputs, rig.outcome.reached) == (600, 0b10, True)
-
-
-def test_a_flying_block_goes_on_without_a_stop() -> None:
-    rig = chain(Block(1, 2000, 3000, next=BlockNext.FLYING), Block(2, 3000, 3000))
-    stops = 0
-    while rig.outcome.state is State.BLOCK:
-        before = rig.outcome.block
-        rig.step()
-        stops += before == 1 and rig.outcome.block == 2
-    assert [motion.immediate for motion in rig.starts] == [True, False]
-    assert stops == 1
-    assert rig.position == 3000
-
-
-def test_a_flying_block_without_waiting_set_points_stops_and_warns() -> None:
-    rig = chain(Block(1, 2000, 3000, next=BlockNext.FLYING), Block(2, 3000, 3000), waiting_setpoints=False)
-    rig.step(20)
-    assert rig.outcome.warning is Reason.FLYING_NOT_SUPPORTED
-    rig.settle()
-    assert rig.position == 3000
-    assert all(motion.immediate for motion in rig.starts)
-
-
-def test_an_intermediate_stop_in_a_flying_chain_loses_and_doubles_nothing() -> None:
-    rig = chain(
-        Block(1, 2000, 3000, next=BlockNext.FLYING),
-        Block(2, 500, 3000, mode=BlockMode.RELATIVE, next=BlockNext.FLYING),
-        Block(3, 500, 3000, mode=BlockMode.RELATIVE),
-    )
-    for _ in range(12):
-        rig.step(7)
-        rig.step(25, no_intermediate_stop=False)
-        assert rig.speed == 0
-        rig.step(no_intermediate_stop=True)
-    rig.settle()
-    assert (rig.position, rig.outcome.state) == (3000, State.IDLE)
-
-
-def test_an_external_edge_goes_on_to_the_next_block_under_way_or_from_standstill() -> None:
-    rig = chain(
-        Block(1, 0, 3000, mode=BlockMode.ENDLESS_POSITIVE, next=BlockNext.EXTERNAL),
-        Block(2, 0, 3000, next=BlockNext.EXTERNAL),
-        Block(3, 77, 3000),
-    )
-    rig.step(100)
-    assert rig.outcome.block == 1
-    rig.step(external_block_change=True)
-    assert rig.outcome.block == 2
-    rig.step(300)
-    assert (rig.position, rig.outcome.block) == (0, 2), "one edge, one block"
-    rig.step(external_block_change=False)
-    rig.step(external_block_change=True)
-    rig.settle()
-    assert rig.position == 77
-
-
-def test_an_endless_block_runs_until_it_is_replaced() -> None:
-    rig = chain(Block(1, 0, 3000, mode=BlockMode.ENDLESS_NEGATIVE), Block(2, 50, 3000))
-    rig.step(100)
-    assert rig.outcome.motion.kind is MotionKind.SPEED
-    assert rig.speed == -200
-    move(rig, block=2)
-    rig.settle()
-    assert (rig.position, rig.outcome.shown, rig.outcome.state) == (50, State.BLOCK, State.IDLE)
-
-
-def test_a_block_in_the_middle_of_a_chain_that_cannot_be_done_ends_it() -> None:
-    rig = chain(
-        Block(1, 100, 3000, next=BlockNext.CONTINUE_WITH_STOP),
-        Block(2, (1 << 30) + 5, 3000, next=BlockNext.CONTINUE_WITH_STOP),
-        Block(3, 900, 3000),
-    )
-    rig.settle()
-    assert (rig.position, rig.outcome.warning, rig.outcome.state) == (100, Reason.TASK_TARGET_RANGE, State.IDLE)
-
-
-def test_a_fixed_stop_presses_with_its_torque_until_the_reject() -> None:
-    rig = PositionerRig(blocks=(Block(1, 5000, 3000, task=BlockTask.FIXED_STOP, value=250),), stop_at=1500)
-    rig.step(activate=True, mdi=False, block=1)
-    assert (rig.outcome.motion.torque, rig.outcome.to_fixed_stop) == (250, True)
-    rig.step(100)
-    assert (rig.outcome.fixed_stop, rig.outcome.state) == (True, State.BLOCK)
-    rig.step(200)
-    assert rig.outcome.motion.kind is MotionKind.POSITION
-    rig.step(2, do_not_reject=False)
-    assert (rig.outcome.motion.torque, rig.outcome.fixed_stop, rig.outcome.to_fixed_stop) == (None, False, False)
-
-
-def test_a_fixed_stop_that_is_not_there_ends_the_chain_with_a_warning() -> None:
-    rig = chain(
-        Block(1, 500, 3000, task=BlockTask.FIXED_STOP, value=250, next=BlockNext.CONTINUE_WITH_STOP),
-        Block(2, 900, 3000),
-    )
-    rig.settle()
-    assert (rig.position, rig.outcome.warning, rig.outcome.state) == (500, Reason.FIXED_STOP_MISSED, State.IDLE)
-
-
-def test_stw2_8_moves_an_mdi_task_to_a_fixed_stop() -> None:
-    rig = PositionerRig(stop_at=1000)
-    move(rig, target=5000, to_fixed_stop=True, **ABSOLUTE)
-    assert rig.outcome.motion.torque == SETTINGS.clamping_torque
-    rig.step(100)
-    assert rig.outcome.fixed_stop
 
 
 # -- what ends it all -------------------------------------------------------------------------------------------------------
