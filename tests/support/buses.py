@@ -17,7 +17,7 @@ from pdgw.ds301.port import open_port
 _numbers = itertools.count()
 _loops: list[SystemLoop] = []
 """Those the test plays while it waits."""
-PATIENCE_S = 120.0
+PATIENCE_S = 300.0
 """Nothing that works needs so long, on a machine however busy: who waits so long has found a defect."""
 
 

@@ -313,7 +313,7 @@ def test_the_command_turns_a_simulated_axis_after_what_was_typed(tmp_path: Path)
     file = tmp_path / "gateway.toml"
     file.write_text(
         '[can]\ninterface = "virtual"\nchannel = "x"\n[transport]\ncyclic_port = 0\n'
-        "[[axis]]\ndo_id = 3\nnode_id = 5\ntelegram = 9\nsimulate = true\n"
+        "[[axis]]\ndo_id = 3\nnode_id = 5\ntelegram = 9\nsimulate = true\nheartbeat_ms = 2000\n"
     )
     result = pdgw("axis", "test", "3", str(file), "--percent", "10", "--turns", "0.5", text="turn 3\n")
     assert result.returncode == 0, result.stdout + result.stderr
