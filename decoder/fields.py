@@ -11,6 +11,7 @@ from typing import Any
 
 from pdgw.ds301.objects import CanType, Entry
 from pdgw.dsp402.modes import Mode
+from pdgw.dsp402.overlay import known_modes
 from pdgw.dsp402.states import Command, ControlBit, StatusBit, state_of
 from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.signals import Signal
@@ -100,7 +101,8 @@ def _command_word(word: int) -> str:
 def _mode_word(value: int) -> str:
     low = value & 0xFF
     signed = low - 256 if low > 127 else low
-    return Mode(signed).name.lower().replace("_", " ") if signed in set(Mode) else ""
+    # Whose drive it is a field does not know: a manufacturer's number has the names of every family that has it.
+    return Mode(signed).name.lower().replace("_", " ") if signed in set(Mode) else known_modes().get(signed, "")
 
 
 def _flags(container: type) -> tuple[Bit, ...]:

@@ -1,6 +1,6 @@
 """Modes of operation (6060h/6061h) and homing methods (6098h).
 
-Source: the manufacturer's guide chapters 4.1, 6.7 and 7.3; CiA DSP 402 V2.0.
+Source: CiA DSP 402 V2.0, CiA 402-2.
 """
 
 from __future__ import annotations
@@ -10,13 +10,8 @@ from typing import Final
 
 
 class Mode(enum.IntEnum):
-    """Values of 6060h the drive knows."""
+    """Values of 6060h of the profile; those below zero are the manufacturer's, in the overlays (``dsp402/families``)."""
 
-    TURNTABLE = -5
-    CURRENT_CONTROL = -4
-    """Current control with dynamic speed limitation (2003h)."""
-    SPEED_CONTROL = -3
-    """Speed control with dynamic current limitation (2004h)."""
     POSITION = 1
     """Profile position."""
     VL_VELOCITY = 2

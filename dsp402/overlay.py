@@ -211,6 +211,16 @@ def known_faults() -> tuple[DriveFault, ...]:
     return tuple(fault for item in overlays().values() for fault in item.drive_faults.values())
 
 
+@cache
+def known_modes() -> Mapping[int, str]:
+    """The manufacturer's modes of every family; a number that means several things has all of them."""
+    texts: dict[int, list[str]] = {}
+    for item in overlays().values():
+        for number, text in item.modes.items():
+            texts.setdefault(number, []).append(text)
+    return {number: " or ".join(dict.fromkeys(found)) for number, found in texts.items()}
+
+
 def overlay(name: str) -> Overlay:
     """The overlay with a name; Dsp402Error lists the names there are."""
     try:

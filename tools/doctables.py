@@ -26,7 +26,7 @@ from pdgw.gateway.parameters.guarded import GUARDED
 from pdgw.gateway.parameters.objects import error_of_abort
 from pdgw.gateway.positioner_parameters import BLOCK_ITEMS, ITEMS
 from pdgw.gateway.reasons import GATEWAY_FAULTS, Reason
-from pdgw.peers.drive.family import DRIVE_FAULTS, HOMING_METHODS
+from pdgw.peers.drive.family import DRIVE_FAULTS, FAMILY_MODES, HOMING_METHODS
 from pdgw.peers.node.misbehaviour import NODE_MISBEHAVIOURS, Misbehaviour
 from pdgw.peers.simulation.devices import DEVICE_TYPES
 from pdgw.profidrive.encoder import STATUS_BITS, TRANSITIONS, SensorError
@@ -205,7 +205,7 @@ def generate() -> str:
         "### Error codes in G1_XIST2\n",
         table(("code", "error"), ((f"{error.value:04X}h", error.name) for error in SensorError)),
         "## Modes of operation\n",
-        table(("6060h", "mode"), ((mode.value, mode.name) for mode in Mode)),
+        table(("6060h", "mode"), (*FAMILY_MODES.items(), *((mode.value, mode.name) for mode in Mode))),
         "## Homing methods\n",
         table(("6098h", "method"), HOMING_METHODS.items()),
         "## PDO layouts\n",

@@ -1,4 +1,4 @@
-"""What the simulated drive has of its family: homing methods and fault numbers, from the overlay of the ENGEL-like drive."""
+"""What the simulated drive has of its family, by the overlay of the ENGEL-like drive: modes, homing methods, fault numbers."""
 
 from __future__ import annotations
 
@@ -6,6 +6,12 @@ from pdgw.dsp402.modes import STANDARD_HOMING_METHODS
 from pdgw.dsp402.overlay import overlay
 
 _FAMILY = overlay("engel")
+FAMILY_MODES = _FAMILY.modes
+"""The manufacturer's values of 6060h."""
+_NUMBERS = {text: number for number, text in FAMILY_MODES.items()}
+TURNTABLE = _NUMBERS["turntable"]
+CURRENT_CONTROL = _NUMBERS["current control with dynamic speed limitation"]
+SPEED_CONTROL = _NUMBERS["speed control with dynamic current limitation"]
 DRIVE_FAULTS = _FAMILY.drive_faults
 """By the number in 200Ch."""
 HOMING_METHODS = {method: (STANDARD_HOMING_METHODS | _FAMILY.homing_texts)[method] for method in _FAMILY.homing_methods}

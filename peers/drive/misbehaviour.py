@@ -59,7 +59,7 @@ class NoHomingAttained(_Disguise):
     name = "no-homing-attained"
 
     def disguise(self, model: DriveModel, now: int) -> None:
-        if model.mode is Mode.HOMING:
+        if model.mode == Mode.HOMING:
             model.statusword &= ~StatusBit.MODE_12
 
 

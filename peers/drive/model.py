@@ -94,8 +94,8 @@ class DriveModel:
         """Ticks since the last SYNC."""
         self._previous_controlword = 0
         self._reset_edges = 0
-        self._modes = {Mode(number): MODES[Mode(number)](self) for number in self.shape.modes}
-        self.mode = Mode.POSITION if Mode.POSITION in self._modes else min(self._modes)
+        self._modes = {number: MODES[number](self) for number in self.shape.modes}
+        self.mode: int = Mode.POSITION if Mode.POSITION in self._modes else min(self._modes)
         self.motion = self._modes[self.mode]
         """The mode of operation at work."""
         self.wake()
@@ -261,7 +261,7 @@ class DriveModel:
             or self.modes_of_operation not in self.shape.modes
         ):
             return
-        self.mode = Mode(self.modes_of_operation)
+        self.mode = self.modes_of_operation
         self.motion = self._modes[self.mode]
         self.motion.selected()
 

@@ -7,6 +7,7 @@ Source: the manufacturer's guide chapters 6 and 7, CiA DSP 402 V2.0 (profile pos
 from __future__ import annotations
 
 from pdgw.dsp402.modes import Mode
+from pdgw.peers.drive.family import CURRENT_CONTROL, SPEED_CONTROL, TURNTABLE
 from pdgw.peers.drive.homing import Homing
 from pdgw.peers.drive.mode_of_operation import ModeOfOperation
 from pdgw.peers.drive.position_modes import CyclicPosition, ProfilePosition, Turntable
@@ -20,10 +21,10 @@ from pdgw.peers.drive.speed_modes import (
     VelocityMode,
 )
 
-MODES: dict[Mode, type[ModeOfOperation]] = {
-    Mode.TURNTABLE: Turntable,
-    Mode.CURRENT_CONTROL: CurrentControl,
-    Mode.SPEED_CONTROL: SpeedControl,
+MODES: dict[int, type[ModeOfOperation]] = {
+    TURNTABLE: Turntable,
+    CURRENT_CONTROL: CurrentControl,
+    SPEED_CONTROL: SpeedControl,
     Mode.POSITION: ProfilePosition,
     Mode.VL_VELOCITY: VelocityMode,
     Mode.VELOCITY: ProfileVelocity,
@@ -33,4 +34,4 @@ MODES: dict[Mode, type[ModeOfOperation]] = {
     Mode.CYCLIC_VELOCITY: CyclicVelocity,
     Mode.CYCLIC_TORQUE: CyclicTorque,
 }
-"""What each mode does."""
+"""What each mode does, by its value of 6060h."""

@@ -27,6 +27,7 @@ from pdgw.dsp402.device import DEVICE_TYPE, INFO, REVISION, drive_objects
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.dsp402.pdo import pdo
+from pdgw.peers.drive.family import FAMILY_MODES
 from pdgw.peers.drive.motion import INCREMENTS_PER_REVOLUTION
 from pdgw.peers.drive.probe import POSITIONS
 
@@ -43,7 +44,7 @@ _MAX_RPM_S = 10_000
 _PROFILE_RPM_S = 3000
 _SLOW_BOOT_MS = 15_000
 _SLOW_SDO_MS = 500
-_ENGEL_MODES = frozenset({-5, -4, -3, 1, 3, 4, 6})
+_ENGEL_MODES = frozenset({*FAMILY_MODES, Mode.POSITION, Mode.VELOCITY, Mode.TORQUE, Mode.HOMING})
 
 
 @dataclass(frozen=True, slots=True)

@@ -235,3 +235,16 @@ def test_any_frames_are_records_with_documents(frames: list[tuple[int, bytes]]) 
         record = feed(bus, cob_id, data)
         assert record.document()["bus"] == "can"
         assert record.data == data
+
+
+@pytest.mark.parametrize(
+    ("raw", "shown"),
+    [
+        (0x03, "3 [velocity]"),
+        (0xFB, "-5 [turntable]"),
+        (0xFD, "-3 [speed control with dynamic current limitation or current]"),
+        (0x9C, "-100"),
+    ],
+)
+def test_a_mode_of_a_manufacturer_has_the_names_of_every_family_that_has_its_number(raw: int, shown: str) -> None:
+    assert catalogue().text(0x6061, 0, bytes((raw,))) == shown

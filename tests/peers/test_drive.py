@@ -20,7 +20,7 @@ from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.dsp402.pdo import LAYOUTS, Operation, with_second_position
 from pdgw.dsp402.states import COMMAND_TRANSITIONS, Command, ControlBit, State, StatusBit, state_of
 from pdgw.peers.drive import LINEAR, Machine, SimulatedDriveNode
-from pdgw.peers.drive.family import DRIVE_FAULTS, HOMING_METHODS
+from pdgw.peers.drive.family import CURRENT_CONTROL, DRIVE_FAULTS, HOMING_METHODS, SPEED_CONTROL, TURNTABLE
 
 MS = 1_000_000
 NODE = 1
@@ -30,7 +30,7 @@ SMALL = Machine(negative_limit=-20_000, positive_limit=20_000, negative_stop=-30
 class Bench:
     """A drive on a desk: SDOs and time by hand."""
 
-    def __init__(self, machine: Machine | None = None, mode: Mode = Mode.VELOCITY) -> None:
+    def __init__(self, machine: Machine | None = None, mode: int = Mode.VELOCITY) -> None:
         self.frames: list[tuple[int, bytes]] = []
         self.node = SimulatedDriveNode(
             NODE, lambda can_id, data: self.frames.append((can_id, data)), machine=machine or LINEAR
@@ -275,7 +275,7 @@ def test_a_missing_limit_switch_is_a_homing_error() -> None:
 
 def test_turntable_takes_the_shortest_or_the_given_direction() -> None:
     for word, expected in ((ControlBit.TURNTABLE_SHORTEST, -96), (0, 4000), (ControlBit.TURNTABLE_CCW, -96)):
-        bench = Bench(mode=Mode.TURNTABLE)
+        bench = Bench(mode=TURNTABLE)
         bench.enable()
         bench.write(0x607A, 0, 4000)
         bench.control(0x3F | word)
@@ -284,7 +284,7 @@ def test_turntable_takes_the_shortest_or_the_given_direction() -> None:
 
 
 def test_torque_mode_accelerates_and_current_control_keeps_its_speed_limit() -> None:
-    bench = Bench(mode=Mode.CURRENT_CONTROL)
+    bench = Bench(mode=CURRENT_CONTROL)
     bench.enable()
     bench.write(0x2003, 0, 800)
     bench.write(0x6071, 0, 500)
@@ -299,7 +299,7 @@ def test_torque_mode_accelerates_and_current_control_keeps_its_speed_limit() -> 
 def test_speed_control_is_slowed_by_its_torque_limit() -> None:
     reached = {}
     for limit in (0, 100, 1000):
-        bench = Bench(mode=Mode.SPEED_CONTROL)
+        bench = Bench(mode=SPEED_CONTROL)
         bench.write(0x2004, 0, limit)
         bench.enable()
         bench.write(0x60FF, 0, 4000)

@@ -331,7 +331,7 @@ def test_the_mode_display_keeps_the_old_mode(bench: Bench) -> None:
     bench.write(0x6060, 0, Mode.VELOCITY, 1)
     bench.run(10)
     assert bench.read(0x6061)[4] == Mode.POSITION  # type: ignore[index]
-    assert bench.model.mode is Mode.VELOCITY
+    assert bench.model.mode == Mode.VELOCITY
 
 
 @pytest.mark.parametrize(("positive", "speed"), [(1, 2000), (0, -2000)])

@@ -11,7 +11,7 @@ from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import ControlBit, State
 from pdgw.gateway.reasons import Reason
 from pdgw.peers.drive import Machine
-from pdgw.peers.drive.family import HOMING_METHODS
+from pdgw.peers.drive.family import HOMING_METHODS, TURNTABLE
 from pdgw.profidrive.datatypes import n4
 from pdgw.profidrive.signals import signal
 from tests.support.rig import Rig
@@ -331,7 +331,7 @@ def test_the_mode_is_never_changed_while_halt_is_set() -> None:
 )
 def test_modulo_axis_directions(mod: int, expected: int) -> None:
     rig = axis(modulo_axis=True)
-    assert rig.feedback.modes_of_operation_display == Mode.TURNTABLE
+    assert rig.feedback.modes_of_operation_display == TURNTABLE
     rig.values |= {"MDI_TARPOS": POSITION.to_wire(4_000), "MDI_MOD": 0b011, "STW1": ON | ACTIVATE}
     rig.step(4)
     rig.values["STW1"] = ON

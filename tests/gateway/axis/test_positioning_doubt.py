@@ -13,6 +13,7 @@ from pdgw.gateway.axis.executors.positioning import SubState
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.values import SdoWrite
 from pdgw.gateway.reasons import Reason
+from pdgw.peers.drive.family import TURNTABLE
 from tests.gateway.axis.test_positioning import (
     ACTIVATE,
     HOME_SET,
@@ -105,7 +106,7 @@ def test_a_relative_task_at_the_end_of_the_number_range_resumes_within_it(modulo
     stepper = Stepper(9, AxisSettings(modulo_axis=modulo))
     stepper.set_references(replace(References(), position_min=-(1 << 31) + 1, position_max=(1 << 31) - 1))
     feedback = DriveFeedback()
-    mode = Mode.TURNTABLE if modulo else Mode.POSITION
+    mode = TURNTABLE if modulo else Mode.POSITION
     feedback.modes_of_operation_display = mode
     feedback.position_actual = direction * ((1 << 31) - 10)
     half = stepper.telegram.setpoints

@@ -12,6 +12,7 @@ from pdgw.dsp402.states import ControlBit, State
 from pdgw.gateway.axis.adapters.transparent import ACTUAL_ATTRIBUTES, SETPOINT_ATTRIBUTES
 from pdgw.gateway.axis.settings import AxisSettings, PlcLossReaction
 from pdgw.gateway.reasons import Reason
+from pdgw.peers.drive.family import TURNTABLE
 from pdgw.profidrive.telegrams import telegram
 from tests.support.drive_types import References
 from tests.support.rig import Rig
@@ -59,7 +60,7 @@ def test_actual_values_pass_unchanged() -> None:
     feedback = DriveFeedback()
     for number, name in enumerate(ACTUAL_ATTRIBUTES):
         setattr(feedback, name, number + 1)
-    feedback.modes_of_operation_display = Mode.TURNTABLE
+    feedback.modes_of_operation_display = TURNTABLE
     assert list(stepper.step(None, feedback, True, 1)) == [1, 0xFB, *range(3, 13)]
 
 
