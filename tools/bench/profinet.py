@@ -172,7 +172,7 @@ def measure(cycle_ms: int, seconds: float, *, realtime: bool) -> ProfinetRow:
     """One row; inside a namespace of its own (``namespaces.enter``)."""
     holds = [max(_CYCLES_HELD, -(-least // cycle_ms)) * cycle_ms for least in (_HOLD_MS, _KILLED_HOLD_MS)]
     as_asked = ["realtime"] if realtime else []
-    with tempfile.TemporaryDirectory() as folder, VethPair() as pair, ExitStack() as running:
+    with tempfile.TemporaryDirectory() as folder, VethPair() as pair:
         capture = Path(folder) / "bench.pcapng"
         config = Path(folder) / "gateway.toml"
         text = _CONFIG.format(cycle_ms=cycle_ms, realtime=_REALTIME if realtime else "")
@@ -187,6 +187,7 @@ def measure(cycle_ms: int, seconds: float, *, realtime: bool) -> ProfinetRow:
         floor = [sys.executable, "-c", _SENDER, HERE, str(cycle_ms * 1_000_000), f"{FLOOR_FRAME_ID:04x}"]
         with (
             EthernetCapture(HERE, capture),
+            ExitStack() as running,  # what sends has to end before the capture, which waits for silence
             subprocess.Popen(controller, stdout=subprocess.PIPE, text=True) as plc,
             _process(echo),
         ):
