@@ -107,6 +107,8 @@ class Interpolation:
         """The target was outside the range, and is its end."""
         self._held = 0
         """The direction in which a limit of the drive holds the axis, until something else is asked; 0: none does."""
+        self._unseen = False
+        """The drive was away, or not understood: what it shows next is news."""
 
     def set_drive(self, drive: DriveType, *, modulo: bool) -> DriveType:
         """What the executor has to be given instead of this drive; ``modulo``: it turns on over the end of a range.
@@ -141,6 +143,7 @@ class Interpolation:
         executor.refuse()
         self._command.controlword = self._wished.controlword
         self._stand(self._feedback)
+        self._unseen = True
 
     def step(self, executor: Executor) -> Reason | None:
         """As ``Executor.step``."""
@@ -155,7 +158,9 @@ class Interpolation:
             self._stand(feedback)
             return reason
         command.modes_of_operation, command.controlword = _CYCLIC, word & ~_OF_THE_MODE
-        if not cyclic or STATE_OF_STATUS[feedback.statusword & STATE_MASK] is not State.OPERATION_ENABLED:
+        operates = STATE_OF_STATUS[feedback.statusword & STATE_MASK] is State.OPERATION_ENABLED
+        if not (cyclic and operates) or self._unseen:
+            self._unseen = False
             self._stand(feedback)
             return reason
         if cycle.action not in _OPERATES:
@@ -237,7 +242,8 @@ class Interpolation:
     def _turn(self, word: int, feedback: DriveFeedback) -> bool:
         """Profile velocity; True when it wants to move."""
         wished, profile = self._wished, self._profile
-        self._deceleration = wished.profile_deceleration * self._ramp_unit
+        if wished.profile_deceleration:
+            self._deceleration = wished.profile_deceleration * self._ramp_unit
         wanted = 0 if word & _HALT else wished.target_velocity
         direction = (wanted > 0) - (wanted < 0)
         if direction != self._held:
