@@ -47,7 +47,7 @@ def control(rig: Rig, target: int, cycles: int, kpc: int = KPC) -> list[int]:
 def test_each_form_has_its_mode(form: DscForm, number: int) -> None:
     rig = axis(form, number)
     wanted = {DscForm.POSITION: Mode.CYCLIC_POSITION, DscForm.SPEED: Mode.CYCLIC_VELOCITY}[form]
-    assert rig.node.model.mode is wanted
+    assert rig.node.model.mode == wanted
 
 
 def test_worked_example_105_50_per_second_and_2048_increments() -> None:

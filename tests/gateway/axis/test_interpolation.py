@@ -92,7 +92,7 @@ def test_a_task_is_a_trapezoid_of_set_points_in_mode_8_and_shows_zsw1_as_ever() 
     assert not rig.actuals["ZSW1"] & REACHED
     rig.reached()
     assert rig.position == 100_000
-    assert rig.node.model.mode is Mode.CYCLIC_POSITION
+    assert rig.node.model.mode == Mode.CYCLIC_POSITION
     assert rig.stepper.command.modes_of_operation == Mode.CYCLIC_POSITION
     assert max(steps(rig.targets)) in {int(COUNTS_PER_CYCLE), int(COUNTS_PER_CYCLE) + 1}, "100 % speed"
     check_profile(rig.targets, COUNTS_PER_CYCLE, RAMP_PER_CYCLE)
@@ -198,10 +198,10 @@ def test_homing_is_the_drives_own_mode_6_and_tasks_go_on_in_mode_8() -> None:
     rig.reached()
     rig.values |= {"SATZANW": 35, "MDI_VELOCITY": 1 << 27, "STW1": ON | HOMING}
     rig.until(lambda actuals: bool(actuals["ZSW1"] & HOME_SET))
-    assert rig.node.model.mode is Mode.HOMING
+    assert rig.node.model.mode == Mode.HOMING
     assert rig.position == 0
     rig.values |= {"SATZANW": 0x8000, "MDI_VELOCITY": FULL, "STW1": ON}
-    rig.until(lambda _: rig.node.model.mode is Mode.CYCLIC_POSITION)
+    rig.until(lambda _: rig.node.model.mode == Mode.CYCLIC_POSITION)
     rig.step(5)
     assert rig.stands
     rig.task(7_000)
@@ -223,7 +223,7 @@ def test_homing_of_a_drive_without_mode_6_is_refused_with_the_reason() -> None:
     fault = rig.stepper.events[-1]
     assert fault.number == FaultNumber.HOMING_METHOD
     assert "none: the drive has no homing (6502h, 60E3h)" in fault.text
-    assert rig.node.model.mode is Mode.CYCLIC_POSITION
+    assert rig.node.model.mode == Mode.CYCLIC_POSITION
 
 
 @pytest.mark.parametrize("number", [9, 7, 110, 111])
