@@ -7,13 +7,14 @@ this package knows no PROFIdrive; the gateway chooses.
 from __future__ import annotations
 
 import enum
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from typing import Final
 
 from pdgw.ds301.pdo import Pdo, PdoDirection, PdoLayout
 from pdgw.dsp402.objects import DRIVE_OBJECTS
 
-__all__ = ["LAYOUTS", "Operation", "PdoLayout", "interpolated", "pdo", "with_second_position"]
+__all__ = ["LAYOUTS", "Operation", "PdoLayout", "interpolated", "pdo", "with_second_position", "without_position"]
 
 
 class Operation(enum.Enum):
@@ -39,10 +40,7 @@ INTERPOLATED: Final = frozenset({"profile_velocity", "profile_acceleration", "pr
 
 def interpolated(layout: PdoLayout) -> PdoLayout:
     """The layout for a drive that gets a position with each SYNC instead of tasks."""
-    kept = (
-        (item, tuple(entry for entry in item.entries if entry.attribute not in INTERPOLATED)) for item in layout.rpdos
-    )
-    return replace(layout, rpdos=tuple(Pdo(item.direction, item.number, entries) for item, entries in kept if entries))
+    return replace(layout, rpdos=_without(INTERPOLATED, layout.rpdos))
 
 
 def pdo(direction: PdoDirection, number: int, *attributes: str) -> Pdo:
@@ -136,3 +134,13 @@ def with_second_position(layout: PdoLayout) -> PdoLayout:
     """The layout with the position of the drive's second encoder (60E4h) in its last TPDO."""
     *tpdos, last = layout.tpdos
     return replace(layout, tpdos=(*tpdos, pdo(last.direction, last.number, *last.attributes, "second_position")))
+
+
+def without_position(layout: PdoLayout) -> PdoLayout:
+    """The layout without the drive's position (6064h)."""
+    return replace(layout, tpdos=_without({"position_actual"}, layout.tpdos))
+
+
+def _without(attributes: Collection[str], pdos: Sequence[Pdo]) -> tuple[Pdo, ...]:
+    kept = ((item, tuple(entry for entry in item.entries if entry.attribute not in attributes)) for item in pdos)
+    return tuple(Pdo(item.direction, item.number, entries) for item, entries in kept if entries)

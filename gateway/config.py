@@ -233,7 +233,7 @@ class AxisConfig(Section):
 
     def drive_layout(self, number: int) -> PdoLayout:
         """The PDOs a telegram needs."""
-        return drive_layout(number, self.dsc_form, self._second_sensor)
+        return drive_layout(number, self.dsc_form, self._second_sensor, g1_is_encoder=self.g1 is not None)
 
     @property
     def _jog_speeds(self) -> tuple[Fraction, Fraction] | None:

@@ -56,7 +56,7 @@ def planned(
     """What would travel in which PDO, as far as the data sheet tells; Dsp402Error when no plan is possible."""
     choices = settings.dsc or _USUAL.dsc
     form = DscForm.SPEED if choices is None else choices.form
-    needs = drive_layout(number, form, settings.second_sensor)
+    needs = drive_layout(number, form, settings.second_sensor, g1_is_encoder=settings.g1_is_encoder)
     made = drive.interpolates and number in TASK_TELEGRAM_NUMBERS
     cyclic = number in DSC_TELEGRAM_NUMBERS or (sync and number in CENTRAL_TELEGRAM_NUMBERS) or made
     needs = interpolated(needs) if made else needs

@@ -6,7 +6,7 @@ import enum
 from dataclasses import dataclass
 
 from pdgw.dsp402.modes import Mode
-from pdgw.dsp402.pdo import LAYOUTS, Operation, PdoLayout, with_second_position
+from pdgw.dsp402.pdo import LAYOUTS, Operation, PdoLayout, with_second_position, without_position
 from pdgw.gateway.axis.adapters.base import Adapter
 from pdgw.gateway.axis.adapters.positioner import BlockAdapter, SelectionAdapter, WideAdapter
 from pdgw.gateway.axis.adapters.positioning import PositioningAdapter
@@ -77,6 +77,8 @@ SPEED_TELEGRAM_NUMBERS = tuple(
     n for n, row in sorted(DRIVE_TELEGRAMS.items()) if row.kind in {Kind.SPEED, Kind.TORQUE, Kind.LOAD}
 )
 """Those of them that jog with speeds of their own."""
+_POSITION_FOR_G1 = {Kind.SPEED, Kind.TORQUE}
+"""Kinds that need the drive's position for nothing else."""
 FIRST_SENSOR_NUMBERS = tuple(n for n in DRIVE_TELEGRAM_NUMBERS if "G1_STW" in telegram(n).setpoints.names)
 SECOND_SENSOR_NUMBERS = tuple(n for n in DRIVE_TELEGRAM_NUMBERS if "G2_STW" in telegram(n).setpoints.names)
 """Those of them with the words of G1, and of G2."""
@@ -122,11 +124,19 @@ def make_adapter(number: int, settings: AxisSettings) -> Adapter:
     return TransparentAdapter(chosen)
 
 
-def drive_layout(number: int, form: DscForm = DscForm.SPEED, second: SecondSensor = SecondSensor.NONE) -> PdoLayout:
-    """The PDOs a drive telegram needs; ``second``: what is behind its G2."""
-    layout = LAYOUTS[drive_telegram(number, form).operation]
-    wanted = second is SecondSensor.DRIVE and number in SECOND_SENSOR_NUMBERS
-    return with_second_position(layout) if wanted else layout
+def drive_layout(
+    number: int,
+    form: DscForm = DscForm.SPEED,
+    second: SecondSensor = SecondSensor.NONE,
+    *,
+    g1_is_encoder: bool = False,
+) -> PdoLayout:
+    """The PDOs a drive telegram needs; ``second``: what is behind its G2, ``g1_is_encoder``: G1 is not the drive's position."""
+    row = drive_telegram(number, form)
+    layout = LAYOUTS[row.operation]
+    if second is SecondSensor.DRIVE and number in SECOND_SENSOR_NUMBERS:
+        layout = with_second_position(layout)
+    return without_position(layout) if g1_is_encoder and row.kind in _POSITION_FOR_G1 else layout
 
 
 def initial_mode(number: int, form: DscForm = DscForm.SPEED) -> Mode | None:

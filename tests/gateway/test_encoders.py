@@ -6,16 +6,19 @@ from contextlib import AbstractContextManager
 
 import pytest
 
+from pdgw.gateway.axis.settings import SecondSensor
+from pdgw.gateway.axis.telegrams import drive_layout
 from pdgw.gateway.config_file import parse_config
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.status import snapshot
 from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.parameters.codec import Address, Values
 from pdgw.profidrive.parameters.errors import ParameterErrorNumber as Number
 from pdgw.profidrive.sensor_format import decode_sensor_format
 from pdgw.profidrive.signals import signal
 from pdgw.tools.parameters.client import ParameterClient
-from tests.support.daemon import OFF, Plc, axis, configuration, encoder_of, serving, until
+from tests.support.daemon import OFF, Plc, axis, configuration, drive_of, encoder_of, serving, until
 
 CONTROL = signal("STW2_ENC").bit("CONTROL_BY_PLC").mask
 G1 = {bit.name: bit.mask for bit in signal("G1_STW").bits}
@@ -253,6 +256,33 @@ def test_telegram_3_with_another_node_s_encoder_as_g1() -> None:
         plc.until(lambda: plc.value("G1_XIST2") == 0 and has(plc, "G1_ZSW", STATUS["PRESET_DONE"]), "preset to 0")
         assert encoder_of(daemon).model.position_1 == 0
         assert client.request([Address(978, 0, 2)])[0].values == (1, 2)
+
+
+@pytest.mark.parametrize("number", [3, 4, 102])
+def test_a_drive_whose_g1_is_an_encoder_needs_no_position_of_its_own(number: int) -> None:
+    objects = axis(1, telegram_number=number, more="simulate = true\ng1 = 2") + encoder(2, 81)
+    with gateway(objects) as (daemon, _):
+        drive = drive_of(daemon)
+        drive.node.entries.pop((0x6064, 0))
+        drive.node.indices.discard(0x6064)
+        plc = Plc(daemon, [number, 81])
+        plc.enable()
+        plan = daemon.axes[0].drive.plan
+        assert plan is not None
+        assert all("position_actual" not in item.attributes for item in (*(t.pdo for t in plan.tpdos), *plan.read))
+        plc.endpoint.set(0, {"NSOLL_B": 1 << 27})
+        plc.until(lambda: drive.model.ramp.speed > 100, "it turns")
+        assert snapshot(daemon)["axes"][0]["position"] is None
+
+
+@pytest.mark.parametrize("number", [5, 6, 105, 106])
+def test_dsc_needs_the_drives_position_whatever_g1_is(number: int) -> None:
+    assert drive_layout(number, g1_is_encoder=True) == drive_layout(number)
+
+
+def test_the_second_encoder_of_a_drive_stays_where_g1_is_another_nodes() -> None:
+    tpdos = drive_layout(4, second=SecondSensor.DRIVE, g1_is_encoder=True).tpdos
+    assert [item.attributes for item in tpdos] == [("statusword", "velocity_actual"), ("second_position",)]
 
 
 def test_telegram_4_with_another_node_s_encoder_as_g2() -> None:
