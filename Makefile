@@ -76,7 +76,7 @@ soak: $(STAMP)
 
 docs: $(STAMP)
 	$(BIN)/python -m pdgw.tools.doctables
-	$(BIN)/python -m pdgw.dsp402.device
+	$(BIN)/python -m pdgw.peers.drive.eds
 	$(BIN)/python -m pdgw.dsp406.device
 
 # The pictures of the page in docs/: needs Debian's chromium.

@@ -17,7 +17,7 @@ from pdgw.decoder.fields import Field, Raw, entry_field
 from pdgw.decoder.records import UnitLayout
 from pdgw.ds301.objects import CanType, Entry
 from pdgw.ds301.pdo import COB_ID_INVALID, PdoDirection
-from pdgw.dsp402.device import drive_objects
+from pdgw.dsp402.objects import known_objects
 from pdgw.dsp406.device import encoder_objects
 from pdgw.dsp406.kinds import DEVICES
 
@@ -89,7 +89,7 @@ def _is_cob_id(index: int, subindex: int) -> bool:
 @cache
 def catalogue() -> ObjectNames:
     """The drive's objects, for nodes no EDS was given for."""
-    return ObjectNames(entry for spec in drive_objects() for entry in spec.entries)
+    return ObjectNames(entry for spec in known_objects() for entry in spec.entries)
 
 
 @cache

@@ -1,17 +1,22 @@
 """The object catalogue of the drive, declared once.
 
-Source: CiA DSP 402 V2.0, CiA DS 301 V4.01, the manufacturer's guide chapters 5-7. Defaults are those of the
-simulated drive. EDS, simulator, PDO layouts, parameter channel and decoder derive from this table.
+Source: CiA DSP 402 V2.0, CiA DS 301 V4.01, the manufacturer's guide chapters 5-7. Defaults and limits are a device's own: they
+come from its data sheet (``dsp402.describe``). Simulator, PDO layouts, parameter channel and decoder derive from this table.
 """
 
 from __future__ import annotations
 
-from pdgw.ds301.objects import Access, CanType, Catalogue, Entry, ObjectKind, array, var
+from functools import cache
+
+from pdgw.ds301.communication import communication_objects, pdo_objects
+from pdgw.ds301.objects import Access, CanType, Catalogue, Entry, ObjectKind, ObjectSpec, array, var
 
 RO, RW, CONST = Access.RO, Access.RW, Access.CONST
 I8, I16, I32 = CanType.I8, CanType.I16, CanType.I32
 U8, U16, U32 = CanType.U8, CanType.U16, CanType.U32
 
+_PDOS = 5
+"""PDOs of each direction that have an identifier of their own."""
 VELOCITY_UNIT = "velocity units (6094h rpm)"
 ACCELERATION_UNIT = "10 rpm/s (sine-squared: ms)"
 POSITION_UNIT = "increments (1000h per revolution)"
@@ -20,229 +25,81 @@ TORQUE_UNIT = "1/1000 of the rated torque"
 NEGATIVE_LIMIT_SWITCH = 1 << 0
 """Bits of 60FDh (CiA 402)."""
 POSITIVE_LIMIT_SWITCH = 1 << 1
-VELOCITY_MAX = 32767
-"""Largest velocity of the default encoder factor 1/2: (2^31-1) / (numerator * 2^(17 - log2 denominator))."""
 
 DRIVE_OBJECTS = Catalogue(
     (
         # The manufacturer's objects.
-        var(
-            0x2003,
-            "Dynamic Speed Limit",
-            U16,
-            RW,
-            pdo=True,
-            default=0,
-            high=0x7FFF,
-            unit="0.5 rpm",
-            attribute="dynamic_speed_limit",
-        ),
-        var(
-            0x2004,
-            "Dynamic Torque Limit",
-            U16,
-            RW,
-            pdo=True,
-            default=0,
-            high=0x7FFF,
-            unit=CURRENT_UNIT,
-            attribute="dynamic_torque_limit",
-        ),
-        var(0x200C, "Error Number", U16, RO, pdo=True, default=0, attribute="error_code"),
+        var(0x2003, "Dynamic Speed Limit", U16, RW, pdo=True, unit="0.5 rpm", attribute="dynamic_speed_limit"),
+        var(0x2004, "Dynamic Torque Limit", U16, RW, pdo=True, unit=CURRENT_UNIT, attribute="dynamic_torque_limit"),
+        var(0x200C, "Error Number", U16, RO, pdo=True, attribute="error_code"),
         # CiA 402.
-        var(0x6007, "Abort Connection Option Code", I16, RW, default=0, low=0, high=3),
-        var(0x603F, "Error Code", U16, RO, pdo=True, default=0, attribute="emcy_code"),
-        var(0x6040, "Controlword", U16, RW, pdo=True, default=0, attribute="controlword"),
-        var(0x6041, "Statusword", U16, RO, pdo=True, default=0, attribute="statusword"),
-        var(0x605A, "Quick Stop Option Code", I16, RW, default=2, low=0, high=2),
-        var(0x605B, "Shutdown Option Code", I16, RW, default=0, low=0, high=1),
-        var(0x605C, "Disable Operation Option Code", I16, RW, default=0, low=0, high=1),
-        var(0x605D, "Halt Option Code", I16, RW, default=1, low=1, high=1),
-        var(0x605E, "Fault Reaction Option Code", I16, RW, default=2, low=0, high=2),
-        var(0x6060, "Modes of Operation", I8, RW, pdo=True, default=1, attribute="modes_of_operation"),
-        var(
-            0x6061,
-            "Modes of Operation Display",
-            I8,
-            RO,
-            pdo=True,
-            default=1,
-            attribute="modes_of_operation_display",
-        ),
-        var(
-            0x6064,
-            "Position Actual Value",
-            I32,
-            RO,
-            pdo=True,
-            default=0,
-            unit=POSITION_UNIT,
-            attribute="position_actual",
-        ),
-        var(0x6065, "Following Error Window", U32, RW, default=0x4000, unit=POSITION_UNIT),
-        var(0x6067, "Position Window", U32, RW, default=16, unit=POSITION_UNIT),
-        var(
-            0x606B,
-            "Velocity Demand Value",
-            I32,
-            RO,
-            pdo=True,
-            default=0,
-            unit=VELOCITY_UNIT,
-            attribute="velocity_demand",
-        ),
-        var(
-            0x606C,
-            "Velocity Actual Value",
-            I32,
-            RO,
-            pdo=True,
-            default=0,
-            unit=VELOCITY_UNIT,
-            attribute="velocity_actual",
-        ),
-        var(0x606D, "Velocity Window", U16, RW, default=20, unit=VELOCITY_UNIT),
-        var(0x606F, "Velocity Threshold", U16, RW, default=10, unit=VELOCITY_UNIT),
-        var(
-            0x6071,
-            "Target Torque",
-            I16,
-            RW,
-            pdo=True,
-            default=0,
-            unit=CURRENT_UNIT,
-            attribute="target_torque",
-        ),
-        var(0x6072, "Max Torque", U16, RW, pdo=True, default=3000, unit=TORQUE_UNIT, attribute="max_torque"),
-        var(0x6073, "Max Current", U16, RW, default=2000, unit=CURRENT_UNIT),
-        var(0x6075, "Motor Rated Current", U32, RW, default=5000, unit="mA"),
-        var(
-            0x6078,
-            "Current Actual Value",
-            I16,
-            RO,
-            pdo=True,
-            default=0,
-            unit=CURRENT_UNIT,
-            attribute="current_actual",
-        ),
-        var(
-            0x6079,
-            "DC Link Circuit Voltage",
-            U32,
-            RO,
-            pdo=True,
-            default=48000,
-            unit="mV",
-            attribute="dc_link_voltage",
-        ),
-        var(
-            0x607A,
-            "Target Position",
-            I32,
-            RW,
-            pdo=True,
-            default=0,
-            unit=POSITION_UNIT,
-            attribute="target_position",
-        ),
+        var(0x6007, "Abort Connection Option Code", I16, RW),
+        var(0x603F, "Error Code", U16, RO, pdo=True, attribute="emcy_code"),
+        var(0x6040, "Controlword", U16, RW, pdo=True, attribute="controlword"),
+        var(0x6041, "Statusword", U16, RO, pdo=True, attribute="statusword"),
+        var(0x605A, "Quick Stop Option Code", I16, RW),
+        var(0x605B, "Shutdown Option Code", I16, RW),
+        var(0x605C, "Disable Operation Option Code", I16, RW),
+        var(0x605D, "Halt Option Code", I16, RW),
+        var(0x605E, "Fault Reaction Option Code", I16, RW),
+        var(0x6060, "Modes of Operation", I8, RW, pdo=True, attribute="modes_of_operation"),
+        var(0x6061, "Modes of Operation Display", I8, RO, pdo=True, attribute="modes_of_operation_display"),
+        var(0x6064, "Position Actual Value", I32, RO, pdo=True, unit=POSITION_UNIT, attribute="position_actual"),
+        var(0x6065, "Following Error Window", U32, RW, unit=POSITION_UNIT),
+        var(0x6067, "Position Window", U32, RW, unit=POSITION_UNIT),
+        var(0x606B, "Velocity Demand Value", I32, RO, pdo=True, unit=VELOCITY_UNIT, attribute="velocity_demand"),
+        var(0x606C, "Velocity Actual Value", I32, RO, pdo=True, unit=VELOCITY_UNIT, attribute="velocity_actual"),
+        var(0x606D, "Velocity Window", U16, RW, unit=VELOCITY_UNIT),
+        var(0x606F, "Velocity Threshold", U16, RW, unit=VELOCITY_UNIT),
+        var(0x6071, "Target Torque", I16, RW, pdo=True, unit=CURRENT_UNIT, attribute="target_torque"),
+        var(0x6072, "Max Torque", U16, RW, pdo=True, unit=TORQUE_UNIT, attribute="max_torque"),
+        var(0x6073, "Max Current", U16, RW, unit=CURRENT_UNIT),
+        var(0x6075, "Motor Rated Current", U32, RW, unit="mA"),
+        var(0x6078, "Current Actual Value", I16, RO, pdo=True, unit=CURRENT_UNIT, attribute="current_actual"),
+        var(0x6079, "DC Link Circuit Voltage", U32, RO, pdo=True, unit="mV", attribute="dc_link_voltage"),
+        var(0x607A, "Target Position", I32, RW, pdo=True, unit=POSITION_UNIT, attribute="target_position"),
         array(
             0x607B,
             "Position Range Limit",
-            Entry(0x607B, 1, "Min Position Range Limit", I32, RW, default=-500000, unit=POSITION_UNIT),
-            Entry(0x607B, 2, "Max Position Range Limit", I32, RW, default=500000, unit=POSITION_UNIT),
+            Entry(0x607B, 1, "Min Position Range Limit", I32, RW, unit=POSITION_UNIT),
+            Entry(0x607B, 2, "Max Position Range Limit", I32, RW, unit=POSITION_UNIT),
         ),
-        var(0x607C, "Home Offset", I32, RW, default=0, unit=POSITION_UNIT),
-        var(0x607F, "Max Profile Velocity", U32, RW, default=6000, high=VELOCITY_MAX, unit=VELOCITY_UNIT),
-        var(0x6080, "Max Motor Speed", U32, RW, default=3000, unit="rpm"),
+        var(0x607C, "Home Offset", I32, RW, unit=POSITION_UNIT),
+        var(0x607F, "Max Profile Velocity", U32, RW, unit=VELOCITY_UNIT),
+        var(0x6080, "Max Motor Speed", U32, RW, unit="rpm"),
+        var(0x6081, "Profile Velocity", U32, RW, pdo=True, unit=VELOCITY_UNIT, attribute="profile_velocity"),
         var(
-            0x6081,
-            "Profile Velocity",
-            U32,
-            RW,
-            pdo=True,
-            default=2000,
-            high=VELOCITY_MAX,
-            unit=VELOCITY_UNIT,
-            attribute="profile_velocity",
+            0x6083, "Profile Acceleration", U32, RW, pdo=True, unit=ACCELERATION_UNIT, attribute="profile_acceleration"
         ),
         var(
-            0x6083,
-            "Profile Acceleration",
-            U32,
-            RW,
-            pdo=True,
-            default=300,
-            low=1,
-            high=32767,
-            unit=ACCELERATION_UNIT,
-            attribute="profile_acceleration",
+            0x6084, "Profile Deceleration", U32, RW, pdo=True, unit=ACCELERATION_UNIT, attribute="profile_deceleration"
         ),
-        var(
-            0x6084,
-            "Profile Deceleration",
-            U32,
-            RW,
-            pdo=True,
-            default=300,
-            low=1,
-            high=32767,
-            unit=ACCELERATION_UNIT,
-            attribute="profile_deceleration",
-        ),
-        var(0x6085, "Quick Stop Deceleration", U32, RW, default=1000, low=1, high=32767, unit="10 rpm/s"),
-        var(0x6086, "Motion Profile Type", I16, RW, default=0, low=0, high=1),
+        var(0x6085, "Quick Stop Deceleration", U32, RW, unit="10 rpm/s"),
+        var(0x6086, "Motion Profile Type", I16, RW),
         array(
             0x6094,
             "Velocity Encoder Factor",
-            Entry(0x6094, 1, "Numerator", U32, RW, default=1, low=1),
-            Entry(0x6094, 2, "Divisor", U32, RW, default=2, low=1),
+            Entry(0x6094, 1, "Numerator", U32, RW),
+            Entry(0x6094, 2, "Divisor", U32, RW),
         ),
-        var(0x6098, "Homing Method", I8, RW, default=35, attribute="homing_method"),
+        var(0x6098, "Homing Method", I8, RW, attribute="homing_method"),
         array(
             0x6099,
             "Homing Speeds",
-            Entry(
-                0x6099,
-                1,
-                "Speed during search for switch",
-                U32,
-                RW,
-                default=400,
-                high=VELOCITY_MAX,
-                unit=VELOCITY_UNIT,
-            ),
-            Entry(
-                0x6099,
-                2,
-                "Speed during search for zero",
-                U32,
-                RW,
-                default=100,
-                high=VELOCITY_MAX,
-                unit=VELOCITY_UNIT,
-            ),
+            Entry(0x6099, 1, "Speed during search for switch", U32, RW, unit=VELOCITY_UNIT),
+            Entry(0x6099, 2, "Speed during search for zero", U32, RW, unit=VELOCITY_UNIT),
         ),
-        var(0x609A, "Homing Acceleration", U32, RW, default=300, low=1, high=32767, unit=ACCELERATION_UNIT),
-        var(
-            0x60B1,
-            "Velocity Offset",
-            I32,
-            RW,
-            pdo=True,
-            default=0,
-            unit=VELOCITY_UNIT,
-            attribute="velocity_offset",
-        ),
+        var(0x609A, "Homing Acceleration", U32, RW, unit=ACCELERATION_UNIT),
+        var(0x60B1, "Velocity Offset", I32, RW, pdo=True, unit=VELOCITY_UNIT, attribute="velocity_offset"),
         array(
             0x60C2,
             "Interpolation Time Period",
-            Entry(0x60C2, 1, "Period", U8, RW, default=4, low=1),
-            Entry(0x60C2, 2, "Index", I8, RW, default=-3, low=-6, high=0),
+            Entry(0x60C2, 1, "Period", U8, RW),
+            Entry(0x60C2, 2, "Index", I8, RW),
             kind=ObjectKind.RECORD,
         ),
-        var(0x60C5, "Max Acceleration", U32, RW, default=1000, low=1, unit="10 rpm/s"),
-        var(0x60C6, "Max Deceleration", U32, RW, default=1000, low=1, unit="10 rpm/s"),
+        var(0x60C5, "Max Acceleration", U32, RW, unit="10 rpm/s"),
+        var(0x60C6, "Max Deceleration", U32, RW, unit="10 rpm/s"),
         array(
             0x60E4,
             "Additional Position Actual Value",
@@ -253,58 +110,36 @@ DRIVE_OBJECTS = Catalogue(
                 I32,
                 RO,
                 pdo=True,
-                default=0,
                 unit="increments of the second encoder",
                 attribute="second_position",
             ),
         ),
-        var(0x60FD, "Digital Inputs", U32, RO, pdo=True, default=1 << 16, attribute="digital_inputs"),
+        var(0x60FD, "Digital Inputs", U32, RO, pdo=True, attribute="digital_inputs"),
         array(
             0x60FE,
             "Digital Outputs",
-            Entry(0x60FE, 1, "Physical outputs", U32, RW, pdo=True, default=0, attribute="digital_outputs"),
-            Entry(0x60FE, 2, "Bit mask", U32, RW, pdo=True, default=0, attribute="digital_outputs_mask"),
+            Entry(0x60FE, 1, "Physical outputs", U32, RW, pdo=True, attribute="digital_outputs"),
+            Entry(0x60FE, 2, "Bit mask", U32, RW, pdo=True, attribute="digital_outputs_mask"),
         ),
-        var(
-            0x60FF,
-            "Target Velocity",
-            I32,
-            RW,
-            pdo=True,
-            default=0,
-            low=-VELOCITY_MAX,
-            high=VELOCITY_MAX,
-            unit=VELOCITY_UNIT,
-            attribute="target_velocity",
-        ),
-        var(0x6502, "Supported Drive Modes", U32, RO, default=0x0007002D),
+        var(0x60FF, "Target Velocity", I32, RW, pdo=True, unit=VELOCITY_UNIT, attribute="target_velocity"),
+        var(0x6502, "Supported Drive Modes", U32, RO),
         array(
             0x6C01,
             "Read Analogue Input 16-Bit",
-            Entry(
-                0x6C01,
-                1,
-                "Analogue Input 1",
-                I16,
-                RO,
-                pdo=True,
-                default=0,
-                unit="10/32767 V",
-                attribute="analogue_input_1",
-            ),
-            Entry(
-                0x6C01,
-                2,
-                "Analogue Input 2",
-                I16,
-                RO,
-                pdo=True,
-                default=0,
-                unit="10/32767 V",
-                attribute="analogue_input_2",
-            ),
+            Entry(0x6C01, 1, "Analogue Input 1", I16, RO, pdo=True, unit="10/32767 V", attribute="analogue_input_1"),
+            Entry(0x6C01, 2, "Analogue Input 2", I16, RO, pdo=True, unit="10/32767 V", attribute="analogue_input_2"),
         ),
-        var(0x7004, "Encoder Position Value", I16, RO, pdo=True, default=0, attribute="encoder_position"),
+        var(0x7004, "Encoder Position Value", I16, RO, pdo=True, attribute="encoder_position"),
     )
 )
 """Profile and manufacturer area; the communication area (1000h-1FFFh) is in ``ds301.communication``."""
+
+
+@cache
+def known_objects() -> tuple[ObjectSpec, ...]:
+    """Everything of a drive that has a name here, communication area included; what of it a drive has is not said."""
+    return (
+        *communication_objects(0, "", (0, 0, 0, 0), ("", "")),
+        *pdo_objects(_PDOS, _PDOS, ()),
+        *DRIVE_OBJECTS.objects,
+    )

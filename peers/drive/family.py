@@ -5,14 +5,14 @@ from __future__ import annotations
 from pdgw.dsp402.modes import STANDARD_HOMING_METHODS
 from pdgw.dsp402.overlay import overlay
 
-_FAMILY = overlay("engel")
-FAMILY_MODES = _FAMILY.modes
+FAMILY = overlay("engel")
+FAMILY_MODES = FAMILY.modes
 """The manufacturer's values of 6060h."""
 _NUMBERS = {text: number for number, text in FAMILY_MODES.items()}
 TURNTABLE = _NUMBERS["turntable"]
 CURRENT_CONTROL = _NUMBERS["current control with dynamic speed limitation"]
 SPEED_CONTROL = _NUMBERS["speed control with dynamic current limitation"]
-DRIVE_FAULTS = _FAMILY.drive_faults
+DRIVE_FAULTS = FAMILY.drive_faults
 """By the number in 200Ch."""
-HOMING_METHODS = {method: (STANDARD_HOMING_METHODS | _FAMILY.homing_texts)[method] for method in _FAMILY.homing_methods}
+HOMING_METHODS = {method: (STANDARD_HOMING_METHODS | FAMILY.homing_texts)[method] for method in FAMILY.homing_methods}
 """Values of 6098h, with what they search for."""

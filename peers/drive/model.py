@@ -14,10 +14,10 @@ from pdgw.ds301.communication import SYNC_PERIOD
 from pdgw.ds301.errors import CanopenError
 from pdgw.dsp402.faults import DriveFault
 from pdgw.dsp402.modes import Mode
-from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.dsp402.objects import NEGATIVE_LIMIT_SWITCH as NEGATIVE_LIMIT
 from pdgw.dsp402.objects import POSITIVE_LIMIT_SWITCH as POSITIVE_LIMIT
 from pdgw.dsp402.states import STATUS_OF, Command, ControlBit, State, StatusBit, next_state
+from pdgw.peers.drive.device import OBJECTS
 from pdgw.peers.drive.family import DRIVE_FAULTS
 from pdgw.peers.drive.machine import ROTARY, Machine
 from pdgw.peers.drive.modes import MODES
@@ -70,7 +70,7 @@ class DriveModel:
 
     def power_on(self) -> None:
         """Everything back to its value after power-on; the axis stands at machine position 0."""
-        for entry in DRIVE_OBJECTS.entries:
+        for entry in OBJECTS.entries:
             if entry.attribute:
                 setattr(self, entry.attribute, entry.default)
         for spec in self.shape.has:

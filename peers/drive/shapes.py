@@ -23,10 +23,9 @@ from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.objects import Access, CanType, Entry, ObjectSpec, array, var
 from pdgw.ds301.pdo import Pdo, PdoDirection
 from pdgw.dsp402 import touch_probe
-from pdgw.dsp402.device import DEVICE_TYPE, INFO, REVISION, drive_objects
 from pdgw.dsp402.modes import Mode
-from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.dsp402.pdo import pdo
+from pdgw.peers.drive.device import DEVICE_TYPE, INFO, OBJECTS, REVISION, drive_objects
 from pdgw.peers.drive.family import FAMILY_MODES
 from pdgw.peers.drive.motion import INCREMENTS_PER_REVOLUTION
 from pdgw.peers.drive.probe import POSITIONS
@@ -103,7 +102,7 @@ class Shape:
         everything = (
             *communication_objects(DEVICE_TYPE, info.product_name, identity, ("1.0", "1.0")),
             *of_pdos,
-            *DRIVE_OBJECTS.objects,
+            *OBJECTS.objects,
         )
         kept = [spec for spec in everything if spec.index not in self.lacks and spec.index not in own]
         return (*kept, *own.values())

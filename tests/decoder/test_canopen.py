@@ -20,9 +20,9 @@ from pdgw.decoder.records import Record
 from pdgw.ds301.configuration import map_pdo
 from pdgw.ds301.objects import CanType, Entry
 from pdgw.ds301.pdo import COB_ID_INVALID
-from pdgw.dsp402.device import EDS_PATH
 from pdgw.dsp402.pdo import LAYOUTS, Operation
 from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS, drive_layout
+from pdgw.peers.drive.device import EDS_PATH
 
 NODE = 5
 

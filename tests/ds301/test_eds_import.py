@@ -12,7 +12,7 @@ import pytest
 from pdgw.ds301.eds_import import import_eds
 from pdgw.ds301.eds_text import EdsError, Repair
 from pdgw.ds301.errors import CanopenError
-from pdgw.dsp402.device import EDS_PATH
+from pdgw.peers.drive.device import EDS_PATH
 
 NODE = 5
 CORPUS = Path(__file__).parent / "eds"

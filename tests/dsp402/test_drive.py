@@ -20,7 +20,6 @@ from pdgw.ds301.nmt import NmtCommand, NmtState
 from pdgw.ds301.objects import Entry
 from pdgw.ds301.pdo import COB_ID_INVALID, Pdo, PdoDirection
 from pdgw.ds301.port import PortBusyError
-from pdgw.dsp402.device import EDS_PATH
 from pdgw.dsp402.drive import DriveClient, DriveEvent, DriveSettings, DriveStatus, load_eds
 from pdgw.dsp402.drive_type import Quantity
 from pdgw.dsp402.errors import Dsp402Error
@@ -30,6 +29,7 @@ from pdgw.dsp402.pdo import LAYOUTS, Operation
 from pdgw.dsp402.scaling import UnitKeys
 from pdgw.dsp402.states import ControlBit
 from pdgw.peers.drive import SimulatedDrive, SimulatedDriveNode
+from pdgw.peers.drive.device import EDS_PATH
 from pdgw.peers.node.node import Value
 from tests.support import site
 from tests.support.drive_types import engel

@@ -21,6 +21,7 @@ from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.modes import STANDARD_HOMING_METHODS, Mode
 from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.dsp402.overlay import overlay, overlay_for, overlays, parse_overlay
+from pdgw.peers.drive.device import OBJECTS
 from pdgw.peers.drive.family import DRIVE_FAULTS, HOMING_METHODS
 from tests.support.drive_types import REFERENCE_OBJECTS, References, engel, engel_dictionary
 
@@ -30,7 +31,7 @@ MINIMAL = 'title = "a"\nsources = ["b"]\n'
 def test_the_engel_drive_is_its_data_sheet_and_its_overlay() -> None:
     drive = engel()
     assert drive.family == "engel"
-    for entry in DRIVE_OBJECTS.entries:
+    for entry in OBJECTS.entries:
         if entry.attribute:
             found = drive.entry(entry.attribute)
             assert (found.index, found.subindex, found.type, found.pdo) == (

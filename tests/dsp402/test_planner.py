@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pdgw.ds301.configuration import EVENT_DRIVEN_PROFILE
-from pdgw.ds301.pdo import COB_ID_INVALID, PdoDirection
+from pdgw.ds301.pdo import COB_ID_INVALID, Pdo, PdoDirection
 from pdgw.ds301.plan import Pace, PdoPlan, plan_steps
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.errors import Dsp402Error
@@ -25,6 +25,11 @@ ENGEL = described("engel")
 
 def plan(operation: Operation, findings: Findings | None = None, drive: DriveType = ENGEL) -> PdoPlan:
     return plan_pdos(LAYOUTS[operation], drive, NODE, findings or found_in_data_sheet(drive), sync=False)
+
+
+def mapped(pdo: Pdo) -> tuple[PdoDirection, int, list[int], tuple[str, ...]]:
+    """What of a PDO is not the limits of one drive."""
+    return pdo.direction, pdo.number, [entry.mapping for entry in pdo.entries], tuple(pdo.attributes)
 
 
 def carried(found: PdoPlan) -> set[str]:
@@ -44,8 +49,8 @@ def needed(operation: Operation) -> tuple[set[str], set[str]]:
 @pytest.mark.parametrize("operation", list(Operation))
 def test_a_drive_that_takes_any_mapping_gets_the_layout_of_the_telegram(operation: Operation) -> None:
     found, layout = plan(operation), LAYOUTS[operation]
-    assert [item.pdo for item in found.rpdos] == list(reversed(layout.rpdos))
-    assert [item.pdo for item in found.tpdos] == list(layout.tpdos)
+    assert [mapped(item.pdo) for item in found.rpdos] == [mapped(pdo) for pdo in reversed(layout.rpdos)]
+    assert [mapped(item.pdo) for item in found.tpdos] == [mapped(pdo) for pdo in layout.tpdos]
     assert not found.written
     assert not found.read
     assert not found.notes

@@ -15,11 +15,11 @@ from pdgw.ds301.loop import Event
 from pdgw.ds301.network import CanNetwork
 from pdgw.ds301.nmt import NmtCommand, NmtState
 from pdgw.ds301.objects import Entry
-from pdgw.dsp402.device import EDS_PATH as DRIVE_EDS
 from pdgw.dsp406.device import device_info, eds_path, encoder_objects
 from pdgw.dsp406.encoder import EncoderClient, EncoderEvent, EncoderSettings, EncoderStatus, load_eds
 from pdgw.dsp406.errors import Dsp406Error
 from pdgw.dsp406.kinds import LINEAR, MULTI_SENSOR, ROTARY, EncoderDevice, multi_sensor
+from pdgw.peers.drive.device import EDS_PATH as DRIVE_EDS
 from pdgw.peers.encoder import Motion, SimulatedEncoder, SimulatedEncoderNode
 from pdgw.peers.encoder.motion import constant_speed, still
 from pdgw.peers.node.node import Value

@@ -9,7 +9,6 @@ from can.interfaces import BACKENDS
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pdgw.dsp402.device import EDS_PATH
 from pdgw.dsp406.device import eds_path
 from pdgw.dsp406.kinds import ROTARY
 from pdgw.gateway.axis.settings import ControlLost, PlcLossReaction, SetpointEnable
@@ -18,6 +17,7 @@ from pdgw.gateway.config_check import references_wrong
 from pdgw.gateway.config_example import example, simulated
 from pdgw.gateway.config_file import load_config, parse_config
 from pdgw.gateway.errors import GatewayError
+from pdgw.peers.drive.device import EDS_PATH
 from pdgw.profidrive.telegrams import TELEGRAMS
 
 BASE = """\

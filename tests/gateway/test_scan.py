@@ -12,12 +12,12 @@ from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.loop import MS
 from pdgw.ds301.network import CanNetwork
 from pdgw.ds301.pdo import PdoDirection
-from pdgw.dsp402.device import EDS_PATH
 from pdgw.gateway.config_surroundings import CanConfig
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.fitness import lacks
 from pdgw.gateway.scan import Expected, FoundNode, Scan, Sheet, expected_on, load_sheets
 from pdgw.peers.drive import SHAPES
+from pdgw.peers.drive.device import EDS_PATH
 from pdgw.peers.world import World
 from tests.support.daemon import axis, configuration
 

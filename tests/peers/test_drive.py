@@ -13,13 +13,13 @@ from pdgw.ds301.aborts import Abort
 from pdgw.ds301.eds import write_eds
 from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.nmt import NmtState
-from pdgw.dsp402.device import EDS_PATH, INFO, drive_objects
 from pdgw.dsp402.images import COMMAND_NAMES, FEEDBACK_NAMES
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.dsp402.pdo import LAYOUTS, Operation, with_second_position
 from pdgw.dsp402.states import COMMAND_TRANSITIONS, Command, ControlBit, State, StatusBit, state_of
 from pdgw.peers.drive import LINEAR, Machine, SimulatedDriveNode
+from pdgw.peers.drive.device import EDS_PATH, INFO, OBJECTS, drive_objects
 from pdgw.peers.drive.family import CURRENT_CONTROL, DRIVE_FAULTS, HOMING_METHODS, SPEED_CONTROL, TURNTABLE
 
 MS = 1_000_000
@@ -396,7 +396,7 @@ def test_sdo_aborts_are_those_of_the_standard(index: int, subindex: int, data: b
 
 def test_pdo_mapping_needs_an_invalid_pdo_and_count_0_and_checks_objects_and_length() -> None:
     bench = Bench()
-    target = DRIVE_OBJECTS.attribute("target_position")
+    target = OBJECTS.attribute("target_position")
     assert bench.write(0x1600, 1, target.mapping) == Abort.UNSUPPORTED_ACCESS
     assert bench.write(0x1400, 1, 0x8000_0201) == 0
     assert bench.write(0x1600, 1, target.mapping) == Abort.UNSUPPORTED_ACCESS

@@ -10,11 +10,11 @@ import canopen
 from pdgw.ds301.eds import write_eds
 from pdgw.ds301.eds_import import import_eds
 from pdgw.dsp402.describe import PRODUCT_CODE, SUPPORTED_DRIVE_MODES, VENDOR_ID, answers_of_defaults, describe
-from pdgw.dsp402.device import EDS_PATH
-from pdgw.dsp402.device import PRODUCT_CODE as ENGEL_PRODUCT
-from pdgw.dsp402.device import VENDOR_ID as ENGEL_VENDOR
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.peers.drive import shape
+from pdgw.peers.drive.device import EDS_PATH
+from pdgw.peers.drive.device import PRODUCT_CODE as ENGEL_PRODUCT
+from pdgw.peers.drive.device import VENDOR_ID as ENGEL_VENDOR
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,8 +10,8 @@ from typer.testing import CliRunner
 
 from pdgw.ds301.eds import DeviceInfo, write_eds
 from pdgw.ds301.objects import Access, CanType, var
-from pdgw.dsp402.device import EDS_PATH, drive_objects
 from pdgw.dsp402.overlay import overlay_for, overlays
+from pdgw.peers.drive.device import EDS_PATH, drive_objects
 from pdgw.tools.commands.drives import app
 
 

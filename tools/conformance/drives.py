@@ -11,13 +11,13 @@ from dataclasses import dataclass, field
 
 import can
 
-from pdgw.dsp402.device import EDS_PATH
 from pdgw.dsp402.drive import DriveStatus
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import State, state_of
 from pdgw.gateway.binding import Axis
 from pdgw.gateway.config import AxisConfig
 from pdgw.peers.drive import DriveModel, SimulatedDriveNode
+from pdgw.peers.drive.device import EDS_PATH
 from pdgw.profidrive.signals import signal
 from pdgw.tools.conformance.bench import (
     CHANNEL,

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
-from pdgw.dsp402.device import drive_objects
-from pdgw.dsp402.objects import DRIVE_OBJECTS
+from pdgw.dsp402.objects import DRIVE_OBJECTS, known_objects
 from pdgw.dsp402.states import state_of
 from pdgw.dsp406.objects import PROFILE
 from pdgw.gateway.errors import GatewayError
@@ -22,7 +21,7 @@ from pdgw.tools.parameters.client import ParameterClient
 
 _PROFILE_IDENTIFICATION = 965
 _ENCODER_OBJECTS = {row.index: row for row in PROFILE}
-_KNOWN_OBJECTS = {entry.index for entry in drive_objects()} | _ENCODER_OBJECTS.keys()
+_KNOWN_OBJECTS = {entry.index for entry in known_objects()} | _ENCODER_OBJECTS.keys()
 _STRINGS = {DataType.VISIBLE_STRING, DataType.OCTET_STRING}
 Progress = Callable[[int, int], None]
 

@@ -7,11 +7,11 @@ from hypothesis import given
 
 from pdgw.dsp402.images import DriveFeedback
 from pdgw.dsp402.modes import Mode
-from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.dsp402.states import ControlBit, State
 from pdgw.gateway.axis.adapters.transparent import ACTUAL_ATTRIBUTES, SETPOINT_ATTRIBUTES
 from pdgw.gateway.axis.settings import AxisSettings, PlcLossReaction
 from pdgw.gateway.reasons import Reason
+from pdgw.peers.drive.device import OBJECTS
 from pdgw.peers.drive.family import TURNTABLE
 from pdgw.profidrive.telegrams import telegram
 from tests.support.drive_types import References
@@ -31,7 +31,7 @@ def axis(**settings: object) -> Rig:
 def test_attributes_match_the_telegrams_signals() -> None:
     for names, half in ((SETPOINT_ATTRIBUTES, HALF), (ACTUAL_ATTRIBUTES, telegram(100).actuals)):
         for attribute, item in list(zip(names, half.signals, strict=True))[2:]:
-            entry = DRIVE_OBJECTS.attribute(attribute)
+            entry = OBJECTS.attribute(attribute)
             assert entry.type.bits == item.type.size * 8, item.name
             assert entry.type.char.upper() == item.type.char.upper(), item.name
 
@@ -50,7 +50,7 @@ def test_values_pass_unchanged_or_limited_to_what_the_object_allows(values: tupl
     stopped = (word & ControlBit.FAULT_RESET) | (word & ControlBit.ENABLE_VOLTAGE)
     assert stepper.command.controlword == (word if word & 0x6 == 0x6 else stopped)
     for attribute, value in list(zip(SETPOINT_ATTRIBUTES, values, strict=True))[2:]:
-        low, high = DRIVE_OBJECTS.attribute(attribute).limits
+        low, high = OBJECTS.attribute(attribute).limits
         assert getattr(stepper.command, attribute) == min(max(value, low), high)
 
 
