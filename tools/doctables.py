@@ -27,7 +27,8 @@ from pdgw.gateway.parameters.objects import error_of_abort
 from pdgw.gateway.positioner_parameters import BLOCK_ITEMS, ITEMS
 from pdgw.gateway.reasons import GATEWAY_FAULTS, Reason
 from pdgw.peers.drive.family import DRIVE_FAULTS, FAMILY_MODES, HOMING_METHODS
-from pdgw.peers.node.misbehaviour import NODE_MISBEHAVIOURS, Misbehaviour
+from pdgw.peers.node.faults import NODE_MISBEHAVIOURS
+from pdgw.peers.node.misbehaviour import Misbehaviour
 from pdgw.peers.simulation.devices import DEVICE_TYPES
 from pdgw.profidrive.encoder import STATUS_BITS, TRANSITIONS, SensorError
 from pdgw.profidrive.parameters.catalogue import PARAMETERS

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, cast
 
 from pdgw.dsp406.faults import ENCODER_FAULTS, EncoderFault
-from pdgw.peers.node.misbehaviour import NODE_MISBEHAVIOURS, Misbehaviour, catalogue
+from pdgw.peers.node.faults import NODE_MISBEHAVIOURS
+from pdgw.peers.node.misbehaviour import Misbehaviour, catalogue
 
 if TYPE_CHECKING:
     from pdgw.peers.encoder.model import EncoderModel

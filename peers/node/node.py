@@ -21,7 +21,8 @@ from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.nmt import NmtCommand, NmtState
 from pdgw.ds301.objects import Access, CanType, Entry, ObjectSpec
 from pdgw.ds301.pdo import COB_ID_INVALID, COB_ID_NO_REMOTE, Pdo, PdoDirection
-from pdgw.peers.node.misbehaviour import NODE_MISBEHAVIOURS, Catalogue, Misbehaviour, make
+from pdgw.peers.node.faults import NODE_MISBEHAVIOURS
+from pdgw.peers.node.misbehaviour import Catalogue, Misbehaviour, make
 from pdgw.peers.node.sdo_server import BlockSdoServer
 
 MS = 1_000_000

@@ -16,7 +16,7 @@ from pdgw.dsp402.pdo import LAYOUTS, Operation
 from pdgw.peers.drive import Machine, SimulatedDriveNode
 from pdgw.peers.encoder import SimulatedEncoderNode
 from pdgw.peers.encoder.motion import constant_speed, still
-from pdgw.peers.node.misbehaviour import NODE_MISBEHAVIOURS
+from pdgw.peers.node.faults import NODE_MISBEHAVIOURS
 from pdgw.peers.node.node import SimulatedNode
 from tests.support.mapping import pdo_steps
 

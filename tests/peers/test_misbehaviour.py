@@ -12,7 +12,7 @@ from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import State, StatusBit, state_of
 from pdgw.peers.drive import DriveModel, SimulatedDriveNode
 from pdgw.peers.drive.misbehaviour import DRIVE_MISBEHAVIOURS
-from pdgw.peers.node.misbehaviour import NODE_MISBEHAVIOURS
+from pdgw.peers.node.faults import NODE_MISBEHAVIOURS
 from pdgw.peers.node.node import SimulatedNode
 
 MS = 1_000_000

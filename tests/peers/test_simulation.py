@@ -20,7 +20,7 @@ from pdgw.gateway.errors import GatewayError
 from pdgw.peers.bus import INTERFACE
 from pdgw.peers.drive.misbehaviour import DRIVE_MISBEHAVIOURS
 from pdgw.peers.encoder.misbehaviour import ENCODER_MISBEHAVIOURS
-from pdgw.peers.node.misbehaviour import NODE_MISBEHAVIOURS
+from pdgw.peers.node.faults import NODE_MISBEHAVIOURS
 from pdgw.peers.simulation.config import example, load_bus, parse_bus
 from pdgw.peers.simulation.console import Console
 from pdgw.peers.simulation.devices import DEVICE_TYPES, Simulation, fault_catalogue
