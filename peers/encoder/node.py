@@ -77,7 +77,7 @@ class SimulatedEncoderNode(SimulatedNode):
     def write(self, entry: Entry, value: Value) -> None:
         super().write(entry, value)
         if entry.index == CYCLIC_TIMER:
-            self._map_pdos()
+            self.pdos.map()
         elif entry.index == com.RESTORE_PARAMETERS:
             self.model.restore_defaults()
         elif entry.index >= OPERATING_PARAMETERS:

@@ -17,22 +17,14 @@ from canopen.sdo import SdoAbortedError
 from pdgw.ds301 import communication as com
 from pdgw.ds301.aborts import Abort
 from pdgw.ds301.connection_set import EMCY, ERROR_CONTROL, SDO_REQUEST, SDO_RESPONSE
-from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.nmt import NmtCommand, NmtState
 from pdgw.ds301.objects import Access, CanType, Entry, ObjectSpec
-from pdgw.ds301.pdo import COB_ID_INVALID, COB_ID_NO_REMOTE, Pdo, PdoDirection
+from pdgw.ds301.pdo import Pdo
 from pdgw.peers.node.faults import NODE_MISBEHAVIOURS
 from pdgw.peers.node.misbehaviour import Catalogue, Misbehaviour, make
+from pdgw.peers.node.pdos import MS, NEVER, NodePdos
 from pdgw.peers.node.sdo_server import BlockSdoServer
 
-MS = 1_000_000
-_COB_ID_MASK = 0x7FF
-"""Bit of a TPDO's COB-ID: it is not sent on a remote request."""
-_TRANSMISSION_SYNC_MAX = 240
-_EVENT_DRIVEN = (254, 255)
-_UNSEEN_NS = 10 * MS
-"""So often a device looks after itself while no TPDO would tell of a change."""
-_NEVER = 1 << 62
 _COMMUNICATION_AREA_END = 0x1FFF
 
 SendFunction = Callable[[int, bytes], None]
@@ -46,38 +38,6 @@ def encode(entry: Entry, value: Value) -> bytes:
     if isinstance(value, str):
         return value.encode("latin-1")
     return struct.pack("<" + entry.type.char, value)
-
-
-class _Tpdo:
-    """A transmit PDO in force and when it was sent."""
-
-    __slots__ = (
-        "cob_id",
-        "due",
-        "event_ns",
-        "held",
-        "inhibit_ns",
-        "last",
-        "last_time",
-        "pdo",
-        "remote",
-        "sync_count",
-        "type",
-    )
-
-    def __init__(self, pdo: Pdo, cob_id: int, type_: int, inhibit_ns: int, event_ns: int) -> None:
-        self.pdo = pdo
-        self.cob_id = cob_id & _COB_ID_MASK
-        self.remote = not cob_id & COB_ID_NO_REMOTE
-        self.type = type_
-        self.inhibit_ns = inhibit_ns
-        self.event_ns = event_ns
-        self.last = b""
-        self.last_time = -_NEVER
-        self.due = -_NEVER
-        self.sync_count = 0
-        self.held = False
-        """What has to be looked at again when the inhibit time is over."""
 
 
 class SimulatedNode:
@@ -96,10 +56,7 @@ class SimulatedNode:
         self.indices = {spec.index for spec in objects}
         self.values: dict[tuple[int, int], Value] = {}
         self.stored: dict[tuple[int, int], Value] = {}
-        self._rpdos: dict[int, Pdo] = {}
-        self._rpdo_types: dict[int, int] = {}
-        self._rpdo_waiting: dict[int, bytes] = {}
-        self._tpdos: list[_Tpdo] = []
+        self.pdos = NodePdos(self)
         self._heartbeat_due = 0
         self._consumed: dict[int, tuple[int, int]] = {}
         self._errors: list[int] = []
@@ -208,11 +165,10 @@ class SimulatedNode:
         self.now = now
         if self.misbehaviours and not all(fault.incoming(can_id, data) for fault in self._behind(past)):
             return
-        pdo = self._rpdos.get(can_id)
-        if pdo is not None:
+        if can_id in self.pdos.received:
             if self.state is NmtState.OPERATIONAL:
                 self.on_poll(now)
-                self._receive_pdo(can_id, pdo, data)
+                self.pdos.receive(can_id, data)
         elif can_id == SDO_REQUEST + self.node_id:
             if self.state is not NmtState.STOPPED and self.state is not NmtState.BOOT_UP and len(data) == 8:
                 self.on_poll(now)
@@ -224,11 +180,19 @@ class SimulatedNode:
                 self._nmt(data[0])
                 self.touch()
         elif can_id == self.values[com.SYNC_COB_ID, 0]:
-            self._sync()
+            self.pdos.sync()
         elif can_id in self._consumed:
             self._consumed[can_id] = (self._consumed[can_id][0], now)
         else:
             self.on_foreign_frame(can_id, data)
+
+    def receive_remote(self, can_id: int, now: int) -> None:
+        """A remote frame from the bus: send the TPDO with this COB-ID, if it allows that."""
+        self.now = now
+        if self.state is not NmtState.OPERATIONAL:
+            return
+        self.on_poll(now)
+        self.pdos.send_remote(can_id)
 
     def poll(self, now: int) -> None:
         """Time passes: device, heartbeats and event-driven PDOs."""
@@ -252,7 +216,7 @@ class SimulatedNode:
                 self._consumed[can_id] = (limit, -1)
                 self.on_consumer_expired(can_id - ERROR_CONTROL)
         if self.state is NmtState.OPERATIONAL:
-            self._event_driven(now)
+            self.pdos.send_due(now)
 
     def catch_up(self, now: int) -> None:
         """Bring the device up to ``now``, before a command."""
@@ -265,7 +229,7 @@ class SimulatedNode:
 
         A time that is past means at once; None: not before a frame or a command. Earlier polls change nothing.
         """
-        soonest = _NEVER
+        soonest = NEVER
         for fault in self.misbehaviours.values():
             event = fault.next_event(now)
             if event is not None and event < soonest:
@@ -278,30 +242,10 @@ class SimulatedNode:
             for limit, seen in self._consumed.values():
                 if seen >= 0 and seen + limit < soonest:
                     soonest = seen + limit + 1
-            soonest = min(soonest, self._next_pdo(now))
+            soonest = min(soonest, self.pdos.next_event(now))
         elif self._boot_at >= 0:
             soonest = min(soonest, self._boot_at)
-        return soonest if soonest < _NEVER else None
-
-    def _next_pdo(self, now: int) -> int:
-        """When a TPDO is due by its timer, at the end of its inhibit time, or by a change of the image."""
-        soonest = _NEVER
-        told = _NEVER
-        if self.state is NmtState.OPERATIONAL:
-            for tpdo in self._tpdos:
-                if tpdo.type not in _EVENT_DRIVEN:
-                    continue
-                free = tpdo.last_time + tpdo.inhibit_ns
-                if tpdo.held and free < soonest:
-                    soonest = free
-                if tpdo.event_ns:
-                    soonest = min(soonest, max(tpdo.due, free))
-                if free < told and self.sent_on_change(tpdo.type):
-                    told = free
-        change = self.next_change(now)
-        if change is not None:
-            soonest = min(soonest, max(change, told) if told < _NEVER else change + _UNSEEN_NS)
-        return soonest
+        return soonest if soonest < NEVER else None
 
     def touch(self) -> None:
         """Something was changed from outside: it is looked at in the next ``poll``."""
@@ -330,12 +274,11 @@ class SimulatedNode:
 
     def pdo(self, can_id: int) -> Pdo | None:
         """What is mapped to a PDO of either direction now, by its identifier; None for none."""
-        transmitted = (tpdo.pdo for tpdo in self._tpdos if tpdo.cob_id == can_id)
-        return self._rpdos.get(can_id) or next(transmitted, None)
+        return self.pdos.get(can_id)
 
     def is_pdo(self, can_id: int) -> bool:
         """Whether a COB-ID is one of the node's valid PDOs."""
-        return can_id in self._rpdos or any(tpdo.cob_id == can_id for tpdo in self._tpdos)
+        return self.pdos.get(can_id) is not None
 
     def send_message(self, can_id: int, data: bytes) -> None:
         """What canopen's SDO server calls."""
@@ -403,14 +346,14 @@ class SimulatedNode:
             self._store(entry, value)
             return
         if 0x1400 <= entry.index < 0x1C00:
-            self._check_pdo(entry, int(value))
+            self.pdos.check(entry, int(value))
         self.on_written(entry, value)
         if entry.attribute:
             setattr(self.image, entry.attribute, value)
         else:
             self.values[address] = value
         if 0x1400 <= entry.index < 0x1C00:
-            self._map_pdos()
+            self.pdos.map()
         elif entry.index == com.CONSUMER_HEARTBEAT:
             self._consume_heartbeats()
         elif entry.index == com.PRODUCER_HEARTBEAT:
@@ -449,7 +392,7 @@ class SimulatedNode:
             elif address in self.stored:
                 setattr(self.image, entry.attribute, self.stored[address])
         self._errors = []
-        self._map_pdos()
+        self.pdos.map()
         self._consume_heartbeats()
 
     def _store(self, entry: Entry, value: Value) -> None:
@@ -490,10 +433,7 @@ class SimulatedNode:
         if target is None or target is self.state:
             return
         self.state = target
-        self._rpdo_waiting.clear()
-        if target is NmtState.OPERATIONAL:
-            for tpdo in self._tpdos:
-                tpdo.last = b""
+        self.pdos.forget()
         self.on_nmt(target)
 
     def _consume_heartbeats(self) -> None:
@@ -502,135 +442,3 @@ class SimulatedNode:
             if index == com.CONSUMER_HEARTBEAT and subindex and int(value) & 0xFFFF:
                 # Guarding starts with the first heartbeat.
                 self._consumed[ERROR_CONTROL + (int(value) >> 16 & 0x7F)] = ((int(value) & 0xFFFF) * MS, -1)
-
-    # -- PDO ----------------------------------------------------------------------------------------------------------
-
-    def _check_pdo(self, entry: Entry, value: int) -> None:
-        """Mapping only changes while the PDO is invalid and its count is 0 (CiA 301 chapter 7.5.2.36)."""
-        index, subindex = entry.index, entry.subindex
-        direction = PdoDirection.RPDO if index < 0x1800 else PdoDirection.TPDO
-        mapping = 0x1600 <= index < 0x1800 or index >= 0x1A00
-        communication = index - 0x200 if mapping else index
-        valid = not int(self.values[communication, 1]) & COB_ID_INVALID
-        if not mapping:
-            if subindex == 1 and valid and not value & COB_ID_INVALID and int(self.values[index, 1]) != value:
-                raise SdoAbortedError(Abort.VALUE_RANGE)
-            if subindex == 2 and _TRANSMISSION_SYNC_MAX < value < _EVENT_DRIVEN[0]:
-                raise SdoAbortedError(Abort.VALUE_RANGE)  # reserved, or on remote request only
-            return
-        if valid:
-            raise SdoAbortedError(Abort.UNSUPPORTED_ACCESS)
-        if subindex:
-            if self.values[index, 0]:
-                raise SdoAbortedError(Abort.UNSUPPORTED_ACCESS)
-            self._mappable(value, direction)
-            return
-        self._pdo_of(index, value, direction)
-
-    def _mappable(self, mapping: int, direction: PdoDirection) -> Entry:
-        entry = self.entries.get((mapping >> 16, mapping >> 8 & 0xFF))
-        if entry is None:
-            raise SdoAbortedError(Abort.NO_SUCH_OBJECT)
-        writable = entry.access is Access.RW
-        if not entry.pdo or entry.type.bits != mapping & 0xFF or (direction is PdoDirection.RPDO and not writable):
-            raise SdoAbortedError(Abort.NOT_MAPPABLE)
-        return entry
-
-    def _pdo_of(self, index: int, count: int, direction: PdoDirection) -> Pdo | None:
-        if not count:
-            return None
-        mapped = [int(self.values.get((index, sub), 0)) for sub in range(1, count + 1)]
-        entries = tuple(self._mappable(mapping, direction) for mapping in mapped)
-        try:
-            return Pdo(direction, index - direction.mapping_index + 1, entries)
-        except CanopenError:
-            raise SdoAbortedError(Abort.PDO_LENGTH) from None
-
-    def _map_pdos(self) -> None:
-        self._rpdos = {}
-        self._rpdo_types = {}
-        self._rpdo_waiting = {}
-        old = {(tpdo.cob_id, tpdo.pdo.attributes): tpdo for tpdo in self._tpdos}
-        self._tpdos = []
-        for (index, subindex), cob_id in list(self.values.items()):
-            if subindex != 1 or not (0x1400 <= index < 0x1600 or 0x1800 <= index < 0x1A00):
-                continue
-            if int(cob_id) & COB_ID_INVALID:
-                continue
-            direction = PdoDirection.RPDO if index < 0x1800 else PdoDirection.TPDO
-            pdo = self._pdo_of(index + 0x200, int(self.values[index + 0x200, 0]), direction)
-            if pdo is None:
-                continue
-            identifier = int(cob_id) & _COB_ID_MASK
-            if direction is PdoDirection.RPDO:
-                self._rpdos[identifier] = pdo
-                self._rpdo_types[identifier] = int(self.values[index, 2])
-            else:
-                inhibit = int(self.values.get((index, 3), 0)) * 100_000
-                event = self.event_timer(index) * MS
-                tpdo = _Tpdo(pdo, int(cob_id), int(self.values[index, 2]), inhibit, event)
-                if (previous := old.get((identifier, pdo.attributes))) is not None:
-                    tpdo.last, tpdo.last_time = previous.last, previous.last_time
-                    tpdo.due = previous.last_time + event
-                self._tpdos.append(tpdo)
-
-    def _receive_pdo(self, can_id: int, pdo: Pdo, data: bytes) -> None:
-        if len(data) < pdo.size:
-            self.send_emcy(0x8210, 0x11)  # PDO not processed due to length error
-            return
-        if self._rpdo_types[can_id] <= _TRANSMISSION_SYNC_MAX:
-            self._rpdo_waiting[can_id] = data
-            return
-        pdo.unpack_into(data, self.image)
-        self.on_rpdo(pdo)
-        self._event_driven(self.now)
-
-    def _sync(self) -> None:
-        if self.state is not NmtState.OPERATIONAL:
-            return
-        self.on_poll(self.now)
-        for can_id, data in self._rpdo_waiting.items():
-            pdo = self._rpdos[can_id]
-            pdo.unpack_into(data, self.image)
-            self.on_rpdo(pdo)
-        self._rpdo_waiting.clear()
-        self.on_sync()
-        for tpdo in self._tpdos:
-            if tpdo.type > _TRANSMISSION_SYNC_MAX:
-                continue
-            data = self.packed(tpdo.pdo)
-            tpdo.sync_count += 1
-            due = data != tpdo.last if tpdo.type == 0 else tpdo.sync_count >= tpdo.type
-            if due:
-                tpdo.sync_count = 0
-                self._send_tpdo(tpdo, data)
-
-    def receive_remote(self, can_id: int, now: int) -> None:
-        """A remote frame from the bus: send the TPDO with this COB-ID, if it allows that."""
-        self.now = now
-        if self.state is not NmtState.OPERATIONAL:
-            return
-        self.on_poll(now)
-        for tpdo in self._tpdos:
-            if tpdo.cob_id == can_id and tpdo.remote:
-                self._send_tpdo(tpdo, self.packed(tpdo.pdo))
-
-    def _event_driven(self, now: int) -> None:
-        for tpdo in self._tpdos:
-            if tpdo.type not in _EVENT_DRIVEN:
-                continue
-            tpdo.held = now - tpdo.last_time < tpdo.inhibit_ns
-            if tpdo.held:
-                continue
-            data = self.packed(tpdo.pdo)
-            changed = data != tpdo.last and self.sent_on_change(tpdo.type)
-            if changed or (tpdo.event_ns and now >= tpdo.due):
-                self._send_tpdo(tpdo, data)
-
-    def _send_tpdo(self, tpdo: _Tpdo, data: bytes) -> None:
-        tpdo.last = data
-        tpdo.last_time = self.now
-        # The timer runs on from when it was due, so that late polls do not stretch the period.
-        on_time = tpdo.due <= self.now < tpdo.due + tpdo.event_ns
-        tpdo.due = (tpdo.due if on_time else self.now) + tpdo.event_ns
-        self.transmit(tpdo.cob_id, data)

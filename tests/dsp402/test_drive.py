@@ -675,7 +675,7 @@ def _fixed(plant: Plant, operation: Operation, values: dict[tuple[int, int], int
         node.values[step.index, step.subindex] = step.value
     node.values[0x1801, 1] = 0x284
     node.values |= values
-    node._map_pdos()
+    node.pdos.map()
     drive.node = node
     plant.drive = drive
     drive.start()

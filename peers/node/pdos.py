@@ -1,0 +1,235 @@
+"""The PDOs of a simulated CANopen node: mapping at run time, reception, and transmission on SYNC, by event and on request.
+
+Source: CiA DS 301 V4.01. What a value means and when one has changed is the node's.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from canopen.sdo import SdoAbortedError
+
+from pdgw.ds301.aborts import Abort
+from pdgw.ds301.errors import CanopenError
+from pdgw.ds301.nmt import NmtState
+from pdgw.ds301.objects import Access, Entry
+from pdgw.ds301.pdo import COB_ID_INVALID, COB_ID_NO_REMOTE, Pdo, PdoDirection
+
+if TYPE_CHECKING:
+    from pdgw.peers.node.node import SimulatedNode
+
+MS = 1_000_000
+NEVER = 1 << 62
+_COB_ID_MASK = 0x7FF
+_TRANSMISSION_SYNC_MAX = 240
+_EVENT_DRIVEN = (254, 255)
+_UNSEEN_NS = 10 * MS
+"""So often a device looks after itself while no TPDO would tell of a change."""
+
+
+class _Tpdo:
+    """A transmit PDO in force and when it was sent."""
+
+    __slots__ = (
+        "cob_id",
+        "due",
+        "event_ns",
+        "held",
+        "inhibit_ns",
+        "last",
+        "last_time",
+        "pdo",
+        "remote",
+        "sync_count",
+        "type",
+    )
+
+    def __init__(self, pdo: Pdo, cob_id: int, type_: int, inhibit_ns: int, event_ns: int) -> None:
+        self.pdo = pdo
+        self.cob_id = cob_id & _COB_ID_MASK
+        self.remote = not cob_id & COB_ID_NO_REMOTE
+        self.type = type_
+        self.inhibit_ns = inhibit_ns
+        self.event_ns = event_ns
+        self.last = b""
+        self.last_time = -NEVER
+        self.due = -NEVER
+        self.sync_count = 0
+        self.held = False
+        """What has to be looked at again when the inhibit time is over."""
+
+
+class NodePdos:
+    """The PDOs of one node, as its parameters 1400h to 1BFFh say."""
+
+    def __init__(self, node: SimulatedNode) -> None:
+        self.node = node
+        self.received: dict[int, Pdo] = {}
+        """RPDOs by COB-ID."""
+        self._types: dict[int, int] = {}
+        self._waiting: dict[int, bytes] = {}
+        """Data for the next SYNC."""
+        self._tpdos: list[_Tpdo] = []
+
+    def get(self, can_id: int) -> Pdo | None:
+        """What is mapped to a PDO of either direction, by its identifier; None for none."""
+        transmitted = (tpdo.pdo for tpdo in self._tpdos if tpdo.cob_id == can_id)
+        return self.received.get(can_id) or next(transmitted, None)
+
+    def forget(self) -> None:
+        """The NMT state changed: nothing waits for SYNC, and in operation every TPDO is news."""
+        self._waiting.clear()
+        if self.node.state is NmtState.OPERATIONAL:
+            for tpdo in self._tpdos:
+                tpdo.last = b""
+
+    def next_event(self, now: int) -> int:
+        """When a TPDO is due by its timer, at the end of its inhibit time, or by a change of the image."""
+        soonest = NEVER
+        told = NEVER
+        if self.node.state is NmtState.OPERATIONAL:
+            for tpdo in self._tpdos:
+                if tpdo.type not in _EVENT_DRIVEN:
+                    continue
+                free = tpdo.last_time + tpdo.inhibit_ns
+                if tpdo.held and free < soonest:
+                    soonest = free
+                if tpdo.event_ns:
+                    soonest = min(soonest, max(tpdo.due, free))
+                if free < told and self.node.sent_on_change(tpdo.type):
+                    told = free
+        change = self.node.next_change(now)
+        if change is not None:
+            soonest = min(soonest, max(change, told) if told < NEVER else change + _UNSEEN_NS)
+        return soonest
+
+    def check(self, entry: Entry, value: int) -> None:
+        """Mapping only changes while the PDO is invalid and its count is 0 (CiA 301 chapter 7.5.2.36)."""
+        index, subindex = entry.index, entry.subindex
+        direction = PdoDirection.RPDO if index < 0x1800 else PdoDirection.TPDO
+        mapping = 0x1600 <= index < 0x1800 or index >= 0x1A00
+        communication = index - 0x200 if mapping else index
+        valid = not int(self.node.values[communication, 1]) & COB_ID_INVALID
+        if not mapping:
+            if subindex == 1 and valid and not value & COB_ID_INVALID and int(self.node.values[index, 1]) != value:
+                raise SdoAbortedError(Abort.VALUE_RANGE)
+            if subindex == 2 and _TRANSMISSION_SYNC_MAX < value < _EVENT_DRIVEN[0]:
+                raise SdoAbortedError(Abort.VALUE_RANGE)  # reserved, or on remote request only
+            return
+        if valid:
+            raise SdoAbortedError(Abort.UNSUPPORTED_ACCESS)
+        if subindex:
+            if self.node.values[index, 0]:
+                raise SdoAbortedError(Abort.UNSUPPORTED_ACCESS)
+            self._mappable(value, direction)
+            return
+        self._pdo_of(index, value, direction)
+
+    def _mappable(self, mapping: int, direction: PdoDirection) -> Entry:
+        entry = self.node.entries.get((mapping >> 16, mapping >> 8 & 0xFF))
+        if entry is None:
+            raise SdoAbortedError(Abort.NO_SUCH_OBJECT)
+        writable = entry.access is Access.RW
+        if not entry.pdo or entry.type.bits != mapping & 0xFF or (direction is PdoDirection.RPDO and not writable):
+            raise SdoAbortedError(Abort.NOT_MAPPABLE)
+        return entry
+
+    def _pdo_of(self, index: int, count: int, direction: PdoDirection) -> Pdo | None:
+        if not count:
+            return None
+        mapped = [int(self.node.values.get((index, sub), 0)) for sub in range(1, count + 1)]
+        entries = tuple(self._mappable(mapping, direction) for mapping in mapped)
+        try:
+            return Pdo(direction, index - direction.mapping_index + 1, entries)
+        except CanopenError:
+            raise SdoAbortedError(Abort.PDO_LENGTH) from None
+
+    def map(self) -> None:
+        """Bring the PDOs in line with their parameters."""
+        self.received = {}
+        self._types = {}
+        self._waiting = {}
+        old = {(tpdo.cob_id, tpdo.pdo.attributes): tpdo for tpdo in self._tpdos}
+        self._tpdos = []
+        for (index, subindex), cob_id in list(self.node.values.items()):
+            if subindex != 1 or not (0x1400 <= index < 0x1600 or 0x1800 <= index < 0x1A00):
+                continue
+            if int(cob_id) & COB_ID_INVALID:
+                continue
+            direction = PdoDirection.RPDO if index < 0x1800 else PdoDirection.TPDO
+            pdo = self._pdo_of(index + 0x200, int(self.node.values[index + 0x200, 0]), direction)
+            if pdo is None:
+                continue
+            identifier = int(cob_id) & _COB_ID_MASK
+            if direction is PdoDirection.RPDO:
+                self.received[identifier] = pdo
+                self._types[identifier] = int(self.node.values[index, 2])
+            else:
+                inhibit = int(self.node.values.get((index, 3), 0)) * 100_000
+                event = self.node.event_timer(index) * MS
+                tpdo = _Tpdo(pdo, int(cob_id), int(self.node.values[index, 2]), inhibit, event)
+                if (previous := old.get((identifier, pdo.attributes))) is not None:
+                    tpdo.last, tpdo.last_time = previous.last, previous.last_time
+                    tpdo.due = previous.last_time + event
+                self._tpdos.append(tpdo)
+
+    def receive(self, can_id: int, data: bytes) -> None:
+        """One of the RPDOs came in operation."""
+        pdo = self.received[can_id]
+        if len(data) < pdo.size:
+            self.node.send_emcy(0x8210, 0x11)  # PDO not processed due to length error
+            return
+        if self._types[can_id] <= _TRANSMISSION_SYNC_MAX:
+            self._waiting[can_id] = data
+            return
+        pdo.unpack_into(data, self.node.image)
+        self.node.on_rpdo(pdo)
+        self.send_due(self.node.now)
+
+    def sync(self) -> None:
+        """A SYNC came."""
+        if self.node.state is not NmtState.OPERATIONAL:
+            return
+        self.node.on_poll(self.node.now)
+        for can_id, data in self._waiting.items():
+            pdo = self.received[can_id]
+            pdo.unpack_into(data, self.node.image)
+            self.node.on_rpdo(pdo)
+        self._waiting.clear()
+        self.node.on_sync()
+        for tpdo in self._tpdos:
+            if tpdo.type > _TRANSMISSION_SYNC_MAX:
+                continue
+            data = self.node.packed(tpdo.pdo)
+            tpdo.sync_count += 1
+            due = data != tpdo.last if tpdo.type == 0 else tpdo.sync_count >= tpdo.type
+            if due:
+                tpdo.sync_count = 0
+                self._send(tpdo, data)
+
+    def send_remote(self, can_id: int) -> None:
+        """A remote request: send the TPDO with this COB-ID, if it allows that."""
+        for tpdo in self._tpdos:
+            if tpdo.cob_id == can_id and tpdo.remote:
+                self._send(tpdo, self.node.packed(tpdo.pdo))
+
+    def send_due(self, now: int) -> None:
+        """Send the event-driven TPDOs that have something to tell or whose timer is over."""
+        for tpdo in self._tpdos:
+            if tpdo.type not in _EVENT_DRIVEN:
+                continue
+            tpdo.held = now - tpdo.last_time < tpdo.inhibit_ns
+            if tpdo.held:
+                continue
+            data = self.node.packed(tpdo.pdo)
+            changed = data != tpdo.last and self.node.sent_on_change(tpdo.type)
+            if changed or (tpdo.event_ns and now >= tpdo.due):
+                self._send(tpdo, data)
+
+    def _send(self, tpdo: _Tpdo, data: bytes) -> None:
+        tpdo.last = data
+        tpdo.last_time = self.node.now
+        # The timer runs on from when it was due, so that late polls do not stretch the period.
+        on_time = tpdo.due <= self.node.now < tpdo.due + tpdo.event_ns
+        tpdo.due = (tpdo.due if on_time else self.node.now) + tpdo.event_ns
+        self.node.transmit(tpdo.cob_id, data)
