@@ -261,6 +261,8 @@ class _Exchange:
                 counter.restart()
         who = " and ".join(name for name in (connection.controller, connection.station) if name)
         self._put(Event(now, 0, "PLC", f"relationship of {who} {change.value}"))
+        if change is Change.ENDED:
+            self._step(now)  # no frame comes any more that would tell the axes
 
     def take(self, record: CyclicRecord) -> None:
         """A cyclic frame of either direction."""
