@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, Final
+from typing import Any, ClassVar, Final
 
 from canopen.sdo import SdoAbortedError
 
@@ -49,7 +49,7 @@ _POWERED: Final = (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE, State.FAULT
 class Axis(DriveObject):
     """A drive object (DO) with a drive behind it."""
 
-    kind = "axis"
+    kind: ClassVar[str] = "axis"
 
     def __init__(
         self,

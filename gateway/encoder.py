@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from concurrent.futures import Future
 from fractions import Fraction
-from typing import Any
+from typing import Any, ClassVar
 
 from pdgw.ds301.client import NodeClient
 from pdgw.ds301.network import CanNetwork
@@ -90,12 +90,12 @@ class ChannelInput:
 class EncoderObject(DriveObject):
     """A drive object (DO) with one channel of an encoder behind it."""
 
-    kind = "encoder"
-    telegram_numbers = ENCODER_TELEGRAM_NUMBERS
+    kind: ClassVar[str] = "encoder"
 
     def __init__(self, config: EncoderConfig, node: EncoderNode, number: int, tolerance: int = MONITORING_OFF) -> None:
         super().__init__(config.do_id, node.client.network, telegram(number))
         self.config: EncoderConfig = config
+        self.telegram_numbers = ENCODER_TELEGRAM_NUMBERS
         self._node = node
         self.input = ChannelInput(node.client, config.channel)
         self._tolerance = tolerance

@@ -71,17 +71,12 @@ class Keeper:
             self._keep(*pending)
 
     def ended(self) -> None:
-        """The daemon is gone: whatever is pending is kept now; without its stop sequence that is a stop too."""
+        """The daemon is gone: what is pending is kept now; without its stop sequence that is a stop too, in a file of its own."""
         self.poll()
-        if (
-            self._pending is None
-            and Trigger.STOP in self._choice.triggers
-            and not self._reader.ended
-            and self._last is not None
-        ):
-            self._pending = self._last.time_ns, "killed"
         if self._pending is not None:
             self._keep(*self._pending)
+        if Trigger.STOP in self._choice.triggers and not self._reader.ended and self._last is not None:
+            self._keep(self._last.time_ns, "killed")
 
     def _happened(self, last: Cycle, cycle: Cycle) -> str:
         objects = self._reader.layout.objects

@@ -171,7 +171,7 @@ def test_simulated_devices_obey_their_console_and_are_given_faults(tmp_path: Pat
         process.stdin.flush()
         assert process.wait(PATIENCE_S) == 0
 
-        wait_for(lambda: "rotary encoders [10] on virtual" in encoder_log.read_text(), "running")
+        wait_for(lambda: "rotary encoder 10 on virtual" in encoder_log.read_text(), "running")
         assert pdgw("sim", "inject", "--port", str(other), "fault", "temperature").stdout == "ok: temperature\n"
         answer = pdgw("sim", "inject", "--port", str(other), "status").stdout
         assert "node 10: encoder, NMT PRE_OPERATIONAL, model rotary, position [6144]" in answer

@@ -179,6 +179,18 @@ def test_a_stop_the_plc_did_not_ask_for_is_kept_and_its_own_is_not(
         assert [file.name.endswith("-stop-axis-1.pcapng") for file in keeper.kept] == ([True] if kept else [])
 
 
+def test_a_gateway_killed_right_after_a_stop_has_a_file_of_each(tmp_path: Path) -> None:
+    with recorded(tmp_path) as (_, plc, reader):
+        keeper = Keeper(reader, choice(tmp_path, Trigger.STOP))
+        play(plc, SECOND // 10)
+        plc.silent = True
+        plc.loop.run_for(SECOND // 2)
+        keeper.poll()
+        assert keeper.kept == []  # what comes after the stop belongs to it
+        keeper.ended()
+        assert [file.stem.split("-", 3)[-1] for file in keeper.kept] == ["stop-axis-1", "killed"]
+
+
 def test_the_oldest_files_go(tmp_path: Path) -> None:
     with recorded(tmp_path) as (daemon, plc, reader):
         keeper = Keeper(reader, choice(tmp_path, Trigger.FAULT, files=2))
