@@ -42,6 +42,7 @@ COMPILED = (
     "gateway/faults.py",
     "gateway/link.py",
     "gateway/motion/[!_]*.py",
+    "gateway/profinet_link.py",
     "gateway/trace/recorder.py",
     "gateway/trace/writer.py",
     "gateway/transport/confirmation.py",
@@ -50,6 +51,11 @@ COMPILED = (
     "gateway/transport/udp.py",
     "profidrive/frame.py",
     "profidrive/normalisation.py",
+    "profinet/cmdev.py",
+    "profinet/cpm.py",
+    "profinet/device.py",
+    "profinet/ethernet.py",
+    "profinet/ppm.py",
 )
 """Patterns of what every cycle runs through. Traps: an enum with an ``__init__``, a class derived from an untyped library's
 (``ds301/on_canopen.py``), an interpreted class derived from a compiled one, a value of another type than declared, ``...`` as a

@@ -75,7 +75,7 @@ COMMANDS: Mapping[str, Entry] = {
     "sim": Entry("sim:app", "Simulators: PLC, drives, encoders, a bus of devices."),
     "demo": Entry(
         "demo:demo",
-        "PLC, gateway and the bus of three drives and an encoder as processes; every expectation with pass or fail.",
+        "PLC, gateway and the bus of its drives as processes, chapter by chapter; every expectation with pass or fail.",
     ),
     "bench": Entry("bench:app", "Benchmarks."),
     "conformance": Entry("conformance:app", "Conformance tests of the gateway."),

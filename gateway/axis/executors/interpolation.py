@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 from math import lcm
 from types import MappingProxyType
-from typing import Final
+from typing import Final, Protocol
 
 from pdgw.ds301.objects import CanType, Entry
 from pdgw.dsp402.drive_type import DriveType, Quantity
@@ -21,7 +21,7 @@ from pdgw.dsp402.images import DriveCommand, DriveFeedback
 from pdgw.dsp402.modes import MODE_NAMES, Mode
 from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.dsp402.states import STATE_OF_STATUS, ControlBit, State, StatusBit
-from pdgw.gateway.axis.executors.base import AxisCycle, Executor, known
+from pdgw.gateway.axis.executors.base import AxisCycle, known
 from pdgw.gateway.axis.power_table import Action
 from pdgw.gateway.axis.waist import STATE_MASK
 from pdgw.gateway.motion.dsc import wrapped
@@ -44,6 +44,14 @@ _MADE_HERE: Final = StatusBit.TARGET_REACHED | StatusBit.MODE_12
 _OPERATES = (Action.ENABLE_OPERATION, Action.RAMP)
 _ALL_POSITIONS = CanType.I32.integer_range
 _PROFILE_OBJECTS = ("profile_velocity", "profile_acceleration", "profile_deceleration", "target_velocity")
+
+
+class Tasks(Protocol):
+    """What is used of an executor of modes 1, 3 and 6: as ``Executor`` says."""
+
+    def step(self) -> Reason | None: ...
+
+    def refuse(self) -> None: ...
 
 
 def _offered(drive: DriveType) -> DriveType:
@@ -138,14 +146,14 @@ class Interpolation:
 
     # -- the machine's side -------------------------------------------------------------------------------------------
 
-    def refuse(self, executor: Executor) -> None:
+    def refuse(self, executor: Tasks) -> None:
         """As ``Executor.refuse``."""
         executor.refuse()
         self._command.controlword = self._wished.controlword
         self._stand(self._feedback)
         self._unseen = True
 
-    def step(self, executor: Executor) -> Reason | None:
+    def step(self, executor: Tasks) -> Reason | None:
         """As ``Executor.step``."""
         feedback, cycle = self._feedback, self._cycle
         cyclic = feedback.modes_of_operation_display == _CYCLIC

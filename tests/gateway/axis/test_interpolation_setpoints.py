@@ -15,7 +15,7 @@ import pytest
 from pdgw.dsp402.images import DriveCommand, DriveFeedback
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import STATUS_OF, ControlBit, State, StatusBit
-from pdgw.gateway.axis.executors.base import AxisCycle, Executor
+from pdgw.gateway.axis.executors.base import AxisCycle
 from pdgw.gateway.axis.executors.interpolation import Interpolation
 from pdgw.gateway.axis.power_table import Action
 from pdgw.gateway.axis.settings import AxisSettings
@@ -46,8 +46,11 @@ def ramp(rpm_s: int) -> Fraction:
     return counts(rpm_s, CYCLE * CYCLE)
 
 
-class Asks(Executor):
+class Asks:
     """Asks for what the test has put into its command."""
+
+    def __init__(self, cycle: AxisCycle) -> None:
+        self.cycle = cycle
 
     def refuse(self) -> None:
         self.cycle.command.controlword = 0
