@@ -21,6 +21,7 @@ from pdgw.decoder.timeline import Anomaly, AnomalyKind, Edge, ReasonChange, Word
 from pdgw.ds301.aborts import abort_text
 from pdgw.ds301.nmt import NmtCommand, NmtState
 from pdgw.ds301.pdo import PdoDirection
+from pdgw.dsp402.further import image_entry
 from pdgw.dsp402.generic import recorded_addresses, recorded_drive_type
 from pdgw.dsp402.images import DriveFeedback
 from pdgw.dsp402.objects import DRIVE_OBJECTS
@@ -237,7 +238,7 @@ class AxisFollower(ObjectFollower):
         direction = next(item for item in PdoDirection if layout.name.startswith(item.label))
         places = {address: position for position, address in enumerate(layout.addresses)}
         receives = direction is PdoDirection.RPDO
-        entries = [(DRIVE_OBJECTS.get(*address), position) for address, position in places.items()]
+        entries = [(image_entry(*address), position) for address, position in places.items()]
         plan = self._plans[layout] = _Plan(
             direction,
             places.get(_CONTROLWORD if receives else _STATUSWORD, -1),

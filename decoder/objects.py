@@ -17,6 +17,7 @@ from pdgw.decoder.fields import Field, Raw, entry_field
 from pdgw.decoder.records import UnitLayout
 from pdgw.ds301.objects import CanType, Entry
 from pdgw.ds301.pdo import COB_ID_INVALID, PdoDirection
+from pdgw.dsp402.further import FURTHER_OBJECTS
 from pdgw.dsp402.objects import known_objects
 from pdgw.dsp406.device import encoder_objects
 from pdgw.dsp406.kinds import DEVICES
@@ -88,8 +89,8 @@ def _is_cob_id(index: int, subindex: int) -> bool:
 
 @cache
 def catalogue() -> ObjectNames:
-    """The drive's objects, for nodes no EDS was given for."""
-    return ObjectNames(entry for spec in known_objects() for entry in spec.entries)
+    """The drive's objects and those of the profile beside them, for nodes no EDS was given for."""
+    return ObjectNames(entry for spec in (*FURTHER_OBJECTS, *known_objects()) for entry in spec.entries)
 
 
 @cache

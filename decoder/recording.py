@@ -28,8 +28,8 @@ from pdgw.ds301.nmt import NmtCommand, NmtState
 from pdgw.ds301.pdo import Pdo, PdoDirection
 from pdgw.dsp402 import touch_probe
 from pdgw.dsp402.drive_type import DriveType
+from pdgw.dsp402.further import image_entry
 from pdgw.dsp402.generic import recorded_addresses, recorded_drive_type
-from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.values import Configured
 from pdgw.profidrive.frame import IOPS_GOOD
@@ -297,7 +297,7 @@ def _pdo(node: _Node, record: PdoRecord) -> None:
     if node.last.get(record.cob_id) == record.data:
         return
     node.last[record.cob_id] = record.data
-    known = [(DRIVE_OBJECTS.get(*address), value) for address, value in values.items()]
+    known = [(image_entry(*address), value) for address, value in values.items()]
     node.feedback.append(Feedback(now, tuple((entry.attribute, value) for entry, value in known if entry is not None)))
 
 

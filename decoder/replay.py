@@ -24,7 +24,7 @@ import copy
 from bisect import bisect_right
 from collections import deque
 from collections.abc import Hashable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Final, NamedTuple
 
@@ -118,7 +118,10 @@ class Replayer:
             times = [answer.time_ns for answer in recording.answers]
             longest = max((later - earlier for earlier, later in pairwise(times)), default=0)
             self._sent_tolerance = max(tolerance_ns, min(longest, _LONGEST_STALL_NS))
-        self._machine = AxisMachine(recording.telegram.number, recording.settings, DriveFeedback())
+        settings = recording.settings
+        if not settings.cycle_ns:  # set-points of mode 8 are made for each cycle
+            settings = replace(settings, cycle_ns=cycle_ns)
+        self._machine = AxisMachine(recording.telegram.number, settings, DriveFeedback())
         self._checkpoints = Checkpoints(self._machine)
         self._rpdos = recording.rpdos
         self._not_compared = recording.sensors_elsewhere

@@ -14,6 +14,7 @@ from canopen.objectdictionary import ODVariable
 from pdgw.ds301.objects import Access, CanType, Entry
 from pdgw.ds301.pdo import PdoDirection
 from pdgw.dsp402.drive_type import DriveType, PdoCapabilities, PdoSlot, Quirks
+from pdgw.dsp402.further import VL_ENTRIES
 from pdgw.dsp402.modes import MODE_NAMES, STANDARD_HOMING_METHODS, SUPPORTED_MODES, Mode
 from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.dsp402.overlay import Overlay, overlay, overlay_for
@@ -32,7 +33,6 @@ SUPPORTED_HOMING_METHODS = 0x60E3
 HOMING_METHOD: Address = (0x6098, 0)
 PROFILE_AREA = range(0x6000, 0x6800)
 """Of the first axis; what lies outside is the manufacturer's."""
-_VL_OBJECTS = {"target_velocity": (0x6042, 0), "velocity_demand": (0x6043, 0), "velocity_actual": (0x6044, 0)}
 _PDOS = 512
 _MAPPED_OBJECTS = 8
 _COB_ID = 0x1FFF_FFFF
@@ -149,7 +149,7 @@ def _entries(dictionary: canopen.ObjectDictionary, family: Overlay | None, *, vl
         if entry.attribute and entry.index in PROFILE_AREA
     }
     if vl:
-        addresses |= _VL_OBJECTS
+        addresses |= {attribute: (entry.index, entry.subindex) for attribute, entry in VL_ENTRIES.items()}
     if family is not None:
         addresses |= family.objects
     found: dict[str, Entry] = {}

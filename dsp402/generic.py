@@ -13,7 +13,7 @@ from canopen.objectdictionary import ODArray, ODRecord, ODVariable
 
 from pdgw.ds301.communication import DEVICE_NAME, communication_objects, pdo_objects
 from pdgw.ds301.eds_import import import_eds
-from pdgw.ds301.objects import Access, CanType, Entry, ObjectKind, ObjectSpec, array, var
+from pdgw.ds301.objects import Entry, ObjectKind, ObjectSpec
 from pdgw.ds301.pdo import PdoDirection
 from pdgw.dsp402.describe import (
     PRODUCT_CODE,
@@ -26,57 +26,15 @@ from pdgw.dsp402.describe import (
     signed,
 )
 from pdgw.dsp402.drive_type import DriveType
+from pdgw.dsp402.further import FURTHER_OBJECTS
 from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.dsp402.overlay import overlay, overlay_for, overlays
 
-_RW, _RO = Access.RW, Access.RO
-_I8, _I16, _I32 = CanType.I8, CanType.I16, CanType.I32
-_U8, _U16, _U32 = CanType.U8, CanType.U16, CanType.U32
 _PDOS = 5
 """PDOs of each direction that have an identifier of their own."""
-_METHODS = 37
 
 Read = Callable[[int, int], bytes | None]
 """Reads an object of the device; None where the device does not have it."""
-
-
-def _ratio(index: int, name: str, first: str, second: str, type_: CanType = _U32) -> ObjectSpec:
-    return array(index, name, Entry(index, 1, first, type_, _RW), Entry(index, 2, second, type_, _RW))
-
-
-FURTHER_OBJECTS: tuple[ObjectSpec, ...] = (
-    var(0x6042, "vl target velocity", _I16, _RW, pdo=True),
-    var(0x6043, "vl velocity demand", _I16, _RO, pdo=True),
-    var(0x6044, "vl velocity actual value", _I16, _RO, pdo=True),
-    _ratio(0x6046, "vl velocity min max amount", "Minimum", "Maximum"),
-    _ratio(0x6048, "vl velocity acceleration", "Delta speed", "Delta time"),
-    _ratio(0x6049, "vl velocity deceleration", "Delta speed", "Delta time"),
-    _ratio(0x604B, "vl setpoint factor", "Numerator", "Denominator", _I16),
-    _ratio(0x604C, "vl dimension factor", "Numerator", "Denominator", _I32),
-    _ratio(0x607D, "Software position limit", "Minimum", "Maximum", _I32),
-    var(0x6089, "Position notation index", _I8),
-    var(0x608A, "Position dimension index", _U8),
-    var(0x608B, "Velocity notation index", _I8),
-    var(0x608C, "Velocity dimension index", _U8),
-    var(0x608D, "Acceleration notation index", _I8),
-    var(0x608E, "Acceleration dimension index", _U8),
-    _ratio(0x608F, "Position encoder resolution", "Encoder increments", "Motor revolutions"),
-    _ratio(0x6090, "Velocity encoder resolution", "Encoder increments per second", "Motor revolutions per second"),
-    _ratio(0x6091, "Gear ratio", "Motor revolutions", "Shaft revolutions"),
-    _ratio(0x6092, "Feed constant", "Feed", "Shaft revolutions"),
-    _ratio(0x6093, "Position factor", "Numerator", "Divisor"),
-    _ratio(0x6096, "Velocity factor", "Numerator", "Divisor"),
-    _ratio(0x6097, "Acceleration factor", "Numerator", "Divisor"),
-    var(0x60A8, "SI unit position", _U32),
-    var(0x60A9, "SI unit velocity", _U32),
-    var(0x60AA, "SI unit acceleration", _U32),
-    array(
-        0x60E3,
-        "Supported homing methods",
-        *(Entry(0x60E3, sub, f"Homing method {sub}", _I8, _RO) for sub in range(1, _METHODS + 1)),
-    ),
-)
-"""Objects of the profile beside those of the catalogue."""
 
 
 @cache

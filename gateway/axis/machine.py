@@ -95,7 +95,9 @@ class AxisMachine:
         self.notes = self.cycle.notes
         self.interlock = Interlock(settings)
         self.executor = self._make_executor(kind)
-        self._with_tasks = kind is Kind.POSITIONING or kind is Kind.POSITIONER
+        # Made now, so that a replay knows all parts of the machine from its beginning.
+        with_tasks = kind is Kind.POSITIONING or kind is Kind.POSITIONER
+        self._own_interpolation = Interpolation(self.cycle) if with_tasks else None
         self._interpolation: Interpolation | None = None
         """Between executor and drive, where the drive has no profile position."""
         self.sensor = SensorWords() if "G1_STW" in self.telegram.setpoints.names else None
@@ -338,16 +340,17 @@ class AxisMachine:
 
     def _shown_to_executor(self, drive: DriveType) -> DriveType:
         cycle, executor = self.cycle, self.executor
-        if not (self._with_tasks and drive.interpolates):
+        made = self._own_interpolation
+        if made is None or not drive.interpolates:
             self._interpolation = None
             cycle.feedback, cycle.command = self.inputs.feedback, self.outputs.command
             executor.command = cycle.command
             return drive
-        if self._interpolation is None:
-            self._interpolation = Interpolation(cycle)
-            executor.command = cycle.command
+        self._interpolation = made
+        cycle.feedback, cycle.command = made.seen, made.wished
+        executor.command = cycle.command
         modulo = isinstance(executor, PositionerExecutor) and executor.choices.modulo != 0
-        return self._interpolation.set_drive(drive, modulo=modulo)
+        return made.set_drive(drive, modulo=modulo)
 
     def _set_drive(self, drive: DriveType | None, homing_method: int) -> None:
         """What the drive is; one whose 100 % are not known, or that lacks a mode, refuses operation (fault 104)."""

@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 
-from pdgw.decoder.cyclic import Axis
-from pdgw.decoder.engine import Settings
 from pdgw.gateway.positioner_config import SIMULATED
 from pdgw.profidrive.signals import signal
-from pdgw.tools.recordings import Known, Loaded, load
-from tests.support.daemon import Plc, axis, configuration, drive_of, running
-from tests.support.recorded import Frames
+from tests.support.daemon import axis, drive_of
+from tests.support.recorded_daemon import RecordedPlc, only, recorded
 
 ON_THE_FLY, ACTIVATE, READ = 0x80, 0x10, 0x20
 POSITIONER = "simulate = true\n[axis.positioner]\n" + "".join(
@@ -22,44 +17,6 @@ POSITIONER = "simulate = true\n[axis.positioner]\n" + "".join(
 )
 VALUE_1 = signal("G1_ZSW").bit("VALUE_1").mask
 POSITION_READ = b"\x43\xba\x60\x00"
-
-
-class RecordedPlc(Plc):
-    """A PLC whose frames, the answers and the frames on CAN are kept."""
-
-    def __init__(self, *args: object) -> None:
-        super().__init__(*args)  # type: ignore[arg-type]
-        self.frames = Frames()
-        bus = self.daemon.networks["can"].listeners
-        bus.append(
-            lambda message: self.frames.can.append((self.loop.now(), message.arbitration_id, bytes(message.data)))
-        )
-
-    def _take(self) -> None:
-        while (datagram := self.port.receive()) is not None:
-            self.frames.answers.append((self.loop.now(), bytes(datagram[0])))
-            self.endpoint.receive(datagram[0], self.loop.now())
-
-    def send(self) -> None:
-        frame = bytes(self.endpoint.build(self.loop.now()))
-        self.frames.plc.append((self.loop.now(), frame))
-        self.port.send(frame, self.daemon.address)
-
-    def replayed(self, folder: Path) -> Loaded:
-        config = self.daemon.config
-        axes = [Axis(item.do_id, item.telegram, item.node_id) for item in config.objects]
-        settings = {item.do_id: item.settings_at(config.transport.cycle_time_ms) for item in config.axis}
-        known = Known(Settings(axes), settings, self.daemon.cycle_ns, config.transport.watchdog_factor)
-        return load(self.frames.write(folder), known, 0, lambda _: None)
-
-
-@contextmanager
-def recorded(numbers: list[int], tables: str) -> Iterator[RecordedPlc]:
-    made: list[RecordedPlc] = []
-    config = configuration(tables)
-    with running(config, lambda daemon: made.append(RecordedPlc(daemon, numbers))) as daemon:
-        assert daemon.config is config
-        yield made[0]
 
 
 def measure(plc: RecordedPlc) -> None:
@@ -75,12 +32,6 @@ def measure(plc: RecordedPlc) -> None:
     plc.endpoint.set(0, {"G1_STW": 0, "NSOLL_B": 0})
     for _ in range(20):
         plc.exchange()
-
-
-def only(loaded: Loaded) -> list[tuple[str, tuple[str, ...]]]:
-    outcome = loaded.replay(first_only=True)[0]
-    assert outcome.differences or outcome.compared > 50
-    return [(item.what, item.names) for item in outcome.differences]
 
 
 @pytest.mark.parametrize("number", [3, 102])

@@ -1,7 +1,7 @@
 """Profile position and profile velocity for a drive that has neither: the gateway makes the set-points of mode 8.
 
 Source: CiA 402-2 (profile position and its handshake, cyclic synchronous position), docs/motion.md "Drives with cyclic
-synchronous position alone". An executor of tasks commands and sees a drive of modes 1, 3 and 6 (``_wished``, ``_seen``); what the
+synchronous position alone". An executor of tasks commands and sees a drive of modes 1, 3 and 6 (``wished``, ``seen``); what the
 real one gets is a position with each SYNC. Homing (6) is the drive's own, and passes. Left out: turntables, sine-squared ramps.
 """
 
@@ -83,12 +83,13 @@ class _Setpoint:
 
 
 class Interpolation:
-    """Of one axis. Takes the place of the drive in ``cycle``: its executor has to take its command image anew."""
+    """Of one axis, whose drive is that of the images ``cycle`` has when this is made."""
 
     def __init__(self, cycle: AxisCycle) -> None:
         self._cycle = cycle
         self._command, self._feedback = cycle.command, cycle.feedback
-        self._wished, self._seen = cycle.command, cycle.feedback = DriveCommand(), DriveFeedback()
+        self.wished, self.seen = DriveCommand(), DriveFeedback()
+        """What the executor commands and sees, instead of the images of the cycle."""
         self._cycle_ns = cycle.settings.cycle_ns
         self._profile = Profile()
         self._resolution = 1
@@ -149,7 +150,7 @@ class Interpolation:
     def refuse(self, executor: Tasks) -> None:
         """As ``Executor.refuse``."""
         executor.refuse()
-        self._command.controlword = self._wished.controlword
+        self._command.controlword = self.wished.controlword
         self._stand(self._feedback)
         self._unseen = True
 
@@ -159,7 +160,7 @@ class Interpolation:
         cyclic = feedback.modes_of_operation_display == _CYCLIC
         self._show(feedback, cycle.standstill, cyclic=cyclic)
         reason = executor.step()
-        command, wished = self._command, self._wished
+        command, wished = self._command, self.wished
         mode, word = wished.modes_of_operation, wished.controlword
         if mode == _HOMING:
             command.modes_of_operation, command.controlword = mode, word
@@ -184,7 +185,7 @@ class Interpolation:
     # -- what the executor sees -----------------------------------------------------------------------------------------
 
     def _show(self, feedback: DriveFeedback, standstill: bool, *, cyclic: bool) -> None:
-        seen = self._seen
+        seen = self.seen
         seen.position_actual = feedback.position_actual
         seen.velocity_actual = feedback.velocity_actual
         seen.velocity_demand = feedback.velocity_demand
@@ -249,7 +250,7 @@ class Interpolation:
 
     def _turn(self, word: int, feedback: DriveFeedback) -> bool:
         """Profile velocity; True when it wants to move."""
-        wished, profile = self._wished, self._profile
+        wished, profile = self.wished, self._profile
         if wished.profile_deceleration:
             self._deceleration = wished.profile_deceleration * self._ramp_unit
         wanted = 0 if word & _HALT else wished.target_velocity
@@ -298,7 +299,7 @@ class Interpolation:
         return True
 
     def _take(self, word: int) -> None:
-        wished = self._wished
+        wished = self.wished
         setpoint = _Setpoint(
             self._target(word) * self._resolution,
             wished.profile_velocity * self._speed_unit,
@@ -315,7 +316,7 @@ class Interpolation:
 
     def _target(self, word: int) -> int:
         """Where the set-point ends, in position units."""
-        target = self._wished.target_position
+        target = self.wished.target_position
         if self._turns_on:
             self._profile.position -= (self._position - self._demanded) * self._resolution
         if word & _RELATIVE:

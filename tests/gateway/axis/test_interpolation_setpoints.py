@@ -69,7 +69,10 @@ class Axis:
         self.interpolation.set_drive(
             replace(CSP, scaling=replace(CSP.scaling, position_range=position_range)), modulo=False
         )
-        self.wished, self.seen = self.cycle.command, self.cycle.feedback
+        self.wished, self.seen = self.cycle.command, self.cycle.feedback = (
+            self.interpolation.wished,
+            self.interpolation.seen,
+        )
         self.executor = Asks(self.cycle)
         self.cycle.action = Action.ENABLE_OPERATION
         self.follows = True
