@@ -27,11 +27,8 @@ from pdgw.dsp402.describe import (
 )
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.further import FURTHER_OBJECTS
-from pdgw.dsp402.objects import DRIVE_OBJECTS
+from pdgw.dsp402.objects import DRIVE_OBJECTS, PDOS
 from pdgw.dsp402.overlay import overlay, overlay_for, overlays
-
-_PDOS = 5
-"""PDOs of each direction that have an identifier of their own."""
 
 Read = Callable[[int, int], bytes | None]
 """Reads an object of the device; None where the device does not have it."""
@@ -43,7 +40,7 @@ def generic_objects() -> tuple[ObjectSpec, ...]:
     profile = (spec for spec in DRIVE_OBJECTS.objects if spec.index in PROFILE_AREA)
     return (
         *communication_objects(0, "", (0, 0, 0, 0), ("", "")),
-        *pdo_objects(_PDOS, _PDOS, ()),
+        *pdo_objects(PDOS, PDOS, ()),
         *sorted((*profile, *FURTHER_OBJECTS), key=lambda spec: spec.index),
     )
 
@@ -124,7 +121,7 @@ def _dictionary(node_id: int | None, read: Read) -> canopen.ObjectDictionary:
 
 def _direction(index: int) -> PdoDirection | None:
     for direction in PdoDirection:
-        if direction.communication_index <= index < direction.communication_index + _PDOS:
+        if direction.communication_index <= index < direction.communication_index + PDOS:
             return direction
     return None
 
@@ -141,7 +138,7 @@ def _object(spec: ObjectSpec, read: Read) -> ODVariable | ODRecord | ODArray | N
     highest = first[0] if first else len(spec.entries)
     item.add_member(_variable(spec.entries[0], first))
     is_mapping = any(
-        direction.mapping_index <= spec.index < direction.mapping_index + _PDOS for direction in PdoDirection
+        direction.mapping_index <= spec.index < direction.mapping_index + PDOS for direction in PdoDirection
     )
     for entry in spec.entries[1:]:
         # Sub-index 0 of a mapping tells how many objects are mapped, not how many may be.

@@ -15,7 +15,7 @@ RO, RW, CONST = Access.RO, Access.RW, Access.CONST
 I8, I16, I32 = CanType.I8, CanType.I16, CanType.I32
 U8, U16, U32 = CanType.U8, CanType.U16, CanType.U32
 
-_PDOS = 5
+PDOS = 5
 """PDOs of each direction that have an identifier of their own."""
 VELOCITY_UNIT = "velocity units (6094h rpm)"
 ACCELERATION_UNIT = "10 rpm/s (sine-squared: ms)"
@@ -140,6 +140,6 @@ def known_objects() -> tuple[ObjectSpec, ...]:
     """Everything of a drive that has a name here, communication area included; what of it a drive has is not said."""
     return (
         *communication_objects(0, "", (0, 0, 0, 0), ("", "")),
-        *pdo_objects(_PDOS, _PDOS, ()),
+        *pdo_objects(PDOS, PDOS, ()),
         *DRIVE_OBJECTS.objects,
     )
