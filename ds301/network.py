@@ -70,6 +70,8 @@ class CanNetwork(Receiver):
         self._watchers: list[Callable[[int], None]] = []
         self._looking: Timer | None = None
         self._sync_for: set[int] = set()
+        self._sync_held: set[int] = set()
+        """Nodes for whose sake no SYNC is sent."""
         self.sync_wanted = False
         """A node on this bus sends or takes PDOs on SYNC."""
         self.sync_changed: Callable[[], None] | None = None
@@ -182,9 +184,14 @@ class CanNetwork(Receiver):
             if self.sync_changed is not None:
                 self.sync_changed()
 
+    def hold_sync(self, node_id: int, *, held: bool) -> None:
+        """Whether SYNC is withheld for the sake of a node that nothing else stops."""
+        (self._sync_held.add if held else self._sync_held.discard)(node_id)
+
     def send_sync(self) -> None:
         """One SYNC, from the cyclic exchange."""
-        self.send(SYNC, b"")
+        if not self._sync_held:
+            self.send(SYNC, b"")
 
     # -- what the port delivers -----------------------------------------------------------------------------------------
 

@@ -46,6 +46,7 @@ DriveStatus = NodeStatus
 DriveEvent = NodeEvent
 _MODE_CONFIRM_NS: Final = SECOND
 _SPEED_MODES: Final = (Mode.VELOCITY, Mode.CYCLIC_VELOCITY, Mode.VL_VELOCITY)
+_CYCLIC_MODES: Final = (Mode.CYCLIC_POSITION, Mode.CYCLIC_VELOCITY)
 _NO_MODE: Final = 0
 _WITNESS_NS: Final = SECOND
 """So often is a TPDO that does not change compared with its objects."""
@@ -356,10 +357,9 @@ class DriveClient(NodeClient[DriveSettings]):
         assert drive is not None
         edges = drive.quirks.fault_reset_edges
         self._fault_reset = FaultReset(edges) if edges > 1 else None
-        if mode is not None:
-            offered = drive.speed_mode if mode is Mode.VELOCITY else None
-            self._set_mode(mode.value if offered is None else offered)
-            if offered == Mode.CYCLIC_VELOCITY:
+        if (wanted := drive.mode_for(mode)) is not None:
+            self._set_mode(wanted)
+            if mode is Mode.VELOCITY and wanted == Mode.CYCLIC_VELOCITY:
                 period_us = self.settings.cycle_ms * 1000
         if period_us and INTERPOLATION_TIME in self.dictionary:
             for step in interpolation_steps(period_us):
@@ -371,7 +371,10 @@ class DriveClient(NodeClient[DriveSettings]):
                 self._fetch(entry.index, entry.subindex)
 
     def _configure_guarding(self) -> None:
-        settings = self.settings
+        settings, drive = self.settings, self.drive_type
+        assert drive is not None
+        # A mode that the RPDO carries may be one in which SYNC is not looked for (homing).
+        cyclic = drive.mode_for(settings.initial_mode) in _CYCLIC_MODES
         wanted = Wanted(
             settings.gateway_node_id,
             settings.heartbeat_ms,
@@ -379,13 +382,15 @@ class DriveClient(NodeClient[DriveSettings]):
             settings.rpdo_refresh_ms,
             settings.abort_option,
             self._control.pdo.communication_index,
+            drive.quirks.sync_loss_periods,
+            self._sync_period_us if cyclic else 0,
         )
         guarding = guard(wanted, self._write_checked, self.read_number)
         if guarding.refusal and not settings.allow_unguarded:
             raise Dsp402Error(
                 "guarding of the gateway by the drive",
                 guarding.refusal,
-                "1016h or 100Ch and 100Dh or 1400h/5, and 6007h, that can be written "
+                "1016h or 100Ch and 100Dh or 1400h/5, and 6007h, that can be written, or a family known to stop without SYNC "
                 "(allow_unguarded = true operates it anyway)",
             )
         if guarding.refusal:

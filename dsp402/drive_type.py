@@ -135,6 +135,8 @@ class Quirks:
     """So long an SDO answer may take."""
     fault_number: tuple[int, int] | None = None
     """The object with the manufacturer's own fault number."""
+    sync_loss_periods: int = 0
+    """So many periods (1006h) without SYNC stop it in operation in a cyclic synchronous mode; 0: not known to."""
 
 
 @dataclass(frozen=True)
@@ -179,6 +181,11 @@ class DriveType:
     def speed_mode(self) -> int | None:
         """The mode for a speed setpoint: profile velocity, else cyclic synchronous velocity, else velocity mode (vl)."""
         return self._first(Mode.VELOCITY, Mode.CYCLIC_VELOCITY, Mode.VL_VELOCITY)
+
+    def mode_for(self, wanted: Mode | None) -> int | None:
+        """6060h for a mode that is wanted: profile velocity stands for the mode of speeds the drive offers."""
+        offered = self.speed_mode if wanted is Mode.VELOCITY else None
+        return wanted if offered is None else offered
 
     @property
     def speed_bits(self) -> int:

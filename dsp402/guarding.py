@@ -13,6 +13,7 @@ from typing import Final
 from canopen.sdo import SdoAbortedError
 
 from pdgw.ds301.aborts import NOT_THERE, abort_text
+from pdgw.ds301.communication import SYNC_PERIOD
 from pdgw.ds301.configuration import EVENT_TIMER, SdoStep
 from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.objects import CanType
@@ -38,6 +39,10 @@ class Wanted:
     """For 6007h."""
     control_index: int
     """Communication parameter of the RPDO with the Controlword."""
+    sync_loss_periods: int = 0
+    """Without SYNC, after which the drive's family stops in a cyclic synchronous mode; 0: not known to."""
+    sync_period_us: int = 0
+    """From one SYNC to the next where the drive operates in such a mode and no other; 0 elsewhere."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,10 +57,16 @@ class Guarding:
     """The gateway has to ask the drive for its state again and again, and the drive answers."""
     rpdos: bool = False
     """The drive stops when the gateway's RPDO does not come any more."""
+    sync: bool = False
+    """The drive stops when the gateway's SYNC does not come any more."""
 
 
 def guard(wanted: Wanted, write_checked: Callable[[SdoStep], None], read: Callable[[int, int], int]) -> Guarding:
     """Have the drive guard the gateway; for the node's task. Raises what ``write_checked`` raises but for refusals."""
+    return _by_sync(_by_service(wanted, write_checked, read), wanted, read)
+
+
+def _by_service(wanted: Wanted, write_checked: Callable[[SdoStep], None], read: Callable[[int, int], int]) -> Guarding:
 
     def refused(step: SdoStep) -> str:
         """Why the drive does not take a value; empty when it does."""
@@ -92,6 +103,19 @@ def guard(wanted: Wanted, write_checked: Callable[[SdoStep], None], read: Callab
         text = f"the time-out of its RPDO ({wanted.control_index:04X}h/5, {time_out} ms), then {reaction}"
         return Guarding(text, no_reaction, heartbeat=beats, rpdos=True)
     return Guarding("nothing", no_consumer, heartbeat=beats)
+
+
+def _by_sync(found: Guarding, wanted: Wanted, read: Callable[[int, int], int]) -> Guarding:
+    """``found``, or the loss of SYNC where that is nothing and the drive holds the period."""
+    if not (found.refusal and wanted.sync_loss_periods and wanted.sync_period_us):
+        return found
+    try:
+        if read(SYNC_PERIOD, 0) != wanted.sync_period_us:
+            return found
+    except SdoAbortedError:
+        return found
+    text = f"the loss of SYNC ({wanted.sync_loss_periods} periods of {wanted.sync_period_us} us, 1006h), then its own reaction"
+    return replace(found, text=text, refusal="", sync=True)
 
 
 def _reaction(step: SdoStep, refused: Callable[[SdoStep], str], read: Callable[[int, int], int]) -> tuple[str, str]:

@@ -128,6 +128,7 @@ class QuirkKeys(_Model):
     boot_ms: Annotated[int, Field(ge=0, le=60_000)] = 0
     sdo_answer_ms: Annotated[int, Field(ge=0, le=10_000)] = 0
     fault_number: Address | None = None
+    sync_loss_periods: Annotated[int, Field(ge=0, le=1000)] = 0
 
 
 class Overlay(_Model):

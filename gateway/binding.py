@@ -159,6 +159,8 @@ class Axis(DriveObject):
             self.drive.send(outputs.command, now)
         if outputs.brake is not self._brake:
             self._brake = outputs.brake
+            by_sync = outputs.brake is Brake.WITHHOLD_HEARTBEAT and guarding is not None and guarding.sync
+            self.network.hold_sync(self.node_id, held=by_sync)
             if outputs.brake is not Brake.NONE:
                 self.network.send(0, bytes((NmtCommand.STOP, self.node_id)))
 

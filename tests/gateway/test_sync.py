@@ -2,14 +2,24 @@
 
 from __future__ import annotations
 
-import pytest
+from dataclasses import replace
 
+import pytest
+from canopen.sdo import SdoAbortedError
+
+from pdgw.ds301.aborts import Abort
+from pdgw.ds301.communication import CONSUMER_HEARTBEAT, PRODUCER_HEARTBEAT, SYNC_PERIOD
+from pdgw.ds301.configuration import SdoStep
 from pdgw.ds301.connection_set import SYNC
 from pdgw.ds301.loop import MS
+from pdgw.dsp402.guarding import Wanted, guard
+from pdgw.dsp402.overlay import Overlay, QuirkKeys
 from pdgw.dsp402.states import State
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.status import snapshot
 from pdgw.gateway.sync import Spread
+from pdgw.peers.drive import SimulatedDrive, shape
+from pdgw.peers.drive.shapes import SYNCHRONOUS, Shape
 from pdgw.tools.status_text import status_lines
 from tests.support.daemon import Plc, axis, configuration, drive_of, exchanging, running, until, world_of
 
@@ -95,6 +105,94 @@ def test_without_sync_the_drive_stops_by_itself() -> None:
         plc.until(lambda: model.state is not State.OPERATION_ENABLED, "loss of SYNC")
         assert model.emcy_code == 0x8700
         plc.until(lambda: model.velocity_actual == 0, "standstill")
+
+
+HEARTBEATS = {CONSUMER_HEARTBEAT, PRODUCER_HEARTBEAT}
+KNOWN_TO_STOP = Overlay(name="test", title="test", sources=("this test",), quirks=QuirkKeys(sync_loss_periods=3))
+SPEED_KEYS = MORE.replace(
+    "simulate = true",
+    'velocity_unit = "rpm"\nacceleration_unit = "rpm/s"\nrated_speed_rpm = 3000\ncounts_per_revolution = 4096',
+)
+
+
+def unguarded(daemon: Daemon, kind: Shape = SYNCHRONOUS) -> SimulatedDrive:
+    """Nothing but the loss of SYNC stops it."""
+    info = replace(kind.info, vendor_id=shape("rpm").info.vendor_id)
+    return world_of(daemon).drive("world", 1, shape=replace(kind, lacks=kind.lacks | HEARTBEATS, info=info))
+
+
+def test_a_drive_whose_family_is_known_to_stop_without_sync_needs_nothing_else(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("pdgw.dsp402.describe.overlay_for", lambda *_: KNOWN_TO_STOP)
+    with running(configuration(axis(1, telegram_number=105, more=SPEED_KEYS))) as daemon:
+        drive = unguarded(daemon)
+        plc = Plc(daemon, [105])
+        plc.enable()
+        plc.endpoint.set(0, {"NSOLL_B": 1 << 28})
+        plc.until(lambda: drive.model.ramp.speed > 100, "it turns")
+        (status,) = snapshot(daemon)["axes"]
+        period = f"3 periods of {CYCLE_MS * 1000} us, 1006h"
+        assert status["guarding"] == f"the loss of SYNC ({period}), then its own reaction"
+        for _ in range(250):
+            plc.exchange()
+        assert drive.model.ramp.speed > 100, "SYNC for a second, and not stopped"
+        world_of(daemon).gateway_port("world").connect(False)
+        plc.loop.run_for(1500 * MS)
+        assert drive.model.ramp.speed == 0
+        world_of(daemon).gateway_port("world").connect(True)
+
+
+@pytest.mark.parametrize(
+    ("number", "kind", "family", "holds_period"),
+    [
+        pytest.param(105, SYNCHRONOUS, None, True, id="family not known to"),
+        pytest.param(1, SYNCHRONOUS, KNOWN_TO_STOP, True, id="set-points without SYNC"),
+        pytest.param(9, shape("csp"), KNOWN_TO_STOP, True, id="homing does not look for SYNC"),
+        pytest.param(105, SYNCHRONOUS, KNOWN_TO_STOP, False, id="period not taken"),
+    ],
+)
+def test_the_loss_of_sync_guards_nothing_where_it_is_not_known_to(
+    number: int, kind: Shape, family: Overlay | None, holds_period: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("pdgw.dsp402.describe.overlay_for", lambda *_: family)
+    with running(configuration(axis(1, telegram_number=number, more=SPEED_KEYS))) as daemon:
+        drive = unguarded(daemon, kind)
+        if not holds_period:
+            drive.node.entries.pop((SYNC_PERIOD, 0))
+            drive.node.indices.discard(SYNC_PERIOD)
+        client = daemon.axes[0].drive
+        until(daemon, lambda: client.status.value == "refused", "refused")
+        assert "guarding of the gateway by the drive" in client.status_text
+
+
+@pytest.mark.parametrize("held", [0, 4000, 8000])
+def test_the_loss_of_sync_guards_where_the_drive_holds_the_period_that_was_written(held: int) -> None:
+    def refuses(step: SdoStep) -> None:
+        raise SdoAbortedError(Abort.NO_SUCH_OBJECT)
+
+    wanted = Wanted(127, 100, 3, 100, 3, 0x1400, sync_loss_periods=3, sync_period_us=4000)
+    found = guard(wanted, refuses, lambda *_: held)
+    assert found.sync is (held == 4000)
+    assert bool(found.refusal) is (held != 4000)
+
+
+def test_sync_is_withheld_from_a_deaf_drive_that_nothing_else_stops(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("pdgw.dsp402.describe.overlay_for", lambda *_: KNOWN_TO_STOP)
+    with running(configuration(axis(1, telegram_number=105, more=SPEED_KEYS))) as daemon:
+        drive = unguarded(daemon)
+        plc = Plc(daemon, [105])
+        plc.enable()
+        plc.endpoint.set(0, {"NSOLL_B": 1 << 28})
+        plc.until(lambda: drive.model.ramp.speed > 100, "it turns")
+        receive = drive.node.receive
+
+        def deaf(can_id: int, data: bytes, now: int) -> None:
+            if can_id == SYNC:
+                receive(can_id, data, now)
+
+        drive.do(lambda node: setattr(node, "receive", deaf))
+        plc.endpoint.set(0, {"STW1": 0x047B})
+        plc.until(lambda: drive.model.ramp.speed == 0, "standstill")
+        assert drive.model.emcy_code == 0x8700
 
 
 def test_jitter_and_dead_time_are_measured_and_shown() -> None:
