@@ -42,7 +42,6 @@ COMPILED = (
     "gateway/faults.py",
     "gateway/link.py",
     "gateway/motion/[!_]*.py",
-    "gateway/profinet_link.py",
     "gateway/trace/recorder.py",
     "gateway/trace/writer.py",
     "gateway/transport/confirmation.py",
