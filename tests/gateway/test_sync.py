@@ -121,14 +121,20 @@ def unguarded(daemon: Daemon, kind: Shape = SYNCHRONOUS) -> SimulatedDrive:
     return world_of(daemon).drive("world", 1, shape=replace(kind, lacks=kind.lacks | HEARTBEATS, info=info))
 
 
+def turning(daemon: Daemon) -> tuple[SimulatedDrive, Plc]:
+    """Such a drive in operation with telegram 105, and its PLC."""
+    drive = unguarded(daemon)
+    plc = Plc(daemon, [105])
+    plc.enable()
+    plc.endpoint.set(0, {"NSOLL_B": 1 << 28})
+    plc.until(lambda: drive.model.ramp.speed > 100, "it turns")
+    return drive, plc
+
+
 def test_a_drive_whose_family_is_known_to_stop_without_sync_needs_nothing_else(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("pdgw.dsp402.describe.overlay_for", lambda *_: KNOWN_TO_STOP)
     with running(configuration(axis(1, telegram_number=105, more=SPEED_KEYS))) as daemon:
-        drive = unguarded(daemon)
-        plc = Plc(daemon, [105])
-        plc.enable()
-        plc.endpoint.set(0, {"NSOLL_B": 1 << 28})
-        plc.until(lambda: drive.model.ramp.speed > 100, "it turns")
+        drive, plc = turning(daemon)
         (status,) = snapshot(daemon)["axes"]
         period = f"3 periods of {CYCLE_MS * 1000} us, 1006h"
         assert status["guarding"] == f"the loss of SYNC ({period}), then its own reaction"
@@ -178,11 +184,7 @@ def test_the_loss_of_sync_guards_where_the_drive_holds_the_period_that_was_writt
 def test_sync_is_withheld_from_a_deaf_drive_that_nothing_else_stops(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("pdgw.dsp402.describe.overlay_for", lambda *_: KNOWN_TO_STOP)
     with running(configuration(axis(1, telegram_number=105, more=SPEED_KEYS))) as daemon:
-        drive = unguarded(daemon)
-        plc = Plc(daemon, [105])
-        plc.enable()
-        plc.endpoint.set(0, {"NSOLL_B": 1 << 28})
-        plc.until(lambda: drive.model.ramp.speed > 100, "it turns")
+        drive, plc = turning(daemon)
         receive = drive.node.receive
 
         def deaf(can_id: int, data: bytes, now: int) -> None:
