@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
-from pdgw.ds301.objects import CanType, Entry
+from pdgw.ds301.objects import Entry
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.overlay import known_modes
 from pdgw.dsp402.states import Command, ControlBit, StatusBit, state_of
@@ -153,8 +153,3 @@ def entry_field(entry: Entry, name: str = "") -> Field:
         hex_digits=entry.type.bits // 4 if bits else 0,
         explain=explain,
     )
-
-
-def raw_field(index: int, subindex: int, type_: CanType | None = None) -> Field:
-    """An object nothing is known of but its address."""
-    return entry_field(Entry(index, subindex, f"{index:04X}h.{subindex}", type_ or CanType.U32))

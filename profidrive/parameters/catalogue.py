@@ -204,11 +204,3 @@ ENCODER_IDENTIFICATION = 0x3D2A
 AXIS_CLASS = 1
 ENCODER_CLASS = 5
 """P975: type class of the DO."""
-
-
-def parameter_spec(pnu: int) -> ParameterSpec:
-    """The declaration of a profile parameter; ProfidriveError where there is none."""
-    try:
-        return PARAMETERS[pnu]
-    except KeyError:
-        raise ProfidriveError("PNU", pnu, "a parameter of the profile") from None
