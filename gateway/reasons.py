@@ -301,6 +301,12 @@ class Reason(enum.Enum):
         _E.SETPOINT,
         "take the axis' position over in the PLC before DSC starts",
     )
+    DSC_OUT_OF_DATE = (
+        "no new XERR from the PLC for too long: axis stops with a ramp, then DSC starts anew",
+        _S.WAITS,
+        _E.SETPOINT,
+        "look for what keeps the PLC's frames away, and for its cycle time; a watchdog may be longer, DSC needs them sooner",
+    )
     ENCODER_NO_PLC = (
         "no valid frame from the PLC: nothing is requested of the encoder",
         _S.WAITS,

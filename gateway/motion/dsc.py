@@ -24,6 +24,7 @@ KPC_PER_UNIT = 1000
 SYNC_PERIODS_TO_EFFECT = Fraction(5, 2)
 """From a TPDO to the effect of the RPDO that answers it: up to the PLC's frame, to the next SYNC, half a period of the drive."""
 _E = Fraction(2_718_281_828, 1_000_000_000)
+_PI = Fraction(3_141_592_654, 1_000_000_000)
 _NS = 1_000_000_000
 _SECONDS_PER_MINUTE = 60
 _LOWEST, _HIGHEST = DataType.INTEGER32.integer_range
@@ -42,6 +43,14 @@ def dead_time_ns(sync_period_ns: int, jitter_ns: int) -> int:
 def highest_gain(dead_time: int) -> int:
     """The largest KPC (0.001/s) without overshoot over a dead time T (ns), 1 / (e x T); from pi / (2T) on it oscillates."""
     return int(Fraction(KPC_PER_UNIT * _NS, dead_time) / _E)
+
+
+def longest_hold_ns(dead_time: int) -> int:
+    """How long (ns) a set-point may be held without a new one.
+
+    Its age is dead time too: from T + age = pi / (2 x KPC) on the loop oscillates, with the highest gain from 4.27 T on.
+    """
+    return int(dead_time * (_PI * _E / 2 - 1))
 
 
 def difference(newer: int, older: int) -> int:
@@ -138,6 +147,8 @@ class Dsc:
         self.setpoint = DscSetpoint()
         self.dead_time_ns = dead_time_ns(settings.sync_period_ns, settings.jitter_ns)
         self.gain_limit = highest_gain(self.dead_time_ns)
+        self.hold_ns = longest_hold_ns(self.dead_time_ns)
+        """So old may XERR and KPC be; who steps this stops the axis then."""
         speed = settings.reference_speed * settings.velocities_per_rpm / N4_100_PERCENT
         self._speed = speed.as_integer_ratio()
         turn = settings.increments_per_revolution << settings.fine_resolution

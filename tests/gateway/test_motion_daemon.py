@@ -6,11 +6,13 @@ from pathlib import Path
 
 import pytest
 
+from pdgw.dsp402.states import State
 from pdgw.gateway.config import GatewayConfig
 from pdgw.gateway.config_example import simulated
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.positioner_config import SIMULATED
-from pdgw.gateway.reasons import FaultNumber
+from pdgw.gateway.reasons import FaultNumber, Reason
+from pdgw.gateway.status import snapshot
 from pdgw.peers.drive import shape
 from pdgw.peers.plc.engine import Engine
 from pdgw.peers.plc.scenario_file import load_scenario
@@ -58,6 +60,25 @@ def test_dsc_through_the_gateway_holds_a_position(form: str, mode: int) -> None:
             plc.endpoint.set(0, {"XERR": error, "KPC": 20_000})
             plc.exchange()
         assert abs(plc.value("G1_XIST1") - 2000) <= 5
+
+
+@pytest.mark.parametrize("form", ["position", "speed"])
+def test_with_a_watchdog_of_a_second_dsc_does_not_turn_on_when_the_plc_is_silent(form: str) -> None:
+    axes = axis(1, telegram_number=105, more=f'{DSC}"{form}"')
+    with running(configuration(axes, transport="watchdog_factor = 250")) as daemon:
+        plc = Plc(daemon, [105])
+        plc.enable()
+        for _ in range(100):
+            plc.endpoint.set(0, {"XERR": 400, "KPC": 20_000})
+            plc.exchange()
+        drive = drive_of(daemon).node.model
+        assert drive.velocity_actual > 0
+        plc.silent = True
+        for _ in range(50):
+            plc.exchange()
+        assert (drive.velocity_actual, drive.state) == (0, State.OPERATION_ENABLED)
+        assert daemon.link.connected
+        assert snapshot(daemon)["axes"][0]["reason"] == Reason.DSC_OUT_OF_DATE.value
 
 
 @pytest.mark.parametrize("number", [5, 6, 105, 106])

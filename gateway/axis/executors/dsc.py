@@ -51,6 +51,10 @@ class DscExecutor(Executor):
         self._was_clamped = False
         self._limit = LimitWatch()
         self._held = False
+        self._heard = 0
+        """When the newest set-points came."""
+        self._out_of_date = False
+        """They did not come for too long: the axis stops, whatever comes meanwhile."""
 
     def set_drive(self, drive: DriveType, homing_method: int) -> None:
         if drive.max_torque <= 0:
@@ -100,7 +104,7 @@ class DscExecutor(Executor):
         elif enabled and action is _RAMP:
             self._ramp()
         else:
-            self._held = False
+            self._held = self._out_of_date = False
             self._stand()
         command.controlword = cycle.controlword
         command.max_torque = reduced_torque(self._torque, demand.torque_reduction if demand.connected else 0)
@@ -114,6 +118,10 @@ class DscExecutor(Executor):
 
     def _control(self, dsc: Dsc) -> Reason | None:
         demand, position = self.cycle.demand, self.cycle.feedback.position_actual
+        if self._is_out_of_date(dsc):
+            self._ramp()
+            self.notes.warning = True
+            return Reason.DSC_OUT_OF_DATE
         result = dsc.step(demand.speed, demand.xerr, demand.kpc, position, fresh=demand.fresh)
         self._warn(dsc, clamped=result.gain_clamped)
         command, self._velocity = self.command, result.velocity
@@ -127,6 +135,17 @@ class DscExecutor(Executor):
         else:
             self._travel(result.velocity)
         return result.reason
+
+    def _is_out_of_date(self, dsc: Dsc) -> bool:
+        """Whether the axis has to come to a stand before DSC starts anew: no watchdog is short enough to stand in for it."""
+        now = self.cycle.now
+        if dsc.setpoint.active and now - self._heard > dsc.hold_ns:
+            self._out_of_date = True
+        elif self._out_of_date and not self._velocity and self.cycle.demand.fresh:
+            self._out_of_date = False
+        if self.cycle.demand.fresh:
+            self._heard = now
+        return self._out_of_date
 
     def _held_at_limit(self) -> Reason | None:
         """An axis that stood at a limit of the drive does not move on when it is released: it waits for speed 0 and KPC 0."""
@@ -158,6 +177,9 @@ class DscExecutor(Executor):
     def _ramp(self) -> None:
         """Down from the speed there is."""
         if self.dsc is not None:
+            if self.dsc.setpoint.position is not None:
+                # NSOLL_B, the feed-forward, need not be the speed of the positions.
+                self._velocity = self.cycle.feedback.velocity_actual
             self.dsc.stop()
         speed = self._velocity
         speed = max(0, speed - self._deceleration) if speed > 0 else min(0, speed + self._deceleration)

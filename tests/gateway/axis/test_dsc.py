@@ -7,25 +7,27 @@ from dataclasses import replace
 import pytest
 
 from pdgw.dsp402.modes import Mode
+from pdgw.dsp402.states import State
 from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.motion.dsc import DscChoices, DscForm, dead_time_ns, highest_gain
+from pdgw.gateway.motion.dsc import DscChoices, DscForm, dead_time_ns, highest_gain, longest_hold_ns
 from pdgw.gateway.reasons import FaultNumber, Reason
 from tests.support.drive_types import References, engel
 from tests.support.rig import Rig
 
 CYCLE_NS = 4_000_000
 REFERENCES = References(max_acceleration=5000, max_deceleration=2000)
+LONG_RAMP = replace(REFERENCES, max_deceleration=100)
 OFF, ON = 0x040E, 0x040F
 """STW1.4 to .6 are not evaluated."""
 KPC = 30_000
 FORMS = list(DscForm)
 
 
-def axis(form: DscForm, number: int = 105, **choices: int) -> Rig:
+def axis(form: DscForm, number: int = 105, references: References = REFERENCES, **choices: int) -> Rig:
     rig = Rig(number, dsc=DscChoices(form, **{"following_window": 4096, "cycle_ns": CYCLE_NS, **choices}))
-    rig.stepper.set_references(REFERENCES)
+    rig.stepper.set_references(references)
     rig.enable(OFF)
     return rig
 
@@ -121,6 +123,92 @@ def test_loss_of_the_plc_stops_the_axis(form: DscForm) -> None:
     rig.step(200)
     rig.step(400, plc=False)
     assert rig.feedback.velocity_actual == 0
+
+
+HELD_CYCLES = longest_hold_ns(dead_time_ns(CYCLE_NS, 0)) // CYCLE_NS
+
+
+def turn(rig: Rig, cycles: int = 100) -> int:
+    """The PLC moves the set-point on by 20 increments in each cycle (73 rpm), without NSOLL_B; returns the target then."""
+    target = rig.feedback.position_actual
+    for _ in range(cycles):
+        target += 20
+        control(rig, target, 1)
+    return target
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_frames_that_stay_away_a_few_cycles_do_not_end_dsc(form: DscForm) -> None:
+    rig = axis(form)
+    target = turn(rig)
+    rig.silent(HELD_CYCLES)
+    assert rig.stepper.reason is None
+    assert not rig.actuals["ZSW1"] & 0x0080
+    control(rig, target, 200)
+    assert rig.stepper.reason is None
+    assert abs(rig.feedback.position_actual - target) <= 3
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_a_position_error_that_is_not_renewed_stops_the_axis_long_before_the_watchdog(form: DscForm) -> None:
+    rig = axis(form)
+    turn(rig)
+    rig.silent(HELD_CYCLES + 1)
+    assert rig.stepper.reason is Reason.DSC_OUT_OF_DATE
+    rig.silent(30)
+    assert rig.actuals["ZSW1"] & 0x0080, "told as a warning"
+    stopped = rig.feedback.position_actual
+    rig.silent(200)
+    assert abs(rig.feedback.position_actual - stopped) <= 1
+    assert rig.state is State.OPERATION_ENABLED, "whether the PLC is lost is for the watchdog"
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_after_late_frames_dsc_starts_anew_and_only_near_the_axis(form: DscForm) -> None:
+    rig = axis(form)
+    turn(rig)
+    rig.silent(60)
+    stopped = rig.feedback.position_actual
+    control(rig, stopped + 5000, 50)
+    assert rig.stepper.reason is Reason.DSC_FAR_FROM_AXIS
+    assert abs(rig.feedback.position_actual - stopped) <= 1
+    control(rig, stopped + 1000, 200)
+    assert rig.stepper.reason is None
+    assert abs(rig.feedback.position_actual - stopped - 1000) <= 3
+
+
+def test_a_stop_for_late_frames_is_a_ramp_that_ends_at_standstill_whatever_comes_meanwhile() -> None:
+    rig = axis(DscForm.SPEED, references=LONG_RAMP)
+    turn(rig)
+    rig.silent(HELD_CYCLES + 2)
+    speeds = []
+    while rig.stepper.reason is Reason.DSC_OUT_OF_DATE:
+        speeds.append(rig.stepper.command.target_velocity)
+        control(rig, rig.feedback.position_actual + 1000, 1)
+    assert speeds == sorted(speeds, reverse=True)
+    assert len(speeds) >= 16, "1000 rpm/s from 73 rpm, while new set-points come"
+    assert speeds[-1] == 0
+    assert rig.stepper.command.target_velocity > 0, "then it follows again"
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_a_speed_without_kpc_stands_until_the_watchdog_as_in_every_telegram(form: DscForm) -> None:
+    rig = axis(form)
+    rig.values["NSOLL_B"] = 1 << 28
+    rig.step(150)
+    rig.silent(200)
+    assert rig.stepper.reason is None
+    assert abs(rig.feedback.velocity_actual - 1500) <= 15
+
+
+def test_off1_while_positions_come_without_nsoll_b_is_a_ramp_too() -> None:
+    rig = axis(DscForm.POSITION, references=LONG_RAMP)
+    turn(rig)
+    rig.values["STW1"] = OFF
+    rig.step()
+    before = rig.feedback.position_actual
+    rig.step(10)
+    assert rig.feedback.position_actual - before > 100, "it does not stop dead"
 
 
 @pytest.mark.parametrize("form", FORMS)

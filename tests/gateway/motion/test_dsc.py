@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.motion.dsc import Dsc, DscForm, DscSettings, dead_time_ns, difference, highest_gain
+from pdgw.gateway.motion.dsc import Dsc, DscForm, DscSettings, dead_time_ns, difference, highest_gain, longest_hold_ns
 from pdgw.gateway.reasons import Reason
 
 MS = 1_000_000
@@ -65,6 +65,14 @@ def test_the_highest_gain_is_1_over_e_times_the_dead_time_and_below_oscillation(
     seconds = dead_time / 1e9
     assert gain <= 1 / (e * seconds) < gain + 0.0011
     assert gain < pi / (2 * seconds)
+
+
+@given(period=st.integers(250_000, 100 * MS), jitter=st.integers(0, 10 * MS))
+def test_a_setpoint_is_held_no_longer_than_the_loop_with_the_highest_gain_is_stable(period: int, jitter: int) -> None:
+    dead_time = dead_time_ns(period, jitter)
+    gain = 1 / (e * dead_time)
+    oscillates_from = pi / (2 * (dead_time + longest_hold_ns(dead_time)))
+    assert gain == pytest.approx(oscillates_from, rel=1e-5)
 
 
 @pytest.mark.parametrize("settings", [SPEED, POSITION])
