@@ -244,7 +244,7 @@ class NodeClient(ConfiguringAccess, abc.ABC, Generic[S]):
     def _apply_times(self) -> None:
         settings = self.settings
         self._sdo_timeout_ns = max(settings.sdo_timeout_ms * MS, self._slow)
-        self._sdo.RESPONSE_TIMEOUT = self._sdo_timeout_ns / SECOND
+        self._set_timeout(self._sdo_timeout_ns, slow=self._slow > 0)
         self._timeout_ns = settings.tpdo_event_ms * settings.tpdo_timeout_factor * MS
         self._heartbeat_limit_ms = settings.heartbeat_ms * settings.heartbeat_factor
 
@@ -314,7 +314,7 @@ class NodeClient(ConfiguringAccess, abc.ABC, Generic[S]):
         # A node that was stopped answers no SDO before this; a running one may stop by its abort option. Until it has answered,
         # nobody knows what it does: one that was in operation is still sent its stop.
         self._nmt(NmtCommand.ENTER_PRE_OPERATIONAL)
-        device_type = self._fetch(0x1000)
+        device_type = self.read_urgently(0x1000)
         self._sending = False
         self._booted.clear()  # a boot-up before this answer is the one we waited for
         self._set_status(NodeStatus.CONFIGURING, "checking identity")

@@ -294,13 +294,13 @@ class DriveClient(NodeClient[DriveSettings]):
         """
         if device_type & 0xFFFF != self.profile:
             return
-        state = state_of(self._fetch(0x6041))
+        state = state_of(self.read_urgently(0x6041))
         if state in _OFF:
             return
         shown = "an unknown state" if state is None else state.value
         stop = SdoStep(0x6040, 0, CanType.U16, Command.QUICK_STOP.word, "Quick Stop")
         try:
-            self.write(stop.index, stop.subindex, stop.data)
+            self.write_urgently(stop.index, stop.subindex, stop.data)
         except SdoAbortedError as error:
             self._tell("status", f"in {shown}, and refuses {stop.meaning} by SDO: {abort_text(error.code)}")
         else:

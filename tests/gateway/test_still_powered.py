@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
+
 import pytest
 from canopen.sdo import SdoAbortedError
 
 from pdgw.ds301.aborts import Abort
-from pdgw.ds301.connection_set import SDO_REQUEST
+from pdgw.ds301.connection_set import SDO_REQUEST, SDO_RESPONSE
 from pdgw.ds301.loop import MS, SECOND
 from pdgw.ds301.objects import Entry
 from pdgw.dsp402.states import Command, State
 from pdgw.gateway.daemon import Daemon
 from pdgw.peers.drive import SimulatedDrive, SimulatedDriveNode
+from pdgw.peers.node.misbehaviour import Misbehaviour
 from pdgw.peers.node.node import Value
 from tests.support.daemon import OFF, Plc, axis, configuration, drive_of, exchanging, running, until, world_of
 
@@ -42,6 +45,64 @@ def _written(daemon: Daemon) -> list[tuple[int, int]]:
         )
     )
     return written
+
+
+@dataclass(kw_only=True, eq=False)
+class _LostSdo(Misbehaviour):
+    """Single SDO frames are lost: those of these numbers, from 0."""
+
+    name = "lost-sdo"
+    numbers: frozenset[int]
+    answers: bool
+    """Those of the drive, or those to it."""
+    _count: int = field(init=False, default=0)
+
+    def _passes(self) -> bool:
+        self._count += 1
+        return self._count - 1 not in self.numbers
+
+    def incoming(self, can_id: int, data: bytes) -> bool:
+        return self.answers or can_id != SDO_REQUEST + self.node.node_id or self._passes()
+
+    def outgoing(self, can_id: int, data: bytes) -> bool:
+        return not self.answers or can_id != SDO_RESPONSE + self.node.node_id or self._passes()
+
+
+@pytest.mark.parametrize("lost", [{0}, {1}, {2}, {0, 1}, {1, 2}, {2, 3}, {0, 2, 4}], ids=str)
+@pytest.mark.parametrize("answers", [True, False], ids=["answers", "requests"])
+def test_a_lost_sdo_frame_delays_the_stop_by_a_tenth_of_the_time_for_an_answer(lost: set[int], answers: bool) -> None:
+    with running(configuration(axis(1))) as daemon:
+        plc, drive = _turning(daemon)
+        fault = _LostSdo(numbers=frozenset(lost), answers=answers)
+
+        def plant(node: SimulatedDriveNode) -> None:
+            fault.node = node
+            node.misbehaviours[fault.name] = fault
+            node.misbehave("lost-pdos", every=1)
+
+        drive.do(plant)
+        client = daemon.axes[0].drive
+        with exchanging(plc):
+            until(daemon, lambda: client.status.value != "online", "lost")
+            until(daemon, lambda: fault._count, "the first SDO frame")
+            limit = len(lost) * client.settings.sdo_timeout_ms * MS // 10 + 5 * MS
+            until(daemon, lambda: drive.model.state is State.QUICK_STOP_ACTIVE, "its stop", limit)
+            drive.do(lambda node: node.behave())
+            until(daemon, lambda: daemon.axes[0].good, "online again", 4 * SECOND)
+        assert client.generation == 2, "a second answer to what was repeated confused nothing"
+
+
+def test_a_drive_that_answers_each_repeated_request_late_is_brought_up_at_once(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    caplog.set_level("INFO")
+
+    def late(daemon: Daemon) -> None:
+        drive_of(daemon).do(lambda node: node.misbehave("slow-sdo", delay_ms=120))
+
+    with running(configuration(axis(1)), late) as daemon:
+        until(daemon, lambda: daemon.axes[0].good, "online", 60 * SECOND)
+    assert "no answer" not in caplog.text
 
 
 @pytest.mark.parametrize("asked", [None, OFF2, OFF], ids=["ON", "OFF2", "OFF1"])
