@@ -165,6 +165,10 @@ class Positioner:
 
     def drive_restarted(self) -> None:
         """The drive's coordinates are new: the home position is lost."""
+        self._forget_home()
+
+    def _forget_home(self) -> None:
+        """Positions are what the drive counts, from whatever zero."""
         self.home_set = False
         self._course.offset = 0
 
@@ -369,8 +373,9 @@ class Positioner:
     # -- homing and the reference point ---------------------------------------------------------------------------------
 
     def _start_homing(self) -> None:
+        """The drive gets a new zero at a moment it does not tell: the old offset must not stand on it."""
         self._begin()
-        self.home_set = False
+        self._forget_home()
         self._homing_until = self._now + SHOWN_NS
         motion = self.outcome.motion
         motion.kind = MotionKind.HOMING

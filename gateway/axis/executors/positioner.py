@@ -58,6 +58,9 @@ _ACKNOWLEDGED, _FOLLOWING_ERROR = StatusBit.MODE_12, StatusBit.MODE_13
 """Of mode 1."""
 _ENDLESS = (-(1 << 62), (1 << 62) - 1)
 """Where a modulo axis can be sent, whose position is counted on across the ends."""
+_POSITION_FOLLOWS = 2
+"""Cycles until the position is of the same moment as the Statusword, where they are in different PDOs: one of them waits for the
+end of its inhibit time, a cycle."""
 _AT_LIMIT = 20
 """The torque is at its limit within one part in so many."""
 
@@ -94,6 +97,8 @@ class PositionerExecutor(Executor):
         """Serial of the motion before which the drive was sent to where it stands."""
         self._homing_begun = 0
         """Serial of the homing that was begun."""
+        self._attained = 0
+        """Cycles since the drive said that it has its zero."""
         self._warned: Reason | None = None
         self._inputs = 0
         """The digital inputs as they were looked at last."""
@@ -406,6 +411,7 @@ class PositionerExecutor(Executor):
             self._homing_begun = motion.serial
             seen.given = motion.serial
             seen.homing = HomingResult.RUNNING
+            self._attained = 0
             method = self.choices.homing_method
             if method is None or not homing.supported(method):
                 self._homing_ends(HomingResult.FAILED)
@@ -415,7 +421,9 @@ class PositionerExecutor(Executor):
         if seen.taken == motion.serial:
             progress = homing.run()
             if progress is Progress.ATTAINED:
-                self._homing_ends(HomingResult.ATTAINED)
+                self._attained += 1
+                if self._attained > _POSITION_FOLLOWS:
+                    self._homing_ends(HomingResult.ATTAINED)
             elif progress is Progress.FAILED:
                 self._homing_ends(HomingResult.FAILED)
                 return 0

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from copy import copy
 from dataclasses import replace
 
 import pytest
 
+from pdgw.dsp402.images import DriveFeedback
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import ControlBit
 from pdgw.gateway.axis.machine import AxisMachine
@@ -106,6 +109,37 @@ def test_worked_example_111_relative() -> None:
     rig.step(3)
     rig.until(lambda actuals: bool(actuals["ZSW1"] & 0x0400), 2000)
     assert rig.actuals["XIST_A"] == 20_000
+
+
+def _length(rig: Rig) -> int:
+    value = rig.actuals["XIST_A"]
+    return value - (1 << 32) if value >> 31 else value
+
+
+@pytest.mark.parametrize("late", [False, True], ids=["with the Statusword", "a cycle after it"])
+def test_homing_behind_a_reference_point_never_shows_the_old_offset_on_the_new_zero(late: bool) -> None:
+    rig = positioner(choices=replace(CHOICES, reference_coordinate=1000))
+    send(rig, "047F 8100 0000 0000 4000 0000 C350 0000 2EE0 4000 4000 0000")
+    rig.until(lambda actuals: bool(actuals["ZSW1"] & 0x0400), 2000)
+    rig.values |= {"STW1": ON, "POS_STW2": rig.values["POS_STW2"] | 0x0002}
+    rig.step(3)
+    assert (_length(rig), rig.actuals["ZSW1"] & 0x0800) == (1000, 0x0800)
+    if late:
+        pass_on, waits = rig.stepper.step, [rig.feedback.position_actual]
+
+        def later(setpoints: object, feedback: DriveFeedback, *rest: object) -> Sequence[int]:
+            shown = copy(feedback)
+            waits.append(feedback.position_actual)
+            shown.position_actual = waits.pop(0)
+            return pass_on(setpoints, shown, *rest)  # type: ignore[arg-type]
+
+        rig.stepper.step = later  # type: ignore[method-assign]
+    rig.values["STW1"] |= 0x0800
+    shown = set()
+    while not rig.step()["ZSW1"] & 0x0800:
+        shown.add(_length(rig))
+    assert shown == {50_000, 0}, "what the drive counts, from its old zero and from its new one"
+    assert _length(rig) == 1000, "with the first ZSW1.11"
 
 
 @pytest.mark.parametrize("number", [7, 110, 111])
