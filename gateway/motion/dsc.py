@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import enum
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from fractions import Fraction
 
 from pdgw.gateway.errors import GatewayError
@@ -128,7 +128,7 @@ class DscSettings:
 
 @dataclass(slots=True)
 class DscSetpoint:
-    """One cycle's setpoint, reused. ``position`` is None where the speed counts alone."""
+    """One cycle's setpoint, reused, and all that a next one is made from. ``position`` is None where the speed counts alone."""
 
     velocity: int = 0
     """Units of 60FFh; with a position, the feed-forward for 60B1h."""
@@ -137,14 +137,28 @@ class DscSetpoint:
     """DSC is on: KPC is not 0, the setpoint began near the axis, operation is enabled."""
     gain_clamped: bool = False
     reason: Reason | None = None
+    target: int | None = None
+    """The position of the cycle before,"""
+    way: int = 0
+    """and how far it was from the one before that."""
+    sent: deque[int] = field(default_factory=deque)
+    """Positions sent to the PLC, oldest first; the oldest is the one it used."""
+
+    def clear(self) -> None:
+        """DSC is off, and begins anew."""
+        self.velocity = self.way = 0
+        self.position = self.target = self.reason = None
+        self.active = self.gain_clamped = False
+        self.sent.clear()
 
 
 class Dsc:
-    """DSC of one axis; ``step`` once per SYNC period."""
+    """DSC of one axis; ``step`` once per SYNC period. ``setpoint``: the object to use for it."""
 
-    def __init__(self, settings: DscSettings) -> None:
+    def __init__(self, settings: DscSettings, setpoint: DscSetpoint | None = None) -> None:
         self.settings = settings
-        self.setpoint = DscSetpoint()
+        self.setpoint = setpoint or DscSetpoint()
+        self.setpoint.clear()
         self.dead_time_ns = dead_time_ns(settings.sync_period_ns, settings.jitter_ns)
         self.gain_limit = highest_gain(self.dead_time_ns)
         self.hold_ns = longest_hold_ns(self.dead_time_ns)
@@ -154,17 +168,10 @@ class Dsc:
         turn = settings.increments_per_revolution << settings.fine_resolution
         loop = Fraction(_SECONDS_PER_MINUTE, KPC_PER_UNIT * turn) * settings.velocities_per_rpm
         self._loop = loop.as_integer_ratio()
-        self._sent: deque[int] = deque(maxlen=settings.delay_cycles + 1)
-        """Positions sent to the PLC, oldest first; the oldest is the one it used."""
-        self._target: int | None = None
-        self._way = 0
 
     def stop(self) -> None:
         """Operation ended: DSC starts anew, near the axis."""
-        self.setpoint = DscSetpoint()
-        self._target = None
-        self._way = 0
-        self._sent.clear()
+        self.setpoint.clear()
 
     def step(self, nsoll_b: int, xerr: int, kpc: int, position: int, *, fresh: bool = True) -> DscSetpoint:
         """The setpoint of one cycle, while operation is enabled.
@@ -173,18 +180,20 @@ class Dsc:
         PLC in this cycle. ``fresh``: a frame of the PLC came in this cycle; without, a speed stays, a position goes on.
         """
         result = self.setpoint
-        self._sent.append(position)
+        result.sent.append(position)
+        if len(result.sent) > self.settings.delay_cycles + 1:
+            result.sent.popleft()
         if not fresh:
-            if result.position is not None and self._target is not None:
-                self._target = result.position = wrapped(self._target + self._way)
-                self._way = 0
+            if result.position is not None and result.target is not None:
+                result.target = result.position = wrapped(result.target + result.way)
+                result.way = 0
             return result
         numerator, denominator = self._speed
         feed_forward = round_half_away(nsoll_b * numerator, denominator)
         result.gain_clamped = False
         result.reason = None
         if kpc <= 0:
-            self._target = None
+            result.target = None
             result.velocity, result.position, result.active = feed_forward, None, False
         elif self.settings.form is DscForm.POSITION:
             self._position(feed_forward, xerr, position)
@@ -205,17 +214,17 @@ class Dsc:
     def _position(self, feed_forward: int, xerr: int, position: int) -> None:
         result, settings = self.setpoint, self.settings
         way = round_half_away(settings.xerr_sign * xerr, 1 << settings.fine_resolution)
-        target = wrapped(self._sent[0] + way)
+        target = wrapped(result.sent[0] + way)
         if not self._starts_near(difference(target, position)):
-            self._target = None
+            result.target = None
             return
-        self._way = difference(target, self._target) if self._target is not None else 0
-        self._target = result.position = target
+        result.way = difference(target, result.target) if result.target is not None else 0
+        result.target = result.position = target
         result.velocity = feed_forward
 
     def _velocity(self, feed_forward: int, xerr: int, kpc: int, position: int) -> None:
         result, settings = self.setpoint, self.settings
-        moved = difference(position, self._sent[0]) << settings.fine_resolution
+        moved = difference(position, result.sent[0]) << settings.fine_resolution
         error = settings.xerr_sign * xerr - moved
         if not self._starts_near(error >> settings.fine_resolution):
             return
