@@ -11,7 +11,6 @@ import datetime
 import struct
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from functools import cache
 from typing import Final
 
 from pdgw.decoder.can_records import (
@@ -26,11 +25,12 @@ from pdgw.decoder.can_records import (
     TimeRecord,
 )
 from pdgw.decoder.cyclic import Axis
+from pdgw.decoder.fields import Raw
 from pdgw.decoder.link import CanFrame
 from pdgw.decoder.objects import (
     Mapped,
     ObjectNames,
-    catalogue,
+    any_drive,
     encoder_catalogue,
     pdo_layout,
     profile_catalogue,
@@ -38,13 +38,14 @@ from pdgw.decoder.objects import (
 from pdgw.decoder.records import Record
 from pdgw.decoder.sdo import FRAME_SIZE, SdoChannel, Step
 from pdgw.ds301.aborts import abort_text
-from pdgw.ds301.communication import DEVICE_TYPE
+from pdgw.ds301.communication import DEVICE_NAME, DEVICE_TYPE, IDENTITY
 from pdgw.ds301.connection_set import ERROR_CONTROL, NMT, SDO_REQUEST, SDO_RESPONSE, SYNC, TIME
 from pdgw.ds301.emcy import emcy_text, error_register_text
 from pdgw.ds301.nmt import NmtCommand, NmtState
 from pdgw.ds301.objects import Entry
 from pdgw.ds301.pdo import COB_ID_INVALID, PdoDirection
-from pdgw.dsp402.overlay import known_faults
+from pdgw.dsp402.overlay import entries_of, families_of
+from pdgw.dsp402.pdo import with_objects
 from pdgw.profidrive.telegrams import ApplicationMode, telegram
 
 Dictionary = Callable[[int], Sequence[Entry] | None]
@@ -74,10 +75,8 @@ _ERROR_CLASSES = {
 """Bits of a SocketCAN error frame's identifier (linux/can/error.h)."""
 
 
-@cache
-def _faults_of_codes() -> dict[int, str]:
-    """The manufacturer's name of a fault by its EMCY error code."""
-    return {fault.error_code: fault.name for fault in known_faults()}
+_TELLS_FAMILY: Final = ((IDENTITY, 1), (IDENTITY, 2), (DEVICE_NAME, 0))
+"""Vendor-ID, product code and name of a device."""
 
 
 @dataclass(slots=True)
@@ -85,7 +84,7 @@ class _Node:
     """What is known of one node."""
 
     axis: int = 0
-    names: ObjectNames = field(default_factory=catalogue)
+    names: ObjectNames = field(default_factory=any_drive)
     has_dictionary: bool = False
     sdo: SdoChannel = field(default_factory=SdoChannel)
     state: int | None = None
@@ -95,6 +94,24 @@ class _Node:
     """Where the mapping of each mapping parameter index is known from."""
     cob_ids: dict[int, int] = field(default_factory=dict)
     """COB-ID in force by communication parameter index."""
+    vendor_id: int | None = None
+    product_code: int = 0
+    name: str = ""
+
+    @property
+    def families(self) -> tuple[str, ...]:
+        """The families of drives it may be of."""
+        return families_of(self.vendor_id, self.product_code, self.name)
+
+    def identify(self, index: int, subindex: int, value: int | float | bytes | str | None) -> None:
+        """One of what tells the family."""
+        if index == DEVICE_NAME:
+            self.name = value if isinstance(value, str) else ""
+        elif isinstance(value, int) and subindex == 1:
+            self.vendor_id = value
+        elif isinstance(value, int):
+            self.product_code = value
+        self.names = self.names.of(self.families)
 
 
 class CanopenDecoder:
@@ -118,6 +135,9 @@ class CanopenDecoder:
         entries = self._dictionary(node_id) if self._dictionary else None
         if entries is not None:
             node.names, node.has_dictionary = ObjectNames(entries), True
+            for entry in entries:
+                if (entry.index, entry.subindex) in _TELLS_FAMILY:
+                    node.identify(entry.index, entry.subindex, entry.default)
             self._take_dictionary(node_id, node, entries)
         axis = self._axes.get(node_id)
         if axis is not None:
@@ -166,7 +186,7 @@ class CanopenDecoder:
         if not node_id:
             return CanRecord(*base)
         if function == SYNC:
-            return _emcy(base, node_id, data, self._node(node_id).names is catalogue())
+            return _emcy(base, node_id, data, self._node(node_id).names)
         if function == ERROR_CONTROL:
             return self._heartbeat(base, node_id, data)
         if function in {SDO_REQUEST, SDO_RESPONSE}:
@@ -208,7 +228,7 @@ class CanopenDecoder:
             if step.value is not None:
                 decoded = node.names.decode(index, subindex, step.value)
                 if step.completes:
-                    self._learn(node_id, node, index, subindex, step.value)
+                    self._learn(node_id, node, index, subindex, step.value, decoded)
         return SdoRecord(
             *base,
             node_id,
@@ -235,7 +255,9 @@ class CanopenDecoder:
 
         if axis.telegram not in DRIVE_TELEGRAM_NUMBERS:
             return
-        layouts = drive_layout(axis.telegram)
+        layouts = with_objects(
+            drive_layout(axis.telegram), {e.attribute: e for e in entries_of(node.families).values()}
+        )
         for pdo in (*layouts.rpdos, *layouts.tpdos):
             if pdo.number <= 4 or node_id <= 0x3F:
                 node.parameters[pdo.communication_index, 1] = pdo.cob_id(node_id)
@@ -254,10 +276,16 @@ class CanopenDecoder:
             if _is_mapping(mapping):
                 self._rebuild(node_id, node, mapping)
 
-    def _learn(self, node_id: int, node: _Node, index: int, subindex: int, value: bytes) -> None:
-        """An object was read or written: the device type tells the profile, PDO parameters the mappings."""
+    def _learn(self, node_id: int, node: _Node, index: int, subindex: int, value: bytes, decoded: Raw | str) -> None:
+        """An object was read or written: the device type tells the profile, the identity the family, PDOs their mappings."""
         if (index, subindex) == (DEVICE_TYPE, 0) and not node.has_dictionary:
-            node.names = profile_catalogue(int.from_bytes(value, "little")) or node.names
+            node.names = profile_catalogue(int.from_bytes(value, "little"), node.families) or node.names
+        if (index, subindex) in _TELLS_FAMILY:
+            before = node.names
+            node.identify(index, subindex, decoded)
+            if node.names is not before:
+                for mapping in tuple(node.origins):
+                    self._rebuild(node_id, node, mapping)
         if _pdo_of(index) is None or len(value) not in {1, 2, 4}:
             return
         node.parameters[index, subindex] = int.from_bytes(value, "little")
@@ -337,11 +365,11 @@ def _time(base: _Base, data: bytes) -> Record:
     return TimeRecord(*base, 0, moment.isoformat(" ", "milliseconds"), milliseconds=milliseconds, days=days)
 
 
-def _emcy(base: _Base, node_id: int, data: bytes, is_drive: bool) -> Record:
+def _emcy(base: _Base, node_id: int, data: bytes, names: ObjectNames) -> Record:
     if len(data) != 8:
         return CanRecord(*base, node_id, f"EMCY of {len(data)} bytes, expected 8")
     code, register = _EMCY.unpack_from(data)
-    fault = _faults_of_codes().get(code, "") if is_drive else ""
+    fault = names.emcy_text(code)
     text = f"{code:04X}h {emcy_text(code)}" + (f" (drive: {fault})" if fault else "")
     text += f", register {register:02X}h: {error_register_text(register)}"
     if any(data[3:]):

@@ -5,13 +5,14 @@ Source: ``profidrive.signals`` and the object declarations of ``ds301``/``dsp402
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import cache
 from typing import Any
 
 from pdgw.ds301.objects import Entry
 from pdgw.dsp402.modes import Mode
-from pdgw.dsp402.overlay import known_modes
+from pdgw.dsp402.overlay import all_families, modes_of, overlay
 from pdgw.dsp402.states import Command, ControlBit, StatusBit, state_of
 from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.signals import Signal
@@ -98,26 +99,38 @@ def _command_word(word: int) -> str:
     return best.name.replace("_", " ").title() + reset
 
 
-def _mode_word(value: int) -> str:
-    low = value & 0xFF
-    signed = low - 256 if low > 127 else low
-    # Whose drive it is a field does not know: a manufacturer's number has the names of every family that has it.
-    return Mode(signed).name.lower().replace("_", " ") if signed in set(Mode) else known_modes().get(signed, "")
-
-
-def _flags(container: type) -> tuple[Bit, ...]:
-    """The bits declared as constants of a class."""
-    masks = {name: value for name, value in vars(container).items() if name.isupper()}
+def _flags(masks: Mapping[str, int]) -> tuple[Bit, ...]:
     return tuple(Bit(mask.bit_length() - 1, name, name.replace("_", " ").lower()) for name, mask in masks.items())
 
 
-_WORDS: dict[str, tuple[tuple[Bit, ...], Callable[[int], str]]] = {
-    "Controlword": (_flags(ControlBit), _command_word),
-    "Statusword": (_flags(StatusBit), _status_word),
-    "Modes of Operation": ((), _mode_word),
-    "Modes of Operation Display": ((), _mode_word),
-}
-"""Objects whose values have a name: the same in a PDO, an SDO and telegram 100."""
+def _declared(container: type) -> dict[str, int]:
+    """The bits declared as constants of a class."""
+    return {name: value for name, value in vars(container).items() if name.isupper()}
+
+
+_Words = dict[str, tuple[tuple[Bit, ...], Callable[[int], str]]]
+
+
+@cache
+def _words(families: tuple[str, ...]) -> _Words:
+    """Objects whose values have a name, of a drive of one of these families: the same in a PDO, an SDO and telegram 100."""
+    modes = modes_of(families)
+    control = _declared(ControlBit)
+    for family in families:
+        control |= overlay(family).control_bits
+
+    def mode_word(value: int) -> str:
+        low = value & 0xFF
+        signed = low - 256 if low > 127 else low
+        return Mode(signed).name.lower().replace("_", " ") if signed in set(Mode) else modes.get(signed, "")
+
+    return {
+        "Controlword": (_flags(control), _command_word),
+        "Statusword": (_flags(_declared(StatusBit)), _status_word),
+        "Modes of Operation": ((), mode_word),
+        "Modes of Operation Display": ((), mode_word),
+    }
+
 
 _PERCENT = {DataType.N2: 100 / (1 << 14), DataType.N4: 100 / (1 << 30)}
 
@@ -125,7 +138,7 @@ _PERCENT = {DataType.N2: 100 / (1 << 14), DataType.N4: 100 / (1 << 30)}
 def signal_field(signal: Signal, mode: ApplicationMode) -> Field:
     """A telegram signal; the bits have the meaning of the telegram's application mode."""
     bits = tuple(signal.fields(positioning=mode is ApplicationMode.POSITIONING))
-    word_bits, explain = _WORDS.get(signal.name, ((), None))
+    word_bits, explain = _words(all_families()).get(signal.name, ((), None))
     return Field(
         signal.name,
         signal.description,
@@ -142,11 +155,11 @@ def half_fields(half: TelegramHalf) -> tuple[Field, ...]:
     return tuple(signal_field(signal, half.mode) for signal in half.signals)
 
 
-def entry_field(entry: Entry, name: str = "") -> Field:
-    """An object; ``name`` replaces the entry's own."""
-    bits, explain = _WORDS.get(entry.name, ((), None))
+def entry_field(entry: Entry, families: tuple[str, ...]) -> Field:
+    """An object of a drive that is of one of these families (``dsp402.overlay.families_of``)."""
+    bits, explain = _words(families).get(entry.name, ((), None))
     return Field(
-        name or entry.name,
+        entry.name,
         f"{entry.index:04X}h.{entry.subindex} {entry.name}",
         entry.unit,
         bits,

@@ -22,7 +22,7 @@ from pdgw.ds301.aborts import abort_text
 from pdgw.ds301.nmt import NmtCommand, NmtState
 from pdgw.ds301.pdo import PdoDirection
 from pdgw.dsp402.further import image_entry
-from pdgw.dsp402.generic import recorded_addresses, recorded_drive_type
+from pdgw.dsp402.generic import recorded_addresses, recorded_drive_type, recorded_families
 from pdgw.dsp402.images import DriveFeedback
 from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.dsp402.states import Command, ControlBit, State, StatusBit, next_state, state_of
@@ -238,7 +238,8 @@ class AxisFollower(ObjectFollower):
         direction = next(item for item in PdoDirection if layout.name.startswith(item.label))
         places = {address: position for position, address in enumerate(layout.addresses)}
         receives = direction is PdoDirection.RPDO
-        entries = [(image_entry(*address), position) for address, position in places.items()]
+        families = recorded_families(self._answers)
+        entries = [(image_entry(*address, families), position) for address, position in places.items()]
         plan = self._plans[layout] = _Plan(
             direction,
             places.get(_CONTROLWORD if receives else _STATUSWORD, -1),
@@ -267,6 +268,7 @@ class AxisFollower(ObjectFollower):
             value = int.from_bytes(record.value, "little", signed=is_signed)
             self._new_references |= self._answers.get(address) != value
             self._answers[address] = value
+            self._words.are_of(recorded_families(self._answers))
 
     # -- words and their causes ---------------------------------------------------------------------------------------
 
@@ -393,7 +395,7 @@ class AxisFollower(ObjectFollower):
         self._known = True
         self._since = None
         for layout, sent in self._sent.items():
-            if (pdo := recorded_rpdo(layout)) is not None:
+            if (pdo := recorded_rpdo(layout, recorded_families(self._answers))) is not None:
                 pdo.unpack_into(sent, self._machine.outputs.command)
         if WordKind.STATUS in self._words.values:
             self._machine.executor.recall(home_set=bool(self._words.values[WordKind.STATUS] & _HOME_POSITION_SET))

@@ -9,6 +9,7 @@ from pdgw.decoder.fields import entry_field, half_fields
 from pdgw.decoder.following_object import Put
 from pdgw.decoder.timeline import Edge, WordKind
 from pdgw.dsp402.objects import DRIVE_OBJECTS
+from pdgw.dsp402.overlay import all_families
 from pdgw.profidrive.telegrams import Telegram
 
 _WAITING: Final = 8
@@ -38,10 +39,9 @@ class Words:
         self.values: dict[WordKind, int] = {}
         self.fields = {
             WordKind.CONTROL: half_fields(telegram.setpoints)[0],
-            WordKind.CONTROLWORD: entry_field(DRIVE_OBJECTS.attribute("controlword")),
-            WordKind.STATUSWORD: entry_field(DRIVE_OBJECTS.attribute("statusword")),
             WordKind.STATUS: half_fields(telegram.actuals)[0],
         }
+        self.are_of(all_families())
         self._do_id = do_id
         self._tolerance = tolerance_ns
         self._early = 0 if one_clock else tolerance_ns
@@ -49,6 +49,11 @@ class Words:
         self._put = put
         self._decisions = {kind: deque[Decision](maxlen=_WAITING) for kind in WordKind}
         self._unexplained = {kind: deque[Edge](maxlen=_WAITING) for kind in WordKind}
+
+    def are_of(self, families: tuple[str, ...]) -> None:
+        """The words on CAN are those of a drive of one of these families."""
+        for kind, attribute in ((WordKind.CONTROLWORD, "controlword"), (WordKind.STATUSWORD, "statusword")):
+            self.fields[kind] = entry_field(DRIVE_OBJECTS.attribute(attribute), families)
 
     def edge(self, kind: WordKind, now: int, value: int) -> Edge | None:
         """A recorded word; the edge when it is another one than before."""

@@ -7,9 +7,9 @@ from pdgw.ds301.pdo import Pdo, PdoDirection
 from pdgw.dsp402.further import image_entry
 
 
-def recorded_rpdo(layout: PdoLayout) -> Pdo | None:
-    """The RPDO as it was mapped; None for one with an object that is none of the drive's."""
-    entries = tuple(image_entry(*address) for address in layout.addresses)
+def recorded_rpdo(layout: PdoLayout, families: tuple[str, ...]) -> Pdo | None:
+    """The RPDO as it was mapped; None for one with an object that is none of the drive's, which may be of these families."""
+    entries = tuple(image_entry(*address, families) for address in layout.addresses)
     known = tuple(entry for entry in entries if entry is not None and entry.attribute)
     if not known or len(known) < len(entries) or sum(entry.type.bits for entry in known) != layout.size * 8:
         return None

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable
 from typing import Final
 
 from pdgw.decoder.fields import Field, Raw, half_fields, identifier
-from pdgw.decoder.objects import ObjectNames, catalogue, encoder_catalogue
+from pdgw.decoder.objects import ObjectNames, any_drive, encoder_catalogue
 from pdgw.decoder.records import Record, Unit
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.telegrams import TELEGRAMS, Direction
@@ -124,7 +124,7 @@ class Names:
             for direction in Direction:
                 for field in half_fields(telegram.half(direction)):
                     self._add(field)
-        for names in (catalogue(), encoder_catalogue(), *dictionaries):
+        for names in (any_drive(), encoder_catalogue(), *dictionaries):
             for field in names.fields():
                 self._add(field)
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from typing import Final
 
 from pdgw.decoder.can_records import PdoLayout
@@ -19,6 +19,7 @@ from pdgw.ds301.objects import CanType, Entry
 from pdgw.ds301.pdo import COB_ID_INVALID, PdoDirection
 from pdgw.dsp402.further import FURTHER_OBJECTS
 from pdgw.dsp402.objects import known_objects
+from pdgw.dsp402.overlay import all_families, entries_of, overlay, with_units
 from pdgw.dsp406.device import encoder_objects
 from pdgw.dsp406.kinds import DEVICES
 
@@ -33,10 +34,23 @@ _COB_ID_OBJECTS: Final = (0x1005, 0x1012, 0x1014)
 
 
 class ObjectNames:
-    """The entries of one device by address."""
+    """The entries of one device by address, and the families it may be of."""
 
-    def __init__(self, entries: Iterable[Entry]) -> None:
+    def __init__(self, entries: Iterable[Entry], families: tuple[str, ...] | None = None) -> None:
         self._entries = {(entry.index, entry.subindex): entry for entry in entries}
+        self.families = all_families() if families is None else families
+
+    def of(self, families: tuple[str, ...]) -> ObjectNames:
+        """The same of a device that has told what it is."""
+        return self if families == self.families else ObjectNames(self._entries.values(), families)
+
+    def field(self, entry: Entry) -> Field:
+        """An entry as it is shown."""
+        return entry_field(entry, self.families)
+
+    def emcy_text(self, code: int) -> str:
+        """The manufacturer's name of an EMCY error code, empty where there is none."""
+        return ""
 
     def get(self, index: int, subindex: int) -> Entry | None:
         return self._entries.get((index, subindex))
@@ -48,7 +62,7 @@ class ObjectNames:
 
     def fields(self) -> Iterator[Field]:
         """The entries as fields of PDOs."""
-        return (entry_field(entry) for entry in self._entries.values())
+        return map(self.field, self._entries.values())
 
     def decode(self, index: int, subindex: int, data: bytes) -> Raw | str:
         """The value SDO data stands for; the bytes themselves where the type is not known or does not fit."""
@@ -78,7 +92,7 @@ class ObjectNames:
         entry = self.get(index, subindex)
         if entry is None:
             return f"{value} ({data.hex(' ')})"
-        return entry_field(entry).text(value).removeprefix(entry.name).strip()
+        return self.field(entry).text(value).removeprefix(entry.name).strip()
 
 
 def _is_cob_id(index: int, subindex: int) -> bool:
@@ -87,22 +101,46 @@ def _is_cob_id(index: int, subindex: int) -> bool:
     return (pdo and subindex == 1) or (index in _COB_ID_OBJECTS and subindex == 0)
 
 
-@cache
-def catalogue() -> ObjectNames:
-    """The drive's objects and those of the profile beside them, for nodes no EDS was given for."""
-    return ObjectNames(entry for spec in (*FURTHER_OBJECTS, *known_objects()) for entry in spec.entries)
+class _Catalogue(ObjectNames):
+    """The objects of the profile, and those of families of drives."""
+
+    def __init__(self, families: tuple[str, ...]) -> None:
+        profile = (entry for spec in (*FURTHER_OBJECTS, *known_objects()) for entry in spec.entries)
+        super().__init__((*with_units(profile, families), *entries_of(families).values()), families)
+        faults = (fault for family in families for fault in overlay(family).drive_faults.values())
+        self._faults = {fault.error_code: fault.name for fault in faults}
+
+    def of(self, families: tuple[str, ...]) -> ObjectNames:
+        return catalogue(families)
+
+    def emcy_text(self, code: int) -> str:
+        return self._faults.get(code, "")
+
+
+@lru_cache(maxsize=64)
+def catalogue(families: tuple[str, ...]) -> ObjectNames:
+    """The objects of a drive that is of one of these families, for nodes no EDS was given for."""
+    return _Catalogue(families)
+
+
+def any_drive() -> ObjectNames:
+    """The objects of a drive that has not told what it is."""
+    return catalogue(all_families())
 
 
 @cache
 def encoder_catalogue() -> ObjectNames:
     """The objects of the encoder profile, of all its device types together."""
     specs = [spec for device in DEVICES.values() for spec in encoder_objects(device)]
-    return ObjectNames(entry for spec in reversed(specs) for entry in spec.entries)
+    return ObjectNames((entry for spec in reversed(specs) for entry in spec.entries), ())
 
 
-def profile_catalogue(device_type: int) -> ObjectNames | None:
+def profile_catalogue(device_type: int, families: tuple[str, ...]) -> ObjectNames | None:
     """The objects of the profile a device type 1000h names; None for other profiles."""
-    return {DRIVE_PROFILE: catalogue, ENCODER_PROFILE: encoder_catalogue}.get(device_type & 0xFFFF, lambda: None)()
+    profile = device_type & 0xFFFF
+    if profile == DRIVE_PROFILE:
+        return catalogue(families)
+    return encoder_catalogue() if profile == ENCODER_PROFILE else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,7 +161,7 @@ def _field(mapped: Mapped, names: ObjectNames) -> Field:
     entry = names.get(mapped.index, mapped.subindex)
     if entry is None:
         entry = Entry(mapped.index, mapped.subindex, f"{mapped.index:04X}h.{mapped.subindex}", CanType.U32)
-    return entry_field(entry)
+    return names.field(entry)
 
 
 def _char(mapped: Mapped, entry: Entry | None) -> str:

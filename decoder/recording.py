@@ -29,7 +29,7 @@ from pdgw.ds301.pdo import Pdo, PdoDirection
 from pdgw.dsp402 import touch_probe
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.further import image_entry
-from pdgw.dsp402.generic import recorded_addresses, recorded_drive_type
+from pdgw.dsp402.generic import recorded_addresses, recorded_drive_type, recorded_families
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.values import Configured
 from pdgw.profidrive.frame import IOPS_GOOD
@@ -290,14 +290,15 @@ def _pdo(node: _Node, record: PdoRecord) -> None:
     if layout.name.startswith(PdoDirection.RPDO.label):
         node.sent.setdefault(number, []).append(Sent(now, record.data[: layout.size]))
         if number not in node.rpdos:
-            node.rpdos[number] = recorded_rpdo(layout)
+            node.rpdos[number] = recorded_rpdo(layout, recorded_families(node.answers))
         return
     if node.started and (not node.online or not node.online[-1][1]):
         node.online.append((now, True))
     if node.last.get(record.cob_id) == record.data:
         return
     node.last[record.cob_id] = record.data
-    known = [(image_entry(*address), value) for address, value in values.items()]
+    families = recorded_families(node.answers)
+    known = [(image_entry(*address, families), value) for address, value in values.items()]
     node.feedback.append(Feedback(now, tuple((entry.attribute, value) for entry, value in known if entry is not None)))
 
 

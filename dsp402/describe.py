@@ -151,7 +151,7 @@ def _entries(dictionary: canopen.ObjectDictionary, family: Overlay | None, *, vl
     if vl:
         addresses |= {attribute: (entry.index, entry.subindex) for attribute, entry in VL_ENTRIES.items()}
     if family is not None:
-        addresses |= family.objects
+        addresses |= {attribute: item.address for attribute, item in family.objects.items()}
     found: dict[str, Entry] = {}
     for attribute, (index, subindex) in addresses.items():
         declared = variable(dictionary, index, subindex)
@@ -169,7 +169,7 @@ def _entries(dictionary: canopen.ObjectDictionary, family: Overlay | None, *, vl
             default=declared.default if isinstance(declared.default, int) else None,
             low=declared.min,
             high=declared.max,
-            unit=known.unit if known is not None else "",
+            unit=(family.unit_of(index, subindex) if family else "") or (known.unit if known is not None else ""),
             attribute=attribute,
         )
     return found

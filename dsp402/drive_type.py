@@ -116,11 +116,22 @@ class PdoCapabilities:
 
 
 @dataclass(frozen=True, slots=True)
+class Turntable:
+    """A mode that positions within one revolution and takes its direction from bits of the Controlword."""
+
+    mode: int
+    """6060h."""
+    shortest: int
+    """Mask of the Controlword bit for the shortest way."""
+    ccw: int
+    """Mask of the bit for the negative direction; neither bit: the positive one."""
+
+
+@dataclass(frozen=True, slots=True)
 class Quirks:
     """Where a family departs from the profile; the defaults are the profile."""
 
-    modulo_mode: int | None = None
-    """A mode that positions on a turntable and takes its direction from Controlword 11 and 12."""
+    turntable: Turntable | None = None
     range_is_limit: bool = False
     """607Bh limits the targets instead of being a range that wraps."""
     mode_shown_in_operation_only: bool = False

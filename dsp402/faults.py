@@ -22,7 +22,7 @@ class ChannelErrorType(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class DriveFault:
-    """A fault of the drive: its number in 200Ch, EMCY error code (603Fh) and error register bits (1001h)."""
+    """A fault of the drive: the manufacturer's number, EMCY error code (603Fh) and error register bits (1001h)."""
 
     number: int
     name: str

@@ -10,6 +10,7 @@ from typing import Final
 
 from pdgw.ds301.objects import Access, CanType, Entry, ObjectSpec, array, var
 from pdgw.dsp402.objects import DRIVE_OBJECTS
+from pdgw.dsp402.overlay import entries_of
 
 _RW, _RO = Access.RW, Access.RO
 _I8, _I16, _I32 = CanType.I8, CanType.I16, CanType.I32
@@ -62,6 +63,10 @@ VL_ENTRIES: Final[Mapping[str, Entry]] = {
 _OF_VL: Final = {(entry.index, entry.subindex): entry for entry in VL_ENTRIES.values()}
 
 
-def image_entry(index: int, subindex: int) -> Entry | None:
-    """The object at an address as the images of a drive have it, in whichever mode; None for no such object."""
-    return DRIVE_OBJECTS.get(index, subindex) or _OF_VL.get((index, subindex))
+def image_entry(index: int, subindex: int, families: tuple[str, ...]) -> Entry | None:
+    """The object at an address as the images of a drive have it, in whichever mode; None for no such object.
+
+    ``families``: what the drive may be of (``overlay.families_of``).
+    """
+    address = (index, subindex)
+    return DRIVE_OBJECTS.get(index, subindex) or _OF_VL.get(address) or entries_of(families).get(address)

@@ -28,7 +28,7 @@ from pdgw.dsp402.describe import (
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.further import FURTHER_OBJECTS
 from pdgw.dsp402.objects import DRIVE_OBJECTS, PDOS
-from pdgw.dsp402.overlay import overlay, overlay_for, overlays
+from pdgw.dsp402.overlay import families_of, overlay, overlay_for, overlays
 
 Read = Callable[[int, int], bytes | None]
 """Reads an object of the device; None where the device does not have it."""
@@ -82,6 +82,11 @@ def recorded_addresses() -> Mapping[Address, bool]:
     """What a drive is asked at its start, and whether it is a signed number: what a recording has to take note of."""
     dictionary = generic_dictionary()
     return {address: signed(dictionary, address) for address in questions(dictionary)}
+
+
+def recorded_families(answers: Mapping[Address, int]) -> tuple[str, ...]:
+    """The families the drive behind a recording of these answers may be of."""
+    return families_of(answers.get(VENDOR_ID), answers.get(PRODUCT_CODE, 0))
 
 
 @lru_cache(maxsize=64)

@@ -1,11 +1,13 @@
-"""The object catalogue of the drive, declared once.
+"""The object catalogue of CiA 402 drives, declared once.
 
-Source: CiA DSP 402 V2.0, CiA DS 301 V4.01, the manufacturer's guide chapters 5-7. Defaults and limits are a device's own: they
-come from its data sheet (``dsp402.describe``). Simulator, PDO layouts, parameter channel and decoder derive from this table.
+Source: CiA DSP 402 V2.0, CiA DS 301 V4.01. Defaults and limits are a device's own: they come from its data sheet
+(``dsp402.describe``). A manufacturer's objects, and units that say more than the profile, are in the overlay of its family
+(``dsp402.overlay``). Simulator, PDO layouts, parameter channel and decoder derive from this table.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import cache
 
 from pdgw.ds301.communication import communication_objects, pdo_objects
@@ -17,9 +19,9 @@ U8, U16, U32 = CanType.U8, CanType.U16, CanType.U32
 
 PDOS = 5
 """PDOs of each direction that have an identifier of their own."""
-VELOCITY_UNIT = "velocity units (6094h rpm)"
-ACCELERATION_UNIT = "10 rpm/s (sine-squared: ms)"
-POSITION_UNIT = "increments (1000h per revolution)"
+VELOCITY_UNIT = "velocity units"
+ACCELERATION_UNIT = "acceleration units"
+POSITION_UNIT = "position units"
 CURRENT_UNIT = "1/1000 of 6075h"
 TORQUE_UNIT = "1/1000 of the rated torque"
 NEGATIVE_LIMIT_SWITCH = 1 << 0
@@ -28,11 +30,6 @@ POSITIVE_LIMIT_SWITCH = 1 << 1
 
 DRIVE_OBJECTS = Catalogue(
     (
-        # The manufacturer's objects.
-        var(0x2003, "Dynamic Speed Limit", U16, RW, pdo=True, unit="0.5 rpm", attribute="dynamic_speed_limit"),
-        var(0x2004, "Dynamic Torque Limit", U16, RW, pdo=True, unit=CURRENT_UNIT, attribute="dynamic_torque_limit"),
-        var(0x200C, "Error Number", U16, RO, pdo=True, attribute="error_code"),
-        # CiA 402.
         var(0x6007, "Abort Connection Option Code", I16, RW),
         var(0x603F, "Error Code", U16, RO, pdo=True, attribute="emcy_code"),
         var(0x6040, "Controlword", U16, RW, pdo=True, attribute="controlword"),
@@ -51,7 +48,7 @@ DRIVE_OBJECTS = Catalogue(
         var(0x606C, "Velocity Actual Value", I32, RO, pdo=True, unit=VELOCITY_UNIT, attribute="velocity_actual"),
         var(0x606D, "Velocity Window", U16, RW, unit=VELOCITY_UNIT),
         var(0x606F, "Velocity Threshold", U16, RW, unit=VELOCITY_UNIT),
-        var(0x6071, "Target Torque", I16, RW, pdo=True, unit=CURRENT_UNIT, attribute="target_torque"),
+        var(0x6071, "Target Torque", I16, RW, pdo=True, unit=TORQUE_UNIT, attribute="target_torque"),
         var(0x6072, "Max Torque", U16, RW, pdo=True, unit=TORQUE_UNIT, attribute="max_torque"),
         var(0x6073, "Max Current", U16, RW, unit=CURRENT_UNIT),
         var(0x6075, "Motor Rated Current", U32, RW, unit="mA"),
@@ -74,7 +71,7 @@ DRIVE_OBJECTS = Catalogue(
         var(
             0x6084, "Profile Deceleration", U32, RW, pdo=True, unit=ACCELERATION_UNIT, attribute="profile_deceleration"
         ),
-        var(0x6085, "Quick Stop Deceleration", U32, RW, unit="10 rpm/s"),
+        var(0x6085, "Quick Stop Deceleration", U32, RW, unit=ACCELERATION_UNIT),
         var(0x6086, "Motion Profile Type", I16, RW),
         array(
             0x6094,
@@ -98,8 +95,8 @@ DRIVE_OBJECTS = Catalogue(
             Entry(0x60C2, 2, "Index", I8, RW),
             kind=ObjectKind.RECORD,
         ),
-        var(0x60C5, "Max Acceleration", U32, RW, unit="10 rpm/s"),
-        var(0x60C6, "Max Deceleration", U32, RW, unit="10 rpm/s"),
+        var(0x60C5, "Max Acceleration", U32, RW, unit=ACCELERATION_UNIT),
+        var(0x60C6, "Max Deceleration", U32, RW, unit=ACCELERATION_UNIT),
         array(
             0x60E4,
             "Additional Position Actual Value",
@@ -123,21 +120,32 @@ DRIVE_OBJECTS = Catalogue(
         ),
         var(0x60FF, "Target Velocity", I32, RW, pdo=True, unit=VELOCITY_UNIT, attribute="target_velocity"),
         var(0x6502, "Supported Drive Modes", U32, RO),
-        array(
-            0x6C01,
-            "Read Analogue Input 16-Bit",
-            Entry(0x6C01, 1, "Analogue Input 1", I16, RO, pdo=True, unit="10/32767 V", attribute="analogue_input_1"),
-            Entry(0x6C01, 2, "Analogue Input 2", I16, RO, pdo=True, unit="10/32767 V", attribute="analogue_input_2"),
-        ),
-        var(0x7004, "Encoder Position Value", I16, RO, pdo=True, attribute="encoder_position"),
     )
 )
-"""Profile and manufacturer area; the communication area (1000h-1FFFh) is in ``ds301.communication``."""
+"""The profile area; the communication area (1000h-1FFFh) is in ``ds301.communication``."""
+
+
+def _of_a_family(attribute: str, name: str, type_: CanType) -> Entry:
+    return Entry(0, 0, name, type_, attribute=attribute)
+
+
+FAMILY_VALUES: Mapping[str, Entry] = {
+    entry.attribute: entry
+    for entry in (
+        _of_a_family("dynamic_speed_limit", "Dynamic Speed Limit", U16),
+        _of_a_family("dynamic_torque_limit", "Dynamic Torque Limit", U16),
+        _of_a_family("error_code", "Error Number", U16),
+        _of_a_family("analogue_input_1", "Analogue Input 1", I16),
+        _of_a_family("analogue_input_2", "Analogue Input 2", I16),
+        _of_a_family("encoder_position", "Encoder Position Value", I16),
+    )
+}
+"""Values of the images the profile has no object for, without an address: the overlay of a family says which object has one."""
 
 
 @cache
 def known_objects() -> tuple[ObjectSpec, ...]:
-    """Everything of a drive that has a name here, communication area included; what of it a drive has is not said."""
+    """Everything of the profile that has a name here, communication area included; what of it a drive has is not said."""
     return (
         *communication_objects(0, "", (0, 0, 0, 0), ("", "")),
         *pdo_objects(PDOS, PDOS, ()),

@@ -8,16 +8,18 @@ from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from fnmatch import fnmatchcase
 from fractions import Fraction
-from functools import cache
+from functools import cache, cached_property, lru_cache
 from pathlib import Path
 from typing import Annotated, Any
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
-from pdgw.dsp402.drive_type import Quirks
+from pdgw.ds301.objects import Access, CanType, Entry, ObjectKind, ObjectSpec, array
+from pdgw.dsp402.drive_type import Quirks, Turntable
 from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.faults import ChannelErrorType, DriveFault
 from pdgw.dsp402.scaling import FamilyUnits
@@ -28,6 +30,7 @@ FAMILIES = Path(__file__).parent / "families"
 _DATA_SHEETS = Path(__file__).parent / "eds"
 _ADDRESS = re.compile(r"([0-9A-Fa-f]{4})h(?:/([0-9]{1,3}))?")
 _CHANNELS = {channel.text: channel for channel in ChannelErrorType}
+_TYPES = {item.name: item for item in CanType if item.char}
 
 
 def _address(value: object) -> object:
@@ -45,6 +48,14 @@ def _channel(value: object) -> object:
         if value not in _CHANNELS:
             raise ValueError(f"{value!r} is no channel error type, expected one of {', '.join(_CHANNELS)}")
         return _CHANNELS[value]
+    return value
+
+
+def _type(value: object) -> object:
+    if isinstance(value, str):
+        if value not in _TYPES:
+            raise ValueError(f"{value!r} is no data type, expected one of {', '.join(_TYPES)}")
+        return _TYPES[value]
     return value
 
 
@@ -72,6 +83,16 @@ class Match(_Model):
     """1018h/2."""
     names: tuple[str, ...] = ()
     """Patterns (``EPOS4*``) of the device name 1008h or the product name of the data sheet, in any case."""
+
+
+class Object(_Model):
+    """One object of the manufacturer, which can travel in a PDO."""
+
+    address: Address
+    name: str
+    type: Annotated[CanType, BeforeValidator(_type)]
+    access: Access = Access.RO
+    unit: str = ""
 
 
 class Fault(_Model):
@@ -117,10 +138,21 @@ class Units(_Model):
         return self
 
 
+Bit = Annotated[int, Field(ge=11, le=15)]
+
+
+class TurntableKeys(_Model):
+    """As ``Turntable``, with numbers of bits."""
+
+    mode: int
+    shortest: Bit
+    ccw: Bit
+
+
 class QuirkKeys(_Model):
     """As ``Quirks``."""
 
-    modulo_mode: int | None = None
+    turntable: TurntableKeys | None = None
     range_is_limit: bool = False
     mode_shown_in_operation_only: bool = False
     fault_reset_edges: Annotated[int, Field(ge=1, le=4)] = 1
@@ -144,8 +176,10 @@ class Overlay(_Model):
     match: Match = Match()
     eds: str = ""
     """Data sheet of the family in ``dsp402/eds``, for a device with the product code it describes."""
-    objects: dict[str, Address] = {}
+    objects: dict[str, Object] = {}
     """Objects of the manufacturer by the image attribute they stand for."""
+    unit_texts: dict[str, tuple[Address, ...]] = {}
+    """Units of the profile's objects for a reader, where they say more than the profile does, with the objects that have them."""
     modes: dict[int, str] = {}
     """The manufacturer's modes of operation."""
     homing_methods: tuple[int, ...] = ()
@@ -168,6 +202,46 @@ class Overlay(_Model):
             return any(fnmatchcase(name.lower(), pattern.lower()) for pattern in match.names)
         return match.vendor_id is not None
 
+    @cached_property
+    def entries(self) -> Mapping[str, Entry]:
+        """The manufacturer's objects by their image attribute."""
+        return {
+            attribute: Entry(
+                *item.address, item.name, item.type, item.access, True, unit=item.unit, attribute=attribute
+            )
+            for attribute, item in self.objects.items()
+        }
+
+    @cached_property
+    def specs(self) -> tuple[ObjectSpec, ...]:
+        """The manufacturer's objects in the order of their indices; an array has the name of its first entry."""
+        of_index: dict[int, list[Entry]] = {}
+        for entry in sorted(self.entries.values(), key=lambda entry: (entry.index, entry.subindex)):
+            of_index.setdefault(entry.index, []).append(entry)
+        return tuple(
+            array(index, first.name, first, *others)
+            if first.subindex
+            else ObjectSpec(index, first.name, ObjectKind.VAR, (first,))
+            for index, (first, *others) in of_index.items()
+        )
+
+    @cached_property
+    def _units(self) -> Mapping[tuple[int, int], str]:
+        texts = {address: text for text, addresses in self.unit_texts.items() for address in addresses}
+        return texts | {(entry.index, entry.subindex): entry.unit for entry in self.entries.values()}
+
+    def unit_of(self, index: int, subindex: int) -> str:
+        """The unit of an object for a reader; empty where the family says nothing about it."""
+        return self._units.get((index, subindex), "")
+
+    @property
+    def control_bits(self) -> Mapping[str, int]:
+        """The manufacturer's bits of the Controlword: masks by name."""
+        turntable = self.drive_quirks.turntable
+        if turntable is None:
+            return {}
+        return {"TURNTABLE_SHORTEST": turntable.shortest, "TURNTABLE_CCW": turntable.ccw}
+
     @property
     def drive_faults(self) -> Mapping[int, DriveFault]:
         return {
@@ -186,7 +260,11 @@ class Overlay(_Model):
 
     @property
     def drive_quirks(self) -> Quirks:
-        return Quirks(**dict(self.quirks))
+        keys = dict(self.quirks)
+        turntable = self.quirks.turntable
+        if turntable is not None:
+            keys["turntable"] = Turntable(turntable.mode, 1 << turntable.shortest, 1 << turntable.ccw)
+        return Quirks(**keys)
 
 
 def parse_overlay(name: str, text: str) -> Overlay:
@@ -207,17 +285,42 @@ def overlays() -> Mapping[str, Overlay]:
 
 
 @cache
-def known_faults() -> tuple[DriveFault, ...]:
-    """The fault numbers of every family."""
-    return tuple(fault for item in overlays().values() for fault in item.drive_faults.values())
+def all_families() -> tuple[str, ...]:
+    """The names of every overlay."""
+    return tuple(overlays())
+
+
+@lru_cache(maxsize=64)
+def families_of(vendor_id: int | None, product_code: int = 0, name: str = "") -> tuple[str, ...]:
+    """The families a device may be of, by name: every one while it has not told its vendor-ID, else the one that fits, if any."""
+    if vendor_id is None:
+        return all_families()
+    found = overlay_for(vendor_id, product_code, name)
+    return () if found is None else (found.name,)
 
 
 @cache
-def known_modes() -> Mapping[int, str]:
-    """The manufacturer's modes of every family; a number that means several things has all of them."""
+def entries_of(families: tuple[str, ...]) -> Mapping[tuple[int, int], Entry]:
+    """The manufacturer's objects of these families by address."""
+    entries = [entry for family in families for spec in overlays()[family].specs for entry in spec.entries]
+    return {(entry.index, entry.subindex): entry for entry in reversed(entries)}
+
+
+def with_units(entries: Iterable[Entry], families: tuple[str, ...]) -> tuple[Entry, ...]:
+    """Objects with the units these families give them."""
+    told = [overlays()[family] for family in families]
+    found = (
+        (entry, [text for item in told if (text := item.unit_of(entry.index, entry.subindex))]) for entry in entries
+    )
+    return tuple(replace(entry, unit=texts[0]) if texts else entry for entry, texts in found)
+
+
+@cache
+def modes_of(families: tuple[str, ...]) -> Mapping[int, str]:
+    """The manufacturer's modes of these families; a number that means several things has all of them."""
     texts: dict[int, list[str]] = {}
-    for item in overlays().values():
-        for number, text in item.modes.items():
+    for family in families:
+        for number, text in overlays()[family].modes.items():
             texts.setdefault(number, []).append(text)
     return {number: " or ".join(dict.fromkeys(found)) for number, found in texts.items()}
 

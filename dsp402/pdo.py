@@ -7,14 +7,24 @@ this package knows no PROFIdrive; the gateway chooses.
 from __future__ import annotations
 
 import enum
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from typing import Final
 
+from pdgw.ds301.objects import Entry
 from pdgw.ds301.pdo import Pdo, PdoDirection, PdoLayout
-from pdgw.dsp402.objects import DRIVE_OBJECTS
+from pdgw.dsp402.objects import DRIVE_OBJECTS, FAMILY_VALUES
 
-__all__ = ["LAYOUTS", "Operation", "PdoLayout", "interpolated", "pdo", "with_second_position", "without_position"]
+__all__ = [
+    "LAYOUTS",
+    "Operation",
+    "PdoLayout",
+    "interpolated",
+    "pdo",
+    "with_objects",
+    "with_second_position",
+    "without_position",
+]
 
 
 class Operation(enum.Enum):
@@ -44,8 +54,9 @@ def interpolated(layout: PdoLayout) -> PdoLayout:
 
 
 def pdo(direction: PdoDirection, number: int, *attributes: str) -> Pdo:
-    """A PDO of catalogue objects, named by their image attributes."""
-    return Pdo(direction, number, tuple(DRIVE_OBJECTS.attribute(name) for name in attributes))
+    """A PDO of objects, named by their image attributes; those of a family have no address yet."""
+    entries = tuple(FAMILY_VALUES.get(name) or DRIVE_OBJECTS.attribute(name) for name in attributes)
+    return Pdo(direction, number, entries)
 
 
 _R = PdoDirection.RPDO
@@ -128,6 +139,18 @@ LAYOUTS: dict[Operation, PdoLayout] = {
         ),
     ),
 }
+
+
+def with_objects(layout: PdoLayout, entries: Mapping[str, Entry]) -> PdoLayout:
+    """The layout with these objects for their image attributes, such as those of a family (``Overlay.entries``)."""
+
+    def resolved(pdos: Sequence[Pdo]) -> tuple[Pdo, ...]:
+        return tuple(
+            Pdo(item.direction, item.number, tuple(entries.get(entry.attribute, entry) for entry in item.entries))
+            for item in pdos
+        )
+
+    return replace(layout, rpdos=resolved(layout.rpdos), tpdos=resolved(layout.tpdos))
 
 
 def with_second_position(layout: PdoLayout) -> PdoLayout:

@@ -183,7 +183,11 @@ class _Direction:
         return [entries.get(item.attribute) or self._lacking(item) for item in wanted]
 
     def _lacking(self, entry: Entry) -> Entry:
-        raise Dsp402Error(str(entry), "no object of this drive", "a drive that has it: the telegram needs it")
+        raise Dsp402Error(
+            str(entry) if entry.index else entry.name,
+            "no object of this drive",
+            "a drive that has it: the telegram needs it",
+        )
 
     def _is_mappable(self, entry: Entry) -> bool:
         address = entry.index, entry.subindex

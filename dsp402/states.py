@@ -80,7 +80,7 @@ def state_of(statusword: int) -> State | None:
 
 
 class ControlBit:
-    """Controlword bits (6040h)."""
+    """Controlword bits (6040h) of the profile; 11 to 15 are the manufacturer's, in the overlays (``dsp402/families``)."""
 
     SWITCH_ON: Final = 1 << 0
     ENABLE_VOLTAGE: Final = 1 << 1
@@ -93,8 +93,6 @@ class ControlBit:
     RELATIVE: Final = 1 << 6
     FAULT_RESET: Final = 1 << 7
     HALT: Final = 1 << 8
-    TURNTABLE_SHORTEST: Final = 1 << 11
-    TURNTABLE_CCW: Final = 1 << 12
 
 
 class StatusBit:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, ClassVar, Final
 
@@ -14,6 +14,7 @@ from pdgw.ds301.network import CanNetwork
 from pdgw.ds301.nmt import NmtCommand
 from pdgw.dsp402.configuration import ABORT_OPTION
 from pdgw.dsp402.drive import DriveClient, DriveStatus
+from pdgw.dsp402.faults import DriveFault
 from pdgw.dsp402.guarding import GUARD_TIME, LIFE_TIME_FACTOR
 from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.dsp402.scaling import SCALING_OBJECTS
@@ -38,8 +39,6 @@ _OWNED: Final = OWNED | {ABORT_OPTION, GUARD_TIME, LIFE_TIME_FACTOR, (0x6040, 0)
 _HOMING_METHOD: Final = (0x6098, 0)
 _REFERENCES: Final = {*SCALING_OBJECTS, _HOMING_METHOD}
 _ERROR_CODE: Final = (0x603F, 0)
-_OWN_FORMAT: Final = SensorFormat(resolution=0x1000, turns=0, xist1_absolute=False)
-"""The drive's own position: 1000h increments per revolution, counted from power-on."""
 _SECOND_FORMAT: Final = SensorFormat(resolution=0, turns=0, xist1_absolute=False, valid=False)
 """The drive's second encoder: what one revolution is, is not asked for."""
 _REACTION_MARGIN: Final = 2
@@ -208,10 +207,24 @@ class Axis(DriveObject):
     def sensor_formats(self) -> tuple[SensorFormat, ...]:
         """P979: what G1 and, where there is one, G2 is."""
         first, second = self._links
-        formats = (_OWN_FORMAT if first is None else first.sensor_format,)
+        formats = (self._own_format if first is None else first.sensor_format,)
         if self.machine.second_sensor is None:
             return formats
         return (*formats, _SECOND_FORMAT if second is None else second.sensor_format)
+
+    @property
+    def _own_format(self) -> SensorFormat:
+        """The drive's own position, counted from power-on; not valid while a revolution is no known number of units."""
+        drive = self.drive.drive_type
+        counts = drive.scaling.counts_per_revolution if drive is not None else None
+        if counts is None or counts.denominator != 1:
+            return SensorFormat(0, turns=0, xist1_absolute=False, validity_static=False, valid=False)
+        return SensorFormat(counts.numerator, turns=0, xist1_absolute=False)
+
+    @property
+    def manufacturer_faults(self) -> Mapping[int, DriveFault]:
+        """The drive's own fault numbers, as far as its family is known."""
+        return self.drive.drive_type.faults if self.drive.drive_type is not None else {}
 
     def set_sign_of_life_tolerance(self, failures: int) -> None:
         self._sign_of_life_failures = failures

@@ -11,8 +11,7 @@ from pathlib import Path
 
 from pdgw.ds301.aborts import ABORT_TEXTS, abort_text
 from pdgw.dsp402.modes import Mode
-from pdgw.dsp402.objects import DRIVE_OBJECTS
-from pdgw.dsp402.pdo import LAYOUTS
+from pdgw.dsp402.pdo import LAYOUTS, with_objects
 from pdgw.dsp402.states import COMMAND_TRANSITIONS, STATUS_PATTERNS
 from pdgw.dsp406.faults import ENCODER_EMCY
 from pdgw.dsp406.kinds import EncoderType
@@ -26,7 +25,8 @@ from pdgw.gateway.parameters.guarded import GUARDED
 from pdgw.gateway.parameters.objects import error_of_abort
 from pdgw.gateway.positioner_parameters import BLOCK_ITEMS, ITEMS
 from pdgw.gateway.reasons import GATEWAY_FAULTS, Reason
-from pdgw.peers.drive.family import DRIVE_FAULTS, FAMILY_MODES, HOMING_METHODS
+from pdgw.peers.drive.device import OBJECTS
+from pdgw.peers.drive.family import DRIVE_FAULTS, FAMILY, FAMILY_MODES, HOMING_METHODS
 from pdgw.peers.node.faults import NODE_MISBEHAVIOURS
 from pdgw.peers.node.misbehaviour import Misbehaviour
 from pdgw.peers.simulation.devices import DEVICE_TYPES
@@ -214,7 +214,8 @@ def generate() -> str:
             ("operation", "PDO", "objects", "bytes"),
             (
                 (operation.value, pdo, ", ".join(str(entry) for entry in pdo.entries), pdo.size)
-                for operation, layout in LAYOUTS.items()
+                for operation, needs in LAYOUTS.items()
+                for layout in (with_objects(needs, FAMILY.entries),)
                 for pdo in (*layout.rpdos, *layout.tpdos)
             ),
         ),
@@ -223,7 +224,7 @@ def generate() -> str:
             ("index", "sub", "name", "type", "access", "PDO", "unit"),
             (
                 (f"{e.index:04X}h", e.subindex, e.name, e.type.name, e.access.value, "yes" if e.pdo else "", e.unit)
-                for e in DRIVE_OBJECTS.entries
+                for e in OBJECTS.entries
             ),
         ),
         "## Encoder objects\n",

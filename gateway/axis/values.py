@@ -83,7 +83,7 @@ class PresetAnswer:
 
 @dataclass(frozen=True, slots=True)
 class FaultRead:
-    """200Ch and 603Fh of a drive in fault, as ``Outputs.read_fault`` asked; 0 where it has no such object."""
+    """The manufacturer's fault number and 603Fh of a drive, as ``Outputs.read_fault`` asked; 0 where it has no such object."""
 
     number: int
     code: int

@@ -7,11 +7,11 @@ global parameters only. Source: docs/parameter-channel.md "Profile parameters".
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 
 from pdgw.ds301.communication import LOAD_SIGNATURE, RESTORE_PARAMETERS, SAVE_SIGNATURE, STORE_PARAMETERS
 from pdgw.ds301.errors import CanopenError
-from pdgw.dsp402.overlay import known_faults
+from pdgw.dsp402.faults import DriveFault
 from pdgw.gateway import identity
 from pdgw.gateway.binding import Axis
 from pdgw.gateway.config_surroundings import DEFAULT_BITRATE, GATEWAY_NODE_ID
@@ -77,9 +77,7 @@ _STEPS_PER_SECOND = 0
 _DEVICE_WARNING_BIT = 15
 _STATUSWORD_WARNING = signal("ZSW1").bit("WARNING").mask
 _LIST_SIZE = 99
-_CODES = {fault.number: fault.error_code for fault in known_faults()} | {
-    fault.number: fault.code for fault in GATEWAY_FAULTS.values()
-}
+_GATEWAY_CODES = {fault.number: fault.code for fault in GATEWAY_FAULTS.values()}
 _WARNING_TEXTS = tuple(
     GATEWAY_FAULTS[number].name[:16]
     if number in GATEWAY_FAULTS
@@ -150,6 +148,12 @@ def _constant(value: Sequence[int]) -> Getter:
     return lambda: value
 
 
+def _fault_codes(own: Mapping[int, DriveFault]) -> list[int]:
+    """P946: the codes of the drive's own fault numbers and of the gateway's, by number."""
+    codes = {fault.number: fault.error_code for fault in own.values()} | _GATEWAY_CODES
+    return [codes.get(number, 0) for number in range(max(codes) + 1)]
+
+
 def _store_is_saved(daemon: Daemon, change: Callable[[DeviceParameters], None]) -> None:
     """Change stored parameters and write the file; the PLC gets an error when it cannot be written, and nothing changes."""
     try:
@@ -202,7 +206,7 @@ class NodeObject(BoundObject):
         self.bind(928, lambda: 1, lambda _: None)
         self.bind(944, lambda: log_.counter)
         self.bind(945, lambda: [fault.code for fault in log_.entries()])
-        self.bind(946, lambda: [_CODES.get(number, 0) for number in range(max(_CODES) + 1)])
+        self.bind(946, lambda: _fault_codes({}))
         self.bind(947, lambda: [fault.number for fault in log_.entries()])
         self.bind(948, lambda: [fault.time_ms for fault in log_.entries()])
         self.bind(949, lambda: [fault.value for fault in log_.entries()])
@@ -321,6 +325,7 @@ class AxisObject(NodeObject):
         self.bind(967, lambda: axis.last_setpoints[0] if axis.last_setpoints else 0)
         self.bind(968, lambda: axis.actuals[0])
         self.bind(975, lambda: (*identity.UNIT, AXIS_CLASS, _SUBCLASS, self.do_id))
+        self.bind(946, lambda: _fault_codes(axis.manufacturer_faults))
         self.bind(979, lambda: encode_sensor_format(axis.sensor_formats))
         self.bind(60000, self._reference_speed)
         self._positioner: PositionerParameters | None = None

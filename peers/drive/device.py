@@ -13,6 +13,7 @@ from pdgw.ds301.eds import DeviceInfo
 from pdgw.ds301.objects import Catalogue, Entry, ObjectSpec
 from pdgw.ds301.pdo import PdoDirection
 from pdgw.dsp402.objects import DRIVE_OBJECTS
+from pdgw.dsp402.overlay import with_units
 from pdgw.dsp402.pdo import pdo
 from pdgw.peers.drive.family import FAMILY
 
@@ -112,8 +113,17 @@ def _with_value(entry: Entry) -> Entry:
     return entry if value is None else replace(entry, default=value.default, low=value.low, high=value.high)
 
 
+_NAMES: Final = {0x6C01: "Read Analogue Input 16-Bit"}
+"""Of the manufacturer's arrays."""
+_MANUFACTURER_OBJECTS = tuple(replace(spec, name=_NAMES.get(spec.index, spec.name)) for spec in FAMILY.specs)
+
+
+def _with_units(spec: ObjectSpec) -> ObjectSpec:
+    return replace(spec, entries=with_units(map(_with_value, spec.entries), (FAMILY.name,)))
+
+
 OBJECTS: Final = Catalogue(
-    tuple(replace(spec, entries=tuple(map(_with_value, spec.entries))) for spec in DRIVE_OBJECTS.objects)
+    tuple(map(_with_units, sorted((*DRIVE_OBJECTS.objects, *_MANUFACTURER_OBJECTS), key=lambda spec: spec.index)))
 )
 """Profile and manufacturer area of the drive."""
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 from pdgw.dsp402.modes import STANDARD_HOMING_METHODS
 from pdgw.dsp402.overlay import overlay
 
@@ -9,7 +11,10 @@ FAMILY = overlay("engel")
 FAMILY_MODES = FAMILY.modes
 """The manufacturer's values of 6060h."""
 _NUMBERS = {text: number for number, text in FAMILY_MODES.items()}
-TURNTABLE = _NUMBERS["turntable"]
+_turntable = FAMILY.drive_quirks.turntable
+assert _turntable is not None
+TURNTABLE: Final = _turntable
+"""Its mode, and the bits of the Controlword that give the direction."""
 CURRENT_CONTROL = _NUMBERS["current control with dynamic speed limitation"]
 SPEED_CONTROL = _NUMBERS["speed control with dynamic current limitation"]
 DRIVE_FAULTS = FAMILY.drive_faults

@@ -22,7 +22,7 @@ from pdgw.peers.drive.speed_modes import (
 )
 
 MODES: dict[int, type[ModeOfOperation]] = {
-    TURNTABLE: Turntable,
+    TURNTABLE.mode: Turntable,
     CURRENT_CONTROL: CurrentControl,
     SPEED_CONTROL: SpeedControl,
     Mode.POSITION: ProfilePosition,

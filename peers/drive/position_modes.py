@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from pdgw.dsp402.states import ControlBit, StatusBit
+from pdgw.peers.drive.family import TURNTABLE
 from pdgw.peers.drive.mode_of_operation import ModeOfOperation, follows
 from pdgw.peers.drive.motion import INCREMENTS_PER_REVOLUTION, TICK, increments_per_second, speed_toward
 
@@ -202,9 +203,9 @@ class Turntable(ProfilePosition):
             return drive.position + drive.target_position
         rev = INCREMENTS_PER_REVOLUTION
         forward = (drive.target_position - drive.position) % rev
-        if word & ControlBit.TURNTABLE_SHORTEST:
+        if word & TURNTABLE.shortest:
             distance = forward if forward <= rev / 2 else forward - rev
-        elif word & ControlBit.TURNTABLE_CCW:
+        elif word & TURNTABLE.ccw:
             distance = forward - rev if forward else 0.0
         else:
             distance = forward

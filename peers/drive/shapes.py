@@ -26,7 +26,7 @@ from pdgw.dsp402 import touch_probe
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.pdo import pdo
 from pdgw.peers.drive.device import DEVICE_TYPE, INFO, OBJECTS, REVISION, drive_objects
-from pdgw.peers.drive.family import FAMILY_MODES
+from pdgw.peers.drive.family import FAMILY, FAMILY_MODES
 from pdgw.peers.drive.motion import INCREMENTS_PER_REVOLUTION
 from pdgw.peers.drive.probe import POSITIONS
 
@@ -35,7 +35,7 @@ _I16, _I32, _U8, _U16, _U32 = CanType.I16, CanType.I32, CanType.U8, CanType.U16,
 _RO, _RW = Access.RO, Access.RW
 _VENDOR_ID = 0x0000_0FFF
 """Of nobody: a device no overlay knows."""
-_MANUFACTURER = frozenset({0x2003, 0x2004, 0x200C, 0x6094, 0x6C01, 0x7004})
+_MANUFACTURER = frozenset({0x6094, *(entry.index for entry in FAMILY.entries.values())})
 _PROFILE_MODES = 1 << 0 | 1 << 2 | 1 << 5
 """6502h: profile position, profile velocity, homing."""
 _RATED_RPM = 3000

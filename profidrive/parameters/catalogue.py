@@ -98,7 +98,7 @@ _SPECS = (
     ParameterSpec(944, "Fault counter", "counts every change of the fault buffer", _U16, _DO),
     ParameterSpec(945, "Fault code", "EMCY error code, 603Fh", _U16, _DO, array=True),
     ParameterSpec(946, "Fault code list", "element n: fault code of fault number n", _U16, _DO, array=True),
-    ParameterSpec(947, "Fault number", "number of the drive (200Ch) or gateway", _U16, _DO, array=True),
+    ParameterSpec(947, "Fault number", "the drive's own number, or the gateway's", _U16, _DO, array=True),
     ParameterSpec(948, "Fault time", "time since start", DataType.TIME_DIFFERENCE, _DO, array=True, unit="ms"),
     ParameterSpec(949, "Fault value", "manufacturer's bytes of the EMCY", _U32, _DO, array=True),
     ParameterSpec(

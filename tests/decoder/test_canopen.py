@@ -15,14 +15,15 @@ from pdgw.decoder.capture.dictionary import dictionary_of
 from pdgw.decoder.cyclic import Axis, given_axes
 from pdgw.decoder.engine import CanPacket, Decoder, Settings
 from pdgw.decoder.link import CanFrame
-from pdgw.decoder.objects import Mapped, ObjectNames, catalogue, pdo_layout
+from pdgw.decoder.objects import Mapped, ObjectNames, any_drive, pdo_layout
 from pdgw.decoder.records import Record
 from pdgw.ds301.configuration import map_pdo
 from pdgw.ds301.objects import CanType, Entry
 from pdgw.ds301.pdo import COB_ID_INVALID
-from pdgw.dsp402.pdo import LAYOUTS, Operation
+from pdgw.dsp402.pdo import Operation
 from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS, drive_layout
-from pdgw.peers.drive.device import EDS_PATH
+from pdgw.peers.drive.device import EDS_PATH, PRODUCT_CODE, VENDOR_ID
+from tests.support.mapping import engel_layout
 
 NODE = 5
 
@@ -46,7 +47,7 @@ def values(record: Record) -> dict[str, object]:
 
 def configure(bus: CanopenDecoder, operation: Operation) -> None:
     """What the gateway writes to a drive."""
-    layout = LAYOUTS[operation]
+    layout = engel_layout(operation)
     for pdo in (*layout.rpdos, *layout.tpdos):
         for step in map_pdo(pdo, pdo.cob_id(NODE)):
             write(bus, step.index, step.subindex, step.data)
@@ -177,7 +178,7 @@ def test_bit_fields_gaps_and_signed_parts_are_cut_out() -> None:
     data=st.binary(min_size=8, max_size=8),
 )
 def test_any_mapping_is_a_layout_or_none(mapped: list[Mapped], data: bytes) -> None:
-    layout = pdo_layout("TPDO1", NODE, 1, mapped, catalogue(), "test")
+    layout = pdo_layout("TPDO1", NODE, 1, mapped, any_drive(), "test")
     bits = sum(item.bits for item in mapped)
     possible = mapped and bits <= 64 and all(item.bits for item in mapped)
     assert (layout is not None) == bool(possible)
@@ -246,5 +247,89 @@ def test_any_frames_are_records_with_documents(frames: list[tuple[int, bytes]]) 
         (0x9C, "-100"),
     ],
 )
-def test_a_mode_of_a_manufacturer_has_the_names_of_every_family_that_has_its_number(raw: int, shown: str) -> None:
-    assert catalogue().text(0x6061, 0, bytes((raw,))) == shown
+def test_a_mode_of_an_unknown_drive_has_the_names_of_every_family_that_has_its_number(raw: int, shown: str) -> None:
+    assert any_drive().text(0x6061, 0, bytes((raw,))) == shown
+
+
+def identify(bus: CanopenDecoder, vendor_id: int, product_code: int, name: bytes = b"") -> None:
+    """What a gateway reads of a drive at its start."""
+    read = [(0x1000, 0, (402).to_bytes(4, "little")), (0x1018, 1, vendor_id.to_bytes(4, "little"))]
+    read.append((0x1018, 2, product_code.to_bytes(4, "little")))
+    read += [(0x1008, 0, name)] if name else []
+    for index, subindex, data in read:
+        feed(bus, 0x600 + NODE, struct.pack("<BHB4x", 0x40, index, subindex))
+        head = struct.pack("<BHB", 0x43 | (4 - len(data)) << 2, index, subindex)
+        feed(bus, 0x580 + NODE, head + data.ljust(4, b"\0"))
+
+
+MAXON = 0xFB
+TEXTS = (
+    (0x2003, b"\1\0", "Dynamic Speed Limit", "0.5 rpm"),
+    (0x60FF, b"\1\0\0\0", "Target Velocity", "velocity units (6094h rpm)"),
+    (0x607A, b"\1\0\0\0", "Target Position", "increments (1000h per revolution)"),
+)
+
+
+@pytest.mark.parametrize(("index", "data", "name", "unit"), TEXTS)
+def test_objects_and_units_of_one_family_are_told_of_no_other_drive(
+    index: int, data: bytes, name: str, unit: str
+) -> None:
+    unknown, engel, other = CanopenDecoder(), CanopenDecoder(), CanopenDecoder()
+    identify(engel, VENDOR_ID, PRODUCT_CODE)
+    identify(other, MAXON, 1)
+    for bus, own in ((unknown, True), (engel, True), (other, False)):
+        write(bus, index, 0, data)
+        feed(bus, 0x600 + NODE, struct.pack("<BHB4x", 0x40, index, 0))
+        head = struct.pack("<BHB", 0x43 | (4 - len(data)) << 2, index, 0)
+        text = feed(bus, 0x580 + NODE, head + data.ljust(4, b"\0")).summary
+        assert (unit in text) is own
+        assert (name in text) is (own or index >= 0x6000)
+
+
+def test_bits_of_the_controlword_are_those_of_the_drive_s_family() -> None:
+    bits = {}
+    for vendor in (VENDOR_ID, MAXON):
+        bus = CanopenDecoder([Axis(1, 1, NODE)])
+        identify(bus, vendor, PRODUCT_CODE)
+        record = feed(bus, 0x200 + NODE, bytes.fromhex("00000000 0F18"))
+        bits[vendor] = next(field.bits for field in record.units[0].layout.fields if field.name == "Controlword")
+    names = {vendor: {bit.name for bit in found} for vendor, found in bits.items()}
+    assert names[VENDOR_ID] - names[MAXON] == {"TURNTABLE_SHORTEST", "TURNTABLE_CCW"}
+    assert names[MAXON] < names[VENDOR_ID]
+
+
+@pytest.mark.parametrize(
+    ("vendor", "name", "shown"),
+    [
+        (VENDOR_ID, b"", "-3 [speed control with dynamic current limitation]"),
+        (MAXON, b"EPOS", "-3"),
+        (MAXON, b"EPOS2", "-3 [current]"),
+        (0x1234, b"", "-3"),
+    ],
+)
+def test_a_mode_of_a_manufacturer_has_the_name_its_family_gives_it(vendor: int, name: bytes, shown: str) -> None:
+    bus = CanopenDecoder()
+    identify(bus, vendor, PRODUCT_CODE, name[:4])
+    if len(name) > 4:
+        _segmented(bus, name)
+    feed(bus, 0x600 + NODE, struct.pack("<BHB4x", 0x40, 0x6061, 0))
+    response = feed(bus, 0x580 + NODE, struct.pack("<BHBb3x", 0x4F, 0x6061, 0, -3))
+    assert f"= {shown} after" in response.summary
+
+
+def _segmented(bus: CanopenDecoder, name: bytes) -> None:
+    """1008h of more than four characters."""
+    feed(bus, 0x600 + NODE, struct.pack("<BHB4x", 0x40, 0x1008, 0))
+    feed(bus, 0x580 + NODE, struct.pack("<BHBI", 0x41, 0x1008, 0, len(name)))
+    feed(bus, 0x600 + NODE, bytes((0x60,)) + bytes(7))
+    feed(bus, 0x580 + NODE, bytes((1 | (7 - len(name)) << 1,)) + name.ljust(7, b"\0"))
+
+
+def test_an_error_code_has_the_manufacturer_s_name_for_drives_of_its_family_only() -> None:
+    told = {}
+    for vendor in (VENDOR_ID, MAXON):
+        bus = CanopenDecoder()
+        identify(bus, vendor, PRODUCT_CODE)
+        told[vendor] = feed(bus, 0x80 + NODE, bytes.fromhex("0573 21 0000000000")).summary
+    assert "(drive: motor feedback)" in told[VENDOR_ID]
+    assert "drive:" not in told[MAXON]

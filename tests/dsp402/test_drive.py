@@ -33,7 +33,7 @@ from pdgw.peers.drive.device import EDS_PATH
 from pdgw.peers.node.node import Value
 from tests.support import site
 from tests.support.drive_types import engel
-from tests.support.mapping import pdo_steps
+from tests.support.mapping import engel_layout, pdo_steps
 
 NODE = 4
 
@@ -669,7 +669,7 @@ def _fixed(plant: Plant, operation: Operation, values: dict[tuple[int, int], int
     """A drive whose PDOs are made for an operation, but for ``values``; its other PDOs cannot be switched off."""
     drive = site.drive(NODE)
     node = _Fixed(NODE, drive._send)
-    layout = LAYOUTS[operation]
+    layout = engel_layout(operation)
     available = [d.communication_index + n for d in PdoDirection for n in range(5)]
     for step in pdo_steps(layout, NODE, available, sync=False, event_ms=50, inhibit_us=0):
         node.values[step.index, step.subindex] = step.value

@@ -16,7 +16,7 @@ from pdgw.dsp402.describe import (
     describe,
     questions,
 )
-from pdgw.dsp402.drive_type import Quantity
+from pdgw.dsp402.drive_type import Quantity, Turntable
 from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.modes import STANDARD_HOMING_METHODS, Mode
 from pdgw.dsp402.objects import DRIVE_OBJECTS
@@ -26,6 +26,7 @@ from pdgw.peers.drive.family import DRIVE_FAULTS, HOMING_METHODS
 from tests.support.drive_types import REFERENCE_OBJECTS, References, engel, engel_dictionary
 
 MINIMAL = 'title = "a"\nsources = ["b"]\n'
+OBJECT = 'objects = {{ error_code = {{ address = "{}", name = "Error", type = "{}" }} }}'
 
 
 def test_the_engel_drive_is_its_data_sheet_and_its_overlay() -> None:
@@ -44,7 +45,8 @@ def test_the_engel_drive_is_its_data_sheet_and_its_overlay() -> None:
     assert dict(drive.homing_methods) == HOMING_METHODS
     assert dict(drive.faults) == dict(DRIVE_FAULTS)
     assert {*drive.modes} == {-5, -4, -3, 1, 3, 4, 6}
-    assert (drive.speed_mode, drive.position_mode, drive.quirks.modulo_mode) == (Mode.VELOCITY, Mode.POSITION, -5)
+    assert (drive.speed_mode, drive.position_mode) == (Mode.VELOCITY, Mode.POSITION)
+    assert drive.quirks.turntable == Turntable(-5, 0x0800, 0x1000)
     assert drive.fault_of_code[0x7305].number == 5
 
 
@@ -104,8 +106,8 @@ def test_every_overlay_of_the_package_can_be_read() -> None:
     for name, item in overlays().items():
         assert item.name == name
         assert item.sources
-    assert overlay("engel").objects["analogue_input_2"] == (0x6C01, 2)
-    assert DRIVE_OBJECTS.attribute("analogue_input_2").type is CanType.I16
+    found = overlay("engel").entries["analogue_input_2"]
+    assert (found.index, found.subindex, found.type, found.pdo) == (0x6C01, 2, CanType.I16, True)
 
 
 def test_an_overlay_is_chosen_by_the_identity() -> None:
@@ -126,7 +128,10 @@ def test_an_overlay_is_chosen_by_the_identity() -> None:
             "^overlay mine: quirks.boot_ms = 'long': expected an integer, allowed: 0 to",
         ),
         (MINIMAL + "titel = 'b'", "^overlay mine: titel: unknown key, did you mean title?"),
-        (MINIMAL + 'objects = { error_code = "200C" }', "2003h or 6C01h/1"),
+        (MINIMAL + OBJECT.format("200C", "U16"), "2003h or 6C01h/1"),
+        (MINIMAL + OBJECT.format("200Ch", "WORD"), "objects.error_code.type = 'WORD': .*expected one of BOOLEAN, I8"),
+        (MINIMAL + '[unit_texts]\n"rpm" = ["60FF"]', "2003h or 6C01h/1"),
+        (MINIMAL + "quirks = { turntable = { mode = -1, shortest = 4, ccw = 12 } }", "shortest = 4: allowed: 11 to 15"),
         (MINIMAL + "colour = 3", "colour"),
         (MINIMAL + '[faults]\n1 = { name = "x", code = 1, error_register = 0, channel = "hot" }', "channel error type"),
     ],

@@ -17,6 +17,7 @@ from pdgw.dsp402.pdo import LAYOUTS, Operation
 from pdgw.dsp402.planner import Findings, found_in_data_sheet, plan_pdos
 from pdgw.peers.drive import SHAPES
 from tests.support.drive_types import described
+from tests.support.mapping import engel_layout
 
 NODE = 5
 RPDO, TPDO = PdoDirection
@@ -48,12 +49,18 @@ def needed(operation: Operation) -> tuple[set[str], set[str]]:
 
 @pytest.mark.parametrize("operation", list(Operation))
 def test_a_drive_that_takes_any_mapping_gets_the_layout_of_the_telegram(operation: Operation) -> None:
-    found, layout = plan(operation), LAYOUTS[operation]
+    found, layout = plan(operation), engel_layout(operation)
     assert [mapped(item.pdo) for item in found.rpdos] == [mapped(pdo) for pdo in reversed(layout.rpdos)]
     assert [mapped(item.pdo) for item in found.tpdos] == [mapped(pdo) for pdo in layout.tpdos]
     assert not found.written
     assert not found.read
     assert not found.notes
+
+
+def test_a_drive_without_a_value_of_a_family_is_refused_by_the_name_of_the_value_alone() -> None:
+    drive = described("rpm")
+    with pytest.raises(Dsp402Error, match=r"^Dynamic Speed Limit: 'no object of this drive'"):
+        plan_pdos(LAYOUTS[Operation.TRANSPARENT], drive, NODE, found_in_data_sheet(drive), sync=False)
 
 
 @pytest.mark.parametrize("operation", list(Operation))

@@ -16,7 +16,10 @@ from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.reasons import FaultNumber, Reason
 from pdgw.gateway.status import snapshot
 from pdgw.peers.drive import SimulatedDrive, shape
-from tests.support.daemon import OFF, Plc, axis, configuration, running, until, world_of
+from pdgw.profidrive.parameters.codec import Address
+from pdgw.profidrive.sensor_format import decode_sensor_format
+from pdgw.tools.parameters.session import Session
+from tests.support.daemon import OFF, Plc, axis, configuration, running, serving, until, world_of
 
 MS = 1_000_000
 QUARTER = 0x1000
@@ -242,3 +245,24 @@ def test_homing_at_the_current_position_is_35_and_37_whichever_the_drive_has(ask
     homing.begin(asked, None)
     assert cycle.notes.writes is not None
     assert cycle.notes.writes[0].value == there
+
+
+@pytest.mark.parametrize(
+    ("name", "resolution", "code", "object_", "unit"),
+    [
+        ("engel", 0x1000, 0x7305, ("Dynamic Speed Limit", "0.5 rpm"), "velocity units (6094h rpm)"),
+        ("si", 0x1000, 0, ("", ""), "velocity units"),
+        ("vl", None, 0, ("", ""), "velocity units"),
+    ],
+)
+def test_parameters_tell_of_a_drive_only_what_its_own_family_has(
+    name: str, resolution: int | None, code: int, object_: tuple[str, str], unit: str
+) -> None:
+    with serving(configuration(axis(1, more="")), connect=lambda daemon: _drive(daemon, name)) as (_, client):
+        codes, sensors = client.request([Address(946, 5, 1), Address(979, 0, 31)])
+        assert codes.values == (code,)
+        (sensor,) = decode_sensor_format(tuple(map(int, sensors.values)))
+        assert (sensor.valid, sensor.resolution) == (resolution is not None, resolution or 0)
+        session = Session(client)
+        assert session.name_and_unit(0x2003, 0) == object_
+        assert session.name_and_unit(0x60FF, 0) == ("Target Velocity", unit)

@@ -274,8 +274,8 @@ def test_a_missing_limit_switch_is_a_homing_error() -> None:
 
 
 def test_turntable_takes_the_shortest_or_the_given_direction() -> None:
-    for word, expected in ((ControlBit.TURNTABLE_SHORTEST, -96), (0, 4000), (ControlBit.TURNTABLE_CCW, -96)):
-        bench = Bench(mode=TURNTABLE)
+    for word, expected in ((TURNTABLE.shortest, -96), (0, 4000), (TURNTABLE.ccw, -96)):
+        bench = Bench(mode=TURNTABLE.mode)
         bench.enable()
         bench.write(0x607A, 0, 4000)
         bench.control(0x3F | word)

@@ -132,8 +132,13 @@ def client(daemon: Daemon, address: tuple[str, int], do_id: int, **options: obje
 
 
 @contextmanager
-def serving(config: GatewayConfig, do_id: int | None = None) -> Iterator[tuple[Daemon, ParameterClient]]:
-    """A daemon whose nodes are online, and a client of its parameter channel (of the first drive object)."""
+def serving(
+    config: GatewayConfig, do_id: int | None = None, connect: Callable[[Daemon], object] | None = None
+) -> Iterator[tuple[Daemon, ParameterClient]]:
+    """A daemon whose nodes are online, and a client of its parameter channel (of the first drive object).
+
+    ``connect`` puts devices on the buses that the configuration does not simulate.
+    """
     servers: list[AcyclicServer] = []
 
     def before(daemon: Daemon) -> None:
@@ -141,6 +146,8 @@ def serving(config: GatewayConfig, do_id: int | None = None) -> Iterator[tuple[D
         daemon.services.append(servers[0])
 
     with running(config, before) as daemon:
+        if connect is not None:
+            connect(daemon)
         until(daemon, lambda: all(node.generation for node in daemon.clients), "nodes online")
         first = daemon.objects[0].do_id if do_id is None else do_id
         with client(daemon, servers[0].address, first) as made:

@@ -7,6 +7,13 @@ from collections.abc import Collection
 from pdgw.ds301.configuration import SdoStep
 from pdgw.ds301.pdo import PdoLayout
 from pdgw.ds301.plan import plan_steps, straight_plan
+from pdgw.dsp402.pdo import LAYOUTS, Operation, with_objects
+from pdgw.peers.drive.family import FAMILY
+
+
+def engel_layout(operation: Operation) -> PdoLayout:
+    """The layout of an operation with the objects the ENGEL-like drive has for it."""
+    return with_objects(LAYOUTS[operation], FAMILY.entries)
 
 
 def pdo_steps(

@@ -11,12 +11,13 @@ from pdgw.dsp402.drive import DriveSettings
 from pdgw.dsp402.images import DriveFeedback
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.objects import DRIVE_OBJECTS
-from pdgw.dsp402.pdo import interpolated
+from pdgw.dsp402.pdo import interpolated, with_objects
 from pdgw.dsp402.states import State
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.telegrams import Kind, drive_layout, drive_telegram, initial_mode
 from pdgw.gateway.motion.dsc import DscForm
 from pdgw.peers.drive import ENGEL, LINEAR, Machine, SimulatedDriveNode
+from pdgw.peers.drive.family import FAMILY
 from pdgw.peers.drive.shapes import SYNCHRONOUS, Shape
 from tests.support.drive_types import References, described
 from tests.support.mapping import pdo_steps
@@ -37,7 +38,8 @@ class Rig:
         dsc = self.stepper.settings.dsc
         self._form = DscForm.SPEED if dsc is None else dsc.form
         kind = SYNCHRONOUS if drive_telegram(number).kind is Kind.DSC else ENGEL
-        self.layout = drive_layout(number, self._form, self.stepper.settings.second_sensor)
+        needs = drive_layout(number, self._form, self.stepper.settings.second_sensor)
+        self.layout = with_objects(needs, FAMILY.entries)
         self.synchronous = shape is not None and described(shape.name).interpolates
         self.drive_type = described(shape.name) if shape is not None and self.synchronous else None
         if self.synchronous:

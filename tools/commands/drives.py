@@ -11,6 +11,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
+from pdgw.ds301.objects import Access, CanType
 from pdgw.dsp402.describe import PRODUCT_CODE, VENDOR_ID, answers_of_defaults, describe
 from pdgw.dsp402.drive import load_eds
 from pdgw.dsp402.drive_type import DriveType
@@ -54,7 +55,11 @@ def show(
     for title, values in (
         ("units", item.units.model_dump(exclude_defaults=True)),
         ("modes", item.modes),
-        ("objects", {name: f"{index:04X}h/{sub}" for name, (index, sub) in item.objects.items()}),
+        ("objects", {name: _address(found.address) for name, found in item.objects.items()}),
+        (
+            "unit texts",
+            {text: ", ".join(map(_address, addresses)) for text, addresses in item.unit_texts.items()},
+        ),
         ("faults", {number: f"{fault.name}, {fault.code:04X}h" for number, fault in item.faults.items()}),
         ("quirks", item.quirks.model_dump(exclude_defaults=True)),
     ):
@@ -117,10 +122,20 @@ def _document(item: Overlay) -> dict[str, Any]:
 
 
 def _plain(value: object) -> object:
+    if isinstance(value, CanType):
+        return value.name
+    if isinstance(value, Access):
+        return value.value
     return sorted(value) if isinstance(value, frozenset) else _text(value)
+
+
+def _address(address: tuple[int, int]) -> str:
+    return f"{address[0]:04X}h/{address[1]}"
 
 
 def _text(value: object) -> str:
     if isinstance(value, frozenset):
         return ", ".join(f"{index:04X}h" for index in sorted(value))
+    if isinstance(value, dict):
+        return ", ".join(f"{name} {item}" for name, item in value.items())
     return str(value)

@@ -24,7 +24,7 @@ from pdgw.tools.parameters.address import parse_target, parse_type, parse_value
 from pdgw.tools.parameters.client import ParameterClient
 from pdgw.tools.parameters.dump import Dump, difference, other_telegram, read_all, restore
 from pdgw.tools.parameters.names import full_name
-from pdgw.tools.parameters.session import Element, Progress, Session, address_text, meaning, name_and_unit
+from pdgw.tools.parameters.session import Element, Progress, Session, address_text, meaning
 from pdgw.tools.tables import plain_table
 
 app = typer.Typer(help="Parameters of a gateway or any PROFIdrive device.", no_args_is_help=True)
@@ -94,15 +94,15 @@ def _progress(what: str) -> Iterator[Progress | None]:
         yield lambda done, total: bar.update(task, completed=done, total=total)
 
 
-def _show(elements: list[Element], *, encoder: bool, as_json: bool) -> None:
+def _show(session: Session, elements: list[Element], *, as_json: bool) -> None:
     """Print, and end with status 1 when something failed."""
     if as_json:
         typer.echo(json.dumps([element.document() for element in elements], indent=2))
     else:
         table = plain_table("parameter", "name", "format", "value", "unit", "")
         for element in elements:
-            name, unit = name_and_unit(element.pnu, element.subindex, encoder=encoder)
-            text = meaning(element, encoder=encoder)
+            name, unit = session.name_and_unit(element.pnu, element.subindex)
+            text = meaning(element, encoder=session.is_encoder)
             table.add_row(
                 address_text(element.pnu, element.subindex),
                 name,
@@ -125,10 +125,10 @@ def read(
 ) -> None:
     """Read parameters; an array without subindex is read whole."""
     targets = [parse_target(text) for text in parameters]
-    with _session(gateway, do_id) as session, _progress("reading") as progress:
-        elements = session.read(targets, progress)
-        encoder = not as_json and session.is_encoder
-    _show(elements, encoder=encoder, as_json=as_json)
+    with _session(gateway, do_id) as session:
+        with _progress("reading") as progress:
+            elements = session.read(targets, progress)
+        _show(session, elements, as_json=as_json)
 
 
 @app.command(context_settings={"ignore_unknown_options": True})
@@ -153,8 +153,7 @@ def write(
             for target, value in pairs
         ]
         elements = session.write(writes)
-        encoder = not as_json and session.is_encoder
-    _show(elements, encoder=encoder, as_json=as_json)
+        _show(session, elements, as_json=as_json)
 
 
 @app.command("list")
@@ -282,7 +281,7 @@ def restore_(
             return
         differences = plain_table("parameter", "name", "device", "file")
         for wanted, found in pairs:
-            name, _ = name_and_unit(wanted.pnu, wanted.subindex, encoder=session.is_encoder)
+            name, _ = session.name_and_unit(wanted.pnu, wanted.subindex)
             shown = found.error_text if found.failed else str(found.value)
             differences.add_row(address_text(wanted.pnu, wanted.subindex), name, shown, str(wanted.value))
         console.print(differences)
@@ -298,10 +297,11 @@ def restore_(
             raise typer.Exit(1)
         with _progress("writing") as progress:
             outcome = restore(session, pairs, progress, partial=partial)
-        encoder = session.is_encoder
-    kept = 0 if outcome.taken_back else len(outcome.written)
-    console.print(f"{kept} of {len(pairs)} settings written")
-    if outcome.taken_back and outcome.written:
-        console.print(f"{len(outcome.written) - len(outcome.stuck)} of {len(outcome.written)} old values written back")
-    if outcome.failed or outcome.stuck:
-        _show([*outcome.failed, *outcome.stuck], encoder=encoder, as_json=False)
+        kept = 0 if outcome.taken_back else len(outcome.written)
+        console.print(f"{kept} of {len(pairs)} settings written")
+        if outcome.taken_back and outcome.written:
+            console.print(
+                f"{len(outcome.written) - len(outcome.stuck)} of {len(outcome.written)} old values written back"
+            )
+        if outcome.failed or outcome.stuck:
+            _show(session, [*outcome.failed, *outcome.stuck], as_json=False)

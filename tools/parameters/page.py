@@ -10,7 +10,7 @@ from pdgw.gateway.errors import GatewayError
 from pdgw.tools.parameters.address import parse_target
 from pdgw.tools.parameters.client import ParameterClient
 from pdgw.tools.parameters.dump import read_all
-from pdgw.tools.parameters.session import Element, Session, address_text, meaning, name_and_unit
+from pdgw.tools.parameters.session import Element, Session, address_text, meaning
 
 
 class PageParameters:
@@ -23,8 +23,7 @@ class PageParameters:
         """The elements of ``P922``, ``6041h``, ``1018h.1-4``; what the device refuses is among them."""
         target = parse_target(text)
         with self._session(do_id) as session:
-            encoder = session.is_encoder
-            return [_document(element, encoder=encoder) for element in session.read([target])]
+            return [_document(session, element) for element in session.read([target])]
 
     def dump(self, do_id: int) -> dict[str, Any]:
         """As ``pdgw param dump`` writes it."""
@@ -34,10 +33,7 @@ class PageParameters:
     def names(self, do_id: int) -> list[dict[str, Any]]:
         """What the drive object has, by number and name."""
         with self._session(do_id) as session:
-            encoder = session.is_encoder
-            return [
-                {"pnu": address_text(pnu), "name": name_and_unit(pnu, 0, encoder=encoder)[0]} for pnu in session.pnus()
-            ]
+            return [{"pnu": address_text(pnu), "name": session.name_and_unit(pnu, 0)[0]} for pnu in session.pnus()]
 
     @contextmanager
     def _session(self, do_id: int) -> Iterator[Session]:
@@ -47,12 +43,12 @@ class PageParameters:
             yield Session(client)
 
 
-def _document(element: Element, *, encoder: bool) -> dict[str, Any]:
-    name, unit = name_and_unit(element.pnu, element.subindex, encoder=encoder)
+def _document(session: Session, element: Element) -> dict[str, Any]:
+    name, unit = session.name_and_unit(element.pnu, element.subindex)
     said = {
         "parameter": address_text(element.pnu, element.subindex or None),
         "name": name,
         "unit": unit,
-        "meaning": meaning(element, encoder=encoder),
+        "meaning": meaning(element, encoder=session.is_encoder),
     }
     return element.document() | said

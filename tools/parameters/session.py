@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
+from pdgw.ds301.communication import IDENTITY
+from pdgw.ds301.objects import Entry
 from pdgw.dsp402.objects import DRIVE_OBJECTS, known_objects
+from pdgw.dsp402.overlay import all_families, entries_of, families_of, with_units
 from pdgw.dsp402.states import state_of
 from pdgw.dsp406.objects import PROFILE
 from pdgw.gateway.errors import GatewayError
@@ -21,7 +24,11 @@ from pdgw.tools.parameters.client import ParameterClient
 
 _PROFILE_IDENTIFICATION = 965
 _ENCODER_OBJECTS = {row.index: row for row in PROFILE}
-_KNOWN_OBJECTS = {entry.index for entry in known_objects()} | _ENCODER_OBJECTS.keys()
+_KNOWN_OBJECTS = (
+    {spec.index for spec in known_objects()}
+    | {index for index, _ in entries_of(all_families())}
+    | _ENCODER_OBJECTS.keys()
+)
 _STRINGS = {DataType.VISIBLE_STRING, DataType.OCTET_STRING}
 Progress = Callable[[int, int], None]
 
@@ -85,6 +92,7 @@ class Session:
         self.client = client
         self._descriptions: dict[int, Description | None] = {}
         self._is_encoder: bool | None = None
+        self._drive_objects: dict[tuple[int, int], Entry] = {}
 
     @property
     def is_encoder(self) -> bool:
@@ -93,6 +101,36 @@ class Session:
             (answer,) = self.client.request([Address(_PROFILE_IDENTIFICATION)])
             self._is_encoder = answer.values == ENCODER_IDENTIFICATION.to_bytes(2, "big")
         return self._is_encoder
+
+    @property
+    def drive_objects(self) -> Mapping[tuple[int, int], Entry]:
+        """The objects of the profile and of the families the drive may be of, by its identity 1018h."""
+        if not self._drive_objects:
+            answers = self.client.request([Address(IDENTITY, subindex, 1) for subindex in (1, 2)])
+            vendor, product = (None if answer.failed else int(answer.values[0]) for answer in answers)
+            families = families_of(vendor, product or 0)
+            profile = with_units(DRIVE_OBJECTS.entries, families)
+            self._drive_objects = {(entry.index, entry.subindex): entry for entry in profile} | dict(
+                entries_of(families)
+            )
+        return self._drive_objects
+
+    def name_and_unit(self, pnu: int, subindex: int) -> tuple[str, str]:
+        """From the catalogues, whose profile areas differ for drives and encoders; empty where they do not know it."""
+        if pnu in PARAMETERS:
+            spec = PARAMETERS[pnu]
+            place = spec.elements[subindex] if subindex < len(spec.elements) else ""
+            return f"{spec.name} {place}".strip(), spec.unit
+        if pnu not in OBJECTS:
+            return "", ""
+        if not self.is_encoder:
+            entry = self.drive_objects.get((pnu, subindex))
+            return (entry.name, entry.unit) if entry is not None else ("", "")
+        row = _ENCODER_OBJECTS.get(pnu)
+        if row is None:
+            return "", ""
+        field = row.fields[subindex - 1] if 0 < subindex <= len(row.fields) else ""
+        return f"{row.name} {field}".strip(), row.unit
 
     def describe(self, pnus: Iterable[int], progress: Progress | None = None) -> dict[int, Description | None]:
         """The descriptions the device gives; None for a parameter that has none (or is not there)."""
@@ -204,22 +242,6 @@ def _write_address(target: Target, values: Values) -> Address:
     if target.first is None:
         return Address(target.pnu, 0, 0 if values.format in _STRINGS or len(values.values) == 1 else len(values.values))
     return Address(target.pnu, target.first, 1 if values.format in _STRINGS else len(values.values))
-
-
-def name_and_unit(pnu: int, subindex: int, *, encoder: bool) -> tuple[str, str]:
-    """From the catalogues, whose profile areas differ for drives and encoders; empty where they do not know it."""
-    if pnu in PARAMETERS:
-        spec = PARAMETERS[pnu]
-        place = spec.elements[subindex] if subindex < len(spec.elements) else ""
-        return f"{spec.name} {place}".strip(), spec.unit
-    if not encoder:
-        entry = DRIVE_OBJECTS.get(pnu, subindex)
-        return (entry.name, entry.unit) if entry is not None else ("", "")
-    row = _ENCODER_OBJECTS.get(pnu)
-    if row is None:
-        return "", ""
-    field = row.fields[subindex - 1] if 0 < subindex <= len(row.fields) else ""
-    return f"{row.name} {field}".strip(), row.unit
 
 
 def meaning(element: Element, *, encoder: bool) -> str:

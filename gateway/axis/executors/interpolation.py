@@ -68,7 +68,7 @@ def _offered(drive: DriveType) -> DriveType:
         entries=MappingProxyType({**drive.entries, **own}),
         modes=MappingProxyType({**modes, _HOMING: drive.modes[_HOMING]} if homing else modes),
         homing_methods=drive.homing_methods if homing else MappingProxyType({}),
-        quirks=replace(drive.quirks, modulo_mode=None),
+        quirks=replace(drive.quirks, turntable=None),
     )
 
 

@@ -38,11 +38,6 @@ _ACKNOWLEDGED, _TARGET_REACHED = StatusBit.MODE_12, StatusBit.TARGET_REACHED
 _ENABLE_OPERATION, _RAMP, _RAMP_END = Action.ENABLE_OPERATION, Action.RAMP, Action.RAMP_END
 _STANDING, _REACHED = Flag.STANDING, Flag.REACHED
 _HOME_SET, _TASK_ACKNOWLEDGED = Flag.HOME_SET, Flag.TASK_ACKNOWLEDGED
-_TURN_BITS = {
-    Direction.SHORTEST: ControlBit.TURNTABLE_SHORTEST,
-    Direction.POSITIVE: 0,
-    Direction.NEGATIVE: ControlBit.TURNTABLE_CCW,
-}
 
 
 class SubState(enum.Enum):
@@ -72,7 +67,7 @@ class DriveTask:
     acceleration: int
     deceleration: int
     bits: int
-    """Controlword bits 5, 6, 11 and 12."""
+    """Controlword bits 5 and 6, and those of a turntable."""
     absolute_target: int | None
     """Where the task ends, for the resume; None for a relative task that was not given to the drive yet."""
 
@@ -84,6 +79,8 @@ class PositioningExecutor(Executor):
         super().__init__(cycle)
         self.sub_state = SubState.IDLE
         self._turntable = self.settings.modulo_axis
+        self._turn_bits = dict.fromkeys(Direction, 0)
+        """Of the Controlword, for the direction of a turntable."""
         self._mode = ModeSwitch(cycle, Mode.POSITION.value)
         self.homing = Homing(cycle, self._mode)
         self.command.modes_of_operation = self._mode.mode
@@ -105,6 +102,10 @@ class PositioningExecutor(Executor):
 
     def set_drive(self, drive: DriveType, homing_method: int) -> None:
         self._mode.rebase(base_mode(drive, modulo=self._turntable))
+        turntable = drive.quirks.turntable
+        if turntable is not None:
+            self._turn_bits[Direction.SHORTEST] = turntable.shortest
+            self._turn_bits[Direction.NEGATIVE] = turntable.ccw
         self.homing.method = homing_method
         self.homing.methods = frozenset(drive.homing_methods)
         self._positions = drive.limits("target_position")
@@ -219,7 +220,7 @@ class PositioningExecutor(Executor):
         else:
             target = limited(scaling.position, task.target)
             if self._turntable:
-                bits |= _TURN_BITS[task.direction]
+                bits |= self._turn_bits[task.direction]
         return DriveTask(
             target,
             limited(scaling.velocity, task.velocity),
@@ -289,7 +290,7 @@ class PositioningExecutor(Executor):
         return min(max(position, lowest), highest)
 
     def _bits(self) -> int:
-        """Controlword bits 4-6, 11 and 12 of the task in force."""
+        """Controlword bits 4-6, and those of a turntable, of the task in force."""
         task = self._task
         return (task.bits if task is not None else 0) | (_NEW_SETPOINT if self._setpoint_bit else 0)
 

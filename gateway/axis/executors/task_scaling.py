@@ -14,9 +14,9 @@ from pdgw.profidrive.normalisation import Normalisation
 def base_mode(drive: DriveType, *, modulo: bool) -> int:
     """The mode of traversing tasks; Dsp402Error for a drive without it."""
     if modulo:
-        if drive.quirks.modulo_mode is None:
+        if drive.quirks.turntable is None:
             raise Dsp402Error("modulo_axis", True, "false: no turntable mode of this drive is known")
-        return drive.quirks.modulo_mode
+        return drive.quirks.turntable.mode
     if Mode.POSITION not in drive.modes:
         raise Dsp402Error("modes of the drive (6502h)", sorted(drive.modes), "1 or 8 for a traversing task")
     return Mode.POSITION.value

@@ -331,7 +331,7 @@ def test_the_mode_is_never_changed_while_halt_is_set() -> None:
 )
 def test_modulo_axis_directions(mod: int, expected: int) -> None:
     rig = axis(modulo_axis=True)
-    assert rig.feedback.modes_of_operation_display == TURNTABLE
+    assert rig.feedback.modes_of_operation_display == TURNTABLE.mode
     rig.values |= {"MDI_TARPOS": POSITION.to_wire(4_000), "MDI_MOD": 0b011, "STW1": ON | ACTIVATE}
     rig.step(4)
     rig.values["STW1"] = ON

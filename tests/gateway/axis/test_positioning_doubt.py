@@ -106,7 +106,7 @@ def test_a_relative_task_at_the_end_of_the_number_range_resumes_within_it(modulo
     stepper = Stepper(9, AxisSettings(modulo_axis=modulo))
     stepper.set_references(replace(References(), position_min=-(1 << 31) + 1, position_max=(1 << 31) - 1))
     feedback = DriveFeedback()
-    mode = TURNTABLE if modulo else Mode.POSITION
+    mode = TURNTABLE.mode if modulo else Mode.POSITION
     feedback.modes_of_operation_display = mode
     feedback.position_actual = direction * ((1 << 31) - 10)
     half = stepper.telegram.setpoints

@@ -60,7 +60,7 @@ def test_actual_values_pass_unchanged() -> None:
     feedback = DriveFeedback()
     for number, name in enumerate(ACTUAL_ATTRIBUTES):
         setattr(feedback, name, number + 1)
-    feedback.modes_of_operation_display = TURNTABLE
+    feedback.modes_of_operation_display = TURNTABLE.mode
     assert list(stepper.step(None, feedback, True, 1)) == [1, 0xFB, *range(3, 13)]
 
 
