@@ -190,6 +190,8 @@ class _CycleCounter:
         self._steps: Counter[int] = Counter()
         self._usual = 0
         self._count = 0
+        self._clock = False
+        """A step was no multiple of the usual one and told the time that had passed."""
 
     def restart(self) -> None:
         """A new relationship counts from anywhere."""
@@ -210,9 +212,11 @@ class _CycleCounter:
         if step == usual or self._count < _JUDGED:
             return ""
         text = f"{self._who}: counter {last} -> {counter}"
-        if 2 * self._steps[usual] <= self._count:
-            told = step * COUNTER_UNIT_NS
-            if abs(told - elapsed % (COUNTER_UNIT_NS << 16)) <= self._tolerance:
+        told = step * COUNTER_UNIT_NS
+        agrees = abs(told - elapsed % (COUNTER_UNIT_NS << 16)) <= self._tolerance
+        self._clock |= agrees and step % usual != 0
+        if self._clock or 2 * self._steps[usual] <= self._count:
+            if agrees:
                 return ""
             return f"{text} tells of {told / 1e6:.1f} ms, {elapsed / 1e6:.1f} ms have passed"
         text += f", usual step {usual}"

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from pdgw.ds301.pdo import Pdo
 from pdgw.gateway.axis.settings import AxisSettings, SecondSensor
 from pdgw.gateway.axis.values import Configured
 from pdgw.profidrive.telegrams import Telegram
+
+_FAULT_BUFFER: Final = ("FAULT_CODE", "WARN_CODE")
 
 
 class Setpoints(NamedTuple):
@@ -107,14 +109,20 @@ class AxisRecording:
     rpdos: tuple[Pdo, ...] = ()
     """Those of ``sent``, as they were mapped."""
 
+    in_order: bool = False
+    """Times are those at which the gateway dealt with each frame, in its order: a step had all that came before its answer."""
+
     @property
-    def sensors_elsewhere(self) -> frozenset[int]:
-        """Places of the actual values that come from another node: the words of G1 or G2 with an encoder of its own."""
+    def told_by_others(self) -> frozenset[int]:
+        """Places of the actual values that the axis only hands on.
+
+        The words of G1 or G2 with an encoder of its own (another node), and the numbers of the drive object's fault buffer.
+        """
         settings = self.settings
         first, second = settings.g1_is_encoder, settings.second_sensor is SecondSensor.ENCODER
         names = self.telegram.actuals.names
-        chosen = [name for name in names if (first and name.startswith("G1_")) or (second and name.startswith("G2_"))]
-        return frozenset(map(names.index, chosen))
-
-    in_order: bool = False
-    """Times are those at which the gateway dealt with each frame, in its order: a step had all that came before its answer."""
+        return frozenset(
+            place
+            for place, name in enumerate(names)
+            if (first and name.startswith("G1_")) or (second and name.startswith("G2_")) or name in _FAULT_BUFFER
+        )

@@ -15,7 +15,7 @@ touch probe latched; where a
 silence of the PLC is as long as the watchdog within the tolerance, IOCS tells whether the gateway saw a loss. What the
 machine remembers from before the recording is not known: comparison starts when the drive is configured in the recording,
 or with an OFF while the power stage is off; after a difference likewise. Left out: a telegram changed in operation (P922),
-the words of a sensor that is another node's encoder.
+the words of a sensor that is another node's encoder, the numbers of the fault buffer.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.dsp402.states import ControlBit, State, state_of
 from pdgw.gateway.axis.checkpoint import Checkpoint, Checkpoints
 from pdgw.gateway.axis.machine import AxisMachine
-from pdgw.gateway.axis.values import ProbeWish, SdoAnswer, SdoWrite
+from pdgw.gateway.axis.values import FaultRecord, ProbeWish, SdoAnswer, SdoWrite
 from pdgw.profidrive.signals import signal
 from pdgw.profidrive.telegrams import ApplicationMode
 
@@ -85,11 +85,12 @@ class _State:
 
 
 class _Inputs(NamedTuple):
-    """One choice for a step: events taken so far, and how much the clock is off."""
+    """One choice for a step: events taken so far, how much the clock is off, and whether it was made at all."""
 
     setpoints: int
     feedback: int
     shift_ns: int
+    made: bool = True
 
 
 class _Choice:
@@ -124,7 +125,7 @@ class Replayer:
         self._machine = AxisMachine(recording.telegram.number, settings, DriveFeedback())
         self._checkpoints = Checkpoints(self._machine)
         self._rpdos = recording.rpdos
-        self._not_compared = recording.sensors_elsewhere
+        self._not_compared = recording.told_by_others
         self._setpoint_times = [event.time_ns for event in recording.setpoints]
         self._certain_times = [event.certain_ns for event in recording.setpoints]
         self._feedback_times = [event.time_ns for event in recording.feedback]
@@ -239,10 +240,14 @@ class Replayer:
             for taken in setpoints:
                 for received in feedback:
                     yield _Inputs(taken, received, shift)
+            if tick.guessed and recording.in_order and not shift:
+                yield _Inputs(state.setpoints, state.feedback, 0, made=False)
 
     def _step(self, tick: Tick, inputs: _Inputs, *, check: bool) -> tuple[Step, Difference | None]:
         state, machine, recording = self._state, self._machine, self._recording
         given, outputs = machine.inputs, machine.outputs
+        if not inputs.made:
+            return self._as_told(tick, inputs, (), compared=False), None
         now = tick.time_ns + inputs.shift_ns
         for event in recording.feedback[state.feedback : inputs.feedback]:
             for attribute, value in event.values:
@@ -260,8 +265,12 @@ class Replayer:
         for attribute in FEEDBACK_NAMES:
             setattr(given.feedback, attribute, getattr(state.image, attribute))
         given.now, given.setpoints, given.drive_ok = now, values, state.online
-        asked = outputs.writes
+        self._answer_sdo(now)
+        self._answer_probe(now)
+        configured = bool(given.news)
         machine.step()
+        if configured:
+            self._checkpoints.look_again()
         actuals = tuple(outputs.actuals)
         difference = None
         if compare:
@@ -270,22 +279,27 @@ class Replayer:
             )
         else:
             self._comparison.follow(state.sent, tick.time_ns)
-        difference = self._serve_sdo(asked, now, difference)
-        self._serve_probe(now)
-        step = Step(
+        written_wrong = self._find_sdo(now)
+        difference = difference or written_wrong
+        self._find_probe(now)
+        step = self._as_told(tick, inputs, tuple(outputs.faults), compared=compare)
+        if values is not None:
+            self._recognise(values, tick)
+        return step, difference if compare else None
+
+    def _as_told(self, tick: Tick, inputs: _Inputs, faults: tuple[FaultRecord, ...], *, compared: bool) -> Step:
+        outputs = self._machine.outputs
+        return Step(
             tick.time_ns,
             tick.answer,
             inputs.setpoints,
             inputs.feedback,
             outputs.command.controlword,
-            actuals,
+            tuple(outputs.actuals),
             outputs.reason,
-            tuple(outputs.faults),
-            compare,
+            faults,
+            compared,
         )
-        if values is not None:
-            self._recognise(values, tick)
-        return step, difference if compare else None
 
     def _online(self, tick: Tick, before: bool) -> bool:
         if tick.answer is not None:
@@ -346,36 +360,36 @@ class Replayer:
 
     # -- SDO ----------------------------------------------------------------------------------------------------------
 
-    def _serve_sdo(
-        self, asked: tuple[SdoWrite, ...] | None, now: int, difference: Difference | None
-    ) -> Difference | None:
-        """Answer the machine's SDO writes when the recorded ones were answered."""
-        state, machine = self._state, self._machine
-        request = machine.outputs.writes
-        if request is None:
-            state.asked = None
-            return difference
-        if state.asked is not request:
-            state.asked = request
-            state.done_at, state.done_error, wrong = self._find_writes(request, now)
-            difference = difference or wrong
-        if asked is request and state.done_at is not None and state.done_at <= now:
-            machine.inputs.news.append(SdoAnswer(request, state.done_error))
-        return difference
+    def _answer_sdo(self, now: int) -> None:
+        """The machine's SDO writes were answered when the recorded ones were: the step after that has the answer."""
+        state, request = self._state, self._machine.outputs.writes
+        if request is not None and state.asked is request and state.done_at is not None and state.done_at <= now:
+            self._machine.inputs.news.append(SdoAnswer(request, state.done_error))
 
-    def _serve_probe(self, now: int) -> None:
-        """Answer the machine's wish when the gateway had read the position from the drive."""
-        state, machine = self._state, self._machine
-        wish = machine.outputs.probe
+    def _find_sdo(self, now: int) -> Difference | None:
+        """When the writes that the machine asks for since this step were answered, or what was written instead."""
+        state, request = self._state, self._machine.outputs.writes
+        wrong = None
+        if request is not None and state.asked is not request:
+            state.done_at, state.done_error, wrong = self._find_writes(request, now)
+        state.asked = request
+        return wrong
+
+    def _answer_probe(self, now: int) -> None:
+        """The machine's wish is answered in the step after the gateway had read the position from the drive."""
+        state, found = self._state, self._state.probe_found
+        if found is not None and found.time_ns <= now:
+            state.probes, state.probe_found = found.used, None
+            self._machine.inputs.news.append(found.answer)
+
+    def _find_probe(self, now: int) -> None:
+        """The recorded transfers that serve what the machine wishes since this step."""
+        state, wish = self._state, self._machine.outputs.probe
         if wish is not state.probe:
             state.probe = wish
             begin = now - self._tolerance
             transfers = self._recording.probe
             state.probe_found = None if wish is None else find_answer(wish, transfers, state.probes, begin)
-        found = state.probe_found
-        if found is not None and found.time_ns <= now:
-            state.probes, state.probe_found = found.used, None
-            machine.inputs.news.append(found.answer)
 
     def _find_writes(self, request: Sequence[SdoWrite], now: int) -> tuple[int | None, str | None, Difference | None]:
         """Time and error of the recorded writes that serve a request."""

@@ -15,11 +15,15 @@ _MAX_FILLED: Final = 1000
 
 
 class Tick(NamedTuple):
-    """A step of the gateway; frames up to ``evaluated_ns`` were certainly taken before it."""
+    """A step of the gateway; frames up to ``evaluated_ns`` were certainly taken before it.
+
+    ``guessed``: nothing recorded shows it. A gateway that had not got the processor has not made it.
+    """
 
     time_ns: int
     answer: Answer | None
     evaluated_ns: int
+    guessed: bool = False
 
 
 def ticks(recording: AxisRecording, cycle_ns: int) -> list[Tick]:
@@ -91,8 +95,8 @@ def _filled(moments: Sequence[Tick], cycle_ns: int) -> list[Tick]:
     for tick in moments:
         filled = 0
         while ticks and filled < _MAX_FILLED and tick.time_ns - ticks[-1].time_ns > _FILL * cycle_ns:
-            ticks.append(Tick(ticks[-1].time_ns + cycle_ns, None, ticks[-1].evaluated_ns))
+            ticks.append(Tick(ticks[-1].time_ns + cycle_ns, None, ticks[-1].evaluated_ns, True))
             filled += 1
         now = max(tick.time_ns, ticks[-1].time_ns) if ticks else tick.time_ns
-        ticks.append(Tick(now, tick.answer, tick.evaluated_ns))
+        ticks.append(tick._replace(time_ns=now))
     return ticks

@@ -1,7 +1,8 @@
 """Take a machine back to a moment: a replay tries steps and undoes them.
 
-A machine is made of parts: objects with attributes of their own that live as long as the machine does. Everything else an
-attribute can be is an immutable value, or a container of such.
+A machine is made of parts: objects with attributes of their own that live as long as the machine does, or, where an attribute was
+none of them at first, as long as the drive's configuration (DSC, interpolation). Everything else an attribute can be is an
+immutable value, or a container of such.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from collections import deque
 from collections.abc import Callable, Hashable, Iterator
 from operator import attrgetter
 from types import MappingProxyType
-from typing import Any
+from typing import Any, NamedTuple
 
 from pdgw.dsp402.images import DriveFeedback
 from pdgw.gateway.axis.machine import AxisMachine
@@ -85,14 +86,30 @@ class _Part:
         return found if len(self.names) != 1 else (found,)
 
 
-Checkpoint = tuple[tuple[Any, ...], ...]
+class Checkpoint(NamedTuple):
+    """The parts of a moment and what each of them had."""
+
+    parts: tuple[_Part, ...]
+    values: tuple[tuple[Any, ...], ...]
 
 
 class Checkpoints:
     """Saves and restores one machine; the feedback it reads is not part of it."""
 
     def __init__(self, machine: AxisMachine) -> None:
-        self._items = [_Part(part) for part in _parts(machine, {})]
+        self._items = tuple(_Part(part) for part in _parts(machine, {}))
+
+    def look_again(self) -> None:
+        """Behind a step in which the machine got to know its drive: it has parts that it had not before."""
+        seen: dict[int, object] = {id(part.item): part.item for part in self._items}
+        found = [
+            _Part(item)
+            for part in self._items
+            for value in part.values()
+            if _is_part(value)
+            for item in _parts(value, seen)
+        ]
+        self._items = (*self._items, *found)
 
     def save(self) -> Checkpoint:
         """Everything a step may change."""
@@ -105,11 +122,12 @@ class Checkpoints:
                     copied[place] = copy.copy(copied[place])
                 values = tuple(copied)
             saved.append(values)
-        return tuple(saved)
+        return Checkpoint(self._items, tuple(saved))
 
     def restore(self, checkpoint: Checkpoint) -> None:
         """Go back; the checkpoint can be used again."""
-        for part, values in zip(self._items, checkpoint, strict=True):
+        self._items = checkpoint.parts
+        for part, values in zip(self._items, checkpoint.values, strict=True):
             item = part.item
             for place, (name, value) in enumerate(zip(part.names, values, strict=True)):
                 if place in part.containers:

@@ -9,23 +9,21 @@ from pathlib import Path
 
 import pytest
 
-from pdgw.decoder.capture.pcapng_file import PcapngWriter
 from pdgw.decoder.plc_inputs import Frame, receive_frames
 from pdgw.decoder.recorded import AxisRecording
-from pdgw.decoder.records import Link
 from pdgw.decoder.replay import Replayer
-from pdgw.dsp402.images import DriveFeedback
+from pdgw.dsp402.images import DriveCommand, DriveFeedback
 from pdgw.gateway.axis.settings import AxisSettings, SetpointEnable
 from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS
+from pdgw.gateway.motion.dsc import DscChoices, DscForm
 from pdgw.gateway.transport.cyclic import CyclicEndpoint, Verdict
 from pdgw.profidrive.frame import STATUS_STOP, TRAILER
 from pdgw.profidrive.telegrams import telegram
 from pdgw.tools.recordings import Loaded, load
-from tests.support import captures
 from tests.support.drive_types import References
 from tests.support.plain_drive import PlainDrive
-from tests.support.recorded import BEGIN_NS, CYCLE_NS, MACS, RecordedRig, known
-from tests.support.rig import MS, NODE
+from tests.support.recorded import CYCLE_NS, RecordedRig, known
+from tests.support.rig import MS, NODE, Rig
 from tests.support.stepper import Stepper
 
 RPDO1 = 0x200 + NODE
@@ -45,9 +43,11 @@ def speed(number: int = 1, **settings: object) -> RecordedRig:
     return rig
 
 
-def positioning() -> RecordedRig:
+def positioning(sdo_delay: int | None = None) -> RecordedRig:
     """Homing, a relative task on the fly, intermediate stop and resume, reject."""
     rig = RecordedRig(9)
+    if sdo_delay is not None:
+        rig.sdo_delay = sdo_delay
     rig.step(5)
     rig.enable()
     rig.values["SATZANW"] = 0x8000 | 35
@@ -269,6 +269,10 @@ def test_frames_of_the_plc_become_setpoints_verdicts_and_losses() -> None:
     assert [event.values for event in inputs.setpoints[0]] == [(0x047E, 0), None, (0x047E, 0), None]
 
 
+def values_of(command: DriveCommand) -> list[int]:
+    return [getattr(command, name) for name in DriveCommand.__slots__]
+
+
 @pytest.mark.parametrize("number", DRIVE_TELEGRAM_NUMBERS)
 def test_a_machine_goes_back_to_its_checkpoint(number: int) -> None:
     rng = random.Random(number)
@@ -287,12 +291,62 @@ def test_a_machine_goes_back_to_its_checkpoint(number: int) -> None:
     for now in range(0, 300 * CYCLE_NS, CYCLE_NS):
         values, feedback = inputs()
         checkpoint, print_before = stepper.checkpoints.save(), stepper.checkpoints.fingerprint()
-        first = tuple(stepper.step(values, feedback, True, now))
+        first = tuple(stepper.step(values, feedback, True, now)), values_of(stepper.command)
         after = stepper.checkpoints.fingerprint()
         stepper.checkpoints.restore(checkpoint)
         assert stepper.checkpoints.fingerprint() == print_before
-        assert tuple(stepper.step(values, feedback, True, now)) == first
+        assert (tuple(stepper.step(values, feedback, True, now)), values_of(stepper.command)) == first
         assert stepper.checkpoints.fingerprint() == after
+
+
+def in_order(rig: RecordedRig, folder: Path) -> Loaded:
+    """The gateway's own recording."""
+    return load(rig.frames.write_in_order(folder), rig.known, None, lambda _: None)
+
+
+def test_an_sdo_that_is_answered_before_the_next_step_is_answered_in_it(tmp_path: Path) -> None:
+    rig = positioning(sdo_delay=1)
+    compared, differences = replayed(in_order(rig, tmp_path))
+    assert not differences
+    assert compared > 200
+
+
+def test_a_silence_in_which_the_gateway_made_no_step_has_none(tmp_path: Path) -> None:
+    rig = RecordedRig(2)
+    rig.step(5)
+    rig.enable(0x047E)
+    for cycle in range(60):
+        rig.values["STW2"] = (cycle % 15 + 1) << 12
+        if cycle % 10 == 9:
+            rig.pause(3)  # the frame is late, and a cycle without one would be due before it
+        rig.step()
+    assert rig.actuals["ZSW2"] >> 12 == 15, "one for each frame"
+    compared, differences = replayed(in_order(rig, tmp_path))
+    assert not differences
+    assert compared > 60
+
+
+def test_parts_the_machine_has_since_it_knows_its_drive_go_back_too() -> None:
+    rig = Rig(105, dsc=DscChoices(DscForm.POSITION, following_window=4096, cycle_ns=CYCLE_NS))
+    rig.stepper.set_references(References())
+    rig.enable(0x040E)
+    stepper, half = rig.stepper, rig.stepper.telegram.setpoints
+    stepper.checkpoints.look_again()
+
+    def goes_on() -> list[list[int]]:
+        commands = []
+        for cycle in range(1, 5):
+            following = half.from_dict(rig.values | {"KPC": 20_000, "XERR": 40 * cycle})
+            for setpoints in (following, following):  # the second time no frame has come
+                stepper.step(setpoints, rig.feedback, True, rig.now + cycle * CYCLE_NS)
+                commands.append(values_of(stepper.command))
+        return commands
+
+    checkpoint = stepper.checkpoints.save()
+    first = goes_on()
+    assert len(set(map(tuple, first))) > 4
+    stepper.checkpoints.restore(checkpoint)
+    assert goes_on() == first
 
 
 def test_a_recording_of_nothing_has_no_steps() -> None:
@@ -332,20 +386,6 @@ class Stalled(RecordedRig):
             self.endpoint.receive(frame, ("127.0.0.1", 34962), self.now, came)
         self.step()
 
-    def record(self, path: Path) -> list[str]:
-        """As the gateway writes it: in the order in which it dealt with the frames, with the times at which they had come."""
-        packets = [(now, now - self.waited.get(data, 0), Link.ETHERNET, data) for now, data in self.frames.plc]
-        packets += [(now, now, Link.ETHERNET, data) for now, data in self.frames.answers]
-        writer = PcapngWriter(path, "the configuration")
-        dealt = [(now, came, link, MACS + data) for now, came, link, data in packets]
-        dealt += [
-            (now, now, Link.CAN_SOCKETCAN, captures.socketcan_packet(i, data)) for now, i, data in self.frames.can
-        ]
-        for _, came, link, data in sorted(dealt, key=lambda item: item[0]):
-            writer.write(link, link.name, BEGIN_NS + came, data)
-        writer.close()
-        return [str(path)]
-
 
 @pytest.mark.parametrize("cycles", [3, 40, 75])
 def test_the_gateways_own_recording_is_followed_in_its_order_however_long_it_stood_still(
@@ -363,7 +403,7 @@ def test_the_gateways_own_recording_is_followed_in_its_order_however_long_it_sto
     rig.stand_still(cycles)
     rig.step(100)
     watchdog = replace(rig.known, watchdog_factor=100)
-    loaded = load(rig.record(tmp_path / "gateway.pcapng"), watchdog, None, lambda _: None)
+    loaded = load(rig.frames.write_in_order(tmp_path, rig.waited), watchdog, None, lambda _: None)
     compared, differences = replayed(loaded)
     assert not differences
     assert compared > 200

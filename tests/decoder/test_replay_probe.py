@@ -82,6 +82,16 @@ def test_passive_homing_is_replayed(tmp_path: Path) -> None:
         assert only(plc.replayed(tmp_path)) == []
 
 
+def test_the_numbers_of_the_fault_buffer_are_not_compared(tmp_path: Path) -> None:
+    with recorded([111], axis(1, telegram_number=111, more=POSITIONER)) as plc:
+        plc.enable()
+        drive_of(plc.daemon).model.inject(7)
+        plc.until(lambda: plc.value("FAULT_CODE"), "in fault")
+        for _ in range(60):
+            plc.exchange()
+        assert only(plc.replayed(tmp_path)) == []
+
+
 @pytest.mark.parametrize(("key", "telegram_number"), [("g1", 3), ("g2", 4)])
 def test_the_words_of_an_encoder_on_another_node_are_not_compared(
     key: str, telegram_number: int, tmp_path: Path

@@ -314,12 +314,14 @@ def test_a_jump_of_the_cycle_counter_is_told_with_the_frames_missing(tmp_path: P
     ]
 
 
-def test_a_cycle_counter_may_be_a_clock(tmp_path: Path) -> None:
+@pytest.mark.parametrize("often", [1, 10])
+def test_a_cycle_counter_may_be_a_clock_of_a_plc_that_is_late(often: int, tmp_path: Path) -> None:
     rig = speed()
     noise = random.Random(1)
     counted = []
-    for now, frame in rig.frames.plc:
-        counter = (now + noise.randint(0, 2 * MS)) // COUNTER_UNIT_NS & 0xFFFF
+    for cycle, (now, frame) in enumerate(rig.frames.plc):
+        late = 0 if cycle % often else noise.randint(0, 2 * MS)
+        counter = (now + late) // COUNTER_UNIT_NS & 0xFFFF
         counted.append((now, frame[:-4] + counter.to_bytes(2, "big") + frame[-2:]))
     rig.frames.plc = counted
     assert not texts(timeline(rig, tmp_path), AnomalyKind.COUNTER)

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import random
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from pdgw.decoder.capture.pcapng_file import PcapngWriter
 from pdgw.decoder.engine import Settings, given_axes
+from pdgw.decoder.records import Link
 from pdgw.ds301.nmt import NmtCommand
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.objects import DRIVE_OBJECTS
@@ -26,8 +28,8 @@ BEGIN_NS = captures.BEGIN_NS
 _REFRESH_NS = 100 * MS
 _PLC = ("127.0.0.1", 34962)
 MACS = bytes.fromhex("020000000002020000000001") + struct.pack(">H", ETHERTYPE)
-_COMMAND_NS, _ANSWER_NS, _DRIVE_NS = 100_000, 300_000, 600_000
-"""What the gateway needs for its RPDOs and for its answer, and when the drive has answered the RPDOs."""
+_COMMAND_NS, _ANSWER_NS, _DRIVE_NS, _SDO_NS = 100_000, 300_000, 600_000, 900_000
+"""What the gateway needs for its RPDOs and for its answer, and when the drive has answered the RPDOs and an SDO."""
 
 _SENT = {0x200 + NODE, 0x300 + NODE, 0x400 + NODE, 0x500 + NODE, 0x240 + NODE}
 _SDO = {0x580, 0x600}
@@ -66,6 +68,22 @@ class Frames:
             text += f"({seconds}.{rest // 1000:06d}) can0 {cob_id:03X}#{data.hex().upper()}\n"
         (folder / "can.log").write_text(text)
         return [str(folder / "plc.pcap"), str(folder / "can.log")]
+
+    def write_in_order(self, folder: Path, waited: Mapping[bytes, int] | None = None) -> list[str]:
+        """gateway.pcapng as the gateway writes it: in the order in which it dealt with the frames.
+
+        ``waited``: frames of the PLC that had come so many nanoseconds before, which is the time they have.
+        """
+        before = waited or {}
+        packets = [(now, now - before.get(data, 0), Link.ETHERNET, MACS + data) for now, data in self.plc]
+        packets += [(now, now, Link.ETHERNET, MACS + data) for now, data in self.answers]
+        packets += [(now, now, Link.CAN_SOCKETCAN, captures.socketcan_packet(i, data)) for now, i, data in self.can]
+        path = folder / "gateway.pcapng"
+        writer = PcapngWriter(path, "the configuration")
+        for _, came, link, data in sorted(packets, key=lambda item: item[0]):
+            writer.write(link, link.name, BEGIN_NS + came, data)
+        writer.close()
+        return [str(path)]
 
     def change_can(self, cob_id: int, number: int, change: Callable[[bytes], bytes | None]) -> int:
         """Change one frame of an identifier (None removes it); returns its time."""
@@ -131,9 +149,9 @@ class RecordedRig(Rig):
             size = DRIVE_OBJECTS.entry(item.index, item.subindex).type.bits // 8
             head = struct.pack("<HB", item.index, item.subindex)
             value = item.value.to_bytes(4, "little", signed=item.value < 0)
-            self._can(0x600 + NODE, bytes((0x23 | (4 - size) << 2,)) + head + value)
+            self._can(0x600 + NODE, bytes((0x23 | (4 - size) << 2,)) + head + value, _SDO_NS)
             aborted = bytes((0x80,)) + head + bytes.fromhex("22000008")
-            self._can(0x580 + NODE, aborted if self.sdo_error else bytes((0x60,)) + head + bytes(4))
+            self._can(0x580 + NODE, aborted if self.sdo_error else bytes((0x60,)) + head + bytes(4), _SDO_NS)
             if self.sdo_error:
                 return
 
@@ -156,6 +174,10 @@ class RecordedRig(Rig):
             self.plc.receive(answer, self.now)
             self.frames.answers.append((self.now + _ANSWER_NS, answer))
         return self.actuals
+
+    def pause(self, milliseconds: int) -> None:
+        """Time passes in which nobody does anything."""
+        self._advance(milliseconds)
 
     def stw(self, word: int, cycles: int = 5) -> None:
         """Another control word, and some cycles with it."""
