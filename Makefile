@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 ROOMS := profidrive profinet ds301 dsp402 dsp406 gateway decoder web peers tools
 
-.PHONY: demo test tour test-can lint format bench measured fuzz soak docs screenshots site compiled test-compiled bench-compiled clean
+.PHONY: demo test test-paused tour test-can lint format bench measured fuzz soak docs screenshots site compiled test-compiled bench-compiled clean
 
 demo: $(STAMP)
 	$(BIN)/pdgw demo
@@ -15,6 +15,11 @@ TOGETHER := -n 2 --dist worksteal
 
 test: $(STAMP)
 	$(BIN)/pytest $(TOGETHER)
+
+# The tests with processes, each process held up now and then for up to a second: what passes here does not need a quiet machine.
+SEED := 1
+test-paused: $(STAMP)
+	$(BIN)/python -m tests.pauses $(SEED) $(BIN)/pytest -m "e2e or browser"
 
 # README's tour and the tutorials, word by word, each in a network of its own.
 tour: $(STAMP)

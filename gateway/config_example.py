@@ -149,6 +149,9 @@ simulate = false             # true: a simulated drive instead of the one on the
 SIMULATED_WATCHDOG_FACTOR = 100
 """Cycles without a frame until the PLC is lost, where nothing real moves: a busy laptop holds a program up for 0.1 s."""
 
+_SIMULATED_TIMES = {"heartbeat_ms": 2000, "sdo_timeout_ms": 5000}
+"""For the same reason: a device that has not got the processor for a second is not lost."""
+
 _SIMULATED_JOG = {"jog_1_speed_rpm": -150, "jog_2_speed_rpm": 150}
 
 
@@ -161,7 +164,8 @@ def simulated(number: int, axes: int, encoders: int = 0, encoder_number: int = 8
         "can": {"interface": "virtual", "channel": "pdgw"},
         "transport": {"watchdog_factor": SIMULATED_WATCHDOG_FACTOR},
         "axis": [
-            {"do_id": n, "node_id": n, "telegram": number, "simulate": True}
+            {"do_id": n, "node_id": n, "telegram": number, "simulate": True, "tpdo_event_ms": 2000}
+            | _SIMULATED_TIMES
             | ({"positioner": SIMULATED, "block": SIMULATED_BLOCKS} if number in POSITIONER_TELEGRAM_NUMBERS else {})
             | (_SIMULATED_JOG if number in SPEED_TELEGRAM_NUMBERS else {})
             | ({"dsc": "position", "following_window": 4096} if number in DSC_TELEGRAM_NUMBERS else {})
@@ -176,6 +180,7 @@ def simulated(number: int, axes: int, encoders: int = 0, encoder_number: int = 8
                 "simulate": True,
                 "motion": f"shaft={(n - 1) % axes + 1}",
             }
+            | _SIMULATED_TIMES
             for n in range(1, encoders + 1)
         ],
     }

@@ -7,6 +7,7 @@ time to pass on the wall clock, is marked ``e2e``; one with Chromium ``browser``
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sys
 from collections.abc import Generator, Iterator
@@ -23,6 +24,9 @@ settings.register_profile(
 settings.register_profile("fuzz", deadline=None, max_examples=20_000, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile(os.environ.get("PDGW_HYPOTHESIS", "ci"))
 
+
+# Of a suite that a shell started in the background SIGINT is ignored, and with it of every process that a test interrupts.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 _marked = True
 """The test that runs now may start processes."""

@@ -21,7 +21,7 @@ from pdgw.profinet.model import DAP_SLOT, TELEGRAM_SUBSLOT, Module, ObjectKind, 
 _SEND_CLOCK = 32
 _RETRY_NS = 1_000_000_000
 _CONNECT_S = 30
-_HOLD_NS = 400_000_000
+_HOLD_NS = 1_500_000_000
 """The data hold time asked for, at least three cycles: this controller is no real-time system."""
 
 

@@ -15,6 +15,7 @@ from pdgw.gateway.transport.udp import UdpSocket
 from pdgw.peers.drive import ENGEL, Shape, SimulatedDrive
 from pdgw.peers.plc.endpoint import PlcEndpoint
 from pdgw.profidrive.telegrams import telegram
+from tests.endtoend.processes import PATIENT
 
 T = TypeVar("T")
 CYCLE_MS = 20
@@ -34,8 +35,7 @@ def can_table(channel: str, more: str = "") -> str:
 
 def axis_table(number: int, channel: str, more: str = "") -> str:
     """Times that a loaded machine keeps: what is guarded here is the wire."""
-    times = "heartbeat_ms = 1000\ntpdo_event_ms = 500\nsdo_timeout_ms = 5000\n"
-    return f'[[axis]]\ndo_id = {number}\nnode_id = {number}\ntelegram = 1\ncan = "{channel}"\n{times}{more}'
+    return f'[[axis]]\ndo_id = {number}\nnode_id = {number}\ntelegram = 1\ncan = "{channel}"\n{PATIENT}{more}'
 
 
 class Plant:

@@ -17,6 +17,7 @@ from pdgw.gateway.ports import STATUS_PORT
 from pdgw.tools.commands.status import fetch
 from tests.can.forked import Forked, forked
 from tests.can.interfaces import Wire, ip, is_controller
+from tests.endtoend.processes import PATIENT
 
 _README = (Path(__file__).parents[2] / "README.md").read_text("utf-8")
 _CHAPTER = _README[_README.index("## Five minutes with a real drive on can0") :]
@@ -24,7 +25,6 @@ _CHAPTER = _CHAPTER[: _CHAPTER.index("\n## ")]
 _PATIENCE_S = 240
 _CYCLE_MS = 50
 """Instead of 4: times that a slow machine keeps. Everything else is as it is written there."""
-_PATIENT = "heartbeat_ms = 1000\ntpdo_event_ms = 500\nsdo_timeout_ms = 5000\n"
 
 
 def command(start: str) -> list[str]:
@@ -70,7 +70,7 @@ def test_the_five_minutes_of_the_readme_turn_a_drive(
     smallest = re.sub(r"^   ", "", text, flags=re.MULTILINE)
     assert "cycle_time_ms = 4\n" in smallest
     slow = smallest.replace("cycle_time_ms = 4\n", f"cycle_time_ms = {_CYCLE_MS}\nwatchdog_factor = 100\n")
-    Path("gateway.toml").write_text(slow + _PATIENT)  # the axis is the last table
+    Path("gateway.toml").write_text(slow + PATIENT)  # the axis is the last table
     simulator = ("sim", "drive", "--interface", "socketcan", "--channel", line.far)
     with (
         forked(*simulator, log=Path("drive.log")) as drive,

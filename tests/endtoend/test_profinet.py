@@ -20,12 +20,12 @@ from pdgw.decoder.records import CyclicRecord
 from pdgw.gateway.errors import GatewayError
 from pdgw.tools import namespaces
 from pdgw.tools.recorder import CAPTURE
-from tests.endtoend.processes import pdgw
+from tests.endtoend.processes import PATIENT, pdgw
 from tests.support import tshark
 from tests.support.cli import pdgw as in_process
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
-CONFIG = """\
+CONFIG = f"""\
 store = "store.json"
 
 [can]
@@ -44,7 +44,7 @@ do_id = 1
 node_id = 1
 telegram = 1
 simulate = true
-"""
+{PATIENT}"""
 SCENARIO = """\
 name: speed over PROFINET
 telegrams: [1, 9, 100, 83]

@@ -29,7 +29,7 @@ from tests.support.cli import pdgw
 pytestmark = pytest.mark.e2e
 CYCLE = 4_000_000
 OFF, ON = 0x047E, 0x047F
-PATIENT = ("--cycle-time-ms", "100")
+LONG_CYCLE = ("--cycle-time-ms", "100")
 """So long may the PLC be busy with something else, or not get the processor, before it is lost: a hundred times that."""
 
 
@@ -79,7 +79,7 @@ class LittlePlc:
 def test_a_simulated_axis_and_its_encoder_turn_whatever_else_comes_and_stop_with_the_provider(tmp_path: Path) -> None:
     port, status = free_udp_port(), free_tcp_port()
     log = tmp_path / "log"
-    options = [*PATIENT, "--cyclic-port", str(port), "--acyclic-port", "0", "--status-port", str(status)]
+    options = [*LONG_CYCLE, "--cyclic-port", str(port), "--acyclic-port", "0", "--status-port", str(status)]
     options += ["--encoders", "1", "--encoder-telegram", "83"]
     with running("run", "--simulate", *options, log=log) as process:
         plc = LittlePlc(port, [1, 83])
@@ -122,7 +122,7 @@ def test_no_signal_ends_the_gateway_without_the_stop_sequence_and_all_it_wrote_i
 ) -> None:
     port = free_udp_port()
     log, moved, frames = tmp_path / "gateway.log", tmp_path / "gateway.log.1", tmp_path / "can.log"
-    options = [*PATIENT, "--cyclic-port", str(port), "--acyclic-port", "0", "--status-port", "0"]
+    options = [*LONG_CYCLE, "--cyclic-port", str(port), "--acyclic-port", "0", "--status-port", "0"]
     options += ["--log-file", str(log), "--can-log", str(frames), "--record", str(tmp_path / "record")]
     with running("run", "--simulate", *options, log=tmp_path / "stderr") as process:
         LittlePlc(port, [1]).enable(0)
@@ -195,7 +195,7 @@ def test_the_keyboard_turns_the_drive_from_a_terminal_which_is_restored(tmp_path
         except OSError:  # how a terminal says that nobody holds its other end
             return
 
-    options = [*PATIENT, "--cyclic-port", str(port), "--acyclic-port", "0", "--status-port", str(status)]
+    options = [*LONG_CYCLE, "--cyclic-port", str(port), "--acyclic-port", "0", "--status-port", str(status)]
     with running("run", "--simulate", *options, log=tmp_path / "gateway.log") as gateway:
         before = subprocess.run(["stty", "-g"], stdin=slave, capture_output=True, text=True, check=True).stdout
         environment = {**os.environ, "TERM": "xterm", "COLUMNS": "160", "LINES": "50"}

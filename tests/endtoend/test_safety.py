@@ -11,7 +11,7 @@ import pytest
 
 from pdgw.gateway.trace.place import rings, run_directory
 from pdgw.tools.demo.run import can_server
-from tests.endtoend.processes import free_tcp_port, free_udp_port, running
+from tests.endtoend.processes import PATIENT, free_tcp_port, free_udp_port, running
 from tests.endtoend.test_run import LittlePlc
 from tests.support.buses import PATIENCE_S, wait_for
 from tests.support.cli import pdgw
@@ -28,7 +28,7 @@ def config(channel: str, port: int) -> str:
         f'[can]\ninterface = "remote"\nchannel = "{channel}"\n'
         f"[transport]\ncyclic_port = {port}\nacyclic_port = 0\nstatus_port = 0\ncycle_time_ms = 20\nwatchdog_factor = 250\n"
         '[trace]\nkeep = ["stop"]\nkeep_directory = "kept"\n'
-        "[[axis]]\ndo_id = 1\nnode_id = 1\ntelegram = 1\nheartbeat_ms = 1000\ntpdo_event_ms = 1000\n"
+        "[[axis]]\ndo_id = 1\nnode_id = 1\ntelegram = 1\n" + PATIENT
     )
 
 

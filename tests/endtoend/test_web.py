@@ -20,7 +20,7 @@ import pytest
 from pdgw.gateway.status_client import fetch
 from pdgw.peers.plc.endpoint import PlcEndpoint
 from pdgw.profidrive.telegrams import telegram
-from tests.endtoend.processes import free_tcp_port, free_udp_port, running
+from tests.endtoend.processes import PATIENT, free_tcp_port, free_udp_port, running
 from tests.support.buses import PATIENCE_S
 
 OFF, ON = 0x047E, 0x047F
@@ -84,7 +84,7 @@ def test_a_page_that_is_frozen_flooded_and_killed_changes_nothing_for_the_plc(tm
         f'[can]\ninterface = "virtual"\nchannel = "page"\n[web]\nlisten = "127.0.0.1:{web}"\n[transport]\n'
         f"cyclic_port = {cyclic}\nacyclic_port = {free_udp_port()}\nstatus_port = {status}\n"
         "cycle_time_ms = 40\nwatchdog_factor = 255\n"
-        "[[axis]]\ndo_id = 1\nnode_id = 1\ntelegram = 1\nsimulate = true\nheartbeat_ms = 2000\ntpdo_event_ms = 2000\n"
+        "[[axis]]\ndo_id = 1\nnode_id = 1\ntelegram = 1\nsimulate = true\n" + PATIENT
     )
 
     def answers() -> bool:

@@ -21,6 +21,7 @@ from pdgw.peers.drive.model import DriveModel
 from pdgw.peers.world import World
 from pdgw.tools.axis_test import AxisTest, Choices, Outcome
 from pdgw.tools.on_loop import complete
+from tests.endtoend.processes import PATIENT
 from tests.support.cli import pdgw
 from tests.support.daemon import axis, configuration
 
@@ -313,7 +314,7 @@ def test_the_command_turns_a_simulated_axis_after_what_was_typed(tmp_path: Path)
     file = tmp_path / "gateway.toml"
     file.write_text(
         '[can]\ninterface = "virtual"\nchannel = "x"\n[transport]\ncyclic_port = 0\n'
-        "[[axis]]\ndo_id = 3\nnode_id = 5\ntelegram = 9\nsimulate = true\nheartbeat_ms = 2000\n"
+        "[[axis]]\ndo_id = 3\nnode_id = 5\ntelegram = 9\nsimulate = true\n" + PATIENT
     )
     result = pdgw("axis", "test", "3", str(file), "--percent", "10", "--turns", "0.5", text="turn 3\n")
     assert result.returncode == 0, result.stdout + result.stderr

@@ -21,7 +21,7 @@ from typer.main import get_command
 from pdgw.gateway.errors import GatewayError
 from pdgw.tools.commands import bench
 from tests.decoder.test_replay import speed
-from tests.endtoend.processes import free_tcp_port, free_udp_port
+from tests.endtoend.processes import PATIENT, free_tcp_port, free_udp_port
 from tests.support.buses import PATIENCE_S
 from tests.support.rig import NODE
 
@@ -161,7 +161,7 @@ def gateway(store: Path) -> Iterator[tuple[int, int, int]]:
     config = store.with_suffix(".toml")
     config.write_text(
         f'store = "{store.name}"\n[can]\ninterface = "virtual"\n[transport]\nwatchdog_factor = 250\n'
-        "[[axis]]\ndo_id = 1\nnode_id = 1\ntelegram = 1\nsimulate = true\n"
+        "[[axis]]\ndo_id = 1\nnode_id = 1\ntelegram = 1\nsimulate = true\n" + PATIENT
     )
     # The simulated devices are a process that this one starts: nothing is there in it either.
     (store.parent / "sitecustomize.py").write_text(_ELSEWHERE)

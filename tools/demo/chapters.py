@@ -22,7 +22,7 @@ _RPM_PER_UNIT = 0.5
 _I32: Final = 1 << 31
 _PATIENT_CYCLES = 250
 """Watchdog of the gateway and of drives for SYNC: a machine that is busy with other things holds a process up for a second."""
-_HEARTBEAT_MS, _TPDO_MS, _ENCODER_MS = 2000, 500, 20
+_HEARTBEAT_MS, _SDO_MS, _TPDO_MS, _ENCODER_MS = 2000, 5000, 500, 20
 
 Values = Mapping[str, int]
 """Newest setpoints and actual values of an axis by name."""
@@ -95,7 +95,7 @@ class Chapter:
 
 
 def _times(tpdo_ms: int) -> dict[str, int]:
-    return {"heartbeat_ms": _HEARTBEAT_MS, "tpdo_event_ms": tpdo_ms}
+    return {"heartbeat_ms": _HEARTBEAT_MS, "sdo_timeout_ms": _SDO_MS, "tpdo_event_ms": tpdo_ms}
 
 
 def _keys(table: Mapping[str, Any]) -> str:
