@@ -30,6 +30,7 @@ COMPILED = (
     "dsp402/drive.py",
     "dsp402/images.py",
     "dsp402/pdo.py",
+    "dsp402/settings.py",
     "dsp402/states.py",
     "dsp402/witness.py",
     "dsp406/encoder.py",

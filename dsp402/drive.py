@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
@@ -23,7 +23,7 @@ from pdgw.ds301.configuration import SdoStep
 from pdgw.ds301.data_sheet import load_dictionary
 from pdgw.ds301.loop import MS, SECOND
 from pdgw.ds301.network import CanNetwork
-from pdgw.ds301.node import NodeEvent, NodeSettings, NodeStatus
+from pdgw.ds301.node import NodeEvent, NodeStatus
 from pdgw.ds301.objects import CanType
 from pdgw.ds301.pdo import Pdo, PdoLayout
 from pdgw.ds301.plan import PdoPlan
@@ -32,13 +32,13 @@ from pdgw.dsp402.describe import PRODUCT_CODE, VENDOR_ID, describe, questions, s
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.generic import dictionary_of, generic_dictionary
-from pdgw.dsp402.guarding import Guarding, Wanted, guard
+from pdgw.dsp402.guarding import Guarding, guard
 from pdgw.dsp402.images import DriveCommand, DriveFeedback
 from pdgw.dsp402.mapping import DriveMapping
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.pdo import interpolated
 from pdgw.dsp402.planner import CONTROLWORD
-from pdgw.dsp402.scaling import UnitKeys
+from pdgw.dsp402.settings import DriveSettings
 from pdgw.dsp402.states import Command, ControlBit, FaultReset, State, state_of
 from pdgw.dsp402.witness import Witness
 
@@ -46,7 +46,6 @@ DriveStatus = NodeStatus
 DriveEvent = NodeEvent
 _MODE_CONFIRM_NS: Final = SECOND
 _SPEED_MODES: Final = (Mode.VELOCITY, Mode.CYCLIC_VELOCITY, Mode.VL_VELOCITY)
-_CYCLIC_MODES: Final = (Mode.CYCLIC_POSITION, Mode.CYCLIC_VELOCITY)
 _NO_MODE: Final = 0
 _WITNESS_NS: Final = SECOND
 """So often is a TPDO that does not change compared with its objects."""
@@ -58,30 +57,6 @@ _RETRY_VALUE_NS: Final = 1000 * MS
 _NEW_SETPOINT: Final = ControlBit.NEW_SETPOINT
 _OFF: Final = (State.NOT_READY_TO_SWITCH_ON, State.SWITCH_ON_DISABLED, State.READY_TO_SWITCH_ON, State.FAULT)
 """States of a drive that has no power, and gets none without two commands."""
-
-
-@dataclass(frozen=True, slots=True)
-class DriveSettings(NodeSettings):
-    """Choices for one drive; times in milliseconds."""
-
-    rpdo_refresh_ms: int = 100
-    abort_option: int = 3
-    """6007h, when the gateway's heartbeat stops: 0 nothing, 1 malfunction, 2 disable voltage, 3 quick stop."""
-    allow_unguarded: bool = False
-    """Operate a drive that nothing stops when the gateway dies."""
-    units: UnitKeys | None = None
-    """What the configuration says about the drive's units."""
-    family: str = ""
-    """The overlay to take, whatever the drive's identity is."""
-    interpolation_us: int = 0
-    """From one SYNC to the next, for a telegram with traversing tasks: a drive without profile position gets a position then.
-    0: the telegram has none."""
-    initial_mode: Mode | None = None
-    """6060h to set and confirm (6061h) while configuring, for layouts that do not carry 6060h.
-
-    Profile velocity stands for the mode of speeds the drive offers. With ``sync_period_us`` set-points take effect
-    with SYNC, and 60C2h is that time.
-    """
 
 
 class _Sender:
@@ -262,11 +237,13 @@ class DriveClient(NodeClient[DriveSettings]):
     @property
     def _interpolates(self) -> bool:
         """The owner makes the positions of traversing tasks."""
-        return self.settings.interpolation_us > 0 and self.drive_type is not None and self.drive_type.interpolates
+        return self.drive_type is not None and self.settings.interpolates(self.drive_type)
 
     @property
     def _sync_period_us(self) -> int:
-        return self.settings.interpolation_us if self._interpolates else self.settings.sync_period_us
+        return (
+            self.settings.sync_period_us if self.drive_type is None else self.settings.sync_period_of(self.drive_type)
+        )
 
     def _image(self, pdo: Pdo) -> object:
         return self.feedback
@@ -373,18 +350,7 @@ class DriveClient(NodeClient[DriveSettings]):
     def _configure_guarding(self) -> None:
         settings, drive = self.settings, self.drive_type
         assert drive is not None
-        # A mode that the RPDO carries may be one in which SYNC is not looked for (homing).
-        cyclic = drive.mode_for(settings.initial_mode) in _CYCLIC_MODES
-        wanted = Wanted(
-            settings.gateway_node_id,
-            settings.heartbeat_ms,
-            settings.heartbeat_factor,
-            settings.rpdo_refresh_ms,
-            settings.abort_option,
-            self._control.pdo.communication_index,
-            drive.quirks.sync_loss_periods,
-            self._sync_period_us if cyclic else 0,
-        )
+        wanted = settings.guarding_of(drive, self._control.pdo.communication_index)
         guarding = guard(wanted, self._write_checked, self.read_number)
         if guarding.refusal and not settings.allow_unguarded:
             raise Dsp402Error(

@@ -18,11 +18,11 @@ from pydantic import BeforeValidator, Field, model_validator
 
 from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.load import check_load
-from pdgw.dsp402.drive import DriveSettings
 from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.overlay import overlay
 from pdgw.dsp402.pdo import PdoLayout
 from pdgw.dsp402.scaling import UnitKeys, check_unit_keys
+from pdgw.dsp402.settings import DriveSettings
 from pdgw.explain import misplaced
 from pdgw.gateway.axis.settings import AxisSettings, ControlLost, PlcLossReaction, SecondSensor, SetpointEnable
 from pdgw.gateway.axis.telegrams import (

@@ -15,7 +15,7 @@ import canopen
 from canopen.sdo import SdoAbortedError, SdoCommunicationError
 
 from pdgw.ds301.aborts import Abort
-from pdgw.ds301.communication import DEVICE_NAME, DEVICE_TYPE, IDENTITY
+from pdgw.ds301.communication import DEVICE_NAME, DEVICE_TYPE, IDENTITY, SYNC_PERIOD
 from pdgw.ds301.configuration import SdoStep
 from pdgw.ds301.connection_set import ERROR_CONTROL, NMT, SDO_REQUEST, SDO_RESPONSE
 from pdgw.ds301.data_sheet import load_dictionary
@@ -24,12 +24,13 @@ from pdgw.ds301.loop import MS, SECOND
 from pdgw.ds301.network import CanNetwork
 from pdgw.ds301.nmt import NmtState
 from pdgw.ds301.pdo import PdoDirection
-from pdgw.dsp402.drive import DriveClient, DriveSettings
+from pdgw.dsp402.drive import DriveClient
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.errors import Dsp402Error
-from pdgw.dsp402.guarding import Guarding, Wanted, guard
+from pdgw.dsp402.guarding import guard
 from pdgw.dsp402.probe import probe
 from pdgw.dsp402.scaling import UnitKeys
+from pdgw.dsp402.settings import DriveSettings
 from pdgw.dsp406.kinds import PROFILE_NUMBER, EncoderType
 from pdgw.dsp406.pdo import POSITION, POSITION_MULTI_SENSOR
 from pdgw.gateway.axis.settings import AxisSettings
@@ -76,6 +77,7 @@ class Expected:
     units: UnitKeys | None = None
     family: str = ""
     settings: AxisSettings | None = None
+    drive: DriveSettings | None = None
 
 
 @dataclass(slots=True)
@@ -112,9 +114,16 @@ def expected_on(config: GatewayConfig, bus: CanConfig) -> dict[int, Expected]:
     expected: dict[int, Expected] = {}
     for axis in config.axis:
         if config.bus_of(axis).name == bus.name:
-            settings = axis.settings_at(config.transport.cycle_time_ms)
+            cycle_ms = config.transport.cycle_time_ms
             expected[axis.node_id] = Expected(
-                f"DO {axis.do_id}", axis.telegram, DRIVE_PROFILE, axis.eds, axis.units, axis.family or "", settings
+                f"DO {axis.do_id}",
+                axis.telegram,
+                DRIVE_PROFILE,
+                axis.eds,
+                axis.units,
+                axis.family or "",
+                axis.settings_at(cycle_ms),
+                axis.drive_settings(axis.telegram, cycle_ms),
             )
     for node_id, channels in config.encoders_of(bus).items():
         first = channels[0]
@@ -288,9 +297,8 @@ class Scan:
             return
         found.drive = drive
         found.lacks = dict(lacks_by_telegram(drive))
-        guarding = _guarding(node)
-        refused = "; pdgw run refuses it without allow_unguarded = true" if guarding.refusal else ""
-        found.notes.append(f"when the gateway dies, what stops it is {guarding.text}{refused}")
+        configured = None if expected is None else expected.drive
+        found.notes.append(f"when the gateway dies, what stops it is {_guarding(node, drive, configured)}")
         if expected is None:
             return
         if expected.settings is not None:
@@ -301,28 +309,30 @@ class Scan:
         )
 
 
-def _guarding(node: Inquiry) -> Guarding:
-    """What would guard the gateway; an object that is there counts as one that can be written."""
+def _guarding(node: Inquiry, drive: DriveType, configured: DriveSettings | None) -> str:
+    """What would guard the gateway, for a person; an object that is there counts as one that can be written."""
 
     def number(index: int, subindex: int) -> int:
         value = node.number(index, subindex)
         if value is None:
             raise SdoAbortedError(Abort.NO_SUCH_OBJECT)
-        return value
+        # The period would have been written.
+        return wanted.sync_period_us if index == SYNC_PERIOD else value
 
     def pretend(step: SdoStep) -> None:
         number(step.index, step.subindex)
 
-    usual = DriveSettings(node.node_id)
-    wanted = Wanted(
-        usual.gateway_node_id,
-        usual.heartbeat_ms,
-        usual.heartbeat_factor,
-        usual.rpdo_refresh_ms,
-        usual.abort_option,
-        PdoDirection.RPDO.communication_index,
-    )
-    return guard(wanted, pretend, number)
+    settings = configured or DriveSettings(node.node_id)
+    wanted = settings.guarding_of(drive, PdoDirection.RPDO.communication_index)
+    found = guard(wanted, pretend, number)
+    if not found.refusal:
+        return found.text
+    if settings.allow_unguarded:
+        return f"{found.text}; pdgw run operates it all the same (allow_unguarded = true)"
+    by_sync = ""
+    if wanted.sync_loss_periods and not wanted.sync_period_us:
+        by_sync = " or a telegram with SYNC in a cyclic synchronous mode, without which drives of this family stop"
+    return f"{found.text}; pdgw run refuses it without allow_unguarded = true{by_sync}"
 
 
 def _describe_encoder(node: Inquiry, found: FoundNode) -> None:

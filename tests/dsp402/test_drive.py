@@ -20,13 +20,14 @@ from pdgw.ds301.nmt import NmtCommand, NmtState
 from pdgw.ds301.objects import Entry
 from pdgw.ds301.pdo import COB_ID_INVALID, Pdo, PdoDirection
 from pdgw.ds301.port import PortBusyError
-from pdgw.dsp402.drive import DriveClient, DriveEvent, DriveSettings, DriveStatus, load_eds
+from pdgw.dsp402.drive import DriveClient, DriveEvent, DriveStatus, load_eds
 from pdgw.dsp402.drive_type import Quantity
 from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.images import DriveCommand
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.pdo import LAYOUTS, Operation
 from pdgw.dsp402.scaling import UnitKeys
+from pdgw.dsp402.settings import DriveSettings
 from pdgw.dsp402.states import ControlBit
 from pdgw.peers.drive import SimulatedDrive, SimulatedDriveNode
 from pdgw.peers.drive.device import EDS_PATH

@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import can
 import pytest
 
+from pdgw.ds301.communication import CONSUMER_HEARTBEAT, PRODUCER_HEARTBEAT, SYNC_PERIOD
 from pdgw.ds301.connection_set import ERROR_CONTROL, NMT, SDO_REQUEST
 from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.loop import MS
 from pdgw.ds301.network import CanNetwork
 from pdgw.ds301.pdo import PdoDirection
+from pdgw.dsp402.overlay import Overlay, QuirkKeys
 from pdgw.gateway.config_surroundings import CanConfig
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.fitness import lacks
 from pdgw.gateway.scan import Expected, FoundNode, Scan, Sheet, expected_on, load_sheets
 from pdgw.peers.drive import SHAPES
 from pdgw.peers.drive.device import EDS_PATH
+from pdgw.peers.drive.shapes import SYNCHRONOUS
 from pdgw.peers.world import World
 from tests.support.daemon import axis, configuration
 
@@ -100,6 +104,41 @@ def test_what_would_stop_a_drive_when_the_gateway_dies_is_told(site: Site, name:
     site.world.drive(BUS, 7, shape=SHAPES[name])
     (note,) = site.scan()[7].notes
     assert note.startswith(f"when the gateway dies, what stops it {told}")
+
+
+KNOWN_TO_STOP = Overlay(name="test", title="test", sources=("this test",), quirks=QuirkKeys(sync_loss_periods=3))
+_DSC = 'dsc = "speed"\nfollowing_window = 4096'
+
+
+@pytest.mark.parametrize(
+    ("telegram", "more", "has_period", "told"),
+    [
+        (105, _DSC, True, "the loss of SYNC (3 periods of 4000 us, 1006h), then its own reaction"),
+        (105, _DSC, False, "nothing; pdgw run refuses it without allow_unguarded = true"),
+        (
+            1,
+            "",
+            True,
+            "nothing; pdgw run refuses it without allow_unguarded = true or a telegram with SYNC in a cyclic synchronous mode, "
+            "without which drives of this family stop",
+        ),
+        (1, "allow_unguarded = true", True, "nothing; pdgw run operates it all the same (allow_unguarded = true)"),
+    ],
+)
+def test_the_loss_of_sync_counts_where_the_configured_telegram_has_it_and_the_family_is_known_to_stop(
+    site: Site, monkeypatch: pytest.MonkeyPatch, telegram: int, more: str, has_period: bool, told: str
+) -> None:
+    monkeypatch.setattr("pdgw.dsp402.describe.overlay_for", lambda *_: KNOWN_TO_STOP)
+    lacks = SYNCHRONOUS.lacks | {CONSUMER_HEARTBEAT, PRODUCER_HEARTBEAT}
+    node = site.world.drive(BUS, 1, shape=replace(SYNCHRONOUS, lacks=lacks)).node
+    if not has_period:
+        node.entries.pop((SYNC_PERIOD, 0))
+        node.indices.discard(SYNC_PERIOD)
+    before = len(site.sent)
+    config = configuration(axis(1, telegram_number=telegram, more=more))
+    found = site.scan(expected=expected_on(config, config.can[0]))[1]
+    assert f"when the gateway dies, what stops it is {told}" in found.notes
+    assert all(message.data[0] & 0xE0 in {_UPLOAD, _UPLOAD_SEGMENT, _ABORT} for message in site.sent[before:])
 
 
 def test_a_data_sheet_that_fits_is_named_and_one_of_another_device_is_not_used(site: Site) -> None:

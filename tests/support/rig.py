@@ -7,11 +7,11 @@ from collections.abc import Callable, Sequence
 from pdgw.ds301.communication import SYNC_PERIOD
 from pdgw.ds301.connection_set import SYNC
 from pdgw.ds301.nmt import NmtCommand
-from pdgw.dsp402.drive import DriveSettings
 from pdgw.dsp402.images import DriveFeedback
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.dsp402.pdo import interpolated, with_objects
+from pdgw.dsp402.settings import DriveSettings
 from pdgw.dsp402.states import State
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.telegrams import Kind, drive_layout, drive_telegram, initial_mode

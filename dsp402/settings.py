@@ -1,0 +1,61 @@
+"""The choices for one drive, beside those of every node, and what follows from them for a drive that is known."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+from pdgw.ds301.node import NodeSettings
+from pdgw.dsp402.drive_type import DriveType
+from pdgw.dsp402.guarding import Wanted
+from pdgw.dsp402.modes import Mode
+from pdgw.dsp402.scaling import UnitKeys
+
+_CYCLIC_MODES: Final = (Mode.CYCLIC_POSITION, Mode.CYCLIC_VELOCITY)
+
+
+@dataclass(frozen=True, slots=True)
+class DriveSettings(NodeSettings):
+    """Choices for one drive; times in milliseconds."""
+
+    rpdo_refresh_ms: int = 100
+    abort_option: int = 3
+    """6007h, when the gateway's heartbeat stops: 0 nothing, 1 malfunction, 2 disable voltage, 3 quick stop."""
+    allow_unguarded: bool = False
+    """Operate a drive that nothing stops when the gateway dies."""
+    units: UnitKeys | None = None
+    """What the configuration says about the drive's units."""
+    family: str = ""
+    """The overlay to take, whatever the drive's identity is."""
+    interpolation_us: int = 0
+    """From one SYNC to the next, for a telegram with traversing tasks: a drive without profile position gets a position then.
+    0: the telegram has none."""
+    initial_mode: Mode | None = None
+    """6060h to set and confirm (6061h) while configuring, for layouts that do not carry 6060h.
+
+    Profile velocity stands for the mode of speeds the drive offers. With ``sync_period_us`` set-points take effect
+    with SYNC, and 60C2h is that time.
+    """
+
+    def interpolates(self, drive: DriveType) -> bool:
+        """The owner makes the positions of traversing tasks for this drive."""
+        return self.interpolation_us > 0 and drive.interpolates
+
+    def sync_period_of(self, drive: DriveType) -> int:
+        """From one SYNC to the next where set-points take effect with it, microseconds; 0: they do not."""
+        return self.interpolation_us if self.interpolates(drive) else self.sync_period_us
+
+    def guarding_of(self, drive: DriveType, control_index: int) -> Wanted:
+        """How this drive has to guard the gateway; ``control_index``: of the RPDO with the Controlword."""
+        # A mode that the RPDO carries may be one in which SYNC is not looked for (homing).
+        cyclic = drive.mode_for(self.initial_mode) in _CYCLIC_MODES
+        return Wanted(
+            self.gateway_node_id,
+            self.heartbeat_ms,
+            self.heartbeat_factor,
+            self.rpdo_refresh_ms,
+            self.abort_option,
+            control_index,
+            drive.quirks.sync_loss_periods,
+            self.sync_period_of(drive) if cyclic else 0,
+        )
