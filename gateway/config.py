@@ -43,6 +43,7 @@ from pdgw.gateway.config_surroundings import (
     GATEWAY_NODE_ID,
     Boolean,
     CanConfig,
+    DriveObjectSection,
     Integer,
     ParametersConfig,
     RealtimeConfig,
@@ -87,14 +88,9 @@ def as_list(value: object) -> object:
     return [value] if isinstance(value, dict) else value
 
 
-class AxisConfig(Section):
+class AxisConfig(DriveObjectSection):
     """One drive and its telegram."""
 
-    do_id: Annotated[Integer, Field(ge=1, le=254)]
-    node_id: Annotated[Integer, Field(ge=1, le=126)]
-    telegram: Integer
-    can: str | None = None
-    eds: Path | None = None
     on_plc_loss: PlcLossReaction = PlcLossReaction.QUICK_STOP
     setpoint_enable: SetpointEnable = SetpointEnable.PROFIDRIVE
     control_lost: ControlLost = ControlLost.STOP

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import enum
 from math import ceil
-from pathlib import Path
 from typing import Annotated
 
 from pydantic import Field, Strict, model_validator
@@ -13,7 +12,7 @@ from pdgw.dsp406.encoder import EncoderSettings
 from pdgw.dsp406.kinds import CHANNELS_MAX, DEVICES, LINEAR, MULTI_SENSOR, ROTARY, EncoderDevice, multi_sensor
 from pdgw.explain import misplaced
 from pdgw.gateway.axis.telegrams import ENCODER_TELEGRAM_NUMBERS
-from pdgw.gateway.config_surroundings import GATEWAY_NODE_ID, Boolean, Integer, Section
+from pdgw.gateway.config_surroundings import GATEWAY_NODE_ID, Boolean, DriveObjectSection, Integer
 
 _SILENCE_MS = 100
 
@@ -26,14 +25,9 @@ class EncoderModel(enum.Enum):
     MULTI_SENSOR = MULTI_SENSOR.name
 
 
-class EncoderConfig(Section):
+class EncoderConfig(DriveObjectSection):
     """One channel of an encoder as a drive object. Channels of one device have a table each and agree in what the device is."""
 
-    do_id: Annotated[Integer, Field(ge=1, le=254)]
-    node_id: Annotated[Integer, Field(ge=1, le=126)]
-    telegram: Integer
-    can: str | None = None
-    eds: Path | None = None
     model: EncoderModel = EncoderModel.ROTARY
     channel: Annotated[Integer, Field(ge=1, le=CHANNELS_MAX)] = 1
     reference_speed: Annotated[float, Strict(), Field(gt=0, le=1e6)] | Annotated[Integer, Field(gt=0, le=1_000_000)] = (

@@ -1,4 +1,4 @@
-"""What the configuration says of the gateway's surroundings: buses, transport, parameter channel, real-time scheduling."""
+"""What the configuration says of the gateway's surroundings: buses, nodes, transport, parameter channel, real-time priority."""
 
 from __future__ import annotations
 
@@ -34,6 +34,17 @@ DeviceNumber = Annotated[Integer, Field(ge=0, le=65535)]
 
 class Section(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class DriveObjectSection(Section):
+    """What every drive object has: one node behind it, and its telegram."""
+
+    do_id: Annotated[Integer, Field(ge=1, le=254)]
+    node_id: Annotated[Integer, Field(ge=1, le=126)]
+    telegram: Integer
+    can: str | None = None
+    """Name of its bus; None: the first."""
+    eds: Path | None = None
 
 
 class CanConfig(BaseModel):
