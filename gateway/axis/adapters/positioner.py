@@ -194,6 +194,16 @@ class _ValuesOfMdi:
             actuals[self._zsw2] |= _SHOWN_FIXED_STOP
 
 
+def _read_alike(asked: Asked, second: int, how: int, absolute: int, positive: int, negative: int) -> None:
+    """POS_STW or POS_STW2, and how a position is meant, in a word with these masks."""
+    asked.tracking = second & _2_TRACKING != 0
+    asked.set_reference_point = second & _2_SET_REFERENCE != 0
+    asked.jog_incremental = second & _2_INCREMENTAL != 0
+    asked.absolute = how & absolute != 0
+    asked.positive = how & positive != 0
+    asked.negative = how & negative != 0
+
+
 class SelectionAdapter(BlockAdapter):
     """Telegram 110: SATZANW, POS_STW and MDI_MOD."""
 
@@ -206,14 +216,9 @@ class SelectionAdapter(BlockAdapter):
         super().read_controls(controls)
         asked = self.asked
         word, mode = controls[2], controls[3]
-        asked.tracking = word & _2_TRACKING != 0
-        asked.set_reference_point = word & _2_SET_REFERENCE != 0
-        asked.jog_incremental = word & _2_INCREMENTAL != 0
+        _read_alike(asked, word, mode, _MOD_ABSOLUTE, _MOD_POSITIVE, _MOD_NEGATIVE)
         # Limits have no bit here: they are watched as soon as they are known.
         asked.software_limits = asked.hardware_limits = True
-        asked.absolute = mode & _MOD_ABSOLUTE != 0
-        asked.positive = mode & _MOD_POSITIVE != 0
-        asked.negative = mode & _MOD_NEGATIVE != 0
 
     def read_values(self, setpoints: Sequence[int]) -> None:
         self._mdi.read(setpoints, self.asked)
@@ -243,15 +248,10 @@ class WideAdapter(PositionerAdapter):
         asked = self.asked
         word, second = controls[1], controls[2]
         asked.block = _1_BLOCK.of(word)
-        asked.absolute = word & _1_ABSOLUTE != 0
-        asked.positive = word & _1_POSITIVE != 0
-        asked.negative = word & _1_NEGATIVE != 0
+        _read_alike(asked, second, word, _1_ABSOLUTE, _1_POSITIVE, _1_NEGATIVE)
         asked.continuous_update = word & _1_UPDATE != 0
         asked.setting_up = word & _1_SETTING_UP != 0
         asked.mdi = word & _1_MDI != 0
-        asked.tracking = second & _2_TRACKING != 0
-        asked.set_reference_point = second & _2_SET_REFERENCE != 0
-        asked.jog_incremental = second & _2_INCREMENTAL != 0
         asked.passive_homing = second & _2_PASSIVE != 0
         asked.probe_2 = second & _2_PROBE_2 != 0
         asked.probe_falling = second & _2_FALLING != 0
