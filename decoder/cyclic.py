@@ -7,6 +7,7 @@ P922 or in a Connect, or inferred from where IOPS and IOCS lie. Left out: fragme
 from __future__ import annotations
 
 import struct
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
@@ -173,6 +174,7 @@ class CyclicDecoder:
         """What was said about the telegrams inferred last."""
         self._candidates: list[Candidate] | None = None
         self._seen: set[Direction] = set()
+        self._doubted: Counter[Direction] = Counter()
         self._layouts: dict[_Kind, FrameLayout] = {}
         self._plain: dict[_Kind, tuple[int, FrameLayout]] = {}
         """Frames whose telegrams are looked for: how many came, and the layout without signals."""
@@ -328,7 +330,7 @@ class CyclicDecoder:
         axes = self.axes
         fitting = frame_layout(axes, direction, len(data)) if axes else None
         if fitting is not None:
-            if self._given or self._candidates:
+            if direction in self._seen or self._candidates:
                 self._layouts[key] = fitting
             return fitting
         if axes:
@@ -341,12 +343,17 @@ class CyclicDecoder:
         return plain
 
     def _doubt(self, direction: Direction, data: bytes) -> None:
-        """Tell once for each direction when the status bytes of live frames lie where those of other telegrams do."""
-        if direction in self._seen or data[-2] & _LIVE != _LIVE:
+        """Tell once for each direction when the status bytes of live frames lie where those of other telegrams do.
+
+        The first frames of a connection have them BAD and tell nothing: later ones are looked at, too.
+        """
+        if direction in self._seen:
             return
-        self._seen.add(direction)
+        self._doubted[direction] += 1
+        found = infer(data[HEADER.size : -TRAILER.size], direction) if data[-2] & _LIVE == _LIVE else []
+        if found or self._doubted[direction] > _ATTEMPTS:
+            self._seen.add(direction)
         given = [axis.telegram for axis in self.axes]
-        found = infer(data[HEADER.size : -TRAILER.size], direction)
         if found and not any(_is_one_of(given, candidate) for candidate in found):
             asked = ", ".join(str(number) for number in given)
             shown = ", ".join("/".join(str(number) for number in sorted(numbers)) for numbers in found[0])

@@ -5,8 +5,10 @@ Errors the user can act on end as one line and exit status 1; ``--debug`` shows 
 
 from __future__ import annotations
 
+import errno
+import os
 import sys
-from typing import Annotated
+from typing import Annotated, Final, NoReturn
 
 import typer
 
@@ -24,6 +26,9 @@ app = typer.Typer(
     add_completion=True,
     pretty_exceptions_enable=False,
 )
+
+_NO_MORE_OUTPUT: Final = (errno.ENOSPC, errno.EIO, errno.EPIPE)
+"""The disk behind standard output is full, or whoever reads it is gone."""
 
 
 class _Options:
@@ -52,12 +57,33 @@ def options(
 def main() -> None:
     """Run the command line; errors the user can act on are one line."""
     try:
-        app()
+        try:
+            app()
+        finally:
+            if sys.stdout is not None:  # closed by the caller
+                sys.stdout.flush()
     except (GatewayError, CanopenError, ProfidriveError) as error:
         if _Options.debug:
             raise
-        from rich.console import Console  # noqa: PLC0415
-        from rich.markup import escape  # noqa: PLC0415
+        _fail(str(error))
+    except OSError as error:
+        if _Options.debug:
+            raise
+        what = f"{error.filename}: " if error.filename else ""
+        if not what and error.errno in _NO_MORE_OUTPUT:
+            what = "output: "
+            _forget_output()
+        _fail(f"{what}{error.strerror or error}")
 
-        Console(stderr=True).print(f"[red]error:[/red] {escape(str(error))}", highlight=False, soft_wrap=True)
-        sys.exit(1)
+
+def _forget_output() -> None:
+    """What could not be written is not tried again when the interpreter ends."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def _fail(text: str) -> NoReturn:
+    from rich.console import Console  # noqa: PLC0415
+    from rich.markup import escape  # noqa: PLC0415
+
+    Console(stderr=True).print(f"[red]error:[/red] {escape(text)}", highlight=False, soft_wrap=True)
+    sys.exit(1)

@@ -174,7 +174,7 @@ def study(cycles_ms: Sequence[float] = CYCLES_MS, gains: Sequence[float] = GAINS
 
 
 def plot(points: Sequence[Point], picture: Path) -> None:
-    """Following error and overshoot over the gain; GatewayError when matplotlib is not installed."""
+    """Following error and overshoot over the gain; GatewayError without matplotlib, or when it cannot be written."""
     try:
         import matplotlib as mpl  # noqa: PLC0415
 
@@ -212,6 +212,11 @@ def plot(points: Sequence[Point], picture: Path) -> None:
         panel.set_xlabel("gain KPC in 1/s")
         panel.set_xscale("log")
         panel.grid(alpha=0.3, which="both")
-        panel.legend(fontsize=7)
-    figure.savefig(picture, dpi=110)
-    pyplot.close(figure)
+        if points:
+            panel.legend(fontsize=7)
+    try:
+        figure.savefig(picture, dpi=110)
+    except (OSError, ValueError) as error:  # ValueError: an ending that is no picture format
+        raise GatewayError(f"--plot {picture}: cannot be written ({error})") from error
+    finally:
+        pyplot.close(figure)

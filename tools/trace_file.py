@@ -49,8 +49,10 @@ def chosen_ring(name: str | None, directory: Path | None = None) -> Path:
         return fitting[0]
     place = directory or run_directory() or "no run directory"
     names = ", ".join(path.name.removesuffix(".ring") for path in found) or "none"
-    wanted = f"--ring {name}: " if name is not None else "" if fitting else "no ring of a gateway: "
-    raise GatewayError(f"{wanted}--ring takes a path or one of those in {place}: {names}")
+    if name is not None:
+        raise GatewayError(f"--ring {name}: allowed is a path, or one of those in {place}: {names}")
+    why = "there are several" if fitting else "no ring of a gateway"
+    raise GatewayError(f"{why}: --ring takes a path or one of those in {place}: {names}")
 
 
 def _is_written(path: Path) -> bool:

@@ -12,7 +12,7 @@ from pdgw.gateway.axis.telegrams import POSITIONER_TELEGRAM_NUMBERS, SPEED_TELEG
 from pdgw.gateway.errors import GatewayError
 from pdgw.peers.plc.endpoint import PlcEndpoint
 from pdgw.peers.plc.following import Follow, Following, can_follow
-from pdgw.peers.plc.notation import comparison, integer, raw_value
+from pdgw.peers.plc.notation import comparison, integer, raw_value, written
 from pdgw.peers.plc.parameters import ParameterAccess
 from pdgw.peers.plc.positioner import Ask, PositionerWords, Program, Wait
 from pdgw.peers.plc.scenario import Home, Move, References, Scalar, Step
@@ -82,10 +82,15 @@ class Condition:
     mask: int
     shift: int
     signal: str
+    write: Callable[[int], str]
 
     def value(self, actuals: dict[str, int]) -> int:
         raw = actuals[self.signal]
         return (raw & self.mask) >> self.shift if self.mask else raw
+
+    def measured(self, actuals: dict[str, int]) -> str:
+        """The value as the bound is written."""
+        return f"{self.name} = {self.write(self.value(actuals))}"
 
 
 @dataclass(slots=True)
@@ -365,9 +370,11 @@ class Compiler:
         conditions = []
         for key, wanted in values.items():
             signal_name, bit = self._resolve(key, half)
-            holds = comparison(wanted, partial(raw_value, self._references, half.signal(signal_name)))
+            item = half.signal(signal_name)
+            holds = comparison(wanted, partial(raw_value, self._references, item))
             mask, shift = (0, 0) if bit is None else (bit.mask, bit.position)
-            conditions.append(Condition(key, str(wanted), holds, mask, shift, signal_name))
+            write = partial(written, self._references, item, str(wanted))
+            conditions.append(Condition(key, str(wanted), holds, mask, shift, signal_name, write))
         text = ", ".join(f"{c.name} {c.text}" for c in conditions)
         return Expectation(conditions, f"{name}: {text}" if name else text, axis, within)
 

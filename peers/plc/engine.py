@@ -115,7 +115,7 @@ class Engine:
         if actuals is None:
             measured = f"no valid actual values: {self.endpoint.why_no_values(wait.axis)}"
         else:
-            measured = ", ".join(f"{c.name} = {c.value(actuals)}" for c in wait.conditions)
+            measured = ", ".join(c.measured(actuals) for c in wait.conditions)
         self._result(wait, wait.name, met, measured, now)
         return True
 

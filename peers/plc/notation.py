@@ -18,6 +18,7 @@ from pdgw.profidrive.signals import Signal
 
 NS = 1_000_000_000
 _DECIMALS = 1_000_000_000
+_TENTHS = 10
 _LARGEST = 2
 """N2 and N4 hold up to 200 %."""
 _I64 = (-(1 << 62), 1 << 62)
@@ -60,17 +61,30 @@ def raw_value(references: References, item: Signal, value: Scalar) -> int:
     match = re.fullmatch(r"(-?\d{1,15}(?:\.\d{1,9})?)\s*(%|rpm|inc)", text)
     if match:
         number = Fraction(match[1])
-        full: dict[str, Fraction | int] = {
-            "%": 100,
-            "rpm": Fraction(references.speed_rpm),
-            "inc": references.position,
-        }
-        reference = full[match[2]]
+        reference = _reference(references, match[2])
         if abs(number) > _LARGEST * reference:
             most = f"{float(_LARGEST * reference):g} {match[2]}"
             raise GatewayError(f"{item.name} = {text}: allowed is up to {most} in either direction (200 %)")
         return _to_wire(item, number, reference)
     return integer(item.name, value, ", 50 %, 1500 rpm or 2000 inc")
+
+
+def written(references: References, item: Signal, wanted: str, value: int) -> str:
+    """A raw value as what was wanted of it is written: in its unit, with one decimal, or in hexadecimal digits."""
+    unit = re.search(r"%|rpm|inc", wanted)
+    if unit is not None:
+        tenths = _normalisation(item, _reference(references, unit[0]) * _TENTHS).to_value(value)
+        return f"{tenths / _TENTHS:.1f} {unit[0]}"
+    if re.search(r"0x[0-9a-fA-F]|[0-9a-fA-F]h\b", wanted):
+        digits = item.type.size * 2
+        return f"{value & (1 << 4 * digits) - 1:0{digits}X}h"
+    return str(value)
+
+
+def _reference(references: References, unit: str) -> Fraction | int:
+    """What 100 % is in a unit."""
+    full: dict[str, Fraction | int] = {"%": 100, "rpm": Fraction(references.speed_rpm), "inc": references.position}
+    return full[unit]
 
 
 def integer(name: str, value: Scalar, others: str = "") -> int:

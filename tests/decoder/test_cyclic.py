@@ -104,6 +104,19 @@ def test_both_directions_together_tell_a_telegram(numbers: list[int], inferred: 
     assert "inferred" in notices[0]
 
 
+def test_a_wrong_telegram_is_told_when_the_first_frames_have_nothing_good_yet() -> None:
+    cyclic, notices = decoder((Axis(1, 9),))
+    chosen = telegram(111)
+    values = [(0,) * len(chosen.actuals.signals)]
+    beginning = bytearray(frame([chosen], Direction.ACTUAL, values, iops=IOPS_BAD))
+    beginning[CSduLayout([chosen], Direction.ACTUAL).iocs[0]] = IOPS_BAD
+    for _ in range(20):
+        decode(cyclic, bytes(beginning))
+    assert not notices
+    decode(cyclic, frame([chosen], Direction.ACTUAL, values))
+    assert notices == ["the actual values do not fit telegram 9 as given: their length is that of telegram 111"]
+
+
 def test_several_axes_are_told_apart() -> None:
     cyclic, _ = decoder()
     decode(cyclic, zeros([1, 9, 100], Direction.SETPOINT))

@@ -141,8 +141,25 @@ def test_an_enable_of_a_drive_that_is_not_ready_ends_without_on() -> None:
 def test_an_expectation_that_is_not_met_in_time_fails_with_the_measured_value() -> None:
     engine, sent = play({"steps": [{"expect": {"NIST_A": "1500 rpm +- 10 rpm"}, "within": "40 ms"}]}, [{"NIST_A": 100}])
     assert not engine.passed
-    assert engine.results[0].measured == "NIST_A = 100"
+    assert engine.results[0].measured == "NIST_A = 18.3 rpm"
     assert len(sent) == 11
+
+
+@pytest.mark.parametrize(
+    ("wanted", "values", "measured"),
+    [
+        ({"NIST_A": "50 % +- 1 %"}, {"NIST_A": -8192}, "NIST_A = -50.0 %"),
+        ({"NIST_A": 0}, {"NIST_A": -100}, "NIST_A = -100"),
+        ({"NIST_A": "<= 2000h"}, {"NIST_A": -1}, "NIST_A = FFFFh"),
+        ({"ZSW1": "& 0x4F = 0x40"}, {"ZSW1": 0x670}, "ZSW1 = 0670h"),
+        ({"ZSW1.FAULT": 1}, {"ZSW1": 0x670}, "ZSW1.FAULT = 0"),
+    ],
+)
+def test_what_was_measured_is_written_as_what_was_wanted(
+    wanted: dict[str, str | int], values: dict[str, int], measured: str
+) -> None:
+    engine, _ = play({"steps": [{"expect": wanted, "within": "8 ms"}]}, [values])
+    assert engine.results[0].measured == measured
 
 
 def test_bad_iops_fails_an_expectation() -> None:

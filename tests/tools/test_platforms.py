@@ -133,7 +133,7 @@ def test_files_are_read_checked_and_decoded_and_what_does_not_work_says_so(
         ("replay", plc, can, "--config", configuration),
         ("eds", "check", str(next(Path(__file__).parents[2].glob("dsp406/eds/*.eds")))),
         ("sim", "bus", "--example"),
-        ("gsdml", "write", "--output", str(tmp_path)),
+        ("gsdml", "write", "--out", str(tmp_path)),
         ("drives", "show", "epos4"),
         ("conformance", "faults", "deaf"),
         ("soak", "--hours", "0.001"),

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import socket
+from contextlib import redirect_stdout
 from pathlib import Path
 
 import pytest
 
 from pdgw.ds301.counters import Counters
+from pdgw.tools.cli import main
 from pdgw.tools.commands import run
 from tests.endtoend.processes import free_udp_port
 from tests.support.cli import pdgw
@@ -111,3 +113,22 @@ def test_devices_without_a_bus_are_refused_unless_one_is_opened_for_them(tmp_pat
     result = pdgw("sim", "bus", str(path))
     assert result.returncode == 1
     assert f"{path}: [can]: is missing: the bus of the devices; --serve opens one for them" in result.stderr
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full here")
+@pytest.mark.parametrize("arguments", [("--help",), ("config", "example"), ("drives", "list")])
+def test_output_that_cannot_be_written_is_one_line(
+    arguments: tuple[str, ...], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("sys.argv", ["pdgw", *arguments])
+    with Path("/dev/full").open("w") as full, redirect_stdout(full), pytest.raises(SystemExit) as end:
+        main()
+    assert end.value.code == 1
+    assert capsys.readouterr().err == "error: output: No space left on device\n"
+
+
+def test_a_picture_that_cannot_be_drawn_is_told_before_the_work(tmp_path: Path) -> None:
+    for name in ("nowhere/loop.png", "loop.rubbish"):
+        result = pdgw("sim", "loop", "--plot", str(tmp_path / name))
+        assert result.returncode == 1
+        assert "cannot be written" in result.stderr

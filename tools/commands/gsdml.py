@@ -33,11 +33,13 @@ def write(
         Path | None,
         typer.Argument(help="Configuration file: vendor_id and device_id are taken from it.", show_default=False),
     ] = None,
-    output: Annotated[Path, typer.Option("--output", "-o", metavar="DIR", help="Where the file goes.")] = Path(),
+    output: Annotated[
+        Path, typer.Option("--out", "-o", "--output", metavar="DIR", help="Where the file goes.")
+    ] = Path(),
 ) -> None:
     """Write the GSDML file with every telegram; its name is what engineering tools insist on."""
     transport = TransportConfig() if config is None else load_config(config).transport
-    typer.echo(str(write_gsdml(transport, output, "--output")))
+    typer.echo(str(write_gsdml(transport, output, "--out")))
 
 
 def write_gsdml(transport: TransportConfig, folder: Path, option: str) -> Path:

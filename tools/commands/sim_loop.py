@@ -26,6 +26,8 @@ def loop(
     as_json: Annotated[bool, typer.Option("--json", help="Print the points as JSON.")] = False,
 ) -> None:
     """Close a position loop in a simulated PLC, with DSC and without: following error and stability, in virtual time."""
+    if picture is not None:
+        plot([], picture)  # what cannot be drawn is told before the work
     with quiet("gateway"):
         points = list(study(cycle_ms or CYCLES_MS, gain or GAINS))
     if picture is not None:
