@@ -37,6 +37,8 @@ _ONE_BYTE: Final = bytes(1)
 _BUSY_NS: Final = 100 * MS
 """An interface that takes no frame for so long is not healthy; a full queue now and then is nothing."""
 _LOOK_NS: Final = 20 * MS
+_EARLY_NS: Final = MS
+"""What is due so soon after a cycle is begun with the one before: which of the two comes first would be chance."""
 _FIRST_PAUSE_NS: Final = 100 * MS
 _LONGEST_PAUSE_NS: Final = 2_000 * MS
 """Between two tries to open an interface that was lost."""
@@ -130,6 +132,13 @@ class CanNetwork(Receiver):
     def unwatch(self, look: Callable[[int], None]) -> None:
         """The end of ``watch``."""
         self._watchers.remove(look)
+
+    def look_before(self, when: int) -> None:
+        """Look now if it would be due before ``when`` or soon after: the cyclic exchange is awake, and wakes again only then."""
+        timer = self._looking
+        if timer is not None and timer.when <= when + _EARLY_NS:
+            timer.cancel()
+            self._look()
 
     def _look(self) -> None:
         self._looking = None

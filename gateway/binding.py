@@ -42,6 +42,9 @@ _ERROR_CODE: Final = (0x603F, 0)
 _SECOND_FORMAT: Final = SensorFormat(resolution=0, turns=0, xist1_absolute=False, valid=False)
 """The drive's second encoder: what one revolution is, is not asked for."""
 _REACTION_MARGIN: Final = 2
+_NO_BRAKE: Final = Brake.NONE
+_WITHHOLD_HEARTBEAT: Final = Brake.WITHHOLD_HEARTBEAT
+"""A member of an enum is looked up each time it is used."""
 _POWERED: Final = (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE, State.FAULT_REACTION_ACTIVE)
 
 
@@ -78,7 +81,7 @@ class Axis(DriveObject):
         self.machine = self._make_machine(number)
         self._links: tuple[SensorLink | None, SensorLink | None] = (None, None)
         """The encoders that are G1 and G2."""
-        self._brake: Brake = Brake.NONE
+        self._brake: Brake = _NO_BRAKE
         self._probe = ProbeReader(self.drive, self._news)
         self._probing = False
 
@@ -154,13 +157,13 @@ class Axis(DriveObject):
     def transmit(self, now: int) -> None:
         outputs, guarding = self.machine.outputs, self.drive.guarding
         # A drive that guards the gateway by its RPDOs is stopped by their absence.
-        if outputs.brake is not Brake.WITHHOLD_HEARTBEAT or guarding is None or not guarding.rpdos:
+        if outputs.brake is not _WITHHOLD_HEARTBEAT or guarding is None or not guarding.rpdos:
             self.drive.send(outputs.command, now)
         if outputs.brake is not self._brake:
             self._brake = outputs.brake
-            by_sync = outputs.brake is Brake.WITHHOLD_HEARTBEAT and guarding is not None and guarding.sync
+            by_sync = outputs.brake is _WITHHOLD_HEARTBEAT and guarding is not None and guarding.sync
             self.network.hold_sync(self.node_id, held=by_sync)
-            if outputs.brake is not Brake.NONE:
+            if outputs.brake is not _NO_BRAKE:
                 self.network.send(0, bytes((NmtCommand.STOP, self.node_id)))
 
     def _read_fault(self, drive: DriveClient) -> None:
@@ -183,7 +186,7 @@ class Axis(DriveObject):
     @property
     def withholds_heartbeat(self) -> bool:
         """The drive obeys nothing else: without the gateway's heartbeat its own abort option stops it."""
-        return self.machine.outputs.brake is Brake.WITHHOLD_HEARTBEAT
+        return self.machine.outputs.brake is _WITHHOLD_HEARTBEAT
 
     def owns(self, index: int, subindex: int) -> bool:
         address = (index, subindex)

@@ -96,6 +96,7 @@ class Daemon:
                 network = CanNetwork(self.loop, partial(self.edge.open_can, bus), bus.name)
                 opened.callback(network.close)
                 self.networks[bus.name] = network
+            self._buses = tuple(self.networks.values())
             self.encoder_nodes: list[EncoderNode] = []
             self.axes: list[Axis] = [self._axis(item) for item in config.axis]
             self.encoders: list[EncoderObject] = self._encoders()
@@ -399,6 +400,8 @@ class Daemon:
         self._deadline = now + (cycle + cycle // 2 if accepted else cycle)
         if self._due is not None:
             self._due.postpone(self._deadline)
+        for network in self._buses:
+            network.look_before(now + cycle)
         self.loop.pace(now + cycle)
         if self._stopping:
             self._come_to_rest(now)

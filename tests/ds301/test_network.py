@@ -366,6 +366,27 @@ def test_what_waits_for_a_driver_is_dropped_and_what_follows_is_sent() -> None:
     assert all(timeout is not None for timeout in bus.timeouts), "no driver may wait for ever"
 
 
+def test_a_look_that_is_due_before_the_next_cycle_is_made_with_this_one_and_in_time_without_cycles() -> None:
+    """A wake of the loop of its own costs more than the look."""
+    loop = VirtualLoop()
+    network = CanNetwork(loop, lambda: open_port(loop, ScriptedBus()))
+    looks: list[int] = []
+    begin = loop.now()
+    network.watch(looks.append)
+    cycle = 4 * MS
+    for _ in range(10):
+        loop.run_for(cycle)
+        network.look_before(loop.now() + cycle)
+    assert [when - begin for when in looks] == [16 * MS, 32 * MS]
+    loop.run_for(3 * cycle)  # the exchange has ended
+    assert [when - begin for when in looks[2:]] == [52 * MS]
+    network.unwatch(looks.append)
+    network.look_before(loop.now() + SECOND)
+    network.look_before(loop.now() + SECOND)
+    assert len(looks) == 3
+    network.close()
+
+
 def test_what_watches_a_bus_is_called_together_until_it_is_over() -> None:
     """A wake of the loop for each node costs more than what it looks for."""
     loop = VirtualLoop()
