@@ -45,7 +45,7 @@ class Check:
 
 @dataclass(frozen=True)
 class Report:
-    """``configuration`` is what was tested, as text; ``measured`` are figures by their names."""
+    """``configuration`` is what was tested, as text, empty where the figures say it; ``measured`` are figures by their names."""
 
     title: str
     checks: tuple[Check, ...] = ()
@@ -73,7 +73,8 @@ class Report:
             time=f"{sum(check.seconds for check in self.checks):.3f}",
         )
         properties = ElementTree.SubElement(suite, "properties")
-        for name, value in (*self._facts.items(), ("configuration", self.configuration)):
+        facts = self._facts | ({"configuration": self.configuration} if self.configuration else {})
+        for name, value in facts.items():
             ElementTree.SubElement(properties, "property", name=_plain(name), value=_plain(value))
         for check in self.checks:
             case = ElementTree.SubElement(

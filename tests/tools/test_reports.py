@@ -13,6 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from pdgw.gateway.config_file import parse_config
 from pdgw.gateway.errors import GatewayError
 from pdgw.tools.commands.conformance import faults
 from pdgw.tools.reports import Check, Report, figures
@@ -93,9 +94,26 @@ def test_conformance_writes_both(tmp_path: Path) -> None:
     suite = ElementTree.parse(tmp_path / "r.xml").getroot()[0]
     assert int(suite.get("tests", "0")) >= 1
     assert suite.get("failures") == "0"
+    (configuration,) = (item.get("value", "") for item in suite.iter("property") if item.get("name") == "configuration")
+    assert configuration in cells((tmp_path / "r.html").read_text())
     assert "slow-sdo" in " ".join(cells((tmp_path / "r.html").read_text()))
     with pytest.raises(GatewayError, match=r"--junit .*cannot be written"):
         REPORT.write(tmp_path / "no" / "r.xml", None)
+
+
+def test_a_report_of_conformance_has_the_configurations_that_ran_and_what_was_behind_them(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    faults(["position-error"], as_json=True)
+    document = json.loads(capsys.readouterr().out)
+    assert document["version"] == version("profidrive-gateway")
+    encoder, sensor = document["configuration"].split("\n\n# ")
+    assert encoder.startswith("# simulated: rotary encoder\n")
+    assert sensor.startswith("simulated: rotary encoder, ENGEL HBI\n")
+    alone, both = parse_config(encoder), parse_config(f"# {sensor}")
+    assert [(item.do_id, item.telegram) for item in alone.objects] == [(2, 81)]
+    assert [(item.do_id, item.telegram) for item in both.objects] == [(1, 3), (2, 81)]
+    assert both.axis[0].g1 == 2
 
 
 @pytest.mark.e2e

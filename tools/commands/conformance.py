@@ -9,6 +9,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
+from pdgw import __version__
 from pdgw.gateway.errors import GatewayError
 from pdgw.peers.drive import SHAPES, shape
 from pdgw.tools.conformance.faults import CASES, Result, run_case
@@ -18,6 +19,7 @@ from pdgw.tools.conformance.shared import NUMBERS, walk
 from pdgw.tools.conformance.telegrams import CASES as BITS
 from pdgw.tools.conformance.telegrams import Outcome, run_walk
 from pdgw.tools.conformance.telegrams import run_case as run_bits
+from pdgw.tools.conformance.tested import text_of
 from pdgw.tools.quiet import quiet
 from pdgw.tools.reports import Check, HtmlFile, JUnitFile, Report
 
@@ -44,9 +46,11 @@ def faults(
     with quiet("gateway", "canopen"):
         results = [run_case(case) for case in CASES if not only or case.fault in only]
     failed = sum(not result.passed for result in results)
-    Report("pdgw conformance faults", tuple(_check(result) for result in results)).write(junit, html)
+    configuration = text_of(result.tested for result in results if result.tested is not None)
+    checks = tuple(_check(result) for result in results)
+    Report("pdgw conformance faults", checks, configuration).write(junit, html)
     if as_json:
-        typer.echo(json.dumps({"failed": failed, "cases": [result.as_dict() for result in results]}, indent=2))
+        _print(failed, configuration, [result.as_dict() for result in results])
     else:
         console = Console()
         console.print(matrix(results))
@@ -76,9 +80,11 @@ def telegrams(
             if not only or number in only:
                 outcomes += run_walk(walk(number))
     failed = sum(not outcome.passed for outcome in outcomes)
-    Report("pdgw conformance telegrams", tuple(_check_bits(outcome) for outcome in outcomes)).write(junit, html)
+    configuration = text_of(item.tested for item in outcomes)
+    checks = tuple(_check_bits(outcome) for outcome in outcomes)
+    Report("pdgw conformance telegrams", checks, configuration).write(junit, html)
     if as_json:
-        typer.echo(json.dumps({"failed": failed, "cases": [item.as_dict() for item in outcomes]}, indent=2))
+        _print(failed, configuration, [item.as_dict() for item in outcomes])
     else:
         console = Console()
         table = Table("telegram", "word and bit", "done", "seen by the PLC", "on CAN", "")
@@ -112,9 +118,10 @@ def shapes(
         Check(item.shape, f"telegram {item.telegram}", item.text, (item.failure,) if item.failure else ())
         for item in fields
     ]
-    Report("pdgw conformance shapes", tuple(checks)).write(junit, html)
+    configuration = text_of(item.tested for item in fields)
+    Report("pdgw conformance shapes", tuple(checks), configuration).write(junit, html)
     if as_json:
-        typer.echo(json.dumps({"failed": failed, "cases": [item.as_dict() for item in fields]}, indent=2))
+        _print(failed, configuration, [item.as_dict() for item in fields])
     else:
         console = Console()
         table = Table("shape", "telegram", "what it did", "")
@@ -127,6 +134,12 @@ def shapes(
         console.print(f"{len(fields) - failed} of {len(fields)} as they must be")
     if failed:
         raise typer.Exit(1)
+
+
+def _print(failed: int, configuration: str, cases: list[dict[str, object]]) -> None:
+    """A run as JSON."""
+    document = {"version": __version__, "configuration": configuration, "failed": failed, "cases": cases}
+    typer.echo(json.dumps(document, indent=2))
 
 
 def _check_bits(outcome: Outcome) -> Check:

@@ -18,11 +18,14 @@ import can
 from pdgw.ds301.loop import SECOND
 from pdgw.ds301.network import CanNetwork
 from pdgw.ds301.nmt import NmtCommand
-from pdgw.gateway.config_surroundings import GATEWAY_NODE_ID, CanConfig
+from pdgw.gateway.config import AxisConfig, GatewayConfig
+from pdgw.gateway.config_encoder import EncoderConfig
+from pdgw.gateway.config_surroundings import GATEWAY_NODE_ID, CanConfig, TransportConfig
 from pdgw.gateway.drive_object import DriveObject
 from pdgw.gateway.reasons import FaultNumber
 from pdgw.peers.node.running import RunningNode
 from pdgw.peers.world import World
+from pdgw.tools.conformance.tested import Tested
 
 CYCLE_MS = 4
 MS = 1_000_000
@@ -30,6 +33,7 @@ _HEARTBEAT_NS = 50 * MS
 PATIENCE_S = 20.0
 """No gateway that does what it has to needs so long for one step."""
 CHANNEL = "conformance"
+ENCODER_DO = 2
 QUIET_CYCLES = 50
 """So long is watched whether something happens by itself."""
 LOST, RESTARTED = FaultNumber.NODE_LOST, FaultNumber.NODE_RESTARTED
@@ -121,6 +125,7 @@ class Result:
     restarted: bool = False
     failures: list[str] = field(default_factory=list)
     """What should have been otherwise; empty: passed."""
+    tested: Tested | None = None
 
     @property
     def passed(self) -> bool:
@@ -159,8 +164,8 @@ class Bench(abc.ABC):
         self.case = case
         self.world = World()
         self.loop = self.world.loop
-        can_config = CanConfig(interface="virtual", channel=CHANNEL)
-        self.network = CanNetwork(self.loop, lambda: self.world.open_can(can_config))
+        self.can = CanConfig(interface="virtual", channel=CHANNEL)
+        self.network = CanNetwork(self.loop, lambda: self.world.open_can(self.can))
         self.sent: list[str] = []
         self.objects: list[DriveObject] = []
         """In the order of their steps; the first is that of the case."""
@@ -187,6 +192,7 @@ class Bench(abc.ABC):
     @contextmanager
     def running(self, result: Result) -> Iterator[None]:
         """Power on, and clean up after the steps; a step that did not come to its end is a failure in the result."""
+        result.tested = Tested.of(self.configuration, [device.node for device in self.devices])
         try:
             self.power_on()
             yield
@@ -209,6 +215,17 @@ class Bench(abc.ABC):
         fault = self.case.fault if name is None else name
         chosen = self.case.values if values is None else values
         self.devices[0].do(lambda node: node.misbehave(fault, **chosen))
+
+    @property
+    def configuration(self) -> GatewayConfig:
+        """Of a gateway with this bus and these drive objects."""
+        configs = [item.config for item in self.objects]
+        return GatewayConfig(
+            can=(self.can,),
+            transport=TransportConfig(cycle_time_ms=CYCLE_MS),
+            axis=tuple(config for config in configs if isinstance(config, AxisConfig)),
+            encoder=tuple(config for config in configs if isinstance(config, EncoderConfig)),
+        )
 
     @property
     def subject(self) -> DriveObject:

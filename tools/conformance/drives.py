@@ -23,11 +23,13 @@ from pdgw.tools.conformance.bench import (
     CHANNEL,
     CONFIGURES,
     CYCLE_MS,
+    ENCODER_DO,
     LOSSES,
     QUIET_CYCLES,
     Activity,
     Bench,
     Case,
+    Device,
     Reaction,
     Result,
 )
@@ -127,6 +129,7 @@ class DriveBench(Bench):
             telegram=case.telegram,
             eds=EDS_PATH,
             sdo_timeout_ms=case.sdo_timeout_ms,
+            g1=ENCODER_DO if case.device is Device.SENSOR else None,
         )
         self.axis = Axis(config, self.network, CYCLE_MS)
         self.drive = self.world.drive(CHANNEL, _NODE, powered=False)

@@ -24,6 +24,7 @@ from pdgw.tools.conformance.bench import (
     CHANNEL,
     CONFIGURES,
     CYCLE_MS,
+    ENCODER_DO,
     MS,
     QUIET_CYCLES,
     Activity,
@@ -197,7 +198,7 @@ def _encoder(bench: Bench, telegram: int) -> tuple[EncoderObject, SimulatedEncod
     """An encoder behind the gateway, the simulated one, and when its shaft was at 0; None where it stands."""
     case = bench.case
     config = EncoderConfig(
-        do_id=2,
+        do_id=ENCODER_DO,
         node_id=_NODE,
         telegram=telegram,
         sdo_timeout_ms=case.sdo_timeout_ms,

@@ -20,6 +20,7 @@ from pdgw.peers.drive.motion import INCREMENTS_PER_REVOLUTION
 from pdgw.peers.plc.endpoint import PlcEndpoint
 from pdgw.peers.world import World
 from pdgw.profidrive.telegrams import ApplicationMode, telegram
+from pdgw.tools.conformance.tested import Tested
 
 TELEGRAMS = (1, 3, 9, 100)
 _CONFIG = """
@@ -71,6 +72,7 @@ class Outcome:
     moved: bool
     text: str
     """What it did, or the reason it was refused with."""
+    tested: Tested
     failure: str = ""
 
     @property
@@ -210,4 +212,5 @@ def run_case(name: str, number: int) -> Outcome:
         failure = f"must be refused with {expected!r}"
     elif not expected and not moved:
         failure = f"must move: {refusal or site.axis.drive.status_text}"
-    return Outcome(name, number, moved, "moved as told" if moved else f"refused: {refusal}", failure)
+    tested = Tested.of(site.daemon.config, [site.drive.node])
+    return Outcome(name, number, moved, "moved as told" if moved else f"refused: {refusal}", tested, failure)

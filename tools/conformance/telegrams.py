@@ -22,6 +22,7 @@ from pdgw.peers.plc.scenario import Scenario
 from pdgw.peers.simulation.console import Console
 from pdgw.peers.world import World
 from pdgw.profidrive.telegrams import telegram
+from pdgw.tools.conformance.tested import Tested
 
 Steps = Sequence[Mapping[str, Any]]
 _LIMIT_NS = 120 * SECOND
@@ -61,6 +62,7 @@ class Outcome:
     seen_by_plc: str
     seen_on_can: str
     failures: tuple[str, ...]
+    tested: Tested
 
     @property
     def passed(self) -> bool:
@@ -325,4 +327,4 @@ def _outcome(case: Case, plc: _Plc, drive: SimulatedDrive) -> Outcome:
     on_can = ", ".join(
         f"{name} = {value:04X}h" if name == "6040h" else f"{name} = {value}" for name, value in sent.items()
     )
-    return Outcome(case, shown, on_can, tuple(failures))
+    return Outcome(case, shown, on_can, tuple(failures), Tested.of(plc.daemon.config, [drive.node]))
