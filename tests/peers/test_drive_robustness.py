@@ -16,7 +16,7 @@ from pdgw.peers.drive import SimulatedDriveNode
 from pdgw.peers.simulation.console import Console
 from pdgw.peers.simulation.devices import Simulation
 from pdgw.peers.world import World
-from tests.peers.test_drive import MS, NODE, SMALL, Bench
+from tests.support.drive_bench import MS, NODE, SMALL, Bench
 
 START, PRE_OPERATIONAL, RESET_NODE, RESET_COMMUNICATION = 1, 128, 129, 130
 

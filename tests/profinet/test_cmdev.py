@@ -27,7 +27,7 @@ from pdgw.profinet.device import Disconnected
 from pdgw.profinet.diagnosis import AlarmSource, Diagnosis
 from pdgw.profinet.rpc import dcerpc
 from pdgw.profinet.rpc.records import Operation, PnioStatus, encode_arguments
-from tests.profinet.test_connect import AR_UUID, INITIATOR, SOURCE, Caller, blocks
+from tests.support.connect import AR_UUID, INITIATOR, SOURCE, Caller, blocks
 from tests.support.profinet import MS, PLC_IP, PLC_MAC, Wire, model, project
 
 S = 1000 * MS

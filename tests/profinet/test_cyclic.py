@@ -13,7 +13,7 @@ from pdgw.profinet import ethernet
 from pdgw.profinet.blocks.connect import HOLD_MAX_NS, IocrType
 from pdgw.profinet.cpm import STATUS_IGNORE, Consumer, Verdict
 from pdgw.profinet.ppm import Provider
-from tests.profinet.test_connect import Caller, blocks
+from tests.support.connect import Caller, blocks
 from tests.support.profinet import DEVICE_MAC, MS, PLC_MAC, Wire, project
 
 AXIS = (1, 2)

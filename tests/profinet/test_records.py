@@ -24,8 +24,8 @@ from pdgw.profinet.rpc.records import (
     encode_block,
     join_multiple,
 )
-from tests.profinet.test_connect import AR_UUID, Caller, blocks
 from tests.support import tshark, tshark_frames
+from tests.support.connect import AR_UUID, Caller, blocks
 from tests.support.profinet import MS, PLC_IP, Wire
 
 PORT = (0, 0, 0x8001)

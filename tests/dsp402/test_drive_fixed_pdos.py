@@ -1,0 +1,119 @@
+"""Drives whose PDOs cannot be mapped anew."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+
+import pytest
+from canopen.sdo import SdoAbortedError
+
+from pdgw.ds301.aborts import Abort
+from pdgw.ds301.pdo import PdoDirection
+from pdgw.dsp402.drive import DriveStatus
+from pdgw.dsp402.images import DriveCommand
+from pdgw.dsp402.pdo import Operation
+from pdgw.peers.drive import SimulatedDrive, SimulatedDriveNode
+from tests.support import site
+from tests.support.mapping import engel_layout, pdo_steps
+from tests.support.plant import NODE, Plant, observe
+
+
+class _Fixed(SimulatedDriveNode):
+    """Its PDO parameters are the manufacturer's and read-only."""
+
+    fixed: Collection[int] = range(0x1400, 0x1C00)
+
+    def set_data(self, index: int, subindex: int, data: bytes, check_writable: bool = False) -> None:
+        if index in self.fixed:
+            raise SdoAbortedError(Abort.READ_ONLY)
+        super().set_data(index, subindex, data, check_writable)
+
+
+def _fixed(plant: Plant, operation: Operation, values: dict[tuple[int, int], int]) -> SimulatedDrive:
+    """A drive whose PDOs are made for an operation, but for ``values``; its other PDOs cannot be switched off."""
+    drive = site.drive(NODE)
+    node = _Fixed(NODE, drive._send)
+    layout = engel_layout(operation)
+    available = [d.communication_index + n for d in PdoDirection for n in range(5)]
+    for step in pdo_steps(layout, NODE, available, sync=False, event_ms=50, inhibit_us=0):
+        node.values[step.index, step.subindex] = step.value
+    node.values[0x1801, 1] = 0x284
+    node.values |= values
+    node.pdos.map()
+    drive.node = node
+    plant.drive = drive
+    drive.start()
+    return drive
+
+
+@pytest.mark.parametrize("operation", list(Operation))
+@pytest.mark.parametrize(
+    "values",
+    [{}, {(0x1800, 1): 0x4000_0184, (0x1400, 2): 254, (0x1800, 2): 254}],
+    ids=["as wanted", "no remote request, type 254"],
+)
+def test_fixed_pdos_that_are_as_wanted_are_used(
+    plant: Plant, operation: Operation, values: dict[tuple[int, int], int]
+) -> None:
+    drive = _fixed(plant, operation, values)
+    client = plant.connect(operation, initial_mode=None)
+    plant.online()
+    command = DriveCommand()
+    command.controlword = 0x06
+    client.send(command, 1)
+    site.wait_for(lambda: drive.model.controlword == 0x06, "RPDO 1 is heard")
+    site.wait_for(lambda: client.refresh(0) is not None and client.feedback.statusword & 0x6F == 0x21, "ready")
+
+
+@pytest.mark.parametrize(("mapped", "writes"), [(0x60FF_0020, 0), (0x6071_0010, 4)])
+def test_a_mapping_the_drive_has_already_is_not_written_again(plant: Plant, mapped: int, writes: int) -> None:
+    plant.power_on().node.values |= {(0x1600, 1): mapped, (0x1600, 2): 0x6040_0010}
+    seen = observe(plant)
+    plant.connect(Operation.VELOCITY)
+    plant.online()
+    assert len([index for index, _, _ in seen if index == 0x1600]) == writes
+
+
+@pytest.mark.parametrize(
+    ("address", "value", "text"),
+    [
+        ((0x1600, 1), 0x6071_0010, "no RPDO for Controlword 6040h: fixed are 1600h with 6071h, 6040h"),
+        ((0x1A00, 1), 0x6064_0020, "no TPDO for Statusword 6041h: fixed are 1A00h with 6064h, 606Ch"),
+        ((0x1400, 1), 0x8000_0204, "no RPDO for Controlword 6040h"),
+        ((0x1801, 1), 0x285, "TPDO2 unused (1801h/1 := 80000284h)"),
+    ],
+)
+def test_fixed_pdos_that_do_not_carry_what_is_needed_are_named(
+    plant: Plant, address: tuple[int, int], value: int, text: str
+) -> None:
+    _fixed(plant, Operation.VELOCITY, {address: value})
+    client = plant.connect()
+    site.wait_for(lambda: client.status is DriveStatus.REFUSED, "refused")
+    assert text in client.status_text
+
+
+@pytest.mark.parametrize(
+    ("address", "value", "line"),
+    [
+        ((0x1A00, 0), 1, "read by SDO every 100 ms: Velocity Actual Value 606Ch"),
+        ((0x1400, 1), 0x244, "RPDO1 244h: Target Velocity 60FFh, Controlword 6040h; its own COB-ID"),
+        (
+            (0x1800, 5),
+            500,
+            "TPDO1 on change alone: neither event timer nor SYNC can be set; heartbeat and SDO watch it",
+        ),
+    ],
+)
+def test_fixed_pdos_that_carry_what_is_needed_are_adopted_as_they_are(
+    plant: Plant, address: tuple[int, int], value: int, line: str
+) -> None:
+    drive = _fixed(plant, Operation.VELOCITY, {address: value})
+    client = plant.connect()
+    plant.online()
+    assert client.plan is not None
+    assert line in client.plan.lines
+    command = DriveCommand()
+    command.controlword = 0x06
+    client.send(command, 1)
+    site.wait_for(lambda: drive.model.controlword == 0x06, "the Controlword is heard")
+    site.wait_for(lambda: client.refresh(0) is not None and client.feedback.statusword & 0x6F == 0x21, "ready")

@@ -1,0 +1,211 @@
+"""Drives with too few RPDOs: data by SDO first, then the set-point."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+
+import can
+import pytest
+
+from pdgw.ds301.loop import MS, Event
+from pdgw.ds301.pdo import Pdo
+from pdgw.ds301.port import PortBusyError
+from pdgw.dsp402.drive import DriveClient
+from pdgw.dsp402.images import DriveCommand
+from pdgw.dsp402.pdo import Operation
+from pdgw.dsp402.states import ControlBit
+from tests.support import site
+from tests.support.plant import NODE, Plant, observe
+
+
+class TwoPdos:
+    """A positioning drive with two RPDOs: 6083h and 6084h are written by SDO. Its set-points as the drive sees them."""
+
+    def __init__(self, plant: Plant, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.plant = plant
+        self.drive = site.drive(NODE)
+        self.drive.node.misbehave("two-pdos")
+        plant.drive = self.drive
+        self.drive.start()
+        self.client = plant.connect(Operation.POSITIONING, initial_mode=None)
+        plant.online()
+        self.accelerations: list[int] = []
+        """6083h at each rising edge of bit 4."""
+        self.words: list[int] = []
+        """The Controlwords sent."""
+        self._bit = False
+        self.command = DriveCommand()
+        self.now = 0
+        plant.network.listeners.append(self._listen)
+        self.drive.do(lambda node: monkeypatch.setattr(node, "on_rpdo", self._on_rpdo))
+
+    def _on_rpdo(self, pdo: Pdo) -> None:
+        bit = bool(self.drive.model.controlword & ControlBit.NEW_SETPOINT)
+        if bit and not self._bit:
+            self.accelerations.append(self.drive.model.profile_acceleration)
+        self._bit = bit
+
+    def _listen(self, message: can.Message) -> None:
+        if not message.is_rx and message.arbitration_id == 0x200 + NODE:
+            self.words.append(int.from_bytes(message.data[-2:], "little"))
+
+    def send(self, word: int, acceleration: int | None = None) -> None:
+        self.command.controlword = word
+        if acceleration is not None:
+            self.command.profile_acceleration = acceleration
+        self.now += 4 * MS
+        self.client.send(self.command, self.now)
+
+    def until(self, condition: Callable[[], object], what: str) -> None:
+        def cycle() -> object:
+            self.client.send(self.command, self.now)
+            return condition()
+
+        site.wait_for(cycle, what)
+
+    @property
+    def told(self) -> list[str]:
+        return [event.text for event in self.plant.events if event.kind == "set-point"]
+
+
+@pytest.fixture
+def two_pdos(plant: Plant, monkeypatch: pytest.MonkeyPatch) -> TwoPdos:
+    return TwoPdos(plant, monkeypatch)
+
+
+START, ENABLED = 0x003F, 0x002F
+
+
+def test_a_set_point_starts_with_its_own_data_although_that_goes_by_sdo(two_pdos: TwoPdos) -> None:
+    two_pdos.drive.do(lambda node: node.misbehave("slow-sdo", delay_ms=20))
+    for acceleration in (100, 200, 300, 200):
+        two_pdos.send(ENABLED)
+        two_pdos.send(START, acceleration)
+        count = len(two_pdos.accelerations)
+        two_pdos.until(lambda count=count: len(two_pdos.accelerations) > count, "set-point")
+    assert two_pdos.accelerations == [100, 200, 300, 200]
+    assert two_pdos.told == []
+
+
+def test_a_set_point_that_is_held_back_lets_stop_halt_and_acknowledge_pass(two_pdos: TwoPdos) -> None:
+    two_pdos.drive.do(lambda node: node.misbehave("sdo-timeout"))
+    two_pdos.send(ENABLED)
+    for word in (START, START | ControlBit.HALT, 0x003B, 0x003D, 0x00BF, 0x0010):
+        two_pdos.send(word, 100)
+        assert two_pdos.words[-1] == word & ~ControlBit.NEW_SETPOINT
+        assert two_pdos.command.controlword == word, "the image stays the stepper's"
+
+
+def test_a_set_point_without_new_data_starts_at_once(two_pdos: TwoPdos) -> None:
+    two_pdos.send(START, 100)
+    two_pdos.until(lambda: two_pdos.accelerations, "set-point")
+    two_pdos.send(ENABLED)
+    two_pdos.send(START)
+    assert two_pdos.words[-2:] == [ENABLED, START]
+    two_pdos.send(START, 200)
+    two_pdos.send(START | ControlBit.HALT)
+    assert two_pdos.words[-1] == START | ControlBit.HALT, "no new edge, nothing to hold back"
+
+
+def test_data_that_changes_to_and_fro_is_not_taken_for_written(two_pdos: TwoPdos) -> None:
+    """The old value comes back while another one is being written: the drive must have it again before the start."""
+    two_pdos.send(ENABLED, 100)
+    two_pdos.until(lambda: two_pdos.drive.model.profile_acceleration == 100, "written")
+    two_pdos.drive.do(lambda node: node.misbehave("slow-sdo", delay_ms=50))
+    writing = observe(two_pdos.plant)
+    two_pdos.send(ENABLED, 900)
+    site.wait_for(lambda: writing, "900 being written")
+    two_pdos.send(START, 100)
+    two_pdos.until(lambda: two_pdos.accelerations, "set-point")
+    assert two_pdos.accelerations == [100]
+
+
+def test_a_set_point_whose_data_is_refused_does_not_start_and_needs_a_new_edge(two_pdos: TwoPdos) -> None:
+    two_pdos.send(ENABLED)
+    two_pdos.send(START, 0xFFFF_FFFF)
+    two_pdos.until(lambda: two_pdos.client.set_point_refused, "refused")
+    assert re.fullmatch("not started: .*6083h: .*value.*", two_pdos.told[0])
+    two_pdos.send(START, 500)
+    two_pdos.until(lambda: two_pdos.drive.model.profile_acceleration == 500, "good data taken")
+    two_pdos.send(START)
+    assert (two_pdos.accelerations, two_pdos.words[-1]) == ([], ENABLED)
+    two_pdos.send(ENABLED)
+    assert not two_pdos.client.set_point_refused
+    two_pdos.send(START)
+    two_pdos.until(lambda: two_pdos.accelerations == [500], "set-point")
+    assert len(two_pdos.told) == 1
+
+
+def test_a_refused_set_point_may_be_given_again_with_the_same_data(two_pdos: TwoPdos) -> None:
+    two_pdos.drive.do(lambda node: node.misbehave("sdo-timeout"))
+    two_pdos.send(START, 100)
+    two_pdos.until(lambda: two_pdos.client.set_point_refused, "no answer")
+    assert "6083h" in two_pdos.told[0]
+    two_pdos.drive.do(lambda node: node.behave())
+    two_pdos.send(ENABLED)
+    two_pdos.send(START)
+    two_pdos.until(lambda: two_pdos.accelerations == [100], "set-point")
+
+
+def test_the_wait_for_the_data_of_a_set_point_is_bounded(two_pdos: TwoPdos) -> None:
+    release, running = Event(two_pdos.client.loop), Event(two_pdos.client.loop)
+
+    def hold(_: DriveClient) -> None:
+        running.set()
+        release.wait()
+
+    two_pdos.client.submit(hold)
+    site.wait_for(running.is_set, "held")
+    two_pdos.send(START, 100)
+    two_pdos.now += 596 * MS
+    two_pdos.send(START)
+    assert two_pdos.told == []
+    two_pdos.send(START)
+    assert two_pdos.told == ["not started: data not written within 600 ms"]
+    release.set()
+    two_pdos.until(lambda: two_pdos.drive.model.profile_acceleration == 100, "written at last")
+    two_pdos.send(START)
+    assert two_pdos.accelerations == [], "too late is not at all"
+
+
+class _PartlyFull:
+    """A port that may take no frame of one identifier."""
+
+    def __init__(self, refused: int) -> None:
+        self.refused = refused
+        self.full = True
+        self.sent: list[tuple[int, bytes]] = []
+
+    def send(self, can_id: int, data: bytes) -> None:
+        if self.full and can_id == self.refused:
+            raise PortBusyError
+        self.sent.append((can_id, data))
+
+    def close(self) -> None:
+        """Nothing to release."""
+
+
+def test_a_set_point_waits_for_an_rpdo_that_the_bus_did_not_take(plant: Plant) -> None:
+    plant.power_on()
+    client = plant.connect(Operation.POSITIONING, initial_mode=None)
+    plant.online()
+    command = DriveCommand()
+    command.controlword = ENABLED
+    client.send(command, 1)
+    before = plant.network._port
+    plant.network._port = port = _PartlyFull(0x300 + NODE)  # type: ignore[assignment]
+    command.controlword = START
+    command.profile_velocity = 77
+    client.send(command, 2)
+    assert port.sent == []
+    port.full = False
+    client.send(command, 3)
+    data, edge = port.sent
+    assert (data[0], data[1][:2], edge[0], edge[1][-2:]) == (0x300 + NODE, b"\x4d\0", 0x200 + NODE, b"\x3f\0")
+    port.full = True
+    command.profile_velocity = 78
+    port.sent.clear()
+    client.send(command, 4)
+    assert port.sent == [], "the edge was there: it is not taken back"
+    plant.network._port = before

@@ -1,0 +1,324 @@
+"""The start-up of a drive: its order on the bus, what is missing and refused, heartbeats."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from canopen.sdo import SdoAbortedError
+
+from pdgw.ds301.aborts import Abort
+from pdgw.ds301.loop import MS, SECOND, Event
+from pdgw.ds301.nmt import NmtCommand, NmtState
+from pdgw.ds301.objects import Entry
+from pdgw.dsp402.drive import DriveClient, DriveStatus
+from pdgw.dsp402.drive_type import Quantity
+from pdgw.dsp402.images import DriveCommand
+from pdgw.dsp402.modes import Mode
+from pdgw.dsp402.pdo import LAYOUTS, Operation
+from pdgw.dsp402.scaling import UnitKeys
+from pdgw.dsp402.settings import DriveSettings
+from pdgw.peers.drive import SimulatedDrive, SimulatedDriveNode
+from pdgw.peers.node.node import Value
+from tests.support import site
+from tests.support.plant import NODE, Plant, eds_without, observe
+
+
+def test_the_order_of_the_start_up_on_the_bus(plant: Plant) -> None:
+    plant.power_on().node.values[0x1600, 2] = 0x6071_0010
+    seen = observe(plant)
+    plant.connect(Operation.VELOCITY)
+    plant.online()
+    assert seen[0] == (0, 0, bytes((0x80, NODE)))
+    assert seen[-1] == (0, 0, bytes((0x01, NODE)))
+    assert [step for step in seen if not step[0]] == [seen[0], seen[-1]]
+    assert [(index, sub, data.hex()) for index, sub, data in seen if index in {0x1400, 0x1600}] == [
+        (0x1400, 1, "04020080"),
+        (0x1600, 0, "00"),
+        (0x1600, 1, "2000ff60"),
+        (0x1600, 2, "10004060"),
+        (0x1600, 0, "02"),
+        (0x1400, 2, "ff"),
+        (0x1400, 1, "04020000"),
+    ]
+    assert [index for index, _, _ in seen][-5:] == [0x1016, 0x6007, 0x1017, 0x6060, 0]
+    assert {index for index, sub, data in seen if sub == 1 and 0x1400 <= index < 0x1A00 and data[-1:] == b"\x80"} >= {
+        0x1401, 0x1402, 0x1403, 0x1404, 0x1801, 0x1802, 0x1803, 0x1804,
+    }  # fmt: skip
+
+
+def test_four_pdos_are_found_even_if_the_eds_promises_five(plant: Plant) -> None:
+    drive = plant.power_on(pdos=4)
+    client = plant.connect(Operation.TRANSPARENT, initial_mode=None)
+    plant.online()
+    command = DriveCommand()
+    command.digital_outputs = 0x0003_0000
+    client.send(command, 1)
+    site.wait_for(lambda: drive.model.digital_outputs == 0x0003_0000, "outputs written by SDO")
+
+
+class _Lacking(SimulatedDriveNode):
+    """Says of one object that it does not exist, or refuses to write it."""
+
+    read_lacks = 0
+    write_lacks = 0
+
+    def entry(self, index: int, subindex: int) -> Entry:
+        if index == self.read_lacks:
+            raise SdoAbortedError(Abort.NO_SUCH_OBJECT)
+        return super().entry(index, subindex)
+
+    def on_written(self, entry: Entry, value: Value) -> None:
+        if entry.index == self.write_lacks:
+            raise SdoAbortedError(Abort.READ_ONLY)
+        super().on_written(entry, value)
+
+
+def _lacking(plant: Plant, *, read: int = 0, write: int = 0) -> SimulatedDrive:
+    drive = site.drive(NODE)
+    node = _Lacking(NODE, drive._send)
+    node.read_lacks, node.write_lacks = read, write
+    drive.node = node
+    plant.drive = drive
+    drive.start()
+    return drive
+
+
+@pytest.mark.parametrize("index", [0x1018, 0x6098])
+def test_an_object_the_eds_promises_and_the_drive_lacks_is_named(plant: Plant, index: int) -> None:
+    _lacking(plant, read=index)
+    client = plant.connect()
+    site.wait_for(lambda: client.status is DriveStatus.REFUSED, "refused")
+    assert f"{index:04X}h/" in client.status_text
+    assert "object does not exist" in client.status_text
+
+
+def test_a_scaling_the_drive_does_not_tell_is_refused_and_the_key_that_gives_it_named(
+    plant: Plant, tmp_path: Path
+) -> None:
+    _lacking(plant, read=0x6094)
+    client = plant.connect(eds=eds_without(tmp_path, ("6094",)))
+    plant.online()
+    assert client.drive_type is not None
+    assert "velocity_unit settles it" in client.drive_type.scaling.refusal(Quantity.SPEED)
+    assert client.drive_type.scaling.refusal(Quantity.ACCELERATION, Quantity.DECELERATION, Quantity.POSITION) == ""
+
+
+def test_a_drive_of_an_unknown_vendor_needs_no_eds_and_says_what_its_scaling_lacks(plant: Plant) -> None:
+    plant.power_on().node.values[0x1018, 1] = 0x1234
+    client = plant.connect()
+    plant.online()
+    assert client.drive_type is not None
+    assert (client.drive_type.name, client.drive_type.family) == ("ENGEL HBI", "")
+    assert {*client.drive_type.modes} == {Mode.POSITION, Mode.VELOCITY, Mode.TORQUE, Mode.HOMING}
+    assert "6094h alone does not tell the unit" in client.drive_type.scaling.refusal(Quantity.SPEED)
+    assert 0x2003 not in client.dictionary
+
+
+def test_a_drive_that_was_exchanged_for_another_one_is_refused(plant: Plant) -> None:
+    drive = plant.power_on()
+    client = plant.connect()
+    plant.online()
+    drive.do(lambda node: node.values.__setitem__((0x1018, 2), 0x77))
+    drive.do(lambda node: node.start(site.now()))
+    site.wait_for(lambda: client.status is DriveStatus.REFUSED, "refused")
+    assert "00000400h, 00000077h" in client.status_text
+    assert "as at the first start" in client.status_text
+
+
+@pytest.mark.parametrize("more", [{"family": "engel"}, {"units": UnitKeys(velocity_unit="0.5 rpm")}])
+def test_the_configuration_settles_the_scaling_of_a_drive_of_an_unknown_vendor(
+    plant: Plant, more: dict[str, object]
+) -> None:
+    plant.power_on().node.values[0x1018, 1] = 0x1234
+    client = plant.connect(**more)
+    plant.online()
+    assert client.drive_type is not None
+    assert client.drive_type.scaling.reference(Quantity.SPEED) == 6000
+
+
+@pytest.mark.parametrize("allowed", [False, True])
+def test_guarding_that_is_refused(plant: Plant, allowed: bool) -> None:
+    _lacking(plant, write=0x1016)
+    client = plant.connect(allow_unguarded=allowed, heartbeat_ms=10)
+    if allowed:
+        plant.online()
+        return
+    site.wait_for(lambda: client.status is DriveStatus.REFUSED, "refused")
+    assert "the drive guards the gateway" in client.status_text
+    assert "1016h" in client.status_text
+    assert client.refresh(site.now()) is False
+
+
+def test_a_drive_without_a_heartbeat_of_its_own_is_guarded_and_watched_by_its_tpdos(plant: Plant) -> None:
+    _lacking(plant, write=0x1017)
+    client = plant.connect(heartbeat_ms=10)
+    plant.online()
+    assert client.guarding is not None
+    assert "told by its TPDOs alone" in client.guarding.text
+    seen = plant.network.received
+    site.wait_for(lambda: plant.network.received > seen + 10, "TPDOs for many heartbeat times")
+    assert (client.status, client.generation) == (DriveStatus.ONLINE, 1)
+
+
+def test_a_mode_the_drive_does_not_take_is_named(plant: Plant) -> None:
+    _lacking(plant, write=0x6060)
+    client = plant.connect()
+    site.wait_for(lambda: client.status is DriveStatus.REFUSED, "refused")
+    assert "6060h/" in client.status_text
+
+
+def test_a_pdo_whose_mapping_cannot_be_written_is_left_for_another_one(plant: Plant) -> None:
+    drive = _lacking(plant, write=0x1600)
+    drive.node.values |= {(0x1600, 0): 1, (0x1600, 1): 0x60FE_0120}
+    client = plant.connect()
+    plant.online()
+    assert client.plan is not None
+    assert client.plan.lines[0] == "RPDO2 304h: Target Velocity 60FFh, Controlword 6040h"
+
+
+def test_a_refused_drive_is_tried_at_once_with_another_telegram(plant: Plant) -> None:
+    _lacking(plant, write=0x6060)
+    client = plant.connect(Operation.VELOCITY)
+    site.wait_for(lambda: client.status is DriveStatus.REFUSED, "refused")
+    begin = site.now()
+    client.reconfigure(LAYOUTS[Operation.POSITIONING], DriveSettings(NODE, sdo_timeout_ms=200))
+    plant.online()
+    assert site.now() - begin < 2 * SECOND, "not with the next try, which is 5 s after the refusal"
+
+
+def test_a_broken_sdo_answer_is_refused_and_the_task_lives(plant: Plant) -> None:
+    bus = site.other()
+    client = plant.connect()
+    plant.network.listeners.append(
+        lambda m: bus.send(0x580 + NODE, b"") if m.arbitration_id == 0x600 + NODE and plant.drive is None else None
+    )
+    site.wait_for(lambda: client.status is DriveStatus.REFUSED, "refused")
+    assert "cannot be decoded" in client.status_text
+    plant.power_on()
+    plant.online()
+
+
+def test_a_short_tpdo_is_no_sign_of_life(plant: Plant) -> None:
+    plant.power_on()
+    client = plant.connect()
+    plant.online()
+    slot = client._slots[0]
+    seen = slot.time
+    slot.receive(b"\x37", seen + 1000 * MS)
+    assert slot.time < seen + 1000 * MS
+
+
+def test_a_waiting_job_fails_when_the_drive_is_lost(plant: Plant) -> None:
+    drive = plant.power_on()
+    client = plant.connect()
+    plant.online()
+    running, release = Event(client.loop), Event(client.loop)
+
+    def hold(_drive: DriveClient) -> None:
+        running.set()
+        release.wait()
+
+    client.submit(hold)
+    site.wait_for(running.is_set, "held")
+    waiting = [client.submit(lambda drive: drive.read(0x1000)) for _ in range(3)]
+    drive.do(lambda node: node.power_off())
+    site.wait_for(lambda: not client.refresh(site.now()), "overdue, seen although the task is busy")
+    release.set()
+    for job in waiting:
+        # The first may still be taken and time out; none waits for ever.
+        site.wait_for(job.done, "answered")
+        assert job.exception(0) is not None
+
+
+def test_a_stopped_client_leaves_the_bus_to_its_successor(plant: Plant) -> None:
+    plant.power_on()
+    first = plant.connect()
+    plant.online()
+    blocked = Event(first.loop)
+    first.submit(lambda drive: blocked.wait(200 * MS))
+    waiting = first.submit(lambda drive: drive.read(0x1000))
+    first.stop()
+    first.stop()
+    assert waiting.done()
+    plant.connect(Operation.POSITIONING, initial_mode=None)
+    plant.online()
+    assert first.generation == 1
+    assert first.status is DriveStatus.OFFLINE
+
+
+def test_a_dead_node_does_not_hold_up_the_other_drive(plant: Plant) -> None:
+    plant.power_on()
+    dead = DriveClient(
+        plant.network, DriveSettings(9, sdo_timeout_ms=500), LAYOUTS[Operation.VELOCITY], plant.events.append
+    )
+    dead.start()
+    client = plant.connect()
+    plant.online()
+    assert site.result(client.submit(lambda drive: drive.read_number(0x1000))) == 0x0002_0192
+    assert dead.status is DriveStatus.OFFLINE
+    dead.stop()
+
+
+def test_sync_lets_the_tpdos_wait_for_the_cycle(plant: Plant) -> None:
+    drive = plant.power_on()
+    loop, cycling = plant.network.loop, True
+
+    def cycle() -> None:
+        if cycling:
+            plant.network.send_sync()
+            loop.call_later(5 * MS, cycle)
+
+    cycle()
+    client = plant.connect(sync=True)
+    plant.online()
+    assert drive.node.read(0x1800, 2) == 1
+    cycling = False
+    site.wait_for(lambda: client.status is DriveStatus.LOST, "lost without SYNC")
+    assert "TPDO1" in client.status_text
+
+
+# -- a node whose heartbeat is dead ------------------------------------------------------------------------------------
+
+
+def test_a_drive_without_heartbeat_never_becomes_online(plant: Plant) -> None:
+    drive = plant.power_on()
+    drive.do(lambda node: node.misbehave("heartbeat-stops"))
+    client = plant.connect()
+    site.wait_for(lambda: client.status is DriveStatus.REFUSED, "refused")
+    assert re.search("heartbeat of node 4.*says operational.*1 s of NMT start", client.status_text)
+    assert client.generation == 0
+    site.wait_for(lambda: drive.node.state is NmtState.PRE_OPERATIONAL, "obeys and sends no PDOs")
+
+
+def test_a_drive_whose_heartbeat_dies_is_lost_once_and_told_once(plant: Plant) -> None:
+    drive = plant.power_on()
+    plant.connect(heartbeat_ms=20, heartbeat_factor=5)
+    plant.online()
+    starts = _starts(plant)
+    drive.do(lambda node: node.misbehave("heartbeat-stops"))
+    site.wait_for(lambda: starts() >= 3, "brought up again and again", 60)
+    assert [event.text for event in plant.events if "online" in event.text] == ["online: operational, configuration 1"]
+    assert len([event for event in plant.events if event.text.startswith("lost")]) == 1
+    assert len({event.text for event in plant.events if event.kind == "refused"}) == 1, "one text is one fault"
+    drive.do(lambda node: node.behave())
+    plant.online(2)
+
+
+def _starts(plant: Plant) -> Callable[[], int]:
+    """How often NMT start was sent since."""
+    seen = observe(plant)
+    return lambda: seen.count((0, 0, bytes((NmtCommand.START, NODE))))
+
+
+def test_a_heartbeat_from_before_nmt_start_is_none(plant: Plant) -> None:
+    """The node answers everything but does not go into operation as its heartbeat tells it."""
+    drive = plant.power_on()
+    stuck = bytes((NmtState.PRE_OPERATIONAL,))
+    send = drive.node.send
+    drive.node.send = lambda can_id, data: send(can_id, stuck if can_id == 0x700 + NODE and data != b"\0" else data)
+    client = plant.connect()
+    site.wait_for(lambda: client.status is DriveStatus.REFUSED, "refused")
+    assert "none that says operational" in client.status_text

@@ -1,0 +1,144 @@
+"""Faults in the parameter channel, drives that do not answer, and what is saved, loaded and reset."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from pdgw.ds301.loop import SECOND, Event
+from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.store import ParameterStore
+from pdgw.peers.drive.family import DRIVE_FAULTS
+from pdgw.profidrive.datatypes import DataType
+from pdgw.profidrive.parameters.codec import Address, Values
+from pdgw.profidrive.parameters.errors import ParameterErrorNumber as Number
+from tests.support.daemon import OFF, Plc, axis, configuration, drive_of, exchanging, serving, until
+from tests.support.daemon import client as client_of
+from tests.support.parameters import error, gateway, number, value, word, write
+
+
+def test_the_fault_buffer_over_a_drive_fault_its_acknowledgement_and_clearing() -> None:
+    with gateway(axis(1)) as (daemon, client):
+        plc = Plc(daemon, [1])
+        plc.enable()
+        # Entered only after what starting may have brought.
+        assert not write(client, 952, word(0)).failed
+        before = number(client, 944)
+        drive_of(daemon).inject(7)
+        plc.until(lambda: plc.state() & 0x08, "fault")
+        plc.until(lambda: daemon.axes[0].faults, "recorded")
+        assert (number(client, 944) - before) & 0xFFFF == 1
+        assert value(client, 947, 0, 2).values == (7, 0)
+        assert number(client, 945, 0, 1) == DRIVE_FAULTS[7].error_code
+        assert number(client, 946, 7, 1) == DRIVE_FAULTS[7].error_code
+        assert number(client, 952) == 1
+        plc.endpoint.set(0, {"STW1": OFF | 0x80})
+        plc.until(lambda: daemon.axes[0].outputs.command.controlword & 0x80, "reset asked")
+        plc.until(lambda: not daemon.axes[0].machine.acknowledgement.pending, "given up")
+        assert value(client, 947, 0, 2).values == (7, 0), "the cause is still there"
+        drive_of(daemon).clear()
+        plc.endpoint.set(0, {"STW1": OFF})
+        plc.until(lambda: not daemon.axes[0].outputs.command.controlword & 0x80, "reset taken back")
+        plc.endpoint.set(0, {"STW1": OFF | 0x80})
+        plc.until(lambda: not plc.state() & 0x08, "acknowledged")
+        plc.until(lambda: number(client, 947, 0, 1) == 0, "shifted")
+        assert value(client, 947, 8, 2).values == (7, 0)
+        assert number(client, 952) == 1
+        assert not write(client, 952, word(0)).failed
+        assert value(client, 947, 0, 64).values == (0,) * 64
+        assert number(client, 952) == 0
+
+
+def test_a_fault_that_only_the_statusword_shows_is_read_from_the_drive(monkeypatch: pytest.MonkeyPatch) -> None:
+    with gateway(axis(1)) as (daemon, client):
+        plc = Plc(daemon, [1])
+        plc.enable()
+        monkeypatch.setattr(daemon.axes[0].drive, "on_event", lambda event: None)  # its EMCY gets lost
+        drive_of(daemon).inject(5)
+        plc.until(lambda: daemon.axes[0].faults, "fault found")
+        assert value(client, 947, 0, 2).values == (5, 0)
+        assert number(client, 945, 0, 1) == DRIVE_FAULTS[5].error_code
+
+
+def test_a_lost_drive_is_told_and_delays_no_answer_of_another_axis() -> None:
+    with gateway(axis(1) + axis(2), transport="parameter_timeout_ms = 500") as (daemon, client):
+        drive_of(daemon).stop()
+        until(daemon, lambda: [fault.number for fault in daemon.axes[0].faults][-1:] == [101], "lost")
+        assert value(client, 947, 0, 1).values == (101,)
+        answers = client.request([Address(0x6041), Address(947, 0, 1)])
+        assert error(answers[0]) == Number.NOT_EXECUTABLE_IN_STATE
+        assert answers[1].values == (101,), "the others of the request are served"
+        client.do_id = 2
+        assert not value(client, 0x6041).failed
+        client.do_id = 1
+
+
+def test_a_drive_that_does_not_answer_in_time_is_error_11_and_a_second_request_meanwhile_a_state_conflict(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    with gateway(axis(1) + axis(2), transport="parameter_timeout_ms = 300") as (daemon, client):
+        release, entered = Event(daemon.loop), Event(daemon.loop)
+
+        def slow(*_: object) -> bytes:
+            entered.set()
+            release.wait(20 * SECOND)
+            return b"\0\0"
+
+        monkeypatch.setattr(daemon.axes[0].drive, "read", slow)
+        answers: list[Values] = []
+        asking = daemon.loop.spawn(lambda: answers.extend(client.request([Address(0x6041)] * 3)), "asking")
+        until(daemon, entered.is_set, "at work")
+        with client_of(daemon, client.address, 1) as other, pytest.raises(GatewayError, match="state conflict"):
+            other.write_record(0xB02F, bytes.fromhex("01 01 01 01 10 00 03 C5 00 00"))
+        with client_of(daemon, client.address, 2, slot=2) as other:
+            assert not value(other, 0x6041).failed, "another access point, another axis"
+        until(daemon, asking.done.is_set, "answered")
+        release.set()
+        assert [error(answer) for answer in answers] == [Number.NOT_EXECUTABLE_IN_STATE] * 3
+
+
+# -- load, save, reset ------------------------------------------------------------------------------------------------------
+
+
+def test_save_load_and_reset_of_the_drive() -> None:
+    with gateway(axis(1)) as (daemon, client):
+        drive, node = daemon.axes[0].drive, drive_of(daemon).node
+        assert not write(client, 0x6085, Values(DataType.UNSIGNED32, (777,))).failed
+        assert not write(client, 971, word(1)).failed
+        assert number(client, 971) == 0
+        assert node.stored[0x6085, 0] == 777
+        assert not write(client, 972, word(2)).failed
+        assert number(client, 972) == 2
+        assert not write(client, 972, word(1)).failed
+        until(daemon, lambda: drive.generation == 2, "configured again")
+        assert number(client, 0x6085) == 777
+        assert [fault.number for fault in daemon.axes[0].faults] == [], "asked for, so no fault"
+        assert not write(client, 922, word(9)).failed
+        until(daemon, lambda: drive.generation == 3, "telegram 9")
+        assert not write(client, 970, word(1)).failed
+        until(daemon, lambda: drive.generation >= 4 and drive.status.value == "online", "factory values")
+        assert number(client, 922) == 1
+        assert number(client, 0x6085) == 1000
+
+
+def test_nothing_that_restarts_the_drive_is_done_in_operation() -> None:
+    with gateway(axis(1)) as (daemon, client):
+        plc = Plc(daemon, [1])
+        plc.enable()
+        with exchanging(plc):
+            for pnu, content in ((922, 9), (970, 1), (972, 1), (972, 2), (976, 1)):
+                assert error(write(client, pnu, word(content))) == Number.NOT_EXECUTABLE_IN_STATE, pnu
+        assert plc.state() == 0x07
+
+
+def test_stored_parameters_survive_the_gateway(tmp_path: Path) -> None:
+    store = tmp_path / "store.json"
+    config = configuration(axis(1)).model_copy(update={"store": store})
+    for expected in (1, 3):
+        with serving(config) as (_, client):
+            assert number(client, 922) == expected
+            assert number(client, 925) == (65535 if expected == 1 else 7)
+            assert not write(client, 922, word(3)).failed
+            assert not write(client, 925, word(7)).failed
+    assert ParameterStore(store, pytest.fail).parameters.drive_object(1).telegram == 3

@@ -1,0 +1,90 @@
+"""A simulated drive on a desk, in virtual time."""
+
+from __future__ import annotations
+
+import struct
+
+from pdgw.dsp402.modes import Mode
+from pdgw.dsp402.states import State
+from pdgw.peers.drive import LINEAR, Machine, SimulatedDriveNode
+
+MS = 1_000_000
+NODE = 1
+SMALL = Machine(negative_limit=-20_000, positive_limit=20_000, negative_stop=-30_000, positive_stop=30_000)
+
+
+class Bench:
+    """A drive on a desk: SDOs and time by hand."""
+
+    def __init__(self, machine: Machine | None = None, mode: int = Mode.VELOCITY) -> None:
+        self.frames: list[tuple[int, bytes]] = []
+        self.node = SimulatedDriveNode(
+            NODE, lambda can_id, data: self.frames.append((can_id, data)), machine=machine or LINEAR
+        )
+        self.model = self.node.model
+        self.now = 0
+        self.node.start(0)
+        self.run(2)
+        self.write(0x6060, 0, mode)
+        self.node.receive(0, bytes((1, NODE)), self.now)
+        self.run(1)
+
+    def run(self, milliseconds: int) -> None:
+        for _ in range(milliseconds):
+            self.now += MS
+            self.node.poll(self.now)
+
+    def write(self, index: int, subindex: int, value: int) -> int:
+        """An SDO download; returns 0 or the abort code the node answered."""
+        entry = self.node.entries[index, subindex]
+        data = struct.pack("<" + entry.type.char, value)
+        return self.download(index, subindex, data)
+
+    def download(self, index: int, subindex: int, data: bytes) -> int:
+        self.frames.clear()
+        command = 0x23 | (4 - len(data)) << 2
+        self.node.receive(0x601, struct.pack("<BHB", command, index, subindex) + data.ljust(4, b"\0"), self.now)
+        answer = next(data for can_id, data in self.frames if can_id == 0x581)
+        return int.from_bytes(answer[4:], "little") if answer[0] == 0x80 else 0
+
+    def control(self, word: int, milliseconds: int = 1) -> None:
+        self.write(0x6040, 0, word)
+        self.run(milliseconds)
+
+    def enable(self) -> None:
+        for word in (0x06, 0x07, 0x0F):
+            self.control(word)
+        assert self.model.state is State.OPERATION_ENABLED
+
+    def until(self, mask: int, limit: int = 60_000) -> int:
+        """Milliseconds until a Statusword bit of the mask is set."""
+        for elapsed in range(limit):
+            if self.model.statusword & mask:
+                return elapsed
+            self.run(1)
+        raise AssertionError(f"Statusword {self.model.statusword:04X}h, position {self.model.position_actual}")
+
+
+def drive_in(state: State) -> Bench:
+    bench = Bench()
+    ways = {
+        State.SWITCH_ON_DISABLED: (),
+        State.READY_TO_SWITCH_ON: (0x06,),
+        State.SWITCHED_ON: (0x06, 0x07),
+        State.OPERATION_ENABLED: (0x06, 0x07, 0x0F),
+        State.QUICK_STOP_ACTIVE: (0x06, 0x07, 0x0F),
+    }
+    for word in ways.get(state, (0x06, 0x07, 0x0F)):
+        bench.control(word)
+    if state in {State.QUICK_STOP_ACTIVE, State.FAULT_REACTION_ACTIVE}:
+        bench.write(0x60FF, 0, 6000)
+        bench.run(500)
+    if state is State.QUICK_STOP_ACTIVE:
+        bench.write(0x6040, 0, 0x02)
+    elif state in {State.FAULT, State.FAULT_REACTION_ACTIVE}:
+        bench.model.inject(7)
+        bench.model.clear()
+        if state is State.FAULT:
+            bench.run(5)
+    assert bench.model.state is state
+    return bench

@@ -1,0 +1,40 @@
+"""Requests to the parameter channel of a running gateway, and what they answered."""
+
+from __future__ import annotations
+
+from contextlib import AbstractContextManager
+
+from pdgw.gateway.daemon import Daemon
+from pdgw.profidrive.datatypes import DataType
+from pdgw.profidrive.parameters.codec import Address, Values
+from pdgw.tools.parameters.client import ParameterClient
+from tests.support.daemon import configuration, serving
+
+
+def gateway(axes: str, *, transport: str = "") -> AbstractContextManager[tuple[Daemon, ParameterClient]]:
+    return serving(configuration(axes, transport=transport), 1)
+
+
+def value(client: ParameterClient, pnu: int, subindex: int = 0, elements: int = 0) -> Values:
+    (answer,) = client.request([Address(pnu, subindex, elements)])
+    return answer
+
+
+def number(client: ParameterClient, pnu: int, subindex: int = 0, elements: int = 0) -> int:
+    answer = value(client, pnu, subindex, elements)
+    assert not answer.failed, answer.text
+    return int(answer.values[0])
+
+
+def write(client: ParameterClient, pnu: int, content: Values, subindex: int = 0, elements: int = 0) -> Values:
+    (answer,) = client.request([Address(pnu, subindex, elements)], [content])
+    return answer
+
+
+def word(content: int) -> Values:
+    return Values(DataType.WORD, (content,))
+
+
+def error(answer: Values) -> int:
+    assert answer.failed, answer.text
+    return int(answer.values[0])

@@ -1,0 +1,85 @@
+"""A drive client and a simulated drive on one virtual bus."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import can
+
+from pdgw.ds301.network import CanNetwork
+from pdgw.dsp402.drive import DriveClient, DriveEvent, DriveStatus
+from pdgw.dsp402.modes import Mode
+from pdgw.dsp402.pdo import LAYOUTS, Operation
+from pdgw.dsp402.settings import DriveSettings
+from pdgw.peers.drive import SimulatedDrive
+from pdgw.peers.drive.device import EDS_PATH
+from tests.support import site
+
+NODE = 4
+
+
+class Plant:
+    """A client and a simulated drive on one bus; ``prepare`` changes the drive before it is switched on."""
+
+    def __init__(self, network: CanNetwork) -> None:
+        self.network = network
+        self.events: list[DriveEvent] = []
+        self.drive: SimulatedDrive | None = None
+        self.client: DriveClient | None = None
+
+    def power_on(self, pdos: int = 5) -> SimulatedDrive:
+        self.drive = site.drive(NODE, pdos=pdos)
+        self.drive.start()
+        return self.drive
+
+    def connect(self, operation: Operation = Operation.VELOCITY, **settings: object) -> DriveClient:
+        values: dict[str, object] = {"node_id": NODE, "sdo_timeout_ms": 200, "initial_mode": Mode.VELOCITY, **settings}
+        chosen = DriveSettings(**values)  # type: ignore[arg-type]
+        self.client = DriveClient(self.network, chosen, LAYOUTS[operation], self.events.append)
+        self.client.start()
+        return self.client
+
+    def online(self, generation: int = 1) -> None:
+        client = self.client
+        assert client is not None
+        site.wait_for(
+            lambda: client.status is DriveStatus.ONLINE and client.generation == generation,
+            f"online ({client.status_text})",
+        )
+
+    def close(self) -> None:
+        if self.client is not None:
+            self.client.stop()
+        if self.drive is not None:
+            self.drive.stop()
+
+
+def eds_without(folder: Path, indices: tuple[str, ...]) -> Path:
+    sections = []
+    keep = True
+    for line in EDS_PATH.read_text(encoding="ascii").splitlines():
+        if line.startswith("["):
+            keep = not line[1:].startswith(indices)
+        if keep and not any(line.endswith(f"=0x{index}") for index in indices):
+            sections.append(line)
+    path = folder / "four.eds"
+    path.write_text("\n".join(sections), encoding="ascii")
+    return path
+
+
+def observe(plant: Plant) -> list[tuple[int, int, bytes]]:
+    """SDO downloads (index, subindex, data) and NMT commands (0, 0, data) in the order they appear on the bus."""
+    seen: list[tuple[int, int, bytes]] = []
+
+    def record(message: can.Message) -> None:
+        data = bytes(message.data)
+        if message.is_rx:
+            return
+        if message.arbitration_id == 0:
+            seen.append((0, 0, data))
+        elif message.arbitration_id == 0x600 + NODE and data[0] >> 5 == 1:
+            size = 4 - (data[0] >> 2 & 3)
+            seen.append((int.from_bytes(data[1:3], "little"), data[3], data[4 : 4 + size]))
+
+    plant.network.listeners.append(record)
+    return seen

@@ -1,0 +1,45 @@
+"""The timeline of a recording, all of it at once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from pdgw.decoder.timeline import (
+    Anomaly,
+    AnomalyKind,
+    Edge,
+    Entry,
+    Summary,
+    WordKind,
+)
+from pdgw.tools.recordings import Opening, followed
+from tests.support.recorded import RecordedRig
+
+
+@dataclass
+class Timeline:
+    """All entries at once."""
+
+    opening: Opening
+    entries: list[Entry]
+
+    @property
+    def summary(self) -> Summary:
+        summary = Summary()
+        for entry in self.entries:
+            summary.add(entry)
+        return summary
+
+
+def timeline(rig: RecordedRig, folder: Path, *, clock_ns: int = 0) -> Timeline:
+    opening = rig.open(folder, clock_ns=clock_ns)
+    return Timeline(opening, list(followed(opening)))
+
+
+def edges(found: Timeline, kind: WordKind) -> list[Edge]:
+    return [entry for entry in found.entries if isinstance(entry, Edge) and entry.kind is kind]
+
+
+def texts(found: Timeline, kind: AnomalyKind) -> list[str]:
+    return [entry.text for entry in found.entries if isinstance(entry, Anomaly) and entry.kind is kind]
