@@ -99,7 +99,7 @@ def _object(item: dict[str, Any], kind: str, width: int) -> Iterator[str]:
         yield from _folded(why, width, 5, "  -> ")
     for link in item["chain"]:
         if link["todo"]:
-            yield from _folded(f"{link['text']} is missing: {link['todo']}", width, 5, "     ")
+            yield from _folded(f"missing: {link['text']} ({link['todo']})", width, 5, "     ")
     chosen = telegram(item["telegram"])
     positioning = chosen.mode is ApplicationMode.POSITIONING
     for title, values in (("from PLC", item["setpoints"]), ("to PLC", item["actuals"])):

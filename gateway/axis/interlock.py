@@ -52,7 +52,6 @@ class Interlock:
         "_acknowledge_armed",
         "_connected",
         "_disabled_at",
-        "_ever_connected",
         "_no_plc",
         "_off_seen",
         "_resume",
@@ -65,6 +64,7 @@ class Interlock:
         "cell",
         "enabled_at",
         "phase",
+        "plc_was_there",
         "reason",
     )
 
@@ -77,7 +77,8 @@ class Interlock:
         self._no_plc = _NO_PLC[settings.on_plc_loss]
         self._resume = settings.ramp_stop_resume
         self._connected = False
-        self._ever_connected = False
+        self.plc_was_there = False
+        """A PLC without control counts: what is missing then is not the first frame."""
         self._acknowledge_armed = False
         self._disabled_at = -DISABLE_SHOWN_NS
         self.enabled_at = -DISABLE_SHOWN_NS
@@ -135,7 +136,7 @@ class Interlock:
             self._connected = connected
             self._off_seen = self._acknowledge_armed = False
             if connected:
-                self._ever_connected = True
+                self.plc_was_there = True
         phase = self.phase
         if wish is None:
             wish = self._no_plc
@@ -172,7 +173,7 @@ class Interlock:
         self.action = action = cell.action
         self._steady = False
         reason = cell.reason
-        if reason is _PLC_LOST and not self._ever_connected:
+        if reason is _PLC_LOST and not self.plc_was_there:
             reason = Reason.NO_PLC
         self.reason = reason
         if action in _ENABLES:

@@ -299,6 +299,16 @@ def test_an_enable_the_drive_took_back_is_not_restored_by_a_standing_on() -> Non
     assert bench.stepper.reason is Reason.NEEDS_OFF
 
 
+def test_a_plc_that_never_took_control_is_lost_all_the_same() -> None:
+    bench = Bench()
+    bench.step(None)
+    assert bench.stepper.reason is Reason.NO_PLC
+    bench.step(0x0000)
+    assert bench.stepper.reason is Reason.NO_CONTROL
+    bench.step(None)
+    assert bench.stepper.reason is Reason.PLC_LOST
+
+
 @pytest.mark.parametrize(
     ("reaction", "first"),
     [(PlcLossReaction.RAMP, 0x0F), (PlcLossReaction.QUICK_STOP, 0x02), (PlcLossReaction.COAST, 0x00)],
