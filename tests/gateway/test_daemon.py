@@ -253,7 +253,7 @@ def test_what_was_opened_is_closed_when_a_bus_is_missing() -> None:
 def test_status_port_in_use_is_named() -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
-        daemon = Daemon(machine.configuration(axis(1)))
+        daemon = Daemon(machine.configuration())
         try:
             with pytest.raises(GatewayError, match=f"status port: 127.0.0.1 port {port} cannot be used"):
                 StatusServer(daemon, port)
@@ -283,7 +283,7 @@ def test_the_status_port_tells_axes_and_counters_whoever_else_has_connected_to_i
 ) -> None:
     monkeypatch.setattr(status_module, "_PATIENCE_NS", 3600 * SECOND)
     port = free_tcp_port()
-    config = machine.configuration(axis(1))
+    config = machine.configuration()
     with machine.running(config, lambda d: d.services.append(StatusServer(d, port))) as daemon:
         plc = machine.Plc(daemon, [1])
         plc.until(lambda: plc.state() == 0x40, "online")

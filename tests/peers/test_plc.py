@@ -28,7 +28,6 @@ from pdgw.profidrive.frame import RtFrame
 from pdgw.profidrive.telegrams import Direction, Telegram, telegram
 from pdgw.tools.parameters.address import Target, parse_target
 from pdgw.tools.parameters.session import Element
-from tests.support.daemon import axis
 from tests.support.machine import configuration, running
 from tests.support.strategies import axes_values
 
@@ -301,16 +300,16 @@ def test_a_plc_reads_and_writes_parameters_beside_its_cyclic_exchange_and_captur
         daemon.services.append(servers[0])
 
     steps = [
-        {"expect": {"ZSW1.CONTROL_REQUESTED": 1}, "within": "20 s"},
+        {"expect": {"ZSW1.CONTROL_REQUESTED": 1}, "within": "120 s"},
         {"read": {"P965": 0x0329, "1018h.1": "> 0"}},
         {"write": {"6083h": 250, "6084h": "F9h"}},
         {"read": {"6083h": 250, "6084h": 249}},
         {"write": {"6040h": 0, "60FFh": 0}, "refused": 0x0B},
     ]
-    with running(configuration(axis(1)), before) as daemon:
+    with running(configuration(), before) as daemon:
         endpoint = PlcEndpoint([telegram(1)], daemon.cycle_ns)
         engine = Engine(Scenario.model_validate({"steps": steps}), endpoint)
-        client = PlcClient(daemon.address, endpoint, CYCLE, tmp_path / "plc.pcap", servers[0].address[1])
+        client = PlcClient(daemon.address, endpoint, daemon.cycle_ns, tmp_path / "plc.pcap", servers[0].address[1])
         try:
             client.run(engine)
         finally:

@@ -16,14 +16,16 @@ from pdgw.peers.simulation.beside import add_device, simulated_devices
 from pdgw.peers.simulation.devices import Simulation
 from pdgw.profidrive.telegrams import telegram
 from tests import conftest
+from tests.endtoend.processes import PATIENT
 from tests.support import buses
 from tests.support import daemon as in_world
 
 
-def configuration(axes: str, *, transport: str = "") -> GatewayConfig:
-    """A bus of its own."""
+def configuration() -> GatewayConfig:
+    """One simulated axis on a bus of its own. Neither it nor the PLC is lost where this process is held up for a second."""
     can = f'[can]\ninterface = "virtual"\nchannel = "{buses.channel()}"\n'
-    return in_world.configuration(axes, can=can, transport=transport)
+    axis = in_world.axis(1, more=f"simulate = true\n{PATIENT}")
+    return in_world.configuration(axis, can=can, transport="cycle_time_ms = 20\nwatchdog_factor = 255")
 
 
 class Plc:
