@@ -69,7 +69,9 @@ def test_the_story_of_dsc_does_not_come_true_with_a_drive_that_is_in_fault() -> 
     assert "follows a sine" in failed[0]
 
 
-def test_a_story_that_did_not_come_true_ends_with_status_1(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_story_that_did_not_come_true_ends_with_status_1_and_names_the_process_that_did_not_end_well(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     result = {
         "step": 1,
         "axis": 1,
@@ -79,11 +81,19 @@ def test_a_story_that_did_not_come_true_ends_with_status_1(tmp_path: Path, monke
         "time_s": 1.0,
         "waited_s": 1.0,
     }
-    report = {"passed": False, "results": [result], "duration_s": 1.0}
+    report = {
+        "passed": False,
+        "results": [result],
+        "duration_s": 1.0,
+        "exit_codes": {"plc": 1, "gateway": -9, "devices": 0},
+    }
     monkeypatch.setattr(Demo, "run", lambda _: Outcome(report))
     with pytest.raises(typer.Exit) as error:
         demo(chapter=[Story("dsc")], out=tmp_path)
     assert error.value.exit_code == 1
+    told = capsys.readouterr().out
+    assert "the gateway process ended with status -9; see" in told
+    assert "the plc process" not in told
 
 
 def test_another_story_needs_to_know_its_chapter(tmp_path: Path) -> None:

@@ -104,6 +104,9 @@ def _play(chapter: Chapter, out: Path, console: Console, scenario: Path | None, 
         outcome = run.run()
     console.print(results_table([Result(**item) for item in outcome.report["results"]]))
     _tell(console, chapter.name, [outcome], out)
+    for name, status in outcome.report["exit_codes"].items():
+        if status and name != "plc":  # of the PLC it says that expectations failed
+            console.print(f"the {name} process ended with status {status}; see {out / name}.log", highlight=False)
     return outcome
 
 
