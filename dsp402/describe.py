@@ -36,7 +36,6 @@ PROFILE_AREA = range(0x6000, 0x6800)
 _PDOS = 512
 _MAPPED_OBJECTS = 8
 _COB_ID = 0x1FFF_FFFF
-_INHIBIT_TIME = 3
 _EVENT_TIMER = 5
 _TYPES = {item.code: item for item in CanType}
 _MODE_OBJECTS = (
@@ -238,7 +237,6 @@ def _slot(dictionary: canopen.ObjectDictionary, number: int, communication: int,
         tuple(values),
         _writable(count),
         _writable(variable(dictionary, communication, _EVENT_TIMER)),
-        _writable(variable(dictionary, communication, _INHIBIT_TIME)),
     )
 
 

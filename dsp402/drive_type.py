@@ -99,7 +99,6 @@ class PdoSlot:
     mapping_writable: bool
     event_timer: bool
     """Sub-index 5 can be written: the PDO comes (of an RPDO: is missed) after this time."""
-    inhibit_time: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,12 +137,8 @@ class Quirks:
     """6061h follows 6060h only when the operation is enabled."""
     fault_reset_edges: int = 1
     """So many rising edges of Controlword 7 take a drive out of its fault."""
-    starts_in_fault: bool = False
-    """It powers up in the state Fault: no fault happened."""
     boot_ms: int = 0
     """So long after power-on or reset it answers nothing."""
-    sdo_answer_ms: int = 0
-    """So long an SDO answer may take."""
     fault_number: tuple[int, int] | None = None
     """The object with the manufacturer's own fault number."""
     sync_loss_periods: int = 0

@@ -156,9 +156,7 @@ class QuirkKeys(_Model):
     range_is_limit: bool = False
     mode_shown_in_operation_only: bool = False
     fault_reset_edges: Annotated[int, Field(ge=1, le=4)] = 1
-    starts_in_fault: bool = False
     boot_ms: Annotated[int, Field(ge=0, le=60_000)] = 0
-    sdo_answer_ms: Annotated[int, Field(ge=0, le=10_000)] = 0
     fault_number: Address | None = None
     sync_loss_periods: Annotated[int, Field(ge=0, le=1000)] = 0
 

@@ -21,7 +21,7 @@ from pdgw.ds301.data_sheet import load_dictionary
 from pdgw.ds301.emcy import emcy_text
 from pdgw.ds301.loop import MS
 from pdgw.ds301.network import CanNetwork
-from pdgw.ds301.node import NodeEvent, NodeSettings, NodeStatus
+from pdgw.ds301.node import NodeEvent, NodeSettings
 from pdgw.ds301.objects import CanType
 from pdgw.ds301.pdo import Pdo, PdoLayout
 from pdgw.ds301.plan import PdoPlan, plan_steps, straight_plan
@@ -33,7 +33,6 @@ from pdgw.dsp406.kinds import PROFILE_NUMBER, ROTARY, EncoderDevice
 from pdgw.dsp406.objects import CYCLIC_TIMER, PRESET, PRESET_MULTI_SENSOR
 from pdgw.dsp406.pdo import CYCLIC, POSITION, POSITION_MULTI_SENSOR, encoder_layout
 
-EncoderStatus = NodeStatus
 EncoderEvent = NodeEvent
 _ROUNDS = 4
 _READ_LATE_NS = _ROUNDS * 100 * MS

@@ -113,7 +113,6 @@ class ContextManager:
         self.cyclic = CyclicCounters()
         self.refusals = 0
         """Connects that were refused."""
-        self.last_refusal: ConnectRefused | None = None
 
     def replug(self, model: DeviceModel) -> None:
         """Other modules are plugged; only while there is no relationship."""
@@ -166,9 +165,8 @@ class ContextManager:
             answer = self._grant(relation)
             if len(answer) > maximum:
                 raise refuse_call(ARGS_LENGTH, "ArgsMaximum", maximum, f"at least {len(answer)}")
-        except ConnectRefused as refusal:
+        except ConnectRefused:
             self.refusals += 1
-            self.last_refusal = refusal
             raise
         if replaced is not None:
             replaced.handle(Event.RESTARTED, now)

@@ -287,13 +287,6 @@ class ProfinetDevice:
             return None
         return relation.consumer.output(place)
 
-    def output_age_ns(self, now: int) -> int | None:
-        """Time since the last frame that counted; None without one. An axis' own watchdog asks this, not the data hold time."""
-        relation = self.cm.io
-        if relation is None or relation.consumer is None or relation.consumer.last_ns is None:
-            return None
-        return now - relation.consumer.last_ns
-
     def set_input(self, place: Subslot, data: bytes, *, good: bool) -> None:
         """Input data of a submodule; not good: IOPS BAD."""
         relation = self.cm.io

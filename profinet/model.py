@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import enum
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Final
 
 from pdgw.profidrive.telegrams import Telegram
@@ -102,8 +102,6 @@ class DeviceModel:
     identity: Identity
     modules: Mapping[int, Module]
     min_device_interval: int = MIN_DEVICE_INTERVAL
-    max_records: int = field(default=4096)
-    """Longest record data in bytes."""
 
     def submodule(self, slot: int, subslot: int) -> Submodule | None:
         """What is plugged there."""

@@ -97,11 +97,6 @@ class Interlock:
         """The PLC is obeyed: an OFF does nothing but stop."""
         return self.phase is _FOLLOW or self.phase is _PASS
 
-    @property
-    def ramping(self) -> bool:
-        """A ramp stop holds the power on: the executor has to bring the axis to standstill."""
-        return self.phase is Phase.RAMP_STOP or self.phase is Phase.SHUTDOWN
-
     def restarted(self) -> None:
         """The drive booted or was configured anew: no standing ON may start it, no standing acknowledge is an edge."""
         self.phase = CELLS[(self.phase * DRIVES + Drive.RESTARTED) * WISHES + PowerWish.OFF].phase

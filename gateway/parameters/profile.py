@@ -50,7 +50,6 @@ log = logging.getLogger("gateway")
 
 MAX_BLOCK = 4096
 """P974: longest parameter request and response, in bytes."""
-_TELEGRAM_CHANGE_S = 2.0
 _OPERATING_MODES = {ApplicationMode.VELOCITY: 1, ApplicationMode.POSITIONING: 2}
 _MANUFACTURER_MODE = 0x8000
 _SUBCLASS = 0b101

@@ -68,7 +68,6 @@ _DEVICE, _DO, _AXIS, _ENCODER = Scope.DEVICE, Scope.DRIVE_OBJECT, Scope.AXIS, Sc
 
 LIST_PNUS = range(980, 990)
 """Lists of all parameters, chained."""
-FAULT_PNUS = (945, 947, 948, 949)
 
 _SPECS = (
     ParameterSpec(915, "PZD setpoints", "signal numbers of the setpoint telegram", _U16, _DO, array=True),

@@ -14,9 +14,10 @@ from pdgw.ds301.eds import write_eds
 from pdgw.ds301.loop import Event
 from pdgw.ds301.network import CanNetwork
 from pdgw.ds301.nmt import NmtCommand, NmtState
+from pdgw.ds301.node import NodeStatus
 from pdgw.ds301.objects import Entry
 from pdgw.dsp406.device import device_info, eds_path, encoder_objects
-from pdgw.dsp406.encoder import EncoderClient, EncoderEvent, EncoderSettings, EncoderStatus, load_eds
+from pdgw.dsp406.encoder import EncoderClient, EncoderEvent, EncoderSettings, load_eds
 from pdgw.dsp406.errors import Dsp406Error
 from pdgw.dsp406.kinds import LINEAR, MULTI_SENSOR, ROTARY, EncoderDevice, multi_sensor
 from pdgw.peers.drive.device import EDS_PATH as DRIVE_EDS
@@ -55,7 +56,7 @@ class Plant:
         client = self.client
         assert client is not None
         site.wait_for(
-            lambda: client.status is EncoderStatus.ONLINE and client.generation == generation,
+            lambda: client.status is NodeStatus.ONLINE and client.generation == generation,
             f"online ({client.status_text})",
         )
         return client
@@ -146,7 +147,7 @@ def test_sync_uses_the_second_transmit_pdo(plant: Plant) -> None:
 
     def cycle() -> bool:
         plant.network.send_sync()
-        return client.status is EncoderStatus.ONLINE
+        return client.status is NodeStatus.ONLINE
 
     site.wait_for(cycle, "online by SYNC")
     assert encoder.node.read(0x1802, 2) == 1
@@ -211,7 +212,7 @@ def test_an_encoder_whose_position_cannot_be_read_by_sdo_any_more_is_lost(plant:
     first = client.position_time(1)
     site.wait_for(lambda: client.position_time(1) > first, "read again")
     encoder.do(lambda node: node.misbehave("sdo-timeout"))
-    site.wait_for(lambda: client.status is EncoderStatus.LOST, "loss")
+    site.wait_for(lambda: client.status is NodeStatus.LOST, "loss")
     encoder.do(lambda node: node.behave("sdo-timeout"))
     plant.online(2)
 
@@ -225,7 +226,7 @@ def test_a_position_by_sdo_is_overdue_while_the_task_is_busy_with_something_else
     release = Event(client.loop)
     job = client.submit(lambda _: release.wait())
     site.wait_for(lambda: not client.refresh(site.now()), "overdue")
-    assert client.status is EncoderStatus.ONLINE
+    assert client.status is NodeStatus.ONLINE
     release.set()
     assert site.result(job)
     site.wait_for(lambda: client.refresh(site.now()), "read again")
@@ -234,7 +235,7 @@ def test_a_position_by_sdo_is_overdue_while_the_task_is_busy_with_something_else
 def test_a_drive_is_refused_by_name(plant: Plant) -> None:
     with site.drive(NODE):
         client = plant.connect()
-        site.wait_for(lambda: client.status is EncoderStatus.REFUSED, "refusal")
+        site.wait_for(lambda: client.status is NodeStatus.REFUSED, "refusal")
         assert "profile 402" in client.status_text
         assert "an encoder (profile 406)" in client.status_text
 
@@ -242,7 +243,7 @@ def test_a_drive_is_refused_by_name(plant: Plant) -> None:
 def test_another_encoder_than_the_eds_says_is_refused(plant: Plant) -> None:
     plant.power_on(device=LINEAR).start()
     client = plant.connect()
-    site.wait_for(lambda: client.status is EncoderStatus.REFUSED, "refusal")
+    site.wait_for(lambda: client.status is NodeStatus.REFUSED, "refusal")
     assert "product code 1018h/2" in client.status_text
     with pytest.raises(Dsp406Error, match="encoder 9: 'refused'"):
         site.result(client.submit(lambda encoder: encoder.read(0x6004)))
@@ -264,10 +265,10 @@ def test_a_silent_encoder_is_lost_and_comes_back(plant: Plant) -> None:
     client = plant.connect(heartbeat_factor=3, tpdo_timeout_factor=10)
     plant.online()
     encoder.do(lambda node: node.power_off())
-    site.wait_for(lambda: client.status is EncoderStatus.LOST, "loss")
+    site.wait_for(lambda: client.status is NodeStatus.LOST, "loss")
     assert not client.refresh(DAY)
     encoder.do(lambda node: node.start(node.now))
-    site.wait_for(lambda: client.status is EncoderStatus.ONLINE, "back")
+    site.wait_for(lambda: client.status is NodeStatus.ONLINE, "back")
 
 
 def test_other_settings_map_the_pdos_anew(plant: Plant) -> None:
@@ -328,7 +329,7 @@ def test_an_encoder_that_cannot_be_operated_is_refused_with_the_reason(
 ) -> None:
     _with(plant, fault, **values)
     client = plant.connect()
-    site.wait_for(lambda: client.status is EncoderStatus.REFUSED, "refusal")
+    site.wait_for(lambda: client.status is NodeStatus.REFUSED, "refusal")
     assert re.search(text, client.status_text), client.status_text
 
 

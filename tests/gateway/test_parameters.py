@@ -198,8 +198,8 @@ def test_stw1_and_zsw1_are_those_last_exchanged() -> None:
 def test_every_object_of_the_catalogue_reads_with_the_type_of_the_eds(shared: tuple[Daemon, ParameterClient]) -> None:
     _, client = shared
     entries = list(DRIVE_OBJECTS.entries)
-    answers = client.read_many([Address(entry.index, entry.subindex, 1) for entry in entries])
-    for entry, answer in zip(entries, answers, strict=True):
+    for entry in entries:
+        (answer,) = client.request([Address(entry.index, entry.subindex, 1)])
         assert not answer.failed, (str(entry), answer.text)
         prefix = {"U": "UNSIGNED", "I": "INTEGER"}[entry.type.name[0]]
         assert answer.format.name == f"{prefix}{entry.type.bits}", str(entry)

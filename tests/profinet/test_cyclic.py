@@ -120,9 +120,9 @@ def test_frames_of_others_do_not_count(position: int, value: int) -> None:
     frame = bytearray(wire.plc.provider.frame)
     frame[-4:-2] = b"\x40\x00"
     frame[position] = value
-    last = wire.device.output_age_ns(wire.now)
+    last = wire.consumer.last_ns
     assert wire.device.on_frame(bytes(frame), wire.now + 1) is False
-    assert wire.device.output_age_ns(wire.now) == last
+    assert wire.consumer.last_ns == last
     assert wire.device.foreign == 1
 
 
@@ -133,24 +133,20 @@ def test_the_data_hold_time_is_what_was_agreed(ratio: int, hold: int) -> None:
     wire.connect()
     wire.run(2 * ratio * MS)
     wire.to_device = False
-    age = wire.device.output_age_ns(wire.now)
-    assert age is not None
-    wire.run(ratio * hold * MS - age - 1)
+    wire.run(ratio * hold * MS - wire.silent_ns - 1)
     assert wire.device.connected
     wire.run(1)
     assert not wire.device.connected
 
 
-def test_output_age_tells_an_axis_of_silence_long_before_the_hold_time() -> None:
+def test_the_consumer_tells_an_axis_of_silence_long_before_the_hold_time() -> None:
     wire = Wire(of_project=project(reduction_ratio=4, data_hold=255))
     wire.connect()
     wire.run(40 * MS)
     wire.to_device = False
     wire.run(100 * MS)
-    age = wire.device.output_age_ns(wire.now)
-    assert age is not None
     assert wire.device.connected
-    assert 96 * MS <= age <= 104 * MS
+    assert 96 * MS <= wire.silent_ns <= 104 * MS
 
 
 # -- provider ---------------------------------------------------------------------------------------------------------

@@ -11,6 +11,7 @@ from uuid import UUID
 from pdgw.peers.controller.controller import IoController, Phase
 from pdgw.peers.controller.project import Project
 from pdgw.profidrive.telegrams import telegram
+from pdgw.profinet.cpm import Consumer
 from pdgw.profinet.device import DeviceEvent, ProfinetDevice
 from pdgw.profinet.model import DeviceModel, Module, ObjectKind, drive_model
 from pdgw.profinet.rpc.dcerpc import UDP_PORT
@@ -71,6 +72,20 @@ class Wire:
         self.events: list[DeviceEvent] = []
         self.fresh = 0
         self.on_cycle: Callable[[], None] = lambda: None
+
+    @property
+    def consumer(self) -> Consumer:
+        """What takes the controller's frames, as the gateway's link reads it."""
+        relation = self.device.relation
+        assert relation is not None
+        assert relation.consumer is not None
+        return relation.consumer
+
+    @property
+    def silent_ns(self) -> int:
+        """Since the last frame of the controller that counted."""
+        assert self.consumer.last_ns is not None
+        return self.now - self.consumer.last_ns
 
     def carry(self) -> None:
         """Until nothing is under way."""

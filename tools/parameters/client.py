@@ -14,7 +14,6 @@ from typing import Protocol, Self, TypeVar
 from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.parameters.codec import (
-    MAX_PARAMETERS,
     ZERO,
     Address,
     Request,
@@ -262,10 +261,3 @@ class ParameterClient:
             return [ZERO] * len(addresses)
         # A request refused as a whole has one error for all.
         return answers if len(answers) == len(addresses) else answers * len(addresses)
-
-    def read_many(self, addresses: list[Address]) -> list[Values]:
-        """Any number of parameters, in as many requests as are needed."""
-        answers: list[Values] = []
-        for start in range(0, len(addresses), MAX_PARAMETERS):
-            answers += self.request(addresses[start : start + MAX_PARAMETERS])
-        return answers

@@ -49,7 +49,6 @@ class SoakAxis:
         self._changed = drive.loop.now()
         self._lost_since: int | None = None
         self._disturbed_until = 0
-        self._commands_before = 0
         drive.model.watchers.append(self._entered)
 
     @property

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
 from pdgw.dsp402.states import ControlBit, State
+from pdgw.gateway.axis.power_table import Phase
 from pdgw.gateway.axis.waist import SHOWN_STATE
 from pdgw.profidrive.telegrams import TELEGRAMS, telegram
 from tests.support.rig import Rig
@@ -178,7 +179,7 @@ class GatewayMachine(RuleBasedStateMachine):
             return
         self.cycle()
         expected = SHOWN_STATE[self.rig.seen_statusword & 0x7F]
-        if self.rig.stepper.power.ramping:
+        if self.rig.stepper.power.phase in {Phase.RAMP_STOP, Phase.SHUTDOWN}:
             expected = 0x03
         assert self.rig.actuals["ZSW1"] & STATE_BITS == expected
 
