@@ -41,8 +41,8 @@ class ObjectNames:
         self.families = all_families() if families is None else families
 
     def of(self, families: tuple[str, ...]) -> ObjectNames:
-        """The same of a device that has told what it is."""
-        return self if families == self.families else ObjectNames(self._entries.values(), families)
+        """The same of a device that has told what it is; what is of no family of drives stays so."""
+        return self if not self.families or families == self.families else ObjectNames(self._entries.values(), families)
 
     def field(self, entry: Entry) -> Field:
         """An entry as it is shown."""

@@ -57,6 +57,20 @@ def test_a_drive_that_takes_any_mapping_gets_the_layout_of_the_telegram(operatio
     assert not found.notes
 
 
+def test_a_value_of_a_family_travels_as_the_object_that_the_drive_s_own_family_has_for_it() -> None:
+    there = ENGEL.entry("dynamic_speed_limit")
+    other = replace(there, index=0x2320, subindex=3)
+    drive = replace(
+        ENGEL,
+        entries={**ENGEL.entries, "dynamic_speed_limit": other},
+        pdos=replace(ENGEL.pdos, mappable=ENGEL.pdos.mappable - {(0x2003, 0)} | {(0x2320, 3)}),
+    )
+    found = plan(Operation.TRANSPARENT, drive=drive)
+    mappings = [entry.mapping for item in found.rpdos for entry in item.pdo.entries]
+    assert other.mapping in mappings
+    assert there.mapping not in mappings
+
+
 def test_a_drive_without_a_value_of_a_family_is_refused_by_the_name_of_the_value_alone() -> None:
     drive = described("rpm")
     with pytest.raises(Dsp402Error, match=r"^Dynamic Speed Limit: 'no object of this drive'"):
