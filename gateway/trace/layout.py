@@ -53,6 +53,8 @@ class Word(IntEnum):
     """1: the daemon ended in order, nothing more comes."""
     PROCESS = 8
     """Its process id."""
+    FRAMES_BEFORE = 9
+    """Where stores may be seen out of order (``ordering``): sequence number of the newest CAN frame before the newest cycle."""
 
 
 class CycleFlag(IntFlag):

@@ -2,12 +2,16 @@
 
 A reader never holds up the writer and needs no lock: a record whose number is not the expected one before and after it was copied
 is torn or overwritten, and left out.
+
+Where stores may be seen out of order (``ordering``) the number proves nothing. The writer has a fence before each cycle, so that
+a record is whole when a later cycle is seen; a reader leaves out what is newer than that, and what may be overwritten already.
 """
 
 from __future__ import annotations
 
 import mmap
 import os
+import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple, Self, TypeVar
@@ -26,9 +30,14 @@ from pdgw.gateway.trace.layout import (
     RingLayout,
     Word,
 )
+from pdgw.gateway.trace.ordering import IN_ORDER, Fence
 from pdgw.profidrive.telegrams import telegram
 
 _SIGN = 1 << 63
+_RESERVE = 4
+"""Out of order, of 2^4 records the oldest one may be overwritten already: more frames than a bus carries in a cycle."""
+_SETTLED_NS = 1_000_000_000
+"""A store is seen long before that: what a daemon wrote last that writes no more, for whatever reason."""
 _AT_ONCE = 256
 """Records copied between two looks at their numbers."""
 T = TypeVar("T")
@@ -79,10 +88,11 @@ class Frame(NamedTuple):
 
 
 class RingReader:
-    """An open ring; GatewayError when the file is none or damaged."""
+    """An open ring; GatewayError when the file is none or damaged. ``in_order``: its stores are seen in their order."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, *, in_order: bool = IN_ORDER) -> None:
         self.path = path
+        self._in_order = in_order
         try:
             descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_CLOEXEC", 0))
         except OSError as error:
@@ -143,13 +153,24 @@ class RingReader:
 
     @property
     def newest_cycle(self) -> int:
-        """Sequence number of the newest cycle, 0 before the first one."""
-        return self._word(Word.NEWEST_CYCLE)
+        """Sequence number of the newest cycle that can be read, 0 before the first one."""
+        newest = self._word(Word.NEWEST_CYCLE)
+        return newest if self._settled else max(0, newest - 1)
 
     @property
     def newest_frame(self) -> int:
-        """Sequence number of the newest CAN frame."""
-        return self._word(Word.NEWEST_FRAME)
+        """Sequence number of the newest CAN frame that can be read."""
+        return self._word(Word.NEWEST_FRAME if self._settled else Word.FRAMES_BEFORE)
+
+    @property
+    def _settled(self) -> bool:
+        """The newest record is whole when its number says so."""
+        if self._in_order or self.ended:
+            return True
+        newest = self._word(Word.NEWEST_CYCLE)
+        place = self.layout.cycles_offset + newest % self.layout.cycles * self._cycle.size
+        time_ns: int = self._cycle.unpack_from(self._map, place)[1]
+        return not 0 <= time.monotonic_ns() - time_ns < _SETTLED_NS
 
     @property
     def peer(self) -> str:
@@ -173,13 +194,17 @@ class RingReader:
         newest = self.newest_cycle
         first = self._first(newest, layout.cycles, after, at_most)
         last = newest if upto is None else min(newest, upto)
-        return self._copied(layout.cycles_offset, layout.cycles, self._cycle.size, first, last, self._cycle_at)
+        word = Word.NEWEST_CYCLE
+        return self._copied(layout.cycles_offset, layout.cycles, self._cycle.size, first, last, self._cycle_at, word)
 
     def frames(self, after: int = 0, at_most: int | None = None) -> list[Frame]:
         """The CAN frames behind sequence number ``after``, oldest first; ``at_most``: the newest so many."""
         layout = self.layout
-        first = self._first(self.newest_frame, layout.frames, after, at_most)
-        return self._copied(layout.frames_offset, layout.frames, FRAME.size, first, self.newest_frame, _frame_at)
+        newest = self.newest_frame
+        first = self._first(newest, layout.frames, after, at_most)
+        return self._copied(
+            layout.frames_offset, layout.frames, FRAME.size, first, newest, _frame_at, Word.NEWEST_FRAME
+        )
 
     @staticmethod
     def _first(newest: int, count: int, after: int, at_most: int | None) -> int:
@@ -187,20 +212,27 @@ class RingReader:
         return first if at_most is None else max(first, newest - at_most + 1)
 
     def _copied(
-        self, start: int, count: int, size: int, first: int, newest: int, parse: Callable[[bytes, int], T]
+        self, start: int, count: int, size: int, first: int, newest: int, parse: Callable[[bytes, int], T], word: Word
     ) -> list[T]:
         found: list[T] = []
         number = SEQUENCE.unpack_from
-        sequence = first
+        sequence, oldest = first, 0
+        fence = None if self._in_order else Fence()
+        if fence is not None:
+            fence()
         while sequence <= newest:
             place = sequence % count
             together = min(_AT_ONCE, count - place, newest - sequence + 1)
             begin = start + place * size
             copy = bytes(self._view[begin : begin + together * size])
+            if fence is not None:
+                fence()
+                oldest = self._word(word) - count + max(2, count >> _RESERVE)
             for item in range(together):
                 offset = item * size
                 # The number is 0 while the record is written: what has it before and after the copy was not touched.
-                if number(copy, offset)[0] == sequence == number(self._map, begin + offset)[0]:
+                whole = number(copy, offset)[0] == sequence == number(self._map, begin + offset)[0]
+                if whole and sequence >= oldest:
                     found.append(parse(copy, offset))
                 sequence += 1
         return found

@@ -9,6 +9,7 @@ from __future__ import annotations
 import mmap
 import os
 import struct
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
@@ -24,6 +25,7 @@ from pdgw.gateway.trace.layout import (
     Word,
     sized,
 )
+from pdgw.gateway.trace.ordering import IN_ORDER, Fence
 
 try:
     import fcntl
@@ -39,15 +41,28 @@ _pack_frame: Final = FRAME.pack_into
 _FRAME_SIZE: Final = FRAME.size
 _NEWEST_CYCLE: Final = int(Word.NEWEST_CYCLE)
 _NEWEST_FRAME: Final = int(Word.NEWEST_FRAME)
+_FRAMES_BEFORE: Final = int(Word.FRAMES_BEFORE)
 """Plain values: a member of an enum is looked up each time it is used."""
 
 
 class RingFile:
-    """A ring that is written; GatewayError when it cannot be made. ``limit``: bytes of records at most."""
+    """A ring that is written; GatewayError when it cannot be made. ``limit``: bytes of records at most.
 
-    def __init__(self, directory: Path, layout: RingLayout, limit: int, *, keep_previous: bool = True) -> None:
+    ``fence``: called where everything stored before has to be seen before what follows; None: what this machine needs for that.
+    """
+
+    def __init__(
+        self,
+        directory: Path,
+        layout: RingLayout,
+        limit: int,
+        *,
+        keep_previous: bool = True,
+        fence: Callable[[], None] | None = None,
+    ) -> None:
         cycles, frames = sized(layout, limit)
         self.layout = layout = replace(layout, cycles=cycles, frames=frames)
+        self._fence = Fence() if fence is None and not IN_ORDER else fence
         self.failures = 0
         """Records that could not be written: a value that fits no field."""
         try:
@@ -69,6 +84,10 @@ class RingFile:
         sequence = self._cycle = self._cycle + 1
         offset = self._cycles + (sequence & self._cycle_mask) * self._cycle_size
         words, word = self._words, offset // WORD
+        fence = self._fence
+        if fence is not None:
+            fence()
+            words[_FRAMES_BEFORE] = self._frame
         words[word] = 0
         try:
             self._pack_cycle(self._map, offset, 0, *values)
@@ -96,6 +115,8 @@ class RingFile:
 
     def close(self) -> None:
         """Nothing more comes; the file stays."""
+        if self._fence is not None:
+            self._fence()
         self._words[Word.ENDED] = 1
         self._words.release()
         self._map.close()
