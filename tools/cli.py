@@ -27,6 +27,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 
+_INTERRUPTED: Final = 130
 _NO_MORE_OUTPUT: Final = (errno.ENOSPC, errno.EIO, errno.EPIPE)
 """The disk behind standard output is full, or whoever reads it is gone."""
 
@@ -74,6 +75,8 @@ def main() -> None:
             what = "output: "
             _forget_output()
         _fail(f"{what}{error.strerror or error}")
+    except KeyboardInterrupt:  # outside of what typer watches, while it still loads
+        sys.exit(_INTERRUPTED)
 
 
 def _forget_output() -> None:

@@ -132,3 +132,12 @@ def test_a_picture_that_cannot_be_drawn_is_told_before_the_work(tmp_path: Path) 
         result = pdgw("sim", "loop", "--plot", str(tmp_path / name))
         assert result.returncode == 1
         assert "cannot be written" in result.stderr
+
+
+def test_ctrl_c_while_a_command_is_loaded_ends_without_a_word(monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted() -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("pdgw.tools.cli.app", interrupted)
+    result = pdgw("status")
+    assert (result.returncode, result.stdout, result.stderr) == (130, "", "")
