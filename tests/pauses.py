@@ -16,8 +16,8 @@ import threading
 from pathlib import Path
 
 LONGEST_S = 1.0
-SHORTEST_GAP_S = 0.1
-"""Between two pauses everything runs for so long, and up to ten times that."""
+SHORTEST_GAP_S = 0.2
+"""Between two pauses everything runs for so long, and up to five times that."""
 
 
 def family(process: int) -> list[int]:
@@ -42,7 +42,7 @@ def runs(process: int) -> bool:
 def hold_up(root: int, chance: random.Random, ended: threading.Event) -> int:
     """Until ``ended``; how many pauses there were."""
     pauses = 0
-    while not ended.wait(SHORTEST_GAP_S * chance.uniform(1, 10)):
+    while not ended.wait(SHORTEST_GAP_S * chance.uniform(1, 5)):
         process = chance.choice(family(root))
         if not runs(process):
             continue

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import signal
 import threading
+import time
 from collections.abc import Sequence
 from contextlib import ExitStack
 
@@ -13,6 +14,8 @@ from pdgw.peers.simulation.config import ControlConfig
 from pdgw.peers.simulation.console import COMMANDS, Console, read_standard_input, serve
 from pdgw.peers.simulation.devices import Simulation
 from pdgw.peers.simulation.rest import RestServer
+
+_LOOK_S = 0.2
 
 
 def run(simulation: Simulation, control: ControlConfig, title: str, *, attached: bool = False) -> None:
@@ -32,7 +35,9 @@ def run(simulation: Simulation, control: ControlConfig, title: str, *, attached:
         simulation.start()
         read_standard_input(console, quit_.set if attached else None)
         print(f"{title}; commands: {COMMANDS}", flush=True)
-        quit_.wait()
+        # Where the system gives a signal to another thread, and within a wait for the event, its handler would not get to work.
+        while not quit_.is_set():
+            time.sleep(_LOOK_S)
 
 
 def run_nodes(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import signal
 import socket
 import threading
 import tomllib
@@ -21,7 +22,8 @@ from pdgw.peers.bus import INTERFACE
 from pdgw.peers.drive.misbehaviour import DRIVE_MISBEHAVIOURS
 from pdgw.peers.encoder.misbehaviour import ENCODER_MISBEHAVIOURS
 from pdgw.peers.node.faults import NODE_MISBEHAVIOURS
-from pdgw.peers.simulation.config import example, load_bus, parse_bus
+from pdgw.peers.simulation import running as simulation_running
+from pdgw.peers.simulation.config import ControlConfig, example, load_bus, parse_bus
 from pdgw.peers.simulation.console import Console
 from pdgw.peers.simulation.devices import DEVICE_TYPES, Simulation, fault_catalogue
 from pdgw.peers.simulation.rest import RestServer
@@ -303,6 +305,33 @@ def test_sim_bus_serves_the_devices_of_a_file_and_is_controlled_both_ways(tmp_pa
         process.stdin.flush()
         assert process.wait(buses.PATIENCE_S) == 0
     assert set(DEVICE_TYPES) == {"drive", "encoder"}
+
+
+def test_a_signal_ends_it_whichever_thread_the_system_gives_it_to(
+    simulation: Simulation, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ended, hung = threading.Event(), threading.Event()
+
+    def elsewhere(console: Console, at_end: object) -> None:
+        """In the place of the console: a thread that gets the signal, while the main one waits."""
+
+        def get() -> None:
+            signal.pthread_kill(threading.get_ident(), signal.SIGTERM)
+            if not ended.wait(60):
+                hung.set()
+                signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGTERM)
+
+        threading.Timer(0.05, get).start()
+
+    monkeypatch.setattr(simulation_running, "read_standard_input", elsewhere)
+    before = [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)]
+    try:
+        simulation_running.run(simulation, ControlConfig(), "nothing")
+    finally:
+        ended.set()
+        for number, handler in zip((signal.SIGINT, signal.SIGTERM), before, strict=True):
+            signal.signal(number, handler)
+    assert not hung.is_set()
 
 
 def test_sim_bus_prints_an_example_that_it_takes_and_explains_a_wrong_file(tmp_path: Path) -> None:
