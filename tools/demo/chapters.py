@@ -20,8 +20,8 @@ _RPM, _POSITION = 3000, 500_000
 """100 % of speeds and of telegram 9's positions, as in the scenarios."""
 _RPM_PER_UNIT = 0.5
 _I32: Final = 1 << 31
-_PATIENT_CYCLES = 250
-"""Watchdog of the gateway and of drives for SYNC: a machine that is busy with other things holds a process up for a second."""
+_PATIENT_CYCLES, _PATIENT_PERIODS = 250, 750
+"""Watchdog of the gateway, and of drives for SYNC, which crosses one process more: a busy machine holds one up for a second."""
 _HEARTBEAT_MS, _SDO_MS, _TPDO_MS, _ENCODER_MS = 2000, 5000, 500, 20
 
 Values = Mapping[str, int]
@@ -86,7 +86,7 @@ class Chapter:
 
     def devices(self, can: Mapping[str, Any], control_port: int) -> str:
         """The devices on the bus, for ``pdgw sim bus``."""
-        drive = {"type": "drive", "axis": "linear", "like": self.like, "sync_tolerance": _PATIENT_CYCLES}
+        drive = {"type": "drive", "axis": "linear", "like": self.like, "sync_tolerance": _PATIENT_PERIODS}
         found = [{"node_id": number, **drive} for number in range(1, len(self.axes) + 1)]
         first = len(self.axes) + 1
         found += [{"node_id": first + n, "type": "encoder", "motion": "shaft=1"} for n in range(len(self.encoders))]
