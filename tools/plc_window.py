@@ -29,7 +29,7 @@ _REASONS_S = 1.0
 _STOP_S = 10
 
 
-class _Window:
+class Window:
     """What is on the screen."""
 
     def __init__(self) -> None:
@@ -53,8 +53,9 @@ class _Window:
                 self._told.append(f"{result['time_s']:7.3f} s  FAILED {result['name']}: {result['measured']}")
 
     def drawing(self) -> RenderableType:
+        """What was told comes first: a terminal that is too small for all words of a telegram cuts the last ones."""
         shown = [] if self._snapshot is None else [tables(self._snapshot, self.reasons)]
-        return Group(*shown, *(Text(text) for text in self._told))
+        return Group(*(Text(text) for text in self._told), *shown)
 
 
 def reasons_of(document: dict[str, Any]) -> list[str]:
@@ -67,7 +68,7 @@ def watch(arguments: Sequence[str], *, interactive: bool, local: bool) -> tuple[
 
     ``local``: the gateway is on this machine, its status (at the usual port) says why an axis does not move.
     """
-    window = _Window()
+    window = Window()
     process = subprocess.Popen(
         [sys.executable, "-m", "pdgw", *arguments, "--progress", "--snapshots"],
         stdin=subprocess.PIPE if interactive else subprocess.DEVNULL,
@@ -106,7 +107,7 @@ def _hand_on(target: IO[str]) -> None:
         target.close()
 
 
-def _ask(window: _Window, process: subprocess.Popen[str]) -> None:
+def _ask(window: Window, process: subprocess.Popen[str]) -> None:
     while process.poll() is None:
         try:
             window.reasons = reasons_of(fetch(STATUS_PORT))

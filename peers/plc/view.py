@@ -55,6 +55,9 @@ def tables(found: dict[str, Any], reasons: Sequence[str] = ()) -> RenderableType
     parts: list[RenderableType] = [Text(found["title"], style="bold")]
     for index, axis in enumerate(found["axes"]):
         chosen = telegram(axis["telegram"])
+        reason = axis["why"] or (reasons[index] if index < len(reasons) else "")
+        if reason:
+            parts.append(Text(f"axis {index + 1}: {reason}", style="yellow"))
         title = f"axis {index + 1}, telegram {axis['telegram']}"
         grid = Table(
             "setpoint", "", "actual value", "", title=title, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False
@@ -66,7 +69,4 @@ def tables(found: dict[str, Any], reasons: Sequence[str] = ()) -> RenderableType
             right = got[row] if row < len(got) else ("", "")
             grid.add_row(*left, *right)
         parts.append(grid)
-        reason = axis["why"] or (reasons[index] if index < len(reasons) else "")
-        if reason:
-            parts.append(Text(f"axis {index + 1}: {reason}", style="yellow"))
     return Group(*parts)

@@ -14,6 +14,7 @@ from pdgw.peers.plc.view import snapshot, tables
 from pdgw.peers.plc.vocabulary import words_of
 from pdgw.profidrive.signals import signal
 from pdgw.profidrive.telegrams import TELEGRAMS, telegram
+from pdgw.tools.plc_window import Window
 
 CYCLE = 4_000_000
 READY, OPERATION = 0x31, 0x37
@@ -175,7 +176,7 @@ def test_a_key_for_all_axes_acts_on_those_that_have_it() -> None:
     assert desk.bit("ACTIVATE_TASK", 1) == 1
 
 
-def test_the_reason_of_an_axis_is_shown_below_it() -> None:
+def test_the_reason_of_an_axis_is_shown_above_its_words() -> None:
     plc = PlcEndpoint([telegram(1), telegram(1)], CYCLE)
     plc.actuals[1] = dict.fromkeys(plc.telegrams[1].actuals.names, 0)
     console = Console(width=100, record=True, file=io.StringIO())
@@ -315,3 +316,16 @@ def test_the_exit_key_leaves() -> None:
     keyboard.press("x")
     keyboard.step(0)
     assert left == [True]
+
+
+def test_a_small_terminal_shows_what_was_told_and_why_nothing_happens() -> None:
+    window = Window()
+    desk = Desk(111)
+    window.take({"snapshot": snapshot(desk.plc, "keys\n" * 7)})
+    for number in range(9):
+        window.take({"told": f"told {number}"})
+    window.reasons = ["PLC lost"]
+    console = Console(file=io.StringIO(), width=80, record=True)
+    console.print(window.drawing())
+    seen = [line.strip() for line in console.export_text().splitlines()[:24]]
+    assert {"told 8", "axis 1: PLC lost"} <= {*seen}
