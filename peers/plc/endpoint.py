@@ -69,16 +69,20 @@ class PlcEndpoint:
         else:
             self._counting[axis] = (word, bit)
 
+    def count_life(self) -> None:
+        """One cycle of the signs of life that count."""
+        for axis, (word, bit) in self._counting.items():
+            before = self.setpoints[axis][word]
+            life = bit.of(before) % (bit.mask >> bit.position) + 1  # 1 to 15, 0 is none
+            self.setpoints[axis] = {**self.setpoints[axis], word: before & ~bit.mask | life << bit.position}
+
     def build(self, now: int | None = None) -> bytearray:
         """The next frame to the gateway; the buffer is reused.
 
         ``now``: when it is sent, which its cycle counter tells; without it each frame is one cycle after the last.
         """
         frame, layout = self._frame, self._provider
-        for axis, (word, bit) in self._counting.items():
-            before = self.setpoints[axis][word]
-            life = bit.of(before) % (bit.mask >> bit.position) + 1  # 1 to 15, 0 is none
-            self.setpoints[axis] = {**self.setpoints[axis], word: before & ~bit.mask | life << bit.position}
+        self.count_life()
         for index, half in enumerate(layout.halves):
             half.encode_into(frame, layout.offsets[index], tuple(self.setpoints[index].values()))
             frame[layout.iops[index]] = IOPS_GOOD

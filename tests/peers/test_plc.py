@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from ipaddress import IPv4Interface
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from hypothesis import given
@@ -15,6 +17,7 @@ from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.transport.acyclic import AcyclicServer
 from pdgw.gateway.transport.cyclic import CyclicEndpoint, Verdict
 from pdgw.gateway.transport.sequence import SEQUENCE_FRAMES
+from pdgw.peers.controller.plc import ProfinetPlc
 from pdgw.peers.plc.client import PlcClient
 from pdgw.peers.plc.endpoint import PlcEndpoint
 from pdgw.peers.plc.engine import Engine
@@ -25,6 +28,7 @@ from pdgw.peers.plc.scenario_file import load_scenario
 from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.frame import RtFrame
+from pdgw.profidrive.signals import signal
 from pdgw.profidrive.telegrams import Direction, Telegram, telegram
 from pdgw.tools.parameters.address import Target, parse_target
 from pdgw.tools.parameters.session import Element
@@ -389,3 +393,22 @@ def test_arbitrary_files_are_refused_with_the_packages_error(
 def test_times_are_milliseconds_or_seconds() -> None:
     assert parse_time("500 ms") == 500 * MS
     assert parse_time("1.5 s") == 1500 * MS
+
+
+def test_over_profinet_the_sign_of_life_counts_with_each_cycle_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    half, life = telegram(105).setpoints, signal("STW2").bit("SIGN_OF_LIFE")
+    sent: list[int] = []
+    controller = SimpleNamespace(
+        silent=True,
+        provider=SimpleNamespace(data_status=0),
+        set_output=lambda _, data: sent.append(life.of(half.decode(data)[half.index("STW2")])),
+    )
+    monkeypatch.setattr(
+        "pdgw.peers.controller.plc.RunningController", lambda *_: SimpleNamespace(controller=controller)
+    )
+    endpoint = PlcEndpoint([telegram(105)], 4_000_000)
+    endpoint.count(0, "STW2", life)
+    plc = ProfinetPlc("eth1", "press-1", IPv4Interface("192.168.0.2/24"), endpoint, 4_000_000)
+    for _ in range(17):
+        plc._send()
+    assert sent == [*range(1, 16), 1, 2]
