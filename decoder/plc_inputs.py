@@ -16,6 +16,8 @@ from pdgw.gateway.transport.sequence import SEQUENCE_FRAMES
 from pdgw.profidrive.telegrams import Telegram
 
 _SENDER: Final = ("recorded", 0)
+_NEVER: Final = (1 << 63) - 1
+"""Later than every time."""
 USED: Final = frozenset({Verdict.ACCEPTED, Verdict.PROVIDER_STOP})
 """Frames with these verdicts make the gateway step."""
 
@@ -93,11 +95,10 @@ class _Events:
             self._found.append((now, values, certain))
 
     def setpoints(self, taken: Sequence[int]) -> list[Setpoints]:
-        """With the times of the accepted frames."""
+        """With the times of the accepted frames. What waits for frames that never came is never certain."""
         events: list[Setpoints] = []
-        end = taken[-1] + 1 if taken else 0
         for now, values, certain in reversed(self._found):
-            when = now if certain is None else taken[certain] if certain < len(taken) else end
+            when = now if certain is None else taken[certain] if certain < len(taken) else _NEVER
             # What follows has replaced it then, believed or not.
             events.append(Setpoints(now, values, min(when, events[-1].certain_ns) if events else when))
         events.reverse()
@@ -124,8 +125,11 @@ class _Receiver:
         """The watchdog, if it expires before a time."""
         expiry = self._last_ns + watchdog_ns + 1
         if (before is None or expiry < before) and self._endpoint.poll(expiry):
-            self._inputs.losses.append(expiry)
-            self.lose(expiry)
+            self._lost(expiry)
+
+    def _lost(self, now: int) -> None:
+        self._inputs.losses.append(now)
+        self.lose(now)
 
     def lose(self, now: int) -> None:
         """No axis has a PLC any more."""
@@ -137,6 +141,9 @@ class _Receiver:
         now = frame.time_ns
         verdict = self._endpoint.receive(frame.data, _SENDER, now, frame.received_ns)
         self._inputs.received.append(Received(now, verdict))
+        if not self._endpoint.connected and self._endpoint.poll(now):
+            # The gateway stood still: it sees the loss when it takes this frame, whatever waits behind it.
+            self._lost(now)
         if verdict in USED:
             for events, values in zip(self._events, self._endpoint.setpoints, strict=True):
                 events.frame(len(self._taken), now, None if values is None else tuple(values))

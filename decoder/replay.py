@@ -21,7 +21,7 @@ the words of a sensor that is another node's encoder, the numbers of the fault b
 from __future__ import annotations
 
 import copy
-from bisect import bisect_right
+from bisect import bisect_left, bisect_right
 from collections import deque
 from collections.abc import Hashable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -127,7 +127,7 @@ class Replayer:
         self._rpdos = recording.rpdos
         self._not_compared = recording.told_by_others
         self._setpoint_times = [event.time_ns for event in recording.setpoints]
-        self._certain_times = [event.certain_ns for event in recording.setpoints]
+        self._certain_times = _certain_times(recording)
         self._feedback_times = [event.time_ns for event in recording.feedback]
         self._state = _State()
         self._ticks = ticks(recording, cycle_ns)
@@ -423,6 +423,24 @@ class Replayer:
 
 def _encode(entry: Entry, value: int) -> bytes:
     return value.to_bytes(entry.type.bits // 8, "little", signed=entry.type.char.islower())
+
+
+def _certain_times(recording: AxisRecording) -> list[int]:
+    """From when on each event of the set-points is certainly in force.
+
+    The gateway's own recording has the time of an answer, not that of its step, which is behind the answer before: the first
+    answer behind a loss may belong to a step that was still in time.
+    """
+    exact = recording.in_order and not recording.paced
+    answers = [answer.time_ns for answer in recording.answers] if exact else []
+    certain: list[int] = []
+    for event in reversed(recording.setpoints):
+        when = event.certain_ns
+        if event.values is None and (following := bisect_left(answers, when)) < len(answers):
+            when = answers[following] + 1
+        certain.append(min(when, certain[-1]) if certain else when)
+    certain.reverse()
+    return certain
 
 
 def _near(times: Sequence[int], now: int, certain: int, latest: int, taken: int) -> list[int]:

@@ -370,7 +370,8 @@ class Stalled(RecordedRig):
         else:
             self.held.append((can_id, bytes(data)))
 
-    def stand_still(self, cycles: int) -> None:
+    def stand_still(self, cycles: int, *, before_answer: bool = False) -> None:
+        """``before_answer``: between the last frame and its answer."""
         self.held, begin = [], self.now
         self.plc.set(0, self.values)
         frames = []
@@ -378,6 +379,9 @@ class Stalled(RecordedRig):
             self._advance(4)
             frames.append((begin + cycle * CYCLE_NS, bytes(self.plc.build())))
         held, self.held = self.held, None
+        if before_answer:
+            _, answer = self.frames.answers.pop()
+            self.frames.answers.append((self.now - 1, answer))
         for can_id, data in held:
             self._transmitted(can_id, data)
         for came, frame in frames:
@@ -386,8 +390,13 @@ class Stalled(RecordedRig):
             self.endpoint.receive(frame, ("127.0.0.1", 34962), self.now, came)
         self.step()
 
+    def own_recording(self, folder: Path) -> Loaded:
+        """The gateway's own recording."""
+        watchdog = replace(self.known, watchdog_factor=100)
+        return load(self.frames.write_in_order(folder, self.waited), watchdog, None, lambda _: None)
 
-@pytest.mark.parametrize("cycles", [3, 40, 75])
+
+@pytest.mark.parametrize("cycles", [3, 40, 75, 125])
 def test_the_gateways_own_recording_is_followed_in_its_order_however_long_it_stood_still(
     cycles: int, tmp_path: Path
 ) -> None:
@@ -402,8 +411,52 @@ def test_the_gateways_own_recording_is_followed_in_its_order_however_long_it_sto
     rig.stw(0x047E)
     rig.stand_still(cycles)
     rig.step(100)
-    watchdog = replace(rig.known, watchdog_factor=100)
-    loaded = load(rig.frames.write_in_order(tmp_path, rig.waited), watchdog, None, lambda _: None)
-    compared, differences = replayed(loaded)
+    compared, differences = replayed(rig.own_recording(tmp_path))
     assert not differences
     assert compared > 200
+
+
+def test_a_gateway_that_stood_still_sees_the_loss_behind_what_it_still_had_to_answer(tmp_path: Path) -> None:
+    rig = Stalled()
+    rig.step(5)
+    rig.enable(0x047E)
+    rig.step(20)
+    rig.stand_still(150, before_answer=True)
+    answered = rig.frames.answers[-2][0] - rig.frames.plc[0][0]
+    rig.step(100)
+    assert rig.endpoint.watchdog_expiries == 1
+    loaded = rig.own_recording(tmp_path)
+    lost = loaded.recording.plc.losses[0] - loaded.recording.begin_ns
+    assert answered < lost < answered + MS
+    compared, differences = replayed(loaded)
+    assert not differences
+    assert compared > 100
+
+
+def test_a_step_that_was_still_in_time_may_be_answered_when_the_watchdog_has_expired(tmp_path: Path) -> None:
+    rig = Stalled()
+    rig.step(5)
+    rig.enable(0x047E)
+    rig.step(20)
+    rig.step(150, plc=False)
+    loaded = rig.own_recording(tmp_path)
+    last_in_time = max(answer.time_ns for answer in loaded.recording.axes[0].answers if answer.plc_ok)
+    assert last_in_time > loaded.recording.plc.losses[0]
+    compared, differences = replayed(loaded)
+    assert not differences
+    assert compared > 100
+
+
+def test_a_frame_that_is_not_followed_by_those_that_make_a_connection_connects_nothing(tmp_path: Path) -> None:
+    rig = RecordedRig(1)
+    rig.endpoint = CyclicEndpoint([telegram(1)], cycle_ns=CYCLE_NS)
+    rig.step(5)
+    rig.enable(0x047E)
+    rig.step(20)
+    rig.step(100, plc=False)
+    rig.step()
+    rig.step(2, plc=False)
+    assert not rig.endpoint.connected
+    compared, differences = replayed(in_order(rig, tmp_path))
+    assert not differences
+    assert compared > 100
