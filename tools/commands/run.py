@@ -99,7 +99,7 @@ def run(
     acyclic_port: Annotated[int | None, typer.Option(help="UDP port of the parameter channel.")] = None,
     cycle_time_ms: Annotated[float | None, typer.Option(help="Cycle time in milliseconds.")] = None,
     watchdog_factor: Annotated[
-        int | None, typer.Option(help="The PLC is lost after so many cycles without a frame; 100 with --simulate.")
+        int | None, typer.Option(help="The PLC is lost after so many cycles without a frame; 250 with --simulate.")
     ] = None,
     status_port: Annotated[int | None, typer.Option(help="Loopback TCP port of `pdgw status`, 0 for none.")] = None,
     can_log: Annotated[Path | None, typer.Option(help="Record all CAN frames here (candump format).")] = None,
