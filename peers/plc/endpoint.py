@@ -21,7 +21,7 @@ from pdgw.profidrive.frame import (
     RtFrame,
     is_newer,
 )
-from pdgw.profidrive.telegrams import Direction, Telegram
+from pdgw.profidrive.telegrams import ApplicationMode, Direction, Telegram
 from pdgw.profidrive.words import Bit
 
 _WATCHDOG_NS = 200_000_000
@@ -94,7 +94,6 @@ class PlcEndpoint:
 
     def why_no_values(self, axis: int) -> str:
         """Why an axis has no valid actual values, and what helps."""
-        numbers = " ".join(f"--telegram {item.number}" for item in self.telegrams)
         others = sum(self.counters[name] for name in _UNUSABLE)
         if not self.counters["received"]:
             if others:
@@ -103,12 +102,23 @@ class PlcEndpoint:
                     f"{others} datagrams came, none of them a frame of {size} bytes as these telegrams have: does the gateway "
                     "have others, or another number of axes?"
                 )
-            return f"no datagram of a gateway came: start one (pdgw run --simulate {numbers}) or give its address"
+            return f"no datagram of a gateway came: start one ({self._simulation()}) or give its address"
         if self._last_counter is None:
             return "the gateway's frames have stopped"
         if self.actuals[axis] is None:
             return "the gateway marks the values bad (IOPS BAD): the device is not ready, pdgw status says why"
         return ""
+
+    def _simulation(self) -> str:
+        """The command that simulates these drive objects; one with telegrams of several kinds needs a configuration."""
+        encoders = [item.number for item in self.telegrams if item.mode is ApplicationMode.ENCODER]
+        axes = [item.number for item in self.telegrams if item.mode is not ApplicationMode.ENCODER]
+        if len(set(axes)) != 1 or len(set(encoders)) > 1:
+            return "pdgw run CONFIG"
+        command = f"pdgw run --simulate --telegram {axes[0]}"
+        if len(axes) > 1:
+            command += f" --axes {len(axes)}"
+        return f"{command} --encoders {len(encoders)} --encoder-telegram {encoders[0]}" if encoders else command
 
     def poll(self, now: int) -> bool:
         """The watchdog; True when it expires in this call. Old values would meet expectations of a dead gateway."""

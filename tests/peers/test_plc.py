@@ -170,6 +170,22 @@ def test_bad_iops_fails_an_expectation() -> None:
     assert engine.results[0].measured.startswith("no valid actual values: no datagram of a gateway came: start one")
 
 
+@pytest.mark.parametrize(
+    ("numbers", "start"),
+    [
+        ([9], "pdgw run --simulate --telegram 9"),
+        ([1, 1], "pdgw run --simulate --telegram 1 --axes 2"),
+        ([1, 1, 83], "pdgw run --simulate --telegram 1 --axes 2 --encoders 1 --encoder-telegram 83"),
+        ([1, 9], "pdgw run CONFIG"),
+        ([83], "pdgw run CONFIG"),
+    ],
+    ids=str,
+)
+def test_the_gateway_to_start_is_one_that_can_be_started(numbers: list[int], start: str) -> None:
+    plc = PlcEndpoint([telegram(number) for number in numbers], 4_000_000)
+    assert f"start one ({start})" in plc.why_no_values(0)
+
+
 def test_why_there_are_no_values_is_told_from_what_came() -> None:
     gateway = CyclicEndpoint([telegram(1)], cycle_ns=4_000_000)
     plc = PlcEndpoint([telegram(1)], 4_000_000)
