@@ -28,7 +28,7 @@ from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Final, NamedTuple
 
-from pdgw.decoder.recorded import AxisRecording
+from pdgw.decoder.recorded import Answer, AxisRecording
 from pdgw.decoder.replay_probe import Found, find_answer
 from pdgw.decoder.replay_rpdos import Place, RpdoComparison
 from pdgw.decoder.replayed import AxisReplay, Difference, Step
@@ -118,7 +118,8 @@ class Replayer:
             # A step without an answer may have been as late as the gateway ever stood still.
             times = [answer.time_ns for answer in recording.answers]
             longest = max((later - earlier for earlier, later in pairwise(times)), default=0)
-            self._sent_tolerance = max(tolerance_ns, min(longest, _LONGEST_STALL_NS))
+            limit = max(_LONGEST_STALL_NS, recording.watchdog_ns)  # a standstill up to there may be a loss
+            self._sent_tolerance = max(tolerance_ns, min(longest, limit))
         settings = recording.settings
         if not settings.cycle_ns:  # set-points of mode 8 are made for each cycle
             settings = replace(settings, cycle_ns=cycle_ns)
@@ -126,8 +127,7 @@ class Replayer:
         self._checkpoints = Checkpoints(self._machine)
         self._rpdos = recording.rpdos
         self._not_compared = recording.told_by_others
-        self._setpoint_times = [event.time_ns for event in recording.setpoints]
-        self._certain_times = _certain_times(recording)
+        self._setpoint_times, self._certain_times = _times(recording)
         self._feedback_times = [event.time_ns for event in recording.feedback]
         self._state = _State()
         self._ticks = ticks(recording, cycle_ns)
@@ -425,22 +425,30 @@ def _encode(entry: Entry, value: int) -> bytes:
     return value.to_bytes(entry.type.bits // 8, "little", signed=entry.type.char.islower())
 
 
-def _certain_times(recording: AxisRecording) -> list[int]:
-    """From when on each event of the set-points is certainly in force.
+def _times(recording: AxisRecording) -> tuple[list[int], list[int]]:
+    """Since when each event of the set-points may be in force, and since when it is for certain.
 
     The gateway's own recording has the time of an answer, not that of its step, which is behind the answer before: the first
-    answer behind a loss may belong to a step that was still in time.
+    answer behind a loss may belong to a step that was still in time. Then its IOCS is GOOD, and no step before it saw the loss.
     """
-    exact = recording.in_order and not recording.paced
-    answers = [answer.time_ns for answer in recording.answers] if exact else []
-    certain: list[int] = []
-    for event in reversed(recording.setpoints):
-        when = event.certain_ns
-        if event.values is None and (following := bisect_left(answers, when)) < len(answers):
-            when = answers[following] + 1
-        certain.append(min(when, certain[-1]) if certain else when)
-    certain.reverse()
-    return certain
+    events, answers = recording.setpoints, recording.answers
+    times, certain = [event.time_ns for event in events], [event.certain_ns for event in events]
+    if not recording.in_order or recording.paced:
+        return times, certain
+    for i, event in enumerate(events):
+        if event.values is not None:
+            continue
+        place = bisect_left(answers, event.time_ns, key=_time)
+        if place == len(answers) or not answers[place].plc_ok:
+            continue
+        answered = answers[place].time_ns
+        if i + 1 == len(events) or answered < events[i + 1].time_ns:
+            times[i] = certain[i] = answered + 1
+    return times, certain
+
+
+def _time(answer: Answer) -> int:
+    return answer.time_ns
 
 
 def _near(times: Sequence[int], now: int, certain: int, latest: int, taken: int) -> list[int]:

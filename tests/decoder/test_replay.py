@@ -357,12 +357,13 @@ def test_a_recording_of_nothing_has_no_steps() -> None:
 class Stalled(RecordedRig):
     """A gateway that stands still now and then: what comes meanwhile waits, and is dealt with in one turn."""
 
-    def __init__(self) -> None:
+    def __init__(self, watchdog_factor: int = 100) -> None:
+        self.watchdog_factor = watchdog_factor
         self.held: list[tuple[int, bytes]] | None = None
         self.waited: dict[bytes, int] = {}
         """How long frames of the PLC waited."""
         super().__init__(1)
-        self.endpoint = CyclicEndpoint([telegram(1)], cycle_ns=CYCLE_NS, watchdog_factor=100, delays=False)
+        self.endpoint = CyclicEndpoint([telegram(1)], cycle_ns=CYCLE_NS, watchdog_factor=watchdog_factor, delays=False)
 
     def _transmitted(self, can_id: int, data: bytes) -> None:
         if self.held is None:
@@ -392,15 +393,15 @@ class Stalled(RecordedRig):
 
     def own_recording(self, folder: Path) -> Loaded:
         """The gateway's own recording."""
-        watchdog = replace(self.known, watchdog_factor=100)
+        watchdog = replace(self.known, watchdog_factor=self.watchdog_factor)
         return load(self.frames.write_in_order(folder, self.waited), watchdog, None, lambda _: None)
 
 
-@pytest.mark.parametrize("cycles", [3, 40, 75, 125])
+@pytest.mark.parametrize(("cycles", "watchdog_factor"), [(3, 100), (40, 100), (75, 100), (125, 100), (310, 300)])
 def test_the_gateways_own_recording_is_followed_in_its_order_however_long_it_stood_still(
-    cycles: int, tmp_path: Path
+    cycles: int, watchdog_factor: int, tmp_path: Path
 ) -> None:
-    rig = Stalled()
+    rig = Stalled(watchdog_factor)
     rig.step(5)
     rig.enable(0x047E)
     for speed_asked in (0x1000, 0x3000, 0x0800):
@@ -433,12 +434,19 @@ def test_a_gateway_that_stood_still_sees_the_loss_behind_what_it_still_had_to_an
     assert compared > 100
 
 
-def test_a_step_that_was_still_in_time_may_be_answered_when_the_watchdog_has_expired(tmp_path: Path) -> None:
+@pytest.mark.parametrize("later_ms", [0, 2500])
+def test_a_step_that_was_still_in_time_may_be_answered_when_the_watchdog_has_expired(
+    later_ms: int, tmp_path: Path
+) -> None:
     rig = Stalled()
     rig.step(5)
     rig.enable(0x047E)
     rig.step(20)
-    rig.step(150, plc=False)
+    rig.step(100, plc=False)
+    rig.pause(later_ms)
+    _, answer = rig.frames.answers.pop()
+    rig.frames.answers.append((rig.now + MS, answer))
+    rig.step(50, plc=False)
     loaded = rig.own_recording(tmp_path)
     last_in_time = max(answer.time_ns for answer in loaded.recording.axes[0].answers if answer.plc_ok)
     assert last_in_time > loaded.recording.plc.losses[0]
