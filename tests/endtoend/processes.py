@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 COMMAND = (sys.executable, "-m", "pdgw")
-PATIENT = "heartbeat_ms = 2000\ntpdo_event_ms = 2000\nsdo_timeout_ms = 5000\n"
+PATIENT = "heartbeat_ms = 700\ntpdo_event_ms = 2000\nsdo_timeout_ms = 5000\n"
 """Keys of an [[axis]] whose drive is not lost when its process does not get the processor for a second."""
 
 
