@@ -11,6 +11,7 @@ connection the present states are said, not those of the outage.
 
 from __future__ import annotations
 
+import contextlib
 import json
 import ssl
 import threading
@@ -92,7 +93,9 @@ class Publisher:
     def stop(self) -> None:
         """Say good-bye: who ends in order is not online either."""
         if self.connected:
-            self._client.publish(self._online_topic, "0", _QOS, retain=True).wait_for_publish(1)
+            # paho's error for a connection that went meanwhile: then the broker gives the last will, which says the same.
+            with contextlib.suppress(RuntimeError):
+                self._client.publish(self._online_topic, "0", _QOS, retain=True).wait_for_publish(1)
         self._client.disconnect()
         self._client.loop_stop()
 

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from paho.mqtt.client import Client
+from paho.mqtt.client import Client, MQTTMessageInfo
 from paho.mqtt.enums import CallbackAPIVersion
 
 from pdgw.gateway.config import GatewayConfig
@@ -93,6 +93,22 @@ def with_broker(config: GatewayConfig, port: int) -> GatewayConfig:
     return config.model_copy(update={"mqtt": MqttConfig(host="127.0.0.1", port=port), "transport": transport})
 
 
+def vanish_at_the_good_bye(publisher: Publisher) -> None:
+    """The connection ends without a word once the publisher has seen that it stands, before it says anything more."""
+    client = publisher._client
+    client.reconnect_delay_set(int(PATIENCE_S), int(PATIENCE_S))
+    said = client.publish
+
+    def publish(*message: Any, **how: Any) -> MQTTMessageInfo:
+        connection = client.socket()
+        assert connection is not None
+        connection.shutdown(socket.SHUT_RDWR)
+        until(lambda: not client.is_connected(), "that paho sees it")
+        return said(*message, **how)
+
+    client.publish = publish  # type: ignore[method-assign]
+
+
 @pytest.mark.e2e
 @needs_broker
 def test_states_on_change_events_and_the_last_will() -> None:
@@ -129,11 +145,9 @@ def test_states_on_change_events_and_the_last_will() -> None:
         gateway.failure = ""
         looked(watch, publisher)
         until(lambda: heard.texts["pdgw/line-3/online"] == "1", "that it answers again")
-        connection = publisher._client.socket()
-        assert connection is not None
-        connection.shutdown(socket.SHUT_RDWR)
-        until(lambda: heard.online.count("0") == 2, "the last will of who vanished")
+        vanish_at_the_good_bye(publisher)
         publisher.stop()
+        until(lambda: heard.online.count("0") == 2, "the last will of who vanished")
         heard.close()
 
 
