@@ -1,8 +1,9 @@
 """Ideal drives in a process of their own: each RPDO of telegram 1 is answered at once with its TPDO, as prepared bytes.
 
-``python -m pdgw.tools.bench.drives AXES`` serves loopback buses with up to three drives each, prints their channels, and obeys
-its standard input: ``mark`` starts counting, ``report`` prints the counts as JSON, the end of input ends it. Everything else than
-RPDOs is the business of simulated drives; an SDO upload that one of them answered in one frame before is answered from memory.
+They tell each new NMT state at once. ``python -m pdgw.tools.bench.drives AXES`` serves loopback buses with up to three drives
+each, prints their channels, and obeys its standard input: ``mark`` starts counting, ``report`` prints the counts as JSON, the end
+of input ends it. Everything else than RPDOs is the business of simulated drives; an SDO upload that one of them answered in one
+frame before is answered from memory.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ import time
 from collections.abc import Sequence
 
 from pdgw.ds301.can_frame import CAN_FRAME, pack_frame, unpack_frame
-from pdgw.ds301.connection_set import NMT, SDO_REQUEST, SDO_RESPONSE
+from pdgw.ds301.connection_set import ERROR_CONTROL, NMT, SDO_REQUEST, SDO_RESPONSE
 from pdgw.ds301.pdo import Pdo
 from pdgw.dsp402.images import DriveCommand, DriveFeedback
 from pdgw.peers.bus import Hub
@@ -107,6 +108,9 @@ class IdealDrives:
         identifier, content = unpack_frame(frame)
         for drive in self._nodes:
             drive.receive(identifier, content, time.monotonic_ns())
+            if can_id == NMT:
+                # Else the next heartbeat has it: the start would be as long as their period happens to have left.
+                self._send(pack_frame(ERROR_CONTROL + drive.node_id, bytes([drive.state])))
         self._asked = None
 
     def _begin(self, node: int) -> tuple[Pdo, Pdo]:
