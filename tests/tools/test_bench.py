@@ -7,6 +7,7 @@ import socket
 import subprocess
 import time
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import TypeVar
 
 import pytest
@@ -16,7 +17,10 @@ from pdgw.ds301.can_frame import pack_frame, unpack_frame
 from pdgw.ds301.connection_set import NMT
 from pdgw.ds301.nmt import NmtCommand
 from pdgw.gateway.config_file import parse_config
+from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.trace.reader import RingReader
+from pdgw.gateway.trace.recorder import FlightRecorder
 from pdgw.gateway.transport.cyclic import CyclicEndpoint, Verdict
 from pdgw.profidrive.frame import RtFrame
 from pdgw.profidrive.telegrams import telegram
@@ -256,10 +260,8 @@ def test_every_loss_stops_the_drive_within_its_bound(row: stops.Stop, loss: Call
 
 @pytest.mark.e2e
 def test_a_gateway_that_is_killed_or_stands_still_leaves_the_drive_to_its_own_guarding() -> None:
-    """It raises when the standing ON starts the drive again."""
-    rows = list(killed.real(1))
-    assert [len(row.times_ns) for row in rows] == [1, 1]
-    assert all(row.milliseconds(1) > 20 for row in rows), "by the drive's time-out, not by the signal"
+    """It raises when the drive does not stop, or the standing ON starts it again; nothing else is left to stop it."""
+    assert [len(row.times_ns) for row in killed.real(1)] == [1, 1]
 
 
 def test_a_stranger_sends_what_the_ports_are_for() -> None:
@@ -290,8 +292,25 @@ def test_the_same_exchange_is_measured_with_every_choice_that_is_granted(monkeyp
         assert parse_config(processes.configuration(["x"], 1, 4_000_000, (1, 2, 3)) + more)
 
 
-def test_the_cost_of_the_flight_recorder_is_measured_where_it_records() -> None:
-    cost = recording.run()
-    assert cost.axis_ns > 0
-    assert cost.frame_ns > 0
-    assert cost.times_ns > 0
+def test_the_cost_of_the_flight_recorder_is_measured_where_it_records(monkeypatch: pytest.MonkeyPatch) -> None:
+    recorders: list[FlightRecorder] = []
+
+    def recorder(daemon: Daemon, directory: Path, name: str) -> FlightRecorder:
+        recorders.append(FlightRecorder(daemon, directory, name))
+        return recorders[-1]
+
+    def cost(call: Callable[[], object]) -> float:
+        """As if each record of a cycle cost 1000 ns and 300 ns an axis, each of a frame 470 ns, everything else 50 ns."""
+        path = recorders[-1].path if recorders else None
+        if path is None:
+            call()
+            return 50
+        with RingReader(path) as ring:
+            cycles, frames = ring.newest_cycle, ring.newest_frame
+            call()
+            written = ring.cycles(cycles)
+            return 50 + sum(1000 + 300 * len(cycle.objects) for cycle in written) + 470 * (ring.newest_frame - frames)
+
+    monkeypatch.setattr(recording, "FlightRecorder", recorder)
+    monkeypatch.setattr(recording, "nanoseconds_per_call", cost)
+    assert recording.run() == recording.RecordingCost(cycle_ns=1000, axis_ns=300, frame_ns=50 + 470, times_ns=50)
