@@ -339,12 +339,23 @@ class _Exchange:
         if silence > _FILL * self._cycle_ns:
             self._lose()
             self._lost_since = now
-            text = f"no frame of the PLC for {silence / 1e6:.1f} ms: the gateway has lost it (IOCS BAD)"
-            self._put(Anomaly(now, 0, AnomalyKind.WATCHDOG, text))
+            self._put(self._unused_after(silence, now))
             return
         self._unused += 1
         if self._unused == _UNUSED:
             self._put(Anomaly(now, 0, AnomalyKind.DROPPED, "frames are not used by the gateway (IOCS BAD)"))
+
+    def _unused_after(self, silence: int, now: int) -> Entry:
+        """IOCS BAD after a silence: a loss, or a gateway that ends; of a watchdog that is not known both are possible."""
+        text = f"no frame of the PLC for {silence / 1e6:.1f} ms"
+        if self._factor is None:
+            text += ": the gateway has lost it or ends (IOCS BAD)"
+        elif silence < self._watchdog_ns - self._cycle_ns // 2:
+            text += f", less than the watchdog's {self._watchdog_ns / 1e6:g} ms: IOCS BAD as when the gateway ends"
+            return Event(now, 0, "gateway", text)
+        else:
+            text += ": the gateway has lost it (IOCS BAD)"
+        return Anomaly(now, 0, AnomalyKind.WATCHDOG, text)
 
     def _watch(self, now: int) -> None:
         """Without answers of the gateway, only the silence of the PLC tells about its watchdog."""

@@ -90,6 +90,34 @@ def test_a_silence_of_the_plc_is_a_watchdog_gap(tmp_path: Path) -> None:
     assert Reason.PLC_LOST in {entry.reason for entry in found.entries if isinstance(entry, ReasonChange)}
 
 
+def ended(rig: RecordedRig) -> None:
+    """The PLC ends, and the gateway a moment later: it uses no frame any more, the last one neither."""
+    rig.step(plc=False)
+    rig.endpoint.lose_setpoints()
+    rig.step(5, plc=False)
+
+
+def test_a_gateway_that_ends_after_the_plc_has_not_lost_it(tmp_path: Path) -> None:
+    rig = speed()
+    ended(rig)
+    found = timeline(rig, tmp_path)
+    assert not texts(found, AnomalyKind.WATCHDOG)
+    told = [entry.text for entry in found.entries if isinstance(entry, Event) and entry.kind == "gateway"]
+    assert told == ["no frame of the PLC for 8.3 ms, less than the watchdog's 12 ms: IOCS BAD as when the gateway ends"]
+    assert Reason.PLC_LOST in {entry.reason for entry in found.entries if isinstance(entry, ReasonChange)}
+
+
+def test_without_its_watchdog_a_gateway_that_ends_is_not_told_from_a_loss(tmp_path: Path) -> None:
+    rig = speed()
+    ended(rig)
+    opening = rig.open(tmp_path)
+    opening = replace(opening, known=replace(opening.known, watchdog_factor=None))
+    found = Timeline(opening, list(followed(opening)))
+    assert texts(found, AnomalyKind.WATCHDOG) == [
+        "no frame of the PLC for 8.3 ms: the gateway has lost it or ends (IOCS BAD)"
+    ]
+
+
 def test_emergencies_and_their_reset_are_told(tmp_path: Path) -> None:
     rig = speed()
     rig.node.model.inject(7)
