@@ -18,16 +18,13 @@ from pdgw.tools.log_format import Bundle, LogFormat, formatter
 from pdgw.tools.run_log import LogLevel, RunLog
 from tests.support.buses import wait_for
 from tests.support.daemon import Plc, axis, configuration, running, world_of
+from tests.support.logs import log_put_back
 
 
 @pytest.fixture(autouse=True)
 def _loggers() -> Iterator[None]:
-    root = logging.getLogger()
-    handlers, level = list(root.handlers), logging.getLogger("gateway").level
-    yield
-    root.handlers[:] = handlers
-    logging.getLogger("gateway").setLevel(level)
-    logging.getLogger("canopen").setLevel(logging.NOTSET)
+    with log_put_back():
+        yield
 
 
 def record(text: str, created: float = 0.0, level: int = logging.INFO) -> logging.LogRecord:

@@ -22,19 +22,25 @@ from pdgw.ds301.counters import Counters
 from pdgw.tools.run_log import CanRecorder, LogLevel, RunLog, on_signals
 from tests.support.buses import PATIENCE_S
 from tests.support.daemon import axis, configuration, running, until, world_of
+from tests.support.logs import log_put_back
 
 FRAME = can.Message(arbitration_id=0x181, data=b"\x31\x02")
 
 
 @pytest.fixture(autouse=True)
 def _loggers() -> Iterator[None]:
-    """A test that sets up the log leaves none behind."""
-    root = logging.getLogger()
-    handlers, level = list(root.handlers), logging.getLogger("gateway").level
-    yield
-    root.handlers[:] = handlers
-    logging.getLogger("gateway").setLevel(level)
-    logging.getLogger("canopen").setLevel(logging.NOTSET)
+    with log_put_back():
+        yield
+
+
+def test_a_test_of_the_log_leaves_none_behind(tmp_path: Path) -> None:
+    root, gateway = logging.getLogger(), logging.getLogger("gateway")
+    before = root.handlers[:], root.level, gateway.level, gateway.getEffectiveLevel()
+    with log_put_back():
+        run_log = RunLog(LogLevel.ERROR, tmp_path / "log")
+        assert gateway.getEffectiveLevel() == logging.ERROR
+        run_log.stop()
+    assert (root.handlers, root.level, gateway.level, gateway.getEffectiveLevel()) == before
 
 
 def shown(counters: Counters, part: str) -> int:
