@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from pydantic import ValidationError
 
 from pdgw.explain import problems
@@ -146,6 +148,7 @@ simulate = false             # true: a simulated drive instead of the one on the
 """
 
 
+SIMULATED_ENCODER_TELEGRAM = 83
 SIMULATED_WATCHDOG_FACTOR = 250
 """Cycles without a frame until the PLC is lost, where nothing real moves: a busy laptop holds a program up for some 0.1 s."""
 
@@ -155,10 +158,13 @@ _SIMULATED_TIMES = {"heartbeat_ms": 700, "sdo_timeout_ms": 5000}
 _SIMULATED_JOG = {"jog_1_speed_rpm": -150, "jog_2_speed_rpm": 150}
 
 
-def simulated(number: int, axes: int, encoders: int = 0, encoder_number: int = 83) -> GatewayConfig:
+def simulated(
+    numbers: Sequence[int], encoders: int = 0, encoder_number: int = SIMULATED_ENCODER_TELEGRAM
+) -> GatewayConfig:
     """The configuration of ``pdgw run --simulate``: simulated drives and encoders on a virtual bus, 4 ms.
 
-    The encoders sit on the shafts of the axes, one after the other. GatewayError names what is not possible.
+    ``numbers``: the telegram of each axis. The encoders sit on the shafts of the axes, one after the other. GatewayError names
+    what is not possible.
     """
     document = {
         "can": {"interface": "virtual", "channel": "pdgw"},
@@ -170,15 +176,15 @@ def simulated(number: int, axes: int, encoders: int = 0, encoder_number: int = 8
             | (_SIMULATED_JOG if number in SPEED_TELEGRAM_NUMBERS else {})
             | ({"dsc": "position", "following_window": 4096} if number in DSC_TELEGRAM_NUMBERS else {})
             | ({"g2": "drive"} if number in SECOND_SENSOR_NUMBERS else {})
-            for n in range(1, axes + 1)
+            for n, number in enumerate(numbers, 1)
         ],
         "encoder": [
             {
-                "do_id": axes + n,
-                "node_id": axes + n,
+                "do_id": len(numbers) + n,
+                "node_id": len(numbers) + n,
                 "telegram": encoder_number,
                 "simulate": True,
-                "motion": f"shaft={(n - 1) % axes + 1}",
+                "motion": f"shaft={(n - 1) % len(numbers) + 1}",
             }
             | _SIMULATED_TIMES
             for n in range(1, encoders + 1)

@@ -13,8 +13,53 @@ from importlib import import_module
 from typing import Any
 
 import typer
-from typer.core import TyperCommand, TyperGroup
+from typer.core import TyperCommand, TyperGroup, TyperOption
 from typer.main import get_command
+
+
+def _refuse_repeats(command: TyperCommand | TyperGroup, ctx: Any, args: list[str]) -> None:
+    """An option with one value that is given twice is refused: typer takes the last."""
+    seen: set[str] = set()
+    for option in command.make_parser(ctx).parse_args(args)[2]:
+        if not isinstance(option, TyperOption) or option.multiple or option.is_flag:
+            continue
+        if str(option.name) in seen and not ctx.resilient_parsing:
+            raise typer.BadParameter("given more than once, takes one value", ctx, option)
+        seen.add(str(option.name))
+
+
+def _without_types_of_flags(options: list[Any]) -> list[Any]:
+    """The help shows behind an option what is to be typed, behind a flag nothing: typer shows its type."""
+    for option in options:
+        if isinstance(option, TyperOption) and option.is_flag:
+            option.metavar = ""
+    return options
+
+
+class Command(TyperCommand):
+    """A command of ``pdgw``: no value that was typed is dropped."""
+
+    def get_params(self, ctx: Any) -> list[Any]:
+        return _without_types_of_flags(super().get_params(ctx))
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        given = list(args)
+        rest = super().parse_args(ctx, args)
+        _refuse_repeats(self, ctx, given)
+        return rest
+
+
+class Group(TyperGroup):
+    """A group of commands, of which some have options of their own."""
+
+    def get_params(self, ctx: Any) -> list[Any]:
+        return _without_types_of_flags(super().get_params(ctx))
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        given = list(args)
+        rest = super().parse_args(ctx, args)
+        _refuse_repeats(self, ctx, given)
+        return rest
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,9 +77,12 @@ class Entry:
         holder = typer.Typer(add_completion=False)
         holder.callback()(lambda: None)  # makes it a group, also with a single command
         if isinstance(found, typer.Typer):
-            holder.add_typer(found, name=name)
+            for item in found.registered_commands:
+                item.cls = Command
+            own = found.info.cls
+            holder.add_typer(found, name=name, cls=own if isinstance(own, type) else Group)
         else:
-            holder.command(name)(found)
+            holder.command(name, cls=Command)(found)
         group = get_command(holder)
         assert isinstance(group, TyperGroup)
         return group.commands[name]
@@ -113,10 +161,10 @@ SIM_COMMANDS: Mapping[str, Entry] = {
 """The commands of ``pdgw sim``."""
 
 
-def lazy_group(table: Mapping[str, Entry]) -> type[TyperGroup]:
+def lazy_group(table: Mapping[str, Entry]) -> type[Group]:
     """The class of a command group (``typer.Typer(cls=...)``) whose commands are those of a table."""
 
-    class LazyGroup(TyperGroup):
+    class LazyGroup(Group):
         """Lists stand-ins that know only their help; the command that is called is loaded."""
 
         def __init__(self, **attributes: Any) -> None:

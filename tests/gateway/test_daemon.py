@@ -51,7 +51,7 @@ def test_two_buses_carry_nodes_of_the_same_number() -> None:
 
 
 def test_two_axes_as_simulated_with_telegram_9_are_tasked_each_for_itself() -> None:
-    with running(simulated(9, 2)) as daemon:
+    with running(simulated([9] * 2)) as daemon:
         plc = Plc(daemon, [9, 9])
         for index in (0, 1):
             plc.endpoint.set(index, {"STW1": OFF & ~0x40})

@@ -43,7 +43,7 @@ def test_the_scenario_of_the_positioner_passes_through_the_gateway(like: str) ->
 
 def test_every_telegram_can_be_simulated_by_number_alone() -> None:
     for number in (4, 5, 6, 7, 102, 103, 105, 106, 110, 111):
-        assert simulated(number, 2).axis[1].telegram == number
+        assert simulated([number] * 2).axis[1].telegram == number
 
 
 @pytest.mark.parametrize(("form", "mode"), [("position", 8), ("speed", 9)])

@@ -43,7 +43,7 @@ def plant(tmp_path: Path) -> Path:
 @pytest.mark.parametrize(
     ("text", "axis", "told"),
     [
-        (config_text(simulated(1, 1)).replace("do_id = 1", "do_id = 7"), 7, "configuration of the gateway taken from"),
+        (config_text(simulated([1])).replace("do_id = 1", "do_id = 7"), 7, "configuration of the gateway taken from"),
         ("[can]\n", 1, "the configuration in the capture is not used"),
     ],
 )

@@ -5,15 +5,18 @@ from __future__ import annotations
 import signal
 import subprocess
 import sys
+from collections.abc import Iterator
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 import pytest
+from typer.core import TyperOption
 from typer.testing import CliRunner
 
 from pdgw.tools import commands
 from pdgw.tools.cli import app
-from pdgw.tools.command_table import COMMANDS, SIM_COMMANDS, Entry
+from pdgw.tools.command_table import COMMANDS, SIM_COMMANDS, Command, Entry, Group
 
 ENTRIES = [*COMMANDS.items(), *SIM_COMMANDS.items()]
 _HELPERS = {"__init__", "recording_options", "simulation_options"}
@@ -24,6 +27,47 @@ def test_the_table_says_of_a_command_what_the_command_says_of_itself(name: str, 
     command = entry.load(name)
     own = (command.help or "").split("\n\n")[0]
     assert entry.help == " ".join(own.split())
+
+
+def commands_of(name: str, command: Any) -> Iterator[tuple[str, Any]]:
+    """A command and all below it."""
+    yield name, command
+    for below, item in getattr(command, "commands", {}).items():
+        if command.get_command(None, below).params:  # no stand-in
+            yield from commands_of(f"{name} {below}", item)
+
+
+EVERY = [
+    item
+    for group, table in (("", COMMANDS), ("sim ", SIM_COMMANDS))
+    for name, entry in table.items()
+    for item in commands_of(group + name, entry.load(name))
+]
+
+
+@pytest.mark.parametrize(("name", "command"), EVERY, ids=[name for name, _ in EVERY])
+def test_an_option_with_one_value_is_not_given_twice(name: str, command: Any) -> None:
+    assert isinstance(command, Command | Group), "what looks at it"
+    options = [item for item in command.params if isinstance(item, TyperOption)]
+    for option in options:
+        if option.multiple or option.is_flag:
+            continue
+        choices = option.type_descriptor.choices
+        value = choices[0].value if choices else str(1 if option.min is None else option.min)
+        value = value.zfill(32) if "uuid" in str(option.name) else value
+        others = [
+            a for item in command.params if not isinstance(item, TyperOption) for a in ["1"] * bool(item.required)
+        ]
+        result = CliRunner().invoke(app, [*name.split(), *others, option.opts[0], value, option.opts[0], value])
+        assert result.exit_code == 2, (option.opts, result.output)
+        assert "given more than once" in " ".join(result.output.replace("│", " ").split()), (option.opts, result.output)
+
+
+@pytest.mark.parametrize("name", ["", *(name for name, _ in EVERY)])
+def test_the_help_shows_what_is_to_be_typed(name: str) -> None:
+    output = CliRunner().invoke(app, [*name.split(), "--help"]).output
+    assert "Usage: " in output
+    assert "<bool>" not in output
 
 
 def test_every_module_of_a_command_is_in_the_table() -> None:

@@ -56,20 +56,20 @@ reference_speed = 1500.5
 """
 
 
-@pytest.mark.parametrize("text", [FULL, example(), config_text(simulated(9, 3, 2))])
+@pytest.mark.parametrize("text", [FULL, example(), config_text(simulated([9] * 3, 2))])
 def test_a_configuration_as_text_is_the_same_configuration(text: str) -> None:
     config = parse_config(text)
     assert parse_config(config_text(config)) == config
 
 
 def test_the_file_carries_the_configuration(tmp_path: Path) -> None:
-    recorder = Recorder(tmp_path / "r", simulated(1, 1))
+    recorder = Recorder(tmp_path / "r", simulated([1]))
     recorder.stop()
     text = configuration_in(tmp_path / "r" / CAPTURE)
-    assert parse_config(text) == simulated(1, 1)
+    assert parse_config(text) == simulated([1])
     assert (tmp_path / "r" / CONFIGURATION).read_text() == text
     with pytest.raises(GatewayError, match=r"--record .*cannot be written"):
-        Recorder(tmp_path / "r" / CAPTURE / "x", simulated(1, 1))
+        Recorder(tmp_path / "r" / CAPTURE / "x", simulated([1]))
 
 
 @pytest.mark.parametrize(
@@ -102,7 +102,7 @@ def test_decode_knows_the_axes_of_a_capture_that_has_its_configuration(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = tmp_path / "x.pcapng"
-    writer = PcapngWriter(path, config_text(simulated(1, 1)))
+    writer = PcapngWriter(path, config_text(simulated([1])))
     datagram = udp_packet(("192.168.0.10", 50000), ("192.168.0.5", 34962), speed().frames.plc[0][1])
     writer.write(Link.ETHERNET, "plc", 1_700_000_000_123_456_789, datagram)
     writer.close()
@@ -131,17 +131,17 @@ def test_the_configuration_is_looked_for_in_the_captures_then_beside_them(
 ) -> None:
     files = speed().frames.write(tmp_path)
     assert not known_from(None, [], [], files).settings.axes
-    (tmp_path / CONFIGURATION).write_text(config_text(simulated(9, 2)))
+    (tmp_path / CONFIGURATION).write_text(config_text(simulated([9] * 2)))
     assert [axis.telegram for axis in known_from(None, [], [], files).settings.axes] == [9, 9]
     assert f"configuration of the gateway taken from {tmp_path / CONFIGURATION}" in capsys.readouterr().err
-    Recorder(tmp_path, simulated(1, 1)).stop()
+    Recorder(tmp_path, simulated([1])).stop()
     carried = known_from(None, [], [], [*files, str(tmp_path / CAPTURE)])
     assert [axis.telegram for axis in carried.settings.axes] == [1]
     assert [axis.telegram for axis in known_from(None, [2], [], files).settings.axes] == [2]
 
 
 def test_can_frames_keep_their_kind(tmp_path: Path) -> None:
-    recorder = Recorder(tmp_path, simulated(1, 1))
+    recorder = Recorder(tmp_path, simulated([1]))
     for message in (
         can.Message(5.5, 0x181, False, data=b"\x31\x02"),
         can.Message(6.0, 0x12345678, True, data=b"\x01"),
@@ -158,7 +158,7 @@ def test_can_frames_keep_their_kind(tmp_path: Path) -> None:
 
 
 def test_a_full_recording_is_put_aside_and_the_oldest_go(tmp_path: Path) -> None:
-    captures = Captures(tmp_path, config_text(simulated(1, 1)), size=2000, files=2)
+    captures = Captures(tmp_path, config_text(simulated([1])), size=2000, files=2)
     for number in range(200):
         captures.write(Link.CAN_SOCKETCAN, "can0", number, can_packet(0x181, number.to_bytes(8, "big")))
     captures.close()
@@ -168,7 +168,7 @@ def test_a_full_recording_is_put_aside_and_the_oldest_go(tmp_path: Path) -> None
     # Each can be read alone: it has its interfaces and the configuration. Together they are what came last, without a gap.
     numbers: list[int] = []
     for path in (*files, tmp_path / CAPTURE):
-        assert parse_config(configuration_in(path)) == simulated(1, 1)
+        assert parse_config(configuration_in(path)) == simulated([1])
         with open_source(str(path)) as source:
             numbers += [packet.time_ns for packet in source.packets if isinstance(packet, Packet)]
     assert numbers == list(range(numbers[0], 200))
@@ -177,7 +177,7 @@ def test_a_full_recording_is_put_aside_and_the_oldest_go(tmp_path: Path) -> None
 
 def test_what_an_earlier_run_recorded_is_kept(tmp_path: Path) -> None:
     for number in range(3):
-        recorder = Recorder(tmp_path, simulated(1, 1))
+        recorder = Recorder(tmp_path, simulated([1]))
         recorder.frame("can0", can.Message(float(number + 1), 0x181, False, data=b"\x01"))
         recorder.stop()
     assert len(list(tmp_path.glob("gateway-*.pcapng"))) == 2

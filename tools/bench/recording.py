@@ -38,7 +38,7 @@ def run() -> RecordingCost:
 
 def _cost(axes: int) -> tuple[float, float, float]:
     with tempfile.TemporaryDirectory(prefix="pdgw-") as directory:
-        daemon = Daemon(simulated(1, axes), World(0))
+        daemon = Daemon(simulated([1] * axes), World(0))
         try:
             times = nanoseconds_per_call(_cycles(daemon))
             recorder = FlightRecorder(daemon, Path(directory), "bench")

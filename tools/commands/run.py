@@ -20,7 +20,7 @@ from pdgw import __version__
 from pdgw.explain import Problem, problems
 from pdgw.gateway import realtime
 from pdgw.gateway.config import GatewayConfig
-from pdgw.gateway.config_example import simulated
+from pdgw.gateway.config_example import SIMULATED_ENCODER_TELEGRAM, simulated
 from pdgw.gateway.config_file import load_config
 from pdgw.gateway.config_surroundings import CanConfig
 from pdgw.gateway.daemon import Daemon
@@ -31,6 +31,7 @@ from pdgw.gateway.trace.place import prepared, run_directory
 from pdgw.gateway.trace.recorder import FlightRecorder
 from pdgw.gateway.transport.acyclic import record_service
 from pdgw.tools.beside import devices_beside, keeper_beside, page_beside
+from pdgw.tools.commands.simulation_options import only_with, telegrams_of_axes
 from pdgw.tools.log_format import LogFormat
 from pdgw.tools.run_log import CanRecorder, LogLevel, RunLog, on_signals
 
@@ -87,12 +88,19 @@ def run(
     simulate: Annotated[
         bool, typer.Option("--simulate", help="Simulated devices beside the gateway; needs no file.")
     ] = False,
-    telegram: Annotated[int, typer.Option(help="Telegram of the simulated axes.")] = 1,
-    axes: Annotated[int, typer.Option(min=1, max=32, help="Number of simulated axes.")] = 1,
+    telegram: Annotated[
+        list[int] | None,
+        typer.Option(
+            help="Telegram of the simulated axes, 1 without it; repeat to give one for each.", show_default=False
+        ),
+    ] = None,
+    axes: Annotated[int | None, typer.Option(min=1, max=32, help="Number of simulated axes, 1 without it.")] = None,
     encoders: Annotated[
-        int, typer.Option(min=0, max=32, help="Number of simulated encoders, on the shafts of the axes.")
-    ] = 0,
-    encoder_telegram: Annotated[int, typer.Option(help="Telegram of the simulated encoders.")] = 83,
+        int | None, typer.Option(min=0, max=32, help="Number of simulated encoders, on the shafts of the axes.")
+    ] = None,
+    encoder_telegram: Annotated[
+        int | None, typer.Option(help=f"Telegram of the simulated encoders, {SIMULATED_ENCODER_TELEGRAM} without it.")
+    ] = None,
     listen: Annotated[str | None, typer.Option(help="Address towards the PLC.")] = None,
     peer: Annotated[str | None, typer.Option(help="Address of the PLC, needed when --listen is not loopback.")] = None,
     cyclic_port: Annotated[int | None, typer.Option(help="UDP port of the cyclic frames.")] = None,
@@ -124,7 +132,14 @@ def run(
     """
     if simulate == (config is not None):
         raise GatewayError("give either a configuration file or --simulate")
-    chosen = simulated(telegram, axes, encoders, encoder_telegram) if config is None else load_config(config)
+    if config is None:
+        chosen = simulated(
+            telegrams_of_axes(telegram, axes), encoders or 0, encoder_telegram or SIMULATED_ENCODER_TELEGRAM
+        )
+    else:
+        only_with("--simulate", {"--telegram": telegram, "--axes": axes})
+        only_with("--simulate", {"--encoders": encoders, "--encoder-telegram": encoder_telegram})
+        chosen = load_config(config)
     chosen = _with_options(
         chosen,
         {

@@ -30,6 +30,7 @@ from pdgw.profidrive.frame import UDP_PORT
 from pdgw.profidrive.telegrams import telegram as telegram_of
 from pdgw.profinet.rpc.dcerpc import UDP_PORT as ACYCLIC_PORT
 from pdgw.tools.address import parse_address
+from pdgw.tools.commands.simulation_options import only_with, telegrams_of_axes
 from pdgw.tools.keys import read_keys
 from pdgw.tools.plc_window import watch
 from pdgw.tools.reports import Check, HtmlFile, JUnitFile, Report
@@ -71,8 +72,16 @@ class _DriveLink:
 def plc(
     scenario: Annotated[Path | None, typer.Argument(help="Scenario file (YAML).", show_default=False)] = None,
     gateway: Annotated[str, typer.Option(help="HOST or HOST:PORT of the gateway.")] = f"127.0.0.1:{UDP_PORT}",
-    telegram: Annotated[list[int] | None, typer.Option(help="Telegram of each axis, without a scenario.")] = None,
-    axes: Annotated[int, typer.Option(min=1, max=32, help="Axes with the same telegram.")] = 1,
+    telegram: Annotated[
+        list[int] | None,
+        typer.Option(
+            help="With --interactive: telegram of the axes, 1 without it; repeat to give one for each.",
+            show_default=False,
+        ),
+    ] = None,
+    axes: Annotated[
+        int | None, typer.Option(min=1, max=32, help="With --interactive: number of axes, 1 without it.")
+    ] = None,
     cycle_ms: Annotated[float, typer.Option(min=0.5, max=512, help="Cycle time.")] = 4,
     interactive: Annotated[bool, typer.Option("--interactive", help="Obey the keyboard.")] = False,
     pcap: Annotated[Path | None, typer.Option(help="Record both directions here.")] = None,
@@ -100,8 +109,12 @@ def plc(
 ) -> None:
     """Play a scenario (exit status 1 when an expectation fails), or obey the keyboard."""
     address = parse_address(gateway, UDP_PORT)
-    if scenario is None and not interactive:
-        raise GatewayError("give a scenario file or --interactive")
+    if interactive == (scenario is not None):
+        raise GatewayError("give either a scenario file or --interactive")
+    if scenario is not None:
+        only_with("--interactive", {"--telegram": telegram, "--axes": axes})
+    else:
+        only_with("a scenario", {"--json": as_json, "--junit": junit, "--html": html, "--drive-port": drive_port})
     chosen = load_scenario(scenario) if scenario else None
     if sys.stdout.isatty() and not progress and (chosen is not None or sys.stdin.isatty()):
         # What draws is another process: the cycle of the PLC does not wait for a terminal.
@@ -109,7 +122,7 @@ def plc(
         if results:
             Console().print(results_table([Result(**item) for item in results]))
         raise typer.Exit(status)
-    numbers = chosen.telegrams if chosen else (telegram or [1]) * axes
+    numbers = chosen.telegrams if chosen else telegrams_of_axes(telegram, axes)
     cycle_ns = int(cycle_ms * 1_000_000)
     endpoint = PlcEndpoint([telegram_of(number) for number in numbers], cycle_ns)
     client: PlcRunner

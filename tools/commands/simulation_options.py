@@ -1,7 +1,8 @@
-"""What the simulators of devices are given alike."""
+"""What simulators are given alike."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import Annotated
 
 import typer
@@ -20,3 +21,20 @@ def control_ports(control_port: int, rest_port: int) -> ControlConfig:
     if control_port and control_port == rest_port:
         raise GatewayError(f"--control-port and --rest-port: both are {control_port}, each must be different")
     return ControlConfig(port=control_port, rest_port=rest_port)
+
+
+def telegrams_of_axes(telegrams: Sequence[int] | None, axes: int | None) -> list[int]:
+    """The telegram of each axis: one for all of them, or one for each; GatewayError when they are not as many."""
+    given = list(telegrams or [1])
+    if len(given) == 1:
+        return given * (axes or 1)
+    if axes not in {None, len(given)}:
+        raise GatewayError(f"--axes {axes}: --telegram is given {len(given)} times, once for each axis")
+    return given
+
+
+def only_with(what: str, given: Mapping[str, object]) -> None:
+    """Refuse options that would have no effect: those that are given; GatewayError names the first and ``what`` it goes with."""
+    for option, value in given.items():
+        if value is not None:
+            raise GatewayError(f"{option}: only with {what}")

@@ -286,7 +286,7 @@ class _Plc:
 @contextmanager
 def _gateway(number: int) -> Iterator[tuple[_Plc, SimulatedDrive]]:
     """A gateway in a world of its own, its PLC and its drive."""
-    config = simulated(number, 1)
+    config = simulated([number])
     world = World(0)
     world.simulate(config)
     daemon = Daemon(config, world)
