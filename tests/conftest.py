@@ -16,7 +16,9 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, settings
 
+from pdgw.tools import background
 from pdgw.tools.bench.build import COMPILED, build
+from tests.support.buses import PATIENCE_S
 
 settings.register_profile(
     "ci", derandomize=True, deadline=None, max_examples=100, database=None, suppress_health_check=[HealthCheck.too_slow]
@@ -89,4 +91,12 @@ def _state_directory(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]
         patch.setenv("XDG_STATE_HOME", str(tmp_path_factory.mktemp("state")))
         patch.delenv("RUNTIME_DIRECTORY", raising=False)
         patch.setenv("XDG_RUNTIME_DIR", str(tmp_path_factory.mktemp("run")))
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _patience() -> Iterator[None]:
+    """A log or a recording that was stopped is whole, also where its thread got no processor for seconds."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(background, "END_S", PATIENCE_S)
         yield

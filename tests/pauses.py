@@ -1,7 +1,7 @@
 """``make test-paused``: a command while, one after the other, a process of it is held up (SIGSTOP) for up to a second.
 
 So does a busy machine, only more seldom: what fails here for another reason than its defect will fail there one day. Arguments: a
-seed, then the command. Its exit status is the command's. Linux only.
+seed, then the command. Its exit status is the command's. Linux only. ``tests.thread_pauses`` does it to threads.
 """
 
 from __future__ import annotations

@@ -30,6 +30,7 @@ class BackgroundWriter(Generic[T]):
         self._write = write
         self._close = close
         self._items: queue.Queue[T | None] = queue.Queue(_WAITING)
+        self._counting = threading.Lock()
         self.lost = 0
         self.failed = False
         self._thread = threading.Thread(target=self._run, name=what, daemon=True)
@@ -41,12 +42,14 @@ class BackgroundWriter(Generic[T]):
 
     def put(self, item: T) -> None:
         """Never waits: what there is no room for is counted."""
-        if self.failed:
-            self.lost += 1
-            return
-        try:
-            self._items.put_nowait(item)
-        except queue.Full:
+        with self._counting:
+            if not self.failed:
+                try:
+                    self._items.put_nowait(item)
+                except queue.Full:
+                    pass
+                else:
+                    return
             self.lost += 1
 
     @property
@@ -76,8 +79,8 @@ class BackgroundWriter(Generic[T]):
     def _fail(self, error: OSError) -> None:
         if self.failed:
             return
-        self.failed = True
-        with self._items.mutex:
+        with self._counting, self._items.mutex:
+            self.failed = True
             self.lost += len(self._items.queue) + 1
             self._items.queue.clear()
         log.error("%s: %s; nothing more is recorded", self._what, error.strerror or error)

@@ -24,7 +24,8 @@ from rich.logging import RichHandler
 
 from pdgw.ds301.counters import Counters
 from pdgw.gateway.errors import GatewayError
-from pdgw.tools.background import END_S, BackgroundWriter
+from pdgw.tools import background
+from pdgw.tools.background import BackgroundWriter
 from pdgw.tools.log_format import Bundle, LogFormat, formatter
 
 log = logging.getLogger("gateway")
@@ -85,6 +86,9 @@ class _FromQueue(logging.handlers.QueueListener):
         for record in records:
             super().handle(record)
 
+    def enqueue_sentinel(self) -> None:
+        self._records.put(self._sentinel, timeout=background.END_S)  # type: ignore[attr-defined]
+
     def stop(self) -> None:
         thread: threading.Thread | None = self._thread
         if thread is None:
@@ -93,7 +97,7 @@ class _FromQueue(logging.handlers.QueueListener):
             self.enqueue_sentinel()
         except queue.Full:
             return  # nothing is taken any more: the thread ends with the process
-        thread.join(END_S)
+        thread.join(background.END_S)
         self._thread = None
         if not thread.is_alive():
             self._write(self._bundle.flush())

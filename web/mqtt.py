@@ -71,8 +71,11 @@ class Publisher:
         self._said: dict[str, str] = {}
         self._last_event = 0
         self._anew = threading.Event()
+        self._ready = threading.Event()
         self._client = made_client(config, f"pdgw-{watch.config.transport.station_name}"[:23])
         self._client.will_set(self._online_topic, "0", _QOS, retain=True)
+        # paho is connected before it calls on_connect: what is said between would be said again as of an outage.
+        self._client.on_pre_connect = lambda *_: self._ready.clear()
         self._client.on_connect = self._connected
         self._client.on_connect_fail = lambda *_: log.warning("MQTT: %s:%d is not reached", config.host, config.port)
 
@@ -82,8 +85,8 @@ class Publisher:
 
     @property
     def connected(self) -> bool:
-        """The broker is there."""
-        return self._client.is_connected()
+        """The broker is there, and what is said from now on is for this connection."""
+        return self._client.is_connected() and self._ready.is_set()
 
     def start(self) -> None:
         """Connect as soon as the broker is there."""
@@ -101,11 +104,11 @@ class Publisher:
 
     def tell(self) -> None:
         """After a tick of the feed: whatever changed."""
+        if not self.connected:
+            return
         if self._anew.is_set():
             self._anew.clear()
             self._said.clear()
-        if not self.connected:
-            return
         document = self._watch.document
         self._say(self._online_topic, "1" if document is not None else "0")
         if document is None:
@@ -134,3 +137,4 @@ class Publisher:
         else:
             log.info("MQTT: connected to %s:%d", self._config.host, self._config.port)
             self._anew.set()
+            self._ready.set()

@@ -322,4 +322,4 @@ def test_the_status_port_tells_axes_and_counters_whoever_else_has_connected_to_i
 
 def served(daemon: Daemon) -> int:
     """Connections to the status port that have not been answered yet."""
-    return sum(task.name == "status" for task in daemon.loop.tasks)
+    return sum(task.name == "status" for task in tuple(daemon.loop.tasks))

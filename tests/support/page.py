@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import http.client
 import json
 import threading
@@ -101,6 +102,12 @@ class Page:
         """Wait until the gateway was asked after now."""
         ticks = self.watch.feed.ticks
         until(lambda: self.watch.feed.ticks > ticks + 1, "the next look at the gateway")
+
+
+def look(watch: Watch) -> None:
+    """One look at the gateway. A busy machine makes no answer an old one."""
+    with patch.object(feed, "ANSWER_WITHIN_S", PATIENCE_S):
+        asyncio.run(watch.feed.once())
 
 
 def until(condition: Any, what: str) -> None:

@@ -16,7 +16,7 @@ from pdgw.ds301.loop import SECOND
 from pdgw.gateway.reasons import FaultNumber, Reason
 from pdgw.tools.log_format import Bundle, LogFormat, formatter
 from pdgw.tools.run_log import LogLevel, RunLog
-from tests.support.buses import wait_for
+from tests.support.buses import PATIENCE_S, wait_for
 from tests.support.daemon import Plc, axis, configuration, running, world_of
 from tests.support.logs import log_put_back
 
@@ -97,7 +97,8 @@ def test_a_line_that_never_stops_repeating_itself_is_told_every_ten_seconds() ->
     assert texts(told) == ["again", *["again (11 times more)"] * 5]
 
 
-def test_what_was_repeated_at_the_end_is_in_the_log(tmp_path: Path) -> None:
+def test_what_was_repeated_at_the_end_is_in_the_log(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("pdgw.tools.log_format._FLUSH_S", PATIENCE_S)
     path = tmp_path / "log"
     run_log = RunLog(LogLevel.INFO, path)
     for _ in range(1000):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import json
 import re
 import shutil
@@ -19,7 +18,7 @@ from pdgw.profidrive.parameters.codec import Address
 from pdgw.web.metrics import exposition
 from pdgw.web.watch import Watch
 from tests.support.daemon import Plc, axis, configuration, drive_of, running, serving
-from tests.support.page import ShownGateway
+from tests.support.page import ShownGateway, look
 
 DEPLOY = Path(__file__).parents[2] / "deploy"
 PROMTOOL = shutil.which("promtool")
@@ -53,7 +52,7 @@ class Scraped:
         self.expose = exposition(self.watch)
 
     def look(self) -> str:
-        asyncio.run(self.watch.feed.once())
+        look(self.watch)
         return self.expose().decode()
 
 
@@ -110,18 +109,18 @@ def test_a_fault_is_active_until_it_is_acknowledged() -> None:
         watch = Watch(daemon.config, gateway)
         expose = exposition(watch)
 
-        def look() -> str:
+        def told() -> str:
             gateway.show(daemon)
-            asyncio.run(watch.feed.once())
+            look(watch)
             return expose().decode()
 
         drive_of(daemon).inject(7)
         plc.until(lambda: daemon.axes[0].reason is Reason.DRIVE_FAULT and daemon.axes[0].faults, "the fault")
-        assert value(look(), "pdgw_fault_active", do="1", number="7") == 1
+        assert value(told(), "pdgw_fault_active", do="1", number="7") == 1
         drive_of(daemon).clear()
         plc.endpoint.set(0, {"STW1": 0x04FE})
         plc.until(lambda: daemon.axes[0].reason is not Reason.DRIVE_FAULT, "acknowledged")
-        text = look()
+        text = told()
     assert value(text, "pdgw_fault_active", do="1", number="7") is None
     assert value(text, "pdgw_faults_total", do="1", number="7") == 1
 
@@ -135,7 +134,7 @@ def test_requests_and_refusals_beside_the_exchange_are_counted() -> None:
         client.request([Address(922), Address(0x2FFE, 9, 1)])
         gateway.show(daemon)
         watch = Watch(daemon.config, gateway)
-        asyncio.run(watch.feed.once())
+        look(watch)
         text = exposition(watch)().decode()
         refused = daemon.axes[0].client.sdo_aborts
     assert value(text, "pdgw_parameter_requests_total", do="1", result="answered") == 1

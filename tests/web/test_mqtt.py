@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import json
 import shutil
 import socket
@@ -26,7 +25,7 @@ from tests.endtoend.processes import free_tcp_port
 from tests.support.buses import PATIENCE_S
 from tests.support.daemon import axis, configuration, running
 from tests.support.daemon import until as until_true
-from tests.support.page import ShownGateway, until
+from tests.support.page import ShownGateway, look, until
 
 BROKER = shutil.which("mosquitto") or "/usr/sbin/mosquitto"
 needs_broker = pytest.mark.skipif(
@@ -84,7 +83,7 @@ class Subscriber:
 
 def looked(watch: Watch, publisher: Publisher) -> None:
     """One look at the gateway, told to the broker."""
-    asyncio.run(watch.feed.once())
+    look(watch)
     publisher.tell()
 
 
