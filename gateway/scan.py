@@ -29,7 +29,6 @@ from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.guarding import guard
 from pdgw.dsp402.probe import probe
-from pdgw.dsp402.scaling import UnitKeys
 from pdgw.dsp402.settings import DriveSettings
 from pdgw.dsp406.kinds import PROFILE_NUMBER, EncoderType
 from pdgw.dsp406.pdo import POSITION, POSITION_MULTI_SENSOR
@@ -74,8 +73,6 @@ class Expected:
     telegram: int
     profile: int = DRIVE_PROFILE
     eds: Path | None = None
-    units: UnitKeys | None = None
-    family: str = ""
     settings: AxisSettings | None = None
     drive: DriveSettings | None = None
 
@@ -120,8 +117,6 @@ def expected_on(config: GatewayConfig, bus: CanConfig) -> dict[int, Expected]:
                 axis.telegram,
                 DRIVE_PROFILE,
                 axis.eds,
-                axis.units,
-                axis.family or "",
                 axis.settings_at(cycle_ms),
                 axis.drive_settings(axis.telegram, cycle_ms),
             )
@@ -289,16 +284,15 @@ class Scan:
         return sheet
 
     def _describe_drive(self, node: Inquiry, found: FoundNode, sheet: Sheet | None, expected: Expected | None) -> None:
-        units, family = (None, "") if expected is None else (expected.units, expected.family)
+        settings = (expected.drive if expected is not None else None) or DriveSettings(node.node_id)
         try:
-            drive = probe(node, None if sheet is None else sheet.dictionary, units, family)
+            drive = probe(node, None if sheet is None else sheet.dictionary, settings.units, settings.family)
         except Dsp402Error as error:
             found.notes.append(str(error))
             return
         found.drive = drive
         found.lacks = dict(lacks_by_telegram(drive))
-        configured = None if expected is None else expected.drive
-        found.notes.append(f"when the gateway dies, what stops it is {_guarding(node, drive, configured)}")
+        found.notes.append(f"when the gateway dies, what stops it is {_guarding(node, drive, settings)}")
         if expected is None:
             return
         if expected.settings is not None:
@@ -309,7 +303,7 @@ class Scan:
         )
 
 
-def _guarding(node: Inquiry, drive: DriveType, configured: DriveSettings | None) -> str:
+def _guarding(node: Inquiry, drive: DriveType, settings: DriveSettings) -> str:
     """What would guard the gateway, for a person; an object that is there counts as one that can be written."""
 
     def number(index: int, subindex: int) -> int:
@@ -322,7 +316,6 @@ def _guarding(node: Inquiry, drive: DriveType, configured: DriveSettings | None)
     def pretend(step: SdoStep) -> None:
         number(step.index, step.subindex)
 
-    settings = configured or DriveSettings(node.node_id)
     wanted = settings.guarding_of(drive, PdoDirection.RPDO.communication_index)
     found = guard(wanted, pretend, number)
     if not found.refusal:
