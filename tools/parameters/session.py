@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass
+from functools import cache
 
 from pdgw.ds301.communication import IDENTITY
 from pdgw.ds301.objects import Entry
@@ -24,13 +25,18 @@ from pdgw.tools.parameters.client import ParameterClient
 
 _PROFILE_IDENTIFICATION = 965
 _ENCODER_OBJECTS = {row.index: row for row in PROFILE}
-_KNOWN_OBJECTS = (
-    {spec.index for spec in known_objects()}
-    | {index for index, _ in entries_of(all_families())}
-    | _ENCODER_OBJECTS.keys()
-)
 _STRINGS = {DataType.VISIBLE_STRING, DataType.OCTET_STRING}
 Progress = Callable[[int, int], None]
+
+
+@cache
+def _known_indices() -> Set[int]:
+    """Every object with a name, of the profiles and of all families of drives."""
+    return (
+        {spec.index for spec in known_objects()}
+        | {index for index, _ in entries_of(all_families())}
+        | _ENCODER_OBJECTS.keys()
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +68,7 @@ class Element:
 def meant(element: Element) -> str:
     """The address that was meant by a decimal number that is none of a parameter but looks like an object: 6041."""
     digits = str(element.pnu)
-    if element.error not in NOT_THERE or not digits.isdecimal() or int(digits, 16) not in _KNOWN_OBJECTS:
+    if element.error not in NOT_THERE or not digits.isdecimal() or int(digits, 16) not in _known_indices():
         return ""
     return f"did you mean {digits}h?"
 
