@@ -43,9 +43,10 @@ _REPEAT_AFTER = 10
 """An urgent request goes out again when a tenth of the time for its answer is over."""
 
 
-def _download(data: bytes) -> int:
-    """The command of an expedited download."""
-    return int(REQUEST_DOWNLOAD | EXPEDITED | SIZE_SPECIFIED) | (_EXPEDITED_SIZE - len(data)) << 2
+def _download(index: int, subindex: int, data: bytes) -> bytes:
+    """The request of an expedited download of 1 to 4 bytes."""
+    command = REQUEST_DOWNLOAD | EXPEDITED | SIZE_SPECIFIED | (_EXPEDITED_SIZE - len(data)) << 2
+    return bytes(SDO_STRUCT.pack(command, index, subindex)) + data.ljust(_EXPEDITED_SIZE, b"\0")
 
 
 class SdoAccess:
@@ -129,10 +130,9 @@ class SdoAccess:
         if not 1 <= len(data) <= _EXPEDITED_SIZE:
             sdo.download(index, subindex, data)
             return
-        command = _download(data)
         address = SDO_STRUCT.pack(RESPONSE_DOWNLOAD, index, subindex)
         deadline = self.loop.now() + int(sdo.RESPONSE_TIMEOUT * SECOND)
-        answer = sdo.request_response(SDO_STRUCT.pack(command, index, subindex) + data.ljust(_EXPEDITED_SIZE, b"\0"))
+        answer = sdo.request_response(_download(index, subindex, data))
         while answer[: len(address)] != address:
             if self.loop.now() > deadline:
                 raise SdoCommunicationError(f"no answer to the write of {index:04X}h/{subindex}")
@@ -141,7 +141,7 @@ class SdoAccess:
     def read_urgently(self, index: int, subindex: int = 0) -> int:
         """An unsigned integer of 32 bits at most, as ``read_number``; a lost frame costs a tenth of the time for answers."""
         try:
-            answer = self._urge(REQUEST_UPLOAD, index, subindex)
+            answer = self._urge(SDO_STRUCT.pack(REQUEST_UPLOAD, index, subindex) + bytes(_EXPEDITED_SIZE))
         except SdoAbortedError as error:
             raise self._unreadable(index, subindex, error) from error
         if answer[0] & ~_OF_THE_SIZE != RESPONSE_UPLOAD | EXPEDITED:
@@ -151,16 +151,15 @@ class SdoAccess:
 
     def write_urgently(self, index: int, subindex: int, data: bytes) -> None:
         """As ``write``, 1 to 4 bytes; a lost frame costs a tenth of the time for answers. The object takes it twice then."""
-        if self._urge(_download(data), index, subindex, data)[0] != RESPONSE_DOWNLOAD:
+        if self._urge(_download(index, subindex, data))[0] != RESPONSE_DOWNLOAD:
             raise SdoCommunicationError(f"no confirmation of the write of {index:04X}h/{subindex}")
 
-    def _urge(self, command: int, index: int, subindex: int, data: bytes = b"") -> bytes:
+    def _urge(self, request: bytes) -> bytes:
         """The answer to an expedited request that is repeated while none comes; an abort is raised as canopen does.
 
         ValueError where nothing came but what is no SDO.
         """
         sdo = self._sdo
-        request = SDO_STRUCT.pack(command, index, subindex) + data.ljust(_EXPEDITED_SIZE, b"\0")
         asked = request[1:_EXPEDITED_SIZE]
         timeout = int(sdo.RESPONSE_TIMEOUT * SECOND)
         begin = self.loop.now()
