@@ -95,7 +95,7 @@ class AxisMachine:
         self.notes = self.cycle.notes
         self.interlock = Interlock(settings)
         self.executor = self._make_executor(kind)
-        # Made now, so that a replay knows all parts of the machine from its beginning.
+        # Made now, while the images of the cycle are the drive's.
         with_tasks = kind is Kind.POSITIONING or kind is Kind.POSITIONER
         self._own_interpolation = Interpolation(self.cycle) if with_tasks else None
         self._interpolation: Interpolation | None = None

@@ -153,12 +153,11 @@ class DscSetpoint:
 
 
 class Dsc:
-    """DSC of one axis; ``step`` once per SYNC period. ``setpoint``: the object to use for it."""
+    """DSC of one axis; ``step`` once per SYNC period."""
 
-    def __init__(self, settings: DscSettings, setpoint: DscSetpoint | None = None) -> None:
+    def __init__(self, settings: DscSettings) -> None:
         self.settings = settings
-        self.setpoint = setpoint or DscSetpoint()
-        self.setpoint.clear()
+        self.setpoint = DscSetpoint()
         self.dead_time_ns = dead_time_ns(settings.sync_period_ns, settings.jitter_ns)
         self.gain_limit = highest_gain(self.dead_time_ns)
         self.hold_ns = longest_hold_ns(self.dead_time_ns)

@@ -15,7 +15,7 @@ from pdgw.gateway.axis.executors.torque import message_of
 from pdgw.gateway.axis.power_table import Action
 from pdgw.gateway.axis.waist import STATE_MASK, Flag
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.motion.dsc import Dsc, DscChoices, DscForm, DscSetpoint, DscSettings, wrapped
+from pdgw.gateway.motion.dsc import Dsc, DscChoices, DscForm, DscSettings, wrapped
 from pdgw.gateway.motion.messages import SPEED_WITHIN_TOLERANCE, MessageWord, reduced_torque
 from pdgw.gateway.motion.units import round_half_away
 from pdgw.gateway.reasons import FaultNumber, Reason
@@ -38,8 +38,6 @@ class DscExecutor(Executor):
             raise GatewayError('dsc: missing, telegrams 5, 6, 105 and 106 need dsc = "position" or "speed"')
         self.choices: DscChoices = self.settings.dsc
         self.dsc: Dsc | None = None
-        # Made now, so that a replay knows all parts of the executor from its beginning.
-        self._setpoint = DscSetpoint()
         self._actual: Normalisation | None = None
         self._message: MessageWord | None = None
         self._torque = 0
@@ -79,7 +77,7 @@ class DscExecutor(Executor):
             xerr_sign=choices.xerr_sign,
             jitter_ns=choices.jitter_ns,
         )
-        self.dsc = Dsc(settings, self._setpoint)
+        self.dsc = Dsc(settings)
         self._actual = n4(reference, _I32)
         self._message = MessageWord(int(reference))
         self._torque = self.command.max_torque = drive.max_torque
