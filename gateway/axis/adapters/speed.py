@@ -123,7 +123,8 @@ class DscAdapter(WideSpeedAdapter):
 
     def read(self, setpoints: Sequence[int] | None, demand: Demand) -> None:
         super().read(setpoints, demand)
-        demand.fresh = setpoints is not None and setpoints is not self._last
+        # Without control the last words may stand; a position error of before must not count as one of now.
+        demand.fresh = setpoints is not None and demand.in_control and setpoints is not self._last
         self._last = setpoints
         if setpoints is not None and demand.in_control:
             demand.speed = setpoints[self._setpoint] * self._setpoint_factor

@@ -9,7 +9,7 @@ import pytest
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import State
 from pdgw.gateway.axis.machine import AxisMachine
-from pdgw.gateway.axis.settings import AxisSettings
+from pdgw.gateway.axis.settings import AxisSettings, ControlLost
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.motion.dsc import DscChoices, DscForm, dead_time_ns, highest_gain, longest_hold_ns
 from pdgw.gateway.reasons import FaultNumber, Reason
@@ -19,14 +19,21 @@ from tests.support.rig import Rig
 CYCLE_NS = 4_000_000
 REFERENCES = References(max_acceleration=5000, max_deceleration=2000)
 LONG_RAMP = replace(REFERENCES, max_deceleration=100)
-OFF, ON = 0x040E, 0x040F
+OFF, ON, CONTROL = 0x040E, 0x040F, 0x0400
 """STW1.4 to .6 are not evaluated."""
 KPC = 30_000
 FORMS = list(DscForm)
 
 
-def axis(form: DscForm, number: int = 105, references: References = REFERENCES, **choices: int) -> Rig:
-    rig = Rig(number, dsc=DscChoices(form, **{"following_window": 4096, "cycle_ns": CYCLE_NS, **choices}))
+def axis(
+    form: DscForm,
+    number: int = 105,
+    references: References = REFERENCES,
+    control_lost: ControlLost = ControlLost.STOP,
+    **choices: int,
+) -> Rig:
+    dsc = DscChoices(form, **{"following_window": 4096, "cycle_ns": CYCLE_NS, **choices})
+    rig = Rig(number, dsc=dsc, control_lost=control_lost)
     rig.stepper.set_references(references)
     rig.enable(OFF)
     return rig
@@ -201,6 +208,28 @@ def test_a_speed_without_kpc_stands_until_the_watchdog_as_in_every_telegram(form
     assert abs(rig.feedback.velocity_actual - 1500) <= 15
 
 
+@pytest.mark.parametrize("form", FORMS)
+def test_a_position_error_of_before_the_plc_gave_its_control_away_stops_the_axis(form: DscForm) -> None:
+    rig = axis(form, control_lost=ControlLost.HOLD)
+    turn(rig)
+    rig.values["STW1"] = ON & ~CONTROL
+    rig.step(HELD_CYCLES + 30)
+    stopped = rig.feedback.position_actual
+    rig.step(200)
+    assert abs(rig.feedback.position_actual - stopped) <= 1
+    assert rig.state is State.OPERATION_ENABLED, "the last ON stands"
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_a_speed_without_kpc_stands_without_control_where_the_user_wants_it_so(form: DscForm) -> None:
+    rig = axis(form, control_lost=ControlLost.HOLD)
+    rig.values["NSOLL_B"] = 1 << 28
+    rig.step(150)
+    rig.values |= {"STW1": ON & ~CONTROL, "NSOLL_B": 0}
+    rig.step(200)
+    assert abs(rig.feedback.velocity_actual - 1500) <= 15
+
+
 def test_off1_while_positions_come_without_nsoll_b_is_a_ramp_too() -> None:
     rig = axis(DscForm.POSITION, references=LONG_RAMP)
     turn(rig)
@@ -250,3 +279,12 @@ def test_a_drive_whose_units_are_not_known_does_not_operate() -> None:
     rig.stepper.set_drive(replace(drive, scaling=replace(drive.scaling, velocity_per_rpm=None)))
     rig.step(2)
     assert [event.number for event in rig.stepper.events] == [FaultNumber.REFERENCE]
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_values_dsc_cannot_reckon_with_refuse_operation(form: DscForm) -> None:
+    rig = Rig(105, dsc=DscChoices(form, following_window=1 << 31, cycle_ns=CYCLE_NS))
+    rig.step(2)
+    (event,) = rig.stepper.events
+    assert event.number == FaultNumber.REFERENCE
+    assert "following_window: 2147483648 is not allowed" in event.text
