@@ -53,7 +53,7 @@ from pdgw.gateway.config_surroundings import (
 )
 from pdgw.gateway.config_web import MqttConfig, WebConfig
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.motion.dsc import DELAY_CYCLES_MAX, DscChoices, DscForm
+from pdgw.gateway.motion.dsc import DELAY_CYCLES_MAX, FOLLOWING_WINDOW_MAX, DscChoices, DscForm
 from pdgw.gateway.positioner_config import BlockConfig, PositionerConfig
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.frame import CSduLayout
@@ -129,7 +129,7 @@ class AxisConfig(DriveObjectSection):
     jog_2_speed_rpm: SignedRatio | None = None
     dsc: DscForm | None = None
     """Telegrams 5, 6, 105 and 106: where the position loop is closed."""
-    following_window: Annotated[Integer, Field(ge=1)] | None = None
+    following_window: Annotated[Integer, Field(ge=1, le=FOLLOWING_WINDOW_MAX)] | None = None
     """Position units within which DSC may start."""
     dsc_delay_cycles: Annotated[Integer, Field(ge=0, le=DELAY_CYCLES_MAX)] = 1
     xerr_sign: Literal[1, -1] = 1

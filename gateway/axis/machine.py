@@ -8,8 +8,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final
 
+from pdgw.ds301.errors import CanopenError
 from pdgw.dsp402.drive_type import DriveType, Quantity
-from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.images import DriveFeedback
 from pdgw.dsp402.states import STATE_OF_STATUS, State, StatusBit
 from pdgw.gateway.axis.adapters.transparent import ACTUAL_ATTRIBUTES, SETPOINT_ATTRIBUTES
@@ -51,9 +51,11 @@ from pdgw.gateway.axis.waist import (
     Report,
 )
 from pdgw.gateway.axis.watch import FAULTY, POWERED, UNPOWERED, WATCHED, Acknowledgement, DriveWatch, NodeWatch
+from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.needs import needed_quantities
 from pdgw.gateway.reasons import FaultNumber, Reason
 from pdgw.profidrive.encoder import SensorError
+from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.telegrams import telegram
 
 _OF_THE_DRIVE: Final = Flag.OF_THE_DRIVE
@@ -133,11 +135,14 @@ class AxisMachine:
     def set_references(self, place: int, references: EncoderReferences | None) -> None:
         """What gives the position of an external G1 (``place`` 0) or G2 (1) its meaning.
 
-        ProfidriveError for a range no sensor has.
+        With a range no sensor has its position is not valid, which the next step tells (fault 104).
         """
         sensor = self.second_sensor if place else self.sensor
         if sensor is not None:
-            sensor.channel.set_references(references)
+            try:
+                sensor.channel.set_references(references)
+            except ProfidriveError as error:
+                self.notes.faults.append((FaultNumber.REFERENCE, f"G{place + 1}: {error}"))
 
     def tolerate(self, failures: int) -> None:
         """P925: how many failures of the sign of life in succession; counting starts anew."""
@@ -335,7 +340,7 @@ class AxisMachine:
         if not refusal:
             try:
                 self.executor.set_drive(self._shown_to_executor(drive), homing_method)
-            except Dsp402Error as error:
+            except (CanopenError, GatewayError, ProfidriveError) as error:
                 refusal = str(error)
         return refusal
 

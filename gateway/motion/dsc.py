@@ -30,6 +30,7 @@ _SECONDS_PER_MINUTE = 60
 _LOWEST, _HIGHEST = DataType.INTEGER32.integer_range
 _TURN = 1 << 32
 DELAY_CYCLES_MAX = 8
+FOLLOWING_WINDOW_MAX = _HIGHEST
 
 
 def dead_time_ns(sync_period_ns: int, jitter_ns: int) -> int:
@@ -112,7 +113,7 @@ class DscSettings:
         checks = (
             ("increments per revolution", self.increments_per_revolution, 1, _HIGHEST),
             ("SYNC period", self.sync_period_ns, 1, _NS),
-            ("following_window", self.following_window, 1, _HIGHEST),
+            ("following_window", self.following_window, 1, FOLLOWING_WINDOW_MAX),
             ("fine resolution", self.fine_resolution, 0, 31),
             ("dsc_delay_cycles", self.delay_cycles, 0, DELAY_CYCLES_MAX),
             ("jitter", self.jitter_ns, 0, _NS),

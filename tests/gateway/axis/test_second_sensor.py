@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from fractions import Fraction
 from typing import Any
 
 import pytest
 
-from pdgw.gateway.axis.settings import SecondSensor
+from pdgw.dsp402.images import DriveFeedback
+from pdgw.gateway.axis.executors.sensor import EncoderReferences
+from pdgw.gateway.axis.machine import AxisMachine
+from pdgw.gateway.axis.settings import AxisSettings, SecondSensor
+from pdgw.gateway.reasons import FaultNumber
 from pdgw.peers.drive.motion import SECOND_ENCODER_STEPS
 from pdgw.profidrive.encoder import SensorError
 from pdgw.profidrive.signals import signal
@@ -95,3 +100,16 @@ def test_a_sign_of_life_that_is_lost_is_the_error_of_both_sensors() -> None:
     for sensor in ("G1", "G2"):
         assert rig.actuals[f"{sensor}_ZSW"] == ZSW["ERROR"], sensor
         assert rig.actuals[f"{sensor}_XIST2"] == SensorError.CONTROLLER_SIGN_OF_LIFE, sensor
+
+
+@pytest.mark.parametrize("place", [0, 1])
+def test_an_encoder_with_a_range_no_sensor_has_is_told_and_has_no_position(place: int) -> None:
+    settings = AxisSettings(g1_is_encoder=True, second_sensor=SecondSensor.ENCODER)
+    machine = AxisMachine(4, settings, DriveFeedback())
+    machine.set_references(place, EncoderReferences((1 << 64) + 1, Fraction(1)))
+    (fault,) = machine.step().faults
+    assert fault.number == FaultNumber.REFERENCE
+    assert f"G{place + 1}: total measuring range" in fault.text
+    sensor = (machine.sensor, machine.second_sensor)[place]
+    assert sensor is not None
+    assert not sensor.channel.valid
