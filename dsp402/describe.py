@@ -16,7 +16,7 @@ from pdgw.ds301.pdo import PdoDirection
 from pdgw.dsp402.drive_type import DriveType, PdoCapabilities, PdoSlot, Quirks
 from pdgw.dsp402.further import VL_ENTRIES
 from pdgw.dsp402.modes import MODE_NAMES, STANDARD_HOMING_METHODS, SUPPORTED_MODES, Mode
-from pdgw.dsp402.objects import DRIVE_OBJECTS
+from pdgw.dsp402.objects import DRIVE_OBJECTS, FAMILY_VALUES
 from pdgw.dsp402.overlay import Overlay, overlay, overlay_for
 from pdgw.dsp402.scaling import SCALING_OBJECTS, UnitKeys, find_scaling
 
@@ -38,6 +38,11 @@ _MAPPED_OBJECTS = 8
 _COB_ID = 0x1FFF_FFFF
 _EVENT_TIMER = 5
 _TYPES = {item.code: item for item in CanType}
+_INTEGERS = {
+    (item.bits, item.char.islower()): item
+    for item in (CanType.I8, CanType.I16, CanType.I32, CanType.U8, CanType.U16, CanType.U32)
+}
+"""By bits, and whether they are signed."""
 _MODE_OBJECTS = (
     (Mode.POSITION, 0x607A),
     (Mode.VL_VELOCITY, 0x6042),
@@ -154,9 +159,10 @@ def _entries(dictionary: canopen.ObjectDictionary, family: Overlay | None, *, vl
     found: dict[str, Entry] = {}
     for attribute, (index, subindex) in addresses.items():
         declared = variable(dictionary, index, subindex)
-        kind = None if declared is None else _TYPES.get(declared.data_type)
-        if declared is None or kind is None or not kind.char:
+        kind = None if declared is None else _type_of(attribute, _TYPES.get(declared.data_type))
+        if declared is None or kind is None:
             continue
+        low, high = kind.integer_range
         known = DRIVE_OBJECTS.get(index, subindex)
         found[attribute] = Entry(
             index,
@@ -166,8 +172,8 @@ def _entries(dictionary: canopen.ObjectDictionary, family: Overlay | None, *, vl
             Access(declared.access_type) if declared.access_type in _ACCESSES else Access.RW,
             bool(declared.pdo_mappable),
             default=declared.default if isinstance(declared.default, int) else None,
-            low=declared.min,
-            high=declared.max,
+            low=None if declared.min is None else max(declared.min, low),
+            high=None if declared.max is None else min(declared.max, high),
             unit=(family.unit_of(index, subindex) if family else "") or (known.unit if known is not None else ""),
             attribute=attribute,
         )
@@ -175,6 +181,17 @@ def _entries(dictionary: canopen.ObjectDictionary, family: Overlay | None, *, vl
 
 
 _ACCESSES = {item.value for item in Access}
+
+
+def _type_of(attribute: str, declared: CanType | None) -> CanType | None:
+    """The type of a value in the images: as long as declared, with the profile's sign, of which data sheets are not sure.
+
+    None for one that the images cannot hold: no integer, or a longer one.
+    """
+    profile = (FAMILY_VALUES.get(attribute) or DRIVE_OBJECTS.attribute(attribute)).type
+    if declared is None or declared not in _INTEGERS.values() or declared.bits > profile.bits:
+        return None
+    return _INTEGERS[declared.bits, profile.char.islower()]
 
 
 def _modes(

@@ -166,8 +166,6 @@ class DriveType:
     """6072h as it was found; 0 for a drive without it."""
     position_window: int | None = None
     """6067h as it was found; None for a drive without it, or that does not use it."""
-    notes: tuple[str, ...] = ()
-    """What was repaired or had to be taken from elsewhere, for the user."""
 
     def has(self, attribute: str) -> bool:
         return attribute in self.entries

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from dataclasses import replace
 from fractions import Fraction
 
@@ -83,6 +84,34 @@ def test_the_device_is_asked_only_for_what_its_data_sheet_has() -> None:
     asked = questions(engel_dictionary())
     assert asked[:3] == (VENDOR_ID, PRODUCT_CODE, SUPPORTED_DRIVE_MODES)
     assert {*asked[3:]} == {(index, subindex) for _, index, subindex in REFERENCE_OBJECTS}
+
+
+@pytest.mark.parametrize(
+    ("index", "declared", "found"),
+    [
+        (0x6064, CanType.U32, CanType.I32),
+        (0x6081, CanType.I32, CanType.U32),
+        (0x606C, CanType.U16, CanType.I16),
+        (0x6078, CanType.I32, None),
+        (0x60FF, CanType.REAL32, None),
+        (0x6061, CanType.BOOLEAN, None),
+    ],
+    ids=["unsigned", "signed", "shorter", "longer", "a real number", "no number"],
+)
+def test_a_value_has_the_sign_of_the_profile_and_one_that_the_telegrams_cannot_hold_is_not_there(
+    index: int, declared: CanType, found: CanType | None
+) -> None:
+    dictionary = copy.deepcopy(engel_dictionary())
+    dictionary[index].data_type = declared.code
+    drive = describe(dictionary, {VENDOR_ID: 0})
+    assert [entry.type for entry in drive.entries.values() if entry.index == index] == ([found] if found else [])
+
+
+def test_limits_of_a_data_sheet_do_not_go_beyond_the_type() -> None:
+    dictionary = copy.deepcopy(engel_dictionary())
+    dictionary[0x6081].data_type = CanType.I32.code
+    dictionary[0x6081].min, dictionary[0x6081].max = -5000, 5000
+    assert describe(dictionary, {VENDOR_ID: 0}).limits("profile_velocity") == (0, 5000)
 
 
 def test_scaling_of_the_reference_objects() -> None:
