@@ -157,7 +157,7 @@ class NodeClient(ConfiguringAccess, abc.ABC, Generic[S]):
     @property
     def heard_ns(self) -> int:
         """When the node's last TPDO or heartbeat came; 0 never."""
-        return max((slot.time for slot in self._slots), default=0) or self._heartbeat
+        return max([self._heartbeat, *(slot.time for slot in self._slots)])
 
     def guard(self) -> None:
         """Ask a node for its state that is guarded by being asked; with the gateway's own heartbeat."""
@@ -253,6 +253,14 @@ class NodeClient(ConfiguringAccess, abc.ABC, Generic[S]):
             self.network.unsubscribe_pdo(slot.cob_id)
 
     def _run(self) -> None:
+        try:
+            self._live()
+        except Exception:
+            # Nobody watches the node any more: it must not go on counting as online.
+            self._set_status(NodeStatus.REFUSED, "its task ended with an error nobody expected, see the log")
+            raise
+
+    def _live(self) -> None:
         while True:
             try:
                 self._bring_up()

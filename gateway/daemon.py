@@ -326,14 +326,16 @@ class Daemon:
             if timer is not None:
                 timer.cancel()
         self.loop.pace(0)
-        for service in self.services:
-            service.stop()
-        for client in self.clients if self._begun else ():
-            client.stop()
-        self.release()
-        self.stopped.set()
-        self.loop.stop()
-        log.info("stopped")
+        # The nodes first, and each whatever goes wrong with another or with a service.
+        with ExitStack() as leaving:
+            leaving.callback(log.info, "stopped")
+            leaving.callback(self.loop.stop)
+            leaving.callback(self.stopped.set)
+            leaving.callback(self.release)
+            for service in reversed(self.services):
+                leaving.callback(service.stop)
+            for client in reversed(self.clients if self._begun else ()):
+                leaving.callback(client.stop)
 
     # -- the cyclic exchange ------------------------------------------------------------------------------------------
 

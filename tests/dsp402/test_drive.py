@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 from random import Random
 
@@ -11,14 +12,17 @@ from canopen.sdo import SdoAbortedError, SdoCommunicationError
 
 from pdgw.ds301.aborts import Abort
 from pdgw.ds301.bus import open_bus
+from pdgw.ds301.connection_set import NMT
 from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.loop import MS, Event
+from pdgw.ds301.nmt import NmtCommand
 from pdgw.ds301.objects import Entry
-from pdgw.ds301.pdo import COB_ID_INVALID, PdoDirection
+from pdgw.ds301.pdo import COB_ID_INVALID, Pdo, PdoDirection
 from pdgw.dsp402.drive import DriveStatus, load_eds
 from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.images import DriveCommand
 from pdgw.dsp402.modes import Mode
+from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.dsp402.pdo import LAYOUTS, Operation
 from pdgw.dsp402.settings import DriveSettings
 from pdgw.peers.drive import SimulatedDriveNode
@@ -198,6 +202,27 @@ def test_a_restart_of_the_drive_is_noticed_and_configured_again(plant: Plant) ->
     assert drive.node.read(0x1016, 1) == 127 << 16 | 300
     assert client.drive_type is not None
     assert client.drive_type.scaling == engel().scaling
+
+
+def test_a_drive_whose_task_ends_with_an_error_nobody_expected_is_not_online_any_more(plant: Plant) -> None:
+    plant.power_on()
+    client = plant.connect()
+    plant.online()
+    assert client.refresh(site.now())
+    nowhere = replace(DRIVE_OBJECTS.attribute("position_actual"), attribute="of_no_image")
+    client._acyclic_tpdos.append(Pdo(PdoDirection.TPDO, 4, (nowhere,)))
+    site.wait_for(lambda: client.status is DriveStatus.REFUSED, "refused")
+    assert client.refresh(site.now()) is False
+    assert plant.events[-1].kind == "refused"
+
+
+def test_the_newest_sign_of_a_drive_is_a_heartbeat_too(plant: Plant) -> None:
+    drive = plant.power_on()
+    client = plant.connect()
+    plant.online()
+    drive.do(lambda node: node.receive(NMT, bytes((NmtCommand.STOP, NODE)), node.now))
+    site.wait_for(lambda: client.nmt_stopped, "a heartbeat, and no TPDO any more")
+    assert client.heard_ns > max(slot.time for slot in client._slots)
 
 
 def test_emergencies_are_passed_on_with_their_code(plant: Plant) -> None:

@@ -8,8 +8,10 @@ from contextlib import ExitStack
 
 import pytest
 
+from pdgw.ds301.connection_set import NMT
 from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.loop import MS, SECOND, SystemLoop
+from pdgw.ds301.nmt import NmtCommand
 from pdgw.dsp402.states import State
 from pdgw.gateway import status as status_module
 from pdgw.gateway.axis.stop_watch import Brake
@@ -25,7 +27,7 @@ from pdgw.peers.world import World
 from tests.endtoend.processes import free_tcp_port
 from tests.support import machine
 from tests.support.buses import PATIENCE_S, wait_for
-from tests.support.daemon import OFF, Plc, axis, configuration, drive_of, running, world_of
+from tests.support.daemon import OFF, Plc, axis, configuration, drive_of, running, until, world_of
 
 
 def endpoint_of(daemon: Daemon) -> CyclicEndpoint:
@@ -234,6 +236,30 @@ def test_a_service_that_cannot_start_ends_the_daemon_and_gives_everything_back()
         daemon.run()
     assert daemon.stopped.is_set()
     assert world.bus("world").members == [], "the interface is released"
+    world.network.open(*daemon.address, "the same port")
+
+
+def test_a_service_that_cannot_be_stopped_keeps_no_drive_in_operation() -> None:
+    class Stuck:
+        def start(self) -> None:
+            """Runs."""
+
+        def stop(self) -> None:
+            raise OSError("disk full")
+
+    world, config = World(), configuration(axis(1))
+    world.simulate(config)
+    daemon = Daemon(config, world)
+    daemon.services.append(Stuck())
+    daemon.start()
+    until(daemon, lambda: daemon.axes[0].good, "online")
+    frames: list[tuple[int, bytes]] = []
+    daemon.networks["can"].listeners.append(lambda frame: frames.append((frame.arbitration_id, bytes(frame.data))))
+    daemon.stop()
+    with pytest.raises(OSError, match="disk full"):
+        until(daemon, daemon.stopped.is_set, "the end")
+    assert frames[-1] == (NMT, bytes((NmtCommand.ENTER_PRE_OPERATIONAL, 1)))
+    assert daemon.stopped.is_set()
     world.network.open(*daemon.address, "the same port")
 
 
