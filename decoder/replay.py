@@ -267,10 +267,7 @@ class Replayer:
         given.now, given.setpoints, given.drive_ok = now, values, state.online
         self._answer_sdo(now)
         self._answer_probe(now)
-        configured = bool(given.news)
-        machine.step()
-        if configured:
-            self._checkpoints.look_again()
+        self._checkpoints.step()
         actuals = tuple(outputs.actuals)
         difference = None
         if compare:

@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 from pdgw.dsp402.images import DriveFeedback
 from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.settings import AxisSettings
+from pdgw.gateway.axis.values import Outputs
 from pdgw.profidrive.normalisation import Normalisation
 from pdgw.profidrive.telegrams import Telegram
 
@@ -94,13 +95,21 @@ class Checkpoint(NamedTuple):
 
 
 class Checkpoints:
-    """Saves and restores one machine; the feedback it reads is not part of it."""
+    """Steps, saves and restores one machine; the feedback it reads is not part of it."""
 
     def __init__(self, machine: AxisMachine) -> None:
+        self._machine = machine
         self._items = tuple(_Part(part) for part in _parts(machine, {}))
 
-    def look_again(self) -> None:
-        """Behind a step in which the machine got to know its drive: it has parts that it had not before."""
+    def step(self) -> Outputs:
+        """One step of the machine; behind one in which it got to know its drive it may have parts that it had not before."""
+        learns = bool(self._machine.inputs.news)
+        outputs = self._machine.step()
+        if learns:
+            self._look_again()
+        return outputs
+
+    def _look_again(self) -> None:
         seen: dict[int, object] = {id(part.item): part.item for part in self._items}
         found = [
             _Part(item)

@@ -331,7 +331,6 @@ def test_parts_the_machine_has_since_it_knows_its_drive_go_back_too() -> None:
     rig.stepper.set_references(References())
     rig.enable(0x040E)
     stepper, half = rig.stepper, rig.stepper.telegram.setpoints
-    stepper.checkpoints.look_again()
 
     def goes_on() -> list[list[int]]:
         commands = []

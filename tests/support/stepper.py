@@ -92,7 +92,7 @@ class Stepper(_Device):
         for name in FEEDBACK_NAMES:
             setattr(inputs.feedback, name, getattr(feedback, name))
         inputs.setpoints, inputs.drive_ok, inputs.now = setpoints, drive_ok, now
-        outputs = self.machine.step()
+        outputs = self.checkpoints.step()
         self.events += outputs.faults
         return tuple(outputs.actuals)
 
