@@ -10,6 +10,8 @@ import enum
 import struct
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cache
+from types import CodeType
 from typing import Any
 
 from pdgw.ds301.errors import CanopenError
@@ -73,6 +75,12 @@ def unpack_into(data, image):
 """Called for each PDO in every cycle: attributes named one by one cost a third of a loop over their names."""
 
 
+@cache
+def _compiled(attributes: tuple[str, ...]) -> CodeType:
+    """The codec of entries with these attributes: a device's PDOs are mapped anew at each start, mostly the same ones."""
+    return compile(_CODEC.format(values=", ".join(f"image.{name}" for name in attributes)), "<PDO>", "exec")
+
+
 @dataclass(frozen=True)
 class Pdo:
     """One PDO: direction, number (1 = first) and mapped entries, with the codec compiled from them.
@@ -109,7 +117,7 @@ class Pdo:
             "size": layout.size,
             "too_short": self._too_short,
         }
-        exec(_CODEC.format(values=", ".join(f"image.{attribute}" for attribute in attributes)), names)
+        exec(_compiled(attributes), names)
         object.__setattr__(self, "struct", layout)
         object.__setattr__(self, "size", layout.size)
         object.__setattr__(self, "attributes", attributes)

@@ -172,14 +172,22 @@ COMMAND_TRANSITIONS: Final = (
 """Transition 0, 1, 13 and 14 (and 12 at the end of the quick stop) happen inside the drive."""
 
 
+_FROM: Final = {
+    state: tuple(
+        (*of.command.value, ControlBit.FAULT_RESET if of.command is Command.FAULT_RESET else 0, of.target)
+        for of in COMMAND_TRANSITIONS
+        if of.source is state
+    )
+    for state in State
+}
+"""What leaves each state: bits of the Controlword that count, their value, the bit that must have risen, the target."""
+
+
 def next_state(state: State, controlword: int, previous: int) -> State:
     """The state after a Controlword (``previous`` is the one before it, for the fault reset edge)."""
-    for transition in COMMAND_TRANSITIONS:
-        if transition.source is not state or not transition.command.matches(controlword):
-            continue
-        if transition.command is Command.FAULT_RESET and previous & ControlBit.FAULT_RESET:
-            continue
-        return transition.target
+    for mask, word, rising, target in _FROM[state]:
+        if controlword & mask == word and not previous & rising:
+            return target
     return state
 
 

@@ -353,7 +353,7 @@ class SimulatedNode:
         else:
             self.values[address] = value
         if 0x1400 <= entry.index < 0x1C00:
-            self.pdos.map()
+            self.pdos.written(entry)
         elif entry.index == com.CONSUMER_HEARTBEAT:
             self._consume_heartbeats()
         elif entry.index == com.PRODUCER_HEARTBEAT:

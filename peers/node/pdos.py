@@ -27,6 +27,11 @@ _UNSEEN_NS = 10 * MS
 """So often a device looks after itself while no TPDO would tell of a change."""
 
 
+def _communication(index: int) -> int:
+    """The communication parameter of the PDO that a communication or a mapping parameter belongs to."""
+    return index - 0x200 if 0x1600 <= index < 0x1800 or index >= 0x1A00 else index
+
+
 class _Tpdo:
     """A transmit PDO in force and when it was sent."""
 
@@ -107,10 +112,9 @@ class NodePdos:
         """Mapping only changes while the PDO is invalid and its count is 0 (CiA 301 chapter 7.5.2.36)."""
         index, subindex = entry.index, entry.subindex
         direction = PdoDirection.RPDO if index < 0x1800 else PdoDirection.TPDO
-        mapping = 0x1600 <= index < 0x1800 or index >= 0x1A00
-        communication = index - 0x200 if mapping else index
-        valid = not int(self.node.values[communication, 1]) & COB_ID_INVALID
-        if not mapping:
+        communication = _communication(index)
+        valid = self._valid(communication)
+        if index == communication:
             if subindex == 1 and valid and not value & COB_ID_INVALID and int(self.node.values[index, 1]) != value:
                 raise SdoAbortedError(Abort.VALUE_RANGE)
             if subindex == 2 and _TRANSMISSION_SYNC_MAX < value < _EVENT_DRIVEN[0]:
@@ -124,6 +128,15 @@ class NodePdos:
             self._mappable(value, direction)
             return
         self._pdo_of(index, value, direction)
+
+    def written(self, entry: Entry) -> None:
+        """A parameter got its value; those of a PDO that is not valid are not in force before its COB-ID is."""
+        communication = _communication(entry.index)
+        if (entry.index, entry.subindex) == (communication, 1) or self._valid(communication):
+            self.map()
+
+    def _valid(self, communication: int) -> bool:
+        return not int(self.node.values[communication, 1]) & COB_ID_INVALID
 
     def _mappable(self, mapping: int, direction: PdoDirection) -> Entry:
         entry = self.node.entries.get((mapping >> 16, mapping >> 8 & 0xFF))
