@@ -6,6 +6,7 @@ time to pass on the wall clock, is marked ``e2e``; one with Chromium ``browser``
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 import subprocess
@@ -29,6 +30,15 @@ settings.load_profile(os.environ.get("PDGW_HYPOTHESIS", "ci"))
 
 # Of a suite that a shell started in the background SIGINT is ignored, and with it of every process that a test interrupts.
 signal.signal(signal.SIGINT, signal.default_int_handler)
+
+# What collecting the tests makes stays until the end: the collector walks it neither while it grows nor later.
+gc.disable()
+
+
+def pytest_collection_finish() -> None:
+    gc.freeze()
+    gc.enable()
+
 
 _marked = True
 """The test that runs now may start processes."""

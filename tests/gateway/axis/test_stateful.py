@@ -100,12 +100,19 @@ class GatewayMachine(RuleBasedStateMachine):
 
     @rule()
     def plc_is_lost(self) -> None:
-        """After loss of the PLC the drive comes to standstill."""
+        """After loss of the PLC the drive comes to standstill, and stays there."""
         assert self.rig is not None
         self.plc = False
-        self.cycle(400)
-        assert abs(self.rig.node.model.velocity_actual) <= 60
-        assert self.rig.state not in POWERED
+        for _ in range(400):
+            self.cycle()
+            if self.stands():
+                break
+        self.cycle(20)
+        assert self.stands()
+
+    def stands(self) -> bool:
+        assert self.rig is not None
+        return abs(self.rig.node.model.velocity_actual) <= 60 and self.rig.state not in POWERED
 
     @rule()
     def plc_returns(self) -> None:
