@@ -21,6 +21,8 @@ HOST = "127.0.0.1"
 DEFAULT_PORT = 34966
 JOIN, LEAVE = b"J", b"L"
 """Datagrams that are no frame: a member's first and last."""
+LOOK = b""
+"""What a hub takes without a word, and a system where there is none refuses."""
 WELCOME = struct.Struct(">cH")
 """The answer to ``JOIN``: ``W`` and the port."""
 _AT_ONCE = 64

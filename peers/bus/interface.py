@@ -19,7 +19,7 @@ import can
 from can.interfaces.socketcan import SocketcanBus, constants
 
 from pdgw.ds301.can_frame import CAN_FRAME, ERROR, EXTENDED, REMOTE, unpack_frame
-from pdgw.peers.bus.hub import JOIN, LEAVE, WELCOME
+from pdgw.peers.bus.hub import JOIN, LEAVE, LOOK, WELCOME
 
 INTERFACE = "pdgw-bus"
 _ANSWER_S = 2.0
@@ -75,6 +75,11 @@ class LoopbackBus(SocketcanBus):
         if self._kernel_times:
             self.socket.setsockopt(socket.SOL_SOCKET, constants.SO_TIMESTAMPNS, 1)
         can.BusABC.__init__(self, channel=channel, can_filters=can_filters, **kwargs)
+
+    def look(self) -> None:
+        """Have a hub that is gone show itself where this member sends nothing: reading fails then. From any thread."""
+        with contextlib.suppress(OSError):
+            self.socket.send(LOOK)
 
     def shutdown(self) -> None:
         """Leave the bus."""

@@ -33,6 +33,8 @@ class RunningNode(Generic[N]):
         self.node = make(self._send)
         self.running = False
         """Between ``start`` and ``stop``."""
+        self.lost = ""
+        """Why its bus is gone; empty while it is there."""
         self._timer: Timer | None = None
 
     def __enter__(self) -> Self:
@@ -81,8 +83,11 @@ class RunningNode(Generic[N]):
 
     def _send(self, can_id: int, data: bytes) -> None:
         # A node that cannot transmit stays silent; its master notices by heartbeat and PDO supervision.
-        with contextlib.suppress(PortBusyError, PortLostError):
-            self.port.send(can_id, data)
+        try:
+            with contextlib.suppress(PortBusyError):
+                self.port.send(can_id, data)
+        except PortLostError as error:
+            self.on_lost(str(error))
 
     # -- what the port delivers -----------------------------------------------------------------------------------------
 
@@ -102,7 +107,8 @@ class RunningNode(Generic[N]):
         """What was not sent is not missed."""
 
     def on_lost(self, text: str) -> None:
-        """The node stays silent."""
+        """The node stays silent; who runs it may look at ``lost``."""
+        self.lost = text
 
     def _plan(self) -> None:
         """Have the node polled at its next event; a timer that is earlier plans again when it comes."""

@@ -18,6 +18,7 @@ from pdgw.ds301.port import CanPort
 from pdgw.dsp402.states import state_of
 from pdgw.dsp406.kinds import DEVICES, ROTARY, EncoderDevice
 from pdgw.dsp406.registers import Alarm, Warnings, names
+from pdgw.peers.bus import LoopbackBus
 from pdgw.peers.drive import ENGEL, MACHINES, SimulatedDrive, SimulatedDriveNode, shape
 from pdgw.peers.encoder import SimulatedEncoder, SimulatedEncoderNode
 from pdgw.peers.encoder.motion import Motion, parse_motion
@@ -30,6 +31,10 @@ class SimulatedDevice(Protocol):
 
     @property
     def node(self) -> SimulatedNode: ...
+
+    @property
+    def lost(self) -> str:
+        """Why its bus is gone; empty while it is there."""
 
     def start(self) -> None: ...
 
@@ -136,6 +141,7 @@ class Simulation:
     def __init__(self, loop: Loop | None = None) -> None:
         self._loop = loop
         self._devices: dict[int, tuple[str, SimulatedDevice]] = {}
+        self._members: list[LoopbackBus] = []
 
     def add(self, kind: str, bus: can.BusABC | CanPort, node_id: int, serial_number: int, **options: Any) -> None:
         """A device of ``DEVICE_TYPES``, not yet started; the bus becomes its own. ``options`` are those of its kind.
@@ -153,10 +159,18 @@ class Simulation:
                 bus.close()
             raise
         self._devices[node_id] = (kind, device)
+        if isinstance(bus, LoopbackBus):
+            self._members.append(bus)
 
     @property
     def nodes(self) -> list[int]:
         return list(self._devices)
+
+    def look(self) -> str:
+        """Why the bus of a device is gone, as far as that is known by now; empty while all have theirs."""
+        for bus in self._members:
+            bus.look()
+        return next((device.lost for _, device in self._devices.values() if device.lost), "")
 
     @property
     def _shafts(self) -> dict[int, Motion]:

@@ -19,7 +19,10 @@ _LOOK_S = 0.2
 
 
 def run(simulation: Simulation, control: ControlConfig, title: str, *, attached: bool = False) -> None:
-    """Until SIGINT, SIGTERM or `quit`; the ports are had before the devices are powered. ``attached``: ends with its input."""
+    """Until SIGINT, SIGTERM or `quit`; the ports are had before the devices are powered. ``attached``: ends with its input.
+
+    GatewayError when the bus is gone.
+    """
     quit_ = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: quit_.set())
@@ -37,6 +40,8 @@ def run(simulation: Simulation, control: ControlConfig, title: str, *, attached:
         print(f"{title}; commands: {COMMANDS}", flush=True)
         # Where the system gives a signal to another thread, and within a wait for the event, its handler would not get to work.
         while not quit_.is_set():
+            if lost := simulation.look():
+                raise GatewayError(f"{title}: the bus is gone ({lost})")
             time.sleep(_LOOK_S)
 
 

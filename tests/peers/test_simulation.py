@@ -10,6 +10,7 @@ import tomllib
 import urllib.error
 import urllib.request
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ import pytest
 from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.loop import MS, SECOND
 from pdgw.gateway.errors import GatewayError
-from pdgw.peers.bus import INTERFACE
+from pdgw.peers.bus import INTERFACE, ServedBus
 from pdgw.peers.drive.misbehaviour import DRIVE_MISBEHAVIOURS
 from pdgw.peers.encoder.misbehaviour import ENCODER_MISBEHAVIOURS
 from pdgw.peers.node.faults import NODE_MISBEHAVIOURS
@@ -324,14 +325,45 @@ def test_a_signal_ends_it_whichever_thread_the_system_gives_it_to(
         threading.Timer(0.05, get).start()
 
     monkeypatch.setattr(simulation_running, "read_standard_input", elsewhere)
+    with signals_put_back():
+        try:
+            simulation_running.run(simulation, ControlConfig(), "nothing")
+        finally:
+            ended.set()
+    assert not hung.is_set()
+
+
+@contextmanager
+def signals_put_back() -> Iterator[None]:
     before = [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)]
     try:
-        simulation_running.run(simulation, ControlConfig(), "nothing")
+        yield
     finally:
-        ended.set()
         for number, handler in zip((signal.SIGINT, signal.SIGTERM), before, strict=True):
             signal.signal(number, handler)
-    assert not hung.is_set()
+
+
+@pytest.mark.parametrize("kind", DEVICE_TYPES)
+def test_devices_whose_bus_server_is_gone_say_so_and_end(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    served = ServedBus()
+    monkeypatch.setattr(simulation_running, "read_standard_input", lambda *_: served.stop())
+    with signals_put_back():
+        result = pdgw("sim", kind, "--interface", INTERFACE, "--channel", served.channel)
+    assert (result.returncode, result.stderr.count("\n")) == (1, 1)
+    assert f"{kind} 1 on {INTERFACE} {served.channel}: the bus is gone (" in result.stderr
+
+
+def test_a_device_on_an_interface_that_is_unplugged_knows_why_it_is_silent() -> None:
+    world = World()
+    simulation = Simulation(world.loop)
+    member = world.bus("a").join("node 3")
+    simulation.add("drive", member, 3, 3)
+    simulation.start()
+    world.loop.run_for(SECOND)
+    assert simulation.look() == ""
+    member.unplug("unplugged")
+    assert simulation.look() == "unplugged"
+    simulation.stop()
 
 
 def test_sim_bus_prints_an_example_that_it_takes_and_explains_a_wrong_file(tmp_path: Path) -> None:
