@@ -65,7 +65,10 @@ class PlcRunner(abc.ABC):
         self._stopping.set()
 
     def run(self, engine: Engine | None, drive: Callable[[str], None] = lambda _: None) -> None:
-        """Exchange frames until the scenario is over or ``stop``; ``drive`` gets the scenario's drive commands."""
+        """Exchange frames until the scenario is over or ``stop``; ``drive`` gets the scenario's drive commands.
+
+        A scenario is over, too, when an expectation failed and no gateway has answered until then.
+        """
         self._start = due = time.monotonic_ns()
         while not self._stopping.is_set() and not (engine is not None and engine.finished):
             now = time.monotonic_ns()
@@ -77,6 +80,8 @@ class PlcRunner(abc.ABC):
             self.endpoint.poll(now)
             if engine is not None:
                 engine.step(now)
+                if not engine.passed and not self.endpoint.counters["received"]:
+                    engine.give_up()
                 muted = engine.muted
                 while engine.drive_commands:
                     drive(engine.drive_commands.pop(0))

@@ -110,13 +110,14 @@ class PlcEndpoint:
         return ""
 
     def _simulation(self) -> str:
-        """The command that simulates these drive objects; one with telegrams of several kinds needs a configuration."""
+        """The command that simulates these drive objects; one with encoders of several kinds needs a configuration."""
         encoders = [item.number for item in self.telegrams if item.mode is ApplicationMode.ENCODER]
         axes = [item.number for item in self.telegrams if item.mode is not ApplicationMode.ENCODER]
-        if len(set(axes)) != 1 or len(set(encoders)) > 1:
+        if not axes or len(set(encoders)) > 1:
             return "pdgw run CONFIG"
-        command = f"pdgw run --simulate --telegram {axes[0]}"
-        if len(axes) > 1:
+        different = axes if len(set(axes)) > 1 else axes[:1]
+        command = "pdgw run --simulate" + "".join(f" --telegram {number}" for number in different)
+        if len(axes) > len(different):
             command += f" --axes {len(axes)}"
         return f"{command} --encoders {len(encoders)} --encoder-telegram {encoders[0]}" if encoders else command
 

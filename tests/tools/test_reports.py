@@ -15,7 +15,10 @@ from hypothesis import strategies as st
 
 from pdgw.gateway.config_file import parse_config
 from pdgw.gateway.errors import GatewayError
+from pdgw.peers.plc.endpoint import PlcEndpoint
+from pdgw.profidrive.telegrams import telegram
 from pdgw.tools.commands.conformance import faults
+from pdgw.tools.commands.sim_plc import Output
 from pdgw.tools.reports import Check, Report, figures
 from tests.support.cli import pdgw
 
@@ -116,13 +119,28 @@ def test_a_report_of_conformance_has_the_configurations_that_ran_and_what_was_be
     assert both.axis[0].g1 == 2
 
 
+@pytest.mark.parametrize(("answered", "draws"), [(False, False), (True, False), (False, True)])
+def test_a_gateway_that_is_not_there_is_told_while_the_scenario_waits(
+    answered: bool, draws: bool, capsys: pytest.CaptureFixture[str]
+) -> None:
+    endpoint = PlcEndpoint([telegram(1)], 4_000_000)
+    output = Output(endpoint, 500, as_lines=draws, snapshots=draws)
+    endpoint.counters["received"] = int(answered)
+    for _ in range(600):
+        endpoint.build()
+        output.show(None, "")
+    said = capsys.readouterr().err
+    assert said.count("no datagram of a gateway came: start one") == (not answered and not draws)
+
+
 @pytest.mark.e2e
 def test_a_scenario_writes_both_and_says_what_to_start_when_no_gateway_is_there(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(signal, "signal", lambda *_: None)  # those of the tests stay
     path = tmp_path / "story.yaml"
-    path.write_text("name: story\nsteps: [{expect: {ZSW1: 0}, within: 20 ms}]\n")
+    waits = "{expect: {ZSW1: 0}, within: 20 ms}, {hold: 9999 s}, {expect: {ZSW1: 0}, within: 9999 s}"
+    path.write_text(f"name: story\nsteps: [{waits}]\n")
     files = ["--junit", str(tmp_path / "r.xml"), "--html", str(tmp_path / "r.html")]
     files += ["--json", str(tmp_path / "r.json")]
     result = pdgw("sim", "plc", str(path), "--gateway", "127.0.0.1:9", *files)

@@ -37,6 +37,8 @@ from pdgw.tools.reports import Check, HtmlFile, JUnitFile, Report
 from pdgw.tools.tables import plain_table
 
 _SNAPSHOT_NS = 100_000_000
+_SILENCE_NS = 2_000_000_000
+"""A gateway that has not answered frames for so long is told to be missing: the scenario may wait longer for it."""
 
 
 def results_table(results: list[Result]) -> Table:
@@ -133,7 +135,7 @@ def plc(
             raise GatewayError("--pcap: not with --profinet, record the interface instead (dumpcap, tcpdump)")
         client = _connected(profinet, name, device_ip, endpoint, cycle_ns)
     engine = Engine(chosen, endpoint) if chosen else None
-    output = _Output(endpoint, as_lines=progress, snapshots=snapshots)
+    output = Output(endpoint, _SILENCE_NS // cycle_ns, as_lines=progress, snapshots=snapshots)
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # the capture is to be complete
     begin_s = time.time()
     try:
@@ -219,11 +221,13 @@ def _finish(engine: Engine, as_json: Path | None, begin_s: float, *, progress: b
         raise typer.Exit(1)
 
 
-class _Output:
+class Output:
     """What is told while the PLC runs: JSON lines, or notes and failures as text."""
 
-    def __init__(self, endpoint: PlcEndpoint, *, as_lines: bool, snapshots: bool) -> None:
+    def __init__(self, endpoint: PlcEndpoint, patience: int, *, as_lines: bool, snapshots: bool) -> None:
+        """``patience``: so many frames without an answer are told, once."""
         self._endpoint = endpoint
+        self._patience: int | None = patience
         self._as_lines = as_lines
         self.draws = as_lines and snapshots
         """Snapshots go out, which have what the keys do as their title."""
@@ -240,6 +244,10 @@ class _Output:
                 self._results += 1
                 failed = "" if item.passed else f"{item.time_s:7.3f} s  FAILED {item.name}: {item.measured}"
                 self._say({"result": asdict(item)}, failed)
+        if self._patience is not None and self._endpoint.counters["sent"] >= self._patience:
+            self._patience = None
+            if not self._endpoint.counters["received"] and not self.draws:  # snapshots say it
+                self.tell(self._endpoint.why_no_values(0))
         if self.draws and time.monotonic_ns() >= self._due:
             self._due = time.monotonic_ns() + _SNAPSHOT_NS
             self._say({"snapshot": snapshot(self._endpoint, title)}, "")
@@ -258,7 +266,7 @@ class _Output:
             print(text, flush=True)
 
 
-def _obey_keys(client: PlcRunner, output: _Output) -> None:
+def _obey_keys(client: PlcRunner, output: Output) -> None:
     """Keys from standard input, until its end or the exit key."""
     keyboard = Keyboard(client.endpoint, output.tell, client.stop)
 
