@@ -48,6 +48,12 @@ def test_the_page_knows_no_command_and_nobody_who_plays_the_other_side() -> None
     assert importers("web", "tools", "peers") == {}
 
 
+def test_what_tests_share_knows_none_of_the_tests() -> None:
+    shared = {name for file in (ROOT / "tests" / "support").rglob("*.py") for name in imports(file)}
+    of_tests = {name for name in shared if name.startswith("tests.") and not name.startswith("tests.support")}
+    assert of_tests == set()
+
+
 def test_the_search_finds_what_is_there() -> None:
     assert "tools/commands/sim_drive.py" in importers("tools", "peers")
 

@@ -15,7 +15,7 @@ from pdgw.gateway.transport.udp import UdpSocket
 from pdgw.peers.drive import ENGEL, Shape, SimulatedDrive
 from pdgw.peers.plc.endpoint import PlcEndpoint
 from pdgw.profidrive.telegrams import telegram
-from tests.endtoend.processes import PATIENT
+from tests.support.processes import PATIENT
 
 T = TypeVar("T")
 CYCLE_MS = 20

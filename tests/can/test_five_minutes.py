@@ -17,7 +17,7 @@ from pdgw.gateway.ports import STATUS_PORT
 from pdgw.tools.commands.status import fetch
 from tests.can.forked import Forked, forked
 from tests.can.interfaces import Wire, ip, is_controller
-from tests.endtoend.processes import PATIENT
+from tests.support.processes import PATIENT
 
 _README = (Path(__file__).parents[2] / "README.md").read_text("utf-8")
 _CHAPTER = _README[_README.index("## Five minutes with a real drive on can0") :]

@@ -18,9 +18,9 @@ from scapy.utils import rdpcap
 
 from pdgw.profidrive.scapy_layers import ProfidriveCyclic, bind
 from pdgw.tools.demo.chapters import CHAPTERS
-from tests.endtoend.processes import pdgw, running
 from tests.support import tshark
 from tests.support.buses import PATIENCE_S, wait_for
+from tests.support.processes import pdgw, running
 
 pytestmark = pytest.mark.e2e
 

@@ -20,9 +20,9 @@ from pdgw.decoder.records import CyclicRecord
 from pdgw.gateway.errors import GatewayError
 from pdgw.tools import namespaces
 from pdgw.tools.recorder import CAPTURE
-from tests.endtoend.processes import PATIENT, pdgw
 from tests.support import tshark
 from tests.support.cli import pdgw as in_process
+from tests.support.processes import PATIENT, pdgw
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 CONFIG = f"""\

@@ -22,9 +22,9 @@ from pdgw.profidrive.telegrams import telegram
 from pdgw.tools.commands.replay import replay
 from pdgw.tools.commands.timeline import timeline
 from pdgw.tools.recorder import CAPTURE
-from tests.endtoend.processes import COMMAND, free_tcp_port, free_udp_port, running
 from tests.support.buses import PATIENCE_S, wait_for
 from tests.support.cli import pdgw
+from tests.support.processes import COMMAND, free_tcp_port, free_udp_port, running
 
 pytestmark = pytest.mark.e2e
 CYCLE = 4_000_000

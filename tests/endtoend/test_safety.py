@@ -11,10 +11,10 @@ import pytest
 
 from pdgw.gateway.trace.place import rings, run_directory
 from pdgw.tools.demo.run import can_server
-from tests.endtoend.processes import PATIENT, free_tcp_port, free_udp_port, running
 from tests.endtoend.test_run import LittlePlc
 from tests.support.buses import PATIENCE_S, wait_for
 from tests.support.cli import pdgw
+from tests.support.processes import PATIENT, free_tcp_port, free_udp_port, running
 
 pytestmark = [
     pytest.mark.e2e,

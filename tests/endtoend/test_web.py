@@ -20,8 +20,8 @@ import pytest
 from pdgw.gateway.status_client import fetch
 from pdgw.peers.plc.endpoint import PlcEndpoint
 from pdgw.profidrive.telegrams import telegram
-from tests.endtoend.processes import PATIENT, free_tcp_port, free_udp_port, running
 from tests.support.buses import PATIENCE_S
+from tests.support.processes import PATIENT, free_tcp_port, free_udp_port, running
 
 OFF, ON = 0x047E, 0x047F
 CYCLE_NS = 4_000_000

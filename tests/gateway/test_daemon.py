@@ -24,10 +24,10 @@ from pdgw.gateway.status_client import fetch, fetch_faults
 from pdgw.gateway.transport.cyclic import CyclicEndpoint, Verdict
 from pdgw.gateway.transport.udp import UdpSocket
 from pdgw.peers.world import World
-from tests.endtoend.processes import free_tcp_port
 from tests.support import machine
 from tests.support.buses import PATIENCE_S, wait_for
 from tests.support.daemon import OFF, Plc, axis, configuration, drive_of, running, until, world_of
+from tests.support.processes import free_tcp_port
 
 
 def endpoint_of(daemon: Daemon) -> CyclicEndpoint:

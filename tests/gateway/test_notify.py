@@ -15,10 +15,10 @@ import pytest
 from pdgw.ds301.loop import MS, SECOND
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.notify import ServiceManager
-from tests.endtoend.processes import free_udp_port, running
 from tests.support.buses import PATIENCE_S
 from tests.support.daemon import axis, configuration, world_of
 from tests.support.daemon import running as playing
+from tests.support.processes import free_udp_port, running
 
 WATCHDOG_S = 2
 

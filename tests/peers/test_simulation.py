@@ -29,10 +29,10 @@ from pdgw.peers.simulation.console import Console
 from pdgw.peers.simulation.devices import DEVICE_TYPES, Simulation, fault_catalogue
 from pdgw.peers.simulation.rest import RestServer
 from pdgw.peers.world import World
-from tests.endtoend.processes import free_tcp_port, running
 from tests.peers.test_bus import serial_number_over
 from tests.support import buses
 from tests.support.cli import pdgw
+from tests.support.processes import free_tcp_port, running
 
 CAN = '[can]\ninterface = "virtual"\nchannel = "x"\n'
 

@@ -16,9 +16,9 @@ from pdgw.peers.simulation.beside import add_device, simulated_devices
 from pdgw.peers.simulation.devices import Simulation
 from pdgw.profidrive.telegrams import telegram
 from tests import conftest
-from tests.endtoend.processes import PATIENT
 from tests.support import buses
 from tests.support import daemon as in_world
+from tests.support.processes import PATIENT
 
 
 def configuration() -> GatewayConfig:

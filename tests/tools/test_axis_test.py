@@ -21,9 +21,9 @@ from pdgw.peers.drive.model import DriveModel
 from pdgw.peers.world import World
 from pdgw.tools.axis_test import AxisTest, Choices, Outcome
 from pdgw.tools.on_loop import complete
-from tests.endtoend.processes import PATIENT
 from tests.support.cli import pdgw
 from tests.support.daemon import axis, configuration
+from tests.support.processes import PATIENT
 
 BUS = "world"
 TURN = 4096

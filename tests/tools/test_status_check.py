@@ -10,9 +10,9 @@ import pytest
 from pdgw.gateway.status import snapshot
 from pdgw.tools.commands.status import status
 from pdgw.tools.status_check import Health, check_line
-from tests.endtoend.processes import free_tcp_port
 from tests.support.cli import pdgw
 from tests.support.daemon import OFF, Plc, axis, configuration, drive_of, running
+from tests.support.processes import free_tcp_port
 
 
 @pytest.fixture(scope="module")

@@ -11,8 +11,8 @@ import pytest
 from pdgw.ds301.counters import Counters
 from pdgw.tools.cli import main
 from pdgw.tools.commands import run
-from tests.endtoend.processes import free_udp_port
 from tests.support.cli import pdgw
+from tests.support.processes import free_udp_port
 
 
 class NoLog:

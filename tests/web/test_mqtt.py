@@ -21,11 +21,11 @@ from pdgw.gateway.config_web import MqttConfig
 from pdgw.gateway.errors import GatewayError
 from pdgw.web.mqtt import Publisher, made_client, object_message
 from pdgw.web.watch import Watch
-from tests.endtoend.processes import free_tcp_port
 from tests.support.buses import PATIENCE_S
 from tests.support.daemon import axis, configuration, running
 from tests.support.daemon import until as until_true
 from tests.support.page import ShownGateway, look, until
+from tests.support.processes import free_tcp_port
 
 BROKER = shutil.which("mosquitto") or "/usr/sbin/mosquitto"
 needs_broker = pytest.mark.skipif(
