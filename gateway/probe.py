@@ -5,18 +5,20 @@ The drive latches the position itself, so that nothing depends on when it is rea
 
 from __future__ import annotations
 
+import logging
 from collections import deque
 from concurrent.futures import Future
 from typing import Final
 
-from canopen.sdo import SdoAbortedError, SdoCommunicationError
+from canopen.sdo import SdoAbortedError
 
 from pdgw.ds301.aborts import Abort, abort_text
-from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.loop import MS
 from pdgw.dsp402 import touch_probe
 from pdgw.dsp402.drive import DriveClient
 from pdgw.gateway.axis.values import News, ProbeAnswer, ProbeWish
+
+log = logging.getLogger("gateway")
 
 _LOOK_NS: Final = 20 * MS
 _FUNCTION_BYTES = 2
@@ -72,10 +74,10 @@ class ProbeReader:
             return  # a probe that cannot be taken back: nobody waits for it
         if isinstance(error, SdoAbortedError):
             self._news.append(refused(wish, error.code))
-        elif isinstance(error, SdoCommunicationError | CanopenError):
-            self._news.append(ProbeAnswer(wish, {}, str(error)))
         else:
-            raise error
+            # No answer, or one that canopen takes apart unchecked: nothing the exchange may end by.
+            log.warning("touch probe of node %d: %r", self._drive.settings.node_id, error)
+            self._news.append(ProbeAnswer(wish, {}, str(error)))
 
 
 def dropped(wish: ProbeWish, status: int) -> ProbeAnswer:

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import pytest
 
+from pdgw.ds301.connection_set import SDO_RESPONSE
+from pdgw.ds301.loop import MS
 from pdgw.gateway.positioner_config import SIMULATED
 from pdgw.gateway.reasons import FaultNumber
+from pdgw.profidrive.encoder import SensorError
 from pdgw.profidrive.signals import signal
-from tests.support.daemon import Plc, axis, configuration, drive_of, running
+from tests.support.daemon import Plc, axis, configuration, drive_of, running, world_of
 
 ON_THE_FLY, ACTIVATE, READ = 0x80, 0x10, 0x20
 POSITIONER = "simulate = true\n[axis.positioner]\n" + "".join(
@@ -69,6 +72,23 @@ def test_a_drive_without_a_touch_probe_is_an_error_of_the_sensor() -> None:
         plc.endpoint.set(0, {"G1_STW": ON_THE_FLY | ACTIVATE | 0b01})
         plc.until(lambda: plc.value("G1_ZSW") & ZSW.bit("ERROR").mask, "error")
         assert plc.value("G1_XIST2") == 0x0F01
+
+
+def test_half_an_sdo_answer_about_the_touch_probe_is_an_error_of_the_sensor_and_no_end_of_the_gateway() -> None:
+    with running(configuration(axis(1, telegram_number=3))) as daemon:
+        plc, world = Plc(daemon, [3]), world_of(daemon)
+        plc.enable()
+        stranger = world.bus("world").join("stranger")
+
+        def answer() -> None:
+            stranger.send(SDO_RESPONSE + 1, bytes((0x4B, 0xB9, 0x60)))
+            world.loop.call_later(MS, answer)
+
+        answer()
+        plc.endpoint.set(0, {"G1_STW": ON_THE_FLY | ACTIVATE | 0b01})
+        plc.until(lambda: plc.value("G1_ZSW") & ZSW.bit("ERROR").mask, "error")
+        assert plc.value("G1_XIST2") == SensorError.MEASUREMENT_ABORTED
+        assert plc.state() == 0x07, "the axis goes on"
 
 
 def test_passive_homing_takes_the_position_at_the_probe_while_a_task_runs() -> None:
