@@ -86,6 +86,9 @@ class Course:
         modulo = self.settings.modulo
         if modulo and absolute and not 0 <= target < modulo:
             return False
+        shortest, longest = self.settings.distance_range
+        if not absolute and not shortest <= target <= longest:
+            return False
         end = self._end(target, absolute, direction)
         if self.limits is not None:
             end = self._inside(end, self.limits)

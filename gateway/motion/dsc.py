@@ -108,6 +108,8 @@ class DscSettings:
     """Age of the position the PLC used, in cycles."""
     xerr_sign: int = 1
     jitter_ns: int = 0
+    velocity_range: tuple[int, int] = (_LOWEST, _HIGHEST)
+    """What the object of the speed, or of the feed-forward, can hold."""
 
     def __post_init__(self) -> None:
         checks = (
@@ -189,7 +191,7 @@ class Dsc:
                 result.way = 0
             return result
         numerator, denominator = self._speed
-        feed_forward = round_half_away(nsoll_b * numerator, denominator)
+        feed_forward = self._limited(round_half_away(nsoll_b * numerator, denominator))
         result.gain_clamped = False
         result.reason = None
         if kpc <= 0:
@@ -200,6 +202,10 @@ class Dsc:
         else:
             self._velocity(feed_forward, xerr, kpc, position)
         return result
+
+    def _limited(self, velocity: int) -> int:
+        low, high = self.settings.velocity_range
+        return max(low, min(velocity, high))
 
     def _starts_near(self, error: int) -> bool:
         """Whether the setpoint is within the following window of the axis; only asked until DSC is on."""
@@ -233,5 +239,5 @@ class Dsc:
             result.gain_clamped = True
         numerator, denominator = self._loop
         speed = feed_forward + round_half_away(kpc * error * numerator, denominator)
-        result.velocity = max(_LOWEST, min(speed, _HIGHEST))
+        result.velocity = self._limited(speed)
         result.position = None

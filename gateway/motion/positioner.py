@@ -145,13 +145,18 @@ class Positioner:
         """``TRANSITIONS`` with what finds an event and what does an action: all rows of a state, and those of a calm step."""
         self._rows, self._calm_rows = self._table[self._state]
 
-    def set_position_range(self, low: int, high: int) -> None:
-        """Where the drive can be sent, in its own coordinates."""
-        self.settings = self._course.settings = replace(self.settings, position_range=(low, high))
+    def set_ranges(self, positions: tuple[int, int], distances: tuple[int, int]) -> None:
+        """Where the drive can be sent, in its own coordinates, and how far with one relative task."""
+        self.settings = self._course.settings = replace(
+            self.settings, position_range=positions, distance_range=distances
+        )
 
     def choose(self, settings: PositionerSettings, blocks: BlockTable) -> None:
         """Other values of the user, out of operation."""
-        self.settings = self._course.settings = replace(settings, position_range=self.settings.position_range)
+        known = self.settings
+        self.settings = self._course.settings = replace(
+            settings, position_range=known.position_range, distance_range=known.distance_range
+        )
         self._chain.blocks = blocks
 
     @property

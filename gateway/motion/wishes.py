@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from pdgw.gateway.motion.blocks import Block
 from pdgw.gateway.motion.states import State
 from pdgw.gateway.reasons import Reason
-from pdgw.profidrive.datatypes import N2_100_PERCENT
+from pdgw.profidrive.datatypes import N2_100_PERCENT, DataType
 
 FULL = N2_100_PERCENT
 """100 % of an N2 fraction."""
@@ -205,3 +205,5 @@ class PositionerSettings:
     """The drive may have a touch probe (60B8h)."""
     modulo: int = 0
     """Positions of the user are 0 to this - 1; 0: they go on. ``Seen`` and ``Motion`` count on across the turns in any case."""
+    distance_range: tuple[int, int] = DataType.INTEGER32.integer_range
+    """How far the drive can be sent with one relative task; at first all that a telegram can ask for."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from fractions import Fraction
 
-from pdgw.dsp402.drive_type import DriveType
+from pdgw.dsp402.drive_type import DriveType, Quantity
 from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.images import DriveCommand, DriveFeedback
 from pdgw.dsp402.states import STATE_OF_STATUS, State, StatusBit
@@ -170,6 +170,12 @@ def known(value: Fraction | None, what: str, key: str) -> Fraction:
     if value is None:
         raise Dsp402Error(what, "not known", f"the drive to tell it, or the key {key}")
     return value
+
+
+def highest(drive: DriveType, quantity: Quantity, *attributes: str) -> int:
+    """100 % of a quantity, as far as these objects of the drive can hold it; Dsp402Error where it is not known."""
+    limits = [drive.limits(attribute)[1] for attribute in attributes if drive.has(attribute)]
+    return min([int(drive.scaling.reference(quantity)), *limits])
 
 
 class LimitWatch:

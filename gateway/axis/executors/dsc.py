@@ -76,6 +76,7 @@ class DscExecutor(Executor):
             delay_cycles=choices.delay_cycles,
             xerr_sign=choices.xerr_sign,
             jitter_ns=choices.jitter_ns,
+            velocity_range=drive.limits("target_velocity" if choices.form is _BY_SPEED else "velocity_offset"),
         )
         self.dsc = Dsc(settings)
         self._actual = n4(reference, _I32)

@@ -16,7 +16,7 @@ from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.objects import NEGATIVE_LIMIT_SWITCH, POSITIVE_LIMIT_SWITCH
 from pdgw.dsp402.states import ControlBit, StatusBit
-from pdgw.gateway.axis.executors.base import OPERATION_ENABLED, AxisCycle, Executor, known
+from pdgw.gateway.axis.executors.base import OPERATION_ENABLED, AxisCycle, Executor, highest, known
 from pdgw.gateway.axis.executors.homing import Homing, Progress
 from pdgw.gateway.axis.executors.mode import ModeSwitch
 from pdgw.gateway.axis.executors.torque import message_of
@@ -120,9 +120,9 @@ class PositionerExecutor(Executor):
         self._speed = n4(reference, drive.limits("velocity_actual"))
         self._message = MessageWord(int(reference))
         self._limits = (
-            int(scaling.reference(Quantity.PROFILE_VELOCITY)),
-            int(scaling.reference(Quantity.ACCELERATION)),
-            int(scaling.reference(Quantity.DECELERATION)),
+            highest(drive, Quantity.PROFILE_VELOCITY, "profile_velocity", "target_velocity"),
+            highest(drive, Quantity.ACCELERATION, "profile_acceleration"),
+            highest(drive, Quantity.DECELERATION, "profile_deceleration"),
         )
         self._torque.set_base(drive.max_torque)
         clamps = [block for block in choices.blocks if block.task is BlockTask.FIXED_STOP]
@@ -130,11 +130,12 @@ class PositionerExecutor(Executor):
             raise Dsp402Error("Max Torque 6072h", drive.max_torque, "a value above 0, which a fixed stop lowers")
         self._ring = self._make_ring(scaling, units) if choices.modulo else None
         limits = scaling.position_range
+        distances = _in_length(length, self._target)
         if self._ring is None or (limits is not None and not scaling.position_wraps):
-            low, high = (length.to_length(limit) for limit in limits or self._target)
+            positions = distances if limits is None else _in_length(length, limits)
         else:
-            low, high = _ENDLESS
-        self.positioner.set_position_range(low, high)
+            positions = _ENDLESS
+        self.positioner.set_ranges(positions, distances)
 
     def _make_ring(self, scaling: Scaling, units: DriveUnits) -> Ring:
         """How the position of this drive goes on; Dsp402Error where it wraps after something else than the modulo range."""
@@ -396,8 +397,9 @@ class PositionerExecutor(Executor):
         self._seen.given = motion.serial
 
     def _set_point(self, target: int, bits: int) -> None:
-        """The handshake begins with this target."""
-        self.command.target_position = target
+        """The handshake begins with this target; the last length unit may end beyond what the object can hold."""
+        low, high = self._target
+        self.command.target_position = max(low, min(target, high))
         self._bits = bits
         self._setpoint_bit = True
 
@@ -440,6 +442,11 @@ class PositionerExecutor(Executor):
         seen = self._seen
         seen.homing = result
         seen.taken = seen.executing = seen.given
+
+
+def _in_length(length: LengthUnits, positions: tuple[int, int]) -> tuple[int, int]:
+    low, high = positions
+    return length.to_length(low), length.to_length(high)
 
 
 def _settings(choices: PositionerChoices) -> PositionerSettings:

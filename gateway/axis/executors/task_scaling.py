@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pdgw.dsp402.drive_type import DriveType, Quantity
 from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.modes import Mode
+from pdgw.gateway.axis.executors.base import highest
 from pdgw.profidrive.datatypes import n4
 from pdgw.profidrive.normalisation import Normalisation
 
@@ -39,14 +40,16 @@ class TaskScaling:
         positions = drive.limits("target_position")
         low, high = scaling.position_range or positions
         position = scaling.reference(Quantity.POSITION)
-        velocity = scaling.reference(Quantity.PROFILE_VELOCITY)
-        acceleration = scaling.reference(Quantity.ACCELERATION)
-        deceleration = scaling.reference(Quantity.DECELERATION)
-        velocity_low, velocity_high = drive.limits("profile_velocity")
         return cls(
             n4(position, (max(low, positions[0]), min(high, positions[1]))),
             n4(position, positions),
-            n4(velocity, (velocity_low, min(velocity_high, int(velocity))), minimum=0),
-            n4(acceleration, (drive.limits("profile_acceleration")[0], int(acceleration))),
-            n4(deceleration, (drive.limits("profile_deceleration")[0], int(deceleration))),
+            _rate(drive, Quantity.PROFILE_VELOCITY, "profile_velocity", minimum=0),
+            _rate(drive, Quantity.ACCELERATION, "profile_acceleration"),
+            _rate(drive, Quantity.DECELERATION, "profile_deceleration"),
         )
+
+
+def _rate(drive: DriveType, quantity: Quantity, attribute: str, minimum: int | None = None) -> Normalisation:
+    """A speed or a ramp, up to 100 %."""
+    limits = drive.limits(attribute)[0], highest(drive, quantity, attribute)
+    return n4(drive.scaling.reference(quantity), limits, minimum=minimum)

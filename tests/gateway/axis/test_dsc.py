@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from fractions import Fraction
 
 import pytest
 
+from pdgw.dsp402.drive_type import Quantity, Reference
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import State
 from pdgw.gateway.axis.machine import AxisMachine
@@ -13,7 +15,7 @@ from pdgw.gateway.axis.settings import AxisSettings, ControlLost
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.motion.dsc import DscChoices, DscForm, dead_time_ns, highest_gain, longest_hold_ns
 from pdgw.gateway.reasons import FaultNumber, Reason
-from tests.support.drive_types import References, engel
+from tests.support.drive_types import References, described, engel
 from tests.support.rig import Rig
 
 CYCLE_NS = 4_000_000
@@ -266,6 +268,21 @@ def test_torque_reduction_works_here_too() -> None:
     rig.values["MOMRED"] = 0x2000
     rig.step(3)
     assert rig.node.model.max_torque == 1500
+
+
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_speed_goes_no_further_than_its_object(form: DscForm, sign: int) -> None:
+    rig = axis(form)
+    drive = engel(REFERENCES)
+    fast = {**drive.scaling.references, Quantity.SPEED: Reference(Fraction(2_000_000_000), "")}
+    scaling = replace(drive.scaling, references=fast, velocity_per_rpm=Fraction(1_000_000))
+    synchronous = replace(described("synchronous"), scaling=scaling)
+    rig.stepper.set_drive(synchronous)
+    rig.values["NSOLL_B"] = sign * ((1 << 31) - 1)
+    rig.step(2)
+    attribute = "target_velocity" if form is DscForm.SPEED else "velocity_offset"
+    assert getattr(rig.stepper.command, attribute) == synchronous.limits(attribute)[sign > 0]
 
 
 def test_dsc_without_its_choice_is_refused() -> None:

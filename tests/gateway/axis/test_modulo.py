@@ -7,7 +7,8 @@ from dataclasses import replace
 import pytest
 
 from pdgw.dsp402.drive_type import DriveType
-from pdgw.gateway.reasons import FaultNumber
+from pdgw.gateway.motion.wishes import PositionerChoices
+from pdgw.gateway.reasons import FaultNumber, Reason
 from pdgw.peers.drive import ENGEL, ROTARY
 from pdgw.profidrive.signals import signal
 from tests.support.drive_types import References, engel
@@ -30,9 +31,9 @@ def drive_type(*, wraps: bool) -> DriveType:
     return replace(drive, scaling=scaling)
 
 
-def table(number: int = 111, *, wraps: bool) -> Rig:
+def table(number: int = 111, choices: PositionerChoices = TABLE, *, wraps: bool) -> Rig:
     shape = replace(ENGEL, wraps=True) if wraps else ENGEL
-    rig = Rig(number, ROTARY, shape, positioner=TABLE)
+    rig = Rig(number, ROTARY, shape, positioner=choices)
     values = ((0x607B, 1, 0), (0x607B, 2, UNITS if wraps else 0), (0x60C5, 0, 2000), (0x60C6, 0, 2000))
     for index, subindex, value in values:
         rig.node.set_data(index, subindex, value.to_bytes(4, "little"), check_writable=False)
@@ -155,3 +156,14 @@ def test_telegram_110_has_its_directions_in_mdi_mod() -> None:
     rig.until(lambda actuals: actuals["ZSW1"] & REACHED, 3000)
     assert rig.node.model.position == pytest.approx(-0.75 * UNITS, abs=3)
     assert rig.actuals["XIST_A"] == pytest.approx(2500, abs=3)
+
+
+@pytest.mark.parametrize(("turns", "refused"), [(524_287, False), (524_289, True), (-524_287, False), (-524_289, True)])
+def test_a_relative_task_is_no_longer_than_the_drive_can_be_sent_at_once(turns: int, refused: bool) -> None:
+    rig = table(choices=replace(TABLE, lu_per_revolution=1000, modulo=1000), wraps=False)
+    rig.values |= {"MDI_TARPOS": 1000 * turns, "MDI_VELOCITY": 3000, "POS_STW1": 0x8000, "STW1": ON}
+    rig.step(2)
+    rig.values["STW1"] = ON | 0x40
+    rig.step(20)
+    assert (rig.stepper.reason is Reason.TASK_TARGET_RANGE) is refused
+    assert rig.stepper.command.target_position == (0 if refused else UNITS * turns)

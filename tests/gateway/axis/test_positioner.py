@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import replace
+from fractions import Fraction
 
 import pytest
 
+from pdgw.dsp402.drive_type import Quantity, Reference
 from pdgw.dsp402.images import DriveFeedback
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import ControlBit
@@ -439,3 +441,37 @@ def test_a_drive_without_a_torque_limit_refuses_a_fixed_stop() -> None:
     rig.stepper.set_references(replace(REFERENCES, max_torque=0))
     rig.step()
     assert any("Max Torque 6072h" in event.text for event in rig.stepper.events)
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_the_last_length_unit_ends_where_the_object_does(sign: int) -> None:
+    rig = Rig(111, positioner=replace(CHOICES, lu_per_revolution=100, software_limits=None, blocks=()))
+    drive = engel(REFERENCES)
+    rig.stepper.set_drive(replace(drive, scaling=replace(drive.scaling, position_range=None)))
+    rig.enable(OFF)
+    rig.values |= {"OVERRIDE": 0x4000, "MDI_ACC": 0x4000, "MDI_DEC": 0x4000, "POS_STW1": 0x8100, "STW1": ON}
+    rig.values |= {"MDI_TARPOS": sign * (1 << 31) // 4096 * 100, "MDI_VELOCITY": 3}
+    rig.step(2)
+    rig.values["STW1"] = ON | 0x40
+    rig.step(2)
+    assert rig.stepper.command.target_position == ((1 << 31) - 1 if sign > 0 else -(1 << 31))
+
+
+def test_what_100_percent_is_goes_no_further_than_the_objects() -> None:
+    rig = Rig(111, positioner=replace(CHOICES, max_velocity=(1 << 31) - 1, software_limits=None))
+    drive = engel(REFERENCES)
+    known = dict(drive.scaling.references)
+    for quantity in (Quantity.PROFILE_VELOCITY, Quantity.ACCELERATION, Quantity.DECELERATION):
+        known[quantity] = Reference(Fraction(10**12), "")
+    scaling = replace(drive.scaling, references=known, velocity_per_rpm=Fraction(10**6))
+    rig.stepper.set_drive(replace(drive, scaling=replace(scaling, acceleration_per_rpm_s=Fraction(10**6))))
+    rig.enable(OFF)
+    rig.values |= {"OVERRIDE": 0x4000, "MDI_ACC": 0x7FFF, "MDI_DEC": 0x7FFF, "POS_STW1": 0x8100, "STW1": ON}
+    rig.values |= {"MDI_TARPOS": 5000, "MDI_VELOCITY": (1 << 31) - 1}
+    rig.step(2)
+    rig.values["STW1"] = ON | 0x40
+    rig.step(2)
+    command = rig.stepper.command
+    assert command.profile_velocity == min(drive.limits("profile_velocity")[1], drive.limits("target_velocity")[1])
+    assert command.profile_acceleration <= drive.limits("profile_acceleration")[1]
+    assert command.profile_deceleration <= drive.limits("profile_deceleration")[1]

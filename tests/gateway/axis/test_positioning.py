@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from fractions import Fraction
 from itertools import pairwise
 
 import pytest
 
+from pdgw.dsp402.drive_type import Quantity, Reference
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import ControlBit, State
+from pdgw.gateway.axis.executors.task_scaling import TaskScaling
 from pdgw.gateway.reasons import Reason
 from pdgw.peers.drive import Machine
 from pdgw.peers.drive.family import HOMING_METHODS, TURNTABLE
-from pdgw.profidrive.datatypes import n4
+from pdgw.profidrive.datatypes import N4_100_PERCENT, n4
 from pdgw.profidrive.signals import signal
+from tests.support.drive_types import engel
 from tests.support.rig import Rig
 
 ZSW1 = signal("ZSW1")
@@ -430,3 +434,15 @@ def test_a_task_at_a_limit_can_be_rejected() -> None:
     rig.step(100)
     assert position(rig) == before
     assert rig.stepper.reason is Reason.INTERNAL_LIMIT, "the drive's own, it still stands on the switch"
+
+
+def test_what_100_percent_is_goes_no_further_than_the_objects() -> None:
+    drive = engel()
+    known = {quantity: Reference(Fraction(10**12), "") for quantity in Quantity}
+    scaling = TaskScaling.of(replace(drive, scaling=replace(drive.scaling, references=known)))
+    for attribute, conversion in (
+        ("profile_velocity", scaling.velocity),
+        ("profile_acceleration", scaling.acceleration),
+        ("profile_deceleration", scaling.deceleration),
+    ):
+        assert conversion.to_value(N4_100_PERCENT) == drive.limits(attribute)[1]
