@@ -215,8 +215,11 @@ def plot(points: Sequence[Point], picture: Path) -> None:
         if points:
             panel.legend(fontsize=7)
     try:
-        figure.savefig(picture, dpi=110)
+        # Without an ending matplotlib would add one and write another file.
+        figure.savefig(picture, format=picture.suffix[1:] or "png", dpi=110)
     except (OSError, ValueError) as error:  # ValueError: an ending that is no picture format
-        raise GatewayError(f"--plot {picture}: cannot be written ({error})") from error
+        raise GatewayError(
+            f"--plot {picture}: cannot be written ({getattr(error, 'strerror', None) or error})"
+        ) from error
     finally:
         pyplot.close(figure)

@@ -15,9 +15,14 @@ import typer
 
 from pdgw import __version__
 from pdgw.gateway.errors import GatewayError
+from pdgw.tools.outputs import to_be_written
 
-JUnitFile = Annotated[Path | None, typer.Option("--junit", help="Write the results as JUnit XML.")]
-HtmlFile = Annotated[Path | None, typer.Option("--html", help="Write the results as an HTML page.")]
+JUnitFile = Annotated[
+    Path | None, typer.Option("--junit", callback=to_be_written, help="Write the results as JUnit XML.")
+]
+HtmlFile = Annotated[
+    Path | None, typer.Option("--html", callback=to_be_written, help="Write the results as an HTML page.")
+]
 
 _NOT_XML = re.compile("[^\\t\\n\\r\\x20-\\ud7ff\\ue000-\\ufffd\\U00010000-\\U0010ffff]")
 """Characters XML 1.0 cannot hold."""

@@ -201,9 +201,11 @@ class PlotWriter:
             _draw_states(grid[-1, 0], spans)
         grid[-1, 0].set_xlabel("time in s")
         try:
-            figure.savefig(self._path, dpi=100)
+            # Without an ending matplotlib would add one and write another file.
+            figure.savefig(self._path, format=self._path.suffix[1:] or "png", dpi=100)
         except (OSError, ValueError) as error:  # ValueError: an ending that is no picture format
-            raise GatewayError(f"--plot {self._path}: cannot be written ({error})") from error
+            told = getattr(error, "strerror", None) or error
+            raise GatewayError(f"--plot {self._path}: cannot be written ({told})") from error
         finally:
             pyplot.close(figure)
 

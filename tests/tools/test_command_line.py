@@ -14,6 +14,7 @@ import pytest
 from typer.core import TyperOption
 from typer.testing import CliRunner
 
+from pdgw.gateway.errors import GatewayError
 from pdgw.tools import commands
 from pdgw.tools.cli import app
 from pdgw.tools.command_table import COMMANDS, SIM_COMMANDS, Command, Entry, Group
@@ -61,6 +62,25 @@ def test_an_option_with_one_value_is_not_given_twice(name: str, command: Any) ->
         result = CliRunner().invoke(app, [*name.split(), *others, option.opts[0], value, option.opts[0], value])
         assert result.exit_code == 2, (option.opts, result.output)
         assert "given more than once" in " ".join(result.output.replace("│", " ").split()), (option.opts, result.output)
+
+
+REPORTS = [
+    (name, option.opts[0])
+    for name, command in EVERY
+    for option in command.params
+    if option.opts[0] in {"--plot", "--html", "--junit", "--pcap"}
+]
+
+
+@pytest.mark.parametrize(("name", "option"), REPORTS)
+@pytest.mark.parametrize(("place", "why"), [(".", "Is a directory"), ("nowhere/x.out", "No such file or directory")])
+def test_a_file_that_cannot_be_written_is_told_before_the_work(
+    name: str, option: str, place: str, why: str, tmp_path: Path
+) -> None:
+    arguments = ["x"] * (name in {"decode", "timeline"})
+    result = CliRunner().invoke(app, [*name.split(), *arguments, option, str(tmp_path / place)])
+    assert isinstance(result.exception, GatewayError), result.output
+    assert str(result.exception) == f"{option} {tmp_path / place}: cannot be written ({why})"
 
 
 @pytest.mark.parametrize("name", ["", *(name for name, _ in EVERY)])

@@ -137,7 +137,8 @@ def test_output_that_cannot_be_written_is_one_line(
 
 
 def test_a_picture_that_cannot_be_drawn_is_told_before_the_work(tmp_path: Path) -> None:
-    for name in ("nowhere/loop.png", "loop.rubbish"):
+    (tmp_path / "full").symlink_to("/dev/full")  # without an ending: matplotlib would write full.png
+    for name in ("nowhere/loop.png", "loop.rubbish", "full"):
         result = pdgw("sim", "loop", "--plot", str(tmp_path / name))
         assert result.returncode == 1
         assert "cannot be written" in result.stderr

@@ -41,6 +41,7 @@ from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.telegrams import Direction
 from pdgw.profidrive.telegrams import telegram as telegram_of
 from pdgw.tools.commands.recording_options import Station
+from pdgw.tools.outputs import to_be_written
 from pdgw.tools.progress import with_progress, with_progress_of
 
 _DEFAULT_BITRATE = 1_000_000
@@ -90,7 +91,7 @@ def decode(
         int | None,
         typer.Option("--jobs", "-j", min=1, help="Files at the same time, with --parquet FOLDER [cores]."),
     ] = None,
-    plot: Annotated[Path | None, typer.Option(help="Picture of --signal over time.")] = None,
+    plot: Annotated[Path | None, typer.Option(callback=to_be_written, help="Picture of --signal over time.")] = None,
     stats: Annotated[bool, typer.Option("--stats", help="Rates, jitter, counter gaps, bus load instead.")] = False,
     bitrate: Annotated[int | None, typer.Option(min=1, help="For the bus load, bit/s [1000000].")] = None,
     verbose: Annotated[bool, typer.Option("--verbose", "-v", help="The full tree with every bit.")] = False,

@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.table import Table
 
 from pdgw.tools.loop_study import CYCLES_MS, GAINS, Point, plot, study
+from pdgw.tools.outputs import to_be_written
 from pdgw.tools.quiet import quiet
 
 
@@ -22,7 +23,9 @@ def loop(
     gain: Annotated[
         list[float] | None, typer.Option(min=1, max=2000, help="Gain in 1/s; repeat.", show_default=False)
     ] = None,
-    picture: Annotated[Path | None, typer.Option("--plot", help="Draw the result to this file.")] = None,
+    picture: Annotated[
+        Path | None, typer.Option("--plot", callback=to_be_written, help="Draw the result to this file.")
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the points as JSON.")] = False,
 ) -> None:
     """Close a position loop in a simulated PLC, with DSC and without: following error and stability, in virtual time."""

@@ -32,6 +32,7 @@ from pdgw.profinet.rpc.dcerpc import UDP_PORT as ACYCLIC_PORT
 from pdgw.tools.address import parse_address
 from pdgw.tools.commands.simulation_options import only_with, telegrams_of_axes
 from pdgw.tools.keys import read_keys
+from pdgw.tools.outputs import to_be_written
 from pdgw.tools.plc_window import watch
 from pdgw.tools.reports import Check, HtmlFile, JUnitFile, Report
 from pdgw.tools.tables import plain_table
@@ -86,9 +87,11 @@ def plc(
     ] = None,
     cycle_ms: Annotated[float, typer.Option(min=0.5, max=512, help="Cycle time.")] = 4,
     interactive: Annotated[bool, typer.Option("--interactive", help="Obey the keyboard.")] = False,
-    pcap: Annotated[Path | None, typer.Option(help="Record both directions here.")] = None,
-    trace: Annotated[Path | None, typer.Option(help="Write sampled values here (CSV).")] = None,
-    as_json: Annotated[Path | None, typer.Option("--json", help="Write the results here.")] = None,
+    pcap: Annotated[Path | None, typer.Option(callback=to_be_written, help="Record both directions here.")] = None,
+    trace: Annotated[Path | None, typer.Option(callback=to_be_written, help="Write sampled values here (CSV).")] = None,
+    as_json: Annotated[
+        Path | None, typer.Option("--json", callback=to_be_written, help="Write the results here.")
+    ] = None,
     junit: JUnitFile = None,
     html: HtmlFile = None,
     acyclic_port: Annotated[

@@ -16,6 +16,7 @@ from pdgw.decoder.timeline import Summary
 from pdgw.decoder.timeline_text import entry_lines, summary_lines
 from pdgw.gateway.errors import GatewayError
 from pdgw.tools.commands.recording_options import Config, Files, Nodes, Offset, Station, Telegrams
+from pdgw.tools.outputs import to_be_written
 from pdgw.tools.recordings import (
     Opening,
     Part,
@@ -44,7 +45,10 @@ def timeline(
     begin: Annotated[str | None, typer.Option("--from", help="Seconds since the first frame, or an ISO time.")] = None,
     end: Annotated[str | None, typer.Option("--to", help="As --from.")] = None,
     html: Annotated[
-        Path | None, typer.Option(help="A page instead: curves, words on hover, the timeline of a mark on click.")
+        Path | None,
+        typer.Option(
+            callback=to_be_written, help="A page instead: curves, words on hover, the timeline of a mark on click."
+        ),
     ] = None,
 ) -> None:
     """Merge captures of both buses: what the PLC asked, what became of it, how long it took, and why not."""
