@@ -20,14 +20,19 @@ _MACS = ("02:00:00:00:00:01", "02:00:00:00:00:02")
 
 
 class Capture:
-    """Conversations as a pcap with Ethernet, IP and UDP headers; written beside the threads that have them."""
+    """Conversations as a pcap with Ethernet, IP and UDP headers; written beside the threads that have them.
+
+    GatewayError when the file cannot be had, and from ``close`` when it could not be written.
+    """
 
     def __init__(self, path: Path) -> None:
+        self._path = path
+        self._failure: OSError | None = None
         self._frames: queue.SimpleQueue[tuple[float, Packet, bytes] | None] = queue.SimpleQueue()
         try:
             self._writer = PcapWriter(str(path), linktype=1, sync=False)
         except OSError as error:
-            raise GatewayError(f"capture {path}: cannot be written: {error.strerror}") from error
+            raise self._unwritable(error) from error
         self._thread = threading.Thread(target=self._write, name="capture", daemon=True)
         self._thread.start()
 
@@ -39,9 +44,25 @@ class Capture:
     def close(self) -> None:
         self._frames.put(None)
         self._thread.join()
-        self._writer.close()
+        try:
+            self._writer.close()
+        except OSError as error:
+            self._failure = self._failure or error
+        if self._failure is not None:
+            raise self._unwritable(self._failure)
+
+    def _unwritable(self, error: OSError) -> GatewayError:
+        return GatewayError(f"--pcap {self._path}: cannot be written ({error.strerror or error})")
 
     def _write(self) -> None:
+        try:
+            self._write_frames()
+        except OSError as error:
+            self._failure = error
+            while self._frames.get() is not None:
+                continue  # what nobody writes is not kept
+
+    def _write_frames(self) -> None:
         while (item := self._frames.get()) is not None:
             when, headers, data = item
             packet = headers / data

@@ -126,7 +126,7 @@ class PlcRunner(abc.ABC):
                 writer.writerow(TRACE_COLUMNS)
                 writer.writerows(self.trace)
         except OSError as error:
-            raise GatewayError(f"trace {path}: cannot be written: {error.strerror}") from error
+            raise GatewayError(f"--trace {path}: cannot be written ({error.strerror or error})") from error
 
 
 class PlcClient(PlcRunner):
@@ -166,9 +166,9 @@ class PlcClient(PlcRunner):
     def close(self) -> None:
         if self._parameters is not None:
             self._parameters.close()
+        self._socket.close()
         if self._capture is not None:
             self._capture.close()
-        self._socket.close()
 
     def _serve(self, access: ParameterAccess) -> None:
         if self._parameters is None:

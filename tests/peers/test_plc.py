@@ -18,6 +18,7 @@ from pdgw.gateway.transport.acyclic import AcyclicServer
 from pdgw.gateway.transport.cyclic import CyclicEndpoint, Verdict
 from pdgw.gateway.transport.sequence import SEQUENCE_FRAMES
 from pdgw.peers.controller.plc import ProfinetPlc
+from pdgw.peers.plc.capture import Capture
 from pdgw.peers.plc.client import PlcClient
 from pdgw.peers.plc.endpoint import PlcEndpoint
 from pdgw.peers.plc.engine import Engine
@@ -310,6 +311,16 @@ def test_a_silent_parameter_channel_fails_every_expectation_of_the_step(answer: 
     for action in ("read", "write"):
         engine, _ = parameters({action: {"P922": 1, "P965": 2}}, [answer])
         assert [(item.passed, item.measured) for item in engine.results] == [(False, measured)] * 2
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full here")
+def test_a_capture_on_a_full_disk_is_one_error_at_its_end() -> None:
+    capture = Capture(Path("/dev/full"))
+    take = capture.conversation(("127.0.0.1", 1), ("127.0.0.1", 2))
+    for _ in range(1000):
+        take(True, bytes(46))
+    with pytest.raises(GatewayError, match=r"^--pcap /dev/full: cannot be written \(No space left on device\)$"):
+        capture.close()
 
 
 @pytest.mark.e2e

@@ -215,7 +215,7 @@ def _finish(engine: Engine, as_json: Path | None, begin_s: float, *, progress: b
         try:
             as_json.write_text(json.dumps(document, indent=2), encoding="utf-8")
         except OSError as error:
-            raise GatewayError(f"results {as_json}: cannot be written: {error.strerror}") from error
+            raise GatewayError(f"--json {as_json}: cannot be written ({error.strerror or error})") from error
     if not progress:
         Console().print(results_table(engine.results))
     if not reached:
