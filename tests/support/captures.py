@@ -22,6 +22,8 @@ from pdgw.tools.bench.captures import block
 BEGIN_NS = 1_700_000_000_123_456_000
 MS = 1_000_000
 ETHERNET, SOCKETCAN = 1, 227
+ETHER = Ether(src="02:00:00:00:00:01", dst="02:00:00:00:00:02")
+"""With both addresses: scapy would ask this machine's network for one it does not have."""
 LinkPacket = tuple[int, int, bytes]
 """Time in nanoseconds, link type, bytes."""
 
@@ -40,7 +42,7 @@ def cyclic_packets(cycles: int = 4) -> list[bytes]:
                 if direction is Direction.SETPOINT
                 else UDP(sport=UDP_PORT, dport=40000)
             )
-            packets.append(bytes(Ether() / IP(src="10.0.0.1", dst="10.0.0.2") / ports / frame))
+            packets.append(bytes(ETHER / IP(src="10.0.0.1", dst="10.0.0.2") / ports / frame))
     return packets
 
 

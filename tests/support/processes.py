@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-import secrets
 import signal
 import socket
 import subprocess
@@ -12,26 +10,21 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from pdgw.tools.demo.links import free_ports
+
 COMMAND = (sys.executable, "-m", "pdgw")
 PATIENT = "heartbeat_ms = 700\ntpdo_event_ms = 2000\nsdo_timeout_ms = 5000\n"
 """Keys of an [[axis]] whose drive is not lost when its process does not get the processor for a second."""
 
 
 def free_udp_port() -> int:
-    return _free_port(socket.SOCK_DGRAM)
+    (port,) = free_ports(socket.SOCK_DGRAM, 1)
+    return port
 
 
 def free_tcp_port() -> int:
-    return _free_port(socket.SOCK_STREAM)
-
-
-def _free_port(kind: int) -> int:
-    """Below those the system gives to whoever asks for any: nobody gets it until the test's process has taken it."""
-    while True:
-        port = 10_000 + secrets.randbelow(20_000)
-        with socket.socket(socket.AF_INET, kind) as sock, contextlib.suppress(OSError):
-            sock.bind(("127.0.0.1", port))
-            return port
+    (port,) = free_ports(socket.SOCK_STREAM, 1)
+    return port
 
 
 def pdgw(*arguments: str, timeout: float = 600, text: str | None = None) -> subprocess.CompletedProcess[str]:

@@ -16,6 +16,7 @@ import pytest
 
 from pdgw.gateway.reasons import Enable, Reason
 from pdgw.gateway.trace.recorder import FlightRecorder
+from tests.endtoend.processes import free_tcp_port
 from tests.support.buses import PATIENCE_S
 from tests.support.daemon import Plc, axis, configuration, drive_of, running
 from tests.support.page import TOKEN, Page, ShownGateway, page
@@ -110,6 +111,11 @@ def reads(tab: Tab, selector: str, text: str) -> None:
     )
 
 
+def has_no_alert(tab: Tab) -> None:
+    """A tab that got nothing for seconds, on a busy machine, has one until it hears the page again."""
+    tab.wait_for_function("() => !document.querySelector('[role=alert]')")
+
+
 def test_home_says_how_every_axis_is_and_changes_by_itself(shown: Shown) -> None:
     tab = shown.tab
     reads(tab, "[role=status]", "live, PLC connected, 1 of 2 axes obey")
@@ -121,7 +127,7 @@ def test_home_says_how_every_axis_is_and_changes_by_itself(shown: Shown) -> None
     shown.plc.endpoint.set(0, {"NSOLL_A": 0x1000})
     shown.until(lambda: shown.plc.value("NIST_A") == 0x1000, "a quarter of the speed")
     reads(tab, "[data-do='1'] [data-live]", "750.0 rpm")
-    assert tab.locator("[role=alert]").count() == 0
+    has_no_alert(tab)
     assert shown.noise == []
     assert all(url.startswith(shown.served.address) for url in shown.asked), "nobody else is asked"
 
@@ -205,10 +211,10 @@ def test_values_are_called_old_while_the_gateway_or_the_page_itself_does_not_ans
     assert tab.locator("[role=alert]").evaluate("e => getComputedStyle(e).opacity") == "1"
     shown.gateway.failure = ""
     reads(tab, "[role=status]", "live")
-    assert tab.locator("[role=alert]").count() == 0
+    has_no_alert(tab)
 
     with ExitStack() as first:
-        served = first.enter_context(page(shown.daemon.config, shown.gateway))
+        served = first.enter_context(page(shown.daemon.config, shown.gateway, port=free_tcp_port()))
         tab = shown.browser.new_context().new_page()
         tab.set_default_timeout(PATIENCE_MS)
         tab.goto(f"{served.address}/")
@@ -217,7 +223,7 @@ def test_values_are_called_old_while_the_gateway_or_the_page_itself_does_not_ans
     reads(tab, "[data-do='1'] [data-live]", "1500.0 rpm")
     with page(shown.daemon.config, shown.gateway, port=served.port):
         reads(tab, "[role=status]", "live")
-        assert tab.locator("[role=alert]").count() == 0
+        has_no_alert(tab)
     tab.context.close()
 
 

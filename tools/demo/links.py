@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import secrets
 import socket
 import threading
 from pathlib import Path
@@ -15,12 +16,17 @@ STATION = "press-1"
 
 
 def free_ports(kind: socket.SocketKind, number: int) -> list[int]:
-    """Different ports of 127.0.0.1 nobody uses at this moment."""
-    with contextlib.ExitStack() as stack:
-        sockets = [stack.enter_context(socket.socket(socket.AF_INET, kind)) for _ in range(number)]
-        for sock in sockets:
-            sock.bind(("127.0.0.1", 0))
-        return [int(sock.getsockname()[1]) for sock in sockets]
+    """Different ports of 127.0.0.1 nobody uses, below those the system gives to whoever asks for any.
+
+    So nobody gets one until the process it is for has taken it.
+    """
+    found: set[int] = set()
+    while len(found) < number:
+        port = 10_000 + secrets.randbelow(20_000)
+        with socket.socket(socket.AF_INET, kind) as sock, contextlib.suppress(OSError):
+            sock.bind(("127.0.0.1", port))
+            found.add(port)
+    return list(found)
 
 
 class DemoLink(Protocol):
