@@ -36,8 +36,9 @@ def open_bus(
         settings["bitrate"] = bitrate
     try:
         return can.Bus(**settings)  # type: ignore[arg-type]
-    except (can.CanError, OSError, ValueError, TypeError, ImportError, NotImplementedError) as error:
+    except Exception as error:  # whatever a driver raises
         text = system_text(error, channel, bitrate) if isinstance(error, OSError) and error.errno else str(error)
+        text = text or type(error).__name__
         raise CanopenError(
             "CAN interface", f"{interface} channel {channel}", f"a reachable python-can bus ({text})"
         ) from error

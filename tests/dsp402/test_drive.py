@@ -295,6 +295,15 @@ def test_an_unreachable_can_interface_is_named(interface: str) -> None:
         open_bus(interface, "ws://127.0.0.1:1/")
 
 
+def test_whatever_a_driver_raises_names_the_interface(monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(**_: object) -> None:
+        raise KeyError
+
+    monkeypatch.setattr("can.Bus", broken)
+    with pytest.raises(CanopenError, match=r"CAN interface: 'slcan channel ttyACM0' is not .*\(KeyError\)"):
+        open_bus("slcan", "ttyACM0")
+
+
 # -- what a node's task must not do for ever --------------------------------------------------------------------------------
 
 
