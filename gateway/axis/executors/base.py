@@ -173,9 +173,12 @@ def known(value: Fraction | None, what: str, key: str) -> Fraction:
 
 
 def highest(drive: DriveType, quantity: Quantity, *attributes: str) -> int:
-    """100 % of a quantity, as far as these objects of the drive can hold it; Dsp402Error where it is not known."""
+    """100 % of a quantity, as far as these objects of the drive can hold it; Dsp402Error where it is not known, or below 1."""
     limits = [drive.limits(attribute)[1] for attribute in attributes if drive.has(attribute)]
-    return min([int(drive.scaling.reference(quantity)), *limits])
+    found = min([int(drive.scaling.reference(quantity)), *limits])
+    if found < 1:
+        raise Dsp402Error(f"100 % of the {quantity.value}", found, "at least one unit of the drive's object")
+    return found
 
 
 class LimitWatch:

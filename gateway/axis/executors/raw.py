@@ -60,7 +60,8 @@ class RawExecutor(Executor):
                 controlword = raw[_CONTROLWORD]
         if action is _RAMP:
             controlword |= ControlBit.HALT
-            command.target_velocity = 0
+            # In a mode of torques there may be no Halt (cyclic synchronous torque): none is left to drive the axis on.
+            command.target_velocity = command.target_torque = 0
             self._last = ()
         command.controlword = controlword
         self.report.raw = self._read(cycle.feedback)

@@ -457,6 +457,17 @@ def test_the_last_length_unit_ends_where_the_object_does(sign: int) -> None:
     assert rig.stepper.command.target_position == ((1 << 31) - 1 if sign > 0 else -(1 << 31))
 
 
+def test_a_ramp_that_is_less_than_a_unit_of_the_drive_refuses_operation() -> None:
+    rig = positioner()
+    drive = engel(REFERENCES)
+    known = {**drive.scaling.references, Quantity.DECELERATION: Reference(Fraction(1, 2), "")}
+    rig.stepper.set_drive(replace(drive, scaling=replace(drive.scaling, references=known)))
+    rig.step()
+    (event,) = rig.stepper.events
+    assert event.number == FaultNumber.REFERENCE
+    assert "100 % of the deceleration: 0" in event.text
+
+
 def test_what_100_percent_is_goes_no_further_than_the_objects() -> None:
     rig = Rig(111, positioner=replace(CHOICES, max_velocity=(1 << 31) - 1, software_limits=None))
     drive = engel(REFERENCES)

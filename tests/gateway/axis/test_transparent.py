@@ -125,6 +125,19 @@ def test_a_standing_on_does_not_start_after_a_fault_reset() -> None:
     assert rig.state is State.SWITCH_ON_DISABLED
 
 
+def test_the_ramp_of_a_lost_plc_leaves_no_torque_to_a_mode_without_halt() -> None:
+    rig = axis(on_plc_loss=PlcLossReaction.RAMP)
+    for word in (0x06, 0x07, 0x0F):
+        rig.values["Controlword"] = word
+        rig.step(2)
+    rig.values |= {"Target Velocity": 4000, "Target Torque": 400}
+    rig.step(100)
+    command = rig.stepper.command
+    assert command.target_torque == 400
+    rig.step(1, plc=False)
+    assert (command.target_torque, command.controlword & ControlBit.HALT) == (0, ControlBit.HALT)
+
+
 def test_the_ramp_of_a_lost_plc_asks_for_halt_and_speed_0_and_ends_with_the_plcs_own_values() -> None:
     rig = axis(on_plc_loss=PlcLossReaction.RAMP)
     for word in (0x06, 0x07, 0x0F):
