@@ -16,6 +16,9 @@ EXTENDED: Final = 0x8000_0000
 REMOTE: Final = 0x4000_0000
 ERROR: Final = 0x2000_0000
 """Flags of the identifier: 29 bit, remote request, message of the driver about an error."""
+ERROR_CONTROLLER: Final = 0x04
+ERROR_BUS_OFF: Final = 0x40
+"""Classes of such a message, in its identifier (linux/can/error.h): controller problem, bus-off."""
 
 
 def pack_frame(can_id: int, data: bytes) -> bytes:

@@ -18,6 +18,7 @@ import canopen
 from canopen.sdo import SdoAbortedError, SdoCommunicationError
 
 from pdgw.ds301.aborts import abort_text
+from pdgw.ds301.communication import DEVICE_TYPE
 from pdgw.ds301.configuration import SdoStep
 from pdgw.ds301.configuring import ConfiguringAccess
 from pdgw.ds301.connection_set import EMCY, ERROR_CONTROL, NMT
@@ -322,7 +323,7 @@ class NodeClient(ConfiguringAccess, abc.ABC, Generic[S]):
         # A node that was stopped answers no SDO before this; a running one may stop by its abort option. Until it has answered,
         # nobody knows what it does: one that was in operation is still sent its stop.
         self._nmt(NmtCommand.ENTER_PRE_OPERATIONAL)
-        device_type = self.read_urgently(0x1000)
+        device_type = self.read_urgently(DEVICE_TYPE)
         self._sending = False
         self._booted.clear()  # a boot-up before this answer is the one we waited for
         self._set_status(NodeStatus.CONFIGURING, "checking identity")

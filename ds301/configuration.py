@@ -36,8 +36,7 @@ class SdoStep:
     optional: bool = False
 
     def __post_init__(self) -> None:
-        bits = self.type.bits
-        low, high = (-1 << bits - 1, (1 << bits - 1) - 1) if self.type.char.islower() else (0, (1 << bits) - 1)
+        low, high = self.type.integer_range
         if not low <= self.value <= high:
             raise CanopenError(f"{self.meaning} {self.index:04X}h/{self.subindex}", self.value, f"{low}..{high}")
 

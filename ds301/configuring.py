@@ -11,6 +11,7 @@ from typing import ClassVar
 from canopen.sdo import SdoAbortedError
 
 from pdgw.ds301.aborts import Abort, abort_text
+from pdgw.ds301.communication import IDENTITY
 from pdgw.ds301.configuration import SdoStep, is_communication_parameter, is_taken
 from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.pdo import Pdo
@@ -37,7 +38,7 @@ class ConfiguringAccess(SdoAccess):
         ):
             if not expected:
                 continue
-            found = self._fetch(0x1018, subindex)
+            found = self._fetch(IDENTITY, subindex)
             if found != expected:
                 raise self.error_type(
                     f"node {self._node_id} {what}", f"{found:08X}h", f"{expected:08X}h as the EDS says"

@@ -8,7 +8,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from pdgw.ds301.communication import DEVICE_TYPE, ERROR_REGISTER, IDENTITY
+from pdgw.ds301.configuration import is_communication_parameter
 from pdgw.ds301.objects import Entry, ObjectKind, ObjectSpec
+from pdgw.ds301.pdo import PdoDirection
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,16 +25,14 @@ class DeviceInfo:
     revision: int
 
 
-_MANDATORY = (0x1000, 0x1001, 0x1018)
-_NODE_ID_RELATIVE = ((0x1400, 0x1600), (0x1800, 0x1A00))
+MANDATORY = (DEVICE_TYPE, ERROR_REGISTER, IDENTITY)
 
 
 def _default(entry: Entry) -> str:
     if entry.default is None:
         return ""
     if isinstance(entry.default, int) and not isinstance(entry.default, bool):
-        relative = any(low <= entry.index < high for low, high in _NODE_ID_RELATIVE) and entry.subindex == 1
-        if relative or entry.index == 0x1014:
+        if (is_communication_parameter(entry.index) and entry.subindex == 1) or entry.index == 0x1014:
             return f"$NODEID+0x{entry.default:X}"
         return str(entry.default) if entry.default < 0 else f"0x{entry.default:X}"
     return str(entry.default)
@@ -78,8 +79,8 @@ def write_eds(info: DeviceInfo, objects: Sequence[ObjectSpec]) -> str:
     """The EDS text of a device."""
     ordered = sorted(objects, key=lambda spec: spec.index)
     indices = [spec.index for spec in ordered]
-    rpdos = sum(1 for index in indices if 0x1400 <= index < 0x1600)
-    tpdos = sum(1 for index in indices if 0x1800 <= index < 0x1A00)
+    pdos = [index for index in indices if is_communication_parameter(index)]
+    rpdos = sum(index < PdoDirection.TPDO.communication_index for index in pdos)
     lines = [
         "[FileInfo]",
         "FileVersion=1",
@@ -101,12 +102,12 @@ def write_eds(info: DeviceInfo, objects: Sequence[ObjectSpec]) -> str:
         "DynamicChannelsSupported=0",
         "GroupMessaging=0",
         f"NrOfRXPDO={rpdos}",
-        f"NrOfTXPDO={tpdos}",
+        f"NrOfTXPDO={len(pdos) - rpdos}",
         "LSS_Supported=0",
         "",
     ]
-    lines += _list("MandatoryObjects", [i for i in indices if i in _MANDATORY])
-    lines += _list("OptionalObjects", [i for i in indices if i not in _MANDATORY and not 0x2000 <= i < 0x6000])
+    lines += _list("MandatoryObjects", [i for i in indices if i in MANDATORY])
+    lines += _list("OptionalObjects", [i for i in indices if i not in MANDATORY and not 0x2000 <= i < 0x6000])
     lines += _list("ManufacturerObjects", [i for i in indices if 0x2000 <= i < 0x6000])
     for spec in ordered:
         lines += _object(spec)

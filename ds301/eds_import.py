@@ -20,6 +20,7 @@ from pathlib import Path
 import canopen
 from canopen.objectdictionary import ODArray, ODRecord, ODVariable, eds
 
+from pdgw.ds301.eds import MANDATORY
 from pdgw.ds301.eds_objects import ObjectSections, ObjectWriter, Texts, check_count
 from pdgw.ds301.eds_text import (
     MAX_SIZE,
@@ -33,6 +34,7 @@ from pdgw.ds301.eds_text import (
     parse,
 )
 from pdgw.ds301.eds_values import ValueRefused, is_plain, number
+from pdgw.ds301.pdo import PdoDirection
 
 MAX_ENTRIES = 1 << 15
 """Objects and sub-indices; a few lines of compact sub-objects make many."""
@@ -46,8 +48,7 @@ _DEVICE_KEYS = (
     *("NrOfRXPDO", "NrOfTXPDO", "LSS_Supported"),
 )
 _LISTS = ("MandatoryObjects", "OptionalObjects", "ManufacturerObjects")
-_MANDATORY = (0x1000, 0x1001, 0x1018)
-_PDO_PARTS = ((0x1400, 0x1600), (0x1800, 0x1A00))
+_PDO_PARTS = tuple((direction.communication_index, direction.mapping_index) for direction in PdoDirection)
 _PDOS = 0x200
 
 
@@ -372,6 +373,6 @@ def _listed_index(text: str, wanted: Collection[int]) -> int | None:
 
 
 def _list_of(index: int) -> str:
-    if index in _MANDATORY:
+    if index in MANDATORY:
         return "MandatoryObjects"
     return "ManufacturerObjects" if 0x2000 <= index < 0x6000 else "OptionalObjects"

@@ -13,10 +13,11 @@ from typing import Final
 
 import can
 
-from pdgw.ds301.can_frame import ERROR, EXTENDED, REMOTE
+from pdgw.ds301.can_frame import ERROR, ERROR_BUS_OFF, ERROR_CONTROLLER, EXTENDED, REMOTE
 from pdgw.ds301.connection_set import ERROR_CONTROL, SYNC
 from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.loop import MS, Loop, Timer
+from pdgw.ds301.nmt import NmtState
 from pdgw.ds301.on_canopen import AcyclicNetwork
 from pdgw.ds301.port import CanPort, Opener, PortBusyError, PortLostError, Receiver
 
@@ -25,13 +26,10 @@ log = logging.getLogger("gateway")
 PdoCallback = Callable[[bytes, int], None]
 """(data, monotonic receive time in ns)."""
 FrameListener = Callable[[can.Message], None]
+"""Sees every frame sent and received (``is_rx`` tells). It must only queue."""
 FrameTap = Callable[[int, bytes, int, int], object]
 """Identifier with the flags of SocketCAN, data, 1 for a frame that was sent, monotonic nanoseconds."""
-_ERROR_BUS_OFF: Final = 0x40
-_ERROR_CONTROLLER: Final = 0x04
-"""Classes of an error frame (linux/can/error.h)."""
-"""Sees every frame sent and received (``is_rx`` tells). It must only queue."""
-
+_OPERATIONAL: Final = bytes((NmtState.OPERATIONAL,))
 _ONE_BYTE: Final = bytes(1)
 """Of a request: the length alone is sent."""
 _BUSY_NS: Final = 100 * MS
@@ -181,9 +179,9 @@ class CanNetwork(Receiver):
         if self._port is not None:
             self._port.drop()
 
-    def send_heartbeat(self, node_id: int, state: int = 5) -> None:
+    def send_heartbeat(self, node_id: int) -> None:
         """The gateway's own heartbeat. The cyclic exchange calls it, so that a hung loop stops the drives."""
-        self.send(ERROR_CONTROL + node_id, bytes((state,)))
+        self.send(ERROR_CONTROL + node_id, _OPERATIONAL)
 
     def want_sync(self, node_id: int, *, wanted: bool) -> None:
         """Whether a node needs SYNC."""
@@ -237,7 +235,7 @@ class CanNetwork(Receiver):
         self.error_frames += 1
         if self.tap is not None:
             self.tap(
-                ERROR | (_ERROR_BUS_OFF if bus_off else _ERROR_CONTROLLER if passive else 0),
+                ERROR | (ERROR_BUS_OFF if bus_off else ERROR_CONTROLLER if passive else 0),
                 bytes(8),
                 0,
                 self.loop.now(),

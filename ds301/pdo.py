@@ -12,7 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cache
 from types import CodeType
-from typing import Any
+from typing import Any, Final
 
 from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.objects import Entry
@@ -21,6 +21,9 @@ COB_ID_INVALID = 1 << 31
 """Bit 31 of a COB-ID entry: the PDO does not exist / is not valid."""
 COB_ID_NO_REMOTE = 1 << 30
 """Bit 30: no remote request of the PDO is answered."""
+_PREDEFINED: Final = 4
+"""PDOs 1 to 4 are in the pre-defined connection set."""
+_HIGHEST_SHORT_NODE_ID: Final = 0x3F
 
 
 class PdoDirection(enum.Enum):
@@ -50,16 +53,20 @@ class PdoDirection(enum.Enum):
     def bases(self) -> tuple[int, ...]:
         return self.value[2]
 
-    def cob_id(self, number: int, node_id: int) -> int:
-        """The COB-ID of PDO ``number`` (1..5) of a node.
+    def has_cob_id(self, number: int, node_id: int) -> bool:
+        """Whether PDO ``number`` of a node has a COB-ID of its own.
 
         1-4 are the pre-defined connection set. CiA 301 gives PDO 5 none; it takes the upper half of PDO 1's (TPDO)
         or RPDO 1's range, which is free while no node-ID is above 3Fh.
         """
+        return number <= _PREDEFINED or (number <= len(self.bases) and node_id <= _HIGHEST_SHORT_NODE_ID)
+
+    def cob_id(self, number: int, node_id: int) -> int:
+        """The COB-ID of PDO ``number`` (1..5) of a node; CanopenError for one that has none (``has_cob_id``)."""
         if not 1 <= number <= len(self.bases):
             raise CanopenError(f"{self.label} number", number, f"1..{len(self.bases)}")
-        if number > 4 and node_id > 0x3F:
-            raise CanopenError(f"node-ID with {self.label} {number}", node_id, "1..63")
+        if not self.has_cob_id(number, node_id):
+            raise CanopenError(f"node-ID with {self.label} {number}", node_id, f"1..{_HIGHEST_SHORT_NODE_ID}")
         return self.bases[number - 1] + node_id
 
 

@@ -152,7 +152,7 @@ def plan_steps(
     for direction in PdoDirection:
         for number in range(1, len(direction.bases) + 1):
             index = direction.communication_index + number - 1
-            if index in available and index not in used and (number <= 4 or node_id <= 0x3F):
+            if index in available and index not in used and direction.has_cob_id(number, node_id):
                 steps.append(disable_pdo(direction, number, node_id))
     for item in sorted(planned, key=lambda item: item.pdo.communication_index):
         timer = event_ms if item.pace is Pace.TIMER else None

@@ -18,7 +18,15 @@ import can
 from can.interfaces.socketcan import SocketcanBus
 
 from pdgw.ds301.bus import system_text
-from pdgw.ds301.can_frame import CAN_FRAME, ERROR, EXTENDED, FD_FRAME_SIZE, REMOTE
+from pdgw.ds301.can_frame import (
+    CAN_FRAME,
+    ERROR,
+    ERROR_BUS_OFF,
+    ERROR_CONTROLLER,
+    EXTENDED,
+    FD_FRAME_SIZE,
+    REMOTE,
+)
 from pdgw.ds301.loop import Loop
 
 _AT_ONCE: Final = 64
@@ -31,10 +39,6 @@ _SEND_TIMEOUT_S: Final = 0.1
 _DROP: Final = can.Message()
 """Among the frames for the driver: empty your own buffer."""
 _BUSY: Final = (errno.ENOBUFS, errno.EAGAIN)
-_BUS_OFF: Final = 0x40
-"""The bit of an error frame's identifier that says bus-off (SocketCAN, linux/can/error.h)."""
-_CONTROLLER: Final = 0x04
-"""The bit of an error frame's identifier that says controller problem; data byte 1 tells which."""
 _PASSIVE: Final = 0x30
 """Data byte 1 of a controller problem: error-passive, receiving or sending."""
 
@@ -71,8 +75,8 @@ def deliver(receiver: Receiver, can_id: int, data: bytes) -> None:
     if can_id < EXTENDED and not can_id & (REMOTE | ERROR):
         receiver.on_frame(can_id, data)
     elif can_id & ERROR:
-        passive = bool(can_id & _CONTROLLER and len(data) > 1 and data[1] & _PASSIVE)
-        receiver.on_error_frame(bus_off=bool(can_id & _BUS_OFF), passive=passive)
+        passive = bool(can_id & ERROR_CONTROLLER and len(data) > 1 and data[1] & _PASSIVE)
+        receiver.on_error_frame(bus_off=bool(can_id & ERROR_BUS_OFF), passive=passive)
     else:
         extended = bool(can_id & EXTENDED)
         identifier = can_id & ~(EXTENDED | REMOTE)
@@ -270,7 +274,7 @@ class DriverPort(CanPort):
         if receiver is None or self._closed or message.is_fd:  # CAN FD is none of CANopen's
             return
         if message.is_error_frame:
-            bus_off = bool(message.arbitration_id & _BUS_OFF) or self._state() is can.BusState.ERROR
+            bus_off = bool(message.arbitration_id & ERROR_BUS_OFF) or self._state() is can.BusState.ERROR
             receiver.on_error_frame(bus_off=bus_off, passive=self._state() is can.BusState.PASSIVE)
         elif message.is_extended_id or message.is_remote_frame:
             receiver.on_other_frame(

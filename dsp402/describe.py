@@ -11,6 +11,7 @@ from types import MappingProxyType
 import canopen
 from canopen.objectdictionary import ODVariable
 
+from pdgw.ds301.configuration import EVENT_TIMER
 from pdgw.ds301.objects import Access, CanType, Entry
 from pdgw.ds301.pdo import PdoDirection
 from pdgw.dsp402.drive_type import DriveType, PdoCapabilities, PdoSlot, Quirks
@@ -36,7 +37,6 @@ PROFILE_AREA = range(0x6000, 0x6800)
 _PDOS = 512
 _MAPPED_OBJECTS = 8
 _COB_ID = 0x1FFF_FFFF
-_EVENT_TIMER = 5
 _TYPES = {item.code: item for item in CanType}
 _INTEGERS = {
     (item.bits, item.char.islower()): item
@@ -253,7 +253,7 @@ def _slot(dictionary: canopen.ObjectDictionary, number: int, communication: int,
         _writable(cob_id),
         tuple(values),
         _writable(count),
-        _writable(variable(dictionary, communication, _EVENT_TIMER)),
+        _writable(variable(dictionary, communication, EVENT_TIMER)),
     )
 
 

@@ -13,7 +13,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
-from pdgw.ds301.configuration import EVENT_DRIVEN_PROFILE, EVERY_SYNC, SYNC_TYPES
+from pdgw.ds301.configuration import EVENT_DRIVEN_PROFILE, EVENT_TIMER, EVERY_SYNC, SYNC_TYPES
 from pdgw.ds301.objects import CanType, Entry
 from pdgw.ds301.pdo import Pdo, PdoDirection, PdoLayout
 from pdgw.ds301.plan import Pace, PdoPlan, PlannedPdo
@@ -28,9 +28,6 @@ STATUSWORD: Final = "statusword"
 _ESSENTIAL = {CONTROLWORD, STATUSWORD}
 _PDO_BYTES = 8
 _OBJECTS = 8
-_OWN_COB_IDS = 4
-"""PDOs 1 to 4 have COB-IDs in the pre-defined connection set."""
-_HIGHEST_SHORT_NODE_ID = 0x3F
 _COB_IDS = range(0x181, 0x580)
 _DUMMIES = 0x20
 """Objects below this are data types: place holders in a mapping."""
@@ -140,10 +137,8 @@ class _Direction:
 
     def _own_cob_id(self, number: int) -> int | None:
         """The COB-ID the gateway gives a PDO; None for one that has none of its own."""
-        known = number <= _OWN_COB_IDS or (
-            number <= len(self.direction.bases) and self.node_id <= _HIGHEST_SHORT_NODE_ID
-        )
-        return self.direction.cob_id(number, self.node_id) if known else None
+        direction, node_id = self.direction, self.node_id
+        return direction.cob_id(number, node_id) if direction.has_cob_id(number, node_id) else None
 
     def _is_fixed(self, number: int) -> bool:
         return self._key(number) in self.findings.fixed
@@ -310,7 +305,8 @@ class _Direction:
         if slot.event_timer and key not in self.findings.timerless:
             return Pace.TIMER, EVENT_DRIVEN_PROFILE if given is None else given
         if given is None:
-            self.notes.append(f"TPDO{slot.number} on SYNC: it has no event timer ({0x1800 + slot.number - 1:04X}h/5)")
+            index = self.direction.communication_index + slot.number - 1
+            self.notes.append(f"TPDO{slot.number} on SYNC: it has no event timer ({index:04X}h/{EVENT_TIMER})")
             return Pace.SYNC, EVERY_SYNC
         self.notes.append(
             f"TPDO{slot.number} on change alone: neither event timer nor SYNC can be set; heartbeat and SDO watch it"

@@ -9,6 +9,7 @@ from typing import Any, ClassVar, Final
 from canopen.sdo import SdoAbortedError
 
 from pdgw.ds301.client import NodeClient
+from pdgw.ds301.connection_set import NMT
 from pdgw.ds301.loop import MS
 from pdgw.ds301.network import CanNetwork
 from pdgw.ds301.nmt import NmtCommand
@@ -18,11 +19,12 @@ from pdgw.dsp402.faults import DriveFault
 from pdgw.dsp402.guarding import GUARD_TIME, LIFE_TIME_FACTOR
 from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.dsp402.scaling import SCALING_OBJECTS
-from pdgw.dsp402.states import State, state_of
+from pdgw.dsp402.states import state_of
 from pdgw.gateway.axis.executors.positioner import PositionerExecutor
 from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.stop_watch import Brake
 from pdgw.gateway.axis.values import Configured, FaultRead, Outputs
+from pdgw.gateway.axis.watch import POWERED
 from pdgw.gateway.config import AxisConfig
 from pdgw.gateway.drive_object import OWNED, DriveObject
 from pdgw.gateway.encoder import EncoderObject
@@ -45,7 +47,6 @@ _REACTION_MARGIN: Final = 2
 _NO_BRAKE: Final = Brake.NONE
 _WITHHOLD_HEARTBEAT: Final = Brake.WITHHOLD_HEARTBEAT
 """A member of an enum is looked up each time it is used."""
-_POWERED: Final = (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE, State.FAULT_REACTION_ACTIVE)
 
 
 class Axis(DriveObject):
@@ -164,7 +165,7 @@ class Axis(DriveObject):
             by_sync = outputs.brake is _WITHHOLD_HEARTBEAT and guarding is not None and guarding.sync
             self.network.hold_sync(self.node_id, held=by_sync)
             if outputs.brake is not _NO_BRAKE:
-                self.network.send(0, bytes((NmtCommand.STOP, self.node_id)))
+                self.network.send(NMT, bytes((NmtCommand.STOP, self.node_id)))
 
     def _read_fault(self, drive: DriveClient) -> None:
         own = drive.drive_type.quirks.fault_number if drive.drive_type is not None else None
@@ -181,7 +182,7 @@ class Axis(DriveObject):
     @property
     def powered(self) -> bool:
         """The power stage may be on."""
-        return self.drive.status is DriveStatus.ONLINE and state_of(self.drive.feedback.statusword) in _POWERED
+        return self.drive.status is DriveStatus.ONLINE and state_of(self.drive.feedback.statusword) in POWERED
 
     @property
     def withholds_heartbeat(self) -> bool:

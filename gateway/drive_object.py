@@ -15,6 +15,7 @@ from typing import Any, ClassVar
 
 from pdgw.ds301.client import NodeClient
 from pdgw.ds301.configuration import CONSUMER_HEARTBEAT, PRODUCER_HEARTBEAT
+from pdgw.ds301.connection_set import NMT
 from pdgw.ds301.network import CanNetwork
 from pdgw.ds301.nmt import NmtCommand
 from pdgw.ds301.node import NodeEvent, NodeStatus
@@ -226,7 +227,7 @@ class DriveObject(abc.ABC):
     def reset_node(self) -> None:
         """P972: restart of the node; it is configured anew by itself and starts nothing."""
         self._news.append(RestartAsked())
-        self.network.send(0, bytes((NmtCommand.RESET_NODE, self.node_id)))
+        self.network.send(NMT, bytes((NmtCommand.RESET_NODE, self.node_id)))
 
     def _record(self, record: FaultRecord) -> None:
         self.fault_log.enter(record)
