@@ -8,7 +8,6 @@ parameters, which live in the parameter store.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from fractions import Fraction
 from math import ceil
 from pathlib import Path
@@ -205,8 +204,15 @@ class AxisConfig(DriveObjectSection):
             )
         return self
 
-    @property
-    def axis_settings(self) -> AxisSettings:
+    def settings_at(self, cycle_time_ms: float) -> AxisSettings:
+        """The user's choices, with those that the cycle of the PLC belongs to."""
+        cycle_ns = round(cycle_time_ms * 1_000_000)
+        dsc: DscChoices | None = None
+        if self.dsc is not None and self.following_window is not None:
+            jitter_ns = self.sync_jitter_us * 1000
+            dsc = DscChoices(
+                self.dsc, self.following_window, cycle_ns, self.dsc_delay_cycles, self.xerr_sign, jitter_ns
+            )
         return AxisSettings(
             self.on_plc_loss,
             self.setpoint_enable,
@@ -218,6 +224,8 @@ class AxisConfig(DriveObjectSection):
             jog_speeds_rpm=self._jog_speeds,
             g1_is_encoder=self.g1 is not None,
             second_sensor=self._second_sensor,
+            cycle_ns=cycle_ns,
+            dsc=dsc,
             positioner=None if self.positioner is None else self.positioner.choices(self.block),
         )
 
@@ -249,18 +257,6 @@ class AxisConfig(DriveObjectSection):
     def dsc_form(self) -> DscForm:
         """What decides on the mode and the PDOs of telegrams with DSC."""
         return self.dsc or DscForm.SPEED
-
-    def settings_at(self, cycle_time_ms: float) -> AxisSettings:
-        """The user's choices, with those that the cycle of the PLC belongs to."""
-        cycle_ns = round(cycle_time_ms * 1_000_000)
-        settings = replace(self.axis_settings, cycle_ns=cycle_ns)
-        if self.dsc is None or self.following_window is None:
-            return settings
-        jitter_ns = self.sync_jitter_us * 1000
-        choices = DscChoices(
-            self.dsc, self.following_window, cycle_ns, self.dsc_delay_cycles, self.xerr_sign, jitter_ns
-        )
-        return replace(settings, dsc=choices)
 
     def inhibit_us(self, cycle_time_ms: float) -> int:
         """The inhibit time in force; an event-driven TPDO is not sent more often than this."""

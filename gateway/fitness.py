@@ -33,10 +33,13 @@ _USUAL = AxisSettings(
 """For telegrams that need keys of the configuration, where there is none yet."""
 
 
+def _form(settings: AxisSettings) -> DscForm:
+    return DscForm.SPEED if settings.dsc is None else settings.dsc.form
+
+
 def lacks(drive: DriveType, number: int, settings: AxisSettings = _USUAL) -> str:
     """Why a drive cannot be operated with a telegram; empty when what is known of it suffices."""
-    choices = settings.dsc or _USUAL.dsc
-    mode = initial_mode(number, DscForm.SPEED if choices is None else choices.form)
+    mode = initial_mode(number, _form(settings))
     # A speed is followed in one of several modes, of which the executor knows.
     if mode is not None and mode is not Mode.VELOCITY and mode.value not in drive.modes:
         return f"modes of the drive (6502h): no {mode.value} ({MODE_NAMES[mode]})"
@@ -54,9 +57,7 @@ def planned(
     drive: DriveType, number: int, node_id: int = 1, *, sync: bool = False, settings: AxisSettings = _USUAL
 ) -> PdoPlan:
     """What would travel in which PDO, as far as the data sheet tells; Dsp402Error when no plan is possible."""
-    choices = settings.dsc or _USUAL.dsc
-    form = DscForm.SPEED if choices is None else choices.form
-    needs = drive_layout(number, form, settings.second_sensor, g1_is_encoder=settings.g1_is_encoder)
+    needs = drive_layout(number, _form(settings), settings.second_sensor, g1_is_encoder=settings.g1_is_encoder)
     made = drive.interpolates and number in TASK_TELEGRAM_NUMBERS
     cyclic = number in DSC_TELEGRAM_NUMBERS or (sync and number in CENTRAL_TELEGRAM_NUMBERS) or made
     needs = interpolated(needs) if made else needs

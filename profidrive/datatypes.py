@@ -16,6 +16,8 @@ from pdgw.profidrive.normalisation import Normalisation
 
 N2_100_PERCENT = 1 << 14
 N4_100_PERCENT = 1 << 30
+N4_PER_N2 = N4_100_PERCENT // N2_100_PERCENT
+"""An N2 is promoted to an N4 without loss."""
 
 
 class DataType(enum.Enum):

@@ -11,6 +11,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from pdgw.gateway.errors import GatewayError
+from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.signals import signal
 
 HIGHEST_BLOCK = (1 << signal("POS_STW1").bit("BLOCK").width) - 1
@@ -85,8 +86,8 @@ class Block:
         self._within("number", self.number, 0, HIGHEST_BLOCK)
         self._within("acceleration", self.acceleration, 1, PERCENT_MAX)
         self._within("deceleration", self.deceleration, 1, PERCENT_MAX)
-        self._within("position", self.position, -(1 << 31), (1 << 31) - 1)
-        self._within("velocity", self.velocity, 1 if self.task.moves else 0, (1 << 32) - 1)
+        self._within("position", self.position, *DataType.INTEGER32.integer_range)
+        self._within("velocity", self.velocity, 1 if self.task.moves else 0, DataType.UNSIGNED32.integer_range[1])
         low, high = {
             BlockTask.POSITION: (0, 0),
             BlockTask.WAIT: (0, WAIT_MAX_MS),

@@ -5,11 +5,8 @@ Source: drive manuals (one source for the bits of MELDW, none for the scaling of
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from fractions import Fraction
 from typing import Final
 
-from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.datatypes import N2_100_PERCENT
 from pdgw.profidrive.signals import signal
 
@@ -70,32 +67,23 @@ def namur_word(code: int) -> int:
     return _OTHER if name is None else _NAMUR.bit(name).mask
 
 
-@dataclass(frozen=True, slots=True)
-class MessageThresholds:
-    """``threshold_*``: shares of the reference speed, of the rated torque for the torque. GatewayError outside 0 to 2."""
-
-    tolerance: Fraction = Fraction(1, 100)
-    torque: Fraction = Fraction(9, 10)
-    speed_3: Fraction = Fraction(5, 100)
-    speed_2: Fraction = Fraction(30, 100)
-
-    def __post_init__(self) -> None:
-        for name in ("tolerance", "torque", "speed_3", "speed_2"):
-            if not 0 <= getattr(self, name) <= 2:
-                raise GatewayError(f"{name}: {getattr(self, name)} is not allowed, expected 0..2")
+_TOLERANCE_PERCENT: Final = 1
+_SPEED_3_PERCENT: Final = 5
+_SPEED_2_PERCENT: Final = 30
+"""Thresholds of the speed, of its reference."""
+_TORQUE_THRESHOLD: Final = 900
+"""In 1/1000 of the rated torque, as 6077h is."""
 
 
 class MessageWord:
-    """MELDW of one axis. ``reference`` in the drive's velocity units, ``rated_torque`` in the units of 6077h (1/1000)."""
+    """MELDW of one axis. ``reference``: 100 % speed in the drive's velocity units."""
 
-    __slots__ = ("_speed_2", "_speed_3", "_tolerance", "_torque")
+    __slots__ = ("_speed_2", "_speed_3", "_tolerance")
 
-    def __init__(self, reference: int, rated_torque: int = 1000, thresholds: MessageThresholds | None = None) -> None:
-        chosen = thresholds or MessageThresholds()
-        self._tolerance = int(reference * chosen.tolerance)
-        self._torque = int(rated_torque * chosen.torque)
-        self._speed_3 = int(reference * chosen.speed_3)
-        self._speed_2 = int(reference * chosen.speed_2)
+    def __init__(self, reference: int) -> None:
+        self._tolerance = reference * _TOLERANCE_PERCENT // 100
+        self._speed_3 = reference * _SPEED_3_PERCENT // 100
+        self._speed_2 = reference * _SPEED_2_PERCENT // 100
 
     @staticmethod
     def states(*, enabled: bool, ready: bool, motor_hot: bool = False, stage_hot: bool = False) -> int:
@@ -118,10 +106,10 @@ class MessageWord:
         Statusword.10.
         """
         word = states
-        tolerance, most = self._tolerance, self._torque
+        tolerance = self._tolerance
         if -tolerance <= velocity - demand <= tolerance:
             word |= _AT_SPEED if target_reached else SPEED_WITHIN_TOLERANCE
-        if -most < torque < most:
+        if -_TORQUE_THRESHOLD < torque < _TORQUE_THRESHOLD:
             word |= _TORQUE_BELOW
         if velocity < 0:
             velocity = -velocity

@@ -132,7 +132,7 @@ class Positioner:
             Action.JOG_DISTANCE: self._start_jog,
             Action.HOME: self._start_homing,
             Action.HOMED: self._homed,
-            Action.HOMING_ERROR: self._homing_error,
+            Action.HOMING_ERROR: lambda: self._warn(Reason.HOMING_ERROR),
         }
 
         def compiled(rows: Iterable[Transition]) -> tuple[_Row, ...]:
@@ -159,22 +159,9 @@ class Positioner:
         )
         self._chain.blocks = blocks
 
-    @property
-    def home_set(self) -> bool:
-        """The home position is known."""
-        return self.outcome.home_set
-
-    @home_set.setter
-    def home_set(self, known: bool) -> None:
-        self.outcome.home_set = known
-
-    def drive_restarted(self) -> None:
-        """The drive's coordinates are new: the home position is lost."""
-        self._forget_home()
-
-    def _forget_home(self) -> None:
-        """Positions are what the drive counts, from whatever zero."""
-        self.home_set = False
+    def forget_home(self) -> None:
+        """The drive's coordinates are new: positions are what it counts, from whatever zero."""
+        self.outcome.home_set = False
         self._course.offset = 0
 
     def step(self, asked: Asked, seen: Seen, now: int) -> Outcome:
@@ -380,7 +367,7 @@ class Positioner:
     def _start_homing(self) -> None:
         """The drive gets a new zero at a moment it does not tell: the old offset must not stand on it."""
         self._begin()
-        self._forget_home()
+        self.forget_home()
         self._homing_until = self._now + SHOWN_NS
         motion = self.outcome.motion
         motion.kind = MotionKind.HOMING
@@ -390,10 +377,7 @@ class Positioner:
     def _homed(self) -> None:
         """The drive's position counts from the home position, which is the reference coordinate."""
         self._course.offset = self.settings.reference_coordinate
-        self.home_set = True
-
-    def _homing_error(self) -> None:
-        self._warn(Reason.HOMING_ERROR)
+        self.outcome.home_set = True
 
     def _set_reference_point(self) -> None:
         if (self._state is _IDLE or self._state is _TRACKING) and self._seen.standstill:
@@ -403,7 +387,7 @@ class Positioner:
 
     def _refer(self, position: int) -> None:
         self._course.offset = self.settings.reference_coordinate - position
-        self.home_set = True
+        self.outcome.home_set = True
         self._homing_until = self._now + SHOWN_NS
 
     def _home_on_the_fly(self) -> None:

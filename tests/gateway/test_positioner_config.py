@@ -37,7 +37,7 @@ value = 10
 
 
 def test_all_keys_reach_the_axis() -> None:
-    choices = parse_config(BASE).axis[0].axis_settings.positioner
+    choices = parse_config(BASE).axis[0].settings_at(4).positioner
     assert choices is not None
     assert (choices.lu_per_revolution, choices.software_limits, choices.homing_method) == (10_000, (-5, 9), 35)
     assert choices.jog_velocities == (-300, 300)
@@ -49,7 +49,7 @@ def test_all_keys_reach_the_axis() -> None:
 @pytest.mark.parametrize(("correction", "expected"), [("true", 360), ("false", 0)])
 def test_the_modulo_range_counts_with_the_correction_alone(correction: str, expected: int) -> None:
     text = BASE.replace("software_limits = [-5, 9]", f"modulo_correction = {correction}\nmodulo_range = 360")
-    choices = parse_config(text).axis[0].axis_settings.positioner
+    choices = parse_config(text).axis[0].settings_at(4).positioner
     assert choices is not None
     assert choices.modulo == expected
 

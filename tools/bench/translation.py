@@ -43,7 +43,7 @@ def axis_cycle(number: int) -> Callable[[], object]:
     endpoint = CyclicEndpoint([chosen], cycle_ns=_CYCLE_NS)
     layout = drive_layout(number)
     feedback = DriveFeedback()
-    machine = AxisMachine(number, simulated([number]).axis[0].axis_settings, feedback)
+    machine = AxisMachine(number, simulated([number]).axis[0].settings_at(_CYCLE_NS / 1_000_000), feedback)
     inputs, command = machine.inputs, machine.outputs.command
     inputs.news.append(Configured(recorded_drive_type(frozenset())))
     inputs.drive_ok = True

@@ -12,7 +12,7 @@ from pdgw.gateway.axis.adapters.base import ControlWordAdapter
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.waist import Demand, Report, Task
 from pdgw.gateway.motion.modulo import Direction
-from pdgw.profidrive.datatypes import N2_100_PERCENT, N4_100_PERCENT
+from pdgw.profidrive.datatypes import N4_PER_N2
 from pdgw.profidrive.signals import signal
 from pdgw.profidrive.telegrams import Telegram
 
@@ -29,7 +29,6 @@ _ABSOLUTE = signal("MDI_MOD").bit("ABSOLUTE").mask
 _POSITIVE = signal("MDI_MOD").bit("POSITIVE_DIRECTION").mask
 _NEGATIVE = signal("MDI_MOD").bit("NEGATIVE_DIRECTION").mask
 _DIRECTIONS = {_POSITIVE: Direction.POSITIVE, _NEGATIVE: Direction.NEGATIVE}
-_N2_FACTOR = N4_100_PERCENT // N2_100_PERCENT
 
 
 class PositioningAdapter(ControlWordAdapter):
@@ -80,8 +79,8 @@ class PositioningAdapter(ControlWordAdapter):
             setpoints[self._target],
             not mode & _ABSOLUTE,
             setpoints[self._velocity],
-            setpoints[self._acceleration] * _N2_FACTOR,
-            setpoints[self._deceleration] * _N2_FACTOR,
+            setpoints[self._acceleration] * N4_PER_N2,
+            setpoints[self._deceleration] * N4_PER_N2,
             _DIRECTIONS.get(mode & (_POSITIVE | _NEGATIVE), Direction.SHORTEST),
         )
 

@@ -11,7 +11,7 @@ from typing import Final
 from pdgw.gateway.axis.adapters.base import ControlWordAdapter, place
 from pdgw.gateway.axis.settings import AxisSettings, SetpointEnable
 from pdgw.gateway.axis.waist import Demand, Report, SpeedWish
-from pdgw.profidrive.datatypes import N2_100_PERCENT, N4_100_PERCENT, DataType
+from pdgw.profidrive.datatypes import N4_PER_N2, DataType
 from pdgw.profidrive.signals import signal
 from pdgw.profidrive.telegrams import Telegram, TelegramHalf
 
@@ -22,7 +22,6 @@ _FOLLOW: Final = _RUN | _STW1.bit("UNFREEZE_RAMP_GENERATOR").mask
 _JOG_1, _JOG_2 = _STW1.bit("JOG_1_ON").mask, _STW1.bit("JOG_2_ON").mask
 _JOGS: Final = {_JOG_1: SpeedWish.JOG_1, _JOG_2: SpeedWish.JOG_2}
 """With STW1.4 to .6 = 0; both bits are speed 0."""
-_N2_FACTOR: Final = N4_100_PERCENT // N2_100_PERCENT
 
 
 class SpeedAdapter(ControlWordAdapter):
@@ -135,4 +134,4 @@ class DscAdapter(WideSpeedAdapter):
 def _speed_signal(half: TelegramHalf, prefix: str) -> tuple[int, int]:
     """Where the speed is, and what its steps are worth in N4."""
     index = next(index for index, name in enumerate(half.names) if name.startswith(prefix))
-    return index, _N2_FACTOR if half.signals[index].type is DataType.N2 else 1
+    return index, N4_PER_N2 if half.signals[index].type is DataType.N2 else 1

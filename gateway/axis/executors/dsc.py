@@ -19,14 +19,14 @@ from pdgw.gateway.motion.dsc import Dsc, DscChoices, DscForm, DscSettings, wrapp
 from pdgw.gateway.motion.messages import SPEED_WITHIN_TOLERANCE, MessageWord, reduced_torque
 from pdgw.gateway.motion.units import round_half_away
 from pdgw.gateway.reasons import FaultNumber, Reason
-from pdgw.profidrive.datatypes import n4
+from pdgw.profidrive.datatypes import DataType, n4
 from pdgw.profidrive.normalisation import Normalisation
 
 _ENABLE_OPERATION, _RAMP = Action.ENABLE_OPERATION, Action.RAMP
 _BY_SPEED = DscForm.SPEED
 _SECONDS_PER_MINUTE = 60
 _NS = 1_000_000_000
-_I32 = (-(1 << 31), (1 << 31) - 1)
+_I32 = DataType.INTEGER32.integer_range
 
 
 class DscExecutor(Executor):

@@ -168,10 +168,10 @@ class PositionerExecutor(Executor):
         if self._ring is not None:
             self._ring.reset()
         self.homing.home_set = False
-        self.positioner.drive_restarted()
+        self.positioner.forget_home()
 
     def recall(self, *, home_set: bool) -> None:
-        self.homing.home_set = self.positioner.home_set = home_set
+        self.homing.home_set = self.positioner.outcome.home_set = home_set
 
     def refuse(self) -> None:
         self._stop()

@@ -18,7 +18,7 @@ CYCLE = 4_000_000
 def test_the_scenario_of_the_positioner_passes_on_a_simulated_axis() -> None:
     endpoint = PlcEndpoint([telegram(111)], CYCLE)
     engine = Engine(load_scenario(SCENARIO), endpoint)
-    rig = Rig(111, positioner=simulated([111]).axis[0].axis_settings.positioner)
+    rig = Rig(111, positioner=simulated([111]).axis[0].settings_at(4).positioner)
     for _ in range(30_000):
         endpoint.actuals[0] = rig.actuals or None
         engine.step(rig.now)
