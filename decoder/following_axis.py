@@ -24,8 +24,8 @@ from pdgw.ds301.pdo import PdoDirection
 from pdgw.dsp402.further import image_entry
 from pdgw.dsp402.generic import recorded_addresses, recorded_drive_type, recorded_families
 from pdgw.dsp402.images import DriveFeedback
-from pdgw.dsp402.objects import DRIVE_OBJECTS
-from pdgw.dsp402.states import Command, ControlBit, State, StatusBit, next_state, state_of
+from pdgw.dsp402.objects import CONTROLWORD, HOMING_METHOD, MODE, MODE_DISPLAY, STATUSWORD
+from pdgw.dsp402.states import STATE_BITS, Command, ControlBit, State, StatusBit, next_state, state_of
 from pdgw.gateway.axis.executors.mode import MODE_CONFIRM_NS
 from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.settings import AxisSettings
@@ -45,18 +45,12 @@ OVERTAKEN: Final = "not evaluated: the frame was dropped or overtaken"
 NO_CONTROLWORD: Final = "not judged: no Controlword to the drive in the recording up to here"
 NOT_JUDGED: Final = "not judged: what the gateway remembers from before is not known; an OFF makes it known"
 
-_CONTROLWORD = (DRIVE_OBJECTS.attribute("controlword").index, 0)
-_STATUSWORD = (DRIVE_OBJECTS.attribute("statusword").index, 0)
-_MODE = (DRIVE_OBJECTS.attribute("modes_of_operation").index, 0)
-_MODE_DISPLAY = (DRIVE_OBJECTS.attribute("modes_of_operation_display").index, 0)
-_HOMING_METHOD = (0x6098, 0)
 _STW1 = signal("STW1")
 _CONTROL_BY_PLC = _STW1.bit("CONTROL_BY_PLC").mask
 _HOME_POSITION_SET = signal("ZSW1").bit("HOME_POSITION_SET", positioning=True).mask
 _OFF_MASK = ControlBit.SWITCH_ON | ControlBit.ENABLE_VOLTAGE | ControlBit.QUICK_STOP
 _OFF = ControlBit.ENABLE_VOLTAGE | ControlBit.QUICK_STOP
 _UNPOWERED = (State.SWITCH_ON_DISABLED, State.READY_TO_SWITCH_ON, State.SWITCHED_ON)
-_STATE_BITS = 0x6F
 
 
 class _Plan(NamedTuple):
@@ -242,8 +236,8 @@ class AxisFollower(ObjectFollower):
         entries = [(image_entry(*address, families), position) for address, position in places.items()]
         plan = self._plans[layout] = _Plan(
             direction,
-            places.get(_CONTROLWORD if receives else _STATUSWORD, -1),
-            places.get(_MODE if receives else _MODE_DISPLAY, -1),
+            places.get(CONTROLWORD if receives else STATUSWORD, -1),
+            places.get(MODE if receives else MODE_DISPLAY, -1),
             tuple((entry.attribute, position) for entry, position in entries if entry is not None and not receives),
         )
         return plan
@@ -258,11 +252,11 @@ class AxisFollower(ObjectFollower):
             return
         if "download" in record.step:
             self._written.append(_Written(now, address, None))
-            if address == _MODE:
+            if address == MODE:
                 self._ask_mode(now, int.from_bytes(record.value, "little", signed=True))
             return
         is_signed = recorded_addresses().get(address)
-        if address == _HOMING_METHOD:
+        if address == HOMING_METHOD:
             self._homing_method = int.from_bytes(record.value, "little", signed=True)
         elif is_signed is not None:
             value = int.from_bytes(record.value, "little", signed=is_signed)
@@ -451,7 +445,7 @@ def _expectation(statusword: int, command: Edge) -> int | None:
     """Statusword bits of which one has to change for a Controlword; None when the drive has nothing to answer."""
     state = state_of(statusword)
     if state is not None and next_state(state, command.after, command.before) is not state:
-        return _STATE_BITS
+        return STATE_BITS
     raised = command.after & ~command.before & ControlBit.NEW_SETPOINT
     lowered = command.before & ~command.after & ControlBit.NEW_SETPOINT
     acknowledged = bool(statusword & StatusBit.MODE_12)

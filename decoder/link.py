@@ -11,6 +11,7 @@ import struct
 from typing import NamedTuple
 
 from pdgw.decoder.records import Link
+from pdgw.ds301.can_frame import ERROR, EXTENDED, REMOTE
 from pdgw.profidrive.frame import ETHERTYPE
 from pdgw.profinet.ethernet import ETHERTYPE_LLDP
 
@@ -157,9 +158,6 @@ class CanFrame(NamedTuple):
     error: bool = False
 
 
-CAN_EXTENDED = 1 << 31
-CAN_REMOTE = 1 << 30
-CAN_ERROR = 1 << 29
 _SOCKETCAN_HEADER = struct.Struct(">IBxxx")
 
 
@@ -168,11 +166,11 @@ def socketcan(data: bytes) -> CanFrame | str:
     if len(data) < _SOCKETCAN_HEADER.size:
         return f"SocketCAN header cut off: {len(data)} of 8 bytes"
     identifier, length = _SOCKETCAN_HEADER.unpack_from(data)
-    extended = bool(identifier & CAN_EXTENDED)
-    remote = bool(identifier & CAN_REMOTE)
+    extended = bool(identifier & EXTENDED)
+    remote = bool(identifier & REMOTE)
     payload = data[8 : 8 + length]
     if len(payload) < length and not remote:
         return f"CAN frame of {length} bytes cut off: {len(payload)} captured"
     return CanFrame(
-        identifier & (0x1FFFFFFF if extended else 0x7FF), payload, extended, remote, bool(identifier & CAN_ERROR)
+        identifier & (0x1FFFFFFF if extended else 0x7FF), payload, extended, remote, bool(identifier & ERROR)
     )

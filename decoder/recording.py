@@ -30,13 +30,13 @@ from pdgw.dsp402 import touch_probe
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.further import image_entry
 from pdgw.dsp402.generic import recorded_addresses, recorded_drive_type, recorded_families
+from pdgw.dsp402.objects import HOMING_METHOD
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.values import Configured
 from pdgw.profidrive.frame import IOPS_GOOD
 from pdgw.profidrive.signals import signal
 from pdgw.profidrive.telegrams import Direction, telegram
 
-_HOMING_METHOD: Final = (0x6098, 0)
 _PROBE: Final = frozenset({touch_probe.FUNCTION, touch_probe.STATUS, *touch_probe.POSITIONS})
 _WATCHDOG_FACTOR = 3
 
@@ -315,7 +315,7 @@ def _sdo(node: _Node, record: SdoRecord) -> None:
     if "download" in record.step:
         node.sdo.append(SdoResult(record.time_ns, *address, record.value))
         return
-    if address == _HOMING_METHOD:
+    if address == HOMING_METHOD:
         node.homing_method = int.from_bytes(record.value, "little", signed=True)
     is_signed = recorded_addresses().get(address)
     if is_signed is None:

@@ -75,6 +75,11 @@ class Entry:
     attribute: str = ""
 
     @property
+    def address(self) -> tuple[int, int]:
+        """Index and sub-index."""
+        return self.index, self.subindex
+
+    @property
     def limits(self) -> tuple[int, int]:
         """The value range of an integer entry."""
         low, high = self.type.integer_range
@@ -130,7 +135,7 @@ class Catalogue:
 
     def __post_init__(self) -> None:
         entries = [entry for spec in self.objects for entry in spec.entries]
-        by_address = {(entry.index, entry.subindex): entry for entry in entries}
+        by_address = {entry.address: entry for entry in entries}
         if len(by_address) != len(entries):
             raise CanopenError("object catalogue", "duplicate address", "each object declared once")
         object.__setattr__(self, "_by_address", by_address)

@@ -17,7 +17,7 @@ from pdgw.ds301.pdo import PdoDirection
 from pdgw.dsp402.drive_type import DriveType, PdoCapabilities, PdoSlot, Quirks
 from pdgw.dsp402.further import VL_ENTRIES
 from pdgw.dsp402.modes import MODE_NAMES, STANDARD_HOMING_METHODS, SUPPORTED_MODES, Mode
-from pdgw.dsp402.objects import DRIVE_OBJECTS, FAMILY_VALUES
+from pdgw.dsp402.objects import DRIVE_OBJECTS, FAMILY_VALUES, MAX_TORQUE
 from pdgw.dsp402.overlay import Overlay, overlay, overlay_for
 from pdgw.dsp402.scaling import SCALING_OBJECTS, UnitKeys, find_scaling
 
@@ -25,13 +25,11 @@ Address = tuple[int, int]
 
 VENDOR_ID: Address = (0x1018, 1)
 PRODUCT_CODE: Address = (0x1018, 2)
-MAX_TORQUE: Address = (0x6072, 0)
 POSITION_WINDOW: Address = (0x6067, 0)
 _NO_WINDOW = 0xFFFF_FFFF
 """6067h of a drive that does not use it."""
 SUPPORTED_DRIVE_MODES: Address = (0x6502, 0)
 SUPPORTED_HOMING_METHODS = 0x60E3
-HOMING_METHOD: Address = (0x6098, 0)
 PROFILE_AREA = range(0x6000, 0x6800)
 """Of the first axis; what lies outside is the manufacturer's."""
 _PDOS = 512
@@ -148,12 +146,12 @@ def _entries(dictionary: canopen.ObjectDictionary, family: Overlay | None, *, vl
     ``vl``: speeds are those of velocity mode.
     """
     addresses = {
-        entry.attribute: (entry.index, entry.subindex)
+        entry.attribute: entry.address
         for entry in DRIVE_OBJECTS.entries
         if entry.attribute and entry.index in PROFILE_AREA
     }
     if vl:
-        addresses |= {attribute: (entry.index, entry.subindex) for attribute, entry in VL_ENTRIES.items()}
+        addresses |= {attribute: entry.address for attribute, entry in VL_ENTRIES.items()}
     if family is not None:
         addresses |= {attribute: item.address for attribute, item in family.objects.items()}
     found: dict[str, Entry] = {}

@@ -18,7 +18,7 @@ from canopen.sdo import SdoAbortedError, SdoCommunicationError
 
 from pdgw.ds301.aborts import NOT_THERE, abort_text
 from pdgw.ds301.client import NodeClient
-from pdgw.ds301.communication import SYNC_PERIOD
+from pdgw.ds301.communication import DEVICE_TYPE, SYNC_PERIOD
 from pdgw.ds301.configuration import SdoStep
 from pdgw.ds301.data_sheet import load_dictionary
 from pdgw.ds301.loop import MS, SECOND
@@ -36,8 +36,9 @@ from pdgw.dsp402.guarding import Guarding, guard
 from pdgw.dsp402.images import DriveCommand, DriveFeedback
 from pdgw.dsp402.mapping import DriveMapping
 from pdgw.dsp402.modes import Mode
+from pdgw.dsp402.objects import CONTROLWORD, HOMING_METHOD, MODE, MODE_DISPLAY, STATUSWORD
 from pdgw.dsp402.pdo import interpolated
-from pdgw.dsp402.planner import CONTROLWORD
+from pdgw.dsp402.planner import CONTROLWORD as CONTROL
 from pdgw.dsp402.settings import DriveSettings
 from pdgw.dsp402.states import Command, ControlBit, FaultReset, State, state_of
 from pdgw.dsp402.witness import Witness
@@ -88,7 +89,7 @@ class _Values:
 
 def load_eds(path: Path, node_id: int) -> canopen.ObjectDictionary:
     """The object dictionary of a user's EDS/DCF; Dsp402Error names the file and what is wrong with it."""
-    return load_dictionary(path, node_id, (0x1000, 0x6040, 0x6041), "a drive", Dsp402Error)
+    return load_dictionary(path, node_id, (DEVICE_TYPE, CONTROLWORD[0], STATUSWORD[0]), "a drive", Dsp402Error)
 
 
 class DriveClient(NodeClient[DriveSettings]):
@@ -271,11 +272,11 @@ class DriveClient(NodeClient[DriveSettings]):
         """
         if device_type & 0xFFFF != self.profile:
             return
-        state = state_of(self.read_urgently(0x6041))
+        state = state_of(self.read_urgently(*STATUSWORD))
         if state in _OFF:
             return
         shown = "an unknown state" if state is None else state.value
-        stop = SdoStep(0x6040, 0, CanType.U16, Command.QUICK_STOP.word, "Quick Stop")
+        stop = SdoStep(*CONTROLWORD, CanType.U16, Command.QUICK_STOP.word, "Quick Stop")
         try:
             self.write_urgently(stop.index, stop.subindex, stop.data)
         except SdoAbortedError as error:
@@ -315,7 +316,7 @@ class DriveClient(NodeClient[DriveSettings]):
         self._control = _Sender(control.pdo, control.cob_id)
         self._data_senders = [_Sender(item.pdo, item.cob_id) for item in data]
         self._acyclic_rpdos = [_Values(pdo) for pdo in plan.written]
-        self._starts_early = control.pdo.attributes[-1] != CONTROLWORD
+        self._starts_early = control.pdo.attributes[-1] != CONTROL
         self._witness = Witness(item.pdo for item in plan.tpdos)
         self._witness_due = self.loop.now() + _WITNESS_NS
         self._dropped = ""
@@ -341,11 +342,11 @@ class DriveClient(NodeClient[DriveSettings]):
         if period_us and INTERPOLATION_TIME in self.dictionary:
             for step in interpolation_steps(period_us):
                 self._do(step)
-        if 0x6098 in self.dictionary:
-            self.homing_method = self._fetch(0x6098, signed=True)
+        if HOMING_METHOD[0] in self.dictionary:
+            self.homing_method = self._fetch(*HOMING_METHOD, signed=True)
         for values in self._acyclic_rpdos:
             for entry in values.pdo.entries:
-                self._fetch(entry.index, entry.subindex)
+                self._fetch(*entry.address)
 
     def _configure_guarding(self) -> None:
         settings, drive = self.settings, self.drive_type
@@ -369,10 +370,10 @@ class DriveClient(NodeClient[DriveSettings]):
 
     def _set_mode(self, mode: int) -> None:
         self._mode_awaited, self._mode_wrong, self._operating_since = None, "", -1
-        self._do(SdoStep(0x6060, 0, CanType.I8, mode, "mode of operation"))
+        self._do(SdoStep(*MODE, CanType.I8, mode, "mode of operation"))
         deadline = self.loop.now() + _MODE_CONFIRM_NS
         late = self.drive_type is not None and self.drive_type.quirks.mode_shown_in_operation_only
-        while (shown := self._fetch(0x6061, signed=True)) != mode:
+        while (shown := self._fetch(*MODE_DISPLAY, signed=True)) != mode:
             if mode in _SPEED_MODES and (late or (shown == _NO_MODE and self.loop.now() > deadline)):
                 # Some drives show a mode in operation only. No speed is sent before it is shown.
                 self._mode_awaited = mode
@@ -389,7 +390,7 @@ class DriveClient(NodeClient[DriveSettings]):
             return
         if self._operating_since < 0:
             self._operating_since = now
-        shown = self.read_number(0x6061, signed=True)
+        shown = self.read_number(*MODE_DISPLAY, signed=True)
         if shown == mode:
             self._mode_awaited = None
         elif now - self._operating_since > _MODE_CONFIRM_NS:
@@ -416,12 +417,12 @@ class DriveClient(NodeClient[DriveSettings]):
         for doubt in self._witness.doubts:
             entry = doubt.entry
             try:
-                held = self.read(entry.index, entry.subindex)
+                held = self.read(*entry.address)
             except SdoAbortedError:
                 self._witness.trust(doubt)
                 continue
             if self._witness.compare(doubt, held, now):
-                self._mapping.drop((entry.index, entry.subindex))
+                self._mapping.drop(entry.address)
                 shown, there = (int.from_bytes(data, "little") for data in (doubt.first, held))
                 self._dropped = (
                     f"{doubt.pdo} takes {entry} and does not send it: it shows {shown}, the object holds {there}"

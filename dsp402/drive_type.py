@@ -111,7 +111,7 @@ class PdoCapabilities:
     """Addresses of the objects the data sheet allows in a PDO."""
 
     def is_mappable(self, entry: Entry) -> bool:
-        return (entry.index, entry.subindex) in self.mappable
+        return entry.address in self.mappable
 
 
 @dataclass(frozen=True, slots=True)

@@ -60,7 +60,7 @@ VL_ENTRIES: Final[Mapping[str, Entry]] = {
     entry.attribute: entry for spec in FURTHER_OBJECTS for entry in spec.entries if entry.attribute
 }
 """Of velocity mode (vl), by the image attribute they stand for."""
-_OF_VL: Final = {(entry.index, entry.subindex): entry for entry in VL_ENTRIES.values()}
+_OF_VL: Final = {entry.address: entry for entry in VL_ENTRIES.values()}
 
 
 def image_entry(index: int, subindex: int, families: tuple[str, ...]) -> Entry | None:

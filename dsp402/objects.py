@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import cache
+from typing import Final
 
 from pdgw.ds301.communication import communication_objects, pdo_objects
 from pdgw.ds301.objects import Access, CanType, Catalogue, Entry, ObjectKind, ObjectSpec, array, var
@@ -27,6 +28,7 @@ TORQUE_UNIT = "1/1000 of the rated torque"
 NEGATIVE_LIMIT_SWITCH = 1 << 0
 """Bits of 60FDh (CiA 402)."""
 POSITIVE_LIMIT_SWITCH = 1 << 1
+HOMING_SPEEDS: Final = 0x6099
 
 DRIVE_OBJECTS = Catalogue(
     (
@@ -81,10 +83,10 @@ DRIVE_OBJECTS = Catalogue(
         ),
         var(0x6098, "Homing Method", I8, RW, attribute="homing_method"),
         array(
-            0x6099,
+            HOMING_SPEEDS,
             "Homing Speeds",
-            Entry(0x6099, 1, "Speed during search for switch", U32, RW, unit=VELOCITY_UNIT),
-            Entry(0x6099, 2, "Speed during search for zero", U32, RW, unit=VELOCITY_UNIT),
+            Entry(HOMING_SPEEDS, 1, "Speed during search for switch", U32, RW, unit=VELOCITY_UNIT),
+            Entry(HOMING_SPEEDS, 2, "Speed during search for zero", U32, RW, unit=VELOCITY_UNIT),
         ),
         var(0x609A, "Homing Acceleration", U32, RW, unit=ACCELERATION_UNIT),
         var(0x60B1, "Velocity Offset", I32, RW, pdo=True, unit=VELOCITY_UNIT, attribute="velocity_offset"),
@@ -123,6 +125,14 @@ DRIVE_OBJECTS = Catalogue(
     )
 )
 """The profile area; the communication area (1000h-1FFFh) is in ``ds301.communication``."""
+CONTROLWORD: Final = DRIVE_OBJECTS.attribute("controlword").address
+STATUSWORD: Final = DRIVE_OBJECTS.attribute("statusword").address
+MODE: Final = DRIVE_OBJECTS.attribute("modes_of_operation").address
+MODE_DISPLAY: Final = DRIVE_OBJECTS.attribute("modes_of_operation_display").address
+ERROR_CODE: Final = DRIVE_OBJECTS.attribute("emcy_code").address
+MAX_TORQUE: Final = DRIVE_OBJECTS.attribute("max_torque").address
+HOMING_METHOD: Final = DRIVE_OBJECTS.attribute("homing_method").address
+"""Where some of them are, for SDO."""
 
 
 def _of_a_family(attribute: str, name: str, type_: CanType) -> Entry:

@@ -214,7 +214,7 @@ class Overlay(_Model):
     def specs(self) -> tuple[ObjectSpec, ...]:
         """The manufacturer's objects in the order of their indices; an array has the name of its first entry."""
         of_index: dict[int, list[Entry]] = {}
-        for entry in sorted(self.entries.values(), key=lambda entry: (entry.index, entry.subindex)):
+        for entry in sorted(self.entries.values(), key=lambda entry: entry.address):
             of_index.setdefault(entry.index, []).append(entry)
         return tuple(
             array(index, first.name, first, *others)
@@ -226,7 +226,7 @@ class Overlay(_Model):
     @cached_property
     def _units(self) -> Mapping[tuple[int, int], str]:
         texts = {address: text for text, addresses in self.unit_texts.items() for address in addresses}
-        return texts | {(entry.index, entry.subindex): entry.unit for entry in self.entries.values()}
+        return texts | {entry.address: entry.unit for entry in self.entries.values()}
 
     def unit_of(self, index: int, subindex: int) -> str:
         """The unit of an object for a reader; empty where the family says nothing about it."""
@@ -301,15 +301,13 @@ def families_of(vendor_id: int | None, product_code: int = 0, name: str = "") ->
 def entries_of(families: tuple[str, ...]) -> Mapping[tuple[int, int], Entry]:
     """The manufacturer's objects of these families by address."""
     entries = [entry for family in families for spec in overlays()[family].specs for entry in spec.entries]
-    return {(entry.index, entry.subindex): entry for entry in reversed(entries)}
+    return {entry.address: entry for entry in reversed(entries)}
 
 
 def with_units(entries: Iterable[Entry], families: tuple[str, ...]) -> tuple[Entry, ...]:
     """Objects with the units these families give them."""
     told = [overlays()[family] for family in families]
-    found = (
-        (entry, [text for item in told if (text := item.unit_of(entry.index, entry.subindex))]) for entry in entries
-    )
+    found = ((entry, [text for item in told if (text := item.unit_of(*entry.address))]) for entry in entries)
     return tuple(replace(entry, unit=texts[0]) if texts else entry for entry, texts in found)
 
 

@@ -185,7 +185,7 @@ class _Direction:
         )
 
     def _is_mappable(self, entry: Entry) -> bool:
-        address = entry.index, entry.subindex
+        address = entry.address
         findings = self.findings
         if address in findings.unmappable or address in findings.dropped:
             return False
@@ -216,7 +216,7 @@ class _Direction:
     def _adopt(self, left: Sequence[Entry], *, has_essential: bool) -> list[Pdo]:
         """Fixed PDOs for what is left, the most useful first; of an RPDO everything in it must be known."""
         dropped = self.findings.dropped
-        wanted = {address: entry for entry in left if (address := (entry.index, entry.subindex)) not in dropped}
+        wanted = {entry.address: entry for entry in left if entry.address not in dropped}
         adopted: list[Pdo] = []
         while wanted:
             found = [

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import enum
 from dataclasses import dataclass
+from functools import reduce
+from operator import or_
 from typing import Final
 
 
@@ -58,6 +60,10 @@ STATUS_OF: Final = {
     State.FAULT: 0x0008,
 }
 """Statusword bits 0-3, 5 and 6 a drive reports in a state."""
+
+
+STATE_BITS: Final = reduce(or_, (pattern.mask for pattern in STATUS_PATTERNS))
+"""All Statusword bits that tell the state."""
 
 
 def _decode_table() -> tuple[State | None, ...]:

@@ -17,7 +17,7 @@ from pdgw.dsp402.configuration import ABORT_OPTION
 from pdgw.dsp402.drive import DriveClient, DriveStatus
 from pdgw.dsp402.faults import DriveFault
 from pdgw.dsp402.guarding import GUARD_TIME, LIFE_TIME_FACTOR
-from pdgw.dsp402.objects import DRIVE_OBJECTS
+from pdgw.dsp402.objects import CONTROLWORD, DRIVE_OBJECTS, ERROR_CODE, HOMING_METHOD, MODE
 from pdgw.dsp402.scaling import SCALING_OBJECTS
 from pdgw.dsp402.states import state_of
 from pdgw.gateway.axis.executors.positioner import PositionerExecutor
@@ -37,10 +37,8 @@ from pdgw.profidrive.sensor_format import SensorFormat
 from pdgw.profidrive.sign_of_life import MONITORING_OFF
 from pdgw.profidrive.telegrams import telegram
 
-_OWNED: Final = OWNED | {ABORT_OPTION, GUARD_TIME, LIFE_TIME_FACTOR, (0x6040, 0), (0x6060, 0)}
-_HOMING_METHOD: Final = (0x6098, 0)
-_REFERENCES: Final = {*SCALING_OBJECTS, _HOMING_METHOD}
-_ERROR_CODE: Final = (0x603F, 0)
+_OWNED: Final = OWNED | {ABORT_OPTION, GUARD_TIME, LIFE_TIME_FACTOR, CONTROLWORD, MODE}
+_REFERENCES: Final = {*SCALING_OBJECTS, HOMING_METHOD}
 _SECOND_FORMAT: Final = SensorFormat(resolution=0, turns=0, xist1_absolute=False, valid=False)
 """The drive's second encoder: what one revolution is, is not asked for."""
 _REACTION_MARGIN: Final = 2
@@ -170,7 +168,7 @@ class Axis(DriveObject):
     def _read_fault(self, drive: DriveClient) -> None:
         own = drive.drive_type.quirks.fault_number if drive.drive_type is not None else None
         numbers = []
-        for address in (own, _ERROR_CODE):
+        for address in (own, ERROR_CODE):
             try:
                 numbers.append(0 if address is None else drive.read_number(*address))
             except SdoAbortedError:
@@ -195,14 +193,14 @@ class Axis(DriveObject):
             return True
         # The exchange with the drive runs whenever it is online, with or without a PLC: a value would not last.
         commanded = () if self.drive.plan is None else self.drive.plan.commanded
-        return any(address == (entry.index, entry.subindex) for entry in commanded)
+        return any(address == entry.address for entry in commanded)
 
     def is_reference(self, index: int, subindex: int) -> bool:
         return (index, subindex) in _REFERENCES
 
     def read_references(self, client: NodeClient[Any]) -> None:
         self.drive.learn()
-        self.drive.homing_method = self.drive.read_number(*_HOMING_METHOD, signed=True)
+        self.drive.homing_method = self.drive.read_number(*HOMING_METHOD, signed=True)
 
     def references_changed(self) -> None:
         self._news.append(Configured(self.drive.drive_type, self.drive.homing_method, restarted=False))

@@ -8,7 +8,9 @@ from __future__ import annotations
 import struct
 from typing import Final
 
-ETHERTYPE_PROFINET: Final = 0x8892
+from pdgw.profidrive.frame import ETHERTYPE
+
+ETHERTYPE_PROFINET: Final = ETHERTYPE
 ETHERTYPE_LLDP: Final = 0x88CC
 ETHERTYPE_TAG: Final = 0x8100
 HEADER_SIZE: Final = 14

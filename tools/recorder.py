@@ -11,8 +11,8 @@ from typing import Final
 import can
 
 from pdgw.decoder.capture.pcapng_file import PcapngWriter, can_packet, udp_packet
-from pdgw.decoder.link import CAN_ERROR, CAN_EXTENDED, CAN_REMOTE
 from pdgw.decoder.records import Link
+from pdgw.ds301.can_frame import ERROR, EXTENDED, REMOTE
 from pdgw.ds301.loop import Loop
 from pdgw.gateway.config import GatewayConfig
 from pdgw.gateway.config_file import config_text
@@ -93,8 +93,8 @@ class Recorder:
 
     def frame(self, bus: str, message: can.Message) -> None:
         """A CAN frame, sent or received."""
-        identifier = message.arbitration_id | (CAN_EXTENDED if message.is_extended_id else 0)
-        identifier |= (CAN_REMOTE if message.is_remote_frame else 0) | (CAN_ERROR if message.is_error_frame else 0)
+        identifier = message.arbitration_id | (EXTENDED if message.is_extended_id else 0)
+        identifier |= (REMOTE if message.is_remote_frame else 0) | (ERROR if message.is_error_frame else 0)
         data = bytes(message.data)
         time_ns = round(message.timestamp * 1e9) or time.time_ns()
         self.writer.put((Link.CAN_SOCKETCAN, bus, time_ns, can_packet(identifier, data)))

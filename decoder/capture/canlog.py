@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Final
 from pdgw.decoder.capture.errors import CaptureError
 from pdgw.decoder.capture.stream import ByteSource, Window
 from pdgw.decoder.engine import CanPacket
-from pdgw.decoder.link import CAN_ERROR, CanFrame
+from pdgw.decoder.link import CanFrame
+from pdgw.ds301.can_frame import ERROR
 
 if TYPE_CHECKING:
     import can
@@ -81,7 +82,7 @@ def _frame(identifier: bytes, data: bytes, remote: bool = False) -> CanFrame:
     number = int(identifier, 16)
     if len(identifier) < _EXTENDED_DIGITS:
         return CanFrame(number & 0x7FF, data, remote=remote)
-    if number & CAN_ERROR:
+    if number & ERROR:
         return CanFrame(number & 0x7FF, data, error=True)
     return CanFrame(number & 0x1FFFFFFF, data, extended=True, remote=remote)
 
@@ -110,7 +111,7 @@ def candump_line(message: can.Message) -> str:
     microseconds = round(message.timestamp * 1e6)
     head = f"({microseconds // 1_000_000}.{microseconds % 1_000_000:06d}) {message.channel or 'can'} "
     if message.is_error_frame:
-        return f"{head}{CAN_ERROR | message.arbitration_id:08X}#0000000000000000\n"
+        return f"{head}{ERROR | message.arbitration_id:08X}#0000000000000000\n"
     identifier = f"{message.arbitration_id:0{_EXTENDED_DIGITS if message.is_extended_id else 3}X}"
     return f"{head}{identifier}#{f'R{message.dlc}' if message.is_remote_frame else message.data.hex().upper()}\n"
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import enum
 
 from pdgw.dsp402.modes import Mode
+from pdgw.dsp402.objects import HOMING_METHOD, HOMING_SPEEDS
 from pdgw.dsp402.states import StatusBit
 from pdgw.gateway.axis.executors.base import AxisCycle
 from pdgw.gateway.axis.executors.mode import ModeSwitch
@@ -21,8 +22,8 @@ HOMING_UNATTAINED_NS = 1_000_000_000
 """A drive that stands with "target reached" but without "homing attained" for so long has given the homing up."""
 _SAME_METHOD = {35: 37, 37: 35}
 """Current position (CiA 402)."""
-HOMING_METHOD = (0x6098, 0)
-HOMING_SPEEDS = ((0x6099, 1), (0x6099, 2))
+_SPEEDS = (1, 2)
+"""Sub-indices of 6099h: to the switch, to the zero."""
 _FINISHED = StatusBit.MODE_12 | StatusBit.TARGET_REACHED
 _ERROR = StatusBit.MODE_13
 
@@ -94,10 +95,10 @@ class Homing:
         """Method and speeds have to reach the drive first; ``speed`` in its units, None leaves its own ones."""
         self.home_set = False
         self._notes.reason = Reason.HOMING_SETUP
-        speeds = () if speed is None else HOMING_SPEEDS
+        speeds = () if speed is None else _SPEEDS
         self._writes = (
             SdoWrite(*HOMING_METHOD, self._offered(method)),
-            *(SdoWrite(index, subindex, speed or 1) for index, subindex in speeds),
+            *(SdoWrite(HOMING_SPEEDS, subindex, speed or 1) for subindex in speeds),
         )
         self._answer = None
         self._ask()

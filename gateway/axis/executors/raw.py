@@ -9,16 +9,13 @@ from collections.abc import Sequence
 from operator import attrgetter
 
 from pdgw.dsp402.drive_type import DriveType
-from pdgw.dsp402.states import STATUS_OF, STATUS_PATTERNS, ControlBit, State
+from pdgw.dsp402.states import STATE_BITS, STATUS_OF, ControlBit, State
 from pdgw.gateway.axis.executors.base import AxisCycle, Executor
 from pdgw.gateway.axis.power_table import Action
 from pdgw.gateway.reasons import Reason
 
 _PASS, _RAMP = Action.PASS, Action.RAMP
 _BYTE = 0xFF
-_STATE_BITS = 0
-for _pattern in STATUS_PATTERNS:
-    _STATE_BITS |= _pattern.mask
 _CONTROLWORD, _MODE, _FIRST_VALUE = 0, 1, 2
 """Where a transparent telegram has what is not simply passed on."""
 
@@ -47,7 +44,7 @@ class RawExecutor(Executor):
 
     def lost(self) -> None:
         statusword, *rest = self.report.raw
-        self.report.raw = (statusword & ~_STATE_BITS | STATUS_OF[State.FAULT], *rest)
+        self.report.raw = (statusword & ~STATE_BITS | STATUS_OF[State.FAULT], *rest)
 
     def step(self) -> Reason | None:
         cycle, command = self.cycle, self.command

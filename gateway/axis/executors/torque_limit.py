@@ -5,11 +5,10 @@ Source: docs/motion.md "Traversing blocks". The positioner's PDOs have no room f
 
 from __future__ import annotations
 
+from pdgw.dsp402.objects import MAX_TORQUE
 from pdgw.gateway.axis.executors.base import Notes
 from pdgw.gateway.axis.values import SdoWrite
 from pdgw.gateway.reasons import FaultNumber, Reason
-
-MAX_TORQUE = (0x6072, 0)
 
 
 class TorqueLimit:
