@@ -16,10 +16,10 @@ import pytest
 
 from pdgw.gateway.reasons import Enable, Reason
 from pdgw.gateway.trace.recorder import FlightRecorder
-from tests.endtoend.processes import free_tcp_port
 from tests.support.buses import PATIENCE_S
 from tests.support.daemon import Plc, axis, configuration, drive_of, running
 from tests.support.page import TOKEN, Page, ShownGateway, page
+from tests.support.processes import free_tcp_port
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
