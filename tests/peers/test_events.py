@@ -6,7 +6,7 @@ import struct
 from collections.abc import Callable
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pdgw.ds301.nmt import NmtCommand
@@ -141,6 +141,7 @@ others = st.one_of(
 device_events = st.lists(st.tuples(moments, others).map(lambda event: [event]), max_size=8)
 
 
+@settings(max_examples=60)
 @given(st.lists(commands(), max_size=6), device_events)
 def test_a_drive_sends_the_same_frames(moves: list[list[Event]], others: list[list[Event]]) -> None:
     begin: list[Event] = [(1, frame(0, bytes((NmtCommand.START, NODE))))]
