@@ -15,6 +15,7 @@ import re
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
+from os import PathLike
 from pathlib import Path
 
 import canopen
@@ -69,8 +70,8 @@ class EdsImport:
     text: str
 
 
-def import_eds(source: Path | bytes, node_id: int) -> EdsImport:
-    """The object dictionary of an EDS or DCF for a node-ID (1..127).
+def import_eds(source: str | PathLike[str] | bytes, node_id: int) -> EdsImport:
+    """The object dictionary of an EDS or DCF, a file or its content, for a node-ID (1..127).
 
     CanopenError when the file cannot be read or the node-ID is none; EdsError, which is one, names each line of a file
     that cannot be used.
@@ -140,11 +141,11 @@ def _variable_at(shared: ODVariable, node_id: int) -> ODVariable:
     return own
 
 
-def _read(source: Path | bytes) -> bytes:
+def _read(source: str | PathLike[str] | bytes) -> bytes:
     if isinstance(source, bytes):
         return source
     try:
-        with source.open("rb") as file:
+        with Path(source).open("rb") as file:
             return file.read(MAX_SIZE + 1)
     except OSError as error:
         raise EdsError((Problem(0, "", "file", str(source), error.strerror or str(error)),)) from error

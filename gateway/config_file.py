@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from fractions import Fraction
+from os import PathLike
 from pathlib import Path
 from typing import TypeVar
 
@@ -35,8 +36,9 @@ SECTIONS: dict[str, type[BaseModel]] = {
 _PERCENT = "standstill_window_percent"
 
 
-def load_config(path: Path) -> GatewayConfig:
+def load_config(file: str | PathLike[str]) -> GatewayConfig:
     """Read and validate a file; GatewayError has one line for each thing that is wrong."""
+    path = Path(file)
     text = read_text(path)
     config = parse_config(text, str(path))
     axes = tuple(_beside(axis, path) for axis in config.axis)

@@ -58,6 +58,9 @@ class Signal:
     positioning_bits: tuple[Bit, ...] = ()
     confidence: Confidence = Confidence.CONFIRMED
 
+    def __repr__(self) -> str:
+        return f"<Signal {self.name} ({self.type.name}): {self.description}>"
+
     @property
     def words(self) -> int:
         """16-bit words this signal occupies."""
@@ -337,4 +340,8 @@ def signal(name: str) -> Signal:
     try:
         return SIGNALS[name]
     except KeyError:
-        raise ProfidriveError("signal", name, "a name of the signal catalogue") from None
+        from difflib import get_close_matches  # noqa: PLC0415
+
+        near = ", ".join(get_close_matches(name.upper(), SIGNALS))
+        expected = "a name of the signal catalogue" + (f", did you mean {near}?" if near else "")
+        raise ProfidriveError("signal", name, expected) from None

@@ -68,6 +68,9 @@ class TelegramHalf:
         object.__setattr__(self, "struct", layout)
         object.__setattr__(self, "size", layout.size)
 
+    def __repr__(self) -> str:
+        return f"<{self.direction.value}s of telegram {self.telegram}: {' '.join(self.names)}>"
+
     @property
     def words(self) -> int:
         return self.size // 2
@@ -149,6 +152,9 @@ class Telegram:
     actuals: TelegramHalf
     classes: tuple[ApplicationClass, ...] = ()
     confidence: Confidence = Confidence.CONFIRMED
+
+    def __repr__(self) -> str:
+        return f"<Telegram {self.number}: {' '.join(self.setpoints.names)} -> {' '.join(self.actuals.names)}>"
 
     def half(self, direction: Direction) -> TelegramHalf:
         return self.setpoints if direction is Direction.SETPOINT else self.actuals

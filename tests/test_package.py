@@ -94,6 +94,23 @@ def test_every_name_of_the_front_door_is_there_and_documented(name: str) -> None
     assert f"`{name}" in (ROOT / "README.md").read_text(encoding="utf-8")
 
 
+def test_files_are_named_by_text_as_the_readme_does(tmp_path: Path) -> None:
+    file = tmp_path / "gateway.toml"
+    file.write_text('[can]\ninterface = "virtual"\n[[axis]]\ndo_id = 1\nnode_id = 1\ntelegram = 1\n')
+    assert [item.telegram for item in pdgw.load_config(str(file)).axis] == [1]
+    assert pdgw.load_config(str(file)) == pdgw.load_config(file)
+    eds = ROOT / "dsp406" / "eds" / "rotary.eds"
+    assert pdgw.import_eds(str(eds), 1).text == pdgw.import_eds(eds, 1).text
+
+
+def test_what_the_front_door_gives_tells_what_it_is_in_a_line() -> None:
+    assert repr(pdgw.telegram(1)) == "<Telegram 1: STW1 NSOLL_A -> ZSW1 NIST_A>"
+    assert repr(pdgw.telegram(1).setpoints) == "<setpoints of telegram 1: STW1 NSOLL_A>"
+    assert repr(pdgw.signal("NSOLL_A")) == "<Signal NSOLL_A (N2): speed setpoint A>"
+    with pytest.raises(ProfidriveError, match=r"'stw9' is not allowed, .* did you mean .*STW1.*\?"):
+        pdgw.signal("stw9")
+
+
 def test_the_front_door_gives_the_things_themselves() -> None:
     assert pdgw.__version__ == version("profidrive-gateway")
     assert pdgw.telegram(1).setpoints.names == ("STW1", "NSOLL_A")
