@@ -163,6 +163,16 @@ def test_dump_and_restore_bring_the_settings_back(server: tuple[str, int], tmp_p
     assert (0x6085, 0) not in changed
 
 
+def test_a_restore_into_a_drive_object_that_does_not_exist_is_refused_before_it_asks(
+    server: tuple[str, int], tmp_path: Path
+) -> None:
+    file = tmp_path / "drive.json"
+    assert pdgw("param", "dump", str(file), *option(server)).returncode == 0
+    done = pdgw("param", "restore", str(file), "--do", "9", *option(server), text="y\n")
+    assert (done.returncode, done.stdout) == (1, "")
+    assert done.stderr == "error: DO 9 has none of the file's settings: 19h: axis or DO does not exist\n"
+
+
 class Device:
     """Settings of a device, some of which it refuses to take."""
 

@@ -32,6 +32,12 @@ def changed(document: dict[str, Any], **keys: object) -> dict[str, Any]:
     return document | {"axes": [document["axes"][0] | keys]}
 
 
+def test_the_line_for_monitoring_is_no_other_form_of_the_status() -> None:
+    done = pdgw("status", "--check", "--json", "--watch")
+    assert done.returncode == 2
+    assert "prints one line, not with --json, --watch" in done.stderr
+
+
 def test_a_gateway_that_is_well(document: dict[str, Any]) -> None:
     health, line = check_line(document)
     assert health == Health.OK == 0

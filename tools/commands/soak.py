@@ -31,7 +31,7 @@ def soak(
         float | None, typer.Option(min=0, help="Play only up to this second of the day, from the last power-on before.")
     ] = None,
     trace: Annotated[
-        bool, typer.Option("--trace", help="Print what happened before the end, with all CAN frames.")
+        bool, typer.Option("--trace", help="With --until: print what happened before, with all CAN frames.")
     ] = False,
 ) -> None:
     """Play a day of random PLC words and faults in virtual time; exit status 1 if what must never happen did.
@@ -39,6 +39,8 @@ def soak(
     The same seed is the same day. After a failure: `pdgw soak --seed N --until SECOND --trace` shows the moment.
     """
     numbers = _numbers(telegrams, axes)
+    if trace and until is None:
+        raise GatewayError("--trace: only with --until: what happened before a moment of the day")
     console = Console()
     if until is not None:
         _play_until(console, seed, int(until * SECOND), numbers, frames=trace)

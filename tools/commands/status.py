@@ -36,6 +36,9 @@ def status(
 ) -> None:
     """Show axes, reasons, faults and counters of a running gateway."""
     if check:
+        others = {"--json": as_json, "--counters": counters, "--faults": faults, "--watch": watch}
+        if given := [option for option, value in others.items() if value]:
+            raise typer.BadParameter(f"prints one line, not with {', '.join(given)}", param_hint="--check")
         _check(port)
     elif watch:
         _watch(port, as_json=as_json, counters=counters, faults=faults)

@@ -74,7 +74,7 @@ class Dump(BaseModel):
         try:
             path.write_text(self.model_dump_json(indent=1), encoding="utf-8")
         except OSError as error:
-            raise GatewayError(f"{path}: cannot be written: {error.strerror}") from error
+            raise GatewayError(f"{path}: cannot be written ({error.strerror or error})") from error
 
     @classmethod
     def load(cls, path: Path) -> Dump:
@@ -122,11 +122,16 @@ def _is_setting(element: Element, *, array: bool) -> bool:
 
 
 def difference(session: Session, dump: Dump, progress: Progress | None = None) -> list[Pair]:
-    """The settings of the file that the device has otherwise (or not at all), in the order in which they are to be written."""
+    """The settings of the file that the device has otherwise (or not at all), in the order in which they are to be written.
+
+    GatewayError when it is a device that has none of them, or answers with others.
+    """
     settings = [element for element in dump.parameters if element.setting]
     present = session.read([element.target for element in settings], progress)
     if len(present) != len(settings):
         raise GatewayError("the device answers with other elements than the file has: it is another device")
+    if present and all(found.failed for found in present):
+        raise GatewayError(f"DO {session.client.do_id} has none of the file's settings: {present[0].error_text}")
     pairs = [
         (wanted, found)
         for wanted, found in zip(settings, present, strict=True)
