@@ -12,6 +12,7 @@ from pdgw.ds301.loop import Loop
 from pdgw.ds301.network import CanNetwork
 from pdgw.gateway.config_surroundings import CanConfig
 from pdgw.gateway.edge import Edge, SystemEdge
+from pdgw.tools.quiet import quiet
 
 T = TypeVar("T")
 
@@ -35,13 +36,14 @@ def complete(loop: Loop, function: Callable[[], T]) -> T:
 
 @contextmanager
 def opened(config: CanConfig, edge: Edge | None = None) -> Iterator[CanNetwork]:
-    """A bus that is listened to until the end of the block. CanopenError when it cannot be had."""
+    """A bus that is listened to until the end of the block; canopen is quiet meanwhile. CanopenError when it cannot be had."""
     used = SystemEdge() if edge is None else edge
     try:
         network = CanNetwork(used.loop, partial(used.open_can, config), config.name)
         network.start()
         try:
-            yield network
+            with quiet("canopen"):  # a node that does not answer is an answer
+                yield network
         finally:
             network.close()
     finally:

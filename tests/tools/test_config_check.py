@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pytest
 from typer.testing import CliRunner
 
 from pdgw.peers.drive import SimulatedDrive
@@ -51,12 +52,13 @@ def test_keys_of_the_configuration_come_first(tmp_path: Path) -> None:
     assert "100 % = 1500 rpm = 60FFh 15000 (from rated_speed_rpm, velocity_unit = 0.1 rpm)" in output
 
 
-def test_a_node_that_does_not_answer_is_named(tmp_path: Path) -> None:
+def test_a_node_that_does_not_answer_is_named(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     status, output = _check(tmp_path, keys="[[axis]]\ndo_id = 2\nnode_id = 9\ntelegram = 1\nsdo_timeout_ms = 10")
     assert status == 1
     assert "DO 2, node 9: node 9" in output
     assert "a drive that answers SDO" in output
     assert "DO 1, node 5: Servo drive" in output
+    assert [item.getMessage() for item in caplog.records if item.name.startswith("canopen")] == []
 
 
 def test_a_unit_that_is_none_is_refused_with_its_key(tmp_path: Path) -> None:
