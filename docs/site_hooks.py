@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import importlib
 import re
+import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -17,13 +18,14 @@ from mkdocs.structure.pages import Page
 import pdgw
 
 _ROOT = Path(__file__).parent.parent
-_ROOMS = ("profidrive", "profinet", "ds301", "dsp402", "dsp406", "gateway", "decoder", "peers", "tools")
+_SETUPTOOLS = tomllib.loads((_ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["setuptools"]
+_ROOMS = [folder for folder in _SETUPTOOLS["package-dir"].values() if folder != "pdgw"]
 _FOLDERS = {"examples": "python", "tools/scenarios": "yaml", "docs/measured": "text"}
 """Folders the documents link to, each a page with its files."""
 _BESIDE = ("CHANGELOG.md", "CONTRIBUTING.md")
 """Documents of the repository outside ``docs/``."""
 _RENAMED = {"README.md": "index.md", "LICENSE": "LICENSE.md"}
-_LINK = re.compile(r"\]\((?P<target>[^):#\s]+)(?P<rest>[)#])")
+_LINK = re.compile(r"\[(?P<text>[^\]]*)\]\((?P<target>[^):#\s]+)(?P<rest>(?:#[^)\s]*)?)\)")
 
 
 def _front_door() -> str:
@@ -70,7 +72,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 
 def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
-    """Links into the repository become links of the site: its root is ``docs/``."""
+    """Links into the repository become links of the site, whose root is ``docs/``; those to what it does not have, their text."""
     here = page.file.src_uri
     folder = Path() if here in ("index.md", *_BESIDE) else Path("docs") / Path(here).parent
 
@@ -80,6 +82,8 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
             if target == outside or target.startswith(f"{outside}/"):
                 target = f"{outside.removeprefix('docs/')}.md"
         target = _RENAMED.get(target, target.removeprefix("docs/"))
-        return f"]({'../' * here.count('/')}{target}{link['rest']}"
+        if files.get_file_from_path(target) is None:
+            return link["text"]
+        return f"[{link['text']}]({'../' * here.count('/')}{target}{link['rest']})"
 
     return _LINK.sub(moved, markdown)
