@@ -10,7 +10,8 @@ ROOMS := profidrive profinet ds301 dsp402 dsp406 gateway decoder web peers tools
 demo: $(STAMP)
 	$(BIN)/pdgw demo
 
-# Two tests at a time, each worker with its half in the order of the files, then what the other one has left.
+# Two tests at a time, each worker with its half in the order of the files (what starts processes before all others), then what the
+# other one has left.
 TOGETHER := -n 2 --dist worksteal
 
 test: $(STAMP)

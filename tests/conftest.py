@@ -66,6 +66,11 @@ def is_real(item: pytest.Item) -> bool:
     return item.get_closest_marker("e2e") is not None or item.get_closest_marker("browser") is not None
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """What waits for processes comes first: one worker has it all, one after the other, and short tests are left for the end."""
+    items.sort(key=lambda item: not is_real(item))
+
+
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, bool, bool]:
     """From the set-up of the fixtures, also of a module's, until they are gone."""
