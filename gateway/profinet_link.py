@@ -21,6 +21,7 @@ from pdgw.gateway.drive_object import DriveObject
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.profinet_diagnosis import present_classes
 from pdgw.gateway.profinet_identity import profinet_model
+from pdgw.gateway.profinet_pairing import Pairing
 from pdgw.gateway.store import DeviceParameters, ParameterStore
 from pdgw.gateway.trace.layout import FramePlaces
 from pdgw.gateway.transport.ethernet import EthernetPort
@@ -33,8 +34,7 @@ from pdgw.profinet.cpm import Consumer, Verdict
 from pdgw.profinet.dcp import Flash, IpSet, NameSet, ResetToFactory
 from pdgw.profinet.device import Connected, DeviceEvent, Disconnected, ProfinetDevice
 from pdgw.profinet.model import ACCESS_POINT_SUBSLOT, TELEGRAM_SUBSLOT
-from pdgw.profinet.rpc.records import AccessError, RecordBlock, RecordRefused
-from pdgw.profinet.rpc.server import RecordHandler
+from pdgw.profinet.rpc.server import NoRecords, RecordHandler
 from pdgw.profinet.station import IpSuite, Station
 
 log = logging.getLogger("gateway")
@@ -45,18 +45,6 @@ _WAITING = 64
 _DIAGNOSIS_NS = 50 * MS
 FLASH_NS = 3_000 * MS
 """How long the device shows itself after a flash signal."""
-
-
-class NoRecords:
-    """Serves nothing yet."""
-
-    def read(self, block: RecordBlock, *, implicit: bool) -> bytes:
-        """RecordHandler."""
-        raise RecordRefused(AccessError.STATE_CONFLICT)
-
-    def write(self, block: RecordBlock, data: bytes) -> None:
-        """RecordHandler."""
-        raise RecordRefused(AccessError.STATE_CONFLICT)
 
 
 class ProfinetLink:
@@ -85,6 +73,12 @@ class ProfinetLink:
         self._timer_due = 0
         self._consumer: Consumer | None = None
         """Of the controller that exchanges data."""
+        self._pairing: Pairing | None = None
+        """None: the relationship has two cycles, or there is none."""
+        self._exchange: Callable[[], None] = lambda: None
+        self._closed = False
+        self._answering = False
+        """The input frame is due, and goes out as soon as it has the answer to the frame that was taken for it."""
         self._watch: Timer | None = None
         self._receivable = False
         self._limit_ns = 0
@@ -178,6 +172,7 @@ class ProfinetLink:
     def start(self, action: Callable[[], None]) -> None:
         station = self.station
         log.info("PROFINET device %s on %s", station.name or "without a name", self._config.transport.interface)
+        self._exchange = action
         self.port.start(action, self._on_other, self._on_carrier)
         self._tasks.append(self._loop.spawn(self._serve, "PROFINET calls"))
         self._on_watch()
@@ -208,6 +203,8 @@ class ProfinetLink:
         since, half = now - self._came, consumer.cycle_ns >> 1
         self._came = now
         self.more = not half < since < consumer.cycle_ns + half
+        if self._pairing is not None and not self._pairing.together:
+            self._pairing.came(now)
         payload = consumer.payload
         for index, unpack_from, offset, iops in self._outputs:
             good = consumer.running and payload[iops] & IOPS_GOOD
@@ -249,6 +246,8 @@ class ProfinetLink:
                 if statuses[index] is not good[index]:
                     statuses[index] = good[index]
                     provider.set_status((index + 1, TELEGRAM_SUBSLOT), good=good[index])
+        if self._answering:
+            self._answering = not self._provide(self._loop.now())
 
     def set_layout(self, telegrams: Sequence[Telegram]) -> None:
         if self.device.relation is not None:
@@ -298,6 +297,7 @@ class ProfinetLink:
         }
 
     def close(self) -> None:
+        self._closed = True
         self.device.end(Event.STOPPED, self._loop.now())
         self._send_waiting()
         for task in self._tasks:
@@ -349,15 +349,31 @@ class ProfinetLink:
             self._pump()
 
     def _on_due(self) -> None:
-        self._timer = None
-        now = self._loop.now()
-        frame = self.device.provide(now)
-        if frame is None:
+        pairing, now = self._pairing, self._loop.now()
+        sent = False
+        if pairing is not None and pairing.due(now):
+            before, self._answering = self._came, True
+            self._exchange()
+            sent, self._answering = not self._answering, False
+            if self._closed:
+                return
+            pairing.taken(self._came, found=self._came != before)
+        if self._timer is not None:
+            self._timer.cancel()  # the exchange may have asked for another
+            self._timer = None
+        if sent or self._provide(now):
+            self._call_at(self.device.cyclic_deadline)
+        else:
             self.device.poll(now)
             self._pump()
-        else:
-            self.port.send(frame)
-            self._call_at(self.device.cyclic_deadline)
+
+    def _provide(self, now: int) -> bool:
+        """Send the input frame, where that is all there is to do."""
+        frame = self.device.provide(now)
+        if frame is None:
+            return False
+        self.port.send(frame)
+        return True
 
     def _pump(self) -> None:
         """Send what waits, tell what happened, be called again in time."""
@@ -394,6 +410,8 @@ class ProfinetLink:
                     if where is not None:
                         self._outputs.append((index, telegram.setpoints.struct.unpack_from, *where))
                 self._consumer = consumer
+                if consumer.cycle_ns == provider.cycle_ns:
+                    self._pairing = Pairing(self.port, provider)
                 transport = self._config.transport
                 self._limit_ns = transport.watchdog_factor * provider.cycle_ns
                 self.layout_token = object()
@@ -409,6 +427,9 @@ class ProfinetLink:
                     self._places = [None] * len(self._telegrams)
                 self._outputs.clear()
                 self._consumer = None
+                if self._pairing is not None:
+                    self._pairing.end()
+                    self._pairing = None
                 self.lose_setpoints()
                 log.error("controller %s disconnected: %s", relation.plan.ar.station_name, ended.text)
             case NameSet(name, permanent):

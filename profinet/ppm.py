@@ -34,7 +34,9 @@ class Provider:
         self._proper = frozenset(proper)
         self._step = block.send_clock * block.reduction_ratio
         self._counter = 0
-        self._due = 0
+        self.due = 0
+        """When the next frame is to be sent."""
+        self._move = 0
         self._open = False
         self._good: set[Subslot] = set()
         """Submodules whose data is valid, open or not."""
@@ -48,11 +50,6 @@ class Provider:
         """Cycles without a frame before the last one: this side was late."""
 
     @property
-    def due(self) -> int:
-        """When the next frame is to be sent."""
-        return self._due
-
-    @property
     def status(self) -> tuple[int, int, int]:
         """CycleCounter, DataStatus and TransferStatus of the last frame."""
         counter, data_status, transfer = TRAILER.unpack_from(self.frame, self._trailer)
@@ -60,7 +57,11 @@ class Provider:
 
     def start(self, now: int) -> None:
         """The first frame is sent a cycle from now."""
-        self._due = now + self.cycle_ns
+        self.due = now + self.cycle_ns
+
+    def move(self, nanoseconds: int) -> None:
+        """Send later (or, negative, sooner) from the frame behind the next one on: much less than a cycle."""
+        self._move = nanoseconds
 
     def open(self) -> None:
         """Statuses are GOOD from now on, of submodules with data where that was said to be valid."""
@@ -109,11 +110,12 @@ class Provider:
 
     def poll(self, now: int) -> bytearray | None:
         """The frame when it is due. The buffer is reused; cycles that are over are counted and not made up for."""
-        late = now - self._due
+        late = now - self.due
         if late < 0:
             return None
         skipped = self.skipped = late // self.cycle_ns
-        self._due += (skipped + 1) * self.cycle_ns
+        self.due += (skipped + 1) * self.cycle_ns + self._move
+        self._move = 0
         self._counter = (self._counter + (skipped + 1) * self._step) & _COUNTER_MASK
         TRAILER.pack_into(self.frame, self._trailer, self._counter, self.data_status, 0)
         return self.frame

@@ -93,6 +93,9 @@ class EthernetPort(Protocol):
     ) -> None:
         """Call these in the loop: a real-time frame; DCP, LLDP or a datagram; cable or address may be another."""
 
+    def listen(self, *, on: bool) -> None:
+        """Whether a real-time frame calls what ``start`` was given (the beginning), or only waits for ``receive``."""
+
     def receive(self) -> bytes | None:
         """The next real-time frame."""
 
@@ -190,10 +193,17 @@ class RawEthernet:
                 pass
             on_link()
 
-        self._loop.add_reader(self._real_time.fileno(), on_real_time, urgent=True)
+        self._on_real_time = on_real_time
+        self.listen(on=True)
         for item in (self._dcp, self._lldp, self._rpc):
             self._loop.add_reader(item.fileno(), on_other)
         self._loop.add_reader(self._netlink.fileno(), link_changed)
+
+    def listen(self, *, on: bool) -> None:
+        if on:
+            self._loop.add_reader(self._real_time.fileno(), self._on_real_time, urgent=True)
+        else:
+            self._loop.remove_reader(self._real_time.fileno())
 
     @property
     def descriptors(self) -> list[int]:

@@ -161,6 +161,18 @@ class RecordHandler(Protocol):
         """Take the data of a record."""
 
 
+class NoRecords:
+    """Serves nothing yet."""
+
+    def read(self, block: RecordBlock, *, implicit: bool) -> bytes:
+        """RecordHandler."""
+        raise RecordRefused(AccessError.STATE_CONFLICT)
+
+    def write(self, block: RecordBlock, data: bytes) -> None:
+        """RecordHandler."""
+        raise RecordRefused(AccessError.STATE_CONFLICT)
+
+
 RECORD_OPERATIONS = frozenset({Operation.READ, Operation.WRITE, Operation.READ_IMPLICIT})
 
 

@@ -128,6 +128,7 @@ def test_the_data_hold_time_ends_the_relationship_long_after_the_drive_has_stopp
         site.until(lambda: model.state is not State.OPERATION_ENABLED, "a command to stop", BOUND_NS)
         site.until(lambda: not site.link.connected, "the end of the relationship")
         assert 1_600 * MS - CYCLE_NS <= site.loop.now() - since <= 1_600 * MS + CYCLE_NS
+        site.until(lambda: site.plc.learned.error is not None, "word of it")
         assert site.plc.learned.error == AbortCode.DATA_HOLD.status.value
 
 

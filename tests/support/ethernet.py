@@ -28,6 +28,7 @@ class FakeEthernet:
         self.datagrams: deque[tuple[bytes, Address]] = deque()
         self.sent: deque[tuple[Address | None, bytes]] = deque()
         self.closed = False
+        self.listening = True
         self.on_real_time: Callable[[], None] = lambda: None
         self.on_other: Callable[[], None] = lambda: None
         self.on_link: Callable[[], None] = lambda: None
@@ -36,6 +37,15 @@ class FakeEthernet:
         self, on_real_time: Callable[[], None], on_other: Callable[[], None], on_link: Callable[[], None]
     ) -> None:
         self.on_real_time, self.on_other, self.on_link = on_real_time, on_other, on_link
+
+    def listen(self, *, on: bool) -> None:
+        self.listening = on
+        if on and self.real_time:
+            self.loop.call_later(0, self._told)
+
+    def _told(self) -> None:
+        if self.listening and self.real_time:
+            self.on_real_time()
 
     def receive(self) -> bytes | None:
         return self.real_time.popleft() if self.real_time else None
@@ -72,4 +82,4 @@ class FakeEthernet:
             self.on_other()
         else:
             self.real_time.append(data)
-            self.on_real_time()
+            self._told()
