@@ -61,26 +61,3 @@ def encode_sensor_format(sensors: Sequence[SensorFormat]) -> tuple[int, ...]:
         kind = sum(getattr(sensor, name) << bit for name, bit in _TYPE_BITS.items())
         elements += [kind, sensor.resolution, sensor.shift_xist1, sensor.shift_xist2, sensor.turns]
     return (*elements, *[0] * (ELEMENTS - len(elements)))
-
-
-def decode_sensor_format(elements: Sequence[int]) -> tuple[SensorFormat, ...]:
-    """The sensors of a P979 value; elements after the last sensor are not looked at, unknown type bits are ignored.
-
-    ProfidriveError for another structure version or fewer elements than the header promises.
-    """
-    if not elements:
-        raise ProfidriveError("P979", "no elements", f"{ELEMENTS} elements")
-    header = elements[0]
-    version, count, indices = header & 0xFF, header >> 8 & 0xF, header >> 12
-    if version != STRUCTURE_VERSION or indices != INDICES_PER_SENSOR:
-        raise ProfidriveError("P979 header", f"{header:04X}h", "5n12h, n sensors")
-    if len(elements) < 1 + count * INDICES_PER_SENSOR:
-        raise ProfidriveError(
-            "P979", f"{len(elements)} elements", f"{1 + count * INDICES_PER_SENSOR} for {count} sensors"
-        )
-    sensors = []
-    for start in range(1, 1 + count * INDICES_PER_SENSOR, INDICES_PER_SENSOR):
-        kind, resolution, shift_xist1, shift_xist2, turns = elements[start : start + INDICES_PER_SENSOR]
-        flags = {name: bool(kind >> bit & 1) for name, bit in _TYPE_BITS.items()}
-        sensors.append(SensorFormat(resolution, turns, shift_xist1, shift_xist2, **flags))
-    return tuple(sensors)

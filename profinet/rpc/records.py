@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import enum
 import struct
-from collections.abc import Sequence
 from dataclasses import dataclass
 from uuid import UUID
 
@@ -231,14 +230,6 @@ def split_multiple(data: bytes) -> list[tuple[RecordBlock, bytes]]:
 def split_answers(data: bytes) -> list[RecordBlock]:
     """What an answer to a RECORD_MULTIPLE carries: a header with its status for each write; ProfidriveError for a damaged one."""
     return [decode_block(data[at : at + BLOCK_SIZE])[0] for at in range(0, len(data), BLOCK_SIZE)]
-
-
-def join_multiple(writes: Sequence[tuple[RecordBlock, bytes]]) -> bytes:
-    """The data of a RECORD_MULTIPLE."""
-    out = bytearray()
-    for block, record in writes:
-        out += bytes(-len(out) % 4) + encode_block(block) + record
-    return bytes(out)
 
 
 # -- NDR --------------------------------------------------------------------------------------------------------------

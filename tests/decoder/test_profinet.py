@@ -25,11 +25,11 @@ from pdgw.profinet.blocks.alarm import MessageClass
 from pdgw.profinet.cmdev import Event
 from pdgw.profinet.device_records import Index
 from pdgw.profinet.model import INTERFACE_SUBSLOT, PORT_SUBSLOT
-from pdgw.profinet.rpc.records import BlockType, RecordBlock, join_multiple
+from pdgw.profinet.rpc.records import BlockType, RecordBlock
 from pdgw.profinet.wire import VERSION_SIZE
 from tests.profinet.test_readers import session
 from tests.support import tshark, tshark_frames
-from tests.support.profinet import DEVICE_MAC, MS, PLC_MAC, Wire
+from tests.support.profinet import DEVICE_MAC, MS, PLC_MAC, Wire, join_multiple
 
 
 @cache

@@ -15,10 +15,10 @@ from pdgw.gateway.status import snapshot
 from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.parameters.codec import Address, Values
 from pdgw.profidrive.parameters.errors import ParameterErrorNumber as Number
-from pdgw.profidrive.sensor_format import decode_sensor_format
 from pdgw.profidrive.signals import signal
 from pdgw.tools.parameters.client import ParameterClient
 from tests.support.daemon import OFF, Plc, axis, configuration, drive_of, encoder_of, serving, until
+from tests.support.sensor_format import decode_sensor_format
 
 CONTROL = signal("STW2_ENC").bit("CONTROL_BY_PLC").mask
 G1 = {bit.name: bit.mask for bit in signal("G1_STW").bits}

@@ -17,9 +17,9 @@ from pdgw.gateway.reasons import FaultNumber, Reason
 from pdgw.gateway.status import snapshot
 from pdgw.peers.drive import SimulatedDrive, shape
 from pdgw.profidrive.parameters.codec import Address
-from pdgw.profidrive.sensor_format import decode_sensor_format
 from pdgw.tools.parameters.session import Session
 from tests.support.daemon import OFF, Plc, axis, configuration, running, serving, until, world_of
+from tests.support.sensor_format import decode_sensor_format
 
 MS = 1_000_000
 QUARTER = 0x1000

@@ -22,11 +22,10 @@ from pdgw.profinet.rpc.records import (
     RecordBlock,
     decode_block,
     encode_block,
-    join_multiple,
 )
 from tests.support import tshark, tshark_frames
 from tests.support.connect import AR_UUID, Caller, blocks
-from tests.support.profinet import MS, PLC_IP, Wire
+from tests.support.profinet import MS, PLC_IP, Wire, join_multiple
 
 PORT = (0, 0, 0x8001)
 POINT = (API_PROFIDRIVE, 1, 1)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from ipaddress import IPv4Address
 from typing import Any
@@ -15,7 +15,7 @@ from pdgw.profinet.cpm import Consumer
 from pdgw.profinet.device import DeviceEvent, ProfinetDevice
 from pdgw.profinet.model import DeviceModel, Module, ObjectKind, drive_model
 from pdgw.profinet.rpc.dcerpc import UDP_PORT
-from pdgw.profinet.rpc.records import AccessError, RecordBlock, RecordRefused
+from pdgw.profinet.rpc.records import AccessError, RecordBlock, RecordRefused, encode_block
 from pdgw.profinet.station import Identity, IpSuite, Station
 from tests.support.tshark_frames import datagram
 
@@ -26,6 +26,14 @@ DEVICE_IP = IpSuite(IPv4Address("192.168.0.2"), IPv4Address("255.255.255.0"))
 PLC_IP = "192.168.0.1"
 OBJECTS = [(ObjectKind.AXIS, telegram(1)), (ObjectKind.AXIS, telegram(9)), (ObjectKind.ENCODER, telegram(83))]
 IDENTITY = Identity(DEVICE_MAC, 0xFFFF, 0x0402, "profidrive-gateway", "PDGW", "4711")
+
+
+def join_multiple(writes: Sequence[tuple[RecordBlock, bytes]]) -> bytes:
+    """The data of a RECORD_MULTIPLE, which controllers write."""
+    out = bytearray()
+    for block, record in writes:
+        out += bytes(-len(out) % 4) + encode_block(block) + record
+    return bytes(out)
 
 
 @dataclass
