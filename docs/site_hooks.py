@@ -5,7 +5,6 @@ Hooks of mkdocs (``make site``). Pages that only list what stands elsewhere are 
 
 from __future__ import annotations
 
-import importlib
 import re
 import tomllib
 from collections.abc import Iterator
@@ -35,15 +34,14 @@ def _front_door() -> str:
         if name != "__version__":
             thing = getattr(pdgw, name)
             # Links lead to the page of its room.
-            lines += [f"::: {thing.__module__}.{name}", "    options: {skip_local_inventory: true}", ""]
+            shown = f"heading: pdgw.{name}, toc_label: {name}"
+            lines += [f"::: {thing.__module__}.{name}", f"    options: {{skip_local_inventory: true, {shown}}}", ""]
     return "\n".join(lines)
 
 
 def _room(room: str) -> str:
-    module = importlib.import_module(f"pdgw.{room}")
-    about = f"{module.__doc__ or ''}".strip()
     options = "    options: {show_submodules: true, show_root_heading: false, show_root_toc_entry: false}"
-    return f"# pdgw.{room}\n\n{about}\n\n::: pdgw.{room}\n{options}\n"
+    return f"# pdgw.{room}\n\n::: pdgw.{room}\n{options}\n"
 
 
 def _folder(folder: str, language: str) -> str:
