@@ -5,10 +5,10 @@ The front door: what a program of its own usually needs. Each name is loaded whe
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
-
+TYPE_CHECKING = False  # typing's: a command that is interrupted while typing loads would end with a traceback
 if TYPE_CHECKING:
+    from typing import Any
+
     from pdgw.decoder.capture.reading import read_records
     from pdgw.decoder.recognise import recognise
     from pdgw.ds301.eds_import import import_eds
@@ -64,6 +64,8 @@ def __getattr__(name: str) -> Any:
 
         found: Any = version("profidrive-gateway")
     elif name in _ROOMS:
+        from importlib import import_module  # noqa: PLC0415
+
         found = getattr(import_module(f"pdgw.{_ROOMS[name]}"), name)
     else:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -94,6 +94,14 @@ def test_every_name_of_the_front_door_is_there_and_documented(name: str) -> None
     assert f"`{name}" in (ROOT / "README.md").read_text(encoding="utf-8")
 
 
+@pytest.mark.parametrize("module", ["__init__", "__main__"])
+def test_nothing_is_loaded_before_an_interruption_is_one_without_a_traceback(module: str) -> None:
+    tree = ast.parse((ROOT / "pdgw" / f"{module}.py").read_text(encoding="utf-8"))
+    loaded = {alias.name for item in tree.body if isinstance(item, ast.Import) for alias in item.names}
+    loaded |= {str(item.module) for item in tree.body if isinstance(item, ast.ImportFrom)}
+    assert loaded <= {"__future__", "gc", "signal"}
+
+
 def test_files_are_named_by_text_as_the_readme_does(tmp_path: Path) -> None:
     file = tmp_path / "gateway.toml"
     file.write_text('[can]\ninterface = "virtual"\n[[axis]]\ndo_id = 1\nnode_id = 1\ntelegram = 1\n')
