@@ -22,7 +22,7 @@ test: $(STAMP)
 SEED := 1
 test-paused: $(STAMP)
 	$(BIN)/python -m tests.pauses $(SEED) $(BIN)/pytest -m "e2e or browser"
-	PDGW_PAUSES=$(SEED) $(BIN)/pytest -n 4 --dist worksteal -p tests.thread_pauses
+	PDGW_PAUSES=$(SEED) $(BIN)/python -m pytest -n 4 --dist worksteal -p tests.thread_pauses
 
 # README's tour and the tutorials, word by word, each in a network of its own.
 tour: $(STAMP)
