@@ -27,6 +27,7 @@ from tests.support.profinet import DEVICE_MAC, PLC_IP
 from tests.support.profinet_daemon import configuration, plant
 from tests.support.tshark_frames import datagram
 
+TURN_MS = 0.25
 FLOOR = bytes.fromhex("02000000007f") + DEVICE_MAC + b"\x88\x92" + FLOOR_FRAME_ID.to_bytes(2, "big") + bytes(44)
 
 
@@ -54,7 +55,9 @@ def test_a_row_tells_what_the_capture_shows(tmp_path: Path) -> None:
     assert (first_answer(records) - started) / 1e9 < 0.1
     assert first_of_floor(records) == captures.BEGIN_NS + sent[0][0]
     row = row_of(4, 24, records, echoes, Cost(0.05, 1 << 20, 0.5), Cost(0.01, 1 << 20, 0.1))
-    assert (row.gateway.p50_ms, row.gateway.p99_ms, row.gateway.max_ms, row.missed) == (4, 4, 4, 0)
+    assert (row.gateway.p50_ms, row.missed) == (4, 0)
+    # The device moves its frames to just behind the controller's, which is seen in turns of the plant.
+    assert 4 <= row.gateway.p99_ms <= row.gateway.max_ms <= 4 + TURN_MS
     assert (row.floor.frames, row.floor.p99_ms) == (100, 4)
     assert row.gateway.frames == pytest.approx(105, abs=3)
     assert row.killed_ms == pytest.approx(24, abs=4)
