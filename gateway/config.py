@@ -28,7 +28,7 @@ from pdgw.gateway.axis.telegrams import (
     CENTRAL_TELEGRAM_NUMBERS,
     DRIVE_TELEGRAM_NUMBERS,
     DSC_TELEGRAM_NUMBERS,
-    FIRST_SENSOR_NUMBERS,
+    FIRST_ENCODER_NUMBERS,
     POSITIONER_TELEGRAM_NUMBERS,
     SECOND_SENSOR_NUMBERS,
     TASK_TELEGRAM_NUMBERS,
@@ -246,10 +246,10 @@ class AxisConfig(DriveObjectSection):
 
     @property
     def telegrams(self) -> tuple[int, ...]:
-        """What the axis can be given (P922): not those whose keys are missing."""
+        """What the axis can be given (P922): not those whose keys are missing, or do not go with ``g1``."""
         missing = {
             *(POSITIONER_TELEGRAM_NUMBERS if self.positioner is None else ()),
-            *(DSC_TELEGRAM_NUMBERS if self.dsc is None or self.following_window is None else ()),
+            *(DSC_TELEGRAM_NUMBERS if self.dsc is None or self.following_window is None or self.g1 is not None else ()),
         }
         return tuple(number for number in DRIVE_TELEGRAM_NUMBERS if number not in missing)
 
@@ -393,12 +393,14 @@ class GatewayConfig(Section):
         encoders = [item.do_id for item in self.encoder]
         for number, axis in enumerate(self.axis):
             for key, value, numbers in (
-                ("g1", axis.g1, FIRST_SENSOR_NUMBERS),
+                ("g1", axis.g1, FIRST_ENCODER_NUMBERS),
                 ("g2", axis.g2, SECOND_SENSOR_NUMBERS),
             ):
                 problem = ""
                 if value is not None and axis.telegram not in numbers:
-                    problem = f": telegram {axis.telegram} has no {key.upper()}, allowed with telegram {list(numbers)}"
+                    dsc = key == "g1" and axis.telegram in DSC_TELEGRAM_NUMBERS
+                    reason = "closes its loop with the drive's position (DSC)" if dsc else f"has no {key.upper()}"
+                    problem = f": telegram {axis.telegram} {reason}, allowed with telegram {list(numbers)}"
                 elif isinstance(value, int) and value not in encoders:
                     problem = f" is no do_id of an [[encoder]], allowed: {encoders}"
                 if problem:

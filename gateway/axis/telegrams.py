@@ -77,11 +77,15 @@ SPEED_TELEGRAM_NUMBERS = tuple(
     n for n, row in sorted(DRIVE_TELEGRAMS.items()) if row.kind in {Kind.SPEED, Kind.TORQUE, Kind.LOAD}
 )
 """Those of them that jog with speeds of their own."""
-_POSITION_FOR_G1 = {Kind.SPEED, Kind.TORQUE}
-"""Kinds that need the drive's position for nothing else."""
-FIRST_SENSOR_NUMBERS = tuple(n for n in DRIVE_TELEGRAM_NUMBERS if "G1_STW" in telegram(n).setpoints.names)
+FIRST_ENCODER_NUMBERS = tuple(
+    n
+    for n, row in sorted(DRIVE_TELEGRAMS.items())
+    if row.kind is not Kind.DSC and "G1_STW" in telegram(n).setpoints.names
+)
+"""Those of them whose G1 may be an encoder of its own: they need the drive's position for nothing else. XERR of DSC
+counts in G1, and its loop is closed with the drive's position."""
 SECOND_SENSOR_NUMBERS = tuple(n for n in DRIVE_TELEGRAM_NUMBERS if "G2_STW" in telegram(n).setpoints.names)
-"""Those of them with the words of G1, and of G2."""
+"""Those of them with the words of G2."""
 TASK_TELEGRAM_NUMBERS = tuple(
     sorted((*POSITIONER_TELEGRAM_NUMBERS, *(n for n, row in DRIVE_TELEGRAMS.items() if row.kind is Kind.POSITIONING)))
 )
@@ -136,7 +140,7 @@ def drive_layout(
     layout = LAYOUTS[row.operation]
     if second is SecondSensor.DRIVE and number in SECOND_SENSOR_NUMBERS:
         layout = with_second_position(layout)
-    return without_position(layout) if g1_is_encoder and row.kind in _POSITION_FOR_G1 else layout
+    return without_position(layout) if g1_is_encoder and number in FIRST_ENCODER_NUMBERS else layout
 
 
 def initial_mode(number: int, form: DscForm = DscForm.SPEED) -> Mode | None:

@@ -37,6 +37,7 @@ GUARDED: tuple[GuardedRange, ...] = (
     ),
     GuardedRange(RESTORE_PARAMETERS, RESTORE_PARAMETERS, "restoring changes everything below", Check.CONFIGURATION),
     GuardedRange(0x1014, 0x1017, "EMCY and heartbeats: faults untold, a dead gateway unnoticed", Check.CONFIGURATION),
+    GuardedRange(0x1029, 0x1029, "what the node does in an error: its PDOs may end", Check.NOTHING),
     GuardedRange(0x1200, 0x127F, "SDO servers: the gateway would lose its access", Check.CONFIGURATION),
     GuardedRange(0x1280, 0x13FF, "SDO clients: the drive would write to others", Check.CONFIGURATION),
     GuardedRange(
@@ -45,6 +46,7 @@ GUARDED: tuple[GuardedRange, ...] = (
     GuardedRange(0x1F80, 0x1F80, "NMT start-up: the drive would start by itself", Check.CONFIGURATION),
     GuardedRange(0x6007, 0x6007, "what the drive does when the gateway dies", Check.CONFIGURATION),
     GuardedRange(0x605A, 0x605E, "what quick stop, shutdown, disable, Halt and faults do", Check.NOTHING),
+    GuardedRange(0x607E, 0x607E, "polarity: which way every value goes", Check.NOTHING),
     GuardedRange(0x607F, 0x6080, "speed limits: what 100 % is", Check.REFERENCES),
     GuardedRange(
         0x6084, 0x6086, "deceleration, quick stop deceleration and ramp type: how it brakes", Check.REFERENCES

@@ -189,7 +189,13 @@ ENCODER = "[[encoder]]\ndo_id = {}\nnode_id = {}\ntelegram = 83\n"
         ),
         (
             "\n\n" + BASE.replace("telegram = 9", "telegram = 1\ng1 = 2") + ENCODER.format(2, 7),
-            "x.toml:21: [[axis]] number 1: g1 = 2: telegram 1 has no G1, allowed with telegram [3, 4, 5, 6, 102, 103, 105, 106]",
+            "x.toml:21: [[axis]] number 1: g1 = 2: telegram 1 has no G1, allowed with telegram [3, 4, 102, 103]",
+        ),
+        (
+            BASE.replace("telegram = 9", 'telegram = 105\ndsc = "speed"\nfollowing_window = 1000\ng1 = 2')
+            + ENCODER.format(2, 7),
+            "x.toml:21: [[axis]] number 1: g1 = 2: telegram 105 closes its loop with the drive's position (DSC), "
+            "allowed with telegram [3, 4, 102, 103]",
         ),
         (
             BASE.replace("telegram = 9", "telegram = 3\ng1 = 5") + ENCODER.format(2, 7),
@@ -225,6 +231,14 @@ def test_what_does_not_fit_together_is_told_where_it_stands(text: str, line: str
     with pytest.raises(GatewayError) as error:
         parse_config(text, "x.toml")
     assert str(error.value).startswith(line), str(error.value)
+
+
+def test_p922_offers_no_dsc_where_g1_is_an_encoder() -> None:
+    dsc = BASE.replace("telegram = 9", 'telegram = 3\ndsc = "speed"\nfollowing_window = 1000')
+    with_encoder = dsc.replace("telegram = 3", "telegram = 3\ng1 = 2") + ENCODER.format(2, 7)
+    alone, together = (parse_config(text).axis[0].telegrams for text in (dsc, with_encoder))
+    assert set(alone) - set(together) == {5, 6, 105, 106}
+    assert set(together) <= set(alone)
 
 
 def test_a_byte_order_mark_is_no_mistake(tmp_path: Path) -> None:
