@@ -343,6 +343,8 @@ class ProfinetLink:
         """Calls run in a task: one that writes to the disk waits there, and the exchange goes on."""
         while True:
             data, source = self._datagrams.get()
+            if self._pairing is not None and self._pairing.together:
+                self._exchange()  # the frame that waits came before this call
             self.device.on_datagram(data, source, self._loop.now())
             if self.device.relation is not self._placed_for and self._newest is not None:
                 self.send(*self._newest, ())

@@ -36,8 +36,8 @@ class Pairing:
 
     def came(self, now: int) -> None:
         """A frame woke the loop: the input frames are moved to where it is not necessary."""
-        half = self._cycle // 2
-        late = (self._provider.due - now - self._wait + half) % self._cycle - half
+        # On the way no input frame passes a frame of the controller: each step of the axes keeps one answer.
+        late = (self._provider.due - now) % self._cycle - self._wait
         self._provider.move(-max(-self._most, min(self._most, late // 2)))
         self._fits = abs(late) <= self._wait // 2
 
