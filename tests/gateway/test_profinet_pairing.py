@@ -18,10 +18,11 @@ from pdgw.profidrive.telegrams import telegram
 from pdgw.profinet import lldp
 from pdgw.profinet.connect import IocrType
 from pdgw.profinet.ppm import Provider
-from tests.gateway.test_profinet_link import AXIS, Rig
+from pdgw.profinet.rpc.dcerpc import UDP_PORT
+from tests.gateway.test_profinet_link import AXIS, Rig, cyclic
 from tests.profinet.test_cyclic import PLACES
 from tests.support.ethernet import FakeEthernet
-from tests.support.profinet import DEVICE_MAC, PLC_MAC, project
+from tests.support.profinet import DEVICE_MAC, PLC_IP, PLC_MAC, project
 
 
 @dataclass
@@ -173,3 +174,12 @@ def test_an_end_while_the_frame_is_taken_sends_and_asks_for_nothing_more(rig: Pa
     sent = len(rig.port.sent)
     rig.loop.run_for(2 * lldp.INTERVAL_NS)
     assert len(rig.port.sent) == sent
+
+
+def test_a_call_does_not_overtake_the_frame_that_waits(rig: PairedRig) -> None:
+    rig.run(8 * MS)
+    before = rig.cycles
+    rig.port.real_time.append(cyclic(rig, bytes.fromhex("047f0001")))
+    rig.port.arrive((PLC_IP, UDP_PORT), bytes(100))
+    rig.loop.run_for(0)
+    assert rig.cycles == before + 1
