@@ -21,7 +21,7 @@ from pdgw.gateway.drive_object import DriveObject
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.profinet_diagnosis import present_classes
 from pdgw.gateway.profinet_identity import profinet_model
-from pdgw.gateway.profinet_pairing import Pairing
+from pdgw.gateway.profinet_pairing import LONGEST_NS, Pairing
 from pdgw.gateway.store import DeviceParameters, ParameterStore
 from pdgw.gateway.trace.layout import FramePlaces
 from pdgw.gateway.transport.ethernet import EthernetPort
@@ -74,7 +74,7 @@ class ProfinetLink:
         self._consumer: Consumer | None = None
         """Of the controller that exchanges data."""
         self._pairing: Pairing | None = None
-        """None: the relationship has two cycles, or there is none."""
+        """None: the relationship has two cycles or a long one, or there is none."""
         self._exchange: Callable[[], None] = lambda: None
         self._closed = False
         self._answering = False
@@ -412,7 +412,7 @@ class ProfinetLink:
                     if where is not None:
                         self._outputs.append((index, telegram.setpoints.struct.unpack_from, *where))
                 self._consumer = consumer
-                if consumer.cycle_ns == provider.cycle_ns:
+                if consumer.cycle_ns == provider.cycle_ns <= LONGEST_NS:
                     self._pairing = Pairing(self.port, provider)
                 transport = self._config.transport
                 self._limit_ns = transport.watchdog_factor * provider.cycle_ns

@@ -13,6 +13,9 @@ from pdgw.ds301.loop import MS
 from pdgw.gateway.transport.ethernet import EthernetPort
 from pdgw.profinet.ppm import Provider
 
+LONGEST_NS: Final = 8 * MS
+"""Frames of longer cycles are not paired: they wake the process seldom, and an alarm or a frame out of its time, which waits
+for the next input frame too, would wait for long."""
 _WAIT_NS: Final = MS // 10
 """So long waits a frame that is at its time: what controllers vary by is less."""
 _LOOK_NS: Final = 500 * MS
