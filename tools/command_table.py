@@ -17,7 +17,7 @@ from typer.core import TyperCommand, TyperGroup, TyperOption
 from typer.main import get_command
 
 
-def _refuse_repeats(command: TyperCommand | TyperGroup, ctx: Any, args: list[str]) -> None:
+def _refuse_repeats(command: Any, ctx: Any, args: list[str]) -> None:
     """An option with one value that is given twice is refused: typer takes the last."""
     seen: set[str] = set()
     for option in command.make_parser(ctx).parse_args(args)[2]:
@@ -36,30 +36,25 @@ def _without_types_of_flags(options: list[Any]) -> list[Any]:
     return options
 
 
-class Command(TyperCommand):
-    """A command of ``pdgw``: no value that was typed is dropped."""
+class _Careful:
+    """Beside a class of typer: no value that was typed is dropped, and the help shows what is to be typed."""
 
     def get_params(self, ctx: Any) -> list[Any]:
-        return _without_types_of_flags(super().get_params(ctx))
+        return _without_types_of_flags(super().get_params(ctx))  # type: ignore[misc]
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         given = list(args)
-        rest = super().parse_args(ctx, args)
+        rest: list[str] = super().parse_args(ctx, args)  # type: ignore[misc]
         _refuse_repeats(self, ctx, given)
         return rest
 
 
-class Group(TyperGroup):
+class Command(_Careful, TyperCommand):
+    """A command of ``pdgw``."""
+
+
+class Group(_Careful, TyperGroup):
     """A group of commands, of which some have options of their own."""
-
-    def get_params(self, ctx: Any) -> list[Any]:
-        return _without_types_of_flags(super().get_params(ctx))
-
-    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        given = list(args)
-        rest = super().parse_args(ctx, args)
-        _refuse_repeats(self, ctx, given)
-        return rest
 
 
 @dataclass(frozen=True, slots=True)
