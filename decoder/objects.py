@@ -37,7 +37,7 @@ class ObjectNames:
     """The entries of one device by address, and the families it may be of."""
 
     def __init__(self, entries: Iterable[Entry], families: tuple[str, ...] | None = None) -> None:
-        self._entries = {(entry.index, entry.subindex): entry for entry in entries}
+        self._entries = {entry.address: entry for entry in entries}
         self.families = all_families() if families is None else families
 
     def of(self, families: tuple[str, ...]) -> ObjectNames:

@@ -495,7 +495,7 @@ class NodeClient(ConfiguringAccess, abc.ABC, Generic[S]):
         image = self._image(pdo)
         for entry in pdo.entries:
             signed = entry.type.char.islower()
-            setattr(image, entry.attribute, self._fetch(entry.index, entry.subindex, signed=signed))
+            setattr(image, entry.attribute, self._fetch(*entry.address, signed=signed))
 
     # -- frames of the node ---------------------------------------------------------------------------------------------
 

@@ -451,7 +451,7 @@ class DriveClient(NodeClient[DriveSettings]):
         try:
             for entry in values.pdo.entries:
                 size = entry.type.bits // 8
-                self.write(entry.index, entry.subindex, data[offset : offset + size])
+                self.write(*entry.address, data[offset : offset + size])
                 offset += size
         except (SdoAbortedError, SdoCommunicationError, struct.error, ValueError) as error:
             text = f"{entry}: {abort_text(error.code) if isinstance(error, SdoAbortedError) else error}"

@@ -109,7 +109,7 @@ VALUES: Final = {
 
 
 def _with_value(entry: Entry) -> Entry:
-    value = VALUES.get((entry.index, entry.subindex))
+    value = VALUES.get(entry.address)
     return entry if value is None else replace(entry, default=value.default, low=value.low, high=value.high)
 
 

@@ -105,7 +105,7 @@ class WrongIdentity(Misbehaviour):
     vendor_id: int = parameter(0x0BAD, 0, 0xFFFF_FFFF, "vendor-ID in 1018h/1", HEX)
 
     def reading(self, entry: Entry, data: bytes) -> bytes:
-        if (entry.index, entry.subindex) == (com.IDENTITY, 1):
+        if entry.address == (com.IDENTITY, 1):
             return self.vendor_id.to_bytes(4, "little")
         return data
 

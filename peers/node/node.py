@@ -341,7 +341,7 @@ class SimulatedNode:
 
     def write(self, entry: Entry, value: Value) -> None:
         """Take a value after the device's checks."""
-        address = (entry.index, entry.subindex)
+        address = entry.address
         if entry.index == com.STORE_PARAMETERS or entry.index == com.RESTORE_PARAMETERS:
             self._store(entry, value)
             return

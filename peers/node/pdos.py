@@ -110,7 +110,7 @@ class NodePdos:
 
     def check(self, entry: Entry, value: int) -> None:
         """Mapping only changes while the PDO is invalid and its count is 0 (CiA 301 chapter 7.5.2.36)."""
-        index, subindex = entry.index, entry.subindex
+        index, subindex = entry.address
         direction = PdoDirection.RPDO if index < 0x1800 else PdoDirection.TPDO
         communication = _communication(index)
         valid = self._valid(communication)
@@ -132,7 +132,7 @@ class NodePdos:
     def written(self, entry: Entry) -> None:
         """A parameter got its value; those of a PDO that is not valid are not in force before its COB-ID is."""
         communication = _communication(entry.index)
-        if (entry.index, entry.subindex) == (communication, 1) or self._valid(communication):
+        if entry.address == (communication, 1) or self._valid(communication):
             self.map()
 
     def _valid(self, communication: int) -> bool:

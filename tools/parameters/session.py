@@ -116,9 +116,7 @@ class Session:
             vendor, product = (None if answer.failed else int(answer.values[0]) for answer in answers)
             families = families_of(vendor, product or 0)
             profile = with_units(DRIVE_OBJECTS.entries, families)
-            self._drive_objects = {(entry.index, entry.subindex): entry for entry in profile} | dict(
-                entries_of(families)
-            )
+            self._drive_objects = {entry.address: entry for entry in profile} | dict(entries_of(families))
         return self._drive_objects
 
     def name_and_unit(self, pnu: int, subindex: int) -> tuple[str, str]:
