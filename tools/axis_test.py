@@ -136,7 +136,7 @@ class AxisTest:
     ) -> None:
         self.config = configuration(config, do_id)
         self.outcome = Outcome()
-        self._place = f"DO {do_id}, node {self.config.axis[0].node_id}"
+        self._do_id = do_id
         self._wanted = f"turn {do_id}"
         self._transport = config.transport
         self._edge = edge
@@ -244,8 +244,9 @@ class AxisTest:
         self._wait(decided, _ONLINE_NS, "the drive is online")
         drive = client.drive_type
         if client.status is not NodeStatus.ONLINE or drive is None:
-            raise DoubtError(f"{self._place}, {client.status.value}: {client.status_text}")
-        self._tell(f"{self._place}: {drive.name}" + (f", family {drive.family}" if drive.family else ""))
+            raise DoubtError(f"DO {self._do_id}, {client.status.value}: {client.status_text}")
+        place = f"DO {self._do_id}, node {self.config.axis[0].node_id}"
+        self._tell(f"{place}: {drive.name}" + (f", family {drive.family}" if drive.family else ""))
         for line in drive.scaling.lines:
             self._tell(f"  {line}")
         refusal = lacks(drive, TELEGRAM)

@@ -55,7 +55,7 @@ def test_keys_of_the_configuration_come_first(tmp_path: Path) -> None:
 def test_a_node_that_does_not_answer_is_named(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     status, output = _check(tmp_path, keys="[[axis]]\ndo_id = 2\nnode_id = 9\ntelegram = 1\nsdo_timeout_ms = 10")
     assert status == 1
-    assert "DO 2, node 9: node 9" in output
+    assert "DO 2: node 9: " in output, "the node is named once"
     assert "a drive that answers SDO" in output
     assert "DO 1, node 5: Servo drive" in output
     assert [item.getMessage() for item in caplog.records if item.name.startswith("canopen")] == []

@@ -79,15 +79,16 @@ def _ask(config: GatewayConfig, axis: AxisConfig) -> PdoPlan | None:
     from pdgw.gateway.fitness import lacks, planned  # noqa: PLC0415
     from pdgw.tools.on_loop import complete, opened  # noqa: PLC0415
 
-    name = f"DO {axis.do_id}, node {axis.node_id}"
     try:
         dictionary = load_eds(axis.eds, axis.node_id) if axis.eds else None
         with opened(config.bus_of(axis)) as network, Inquiry(network, axis.node_id, axis.sdo_timeout_ms / 1000) as node:
             drive = complete(network.loop, lambda: probe(node, dictionary, axis.units, axis.family or ""))
     except CanopenError as error:
-        typer.echo(f"{name}: {error}")
+        typer.echo(f"DO {axis.do_id}: {error}")  # which says what of the node, its bus or its data sheet is wrong
         return None
-    typer.echo(f"{name}: {drive.name}" + (f", family {drive.family}" if drive.family else ""))
+    typer.echo(
+        f"DO {axis.do_id}, node {axis.node_id}: {drive.name}" + (f", family {drive.family}" if drive.family else "")
+    )
     for line in drive.scaling.lines:
         typer.echo(f"  {line}")
     settings = axis.settings_at(config.transport.cycle_time_ms)
