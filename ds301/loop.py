@@ -17,6 +17,7 @@ import logging
 import queue
 import socket
 import time
+import traceback
 from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -112,8 +113,7 @@ class Task:
         except Exception as error:
             # One task's mistake must not end the exchange of all; it is told, and whoever waits for the task sees it.
             self.error = error
-            self._loop.task_errors += 1
-            log.exception("task %s ended with an error", self.name)
+            self._loop.unexpected(f"task {self.name} ended", error)
         finally:
             self._loop.tasks.discard(self)
             self.done.set()
@@ -130,8 +130,14 @@ class Loop(abc.ABC):
         self.counters = Counters()
         """Of everything that runs on the loop."""
         self.task_errors = 0
+        self._told: set[tuple[str, type[Exception], str, int]] = set()
+        """Errors nobody expected: what they ended, their kind and the place they came from."""
         self.counters.add(
-            "loop", "task_errors", "tasks", "ended with an error nobody expected, see the log", lambda: self.task_errors
+            "loop",
+            "task_errors",
+            "errors",
+            "nobody expected, of a task or of one request, see the log",
+            lambda: self.task_errors,
         )
         self._timers: list[tuple[int, int, Timer]] = []
         self._number = 0
@@ -202,6 +208,18 @@ class Loop(abc.ABC):
         self.tasks.add(task)
         task.resume()
         return task
+
+    def unexpected(self, what: str, error: Exception) -> None:
+        """A mistake of the program ended ``what``, and nothing else: counted, and logged with its traceback the first time.
+
+        Whoever asks again and again must not fill the log.
+        """
+        self.task_errors += 1
+        frame, line = list(traceback.walk_tb(error.__traceback__))[-1]
+        place = (what, type(error), frame.f_code.co_filename, line)
+        if place not in self._told:
+            self._told.add(place)
+            log.error("%s by an error nobody expected; the same is only counted from now on", what, exc_info=error)
 
     def end_tasks(self) -> None:
         """End every task where it waits: one that waits for ever keeps all that it knows, and the collector cannot help."""

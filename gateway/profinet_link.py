@@ -114,6 +114,7 @@ class ProfinetLink:
             now=loop.now(),
             boot_time=int(loop.wall()) & 0xFFFFFFFF,
         )
+        self._failed = self.device.cm.server.on_error = partial(loop.unexpected, "a PROFINET call was ended")
         self._register_counters(loop.counters)
 
     def _first_ip(self, stored: str | None) -> IpSuite:
@@ -343,12 +344,15 @@ class ProfinetLink:
         """Calls run in a task: one that writes to the disk waits there, and the exchange goes on."""
         while True:
             data, source = self._datagrams.get()
-            if self._pairing is not None and self._pairing.together:
-                self._exchange()  # the frame that waits came before this call
-            self.device.on_datagram(data, source, self._loop.now())
-            if self.device.relation is not self._placed_for and self._newest is not None:
-                self.send(*self._newest, ())
-            self._pump()
+            try:
+                if self._pairing is not None and self._pairing.together:
+                    self._exchange()  # the frame that waits came before this call
+                self.device.on_datagram(data, source, self._loop.now())
+                if self.device.relation is not self._placed_for and self._newest is not None:
+                    self.send(*self._newest, ())
+                self._pump()
+            except Exception as error:  # of one call: the next is served
+                self._failed(error)
 
     def _on_due(self) -> None:
         pairing, now = self._pairing, self._loop.now()

@@ -166,10 +166,7 @@ class Records:
         request = self._requests.get(owner)
         if request is None or not request.done():
             raise RecordRefused(AccessError.STATE_CONFLICT)
-        error = request.exception()
-        if error is not None:
-            log.error("parameter request failed: %r", error)
-        response = None if error is not None else request.result()
+        response = None if request.exception() is not None else request.result()
         if response is None:
             del self._requests[owner]
             raise RecordRefused(AccessError.READ_ERROR)

@@ -68,6 +68,7 @@ class _Worker:
         self.answered = 0
         self.refused = 0
         part = f"parameters of DO {do_id}"
+        self._ended = f"a request for {part} was ended"
         loop.counters.add(part, "answered", "requests", "served with all their values", lambda: self.answered)
         loop.counters.add(part, "refused", "requests", "of which something was refused", lambda: self.refused)
         self._task = loop.spawn(self._run, part)
@@ -100,7 +101,8 @@ class _Worker:
         request_host.set(host)
         try:
             response = answer(data, lambda _: drive_object, MAX_BLOCK)
-        except Exception as error:  # belongs to whoever reads the answer
+        except Exception as error:  # of one request: whoever reads its answer is refused, the next is served
+            self._loop.unexpected(self._ended, error)
             future.set_exception(error)
         else:
             if response is None or is_negative(response):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from functools import partial
 from ipaddress import IPv4Network
 from typing import TYPE_CHECKING
 
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from pdgw.gateway.profinet_link import ProfinetLink
 
 _AT_ONCE = 16
+_CALL = "a call of the record port was ended"
 
 
 class AcyclicServer:
@@ -35,6 +37,7 @@ class AcyclicServer:
         self.server: RecordServer[Address] = RecordServer(
             records.of, MAX_BLOCK, boot_time=int(daemon.loop.wall()) & 0xFFFFFFFF
         )
+        self.server.on_error = partial(daemon.loop.unexpected, _CALL)
         self._datagrams: deque[tuple[bytes, Address]] = deque()
         self._filled = Event(daemon.loop)
         self._task: Task | None = None
@@ -76,8 +79,11 @@ class AcyclicServer:
                 self.port.start(self._on_readable)
                 self._filled.wait()
             data, source = self._datagrams.popleft()
-            for answer in self.server.receive(data, source, self._loop.now()):
-                self.port.send(answer, source)
+            try:
+                for answer in self.server.receive(data, source, self._loop.now()):
+                    self.port.send(answer, source)
+            except Exception as error:  # of one datagram: the next is served
+                self._loop.unexpected(_CALL, error)
             # One datagram a slice: the exchange comes first.
             self._loop.sleep(0)
 

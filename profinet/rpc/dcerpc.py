@@ -63,6 +63,8 @@ NO_FLAGS = Flags(0)
 class RejectStatus(enum.IntEnum):
     """Body of a REJECT or FAULT packet."""
 
+    FAILED = 0x1C000012
+    """nca_s_fault_unspec: the call was begun, and ended by a mistake of the server."""
     OPERATION_OUT_OF_RANGE = 0x1C010002
     UNKNOWN_INTERFACE = 0x1C010003
     PROTOCOL_ERROR = 0x1C01000B

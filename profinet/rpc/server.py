@@ -60,6 +60,10 @@ class _Call:
     answer: list[bytes] | None = None
 
 
+def _raise(error: Exception) -> None:
+    raise error
+
+
 class RpcServer(Generic[Source]):
     """Sans-I/O: ``receive`` gets each datagram and returns those to send back. Not thread-safe.
 
@@ -76,6 +80,8 @@ class RpcServer(Generic[Source]):
         self._limit = limit
         self._boot_time = boot_time
         self._calls: OrderedDict[tuple[Source, UUID], _Call] = OrderedDict()
+        self.on_error: Callable[[Exception], None] = _raise
+        """Told of an error nobody expected in a call. Where it returns the caller gets a FAULT, and the next call is served."""
         self.malformed = 0
         """Datagrams that were no RPC packets."""
         self.repeated = 0
@@ -119,7 +125,7 @@ class RpcServer(Generic[Source]):
         try:
             whole = call.reassembly.add(header, body)
         except ProfidriveError:
-            call.answer = [self._reject(header, RejectStatus.PROTOCOL_ERROR)]
+            call.answer = [self._status(PacketType.REJECT, header, RejectStatus.PROTOCOL_ERROR)]
             return call.answer
         if whole is None:
             self._forget_unfinished()
@@ -137,15 +143,19 @@ class RpcServer(Generic[Source]):
     def _execute(self, header: RpcHeader, body: bytes, source: Source, now: int) -> list[bytes]:
         execute = self._interfaces.get((header.interface, header.interface_version))
         if execute is None:
-            return [self._reject(header, RejectStatus.UNKNOWN_INTERFACE)]
-        result = execute(header, body, source, now)
+            return [self._status(PacketType.REJECT, header, RejectStatus.UNKNOWN_INTERFACE)]
+        try:
+            result = execute(header, body, source, now)
+        except Exception as error:  # one caller's: all others are served
+            self.on_error(error)
+            return [self._status(PacketType.FAULT, header, RejectStatus.FAILED)]
         if isinstance(result, RejectStatus):
-            return [self._reject(header, result)]
+            return [self._status(PacketType.REJECT, header, result)]
         return dcerpc.encode_fragments(header.answer(PacketType.RESPONSE, server_boot=self._boot_time), result)
 
-    def _reject(self, header: RpcHeader, status: RejectStatus) -> bytes:
+    def _status(self, packet_type: PacketType, header: RpcHeader, status: RejectStatus) -> bytes:
         body = dcerpc.encode_status(status, little=header.little_endian)
-        return dcerpc.encode_packet(header.answer(PacketType.REJECT, server_boot=self._boot_time), body)
+        return dcerpc.encode_packet(header.answer(packet_type, server_boot=self._boot_time), body)
 
 
 # -- records ----------------------------------------------------------------------------------------------------------
