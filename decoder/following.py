@@ -30,7 +30,7 @@ from pdgw.decoder.timeline import Anomaly, AnomalyKind, Edge, Entry, Event
 from pdgw.ds301.pdo import PdoDirection
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS
-from pdgw.gateway.transport.cyclic import CyclicEndpoint, Verdict
+from pdgw.gateway.transport.cyclic import WATCHDOG_FACTOR, WATCHDOG_FACTOR_MAX, CyclicEndpoint, Verdict
 from pdgw.profidrive.frame import COUNTER_UNIT_NS, IOPS_GOOD, is_newer
 from pdgw.profidrive.telegrams import Direction, telegram
 
@@ -46,8 +46,6 @@ _JUDGED: Final = 16
 _COUNTER_CYCLES: Final = 10
 """A counter that is a clock may be off by so many cycles: a recorder and a busy sender wait."""
 _SENDER = ("recorded", 0)
-_DEFAULT_FACTOR: Final = 3
-_NEVER: Final = 255
 _VERDICTS = {Verdict.STALE: AnomalyKind.STALE, Verdict.PROVIDER_STOP: AnomalyKind.STOPPED}
 _NOTHING: Final[tuple[Entry, ...]] = ()
 
@@ -235,9 +233,9 @@ class _Exchange:
         self._factor = watchdog_factor
         telegrams = [telegram(item.axis.telegram) for item in objects]
         self._endpoint: CyclicEndpoint | ProfinetEndpoint = CyclicEndpoint(
-            telegrams, cycle_ns=cycle_ns, watchdog_factor=_NEVER, delays=False
+            telegrams, cycle_ns=cycle_ns, watchdog_factor=WATCHDOG_FACTOR_MAX, delays=False
         )
-        self._watchdog_ns = (watchdog_factor or _DEFAULT_FACTOR) * cycle_ns
+        self._watchdog_ns = (watchdog_factor or WATCHDOG_FACTOR) * cycle_ns
         self._counters = {
             Direction.SETPOINT: _CycleCounter("PLC -> gateway", cycle_ns),
             Direction.ACTUAL: _CycleCounter("gateway -> PLC", cycle_ns),
@@ -257,7 +255,7 @@ class _Exchange:
         endpoint = self._endpoint
         if not isinstance(endpoint, ProfinetEndpoint):
             axes = [item.axis for item in self._order]
-            endpoint = self._endpoint = ProfinetEndpoint(axes, self._factor or _DEFAULT_FACTOR)
+            endpoint = self._endpoint = ProfinetEndpoint(axes, self._factor or WATCHDOG_FACTOR)
         endpoint.relate(change, connection)
         self._watchdog_ns = endpoint.watchdog_ns
         if change is Change.GRANTED:
@@ -371,7 +369,7 @@ class _Exchange:
         self._step(expiry)
 
     def _lose(self) -> None:
-        self._endpoint.poll(self._last_frame + max(_NEVER * self._cycle_ns, self._watchdog_ns) + 1)
+        self._endpoint.poll(self._last_frame + max(WATCHDOG_FACTOR_MAX * self._cycle_ns, self._watchdog_ns) + 1)
 
     def _step(self, now: int) -> None:
         ignored = self._unused >= _UNUSED

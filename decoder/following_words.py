@@ -8,7 +8,7 @@ from typing import Final, NamedTuple
 from pdgw.decoder.fields import entry_field, half_fields
 from pdgw.decoder.following_object import Put
 from pdgw.decoder.timeline import Edge, WordKind
-from pdgw.dsp402.objects import DRIVE_OBJECTS
+from pdgw.dsp402.objects import CONTROL_ATTRIBUTE, DRIVE_OBJECTS, STATUS_ATTRIBUTE
 from pdgw.dsp402.overlay import all_families
 from pdgw.profidrive.telegrams import Telegram
 
@@ -52,7 +52,7 @@ class Words:
 
     def are_of(self, families: tuple[str, ...]) -> None:
         """The words on CAN are those of a drive of one of these families."""
-        for kind, attribute in ((WordKind.CONTROLWORD, "controlword"), (WordKind.STATUSWORD, "statusword")):
+        for kind, attribute in ((WordKind.CONTROLWORD, CONTROL_ATTRIBUTE), (WordKind.STATUSWORD, STATUS_ATTRIBUTE)):
             self.fields[kind] = entry_field(DRIVE_OBJECTS.attribute(attribute), families)
 
     def edge(self, kind: WordKind, now: int, value: int) -> Edge | None:

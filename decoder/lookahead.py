@@ -14,15 +14,13 @@ from pdgw.decoder.can_records import CanRecord, PdoRecord
 from pdgw.decoder.clocks import AxisWords, Clocks, Word, correlate
 from pdgw.decoder.cyclic import Axis
 from pdgw.decoder.records import BusKind, CyclicRecord, Record
-from pdgw.dsp402.objects import DRIVE_OBJECTS
+from pdgw.dsp402.objects import CONTROLWORD, STATUSWORD
 from pdgw.profidrive.telegrams import Direction
 
 ENOUGH: Final = 120
 """Changes of words on each bus that make the offset of the clocks sure."""
 _CYCLES: Final = 2000
 """Cycles whose length is measured."""
-_CONTROLWORD = (DRIVE_OBJECTS.attribute("controlword").index, 0)
-_STATUSWORD = (DRIVE_OBJECTS.attribute("statusword").index, 0)
 
 
 class Lookahead:
@@ -74,7 +72,7 @@ class Lookahead:
             if axis.bus not in {"", record.channel}:
                 continue
             words = self.words[axis.do_id]
-            for address, kept in ((_CONTROLWORD, words.controlword), (_STATUSWORD, words.statusword)):
+            for address, kept in ((CONTROLWORD, words.controlword), (STATUSWORD, words.statusword)):
                 if address in layout.addresses:
                     value = layout.unpack(record.data)[layout.addresses.index(address)]
                     if isinstance(value, int):

@@ -11,7 +11,7 @@ from pdgw.decoder.profinet_endpoint import ProfinetEndpoint
 from pdgw.decoder.profinet_records import Change
 from pdgw.decoder.recorded import Setpoints
 from pdgw.gateway.transport.confirmation import CONFIRMING_FRAMES, Orders
-from pdgw.gateway.transport.cyclic import CyclicEndpoint, Verdict
+from pdgw.gateway.transport.cyclic import WATCHDOG_FACTOR, CyclicEndpoint, Verdict
 from pdgw.gateway.transport.sequence import SEQUENCE_FRAMES
 from pdgw.profidrive.telegrams import Telegram
 
@@ -162,7 +162,7 @@ def receive_frames(
     telegrams: Sequence[Telegram],
     *,
     cycle_ns: int,
-    watchdog_factor: int = 3,
+    watchdog_factor: int = WATCHDOG_FACTOR,
     ended_ns: int | None = None,
 ) -> PlcInputs:
     """Feed recorded frames to a ``CyclicEndpoint``; all count as coming from one sender.

@@ -33,12 +33,12 @@ from pdgw.dsp402.generic import recorded_addresses, recorded_drive_type, recorde
 from pdgw.dsp402.objects import HOMING_METHOD
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.values import Configured
+from pdgw.gateway.transport.cyclic import WATCHDOG_FACTOR
 from pdgw.profidrive.frame import IOPS_GOOD
 from pdgw.profidrive.signals import signal
 from pdgw.profidrive.telegrams import Direction, telegram
 
 _PROBE: Final = frozenset({touch_probe.FUNCTION, touch_probe.STATUS, *touch_probe.POSITIONS})
-_WATCHDOG_FACTOR = 3
 
 
 @dataclass
@@ -158,9 +158,9 @@ class Collector:
         return max(1, gaps[len(gaps) // 2]) if gaps else 4_000_000
 
     def measured_watchdog_factor(self, cycle_ns: int) -> int:
-        """Cycles without a frame after which the gateway's answers (IOCS) show the PLC as lost; 3 where they never do."""
+        """Cycles without a frame until the gateway's answers (IOCS) show the PLC as lost; the default where they never do."""
         if self._profinet:
-            return _WATCHDOG_FACTOR
+            return WATCHDOG_FACTOR
         frames = self._frame_times
         answers = next(iter(self._answers.values()), [])
         tolerated, lost = 0, None
@@ -173,7 +173,7 @@ class Collector:
                 tolerated = max(tolerated, silent + 1)
             elif silent > 1 and (lost is None or silent < lost):
                 lost = silent
-        return lost if lost is not None and lost >= tolerated else max(_WATCHDOG_FACTOR, tolerated)
+        return lost if lost is not None and lost >= tolerated else max(WATCHDOG_FACTOR, tolerated)
 
     def _ended_ns(self, watchdog_ns: int) -> int | None:
         """When the gateway itself began to end: to the end of the recording no PLC is there (IOCS), and none was lost before."""

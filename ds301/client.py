@@ -104,7 +104,7 @@ class NodeClient(ConfiguringAccess, abc.ABC, Generic[S]):
         """The time for SDO answers of a node that was found to need more than configured."""
         self._booted = Event(self.loop)
         self._wake = Event(self.loop)
-        """Something for the node's task: a job, a loss, another telegram."""
+        """Something for the node's task: a job, a loss, another layout."""
         self._reconfigure = False
         self._held = False
         self._check_at: int | None = None
@@ -274,7 +274,7 @@ class NodeClient(ConfiguringAccess, abc.ABC, Generic[S]):
             except (struct.error, ValueError) as error:  # canopen unpacks SDO answers unchecked
                 self._refuse(f"node {self.settings.node_id} sent an SDO answer that cannot be decoded ({error})")
             else:
-                # Brought up for a telegram that is no longer chosen, or restarted meanwhile: once more.
+                # Brought up for a layout that is no longer chosen, or restarted meanwhile: once more.
                 if self.status is NodeStatus.ONLINE:
                     self._supervise()
 
@@ -384,7 +384,7 @@ class NodeClient(ConfiguringAccess, abc.ABC, Generic[S]):
 
     @property
     def _interrupted(self) -> bool:
-        """What is being brought up restarted, or is to be another telegram's."""
+        """What is being brought up restarted, or is to get another layout."""
         return self._booted.is_set() or self._reconfigure
 
     def _await_tpdos(self) -> None:

@@ -12,8 +12,6 @@ from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.objects import CanType
 from pdgw.ds301.pdo import COB_ID_INVALID, COB_ID_NO_REMOTE, Pdo, PdoDirection
 
-CONSUMER_HEARTBEAT = (0x1016, 1)
-PRODUCER_HEARTBEAT = (0x1017, 0)
 EVENT_DRIVEN_MANUFACTURER = 254
 EVENT_DRIVEN_PROFILE = 255
 EVERY_SYNC = 1

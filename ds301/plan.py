@@ -98,15 +98,15 @@ class PdoPlan:
         ]
         return (*map(str, (*self.rpdos, *self.tpdos)), *told, *self.notes)
 
-    def frames(self, node_id: int, cycle_rate: float, tpdo_rate: float) -> list[CyclicFrames]:
+    def frames(self, node_id: int, cycle_rate: float, tpdo_rate: float, often: Collection[str]) -> list[CyclicFrames]:
         """The frames of its PDOs when every value changes in every cycle; rates per second, of event-driven TPDOs ``tpdo_rate``.
 
-        Controlword and state may change in every cycle; tasks and the slow values of the other PDOs do not.
+        ``often``: what may change in every cycle; tasks and the slow values of PDOs without any of it do not.
         """
         found = []
         for item in (*self.rpdos, *self.tpdos):
             rate = cycle_rate if item.pdo.direction is PdoDirection.RPDO or item.pace is Pace.SYNC else tpdo_rate
-            slow = item.pace is not Pace.SYNC and not {"controlword", "statusword"} & set(item.pdo.attributes)
+            slow = item.pace is not Pace.SYNC and set(item.pdo.attributes).isdisjoint(often)
             found.append(
                 CyclicFrames(f"{item.pdo} {node_id}", item.pdo.size, min(rate, _DATA_PDO_RATE) if slow else rate)
             )

@@ -5,20 +5,11 @@ Source: docs/translation.md "Loss and doubt".
 
 from __future__ import annotations
 
-from pdgw.ds301.configuration import CONSUMER_HEARTBEAT, PRODUCER_HEARTBEAT, SdoStep
+from pdgw.ds301.communication import CONSUMER_HEARTBEAT, PRODUCER_HEARTBEAT
+from pdgw.ds301.configuration import SdoStep
 from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.objects import CanType
 from pdgw.dsp402.errors import Dsp402Error
-
-__all__ = [
-    "ABORT_OPTION",
-    "CONSUMER_HEARTBEAT",
-    "INTERPOLATION_TIME",
-    "PRODUCER_HEARTBEAT",
-    "SdoStep",
-    "guard_steps",
-    "interpolation_steps",
-]
 
 ABORT_OPTION = (0x6007, 0)
 INTERPOLATION_TIME = 0x60C2
@@ -48,10 +39,10 @@ def guard_steps(gateway_node_id: int, consumer_ms: int, producer_ms: int, abort_
     try:
         return [
             SdoStep(
-                *CONSUMER_HEARTBEAT, CanType.U32, gateway_node_id << 16 | consumer_ms, "the drive guards the gateway"
+                CONSUMER_HEARTBEAT, 1, CanType.U32, gateway_node_id << 16 | consumer_ms, "the drive guards the gateway"
             ),
             SdoStep(*ABORT_OPTION, CanType.I16, abort_option, "reaction to a lost gateway"),
-            SdoStep(*PRODUCER_HEARTBEAT, CanType.U16, producer_ms, "the drive's heartbeat"),
+            SdoStep(PRODUCER_HEARTBEAT, 0, CanType.U16, producer_ms, "the drive's heartbeat"),
         ]
     except CanopenError as error:
         raise Dsp402Error(error.field, error.value, error.allowed) from error

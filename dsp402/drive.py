@@ -36,9 +36,8 @@ from pdgw.dsp402.guarding import Guarding, guard
 from pdgw.dsp402.images import DriveCommand, DriveFeedback
 from pdgw.dsp402.mapping import DriveMapping
 from pdgw.dsp402.modes import Mode
-from pdgw.dsp402.objects import CONTROLWORD, HOMING_METHOD, MODE, MODE_DISPLAY, STATUSWORD
+from pdgw.dsp402.objects import CONTROL_ATTRIBUTE, CONTROLWORD, HOMING_METHOD, MODE, MODE_DISPLAY, STATUSWORD
 from pdgw.dsp402.pdo import interpolated
-from pdgw.dsp402.planner import CONTROLWORD as CONTROL
 from pdgw.dsp402.settings import DriveSettings
 from pdgw.dsp402.states import Command, ControlBit, FaultReset, State, state_of
 from pdgw.dsp402.witness import Witness
@@ -140,7 +139,7 @@ class DriveClient(NodeClient[DriveSettings]):
         super().__init__(network, settings, layout, dictionary, on_event)
 
     def reconfigure(self, layout: PdoLayout, settings: DriveSettings) -> None:
-        """Another telegram: map the PDOs anew; the drive must not be in operation."""
+        """Another layout: map the PDOs anew; the drive must not be in operation."""
         self._change(layout, settings)
 
     @property
@@ -316,7 +315,7 @@ class DriveClient(NodeClient[DriveSettings]):
         self._control = _Sender(control.pdo, control.cob_id)
         self._data_senders = [_Sender(item.pdo, item.cob_id) for item in data]
         self._acyclic_rpdos = [_Values(pdo) for pdo in plan.written]
-        self._starts_early = control.pdo.attributes[-1] != CONTROL
+        self._starts_early = control.pdo.attributes[-1] != CONTROL_ATTRIBUTE
         self._witness = Witness(item.pdo for item in plan.tpdos)
         self._witness_due = self.loop.now() + _WITNESS_NS
         self._dropped = ""

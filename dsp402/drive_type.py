@@ -23,18 +23,18 @@ _ABSENT = "no object of this drive"
 
 
 class Quantity(enum.Enum):
-    """What a telegram's signals are fractions of; the value is its name in messages."""
+    """What set-points and actual values can be fractions of; the value is its name in messages."""
 
     SPEED = "speed"
-    """NSOLL, NIST: 60FFh, 606Ch."""
+    """60FFh, 606Ch."""
     PROFILE_VELOCITY = "profile velocity"
-    """MDI_VELOCITY: 6081h, while homing 6099h."""
+    """6081h, while homing 6099h."""
     ACCELERATION = "acceleration"
-    """MDI_ACC: 6083h."""
+    """6083h."""
     DECELERATION = "deceleration"
-    """MDI_DEC: 6084h."""
+    """6084h."""
     POSITION = "position"
-    """MDI_TARPOS, XIST_A: 607Ah, 6064h."""
+    """607Ah, 6064h."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +53,7 @@ class Scaling:
     unknown: Mapping[Quantity, str] = field(default_factory=dict)
     """Why a quantity is not known, and the configuration key that gives it."""
     rated_speed_rpm: Fraction | None = None
-    """100 % of NSOLL in rpm of the motor."""
+    """100 % of a speed in rpm of the motor."""
     position_range: tuple[int, int] | None = None
     """Targets (607Ah) the drive can be sent, in position units; None: no limit but that of the object."""
     position_wraps: bool = False

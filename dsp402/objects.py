@@ -29,13 +29,16 @@ NEGATIVE_LIMIT_SWITCH = 1 << 0
 """Bits of 60FDh (CiA 402)."""
 POSITIVE_LIMIT_SWITCH = 1 << 1
 HOMING_SPEEDS: Final = 0x6099
+CONTROL_ATTRIBUTE: Final = "controlword"
+STATUS_ATTRIBUTE: Final = "statusword"
+"""Image attributes of the two words without which nothing is commanded and nothing known."""
 
 DRIVE_OBJECTS = Catalogue(
     (
         var(0x6007, "Abort Connection Option Code", I16, RW),
         var(0x603F, "Error Code", U16, RO, pdo=True, attribute="emcy_code"),
-        var(0x6040, "Controlword", U16, RW, pdo=True, attribute="controlword"),
-        var(0x6041, "Statusword", U16, RO, pdo=True, attribute="statusword"),
+        var(0x6040, "Controlword", U16, RW, pdo=True, attribute=CONTROL_ATTRIBUTE),
+        var(0x6041, "Statusword", U16, RO, pdo=True, attribute=STATUS_ATTRIBUTE),
         var(0x605A, "Quick Stop Option Code", I16, RW),
         var(0x605B, "Shutdown Option Code", I16, RW),
         var(0x605C, "Disable Operation Option Code", I16, RW),
@@ -125,8 +128,8 @@ DRIVE_OBJECTS = Catalogue(
     )
 )
 """The profile area; the communication area (1000h-1FFFh) is in ``ds301.communication``."""
-CONTROLWORD: Final = DRIVE_OBJECTS.attribute("controlword").address
-STATUSWORD: Final = DRIVE_OBJECTS.attribute("statusword").address
+CONTROLWORD: Final = DRIVE_OBJECTS.attribute(CONTROL_ATTRIBUTE).address
+STATUSWORD: Final = DRIVE_OBJECTS.attribute(STATUS_ATTRIBUTE).address
 MODE: Final = DRIVE_OBJECTS.attribute("modes_of_operation").address
 MODE_DISPLAY: Final = DRIVE_OBJECTS.attribute("modes_of_operation_display").address
 ERROR_CODE: Final = DRIVE_OBJECTS.attribute("emcy_code").address

@@ -1,7 +1,7 @@
 """PDO layouts of the drive: which objects travel in which PDO for a given kind of operation.
 
-Source: translation decisions (docs/translation.md, PDO layouts). Keys name the operation, not the telegram, because
-this package knows no PROFIdrive; the gateway chooses.
+Source: translation decisions (docs/translation.md, PDO layouts). Keys name the operation; who owns the drive
+chooses.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Plans the PDOs of a drive: what a telegram needs, put into what this drive has.
+"""Plans the PDOs of a drive: what its owner needs, put into what this drive has.
 
 Source: CiA DS 301 (PDO parameters), CiA 402 (pre-defined PDOs), docs/translation.md "PDO layouts". Pure: the data sheet's part
 is in the ``DriveType``, what the device itself has answered since is ``Findings``. Left out: bit-granular mappings.
@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Final
 
 from pdgw.ds301.configuration import EVENT_DRIVEN_PROFILE, EVENT_TIMER, EVERY_SYNC, SYNC_TYPES
 from pdgw.ds301.objects import CanType, Entry
@@ -19,13 +18,12 @@ from pdgw.ds301.pdo import Pdo, PdoDirection, PdoLayout
 from pdgw.ds301.plan import Pace, PdoPlan, PlannedPdo
 from pdgw.dsp402.drive_type import DriveType, PdoSlot
 from pdgw.dsp402.errors import Dsp402Error
+from pdgw.dsp402.objects import CONTROL_ATTRIBUTE, STATUS_ATTRIBUTE
 
 Key = tuple[PdoDirection, int]
 """Direction and number of a PDO."""
 Address = tuple[int, int]
-CONTROLWORD: Final = "controlword"
-STATUSWORD: Final = "statusword"
-_ESSENTIAL = {CONTROLWORD, STATUSWORD}
+_ESSENTIAL = {CONTROL_ATTRIBUTE, STATUS_ATTRIBUTE}
 _PDO_BYTES = 8
 _OBJECTS = 8
 _COB_IDS = range(0x181, 0x580)
@@ -77,7 +75,7 @@ def found_in_data_sheet(drive: DriveType) -> Findings:
 def plan_pdos(
     needs: PdoLayout, drive: DriveType, node_id: int, findings: Findings, *, sync: bool, sync_rpdos: bool = False
 ) -> PdoPlan:
-    """The plan for what a telegram ``needs``; ``sync``: TPDOs wait for the gateway's SYNC, ``sync_rpdos``: RPDOs too.
+    """The plan for what the owner ``needs``; ``sync``: TPDOs wait for the gateway's SYNC, ``sync_rpdos``: RPDOs too.
 
     Dsp402Error when Controlword or Statusword have no PDO, or the drive lacks an object.
     """
@@ -94,7 +92,7 @@ def plan_pdos(
         for entry in entry_pdo.entries
         if entry.attribute
     ]
-    last_first = sorted(rpdos, key=lambda item: (CONTROLWORD in item.pdo.attributes, -item.pdo.number))
+    last_first = sorted(rpdos, key=lambda item: (CONTROL_ATTRIBUTE in item.pdo.attributes, -item.pdo.number))
     return PdoPlan(tuple(last_first), tuple(tpdos), tuple(written), tuple(read), tuple(notes))
 
 
@@ -121,7 +119,7 @@ class _Direction:
         self.findings = findings
         self.notes = notes
         self.sync = sync
-        self.essential = CONTROLWORD if direction is PdoDirection.RPDO else STATUSWORD
+        self.essential = CONTROL_ATTRIBUTE if direction is PdoDirection.RPDO else STATUS_ATTRIBUTE
         slots = drive.pdos.rpdos if direction is PdoDirection.RPDO else drive.pdos.tpdos
         self.slots = {slot.number: slot for slot in slots if self._is_usable(slot)}
         self.fixed = {number: self._mapping(number) for number in self.slots if self._is_fixed(number)}
@@ -226,7 +224,7 @@ class _Direction:
                 and (pdo := self._carried(number, mapping, wanted)) is not None
             ]
             if self.direction is PdoDirection.RPDO:
-                found = [item for item in found if (CONTROLWORD in item[2].attributes) is not has_essential]
+                found = [item for item in found if (CONTROL_ATTRIBUTE in item[2].attributes) is not has_essential]
             if not found:
                 break
             _, _, best = max(found)
@@ -237,7 +235,7 @@ class _Direction:
         return adopted
 
     def _gain(self, pdo: Pdo, wanted: Mapping[Address, Entry]) -> int:
-        """How much a fixed PDO is worth: the essential word first, then what the telegram names first."""
+        """How much a fixed PDO is worth: the essential word first, then what the layout names first."""
         order = [entry.attribute for entry in wanted.values()]
         worth = sum(1 << (len(order) - order.index(name)) for name in pdo.attributes)
         return worth + (1 << len(order) + 1 if self.essential in pdo.attributes else 0)

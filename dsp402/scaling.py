@@ -1,4 +1,4 @@
-"""What 100 % of a telegram's signals is in a drive's own units: found, in a fixed order of sources, or refused.
+"""What 100 % of a speed, an acceleration or a position is in a drive's own units: found, in a fixed order of sources, or refused.
 
 Sources, first to last: the configuration; the SI units 60A8h to 60AAh; the factor group 608Fh to 6097h; notation and dimension
 index 6089h to 608Eh; 6094h and 6080h as an overlay explains them; the overlay. Exact rational arithmetic; nothing is assumed:
@@ -14,6 +14,7 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 from pdgw.dsp402.drive_type import Quantity, Reference, Scaling
+from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.dsp402.units import Kind, Unit, dimension_unit, parse_unit, si_unit
 
 Address = tuple[int, int]
@@ -58,8 +59,11 @@ SCALING_OBJECTS: tuple[Address, ...] = (
 
 _NO_LIMIT = 0x7FFF_FFFF
 """A limit of this size or above is none, and no reference either."""
-_INT32 = (-(1 << 31), (1 << 31) - 1)
-N4_100_PERCENT = 1 << 30
+_ALL_POSITIONS = DRIVE_OBJECTS.attribute("target_position").limits
+_NO_RANGE = Reference(
+    Fraction(-_ALL_POSITIONS[0], 2),
+    f"100 % = 607Ah {-_ALL_POSITIONS[0] // 2} (no range limit in 607Bh: 200 % is all that 607Ah holds)",
+)
 _MINUTE = 60
 
 
@@ -68,7 +72,7 @@ class UnitKeys:
     """What a configuration says about the units of an axis; None or empty: nothing."""
 
     rated_speed_rpm: Fraction | None = None
-    """100 % of NSOLL and NIST in rpm of the motor."""
+    """100 % of a speed in rpm of the motor."""
     velocity_unit: str = ""
     position_unit: str = ""
     counts_per_revolution: Fraction | None = None
@@ -77,7 +81,7 @@ class UnitKeys:
     gear: Fraction | None = None
     """Revolutions of the motor in one of the shaft behind the gear."""
     rated_acceleration: Fraction | None = None
-    """100 % of MDI_ACC and MDI_DEC in rpm/s of the motor."""
+    """100 % of an acceleration or deceleration in rpm/s of the motor."""
 
 
 def check_unit_keys(keys: UnitKeys) -> None:
@@ -350,7 +354,7 @@ def _acceleration(mechanics: _Mechanics) -> _Found:
 
 
 def _rated_speed(mechanics: _Mechanics, *, vl: bool) -> _Found:
-    """100 % of NSOLL in rpm of the motor."""
+    """100 % of a speed in rpm of the motor."""
     rated = mechanics.keys.rated_speed_rpm
     if rated is not None:
         return _Known(rated, "rated_speed_rpm")
@@ -464,9 +468,8 @@ def _position(mechanics: _Mechanics, range_is_limit: bool) -> tuple[tuple[int, i
     low, high = answers.get((_RANGE_LIMIT, 1)), answers.get((_RANGE_LIMIT, 2))
     software = answers.get((_SOFTWARE_LIMIT, 1), 0), answers.get((_SOFTWARE_LIMIT, 2), 0)
     limits = software if software[0] < software[1] else None
-    if low is None or high is None or low == high == 0 or (low, high) == _INT32:
-        why = "no range limit in 607Bh: N4 is in position units"
-        return limits, False, Reference(Fraction(N4_100_PERCENT), f"100 % = 607Ah {N4_100_PERCENT} ({why})")
+    if low is None or high is None or low == high == 0 or (low, high) == _ALL_POSITIONS:
+        return limits, False, _NO_RANGE
     if high <= 0 or low >= high:
         return (
             limits,

@@ -28,8 +28,8 @@ class DriveSettings(NodeSettings):
     family: str = ""
     """The overlay to take, whatever the drive's identity is."""
     interpolation_us: int = 0
-    """From one SYNC to the next, for a telegram with traversing tasks: a drive without profile position gets a position then.
-    0: the telegram has none."""
+    """From one SYNC to the next, where there are traversing tasks: a drive without profile position gets a position then.
+    0: there are none."""
     initial_mode: Mode | None = None
     """6060h to set and confirm (6061h) while configuring, for layouts that do not carry 6060h.
 

@@ -16,7 +16,8 @@ from canopen.sdo import SdoAbortedError
 
 from pdgw.ds301.aborts import abort_text
 from pdgw.ds301.client import NodeClient
-from pdgw.ds301.configuration import EVENT_DRIVEN_MANUFACTURER, PRODUCER_HEARTBEAT, SdoStep
+from pdgw.ds301.communication import PRODUCER_HEARTBEAT
+from pdgw.ds301.configuration import EVENT_DRIVEN_MANUFACTURER, SdoStep
 from pdgw.ds301.data_sheet import load_dictionary
 from pdgw.ds301.emcy import emcy_text
 from pdgw.ds301.loop import MS
@@ -172,7 +173,7 @@ class EncoderClient(NodeClient[EncoderSettings]):
         if not settings.sync and CYCLIC_TIMER in self.dictionary:
             self._do(SdoStep(CYCLIC_TIMER, 0, CanType.U16, settings.tpdo_event_ms, "cyclic timer"))
         self._heartbeat_expected = settings.heartbeat_ms > 0
-        heartbeat = SdoStep(*PRODUCER_HEARTBEAT, CanType.U16, settings.heartbeat_ms, "the encoder's heartbeat")
+        heartbeat = SdoStep(PRODUCER_HEARTBEAT, 0, CanType.U16, settings.heartbeat_ms, "the encoder's heartbeat")
         try:
             self._write_checked(heartbeat)
         except (Dsp406Error, SdoAbortedError) as error:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from pdgw.ds301.load import CyclicFrames
 from pdgw.ds301.plan import PdoPlan, straight_plan
+from pdgw.dsp402.objects import CONTROL_ATTRIBUTE, STATUS_ATTRIBUTE
 
 if TYPE_CHECKING:
     from pdgw.gateway.config import AxisConfig
@@ -45,7 +46,7 @@ def cyclic_frames(
     for axis in axes:
         plan = (plans or {}).get(axis.node_id) or wanted_plan(axis, cycle_time_ms)
         tpdo_rate = 1e6 / max(axis.inhibit_us(cycle_time_ms), _DRIVE_CYCLE_US)
-        frames += plan.frames(axis.node_id, cycle_rate, tpdo_rate)
+        frames += plan.frames(axis.node_id, cycle_rate, tpdo_rate, (CONTROL_ATTRIBUTE, STATUS_ATTRIBUTE))
         frames.append(CyclicFrames(f"heartbeat {axis.node_id}", 1, 1000 / axis.heartbeat_ms))
         sync |= plan.needs_sync
     for node_id, channels in encoders.items():

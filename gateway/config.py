@@ -210,9 +210,7 @@ class AxisConfig(DriveObjectSection):
         dsc: DscChoices | None = None
         if self.dsc is not None and self.following_window is not None:
             jitter_ns = self.sync_jitter_us * 1000
-            dsc = DscChoices(
-                self.dsc, self.following_window, cycle_ns, self.dsc_delay_cycles, self.xerr_sign, jitter_ns
-            )
+            dsc = DscChoices(self.dsc, self.following_window, self.dsc_delay_cycles, self.xerr_sign, jitter_ns)
         return AxisSettings(
             self.on_plc_loss,
             self.setpoint_enable,

@@ -22,6 +22,7 @@ from pdgw.gateway.config_web import WebConfig
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.positioner_config import EXAMPLE as POSITIONER_EXAMPLE
 from pdgw.gateway.positioner_config import SIMULATED, SIMULATED_BLOCKS
+from pdgw.gateway.transport.cyclic import WATCHDOG_FACTOR
 from pdgw.profidrive.frame import UDP_PORT
 from pdgw.profinet.rpc.dcerpc import UDP_PORT as ACYCLIC_PORT
 
@@ -47,7 +48,7 @@ listen = "127.0.0.1"         # address of this machine towards the PLC
 cyclic_port = {UDP_PORT}
 acyclic_port = {ACYCLIC_PORT}
 cycle_time_ms = 4            # 0.25 to 512
-watchdog_factor = 3          # the PLC is lost after this many cycles without a frame
+watchdog_factor = {WATCHDOG_FACTOR}          # the PLC is lost after this many cycles without a frame
 # parameter_timeout_ms = 2000  # a parameter request is answered within this time
 # ar_uuid = "00000000-0000-0000-0000-000000000000"   # of the static application relationship
 # station_name = "pdgw"      # P61000

@@ -14,6 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field, Strict, model_validator
 from pdgw.explain import misplaced
 from pdgw.gateway import identity
 from pdgw.gateway.ports import STATUS_PORT
+from pdgw.gateway.transport.cyclic import WATCHDOG_FACTOR, WATCHDOG_FACTOR_MAX
 from pdgw.profidrive.frame import UDP_PORT
 from pdgw.profinet.rpc.dcerpc import UDP_PORT as ACYCLIC_PORT
 from pdgw.profinet.rpc.records import NIL
@@ -87,7 +88,7 @@ class TransportConfig(Section):
     cyclic_port: Port = UDP_PORT
     acyclic_port: Port = ACYCLIC_PORT
     cycle_time_ms: Annotated[float, Strict(), Field(ge=0.25, le=512)] = 4
-    watchdog_factor: Annotated[Integer, Field(ge=1, le=255)] = 3
+    watchdog_factor: Annotated[Integer, Field(ge=1, le=WATCHDOG_FACTOR_MAX)] = WATCHDOG_FACTOR
     peer: IPv4Address | None = None
     status_port: Port = STATUS_PORT
     """``pdgw status`` on loopback."""

@@ -14,7 +14,7 @@ from concurrent.futures import Future
 from typing import Any, ClassVar
 
 from pdgw.ds301.client import NodeClient
-from pdgw.ds301.configuration import CONSUMER_HEARTBEAT, PRODUCER_HEARTBEAT
+from pdgw.ds301.communication import CONSUMER_HEARTBEAT, PRODUCER_HEARTBEAT
 from pdgw.ds301.connection_set import NMT
 from pdgw.ds301.network import CanNetwork
 from pdgw.ds301.nmt import NmtCommand
@@ -38,7 +38,7 @@ from pdgw.profidrive.telegrams import Telegram
 
 log = logging.getLogger("gateway")
 
-OWNED = frozenset({CONSUMER_HEARTBEAT, PRODUCER_HEARTBEAT})
+OWNED = frozenset({(CONSUMER_HEARTBEAT, 1), (PRODUCER_HEARTBEAT, 0)})
 """What guards gateway and device against each other."""
 _NOTICE_OF_KIND = {
     "emcy": Notice.EMERGENCY,

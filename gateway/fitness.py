@@ -26,7 +26,7 @@ from pdgw.gateway.positioner_config import SIMULATED, PositionerConfig
 
 _CYCLE_NS = 4_000_000
 _USUAL = AxisSettings(
-    dsc=DscChoices(DscForm.SPEED, following_window=1, cycle_ns=_CYCLE_NS),
+    dsc=DscChoices(DscForm.SPEED, following_window=1),
     cycle_ns=_CYCLE_NS,
     positioner=PositionerConfig.model_validate(SIMULATED).choices(()),
 )

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import ast
+import re
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
 import pytest
+
+from pdgw.profidrive.signals import SIGNALS
 
 ROOT = Path(__file__).parent.parent
 PRODUCT = ("profidrive", "profinet", "ds301", "dsp402", "dsp406", "gateway")
@@ -58,6 +61,19 @@ def test_what_tests_share_knows_none_of_the_tests() -> None:
     shared = {name for file in (ROOT / "tests" / "support").rglob("*.py") for name in imports(file)}
     of_tests = {name for name in shared if name.startswith("tests.") and not name.startswith("tests.support")}
     assert of_tests == set()
+
+
+@pytest.mark.parametrize("room", ["ds301", "dsp402", "dsp406"])
+def test_the_rooms_of_canopen_have_no_word_of_profidrive(room: str) -> None:
+    """Signals without a number are telegram 100's, which have the names of objects."""
+    words = {name for name, signal in SIGNALS.items() if signal.number} | {"N2", "N4", "PNU", "NSOLL", "NIST", "DO-ID"}
+    found = {
+        (str(file.relative_to(ROOT)), word)
+        for file in (ROOT / room).rglob("*.py")
+        for word in re.findall(r"[A-Z][A-Z0-9_-]+", file.read_text(encoding="utf-8"))
+        if word in words
+    }
+    assert found == set()
 
 
 def test_the_search_finds_what_is_there() -> None:

@@ -80,8 +80,6 @@ class DscChoices:
     form: DscForm
     following_window: int
     """Increments within which the setpoint must be of the axis when DSC starts."""
-    cycle_ns: int
-    """Of the PLC; SYNC follows it."""
     delay_cycles: int = 1
     xerr_sign: int = 1
     jitter_ns: int = 0

@@ -32,6 +32,10 @@ from pdgw.profidrive.frame import (
 )
 from pdgw.profidrive.telegrams import Direction, Telegram
 
+WATCHDOG_FACTOR: Final = 3
+"""Cycles without a frame until the PLC is lost, unless the user chooses otherwise."""
+WATCHDOG_FACTOR_MAX: Final = 255
+
 _COUNTER: Final = struct.Struct(">H")
 _STATUS_OFFSET: Final = _COUNTER.size
 """DataStatus stands behind the CycleCounter."""
@@ -80,7 +84,7 @@ class CyclicEndpoint:
         telegrams: Sequence[Telegram],
         *,
         cycle_ns: int,
-        watchdog_factor: int = 3,
+        watchdog_factor: int = WATCHDOG_FACTOR,
         peer: str | None = None,
         delays: bool = True,
         setpoint_frame_id: int = FRAME_ID_TO_DEVICE,

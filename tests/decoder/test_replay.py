@@ -327,7 +327,7 @@ def test_a_silence_in_which_the_gateway_made_no_step_has_none(tmp_path: Path) ->
 
 
 def test_parts_the_machine_has_since_it_knows_its_drive_go_back_too() -> None:
-    rig = Rig(105, dsc=DscChoices(DscForm.POSITION, following_window=4096, cycle_ns=CYCLE_NS))
+    rig = Rig(105, dsc=DscChoices(DscForm.POSITION, following_window=4096))
     rig.stepper.set_references(References())
     rig.enable(0x040E)
     stepper, half = rig.stepper, rig.stepper.telegram.setpoints

@@ -22,7 +22,7 @@ from pdgw.gateway.reasons import Reason
 from tests.support.drive_types import References, engel
 from tests.support.positioner import CHOICES
 
-DSC = DscChoices(DscForm.SPEED, following_window=4096, cycle_ns=4_000_000)
+DSC = DscChoices(DscForm.SPEED, following_window=4096)
 
 _WISHES = power_wishes(PowerWish.OFF)
 
@@ -68,7 +68,9 @@ class Stepper(_Device):
 
     def __init__(self, number: int, settings: AxisSettings | None = None) -> None:
         self.feedback = DriveFeedback()
-        self.machine = AxisMachine(number, settings or AxisSettings(positioner=CHOICES, dsc=DSC), self.feedback)
+        self.machine = AxisMachine(
+            number, settings or AxisSettings(cycle_ns=4_000_000, positioner=CHOICES, dsc=DSC), self.feedback
+        )
         self.telegram = self.machine.telegram
         self.settings = self.machine.settings
         self.events: list[FaultRecord] = []

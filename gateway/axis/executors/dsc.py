@@ -65,13 +65,13 @@ class DscExecutor(Executor):
         acceleration = known(scaling.acceleration_per_rpm_s, "acceleration units", "acceleration_unit")
         if counts.denominator != 1:
             raise Dsp402Error("position units per revolution", counts, "a whole number for DSC")
-        choices, reference = self.choices, scaling.reference(Quantity.SPEED)
+        choices, cycle_ns, reference = self.choices, self.settings.cycle_ns, scaling.reference(Quantity.SPEED)
         settings = DscSettings(
             choices.form,
             int(counts),
             reference / velocity,
             velocity,
-            choices.cycle_ns,
+            cycle_ns,
             choices.following_window,
             delay_cycles=choices.delay_cycles,
             xerr_sign=choices.xerr_sign,
@@ -82,7 +82,7 @@ class DscExecutor(Executor):
         self._actual = n4(reference, _I32)
         self._message = MessageWord(int(reference))
         self._torque = self.command.max_torque = drive.max_torque
-        cycle = Fraction(choices.cycle_ns, _NS)
+        cycle = Fraction(cycle_ns, _NS)
         self._deceleration = max(1, int(scaling.reference(Quantity.DECELERATION) / acceleration * cycle * velocity))
         self._way = (counts / velocity / _SECONDS_PER_MINUTE * cycle).as_integer_ratio()
         self._tolerance = int(reference * self.settings.standstill_window)

@@ -34,7 +34,7 @@ def axis(
     control_lost: ControlLost = ControlLost.STOP,
     **choices: int,
 ) -> Rig:
-    dsc = DscChoices(form, **{"following_window": 4096, "cycle_ns": CYCLE_NS, **choices})
+    dsc = DscChoices(form, **{"following_window": 4096, **choices})
     rig = Rig(number, dsc=dsc, control_lost=control_lost)
     rig.stepper.set_references(references)
     rig.enable(OFF)
@@ -300,7 +300,7 @@ def test_a_drive_whose_units_are_not_known_does_not_operate() -> None:
 
 @pytest.mark.parametrize("form", FORMS)
 def test_values_dsc_cannot_reckon_with_refuse_operation(form: DscForm) -> None:
-    rig = Rig(105, dsc=DscChoices(form, following_window=1 << 31, cycle_ns=CYCLE_NS))
+    rig = Rig(105, dsc=DscChoices(form, following_window=1 << 31))
     rig.step(2)
     (event,) = rig.stepper.events
     assert event.number == FaultNumber.REFERENCE
