@@ -37,6 +37,7 @@ class Member:
         self.bus_off = False
         self.connected = True
         """Its wires reach the bus."""
+        self.closed = False
         self.queue: deque[tuple[int, bytes]] = deque()
         self.errors = 0
         """The transmit error counter."""
@@ -67,8 +68,9 @@ class Member:
                 self.queue.pop()
 
     def close(self) -> None:
+        """As of a socket: nothing is heard any more, and what was sent before still goes out."""
         self._receiver = None
-        self.queue.clear()
+        self.closed = True
         self._bus.leave(self)
 
     # -- what happens to it ---------------------------------------------------------------------------------------------
@@ -82,6 +84,7 @@ class Member:
         """The interface is gone from the computer."""
         self._lost = text
         receiver = self._receiver
+        self.queue.clear()
         self.close()
         if receiver is not None:
             receiver.on_lost(text)
@@ -157,8 +160,8 @@ class SimulatedCan:
         return self._sender is member
 
     def leave(self, member: Member) -> None:
-        """It is not there any more."""
-        if member in self.members:
+        """It is not there any more, once what it had to send is out."""
+        if member in self.members and not member.queue:
             self.members.remove(member)
             self.changed(member)
 
@@ -215,6 +218,8 @@ class SimulatedCan:
             if member is not sender and member.connected and not member.bus_off:
                 member.deliver(can_id, data)
         self._delivering = False
+        if sender.closed:
+            self.leave(sender)
         self._begin()
 
     def _destroyed(self) -> None:
@@ -248,6 +253,8 @@ class SimulatedCan:
         member.bus_off = True
         member.queue.clear()
         member.tell_error()
+        if member.closed:
+            self.leave(member)
         if not self.shorted:
             self._recover_later(member)
 

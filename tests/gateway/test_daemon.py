@@ -11,7 +11,7 @@ import pytest
 from pdgw.ds301.connection_set import NMT
 from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.loop import MS, SECOND, SystemLoop
-from pdgw.ds301.nmt import NmtCommand
+from pdgw.ds301.nmt import NmtCommand, NmtState
 from pdgw.dsp402.states import State
 from pdgw.gateway import status as status_module
 from pdgw.gateway.axis.stop_watch import Brake
@@ -261,6 +261,23 @@ def test_a_service_that_cannot_be_stopped_keeps_no_drive_in_operation() -> None:
     assert frames[-1] == (NMT, bytes((NmtCommand.ENTER_PRE_OPERATIONAL, 1)))
     assert daemon.stopped.is_set()
     world.network.open(*daemon.address, "the same port")
+
+
+def test_the_nodes_of_a_full_bus_are_pre_operational_behind_the_end_of_the_gateway() -> None:
+    nodes = range(1, 7)
+    config = configuration("".join(axis(number) for number in nodes))
+    with running(config) as daemon:
+        world = world_of(daemon)
+        until(daemon, lambda: all(client.generation for client in daemon.clients), "online")
+        drives = [drive_of(daemon, number) for number in nodes]
+        assert {drive.node.state for drive in drives} == {NmtState.OPERATIONAL}
+        # What the bus is still busy with when the gateway lets go of it.
+        for _ in nodes:
+            daemon.networks["can"].send(0x7E5, bytes(8))
+        daemon.stop()
+        until(daemon, daemon.stopped.is_set, "the end")
+        world.loop.run_for(10 * MS)
+        assert {drive.node.state for drive in drives} == {NmtState.PRE_OPERATIONAL}
 
 
 def test_what_was_opened_is_closed_when_a_bus_is_missing() -> None:

@@ -176,6 +176,40 @@ def test_a_short_circuit_stops_everybody_who_sends(bus: Bus) -> None:
     assert bus.c.identifiers == [0x182]
 
 
+def test_what_was_sent_before_the_interface_was_closed_goes_out_and_only_then_the_member_leaves(bus: Bus) -> None:
+    bus.b.port.send(0x081, bytes(8))
+    for can_id in (0x181, 0x000):
+        bus.a.port.send(can_id, bytes(8))
+    bus.a.port.close()
+    assert bus.a.port in bus.can.members
+    bus.loop.run_for(SECOND)
+    assert bus.c.identifiers == [0x081, 0x181, 0x000]
+    assert bus.a.port not in bus.can.members
+    assert bus.a.frames == [], "who has closed hears nothing"
+    bus.b.port.close()
+    bus.c.port.send(0x201, b"")
+    bus.loop.run_for(SECOND)
+    assert len(bus.c.port.queue) == 1, "nobody is left to acknowledge it"
+
+
+def test_a_closed_member_that_is_never_understood_leaves_when_it_is_bus_off(bus: Bus) -> None:
+    bus.can.error_rate = 1.0
+    bus.a.port.send(0x181, b"")
+    bus.a.port.close()
+    bus.loop.until(lambda: bus.a.port not in bus.can.members, "gone")
+    assert bus.b.frames == []
+
+
+def test_an_interface_that_is_unplugged_takes_what_it_had_to_send_with_it() -> None:
+    world = World()
+    ear = Ear(world, world.bus("a", BITRATE).join("node"))
+    world.open_can(CanConfig(interface="virtual", channel="a")).send(0x181, bytes(8))
+    world.loop.run_for(FULL // 2)
+    world.unplug("a")
+    world.loop.run_for(SECOND)
+    assert ear.frames == []
+
+
 def test_an_unplugged_interface_is_told_and_cannot_be_opened_until_it_is_back() -> None:
     world = World()
     config = CanConfig(interface="virtual", channel="a")
