@@ -113,16 +113,16 @@ class ProfinetLink:
             seed=UUID(bytes=os.urandom(16)) if seed is None else seed,
             now=loop.now(),
             boot_time=int(loop.wall()) & 0xFFFFFFFF,
+            give_ip=self._give_ip,
         )
         self._failed = self.device.cm.server.on_error = partial(loop.unexpected, "a PROFINET call was ended")
         self._register_counters(loop.counters)
 
     def _first_ip(self, stored: str | None) -> IpSuite:
         """The address in force: the configured one, else the stored one, else what the interface has."""
-        transport = self._config.transport
-        if transport.ip is not None:
-            router = transport.router or IPv4Address(0)
-            suite = IpSuite(transport.ip.ip, transport.ip.netmask, router)
+        fixed = self._fixed_ip()
+        if fixed is not None:
+            suite = fixed
         elif stored is not None:
             suite = IpSuite.decode(bytes.fromhex(stored))
         else:
@@ -131,6 +131,12 @@ class ProfinetLink:
         if (current.address, current.mask) != (suite.address, suite.mask):
             self.port.set_ip(suite)
         return suite
+
+    def _fixed_ip(self) -> IpSuite | None:
+        transport = self._config.transport
+        if transport.ip is None:
+            return None
+        return IpSuite(transport.ip.ip, transport.ip.netmask, transport.router or IPv4Address(0))
 
     def _register_counters(self, counters: Counters) -> None:
         for verdict in Verdict:
@@ -443,25 +449,31 @@ class ProfinetLink:
                 self._keep("station_name", name if permanent else "")
             case IpSet(suite, permanent):
                 log.info("IP address set to %s by DCP", suite.address)
-                self._set_ip(suite, suite.encode().hex() if permanent else None)
+                self._keep("station_ip", suite.encode().hex() if permanent else None)
             case ResetToFactory():
                 log.warning("reset to factory by DCP: name, IP address and I&M1 to I&M4 are cleared")
                 self._keep("station_name", "")
-                self._set_ip(IpSuite(), None)
+                self._keep("station_ip", None)
                 for field in ("im1_function", "im1_location", "im2_date", "im3_descriptor", "im4_signature"):
                     self._keep(field, "")
             case Flash():
                 self.flashing_until = self._loop.now() + FLASH_NS
                 log.warning("flash signal: this is the device %s", self.station.name or "without a name")
 
-    def _set_ip(self, suite: IpSuite, stored: str | None) -> None:
+    def _give_ip(self, suite: IpSuite) -> bool:
+        """The address that DCP gives; False where the configured one is fixed, or none may be set."""
+        fixed = self._fixed_ip()
+        if fixed is not None:
+            if suite != fixed:
+                log.error("IP address %s by DCP refused: ip in [transport] fixes %s", suite.address, fixed.address)
+            return suite == fixed
         try:
             self.port.set_ip(suite)
         except GatewayError as error:
             log.error("%s", error)
-            return
+            return False
         self._address = self.port.ip()
-        self._keep("station_ip", stored)
+        return True
 
     def _keep(self, field: str, value: str | None) -> None:
         """Store without waiting for the disk."""

@@ -147,12 +147,19 @@ def split(blocks: bytes) -> list[tuple[tuple[int, int], bytes]]:
 class DcpResponder:
     """Answers DCP frames for a station. Identify answers are due later; ``poll`` hands them out.
 
-    ``in_operation``: whether an application relationship is up. Events of accepted Sets collect in ``events``.
+    ``in_operation``: whether an application relationship is up. ``give_ip`` gives the interface its address; False when it keeps
+    the one it has. Events of accepted Sets collect in ``events``.
     """
 
-    def __init__(self, station: Station, in_operation: Callable[[], bool]) -> None:
+    def __init__(
+        self,
+        station: Station,
+        in_operation: Callable[[], bool],
+        give_ip: Callable[[IpSuite], bool] = lambda suite: True,
+    ) -> None:
         self._station = station
         self._in_operation = in_operation
+        self._give_ip = give_ip
         self._pending: dict[bytes, tuple[int, bytes]] = {}
         self.events: list[DcpEvent] = []
         self.ignored = 0
@@ -331,7 +338,9 @@ class DcpResponder:
             case Option.RESET:
                 if qualifier != _RESET_MODE_2 or value:
                     return SetError.VALUE
-                self._station.name, self._station.ip = "", NO_IP
+                self._station.name = ""
+                if self._give_ip(NO_IP):
+                    self._station.ip = NO_IP
                 self.events.append(ResetToFactory())
                 return SetError.OK
         return SetError.SUBOPTION if code[0] in _OPTIONS else SetError.OPTION
@@ -355,6 +364,8 @@ class DcpResponder:
             suite.check()
         except ProfidriveError:
             return SetError.VALUE
+        if not self._give_ip(suite):
+            return SetError.LOCAL
         self._station.ip = suite
         self.events.append(IpSet(suite, permanent))
         return SetError.OK

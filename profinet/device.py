@@ -25,7 +25,7 @@ from pdgw.profinet.model import DeviceModel, Subslot
 from pdgw.profinet.rpc import dcerpc
 from pdgw.profinet.rpc.dcerpc import PacketType
 from pdgw.profinet.rpc.server import RecordHandler
-from pdgw.profinet.station import Station
+from pdgw.profinet.station import IpSuite, Station
 
 _FRAME_ID = struct.Struct(">H")
 _ALARM_IDS = {frame_id: priority for priority, frame_id in FRAME_IDS.items()}
@@ -57,7 +57,8 @@ Outgoing = tuple[Address | None, bytes | bytearray]
 class ProfinetDevice:
     """The device. ``seed`` makes the UUIDs of its own calls unique: random at each start.
 
-    ``records`` serves I&M and parameter access for a host. Times are monotonic nanoseconds.
+    ``records`` serves I&M and parameter access for a host, ``give_ip`` gives the interface an address (False: it keeps its own).
+    Times are monotonic nanoseconds.
     """
 
     def __init__(
@@ -69,6 +70,7 @@ class ProfinetDevice:
         seed: UUID,
         now: int,
         boot_time: int = 1,
+        give_ip: Callable[[IpSuite], bool] = lambda suite: True,
     ) -> None:
         self.model = model
         self.station = station
@@ -76,7 +78,7 @@ class ProfinetDevice:
         self._outgoing: list[Outgoing] = []
         self._events: list[DeviceEvent] = []
         self.cm = ContextManager(model, station, self.diagnosis, records, self, seed=seed, boot_time=boot_time)
-        self.dcp = DcpResponder(station, lambda: self.cm.io is not None)
+        self.dcp = DcpResponder(station, lambda: self.cm.io is not None, give_ip)
         self._lldp_due = now
         self._told: ApplicationRelation | None = None
         self._next: int | None = now

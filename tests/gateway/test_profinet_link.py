@@ -105,11 +105,16 @@ class Rig:
         self.run(5_000 * MS, lambda: self.link.connected and self.plc.phase is Phase.DATA)
         assert self.link.connected, (self.plc.phase, self.plc.learned)
 
-    def set_by_dcp(self, option: dcp.Option, value: bytes, qualifier: int) -> None:
+    def set_by_dcp(self, option: dcp.Option, value: bytes, qualifier: int) -> dcp.SetError:
+        """The device's answer."""
         block = dcp.encode_block(option, qualifier.to_bytes(2, "big") + value)
         payload = dcp.encode(dcp.FRAME_ID_GET_SET, dcp.Service.SET, dcp.ServiceType.REQUEST, 1, block)
+        self.port.sent.clear()
         self.port.arrive(None, ethernet.frame(DEVICE_MAC, PLC_MAC, payload))
+        answer = next(data for _, data in self.port.sent if data[14:17] == b"\xfe\xfd\x04")
+        (content,) = [content for _, content in dcp.split(answer[26:33])]
         self.run(20 * MS)
+        return dcp.SetError(content[2])
 
 
 @pytest.fixture
@@ -336,14 +341,21 @@ def test_reset_to_factory_clears_name_address_and_identification(rig: Rig) -> No
 
 def test_an_address_that_may_not_be_set_is_told_and_not_kept(rig: Rig, caplog: pytest.LogCaptureFixture) -> None:
     rig.port.may_set = False
-    rig.set_by_dcp(dcp.Option.IP, DEVICE_IP.encode(), 1)
+    assert rig.set_by_dcp(dcp.Option.IP, DEVICE_IP.encode(), 1) is dcp.SetError.LOCAL
     assert "cannot be set" in caplog.text
     assert rig.link._store.parameters.station_ip is None
+    assert not rig.link.station.ip.is_set, "DCP tells the address that is there"
+    assert rig.set_by_dcp(dcp.Option.RESET, b"", 4) is dcp.SetError.OK
 
 
-def test_a_fixed_address_is_given_to_the_interface(tmp_path: Path) -> None:
+def test_a_fixed_address_is_given_to_the_interface_and_stays(tmp_path: Path) -> None:
     rig = Rig(tmp_path, ip="10.1.2.3/24", router="10.1.2.1")
-    assert rig.port.address == IpSuite(IPv4Address("10.1.2.3"), IPv4Address("255.255.255.0"), IPv4Address("10.1.2.1"))
+    fixed = IpSuite(IPv4Address("10.1.2.3"), IPv4Address("255.255.255.0"), IPv4Address("10.1.2.1"))
+    assert rig.port.address == fixed
+    assert rig.set_by_dcp(dcp.Option.IP, DEVICE_IP.encode(), 0) is dcp.SetError.LOCAL
+    assert rig.set_by_dcp(dcp.Option.IP, fixed.encode(), 0) is dcp.SetError.OK
+    assert rig.set_by_dcp(dcp.Option.RESET, b"", 4) is dcp.SetError.OK
+    assert rig.port.address == rig.link.station.ip == fixed
 
 
 def test_a_flash_signal_is_shown_for_three_seconds(rig: Rig, caplog: pytest.LogCaptureFixture) -> None:

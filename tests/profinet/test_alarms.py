@@ -7,7 +7,7 @@ import dataclasses
 import pytest
 
 from pdgw.profinet import apmx
-from pdgw.profinet.apmx import PDU, TABLE, Action, AlarmMachine, AlarmRelation, Event, PduType, State
+from pdgw.profinet.apmx import PDU, TABLE, AlarmMachine, AlarmRelation, Event, PduType, State
 from pdgw.profinet.blocks.alarm import (
     ACKS,
     AR_DIAGNOSIS,
@@ -68,32 +68,57 @@ def alarm_ack(item: Notification, **changes: int) -> bytes:
     ).encode()
 
 
-def test_the_table_is_total_and_each_state_is_left_as_it_should() -> None:
+IDLE, SENT, ACKED = State.IDLE, State.WAIT_ACK, State.WAIT_ALARM_ACK
+EXPECTED: dict[State, dict[Event, tuple[State, list[PduType]]]] = {
+    # Next state and what is sent. Written down here a second time: a table that is wrong fails.
+    IDLE: {
+        Event.SEND: (SENT, [PduType.DATA]),
+        Event.ACK: (IDLE, []),
+        Event.ALARM_ACK: (IDLE, [PduType.ACK]),
+        Event.OTHER_DATA: (IDLE, [PduType.ACK]),
+        Event.REPEATED: (IDLE, [PduType.ACK]),
+        Event.TIMEOUT: (IDLE, []),
+        Event.EXHAUSTED: (IDLE, []),
+    },
+    SENT: {
+        Event.SEND: (SENT, []),
+        Event.ACK: (ACKED, []),
+        Event.ALARM_ACK: (IDLE, [PduType.ACK]),
+        Event.OTHER_DATA: (SENT, [PduType.ACK]),
+        Event.REPEATED: (SENT, [PduType.ACK]),
+        Event.TIMEOUT: (SENT, [PduType.DATA]),
+        Event.EXHAUSTED: (IDLE, []),
+    },
+    ACKED: {
+        Event.SEND: (ACKED, []),
+        Event.ACK: (ACKED, []),
+        Event.ALARM_ACK: (IDLE, [PduType.ACK]),
+        Event.OTHER_DATA: (ACKED, [PduType.ACK]),
+        Event.REPEATED: (ACKED, [PduType.ACK]),
+        Event.TIMEOUT: (ACKED, []),
+        Event.EXHAUSTED: (ACKED, []),
+    },
+}
+
+
+def test_the_table_is_total() -> None:
     assert set(TABLE) == {(state, event) for state in State for event in Event}
-    leaving = {(state, event): after for (state, event), (after, _) in TABLE.items() if after is not state}
-    assert leaving == {
-        (State.IDLE, Event.SEND): State.WAIT_ACK,
-        (State.WAIT_ACK, Event.ACK): State.WAIT_ALARM_ACK,
-        (State.WAIT_ACK, Event.ALARM_ACK): State.IDLE,
-        (State.WAIT_ACK, Event.EXHAUSTED): State.IDLE,
-        (State.WAIT_ALARM_ACK, Event.ALARM_ACK): State.IDLE,
-    }
 
 
 @pytest.mark.parametrize("event", Event, ids=lambda event: event.name)
 @pytest.mark.parametrize("state", State, ids=lambda state: state.name)
-def test_every_state_and_event_does_what_the_table_says(state: State, event: Event) -> None:
+def test_every_state_and_event_leads_where_the_standard_says(state: State, event: Event) -> None:
     item = machine()
     told = notification()
-    if state is not State.IDLE:
+    if state is not IDLE:
         item.send(told, 0)
-    if state is State.WAIT_ALARM_ACK:
+    if state is ACKED:
         item.receive(pdu(PduType.ACK, 0xFFFE, 0xFFFF), START, 0)
     assert item.state is state
     item.frames.clear()
     content = alarm_ack(told)
     if event is Event.SEND:
-        item.send(told, 1)
+        assert item.send(told, 1) is (state is IDLE)
     elif event is Event.ACK:
         item.receive(pdu(PduType.ACK, 0xFFFE, 0xFFFF), START, 1)
     elif event is Event.ALARM_ACK:
@@ -108,21 +133,24 @@ def test_every_state_and_event_does_what_the_table_says(state: State, event: Eve
         for attempt in range(1, 5):
             item.frames.clear()
             item.poll(attempt * 100 * MS)
-    after, action = TABLE[state, event]
+    after, sent = EXPECTED[state][event]
     assert item.state is after
-    kinds = [fields(frame)[0] for frame in item.frames]
-    expected = {
-        Action.NOTHING: [],
-        Action.TRANSMIT: [PduType.DATA],
-        Action.REPEAT: [PduType.DATA],
-        Action.STOP_TIMER: [],
-        Action.ACKNOWLEDGE: [PduType.ACK],
-        Action.FINISH: [PduType.ACK],
-        Action.ABORT: [],
-    }[action]
-    assert kinds == expected
-    assert item.failed is (action is Action.ABORT)
-    assert (item.deadline is not None) is (after is State.WAIT_ACK)
+    assert [fields(frame)[0] for frame in item.frames] == sent
+    assert item.failed is ((state, event) == (SENT, Event.EXHAUSTED))
+    started = {(IDLE, Event.SEND): 1, (SENT, Event.TIMEOUT): 100 * MS}.get((state, event), 0)
+    assert item.deadline == (started + 100 * MS if after is SENT else None)
+    if item.failed:
+        return
+    # What is outstanding can still be finished, and the next notification has the next number.
+    outstanding = after is not IDLE
+    finished = outstanding or state is not IDLE
+    if outstanding:
+        peer = 0x0000 if event is Event.OTHER_DATA else 0xFFFF
+        item.receive(pdu(PduType.DATA, peer, 0xFFFF, content), START, 2)
+        assert item.state is IDLE
+    item.frames.clear()
+    assert item.send(told, 3)
+    assert [fields(frame)[:2] for frame in item.frames] == [(PduType.DATA, 0x0000 if finished else 0xFFFF)]
 
 
 def test_sequence_numbers_start_at_ffff_and_go_round_below_8000() -> None:
@@ -146,6 +174,58 @@ def test_a_repetition_has_the_same_sequence_number_and_the_number_of_them_is_agr
         item.poll(attempt * 100 * MS)
     assert [fields(frame) for frame in item.frames] == [(PduType.DATA, 0xFFFF, 0xFFFE)] * 4
     assert item.failed
+
+
+def test_each_notification_has_all_its_repetitions() -> None:
+    item = machine()
+    told = notification()
+    item.send(told, 0)
+    for attempt in range(1, 4):
+        item.poll(attempt * 100 * MS)
+    item.receive(pdu(PduType.DATA, 0xFFFF, 0xFFFF, alarm_ack(told)), START, 301 * MS)
+    item.frames.clear()
+    item.send(told, 400 * MS)
+    for attempt in range(5, 8):
+        item.poll(attempt * 100 * MS)
+    assert len(item.frames) == 4
+    assert not item.failed
+    item.poll(800 * MS)
+    assert item.failed
+
+
+@pytest.mark.parametrize(
+    ("priority", "frame_id", "tag", "ack_block"),
+    [(Priority.HIGH, "fc01", "c000", 0x8001), (Priority.LOW, "fe01", "a000", 0x8002)],
+)
+def test_an_alarm_exchange_byte_by_byte(priority: Priority, frame_id: str, tag: str, ack_block: int) -> None:
+    item = AlarmMachine(RELATION, priority)
+    told = notification()
+    item.send(told, 0)
+    head = f"020000000001 020000000002 8100{tag} 8892 {frame_id} 0042 0007"
+    content = told.block.encode()
+    data = bytes.fromhex(f"{head} 11 11 ffff fffe {len(content):04x}") + content
+    assert item.frames == [data.ljust(60, b"\0")]
+    item.frames.clear()
+    ack = bytes.fromhex(f"{frame_id} 0007 0042 13 01 fffe ffff 0000")
+    assert not item.receive(bytes(START) + ack, START, 1)
+    assert item.state is State.WAIT_ALARM_ACK
+    block = ACKS[priority](
+        alarm_type=1, api=told.block.api, slot=1, subslot=1, specifier=told.block.specifier, status=0
+    ).encode()
+    assert int.from_bytes(block[:2], "big") == ack_block
+    answer = bytes.fromhex(f"{frame_id} 0007 0042 11 11 ffff ffff {len(block):04x}") + block
+    item.receive(bytes(START) + answer, START, 2)
+    assert item.idle
+    assert item.frames == [bytes.fromhex(f"{head} 13 01 ffff ffff 0000").ljust(60, b"\0")]
+    assert item.error(0xCF81FD05) == bytes.fromhex(f"{head} 14 01 ffff ffff 0004 cf81fd05").ljust(60, b"\0")
+
+
+def test_data_that_answers_another_notification_finishes_nothing() -> None:
+    item = machine()
+    told = notification()
+    item.send(told, 0)
+    item.receive(pdu(PduType.DATA, 0xFFFF, 0x0000, alarm_ack(told)), START, 0)
+    assert item.state is State.WAIT_ACK
 
 
 @pytest.mark.parametrize(

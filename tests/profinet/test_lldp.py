@@ -34,12 +34,16 @@ def test_tshark_reads_name_port_and_address(tmp_path: Path) -> None:
         "lldp.profinet.rtc2_port_status",
         "lldp.mgn.addr.ip4",
         "lldp.time_to_live",
+        "lldp.ieee.802_3.pmd_auto_neg_advertised_caps.100base_txfd",
+        "lldp.ieee.802_3.pmd_mau_type",
     ]
     (row,) = tshark_frames.read([lldp.encode(station())], tmp_path / "lldp.pcap", names)
     assert row["lldp.port.id"] == "port-001.press-1"
     assert bytes.fromhex(row["lldp.chassis.id"]).startswith(b"gateway ")
     assert row["lldp.mgn.addr.ip4"] == "192.168.0.2"
     assert row["lldp.time_to_live"] == "20"
+    assert row["lldp.ieee.802_3.pmd_auto_neg_advertised_caps.100base_txfd"] in {"1", "True"}
+    assert row["lldp.ieee.802_3.pmd_mau_type"] == "0x0010"
 
 
 def test_what_is_told_is_read_back() -> None:
