@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import json
+import logging
 import socket
 from collections.abc import Iterator
 from datetime import datetime
 from typing import Any
 
 from pdgw import __version__
-from pdgw.ds301.loop import MS, SECOND, Event, Task
+from pdgw.ds301.loop import MS, SECOND, Event, Task, Timer
+from pdgw.ds301.readiness import NO_DESCRIPTOR
 from pdgw.dsp402.states import state_of
 from pdgw.gateway.binding import Axis
 from pdgw.gateway.daemon import Daemon
@@ -18,9 +20,13 @@ from pdgw.gateway.encoder import EncoderObject
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.standing import Standing, axis_standing, encoder_standing
 
+log = logging.getLogger("gateway")
+
 _CONNECTIONS = 8
 """Answered at the same time; more are closed."""
 _PATIENCE_NS = 5 * SECOND
+_PAUSE_NS = SECOND
+"""Before the next connection is looked for when there was no file descriptor for one."""
 _REQUEST = 64
 """Bytes of the longest request."""
 SCHEMA = 1
@@ -207,6 +213,12 @@ class StatusServer:
         self._daemon = daemon
         self._loop = daemon.loop
         self._tasks: set[Task] = set()
+        self._pause: Timer | None = None
+        self._full = False
+        self._refused = 0
+        daemon.loop.counters.add(
+            "status", "refused", "times", "no file descriptor left for a connection", lambda: self._refused
+        )
         self._listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
         try:
             self._listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -224,6 +236,8 @@ class StatusServer:
 
     def stop(self) -> None:
         self._loop.remove_reader(self._listener.fileno())
+        if self._pause is not None:
+            self._pause.cancel()
         self._listener.close()
         for task in tuple(self._tasks):
             task.kill()
@@ -231,8 +245,11 @@ class StatusServer:
     def _accept(self) -> None:
         try:
             connection, _ = self._listener.accept()
-        except OSError:
-            return  # who wanted to know has gone again
+        except OSError as error:
+            if error.errno in NO_DESCRIPTOR:
+                self._wait_for_descriptors(error)
+            return  # else who wanted to know has gone again
+        self._full = False
         connection.setblocking(False)
         if len(self._tasks) >= _CONNECTIONS:
             connection.close()
@@ -248,6 +265,15 @@ class StatusServer:
 
         task = self._loop.spawn(answer, "status")
         self._tasks.add(task)
+
+    def _wait_for_descriptors(self, error: OSError) -> None:
+        """Who waits at the port would wake the loop in every turn, for nothing."""
+        self._refused += 1
+        if not self._full:
+            self._full = True
+            log.error("status port: no connection can be taken (%s); tried again every second", error.strerror)
+        self._loop.remove_reader(self._listener.fileno())
+        self._pause = self._loop.call_later(_PAUSE_NS, self.start)
 
     def _answer(self, connection: socket.socket) -> None:
         deadline = self._loop.now() + _PATIENCE_NS

@@ -15,6 +15,9 @@ from pdgw.gateway.errors import GatewayError
 from pdgw.web.stream import Streams
 
 CONNECTIONS_MAX = 64
+_AT_ONCE = 1
+"""Connections taken in one turn of asyncio's loop, which tries to take the others even when no descriptor is left, and has each
+of these tries repeated a second later: more than one would grow to a storm."""
 _REQUEST_WITHIN_S = 10.0
 """A connection that has not asked for anything by then is closed."""
 _REQUEST_MAX = 16 * 1024
@@ -58,6 +61,11 @@ class PageServer(uvicorn.Server):
         super().__init__(settings)
         self._streams = streams
 
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        await super().startup(sockets)
+        for port in sockets or ():
+            port.listen(CONNECTIONS_MAX)
+
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
         self._streams.close()
         await super().shutdown(sockets)
@@ -79,6 +87,7 @@ def made_server(app: ASGIApp, streams: Streams, config: WebConfig) -> PageServer
         access_log=False,
         server_header=False,
         proxy_headers=False,
+        backlog=_AT_ONCE,
         timeout_graceful_shutdown=1,
         h11_max_incomplete_event_size=_REQUEST_MAX,
         **tls,

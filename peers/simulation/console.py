@@ -13,6 +13,7 @@ from pdgw.ds301.errors import CanopenError
 from pdgw.gateway.errors import GatewayError
 from pdgw.peers.drive.family import DRIVE_FAULTS
 from pdgw.peers.simulation.devices import Simulation
+from pdgw.peers.simulation.tcp import PatientServer
 
 _LINE_MAX = 1000
 """Characters of a command; the longest of ours has about 100."""
@@ -124,12 +125,10 @@ def serve(console: Console, port: int) -> socketserver.ThreadingTCPServer:
                         return
                     self.wfile.write(console.execute(line.decode("utf-8", "replace")).encode() + b"\n")
 
-    socketserver.ThreadingTCPServer.allow_reuse_address = True
     try:
-        server = socketserver.ThreadingTCPServer(("127.0.0.1", port), Handler)
+        server = PatientServer(("127.0.0.1", port), Handler)
     except OSError as error:
         raise GatewayError(f"control port: 127.0.0.1 port {port} cannot be used ({error.strerror})") from error
-    server.daemon_threads = True
     threading.Thread(target=server.serve_forever, name="control", daemon=True).start()
     return server
 

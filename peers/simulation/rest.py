@@ -23,6 +23,7 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pdgw.ds301.errors import CanopenError
 from pdgw.gateway.errors import GatewayError
 from pdgw.peers.simulation.devices import Simulation, fault_catalogue
+from pdgw.peers.simulation.tcp import PatientServer
 
 _MAXIMUM_BODY = 65536
 _STOP_POLL_S = 0.05
@@ -35,7 +36,7 @@ class _RefusedError(Exception):
         super().__init__(text)
 
 
-class _Server(ThreadingHTTPServer):
+class _Server(PatientServer, ThreadingHTTPServer):
     def handle_error(self, request: object, client_address: object) -> None:
         """Who went away in the middle of a request is no error of ours; anything else is shown."""
         if not isinstance(sys.exception(), OSError):
@@ -54,7 +55,6 @@ class RestServer:
             self._server = _Server(("127.0.0.1", port), Handler)
         except OSError as error:
             raise GatewayError(f"REST port: 127.0.0.1 port {port} cannot be used ({error.strerror})") from error
-        self._server.daemon_threads = True
         self._thread = threading.Thread(
             target=self._server.serve_forever, args=(_STOP_POLL_S,), name="REST", daemon=True
         )

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import socket
+import socketserver
 import threading
 from collections.abc import Iterator
 from types import SimpleNamespace
@@ -10,6 +12,7 @@ from typing import cast
 
 import pytest
 
+from pdgw.peers.simulation import tcp
 from pdgw.peers.simulation.console import Console, serve
 from pdgw.peers.simulation.devices import Simulation
 from pdgw.peers.simulation.rest import RestServer
@@ -79,3 +82,20 @@ def test_a_body_of_a_length_that_is_none_or_too_long_is_refused_unread(rest: int
 def test_lines_and_headers_without_end_are_refused(rest: int) -> None:
     assert b"414" in talk(rest, b"GET /" + b"x" * 70_000 + b" HTTP/1.1\r\n\r\n")[:50]
     assert b"431" in talk(rest, b"GET / HTTP/1.1\r\n" + b"a: b\r\n" * 200 + b"\r\n")[:50]
+
+
+@pytest.mark.parametrize(("number", "pauses"), [(errno.EMFILE, 1), (errno.ECONNABORTED, 0)])
+def test_a_server_without_descriptors_pauses_where_its_port_would_keep_it_busy(
+    number: int, pauses: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    slept: list[float] = []
+    monkeypatch.setattr(tcp, "time", SimpleNamespace(sleep=slept.append))
+
+    def accept() -> None:
+        raise OSError(number, "not now")
+
+    with tcp.PatientServer(("127.0.0.1", 0), socketserver.BaseRequestHandler) as server, server.socket:
+        server.socket = cast(socket.socket, SimpleNamespace(accept=accept, close=server.socket.close))
+        with pytest.raises(OSError, match="not now"):
+            server.get_request()
+    assert len(slept) == pauses
