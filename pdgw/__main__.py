@@ -1,20 +1,29 @@
-"""``python -m pdgw`` is the command ``pdgw``."""
+"""``python -m pdgw`` is the command ``pdgw``. Nothing is imported here: what a Ctrl-C interrupts has to be inside ``run``."""
 
-import gc
-import signal
+_INTERRUPTED = 130
 
 
 def run() -> None:
-    """Entry point of the console script: a Ctrl-C while the command is still being loaded ends it without a word.
+    """Entry point of the console script: a Ctrl-C while the command is still being loaded ends it without a word, status 130.
 
     Modules stay: looking for garbage while they are loaded takes an eighth of the time. The command's table lets it begin again.
     """
-    before = signal.signal(signal.SIGINT, signal.SIG_DFL)
-    gc.disable()
-    from pdgw.tools.cli import main  # noqa: PLC0415
+    try:
+        import gc  # noqa: PLC0415
+        import os  # noqa: PLC0415
+        import signal  # noqa: PLC0415
 
-    signal.signal(signal.SIGINT, before)
-    main()
+        before = signal.getsignal(signal.SIGINT)
+        if before is signal.default_int_handler:
+            # An exception would not get through all that importing is: some of it can only print what interrupts it.
+            signal.signal(signal.SIGINT, lambda *_: os._exit(_INTERRUPTED))
+        gc.disable()
+        from pdgw.tools.cli import main  # noqa: PLC0415
+
+        signal.signal(signal.SIGINT, before)
+        main()
+    except KeyboardInterrupt:
+        raise SystemExit(_INTERRUPTED) from None
 
 
 if __name__ == "__main__":

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import signal
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -115,12 +114,17 @@ def test_an_unknown_command_is_told_with_what_was_meant() -> None:
 
 
 _INTERRUPTED = """
-import os, signal, sys
+import os, sys
+module, way = sys.argv[1:]
 class Finder:
     def find_spec(self, name, *_):
-        if name == "typer":
-            os.kill(os.getpid(), signal.SIGINT)
+        if name == module and way == "signal":
+            os.kill(os.getpid(), 2)
+        elif name == module:
+            raise KeyboardInterrupt
+sys.modules.pop("signal", None)
 sys.meta_path.insert(0, Finder())
+sys.argv = ["pdgw", "status", "--port", "1"]
 from pdgw.__main__ import run
 run()
 """
@@ -129,8 +133,16 @@ run()
 @pytest.mark.e2e
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
 def test_ctrl_c_while_the_command_is_loaded_ends_it_without_a_word() -> None:
-    done = subprocess.run([sys.executable, "-c", _INTERRUPTED], capture_output=True, text=True, check=False)
-    assert (done.returncode, done.stderr) == (-signal.SIGINT, "")
+    cases = [
+        ("signal", "exception"),
+        ("typer", "exception"),
+        ("typer", "signal"),
+        ("pdgw.gateway.status_client", "signal"),
+    ]
+    for case in cases:
+        script = [sys.executable, "-c", _INTERRUPTED, *case]
+        done = subprocess.run(script, capture_output=True, text=True, check=False)
+        assert (case, done.returncode, done.stdout, done.stderr) == (case, 130, "", "")
 
 
 @pytest.mark.parametrize(

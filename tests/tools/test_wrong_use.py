@@ -137,6 +137,20 @@ def test_output_that_cannot_be_written_is_one_line(
     assert capsys.readouterr().err == "error: output: No space left on device\n"
 
 
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full here")
+@pytest.mark.parametrize("option", ["--pcap", "--trace"])
+def test_a_recording_that_cannot_be_finished_is_told_behind_the_results(option: str, tmp_path: Path) -> None:
+    scenario = tmp_path / "short.yaml"
+    scenario.write_text("name: short\ntelegrams: [1]\nsteps:\n  - {expect: {ZSW1.FAULT: 0}, within: 10 ms}\n")
+    results = tmp_path / "results.json"
+    result = pdgw("sim", "plc", str(scenario), option, "/dev/full", "--json", str(results))
+    assert result.returncode == 1
+    assert "ZSW1.FAULT 0" in result.stdout
+    assert "FAIL" in result.stdout
+    assert results.exists()
+    assert result.stderr == f"error: {option} /dev/full: cannot be written (No space left on device)\n"
+
+
 def test_a_picture_that_cannot_be_drawn_is_told_before_the_work(tmp_path: Path) -> None:
     (tmp_path / "full").symlink_to("/dev/full")  # without an ending: matplotlib would write full.png
     for name in ("nowhere/loop.png", "loop.rubbish", "full"):

@@ -141,6 +141,7 @@ def plc(
     output = Output(endpoint, _SILENCE_NS // cycle_ns, as_lines=progress, snapshots=snapshots)
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # the capture is to be complete
     begin_s = time.time()
+    ended = 0
     try:
         if engine is None:
             _obey_keys(client, output)
@@ -149,14 +150,31 @@ def plc(
             client.run(engine, _DriveLink(drive_port))
             output.show(engine, engine.current)
     except KeyboardInterrupt:
-        raise typer.Exit(130) from None
+        ended = 130
     finally:
-        client.close()
-        if trace is not None:
-            client.write_trace(trace)
-    if engine is not None and scenario is not None:
-        _report(engine, scenario, gateway).write(junit, html)
-        _finish(engine, as_json, begin_s, progress=progress)
+        unwritten = _close(client, trace)
+    try:
+        if ended:
+            raise typer.Exit(ended)
+        if engine is not None and scenario is not None:
+            _report(engine, scenario, gateway).write(junit, html)
+            _finish(engine, as_json, begin_s, progress=progress)
+    finally:
+        if unwritten is not None:
+            raise unwritten
+
+
+def _close(client: PlcRunner, trace: Path | None) -> GatewayError | None:
+    """Release the link; what could not be written of its capture or its trace is told behind the results."""
+    try:
+        try:
+            client.close()
+        finally:
+            if trace is not None:
+                client.write_trace(trace)
+    except GatewayError as error:
+        return error
+    return None
 
 
 def _report(engine: Engine, scenario: Path, gateway: str) -> Report:
