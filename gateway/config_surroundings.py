@@ -9,20 +9,20 @@ from pathlib import Path
 from typing import Annotated, Literal
 from uuid import UUID
 
-from pydantic import BaseModel, ConfigDict, Field, Strict, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, Strict, model_validator
 
 from pdgw.explain import misplaced
 from pdgw.gateway import identity
 from pdgw.gateway.ports import STATUS_PORT
 from pdgw.gateway.transport.cyclic import WATCHDOG_FACTOR, WATCHDOG_FACTOR_MAX
+from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.frame import UDP_PORT
 from pdgw.profinet.rpc.dcerpc import UDP_PORT as ACYCLIC_PORT
 from pdgw.profinet.rpc.records import NIL
+from pdgw.profinet.station import IpSuite, check_name
 
 GATEWAY_NODE_ID = 127
 DEFAULT_BITRATE = 1_000_000
-_STATION_NAME = r"^[a-z0-9]([a-z0-9-]{0,61}[a-z0-9])?(\.[a-z0-9]([a-z0-9-]{0,61}[a-z0-9])?)*$"
-"""PROFINET: labels of lower case letters, digits and hyphens."""
 _MISSPELT = 0.85
 """A further [can] key as similar as this to one of ours is taken for a slip of the pen."""
 
@@ -72,6 +72,14 @@ class CanConfig(BaseModel):
         return dict(self.model_extra or {})
 
 
+def _is_station_name(text: str) -> str:
+    try:
+        check_name(text)
+    except ProfidriveError as error:
+        raise ValueError(f"allowed: {error.allowed}") from error
+    return text
+
+
 class TransportConfig(Section):
     """How the PLC is reached."""
 
@@ -96,8 +104,13 @@ class TransportConfig(Section):
     """A parameter request is answered within this time; what the drive has not answered by then fails."""
     ar_uuid: UUID = NIL
     """Of the static application relationship."""
-    station_name: Annotated[str, Field(max_length=240, pattern=_STATION_NAME)] = "pdgw"
+    station_name: Annotated[str, AfterValidator(_is_station_name)] = "pdgw"
     """P61000; of ``profinet`` the name until DCP gives another one."""
+
+    @property
+    def ip_suite(self) -> IpSuite | None:
+        """The fixed address, if one is given."""
+        return None if self.ip is None else IpSuite(self.ip.ip, self.ip.netmask, self.router or IPv4Address(0))
 
     @model_validator(mode="after")
     def _is_one_transport(self) -> TransportConfig:
@@ -109,6 +122,11 @@ class TransportConfig(Section):
                     raise misplaced(f'{key}: has a meaning with type = "profinet" only', key)
         elif self.router is not None and (self.ip is None or self.router not in self.ip.network):
             raise misplaced("router: allowed is an address of the network of ip, which must be given too", "router")
+        elif self.ip_suite is not None:
+            try:
+                self.ip_suite.check()
+            except ProfidriveError as error:
+                raise misplaced(f"ip = {self.ip}: allowed: {error.allowed}", "ip") from error
         return self
 
     @model_validator(mode="after")

@@ -11,7 +11,6 @@ import logging
 import os
 from collections.abc import Callable, Sequence
 from functools import partial
-from ipaddress import IPv4Address
 from uuid import UUID
 
 from pdgw.ds301.counters import Counters
@@ -22,7 +21,8 @@ from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.profinet_diagnosis import present_classes
 from pdgw.gateway.profinet_identity import profinet_model
 from pdgw.gateway.profinet_pairing import LONGEST_NS, Pairing
-from pdgw.gateway.store import DeviceParameters, ParameterStore
+from pdgw.gateway.profinet_station import StationKeeper
+from pdgw.gateway.store import ParameterStore
 from pdgw.gateway.trace.layout import FramePlaces
 from pdgw.gateway.transport.ethernet import EthernetPort
 from pdgw.gateway.transport.udp import Address
@@ -31,11 +31,10 @@ from pdgw.profidrive.telegrams import Telegram
 from pdgw.profinet.blocks.alarm import MessageClass
 from pdgw.profinet.cmdev import ApplicationRelation, Event
 from pdgw.profinet.cpm import Consumer, Verdict
-from pdgw.profinet.dcp import Flash, IpSet, NameSet, ResetToFactory
 from pdgw.profinet.device import Connected, DeviceEvent, Disconnected, ProfinetDevice
 from pdgw.profinet.model import ACCESS_POINT_SUBSLOT, TELEGRAM_SUBSLOT
 from pdgw.profinet.rpc.server import NoRecords, RecordHandler
-from pdgw.profinet.station import IpSuite, Station
+from pdgw.profinet.station import Station
 
 log = logging.getLogger("gateway")
 
@@ -43,8 +42,6 @@ _AT_ONCE = 64
 _WAITING = 64
 """Datagrams that may wait for the task; of more the oldest are lost, and their senders ask again."""
 _DIAGNOSIS_NS = 50 * MS
-FLASH_NS = 3_000 * MS
-"""How long the device shows itself after a flash signal."""
 
 
 class ProfinetLink:
@@ -98,14 +95,9 @@ class ProfinetLink:
         self.setpoints: list[Sequence[int] | None] = [None] * len(objects)
         self.layout_token = object()
         self.watchdog_expiries = 0
-        self.flashing_until = 0
-        stored = store.parameters
-        name = transport.station_name if stored.station_name is None else stored.station_name
-        suite = self._first_ip(stored.station_ip)
-        self._address = self.port.ip()
-        """What the interface has; another one that is not from here is somebody else's."""
+        self._keeper = StationKeeper(port, transport, store, loop)
         model = profinet_model(transport, port.mac, config.objects, self._telegrams)
-        self.station = Station(model.identity, name, suite, link_up=port.link_up)
+        self.station = Station(model.identity, self._keeper.first_name(), self._keeper.first_ip(), link_up=port.link_up)
         self.device = ProfinetDevice(
             model,
             self.station,
@@ -113,30 +105,10 @@ class ProfinetLink:
             seed=UUID(bytes=os.urandom(16)) if seed is None else seed,
             now=loop.now(),
             boot_time=int(loop.wall()) & 0xFFFFFFFF,
-            give_ip=self._give_ip,
+            give_ip=self._keeper.give_ip,
         )
         self._failed = self.device.cm.server.on_error = partial(loop.unexpected, "a PROFINET call was ended")
         self._register_counters(loop.counters)
-
-    def _first_ip(self, stored: str | None) -> IpSuite:
-        """The address in force: the configured one, else the stored one, else what the interface has."""
-        fixed = self._fixed_ip()
-        if fixed is not None:
-            suite = fixed
-        elif stored is not None:
-            suite = IpSuite.decode(bytes.fromhex(stored))
-        else:
-            return self.port.ip()
-        current = self.port.ip()
-        if (current.address, current.mask) != (suite.address, suite.mask):
-            self.port.set_ip(suite)
-        return suite
-
-    def _fixed_ip(self) -> IpSuite | None:
-        transport = self._config.transport
-        if transport.ip is None:
-            return None
-        return IpSuite(transport.ip.ip, transport.ip.netmask, transport.router or IPv4Address(0))
 
     def _register_counters(self, counters: Counters) -> None:
         for verdict in Verdict:
@@ -299,7 +271,7 @@ class ProfinetLink:
                 "relationship": relation.state.value if relation else "none",
                 "controller": relation.plan.ar.station_name if relation else "",
                 "cycle_ms": relation.provider.cycle_ns / MS if relation and relation.provider else None,
-                "flashing": self._loop.now() < self.flashing_until,
+                "flashing": self._keeper.flashing,
             },
         }
 
@@ -336,13 +308,9 @@ class ProfinetLink:
             log.log(logging.INFO if up else logging.ERROR, "cable %s", "plugged" if up else "pulled")
             self.device.on_link(up, self._loop.now())
             self._pump()
-        address = self.port.ip()
-        if address != self._address:
+        if self._keeper.address_taken():
             # Calls of the controller do not arrive any more, and what it is connected with is not there.
-            log.error(
-                "the IP address is %s now and was %s: changed by somebody else", address.address, self._address.address
-            )
-            self._address = self.station.ip = address
+            self.station.ip = self._keeper.address
             self.device.end(Event.NAME_CHANGED, self._loop.now())
             self._pump()
 
@@ -444,50 +412,8 @@ class ProfinetLink:
                     self._pairing = None
                 self.lose_setpoints()
                 log.error("controller %s disconnected: %s", relation.plan.ar.station_name, ended.text)
-            case NameSet(name, permanent):
-                log.info("name of station set to %r by DCP", name)
-                self._keep("station_name", name if permanent else "")
-            case IpSet(suite, permanent):
-                log.info("IP address set to %s by DCP", suite.address)
-                self._keep("station_ip", suite.encode().hex() if permanent else None)
-            case ResetToFactory():
-                log.warning("reset to factory by DCP: name, IP address and I&M1 to I&M4 are cleared")
-                self._keep("station_name", "")
-                self._keep("station_ip", None)
-                for field in ("im1_function", "im1_location", "im2_date", "im3_descriptor", "im4_signature"):
-                    self._keep(field, "")
-            case Flash():
-                self.flashing_until = self._loop.now() + FLASH_NS
-                log.warning("flash signal: this is the device %s", self.station.name or "without a name")
-
-    def _give_ip(self, suite: IpSuite) -> bool:
-        """The address that DCP gives; False where the configured one is fixed, or none may be set."""
-        fixed = self._fixed_ip()
-        if fixed is not None:
-            if suite != fixed:
-                log.error("IP address %s by DCP refused: ip in [transport] fixes %s", suite.address, fixed.address)
-            return suite == fixed
-        try:
-            self.port.set_ip(suite)
-        except GatewayError as error:
-            log.error("%s", error)
-            return False
-        self._address = self.port.ip()
-        return True
-
-    def _keep(self, field: str, value: str | None) -> None:
-        """Store without waiting for the disk."""
-
-        def change(parameters: DeviceParameters) -> None:
-            setattr(parameters, field, value)
-
-        def save() -> None:
-            try:
-                self._loop.result(self._loop.offload(lambda: self._store.update(change)))
-            except GatewayError as error:
-                log.error("%s", error)
-
-        self._loop.spawn(save, f"store {field}")
+            case _:
+                self._keeper.on_event(event, self.station.name)
 
     def _on_watch(self) -> None:
         """What is wrong with the drive objects, as diagnosis of their access points."""

@@ -113,6 +113,8 @@ class ContextManager:
         self.cyclic = CyclicCounters()
         self.refusals = 0
         """Connects that were refused."""
+        self.refused: tuple[Address, ConnectRefused] | None = None
+        """The last of them, until it is told."""
 
     def replug(self, model: DeviceModel) -> None:
         """Other modules are plugged; only while there is no relationship."""
@@ -165,8 +167,9 @@ class ContextManager:
             answer = self._grant(relation)
             if len(answer) > maximum:
                 raise refuse_call(ARGS_LENGTH, "ArgsMaximum", maximum, f"at least {len(answer)}")
-        except ConnectRefused:
+        except ConnectRefused as refusal:
             self.refusals += 1
+            self.refused = source, refusal
             raise
         if replaced is not None:
             replaced.handle(Event.RESTARTED, now)

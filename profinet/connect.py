@@ -44,12 +44,11 @@ from pdgw.profinet.blocks.connect import (
     SubmoduleDirection,
 )
 from pdgw.profinet.model import DeviceModel, Subslot
-from pdgw.profinet.rpc.records import CMRPC, PNIO, PnioStatus
+from pdgw.profinet.rpc.records import CMRPC, PNIO, CallError, PnioStatus
 from pdgw.profinet.wire import FIRST_FIELD, Block, BlockLengthError, WireError, number_of, split
 
 CONNECT_ERROR = 0xDB
-ARGS_LENGTH, UNKNOWN_BLOCK, IOCR_MISSING, BLOCK_COUNT, NO_AR_FREE, AR_UNKNOWN, WRONG_STATE = range(7)
-"""ErrorCode2 of CMRPC (ErrorCode1 40h)."""
+ARGS_LENGTH, UNKNOWN_BLOCK, IOCR_MISSING, BLOCK_COUNT, NO_AR_FREE, AR_UNKNOWN, WRONG_STATE = CallError
 IOPS_SIZE = 1
 _IOCR_COUNT = 2
 Requested = TypeVar("Requested", bound=Block)

@@ -24,6 +24,7 @@ from pdgw.profinet.diagnosis import Diagnosis
 from pdgw.profinet.model import DeviceModel, Subslot
 from pdgw.profinet.rpc import dcerpc
 from pdgw.profinet.rpc.dcerpc import PacketType
+from pdgw.profinet.rpc.records import PnioStatus
 from pdgw.profinet.rpc.server import RecordHandler
 from pdgw.profinet.station import IpSuite, Station
 
@@ -49,7 +50,16 @@ class Disconnected:
     ended: Ended
 
 
-DeviceEvent = Connected | Disconnected | NameSet | IpSet | Flash | ResetToFactory
+@dataclass(frozen=True, slots=True)
+class Refused:
+    """A Connect was refused; the same controller mostly asks again every few seconds."""
+
+    host: str
+    status: PnioStatus
+    reason: str
+
+
+DeviceEvent = Connected | Disconnected | Refused | NameSet | IpSet | Flash | ResetToFactory
 Outgoing = tuple[Address | None, bytes | bytearray]
 """An Ethernet frame (no address) or a datagram from the RPC port. A frame's buffer is reused in the next cycle."""
 
@@ -149,6 +159,10 @@ class ProfinetDevice:
             for answer in self.cm.server.serve(header, body, address, now):
                 self.datagram(answer, address)
             self.cm.after_answer(now)
+            if self.cm.refused is not None:
+                (host, _), refusal = self.cm.refused
+                self.cm.refused = None
+                self._events.append(Refused(host, refusal.status, str(refusal)))
         else:
             self.cm.answer(header, body, address[0], now)
         self._settle(now)

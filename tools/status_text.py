@@ -33,12 +33,18 @@ def _age(age_ms: float) -> str:
 def status_lines(document: dict[str, Any], width: int = 80, *, counters: bool = False) -> Iterator[str]:
     """The lines of a snapshot; ``counters``: all of them, not only those that tell of trouble."""
     plc = document["plc"]
-    peer = f"{plc['peer'][0]}:{plc['peer'][1]}" if plc["peer"] else "no sender yet"
+    peer = (
+        f"{plc['peer'][0]}:{plc['peer'][1]}"
+        if plc["peer"]
+        else ("no controller" if plc.get("station") else "no sender yet")
+    )
     up, at = duration(document["uptime_s"]), _time_of_day(document["time"])
     yield f"{document['name']}: pdgw {document['version']}, up {up}, at {at}"
     age = "" if plc["heard_age_ms"] is None else f", the last {_age(plc['heard_age_ms'])} ago"
     connected = "connected" if plc["connected"] else "not connected"
     yield f"PLC {connected} ({peer}), {plc['frames']['accepted']} frames{age}"
+    if plc.get("station"):
+        yield from _folded(_station(plc["station"]), width, 2, "")
     if plc.get("layout"):
         yield from _folded(plc["layout"], width, 5, "  -> ")
     if document.get("store"):
@@ -54,6 +60,21 @@ def status_lines(document: dict[str, Any], width: int = 80, *, counters: bool = 
     for item in document["encoders"]:
         yield ""
         yield from _object(item, "encoder", width)
+
+
+def _station(station: dict[str, Any]) -> str:
+    """The PROFINET device: its name and address, and who has a relationship with it."""
+    parts = [f"station {station['name'] or 'without a name'}", f"IP {station['ip']}", station["mac"]]
+    if not station["link_up"]:
+        parts.append("cable off")
+    if station["controller"]:
+        cycle = "" if station["cycle_ms"] is None else f", cycle {station['cycle_ms']:g} ms"
+        parts.append(f"controller {station['controller']}: {station['relationship']}{cycle}")
+    else:
+        parts.append("no relationship")
+    if station["flashing"]:
+        parts.append("flash signal")
+    return ", ".join(parts)
 
 
 def _time_of_day(text: str) -> str:

@@ -31,6 +31,7 @@ from pdgw.profinet.station import IpSuite
 
 _FRAME_MAX = 2048
 _DATAGRAM_MAX = 65_535
+_ARPHRD_ETHER = 1
 _SOL_PACKET, _PACKET_ADD_MEMBERSHIP, _MR_MULTICAST = 263, 1, 0
 _SO_BINDTODEVICE = 25
 _SIOCGIFADDR, _SIOCSIFADDR, _SIOCGIFNETMASK, _SIOCSIFNETMASK = 0x8915, 0x8916, 0x891B, 0x891C
@@ -153,7 +154,11 @@ class RawEthernet:
 
     def _open(self) -> None:
         self._dcp = self._raw(ethernet.ETHERTYPE_PROFINET, dcp_filter(), ethernet.DCP_MULTICAST)
-        self.mac = bytes(self._dcp.getsockname()[4])
+        *_, hardware, mac = self._dcp.getsockname()
+        if hardware != _ARPHRD_ETHER:
+            self.close()
+            raise GatewayError(f"interface {self._interface}: is no Ethernet interface")
+        self.mac = bytes(mac)
         self._real_time = self._raw(ethernet.ETHERTYPE_PROFINET, real_time_filter(self.mac))
         self._lldp = self._raw(ethernet.ETHERTYPE_LLDP, None, ethernet.LLDP_MULTICAST)
         self._rpc = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)

@@ -49,6 +49,8 @@ class ProfinetPlc(PlcRunner):
         self._controller = self._running.controller
         self._places = [(slot, TELEGRAM_SUBSLOT) for slot in range(1, len(endpoint.telegrams) + 1)]
         self._retry = 0
+        self._why = ""
+        """How the last attempt to connect ended."""
         self._parameters: ParameterWorker | None = None
 
     def connect(self) -> None:
@@ -58,7 +60,7 @@ class ProfinetPlc(PlcRunner):
         while controller.phase is not Phase.DATA and time.monotonic() < end:
             self._wait(_RETRY_NS // 10)
         if controller.phase is not Phase.DATA:
-            why = controller.learned.ended or controller.phase.value
+            why = controller.learned.ended or self._why or controller.phase.value
             raise GatewayError(f"station {controller.project.station_name}: not connected, {why}")
 
     def _wait(self, ns: int) -> None:
@@ -66,6 +68,7 @@ class ProfinetPlc(PlcRunner):
         now = time.monotonic_ns()
         if controller.phase in {Phase.IDLE, Phase.ENDED} and now >= self._retry:
             self._retry = now + _RETRY_NS
+            self._why = controller.learned.ended
             controller.start(now)
         before = self._running.fresh
         self._running.step(now + ns)

@@ -66,8 +66,8 @@ class PnioStatus:
         if not self.value:
             return "OK"
         known = _CODE1_TEXTS.get(self.code1) if self.decode == PNIORW else None
-        if (self.decode, self.code1, self.code2) == (PNIO, CMRPC, AR_UUID_UNKNOWN):
-            known = "AR UUID unknown"
+        if (self.decode, self.code1) == (PNIO, CMRPC):
+            known = _CALL_TEXTS.get(self.code2)
         return f"{known or 'error'} ({self.code:02X} {self.decode:02X} {self.code1:02X} {self.code2:02X})"
 
 
@@ -76,7 +76,29 @@ WRITE_ERROR = 0xDF
 PNIORW = 0x80
 PNIO = 0x81
 CMRPC = 0x40
-AR_UUID_UNKNOWN = 0x05
+
+
+class CallError(enum.IntEnum):
+    """ErrorCode2 of a call refused as a whole (decode PNIO, ErrorCode1 CMRPC)."""
+
+    ARGS_LENGTH = 0
+    UNKNOWN_BLOCK = 1
+    IOCR_MISSING = 2
+    BLOCK_COUNT = 3
+    NO_AR_FREE = 4
+    AR_UNKNOWN = 5
+    WRONG_STATE = 6
+
+
+_CALL_TEXTS: dict[int, str] = {
+    CallError.ARGS_LENGTH: "length of the arguments",
+    CallError.UNKNOWN_BLOCK: "unknown block",
+    CallError.IOCR_MISSING: "IOCR missing",
+    CallError.BLOCK_COUNT: "wrong number of blocks",
+    CallError.NO_AR_FREE: "no AR free, another controller is connected",
+    CallError.AR_UNKNOWN: "AR UUID unknown",
+    CallError.WRONG_STATE: "wrong state",
+}
 
 
 class AccessError(enum.IntEnum):
@@ -119,7 +141,7 @@ class UnknownArUuid(RecordRefused):
     """The AR of the request is not one of this device."""
 
     def __init__(self) -> None:
-        super().__init__(AccessError.READ_ERROR, AR_UUID_UNKNOWN, decode=PNIO)
+        super().__init__(AccessError.READ_ERROR, CallError.AR_UNKNOWN, decode=PNIO)
         self.code1 = CMRPC
 
 

@@ -35,3 +35,32 @@ def test_without_the_right_to_raw_frames_the_message_names_the_capability(
         GatewayError, match=r"interface lo: raw Ethernet is not allowed \(CAP_NET_RAW is missing\).*setcap"
     ):
         RawEthernet(loop, "lo")
+
+
+def test_an_interface_that_is_no_ethernet_is_refused(loop: SystemLoop, monkeypatch: pytest.MonkeyPatch) -> None:
+    opened: list[FakeSocket] = []
+
+    class FakeSocket:
+        closed = False
+
+        def __init__(self, *_: object) -> None:
+            opened.append(self)
+
+        def getsockname(self) -> tuple[str, int, int, int, bytes]:
+            return "lo", 0x8892, 4, 772, bytes(6)  # ARPHRD_LOOPBACK
+
+        def setsockopt(self, *_: object) -> None: ...
+
+        def bind(self, address: object) -> None: ...
+
+        def fileno(self) -> int:
+            return 1000
+
+        def close(self) -> None:
+            self.closed = True
+
+    monkeypatch.setattr(socket, "socket", FakeSocket)
+    with pytest.raises(GatewayError, match="interface lo: is no Ethernet interface"):
+        RawEthernet(loop, "lo")
+    assert opened
+    assert all(item.closed for item in opened)

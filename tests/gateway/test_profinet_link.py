@@ -32,6 +32,7 @@ from pdgw.profinet.blocks.alarm import AlarmType, MessageClass
 from pdgw.profinet.cmdev import State
 from pdgw.profinet.rpc.dcerpc import UDP_PORT
 from pdgw.profinet.station import Identity, IpSuite, Station
+from pdgw.tools.status_text import _station
 from tests.support.ethernet import FakeEthernet
 from tests.support.profinet import DEVICE_IP, DEVICE_MAC, PLC_IP, PLC_MAC
 
@@ -392,6 +393,39 @@ def test_status_and_counters_tell_of_the_controller(rig: Rig) -> None:
     assert counters["accepted"] > 20
     assert counters["sent"] > 20
     assert counters["missed"] == 0
+    text = _station(station)
+    assert (
+        text
+        == f"station gateway, IP 192.168.0.2, {rig.port.mac.hex(':')}, controller plc-1: exchanges data, cycle 4 ms"
+    )
+    rig.port.link_up = False
+    rig.port.on_link()
+    station = cast("dict[str, Any]", rig.link.status()["station"])
+    assert _station(station).endswith(", cable off, no relationship")
+
+
+def test_a_refused_connect_is_in_the_log_with_its_reason_and_repetitions_do_not_fill_it(
+    rig: Rig, caplog: pytest.LogCaptureFixture
+) -> None:
+    def ask(**wrong: int) -> list[str]:
+        project = Project("gateway", rig.link.device.model.modules, **wrong)
+        caller = Station(Identity(PLC_MAC, 1, 1, "plc", "PLC"), "plc-1")
+        rig.plc = IoController(caller, project, DEVICE_IP, seed=rig.loop.now() + 1)
+        rig.plc.start(rig.loop.now())
+        rig.run(20 * MS)
+        return [item.getMessage() for item in caplog.records if "Connect of" in item.getMessage()]
+
+    field = "ArBlockReq.activity_timeout: '0h' is not allowed, expected 1..1000"
+    for _ in range(100):
+        told = ask(activity_timeout=0)
+    assert told == [f"Connect of 192.168.0.1 refused, error (DB 81 01 0A): {field}"]
+    told = ask(data_hold=0)
+    assert len(told) == 2, "another reason"
+    assert "IocrBlockReq.watchdog" in told[1]
+    assert len(ask(activity_timeout=0)) == 2, "not two in a second"
+    rig.run(60_000 * MS)
+    assert len(ask(data_hold=0)) == 3
+    assert rig.link.device.cm.refusals == 103
 
 
 def test_the_end_of_the_daemon_tells_the_controller(rig: Rig) -> None:

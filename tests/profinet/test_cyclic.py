@@ -69,6 +69,16 @@ def test_frames_that_do_not_count_do_not_restart_the_hold_time(frame: bytes, ver
     assert item.counters[verdict] == 1
 
 
+def test_before_the_first_frame_nothing_is_received_and_a_submodule_without_data_never_has_any() -> None:
+    item = consumer()
+    assert (item.running, item.last_ns, item.deadline, item.status) == (False, None, None, (0, 0, 0))
+    give(item, output_frame(5))
+    assert item.status == (5, STATUS_NORMAL, 0)
+    assert item.output((1, 1)) is None
+    give(item, output_frame(37, STATUS_STOP))
+    assert item.status == (37, STATUS_STOP, 0)
+
+
 def test_stop_of_the_controller_and_bad_data_are_no_setpoints_but_keep_the_relationship() -> None:
     item = consumer()
     give(item, output_frame(0))
@@ -203,6 +213,38 @@ def test_statuses_are_bad_until_the_application_is_ready() -> None:
     item.set_status(AXIS, good=True)
     item.close()
     assert item.frame[where[1]] == 0
+    item.set_status(AXIS, good=True)
+    assert item.frame[where[1]] == 0
+    item.open()
+    assert item.frame[where[1]] == 0x80, "what was said to be valid meanwhile is valid"
+
+
+def test_every_status_of_a_submodule_that_is_as_projected_is_good_from_ready_on_and_no_other() -> None:
+    plan = project().plan(IocrType.INPUT, 0x8001)
+    wrong = {(1, 1), (2, 2)}
+    item = Provider(plan, PLC_MAC, DEVICE_MAC, PLACES - wrong)
+    start = 20  # behind header, tag and FrameID
+    offsets = {place: [data.iops] for place, data in plan.data.items()}
+    for place, offset in plan.iocs.items():
+        offsets.setdefault(place, []).append(offset)
+
+    def good() -> set[tuple[int, int]]:
+        found = {place for place, at in offsets.items() if all(item.frame[start + offset] == 0x80 for offset in at)}
+        others = {place for place, at in offsets.items() if not any(item.frame[start + offset] for offset in at)}
+        assert found | others == set(offsets), "half of the statuses"
+        return found
+
+    with_data = {place for place, data in plan.data.items() if data.length}
+    assert good() == set()
+    item.open()
+    for place in with_data:
+        item.set_status(place, good=True)
+    assert good() == set(offsets) - wrong
+    item.close()
+    assert good() == set()
+    assert not any(item.frame[start:-4])
+    assert item.place((9, 9)) is None
+    assert item.place((2, 2)) is None
 
 
 def test_before_prm_end_every_status_on_the_wire_is_bad() -> None:

@@ -81,6 +81,15 @@ def test_an_unreachable_can_interface_ends_with_one_line_and_status_1(tmp_path: 
         (("sim", "plc", "turn.yaml", "--interactive"), "give either a scenario file or --interactive"),
         (("sim", "plc", "turn.yaml", "--telegram", "9"), "--telegram: only with --interactive"),
         (("sim", "plc", "--interactive", "--html", "turn.html"), "--html: only with a scenario"),
+        (
+            ("sim", "plc", "--interactive", "--profinet", "nowhere0", "--name", "Press_1"),
+            "--name Press_1: allowed: labels of 1..63 of a-z",
+        ),
+        (
+            ("sim", "plc", "--interactive", "--profinet", "nowhere0", "--device-ip", "1.2.3.4.5"),
+            "--device-ip 1.2.3.4.5: allowed is an address with its prefix",
+        ),
+        (("sim", "plc", "--interactive", "--profinet", "nowhere0"), "interface nowhere0: there is none of this name"),
         (("sim", "drive", "--interface", "bogus"), "CAN interface"),
         (("sim", "inject", "--port", "1", "fault", "7"), "no simulator answers"),
     ],

@@ -26,9 +26,11 @@ from pdgw.peers.plc.engine import Engine, Result
 from pdgw.peers.plc.keyboard import Keyboard
 from pdgw.peers.plc.scenario_file import load_scenario
 from pdgw.peers.plc.view import snapshot
+from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.frame import UDP_PORT
 from pdgw.profidrive.telegrams import telegram as telegram_of
 from pdgw.profinet.rpc.dcerpc import UDP_PORT as ACYCLIC_PORT
+from pdgw.profinet.station import check_name
 from pdgw.tools.address import parse_address
 from pdgw.tools.commands.simulation_options import only_with, telegrams_of_axes
 from pdgw.tools.keys import read_keys
@@ -157,7 +159,7 @@ def plc(
         if ended:
             raise typer.Exit(ended)
         if engine is not None and scenario is not None:
-            _report(engine, scenario, gateway).write(junit, html)
+            _report(engine, scenario, gateway if profinet is None else name).write(junit, html)
             _finish(engine, as_json, begin_s, progress=progress)
     finally:
         if unwritten is not None:
@@ -205,6 +207,10 @@ def _connected(interface: str, name: str, device_ip: str, endpoint: PlcEndpoint,
         raise GatewayError(
             f"--device-ip {device_ip}: allowed is an address with its prefix, like 192.168.0.2/24"
         ) from error
+    try:
+        check_name(name)
+    except ProfidriveError as error:
+        raise GatewayError(f"--name {name}: allowed: {error.allowed}") from error
     client = ProfinetPlc(interface, name, address, endpoint, cycle_ns)
     try:
         client.connect()
