@@ -236,14 +236,6 @@ class GsdmlWriter:
             PhysicalSubslots=f"{ACCESS_POINT_SUBSLOT}..{TELEGRAM_SUBSLOT}",
         )
         self._info(item, name, text)
-        useable = SubElement(item, "UseableSubmodules")
-        for telegram in telegrams:
-            SubElement(
-                useable,
-                "SubmoduleItemRef",
-                SubmoduleItemTarget=_submodule_id(telegram),
-                AllowedInSubslots=str(TELEGRAM_SUBSLOT),
-            )
         virtual = SubElement(item, "VirtualSubmoduleList")
         point = SubElement(
             virtual,
@@ -256,6 +248,14 @@ class GsdmlWriter:
         )
         SubElement(point, "IOData")
         self._info(point, "Module access point", "Parameter access (record B02Eh) and diagnosis of the drive object")
+        useable = SubElement(item, "UseableSubmodules")
+        for telegram in telegrams:
+            SubElement(
+                useable,
+                "SubmoduleItemRef",
+                SubmoduleItemTarget=_submodule_id(telegram),
+                AllowedInSubslots=str(TELEGRAM_SUBSLOT),
+            )
 
     def _submodule(self, parent: Element, telegram: Telegram) -> None:
         item = SubElement(

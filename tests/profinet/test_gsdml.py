@@ -230,6 +230,51 @@ def test_the_file_is_the_same_each_time_it_is_written() -> None:
     assert GsdmlWriter(IDENTITY, "pdgw", KINDS).write() == GsdmlWriter(IDENTITY, "pdgw", KINDS).write()
 
 
+ORDER = {
+    "ISO15745Profile": "ProfileHeader ProfileBody",
+    "ProfileHeader": "ProfileIdentification ProfileRevision ProfileName ProfileSource ProfileClassID ISO15745Reference",
+    "ISO15745Reference": "ISO15745Part ISO15745Edition ProfileTechnology",
+    "ProfileBody": "DeviceIdentity DeviceFunction ApplicationProcess",
+    "DeviceIdentity": "InfoText VendorName",
+    "DeviceFunction": "Family",
+    "ApplicationProcess": "DeviceAccessPointList ModuleList SubmoduleList ChannelDiagList ExternalTextList",
+    "DeviceAccessPointList": "DeviceAccessPointItem",
+    "DeviceAccessPointItem": "ModuleInfo CertificationInfo IOConfigData UseableModules VirtualSubmoduleList "
+    "SystemDefinedSubmoduleList",
+    "ModuleInfo": "Name InfoText VendorName OrderNumber HardwareRelease SoftwareRelease",
+    "UseableModules": "ModuleItemRef",
+    "VirtualSubmoduleList": "VirtualSubmoduleItem",
+    "VirtualSubmoduleItem": "IOData ModuleInfo",
+    "SystemDefinedSubmoduleList": "InterfaceSubmoduleItem PortSubmoduleItem",
+    "InterfaceSubmoduleItem": "ApplicationRelations",
+    "ApplicationRelations": "TimingProperties",
+    "PortSubmoduleItem": "MAUTypeList",
+    "MAUTypeList": "MAUTypeItem",
+    "ModuleList": "ModuleItem",
+    "ModuleItem": "ModuleInfo VirtualSubmoduleList UseableSubmodules",
+    "UseableSubmodules": "SubmoduleItemRef",
+    "SubmoduleList": "SubmoduleItem",
+    "SubmoduleItem": "IOData ModuleInfo",
+    "IOData": "Input Output",
+    "Input": "DataItem",
+    "Output": "DataItem",
+    "DataItem": "BitDataItem",
+    "ChannelDiagList": "ProfileChannelDiagItem",
+    "ProfileChannelDiagItem": "Name",
+    "ExternalTextList": "PrimaryLanguage",
+    "PrimaryLanguage": "Text",
+}
+"""What may stand in an element, in the order in which the schema has it: tools refuse a file with another one."""
+
+
+def test_elements_stand_in_the_order_of_the_schema() -> None:
+    for item in ROOT.iter():
+        name = item.tag.removeprefix(NS)
+        allowed = ORDER.get(name, "").split()
+        ranks = [allowed.index(child.tag.removeprefix(NS)) for child in item]
+        assert ranks == sorted(ranks), name
+
+
 def test_what_engineering_tools_ask_of_this_version_beyond_the_schema_is_there() -> None:
     (point,) = every("DeviceAccessPointItem")
     assert point.attrib["PNIO_Version"] == "V2.4"
