@@ -38,12 +38,13 @@ from pdgw.decoder.objects import (
 from pdgw.decoder.records import Record
 from pdgw.decoder.sdo import FRAME_SIZE, SdoChannel, Step
 from pdgw.ds301.aborts import abort_text
-from pdgw.ds301.communication import DEVICE_NAME, DEVICE_TYPE, IDENTITY
+from pdgw.ds301.can_frame import STANDARD_ID
+from pdgw.ds301.communication import DEVICE_NAME, DEVICE_TYPE, IDENTITY_PRODUCT, IDENTITY_VENDOR
 from pdgw.ds301.connection_set import ERROR_CONTROL, NMT, SDO_REQUEST, SDO_RESPONSE, SYNC, TIME
 from pdgw.ds301.emcy import emcy_text, error_register_text
 from pdgw.ds301.nmt import NmtCommand, NmtState
 from pdgw.ds301.objects import Entry
-from pdgw.ds301.pdo import COB_ID_INVALID, PdoDirection
+from pdgw.ds301.pdo import COB_ID_INVALID, PDOS_MAX, PdoDirection
 from pdgw.dsp402.overlay import entries_of, families_of
 from pdgw.dsp402.pdo import with_objects
 from pdgw.profidrive.telegrams import ApplicationMode, telegram
@@ -53,8 +54,6 @@ Dictionary = Callable[[int], Sequence[Entry] | None]
 
 LSS: Final = {0x7E4: "LSS response", 0x7E5: "LSS request"}
 _NODE = 0x7F
-_PDOS_PER_DIRECTION = 512
-_MAPPING_OFFSET = 0x200
 """From the communication to the mapping parameter of a PDO."""
 _MAX_MAPPED = 64
 _OBSERVED = "observed"
@@ -75,7 +74,7 @@ _ERROR_CLASSES = {
 """Bits of a SocketCAN error frame's identifier (linux/can/error.h)."""
 
 
-_TELLS_FAMILY: Final = ((IDENTITY, 1), (IDENTITY, 2), (DEVICE_NAME, 0))
+_TELLS_FAMILY: Final = (IDENTITY_VENDOR, IDENTITY_PRODUCT, (DEVICE_NAME, 0))
 """Vendor-ID, product code and name of a device."""
 
 
@@ -289,7 +288,7 @@ class CanopenDecoder:
         if _pdo_of(index) is None or len(value) not in {1, 2, 4}:
             return
         node.parameters[index, subindex] = int.from_bytes(value, "little")
-        mapping = index if _is_mapping(index) else index + _MAPPING_OFFSET
+        mapping = index if _is_mapping(index) else index + PDOS_MAX
         if index == mapping:
             node.origins[mapping] = _OBSERVED
         if (index == mapping and subindex == 0) or (index != mapping and subindex == 1):
@@ -301,7 +300,7 @@ class CanopenDecoder:
         if found is None:
             return
         direction, number = found
-        communication = mapping - _MAPPING_OFFSET
+        communication = mapping - PDOS_MAX
         before = node.cob_ids.pop(communication, None)
         if before is not None:
             self._pdos.pop(before, None)
@@ -315,7 +314,7 @@ class CanopenDecoder:
         name = f"{direction.label}{number}"
         layout = pdo_layout(name, node_id, node.axis, mapped, node.names, node.origins.get(mapping, _OBSERVED))
         if layout is not None:
-            identifier = cob_id & 0x7FF
+            identifier = cob_id & STANDARD_ID
             node.cob_ids[communication] = identifier
             self._pdos[identifier] = layout
 
@@ -324,14 +323,14 @@ _Base = tuple[int, int, str, bytes, int]
 
 
 def _is_mapping(index: int) -> bool:
-    return any(d.mapping_index <= index < d.mapping_index + _PDOS_PER_DIRECTION for d in PdoDirection)
+    return any(d.mapping_index <= index < d.mapping_index + PDOS_MAX for d in PdoDirection)
 
 
 def _pdo_of(index: int) -> tuple[PdoDirection, int] | None:
     """Direction and number of the PDO a parameter belongs to."""
     for direction in PdoDirection:
         for start in (direction.communication_index, direction.mapping_index):
-            if start <= index < start + _PDOS_PER_DIRECTION:
+            if start <= index < start + PDOS_MAX:
                 return direction, index - start + 1
     return None
 

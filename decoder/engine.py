@@ -23,6 +23,7 @@ from pdgw.decoder.link import CanFrame, Carried, socketcan, unwrap
 from pdgw.decoder.profinet_frames import FRAME_IDS, FrameDecoder
 from pdgw.decoder.profinet_names import StationNames
 from pdgw.decoder.records import Link, OtherRecord, Record
+from pdgw.ds301.can_frame import STANDARD_ID
 from pdgw.profidrive.frame import ETHERTYPE
 from pdgw.profidrive.frame import UDP_PORT as CYCLIC_PORT
 from pdgw.profinet.rpc.dcerpc import UDP_PORT as ACYCLIC_PORT
@@ -138,7 +139,7 @@ class Decoder:
     def _socketcan(self, number: int, time_ns: int, channel: str, data: bytes) -> Record:
         if len(data) >= _SOCKETCAN.size:
             identifier, length = _SOCKETCAN.unpack_from(data)
-            if identifier <= 0x7FF and _SOCKETCAN.size + length <= len(data):
+            if identifier <= STANDARD_ID and _SOCKETCAN.size + length <= len(data):
                 bus = self._buses.get(channel) or self._bus(channel)
                 return bus.decode(number, time_ns, channel, identifier, data[8 : 8 + length])
         frame = socketcan(data)

@@ -11,7 +11,7 @@ import struct
 from typing import NamedTuple
 
 from pdgw.decoder.records import Link
-from pdgw.ds301.can_frame import ERROR, EXTENDED, REMOTE
+from pdgw.ds301.can_frame import ERROR, EXTENDED, EXTENDED_ID, REMOTE, STANDARD_ID
 from pdgw.profidrive.frame import ETHERTYPE
 from pdgw.profinet.ethernet import ETHERTYPE_LLDP
 
@@ -172,5 +172,5 @@ def socketcan(data: bytes) -> CanFrame | str:
     if len(payload) < length and not remote:
         return f"CAN frame of {length} bytes cut off: {len(payload)} captured"
     return CanFrame(
-        identifier & (0x1FFFFFFF if extended else 0x7FF), payload, extended, remote, bool(identifier & ERROR)
+        identifier & (EXTENDED_ID if extended else STANDARD_ID), payload, extended, remote, bool(identifier & ERROR)
     )

@@ -15,22 +15,19 @@ from typing import Final
 from pdgw.decoder.can_records import PdoLayout
 from pdgw.decoder.fields import Field, Raw, entry_field
 from pdgw.decoder.records import UnitLayout
+from pdgw.ds301.can_frame import EXTENDED_ID
+from pdgw.ds301.communication import EMCY_COB_ID, SYNC_COB_ID, TIME_COB_ID, profile_of
 from pdgw.ds301.objects import CanType, Entry
-from pdgw.ds301.pdo import COB_ID_INVALID, PdoDirection
+from pdgw.ds301.pdo import COB_ID_INVALID, is_communication_parameter, is_mapping_parameter
 from pdgw.dsp402.further import FURTHER_OBJECTS
-from pdgw.dsp402.objects import known_objects
+from pdgw.dsp402.objects import DRIVE_PROFILE, known_objects
 from pdgw.dsp402.overlay import all_families, entries_of, overlay, with_units
 from pdgw.dsp406.device import encoder_objects
-from pdgw.dsp406.kinds import DEVICES
+from pdgw.dsp406.kinds import DEVICES, ENCODER_PROFILE
 
 _DUMMY_LAST: Final = 0x001F
 """Indices of the data types themselves: mapped, they are gaps."""
-_PDOS: Final = 512
-"""PDO parameters of one kind and direction."""
-DRIVE_PROFILE: Final = 402
-ENCODER_PROFILE: Final = 406
-"""Low words of the device type 1000h."""
-_COB_ID_OBJECTS: Final = (0x1005, 0x1012, 0x1014)
+_COB_ID_OBJECTS: Final = (SYNC_COB_ID, TIME_COB_ID, EMCY_COB_ID)
 
 
 class ObjectNames:
@@ -83,12 +80,12 @@ class ObjectNames:
             return repr(value)
         if isinstance(value, bytes):
             return value.hex(" ") or "no data"
-        if subindex and isinstance(value, int) and any(0 <= index - d.mapping_index < _PDOS for d in PdoDirection):
+        if subindex and isinstance(value, int) and is_mapping_parameter(index):
             mapped = Mapped.from_parameter(value)
             name = self.name(mapped.index, mapped.subindex)
             return f"{mapped.index:04X}h.{mapped.subindex} {mapped.bits} bits" + (f" ({name})" if name else "")
         if isinstance(value, int) and _is_cob_id(index, subindex):
-            return f"{value & 0x1FFFFFFF:03X}h" + (" (not valid)" if value & COB_ID_INVALID else "")
+            return f"{value & EXTENDED_ID:03X}h" + (" (not valid)" if value & COB_ID_INVALID else "")
         entry = self.get(index, subindex)
         if entry is None:
             return f"{value} ({data.hex(' ')})"
@@ -97,7 +94,7 @@ class ObjectNames:
 
 def _is_cob_id(index: int, subindex: int) -> bool:
     """Whether an entry is the COB-ID of a PDO, SYNC, TIME or EMCY."""
-    pdo = any(0 <= index - direction.communication_index < _PDOS for direction in PdoDirection)
+    pdo = is_communication_parameter(index)
     return (pdo and subindex == 1) or (index in _COB_ID_OBJECTS and subindex == 0)
 
 
@@ -137,7 +134,7 @@ def encoder_catalogue() -> ObjectNames:
 
 def profile_catalogue(device_type: int, families: tuple[str, ...]) -> ObjectNames | None:
     """The objects of the profile a device type 1000h names; None for other profiles."""
-    profile = device_type & 0xFFFF
+    profile = profile_of(device_type)
     if profile == DRIVE_PROFILE:
         return catalogue(families)
     return encoder_catalogue() if profile == ENCODER_PROFILE else None

@@ -12,6 +12,9 @@ CAN_FRAME: Final = struct.Struct("=IB3x8s")
 """Identifier with flags, length 0..8, data."""
 FD_FRAME_SIZE: Final = 72
 """``struct canfd_frame``: what is read has to be so long that a frame of CAN FD is not taken for a classic one."""
+STANDARD_ID: Final = 0x7FF
+EXTENDED_ID: Final = 0x1FFF_FFFF
+"""Identifiers of 11 and of 29 bits, without flags."""
 EXTENDED: Final = 0x8000_0000
 REMOTE: Final = 0x4000_0000
 ERROR: Final = 0x2000_0000

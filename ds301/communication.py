@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from pdgw.ds301.configuration import EVENT_DRIVEN_PROFILE
+from pdgw.ds301.connection_set import EMCY, SYNC
 from pdgw.ds301.objects import Access, CanType, Entry, ObjectKind, ObjectSpec, array, var
 from pdgw.ds301.pdo import COB_ID_INVALID, Pdo, PdoDirection
 
@@ -20,15 +21,32 @@ PREDEFINED_ERROR_FIELD = 0x1003
 SYNC_COB_ID = 0x1005
 SYNC_PERIOD = 0x1006
 """Communication cycle period in microseconds."""
+SYNC_WINDOW = 0x1007
 DEVICE_NAME = 0x1008
+GUARD_TIME = 0x100C
+LIFE_TIME_FACTOR = 0x100D
 STORE_PARAMETERS = 0x1010
 RESTORE_PARAMETERS = 0x1011
+TIME_COB_ID = 0x1012
+EMCY_COB_ID = 0x1014
 CONSUMER_HEARTBEAT = 0x1016
 PRODUCER_HEARTBEAT = 0x1017
 IDENTITY = 0x1018
+IDENTITY_VENDOR = (IDENTITY, 1)
+IDENTITY_PRODUCT = (IDENTITY, 2)
+
+ERROR_BEHAVIOUR = 0x1029
+SDO_SERVERS = range(0x1200, 0x1280)
+SDO_CLIENTS = range(0x1280, 0x1400)
+NMT_STARTUP = 0x1F80
 
 SAVE_SIGNATURE = int.from_bytes(b"save", "little")
 LOAD_SIGNATURE = int.from_bytes(b"load", "little")
+
+
+def profile_of(device_type: int) -> int:
+    """The number of the device profile in the value of 1000h, such as 402; 0 for none."""
+    return device_type & 0xFFFF
 
 
 def _fixed_array(
@@ -53,13 +71,13 @@ def communication_objects(
         var(DEVICE_TYPE, "Device type", U32, RO, default=device_type),
         var(ERROR_REGISTER, "Error register", U8, RO, default=0, pdo=True, attribute="error_register"),
         _fixed_array(PREDEFINED_ERROR_FIELD, "Pre-defined error field", 8, U32, RO, "Error", 0),
-        var(SYNC_COB_ID, "COB-ID SYNC", U32, RW, default=0x80),
+        var(SYNC_COB_ID, "COB-ID SYNC", U32, RW, default=SYNC),
         var(DEVICE_NAME, "Manufacturer device name", CanType.VISIBLE_STRING, CONST, default=device_name),
         var(0x1009, "Manufacturer hardware version", CanType.VISIBLE_STRING, CONST, default=versions[0]),
         var(0x100A, "Manufacturer software version", CanType.VISIBLE_STRING, CONST, default=versions[1]),
         _fixed_array(STORE_PARAMETERS, "Store parameters", 1, U32, RW, "Save all parameters", 1),
         _fixed_array(RESTORE_PARAMETERS, "Restore default parameters", 1, U32, RW, "Restore all parameters", 1),
-        var(0x1014, "COB-ID EMCY", U32, RO, default=0x80),
+        var(EMCY_COB_ID, "COB-ID EMCY", U32, RO, default=EMCY),
         _fixed_array(CONSUMER_HEARTBEAT, "Consumer heartbeat time", 1, U32, RW, "Consumer heartbeat time", 0),
         var(PRODUCER_HEARTBEAT, "Producer heartbeat time", U16, RW, default=0, unit="ms"),
         array(

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.objects import CanType
-from pdgw.ds301.pdo import COB_ID_INVALID, COB_ID_NO_REMOTE, Pdo, PdoDirection
+from pdgw.ds301.pdo import COB_ID_INVALID, COB_ID_NO_REMOTE, Pdo, PdoDirection, is_communication_parameter
 
 EVENT_DRIVEN_MANUFACTURER = 254
 EVENT_DRIVEN_PROFILE = 255
@@ -79,11 +79,6 @@ def disable_pdo(direction: PdoDirection, number: int, node_id: int) -> SdoStep:
     cob_id = direction.cob_id(number, node_id) | COB_ID_INVALID
     index = direction.communication_index + number - 1
     return SdoStep(index, 1, CanType.U32, cob_id, f"{direction.label}{number} unused")
-
-
-def is_communication_parameter(index: int) -> bool:
-    """Whether an index is in the area of the PDO communication parameters."""
-    return 0x1400 <= index < 0x1600 or 0x1800 <= index < 0x1A00
 
 
 def is_taken(step: SdoStep, found: int) -> bool:

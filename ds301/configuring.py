@@ -11,10 +11,10 @@ from typing import ClassVar
 from canopen.sdo import SdoAbortedError
 
 from pdgw.ds301.aborts import Abort, abort_text
-from pdgw.ds301.communication import IDENTITY
-from pdgw.ds301.configuration import SdoStep, is_communication_parameter, is_taken
+from pdgw.ds301.communication import IDENTITY, profile_of
+from pdgw.ds301.configuration import SdoStep, is_taken
 from pdgw.ds301.errors import CanopenError
-from pdgw.ds301.pdo import Pdo
+from pdgw.ds301.pdo import Pdo, is_communication_parameter
 from pdgw.ds301.plan import PdoPlan
 from pdgw.ds301.sdo import SdoAccess
 
@@ -29,8 +29,10 @@ class ConfiguringAccess(SdoAccess):
 
     def _check_identity(self, device_type: int) -> None:
         name = f"node {self._node_id} device type 1000h"
-        if device_type & 0xFFFF != self.profile:
-            raise self.error_type(name, f"profile {device_type & 0xFFFF}", f"{self.a_device} (profile {self.profile})")
+        if profile_of(device_type) != self.profile:
+            raise self.error_type(
+                name, f"profile {profile_of(device_type)}", f"{self.a_device} (profile {self.profile})"
+            )
         information = self.dictionary.device_information
         for what, subindex, expected in (
             ("vendor-ID 1018h/1", 1, information.vendor_number),

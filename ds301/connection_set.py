@@ -7,6 +7,8 @@ from __future__ import annotations
 
 from typing import Final
 
+NODE_IDS: Final = range(1, 128)
+
 NMT: Final = 0x000
 SYNC: Final = 0x080
 EMCY: Final = 0x080

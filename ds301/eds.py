@@ -8,10 +8,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from pdgw.ds301.communication import DEVICE_TYPE, ERROR_REGISTER, IDENTITY
-from pdgw.ds301.configuration import is_communication_parameter
-from pdgw.ds301.objects import Entry, ObjectKind, ObjectSpec
-from pdgw.ds301.pdo import PdoDirection
+from pdgw.ds301.communication import DEVICE_TYPE, EMCY_COB_ID, ERROR_REGISTER, IDENTITY
+from pdgw.ds301.objects import MANUFACTURER_AREA, Entry, ObjectKind, ObjectSpec
+from pdgw.ds301.pdo import PdoDirection, is_communication_parameter
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +31,7 @@ def _default(entry: Entry) -> str:
     if entry.default is None:
         return ""
     if isinstance(entry.default, int) and not isinstance(entry.default, bool):
-        if (is_communication_parameter(entry.index) and entry.subindex == 1) or entry.index == 0x1014:
+        if (is_communication_parameter(entry.index) and entry.subindex == 1) or entry.index == EMCY_COB_ID:
             return f"$NODEID+0x{entry.default:X}"
         return str(entry.default) if entry.default < 0 else f"0x{entry.default:X}"
     return str(entry.default)
@@ -107,8 +106,8 @@ def write_eds(info: DeviceInfo, objects: Sequence[ObjectSpec]) -> str:
         "",
     ]
     lines += _list("MandatoryObjects", [i for i in indices if i in MANDATORY])
-    lines += _list("OptionalObjects", [i for i in indices if i not in MANDATORY and not 0x2000 <= i < 0x6000])
-    lines += _list("ManufacturerObjects", [i for i in indices if 0x2000 <= i < 0x6000])
+    lines += _list("OptionalObjects", [i for i in indices if i not in MANDATORY and i not in MANUFACTURER_AREA])
+    lines += _list("ManufacturerObjects", [i for i in indices if i in MANUFACTURER_AREA])
     for spec in ordered:
         lines += _object(spec)
     return "\n".join(lines)

@@ -21,6 +21,7 @@ from pathlib import Path
 import canopen
 from canopen.objectdictionary import ODArray, ODRecord, ODVariable, eds
 
+from pdgw.ds301.connection_set import NODE_IDS
 from pdgw.ds301.eds import MANDATORY
 from pdgw.ds301.eds_objects import ObjectSections, ObjectWriter, Texts, check_count
 from pdgw.ds301.eds_text import (
@@ -35,7 +36,8 @@ from pdgw.ds301.eds_text import (
     parse,
 )
 from pdgw.ds301.eds_values import ValueRefused, is_plain, number
-from pdgw.ds301.pdo import PdoDirection
+from pdgw.ds301.objects import COMMUNICATION_AREA, MANUFACTURER_AREA
+from pdgw.ds301.pdo import PDOS_MAX, PdoDirection
 
 MAX_ENTRIES = 1 << 15
 """Objects and sub-indices; a few lines of compact sub-objects make many."""
@@ -50,7 +52,6 @@ _DEVICE_KEYS = (
 )
 _LISTS = ("MandatoryObjects", "OptionalObjects", "ManufacturerObjects")
 _PDO_PARTS = tuple((direction.communication_index, direction.mapping_index) for direction in PdoDirection)
-_PDOS = 0x200
 
 
 _FILES = 32
@@ -76,7 +77,7 @@ def import_eds(source: str | PathLike[str] | bytes, node_id: int) -> EdsImport:
     CanopenError when the file cannot be read or the node-ID is none; EdsError, which is one, names each line of a file
     that cannot be used.
     """
-    if not 1 <= node_id <= 127:
+    if node_id not in NODE_IDS:
         raise EdsError((Problem(0, "", "node-ID", str(node_id), "a node-ID is 1..127"),))
     sheet, relative = _imported(_read(source))
     return EdsImport(_at_node(sheet.dictionary, relative, node_id), sheet.repairs, sheet.text)
@@ -246,7 +247,7 @@ def _verbatim(section: Section) -> dict[str, str]:
 def _check_pdos(objects: Mapping[int, ObjectSections], present: Iterable[int], report: Report) -> None:
     known = set(present)
     for communication, mapping in _PDO_PARTS:
-        for pdo in range(_PDOS):
+        for pdo in range(PDOS_MAX):
             if communication + pdo in known and mapping + pdo not in known:
                 item = objects[communication + pdo]
                 section = item.main or next(iter(item.subs.values()))
@@ -327,7 +328,7 @@ def _comments(section: Section, report: Report) -> dict[str, str]:
 
 def _object_lists(others: Mapping[str, Section], present: list[int], report: Report) -> Texts:
     """The three lists, with exactly the objects that are described."""
-    wanted = dict.fromkeys(index for index in present if index >= 0x1000)
+    wanted = dict.fromkeys(index for index in present if index >= COMMUNICATION_AREA[0])
     listed: dict[str, list[int]] = {name: [] for name in _LISTS}
     seen: set[int] = set()
     for name in _LISTS:
@@ -376,4 +377,4 @@ def _listed_index(text: str, wanted: Collection[int]) -> int | None:
 def _list_of(index: int) -> str:
     if index in MANDATORY:
         return "MandatoryObjects"
-    return "ManufacturerObjects" if 0x2000 <= index < 0x6000 else "OptionalObjects"
+    return "ManufacturerObjects" if index in MANUFACTURER_AREA else "OptionalObjects"

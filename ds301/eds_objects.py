@@ -9,6 +9,7 @@ import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
+from pdgw.ds301.communication import PREDEFINED_ERROR_FIELD
 from pdgw.ds301.eds_text import Item, Report, Section
 from pdgw.ds301.eds_values import (
     BOOLEAN,
@@ -23,6 +24,7 @@ from pdgw.ds301.eds_values import (
     number,
     value_text,
 )
+from pdgw.ds301.pdo import PDO_PARAMETERS, is_mapping_parameter
 
 _NULL, _DOMAIN_OBJECT, _DEFTYPE, _DEFSTRUCT, _VAR, _ARRAY, _RECORD = 0x0, 0x2, 0x5, 0x6, 0x7, 0x8, 0x9
 _NO_ENTRIES = (_NULL, _DEFTYPE, _DEFSTRUCT)
@@ -41,7 +43,7 @@ _ELEMENT_TYPE_KEYS = ("accesstype", "datatype", "pdomapping")
 """What all elements of an array have in common."""
 _ELEMENT_KEYS = (*_ELEMENT_TYPE_KEYS, "defaultvalue", "lowlimit", "highlimit")
 """What the sub-indices of a compact object have from it."""
-_WRITABLE_COUNTS = (0x1003, *range(0x1600, 0x1800), *range(0x1A00, 0x1C00))
+_WRITABLE_COUNTS = frozenset((PREDEFINED_ERROR_FIELD, *filter(is_mapping_parameter, PDO_PARAMETERS)))
 """Objects whose sub-index 0 is a value the master may write, not the number of sub-indices."""
 
 _ENTRY_KEYS = ("ParameterName", "DataType", "AccessType", "DefaultValue", "ParameterValue", "PDOMapping")

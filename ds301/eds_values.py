@@ -9,6 +9,8 @@ from __future__ import annotations
 import math
 import re
 
+from pdgw.ds301.connection_set import NODE_IDS
+
 NUMBER_OF_BITS: dict[int, tuple[int, bool]] = {
     0x02: (8, True),
     0x03: (16, True),
@@ -40,7 +42,6 @@ DOMAIN = 0x0F
 DATA_TYPES = frozenset((*NUMBER_OF_BITS, BOOLEAN, *REALS, VISIBLE_STRING, OCTET_STRING, UNICODE_STRING, DOMAIN))
 """The simple data types of CiA 301."""
 
-MAX_NODE_ID = 127
 _LONGEST_NUMBER = 40
 
 _PLAIN = re.compile(r"-?(?:0x[0-9a-f]+|0|[1-9][0-9]*)", re.IGNORECASE)
@@ -152,7 +153,7 @@ def _integer_text(data_type: int, text: str) -> tuple[str, bool]:
     bits, signed = NUMBER_OF_BITS[data_type]
     offset = _relative(text)
     if offset is not None:
-        if offset + 1 < 0 or offset + MAX_NODE_ID > _highest(bits, signed):
+        if offset + 1 < 0 or offset + NODE_IDS[-1] > _highest(bits, signed):
             raise ValueRefused(f"outside the {bits} bits of its data type")
         if _PLAIN_RELATIVE.fullmatch(text):
             return "$NODEID" + text[len("$NODEID") :], False

@@ -5,6 +5,16 @@ Source: CiA DS 301 table 21, CiA DSP 402 V2.0 chapter 8.1 (the ranges a drive us
 
 from __future__ import annotations
 
+from typing import Final
+
+ERROR_PASSIVE: Final = 0x8120
+HEARTBEAT_ERROR: Final = 0x8130
+BUS_OFF_RECOVERED: Final = 0x8140
+PDO_LENGTH_ERROR: Final = 0x8210
+"""Codes that the gateway tells, or a simulated node sends, by itself."""
+COMMUNICATION_ERROR: Final = 1 << 0 | 1 << 4
+"""Error register 1001h with such a code: generic, communication."""
+
 EMCY_TEXTS: dict[int, str] = {
     0x0000: "error reset or no error",
     0x1000: "generic error",
@@ -25,10 +35,10 @@ EMCY_TEXTS: dict[int, str] = {
     0x7305: "incremental sensor 1",
     0x8000: "monitoring",
     0x8110: "CAN overrun",
-    0x8120: "CAN error passive",
-    0x8130: "life guard or heartbeat error",
-    0x8140: "recovered from bus-off",
-    0x8210: "PDO not processed: length error",
+    ERROR_PASSIVE: "CAN error passive",
+    HEARTBEAT_ERROR: "life guard or heartbeat error",
+    BUS_OFF_RECOVERED: "recovered from bus-off",
+    PDO_LENGTH_ERROR: "PDO not processed: length error",
     0x8220: "PDO length exceeded",
     0x8611: "following error",
     0x9000: "external error",

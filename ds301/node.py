@@ -8,8 +8,11 @@ from __future__ import annotations
 import enum
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
 
 from pdgw.ds301.pdo import Pdo
+
+GATEWAY_NODE_ID: Final = 127
 
 
 class NodeStatus(enum.Enum):
@@ -32,7 +35,7 @@ class NodeSettings:
     node_id: int
     eds: Path | None = None
     """A user's EDS/DCF; None takes the one in the package."""
-    gateway_node_id: int = 127
+    gateway_node_id: int = GATEWAY_NODE_ID
     heartbeat_ms: int = 100
     """Producer time of both sides; consumers expire after ``heartbeat_factor`` times that."""
     heartbeat_factor: int = 3

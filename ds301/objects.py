@@ -9,6 +9,7 @@ from __future__ import annotations
 import enum
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from typing import Final
 
 from pdgw.ds301.errors import CanopenError
 
@@ -43,6 +44,11 @@ class CanType(enum.Enum):
         if self.char.islower():
             return -(1 << (self.bits - 1)), (1 << (self.bits - 1)) - 1
         return 0, (1 << self.bits) - 1
+
+
+COMMUNICATION_AREA: Final = range(0x1000, 0x2000)
+MANUFACTURER_AREA: Final = range(0x2000, 0x6000)
+"""Indices of what CiA 301 itself and what a manufacturer defines; a device profile has those behind."""
 
 
 class Access(enum.Enum):

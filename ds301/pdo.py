@@ -21,6 +21,8 @@ COB_ID_INVALID = 1 << 31
 """Bit 31 of a COB-ID entry: the PDO does not exist / is not valid."""
 COB_ID_NO_REMOTE = 1 << 30
 """Bit 30: no remote request of the PDO is answered."""
+PDOS_MAX: Final = 0x200
+"""So many PDOs of one direction there can be: indices of their communication parameters, behind them those of their mapping."""
 _PREDEFINED: Final = 4
 """PDOs 1 to 4 are in the pre-defined connection set."""
 _HIGHEST_SHORT_NODE_ID: Final = 0x3F
@@ -29,11 +31,11 @@ _HIGHEST_SHORT_NODE_ID: Final = 0x3F
 class PdoDirection(enum.Enum):
     """Seen from the device: an RPDO is received by the drive, a TPDO is transmitted by it.
 
-    The first index of communication and of mapping parameters, and the COB-IDs of the PDOs of node-ID 0.
+    The first index of the communication parameters, and the COB-IDs of the PDOs of node-ID 0.
     """
 
-    RPDO = (0x1400, 0x1600, (0x200, 0x300, 0x400, 0x500, 0x240))
-    TPDO = (0x1800, 0x1A00, (0x180, 0x280, 0x380, 0x480, 0x1C0))
+    RPDO = (0x1400, (0x200, 0x300, 0x400, 0x500, 0x240))
+    TPDO = (0x1800, (0x180, 0x280, 0x380, 0x480, 0x1C0))
 
     # No __init__: mypyc cannot compile an enum that has one.
 
@@ -47,11 +49,11 @@ class PdoDirection(enum.Enum):
 
     @property
     def mapping_index(self) -> int:
-        return self.value[1]
+        return self.value[0] + PDOS_MAX
 
     @property
     def bases(self) -> tuple[int, ...]:
-        return self.value[2]
+        return self.value[1]
 
     def has_cob_id(self, number: int, node_id: int) -> bool:
         """Whether PDO ``number`` of a node has a COB-ID of its own.
@@ -68,6 +70,25 @@ class PdoDirection(enum.Enum):
         if not self.has_cob_id(number, node_id):
             raise CanopenError(f"node-ID with {self.label} {number}", node_id, f"1..{_HIGHEST_SHORT_NODE_ID}")
         return self.bases[number - 1] + node_id
+
+
+PDO_PARAMETERS: Final = range(PdoDirection.RPDO.communication_index, PdoDirection.TPDO.mapping_index + PDOS_MAX)
+"""Indices of all communication and mapping parameters."""
+
+
+def is_communication_parameter(index: int) -> bool:
+    """Whether an index is in the area of the PDO communication parameters."""
+    return index in PDO_PARAMETERS and not index & PDOS_MAX
+
+
+def is_mapping_parameter(index: int) -> bool:
+    """Whether an index is in the area of the PDO mapping parameters."""
+    return index in PDO_PARAMETERS and bool(index & PDOS_MAX)
+
+
+def direction_of(index: int) -> PdoDirection:
+    """Of the PDO that a communication or mapping parameter belongs to."""
+    return PdoDirection.RPDO if index < PdoDirection.TPDO.communication_index else PdoDirection.TPDO
 
 
 _CODEC = """

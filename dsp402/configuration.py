@@ -7,12 +7,11 @@ from __future__ import annotations
 
 from pdgw.ds301.communication import CONSUMER_HEARTBEAT, PRODUCER_HEARTBEAT
 from pdgw.ds301.configuration import SdoStep
+from pdgw.ds301.connection_set import NODE_IDS
 from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.objects import CanType
 from pdgw.dsp402.errors import Dsp402Error
-
-ABORT_OPTION = (0x6007, 0)
-INTERPOLATION_TIME = 0x60C2
+from pdgw.dsp402.indices import ABORT_OPTION, INTERPOLATION_TIME
 
 
 def interpolation_steps(period_us: int) -> list[SdoStep]:
@@ -32,7 +31,7 @@ def guard_steps(gateway_node_id: int, consumer_ms: int, producer_ms: int, abort_
 
     Dsp402Error when a time does not fit into its object (65535 ms) or the node-ID is none.
     """
-    if not 1 <= gateway_node_id <= 127:
+    if gateway_node_id not in NODE_IDS:
         raise Dsp402Error("gateway node-ID", gateway_node_id, "1..127")
     if not 0 <= consumer_ms <= 0xFFFF:
         raise Dsp402Error("heartbeat consumer time", f"{consumer_ms} ms", "0..65535 ms")
@@ -41,7 +40,7 @@ def guard_steps(gateway_node_id: int, consumer_ms: int, producer_ms: int, abort_
             SdoStep(
                 CONSUMER_HEARTBEAT, 1, CanType.U32, gateway_node_id << 16 | consumer_ms, "the drive guards the gateway"
             ),
-            SdoStep(*ABORT_OPTION, CanType.I16, abort_option, "reaction to a lost gateway"),
+            SdoStep(ABORT_OPTION, 0, CanType.I16, abort_option, "reaction to a lost gateway"),
             SdoStep(PRODUCER_HEARTBEAT, 0, CanType.U16, producer_ms, "the drive's heartbeat"),
         ]
     except CanopenError as error:

@@ -11,11 +11,22 @@ from types import MappingProxyType
 import canopen
 from canopen.objectdictionary import ODVariable
 
+from pdgw.ds301.can_frame import EXTENDED_ID
+from pdgw.ds301.communication import IDENTITY_PRODUCT, IDENTITY_VENDOR
 from pdgw.ds301.configuration import EVENT_TIMER
 from pdgw.ds301.objects import Access, CanType, Entry
-from pdgw.ds301.pdo import PdoDirection
+from pdgw.ds301.pdo import PDOS_MAX, PdoDirection
 from pdgw.dsp402.drive_type import DriveType, PdoCapabilities, PdoSlot, Quirks
 from pdgw.dsp402.further import VL_ENTRIES
+from pdgw.dsp402.indices import (
+    POSITION_WINDOW,
+    SUPPORTED_DRIVE_MODES,
+    SUPPORTED_HOMING_METHODS,
+    TARGET_POSITION,
+    TARGET_TORQUE,
+    TARGET_VELOCITY,
+    VL_TARGET_VELOCITY,
+)
 from pdgw.dsp402.modes import MODE_NAMES, STANDARD_HOMING_METHODS, SUPPORTED_MODES, Mode
 from pdgw.dsp402.objects import DRIVE_OBJECTS, FAMILY_VALUES, MAX_TORQUE
 from pdgw.dsp402.overlay import Overlay, overlay, overlay_for
@@ -23,18 +34,11 @@ from pdgw.dsp402.scaling import SCALING_OBJECTS, UnitKeys, find_scaling
 
 Address = tuple[int, int]
 
-VENDOR_ID: Address = (0x1018, 1)
-PRODUCT_CODE: Address = (0x1018, 2)
-POSITION_WINDOW: Address = (0x6067, 0)
 _NO_WINDOW = 0xFFFF_FFFF
 """6067h of a drive that does not use it."""
-SUPPORTED_DRIVE_MODES: Address = (0x6502, 0)
-SUPPORTED_HOMING_METHODS = 0x60E3
 PROFILE_AREA = range(0x6000, 0x6800)
 """Of the first axis; what lies outside is the manufacturer's."""
-_PDOS = 512
 _MAPPED_OBJECTS = 8
-_COB_ID = 0x1FFF_FFFF
 _TYPES = {item.code: item for item in CanType}
 _INTEGERS = {
     (item.bits, item.char.islower()): item
@@ -42,10 +46,10 @@ _INTEGERS = {
 }
 """By bits, and whether they are signed."""
 _MODE_OBJECTS = (
-    (Mode.POSITION, 0x607A),
-    (Mode.VL_VELOCITY, 0x6042),
-    (Mode.VELOCITY, 0x60FF),
-    (Mode.TORQUE, 0x6071),
+    (Mode.POSITION, TARGET_POSITION),
+    (Mode.VL_VELOCITY, VL_TARGET_VELOCITY),
+    (Mode.VELOCITY, TARGET_VELOCITY),
+    (Mode.TORQUE, TARGET_TORQUE),
     (Mode.HOMING, 0x6098),
 )
 """The object a mode cannot do without, for a drive that has no 6502h."""
@@ -59,10 +63,10 @@ def questions(dictionary: canopen.ObjectDictionary) -> tuple[Address, ...]:
         if count is None
         else [(SUPPORTED_HOMING_METHODS, sub) for sub in dictionary[SUPPORTED_HOMING_METHODS] if sub]
     )
-    modes = [SUPPORTED_DRIVE_MODES] if SUPPORTED_DRIVE_MODES[0] in dictionary else []
+    modes = [(SUPPORTED_DRIVE_MODES, 0)] if SUPPORTED_DRIVE_MODES in dictionary else []
     scaling = [address for address in SCALING_OBJECTS if variable(dictionary, *address) is not None]
-    others = [address for address in (MAX_TORQUE, POSITION_WINDOW) if variable(dictionary, *address) is not None]
-    return (VENDOR_ID, PRODUCT_CODE, *modes, *methods, *scaling, *others)
+    others = [address for address in (MAX_TORQUE, (POSITION_WINDOW, 0)) if variable(dictionary, *address) is not None]
+    return (IDENTITY_VENDOR, IDENTITY_PRODUCT, *modes, *methods, *scaling, *others)
 
 
 def describe(
@@ -80,12 +84,12 @@ def describe(
         family: Overlay | None = overlay(family_name)
     else:
         product = dictionary.device_information.product_name or ""
-        family = overlay_for(answers.get(VENDOR_ID, 0), answers.get(PRODUCT_CODE, 0), product)
+        family = overlay_for(answers.get(IDENTITY_VENDOR, 0), answers.get(IDENTITY_PRODUCT, 0), product)
     modes = _modes(dictionary, answers, family)
     vl = _speaks_vl(modes)
     entries = _entries(dictionary, family, vl=vl)
     quirks = family.drive_quirks if family else Quirks()
-    window = answers.get(POSITION_WINDOW)
+    window = answers.get((POSITION_WINDOW, 0))
     scaling = find_scaling(
         answers,
         units,
@@ -195,7 +199,7 @@ def _type_of(attribute: str, declared: CanType | None) -> CanType | None:
 def _modes(
     dictionary: canopen.ObjectDictionary, answers: Mapping[Address, int], family: Overlay | None
 ) -> dict[int, str]:
-    supported = answers.get(SUPPORTED_DRIVE_MODES)
+    supported = answers.get((SUPPORTED_DRIVE_MODES, 0))
     if supported is None:
         modes = [mode for mode, index in _MODE_OBJECTS if index in dictionary]
     else:
@@ -233,7 +237,7 @@ def _slots(dictionary: canopen.ObjectDictionary, direction: PdoDirection) -> tup
     communication, mapping = direction.communication_index, direction.mapping_index
     return tuple(
         _slot(dictionary, number, communication + number - 1, mapping + number - 1)
-        for number in range(1, _PDOS + 1)
+        for number in range(1, PDOS_MAX + 1)
         if communication + number - 1 in dictionary
     )
 
@@ -247,7 +251,7 @@ def _slot(dictionary: canopen.ObjectDictionary, number: int, communication: int,
         values = values[: count.default]
     return PdoSlot(
         number,
-        cob_id.default & _COB_ID if cob_id is not None and isinstance(cob_id.default, int) else None,
+        cob_id.default & EXTENDED_ID if cob_id is not None and isinstance(cob_id.default, int) else None,
         _writable(cob_id),
         tuple(values),
         _writable(count),

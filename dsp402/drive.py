@@ -18,7 +18,7 @@ from canopen.sdo import SdoAbortedError, SdoCommunicationError
 
 from pdgw.ds301.aborts import NOT_THERE, abort_text
 from pdgw.ds301.client import NodeClient
-from pdgw.ds301.communication import DEVICE_TYPE, SYNC_PERIOD
+from pdgw.ds301.communication import DEVICE_TYPE, IDENTITY_PRODUCT, IDENTITY_VENDOR, SYNC_PERIOD, profile_of
 from pdgw.ds301.configuration import SdoStep
 from pdgw.ds301.data_sheet import load_dictionary
 from pdgw.ds301.loop import MS, SECOND
@@ -27,16 +27,25 @@ from pdgw.ds301.node import NodeEvent, NodeStatus
 from pdgw.ds301.objects import CanType
 from pdgw.ds301.pdo import Pdo, PdoLayout
 from pdgw.ds301.plan import PdoPlan
-from pdgw.dsp402.configuration import INTERPOLATION_TIME, interpolation_steps
-from pdgw.dsp402.describe import PRODUCT_CODE, VENDOR_ID, describe, questions, signed
+from pdgw.dsp402.configuration import interpolation_steps
+from pdgw.dsp402.describe import describe, questions, signed
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.generic import dictionary_of, generic_dictionary
 from pdgw.dsp402.guarding import Guarding, guard
 from pdgw.dsp402.images import DriveCommand, DriveFeedback
+from pdgw.dsp402.indices import INTERPOLATION_TIME
 from pdgw.dsp402.mapping import DriveMapping
 from pdgw.dsp402.modes import Mode
-from pdgw.dsp402.objects import CONTROL_ATTRIBUTE, CONTROLWORD, HOMING_METHOD, MODE, MODE_DISPLAY, STATUSWORD
+from pdgw.dsp402.objects import (
+    CONTROL_ATTRIBUTE,
+    CONTROLWORD,
+    DRIVE_PROFILE,
+    HOMING_METHOD,
+    MODE,
+    MODE_DISPLAY,
+    STATUSWORD,
+)
 from pdgw.dsp402.pdo import interpolated
 from pdgw.dsp402.settings import DriveSettings
 from pdgw.dsp402.states import Command, ControlBit, FaultReset, State, state_of
@@ -96,7 +105,7 @@ class DriveClient(NodeClient[DriveSettings]):
 
     device = "drive"
     a_device = "a drive"
-    profile = 402
+    profile = DRIVE_PROFILE
     error_type = Dsp402Error
 
     def __init__(
@@ -220,7 +229,7 @@ class DriveClient(NodeClient[DriveSettings]):
             try:
                 answers[address] = self.read_number(*address, signed=signed(self.dictionary, address))
             except SdoAbortedError as error:
-                if address == VENDOR_ID:
+                if address == IDENTITY_VENDOR:
                     raise Dsp402Error(
                         f"node {self.settings.node_id} object {address[0]:04X}h/{address[1]}",
                         abort_text(error.code),
@@ -249,8 +258,8 @@ class DriveClient(NodeClient[DriveSettings]):
         return self.feedback
 
     def _check_identity(self, device_type: int) -> None:
-        if self.settings.eds is None and device_type & 0xFFFF == self.profile:
-            identity = self._fetch(*VENDOR_ID), self._fetch(*PRODUCT_CODE)
+        if self.settings.eds is None and profile_of(device_type) == self.profile:
+            identity = self._fetch(*IDENTITY_VENDOR), self._fetch(*IDENTITY_PRODUCT)
             if self._identity is None:
                 self.dictionary = dictionary_of(
                     self.settings.node_id, self._read_if_present, *identity, self.settings.family
@@ -269,7 +278,7 @@ class DriveClient(NodeClient[DriveSettings]):
 
         Quick Stop, as the owner sends it to a drive that is lost. One that refuses is stopped by its RPDOs after the bring-up.
         """
-        if device_type & 0xFFFF != self.profile:
+        if profile_of(device_type) != self.profile:
             return
         state = state_of(self.read_urgently(*STATUSWORD))
         if state in _OFF:

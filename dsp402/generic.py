@@ -11,20 +11,11 @@ from functools import cache, lru_cache
 import canopen
 from canopen.objectdictionary import ODArray, ODRecord, ODVariable
 
-from pdgw.ds301.communication import DEVICE_NAME, communication_objects, pdo_objects
+from pdgw.ds301.communication import DEVICE_NAME, IDENTITY_PRODUCT, IDENTITY_VENDOR, communication_objects, pdo_objects
 from pdgw.ds301.eds_import import import_eds
 from pdgw.ds301.objects import Entry, ObjectKind, ObjectSpec
 from pdgw.ds301.pdo import PdoDirection
-from pdgw.dsp402.describe import (
-    PRODUCT_CODE,
-    PROFILE_AREA,
-    VENDOR_ID,
-    Address,
-    answers_of_defaults,
-    describe,
-    questions,
-    signed,
-)
+from pdgw.dsp402.describe import PROFILE_AREA, Address, answers_of_defaults, describe, questions, signed
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.further import FURTHER_OBJECTS
 from pdgw.dsp402.objects import DRIVE_OBJECTS, PDOS
@@ -86,7 +77,7 @@ def recorded_addresses() -> Mapping[Address, bool]:
 
 def recorded_families(answers: Mapping[Address, int]) -> tuple[str, ...]:
     """The families the drive behind a recording of these answers may be of."""
-    return families_of(answers.get(VENDOR_ID), answers.get(PRODUCT_CODE, 0))
+    return families_of(answers.get(IDENTITY_VENDOR), answers.get(IDENTITY_PRODUCT, 0))
 
 
 @lru_cache(maxsize=64)
@@ -97,9 +88,9 @@ def recorded_drive_type(answers: frozenset[tuple[Address, int]]) -> DriveType:
     identity, from that of the first family that has one.
     """
     told = dict(answers)
-    vendor_id = told.get(VENDOR_ID)
+    vendor_id = told.get(IDENTITY_VENDOR)
     sheets = [item for item in overlays().values() if item.eds_path is not None]
-    packaged = [item for item in sheets if vendor_id is None or item.fits(vendor_id, told.get(PRODUCT_CODE, 0))]
+    packaged = [item for item in sheets if vendor_id is None or item.fits(vendor_id, told.get(IDENTITY_PRODUCT, 0))]
     if not packaged:
         return describe(generic_dictionary(), told)
     path = packaged[0].eds_path

@@ -8,19 +8,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Final
 
 from canopen.sdo import SdoAbortedError
 
 from pdgw.ds301.aborts import NOT_THERE, abort_text
-from pdgw.ds301.communication import SYNC_PERIOD
+from pdgw.ds301.communication import GUARD_TIME, LIFE_TIME_FACTOR, SYNC_PERIOD
 from pdgw.ds301.configuration import EVENT_TIMER, SdoStep
 from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.objects import CanType
 from pdgw.dsp402.configuration import guard_steps
 
-GUARD_TIME: Final = (0x100C, 0)
-LIFE_TIME_FACTOR: Final = (0x100D, 0)
 _REACTIONS = {0: "nothing", 1: "malfunction", 2: "disable voltage", 3: "quick stop"}
 """Values of 6007h."""
 _OWN_REACTION = "its own reaction, by default a malfunction (no 6007h)"
@@ -89,8 +86,8 @@ def _by_service(wanted: Wanted, write_checked: Callable[[SdoStep], None], read: 
         return Guarding(text, no_reaction, heartbeat=not no_producer and wanted.heartbeat_ms > 0)
     silent = bool(no_producer) or not refused(replace(producer, value=0))
     life_steps = (
-        SdoStep(*GUARD_TIME, CanType.U16, wanted.heartbeat_ms, "guard time"),
-        SdoStep(*LIFE_TIME_FACTOR, CanType.U8, wanted.heartbeat_factor, "life time factor"),
+        SdoStep(GUARD_TIME, 0, CanType.U16, wanted.heartbeat_ms, "guard time"),
+        SdoStep(LIFE_TIME_FACTOR, 0, CanType.U8, wanted.heartbeat_factor, "life time factor"),
     )
     if silent and not any(map(refused, life_steps)):
         return Guarding(f"life guarding (100Ch, 100Dh, {limit} ms), then {reaction}", no_reaction, life_guarding=True)

@@ -10,14 +10,13 @@ from collections.abc import Callable, Mapping
 from canopen.sdo import SdoAbortedError
 
 from pdgw.ds301.aborts import Abort
-from pdgw.ds301.configuration import EVENT_TIMER, TRANSMISSION_TYPE, SdoStep, is_communication_parameter
-from pdgw.ds301.pdo import COB_ID_INVALID, PdoDirection, PdoLayout
+from pdgw.ds301.configuration import EVENT_TIMER, TRANSMISSION_TYPE, SdoStep
+from pdgw.ds301.pdo import COB_ID_INVALID, PDOS_MAX, PdoDirection, PdoLayout, is_communication_parameter
 from pdgw.ds301.plan import PdoPlan
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.planner import Address, Findings, Key, plan_pdos
 
 ReadNumber = Callable[[int, int], int]
-_MAPPING_DISTANCE = 0x200
 """From a communication parameter to the mapping of the same PDO."""
 _NOT_NOW = (Abort.CANNOT_STORE, Abort.CANNOT_STORE_LOCAL_CONTROL, Abort.CANNOT_STORE_DEVICE_STATE)
 """The drive refuses for the state it is in: that says nothing about what it can."""
@@ -25,7 +24,7 @@ _NOT_NOW = (Abort.CANNOT_STORE, Abort.CANNOT_STORE_LOCAL_CONTROL, Abort.CANNOT_S
 
 def key_of(index: int) -> Key:
     """The PDO a communication or mapping parameter belongs to."""
-    communication = index if is_communication_parameter(index) else index - _MAPPING_DISTANCE
+    communication = index if is_communication_parameter(index) else index - PDOS_MAX
     direction = PdoDirection.RPDO if communication < PdoDirection.TPDO.communication_index else PdoDirection.TPDO
     return direction, communication - direction.communication_index + 1
 

@@ -13,11 +13,41 @@ from typing import Final
 
 from pdgw.ds301.communication import communication_objects, pdo_objects
 from pdgw.ds301.objects import Access, CanType, Catalogue, Entry, ObjectKind, ObjectSpec, array, var
+from pdgw.dsp402.indices import (
+    ABORT_OPTION,
+    FAULT_REACTION_OPTION,
+    HOME_OFFSET,
+    HOMING_ACCELERATION,
+    HOMING_SPEEDS,
+    INTERPOLATION_TIME,
+    MAX_ACCELERATION,
+    MAX_CURRENT,
+    MAX_DECELERATION,
+    MAX_MOTOR_SPEED,
+    MAX_PROFILE_VELOCITY,
+    MOTION_PROFILE_TYPE,
+    POSITION_ACTUAL,
+    POSITION_RANGE_LIMIT,
+    POSITION_WINDOW,
+    PROFILE_ACCELERATION,
+    PROFILE_DECELERATION,
+    QUICK_STOP_DECELERATION,
+    QUICK_STOP_OPTION,
+    SUPPORTED_DRIVE_MODES,
+    TARGET_POSITION,
+    TARGET_TORQUE,
+    TARGET_VELOCITY,
+    VELOCITY_ENCODER_FACTOR,
+    VELOCITY_THRESHOLD,
+    VELOCITY_WINDOW,
+)
 
 RO, RW, CONST = Access.RO, Access.RW, Access.CONST
 I8, I16, I32 = CanType.I8, CanType.I16, CanType.I32
 U8, U16, U32 = CanType.U8, CanType.U16, CanType.U32
 
+DRIVE_PROFILE: Final = 402
+"""Number of this profile in the device type 1000h."""
 PDOS = 5
 """PDOs of each direction that have an identifier of their own."""
 VELOCITY_UNIT = "velocity units"
@@ -28,61 +58,74 @@ TORQUE_UNIT = "1/1000 of the rated torque"
 NEGATIVE_LIMIT_SWITCH = 1 << 0
 """Bits of 60FDh (CiA 402)."""
 POSITIVE_LIMIT_SWITCH = 1 << 1
-HOMING_SPEEDS: Final = 0x6099
 CONTROL_ATTRIBUTE: Final = "controlword"
 STATUS_ATTRIBUTE: Final = "statusword"
 """Image attributes of the two words without which nothing is commanded and nothing known."""
 
 DRIVE_OBJECTS = Catalogue(
     (
-        var(0x6007, "Abort Connection Option Code", I16, RW),
+        var(ABORT_OPTION, "Abort Connection Option Code", I16, RW),
         var(0x603F, "Error Code", U16, RO, pdo=True, attribute="emcy_code"),
         var(0x6040, "Controlword", U16, RW, pdo=True, attribute=CONTROL_ATTRIBUTE),
         var(0x6041, "Statusword", U16, RO, pdo=True, attribute=STATUS_ATTRIBUTE),
-        var(0x605A, "Quick Stop Option Code", I16, RW),
+        var(QUICK_STOP_OPTION, "Quick Stop Option Code", I16, RW),
         var(0x605B, "Shutdown Option Code", I16, RW),
         var(0x605C, "Disable Operation Option Code", I16, RW),
         var(0x605D, "Halt Option Code", I16, RW),
-        var(0x605E, "Fault Reaction Option Code", I16, RW),
+        var(FAULT_REACTION_OPTION, "Fault Reaction Option Code", I16, RW),
         var(0x6060, "Modes of Operation", I8, RW, pdo=True, attribute="modes_of_operation"),
         var(0x6061, "Modes of Operation Display", I8, RO, pdo=True, attribute="modes_of_operation_display"),
-        var(0x6064, "Position Actual Value", I32, RO, pdo=True, unit=POSITION_UNIT, attribute="position_actual"),
+        var(
+            POSITION_ACTUAL, "Position Actual Value", I32, RO, pdo=True, unit=POSITION_UNIT, attribute="position_actual"
+        ),
         var(0x6065, "Following Error Window", U32, RW, unit=POSITION_UNIT),
-        var(0x6067, "Position Window", U32, RW, unit=POSITION_UNIT),
+        var(POSITION_WINDOW, "Position Window", U32, RW, unit=POSITION_UNIT),
         var(0x606B, "Velocity Demand Value", I32, RO, pdo=True, unit=VELOCITY_UNIT, attribute="velocity_demand"),
         var(0x606C, "Velocity Actual Value", I32, RO, pdo=True, unit=VELOCITY_UNIT, attribute="velocity_actual"),
-        var(0x606D, "Velocity Window", U16, RW, unit=VELOCITY_UNIT),
-        var(0x606F, "Velocity Threshold", U16, RW, unit=VELOCITY_UNIT),
-        var(0x6071, "Target Torque", I16, RW, pdo=True, unit=TORQUE_UNIT, attribute="target_torque"),
+        var(VELOCITY_WINDOW, "Velocity Window", U16, RW, unit=VELOCITY_UNIT),
+        var(VELOCITY_THRESHOLD, "Velocity Threshold", U16, RW, unit=VELOCITY_UNIT),
+        var(TARGET_TORQUE, "Target Torque", I16, RW, pdo=True, unit=TORQUE_UNIT, attribute="target_torque"),
         var(0x6072, "Max Torque", U16, RW, pdo=True, unit=TORQUE_UNIT, attribute="max_torque"),
-        var(0x6073, "Max Current", U16, RW, unit=CURRENT_UNIT),
+        var(MAX_CURRENT, "Max Current", U16, RW, unit=CURRENT_UNIT),
         var(0x6075, "Motor Rated Current", U32, RW, unit="mA"),
         var(0x6078, "Current Actual Value", I16, RO, pdo=True, unit=CURRENT_UNIT, attribute="current_actual"),
         var(0x6079, "DC Link Circuit Voltage", U32, RO, pdo=True, unit="mV", attribute="dc_link_voltage"),
-        var(0x607A, "Target Position", I32, RW, pdo=True, unit=POSITION_UNIT, attribute="target_position"),
+        var(TARGET_POSITION, "Target Position", I32, RW, pdo=True, unit=POSITION_UNIT, attribute="target_position"),
         array(
-            0x607B,
+            POSITION_RANGE_LIMIT,
             "Position Range Limit",
-            Entry(0x607B, 1, "Min Position Range Limit", I32, RW, unit=POSITION_UNIT),
-            Entry(0x607B, 2, "Max Position Range Limit", I32, RW, unit=POSITION_UNIT),
+            Entry(POSITION_RANGE_LIMIT, 1, "Min Position Range Limit", I32, RW, unit=POSITION_UNIT),
+            Entry(POSITION_RANGE_LIMIT, 2, "Max Position Range Limit", I32, RW, unit=POSITION_UNIT),
         ),
-        var(0x607C, "Home Offset", I32, RW, unit=POSITION_UNIT),
-        var(0x607F, "Max Profile Velocity", U32, RW, unit=VELOCITY_UNIT),
-        var(0x6080, "Max Motor Speed", U32, RW, unit="rpm"),
+        var(HOME_OFFSET, "Home Offset", I32, RW, unit=POSITION_UNIT),
+        var(MAX_PROFILE_VELOCITY, "Max Profile Velocity", U32, RW, unit=VELOCITY_UNIT),
+        var(MAX_MOTOR_SPEED, "Max Motor Speed", U32, RW, unit="rpm"),
         var(0x6081, "Profile Velocity", U32, RW, pdo=True, unit=VELOCITY_UNIT, attribute="profile_velocity"),
         var(
-            0x6083, "Profile Acceleration", U32, RW, pdo=True, unit=ACCELERATION_UNIT, attribute="profile_acceleration"
+            PROFILE_ACCELERATION,
+            "Profile Acceleration",
+            U32,
+            RW,
+            pdo=True,
+            unit=ACCELERATION_UNIT,
+            attribute="profile_acceleration",
         ),
         var(
-            0x6084, "Profile Deceleration", U32, RW, pdo=True, unit=ACCELERATION_UNIT, attribute="profile_deceleration"
+            PROFILE_DECELERATION,
+            "Profile Deceleration",
+            U32,
+            RW,
+            pdo=True,
+            unit=ACCELERATION_UNIT,
+            attribute="profile_deceleration",
         ),
-        var(0x6085, "Quick Stop Deceleration", U32, RW, unit=ACCELERATION_UNIT),
-        var(0x6086, "Motion Profile Type", I16, RW),
+        var(QUICK_STOP_DECELERATION, "Quick Stop Deceleration", U32, RW, unit=ACCELERATION_UNIT),
+        var(MOTION_PROFILE_TYPE, "Motion Profile Type", I16, RW),
         array(
-            0x6094,
+            VELOCITY_ENCODER_FACTOR,
             "Velocity Encoder Factor",
-            Entry(0x6094, 1, "Numerator", U32, RW),
-            Entry(0x6094, 2, "Divisor", U32, RW),
+            Entry(VELOCITY_ENCODER_FACTOR, 1, "Numerator", U32, RW),
+            Entry(VELOCITY_ENCODER_FACTOR, 2, "Divisor", U32, RW),
         ),
         var(0x6098, "Homing Method", I8, RW, attribute="homing_method"),
         array(
@@ -91,17 +134,17 @@ DRIVE_OBJECTS = Catalogue(
             Entry(HOMING_SPEEDS, 1, "Speed during search for switch", U32, RW, unit=VELOCITY_UNIT),
             Entry(HOMING_SPEEDS, 2, "Speed during search for zero", U32, RW, unit=VELOCITY_UNIT),
         ),
-        var(0x609A, "Homing Acceleration", U32, RW, unit=ACCELERATION_UNIT),
+        var(HOMING_ACCELERATION, "Homing Acceleration", U32, RW, unit=ACCELERATION_UNIT),
         var(0x60B1, "Velocity Offset", I32, RW, pdo=True, unit=VELOCITY_UNIT, attribute="velocity_offset"),
         array(
-            0x60C2,
+            INTERPOLATION_TIME,
             "Interpolation Time Period",
-            Entry(0x60C2, 1, "Period", U8, RW),
-            Entry(0x60C2, 2, "Index", I8, RW),
+            Entry(INTERPOLATION_TIME, 1, "Period", U8, RW),
+            Entry(INTERPOLATION_TIME, 2, "Index", I8, RW),
             kind=ObjectKind.RECORD,
         ),
-        var(0x60C5, "Max Acceleration", U32, RW, unit=ACCELERATION_UNIT),
-        var(0x60C6, "Max Deceleration", U32, RW, unit=ACCELERATION_UNIT),
+        var(MAX_ACCELERATION, "Max Acceleration", U32, RW, unit=ACCELERATION_UNIT),
+        var(MAX_DECELERATION, "Max Deceleration", U32, RW, unit=ACCELERATION_UNIT),
         array(
             0x60E4,
             "Additional Position Actual Value",
@@ -123,8 +166,8 @@ DRIVE_OBJECTS = Catalogue(
             Entry(0x60FE, 1, "Physical outputs", U32, RW, pdo=True, attribute="digital_outputs"),
             Entry(0x60FE, 2, "Bit mask", U32, RW, pdo=True, attribute="digital_outputs_mask"),
         ),
-        var(0x60FF, "Target Velocity", I32, RW, pdo=True, unit=VELOCITY_UNIT, attribute="target_velocity"),
-        var(0x6502, "Supported Drive Modes", U32, RO),
+        var(TARGET_VELOCITY, "Target Velocity", I32, RW, pdo=True, unit=VELOCITY_UNIT, attribute="target_velocity"),
+        var(SUPPORTED_DRIVE_MODES, "Supported Drive Modes", U32, RO),
     )
 )
 """The profile area; the communication area (1000h-1FFFh) is in ``ds301.communication``."""

@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
+from pdgw.ds301.can_frame import STANDARD_ID
 from pdgw.ds301.configuration import EVENT_DRIVEN_PROFILE, EVENT_TIMER, EVERY_SYNC, SYNC_TYPES
 from pdgw.ds301.objects import CanType, Entry
 from pdgw.ds301.pdo import Pdo, PdoDirection, PdoLayout
@@ -275,7 +276,7 @@ class _Direction:
         findings = self.findings
         own = self._own_cob_id(pdo.number)
         kept = key in findings.kept or own is None
-        cob_id = findings.cob_ids[key] & 0x7FF if kept or own is None else own
+        cob_id = findings.cob_ids[key] & STANDARD_ID if kept or own is None else own
         pace, type_ = self._pace(self.slots[pdo.number])
         return PlannedPdo(pdo, cob_id, pace, type_, adopted, kept)
 

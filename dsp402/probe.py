@@ -5,8 +5,9 @@ from __future__ import annotations
 import canopen
 from canopen.sdo import SdoCommunicationError
 
+from pdgw.ds301.communication import IDENTITY_PRODUCT, IDENTITY_VENDOR
 from pdgw.ds301.inquiry import Inquiry
-from pdgw.dsp402.describe import PRODUCT_CODE, VENDOR_ID, describe, questions, signed, variable
+from pdgw.dsp402.describe import describe, questions, signed, variable
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.generic import Read, dictionary_of
@@ -19,7 +20,7 @@ def probe(
     """The drive at this node, with its data sheet or without, in a task; Dsp402Error when none answers."""
     try:
         if dictionary is None:
-            vendor, product = (node.number(*address) or 0 for address in (VENDOR_ID, PRODUCT_CODE))
+            vendor, product = (node.number(*address) or 0 for address in (IDENTITY_VENDOR, IDENTITY_PRODUCT))
             dictionary = dictionary_of(node.node_id, node.fetch, vendor, product, family)
         answers = _answers(dictionary, node.fetch)
     except SdoCommunicationError as error:

@@ -14,40 +14,65 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 from pdgw.dsp402.drive_type import Quantity, Reference, Scaling
+from pdgw.dsp402.indices import (
+    ACCELERATION_DIMENSION,
+    ACCELERATION_FACTOR,
+    ACCELERATION_NOTATION,
+    FEED_CONSTANT,
+    GEAR_RATIO,
+    MAX_ACCELERATION,
+    MAX_DECELERATION,
+    MAX_MOTOR_SPEED,
+    MAX_PROFILE_VELOCITY,
+    POSITION_DIMENSION,
+    POSITION_ENCODER_RESOLUTION,
+    POSITION_FACTOR,
+    POSITION_NOTATION,
+    POSITION_RANGE_LIMIT,
+    PROFILE_ACCELERATION,
+    PROFILE_DECELERATION,
+    SI_UNIT_ACCELERATION,
+    SI_UNIT_POSITION,
+    SI_UNIT_VELOCITY,
+    SOFTWARE_POSITION_LIMIT,
+    TARGET_VELOCITY,
+    VELOCITY_DIMENSION,
+    VELOCITY_ENCODER_FACTOR,
+    VELOCITY_ENCODER_RESOLUTION,
+    VELOCITY_FACTOR,
+    VELOCITY_NOTATION,
+    VL_DIMENSION_FACTOR,
+    VL_MIN_MAX,
+    VL_SETPOINT_FACTOR,
+    VL_TARGET_VELOCITY,
+)
 from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.dsp402.units import Kind, Unit, dimension_unit, parse_unit, si_unit
 
 Address = tuple[int, int]
 Answers = Mapping[Address, int]
 
-TARGET_VELOCITY = 0x60FF
-VL_TARGET_VELOCITY = 0x6042
-_MAX_MOTOR_SPEED = 0x6080
-_MAX_PROFILE_VELOCITY = 0x607F
-_MAX_ACCELERATION, _MAX_DECELERATION = 0x60C5, 0x60C6
-_RANGE_LIMIT, _SOFTWARE_LIMIT = 0x607B, 0x607D
-_VL_MIN_MAX = 0x6046
-_VL_FACTORS = (0x604B, 0x604C)
-_SI_UNITS = (0x60A8, 0x60A9, 0x60AA)
-_NOTATIONS = ((0x6089, 0x608A), (0x608B, 0x608C), (0x608D, 0x608E))
-_ENCODER, _VELOCITY_ENCODER = 0x608F, 0x6090
-_GEAR, _FEED = 0x6091, 0x6092
-_POSITION_FACTOR, _VELOCITY_ENCODER_FACTOR = 0x6093, 0x6094
-_VELOCITY_FACTOR, _ACCELERATION_FACTOR = 0x6096, 0x6097
+_VL_FACTORS = (VL_SETPOINT_FACTOR, VL_DIMENSION_FACTOR)
+_SI_UNITS = (SI_UNIT_POSITION, SI_UNIT_VELOCITY, SI_UNIT_ACCELERATION)
+_NOTATIONS = (
+    (POSITION_NOTATION, POSITION_DIMENSION),
+    (VELOCITY_NOTATION, VELOCITY_DIMENSION),
+    (ACCELERATION_NOTATION, ACCELERATION_DIMENSION),
+)
 _RATIOS = (
-    *range(_ENCODER, _VELOCITY_ENCODER_FACTOR + 1),
-    _VELOCITY_FACTOR,
-    _ACCELERATION_FACTOR,
+    *range(POSITION_ENCODER_RESOLUTION, VELOCITY_ENCODER_FACTOR + 1),
+    VELOCITY_FACTOR,
+    ACCELERATION_FACTOR,
     *_VL_FACTORS,
-    _RANGE_LIMIT,
-    _SOFTWARE_LIMIT,
-    _VL_MIN_MAX,
+    POSITION_RANGE_LIMIT,
+    SOFTWARE_POSITION_LIMIT,
+    VL_MIN_MAX,
 )
 _NUMBERS = (
-    _MAX_MOTOR_SPEED,
-    _MAX_PROFILE_VELOCITY,
-    _MAX_ACCELERATION,
-    _MAX_DECELERATION,
+    MAX_MOTOR_SPEED,
+    MAX_PROFILE_VELOCITY,
+    MAX_ACCELERATION,
+    MAX_DECELERATION,
     *_SI_UNITS,
     *(index for pair in _NOTATIONS for index in pair),
 )
@@ -191,7 +216,7 @@ class _Mechanics:
         fixed = self.family.increments_per_revolution
         if fixed is not None:
             return _Known(fixed, f"{self.name}: {_amount(fixed)} inc/rev")
-        ratio = self.resolution(_ENCODER)
+        ratio = self.resolution(POSITION_ENCODER_RESOLUTION)
         return None if ratio is None else _Known(ratio, f"608Fh: {_amount(ratio)} inc/rev")
 
     def resolution(self, index: int) -> Fraction | None:
@@ -202,7 +227,7 @@ class _Mechanics:
     def _gear(self) -> _Known:
         if self.keys.gear is not None:
             return _Known(self.keys.gear, "gear")
-        ratio = self.ratio(_GEAR)
+        ratio = self.ratio(GEAR_RATIO)
         return _Known(Fraction(1), "") if ratio is None or ratio == 1 else _Known(ratio, "6091h")
 
     def _position_unit(self) -> Unit | _Unknown | None:
@@ -214,7 +239,7 @@ class _Mechanics:
         if keys.counts_per_revolution is not None:
             counts = keys.counts_per_revolution
             return _Known(counts, f"counts_per_revolution = {_amount(counts)}")
-        unit, factor, feed = self.position_unit, self.ratio(_POSITION_FACTOR), self.ratio(_FEED)
+        unit, factor, feed = self.position_unit, self.ratio(POSITION_FACTOR), self.ratio(FEED_CONSTANT)
         if isinstance(unit, _Unknown):
             return unit
         if unit is not None and unit.kind is Kind.TURN:
@@ -293,12 +318,12 @@ def _velocity(mechanics: _Mechanics) -> _Found:
 
 
 def _velocity_by_factors(mechanics: _Mechanics) -> _Found:
-    encoder = mechanics.resolution(_VELOCITY_ENCODER)
+    encoder = mechanics.resolution(VELOCITY_ENCODER_RESOLUTION)
     increments = mechanics.increments if encoder is None else _Known(encoder, f"6090h: {_amount(encoder)} inc/rev")
-    step = mechanics.ratio(_VELOCITY_ENCODER_FACTOR)
+    step = mechanics.ratio(VELOCITY_ENCODER_FACTOR)
     if step is not None and increments is not None:
         return _Known(increments.value / _MINUTE / step, f"6094h, {increments.source}")
-    factor = mechanics.ratio(_VELOCITY_FACTOR)
+    factor = mechanics.ratio(VELOCITY_FACTOR)
     counts = mechanics.counts
     if factor is not None and isinstance(counts, _Known):
         source = f"6096h, {counts.source}" if factor != 1 else counts.source
@@ -345,7 +370,7 @@ def _acceleration(mechanics: _Mechanics) -> _Found:
     unit = mechanics.unit(2, keys.acceleration_unit, "acceleration_unit", "")
     if unit is not None:
         return mechanics.per_rpm(unit, "accelerations")
-    factor, counts = mechanics.ratio(_ACCELERATION_FACTOR), mechanics.counts
+    factor, counts = mechanics.ratio(ACCELERATION_FACTOR), mechanics.counts
     if factor is not None and isinstance(counts, _Known):
         return _Known(counts.value / _MINUTE * factor, f"6097h, {counts.source}")
     if family.acceleration:
@@ -358,10 +383,10 @@ def _rated_speed(mechanics: _Mechanics, *, vl: bool) -> _Found:
     rated = mechanics.keys.rated_speed_rpm
     if rated is not None:
         return _Known(rated, "rated_speed_rpm")
-    speed = mechanics.number(_MAX_MOTOR_SPEED)
+    speed = mechanics.number(MAX_MOTOR_SPEED)
     if speed is not None and 0 < speed < _NO_LIMIT:
         return _Known(Fraction(speed), "6080h")
-    highest = mechanics.answers.get((_VL_MIN_MAX, 2), 0)
+    highest = mechanics.answers.get((VL_MIN_MAX, 2), 0)
     if vl and 0 < highest < _NO_LIMIT and isinstance(_vl_velocity(mechanics), _Known):
         return _Known(Fraction(highest), "6046h/2")
     told = "the drive has no Max Motor Speed 6080h" if speed is None else f"Max Motor Speed 6080h is {speed}"
@@ -397,9 +422,9 @@ def find_scaling(
     speed = _speed(rated, velocity, VL_TARGET_VELOCITY if vl else TARGET_VELOCITY)
     settle(Quantity.SPEED, speed)
     settle(Quantity.PROFILE_VELOCITY, _profile_velocity(mechanics, speed))
-    acceleration = _rate(mechanics, (_MAX_ACCELERATION,), 0x6083)
+    acceleration = _rate(mechanics, (MAX_ACCELERATION,), PROFILE_ACCELERATION)
     settle(Quantity.ACCELERATION, acceleration)
-    settle(Quantity.DECELERATION, _rate(mechanics, (_MAX_DECELERATION, _MAX_ACCELERATION), 0x6084))
+    settle(Quantity.DECELERATION, _rate(mechanics, (MAX_DECELERATION, MAX_ACCELERATION), PROFILE_DECELERATION))
     limits, wraps, position = _position(mechanics, range_is_limit)
     settle(Quantity.POSITION, position)
     counts, unit, per_rpm_s = mechanics.counts, mechanics.position_unit, _acceleration(mechanics)
@@ -435,7 +460,7 @@ def _profile_velocity(mechanics: _Mechanics, speed: Reference | str) -> Referenc
     """The smaller of Max Profile Velocity and the rated speed, in velocity units."""
     if isinstance(speed, str):
         return speed
-    limit = mechanics.number(_MAX_PROFILE_VELOCITY)
+    limit = mechanics.number(MAX_PROFILE_VELOCITY)
     if limit is not None and 0 < limit < min(speed.value, Fraction(_NO_LIMIT)):
         return Reference(Fraction(limit), f"100 % = 6081h {limit} (from 607Fh)")
     if limit == 0:
@@ -459,14 +484,14 @@ def _rate(mechanics: _Mechanics, limits: Iterable[int], index: int) -> Reference
             return Reference(Fraction(value_of), f"100 % = {index:04X}h {value_of} (from {limit:04X}h)")
         if value_of is not None:
             return f"{limit:04X}h is {value_of}, no reference: rated_acceleration_rpm_s settles it"
-    return f"the drive has no {_MAX_ACCELERATION:04X}h: rated_acceleration_rpm_s settles it"
+    return f"the drive has no {MAX_ACCELERATION:04X}h: rated_acceleration_rpm_s settles it"
 
 
 def _position(mechanics: _Mechanics, range_is_limit: bool) -> tuple[tuple[int, int] | None, bool, Reference | str]:
     """Targets allowed, whether the position wraps, and 100 %."""
     answers = mechanics.answers
-    low, high = answers.get((_RANGE_LIMIT, 1)), answers.get((_RANGE_LIMIT, 2))
-    software = answers.get((_SOFTWARE_LIMIT, 1), 0), answers.get((_SOFTWARE_LIMIT, 2), 0)
+    low, high = answers.get((POSITION_RANGE_LIMIT, 1)), answers.get((POSITION_RANGE_LIMIT, 2))
+    software = answers.get((SOFTWARE_POSITION_LIMIT, 1), 0), answers.get((SOFTWARE_POSITION_LIMIT, 2), 0)
     limits = software if software[0] < software[1] else None
     if low is None or high is None or low == high == 0 or (low, high) == _ALL_POSITIONS:
         return limits, False, _NO_RANGE

@@ -16,7 +16,7 @@ from canopen.sdo import SdoAbortedError
 
 from pdgw.ds301.aborts import abort_text
 from pdgw.ds301.client import NodeClient
-from pdgw.ds301.communication import PRODUCER_HEARTBEAT
+from pdgw.ds301.communication import DEVICE_TYPE, ERROR_REGISTER, PRODUCER_HEARTBEAT
 from pdgw.ds301.configuration import EVENT_DRIVEN_MANUFACTURER, SdoStep
 from pdgw.ds301.data_sheet import load_dictionary
 from pdgw.ds301.emcy import emcy_text
@@ -30,15 +30,23 @@ from pdgw.dsp406.device import eds_path
 from pdgw.dsp406.errors import Dsp406Error
 from pdgw.dsp406.faults import ENCODER_EMCY
 from pdgw.dsp406.images import PARAMETER_OBJECTS, EncoderFeedback, EncoderParameters
-from pdgw.dsp406.kinds import PROFILE_NUMBER, ROTARY, EncoderDevice
-from pdgw.dsp406.objects import CYCLIC_TIMER, PRESET, PRESET_MULTI_SENSOR
-from pdgw.dsp406.pdo import CYCLIC, POSITION, POSITION_MULTI_SENSOR, encoder_layout
+from pdgw.dsp406.kinds import ENCODER_PROFILE, ROTARY, EncoderDevice
+from pdgw.dsp406.objects import (
+    ALARMS,
+    CYCLIC_TIMER,
+    POSITION,
+    POSITION_MULTI_SENSOR,
+    PRESET,
+    PRESET_MULTI_SENSOR,
+    WARNINGS,
+)
+from pdgw.dsp406.pdo import CYCLIC, encoder_layout
 
 EncoderEvent = NodeEvent
 _ROUNDS = 4
 _READ_LATE_NS = _ROUNDS * 100 * MS
 """A position read by SDO, each 100 ms and as long as reading all takes, may be missed so often; and one SDO may time out."""
-_DIAGNOSTICS = (("alarms", 0x6503), ("warnings", 0x6505), ("error_register", 0x1001))
+_DIAGNOSTICS = (("alarms", ALARMS), ("warnings", WARNINGS), ("error_register", ERROR_REGISTER))
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +63,7 @@ class EncoderSettings(NodeSettings):
 
 def load_eds(path: Path, node_id: int) -> canopen.ObjectDictionary:
     """The object dictionary of a user's EDS/DCF; Dsp406Error names the file and what is wrong with it."""
-    dictionary = load_dictionary(path, node_id, (0x1000,), "an encoder", Dsp406Error)
+    dictionary = load_dictionary(path, node_id, (DEVICE_TYPE,), "an encoder", Dsp406Error)
     if POSITION not in dictionary and POSITION_MULTI_SENSOR not in dictionary:
         raise Dsp406Error("EDS", str(path), "the data sheet of an encoder, with object 6004h or 6020h")
     return dictionary
@@ -74,7 +82,7 @@ class EncoderClient(NodeClient[EncoderSettings]):
 
     device = "encoder"
     a_device = "an encoder"
-    profile = PROFILE_NUMBER
+    profile = ENCODER_PROFILE
     error_type = Dsp406Error
 
     def __init__(

@@ -9,6 +9,16 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from pdgw.dsp406.errors import Dsp406Error
+from pdgw.dsp406.objects import (
+    MEASURING_STEPS,
+    OFFSET,
+    OPERATING_PARAMETERS,
+    OPERATING_TIME,
+    RESOLUTION,
+    REVOLUTIONS,
+    TOTAL_RANGE,
+    UNITS_PER_REVOLUTION,
+)
 from pdgw.dsp406.registers import Operating
 
 
@@ -91,14 +101,14 @@ class EncoderParameters:
 
 
 PARAMETER_OBJECTS: tuple[tuple[str, int, int], ...] = (
-    ("operating", 0x6000, 0),
-    ("units_per_revolution", 0x6001, 0),
-    ("scaled_range", 0x6002, 0),
-    ("position_step", 0x6005, 1),
-    ("speed_step", 0x6005, 2),
-    ("resolution", 0x6501, 0),
-    ("turns", 0x6502, 0),
-    ("offset", 0x6509, 0),
-    ("operating_time", 0x6508, 0),
+    ("operating", OPERATING_PARAMETERS, 0),
+    ("units_per_revolution", UNITS_PER_REVOLUTION, 0),
+    ("scaled_range", TOTAL_RANGE, 0),
+    ("position_step", MEASURING_STEPS, 1),
+    ("speed_step", MEASURING_STEPS, 2),
+    ("resolution", RESOLUTION, 0),
+    ("turns", REVOLUTIONS, 0),
+    ("offset", OFFSET, 0),
+    ("operating_time", OPERATING_TIME, 0),
 )
 """Where each field of ``EncoderParameters`` is read from."""

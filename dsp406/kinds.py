@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 from pdgw.dsp406.errors import Dsp406Error
 
-PROFILE_NUMBER = 406
+ENCODER_PROFILE = 406
 CHANNELS_MAX = 254
 _STEPS_MAX = 1 << 31
 """650Ah and the limits of cams and work area are Integer32."""
@@ -79,7 +79,7 @@ class EncoderDevice:
     @property
     def device_type(self) -> int:
         """1000h."""
-        return self.type << 16 | PROFILE_NUMBER
+        return self.type << 16 | ENCODER_PROFILE
 
     @property
     def steps(self) -> int:

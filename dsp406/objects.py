@@ -9,6 +9,7 @@ from __future__ import annotations
 import enum
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Final
 
 from pdgw.ds301.objects import Access, CanType, Catalogue, Entry, ObjectKind, ObjectSpec, array
 from pdgw.dsp406.kinds import LINEAR_TYPES, EncoderDevice, EncoderType
@@ -24,8 +25,37 @@ SOFTWARE_VERSION = 0x0100
 UNUSED = 0xFFFF_FFFF
 """6508h and 650Bh of a device that does not have them."""
 POSITION_UNIT = "measuring units"
-PRESET, PRESET_MULTI_SENSOR, CYCLIC_TIMER = 0x6003, 0x6010, 0x6200
-"""Objects that others than the catalogue ask for by index."""
+OPERATING_PARAMETERS: Final = 0x6000
+UNITS_PER_REVOLUTION: Final = 0x6001
+TOTAL_RANGE: Final = 0x6002
+PRESET: Final = 0x6003
+POSITION: Final = 0x6004
+MEASURING_STEPS: Final = 0x6005
+PRESET_MULTI_SENSOR: Final = 0x6010
+POSITION_MULTI_SENSOR: Final = 0x6020
+SPEED: Final = 0x6030
+CYCLIC_TIMER: Final = 0x6200
+CAM_STATE: Final = 0x6300
+CAM_LOW_LIMIT: Final = 0x6310
+CAM_HIGH_LIMIT: Final = 0x6320
+CAM_HYSTERESIS: Final = 0x6330
+"""Of the first cam; the next index is that of the next."""
+AREA_STATE: Final = 0x6400
+WORK_AREA_LOW: Final = 0x6401
+WORK_AREA_HIGH: Final = 0x6402
+OPERATING_STATUS: Final = 0x6500
+RESOLUTION: Final = 0x6501
+REVOLUTIONS: Final = 0x6502
+ALARMS: Final = 0x6503
+SUPPORTED_ALARMS: Final = 0x6504
+WARNINGS: Final = 0x6505
+SUPPORTED_WARNINGS: Final = 0x6506
+VERSIONS: Final = 0x6507
+OPERATING_TIME: Final = 0x6508
+OFFSET: Final = 0x6509
+MODULE_IDENTIFICATION: Final = 0x650A
+SERIAL_NUMBER: Final = 0x650B
+"""Indices of objects that are asked for by name."""
 
 
 class Category(enum.Enum):
@@ -89,12 +119,14 @@ def _channels(
 
 
 PROFILE: tuple[ProfileObject, ...] = (
-    ProfileObject(0x6000, "Operating parameters", U16, RW, MANDATORY, MANDATORY),
-    ProfileObject(0x6001, "Measuring units per revolution", U32, RW, NONE, MANDATORY, unit=POSITION_UNIT),
-    ProfileObject(0x6002, "Total measuring range in measuring units", U32, RW, NONE, MANDATORY, unit=POSITION_UNIT),
-    ProfileObject(0x6003, "Preset value", U32, RW, NONE, MANDATORY, types=_SINGLE, unit=POSITION_UNIT),
+    ProfileObject(OPERATING_PARAMETERS, "Operating parameters", U16, RW, MANDATORY, MANDATORY),
+    ProfileObject(UNITS_PER_REVOLUTION, "Measuring units per revolution", U32, RW, NONE, MANDATORY, unit=POSITION_UNIT),
     ProfileObject(
-        0x6004,
+        TOTAL_RANGE, "Total measuring range in measuring units", U32, RW, NONE, MANDATORY, unit=POSITION_UNIT
+    ),
+    ProfileObject(PRESET, "Preset value", U32, RW, NONE, MANDATORY, types=_SINGLE, unit=POSITION_UNIT),
+    ProfileObject(
+        POSITION,
         "Position value",
         U32,
         RO,
@@ -106,7 +138,7 @@ PROFILE: tuple[ProfileObject, ...] = (
         unit=POSITION_UNIT,
     ),
     ProfileObject(
-        0x6005,
+        MEASURING_STEPS,
         "Linear encoder measuring step settings",
         U32,
         RW,
@@ -116,7 +148,7 @@ PROFILE: tuple[ProfileObject, ...] = (
         fields=("Position measuring step (0.001 mm)", "Speed measuring step (0.01 mm/s)"),
     ),
     ProfileObject(
-        0x6010,
+        PRESET_MULTI_SENSOR,
         "Preset values for multi-sensor devices",
         U32,
         RW,
@@ -127,7 +159,7 @@ PROFILE: tuple[ProfileObject, ...] = (
         unit=POSITION_UNIT,
     ),
     ProfileObject(
-        0x6020,
+        POSITION_MULTI_SENSOR,
         "Position values for multi-sensor devices",
         I32,
         RO,
@@ -140,7 +172,7 @@ PROFILE: tuple[ProfileObject, ...] = (
         unit=POSITION_UNIT,
     ),
     ProfileObject(
-        0x6030,
+        SPEED,
         "Speed value",
         I16,
         RO,
@@ -153,30 +185,36 @@ PROFILE: tuple[ProfileObject, ...] = (
         attribute="speed",
         unit="measuring units/s (linear: steps of 6005h/2)",
     ),
-    ProfileObject(0x6200, "Cyclic timer", U16, RW, NONE, MANDATORY, unit="ms"),
-    _channels(0x6300, "Cam state register", U8, RO, "cam_state", pdo=True),
+    ProfileObject(CYCLIC_TIMER, "Cyclic timer", U16, RW, NONE, MANDATORY, unit="ms"),
+    _channels(CAM_STATE, "Cam state register", U8, RO, "cam_state", pdo=True),
     _channels(0x6301, "Cam enable register", U8, RW, "cam_enable", pdo=True),
     _channels(0x6302, "Cam polarity register", U8, RW, "cam_polarity", pdo=True),
-    *(_channels(0x630F + n, f"Cam {n} low limit", I32, RW, unit=POSITION_UNIT) for n in range(1, CAMS + 1)),
-    *(_channels(0x631F + n, f"Cam {n} high limit", I32, RW, unit=POSITION_UNIT) for n in range(1, CAMS + 1)),
-    *(_channels(0x632F + n, f"Cam {n} hysteresis", U16, RW, unit=POSITION_UNIT) for n in range(1, CAMS + 1)),
-    _channels(0x6400, "Area state register", U8, RO, "area_state", pdo=True),
-    _channels(0x6401, "Work area low limit", I32, RW, unit=POSITION_UNIT),
-    _channels(0x6402, "Work area high limit", I32, RW, unit=POSITION_UNIT),
-    ProfileObject(0x6500, "Operating status", U16, RO, MANDATORY, MANDATORY, attribute="operating_status"),
+    *(_channels(CAM_LOW_LIMIT + cam, f"Cam {cam + 1} low limit", I32, RW, unit=POSITION_UNIT) for cam in range(CAMS)),
+    *(_channels(CAM_HIGH_LIMIT + cam, f"Cam {cam + 1} high limit", I32, RW, unit=POSITION_UNIT) for cam in range(CAMS)),
+    *(_channels(CAM_HYSTERESIS + cam, f"Cam {cam + 1} hysteresis", U16, RW, unit=POSITION_UNIT) for cam in range(CAMS)),
+    _channels(AREA_STATE, "Area state register", U8, RO, "area_state", pdo=True),
+    _channels(WORK_AREA_LOW, "Work area low limit", I32, RW, unit=POSITION_UNIT),
+    _channels(WORK_AREA_HIGH, "Work area high limit", I32, RW, unit=POSITION_UNIT),
+    ProfileObject(OPERATING_STATUS, "Operating status", U16, RO, MANDATORY, MANDATORY, attribute="operating_status"),
     ProfileObject(
-        0x6501, "Single-turn resolution, measuring step", U32, RO, MANDATORY, MANDATORY, unit="steps, linear: 0.001 mm"
+        RESOLUTION,
+        "Single-turn resolution, measuring step",
+        U32,
+        RO,
+        MANDATORY,
+        MANDATORY,
+        unit="steps, linear: 0.001 mm",
     ),
-    ProfileObject(0x6502, "Number of distinguishable revolutions", U16, RO, MANDATORY, MANDATORY),
-    ProfileObject(0x6503, "Alarms", U16, RO, MANDATORY, MANDATORY, attribute="alarms"),
-    ProfileObject(0x6504, "Supported alarms", U16, RO, MANDATORY, MANDATORY),
-    ProfileObject(0x6505, "Warnings", U16, RO, MANDATORY, MANDATORY, attribute="warnings"),
-    ProfileObject(0x6506, "Supported warnings", U16, RO, MANDATORY, MANDATORY),
-    ProfileObject(0x6507, "Profile and software version", U32, RO, NONE, MANDATORY),
-    ProfileObject(0x6508, "Operating time", U32, RO, NONE, MANDATORY, attribute="operating_time", unit="0.1 h"),
-    ProfileObject(0x6509, "Offset value", I32, RO, NONE, MANDATORY, attribute="offset", unit=POSITION_UNIT),
+    ProfileObject(REVOLUTIONS, "Number of distinguishable revolutions", U16, RO, MANDATORY, MANDATORY),
+    ProfileObject(ALARMS, "Alarms", U16, RO, MANDATORY, MANDATORY, attribute="alarms"),
+    ProfileObject(SUPPORTED_ALARMS, "Supported alarms", U16, RO, MANDATORY, MANDATORY),
+    ProfileObject(WARNINGS, "Warnings", U16, RO, MANDATORY, MANDATORY, attribute="warnings"),
+    ProfileObject(SUPPORTED_WARNINGS, "Supported warnings", U16, RO, MANDATORY, MANDATORY),
+    ProfileObject(VERSIONS, "Profile and software version", U32, RO, NONE, MANDATORY),
+    ProfileObject(OPERATING_TIME, "Operating time", U32, RO, NONE, MANDATORY, attribute="operating_time", unit="0.1 h"),
+    ProfileObject(OFFSET, "Offset value", I32, RO, NONE, MANDATORY, attribute="offset", unit=POSITION_UNIT),
     ProfileObject(
-        0x650A,
+        MODULE_IDENTIFICATION,
         "Module identification",
         I32,
         RO,
@@ -189,7 +227,7 @@ PROFILE: tuple[ProfileObject, ...] = (
         ),
         unit="physical steps",
     ),
-    ProfileObject(0x650B, "Serial number", U32, RO, NONE, MANDATORY),
+    ProfileObject(SERIAL_NUMBER, "Serial number", U32, RO, NONE, MANDATORY),
 )
 
 
@@ -199,19 +237,23 @@ def _values(device: EncoderDevice, serial_number: int) -> dict[tuple[int, int], 
     # The finest position step of a linear encoder is 0.001 mm.
     finest = steps * resolution if device.is_linear else steps
     return {
-        (0x6001, 0): (steps if device.is_linear else resolution, 1, None if device.is_linear else resolution),
-        (0x6002, 0): (steps, 1, finest),
-        (0x6005, 1): (resolution, 1, None),
-        (0x6005, 2): (100, 1, None),
-        (0x6402, 0): (steps - 1, None, None),
-        (0x6501, 0): (resolution, None, None),
-        (0x6502, 0): (device.turns, None, None),
-        (0x6504, 0): (sum(Alarm), None, None),
-        (0x6506, 0): (sum(Warnings), None, None),
-        (0x6507, 0): (SOFTWARE_VERSION << 16 | PROFILE_VERSION, None, None),
-        (0x6508, 0): (UNUSED, None, None),
-        (0x650A, 3): (steps - 1, None, None),
-        (0x650B, 0): (serial_number, None, None),
+        (UNITS_PER_REVOLUTION, 0): (
+            steps if device.is_linear else resolution,
+            1,
+            None if device.is_linear else resolution,
+        ),
+        (TOTAL_RANGE, 0): (steps, 1, finest),
+        (MEASURING_STEPS, 1): (resolution, 1, None),
+        (MEASURING_STEPS, 2): (100, 1, None),
+        (WORK_AREA_HIGH, 0): (steps - 1, None, None),
+        (RESOLUTION, 0): (resolution, None, None),
+        (REVOLUTIONS, 0): (device.turns, None, None),
+        (SUPPORTED_ALARMS, 0): (sum(Alarm), None, None),
+        (SUPPORTED_WARNINGS, 0): (sum(Warnings), None, None),
+        (VERSIONS, 0): (SOFTWARE_VERSION << 16 | PROFILE_VERSION, None, None),
+        (OPERATING_TIME, 0): (UNUSED, None, None),
+        (MODULE_IDENTIFICATION, 3): (steps - 1, None, None),
+        (SERIAL_NUMBER, 0): (serial_number, None, None),
     }
 
 

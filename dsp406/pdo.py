@@ -12,11 +12,10 @@ from pdgw.ds301.objects import Entry
 from pdgw.ds301.pdo import Pdo, PdoDirection, PdoLayout
 from pdgw.dsp406.errors import Dsp406Error
 from pdgw.dsp406.kinds import CHANNELS_MAX
-from pdgw.dsp406.objects import PROFILE, ProfileObject
+from pdgw.dsp406.objects import AREA_STATE, CAM_STATE, POSITION, POSITION_MULTI_SENSOR, PROFILE, SPEED, ProfileObject
 
-POSITION, POSITION_MULTI_SENSOR, SPEED = 0x6004, 0x6020, 0x6030
 _ROWS: dict[int, ProfileObject] = {row.index: row for row in PROFILE}
-_FURTHER = (SPEED, 0x6400, 0x6300)
+_FURTHER = (SPEED, AREA_STATE, CAM_STATE)
 CYCLIC = (POSITION, POSITION_MULTI_SENSOR, *_FURTHER)
 """Objects that the TPDOs of a layout may carry."""
 _NUMBERS = {False: (1, 2, 3, 4), True: (3, 4, 1, 2)}

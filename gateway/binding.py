@@ -9,14 +9,14 @@ from typing import Any, ClassVar, Final
 from canopen.sdo import SdoAbortedError
 
 from pdgw.ds301.client import NodeClient
+from pdgw.ds301.communication import GUARD_TIME, LIFE_TIME_FACTOR
 from pdgw.ds301.connection_set import NMT
 from pdgw.ds301.loop import MS
 from pdgw.ds301.network import CanNetwork
 from pdgw.ds301.nmt import NmtCommand
-from pdgw.dsp402.configuration import ABORT_OPTION
 from pdgw.dsp402.drive import DriveClient, DriveStatus
 from pdgw.dsp402.faults import DriveFault
-from pdgw.dsp402.guarding import GUARD_TIME, LIFE_TIME_FACTOR
+from pdgw.dsp402.indices import ABORT_OPTION
 from pdgw.dsp402.objects import CONTROLWORD, DRIVE_OBJECTS, ERROR_CODE, HOMING_METHOD, MODE
 from pdgw.dsp402.scaling import SCALING_OBJECTS
 from pdgw.dsp402.states import state_of
@@ -37,7 +37,7 @@ from pdgw.profidrive.sensor_format import SensorFormat
 from pdgw.profidrive.sign_of_life import MONITORING_OFF
 from pdgw.profidrive.telegrams import telegram
 
-_OWNED: Final = OWNED | {ABORT_OPTION, GUARD_TIME, LIFE_TIME_FACTOR, CONTROLWORD, MODE}
+_OWNED: Final = OWNED | {(ABORT_OPTION, 0), (GUARD_TIME, 0), (LIFE_TIME_FACTOR, 0), CONTROLWORD, MODE}
 _REFERENCES: Final = {*SCALING_OBJECTS, HOMING_METHOD}
 _SECOND_FORMAT: Final = SensorFormat(resolution=0, turns=0, xist1_absolute=False, valid=False)
 """The drive's second encoder: what one revolution is, is not asked for."""

@@ -17,6 +17,7 @@ from pydantic import BeforeValidator, Field, model_validator
 
 from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.load import check_load
+from pdgw.ds301.node import GATEWAY_NODE_ID
 from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.overlay import overlay
 from pdgw.dsp402.pdo import PdoLayout
@@ -39,7 +40,6 @@ from pdgw.gateway.bus_load import cyclic_frames
 from pdgw.gateway.config_encoder import EncoderConfig
 from pdgw.gateway.config_surroundings import (
     DEFAULT_BITRATE,
-    GATEWAY_NODE_ID,
     Boolean,
     CanConfig,
     DriveObjectSection,

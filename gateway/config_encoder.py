@@ -8,11 +8,12 @@ from typing import Annotated
 
 from pydantic import Field, Strict, model_validator
 
+from pdgw.ds301.node import GATEWAY_NODE_ID
 from pdgw.dsp406.encoder import EncoderSettings
 from pdgw.dsp406.kinds import CHANNELS_MAX, DEVICES, LINEAR, MULTI_SENSOR, ROTARY, EncoderDevice, multi_sensor
 from pdgw.explain import misplaced
 from pdgw.gateway.axis.telegrams import ENCODER_TELEGRAM_NUMBERS
-from pdgw.gateway.config_surroundings import GATEWAY_NODE_ID, Boolean, DriveObjectSection, Integer
+from pdgw.gateway.config_surroundings import Boolean, DriveObjectSection, Integer
 
 _SILENCE_MS = 100
 

@@ -21,7 +21,6 @@ from pdgw.profinet.rpc.dcerpc import UDP_PORT as ACYCLIC_PORT
 from pdgw.profinet.rpc.records import NIL
 from pdgw.profinet.station import IpSuite, check_name
 
-GATEWAY_NODE_ID = 127
 DEFAULT_BITRATE = 1_000_000
 _MISSPELT = 0.85
 """A further [can] key as similar as this to one of ours is taken for a slip of the pen."""

@@ -17,9 +17,9 @@ from typing import TYPE_CHECKING, Any, Protocol
 from pdgw.ds301.client import NodeClient
 from pdgw.ds301.loop import MS, Event, Loop, Timer
 from pdgw.ds301.network import CanNetwork
+from pdgw.ds301.node import GATEWAY_NODE_ID
 from pdgw.gateway.binding import Axis
 from pdgw.gateway.config import AxisConfig, GatewayConfig
-from pdgw.gateway.config_surroundings import GATEWAY_NODE_ID
 from pdgw.gateway.cycle_watch import CycleWatch
 from pdgw.gateway.drive_object import DriveObject
 from pdgw.gateway.edge import Edge, SystemEdge

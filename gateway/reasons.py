@@ -10,6 +10,8 @@ import enum
 from dataclasses import dataclass
 from types import MappingProxyType
 
+from pdgw.ds301.emcy import BUS_OFF_RECOVERED, HEARTBEAT_ERROR
+
 
 class AxisState(enum.Enum):
     """What a drive object does in the eyes of the user; ``value`` is the word shown, the same everywhere."""
@@ -402,8 +404,8 @@ GATEWAY_FAULTS: MappingProxyType[int, GatewayFault] = MappingProxyType(
     {
         fault.number: fault
         for fault in (
-            GatewayFault(FaultNumber.NODE_LOST, "node lost (heartbeat or TPDO time-out)", 0x8130),
-            GatewayFault(FaultNumber.BUS_LOST, "CAN bus-off or CAN interface lost", 0x8140),
+            GatewayFault(FaultNumber.NODE_LOST, "node lost (heartbeat or TPDO time-out)", HEARTBEAT_ERROR),
+            GatewayFault(FaultNumber.BUS_LOST, "CAN bus-off or CAN interface lost", BUS_OFF_RECOVERED),
             GatewayFault(FaultNumber.PLC_LOST, "PLC lost", 0xFF01),
             GatewayFault(FaultNumber.REFERENCE, "100 % or mode of the drive not known", 0xFF02),
             GatewayFault(FaultNumber.NODE_RESTARTED, "node restarted during operation", 0xFF03),

@@ -15,7 +15,7 @@ import canopen
 from canopen.sdo import SdoAbortedError, SdoCommunicationError
 
 from pdgw.ds301.aborts import Abort
-from pdgw.ds301.communication import DEVICE_NAME, DEVICE_TYPE, IDENTITY, SYNC_PERIOD
+from pdgw.ds301.communication import DEVICE_NAME, DEVICE_TYPE, IDENTITY, SYNC_PERIOD, profile_of
 from pdgw.ds301.configuration import SdoStep
 from pdgw.ds301.connection_set import ERROR_CONTROL, NMT, SDO_REQUEST, SDO_RESPONSE
 from pdgw.ds301.data_sheet import load_dictionary
@@ -23,30 +23,29 @@ from pdgw.ds301.inquiry import Inquiry
 from pdgw.ds301.loop import MS, SECOND
 from pdgw.ds301.network import CanNetwork
 from pdgw.ds301.nmt import NmtState
+from pdgw.ds301.node import GATEWAY_NODE_ID
 from pdgw.ds301.pdo import PdoDirection
-from pdgw.dsp402.drive import DriveClient
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.guarding import guard
+from pdgw.dsp402.objects import DRIVE_PROFILE
 from pdgw.dsp402.probe import probe
 from pdgw.dsp402.settings import DriveSettings
-from pdgw.dsp406.kinds import PROFILE_NUMBER, EncoderType
-from pdgw.dsp406.pdo import POSITION, POSITION_MULTI_SENSOR
+from pdgw.dsp406.kinds import ENCODER_PROFILE, EncoderType
+from pdgw.dsp406.objects import POSITION, POSITION_MULTI_SENSOR
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.telegrams import ENCODER_TELEGRAM_NUMBERS
 from pdgw.gateway.config import GatewayConfig
-from pdgw.gateway.config_surroundings import GATEWAY_NODE_ID, CanConfig
+from pdgw.gateway.config_surroundings import CanConfig
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.fitness import lacks, lacks_by_telegram
 
 NODE_IDS = range(1, 128)
-DRIVE_PROFILE, ENCODER_PROFILE = DriveClient.profile, PROFILE_NUMBER
 _PAUSE_NS = 2 * MS
 """Between two questions: a transmit queue is short."""
 _QUESTION = bytes((0x40,)) + DEVICE_TYPE.to_bytes(2, "little") + bytes(5)
 """SDO upload of 1000h."""
 _NMT_STATE = 0x7F
-_PROFILE = 0xFFFF
 _RPDO_BASES = frozenset(PdoDirection.RPDO.cob_id(number, 0) for number in range(1, 5))
 
 
@@ -103,7 +102,7 @@ class FoundNode:
     @property
     def profile(self) -> int | None:
         """Number of its device profile."""
-        return None if self.device_type is None else self.device_type & _PROFILE
+        return None if self.device_type is None else profile_of(self.device_type)
 
 
 def expected_on(config: GatewayConfig, bus: CanConfig) -> dict[int, Expected]:

@@ -16,6 +16,7 @@ from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.loop import MS, SECOND, Timer
 from pdgw.ds301.node import NodeStatus
 from pdgw.dsp402.drive_type import DriveType, Quantity
+from pdgw.dsp402.indices import POSITION_ACTUAL
 from pdgw.gateway.config import GatewayConfig
 from pdgw.gateway.config_surroundings import TransportConfig
 from pdgw.gateway.daemon import Daemon
@@ -29,7 +30,6 @@ from pdgw.profidrive.telegrams import telegram
 from pdgw.tools.axis_chain import Measurement, judge, rpm
 
 TELEGRAM = 1
-_POSITION = 0x6064
 _CYCLE_NS = 10 * MS
 _WATCHDOG_FACTOR = 100
 """PLC and gateway are one process here: what guards it is the heartbeat."""
@@ -410,7 +410,7 @@ class AxisTest:
         """How far 6064h has gone; None for a drive that has none. DoubtError when it has moved further than it was told."""
         try:
             raw = self._loop.result(
-                self._axis.drive.submit(lambda node: node.read_number(_POSITION, signed=True)), _SDO_NS
+                self._axis.drive.submit(lambda node: node.read_number(POSITION_ACTUAL, signed=True)), _SDO_NS
             )
         except SdoAbortedError:
             return None

@@ -33,6 +33,7 @@ from pdgw.decoder.records import BusKind, Record
 from pdgw.decoder.replay import Replayer
 from pdgw.decoder.replayed import AxisReplay
 from pdgw.decoder.timeline import Entry
+from pdgw.ds301.connection_set import NODE_IDS
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS
 from pdgw.gateway.config import GatewayConfig
@@ -123,7 +124,7 @@ def _known_of(loaded: GatewayConfig, telegrams: Sequence[int], nodes: Sequence[s
 def _with_nodes(axes: list[Axis], nodes: Sequence[str]) -> list[Axis]:
     for position, text in enumerate(nodes):
         match = _AXIS_NODE.fullmatch(text)
-        if match is None or not 1 <= int(match[2]) <= 127:
+        if match is None or int(match[2]) not in NODE_IDS:
             raise GatewayError(f"--node {text}: expected NODE or AXIS=NODE, node-ID 1..127")
         do_id = int(match[1]) if match[1] else position + 1
         found = [i for i, axis in enumerate(axes) if axis.do_id == do_id]

@@ -14,7 +14,7 @@ from pdgw.decoder.capture.errors import CaptureError
 from pdgw.decoder.capture.stream import ByteSource, Window
 from pdgw.decoder.engine import CanPacket
 from pdgw.decoder.link import CanFrame
-from pdgw.ds301.can_frame import ERROR
+from pdgw.ds301.can_frame import ERROR, EXTENDED_ID, STANDARD_ID
 
 if TYPE_CHECKING:
     import can
@@ -81,10 +81,10 @@ def read_candump(source: ByteSource, name: str) -> Iterator[CanPacket]:
 def _frame(identifier: bytes, data: bytes, remote: bool = False) -> CanFrame:
     number = int(identifier, 16)
     if len(identifier) < _EXTENDED_DIGITS:
-        return CanFrame(number & 0x7FF, data, remote=remote)
+        return CanFrame(number & STANDARD_ID, data, remote=remote)
     if number & ERROR:
-        return CanFrame(number & 0x7FF, data, error=True)
-    return CanFrame(number & 0x1FFFFFFF, data, extended=True, remote=remote)
+        return CanFrame(number & STANDARD_ID, data, error=True)
+    return CanFrame(number & EXTENDED_ID, data, extended=True, remote=remote)
 
 
 def _other_forms(line: bytes, offset: int, name: str) -> tuple[bytes, bytes, bytes, CanFrame]:

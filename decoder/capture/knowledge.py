@@ -18,6 +18,7 @@ from pdgw.decoder.engine import Axis, Decoder, Settings, given_axes
 from pdgw.decoder.names import Names
 from pdgw.decoder.objects import ObjectNames
 from pdgw.decoder.records import CyclicRecord
+from pdgw.ds301.connection_set import NODE_IDS
 from pdgw.gateway.errors import GatewayError
 
 _LOOK_AT: Final = 20_000
@@ -87,7 +88,7 @@ def _eds_files(texts: Sequence[str]) -> tuple[dict[int, Path], Path | None]:
             raise GatewayError(f"--eds {text}: is not a file")
         if match is None:
             default = path
-        elif 1 <= int(match[1]) <= 127:
+        elif int(match[1]) in NODE_IDS:
             files[int(match[1])] = path
         else:
             raise GatewayError(f"--eds {text}: node-ID {match[1]}, allowed: 1..127")

@@ -9,7 +9,34 @@ from __future__ import annotations
 import enum
 from dataclasses import dataclass
 
-from pdgw.ds301.communication import RESTORE_PARAMETERS, STORE_PARAMETERS
+from pdgw.ds301.communication import (
+    EMCY_COB_ID,
+    ERROR_BEHAVIOUR,
+    NMT_STARTUP,
+    PRODUCER_HEARTBEAT,
+    RESTORE_PARAMETERS,
+    SDO_CLIENTS,
+    SDO_SERVERS,
+    STORE_PARAMETERS,
+    SYNC_COB_ID,
+    SYNC_WINDOW,
+)
+from pdgw.ds301.pdo import PDO_PARAMETERS
+from pdgw.dsp402.indices import (
+    ABORT_OPTION,
+    ACCELERATION_FACTOR,
+    FAULT_REACTION_OPTION,
+    MAX_DECELERATION,
+    MAX_MOTOR_SPEED,
+    MAX_PROFILE_VELOCITY,
+    MOTION_PROFILE_TYPE,
+    POLARITY,
+    POSITION_ENCODER_RESOLUTION,
+    PROFILE_DECELERATION,
+    QUICK_STOP_OPTION,
+    SI_UNIT_POSITION,
+    SI_UNIT_VELOCITY,
+)
 
 
 class Check(enum.Enum):
@@ -31,29 +58,54 @@ class GuardedRange:
 
 
 GUARDED: tuple[GuardedRange, ...] = (
-    GuardedRange(0x1005, 0x1007, "SYNC: TPDOs that wait for it would stop", Check.CONFIGURATION),
+    GuardedRange(SYNC_COB_ID, SYNC_WINDOW, "SYNC: TPDOs that wait for it would stop", Check.CONFIGURATION),
     GuardedRange(
         STORE_PARAMETERS, STORE_PARAMETERS, "storing keeps a drive busy: it may not answer its stop", Check.NOTHING
     ),
     GuardedRange(RESTORE_PARAMETERS, RESTORE_PARAMETERS, "restoring changes everything below", Check.CONFIGURATION),
-    GuardedRange(0x1014, 0x1017, "EMCY and heartbeats: faults untold, a dead gateway unnoticed", Check.CONFIGURATION),
-    GuardedRange(0x1029, 0x1029, "what the node does in an error: its PDOs may end", Check.NOTHING),
-    GuardedRange(0x1200, 0x127F, "SDO servers: the gateway would lose its access", Check.CONFIGURATION),
-    GuardedRange(0x1280, 0x13FF, "SDO clients: the drive would write to others", Check.CONFIGURATION),
     GuardedRange(
-        0x1400, 0x1BFF, "PDOs: the drive would not get its stop, or the gateway not see it", Check.CONFIGURATION
+        EMCY_COB_ID,
+        PRODUCER_HEARTBEAT,
+        "EMCY and heartbeats: faults untold, a dead gateway unnoticed",
+        Check.CONFIGURATION,
     ),
-    GuardedRange(0x1F80, 0x1F80, "NMT start-up: the drive would start by itself", Check.CONFIGURATION),
-    GuardedRange(0x6007, 0x6007, "what the drive does when the gateway dies", Check.CONFIGURATION),
-    GuardedRange(0x605A, 0x605E, "what quick stop, shutdown, disable, Halt and faults do", Check.NOTHING),
-    GuardedRange(0x607E, 0x607E, "polarity: which way every value goes", Check.NOTHING),
-    GuardedRange(0x607F, 0x6080, "speed limits: what 100 % is", Check.REFERENCES),
+    GuardedRange(ERROR_BEHAVIOUR, ERROR_BEHAVIOUR, "what the node does in an error: its PDOs may end", Check.NOTHING),
     GuardedRange(
-        0x6084, 0x6086, "deceleration, quick stop deceleration and ramp type: how it brakes", Check.REFERENCES
+        SDO_SERVERS[0], SDO_SERVERS[-1], "SDO servers: the gateway would lose its access", Check.CONFIGURATION
     ),
-    GuardedRange(0x608F, 0x6097, "resolutions, ratios and factors: what every value means", Check.REFERENCES),
-    GuardedRange(0x60A8, 0x60A9, "units of position and velocity: what every value means", Check.REFERENCES),
-    GuardedRange(0x60C6, 0x60C6, "maximum deceleration: how it brakes", Check.REFERENCES),
+    GuardedRange(SDO_CLIENTS[0], SDO_CLIENTS[-1], "SDO clients: the drive would write to others", Check.CONFIGURATION),
+    GuardedRange(
+        PDO_PARAMETERS[0],
+        PDO_PARAMETERS[-1],
+        "PDOs: the drive would not get its stop, or the gateway not see it",
+        Check.CONFIGURATION,
+    ),
+    GuardedRange(NMT_STARTUP, NMT_STARTUP, "NMT start-up: the drive would start by itself", Check.CONFIGURATION),
+    GuardedRange(ABORT_OPTION, ABORT_OPTION, "what the drive does when the gateway dies", Check.CONFIGURATION),
+    GuardedRange(
+        QUICK_STOP_OPTION,
+        FAULT_REACTION_OPTION,
+        "what quick stop, shutdown, disable, Halt and faults do",
+        Check.NOTHING,
+    ),
+    GuardedRange(POLARITY, POLARITY, "polarity: which way every value goes", Check.NOTHING),
+    GuardedRange(MAX_PROFILE_VELOCITY, MAX_MOTOR_SPEED, "speed limits: what 100 % is", Check.REFERENCES),
+    GuardedRange(
+        PROFILE_DECELERATION,
+        MOTION_PROFILE_TYPE,
+        "deceleration, quick stop deceleration and ramp type: how it brakes",
+        Check.REFERENCES,
+    ),
+    GuardedRange(
+        POSITION_ENCODER_RESOLUTION,
+        ACCELERATION_FACTOR,
+        "resolutions, ratios and factors: what every value means",
+        Check.REFERENCES,
+    ),
+    GuardedRange(
+        SI_UNIT_POSITION, SI_UNIT_VELOCITY, "units of position and velocity: what every value means", Check.REFERENCES
+    ),
+    GuardedRange(MAX_DECELERATION, MAX_DECELERATION, "maximum deceleration: how it brakes", Check.REFERENCES),
 )
 """In the order of their indices; everything else may be written at any time."""
 

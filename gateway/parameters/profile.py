@@ -11,10 +11,23 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 
 from pdgw.ds301.communication import LOAD_SIGNATURE, RESTORE_PARAMETERS, SAVE_SIGNATURE, STORE_PARAMETERS
 from pdgw.ds301.errors import CanopenError
+from pdgw.ds301.node import GATEWAY_NODE_ID
 from pdgw.dsp402.faults import DriveFault
+from pdgw.dsp406.objects import (
+    ALARMS,
+    OFFSET,
+    OPERATING_STATUS,
+    OPERATING_TIME,
+    SUPPORTED_ALARMS,
+    SUPPORTED_WARNINGS,
+    TOTAL_RANGE,
+    UNITS_PER_REVOLUTION,
+    VERSIONS,
+    WARNINGS,
+)
 from pdgw.gateway import identity
 from pdgw.gateway.binding import Axis
-from pdgw.gateway.config_surroundings import DEFAULT_BITRATE, GATEWAY_NODE_ID
+from pdgw.gateway.config_surroundings import DEFAULT_BITRATE
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.drive_object import DriveObject
 from pdgw.gateway.encoder import EncoderObject
@@ -59,16 +72,16 @@ _ENCODER_CLASS_3 = 0x4000
 _STATUS_HEADER = 0x000C_0101
 """P65001: twelve elements, structure version 1.1."""
 _STATUS_OBJECTS = (
-    (0x6500, 0),
-    (0x6503, 0),
-    (0x6504, 0),
-    (0x6505, 0),
-    (0x6506, 0),
-    (0x6507, 0),
-    (0x6508, 0),
-    (0x6509, 0),
-    (0x6001, 0),
-    (0x6002, 0),
+    (OPERATING_STATUS, 0),
+    (ALARMS, 0),
+    (SUPPORTED_ALARMS, 0),
+    (WARNINGS, 0),
+    (SUPPORTED_WARNINGS, 0),
+    (VERSIONS, 0),
+    (OPERATING_TIME, 0),
+    (OFFSET, 0),
+    (UNITS_PER_REVOLUTION, 0),
+    (TOTAL_RANGE, 0),
 )
 """Elements 1 to 10 of P65001."""
 _STEPS_PER_SECOND = 0

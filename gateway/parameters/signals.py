@@ -2,24 +2,30 @@
 
 from __future__ import annotations
 
+from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.profidrive.signals import signal
+
+
+def _index(attribute: str) -> int:
+    return DRIVE_OBJECTS.attribute(attribute).index
+
 
 SIGNAL_SOURCES: dict[str, int] = {
     "STW1": 967,
     "ZSW1": 968,
-    "NSOLL_A": 0x60FF,
-    "NIST_A": 0x606C,
-    "NSOLL_B": 0x60FF,
-    "NIST_B": 0x606C,
-    "XIST_A": 0x6064,
-    "SATZANW": 0x6098,
-    "AKTSATZ": 0x6098,
-    "MDI_TARPOS": 0x607A,
-    "MDI_VELOCITY": 0x6081,
-    "MDI_ACC": 0x6083,
-    "MDI_DEC": 0x6084,
-    "IAIST_GLATT": 0x6078,
-    "NIST_A_GLATT": 0x606C,
+    "NSOLL_A": _index("target_velocity"),
+    "NIST_A": _index("velocity_actual"),
+    "NSOLL_B": _index("target_velocity"),
+    "NIST_B": _index("velocity_actual"),
+    "XIST_A": _index("position_actual"),
+    "SATZANW": _index("homing_method"),
+    "AKTSATZ": _index("homing_method"),
+    "MDI_TARPOS": _index("target_position"),
+    "MDI_VELOCITY": _index("profile_velocity"),
+    "MDI_ACC": _index("profile_acceleration"),
+    "MDI_DEC": _index("profile_deceleration"),
+    "IAIST_GLATT": _index("current_actual"),
+    "NIST_A_GLATT": _index("velocity_actual"),
 }
 """By signal name; signals that are not here come from no single object."""
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from pdgw.dsp402.indices import HOMING_ACCELERATION, HOMING_SPEEDS, MAX_ACCELERATION
 from pdgw.dsp402.objects import NEGATIVE_LIMIT_SWITCH as NEGATIVE_LIMIT
 from pdgw.dsp402.objects import POSITIVE_LIMIT_SWITCH as POSITIVE_LIMIT
 from pdgw.dsp402.states import ControlBit, StatusBit
@@ -74,7 +75,7 @@ class Homing(ModeOfOperation):
 
     def move(self) -> None:
         drive, phase = self.drive, self._phase
-        acceleration = drive.acceleration(drive.read(0x609A, 0), 0x60C5)
+        acceleration = drive.acceleration(drive.read(HOMING_ACCELERATION, 0), MAX_ACCELERATION)
         if not phase or phase == "stopping" or drive.halted:
             if drive.slow_down(acceleration):
                 self._reached = self._reached or not phase or drive.halted
@@ -84,7 +85,7 @@ class Homing(ModeOfOperation):
             return
         method = drive.homing_method
         direction = -1.0 if method in {1, 17, -17} else 1.0
-        fast, slow = (min(drive.read(0x6099, sub) * drive.unit, drive.speed_limit) for sub in (1, 2))
+        fast, slow = (min(drive.read(HOMING_SPEEDS, sub) * drive.unit, drive.speed_limit) for sub in (1, 2))
         on_switch = bool(drive.digital_inputs & (NEGATIVE_LIMIT if direction < 0 else POSITIVE_LIMIT))
         if phase == "search":
             self._search(direction, fast, acceleration, on_switch)

@@ -13,6 +13,19 @@ from dataclasses import replace
 from pdgw.ds301.communication import SYNC_PERIOD
 from pdgw.ds301.errors import CanopenError
 from pdgw.dsp402.faults import DriveFault
+from pdgw.dsp402.indices import (
+    ABORT_OPTION,
+    FAULT_REACTION_OPTION,
+    HOME_OFFSET,
+    MAX_DECELERATION,
+    MAX_MOTOR_SPEED,
+    MAX_PROFILE_VELOCITY,
+    MOTION_PROFILE_TYPE,
+    POSITION_RANGE_LIMIT,
+    QUICK_STOP_DECELERATION,
+    QUICK_STOP_OPTION,
+    VELOCITY_ENCODER_FACTOR,
+)
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.objects import NEGATIVE_LIMIT_SWITCH as NEGATIVE_LIMIT
 from pdgw.dsp402.objects import POSITIVE_LIMIT_SWITCH as POSITIVE_LIMIT
@@ -149,17 +162,17 @@ class DriveModel:
     def unit(self) -> float:
         """rpm of one velocity unit (6094h)."""
         fixed = self._fixed_unit
-        return self.read(0x6094, 1) / self.read(0x6094, 2) if fixed is None else fixed
+        return self.read(VELOCITY_ENCODER_FACTOR, 1) / self.read(VELOCITY_ENCODER_FACTOR, 2) if fixed is None else fixed
 
     @property
     def max_rpm(self) -> float:
         """Of the motor."""
-        return float(self.read(0x6080, 0))
+        return float(self.read(MAX_MOTOR_SPEED, 0))
 
     @property
     def speed_limit(self) -> float:
         """rpm that profiles reach."""
-        return min(self.max_rpm, self.read(0x607F, 0) * self.unit)
+        return min(self.max_rpm, self.read(MAX_PROFILE_VELOCITY, 0) * self.unit)
 
     @property
     def position(self) -> float:
@@ -173,7 +186,7 @@ class DriveModel:
     @property
     def sine(self) -> bool:
         """Ramps are sine-squared (6086h)."""
-        return self.read(0x6086, 0) == 1
+        return self.read(MOTION_PROFILE_TYPE, 0) == 1
 
     @property
     def sine_times(self) -> tuple[float, float]:
@@ -222,7 +235,7 @@ class DriveModel:
             self._enter(State.SWITCH_ON_DISABLED)
         if self.state not in {State.SWITCHED_ON, State.OPERATION_ENABLED}:
             return
-        option = self.read(0x6007, 0)
+        option = self.read(ABORT_OPTION, 0)
         if option == 1:
             self._fault(DRIVE_FAULTS[12])
         elif option in _ABORT_COMMANDS:
@@ -274,7 +287,7 @@ class DriveModel:
             self.motion.disabled()
         elif not powered:
             self.motion.enabled()
-        if state is State.QUICK_STOP_ACTIVE and self.read(0x605A, 0) == 0:
+        if state is State.QUICK_STOP_ACTIVE and self.read(QUICK_STOP_OPTION, 0) == 0:
             self.state = State.SWITCH_ON_DISABLED
 
     def _fault(self, fault: DriveFault) -> None:
@@ -363,12 +376,12 @@ class DriveModel:
             if not self._sync_is_lost():
                 self.motion.move()
         elif state is State.QUICK_STOP_ACTIVE:
-            option = self.read(0x605A, 0)
+            option = self.read(QUICK_STOP_OPTION, 0)
             stands = self.stop_ramp and self.slow_down(self._quick_deceleration(option in _QUICK_RAMPS))
             if stands and option < _STAYS_STOPPED:
                 self._enter(State.SWITCH_ON_DISABLED)
         elif state is State.FAULT_REACTION_ACTIVE:
-            option = self.read(0x605E, 0)
+            option = self.read(FAULT_REACTION_OPTION, 0)
             if option == 0 or self.slow_down(self._quick_deceleration(option == 2)):
                 self._enter(State.FAULT)
         else:
@@ -386,8 +399,8 @@ class DriveModel:
 
     def _quick_deceleration(self, quick: bool) -> float:
         if quick:
-            return self._rate * self.read(0x6085, 0)
-        return self.acceleration(self.profile_deceleration, 0x60C6)
+            return self._rate * self.read(QUICK_STOP_DECELERATION, 0)
+        return self.acceleration(self.profile_deceleration, MAX_DECELERATION)
 
     def _turn(self) -> None:
         """Move the axis; a mechanical stop holds it."""
@@ -437,7 +450,7 @@ class DriveModel:
 
     def home_here(self) -> None:
         """This is where 607Ch says the home position is."""
-        self.zero = self.machine_position - self.read(0x607C, 0)
+        self.zero = self.machine_position - self.read(HOME_OFFSET, 0)
         self.ramp.set(0.0)
 
     def _shown_position(self) -> int:
@@ -445,7 +458,7 @@ class DriveModel:
         position = round(self.position)
         if not self.shape.wraps:
             return _wrap32(position)
-        low, high = self.read(0x607B, 1), self.read(0x607B, 2)
+        low, high = self.read(POSITION_RANGE_LIMIT, 1), self.read(POSITION_RANGE_LIMIT, 2)
         return low + (position - low) % max(1, high - low)
 
     # -- image --------------------------------------------------------------------------------------------------------

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import can
 
+from pdgw.ds301.communication import GUARD_TIME, LIFE_TIME_FACTOR
 from pdgw.ds301.configuration import EVENT_TIMER
 from pdgw.ds301.connection_set import ERROR_CONTROL
+from pdgw.ds301.emcy import COMMUNICATION_ERROR, HEARTBEAT_ERROR
 from pdgw.ds301.loop import Loop
 from pdgw.ds301.nmt import NmtState
 from pdgw.ds301.objects import Entry
@@ -16,7 +18,7 @@ from pdgw.peers.drive.machine import Machine
 from pdgw.peers.drive.misbehaviour import DRIVE_MISBEHAVIOURS
 from pdgw.peers.drive.model import MS, DriveModel
 from pdgw.peers.drive.motion import INCREMENTS_PER_REVOLUTION
-from pdgw.peers.drive.shapes import ENGEL, GUARD_TIME, LIFE_TIME_FACTOR, Shape
+from pdgw.peers.drive.shapes import ENGEL, Shape
 from pdgw.peers.node.node import SendFunction, SimulatedNode, Value
 from pdgw.peers.node.running import RunningNode
 
@@ -112,7 +114,7 @@ class SimulatedDriveNode(SimulatedNode):
             self.model.abort_connection()
 
     def on_consumer_expired(self, producer: int) -> None:
-        self.send_emcy(0x8130, 0x11)
+        self.send_emcy(HEARTBEAT_ERROR, COMMUNICATION_ERROR)
         self.model.abort_connection()
         self.send_emergencies(self.model.emcy)
 

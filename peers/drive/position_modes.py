@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from pdgw.dsp402.indices import INTERPOLATION_TIME, MAX_ACCELERATION, MAX_DECELERATION, POSITION_RANGE_LIMIT
 from pdgw.dsp402.states import ControlBit, StatusBit
 from pdgw.peers.drive.family import TURNTABLE
 from pdgw.peers.drive.mode_of_operation import ModeOfOperation, follows
@@ -49,7 +50,7 @@ class CyclicPosition(ModeOfOperation):
     @property
     def _period(self) -> int:
         read = self.drive.read
-        return max(1, round(read(0x60C2, 1) * 10.0 ** read(0x60C2, 2) / TICK))
+        return max(1, round(read(INTERPOLATION_TIME, 1) * 10.0 ** read(INTERPOLATION_TIME, 2) / TICK))
 
     def received(self) -> None:
         goal = float(self.drive.target_position)
@@ -109,8 +110,8 @@ class ProfilePosition(ModeOfOperation):
         setpoint = Setpoint(
             self._target(word),
             min(drive.profile_velocity * drive.unit, drive.speed_limit),
-            drive.acceleration(drive.profile_acceleration, 0x60C5),
-            drive.acceleration(drive.profile_deceleration, 0x60C6),
+            drive.acceleration(drive.profile_acceleration, MAX_ACCELERATION),
+            drive.acceleration(drive.profile_deceleration, MAX_DECELERATION),
         )
         self._acknowledged = True
         if self.setpoint is not None and not word & ControlBit.CHANGE_IMMEDIATELY:
@@ -128,7 +129,7 @@ class ProfilePosition(ModeOfOperation):
         target = float(drive.target_position)
         if word & ControlBit.RELATIVE:
             target += drive.position
-        low, high = drive.read(0x607B, 1), drive.read(0x607B, 2)
+        low, high = drive.read(POSITION_RANGE_LIMIT, 1), drive.read(POSITION_RANGE_LIMIT, 2)
         if low == high == 0:
             return target
         if drive.shape.wraps:
@@ -143,7 +144,9 @@ class ProfilePosition(ModeOfOperation):
         if drive.halted or setpoint is None:
             if drive.halted:
                 self.setpoint = self._queued = None
-            deceleration = setpoint.deceleration if setpoint else drive.acceleration(drive.profile_deceleration, 0x60C6)
+            deceleration = (
+                setpoint.deceleration if setpoint else drive.acceleration(drive.profile_deceleration, MAX_DECELERATION)
+            )
             if drive.slow_down(deceleration) and drive.halted:
                 self._reached = True
             return
@@ -152,7 +155,7 @@ class ProfilePosition(ModeOfOperation):
             target = self._sine_speed(setpoint, distance)
         else:
             target = speed_toward(distance, setpoint.speed, setpoint.deceleration)
-        drive.limited = drive.limited and drive.read(0x607B, 2) != 0
+        drive.limited = drive.limited and drive.read(POSITION_RANGE_LIMIT, 2) != 0
         if drive.against_limit(target):
             drive.limited = True
             drive.slow_down(setpoint.deceleration)

@@ -13,6 +13,8 @@ from types import MappingProxyType
 
 from pdgw.ds301.communication import (
     CONSUMER_HEARTBEAT,
+    GUARD_TIME,
+    LIFE_TIME_FACTOR,
     PRODUCER_HEARTBEAT,
     SYNC_PERIOD,
     communication_objects,
@@ -30,7 +32,6 @@ from pdgw.peers.drive.family import FAMILY, FAMILY_MODES
 from pdgw.peers.drive.motion import INCREMENTS_PER_REVOLUTION
 from pdgw.peers.drive.probe import POSITIONS
 
-GUARD_TIME, LIFE_TIME_FACTOR = 0x100C, 0x100D
 _I16, _I32, _U8, _U16, _U32 = CanType.I16, CanType.I32, CanType.U8, CanType.U16, CanType.U32
 _RO, _RW = Access.RO, Access.RW
 _VENDOR_ID = 0x0000_0FFF

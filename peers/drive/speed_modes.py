@@ -4,6 +4,15 @@ from __future__ import annotations
 
 import math
 
+from pdgw.dsp402.indices import (
+    MAX_ACCELERATION,
+    MAX_CURRENT,
+    MAX_DECELERATION,
+    VELOCITY_THRESHOLD,
+    VELOCITY_WINDOW,
+    VL_ACCELERATION,
+    VL_DECELERATION,
+)
 from pdgw.dsp402.states import StatusBit
 from pdgw.peers.drive.mode_of_operation import ModeOfOperation, follows
 from pdgw.peers.drive.motion import COAST_DECELERATION, TORQUE_ACCELERATION
@@ -34,9 +43,9 @@ class _SpeedMode(ModeOfOperation):
         if drive.sine:
             drive.ramp.sine_squared(target, *drive.sine_times)
             return
-        acceleration = drive.acceleration(drive.profile_acceleration, 0x60C5)
+        acceleration = drive.acceleration(drive.profile_acceleration, MAX_ACCELERATION)
         acceleration = min(acceleration, TORQUE_ACCELERATION * self._torque() / 1000)
-        drive.ramp.linear(target, acceleration, drive.acceleration(drive.profile_deceleration, 0x60C6))
+        drive.ramp.linear(target, acceleration, drive.acceleration(drive.profile_deceleration, MAX_DECELERATION))
 
     def _torque(self) -> int:
         return self.drive.max_torque
@@ -46,9 +55,9 @@ class ProfileVelocity(_SpeedMode):
     def bits(self, halted: bool, units: int) -> int:
         drive = self.drive
         bits = 0
-        if abs(units) <= drive.read(0x606F, 0):
+        if abs(units) <= drive.read(VELOCITY_THRESHOLD, 0):
             bits |= StatusBit.MODE_12
-        if abs(units - drive.target_velocity) <= drive.read(0x606D, 0):
+        if abs(units - drive.target_velocity) <= drive.read(VELOCITY_WINDOW, 0):
             bits |= StatusBit.TARGET_REACHED
         return bits
 
@@ -58,7 +67,7 @@ class SpeedControl(ProfileVelocity):
 
     def _torque(self) -> int:
         drive = self.drive
-        return min(drive.max_torque, drive.dynamic_torque_limit, drive.read(0x6073, 0))
+        return min(drive.max_torque, drive.dynamic_torque_limit, drive.read(MAX_CURRENT, 0))
 
 
 class VelocityMode(_SpeedMode):
@@ -69,7 +78,7 @@ class VelocityMode(_SpeedMode):
 
     def _follow(self, target: float) -> None:
         drive = self.drive
-        up, down = (drive.read(index, 1) / max(1, drive.read(index, 2)) for index in (0x6048, 0x6049))
+        up, down = (drive.read(index, 1) / max(1, drive.read(index, 2)) for index in (VL_ACCELERATION, VL_DECELERATION))
         drive.ramp.linear(target, up, down)
 
 
@@ -83,7 +92,7 @@ class CyclicVelocity(_SpeedMode):
 
     def _follow(self, target: float) -> None:
         drive = self.drive
-        most = drive.acceleration(drive.read(0x60C5, 0), 0x60C5)
+        most = drive.acceleration(drive.read(MAX_ACCELERATION, 0), MAX_ACCELERATION)
         drive.ramp.linear(target, most, most)
 
 
@@ -95,7 +104,7 @@ class Torque(ModeOfOperation):
 
     def move(self) -> None:
         drive = self.drive
-        rated = min(1000, drive.read(0x6073, 0))
+        rated = min(1000, drive.read(MAX_CURRENT, 0))
         torque = 0 if drive.halted else min(max(drive.target_torque, -rated), rated)
         if torque == 0:
             self._release()
@@ -112,7 +121,7 @@ class Torque(ModeOfOperation):
     def _release(self) -> None:
         """No torque is asked for."""
         drive = self.drive
-        deceleration = drive.acceleration(drive.profile_deceleration, 0x60C6)
+        deceleration = drive.acceleration(drive.profile_deceleration, MAX_DECELERATION)
         drive.ramp.linear(0.0, deceleration, deceleration)
 
 

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 
+from pdgw.ds301.can_frame import STANDARD_ID
 from pdgw.dsp406.errors import Dsp406Error
 
 Motion = Callable[[int], float]
@@ -113,7 +114,7 @@ class Follower:
 
     def __init__(self, cob_id: int, offset: int, increments: float) -> None:
         for what, value, valid, allowed in (
-            ("COB-ID to follow", cob_id, 1 <= cob_id <= 0x7FF, "1..2047"),
+            ("COB-ID to follow", cob_id, 1 <= cob_id <= STANDARD_ID, "1..2047"),
             ("byte of the position to follow", offset, 0 <= offset <= 4, "0..4"),
             ("increments to follow", increments, 1e-3 <= abs(increments) <= LARGEST, "0.001..1e9 or negative"),
         ):

@@ -16,16 +16,13 @@ from pdgw.ds301.port import CanPort
 from pdgw.dsp406.device import encoder_objects
 from pdgw.dsp406.errors import Dsp406Error
 from pdgw.dsp406.kinds import ROTARY, EncoderDevice
+from pdgw.dsp406.objects import CYCLIC_TIMER, OPERATING_PARAMETERS, PRESET, PRESET_MULTI_SENSOR
 from pdgw.dsp406.registers import OPERATING_RESERVED
 from pdgw.peers.encoder.misbehaviour import ENCODER_MISBEHAVIOURS
 from pdgw.peers.encoder.model import EncoderModel
 from pdgw.peers.encoder.motion import Follower, Motion
 from pdgw.peers.node.node import SendFunction, SimulatedNode, Value
 from pdgw.peers.node.running import RunningNode
-
-OPERATING_PARAMETERS = 0x6000
-PRESET, PRESET_MULTI_SENSOR = 0x6003, 0x6010
-CYCLIC_TIMER = 0x6200
 
 
 class SimulatedEncoderNode(SimulatedNode):

@@ -14,12 +14,14 @@ from canopen.sdo import SdoAbortedError
 from pdgw.ds301 import communication as com
 from pdgw.ds301.aborts import Abort
 from pdgw.ds301.connection_set import ERROR_CONTROL, SDO_REQUEST, SDO_RESPONSE
+from pdgw.ds301.emcy import BUS_OFF_RECOVERED, COMMUNICATION_ERROR, ERROR_PASSIVE
 from pdgw.ds301.objects import Entry
+from pdgw.ds301.pdo import PDO_PARAMETERS, PDOS_MAX, is_mapping_parameter
 from pdgw.peers.node.misbehaviour import HEX, MS, Late, Misbehaviour, catalogue, parameter
 
 
 def _is_mapping(index: int) -> bool:
-    return 0x1600 <= index < 0x1800 or 0x1A00 <= index < 0x1C00
+    return is_mapping_parameter(index)
 
 
 # -- SDO ------------------------------------------------------------------------------------------------------------------
@@ -105,7 +107,7 @@ class WrongIdentity(Misbehaviour):
     vendor_id: int = parameter(0x0BAD, 0, 0xFFFF_FFFF, "vendor-ID in 1018h/1", HEX)
 
     def reading(self, entry: Entry, data: bytes) -> bytes:
-        if entry.address == (com.IDENTITY, 1):
+        if entry.address == com.IDENTITY_VENDOR:
             return self.vendor_id.to_bytes(4, "little")
         return data
 
@@ -164,7 +166,7 @@ class FewPdos(Misbehaviour):
         return data
 
     def writing(self, entry: Entry, data: bytes) -> None:
-        if 0x1400 <= entry.index < 0x1C00 and (entry.index & 0x1FF) >= self.pdos:
+        if entry.index in PDO_PARAMETERS and entry.index % PDOS_MAX >= self.pdos:
             raise SdoAbortedError(Abort.NO_SUCH_OBJECT)
 
 
@@ -293,7 +295,7 @@ class BusOff(Misbehaviour):
 
     def _recover(self) -> None:
         self._off = False
-        self.node.send_emcy(0x8140, 0)
+        self.node.send_emcy(BUS_OFF_RECOVERED, 0)
 
 
 @dataclass(kw_only=True, eq=False)
@@ -308,7 +310,7 @@ class ErrorPassive(Late):
     def poll(self, now: int) -> None:
         if not self._told and self.node.running:
             self._told = True
-            self.node.send_emcy(0x8120, 0x11)
+            self.node.send_emcy(ERROR_PASSIVE, COMMUNICATION_ERROR)
         super().poll(now)
 
     def next_event(self, now: int) -> int | None:

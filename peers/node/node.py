@@ -17,15 +17,14 @@ from canopen.sdo import SdoAbortedError
 from pdgw.ds301 import communication as com
 from pdgw.ds301.aborts import Abort
 from pdgw.ds301.connection_set import EMCY, ERROR_CONTROL, SDO_REQUEST, SDO_RESPONSE
+from pdgw.ds301.loop import MS
 from pdgw.ds301.nmt import NmtCommand, NmtState
-from pdgw.ds301.objects import Access, CanType, Entry, ObjectSpec
-from pdgw.ds301.pdo import Pdo
+from pdgw.ds301.objects import COMMUNICATION_AREA, Access, CanType, Entry, ObjectSpec
+from pdgw.ds301.pdo import PDO_PARAMETERS, Pdo, is_communication_parameter
 from pdgw.peers.node.faults import NODE_MISBEHAVIOURS
 from pdgw.peers.node.misbehaviour import Catalogue, Misbehaviour, make
-from pdgw.peers.node.pdos import MS, NEVER, NodePdos
+from pdgw.peers.node.pdos import NEVER, NodePdos
 from pdgw.peers.node.sdo_server import BlockSdoServer
-
-_COMMUNICATION_AREA_END = 0x1FFF
 
 SendFunction = Callable[[int, bytes], None]
 Value = int | float | bytes | str | bool
@@ -345,14 +344,14 @@ class SimulatedNode:
         if entry.index == com.STORE_PARAMETERS or entry.index == com.RESTORE_PARAMETERS:
             self._store(entry, value)
             return
-        if 0x1400 <= entry.index < 0x1C00:
+        if entry.index in PDO_PARAMETERS:
             self.pdos.check(entry, int(value))
         self.on_written(entry, value)
         if entry.attribute:
             setattr(self.image, entry.attribute, value)
         else:
             self.values[address] = value
-        if 0x1400 <= entry.index < 0x1C00:
+        if entry.index in PDO_PARAMETERS:
             self.pdos.written(entry)
         elif entry.index == com.CONSUMER_HEARTBEAT:
             self._consume_heartbeats()
@@ -383,9 +382,7 @@ class SimulatedNode:
             value: Any = entry.default
             if value is None:
                 value = 0 if entry.type.char else ""
-            if address[1] == 1 and 0x1400 <= entry.index < 0x1600 or address[1] == 1 and 0x1800 <= entry.index < 0x1A00:
-                value = int(value) + self.node_id
-            elif entry.index == 0x1014:
+            if entry.index == com.EMCY_COB_ID or address[1] == 1 and is_communication_parameter(entry.index):
                 value = int(value) + self.node_id
             if not entry.attribute:
                 self.values[address] = self.stored.get(address, value)
@@ -426,7 +423,7 @@ class SimulatedNode:
             if command == NmtCommand.RESET_NODE:
                 self.restart()
             else:
-                self._defaults(_COMMUNICATION_AREA_END)
+                self._defaults(COMMUNICATION_AREA[-1])
                 self._boot()
             return
         target = next((state for key, state in targets.items() if key == command), None)

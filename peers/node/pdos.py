@@ -10,26 +10,37 @@ from typing import TYPE_CHECKING
 from canopen.sdo import SdoAbortedError
 
 from pdgw.ds301.aborts import Abort
+from pdgw.ds301.can_frame import STANDARD_ID
+from pdgw.ds301.configuration import EVENT_DRIVEN_MANUFACTURER, EVENT_DRIVEN_PROFILE, SYNC_TYPES
+from pdgw.ds301.emcy import COMMUNICATION_ERROR, PDO_LENGTH_ERROR
 from pdgw.ds301.errors import CanopenError
+from pdgw.ds301.loop import MS
 from pdgw.ds301.nmt import NmtState
 from pdgw.ds301.objects import Access, Entry
-from pdgw.ds301.pdo import COB_ID_INVALID, COB_ID_NO_REMOTE, Pdo, PdoDirection
+from pdgw.ds301.pdo import (
+    COB_ID_INVALID,
+    COB_ID_NO_REMOTE,
+    PDOS_MAX,
+    Pdo,
+    PdoDirection,
+    direction_of,
+    is_communication_parameter,
+    is_mapping_parameter,
+)
 
 if TYPE_CHECKING:
     from pdgw.peers.node.node import SimulatedNode
 
-MS = 1_000_000
 NEVER = 1 << 62
-_COB_ID_MASK = 0x7FF
-_TRANSMISSION_SYNC_MAX = 240
-_EVENT_DRIVEN = (254, 255)
+_TRANSMISSION_SYNC_MAX = SYNC_TYPES[-1]
+_EVENT_DRIVEN = (EVENT_DRIVEN_MANUFACTURER, EVENT_DRIVEN_PROFILE)
 _UNSEEN_NS = 10 * MS
 """So often a device looks after itself while no TPDO would tell of a change."""
 
 
 def _communication(index: int) -> int:
     """The communication parameter of the PDO that a communication or a mapping parameter belongs to."""
-    return index - 0x200 if 0x1600 <= index < 0x1800 or index >= 0x1A00 else index
+    return index - PDOS_MAX if is_mapping_parameter(index) else index
 
 
 class _Tpdo:
@@ -51,7 +62,7 @@ class _Tpdo:
 
     def __init__(self, pdo: Pdo, cob_id: int, type_: int, inhibit_ns: int, event_ns: int) -> None:
         self.pdo = pdo
-        self.cob_id = cob_id & _COB_ID_MASK
+        self.cob_id = cob_id & STANDARD_ID
         self.remote = not cob_id & COB_ID_NO_REMOTE
         self.type = type_
         self.inhibit_ns = inhibit_ns
@@ -111,7 +122,7 @@ class NodePdos:
     def check(self, entry: Entry, value: int) -> None:
         """Mapping only changes while the PDO is invalid and its count is 0 (CiA 301 chapter 7.5.2.36)."""
         index, subindex = entry.address
-        direction = PdoDirection.RPDO if index < 0x1800 else PdoDirection.TPDO
+        direction = direction_of(index)
         communication = _communication(index)
         valid = self._valid(communication)
         if index == communication:
@@ -165,15 +176,15 @@ class NodePdos:
         old = {(tpdo.cob_id, tpdo.pdo.attributes): tpdo for tpdo in self._tpdos}
         self._tpdos = []
         for (index, subindex), cob_id in list(self.node.values.items()):
-            if subindex != 1 or not (0x1400 <= index < 0x1600 or 0x1800 <= index < 0x1A00):
+            if subindex != 1 or not is_communication_parameter(index):
                 continue
             if int(cob_id) & COB_ID_INVALID:
                 continue
-            direction = PdoDirection.RPDO if index < 0x1800 else PdoDirection.TPDO
-            pdo = self._pdo_of(index + 0x200, int(self.node.values[index + 0x200, 0]), direction)
+            direction = direction_of(index)
+            pdo = self._pdo_of(index + PDOS_MAX, int(self.node.values[index + PDOS_MAX, 0]), direction)
             if pdo is None:
                 continue
-            identifier = int(cob_id) & _COB_ID_MASK
+            identifier = int(cob_id) & STANDARD_ID
             if direction is PdoDirection.RPDO:
                 self.received[identifier] = pdo
                 self._types[identifier] = int(self.node.values[index, 2])
@@ -190,7 +201,7 @@ class NodePdos:
         """One of the RPDOs came in operation."""
         pdo = self.received[can_id]
         if len(data) < pdo.size:
-            self.node.send_emcy(0x8210, 0x11)  # PDO not processed due to length error
+            self.node.send_emcy(PDO_LENGTH_ERROR, COMMUNICATION_ERROR)
             return
         if self._types[can_id] <= _TRANSMISSION_SYNC_MAX:
             self._waiting[can_id] = data

@@ -10,7 +10,7 @@ from collections import deque
 from collections.abc import Callable
 from random import Random
 
-from pdgw.ds301.can_frame import EXTENDED, REMOTE
+from pdgw.ds301.can_frame import EXTENDED, EXTENDED_ID, REMOTE, STANDARD_ID
 from pdgw.ds301.load import frame_bits
 from pdgw.ds301.loop import MS, SECOND, Loop, Timer
 from pdgw.ds301.port import PortBusyError, PortLostError, Receiver, deliver
@@ -275,8 +275,8 @@ class SimulatedCan:
 def _rank(can_id: int) -> int:
     """The order of arbitration: base identifier, standard before extended, data before remote."""
     if can_id & EXTENDED:
-        identifier = can_id & 0x1FFF_FFFF
+        identifier = can_id & EXTENDED_ID
         rank = (identifier >> 18) << 20 | 1 << 19 | (identifier & 0x3FFFF) << 1
     else:
-        rank = (can_id & 0x7FF) << 20
+        rank = (can_id & STANDARD_ID) << 20
     return rank | bool(can_id & REMOTE)

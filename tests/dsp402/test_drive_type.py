@@ -8,17 +8,12 @@ from fractions import Fraction
 
 import pytest
 
+from pdgw.ds301.communication import IDENTITY_PRODUCT, IDENTITY_VENDOR
 from pdgw.ds301.objects import CanType
-from pdgw.dsp402.describe import (
-    PRODUCT_CODE,
-    SUPPORTED_DRIVE_MODES,
-    SUPPORTED_HOMING_METHODS,
-    VENDOR_ID,
-    describe,
-    questions,
-)
+from pdgw.dsp402.describe import describe, questions
 from pdgw.dsp402.drive_type import Quantity, Turntable
 from pdgw.dsp402.errors import Dsp402Error
+from pdgw.dsp402.indices import SUPPORTED_DRIVE_MODES, SUPPORTED_HOMING_METHODS
 from pdgw.dsp402.modes import STANDARD_HOMING_METHODS, Mode
 from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.dsp402.overlay import overlay, overlay_for, overlays, parse_overlay
@@ -64,7 +59,11 @@ def test_the_engel_drive_has_five_mappable_pdos_of_each_direction() -> None:
 
 
 def test_a_drive_without_overlay_is_what_it_answers() -> None:
-    answers = {VENDOR_ID: 0x1234_5678, SUPPORTED_DRIVE_MODES: 1 << 8 | 1 << 7, (SUPPORTED_HOMING_METHODS, 1): 37}
+    answers = {
+        IDENTITY_VENDOR: 0x1234_5678,
+        (SUPPORTED_DRIVE_MODES, 0): 1 << 8 | 1 << 7,
+        (SUPPORTED_HOMING_METHODS, 1): 37,
+    }
     drive = describe(engel_dictionary(), answers)
     assert drive.family == ""
     assert (drive.speed_mode, drive.position_mode) == (Mode.CYCLIC_VELOCITY, Mode.CYCLIC_POSITION)
@@ -75,14 +74,14 @@ def test_a_drive_without_overlay_is_what_it_answers() -> None:
 
 
 def test_modes_of_a_drive_without_6502h_are_those_it_has_the_objects_of() -> None:
-    drive = describe(engel_dictionary(), {VENDOR_ID: 1})
+    drive = describe(engel_dictionary(), {IDENTITY_VENDOR: 1})
     assert {*drive.modes} == {Mode.POSITION, Mode.VELOCITY, Mode.TORQUE, Mode.HOMING}
     assert {*drive.homing_methods} == {*STANDARD_HOMING_METHODS}
 
 
 def test_the_device_is_asked_only_for_what_its_data_sheet_has() -> None:
     asked = questions(engel_dictionary())
-    assert asked[:3] == (VENDOR_ID, PRODUCT_CODE, SUPPORTED_DRIVE_MODES)
+    assert asked[:3] == (IDENTITY_VENDOR, IDENTITY_PRODUCT, (SUPPORTED_DRIVE_MODES, 0))
     assert {*asked[3:]} == {(index, subindex) for _, index, subindex in REFERENCE_OBJECTS}
 
 
@@ -103,7 +102,7 @@ def test_a_value_has_the_sign_of_the_profile_and_one_that_the_telegrams_cannot_h
 ) -> None:
     dictionary = copy.deepcopy(engel_dictionary())
     dictionary[index].data_type = declared.code
-    drive = describe(dictionary, {VENDOR_ID: 0})
+    drive = describe(dictionary, {IDENTITY_VENDOR: 0})
     assert [entry.type for entry in drive.entries.values() if entry.index == index] == ([found] if found else [])
 
 
@@ -111,7 +110,7 @@ def test_limits_of_a_data_sheet_do_not_go_beyond_the_type() -> None:
     dictionary = copy.deepcopy(engel_dictionary())
     dictionary[0x6081].data_type = CanType.I32.code
     dictionary[0x6081].min, dictionary[0x6081].max = -5000, 5000
-    assert describe(dictionary, {VENDOR_ID: 0}).limits("profile_velocity") == (0, 5000)
+    assert describe(dictionary, {IDENTITY_VENDOR: 0}).limits("profile_velocity") == (0, 5000)
 
 
 def test_scaling_of_the_reference_objects() -> None:

@@ -7,10 +7,12 @@ from functools import cache
 
 import canopen
 
+from pdgw.ds301.communication import IDENTITY_PRODUCT, IDENTITY_VENDOR
 from pdgw.ds301.eds import write_eds
 from pdgw.ds301.eds_import import import_eds
-from pdgw.dsp402.describe import PRODUCT_CODE, SUPPORTED_DRIVE_MODES, VENDOR_ID, answers_of_defaults, describe
+from pdgw.dsp402.describe import answers_of_defaults, describe
 from pdgw.dsp402.drive_type import DriveType
+from pdgw.dsp402.indices import SUPPORTED_DRIVE_MODES
 from pdgw.peers.drive import shape
 from pdgw.peers.drive.device import EDS_PATH
 from pdgw.peers.drive.device import PRODUCT_CODE as ENGEL_PRODUCT
@@ -66,9 +68,9 @@ def engel(values: References = References()) -> DriveType:
     """The ENGEL-like drive with its defaults, or with other values of its reference objects."""
     dictionary = engel_dictionary()
     answers = {
-        VENDOR_ID: ENGEL_VENDOR,
-        PRODUCT_CODE: ENGEL_PRODUCT,
-        SUPPORTED_DRIVE_MODES: dictionary[SUPPORTED_DRIVE_MODES[0]].default,
+        IDENTITY_VENDOR: ENGEL_VENDOR,
+        IDENTITY_PRODUCT: ENGEL_PRODUCT,
+        (SUPPORTED_DRIVE_MODES, 0): dictionary[SUPPORTED_DRIVE_MODES].default,
     }
     answers |= {(index, subindex): getattr(values, name) for name, index, subindex in REFERENCE_OBJECTS}
     return describe(dictionary, answers)

@@ -10,9 +10,11 @@ from typing import Annotated, Any
 import typer
 
 from pdgw.ds301.loop import SECOND
+from pdgw.dsp402.objects import DRIVE_PROFILE
+from pdgw.dsp406.kinds import ENCODER_PROFILE
 from pdgw.gateway.config_file import load_config
 from pdgw.gateway.config_surroundings import CanConfig
-from pdgw.gateway.scan import DRIVE_PROFILE, ENCODER_PROFILE, Expected, FoundNode, Scan, expected_on, load_sheets
+from pdgw.gateway.scan import Expected, FoundNode, Scan, expected_on, load_sheets
 from pdgw.tools.on_loop import complete, opened
 
 app = typer.Typer(help="A CAN bus, before a gateway runs on it.", no_args_is_help=True)

@@ -11,8 +11,9 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
+from pdgw.ds301.communication import IDENTITY_PRODUCT, IDENTITY_VENDOR
 from pdgw.ds301.objects import Access, CanType
-from pdgw.dsp402.describe import PRODUCT_CODE, VENDOR_ID, answers_of_defaults, describe
+from pdgw.dsp402.describe import answers_of_defaults, describe
 from pdgw.dsp402.drive import load_eds
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.overlay import Overlay, overlay, overlays
@@ -80,7 +81,10 @@ def match(
     dictionary = load_eds(eds, 1)
     answers = answers_of_defaults(dictionary)
     information = dictionary.device_information
-    for address, value in ((VENDOR_ID, information.vendor_number), (PRODUCT_CODE, information.product_number)):
+    for address, value in (
+        (IDENTITY_VENDOR, information.vendor_number),
+        (IDENTITY_PRODUCT, information.product_number),
+    ):
         if value:
             answers[address] = value
     drive = describe(dictionary, answers)

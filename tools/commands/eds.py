@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from pdgw.ds301.connection_set import NODE_IDS
 from pdgw.ds301.eds_import import EdsImport, import_eds
 from pdgw.ds301.eds_text import EdsError
 from pdgw.gateway.errors import GatewayError
@@ -27,7 +28,9 @@ def eds() -> None:
 @app.command()
 def check(
     files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="EDS or DCF files.")],
-    node_id: Annotated[int, typer.Option(min=1, max=127, help="Node-ID for values that depend on it.")] = 1,
+    node_id: Annotated[
+        int, typer.Option(min=NODE_IDS[0], max=NODE_IDS[-1], help="Node-ID for values that depend on it.")
+    ] = 1,
     write: Annotated[Path | None, typer.Option(metavar="OUT", help="Write the repaired file; one FILE only.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="A JSON list, one object per file.")] = False,
 ) -> None:

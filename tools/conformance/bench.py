@@ -18,9 +18,10 @@ import can
 from pdgw.ds301.loop import SECOND
 from pdgw.ds301.network import CanNetwork
 from pdgw.ds301.nmt import NmtCommand
+from pdgw.ds301.node import GATEWAY_NODE_ID
 from pdgw.gateway.config import AxisConfig, GatewayConfig
 from pdgw.gateway.config_encoder import EncoderConfig
-from pdgw.gateway.config_surroundings import GATEWAY_NODE_ID, CanConfig, TransportConfig
+from pdgw.gateway.config_surroundings import CanConfig, TransportConfig
 from pdgw.gateway.drive_object import DriveObject
 from pdgw.gateway.reasons import FaultNumber
 from pdgw.peers.node.running import RunningNode

@@ -14,6 +14,7 @@ import can
 
 from pdgw.dsp402.states import State
 from pdgw.dsp406.faults import ENCODER_FAULTS
+from pdgw.dsp406.objects import OPERATING_PARAMETERS, RESOLUTION
 from pdgw.gateway.config_encoder import EncoderConfig
 from pdgw.gateway.drive_object import DriveObject
 from pdgw.gateway.encoder import EncoderNode, EncoderObject
@@ -88,7 +89,7 @@ ENCODER_CASES: tuple[Case, ...] = (
         Reaction.NEVER_GOOD,
         (106,),
         Activity.START,
-        {"index": 0x6501},
+        {"index": RESOLUTION},
         telegram=83,
         device=Device.ENCODER,
     ),
@@ -236,7 +237,7 @@ class _EncoderBench(Bench):
     def set_in(self) -> None:
         """The fault of the case; what happened before is of no interest."""
         if self.case.activity is Activity.COMMISSIONING:
-            written = self.encoder.client.submit(lambda client: client.write(0x6000, 0, _COMMISSIONING))
+            written = self.encoder.client.submit(lambda client: client.write(OPERATING_PARAMETERS, 0, _COMMISSIONING))
             self.until(written.done, "diagnostics switched on")
             written.result(0)
         self.sent.clear()

@@ -9,6 +9,10 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from pdgw.ds301.communication import PREDEFINED_ERROR_FIELD
+from pdgw.ds301.objects import COMMUNICATION_AREA
+from pdgw.dsp402.indices import ABORT_OPTION
+from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.explain import problems
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.toml_file import read_text
@@ -19,12 +23,18 @@ from pdgw.tools.parameters.session import NOT_THERE, Element, Progress, Session,
 
 _COMMANDS = {928, 952, 970, 971, 972, 976, 977}
 """Writing these does something; they are no settings."""
-_PROCESS = {0x6040, 0x6060, 0x6071, 0x607A, 0x60FE, 0x60FF}
+_PROCESS = {
+    DRIVE_OBJECTS.attribute(name).index
+    for name in (
+        "controlword",
+        "modes_of_operation",
+        "target_torque",
+        "target_position",
+        "digital_outputs",
+        "target_velocity",
+    )
+}
 """Demands of the moment."""
-_COMMUNICATION = range(0x1000, 0x2000)
-"""Owned by whoever manages the network."""
-_ERROR_HISTORY = 0x1003
-_ABORT_OPTION = 0x6007
 _TELEGRAM = 922
 _OPERATION_PRIORITY = 927
 _LAST = (_TELEGRAM, _OPERATION_PRIORITY)
@@ -87,7 +97,7 @@ class Dump(BaseModel):
 
 def read_all(session: Session, progress: Progress | None = None) -> tuple[Dump, list[Element]]:
     """Every parameter the device lists, and the elements that could not be read."""
-    pnus = [pnu for pnu in session.pnus() if pnu != _ERROR_HISTORY]
+    pnus = [pnu for pnu in session.pnus() if pnu != PREDEFINED_ERROR_FIELD]
     descriptions = session.describe(pnus)
     elements = session.read([Target(pnu) for pnu in pnus], progress)
     dumped, failed = [], []
@@ -116,7 +126,7 @@ def read_all(session: Session, progress: Progress | None = None) -> tuple[Dump, 
 
 def _is_setting(element: Element, *, array: bool) -> bool:
     pnu = element.pnu
-    if pnu in _COMMANDS or pnu in _PROCESS or pnu in _COMMUNICATION or pnu == _ABORT_OPTION:
+    if pnu in _COMMANDS or pnu in _PROCESS or pnu in COMMUNICATION_AREA or pnu == ABORT_OPTION:
         return False
     return not (pnu in OBJECTS and array and element.subindex == 0)
 

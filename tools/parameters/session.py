@@ -8,7 +8,7 @@ from functools import cache
 
 from pdgw.ds301.communication import IDENTITY
 from pdgw.ds301.objects import Entry
-from pdgw.dsp402.objects import DRIVE_OBJECTS, known_objects
+from pdgw.dsp402.objects import DRIVE_OBJECTS, STATUSWORD, known_objects
 from pdgw.dsp402.overlay import all_families, entries_of, families_of, with_units
 from pdgw.dsp402.states import state_of
 from pdgw.dsp406.objects import PROFILE
@@ -258,7 +258,7 @@ def meaning(element: Element, *, encoder: bool) -> str:
     if element.pnu in {967, 968}:
         word = SIGNALS[PARAMETERS[element.pnu].name]
         return ", ".join(bit.name for bit in word.bits if bit.of(value))
-    if element.pnu == 0x6041 and not encoder:
+    if element.pnu == STATUSWORD[0] and not encoder:
         state = state_of(value)
         return f"{value & 0xFFFF:04X}h {state.value if state else 'no state'}"
     if element.pnu in OBJECTS and value > 9:

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import enum
 
+from pdgw.dsp402.indices import HOMING_SPEEDS
 from pdgw.dsp402.modes import Mode
-from pdgw.dsp402.objects import HOMING_METHOD, HOMING_SPEEDS
+from pdgw.dsp402.objects import HOMING_METHOD
 from pdgw.dsp402.states import StatusBit
 from pdgw.gateway.axis.executors.base import AxisCycle
 from pdgw.gateway.axis.executors.mode import ModeSwitch
