@@ -30,7 +30,8 @@ from pdgw.dsp402.indices import (
 from pdgw.dsp402.modes import MODE_NAMES, STANDARD_HOMING_METHODS, SUPPORTED_MODES, Mode
 from pdgw.dsp402.objects import DRIVE_OBJECTS, FAMILY_VALUES, MAX_TORQUE
 from pdgw.dsp402.overlay import Overlay, overlay, overlay_for
-from pdgw.dsp402.scaling import SCALING_OBJECTS, UnitKeys, find_scaling
+from pdgw.dsp402.scaling import SCALING_OBJECTS, find_scaling
+from pdgw.dsp402.unit_keys import UnitKeys
 
 Address = tuple[int, int]
 

@@ -22,7 +22,7 @@ from pdgw.ds301.objects import Access, CanType, Entry, ObjectKind, ObjectSpec, a
 from pdgw.dsp402.drive_type import Quirks, Turntable
 from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.faults import ChannelErrorType, DriveFault
-from pdgw.dsp402.scaling import FamilyUnits
+from pdgw.dsp402.unit_keys import FamilyUnits
 from pdgw.dsp402.units import parse_unit
 from pdgw.explain import Problem, problems
 

@@ -11,7 +11,7 @@ from pdgw.dsp402.describe import describe, questions, signed, variable
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.generic import Read, dictionary_of
-from pdgw.dsp402.scaling import UnitKeys
+from pdgw.dsp402.unit_keys import UnitKeys
 
 
 def probe(

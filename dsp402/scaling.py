@@ -8,7 +8,6 @@ what no source tells is refused with the key that settles it. Source: CiA 402, d
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
 from fractions import Fraction
 from types import MappingProxyType
 from typing import NamedTuple
@@ -47,6 +46,7 @@ from pdgw.dsp402.indices import (
     VL_TARGET_VELOCITY,
 )
 from pdgw.dsp402.objects import DRIVE_OBJECTS
+from pdgw.dsp402.unit_keys import FamilyUnits, UnitKeys
 from pdgw.dsp402.units import Kind, Unit, dimension_unit, parse_unit, si_unit
 
 Address = tuple[int, int]
@@ -90,49 +90,6 @@ _NO_RANGE = Reference(
     f"100 % = 607Ah {-_ALL_POSITIONS[0] // 2} (no range limit in 607Bh: 200 % is all that 607Ah holds)",
 )
 _MINUTE = 60
-
-
-@dataclass(frozen=True, slots=True)
-class UnitKeys:
-    """What a configuration says about the units of an axis; None or empty: nothing."""
-
-    rated_speed_rpm: Fraction | None = None
-    """100 % of a speed in rpm of the motor."""
-    velocity_unit: str = ""
-    position_unit: str = ""
-    counts_per_revolution: Fraction | None = None
-    """Position units in one revolution of the motor."""
-    acceleration_unit: str = ""
-    gear: Fraction | None = None
-    """Revolutions of the motor in one of the shaft behind the gear."""
-    rated_acceleration: Fraction | None = None
-    """100 % of an acceleration or deceleration in rpm/s of the motor."""
-
-
-def check_unit_keys(keys: UnitKeys) -> None:
-    """Dsp402Error names the key whose unit is none."""
-    for order, key in enumerate(("position_unit", "velocity_unit", "acceleration_unit")):
-        text = getattr(keys, key)
-        if text:
-            parse_unit(text, order, key)
-
-
-@dataclass(frozen=True, slots=True)
-class FamilyUnits:
-    """What an overlay says about the units of a family."""
-
-    velocity: str = ""
-    velocity_step: int = 0
-    """Index of an object with numerator and denominator: one velocity unit is this many times ``velocity``."""
-    only_while_one: frozenset[int] = frozenset()
-    """Such objects that have to be 1/1, or missing, for ``velocity`` to hold."""
-    increments_per_revolution: Fraction | None = None
-    """Of a family whose increments are always the same, in place of 608Fh."""
-    position: str = ""
-    counts_per_revolution: Fraction | None = None
-    acceleration: str = ""
-    ignores: frozenset[int] = frozenset()
-    """Objects the family has and does not apply, or applies otherwise than the profile."""
 
 
 class _Known(NamedTuple):

@@ -9,7 +9,7 @@ from pdgw.ds301.node import NodeSettings
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.guarding import Wanted
 from pdgw.dsp402.modes import Mode
-from pdgw.dsp402.scaling import UnitKeys
+from pdgw.dsp402.unit_keys import UnitKeys
 
 _CYCLIC_MODES: Final = (Mode.CYCLIC_POSITION, Mode.CYCLIC_VELOCITY)
 

@@ -21,8 +21,8 @@ from pdgw.ds301.node import GATEWAY_NODE_ID
 from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.overlay import overlay
 from pdgw.dsp402.pdo import PdoLayout
-from pdgw.dsp402.scaling import UnitKeys, check_unit_keys
 from pdgw.dsp402.settings import DriveSettings
+from pdgw.dsp402.unit_keys import UnitKeys, check_unit_keys
 from pdgw.explain import misplaced
 from pdgw.gateway.axis.settings import AxisSettings, ControlLost, PlcLossReaction, SecondSensor, SetpointEnable
 from pdgw.gateway.axis.telegrams import (

@@ -18,8 +18,8 @@ from pdgw.dsp402.drive_type import Quantity
 from pdgw.dsp402.images import DriveCommand
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.pdo import LAYOUTS, Operation
-from pdgw.dsp402.scaling import UnitKeys
 from pdgw.dsp402.settings import DriveSettings
+from pdgw.dsp402.unit_keys import UnitKeys
 from pdgw.peers.drive import SimulatedDrive, SimulatedDriveNode
 from pdgw.peers.node.node import Value
 from tests.support import site

@@ -1,0 +1,54 @@
+"""What a configuration and the overlay of a family say about the units of a drive; ``dsp402.scaling`` makes its scaling of them.
+
+Source: docs/units.md.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from fractions import Fraction
+
+from pdgw.dsp402.units import parse_unit
+
+
+@dataclass(frozen=True, slots=True)
+class UnitKeys:
+    """What a configuration says about the units of an axis; None or empty: nothing."""
+
+    rated_speed_rpm: Fraction | None = None
+    """100 % of a speed in rpm of the motor."""
+    velocity_unit: str = ""
+    position_unit: str = ""
+    counts_per_revolution: Fraction | None = None
+    """Position units in one revolution of the motor."""
+    acceleration_unit: str = ""
+    gear: Fraction | None = None
+    """Revolutions of the motor in one of the shaft behind the gear."""
+    rated_acceleration: Fraction | None = None
+    """100 % of an acceleration or deceleration in rpm/s of the motor."""
+
+
+def check_unit_keys(keys: UnitKeys) -> None:
+    """Dsp402Error names the key whose unit is none."""
+    for order, key in enumerate(("position_unit", "velocity_unit", "acceleration_unit")):
+        text = getattr(keys, key)
+        if text:
+            parse_unit(text, order, key)
+
+
+@dataclass(frozen=True, slots=True)
+class FamilyUnits:
+    """What an overlay says about the units of a family."""
+
+    velocity: str = ""
+    velocity_step: int = 0
+    """Index of an object with numerator and denominator: one velocity unit is this many times ``velocity``."""
+    only_while_one: frozenset[int] = frozenset()
+    """Such objects that have to be 1/1, or missing, for ``velocity`` to hold."""
+    increments_per_revolution: Fraction | None = None
+    """Of a family whose increments are always the same, in place of 608Fh."""
+    position: str = ""
+    counts_per_revolution: Fraction | None = None
+    acceleration: str = ""
+    ignores: frozenset[int] = frozenset()
+    """Objects the family has and does not apply, or applies otherwise than the profile."""
