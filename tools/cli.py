@@ -57,12 +57,12 @@ def options(
 
 def main() -> None:
     """Run the command line; errors the user can act on are one line."""
+    _open_missing_streams()
     try:
         try:
             app()
         finally:
-            if sys.stdout is not None:  # closed by the caller
-                sys.stdout.flush()
+            sys.stdout.flush()
     except (GatewayError, CanopenError, ProfidriveError) as error:
         if _Options.debug:
             raise
@@ -77,6 +77,13 @@ def main() -> None:
         _fail(f"{what}{error.strerror or error}")
     except KeyboardInterrupt:  # outside of what typer watches, while it still loads
         sys.exit(_INTERRUPTED)
+
+
+def _open_missing_streams() -> None:
+    """Who closed one of them wants to see nothing of it; a file or socket of ours must not get its descriptor."""
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, mode, encoding="utf-8"))  # noqa: SIM115 (until the end)
 
 
 def _forget_output() -> None:

@@ -11,6 +11,7 @@ import logging
 import logging.handlers
 import queue
 import select
+import signal
 import sys
 import threading
 import time
@@ -120,7 +121,8 @@ class _Taken(logging.Filter):
             return False
         text = record.getMessage()
         if len(text) > _LONGEST_LINE:
-            record.msg, record.args = text[:_LONGEST_LINE] + " ...", None
+            half = _LONGEST_LINE // 2  # what a traceback is about is its last line
+            record.msg, record.args = f"{text[:half]} ... {text[-half:]}", None
         return True
 
 
@@ -229,10 +231,13 @@ Stop = Callable[[], None]
 def on_signals(stop: Stop, run_log: RunLog) -> dict[str, Callable[[], None]]:
     """What each signal does, by its name: none ends the process without the stop sequence."""
 
+    # As by nohup: the end of the terminal is not that of the gateway.
+    kept = hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+
     def hang_up() -> None:
         if run_log.reopens:
             run_log.reopen()
-        else:
+        elif not kept:
             stop()  # the terminal is gone
 
     def ignore() -> None:

@@ -5,6 +5,7 @@ It costs the exchange nothing, and it is still there when the gateway is not.
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import time
 from collections.abc import Callable
@@ -96,18 +97,23 @@ class Keeper:
         moment = datetime.fromtimestamp(self._reader.wall_ns(time_ns) / 1e9).strftime("%Y%m%d-%H%M%S")
         path = choice.directory / f"{self._reader.layout.name}-{moment}-{what}.pcapng"
         begin, end = time_ns - choice.before_s * _SECOND, time_ns + choice.after_s * _SECOND
+        part = path.with_suffix(".part")
         try:
             choice.directory.mkdir(parents=True, exist_ok=True)
             # Seen under its name when it is whole.
-            part = path.with_suffix(".part")
             save(self._reader, part, begin, end)
             part.replace(path)
-        except (OSError, GatewayError) as error:
-            log.error("%s: not kept (%s)", path, error)
+        except Exception as error:  # the next fault is kept all the same
+            log.error("%s: not kept (%s)", path, error, exc_info=not isinstance(error, (OSError, GatewayError)))
+            with contextlib.suppress(OSError):
+                part.unlink(missing_ok=True)  # it would keep the disk full
             return
         log.warning("%s: kept", path)
         self.kept.append(path)
-        self._prune()
+        try:
+            self._prune()
+        except OSError as error:  # somebody else took a file away just now, or it cannot be deleted: the next time
+            log.error("%s: old files are still there (%s)", choice.directory, error)
 
     def _prune(self) -> None:
         mine = sorted(

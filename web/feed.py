@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
+import logging
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
@@ -17,6 +18,7 @@ from typing import Any
 from pdgw.gateway.errors import GatewayError
 
 Document = dict[str, Any]
+log = logging.getLogger("gateway")
 
 _WATCHED_S = 0.2
 _UNWATCHED_S = 1.0
@@ -69,7 +71,9 @@ class Feed:
         except (GatewayError, TimeoutError) as error:
             self.failure = str(error) or "no answer in time"
             self.stale = True
-        except (LookupError, TypeError) as error:
+        except (
+            Exception
+        ) as error:  # whatever is wrong with this one, the next may be good: what is shown is old until then
             self.failure = f"the gateway's status is not understood, is it of another version? ({error!r})"
             self.stale = True
         else:
@@ -79,7 +83,10 @@ class Feed:
         self._message = None
         self.ticks += 1
         for listener in self.listeners:
-            listener()
+            try:
+                listener()
+            except Exception:  # one that cannot tell is no reason to ask no more
+                log.exception("the status could not be passed on")
         tick, self._tick = self._tick, asyncio.Event()
         tick.set()
 

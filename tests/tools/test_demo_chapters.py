@@ -15,6 +15,7 @@ from pdgw.peers.simulation.config import parse_bus
 from pdgw.profidrive.signals import signal
 from pdgw.tools.commands.demo import Story, demo
 from pdgw.tools.demo.chapters import CHAPTERS
+from pdgw.tools.demo.links import OnLoopback
 from pdgw.tools.demo.run import Demo, Outcome
 from tests.support.daemon import Plc, drive_of, running
 
@@ -94,6 +95,41 @@ def test_a_story_that_did_not_come_true_ends_with_status_1_and_names_the_process
     told = capsys.readouterr().out
     assert "the gateway process ended with status -9; see" in told
     assert "the plc process" not in told
+
+
+class Stories(Demo):
+    """A demo whose processes are not started; its PLC has told that all went well and ended with ``status``."""
+
+    status = 0
+
+    def _start(self, channel: str) -> None:
+        (self.out / "plc.json").write_text('{"passed": true, "results": [], "notes": [], "begin_s": 0}')
+        (self.out / "plc.log").write_text("error: --pcap x: cannot be written (No space left on device)")
+
+    def _follow(self) -> None:
+        """There is nothing to follow."""
+
+    def _stop(self) -> dict[str, int]:
+        return {"plc": self.status, "gateway": 0, "devices": 0}
+
+
+def story(out: Path) -> Stories:
+    return Stories(CHAPTERS["dsc"], out, lambda _: None, OnLoopback())
+
+
+def test_a_plc_that_could_not_write_its_recording_is_no_success(tmp_path: Path) -> None:
+    demo = story(tmp_path)
+    demo.status = 1
+    with pytest.raises(GatewayError, match="PLC simulator ended with status 1: error: --pcap x: cannot be written"):
+        demo.run()
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full here")
+def test_evidence_that_cannot_be_written_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("pdgw.tools.demo.run._EVIDENCE", ())
+    (tmp_path / "report.json").symlink_to("/dev/full")
+    with pytest.raises(GatewayError, match=r"report\.json: cannot be written \(No space left on device\)"):
+        story(tmp_path).run()
 
 
 def test_another_story_needs_to_know_its_chapter(tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import os
+import signal
 import subprocess
 import sys
 import threading
@@ -140,10 +141,28 @@ def test_sighup_goes_on_in_a_new_file_of_the_same_name(tmp_path: Path) -> None:
     assert len(stops) == 3
 
 
-def test_without_a_log_file_sighup_stops_in_order_because_the_terminal_is_gone() -> None:
+@pytest.mark.parametrize(("before", "expected"), [(signal.SIG_DFL, ["stop"]), (signal.SIG_IGN, [])])
+def test_without_a_log_file_sighup_stops_in_order_because_the_terminal_is_gone_but_not_under_nohup(
+    before: signal.Handlers, expected: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(signal, "getsignal", lambda number: before)
     stops: list[str] = []
     on_signals(lambda: stops.append("stop"), cast(RunLog, SimpleNamespace(reopens=False)))["SIGHUP"]()
-    assert stops == ["stop"]
+    assert stops == expected
+
+
+def test_a_traceback_too_long_for_a_pipe_keeps_its_last_line(capfd: pytest.CaptureFixture[str]) -> None:
+    run_log = RunLog(LogLevel.INFO, None)
+    try:
+        raise ValueError("x" * 5000 + " what was wrong")
+    except ValueError:
+        logging.getLogger("gateway").exception("a task ended")
+    run_log.stop()
+    told = capfd.readouterr().err
+    assert "a task ended" in told
+    assert "ValueError: x" in told
+    assert told.endswith(" what was wrong\n")
+    assert len(told) < 2200
 
 
 def test_storms_of_emcy_and_lss_and_sdo_answers_leave_nothing_behind_in_canopen() -> None:

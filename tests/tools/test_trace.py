@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -133,6 +134,13 @@ def choice(directory: Path, *triggers: Trigger, files: int = 20) -> Choice:
     return Choice(directory / "kept", frozenset(triggers or Trigger), before_s=1, after_s=1, files=files)
 
 
+def happen(daemon: Daemon, plc: Plc, keeper: Keeper) -> None:
+    """A fault, and time enough for what comes after it."""
+    daemon.axes[0].raise_fault(127, "made up", plc.loop.now())
+    play(plc, 2 * SECOND)
+    keeper.poll()
+
+
 def test_a_fault_keeps_the_seconds_before_and_after_it(tmp_path: Path) -> None:
     with recorded(tmp_path) as (daemon, plc, reader):
         keeper = Keeper(reader, choice(tmp_path, Trigger.FAULT))
@@ -197,11 +205,32 @@ def test_the_oldest_files_go(tmp_path: Path) -> None:
         play(plc, SECOND // 10)
         keeper.poll()
         for _ in range(4):
-            daemon.axes[0].raise_fault(127, "made up", plc.loop.now())
-            play(plc, 2 * SECOND)
-            keeper.poll()
+            happen(daemon, plc, keeper)
         assert len(keeper.kept) == 4
         assert sorted((tmp_path / "kept").iterdir()) == sorted(keeper.kept[2:])
+
+
+def test_a_file_that_cannot_be_kept_leaves_nothing_behind_and_ends_no_keeping(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    with recorded(tmp_path) as (daemon, plc, reader):
+        keeper = Keeper(reader, choice(tmp_path, Trigger.FAULT))
+        play(plc, SECOND // 10)
+        keeper.poll()
+        for error in (OSError("no space left"), KeyError("a mistake")):
+
+            def unwritable(*arguments: Any, error: Exception = error) -> None:
+                arguments[1].write_bytes(b"half of it")
+                raise error
+
+            monkeypatch.setattr("pdgw.tools.trace_keeper.save", unwritable)
+            happen(daemon, plc, keeper)
+            assert keeper.kept == []
+            assert list((tmp_path / "kept").iterdir()) == []
+        assert "not kept (no space left)" in caplog.text
+        monkeypatch.setattr("pdgw.tools.trace_keeper.save", save)
+        happen(daemon, plc, keeper)
+        assert len(keeper.kept) == 1
 
 
 def test_a_keeper_follows_the_gateway_that_replaces_a_killed_one(tmp_path: Path) -> None:

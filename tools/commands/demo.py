@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import signal
 import sys
 from enum import StrEnum
 from pathlib import Path
@@ -20,6 +19,7 @@ from pdgw.tools.commands.sim_plc import results_table
 from pdgw.tools.demo.chapters import CHAPTERS, Chapter
 from pdgw.tools.demo.links import OnEthernet, OnLoopback
 from pdgw.tools.demo.run import Demo, Outcome
+from pdgw.tools.endings import end_as_by_ctrl_c
 
 Story = StrEnum("Story", {name: name for name in CHAPTERS})  # type: ignore[misc]  # made of the chapters
 CHAPTERS_HELP = "; ".join(f"{item.name}: {item.about}" for item in CHAPTERS.values())
@@ -81,7 +81,7 @@ def demo(
     if profinet and not namespaces.inside():
         namespaces.enter()
     console = Console()
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # a stopped demo stops its processes
+    end_as_by_ctrl_c()  # a stopped demo stops its processes
     try:
         outcomes = [_play(item, out / item.name, console, scenario, profinet=profinet) for item in chosen]
     except KeyboardInterrupt:

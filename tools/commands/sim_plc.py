@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import signal
 import socket
 import sys
 import threading
@@ -33,6 +32,7 @@ from pdgw.profinet.rpc.dcerpc import UDP_PORT as ACYCLIC_PORT
 from pdgw.profinet.station import check_name
 from pdgw.tools.address import parse_address
 from pdgw.tools.commands.simulation_options import only_with, telegrams_of_axes
+from pdgw.tools.endings import end_as_by_ctrl_c
 from pdgw.tools.keys import read_keys
 from pdgw.tools.outputs import to_be_written
 from pdgw.tools.plc_window import watch
@@ -141,7 +141,7 @@ def plc(
         client = _connected(profinet, name, device_ip, endpoint, cycle_ns)
     engine = Engine(chosen, endpoint) if chosen else None
     output = Output(endpoint, _SILENCE_NS // cycle_ns, as_lines=progress, snapshots=snapshots)
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # the capture is to be complete
+    end_as_by_ctrl_c()  # the capture is to be complete
     begin_s = time.time()
     ended = 0
     try:

@@ -124,12 +124,22 @@ class Demo:
         (self.out / "plc.json").unlink()
         report["duration_s"] = round(time.monotonic() - started, 2)
         report["exit_codes"] = codes
+        if report["passed"] and codes["plc"]:
+            raise GatewayError(f"the PLC simulator ended with status {codes['plc']}: {self._tail('plc')}")
         report["passed"] = report["passed"] and codes["gateway"] == 0 and codes["devices"] == 0
-        (self.out / "report.json").write_text(json.dumps(report, indent=2), encoding="utf-8")
+        self._write("report.json", json.dumps(report, indent=2))
         config, capture = self.out / "gateway.toml", self.out / self.link.capture
         plot(self.chapter, capture, config, report["begin_s"], report["notes"], self.out / "trace.png")
         self._write_page()
         return Outcome(report)
+
+    def _write(self, name: str, text: str) -> Path:
+        path = self.out / name
+        try:
+            path.write_text(text, encoding="utf-8")
+        except OSError as error:
+            raise GatewayError(f"{path}: cannot be written ({error.strerror or error})") from error
+        return path
 
     def _write_page(self) -> None:
         """Both captures as a page to look around in."""
@@ -140,10 +150,9 @@ class Demo:
     def _start(self, channel: str) -> None:
         (control,) = free_ports(socket.SOCK_STREAM, 1)
         self.link.open(self.out, control)
-        config, devices = self.out / "gateway.toml", self.out / "devices.toml"
         can = {"interface": "remote", "channel": channel}
-        config.write_text(self.chapter.gateway(can, self.link.transport), encoding="utf-8")
-        devices.write_text(self.chapter.devices(can, control), encoding="utf-8")
+        config = self._write("gateway.toml", self.chapter.gateway(can, self.link.transport))
+        devices = self._write("devices.toml", self.chapter.devices(can, control))
         self._spawn("devices", "sim", "bus", str(devices))
         self._spawn(
             "gateway", "run", str(config), "--can-log", str(self.out / "can.log"), "--record", str(self.out / RECORD)

@@ -119,8 +119,12 @@ def plot(
     places[-1, 0].set_xlabel("time in s")
     places[-1, 0].margins(x=0.01)
     figure.suptitle(f"PLC -> gateway -> CANopen: {chapter.about}", fontsize=13)
-    figure.savefig(picture, dpi=90)
-    pyplot.close(figure)
+    try:
+        figure.savefig(picture, dpi=90)
+    except OSError as error:
+        raise GatewayError(f"{picture}: cannot be written ({error.strerror or error})") from error
+    finally:
+        pyplot.close(figure)
 
 
 def _belonging(panel: Panel, notes: list[tuple[float, str]]) -> list[tuple[float, str]]:
