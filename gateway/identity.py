@@ -1,6 +1,6 @@
 """What the gateway tells about itself: P964, P975 and I&M0.
 
-The vendor and device numbers are placeholders: PI assigns them to a vendor that sells a device.
+The vendor and device numbers are placeholders until the configuration has others: PI assigns them to who sells a device.
 """
 
 from __future__ import annotations
@@ -18,4 +18,8 @@ RELEASE_DAY_MONTH = 2111
 RELEASE: tuple[int, int, int] = tuple(int(part) for part in version("profidrive-gateway").split("."))  # type: ignore[assignment]
 FIRMWARE_VERSION = RELEASE[0] * 100 + RELEASE[1]
 """As P964 and P975 show it: 123 is 1.23."""
-UNIT = (VENDOR_ID, DEVICE_ID, FIRMWARE_VERSION, RELEASE_YEAR, RELEASE_DAY_MONTH)
+
+
+def unit(vendor_id: int, device_id: int) -> tuple[int, int, int, int, int]:
+    """How P964 and P975 begin: manufacturer, type, version, date of the release."""
+    return vendor_id, device_id, FIRMWARE_VERSION, RELEASE_YEAR, RELEASE_DAY_MONTH

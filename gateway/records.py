@@ -81,7 +81,10 @@ class Records:
         ar_uuid: UUID | None,
         station_serial: str,
         writers: Sequence[IPv4Network] | None = None,
+        *,
+        vendor_id: int = identity.VENDOR_ID,
     ) -> None:
+        self._vendor_id = vendor_id
         self._manager = manager
         self._store = store
         self._update_store = update_store
@@ -179,7 +182,7 @@ class Records:
         if number == 0:
             return identification.encode_im0(
                 identification.Im0(
-                    identity.VENDOR_ID,
+                    self._vendor_id,
                     identity.ORDER_ID,
                     self._serial,
                     identity.HARDWARE_REVISION,

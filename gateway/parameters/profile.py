@@ -166,6 +166,11 @@ def _fault_codes(own: Mapping[int, DriveFault]) -> list[int]:
     return [codes.get(number, 0) for number in range(max(codes) + 1)]
 
 
+def _unit(daemon: Daemon) -> tuple[int, ...]:
+    transport = daemon.config.transport
+    return identity.unit(transport.vendor_id, transport.device_id)
+
+
 def _store_is_saved(daemon: Daemon, change: Callable[[DeviceParameters], None]) -> None:
     """Change stored parameters and write the file; the PLC gets an error when it cannot be written, and nothing changes."""
     try:
@@ -336,7 +341,7 @@ class AxisObject(NodeObject):
         self.bind(965, lambda: PROFILE_IDENTIFICATION)
         self.bind(967, lambda: axis.last_setpoints[0] if axis.last_setpoints else 0)
         self.bind(968, lambda: axis.actuals[0])
-        self.bind(975, lambda: (*identity.UNIT, AXIS_CLASS, _SUBCLASS, self.do_id))
+        self.bind(975, lambda: (*_unit(daemon), AXIS_CLASS, _SUBCLASS, self.do_id))
         self.bind(946, lambda: _fault_codes(axis.manufacturer_faults))
         self.bind(979, lambda: encode_sensor_format(axis.sensor_formats))
         self.bind(60000, self._reference_speed)
@@ -393,7 +398,7 @@ class EncoderParameters(NodeObject):
         self.encoder = encoder
         identification = ENCODER_IDENTIFICATION.to_bytes(2, "big")
         self.bind(965, lambda: identification, data_type=DataType.OCTET_STRING)
-        self.bind(975, lambda: (*identity.UNIT, ENCODER_CLASS, _ENCODER_CLASS_3, self.do_id))
+        self.bind(975, lambda: (*_unit(daemon), ENCODER_CLASS, _ENCODER_CLASS_3, self.do_id))
         self.bind(979, lambda: encode_sensor_format([encoder.sensor_format]))
         self.bind(60000, lambda: float(encoder.config.reference_speed))
         self.bind(65000, lambda: encoder.preset_value, self._set_preset)
@@ -434,11 +439,11 @@ class DeviceObject(BoundObject):
         if len(axes) != 1:
             self.bind(918, lambda: GATEWAY_NODE_ID)
             self.bind(919, identity.ORDER_ID.encode)
-        self.bind(964, lambda: (*identity.UNIT, len(axes)))
+        self.bind(964, lambda: (*_unit(daemon), len(axes)))
         self.bind(965, lambda: PROFILE_IDENTIFICATION)
         latency = int(config.transport.parameter_timeout_ms / 10)
         self.bind(974, lambda: (MAX_BLOCK, MAX_PARAMETERS, latency))
-        self.bind(975, lambda: (*identity.UNIT, 0, 0, 0))
+        self.bind(975, lambda: (*_unit(daemon), 0, 0, 0))
         self.bind(976, lambda: 0, lambda value: self._each(NodeObject.load) if value else None)
         self.bind(977, lambda: 0, lambda value: self._each(NodeObject.save) if value else None)
         self.bind(978, lambda: [axis.do_id for axis in axes])

@@ -33,7 +33,15 @@ class AcyclicServer:
         self._manager = ParameterManager(daemon)
         serial = transport.station_name[:16]
         writers = daemon.config.parameters.writers(transport.listen)
-        records = Records(self._manager, daemon.store, daemon.update_store, transport.ar_uuid, serial, writers)
+        records = Records(
+            self._manager,
+            daemon.store,
+            daemon.update_store,
+            transport.ar_uuid,
+            serial,
+            writers,
+            vendor_id=transport.vendor_id,
+        )
         self.server: RecordServer[Address] = RecordServer(
             records.of, MAX_BLOCK, boot_time=int(daemon.loop.wall()) & 0xFFFFFFFF
         )
@@ -97,8 +105,15 @@ class ProfinetRecords:
 
     def __init__(self, daemon: Daemon, link: ProfinetLink) -> None:
         self._manager = ParameterManager(daemon)
-        serial = daemon.config.transport.station_name[:16]
-        self._records = Records(self._manager, daemon.store, daemon.update_store, None, serial)
+        transport = daemon.config.transport
+        self._records = Records(
+            self._manager,
+            daemon.store,
+            daemon.update_store,
+            None,
+            transport.station_name[:16],
+            vendor_id=transport.vendor_id,
+        )
         self._write_from = daemon.config.parameters.write_from or ()
         self._link = link
         link.serve_records(self._of)

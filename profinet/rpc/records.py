@@ -95,7 +95,7 @@ _CALL_TEXTS: dict[int, str] = {
     CallError.UNKNOWN_BLOCK: "unknown block",
     CallError.IOCR_MISSING: "IOCR missing",
     CallError.BLOCK_COUNT: "wrong number of blocks",
-    CallError.NO_AR_FREE: "no AR free, another controller is connected",
+    CallError.NO_AR_FREE: "no AR free",
     CallError.AR_UNKNOWN: "AR UUID unknown",
     CallError.WRONG_STATE: "wrong state",
 }

@@ -222,6 +222,70 @@ def test_an_unknown_service_is_answered_as_not_supported() -> None:
     assert ProfinetDCP(frame[16:]).service_type == dcp.ServiceType.NOT_SUPPORTED
 
 
+@pytest.mark.parametrize(
+    "blocks",
+    [b"", b"\2", bytes.fromhex("0202 03"), bytes.fromhex("0202 0203 01")],
+    ids=["nothing", "half a pair", "a pair and a half", "two pairs and a half"],
+)
+def test_a_get_of_anything_but_pairs_is_not_answered(blocks: bytes) -> None:
+    rig = Rig()
+    assert rig.ask(dcp.encode(0xFEFD, Service.GET, dcp.ServiceType.REQUEST, 3, blocks)) is None
+    assert rig.dcp.ignored == 1
+
+
+def test_answers_byte_by_byte() -> None:
+    rig = Rig()
+    head = PLC + MAC + bytes.fromhex("8892")
+
+    def answer(payload: str) -> bytes:
+        frame = rig.ask(bytes.fromhex(payload))
+        assert frame is not None
+        return frame
+
+    def frame(payload: str) -> bytes:
+        return (head + bytes.fromhex(payload)).ljust(60, b"\0")
+
+    # What is not there yet is told: BlockInfo 0 without an address. Control options cannot be read.
+    rig.station.ip = IpSuite()
+    assert answer("fefd 03 00 00000007 0000 0002 0102") == frame(
+        "fefd 03 01 00000007 0000 0012 0102 000e 0000 00000000 00000000 00000000"
+    )
+    assert answer("fefd 03 00 00000007 0000 0004 0503 0506") == frame(
+        "fefd 03 01 00000007 0000 0010 0504 0003 0503 02 00 0504 0003 0506 02 00"
+    )
+    # Two settings in one request, and an odd length that is padded: each has its answer.
+    name = "0202 0003 0001 61 00"
+    assert answer(f"fefd 04 00 00000008 0000 0010 {name} 0503 0004 0000 0100") == frame(
+        "fefd 04 01 00000008 0000 0010 0504 0003 0202 00 00 0504 0003 0503 00 00"
+    )
+    assert (rig.station.name, rig.dcp.refused) == ("a", 0)
+    rig.connected = True
+    assert answer(f"fefd 04 00 00000009 0000 0008 {name}") == frame(
+        "fefd 04 01 00000009 0000 0008 0504 0003 0202 06 00"
+    )
+    assert rig.dcp.refused == 1
+    assert answer("fefd 07 00 0000000a 0000 0000") == frame("fefd 07 05 0000000a 0000 0000")
+    assert rig.ask(bytes.fromhex(f"fefd 04 01 0000000b 0000 0008 {name}")) is None, "an answer is no request"
+
+
+def test_an_address_the_interface_may_not_have_is_refused_and_not_told() -> None:
+    rig = Rig()
+    rig.dcp = DcpResponder(rig.station, lambda: False, lambda suite: False)
+    assert rig.set(Option.IP, bytes.fromhex("0a000001ffffff0000000000")) is SetError.LOCAL == 5
+    assert rig.set(Option.RESET, b"", qualifier=4) is SetError.OK
+    assert (rig.station.name, rig.station.ip) == ("", SUITE)
+    assert rig.dcp.events == [ResetToFactory()]
+
+
+@pytest.mark.parametrize("length", [7, 8, 0x7FFF])
+def test_a_block_longer_than_the_frame_is_not_answered(length: int) -> None:
+    rig = Rig()
+    blocks = bytes.fromhex(f"0202 {length:04x} 0001 6f6b6179")
+    assert rig.ask(dcp.encode(0xFEFD, Service.SET, dcp.ServiceType.REQUEST, 1, blocks)) is None
+    assert rig.identify(bytes.fromhex(f"0202 {length:04x} 676174657761")) == []
+    assert (rig.station.name, rig.dcp.events) == ("gateway", [])
+
+
 @pytest.mark.parametrize("name", ["a", "plc-1", "x" * 63, "a.b.c", "port-01", "1.2.3", "0"])
 def test_names_the_standard_allows(name: str) -> None:
     check_name(name)

@@ -14,6 +14,8 @@ from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.parameters.codec import Address, Values
 from pdgw.profinet.blocks.connect import ArType
+from pdgw.profinet.rpc import identification
+from pdgw.profinet.rpc.dcerpc import object_uuid
 from pdgw.tools.cli import app
 from pdgw.tools.parameters import client as client_module
 from pdgw.tools.parameters.client import ParameterClient
@@ -46,6 +48,23 @@ def test_parameters_are_read_beside_the_controller_and_the_relationship_ends_wit
     assert site.word(1) & 0x4F == 0x07, "the drive turns as before"
 
 
+def test_the_station_says_whose_device_it_is_wherever_it_is_asked(tmp_path: Path) -> None:
+    numbers = "vendor_id = 0x0123\ndevice_id = 0x0456"
+    with plant(configuration(axis(1) + axis(2), tmp_path / "store.json", transport=numbers)) as site:
+        site.connect()
+        told: list[bytes] = []
+        site.plc.read((0, 0, 1), identification.INDEX, lambda result: told.append(result.data[6:8]))
+        site.until(lambda: told, "I&M0")
+        assert told == [b"\1\x23"]
+        with ParameterClient(STATION, 0, channel=PlantChannel(site)) as client:
+            client.connect()
+            for do_id, pnu in ((0, 964), (0, 975), (1, 975)):
+                client.do_id = do_id
+                (found,) = client.request([Address(pnu, 0, 2)])
+                assert list(found.values) == [0x0123, 0x0456]
+        assert site.link.device.cm._object == object_uuid(1, 0x0456, 0x0123)
+
+
 def test_writing_needs_the_stations_permission(site: Plant) -> None:
     with ParameterClient(STATION, 1, channel=PlantChannel(site)) as client:
         client.connect()
@@ -58,7 +77,7 @@ def test_a_station_with_as_many_accesses_as_it_has_refuses_with_its_reason(site:
     for client in clients:
         client.connect()
     third = ParameterClient(STATION, 1, channel=PlantChannel(site))
-    with pytest.raises(GatewayError, match=r"device access is refused: error .DB 81 40 04."):
+    with pytest.raises(GatewayError, match=r"device access is refused: no AR free .DB 81 40 04."):
         third.connect()
 
 
