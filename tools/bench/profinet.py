@@ -186,7 +186,7 @@ def measure(cycle_ms: int, seconds: float, *, realtime: bool) -> ProfinetRow:
         echo = [sys.executable, "-c", _ECHO, str(ECHO_PORT), *as_asked]
         floor = [sys.executable, "-c", _SENDER, HERE, str(cycle_ms * 1_000_000), f"{FLOOR_FRAME_ID:04x}"]
         with (
-            EthernetCapture(HERE, capture),
+            EthernetCapture(HERE, capture) as recording,
             ExitStack() as running,  # what sends has to end before the capture, which waits for silence
             subprocess.Popen(controller, stdout=subprocess.PIPE, text=True) as plc,
             _process(echo),
@@ -211,6 +211,8 @@ def measure(cycle_ms: int, seconds: float, *, realtime: bool) -> ProfinetRow:
                 _expect(plc, "done")
                 plc.wait(_PATIENCE_S)
                 time.sleep(2 * holds[1] / 1000)
+        if recording.lost:
+            raise GatewayError(f"{recording.lost} frames were not recorded: the machine is too busy to be measured")
         records = list(records_in(capture))
         costs = [
             Cost(*item, (first - start) / 1e9)
