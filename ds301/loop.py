@@ -446,7 +446,7 @@ class SystemLoop(Loop):
 
     def _turn(self) -> None:
         due = self._next()
-        if self._may_slice():
+        if self._slices and self._may_slice():
             wait = 0.0
         elif due is None:
             wait = _LONGEST_WAIT_S
@@ -463,13 +463,11 @@ class SystemLoop(Loop):
                 action()
         if self._timers and self._timers[0][0] <= (now := _monotonic_ns()):
             self._fire(now)
-        if self._may_slice():
+        if self._slices and self._may_slice():
             self._slice_due = False
             self._slices.popleft()()
 
     def _may_slice(self) -> bool:
-        if not self._slices:
-            return False
         return self._slice_due or not self._expected or _monotonic_ns() + SLICE_NS <= self._expected
 
     def close(self) -> None:

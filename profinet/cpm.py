@@ -38,8 +38,6 @@ class Verdict(enum.Enum):
 
 
 _ACCEPTED = Verdict.ACCEPTED
-_PLAIN = STATUS_PRIMARY | STATUS_DATA_VALID | STATUS_RUN
-"""What a DataStatus has whose data counts, and no ``STATUS_IGNORE``."""
 
 
 class Consumer:
@@ -78,36 +76,26 @@ class Consumer:
 
     def receive(self, frame: bytes, start: int, now: int) -> Verdict:
         """A frame whose payload starts at ``start``."""
-        verdict = self._check(frame, start)
-        self.counters[verdict] += 1
-        if verdict is _ACCEPTED:
-            self.last_ns = now
-            self.payload = frame[start:]
-            self.running = True
-        elif verdict is Verdict.PROVIDER_STOP:
-            self.last_ns = now
-            self.payload = frame[start:]
-            self.running = False
-        elif verdict is Verdict.NO_DATA:
-            self.last_ns = now
-        return verdict
-
-    def _check(self, frame: bytes, start: int) -> Verdict:
         if len(frame) - start != self._size:
-            return Verdict.LENGTH
+            return self._count(Verdict.LENGTH)
         counter, status, transfer = TRAILER.unpack_from(frame, start + self._trailer)
         if transfer:
-            return Verdict.TRANSFER_STATUS
+            return self._count(Verdict.TRANSFER_STATUS)
         if not status & STATUS_DATA_VALID:
-            return Verdict.NOT_VALID
+            return self._count(Verdict.NOT_VALID)
         if self._counter is not None and not is_newer(counter, self._counter):
-            return Verdict.STALE
+            return self._count(Verdict.STALE)
         self._counter = counter
-        if status & (_PLAIN | STATUS_IGNORE) == _PLAIN:
-            return _ACCEPTED
+        self.last_ns = now
         if status & STATUS_IGNORE or not status & STATUS_PRIMARY:
-            return Verdict.NO_DATA
-        return Verdict.PROVIDER_STOP
+            return self._count(Verdict.NO_DATA)
+        self.payload = frame[start:]
+        self.running = status & STATUS_RUN != 0
+        return self._count(_ACCEPTED if self.running else Verdict.PROVIDER_STOP)
+
+    def _count(self, verdict: Verdict) -> Verdict:
+        self.counters[verdict] += 1
+        return verdict
 
     def place(self, place: Subslot) -> tuple[int, int] | None:
         """Where data and IOPS of a submodule lie in ``payload``; None where it has none."""
