@@ -6,10 +6,10 @@ Source: CiA DS 301 and DSP 402 (error codes of EMCY), PROFIdrive profile (messag
 from __future__ import annotations
 
 from types import MappingProxyType
-from typing import Final
+from typing import Final, Protocol
 
 from pdgw.ds301.node import NodeStatus
-from pdgw.gateway.drive_object import DriveObject
+from pdgw.gateway.faults import FaultLog
 from pdgw.gateway.reasons import GATEWAY_FAULTS, FaultNumber
 from pdgw.profinet.blocks.alarm import MessageClass
 
@@ -56,7 +56,23 @@ def message_class(error_code: int) -> MessageClass:
     return next((item for item in found if item is not None), MessageClass.GENERAL)
 
 
-def present_classes(item: DriveObject) -> set[MessageClass]:
+class Node(Protocol):
+    """The node of a drive object."""
+
+    @property
+    def status(self) -> NodeStatus: ...
+
+
+class Diagnosed(Protocol):
+    """What a drive object is asked for its diagnosis."""
+
+    fault_log: FaultLog
+
+    @property
+    def client(self) -> Node: ...
+
+
+def present_classes(item: Diagnosed) -> set[MessageClass]:
     """What is wrong with a drive object: its faults until they are acknowledged, and a node that is away."""
     found = {message_class(fault.code) for fault in item.fault_log.standing()}
     if item.client.status is not NodeStatus.ONLINE:

@@ -11,14 +11,14 @@ import logging
 import os
 from collections.abc import Callable, Sequence
 from functools import partial
+from typing import Protocol
 from uuid import UUID
 
 from pdgw.ds301.counters import Counters
 from pdgw.ds301.loop import MS, Loop, Mailbox, Task, Timer
 from pdgw.gateway.config import GatewayConfig
-from pdgw.gateway.drive_object import DriveObject
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.profinet_diagnosis import present_classes
+from pdgw.gateway.profinet_diagnosis import Diagnosed, present_classes
 from pdgw.gateway.profinet_identity import profinet_model
 from pdgw.gateway.profinet_pairing import LONGEST_NS, Pairing
 from pdgw.gateway.profinet_station import StationKeeper
@@ -33,6 +33,7 @@ from pdgw.profinet.cmdev import ApplicationRelation, Event
 from pdgw.profinet.cpm import Consumer, Verdict
 from pdgw.profinet.device import Connected, DeviceEvent, Disconnected, ProfinetDevice
 from pdgw.profinet.model import ACCESS_POINT_SUBSLOT, TELEGRAM_SUBSLOT
+from pdgw.profinet.ppm import Provider
 from pdgw.profinet.rpc.server import NoRecords, RecordHandler
 from pdgw.profinet.station import Station
 
@@ -44,6 +45,12 @@ _WAITING = 64
 _DIAGNOSIS_NS = 50 * MS
 
 
+class Served(Diagnosed, Protocol):
+    """What the link has to know of a drive object."""
+
+    telegram: Telegram
+
+
 class ProfinetLink:
     """``Link`` over PROFINET. Records are served once ``serve_records`` has named who does it."""
 
@@ -53,7 +60,7 @@ class ProfinetLink:
         config: GatewayConfig,
         store: ParameterStore,
         loop: Loop,
-        objects: Sequence[DriveObject],
+        objects: Sequence[Served],
         seed: UUID | None = None,
     ) -> None:
         transport = config.transport
@@ -69,7 +76,8 @@ class ProfinetLink:
         self._timer: Timer | None = None
         self._timer_due = 0
         self._consumer: Consumer | None = None
-        """Of the controller that exchanges data."""
+        self._provider: Provider | None = None
+        """Both of the controller that exchanges data."""
         self._pairing: Pairing | None = None
         """None: the relationship has two cycles or a long one, or there is none."""
         self._exchange: Callable[[], None] = lambda: None
@@ -246,10 +254,9 @@ class ProfinetLink:
         return FramePlaces("profinet", len(relation.consumer.payload), len(relation.provider.frame), setpoints, actuals)
 
     def newest(self) -> tuple[bool, bytes, bytes | bytearray]:
-        relation = self.device.relation
-        if relation is None or relation.consumer is None or relation.provider is None:
+        if self._consumer is None or self._provider is None:
             return False, b"", b""
-        return self.connected, relation.consumer.payload, relation.provider.frame
+        return self.connected, self._consumer.payload, self._provider.frame
 
     @property
     def heard_ns(self) -> int | None:
@@ -389,7 +396,7 @@ class ProfinetLink:
                     where = consumer.place(place) if place in relation.plan.proper else None
                     if where is not None:
                         self._outputs.append((index, telegram.setpoints.struct.unpack_from, *where))
-                self._consumer = consumer
+                self._consumer, self._provider = consumer, provider
                 if consumer.cycle_ns == provider.cycle_ns <= LONGEST_NS:
                     self._pairing = Pairing(self.port, provider)
                 transport = self._config.transport
@@ -406,7 +413,7 @@ class ProfinetLink:
                     self._placed_for = None
                     self._places = [None] * len(self._telegrams)
                 self._outputs.clear()
-                self._consumer = None
+                self._consumer = self._provider = None
                 if self._pairing is not None:
                     self._pairing.end()
                     self._pairing = None

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from ipaddress import IPv4Address
 from itertools import pairwise
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any, cast
 from uuid import UUID
 
@@ -16,7 +16,6 @@ from pdgw.ds301.loop import MS
 from pdgw.ds301.node import NodeStatus
 from pdgw.ds301.virtual_loop import VirtualLoop
 from pdgw.gateway.config import GatewayConfig
-from pdgw.gateway.drive_object import DriveObject
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.faults import FaultLog, FaultRecord
 from pdgw.gateway.profinet_diagnosis import MESSAGE_CLASSES, message_class
@@ -39,12 +38,17 @@ from tests.support.profinet import DEVICE_IP, DEVICE_MAC, PLC_IP, PLC_MAC
 AXIS = (1, 2)
 
 
+@dataclass
+class FakeNode:
+    status: NodeStatus = NodeStatus.ONLINE
+
+
 class FakeObject:
     """A drive object: what the link asks it."""
 
     def __init__(self, number: int) -> None:
         self.telegram = telegram(number)
-        self.client = SimpleNamespace(status=NodeStatus.ONLINE)
+        self.client = FakeNode()
         self.fault_log = FaultLog(0)
 
 
@@ -70,8 +74,7 @@ class Rig:
 
     def start(self) -> None:
         store = ParameterStore(self.path, lambda text: None)
-        objects = cast("list[DriveObject]", self.objects)
-        self.link = ProfinetLink(self.port, self.config, store, self.loop, objects, UUID(int=5))
+        self.link = ProfinetLink(self.port, self.config, store, self.loop, self.objects, UUID(int=5))
         self.link.start(self.on_link)
 
     def on_link(self) -> None:
