@@ -329,6 +329,8 @@ class ProfinetLink:
                 if self._pairing is not None and self._pairing.together:
                     self._exchange()  # the frame that waits came before this call
                 self.device.on_datagram(data, source, self._loop.now())
+                if not self.device.connected:
+                    self.lose_setpoints()  # PrmBegin: what the controller goes on sending does not count until it is done
                 if self.device.relation is not self._placed_for and self._newest is not None:
                     self.send(*self._newest, ())
                 self._pump()

@@ -15,7 +15,9 @@ from pdgw.profidrive.frame import STATUS_RUN
 from pdgw.profinet import apmx, dcp, ethernet
 from pdgw.profinet.apmx import PduType
 from pdgw.profinet.blocks.alarm import Priority
+from pdgw.profinet.blocks.control import Command, PrmBeginReq
 from pdgw.profinet.cmdev import AbortCode
+from pdgw.profinet.rpc.records import Operation
 from pdgw.profinet.station import IpSuite
 from tests.support.daemon import axis, drive_of
 from tests.support.profinet import DEVICE_MAC, PLC_MAC
@@ -75,13 +77,20 @@ def restart(site: Plant) -> None:
     site.plc.start(site.loop.now())
 
 
+def parameterise_anew(site: Plant) -> None:
+    """The controller goes on sending, and nothing of it counts until it is done."""
+    plc = site.plc
+    block = PrmBeginReq(ar_uuid=plc.ar_uuid, session_key=plc.session, command=Command.PRM_BEGIN)
+    plc._send_call(Operation.CONTROL, block.encode(), lambda status, arguments, now: None, site.loop.now())
+
+
 def readdress(site: Plant) -> None:
     """Not by DCP, which is refused: by somebody on the gateway's machine."""
     site.port.address = IpSuite(IPv4Address("10.0.0.9"), IPv4Address("255.0.0.0"), IPv4Address(0))
     site.port.on_link()
 
 
-WAYS = [kill, pull, fall_silent, stop, mark_bad, release, abort, restart, readdress]
+WAYS = [kill, pull, fall_silent, stop, mark_bad, release, abort, restart, parameterise_anew, readdress]
 
 
 @pytest.mark.parametrize("way", WAYS, ids=lambda way: way.__name__)

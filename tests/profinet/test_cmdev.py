@@ -10,6 +10,7 @@ import pytest
 
 from pdgw.peers.controller.controller import Phase
 from pdgw.profinet import cmdev
+from pdgw.profinet.blocks.connect import IocrType
 from pdgw.profinet.blocks.control import ApplicationReadyRes, Command, PrmBeginReq, PrmEndReq, ReleaseReq
 from pdgw.profinet.cmdev import (
     ABORTS,
@@ -28,7 +29,7 @@ from pdgw.profinet.diagnosis import AlarmSource, Diagnosis
 from pdgw.profinet.rpc import dcerpc
 from pdgw.profinet.rpc.records import Operation, PnioStatus, encode_arguments
 from tests.support.connect import AR_UUID, INITIATOR, SOURCE, Caller, blocks
-from tests.support.profinet import MS, PLC_IP, PLC_MAC, Wire, model, project
+from tests.support.profinet import DEVICE_MAC, MS, PLC_IP, PLC_MAC, Wire, model, project
 
 S = 1000 * MS
 P, C, A, D, X, END = (
@@ -214,8 +215,14 @@ def test_parameters_can_be_written_anew_while_connected_and_outputs_do_not_count
     ar_uuid, session = wire.plc.ar_uuid, wire.plc.session
     begin = replace(PRM_BEGIN, ar_uuid=ar_uuid, session_key=session)
     assert not control(caller, begin, Operation.CONTROL).value
+    wire.frames.clear()
     wire.run(20 * MS)
     assert wire.device.output((1, 2)) is None
+    inputs = [frame for frame in wire.frames if frame[6:12] == DEVICE_MAC and frame[18:20] == b"\x80\x01"]
+    plan_of_inputs = wire.plc.project.plan(IocrType.INPUT, 0x8001)
+    statuses = [item.iops for item in plan_of_inputs.data.values()] + [*plan_of_inputs.iocs.values()]
+    assert inputs
+    assert not any(frame[20 + offset] for frame in inputs for offset in statuses)
     wire.plc.phase = Phase.PRM_END
     end = replace(PRM_END, ar_uuid=ar_uuid, session_key=session)
     header_status = control(caller, end, Operation.CONTROL)
@@ -226,6 +233,31 @@ def test_parameters_can_be_written_anew_while_connected_and_outputs_do_not_count
     wire.run(3 * S)
     assert wire.device.connected, "ApplicationReady is repeated and confirmed"
     assert wire.device.output((1, 2)) == bytes(4)
+
+
+def test_a_controller_that_begins_to_write_parameters_and_never_ends_is_given_up() -> None:
+    wire = Wire(of_project=project(activity_timeout=3))
+    wire.connect()
+    wire.run(20 * MS)
+    begin = replace(PRM_BEGIN, ar_uuid=wire.plc.ar_uuid, session_key=wire.plc.session)
+    assert not control(Caller(wire), begin, Operation.CONTROL).value
+    since = wire.now
+    wire.run(10 * S, lambda: bool(wire.told(Disconnected)))
+    assert ended(wire) is AbortCode.ACTIVITY_TIMEOUT
+    assert 300 * MS <= wire.now - since <= 310 * MS
+
+
+def test_a_deadline_is_the_nearest_of_what_is_being_waited_for() -> None:
+    access = relation(Sink(), access=True)
+    timeout = access.plan.ar.activity_timeout * 100 * MS
+    assert access.deadline == access.watch_deadline == timeout
+    item = relation(Sink())
+    assert item.provider is not None
+    assert (item.deadline, item.watch_deadline) == (item.provider.cycle_ns, timeout)
+    item.handle(Event.PRM_END, 5)
+    assert item.watch_deadline == 5 + READY_INTERVAL_NS
+    item.handle(Event.STOPPED, 6)
+    assert item.deadline is None
 
 
 def test_the_end_of_the_cable_the_device_or_its_name_ends_the_relationship_at_once() -> None:

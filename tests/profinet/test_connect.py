@@ -13,7 +13,9 @@ from pdgw.profinet.blocks.connect import (
     AlarmCrBlockReq,
     ArBlockReq,
     ExpectedSubmoduleBlockReq,
+    IocrApi,
     IocrBlockReq,
+    IocrType,
     Place,
 )
 from pdgw.profinet.rpc.records import PnioStatus
@@ -91,6 +93,23 @@ def iocs_of_output(edit: Callable[[Place], Place]) -> Change:
     return apply
 
 
+def also(which: str, kind: IocrType, place: Place, times: int = 1) -> Change:
+    """One more place in the relationship of a direction, in its own API 0."""
+
+    def apply(items: list[Block]) -> list[Block]:
+        number = kind - IocrType.INPUT
+        index = [at for at, item in enumerate(items) if isinstance(item, IocrBlockReq)][number]
+        block = items[index]
+        assert isinstance(block, IocrBlockReq)
+        kept = [api for api in block.apis if api.api]
+        first = next((api for api in block.apis if not api.api), IocrApi(api=0, data=(), iocs=()))
+        changed = replace(first, **{which: (*getattr(first, which), *[place] * times)})
+        items[index] = replace(block, apis=(changed, *kept))
+        return items
+
+    return apply
+
+
 CASES: list[tuple[int, int, str, Change]] = [
     (0x01, 0x04, "AR type unknown", change(ArBlockReq, ar_type=0x0010)),
     (0x01, 0x05, "ARUUID null", change(ArBlockReq, ar_uuid=UUID(int=0))),
@@ -138,6 +157,22 @@ CASES: list[tuple[int, int, str, Change]] = [
         0x18,
         "data over data",
         iocr_api(lambda api: replace(api, data=tuple(replace(p, offset=0) for p in api.data))),
+    ),
+    (
+        0x02,
+        0x17,
+        "output data of a submodule without data",
+        also("data", IocrType.OUTPUT, Place(slot=0, subslot=1, offset=39)),
+    ),
+    (0x02, 0x18, "IOPS just outside", places("data", lambda item: replace(item, offset=42))),
+    (0x02, 0x1B, "IOCS of the direction's own data", also("iocs", IocrType.INPUT, Place(slot=0, subslot=1, offset=39))),
+    (0x02, 0x1B, "IOCS twice", also("iocs", IocrType.OUTPUT, Place(slot=0, subslot=1, offset=39), times=2)),
+    (0x02, 0x18, "data over IOCS", iocs_of_output(lambda item: replace(item, offset=0))),
+    (
+        0x02,
+        0x1C,
+        "IOCS over IOCS",
+        iocr_api(lambda api: replace(api, iocs=tuple(replace(p, offset=39) for p in api.iocs)), 1),
     ),
     (0x02, 0x1A, "slot of IOCS unknown", iocs_of_output(lambda item: replace(item, slot=9))),
     (0x02, 0x1B, "subslot of IOCS unknown", iocs_of_output(lambda item: replace(item, subslot=9))),

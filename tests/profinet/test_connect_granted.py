@@ -26,7 +26,7 @@ from pdgw.profinet.blocks.connect import (
     RtClass,
 )
 from pdgw.profinet.connect import plan
-from pdgw.profinet.model import DeviceModel, Module, ObjectKind, object_module
+from pdgw.profinet.model import DeviceModel, Module, ObjectKind, Submodule, object_module
 from pdgw.profinet.rpc import dcerpc
 from pdgw.profinet.rpc.dcerpc import PacketType, RpcHeader
 from pdgw.profinet.rpc.records import Operation, PnioStatus, encode_arguments
@@ -99,14 +99,41 @@ def wrong(place: int, module: Module | None) -> Project:
     return project(modules)
 
 
+WRONG_IDENT = replace(object_module(ObjectKind.AXIS, telegram(1)), ident=0x1003)
+ONE_MORE = replace(
+    object_module(ObjectKind.AXIS, telegram(1)),
+    submodules={**object_module(ObjectKind.AXIS, telegram(1)).submodules, 3: Submodule(0x00010001, 2, 2)},
+)
+
+
+def test_a_send_offset_within_the_send_clock_is_granted() -> None:
+    status, _ = Caller().connect(change(IocrBlockReq, frame_send_offset=999_999)(blocks()))
+    assert not status.value, status.text
+
+
+def test_a_submodule_that_is_not_there_is_told_with_no_identification() -> None:
+    status, data = Caller().connect(blocks(wrong(1, ONE_MORE)))
+    assert not status.value
+    (module,) = ModuleDiffBlock.decode(answered_blocks(data)[0x8104][0]).apis[0].modules
+    assert [(item.subslot, item.ident, item.state) for item in module.submodules] == [(3, 0, 0x9800)]
+
+
 @pytest.mark.parametrize(
     ("of_project", "state", "info", "proper"),
     [
         (wrong(1, object_module(ObjectKind.ENCODER, telegram(83))), ModuleState.WRONG, IdentInfo.WRONG, {2, 3}),
         (wrong(2, object_module(ObjectKind.AXIS, telegram(1))), ModuleState.PROPER, IdentInfo.WRONG, {1, 3}),
         (wrong(4, object_module(ObjectKind.AXIS, telegram(1))), ModuleState.NO_MODULE, None, {1, 2, 3}),
+        (wrong(1, WRONG_IDENT), ModuleState.WRONG, IdentInfo.WRONG, {2, 3}),
+        (wrong(1, ONE_MORE), ModuleState.PROPER, IdentInfo.NO_SUBMODULE, {1, 2, 3}),
     ],
-    ids=["wrong module", "wrong telegram", "module that is not there"],
+    ids=[
+        "wrong module",
+        "wrong telegram",
+        "no such module",
+        "wrong module with the right telegram",
+        "no such submodule",
+    ],
 )
 def test_a_project_that_differs_is_granted_told_the_difference_and_the_rest_runs(
     of_project: Project, state: ModuleState, info: IdentInfo | None, proper: set[int]
