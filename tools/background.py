@@ -22,7 +22,7 @@ _WAITING = 100_000
 class BackgroundWriter(Generic[T]):
     """Hands items to ``write`` in their order, and calls ``close`` at the end.
 
-    Both may raise OSError: it says so, with the name ``what``, and lets the rest go.
+    Both may raise OSError: it says so, with the name ``what``, and lets the rest go. Any other error loses the item alone.
     """
 
     def __init__(self, what: str, write: Callable[[T], object], close: Callable[[], None]) -> None:
@@ -33,6 +33,7 @@ class BackgroundWriter(Generic[T]):
         self._counting = threading.Lock()
         self.lost = 0
         self.failed = False
+        self._mistaken = False
         self._thread = threading.Thread(target=self._run, name=what, daemon=True)
         self._thread.start()
 
@@ -68,13 +69,25 @@ class BackgroundWriter(Generic[T]):
     def _run(self) -> None:
         try:
             while (item := self._items.get()) is not None:
-                self._write(item)
+                self._write_one(item)
         except OSError as error:
             self._fail(error)
         try:
             self._close()
         except OSError as error:
             self._fail(error)
+
+    def _write_one(self, item: T) -> None:
+        try:
+            self._write(item)
+        except OSError:
+            raise
+        except Exception:  # a mistake with this one: the others are recorded
+            if not self._mistaken:
+                log.exception("%s: something could not be recorded; the like is only counted from now on", self._what)
+            self._mistaken = True
+            with self._counting:
+                self.lost += 1
 
     def _fail(self, error: OSError) -> None:
         if self.failed:

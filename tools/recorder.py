@@ -48,8 +48,7 @@ class Captures:
         self._size = size
         self._files = files
         self._path = folder / CAPTURE
-        if self._path.exists():
-            self._put_aside()
+        self._put_aside()
         self._writer = PcapngWriter(self._path, configuration)
 
     def write(self, link: Link, name: str, time_ns: int, data: bytes) -> None:
@@ -64,7 +63,10 @@ class Captures:
         self._writer.close()
 
     def _put_aside(self) -> None:
-        ended = datetime.fromtimestamp(self._path.stat().st_mtime).strftime("%Y%m%d-%H%M%S")
+        try:
+            ended = datetime.fromtimestamp(self._path.stat().st_mtime).strftime("%Y%m%d-%H%M%S")
+        except FileNotFoundError:
+            return  # somebody took it away already
         names = (
             f"{self._path.stem}-{ended}{more}{self._path.suffix}" for more in ("", *(f"-{n}" for n in range(2, 1000)))
         )
@@ -73,7 +75,7 @@ class Captures:
             self._folder.glob(f"{self._path.stem}-*{self._path.suffix}"), key=lambda path: path.stat().st_mtime_ns
         )
         for path in full[: -self._files]:
-            path.unlink()
+            path.unlink(missing_ok=True)
 
 
 class Recorder:

@@ -85,7 +85,13 @@ class _FromQueue(logging.handlers.QueueListener):
 
     def _write(self, records: list[logging.LogRecord]) -> None:
         for record in records:
-            super().handle(record)
+            try:
+                super().handle(record)
+            except (
+                OSError
+            ):  # the folder of the log file is not there, or its disk is full: it is looked for at the next line
+                for handler in self.handlers:
+                    handler.handleError(record)
 
     def enqueue_sentinel(self) -> None:
         self._records.put(self._sentinel, timeout=background.END_S)  # type: ignore[attr-defined]
@@ -185,7 +191,10 @@ class RunLog:
         """Go on in a new file of the same name, after the old one was moved away (SIGHUP)."""
         handler = self._handler
         if isinstance(handler, logging.FileHandler):
-            handler.close()  # the next line opens it again
+            try:
+                handler.close()  # the next line opens it again
+            except OSError:  # what a full disk has not taken yet
+                self._failed += 1
             log.info("log file opened again")
 
     def stop(self) -> None:

@@ -7,6 +7,7 @@ connected, and each datagram is one can_frame. Members inside the hub's process 
 from __future__ import annotations
 
 import contextlib
+import logging
 import selectors
 import socket
 import struct
@@ -16,6 +17,8 @@ from typing import Protocol
 
 from pdgw.ds301.can_frame import CAN_FRAME
 from pdgw.gateway.errors import GatewayError
+
+log = logging.getLogger("peers")
 
 HOST = "127.0.0.1"
 DEFAULT_PORT = 34966
@@ -129,8 +132,15 @@ class Hub:
                     self._send(member, data)
             for receive in tuple(self._local):
                 if receive is not source:
-                    receive(data)
+                    self._hand(receive, data)
             waiting.popleft()
+
+    @staticmethod
+    def _hand(receive: Receiver, data: bytes) -> None:
+        try:
+            receive(data)
+        except Exception:  # one device's mistake must not end the bus of the others
+            log.exception("a member of the bus failed")
 
     def _send(self, member: socket.socket, data: bytes) -> None:
         try:

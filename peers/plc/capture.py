@@ -27,7 +27,7 @@ class Capture:
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        self._failure: OSError | None = None
+        self._failure: Exception | None = None
         self._frames: queue.SimpleQueue[tuple[float, Packet, bytes] | None] = queue.SimpleQueue()
         try:
             self._writer = PcapWriter(str(path), linktype=1, sync=False)
@@ -51,13 +51,14 @@ class Capture:
         if self._failure is not None:
             raise self._unwritable(self._failure)
 
-    def _unwritable(self, error: OSError) -> GatewayError:
-        return GatewayError(f"--pcap {self._path}: cannot be written ({error.strerror or error})")
+    def _unwritable(self, error: Exception) -> GatewayError:
+        why = getattr(error, "strerror", None) or repr(error)
+        return GatewayError(f"--pcap {self._path}: cannot be written ({why})")
 
     def _write(self) -> None:
         try:
             self._write_frames()
-        except OSError as error:
+        except Exception as error:  # whatever it is, the capture is not whole
             self._failure = error
             while self._frames.get() is not None:
                 continue  # what nobody writes is not kept

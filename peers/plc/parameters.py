@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import queue
 import threading
 from collections.abc import Callable
@@ -15,6 +16,8 @@ from pdgw.profinet.rpc.records import NIL
 from pdgw.tools.parameters.address import Target, parse_value
 from pdgw.tools.parameters.client import ParameterClient
 from pdgw.tools.parameters.session import Element, Session, elements_of
+
+log = logging.getLogger("peers")
 
 
 @dataclass(slots=True)
@@ -38,6 +41,9 @@ class ParameterAccess:
             self.answers = tuple(self._write(client) if self.values else self._read(client))
         except GatewayError as error:
             self.error = str(error)
+        except Exception as error:  # of this access: the next is served
+            log.exception("a parameter access failed")
+            self.error = repr(error)
         self.done = True
 
     @property

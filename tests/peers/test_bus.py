@@ -150,6 +150,26 @@ def test_a_member_that_died_without_a_word_is_forgotten(steps: _Steps) -> None:
     living.close()
 
 
+def test_a_device_that_fails_on_a_frame_takes_the_bus_from_nobody(
+    steps: _Steps, caplog: pytest.LogCaptureFixture
+) -> None:
+    heard: list[bytes] = []
+
+    def broken(frame: bytes) -> None:
+        raise ValueError("a mistake")
+
+    steps.hub.attach(broken)
+    steps.hub.attach(heard.append)
+    member = steps.join()
+    frames = [pack_frame(0x80 + number, b"") for number in range(3)]
+    for frame in frames:
+        member.send(frame)
+        steps.serve()
+    assert heard == frames
+    assert "ValueError: a mistake" in caplog.text
+    member.close()
+
+
 def test_what_is_no_frame_is_not_carried(steps: _Steps) -> None:
     one, two = steps.join(), steps.join()
     for data in (b"", b"12345", bytes(15), bytes(17), pack_frame(0x80, b"")):

@@ -23,7 +23,7 @@ from pdgw.peers.plc.client import PlcClient
 from pdgw.peers.plc.endpoint import PlcEndpoint
 from pdgw.peers.plc.engine import Engine
 from pdgw.peers.plc.notation import parse_time
-from pdgw.peers.plc.parameters import ParameterAccess
+from pdgw.peers.plc.parameters import ParameterAccess, ParameterWorker
 from pdgw.peers.plc.scenario import Scenario
 from pdgw.peers.plc.scenario_file import load_scenario
 from pdgw.profidrive.datatypes import DataType
@@ -32,6 +32,7 @@ from pdgw.profidrive.frame import RtFrame
 from pdgw.profidrive.signals import signal
 from pdgw.profidrive.telegrams import Direction, Telegram, telegram
 from pdgw.tools.parameters.address import Target, parse_target
+from pdgw.tools.parameters.client import ParameterClient
 from pdgw.tools.parameters.session import Element
 from tests.support.machine import configuration, running
 from tests.support.strategies import axes_values
@@ -311,6 +312,35 @@ def test_a_silent_parameter_channel_fails_every_expectation_of_the_step(answer: 
     for action in ("read", "write"):
         engine, _ = parameters({action: {"P922": 1, "P965": 2}}, [answer])
         assert [(item.passed, item.measured) for item in engine.results] == [(False, measured)] * 2
+
+
+def test_an_access_that_fails_in_an_unexpected_way_fails_its_step_and_not_the_next(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def mistaken(*_: object) -> None:
+        raise KeyError("a mistake")
+
+    worker = ParameterWorker(("127.0.0.1", 9))
+    target = parse_target("P922")
+    accesses = [ParameterAccess(1, (target,)) for _ in range(2)]
+    monkeypatch.setattr(ParameterClient, "request", mistaken)
+    for access in accesses:
+        worker.submit(access)
+    worker.close()
+    assert [(access.done, access.error) for access in accesses] == [(True, "KeyError('a mistake')")] * 2
+
+
+def test_a_capture_that_could_not_take_a_packet_is_not_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    capture = Capture(tmp_path / "plc.pcap")
+    take = capture.conversation(("127.0.0.1", 1), ("127.0.0.1", 2))
+
+    def mistaken(_: object) -> None:
+        raise ValueError("a mistake")
+
+    monkeypatch.setattr(capture._writer, "write", mistaken)
+    take(True, bytes(46))
+    with pytest.raises(GatewayError, match=r"cannot be written \(ValueError\('a mistake'\)\)"):
+        capture.close()
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full here")

@@ -175,6 +175,18 @@ def test_a_full_recording_is_put_aside_and_the_oldest_go(tmp_path: Path) -> None
     assert len(numbers) > 40
 
 
+def test_a_recording_that_somebody_took_away_is_followed_by_another(tmp_path: Path) -> None:
+    captures = Captures(tmp_path, config_text(simulated([1])), size=2000, files=2)
+    packet = can_packet(0x181, bytes(8))
+    captures.write(Link.CAN_SOCKETCAN, "can0", 1, packet)
+    (tmp_path / CAPTURE).unlink()
+    while not (tmp_path / CAPTURE).exists():
+        captures.write(Link.CAN_SOCKETCAN, "can0", 2, packet)
+    captures.close()
+    assert parse_config(configuration_in(tmp_path / CAPTURE)) == simulated([1])
+    assert list(tmp_path.glob("gateway-*.pcapng")) == []
+
+
 def test_what_an_earlier_run_recorded_is_kept(tmp_path: Path) -> None:
     for number in range(3):
         recorder = Recorder(tmp_path, simulated([1]))

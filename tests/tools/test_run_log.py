@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import logging
 import os
 import signal
@@ -9,7 +10,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
@@ -76,6 +77,62 @@ def test_a_can_recorder_that_is_too_slow_keeps_a_bounded_number_of_frames(
     assert recorder.writer.lost >= 89
     released.set()
     recorder.stop()
+
+
+def test_a_frame_that_cannot_be_written_is_lost_alone_and_told_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    lines = iter(["first\n", None, None, "last\n"])
+
+    def line(_: can.Message) -> str:
+        text = next(lines)
+        if text is None:
+            raise ValueError("a mistake")
+        return text
+
+    monkeypatch.setattr("pdgw.decoder.capture.canlog.candump_line", line)
+    recorder = CanRecorder(tmp_path / "can.log")
+    for _ in range(4):
+        recorder.record("can0", FRAME)
+    recorder.stop()
+    assert (tmp_path / "can.log").read_text() == "first\nlast\n"
+    assert recorder.writer.lost == 2
+    assert caplog.text.count("ValueError: a mistake") == 1
+
+
+def test_a_log_whose_folder_is_taken_away_goes_on_when_it_is_back(tmp_path: Path) -> None:
+    folder = tmp_path / "logs"
+    folder.mkdir()
+    run_log = RunLog(LogLevel.INFO, folder / "log")
+    gateway = logging.getLogger("gateway")
+
+    def wait(condition: Callable[[], object]) -> None:
+        deadline = time.monotonic() + PATIENCE_S
+        while not condition() and time.monotonic() < deadline:
+            time.sleep(0.01)
+
+    gateway.info("before")
+    wait(lambda: "before" in (folder / "log").read_text())
+    folder.rename(tmp_path / "old")
+    gateway.info("between")
+    wait(lambda: run_log.lost)
+    assert run_log.lost == 1
+    folder.mkdir()
+    gateway.info("after")
+    run_log.stop()
+    assert (folder / "log").read_text().rstrip().endswith("after")
+
+
+def test_sighup_on_a_full_disk_does_not_end_the_gateway(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    run_log = RunLog(LogLevel.INFO, tmp_path / "log")
+
+    def full() -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(run_log._handler, "close", full)
+    on_signals(lambda: None, run_log)["SIGHUP"]()
+    assert run_log.lost == 1
+    run_log.stop()
 
 
 SCRIPT = """
