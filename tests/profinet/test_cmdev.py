@@ -27,6 +27,7 @@ from pdgw.profinet.connect import plan
 from pdgw.profinet.device import Disconnected
 from pdgw.profinet.diagnosis import AlarmSource, Diagnosis
 from pdgw.profinet.rpc import dcerpc
+from pdgw.profinet.rpc.dcerpc import PacketType, RpcHeader
 from pdgw.profinet.rpc.records import Operation, PnioStatus, encode_arguments
 from tests.support.connect import AR_UUID, INITIATOR, SOURCE, Caller, blocks
 from tests.support.profinet import DEVICE_MAC, MS, PLC_IP, PLC_MAC, Wire, model, project
@@ -256,8 +257,32 @@ def test_a_deadline_is_the_nearest_of_what_is_being_waited_for() -> None:
     assert (item.deadline, item.watch_deadline) == (item.provider.cycle_ns, timeout)
     item.handle(Event.PRM_END, 5)
     assert item.watch_deadline == 5 + READY_INTERVAL_NS
-    item.handle(Event.STOPPED, 6)
+    for event in (Event.CONFIRMED, Event.DATA_RECEIVED):
+        item.handle(event, 6)
+    assert item.watch_deadline is None
+    diagnosis = Diagnosis()
+    diagnosis.set((1, 1), 0x9000)
+    item.alarms = AlarmSource(diagnosis, model(), item.plan.proper)
+    item.send_alarms(7)
+    assert item.plan.alarm is not None
+    assert item.watch_deadline == 7 + item.plan.alarm.rta_timeout * 100 * MS
+    item.handle(Event.STOPPED, 8)
     assert item.deadline is None
+
+
+@pytest.mark.parametrize("kind", [PacketType.REJECT, PacketType.FAULT])
+def test_a_controller_that_rejects_application_ready_is_given_up_at_once(kind: PacketType) -> None:
+    caller = connected_by_hand()
+    wire = caller.wire
+    control(caller, PRM_END, Operation.CONTROL)
+    relation_now = wire.device.relation
+    assert relation_now is not None
+    header = RpcHeader(kind, INITIATOR, relation_now.activity, 0, Operation.CONTROL)
+    wire.device.on_datagram(dcerpc.encode_packet(header, bytes(4)), ("192.168.0.77", 34964), wire.now)
+    assert wire.device.relation is relation_now, "somebody else's rejection"
+    wire.device.on_datagram(dcerpc.encode_packet(header, bytes(4)), (PLC_IP, 34964), wire.now)
+    wire.events += wire.device.events()
+    assert ended(wire) is AbortCode.CONTROL
 
 
 def test_the_end_of_the_cable_the_device_or_its_name_ends_the_relationship_at_once() -> None:
