@@ -59,6 +59,21 @@ EXPECTED: dict[State, dict[Event, State | None]] = {
 }
 
 
+ACTIVITY_DUE, READY_DUE, NOW = 111, 222, 1000
+TIMEOUT = 200 * 100 * MS
+Effect = tuple[int | None, int | None, int, bool]
+"""Ends of activity time and of waiting for the confirmation, calls sent, whether statuses are GOOD."""
+EFFECTS: dict[tuple[State, Event], Effect] = {
+    # What an event does beside the next state; nothing where it is not named.
+    (P, Event.RECORD): (NOW + TIMEOUT, READY_DUE, 0, False),
+    (P, Event.PRM_END): (None, NOW + READY_INTERVAL_NS, 1, True),
+    (C, Event.CONFIRMED): (NOW + TIMEOUT, None, 0, True),
+    (A, Event.DATA_RECEIVED): (None, READY_DUE, 0, True),
+    (D, Event.PRM_BEGIN): (NOW + TIMEOUT, READY_DUE, 0, False),
+    (X, Event.RECORD): (NOW + TIMEOUT, READY_DUE, 0, False),
+}
+
+
 class Sink:
     def __init__(self) -> None:
         self.frames: list[bytes] = []
@@ -85,8 +100,19 @@ def test_every_state_and_event_leads_where_the_standard_says(state: State, event
     sink = Sink()
     item = relation(sink, access=state is X)
     item.state = state
+    item._activity_due, item._ready_due = ACTIVITY_DUE, READY_DUE
+    if item.provider is not None and state in {C, A, D}:
+        item.provider.open()
+
+    def effect() -> Effect:
+        good = item.provider is not None and any(item.provider.frame[20:-4])
+        return item._activity_due, item._ready_due, len(sink.datagrams), good
+
+    before = effect()
     wanted = EXPECTED[state].get(event, state)
-    accepted = item.handle(event, 1)
+    accepted = item.handle(event, NOW)
+    if wanted is not END or state is END:
+        assert effect() == EFFECTS.get((state, event), before)
     if wanted is None:
         assert not accepted
         assert item.state is state
@@ -99,6 +125,7 @@ def test_every_state_and_event_leads_where_the_standard_says(state: State, event
         assert item.ended.code is ABORTS[event]
         silent = state is X or event in {Event.RELEASE, Event.PEER_ERROR}
         assert bool(sink.frames) is not silent, "an alarm ERR tells the controller"
+        assert not sink.datagrams
         assert item.deadline is None
     else:
         assert not sink.frames
