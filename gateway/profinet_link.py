@@ -33,7 +33,6 @@ from pdgw.profinet.cmdev import ApplicationRelation, Event
 from pdgw.profinet.cpm import Consumer, Verdict
 from pdgw.profinet.device import Connected, DeviceEvent, Disconnected, ProfinetDevice
 from pdgw.profinet.model import ACCESS_POINT_SUBSLOT, TELEGRAM_SUBSLOT
-from pdgw.profinet.ppm import Provider
 from pdgw.profinet.rpc.server import NoRecords, RecordHandler
 from pdgw.profinet.station import Station
 
@@ -76,8 +75,7 @@ class ProfinetLink:
         self._timer: Timer | None = None
         self._timer_due = 0
         self._consumer: Consumer | None = None
-        self._provider: Provider | None = None
-        """Both of the controller that exchanges data."""
+        """Of the controller that exchanges data."""
         self._pairing: Pairing | None = None
         """None: the relationship has two cycles or a long one, or there is none."""
         self._exchange: Callable[[], None] = lambda: None
@@ -254,9 +252,10 @@ class ProfinetLink:
         return FramePlaces("profinet", len(relation.consumer.payload), len(relation.provider.frame), setpoints, actuals)
 
     def newest(self) -> tuple[bool, bytes, bytes | bytearray]:
-        if self._consumer is None or self._provider is None:
+        relation = self.device.relation
+        if relation is None or relation.consumer is None or relation.provider is None:
             return False, b"", b""
-        return self.connected, self._consumer.payload, self._provider.frame
+        return relation.connected, relation.consumer.payload, relation.provider.frame
 
     @property
     def heard_ns(self) -> int | None:
@@ -398,7 +397,7 @@ class ProfinetLink:
                     where = consumer.place(place) if place in relation.plan.proper else None
                     if where is not None:
                         self._outputs.append((index, telegram.setpoints.struct.unpack_from, *where))
-                self._consumer, self._provider = consumer, provider
+                self._consumer = consumer
                 if consumer.cycle_ns == provider.cycle_ns <= LONGEST_NS:
                     self._pairing = Pairing(self.port, provider)
                 transport = self._config.transport
@@ -415,7 +414,7 @@ class ProfinetLink:
                     self._placed_for = None
                     self._places = [None] * len(self._telegrams)
                 self._outputs.clear()
-                self._consumer = self._provider = None
+                self._consumer = None
                 if self._pairing is not None:
                     self._pairing.end()
                     self._pairing = None

@@ -88,6 +88,7 @@ class ProfinetDevice:
         self._outgoing: list[Outgoing] = []
         self._events: list[DeviceEvent] = []
         self.cm = ContextManager(model, station, self.diagnosis, records, self, seed=seed, boot_time=boot_time)
+        self._octets = self.cm.records.octets
         self.dcp = DcpResponder(station, lambda: self.cm.io is not None, give_ip)
         self._lldp_due = now
         self._told: ApplicationRelation | None = None
@@ -111,12 +112,12 @@ class ProfinetDevice:
                 if io.consumer is not None and frame_id == io.consumer.frame_id:
                     return self._cyclic(io, data, start, now)
                 if frame_id in _ALARM_IDS:
-                    self.cm.records.octets[0] += len(data)
+                    self._octets[0] += len(data)
                     io.receive_alarm(_ALARM_IDS[frame_id], data, start, now)
                     self._next = now
                     self._settle(now)
                     return False
-            self.cm.records.octets[0] += len(data)
+            self._octets[0] += len(data)
             if frame_id in _DCP_IDS:
                 self._dcp(data, start, now)
             else:
@@ -126,7 +127,7 @@ class ProfinetDevice:
         return False
 
     def _cyclic(self, relation: ApplicationRelation, data: bytes, start: int, now: int) -> bool:
-        self.cm.records.octets[0] += len(data)
+        self._octets[0] += len(data)
         fresh = relation.receive(data, start, now)
         if relation is not self._told:
             self._settle(now)
@@ -209,7 +210,7 @@ class ProfinetDevice:
             return None
         frame = io.provide(now)
         if frame is not None:
-            self.cm.records.octets[1] += len(frame)
+            self._octets[1] += len(frame)
         return frame
 
     def poll(self, now: int) -> None:
@@ -245,7 +246,7 @@ class ProfinetDevice:
 
     def frame(self, data: bytes | bytearray) -> None:
         """Output: an Ethernet frame."""
-        self.cm.records.octets[1] += len(data)
+        self._octets[1] += len(data)
         self._outgoing.append((None, data))
 
     def datagram(self, data: bytes, address: Address) -> None:
