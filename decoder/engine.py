@@ -19,14 +19,13 @@ from pdgw.decoder.acyclic import AcyclicDecoder
 from pdgw.decoder.can_records import CanRecord
 from pdgw.decoder.canopen import CanopenDecoder, Dictionary
 from pdgw.decoder.cyclic import Axis, CyclicDecoder, given_axes
-from pdgw.decoder.link import CanFrame, Carried, socketcan, unwrap
+from pdgw.decoder.link import UDP_PROTOCOL, CanFrame, Carried, socketcan, unwrap
 from pdgw.decoder.profinet_frames import FRAME_IDS, FrameDecoder
 from pdgw.decoder.profinet_names import StationNames
 from pdgw.decoder.records import Link, OtherRecord, Record
 from pdgw.ds301.can_frame import STANDARD_ID
-from pdgw.profidrive.frame import ETHERTYPE
-from pdgw.profidrive.frame import UDP_PORT as CYCLIC_PORT
-from pdgw.profinet.rpc.dcerpc import UDP_PORT as ACYCLIC_PORT
+from pdgw.profidrive.frame import CYCLIC_PORT, ETHERTYPE
+from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
 
 __all__ = ["Axis", "CanPacket", "Decoder", "Packet", "Settings", "given_axes"]
 
@@ -112,7 +111,7 @@ class Decoder:
         """As ``decode``, for a packet with a link layer."""
         if link == Link.ETHERNET and len(data) > _UDP_END:
             kind, version, fragment, protocol, sport, dport, length = _ETHERNET_UDP.unpack_from(data)
-            if kind == _PLAIN_IPV4 and version == _PLAIN_HEADER and protocol == _UDP and not fragment & 0x3FFF:
+            if kind == _PLAIN_IPV4 and version == _PLAIN_HEADER and protocol == UDP_PROTOCOL and not fragment & 0x3FFF:
                 ports = self.settings.cyclic_ports
                 end = _UDP_BEGIN + length
                 if (dport in ports or sport in ports) and _UDP_END < end <= len(data):
@@ -178,7 +177,6 @@ _ETHERNET_UDP = struct.Struct(">12xHBxxxxxHxB10xHHH")
 """EtherType, IP version and header length, fragment word, protocol, ports and UDP length of a plain packet."""
 _PLAIN_IPV4 = 0x0800
 _PLAIN_HEADER = 0x45
-_UDP = 17
 _UDP_BEGIN = 34
 _UDP_END = 42
 _ETHERNET = 14

@@ -14,7 +14,7 @@ from pdgw.ds301.objects import Entry
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.overlay import all_families, modes_of, overlay
 from pdgw.dsp402.states import Command, ControlBit, StatusBit, state_of
-from pdgw.profidrive.datatypes import DataType
+from pdgw.profidrive.datatypes import N2_100_PERCENT, N4_100_PERCENT, DataType
 from pdgw.profidrive.signals import Signal
 from pdgw.profidrive.telegrams import ApplicationMode, TelegramHalf
 from pdgw.profidrive.words import Bit
@@ -132,7 +132,7 @@ def _words(families: tuple[str, ...]) -> _Words:
     }
 
 
-_PERCENT = {DataType.N2: 100 / (1 << 14), DataType.N4: 100 / (1 << 30)}
+_PERCENT = {DataType.N2: 100 / N2_100_PERCENT, DataType.N4: 100 / N4_100_PERCENT}
 
 
 def signal_field(signal: Signal, mode: ApplicationMode) -> Field:

@@ -23,6 +23,7 @@ from pdgw.decoder.connect import Connection
 from pdgw.decoder.cyclic import Axis
 from pdgw.decoder.following_axis import RESPONSE_NS, AxisFollower
 from pdgw.decoder.following_object import ObjectFollower, Put
+from pdgw.decoder.plc_inputs import SENDER
 from pdgw.decoder.profinet_endpoint import ProfinetEndpoint
 from pdgw.decoder.profinet_records import AlarmRecord, Change, RelationRecord
 from pdgw.decoder.records import CyclicRecord, Record
@@ -45,7 +46,6 @@ _JUDGED: Final = 16
 """Steps of the cycle counter after which it is known how it counts."""
 _COUNTER_CYCLES: Final = 10
 """A counter that is a clock may be off by so many cycles: a recorder and a busy sender wait."""
-_SENDER = ("recorded", 0)
 _VERDICTS = {Verdict.STALE: AnomalyKind.STALE, Verdict.PROVIDER_STOP: AnomalyKind.STOPPED}
 _NOTHING: Final[tuple[Entry, ...]] = ()
 
@@ -284,7 +284,7 @@ class _Exchange:
         now, endpoint = record.time_ns, self._endpoint
         if not self._answered:
             self._watch(now)
-        verdict = endpoint.receive(record.data, _SENDER, now, now)
+        verdict = endpoint.receive(record.data, SENDER, now, now)
         if verdict is Verdict.UNCONFIRMED and isinstance(endpoint, ProfinetEndpoint):
             return  # before ApplicationReady is confirmed no frame counts
         if verdict is Verdict.STALE or (verdict is not Verdict.ACCEPTED and verdict is not self._standing):

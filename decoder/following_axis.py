@@ -17,6 +17,7 @@ from pdgw.decoder.cyclic import Axis
 from pdgw.decoder.following_object import ObjectFollower, Put
 from pdgw.decoder.following_words import Decision, Words
 from pdgw.decoder.mapping import recorded_rpdo
+from pdgw.decoder.off import HOME_POSITION_SET, tells_state
 from pdgw.decoder.timeline import Anomaly, AnomalyKind, Edge, ReasonChange, WordKind
 from pdgw.ds301.aborts import abort_text
 from pdgw.ds301.nmt import NmtCommand, NmtState
@@ -46,11 +47,6 @@ NO_CONTROLWORD: Final = "not judged: no Controlword to the drive in the recordin
 NOT_JUDGED: Final = "not judged: what the gateway remembers from before is not known; an OFF makes it known"
 
 _STW1 = signal("STW1")
-_CONTROL_BY_PLC = _STW1.bit("CONTROL_BY_PLC").mask
-_HOME_POSITION_SET = signal("ZSW1").bit("HOME_POSITION_SET", positioning=True).mask
-_OFF_MASK = ControlBit.SWITCH_ON | ControlBit.ENABLE_VOLTAGE | ControlBit.QUICK_STOP
-_OFF = ControlBit.ENABLE_VOLTAGE | ControlBit.QUICK_STOP
-_UNPOWERED = (State.SWITCH_ON_DISABLED, State.READY_TO_SWITCH_ON, State.SWITCHED_ON)
 
 
 class _Plan(NamedTuple):
@@ -381,10 +377,7 @@ class AxisFollower(ObjectFollower):
 
     def _recognise(self, setpoints: Sequence[int]) -> None:
         """With an OFF while the drive is not powered, the machine's state is what the recording tells."""
-        word = setpoints[0]
-        if not self._transparent and not word & _CONTROL_BY_PLC:
-            return
-        if word & _OFF_MASK != _OFF or state_of(self._image.statusword) not in _UNPOWERED:
+        if not tells_state(setpoints[0], self._image.statusword, transparent=self._transparent):
             return
         self._known = True
         self._since = None
@@ -392,7 +385,7 @@ class AxisFollower(ObjectFollower):
             if (pdo := recorded_rpdo(layout, recorded_families(self._answers))) is not None:
                 pdo.unpack_into(sent, self._machine.outputs.command)
         if WordKind.STATUS in self._words.values:
-            self._machine.executor.recall(home_set=bool(self._words.values[WordKind.STATUS] & _HOME_POSITION_SET))
+            self._machine.executor.recall(home_set=bool(self._words.values[WordKind.STATUS] & HOME_POSITION_SET))
 
     def _judge(self, control: Edge | None, now: int) -> None:
         """Tell what the PLC's edges come to, and reasons that come or go."""

@@ -40,7 +40,7 @@ _IPV4 = 0x0800
 _IPV6 = 0x86DD
 _VLAN = (0x8100, 0x88A8, 0x9100)
 _SLL_CAN = (0x000C, 0x000D)
-_UDP = 17
+UDP_PROTOCOL = 17
 _FRAGMENT = 0x3FFF
 _PROTOCOLS = {1: "ICMP", 2: "IGMP", 6: "TCP", 58: "ICMPv6"}
 _ETHERTYPES = {0x0806: "ARP", 0x88E3: "MRP", 0x8863: "PPPoE"}
@@ -66,7 +66,7 @@ def _udp(data: bytes, source: bytes, destination: bytes) -> Payload:
 
 
 def _transport(protocol: int, data: bytes, source: bytes, destination: bytes) -> Payload:
-    if protocol == _UDP:
+    if protocol == UDP_PROTOCOL:
         return _udp(data, source, destination)
     return _other(_PROTOCOLS.get(protocol, f"IP protocol {protocol}"))
 

@@ -15,7 +15,8 @@ from pdgw.gateway.transport.cyclic import WATCHDOG_FACTOR, CyclicEndpoint, Verdi
 from pdgw.gateway.transport.sequence import SEQUENCE_FRAMES
 from pdgw.profidrive.telegrams import Telegram
 
-_SENDER: Final = ("recorded", 0)
+SENDER: Final = ("recorded", 0)
+"""Of every frame of a recording."""
 _NEVER: Final = (1 << 63) - 1
 """Later than every time."""
 USED: Final = frozenset({Verdict.ACCEPTED, Verdict.PROVIDER_STOP})
@@ -139,7 +140,7 @@ class _Receiver:
     def take(self, frame: Frame) -> None:
         """A frame."""
         now = frame.time_ns
-        verdict = self._endpoint.receive(frame.data, _SENDER, now, frame.received_ns)
+        verdict = self._endpoint.receive(frame.data, SENDER, now, frame.received_ns)
         self._inputs.received.append(Received(now, verdict))
         if not self._endpoint.connected and self._endpoint.poll(now):
             # The gateway stood still: it sees the loss when it takes this frame, whatever waits behind it.

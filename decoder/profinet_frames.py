@@ -19,8 +19,7 @@ from pdgw.decoder.recent import Recent
 from pdgw.decoder.records import OtherRecord, Record
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profinet import dcp, lldp
-from pdgw.profinet.apmx import FRAME_IDS as ALARM_FRAME_IDS
-from pdgw.profinet.apmx import PDU, PduType
+from pdgw.profinet.apmx import ALARM_FRAME_IDS, PDU, PduType
 from pdgw.profinet.blocks.alarm import NOTIFICATIONS, USI_CHANNEL_DIAGNOSIS, AlarmType, Priority
 from pdgw.profinet.cmdev import AbortCode
 from pdgw.profinet.dcp import Option, Service, ServiceType, SetError

@@ -8,6 +8,7 @@ from __future__ import annotations
 import re
 from typing import Any
 
+from pdgw.decoder.records import DATA_STATUS_BITS
 from pdgw.decoder.words import signals_document
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.frame import (
@@ -17,7 +18,6 @@ from pdgw.profidrive.frame import (
     IOPS_BAD,
     IOPS_GOOD,
     STATUS_DATA_VALID,
-    STATUS_NO_PROBLEM,
     STATUS_PRIMARY,
     STATUS_RUN,
     RtFrame,
@@ -36,12 +36,6 @@ from pdgw.profidrive.telegrams import TELEGRAMS, Direction, Telegram, TelegramHa
 
 Document = dict[str, Any]
 _SKIPPED = re.compile(r"0[xX]|[\s,:]+")
-_STATUS_BITS = {
-    "primary": STATUS_PRIMARY,
-    "data_valid": STATUS_DATA_VALID,
-    "run": STATUS_RUN,
-    "no_problem": STATUS_NO_PROBLEM,
-}
 
 
 def parse_hex(text: str) -> bytes:
@@ -145,7 +139,7 @@ def _frame(data: bytes, telegram: Telegram | None, direction: Direction | None) 
         "frame_id": frame.frame_id,
         "cycle_counter": frame.cycle_counter,
         "data_status": {"raw": frame.data_status}
-        | {name: bool(frame.data_status & mask) for name, mask in _STATUS_BITS.items()},
+        | {name: bool(frame.data_status & mask) for name, mask in DATA_STATUS_BITS.items()},
         "transfer_status": frame.transfer_status,
         "direction": direction.value,
         "c_sdu": frame.c_sdu.hex(),

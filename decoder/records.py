@@ -19,7 +19,7 @@ from pdgw.profidrive.frame import STATUS_DATA_VALID, STATUS_NO_PROBLEM, STATUS_P
 from pdgw.profidrive.parameters.codec import Request, Response
 from pdgw.profidrive.telegrams import Direction
 
-STATUS_BITS = {
+DATA_STATUS_BITS = {
     "primary": STATUS_PRIMARY,
     "data_valid": STATUS_DATA_VALID,
     "run": STATUS_RUN,
@@ -208,7 +208,7 @@ class CyclicRecord(Record):
     @property
     def summary(self) -> str:
         text = f"FrameID {self.frame_id:04X}h counter {self.cycle_counter} status {self.data_status:02X}h"
-        wrong = [name for name, mask in STATUS_BITS.items() if not self.data_status & mask]
+        wrong = [name for name, mask in DATA_STATUS_BITS.items() if not self.data_status & mask]
         if wrong:
             text += f" (not {', '.join(wrong)})"
         if self.transfer_status:
@@ -222,7 +222,7 @@ class CyclicRecord(Record):
             "frame_id": self.frame_id,
             "cycle_counter": self.cycle_counter,
             "data_status": {"raw": self.data_status}
-            | {name: bool(self.data_status & mask) for name, mask in STATUS_BITS.items()},
+            | {name: bool(self.data_status & mask) for name, mask in DATA_STATUS_BITS.items()},
             "transfer_status": self.transfer_status,
             "direction": self.direction.value if self.direction else None,
         }

@@ -28,6 +28,7 @@ from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Final, NamedTuple
 
+from pdgw.decoder.off import HOME_POSITION_SET, tells_state
 from pdgw.decoder.recorded import Answer, AxisRecording
 from pdgw.decoder.replay_probe import Found, find_answer
 from pdgw.decoder.replay_rpdos import Place, RpdoComparison
@@ -36,7 +37,6 @@ from pdgw.decoder.ticks import Tick, ticks
 from pdgw.ds301.objects import Entry
 from pdgw.dsp402.images import FEEDBACK_NAMES, DriveFeedback
 from pdgw.dsp402.objects import DRIVE_OBJECTS
-from pdgw.dsp402.states import ControlBit, State, state_of
 from pdgw.gateway.axis.checkpoint import Checkpoint, Checkpoints
 from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.values import FaultRecord, ProbeWish, SdoAnswer, SdoWrite
@@ -50,11 +50,6 @@ BUDGET: Final = 10_000
 _LONGEST_STALL_NS: Final = 1_000_000_000
 
 _STW1 = signal("STW1")
-_CONTROL_BY_PLC = _STW1.bit("CONTROL_BY_PLC").mask
-_OFF_MASK = ControlBit.SWITCH_ON | ControlBit.ENABLE_VOLTAGE | ControlBit.QUICK_STOP
-_OFF = ControlBit.ENABLE_VOLTAGE | ControlBit.QUICK_STOP
-_HOME_POSITION_SET = signal("ZSW1").bit("HOME_POSITION_SET", positioning=True).mask
-_UNPOWERED = (State.SWITCH_ON_DISABLED, State.READY_TO_SWITCH_ON, State.SWITCHED_ON)
 
 
 @dataclass(slots=True)
@@ -327,9 +322,7 @@ class Replayer:
         if state.known:
             return
         transparent = self._recording.telegram.setpoints.mode is ApplicationMode.TRANSPARENT
-        if not transparent and not word & _CONTROL_BY_PLC:
-            return
-        if word & _OFF_MASK != _OFF or not state.online or state_of(state.image.statusword) not in _UNPOWERED:
+        if not state.online or not tells_state(word, state.image.statusword, transparent=transparent):
             return
         state.known = True
         for pdo in self._rpdos:
@@ -337,7 +330,7 @@ class Replayer:
             if in_force and len(sent := self._recording.sent[pdo.number][in_force - 1].data) == pdo.size:
                 pdo.unpack_into(sent, self._machine.outputs.command)
         if tick.answer is not None:
-            self._machine.executor.recall(home_set=bool(tick.answer.actuals[0] & _HOME_POSITION_SET))
+            self._machine.executor.recall(home_set=bool(tick.answer.actuals[0] & HOME_POSITION_SET))
 
     def _compare_answer(self, tick: Tick, actuals: tuple[int, ...], plc_ok: bool) -> Difference | None:
         answer = tick.answer

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from typing import Final
 
 FRAME_SIZE: Final = 8
-SEGMENT: Final = 7
 MAX_TRANSFER: Final = 1 << 20
 """Bytes that are kept of one transfer; of a longer one the end is dropped and said so."""
 _ABORT: Final = 0x80

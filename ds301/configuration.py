@@ -19,7 +19,7 @@ SYNC_TYPES = range(241)
 """Transmission types of PDOs that wait for a SYNC."""
 _COB_ID, TRANSMISSION_TYPE, EVENT_TIMER = 1, 2, 5
 """Sub-indices of a communication parameter."""
-_EVENT_DRIVEN = (EVENT_DRIVEN_MANUFACTURER, EVENT_DRIVEN_PROFILE)
+EVENT_DRIVEN = (EVENT_DRIVEN_MANUFACTURER, EVENT_DRIVEN_PROFILE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,6 +92,6 @@ def is_taken(step: SdoStep, found: int) -> bool:
             step.value | COB_ID_NO_REMOTE,
             step.value & ~COB_ID_INVALID | COB_ID_NO_REMOTE,
         )
-    if step.subindex == TRANSMISSION_TYPE and step.value in _EVENT_DRIVEN:
-        return found in _EVENT_DRIVEN
+    if step.subindex == TRANSMISSION_TYPE and step.value in EVENT_DRIVEN:
+        return found in EVENT_DRIVEN
     return found == step.value

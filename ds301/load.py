@@ -8,9 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Final
 
 from pdgw.ds301.errors import CanopenError
 
+DEFAULT_BITRATE: Final = 1_000_000
+"""Of a bus of which none is given."""
 _OVERHEAD_BITS = 47
 _STUFFED_OVERHEAD_BITS = 34
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import logging
 import queue
-from typing import ClassVar
+from typing import ClassVar, Final
 
 import canopen
 from canopen.sdo import SdoAbortedError, SdoCommunicationError
@@ -30,7 +30,7 @@ from pdgw.ds301.on_canopen import SdoClient
 
 log = logging.getLogger("gateway")
 
-_SEGMENT = 7
+SEGMENT_SIZE: Final = 7
 _EXPEDITED_SIZE = 4
 _LONGEST_UPLOAD = 1 << 16
 _LONGEST_UPLOAD_NS = 10 * SECOND
@@ -113,7 +113,7 @@ class SdoAccess:
         deadline = self.loop.now() + _LONGEST_UPLOAD_NS
         data = b""
         with sdo.open(index, subindex, "rb", buffering=0, block_transfer=block) as stream:
-            while segment := stream.read(_SEGMENT):
+            while segment := stream.read(SEGMENT_SIZE):
                 data += segment
                 if len(data) > _LONGEST_UPLOAD or self.loop.now() > deadline:
                     sdo.abort()

@@ -12,13 +12,15 @@ import enum
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from fractions import Fraction
+from typing import Final
 
 from pdgw.ds301.objects import Entry
 from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.faults import DriveFault
 from pdgw.dsp402.modes import Mode
 
-_VL_RAMP = 0x70
+VL_RAMP: Final = 0x70
+"""Controlword of velocity mode (vl): enable ramp, unlock ramp, reference ramp. All three let the set-point through."""
 _ABSENT = "no object of this drive"
 
 
@@ -194,7 +196,7 @@ class DriveType:
     @property
     def speed_bits(self) -> int:
         """Controlword bits that let a speed through in operation: in velocity mode (vl) ramp enabled, unlocked, referenced."""
-        return _VL_RAMP if self.speed_mode == Mode.VL_VELOCITY else 0
+        return VL_RAMP if self.speed_mode == Mode.VL_VELOCITY else 0
 
     @property
     def position_mode(self) -> int | None:

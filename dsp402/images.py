@@ -82,11 +82,9 @@ class DriveFeedback:
         self.error_code = 0
 
 
-def _attributes(image: object) -> tuple[str, ...]:
+def attributes(image: object) -> tuple[str, ...]:
     """Of an image; not by ``__slots__``, which a compiled class does not have."""
     return tuple(name for name in dir(image) if not name.startswith("_"))
 
 
-COMMAND_NAMES: Final = _attributes(DriveCommand())
-FEEDBACK_NAMES: Final = _attributes(DriveFeedback())
-"""What the images hold."""
+FEEDBACK_NAMES: Final = attributes(DriveFeedback())

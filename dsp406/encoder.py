@@ -1,7 +1,6 @@
 """The encoder client: brings one CiA 406 encoder into operation on a bus and keeps watching it.
 
-What every node needs is in ``ds301.client``; this adds the encoder's PDOs, cyclic timer, parameters and diagnostics. A preset
-is a job for ``submit``: ``client.submit(lambda encoder: encoder.preset(1000))``.
+What every node needs is in ``ds301.client``; this adds the encoder's PDOs, cyclic timer, parameters and diagnostics.
 """
 
 from __future__ import annotations
@@ -36,8 +35,6 @@ from pdgw.dsp406.objects import (
     CYCLIC_TIMER,
     POSITION,
     POSITION_MULTI_SENSOR,
-    PRESET,
-    PRESET_MULTI_SENSOR,
     WARNINGS,
 )
 from pdgw.dsp406.pdo import CYCLIC, encoder_layout
@@ -121,26 +118,7 @@ class EncoderClient(NodeClient[EncoderSettings]):
     def _channel_of(self, pdo: Pdo) -> int:
         return self.settings.channels[self.layout.tpdos.index(pdo)]
 
-    def reconfigure(self, settings: EncoderSettings) -> None:
-        """Other times or SYNC: map the PDOs anew. Node, EDS and channels stay those of the start."""
-        self._change(self._layout(self.dictionary, settings), settings)
-
     # -- the node's task ------------------------------------------------------------------------------------------------
-
-    def preset(self, value: int, channel: int = 1) -> None:
-        """Make ``value`` (Unsigned32, below the total range) the position now, in the node's task only.
-
-        Dsp406Error when the encoder has no preset for the channel or does not take the value.
-        """
-        if _has(self.dictionary, PRESET_MULTI_SENSOR, channel):
-            index, subindex = PRESET_MULTI_SENSOR, channel
-        elif channel == 1 and _has(self.dictionary, PRESET, 0):
-            index, subindex = PRESET, 0
-        else:
-            raise Dsp406Error(f"preset of channel {channel}", value, "a channel with 6003h or 6010h")
-        if not 0 <= value <= 0xFFFF_FFFF:
-            raise Dsp406Error(f"preset of channel {channel}", value, f"0..{0xFFFF_FFFF}")
-        self._do(SdoStep(index, subindex, CanType.U32, value, f"preset of channel {channel}"))
 
     def read_parameters(self) -> EncoderParameters:
         """Read the parameters again (in the node's task) and keep them in ``parameters``."""

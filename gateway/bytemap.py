@@ -11,12 +11,12 @@ from dataclasses import dataclass
 from pdgw.gateway.config import AxisConfig, GatewayConfig
 from pdgw.gateway.config_encoder import EncoderConfig
 from pdgw.gateway.needs import quantity_of
-from pdgw.profidrive.datatypes import DataType
+from pdgw.profidrive.datatypes import N2_100_PERCENT, N4_100_PERCENT, DataType
 from pdgw.profidrive.frame import COUNTER_UNIT_NS, HEADER, IOPS_GOOD, STATUS_NORMAL, CSduLayout
 from pdgw.profidrive.signals import Signal
 from pdgw.profidrive.telegrams import Direction, TelegramHalf, telegram
 
-_FULL = {DataType.N2: "4000h", DataType.N4: "40000000h"}
+_FULL = {DataType.N2: f"{N2_100_PERCENT:X}h", DataType.N4: f"{N4_100_PERCENT:X}h"}
 _GOOD = f"{IOPS_GOOD:02X}h good"
 
 

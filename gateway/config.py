@@ -16,7 +16,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, model_validator
 
 from pdgw.ds301.errors import CanopenError
-from pdgw.ds301.load import check_load
+from pdgw.ds301.load import DEFAULT_BITRATE, check_load
 from pdgw.ds301.node import GATEWAY_NODE_ID
 from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.overlay import overlay
@@ -39,7 +39,6 @@ from pdgw.gateway.axis.telegrams import (
 from pdgw.gateway.bus_load import cyclic_frames
 from pdgw.gateway.config_encoder import EncoderConfig
 from pdgw.gateway.config_surroundings import (
-    DEFAULT_BITRATE,
     Boolean,
     CanConfig,
     DriveObjectSection,

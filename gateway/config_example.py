@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from pydantic import ValidationError
 
+from pdgw.ds301.load import DEFAULT_BITRATE
 from pdgw.explain import problems
 from pdgw.gateway import identity
 from pdgw.gateway.axis.telegrams import (
@@ -17,14 +18,13 @@ from pdgw.gateway.axis.telegrams import (
     SPEED_TELEGRAM_NUMBERS,
 )
 from pdgw.gateway.config import GatewayConfig
-from pdgw.gateway.config_surroundings import DEFAULT_BITRATE
 from pdgw.gateway.config_web import WebConfig
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.positioner_config import EXAMPLE as POSITIONER_EXAMPLE
 from pdgw.gateway.positioner_config import SIMULATED, SIMULATED_BLOCKS
 from pdgw.gateway.transport.cyclic import WATCHDOG_FACTOR
-from pdgw.profidrive.frame import UDP_PORT
-from pdgw.profinet.rpc.dcerpc import UDP_PORT as ACYCLIC_PORT
+from pdgw.profidrive.frame import CYCLIC_PORT
+from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
 
 
 def example() -> str:
@@ -45,7 +45,7 @@ bitrate = {DEFAULT_BITRATE}
 [transport]
 type = "udp"
 listen = "127.0.0.1"         # address of this machine towards the PLC
-cyclic_port = {UDP_PORT}
+cyclic_port = {CYCLIC_PORT}
 acyclic_port = {ACYCLIC_PORT}
 cycle_time_ms = 4            # 0.25 to 512
 watchdog_factor = {WATCHDOG_FACTOR}          # the PLC is lost after this many cycles without a frame

@@ -16,12 +16,11 @@ from pdgw.gateway import identity
 from pdgw.gateway.ports import STATUS_PORT
 from pdgw.gateway.transport.cyclic import WATCHDOG_FACTOR, WATCHDOG_FACTOR_MAX
 from pdgw.profidrive.errors import ProfidriveError
-from pdgw.profidrive.frame import UDP_PORT
-from pdgw.profinet.rpc.dcerpc import UDP_PORT as ACYCLIC_PORT
+from pdgw.profidrive.frame import CYCLIC_PORT
+from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
 from pdgw.profinet.rpc.records import NIL
 from pdgw.profinet.station import IpSuite, check_name
 
-DEFAULT_BITRATE = 1_000_000
 _MISSPELT = 0.85
 """A further [can] key as similar as this to one of ours is taken for a slip of the pen."""
 
@@ -92,7 +91,7 @@ class TransportConfig(Section):
     vendor_id: DeviceNumber = identity.VENDOR_ID
     device_id: DeviceNumber = identity.DEVICE_ID
     listen: IPv4Address = IPv4Address("127.0.0.1")
-    cyclic_port: Port = UDP_PORT
+    cyclic_port: Port = CYCLIC_PORT
     acyclic_port: Port = ACYCLIC_PORT
     cycle_time_ms: Annotated[float, Strict(), Field(ge=0.25, le=512)] = 4
     watchdog_factor: Annotated[Integer, Field(ge=1, le=WATCHDOG_FACTOR_MAX)] = WATCHDOG_FACTOR

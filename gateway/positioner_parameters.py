@@ -22,7 +22,7 @@ from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.parameters.catalogue import ParameterSpec, Scope
 
 LOWEST, HIGHEST = DataType.INTEGER32.integer_range
-BLOCKS: Final = HIGHEST_BLOCK + 1
+BLOCK_COUNT: Final = HIGHEST_BLOCK + 1
 INACTIVE: Final = -1
 """P2616 of a block that is not there."""
 _I16, _I32, _U16, _U32 = DataType.INTEGER16, DataType.INTEGER32, DataType.UNSIGNED16, DataType.UNSIGNED32

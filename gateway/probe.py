@@ -12,7 +12,7 @@ from typing import Final
 
 from canopen.sdo import SdoAbortedError
 
-from pdgw.ds301.aborts import Abort, abort_text
+from pdgw.ds301.aborts import NOT_THERE, abort_text
 from pdgw.ds301.loop import MS
 from pdgw.dsp402 import touch_probe
 from pdgw.dsp402.drive import DriveClient
@@ -22,7 +22,6 @@ log = logging.getLogger("gateway")
 
 _LOOK_NS: Final = 20 * MS
 _FUNCTION_BYTES = 2
-_NOT_THERE = (Abort.NO_SUCH_OBJECT, Abort.NO_SUCH_SUBINDEX)
 
 
 class ProbeReader:
@@ -87,7 +86,7 @@ def dropped(wish: ProbeWish, status: int) -> ProbeAnswer:
 
 def refused(wish: ProbeWish, abort: int) -> ProbeAnswer:
     """The drive has aborted an SDO of its touch probe."""
-    return ProbeAnswer(wish, {}, abort_text(abort), abort not in _NOT_THERE)
+    return ProbeAnswer(wish, {}, abort_text(abort), abort not in NOT_THERE)
 
 
 def _arm(drive: DriveClient, function: int) -> None:

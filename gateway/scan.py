@@ -17,7 +17,7 @@ from canopen.sdo import SdoAbortedError, SdoCommunicationError
 from pdgw.ds301.aborts import Abort
 from pdgw.ds301.communication import DEVICE_NAME, DEVICE_TYPE, IDENTITY, SYNC_PERIOD, profile_of
 from pdgw.ds301.configuration import SdoStep
-from pdgw.ds301.connection_set import ERROR_CONTROL, NMT, SDO_REQUEST, SDO_RESPONSE
+from pdgw.ds301.connection_set import ERROR_CONTROL, NMT, NODE_IDS, SDO_REQUEST, SDO_RESPONSE
 from pdgw.ds301.data_sheet import load_dictionary
 from pdgw.ds301.inquiry import Inquiry
 from pdgw.ds301.loop import MS, SECOND
@@ -40,7 +40,6 @@ from pdgw.gateway.config_surroundings import CanConfig
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.fitness import lacks, lacks_by_telegram
 
-NODE_IDS = range(1, 128)
 _PAUSE_NS = 2 * MS
 """Between two questions: a transmit queue is short."""
 _QUESTION = bytes((0x40,)) + DEVICE_TYPE.to_bytes(2, "little") + bytes(5)

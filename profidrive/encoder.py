@@ -135,7 +135,7 @@ TRANSITIONS: MappingProxyType[tuple[SensorState, SensorEvent], SensorState] = Ma
 )
 """Every transition; an event a state does not name changes nothing."""
 
-STATUS_BITS: MappingProxyType[SensorState, int] = MappingProxyType(
+SENSOR_STATUS: MappingProxyType[SensorState, int] = MappingProxyType(
     {
         state: sum(_G1_ZSW.bit(name).mask for name in names)
         for state, names in {
@@ -286,7 +286,7 @@ class SensorInterface:
         if valid:
             self._follow(position, now)
         state = self.state
-        status = STATUS_BITS[state]
+        status = SENSOR_STATUS[state]
         if measuring is not None and state not in _MEASURING:
             measuring.cancel()
             measured = 0

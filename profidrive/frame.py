@@ -14,7 +14,7 @@ from typing import Final
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.telegrams import Direction, Telegram, TelegramHalf
 
-UDP_PORT: Final = 34962
+CYCLIC_PORT: Final = 34962
 """PROFINET RT over UDP (8892h)."""
 ETHERTYPE: Final = 0x8892
 FRAME_ID_MIN: Final = 0xC000

@@ -33,6 +33,7 @@ from scapy.packet import Packet, Padding, bind_layers, split_layers
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.frame import (
     C_SDU_MIN,
+    CYCLIC_PORT,
     ETHERTYPE,
     FRAME_ID_MAX,
     FRAME_ID_MIN,
@@ -40,7 +41,6 @@ from pdgw.profidrive.frame import (
     FRAME_ID_TO_DEVICE,
     IOPS_GOOD,
     STATUS_NORMAL,
-    UDP_PORT,
 )
 from pdgw.profidrive.signals import Signal
 from pdgw.profidrive.telegrams import ApplicationMode, Direction, TelegramHalf, telegram
@@ -161,14 +161,14 @@ def bind(
         telegram(number)
     ProfidriveCyclic.bound = {setpoint_frame_id: tuple(telegrams), actual_frame_id: tuple(telegrams)}
     for lower, upper_old, condition in (
-        (UDP, ProfinetIO, {"dport": UDP_PORT}),
+        (UDP, ProfinetIO, {"dport": CYCLIC_PORT}),
         (Ether, ProfinetIO, {"type": ETHERTYPE}),
     ):
         split_layers(lower, upper_old, **condition)
         split_layers(lower, ProfidriveIO, **condition)
         bind_layers(lower, ProfidriveIO, **condition)
-    split_layers(UDP, ProfidriveIO, sport=UDP_PORT)
-    bind_layers(UDP, ProfidriveIO, sport=UDP_PORT)
+    split_layers(UDP, ProfidriveIO, sport=CYCLIC_PORT)
+    bind_layers(UDP, ProfidriveIO, sport=CYCLIC_PORT)
 
 
 def cyclic_frame(

@@ -17,7 +17,7 @@ from pdgw.profinet.blocks.connect import TAG_HIGH, TAG_LOW
 from pdgw.profinet.diagnosis import Notification
 from pdgw.profinet.wire import WireError
 
-FRAME_IDS: Final = {Priority.HIGH: 0xFC01, Priority.LOW: 0xFE01}
+ALARM_FRAME_IDS: Final = {Priority.HIGH: 0xFC01, Priority.LOW: 0xFE01}
 _TAGS = {Priority.HIGH: TAG_HIGH, Priority.LOW: TAG_LOW}
 PDU: Final = struct.Struct(">HHHBBHHH")
 """FrameID, destination and source reference, type and version, flags, SendSeqNum, AckSeqNum, VarPartLen."""
@@ -45,7 +45,7 @@ def encode(
     """An alarm PDU from its FrameID on."""
     flags = FLAGS_TACK if kind is PduType.DATA else FLAGS_WINDOW
     head = PDU.pack(
-        FRAME_IDS[priority], peer, own, VERSION << _VERSION_SHIFT | kind, flags, sequence, ack, len(content)
+        ALARM_FRAME_IDS[priority], peer, own, VERSION << _VERSION_SHIFT | kind, flags, sequence, ack, len(content)
     )
     return head + content
 

@@ -316,7 +316,7 @@ class ApplicationRelation:
         )
         ndr = encode_arguments(_ARGS_MAX, block, max(_ARGS_MAX, len(block)), little=header.little_endian)
         for packet in dcerpc.encode_fragments(header, ndr):
-            self._output.datagram(packet, (self.source[0], dcerpc.UDP_PORT))
+            self._output.datagram(packet, (self.source[0], dcerpc.ACYCLIC_PORT))
         self._ready_attempts += 1
         self._ready_due = now + READY_INTERVAL_NS
 

@@ -14,9 +14,9 @@ from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profinet.blocks.connect import (
     AR_INFO_SHIFT,
     BEST_EFFORT,
+    CYCLIC_FRAME_IDS,
     DEVICE_ACCESS,
     FRAME_ID_BY_DEVICE,
-    FRAME_IDS,
     HOLD_MAX_NS,
     IDENT_SHIFT,
     IGNORED_BLOCKS,
@@ -225,7 +225,7 @@ def _check_complete(expected: _Expected, inputs: CyclicPlan, outputs: CyclicPlan
 
 def _cyclic(block: IocrBlockReq, expected: _Expected, model: DeviceModel, taken: int | None) -> CyclicPlan:
     cls = IocrBlockReq
-    ids = FRAME_IDS[block.properties]
+    ids = CYCLIC_FRAME_IDS[block.properties]
     frame_id = block.frame_id
     if frame_id == FRAME_ID_BY_DEVICE and block.iocr_type == IocrType.OUTPUT:
         frame_id = next(number for number in ids if number != taken)

@@ -15,7 +15,7 @@ from uuid import UUID
 
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profinet import dcp, ethernet, lldp
-from pdgw.profinet.apmx import FRAME_IDS
+from pdgw.profinet.apmx import ALARM_FRAME_IDS
 from pdgw.profinet.blocks.alarm import Severity
 from pdgw.profinet.cm import ContextManager
 from pdgw.profinet.cmdev import Address, ApplicationRelation, Ended, Event
@@ -29,7 +29,7 @@ from pdgw.profinet.rpc.server import RecordHandler
 from pdgw.profinet.station import IpSuite, Station
 
 _FRAME_ID = struct.Struct(">H")
-_ALARM_IDS = {frame_id: priority for priority, frame_id in FRAME_IDS.items()}
+_ALARM_IDS = {frame_id: priority for priority, frame_id in ALARM_FRAME_IDS.items()}
 _DCP_IDS = frozenset({dcp.FRAME_ID_GET_SET, dcp.FRAME_ID_IDENTIFY})
 _CYCLIC_HEAD: Final = ethernet.HEADER_SIZE + _FRAME_ID.size
 _CALLS: Final = frozenset({PacketType.REQUEST, PacketType.PING})

@@ -30,7 +30,7 @@ from pdgw.peers.drive.family import DRIVE_FAULTS, FAMILY, FAMILY_MODES, HOMING_M
 from pdgw.peers.node.faults import NODE_MISBEHAVIOURS
 from pdgw.peers.node.misbehaviour import Misbehaviour
 from pdgw.peers.simulation.devices import DEVICE_TYPES
-from pdgw.profidrive.encoder import STATUS_BITS, TRANSITIONS, SensorError
+from pdgw.profidrive.encoder import SENSOR_STATUS, TRANSITIONS, SensorError
 from pdgw.profidrive.parameters.catalogue import PARAMETERS
 from pdgw.profidrive.parameters.errors import ERROR_TEXTS
 from pdgw.profidrive.signals import CATALOGUE, POSITIONER_FORMS, Signal
@@ -202,7 +202,7 @@ def generate() -> str:
         ),
         "## Sensor interface: G1_STW and G1_ZSW\n",
         table(("state", "event", "next state"), ((s.value, e.value, n.value) for (s, e), n in TRANSITIONS.items())),
-        table(("state", "G1_ZSW"), ((state.value, f"{bits:04X}h") for state, bits in STATUS_BITS.items())),
+        table(("state", "G1_ZSW"), ((state.value, f"{bits:04X}h") for state, bits in SENSOR_STATUS.items())),
         "### Error codes in G1_XIST2\n",
         table(("code", "error"), ((f"{error.value:04X}h", error.name) for error in SensorError)),
         "## Modes of operation\n",

@@ -17,12 +17,12 @@ from pathlib import Path
 from types import TracebackType
 from typing import Final, Self
 
+from pdgw.decoder.capture.live import EVERY_PROTOCOL
 from pdgw.decoder.capture.pcapng_file import PcapngWriter
 from pdgw.decoder.records import Link
 from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.transport.udp import SO_TIMESTAMPNS
 
-_EVERY_PROTOCOL: Final = 3
-_SO_TIMESTAMPNS: Final = 35
 _SOL_PACKET, _PACKET_RX_RING, _PACKET_STATISTICS, _PACKET_VERSION, _TPACKET_V3 = 263, 5, 6, 10, 2
 _REQUEST: Final = struct.Struct("7I")
 """Size and number of blocks, size and number of frames (only their product counts), milliseconds until a block is handed out,
@@ -55,11 +55,11 @@ class EthernetCapture:
             request = _REQUEST.pack(
                 _BLOCK_SIZE, _BLOCKS, _FRAME_SIZE, _BLOCK_SIZE // _FRAME_SIZE * _BLOCKS, _HANDED_OUT_MS, 0, 0
             )
-            self._socket.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
+            self._socket.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
             self._socket.setsockopt(_SOL_PACKET, _PACKET_VERSION, _TPACKET_V3)
             self._socket.setsockopt(_SOL_PACKET, _PACKET_RX_RING, request)
             self._ring = mmap.mmap(self._socket.fileno(), _BLOCK_SIZE * _BLOCKS)
-            self._socket.bind((interface, _EVERY_PROTOCOL))
+            self._socket.bind((interface, EVERY_PROTOCOL))
             self._writer = PcapngWriter(path)
         except OSError as error:
             self._socket.close()

@@ -20,8 +20,8 @@ from pdgw.gateway.edge import DatagramPort, SystemEdge
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.transport.ethernet import RawEthernet
 from pdgw.gateway.transport.udp import Address
-from pdgw.profidrive.frame import UDP_PORT
-from pdgw.profinet.rpc.dcerpc import UDP_PORT as ACYCLIC_PORT
+from pdgw.profidrive.frame import CYCLIC_PORT
+from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
 from pdgw.tools.background import BackgroundWriter
 from pdgw.tools.recordings import CONFIGURATION
 
@@ -31,7 +31,7 @@ CAPTURE_SIZE: Final = 256 << 20
 CAPTURES: Final = 20
 """Full ones that are kept."""
 _PLC: Final = "plc"
-_WELL_KNOWN: Final = {"cyclic port": UDP_PORT}
+_WELL_KNOWN: Final = {"cyclic port": CYCLIC_PORT}
 """The gateway's side is written with this port, so that every reader dissects the frames without help."""
 
 

@@ -17,12 +17,12 @@ from pdgw.gateway.trace.layout import CycleFlag
 from pdgw.gateway.trace.place import rings, run_directory
 from pdgw.gateway.trace.reader import Cycle, Frame, RingReader
 from pdgw.gateway.trace.writer import PREVIOUS
-from pdgw.profidrive.frame import UDP_PORT
+from pdgw.profidrive.frame import CYCLIC_PORT
 from pdgw.profinet.ethernet import header
 
 PLC: Final = "plc"
 """The interface of the PLC's frames in captures."""
-_NOBODY = ("0.0.0.0", UDP_PORT)
+_NOBODY = ("0.0.0.0", CYCLIC_PORT)
 _TARGET, _SOURCE = slice(0, 6), slice(6, 12)
 _US = 1000
 _SECOND = 1_000_000_000
@@ -126,7 +126,7 @@ def packets(reader: RingReader, cycles: Sequence[Cycle], frames: Sequence[Frame]
 
 
 def _udp(reader: RingReader, cycles: Sequence[Cycle]) -> Iterator[Packet]:
-    plc, here = _address(reader.peer), (_host(reader.layout.address[0]), UDP_PORT)
+    plc, here = _address(reader.peer), (_host(reader.layout.address[0]), CYCLIC_PORT)
     for cycle in cycles:
         if cycle.flags & CycleFlag.FRESH:
             yield cycle.time_ns, Link.ETHERNET, PLC, udp_packet(plc, here, cycle.received)

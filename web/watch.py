@@ -9,10 +9,9 @@ import time
 from collections import Counter
 from typing import Protocol
 
-from pdgw.ds301.load import bus_load, frame_bits
+from pdgw.ds301.load import DEFAULT_BITRATE, bus_load, frame_bits
 from pdgw.gateway.bus_load import cyclic_frames
 from pdgw.gateway.config import GatewayConfig
-from pdgw.gateway.config_surroundings import DEFAULT_BITRATE
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.status_client import fetch, fetch_faults
 from pdgw.web.events import EventLog, changed_faults

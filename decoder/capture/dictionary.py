@@ -8,18 +8,18 @@ from pathlib import Path
 from typing import Any
 
 from pdgw.decoder.canopen import Dictionary
+from pdgw.ds301.eds_values import UNICODE_STRING
 from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.objects import Access, CanType, Entry
 from pdgw.gateway.errors import GatewayError
 
 _TYPES = {type_.code: type_ for type_ in CanType}
-_UNICODE_STRING = 0x0B
 
 
 def _type(code: int | None) -> CanType:
     if code is None:
         return CanType.DOMAIN
-    return _TYPES.get(code, CanType.OCTET_STRING if code == _UNICODE_STRING else CanType.DOMAIN)
+    return _TYPES.get(code, CanType.OCTET_STRING if code == UNICODE_STRING else CanType.DOMAIN)
 
 
 def _entry(variable: Any) -> Entry:

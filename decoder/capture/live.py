@@ -12,7 +12,7 @@ from pdgw.decoder.engine import CanPacket, Packet
 from pdgw.decoder.records import Link
 from pdgw.gateway.errors import GatewayError
 
-_EVERY_PROTOCOL = 3
+EVERY_PROTOCOL = 3
 """ETH_P_ALL of linux/if_ether.h."""
 _LOOPBACK = 772
 """ARPHRD_LOOPBACK of linux/if_arp.h."""
@@ -29,7 +29,7 @@ def open_interface(name: str) -> Source:
     if family is None:
         raise GatewayError(f"--interface {name}: raw sockets are there on Linux only; record with dumpcap instead")
     try:
-        raw = closing.enter_context(socket.socket(family, socket.SOCK_RAW, socket.htons(_EVERY_PROTOCOL)))
+        raw = closing.enter_context(socket.socket(family, socket.SOCK_RAW, socket.htons(EVERY_PROTOCOL)))
         raw.bind((name, 0))
     except OSError as error:
         closing.close()

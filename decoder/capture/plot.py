@@ -12,6 +12,7 @@ from pdgw.decoder.fields import Field
 from pdgw.decoder.names import Names
 from pdgw.decoder.records import Record, Unit, UnitLayout
 from pdgw.dsp402.states import STATE_OF_STATUS, State
+from pdgw.gateway.axis.watch import FAULTY
 from pdgw.gateway.errors import GatewayError
 
 MAX_POINTS: Final = 1 << 19
@@ -28,7 +29,6 @@ _QUANTITIES: Final = {
 _STATUS_NAMES: Final = ("statusword", "zsw1", "zsw2_enc")
 _OPERATION, _FAULT, _OTHER = "operation", "fault", "off"
 _COLOURS: Final = {_OPERATION: "#72b7b2", _FAULT: "#e45756", _OTHER: "#dddddd"}
-_FAULTY = (State.FAULT, State.FAULT_REACTION_ACTIVE)
 
 Units = tuple[Unit, ...] | None
 
@@ -102,7 +102,7 @@ def _reader(field: Field, position: int) -> Callable[[Sequence[Any]], str]:
 
         def of_statusword(values: Sequence[Any]) -> str:
             state = STATE_OF_STATUS[values[position] & 0x7F]
-            return _FAULT if state in _FAULTY else _OPERATION if state is State.OPERATION_ENABLED else _OTHER
+            return _FAULT if state in FAULTY else _OPERATION if state is State.OPERATION_ENABLED else _OTHER
 
         return of_statusword
     fault, operation = (bit.mask if (bit := field.bit(name)) else 0 for name in ("fault", "operation_enabled"))

@@ -14,7 +14,7 @@ from typing import Final
 from pdgw.dsp402.states import STATE_OF_STATUS, State
 from pdgw.gateway.motion.modulo import Direction
 from pdgw.gateway.motion.wishes import Asked, Outcome
-from pdgw.profidrive.encoder import STATUS_BITS, SensorError, SensorState
+from pdgw.profidrive.encoder import SENSOR_STATUS, SensorError, SensorState
 from pdgw.profidrive.signals import signal
 
 _ZSW1: Final = signal("ZSW1")
@@ -170,7 +170,7 @@ class Flag:
     """Statusword bits that are shown unchanged (docs/telegrams.md, ZSW1)."""
 
 
-NO_SENSOR: Final = (STATUS_BITS[SensorState.ERROR], 0, SensorError.COMMAND_NOT_SUPPORTED.value)
+NO_SENSOR: Final = (SENSOR_STATUS[SensorState.ERROR], 0, SensorError.COMMAND_NOT_SUPPORTED.value)
 """What the words of a sensor show where there is none."""
 
 

@@ -17,7 +17,8 @@ MS = 1_000_000
 FIXED_STOP_NS = 100 * MS
 """Standing at the torque limit for so long is the fixed stop."""
 LIMIT_STANDING_NS = 500 * MS
-"""An axis that stands at an internal limit of the drive for so long is held by it."""
+"""A drive that reports an internal limit and stands so long with a setpoint or task is held by it (a limit switch); one whose
+speed is limited has left standstill by then."""
 _STAND, _POSITION, _SPEED = MotionKind.STAND, MotionKind.POSITION, MotionKind.SPEED
 
 

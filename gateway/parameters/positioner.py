@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.motion.wishes import PositionerChoices
-from pdgw.gateway.positioner_parameters import BLOCK_ITEMS, BLOCKS, INACTIVE, ITEMS, Item, PositionerValues, Row
+from pdgw.gateway.positioner_parameters import BLOCK_COUNT, BLOCK_ITEMS, INACTIVE, ITEMS, Item, PositionerValues, Row
 from pdgw.gateway.store import DoParameters
 from pdgw.profidrive.parameters.codec import Values
 from pdgw.profidrive.parameters.description import Description
@@ -92,8 +92,8 @@ class _BlockParameter:
     def _check(self, subindex: int, elements: int) -> None:
         if elements == 0:
             raise ParameterRefused(Number.ADDRESS_IMPERMISSIBLE)
-        if subindex + elements > BLOCKS:
-            raise ParameterRefused(Number.FAULTY_SUBINDEX, max(subindex, BLOCKS) if elements > 1 else None)
+        if subindex + elements > BLOCK_COUNT:
+            raise ParameterRefused(Number.FAULTY_SUBINDEX, max(subindex, BLOCK_COUNT) if elements > 1 else None)
 
     def read(self, subindex: int, elements: int) -> Values:
         self._check(subindex, elements)
@@ -112,4 +112,4 @@ class _BlockParameter:
 
     def description(self) -> Description:
         spec = self._spec
-        return Description(spec.type, spec.name, True, BLOCKS, True, False, spec.low or 0, spec.high or 0)
+        return Description(spec.type, spec.name, True, BLOCK_COUNT, True, False, spec.low or 0, spec.high or 0)

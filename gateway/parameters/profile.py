@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 
 from pdgw.ds301.communication import LOAD_SIGNATURE, RESTORE_PARAMETERS, SAVE_SIGNATURE, STORE_PARAMETERS
 from pdgw.ds301.errors import CanopenError
+from pdgw.ds301.load import DEFAULT_BITRATE
 from pdgw.ds301.node import GATEWAY_NODE_ID
 from pdgw.dsp402.faults import DriveFault
 from pdgw.dsp406.objects import (
@@ -27,7 +28,6 @@ from pdgw.dsp406.objects import (
 )
 from pdgw.gateway import identity
 from pdgw.gateway.binding import Axis
-from pdgw.gateway.config_surroundings import DEFAULT_BITRATE
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.drive_object import DriveObject
 from pdgw.gateway.encoder import EncoderObject
@@ -46,7 +46,7 @@ from pdgw.profidrive.parameters.catalogue import (
     ENCODER_CLASS,
     ENCODER_IDENTIFICATION,
     LIST_PNUS,
-    OBJECTS,
+    OBJECT_PNUS,
     PARAMETERS,
     PROFILE_IDENTIFICATION,
 )
@@ -196,7 +196,7 @@ class NodeObject(BoundObject):
         return self.daemon.store.parameters.drive_object(self.do_id)
 
     def parameter(self, pnu: int) -> Parameter:
-        if pnu in OBJECTS:
+        if pnu in OBJECT_PNUS:
             return ObjectParameter(self.access, pnu)
         return super().parameter(pnu)
 
@@ -205,7 +205,7 @@ class NodeObject(BoundObject):
             raise ParameterRefused(Number.NO_OPERATION_PRIORITY)
 
     def further_pnus(self) -> Iterable[int]:
-        return (index for index in self.owner.client.dictionary if index in OBJECTS)
+        return (index for index in self.owner.client.dictionary if index in OBJECT_PNUS)
 
     def _bind_common(self) -> None:
         owner, log_ = self.owner, self.owner.fault_log
@@ -477,7 +477,7 @@ class DeviceObject(BoundObject):
             action(axis)
 
     def parameter(self, pnu: int) -> Parameter:
-        if pnu in OBJECTS and len(self._axes) == 1:
+        if pnu in OBJECT_PNUS and len(self._axes) == 1:
             return self._axes[0].parameter(pnu)
         return super().parameter(pnu)
 

@@ -26,7 +26,7 @@ from pdgw.gateway.transport.packet_filter import (
 )
 from pdgw.gateway.transport.udp import Address
 from pdgw.profinet import dcp, ethernet
-from pdgw.profinet.rpc.dcerpc import UDP_PORT
+from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
 from pdgw.profinet.station import IpSuite
 
 _FRAME_MAX = 2048
@@ -164,7 +164,7 @@ class RawEthernet:
         self._rpc = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._sockets.append(self._rpc)
         self._rpc.setsockopt(socket.SOL_SOCKET, _SO_BINDTODEVICE, self._interface.encode() + b"\0")
-        self._rpc.bind(("0.0.0.0", UDP_PORT))
+        self._rpc.bind(("0.0.0.0", ACYCLIC_PORT))
         self._netlink = socket.socket(socket.AF_NETLINK, socket.SOCK_RAW, _NETLINK_ROUTE)
         self._sockets.append(self._netlink)
         self._netlink.bind((0, _GROUP_LINK | _GROUP_ADDRESS))

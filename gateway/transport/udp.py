@@ -15,7 +15,7 @@ from pdgw.gateway.transport import packet_filter
 
 Address = tuple[str, int]
 _MAXIMUM_DATAGRAM: Final = 2048
-_SO_TIMESTAMPNS: Final = 35
+SO_TIMESTAMPNS: Final = 35
 """Of Linux; Python has no name for it before 3.14."""
 _TIMESPEC: Final = struct.Struct("@ll")
 _ANCILLARY: Final = socket.CMSG_SPACE(_TIMESPEC.size) if hasattr(socket, "CMSG_SPACE") else 0
@@ -52,7 +52,7 @@ class UdpSocket:
         self._stamped = False
         if sys.platform == "linux":
             try:
-                self._socket.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
+                self._socket.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
                 self._stamped = True
             except OSError:
                 pass  # the kernel has none
@@ -104,7 +104,7 @@ class UdpSocket:
 
     def _arrival(self, _level: int, kind: int, data: bytes) -> int | None:
         """The time in the first ancillary message: nothing else was asked for."""
-        if kind != _SO_TIMESTAMPNS or len(data) != _TIMESPEC.size:
+        if kind != SO_TIMESTAMPNS or len(data) != _TIMESPEC.size:
             return None
         seconds, nanoseconds = _TIMESPEC.unpack(data)
         return arrival(seconds * _SECOND + nanoseconds, time.time_ns(), self._loop.now(), self._emptied)

@@ -41,7 +41,7 @@ from pdgw.profinet.wire import split
 _REPEAT_NS = 1_000_000_000
 _ATTEMPTS = 4
 _ARGS_MAX = 16_384
-_PRIORITIES = {frame_id: priority for priority, frame_id in apmx.FRAME_IDS.items()}
+_PRIORITIES = {frame_id: priority for priority, frame_id in apmx.ALARM_FRAME_IDS.items()}
 
 
 class Phase(enum.Enum):
@@ -222,7 +222,7 @@ class IoController:
 
     @property
     def device_address(self) -> Address:
-        return str(self.learned.ip.address), dcerpc.UDP_PORT
+        return str(self.learned.ip.address), dcerpc.ACYCLIC_PORT
 
     def _send_call(
         self, operation: Operation, arguments: bytes, done: Callable[[int, bytes, int], None], now: int

@@ -22,7 +22,7 @@ assert _sheet is not None
 assert _vendor is not None
 EDS_PATH: Final = _sheet
 
-DEVICE_TYPE = 0x0002_0192
+DRIVE_TYPE = 0x0002_0192
 """Profile 402, servo drive."""
 VENDOR_ID: Final = _vendor
 PRODUCT_CODE = 0x0000_0001
@@ -132,7 +132,7 @@ def drive_objects(serial_number: int = 1, pdos: int = 5) -> tuple[ObjectSpec, ..
     """Every object of the drive; ``pdos`` is the number of RPDOs and of TPDOs it has."""
     return (
         *communication_objects(
-            DEVICE_TYPE, "ENGEL HBI", (VENDOR_ID, PRODUCT_CODE, REVISION, serial_number), ("1.0", "3.74")
+            DRIVE_TYPE, "ENGEL HBI", (VENDOR_ID, PRODUCT_CODE, REVISION, serial_number), ("1.0", "3.74")
         ),
         *pdo_objects(pdos, pdos, DEFAULT_PDOS),
         *OBJECTS.objects,

@@ -36,7 +36,7 @@ class Machine:
         return inputs
 
 
-ROTARY = Machine()
-LINEAR = Machine(-550_000, 550_000, -600_000, 600_000)
+ROTARY_AXIS = Machine()
+LINEAR_AXIS = Machine(-550_000, 550_000, -600_000, 600_000)
 """A slide with limit switches 134 revolutions away on either side, and stops behind them."""
-MACHINES = {"rotary": ROTARY, "linear": LINEAR}
+MACHINES = {"rotary": ROTARY_AXIS, "linear": LINEAR_AXIS}

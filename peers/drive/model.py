@@ -32,7 +32,7 @@ from pdgw.dsp402.objects import POSITIVE_LIMIT_SWITCH as POSITIVE_LIMIT
 from pdgw.dsp402.states import STATUS_OF, Command, ControlBit, State, StatusBit, next_state
 from pdgw.peers.drive.device import OBJECTS
 from pdgw.peers.drive.family import DRIVE_FAULTS
-from pdgw.peers.drive.machine import ROTARY, Machine
+from pdgw.peers.drive.machine import ROTARY_AXIS, Machine
 from pdgw.peers.drive.modes import MODES
 from pdgw.peers.drive.motion import COAST_DECELERATION, SECOND_ENCODER_STEPS, TICK, Ramp, increments_per_second
 from pdgw.peers.drive.probe import TouchProbe
@@ -62,7 +62,7 @@ class DriveModel:
 
     def __init__(self, read: ObjectReader, machine: Machine | None = None, shape: Shape = ENGEL) -> None:
         self.read = read
-        self.machine = machine or ROTARY
+        self.machine = machine or ROTARY_AXIS
         self.shape = shape
         per_rpm = shape.velocity_per_rpm
         self._fixed_unit = None if per_rpm is None else float(1 / per_rpm)

@@ -27,7 +27,7 @@ from pdgw.ds301.pdo import Pdo, PdoDirection
 from pdgw.dsp402 import touch_probe
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.pdo import pdo
-from pdgw.peers.drive.device import DEVICE_TYPE, INFO, OBJECTS, REVISION, drive_objects
+from pdgw.peers.drive.device import DRIVE_TYPE, INFO, OBJECTS, REVISION, drive_objects
 from pdgw.peers.drive.family import FAMILY, FAMILY_MODES
 from pdgw.peers.drive.motion import INCREMENTS_PER_REVOLUTION
 from pdgw.peers.drive.probe import POSITIONS
@@ -101,7 +101,7 @@ class Shape:
             of_pdos = map(_fixed, of_pdos)
         own = {spec.index: spec for spec in self.has}
         everything = (
-            *communication_objects(DEVICE_TYPE, info.product_name, identity, ("1.0", "1.0")),
+            *communication_objects(DRIVE_TYPE, info.product_name, identity, ("1.0", "1.0")),
             *of_pdos,
             *OBJECTS.objects,
         )

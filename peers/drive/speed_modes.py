@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from pdgw.dsp402.drive_type import VL_RAMP
 from pdgw.dsp402.indices import (
     MAX_ACCELERATION,
     MAX_CURRENT,
@@ -16,9 +17,6 @@ from pdgw.dsp402.indices import (
 from pdgw.dsp402.states import StatusBit
 from pdgw.peers.drive.mode_of_operation import ModeOfOperation, follows
 from pdgw.peers.drive.motion import COAST_DECELERATION, TORQUE_ACCELERATION
-
-_VL_RAMP = 0x70
-"""Controlword of velocity mode (vl): enable ramp, unlock ramp, reference ramp. All three let the set-point through."""
 
 
 class _SpeedMode(ModeOfOperation):
@@ -74,7 +72,7 @@ class VelocityMode(_SpeedMode):
     """vl, of frequency converters."""
 
     def _wanted(self) -> float:
-        return super()._wanted() if self.drive.controlword & _VL_RAMP == _VL_RAMP else 0.0
+        return super()._wanted() if self.drive.controlword & VL_RAMP == VL_RAMP else 0.0
 
     def _follow(self, target: float) -> None:
         drive = self.drive

@@ -11,7 +11,7 @@ from canopen.sdo import SdoAbortedError
 
 from pdgw.ds301.aborts import Abort
 from pdgw.ds301.can_frame import STANDARD_ID
-from pdgw.ds301.configuration import EVENT_DRIVEN_MANUFACTURER, EVENT_DRIVEN_PROFILE, SYNC_TYPES
+from pdgw.ds301.configuration import EVENT_DRIVEN, SYNC_TYPES
 from pdgw.ds301.emcy import COMMUNICATION_ERROR, PDO_LENGTH_ERROR
 from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.loop import MS
@@ -33,7 +33,6 @@ if TYPE_CHECKING:
 
 NEVER = 1 << 62
 _TRANSMISSION_SYNC_MAX = SYNC_TYPES[-1]
-_EVENT_DRIVEN = (EVENT_DRIVEN_MANUFACTURER, EVENT_DRIVEN_PROFILE)
 _UNSEEN_NS = 10 * MS
 """So often a device looks after itself while no TPDO would tell of a change."""
 
@@ -105,7 +104,7 @@ class NodePdos:
         told = NEVER
         if self.node.state is NmtState.OPERATIONAL:
             for tpdo in self._tpdos:
-                if tpdo.type not in _EVENT_DRIVEN:
+                if tpdo.type not in EVENT_DRIVEN:
                     continue
                 free = tpdo.last_time + tpdo.inhibit_ns
                 if tpdo.held and free < soonest:
@@ -128,7 +127,7 @@ class NodePdos:
         if index == communication:
             if subindex == 1 and valid and not value & COB_ID_INVALID and int(self.node.values[index, 1]) != value:
                 raise SdoAbortedError(Abort.VALUE_RANGE)
-            if subindex == 2 and _TRANSMISSION_SYNC_MAX < value < _EVENT_DRIVEN[0]:
+            if subindex == 2 and _TRANSMISSION_SYNC_MAX < value < EVENT_DRIVEN[0]:
                 raise SdoAbortedError(Abort.VALUE_RANGE)  # reserved, or on remote request only
             return
         if valid:
@@ -240,7 +239,7 @@ class NodePdos:
     def send_due(self, now: int) -> None:
         """Send the event-driven TPDOs that have something to tell or whose timer is over."""
         for tpdo in self._tpdos:
-            if tpdo.type not in _EVENT_DRIVEN:
+            if tpdo.type not in EVENT_DRIVEN:
                 continue
             tpdo.held = now - tpdo.last_time < tpdo.inhibit_ns
             if tpdo.held:

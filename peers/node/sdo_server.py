@@ -13,12 +13,12 @@ from typing import Any
 from canopen.sdo import SdoAbortedError, SdoServer
 
 from pdgw.ds301.aborts import Abort
+from pdgw.ds301.sdo import SEGMENT_SIZE
 
 _INITIATE, _END, _ACKNOWLEDGE, _START = range(4)
 _RESPONSE = 0xC0
 _CRC, _SIZE = 0x04, 0x02
 _LAST_SEGMENT = 0x80
-_SEGMENT = 7
 _BLOCK_MAX = 127
 _HEADER = struct.Struct("<BHB")
 
@@ -67,9 +67,9 @@ class BlockSdoServer(SdoServer):  # type: ignore[misc]  # partly typed package
 
     def _send_block(self) -> None:
         for number in range(1, self._block_size + 1):
-            offset = self._offset + (number - 1) * _SEGMENT
-            last = offset + _SEGMENT >= len(self._data)
-            segment = self._data[offset : offset + _SEGMENT].ljust(_SEGMENT, b"\0")
+            offset = self._offset + (number - 1) * SEGMENT_SIZE
+            last = offset + SEGMENT_SIZE >= len(self._data)
+            segment = self._data[offset : offset + SEGMENT_SIZE].ljust(SEGMENT_SIZE, b"\0")
             self.send_response(bytearray(bytes([number | (_LAST_SEGMENT if last else 0)]) + segment))
             if last:
                 break
@@ -79,11 +79,11 @@ class BlockSdoServer(SdoServer):  # type: ignore[misc]  # partly typed package
         if number > self._block_size:
             self._uploading = False
             raise SdoAbortedError(Abort.INVALID_SEQUENCE_NUMBER)
-        self._offset += number * _SEGMENT
+        self._offset += number * SEGMENT_SIZE
         if self._offset < len(self._data):
             self._set_block_size(size)
             self._send_block()
             return
-        unused = -len(self._data) % _SEGMENT
+        unused = -len(self._data) % SEGMENT_SIZE
         crc = crc_hqx(self._data, 0) if self._crc_wanted else 0
         self.send_response(bytearray(struct.pack("<BH5x", _RESPONSE | unused << 2 | _END, crc)))

@@ -17,9 +17,9 @@ from pdgw.gateway.transport.udp import Address
 from pdgw.peers.plc.endpoint import PlcEndpoint
 from pdgw.peers.plc.engine import Engine
 from pdgw.peers.plc.parameters import ParameterAccess, ParameterWorker
-from pdgw.profidrive.frame import UDP_PORT
+from pdgw.profidrive.frame import CYCLIC_PORT
 from pdgw.profidrive.telegrams import ApplicationMode
-from pdgw.profinet.rpc.dcerpc import UDP_PORT as ACYCLIC_PORT
+from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
 
 if TYPE_CHECKING:
     from pdgw.peers.plc.capture import Capture
@@ -152,7 +152,7 @@ class PlcClient(PlcRunner):
             from pdgw.peers.plc.capture import Capture  # noqa: PLC0415 (scapy starts slowly)
 
             self._capture = Capture(pcap)
-            self._record = self._capture.conversation(self._socket.getsockname(), (gateway[0], UDP_PORT))
+            self._record = self._capture.conversation(self._socket.getsockname(), (gateway[0], CYCLIC_PORT))
         self._acyclic_port = acyclic_port
         self._parameters: ParameterWorker | None = None
 

@@ -63,7 +63,7 @@ class Wait(NamedTuple):
 
 Program = list[Ask | Wait | int]
 """An integer is a pause in nanoseconds."""
-EDGE_NS = 100_000_000
+PULSE_NS = 100_000_000
 """A bit whose edge counts stays so long, however slow the cycle is."""
 
 
@@ -146,7 +146,7 @@ class PositionerWords:
 
     def next_block(self) -> Program:
         """The edge of STW1.13 that an external change waits for."""
-        return [Ask({"STW1.EXTERNAL_BLOCK_CHANGE": 1}), EDGE_NS, Ask({"STW1.EXTERNAL_BLOCK_CHANGE": 0})]
+        return [Ask({"STW1.EXTERNAL_BLOCK_CHANGE": 1}), PULSE_NS, Ask({"STW1.EXTERNAL_BLOCK_CHANGE": 0})]
 
     def jog(self, which: Literal[0, 1, 2], *, distance: bool) -> Program:
         """Jog 1 or 2, 0 ends it; by a distance where asked."""
@@ -161,7 +161,7 @@ class PositionerWords:
         """The reference point, where the axis stands."""
         self._has(self._second, "set_reference")
         bit = f"{self._second}.SET_REFERENCE_POINT"
-        return [Ask({bit: 1}), EDGE_NS, Wait({"ZSW1.HOME_POSITION_SET": 1}, "reference point set"), Ask({bit: 0})]
+        return [Ask({bit: 1}), PULSE_NS, Wait({"ZSW1.HOME_POSITION_SET": 1}, "reference point set"), Ask({bit: 0})]
 
     def home(self, *, passive: bool, negative: bool) -> Program:
         """A homing, or the wait for the probe's edge; STW1.11 stays set until ``home_end``."""

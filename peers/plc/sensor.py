@@ -11,7 +11,7 @@ from typing import Annotated, Final, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from pdgw.gateway.errors import GatewayError
-from pdgw.peers.plc.positioner import EDGE_NS, Ask, Program, Wait
+from pdgw.peers.plc.positioner import PULSE_NS, Ask, Program, Wait
 from pdgw.profidrive.telegrams import Telegram
 
 _FUNCTIONS: Final = (1, 2, 3, 4)
@@ -50,9 +50,9 @@ class SensorWords:
         more = {f"{self._control}.{name}": value for name, value in bits.items()}
         return [
             Ask({f"{self._control}.COMMAND": _NONE}),
-            EDGE_NS,
+            PULSE_NS,
             Ask({**chosen, **more, f"{self._control}.COMMAND": command}),
-            EDGE_NS,
+            PULSE_NS,
         ]
 
     def reference_mark(self) -> Program:

@@ -6,6 +6,7 @@ from random import Random
 from typing import Any
 
 from pdgw.ds301.errors import CanopenError
+from pdgw.ds301.load import DEFAULT_BITRATE
 from pdgw.ds301.loop import SECOND
 from pdgw.ds301.virtual_loop import VirtualLoop
 from pdgw.gateway.config import GatewayConfig
@@ -16,8 +17,6 @@ from pdgw.peers.simulation.beside import add_device, simulated_devices
 from pdgw.peers.simulation.devices import Simulation
 from pdgw.peers.world.can_bus import Member, SimulatedCan
 from pdgw.peers.world.udp import SimulatedNetwork, SimulatedUdpPort
-
-DEFAULT_BITRATE = 1_000_000
 
 
 class World:

@@ -14,7 +14,7 @@ from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.signals import signal
 
-OBJECTS = range(0x03E8, 0xEA5F + 1)
+OBJECT_PNUS = range(0x03E8, 0xEA5F + 1)
 """PNUs that are CANopen object indices, one to one."""
 NAME_SIZE = 16
 

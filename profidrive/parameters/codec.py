@@ -17,8 +17,6 @@ from pdgw.profidrive.parameters.errors import ParameterErrorNumber, error_text
 
 MAX_PARAMETERS = 39
 MAX_ELEMENTS = 234
-MAX_BLOCK = 240
-"""Bytes of a request or response every PROFIdrive device takes; PROFINET devices may offer more (P974)."""
 _HEADER = struct.Struct(">BBBB")
 _ADDRESS = struct.Struct(">BBHH")
 _NEGATIVE = 0x80

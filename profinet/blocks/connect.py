@@ -37,7 +37,7 @@ class RtClass(enum.IntEnum):
     RT_CLASS_1 = 2
 
 
-FRAME_IDS: Final[dict[int, range]] = {
+CYCLIC_FRAME_IDS: Final[dict[int, range]] = {
     RtClass.LEGACY: range(0xC000, 0xF800),
     RtClass.RT_CLASS_1: range(0x8000, 0xC000),
 }

@@ -13,7 +13,7 @@ from uuid import UUID
 
 from pdgw.profidrive.errors import ProfidriveError
 
-UDP_PORT = 0x8894
+ACYCLIC_PORT = 0x8894
 VERSION = 4
 MAX_BODY = 1384
 """Largest body of one packet: with its header it fits an Ethernet frame. A multiple of 8, as fragments have to be."""

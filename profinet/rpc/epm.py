@@ -12,7 +12,7 @@ from typing import Final
 from uuid import UUID
 
 from pdgw.profidrive.errors import ProfidriveError
-from pdgw.profinet.rpc.dcerpc import DEVICE_INTERFACE, INTERFACE_VERSION, UDP_PORT, RejectStatus
+from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT, DEVICE_INTERFACE, INTERFACE_VERSION, RejectStatus
 
 INTERFACE: Final = (UUID("e1af8308-5d1f-11c9-91a4-08002b14a0fa"), 3)
 LOOKUP: Final = 2
@@ -109,7 +109,7 @@ class EndpointMapper:
         if entry is None:
             return handle + struct.pack(f"{end}4I", 0, 1, 0, 0) + struct.pack(f"{end}I", NOT_REGISTERED)
         object_uuid = (UUID(int=0), self._device)[entry]
-        floors = tower((INTERFACE, (DEVICE_INTERFACE, INTERFACE_VERSION))[entry], UDP_PORT, address)
+        floors = tower((INTERFACE, (DEVICE_INTERFACE, INTERFACE_VERSION))[entry], ACYCLIC_PORT, address)
         annotation = self._annotation
         return b"".join(
             (

@@ -12,7 +12,7 @@ import pytest
 from pdgw.decoder.plc_inputs import Frame, receive_frames
 from pdgw.decoder.recorded import AxisRecording
 from pdgw.decoder.replay import Replayer
-from pdgw.dsp402.images import COMMAND_NAMES, DriveCommand, DriveFeedback
+from pdgw.dsp402.images import DriveCommand, DriveFeedback, attributes
 from pdgw.gateway.axis.settings import AxisSettings, SetpointEnable
 from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS
 from pdgw.gateway.motion.dsc import DscChoices, DscForm
@@ -270,7 +270,7 @@ def test_frames_of_the_plc_become_setpoints_verdicts_and_losses() -> None:
 
 
 def values_of(command: DriveCommand) -> list[int]:
-    return [getattr(command, name) for name in COMMAND_NAMES]
+    return [getattr(command, name) for name in attributes(command)]
 
 
 @pytest.mark.parametrize("number", DRIVE_TELEGRAM_NUMBERS)

@@ -20,6 +20,7 @@ from pdgw.dsp406.device import device_info, eds_path, encoder_objects
 from pdgw.dsp406.encoder import EncoderClient, EncoderEvent, EncoderSettings, load_eds
 from pdgw.dsp406.errors import Dsp406Error
 from pdgw.dsp406.kinds import LINEAR, MULTI_SENSOR, ROTARY, EncoderDevice, multi_sensor
+from pdgw.dsp406.objects import PRESET
 from pdgw.peers.drive.device import EDS_PATH as DRIVE_EDS
 from pdgw.peers.encoder import Motion, SimulatedEncoder, SimulatedEncoderNode
 from pdgw.peers.encoder.motion import constant_speed, still
@@ -156,20 +157,14 @@ def test_sync_uses_the_second_transmit_pdo(plant: Plant) -> None:
     assert fresh(client).feedback.channel(1).position == 2048
 
 
-def test_preset_by_a_job(plant: Plant) -> None:
+def test_parameters_are_read_again_by_a_job(plant: Plant) -> None:
     plant.power_on(still(3.0)).start()
     client = plant.connect()
     plant.online()
-    site.result(client.submit(lambda encoder: encoder.preset(1000)))
+    site.result(client.submit(lambda encoder: encoder.write(PRESET, 0, (1000).to_bytes(4, "little"))))
     site.wait_for(lambda: fresh(client).feedback.channel(1).position == 1000, "preset")
     parameters = site.result(client.submit(lambda encoder: encoder.read_parameters()))
     assert parameters.offset == 1000 - 3 * 4096
-    with pytest.raises(Dsp406Error, match=r"preset of channel 1 .*value of parameter too high"):
-        site.result(client.submit(lambda encoder: encoder.preset(4096 * 4096)))
-    with pytest.raises(Dsp406Error, match=r"preset of channel 2: 0.*6003h or 6010h"):
-        site.result(client.submit(lambda encoder: encoder.preset(0, 2)))
-    with pytest.raises(Dsp406Error, match=r"preset of channel 1: -1"):
-        site.result(client.submit(lambda encoder: encoder.preset(-1)))
 
 
 def test_emergencies_alarms_and_warnings_arrive(plant: Plant) -> None:
@@ -269,16 +264,6 @@ def test_a_silent_encoder_is_lost_and_comes_back(plant: Plant) -> None:
     assert not client.refresh(DAY)
     encoder.do(lambda node: node.start(node.now))
     site.wait_for(lambda: client.status is NodeStatus.ONLINE, "back")
-
-
-def test_other_settings_map_the_pdos_anew(plant: Plant) -> None:
-    encoder = plant.power_on()
-    encoder.start()
-    client = plant.connect()
-    plant.online()
-    client.reconfigure(EncoderSettings(NODE, tpdo_event_ms=20, sdo_timeout_ms=200))
-    plant.online(2)
-    assert encoder.node.read(0x6200) == 20
 
 
 class _Deaf(SimulatedEncoderNode):

@@ -11,7 +11,7 @@ import pytest
 from pdgw.peers.controller.controller import Phase
 from pdgw.profinet.cmdev import Event
 from pdgw.profinet.model import API_PROFIDRIVE
-from pdgw.profinet.rpc.dcerpc import UDP_PORT
+from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
 from tests.fuzz.amount import INPUTS, SEED, damage
 from tests.support.profinet import DEVICE_MAC, MS, PLC_IP, PLC_MAC, Wire
 
@@ -112,7 +112,7 @@ def test_a_controller_gone_mad_ends_its_relationship_at_most(seeds: tuple[list[b
             frame = damage(chance.choice(frames), chance, 14)
             device.on_frame((DEVICE_MAC + PLC_MAC + frame[12:]) if len(frame) > 12 else frame, wire.now)
         else:
-            device.on_datagram(damage(chance.choice(datagrams), chance, 0), (PLC_IP, UDP_PORT), wire.now)
+            device.on_datagram(damage(chance.choice(datagrams), chance, 0), (PLC_IP, ACYCLIC_PORT), wire.now)
         if number % 20 == 0:
             wire.now += 3 * MS
             device.poll(wire.now)

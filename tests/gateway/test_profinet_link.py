@@ -29,7 +29,7 @@ from pdgw.profidrive.telegrams import telegram
 from pdgw.profinet import dcp, ethernet, lldp
 from pdgw.profinet.blocks.alarm import AlarmType, MessageClass
 from pdgw.profinet.cmdev import State
-from pdgw.profinet.rpc.dcerpc import UDP_PORT
+from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
 from pdgw.profinet.station import Identity, IpSuite, Station
 from pdgw.tools.status_text import _station
 from tests.support.ethernet import FakeEthernet
@@ -95,7 +95,7 @@ class Rig:
                 if address is None:
                     self.plc.on_frame(data, now)
                 else:
-                    self.plc.on_datagram(data, (str(DEVICE_IP.address), UDP_PORT), now)
+                    self.plc.on_datagram(data, (str(DEVICE_IP.address), ACYCLIC_PORT), now)
             if until() or now >= end:
                 self.loop.stop()
             else:
@@ -389,7 +389,7 @@ def test_status_and_counters_tell_of_the_controller(rig: Rig) -> None:
     rig.run(100 * MS)
     status = rig.link.status()
     assert status["connected"]
-    assert status["peer"] == [PLC_IP, UDP_PORT]
+    assert status["peer"] == [PLC_IP, ACYCLIC_PORT]
     station = cast("dict[str, Any]", status["station"])
     assert (station["name"], station["controller"], station["cycle_ms"]) == ("gateway", "plc-1", 4)
     counters = {item.name: item.read() for item in rig.loop.counters if item.part == "link"}

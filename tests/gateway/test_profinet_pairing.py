@@ -18,7 +18,7 @@ from pdgw.profidrive.telegrams import telegram
 from pdgw.profinet import lldp
 from pdgw.profinet.connect import IocrType
 from pdgw.profinet.ppm import Provider
-from pdgw.profinet.rpc.dcerpc import UDP_PORT
+from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
 from tests.gateway.test_profinet_link import AXIS, Rig, cyclic
 from tests.profinet.test_cyclic import PLACES
 from tests.support.ethernet import FakeEthernet
@@ -188,6 +188,6 @@ def test_a_call_does_not_overtake_the_frame_that_waits(rig: PairedRig) -> None:
     rig.run(8 * MS)
     before = rig.cycles
     rig.port.real_time.append(cyclic(rig, bytes.fromhex("047f0001")))
-    rig.port.arrive((PLC_IP, UDP_PORT), bytes(100))
+    rig.port.arrive((PLC_IP, ACYCLIC_PORT), bytes(100))
     rig.loop.run_for(0)
     assert rig.cycles == before + 1

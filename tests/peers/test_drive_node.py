@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from pdgw.ds301.aborts import Abort
 from pdgw.ds301.eds import write_eds
 from pdgw.ds301.nmt import NmtState
-from pdgw.dsp402.images import COMMAND_NAMES, FEEDBACK_NAMES
+from pdgw.dsp402.images import FEEDBACK_NAMES, DriveCommand, attributes
 from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.dsp402.pdo import LAYOUTS, Operation, with_second_position
 from pdgw.dsp402.states import State, state_of
@@ -155,6 +155,6 @@ def test_the_eds_in_the_package_is_the_declared_device_and_canopen_reads_it() ->
 def test_images_hold_exactly_the_objects_of_the_layouts() -> None:
     commands = {a for layout in LAYOUTS.values() for pdo in layout.rpdos for a in pdo.attributes}
     feedback = {a for layout in LAYOUTS.values() for pdo in layout.tpdos for a in pdo.attributes}
-    assert commands == set(COMMAND_NAMES)
+    assert commands == set(attributes(DriveCommand()))
     last = with_second_position(LAYOUTS[Operation.VELOCITY_WITH_POSITION]).tpdos[-1]
     assert feedback | set(last.attributes) == set(FEEDBACK_NAMES)

@@ -12,7 +12,7 @@ from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.nmt import NmtCommand
 from pdgw.dsp402.drive_type import Quantity
 from pdgw.dsp402.states import State
-from pdgw.peers.drive import ENGEL, LINEAR, SHAPES, Machine, SimulatedDriveNode, shape
+from pdgw.peers.drive import ENGEL, LINEAR_AXIS, SHAPES, Machine, SimulatedDriveNode, shape
 from pdgw.peers.drive.shapes import SYNCHRONOUS
 from tests.support.drive_types import described
 
@@ -111,7 +111,7 @@ def test_a_drive_without_range_limit_takes_any_position() -> None:
 
 
 def test_a_shaft_turns_for_ever_and_a_slide_meets_its_switch() -> None:
-    turning, sliding = Bench("rpm"), Bench("rpm", LINEAR)
+    turning, sliding = Bench("rpm"), Bench("rpm", LINEAR_AXIS)
     for bench in (turning, sliding):
         bench.enable(3)
         bench.write(0x60FF, 1500)

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.encoder import (
     PRESET_SETTLE_NS,
-    STATUS_BITS,
+    SENSOR_STATUS,
     TRANSITIONS,
     EncoderControl,
     PresetRequest,
@@ -100,9 +100,9 @@ def test_every_state_with_every_input_is_as_the_plain_model_says() -> None:
 
 
 def test_the_table_names_every_state_and_event() -> None:
-    assert {state for state, _ in TRANSITIONS} == set(TRANSITIONS.values()) == set(STATUS_BITS) == set(SensorState)
+    assert {state for state, _ in TRANSITIONS} == set(TRANSITIONS.values()) == set(SENSOR_STATUS) == set(SensorState)
     assert {event for _, event in TRANSITIONS} == set(SensorEvent)
-    assert dict(STATUS_BITS) == STATUS
+    assert dict(SENSOR_STATUS) == STATUS
 
 
 @pytest.mark.parametrize("error", list(SensorError))

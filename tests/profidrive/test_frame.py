@@ -62,7 +62,7 @@ def test_struct_codec_and_scapy_agree_byte_for_byte(
     reference = cyclic_frame(numbers, direction, named, counter=counter, data_status=status)
     assert bytes(reference) == ours
     bind(numbers)
-    pdu = IP(bytes(IP() / UDP(sport=40000, dport=rt.UDP_PORT) / reference))[ProfidriveCyclic]
+    pdu = IP(bytes(IP() / UDP(sport=40000, dport=rt.CYCLIC_PORT) / reference))[ProfidriveCyclic]
     assert pdu.cycleCounter == counter
     assert int(pdu.dataStatus) == status
     for index, axis in enumerate(named):
@@ -79,8 +79,8 @@ def test_a_capture_shows_stw1_bits_and_signal_names(tmp_path: Path) -> None:
     wrpcap(
         str(capture),
         [
-            Ether() / IP() / UDP(sport=40000, dport=rt.UDP_PORT) / request,
-            Ether() / IP() / UDP(sport=rt.UDP_PORT, dport=40000) / answer,
+            Ether() / IP() / UDP(sport=40000, dport=rt.CYCLIC_PORT) / request,
+            Ether() / IP() / UDP(sport=rt.CYCLIC_PORT, dport=40000) / answer,
         ],
     )
     sent, received = rdpcap(str(capture))
@@ -103,7 +103,7 @@ def test_tshark_reads_the_header_fields_we_meant(tmp_path: Path) -> None:
         struct_frame([telegram(1), telegram(9)], Direction.SETPOINT, [(0x047F, -1), (0x047F,) + (0,) * 7], *case)
         for case in cases
     ]
-    wrpcap(str(capture), [Ether() / IP() / UDP(sport=40000, dport=rt.UDP_PORT) / frame for frame in frames])
+    wrpcap(str(capture), [Ether() / IP() / UDP(sport=40000, dport=rt.CYCLIC_PORT) / frame for frame in frames])
     status = [f"pn_rt.ds_{name}" for name in ("primary", "valid", "operate", "ok")]
     rows = tshark.fields(
         capture, ["pn_rt.frame_id", "pn_rt.cycle_counter", "pn_rt.ds", "pn_rt.transfer_status", *status]

@@ -21,7 +21,7 @@ from pdgw.profinet.device_records import Index
 from pdgw.profinet.model import API_PROFIDRIVE, ObjectKind, object_module
 from pdgw.profinet.rpc import dcerpc
 from pdgw.profinet.rpc.client import RecordCaller, RecordResult
-from pdgw.profinet.rpc.dcerpc import UDP_PORT
+from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
 from pdgw.profinet.rpc.identification import INDEX as IM0
 from pdgw.profinet.rpc.identification import Im0, encode_im0
 from pdgw.profinet.station import Neighbour
@@ -170,7 +170,7 @@ RECORD_NAMES = {
 @pytest.mark.tshark
 def test_every_record_has_the_index_that_tshark_knows_by_its_name(tmp_path: Path) -> None:
     caller = RecordCaller(UUID(int=5), dcerpc.object_uuid(1, 0x0402, 0xFFFF), UUID(int=7))
-    ends = (PLC_IP, 50_000), (str(DEVICE_IP.address), dcerpc.UDP_PORT)
+    ends = (PLC_IP, 50_000), (str(DEVICE_IP.address), dcerpc.ACYCLIC_PORT)
     packets = [packet for index in Index for packet in caller.read(0, 0, 1, index, implicit=True).packets]
     wrpcap(str(tmp_path / "reads.pcap"), [Ether(tshark_frames.datagram(packet, *ends)) for packet in packets])
     command = ["tshark", "-n", "-V", "-r", str(tmp_path / "reads.pcap")]
@@ -186,7 +186,7 @@ def test_scapy_rebuilds_every_rpc_and_cyclic_frame_byte_for_byte() -> None:
         packet = Ether(frame)
         if UDP in packet:
             whole = bytes(packet[UDP].payload)
-            assert UDP_PORT in {packet[UDP].sport, packet[UDP].dport}
+            assert ACYCLIC_PORT in {packet[UDP].sport, packet[UDP].dport}
             rebuilt = DceRpc4(whole)
             assert PNIOServiceReqPDU in rebuilt or PNIOServiceResPDU in rebuilt
             rebuilt.clear_cache()

@@ -10,7 +10,7 @@ import can
 from scapy.layers.inet import IP, UDP
 from scapy.layers.l2 import Ether
 
-from pdgw.profidrive.frame import UDP_PORT
+from pdgw.profidrive.frame import CYCLIC_PORT
 from pdgw.profidrive.scapy_layers import cyclic_frame
 from pdgw.profidrive.telegrams import Direction
 from pdgw.profinet.rpc.client import RecordCaller
@@ -38,9 +38,9 @@ def cyclic_packets(cycles: int = 4) -> list[bytes]:
         ):
             frame = cyclic_frame([1], direction, [signals], counter=(65500 + 32 * cycle) & 0xFFFF)
             ports = (
-                UDP(sport=40000, dport=UDP_PORT)
+                UDP(sport=40000, dport=CYCLIC_PORT)
                 if direction is Direction.SETPOINT
-                else UDP(sport=UDP_PORT, dport=40000)
+                else UDP(sport=CYCLIC_PORT, dport=40000)
             )
             packets.append(bytes(ETHER / IP(src="10.0.0.1", dst="10.0.0.2") / ports / frame))
     return packets

@@ -6,7 +6,7 @@ import struct
 
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import State
-from pdgw.peers.drive import LINEAR, Machine, SimulatedDriveNode
+from pdgw.peers.drive import LINEAR_AXIS, Machine, SimulatedDriveNode
 
 MS = 1_000_000
 NODE = 1
@@ -19,7 +19,7 @@ class Bench:
     def __init__(self, machine: Machine | None = None, mode: int = Mode.VELOCITY) -> None:
         self.frames: list[tuple[int, bytes]] = []
         self.node = SimulatedDriveNode(
-            NODE, lambda can_id, data: self.frames.append((can_id, data)), machine=machine or LINEAR
+            NODE, lambda can_id, data: self.frames.append((can_id, data)), machine=machine or LINEAR_AXIS
         )
         self.model = self.node.model
         self.now = 0

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from pdgw.ds301.loop import Loop
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.transport.udp import Address
-from pdgw.profinet.rpc.dcerpc import UDP_PORT
+from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
 from pdgw.profinet.station import IpSuite
 from tests.support.profinet import DEVICE_MAC, PLC_IP
 
@@ -75,7 +75,7 @@ class FakeEthernet:
 
     def arrive(self, address: Address | None, data: bytes) -> None:
         if address is not None:
-            self.datagrams.append((data, (PLC_IP, UDP_PORT)))
+            self.datagrams.append((data, (PLC_IP, ACYCLIC_PORT)))
             self.on_other()
         elif 0xFEFC <= int.from_bytes(data[14:16], "big") <= 0xFEFF or data[12:14] == b"\x88\xcc":
             self.other.append(data)

@@ -14,7 +14,7 @@ from pdgw.profidrive.telegrams import telegram
 from pdgw.profinet.cpm import Consumer
 from pdgw.profinet.device import DeviceEvent, ProfinetDevice
 from pdgw.profinet.model import DeviceModel, Module, ObjectKind, drive_model
-from pdgw.profinet.rpc.dcerpc import UDP_PORT
+from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
 from pdgw.profinet.rpc.records import AccessError, RecordBlock, RecordRefused, encode_block
 from pdgw.profinet.station import Identity, IpSuite, Station
 from tests.support.tshark_frames import datagram
@@ -102,21 +102,21 @@ class Wire:
             if not down and not up:
                 break
             for address, data in down:
-                self._keep(data, (PLC_IP, UDP_PORT), address)
+                self._keep(data, (PLC_IP, ACYCLIC_PORT), address)
                 if not self.to_device:
                     continue
                 if address is None:
                     self.fresh += self.device.on_frame(bytes(data), self.now)
                 else:
-                    self.device.on_datagram(bytes(data), (PLC_IP, UDP_PORT), self.now)
+                    self.device.on_datagram(bytes(data), (PLC_IP, ACYCLIC_PORT), self.now)
             for address, data in up:
-                self._keep(data, (str(DEVICE_IP.address), UDP_PORT), address)
+                self._keep(data, (str(DEVICE_IP.address), ACYCLIC_PORT), address)
                 if not self.to_plc:
                     continue
                 if address is None:
                     self.plc.on_frame(bytes(data), self.now)
                 else:
-                    self.plc.on_datagram(bytes(data), (str(DEVICE_IP.address), UDP_PORT), self.now)
+                    self.plc.on_datagram(bytes(data), (str(DEVICE_IP.address), ACYCLIC_PORT), self.now)
         self.events += self.device.events()
 
     def _keep(self, data: bytes | bytearray, source: tuple[str, int], address: tuple[str, int] | None) -> None:

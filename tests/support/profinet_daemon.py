@@ -18,7 +18,7 @@ from pdgw.peers.controller.controller import IoController, Phase
 from pdgw.peers.controller.project import Project
 from pdgw.peers.world import World
 from pdgw.profidrive.telegrams import telegram
-from pdgw.profinet.rpc.dcerpc import UDP_PORT
+from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
 from pdgw.profinet.station import Identity, Station
 from tests.support import captures
 from tests.support.daemon import until
@@ -80,11 +80,11 @@ class Plant:
         if not self.killed:
             self.plc.poll(now)
             for address, data in self.plc.outgoing():
-                self._keep(data, (PLC_IP, UDP_PORT), address)
+                self._keep(data, (PLC_IP, ACYCLIC_PORT), address)
                 self.port.arrive(address, bytes(data))
         while self.port.sent:
             address, sent = self.port.sent.popleft()
-            self._keep(sent, (str(DEVICE_IP.address), UDP_PORT), address)
+            self._keep(sent, (str(DEVICE_IP.address), ACYCLIC_PORT), address)
             if address in self.others:
                 self.others[address].append(bytes(sent))
             elif self.killed:
@@ -92,7 +92,7 @@ class Plant:
             elif address is None:
                 self.plc.on_frame(sent, now)
             else:
-                self.plc.on_datagram(sent, (str(DEVICE_IP.address), UDP_PORT), now)
+                self.plc.on_datagram(sent, (str(DEVICE_IP.address), ACYCLIC_PORT), now)
         self.loop.call_later(_TURN_NS, self._turn)
 
     def _keep(self, data: bytes | bytearray, source: tuple[str, int], address: tuple[str, int] | None) -> None:

@@ -16,7 +16,7 @@ from pdgw.dsp402.states import State
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.telegrams import Kind, drive_layout, drive_telegram, initial_mode
 from pdgw.gateway.motion.dsc import DscForm
-from pdgw.peers.drive import ENGEL, LINEAR, Machine, SimulatedDriveNode
+from pdgw.peers.drive import ENGEL, LINEAR_AXIS, Machine, SimulatedDriveNode
 from pdgw.peers.drive.family import FAMILY
 from pdgw.peers.drive.shapes import SYNCHRONOUS, Shape
 from tests.support.drive_types import References, described
@@ -44,7 +44,7 @@ class Rig:
         self.drive_type = described(shape.name) if shape is not None and self.synchronous else None
         if self.synchronous:
             self.layout = interpolated(self.layout)
-        self.node = SimulatedDriveNode(NODE, self._transmitted, machine=machine or LINEAR, shape=shape or kind)
+        self.node = SimulatedDriveNode(NODE, self._transmitted, machine=machine or LINEAR_AXIS, shape=shape or kind)
         self.feedback = DriveFeedback()
         self.now = 0
         self.connected_drive = True

@@ -11,16 +11,17 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import BinaryIO
 
+from pdgw.decoder.capture.pcapng_file import udp_packet
 from pdgw.decoder.records import Link
 from pdgw.ds301.pdo import Pdo
 from pdgw.dsp402.pdo import LAYOUTS, Operation
 from pdgw.profidrive.frame import (
+    CYCLIC_PORT,
     FRAME_ID_TO_CONTROLLER,
     FRAME_ID_TO_DEVICE,
     IOPS_GOOD,
     STATUS_NORMAL,
     TRAILER,
-    UDP_PORT,
     CSduLayout,
 )
 from pdgw.profidrive.telegrams import Direction, telegram
@@ -28,7 +29,6 @@ from pdgw.profidrive.telegrams import Direction, telegram
 _CYCLE_NS = 1_000_000
 _COUNTER_STEP = 32
 _BEGIN_NS = 1_700_000_000_000_000_000
-_ETHERNET = bytes.fromhex("020000000002 020000000001 0800")
 _NODE = 1
 
 
@@ -40,13 +40,7 @@ def block(kind: int, body: bytes, order: str = "<") -> bytes:
 
 
 def _udp(frame: bytes) -> bytes:
-    """The frame behind Ethernet, IPv4 (correct checksum) and UDP (none) headers."""
-    udp = struct.pack(">HHHH", UDP_PORT, UDP_PORT, 8 + len(frame), 0) + frame
-    head = struct.pack(">BBHHHBBH4s4s", 0x45, 0, 20 + len(udp), 0, 0, 64, 17, 0, b"\x0a\0\0\x01", b"\x0a\0\0\x02")
-    total = sum(struct.unpack(">10H", head))
-    total = (total & 0xFFFF) + (total >> 16)
-    checksum = ~((total & 0xFFFF) + (total >> 16)) & 0xFFFF
-    return _ETHERNET + head[:10] + struct.pack(">H", checksum) + head[12:] + udp
+    return udp_packet(("10.0.0.1", CYCLIC_PORT), ("10.0.0.2", CYCLIC_PORT), frame)
 
 
 def _rt(direction: Direction, counter: int, word: int, value: int, axes: int = 1) -> bytes:

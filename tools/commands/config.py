@@ -8,14 +8,14 @@ from typing import Annotated
 import typer
 
 from pdgw.ds301.errors import CanopenError
-from pdgw.ds301.load import check_load
+from pdgw.ds301.load import DEFAULT_BITRATE, check_load
 from pdgw.ds301.plan import PdoPlan
 from pdgw.gateway.bus_load import cyclic_frames
 from pdgw.gateway.config import AxisConfig, GatewayConfig
 from pdgw.gateway.config_check import references_wrong
 from pdgw.gateway.config_example import example as example_text
 from pdgw.gateway.config_file import load_config
-from pdgw.gateway.config_surroundings import DEFAULT_BITRATE, TransportConfig
+from pdgw.gateway.config_surroundings import TransportConfig
 from pdgw.gateway.errors import GatewayError
 
 app = typer.Typer(help="Configuration files.", no_args_is_help=True)

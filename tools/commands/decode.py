@@ -37,6 +37,7 @@ from pdgw.decoder.filter import Filter
 from pdgw.decoder.recognise import parse_hex, recognise
 from pdgw.decoder.render import one_line, tree
 from pdgw.decoder.selection import Selection
+from pdgw.ds301.load import DEFAULT_BITRATE
 from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.telegrams import Direction
 from pdgw.profidrive.telegrams import telegram as telegram_of
@@ -44,7 +45,6 @@ from pdgw.tools.commands.recording_options import Station
 from pdgw.tools.outputs import to_be_written
 from pdgw.tools.progress import with_progress, with_progress_of
 
-_DEFAULT_BITRATE = 1_000_000
 _LATE_NS = 2_000_000_000
 """Packets may be this much out of order; behind ``--to`` by more, reading stops."""
 
@@ -159,7 +159,7 @@ def decode(
     if csv is not None:
         writers.append(CsvWriter(sys.stdout, [name.strip() for name in csv.split(",")], known.names))
     elif stats:
-        writers.append(StatsWriter(sys.stdout, bitrate or known.bitrate or _DEFAULT_BITRATE, as_json=as_json))
+        writers.append(StatsWriter(sys.stdout, bitrate or known.bitrate or DEFAULT_BITRATE, as_json=as_json))
     elif as_json:
         writers.append(JsonWriter(sys.stdout))
     elif not writers or verbose:

@@ -26,9 +26,9 @@ from pdgw.peers.plc.keyboard import Keyboard
 from pdgw.peers.plc.scenario_file import load_scenario
 from pdgw.peers.plc.view import snapshot
 from pdgw.profidrive.errors import ProfidriveError
-from pdgw.profidrive.frame import UDP_PORT
+from pdgw.profidrive.frame import CYCLIC_PORT
 from pdgw.profidrive.telegrams import telegram as telegram_of
-from pdgw.profinet.rpc.dcerpc import UDP_PORT as ACYCLIC_PORT
+from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
 from pdgw.profinet.station import check_name
 from pdgw.tools.address import parse_address
 from pdgw.tools.commands.simulation_options import only_with, telegrams_of_axes
@@ -76,7 +76,7 @@ class _DriveLink:
 
 def plc(
     scenario: Annotated[Path | None, typer.Argument(help="Scenario file (YAML).", show_default=False)] = None,
-    gateway: Annotated[str, typer.Option(help="HOST or HOST:PORT of the gateway.")] = f"127.0.0.1:{UDP_PORT}",
+    gateway: Annotated[str, typer.Option(help="HOST or HOST:PORT of the gateway.")] = f"127.0.0.1:{CYCLIC_PORT}",
     telegram: Annotated[
         list[int] | None,
         typer.Option(
@@ -115,7 +115,7 @@ def plc(
     ] = False,
 ) -> None:
     """Play a scenario (exit status 1 when an expectation fails), or obey the keyboard."""
-    address = parse_address(gateway, UDP_PORT)
+    address = parse_address(gateway, CYCLIC_PORT)
     if interactive == (scenario is not None):
         raise GatewayError("give either a scenario file or --interactive")
     if scenario is not None:

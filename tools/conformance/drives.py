@@ -14,6 +14,7 @@ import can
 from pdgw.dsp402.drive import DriveStatus
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import State, state_of
+from pdgw.gateway.axis.watch import POWERED
 from pdgw.gateway.binding import Axis
 from pdgw.gateway.config import AxisConfig
 from pdgw.peers.drive import DriveModel, SimulatedDriveNode
@@ -42,7 +43,6 @@ _HALF_SPEED = 0x2000
 _TURNING_RPM = 500
 _STANDING_CYCLES = 150
 """So long an axis stands before the fault goes: longer than what takes it for stopped."""
-_POWERED = (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE, State.FAULT_REACTION_ACTIVE)
 
 DRIVE_CASES: tuple[Case, ...] = (
     Case("slow-sdo", Reaction.GOES_ON, activity=Activity.START, values={"delay_ms": 10}),
@@ -113,7 +113,7 @@ class _Trace:
                 return "quick stop"
             if state is State.FAULT_REACTION_ACTIVE:
                 return "fault reaction"
-            if state not in _POWERED and speed:
+            if state not in POWERED and speed:
                 return "coast"
         return "at standstill"
 
@@ -237,7 +237,7 @@ def _in_operation(bench: DriveBench, result: Result) -> None:
     bench.sent.clear()
     _set_in(bench)
     if case.reaction is Reaction.STOPS:
-        bench.until(lambda: bench.standing() and bench.model.state not in _POWERED, "drive stopped")
+        bench.until(lambda: bench.standing() and bench.model.state not in POWERED, "drive stopped")
     elif case.reaction is Reaction.STANDS:
         bench.until(bench.standing, "drive stands")
     if case.numbers:
@@ -260,7 +260,7 @@ def _in_operation(bench: DriveBench, result: Result) -> None:
             result.restarted = True
             result.failures.append("moves on by itself")
         bench.values[bench.word] = _OFF
-        bench.until(lambda: bench.model.state not in _POWERED, "OFF obeyed")
+        bench.until(lambda: bench.model.state not in POWERED, "OFF obeyed")
     else:
         if bench.axis.reason is None:
             result.failures.append("no reason is shown")
@@ -290,7 +290,7 @@ def _goes_on(bench: DriveBench, result: Result, mark: int) -> None:
     if result.numbers and not bench.case.numbers:
         result.failures.append(f"told without need: {result.numbers}")
     bench.off()
-    bench.until(lambda: bench.standing() and bench.model.state not in _POWERED, "OFF obeyed")
+    bench.until(lambda: bench.standing() and bench.model.state not in POWERED, "OFF obeyed")
     bench.drive.do(lambda node: node.behave())
 
 

@@ -16,7 +16,7 @@ from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.explain import problems
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.toml_file import read_text
-from pdgw.profidrive.parameters.catalogue import OBJECTS
+from pdgw.profidrive.parameters.catalogue import OBJECT_PNUS
 from pdgw.profidrive.parameters.codec import Values
 from pdgw.tools.parameters.address import Target, parse_type, parse_value
 from pdgw.tools.parameters.session import NOT_THERE, Element, Progress, Session, address_text
@@ -128,7 +128,7 @@ def _is_setting(element: Element, *, array: bool) -> bool:
     pnu = element.pnu
     if pnu in _COMMANDS or pnu in _PROCESS or pnu in COMMUNICATION_AREA or pnu == ABORT_OPTION:
         return False
-    return not (pnu in OBJECTS and array and element.subindex == 0)
+    return not (pnu in OBJECT_PNUS and array and element.subindex == 0)
 
 
 def difference(session: Session, dump: Dump, progress: Progress | None = None) -> list[Pair]:

@@ -15,7 +15,7 @@ from pdgw.dsp406.objects import PROFILE
 from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.errors import ProfidriveError
-from pdgw.profidrive.parameters.catalogue import ENCODER_IDENTIFICATION, LIST_PNUS, OBJECTS, PARAMETERS
+from pdgw.profidrive.parameters.catalogue import ENCODER_IDENTIFICATION, LIST_PNUS, OBJECT_PNUS, PARAMETERS
 from pdgw.profidrive.parameters.codec import MAX_ELEMENTS, MAX_PARAMETERS, Address, Attribute, Values
 from pdgw.profidrive.parameters.description import Description
 from pdgw.profidrive.parameters.errors import ParameterErrorNumber, error_text
@@ -75,7 +75,7 @@ def meant(element: Element) -> str:
 
 def address_text(pnu: int, subindex: int | None = None) -> str:
     """``P922``, ``1018h.3``."""
-    name = f"{pnu:04X}h" if pnu in OBJECTS else f"P{pnu}"
+    name = f"{pnu:04X}h" if pnu in OBJECT_PNUS else f"P{pnu}"
     return name if subindex is None else f"{name}.{subindex}"
 
 
@@ -125,7 +125,7 @@ class Session:
             spec = PARAMETERS[pnu]
             place = spec.elements[subindex] if subindex < len(spec.elements) else ""
             return f"{spec.name} {place}".strip(), spec.unit
-        if pnu not in OBJECTS:
+        if pnu not in OBJECT_PNUS:
             return "", ""
         if not self.is_encoder:
             entry = self.drive_objects.get((pnu, subindex))
@@ -233,7 +233,7 @@ def _addresses(target: Target, description: Description | None) -> list[Address]
         wanted = range(description.count)
     else:
         return [Address(pnu)]
-    if pnu in OBJECTS:
+    if pnu in OBJECT_PNUS:
         # The entries of an object may have different types, and may be missing.
         return [Address(pnu, subindex, 1) for subindex in wanted]
     return [
@@ -261,7 +261,7 @@ def meaning(element: Element, *, encoder: bool) -> str:
     if element.pnu == STATUSWORD[0] and not encoder:
         state = state_of(value)
         return f"{value & 0xFFFF:04X}h {state.value if state else 'no state'}"
-    if element.pnu in OBJECTS and value > 9:
+    if element.pnu in OBJECT_PNUS and value > 9:
         return f"{value:X}h"
     return ""
 

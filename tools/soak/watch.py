@@ -11,6 +11,7 @@ from __future__ import annotations
 from pdgw.ds301.loop import MS
 from pdgw.dsp402.states import State
 from pdgw.gateway.axis.telegrams import POSITIONER_TELEGRAM_NUMBERS
+from pdgw.gateway.axis.watch import POWERED
 from pdgw.peers.drive import SimulatedDrive
 from pdgw.peers.world import Member
 from pdgw.tools.soak.words import OFF_BIT, Words
@@ -20,7 +21,6 @@ STOP_BOUND_NS = 1000 * MS
 SETTLED_NS = 400 * MS
 """So long nothing must have changed before what is shown is compared."""
 _STANDS_RPM = 1.0
-_POWERED = (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE, State.FAULT_REACTION_ACTIVE)
 _OPERATION, _FAULT = 0x0004, 0x0008
 _ENABLING = 0x000F
 
@@ -118,7 +118,7 @@ class SoakAxis:
             self._lost_since = now
         since = max(self._lost_since, self._disturbed_until)
         model = self.drive.model
-        if now - since > STOP_BOUND_NS and model.state in _POWERED and abs(model.ramp.speed) > _STANDS_RPM:
+        if now - since > STOP_BOUND_NS and model.state in POWERED and abs(model.ramp.speed) > _STANDS_RPM:
             raise ViolationError(
                 f"{self.name}: turns with {model.ramp.speed:.0f} rpm under power {(now - since) / 1e6:.0f} ms after a loss"
             )

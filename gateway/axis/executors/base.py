@@ -16,14 +16,12 @@ from pdgw.gateway.axis.power_table import Action
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.values import ProbeAnswer, ProbeWish, SdoWrite
 from pdgw.gateway.axis.waist import Demand, Report
+from pdgw.gateway.motion.course import LIMIT_STANDING_NS
 from pdgw.gateway.reasons import FaultNumber, Reason
 from pdgw.profidrive.normalisation import Normalisation
 
 OPERATION_ENABLED = tuple(state is State.OPERATION_ENABLED for state in STATE_OF_STATUS)
 """By the Statusword's ``STATE_MASK``."""
-LIMIT_STANDING_NS = 500_000_000
-"""A drive that reports an internal limit and stands so long with a setpoint or task is held by it (a limit switch); one whose
-speed is limited has left standstill by then."""
 
 
 class Troubles:

@@ -18,7 +18,7 @@ from pdgw.dsp406.objects import PRESET, PRESET_MULTI_SENSOR
 from pdgw.gateway.axis.values import EncoderInput, PresetAnswer, ProbeAnswer, ProbeWish, SdoWrite
 from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.encoder import (
-    STATUS_BITS,
+    SENSOR_STATUS,
     PresetRequest,
     SensorError,
     SensorInterface,
@@ -250,5 +250,5 @@ class SensorWords:
             self._look_for_search(measuring)
         if not channel.valid and channel.sensor.state is SensorState.NORMAL:
             # There was no position yet, but the drive's IOPS may be good: not latched, it ends with the first position.
-            return STATUS_BITS[SensorState.ERROR], values[1], SensorError.SENSOR_GROUP
+            return SENSOR_STATUS[SensorState.ERROR], values[1], SensorError.SENSOR_GROUP
         return values

@@ -9,7 +9,7 @@ import pytest
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.gateway.motion.wishes import PositionerChoices
 from pdgw.gateway.reasons import FaultNumber, Reason
-from pdgw.peers.drive import ENGEL, ROTARY
+from pdgw.peers.drive import ENGEL, ROTARY_AXIS
 from pdgw.profidrive.signals import signal
 from tests.support.drive_types import References, engel
 from tests.support.positioner import CHOICES
@@ -33,7 +33,7 @@ def drive_type(*, wraps: bool) -> DriveType:
 
 def table(number: int = 111, choices: PositionerChoices = TABLE, *, wraps: bool) -> Rig:
     shape = replace(ENGEL, wraps=True) if wraps else ENGEL
-    rig = Rig(number, ROTARY, shape, positioner=choices)
+    rig = Rig(number, ROTARY_AXIS, shape, positioner=choices)
     values = ((0x607B, 1, 0), (0x607B, 2, UNITS if wraps else 0), (0x60C5, 0, 2000), (0x60C6, 0, 2000))
     for index, subindex, value in values:
         rig.node.set_data(index, subindex, value.to_bytes(4, "little"), check_writable=False)
@@ -139,7 +139,7 @@ def test_an_axis_that_counts_on_goes_over_the_end_of_32_bit() -> None:
 
 
 def test_a_drive_that_wraps_after_something_else_is_refused() -> None:
-    rig = Rig(111, ROTARY, positioner=replace(TABLE, modulo=9000))
+    rig = Rig(111, ROTARY_AXIS, positioner=replace(TABLE, modulo=9000))
     rig.stepper.set_drive(drive_type(wraps=True), homing_method=35)
     rig.step(2)
     assert [event.number for event in rig.stepper.events] == [FaultNumber.REFERENCE]
