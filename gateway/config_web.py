@@ -37,6 +37,14 @@ def _is_address(text: str) -> str:
     return text
 
 
+def _is_host(text: str) -> str:
+    try:
+        text.encode("idna")  # as who connects does, on a thread that would end with the error
+    except UnicodeError:
+        raise ValueError(f"{text!r} is no name or address of a computer") from None
+    return text
+
+
 class WebConfig(Section):
     """The page. Whoever reaches it sees everything and changes nothing."""
 
@@ -77,7 +85,7 @@ class WebConfig(Section):
 class MqttConfig(Section):
     """The broker that is told what the axes do; nothing is taken from it."""
 
-    host: Annotated[str, Field(min_length=1, max_length=253)]
+    host: Annotated[str, Field(min_length=1, max_length=253), AfterValidator(_is_host)]
     port: Annotated[Integer, Field(ge=1, le=65535)] = 1883
     topic: Annotated[str, Field(pattern=_TOPIC, max_length=200)] = "pdgw"
     """Before the name of the gateway."""

@@ -4,11 +4,16 @@ from __future__ import annotations
 
 import json
 import socket
+import time
 from typing import Any
 
 from pdgw.gateway.errors import GatewayError
 
 _PATIENCE_S = 5.0
+_LEAST_S = 0.001
+"""A time limit of 0 would be none."""
+_LONGEST = 16 << 20
+"""Bytes of an answer; that of 32 axes has some hundred thousand."""
 
 
 def fetch(port: int, patience_s: float = _PATIENCE_S) -> dict[str, Any]:
@@ -31,10 +36,14 @@ def fetch_faults(port: int, do_id: int, patience_s: float = _PATIENCE_S) -> list
 
 
 def _ask(port: int, request: str, patience_s: float) -> dict[str, Any]:
+    end = time.monotonic() + patience_s
     try:
         with socket.create_connection(("127.0.0.1", port), timeout=patience_s) as connection:
             connection.sendall(f"{request}\n".encode())
-            text = b"".join(iter(lambda: connection.recv(65536), b""))
+            text = b""
+            while len(text) <= _LONGEST and (part := connection.recv(65536)):
+                text += part
+                connection.settimeout(max(_LEAST_S, end - time.monotonic()))
     except OSError as error:
         raise GatewayError(f"no gateway answers on 127.0.0.1 port {port} ({error.strerror or error})") from error
     try:

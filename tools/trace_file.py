@@ -75,12 +75,15 @@ def is_alive(reader: RingReader) -> bool:
 
 def captured(ring: Path, seconds: float, configuration: str) -> bytes:
     """The last seconds of a ring as the bytes of such a file with another text of the configuration; errors as of ``save``."""
-    with RingReader(ring) as reader, tempfile.TemporaryDirectory(prefix="pdgw-") as directory:
-        newest = reader.cycles(at_most=1)
-        file = Path(directory) / "capture.pcapng"
-        begin = newest[0].time_ns - int(seconds * _SECOND) if newest else None
-        save(reader, file, begin, configuration=configuration)
-        return file.read_bytes()
+    try:
+        with RingReader(ring) as reader, tempfile.TemporaryDirectory(prefix="pdgw-") as directory:
+            newest = reader.cycles(at_most=1)
+            file = Path(directory) / "capture.pcapng"
+            begin = newest[0].time_ns - int(seconds * _SECOND) if newest else None
+            save(reader, file, begin, configuration=configuration)
+            return file.read_bytes()
+    except OSError as error:
+        raise GatewayError(f"no room for a temporary file ({error.strerror or error})") from error
 
 
 def save(

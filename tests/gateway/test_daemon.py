@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import socket
 import threading
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 
 import pytest
 
@@ -14,6 +14,7 @@ from pdgw.ds301.loop import MS, SECOND, SystemLoop
 from pdgw.ds301.nmt import NmtCommand, NmtState
 from pdgw.dsp402.states import State
 from pdgw.gateway import status as status_module
+from pdgw.gateway import status_client
 from pdgw.gateway.axis.stop_watch import Brake
 from pdgw.gateway.config_example import simulated
 from pdgw.gateway.daemon import Daemon
@@ -317,6 +318,26 @@ def test_what_is_no_gateway_on_the_status_port_is_told() -> None:
         thread.start()
         with pytest.raises(GatewayError, match="what answers there is no gateway"):
             fetch(server.getsockname()[1])
+        thread.join()
+
+
+@pytest.mark.parametrize(("longest", "told"), [(1000, "is no gateway"), (1 << 30, "no gateway answers")])
+def test_who_answers_the_status_port_without_an_end_is_not_listened_to_for_ever(
+    longest: int, told: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(status_client, "_LONGEST", longest)
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def answer() -> None:
+            connection, _ = server.accept()
+            with connection, suppress(OSError):
+                while True:
+                    connection.sendall(b"x")
+
+        thread = threading.Thread(target=answer)
+        thread.start()
+        with pytest.raises(GatewayError, match=told):
+            fetch(server.getsockname()[1], PATIENCE_S if longest == 1000 else 0.1)
         thread.join()
 
 

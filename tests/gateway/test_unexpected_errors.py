@@ -60,28 +60,25 @@ Edge = Callable[[Path], Any]
 
 
 @EDGES
-def test_a_mistake_in_a_call_is_a_fault_of_the_rpc_for_its_caller_alone(
-    edge: Edge, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+@pytest.mark.parametrize(
+    ("place", "name", "told"),
+    [(Records, "write", FAULT), (manager, "answer", "read error")],
+    ids=["in a call: a FAULT of the RPC", "in a parameter request: a read error"],
+)
+def test_a_mistake_in_a_request_is_an_error_answer_for_its_caller_alone(
+    edge: Edge,
+    place: object,
+    name: str,
+    told: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
 ) -> None:
     with edge(tmp_path) as (daemon, client):
         with mistakes(daemon, caplog), monkeypatch.context() as planted:
-            planted.setattr(Records, "write", mistaken)
+            planted.setattr(place, name, mistaken)
             for _ in range(3):
-                with pytest.raises(GatewayError, match=FAULT):
-                    number(client, 965)
-            assert daemon.loop.task_errors == 3
-        assert number(client, 965) == 0x0329
-
-
-@EDGES
-def test_a_mistake_in_a_parameter_request_is_a_read_error_of_its_answer(
-    edge: Edge, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-) -> None:
-    with edge(tmp_path) as (daemon, client):
-        with mistakes(daemon, caplog), monkeypatch.context() as planted:
-            planted.setattr(manager, "answer", mistaken)
-            for _ in range(3):
-                with pytest.raises(GatewayError, match="read error"):
+                with pytest.raises(GatewayError, match=told):
                     number(client, 965)
             assert daemon.loop.task_errors == 3
         assert number(client, 965) == 0x0329

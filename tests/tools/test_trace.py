@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -21,7 +23,7 @@ from pdgw.gateway.trace.reader import RingReader
 from pdgw.gateway.trace.recorder import FlightRecorder
 from pdgw.gateway.trace.writer import RingFile
 from pdgw.tools.commands.timeline import timeline
-from pdgw.tools.trace_file import chosen_ring, save
+from pdgw.tools.trace_file import captured, chosen_ring, save
 from pdgw.tools.trace_keeper import Choice, Keeper, follow
 from tests.support import profinet_daemon, tshark
 from tests.support.daemon import OFF, ON, Plc, axis, configuration, drive_of, world_of
@@ -132,6 +134,16 @@ def test_without_a_name_the_ring_of_the_gateway_that_runs_is_taken(tmp_path: Pat
 
 def choice(directory: Path, *triggers: Trigger, files: int = 20) -> Choice:
     return Choice(directory / "kept", frozenset(triggers or Trigger), before_s=1, after_s=1, files=files)
+
+
+def test_a_capture_for_which_there_is_no_room_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(**_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with recorded(tmp_path) as (_, _, reader):
+        monkeypatch.setattr(tempfile, "TemporaryDirectory", full)
+        with pytest.raises(GatewayError, match=r"no room for a temporary file \(No space left on device\)"):
+            captured(reader.path, 1.0, "")
 
 
 def happen(daemon: Daemon, plc: Plc, keeper: Keeper) -> None:

@@ -189,3 +189,9 @@ def test_a_token_file_that_is_not_there_is_told(tmp_path: Path) -> None:
 def test_a_certificate_needs_its_key() -> None:
     with pytest.raises(ValidationError, match="one needs the other"):
         WebConfig(tls_key=Path("k"))
+
+
+@pytest.mark.parametrize("host", ["a..b", "x" * 64 + ".example"])
+def test_a_broker_whose_name_nobody_can_look_up_is_refused_before_a_thread_ends_with_it(host: str) -> None:
+    with pytest.raises(GatewayError, match=r"host.*is no name or address of a computer"):
+        parse_config(f'{MINIMUM}[mqtt]\nhost = "{host}"\n')
