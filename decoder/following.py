@@ -263,7 +263,7 @@ class _Exchange:
                 counter.restart()
         who = " and ".join(name for name in (connection.controller, connection.station) if name)
         self._put(Event(now, 0, "PLC", f"relationship of {who} {change.value}"))
-        if change is Change.ENDED:
+        if change in {Change.ENDED, Change.PAUSED}:
             self._step(now)  # no frame comes any more that would tell the axes
 
     def take(self, record: CyclicRecord) -> None:
@@ -286,7 +286,8 @@ class _Exchange:
             self._watch(now)
         verdict = endpoint.receive(record.data, SENDER, now, now)
         if verdict is Verdict.UNCONFIRMED and isinstance(endpoint, ProfinetEndpoint):
-            return  # before ApplicationReady is confirmed no frame counts
+            self._last_frame = now
+            return  # before ApplicationReady is confirmed, and behind PrmBegin, no frame counts
         if verdict is Verdict.STALE or (verdict is not Verdict.ACCEPTED and verdict is not self._standing):
             kind = _VERDICTS.get(verdict, AnomalyKind.DROPPED)
             self._put(Anomaly(now, 0, kind, f"frame with counter {record.cycle_counter}: {verdict.value}"))

@@ -17,13 +17,14 @@ from pdgw.decoder.profinet_names import StationNames
 from pdgw.decoder.profinet_records import Change, RelationRecord
 from pdgw.decoder.recent import Recent
 from pdgw.decoder.records import AcyclicRecord
-from pdgw.profinet.blocks.control import ApplicationReadyRes, ControlBlock, ReleaseRes
+from pdgw.profinet.blocks.control import ApplicationReadyRes, ControlBlock, PrmBeginRes, ReleaseRes
 from pdgw.profinet.rpc.dcerpc import RpcHeader
 from pdgw.profinet.rpc.records import Operation
 
 OPERATIONS: Final = frozenset({Operation.CONNECT, Operation.RELEASE, Operation.CONTROL})
 _CHANGES: Final[dict[int, tuple[type[ControlBlock], Change]]] = {
     ApplicationReadyRes.TYPE: (ApplicationReadyRes, Change.READY),
+    PrmBeginRes.TYPE: (PrmBeginRes, Change.PAUSED),
     ReleaseRes.TYPE: (ReleaseRes, Change.ENDED),
 }
 """Answers that change a relationship."""

@@ -1,7 +1,7 @@
 """Which frames the gateway's PROFINET link used, by the same consumer as the link has. Without I/O.
 
-Frames count between the controller's confirmation of ApplicationReady and the end of the relationship; the axes lose the PLC
-after ``watchdog_factor`` cycles of the controller without one, long before the data hold time.
+Frames count from the controller's confirmation of ApplicationReady to the end of the relationship, or to PrmBegin; the axes
+lose the PLC after ``watchdog_factor`` cycles of the controller without one, long before the data hold time.
 """
 
 from __future__ import annotations
@@ -54,6 +54,8 @@ class ProfinetEndpoint:
             self._grant(connection)
         elif self._connection is not None and connection.ar == self._connection.ar:
             self._ready = change is Change.READY
+            if change is Change.PAUSED:
+                self._forget()
             if change is Change.ENDED:
                 self._connection = self._consumer = None
                 self._lose()
@@ -81,10 +83,13 @@ class ProfinetEndpoint:
         if consumer is None:
             return Verdict.UNCONFIRMED
         verdict = _VERDICTS[consumer.receive(data, 0, now)]
+        came = verdict in {Verdict.ACCEPTED, Verdict.PROVIDER_STOP}
+        if came:
+            self._last_ns = now
         if not self._ready:
             return Verdict.UNCONFIRMED
-        if verdict in {Verdict.ACCEPTED, Verdict.PROVIDER_STOP}:
-            self.connected, self._last_ns = True, now
+        if came:
+            self.connected = True
             payload = consumer.payload
             for index, unpack_from, offset, iops in self._outputs:
                 good = consumer.running and payload[iops] & IOPS_GOOD
@@ -100,6 +105,9 @@ class ProfinetEndpoint:
 
     def _lose(self) -> None:
         self.connected = False
+        self._forget()
+
+    def _forget(self) -> None:
         for index in range(len(self.setpoints)):
             self.setpoints[index] = None
 

@@ -15,6 +15,7 @@ class Change(enum.Enum):
 
     GRANTED = "granted"
     READY = "confirmed: cyclic data counts"
+    PAUSED = "parameterises anew: cyclic data does not count"
     ENDED = "ended"
 
 

@@ -13,7 +13,7 @@ from pdgw.ds301.loop import MS
 from pdgw.profidrive.frame import STATUS_RUN
 from pdgw.tools.recordings import Known, Loaded, followed, known_from, load, look_ahead
 from tests.support.daemon import axis
-from tests.support.profinet_daemon import OFF, Plant, configuration, plant
+from tests.support.profinet_daemon import OFF, Plant, configuration, parameterise_anew, plant
 
 RPDO1 = 0x201
 ENABLED = b"\x0f\x00"
@@ -22,7 +22,7 @@ ENABLED = b"\x0f\x00"
 
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Plant, Path]]:
-    """Enable, speed, OFF1, PLC in STOP, silence, release and a second connection."""
+    """Enable, speed, OFF1, PLC in STOP, silence, release and a second connection, in which parameters are written anew."""
     folder = tmp_path_factory.mktemp("recorded")
     config = configuration(axis(1) + axis(2, telegram_number=9), folder / "store.json")
     with plant(config, data_hold=400) as site:
@@ -50,6 +50,10 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Plant, 
         site.enable(1, 0x0800)
         site.run(100 * MS)
         site.set(1, OFF)
+        site.run(300 * MS)
+        site.enable(1, 0x0800)
+        site.run(100 * MS)
+        parameterise_anew(site)
         site.run(300 * MS)
         yield site, folder
 
@@ -117,10 +121,11 @@ def test_the_timeline_tells_of_relationships_stops_and_losses(recorded: tuple[Pl
     assert has("relationship of plc-1 and press-1 granted") == 2
     assert has("relationship of plc-1 and press-1 confirmed: cyclic data counts") == 2
     assert has("relationship of plc-1 and press-1 ended") == 1
+    assert has("relationship of plc-1 and press-1 parameterises anew: cyclic data does not count") == 1
     assert has("provider stop") == 1
     assert has("no frame of the PLC for", "lost after 12 ms") == 1
-    assert has("axis 1", "PLC lost: the drive is being stopped") == 3, "in STOP, in silence and after Release"
+    assert has("axis 1", "PLC lost: the drive is being stopped") == 4, "in STOP, in silence, after Release and PrmBegin"
     assert has("axis 1", "diagnosis, slot 1.1, Communication error to the higher-level control system appears") == 2
     assert has("axis 2", "diagnosis, slot 2.1, Communication error to the higher-level control system appears") == 2
-    assert has("STW1", "047Eh -> 047Fh", "-> obeyed") == 4
+    assert has("STW1", "047Eh -> 047Fh", "-> obeyed") == 5
     assert has("STW1", "047Eh -> 047Fh", "then: PLC lost") == 1, "the release comes right behind the last ON before it"

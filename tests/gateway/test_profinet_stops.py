@@ -15,13 +15,11 @@ from pdgw.profidrive.frame import STATUS_RUN
 from pdgw.profinet import apmx, dcp, ethernet
 from pdgw.profinet.apmx import PduType
 from pdgw.profinet.blocks.alarm import Priority
-from pdgw.profinet.blocks.control import Command, PrmBeginReq
 from pdgw.profinet.cmdev import AbortCode
-from pdgw.profinet.rpc.records import Operation
 from pdgw.profinet.station import IpSuite
 from tests.support.daemon import axis, drive_of
 from tests.support.profinet import DEVICE_MAC, PLC_MAC
-from tests.support.profinet_daemon import ON, Plant, configuration, plant
+from tests.support.profinet_daemon import ON, Plant, configuration, parameterise_anew, plant
 
 CYCLE_NS = 4 * MS
 WATCHDOG_NS = 3 * CYCLE_NS
@@ -75,13 +73,6 @@ def abort(site: Plant) -> None:
 
 def restart(site: Plant) -> None:
     site.plc.start(site.loop.now())
-
-
-def parameterise_anew(site: Plant) -> None:
-    """The controller goes on sending, and nothing of it counts until it is done."""
-    plc = site.plc
-    block = PrmBeginReq(ar_uuid=plc.ar_uuid, session_key=plc.session, command=Command.PRM_BEGIN)
-    plc._send_call(Operation.CONTROL, block.encode(), lambda status, arguments, now: None, site.loop.now())
 
 
 def readdress(site: Plant) -> None:

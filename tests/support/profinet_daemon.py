@@ -18,7 +18,9 @@ from pdgw.peers.controller.controller import IoController, Phase
 from pdgw.peers.controller.project import Project
 from pdgw.peers.world import World
 from pdgw.profidrive.telegrams import telegram
+from pdgw.profinet.blocks.control import Command, PrmBeginReq
 from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
+from pdgw.profinet.rpc.records import Operation
 from pdgw.profinet.station import Identity, Station
 from tests.support import captures
 from tests.support.daemon import until
@@ -158,6 +160,13 @@ def plant(config: GatewayConfig, *, data_hold: int = 100) -> Iterator[Plant]:
         until(daemon, daemon.stopped.is_set, "the end of the daemon")
     assert world.loop.task_errors == 0
     world.loop.close()
+
+
+def parameterise_anew(site: Plant) -> None:
+    """The controller goes on sending, and nothing of it counts until it is done."""
+    plc = site.plc
+    block = PrmBeginReq(ar_uuid=plc.ar_uuid, session_key=plc.session, command=Command.PRM_BEGIN)
+    plc._send_call(Operation.CONTROL, block.encode(), lambda status, arguments, now: None, site.loop.now())
 
 
 class PlantChannel:
