@@ -261,6 +261,51 @@ def test_an_alarm_ack_of_another_alarm_is_acknowledged_but_finishes_nothing() ->
     assert (item.state, item.refused) == (State.IDLE, 1)
 
 
+def source(diagnosis: Diagnosis, places: frozenset[tuple[int, int]] | None = None) -> AlarmSource:
+    return AlarmSource(diagnosis, model(), frozenset(project().submodules) if places is None else places)
+
+
+def test_each_alarm_of_a_relationship_has_the_next_sequence_number_and_its_own_place() -> None:
+    diagnosis = Diagnosis()
+    item = source(diagnosis)
+    for number in range(0x802):
+        if number % 2:
+            diagnosis.clear((2, 1), MessageClass.MAINS)
+        else:
+            diagnosis.set((2, 1), MessageClass.MAINS)
+        told = item.next()
+        assert told is not None
+        block = told.block
+        assert (block.api, block.slot, block.subslot) == (0x3A00, 2, 1)
+        assert (block.module_ident, block.submodule_ident) == (0x1001, 0x1FFFF)
+        assert block.specifier & 0x7FF == number & 0x7FF
+        assert item.next() is None
+        assert not item.pending
+
+
+def test_submodules_that_return_are_told_in_their_order_and_only_those_of_the_project() -> None:
+    item = source(Diagnosis(), frozenset({(1, 2), (3, 2)}))
+    for place in ((3, 2), (2, 2), (1, 2), (3, 2)):
+        item.returned(place)
+    found = [item.next() for _ in range(3)]
+    told = [(entry.block.slot, entry.block.specifier, entry.block.payload) for entry in found if entry is not None]
+    assert told == [(3, 0, b""), (1, 1, b"")]
+
+
+def test_the_record_of_diagnosis_names_the_place_of_each_entry() -> None:
+    diagnosis = Diagnosis()
+    diagnosis.set((3, 1), MessageClass.ACTUAL_VALUE, Severity.MAINTENANCE_DEMANDED)
+    diagnosis.set((2, 1), MessageClass.MAINS)
+    assert diagnosis.record(model(), [(2, 1), (1, 1), (3, 1)]) == bytes.fromhex(
+        "0010 0016 01 01 00003a00 0002 0001 8000 0800 8000 8000 6800 9001 0000"
+        "0010 0016 01 01 00003a00 0003 0001 8000 0800 8000 8000 6c00 900a"
+    )
+    diagnosis.clear((2, 1), MessageClass.MAINS)
+    assert not diagnosis.of((2, 1))
+    assert diagnosis.of((3, 1))
+    assert diagnosis.record(model(), [(2, 1)]) == b""
+
+
 # -- through a device and a controller --------------------------------------------------------------------------------
 
 
