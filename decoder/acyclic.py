@@ -30,6 +30,7 @@ from pdgw.profidrive.parameters.codec import (
     decode_request,
     decode_response,
 )
+from pdgw.profidrive.parameters.pnu import Pnu
 from pdgw.profinet.device_records import Index
 from pdgw.profinet.rpc import epm
 from pdgw.profinet.rpc.dcerpc import (
@@ -57,8 +58,6 @@ from pdgw.profinet.rpc.records import (
     split_multiple,
 )
 
-TELEGRAM_SELECTION: Final = 922
-"""PNU of the telegram selection."""
 _MAX_BODY = 1 << 16
 _PARAMETER_RECORDS = {RECORD_LOCAL: "parameters, local", RECORD_GLOBAL: "parameters, global"}
 _FIRST_SYSTEM_INDEX: Final = 0x8000
@@ -216,7 +215,7 @@ class AcyclicDecoder:
     def _look_for_telegram(self, request: Request, response: Response) -> None:
         change = request.request_id is RequestId.CHANGE
         for position, address in enumerate(request.addresses):
-            if address.pnu != TELEGRAM_SELECTION or address.attribute != Attribute.VALUE:
+            if address.pnu != Pnu.TELEGRAM or address.attribute != Attribute.VALUE:
                 continue
             answer = response.values[position] if position < len(response.values) else None
             if answer is not None and answer.failed:

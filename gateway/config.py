@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from fractions import Fraction
 from math import ceil
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Final, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
 
@@ -59,6 +59,9 @@ from pdgw.profidrive.telegrams import Direction, telegram
 
 _MAXIMUM_INHIBIT_US = 6_553_500
 """An UNSIGNED16 in units of 100 us."""
+_AXIS: Final = AxisSettings()
+_NODE: Final = DriveSettings(node_id=1)
+"""What holds where the file says nothing."""
 Place = tuple[str, int]
 """Section and number of its table."""
 
@@ -89,26 +92,22 @@ def as_list(value: object) -> object:
 class AxisConfig(DriveObjectSection):
     """One drive and its telegram."""
 
-    on_plc_loss: PlcLossReaction = PlcLossReaction.QUICK_STOP
-    setpoint_enable: SetpointEnable = SetpointEnable.PROFIDRIVE
-    control_lost: ControlLost = ControlLost.STOP
-    stop_time_ms: Annotated[Integer, Field(ge=10, le=600_000)] = 10_000
+    on_plc_loss: PlcLossReaction = _AXIS.on_plc_loss
+    setpoint_enable: SetpointEnable = _AXIS.setpoint_enable
+    control_lost: ControlLost = _AXIS.control_lost
+    stop_time_ms: Annotated[Integer, Field(ge=10, le=600_000)] = _AXIS.stop_time_ns // 1_000_000
     """From 100 % speed to standstill by the drive's own ramps (6084h, 6085h)."""
-    modulo_axis: Boolean = False
+    modulo_axis: Boolean = _AXIS.modulo_axis
     simulate: Boolean = False
-    ramp_stop_resume: Boolean = False
+    ramp_stop_resume: Boolean = _AXIS.ramp_stop_resume
     standstill_window_percent: Annotated[Fraction, BeforeValidator(_standstill), Field(gt=0, le=Fraction(1, 2))] = (
-        Fraction(1, 100)
+        _AXIS.standstill_window
     )
-    heartbeat_ms: Annotated[Integer, Field(ge=10, le=10_000)] = 100
-    tpdo_event_ms: Annotated[Integer, Field(ge=1, le=10_000)] = 50
+    tpdo_event_ms: Annotated[Integer, Field(ge=1, le=10_000)] = _NODE.tpdo_event_ms
     tpdo_inhibit_us: Annotated[Integer, Field(ge=0, le=_MAXIMUM_INHIBIT_US)] | None = None
     """None: one TPDO for each cycle of the PLC, more would only load the bus."""
-    sdo_timeout_ms: Annotated[Integer, Field(ge=10, le=60_000)] = 500
-    sdo_interval_ms: Annotated[Integer, Field(ge=0, le=1000)] = 4
-    """Pause of the parameter channel between two SDOs."""
     sync: Boolean = False
-    allow_unguarded: Boolean = False
+    allow_unguarded: Boolean = _NODE.allow_unguarded
     g1: Annotated[Integer, Field(ge=1, le=254)] | None = None
     """Telegrams with G1: the do_id of the encoder that it is; None: the drive's own position."""
     g2: Annotated[Integer, Field(ge=1, le=254)] | Literal["drive"] | None = None

@@ -38,11 +38,8 @@ class EncoderConfig(DriveObjectSection):
     simulate: Boolean = False
     motion: str = "still"
     """Of a simulated encoder, as ``pdgw sim encoder --motion`` takes it."""
-    heartbeat_ms: Annotated[Integer, Field(ge=10, le=10_000)] = 100
     tpdo_event_ms: Annotated[Integer, Field(ge=1, le=10_000)] | None = None
     """Cyclic timer 6200h. None: the cycle of the PLC."""
-    sdo_timeout_ms: Annotated[Integer, Field(ge=10, le=60_000)] = 500
-    sdo_interval_ms: Annotated[Integer, Field(ge=0, le=1000)] = 4
     sync: Boolean = False
 
     @model_validator(mode="after")

@@ -6,11 +6,12 @@ import difflib
 from enum import StrEnum
 from ipaddress import IPv4Address, IPv4Interface, IPv4Network
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Final, Literal
 from uuid import UUID
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, Strict, model_validator
 
+from pdgw.ds301.node import NodeSettings
 from pdgw.explain import misplaced
 from pdgw.gateway import identity
 from pdgw.gateway.ports import STATUS_PORT
@@ -21,6 +22,8 @@ from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
 from pdgw.profinet.rpc.records import NIL
 from pdgw.profinet.station import IpSuite, check_name
 
+_NODE: Final = NodeSettings(node_id=1)
+"""What holds of a node where the file says nothing."""
 _MISSPELT = 0.85
 """A further [can] key as similar as this to one of ours is taken for a slip of the pen."""
 
@@ -44,6 +47,10 @@ class DriveObjectSection(Section):
     can: str | None = None
     """Name of its bus; None: the first."""
     eds: Path | None = None
+    heartbeat_ms: Annotated[Integer, Field(ge=10, le=10_000)] = _NODE.heartbeat_ms
+    sdo_timeout_ms: Annotated[Integer, Field(ge=10, le=60_000)] = _NODE.sdo_timeout_ms
+    sdo_interval_ms: Annotated[Integer, Field(ge=0, le=1000)] = 4
+    """Pause of the parameter channel between two SDOs."""
 
 
 class CanConfig(BaseModel):

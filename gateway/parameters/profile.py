@@ -54,6 +54,7 @@ from pdgw.profidrive.parameters.codec import MAX_PARAMETERS
 from pdgw.profidrive.parameters.errors import ParameterErrorNumber as Number
 from pdgw.profidrive.parameters.errors import ParameterRefused
 from pdgw.profidrive.parameters.model import BoundParameter, Parameter
+from pdgw.profidrive.parameters.pnu import Pnu
 from pdgw.profidrive.sensor_format import encode_sensor_format
 from pdgw.profidrive.signals import signal
 from pdgw.profidrive.telegrams import ApplicationMode
@@ -201,7 +202,7 @@ class NodeObject(BoundObject):
         return super().parameter(pnu)
 
     def check_writable(self, pnu: int) -> None:
-        if pnu != 927 and not self._stored.operation_priority:
+        if pnu != Pnu.OPERATION_PRIORITY and not self._stored.operation_priority:
             raise ParameterRefused(Number.NO_OPERATION_PRIORITY)
 
     def further_pnus(self) -> Iterable[int]:
@@ -210,29 +211,29 @@ class NodeObject(BoundObject):
     def _bind_common(self) -> None:
         owner, log_ = self.owner, self.owner.fault_log
         bus = self.daemon.config.bus_of(owner.config)
-        self.bind(915, lambda: [item.number for item in owner.telegram.setpoints.signals])
-        self.bind(916, lambda: [item.number for item in owner.telegram.actuals.signals])
-        self.bind(918, lambda: owner.node_id)
-        self.bind(919, self._name)
-        self.bind(922, lambda: owner.telegram.number, self._select_telegram)
-        self.bind(923, signal_list)
+        self.bind(Pnu.SETPOINT_SIGNALS, lambda: [item.number for item in owner.telegram.setpoints.signals])
+        self.bind(Pnu.ACTUAL_SIGNALS, lambda: [item.number for item in owner.telegram.actuals.signals])
+        self.bind(Pnu.NODE_ADDRESS, lambda: owner.node_id)
+        self.bind(Pnu.DEVICE_NAME, self._name)
+        self.bind(Pnu.TELEGRAM, lambda: owner.telegram.number, self._select_telegram)
+        self.bind(Pnu.SIGNAL_LIST, signal_list)
         masks = tuple(signal(name).bit("SIGN_OF_LIFE").mask for name in ("ZSW2", "STW2"))
-        self.bind(924, lambda: masks)
-        self.bind(925, lambda: self._stored.sign_of_life_tolerance, self._set_tolerance)
-        self.bind(927, lambda: self._stored.operation_priority, self._setter("operation_priority"))
-        self.bind(928, lambda: 1, lambda _: None)
-        self.bind(944, lambda: log_.counter)
-        self.bind(945, lambda: [fault.code for fault in log_.entries()])
-        self.bind(946, lambda: _fault_codes({}))
-        self.bind(947, lambda: [fault.number for fault in log_.entries()])
-        self.bind(948, lambda: [fault.time_ms for fault in log_.entries()])
-        self.bind(949, lambda: [fault.value for fault in log_.entries()])
-        self.bind(952, lambda: log_.situations, self._clear_faults)
-        self.bind(953, self._warnings, texts=_WARNING_TEXTS)
-        self.bind(963, lambda: (bus.bitrate or DEFAULT_BITRATE) // 1000)
-        self.bind(970, lambda: 0, self._when_one(self.load))
-        self.bind(971, lambda: 0, self._when_one(self.save))
-        self.bind(972, lambda: self._reset_prepared, self._reset)
+        self.bind(Pnu.SIGN_OF_LIFE_BIT, lambda: masks)
+        self.bind(Pnu.SIGN_OF_LIFE_TOLERANCE, lambda: self._stored.sign_of_life_tolerance, self._set_tolerance)
+        self.bind(Pnu.OPERATION_PRIORITY, lambda: self._stored.operation_priority, self._setter("operation_priority"))
+        self.bind(Pnu.CONTROL_PRIORITY, lambda: 1, lambda _: None)
+        self.bind(Pnu.FAULT_COUNTER, lambda: log_.counter)
+        self.bind(Pnu.FAULT_CODE, lambda: [fault.code for fault in log_.entries()])
+        self.bind(Pnu.FAULT_CODE_LIST, lambda: _fault_codes({}))
+        self.bind(Pnu.FAULT_NUMBER, lambda: [fault.number for fault in log_.entries()])
+        self.bind(Pnu.FAULT_TIME, lambda: [fault.time_ms for fault in log_.entries()])
+        self.bind(Pnu.FAULT_VALUE, lambda: [fault.value for fault in log_.entries()])
+        self.bind(Pnu.FAULT_SITUATIONS, lambda: log_.situations, self._clear_faults)
+        self.bind(Pnu.WARNING_WORD, self._warnings, texts=_WARNING_TEXTS)
+        self.bind(Pnu.BAUD_RATE, lambda: (bus.bitrate or DEFAULT_BITRATE) // 1000)
+        self.bind(Pnu.LOAD, lambda: 0, self._when_one(self.load))
+        self.bind(Pnu.SAVE, lambda: 0, self._when_one(self.save))
+        self.bind(Pnu.RESET, lambda: self._reset_prepared, self._reset)
 
     def _name(self) -> bytes:
         return (self._stored.name or f"{self.owner.kind} {self.do_id}").encode()
@@ -337,14 +338,14 @@ class AxisObject(NodeObject):
     def __init__(self, daemon: Daemon, axis: Axis) -> None:
         super().__init__(daemon, axis)
         self.axis = axis
-        self.bind(930, self._operating_mode)
-        self.bind(965, lambda: PROFILE_IDENTIFICATION)
-        self.bind(967, lambda: axis.last_setpoints[0] if axis.last_setpoints else 0)
-        self.bind(968, lambda: axis.actuals[0])
-        self.bind(975, lambda: (*_unit(daemon), AXIS_CLASS, _SUBCLASS, self.do_id))
-        self.bind(946, lambda: _fault_codes(axis.manufacturer_faults))
-        self.bind(979, lambda: encode_sensor_format(axis.sensor_formats))
-        self.bind(60000, self._reference_speed)
+        self.bind(Pnu.OPERATING_MODE, self._operating_mode)
+        self.bind(Pnu.PROFILE, lambda: PROFILE_IDENTIFICATION)
+        self.bind(Pnu.STW1, lambda: axis.last_setpoints[0] if axis.last_setpoints else 0)
+        self.bind(Pnu.ZSW1, lambda: axis.actuals[0])
+        self.bind(Pnu.DRIVE_OBJECT, lambda: (*_unit(daemon), AXIS_CLASS, _SUBCLASS, self.do_id))
+        self.bind(Pnu.FAULT_CODE_LIST, lambda: _fault_codes(axis.manufacturer_faults))
+        self.bind(Pnu.SENSOR_FORMAT, lambda: encode_sensor_format(axis.sensor_formats))
+        self.bind(Pnu.REFERENCE_SPEED, self._reference_speed)
         self._positioner: PositionerParameters | None = None
         if axis.config.positioner is not None:
             self._positioner = PositionerParameters(
@@ -397,12 +398,12 @@ class EncoderParameters(NodeObject):
         super().__init__(daemon, encoder)
         self.encoder = encoder
         identification = ENCODER_IDENTIFICATION.to_bytes(2, "big")
-        self.bind(965, lambda: identification, data_type=DataType.OCTET_STRING)
-        self.bind(975, lambda: (*_unit(daemon), ENCODER_CLASS, _ENCODER_CLASS_3, self.do_id))
-        self.bind(979, lambda: encode_sensor_format([encoder.sensor_format]))
-        self.bind(60000, lambda: float(encoder.config.reference_speed))
-        self.bind(65000, lambda: encoder.preset_value, self._set_preset)
-        self.bind(65001, self._operating_status)
+        self.bind(Pnu.PROFILE, lambda: identification, data_type=DataType.OCTET_STRING)
+        self.bind(Pnu.DRIVE_OBJECT, lambda: (*_unit(daemon), ENCODER_CLASS, _ENCODER_CLASS_3, self.do_id))
+        self.bind(Pnu.SENSOR_FORMAT, lambda: encode_sensor_format([encoder.sensor_format]))
+        self.bind(Pnu.REFERENCE_SPEED, lambda: float(encoder.config.reference_speed))
+        self.bind(Pnu.PRESET_VALUE, lambda: encoder.preset_value, self._set_preset)
+        self.bind(Pnu.OPERATING_STATUS, self._operating_status)
         self.bind_lists()
 
     def _warnings(self) -> int:
@@ -437,22 +438,22 @@ class DeviceObject(BoundObject):
         address = config.transport.listen.packed
         self._axes = axes
         if len(axes) != 1:
-            self.bind(918, lambda: GATEWAY_NODE_ID)
-            self.bind(919, identity.ORDER_ID.encode)
-        self.bind(964, lambda: (*_unit(daemon), len(axes)))
-        self.bind(965, lambda: PROFILE_IDENTIFICATION)
+            self.bind(Pnu.NODE_ADDRESS, lambda: GATEWAY_NODE_ID)
+            self.bind(Pnu.DEVICE_NAME, identity.ORDER_ID.encode)
+        self.bind(Pnu.DRIVE_UNIT, lambda: (*_unit(daemon), len(axes)))
+        self.bind(Pnu.PROFILE, lambda: PROFILE_IDENTIFICATION)
         latency = int(config.transport.parameter_timeout_ms / 10)
-        self.bind(974, lambda: (MAX_BLOCK, MAX_PARAMETERS, latency))
-        self.bind(975, lambda: (*_unit(daemon), 0, 0, 0))
-        self.bind(976, lambda: 0, lambda value: self._each(NodeObject.load) if value else None)
-        self.bind(977, lambda: 0, lambda value: self._each(NodeObject.save) if value else None)
-        self.bind(978, lambda: [axis.do_id for axis in axes])
-        self.bind(61000, config.transport.station_name.encode)
-        self.bind(61001, lambda: address)
+        self.bind(Pnu.PARAMETER_ACCESS, lambda: (MAX_BLOCK, MAX_PARAMETERS, latency))
+        self.bind(Pnu.DRIVE_OBJECT, lambda: (*_unit(daemon), 0, 0, 0))
+        self.bind(Pnu.LOAD_DEVICE, lambda: 0, lambda value: self._each(NodeObject.load) if value else None)
+        self.bind(Pnu.SAVE_DEVICE, lambda: 0, lambda value: self._each(NodeObject.save) if value else None)
+        self.bind(Pnu.DRIVE_OBJECTS, lambda: [axis.do_id for axis in axes])
+        self.bind(Pnu.STATION_NAME, config.transport.station_name.encode)
+        self.bind(Pnu.STATION_IP, lambda: address)
         # The UDP transport has no Ethernet of its own: addresses of the host are the host's business.
-        self.bind(61002, lambda: bytes(6))
-        self.bind(61003, lambda: bytes(4))
-        self.bind(61004, lambda: bytes(4))
+        self.bind(Pnu.STATION_MAC, lambda: bytes(6))
+        self.bind(Pnu.STATION_GATEWAY, lambda: bytes(4))
+        self.bind(Pnu.STATION_MASK, lambda: bytes(4))
         if daemon.config.transport.type == "profinet":
             from pdgw.gateway.profinet_link import ProfinetLink  # noqa: PLC0415 (the other transport starts without)
 
@@ -466,11 +467,11 @@ class DeviceObject(BoundObject):
         self.bind_lists()
 
     def _bind_station(self, station: Station) -> None:
-        self.bind(61000, lambda: bytes(station.name, "ascii"))
-        self.bind(61001, lambda: station.ip.address.packed)
-        self.bind(61002, lambda: station.identity.mac)
-        self.bind(61003, lambda: station.ip.gateway.packed)
-        self.bind(61004, lambda: station.ip.mask.packed)
+        self.bind(Pnu.STATION_NAME, lambda: bytes(station.name, "ascii"))
+        self.bind(Pnu.STATION_IP, lambda: station.ip.address.packed)
+        self.bind(Pnu.STATION_MAC, lambda: station.identity.mac)
+        self.bind(Pnu.STATION_GATEWAY, lambda: station.ip.gateway.packed)
+        self.bind(Pnu.STATION_MASK, lambda: station.ip.mask.packed)
 
     def _each(self, action: Callable[[NodeObject], None]) -> None:
         for axis in self._axes:

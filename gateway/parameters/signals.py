@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pdgw.dsp402.objects import DRIVE_OBJECTS
+from pdgw.profidrive.parameters.pnu import Pnu
 from pdgw.profidrive.signals import signal
 
 
@@ -11,8 +12,8 @@ def _index(attribute: str) -> int:
 
 
 SIGNAL_SOURCES: dict[str, int] = {
-    "STW1": 967,
-    "ZSW1": 968,
+    "STW1": Pnu.STW1,
+    "ZSW1": Pnu.ZSW1,
     "NSOLL_A": _index("target_velocity"),
     "NIST_A": _index("velocity_actual"),
     "NSOLL_B": _index("target_velocity"),

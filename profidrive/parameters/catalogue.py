@@ -12,6 +12,7 @@ from types import MappingProxyType
 
 from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.errors import ProfidriveError
+from pdgw.profidrive.parameters.pnu import Pnu
 from pdgw.profidrive.signals import signal
 
 OBJECT_PNUS = range(0x03E8, 0xEA5F + 1)
@@ -70,19 +71,34 @@ LIST_PNUS = range(980, 990)
 """Lists of all parameters, chained."""
 
 _SPECS = (
-    ParameterSpec(915, "PZD setpoints", "signal numbers of the setpoint telegram", _U16, _DO, array=True),
-    ParameterSpec(916, "PZD actual value", "signal numbers of the actual value telegram", _U16, _DO, array=True),
-    ParameterSpec(918, "Node address", "CANopen node-ID", _U16, _DO),
-    ParameterSpec(919, "Device name", "name of the device behind the DO", _TEXT, _DO),
-    ParameterSpec(922, "Telegram", "telegram selection", _U16, _DO, writable=True, low=1, high=0xFFFF),
     ParameterSpec(
-        923, "Signal list", "element n: PNU or object that carries signal n, 0 = not supported", _U16, _DO, array=True
+        Pnu.SETPOINT_SIGNALS, "PZD setpoints", "signal numbers of the setpoint telegram", _U16, _DO, array=True
     ),
     ParameterSpec(
-        924, "Sign of life bit", "masks of the sign of life", _U16, _DO, array=True, elements=("ZSW2", "STW2")
+        Pnu.ACTUAL_SIGNALS, "PZD actual value", "signal numbers of the actual value telegram", _U16, _DO, array=True
+    ),
+    ParameterSpec(Pnu.NODE_ADDRESS, "Node address", "CANopen node-ID", _U16, _DO),
+    ParameterSpec(Pnu.DEVICE_NAME, "Device name", "name of the device behind the DO", _TEXT, _DO),
+    ParameterSpec(Pnu.TELEGRAM, "Telegram", "telegram selection", _U16, _DO, writable=True, low=1, high=0xFFFF),
+    ParameterSpec(
+        Pnu.SIGNAL_LIST,
+        "Signal list",
+        "element n: PNU or object that carries signal n, 0 = not supported",
+        _U16,
+        _DO,
+        array=True,
     ),
     ParameterSpec(
-        925,
+        Pnu.SIGN_OF_LIFE_BIT,
+        "Sign of life bit",
+        "masks of the sign of life",
+        _U16,
+        _DO,
+        array=True,
+        elements=("ZSW2", "STW2"),
+    ),
+    ParameterSpec(
+        Pnu.SIGN_OF_LIFE_TOLERANCE,
         "Sign of life tol",
         "tolerated sign-of-life failures, 65535 = not supervised",
         _U16,
@@ -91,28 +107,59 @@ _SPECS = (
         low=0,
         high=0xFFFF,
     ),
-    ParameterSpec(927, "Operation prio", "1: the parameter channel may write", _U16, _DO, writable=True, low=0, high=1),
-    ParameterSpec(928, "Control priority", "1: the PZD control the drive", _U16, _DO, writable=True, low=1, high=1),
-    ParameterSpec(930, "Operating mode", "1 speed control, 2 positioning, 8064h telegram 100", _U16, _AXIS),
-    ParameterSpec(944, "Fault counter", "counts every change of the fault buffer", _U16, _DO),
-    ParameterSpec(945, "Fault code", "EMCY error code, 603Fh", _U16, _DO, array=True),
-    ParameterSpec(946, "Fault code list", "element n: fault code of fault number n", _U16, _DO, array=True),
-    ParameterSpec(947, "Fault number", "the drive's own number, or the gateway's", _U16, _DO, array=True),
-    ParameterSpec(948, "Fault time", "time since start", DataType.TIME_DIFFERENCE, _DO, array=True, unit="ms"),
-    ParameterSpec(949, "Fault value", "manufacturer's bytes of the EMCY", _U32, _DO, array=True),
     ParameterSpec(
-        952, "Fault situations", "situations in the buffer, 0 clears it", _U16, _DO, writable=True, low=0, high=0xFFFF
+        Pnu.OPERATION_PRIORITY,
+        "Operation prio",
+        "1: the parameter channel may write",
+        _U16,
+        _DO,
+        writable=True,
+        low=0,
+        high=1,
     ),
     ParameterSpec(
-        953,
+        Pnu.CONTROL_PRIORITY,
+        "Control priority",
+        "1: the PZD control the drive",
+        _U16,
+        _DO,
+        writable=True,
+        low=1,
+        high=1,
+    ),
+    ParameterSpec(
+        Pnu.OPERATING_MODE, "Operating mode", "1 speed control, 2 positioning, 8064h telegram 100", _U16, _AXIS
+    ),
+    ParameterSpec(Pnu.FAULT_COUNTER, "Fault counter", "counts every change of the fault buffer", _U16, _DO),
+    ParameterSpec(Pnu.FAULT_CODE, "Fault code", "EMCY error code, 603Fh", _U16, _DO, array=True),
+    ParameterSpec(
+        Pnu.FAULT_CODE_LIST, "Fault code list", "element n: fault code of fault number n", _U16, _DO, array=True
+    ),
+    ParameterSpec(Pnu.FAULT_NUMBER, "Fault number", "the drive's own number, or the gateway's", _U16, _DO, array=True),
+    ParameterSpec(
+        Pnu.FAULT_TIME, "Fault time", "time since start", DataType.TIME_DIFFERENCE, _DO, array=True, unit="ms"
+    ),
+    ParameterSpec(Pnu.FAULT_VALUE, "Fault value", "manufacturer's bytes of the EMCY", _U32, _DO, array=True),
+    ParameterSpec(
+        Pnu.FAULT_SITUATIONS,
+        "Fault situations",
+        "situations in the buffer, 0 clears it",
+        _U16,
+        _DO,
+        writable=True,
+        low=0,
+        high=0xFFFF,
+    ),
+    ParameterSpec(
+        Pnu.WARNING_WORD,
         "Warning word",
         "present warnings",
         _U16,
         _DO,
     ),
-    ParameterSpec(963, "Baud rate", "actual bit rate of the CAN bus", _U16, _DO, unit="kbit/s"),
+    ParameterSpec(Pnu.BAUD_RATE, "Baud rate", "actual bit rate of the CAN bus", _U16, _DO, unit="kbit/s"),
     ParameterSpec(
-        964,
+        Pnu.DRIVE_UNIT,
         "Drive unit ident",
         "drive unit identification",
         _U16,
@@ -120,14 +167,16 @@ _SPECS = (
         array=True,
         elements=("manufacturer", "type", "version", "year", "day and month", "axes"),
     ),
-    ParameterSpec(965, "Profile ident", "profile identification number", _U16, _DO),
-    ParameterSpec(967, "STW1", "control word as last exchanged", _V2, _AXIS, texts=_bit_texts("STW1")),
-    ParameterSpec(968, "ZSW1", "status word as last exchanged", _V2, _AXIS, texts=_bit_texts("ZSW1")),
-    ParameterSpec(970, "Load parameters", "1 loads the stored parameters", _U16, _DO, writable=True, low=0, high=1),
-    ParameterSpec(971, "Save parameters", "1 stores the parameters", _U16, _DO, writable=True, low=0, high=1),
-    ParameterSpec(972, "Drive reset", "1 power-on reset, 2 prepares it", _U16, _DO, writable=True, low=0, high=2),
+    ParameterSpec(Pnu.PROFILE, "Profile ident", "profile identification number", _U16, _DO),
+    ParameterSpec(Pnu.STW1, "STW1", "control word as last exchanged", _V2, _AXIS, texts=_bit_texts("STW1")),
+    ParameterSpec(Pnu.ZSW1, "ZSW1", "status word as last exchanged", _V2, _AXIS, texts=_bit_texts("ZSW1")),
     ParameterSpec(
-        974,
+        Pnu.LOAD, "Load parameters", "1 loads the stored parameters", _U16, _DO, writable=True, low=0, high=1
+    ),
+    ParameterSpec(Pnu.SAVE, "Save parameters", "1 stores the parameters", _U16, _DO, writable=True, low=0, high=1),
+    ParameterSpec(Pnu.RESET, "Drive reset", "1 power-on reset, 2 prepares it", _U16, _DO, writable=True, low=0, high=2),
+    ParameterSpec(
+        Pnu.PARAMETER_ACCESS,
         "BMP access",
         "base mode parameter access service identification",
         _U16,
@@ -136,7 +185,7 @@ _SPECS = (
         elements=("max block length", "max parameters", "max latency"),
     ),
     ParameterSpec(
-        975,
+        Pnu.DRIVE_OBJECT,
         "DO ident",
         "DO identification",
         _U16,
@@ -144,22 +193,24 @@ _SPECS = (
         array=True,
         elements=("manufacturer", "type", "version", "year", "day and month", "class", "subclass", "DO-ID"),
     ),
-    ParameterSpec(976, "Load device set", "1 loads all DOs", _U16, _DEVICE, writable=True, low=0, high=1),
-    ParameterSpec(977, "Save device set", "1 stores all DOs", _U16, _DEVICE, writable=True, low=0, high=1),
-    ParameterSpec(978, "DO list", "all DO-IDs", _U8, _DEVICE, array=True),
-    ParameterSpec(979, "Sensor format", "format of the sensor values", _U32, _DO, array=True),
+    ParameterSpec(Pnu.LOAD_DEVICE, "Load device set", "1 loads all DOs", _U16, _DEVICE, writable=True, low=0, high=1),
+    ParameterSpec(Pnu.SAVE_DEVICE, "Save device set", "1 stores all DOs", _U16, _DEVICE, writable=True, low=0, high=1),
+    ParameterSpec(Pnu.DRIVE_OBJECTS, "DO list", "all DO-IDs", _U8, _DEVICE, array=True),
+    ParameterSpec(Pnu.SENSOR_FORMAT, "Sensor format", "format of the sensor values", _U32, _DO, array=True),
     *(
         ParameterSpec(pnu, f"Parameters {pnu - 979}", "defined parameters, chained", _U16, _DO, array=True)
         for pnu in LIST_PNUS
     ),
-    ParameterSpec(60000, "Reference speed", "velocity reference value", DataType.FLOATING_POINT, _DO, unit="rpm"),
-    ParameterSpec(61000, "Name of station", "name of station", _TEXT, _DEVICE),
-    ParameterSpec(61001, "IP of station", "IP address", _OCTETS, _DEVICE),
-    ParameterSpec(61002, "MAC of station", "MAC address", _OCTETS, _DEVICE),
-    ParameterSpec(61003, "Default gateway", "default gateway", _OCTETS, _DEVICE),
-    ParameterSpec(61004, "Subnet mask", "subnet mask", _OCTETS, _DEVICE),
     ParameterSpec(
-        65000,
+        Pnu.REFERENCE_SPEED, "Reference speed", "velocity reference value", DataType.FLOATING_POINT, _DO, unit="rpm"
+    ),
+    ParameterSpec(Pnu.STATION_NAME, "Name of station", "name of station", _TEXT, _DEVICE),
+    ParameterSpec(Pnu.STATION_IP, "IP of station", "IP address", _OCTETS, _DEVICE),
+    ParameterSpec(Pnu.STATION_MAC, "MAC of station", "MAC address", _OCTETS, _DEVICE),
+    ParameterSpec(Pnu.STATION_GATEWAY, "Default gateway", "default gateway", _OCTETS, _DEVICE),
+    ParameterSpec(Pnu.STATION_MASK, "Subnet mask", "subnet mask", _OCTETS, _DEVICE),
+    ParameterSpec(
+        Pnu.PRESET_VALUE,
         "Preset value",
         "encoder preset",
         _I32,
@@ -170,7 +221,7 @@ _SPECS = (
         unit="increments",
     ),
     ParameterSpec(
-        65001,
+        Pnu.OPERATING_STATUS,
         "Operating status",
         "operating status of the encoder",
         _I32,

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import enum
+import re
+import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -9,14 +12,18 @@ import pytest
 from can.interfaces import BACKENDS
 from hypothesis import given
 from hypothesis import strategies as st
+from pydantic import BaseModel
+from pydantic_core import PydanticUndefined
 
 from pdgw.dsp406.device import eds_path
 from pdgw.dsp406.kinds import ROTARY
 from pdgw.gateway.axis.settings import ControlLost, PlcLossReaction, SetpointEnable
 from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS
+from pdgw.gateway.config import AxisConfig
 from pdgw.gateway.config_check import references_wrong
 from pdgw.gateway.config_example import example, simulated
 from pdgw.gateway.config_file import load_config, parse_config
+from pdgw.gateway.config_surroundings import TransportConfig
 from pdgw.gateway.errors import GatewayError
 from pdgw.peers.drive.device import EDS_PATH
 from pdgw.profidrive.telegrams import TELEGRAMS
@@ -347,6 +354,34 @@ def test_missing_files_are_named(tmp_path: Path) -> None:
     path.write_text(BASE.replace("simulate = true", 'eds = "nowhere.eds"'))
     with pytest.raises(GatewayError, match=r"c.toml:22: \[\[axis\]\] number 1 eds = '.*nowhere\.eds': is not a file"):
         load_config(path)
+
+
+def _shown(head: str, further: frozenset[str]) -> dict[str, object]:
+    """The keys of one table of the example with their values, also those behind a #, up to what another table starts with."""
+    part = example().partition(f"\n{head}\n")[2].partition("\n[")[0].partition("\n# [")[0]
+    lines = (line.removeprefix("# ") for line in part.splitlines() if re.match(r"(# )?[a-z]\w* = ", line))
+    return {key: value for line in lines for key, value in tomllib.loads(line).items() if key not in further}
+
+
+@pytest.mark.parametrize(
+    ("head", "section", "further"),
+    [
+        ("[transport]", TransportConfig, {"vendor_id", "device_id", "ar_uuid", "listen"}),
+        ("[[axis]]", AxisConfig, set()),
+    ],
+)
+def test_the_example_shows_a_key_that_has_a_default_with_its_default(
+    head: str, section: type[BaseModel], further: set[str]
+) -> None:
+    """``type`` stands there twice, a key without a default shows what it may be."""
+    shown = _shown(head, frozenset({*further, "type", "family"}))
+    defaults = {key: field.default for key, field in section.model_fields.items()}
+    compared = {key: value for key, value in shown.items() if defaults[key] not in {None, "", PydanticUndefined}}
+    assert len(compared) > 5
+    for key, value in compared.items():
+        default = defaults[key]
+        default = default.value if isinstance(default, enum.Enum) else default
+        assert value == (default * 100 if key == "standstill_window_percent" else default), key
 
 
 @given(text=st.text(max_size=200))

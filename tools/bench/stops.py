@@ -17,6 +17,7 @@ from pdgw.ds301.connection_set import NMT
 from pdgw.ds301.loop import MS, SECOND
 from pdgw.ds301.nmt import NmtCommand
 from pdgw.ds301.pdo import PdoDirection
+from pdgw.dsp402.settings import DriveSettings
 from pdgw.dsp402.states import Command, State
 from pdgw.gateway.config_file import parse_config
 from pdgw.gateway.daemon import Daemon
@@ -38,7 +39,6 @@ channel = "{CHANNEL}"
 cyclic_port = 0
 acyclic_port = 0
 status_port = 0
-cycle_time_ms = 4
 [[axis]]
 do_id = 1
 node_id = {NODE}
@@ -249,7 +249,12 @@ class Site:
         return took
 
 
-_CYCLE, _WATCHDOG, _EVENT, _EVENTS, _HEARTBEAT, _HEARTBEATS, _REFRESH = 4, 3, 50, 4, 100, 3, 100
+_TRANSPORT = parse_config(CONFIGURATION).transport
+_CYCLE, _WATCHDOG = round(_TRANSPORT.cycle_time_ms), _TRANSPORT.watchdog_factor
+_NODE = DriveSettings(NODE)
+_EVENT, _EVENTS = _NODE.tpdo_event_ms, _NODE.tpdo_timeout_factor
+_HEARTBEAT, _HEARTBEATS = _NODE.heartbeat_ms, _NODE.heartbeat_factor
+_REFRESH = _NODE.rpdo_refresh_ms
 _LOOK = 20
 """The node's task looks so often whether a heartbeat is missing, milliseconds."""
 _FRAME = 1

@@ -18,10 +18,19 @@ from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.toml_file import read_text
 from pdgw.profidrive.parameters.catalogue import OBJECT_PNUS
 from pdgw.profidrive.parameters.codec import Values
+from pdgw.profidrive.parameters.pnu import Pnu
 from pdgw.tools.parameters.address import Target, parse_type, parse_value
 from pdgw.tools.parameters.session import NOT_THERE, Element, Progress, Session, address_text
 
-_COMMANDS = {928, 952, 970, 971, 972, 976, 977}
+_COMMANDS = {
+    Pnu.CONTROL_PRIORITY,
+    Pnu.FAULT_SITUATIONS,
+    Pnu.LOAD,
+    Pnu.SAVE,
+    Pnu.RESET,
+    Pnu.LOAD_DEVICE,
+    Pnu.SAVE_DEVICE,
+}
 """Writing these does something; they are no settings."""
 _PROCESS = {
     DRIVE_OBJECTS.attribute(name).index
@@ -35,9 +44,7 @@ _PROCESS = {
     )
 }
 """Demands of the moment."""
-_TELEGRAM = 922
-_OPERATION_PRIORITY = 927
-_LAST = (_TELEGRAM, _OPERATION_PRIORITY)
+_LAST = (Pnu.TELEGRAM, Pnu.OPERATION_PRIORITY)
 """Another telegram makes the gateway configure the drive anew; with the priority taken away nothing after it can be written."""
 
 Pair = tuple["DumpedElement", Element]
@@ -120,7 +127,9 @@ def read_all(session: Session, progress: Progress | None = None) -> tuple[Dump, 
                 array=array,
             )
         )
-    unit = tuple(element.value for element in elements if element.pnu == 964 and isinstance(element.value, int))
+    unit = tuple(
+        element.value for element in elements if element.pnu == Pnu.DRIVE_UNIT and isinstance(element.value, int)
+    )
     return Dump(do_id=session.client.do_id, unit=unit, parameters=tuple(dumped)), failed
 
 
@@ -157,7 +166,7 @@ def _same(wanted: DumpedElement, found: Element) -> bool:
 def other_telegram(pairs: Sequence[Pair]) -> tuple[int, int] | None:
     """The telegrams of the device and of the file, where they differ."""
     for wanted, found in pairs:
-        if wanted.pnu == _TELEGRAM and isinstance(wanted.value, int) and isinstance(found.value, int):
+        if wanted.pnu == Pnu.TELEGRAM and isinstance(wanted.value, int) and isinstance(found.value, int):
             return found.value, wanted.value
     return None
 

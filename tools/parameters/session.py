@@ -19,11 +19,11 @@ from pdgw.profidrive.parameters.catalogue import ENCODER_IDENTIFICATION, LIST_PN
 from pdgw.profidrive.parameters.codec import MAX_ELEMENTS, MAX_PARAMETERS, Address, Attribute, Values
 from pdgw.profidrive.parameters.description import Description
 from pdgw.profidrive.parameters.errors import ParameterErrorNumber, error_text
+from pdgw.profidrive.parameters.pnu import Pnu
 from pdgw.profidrive.signals import SIGNALS
 from pdgw.tools.parameters.address import Target
 from pdgw.tools.parameters.client import ParameterClient
 
-_PROFILE_IDENTIFICATION = 965
 _ENCODER_OBJECTS = {row.index: row for row in PROFILE}
 _STRINGS = {DataType.VISIBLE_STRING, DataType.OCTET_STRING}
 Progress = Callable[[int, int], None]
@@ -104,7 +104,7 @@ class Session:
     def is_encoder(self) -> bool:
         """By its profile identification (P965)."""
         if self._is_encoder is None:
-            (answer,) = self.client.request([Address(_PROFILE_IDENTIFICATION)])
+            (answer,) = self.client.request([Address(Pnu.PROFILE)])
             self._is_encoder = answer.values == ENCODER_IDENTIFICATION.to_bytes(2, "big")
         return self._is_encoder
 
@@ -255,7 +255,7 @@ def meaning(element: Element, *, encoder: bool) -> str:
     value = element.value
     if not isinstance(value, int):
         return ""
-    if element.pnu in {967, 968}:
+    if element.pnu in {Pnu.STW1, Pnu.ZSW1}:
         word = SIGNALS[PARAMETERS[element.pnu].name]
         return ", ".join(bit.name for bit in word.bits if bit.of(value))
     if element.pnu == STATUSWORD[0] and not encoder:
