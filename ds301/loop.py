@@ -130,7 +130,7 @@ class Loop(abc.ABC):
         self.counters = Counters()
         """Of everything that runs on the loop."""
         self.task_errors = 0
-        self._told: set[tuple[str, type[Exception], str, int]] = set()
+        self._told: set[tuple[str, type[Exception], str]] = set()
         """Errors nobody expected: what they ended, their kind and the place they came from."""
         self.counters.add(
             "loop",
@@ -215,8 +215,7 @@ class Loop(abc.ABC):
         Whoever asks again and again must not fill the log.
         """
         self.task_errors += 1
-        frame, line = list(traceback.walk_tb(error.__traceback__))[-1]
-        place = (what, type(error), frame.f_code.co_filename, line)
+        place = (what, type(error), str(traceback.extract_tb(error.__traceback__, -1)))
         if place not in self._told:
             self._told.add(place)
             log.error("%s by an error nobody expected; the same is only counted from now on", what, exc_info=error)
