@@ -261,6 +261,15 @@ def test_before_prm_end_every_status_on_the_wire_is_bad() -> None:
     assert not any(any(frame[20:-4]) for frame in cyclic)
 
 
+def test_a_fault_that_is_there_already_shows_in_the_first_frame() -> None:
+    caller = Caller()
+    caller.wire.device.set_diagnosis((1, 1), 0x9000)
+    assert not caller.connect(blocks())[0].value
+    caller.wire.run(4 * MS)
+    (first,) = [frame for frame in caller.wire.frames if frame[18:20] == b"\x80\x01"]
+    assert first[-2] == STATUS_NORMAL & ~STATUS_NO_PROBLEM
+
+
 def test_a_fault_diagnosis_shows_in_the_data_status() -> None:
     wire = Wire()
     wire.connect()

@@ -356,6 +356,14 @@ def test_a_refused_access_carries_its_status_in_both_places() -> None:
     assert "invalid index" in block.status.text
 
 
+def test_a_write_is_answered_with_the_length_it_had() -> None:
+    answer = RecordServer(Echo(), 4096).receive(caller().write(0, 0, 1, 0x1234, b"three").packets[0], "plc")[0]
+    header, body = dcerpc.decode_packet(answer)
+    status, arguments = decode_arguments(body, little=header.little_endian)
+    block, behind = decode_block(arguments)
+    assert (status, block.type, block.status.value, block.length, behind) == (0, BlockType.WRITE_RESPONSE, 0, 5, b"")
+
+
 def test_a_record_longer_than_the_reader_takes_is_refused_not_cut() -> None:
     server = RecordServer(Echo(record=bytes(500)), 4096)
     result = finish(caller(max_record=400).read(0, 0, 1, RECORD_GLOBAL), server)
