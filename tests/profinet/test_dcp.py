@@ -201,6 +201,8 @@ def test_while_a_relationship_is_up_name_ip_and_reset_are_refused_and_nothing_ch
         (Option.IP, bytes.fromhex("e0000001ffffff0000000000"), 1, SetError.VALUE),
         (Option.IP, bytes.fromhex("0a000001ff00ff0000000000"), 1, SetError.VALUE),
         (Option.IP, bytes.fromhex("0a000001ffffff000a000101"), 1, SetError.VALUE),
+        (Option.IP, bytes.fromhex("0a0000010000000000000000"), 1, SetError.VALUE),
+        (Option.IP, bytes.fromhex("00000000ffffff0000000000"), 1, SetError.VALUE),
         (Option.SIGNAL, b"\2\0", 1, SetError.VALUE),
         (Option.RESET, b"", 1, SetError.VALUE),
         (Option.ROLE, b"\1\0", 1, SetError.SUBOPTION),

@@ -16,7 +16,9 @@ from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profinet import lldp
 from pdgw.profinet.station import Identity, IpSuite, Station
 from tests.support import tshark, tshark_frames
+from tests.support.profinet import Wire
 
+SECOND = 1_000_000_000
 MAC = bytes.fromhex("020000000001")
 
 
@@ -62,6 +64,43 @@ def test_a_neighbour_built_by_scapy_is_known_by_its_name() -> None:
     )
     neighbour = lldp.decode(bytes(frame), 14, 0)
     assert (neighbour.chassis_id, neighbour.port_id, neighbour.alias) == ("plc", "port-001", "port-001.plc")
+
+
+def told_by_a_neighbour(lifetime_s: int) -> bytes:
+    suite = IpSuite(IPv4Address("192.168.0.1"), IPv4Address("255.255.255.0"))
+    frame = lldp.encode(Station(Identity(bytes.fromhex("020000000007"), 1, 1, "plc", "PLC"), "plc-1", suite))
+    ttl = frame.index(bytes.fromhex("06020014"))
+    return frame[: ttl + 2] + lifetime_s.to_bytes(2, "big") + frame[ttl + 4 :]
+
+
+def test_a_neighbour_is_known_as_long_as_he_said_and_goes_with_the_cable() -> None:
+    wire = Wire()
+    device = wire.device
+
+    def known() -> str:
+        neighbour = wire.station.neighbour
+        return neighbour.alias if neighbour else ""
+
+    device.on_frame(told_by_a_neighbour(12), 0)
+    assert known() == "port-001.plc-1"
+    wire.run(12 * SECOND)
+    assert known()
+    wire.run(5 * SECOND)
+    assert not known(), "he fell silent"
+    device.on_frame(told_by_a_neighbour(12), wire.now)
+    device.on_frame(told_by_a_neighbour(0), wire.now)
+    assert not known(), "he says goodbye"
+    device.on_frame(told_by_a_neighbour(12), wire.now)
+    device.on_link(False, wire.now)
+    assert not known()
+    device.on_frame(lldp.encode(wire.station), wire.now)
+    assert not known(), "our own frame"
+
+
+def test_the_device_is_described_in_columns() -> None:
+    identity = Identity(MAC, 1, 2, "a product of more than 25 characters", "ORDER", "4711", 3, ("V", 1, 22, 333))
+    assert identity.chassis == "a product of more than 25 ORDER                4711                 3 V  1 22333"
+    assert identity.annotation == "a product of more than 25 ORDER                    3 V  1 22333"
 
 
 @given(st.binary(max_size=100))
