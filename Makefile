@@ -55,10 +55,9 @@ measured: compiled
 	COLUMNS=120 $(BIN)/pdgw bench timeline > $(MEASURED)/timeline.txt
 	@# Needs network namespaces; real-time priority inside one needs root.
 	if unshare --net true || unshare --user --map-root-user --net true; then \
-		COLUMNS=120 $(BIN)/pdgw bench profinet > $(MEASURED)/profinet.txt; fi
-	if unshare --net true; then \
-		COLUMNS=120 $(BIN)/pdgw bench profinet --realtime >> $(MEASURED)/profinet.txt; \
+		COLUMNS=120 $(BIN)/pdgw bench profinet > $(MEASURED)/profinet.txt; \
 		COLUMNS=120 $(WITH_COMPILED) $(BIN)/python -m pdgw bench profinet > $(MEASURED)/profinet-compiled.txt; fi
+	if unshare --net true; then COLUMNS=120 $(BIN)/pdgw bench profinet --realtime >> $(MEASURED)/profinet.txt; fi
 
 # The same sources with the cyclic path compiled by mypyc (a C compiler is needed): into build/compiled, beside the editable install.
 COMPILED := build/compiled
