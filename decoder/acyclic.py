@@ -13,7 +13,7 @@ from uuid import UUID
 
 from pdgw.decoder.connect import Connection
 from pdgw.decoder.fields import Document
-from pdgw.decoder.profinet_blocks import IM_INDEXES, documents, named, place_text
+from pdgw.decoder.profinet_blocks import IM_INDEXES, documents, named, place_text, status_text
 from pdgw.decoder.profinet_calls import OPERATIONS, RelationCalls
 from pdgw.decoder.profinet_names import StationNames
 from pdgw.decoder.recent import Recent
@@ -150,8 +150,8 @@ class AcyclicDecoder:
         first, arguments = decode_arguments(body, little=header.little_endian)
         status = PnioStatus() if is_request else PnioStatus.of(first)
         if not is_request:
-            fields["status"] = {"raw": status.value, "text": status.text}
-        outcome = "" if is_request or not status.value else f": {status.text}"
+            fields["status"] = {"raw": status.value, "text": status_text(status)}
+        outcome = "" if is_request or not status.value else f": {status_text(status)}"
         if header.operation in OPERATIONS and arguments and not status.value:
             return self.relations.record(base, header, head, arguments, fields, latency, is_request=is_request)
         if header.operation not in {Operation.READ, Operation.WRITE, Operation.READ_IMPLICIT} or not arguments:

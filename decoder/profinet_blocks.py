@@ -23,10 +23,13 @@ from pdgw.profinet.blocks.alarm import (
     MessageClass,
     Specifier,
 )
+from pdgw.profinet.blocks.connect import REFUSED_BLOCKS, REQUESTS
+from pdgw.profinet.blocks.control import ControlBlock, ReleaseReq
 from pdgw.profinet.blocks.records import MultipleBlock
 from pdgw.profinet.model import INTERFACE_SUBSLOT
 from pdgw.profinet.rpc.identification import INDEX as IM_INDEX
 from pdgw.profinet.rpc.identification import TEXT_FIELDS
+from pdgw.profinet.rpc.records import PNIO, PnioStatus
 from pdgw.profinet.wire import HEADER, VERSION_SIZE, Block, Cursor, Structure, WireError
 
 _MODULES = (alarm, connect, control, records)
@@ -37,6 +40,10 @@ BLOCKS: Final[dict[int, type[Block]]] = {
     if isinstance(cls, type) and issubclass(cls, Block) and hasattr(cls, "TYPE")
 }
 """Declared blocks by their type."""
+_REQUESTS: Final[list[type[Block]]] = [*REQUESTS.values(), ControlBlock, ReleaseReq]
+_REFUSABLE: Final = {cls.ERROR_CODE1: cls for cls in _REQUESTS}
+"""Blocks of Connect, Control and Release by the ErrorCode1 that names them in a refusal."""
+_UNDECLARED: Final = {code1: kind for kind, code1 in REFUSED_BLOCKS.items()}
 _IM_TYPE: Final = 0x0020
 _IM_NAMES: Final = {_IM_TYPE + number: f"I&M{number}" for number in range(len(TEXT_FIELDS) + 1)}
 IM_INDEXES: Final = range(IM_INDEX, IM_INDEX + 16)
@@ -67,6 +74,15 @@ def name_of(kind: int) -> str:
     if kind in BLOCKS:
         return BLOCKS[kind].__name__
     return _IM_NAMES.get(kind, f"block {kind:04X}h")
+
+
+def status_text(status: PnioStatus) -> str:
+    """A PNIO status for the reader: of a refused block the block and its field."""
+    if status.decode == PNIO and status.code1 in _REFUSABLE:
+        return f"faulty {_REFUSABLE[status.code1].field_at(status.code2)} ({status.codes})"
+    if status.decode == PNIO and status.code1 in _UNDECLARED:
+        return f"faulty {name_of(_UNDECLARED[status.code1])}, field {status.code2} ({status.codes})"
+    return status.text
 
 
 def documents(data: bytes) -> list[Document]:

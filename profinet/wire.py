@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any, ClassVar, Self
 from uuid import UUID
 
@@ -74,6 +74,10 @@ class _Kind:
 
     width = 1
 
+    def numbered(self, name: str, number: int) -> Iterator[tuple[int, str]]:
+        """What each of these numbers counts, as an error names it."""
+        yield number, name
+
     def read(self, cursor: Cursor, name: str, number: int, before: dict[str, Any]) -> Any:
         raise NotImplementedError
 
@@ -86,6 +90,9 @@ class _Scalar(_Kind):
         self._struct = struct.Struct(">" + char)
         self._check = check
         self._shift = shift
+
+    def numbered(self, name: str, number: int) -> Iterator[tuple[int, str]]:
+        yield number + self._shift, name
 
     def read(self, cursor: Cursor, name: str, number: int, before: dict[str, Any]) -> Any:
         value = self._struct.unpack(cursor.take(self._struct.size, name))[0]
@@ -136,6 +143,10 @@ class _Text(_Kind):
         self._length = length
         self._characters = characters
 
+    def numbered(self, name: str, number: int) -> Iterator[tuple[int, str]]:
+        yield number, f"length of {name}"
+        yield number + 1, name
+
     def read(self, cursor: Cursor, name: str, number: int, before: dict[str, Any]) -> str:
         (length,) = self._size.unpack(cursor.take(self._size.size, name))
         if cursor.checked and not self._length.accepts(length):
@@ -149,6 +160,9 @@ class _Text(_Kind):
         out += self._size.pack(len(value)) + value.encode("latin-1")
 
 
+_NUMBER_OF = "number of "
+
+
 class _Array(_Kind):
     """Structures one behind the other, behind their number or as many as earlier fields say."""
 
@@ -159,13 +173,18 @@ class _Array(_Kind):
         self.first = 0 if count else 1
         self.width = self.first + width(item)
 
+    def numbered(self, name: str, number: int) -> Iterator[tuple[int, str]]:
+        if self.first:
+            yield number, _NUMBER_OF + name
+        yield from _numbered(self.item, f"{name}.", number + self.first)
+
     def read(self, cursor: Cursor, name: str, number: int, before: dict[str, Any]) -> tuple[Any, ...]:
         if self._count is not None:
             count = self._count(before)
         else:
-            count = int.from_bytes(cursor.take(2, f"number of {name}"), "big")
+            count = int.from_bytes(cursor.take(2, _NUMBER_OF + name), "big")
             if cursor.checked and count < self._minimum:
-                raise WireError(f"number of {name}", count, f"at least {self._minimum}", number)
+                raise WireError(_NUMBER_OF + name, count, f"at least {self._minimum}", number)
         return tuple(self.item.read(cursor, number + self.first) for _ in range(count))
 
     def write(self, out: bytearray, value: tuple[Structure, ...], start: int) -> None:
@@ -182,6 +201,9 @@ class _Padding(_Kind):
 
     def __init__(self, size: int | None) -> None:
         self._size = size
+
+    def numbered(self, name: str, number: int) -> Iterator[tuple[int, str]]:
+        yield from ()
 
     def _missing(self, length: int) -> int:
         return -length % 4 if self._size is None else self._size
@@ -295,23 +317,24 @@ def width(cls: type[Structure]) -> int:
     return sum(kind.width for _, kind in _kinds(cls))
 
 
+def _numbered(cls: type[Structure], prefix: str, number: int) -> Iterator[tuple[int, str]]:
+    for name, kind in _kinds(cls):
+        yield from kind.numbered(prefix + name, number)
+        number += kind.width
+
+
 def number_of(cls: type[Structure], path: str) -> int:
     """The number of a field in its block (ErrorCode2); ``path`` goes through nested lists: ``apis.data.slot``."""
-    number = FIRST_FIELD
-    name, _, below = path.partition(".")
-    for present, kind in _kinds(cls):
-        if present == name:
-            if not below:
-                return number
-            assert isinstance(kind, _Array)
-            return number + kind.first + number_of(kind.item, below) - FIRST_FIELD
-        number += kind.width
+    for number, name in _numbered(cls, "", FIRST_FIELD):
+        if name.removeprefix(_NUMBER_OF) == path:
+            return number
     raise KeyError(path)
 
 
 HEADER = struct.Struct(">HHBB")
 """BlockType, BlockLength (from the version on), BlockVersionHigh, BlockVersionLow."""
 VERSION_SIZE = 2
+_HEADER_FIELDS = ("type", "length", "version", "version")
 
 
 class Block(Structure):
@@ -350,6 +373,14 @@ class Block(Structure):
         if cursor.left:
             raise WireError(cls.__name__, f"{cursor.left} bytes behind the last field", "none", LENGTH_FIELD)
         return block
+
+    @classmethod
+    def field_at(cls, number: int) -> str:
+        """What ErrorCode2 of a refusal of this block counts, for the reader; the number where the block has no such field."""
+        if number < FIRST_FIELD:
+            return f"{_HEADER_FIELDS[number]} of {cls.__name__}"
+        known = dict(_numbered(cls, f"{cls.__name__}.", FIRST_FIELD))
+        return known.get(number, f"{cls.__name__}, field {number}")
 
     @classmethod
     def understand(cls, data: bytes) -> Self:

@@ -68,7 +68,12 @@ class PnioStatus:
         known = _CODE1_TEXTS.get(self.code1) if self.decode == PNIORW else None
         if (self.decode, self.code1) == (PNIO, CMRPC):
             known = _CALL_TEXTS.get(self.code2)
-        return f"{known or 'error'} ({self.code:02X} {self.decode:02X} {self.code1:02X} {self.code2:02X})"
+        return f"{known or 'error'} ({self.codes})"
+
+    @property
+    def codes(self) -> str:
+        """The four bytes."""
+        return f"{self.code:02X} {self.decode:02X} {self.code1:02X} {self.code2:02X}"
 
 
 READ_ERROR = 0xDE

@@ -35,7 +35,9 @@ from pdgw.profidrive.telegrams import Direction, telegram
 from pdgw.profinet.model import DAP_SLOT, ObjectKind, access_module, object_module
 from pdgw.profinet.rpc.dcerpc import Flags, PacketType, RpcHeader, encode_packet, object_uuid
 from pdgw.profinet.rpc.records import Operation, encode_arguments
+from tests.profinet.test_connect import CASES
 from tests.support import captures, tshark
+from tests.support.connect import Caller, Change, blocks
 
 INPUT, OUTPUT = 0x8011, 0x8022
 """FrameIDs: the controller's choice for its inputs, the device's for its outputs."""
@@ -97,8 +99,8 @@ def response() -> bytes:
     return b"".join(bytes(block) for block in blocks)
 
 
-def rpc(packet_type: PacketType, first: int, arguments: bytes) -> bytes:
-    header = RpcHeader(packet_type, object_uuid(1, 1, 0x400), UUID(int=5), 0, Operation.CONNECT, flags=Flags.IDEMPOTENT)
+def rpc(packet_type: PacketType, first: int, arguments: bytes, operation: Operation = Operation.CONNECT) -> bytes:
+    header = RpcHeader(packet_type, object_uuid(1, 1, 0x400), UUID(int=5), 0, operation, flags=Flags.IDEMPOTENT)
     return encode_packet(header, encode_arguments(first, arguments, max(4096, len(arguments)), little=True))
 
 
@@ -162,6 +164,58 @@ def test_a_refused_connect_teaches_nothing() -> None:
     (record,) = decode(decoder, [frame(Direction.ACTUAL, VALUES[Direction.ACTUAL])])
     assert not record.units
     assert "FrameID of another relationship" in record.summary
+
+
+REFUSALS = {
+    0xDB810104: "faulty ArBlockReq.ar_type (DB 81 01 04)",
+    0xDB810107: "faulty ArBlockReq.initiator_mac (DB 81 01 07)",
+    0xDB81010C: "faulty length of ArBlockReq.station_name (DB 81 01 0C)",
+    0xDB81010D: "faulty ArBlockReq.station_name (DB 81 01 0D)",
+    0xDB810200: "faulty type of IocrBlockReq (DB 81 02 00)",
+    0xDB810201: "faulty length of IocrBlockReq (DB 81 02 01)",
+    0xDB810202: "faulty version of IocrBlockReq (DB 81 02 02)",
+    0xDB810203: "faulty version of IocrBlockReq (DB 81 02 03)",
+    0xDB81020B: "faulty IocrBlockReq.reduction_ratio (DB 81 02 0B)",
+    0xDB810213: "faulty number of IocrBlockReq.apis (DB 81 02 13)",
+    0xDB810216: "faulty IocrBlockReq.apis.data.slot (DB 81 02 16)",
+    0xDB81021C: "faulty IocrBlockReq.apis.iocs.offset (DB 81 02 1C)",
+    0xDB81021D: "faulty IocrBlockReq, field 29 (DB 81 02 1D)",
+    0xDB81030A: "faulty ExpectedSubmoduleBlockReq.slots.submodules.subslot (DB 81 03 0A)",
+    0xDB81030F: "faulty ExpectedSubmoduleBlockReq.slots.submodules.descriptions.length_iops (DB 81 03 0F)",
+    0xDB810310: "faulty ExpectedSubmoduleBlockReq.slots.submodules.descriptions.length_iocs (DB 81 03 10)",
+    0xDB81040C: "faulty AlarmCrBlockReq.tag_low (DB 81 04 0C)",
+    0xDB810504: "faulty block 0105h, field 4 (DB 81 05 04)",
+    0xDB813F00: "error (DB 81 3F 00)",
+    0xDB814004: "no AR free (DB 81 40 04)",
+    0xDB800104: "error (DB 80 01 04)",
+}
+
+
+@pytest.mark.parametrize(("status", "text"), REFUSALS.items(), ids=[f"{status:08X}" for status in REFUSALS])
+def test_a_refused_connect_is_told_with_block_and_field(status: int, text: str) -> None:
+    _, refused = decode(Decoder(), connect_packets(status))
+    assert refused.summary.startswith(f"connect response, 0 bytes: {text} after ")
+    assert refused.details()["status"] == {"raw": status, "text": text}
+
+
+@pytest.mark.parametrize(("code1", "code2", "edit"), [(one, two, edit) for one, two, _, edit in CASES])
+def test_a_refusal_of_the_device_is_told_with_a_field_the_block_has(code1: int, code2: int, edit: Change) -> None:
+    status, _ = Caller().connect(edit(blocks()))
+    _, refused = decode(Decoder(), connect_packets(status.value))
+    assert (status.code1, status.code2) == (code1, code2)
+    assert not [word for word in ("error", "field") if word in refused.summary], refused.summary
+
+
+@pytest.mark.parametrize(
+    ("operation", "status", "text"),
+    [
+        (Operation.CONTROL, 0xDD811408, "faulty ControlBlock.command (DD 81 14 08)"),
+        (Operation.RELEASE, 0xDC812808, "faulty ReleaseReq.command (DC 81 28 08)"),
+    ],
+)
+def test_a_refused_control_or_release_is_told_with_its_field(operation: Operation, status: int, text: str) -> None:
+    (refused,) = decode(Decoder(), [ethernet(rpc(PacketType.RESPONSE, status, b"", operation), answer=True)])
+    assert refused.summary.endswith(f": {text}")
 
 
 def test_a_frame_shorter_than_its_connect_says_so() -> None:
