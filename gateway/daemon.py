@@ -375,10 +375,9 @@ class Daemon:
     def _cycle(self, now: int, *, accepted: bool) -> None:
         link = self.link
         if link.poll(now):
-            cycles = self.config.transport.watchdog_factor
-            log.error("PLC lost: no valid frame for %d cycles", cycles, extra={"event": "plc"})
+            log.error("PLC lost: %s", link.loss, extra={"event": "plc"})
             for item in self.objects:
-                item.raise_fault(FaultNumber.PLC_LOST, "watchdog expired", now)
+                item.raise_fault(FaultNumber.PLC_LOST, link.loss, now)
         actuals, good, released = self._answer
         setpoints = link.setpoints
         for index, item in enumerate(self.objects):

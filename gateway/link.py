@@ -57,7 +57,11 @@ class Link(Protocol):
         """Something may wait behind what ``receive`` took last."""
 
     def poll(self, now: int) -> bool:
-        """The watchdog; True when it expires in this call."""
+        """The watchdog; True when it expires in this call, or sees that the relationship has ended."""
+
+    @property
+    def loss(self) -> str:
+        """Why the PLC is lost, once ``poll`` has told that it is."""
 
     def lose_setpoints(self) -> None:
         """No drive object has a valid PLC until its next data."""
@@ -195,6 +199,10 @@ class UdpLink:
         if expired:
             self._listen_to(None)
         return expired
+
+    @property
+    def loss(self) -> str:
+        return f"no valid frame for {self._transport.watchdog_factor} cycles"
 
     def lose_setpoints(self) -> None:
         self.endpoint.lose_setpoints()

@@ -101,6 +101,9 @@ class ProfinetLink:
         self.setpoints: list[Sequence[int] | None] = [None] * len(objects)
         self.layout_token = object()
         self.watchdog_expiries = 0
+        self.loss = ""
+        self._end = ""
+        """How the newest relationship that exchanged data ended."""
         self._keeper = StationKeeper(port, transport, store, loop)
         model = profinet_model(transport, port.mac, config.objects, self._telegrams)
         self.station = Station(model.identity, self._keeper.first_name(), self._keeper.first_ip(), link_up=port.link_up)
@@ -121,7 +124,9 @@ class ProfinetLink:
             counters.add("link", verdict.name.lower(), "frames", verdict.value, partial(self._count_of, verdict))
         device = self.device
         counters.add("link", "foreign", "frames", "of nobody's relationship", lambda: device.foreign)
-        counters.add("link", "watchdog_expiries", "times", "no frame in time", lambda: self.watchdog_expiries)
+        counters.add(
+            "link", "watchdog_expiries", "times", "no frame in time while connected", lambda: self.watchdog_expiries
+        )
         counters.add("link", "connects_refused", "times", "Connect refused", lambda: device.cm.refusals)
         counters.add("link", "dcp_refused", "blocks", "of DCP Set refused", lambda: device.dcp.refused)
         counters.add("link", "errors", "frames", "not sent or not received", lambda: self.port.errors)
@@ -200,10 +205,14 @@ class ProfinetLink:
         if not self._receivable:
             return False
         consumer = self._consumer
-        if consumer is not None and consumer.last_ns is not None and now - consumer.last_ns <= self._limit_ns:
+        if consumer is None or consumer.last_ns is None:
+            self.loss = self._end
+        elif now - consumer.last_ns <= self._limit_ns:
             return False
+        else:
+            self.loss = f"no valid frame for {self._config.transport.watchdog_factor} cycles"
+            self.watchdog_expiries += 1
         self._receivable = False
-        self.watchdog_expiries += 1
         self.lose_setpoints()
         return True
 
@@ -419,6 +428,7 @@ class ProfinetLink:
                     self._pairing.end()
                     self._pairing = None
                 self.lose_setpoints()
+                self._end = f"the relationship has ended: {ended.text}"
                 log.error("controller %s disconnected: %s", relation.plan.ar.station_name, ended.text)
             case _:
                 self._keeper.on_event(event, self.station.name)

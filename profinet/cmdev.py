@@ -157,7 +157,7 @@ class Ended:
 
     @property
     def text(self) -> str:
-        return f"{self.event.value} ({self.code.status.text})"
+        return f"{self.event.value} ({self.code.status.codes})"
 
 
 @dataclass(slots=True)

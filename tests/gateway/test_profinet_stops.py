@@ -118,6 +118,32 @@ def test_the_drive_is_stopped_within_the_bound_and_stays_stopped(tmp_path: Path,
         assert abs(model.velocity_actual) > 100
 
 
+SILENCE = "no valid frame for 3 cycles"
+LOSSES = {
+    kill: SILENCE,
+    fall_silent: SILENCE,
+    pull: "the relationship has ended: the cable is off (CF 81 FD 1B)",
+    release: "the relationship has ended: Release (CF 81 FD 0F)",
+    abort: "the relationship has ended: the controller sent an alarm ERR (CF 81 FD 0D)",
+    readdress: "the relationship has ended: name or address has changed (CF 81 FD 1F)",
+}
+
+
+@pytest.mark.parametrize(("way", "reason"), LOSSES.items(), ids=[way.__name__ for way in LOSSES])
+def test_a_loss_of_the_plc_is_told_once_with_what_it_was(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, way: Callable[[Plant], None], reason: str
+) -> None:
+    with plant(configuration(axis(1), tmp_path / "store.json"), data_hold=400) as site:
+        site.connect()
+        site.enable(1, SPEED)
+        caplog.clear()
+        way(site)
+        site.run(BOUND_NS)
+        lost = [record.getMessage() for record in caplog.records if "PLC lost" in record.getMessage()]
+        assert lost == [f"PLC lost: {reason}", f"axis 1: fault 103, code FF01h: PLC lost: {reason}"]
+        assert site.link.watchdog_expiries == (reason is SILENCE)
+
+
 def test_the_data_hold_time_ends_the_relationship_long_after_the_drive_has_stopped(tmp_path: Path) -> None:
     with plant(configuration(axis(1), tmp_path / "store.json"), data_hold=400) as site:
         model = drive_of(site.daemon).model
