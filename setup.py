@@ -49,7 +49,6 @@ COMPILED = (
     "gateway/trace/writer.py",
     "gateway/transport/confirmation.py",
     "gateway/transport/cyclic.py",
-    "gateway/transport/ethernet.py",
     "gateway/transport/sequence.py",
     "gateway/transport/udp.py",
     "profidrive/frame.py",
