@@ -78,6 +78,7 @@ NOT_TYPED = {
     ),
     "pdgw demo --chapter positioner": ("three processes for half a minute", "tests/endtoend/test_demo.py"),
     "pdgw demo --profinet": ("network namespaces", "tests/endtoend/test_profinet.py"),
+    "pdgw param --profinet identify --gateway 192.168.0.2": (_ETHERNET, "tests/tools/test_param_profinet.py"),
     "pdgw param --profinet read P965 P922 6041h --gateway 192.168.0.2 --do 1": (
         _ETHERNET,
         "tests/tools/test_param_profinet.py",

@@ -17,8 +17,8 @@ PROFILE_ID = 0x3A00
 _BLOCK_TYPE = 0x0020
 _HEADER = struct.Struct(">HHBB")
 _IM0 = struct.Struct(">H20s16sHc3BHHHBBH")
-_SUPPORTED = 0b11110
-"""I&M1 to I&M4."""
+SUPPORTED = 0b11110
+"""Bit n of IM_Supported is I&Mn: 1 to 4."""
 
 TEXT_FIELDS: dict[int, tuple[tuple[str, int], ...]] = {
     1: (("IM_Tag_Function", 32), ("IM_Tag_Location", 22)),
@@ -42,6 +42,7 @@ class Im0:
     revision_counter: int = 0
     profile_id: int = PROFILE_ID
     profile_type: int = 0
+    supported: int = SUPPORTED
 
 
 def _text(value: str, size: int, field: str) -> bytes:
@@ -75,9 +76,31 @@ def encode_im0(item: Im0) -> bytes:
             item.profile_type,
             1,
             1,
-            _SUPPORTED,
+            item.supported,
         ),
     )
+
+
+def decode_im0(record: bytes) -> Im0:
+    """What a device says it is in its record AFF0h; ProfidriveError names what is wrong."""
+    _check_block(0, record, _IM0.size)
+    vendor, order, serial, hardware, prefix, *numbers = _IM0.unpack_from(record, _HEADER.size)
+    first, second, third, counter, profile, specific, _, _, supported = numbers
+    return Im0(
+        vendor,
+        _shown(order),
+        _shown(serial),
+        hardware,
+        (_shown(prefix), first, second, third),
+        counter,
+        profile,
+        specific,
+        supported,
+    )
+
+
+def _shown(text: bytes) -> str:
+    return text.rstrip(b" \0").decode("ascii", "backslashreplace")
 
 
 def encode_im(number: int, values: tuple[bytes, ...]) -> bytes:
@@ -87,10 +110,7 @@ def encode_im(number: int, values: tuple[bytes, ...]) -> bytes:
     return _block(number, b"".join(parts))
 
 
-def decode_im(number: int, record: bytes) -> tuple[bytes, ...]:
-    """The fields of a written I&M1 to I&M4; ProfidriveError names what is wrong."""
-    fields = TEXT_FIELDS[number]
-    size = sum(length for _, length in fields)
+def _check_block(number: int, record: bytes, size: int) -> None:
     if len(record) != _HEADER.size + size:
         raise ProfidriveError(f"I&M{number}", f"{len(record)} bytes", f"{_HEADER.size + size} bytes")
     kind, length, major, minor = _HEADER.unpack_from(record)
@@ -100,6 +120,12 @@ def decode_im(number: int, record: bytes) -> tuple[bytes, ...]:
             record[: _HEADER.size].hex(" "),
             _HEADER.pack(_BLOCK_TYPE + number, size + 2, 1, 0).hex(" "),
         )
+
+
+def decode_im(number: int, record: bytes) -> tuple[bytes, ...]:
+    """The fields of a written I&M1 to I&M4; ProfidriveError names what is wrong."""
+    fields = TEXT_FIELDS[number]
+    _check_block(number, record, sum(length for _, length in fields))
     values = []
     offset = _HEADER.size
     for name, length in fields:

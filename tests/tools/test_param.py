@@ -6,6 +6,7 @@ import errno
 import json
 import socket
 from collections.abc import Iterator, Sequence
+from importlib.metadata import version
 from pathlib import Path
 from typing import cast
 
@@ -14,9 +15,11 @@ import pytest
 from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.parameters.codec import Values
+from pdgw.profinet.rpc import identification
 from pdgw.tools.parameters.address import Target, parse_target, parse_type, parse_value
 from pdgw.tools.parameters.client import ParameterClient
 from pdgw.tools.parameters.dump import Dump, DumpedElement, Restored, difference, other_telegram, read_all, restore
+from pdgw.tools.parameters.identify import read_identification
 from pdgw.tools.parameters.names import full_name
 from pdgw.tools.parameters.session import Element, Session, meaning
 from tests.support.cli import pdgw
@@ -127,6 +130,43 @@ def test_list_and_describe(server: tuple[str, int]) -> None:
     missing = pdgw("param", "describe", "5000", *option(server))
     assert missing.returncode == 1
     assert "1388h" in missing.stderr
+
+
+def test_identify_shows_what_the_device_says_it_is(server: tuple[str, int]) -> None:
+    with ParameterClient(server, 0) as client:
+        client.write_record(identification.INDEX + 1, identification.encode_im(1, (b"press [b]4", b"hall B")))
+        client.write_record(identification.INDEX + 4, identification.encode_im(4, (b"\x01\xff",)))
+    fields = json.loads(pdgw("param", "identify", "--json", *option(server)).stdout)
+    assert (fields["Vendor ID"], fields["Order ID"], fields["IM_Profile_ID"]) == ("FFFFh", "PDGW", "3A00h")
+    assert fields["IM_Software_Revision"] == "V" + version("profidrive-gateway")
+    assert (fields["IM_Tag_Function"], fields["IM_Tag_Location"]) == ("press [b]4", "hall B")
+    assert (fields["IM_Signature"], fields["IM_Date"]) == ("01 ff", "")
+    assert "press [b]4" in pdgw("param", "identify", *option(server)).stdout
+
+
+def test_only_the_identification_records_a_device_says_it_has_are_read() -> None:
+    asked = []
+
+    class Client:
+        def read_record(self, index: int) -> bytes:
+            asked.append(index - identification.INDEX)
+            if index > identification.INDEX:
+                return identification.encode_im(index - identification.INDEX, (b"2026-11-22 10:00",))
+            return identification.encode_im0(identification.Im0(42, "X", "1", 1, ("V", 1, 0, 0), supported=1 << 2))
+
+    fields = read_identification(cast(ParameterClient, Client()))
+    assert asked == [0, 2]
+    assert fields["IM_Date"] == "2026-11-22 10:00"
+    assert "IM_Tag_Function" not in fields
+
+
+def test_an_identification_that_is_none_is_told_with_its_record() -> None:
+    class Client:
+        def read_record(self, index: int) -> bytes:
+            return b"nothing"
+
+    with pytest.raises(GatewayError, match=r"record AFF0h: I&M0: .7 bytes"):
+        read_identification(cast(ParameterClient, Client()))
 
 
 def test_a_name_is_continued_only_where_one_data_sheet_continues_it() -> None:

@@ -19,6 +19,7 @@ from pdgw.profinet.rpc.dcerpc import object_uuid
 from pdgw.tools.cli import app
 from pdgw.tools.parameters import client as client_module
 from pdgw.tools.parameters.client import ParameterClient
+from pdgw.tools.parameters.identify import read_identification
 from tests.support.daemon import axis
 from tests.support.profinet_daemon import Plant, PlantChannel, configuration, plant
 
@@ -63,6 +64,13 @@ def test_the_station_says_whose_device_it_is_wherever_it_is_asked(tmp_path: Path
                 (found,) = client.request([Address(pnu, 0, 2)])
                 assert list(found.values) == [0x0123, 0x0456]
         assert site.link.device.cm._object == object_uuid(1, 0x0456, 0x0123)
+
+
+def test_the_identification_of_a_station_is_that_of_its_device(site: Plant) -> None:
+    for place in ({}, {"slot": 0, "api": 0}):
+        with ParameterClient(STATION, 0, channel=PlantChannel(site), **place) as client:
+            client.connect()
+            assert read_identification(client)["Order ID"] == "PDGW"
 
 
 def test_writing_needs_the_stations_permission(site: Plant) -> None:

@@ -14,6 +14,7 @@ from uuid import UUID
 import typer
 from rich.console import Console
 from rich.progress import Progress as ProgressBar
+from rich.text import Text
 
 from pdgw.gateway.errors import GatewayError
 from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
@@ -23,6 +24,7 @@ from pdgw.tools.address import parse_address
 from pdgw.tools.parameters.address import parse_target, parse_type, parse_value
 from pdgw.tools.parameters.client import ParameterClient
 from pdgw.tools.parameters.dump import Dump, difference, other_telegram, read_all, restore
+from pdgw.tools.parameters.identify import read_identification
 from pdgw.tools.parameters.names import full_name
 from pdgw.tools.parameters.session import Element, Progress, Session, address_text, meaning
 from pdgw.tools.tables import plain_table
@@ -67,7 +69,7 @@ def options(
 
 
 @contextmanager
-def _session(gateway: str, do_id: int) -> Iterator[Session]:
+def _client(gateway: str, do_id: int) -> Iterator[ParameterClient]:
     place = _place
     with ParameterClient(
         parse_address(gateway, ACYCLIC_PORT),
@@ -80,6 +82,12 @@ def _session(gateway: str, do_id: int) -> Iterator[Session]:
     ) as client:
         if place.station:
             client.connect()
+        yield client
+
+
+@contextmanager
+def _session(gateway: str, do_id: int) -> Iterator[Session]:
+    with _client(gateway, do_id) as client:
         yield Session(client)
 
 
@@ -235,6 +243,20 @@ def describe(
             "no description of "
             + ", ".join(address_text(int(str(item["pnu"]))) for item in documents if item["name"] is None)
         )
+
+
+@app.command()
+def identify(gateway: Annotated[str, GATEWAY] = _DEFAULT, as_json: Annotated[bool, JSON] = False) -> None:
+    """Show what the device says it is: vendor, order, serial number, revisions and tags (I&M0 to I&M4)."""
+    with _client(gateway, 0) as client:
+        fields = read_identification(client)
+    if as_json:
+        typer.echo(json.dumps(fields, indent=2))
+        return
+    table = plain_table("field", "value")
+    for name, value in fields.items():
+        table.add_row(name, Text(value))  # of somebody else's device: no markup
+    Console().print(table)
 
 
 @app.command()

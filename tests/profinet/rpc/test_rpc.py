@@ -228,6 +228,16 @@ def test_im0_is_what_scapy_builds() -> None:
         IMSupported=0x1E,
     )
     assert identification.encode_im0(item) == bytes(reference)
+    assert identification.decode_im0(bytes(reference)) == item
+
+
+@pytest.mark.parametrize(
+    ("record", "said"),
+    [(b"", "0 bytes"), (bytes(59), "59 bytes"), (bytes(60), "block header of I&M0"), (bytes(61), "61 bytes")],
+)
+def test_a_record_that_is_no_im0_is_told(record: bytes, said: str) -> None:
+    with pytest.raises(ProfidriveError, match=said):
+        identification.decode_im0(record)
 
 
 # -- behaviour --------------------------------------------------------------------------------------------------------
