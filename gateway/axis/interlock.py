@@ -86,7 +86,7 @@ class Interlock:
         self._off_seen = False
         self._standing_since = -1
         self._shown: Drive | None = None
-        """What the Statusword showed in the last cycle."""
+        """What the Statusword showed when it was read last; what is obeyed was seen by an OFF before."""
         self._steady = False
         """Operation as it was asked for, with nothing to note: the answer is known."""
         self._steady_status = 0
@@ -101,7 +101,6 @@ class Interlock:
         """The drive booted or was configured anew: no standing ON may start it, no standing acknowledge is an edge."""
         self.phase = CELLS[(self.phase * DRIVES + Drive.RESTARTED) * WISHES + PowerWish.OFF].phase
         self._acknowledge_armed = self._steady = False
-        self._shown = None
 
     def step(
         self,
@@ -145,7 +144,6 @@ class Interlock:
             armed = self._acknowledge_armed
         if trouble is not None:
             drive = trouble
-            self._shown = None
             self._acknowledge_armed = armed = False
         else:
             drive = _DRIVE_OF_STATUS[statusword & STATE_MASK]

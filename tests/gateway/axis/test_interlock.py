@@ -8,10 +8,11 @@ import pytest
 
 from pdgw.dsp402.images import DriveFeedback
 from pdgw.dsp402.states import STATUS_OF, ControlBit, State
-from pdgw.gateway.axis.interlock import Interlock
+from pdgw.gateway.axis.interlock import DISABLE_SHOWN_NS, Interlock
 from pdgw.gateway.axis.power_table import Phase
 from pdgw.gateway.axis.settings import AxisSettings, PlcLossReaction
 from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS
+from pdgw.gateway.axis.waist import PowerWish
 from pdgw.gateway.reasons import Reason
 from tests.gateway.axis.test_velocity import OFF, ON, Bench
 from tests.support.drive_types import References
@@ -161,6 +162,52 @@ def test_a_short_disable_operation_shown_late_is_still_the_plcs_own() -> None:
     step(control, ON, State.OPERATION_ENABLED, 5 * MS)
     assert step(control, ON, State.SWITCHED_ON, 9 * MS) == ENABLE
     assert control.phase is Phase.FOLLOW
+
+
+def test_an_acknowledge_in_steady_operation_reaches_the_drive_while_it_stands() -> None:
+    control = power(State.OPERATION_ENABLED, after_off=True)
+    words = [step(control, word, State.OPERATION_ENABLED) for word in (ON, ON, ON | 0x80, ON | 0x80, ON, ON)]
+    assert words == [ENABLE, ENABLE, *[ENABLE | ControlBit.FAULT_RESET] * 2, ENABLE, ENABLE]
+
+
+def test_an_acknowledge_that_stood_from_the_start_into_operation_is_an_edge_once_it_has_fallen() -> None:
+    control = Interlock(AxisSettings())
+    words = [
+        step(control, word | 0x80, state)
+        for word, state in (
+            (OFF, State.SWITCH_ON_DISABLED),
+            (ON, State.READY_TO_SWITCH_ON),
+            (ON, State.SWITCHED_ON),
+            (ON, State.OPERATION_ENABLED),
+            (ON, State.OPERATION_ENABLED),
+        )
+    ]
+    assert words == [SHUTDOWN, SWITCH_ON, ENABLE, ENABLE, ENABLE]
+    for _ in range(3):
+        assert step(control, ON, State.OPERATION_ENABLED) == ENABLE
+    assert step(control, ON | 0x80, State.OPERATION_ENABLED) == ENABLE | ControlBit.FAULT_RESET
+
+
+def test_a_drive_that_follows_the_enable_within_a_cycle_however_long_is_in_operation_by_command() -> None:
+    control = power(State.SWITCHED_ON, after_off=True)
+    long_after = MS + 2 * DISABLE_SHOWN_NS
+    assert step(control, OFF, State.OPERATION_ENABLED, long_after) == ENABLE, "OFF1: it ramps down"
+    assert control.phase is Phase.RAMP_STOP
+
+
+def test_a_raw_controlword_too_is_no_longer_obeyed_by_a_drive_that_left_operation_by_itself() -> None:
+    control = Interlock(AxisSettings())
+
+    def raw(wish: PowerWish, state: State, now: int) -> int:
+        return control.step(wish, False, None, STATUS_OF[state], False, now)
+
+    raw(PowerWish.RAW_OFF, State.READY_TO_SWITCH_ON, 0)
+    for cycle in range(100):
+        raw(PowerWish.ENABLE, State.OPERATION_ENABLED, cycle * 4 * MS)
+        assert control.phase is Phase.PASS
+    assert raw(PowerWish.ENABLE, State.SWITCHED_ON, 400 * MS) == QUICK_STOP
+    assert control.phase is Phase.DOUBT
+    assert raw(PowerWish.ENABLE, State.OPERATION_ENABLED, 404 * MS) == QUICK_STOP
 
 
 @pytest.mark.parametrize("number", DRIVE_TELEGRAM_NUMBERS)

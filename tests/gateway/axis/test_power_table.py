@@ -26,6 +26,7 @@ from pdgw.gateway.axis.power_table import (
 )
 from pdgw.gateway.axis.settings import AxisSettings, PlcLossReaction
 from pdgw.gateway.axis.waist import Flag, PowerWish
+from pdgw.gateway.reasons import Reason
 
 OBEYS = {Phase.FOLLOW, Phase.PASS}
 POWERS = {Action.SWITCH_ON, Action.ENABLE_OPERATION, Action.PASS}
@@ -67,6 +68,27 @@ def test_an_off_never_puts_power_on() -> None:
         assert item.action not in POWERS - {Action.PASS}, name
     for name, item in walk(wishes={PowerWish.OFF}, phases=set(Phase) - {Phase.PASS}):
         assert item.action is not Action.PASS, name
+
+
+def test_an_off_is_obeyed_by_an_unpowered_drive_from_every_phase_that_does_not_obey() -> None:
+    stopped = set(Phase) - OBEYS
+    for name, item in walk(wishes={PowerWish.OFF}, drives=UNPOWERED, phases=stopped):
+        assert (item.phase, item.action) == (Phase.FOLLOW, Action.SHUTDOWN), name
+    for name, item in walk(wishes={PowerWish.RAW_OFF}, drives=UNPOWERED, phases=stopped):
+        assert (item.phase, item.action) == (Phase.PASS, Action.PASS), name
+
+
+def test_without_a_plc_a_locked_axis_in_operation_is_stopped_unless_the_user_chose_coasting() -> None:
+    for name, item in walk(wishes=set(NO_PLC) - COASTS, drives=IN_OPERATION, phases={Phase.LOCKED}):
+        assert (item.phase, item.action) == (Phase.QUICK_STOP, Action.QUICK_STOP), name
+    for name, item in walk(wishes={PowerWish.NO_PLC_COAST}, drives=IN_OPERATION, phases={Phase.LOCKED}):
+        assert (item.phase, item.action) == (Phase.LOCKED, Action.DISABLE_VOLTAGE), name
+
+
+def test_without_a_plc_no_reason_is_its_own_doing() -> None:
+    plcs_own = {Reason.NEEDS_OFF, Reason.RAMP_STOP, Reason.QUICK_STOP, Reason.COAST_STOP, Reason.NOT_OPERATING}
+    for name, item in walk(wishes=NO_PLC):
+        assert item.reason not in plcs_own, name
 
 
 @pytest.mark.parametrize("drive", [Drive.LOST, Drive.UNKNOWN])

@@ -105,3 +105,51 @@ def test_p925_takes_effect_at_once() -> None:
     alive(rig, 5)
     rig.step(1)
     assert [event.number for event in rig.stepper.events] == [FaultNumber.SIGN_OF_LIFE]
+
+
+def test_a_counter_that_falls_back_to_0_is_a_failure_like_one_that_stands() -> None:
+    rig = turning()
+    alive(rig, 20)
+    rig.values["STW2"] = 0
+    rig.step(3)
+    assert [event.number for event in rig.stepper.events] == [FaultNumber.SIGN_OF_LIFE]
+    rig.step(300)
+    assert (rig.feedback.velocity_actual, rig.state) == (0, State.SWITCH_ON_DISABLED)
+
+
+def test_p925_ends_a_loss_also_of_a_plc_that_has_no_counter_any_more() -> None:
+    rig = turning(failures=0)
+    alive(rig, 5)
+    rig.values["STW2"] = 0
+    rig.step(300)
+    rig.stepper.machine.tolerate(2)
+    rig.values["STW1"] = OFF
+    rig.step(4)
+    assert rig.actuals["ZSW2"] == 0
+    rig.values["STW1"] = ON
+    rig.step(20)
+    assert rig.state is State.OPERATION_ENABLED
+
+
+def test_p925_begins_the_gateways_counter_anew() -> None:
+    rig = turning(failures=2)
+    alive(rig, 5)
+    rig.stepper.machine.tolerate(2)
+    rig.values["STW2"] = 0
+    rig.step(1)
+    assert rig.actuals["ZSW2"] == 0
+
+
+def test_a_loss_ends_with_its_connection() -> None:
+    rig = turning(failures=0)
+    alive(rig, 5)
+    rig.step(300, plc=False)
+    assert rig.actuals["ZSW2"] == 0, "there is no PLC to answer"
+    alive(rig, 5)
+    rig.step(5)
+    rig.step(5, plc=False)
+    rig.values |= {"STW2": 0, "STW1": OFF}
+    rig.step(4)
+    rig.values["STW1"] = ON
+    rig.step(20)
+    assert rig.state is State.OPERATION_ENABLED

@@ -5,8 +5,9 @@ from __future__ import annotations
 import pytest
 
 from pdgw.dsp402.states import STATUS_OF, State, StatusBit
+from pdgw.gateway.axis.power_table import Action
 from pdgw.gateway.axis.settings import AxisSettings, PlcLossReaction
-from pdgw.gateway.axis.stop_watch import Brake
+from pdgw.gateway.axis.stop_watch import Brake, StopWatch
 from pdgw.gateway.axis.values import Configured
 from pdgw.gateway.reasons import FaultNumber
 from tests.gateway.axis.test_velocity import OFF, ON, Bench
@@ -114,6 +115,50 @@ def test_a_ramp_that_takes_longer_than_its_margin_is_found(word: int | None) -> 
             break
     assert bench.stepper.machine.outputs.brake is Brake.NMT_STOP
     assert bench.drive.feedback.velocity_actual > 0
+
+
+def test_each_stop_has_its_own_time() -> None:
+    bench = turning()
+    bench.drive.ramp = 60
+    for _ in range(2):
+        bench.step(OFF, 0x2000, cycles=200)
+        assert bench.stepper.machine.outputs.brake is Brake.NONE
+        bench.step(ON, 0x2000, cycles=2000)
+        assert bench.drive.feedback.velocity_actual == TURNING
+    assert FaultNumber.STOP_IGNORED not in numbers(bench)
+
+
+def test_speed_gathered_by_what_was_asked_before_the_stop_is_no_disobedience() -> None:
+    settings = AxisSettings()
+    watch = StopWatch(settings.reaction_ns, settings.stop_time_ns)
+    watch.reference, slope = 6000, 6000 / settings.stop_time_ns
+    for now in range(0, settings.stop_time_ns, CYCLE):
+        braking = max(0, now - REACTION)
+        speed = int(1000 + 2000 * min(1.0, now / REACTION) - slope * braking)
+        if speed <= 0:
+            break
+        assert not watch.step(Action.RAMP, True, True, False, speed, 10, now)
+    assert watch.step(Action.RAMP, True, True, False, 3001, 10, now)
+
+
+def test_a_fault_reaction_of_the_drive_is_its_own_stop_however_long_it_takes() -> None:
+    bench = turning()
+    bench.drive.feedback.statusword = STATUS_OF[State.FAULT_REACTION_ACTIVE]
+    assert deaf(bench, ON, 20 * REACTION // CYCLE) is Brake.NONE
+    assert FaultNumber.STOP_IGNORED not in numbers(bench)
+
+
+def test_a_drive_that_left_operation_for_a_moment_has_its_reaction_time_anew() -> None:
+    watch = StopWatch(REACTION, AxisSettings().stop_time_ns)
+
+    def disobeys(operating: bool, now: int) -> bool:
+        return watch.step(Action.QUICK_STOP, operating, True, False, 0, 10, now)
+
+    assert not disobeys(True, 0)
+    assert not disobeys(False, REACTION)
+    assert not disobeys(True, 2 * REACTION)
+    assert not disobeys(True, 3 * REACTION)
+    assert disobeys(True, 3 * REACTION + 1)
 
 
 def test_the_brakes_are_released_when_the_drive_shows_that_it_is_off_without_an_off_of_the_plc() -> None:
