@@ -48,6 +48,26 @@ def test_tshark_reads_name_port_and_address(tmp_path: Path) -> None:
     assert row["lldp.ieee.802_3.pmd_mau_type"] == "0x0010"
 
 
+def test_a_frame_is_this_byte_by_byte() -> None:
+    chassis = b"gateway                   PDGW                 4711                 1 V  0  0  0"
+    tlvs = [
+        bytes.fromhex("0251 07") + chassis,
+        bytes.fromhex("0411 07") + b"port-001.press-1",
+        bytes.fromhex("0602 0014"),
+        bytes.fromhex("fe08 000ecf 02 00000000"),
+        bytes.fromhex("fe0a 000ecf 05 020000000001"),
+        bytes.fromhex("fe09 00120f 01 03 0400 0010"),
+        bytes.fromhex("100c 05 01 c0a80002 02 00000001 00"),
+        bytes.fromhex("0000"),
+    ]
+    assert lldp.encode(station()).hex() == (bytes.fromhex("0180c200000e 020000000001 88cc") + b"".join(tlvs)).hex()
+
+
+def test_a_station_without_a_name_tells_its_port_alone() -> None:
+    nameless = Station(Identity(MAC, 1, 2, "gateway", "PDGW"))
+    assert lldp.decode(lldp.encode(nameless), 14, 0).port_id == "port-001"
+
+
 def test_what_is_told_is_read_back() -> None:
     neighbour = lldp.decode(lldp.encode(station()), 14, 5)
     assert (neighbour.port_id, neighbour.alias) == ("port-001.press-1", "port-001.press-1")
@@ -64,6 +84,38 @@ def test_a_neighbour_built_by_scapy_is_known_by_its_name() -> None:
     )
     neighbour = lldp.decode(bytes(frame), 14, 0)
     assert (neighbour.chassis_id, neighbour.port_id, neighbour.alias) == ("plc", "port-001", "port-001.plc")
+
+
+def test_a_neighbour_may_name_himself_by_his_mac_address() -> None:
+    tlvs = "0207 04 020000000009  0402 07 31  0602 0014  0000"
+    neighbour = lldp.decode(MAC * 2 + bytes.fromhex("88cc" + tlvs), 14, 0)
+    assert (neighbour.chassis_id, neighbour.port_id, neighbour.alias) == (
+        "02-00-00-00-00-09",
+        "1",
+        "1.02-00-00-00-00-09",
+    )
+
+
+@pytest.mark.parametrize(
+    ("tlvs", "said"),
+    [
+        ("0201 07  0402 07 31  0602 0014  0000", "CHASSIS_ID"),
+        ("0202 07 61  0401 07  0602 0014  0000", "PORT_ID"),
+        ("0202 07 61  0402 07 31  0601 14  0000", "TTL"),
+        ("0202 07 61  0402 07 31  0000  0602 0014", "TTL"),
+        ("0202 07 61  0402 07 31  0602 0014  0a01", "TLV length"),
+        ("0202 07 61  0402 07 31  0602 00", "TLV length"),
+    ],
+    ids=["chassis", "port", "lifetime", "behind the end", "header alone", "cut short"],
+)
+def test_a_mandatory_tlv_that_is_short_or_missing_is_refused(tlvs: str, said: str) -> None:
+    with pytest.raises(ProfidriveError, match=said):
+        lldp.decode(MAC * 2 + bytes.fromhex("88cc" + tlvs), 14, 0)
+
+
+def test_a_lifetime_is_its_first_two_bytes() -> None:
+    tlvs = "0202 07 61  0402 07 31  0603 000c 00"
+    assert lldp.decode(MAC * 2 + bytes.fromhex("88cc" + tlvs), 14, 0).lifetime_ns == 12 * SECOND
 
 
 def told_by_a_neighbour(lifetime_s: int) -> bytes:

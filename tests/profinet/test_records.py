@@ -10,12 +10,13 @@ import pytest
 
 from pdgw.profinet.blocks.alarm import DiagnosisBlock, MessageClass
 from pdgw.profinet.blocks.connect import ArType
-from pdgw.profinet.blocks.records import ArData, ExpectedIdentification, LogData, RealIdentification
-from pdgw.profinet.cmdev import AbortCode
+from pdgw.profinet.blocks.records import ArData, ExpectedIdentification, LogData, PortDataReal, RealIdentification
+from pdgw.profinet.cmdev import AbortCode, Event
 from pdgw.profinet.device_records import Index
 from pdgw.profinet.model import API_PROFIDRIVE
 from pdgw.profinet.rpc.client import RecordResult
 from pdgw.profinet.rpc.records import (
+    NIL,
     RECORD_MULTIPLE,
     AccessError,
     BlockType,
@@ -125,6 +126,62 @@ def test_records_of_interface_and_port_are_kept_as_long_as_the_relationship() ->
     assert write(wire, PORT, Index.PORT_DATA_ADJUST, bytes(2000)).status.code1 == AccessError.WRITE_LENGTH
     wire.connect()
     assert read(wire, PORT, Index.PORT_DATA_ADJUST).data == b""
+
+
+def test_a_record_of_the_port_has_at_most_1024_bytes() -> None:
+    wire = connected()
+    assert not write(wire, PORT, Index.PORT_DATA_CHECK, bytes(1024)).status.value
+    assert write(wire, PORT, Index.PORT_DATA_CHECK, bytes(1025)).status.value == 0xDF80B100
+    assert read(wire, PORT, Index.PORT_DATA_CHECK).data == bytes(1024)
+
+
+def test_what_a_relationship_wrote_is_empty_for_who_has_none() -> None:
+    wire = connected()
+    assert not write(wire, PORT, Index.PORT_DATA_ADJUST, b"adjust").status.value
+    result = read(wire, PORT, Index.PORT_DATA_ADJUST, implicit=True)
+    assert (result.status.value, result.data) == (0, b"")
+
+
+def test_a_read_without_a_relationship_is_as_an_implicit_one() -> None:
+    wire = connected()
+    wire.plc._records.ar_uuid = NIL
+    assert RealIdentification.decode(read(wire, (0, 0, 1), Index.REAL_API).data).apis
+    assert read(wire, (0, 0, 1), Index.EXPECTED_AR).status.code1 == AccessError.STATE_CONFLICT
+
+
+def test_the_application_knows_who_reads_without_a_relationship(monkeypatch: pytest.MonkeyPatch) -> None:
+    wire = connected()
+    told: list[bool] = []
+
+    def answer(block: RecordBlock, *, implicit: bool) -> bytes:
+        told.append(implicit)
+        return b""
+
+    monkeypatch.setattr(wire.application, "read", answer)
+    read(wire, POINT, 0xB02E)
+    read(wire, POINT, 0xB02E, implicit=True)
+    assert told == [False, True]
+
+
+def test_the_port_is_shown_with_and_without_a_link() -> None:
+    wire = connected()
+    shown = []
+    for up in (True, False):
+        wire.station.link_up = up
+        port = PortDataReal.decode(read(wire, PORT, Index.PORT_DATA_REAL, implicit=True).data)
+        shown.append((port.mau_type, port.link_state))
+    assert shown == [(0x0010, 1), (0, 2)]
+
+
+def test_the_log_keeps_the_last_sixteen_ends() -> None:
+    wire = Wire()
+    for _ in range(18):
+        wire.connect()
+        wire.device.end(Event.STOPPED, wire.now)
+        wire.run(MS)
+    wire.connect()
+    log = LogData.decode(read(wire, (0, 0, 1), Index.LOG_DATA).data)
+    assert len(log.entries) == 16
 
 
 def test_a_refused_record_does_not_end_the_relationship() -> None:
