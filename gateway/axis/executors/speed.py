@@ -39,6 +39,7 @@ class SpeedExecutor(Executor):
         self._wire: int | None = None
         self._value = 0
         self._target = 0
+        """The setpoint in force; 0 out of operation."""
         self._mode_bits = 0
         """Controlword bits that let the setpoint through in operation."""
         self._jog_speeds = (0, 0)
@@ -63,12 +64,7 @@ class SpeedExecutor(Executor):
             first, second = (max(low, min(round(rpm * unit), high)) for rpm in jogs)
             self._jog_speeds = first, second
 
-    def restarted(self) -> None:
-        self._target = 0
-
     def refuse(self) -> None:
-        self._target = self._stopped = 0
-        self._limit.reset()
         self.notes.warning = False
         self.command.controlword, self.command.target_velocity = self.cycle.controlword, 0
         self.report.speed = 0

@@ -263,6 +263,35 @@ def test_an_axis_that_a_limit_switch_stopped_does_not_move_on_when_it_is_release
     assert rig.feedback.velocity_actual > 1400
 
 
+@pytest.mark.parametrize("form", FORMS)
+def test_an_axis_that_was_asked_to_move_onto_its_limit_switch_does_not_move_when_it_is_released(form: DscForm) -> None:
+    rig = axis(form)
+    model = rig.node.model
+    model.machine = replace(model.machine, positive_limit=model.machine_position)
+    model.wake()
+    rig.step(10)
+    rig.values["NSOLL_B"] = 1 << 28
+    rig.step(400)
+    assert rig.stepper.reason is Reason.STOPPED_AT_LIMIT
+    model.machine = replace(model.machine, positive_limit=None)
+    model.wake()
+    rig.step(200)
+    assert rig.feedback.velocity_actual == 0
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_an_axis_that_stands_at_its_limit_switch_unasked_obeys_the_setpoint_that_leads_off_it(form: DscForm) -> None:
+    rig = axis(form)
+    model = rig.node.model
+    model.machine = replace(model.machine, positive_limit=model.machine_position)
+    model.wake()
+    rig.step(400)
+    assert rig.stepper.reason is None
+    rig.values["NSOLL_B"] = -(1 << 28)
+    rig.step(100)
+    assert rig.feedback.velocity_actual < -1400
+
+
 def test_torque_reduction_works_here_too() -> None:
     rig = axis(DscForm.SPEED)
     rig.values["MOMRED"] = 0x2000

@@ -227,6 +227,30 @@ def test_an_acknowledge_that_stands_since_before_an_outage_of_the_references_is_
     assert raw_step(number, stepper, feedback, ack, 6) == ControlBit.FAULT_RESET
 
 
+@pytest.mark.parametrize("number", DRIVE_TELEGRAM_NUMBERS)
+def test_an_axis_in_operation_whose_references_are_gone_is_told_to_stop_by_every_telegram(number: int) -> None:
+    stepper = Stepper(number)
+    feedback = DriveFeedback()
+    stepper.set_references(References())
+    off, on = (0x06, 0x0F) if number == 100 else (OFF, ON)
+    for now, (word, state) in enumerate(
+        (
+            (off, State.READY_TO_SWITCH_ON),
+            (on, State.READY_TO_SWITCH_ON),
+            (on, State.SWITCHED_ON),
+            (on, State.OPERATION_ENABLED),
+        )
+    ):
+        feedback.statusword = STATUS_OF[state]
+        commanded = raw_step(number, stepper, feedback, word, now)
+    assert commanded & 0xF == ENABLE
+    feedback.position_actual, feedback.velocity_actual = 12345, 300
+    stepper.set_references(None)
+    assert raw_step(number, stepper, feedback, on, 4) & 0xF == QUICK_STOP
+    assert stepper.command.target_velocity == stepper.command.velocity_offset == 0
+    assert stepper.reason is Reason.REFERENCE_INVALID
+
+
 def test_transparent_says_for_as_long_as_it_stands_that_a_mode_is_not_passed_on() -> None:
     stepper = Stepper(100, AxisSettings())
     stepper.set_references(References())

@@ -78,6 +78,12 @@ def test_an_off_is_obeyed_by_an_unpowered_drive_from_every_phase_that_does_not_o
         assert (item.phase, item.action) == (Phase.PASS, Action.PASS), name
 
 
+def test_off3_of_an_unpowered_drive_is_passed_on_from_every_phase_without_doubt() -> None:
+    for name, item in walk(wishes={PowerWish.QUICK_STOP}, drives=UNPOWERED, phases=set(Phase) - {Phase.DOUBT}):
+        fell = name.startswith(("FOLLOW, FELL", "PASS, FELL"))
+        assert fell or (item.phase, item.action) == (Phase.LOCKED, Action.QUICK_STOP), name
+
+
 def test_without_a_plc_a_locked_axis_in_operation_is_stopped_unless_the_user_chose_coasting() -> None:
     for name, item in walk(wishes=set(NO_PLC) - COASTS, drives=IN_OPERATION, phases={Phase.LOCKED}):
         assert (item.phase, item.action) == (Phase.QUICK_STOP, Action.QUICK_STOP), name
@@ -212,6 +218,20 @@ def test_a_quick_stop_ends_by_coast_disable_operation_or_when_it_is_over() -> No
         assert item.phase is Phase.QUICK_STOP, name
         over = "QUICK_STOPPED" in name or name.endswith(", COAST") or ("QUICK_STOPPING" in name and ", ON" in name)
         assert item.action is (Action.DISABLE_VOLTAGE if over else Action.QUICK_STOP), name
+
+
+def test_a_quick_stop_that_runs_is_never_answered_by_a_command_that_enables() -> None:
+    for name, item in walk(drives=QUICK_STOPS):
+        assert item.action in {Action.QUICK_STOP, Action.DISABLE_VOLTAGE}, name
+
+
+def test_an_off_goes_on_being_obeyed_by_a_drive_that_left_operation_by_itself() -> None:
+    for drive in (Drive.FELL_BACK, Drive.FELL_OFF):
+        for wish in OFFS:
+            item = cell(Phase.FOLLOW, drive, wish)
+            assert (item.phase, item.action) == (Phase.FOLLOW, Action.SHUTDOWN)
+            item = cell(Phase.PASS, drive, wish)
+            assert (item.phase, item.action) == (Phase.PASS, Action.PASS)
 
 
 def test_a_drive_that_left_operation_by_itself_needs_an_off() -> None:

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import pytest
 
+from pdgw.dsp402.drive_type import VL_RAMP
 from pdgw.dsp402.states import STATUS_OF, Command, State, StatusBit
+from pdgw.gateway.axis.power_table import Action
 from pdgw.gateway.axis.settings import AxisSettings, ControlLost, PlcLossReaction, SetpointEnable
 from pdgw.gateway.reasons import Reason
-from tests.support.drive_types import References
+from tests.support.drive_types import References, described
 from tests.support.plain_drive import PlainDrive
 from tests.support.stepper import Stepper
 
@@ -400,6 +402,19 @@ def test_the_plcs_device_bits_end_with_the_plc() -> None:
     assert bench.controlword & 0xF000 == 0
 
 
+def test_velocity_mode_lets_the_setpoint_through_in_operation_and_while_it_ramps_down() -> None:
+    bench = Bench()
+    bench.stepper.set_drive(described("vl"))
+    bench.operate()
+    assert bench.controlword & 0x7F == VL_RAMP | 0xF
+    bench.drive.feedback.velocity_actual = 100
+    bench.step(OFF)
+    assert bench.stepper.power.action is Action.RAMP
+    assert bench.controlword & 0x7F == VL_RAMP | 0xF
+    bench.step(ON & ~0x2)
+    assert bench.controlword & 0x7F == 0
+
+
 # -- limit switches ----------------------------------------------------------------------------------------------------
 
 LIMIT = StatusBit.INTERNAL_LIMIT
@@ -447,6 +462,20 @@ def test_off_and_on_end_it_too() -> None:
     at_limit(bench, 0x2000)
     bench.step(OFF, 0x2000, cycles=5)
     bench.step(ON, 0x2000, cycles=5)
+    assert bench.stepper.command.target_velocity == 3000
+
+
+def test_references_that_are_gone_and_back_end_it_too() -> None:
+    bench = Bench()
+    bench.operate(0x2000)
+    at_limit(bench, 0x2000)
+    bench.stepper.set_references(None)
+    bench.step(ON, 0x2000, cycles=3)
+    assert not bench.stepper.warning
+    assert bench.stepper.command.target_velocity == 0
+    bench.stepper.set_references(References())
+    bench.step(OFF, 0x2000, cycles=60)
+    bench.step(ON, 0x2000, cycles=10)
     assert bench.stepper.command.target_velocity == 3000
 
 
