@@ -9,6 +9,7 @@ from uuid import UUID
 
 import pytest
 
+from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profinet.rpc import dcerpc, epm
 from pdgw.profinet.rpc.dcerpc import PacketType, RejectStatus, RpcHeader
 from pdgw.profinet.rpc.epm import EndpointMapper
@@ -78,6 +79,78 @@ def test_unfinished_lookups_are_bounded() -> None:
     forgotten = service.execute(epm.LOOKUP, lookup(first[:20]), ADDRESS, little=True)
     assert isinstance(forgotten, bytes)
     assert forgotten[:20] == NIL_HANDLE
+
+
+def test_sixteen_lookups_are_under_way_at_once_and_the_seventeenth_ends_the_first() -> None:
+    for others, known in ((15, True), (16, False)):
+        service = mapper()
+        first = service.execute(epm.LOOKUP, lookup(), ADDRESS, little=True)
+        assert isinstance(first, bytes)
+        for _ in range(others):
+            service.execute(epm.LOOKUP, lookup(), ADDRESS, little=True)
+        answer = service.execute(epm.LOOKUP, lookup(first[:20]), ADDRESS, little=True)
+        assert isinstance(answer, bytes)
+        assert (answer[:20] == first[:20]) is known
+
+
+def test_a_lookup_that_wants_no_entry_or_has_come_to_its_end_gets_none() -> None:
+    service = mapper()
+    none = service.execute(epm.LOOKUP, lookup(most=0), ADDRESS, little=True)
+    nothing = bytes(20) + struct.pack("<4I", 0, 1, 0, 0) + struct.pack("<I", 0x16C9A0D6)
+    assert none == nothing
+    handle = NIL_HANDLE
+    for _ in range(2):
+        answer = service.execute(epm.LOOKUP, lookup(handle, most=256), ADDRESS, little=True)
+        assert isinstance(answer, bytes)
+        handle = answer[:20]
+    assert [service.execute(epm.LOOKUP, lookup(handle), ADDRESS, little=True) for _ in range(2)] == [nothing] * 2
+
+
+def test_a_request_may_leave_references_out_and_have_padding_behind() -> None:
+    shortest = epm.lookup_request()
+    assert len(shortest) == 40
+    for body in (shortest, lookup() + bytes(9)):
+        answer = mapper().execute(epm.LOOKUP, body, ADDRESS, little=True)
+        assert isinstance(answer, bytes)
+        assert answer[20] == 1
+
+
+@pytest.mark.parametrize("little", [True, False])
+def test_what_is_asked_and_answered_byte_by_byte(little: bool) -> None:
+    service, end = mapper(), "<" if little else ">"
+    handle = NIL_HANDLE
+    for _ in range(2):
+        request = epm.lookup_request(handle, little=little)
+        assert request == bytes(16) + handle + struct.pack(f"{end}I", 1)
+        answer = service.execute(epm.LOOKUP, request, ADDRESS, little=little)
+        assert isinstance(answer, bytes)
+        handle, told = epm.lookup_answer(answer, little=little)
+    annotation = b"gateway                   PDGW                     1 V  0  1  0"
+    tower = bytes.fromhex(
+        "0500"
+        "1300 0d 0100a0de976cd111827100a02442df7d 0100 0200 0000"
+        "1300 0d 045d888aeb1cc9119fe808002b104860 0200 0200 0000"
+        "0100 0a 0200 0000"
+        "0100 08 0200 8894"
+        "0100 09 0400 c0a80002"
+    )
+    assert told == DEVICE
+    assert answer == b"".join(
+        (
+            struct.pack(f"{end}I", 0) + UUID(int=1).bytes,
+            struct.pack(f"{end}4I", 1, 1, 0, 1),
+            DEVICE.bytes_le if little else DEVICE.bytes,
+            struct.pack(f"{end}3I", 4, 0, len(annotation) + 1) + annotation + bytes(-len(annotation) % 4 or 4),
+            struct.pack(f"{end}2I", len(tower), len(tower)) + tower + bytes(-len(tower) % 4),
+            struct.pack(f"{end}I", 0),
+        )
+    )
+    last = service.execute(epm.LOOKUP, epm.lookup_request(handle, little=little), ADDRESS, little=little)
+    assert isinstance(last, bytes)
+    assert epm.lookup_answer(last, little=little) == (NIL_HANDLE, None)
+    with pytest.raises(ProfidriveError, match="endpoint mapper"):
+        epm.lookup_answer(last[:35], little=little)
+    assert epm.lookup_answer(answer[:51], little=little) == (handle, None), "cut short"
 
 
 def test_other_operations_and_short_requests_are_rejected() -> None:

@@ -128,6 +128,13 @@ def test_a_damaged_header_is_refused_with_its_field(at: int, value: int, field: 
     assert dcerpc.decode_packet(damaged(packet, 1, 10))[0].packet_type is PacketType.CANCEL_ACK
 
 
+def test_reserved_flags_are_not_looked_at() -> None:
+    packet = damaged(dcerpc.encode_packet(HEADER, b""), 2, 0xFF)
+    flags = dcerpc.decode_packet(packet)[0].flags
+    assert flags == sum(Flags)
+    assert packet[68:80] == bytes.fromhex("0300 ffff ffff 0000 0605 00 00")
+
+
 def test_a_body_is_cut_where_it_no_longer_fits_one_packet() -> None:
     assert len(dcerpc.encode_fragments(HEADER, bytes(MAX_BODY))) == 1
     parts = [dcerpc.decode_packet(packet) for packet in dcerpc.encode_fragments(HEADER, bytes(2 * MAX_BODY + 1))]
@@ -270,6 +277,34 @@ def test_sixty_four_callers_are_remembered() -> None:
 # -- the caller -------------------------------------------------------------------------------------------------------
 
 
+def test_a_call_names_its_relationship_and_an_implicit_read_none() -> None:
+    plc = RecordCaller(ACTIVITY, DEVICE, UUID(int=7), max_record=400)
+    write = plc.write(0x3A00, 2, 1, 0x1234, b"abc")
+    read, implicit = plc.read(0x3A00, 2, 1, 0x1234), plc.read(0x3A00, 2, 1, 0x1234, implicit=True)
+    for sequence, (call, operation, ar_uuid, length) in enumerate(
+        [
+            (write, Operation.WRITE, UUID(int=7), 3),
+            (read, Operation.READ, UUID(int=7), 400),
+            (implicit, Operation.READ_IMPLICIT, UUID(int=0), 400),
+        ]
+    ):
+        header, body = dcerpc.decode_packet(call.packets[0])
+        assert header == RpcHeader(
+            PacketType.REQUEST,
+            DEVICE,
+            ACTIVITY,
+            sequence,
+            operation,
+            flags=Flags.IDEMPOTENT,
+            server_boot=0,
+            fragment=0,
+            serial=0,
+        )
+        block, _ = decode_block(decode_arguments(body, little=True)[1])
+        assert (block.sequence, block.ar_uuid, block.length) == (sequence, ar_uuid, length)
+        assert (block.api, block.slot, block.subslot, block.index) == (0x3A00, 2, 1, 0x1234)
+
+
 def test_only_the_answer_to_this_call_counts() -> None:
     server = RecordServer(Echo(), 4096)
     plc = caller()
@@ -290,6 +325,7 @@ def test_fragments_of_an_answer_are_acknowledged_where_the_device_wants_it() -> 
     wanting = call.receive(damaged(first, 2, first[2] & ~Flags.NO_FACK))
     assert isinstance(wanting, list)
     assert [dcerpc.decode_packet(item)[0].packet_type for item in wanting] == [PacketType.FACK]
+    assert dcerpc.decode_packet(wanting[0])[1][2:4] == b"\10\0", "eight more may follow"
     *_, result = (call.receive(item) for item in others)
     assert isinstance(result, RecordResult)
     assert result.data == bytes(3000)
