@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from uuid import UUID
 
 import pytest
@@ -203,6 +204,15 @@ def test_a_byte_behind_the_last_field_is_an_error_of_the_length() -> None:
     with pytest.raises(WireError) as refusal:
         ArBlockReq.decode(longer)
     assert refusal.value.number == 1
+
+
+def test_what_others_sent_is_understood_whatever_its_values() -> None:
+    strange = replace(AR, ar_type=0x20, ar_uuid=UUID(int=0), initiator_mac=b"\1" * 6, station_name="no name!")
+    assert ArBlockReq.understand(strange.encode()) == strange
+    with pytest.raises(WireError):
+        ArBlockReq.decode(strange.encode())
+    with pytest.raises(WireError):
+        ArBlockReq.understand(strange.encode()[:-1])
 
 
 def test_numbers_of_fields_count_through_nested_lists_as_the_standard_does() -> None:

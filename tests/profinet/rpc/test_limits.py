@@ -9,7 +9,7 @@ from uuid import UUID
 import pytest
 
 from pdgw.profidrive.errors import ProfidriveError
-from pdgw.profinet.rpc import dcerpc
+from pdgw.profinet.rpc import dcerpc, identification
 from pdgw.profinet.rpc.client import RecordCaller, RecordResult
 from pdgw.profinet.rpc.dcerpc import MAX_BODY, Flags, PacketType, Reassembly, RpcHeader
 from pdgw.profinet.rpc.records import (
@@ -336,3 +336,51 @@ def test_an_answer_with_the_block_of_another_service_is_refused() -> None:
     (wrong,) = RecordServer(Echo(), 4096).receive(caller().write(0, 0, 1, 0x1234, b"x").packets[0], "plc")
     with pytest.raises(ProfidriveError, match="BlockType of the answer"):
         call.receive(wrong)
+
+
+# -- identification ---------------------------------------------------------------------------------------------------
+
+
+def test_identification_records_byte_by_byte() -> None:
+    assert identification.INDEX == 0xAFF0
+    expected = {
+        (1, (b"press", b"hall 4")): "0021 0038 0100" + b"press".ljust(32).hex() + b"hall 4".ljust(22).hex(),
+        (2, (b"2026-11-22",)): "0022 0012 0100" + b"2026-11-22".ljust(16).hex(),
+        (3, (b"text",)): "0023 0038 0100" + b"text".ljust(54).hex(),
+        (4, (b"\1\xff",)): "0024 0038 0100 01ff" + bytes(52).hex(),
+    }
+    for (number, values), record in expected.items():
+        assert identification.encode_im(number, values) == bytes.fromhex(record)
+        padded = identification.decode_im(number, bytes.fromhex(record))
+        assert [value.rstrip(b" \0") for value in padded] == list(values)
+
+
+@pytest.mark.parametrize(("byte", "allowed"), [(0x1F, False), (0x20, True), (0x7E, True), (0x7F, False)])
+def test_texts_of_identification_are_visible_characters(byte: int, allowed: bool) -> None:
+    record = damaged(identification.encode_im(1, (b"press", b"")), 6 + 31, byte)
+    if allowed:
+        assert identification.decode_im(1, record)[0][31] == byte
+    else:
+        with pytest.raises(ProfidriveError, match="IM_Tag_Function"):
+            identification.decode_im(1, record)
+
+
+@pytest.mark.parametrize("at", range(6))
+def test_a_record_with_another_header_is_refused(at: int) -> None:
+    record = identification.encode_im(2, (b"2026-11-22",))
+    with pytest.raises(ProfidriveError, match="block header of I&M2"):
+        identification.decode_im(2, damaged(record, at, record[at] ^ 1))
+
+
+def test_a_text_of_the_device_is_refused_where_it_is_too_long_or_no_ascii() -> None:
+    device = identification.Im0(1, "A" * 20, "B" * 16, 1, ("V", 1, 2, 3))
+    record = identification.encode_im0(device)
+    assert record[8:44] == b"A" * 20 + b"B" * 16
+    assert record[44:] == bytes.fromhex("0001 56 010203 0000 3a00 0000 0101 001e")
+    for wrong, field in (
+        (replace(device, order_id="A" * 21), "OrderID"),
+        (replace(device, serial_number="B" * 17), "IM_Serial_Number"),
+        (replace(device, order_id="\xe4"), "OrderID"),
+    ):
+        with pytest.raises(ProfidriveError, match=field):
+            identification.encode_im0(wrong)
