@@ -10,7 +10,14 @@ import pytest
 
 from pdgw.profinet.blocks.alarm import DiagnosisBlock, MessageClass
 from pdgw.profinet.blocks.connect import ArType
-from pdgw.profinet.blocks.records import ArData, ExpectedIdentification, LogData, PortDataReal, RealIdentification
+from pdgw.profinet.blocks.records import (
+    ArData,
+    ExpectedIdentification,
+    LogData,
+    PortDataReal,
+    PortStatistic,
+    RealIdentification,
+)
 from pdgw.profinet.cmdev import AbortCode, Event
 from pdgw.profinet.device_records import Index
 from pdgw.profinet.model import API_PROFIDRIVE
@@ -104,6 +111,65 @@ def test_real_and_expected_identification_show_the_model() -> None:
     assert real.apis == expected.apis
     found = [(api.api, slot.slot, slot.ident, len(slot.submodules)) for api in real.apis for slot in api.slots]
     assert found == [(0, 0, 1, 3), (0x3A00, 1, 0x1001, 2), (0x3A00, 2, 0x1001, 2), (0x3A00, 3, 0x1002, 2)]
+
+
+@pytest.mark.parametrize(
+    ("index", "places"),
+    [
+        (0x8000, [(1, 1)]),
+        (0x8001, [(1, 1)]),
+        (0xC000, [(1, 1), (1, 2)]),
+        (0xC001, [(1, 1), (1, 2)]),
+        (0xF000, [(1, 1), (1, 2), (2, 1), (2, 2), (3, 1), (3, 2)]),
+    ],
+    ids=["expected subslot", "real subslot", "expected slot", "real slot", "real API"],
+)
+def test_an_identification_has_the_submodules_it_is_asked_for_and_no_others(
+    index: int, places: list[tuple[int, int]]
+) -> None:
+    data = read(connected(), POINT, index).data
+    kind = ExpectedIdentification if index in {0x8000, 0xC000} else RealIdentification
+    (api,) = kind.decode(data).apis
+    assert api.api == API_PROFIDRIVE
+    assert [(slot.slot, item.subslot) for slot in api.slots for item in slot.submodules] == places
+
+
+@pytest.mark.parametrize(
+    ("index", "found"),
+    [
+        (0x800A, {(1, 1): 1, (2, 1): 1, (1, 2): 0}),
+        (0xC00A, {(1, 2): 1, (2, 2): 1, (3, 1): 0}),
+        (0xE00A, {(3, 1): 2}),
+        (0xF00A, {(3, 1): 2}),
+    ],
+    ids=["subslot", "slot", "relationship", "API"],
+)
+def test_a_diagnosis_record_has_the_diagnosis_of_its_scope(index: int, found: dict[tuple[int, int], int]) -> None:
+    wire = connected()
+    for slot in (1, 2):
+        wire.device.set_diagnosis((slot, 1), MessageClass.MAINS)
+    mains = bytes.fromhex("6800 9001")
+    for place, entries in found.items():
+        assert read(wire, (API_PROFIDRIVE, *place), index).data.count(mains) == entries
+    assert (index == 0xE00A) == (mains in read(wire, (0, 0, 1), index).data), "none in the API of the interface"
+
+
+def test_what_a_controller_may_write_to_interface_and_port_is_kept_and_nothing_else() -> None:
+    taken = {0x8000: {0x8070, 0x8071, 0x8090}, 0x8001: {0x802B, 0x802F}, 1: set()}
+    wire = connected()
+    for subslot, known in taken.items():
+        for index in (0x802A, 0x802B, 0x802F, 0x8070, 0x8071, 0x8072, 0x8080, 0x8090):
+            status = write(wire, (0, 0, subslot), index, b"data").status.value
+            assert status == (0 if index in known else 0xDF80B000), (subslot, index)
+    assert write(wire, POINT, 0x802B, b"data").status.value == 0xDF80B000
+
+
+def test_octets_of_the_port_are_32_bits_wide() -> None:
+    wire = connected()
+    wire.device.cm.records.octets[:] = [0x1_0000_0005, 0xFFFF_FF00]
+    statistic = PortStatistic.decode(read(wire, PORT, Index.STATISTIC).data)
+    assert 5 <= statistic.in_octets < 10_000
+    assert statistic.out_octets >= 0xFFFF_FF00 or statistic.out_octets < 10_000
 
 
 def test_diagnosis_is_readable_while_it_is_present() -> None:
