@@ -399,3 +399,36 @@ def test_a_late_frame_that_orders_something_else_makes_that_moment_unknown() -> 
     history.contradict("on", turn)
     assert not history.is_new("on", now)
     assert history.is_new("on", now + cycle), "only that moment"
+
+
+def test_of_an_order_of_long_ago_only_the_moment_that_is_contradicted_becomes_unknown() -> None:
+    cycle, history = 4 * MS, OrderHistory(4 * MS)
+    now = 0
+    while now < 5_200 * MS:
+        now += cycle
+        history.enter("off" if now < 2_600 * MS else "other", now)
+    history.contradict("on", now - 2 * WRAP_NS)
+    assert not history.is_new("on", now)
+    assert history.is_new("on", now + cycle)
+    assert history.is_new("on", now - cycle)
+
+
+def test_an_overtaken_frame_belongs_where_it_was_sent_unless_that_is_longer_ago_than_the_watchdog() -> None:
+    cycle, units = 4 * MS, 4 * MS // COUNTER_UNIT_NS
+    sequence = FrameSequence(cycle, 20 * MS)
+    for count in range(1, SEQUENCE_FRAMES + 1):
+        sequence.follow("plc", count * units, count * cycle, None, may_connect=True)
+    for count in range(SEQUENCE_FRAMES + 1, SEQUENCE_FRAMES + 20):
+        assert sequence.next(count * units, count * cycle)
+    for behind in range(6):
+        assert sequence.place((count - behind) * units) == sequence.elapsed_ns - behind * cycle
+    assert sequence.place((count - 6) * units) is None
+
+
+def test_frames_that_come_slower_than_they_were_sent_are_no_sequence() -> None:
+    """As a queue lets old ones out: each of them fits the counter of the one before."""
+    cycle, units = 4 * MS, 4 * MS // COUNTER_UNIT_NS
+    sequence = FrameSequence(cycle, 50 * MS)
+    for count in range(1, 20):
+        order = sequence.follow("plc", count * units, count * 3 * cycle, None, may_connect=True)
+        assert order is not Order.NEXT

@@ -168,6 +168,40 @@ def test_reject_brakes_with_halt_drops_the_task_and_does_not_restart() -> None:
     assert position(rig) == 1_000
 
 
+@pytest.mark.parametrize("pending", [False, True])
+def test_a_task_rejected_for_one_cycle_before_the_drive_took_it_never_starts(pending: bool) -> None:
+    rig = axis()
+    task(rig, 200_000)
+    rig.step(60)
+    assert rig.feedback.velocity_actual > 0
+    if pending:
+        task(rig, -5_000, hold=1)
+    rig.values |= {"MDI_TARPOS": POSITION.to_wire(-70_000), "STW1": ON | ACTIVATE}
+    rig.step(1)
+    rig.values["STW1"] = ON & ~REJECT
+    rig.step(1)
+    rig.values["STW1"] = ON
+    rig.until(lambda actuals: bool(actuals["ZSW1"] & STOPPED))
+    stood = position(rig)
+    rig.step(200)
+    assert position(rig) == stood
+    assert not rig.stepper.command.controlword & (ControlBit.NEW_SETPOINT | ControlBit.HALT)
+
+
+def test_a_homing_asked_in_the_frame_that_rejects_an_interrupted_task_does_not_start() -> None:
+    rig = axis()
+    task(rig, 200_000)
+    rig.step(60)
+    rig.values["STW1"] = ON & ~INTERMEDIATE
+    rig.step(200)
+    rig.values |= {"SATZANW": 0x8000 | 35, "STW1": ON & ~(REJECT | INTERMEDIATE) | HOMING}
+    rig.step(200)
+    rig.values["STW1"] = ON | HOMING
+    rig.step(200)
+    assert not rig.actuals["ZSW1"] & HOME_SET
+    assert rig.stepper.command.modes_of_operation == Mode.POSITION
+
+
 @pytest.mark.parametrize("relative", [False, True])
 def test_intermediate_stop_keeps_the_task_and_resumes_to_its_target(relative: bool) -> None:
     rig = axis()

@@ -1,0 +1,128 @@
+"""What stops a drive when the gateway dies: the first of heartbeat, life guarding and RPDO time-out that the drive takes."""
+
+from __future__ import annotations
+
+import pytest
+from canopen.sdo import SdoAbortedError
+
+from pdgw.ds301.aborts import Abort
+from pdgw.ds301.communication import CONSUMER_HEARTBEAT, GUARD_TIME, LIFE_TIME_FACTOR, PRODUCER_HEARTBEAT
+from pdgw.ds301.configuration import EVENT_TIMER, SdoStep
+from pdgw.dsp402.guarding import Guarding, Wanted, guard
+from pdgw.dsp402.indices import ABORT_OPTION
+
+RPDO = 0x1400
+QUICK_STOP = 3
+
+
+class Node:
+    """A drive that has ``indices`` and holds what was written; those of ``fixed`` can only be read."""
+
+    def __init__(self, *indices: int, fixed: dict[int, int] | None = None, beats_always: bool = False) -> None:
+        self.fixed = fixed or {}
+        self.indices = {*indices, *self.fixed}
+        self.values: dict[int, int] = dict(self.fixed)
+        self.beats_always = beats_always
+        self.unreadable: int | None = None
+
+    def write(self, step: SdoStep) -> None:
+        if step.index not in self.indices:
+            raise SdoAbortedError(Abort.NO_SUCH_OBJECT)
+        if step.index in self.fixed or (self.beats_always and step.index == PRODUCER_HEARTBEAT and not step.value):
+            raise SdoAbortedError(Abort.READ_ONLY)
+        if step.index == RPDO:
+            assert step.subindex == EVENT_TIMER
+        self.values[step.index] = step.value
+
+    def read(self, index: int, _: int) -> int:
+        if self.unreadable is not None:
+            raise SdoAbortedError(self.unreadable)
+        if index not in self.indices:
+            raise SdoAbortedError(Abort.NO_SUCH_OBJECT)
+        return self.values[index]
+
+    def guarded(self, heartbeat_ms: int = 100, reaction: int = QUICK_STOP) -> Guarding:
+        return guard(Wanted(127, heartbeat_ms, 3, 50, reaction, RPDO), self.write, self.read)
+
+
+LIFE = (GUARD_TIME, LIFE_TIME_FACTOR)
+
+
+def test_the_gateways_heartbeat_goes_first() -> None:
+    node = Node(CONSUMER_HEARTBEAT, PRODUCER_HEARTBEAT, ABORT_OPTION, *LIFE, RPDO)
+    found = node.guarded()
+    assert (found.heartbeat, found.life_guarding, found.rpdos, found.refusal) == (True, False, False, "")
+    assert found.text == "the gateway's heartbeat (1016h, 300 ms), then quick stop (6007h = 3)"
+    assert node.values[CONSUMER_HEARTBEAT] == 127 << 16 | 300
+    assert set(node.values) == {CONSUMER_HEARTBEAT, PRODUCER_HEARTBEAT, ABORT_OPTION}
+
+
+def test_without_a_heartbeat_of_its_own_nobody_waits_for_one() -> None:
+    found = Node(CONSUMER_HEARTBEAT, ABORT_OPTION).guarded()
+    assert (found.heartbeat, found.refusal) == (False, "")
+    assert "TPDOs alone" in found.text
+    assert not Node(CONSUMER_HEARTBEAT, PRODUCER_HEARTBEAT, ABORT_OPTION).guarded(heartbeat_ms=0).heartbeat
+
+
+@pytest.mark.parametrize("has_producer", [True, False])
+def test_life_guarding_is_next_and_the_drive_sends_no_heartbeat_then(has_producer: bool) -> None:
+    producer = (PRODUCER_HEARTBEAT,) if has_producer else ()
+    node = Node(*producer, ABORT_OPTION, *LIFE, RPDO)
+    found = node.guarded()
+    assert (found.heartbeat, found.life_guarding, found.rpdos, found.refusal) == (False, True, False, "")
+    assert node.values.get(PRODUCER_HEARTBEAT, 0) == 0
+    assert (node.values[GUARD_TIME], node.values[LIFE_TIME_FACTOR]) == (100, 3)
+
+
+def test_a_drive_whose_heartbeat_cannot_be_switched_off_is_not_life_guarded() -> None:
+    node = Node(PRODUCER_HEARTBEAT, ABORT_OPTION, *LIFE, RPDO, beats_always=True)
+    found = node.guarded()
+    assert (found.heartbeat, found.life_guarding, found.rpdos, found.refusal) == (True, False, True, "")
+    assert GUARD_TIME not in node.values
+
+
+@pytest.mark.parametrize("life", [(), (GUARD_TIME,), (LIFE_TIME_FACTOR,)])
+def test_the_time_out_of_the_rpdo_is_last_and_the_drive_sends_its_heartbeat_again(life: tuple[int, ...]) -> None:
+    node = Node(PRODUCER_HEARTBEAT, ABORT_OPTION, RPDO, *life)
+    found = node.guarded()
+    assert (found.heartbeat, found.life_guarding, found.rpdos, found.refusal) == (True, False, True, "")
+    assert (node.values[PRODUCER_HEARTBEAT], node.values[RPDO]) == (100, 150)
+    assert not Node(ABORT_OPTION, RPDO).guarded().heartbeat
+    assert not Node(PRODUCER_HEARTBEAT, ABORT_OPTION, RPDO).guarded(heartbeat_ms=0).heartbeat
+
+
+def test_a_drive_that_nothing_stops_is_refused() -> None:
+    found = Node(PRODUCER_HEARTBEAT, ABORT_OPTION).guarded()
+    assert (found.text, found.heartbeat, found.rpdos) == ("nothing", True, False)
+    assert found.refusal
+
+
+@pytest.mark.parametrize(
+    ("held", "text", "stops"),
+    [
+        (0, "then nothing (6007h = 0)", False),
+        (1, "then malfunction (6007h = 1)", True),
+        (2, "then disable voltage (6007h = 2)", True),
+        (-5, "then a reaction of the manufacturer (6007h = -5)", True),
+    ],
+)
+def test_a_reaction_that_cannot_be_written_counts_as_it_is_unless_it_is_none(held: int, text: str, stops: bool) -> None:
+    found = Node(CONSUMER_HEARTBEAT, PRODUCER_HEARTBEAT, fixed={ABORT_OPTION: held}).guarded()
+    assert found.text.endswith(text)
+    assert (found.refusal == "") is stops
+
+
+def test_a_drive_without_6007h_has_its_own_reaction_and_one_that_hides_it_is_refused() -> None:
+    node = Node(CONSUMER_HEARTBEAT, PRODUCER_HEARTBEAT)
+    assert "its own reaction" in node.guarded().text
+    assert not node.guarded().refusal
+    node.unreadable = Abort.GENERAL
+    found = node.guarded()
+    assert "cannot be read" in found.text
+    assert found.refusal
+
+
+def test_no_reaction_where_the_user_chose_it_is_no_refusal() -> None:
+    found = Node(CONSUMER_HEARTBEAT, PRODUCER_HEARTBEAT, ABORT_OPTION).guarded(reaction=0)
+    assert found.text.endswith("then nothing (6007h = 0)")
+    assert not found.refusal
