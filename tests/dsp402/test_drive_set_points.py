@@ -13,7 +13,7 @@ from pdgw.ds301.pdo import Pdo
 from pdgw.ds301.port import PortBusyError
 from pdgw.dsp402.drive import DriveClient
 from pdgw.dsp402.images import DriveCommand
-from pdgw.dsp402.pdo import Operation
+from pdgw.dsp402.pdo import LAYOUTS, Operation
 from pdgw.dsp402.states import ControlBit
 from tests.support import site
 from tests.support.plant import NODE, Plant, observe
@@ -208,4 +208,30 @@ def test_a_set_point_waits_for_an_rpdo_that_the_bus_did_not_take(plant: Plant) -
     port.sent.clear()
     client.send(command, 4)
     assert port.sent == [], "the edge was there: it is not taken back"
+    plant.network._port = before
+
+
+DATA_RPDOS = LAYOUTS[Operation.POSITIONING].rpdos[1:]
+
+
+@pytest.mark.parametrize("late", DATA_RPDOS, ids=str)
+def test_a_set_point_waits_for_whichever_of_its_rpdos_the_bus_did_not_take(plant: Plant, late: Pdo) -> None:
+    assert len(DATA_RPDOS) > 1
+    plant.power_on()
+    client = plant.connect(Operation.POSITIONING, initial_mode=None)
+    plant.online()
+    command = DriveCommand()
+    command.controlword = ENABLED
+    client.send(command, 1)
+    before = plant.network._port
+    plant.network._port = port = _PartlyFull(late.cob_id(NODE))  # type: ignore[assignment]
+    command.controlword = START
+    for pdo in DATA_RPDOS:
+        for attribute in pdo.attributes:
+            setattr(command, attribute, 77)
+    client.send(command, 2)
+    assert 0x200 + NODE not in [can_id for can_id, _ in port.sent]
+    port.full = False
+    client.send(command, 3)
+    assert [can_id for can_id, _ in port.sent][-2:] == [late.cob_id(NODE), 0x200 + NODE]
     plant.network._port = before

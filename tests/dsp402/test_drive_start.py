@@ -6,6 +6,7 @@ import re
 from collections.abc import Callable
 from pathlib import Path
 
+import can
 import pytest
 from canopen.sdo import SdoAbortedError
 
@@ -47,6 +48,24 @@ def test_the_order_of_the_start_up_on_the_bus(plant: Plant) -> None:
     assert {index for index, sub, data in seen if sub == 1 and 0x1400 <= index < 0x1A00 and data[-1:] == b"\x80"} >= {
         0x1401, 0x1402, 0x1403, 0x1404, 0x1801, 0x1802, 0x1803, 0x1804,
     }  # fmt: skip
+
+
+def test_no_rpdo_is_sent_before_the_drive_is_configured_however_often_the_cycle_comes(plant: Plant) -> None:
+    plant.power_on()
+    client = plant.connect(Operation.VELOCITY)
+    statuses: list[DriveStatus] = []
+
+    def listen(message: can.Message) -> None:
+        if not message.is_rx and message.arbitration_id == 0x200 + NODE:
+            statuses.append(client.status)
+
+    def cycle() -> bool:
+        client.send(DriveCommand(), site.now())
+        return bool(statuses)
+
+    plant.network.listeners.append(listen)
+    site.wait_for(cycle, "the first RPDO")
+    assert statuses == [DriveStatus.ONLINE]
 
 
 def test_four_pdos_are_found_even_if_the_eds_promises_five(plant: Plant) -> None:
