@@ -13,6 +13,8 @@ from pdgw.profinet.rpc import dcerpc, identification
 from pdgw.profinet.rpc.client import RecordCaller, RecordResult
 from pdgw.profinet.rpc.dcerpc import MAX_BODY, Flags, PacketType, Reassembly, RpcHeader
 from pdgw.profinet.rpc.records import (
+    RECORD_MULTIPLE,
+    AccessError,
     BlockType,
     Operation,
     RecordBlock,
@@ -20,6 +22,7 @@ from pdgw.profinet.rpc.records import (
     decode_block,
     encode_arguments,
     encode_block,
+    split_answers,
     split_multiple,
 )
 from pdgw.profinet.rpc.server import FRAGMENT_TIMEOUT_NS, RecordServer
@@ -77,8 +80,27 @@ def test_arguments_whose_counts_disagree_are_refused(
         decode_arguments(body[:19], little=little)
 
 
+def test_errors_of_record_access_have_the_numbers_of_the_standard() -> None:
+    assert {item.name: f"{item:02X}" for item in AccessError} == {
+        "READ_ERROR": "A0",
+        "WRITE_ERROR": "A1",
+        "INVALID_INDEX": "B0",
+        "WRITE_LENGTH": "B1",
+        "INVALID_SLOT": "B2",
+        "TYPE_CONFLICT": "B3",
+        "INVALID_AREA": "B4",
+        "STATE_CONFLICT": "B5",
+        "ACCESS_DENIED": "B6",
+        "INVALID_RANGE": "B7",
+        "INVALID_PARAMETER": "B8",
+        "RESOURCE_UNAVAILABLE": "C3",
+    }
+
+
 def test_a_write_inside_several_must_be_a_write_and_whole() -> None:
     assert [data for _, data in split_multiple(WRITE + b"\0" + WRITE)] == [b"abc", b"abc"]
+    aligned = replace(decode_block(WRITE)[0], length=4)
+    assert split_multiple(encode_block(aligned) + b"abcd") == [(aligned, b"abcd")]
     for data, field in ((WRITE + b"\0" + WRITE[:-1], "RecordDataLength"), (WRITE + b"\0" + WRITE[:60], "inside E040h")):
         with pytest.raises(ProfidriveError, match=field):
             split_multiple(data)
@@ -191,6 +213,55 @@ def test_an_answer_longer_than_the_caller_has_room_for_is_refused() -> None:
         (answer,) = server.receive(dcerpc.encode_packet(header, encode_arguments(room, READ, 500, little=True)), "plc")
         codes.append(decode_arguments(dcerpc.decode_packet(answer)[1], little=True)[0])
     assert codes == [0, 0xDE80B800]
+
+
+def test_an_answer_longer_than_the_record_wanted_is_refused_whatever_room_there_is() -> None:
+    server = RecordServer(Echo(record=bytes(401)), 4096)
+    header = replace(HEADER, operation=Operation.READ, fragment=0)
+    (answer,) = server.receive(dcerpc.encode_packet(header, encode_arguments(4096, READ, 4096, little=True)), "plc")
+    assert decode_arguments(dcerpc.decode_packet(answer)[1], little=True)[0] == 0xDE80B800
+
+
+def test_a_call_repeated_long_after_its_answer_is_not_executed_again() -> None:
+    handler = Echo()
+    server = RecordServer(handler, 4096)
+    (packet,) = caller().write(0, 0, 1, 0x1234, b"x").packets
+    first = server.receive(packet, "plc", 5)
+    assert server.receive(packet, "plc", 5 + 10 * FRAGMENT_TIMEOUT_NS) == first
+    assert handler.writes == [b"x"]
+
+
+def test_sequence_numbers_go_on_behind_the_last_one() -> None:
+    handler = Echo()
+    server = RecordServer(handler, 4096)
+    (packet,) = caller().write(0, 0, 1, 0x1234, b"x").packets
+    for sequence in (0xFFFFFFFE, 0xFFFFFFFF, 0, 1):
+        header, body = dcerpc.decode_packet(packet)
+        assert server.receive(dcerpc.encode_packet(replace(header, sequence=sequence), body), "plc", 5)
+    assert len(handler.writes) == 4
+    header, body = dcerpc.decode_packet(packet)
+    assert server.receive(dcerpc.encode_packet(replace(header, sequence=0xFFFFFFFF), body), "plc", 5) == []
+
+
+def test_the_answer_to_several_writes_says_how_long_it_is() -> None:
+    inner = WRITE + b"\0" + WRITE
+    (packet,) = caller().write(0, 0, 1, RECORD_MULTIPLE, inner).packets
+    (answer,) = RecordServer(Echo(), 4096).receive(packet, "plc")
+    block, behind = decode_block(decode_arguments(dcerpc.decode_packet(answer)[1], little=True)[1])
+    assert (block.length, len(behind)) == (128, 128)
+    assert [inner.length for inner in split_answers(behind)] == [3, 3]
+
+
+def test_unfinished_calls_of_others_let_nothing_be_executed_twice() -> None:
+    handler = Echo()
+    server = RecordServer(handler, 4096)
+    calls = [RecordCaller(UUID(int=number), DEVICE).write(0, 0, 1, 0x1234, b"x").packets[0] for number in range(12)]
+    for packet in calls:
+        server.receive(packet, "plc")
+    server.receive(caller().write(0, 0, 1, 0x1234, bytes(3000)).packets[0], "plc")
+    for packet in calls:
+        assert server.receive(packet, "plc")
+    assert len(handler.writes) == 12
 
 
 def test_a_record_of_exactly_the_length_wanted_is_no_error() -> None:
