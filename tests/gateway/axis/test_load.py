@@ -40,6 +40,19 @@ def test_values_beyond_200_percent_stop_there() -> None:
     assert load(3000, 3000) == (0x7FFF, 0x7FFF, 0x7FFF)
 
 
+def test_without_references_no_old_value_is_shown_and_the_kind_of_fault_still_is() -> None:
+    rig = Rig(20)
+    rig._tpdos.clear()
+    rig.feedback.current_actual, rig.feedback.velocity_actual = 1000, 6000
+    values = ("NIST_A_GLATT", "IAIST_GLATT", "MIST_GLATT", "PIST_GLATT")
+    assert all(rig.step()[name] for name in values)
+    rig.stepper.set_references(None)
+    rig.stepper.machine.inputs.news.append(NodeNotice(Notice.EMERGENCY, "EMCY", rig.now, 0x2310, 0x03))
+    rig.step()
+    assert not any(rig.actuals[name] for name in values)
+    assert rig.actuals["MELD_NAMUR"] == NAMUR["POWER_UNIT"]
+
+
 @pytest.mark.parametrize(
     ("code", "name"),
     [

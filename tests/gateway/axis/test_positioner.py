@@ -12,9 +12,9 @@ import pytest
 from pdgw.dsp402.drive_type import Quantity, Reference
 from pdgw.dsp402.images import DriveFeedback
 from pdgw.dsp402.modes import Mode
-from pdgw.dsp402.states import ControlBit
+from pdgw.dsp402.states import ControlBit, State
 from pdgw.gateway.axis.machine import AxisMachine
-from pdgw.gateway.axis.settings import AxisSettings
+from pdgw.gateway.axis.settings import AxisSettings, PlcLossReaction
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.motion.blocks import Block, BlockNext, BlockTask
 from pdgw.gateway.motion.wishes import PositionerChoices
@@ -34,9 +34,13 @@ OFF, ON = 0x043E, 0x043F
 
 
 def positioner(
-    number: int = 111, choices: PositionerChoices = CHOICES, machine: Machine | None = None, **changes: object
+    number: int = 111,
+    choices: PositionerChoices = CHOICES,
+    machine: Machine | None = None,
+    on_plc_loss: PlcLossReaction = PlcLossReaction.QUICK_STOP,
+    **changes: object,
 ) -> Rig:
-    rig = Rig(number, machine, positioner=choices)
+    rig = Rig(number, machine, positioner=choices, on_plc_loss=on_plc_loss)
     for index, subindex, value in (
         (0x607B, 1, -2_000_000),
         (0x607B, 2, 2_000_000),
@@ -327,6 +331,23 @@ def test_off1_ramps_down_and_nothing_goes_on_after_the_next_on() -> None:
     rig.values["STW1"] |= 1
     rig.step(100)
     assert rig.feedback.velocity_actual == 0
+
+
+@pytest.mark.parametrize("lost", [False, True])
+def test_off1_and_the_loss_of_the_plc_halt_a_task_in_the_mode_there_is(lost: bool) -> None:
+    rig = positioner(on_plc_loss=PlcLossReaction.RAMP)
+    send(rig, "047F 8100 0000 0000 4000 0000 C350 0000 2EE0 4000 4000 0000")
+    rig.step(40)
+    assert rig.feedback.velocity_actual
+    rig.values["STW1"] &= ~1
+    rig.step(1, plc=not lost)
+    while rig.state is State.OPERATION_ENABLED and rig.feedback.velocity_actual:
+        assert rig.stepper.command.controlword & (ControlBit.HALT | ControlBit.NEW_SETPOINT) == ControlBit.HALT
+        assert rig.stepper.command.modes_of_operation == Mode.POSITION
+        rig.step(1, plc=not lost)
+    rig.step(10, plc=not lost)
+    assert rig.state is not State.OPERATION_ENABLED
+    assert rig.feedback.position_actual < 15_000, "not to its target, 20480"
 
 
 def test_telegram_7_has_no_mdi() -> None:

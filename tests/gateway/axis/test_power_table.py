@@ -192,6 +192,10 @@ def test_the_loss_of_the_plc_in_operation_is_answered_as_the_user_chose(phase: P
     for wish, answer in answers.items():
         item = cell(phase, Drive.OPERATING, wish)
         assert (item.phase, item.action) == answer
+    for ramping in (Phase.RAMP_STOP, Phase.SHUTDOWN):
+        for wish in (PowerWish.NO_PLC_QUICK_STOP, PowerWish.NO_PLC_COAST):
+            item = cell(ramping, Drive.OPERATING, wish)
+            assert (item.phase, item.action) == answers[wish], "it goes before a ramp that runs"
     item = cell(phase, Drive.STANDING, PowerWish.NO_PLC_RAMP)
     assert (item.phase, item.action) == (Phase.SHUTDOWN, Action.RAMP_END)
 
@@ -243,7 +247,13 @@ def test_a_drive_that_left_operation_by_itself_needs_an_off() -> None:
 
 
 def test_the_way_up_takes_one_transition_at_a_time() -> None:
-    steps = [(Drive.DISABLED, 0x6), (Drive.READY, 0x7), (Drive.SWITCHED_ON, 0xF), (Drive.OPERATING, 0xF)]
+    steps = [
+        (Drive.NOT_READY, 0x6),
+        (Drive.DISABLED, 0x6),
+        (Drive.READY, 0x7),
+        (Drive.SWITCHED_ON, 0xF),
+        (Drive.OPERATING, 0xF),
+    ]
     assert [(drive, cell(Phase.FOLLOW, drive, PowerWish.ENABLE).controlword) for drive, _ in steps] == steps
     assert cell(Phase.FOLLOW, Drive.SWITCHED_ON, PowerWish.ON).controlword == 0x7
     assert cell(Phase.FOLLOW, Drive.OPERATING, PowerWish.ON).controlword == 0x7, "Disable Operation"
