@@ -131,14 +131,14 @@ def test_each_stop_has_its_own_time() -> None:
 def test_speed_gathered_by_what_was_asked_before_the_stop_is_no_disobedience() -> None:
     settings = AxisSettings()
     watch = StopWatch(settings.reaction_ns, settings.stop_time_ns)
-    watch.reference, slope = 6000, 6000 / settings.stop_time_ns
-    for now in range(0, settings.stop_time_ns, CYCLE):
-        braking = max(0, now - REACTION)
-        speed = int(1000 + 2000 * min(1.0, now / REACTION) - slope * braking)
+    watch.reference, slope, began = 6000, 6000 / settings.stop_time_ns, 10**12
+    for since in range(0, settings.stop_time_ns, CYCLE):
+        braking = max(0, since - REACTION)
+        speed = int(1000 + 2000 * min(1.0, since / REACTION) - slope * braking)
         if speed <= 0:
             break
-        assert not watch.step(Action.RAMP, True, True, False, speed, 10, now)
-    assert watch.step(Action.RAMP, True, True, False, 3001, 10, now)
+        assert not watch.step(Action.RAMP, True, True, False, speed, 10, began + since)
+    assert watch.step(Action.RAMP, True, True, False, 3001, 10, began + since)
 
 
 def test_a_fault_reaction_of_the_drive_is_its_own_stop_however_long_it_takes() -> None:
