@@ -195,19 +195,39 @@ def test_a_drive_that_follows_the_enable_within_a_cycle_however_long_is_in_opera
     assert control.phase is Phase.RAMP_STOP
 
 
-def test_a_raw_controlword_too_is_no_longer_obeyed_by_a_drive_that_left_operation_by_itself() -> None:
+def raw(control: Interlock, wish: PowerWish, state: State, now: int) -> int:
+    return control.step(wish, False, None, STATUS_OF[state], False, now)
+
+
+def raw_operation() -> Interlock:
+    """In operation for 400 ms by the Controlword of telegram 100."""
     control = Interlock(AxisSettings())
-
-    def raw(wish: PowerWish, state: State, now: int) -> int:
-        return control.step(wish, False, None, STATUS_OF[state], False, now)
-
-    raw(PowerWish.RAW_OFF, State.READY_TO_SWITCH_ON, 0)
+    raw(control, PowerWish.RAW_OFF, State.READY_TO_SWITCH_ON, 0)
     for cycle in range(100):
-        raw(PowerWish.ENABLE, State.OPERATION_ENABLED, cycle * 4 * MS)
+        raw(control, PowerWish.ENABLE, State.OPERATION_ENABLED, cycle * 4 * MS)
         assert control.phase is Phase.PASS
-    assert raw(PowerWish.ENABLE, State.SWITCHED_ON, 400 * MS) == QUICK_STOP
+    return control
+
+
+def test_a_raw_controlword_too_is_no_longer_obeyed_by_a_drive_that_left_operation_by_itself() -> None:
+    control = raw_operation()
+    assert raw(control, PowerWish.ENABLE, State.SWITCHED_ON, 400 * MS) == QUICK_STOP
     assert control.phase is Phase.DOUBT
-    assert raw(PowerWish.ENABLE, State.OPERATION_ENABLED, 404 * MS) == QUICK_STOP
+    assert raw(control, PowerWish.ENABLE, State.OPERATION_ENABLED, 404 * MS) == QUICK_STOP
+
+
+def test_a_raw_disable_operation_is_the_plcs_own_and_locks_nothing() -> None:
+    control = raw_operation()
+    for cycle, (wish, state) in enumerate(
+        (
+            (PowerWish.ON, State.OPERATION_ENABLED),
+            (PowerWish.ON, State.SWITCHED_ON),
+            (PowerWish.ENABLE, State.SWITCHED_ON),
+            (PowerWish.ENABLE, State.OPERATION_ENABLED),
+        )
+    ):
+        raw(control, wish, state, (400 + 4 * cycle) * MS)
+        assert control.phase is Phase.PASS
 
 
 @pytest.mark.parametrize("number", DRIVE_TELEGRAM_NUMBERS)
