@@ -8,7 +8,7 @@ import pytest
 
 from pdgw.dsp402.images import DriveFeedback
 from pdgw.dsp402.states import STATUS_OF, ControlBit, State
-from pdgw.gateway.axis.interlock import DISABLE_SHOWN_NS, Interlock
+from pdgw.gateway.axis.interlock import DISABLE_SHOWN_NS, QUICK_STOP_STANDING_NS, Interlock
 from pdgw.gateway.axis.power_table import Phase
 from pdgw.gateway.axis.settings import AxisSettings, PlcLossReaction
 from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS
@@ -193,6 +193,19 @@ def test_a_drive_that_follows_the_enable_within_a_cycle_however_long_is_in_opera
     long_after = MS + 2 * DISABLE_SHOWN_NS
     assert step(control, OFF, State.OPERATION_ENABLED, long_after) == ENABLE, "OFF1: it ramps down"
     assert control.phase is Phase.RAMP_STOP
+
+
+def test_a_quick_stop_is_over_after_its_whole_standing_time_and_a_moment_at_speed_0_is_none() -> None:
+    control, began = power(State.OPERATION_ENABLED, after_off=True), 10**10
+
+    def stopping(standstill: bool, now: int) -> int:
+        return control.step(PowerWish.QUICK_STOP, False, None, STATUS_OF[State.QUICK_STOP_ACTIVE], standstill, now)
+
+    step(control, ON & ~0x4, State.OPERATION_ENABLED, began)
+    half = QUICK_STOP_STANDING_NS // 2
+    for part, standstill in enumerate((False, True, False, True, True)):
+        assert stopping(standstill, began + part * half) == QUICK_STOP
+    assert stopping(True, began + 5 * half) == DISABLE_VOLTAGE
 
 
 def raw(control: Interlock, wish: PowerWish, state: State, now: int) -> int:

@@ -496,5 +496,6 @@ def test_an_axis_that_stands_with_setpoint_0_at_a_limit_obeys_its_next_setpoint(
     bench = Bench()
     bench.operate(0)
     at_limit(bench, 0, cycles=2 * HALF_SECOND)
+    assert not bench.stepper.warning
     bench.step(ON, -0x2000)
     assert bench.stepper.command.target_velocity == -3000
