@@ -20,6 +20,7 @@ from hypothesis import HealthCheck, settings
 from pdgw.tools import background
 from pdgw.tools.bench.build import COMPILED, build
 from tests.support.buses import PATIENCE_S
+from tests.support.logs import log_put_back
 
 settings.register_profile(
     "ci", derandomize=True, deadline=None, max_examples=100, database=None, suppress_health_check=[HealthCheck.too_slow]
@@ -106,6 +107,13 @@ def _state_directory(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]
         patch.setenv("XDG_STATE_HOME", str(tmp_path_factory.mktemp("state")))
         patch.delenv("RUNTIME_DIRECTORY", raising=False)
         patch.setenv("XDG_RUNTIME_DIR", str(tmp_path_factory.mktemp("run")))
+        yield
+
+
+@pytest.fixture(autouse=True)
+def _log() -> Iterator[None]:
+    """What a command sets up in a test's own process would change what the next test hears."""
+    with log_put_back():
         yield
 
 

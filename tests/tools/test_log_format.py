@@ -6,7 +6,6 @@ import json
 import logging
 import os
 import re
-from collections.abc import Iterator
 from datetime import datetime
 from pathlib import Path
 
@@ -18,13 +17,6 @@ from pdgw.tools.log_format import Bundle, LogFormat, formatter
 from pdgw.tools.run_log import LogLevel, RunLog
 from tests.support.buses import PATIENCE_S, wait_for
 from tests.support.daemon import Plc, axis, configuration, running, world_of
-from tests.support.logs import log_put_back
-
-
-@pytest.fixture(autouse=True)
-def _loggers() -> Iterator[None]:
-    with log_put_back():
-        yield
 
 
 def record(text: str, created: float = 0.0, level: int = logging.INFO) -> logging.LogRecord:

@@ -10,7 +10,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
@@ -27,12 +27,6 @@ from tests.support.daemon import axis, configuration, running, until, world_of
 from tests.support.logs import log_put_back
 
 FRAME = can.Message(arbitration_id=0x181, data=b"\x31\x02")
-
-
-@pytest.fixture(autouse=True)
-def _loggers() -> Iterator[None]:
-    with log_put_back():
-        yield
 
 
 def test_a_test_of_the_log_leaves_none_behind(tmp_path: Path) -> None:
