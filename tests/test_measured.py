@@ -38,6 +38,9 @@ def _median(axes: int, cycle: str) -> str:
     return rf"│ {axes} +│ {cycle} +│ echo .*\n│ +│ +│ gateway │ (\d+) us"
 
 
+_SHARE = r"│ 1 ms +│ gateway +│ ([\d.]+) %"
+"""Of a core, at 1 ms; in the first table of the file that has one, which is that of usual priority."""
+
 QUOTES = [
     Quote("benchmarks.md", r"one axis at 1 ms ([\d.]+) times the echo", "exchange-realtime.txt", _ratio(1, "1 ms")),
     Quote("benchmarks.md", r"eight ([\d.]+); a storm", "exchange-realtime.txt", _ratio(8, "1 ms")),
@@ -50,6 +53,8 @@ QUOTES = [
         "exchange-compiled-realtime.txt",
         rf"{_median(32, '4 ms')}[\s\S]*{_median(64, '4 ms')}",
     ),
+    Quote("benchmarks.md", r"at usual priority ([\d.]+) % of a core", "profinet.txt", _SHARE),
+    Quote("benchmarks.md", r"% of a core, compiled ([\d.]+) %", "profinet-compiled.txt", _SHARE),
     Quote(
         "flight-recorder.md",
         r"A cycle costs ([\d.]+) us and ([\d.]+) us for each axis, a CAN frame ([\d.]+) us",
@@ -58,7 +63,7 @@ QUOTES = [
     ),
 ]
 GOALS = {
-    "benchmarks.md": (r"Not reached: 0.1 % missed at 250 us [^.]*250 us with 32 axes[^.]*12 % of a core",),
+    "benchmarks.md": (r"Not reached: 0.1 % missed at 250 us [^.]*250 us with 32 axes",),
     "safety.md": (r"at most 1 MiB",),
     "timeline.md": (r"more than 20 times faster",),
     "transport.md": (r"31\.25 us",),
