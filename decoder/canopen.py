@@ -44,7 +44,7 @@ from pdgw.ds301.connection_set import ERROR_CONTROL, NMT, SDO_REQUEST, SDO_RESPO
 from pdgw.ds301.emcy import emcy_text, error_register_text
 from pdgw.ds301.nmt import NmtCommand, NmtState
 from pdgw.ds301.objects import Entry
-from pdgw.ds301.pdo import COB_ID_INVALID, PDOS_MAX, PdoDirection
+from pdgw.ds301.pdo import COB_ID_INVALID, PDO_PARAMETERS, PDOS_MAX, PdoDirection, is_mapping_parameter, pdo_of
 from pdgw.dsp402.overlay import entries_of, families_of
 from pdgw.dsp402.pdo import with_objects
 from pdgw.profidrive.telegrams import ApplicationMode, telegram
@@ -54,7 +54,6 @@ Dictionary = Callable[[int], Sequence[Entry] | None]
 
 LSS: Final = {0x7E4: "LSS response", 0x7E5: "LSS request"}
 _NODE = 0x7F
-"""From the communication to the mapping parameter of a PDO."""
 _MAX_MAPPED = 64
 _OBSERVED = "observed"
 _DAY_ZERO = datetime.date(1984, 1, 1)
@@ -268,11 +267,11 @@ class CanopenDecoder:
 
     def _take_dictionary(self, node_id: int, node: _Node, entries: Sequence[Entry]) -> None:
         for entry in entries:
-            if _pdo_of(entry.index) is not None and isinstance(entry.default, int):
+            if entry.index in PDO_PARAMETERS and isinstance(entry.default, int):
                 node.parameters[entry.index, entry.subindex] = entry.default
                 node.origins[entry.index] = "EDS"
         for mapping in {entry.index for entry in entries if entry.subindex == 0}:
-            if _is_mapping(mapping):
+            if is_mapping_parameter(mapping):
                 self._rebuild(node_id, node, mapping)
 
     def _learn(self, node_id: int, node: _Node, index: int, subindex: int, value: bytes, decoded: Raw | str) -> None:
@@ -285,10 +284,10 @@ class CanopenDecoder:
             if node.names is not before:
                 for mapping in tuple(node.origins):
                     self._rebuild(node_id, node, mapping)
-        if _pdo_of(index) is None or len(value) not in {1, 2, 4}:
+        if index not in PDO_PARAMETERS or len(value) not in {1, 2, 4}:
             return
         node.parameters[index, subindex] = int.from_bytes(value, "little")
-        mapping = index if _is_mapping(index) else index + PDOS_MAX
+        mapping = index if is_mapping_parameter(index) else index + PDOS_MAX
         if index == mapping:
             node.origins[mapping] = _OBSERVED
         if (index == mapping and subindex == 0) or (index != mapping and subindex == 1):
@@ -296,10 +295,7 @@ class CanopenDecoder:
 
     def _rebuild(self, node_id: int, node: _Node, mapping: int) -> None:
         """Bring one PDO's layout in line with what is known of its parameters."""
-        found = _pdo_of(mapping)
-        if found is None:
-            return
-        direction, number = found
+        direction, number = pdo_of(mapping)
         communication = mapping - PDOS_MAX
         before = node.cob_ids.pop(communication, None)
         if before is not None:
@@ -320,19 +316,6 @@ class CanopenDecoder:
 
 
 _Base = tuple[int, int, str, bytes, int]
-
-
-def _is_mapping(index: int) -> bool:
-    return any(d.mapping_index <= index < d.mapping_index + PDOS_MAX for d in PdoDirection)
-
-
-def _pdo_of(index: int) -> tuple[PdoDirection, int] | None:
-    """Direction and number of the PDO a parameter belongs to."""
-    for direction in PdoDirection:
-        for start in (direction.communication_index, direction.mapping_index):
-            if start <= index < start + PDOS_MAX:
-                return direction, index - start + 1
-    return None
 
 
 def _predefined_pdo(function: int) -> str:

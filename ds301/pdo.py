@@ -91,6 +91,13 @@ def direction_of(index: int) -> PdoDirection:
     return PdoDirection.RPDO if index < PdoDirection.TPDO.communication_index else PdoDirection.TPDO
 
 
+def pdo_of(index: int) -> tuple[PdoDirection, int]:
+    """Direction and number of the PDO that a communication or mapping parameter belongs to."""
+    direction = direction_of(index)
+    first = direction.mapping_index if is_mapping_parameter(index) else direction.communication_index
+    return direction, index - first + 1
+
+
 _CODEC = """
 def pack(image):
     return pack_values({values})

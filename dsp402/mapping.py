@@ -11,22 +11,14 @@ from canopen.sdo import SdoAbortedError
 
 from pdgw.ds301.aborts import Abort
 from pdgw.ds301.configuration import EVENT_TIMER, TRANSMISSION_TYPE, SdoStep
-from pdgw.ds301.pdo import COB_ID_INVALID, PDOS_MAX, PdoDirection, PdoLayout, is_communication_parameter
+from pdgw.ds301.pdo import COB_ID_INVALID, PdoDirection, PdoLayout, is_communication_parameter, pdo_of
 from pdgw.ds301.plan import PdoPlan
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.planner import Address, Findings, Key, plan_pdos
 
 ReadNumber = Callable[[int, int], int]
-"""From a communication parameter to the mapping of the same PDO."""
 _NOT_NOW = (Abort.CANNOT_STORE, Abort.CANNOT_STORE_LOCAL_CONTROL, Abort.CANNOT_STORE_DEVICE_STATE)
 """The drive refuses for the state it is in: that says nothing about what it can."""
-
-
-def key_of(index: int) -> Key:
-    """The PDO a communication or mapping parameter belongs to."""
-    communication = index if is_communication_parameter(index) else index - PDOS_MAX
-    direction = PdoDirection.RPDO if communication < PdoDirection.TPDO.communication_index else PdoDirection.TPDO
-    return direction, communication - direction.communication_index + 1
 
 
 class DriveMapping:
@@ -40,8 +32,9 @@ class DriveMapping:
         """Begin anew, with the PDOs that are there. What never came before is still not trusted."""
         findings = self._findings = Findings(dropped=self._findings.dropped)
         for index, cob_id in cob_ids.items():
-            findings.present.add(key_of(index))
-            findings.cob_ids[key_of(index)] = cob_id
+            key = pdo_of(index)
+            findings.present.add(key)
+            findings.cob_ids[key] = cob_id
         for direction, slots in ((PdoDirection.RPDO, drive.pdos.rpdos), (PdoDirection.TPDO, drive.pdos.tpdos)):
             for slot in slots:
                 if (key := (direction, slot.number)) not in findings.present:
@@ -64,7 +57,7 @@ class DriveMapping:
         """What a refused write tells; False when that is nothing new, or nothing about the drive's PDOs."""
         if error.code in _NOT_NOW:
             return False
-        key = key_of(step.index)
+        key = pdo_of(step.index)
         if is_communication_parameter(step.index):
             return self._learn_communication(key, step)
         return self._learn_mapping(key, step)

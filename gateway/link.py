@@ -27,6 +27,11 @@ _WAITED_AT_MOST: Final = 10_000
 _ACCEPTED: Final = Verdict.ACCEPTED
 
 
+def silence(cycles: int) -> str:
+    """A loss by the watchdog, as log and fault 103 tell it."""
+    return f"no valid frame for {cycles} cycles"
+
+
 class Link(Protocol):
     """One relationship with a PLC, any number of drive objects."""
 
@@ -202,7 +207,7 @@ class UdpLink:
 
     @property
     def loss(self) -> str:
-        return f"no valid frame for {self._transport.watchdog_factor} cycles"
+        return silence(self._transport.watchdog_factor)
 
     def lose_setpoints(self) -> None:
         self.endpoint.lose_setpoints()

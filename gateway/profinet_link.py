@@ -18,6 +18,7 @@ from pdgw.ds301.counters import Counters
 from pdgw.ds301.loop import MS, Loop, Mailbox, Task, Timer
 from pdgw.gateway.config import GatewayConfig
 from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.link import silence
 from pdgw.gateway.profinet_diagnosis import Diagnosed, present_classes
 from pdgw.gateway.profinet_identity import profinet_model
 from pdgw.gateway.profinet_pairing import LONGEST_NS, Pairing
@@ -210,7 +211,7 @@ class ProfinetLink:
         elif now - consumer.last_ns <= self._limit_ns:
             return False
         else:
-            self.loss = f"no valid frame for {self._config.transport.watchdog_factor} cycles"
+            self.loss = silence(self._config.transport.watchdog_factor)
             self.watchdog_expiries += 1
         self._receivable = False
         self.lose_setpoints()

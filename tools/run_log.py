@@ -87,9 +87,8 @@ class _FromQueue(logging.handlers.QueueListener):
         for record in records:
             try:
                 super().handle(record)
-            except (
-                OSError
-            ):  # the folder of the log file is not there, or its disk is full: it is looked for at the next line
+            except OSError:
+                # The folder of the log file is not there, or its disk is full: it is looked for at the next line.
                 for handler in self.handlers:
                     handler.handleError(record)
 

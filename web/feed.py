@@ -71,9 +71,8 @@ class Feed:
         except (GatewayError, TimeoutError) as error:
             self.failure = str(error) or "no answer in time"
             self.stale = True
-        except (
-            Exception
-        ) as error:  # whatever is wrong with this one, the next may be good: what is shown is old until then
+        except Exception as error:
+            # Whatever is wrong with this one, the next may be good: what is shown is old until then.
             self.failure = f"the gateway's status is not understood, is it of another version? ({error!r})"
             self.stale = True
         else:

@@ -19,11 +19,6 @@ from pdgw.ds301.objects import Entry
 from pdgw.ds301.pdo import PDO_PARAMETERS, PDOS_MAX, is_mapping_parameter
 from pdgw.peers.node.misbehaviour import HEX, MS, Late, Misbehaviour, catalogue, parameter
 
-
-def _is_mapping(index: int) -> bool:
-    return is_mapping_parameter(index)
-
-
 # -- SDO ------------------------------------------------------------------------------------------------------------------
 
 
@@ -137,7 +132,7 @@ class FixedPdoMapping(Misbehaviour):
     at_configuration = True
 
     def writing(self, entry: Entry, data: bytes) -> None:
-        if _is_mapping(entry.index):
+        if is_mapping_parameter(entry.index):
             raise SdoAbortedError(Abort.READ_ONLY)
 
 
@@ -149,7 +144,7 @@ class MappingAbort(Misbehaviour):
     at_configuration = True
 
     def writing(self, entry: Entry, data: bytes) -> None:
-        if _is_mapping(entry.index) and entry.subindex == 0 and any(data):
+        if is_mapping_parameter(entry.index) and entry.subindex == 0 and any(data):
             raise SdoAbortedError(Abort.PARAMETER_INCOMPATIBLE)
 
 
