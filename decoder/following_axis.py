@@ -31,12 +31,13 @@ from pdgw.gateway.axis.executors.mode import MODE_CONFIRM_NS
 from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.values import Configured, SdoAnswer, SdoWrite
-from pdgw.gateway.reasons import Reason
+from pdgw.gateway.reasons import AxisState, Reason
+from pdgw.gateway.standing import asks_for_operation
 from pdgw.profidrive.signals import signal
 from pdgw.profidrive.telegrams import ApplicationMode, telegram
 
 SETTLE_NS: Final = 100_000_000
-"""What an edge has come to is judged so long after it, or at the next edge."""
+"""What an edge has come to is judged so long after it, or at the next edge; an ON when the drive has followed it."""
 RESPONSE_NS: Final = 1_000_000_000
 """A drive that has not answered a Controlword for so long has missed it."""
 AGREEMENT_NS: Final = 500_000_000
@@ -81,10 +82,13 @@ class _Settling:
     edge: Edge
     reasons: dict[Reason | None, None] = field(default_factory=dict)
     last: Reason | None = None
+    time_ns: int = SETTLE_NS
+    """So long after the edge it is judged: a drive that is to start has as long as for any answer."""
 
-    def add(self, reason: Reason | None) -> None:
+    def add(self, reason: Reason | None, *, awaited: bool) -> None:
         self.reasons[reason] = None
         self.last = reason
+        self.time_ns = RESPONSE_NS if awaited else SETTLE_NS
 
     def close(self) -> None:
         self.edge.outcome = self.last
@@ -397,11 +401,12 @@ class AxisFollower(ObjectFollower):
             else:
                 control.note = NOT_JUDGED if WordKind.CONTROLWORD in self._words.values else NO_CONTROLWORD
         settling = self._settling
-        if settling is not None and settling.reasons and now > settling.edge.time_ns + SETTLE_NS:
+        if settling is not None and settling.reasons and now > settling.edge.time_ns + settling.time_ns:
             self._settled()
             settling = None
         if settling is not None:
-            settling.add(reason)
+            starting = reason is not None and reason.state is AxisState.STARTING
+            settling.add(reason, awaited=starting and asks_for_operation(self._machine.demand))
         if self._known and reason is not self._told:
             self._told = reason
             self._put(ReasonChange(now, self.axis.do_id, reason, settling is not None))
@@ -427,7 +432,7 @@ class AxisFollower(ObjectFollower):
                 self._put(Anomaly(self._mode_since, self.axis.do_id, AnomalyKind.MODE, text))
             self._mode_since = None
         settling = self._settling
-        if settling is not None and now > settling.edge.time_ns + 2 * SETTLE_NS:
+        if settling is not None and now > settling.edge.time_ns + max(settling.time_ns, 2 * SETTLE_NS):
             self._settled()  # the gateway has made no step since
 
     def finish(self) -> None:

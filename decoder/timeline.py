@@ -39,8 +39,9 @@ _CAN_WORDS = (WordKind.CONTROLWORD.value, WordKind.STATUSWORD.value)
 class Edge:
     """A word that changed. ``latency_ns`` counts from ``cause``.
 
-    On edges of the PLC's control word: ``reasons`` are those the gateway had until the next edge or for 100 ms, ``outcome`` the
-    one that stood at the end of that and comes last (None: it obeys), ``note`` what else became of the frame.
+    On edges of the PLC's control word: ``reasons`` are those the gateway had until the next edge or for 100 ms (1 s while the
+    drive is to start and has not), ``outcome`` the one that stood at the end of that and comes last (None: it obeys), ``note``
+    what else became of the frame.
     """
 
     time_ns: int

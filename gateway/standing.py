@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from pdgw.gateway.axis.waist import PowerWish
+from pdgw.gateway.axis.waist import Demand, PowerWish
 from pdgw.gateway.binding import Axis
 from pdgw.gateway.encoder import EncoderObject
 from pdgw.gateway.reasons import AxisState, Enable, Reason
@@ -52,6 +52,11 @@ class Standing(NamedTuple):
     chain: tuple[Link, ...]
 
 
+def asks_for_operation(demand: Demand) -> bool:
+    """Whether the PLC is there and wants the axis in operation: what is missing then is the drive's to do."""
+    return demand.connected and demand.power in _ASKS
+
+
 def axis_standing(axis: Axis) -> Standing:
     """Of an axis, as its last step left it."""
     reason, demand = axis.reason, axis.machine.demand
@@ -60,7 +65,7 @@ def axis_standing(axis: Axis) -> Standing:
     state, broken = reason.state, Break(reason.enable, reason.remedy)
     if axis.powered and not axis.released and state is not AxisState.FAULT:
         state = AxisState.STOPPING
-    elif state is AxisState.STARTING and not (demand.connected and demand.power in _ASKS):
+    elif state is AxisState.STARTING and not asks_for_operation(demand):
         state, broken = AxisState.OFF, _SWITCHED_OFF
     if axis.machine.inputs.setpoints is None:
         broken = _in_front(Reason.NO_PLC, broken, AXIS_CHAIN)

@@ -136,6 +136,44 @@ def test_an_edge_in_a_frame_that_is_not_used_is_told(tmp_path: Path) -> None:
     assert len(texts(found, AnomalyKind.IOPS_BAD)) == 1
 
 
+def on_with_late_status(delay_ms: int) -> RecordedRig:
+    """OFF, then ON for 1.2 s; each state of the drive is seen late."""
+    rig = RecordedRig(1)
+    rig.step(5)
+    rig.stw(0x047E, 20)
+    rig.node.misbehave("late-status", delay_ms=delay_ms)
+    rig.stw(0x047F, 300)
+    return rig
+
+
+def test_a_drive_that_takes_its_time_to_start_has_obeyed(tmp_path: Path) -> None:
+    """Brakes and contactors need some hundred milliseconds."""
+    found = timeline(on_with_late_status(250), tmp_path)
+    edge = edges(found, WordKind.CONTROL)[-1]
+    assert edge.after == 0x047F
+    assert edge.outcome is None
+    assert edge.reasons == (Reason.NOT_OPERATING,)
+    assert "-> obeyed" in "\n".join(entry_lines(edge, found.opening.begin_ns))
+
+
+def test_a_drive_that_does_not_start_within_a_second_has_not_obeyed(tmp_path: Path) -> None:
+    assert last_outcome(on_with_late_status(700), tmp_path) is Reason.NOT_OPERATING
+
+
+def test_a_reason_that_comes_after_an_off_is_not_what_the_off_came_to(tmp_path: Path) -> None:
+    """Nobody waits for a drive that is to be off: 100 ms later the OFF is judged."""
+    rig = RecordedRig(1)
+    rig.step(5)
+    rig.stw(0x047E, 60)
+    rig.node.model.inject(7)
+    rig.step(30)
+    found = timeline(rig, tmp_path)
+    assert edges(found, WordKind.CONTROL)[-1].reasons == (Reason.NOT_OPERATING,)
+    changes = [entry for entry in found.entries if isinstance(entry, ReasonChange)]
+    assert changes[-1].reason is Reason.DRIVE_FAULT
+    assert not changes[-1].settling
+
+
 def test_a_reason_that_comes_by_itself_has_a_line_of_its_own(tmp_path: Path) -> None:
     rig = RecordedRig(1)
     rig.step(5)
