@@ -51,7 +51,7 @@ from pdgw.gateway.config_surroundings import (
 )
 from pdgw.gateway.config_web import MqttConfig, WebConfig
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.motion.dsc import DELAY_CYCLES_MAX, FOLLOWING_WINDOW_MAX, DscChoices, DscForm
+from pdgw.gateway.motion.dsc import DELAY_CYCLES_MAX, FOLLOWING_WINDOW_MAX, JITTER_NS_MAX, DscChoices, DscForm, XerrSign
 from pdgw.gateway.positioner_config import BlockConfig, PositionerConfig
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.frame import CSduLayout
@@ -61,6 +61,7 @@ _MAXIMUM_INHIBIT_US = 6_553_500
 """An UNSIGNED16 in units of 100 us."""
 _AXIS: Final = AxisSettings()
 _NODE: Final = DriveSettings(node_id=1)
+_DSC: Final = DscChoices(DscForm.SPEED, following_window=1)
 """What holds where the file says nothing."""
 Place = tuple[str, int]
 """Section and number of its table."""
@@ -128,9 +129,9 @@ class AxisConfig(DriveObjectSection):
     """Telegrams 5, 6, 105 and 106: where the position loop is closed."""
     following_window: Annotated[Integer, Field(ge=1, le=FOLLOWING_WINDOW_MAX)] | None = None
     """Position units within which DSC may start."""
-    dsc_delay_cycles: Annotated[Integer, Field(ge=0, le=DELAY_CYCLES_MAX)] = 1
-    xerr_sign: Literal[1, -1] = 1
-    sync_jitter_us: Annotated[Integer, Field(ge=0, le=100_000)] = 0
+    dsc_delay_cycles: Annotated[Integer, Field(ge=0, le=DELAY_CYCLES_MAX)] = _DSC.delay_cycles
+    xerr_sign: XerrSign = _DSC.xerr_sign
+    sync_jitter_us: Annotated[Integer, Field(ge=0, le=JITTER_NS_MAX // 1000)] = _DSC.jitter_ns // 1000
     """Added to the dead time that limits KPC; what ``pdgw status`` shows as jitter."""
     positioner: PositionerConfig | None = None
     block: Annotated[tuple[BlockConfig, ...], BeforeValidator(as_list)] = ()

@@ -82,7 +82,7 @@ class SyncProducer:
     def _axis_status(self, axis: Axis) -> dict[str, Any]:
         measured, executor = self.dead_times[axis.do_id], axis.machine.executor
         dsc = executor.dsc if isinstance(executor, DscExecutor) else None
-        by_speed = dsc is not None and dsc.settings.form is DscForm.SPEED
+        by_speed = dsc is not None and dsc.choices.form is DscForm.SPEED
         return {
             "do_id": axis.do_id,
             "dead_time_p99_ms": round(measured.p99 / MS, 3),

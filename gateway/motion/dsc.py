@@ -13,6 +13,7 @@ import enum
 from collections import deque
 from dataclasses import dataclass, field
 from fractions import Fraction
+from typing import Literal, get_args
 
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.motion.units import round_half_away
@@ -31,6 +32,9 @@ _LOWEST, _HIGHEST = DataType.INTEGER32.integer_range
 _TURN = 1 << 32
 DELAY_CYCLES_MAX = 8
 FOLLOWING_WINDOW_MAX = _HIGHEST
+JITTER_NS_MAX = 100_000_000
+XerrSign = Literal[1, -1]
+"""-1: a positive XERR moves backward."""
 
 
 def dead_time_ns(sync_period_ns: int, jitter_ns: int) -> int:
@@ -75,22 +79,35 @@ class DscForm(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class DscChoices:
-    """The user's choices (docs/motion.md)."""
+    """The user's choices (docs/motion.md). GatewayError for one that is out of range."""
 
     form: DscForm
     following_window: int
-    """Increments within which the setpoint must be of the axis when DSC starts."""
+    """Increments within which the setpoint must be of the actual position when DSC starts."""
     delay_cycles: int = 1
-    xerr_sign: int = 1
+    """Age of the position the PLC used, in cycles."""
+    xerr_sign: XerrSign = 1
     jitter_ns: int = 0
     """Of SYNC, added to the dead time."""
+
+    def __post_init__(self) -> None:
+        _check("following_window", self.following_window, 1, FOLLOWING_WINDOW_MAX)
+        _check("dsc_delay_cycles", self.delay_cycles, 0, DELAY_CYCLES_MAX)
+        _check("jitter", self.jitter_ns, 0, JITTER_NS_MAX)
+        if self.xerr_sign not in get_args(XerrSign):
+            raise GatewayError(f"xerr_sign: {self.xerr_sign} is not allowed, expected 1 or -1")
+
+
+def _check(name: str, value: int, low: int, high: int) -> None:
+    if not low <= value <= high:
+        raise GatewayError(f"{name}: {value} is not allowed, expected {low}..{high}")
 
 
 @dataclass(frozen=True, slots=True)
 class DscSettings:
     """One axis' values. GatewayError for one that is out of range."""
 
-    form: DscForm
+    choices: DscChoices
     increments_per_revolution: int
     """Of G1_XIST1 without its fine resolution; the position units of the drive."""
     reference_speed: Fraction
@@ -98,31 +115,15 @@ class DscSettings:
     velocities_per_rpm: Fraction
     """Units of 60FFh and 60B1h in one rpm."""
     sync_period_ns: int
-    following_window: int
-    """Increments within which the setpoint must be of the actual position when DSC starts."""
     fine_resolution: int = 0
     """Bits XERR is shifted left by (P979)."""
-    delay_cycles: int = 1
-    """Age of the position the PLC used, in cycles."""
-    xerr_sign: int = 1
-    jitter_ns: int = 0
     velocity_range: tuple[int, int] = (_LOWEST, _HIGHEST)
     """What the object of the speed, or of the feed-forward, can hold."""
 
     def __post_init__(self) -> None:
-        checks = (
-            ("increments per revolution", self.increments_per_revolution, 1, _HIGHEST),
-            ("SYNC period", self.sync_period_ns, 1, _NS),
-            ("following_window", self.following_window, 1, FOLLOWING_WINDOW_MAX),
-            ("fine resolution", self.fine_resolution, 0, 31),
-            ("dsc_delay_cycles", self.delay_cycles, 0, DELAY_CYCLES_MAX),
-            ("jitter", self.jitter_ns, 0, _NS),
-        )
-        for name, value, low, high in checks:
-            if not low <= value <= high:
-                raise GatewayError(f"{name}: {value} is not allowed, expected {low}..{high}")
-        if self.xerr_sign not in {-1, 1}:
-            raise GatewayError(f"xerr_sign: {self.xerr_sign} is not allowed, expected 1 or -1")
+        _check("increments per revolution", self.increments_per_revolution, 1, _HIGHEST)
+        _check("SYNC period", self.sync_period_ns, 1, _NS)
+        _check("fine resolution", self.fine_resolution, 0, 31)
         if self.reference_speed <= 0 or self.velocities_per_rpm <= 0:
             raise GatewayError("reference speed and velocity units: 0 is not allowed, expected values above 0")
 
@@ -158,8 +159,9 @@ class Dsc:
 
     def __init__(self, settings: DscSettings) -> None:
         self.settings = settings
+        self.choices = settings.choices
         self.setpoint = DscSetpoint()
-        self.dead_time_ns = dead_time_ns(settings.sync_period_ns, settings.jitter_ns)
+        self.dead_time_ns = dead_time_ns(settings.sync_period_ns, settings.choices.jitter_ns)
         self.gain_limit = highest_gain(self.dead_time_ns)
         self.hold_ns = longest_hold_ns(self.dead_time_ns)
         """So old may XERR and KPC be; who steps this stops the axis then."""
@@ -181,7 +183,7 @@ class Dsc:
         """
         result = self.setpoint
         result.sent.append(position)
-        if len(result.sent) > self.settings.delay_cycles + 1:
+        if len(result.sent) > self.choices.delay_cycles + 1:
             result.sent.popleft()
         if not fresh:
             if result.position is not None and result.target is not None:
@@ -195,7 +197,7 @@ class Dsc:
         if kpc <= 0:
             result.target = None
             result.velocity, result.position, result.active = feed_forward, None, False
-        elif self.settings.form is DscForm.POSITION:
+        elif self.choices.form is DscForm.POSITION:
             self._position(feed_forward, xerr, position)
         else:
             self._velocity(feed_forward, xerr, kpc, position)
@@ -208,7 +210,7 @@ class Dsc:
     def _starts_near(self, error: int) -> bool:
         """Whether the setpoint is within the following window of the axis; only asked until DSC is on."""
         result = self.setpoint
-        if not result.active and abs(error) > self.settings.following_window:
+        if not result.active and abs(error) > self.choices.following_window:
             result.reason = Reason.DSC_FAR_FROM_AXIS
             result.velocity, result.position = 0, None
             return False
@@ -217,7 +219,7 @@ class Dsc:
 
     def _position(self, feed_forward: int, xerr: int, position: int) -> None:
         result, settings = self.setpoint, self.settings
-        way = round_half_away(settings.xerr_sign * xerr, 1 << settings.fine_resolution)
+        way = round_half_away(self.choices.xerr_sign * xerr, 1 << settings.fine_resolution)
         target = wrapped(result.sent[0] + way)
         if not self._starts_near(difference(target, position)):
             result.target = None
@@ -229,7 +231,7 @@ class Dsc:
     def _velocity(self, feed_forward: int, xerr: int, kpc: int, position: int) -> None:
         result, settings = self.setpoint, self.settings
         moved = difference(position, result.sent[0]) << settings.fine_resolution
-        error = settings.xerr_sign * xerr - moved
+        error = self.choices.xerr_sign * xerr - moved
         if not self._starts_near(error >> settings.fine_resolution):
             return
         if kpc > self.gain_limit:

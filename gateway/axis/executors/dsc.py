@@ -67,15 +67,11 @@ class DscExecutor(Executor):
             raise Dsp402Error("position units per revolution", counts, "a whole number for DSC")
         choices, cycle_ns, reference = self.choices, self.settings.cycle_ns, scaling.reference(Quantity.SPEED)
         settings = DscSettings(
-            choices.form,
+            choices,
             int(counts),
             reference / velocity,
             velocity,
             cycle_ns,
-            choices.following_window,
-            delay_cycles=choices.delay_cycles,
-            xerr_sign=choices.xerr_sign,
-            jitter_ns=choices.jitter_ns,
             velocity_range=drive.limits("target_velocity" if choices.form is _BY_SPEED else "velocity_offset"),
         )
         self.dsc = Dsc(settings)

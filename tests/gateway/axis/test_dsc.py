@@ -329,8 +329,8 @@ def test_a_drive_whose_units_are_not_known_does_not_operate() -> None:
 
 @pytest.mark.parametrize("form", FORMS)
 def test_values_dsc_cannot_reckon_with_refuse_operation(form: DscForm) -> None:
-    rig = Rig(105, dsc=DscChoices(form, following_window=1 << 31))
+    rig = Rig(105, dsc=DscChoices(form, following_window=4096), cycle_ns=0)
     rig.step(2)
     (event,) = rig.stepper.events
     assert event.number == FaultNumber.REFERENCE
-    assert "following_window: 2147483648 is not allowed" in event.text
+    assert "SYNC period: 0 is not allowed" in event.text
