@@ -136,7 +136,7 @@ class Executor:
         raise NotImplementedError
 
     def restarted(self) -> None:
-        """The drive booted or was configured anew: no standing request may act on it."""
+        """The drive booted or was configured anew; cycles out of operation follow (``power_table``)."""
 
     def lost(self) -> None:
         """The drive is not there; called after the step of such a cycle."""

@@ -72,6 +72,14 @@ class DriveTask:
     """Where the task ends, for the resume; None for a relative task that was not given to the drive yet."""
 
 
+@dataclass(frozen=True, slots=True)
+class _Homing:
+    """A homing with the data of its edge, the velocity as a fraction."""
+
+    method: int
+    velocity: int
+
+
 class PositioningExecutor(Executor):
     """Tasks to profile position mode, homing to homing mode, with the hand-shakes of both sides."""
 
@@ -92,7 +100,8 @@ class PositioningExecutor(Executor):
         """The drive has acknowledged the task (SW.12)."""
         self._pending: DriveTask | None = None
         self._setpoint_bit = False
-        self._homing_after_braking = False
+        self._next_homing: _Homing | None = None
+        """What follows the standstill."""
         self._braking_reason: Reason | None = None
         self._limit = LimitWatch()
         self._refused: Reason | None = None
@@ -112,8 +121,6 @@ class PositioningExecutor(Executor):
         self._scaling = TaskScaling.of(drive)
 
     def restarted(self) -> None:
-        self._drop()
-        self._mode.halted = False
         self.homing.home_set = False
 
     def lost(self) -> None:
@@ -123,7 +130,6 @@ class PositioningExecutor(Executor):
         self.homing.home_set = home_set
 
     def refuse(self) -> None:
-        self._drop()
         self.command.controlword = self.cycle.controlword
         report = self.report
         report.position = report.homing_method = 0
@@ -199,7 +205,6 @@ class PositioningExecutor(Executor):
         self.sub_state = _IDLE
         self._forget_tasks()
         self._refused = None
-        self._homing_after_braking = False
         self.homing.give_up()
         self._mode.give_up()
 
@@ -261,7 +266,7 @@ class PositioningExecutor(Executor):
         if self._setpoint_bit:
             if acknowledged:
                 self._taken = True
-            if (self._task is None or self._taken) and (not self.cycle.demand.activate or self._pending is not None):
+            if self._taken and (not self.cycle.demand.activate or self._pending is not None):
                 self._setpoint_bit = False
             return
         pending = self._pending
@@ -295,13 +300,14 @@ class PositioningExecutor(Executor):
         return (task.bits if task is not None else 0) | (_NEW_SETPOINT if self._setpoint_bit else 0)
 
     def _idle(self, scaling: TaskScaling) -> int:
-        if self._homing_asked():
-            return self._begin_homing(scaling)
+        homing = self._homing_asked()
+        if homing is not None:
+            return self._begin_homing(homing, scaling)
         self._latch(scaling)
         if not self.cycle.demand.tasks_selected:
             self.notes.reason = Reason.MDI_OFF
         self._handshake()
-        untaken = self._setpoint_bit and self._task is not None and not self._taken
+        untaken = self._setpoint_bit and not self._taken
         if untaken or self._pending is not None:
             self.sub_state = SubState.TASK
         elif self._mode.mode != self._mode.base:
@@ -322,14 +328,15 @@ class PositioningExecutor(Executor):
     def _traversing(self, scaling: TaskScaling) -> int:
         cycle = self.cycle
         if self._ends():
-            return self._brake(then_home=False)
-        if self._homing_asked():
-            return self._brake(then_home=True)
+            return self._brake(None)
+        homing = self._homing_asked()
+        if homing is not None:
+            return self._brake(homing)
         if cycle.demand.intermediate_stop:
             return self._interrupt(scaling)
         self._latch(scaling)
         self._handshake()
-        finished = self._task is not None and self._taken and self._pending is None
+        finished = self._taken and self._pending is None
         if finished and cycle.feedback.statusword & _TARGET_REACHED:
             self.sub_state = SubState.IDLE
         elif self._limit.step(self._pending is None, cycle):
@@ -346,15 +353,15 @@ class PositioningExecutor(Executor):
         """A task the drive has not taken is the one to resume with; its own Controlword edge never comes."""
         if self._pending is not None:
             self._task, self._pending = self._pending, None
-            self._taken = False
             self._setpoint_bit = False
 
     def _intermediate(self, scaling: TaskScaling) -> int:
         demand = self.cycle.demand
         if self._ends():
-            return self._brake(then_home=False)
-        if self._homing_asked():
-            return self._brake(then_home=True)
+            return self._brake(None)
+        homing = self._homing_asked()
+        if homing is not None:
+            return self._brake(homing)
         self._handshake()
         if demand.intermediate_stop:
             self._at_limit = False
@@ -383,52 +390,46 @@ class PositioningExecutor(Executor):
             return replace(task, target=self._in_range(end - self.cycle.feedback.position_actual))
         return replace(task, target=end, bits=task.bits & ~ControlBit.RELATIVE)
 
-    def _brake(self, then_home: bool) -> int:
+    def _brake(self, then: _Homing | None) -> int:
         self.sub_state = SubState.BRAKING
         self._forget_tasks()
-        self._homing_after_braking = then_home
+        self._next_homing = then
         self._braking_reason = self.notes.reason
         return _HALT
 
     def _braking(self, scaling: TaskScaling) -> int:
         """Halt is kept to standstill and then cleared without a restart."""
         demand = self.cycle.demand
-        if not demand.homing:
-            self._homing_after_braking = False
-        elif self._homing_asked():
-            self._homing_after_braking = True
+        self._next_homing = self._homing_asked() or (self._next_homing if demand.homing else None)
         self.notes.reason = self._braking_reason
         self._latch(scaling)
         if demand.reject or not demand.tasks_selected:
             self._pending = None
         if not self.cycle.stopped:
             return _HALT
-        if self._homing_after_braking:
-            return self._begin_homing(scaling)
+        if self._next_homing is not None:
+            return self._begin_homing(self._next_homing, scaling)
         self.sub_state = SubState.IDLE if self._pending is None else SubState.TASK
         return 0
 
     # -- homing ---------------------------------------------------------------------------------------------------
 
-    def _homing_asked(self) -> bool:
+    def _homing_asked(self) -> _Homing | None:
         """The edge of a homing with a supported method; anything else raises the warning and starts nothing."""
         demand, notes = self.cycle.demand, self.notes
         if not demand.homing:
-            if notes.warning and self.sub_state is SubState.IDLE:
+            if self.sub_state is SubState.IDLE:
                 notes.warning = False
-            return False
-        if demand.homing_edge:
-            return self.homing.supported(demand.homing_method)
-        if notes.warning:
+        elif demand.homing_edge:
+            if self.homing.supported(demand.homing_method):
+                return _Homing(demand.homing_method, demand.homing_velocity)
+        elif notes.warning:
             notes.reason = Reason.HOMING_METHOD
-        return False
+        return None
 
-    def _begin_homing(self, scaling: TaskScaling) -> int:
-        demand = self.cycle.demand
+    def _begin_homing(self, wanted: _Homing, scaling: TaskScaling) -> int:
         self.sub_state = SubState.HOMING_SETUP
-        self._forget_tasks()
-        self._homing_after_braking = False
-        self.homing.begin(demand.homing_method, self.notes.limited(scaling.velocity, demand.homing_velocity))
+        self.homing.begin(wanted.method, self.notes.limited(scaling.velocity, wanted.velocity))
         return 0
 
     def _homing_setup(self) -> int:
@@ -446,7 +447,7 @@ class PositioningExecutor(Executor):
     def _homing(self) -> int:
         if not self.cycle.demand.homing:
             self.notes.reason = Reason.HOMING_STOPPED
-            return self._brake(then_home=False)
+            return self._brake(None)
         progress = self.homing.run()
         if progress is Progress.FAILED:
             self.sub_state = SubState.HOMING_FAILED
@@ -461,9 +462,5 @@ class PositioningExecutor(Executor):
                 return _NEW_SETPOINT
             self.notes.reason = Reason.HOMING_ERROR
             return 0
-        self.notes.warning = False
         self._drop()
-        self._latch(scaling)
-        if self._pending is not None:
-            self.sub_state = SubState.TASK
-        return 0
+        return self._idle(scaling)

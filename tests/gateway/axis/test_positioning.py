@@ -188,18 +188,20 @@ def test_a_task_rejected_for_one_cycle_before_the_drive_took_it_never_starts(pen
     assert not rig.stepper.command.controlword & (ControlBit.NEW_SETPOINT | ControlBit.HALT)
 
 
-def test_a_homing_asked_in_the_frame_that_rejects_an_interrupted_task_does_not_start() -> None:
+@pytest.mark.parametrize("withheld", [0, INTERMEDIATE], ids=["running", "interrupted"])
+def test_a_homing_asked_in_the_frame_that_rejects_a_task_does_not_start(withheld: int) -> None:
     rig = axis()
     task(rig, 200_000)
     rig.step(60)
-    rig.values["STW1"] = ON & ~INTERMEDIATE
-    rig.step(200)
-    rig.values |= {"SATZANW": 0x8000 | 35, "STW1": ON & ~(REJECT | INTERMEDIATE) | HOMING}
+    rig.values["STW1"] = ON & ~withheld
+    rig.step(200 if withheld else 1)
+    rig.values |= {"SATZANW": 0x8000 | 35, "STW1": ON & ~(REJECT | withheld) | HOMING}
     rig.step(200)
     rig.values["STW1"] = ON | HOMING
     rig.step(200)
     assert not rig.actuals["ZSW1"] & HOME_SET
     assert rig.stepper.command.modes_of_operation == Mode.POSITION
+    assert rig.stepper.reason is None
 
 
 @pytest.mark.parametrize("relative", [False, True])
@@ -280,6 +282,7 @@ def test_homing_stopped_before_its_end_halts_and_returns_to_mode_1() -> None:
     rig.values["STW1"] = ON
     rig.step(1)
     assert rig.stepper.command.controlword & (ControlBit.HALT | ControlBit.NEW_SETPOINT) == ControlBit.HALT
+    assert rig.stepper.reason is Reason.HOMING_STOPPED
     rig.until(lambda _: rig.feedback.modes_of_operation_display == Mode.POSITION)
     assert not rig.actuals["ZSW1"] & HOME_SET
     assert not rig.stepper.command.controlword & ControlBit.HALT
@@ -427,6 +430,9 @@ def at_limit() -> Rig:
     rig = axis(LIMITED)
     task(rig, 60_000)
     rig.until(lambda _: rig.stepper.reason is Reason.TASK_AT_LIMIT)
+    assert rig.stepper.command.controlword & ControlBit.HALT
+    rig.step(10)
+    assert rig.stepper.command.controlword & ControlBit.HALT, "it is kept"
     rig.node.model.machine = replace(LIMITED, positive_limit=None)
     rig.step(200)
     return rig

@@ -130,6 +130,9 @@ def test_a_relative_task_at_the_end_of_the_number_range_resumes_within_it(modulo
     assert step(ON & ~INTERMEDIATE, State.OPERATION_ENABLED) & ControlBit.HALT
     words = [step(ON, State.OPERATION_ENABLED) for _ in range(4)]
     assert any(word & ControlBit.NEW_SETPOINT for word in words)
+    # The way that is left, or to the end of the range.
+    end = (1 << 31) - 1 if direction > 0 else -(1 << 31)
+    assert stepper.command.target_position == (direction * (1 << 30) if modulo else end)
 
 
 def test_a_negative_velocity_is_limited_to_0_and_counted() -> None:
@@ -177,8 +180,14 @@ def test_an_old_attempt_does_not_shorten_the_time_a_mode_has_to_be_confirmed() -
     step(ON, State.OPERATION_ENABLED, 10 * second)
     step(ON | ACTIVATE, State.OPERATION_ENABLED, 10 * second + 1)
     assert not stepper.events
-    step(ON | ACTIVATE, State.OPERATION_ENABLED, 11 * second + 2)
-    assert [event.number for event in stepper.events] == [110]
+    for cycle in range(2, 5):
+        step(ON | ACTIVATE, State.OPERATION_ENABLED, 11 * second + cycle)
+        assert [event.number for event in stepper.events] == [110], "told once while it lasts"
+        assert stepper.warning
+        assert stepper.reason is Reason.MODE_NOT_CONFIRMED
+    feedback.modes_of_operation_display = Mode.POSITION
+    step(ON | ACTIVATE, State.OPERATION_ENABLED, 11 * second + 5)
+    assert stepper.reason is None
 
 
 def test_a_drive_that_restarted_does_not_know_its_home_position_any_more() -> None:

@@ -113,6 +113,14 @@ def test_after_a_fault_or_without_references_nothing_is_obeyed(drive: Drive) -> 
         assert (item.phase, item.action) == (ended if drive is Drive.FAULT else doubtful), name
 
 
+def test_after_a_loss_a_restart_or_missing_references_a_cycle_passes_before_anything_is_enabled_or_ramps() -> None:
+    """What an executor forgets when it is not in operation, it has forgotten then."""
+    gone = {Drive.LOST, Drive.RESTARTED, Drive.NO_REFERENCES, Drive.POWERED_UNREAD}
+    after = {item.phase for _, item in walk(drives=gone)}
+    enabling = {Action.ENABLE_OPERATION, Action.RAMP, Action.RAMP_END}
+    assert not [where for where, item in walk(phases=after) if item.action in enabling]
+
+
 def test_a_powered_drive_whose_references_are_gone_is_stopped_not_let_coast() -> None:
     for name, item in walk(drives={Drive.POWERED_UNREAD}, wishes=set(PowerWish) - COASTS):
         assert (item.phase, item.action) == (Phase.DOUBT, Action.QUICK_STOP), name

@@ -1,0 +1,475 @@
+"""Telegram 9 with a drive that answers when the test says so: edges, acknowledges, the fall of Halt, and what is shown."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from pdgw.dsp402.modes import Mode
+from pdgw.dsp402.states import STATUS_OF, ControlBit, State, StatusBit
+from pdgw.gateway.axis.settings import AxisSettings
+from pdgw.gateway.axis.values import SdoWrite
+from pdgw.gateway.reasons import Reason
+from pdgw.peers.drive.family import TURNTABLE
+from tests.gateway.axis.test_positioning import (
+    ACKNOWLEDGE,
+    ACTIVATE,
+    HOME_SET,
+    HOMING,
+    INTERMEDIATE,
+    MDI_ACTIVE,
+    ON,
+    POSITION,
+    REACHED,
+    REJECT,
+    SMALL,
+    WARNING,
+    axis,
+    home,
+    task,
+)
+from tests.support.drive_types import engel
+from tests.support.stepper import Stepper
+
+OFF = ON & ~1
+OFF2, OFF3 = ON & ~2, ON & ~4
+HALT, NEW_SETPOINT = ControlBit.HALT, ControlBit.NEW_SETPOINT
+TAKEN = StatusBit.MODE_12
+OPERATING = STATUS_OF[State.OPERATION_ENABLED]
+
+
+class Hand:
+    """An axis in operation; each cycle has its STW1 and the Statusword that was seen."""
+
+    def __init__(self, **settings: object) -> None:
+        self.stepper = Stepper(9, AxisSettings(**{"cycle_ns": 4_000_000, **settings}))  # type: ignore[arg-type]
+        self.stepper.set_drive(engel(), 35)
+        self.feedback = self.stepper.feedback
+        self.mode = TURNTABLE.mode if settings.get("modulo_axis") else Mode.POSITION
+        self.now = 0
+        self.values = {"SATZANW": 0x8000, "MDI_VELOCITY": 1 << 29, "MDI_ACC": 1 << 14, "MDI_DEC": 1 << 14, "MDI_MOD": 1}
+        self.actuals: dict[str, int] = {}
+
+    def __call__(self, word: int | None, status: State | int = OPERATING, **values: int) -> int:
+        """One cycle; the Controlword."""
+        self.now += 4_000_000
+        self.values |= values
+        feedback, telegram = self.feedback, self.stepper.telegram
+        feedback.statusword = STATUS_OF[status] if isinstance(status, State) else status
+        feedback.modes_of_operation_display = self.mode
+        setpoints = None if word is None else telegram.setpoints.from_dict({"STW2": 0, **self.values, "STW1": word})
+        self.actuals = telegram.actuals.as_dict(self.stepper.step(setpoints, feedback, True, self.now))
+        return self.stepper.command.controlword
+
+    def enable(self) -> Hand:
+        self(OFF, State.SWITCH_ON_DISABLED)
+        self(ON, State.READY_TO_SWITCH_ON)
+        self(ON, State.SWITCHED_ON)
+        self(ON)
+        return self
+
+    @property
+    def target(self) -> int:
+        return self.stepper.command.target_position
+
+
+def test_an_edge_of_one_cycle_keeps_bit_4_until_the_drive_has_taken_the_task() -> None:
+    hand = Hand().enable()
+    assert hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(5_000)) & NEW_SETPOINT
+    assert all(hand(ON) & NEW_SETPOINT for _ in range(20))
+    assert not hand(ON, OPERATING | TAKEN) & NEW_SETPOINT
+
+
+def test_an_edge_that_comes_before_the_drive_took_the_last_waits_for_a_0_of_bit_4_and_of_its_acknowledge() -> None:
+    hand = Hand().enable()
+    hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(5_000))
+    hand(ON)
+    word = hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(7_000))
+    assert (word & NEW_SETPOINT, hand.target) == (NEW_SETPOINT, 5_000), "the data of the edge the drive has not taken"
+    assert not hand(ON | ACTIVATE, OPERATING | TAKEN) & NEW_SETPOINT, "the bit of the second edge stands"
+    old = OPERATING | TAKEN | StatusBit.TARGET_REACHED
+    assert not hand(ON | ACTIVATE, old) & NEW_SETPOINT, "the drive has not taken bit 4 = 0 back"
+    assert not hand.actuals["ZSW1"] & REACHED, "that of the task before"
+    assert hand.target == 5_000
+    assert hand(ON | ACTIVATE) & NEW_SETPOINT
+    assert hand.target == 7_000
+
+
+@pytest.mark.parametrize("end", [OFF, OFF2, OFF3, None], ids=["OFF1", "OFF2", "OFF3", "PLC lost"])
+@pytest.mark.parametrize("waits", [False, True], ids=["given", "waiting"])
+def test_an_edge_the_drive_had_not_taken_when_operation_ended_starts_nothing_later(
+    end: int | None, waits: bool
+) -> None:
+    hand = Hand().enable()
+    if waits:
+        hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(5_000))
+        hand(ON)
+    hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(7_000))
+    hand(ON)
+    assert not hand(end) & NEW_SETPOINT
+    hand(end, State.SWITCH_ON_DISABLED)
+    hand.enable()
+    assert not any(hand(ON) & (NEW_SETPOINT | HALT) for _ in range(10))
+    assert hand.stepper.reason is None
+
+
+@pytest.mark.parametrize("waits", [False, True], ids=["given", "waiting"])
+def test_on_during_the_ramp_of_an_off1_resumes_operation_and_no_task(waits: bool) -> None:
+    hand = Hand(ramp_stop_resume=True).enable()
+    hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(5_000))
+    hand(ON, OPERATING if waits else OPERATING | TAKEN)
+    hand.feedback.velocity_actual = 3000
+    if waits:
+        hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(7_000))
+    assert hand(OFF) & HALT
+    assert not any(hand(ON) & (NEW_SETPOINT | HALT) for _ in range(10))
+    assert hand.stepper.power.released
+
+
+def test_a_task_whose_edge_is_the_frame_that_resumes_operation_does_not_rise_with_the_fall_of_halt() -> None:
+    hand = Hand(ramp_stop_resume=True).enable()
+    hand.feedback.velocity_actual = 3000
+    assert hand(OFF) & HALT
+    assert not hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(5_000)) & (HALT | NEW_SETPOINT)
+    assert hand(ON | ACTIVATE) & NEW_SETPOINT
+
+
+def test_an_edge_before_the_drive_shows_operation_starts_nothing() -> None:
+    hand = Hand()
+    hand(OFF, State.SWITCH_ON_DISABLED)
+    hand(ON, State.READY_TO_SWITCH_ON)
+    hand(ON, State.SWITCHED_ON)
+    hand(ON | ACTIVATE, State.SWITCHED_ON, MDI_TARPOS=POSITION.to_wire(5_000))
+    assert not any(hand(ON | ACTIVATE) & NEW_SETPOINT for _ in range(10))
+
+
+@pytest.mark.parametrize("word", [ON & ~REJECT, ON & ~INTERMEDIATE], ids=["reject", "intermediate stop"])
+def test_a_task_the_drive_has_not_taken_is_stopped_with_bit_4_at_0(word: int) -> None:
+    hand = Hand().enable()
+    hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(5_000))
+    hand.feedback.velocity_actual = 3000
+    assert hand(word) & HALT
+    assert hand(ON & ~REJECT) & (HALT | NEW_SETPOINT) == HALT
+    assert hand(ON) & (HALT | NEW_SETPOINT) == HALT, "until standstill"
+    hand.feedback.velocity_actual = 0
+    assert not any(hand(ON) & (HALT | NEW_SETPOINT) for _ in range(10))
+
+
+def test_bit_12_of_another_mode_is_neither_shown_as_an_acknowledge_nor_taken_for_one() -> None:
+    hand = Hand().enable()
+    hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(5_000))
+    hand.mode = Mode.HOMING
+    assert hand(ON, OPERATING | TAKEN) & NEW_SETPOINT
+    assert not hand.actuals["ZSW1"] & ACKNOWLEDGE
+    hand.mode = Mode.POSITION
+    assert not hand(ON, OPERATING | TAKEN) & NEW_SETPOINT
+    assert hand.actuals["ZSW1"] & ACKNOWLEDGE
+
+
+@pytest.mark.parametrize("mod", [0b001, 0b011, 0b101])
+def test_the_direction_of_a_task_means_nothing_without_a_modulo_axis(mod: int) -> None:
+    hand = Hand().enable()
+    word = hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(5_000), MDI_MOD=mod)
+    assert word & NEW_SETPOINT
+    assert not word & (TURNTABLE.shortest | TURNTABLE.ccw)
+
+
+def test_the_shortest_way_of_a_modulo_axis_is_told_to_the_drive() -> None:
+    hand = Hand(modulo_axis=True).enable()
+    word = hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(5_000), MDI_MOD=0b001)
+    assert word & (TURNTABLE.shortest | TURNTABLE.ccw) == TURNTABLE.shortest
+
+
+def test_an_edge_while_the_acknowledge_of_the_last_task_stands_is_a_task_that_can_be_rejected() -> None:
+    hand = Hand().enable()
+    assert not hand(ON | ACTIVATE, OPERATING | TAKEN, MDI_TARPOS=POSITION.to_wire(5_000)) & NEW_SETPOINT
+    hand(ON | ACTIVATE, OPERATING | TAKEN)
+    assert not hand.actuals["ZSW1"] & REACHED
+    hand(ON & ~REJECT, OPERATING | TAKEN)
+    assert not any(hand(ON) & NEW_SETPOINT for _ in range(10))
+
+
+def test_reached_stays_while_the_bit_of_the_task_that_ended_stands() -> None:
+    hand = Hand().enable()
+    hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(5_000))
+    ended = OPERATING | TAKEN | StatusBit.TARGET_REACHED
+    hand(ON | ACTIVATE, ended)
+    shown = []
+    for _ in range(6):
+        assert hand(ON | ACTIVATE, ended) & NEW_SETPOINT
+        shown.append(bool(hand.actuals["ZSW1"] & REACHED))
+    assert all(shown)
+
+
+def test_mdi_that_is_taken_away_brakes_the_task_and_is_the_reason_until_standstill() -> None:
+    hand = Hand().enable()
+    hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(5_000))
+    hand(ON, OPERATING | TAKEN)
+    hand.feedback.velocity_actual = 3000
+    for _ in range(3):
+        assert hand(ON, SATZANW=0) & HALT
+        assert hand.stepper.reason is Reason.MDI_OFF
+    hand(ON, SATZANW=0x8000)
+    assert hand.stepper.reason is Reason.MDI_OFF
+    hand.feedback.velocity_actual = 0
+    assert not any(hand(ON) & (HALT | NEW_SETPOINT) for _ in range(10))
+    assert hand.stepper.reason is None
+
+
+def braking() -> Hand:
+    """A task that was rejected and has not come to standstill."""
+    hand = Hand().enable()
+    hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(5_000))
+    hand(ON, OPERATING | TAKEN)
+    hand.feedback.velocity_actual = 3000
+    assert hand(ON & ~REJECT) & HALT
+    return hand
+
+
+@pytest.mark.parametrize(("word", "satzanw"), [(ON & ~REJECT, 0x8000), (ON, 0)], ids=["reject", "no MDI"])
+def test_an_edge_while_braking_is_forgotten_with_one_frame_that_takes_it_back(word: int, satzanw: int) -> None:
+    hand = braking()
+    hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(7_000))
+    hand(word, SATZANW=satzanw)
+    hand(ON, SATZANW=0x8000)
+    hand.feedback.velocity_actual = 0
+    assert not any(hand(ON) & (HALT | NEW_SETPOINT) for _ in range(10))
+
+
+def test_a_homing_that_is_no_longer_asked_for_when_the_axis_stands_does_not_begin() -> None:
+    hand = braking()
+    hand(ON | HOMING, SATZANW=0x8000 | 35)
+    hand(ON)
+    hand.feedback.velocity_actual = 0
+    for _ in range(10):
+        assert not hand(ON) & (HALT | NEW_SETPOINT)
+        assert hand.stepper.sdo_request is None
+        assert hand.stepper.command.modes_of_operation == Mode.POSITION
+
+
+def test_a_homing_asked_while_braking_has_method_and_speed_of_the_frame_of_its_edge() -> None:
+    hand = braking()
+    hand(ON | HOMING, SATZANW=0x8000 | 17, MDI_VELOCITY=1 << 29)
+    hand(ON | HOMING, SATZANW=0x8000 | 18, MDI_VELOCITY=1 << 30)
+    hand.feedback.velocity_actual = 0
+    hand(ON | HOMING)
+    assert hand.stepper.sdo_request == (SdoWrite(0x6098, 0, 17), SdoWrite(0x6099, 1, 3000), SdoWrite(0x6099, 2, 3000))
+
+
+def test_a_homing_that_interrupts_a_task_forgets_the_edge_that_waits() -> None:
+    hand = braking()
+    hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(7_000))
+    hand(ON | HOMING, SATZANW=0x8000 | 17)
+    hand.feedback.velocity_actual = 0
+    hand(ON | HOMING)
+    assert hand.stepper.sdo_request is not None
+    assert not any(hand(ON) & (HALT | NEW_SETPOINT) for _ in range(10))
+
+
+@pytest.mark.parametrize("method", [0, 99])
+def test_an_edge_with_an_unknown_method_does_not_renew_a_homing_that_was_taken_back(method: int) -> None:
+    hand = braking()
+    hand(ON | HOMING, SATZANW=0x8000 | 17)
+    hand(ON)
+    hand(ON | HOMING, SATZANW=0x8000 | method)
+    hand.feedback.velocity_actual = 0
+    for _ in range(5):
+        hand(ON | HOMING)
+        assert hand.stepper.sdo_request is None
+    assert [event.number for event in hand.stepper.events] == [108]
+
+
+def test_a_homing_that_is_taken_back_before_the_drive_has_its_method_asks_for_nothing_more() -> None:
+    hand = Hand().enable()
+    hand(ON | HOMING, SATZANW=0x8000 | 17)
+    hand.stepper.sdo_done(None)
+    for _ in range(5):
+        assert not hand(ON) & (HALT | NEW_SETPOINT)
+        assert hand.stepper.sdo_request is None
+        assert hand.stepper.command.modes_of_operation == Mode.POSITION
+
+
+def test_a_homing_that_ended_well_keeps_bit_4_and_has_no_reason_until_it_is_no_longer_asked_for() -> None:
+    rig = axis(SMALL)
+    home(rig, 35)
+    rig.until(lambda actuals: bool(actuals["ZSW1"] & HOME_SET))
+    for _ in range(10):
+        rig.step(1)
+        assert rig.stepper.command.controlword & NEW_SETPOINT
+        assert rig.stepper.reason is None
+    rig.values["STW1"] = ON
+    rig.step(1)
+    assert not rig.stepper.command.controlword & NEW_SETPOINT
+
+
+def test_a_task_asked_for_in_the_frame_that_ends_a_failed_homing_takes_its_warning_back() -> None:
+    rig = axis(SMALL)
+    rig.sdo_error = "time-out"
+    home(rig, 17)
+    rig.step(10)
+    assert rig.actuals["ZSW1"] & WARNING
+    rig.values |= {"MDI_TARPOS": POSITION.to_wire(4_000), "STW1": ON | ACTIVATE}
+    rig.step(4)
+    assert not rig.actuals["ZSW1"] & WARNING
+    assert rig.stepper.command.target_position == 4_000
+
+
+def test_an_intermediate_stop_ends_the_hand_shake_of_the_task_it_interrupts() -> None:
+    hand = Hand().enable()
+    stop = ON & ~INTERMEDIATE
+    hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(5_000))
+    assert hand(stop) & (HALT | NEW_SETPOINT) == HALT | NEW_SETPOINT, "the drive has not taken it"
+    assert hand(stop, OPERATING | TAKEN) & (HALT | NEW_SETPOINT) == HALT
+    assert hand(stop) & (HALT | NEW_SETPOINT) == HALT
+
+
+def test_the_task_that_waits_when_an_intermediate_stop_comes_is_the_one_to_resume_with() -> None:
+    hand = Hand().enable()
+    stop = ON & ~INTERMEDIATE
+    hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(5_000))
+    hand(ON)
+    hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(7_000))
+    assert hand(stop) & (HALT | NEW_SETPOINT) == HALT, "the edge of the first is over"
+    assert not hand(ON) & (HALT | NEW_SETPOINT)
+    assert hand(ON) & (HALT | NEW_SETPOINT) == NEW_SETPOINT
+    assert hand.target == 7_000
+
+
+@pytest.mark.parametrize("relative", [False, True])
+def test_a_task_of_a_modulo_axis_resumes_to_where_it_was_to_end(relative: bool) -> None:
+    hand = Hand(modulo_axis=True).enable()
+    hand.feedback.position_actual = 1_000
+    hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(5_000), MDI_MOD=0 if relative else 0b011)
+    hand(ON, OPERATING | TAKEN)
+    hand.feedback.position_actual = 3_000
+    hand(ON & ~INTERMEDIATE)
+    hand(ON)
+    word = hand(ON)
+    assert word & (NEW_SETPOINT | ControlBit.RELATIVE) == NEW_SETPOINT | (ControlBit.RELATIVE if relative else 0)
+    assert hand.target == (3_000 if relative else 5_000)
+
+
+# -- Halt and the mode ------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("end", [OFF2, OFF3], ids=["OFF2", "OFF3"])
+def test_halt_of_a_homing_that_is_braked_falls_alone_also_when_operation_ends(end: int) -> None:
+    rig = axis(SMALL)
+    home(rig, 17)
+    rig.step(20)
+    rig.values["STW1"] = ON
+    rig.step(2)
+    command = rig.stepper.command
+    assert (command.controlword & HALT, command.modes_of_operation) == (HALT, Mode.HOMING)
+    rig.values["STW1"] = end
+    rig.step(1)
+    assert (command.controlword & HALT, command.modes_of_operation) == (0, Mode.HOMING)
+    rig.step(1)
+    assert command.modes_of_operation == Mode.POSITION
+
+
+def test_off1_ramps_a_homing_down_in_its_own_mode() -> None:
+    rig = axis(SMALL)
+    home(rig, 17)
+    rig.step(20)
+    command = rig.stepper.command
+    rig.values["STW1"] = OFF
+    seen = []
+    while not seen or seen[-1][0]:
+        rig.step(1)
+        seen.append((command.controlword & HALT, command.modes_of_operation))
+    assert len(seen) > 2
+    assert set(seen) == {(HALT, Mode.HOMING), (0, Mode.HOMING)}
+    rig.step(1)
+    assert (command.controlword & HALT, command.modes_of_operation) == (0, Mode.POSITION)
+    assert not rig.actuals["ZSW1"] & HOME_SET
+
+
+def test_halt_stays_with_the_command_that_ends_the_ramp_of_an_off1() -> None:
+    rig = axis()
+    task(rig, 200_000)
+    rig.step(50)
+    rig.values["STW1"] = OFF
+    del rig.controlwords[:-1]
+    rig.until(lambda _: not rig.stepper.command.controlword & HALT)
+    assert [word & (HALT | 0xF) for word in rig.controlwords[1:]] == [HALT | 0xF, HALT | 0x6, 0x6]
+
+
+# -- what is shown ----------------------------------------------------------------------------------------------------
+
+
+def test_aktsatz_15_is_shown_in_operation_and_during_the_ramp_and_never_without_a_plc() -> None:
+    hand = Hand()
+    hand(OFF, State.SWITCH_ON_DISABLED)
+    assert not hand.actuals["AKTSATZ"] & MDI_ACTIVE
+    hand.enable()
+    hand.feedback.velocity_actual = 3000
+    hand(ON)
+    assert hand.actuals["AKTSATZ"] & MDI_ACTIVE
+    hand(OFF)
+    assert hand.actuals["AKTSATZ"] & MDI_ACTIVE
+    hand(OFF3)
+    assert not hand.actuals["AKTSATZ"] & MDI_ACTIVE
+    lost = Hand().enable()
+    lost.feedback.velocity_actual = 3000
+    lost(None)
+    assert not lost.actuals["AKTSATZ"] & MDI_ACTIVE
+
+
+def test_xist_a_is_the_drives_position_and_aktsatz_its_homing_method() -> None:
+    hand = Hand().enable()
+    hand.feedback.position_actual = -12_345
+    hand(ON)
+    assert hand.actuals["XIST_A"] == POSITION.to_wire(-12_345)
+    assert hand.actuals["AKTSATZ"] & 0xFF == 35
+
+
+def test_without_references_neither_position_nor_task_nor_method_is_shown() -> None:
+    hand = Hand().enable()
+    hand.feedback.position_actual = -12_345
+    hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(5_000))
+    hand.stepper.set_drive(None)
+    assert not hand(ON) & NEW_SETPOINT
+    assert (hand.actuals["XIST_A"], hand.actuals["AKTSATZ"]) == (0, 0)
+    hand.stepper.set_drive(engel(), 35)
+    assert not any(hand.enable()(ON) & NEW_SETPOINT for _ in range(10))
+
+
+def test_a_drive_that_was_away_for_a_cycle_does_not_know_its_home_position() -> None:
+    rig = axis()
+    rig.values |= {"SATZANW": 0x8000 | 35, "STW1": ON | HOMING}
+    rig.until(lambda actuals: bool(actuals["ZSW1"] & HOME_SET))
+    rig.values["STW1"] = ON
+    rig.step(3)
+    assert rig.actuals["ZSW1"] & HOME_SET
+    rig.connected_drive = False
+    rig.step(1)
+    rig.connected_drive = True
+    rig.step(1)
+    assert not rig.actuals["ZSW1"] & HOME_SET
+
+
+def test_the_reason_of_a_refused_edge_is_over_with_the_operation() -> None:
+    hand = Hand().enable()
+    hand(ON | ACTIVATE, MDI_VELOCITY=0)
+    assert hand.stepper.reason is Reason.TASK_SPEED_ZERO
+    hand(OFF2)
+    hand(OFF2, State.SWITCH_ON_DISABLED)
+    hand.enable()
+    assert hand.stepper.reason is None
+
+
+def test_a_relative_task_whose_end_the_drives_object_cannot_hold_resumes_to_what_it_can() -> None:
+    drive = engel()
+    narrow = replace(drive.entries["target_position"], low=-6_000, high=6_000)
+    hand = Hand()
+    hand.stepper.set_drive(replace(drive, entries={**drive.entries, "target_position": narrow}), 35)
+    hand.enable()
+    hand.feedback.position_actual = 4_000
+    hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(5_000), MDI_MOD=0)
+    hand(ON, OPERATING | TAKEN)
+    assert hand(ON & ~INTERMEDIATE) & HALT
+    words = [hand(ON) for _ in range(3)]
+    assert any(word & NEW_SETPOINT and not word & ControlBit.RELATIVE for word in words)
+    assert hand.target == 6_000
