@@ -39,8 +39,8 @@ class DataType(enum.Enum):
     UNICODE_STRING = (0x0B, "", 2)
     TIME_OF_DAY = (0x0C, "", 6)
     TIME_DIFFERENCE = (0x0D, "I", 4)  # milliseconds, the 4-byte form without days
-    INTEGER64 = (0x36, "q", 8)  # code unverified in public sources
-    UNSIGNED64 = (0x37, "Q", 8)  # code unverified in public sources
+    INTEGER64 = (0x36, "q", 8)
+    UNSIGNED64 = (0x37, "Q", 8)
     N2 = (0x71, "h", 2)
     N4 = (0x72, "i", 4)
     V2 = (0x73, "H", 2)
@@ -51,8 +51,8 @@ class DataType(enum.Enum):
     D2 = (0x78, "H", 2)
     E2 = (0x79, "h", 2)
     C4 = (0x7A, "i", 4)
-    X2 = (0x7B, "h", 2)  # code unverified in public sources
-    X4 = (0x7C, "i", 4)  # code unverified in public sources
+    X2 = (0x7B, "h", 2)
+    X4 = (0x7C, "i", 4)
     ZERO = (0x40, "", 0)
     BYTE = (0x41, "B", 1)
     WORD = (0x42, "H", 2)
@@ -84,6 +84,8 @@ class DataType(enum.Enum):
 
 
 _BY_CODE = {data_type.code: data_type for data_type in DataType}
+UNVERIFIED = frozenset({DataType.INTEGER64, DataType.UNSIGNED64, DataType.X2, DataType.X4})
+"""Their codes stand in no public source."""
 
 
 def n2(reference: Fraction | int, value_range: tuple[int, int], minimum: int | None = None) -> Normalisation:

@@ -18,6 +18,7 @@ DOCUMENTS = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs
 INLINE = re.compile(r"`(pdgw [^`]+)`")
 BLOCK = re.compile(r"^(?: {4,}| *\$ )(pdgw .+)$", re.MULTILINE)
 _LINK = re.compile(r"\]\(([^)#\s]+)(?:#[^)]*)?\)")
+_ANCHOR = re.compile(r"\]\(([^)#\s:]*\.md)?#([^)\s]+)\)")
 _WORD = re.compile(r"[a-z][a-z-]*")
 
 
@@ -71,3 +72,14 @@ def test_every_link_leads_to_a_file(path: Path) -> None:
     for target in _LINK.findall(path.read_text()):
         if "://" not in target:
             assert (path.parent / target).exists(), target
+
+
+@pytest.mark.parametrize("path", DOCUMENTS, ids=lambda path: path.name)
+def test_every_link_into_a_document_leads_to_a_heading(path: Path) -> None:
+    for target, anchor in _ANCHOR.findall(path.read_text()):
+        text = (path.parent / target if target else path).read_text()
+        slugs = {
+            re.sub(r"[^\w -]", "", title.lower()).strip().replace(" ", "-")
+            for title in re.findall(r"^#+ (.*)$", text, re.MULTILINE)
+        }
+        assert anchor in slugs, f"{target}#{anchor}"

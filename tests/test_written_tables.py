@@ -2,38 +2,42 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Iterator
 
 import pytest
 
+from pdgw.decoder.can_records import CanRecord
+from pdgw.decoder.profinet_records import RelationRecord
+from pdgw.decoder.records import Record
 from pdgw.ds301.pdo import Pdo
+from pdgw.dsp402.objects import DRIVE_OBJECTS
+from pdgw.dsp402.overlay import Match, Overlay, Units
 from pdgw.dsp402.settings import DriveSettings
+from pdgw.dsp402.states import STATUS_PATTERNS
+from pdgw.gateway.axis.adapters.transparent import ACTUAL_ATTRIBUTES, SETPOINT_ATTRIBUTES
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.telegrams import drive_layout
 from pdgw.gateway.config import AxisConfig
-from pdgw.gateway.config_surroundings import TransportConfig
+from pdgw.gateway.config_surroundings import TraceConfig, TransportConfig
+from pdgw.gateway.config_web import WebConfig
+from pdgw.gateway.motion.blocks import BlockTask
+from pdgw.gateway.profinet_diagnosis import MESSAGE_CLASSES
+from pdgw.gateway.reasons import Enable
 from pdgw.gateway.transport.cyclic import WATCHDOG_FACTOR
 from pdgw.peers.drive.shapes import FAMILY
-from pdgw.profidrive.telegrams import telegram
+from pdgw.profidrive.parameters.catalogue import ENCODER_IDENTIFICATION, PROFILE_IDENTIFICATION
+from pdgw.profidrive.parameters.codec import MAX_ELEMENTS, MAX_PARAMETERS, Attribute, RequestId
+from pdgw.profidrive.sensor_format import SensorFormat, encode_sensor_format
+from pdgw.profidrive.signals import signal
+from pdgw.profidrive.telegrams import TELEGRAMS, telegram, word_positions
 from pdgw.tools.bench.stops import VIRTUAL
-from tests.test_documents import ROOT
+from pdgw.tools.demo.chapters import CHAPTERS
+from pdgw.tools.status_check import Health
+from tests.support.written_tables import ROOT, named, number_of, rows
 
 _INDEX = re.compile(r"\b([0-9A-F]{4})h(?:/(\d))?")
-
-
-def rows(document: str, head: str) -> Iterator[list[str]]:
-    """The cells of each row of the table whose head begins so."""
-    text = (ROOT / "docs" / document).read_text(encoding="utf-8")
-    table = text.partition(f"\n| {head}")[2].partition("\n\n")[0]
-    for line in table.splitlines()[2:]:
-        yield [cell.strip() for cell in line.strip("|").split("|")]
-
-
-def number_of(cell: str) -> int:
-    found = re.match(r"\d+", cell)
-    assert found is not None, cell
-    return int(found[0])
 
 
 LAYOUTS = list(rows("telegrams.md", "telegram | setpoints"))
@@ -92,3 +96,164 @@ def test_the_keys_of_the_units_are_keys_of_an_axis() -> None:
     keys = [row[0].strip("`") for row in rows("units.md", "key | is")]
     assert len(keys) > 5
     assert {*keys} <= {*AxisConfig.model_fields}
+
+
+def test_each_word_of_telegram_100_is_the_object_of_its_signal() -> None:
+    """``4-5``, ``Target Position 607Ah i32``: place, name, address and type; the mode of operation is a byte of its word."""
+    manufacturer = telegram(100)
+    entries = {entry.attribute: entry for entry in DRIVE_OBJECTS.entries} | dict(FAMILY.entries)
+    told = list(rows("telegrams.md", "word | setpoint |"))
+    for half, attributes, column in (
+        (manufacturer.setpoints, SETPOINT_ATTRIBUTES, 0),
+        (manufacturer.actuals, ACTUAL_ATTRIBUTES, 2),
+    ):
+        expected = []
+        for item, attribute, word in zip(half.signals, attributes, word_positions(half), strict=True):
+            entry = entries[attribute]
+            place = f"{word}-{word + item.words - 1}" if item.words > 1 else f"{word}"
+            expected.append((place, (entry.index, entry.subindex), entry.type.name.lower()))
+        found = []
+        for row in told:
+            place, text = row[column : column + 2]
+            if place:
+                match = re.search(r"([0-9A-F]{4})h(?: sub (\d))?(?: \(mask\))? ([iu]\d+)", text)
+                assert match is not None, text
+                found.append((place, (int(match[1], 16), int(match[2] or 0)), match[3]))
+        assert found == expected
+
+
+@pytest.mark.parametrize("name", ["STW1", "ZSW1"])
+def test_every_bit_has_its_names(name: str) -> None:
+    told = [(row[0], row[1]) for row in rows("telegrams.md", f"bit | name | {'handled' if name == 'STW1' else 'from'}")]
+    word = signal(name)
+    positioning = {bit.position: bit.name for bit in word.positioning_bits}
+    assert told == [
+        (f"{bit.position}", ", ".join(dict.fromkeys((bit.name, positioning.get(bit.position, bit.name)))))
+        for bit in word.bits
+    ]
+
+
+def test_a_fraction_of_a_reference_has_the_type_of_its_signal() -> None:
+    cells = [row[0] for row in rows("telegrams.md", "signal | object")]
+    told = [
+        (name, kind)
+        for cell in cells
+        for names, kind in re.findall(r"([A-Z_, ]+) \((N\d)\)", cell)
+        for name in re.findall(r"\w+", names)
+    ]
+    assert len(told) == 9
+    assert told == [(name, signal(name).type.name) for name, _ in told]
+
+
+def test_the_fields_of_a_parameter_request_are_those_of_the_codec() -> None:
+    told = {row[0].rpartition(": ")[2]: row[2] for row in rows("parameter-channel.md", "field | size")}
+    assert told["No. of Parameters"] == f"1..{MAX_PARAMETERS}"
+    assert told["No. of Values"] == f"0..{MAX_ELEMENTS}"
+    assert told["No. of Elements"].startswith(f"0..{MAX_ELEMENTS};")
+    assert told["Attribute"] == ", ".join(f"0x{item:02X} {item.name.lower()}" for item in Attribute)
+    assert told["Request ID"] == ", ".join(f"{item:02X} {item.name.lower()} parameter" for item in RequestId)
+
+
+def test_identifications_of_the_profile_are_those_that_are_answered() -> None:
+    text = (ROOT / "docs/parameter-channel.md").read_text(encoding="utf-8")
+    high, low = ENCODER_IDENTIFICATION.to_bytes(2, "big")
+    assert f"an axis {PROFILE_IDENTIFICATION:04X}h (profile 3, version 41)" in text
+    assert f"an encoder the octets {high:02X}h, {low:02X}h" in text
+    assert f"header {encode_sensor_format([SensorFormat(1)])[0]:04X}h" in text
+
+
+def test_the_states_have_the_patterns_that_are_read() -> None:
+    patterns: dict[str, set[str]] = {}
+    for pattern in STATUS_PATTERNS:
+        bits = "".join("x" if not pattern.mask >> n & 1 else str(pattern.value >> n & 1) for n in range(7, -1, -1))
+        patterns.setdefault(pattern.state.value.lower(), set()).add(f"{bits[:4]} {bits[4:]}")
+    table = list(rows("translation.md", "state (PROFIdrive"))
+    assert len(table) == len(patterns)
+    for name, actual, statusword in table:
+        told = statusword if statusword != "same" else actual.removeprefix("xxxx xxxx ")
+        assert told in patterns[name.rpartition(" / ")[2]], name
+
+
+def test_the_chain_of_enables_is_told_in_its_order() -> None:
+    assert [row[0] for row in rows("axis-does-not-move.md", "link | missing means")] == [item.value for item in Enable]
+
+
+def test_the_exit_codes_of_a_check_are_those_it_ends_with() -> None:
+    codes = [" ".join(row[0].split()) for row in rows("service.md", "exit code | when")]
+    assert codes == [f"{item.value} {item.name}" for item in Health]
+
+
+def test_the_chapters_of_the_demo_are_told() -> None:
+    assert [name for row in rows("demo.md", "chapter | story") for name in named(row[0])] == list(CHAPTERS)
+
+
+def test_the_telegrams_of_each_application_class_are_told() -> None:
+    for row in rows("motion.md", "class | telegrams"):
+        told = {int(number) for number in re.findall(r"\d+", row[1])}
+        declared = {n for n, item in TELEGRAMS.items() if number_of(row[0]) in [kind.value for kind in item.classes]}
+        assert told == declared, row[0]
+
+
+def test_the_tasks_of_a_block_are_told() -> None:
+    told = [name for row in rows("motion.md", "`task` | does") for name in row[0].split(", ")]
+    assert told == [task.value for task in BlockTask]
+
+
+def test_the_classes_of_error_codes_are_those_of_the_diagnosis() -> None:
+    told: dict[str, int] = {}
+    for row in rows("profinet.md", "error code (EMCY"):
+        for codes, classes in ((row[0], row[1]), (row[2], row[3])):
+            numbers = [int(number, 16) for number in re.findall(r"([0-9A-F]{4})h", classes)]
+            digits = [code.rstrip("x") for code in codes.split(", ")]
+            told |= dict(zip(digits, numbers * (len(digits) if len(numbers) == 1 else 1), strict=True))
+    assert told == {digits: kind.value for digits, kind in MESSAGE_CLASSES.items()}
+
+
+def keys_of(document: str, head: str) -> dict[str, str]:
+    """The keys that a table of the configuration has, each with what is said of its default."""
+    told: dict[str, str] = {}
+    for row in rows(document, head):
+        names = named(row[0])
+        defaults = row[1].split(", ") if len(names) > 1 and ", " in row[1] else [row[1]] * len(names)
+        told |= dict(zip(names, defaults, strict=True))
+    return told
+
+
+@pytest.mark.parametrize(
+    ("document", "section", "model"), [("flight-recorder.md", "trace", TraceConfig), ("web.md", "web", WebConfig)]
+)
+def test_the_keys_of_a_section_have_the_defaults_that_are_told(
+    document: str, section: str, model: type[TraceConfig | WebConfig]
+) -> None:
+    told = keys_of(document, f"key of `[{section}]`" if section == "trace" else f"key of `[{section}]` |")
+    assert set(told) == set(model.model_fields)
+    for key, text in told.items():
+        default = model.model_fields[key].default
+        if default == ():
+            assert text in {"`[]`", "none"}, key
+        elif default is not None:
+            assert text.strip("`") == json.dumps(default), key
+
+
+def test_the_keys_of_an_overlay_are_told() -> None:
+    table = list(rows("drives.md", "key | holds"))
+    told = {section: set[str]() for section in ("", "match", "units")}
+    for row in table:
+        section = re.match(r"`\[(match|units)\]`", row[0])
+        told[section[1] if section else ""] |= {name.strip("[]") for name in re.findall(r"`([^`]+)`", row[0])}
+    assert told["match"] - {"match"} == set(Match.model_fields)
+    assert told["units"] - {"units"} == set(Units.model_fields)
+    assert told[""] == set(Overlay.model_fields) - {"name", "match", "units"}
+
+
+def test_every_kind_of_record_is_told() -> None:
+    assert issubclass(CanRecord, Record)
+    assert issubclass(RelationRecord, Record)
+    told = {name for row in rows("decoder-schema.md", "kind of record | further keys") for name in named(row[0])}
+    assert told == {kind.kind for kind in (Record, *subclasses(Record))}
+
+
+def subclasses(kind: type[Record]) -> Iterator[type[Record]]:
+    for item in kind.__subclasses__():
+        yield item
+        yield from subclasses(item)

@@ -30,6 +30,7 @@ from pdgw.peers.drive.family import DRIVE_FAULTS, FAMILY, FAMILY_MODES, HOMING_M
 from pdgw.peers.node.faults import NODE_MISBEHAVIOURS
 from pdgw.peers.node.misbehaviour import Misbehaviour
 from pdgw.peers.simulation.devices import DEVICE_TYPES
+from pdgw.profidrive.datatypes import UNVERIFIED, DataType
 from pdgw.profidrive.encoder import SENSOR_STATUS, TRANSITIONS, SensorError
 from pdgw.profidrive.parameters.catalogue import PARAMETERS
 from pdgw.profidrive.parameters.errors import ERROR_TEXTS
@@ -227,6 +228,10 @@ def generate() -> str:
                 for e in OBJECTS.entries
             ),
         ),
+        "## Encoder types\n",
+        table(
+            ("1000h, high word", "type"), ((item.value, item.name.lower().replace("_", " ")) for item in EncoderType)
+        ),
         "## Encoder objects\n",
         table(
             ("index", "name", "type", "access", "PDO", "C1", "C2", "for", "unit"),
@@ -305,6 +310,18 @@ def generate() -> str:
                     item.spec.meaning,
                 )
                 for pnu, item in (*ITEMS.items(), *BLOCK_ITEMS.items())
+            ),
+        ),
+        "## Data types of the parameter channel\n",
+        table(
+            ("code", "type", "bytes"),
+            (
+                (
+                    _doubtful(f"{t.code:02X}h", Confidence.UNVERIFIED if t in UNVERIFIED else Confidence.CONFIRMED),
+                    t.name,
+                    t.size,
+                )
+                for t in sorted(DataType, key=lambda item: item.code)
             ),
         ),
         "## Error numbers of the parameter channel\n",

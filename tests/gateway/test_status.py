@@ -17,6 +17,7 @@ from pdgw.gateway.standing import AXIS_CHAIN, ENCODER_CHAIN, Break, axis_standin
 from pdgw.gateway.status import answered, axis_status, encoder_status, snapshot
 from pdgw.tools.status_text import status_lines
 from tests.support.daemon import OFF, Plc, axis, configuration, drive_of, running, until, world_of
+from tests.support.written_tables import named, rows
 
 ENCODER = "[[encoder]]\ndo_id = 2\nnode_id = 20\ntelegram = 83\nsimulate = true\n"
 
@@ -132,6 +133,24 @@ def test_what_is_sent_in_parts_is_the_snapshot() -> None:
         document = snapshot(daemon)
         assert (document["schema"], document["simulated"], document["name"]) == (1, True, "pdgw")
         assert [item["do_id"] for item in document["axes"]] == [1, 3]
+
+
+def test_every_key_of_the_document_is_told() -> None:
+    """Those of an axis or an encoder alone stand in the rows of these, in front of what is told of them."""
+    with running(configuration(axis(1) + ENCODER)) as daemon:
+        document = snapshot(daemon)
+    top = {name.removesuffix("[]") for row in rows("status.md", "key | is") for name in named(row[0])}
+    assert top == set(document)
+    plc = next(row[1] for row in rows("status.md", "key | is") if row[0] == "`plc`")
+    assert set(named(plc)) - {"station"} == set(document["plc"])
+    common, own = set[str](), {}
+    for row in rows("status.md", "key of a drive object"):
+        if row[0].startswith("of "):
+            own[row[0].removeprefix("of ")] = set(named(row[1]))
+        else:
+            common |= {name.removesuffix("[]") for name in named(row[0])}
+    for kind in ("axes", "encoders"):
+        assert common | own[kind] == set(document[kind][0]), kind
 
 
 @pytest.mark.parametrize(

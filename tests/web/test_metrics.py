@@ -19,6 +19,7 @@ from pdgw.web.metrics import exposition
 from pdgw.web.watch import Watch
 from tests.support.daemon import Plc, axis, configuration, drive_of, running, serving
 from tests.support.page import ShownGateway, look
+from tests.support.written_tables import named, rows
 
 DEPLOY = Path(__file__).parents[2] / "deploy"
 PROMTOOL = shutil.which("promtool")
@@ -187,6 +188,19 @@ def test_alerts_and_dashboard_ask_for_metrics_there_are(text: str) -> None:
     asked |= names_in(iter([(DEPLOY / "prometheus" / "alerts.yml").read_text()]))
     assert len(asked) > 10
     assert asked <= {name for name, _ in samples(text)}
+
+
+def test_the_metrics_in_the_documents_are_those_there_are_with_their_labels(text: str) -> None:
+    told = {name: labels for row in rows("web.md", "name | is") for name, labels in map(with_labels, named(row[0]))}
+    assert set(told) == set(re.findall(r"^# TYPE (\w+) ", text, re.MULTILINE))
+    shown = {name: {label for label, _ in labels} for name, labels in samples(text)}
+    for name in set(told) & set(shown):
+        assert told[name] == shown[name], name
+
+
+def with_labels(text: str) -> tuple[str, set[str]]:
+    name, _, labels = text.rstrip("}").partition("{")
+    return name, {*filter(None, labels.split(","))}
 
 
 @needs_promtool
