@@ -53,7 +53,8 @@ class NodeSettings:
 
 @dataclass(frozen=True, slots=True)
 class NodeEvent:
-    """Something the owner must know: ``kind`` is one of status, plan, emcy, boot, refused, set-point (one that is not started).
+    """Something the owner must know: ``kind`` is one of status, plan, emcy, boot, refused, set-point (one that is not started),
+    off (a drive found without power before it is configured).
 
     For ``emcy``: ``code`` the error code, ``register`` the error register, ``data`` the manufacturer bytes.
     """

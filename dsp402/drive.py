@@ -281,9 +281,10 @@ class DriveClient(NodeClient[DriveSettings]):
         if profile_of(device_type) != self.profile:
             return
         state = state_of(self.read_urgently(*STATUSWORD))
-        if state in _OFF:
-            return
         shown = "an unknown state" if state is None else state.value
+        if state in _OFF:
+            self._tell("off", shown)
+            return
         stop = SdoStep(*CONTROLWORD, CanType.U16, Command.QUICK_STOP.word, "Quick Stop")
         try:
             self.write_urgently(stop.index, stop.subindex, stop.data)

@@ -45,6 +45,7 @@ _NOTICE_OF_KIND = {
     "boot": Notice.BOOT,
     "refused": Notice.REFUSED,
     "set-point": Notice.SET_POINT_REFUSED,
+    "off": Notice.OFF,
 }
 _NOTICE_OF_STATUS = {
     NodeStatus.LOST: Notice.LOST,

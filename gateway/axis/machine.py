@@ -34,6 +34,7 @@ from pdgw.gateway.axis.values import (
     FaultRead,
     Inputs,
     NodeNotice,
+    Notice,
     Outputs,
     PresetAnswer,
     ProbeAnswer,
@@ -308,7 +309,10 @@ class AxisMachine:
         inputs, notes = self.inputs, self.notes
         for item in inputs.news:
             if isinstance(item, NodeNotice):
-                self._node.take(item)
+                if item.notice is Notice.OFF:
+                    self.outputs.known_off = True
+                else:
+                    self._node.take(item)
             elif isinstance(item, Configured):
                 if item.restarted:
                     self.interlock.restarted()

@@ -33,6 +33,7 @@ class StopWatch:
     __slots__ = (
         "_began",
         "_braked",
+        "_nmt_obeyed",
         "_reaction",
         "_speed",
         "_standing_command",
@@ -57,6 +58,8 @@ class StopWatch:
         self._standing_command = -1
         """Since when the drive shows operation although power off, or the quick stop, is commanded; -1 while it does not."""
         self._braked = 0
+        self._nmt_obeyed = False
+        """The node has shown NMT Stopped; it leaves that when it is brought up again."""
 
     def over(self) -> None:
         """The drive is off, or obeys the PLC again."""
@@ -72,11 +75,15 @@ class StopWatch:
         ``operating``: it shows Operation Enabled. ``seen``: what it shows is fresh. ``node_stopped``: its heartbeat says Stopped.
         ``velocity``: actual speed, standstill within ``window``. ``now``: monotonic nanoseconds.
         """
-        if self.brake is not Brake.NONE:
-            if self.brake is Brake.NMT_STOP and not node_stopped and now - self._braked >= self._reaction:
-                self.brake = Brake.WITHHOLD_HEARTBEAT
-            return False
-        if not seen:
+        if self.brake is Brake.NMT_STOP:
+            if node_stopped:
+                self._nmt_obeyed = True
+            elif not self._nmt_obeyed:
+                if now - self._braked >= self._reaction:
+                    self.brake = Brake.WITHHOLD_HEARTBEAT
+            elif seen:
+                self.over()  # brought up again, and not off: watched anew
+        if self.brake is not Brake.NONE or not seen:
             return False
         speed = abs(velocity)
         if not self.runs:
@@ -95,6 +102,7 @@ class StopWatch:
         if disobeys:
             self.brake = Brake.NMT_STOP
             self._braked = now
+            self._nmt_obeyed = False
         return disobeys
 
     def _allowed(self, now: int) -> int:

@@ -34,6 +34,7 @@ class Notice(enum.Enum):
     SET_POINT_REFUSED = "data of a set-point not taken"
     LOST = "was online, is not any more"
     BUS_LOST = "its bus failed"
+    OFF = "found without power before it was configured"
     ONLINE = "in operation"
     ABSENT = "does not answer"
     PROGRESS = "anything else"

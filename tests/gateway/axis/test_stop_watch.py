@@ -65,6 +65,31 @@ def test_a_node_that_shows_nmt_stopped_keeps_the_heartbeat() -> None:
     assert deaf(bench, QUICK_STOP, 10 * REACTION // CYCLE) is Brake.NMT_STOP
 
 
+def test_a_node_that_showed_nmt_stopped_keeps_the_heartbeat_while_it_is_brought_up_again() -> None:
+    """For that the gateway itself takes it out of Stopped; the others on the bus go on."""
+    bench = turning()
+    assert deaf(bench, QUICK_STOP, REACTION // CYCLE + 20) is Brake.NMT_STOP
+    inputs = bench.stepper.machine.inputs
+    inputs.node_stopped = True
+    deaf(bench, QUICK_STOP, 3)
+    bench.drive_ok = inputs.node_stopped = False
+    assert deaf(bench, QUICK_STOP, 10 * REACTION // CYCLE) is Brake.NMT_STOP
+
+
+def test_a_drive_that_still_turns_when_it_is_brought_up_after_its_nmt_stop_is_stopped_by_nmt_again() -> None:
+    bench = turning()
+    deaf(bench, QUICK_STOP, REACTION // CYCLE + 20)
+    inputs = bench.stepper.machine.inputs
+    for _ in range(2):
+        inputs.node_stopped = True
+        assert deaf(bench, QUICK_STOP, 3) is Brake.NMT_STOP
+        inputs.node_stopped = False
+        assert deaf(bench, QUICK_STOP, REACTION // CYCLE) is Brake.NONE
+        assert deaf(bench, QUICK_STOP, 20) is Brake.NMT_STOP
+    assert numbers(bench).count(FaultNumber.STOP_IGNORED) == 3
+    assert deaf(bench, QUICK_STOP, REACTION // CYCLE + 1) is Brake.WITHHOLD_HEARTBEAT, "not obeyed this time"
+
+
 def test_the_brakes_are_released_by_a_drive_that_shows_no_power_not_by_its_configuration() -> None:
     bench = turning()
     deaf(bench, QUICK_STOP, 2 * REACTION // CYCLE + 40)

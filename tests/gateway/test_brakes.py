@@ -1,0 +1,143 @@
+"""A drive that goes on as it was told last: what is sent to it, and withheld from it, until it stands and afterwards."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import pytest
+
+from pdgw.ds301.connection_set import ERROR_CONTROL, NMT, SYNC
+from pdgw.ds301.loop import MS
+from pdgw.ds301.nmt import NmtCommand
+from pdgw.ds301.node import GATEWAY_NODE_ID
+from pdgw.gateway.daemon import Daemon
+from pdgw.gateway.reasons import FaultNumber
+from pdgw.peers.drive import SimulatedDrive, SimulatedDriveNode, shape
+from pdgw.peers.drive.shapes import SYNCHRONOUS
+from tests.gateway.test_sync import KNOWN_TO_STOP, SPEED_KEYS, unguarded
+from tests.support.daemon import Plc, axis, configuration, exchanging, running, until, world_of
+
+OFF3 = 0x047F & ~0x4
+STOP = bytes((NmtCommand.STOP, 1))
+CONTROL = 0x201
+"""RPDO 1 of node 1, with the Controlword."""
+HEARTBEAT = ERROR_CONTROL + GATEWAY_NODE_ID
+
+
+class Sent:
+    """What the gateway sends."""
+
+    def __init__(self, daemon: Daemon) -> None:
+        self._daemon = daemon
+        self.frames: list[tuple[int, bytes]] = []
+        daemon.networks["can"].listeners.append(
+            lambda message: (
+                self.frames.append((message.arbitration_id, bytes(message.data))) if not message.is_rx else None
+            )
+        )
+
+    def within(self, ns: int) -> set[int]:
+        """COB-IDs of what is sent in the time that follows."""
+        self.frames.clear()
+        world_of(self._daemon).loop.run_for(ns)
+        return {can_id for can_id, _ in self.frames}
+
+
+@dataclass(frozen=True)
+class Guard:
+    """A kind of drive, by what guards the gateway for it."""
+
+    drive: Callable[[Daemon], SimulatedDrive]
+    withheld: frozenset[int]
+    """Of heartbeat, SYNC and RPDO."""
+    telegram: int = 1
+    more: str = ""
+
+
+def _of_shape(name: str) -> Callable[[Daemon], SimulatedDrive]:
+    return lambda daemon: world_of(daemon).drive("world", 1, shape=shape(name))
+
+
+GUARDS = {
+    "heartbeat": Guard(_of_shape("rpm"), frozenset({HEARTBEAT})),
+    "life guarding": Guard(_of_shape("node-guarding"), frozenset({HEARTBEAT})),
+    "RPDO": Guard(_of_shape("rpdo-timeout"), frozenset({HEARTBEAT, CONTROL})),
+    "SYNC": Guard(unguarded, frozenset({HEARTBEAT, SYNC}), 105, SPEED_KEYS),
+    "heartbeat beside SYNC": Guard(
+        lambda daemon: world_of(daemon).drive("world", 1, shape=SYNCHRONOUS), frozenset({HEARTBEAT}), 105, SPEED_KEYS
+    ),
+}
+
+
+def _obeys_no_command(node: SimulatedDriveNode, *, nmt: bool) -> None:
+    """Every RPDO has the data of the last one; ``nmt``: NMT is obeyed."""
+    receive = node.receive
+    held: dict[int, bytes] = {}
+
+    def deaf(can_id: int, data: bytes, now: int) -> None:
+        if can_id != NMT or nmt:
+            receive(can_id, held.setdefault(can_id, data) if node.is_pdo(can_id) else data, now)
+
+    node.receive = deaf  # type: ignore[method-assign]
+
+
+def _begin_anew(node: SimulatedDriveNode) -> None:
+    del node.receive
+    node.restart()
+
+
+def _turning(daemon: Daemon, guard: Guard) -> tuple[SimulatedDrive, Plc]:
+    drive = guard.drive(daemon)
+    plc = Plc(daemon, [guard.telegram])
+    plc.enable()
+    plc.endpoint.set(0, {"NSOLL_A": 0x1000} if guard.telegram == 1 else {"NSOLL_B": 1 << 28})
+    plc.until(lambda: drive.model.ramp.speed > 100, "it turns")
+    return drive, plc
+
+
+@pytest.mark.parametrize("name", GUARDS)
+def test_a_drive_that_obeys_neither_controlword_nor_nmt_is_stopped_by_what_guards_the_gateway(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("pdgw.dsp402.describe.overlay_for", lambda *_: KNOWN_TO_STOP)
+    guard = GUARDS[name]
+    with running(configuration(axis(1, telegram_number=guard.telegram, more=guard.more))) as daemon:
+        drive, plc = _turning(daemon, guard)
+        drive.do(lambda node: _obeys_no_command(node, nmt=False))
+        for _ in range(50):
+            plc.exchange()
+        sent = Sent(daemon)
+        plc.endpoint.set(0, {"STW1": OFF3})
+        with exchanging(plc):
+            until(daemon, lambda: (NMT, STOP) in sent.frames, "NMT stop")
+            assert [fault.number for fault in daemon.axes[0].faults] == [FaultNumber.STOP_IGNORED]
+            assert not daemon.axes[0].withholds_heartbeat, "one brake after the other"
+            until(daemon, lambda: daemon.axes[0].withholds_heartbeat, "the next")
+            stops = sent.frames.count((NMT, STOP))
+            assert stops == 2, "again with the next brake, and not in every cycle"
+            seen = sent.within(150 * MS)
+            usual = {HEARTBEAT, CONTROL} | ({SYNC} if guard.telegram == 105 else set())
+            assert not seen & guard.withheld
+            assert seen >= usual - guard.withheld
+            until(daemon, lambda: drive.model.ramp.speed == 0, "standstill")
+            drive.do(_begin_anew)
+            until(daemon, lambda: daemon.axes[0].drive.generation == 2, "configured anew")
+            until(daemon, lambda: daemon.axes[0].good, "online again")
+            assert sent.within(300 * MS) >= usual, "what the next start needs"
+
+
+def test_a_drive_that_obeys_nmt_alone_keeps_the_gateways_heartbeat() -> None:
+    """Others on the bus need it."""
+    guard = GUARDS["heartbeat"]
+    with running(configuration(axis(1, more=guard.more))) as daemon:
+        drive, plc = _turning(daemon, guard)
+        drive.do(lambda node: _obeys_no_command(node, nmt=True))
+        for _ in range(50):
+            plc.exchange()
+        sent = Sent(daemon)
+        plc.endpoint.set(0, {"STW1": OFF3})
+        with exchanging(plc):
+            until(daemon, lambda: (NMT, STOP) in sent.frames, "NMT stop")
+            until(daemon, lambda: drive.model.ramp.speed == 0, "standstill")
+            assert all(HEARTBEAT in sent.within(150 * MS) for _ in range(10))
