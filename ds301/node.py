@@ -53,10 +53,11 @@ class NodeSettings:
 
 @dataclass(frozen=True, slots=True)
 class NodeEvent:
-    """Something the owner must know: ``kind`` is one of status, plan, emcy, boot, refused, set-point (one that is not started),
-    off (a drive found without power before it is configured).
+    """Something the owner must know.
 
-    For ``emcy``: ``code`` the error code, ``register`` the error register, ``data`` the manufacturer bytes.
+    ``kind`` is one of status, plan, emcy, boot, refused, set-point (one that is not started), off (a drive that was found
+    without power before it was configured). For ``emcy``: ``code`` the error code, ``register`` the error register, ``data``
+    the manufacturer bytes.
     """
 
     kind: str

@@ -77,8 +77,6 @@ class Seen:
     """
 
     position: int = 0
-    velocity: int = 0
-    """Any unit; its sign counts."""
     standstill: bool = True
     given: int = 0
     taken: int = 0

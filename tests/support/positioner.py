@@ -175,7 +175,6 @@ class PositionerRig:
         else:
             seen.torque_at_limit = False
         seen.position += self.speed
-        seen.velocity = self.speed
         if self._at_target() and wish.kind is MotionKind.POSITION:
             self.speed = 0
             if self.waiting is not None:

@@ -74,10 +74,10 @@ class Homing:
         self._idle_since = -1
         self._attained_seen_low = False
 
-    def supported(self, method: int) -> bool:
-        """Whether the method exists; one that does not starts nothing and raises the warning."""
+    def supported(self, method: int | None) -> bool:
+        """Whether the method exists; one that does not, or None, starts nothing and raises the warning."""
         notes = self._notes
-        if self._offered(method) in self.methods:
+        if method is not None and self._offered(method) in self.methods:
             notes.warning = False
             return True
         notes.warning = True

@@ -156,8 +156,6 @@ class PositionerExecutor(Executor):
         self.positioner.choose(_settings(choices), BlockTable(choices.blocks))
 
     def restarted(self) -> None:
-        self._stop()
-        self._mode.halted = False
         self._torque.restarted()
         self._forget_home()
 
@@ -273,7 +271,6 @@ class PositionerExecutor(Executor):
         statusword = feedback.statusword
         position, ring = feedback.position_actual, self._ring
         seen.position = units.to_length(position if ring is None else ring.follow(position))
-        seen.velocity = feedback.velocity_actual
         seen.standstill = self.cycle.standstill
         seen.internal_limit = statusword & _INTERNAL_LIMIT != 0
         torque = self.positioner.outcome.motion.torque
@@ -307,13 +304,13 @@ class PositionerExecutor(Executor):
         mode, ring = self._mode, self._ring
         if ring is not None and not self.cycle.stopped and self._crosses(ring, motion, units):
             return self._slow_down()
+        wanted = _HOMING_MODE if kind is _HOMING else _POSITION_MODE if kind is _POSITION else _VELOCITY_MODE
+        if mode.mode != wanted and not self.cycle.standstill:
+            return self._slow_down()
         if mode.halted:
             return 0  # Halt falls alone: a set-point or a mode together with it is not allowed
         if kind is _HOMING:
             return self._home(motion)
-        wanted = _POSITION_MODE if kind is _POSITION else _VELOCITY_MODE
-        if mode.mode != wanted and not self.cycle.standstill:
-            return self._slow_down()
         if not mode.confirmed(wanted):
             return 0
         if kind is not _POSITION:
@@ -408,14 +405,12 @@ class PositionerExecutor(Executor):
         if self._ring is not None:
             self._ring.reset()
         if self._homing_begun != motion.serial:
-            if self._mode.mode == _VELOCITY_MODE and not self.cycle.standstill:
-                return self._slow_down()
             self._homing_begun = motion.serial
             seen.given = motion.serial
             seen.homing = HomingResult.RUNNING
             self._attained = 0
             method = self.choices.homing_method
-            if method is None or not homing.supported(method):
+            if not homing.supported(method) or method is None:
                 self._homing_ends(HomingResult.FAILED)
                 return 0
             homing.begin(method, None)

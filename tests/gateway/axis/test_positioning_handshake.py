@@ -7,8 +7,7 @@ from dataclasses import replace
 import pytest
 
 from pdgw.dsp402.modes import Mode
-from pdgw.dsp402.states import STATUS_OF, ControlBit, State, StatusBit
-from pdgw.gateway.axis.settings import AxisSettings
+from pdgw.dsp402.states import ControlBit, State, StatusBit
 from pdgw.gateway.axis.values import SdoWrite
 from pdgw.gateway.reasons import Reason
 from pdgw.peers.drive.family import TURNTABLE
@@ -19,7 +18,6 @@ from tests.gateway.axis.test_positioning import (
     HOMING,
     INTERMEDIATE,
     MDI_ACTIVE,
-    ON,
     POSITION,
     REACHED,
     REJECT,
@@ -30,59 +28,29 @@ from tests.gateway.axis.test_positioning import (
     task,
 )
 from tests.support.drive_types import engel
-from tests.support.stepper import Stepper
+from tests.support.hand import OFF, ON, OPERATING, Hand
 
-OFF = ON & ~1
 OFF2, OFF3 = ON & ~2, ON & ~4
 HALT, NEW_SETPOINT = ControlBit.HALT, ControlBit.NEW_SETPOINT
 TAKEN = StatusBit.MODE_12
-OPERATING = STATUS_OF[State.OPERATION_ENABLED]
 
 
-class Hand:
-    """An axis in operation; each cycle has its STW1 and the Statusword that was seen."""
-
-    def __init__(self, **settings: object) -> None:
-        self.stepper = Stepper(9, AxisSettings(**{"cycle_ns": 4_000_000, **settings}))  # type: ignore[arg-type]
-        self.stepper.set_drive(engel(), 35)
-        self.feedback = self.stepper.feedback
-        self.mode = TURNTABLE.mode if settings.get("modulo_axis") else Mode.POSITION
-        self.now = 0
-        self.values = {"SATZANW": 0x8000, "MDI_VELOCITY": 1 << 29, "MDI_ACC": 1 << 14, "MDI_DEC": 1 << 14, "MDI_MOD": 1}
-        self.actuals: dict[str, int] = {}
-
-    def __call__(self, word: int | None, status: State | int = OPERATING, **values: int) -> int:
-        """One cycle; the Controlword."""
-        self.now += 4_000_000
-        self.values |= values
-        feedback, telegram = self.feedback, self.stepper.telegram
-        feedback.statusword = STATUS_OF[status] if isinstance(status, State) else status
-        feedback.modes_of_operation_display = self.mode
-        setpoints = None if word is None else telegram.setpoints.from_dict({"STW2": 0, **self.values, "STW1": word})
-        self.actuals = telegram.actuals.as_dict(self.stepper.step(setpoints, feedback, True, self.now))
-        return self.stepper.command.controlword
-
-    def enable(self) -> Hand:
-        self(OFF, State.SWITCH_ON_DISABLED)
-        self(ON, State.READY_TO_SWITCH_ON)
-        self(ON, State.SWITCHED_ON)
-        self(ON)
-        return self
-
-    @property
-    def target(self) -> int:
-        return self.stepper.command.target_position
+def positioning(**settings: object) -> Hand:
+    """Telegram 9, before the first frame."""
+    mode = TURNTABLE.mode if settings.get("modulo_axis") else Mode.POSITION
+    values = {"SATZANW": 0x8000, "MDI_VELOCITY": 1 << 29, "MDI_ACC": 1 << 14, "MDI_DEC": 1 << 14, "MDI_MOD": 1}
+    return Hand(9, engel(), mode, values, **settings)
 
 
 def test_an_edge_of_one_cycle_keeps_bit_4_until_the_drive_has_taken_the_task() -> None:
-    hand = Hand().enable()
+    hand = positioning().enable()
     assert hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(5_000)) & NEW_SETPOINT
     assert all(hand(ON) & NEW_SETPOINT for _ in range(20))
     assert not hand(ON, OPERATING | TAKEN) & NEW_SETPOINT
 
 
 def test_an_edge_that_comes_before_the_drive_took_the_last_waits_for_a_0_of_bit_4_and_of_its_acknowledge() -> None:
-    hand = Hand().enable()
+    hand = positioning().enable()
     hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(5_000))
     hand(ON)
     word = hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(7_000))
@@ -101,7 +69,7 @@ def test_an_edge_that_comes_before_the_drive_took_the_last_waits_for_a_0_of_bit_
 def test_an_edge_the_drive_had_not_taken_when_operation_ended_starts_nothing_later(
     end: int | None, waits: bool
 ) -> None:
-    hand = Hand().enable()
+    hand = positioning().enable()
     if waits:
         hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(5_000))
         hand(ON)
@@ -116,7 +84,7 @@ def test_an_edge_the_drive_had_not_taken_when_operation_ended_starts_nothing_lat
 
 @pytest.mark.parametrize("waits", [False, True], ids=["given", "waiting"])
 def test_on_during_the_ramp_of_an_off1_resumes_operation_and_no_task(waits: bool) -> None:
-    hand = Hand(ramp_stop_resume=True).enable()
+    hand = positioning(ramp_stop_resume=True).enable()
     hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(5_000))
     hand(ON, OPERATING if waits else OPERATING | TAKEN)
     hand.feedback.velocity_actual = 3000
@@ -128,7 +96,7 @@ def test_on_during_the_ramp_of_an_off1_resumes_operation_and_no_task(waits: bool
 
 
 def test_a_task_whose_edge_is_the_frame_that_resumes_operation_does_not_rise_with_the_fall_of_halt() -> None:
-    hand = Hand(ramp_stop_resume=True).enable()
+    hand = positioning(ramp_stop_resume=True).enable()
     hand.feedback.velocity_actual = 3000
     assert hand(OFF) & HALT
     assert not hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(5_000)) & (HALT | NEW_SETPOINT)
@@ -136,7 +104,7 @@ def test_a_task_whose_edge_is_the_frame_that_resumes_operation_does_not_rise_wit
 
 
 def test_an_edge_before_the_drive_shows_operation_starts_nothing() -> None:
-    hand = Hand()
+    hand = positioning()
     hand(OFF, State.SWITCH_ON_DISABLED)
     hand(ON, State.READY_TO_SWITCH_ON)
     hand(ON, State.SWITCHED_ON)
@@ -146,7 +114,7 @@ def test_an_edge_before_the_drive_shows_operation_starts_nothing() -> None:
 
 @pytest.mark.parametrize("word", [ON & ~REJECT, ON & ~INTERMEDIATE], ids=["reject", "intermediate stop"])
 def test_a_task_the_drive_has_not_taken_is_stopped_with_bit_4_at_0(word: int) -> None:
-    hand = Hand().enable()
+    hand = positioning().enable()
     hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(5_000))
     hand.feedback.velocity_actual = 3000
     assert hand(word) & HALT
@@ -157,7 +125,7 @@ def test_a_task_the_drive_has_not_taken_is_stopped_with_bit_4_at_0(word: int) ->
 
 
 def test_bit_12_of_another_mode_is_neither_shown_as_an_acknowledge_nor_taken_for_one() -> None:
-    hand = Hand().enable()
+    hand = positioning().enable()
     hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(5_000))
     hand.mode = Mode.HOMING
     assert hand(ON, OPERATING | TAKEN) & NEW_SETPOINT
@@ -169,20 +137,20 @@ def test_bit_12_of_another_mode_is_neither_shown_as_an_acknowledge_nor_taken_for
 
 @pytest.mark.parametrize("mod", [0b001, 0b011, 0b101])
 def test_the_direction_of_a_task_means_nothing_without_a_modulo_axis(mod: int) -> None:
-    hand = Hand().enable()
+    hand = positioning().enable()
     word = hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(5_000), MDI_MOD=mod)
     assert word & NEW_SETPOINT
     assert not word & (TURNTABLE.shortest | TURNTABLE.ccw)
 
 
 def test_the_shortest_way_of_a_modulo_axis_is_told_to_the_drive() -> None:
-    hand = Hand(modulo_axis=True).enable()
+    hand = positioning(modulo_axis=True).enable()
     word = hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(5_000), MDI_MOD=0b001)
     assert word & (TURNTABLE.shortest | TURNTABLE.ccw) == TURNTABLE.shortest
 
 
 def test_an_edge_while_the_acknowledge_of_the_last_task_stands_is_a_task_that_can_be_rejected() -> None:
-    hand = Hand().enable()
+    hand = positioning().enable()
     assert not hand(ON | ACTIVATE, OPERATING | TAKEN, MDI_TARPOS=POSITION.to_wire(5_000)) & NEW_SETPOINT
     hand(ON | ACTIVATE, OPERATING | TAKEN)
     assert not hand.actuals["ZSW1"] & REACHED
@@ -191,7 +159,7 @@ def test_an_edge_while_the_acknowledge_of_the_last_task_stands_is_a_task_that_ca
 
 
 def test_reached_stays_while_the_bit_of_the_task_that_ended_stands() -> None:
-    hand = Hand().enable()
+    hand = positioning().enable()
     hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(5_000))
     ended = OPERATING | TAKEN | StatusBit.TARGET_REACHED
     hand(ON | ACTIVATE, ended)
@@ -203,7 +171,7 @@ def test_reached_stays_while_the_bit_of_the_task_that_ended_stands() -> None:
 
 
 def test_mdi_that_is_taken_away_brakes_the_task_and_is_the_reason_until_standstill() -> None:
-    hand = Hand().enable()
+    hand = positioning().enable()
     hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(5_000))
     hand(ON, OPERATING | TAKEN)
     hand.feedback.velocity_actual = 3000
@@ -219,7 +187,7 @@ def test_mdi_that_is_taken_away_brakes_the_task_and_is_the_reason_until_standsti
 
 def braking() -> Hand:
     """A task that was rejected and has not come to standstill."""
-    hand = Hand().enable()
+    hand = positioning().enable()
     hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(5_000))
     hand(ON, OPERATING | TAKEN)
     hand.feedback.velocity_actual = 3000
@@ -281,7 +249,7 @@ def test_an_edge_with_an_unknown_method_does_not_renew_a_homing_that_was_taken_b
 
 
 def test_a_homing_that_is_taken_back_before_the_drive_has_its_method_asks_for_nothing_more() -> None:
-    hand = Hand().enable()
+    hand = positioning().enable()
     hand(ON | HOMING, SATZANW=0x8000 | 17)
     hand.stepper.sdo_done(None)
     for _ in range(5):
@@ -316,7 +284,7 @@ def test_a_task_asked_for_in_the_frame_that_ends_a_failed_homing_takes_its_warni
 
 
 def test_an_intermediate_stop_ends_the_hand_shake_of_the_task_it_interrupts() -> None:
-    hand = Hand().enable()
+    hand = positioning().enable()
     stop = ON & ~INTERMEDIATE
     hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(5_000))
     assert hand(stop) & (HALT | NEW_SETPOINT) == HALT | NEW_SETPOINT, "the drive has not taken it"
@@ -325,7 +293,7 @@ def test_an_intermediate_stop_ends_the_hand_shake_of_the_task_it_interrupts() ->
 
 
 def test_the_task_that_waits_when_an_intermediate_stop_comes_is_the_one_to_resume_with() -> None:
-    hand = Hand().enable()
+    hand = positioning().enable()
     stop = ON & ~INTERMEDIATE
     hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(5_000))
     hand(ON)
@@ -338,7 +306,7 @@ def test_the_task_that_waits_when_an_intermediate_stop_comes_is_the_one_to_resum
 
 @pytest.mark.parametrize("relative", [False, True])
 def test_a_task_of_a_modulo_axis_resumes_to_where_it_was_to_end(relative: bool) -> None:
-    hand = Hand(modulo_axis=True).enable()
+    hand = positioning(modulo_axis=True).enable()
     hand.feedback.position_actual = 1_000
     hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(5_000), MDI_MOD=0 if relative else 0b011)
     hand(ON, OPERATING | TAKEN)
@@ -400,7 +368,7 @@ def test_halt_stays_with_the_command_that_ends_the_ramp_of_an_off1() -> None:
 
 
 def test_aktsatz_15_is_shown_in_operation_and_during_the_ramp_and_never_without_a_plc() -> None:
-    hand = Hand()
+    hand = positioning()
     hand(OFF, State.SWITCH_ON_DISABLED)
     assert not hand.actuals["AKTSATZ"] & MDI_ACTIVE
     hand.enable()
@@ -411,14 +379,14 @@ def test_aktsatz_15_is_shown_in_operation_and_during_the_ramp_and_never_without_
     assert hand.actuals["AKTSATZ"] & MDI_ACTIVE
     hand(OFF3)
     assert not hand.actuals["AKTSATZ"] & MDI_ACTIVE
-    lost = Hand().enable()
+    lost = positioning().enable()
     lost.feedback.velocity_actual = 3000
     lost(None)
     assert not lost.actuals["AKTSATZ"] & MDI_ACTIVE
 
 
 def test_xist_a_is_the_drives_position_and_aktsatz_its_homing_method() -> None:
-    hand = Hand().enable()
+    hand = positioning().enable()
     hand.feedback.position_actual = -12_345
     hand(ON)
     assert hand.actuals["XIST_A"] == POSITION.to_wire(-12_345)
@@ -426,7 +394,7 @@ def test_xist_a_is_the_drives_position_and_aktsatz_its_homing_method() -> None:
 
 
 def test_without_references_neither_position_nor_task_nor_method_is_shown() -> None:
-    hand = Hand().enable()
+    hand = positioning().enable()
     hand.feedback.position_actual = -12_345
     hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(5_000))
     hand.stepper.set_drive(None)
@@ -451,7 +419,7 @@ def test_a_drive_that_was_away_for_a_cycle_does_not_know_its_home_position() -> 
 
 
 def test_the_reason_of_a_refused_edge_is_over_with_the_operation() -> None:
-    hand = Hand().enable()
+    hand = positioning().enable()
     hand(ON | ACTIVATE, MDI_VELOCITY=0)
     assert hand.stepper.reason is Reason.TASK_SPEED_ZERO
     hand(OFF2)
@@ -463,7 +431,7 @@ def test_the_reason_of_a_refused_edge_is_over_with_the_operation() -> None:
 def test_a_relative_task_whose_end_the_drives_object_cannot_hold_resumes_to_what_it_can() -> None:
     drive = engel()
     narrow = replace(drive.entries["target_position"], low=-6_000, high=6_000)
-    hand = Hand()
+    hand = positioning()
     hand.stepper.set_drive(replace(drive, entries={**drive.entries, "target_position": narrow}), 35)
     hand.enable()
     hand.feedback.position_actual = 4_000

@@ -1,0 +1,452 @@
+"""Telegram 111 with a drive that answers when the test says so: set-points, modes, Halt, homing, and what is shown."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from pdgw.dsp402.drive_type import DriveType
+from pdgw.dsp402.modes import Mode
+from pdgw.dsp402.objects import NEGATIVE_LIMIT_SWITCH, POSITIVE_LIMIT_SWITCH
+from pdgw.dsp402.states import ControlBit, State, StatusBit
+from pdgw.gateway.motion.blocks import Block, BlockTask
+from pdgw.gateway.motion.wishes import PositionerChoices
+from pdgw.gateway.reasons import FaultNumber, Reason
+from pdgw.profidrive.signals import signal
+from tests.gateway.axis.test_modulo import TABLE, drive_type
+from tests.support.drive_types import References, engel
+from tests.support.hand import OFF, ON, OPERATING, Hand
+from tests.support.positioner import CHOICES
+
+OFF2, OFF3 = ON & ~2, ON & ~4
+REJECT, INTERMEDIATE, ACTIVATE, HOMING = 0x10, 0x20, 0x40, 0x800
+HALT, NEW_SETPOINT, RELATIVE = ControlBit.HALT, ControlBit.NEW_SETPOINT, ControlBit.RELATIVE
+OF_THE_MODE = HALT | NEW_SETPOINT | RELATIVE | ControlBit.CHANGE_IMMEDIATELY
+TAKEN, REACHED = StatusBit.MODE_12, StatusBit.TARGET_REACHED
+MDI_ABSOLUTE, MDI_RELATIVE, SETTING_UP, CONTINUOUS_UPDATE = 0x8100, 0x8000, 0xC200, 0x1000
+ZSW1 = signal("ZSW1")
+HOME_SET = ZSW1.bit("HOME_POSITION_SET", positioning=True).mask
+WARNING = ZSW1.bit("WARNING").mask
+FOLLOWS = ZSW1.bit("WITHIN_TOLERANCE", positioning=True).mask
+SHOWN, SHOWN_2 = signal("POS_ZSW1"), signal("POS_ZSW2")
+DRIVE = engel(References(position_min=-2_000_000, position_max=2_000_000, max_acceleration=2000, max_deceleration=2000))
+FAST = 3000
+"""Actual speed of an axis that turns."""
+
+
+def positioner(choices: PositionerChoices = CHOICES, drive: DriveType = DRIVE, **settings: object) -> Hand:
+    """Before the first frame; homing is mode 6, method 35."""
+    values = {"OVERRIDE": 0x4000, "MDI_ACC": 0x4000, "MDI_DEC": 0x4000, "POS_STW1": MDI_ABSOLUTE, "MDI_VELOCITY": 3000}
+    return Hand(111, drive, Mode.POSITION, values, positioner=choices, **settings)
+
+
+def shows(hand: Hand, name: str) -> bool:
+    found = SHOWN_2 if name in {bit.name for bit in SHOWN_2.bits} else SHOWN
+    word = "POS_ZSW2" if found is SHOWN_2 else "POS_ZSW1"
+    return bool(hand.actuals[word] & found.bit(name).mask)
+
+
+def turning() -> Hand:
+    """Setting up in operation: the drive is in mode 3 and turns."""
+    hand = positioner().enable()
+    hand(ON | ACTIVATE, POS_STW1=SETTING_UP | CONTINUOUS_UPDATE)
+    hand.mode = Mode.VELOCITY
+    hand(ON | ACTIVATE)
+    assert hand.stepper.command.target_velocity == 600
+    hand.feedback.velocity_actual = FAST
+    hand(ON | ACTIVATE)
+    return hand
+
+
+# -- set-points ---------------------------------------------------------------------------------------------------------
+
+
+def test_a_set_point_keeps_bit_4_until_the_drive_has_taken_it_and_its_data_stays() -> None:
+    hand = positioner().enable()
+    hand(ON | ACTIVATE, MDI_TARPOS=10_000, POS_STW1=MDI_ABSOLUTE | CONTINUOUS_UPDATE)
+    for target in range(11_000, 20_000, 1000):
+        assert hand(ON | ACTIVATE, MDI_TARPOS=target) & NEW_SETPOINT
+        assert hand.target == 4096, "continuous update waits for the acknowledge"
+    assert not hand(ON | ACTIVATE, OPERATING | TAKEN) & NEW_SETPOINT
+    assert not hand(ON | ACTIVATE, OPERATING | TAKEN) & NEW_SETPOINT, "the acknowledge stands"
+    assert hand(ON | ACTIVATE) & NEW_SETPOINT
+    assert hand.target == round(19_000 * 0.4096)
+
+
+@pytest.mark.parametrize("end", [OFF, OFF2, OFF3, None], ids=["OFF1", "OFF2", "OFF3", "PLC lost"])
+def test_a_set_point_the_drive_had_not_taken_when_operation_ended_is_not_given_later(end: int | None) -> None:
+    hand = positioner().enable()
+    assert hand(ON | ACTIVATE, MDI_TARPOS=10_000) & NEW_SETPOINT
+    assert not hand(end) & NEW_SETPOINT
+    hand(end, State.SWITCH_ON_DISABLED)
+    hand.enable()
+    assert not any(hand(ON) & OF_THE_MODE for _ in range(10))
+
+
+@pytest.mark.parametrize("word", [ON & ~REJECT, ON & ~INTERMEDIATE], ids=["reject", "intermediate stop"])
+def test_a_set_point_the_drive_has_not_taken_is_taken_back_by_a_stop(word: int) -> None:
+    hand = positioner().enable()
+    hand(ON | ACTIVATE, MDI_TARPOS=10_000)
+    hand.feedback.velocity_actual = FAST
+    assert all(hand(word) & (HALT | NEW_SETPOINT) == HALT for _ in range(5))
+
+
+def test_an_edge_before_the_drive_shows_operation_starts_nothing() -> None:
+    hand = positioner()
+    hand(OFF, State.SWITCH_ON_DISABLED)
+    hand(ON, State.READY_TO_SWITCH_ON)
+    hand(ON, State.SWITCHED_ON)
+    assert not hand(ON | ACTIVATE, State.SWITCHED_ON, MDI_TARPOS=10_000) & OF_THE_MODE
+    assert not any(hand(ON | ACTIVATE) & NEW_SETPOINT for _ in range(10))
+
+
+@pytest.mark.parametrize(
+    ("wanted", "mode"), [(MDI_ABSOLUTE, Mode.VELOCITY), (SETTING_UP, Mode.POSITION)], ids=["position", "speed"]
+)
+def test_nothing_is_given_before_the_drive_shows_the_mode_of_it(wanted: int, mode: Mode) -> None:
+    hand = positioner().enable()
+    hand.mode = mode
+    for _ in range(10):
+        assert not hand(ON | ACTIVATE, MDI_TARPOS=10_000, POS_STW1=wanted) & NEW_SETPOINT
+        assert hand.stepper.command.target_velocity == 0
+        assert hand.stepper.reason is Reason.MODE_NOT_CONFIRMED
+
+
+def test_bit_12_of_another_mode_is_no_acknowledge() -> None:
+    hand = positioner().enable()
+    hand(ON | ACTIVATE, MDI_TARPOS=10_000)
+    hand.mode = Mode.HOMING
+    hand(ON | ACTIVATE, OPERATING | TAKEN)
+    hand.mode = Mode.POSITION
+    assert hand(ON | ACTIVATE) & NEW_SETPOINT
+
+
+def test_bits_5_and_6_of_a_position_are_not_those_of_a_speed() -> None:
+    hand = positioner().enable()
+    assert hand(ON | ACTIVATE, MDI_TARPOS=10_000, POS_STW1=MDI_RELATIVE) & RELATIVE
+    hand(ON, OPERATING | TAKEN)
+    hand(ON | ACTIVATE, POS_STW1=SETTING_UP)
+    hand.mode = Mode.VELOCITY
+    words = [hand(ON | ACTIVATE) for _ in range(5)]
+    assert hand.stepper.command.target_velocity
+    assert not words[-1] & OF_THE_MODE
+
+
+def test_from_a_position_to_a_speed_the_axis_is_halted_to_standstill_before_the_mode_changes() -> None:
+    hand = positioner().enable()
+    hand(ON | ACTIVATE, MDI_TARPOS=10_000)
+    hand(ON | ACTIVATE, OPERATING | TAKEN)
+    hand.feedback.velocity_actual = FAST
+    hand(ON)
+    command = hand.stepper.command
+    for _ in range(5):
+        assert hand(ON | ACTIVATE, POS_STW1=SETTING_UP) & (HALT | NEW_SETPOINT) == HALT
+        assert (command.modes_of_operation, command.target_velocity) == (Mode.POSITION, 0)
+    hand.feedback.velocity_actual = 0
+    assert not hand(ON | ACTIVATE) & (HALT | NEW_SETPOINT), "Halt falls alone"
+    assert command.modes_of_operation == Mode.POSITION
+    hand(ON | ACTIVATE)
+    assert (command.modes_of_operation, command.target_velocity) == (Mode.VELOCITY, 0)
+
+
+def test_from_a_speed_to_a_position_the_drive_ramps_down_by_its_speed() -> None:
+    hand = turning()
+    hand(ON)
+    command = hand.stepper.command
+    for _ in range(5):
+        assert not hand(ON | ACTIVATE, POS_STW1=MDI_ABSOLUTE, MDI_TARPOS=10_000) & (HALT | NEW_SETPOINT)
+        assert (command.modes_of_operation, command.target_velocity) == (Mode.VELOCITY, 0)
+
+
+def test_halt_stays_while_an_intermediate_stop_keeps_its_task_and_falls_at_standstill_behind_a_reject() -> None:
+    hand = positioner().enable()
+    hand(ON | ACTIVATE, MDI_TARPOS=10_000)
+    hand(ON | ACTIVATE, OPERATING | TAKEN)
+    stand = OPERATING | REACHED
+    assert all(hand(ON & ~INTERMEDIATE | ACTIVATE, stand) & HALT for _ in range(50))
+    hand.feedback.velocity_actual = FAST
+    assert all(hand(ON & ~REJECT, OPERATING) & HALT for _ in range(5))
+    hand.feedback.velocity_actual = 0
+    assert not hand(ON & ~REJECT, stand) & HALT
+    assert not any(hand(ON, stand) & OF_THE_MODE & ~ControlBit.CHANGE_IMMEDIATELY for _ in range(10))
+
+
+def test_an_intermediate_stop_of_a_speed_is_the_speed_0_and_ends_with_the_speed_of_before() -> None:
+    hand = turning()
+    command = hand.stepper.command
+    for _ in range(5):
+        assert not hand(ON & ~INTERMEDIATE | ACTIVATE) & HALT
+        assert command.target_velocity == 0
+    hand(ON | ACTIVATE)
+    assert command.target_velocity == 600
+
+
+def test_a_speed_follows_its_set_point() -> None:
+    hand = turning()
+    command = hand.stepper.command
+    for velocity, expected in ((6000, 1200), (30_000, 6000), (300, 60)):
+        hand(ON | ACTIVATE, MDI_VELOCITY=velocity)
+        hand(ON | ACTIVATE)
+        assert command.target_velocity == expected
+
+
+# -- the end of operation -----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("end", "word"), [(OFF2, 0x0), (OFF3, 0x2)], ids=["OFF2", "OFF3"])
+def test_off2_and_off3_go_without_a_bit_of_the_mode_and_leave_no_speed(end: int, word: int) -> None:
+    hand = turning()
+    command = hand.stepper.command
+    assert hand(end) == word
+    assert command.target_velocity == 0
+    assert hand(end) == word
+    assert command.modes_of_operation == Mode.POSITION
+    hand(end, State.SWITCH_ON_DISABLED)
+    hand.feedback.velocity_actual = 0
+    hand.enable()
+    assert not any(hand(ON) & OF_THE_MODE for _ in range(10))
+    assert command.target_velocity == 0
+
+
+def test_off1_ramps_a_speed_down_in_its_mode_and_halt_stays_with_the_command_that_ends_it() -> None:
+    hand = turning()
+    command = hand.stepper.command
+    for _ in range(5):
+        assert hand(OFF) & (HALT | 0xF) == HALT | 0xF
+        assert (command.modes_of_operation, command.target_velocity) == (Mode.VELOCITY, 0)
+    hand.feedback.velocity_actual = 0
+    assert hand(OFF) == HALT | 0x6
+    assert command.modes_of_operation == Mode.VELOCITY
+    assert hand(OFF, State.READY_TO_SWITCH_ON) == 0x6
+    hand(OFF, State.READY_TO_SWITCH_ON)
+    assert command.modes_of_operation == Mode.POSITION
+
+
+def test_on_during_the_ramp_of_an_off1_resumes_operation_and_no_task() -> None:
+    hand = positioner(ramp_stop_resume=True).enable()
+    hand(ON | ACTIVATE, MDI_TARPOS=10_000)
+    hand.feedback.velocity_actual = FAST
+    assert hand(OFF) & HALT
+    hand.feedback.velocity_actual = 10
+    assert not any(hand(ON) & NEW_SETPOINT for _ in range(10))
+    assert hand.stepper.power.released
+
+
+def test_without_references_the_axis_has_no_speed_and_nothing_goes_on_when_they_are_there_again() -> None:
+    hand = turning()
+    command = hand.stepper.command
+    hand.stepper.set_drive(None)
+    assert hand(ON | ACTIVATE) == 0x2, "quick stop"
+    assert command.target_velocity == 0
+    hand.stepper.set_drive(DRIVE, 35)
+    hand(ON | ACTIVATE, State.SWITCH_ON_DISABLED)
+    hand.feedback.velocity_actual = 0
+    hand(OFF | ACTIVATE, State.SWITCH_ON_DISABLED)
+    for status in (State.READY_TO_SWITCH_ON, State.SWITCHED_ON, *[State.OPERATION_ENABLED] * 10):
+        assert not hand(ON | ACTIVATE, status) & OF_THE_MODE
+        assert command.target_velocity == 0
+
+
+# -- homing -------------------------------------------------------------------------------------------------------------
+
+
+def homed() -> Hand:
+    """With method 35, which is immediate."""
+    hand = positioner().enable()
+    hand(ON | HOMING)
+    hand.stepper.sdo_done(None)
+    hand(ON | HOMING)
+    hand.mode = Mode.HOMING
+    for _ in range(3):
+        hand(ON | HOMING)
+    for _ in range(60):
+        hand(ON | HOMING, OPERATING | TAKEN | REACHED)
+    assert hand.actuals["ZSW1"] & HOME_SET
+    hand.mode = Mode.POSITION
+    hand(ON)
+    assert hand.actuals["ZSW1"] & HOME_SET
+    return hand
+
+
+def test_a_drive_that_was_away_for_a_cycle_does_not_know_its_home_position() -> None:
+    hand = homed()
+    hand.online = False
+    hand(ON)
+    hand.online = True
+    hand(ON)
+    assert not hand.actuals["ZSW1"] & HOME_SET
+
+
+def test_a_homing_asked_while_something_turns_the_axis_waits_for_standstill_in_the_mode_there_is() -> None:
+    hand = turning()
+    hand(ON & ~REJECT)
+    hand.feedback.velocity_actual = 0
+    hand(ON)
+    hand(ON)
+    hand.feedback.velocity_actual = FAST
+    command = hand.stepper.command
+    for _ in range(5):
+        assert not hand(ON | HOMING) & NEW_SETPOINT
+        assert (command.modes_of_operation, command.target_velocity) == (Mode.VELOCITY, 0)
+        assert hand.stepper.sdo_request is None
+    hand.feedback.velocity_actual = 0
+    hand(ON | HOMING)
+    assert hand.stepper.sdo_request is not None
+
+
+def test_homing_starts_when_the_drive_has_its_method_and_shows_mode_6() -> None:
+    hand = positioner().enable()
+    for _ in range(5):
+        assert not hand(ON | HOMING) & OF_THE_MODE
+        assert hand.stepper.command.modes_of_operation == Mode.POSITION
+    hand.stepper.sdo_done(None)
+    for _ in range(5):
+        assert not hand(ON | HOMING) & OF_THE_MODE
+        assert hand.stepper.command.modes_of_operation == Mode.HOMING
+    hand.mode = Mode.HOMING
+    assert hand(ON | HOMING) & OF_THE_MODE == NEW_SETPOINT
+    assert all(hand(ON | HOMING) & OF_THE_MODE == NEW_SETPOINT for _ in range(10))
+
+
+@pytest.mark.parametrize("method", [None, 99])
+def test_a_homing_with_a_method_the_drive_does_not_have_starts_nothing_and_warns(method: int | None) -> None:
+    hand = positioner(replace(CHOICES, homing_method=method)).enable()
+    for _ in range(10):
+        assert not hand(ON | HOMING) & NEW_SETPOINT
+        assert hand.stepper.sdo_request is None
+        assert hand.stepper.command.modes_of_operation == Mode.POSITION
+    assert [event.number for event in hand.stepper.events] == [FaultNumber.HOMING_METHOD]
+    assert hand.actuals["ZSW1"] & WARNING
+    assert not hand.actuals["ZSW1"] & HOME_SET
+
+
+def test_a_homing_whose_parameters_the_drive_does_not_take_ends_with_its_warning() -> None:
+    hand = positioner().enable()
+    hand(ON | HOMING)
+    hand.stepper.sdo_done("refused")
+    for _ in range(10):
+        assert not hand(ON | HOMING) & NEW_SETPOINT
+        assert hand.stepper.command.modes_of_operation == Mode.POSITION
+    assert [event.number for event in hand.stepper.events] == [FaultNumber.HOMING_PARAMETERS]
+    assert hand.actuals["ZSW1"] & WARNING
+
+
+def test_a_homing_error_ends_the_homing_and_the_drive_goes_back_to_mode_1() -> None:
+    hand = positioner().enable()
+    hand(ON | HOMING)
+    hand.stepper.sdo_done(None)
+    hand(ON | HOMING)
+    hand.mode = Mode.HOMING
+    for _ in range(3):
+        hand(ON | HOMING)
+    words = [hand(ON | HOMING, OPERATING | StatusBit.MODE_13) for _ in range(30)]
+    assert not words[-1] & OF_THE_MODE
+    assert hand.stepper.command.modes_of_operation == Mode.POSITION
+    assert [event.number for event in hand.stepper.events] == [FaultNumber.HOMING]
+    assert not hand.actuals["ZSW1"] & HOME_SET
+
+
+# -- a modulo axis ------------------------------------------------------------------------------------------------------
+
+
+def ring() -> Hand:
+    hand = positioner(TABLE, drive_type(wraps=True)).enable()
+    hand.feedback.position_actual = 3000
+    hand(ON)
+    return hand
+
+
+def test_a_way_over_the_end_is_a_relative_one_behind_an_absolute_one_to_where_the_axis_stands() -> None:
+    hand = ring()
+    assert hand(ON | ACTIVATE, MDI_TARPOS=0) & (NEW_SETPOINT | RELATIVE) == NEW_SETPOINT
+    assert hand.target == 3000
+    hand(ON | ACTIVATE, OPERATING | TAKEN)
+    assert hand(ON | ACTIVATE) & (NEW_SETPOINT | RELATIVE) == NEW_SETPOINT | RELATIVE
+    assert hand.target == 1096
+    hand(ON | ACTIVATE, OPERATING | TAKEN)
+    assert not any(hand(ON | ACTIVATE) & NEW_SETPOINT for _ in range(10))
+
+
+def test_a_way_over_the_end_begins_at_standstill() -> None:
+    hand = ring()
+    hand(ON | ACTIVATE, MDI_TARPOS=9000)
+    hand(ON, OPERATING | TAKEN)
+    hand.feedback.velocity_actual = FAST
+    for _ in range(5):
+        assert hand(ON | ACTIVATE, MDI_TARPOS=0) & (HALT | NEW_SETPOINT) == HALT
+    hand.feedback.velocity_actual = 0
+    assert not hand(ON | ACTIVATE) & (HALT | NEW_SETPOINT), "Halt falls alone"
+    assert hand(ON | ACTIVATE) & (HALT | NEW_SETPOINT) == NEW_SETPOINT
+
+
+# -- what the drive tells -----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("switch", "name"),
+    [(NEGATIVE_LIMIT_SWITCH, "NEGATIVE_HARDWARE_LIMIT"), (POSITIVE_LIMIT_SWITCH, "POSITIVE_HARDWARE_LIMIT")],
+)
+def test_the_limit_switches_of_the_drive_are_shown_while_they_are_hit(switch: int, name: str) -> None:
+    hand = positioner().enable()
+    names = ("NEGATIVE_HARDWARE_LIMIT", "POSITIVE_HARDWARE_LIMIT")
+    for hit in (switch, 0, switch):
+        hand.feedback.digital_inputs = hit
+        hand(ON, POS_STW2=0x8000)
+        hand(ON)
+        assert [item for item in names if shows(hand, item)] == ([name] if hit else [])
+
+
+def test_a_fixed_stop_is_reached_with_its_torque_and_not_by_standing_still() -> None:
+    block = Block(1, 50_000, 3000, task=BlockTask.FIXED_STOP, value=250)
+    hand = positioner(replace(CHOICES, blocks=(block,))).enable()
+    hand(ON, POS_STW1=1)
+    for _ in range(3):
+        hand(ON | ACTIVATE)
+        if hand.stepper.sdo_request is not None:
+            hand.stepper.sdo_done(None)
+    hand(ON | ACTIVATE, OPERATING | TAKEN)
+    for _ in range(100):
+        hand.feedback.current_actual = 237
+        hand(ON | ACTIVATE)
+        assert not shows(hand, "FIXED_STOP_REACHED")
+    hand.feedback.current_actual = -238
+    for _ in range(100):
+        hand(ON | ACTIVATE)
+    assert shows(hand, "FIXED_STOP_REACHED")
+
+
+@pytest.mark.parametrize(("mode", "shown"), [(Mode.POSITION, True), (Mode.HOMING, False)])
+def test_bit_13_is_a_following_error_in_mode_1_alone(mode: Mode, shown: bool) -> None:
+    hand = positioner().enable()
+    assert hand.actuals["ZSW1"] & FOLLOWS
+    hand.mode = mode
+    hand(ON, OPERATING | StatusBit.MODE_13)
+    assert bool(hand.actuals["ZSW1"] & FOLLOWS) is not shown
+
+
+@pytest.mark.parametrize(
+    ("blocks", "clamping_torque", "refused"),
+    [
+        ((), None, False),
+        ((Block(1, 5000, 300),), None, False),
+        ((Block(1, 5000, 300, task=BlockTask.FIXED_STOP, value=100),), None, True),
+        ((), 100, True),
+    ],
+)
+def test_a_drive_without_a_torque_limit_is_refused_for_a_fixed_stop_alone(
+    blocks: tuple[Block, ...], clamping_torque: int | None, refused: bool
+) -> None:
+    choices = replace(CHOICES, blocks=blocks, clamping_torque=clamping_torque)
+    hand = positioner(choices, replace(DRIVE, max_torque=0)).enable()
+    assert any("Max Torque 6072h" in event.text for event in hand.stepper.events) is refused
+    assert hand.stepper.power.released is not refused
+
+
+def test_what_a_limit_of_the_drive_takes_from_a_velocity_is_counted() -> None:
+    hand = positioner(replace(CHOICES, max_velocity=1_000_000)).enable()
+    hand(ON | ACTIVATE, MDI_TARPOS=10_000, MDI_VELOCITY=30_000)
+    assert (hand.stepper.command.profile_velocity, hand.stepper.saturations) == (6000, 0)
+    hand(ON, OPERATING | TAKEN)
+    hand(ON | ACTIVATE, MDI_TARPOS=20_000, MDI_VELOCITY=1_000_000)
+    assert (hand.stepper.command.profile_velocity, hand.stepper.saturations) == (6000, 1)
