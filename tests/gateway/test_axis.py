@@ -84,6 +84,20 @@ def test_the_end_of_a_withdrawn_request_does_not_answer_the_next(axis: Axis) -> 
     assert requests.told[1:] == [SdoAnswer(SECOND, None)]
 
 
+def test_a_request_waits_for_the_end_of_the_one_before(axis: Axis) -> None:
+    """Both write the same objects: the later values have to be written later."""
+    requests = Requests(axis)
+    axis.outputs.writes = FIRST
+    requests.cycle()
+    axis.outputs.writes = SECOND
+    requests.cycle()
+    assert len(requests.jobs) == 1
+    requests.jobs[0].set_result(None)
+    requests.cycle()
+    assert requests.told == [SdoAnswer(FIRST, None)]
+    assert len(requests.jobs) == 2
+
+
 def test_a_refusal_that_repeats_is_one_fault_until_the_drive_was_accepted(axis: Axis) -> None:
     def tell(status: DriveStatus, text: str) -> None:
         axis.drive.status = status
@@ -108,6 +122,15 @@ def test_a_lost_drive_and_a_lost_bus_are_different_faults(axis: Axis, healthy: b
     axis.on_node_event(DriveEvent("status", "lost", time_ns=1))
     axis.step(None, 1)
     assert [fault.number for fault in axis.faults] == [number]
+
+
+@pytest.mark.parametrize("status", [DriveStatus.CONFIGURING, DriveStatus.OFFLINE])
+def test_what_a_drive_does_on_a_lost_bus_is_no_second_loss_of_it(axis: Axis, status: DriveStatus) -> None:
+    axis.drive.status = status
+    axis.network.healthy = False
+    axis.on_node_event(DriveEvent("status", "tried again", time_ns=1))
+    axis.step(None, 1)
+    assert 102 not in [fault.number for fault in axis.faults]
 
 
 @pytest.mark.parametrize(("code", "number"), [(0x2310, 7), (0x1234, 10)])

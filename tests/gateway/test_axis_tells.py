@@ -11,6 +11,7 @@ from pdgw.dsp402.drive import DriveEvent, DriveStatus
 from pdgw.dsp402.states import STATUS_OF, State, StatusBit
 from pdgw.gateway.binding import Axis
 from pdgw.gateway.config import AxisConfig
+from pdgw.gateway.faults import EMCY_WARNING_BIT
 from pdgw.gateway.reasons import FIRST_WARNING, Reason
 from pdgw.gateway.status import axis_status
 from tests.support import buses
@@ -143,6 +144,42 @@ def test_an_emergency_that_ended_is_a_new_one_when_it_comes_again(axis: Axis) ->
     emcy(axis, 0, 0, now=4)
     emcy(axis, 0x2310, now=5)
     assert len(axis.faults) == 2
+
+
+def test_an_emergency_without_an_error_is_a_warning_until_its_end_whatever_else_is_told(axis: Axis) -> None:
+    emcy(axis, 0x2310, register=0, now=1)
+    bit = 1 << EMCY_WARNING_BIT
+    assert axis.fault_log.warnings(present=axis.warning) & bit, "P953"
+    axis.on_node_event(DriveEvent("status", "mapping PDOs", time_ns=2))
+    axis.step(None, 2)
+    assert axis.fault_log.warnings(present=axis.warning) & bit
+    emcy(axis, 0, register=0, now=3)
+    assert not axis.fault_log.warnings(present=axis.warning) & bit
+
+
+def test_the_log_has_each_change_of_the_reason_each_fault_and_what_the_node_told_once(
+    steps: Steps, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level("INFO", logger="gateway")
+    steps.enable()
+    steps(ON, *[State.OPERATION_ENABLED] * 5)
+    steps.axis.on_node_event(DriveEvent("status", "operational, configuration 1", time_ns=1))
+    steps(ON, *[State.OPERATION_ENABLED] * 2)
+    steps(ON, *[STATUS_OF[State.OPERATION_ENABLED] | StatusBit.INTERNAL_LIMIT] * 3)
+    steps(ON, *[State.SWITCHED_ON] * 3)
+    told = [(record.levelname, getattr(record, "event", ""), record.getMessage()) for record in caplog.records]
+    first = told.index(("INFO", "reason", "axis 7: obeys the PLC"))
+    assert [(level, event) for level, event, _ in told[first:]] == [
+        ("INFO", "reason"),
+        ("INFO", "node"),
+        ("WARNING", "warning"),
+        ("INFO", "reason"),
+        ("ERROR", "fault"),
+        ("INFO", "reason"),
+    ]
+    assert told[first + 1][2] == "axis 7: node operational, configuration 1"
+    assert told[first + 3][2] == f"axis 7: {Reason.INTERNAL_LIMIT.value}"
+    assert "fault 122" in told[first + 4][2]
 
 
 def test_a_drive_that_does_not_answer_is_fault_121_once(axis: Axis) -> None:

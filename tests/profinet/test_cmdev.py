@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 from uuid import UUID
 
 import pytest
 
 from pdgw.peers.controller.controller import Phase
-from pdgw.profinet import cmdev
-from pdgw.profinet.blocks.connect import IocrType
+from pdgw.profinet import apmx, cmdev
+from pdgw.profinet.apmx import PduType
+from pdgw.profinet.blocks.alarm import Priority
+from pdgw.profinet.blocks.connect import IocrType, ModuleDiffBlock
 from pdgw.profinet.blocks.control import ApplicationReadyRes, Command, PrmBeginReq, PrmEndReq, ReleaseReq
 from pdgw.profinet.cmdev import (
     ABORTS,
@@ -138,15 +141,67 @@ def test_the_table_is_total() -> None:
 def test_a_relationship_that_ended_does_nothing_any_more() -> None:
     sink = Sink()
     item = relation(sink)
+    assert item.plan.alarm is not None
+    alarm = bytes(18) + apmx.encode(
+        Priority.LOW, item.reference, item.plan.alarm.reference, PduType.DATA, 0xFFFF, 0xFFFE
+    )
     item.handle(Event.STOPPED, 0)
     sink.frames.clear()
     for event in Event:
         item.handle(event, 1)
+    item.receive_alarm(Priority.LOW, alarm, 18, 1)
     item.poll(1 << 60)
     item.send_alarms(1 << 60)
     assert (sink.frames, sink.datagrams) == ([], [])
     assert not item.alive
     assert all(action in {Action.NOTHING, Action.REFUSE} for (state, _), (_, action) in TABLE.items() if state is END)
+
+
+def test_an_alarm_of_the_controller_is_acknowledged_at_once() -> None:
+    sink = Sink()
+    item = relation(sink)
+    assert item.plan.alarm is not None
+    content = apmx.encode(Priority.LOW, item.reference, item.plan.alarm.reference, PduType.DATA, 0xFFFF, 0xFFFE)
+    item.receive_alarm(Priority.LOW, bytes(18) + content, 18, 1)
+    (frame,) = sink.frames
+    assert apmx.PDU.unpack_from(frame, 18)[3] & 0xF == PduType.ACK
+
+
+def test_a_loss_of_data_while_parameters_are_written_anew_is_due_before_the_activity_time() -> None:
+    item = relation(Sink())
+    for event in (Event.PRM_END, Event.CONFIRMED, Event.DATA_RECEIVED):
+        item.handle(event, 5)
+    assert item.consumer is not None
+    item.consumer.last_ns = 6
+    item.handle(Event.PRM_BEGIN, 7)
+    assert item.watch_deadline == item.consumer.deadline == 6 + item.consumer.hold_ns
+
+
+def test_an_alarm_that_waits_for_its_acknowledge_is_due_when_that_is_nearer_than_the_loss_of_data() -> None:
+    diagnosis = Diagnosis()
+    diagnosis.set((1, 1), 0x9000)
+    sink = Sink()
+    item = relation(sink)
+    item.alarms = AlarmSource(diagnosis, model(), item.plan.proper)
+    for event in (Event.PRM_END, Event.CONFIRMED, Event.DATA_RECEIVED):
+        item.handle(event, 5)
+    assert item.consumer is not None
+    assert item.plan.alarm is not None
+    item.send_alarms(7)
+    assert len(sink.frames) == 1, "sent at once"
+    due = 7 + item.plan.alarm.rta_timeout * 100 * MS
+    for last, nearest in ((due, due), (due - item.consumer.hold_ns - 1, due - 1)):
+        item.consumer.last_ns = last
+        assert item.watch_deadline == nearest
+
+
+def test_data_that_came_before_the_confirmation_counts_with_it() -> None:
+    item = relation(Sink())
+    item.handle(Event.PRM_END, 5)
+    assert item.consumer is not None
+    item.consumer.last_ns = 6
+    item.handle(Event.CONFIRMED, 7)
+    assert item.state is D
 
 
 # -- timers, through a whole device -----------------------------------------------------------------------------------
@@ -395,6 +450,40 @@ def test_only_the_controllers_own_answer_confirms_application_ready() -> None:
     confirm(PLC_IP, replace(header, sequence=7), right.encode())
     confirm(PLC_IP, replace(header, activity=UUID(int=1)), right.encode())
     confirm(PLC_IP, header, b"nonsense")
+    confirm(PLC_IP, replace(header, packet_type=PacketType.WORKING), right.encode())
     assert item.state is State.CONFIRMING
     confirm(PLC_IP, header, right.encode())
     assert item.state is State.AWAITING_DATA
+
+
+@pytest.mark.parametrize(
+    ("status", "changes"),
+    [(0xDD814006, {}), (0, {"session_key": 2}), (0, {"ar_uuid": UUID(int=8)}), (0, {"command": Command.RELEASE})],
+    ids=["error", "session", "AR", "command"],
+)
+def test_a_controller_whose_answer_does_not_confirm_is_given_up(status: int, changes: dict[str, Any]) -> None:
+    caller = connected_by_hand()
+    control(caller, PRM_END, Operation.CONTROL)
+    wire = caller.wire
+    item = wire.device.relation
+    assert item is not None
+    right = ApplicationReadyRes(ar_uuid=AR_UUID, session_key=item.plan.ar.session_key, command=Command.DONE)
+    header = RpcHeader(PacketType.RESPONSE, INITIATOR, item.activity, 0, cmdev.CONTROL_OPERATION)
+    body = encode_arguments(status, replace(right, **changes).encode(), 4096, little=True)
+    wire.device.on_datagram(dcerpc.encode_packet(header, body), (PLC_IP, 1), 0)
+    wire.events += wire.device.events()
+    assert ended(wire) is AbortCode.CONTROL
+
+
+def test_application_ready_names_the_submodules_that_differ() -> None:
+    sink = Sink()
+    item = relation(sink)
+    item.handle(Event.PRM_END, 5)
+    assert item.plan.diff is None
+    plain = sink.datagrams.pop()
+    item = relation(sink)
+    diff = ModuleDiffBlock(apis=())
+    item.plan = replace(item.plan, diff=diff)
+    item.handle(Event.PRM_END, 5)
+    assert len(sink.datagrams[0]) == len(plain) + len(diff.encode())
+    assert diff.encode() in sink.datagrams[0]
