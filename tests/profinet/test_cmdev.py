@@ -195,6 +195,23 @@ def test_an_alarm_that_waits_for_its_acknowledge_is_due_when_that_is_nearer_than
         assert item.watch_deadline == nearest
 
 
+def test_with_the_loss_of_data_the_alarm_err_is_the_last_frame() -> None:
+    sink = Sink()
+    item = relation(sink)
+    for event in (Event.PRM_END, Event.CONFIRMED, Event.DATA_RECEIVED):
+        item.handle(event, 5)
+    assert item.consumer is not None
+    item.consumer.last_ns = 6
+    item.poll(6 + item.consumer.hold_ns - 1)
+    sink.frames.clear()
+    item.poll(6 + item.consumer.hold_ns + S)
+    assert not item.alive
+    (frame,) = sink.frames
+    assert apmx.PDU.unpack_from(frame, 18)[3] & 0xF == PduType.ERR
+    item.poll(6 + item.consumer.hold_ns + 2 * S)
+    assert len(sink.frames) == 1
+
+
 def test_data_that_came_before_the_confirmation_counts_with_it() -> None:
     item = relation(Sink())
     item.handle(Event.PRM_END, 5)
