@@ -211,7 +211,6 @@ class PositioningExecutor(Executor):
     def _forget_tasks(self) -> None:
         self._task = self._pending = None
         self._setpoint_bit = False
-        self._at_limit = False
         self._limit.reset()
 
     # -- traversing tasks -----------------------------------------------------------------------------------------

@@ -10,7 +10,8 @@ from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.objects import NEGATIVE_LIMIT_SWITCH, POSITIVE_LIMIT_SWITCH
 from pdgw.dsp402.states import ControlBit, State, StatusBit
-from pdgw.gateway.motion.blocks import Block, BlockTask
+from pdgw.gateway.axis.values import ProbeAnswer, SdoWrite
+from pdgw.gateway.motion.blocks import Block, BlockNext, BlockTask
 from pdgw.gateway.motion.wishes import PositionerChoices
 from pdgw.gateway.reasons import FaultNumber, Reason
 from pdgw.profidrive.signals import signal
@@ -111,6 +112,10 @@ def test_nothing_is_given_before_the_drive_shows_the_mode_of_it(wanted: int, mod
         assert not hand(ON | ACTIVATE, MDI_TARPOS=10_000, POS_STW1=wanted) & NEW_SETPOINT
         assert hand.stepper.command.target_velocity == 0
         assert hand.stepper.reason is Reason.MODE_NOT_CONFIRMED
+    hand.mode = Mode.VELOCITY if wanted == SETTING_UP else Mode.POSITION
+    word = hand(ON | ACTIVATE)
+    assert word & NEW_SETPOINT or hand.stepper.command.target_velocity
+    assert hand.stepper.reason is None
 
 
 def test_bit_12_of_another_mode_is_no_acknowledge() -> None:
@@ -148,6 +153,58 @@ def test_from_a_position_to_a_speed_the_axis_is_halted_to_standstill_before_the_
     assert command.modes_of_operation == Mode.POSITION
     hand(ON | ACTIVATE)
     assert (command.modes_of_operation, command.target_velocity) == (Mode.VELOCITY, 0)
+
+
+@pytest.mark.parametrize("word", [ON & ~REJECT, ON & ~INTERMEDIATE], ids=["reject", "intermediate stop"])
+def test_behind_a_set_point_that_was_taken_back_the_next_one_has_its_own_data(word: int) -> None:
+    hand = positioner().enable()
+    hand(ON | ACTIVATE, MDI_TARPOS=10_000)
+    hand(word)
+    hand(word & ~REJECT)
+    hand(ON & ~REJECT)
+    for _ in range(3):
+        assert not hand(ON) & NEW_SETPOINT
+    assert hand(ON | ACTIVATE, MDI_TARPOS=20_000) & NEW_SETPOINT
+    assert hand.target == 8192
+
+
+def test_a_set_point_the_drive_has_not_taken_is_forgotten_when_a_speed_replaces_it() -> None:
+    hand = positioner().enable()
+    hand(ON | ACTIVATE, MDI_TARPOS=10_000)
+    hand.feedback.velocity_actual = FAST
+    hand(ON)
+    assert hand(ON | ACTIVATE, POS_STW1=SETTING_UP) & (HALT | NEW_SETPOINT) == HALT
+    hand(ON & ~REJECT)
+    hand.feedback.velocity_actual = 0
+    for _ in range(5):
+        assert not hand(ON) & NEW_SETPOINT
+    assert hand(ON | ACTIVATE, POS_STW1=MDI_ABSOLUTE, MDI_TARPOS=20_000) & NEW_SETPOINT
+    assert hand.target == 8192
+
+
+def test_a_speed_follows_the_override_also_through_0() -> None:
+    hand = turning()
+    for override, expected in ((0x2000, 300), (0, 0), (0x4000, 600)):
+        hand(ON | ACTIVATE, OVERRIDE=override)
+        hand(ON | ACTIVATE)
+        assert hand.stepper.command.target_velocity == expected
+
+
+@pytest.mark.parametrize(
+    ("choices", "wraps", "waits"),
+    [(CHOICES, None, True), (replace(CHOICES, waiting_setpoints=False), None, False), (TABLE, False, False)],
+    ids=["drive keeps one", "drive keeps none", "modulo axis"],
+)
+def test_the_next_flying_block_is_given_early_only_where_the_drive_keeps_a_set_point(
+    choices: PositionerChoices, wraps: bool | None, waits: bool
+) -> None:
+    choices = replace(choices, blocks=(Block(1, 5000, 3000, next=BlockNext.FLYING), Block(2, 9000, 3000)))
+    hand = positioner(choices, DRIVE if wraps is None else drive_type(wraps=wraps)).enable()
+    hand(ON, POS_STW1=1)
+    hand(ON | ACTIVATE)
+    hand.feedback.velocity_actual = 600
+    hand(ON | ACTIVATE, OPERATING | TAKEN)
+    assert any(hand(ON | ACTIVATE) & NEW_SETPOINT for _ in range(5)) is waits
 
 
 def test_from_a_speed_to_a_position_the_drive_ramps_down_by_its_speed() -> None:
@@ -239,6 +296,8 @@ def test_without_references_the_axis_has_no_speed_and_nothing_goes_on_when_they_
     hand.stepper.set_drive(None)
     assert hand(ON | ACTIVATE) == 0x2, "quick stop"
     assert command.target_velocity == 0
+    hand(ON | ACTIVATE)
+    assert not shows(hand, "SETTING_UP")
     hand.stepper.set_drive(DRIVE, 35)
     hand(ON | ACTIVATE, State.SWITCH_ON_DISABLED)
     hand.feedback.velocity_actual = 0
@@ -309,6 +368,58 @@ def test_homing_starts_when_the_drive_has_its_method_and_shows_mode_6() -> None:
     assert all(hand(ON | HOMING) & OF_THE_MODE == NEW_SETPOINT for _ in range(10))
 
 
+def test_a_homing_that_is_taken_back_is_halted_in_mode_6_and_halt_falls_alone() -> None:
+    hand = positioner().enable()
+    hand(ON | HOMING)
+    hand.stepper.sdo_done(None)
+    hand(ON | HOMING)
+    hand.mode = Mode.HOMING
+    hand(ON | HOMING)
+    hand.feedback.velocity_actual = FAST
+    command = hand.stepper.command
+    for _ in range(5):
+        assert hand(ON) & OF_THE_MODE == HALT
+        assert command.modes_of_operation == Mode.HOMING
+    hand.feedback.velocity_actual = 0
+    assert not hand(ON) & OF_THE_MODE
+    assert command.modes_of_operation == Mode.HOMING
+    assert not hand(ON) & OF_THE_MODE
+    assert command.modes_of_operation == Mode.POSITION
+
+
+def test_a_second_homing_waits_for_the_drive_as_the_first_one_did() -> None:
+    hand = homed()
+    hand(ON | HOMING)
+    hand.stepper.sdo_done(None)
+    hand(ON | HOMING)
+    hand.mode = Mode.HOMING
+    for _ in range(50):
+        assert hand(ON | HOMING) & NEW_SETPOINT
+        assert not hand.actuals["ZSW1"] & HOME_SET
+    shown = []
+    for _ in range(4):
+        hand(ON | HOMING, OPERATING | TAKEN | REACHED)
+        shown.append(bool(hand.actuals["ZSW1"] & HOME_SET))
+    assert shown == [False, False, False, True], "the position is of the same moment two cycles later"
+
+
+def test_the_answer_to_a_homing_that_ended_with_the_operation_does_not_start_the_next() -> None:
+    hand = positioner().enable()
+    hand(ON | HOMING)
+    hand(OFF2)
+    hand(OFF2, State.SWITCH_ON_DISABLED)
+    hand.enable()
+    hand(ON | HOMING)
+    hand.stepper.sdo_done(None)
+    hand(ON | HOMING)
+    assert hand.stepper.command.modes_of_operation == Mode.POSITION
+    assert hand.stepper.sdo_request is not None, "asked anew"
+    hand.stepper.sdo_done(None)
+    hand(ON | HOMING)
+    hand(ON | HOMING)
+    assert hand.stepper.command.modes_of_operation == Mode.HOMING
+
+
 @pytest.mark.parametrize("method", [None, 99])
 def test_a_homing_with_a_method_the_drive_does_not_have_starts_nothing_and_warns(method: int | None) -> None:
     hand = positioner(replace(CHOICES, homing_method=method)).enable()
@@ -368,6 +479,14 @@ def test_a_way_over_the_end_is_a_relative_one_behind_an_absolute_one_to_where_th
     assert not any(hand(ON | ACTIVATE) & NEW_SETPOINT for _ in range(10))
 
 
+def test_a_way_within_the_range_is_one_absolute_set_point() -> None:
+    hand = ring()
+    assert hand(ON | ACTIVATE, MDI_TARPOS=5000) & (NEW_SETPOINT | RELATIVE) == NEW_SETPOINT
+    assert hand.target == 2048
+    hand(ON | ACTIVATE, OPERATING | TAKEN)
+    assert not any(hand(ON | ACTIVATE) & NEW_SETPOINT for _ in range(10))
+
+
 def test_a_way_over_the_end_begins_at_standstill() -> None:
     hand = ring()
     hand(ON | ACTIVATE, MDI_TARPOS=9000)
@@ -378,6 +497,67 @@ def test_a_way_over_the_end_begins_at_standstill() -> None:
     hand.feedback.velocity_actual = 0
     assert not hand(ON | ACTIVATE) & (HALT | NEW_SETPOINT), "Halt falls alone"
     assert hand(ON | ACTIVATE) & (HALT | NEW_SETPOINT) == NEW_SETPOINT
+
+
+def test_the_position_counts_on_across_the_end_of_32_bits() -> None:
+    hand = positioner(TABLE, drive_type(wraps=False)).enable()
+    shown = []
+    for position in ((1 << 31) - 1, -(1 << 31)):
+        hand.feedback.position_actual = position
+        hand(ON)
+        shown.append(hand.actuals["XIST_A"])
+    assert (shown[1] - shown[0]) % 10_000 <= 3, "one unit is 2.4 LU"
+
+
+@pytest.mark.parametrize(
+    ("limits", "fits"),
+    [
+        ((0, 4095), True),
+        ((0, 4096), True),
+        ((-2048, 2047), True),
+        ((-2048, 2048), True),
+        ((0, 4094), False),
+        ((0, 4097), False),
+        ((0, 8191), False),
+    ],
+)
+def test_a_drive_wraps_after_the_modulo_range_or_is_refused(limits: tuple[int, int], fits: bool) -> None:
+    drive = drive_type(wraps=True)
+    hand = positioner(TABLE, replace(drive, scaling=replace(drive.scaling, position_range=limits))).enable()
+    assert hand.stepper.power.released is fits
+    assert any("modulo_range" in event.text for event in hand.stepper.events) is not fits
+
+
+# -- the range ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("limits", "lu", "target", "given"),
+    [
+        ((-1_000_000, 1_000_000), 4096, 1_000_000, True),
+        ((-1_000_000, 1_000_000), 4096, 1_000_001, False),
+        ((-1_000_000, 1_000_000), 4096, -1_000_001, False),
+        (None, 4096, 1_000_001, True),
+        (None, 100, 53_000_000, False),
+    ],
+)
+def test_a_target_outside_what_the_drive_can_be_sent_to_is_not_given(
+    limits: tuple[int, int] | None, lu: int, target: int, given: bool
+) -> None:
+    choices = replace(CHOICES, lu_per_revolution=lu, software_limits=None, blocks=())
+    hand = positioner(choices, replace(DRIVE, scaling=replace(DRIVE.scaling, position_range=limits))).enable()
+    word = hand(ON | ACTIVATE, MDI_TARPOS=target)
+    assert bool(word & NEW_SETPOINT) is given
+    assert bool(hand.actuals["ZSW1"] & WARNING) is not given
+
+
+@pytest.mark.parametrize(("limit", "given"), [(5000, True), (4000, False)])
+def test_a_modulo_axis_whose_drive_has_an_end_is_not_sent_beyond_it(limit: int, given: bool) -> None:
+    drive = drive_type(wraps=False)
+    hand = positioner(TABLE, replace(drive, scaling=replace(drive.scaling, position_range=(-limit, limit)))).enable()
+    hand.feedback.position_actual = 2048
+    hand(ON)
+    assert bool(hand(ON | ACTIVATE, MDI_TARPOS=0) & NEW_SETPOINT) is given
 
 
 # -- what the drive tells -----------------------------------------------------------------------------------------------
@@ -441,6 +621,80 @@ def test_a_drive_without_a_torque_limit_is_refused_for_a_fixed_stop_alone(
     hand = positioner(choices, replace(DRIVE, max_torque=0)).enable()
     assert any("Max Torque 6072h" in event.text for event in hand.stepper.events) is refused
     assert hand.stepper.power.released is not refused
+
+
+def test_a_drive_that_restarted_is_given_its_own_torque_limit_once() -> None:
+    hand = positioner().enable()
+    assert hand.stepper.sdo_request is None
+    hand.stepper.drive_restarted()
+    hand(OFF, State.SWITCH_ON_DISABLED)
+    assert hand.stepper.sdo_request == (SdoWrite(0x6072, 0, 3000),)
+    hand.stepper.sdo_done(None)
+    for _ in range(5):
+        hand(OFF, State.READY_TO_SWITCH_ON)
+        assert hand.stepper.sdo_request is None
+
+
+def test_a_task_at_a_limit_of_the_drive_is_halted_after_half_a_second_and_not_before() -> None:
+    hand = positioner().enable()
+    hand(ON | ACTIVATE, MDI_TARPOS=10_000)
+    hand(ON | ACTIVATE, OPERATING | TAKEN)
+    words = [hand(ON | ACTIVATE, OPERATING | StatusBit.INTERNAL_LIMIT) & HALT for _ in range(130)]
+    assert not any(words[:124])
+    assert words[-1]
+    assert not any(hand(ON | ACTIVATE) & NEW_SETPOINT for _ in range(10)), "a switch that is released starts nothing"
+
+
+def test_meldw_tells_what_the_drive_does() -> None:
+    hand = positioner().enable()
+    slow = hand.actuals["MELDW"]
+    hand.feedback.velocity_actual = 6000
+    hand(ON)
+    assert hand.actuals["MELDW"] != slow
+
+
+@pytest.mark.parametrize(("bits", "edge"), [(0x000, 0), (0x800, 1), (0x400, 2), (0xC00, 3)])
+def test_passive_homing_latches_at_the_probe_and_edge_that_are_chosen_and_takes_no_older_answer(
+    bits: int, edge: int
+) -> None:
+    hand = positioner().enable()
+    news = hand.stepper.machine.inputs.news
+    hand(ON, POS_STW2=0x100 | bits)
+    hand(ON | HOMING)
+    first = hand.stepper.machine.outputs.probe
+    assert first is not None
+    assert first.edges == (edge,)
+    hand(ON)
+    assert hand.stepper.machine.outputs.probe is None
+    hand(ON | HOMING)
+    second = hand.stepper.machine.outputs.probe
+    news.append(ProbeAnswer(first, {edge: 100}))
+    hand(ON | HOMING)
+    hand(ON | HOMING)
+    assert not hand.actuals["ZSW1"] & HOME_SET, "the answer to the wish that was taken back"
+    assert second is not None
+    hand.feedback.position_actual = 4096
+    news.append(ProbeAnswer(second, {edge: 2048}))
+    hand(ON | HOMING)
+    hand(ON | HOMING)
+    assert hand.actuals["ZSW1"] & HOME_SET
+    assert hand.actuals["XIST_A"] == 5000, "half a revolution behind the edge"
+
+
+def test_a_probe_that_was_refused_does_not_refuse_the_next() -> None:
+    hand = positioner().enable()
+    hand(ON, POS_STW2=0x100)
+    hand(ON | HOMING)
+    refused = hand.stepper.machine.outputs.probe
+    assert refused is not None
+    hand.stepper.machine.inputs.news.append(ProbeAnswer(refused, {}, "no touch probe"))
+    hand(ON | HOMING)
+    hand(ON | HOMING)
+    assert hand.stepper.machine.outputs.probe is None
+    hand(ON)
+    for _ in range(3):
+        hand(ON | HOMING)
+        assert hand.stepper.machine.outputs.probe is not None
 
 
 def test_what_a_limit_of_the_drive_takes_from_a_velocity_is_counted() -> None:

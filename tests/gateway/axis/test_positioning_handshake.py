@@ -8,6 +8,7 @@ import pytest
 
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import ControlBit, State, StatusBit
+from pdgw.gateway.axis.settings import PlcLossReaction
 from pdgw.gateway.axis.values import SdoWrite
 from pdgw.gateway.reasons import Reason
 from pdgw.peers.drive.family import TURNTABLE
@@ -216,6 +217,34 @@ def test_a_homing_that_is_no_longer_asked_for_when_the_axis_stands_does_not_begi
         assert hand.stepper.command.modes_of_operation == Mode.POSITION
 
 
+def test_an_edge_during_an_intermediate_stop_replaces_the_task_that_was_kept() -> None:
+    hand = positioning().enable()
+    hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(5_000))
+    hand(ON, OPERATING | TAKEN)
+    stop = ON & ~INTERMEDIATE
+    hand(stop)
+    assert hand(stop | ACTIVATE, MDI_TARPOS=POSITION.to_wire(7_000)) & (HALT | NEW_SETPOINT) == HALT
+    hand(stop)
+    assert not hand(ON) & (HALT | NEW_SETPOINT)
+    assert hand(ON) & NEW_SETPOINT
+    assert hand.target == 7_000
+
+
+def test_the_answer_to_a_homing_that_ended_with_the_operation_does_not_start_the_next() -> None:
+    hand = positioning().enable()
+    hand(ON | HOMING, SATZANW=0x8000 | 17)
+    hand(OFF2)
+    hand(OFF2, State.SWITCH_ON_DISABLED)
+    hand.enable()
+    hand(ON | HOMING, SATZANW=0x8000 | 18)
+    hand.stepper.sdo_done(None)
+    hand(ON | HOMING)
+    hand(ON | HOMING)
+    assert hand.stepper.command.modes_of_operation == Mode.POSITION
+    assert hand.stepper.sdo_request is not None
+    assert hand.stepper.sdo_request[0] == SdoWrite(0x6098, 0, 18)
+
+
 def test_a_homing_asked_while_braking_has_method_and_speed_of_the_frame_of_its_edge() -> None:
     hand = braking()
     hand(ON | HOMING, SATZANW=0x8000 | 17, MDI_VELOCITY=1 << 29)
@@ -379,7 +408,7 @@ def test_aktsatz_15_is_shown_in_operation_and_during_the_ramp_and_never_without_
     assert hand.actuals["AKTSATZ"] & MDI_ACTIVE
     hand(OFF3)
     assert not hand.actuals["AKTSATZ"] & MDI_ACTIVE
-    lost = positioning().enable()
+    lost = positioning(on_plc_loss=PlcLossReaction.RAMP).enable()
     lost.feedback.velocity_actual = 3000
     lost(None)
     assert not lost.actuals["AKTSATZ"] & MDI_ACTIVE
@@ -416,6 +445,38 @@ def test_a_drive_that_was_away_for_a_cycle_does_not_know_its_home_position() -> 
     rig.connected_drive = True
     rig.step(1)
     assert not rig.actuals["ZSW1"] & HOME_SET
+
+
+@pytest.mark.parametrize("end", ["task", "reject"])
+@pytest.mark.parametrize(
+    ("word", "values", "reason"),
+    [
+        (ON, {"SATZANW": 0}, Reason.MDI_OFF),
+        (ON & ~REJECT, {}, Reason.REJECTED),
+        (ON & ~INTERMEDIATE, {}, Reason.INTERMEDIATE_STOP),
+        (ON, {"MDI_VELOCITY": 0}, Reason.TASK_SPEED_ZERO),
+    ],
+    ids=lambda item: item.name if isinstance(item, Reason) else "",
+)
+def test_why_an_edge_started_nothing_is_told_until_the_next_task_or_a_reject(
+    word: int, values: dict[str, int], reason: Reason, end: str
+) -> None:
+    hand = positioning().enable()
+    hand(word | ACTIVATE, **values)
+    assert hand.stepper.reason is reason
+    for _ in range(5):
+        hand(ON, SATZANW=0x8000, MDI_VELOCITY=1 << 29)
+        assert hand.stepper.reason is reason
+    hand(ON, SATZANW=0)
+    assert hand.stepper.reason is reason, "what the edge lacked, not what the next one would"
+    hand(ON, SATZANW=0x8000)
+    if end == "task":
+        assert hand(ON | ACTIVATE) & NEW_SETPOINT
+    else:
+        hand(ON & ~REJECT)
+        hand(ON)
+    own = end == "reject" and reason is Reason.REJECTED
+    assert hand.stepper.reason is (reason if own else None)
 
 
 def test_the_reason_of_a_refused_edge_is_over_with_the_operation() -> None:
