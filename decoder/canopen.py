@@ -47,6 +47,7 @@ from pdgw.ds301.objects import Entry
 from pdgw.ds301.pdo import COB_ID_INVALID, PDO_PARAMETERS, PDOS_MAX, PdoDirection, is_mapping_parameter, pdo_of
 from pdgw.dsp402.overlay import entries_of, families_of
 from pdgw.dsp402.pdo import with_objects
+from pdgw.durations import MS
 from pdgw.profidrive.telegrams import ApplicationMode, telegram
 
 Dictionary = Callable[[int], Sequence[Entry] | None]
@@ -370,5 +371,5 @@ def _sdo_text(step: Step, name: str, names: ObjectNames) -> str:
     if step.note:
         parts.append(f"({step.note})")
     if step.latency_ns is not None:
-        parts.append(f"after {step.latency_ns / 1e6:.3f} ms")
+        parts.append(f"after {step.latency_ns / MS:.3f} ms")
     return " ".join(parts)

@@ -15,6 +15,7 @@ from itertools import pairwise
 from typing import Final, NamedTuple
 
 from pdgw.dsp402.states import ControlBit, StatusBit
+from pdgw.durations import MS, SECOND
 from pdgw.profidrive.signals import signal
 from pdgw.profidrive.telegrams import ApplicationMode, telegram
 
@@ -76,14 +77,14 @@ class Clocks:
     @property
     def text(self) -> str:
         """Offset and quality for the reader."""
-        said = f"CAN clock {self.offset_ns / 1e9:+.6f} s from the PLC's"
+        said = f"CAN clock {self.offset_ns / SECOND:+.6f} s from the PLC's"
         if self.origin == "given":
             return f"{said}, as given"
         if self.exact:
             return ONE_CLOCK
         if self.origin == "not known":
             return "no edges in common: offset not known, taken as one clock"
-        quality = f"{self.pairs} of {self.edges} edges agree, uncertainty {self.uncertainty_ns / 1e6:.3f} ms"
+        quality = f"{self.pairs} of {self.edges} edges agree, uncertainty {self.uncertainty_ns / MS:.3f} ms"
         if self.offset_ns == 0:
             said = "the clocks agree"
         if self.ambiguous:

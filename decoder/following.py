@@ -29,15 +29,16 @@ from pdgw.decoder.profinet_records import AlarmRecord, Change, RelationRecord
 from pdgw.decoder.records import CyclicRecord, Record
 from pdgw.decoder.timeline import Anomaly, AnomalyKind, Edge, Entry, Event
 from pdgw.ds301.pdo import PdoDirection
+from pdgw.durations import MS
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS
 from pdgw.gateway.transport.cyclic import WATCHDOG_FACTOR, WATCHDOG_FACTOR_MAX, CyclicEndpoint, Verdict
 from pdgw.profidrive.frame import COUNTER_UNIT_NS, IOPS_GOOD, is_newer
 from pdgw.profidrive.telegrams import Direction, telegram
 
-HOLD_NS: Final = RESPONSE_NS + 100_000_000
+HOLD_NS: Final = RESPONSE_NS + 100 * MS
 """Longer than anything an entry waits for."""
-_TICK_NS: Final = 10_000_000
+_TICK_NS: Final = 10 * MS
 _FILL: Final = 1.5
 """Cycles without a frame after which a loss of the PLC is its silence."""
 _UNUSED: Final = 8
@@ -216,7 +217,7 @@ class _CycleCounter:
         if self._clock or 2 * self._steps[usual] <= self._count:
             if agrees:
                 return ""
-            return f"{text} tells of {told / 1e6:.1f} ms, {elapsed / 1e6:.1f} ms have passed"
+            return f"{text} tells of {told / MS:.1f} ms, {elapsed / MS:.1f} ms have passed"
         text += f", usual step {usual}"
         missing = step // usual - 1 if step % usual == 0 else 0
         return f"{text}, {missing} frame{'s' if missing > 1 else ''} missing" if missing > 0 else text
@@ -301,7 +302,7 @@ class _Exchange:
                 item.quality(now, Direction.SETPOINT, good=bool(values[iops] & IOPS_GOOD))
         if verdict in {Verdict.ACCEPTED, Verdict.PROVIDER_STOP}:
             if self._lost_since is not None:
-                silence = (now - self._last_frame) / 1e6
+                silence = (now - self._last_frame) / MS
                 self._put(Event(now, 0, "PLC", f"frames again after {silence:.1f} ms"))
                 self._lost_since = None
             self._last_frame = now
@@ -346,11 +347,11 @@ class _Exchange:
 
     def _unused_after(self, silence: int, now: int) -> Entry:
         """IOCS BAD after a silence: a loss, or a gateway that ends; of a watchdog that is not known both are possible."""
-        text = f"no frame of the PLC for {silence / 1e6:.1f} ms"
+        text = f"no frame of the PLC for {silence / MS:.1f} ms"
         if self._factor is None:
             text += ": the gateway has lost it or ends (IOCS BAD)"
         elif silence < self._watchdog_ns - self._cycle_ns // 2:
-            text += f", less than the watchdog's {self._watchdog_ns / 1e6:g} ms: IOCS BAD as when the gateway ends"
+            text += f", less than the watchdog's {self._watchdog_ns / MS:g} ms: IOCS BAD as when the gateway ends"
             return Event(now, 0, "gateway", text)
         else:
             text += ": the gateway has lost it (IOCS BAD)"
@@ -365,7 +366,7 @@ class _Exchange:
         self._lose()
         expiry = self._last_frame + watchdog_ns
         known = "the watchdog's" if self._factor else "if its watchdog has the default"
-        text = f"no frame of the PLC for {silence / 1e6:.1f} ms: lost after {watchdog_ns / 1e6:g} ms, {known}"
+        text = f"no frame of the PLC for {silence / MS:.1f} ms: lost after {watchdog_ns / MS:g} ms, {known}"
         self._put(Anomaly(expiry, 0, AnomalyKind.WATCHDOG, text))
         self._step(expiry)
 

@@ -9,6 +9,7 @@ from typing import Final
 from pdgw.decoder.can_records import CanRecord, EmcyRecord, HeartbeatRecord, NmtRecord
 from pdgw.decoder.cyclic import Axis
 from pdgw.decoder.timeline import Anomaly, AnomalyKind, Entry, Event
+from pdgw.durations import MS, SECOND
 from pdgw.profidrive.telegrams import Direction
 
 _RESET: Final = 0
@@ -65,7 +66,7 @@ class ObjectFollower:
             self._put(entry)
             return
         del self._bad[direction]
-        how_long = f"{(now - bad.entry.time_ns) / 1e6:.1f} ms"
+        how_long = f"{(now - bad.entry.time_ns) / MS:.1f} ms"
         if bad.told:
             self._put(Event(now, self.axis.do_id, "IOPS", f"data {bad.who} good again after {how_long}"))
         else:
@@ -91,4 +92,4 @@ class ObjectFollower:
         for bad in self._bad.values():
             if not bad.told and now >= bad.entry.time_ns + self._hold_ns:
                 bad.told = True
-                bad.entry.text = f"data {bad.who} bad for more than {self._hold_ns / 1e9:g} s"
+                bad.entry.text = f"data {bad.who} bad for more than {self._hold_ns / SECOND:g} s"

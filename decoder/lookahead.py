@@ -15,6 +15,7 @@ from pdgw.decoder.clocks import AxisWords, Clocks, Word, correlate
 from pdgw.decoder.cyclic import Axis
 from pdgw.decoder.records import BusKind, CyclicRecord, Record
 from pdgw.dsp402.objects import CONTROLWORD, STATUSWORD
+from pdgw.durations import MS
 from pdgw.profidrive.telegrams import Direction
 
 ENOUGH: Final = 120
@@ -87,7 +88,7 @@ class Lookahead:
     def cycle_ns(self) -> int:
         """The PLC's cycle: the median time between its frames."""
         gaps = sorted(later - earlier for earlier, later in pairwise(self._frames))
-        return max(1, gaps[len(gaps) // 2]) if gaps else 4_000_000
+        return max(1, gaps[len(gaps) // 2]) if gaps else 4 * MS
 
     def clocks(self, cycle_ns: int) -> Clocks:
         """The offset of the clocks as far as the edges tell it."""

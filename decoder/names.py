@@ -13,6 +13,7 @@ from typing import Final
 from pdgw.decoder.fields import Field, Raw, half_fields, identifier
 from pdgw.decoder.objects import ObjectNames, any_drive, encoder_catalogue
 from pdgw.decoder.records import Record, Unit
+from pdgw.durations import MS, SECOND
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.telegrams import TELEGRAMS, Direction
 
@@ -54,7 +55,7 @@ def _direction(record: Record, _unit: Unit | None) -> Value:
 
 def _latency(record: Record, _unit: Unit | None) -> Value:
     latency = getattr(record, "latency_ns", None)
-    return None if latency is None else latency / 1e6
+    return None if latency is None else latency / MS
 
 
 def _pdo(record: Record, _unit: Unit | None) -> Value:
@@ -64,7 +65,7 @@ def _pdo(record: Record, _unit: Unit | None) -> Value:
 
 RECORD_NAMES: Final[dict[str, Getter]] = {
     "number": _attribute("number"),
-    "time": lambda record, _: record.time_ns / 1e9,
+    "time": lambda record, _: record.time_ns / SECOND,
     "bus": lambda record, _: record.bus.value,
     "channel": _attribute("channel"),
     "kind": _attribute("kind"),

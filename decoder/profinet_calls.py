@@ -17,6 +17,7 @@ from pdgw.decoder.profinet_names import StationNames
 from pdgw.decoder.profinet_records import Change, RelationRecord
 from pdgw.decoder.recent import Recent
 from pdgw.decoder.records import AcyclicRecord
+from pdgw.durations import MS
 from pdgw.profinet.blocks.control import ApplicationReadyRes, ControlBlock, PrmBeginRes, ReleaseRes
 from pdgw.profinet.rpc.dcerpc import RpcHeader
 from pdgw.profinet.rpc.records import Operation
@@ -28,7 +29,6 @@ _CHANGES: Final[dict[int, tuple[type[ControlBlock], Change]]] = {
     ReleaseRes.TYPE: (ReleaseRes, Change.ENDED),
 }
 """Answers that change a relationship."""
-_NS_PER_MS: Final = 1e6
 Base = tuple[int, int, str, bytes]
 """Number, time, channel and bytes of a packet."""
 
@@ -114,7 +114,7 @@ def _asked_text(connection: Connection, fields: Document) -> str:
         parts.append("no cyclic relationship")
     else:
         block = connection.relations[0].block
-        parts.append(f"cycle {block.cycle_ns / _NS_PER_MS:g} ms, data hold {block.hold_ns / _NS_PER_MS:g} ms")
+        parts.append(f"cycle {block.cycle_ns / MS:g} ms, data hold {block.hold_ns / MS:g} ms")
     if connection.controller:
         parts.append(f"controller {connection.controller}")
     if connection.station:

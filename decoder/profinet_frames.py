@@ -17,6 +17,7 @@ from pdgw.decoder.profinet_names import StationNames
 from pdgw.decoder.profinet_records import AlarmRecord, DcpRecord, LldpRecord
 from pdgw.decoder.recent import Recent
 from pdgw.decoder.records import OtherRecord, Record
+from pdgw.durations import SECOND
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profinet import dcp, lldp
 from pdgw.profinet.apmx import ALARM_FRAME_IDS, PDU, PduType
@@ -174,7 +175,7 @@ class FrameDecoder:
         fields = self._head(addresses) | {
             "chassis_id": found.chassis_id,
             "port_id": found.port_id,
-            "lifetime_s": found.lifetime_ns // 1_000_000_000,
+            "lifetime_s": found.lifetime_ns // SECOND,
         }
         return LldpRecord(*base, f"{self._from(addresses)}LLDP port {found.port_id} of {found.chassis_id}", fields)
 

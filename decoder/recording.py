@@ -31,6 +31,7 @@ from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.further import image_entry
 from pdgw.dsp402.generic import recorded_addresses, recorded_drive_type, recorded_families
 from pdgw.dsp402.objects import HOMING_METHOD
+from pdgw.durations import MS
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.values import Configured
 from pdgw.gateway.transport.cyclic import WATCHDOG_FACTOR
@@ -155,7 +156,7 @@ class Collector:
         """The PLC's cycle: the median time between its frames."""
         times = self._frame_times
         gaps = sorted(later - earlier for earlier, later in pairwise(times))
-        return max(1, gaps[len(gaps) // 2]) if gaps else 4_000_000
+        return max(1, gaps[len(gaps) // 2]) if gaps else 4 * MS
 
     def measured_watchdog_factor(self, cycle_ns: int) -> int:
         """Cycles without a frame until the gateway's answers (IOCS) show the PLC as lost; the default where they never do."""

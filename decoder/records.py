@@ -15,6 +15,7 @@ from functools import cached_property
 from typing import ClassVar
 
 from pdgw.decoder.fields import Document, Field, Raw
+from pdgw.durations import MS
 from pdgw.profidrive.frame import STATUS_DATA_VALID, STATUS_NO_PROBLEM, STATUS_PRIMARY, STATUS_RUN
 from pdgw.profidrive.parameters.codec import Request, Response
 from pdgw.profidrive.telegrams import Direction
@@ -241,7 +242,7 @@ class AcyclicRecord(Record):
 
     @property
     def summary(self) -> str:
-        after = f" after {self.latency_ns / 1e6:.3f} ms" if self.latency_ns is not None else ""
+        after = f" after {self.latency_ns / MS:.3f} ms" if self.latency_ns is not None else ""
         return self.text + after
 
     def details(self) -> Document:

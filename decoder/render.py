@@ -8,6 +8,7 @@ from typing import Any
 from pdgw.decoder.can_records import CanRecord, PdoRecord
 from pdgw.decoder.profinet_records import StationRecord
 from pdgw.decoder.records import AcyclicRecord, CyclicRecord, Record, Unit
+from pdgw.durations import SECOND
 from pdgw.profidrive.frame import IOPS_GOOD
 from pdgw.profidrive.signals import SIGNALS
 from pdgw.profidrive.telegrams import Direction
@@ -115,7 +116,7 @@ def record_line(record: Record, zero_ns: int, units: Sequence[Unit] | None = Non
     """Number, seconds since ``zero_ns``, bus, source, what was said."""
     source, text, values = line_parts(record, units)
     said = " | ".join(part for part in (text, values) if part)
-    seconds = (record.time_ns - zero_ns) / 1e9
+    seconds = (record.time_ns - zero_ns) / SECOND
     return f"{record.number:6d} {seconds:12.6f} {record.bus.value} {source:<7} {said}"
 
 

@@ -37,6 +37,7 @@ from pdgw.decoder.ticks import Tick, ticks
 from pdgw.ds301.objects import Entry
 from pdgw.dsp402.images import FEEDBACK_NAMES, DriveFeedback
 from pdgw.dsp402.objects import DRIVE_OBJECTS
+from pdgw.durations import SECOND
 from pdgw.gateway.axis.checkpoint import Checkpoint, Checkpoints
 from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.values import FaultRecord, ProbeWish, SdoAnswer, SdoWrite
@@ -47,7 +48,7 @@ MAX_DIFFERENCES: Final = 20
 """After so many differences of an axis no more are looked for."""
 BUDGET: Final = 10_000
 """Choices that are tried for one step that does not fit."""
-_LONGEST_STALL_NS: Final = 1_000_000_000
+_LONGEST_STALL_NS: Final = SECOND
 
 _STW1 = signal("STW1")
 

@@ -10,8 +10,9 @@ from pdgw.decoder.recorded import AxisRecording, Sent
 from pdgw.decoder.replayed import Difference
 from pdgw.ds301.pdo import Pdo
 from pdgw.dsp402.images import DriveCommand
+from pdgw.durations import MS
 
-REFRESH_NS: Final = 100_000_000
+REFRESH_NS: Final = 100 * MS
 """The gateway repeats an RPDO after this time."""
 SENDING_GAP_NS: Final = 3 * REFRESH_NS
 """A longer silence means that the gateway does not send to this drive."""
@@ -119,7 +120,7 @@ class RpdoComparison:
             recorded = following if due and following is not None else frames[cursor]
             return self._sent_difference(pdo, recorded.time_ns if due else now, recorded.data, data)
         if abs(following.time_ns - now) > tolerance:
-            note = f"the same, recorded {(following.time_ns - now) / 1e6:+.1f} ms from where it is sent today"
+            note = f"the same, recorded {(following.time_ns - now) / MS:+.1f} ms from where it is sent today"
             return self._sent_difference(pdo, now, frames[cursor].data, data, note)
         cursors[pdo.number] = cursor + 1
         return None

@@ -14,6 +14,7 @@ from pdgw.decoder.can_records import CanRecord, PdoRecord
 from pdgw.decoder.fields import Document
 from pdgw.decoder.records import CyclicRecord, Record
 from pdgw.ds301.load import frame_bits
+from pdgw.durations import SECOND, US
 from pdgw.profidrive.frame import COUNTER_UNIT_NS, is_newer
 from pdgw.profidrive.telegrams import Direction
 
@@ -107,7 +108,7 @@ class Stream:
     def rate(self) -> float:
         """Packets per second, from the first to the last."""
         duration = self.last_ns - self.first_ns
-        return (self.count - 1) * 1e9 / duration if duration > 0 else 0.0
+        return (self.count - 1) * SECOND / duration if duration > 0 else 0.0
 
     def document(self) -> Document:
         document: Document = {
@@ -118,15 +119,15 @@ class Stream:
             "packets": self.count,
             "bytes": self.size,
             "rate_per_s": self.rate,
-            "interval_mean_us": self.intervals.mean / 1000,
-            "interval_min_us": self.intervals.shortest / 1000,
-            "interval_max_us": self.intervals.longest / 1000,
-            "jitter_us": self.intervals.deviation / 1000,
+            "interval_mean_us": self.intervals.mean / US,
+            "interval_min_us": self.intervals.shortest / US,
+            "interval_max_us": self.intervals.longest / US,
+            "jitter_us": self.intervals.deviation / US,
         }
         if self.counters.last is not None:
             step = self.counters.step
             document |= {
-                "counter_step_us": None if step is None else step * COUNTER_UNIT_NS / 1000,
+                "counter_step_us": None if step is None else step * COUNTER_UNIT_NS / US,
                 "counter_gaps": self.counters.gaps,
                 "missing_frames": self.counters.missing,
                 "stale_frames": self.counters.stale,
@@ -174,7 +175,7 @@ class Statistics:
     @property
     def seconds(self) -> float:
         """From the first packet to the last."""
-        return 0.0 if self.first_ns is None else (self.last_ns - self.first_ns) / 1e9
+        return 0.0 if self.first_ns is None else (self.last_ns - self.first_ns) / SECOND
 
     def load(self, stream: Stream, bitrate: int) -> tuple[float, float]:
         """Least and most share of its bus a CAN identifier takes, 1.0 = full."""

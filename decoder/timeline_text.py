@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from pdgw.decoder.clocks import Clocks
 from pdgw.decoder.timeline import Anomaly, Edge, Event, ReasonChange, Summary, WordKind
 from pdgw.decoder.timeline import Entry as TimelineEntry
+from pdgw.durations import MS, SECOND
 
 _INDENT = " " * 24
 
@@ -14,7 +15,7 @@ _INDENT = " " * 24
 def entry_lines(entry: TimelineEntry, zero_ns: int, *, verbose: bool = False) -> Iterator[str]:
     """The lines of one entry; none for a reason that is told with its edge (unless ``verbose``)."""
     who = f"axis {entry.do_id}" if entry.do_id else "all"
-    head = f"{(entry.time_ns - zero_ns) / 1e9:12.6f}  {who:<8}"
+    head = f"{(entry.time_ns - zero_ns) / SECOND:12.6f}  {who:<8}"
     if isinstance(entry, Edge):
         yield f"{head}{edge_text(entry)}"
         if entry.kind is WordKind.CONTROL:
@@ -36,7 +37,7 @@ def edge_text(edge: Edge) -> str:
         parts.append(f"[{word}]")
     parts += [f"+{name}" for name in raised] + [f"-{name}" for name in lowered]
     if edge.cause is not None and edge.latency_ns is not None:
-        parts.append(f"({edge.latency_ns / 1e6:.3f} ms after {edge.cause.name})")
+        parts.append(f"({edge.latency_ns / MS:.3f} ms after {edge.cause.name})")
     return " ".join(parts)
 
 
@@ -59,7 +60,7 @@ def summary_lines(summary: Summary, clocks: Clocks, assumed: Sequence[str] = ())
     if latencies:
         yield f"{'latency, ms':<28}{'count':>7}{'p50':>10}{'p99':>10}{'max':>10}"
         for item in latencies:
-            values = "".join(f"{value / 1e6:>10.3f}" for value in (item.p50_ns, item.p99_ns, item.max_ns))
+            values = "".join(f"{value / MS:>10.3f}" for value in (item.p50_ns, item.p99_ns, item.max_ns))
             yield f"{item.name:<28}{item.count:>7}{values}"
     for reason, count in summary.refusals.items():
         yield f"edges that came to: {reason.value}: {count}"

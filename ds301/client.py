@@ -25,12 +25,13 @@ from pdgw.ds301.connection_set import EMCY, ERROR_CONTROL, NMT
 from pdgw.ds301.emcy import emcy_text
 from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.jobs import Jobs
-from pdgw.ds301.loop import MS, SECOND, Event, Task
+from pdgw.ds301.loop import Event, Task
 from pdgw.ds301.network import CanNetwork
 from pdgw.ds301.nmt import NmtCommand, NmtState
 from pdgw.ds301.node import NodeEvent, NodeSettings, NodeStatus, TpdoSlot
 from pdgw.ds301.pdo import Pdo, PdoLayout
 from pdgw.ds301.plan import Pace, PdoPlan, plan_steps, straight_plan
+from pdgw.durations import MS, SECOND
 
 log = logging.getLogger("gateway")
 

@@ -27,12 +27,11 @@ import greenlet
 
 from pdgw.ds301.counters import Counters
 from pdgw.ds301.readiness import WRITABLE, Readiness, best_readiness
+from pdgw.durations import SECOND
 
 log = logging.getLogger("gateway")
 
 T = TypeVar("T")
-MS: Final = 1_000_000
-SECOND: Final = 1_000_000_000
 SLICE_NS: Final = 200_000
 """A slice of a task is nearly always shorter: it is begun only when nothing is expected for so long."""
 _monotonic_ns: Final = time.monotonic_ns

@@ -16,10 +16,11 @@ import can
 from pdgw.ds301.can_frame import ERROR, ERROR_BUS_OFF, ERROR_CONTROLLER, EXTENDED, REMOTE
 from pdgw.ds301.connection_set import ERROR_CONTROL, SYNC
 from pdgw.ds301.errors import CanopenError
-from pdgw.ds301.loop import MS, Loop, Timer
+from pdgw.ds301.loop import Loop, Timer
 from pdgw.ds301.nmt import NmtState
 from pdgw.ds301.on_canopen import AcyclicNetwork
 from pdgw.ds301.port import CanPort, Opener, PortBusyError, PortLostError, Receiver
+from pdgw.durations import MS
 
 log = logging.getLogger("gateway")
 

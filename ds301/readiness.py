@@ -7,12 +7,13 @@ import errno
 import select
 from typing import Final, Protocol
 
+from pdgw.durations import MS_PER_SECOND
+
 READABLE: Final = 0x001
 WRITABLE: Final = 0x004
 """Of a descriptor that is ready: bits of its state. Any other bit, an error or the peer's end, is for who reads."""
 NO_DESCRIPTOR: Final = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)
 """What ``accept`` fails with when the system has nothing for another connection: the one that waits goes on being readable."""
-_MS_PER_S: Final = 1000
 _AT_ONCE: Final = 64
 """Descriptors told of in one call; the kernel goes on with the others in the next one."""
 
@@ -81,10 +82,10 @@ class EpollReadiness(Readiness):
             self._epoll.register(descriptor, mask)
 
     def wait(self, seconds: float) -> list[tuple[int, int]]:
-        milliseconds = int(seconds * _MS_PER_S)
+        milliseconds = int(seconds * MS_PER_SECOND)
         if milliseconds:
             # Python rounds up to the next millisecond.
-            return self._epoll.poll((milliseconds - 0.5) / _MS_PER_S, _AT_ONCE)
+            return self._epoll.poll((milliseconds - 0.5) / MS_PER_SECOND, _AT_ONCE)
         if seconds and not select.select(self._self, (), (), seconds)[0]:
             return []
         return self._epoll.poll(0, _AT_ONCE)

@@ -24,16 +24,17 @@ from canopen.sdo.constants import (
 
 from pdgw.ds301.aborts import Abort, abort_text
 from pdgw.ds301.errors import CanopenError
-from pdgw.ds301.loop import SECOND, Loop
+from pdgw.ds301.loop import Loop
 from pdgw.ds301.objects import CanType
 from pdgw.ds301.on_canopen import SdoClient
+from pdgw.durations import SECOND
 
 log = logging.getLogger("gateway")
 
 SEGMENT_SIZE: Final = 7
 _EXPEDITED_SIZE = 4
 _LONGEST_UPLOAD = 1 << 16
-_LONGEST_UPLOAD_NS = 10 * SECOND
+_LONGEST_UPLOAD_NS: Final = 10 * SECOND
 _FRAME = 8
 _UNNAMED = b"\0\0\0"
 """Index and sub-index in the aborts of devices that do not say which access it is."""

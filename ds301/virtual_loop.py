@@ -6,7 +6,8 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from typing import TypeVar
 
-from pdgw.ds301.loop import SECOND, Loop
+from pdgw.ds301.loop import Loop
+from pdgw.durations import SECOND
 
 T = TypeVar("T")
 

@@ -21,7 +21,6 @@ from pdgw.ds301.client import NodeClient
 from pdgw.ds301.communication import DEVICE_TYPE, IDENTITY_PRODUCT, IDENTITY_VENDOR, SYNC_PERIOD, profile_of
 from pdgw.ds301.configuration import SdoStep
 from pdgw.ds301.data_sheet import load_dictionary
-from pdgw.ds301.loop import MS, SECOND
 from pdgw.ds301.network import CanNetwork
 from pdgw.ds301.node import NodeEvent, NodeStatus
 from pdgw.ds301.objects import CanType
@@ -50,6 +49,7 @@ from pdgw.dsp402.pdo import interpolated
 from pdgw.dsp402.settings import DriveSettings
 from pdgw.dsp402.states import Command, ControlBit, FaultReset, State, state_of
 from pdgw.dsp402.witness import Witness
+from pdgw.durations import MS, SECOND, US_PER_MS
 
 DriveStatus = NodeStatus
 DriveEvent = NodeEvent
@@ -347,7 +347,7 @@ class DriveClient(NodeClient[DriveSettings]):
         if (wanted := drive.mode_for(mode)) is not None:
             self._set_mode(wanted)
             if mode is Mode.VELOCITY and wanted == Mode.CYCLIC_VELOCITY:
-                period_us = self.settings.cycle_ms * 1000
+                period_us = self.settings.cycle_ms * US_PER_MS
         if period_us and INTERPOLATION_TIME in self.dictionary:
             for step in interpolation_steps(period_us):
                 self._do(step)

@@ -48,6 +48,7 @@ from pdgw.dsp402.indices import (
 from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.dsp402.unit_keys import FamilyUnits, UnitKeys
 from pdgw.dsp402.units import Kind, Unit, dimension_unit, parse_unit, si_unit
+from pdgw.durations import SECONDS_PER_MINUTE
 
 Address = tuple[int, int]
 Answers = Mapping[Address, int]
@@ -89,7 +90,6 @@ _NO_RANGE = Reference(
     Fraction(-_ALL_POSITIONS[0], 2),
     f"100 % = 607Ah {-_ALL_POSITIONS[0] // 2} (no range limit in 607Bh: 200 % is all that 607Ah holds)",
 )
-_MINUTE = 60
 
 
 class _Known(NamedTuple):
@@ -251,7 +251,7 @@ class _Mechanics:
         if isinstance(turn, _Unknown):
             return _Unknown(f"{what} in {unit}: {turn.why}")
         source = f"{unit}, {turn.source}" if turn.source else str(unit)
-        return _Known(turn.value / _MINUTE / unit.factor, source)
+        return _Known(turn.value / SECONDS_PER_MINUTE / unit.factor, source)
 
 
 def _velocity(mechanics: _Mechanics) -> _Found:
@@ -279,18 +279,18 @@ def _velocity_by_factors(mechanics: _Mechanics) -> _Found:
     increments = mechanics.increments if encoder is None else _Known(encoder, f"6090h: {_amount(encoder)} inc/rev")
     step = mechanics.ratio(VELOCITY_ENCODER_FACTOR)
     if step is not None and increments is not None:
-        return _Known(increments.value / _MINUTE / step, f"6094h, {increments.source}")
+        return _Known(increments.value / SECONDS_PER_MINUTE / step, f"6094h, {increments.source}")
     factor = mechanics.ratio(VELOCITY_FACTOR)
     counts = mechanics.counts
     if factor is not None and isinstance(counts, _Known):
         source = f"6096h, {counts.source}" if factor != 1 else counts.source
-        return _Known(counts.value / _MINUTE * factor, source)
+        return _Known(counts.value / SECONDS_PER_MINUTE * factor, source)
     if encoder is not None and increments is not None:
-        return _Known(increments.value / _MINUTE, increments.source)
+        return _Known(increments.value / SECONDS_PER_MINUTE, increments.source)
     if mechanics.increments is not None:
         if isinstance(counts, _Unknown):
             return counts
-        return _Known(counts.value / _MINUTE, counts.source)
+        return _Known(counts.value / SECONDS_PER_MINUTE, counts.source)
     if step is not None:
         return _Unknown("6094h alone does not tell the unit (rpm, increments/s and 1/4096 rpm are in use)")
     return _Unknown("no object of the drive and no overlay tells the velocity unit")
@@ -329,7 +329,7 @@ def _acceleration(mechanics: _Mechanics) -> _Found:
         return mechanics.per_rpm(unit, "accelerations")
     factor, counts = mechanics.ratio(ACCELERATION_FACTOR), mechanics.counts
     if factor is not None and isinstance(counts, _Known):
-        return _Known(counts.value / _MINUTE * factor, f"6097h, {counts.source}")
+        return _Known(counts.value / SECONDS_PER_MINUTE * factor, f"6097h, {counts.source}")
     if family.acceleration:
         return mechanics.per_rpm(parse_unit(family.acceleration, 2, mechanics.name), "accelerations")
     return _Unknown("no source tells the acceleration unit")

@@ -12,6 +12,8 @@ from functools import reduce
 from operator import or_
 from typing import Final
 
+from pdgw.durations import MS
+
 
 class State(enum.Enum):
     """Drive states; ``value`` is the name of the standard."""
@@ -197,7 +199,7 @@ def next_state(state: State, controlword: int, previous: int) -> State:
     return state
 
 
-EDGE_NS = 50_000_000
+EDGE_NS: Final = 50 * MS
 """So long is each level of a repeated fault reset: the drive has seen it by then."""
 
 

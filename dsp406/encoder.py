@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import canopen
 from canopen.sdo import SdoAbortedError
@@ -19,7 +19,6 @@ from pdgw.ds301.communication import DEVICE_TYPE, ERROR_REGISTER, PRODUCER_HEART
 from pdgw.ds301.configuration import EVENT_DRIVEN_MANUFACTURER, SdoStep
 from pdgw.ds301.data_sheet import load_dictionary
 from pdgw.ds301.emcy import emcy_text
-from pdgw.ds301.loop import MS
 from pdgw.ds301.network import CanNetwork
 from pdgw.ds301.node import NodeEvent, NodeSettings
 from pdgw.ds301.objects import CanType
@@ -38,10 +37,11 @@ from pdgw.dsp406.objects import (
     WARNINGS,
 )
 from pdgw.dsp406.pdo import CYCLIC, encoder_layout
+from pdgw.durations import MS
 
 EncoderEvent = NodeEvent
 _ROUNDS = 4
-_READ_LATE_NS = _ROUNDS * 100 * MS
+_READ_LATE_NS: Final = _ROUNDS * 100 * MS
 """A position read by SDO, each 100 ms and as long as reading all takes, may be missed so often; and one SDO may time out."""
 _DIAGNOSTICS = (("alarms", ALARMS), ("warnings", WARNINGS), ("error_register", ERROR_REGISTER))
 

@@ -11,7 +11,6 @@ from canopen.sdo import SdoAbortedError
 from pdgw.ds301.client import NodeClient
 from pdgw.ds301.communication import GUARD_TIME, LIFE_TIME_FACTOR
 from pdgw.ds301.connection_set import NMT
-from pdgw.ds301.loop import MS
 from pdgw.ds301.network import CanNetwork
 from pdgw.ds301.nmt import NmtCommand
 from pdgw.dsp402.drive import DriveClient, DriveStatus
@@ -20,6 +19,7 @@ from pdgw.dsp402.indices import ABORT_OPTION
 from pdgw.dsp402.objects import CONTROLWORD, DRIVE_OBJECTS, ERROR_CODE, HOMING_METHOD, MODE
 from pdgw.dsp402.scaling import SCALING_OBJECTS
 from pdgw.dsp402.states import state_of
+from pdgw.durations import MS
 from pdgw.gateway.axis.executors.positioner import PositionerExecutor
 from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.stop_watch import Brake

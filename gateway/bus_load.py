@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from pdgw.ds301.load import CyclicFrames
 from pdgw.ds301.plan import PdoPlan, straight_plan
 from pdgw.dsp402.objects import CONTROL_ATTRIBUTE, STATUS_ATTRIBUTE
+from pdgw.durations import MS_PER_SECOND, SECOND, US
 
 if TYPE_CHECKING:
     from pdgw.gateway.config import AxisConfig
@@ -40,20 +41,20 @@ def cyclic_frames(
     plans: Mapping[int, PdoPlan] | None = None,
 ) -> list[CyclicFrames]:
     """The frames of the nodes of one bus. ``encoders`` and ``plans`` of axes: by node-ID."""
-    cycle_rate = 1000 / cycle_time_ms
+    cycle_rate = MS_PER_SECOND / cycle_time_ms
     frames: list[CyclicFrames] = []
     sync = False
     for axis in axes:
         plan = (plans or {}).get(axis.node_id) or wanted_plan(axis, cycle_time_ms)
-        tpdo_rate = 1e6 / max(axis.inhibit_us(cycle_time_ms), _DRIVE_CYCLE_US)
+        tpdo_rate = SECOND / (max(axis.inhibit_us(cycle_time_ms), _DRIVE_CYCLE_US) * US)
         frames += plan.frames(axis.node_id, cycle_rate, tpdo_rate, (CONTROL_ATTRIBUTE, STATUS_ATTRIBUTE))
-        frames.append(CyclicFrames(f"heartbeat {axis.node_id}", 1, 1000 / axis.heartbeat_ms))
+        frames.append(CyclicFrames(f"heartbeat {axis.node_id}", 1, MS_PER_SECOND / axis.heartbeat_ms))
         sync |= plan.needs_sync
     for node_id, channels in encoders.items():
         first = channels[0]
-        rate = cycle_rate if first.sync else 1000 / first.event_ms(cycle_time_ms)
+        rate = cycle_rate if first.sync else MS_PER_SECOND / first.event_ms(cycle_time_ms)
         frames += [CyclicFrames(f"position {node_id}/{item.channel}", _POSITION_SIZE, rate) for item in channels]
-        frames.append(CyclicFrames(f"heartbeat {node_id}", 1, 1000 / first.heartbeat_ms))
+        frames.append(CyclicFrames(f"heartbeat {node_id}", 1, MS_PER_SECOND / first.heartbeat_ms))
         sync |= first.sync
     if sync:
         frames.append(CyclicFrames("SYNC", 0, cycle_rate))

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from pdgw.durations import MS
 from pdgw.gateway.config import AxisConfig, GatewayConfig
 from pdgw.gateway.config_encoder import EncoderConfig
 from pdgw.gateway.needs import quantity_of
@@ -66,7 +67,7 @@ class FrameMap:
 
 def counter_step(config: GatewayConfig) -> int:
     """What the PLC adds to the cycle counter with each frame."""
-    return max(1, int(config.transport.cycle_time_ms * 1_000_000) // COUNTER_UNIT_NS)
+    return max(1, int(config.transport.cycle_time_ms * MS) // COUNTER_UNIT_NS)
 
 
 def frame_maps(config: GatewayConfig) -> tuple[FrameMap, FrameMap]:

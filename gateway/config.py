@@ -23,6 +23,7 @@ from pdgw.dsp402.overlay import overlay
 from pdgw.dsp402.pdo import PdoLayout
 from pdgw.dsp402.settings import DriveSettings
 from pdgw.dsp402.unit_keys import UnitKeys, check_unit_keys
+from pdgw.durations import MS, US, US_PER_MS
 from pdgw.explain import misplaced
 from pdgw.gateway.axis.settings import AxisSettings, ControlLost, PlcLossReaction, SecondSensor, SetpointEnable
 from pdgw.gateway.axis.telegrams import (
@@ -96,7 +97,7 @@ class AxisConfig(DriveObjectSection):
     on_plc_loss: PlcLossReaction = _AXIS.on_plc_loss
     setpoint_enable: SetpointEnable = _AXIS.setpoint_enable
     control_lost: ControlLost = _AXIS.control_lost
-    stop_time_ms: Annotated[Integer, Field(ge=10, le=600_000)] = _AXIS.stop_time_ns // 1_000_000
+    stop_time_ms: Annotated[Integer, Field(ge=10, le=600_000)] = _AXIS.stop_time_ns // MS
     """From 100 % speed to standstill by the drive's own ramps (6084h, 6085h)."""
     modulo_axis: Boolean = _AXIS.modulo_axis
     simulate: Boolean = False
@@ -131,7 +132,7 @@ class AxisConfig(DriveObjectSection):
     """Position units within which DSC may start."""
     dsc_delay_cycles: Annotated[Integer, Field(ge=0, le=DELAY_CYCLES_MAX)] = _DSC.delay_cycles
     xerr_sign: XerrSign = _DSC.xerr_sign
-    sync_jitter_us: Annotated[Integer, Field(ge=0, le=JITTER_NS_MAX // 1000)] = _DSC.jitter_ns // 1000
+    sync_jitter_us: Annotated[Integer, Field(ge=0, le=JITTER_NS_MAX // US)] = _DSC.jitter_ns // US
     """Added to the dead time that limits KPC; what ``pdgw status`` shows as jitter."""
     positioner: PositionerConfig | None = None
     block: Annotated[tuple[BlockConfig, ...], BeforeValidator(as_list)] = ()
@@ -195,20 +196,20 @@ class AxisConfig(DriveObjectSection):
 
     @model_validator(mode="after")
     def _silence_is_a_loss(self) -> AxisConfig:
-        if self.tpdo_inhibit_us is not None and self.tpdo_inhibit_us > self.tpdo_event_ms * 1000:
+        if self.tpdo_inhibit_us is not None and self.tpdo_inhibit_us > self.tpdo_event_ms * US_PER_MS:
             raise misplaced(
                 f"tpdo_inhibit_us = {self.tpdo_inhibit_us} is longer than tpdo_event_ms = {self.tpdo_event_ms}: the drive "
-                f"would count as lost, allowed: 0 to {self.tpdo_event_ms * 1000}",
+                f"would count as lost, allowed: 0 to {self.tpdo_event_ms * US_PER_MS}",
                 "tpdo_inhibit_us",
             )
         return self
 
     def settings_at(self, cycle_time_ms: float) -> AxisSettings:
         """The user's choices, with those that the cycle of the PLC belongs to."""
-        cycle_ns = round(cycle_time_ms * 1_000_000)
+        cycle_ns = round(cycle_time_ms * MS)
         dsc: DscChoices | None = None
         if self.dsc is not None and self.following_window is not None:
-            jitter_ns = self.sync_jitter_us * 1000
+            jitter_ns = self.sync_jitter_us * US
             dsc = DscChoices(self.dsc, self.following_window, self.dsc_delay_cycles, self.xerr_sign, jitter_ns)
         return AxisSettings(
             self.on_plc_loss,
@@ -217,7 +218,7 @@ class AxisConfig(DriveObjectSection):
             self.ramp_stop_resume,
             self.standstill_window_percent,
             self.control_lost,
-            stop_time_ns=self.stop_time_ms * 1_000_000,
+            stop_time_ns=self.stop_time_ms * MS,
             jog_speeds_rpm=self._jog_speeds,
             g1_is_encoder=self.g1 is not None,
             second_sensor=self._second_sensor,
@@ -259,7 +260,7 @@ class AxisConfig(DriveObjectSection):
         """The inhibit time in force; an event-driven TPDO is not sent more often than this."""
         if self.tpdo_inhibit_us is not None:
             return self.tpdo_inhibit_us
-        return int(min(cycle_time_ms, self.tpdo_event_ms) * 1000)
+        return int(min(cycle_time_ms, self.tpdo_event_ms) * US_PER_MS)
 
     def drive_settings(self, number: int, cycle_time_ms: float) -> DriveSettings:
         """For a telegram, which may differ from the configured one (P922)."""
@@ -276,8 +277,8 @@ class AxisConfig(DriveObjectSection):
             cycle_ms=ceil(cycle_time_ms),
             sdo_timeout_ms=self.sdo_timeout_ms,
             sync=on_sync,
-            sync_period_us=round(cycle_time_ms * 1000) if cyclic else 0,
-            interpolation_us=round(cycle_time_ms * 1000) if number in TASK_TELEGRAM_NUMBERS else 0,
+            sync_period_us=round(cycle_time_ms * US_PER_MS) if cyclic else 0,
+            interpolation_us=round(cycle_time_ms * US_PER_MS) if number in TASK_TELEGRAM_NUMBERS else 0,
             allow_unguarded=self.allow_unguarded,
             initial_mode=initial_mode(number, self.dsc_form),
             units=self.units,

@@ -8,8 +8,9 @@ from __future__ import annotations
 from bisect import bisect_left
 from typing import Final, Protocol
 
-_MS: Final = 1_000_000
-BOUNDS_NS: Final = (*(int(step * scale * _MS) for scale in (0.1, 1, 10) for step in (1, 2, 5)), 100 * _MS)
+from pdgw.durations import MS, SECOND
+
+BOUNDS_NS: Final = (*(int(step * scale * MS) for scale in (0.1, 1, 10) for step in (1, 2, 5)), 100 * MS)
 """Upper ends of the classes: 0.1 to 100 ms in steps of 1, 2, 5; what is longer has a class of its own."""
 
 
@@ -27,9 +28,9 @@ class Histogram:
     def status(self) -> dict[str, object]:
         """Upper ends in seconds, how many were in each class (the last one: longer than all), and the sum of all."""
         return {
-            "bounds_s": [bound / 1e9 for bound in BOUNDS_NS],
+            "bounds_s": [bound / SECOND for bound in BOUNDS_NS],
             "counts": list(self.counts),
-            "sum_s": self.total_ns / 1e9,
+            "sum_s": self.total_ns / SECOND,
         }
 
 

@@ -12,12 +12,13 @@ import logging
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from functools import partial
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Final, Protocol
 
 from pdgw.ds301.client import NodeClient
-from pdgw.ds301.loop import MS, Event, Loop, Timer
+from pdgw.ds301.loop import Event, Loop, Timer
 from pdgw.ds301.network import CanNetwork
 from pdgw.ds301.node import GATEWAY_NODE_ID
+from pdgw.durations import MS, SECOND
 from pdgw.gateway.binding import Axis
 from pdgw.gateway.config import AxisConfig, GatewayConfig
 from pdgw.gateway.cycle_watch import CycleWatch
@@ -38,7 +39,7 @@ if TYPE_CHECKING:
 
 log = logging.getLogger("gateway")
 
-_SHUTDOWN_NS = 5_000 * MS
+_SHUTDOWN_NS: Final = 5_000 * MS
 _OFF_CYCLES = 3
 """So many cycles in a row must no power stage be on before the nodes are left."""
 
@@ -410,7 +411,7 @@ class Daemon:
     def _come_to_rest(self, now: int) -> None:
         self._off_cycles = 0 if any(item.powered for item in self.objects) else self._off_cycles + 1
         if now > self._stop_until:
-            log.error("drives not stopped within %d s: power off by NMT", _SHUTDOWN_NS // (1000 * MS))
+            log.error("drives not stopped within %d s: power off by NMT", _SHUTDOWN_NS // SECOND)
         elif self._off_cycles < _OFF_CYCLES:
             return
         self._finish()

@@ -8,11 +8,11 @@ from __future__ import annotations
 from collections import deque
 from typing import NamedTuple
 
+from pdgw.durations import MS
 from pdgw.gateway.axis.values import FaultRecord
 from pdgw.gateway.reasons import FIRST_WARNING, GATEWAY_FAULTS
 from pdgw.profidrive.parameters.faults import FAULTS_PER_SITUATION, SIZE, Fault, FaultBuffer
 
-_NS_PER_MS = 1_000_000
 _NO_FAULT = Fault(0, 0, 0, 0)
 _KEPT = 64
 EMCY_WARNING_BIT = 14
@@ -58,7 +58,7 @@ class FaultLog:
         if not record.is_warning:
             self.count += 1
             self.active = True
-            time_ms = max(0, record.time_ns - self._origin) // _NS_PER_MS
+            time_ms = max(0, record.time_ns - self._origin) // MS
             self._buffer.enter(Fault(record.number, record.code, record.value, time_ms & 0xFFFFFFFF))
         elif record.number in GATEWAY_FAULTS:
             self._warnings |= _warning_mask(record)

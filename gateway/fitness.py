@@ -11,6 +11,7 @@ from pdgw.dsp402.images import DriveFeedback
 from pdgw.dsp402.modes import MODE_NAMES, Mode
 from pdgw.dsp402.pdo import interpolated
 from pdgw.dsp402.planner import found_in_data_sheet, plan_pdos
+from pdgw.durations import MS
 from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.telegrams import (
@@ -24,7 +25,7 @@ from pdgw.gateway.axis.telegrams import (
 from pdgw.gateway.motion.dsc import DscChoices, DscForm
 from pdgw.gateway.positioner_config import SIMULATED, PositionerConfig
 
-_CYCLE_NS = 4_000_000
+_CYCLE_NS = 4 * MS
 _USUAL = AxisSettings(
     dsc=DscChoices(DscForm.SPEED, following_window=1),
     cycle_ns=_CYCLE_NS,

@@ -11,6 +11,7 @@ from functools import partial
 from typing import Final, Protocol
 
 from pdgw.ds301.counters import Counters
+from pdgw.durations import MS
 from pdgw.gateway.config_surroundings import TransportConfig
 from pdgw.gateway.edge import DatagramPort
 from pdgw.gateway.trace.layout import FramePlaces
@@ -20,7 +21,6 @@ from pdgw.profidrive.telegrams import Telegram
 
 log = logging.getLogger("gateway")
 
-MS: Final = 1_000_000
 _DATAGRAMS_AT_ONCE: Final = 64
 _WAITED_AT_MOST: Final = 10_000
 """More than a socket buffer holds: a flood must not hold up the start."""

@@ -11,8 +11,9 @@ from collections.abc import Callable, Iterable
 from pdgw.ds301.connection_set import ERROR_CONTROL
 from pdgw.ds301.network import CanNetwork
 from pdgw.ds301.pdo import PdoDirection
+from pdgw.durations import MS
 
-LISTEN_NS = 250_000_000
+LISTEN_NS = 250 * MS
 """So long a bus is listened to before anything is sent: longer than the usual heartbeat of 100 ms."""
 
 

@@ -10,10 +10,10 @@ import socket
 from collections.abc import Mapping
 
 from pdgw.ds301.counters import Counters
+from pdgw.durations import US
 
 _SHARE = 4
 """So many signs of life in the time in which one is wanted."""
-_NS_PER_US = 1000
 
 
 class ServiceManager:
@@ -27,7 +27,7 @@ class ServiceManager:
             self._socket.setblocking(False)
         wanted = environment.get("WATCHDOG_USEC", "")
         mine = environment.get("WATCHDOG_PID", str(process)) == str(process)
-        self.interval_ns = int(wanted) * _NS_PER_US // _SHARE if wanted.isdigit() and mine else 0
+        self.interval_ns = int(wanted) * US // _SHARE if wanted.isdigit() and mine else 0
         """Between two signs of life, 0: none is wanted."""
         self._due = 0
         self.failures = 0

@@ -13,9 +13,9 @@ from typing import Final
 from canopen.sdo import SdoAbortedError
 
 from pdgw.ds301.aborts import NOT_THERE, abort_text
-from pdgw.ds301.loop import MS
 from pdgw.dsp402 import touch_probe
 from pdgw.dsp402.drive import DriveClient
+from pdgw.durations import MS
 from pdgw.gateway.axis.values import News, ProbeAnswer, ProbeWish
 
 log = logging.getLogger("gateway")

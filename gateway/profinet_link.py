@@ -11,11 +11,12 @@ import logging
 import os
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Protocol
+from typing import Final, Protocol
 from uuid import UUID
 
 from pdgw.ds301.counters import Counters
-from pdgw.ds301.loop import MS, Loop, Mailbox, Task, Timer
+from pdgw.ds301.loop import Loop, Mailbox, Task, Timer
+from pdgw.durations import MS
 from pdgw.gateway.config import GatewayConfig
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.link import silence
@@ -42,7 +43,7 @@ log = logging.getLogger("gateway")
 _AT_ONCE = 64
 _WAITING = 64
 """Datagrams that may wait for the task; of more the oldest are lost, and their senders ask again."""
-_DIAGNOSIS_NS = 50 * MS
+_DIAGNOSIS_NS: Final = 50 * MS
 
 
 class Served(Diagnosed, Protocol):

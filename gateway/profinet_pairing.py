@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from pdgw.ds301.loop import MS
+from pdgw.durations import MS
 from pdgw.gateway.transport.ethernet import EthernetPort
 from pdgw.profinet.ppm import Provider
 

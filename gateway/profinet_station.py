@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import logging
 
-from pdgw.ds301.loop import MS, Loop
+from pdgw.ds301.loop import Loop
+from pdgw.durations import MS
 from pdgw.gateway.config_surroundings import TransportConfig
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.store import DeviceParameters, ParameterStore

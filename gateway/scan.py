@@ -20,7 +20,6 @@ from pdgw.ds301.configuration import SdoStep
 from pdgw.ds301.connection_set import ERROR_CONTROL, NMT, NODE_IDS, SDO_REQUEST, SDO_RESPONSE
 from pdgw.ds301.data_sheet import load_dictionary
 from pdgw.ds301.inquiry import Inquiry
-from pdgw.ds301.loop import MS, SECOND
 from pdgw.ds301.network import CanNetwork
 from pdgw.ds301.nmt import NmtState
 from pdgw.ds301.node import GATEWAY_NODE_ID
@@ -33,6 +32,7 @@ from pdgw.dsp402.probe import probe
 from pdgw.dsp402.settings import DriveSettings
 from pdgw.dsp406.kinds import ENCODER_PROFILE, EncoderType
 from pdgw.dsp406.objects import POSITION, POSITION_MULTI_SENSOR
+from pdgw.durations import MS, SECOND
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.telegrams import ENCODER_TELEGRAM_NUMBERS
 from pdgw.gateway.config import GatewayConfig

@@ -10,9 +10,10 @@ from datetime import datetime
 from typing import Any
 
 from pdgw import __version__
-from pdgw.ds301.loop import MS, SECOND, Event, Task, Timer
+from pdgw.ds301.loop import Event, Task, Timer
 from pdgw.ds301.readiness import NO_DESCRIPTOR
 from pdgw.dsp402.states import state_of
+from pdgw.durations import MS, SECOND
 from pdgw.gateway.binding import Axis
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.drive_object import DriveObject
@@ -79,7 +80,7 @@ def _object_status(item: DriveObject, standing: Standing) -> dict[str, Any]:
         "setpoints": item.telegram.setpoints.as_dict(setpoints) if setpoints is not None else None,
         "actuals": item.telegram.actuals.as_dict(item.actuals),
         "iops_good": item.good,
-        "heard_age_ms": round((item.client.loop.now() - heard_ns) / 1e6, 1) if heard_ns else None,
+        "heard_age_ms": round((item.client.loop.now() - heard_ns) / MS, 1) if heard_ns else None,
         "saturations": item.outputs.saturations,
         "faults": fault_status(item, 1),
         "fault_count": len(item.faults),

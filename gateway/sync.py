@@ -10,13 +10,12 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from pdgw.ds301.loop import MS
 from pdgw.ds301.network import CanNetwork
+from pdgw.durations import MS, US
 from pdgw.gateway.axis.executors.dsc import DscExecutor
 from pdgw.gateway.binding import Axis
 from pdgw.gateway.motion.dsc import KPC_PER_UNIT, DscForm
 
-US = 1_000
 _KEPT = 1024
 """So many of the newest values are looked at."""
 _PERCENTILE = 99

@@ -22,6 +22,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from types import MappingProxyType
 
+from pdgw.durations import MS, SECONDS_PER_MINUTE
 from pdgw.profidrive.datatypes import DataType, n2, n4
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.measuring import Measuring, Search, Trouble
@@ -50,7 +51,7 @@ _WARNING = _ZSW2_ENC.bit("WARNING").mask
 _CONTROL_REQUESTED = _ZSW2_ENC.bit("CONTROL_REQUESTED").mask
 _DEVICE_LIFE = _ZSW2_ENC.bit("SIGN_OF_LIFE")
 
-PRESET_SETTLE_NS = 200_000_000
+PRESET_SETTLE_NS = 200 * MS
 """How long after its answer a preset may still appear as a jump of the position; it is confirmed when it did."""
 
 
@@ -431,4 +432,4 @@ def speed_normalisation(data_type: DataType, reference: Fraction | int) -> Norma
 
 def rotary_speed_reference(rpm: Fraction | int, units_per_revolution: int) -> Fraction:
     """100 % of NIST in measuring units per second: P60000 in 1/min, and the encoder's units per revolution."""
-    return Fraction(rpm) * units_per_revolution / 60
+    return Fraction(rpm) * units_per_revolution / SECONDS_PER_MINUTE

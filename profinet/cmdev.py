@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from typing import Final, Protocol
 from uuid import UUID
 
+from pdgw.durations import MS, SECOND
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.frame import HEADER
 from pdgw.profinet import ethernet
@@ -29,9 +30,9 @@ from pdgw.profinet.rpc.records import PnioStatus, decode_arguments, encode_argum
 Address = tuple[str, int]
 _ACCEPTED, _PROVIDER_STOP = Verdict.ACCEPTED, Verdict.PROVIDER_STOP
 
-ACTIVITY_UNIT_NS: Final = 100_000_000
-RTA_UNIT_NS: Final = 100_000_000
-READY_INTERVAL_NS: Final = 2_000_000_000
+ACTIVITY_UNIT_NS: Final = 100 * MS
+RTA_UNIT_NS: Final = 100 * MS
+READY_INTERVAL_NS: Final = 2 * SECOND
 READY_ATTEMPTS: Final = 3
 CONTROL_OPERATION: Final = 4
 _ARGS_MAX = 4096

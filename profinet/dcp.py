@@ -13,6 +13,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
+from pdgw.durations import MS
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profinet import ethernet
 from pdgw.profinet.station import NO_IP, IpSuite, Station, check_name
@@ -24,7 +25,7 @@ HEADER: Final = struct.Struct(">HBBIHH")
 """FrameID, ServiceID, ServiceType, Xid, ResponseDelayFactor, DCPDataLength."""
 _BLOCK = struct.Struct(">BBH")
 _U16 = struct.Struct(">H")
-DELAY_UNIT_NS: Final = 10_000_000
+DELAY_UNIT_NS: Final = 10 * MS
 DELAY_FACTOR_MAX: Final = 6400
 _PENDING_MAX = 16
 

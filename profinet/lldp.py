@@ -9,14 +9,14 @@ import enum
 import struct
 from typing import Final
 
+from pdgw.durations import SECOND
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profinet import ethernet
 from pdgw.profinet.station import Neighbour, Station
 
-INTERVAL_NS: Final = 5_000_000_000
+INTERVAL_NS: Final = 5 * SECOND
 LIFETIME_S: Final = 20
 MAU_100BASE_TX_FULL: Final = 0x0010
-_NS_PER_S = 1_000_000_000
 _HEADER = struct.Struct(">H")
 _LENGTH_MASK = 0x1FF
 _TYPE_SHIFT = 9
@@ -91,7 +91,7 @@ def decode(data: bytes, start: int, now: int) -> Neighbour:
             raise ProfidriveError("LLDP frame", kind.name, "this TLV, which is mandatory")
     lifetime = int.from_bytes(found[Tlv.TTL][:2], "big")
     chassis, port = (_identifier(found[kind]) for kind in (Tlv.CHASSIS_ID, Tlv.PORT_ID))
-    return Neighbour(chassis, port, data[6:12], now, lifetime * _NS_PER_S)
+    return Neighbour(chassis, port, data[6:12], now, lifetime * SECOND)
 
 
 def _identifier(content: bytes) -> str:

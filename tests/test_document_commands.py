@@ -14,11 +14,12 @@ from pathlib import Path
 
 import pytest
 
+from pdgw.durations import MS
 from tests.decoder.test_profinet import frames as profinet_frames
 from tests.decoder.test_replay import speed
 from tests.support import captures
 from tests.support.cli import pdgw
-from tests.support.rig import MS, NODE
+from tests.support.rig import NODE
 from tests.test_documents import BLOCK, DOCUMENTS, INLINE, ROOT, command_in
 from tests.tour.console import Command, steps
 

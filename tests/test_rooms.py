@@ -95,5 +95,19 @@ def test_what_pydantic_finds_wrong_is_worded_in_one_place() -> None:
         assert ".errors()" not in text, file
 
 
-def test_the_explanation_belongs_to_no_room() -> None:
-    assert not [name for name in imports(ROOT / "pdgw" / "explain.py") if name.startswith("pdgw")]
+@pytest.mark.parametrize("module", ["explain", "durations"])
+def test_what_every_room_may_import_belongs_to_none(module: str) -> None:
+    assert not [name for name in imports(ROOT / "pdgw" / f"{module}.py") if name.startswith("pdgw")]
+
+
+def test_units_of_time_stand_in_one_place() -> None:
+    """Nobody reckons with nanoseconds of a millisecond or a second that are spelled out."""
+    spelled_out = re.compile(r"[*/%] (1e[69]|1_000_000|1_000_000_000|10\*\*[69])\b")
+    found = [
+        (str(file.relative_to(ROOT)), line.strip())
+        for room in (*PRODUCT, "decoder", "web", "peers", "tools")
+        for file in (ROOT / room).rglob("*.py")
+        for line in file.read_text(encoding="utf-8").splitlines()
+        if spelled_out.search(line)
+    ]
+    assert found == []

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 from pdgw.dsp402.drive_type import DriveType, Quantity
+from pdgw.durations import SECONDS_PER_MINUTE
 
 _TOLERANCE = Fraction(5, 100)
 _UNCERTAIN_S = Fraction(2, 100)
@@ -62,13 +63,13 @@ def judge(drive: DriveType, held: Measurement) -> Judgement:
         return Judgement(passed, tuple(lines), speed, None)
     way = f"position   6064h {moved:+d} in {float(held.seconds):.2f} s"
     if counts is None:
-        would = moved / (commanded * held.seconds / 60)
+        would = moved / (commanded * held.seconds / SECONDS_PER_MINUTE)
         lines.append(f"{way}: counts_per_revolution is not known, {float(would):.0f} would fit the commanded speed")
         return Judgement(passed, tuple(lines), speed, None)
-    seen = moved / counts / held.seconds * 60
+    seen = moved / counts / held.seconds * SECONDS_PER_MINUTE
     factor = seen / commanded
     lines.append(f"{way} = {_g(seen)} rpm ({_g(counts)} in one revolution): factor {float(factor):.3f}")
-    expected = abs(commanded * held.seconds / 60 * counts)
+    expected = abs(commanded * held.seconds / SECONDS_PER_MINUTE * counts)
     if abs(factor - 1) > max(_TOLERANCE, _UNCERTAIN_S / held.seconds + 2 / expected):
         passed = False
         lines.append(

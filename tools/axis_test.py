@@ -13,10 +13,11 @@ from fractions import Fraction
 from canopen.sdo import SdoAbortedError, SdoCommunicationError
 
 from pdgw.ds301.errors import CanopenError
-from pdgw.ds301.loop import MS, SECOND, Timer
+from pdgw.ds301.loop import Timer
 from pdgw.ds301.node import NodeStatus
 from pdgw.dsp402.drive_type import DriveType, Quantity
 from pdgw.dsp402.indices import POSITION_ACTUAL
+from pdgw.durations import MS, SECOND, SECONDS_PER_MINUTE
 from pdgw.gateway.config import GatewayConfig
 from pdgw.gateway.config_surroundings import TransportConfig
 from pdgw.gateway.daemon import Daemon
@@ -324,7 +325,7 @@ class AxisTest:
         target = axis.outputs.command.target_velocity
         speed = abs(rpm(drive, target))
         share = 1 if percent == self._choices.percent else _CREEP
-        duration = max(_SHORTEST_NS, int(self._choices.turns * share / (speed / 60) * SECOND))
+        duration = max(_SHORTEST_NS, int(self._choices.turns * share / (speed / SECONDS_PER_MINUTE) * SECOND))
         begun, first = self._timed_position(drive)
         last, ended, velocities = first, begun, [axis.drive.feedback.velocity_actual]
         while ended - begun < duration:
@@ -383,7 +384,7 @@ class AxisTest:
             raise DoubtError(f"the drive is not in operation any more: {self._why()}")
         target, velocity = self._axis.outputs.command.target_velocity, self._axis.drive.feedback.velocity_actual
         now = self._loop.now()
-        self._commanded += abs(rpm(drive, target)) * (now - self._watched_at) / (60 * SECOND)
+        self._commanded += abs(rpm(drive, target)) * (now - self._watched_at) / (SECONDS_PER_MINUTE * SECOND)
         self._watched_at = now
         seen = f"606Ch is {velocity} with 60FFh {target}"
         slack = max(self._still, Fraction(abs(target), 4))

@@ -20,6 +20,7 @@ from typing import Final, Self
 from pdgw.decoder.capture.live import EVERY_PROTOCOL
 from pdgw.decoder.capture.pcapng_file import PcapngWriter
 from pdgw.decoder.records import Link
+from pdgw.durations import SECOND
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.transport.udp import SO_TIMESTAMPNS
 
@@ -35,7 +36,6 @@ _FRAME: Final = struct.Struct("4I8xH")
 """Offset of the next one, seconds, nanoseconds, recorded bytes; offset of the frame itself."""
 _OF_KERNEL, _OF_READER = 0, 1
 _STATISTICS: Final = struct.Struct("3I")
-_NS_PER_S: Final = 1_000_000_000
 _WAIT_S: Final = 0.2
 _NICE: Final = 10
 """Of the thread that writes: whatever is recorded comes first."""
@@ -104,7 +104,7 @@ class EthernetCapture:
             at = start + offset
             for _ in range(count):
                 following, seconds, rest, size, begin = _FRAME.unpack_from(ring, at)
-                yield seconds * _NS_PER_S + rest, ring[at + begin : at + begin + size]
+                yield seconds * SECOND + rest, ring[at + begin : at + begin + size]
                 at += following
             _STATUS.pack_into(ring, start, _OF_KERNEL)
             self._block = (self._block + 1) % _BLOCKS

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from pdgw.ds301.loop import MS, SECOND
+from pdgw.durations import MS, SECOND
 from pdgw.gateway.config import GatewayConfig
 from pdgw.gateway.config_example import SIMULATED_WATCHDOG_FACTOR
 from pdgw.gateway.daemon import Daemon

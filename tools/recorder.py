@@ -14,6 +14,7 @@ from pdgw.decoder.capture.pcapng_file import PcapngWriter, can_packet, udp_packe
 from pdgw.decoder.records import Link
 from pdgw.ds301.can_frame import ERROR, EXTENDED, REMOTE
 from pdgw.ds301.loop import Loop
+from pdgw.durations import SECOND
 from pdgw.gateway.config import GatewayConfig
 from pdgw.gateway.config_file import config_text
 from pdgw.gateway.edge import DatagramPort, SystemEdge
@@ -98,7 +99,7 @@ class Recorder:
         identifier = message.arbitration_id | (EXTENDED if message.is_extended_id else 0)
         identifier |= (REMOTE if message.is_remote_frame else 0) | (ERROR if message.is_error_frame else 0)
         data = bytes(message.data)
-        time_ns = round(message.timestamp * 1e9) or time.time_ns()
+        time_ns = round(message.timestamp * SECOND) or time.time_ns()
         self.writer.put((Link.CAN_SOCKETCAN, bus, time_ns, can_packet(identifier, data)))
 
     def datagram(self, time_ns: int, source: Address, target: Address, data: bytes) -> None:
@@ -161,7 +162,7 @@ class RecordedPort:
         self._recorder.datagram(self._wall_ns(), self._here, address, bytes(data))
 
     def _wall_ns(self) -> int:
-        return round(self._loop.wall() * 1e9)
+        return round(self._loop.wall() * SECOND)
 
     def close(self) -> None:
         self._port.close()

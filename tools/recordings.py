@@ -34,6 +34,7 @@ from pdgw.decoder.replay import Replayer
 from pdgw.decoder.replayed import AxisReplay
 from pdgw.decoder.timeline import Entry
 from pdgw.ds301.connection_set import NODE_IDS
+from pdgw.durations import MS, SECOND
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS
 from pdgw.gateway.config import GatewayConfig
@@ -43,12 +44,12 @@ from pdgw.tools.progress import with_progress
 
 INFER_FROM = 20_000
 """Packets of a file that are looked at for the telegrams."""
-TOLERANCE_NS = 50_000_000
+TOLERANCE_NS = 50 * MS
 """So far recorded times may be off in a replay: a busy machine lets a recorder or the gateway's reader wait for some cycles."""
 _MIN_TOLERANCE_CYCLES = 4
 CONFIGURATION = "gateway.toml"
 """Beside captures: the configuration they were made with."""
-_STRETCH_NS = 2_000_000_000
+_STRETCH_NS = 2 * SECOND
 """So much of each capture is looked at in turn before a timeline begins."""
 _LOOK_AT = 50_000
 _FEW_CHANGES = 4
@@ -116,7 +117,7 @@ def _known_of(loaded: GatewayConfig, telegrams: Sequence[int], nodes: Sequence[s
             acyclic_ports=settings.acyclic_ports | {transport.acyclic_port} - {0},
         ),
         {axis.do_id: axis.settings_at(transport.cycle_time_ms) for axis in loaded.axis},
-        int(transport.cycle_time_ms * 1_000_000),
+        int(transport.cycle_time_ms * MS),
         transport.watchdog_factor,
     )
 
@@ -409,7 +410,7 @@ def nanoseconds(seconds: float | None) -> int | None:
     if seconds is None:
         return None
     try:
-        return round(seconds * 1e9)
+        return round(seconds * SECOND)
     except (ValueError, OverflowError):
         raise GatewayError(f"--offset {seconds}: expected a finite number of seconds") from None
 

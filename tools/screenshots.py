@@ -16,7 +16,7 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
-from pdgw.ds301.loop import SECOND
+from pdgw.durations import SECOND
 from pdgw.gateway.config import GatewayConfig
 from pdgw.gateway.config_file import parse_config
 from pdgw.gateway.daemon import Daemon

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from datetime import datetime
 from typing import Any
 
+from pdgw.durations import MS_PER_SECOND
 from pdgw.profidrive.signals import Signal, signal
 from pdgw.profidrive.telegrams import ApplicationMode, telegram
 
@@ -27,7 +28,7 @@ def duration(seconds: float) -> str:
 
 
 def _age(age_ms: float) -> str:
-    return f"{age_ms:g} ms" if age_ms < 1000 else duration(age_ms / 1000)
+    return f"{age_ms:g} ms" if age_ms < MS_PER_SECOND else duration(age_ms / MS_PER_SECOND)
 
 
 def status_lines(document: dict[str, Any], width: int = 80, *, counters: bool = False) -> Iterator[str]:

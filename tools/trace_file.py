@@ -12,6 +12,7 @@ from typing import Final
 
 from pdgw.decoder.capture.pcapng_file import PcapngWriter, can_packet, udp_packet
 from pdgw.decoder.records import Link
+from pdgw.durations import SECOND, US
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.trace.layout import CycleFlag
 from pdgw.gateway.trace.place import rings, run_directory
@@ -24,8 +25,6 @@ PLC: Final = "plc"
 """The interface of the PLC's frames in captures."""
 _NOBODY = ("0.0.0.0", CYCLIC_PORT)
 _TARGET, _SOURCE = slice(0, 6), slice(6, 12)
-_US = 1000
-_SECOND = 1_000_000_000
 
 Packet = tuple[int, Link, str, bytes]
 """Monotonic time, link type, interface, bytes."""
@@ -79,7 +78,7 @@ def captured(ring: Path, seconds: float, configuration: str) -> bytes:
         with RingReader(ring) as reader, tempfile.TemporaryDirectory(prefix="pdgw-") as directory:
             newest = reader.cycles(at_most=1)
             file = Path(directory) / "capture.pcapng"
-            begin = newest[0].time_ns - int(seconds * _SECOND) if newest else None
+            begin = newest[0].time_ns - int(seconds * SECOND) if newest else None
             save(reader, file, begin, configuration=configuration)
             return file.read_bytes()
     except OSError as error:
@@ -147,7 +146,7 @@ def _profinet(cycles: Sequence[Cycle]) -> Iterator[Packet]:
 
 
 def _answered(cycle: Cycle) -> int:
-    return cycle.time_ns + (cycle.response_us or 0) * _US
+    return cycle.time_ns + (cycle.response_us or 0) * US
 
 
 def _address(peer: str) -> tuple[str, int]:

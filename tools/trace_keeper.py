@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 
+from pdgw.durations import SECOND
 from pdgw.gateway.config_surroundings import Trigger
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.reasons import Enable, Reason
@@ -21,7 +22,6 @@ from pdgw.tools.trace_file import is_alive, save
 
 log = logging.getLogger("trace")
 
-_SECOND = 1_000_000_000
 _SILENT_S = 1.0
 """So long without a cycle, and the process is looked for."""
 _NOT_ASKED = frozenset(
@@ -68,7 +68,7 @@ class Keeper:
         pending, newest = self._pending, self._last
         if pending is None or newest is None:
             return
-        if newest.time_ns >= pending[0] + self._choice.after_s * _SECOND or self._reader.ended:
+        if newest.time_ns >= pending[0] + self._choice.after_s * SECOND or self._reader.ended:
             self._keep(*pending)
 
     def ended(self) -> None:
@@ -94,9 +94,9 @@ class Keeper:
     def _keep(self, time_ns: int, what: str) -> None:
         self._pending = None
         choice = self._choice
-        moment = datetime.fromtimestamp(self._reader.wall_ns(time_ns) / 1e9).strftime("%Y%m%d-%H%M%S")
+        moment = datetime.fromtimestamp(self._reader.wall_ns(time_ns) / SECOND).strftime("%Y%m%d-%H%M%S")
         path = choice.directory / f"{self._reader.layout.name}-{moment}-{what}.pcapng"
-        begin, end = time_ns - choice.before_s * _SECOND, time_ns + choice.after_s * _SECOND
+        begin, end = time_ns - choice.before_s * SECOND, time_ns + choice.after_s * SECOND
         part = path.with_suffix(".part")
         try:
             choice.directory.mkdir(parents=True, exist_ok=True)

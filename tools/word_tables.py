@@ -9,6 +9,7 @@ from typing import Any
 
 import yaml
 
+from pdgw.durations import MS
 from pdgw.gateway.errors import GatewayError
 from pdgw.peers.plc.endpoint import PlcEndpoint
 from pdgw.peers.plc.engine import Engine
@@ -20,7 +21,7 @@ from pdgw.peers.plc.vocabulary import Word, telegrams_of, words_of
 from pdgw.profidrive.telegrams import TELEGRAMS, telegram
 from pdgw.tools.markdown import table
 
-_CYCLE_NS = 4_000_000
+_CYCLE_NS = 4 * MS
 _OF_A_TELEGRAM = frozenset({"set", "expect"})
 """Their examples name signals, every telegram has some."""
 _INTRODUCTION = """\

@@ -14,13 +14,13 @@ from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Histo
 from prometheus_client.exposition import generate_latest
 from prometheus_client.registry import Collector
 
+from pdgw.durations import MS_PER_SECOND
 from pdgw.gateway.reasons import AxisState
 from pdgw.gateway.transport.cyclic import Verdict
 from pdgw.web.feed import Document
 from pdgw.web.watch import Watch, counter
 
 CONTENT_TYPE = "text/plain; version=0.0.4; charset=utf-8"
-_MS = 1000
 
 _LINK_COUNTERS = (
     ("watchdog_expiries", "pdgw_plc_watchdog_expiries", "Times no valid frame of the PLC came in time."),
@@ -53,7 +53,7 @@ class GatewayCollector(Collector):
         yield build
         yield _gauge("pdgw_uptime_seconds", "Since the gateway was started.", document["uptime_s"])
         yield _gauge("pdgw_simulated", "Some of its devices are simulated.", document["simulated"])
-        cycle_s = document["plc"]["cycle_ms"] / _MS
+        cycle_s = document["plc"]["cycle_ms"] / MS_PER_SECOND
         yield _gauge("pdgw_cycle_time_seconds", "Cycle of the exchange, as configured.", cycle_s)
         yield from _plc(document)
         yield from _objects(document)
@@ -129,7 +129,7 @@ def _objects(document: Document) -> Iterator[Metric]:
         if item["heard_age_ms"] is not None and not any(
             sample.labels == {"bus": item["bus"], "node": node} for sample in age.samples
         ):
-            age.add_metric([item["bus"], node], item["heard_age_ms"] / _MS)
+            age.add_metric([item["bus"], node], item["heard_age_ms"] / MS_PER_SECOND)
     yield from (state, blocked, online, age)
 
 

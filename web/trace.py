@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from pdgw.dsp402.drive_type import Quantity
+from pdgw.durations import SECOND
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.needs import quantity_of
 from pdgw.gateway.trace.layout import TracedObject
@@ -27,7 +28,6 @@ BINS_MAX = 5000
 _LIVE_BIN_S = 0.02
 _LIVE_MAX_S = 2.0
 """A stream that was not served for longer has a gap."""
-_S = 1_000_000_000
 Column = list[float | None]
 Value = Callable[[Cycle], float | None]
 
@@ -171,11 +171,11 @@ class Traces:
         times: list[float] = []
         values: list[Column] = [[] for _ in chosen]
         if newest:
-            begin = newest[0].time_ns - int(seconds * _S)
-            at_most = max(1, int(seconds * _S / reader.layout.cycle_ns * 2))
+            begin = newest[0].time_ns - int(seconds * SECOND)
+            at_most = max(1, int(seconds * SECOND / reader.layout.cycle_ns * 2))
             for part in _parts(reader, max(0, newest[0].sequence - at_most), newest[0].sequence):
                 kept = [cycle for cycle in part if cycle.time_ns >= begin]
-                times += [reader.wall_ns(cycle.time_ns) / _S for cycle in kept]
+                times += [reader.wall_ns(cycle.time_ns) / SECOND for cycle in kept]
                 for column, more in zip(values, columns(kept, chosen), strict=True):
                     column.extend(more)
         if bins is not None and len(times) > 2 * bins:
@@ -195,9 +195,9 @@ class Traces:
             return None
         newest = reader.newest_cycle
         after = known.after if known is not None and known.reader is reader else newest
-        at_most = int(_LIVE_MAX_S * _S / reader.layout.cycle_ns)
+        at_most = int(_LIVE_MAX_S * SECOND / reader.layout.cycle_ns)
         cycles = reader.cycles(after, at_most)
-        times = [reader.wall_ns(cycle.time_ns) / _S for cycle in cycles]
+        times = [reader.wall_ns(cycle.time_ns) / SECOND for cycle in cycles]
         document = _document(do_id, chosen, *binned(times, columns(cycles, chosen), _LIVE_BIN_S))
         message = b"event: trace\ndata: " + json.dumps(document).encode() + b"\n\n" if cycles else None
         self._live[do_id] = _Live(reader, tick, cycles[-1].sequence if cycles else after, message)

@@ -10,6 +10,7 @@ from collections import Counter
 from typing import Protocol
 
 from pdgw.ds301.load import DEFAULT_BITRATE, bus_load, frame_bits
+from pdgw.durations import MS_PER_SECOND
 from pdgw.gateway.bus_load import cyclic_frames
 from pdgw.gateway.config import GatewayConfig
 from pdgw.gateway.errors import GatewayError
@@ -21,7 +22,6 @@ log = logging.getLogger("gateway")
 
 _LOAD_OVER_S = 1.0
 """A measured load is the mean of so long at least."""
-_MS = 1000
 
 
 def counter(document: Document, part: str, name: str) -> int | None:
@@ -95,7 +95,7 @@ class Watch:
 
     def __init__(self, config: GatewayConfig, gateway: Gateway) -> None:
         self.config = config
-        self.log = EventLog(int(time.time() * _MS))
+        self.log = EventLog(int(time.time() * MS_PER_SECOND))
         self.loads = BusLoads(config)
         self.fault_counts: Counter[tuple[int, int]] = Counter()
         """Faults by DO-ID and number, since this process began."""

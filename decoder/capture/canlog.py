@@ -15,6 +15,7 @@ from pdgw.decoder.capture.stream import ByteSource, Window
 from pdgw.decoder.engine import CanPacket
 from pdgw.decoder.link import CanFrame
 from pdgw.ds301.can_frame import ERROR, EXTENDED_ID, STANDARD_ID
+from pdgw.durations import SECOND, US
 
 if TYPE_CHECKING:
     import can
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
 MAX_LINE: Final = 1024
 _SHOWN: Final = 40
 """Bytes of a bad line in its message."""
+_US_PER_SECOND: Final = SECOND // US
 _LOG = re.compile(rb"\((\d{1,12})\.(\d{1,9})\) +(\S+) +([0-9A-Fa-f]{3,8})#([0-9A-Fa-f]*)(?: +[RT])?\s*\Z")
 _LOG_OTHER = re.compile(
     rb"\((\d{1,12})\.(\d{1,9})\) +(\S+) +([0-9A-Fa-f]{3,8})#(?:([Rr])(\d?)|#[0-9A-Fa-f]([0-9A-Fa-f]*))(?: +[RT])?\s*\Z"
@@ -75,7 +77,7 @@ def read_candump(source: ByteSource, name: str) -> Iterator[CanPacket]:
         text = channels.get(channel)
         if text is None:
             text = channels[channel] = channel.decode("utf-8", "replace")
-        yield CanPacket(number, int(seconds) * 1_000_000_000 + int(fraction.ljust(9, b"0")), text, frame)
+        yield CanPacket(number, int(seconds) * SECOND + int(fraction.ljust(9, b"0")), text, frame)
 
 
 def _frame(identifier: bytes, data: bytes, remote: bool = False) -> CanFrame:
@@ -108,8 +110,8 @@ def candump_line(message: can.Message) -> str:
 
     python-can's own writer adds R or T for the direction, which Wireshark 4.0 does not read.
     """
-    microseconds = round(message.timestamp * 1e6)
-    head = f"({microseconds // 1_000_000}.{microseconds % 1_000_000:06d}) {message.channel or 'can'} "
+    microseconds = round(message.timestamp * _US_PER_SECOND)
+    head = f"({microseconds // _US_PER_SECOND}.{microseconds % _US_PER_SECOND:06d}) {message.channel or 'can'} "
     if message.is_error_frame:
         return f"{head}{ERROR | message.arbitration_id:08X}#0000000000000000\n"
     identifier = f"{message.arbitration_id:0{_EXTENDED_DIGITS if message.is_extended_id else 3}X}"
@@ -126,7 +128,7 @@ def message_packet(number: int, message: can.Message) -> CanPacket:
         message.is_error_frame,
     )
     channel = "" if message.channel is None else str(message.channel)
-    return CanPacket(number, round(message.timestamp * 1e9), channel, frame)
+    return CanPacket(number, round(message.timestamp * SECOND), channel, frame)
 
 
 def read_messages(messages: Iterable[can.Message], name: str, position: Callable[[], int]) -> Iterator[CanPacket]:

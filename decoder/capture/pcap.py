@@ -15,14 +15,15 @@ from typing import Final
 from pdgw.decoder.capture.errors import CaptureError
 from pdgw.decoder.capture.stream import ByteSource, Window
 from pdgw.decoder.engine import Packet
+from pdgw.durations import SECOND, US
 
 MAX_PACKET: Final = 1 << 18
 """The largest snapshot length of tcpdump and dumpcap; a longer packet is a damaged length."""
 _MAX_BLOCK: Final = 1 << 24
 
 _PCAP_MAGICS: Final = {
-    b"\xd4\xc3\xb2\xa1": ("<", 1000),
-    b"\xa1\xb2\xc3\xd4": (">", 1000),
+    b"\xd4\xc3\xb2\xa1": ("<", US),
+    b"\xa1\xb2\xc3\xd4": (">", US),
     b"\x4d\x3c\xb2\xa1": ("<", 1),
     b"\xa1\xb2\x3c\x4d": (">", 1),
 }
@@ -81,9 +82,7 @@ def _pcap(window: Window, name: str) -> Iterator[Packet]:
             if end > size:
                 break
             number += 1
-            yield Packet(
-                number, seconds * 1_000_000_000 + fraction * fraction_ns, link, "", data[at + _PCAP_RECORD : end]
-            )
+            yield Packet(number, seconds * SECOND + fraction * fraction_ns, link, "", data[at + _PCAP_RECORD : end])
             at = end
         window.at = at
         if at + _PCAP_RECORD <= size:
@@ -239,10 +238,10 @@ class _Pcapng:
         exponent = resolution[0] & 0x7F
         ticks = 2**exponent if resolution[0] & 0x80 else 10**exponent
         seconds = options.get(_IF_TSOFFSET, b"")
-        offset = struct.unpack(self._order + "q", seconds)[0] * 10**9 if len(seconds) == 8 else 0
+        offset = struct.unpack(self._order + "q", seconds)[0] * SECOND if len(seconds) == 8 else 0
         name = options.get(_IF_NAME, b"").rstrip(b"\0").decode("utf-8", "replace")
-        whole = 0 if 10**9 % ticks else 10**9 // ticks
-        self._interfaces.append(_Interface(link, name, (10**9, ticks), offset, snap, whole))
+        whole = 0 if SECOND % ticks else SECOND // ticks
+        self._interfaces.append(_Interface(link, name, (SECOND, ticks), offset, snap, whole))
 
     def _options(self, at: int, end: int) -> Iterator[tuple[int, bytes]]:
         data = self._window.data

@@ -12,6 +12,7 @@ from pdgw.decoder.fields import Field
 from pdgw.decoder.names import Names
 from pdgw.decoder.records import Record, Unit, UnitLayout
 from pdgw.dsp402.states import STATE_OF_STATUS, State
+from pdgw.durations import SECOND
 from pdgw.gateway.axis.watch import FAULTY
 from pdgw.gateway.errors import GatewayError
 
@@ -163,7 +164,7 @@ class PlotWriter:
         zero = self.zero_ns
         if zero is None:
             zero = self.zero_ns = record.time_ns
-        seconds = (record.time_ns - zero) / 1e9
+        seconds = (record.time_ns - zero) / SECOND
         rows = self._columns.rows(record) if units is None else self._columns.unit_rows(record, units)
         for unit, row in rows:
             whose = _whose(unit)

@@ -14,6 +14,7 @@ from pdgw.decoder.fields import Document
 from pdgw.decoder.records import CyclicRecord, Record
 from pdgw.decoder.timeline import Anomaly, Edge, Entry
 from pdgw.decoder.timeline_text import entry_lines
+from pdgw.durations import SECOND
 from pdgw.gateway.errors import GatewayError
 
 _TEMPLATE: Final = Path(__file__).parent / "trace_page.html"
@@ -56,7 +57,7 @@ class TracePage:
                 self._frame(item)
             return
         if len(self._entries) < MAX_ENTRIES:
-            seconds = (item.time_ns - self._zero) / 1e9
+            seconds = (item.time_ns - self._zero) / SECOND
             text = "\n".join(entry_lines(item, self._zero))
             if text:
                 anomaly = isinstance(item, Anomaly)
@@ -65,7 +66,7 @@ class TracePage:
             self._word(item)
 
     def _frame(self, record: CyclicRecord) -> None:
-        seconds = (record.time_ns - self._zero) / 1e9
+        seconds = (record.time_ns - self._zero) / SECOND
         self._end = max(self._end, seconds)
         for unit in record.units:
             self._states.add(str(unit.axis), seconds, unit)
@@ -82,7 +83,7 @@ class TracePage:
             bits = [(bit.mask, bit.name) for bit in edge.field.bits]
             self._words[key] = (bits, _Changes())
             self._words[key][1].add(0.0, edge.before)
-        self._words[key][1].add((edge.time_ns - self._zero) / 1e9, edge.after)
+        self._words[key][1].add((edge.time_ns - self._zero) / SECOND, edge.after)
 
     def document(self) -> Document:
         """Everything the page shows, as plain data; times are seconds."""

@@ -18,6 +18,7 @@ from pdgw.decoder.names import Names
 from pdgw.decoder.records import AcyclicRecord, BusKind, Record, Unit
 from pdgw.decoder.render import line_parts, record_line, record_tree
 from pdgw.decoder.statistics import Statistics
+from pdgw.durations import SECOND, US
 from pdgw.gateway.errors import GatewayError
 
 Units = tuple[Unit, ...] | None
@@ -69,7 +70,7 @@ class TextWriter:
             self._out.write(record_line(record, zero, units) + "\n")
         else:
             source, text, values = line_parts(record, units)
-            seconds = (record.time_ns - zero) / 1e9
+            seconds = (record.time_ns - zero) / SECOND
             said = " | ".join(part for part in (text, values) if part)
             head = f"{_DIM}{record.number:6d} {seconds:12.6f}{_RESET}"
             self._out.write(f"{head} {record.bus.value} {_colour(record)}{source:<7}{_RESET} {said}\n")
@@ -115,7 +116,7 @@ class CsvWriter:
     def take(self, record: Record, units: Units) -> None:
         rows = self._columns.rows(record) if units is None else self._columns.unit_rows(record, units)
         for _, row in rows:
-            seconds, rest = divmod(record.time_ns, 1_000_000_000)
+            seconds, rest = divmod(record.time_ns, SECOND)
             self._write([f"{seconds}.{rest:09d}", *row])
 
     def finish(self) -> None:
@@ -176,8 +177,8 @@ def _stats_lines(statistics: Statistics, bitrate: int) -> list[str]:
         for stream in streams:
             i = stream.intervals
             line = (
-                f"{stream.identifier:8} {stream.name:18.18} {stream.count:8d} {stream.rate:9.1f} {i.mean / 1000:10.1f} "
-                f"{i.deviation / 1000:10.1f} {i.shortest / 1000:10.1f} {i.longest / 1000:10.1f}"
+                f"{stream.identifier:8} {stream.name:18.18} {stream.count:8d} {stream.rate:9.1f} {i.mean / US:10.1f} "
+                f"{i.deviation / US:10.1f} {i.shortest / US:10.1f} {i.longest / US:10.1f}"
             )
             document = stream.document()
             if document.get("counter_step_us") is not None:

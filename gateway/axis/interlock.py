@@ -9,14 +9,15 @@ from __future__ import annotations
 from typing import Final
 
 from pdgw.dsp402.states import STATE_OF_STATUS, ControlBit
+from pdgw.durations import MS
 from pdgw.gateway.axis.power_table import CELLS, COASTS, DRIVE_OF_STATE, DRIVES, WISHES, Action, Cell, Drive, Phase
 from pdgw.gateway.axis.settings import AxisSettings, PlcLossReaction
 from pdgw.gateway.axis.waist import STATE_MASK, PowerWish
 from pdgw.gateway.reasons import Reason
 
-QUICK_STOP_STANDING_NS: Final = 200_000_000
+QUICK_STOP_STANDING_NS: Final = 200 * MS
 """A drive that stays in Quick Stop Active at standstill for so long (option codes 5-8) gets Disable Voltage."""
-DISABLE_SHOWN_NS: Final = 200_000_000
+DISABLE_SHOWN_NS: Final = 200 * MS
 """So long after a Disable Operation the drive's leaving of Operation Enabled is the PLC's doing, not its own."""
 
 _DRIVE_OF_STATUS: Final = tuple(DRIVE_OF_STATE[state] for state in STATE_OF_STATUS)

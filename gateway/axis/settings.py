@@ -6,6 +6,7 @@ import enum
 from dataclasses import dataclass
 from fractions import Fraction
 
+from pdgw.durations import MS, SECOND
 from pdgw.gateway.motion.dsc import DscChoices
 from pdgw.gateway.motion.wishes import PositionerChoices
 from pdgw.profidrive.sign_of_life import MONITORING_OFF
@@ -60,10 +61,10 @@ class AxisSettings:
     standstill_window: Fraction = Fraction(1, 100)
     """Standstill when |velocity| is at most this share of the reference speed."""
     control_lost: ControlLost = ControlLost.STOP
-    reaction_ns: int = 400_000_000
+    reaction_ns: int = 400 * MS
     """So long may a stop take to show: a lost RPDO goes out again with the refresh, the answer comes at the latest with the
     event timer of the TPDO and is looked at in the next cycle; twice that."""
-    stop_time_ns: int = 10_000_000_000
+    stop_time_ns: int = 10 * SECOND
     """From 100 % speed to standstill by the drive's own ramps."""
     sign_of_life_failures: int = MONITORING_OFF
     """P925: tolerated failures of the PLC's sign of life in succession; 65535: not watched, only answered."""

@@ -10,17 +10,18 @@ from typing import Final
 
 from pdgw.dsp402.images import DriveFeedback
 from pdgw.dsp402.states import STATE_OF_STATUS, State, StatusBit
+from pdgw.durations import MS, SECOND
 from pdgw.gateway.axis.executors.base import Troubles
 from pdgw.gateway.axis.power_table import CONTROLWORDS, Action
 from pdgw.gateway.axis.values import FaultRead, FaultRecord, NodeNotice, Notice, Outputs, gateway_fault
 from pdgw.gateway.axis.waist import STATE_MASK
 from pdgw.gateway.reasons import FaultNumber, Reason
 
-SAME_EVENT_NS: Final = 1_000_000_000
+SAME_EVENT_NS: Final = SECOND
 """What repeats is told once in this time: a loose contact must not push the first cause out of the fault buffer."""
-ACKNOWLEDGE_NS: Final = 1_000_000_000
+ACKNOWLEDGE_NS: Final = SECOND
 """So long may a device take to leave its fault."""
-EMERGENCY_PATIENCE_NS: Final = 200_000_000
+EMERGENCY_PATIENCE_NS: Final = 200 * MS
 """An EMCY may come so long before or after the Statusword that shows its fault."""
 EMERGENCIES_KEPT: Final = 64
 """So many different EMCY are told apart at a time."""

@@ -6,8 +6,9 @@ a second set-point beside the one that runs.
 
 from __future__ import annotations
 
+from pdgw.durations import MS
 from pdgw.gateway.motion.blocks import Block, BlockMode, BlockNext, BlockTable, BlockTask
-from pdgw.gateway.motion.course import MS, Course
+from pdgw.gateway.motion.course import Course
 from pdgw.gateway.motion.wishes import FULL, Seen
 from pdgw.gateway.reasons import Reason
 

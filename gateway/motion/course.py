@@ -8,15 +8,16 @@ drive's handshake (executors).
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Final
 
+from pdgw.durations import MS
 from pdgw.gateway.motion.modulo import Direction, way
 from pdgw.gateway.motion.wishes import FULL, Asked, Motion, MotionKind, Outcome, PositionerSettings, Seen
 from pdgw.gateway.reasons import Reason
 
-MS = 1_000_000
-FIXED_STOP_NS = 100 * MS
+FIXED_STOP_NS: Final = 100 * MS
 """Standing at the torque limit for so long is the fixed stop."""
-LIMIT_STANDING_NS = 500 * MS
+LIMIT_STANDING_NS: Final = 500 * MS
 """A drive that reports an internal limit and stands so long with a setpoint or task is held by it (a limit switch); one whose
 speed is limited has left standstill by then."""
 _STAND, _POSITION, _SPEED = MotionKind.STAND, MotionKind.POSITION, MotionKind.SPEED

@@ -13,26 +13,25 @@ import enum
 from collections import deque
 from dataclasses import dataclass, field
 from fractions import Fraction
-from typing import Literal, get_args
+from typing import Final, Literal, get_args
 
+from pdgw.durations import MS, SECOND, SECONDS_PER_MINUTE
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.motion.units import round_half_away
 from pdgw.gateway.reasons import Reason
 from pdgw.profidrive.datatypes import N4_100_PERCENT, DataType
 
-KPC_PER_UNIT = 1000
+KPC_PER_UNIT: Final = 1000
 """KPC counts 0.001/s."""
 SYNC_PERIODS_TO_EFFECT = Fraction(5, 2)
 """From a TPDO to the effect of the RPDO that answers it: up to the PLC's frame, to the next SYNC, half a period of the drive."""
 _E = Fraction(2_718_281_828, 1_000_000_000)
 _PI = Fraction(3_141_592_654, 1_000_000_000)
-_NS = 1_000_000_000
-_SECONDS_PER_MINUTE = 60
 _LOWEST, _HIGHEST = DataType.INTEGER32.integer_range
 _TURN = 1 << 32
-DELAY_CYCLES_MAX = 8
+DELAY_CYCLES_MAX: Final = 8
 FOLLOWING_WINDOW_MAX = _HIGHEST
-JITTER_NS_MAX = 100_000_000
+JITTER_NS_MAX: Final = 100 * MS
 XerrSign = Literal[1, -1]
 """-1: a positive XERR moves backward."""
 
@@ -47,7 +46,7 @@ def dead_time_ns(sync_period_ns: int, jitter_ns: int) -> int:
 
 def highest_gain(dead_time: int) -> int:
     """The largest KPC (0.001/s) without overshoot over a dead time T (ns), 1 / (e x T); from pi / (2T) on it oscillates."""
-    return int(Fraction(KPC_PER_UNIT * _NS, dead_time) / _E)
+    return int(Fraction(KPC_PER_UNIT * SECOND, dead_time) / _E)
 
 
 def longest_hold_ns(dead_time: int) -> int:
@@ -122,7 +121,7 @@ class DscSettings:
 
     def __post_init__(self) -> None:
         _check("increments per revolution", self.increments_per_revolution, 1, _HIGHEST)
-        _check("SYNC period", self.sync_period_ns, 1, _NS)
+        _check("SYNC period", self.sync_period_ns, 1, SECOND)
         _check("fine resolution", self.fine_resolution, 0, 31)
         if self.reference_speed <= 0 or self.velocities_per_rpm <= 0:
             raise GatewayError("reference speed and velocity units: 0 is not allowed, expected values above 0")
@@ -168,7 +167,7 @@ class Dsc:
         speed = settings.reference_speed * settings.velocities_per_rpm / N4_100_PERCENT
         self._speed = speed.as_integer_ratio()
         turn = settings.increments_per_revolution << settings.fine_resolution
-        loop = Fraction(_SECONDS_PER_MINUTE, KPC_PER_UNIT * turn) * settings.velocities_per_rpm
+        loop = Fraction(SECONDS_PER_MINUTE, KPC_PER_UNIT * turn) * settings.velocities_per_rpm
         self._loop = loop.as_integer_ratio()
 
     def stop(self) -> None:

@@ -9,16 +9,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
+from typing import Final
 
+from pdgw.durations import MS
 from pdgw.gateway.motion.blocks import BlockTable
 from pdgw.gateway.motion.chain import BlockChain
-from pdgw.gateway.motion.course import MS, Course
+from pdgw.gateway.motion.course import Course
 from pdgw.gateway.motion.modulo import Direction
 from pdgw.gateway.motion.states import TASK_STATES, TRANSITIONS, Action, Event, State, Transition
 from pdgw.gateway.motion.wishes import FULL, Asked, HomingResult, MotionKind, Outcome, PositionerSettings, Seen
 from pdgw.gateway.reasons import Reason
 
-SHOWN_NS = 100 * MS
+SHOWN_NS: Final = 100 * MS
 """POS_ZSW1.11 shows homing and a set reference point at least so long, because masters poll it."""
 _BOTH = (True, True)
 _KEPT = frozenset({State.MDI, State.SETTING_UP, State.BLOCK})

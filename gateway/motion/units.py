@@ -9,12 +9,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from fractions import Fraction
 
+from pdgw.durations import SECONDS_PER_MINUTE
 from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.datatypes import N2_100_PERCENT
 
 LU_PER_VELOCITY_UNIT = 1000
 """MDI_VELOCITY and the velocities of blocks and jogging count 1000 LU/min."""
-_SECONDS_PER_MINUTE = 60
 
 
 def round_half_away(numerator: int, denominator: int) -> int:
@@ -59,7 +59,7 @@ class LengthUnits:
         self._position = (drive.positions_per_revolution / lu_per_revolution).as_integer_ratio()
         rpm = Fraction(LU_PER_VELOCITY_UNIT, lu_per_revolution)
         self._velocity = (rpm / N2_100_PERCENT * drive.velocities_per_rpm).as_integer_ratio()
-        step = rpm * _SECONDS_PER_MINUTE / N2_100_PERCENT * drive.accelerations_per_rpm_s
+        step = rpm * SECONDS_PER_MINUTE / N2_100_PERCENT * drive.accelerations_per_rpm_s
         self._acceleration = (step * max_acceleration).as_integer_ratio()
         self._deceleration = (step * max_deceleration).as_integer_ratio()
 

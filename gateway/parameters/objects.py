@@ -19,8 +19,8 @@ from canopen.sdo import SdoAbortedError, SdoCommunicationError
 from pdgw.ds301.aborts import Abort, abort_text
 from pdgw.ds301.client import NodeClient
 from pdgw.ds301.errors import CanopenError
-from pdgw.ds301.loop import MS
 from pdgw.ds301.objects import CanType
+from pdgw.durations import MS
 from pdgw.gateway.drive_object import DriveObject
 from pdgw.gateway.parameters.guarded import Check, guard_of
 from pdgw.profidrive.datatypes import DataType

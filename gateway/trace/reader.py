@@ -16,6 +16,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple, Self, TypeVar
 
+from pdgw.durations import SECOND
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.trace.layout import (
     FRAME,
@@ -36,7 +37,7 @@ from pdgw.profidrive.telegrams import telegram
 _SIGN = 1 << 63
 _RESERVE = 4
 """Out of order, of 2^4 records the oldest one may be overwritten already: more frames than a bus carries in a cycle."""
-_SETTLED_NS = 1_000_000_000
+_SETTLED_NS = SECOND
 """A store is seen long before that: what a daemon wrote last that writes no more, for whatever reason."""
 _AT_ONCE = 256
 """Records copied between two looks at their numbers."""

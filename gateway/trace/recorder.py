@@ -8,8 +8,8 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from pdgw.ds301.loop import SECOND
 from pdgw.dsp402.images import DriveCommand, DriveFeedback
+from pdgw.durations import SECOND, US
 from pdgw.gateway.axis.encoder_machine import EncoderInputs
 from pdgw.gateway.axis.values import Inputs
 from pdgw.gateway.binding import Axis
@@ -103,7 +103,7 @@ class FlightRecorder:
         response = 0
         if answered:
             flags |= _ANSWERED
-            response = min((answered - now) // 1000, _LONGEST_US)
+            response = min((answered - now) // US, _LONGEST_US)
         values: list[Any] = [now, flags, len(received), len(sent), response, received, sent]
         for source in self._sources:
             outputs, feedback, faults = source.outputs, source.feedback, source.faults

@@ -16,6 +16,7 @@ import enum
 from collections.abc import Hashable
 from typing import Final
 
+from pdgw.durations import SECOND
 from pdgw.profidrive.frame import COUNTER_UNIT_NS, is_newer
 
 SEQUENCE_FRAMES: Final = 4
@@ -27,7 +28,7 @@ _DRIFT: Final = 50
 """The clocks may differ by 1/50: twice the 1 % a PLC is allowed, as both directions are reckoned from the fastest frame."""
 _CREDIT_MAX_NS: Final = WRAP_NS // 4
 """However long the watchdog is, a counter that runs ahead by more than this is not distinguishable from an old one."""
-OLDEST_NS: Final = 5_000_000_000
+OLDEST_NS: Final = 5 * SECOND
 """No network keeps a frame longer."""
 _FOLLOWED: Final = 8
 """Possible sequences followed at a time; of more, those with a single frame are forgotten first."""

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from typing import Final
 
 from pdgw.ds301.loop import Loop
+from pdgw.durations import SECOND
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.transport import packet_filter
 
@@ -19,7 +20,6 @@ SO_TIMESTAMPNS: Final = 35
 """Of Linux; Python has no name for it before 3.14."""
 _TIMESPEC: Final = struct.Struct("@ll")
 _ANCILLARY: Final = socket.CMSG_SPACE(_TIMESPEC.size) if hasattr(socket, "CMSG_SPACE") else 0
-_SECOND: Final = 1_000_000_000
 
 
 def arrival(stamp: int, wall: int, now: int, emptied: int) -> int:
@@ -107,7 +107,7 @@ class UdpSocket:
         if kind != SO_TIMESTAMPNS or len(data) != _TIMESPEC.size:
             return None
         seconds, nanoseconds = _TIMESPEC.unpack(data)
-        return arrival(seconds * _SECOND + nanoseconds, time.time_ns(), self._loop.now(), self._emptied)
+        return arrival(seconds * SECOND + nanoseconds, time.time_ns(), self._loop.now(), self._emptied)
 
     def send(self, data: bytes | bytearray, address: Address) -> None:
         """Send without waiting; a failure is counted, the next cycle sends anew."""

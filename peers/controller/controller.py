@@ -12,6 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from uuid import UUID
 
+from pdgw.durations import SECOND
 from pdgw.peers.controller.project import INPUT_FRAME_ID, Project
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.frame import HEADER, IOPS_GOOD
@@ -38,7 +39,7 @@ from pdgw.profinet.rpc.server import RpcServer
 from pdgw.profinet.station import IpSuite, Station
 from pdgw.profinet.wire import split
 
-_REPEAT_NS = 1_000_000_000
+_REPEAT_NS = SECOND
 _ATTEMPTS = 4
 _ARGS_MAX = 16_384
 _PRIORITIES = {frame_id: priority for priority, frame_id in apmx.ALARM_FRAME_IDS.items()}

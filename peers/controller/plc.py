@@ -6,6 +6,7 @@ import time
 from collections.abc import Sequence
 from ipaddress import IPv4Interface
 
+from pdgw.durations import MS, SECOND
 from pdgw.gateway.errors import GatewayError
 from pdgw.peers.controller.controller import Phase
 from pdgw.peers.controller.project import Project
@@ -19,9 +20,9 @@ from pdgw.profinet.blocks.connect import TICK_NS
 from pdgw.profinet.model import DAP_SLOT, TELEGRAM_SUBSLOT, Module, ObjectKind, access_module, object_module
 
 _SEND_CLOCK = 32
-_RETRY_NS = 1_000_000_000
+_RETRY_NS = SECOND
 _CONNECT_S = 30
-_HOLD_NS = 1_500_000_000
+_HOLD_NS = 1500 * MS
 """The data hold time asked for, at least three cycles: this controller is no real-time system."""
 
 
@@ -29,7 +30,7 @@ def project_of(station_name: str, telegrams: Sequence[Telegram], cycle_ns: int) 
     """Axes and encoders in the order of their telegrams; GatewayError when the cycle is none of PROFINET."""
     ratio = cycle_ns // (_SEND_CLOCK * TICK_NS)
     if ratio not in {1 << power for power in range(10)} or ratio * _SEND_CLOCK * TICK_NS != cycle_ns:
-        raise GatewayError(f"--cycle-ms {cycle_ns / 1e6:g}: allowed with --profinet are 1, 2, 4, 8 ... 512")
+        raise GatewayError(f"--cycle-ms {cycle_ns / MS:g}: allowed with --profinet are 1, 2, 4, 8 ... 512")
     modules: dict[int, Module] = {DAP_SLOT: access_module()}
     for slot, telegram in enumerate(telegrams, start=1):
         kind = ObjectKind.ENCODER if telegram.mode is ApplicationMode.ENCODER else ObjectKind.AXIS

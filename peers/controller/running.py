@@ -8,13 +8,13 @@ from collections.abc import Callable
 from ipaddress import IPv4Address, IPv4Interface
 
 from pdgw.ds301.loop import SystemLoop
+from pdgw.durations import MS, SECOND
 from pdgw.gateway.transport.ethernet import RawEthernet
 from pdgw.peers.controller.controller import IoController
 from pdgw.peers.controller.project import Project
 from pdgw.profinet.station import Identity, IpSuite, Station
 
-_SECOND = 1_000_000_000
-_WAIT_NS = 100_000_000
+_WAIT_NS = 100 * MS
 
 
 class RunningController:
@@ -31,7 +31,7 @@ class RunningController:
 
     def run(self, seconds: float, until: Callable[[], object] = lambda: False) -> bool:
         """Play the controller; True as soon as ``until`` holds, False when the time is over."""
-        end = time.monotonic_ns() + int(seconds * _SECOND)
+        end = time.monotonic_ns() + int(seconds * SECOND)
         while not until():
             now = time.monotonic_ns()
             if now >= end:
@@ -46,7 +46,7 @@ class RunningController:
         due = controller.next_deadline()
         now = time.monotonic_ns()
         wait = max(0, min(latest, latest if due is None else due) - now)
-        select.select(port.descriptors, (), (), wait / _SECOND)
+        select.select(port.descriptors, (), (), wait / SECOND)
         now = time.monotonic_ns()
         for receive in (port.receive, port.receive_other):
             while (frame := receive()) is not None:

@@ -12,9 +12,10 @@ from typing import TYPE_CHECKING, cast
 
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import StatusBit
+from pdgw.durations import MS
 from pdgw.peers.drive.family import DRIVE_FAULTS
 from pdgw.peers.node.faults import NODE_MISBEHAVIOURS, Reboot
-from pdgw.peers.node.misbehaviour import HEX, MS, Misbehaviour, catalogue, parameter
+from pdgw.peers.node.misbehaviour import HEX, Misbehaviour, catalogue, parameter
 
 if TYPE_CHECKING:
     from pdgw.peers.drive.machine import Machine

@@ -30,6 +30,7 @@ from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.objects import NEGATIVE_LIMIT_SWITCH as NEGATIVE_LIMIT
 from pdgw.dsp402.objects import POSITIVE_LIMIT_SWITCH as POSITIVE_LIMIT
 from pdgw.dsp402.states import STATUS_OF, Command, ControlBit, State, StatusBit, next_state
+from pdgw.durations import MS, SECOND, US
 from pdgw.peers.drive.device import OBJECTS
 from pdgw.peers.drive.family import DRIVE_FAULTS
 from pdgw.peers.drive.machine import ROTARY_AXIS, Machine
@@ -38,7 +39,6 @@ from pdgw.peers.drive.motion import COAST_DECELERATION, SECOND_ENCODER_STEPS, TI
 from pdgw.peers.drive.probe import TouchProbe
 from pdgw.peers.drive.shapes import ENGEL, Shape
 
-MS = 1_000_000
 DI1 = 1 << 16
 _INT32_MAX = (1 << 31) - 1
 _RAMPED_STATES = (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE, State.FAULT_REACTION_ACTIVE)
@@ -223,7 +223,7 @@ class DriveModel:
     @property
     def sync_ticks(self) -> int:
         """From one SYNC to the next in a mode that needs them (1006h); 0: they are not watched."""
-        return self.read(SYNC_PERIOD, 0) * 1000 // MS if self.motion.synchronous else 0
+        return self.read(SYNC_PERIOD, 0) * US // MS if self.motion.synchronous else 0
 
     def abort_connection(self) -> None:
         """The connection to the master is lost: react as 6007h says.
@@ -329,7 +329,7 @@ class DriveModel:
     def turned(self, now: int) -> float:
         """Increments of the machine at ``now``, the part of a tick in it."""
         self.advance(now)
-        return self.machine_position + increments_per_second(self.ramp.speed) * (now - self._time) / 1e9
+        return self.machine_position + increments_per_second(self.ramp.speed) * (now - self._time) / SECOND
 
     def wake(self) -> None:
         """Something was changed from outside: do not take it for unchanged any more."""

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import math
 
+from pdgw.durations import SECONDS_PER_MINUTE
+
 INCREMENTS_PER_REVOLUTION = 4096
 SECOND_ENCODER_STEPS = 4
 """Increments of the second encoder, on the same shaft, in one of the first."""
@@ -20,7 +22,12 @@ TORQUE_ACCELERATION = 6000.0
 
 def increments_per_second(rpm: float) -> float:
     """Speed of the shaft in increments."""
-    return rpm * INCREMENTS_PER_REVOLUTION / 60
+    return rpm * INCREMENTS_PER_REVOLUTION / SECONDS_PER_MINUTE
+
+
+def rpm_of(increments: float) -> float:
+    """Speed of the shaft (rpm) that passes so many increments in a second."""
+    return increments * SECONDS_PER_MINUTE / INCREMENTS_PER_REVOLUTION
 
 
 class Ramp:
@@ -73,5 +80,4 @@ def speed_toward(distance: float, speed_limit: float, deceleration: float) -> fl
     # The speed of this tick is kept for the whole tick: solve v*T + v^2/(2a) = distance.
     reach = rate * TICK
     fastest = math.sqrt(reach * reach + 2 * rate * abs(distance)) - reach
-    rpm = fastest * 60 / INCREMENTS_PER_REVOLUTION
-    return math.copysign(min(speed_limit, rpm), distance)
+    return math.copysign(min(speed_limit, rpm_of(fastest)), distance)

@@ -14,9 +14,10 @@ from pdgw.ds301.objects import Entry
 from pdgw.ds301.pdo import Pdo
 from pdgw.ds301.port import CanPort
 from pdgw.dsp402 import touch_probe
+from pdgw.durations import MS
 from pdgw.peers.drive.machine import Machine
 from pdgw.peers.drive.misbehaviour import DRIVE_MISBEHAVIOURS
-from pdgw.peers.drive.model import MS, DriveModel
+from pdgw.peers.drive.model import DriveModel
 from pdgw.peers.drive.motion import INCREMENTS_PER_REVOLUTION
 from pdgw.peers.drive.shapes import ENGEL, Shape
 from pdgw.peers.node.node import SendFunction, SimulatedNode, Value

@@ -10,7 +10,7 @@ from pdgw.dsp402.indices import INTERPOLATION_TIME, MAX_ACCELERATION, MAX_DECELE
 from pdgw.dsp402.states import ControlBit, StatusBit
 from pdgw.peers.drive.family import TURNTABLE
 from pdgw.peers.drive.mode_of_operation import ModeOfOperation, follows
-from pdgw.peers.drive.motion import INCREMENTS_PER_REVOLUTION, TICK, increments_per_second, speed_toward
+from pdgw.peers.drive.motion import INCREMENTS_PER_REVOLUTION, TICK, increments_per_second, rpm_of, speed_toward
 
 if TYPE_CHECKING:
     from pdgw.peers.drive.model import DriveModel
@@ -65,7 +65,7 @@ class CyclicPosition(ModeOfOperation):
             self._left = self._period
         ticks = max(1, self._left)
         self._left = ticks - 1
-        drive.follow_at_once((self._goal - drive.position) / (ticks * TICK) * 60 / INCREMENTS_PER_REVOLUTION)
+        drive.follow_at_once(rpm_of((self._goal - drive.position) / (ticks * TICK)))
 
     def bits(self, halted: bool, units: int) -> int:
         return follows(self.drive, halted)
@@ -174,12 +174,11 @@ class ProfilePosition(ModeOfOperation):
         ramp = self.drive.ramp
         rise, fall = self.drive.sine_times
         if ramp.speed == 0.0 and abs(distance) > 1:
-            rpm = 2 * abs(distance) / (rise + fall) * 60 / INCREMENTS_PER_REVOLUTION
-            return math.copysign(min(setpoint.speed, rpm), distance)
+            return math.copysign(min(setpoint.speed, rpm_of(2 * abs(distance) / (rise + fall))), distance)
         braking = increments_per_second(abs(ramp.speed)) * fall / 2
         if ramp.target == 0.0 or abs(distance) <= braking or distance * ramp.speed < 0:
             # The last increments are crept: a ramp by time cannot meet a position exactly.
-            creep = math.copysign(min(setpoint.speed, abs(distance) * 60 / INCREMENTS_PER_REVOLUTION * 5), distance)
+            creep = math.copysign(min(setpoint.speed, rpm_of(abs(distance)) * 5), distance)
             return creep if abs(ramp.speed) < 1.0 else 0.0
         return ramp.target
 

@@ -27,6 +27,7 @@ from pdgw.ds301.pdo import Pdo, PdoDirection
 from pdgw.dsp402 import touch_probe
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.pdo import pdo
+from pdgw.durations import SECONDS_PER_MINUTE
 from pdgw.peers.drive.device import DRIVE_TYPE, INFO, OBJECTS, REVISION, drive_objects
 from pdgw.peers.drive.family import FAMILY, FAMILY_MODES
 from pdgw.peers.drive.motion import INCREMENTS_PER_REVOLUTION
@@ -154,7 +155,7 @@ def _kinematics(velocity: Fraction, acceleration: Fraction, *, limits: bool = Tr
     )
 
 
-_PER_SECOND = Fraction(INCREMENTS_PER_REVOLUTION, 60)
+_PER_SECOND = Fraction(INCREMENTS_PER_REVOLUTION, SECONDS_PER_MINUTE)
 """Increments per second of one rpm."""
 _RPM_OBJECTS = (
     *_kinematics(Fraction(1), Fraction(1)),

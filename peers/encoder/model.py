@@ -30,13 +30,14 @@ from pdgw.dsp406.objects import (
 )
 from pdgw.dsp406.registers import OPERATING_RESERVED, Alarm, Operating, Warnings
 from pdgw.dsp406.semantics import Chain, area_state, cam_active, cam_state, chain, speed_value
-from pdgw.peers.encoder.motion import SECOND, Motion, Standstill, still
+from pdgw.durations import MS, SECOND
+from pdgw.peers.encoder.motion import Motion, Standstill, still
 
 ObjectReader = Callable[[int, int], int]
-SPEED_WINDOW = 10_000_000
+SPEED_WINDOW = 10 * MS
 """Nanoseconds over which the speed is measured."""
 _TENTH_OF_AN_HOUR = 360 * SECOND
-_LOOK_NS = 1_000_000
+_LOOK_NS = MS
 """So often a sensor that may move is read."""
 
 

@@ -16,9 +16,9 @@ from types import MappingProxyType
 
 from pdgw.ds301.can_frame import STANDARD_ID
 from pdgw.dsp406.errors import Dsp406Error
+from pdgw.durations import SECOND
 
 Motion = Callable[[int], float]
-SECOND = 1_000_000_000
 MOTIONS = (
     "still[=POSITION], speed=PER_SECOND, sine=AMPLITUDE,SECONDS, csv=FILE, follow=COB_ID,BYTE,INCREMENTS, shaft=NODE_ID"
 )

@@ -17,7 +17,8 @@ from pdgw.ds301.connection_set import ERROR_CONTROL, SDO_REQUEST, SDO_RESPONSE
 from pdgw.ds301.emcy import BUS_OFF_RECOVERED, COMMUNICATION_ERROR, ERROR_PASSIVE
 from pdgw.ds301.objects import Entry
 from pdgw.ds301.pdo import PDO_PARAMETERS, PDOS_MAX, is_mapping_parameter
-from pdgw.peers.node.misbehaviour import HEX, MS, Late, Misbehaviour, catalogue, parameter
+from pdgw.durations import MS
+from pdgw.peers.node.misbehaviour import HEX, Late, Misbehaviour, catalogue, parameter
 
 # -- SDO ------------------------------------------------------------------------------------------------------------------
 

@@ -15,11 +15,11 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.objects import Entry
+from pdgw.durations import MS
 
 if TYPE_CHECKING:
     from pdgw.peers.node.node import SimulatedNode
 
-MS = 1_000_000
 HEX = "hex"
 
 

@@ -14,7 +14,6 @@ from pdgw.ds301.can_frame import STANDARD_ID
 from pdgw.ds301.configuration import EVENT_DRIVEN, SYNC_TYPES
 from pdgw.ds301.emcy import COMMUNICATION_ERROR, PDO_LENGTH_ERROR
 from pdgw.ds301.errors import CanopenError
-from pdgw.ds301.loop import MS
 from pdgw.ds301.nmt import NmtState
 from pdgw.ds301.objects import Access, Entry
 from pdgw.ds301.pdo import (
@@ -27,6 +26,7 @@ from pdgw.ds301.pdo import (
     is_communication_parameter,
     is_mapping_parameter,
 )
+from pdgw.durations import MS
 
 if TYPE_CHECKING:
     from pdgw.peers.node.node import SimulatedNode

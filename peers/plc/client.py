@@ -12,6 +12,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from pdgw.durations import MS, SECOND
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.transport.udp import Address
 from pdgw.peers.plc.endpoint import PlcEndpoint
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
     from pdgw.peers.plc.capture import Capture
 
 TRACE_COLUMNS = ("time_s", "axis", "telegram", "control", "status", "setpoint", "actual")
-_TRACE_NS = 10_000_000
+_TRACE_NS = 10 * MS
 
 
 class PlcRunner(abc.ABC):
@@ -108,7 +109,7 @@ class PlcRunner(abc.ABC):
             actual_name = next((n for prefix in actual for n in actuals if n.startswith(prefix)), None)
             self.trace.append(
                 (
-                    round((now - self._start) / 1e9, 4),
+                    round((now - self._start) / SECOND, 4),
                     index + 1,
                     item.number,
                     next(iter(setpoints.values())),
@@ -157,7 +158,7 @@ class PlcClient(PlcRunner):
         self._parameters: ParameterWorker | None = None
 
     def _wait(self, ns: int) -> None:
-        select.select((self._socket,), (), (), ns / 1_000_000_000)
+        select.select((self._socket,), (), (), ns / SECOND)
         self._receive()
 
     def _mute(self) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 
+from pdgw.durations import MS
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.frame import (
     COUNTER_UNIT_NS,
@@ -24,7 +25,7 @@ from pdgw.profidrive.frame import (
 from pdgw.profidrive.telegrams import ApplicationMode, Direction, Telegram
 from pdgw.profidrive.words import Bit
 
-_WATCHDOG_NS = 200_000_000
+_WATCHDOG_NS = 200 * MS
 _WATCHDOG_CYCLES = 10
 _UNUSABLE = ("foreign", "malformed", "not valid", "not primary")
 """Counters of datagrams that are no frames to use."""

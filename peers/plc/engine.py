@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from pdgw.durations import SECOND
 from pdgw.gateway.errors import GatewayError
 from pdgw.peers.plc.compiler import Access, Compiler, Expectation, Primitive
 from pdgw.peers.plc.endpoint import PlcEndpoint
 from pdgw.peers.plc.following import Following
-from pdgw.peers.plc.notation import NS, parse_time
+from pdgw.peers.plc.notation import parse_time
 from pdgw.peers.plc.parameters import ParameterAccess
 from pdgw.peers.plc.scenario import Scenario, Step
 from pdgw.profidrive.errors import ProfidriveError
@@ -80,7 +81,7 @@ class Engine:
                 self._queue = list(self._programs[self._position])
                 note = self.scenario.steps[self._position].note
                 if note:
-                    self.notes.append(((now - self._start) / NS, note))
+                    self.notes.append(((now - self._start) / SECOND, note))
                 self._position += 1
             item = self._queue[0]
             if isinstance(item, Expectation):
@@ -158,7 +159,15 @@ class Engine:
     def _result(self, item: Expectation | Access | Following, name: str, passed: bool, measured: str, now: int) -> None:
         began, waited = now - self._start, now - item.since
         self.results.append(
-            Result(self._position, item.axis + 1, name, passed, measured, round(began / NS, 3), round(waited / NS, 3))
+            Result(
+                self._position,
+                item.axis + 1,
+                name,
+                passed,
+                measured,
+                round(began / SECOND, 3),
+                round(waited / SECOND, 3),
+            )
         )
 
     def _compile(self, number: int, step: Step) -> list[Primitive]:

@@ -12,12 +12,12 @@ from typing import Annotated, Final
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from pdgw.ds301.loop import SECOND
-from pdgw.peers.plc.position_loop import SECONDS_PER_MINUTE, PositionLoop
+from pdgw.durations import MS, SECOND, SECONDS_PER_MINUTE
+from pdgw.peers.plc.position_loop import PositionLoop
 from pdgw.profidrive.telegrams import Telegram
 
 POSITION: Final = "G1_XIST1"
-_LONGEST_STEP_NS: Final = 20_000_000
+_LONGEST_STEP_NS: Final = 20 * MS
 
 
 class Follow(BaseModel):

@@ -10,13 +10,13 @@ import re
 from collections.abc import Callable
 from fractions import Fraction
 
+from pdgw.durations import MS, SECOND
 from pdgw.gateway.errors import GatewayError
 from pdgw.peers.plc.scenario import References, Scalar
 from pdgw.profidrive.datatypes import DataType, n2, n4
 from pdgw.profidrive.normalisation import Normalisation
 from pdgw.profidrive.signals import Signal
 
-NS = 1_000_000_000
 _DECIMALS = 1_000_000_000
 _TENTHS = 10
 _LARGEST = 2
@@ -29,7 +29,7 @@ def parse_time(text: str) -> int:
     match = re.fullmatch(r"\s*(\d{1,9}(?:\.\d{1,9})?)\s*(ms|s)\s*", text)
     if match is None:
         raise GatewayError(f"time {text[:40]!r}: expected a number with ms or s")
-    return int(Fraction(match[1]) * (1_000_000 if match[2] == "ms" else NS))
+    return int(Fraction(match[1]) * (MS if match[2] == "ms" else SECOND))
 
 
 def comparison(wanted: Scalar, raw: Callable[[Scalar], int]) -> Callable[[float], bool]:

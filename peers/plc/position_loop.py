@@ -7,10 +7,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from pdgw.durations import SECONDS_PER_MINUTE
 from pdgw.gateway.motion.dsc import KPC_PER_UNIT, difference
 from pdgw.profidrive.datatypes import N4_100_PERCENT, DataType
 
-SECONDS_PER_MINUTE = 60
 _LOWEST, _HIGHEST = DataType.N4.integer_range
 
 

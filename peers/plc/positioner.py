@@ -12,6 +12,7 @@ from typing import Annotated, Literal, NamedTuple
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from pdgw.durations import MS
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.motion.blocks import HIGHEST_BLOCK
 from pdgw.profidrive.telegrams import Telegram
@@ -63,7 +64,7 @@ class Wait(NamedTuple):
 
 Program = list[Ask | Wait | int]
 """An integer is a pause in nanoseconds."""
-PULSE_NS = 100_000_000
+PULSE_NS = 100 * MS
 """A bit whose edge counts stays so long, however slow the cycle is."""
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import yaml
 from pydantic import ValidationError
 
+from pdgw.durations import MS
 from pdgw.explain import Problem, problems
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.toml_file import check_depth, read_text
@@ -67,7 +68,7 @@ def load_scenario(path: Path) -> Scenario:
     except ValidationError as error:
         raise GatewayError("\n".join(f"{path}: {_told(problem)}" for problem in problems(error, Scenario))) from error
     try:
-        Engine(scenario, PlcEndpoint([telegram(number) for number in scenario.telegrams], 1_000_000))
+        Engine(scenario, PlcEndpoint([telegram(number) for number in scenario.telegrams], MS))
     except GatewayError as error:
         raise GatewayError(f"{path}: {error}") from error
     return scenario

@@ -12,8 +12,9 @@ from random import Random
 
 from pdgw.ds301.can_frame import EXTENDED, EXTENDED_ID, REMOTE, STANDARD_ID
 from pdgw.ds301.load import frame_bits
-from pdgw.ds301.loop import MS, SECOND, Loop, Timer
+from pdgw.ds301.loop import Loop, Timer
 from pdgw.ds301.port import PortBusyError, PortLostError, Receiver, deliver
+from pdgw.durations import MS, SECOND
 
 _EXTENDED_BITS = 20
 """What an extended identifier adds, without stuffing."""

@@ -8,7 +8,8 @@ from __future__ import annotations
 import contextlib
 from collections import deque
 
-from pdgw.ds301.loop import SECOND, Event
+from pdgw.ds301.loop import Event
+from pdgw.durations import SECOND
 from pdgw.gateway.transport.udp import Address
 from pdgw.peers.world.world import World
 

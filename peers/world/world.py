@@ -7,8 +7,8 @@ from typing import Any
 
 from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.load import DEFAULT_BITRATE
-from pdgw.ds301.loop import SECOND
 from pdgw.ds301.virtual_loop import VirtualLoop
+from pdgw.durations import SECOND
 from pdgw.gateway.config import GatewayConfig
 from pdgw.gateway.config_surroundings import CanConfig
 from pdgw.peers.drive import SimulatedDrive

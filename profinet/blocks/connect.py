@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Final
 from uuid import UUID
 
+from pdgw.durations import MS
 from pdgw.profinet.rpc.dcerpc import OBJECT_PREFIX
 from pdgw.profinet.wire import Block, Check, Structure, align, array, between, octets, one_of, text, u8, u16, u32, uuid
 
@@ -49,7 +50,7 @@ BEST_EFFORT: Final = 0xFFFFFFFF
 """FrameSendOffset."""
 TICK_NS: Final = 31_250
 """Unit of SendClockFactor and of the cycle counter."""
-HOLD_MAX_NS: Final = 1_920_000_000
+HOLD_MAX_NS: Final = 1920 * MS
 ADVANCED_STARTUP: Final = 1 << 30
 """ARProperties.StartupMode."""
 DEVICE_ACCESS: Final = 1 << 8

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import Generic, Protocol, TypeVar
 from uuid import UUID
 
+from pdgw.durations import SECOND
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profinet.rpc import dcerpc
 from pdgw.profinet.rpc.dcerpc import Flags, PacketType, Reassembly, RejectStatus, RpcHeader
@@ -37,9 +38,9 @@ _ACTIVITIES = 64
 """Callers remembered; the longest silent one is forgotten first."""
 _UNFINISHED = 8
 """Calls of which fragments are missing; the oldest is forgotten first."""
-FRAGMENT_TIMEOUT_NS = 2_000_000_000
+FRAGMENT_TIMEOUT_NS = 2 * SECOND
 """After this time a call whose fragments did not come is forgotten."""
-STRAGGLER_NS = 10_000_000_000
+STRAGGLER_NS = 10 * SECOND
 """After this time a smaller sequence number is that of a caller that started again."""
 _WINDOW = 8
 _SEQUENCES = 1 << 32

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import TypeVar
 
 from pdgw.ds301.bus import open_bus
-from pdgw.ds301.loop import MS, SECOND
+from pdgw.durations import MS, SECOND
 from pdgw.gateway.config_file import parse_config
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.edge import SystemEdge

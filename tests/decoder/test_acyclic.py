@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from pdgw.decoder.acyclic import AcyclicDecoder
 from pdgw.decoder.records import AcyclicRecord, OtherRecord, ParameterRequestRecord, ParameterResponseRecord, Record
+from pdgw.durations import MS
 from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.parameters.codec import (
     Address,
@@ -29,7 +30,6 @@ from pdgw.profinet.rpc.server import RecordServer
 
 PLC, OTHER_PLC, DEVICE = b"\x0a\0\0\x01", b"\x0a\0\0\x03", b"\x0a\0\0\x02"
 AR = UUID(int=1)
-MS = 1_000_000
 
 
 class Handler:

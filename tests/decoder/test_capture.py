@@ -27,12 +27,13 @@ from pdgw.decoder.capture.source import open_source
 from pdgw.decoder.engine import CanPacket, Decoder, Packet
 from pdgw.decoder.records import CyclicRecord
 from pdgw.ds301.bus import open_bus
+from pdgw.durations import MS
 from pdgw.profidrive.scapy_layers import cyclic_frame
 from pdgw.profidrive.telegrams import Direction
 from pdgw.tools.run_log import CanRecorder
 from tests.support import captures, tshark
 from tests.support.buses import PATIENCE_S, channel
-from tests.support.captures import BEGIN_NS, CANOPEN, MS
+from tests.support.captures import BEGIN_NS, CANOPEN
 
 BOTH = captures.both_buses()
 PLC = [packet for packet in BOTH if packet[1] == captures.ETHERNET]

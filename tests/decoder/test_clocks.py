@@ -7,11 +7,9 @@ from pathlib import Path
 import pytest
 
 from pdgw.decoder.clocks import AxisWords, Clocks, Word, correlate
+from pdgw.durations import MS, SECOND
 from tests.decoder.test_replay import RIGS
 from tests.support.recorded import CYCLE_NS
-from tests.support.rig import MS
-
-SECOND = 1_000_000_000
 
 
 @pytest.mark.parametrize("name", RIGS)

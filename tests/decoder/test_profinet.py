@@ -20,6 +20,7 @@ from pdgw.decoder.fields import Document
 from pdgw.decoder.profinet_blocks import BLOCKS, documents
 from pdgw.decoder.profinet_records import AlarmRecord, Change, DcpRecord, LldpRecord, RelationRecord
 from pdgw.decoder.records import AcyclicRecord, CyclicRecord, Link, OtherRecord, Record
+from pdgw.durations import MS
 from pdgw.profidrive.telegrams import Direction
 from pdgw.profinet.blocks.alarm import MessageClass
 from pdgw.profinet.cmdev import Event
@@ -29,7 +30,7 @@ from pdgw.profinet.rpc.records import BlockType, RecordBlock
 from pdgw.profinet.wire import VERSION_SIZE
 from tests.profinet.test_readers import session
 from tests.support import tshark, tshark_frames
-from tests.support.profinet import DEVICE_MAC, MS, PLC_MAC, Wire, join_multiple
+from tests.support.profinet import DEVICE_MAC, PLC_MAC, Wire, join_multiple
 
 
 @cache

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from pdgw.decoder.timeline_text import entry_lines
-from pdgw.ds301.loop import MS
+from pdgw.durations import MS
 from pdgw.profidrive.frame import STATUS_RUN
 from pdgw.tools.recordings import Known, Loaded, followed, known_from, load, look_ahead
 from tests.support.daemon import axis

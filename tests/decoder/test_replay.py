@@ -13,6 +13,7 @@ from pdgw.decoder.plc_inputs import Frame, receive_frames
 from pdgw.decoder.recorded import AxisRecording
 from pdgw.decoder.replay import Replayer
 from pdgw.dsp402.images import DriveCommand, DriveFeedback, attributes
+from pdgw.durations import MS
 from pdgw.gateway.axis.settings import AxisSettings, SetpointEnable
 from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS
 from pdgw.gateway.motion.dsc import DscChoices, DscForm
@@ -23,7 +24,7 @@ from pdgw.tools.recordings import Loaded, load
 from tests.support.drive_types import References
 from tests.support.plain_drive import PlainDrive
 from tests.support.recorded import CYCLE_NS, RecordedRig, known
-from tests.support.rig import MS, NODE, Rig
+from tests.support.rig import NODE, Rig
 from tests.support.stepper import Stepper
 
 RPDO1 = 0x200 + NODE

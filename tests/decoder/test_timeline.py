@@ -14,10 +14,10 @@ import pytest
 from pdgw.decoder.fields import Field
 from pdgw.decoder.timeline import Edge, Latencies, Latency, WordKind
 from pdgw.decoder.timeline_text import entry_lines, summary_lines
+from pdgw.durations import MS
 from pdgw.tools.recordings import Part, followed
 from tests.decoder.test_replay import RIGS, speed
 from tests.support.recorded import CYCLE_NS, RecordedRig
-from tests.support.rig import MS
 from tests.support.timeline import Timeline, edges, timeline
 
 GOLDEN = Path(__file__).parent / "golden" / "timeline.txt"

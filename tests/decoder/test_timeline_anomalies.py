@@ -15,6 +15,7 @@ from pdgw.decoder.following_axis import AGREEMENT_NS, NOT_JUDGED
 from pdgw.decoder.following_words import Decision, Words
 from pdgw.decoder.timeline import AnomalyKind, Event, ReasonChange, WordKind
 from pdgw.dsp402.states import State
+from pdgw.durations import MS
 from pdgw.gateway.reasons import Reason
 from pdgw.gateway.transport.cyclic import CyclicEndpoint
 from pdgw.profidrive.frame import COUNTER_UNIT_NS
@@ -23,7 +24,7 @@ from pdgw.tools.recordings import followed, look_ahead
 from tests.decoder.test_replay import positioning, speed
 from tests.support import captures
 from tests.support.recorded import BEGIN_NS, CYCLE_NS, MACS, RecordedRig
-from tests.support.rig import MS, NODE
+from tests.support.rig import NODE
 from tests.support.timeline import Timeline, edges, texts, timeline
 
 

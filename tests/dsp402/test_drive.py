@@ -14,7 +14,7 @@ from pdgw.ds301.aborts import Abort
 from pdgw.ds301.bus import open_bus
 from pdgw.ds301.connection_set import NMT
 from pdgw.ds301.errors import CanopenError
-from pdgw.ds301.loop import MS, Event
+from pdgw.ds301.loop import Event
 from pdgw.ds301.nmt import NmtCommand
 from pdgw.ds301.objects import Entry
 from pdgw.ds301.pdo import COB_ID_INVALID, Pdo, PdoDirection
@@ -25,6 +25,7 @@ from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.dsp402.pdo import LAYOUTS, Operation
 from pdgw.dsp402.settings import DriveSettings
+from pdgw.durations import MS
 from pdgw.peers.drive import SimulatedDriveNode
 from pdgw.peers.drive.device import EDS_PATH
 from pdgw.peers.node.node import Value

@@ -8,13 +8,14 @@ from collections.abc import Callable
 import can
 import pytest
 
-from pdgw.ds301.loop import MS, Event
+from pdgw.ds301.loop import Event
 from pdgw.ds301.pdo import Pdo
 from pdgw.ds301.port import PortBusyError
 from pdgw.dsp402.drive import DriveClient
 from pdgw.dsp402.images import DriveCommand
 from pdgw.dsp402.pdo import LAYOUTS, Operation
 from pdgw.dsp402.states import ControlBit
+from pdgw.durations import MS
 from tests.support import site
 from tests.support.plant import NODE, Plant, observe
 

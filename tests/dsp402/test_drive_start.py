@@ -11,7 +11,7 @@ import pytest
 from canopen.sdo import SdoAbortedError
 
 from pdgw.ds301.aborts import Abort
-from pdgw.ds301.loop import MS, SECOND, Event
+from pdgw.ds301.loop import Event
 from pdgw.ds301.nmt import NmtCommand, NmtState
 from pdgw.ds301.objects import Entry
 from pdgw.dsp402.drive import DriveClient, DriveStatus
@@ -21,6 +21,7 @@ from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.pdo import LAYOUTS, Operation
 from pdgw.dsp402.settings import DriveSettings
 from pdgw.dsp402.unit_keys import UnitKeys
+from pdgw.durations import MS, SECOND
 from pdgw.peers.drive import SimulatedDrive, SimulatedDriveNode
 from pdgw.peers.node.node import Value
 from tests.support import site

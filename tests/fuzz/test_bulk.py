@@ -12,9 +12,9 @@ from pdgw.decoder.engine import Decoder, Packet
 from pdgw.decoder.records import Link
 from pdgw.decoder.render import record_line
 from pdgw.ds301.connection_set import EMCY, ERROR_CONTROL, NMT, SDO_RESPONSE, SYNC, TIME
-from pdgw.ds301.loop import MS
 from pdgw.ds301.pdo import PdoDirection
 from pdgw.dsp402.states import State
+from pdgw.durations import MS
 from pdgw.gateway.transport.cyclic import CyclicEndpoint, Verdict
 from pdgw.peers.plc.endpoint import PlcEndpoint
 from pdgw.profidrive.parameters.codec import Address, Attribute, Request, RequestId, decode_response, encode_request

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from itertools import pairwise
 from uuid import UUID
 
-from pdgw.ds301.loop import MS
+from pdgw.durations import MS
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.transport.acyclic import AcyclicServer
 from pdgw.gateway.transport.udp import Address

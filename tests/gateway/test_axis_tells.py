@@ -9,6 +9,7 @@ import pytest
 from pdgw.ds301.virtual_loop import VirtualLoop
 from pdgw.dsp402.drive import DriveEvent, DriveStatus
 from pdgw.dsp402.states import STATUS_OF, State, StatusBit
+from pdgw.durations import MS
 from pdgw.gateway.binding import Axis
 from pdgw.gateway.config import AxisConfig
 from pdgw.gateway.faults import EMCY_WARNING_BIT
@@ -17,7 +18,6 @@ from pdgw.gateway.status import axis_status
 from tests.support import buses
 from tests.support.drive_types import engel
 
-MS = 1_000_000
 OFF, ON = 0x047E, 0x047F
 
 

@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pdgw.ds301.loop import SystemLoop
+from pdgw.durations import MS
 from pdgw.gateway.transport.cyclic import CyclicEndpoint, Verdict
 from pdgw.gateway.transport.sequence import SEQUENCE_FRAMES
 from pdgw.gateway.transport.udp import UdpSocket, arrival
@@ -20,7 +21,6 @@ from pdgw.profidrive.telegrams import Direction, telegram
 
 PLC = ("127.0.0.1", 40000)
 OTHER = ("127.0.0.1", 40001)
-MS = 1_000_000
 CYCLE = 4 * MS
 
 

@@ -10,9 +10,10 @@ import pytest
 
 from pdgw.ds301.connection_set import NMT
 from pdgw.ds301.errors import CanopenError
-from pdgw.ds301.loop import MS, SECOND, SystemLoop
+from pdgw.ds301.loop import SystemLoop
 from pdgw.ds301.nmt import NmtCommand, NmtState
 from pdgw.dsp402.states import State
+from pdgw.durations import MS, SECOND
 from pdgw.gateway import status as status_module
 from pdgw.gateway import status_client
 from pdgw.gateway.axis.stop_watch import Brake

@@ -6,12 +6,12 @@ from collections import deque
 from collections.abc import Callable
 
 from pdgw.ds301.counters import Counters
+from pdgw.durations import MS
 from pdgw.gateway.config_surroundings import TransportConfig
 from pdgw.gateway.link import UdpLink
 from pdgw.peers.plc.endpoint import PlcEndpoint
 from pdgw.profidrive.telegrams import telegram
 
-MS = 1_000_000
 CYCLE = 4 * MS
 PLC = ("127.0.0.1", 40000)
 

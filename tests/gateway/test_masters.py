@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 
 from pdgw.ds301.connection_set import ERROR_CONTROL
-from pdgw.ds301.loop import SECOND
 from pdgw.ds301.node import GATEWAY_NODE_ID
 from pdgw.dsp402.states import State
+from pdgw.durations import SECOND
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.reasons import FaultNumber

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from pdgw.ds301.loop import MS, SECOND
+from pdgw.durations import MS, SECOND
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.notify import ServiceManager
 from tests.support.buses import PATIENCE_S

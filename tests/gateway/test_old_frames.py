@@ -13,6 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pdgw.dsp402.states import State
+from pdgw.durations import MS
 from pdgw.gateway.transport.confirmation import CONFIRMING_FRAMES, OrderHistory
 from pdgw.gateway.transport.cyclic import CyclicEndpoint, Verdict
 from pdgw.gateway.transport.sequence import OLDEST_NS, SEQUENCE_FRAMES, WRAP_NS, FrameSequence, Order
@@ -23,7 +24,6 @@ from tests.support.plain_drive import PlainDrive
 from tests.support.stepper import Stepper
 
 PLC = ("127.0.0.1", 40000)
-MS = 1_000_000
 CYCLE = 4 * MS
 WATCHDOG = 3 * CYCLE
 ACCEPTED = (Verdict.ACCEPTED, Verdict.PROVIDER_STOP)

@@ -6,10 +6,10 @@ from collections.abc import Callable
 
 import pytest
 
-from pdgw.ds301.loop import MS, SECOND
 from pdgw.ds301.pdo import PdoDirection
 from pdgw.dsp402.settings import DriveSettings
 from pdgw.dsp402.states import Command, State
+from pdgw.durations import MS, SECOND
 from pdgw.peers.world import World
 from tests.support.daemon import OFF, ON, Plc, axis, configuration, drive_of, exchanging, running, until, world_of
 

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from pdgw.ds301.loop import SECOND, Event
+from pdgw.ds301.loop import Event
+from pdgw.durations import SECOND
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.store import ParameterStore
 from pdgw.peers.drive.family import DRIVE_FAULTS

@@ -12,9 +12,9 @@ from uuid import UUID
 
 import pytest
 
-from pdgw.ds301.loop import MS
 from pdgw.ds301.node import NodeStatus
 from pdgw.ds301.virtual_loop import VirtualLoop
+from pdgw.durations import MS
 from pdgw.gateway.config import GatewayConfig
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.faults import FaultLog, FaultRecord

@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pdgw.ds301.loop import MS, SECOND
 from pdgw.ds301.virtual_loop import VirtualLoop
+from pdgw.durations import MS, SECOND
 from pdgw.gateway.profinet_pairing import Pairing
 from pdgw.profidrive.telegrams import telegram
 from pdgw.profinet import lldp

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from pdgw.ds301.loop import MS
 from pdgw.dsp402.states import State
+from pdgw.durations import MS
 from pdgw.peers.controller.controller import Phase
 from pdgw.profidrive.frame import STATUS_RUN
 from pdgw.profinet import apmx, dcp, ethernet

@@ -7,6 +7,7 @@ import pytest
 from pdgw.dsp402.images import DriveCommand, DriveFeedback
 from pdgw.dsp402.overlay import Overlay, QuirkKeys
 from pdgw.dsp402.states import State
+from pdgw.durations import MS
 from pdgw.gateway.axis.executors.base import AxisCycle
 from pdgw.gateway.axis.executors.homing import Homing
 from pdgw.gateway.axis.executors.mode import ModeSwitch
@@ -21,7 +22,6 @@ from pdgw.tools.parameters.session import Session
 from tests.support.daemon import OFF, Plc, axis, configuration, running, serving, until, world_of
 from tests.support.sensor_format import decode_sensor_format
 
-MS = 1_000_000
 QUARTER = 0x1000
 REFUSED = {
     "unguarded": "1016h",

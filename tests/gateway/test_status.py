@@ -6,8 +6,8 @@ import json
 
 import pytest
 
-from pdgw.ds301.loop import MS
 from pdgw.dsp402.states import State
+from pdgw.durations import MS
 from pdgw.gateway.axis.values import gateway_fault
 from pdgw.gateway.cycle_watch import Histogram
 from pdgw.gateway.daemon import Daemon

@@ -10,7 +10,8 @@ from typing import Any, cast
 
 import pytest
 
-from pdgw.ds301.loop import SECOND, SystemLoop
+from pdgw.ds301.loop import SystemLoop
+from pdgw.durations import SECOND
 from pdgw.gateway import status as status_module
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.status import StatusServer

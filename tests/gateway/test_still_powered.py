@@ -9,9 +9,9 @@ from canopen.sdo import SdoAbortedError
 
 from pdgw.ds301.aborts import Abort
 from pdgw.ds301.connection_set import SDO_REQUEST, SDO_RESPONSE
-from pdgw.ds301.loop import MS, SECOND
 from pdgw.ds301.objects import Entry
 from pdgw.dsp402.states import Command, State
+from pdgw.durations import MS, SECOND
 from pdgw.gateway.daemon import Daemon
 from pdgw.peers.drive import SimulatedDrive, SimulatedDriveNode
 from pdgw.peers.node.misbehaviour import Misbehaviour

@@ -11,10 +11,10 @@ from pdgw.ds301.aborts import Abort
 from pdgw.ds301.communication import CONSUMER_HEARTBEAT, PRODUCER_HEARTBEAT, SYNC_PERIOD
 from pdgw.ds301.configuration import SdoStep
 from pdgw.ds301.connection_set import SYNC
-from pdgw.ds301.loop import MS
 from pdgw.dsp402.guarding import Wanted, guard
 from pdgw.dsp402.overlay import Overlay, QuirkKeys
 from pdgw.dsp402.states import State
+from pdgw.durations import MS
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.status import snapshot
 from pdgw.gateway.sync import Spread

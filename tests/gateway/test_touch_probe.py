@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from pdgw.ds301.connection_set import SDO_RESPONSE
-from pdgw.ds301.loop import MS
+from pdgw.durations import MS
 from pdgw.gateway.positioner_config import SIMULATED
 from pdgw.gateway.reasons import FaultNumber
 from pdgw.profidrive.encoder import SensorError

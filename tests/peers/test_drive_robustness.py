@@ -12,11 +12,12 @@ import pytest
 from pdgw.ds301.aborts import Abort
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import State, StatusBit
+from pdgw.durations import MS
 from pdgw.peers.drive import SimulatedDriveNode
 from pdgw.peers.simulation.console import Console
 from pdgw.peers.simulation.devices import Simulation
 from pdgw.peers.world import World
-from tests.support.drive_bench import MS, NODE, SMALL, Bench
+from tests.support.drive_bench import NODE, SMALL, Bench
 
 START, PRE_OPERATIONAL, RESET_NODE, RESET_COMMUNICATION = 1, 128, 129, 130
 

@@ -16,10 +16,10 @@ from pdgw.ds301.nmt import NmtCommand
 from pdgw.dsp406.errors import Dsp406Error
 from pdgw.dsp406.faults import ENCODER_FAULTS
 from pdgw.dsp406.kinds import LINEAR, ROTARY, EncoderDevice, multi_sensor
+from pdgw.durations import MS
 from pdgw.peers.encoder import Motion, SimulatedEncoderNode
 from pdgw.peers.encoder.motion import Follower, constant_speed, parse_motion, points, recorded, sine, still
 
-MS = 1_000_000
 NODE = 5
 TPDO1, TPDO2 = 0x180 + NODE, 0x380 + NODE
 

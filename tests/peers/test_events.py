@@ -13,6 +13,7 @@ from pdgw.ds301.nmt import NmtCommand
 from pdgw.dsp402.images import DriveCommand
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.pdo import LAYOUTS, Operation
+from pdgw.durations import MS
 from pdgw.peers.drive import Machine, SimulatedDriveNode
 from pdgw.peers.encoder import SimulatedEncoderNode
 from pdgw.peers.encoder.motion import constant_speed, still
@@ -20,7 +21,6 @@ from pdgw.peers.node.faults import NODE_MISBEHAVIOURS
 from pdgw.peers.node.node import SimulatedNode
 from tests.support.mapping import pdo_steps
 
-MS = 1_000_000
 NODE = 5
 SMALL = Machine(negative_limit=-20_000, positive_limit=20_000, negative_stop=-30_000, positive_stop=30_000)
 

@@ -10,12 +10,12 @@ from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.nmt import NmtCommand, NmtState
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import State, StatusBit, state_of
+from pdgw.durations import MS
 from pdgw.peers.drive import DriveModel, SimulatedDriveNode
 from pdgw.peers.drive.misbehaviour import DRIVE_MISBEHAVIOURS
 from pdgw.peers.node.faults import NODE_MISBEHAVIOURS
 from pdgw.peers.node.node import SimulatedNode
 
-MS = 1_000_000
 NODE = 5
 SDO_REQUEST, SDO_ANSWER, TPDO, RPDO, HEARTBEAT, EMCY = 0x605, 0x585, 0x185, 0x205, 0x705, 0x85
 

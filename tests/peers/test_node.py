@@ -14,10 +14,10 @@ from pdgw.ds301.communication import communication_objects, pdo_objects
 from pdgw.ds301.eds import DeviceInfo, write_eds
 from pdgw.ds301.nmt import NmtState
 from pdgw.ds301.objects import Access, CanType, ObjectSpec, var
+from pdgw.durations import MS
 from pdgw.peers.node.node import SimulatedNode
 
 NODE = 9
-MS = 1_000_000
 NAME = "A device name longer than one segment of seven bytes"
 OBJECTS: tuple[ObjectSpec, ...] = (
     *communication_objects(0, NAME, (1, 2, 3, 4), ("1", "2")),

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from scapy.layers.inet import UDP
 from scapy.utils import rdpcap
 
+from pdgw.durations import MS
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.transport.acyclic import AcyclicServer
@@ -37,7 +38,6 @@ from pdgw.tools.parameters.session import Element
 from tests.support.machine import configuration, running
 from tests.support.strategies import axes_values
 
-MS = 1_000_000
 CYCLE = 4 * MS
 SCENARIOS = Path(__file__).parents[2] / "tools" / "scenarios"
 

@@ -12,12 +12,12 @@ from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.nmt import NmtCommand
 from pdgw.dsp402.drive_type import Quantity
 from pdgw.dsp402.states import State
+from pdgw.durations import MS
 from pdgw.peers.drive import ENGEL, LINEAR_AXIS, SHAPES, Machine, SimulatedDriveNode, shape
 from pdgw.peers.drive.shapes import SYNCHRONOUS
 from tests.support.drive_types import described
 
 NODE = 3
-MS = 1_000_000
 ALL = sorted(SHAPES)
 DRIVEN = [name for name in ALL if name not in {"slow-boot", "two-edges", "csp"}]
 """By a speed, as soon as they are switched on."""

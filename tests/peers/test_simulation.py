@@ -17,7 +17,7 @@ from typing import Any
 import pytest
 
 from pdgw.ds301.errors import CanopenError
-from pdgw.ds301.loop import MS, SECOND
+from pdgw.durations import MS, SECOND
 from pdgw.gateway.errors import GatewayError
 from pdgw.peers.bus import INTERFACE, ServedBus
 from pdgw.peers.drive.misbehaviour import DRIVE_MISBEHAVIOURS

@@ -6,10 +6,10 @@ import pytest
 
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import Command, State, StatusBit
+from pdgw.durations import MS
 from pdgw.peers.drive import DriveModel
 from pdgw.peers.drive.shapes import SYNCHRONOUS
 
-MS = 1_000_000
 PERIOD_MS = 4
 CYCLIC = (Mode.CYCLIC_POSITION, Mode.CYCLIC_VELOCITY, Mode.CYCLIC_TORQUE)
 

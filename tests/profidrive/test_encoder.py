@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from pdgw.durations import MS
 from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.encoder import (
     PRESET_SETTLE_NS,
@@ -28,7 +29,6 @@ from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.sign_of_life import MONITORING_OFF, SignOfLife
 
 ACKNOWLEDGE, PARK, ABSOLUTE, PRESET, RELATIVE = 0x8000, 0x4000, 0x2000, 0x1000, 0x0800
-MS = 1_000_000
 RANGE = 1000
 
 # -- the handshake ----------------------------------------------------------------------------------------------------

@@ -6,6 +6,7 @@ import dataclasses
 
 import pytest
 
+from pdgw.durations import MS
 from pdgw.profinet import apmx
 from pdgw.profinet.apmx import PDU, TABLE, AlarmMachine, AlarmRelation, Event, PduType, State
 from pdgw.profinet.blocks.alarm import (
@@ -22,7 +23,7 @@ from pdgw.profinet.blocks.alarm import (
 from pdgw.profinet.cmdev import AbortCode
 from pdgw.profinet.device import Disconnected
 from pdgw.profinet.diagnosis import AlarmSource, Diagnosis, Notification
-from tests.support.profinet import DEVICE_MAC, MS, PLC_MAC, Wire, model, project
+from tests.support.profinet import DEVICE_MAC, PLC_MAC, Wire, model, project
 
 POINT = (1, 1)
 OWN, PEER = 7, 0x42

@@ -9,6 +9,7 @@ from uuid import UUID
 
 import pytest
 
+from pdgw.durations import MS
 from pdgw.peers.controller.controller import Phase
 from pdgw.profinet import apmx, cmdev
 from pdgw.profinet.apmx import PduType
@@ -33,7 +34,7 @@ from pdgw.profinet.rpc import dcerpc
 from pdgw.profinet.rpc.dcerpc import PacketType, RpcHeader
 from pdgw.profinet.rpc.records import Operation, PnioStatus, encode_arguments
 from tests.support.connect import AR_UUID, INITIATOR, SOURCE, Caller, blocks
-from tests.support.profinet import DEVICE_MAC, MS, PLC_IP, PLC_MAC, Wire, model, project
+from tests.support.profinet import DEVICE_MAC, PLC_IP, PLC_MAC, Wire, model, project
 
 S = 1000 * MS
 P, C, A, D, X, END = (

@@ -12,13 +12,13 @@ from scapy.contrib.pnio import ProfinetIO
 from scapy.contrib.pnio_dcp import ProfinetDCP
 from scapy.layers.l2 import Ether
 
+from pdgw.durations import MS
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profinet import dcp, ethernet
 from pdgw.profinet.dcp import DcpResponder, Flash, IpSet, NameSet, Option, ResetToFactory, Service, SetError
 from pdgw.profinet.station import Identity, IpSuite, Neighbour, Station, check_name
 from tests.support import tshark, tshark_frames
 
-MS = 1_000_000
 MAC = bytes.fromhex("0200000001f4")
 PLC = bytes.fromhex("020000000001")
 SUITE = IpSuite(IPv4Address("192.168.0.2"), IPv4Address("255.255.255.0"), IPv4Address("192.168.0.1"))

@@ -12,13 +12,13 @@ from hypothesis import strategies as st
 from scapy.contrib import lldp as scapy_lldp
 from scapy.layers.l2 import Ether
 
+from pdgw.durations import SECOND
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profinet import lldp
 from pdgw.profinet.station import Identity, IpSuite, Station
 from tests.support import tshark, tshark_frames
 from tests.support.profinet import Wire
 
-SECOND = 1_000_000_000
 MAC = bytes.fromhex("020000000001")
 
 

@@ -15,6 +15,7 @@ from scapy.layers.inet import UDP
 from scapy.layers.l2 import Ether
 from scapy.utils import wrpcap
 
+from pdgw.durations import MS
 from pdgw.profidrive.telegrams import telegram
 from pdgw.profinet.blocks.alarm import MessageClass
 from pdgw.profinet.device_records import Index
@@ -26,7 +27,7 @@ from pdgw.profinet.rpc.identification import INDEX as IM0
 from pdgw.profinet.rpc.identification import Im0, encode_im0
 from pdgw.profinet.station import Neighbour
 from tests.support import tshark, tshark_frames
-from tests.support.profinet import DEVICE_IP, MS, PLC_IP, Wire, model, project
+from tests.support.profinet import DEVICE_IP, PLC_IP, Wire, model, project
 
 AXIS = (1, 2)
 ACCESS_POINT = (1, 1)

@@ -8,6 +8,7 @@ from uuid import UUID
 
 import pytest
 
+from pdgw.durations import MS
 from pdgw.profinet.blocks.alarm import DiagnosisBlock, MessageClass
 from pdgw.profinet.blocks.connect import ArType
 from pdgw.profinet.blocks.records import (
@@ -33,7 +34,7 @@ from pdgw.profinet.rpc.records import (
 )
 from tests.support import tshark, tshark_frames
 from tests.support.connect import AR_UUID, Caller, blocks
-from tests.support.profinet import MS, PLC_IP, Wire, join_multiple
+from tests.support.profinet import PLC_IP, Wire, join_multiple
 
 PORT = (0, 0, 0x8001)
 POINT = (API_PROFIDRIVE, 1, 1)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from pdgw.durations import MS
 from pdgw.peers.controller.controller import Phase
 from pdgw.profinet.cmdev import AbortCode
 from pdgw.profinet.device import Connected, Disconnected
 from pdgw.profinet.rpc.dcerpc import PacketType
-from tests.support.profinet import MS, Wire, project
+from tests.support.profinet import Wire, project
 
 AXIS = (1, 2)
 

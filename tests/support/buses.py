@@ -10,9 +10,10 @@ from contextlib import contextmanager
 import can
 
 from pdgw.ds301.bus import open_bus
-from pdgw.ds301.loop import MS, Loop, SystemLoop
+from pdgw.ds301.loop import Loop, SystemLoop
 from pdgw.ds301.network import CanNetwork
 from pdgw.ds301.port import open_port
+from pdgw.durations import MS
 
 _numbers = itertools.count()
 _loops: list[SystemLoop] = []

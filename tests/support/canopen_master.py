@@ -20,7 +20,7 @@ import canopen.profiles.p402
 import canopen.sdo.client
 
 from pdgw.ds301.can_frame import REMOTE
-from pdgw.ds301.loop import SECOND
+from pdgw.durations import SECOND
 from pdgw.peers.world import World
 
 _WAITING = (canopen.sdo.client, canopen.pdo.base, canopen.nmt, canopen.emcy, canopen.profiles.p402)

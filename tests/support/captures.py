@@ -10,6 +10,7 @@ import can
 from scapy.layers.inet import IP, UDP
 from scapy.layers.l2 import Ether
 
+from pdgw.durations import MS
 from pdgw.profidrive.frame import CYCLIC_PORT
 from pdgw.profidrive.scapy_layers import cyclic_frame
 from pdgw.profidrive.telegrams import Direction
@@ -20,7 +21,6 @@ from pdgw.profinet.rpc.server import RecordServer
 from pdgw.tools.bench.captures import block
 
 BEGIN_NS = 1_700_000_000_123_456_000
-MS = 1_000_000
 ETHERNET, SOCKETCAN = 1, 227
 ETHER = Ether(src="02:00:00:00:00:01", dst="02:00:00:00:00:02")
 """With both addresses: scapy would ask this machine's network for one it does not have."""

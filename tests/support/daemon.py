@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from typing import TypeVar
 from unittest.mock import patch
 
-from pdgw.ds301.loop import SECOND
+from pdgw.durations import SECOND
 from pdgw.gateway.config import GatewayConfig
 from pdgw.gateway.config_file import parse_config
 from pdgw.gateway.daemon import Daemon

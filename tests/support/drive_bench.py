@@ -6,9 +6,9 @@ import struct
 
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import State
+from pdgw.durations import MS
 from pdgw.peers.drive import LINEAR_AXIS, Machine, SimulatedDriveNode
 
-MS = 1_000_000
 NODE = 1
 SMALL = Machine(negative_limit=-20_000, positive_limit=20_000, negative_stop=-30_000, positive_stop=30_000)
 

@@ -8,6 +8,7 @@ from ipaddress import IPv4Address
 from typing import Any
 from uuid import UUID
 
+from pdgw.durations import MS
 from pdgw.peers.controller.controller import IoController, Phase
 from pdgw.peers.controller.project import Project
 from pdgw.profidrive.telegrams import telegram
@@ -19,7 +20,6 @@ from pdgw.profinet.rpc.records import AccessError, RecordBlock, RecordRefused, e
 from pdgw.profinet.station import Identity, IpSuite, Station
 from tests.support.tshark_frames import datagram
 
-MS = 1_000_000
 DEVICE_MAC = bytes.fromhex("020000000002")
 PLC_MAC = bytes.fromhex("020000000001")
 DEVICE_IP = IpSuite(IPv4Address("192.168.0.2"), IPv4Address("255.255.255.0"))

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from pdgw.ds301.loop import MS, SECOND
+from pdgw.durations import MS, SECOND
 from pdgw.gateway.config import GatewayConfig
 from pdgw.gateway.config_file import parse_config
 from pdgw.gateway.daemon import Daemon

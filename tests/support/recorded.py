@@ -14,6 +14,7 @@ from pdgw.decoder.records import Link
 from pdgw.ds301.nmt import NmtCommand
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.objects import DRIVE_OBJECTS
+from pdgw.durations import MS
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.transport.cyclic import CyclicEndpoint
 from pdgw.peers.plc.endpoint import PlcEndpoint
@@ -21,7 +22,7 @@ from pdgw.profidrive.frame import ETHERTYPE
 from pdgw.tools.recordings import Known, Loaded, Opening, load, look_ahead
 from tests.support import captures
 from tests.support.drive_types import REFERENCE_OBJECTS
-from tests.support.rig import MS, NODE, Rig
+from tests.support.rig import NODE, Rig
 
 CYCLE_NS = 4 * MS
 BEGIN_NS = captures.BEGIN_NS

@@ -13,6 +13,7 @@ from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.dsp402.pdo import interpolated, with_objects
 from pdgw.dsp402.settings import DriveSettings
 from pdgw.dsp402.states import State
+from pdgw.durations import MS
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.telegrams import Kind, drive_layout, drive_telegram, initial_mode
 from pdgw.gateway.motion.dsc import DscForm
@@ -23,7 +24,6 @@ from tests.support.drive_types import References, described
 from tests.support.mapping import pdo_steps
 from tests.support.stepper import Stepper
 
-MS = 1_000_000
 NODE = 5
 CYCLE_MS = 4
 

@@ -7,8 +7,8 @@ from concurrent.futures import Future
 from contextlib import contextmanager
 from typing import Any, TypeVar
 
-from pdgw.ds301.loop import MS, SECOND
 from pdgw.ds301.network import CanNetwork
+from pdgw.durations import MS, SECOND
 from pdgw.gateway.config_surroundings import CanConfig
 from pdgw.peers.drive import SimulatedDrive
 from pdgw.peers.encoder import SimulatedEncoder

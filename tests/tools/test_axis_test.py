@@ -12,8 +12,8 @@ from random import Random
 import pytest
 
 from pdgw.ds301.connection_set import ERROR_CONTROL
-from pdgw.ds301.loop import MS, SECOND
 from pdgw.dsp402.states import State
+from pdgw.durations import MS, SECOND
 from pdgw.gateway.config import GatewayConfig
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError

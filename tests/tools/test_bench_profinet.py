@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from pdgw.ds301.loop import MS
+from pdgw.durations import MS
 from pdgw.gateway.errors import GatewayError
 from pdgw.tools.bench.profinet import (
     ECHO_BYTES,

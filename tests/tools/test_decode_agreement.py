@@ -15,9 +15,10 @@ from pdgw.decoder.can_records import EmcyRecord, HeartbeatRecord, NmtRecord, Pdo
 from pdgw.decoder.capture.source import open_source
 from pdgw.decoder.engine import Decoder, Settings, given_axes
 from pdgw.decoder.records import CyclicRecord, ParameterRequestRecord, ParameterResponseRecord, Record
+from pdgw.durations import MS
 from pdgw.profidrive.scapy_layers import ProfidriveCyclic, bind
 from tests.support import captures, tshark
-from tests.support.captures import BEGIN_NS, MS
+from tests.support.captures import BEGIN_NS
 
 CANOPEN = ("-d", "can.subdissector,canopen")
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from pdgw.ds301.loop import SECOND
+from pdgw.durations import SECOND
 from pdgw.gateway.reasons import FaultNumber, Reason
 from pdgw.tools.log_format import Bundle, LogFormat, formatter
 from pdgw.tools.run_log import LogLevel, RunLog

@@ -12,7 +12,7 @@ from typer import Typer
 from typer.testing import CliRunner
 
 from pdgw.ds301.client import NodeClient
-from pdgw.ds301.loop import SECOND
+from pdgw.durations import SECOND
 from pdgw.gateway.axis import interlock
 from pdgw.gateway.axis.interlock import Interlock
 from pdgw.gateway.axis.power_table import Phase

@@ -11,7 +11,7 @@ import typer
 
 from pdgw.decoder.capture.errors import CaptureError
 from pdgw.decoder.following_axis import NO_CONTROLWORD
-from pdgw.ds301.loop import MS
+from pdgw.durations import MS
 from pdgw.gateway.errors import GatewayError
 from pdgw.tools.commands.replay import replay
 from pdgw.tools.commands.timeline import timeline

@@ -15,6 +15,7 @@ from pdgw.decoder.capture.pcapng_file import configuration_in
 from pdgw.decoder.capture.source import open_source
 from pdgw.decoder.engine import Packet
 from pdgw.decoder.records import Link
+from pdgw.durations import SECOND
 from pdgw.gateway.config_file import parse_config
 from pdgw.gateway.config_surroundings import Trigger
 from pdgw.gateway.daemon import Daemon
@@ -30,8 +31,6 @@ from tests.support.daemon import OFF, ON, Plc, axis, configuration, drive_of, wo
 from tests.support.daemon import running as playing
 from tests.support.profinet import DEVICE_MAC, PLC_MAC
 from tests.support.ring import LAYOUT, LIMIT, record
-
-SECOND = 1_000_000_000
 
 
 @contextmanager

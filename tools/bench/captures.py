@@ -15,6 +15,7 @@ from pdgw.decoder.capture.pcapng_file import udp_packet
 from pdgw.decoder.records import Link
 from pdgw.ds301.pdo import Pdo
 from pdgw.dsp402.pdo import LAYOUTS, Operation
+from pdgw.durations import MS, SECOND
 from pdgw.profidrive.frame import (
     CYCLIC_PORT,
     FRAME_ID_TO_CONTROLLER,
@@ -26,9 +27,9 @@ from pdgw.profidrive.frame import (
 )
 from pdgw.profidrive.telegrams import Direction, telegram
 
-_CYCLE_NS = 1_000_000
+_CYCLE_NS = MS
 _COUNTER_STEP = 32
-_BEGIN_NS = 1_700_000_000_000_000_000
+_BEGIN_NS = 1_700_000_000 * SECOND
 _NODE = 1
 
 
@@ -92,9 +93,9 @@ def _write(file: BinaryIO, packets: int) -> None:
 
 AXES = 4
 """Of a recording, on nodes 1 upwards."""
-RECORDING_CYCLE_NS = 4_000_000
-_SECOND = 1_000_000_000 // RECORDING_CYCLE_NS
-_ON_AT = _SECOND // 2
+RECORDING_CYCLE_NS = 4 * MS
+_CYCLES_PER_SECOND = SECOND // RECORDING_CYCLE_NS
+_ON_AT = _CYCLES_PER_SECOND // 2
 _STOPPED = (0x0006, 0x0231)
 _STARTING = (_STOPPED, (0x0007, 0x0231), (0x0007, 0x0233), (0x000F, 0x0233), (0x000F, 0x0637))
 """Controlword and Statusword in the cycles after an ON."""
@@ -107,9 +108,9 @@ def write_recording(folder: Path, seconds: int) -> list[str]:
     plc, can = folder / "plc.pcap", folder / "can.log"
     with plc.open("wb") as packets, can.open("w", encoding="ascii") as log:
         packets.write(struct.pack("<IHHiIII", 0xA1B23C4D, 2, 4, 0, 0, 0x40000, Link.ETHERNET))
-        for cycle in range(seconds * _SECOND):
+        for cycle in range(seconds * _CYCLES_PER_SECOND):
             now = _BEGIN_NS + cycle * RECORDING_CYCLE_NS
-            since_on = cycle % _SECOND - _ON_AT
+            since_on = cycle % _CYCLES_PER_SECOND - _ON_AT
             stw1 = 0x047F if since_on >= 0 else 0x047E
             controlword, statusword = _STARTING[min(since_on, 4)] if since_on >= 0 else _STOPPED
             speed = cycle % 0x4000
@@ -118,11 +119,11 @@ def write_recording(folder: Path, seconds: int) -> list[str]:
             )
             for direction, later, word in ((Direction.SETPOINT, 0, stw1), (Direction.ACTUAL, 300_000, statusword)):
                 data = _udp(_rt(direction, cycle * 4 * _COUNTER_STEP, word, speed, AXES))
-                seconds_part, rest = divmod(now + later, 1_000_000_000)
+                seconds_part, rest = divmod(now + later, SECOND)
                 packets.write(struct.pack("<IIII", seconds_part, rest, len(data), len(data)) + data)
             for node in range(1, AXES + 1):
                 for pdo, later in ((rpdo, 100_000), (tpdo, 600_000)):
-                    seconds_part, rest = divmod(now + later + node * 10_000, 1_000_000_000)
+                    seconds_part, rest = divmod(now + later + node * 10_000, SECOND)
                     data = pdo.pack(values)
                     log.write(f"({seconds_part}.{rest // 1000:06d}) can0 {pdo.cob_id(node):03X}#{data.hex().upper()}\n")
     return [str(plc), str(can)]

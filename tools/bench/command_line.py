@@ -6,10 +6,11 @@ import os
 import subprocess
 import sys
 
+from pdgw.durations import MS
 from pdgw.tools.bench.processes import environment, running
 
 _TRIES = 3
-_AXES, _PERIOD_NS = 4, 4_000_000
+_AXES, _PERIOD_NS = 4, 4 * MS
 
 
 def measure() -> dict[str, float]:

@@ -19,6 +19,7 @@ from pdgw.ds301.can_frame import CAN_FRAME, pack_frame, unpack_frame
 from pdgw.ds301.connection_set import ERROR_CONTROL, NMT, SDO_REQUEST, SDO_RESPONSE
 from pdgw.ds301.pdo import Pdo
 from pdgw.dsp402.images import DriveCommand, DriveFeedback
+from pdgw.durations import MS, SECOND
 from pdgw.peers.bus import Hub
 from pdgw.peers.drive import SimulatedDriveNode
 
@@ -31,7 +32,7 @@ _ENABLE_OPERATION = 0x0F
 _SERVICE, _NODE = 0x780, 0x7F
 _TPDO, _RPDO = 0x180, 0x200
 _UPLOAD, _EXPEDITED_MASK, _EXPEDITED_UPLOAD = 0x40, 0xE2, 0x42
-_POLL_NS = 20_000_000
+_POLL_NS = 20 * MS
 
 
 def buses(axes: int) -> list[int]:
@@ -128,7 +129,7 @@ def _serve(selector: selectors.BaseSelector, drives: Sequence[IdealDrives]) -> N
     step = _POLL_NS // len(drives)
     due, turn = time.monotonic_ns(), 0
     while True:
-        for key, _ in selector.select(max(0, due - time.monotonic_ns()) / 1e9):
+        for key, _ in selector.select(max(0, due - time.monotonic_ns()) / SECOND):
             if key.data is not None:
                 key.data()
                 continue

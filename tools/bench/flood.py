@@ -15,6 +15,7 @@ from contextlib import closing
 from dataclasses import dataclass
 from uuid import UUID
 
+from pdgw.durations import MS, SECOND
 from pdgw.profinet.rpc.client import RecordCaller
 from pdgw.profinet.rpc.dcerpc import object_uuid
 from pdgw.tools.bench.dialogues import PlcDialogue
@@ -23,7 +24,7 @@ from pdgw.tools.bench.processes import Background, Gateway, running
 from pdgw.tools.bench.schedule import Peer, run
 
 AXES = 4
-PERIOD_NS = 4_000_000
+PERIOD_NS = 4 * MS
 RATE = 20_000
 CYCLIC, ACYCLIC = "cyclic", "acyclic"
 _BURST_S, _BEHIND_S = 0.001, 0.02
@@ -43,7 +44,7 @@ class Flood:
 
 def measure(port: str, seconds: float, phases: int = 3) -> Flood:
     """Flood the ``port`` (CYCLIC or ACYCLIC) in so many phases, each after a quiet one, for about ``seconds`` each in sum."""
-    cycles = max(1, int(seconds * 1e9) // PERIOD_NS // phases)
+    cycles = max(1, int(seconds * SECOND) // PERIOD_NS // phases)
     plc = PlcDialogue(AXES, PERIOD_NS)
     samples: dict[bool, list[int]] = {False: [], True: []}
     missed = {False: 0, True: 0}

@@ -18,8 +18,8 @@ from dataclasses import replace
 from pathlib import Path
 from random import Random
 
-from pdgw.ds301.loop import MS
 from pdgw.dsp402.states import State
+from pdgw.durations import MS
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.transport.udp import UdpSocket
 from pdgw.peers.bus import INTERFACE, ServedBus

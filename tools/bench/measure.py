@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+from pdgw.durations import US
 from pdgw.gateway.errors import GatewayError
 
 
@@ -39,7 +40,7 @@ def latency(samples_ns: Sequence[int], missed: int, period_ns: int) -> Latency:
     if not samples_ns:
         raise GatewayError(f"benchmark: no answer in {missed} cycles")
     ordered = sorted([*samples_ns, *[period_ns] * missed])
-    p50, p99, p999 = (percentile(ordered, share) / 1000 for share in (0.5, 0.99, 0.999))
+    p50, p99, p999 = (percentile(ordered, share) / US for share in (0.5, 0.99, 0.999))
     return Latency(p50, p99, p999, len(samples_ns), missed)
 
 

@@ -16,6 +16,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from pdgw.durations import MS, SECOND
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.status_client import fetch
 from pdgw.tools.bench.drives import PER_BUS
@@ -25,7 +26,6 @@ _READY_S = 60.0
 _LOOK_S = 0.02
 _END_S = 120.0
 """A process with the least priority may wait long for a busy machine."""
-_NANOSECONDS = 1_000_000_000
 
 
 class Background:
@@ -90,7 +90,7 @@ class Drives:
 
 def configuration(channels: Sequence[str], axes: int, period_ns: int, ports: tuple[int, int, int]) -> str:
     """A gateway for ideal drives: telegram 1 on every axis; ``ports`` are cyclic, acyclic and status."""
-    milliseconds = period_ns / 1e6
+    milliseconds = period_ns / MS
     lines = [
         "[transport]",
         f"cycle_time_ms = {milliseconds:g}",
@@ -146,7 +146,7 @@ class Gateway:
             fields = Path(f"/proc/{self._process.pid}/stat").read_text().rpartition(")")[2].split()
         except OSError:
             return None
-        return (int(fields[11]) + int(fields[12])) * _NANOSECONDS // os.sysconf("SC_CLK_TCK")
+        return (int(fields[11]) + int(fields[12])) * SECOND // os.sysconf("SC_CLK_TCK")
 
     def resident_bytes(self) -> int | None:
         """Memory in use; None where the system does not tell."""

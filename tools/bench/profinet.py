@@ -27,6 +27,7 @@ from pdgw.decoder.capture.source import open_source
 from pdgw.decoder.engine import CanPacket, Decoder
 from pdgw.decoder.profinet_records import Change, DcpRecord, RelationRecord
 from pdgw.decoder.records import AcyclicRecord, CyclicRecord, Record
+from pdgw.durations import MS, SECOND
 from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.frame import COUNTER_UNIT_NS, IOPS_GOOD
 from pdgw.profidrive.telegrams import Direction
@@ -46,7 +47,6 @@ _KILLED_HOLD_MS: Final = 24
 """At least, in the relationship whose controller is killed."""
 _CYCLES_HELD: Final = 3
 _PATIENCE_S: Final = 60
-_NS_PER_MS: Final = 1e6
 _UDP: Final = re.compile(
     rb"(?s).{12}\x08\x00\x45.{8}\x11.{10}(?P<source>.{2})(?P<target>.{2}).{4}(?P<data>.{%d})" % ECHO_BYTES
 )
@@ -86,7 +86,7 @@ while True:
     due += cycle
     left = due - time.monotonic_ns()
     if left > 0:
-        time.sleep(left / 1e9)
+        time.sleep(left / SECOND)
     sock.send(frame)
 """
 _ECHO: Final = """
@@ -163,9 +163,7 @@ def period(times: Sequence[int]) -> Period:
     if len(gaps) < 2:
         raise GatewayError(f"{len(times)} frames are too few to measure a period")
     last = len(gaps) - 1
-    return Period(
-        len(times), gaps[last // 2] / _NS_PER_MS, gaps[round(0.99 * last)] / _NS_PER_MS, gaps[last] / _NS_PER_MS
-    )
+    return Period(len(times), gaps[last // 2] / MS, gaps[round(0.99 * last)] / MS, gaps[last] / MS)
 
 
 def measure(cycle_ms: int, seconds: float, *, realtime: bool) -> ProfinetRow:
@@ -184,7 +182,7 @@ def measure(cycle_ms: int, seconds: float, *, realtime: bool) -> ProfinetRow:
             *(str(cycle_ms), *map(str, holds), str(seconds), *as_asked),
         )
         echo = [sys.executable, "-c", _ECHO, str(ECHO_PORT), *as_asked]
-        floor = [sys.executable, "-c", _SENDER, HERE, str(cycle_ms * 1_000_000), f"{FLOOR_FRAME_ID:04x}"]
+        floor = [sys.executable, "-c", _SENDER, HERE, str(cycle_ms * MS), f"{FLOOR_FRAME_ID:04x}"]
         with (
             EthernetCapture(HERE, capture) as recording,
             ExitStack() as running,  # what sends has to end before the capture, which waits for silence
@@ -215,7 +213,7 @@ def measure(cycle_ms: int, seconds: float, *, realtime: bool) -> ProfinetRow:
             raise GatewayError(f"{recording.lost} frames were not recorded: the machine is too busy to be measured")
         records = list(records_in(capture))
         costs = [
-            Cost(*item, (first - start) / 1e9)
+            Cost(*item, (first - start) / SECOND)
             for item, first, start in zip(
                 taken, (first_answer(records), first_of_floor(records)), (started, floor_started), strict=True
             )
@@ -296,7 +294,7 @@ def _first(times: Iterator[int]) -> int:
 
 
 def _median_ms(times: Sequence[int]) -> float:
-    return sorted(times)[len(times) // 2] / _NS_PER_MS if times else 0.0
+    return sorted(times)[len(times) // 2] / MS if times else 0.0
 
 
 def row_of(
@@ -329,7 +327,7 @@ def row_of(
         direction: max(r.time_ns for r in cyclic if r.direction is direction and r.time_ns > last.time_ns)
         for direction in (Direction.ACTUAL, Direction.SETPOINT)
     }
-    usual = cycle_ms * 1_000_000 // COUNTER_UNIT_NS
+    usual = cycle_ms * MS // COUNTER_UNIT_NS
     steps = [(later.cycle_counter - earlier.cycle_counter) & 0xFFFF for earlier, later in pairwise(exchanged)]
     return ProfinetRow(
         cycle_ms,
@@ -338,10 +336,10 @@ def row_of(
         sum(step // usual - 1 for step in steps),
         cost,
         floor_cost,
-        (session.latency_ns or 0) / _NS_PER_MS,
-        (valid[0].time_ns - asked) / _NS_PER_MS,
+        (session.latency_ns or 0) / MS,
+        (valid[0].time_ns - asked) / MS,
         _median_ms([r.latency_ns for r in reads if r.latency_ns is not None]),
         _median_ms(echoes),
         hold_ms,
-        (ends[Direction.ACTUAL] - ends[Direction.SETPOINT]) / _NS_PER_MS,
+        (ends[Direction.ACTUAL] - ends[Direction.SETPOINT]) / MS,
     )

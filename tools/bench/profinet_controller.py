@@ -14,6 +14,7 @@ import time
 from dataclasses import replace
 from ipaddress import IPv4Interface
 
+from pdgw.durations import MS
 from pdgw.peers.controller.controller import Phase
 from pdgw.peers.controller.plc import project_of
 from pdgw.peers.controller.running import RunningController
@@ -40,7 +41,7 @@ def _tell(phase: str) -> None:
 
 
 def main(cycle_ms: int, hold_ms: int, killed_hold_ms: int, seconds: float) -> None:
-    made = project_of(STATION, [telegram(1)], cycle_ms * 1_000_000)
+    made = project_of(STATION, [telegram(1)], cycle_ms * MS)
     project = replace(made, data_hold=hold_ms // cycle_ms)
     echo = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     device = str(IPv4Interface(ADDRESS_HERE).ip)

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from pdgw.durations import MS
 from pdgw.gateway.config_example import simulated
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.trace.recorder import FlightRecorder
@@ -14,7 +15,7 @@ from pdgw.peers.world import World
 from pdgw.tools.bench.measure import nanoseconds_per_call
 
 _AXES = (1, 32)
-_CYCLE_NS = 1_000_000
+_CYCLE_NS = MS
 _ANSWER_NS = 150_000
 _FRAME = bytes(8)
 

@@ -13,13 +13,13 @@ from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from typing import Protocol
 
+from pdgw.durations import MS, SECOND
 from pdgw.gateway.errors import GatewayError
 from pdgw.tools.bench.dialogues import SPEEDS, EchoDialogue, PlcDialogue
 from pdgw.tools.bench.measure import Latency, latency
 from pdgw.tools.bench.processes import background, running
 from pdgw.tools.bench.schedule import Peer, flat_out, run
 
-MS = 1_000_000
 ROWS = (
     (1, MS),
     (4, 4 * MS),
@@ -78,7 +78,7 @@ def measure(axes: int, period_ns: int, seconds: float, more: str = "") -> Row:
 
     ``more``: further tables of the gateway's configuration.
     """
-    cycles = max(2 * SPEEDS, int(seconds * 1e9) // period_ns)
+    cycles = max(2 * SPEEDS, int(seconds * SECOND) // period_ns)
     plc = PlcDialogue(axes, period_ns)
     side_by_side = period_ns >= _SIDE_BY_SIDE_NS
     with ExitStack() as at_end:

@@ -13,6 +13,7 @@ import time
 from collections.abc import Sequence
 from typing import Protocol
 
+from pdgw.durations import SECOND
 from pdgw.tools.bench.measure import Latency, latency
 
 
@@ -121,7 +122,7 @@ def run(peers: Sequence[Peer], cycles: int, period_ns: int) -> None:
 
     def wait_until(due: int) -> None:
         while (remaining := due - time.monotonic_ns()) > 0:
-            for ready in select.select(sockets, [], [], remaining / 1e9)[0]:
+            for ready in select.select(sockets, [], [], remaining / SECOND)[0]:
                 by_socket[ready].take()
 
     enabled = gc.isenabled()
@@ -148,11 +149,11 @@ def flat_out(peer: Peer, seconds: float) -> float:
     """Cycles per second with an answer awaited each time, for about so long; an answer that does not come costs 0.2 s."""
     count = 0
     start = time.monotonic_ns()
-    end = start + int(seconds * 1e9)
+    end = start + int(seconds * SECOND)
     while time.monotonic_ns() < end:
         peer.send()
         if select.select([peer.socket], [], [], 0.2)[0]:
             peer.take()
         count += 1
     peer.settle()
-    return count * 1e9 / (time.monotonic_ns() - start)
+    return count * SECOND / (time.monotonic_ns() - start)

@@ -14,11 +14,11 @@ from dataclasses import dataclass, field, replace
 from random import Random
 
 from pdgw.ds301.connection_set import NMT
-from pdgw.ds301.loop import MS, SECOND
 from pdgw.ds301.nmt import NmtCommand
 from pdgw.ds301.pdo import PdoDirection
 from pdgw.dsp402.settings import DriveSettings
 from pdgw.dsp402.states import Command, State
+from pdgw.durations import MS, SECOND
 from pdgw.gateway.config_file import parse_config
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError

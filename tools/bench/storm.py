@@ -13,6 +13,7 @@ import time
 from contextlib import closing
 from dataclasses import dataclass
 
+from pdgw.durations import MS, SECOND
 from pdgw.profidrive.parameters.codec import Address
 from pdgw.tools.bench.dialogues import PlcDialogue
 from pdgw.tools.bench.measure import Latency
@@ -22,7 +23,7 @@ from pdgw.tools.bench.schedule import Peer
 from pdgw.tools.parameters.client import ParameterClient
 
 AXES = 4
-PERIOD_NS = 1_000_000
+PERIOD_NS = MS
 _MIX = [Address(0x6041), Address(0x606C), Address(965), Address(947, 0, 8), Address(0x1018, 1, 4)]
 """Statusword, velocity, profile, faults, identity: some answered by the gateway, most by the drive."""
 
@@ -43,7 +44,7 @@ class Storm:
 
 def measure(seconds: float, phases: int = 4) -> Storm:
     """So many quiet and stormy phases in turn, for about ``seconds`` each in sum."""
-    cycles = max(1, int(seconds * 1e9) // PERIOD_NS // phases)
+    cycles = max(1, int(seconds * SECOND) // PERIOD_NS // phases)
     plc = PlcDialogue(AXES, PERIOD_NS)
     requests = 0
     elapsed = 0.0

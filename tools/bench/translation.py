@@ -9,6 +9,7 @@ from pdgw.ds301.pdo import Pdo
 from pdgw.dsp402.generic import recorded_drive_type
 from pdgw.dsp402.images import DriveFeedback
 from pdgw.dsp402.pdo import PdoLayout
+from pdgw.durations import MS
 from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.telegrams import drive_layout
 from pdgw.gateway.axis.values import Configured
@@ -21,7 +22,7 @@ from pdgw.tools.bench.measure import nanoseconds_per_call
 
 GOALS_NS = {1: 10_000, 9: 20_000, 111: 12_000}
 """Goals of the project for one axis-cycle."""
-_CYCLE_NS = 1_000_000
+_CYCLE_NS = MS
 _FRAMES = 4096
 _PEER = ("127.0.0.1", 40000)
 _ENABLED = 0x0637
@@ -43,7 +44,7 @@ def axis_cycle(number: int) -> Callable[[], object]:
     endpoint = CyclicEndpoint([chosen], cycle_ns=_CYCLE_NS)
     layout = drive_layout(number)
     feedback = DriveFeedback()
-    machine = AxisMachine(number, simulated([number]).axis[0].settings_at(_CYCLE_NS / 1_000_000), feedback)
+    machine = AxisMachine(number, simulated([number]).axis[0].settings_at(_CYCLE_NS / MS), feedback)
     inputs, command = machine.inputs, machine.outputs.command
     inputs.news.append(Configured(recorded_drive_type(frozenset())))
     inputs.drive_ok = True

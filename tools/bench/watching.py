@@ -21,6 +21,7 @@ from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
+from pdgw.durations import MS, SECOND
 from pdgw.gateway.errors import GatewayError
 from pdgw.tools.bench.dialogues import PlcDialogue
 from pdgw.tools.bench.measure import Latency
@@ -30,7 +31,7 @@ from pdgw.tools.bench.schedule import Peer
 from pdgw.tools.demo.links import free_ports
 
 AXES = 8
-PERIOD_NS = 1_000_000
+PERIOD_NS = MS
 PAGES = 20
 _SCRAPE_S = 1.0
 _FREEZE_S = 0.5
@@ -63,7 +64,7 @@ class Watching:
 
 def measure(seconds: float, phases: int = 4) -> Watching:
     """So many phases of each kind in turn, for about ``seconds`` each in sum."""
-    cycles = max(1, int(seconds * 1e9) // PERIOD_NS // phases)
+    cycles = max(1, int(seconds * SECOND) // PERIOD_NS // phases)
     plc = PlcDialogue(AXES, PERIOD_NS)
     counted = dict.fromkeys((WATCHED, HARMED), 0)
     elapsed = dict.fromkeys((WATCHED, HARMED), 0.0)

@@ -17,6 +17,7 @@ from rich.markup import escape
 from rich.status import Status
 from rich.table import Table
 
+from pdgw.durations import MS, US
 from pdgw.gateway.errors import GatewayError
 from pdgw.tools import namespaces
 from pdgw.tools.bench import (
@@ -46,9 +47,8 @@ AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 RealTime = Annotated[
     bool, typer.Option("--realtime", help="All processes with real-time priority (Linux; root or CAP_SYS_NICE).")
 ]
-_MS = 1_000_000
 _STOP_SHARES = (0.5, 0.99, 1.0)
-_IDLE_AXES, _IDLE_PERIOD_NS = 4, 10 * _MS
+_IDLE_AXES, _IDLE_PERIOD_NS = 4, 10 * MS
 
 
 @app.callback()
@@ -102,13 +102,13 @@ def bench(
     _print_machine(console, realtime)
     table = Table("telegram", "axis-cycle", "goal", "share of goal", title="translation: frame -> RPDO, TPDO -> frame")
     for cost in costs:
-        goal = f"{cost.goal_ns / 1000:g} us" if cost.goal_ns else ""
+        goal = f"{cost.goal_ns / US:g} us" if cost.goal_ns else ""
         share = f"{cost.total_ns / cost.goal_ns:.2f}" if cost.goal_ns else ""
-        table.add_row(str(cost.telegram), f"{cost.total_ns / 1000:.2f} us", goal, share)
+        table.add_row(str(cost.telegram), f"{cost.total_ns / US:.2f} us", goal, share)
     console.print(table)
     console.print(
-        f"flight recorder: {recorder.cycle_ns / 1000:.2f} us a cycle and {recorder.axis_ns / 1000:.2f} us an axis, "
-        f"{recorder.frame_ns / 1000:.2f} us a CAN frame; counting cycle and answer times {recorder.times_ns / 1000:.2f} us"
+        f"flight recorder: {recorder.cycle_ns / US:.2f} us a cycle and {recorder.axis_ns / US:.2f} us an axis, "
+        f"{recorder.frame_ns / US:.2f} us a CAN frame; counting cycle and answer times {recorder.times_ns / US:.2f} us"
     )
     _print_rows(console, rows)
     table = Table("", "p50", "p99", "p99.9", "missed", title=f"{storm.AXES} axes at 1 ms under parameter requests")
@@ -133,7 +133,7 @@ def cycle(
     if realtime:
         use_real_time_priority()
     with _progress() as status:
-        row = _measured(status, axes, round(cycle_time_ms * _MS), seconds)
+        row = _measured(status, axes, round(cycle_time_ms * MS), seconds)
     if as_json:
         typer.echo(json.dumps({"machine": machine() | {"realtime": realtime}, "rows": [_document(row)]}, indent=2))
         return
@@ -214,7 +214,7 @@ def settings_command(
 ) -> None:
     """The same exchange as by default, without the flight recorder, and with [realtime]; three turns, the best of each."""
     with _progress() as status:
-        choices = settings.run(axes, round(cycle_time_ms * _MS), seconds, status.update)
+        choices = settings.run(axes, round(cycle_time_ms * MS), seconds, status.update)
     if as_json:
         rows = [
             {"name": item.name, "ratio_p50": item.p50, "ratio_p99": item.p99, "cpu_ns_per_cycle": item.cpu_ns_per_cycle}
@@ -226,7 +226,7 @@ def settings_command(
     title = f"{axes} axes at {cycle_time_ms:g} ms against a UDP echo of the same turn"
     table = Table("", "p50", "p99", "CPU a cycle", title=title)
     for item in choices:
-        cost = "?" if item.cpu_ns_per_cycle is None else f"{item.cpu_ns_per_cycle / 1000:.0f} us"
+        cost = "?" if item.cpu_ns_per_cycle is None else f"{item.cpu_ns_per_cycle / US:.0f} us"
         table.add_row(escape(item.name), f"{item.p50:.2f}", f"{item.p99:.2f}", cost)
     console.print(table)
     if len(choices) < len(settings.SETTINGS):
@@ -387,7 +387,7 @@ def _flood_document(item: flood.Flood) -> dict[str, Any]:
 
 
 def _print_floods(console: Console, floods: list[flood.Flood]) -> None:
-    title = f"{flood.AXES} axes at {flood.PERIOD_NS / _MS:g} ms while a stranger floods a port"
+    title = f"{flood.AXES} axes at {flood.PERIOD_NS / MS:g} ms while a stranger floods a port"
     table = Table("", "datagrams/s", "p50", "p99", "p99.9", "missed", title=title)
     for item in floods:
         for name, rate, row in (("quiet", 0.0, item.quiet), (f"{item.port} port", item.datagrams_per_s, item.flooded)):
@@ -403,7 +403,7 @@ def _progress() -> Iterator[Status]:
 
 
 def _measured(status: Status, axes: int, period_ns: int, seconds: float) -> Row:
-    status.update(f"{axes} axes at {period_ns / _MS:g} ms")
+    status.update(f"{axes} axes at {period_ns / MS:g} ms")
     return measure(axes, period_ns, seconds)
 
 
@@ -437,7 +437,7 @@ def _print_rows(console: Console, rows: list[Row]) -> None:
     title = "exchange with drives that answer at once, and a UDP echo of the same run; setpoints until they are on CAN"
     table = Table("axes", "cycle", "", "p50", "p99", "p99.9", "missed", "flat out", title=title)
     for row in rows:
-        place = (str(row.axes), f"{row.period_ns / _MS:g} ms")
+        place = (str(row.axes), f"{row.period_ns / MS:g} ms")
         for name, item, rate in (
             ("echo", row.echo, f"{row.echo_per_s:.0f}/s"),
             ("gateway", row.gateway, f"{row.gateway_per_s:.0f}/s"),
@@ -452,9 +452,9 @@ def _print_rows(console: Console, rows: list[Row]) -> None:
         "axes", "cycle", "CPU a cycle", "of a core", "memory", "start to online", title="what the gateway takes"
     )
     for row in rows:
-        cost = "?" if row.cpu_ns_per_cycle is None else f"{row.cpu_ns_per_cycle / 1000:.0f} us"
+        cost = "?" if row.cpu_ns_per_cycle is None else f"{row.cpu_ns_per_cycle / US:.0f} us"
         memory = "?" if row.resident_bytes is None else f"{row.resident_bytes / 2**20:.0f} MiB"
         table.add_row(
-            str(row.axes), f"{row.period_ns / _MS:g} ms", cost, _share(row.cpu_share), memory, f"{row.start_s:.2f} s"
+            str(row.axes), f"{row.period_ns / MS:g} ms", cost, _share(row.cpu_share), memory, f"{row.start_s:.2f} s"
         )
     console.print(table)

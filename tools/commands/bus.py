@@ -9,9 +9,9 @@ from typing import Annotated, Any
 
 import typer
 
-from pdgw.ds301.loop import SECOND
 from pdgw.dsp402.objects import DRIVE_PROFILE
 from pdgw.dsp406.kinds import ENCODER_PROFILE
+from pdgw.durations import SECOND
 from pdgw.gateway.config_file import load_config
 from pdgw.gateway.config_surroundings import CanConfig
 from pdgw.gateway.scan import Expected, FoundNode, Scan, expected_on, load_sheets

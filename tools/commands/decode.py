@@ -38,6 +38,7 @@ from pdgw.decoder.recognise import parse_hex, recognise
 from pdgw.decoder.render import one_line, tree
 from pdgw.decoder.selection import Selection
 from pdgw.ds301.load import DEFAULT_BITRATE
+from pdgw.durations import SECOND
 from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.telegrams import Direction
 from pdgw.profidrive.telegrams import telegram as telegram_of
@@ -45,7 +46,7 @@ from pdgw.tools.commands.recording_options import Station
 from pdgw.tools.outputs import to_be_written
 from pdgw.tools.progress import with_progress, with_progress_of
 
-_LATE_NS = 2_000_000_000
+_LATE_NS = 2 * SECOND
 """Packets may be this much out of order; behind ``--to`` by more, reading stops."""
 
 

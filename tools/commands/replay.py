@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from pdgw.decoder.replayed import AxisReplay, Difference
+from pdgw.durations import MS, SECOND
 from pdgw.tools.commands.recording_options import Config, Files, Nodes, Offset, Station, Telegrams
 from pdgw.tools.recordings import TOLERANCE_NS, Loaded, known_from, load, nanoseconds, tell, write_lines
 
@@ -22,12 +23,12 @@ def replay(
     station: Station = "",
     tolerance: Annotated[
         float, typer.Option(min=0, max=10_000, help="How far recorded times may be off, milliseconds.")
-    ] = TOLERANCE_NS / 1e6,
+    ] = TOLERANCE_NS / MS,
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object.")] = False,
 ) -> None:
     """Feed a recording through today's gateway; exit status 1 where it would have sent something else."""
     loaded = load(files, known_from(config, telegram or [], node or [], files, station), nanoseconds(offset), tell)
-    outcomes = loaded.replay(tolerance_ns=round(tolerance * 1e6), first_only=True)
+    outcomes = loaded.replay(tolerance_ns=round(tolerance * MS), first_only=True)
     write_lines(_document(loaded, outcomes) if as_json else _text(loaded, outcomes))
     if any(outcome.differences for outcome in outcomes):
         raise typer.Exit(1)
@@ -75,7 +76,7 @@ def _text(loaded: Loaded, outcomes: Sequence[AxisReplay]) -> Iterator[str]:
                 f"{who}: {equal}" if outcome.compared else f"{who}: nothing to compare: neither configured nor OFF seen"
             )
         for difference in outcome.differences:
-            seconds = (difference.time_ns - loaded.recording.begin_ns) / 1e9
+            seconds = (difference.time_ns - loaded.recording.begin_ns) / SECOND
             yield f"{who}: {outcome.compared} steps equal, then at {seconds:.6f} s {difference.what} differ"
             yield from _values(difference)
 

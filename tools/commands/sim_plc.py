@@ -17,6 +17,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
+from pdgw.durations import MS, SECOND
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.toml_file import read_text
 from pdgw.peers.plc.client import PlcClient, PlcRunner
@@ -39,8 +40,8 @@ from pdgw.tools.plc_window import watch
 from pdgw.tools.reports import Check, HtmlFile, JUnitFile, Report
 from pdgw.tools.tables import plain_table
 
-_SNAPSHOT_NS = 100_000_000
-_SILENCE_NS = 2_000_000_000
+_SNAPSHOT_NS = 100 * MS
+_SILENCE_NS = 2 * SECOND
 """A gateway that has not answered frames for so long is told to be missing: the scenario may wait longer for it."""
 
 
@@ -130,7 +131,7 @@ def plc(
             Console().print(results_table([Result(**item) for item in results]))
         raise typer.Exit(status)
     numbers = chosen.telegrams if chosen else telegrams_of_axes(telegram, axes)
-    cycle_ns = int(cycle_ms * 1_000_000)
+    cycle_ns = int(cycle_ms * MS)
     endpoint = PlcEndpoint([telegram_of(number) for number in numbers], cycle_ns)
     client: PlcRunner
     if profinet is None:

@@ -13,6 +13,7 @@ from typing import Annotated
 
 import typer
 
+from pdgw.durations import SECOND
 from pdgw.gateway.config_surroundings import Trigger
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.store import state_directory
@@ -27,7 +28,6 @@ Ring = Annotated[
     str | None,
     typer.Option("--ring", metavar="NAME|PATH", help="Which one, see `pdgw trace list`.", show_default=False),
 ]
-_SECOND = 1_000_000_000
 
 
 @app.callback()
@@ -44,7 +44,7 @@ def save_(
     """Write both buses and the configuration as pcapng, for Wireshark, `pdgw timeline` and `pdgw replay`."""
     with RingReader(chosen_ring(ring)) as reader:
         newest = reader.cycles(at_most=1)
-        begin = None if last is None or not newest else newest[0].time_ns - int(last * _SECOND)
+        begin = None if last is None or not newest else newest[0].time_ns - int(last * SECOND)
         count = save(reader, file, begin)
         state = "running" if is_alive(reader) else "ended" if reader.ended else "killed"
         typer.echo(f"{file}: {count} packets of {reader.path.name} ({state})")
@@ -68,8 +68,8 @@ def _line(reader: RingReader) -> str:
     cycles = reader.cycles()
     if not cycles:
         return f"{reader.path}: {state}, nothing recorded yet"
-    until = datetime.fromtimestamp(reader.wall_ns(cycles[-1].time_ns) / _SECOND).strftime("%Y-%m-%d %H:%M:%S")
-    seconds = (cycles[-1].time_ns - cycles[0].time_ns) / _SECOND
+    until = datetime.fromtimestamp(reader.wall_ns(cycles[-1].time_ns) / SECOND).strftime("%Y-%m-%d %H:%M:%S")
+    seconds = (cycles[-1].time_ns - cycles[0].time_ns) / SECOND
     return f"{reader.path}: {state}, {seconds:.1f} s until {until}, {len(reader.layout.objects)} drive objects"
 
 

@@ -15,10 +15,10 @@ from typing import Any
 
 import can
 
-from pdgw.ds301.loop import SECOND
 from pdgw.ds301.network import CanNetwork
 from pdgw.ds301.nmt import NmtCommand
 from pdgw.ds301.node import GATEWAY_NODE_ID
+from pdgw.durations import MS, SECOND
 from pdgw.gateway.config import AxisConfig, GatewayConfig
 from pdgw.gateway.config_encoder import EncoderConfig
 from pdgw.gateway.config_surroundings import CanConfig, TransportConfig
@@ -29,7 +29,6 @@ from pdgw.peers.world import World
 from pdgw.tools.conformance.tested import Tested
 
 CYCLE_MS = 4
-MS = 1_000_000
 _HEARTBEAT_NS = 50 * MS
 PATIENCE_S = 20.0
 """No gateway that does what it has to needs so long for one step."""

@@ -15,18 +15,18 @@ import can
 from pdgw.dsp402.states import State
 from pdgw.dsp406.faults import ENCODER_FAULTS
 from pdgw.dsp406.objects import OPERATING_PARAMETERS, RESOLUTION
+from pdgw.durations import MS, SECOND
 from pdgw.gateway.config_encoder import EncoderConfig
 from pdgw.gateway.drive_object import DriveObject
 from pdgw.gateway.encoder import EncoderNode, EncoderObject
 from pdgw.peers.encoder import SimulatedEncoder, SimulatedEncoderNode
-from pdgw.peers.encoder.motion import SECOND, Motion, still
+from pdgw.peers.encoder.motion import Motion, still
 from pdgw.profidrive.signals import signal
 from pdgw.tools.conformance.bench import (
     CHANNEL,
     CONFIGURES,
     CYCLE_MS,
     ENCODER_DO,
-    MS,
     QUIET_CYCLES,
     Activity,
     Bench,

@@ -8,10 +8,10 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from pdgw.ds301.loop import MS, SECOND
 from pdgw.ds301.node import NodeStatus
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import ControlBit, State
+from pdgw.durations import MS, SECOND
 from pdgw.gateway.config_file import parse_config
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.reasons import FaultNumber

@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
-from pdgw.ds301.loop import SECOND
+from pdgw.durations import SECOND
 from pdgw.gateway.config_example import simulated
 from pdgw.gateway.daemon import Daemon
 from pdgw.peers.drive import SimulatedDrive

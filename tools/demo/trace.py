@@ -11,6 +11,7 @@ from typing import Any
 from pdgw.decoder.capture.source import open_source
 from pdgw.decoder.engine import Decoder
 from pdgw.decoder.records import Unit
+from pdgw.durations import MS, SECOND
 from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.frame import IOPS_GOOD
 from pdgw.profidrive.signals import SIGNALS
@@ -18,8 +19,7 @@ from pdgw.profidrive.telegrams import Direction
 from pdgw.tools.demo.chapters import Chapter, Curve, Panel
 from pdgw.tools.recordings import known_from
 
-_NS = 1_000_000_000
-_SAMPLE_NS = 4_000_000
+_SAMPLE_NS = 4 * MS
 _SEEN_S = 0.08
 """A fault that is acknowledged at once is to be seen too."""
 _RED, _GREEN = "#e45756", "#72b7b2"
@@ -48,14 +48,14 @@ class _Seen:
         self.newest |= {item.name: int(raw) for item, raw in unit.items() if not isinstance(raw, bytes)}
         if unit.layout.direction is Direction.ACTUAL and now_ns - self.sampled_ns >= _SAMPLE_NS:
             self.sampled_ns = now_ns
-            self.times.append(now_ns / _NS)
+            self.times.append(now_ns / SECOND)
             self.values.append(dict(self.newest))
 
 
 def _seen(capture: Path, config: Path, begin_s: float) -> Mapping[int, _Seen]:
     """Each axis of a capture by its place in the frame; times from ``begin_s`` (seconds of the epoch) on."""
     decoder = Decoder(known_from(config, [], []).settings)
-    begin_ns = round(begin_s * _NS)
+    begin_ns = round(begin_s * SECOND)
     found: dict[int, _Seen] = defaultdict(_Seen)
     with open_source(str(capture)) as source:
         for packet in source.packets:

@@ -8,10 +8,10 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from random import Random
 
-from pdgw.ds301.loop import MS, SECOND
 from pdgw.ds301.node import NodeStatus
 from pdgw.ds301.pdo import PdoDirection
 from pdgw.dsp402.states import Command, State
+from pdgw.durations import MS, SECOND
 from pdgw.gateway.axis.telegrams import DSC_TELEGRAM_NUMBERS, POSITIONER_TELEGRAM_NUMBERS
 from pdgw.gateway.config import GatewayConfig
 from pdgw.gateway.config_file import parse_config
@@ -240,7 +240,7 @@ class Life:
             axis = chance.choice(self.axes)
             duration = int(math.exp(chance.uniform(math.log(_SHORTEST_NS), math.log(_LONGEST_NS))))
             if trouble.name not in self._active:
-                self.trace.note(f"{axis.name}: {trouble.name} for {duration / 1e6:.0f} ms")
+                self.trace.note(f"{axis.name}: {trouble.name} for {duration / MS:.0f} ms")
                 self._active[trouble.name] = (trouble, axis, trouble.begin(self, axis, chance))
                 self.loop.call_later(duration, lambda: self._end(trouble.name))
         self.loop.call_later(_exponential(chance, _PAUSE_NS), self._trouble)

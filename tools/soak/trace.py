@@ -6,7 +6,7 @@ import logging
 from collections import deque
 from collections.abc import Callable
 
-from pdgw.ds301.loop import SECOND
+from pdgw.durations import SECOND
 
 _KEPT = 60
 _KEPT_WITH_FRAMES = 600

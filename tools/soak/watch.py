@@ -8,8 +8,8 @@
 
 from __future__ import annotations
 
-from pdgw.ds301.loop import MS
 from pdgw.dsp402.states import State
+from pdgw.durations import MS
 from pdgw.gateway.axis.telegrams import POSITIONER_TELEGRAM_NUMBERS
 from pdgw.gateway.axis.watch import POWERED
 from pdgw.peers.drive import SimulatedDrive
@@ -87,10 +87,10 @@ class SoakAxis:
                 before = (
                     "none was sent"
                     if self._off_sent < 0
-                    else f"the last was sent {(now - self._off_sent) / 1e6:.0f} ms ago"
+                    else f"the last was sent {(now - self._off_sent) / MS:.0f} ms ago"
                 )
                 raise ViolationError(
-                    f"{self.name}: started without OFF after a doubt ({why}, {(now - since) / 1e6:.0f} ms ago; {before})"
+                    f"{self.name}: started without OFF after a doubt ({why}, {(now - since) / MS:.0f} ms ago; {before})"
                 )
         elif state in {State.FAULT_REACTION_ACTIVE, State.FAULT}:
             self.doubt("fault of the drive")
@@ -120,7 +120,7 @@ class SoakAxis:
         model = self.drive.model
         if now - since > STOP_BOUND_NS and model.state in POWERED and abs(model.ramp.speed) > _STANDS_RPM:
             raise ViolationError(
-                f"{self.name}: turns with {model.ramp.speed:.0f} rpm under power {(now - since) / 1e6:.0f} ms after a loss"
+                f"{self.name}: turns with {model.ramp.speed:.0f} rpm under power {(now - since) / MS:.0f} ms after a loss"
             )
 
     def _check_shown(self, state: State, zsw1: int) -> None:

@@ -10,6 +10,7 @@ from fractions import Fraction
 
 from pdgw.dsp402.drive_type import DriveType, Quantity
 from pdgw.dsp402.errors import Dsp402Error
+from pdgw.durations import MS, SECOND, SECONDS_PER_MINUTE
 from pdgw.gateway.axis.executors.base import OPERATION_ENABLED, AxisCycle, Executor, LimitWatch, known
 from pdgw.gateway.axis.executors.torque import message_of
 from pdgw.gateway.axis.power_table import Action
@@ -24,8 +25,6 @@ from pdgw.profidrive.normalisation import Normalisation
 
 _ENABLE_OPERATION, _RAMP = Action.ENABLE_OPERATION, Action.RAMP
 _BY_SPEED = DscForm.SPEED
-_SECONDS_PER_MINUTE = 60
-_NS = 1_000_000_000
 _I32 = DataType.INTEGER32.integer_range
 
 
@@ -78,9 +77,9 @@ class DscExecutor(Executor):
         self._actual = n4(reference, _I32)
         self._message = MessageWord(int(reference))
         self._torque = self.command.max_torque = drive.max_torque
-        cycle = Fraction(cycle_ns, _NS)
+        cycle = Fraction(cycle_ns, SECOND)
         self._deceleration = max(1, int(scaling.reference(Quantity.DECELERATION) / acceleration * cycle * velocity))
-        self._way = (counts / velocity / _SECONDS_PER_MINUTE * cycle).as_integer_ratio()
+        self._way = (counts / velocity / SECONDS_PER_MINUTE * cycle).as_integer_ratio()
         self._tolerance = int(reference * self.settings.standstill_window)
 
     def refuse(self) -> None:
@@ -159,7 +158,7 @@ class DscExecutor(Executor):
 
     def _warn(self, dsc: Dsc, *, clamped: bool) -> None:
         if clamped and not self._was_clamped:
-            text = f"KPC is limited to {dsc.gain_limit / 1000:.1f} 1/s (dead time {dsc.dead_time_ns / 1e6:.1f} ms)"
+            text = f"KPC is limited to {dsc.gain_limit / 1000:.1f} 1/s (dead time {dsc.dead_time_ns / MS:.1f} ms)"
             self.notes.faults.append((FaultNumber.DSC_GAIN, text))
         self._was_clamped = self.notes.warning = clamped
 

@@ -7,19 +7,21 @@ may begin is the positioning executor's.
 from __future__ import annotations
 
 import enum
+from typing import Final
 
 from pdgw.dsp402.indices import HOMING_SPEEDS
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.objects import HOMING_METHOD
 from pdgw.dsp402.states import StatusBit
+from pdgw.durations import MS, SECOND
 from pdgw.gateway.axis.executors.base import AxisCycle
 from pdgw.gateway.axis.executors.mode import ModeSwitch
 from pdgw.gateway.axis.values import SdoWrite
 from pdgw.gateway.reasons import FaultNumber, Reason
 
-HOMING_STALE_NS = 50_000_000
+HOMING_STALE_NS: Final = 50 * MS
 """A "homing attained" that was already there at the start counts only after this time (method 35 is immediate)."""
-HOMING_UNATTAINED_NS = 1_000_000_000
+HOMING_UNATTAINED_NS: Final = SECOND
 """A drive that stands with "target reached" but without "homing attained" for so long has given the homing up."""
 _SAME_METHOD = {35: 37, 37: 35}
 """Current position (CiA 402)."""

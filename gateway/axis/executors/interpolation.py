@@ -21,6 +21,7 @@ from pdgw.dsp402.images import DriveCommand, DriveFeedback
 from pdgw.dsp402.modes import MODE_NAMES, Mode
 from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.dsp402.states import STATE_OF_STATUS, ControlBit, State, StatusBit
+from pdgw.durations import SECOND, SECONDS_PER_MINUTE
 from pdgw.gateway.axis.executors.base import AxisCycle, known
 from pdgw.gateway.axis.power_table import Action
 from pdgw.gateway.axis.waist import STATE_MASK
@@ -28,8 +29,6 @@ from pdgw.gateway.motion.dsc import wrapped
 from pdgw.gateway.motion.profile import Profile
 from pdgw.gateway.reasons import Reason
 
-_NS = 1_000_000_000
-_SECONDS_PER_MINUTE = 60
 _CYCLIC: Final = Mode.CYCLIC_POSITION.value
 _POSITION: Final = Mode.POSITION.value
 _VELOCITY: Final = Mode.VELOCITY.value
@@ -132,9 +131,9 @@ class Interpolation:
         counts = known(scaling.counts_per_revolution, "position units per revolution", "counts_per_revolution")
         velocity = known(scaling.velocity_per_rpm, "velocity units per rpm", "velocity_unit")
         acceleration = known(scaling.acceleration_per_rpm_s, "acceleration units per rpm/s", "acceleration_unit")
-        cycle = Fraction(self._cycle_ns, _NS)
-        speed = counts / velocity / _SECONDS_PER_MINUTE * cycle
-        ramp = counts / acceleration / _SECONDS_PER_MINUTE * cycle * cycle
+        cycle = Fraction(self._cycle_ns, SECOND)
+        speed = counts / velocity / SECONDS_PER_MINUTE * cycle
+        ramp = counts / acceleration / SECONDS_PER_MINUTE * cycle * cycle
         self._resolution = lcm(speed.denominator, ramp.denominator)
         self._speed_unit = int(speed * self._resolution)
         self._ramp_unit = int(ramp * self._resolution)

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from typing import Final
+
+from pdgw.durations import SECOND
 from pdgw.gateway.axis.executors.base import AxisCycle
 from pdgw.gateway.reasons import FaultNumber, Reason
 
-MODE_CONFIRM_NS = 1_000_000_000
+MODE_CONFIRM_NS: Final = SECOND
 """A mode the drive has not confirmed for so long raises warning 110."""
 
 

@@ -15,6 +15,7 @@ from pdgw.dsp402.images import DriveFeedback
 from pdgw.dsp406.faults import MEMORY_ERROR
 from pdgw.dsp406.images import EncoderParameters
 from pdgw.dsp406.objects import PRESET, PRESET_MULTI_SENSOR
+from pdgw.durations import MS, SECOND
 from pdgw.gateway.axis.values import EncoderInput, PresetAnswer, ProbeAnswer, ProbeWish, SdoWrite
 from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.encoder import (
@@ -29,12 +30,11 @@ from pdgw.profidrive.measuring import FUNCTIONS, Measuring, Search
 
 SPEED_LIMITS = DataType.INTEGER16.integer_range
 """6030h stops here; at a limit it says only that the speed is not below."""
-SPEED_WINDOW_NS = 50_000_000
+SPEED_WINDOW_NS: Final = 50 * MS
 """Time over which a differentiated speed is a mean."""
-STANDING_NS = 100_000_000
+STANDING_NS: Final = 100 * MS
 """Without a new position for this long, and for several of the usual intervals, an encoder stands."""
 _STANDING_INTERVALS = 4
-_SECOND_NS = 1_000_000_000
 _POSITIONS = 1 << 32
 """Of a drive's 6064h, taken as unsigned."""
 
@@ -101,7 +101,7 @@ class SpeedFromPosition:
         if now - last_time > max(STANDING_NS, _STANDING_INTERVALS * interval):
             return 0
         span = last_time - first_time
-        doubled = 2 * (last_count - first_count) * _SECOND_NS
+        doubled = 2 * (last_count - first_count) * SECOND
         return (doubled + span) // (2 * span) if doubled >= 0 else -((span - doubled) // (2 * span))
 
 

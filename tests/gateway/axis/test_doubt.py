@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from pdgw.dsp402.states import STATUS_OF, ControlBit, State
+from pdgw.durations import MS
 from pdgw.gateway.axis.executors.positioning import SubState
 from pdgw.gateway.axis.interlock import Interlock
 from pdgw.gateway.axis.settings import AxisSettings, PlcLossReaction
@@ -12,7 +13,6 @@ from pdgw.gateway.reasons import Reason
 from tests.support.rig import Rig
 from tests.support.stepper import step_interlock
 
-MS = 1_000_000
 OFF, ON = 0x047E, 0x047F
 COAST = ON & ~0x2
 QUICK_STOP, DISABLE_VOLTAGE, SHUTDOWN = 0x2, 0x0, 0x6

@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pdgw.dsp406.images import EncoderParameters
+from pdgw.durations import MS
 from pdgw.gateway.axis.executors.sensor import EncoderReferences, SpeedFromPosition
 from pdgw.gateway.axis.settings import SensorSettings
 from pdgw.gateway.axis.telegrams import ENCODER_TELEGRAM_NUMBERS
@@ -21,7 +22,6 @@ from pdgw.profidrive.telegrams import telegram
 from tests.support.stepper import EncoderStepper
 from tests.support.strategies import half_values
 
-MS = 1_000_000
 CONTROL, FAULT_ACKNOWLEDGE = 0x0400, 0x0080
 ACKNOWLEDGE, PARK, ABSOLUTE, PRESET, RELATIVE = 0x8000, 0x4000, 0x2000, 0x1000, 0x0800
 UNITS = 4096

@@ -10,13 +10,13 @@ from hypothesis import strategies as st
 
 from pdgw.dsp406.images import PARAMETER_OBJECTS, EncoderParameters
 from pdgw.dsp406.kinds import LINEAR, MULTI_SENSOR, ROTARY, EncoderDevice
+from pdgw.durations import MS
 from pdgw.gateway.axis.executors.sensor import EncoderReferences
 from pdgw.gateway.axis.settings import SensorSettings
 from pdgw.peers.encoder.motion import Motion, constant_speed
 from pdgw.peers.encoder.node import SimulatedEncoderNode
 from tests.support.stepper import EncoderStepper
 
-MS = 1_000_000
 CONTROL = 0x0400
 ABSOLUTE, PRESET, RELATIVE = 0x2000, 0x1000, 0x0800
 RPM = Fraction(3000)

@@ -8,6 +8,7 @@ import pytest
 
 from pdgw.dsp402.images import DriveFeedback
 from pdgw.dsp402.states import STATUS_OF, ControlBit, State
+from pdgw.durations import MS
 from pdgw.gateway.axis.interlock import DISABLE_SHOWN_NS, QUICK_STOP_STANDING_NS, Interlock
 from pdgw.gateway.axis.power_table import Phase
 from pdgw.gateway.axis.settings import AxisSettings, PlcLossReaction
@@ -18,7 +19,6 @@ from tests.gateway.axis.test_velocity import OFF, ON, Bench
 from tests.support.drive_types import References
 from tests.support.stepper import Stepper, step_interlock
 
-MS = 1_000_000
 COMMANDS = range(16)
 POWERED = (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE)
 FAULTS = (State.FAULT, State.FAULT_REACTION_ACTIVE)

@@ -7,6 +7,7 @@ import itertools
 import pytest
 
 from pdgw.dsp402.states import STATUS_OF, State
+from pdgw.durations import MS
 from pdgw.gateway.axis.interlock import QUICK_STOP_STANDING_NS, Interlock
 from pdgw.gateway.axis.power_table import (
     CELLS,
@@ -34,7 +35,6 @@ POWERS = {Action.SWITCH_ON, Action.ENABLE_OPERATION, Action.PASS}
 COASTS = {PowerWish.COAST, PowerWish.NO_PLC_COAST}
 STOPS = {Action.DISABLE_VOLTAGE, Action.QUICK_STOP, Action.SHUTDOWN}
 EVERYTHING = list(itertools.product(Phase, Drive, PowerWish))
-MS = 1_000_000
 
 
 def walk(*, phases: object = Phase, drives: object = Drive, wishes: object = PowerWish) -> list[tuple[str, Cell]]:

@@ -6,6 +6,7 @@ import pytest
 
 from pdgw.dsp402.drive_type import VL_RAMP
 from pdgw.dsp402.states import STATUS_OF, Command, State, StatusBit
+from pdgw.durations import MS
 from pdgw.gateway.axis.power_table import Action
 from pdgw.gateway.axis.settings import AxisSettings, ControlLost, PlcLossReaction, SetpointEnable
 from pdgw.gateway.reasons import Reason
@@ -14,7 +15,6 @@ from tests.support.plain_drive import PlainDrive
 from tests.support.stepper import Stepper
 
 OFF, ON, CONTROL = 0x047E, 0x047F, 0x0400
-MS = 1_000_000
 
 
 class Bench:

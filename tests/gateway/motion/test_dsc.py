@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from pdgw.durations import MS
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.motion.dsc import (
     JITTER_NS_MAX,
@@ -24,7 +25,6 @@ from pdgw.gateway.motion.dsc import (
 )
 from pdgw.gateway.reasons import Reason
 
-MS = 1_000_000
 BY_SPEED = DscChoices(DscForm.SPEED, following_window=4096, delay_cycles=0)
 SPEED = DscSettings(BY_SPEED, 4096, Fraction(3000), Fraction(2), 2 * MS)
 POSITION = replace(SPEED, choices=replace(BY_SPEED, form=DscForm.POSITION))
