@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 from pdgw.decoder.fields import Document, Raw
-from pdgw.decoder.records import BusKind, Record, Unit, UnitLayout
+from pdgw.decoder.records import BusKind, ProcessData, ProcessDataLayout, Record
 
 
 @dataclass(slots=True)
@@ -44,7 +44,7 @@ class PdoLayout:
     name: str
     node: int
     axis: int
-    unit: UnitLayout
+    unit: ProcessDataLayout
     size: int
     origin: str
     struct: struct.Struct | None
@@ -76,9 +76,9 @@ class PdoRecord(CanRecord):
     layout: PdoLayout = field(kw_only=True)
 
     @property
-    def units(self) -> tuple[Unit, ...]:
+    def units(self) -> tuple[ProcessData, ...]:
         layout = self.layout
-        return (Unit(layout.axis, layout.node, layout.unit, layout.unpack(self.data)),)
+        return (ProcessData(layout.axis, layout.node, layout.unit, layout.unpack(self.data)),)
 
     @property
     def summary(self) -> str:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from functools import lru_cache
 
 from pdgw.decoder.can_records import CanRecord, HeartbeatRecord, SyncRecord
-from pdgw.decoder.records import CyclicRecord, Record, Unit, UnitLayout
+from pdgw.decoder.records import CyclicRecord, ProcessData, ProcessDataLayout, Record
 from pdgw.profidrive.frame import TRAILER
 
 
@@ -14,11 +14,11 @@ class Changes:
     """Remembers the last values of every stream (FrameID, COB-ID); memory grows with their number only."""
 
     def __init__(self) -> None:
-        self._last: dict[object, Unit] = {}
+        self._last: dict[object, ProcessData] = {}
         self._rest: dict[object, object] = {}
         """What is compared besides the units."""
 
-    def select(self, record: Record, units: tuple[Unit, ...]) -> tuple[Unit, ...] | None:
+    def select(self, record: Record, units: tuple[ProcessData, ...]) -> tuple[ProcessData, ...] | None:
         """The units reduced to the signals that changed; None when the packet says nothing new.
 
         New is another value, IOPS, IOCS or status of a cyclic frame, another NMT state, other bytes where no layout is known,
@@ -33,7 +33,7 @@ class Changes:
         self._rest[key] = rest
         return changed or (None if before == rest else ())
 
-    def _unit(self, record: Record, unit: Unit) -> Unit | None:
+    def _unit(self, record: Record, unit: ProcessData) -> ProcessData | None:
         key = (record.channel, record.stream, unit.axis, unit.node)
         before = self._last.get(key)
         self._last[key] = unit
@@ -58,12 +58,12 @@ def _compared(record: Record, has_units: bool) -> object | None:
 
 
 @lru_cache(maxsize=4096)
-def _reduced_layout(layout: UnitLayout, positions: tuple[int, ...]) -> UnitLayout:
-    return UnitLayout(tuple(layout.fields[i] for i in positions), layout.telegram, layout.direction)
+def _reduced_layout(layout: ProcessDataLayout, positions: tuple[int, ...]) -> ProcessDataLayout:
+    return ProcessDataLayout(tuple(layout.fields[i] for i in positions), layout.telegram, layout.direction)
 
 
-def reduced(unit: Unit, positions: Sequence[int]) -> Unit:
+def reduced(unit: ProcessData, positions: Sequence[int]) -> ProcessData:
     """The unit with only these of its values."""
     chosen = tuple(positions)
     layout = _reduced_layout(unit.layout, chosen)
-    return Unit(unit.axis, unit.node, layout, tuple(unit.values[i] for i in chosen), unit.iops, unit.iocs)
+    return ProcessData(unit.axis, unit.node, layout, tuple(unit.values[i] for i in chosen), unit.iops, unit.iocs)

@@ -11,12 +11,12 @@ from typing import Any
 
 from pdgw.decoder.can_records import PdoRecord
 from pdgw.decoder.names import RECORD_NAMES, Getter, Names, Value, part_value
-from pdgw.decoder.records import CyclicRecord, Record, Unit, UnitLayout
+from pdgw.decoder.records import CyclicRecord, ProcessData, ProcessDataLayout, Record
 
 Row = list[Value]
 _Cell = tuple[int, int, Callable[[Any], Value] | None]
 """Column, position of the value, and what is done with it (None: nothing)."""
-_Plan = tuple[Row, tuple[_Cell, ...], tuple[tuple[int, Getter], ...], Unit | None]
+_Plan = tuple[Row, tuple[_Cell, ...], tuple[tuple[int, Getter], ...], ProcessData | None]
 """Row with what never changes, cells to fill, fields to ask for, and the unit it is of."""
 _CYCLIC_POSITIONS = {"frame_id": 0, "cycle_counter": -3, "data_status": -2, "transfer_status": -1}
 """Where ``CyclicRecord.values`` has its header and trailer."""
@@ -57,7 +57,7 @@ class Columns:
         self._empty: Row = [None] * len(titles)
         self._plans: dict[int, tuple[object, tuple[_Plan, ...]]] = {}
 
-    def rows(self, record: Record) -> list[tuple[Unit | None, Row]]:
+    def rows(self, record: Record) -> list[tuple[ProcessData | None, Row]]:
         """The rows of a packet, each with the unit it is of (whose values may be those of an earlier packet)."""
         if not self._straight or not isinstance(record, CyclicRecord | PdoRecord):
             return self.unit_rows(record, record.units)
@@ -67,7 +67,7 @@ class Columns:
         if not known[1]:
             return []
         values: Sequence[Any] = record.values if isinstance(record, CyclicRecord) else record.layout.unpack(record.data)
-        rows: list[tuple[Unit | None, Row]] = []
+        rows: list[tuple[ProcessData | None, Row]] = []
         for template, cells, own, unit in known[1]:
             row = template.copy()
             for column, position, change in cells:
@@ -77,12 +77,12 @@ class Columns:
             rows.append((unit, row))
         return rows
 
-    def unit_rows(self, record: Record, units: Sequence[Unit]) -> list[tuple[Unit | None, Row]]:
+    def unit_rows(self, record: Record, units: Sequence[ProcessData]) -> list[tuple[ProcessData | None, Row]]:
         """The rows of these units; of the packet itself when there are none."""
         rows = ((unit, self._row(record, unit)) for unit in units or (None,))
         return [(unit, row) for unit, row in rows if self._worth(row)]
 
-    def _row(self, record: Record, unit: Unit | None) -> Row:
+    def _row(self, record: Record, unit: ProcessData | None) -> Row:
         row = self._empty.copy()
         for column, getter in self._own:
             row[column] = getter(record, unit)
@@ -98,7 +98,7 @@ class Columns:
 
     def _plan(self, record: CyclicRecord | PdoRecord) -> tuple[_Plan, ...]:
         """What to take from where, for all packets of this layout."""
-        units: Sequence[Unit | None] = record.units or (None,)
+        units: Sequence[ProcessData | None] = record.units or (None,)
         cyclic = isinstance(record, CyclicRecord)
         firsts = [axis[3] for axis in record.layout.axes] if isinstance(record, CyclicRecord) else [0]
         plans: list[_Plan] = []
@@ -120,7 +120,7 @@ class Columns:
             plans.append((template, tuple(cells), tuple(own), unit))
         return tuple(plans)
 
-    def _cells(self, layout: UnitLayout, first: int) -> Iterator[_Cell]:
+    def _cells(self, layout: ProcessDataLayout, first: int) -> Iterator[_Cell]:
         for column, name, part in self._signals:
             position = layout.positions.get(name)
             if position is None:

@@ -14,7 +14,7 @@ from functools import cache
 
 from pdgw.decoder.connect import Connection, CyclicRelation, Place
 from pdgw.decoder.fields import half_fields
-from pdgw.decoder.records import CyclicRecord, FrameLayout, OtherRecord, Record, UnitLayout
+from pdgw.decoder.records import CyclicRecord, FrameLayout, OtherRecord, ProcessDataLayout, Record
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.frame import (
     C_SDU_MIN,
@@ -59,9 +59,9 @@ class Axis:
 
 
 @cache
-def unit_layout(number: int, direction: Direction) -> UnitLayout:
+def unit_layout(number: int, direction: Direction) -> ProcessDataLayout:
     """The fields of one telegram direction; ProfidriveError for an unknown telegram."""
-    return UnitLayout(half_fields(telegram(number).half(direction)), number, direction)
+    return ProcessDataLayout(half_fields(telegram(number).half(direction)), number, direction)
 
 
 @dataclass(frozen=True, slots=True)

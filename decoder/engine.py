@@ -22,7 +22,7 @@ from pdgw.decoder.cyclic import Axis, CyclicDecoder, given_axes
 from pdgw.decoder.link import UDP_PROTOCOL, CanFrame, Carried, socketcan, unwrap
 from pdgw.decoder.profinet_frames import FRAME_IDS, FrameDecoder
 from pdgw.decoder.profinet_names import StationNames
-from pdgw.decoder.records import Link, OtherRecord, Record
+from pdgw.decoder.records import LinkType, OtherRecord, Record
 from pdgw.ds301.can_frame import STANDARD_ID
 from pdgw.profidrive.frame import CYCLIC_PORT, ETHERTYPE
 from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
@@ -109,7 +109,7 @@ class Decoder:
 
     def decode_packet(self, number: int, time_ns: int, link: int, channel: str, data: bytes) -> Record:
         """As ``decode``, for a packet with a link layer."""
-        if link == Link.ETHERNET and len(data) > _UDP_END:
+        if link == LinkType.ETHERNET and len(data) > _UDP_END:
             kind, version, fragment, protocol, sport, dport, length = _ETHERNET_UDP.unpack_from(data)
             if kind == _PLAIN_IPV4 and version == _PLAIN_HEADER and protocol == UDP_PROTOCOL and not fragment & 0x3FFF:
                 ports = self.settings.cyclic_ports
@@ -118,7 +118,7 @@ class Decoder:
                     return self._cyclic.decode(number, time_ns, channel, data[_UDP_END:end])
             elif kind == ETHERTYPE:
                 return self._real_time(number, time_ns, channel, data[_ETHERNET:], data[:_MACS])
-        elif link == Link.CAN_SOCKETCAN:
+        elif link == LinkType.CAN_SOCKETCAN:
             return self._socketcan(number, time_ns, channel, data)
         return self._general(number, time_ns, link, channel, data)
 
@@ -154,7 +154,7 @@ class Decoder:
 
     def _general(self, number: int, time_ns: int, link: int, channel: str, data: bytes) -> Record:
         payload = unwrap(link, data)
-        addresses = data[:_MACS] if link == Link.ETHERNET else b""
+        addresses = data[:_MACS] if link == LinkType.ETHERNET else b""
         if payload.carried is Carried.RT:
             return self._real_time(number, time_ns, channel, payload.data, addresses)
         if payload.carried is Carried.LLDP:

@@ -16,10 +16,10 @@ from collections.abc import Callable
 from typing import Any, Final
 
 from pdgw.decoder.names import RECORD_NAMES, Getter, Names, Value
-from pdgw.decoder.records import Record, Unit
+from pdgw.decoder.records import ProcessData, Record
 from pdgw.profidrive.errors import ProfidriveError
 
-Evaluate = Callable[[Record, Unit | None], Any]
+Evaluate = Callable[[Record, ProcessData | None], Any]
 
 _MAX_LENGTH: Final = 2000
 _MAX_SHIFT: Final = 64
@@ -78,13 +78,13 @@ class Filter:
                 "filter", text[:60], f"a simpler expression ({error or type(error).__name__})"
             ) from None
 
-    def matches(self, record: Record, unit: Unit | None) -> bool:
+    def matches(self, record: Record, unit: ProcessData | None) -> bool:
         """Whether the expression is true of one unit of a packet (None: a packet without units)."""
         if unit is not None and len(self._signals) > 1:
             self._hold(record, unit)
         return bool(self._evaluate(record, unit))
 
-    def _hold(self, record: Record, unit: Unit) -> None:
+    def _hold(self, record: Record, unit: ProcessData) -> None:
         """Remember the signals of a unit; the others are those of before where it has any, else unknown."""
         values: dict[str, Value] = {
             name: value for name, get in self._signals.items() if (value := get(record, unit)) is not None
@@ -95,7 +95,7 @@ class Filter:
             held.update(values)
             self._present = held
 
-    def select(self, record: Record) -> tuple[Unit, ...] | None:
+    def select(self, record: Record) -> tuple[ProcessData, ...] | None:
         """The units of a packet that match; None when the packet does not."""
         units = record.units
         if not units:
@@ -131,7 +131,7 @@ class Filter:
             return get
         self._signals[text] = get
 
-        def evaluate(record: Record, unit: Unit | None) -> Value:
+        def evaluate(record: Record, unit: ProcessData | None) -> Value:
             if unit is None or len(self._signals) == 1:
                 return get(record, unit)
             return self._present.get(text)
@@ -155,7 +155,7 @@ class Filter:
                 raise _refused(node, "a list behind in, like axis in (1, 2)")
             operators.append(_COMPARISONS[type(item)])
 
-        def evaluate(record: Record, unit: Unit | None) -> bool | None:
+        def evaluate(record: Record, unit: ProcessData | None) -> bool | None:
             left = _plain(operands[0](record, unit))
             for compare, operand in zip(operators, operands[1:], strict=True):
                 right = _plain(operand(record, unit))
@@ -178,7 +178,7 @@ class Filter:
         apply = _ARITHMETIC[type(node.op)]
         shifts = isinstance(node.op, ast.LShift | ast.RShift)
 
-        def evaluate(record: Record, unit: Unit | None) -> Any:
+        def evaluate(record: Record, unit: ProcessData | None) -> Any:
             one, other = left(record, unit), right(record, unit)
             if one is not None and other is not None and shifts and not 0 <= _number(node, other) <= _MAX_SHIFT:
                 raise _refused(node, f"a shift by 0 to {_MAX_SHIFT}")
@@ -209,7 +209,7 @@ def _apply(node: ast.expr, function: Callable[..., Any], *values: Any) -> Any:
 def _all_or_any(parts: list[Evaluate], conjunction: bool) -> Evaluate:
     """``and`` / ``or`` of three values: one that decides wins over unknown."""
 
-    def evaluate(record: Record, unit: Unit | None) -> bool | None:
+    def evaluate(record: Record, unit: ProcessData | None) -> bool | None:
         result: bool | None = conjunction
         for part in parts:
             value = part(record, unit)

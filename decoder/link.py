@@ -10,7 +10,7 @@ import enum
 import struct
 from typing import NamedTuple
 
-from pdgw.decoder.records import Link
+from pdgw.decoder.records import LinkType
 from pdgw.ds301.can_frame import ERROR, EXTENDED, EXTENDED_ID, REMOTE, STANDARD_ID
 from pdgw.profidrive.frame import ETHERTYPE
 from pdgw.profinet.ethernet import ETHERTYPE_LLDP
@@ -121,25 +121,25 @@ _LOOPBACK_IPV4 = 2
 
 def unwrap(link: int, data: bytes) -> Payload:
     """Take the headers of a packet off. Damaged and foreign packets come back as ``Carried.OTHER`` with a text."""
-    if link == Link.ETHERNET:
+    if link == LinkType.ETHERNET:
         return (
             _typed(int.from_bytes(data[12:14], "big"), data[14:])
             if len(data) >= 14
             else _short("Ethernet", len(data), 14)
         )
-    if link == Link.CAN_SOCKETCAN:
+    if link == LinkType.CAN_SOCKETCAN:
         return Payload(Carried.CAN, data)
-    if link in (Link.LINUX_SLL, Link.LINUX_SLL2):
-        header, position = (16, 14) if link == Link.LINUX_SLL else (20, 0)
+    if link in (LinkType.LINUX_SLL, LinkType.LINUX_SLL2):
+        header, position = (16, 14) if link == LinkType.LINUX_SLL else (20, 0)
         if len(data) < header:
             return _short("Linux cooked header", len(data), header)
         protocol = int.from_bytes(data[position : position + 2], "big")
         if protocol in _SLL_CAN:
             return Payload(Carried.CAN, data[header:])
         return _typed(protocol, data[header:])
-    if link in (Link.RAW_IP, Link.IPV4, Link.IPV6):
+    if link in (LinkType.RAW_IP, LinkType.IPV4, LinkType.IPV6):
         return _ip(data)
-    if link in (Link.NULL, Link.LOOP):
+    if link in (LinkType.NULL, LinkType.LOOP):
         if len(data) < 4:
             return _short("loopback header", len(data), 4)
         family = data[:4]

@@ -12,20 +12,20 @@ from typing import Final
 
 from pdgw.decoder.fields import Field, Raw, half_fields, identifier
 from pdgw.decoder.objects import ObjectNames, any_drive, encoder_catalogue
-from pdgw.decoder.records import Record, Unit
+from pdgw.decoder.records import ProcessData, Record
 from pdgw.durations import MS, SECOND
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.telegrams import TELEGRAMS, Direction
 
 Value = int | float | str | bool | None
-Getter = Callable[[Record, Unit | None], Value]
+Getter = Callable[[Record, ProcessData | None], Value]
 
 TEXT_PART: Final = "text"
 """``statusword.text`` is the word for a value, as bits are asked for."""
 
 
 def _attribute(name: str) -> Getter:
-    def get(record: Record, _unit: Unit | None) -> Value:
+    def get(record: Record, _unit: ProcessData | None) -> Value:
         value: Value = getattr(record, name, None)
         return value
 
@@ -33,7 +33,7 @@ def _attribute(name: str) -> Getter:
 
 
 def _of_unit_or_record(name: str) -> Getter:
-    def get(record: Record, unit: Unit | None) -> Value:
+    def get(record: Record, unit: ProcessData | None) -> Value:
         value: Value = getattr(unit, name) if unit is not None else getattr(record, name, None)
         return value
 
@@ -41,24 +41,24 @@ def _of_unit_or_record(name: str) -> Getter:
 
 
 def _of_layout(name: str) -> Getter:
-    def get(_record: Record, unit: Unit | None) -> Value:
+    def get(_record: Record, unit: ProcessData | None) -> Value:
         value = getattr(unit.layout, name) if unit is not None else None
         return value or None
 
     return get
 
 
-def _direction(record: Record, _unit: Unit | None) -> Value:
+def _direction(record: Record, _unit: ProcessData | None) -> Value:
     direction = getattr(record, "direction", None)
     return direction.value if direction is not None else None
 
 
-def _latency(record: Record, _unit: Unit | None) -> Value:
+def _latency(record: Record, _unit: ProcessData | None) -> Value:
     latency = getattr(record, "latency_ns", None)
     return None if latency is None else latency / MS
 
 
-def _pdo(record: Record, _unit: Unit | None) -> Value:
+def _pdo(record: Record, _unit: ProcessData | None) -> Value:
     layout = getattr(record, "layout", None)
     return getattr(layout, "name", None)
 
@@ -142,7 +142,7 @@ class Names:
         if name in RECORD_NAMES:
             return RECORD_NAMES[name]
 
-        def get(_record: Record, unit: Unit | None) -> Value:
+        def get(_record: Record, unit: ProcessData | None) -> Value:
             if unit is None:
                 return None
             position = unit.layout.positions.get(name)

@@ -14,7 +14,7 @@ from typing import Final
 
 from pdgw.decoder.can_records import PdoLayout
 from pdgw.decoder.fields import Field, Raw, entry_field
-from pdgw.decoder.records import UnitLayout
+from pdgw.decoder.records import ProcessDataLayout
 from pdgw.ds301.can_frame import EXTENDED_ID
 from pdgw.ds301.communication import EMCY_COB_ID, SYNC_COB_ID, TIME_COB_ID, profile_of
 from pdgw.ds301.objects import CanType, Entry
@@ -180,7 +180,7 @@ def pdo_layout(
     entries = [names.get(mapped.index, mapped.subindex) for mapped in mapping]
     chars = [_char(mapped, entry) for mapped, entry in zip(mapping, entries, strict=True)]
     gaps = [mapped.index <= _DUMMY_LAST for mapped in mapping]
-    shown = UnitLayout(tuple(_field(m, names) for m, gap in zip(mapping, gaps, strict=True) if not gap))
+    shown = ProcessDataLayout(tuple(_field(m, names) for m, gap in zip(mapping, gaps, strict=True) if not gap))
     addresses = tuple((m.index, m.subindex) for m, gap in zip(mapping, gaps, strict=True) if not gap)
     size = (bits + 7) // 8
     if all(chars):

@@ -1,7 +1,7 @@
 """The packet model: what one packet said, as typed records without I/O; here those of the PLC's side, beside it ``can_records``.
 
 A ``Record`` is made for every packet, in capture order. Times are nanoseconds of the capture's own clock. Process data is in
-``units``: one ``Unit`` for each axis of a cyclic frame, one for a PDO; unpacked when asked for, so that a record nobody looks
+``units``: one ``ProcessData`` for each axis of a cyclic frame, one for a PDO; unpacked when asked for, so that a record nobody looks
 into costs little. ``document`` turns a record into plain data (docs/decoder-schema.md).
 """
 
@@ -36,7 +36,7 @@ class BusKind(enum.StrEnum):
     CAN = "can"
 
 
-class Link(enum.IntEnum):
+class LinkType(enum.IntEnum):
     """How the bytes of a packet begin; the numbers are the link types of pcap files (LINKTYPE_...)."""
 
     NULL = 0
@@ -51,7 +51,7 @@ class Link(enum.IntEnum):
 
 
 @dataclass(frozen=True, eq=False)
-class UnitLayout:
+class ProcessDataLayout:
     """What the values of a data unit are: fields in order. ``telegram`` and ``direction`` only on the PLC's side."""
 
     fields: tuple[Field, ...]
@@ -65,7 +65,7 @@ class UnitLayout:
 
 
 @dataclass(slots=True)
-class Unit:
+class ProcessData:
     """The process data of one axis in one packet.
 
     ``axis`` is its place in the frame or its DO-ID (0 unknown), ``node`` its CANopen node-ID (0 unknown); ``iops`` and
@@ -74,7 +74,7 @@ class Unit:
 
     axis: int
     node: int
-    layout: UnitLayout
+    layout: ProcessDataLayout
     values: tuple[Raw, ...]
     iops: int | None = None
     iocs: int | None = None
@@ -118,7 +118,7 @@ class Record:
         return BusKind.PLC
 
     @property
-    def units(self) -> tuple[Unit, ...]:
+    def units(self) -> tuple[ProcessData, ...]:
         return ()
 
     @property
@@ -135,7 +135,7 @@ class Record:
         """The kind's own fields as plain data."""
         return {}
 
-    def document(self, units: tuple[Unit, ...] | None = None) -> Document:
+    def document(self, units: tuple[ProcessData, ...] | None = None) -> Document:
         """The record as plain data; ``units`` replaces the own ones (a selection of them)."""
         return {
             "number": self.number,
@@ -160,7 +160,7 @@ class FrameLayout:
 
     struct: struct.Struct
     direction: Direction | None
-    axes: tuple[tuple[int, int, UnitLayout, int, int, int], ...] = ()
+    axes: tuple[tuple[int, int, ProcessDataLayout, int, int, int], ...] = ()
     note: str = ""
 
 
@@ -195,10 +195,10 @@ class CyclicRecord(Record):
         return self.layout.direction
 
     @property
-    def units(self) -> tuple[Unit, ...]:
+    def units(self) -> tuple[ProcessData, ...]:
         values = self.values
         return tuple(
-            Unit(axis, node, unit, values[first:iops], values[iops], values[iocs])
+            ProcessData(axis, node, unit, values[first:iops], values[iops], values[iocs])
             for axis, node, unit, first, iops, iocs in self.layout.axes
         )
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from pdgw.decoder.can_records import CanRecord, PdoRecord
 from pdgw.decoder.profinet_records import StationRecord
-from pdgw.decoder.records import AcyclicRecord, CyclicRecord, Record, Unit
+from pdgw.decoder.records import AcyclicRecord, CyclicRecord, ProcessData, Record
 from pdgw.durations import SECOND
 from pdgw.profidrive.frame import IOPS_GOOD
 from pdgw.profidrive.signals import SIGNALS
@@ -73,7 +73,7 @@ def tree(document: Document) -> Iterator[str]:
 # -- records ----------------------------------------------------------------------------------------------------------
 
 
-def unit_head(unit: Unit) -> str:
+def unit_head(unit: ProcessData) -> str:
     """Whose process data it is."""
     if unit.layout.direction is None:
         return ""
@@ -98,7 +98,7 @@ def source_text(record: Record) -> str:
     return record.kind
 
 
-def line_parts(record: Record, units: Sequence[Unit] | None = None) -> tuple[str, str, str]:
+def line_parts(record: Record, units: Sequence[ProcessData] | None = None) -> tuple[str, str, str]:
     """Source, kind's text and values of the one line; ``units`` replaces the record's own."""
     values = []
     for unit in record.units if units is None else units:
@@ -112,7 +112,7 @@ def line_parts(record: Record, units: Sequence[Unit] | None = None) -> tuple[str
     return source_text(record), text, " | ".join(values)
 
 
-def record_line(record: Record, zero_ns: int, units: Sequence[Unit] | None = None) -> str:
+def record_line(record: Record, zero_ns: int, units: Sequence[ProcessData] | None = None) -> str:
     """Number, seconds since ``zero_ns``, bus, source, what was said."""
     source, text, values = line_parts(record, units)
     said = " | ".join(part for part in (text, values) if part)
@@ -120,7 +120,7 @@ def record_line(record: Record, zero_ns: int, units: Sequence[Unit] | None = Non
     return f"{record.number:6d} {seconds:12.6f} {record.bus.value} {source:<7} {said}"
 
 
-def record_tree(record: Record, units: Sequence[Unit] | None = None) -> Iterator[str]:
+def record_tree(record: Record, units: Sequence[ProcessData] | None = None) -> Iterator[str]:
     """What comes below the line of a record with ``-v``: every field, every bit."""
     details = record.details()
     for key, value in details.items():

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pdgw.decoder.changes import Changes, reduced
 from pdgw.decoder.filter import Filter
 from pdgw.decoder.names import RECORD_NAMES
-from pdgw.decoder.records import Record, Unit
+from pdgw.decoder.records import ProcessData, Record
 
 
 @dataclass
@@ -38,13 +38,13 @@ class Selection:
             or self.changes
         )
 
-    def select(self, record: Record) -> tuple[Unit, ...] | None:
+    def select(self, record: Record) -> tuple[ProcessData, ...] | None:
         """The units of a packet to show (empty for a packet without units); None to leave the packet out."""
         if self.begin_ns is not None and record.time_ns < self.begin_ns:
             return None
         if self.end_ns is not None and record.time_ns > self.end_ns:
             return None
-        units: tuple[Unit, ...] | None = self.filter.select(record) if self.filter else record.units
+        units: tuple[ProcessData, ...] | None = self.filter.select(record) if self.filter else record.units
         if units and self.nodes:
             units = tuple(unit for unit in units if unit.node in self.nodes) or None
         elif units is not None and self.nodes and getattr(record, "node", None) not in self.nodes:
@@ -55,13 +55,13 @@ class Selection:
             units = self.changes.select(record, units)
         return units
 
-    def _with_signals(self, record: Record, units: tuple[Unit, ...]) -> tuple[Unit, ...] | None:
+    def _with_signals(self, record: Record, units: tuple[ProcessData, ...]) -> tuple[ProcessData, ...] | None:
         reduced_units = tuple(part for unit in units if (part := self._of_signals(unit)) is not None)
         fields = (RECORD_NAMES[name] for name in self.signals if name in RECORD_NAMES)
         if reduced_units or any(getter(record, None) is not None for getter in fields):
             return reduced_units
         return None
 
-    def _of_signals(self, unit: Unit) -> Unit | None:
+    def _of_signals(self, unit: ProcessData) -> ProcessData | None:
         positions = [unit.layout.positions[name] for name in self.signals if name in unit.layout.positions]
         return reduced(unit, sorted(positions)) if positions else None

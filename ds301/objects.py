@@ -51,6 +51,10 @@ MANUFACTURER_AREA: Final = range(0x2000, 0x6000)
 """Indices of what CiA 301 itself and what a manufacturer defines; a device profile has those behind."""
 
 
+ObjectAddress = tuple[int, int]
+"""Index and sub-index."""
+
+
 class Access(enum.Enum):
     """CiA 306 access types."""
 
@@ -81,7 +85,7 @@ class Entry:
     attribute: str = ""
 
     @property
-    def address(self) -> tuple[int, int]:
+    def address(self) -> ObjectAddress:
         """Index and sub-index."""
         return self.index, self.subindex
 

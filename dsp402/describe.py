@@ -14,7 +14,7 @@ from canopen.objectdictionary import ODVariable
 from pdgw.ds301.can_frame import EXTENDED_ID
 from pdgw.ds301.communication import IDENTITY_PRODUCT, IDENTITY_VENDOR
 from pdgw.ds301.configuration import EVENT_TIMER
-from pdgw.ds301.objects import Access, CanType, Entry
+from pdgw.ds301.objects import Access, CanType, Entry, ObjectAddress
 from pdgw.ds301.pdo import PDOS_MAX, PdoDirection
 from pdgw.dsp402.drive_type import DriveType, PdoCapabilities, PdoSlot, Quirks
 from pdgw.dsp402.further import VL_ENTRIES
@@ -32,8 +32,6 @@ from pdgw.dsp402.objects import DRIVE_OBJECTS, FAMILY_VALUES, MAX_TORQUE
 from pdgw.dsp402.overlay import Overlay, overlay, overlay_for
 from pdgw.dsp402.scaling import SCALING_OBJECTS, find_scaling
 from pdgw.dsp402.unit_keys import UnitKeys
-
-Address = tuple[int, int]
 
 _NO_WINDOW = 0xFFFF_FFFF
 """6067h of a drive that does not use it."""
@@ -56,7 +54,7 @@ _MODE_OBJECTS = (
 """The object a mode cannot do without, for a drive that has no 6502h."""
 
 
-def questions(dictionary: canopen.ObjectDictionary) -> tuple[Address, ...]:
+def questions(dictionary: canopen.ObjectDictionary) -> tuple[ObjectAddress, ...]:
     """What the device itself is asked for its description, as far as its data sheet has it."""
     count = variable(dictionary, SUPPORTED_HOMING_METHODS, 0)
     methods = (
@@ -72,7 +70,7 @@ def questions(dictionary: canopen.ObjectDictionary) -> tuple[Address, ...]:
 
 def describe(
     dictionary: canopen.ObjectDictionary,
-    answers: Mapping[Address, int],
+    answers: Mapping[ObjectAddress, int],
     units: UnitKeys | None = None,
     family_name: str = "",
 ) -> DriveType:
@@ -119,7 +117,7 @@ def _speaks_vl(modes: Mapping[int, str]) -> bool:
     return Mode.VL_VELOCITY in modes and not modes.keys() & {Mode.VELOCITY.value, Mode.CYCLIC_VELOCITY.value}
 
 
-def answers_of_defaults(dictionary: canopen.ObjectDictionary) -> dict[Address, int]:
+def answers_of_defaults(dictionary: canopen.ObjectDictionary) -> dict[ObjectAddress, int]:
     """What a device would answer that has the values its data sheet gives as defaults."""
     found = {address: variable(dictionary, *address) for address in questions(dictionary)}
     return {
@@ -138,7 +136,7 @@ def variable(dictionary: canopen.ObjectDictionary, index: int, subindex: int = 0
     return found
 
 
-def signed(dictionary: canopen.ObjectDictionary, address: Address) -> bool:
+def signed(dictionary: canopen.ObjectDictionary, address: ObjectAddress) -> bool:
     """Whether the data sheet says that this object is a signed number."""
     declared = variable(dictionary, *address)
     kind = None if declared is None else _TYPES.get(declared.data_type)
@@ -198,7 +196,7 @@ def _type_of(attribute: str, declared: CanType | None) -> CanType | None:
 
 
 def _modes(
-    dictionary: canopen.ObjectDictionary, answers: Mapping[Address, int], family: Overlay | None
+    dictionary: canopen.ObjectDictionary, answers: Mapping[ObjectAddress, int], family: Overlay | None
 ) -> dict[int, str]:
     supported = answers.get((SUPPORTED_DRIVE_MODES, 0))
     if supported is None:
@@ -209,7 +207,7 @@ def _modes(
 
 
 def _homing_methods(
-    entries: Mapping[str, Entry], answers: Mapping[Address, int], family: Overlay | None
+    entries: Mapping[str, Entry], answers: Mapping[ObjectAddress, int], family: Overlay | None
 ) -> dict[int, str]:
     """Those of 60E3h; else of the overlay; else all of the profile: the drive itself refuses a method by SDO abort."""
     if "homing_method" not in entries:

@@ -13,9 +13,9 @@ from canopen.objectdictionary import ODArray, ODRecord, ODVariable
 
 from pdgw.ds301.communication import DEVICE_NAME, IDENTITY_PRODUCT, IDENTITY_VENDOR, communication_objects, pdo_objects
 from pdgw.ds301.eds_import import import_eds
-from pdgw.ds301.objects import Entry, ObjectKind, ObjectSpec
+from pdgw.ds301.objects import Entry, ObjectAddress, ObjectKind, ObjectSpec
 from pdgw.ds301.pdo import PdoDirection
-from pdgw.dsp402.describe import PROFILE_AREA, Address, answers_of_defaults, describe, questions, signed
+from pdgw.dsp402.describe import PROFILE_AREA, answers_of_defaults, describe, questions, signed
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.further import FURTHER_OBJECTS
 from pdgw.dsp402.objects import DRIVE_OBJECTS, PDOS
@@ -69,19 +69,19 @@ def dictionary_of(
 
 
 @cache
-def recorded_addresses() -> Mapping[Address, bool]:
+def recorded_addresses() -> Mapping[ObjectAddress, bool]:
     """What a drive is asked at its start, and whether it is a signed number: what a recording has to take note of."""
     dictionary = generic_dictionary()
     return {address: signed(dictionary, address) for address in questions(dictionary)}
 
 
-def recorded_families(answers: Mapping[Address, int]) -> tuple[str, ...]:
+def recorded_families(answers: Mapping[ObjectAddress, int]) -> tuple[str, ...]:
     """The families the drive behind a recording of these answers may be of."""
     return families_of(answers.get(IDENTITY_VENDOR), answers.get(IDENTITY_PRODUCT, 0))
 
 
 @lru_cache(maxsize=64)
-def recorded_drive_type(answers: frozenset[tuple[Address, int]]) -> DriveType:
+def recorded_drive_type(answers: frozenset[tuple[ObjectAddress, int]]) -> DriveType:
     """The drive behind a recording of these answers.
 
     What the recording does not show is taken from the package's data sheet of that device; of one that did not tell its

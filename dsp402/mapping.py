@@ -11,10 +11,11 @@ from canopen.sdo import SdoAbortedError
 
 from pdgw.ds301.aborts import Abort
 from pdgw.ds301.configuration import EVENT_TIMER, TRANSMISSION_TYPE, SdoStep
+from pdgw.ds301.objects import ObjectAddress
 from pdgw.ds301.pdo import COB_ID_INVALID, PdoDirection, PdoLayout, is_communication_parameter, pdo_of
 from pdgw.ds301.plan import PdoPlan
 from pdgw.dsp402.drive_type import DriveType
-from pdgw.dsp402.planner import Address, Findings, Key, plan_pdos
+from pdgw.dsp402.planner import Findings, Key, plan_pdos
 
 ReadNumber = Callable[[int, int], int]
 _NOT_NOW = (Abort.CANNOT_STORE, Abort.CANNOT_STORE_LOCAL_CONTROL, Abort.CANNOT_STORE_DEVICE_STATE)
@@ -49,7 +50,7 @@ class DriveMapping:
         """As ``plan_pdos``."""
         return plan_pdos(needs, drive, node_id, self._findings, sync=sync, sync_rpdos=sync_rpdos)
 
-    def drop(self, address: Address) -> None:
+    def drop(self, address: ObjectAddress) -> None:
         """An object that is taken in a mapping and does not come."""
         self._findings.dropped.add(address)
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 
 from pdgw.ds301.can_frame import STANDARD_ID
 from pdgw.ds301.configuration import EVENT_DRIVEN_PROFILE, EVENT_TIMER, EVERY_SYNC, SYNC_TYPES
-from pdgw.ds301.objects import CanType, Entry
+from pdgw.ds301.objects import CanType, Entry, ObjectAddress
 from pdgw.ds301.pdo import Pdo, PdoDirection, PdoLayout
 from pdgw.ds301.plan import Pace, PdoPlan, PlannedPdo
 from pdgw.dsp402.drive_type import DriveType, PdoSlot
@@ -23,7 +23,6 @@ from pdgw.dsp402.objects import CONTROL_ATTRIBUTE, STATUS_ATTRIBUTE
 
 Key = tuple[PdoDirection, int]
 """Direction and number of a PDO."""
-Address = tuple[int, int]
 _ESSENTIAL = {CONTROL_ATTRIBUTE, STATUS_ATTRIBUTE}
 _PDO_BYTES = 8
 _OBJECTS = 8
@@ -48,12 +47,12 @@ class Findings:
     """PDOs that are not valid and cannot be made so."""
     most: dict[Key, int] = field(default_factory=dict)
     """So many objects it takes."""
-    unmappable: set[Address] = field(default_factory=set)
+    unmappable: set[ObjectAddress] = field(default_factory=set)
     timerless: set[Key] = field(default_factory=set)
     """TPDOs whose event timer cannot be set."""
     types: dict[Key, int] = field(default_factory=dict)
     """Transmission types that cannot be written, as they are."""
-    dropped: set[Address] = field(default_factory=set)
+    dropped: set[ObjectAddress] = field(default_factory=set)
     """Objects taken in a mapping whose values never came."""
 
 
@@ -235,13 +234,13 @@ class _Direction:
             wanted = {address: entry for address, entry in wanted.items() if entry.attribute not in carried}
         return adopted
 
-    def _gain(self, pdo: Pdo, wanted: Mapping[Address, Entry]) -> int:
+    def _gain(self, pdo: Pdo, wanted: Mapping[ObjectAddress, Entry]) -> int:
         """How much a fixed PDO is worth: the essential word first, then what the layout names first."""
         order = [entry.attribute for entry in wanted.values()]
         worth = sum(1 << (len(order) - order.index(name)) for name in pdo.attributes)
         return worth + (1 << len(order) + 1 if self.essential in pdo.attributes else 0)
 
-    def _carried(self, number: int, mapping: tuple[int, ...], wanted: Mapping[Address, Entry]) -> Pdo | None:
+    def _carried(self, number: int, mapping: tuple[int, ...], wanted: Mapping[ObjectAddress, Entry]) -> Pdo | None:
         """A fixed PDO with gaps for what is not wanted; None where it cannot be used."""
         entries: list[Entry] = []
         bits = 0

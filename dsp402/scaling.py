@@ -12,6 +12,7 @@ from fractions import Fraction
 from types import MappingProxyType
 from typing import NamedTuple
 
+from pdgw.ds301.objects import ObjectAddress
 from pdgw.dsp402.drive_type import Quantity, Reference, Scaling
 from pdgw.dsp402.indices import (
     ACCELERATION_DIMENSION,
@@ -50,8 +51,7 @@ from pdgw.dsp402.unit_keys import FamilyUnits, UnitKeys
 from pdgw.dsp402.units import Kind, Unit, dimension_unit, parse_unit, si_unit
 from pdgw.durations import SECONDS_PER_MINUTE
 
-Address = tuple[int, int]
-Answers = Mapping[Address, int]
+Answers = Mapping[ObjectAddress, int]
 
 _VL_FACTORS = (VL_SETPOINT_FACTOR, VL_DIMENSION_FACTOR)
 _SI_UNITS = (SI_UNIT_POSITION, SI_UNIT_VELOCITY, SI_UNIT_ACCELERATION)
@@ -77,7 +77,7 @@ _NUMBERS = (
     *_SI_UNITS,
     *(index for pair in _NOTATIONS for index in pair),
 )
-SCALING_OBJECTS: tuple[Address, ...] = (
+SCALING_OBJECTS: tuple[ObjectAddress, ...] = (
     *((index, 0) for index in _NUMBERS),
     *((index, subindex) for index in _RATIOS for subindex in (1, 2)),
 )

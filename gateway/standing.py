@@ -26,7 +26,7 @@ ENCODER_CHAIN = (Enable.PLC, Enable.CONTROL, Enable.NODE, Enable.NO_FAULT, Enabl
 _ASKS = (PowerWish.ON, PowerWish.ENABLE, PowerWish.RESUME, PowerWish.HOLD)
 
 
-class Link(NamedTuple):
+class ChainLink(NamedTuple):
     """One link of the chain. ``ok``: None behind a broken one, where nothing is known of it; ``todo``: of the broken one."""
 
     enable: Enable
@@ -49,7 +49,7 @@ class Standing(NamedTuple):
     """State word and chain."""
 
     state: AxisState
-    chain: tuple[Link, ...]
+    chain: tuple[ChainLink, ...]
 
 
 def asks_for_operation(demand: Demand) -> bool:
@@ -92,13 +92,13 @@ def _in_front(reason: Reason, broken: Break, enables: tuple[Enable, ...]) -> Bre
     return broken
 
 
-def _chain(enables: tuple[Enable, ...], broken: Break | None) -> tuple[Link, ...]:
-    links: list[Link] = []
+def _chain(enables: tuple[Enable, ...], broken: Break | None) -> tuple[ChainLink, ...]:
+    links: list[ChainLink] = []
     ok: bool | None = True
     for enable in enables:
         if broken is not None and enable is broken.enable:
-            links.append(Link(enable, False, broken.todo))
+            links.append(ChainLink(enable, False, broken.todo))
             ok = None
         else:
-            links.append(Link(enable, ok))
+            links.append(ChainLink(enable, ok))
     return tuple(links)

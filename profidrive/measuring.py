@@ -26,7 +26,7 @@ _VALUE_1 = _G1_ZSW.bit("VALUE_1").position
 _REFERENCE_FUNCTIONS = 1 << 0
 
 
-class Command(enum.IntEnum):
+class SensorCommand(enum.IntEnum):
     """G1_STW bits 4-6."""
 
     NONE = 0
@@ -65,7 +65,7 @@ class Measuring:
         self.trouble: Trouble | None = None
         """Of this step."""
         self._values: dict[int, int] = {}
-        self._command = Command.NONE.value
+        self._command = SensorCommand.NONE.value
         self._read = -1
 
     def step(self, word: int) -> int:
@@ -77,13 +77,13 @@ class Measuring:
             self._end_read()
             self.on_the_fly = word & _ON_THE_FLY != 0
             functions = word & _SELECTED
-            if command == Command.ACTIVATE:
+            if command == SensorCommand.ACTIVATE:
                 self._activate(functions)
-            elif command == Command.READ:
+            elif command == SensorCommand.READ:
                 self._begin_read(functions)
-            elif command == Command.ABORT:
+            elif command == SensorCommand.ABORT:
                 self.wanted = None
-            elif command != Command.NONE:
+            elif command != SensorCommand.NONE:
                 self.trouble = Trouble.NOT_SUPPORTED
         active = 0 if self.wanted is None else self.wanted.functions
         for function in self._values:
@@ -93,7 +93,7 @@ class Measuring:
     @property
     def busy(self) -> bool:
         """There is something to do or to show, also without a command."""
-        return self.wanted is not None or self._command != Command.NONE or bool(self._values)
+        return self.wanted is not None or self._command != SensorCommand.NONE or bool(self._values)
 
     def cancel(self) -> None:
         """The sensor has another state: nothing is looked for, no value is left."""

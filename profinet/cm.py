@@ -19,7 +19,7 @@ from pdgw.profinet.blocks.connect import (
     ArServerBlockRes,
     IocrBlockRes,
 )
-from pdgw.profinet.blocks.control import ANSWERS, COMMANDS, Command, ControlBlock, PrmEndReq, ReleaseReq
+from pdgw.profinet.blocks.control import ANSWERS, COMMANDS, ControlBlock, ControlCommand, PrmEndReq, ReleaseReq
 from pdgw.profinet.cmdev import AbortCode, Address, ApplicationRelation, CyclicCounters, Event, Output
 from pdgw.profinet.connect import (
     AR_UNKNOWN,
@@ -241,7 +241,7 @@ class ContextManager:
     # -- Release and Control ------------------------------------------------------------------------------------------
 
     def _release(self, arguments: bytes, maximum: int, source: Address, now: int) -> bytes:
-        block, relation = self._service(ReleaseReq, Command.RELEASE, _RELEASE_ERROR, arguments, source)
+        block, relation = self._service(ReleaseReq, ControlCommand.RELEASE, _RELEASE_ERROR, arguments, source)
         self._afterwards.append(lambda when: relation.handle(Event.RELEASE, when))
         return self._done(block)
 
@@ -261,7 +261,7 @@ class ContextManager:
         return self._done(block)
 
     def _service(
-        self, cls: type[ControlBlock], command: Command, code: int, arguments: bytes, source: Address
+        self, cls: type[ControlBlock], command: ControlCommand, code: int, arguments: bytes, source: Address
     ) -> tuple[ControlBlock, ApplicationRelation]:
         try:
             block = cls.decode(arguments)
@@ -279,7 +279,7 @@ class ContextManager:
 
     def _done(self, block: ControlBlock) -> bytes:
         answer = ANSWERS[type(block)]
-        return answer(ar_uuid=block.ar_uuid, session_key=block.session_key, command=Command.DONE).encode()
+        return answer(ar_uuid=block.ar_uuid, session_key=block.session_key, command=ControlCommand.DONE).encode()
 
     # -- answers to own calls, and ends -------------------------------------------------------------------------------
 

@@ -18,7 +18,7 @@ from pdgw.profinet import ethernet
 from pdgw.profinet.apmx import AlarmMachine, AlarmRelation
 from pdgw.profinet.blocks.alarm import Priority
 from pdgw.profinet.blocks.connect import ArType
-from pdgw.profinet.blocks.control import ApplicationReadyReq, ApplicationReadyRes, Command
+from pdgw.profinet.blocks.control import ApplicationReadyReq, ApplicationReadyRes, ControlCommand
 from pdgw.profinet.connect import ConnectPlan
 from pdgw.profinet.cpm import Consumer, Verdict
 from pdgw.profinet.diagnosis import AlarmSource
@@ -302,7 +302,7 @@ class ApplicationRelation:
     def _send_ready(self, now: int) -> None:
         ar = self.plan.ar
         block = ApplicationReadyReq(
-            ar_uuid=ar.ar_uuid, session_key=ar.session_key, command=Command.APPLICATION_READY
+            ar_uuid=ar.ar_uuid, session_key=ar.session_key, command=ControlCommand.APPLICATION_READY
         ).encode()
         if self.plan.diff is not None:
             block += self.plan.diff.encode()
@@ -339,7 +339,7 @@ class ApplicationRelation:
 
     def _is_confirmation(self, block: ApplicationReadyRes) -> bool:
         ar = self.plan.ar
-        return (block.ar_uuid, block.session_key, block.command) == (ar.ar_uuid, ar.session_key, Command.DONE)
+        return (block.ar_uuid, block.session_key, block.command) == (ar.ar_uuid, ar.session_key, ControlCommand.DONE)
 
     # -- cyclic data and alarms ---------------------------------------------------------------------------------------
 

@@ -19,7 +19,7 @@ from typing import Final, Self
 
 from pdgw.decoder.capture.live import EVERY_PROTOCOL
 from pdgw.decoder.capture.pcapng_file import PcapngWriter
-from pdgw.decoder.records import Link
+from pdgw.decoder.records import LinkType
 from pdgw.durations import SECOND
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.transport.udp import SO_TIMESTAMPNS
@@ -89,7 +89,7 @@ class EthernetCapture:
         while True:
             ready, _, _ = select.select((self._socket,), (), (), _WAIT_S)
             for time_ns, data in self._frames():
-                self._writer.write(Link.ETHERNET, self._interface, time_ns, data)
+                self._writer.write(LinkType.ETHERNET, self._interface, time_ns, data)
             if not ready and self._ending.is_set():
                 return
 

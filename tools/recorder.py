@@ -11,7 +11,7 @@ from typing import Final
 import can
 
 from pdgw.decoder.capture.pcapng_file import PcapngWriter, can_packet, udp_packet
-from pdgw.decoder.records import Link
+from pdgw.decoder.records import LinkType
 from pdgw.ds301.can_frame import ERROR, EXTENDED, REMOTE
 from pdgw.ds301.loop import Loop
 from pdgw.durations import SECOND
@@ -52,7 +52,7 @@ class Captures:
         self._put_aside()
         self._writer = PcapngWriter(self._path, configuration)
 
-    def write(self, link: Link, name: str, time_ns: int, data: bytes) -> None:
+    def write(self, link: LinkType, name: str, time_ns: int, data: bytes) -> None:
         """One packet."""
         if self._writer.size >= self._size:
             self._writer.close()
@@ -90,7 +90,7 @@ class Recorder:
             captures = Captures(folder, text, size, files)
         except OSError as error:
             raise GatewayError(f"--record {folder}: cannot be written ({error.strerror or error})") from error
-        self.writer: BackgroundWriter[tuple[Link, str, int, bytes]] = BackgroundWriter(
+        self.writer: BackgroundWriter[tuple[LinkType, str, int, bytes]] = BackgroundWriter(
             f"--record {folder}", lambda packet: captures.write(*packet), captures.close
         )
 
@@ -100,15 +100,15 @@ class Recorder:
         identifier |= (REMOTE if message.is_remote_frame else 0) | (ERROR if message.is_error_frame else 0)
         data = bytes(message.data)
         time_ns = round(message.timestamp * SECOND) or time.time_ns()
-        self.writer.put((Link.CAN_SOCKETCAN, bus, time_ns, can_packet(identifier, data)))
+        self.writer.put((LinkType.CAN_SOCKETCAN, bus, time_ns, can_packet(identifier, data)))
 
     def datagram(self, time_ns: int, source: Address, target: Address, data: bytes) -> None:
         """A datagram to or from the PLC."""
-        self.writer.put((Link.ETHERNET, _PLC, time_ns, udp_packet(source, target, data)))
+        self.writer.put((LinkType.ETHERNET, _PLC, time_ns, udp_packet(source, target, data)))
 
     def ethernet(self, frame: bytes) -> None:
         """A frame to or from the controller, now."""
-        self.writer.put((Link.ETHERNET, _PLC, time.time_ns(), frame))
+        self.writer.put((LinkType.ETHERNET, _PLC, time.time_ns(), frame))
 
     def stop(self) -> None:
         """As ``BackgroundWriter.stop``."""

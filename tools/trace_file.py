@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Final
 
 from pdgw.decoder.capture.pcapng_file import PcapngWriter, can_packet, udp_packet
-from pdgw.decoder.records import Link
+from pdgw.decoder.records import LinkType
 from pdgw.durations import SECOND, US
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.trace.layout import CycleFlag
@@ -26,7 +26,7 @@ PLC: Final = "plc"
 _NOBODY = ("0.0.0.0", CYCLIC_PORT)
 _TARGET, _SOURCE = slice(0, 6), slice(6, 12)
 
-Packet = tuple[int, Link, str, bytes]
+Packet = tuple[int, LinkType, str, bytes]
 """Monotonic time, link type, interface, bytes."""
 
 
@@ -120,7 +120,7 @@ def packets(reader: RingReader, cycles: Sequence[Cycle], frames: Sequence[Frame]
     """Both buses in the order of time."""
     buses = reader.layout.buses
     can = (
-        (frame.time_ns, Link.CAN_SOCKETCAN, buses[frame.bus], can_packet(frame.identifier, frame.data))
+        (frame.time_ns, LinkType.CAN_SOCKETCAN, buses[frame.bus], can_packet(frame.identifier, frame.data))
         for frame in frames
     )
     ethernet = _profinet(cycles) if reader.layout.places.kind == "profinet" else _udp(reader, cycles)
@@ -131,18 +131,23 @@ def _udp(reader: RingReader, cycles: Sequence[Cycle]) -> Iterator[Packet]:
     plc, here = _address(reader.peer), (_host(reader.layout.address[0]), CYCLIC_PORT)
     for cycle in cycles:
         if cycle.flags & CycleFlag.FRESH:
-            yield cycle.time_ns, Link.ETHERNET, PLC, udp_packet(plc, here, cycle.received)
+            yield cycle.time_ns, LinkType.ETHERNET, PLC, udp_packet(plc, here, cycle.received)
         if cycle.flags & CycleFlag.ANSWERED and cycle.received:  # before the first frame there is nobody to answer
-            yield _answered(cycle), Link.ETHERNET, PLC, udp_packet(here, plc, cycle.sent)
+            yield _answered(cycle), LinkType.ETHERNET, PLC, udp_packet(here, plc, cycle.sent)
 
 
 def _profinet(cycles: Sequence[Cycle]) -> Iterator[Packet]:
     """The device sends on its own timer: a frame to the controller is as the cycle left it, with the last one's counter."""
     for cycle in cycles:
         if cycle.flags & CycleFlag.FRESH and cycle.sent:
-            yield cycle.time_ns, Link.ETHERNET, PLC, header(cycle.sent[_SOURCE], cycle.sent[_TARGET]) + cycle.received
+            yield (
+                cycle.time_ns,
+                LinkType.ETHERNET,
+                PLC,
+                header(cycle.sent[_SOURCE], cycle.sent[_TARGET]) + cycle.received,
+            )
         if cycle.flags & CycleFlag.ANSWERED and cycle.sent:
-            yield _answered(cycle), Link.ETHERNET, PLC, cycle.sent
+            yield _answered(cycle), LinkType.ETHERNET, PLC, cycle.sent
 
 
 def _answered(cycle: Cycle) -> int:

@@ -9,7 +9,7 @@ from contextlib import ExitStack
 
 from pdgw.decoder.capture.source import Source
 from pdgw.decoder.engine import CanPacket, Packet
-from pdgw.decoder.records import Link
+from pdgw.decoder.records import LinkType
 from pdgw.gateway.errors import GatewayError
 
 EVERY_PROTOCOL = 3
@@ -48,7 +48,7 @@ def _frames(raw: socket.socket, name: str) -> Iterator[Packet]:
         if hardware == _LOOPBACK and kind == _OUTGOING:
             continue  # it comes in as well
         number += 1
-        yield Packet(number, time.time_ns(), Link.ETHERNET, name, data)
+        yield Packet(number, time.time_ns(), LinkType.ETHERNET, name, data)
 
 
 def open_can(text: str) -> Source:

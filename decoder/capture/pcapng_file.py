@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import BinaryIO, Final
 
 from pdgw.decoder.capture.pcap import PCAPNG_MAGIC
-from pdgw.decoder.records import Link
+from pdgw.decoder.records import LinkType
 
 CONFIGURATION: Final = "pdgw configuration\n"
 """How the comment begins that holds the gateway's configuration."""
@@ -49,7 +49,7 @@ class PcapngWriter:
         self.size = self._file.write(_block(_SECTION, struct.pack("<IHHq", _BYTE_ORDER, 1, 0, -1) + options))
         """Bytes so far."""
 
-    def write(self, link: Link, name: str, time_ns: int, data: bytes) -> None:
+    def write(self, link: LinkType, name: str, time_ns: int, data: bytes) -> None:
         """One packet of an interface."""
         number = self._interfaces.get((link, name))
         if number is None:

@@ -10,7 +10,7 @@ from typing import Any, Final
 from pdgw.decoder.columns import Columns
 from pdgw.decoder.fields import Field
 from pdgw.decoder.names import Names
-from pdgw.decoder.records import Record, Unit, UnitLayout
+from pdgw.decoder.records import ProcessData, ProcessDataLayout, Record
 from pdgw.dsp402.states import STATE_OF_STATUS, State
 from pdgw.durations import SECOND
 from pdgw.gateway.axis.watch import FAULTY
@@ -31,7 +31,7 @@ _STATUS_NAMES: Final = ("statusword", "zsw1", "zsw2_enc")
 _OPERATION, _FAULT, _OTHER = "operation", "fault", "off"
 _COLOURS: Final = {_OPERATION: "#72b7b2", _FAULT: "#e45756", _OTHER: "#dddddd"}
 
-Units = tuple[Unit, ...] | None
+Units = tuple[ProcessData, ...] | None
 
 
 class Curve:
@@ -89,7 +89,7 @@ def panels_of(titles: Sequence[str], names: Names) -> list[Panel]:
     return found
 
 
-def _state_of(layout: UnitLayout) -> Callable[[Sequence[Any]], str] | None:
+def _state_of(layout: ProcessDataLayout) -> Callable[[Sequence[Any]], str] | None:
     """How the state of an axis is read from a unit; None where it has no status word."""
     for name in _STATUS_NAMES:
         position = layout.positions.get(name)
@@ -120,9 +120,9 @@ class States:
 
     def __init__(self) -> None:
         self.spans: dict[str, list[tuple[float, float, str]]] = {}
-        self._readers: dict[UnitLayout, Callable[[Sequence[Any]], str] | None] = {}
+        self._readers: dict[ProcessDataLayout, Callable[[Sequence[Any]], str] | None] = {}
 
-    def add(self, whose: str, seconds: float, unit: Unit) -> None:
+    def add(self, whose: str, seconds: float, unit: ProcessData) -> None:
         layout = unit.layout
         if layout not in self._readers:
             self._readers[layout] = _state_of(layout)
@@ -237,7 +237,7 @@ def _draw_states(place: Any, spans: dict[str, list[tuple[float, float, str]]]) -
     place.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize=8, frameon=False)
 
 
-def _whose(unit: Unit | None) -> str:
+def _whose(unit: ProcessData | None) -> str:
     if unit is None:
         return "packets"
     if unit.layout.direction is None:

@@ -15,13 +15,13 @@ from pdgw.decoder.can_records import CanRecord, EmcyRecord, HeartbeatRecord, Nmt
 from pdgw.decoder.capture.parquet import ParquetTable
 from pdgw.decoder.columns import Columns
 from pdgw.decoder.names import Names
-from pdgw.decoder.records import AcyclicRecord, BusKind, Record, Unit
+from pdgw.decoder.records import AcyclicRecord, BusKind, ProcessData, Record
 from pdgw.decoder.render import line_parts, record_line, record_tree
 from pdgw.decoder.statistics import Statistics
 from pdgw.durations import SECOND, US
 from pdgw.gateway.errors import GatewayError
 
-Units = tuple[Unit, ...] | None
+Units = tuple[ProcessData, ...] | None
 """The units to show; None for all there are."""
 
 

@@ -17,7 +17,7 @@ from pdgw.gateway.parameters.profile import (
     AxisObject,
     BoundObject,
     DeviceObject,
-    EncoderParameters,
+    EncoderChannelObject,
     NodeObject,
 )
 from pdgw.profidrive.parameters.codec import is_negative
@@ -31,7 +31,7 @@ class ParameterManager:
 
     def __init__(self, daemon: Daemon) -> None:
         nodes: list[NodeObject] = [AxisObject(daemon, axis) for axis in daemon.axes]
-        nodes += [EncoderParameters(daemon, encoder) for encoder in daemon.encoders]
+        nodes += [EncoderChannelObject(daemon, encoder) for encoder in daemon.encoders]
         self._objects: dict[int, BoundObject] = {node.do_id: node for node in nodes}
         self._objects[0] = DeviceObject(daemon, nodes)
         self.slots: tuple[int, ...] = (0, *(node.do_id for node in nodes))

@@ -391,7 +391,7 @@ class AxisObject(NodeObject):
         return float(drive.scaling.rated_speed_rpm)
 
 
-class EncoderParameters(NodeObject):
+class EncoderChannelObject(NodeObject):
     """The drive object of an encoder's channel."""
 
     def __init__(self, daemon: Daemon, encoder: EncoderObject) -> None:

@@ -26,7 +26,7 @@ from pdgw.profinet.blocks.connect import (
     IocrType,
     ModuleDiffBlock,
 )
-from pdgw.profinet.blocks.control import ApplicationReadyReq, ApplicationReadyRes, Command, PrmEndReq, ReleaseReq
+from pdgw.profinet.blocks.control import ApplicationReadyReq, ApplicationReadyRes, ControlCommand, PrmEndReq, ReleaseReq
 from pdgw.profinet.cmdev import Address
 from pdgw.profinet.cpm import Consumer
 from pdgw.profinet.model import Subslot
@@ -142,7 +142,7 @@ class IoController:
     def release(self, now: int) -> None:
         """End the relationship."""
         self.phase = Phase.RELEASE
-        block = ReleaseReq(ar_uuid=self.ar_uuid, session_key=self.session, command=Command.RELEASE)
+        block = ReleaseReq(ar_uuid=self.ar_uuid, session_key=self.session, command=ControlCommand.RELEASE)
         self._send_call(Operation.RELEASE, block.encode(), self._released, now)
 
     def read(
@@ -286,7 +286,7 @@ class IoController:
 
     def _prm_end(self, now: int) -> None:
         self.phase = Phase.PRM_END
-        block = PrmEndReq(ar_uuid=self.ar_uuid, session_key=self.session, command=Command.PRM_END)
+        block = PrmEndReq(ar_uuid=self.ar_uuid, session_key=self.session, command=ControlCommand.PRM_END)
         self._send_call(Operation.CONTROL, block.encode(), self._ended_parameters, now)
 
     def _ended_parameters(self, status: int, arguments: bytes, now: int) -> None:
@@ -318,7 +318,7 @@ class IoController:
                 self.learned.diff = ModuleDiffBlock.decode(blocks[1][1])
         except (ProfidriveError, IndexError):
             return dcerpc.RejectStatus.PROTOCOL_ERROR
-        answer = ApplicationReadyRes(ar_uuid=block.ar_uuid, session_key=block.session_key, command=Command.DONE)
+        answer = ApplicationReadyRes(ar_uuid=block.ar_uuid, session_key=block.session_key, command=ControlCommand.DONE)
         if self.phase in {Phase.PRM_END, Phase.READY}:
             self.phase = Phase.DATA
         return encode_arguments(0, answer.encode(), maximum, little=header.little_endian)

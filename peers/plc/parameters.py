@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from uuid import UUID
 
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.transport.udp import Address as SocketAddress
-from pdgw.profidrive.parameters.codec import Address
+from pdgw.gateway.transport.udp import Address
+from pdgw.profidrive.parameters.codec import ParameterAddress
 from pdgw.profinet.rpc.records import NIL
 from pdgw.tools.parameters.address import Target, parse_value
 from pdgw.tools.parameters.client import ParameterClient
@@ -47,8 +47,10 @@ class ParameterAccess:
         self.done = True
 
     @property
-    def _addresses(self) -> list[Address]:
-        return [Address(t.pnu) if t.first is None else Address(t.pnu, t.first, 1) for t in self.targets]
+    def _addresses(self) -> list[ParameterAddress]:
+        return [
+            ParameterAddress(t.pnu) if t.first is None else ParameterAddress(t.pnu, t.first, 1) for t in self.targets
+        ]
 
     def _read(self, client: ParameterClient) -> list[Element]:
         addresses = self._addresses
@@ -70,8 +72,8 @@ class ParameterWorker:
 
     def __init__(
         self,
-        address: SocketAddress,
-        capture: Callable[[SocketAddress], Callable[[bool, bytes], None]] | None = None,
+        address: Address,
+        capture: Callable[[Address], Callable[[bool, bytes], None]] | None = None,
         *,
         ar_uuid: UUID = NIL,
         device: UUID | None = None,

@@ -38,7 +38,7 @@ class Attribute(enum.IntEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Address:
+class ParameterAddress:
     """One parameter address. ``elements`` 0 with subindex 0 means the one element of a non-array."""
 
     pnu: int
@@ -87,7 +87,7 @@ class Request:
     reference: int
     request_id: RequestId
     do_id: int
-    addresses: tuple[Address, ...]
+    addresses: tuple[ParameterAddress, ...]
     values: tuple[Values, ...] = ()
 
 
@@ -268,7 +268,7 @@ def decode_request(data: bytes) -> Request:
         where = reader.offset
         raw = reader.take(_ADDRESS.size, f"parameter address at offset {where}", inconsistent)
         attribute, elements, pnu, subindex = _ADDRESS.unpack(raw)
-        addresses.append(Address(pnu, subindex, elements, attribute))
+        addresses.append(ParameterAddress(pnu, subindex, elements, attribute))
     values: tuple[Values, ...] = ()
     if request_id == RequestId.CHANGE:
         values = tuple(reader.values() for _ in range(count))

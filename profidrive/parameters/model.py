@@ -16,8 +16,8 @@ from pdgw.profidrive.parameters.catalogue import NAME_SIZE, ParameterSpec
 from pdgw.profidrive.parameters.codec import (
     MAX_ELEMENTS,
     ZERO,
-    Address,
     Attribute,
+    ParameterAddress,
     Request,
     RequestError,
     RequestId,
@@ -54,8 +54,8 @@ class Parameter(Protocol):
         """What the parameter is."""
 
 
-class DriveObject(Protocol):
-    """A drive object (DO)."""
+class DriveObjectParameters(Protocol):
+    """The parameters of a drive object (DO)."""
 
     def parameter(self, pnu: int) -> Parameter:
         """ParameterRefused (impermissible PNU) where there is none."""
@@ -140,7 +140,7 @@ class BoundParameter:
         )
 
 
-def answer(data: bytes, find: Callable[[int], DriveObject | None], max_block: int) -> bytes | None:
+def answer(data: bytes, find: Callable[[int], DriveObjectParameters | None], max_block: int) -> bytes | None:
     """The response to a request; None where not even a header came. ``find`` gives the DO, None where there is none."""
     try:
         request = decode_request(data)
@@ -149,7 +149,7 @@ def answer(data: bytes, find: Callable[[int], DriveObject | None], max_block: in
     return encode_response(respond(request, find(request.do_id), max_block))
 
 
-def respond(request: Request, drive_object: DriveObject | None, max_block: int) -> Response:
+def respond(request: Request, drive_object: DriveObjectParameters | None, max_block: int) -> Response:
     """As ``answer``, for a decoded request."""
     values = []
     room = max_block - _HEADER_SIZE
@@ -164,7 +164,9 @@ def respond(request: Request, drive_object: DriveObject | None, max_block: int) 
     return Response(request.reference, request.request_id, request.do_id, len(request.addresses), tuple(values))
 
 
-def _one(request: Request, place: int, address: Address, drive_object: DriveObject | None, room: int) -> Values:
+def _one(
+    request: Request, place: int, address: ParameterAddress, drive_object: DriveObjectParameters | None, room: int
+) -> Values:
     try:
         if drive_object is None:
             raise ParameterRefused(Number.DO_DOES_NOT_EXIST)
@@ -181,7 +183,7 @@ def _one(request: Request, place: int, address: Address, drive_object: DriveObje
     return item
 
 
-def _check(address: Address) -> None:
+def _check(address: ParameterAddress) -> None:
     if address.pnu == 0:
         raise ParameterRefused(Number.IMPERMISSIBLE_PNU)
     if (
@@ -193,7 +195,7 @@ def _check(address: Address) -> None:
         raise ParameterRefused(Number.ADDRESS_IMPERMISSIBLE)
 
 
-def _read(parameter: Parameter, address: Address) -> Values:
+def _read(parameter: Parameter, address: ParameterAddress) -> Values:
     if address.attribute == Attribute.VALUE:
         return parameter.read(address.subindex, address.elements)
     if address.attribute == Attribute.DESCRIPTION:
@@ -212,7 +214,9 @@ def _read(parameter: Parameter, address: Address) -> Values:
     return Values(DataType.VISIBLE_STRING, b"".join(text.encode("ascii").ljust(NAME_SIZE) for text in chosen))
 
 
-def _write(drive_object: DriveObject, parameter: Parameter, address: Address, values: Values) -> Values:
+def _write(
+    drive_object: DriveObjectParameters, parameter: Parameter, address: ParameterAddress, values: Values
+) -> Values:
     if address.attribute == Attribute.DESCRIPTION:
         raise ParameterRefused(Number.DESCRIPTION_CANNOT_BE_CHANGED)
     if address.attribute == Attribute.TEXT:

@@ -13,7 +13,7 @@ from uuid import UUID
 from pdgw.profinet.wire import Block, u16, uuid
 
 
-class Command(enum.IntFlag):
+class ControlCommand(enum.IntFlag):
     """ControlCommand."""
 
     PRM_END = 0x0001
@@ -91,8 +91,8 @@ ANSWERS: Final[dict[type[ControlBlock], type[ControlBlock]]] = {
     ApplicationReadyReq: ApplicationReadyRes,
     ReleaseReq: ReleaseRes,
 }
-COMMANDS: Final[dict[int, tuple[type[ControlBlock], Command]]] = {
-    PrmEndReq.TYPE: (PrmEndReq, Command.PRM_END),
-    PrmBeginReq.TYPE: (PrmBeginReq, Command.PRM_BEGIN),
+COMMANDS: Final[dict[int, tuple[type[ControlBlock], ControlCommand]]] = {
+    PrmEndReq.TYPE: (PrmEndReq, ControlCommand.PRM_END),
+    PrmBeginReq.TYPE: (PrmBeginReq, ControlCommand.PRM_BEGIN),
 }
 """What a controller may ask for by Control: the block and its command."""

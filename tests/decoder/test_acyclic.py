@@ -14,8 +14,8 @@ from pdgw.decoder.records import AcyclicRecord, OtherRecord, ParameterRequestRec
 from pdgw.durations import MS
 from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.parameters.codec import (
-    Address,
     Attribute,
+    ParameterAddress,
     Request,
     RequestId,
     Response,
@@ -73,7 +73,9 @@ class Exchange:
 
 
 def change(pnu: int, value: int, reference: int = 3, do_id: int = 1) -> Request:
-    return Request(reference, RequestId.CHANGE, do_id, (Address(pnu),), (Values(DataType.UNSIGNED16, (value,)),))
+    return Request(
+        reference, RequestId.CHANGE, do_id, (ParameterAddress(pnu),), (Values(DataType.UNSIGNED16, (value,)),)
+    )
 
 
 def observed() -> tuple[AcyclicDecoder, list[tuple[int, int]]]:
@@ -113,7 +115,7 @@ def test_a_refused_change_of_the_telegram_is_none() -> None:
 def test_reading_the_telegram_tells_it_too() -> None:
     decoder, telegrams = observed()
     exchange = Exchange()
-    exchange.write(decoder, Request(8, RequestId.REQUEST, 2, (Address(965), Address(922))), 0)
+    exchange.write(decoder, Request(8, RequestId.REQUEST, 2, (ParameterAddress(965), ParameterAddress(922))), 0)
     values = (Values(DataType.UNSIGNED16, (0x329,)), Values(DataType.UNSIGNED16, (100,)))
     exchange.handler.answer = encode_response(Response(8, RequestId.REQUEST, 2, 2, values))
     exchange.read(decoder, 1)
@@ -123,7 +125,9 @@ def test_reading_the_telegram_tells_it_too() -> None:
 def test_a_description_of_the_telegram_parameter_is_no_telegram() -> None:
     decoder, telegrams = observed()
     exchange = Exchange()
-    exchange.write(decoder, Request(8, RequestId.REQUEST, 2, (Address(922, 2, attribute=Attribute.DESCRIPTION),)), 0)
+    exchange.write(
+        decoder, Request(8, RequestId.REQUEST, 2, (ParameterAddress(922, 2, attribute=Attribute.DESCRIPTION),)), 0
+    )
     values = (Values(DataType.UNSIGNED16, (1,)),)
     exchange.handler.answer = encode_response(Response(8, RequestId.REQUEST, 2, 1, values))
     exchange.read(decoder, 1)

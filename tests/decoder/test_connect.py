@@ -27,7 +27,7 @@ from scapy.layers.l2 import Ether
 from pdgw.decoder.connect import read_request
 from pdgw.decoder.cyclic import given_axes
 from pdgw.decoder.engine import Decoder, Packet, Settings
-from pdgw.decoder.records import CyclicRecord, Link, Record
+from pdgw.decoder.records import CyclicRecord, LinkType, Record
 from pdgw.peers.controller.project import Project
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.frame import IOPS_GOOD, STATUS_NORMAL
@@ -139,7 +139,7 @@ VALUES = {
 
 
 def decode(decoder: Decoder, packets: list[bytes]) -> list[Record]:
-    return [decoder.decode(Packet(1, 0, Link.ETHERNET, "", packet)) for packet in packets]
+    return [decoder.decode(Packet(1, 0, LinkType.ETHERNET, "", packet)) for packet in packets]
 
 
 @pytest.mark.parametrize("axes", [(), (9, 1, 100)])

@@ -19,7 +19,7 @@ from pdgw.decoder.engine import Decoder, Packet, Settings, given_axes
 from pdgw.decoder.fields import Document
 from pdgw.decoder.profinet_blocks import BLOCKS, documents
 from pdgw.decoder.profinet_records import AlarmRecord, Change, DcpRecord, LldpRecord, RelationRecord
-from pdgw.decoder.records import AcyclicRecord, CyclicRecord, Link, OtherRecord, Record
+from pdgw.decoder.records import AcyclicRecord, CyclicRecord, LinkType, OtherRecord, Record
 from pdgw.durations import MS
 from pdgw.profidrive.telegrams import Direction
 from pdgw.profinet.blocks.alarm import MessageClass
@@ -52,7 +52,7 @@ def frames() -> list[bytes]:
 
 def decode(decoder: Decoder, packets: list[bytes]) -> list[Record]:
     return [
-        decoder.decode(Packet(number, number * MS, Link.ETHERNET, "eth1", packet))
+        decoder.decode(Packet(number, number * MS, LinkType.ETHERNET, "eth1", packet))
         for number, packet in enumerate(packets, 1)
     ]
 

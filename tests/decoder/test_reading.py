@@ -15,7 +15,7 @@ from pdgw.decoder.engine import CanPacket, Decoder, Packet, Settings, given_axes
 from pdgw.decoder.filter import Filter
 from pdgw.decoder.link import CanFrame
 from pdgw.decoder.names import RECORD_NAMES, Names
-from pdgw.decoder.records import Link, Record
+from pdgw.decoder.records import LinkType, Record
 from pdgw.decoder.selection import Selection
 from pdgw.decoder.statistics import Statistics
 from pdgw.ds301.load import frame_bits
@@ -31,7 +31,7 @@ def setpoint(stw1: int, speed: int, *, target: int = 0, counter: int = 0, time_n
     """A frame of two axes, telegrams 1 and 9, as EtherType 8892h."""
     values = [(stw1, speed), (0, 0, 0, target, 0, 0, 0, 0)]
     rt = frame([telegram(1), telegram(9)], Direction.SETPOINT, values, counter=counter, status=STATUS_NORMAL)
-    return Packet(number, time_ns, Link.ETHERNET, "eth0", bytes(12) + b"\x88\x92" + rt)
+    return Packet(number, time_ns, LinkType.ETHERNET, "eth0", bytes(12) + b"\x88\x92" + rt)
 
 
 def can(cob_id: int, data: bytes, time_ns: int = 0) -> CanPacket:

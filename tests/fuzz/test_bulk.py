@@ -9,7 +9,7 @@ from uuid import UUID
 import pytest
 
 from pdgw.decoder.engine import Decoder, Packet
-from pdgw.decoder.records import Link
+from pdgw.decoder.records import LinkType
 from pdgw.decoder.render import record_line
 from pdgw.ds301.connection_set import EMCY, ERROR_CONTROL, NMT, SDO_RESPONSE, SYNC, TIME
 from pdgw.ds301.pdo import PdoDirection
@@ -17,7 +17,14 @@ from pdgw.dsp402.states import State
 from pdgw.durations import MS
 from pdgw.gateway.transport.cyclic import CyclicEndpoint, Verdict
 from pdgw.peers.plc.endpoint import PlcEndpoint
-from pdgw.profidrive.parameters.codec import Address, Attribute, Request, RequestId, decode_response, encode_request
+from pdgw.profidrive.parameters.codec import (
+    Attribute,
+    ParameterAddress,
+    Request,
+    RequestId,
+    decode_response,
+    encode_request,
+)
 from pdgw.profidrive.parameters.model import answer
 from pdgw.profidrive.telegrams import telegram
 from pdgw.profinet.rpc import dcerpc
@@ -45,7 +52,9 @@ def requests() -> Iterator[bytes]:
     """A request of each service and attribute, for one and for many parameters."""
     for number in (1, 5, 39):
         for attribute in Attribute:
-            addresses = tuple(Address(900 + place * 7 % 90, place % 3, place, attribute) for place in range(number))
+            addresses = tuple(
+                ParameterAddress(900 + place * 7 % 90, place % 3, place, attribute) for place in range(number)
+            )
             yield encode_request(Request(1 + number, RequestId.REQUEST, 1, addresses))
 
 
@@ -108,7 +117,7 @@ def test_damaged_packets_are_records(chance: random.Random) -> None:
     known = captures.cyclic_packets(2) + captures.parameter_packets([(bytes(20), bytes(8))]) + profinet_packets()
     decoder = Decoder()
     for number in range(1, INPUTS + 1):
-        packet = Packet(number, number, Link.ETHERNET, "", damage(chance.choice(known), chance))
+        packet = Packet(number, number, LinkType.ETHERNET, "", damage(chance.choice(known), chance))
         assert record_line(decoder.decode(packet), 0)
 
 

@@ -20,7 +20,7 @@ from pdgw.decoder.changes import Changes
 from pdgw.decoder.columns import Columns
 from pdgw.decoder.engine import CanPacket, Decoder, Packet, Settings, given_axes
 from pdgw.decoder.names import Names
-from pdgw.decoder.records import Link
+from pdgw.decoder.records import LinkType
 from pdgw.decoder.render import record_line, record_tree
 from pdgw.decoder.statistics import Statistics
 from pdgw.ds301.errors import CanopenError
@@ -104,7 +104,7 @@ def test_a_mutated_capture_is_decoded_up_to_its_damage(ending: str, data: st.Dat
 
 
 @given(
-    packets=st.lists(st.tuples(st.sampled_from([*Link, 147]), st.binary(max_size=80), st.booleans()), max_size=10),
+    packets=st.lists(st.tuples(st.sampled_from([*LinkType, 147]), st.binary(max_size=80), st.booleans()), max_size=10),
     data=st.data(),
 )
 def test_any_packet_of_any_link_layer_is_a_record(packets: list[tuple[int, bytes, bool]], data: st.DataObject) -> None:
@@ -113,7 +113,7 @@ def test_any_packet_of_any_link_layer_is_a_record(packets: list[tuple[int, bytes
     stream = []
     for number, (link, content, take_known) in enumerate(packets, 1):
         packet = data.draw(mutated(data.draw(st.sampled_from(known)))) if take_known else content
-        stream.append(Packet(number, number, Link.ETHERNET if take_known else link, "", packet))
+        stream.append(Packet(number, number, LinkType.ETHERNET if take_known else link, "", packet))
     assert read_all(stream, decoder) == len(packets)
 
 

@@ -13,8 +13,8 @@ from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.parameters.catalogue import PARAMETERS, ParameterSpec
 from pdgw.profidrive.parameters.codec import (
-    Address,
     Attribute,
+    ParameterAddress,
     Request,
     RequestId,
     Values,
@@ -68,7 +68,7 @@ def requests(draw: st.DrawFn) -> Request:
     pnus = st.one_of(st.sampled_from(sorted(PARAMETERS)), st.integers(1, 0xFFFF))
     addresses = draw(
         st.lists(
-            st.builds(Address, pnus, st.integers(0, 20), st.integers(0, 20), st.sampled_from(list(Attribute))),
+            st.builds(ParameterAddress, pnus, st.integers(0, 20), st.integers(0, 20), st.sampled_from(list(Attribute))),
             min_size=1,
             max_size=39,
         )

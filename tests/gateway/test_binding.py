@@ -15,7 +15,7 @@ from pdgw.gateway.config import AxisConfig
 from pdgw.gateway.positioner_config import SIMULATED, PositionerConfig
 from pdgw.gateway.reasons import FaultNumber
 from pdgw.profidrive.datatypes import DataType
-from pdgw.profidrive.parameters.codec import Address, Values
+from pdgw.profidrive.parameters.codec import ParameterAddress, Values
 from pdgw.profidrive.signals import signal
 from tests.gateway.test_encoders import G1, encoder
 from tests.support import buses
@@ -112,7 +112,7 @@ def test_a_homing_method_that_is_written_is_shown_and_the_home_position_stays() 
         plc.endpoint.set(0, {"STW1": 0x043E})
         plc.until(lambda: plc.state() == 0x01, "off")
         with exchanging(plc):
-            (answer,) = client.request([Address(0x6098)], [Values(DataType.INTEGER8, (-17,))])
+            (answer,) = client.request([ParameterAddress(0x6098)], [Values(DataType.INTEGER8, (-17,))])
             assert not answer.failed, answer.text
             until(daemon, lambda: plc.value("AKTSATZ") & 0xFF == -17 & 0xFF, "the new method")
         assert plc.value("ZSW1") & HOME_SET

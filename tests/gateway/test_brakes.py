@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import pytest
 
 from pdgw.ds301.connection_set import ERROR_CONTROL, NMT, SYNC
-from pdgw.ds301.loop import MS
 from pdgw.ds301.nmt import NmtCommand
 from pdgw.ds301.node import GATEWAY_NODE_ID
+from pdgw.durations import MS
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.reasons import FaultNumber
 from pdgw.peers.drive import SimulatedDrive, SimulatedDriveNode, shape

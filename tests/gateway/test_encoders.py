@@ -13,7 +13,7 @@ from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.status import snapshot
 from pdgw.profidrive.datatypes import DataType
-from pdgw.profidrive.parameters.codec import Address, Values
+from pdgw.profidrive.parameters.codec import ParameterAddress, Values
 from pdgw.profidrive.parameters.errors import ParameterErrorNumber as Number
 from pdgw.profidrive.signals import signal
 from pdgw.tools.parameters.client import ParameterClient
@@ -62,7 +62,7 @@ def test_every_encoder_telegram_has_the_position_and_takes_a_preset(number: int)
         plc = Plc(daemon, [number])
         plc.endpoint.set(0, {"STW2_ENC": CONTROL, "G1_STW": G1["REQUEST_ABSOLUTE"]})
         plc.until(lambda: plc.value("G1_XIST2") == 1024, "position")
-        (written,) = client.request([Address(65000)], [Values(DataType.INTEGER32, (123456,))])
+        (written,) = client.request([ParameterAddress(65000)], [Values(DataType.INTEGER32, (123456,))])
         assert not written.failed
         plc.endpoint.set(0, {"STW2_ENC": CONTROL, "G1_STW": G1["REQUEST_ABSOLUTE"] | G1["PRESET"]})
         plc.until(lambda: has(plc, "G1_ZSW", STATUS["PRESET_DONE"]), "preset done")
@@ -86,7 +86,7 @@ def test_two_channels_of_one_device_are_two_drive_objects_of_one_node() -> None:
             plc.endpoint.set(index, {"STW2_ENC": CONTROL, "G1_STW": G1["REQUEST_ABSOLUTE"]})
         plc.until(lambda: (plc.value("G1_XIST2", 0), plc.value("G1_XIST2", 1)) == (512, 1024), "both positions")
         client.do_id = 2
-        client.request([Address(65000)], [Values(DataType.INTEGER32, (5,))])
+        client.request([ParameterAddress(65000)], [Values(DataType.INTEGER32, (5,))])
         plc.endpoint.set(1, {"STW2_ENC": CONTROL, "G1_STW": G1["REQUEST_ABSOLUTE"] | G1["PRESET"]})
         plc.until(lambda: plc.value("G1_XIST2", 1) == 5, "channel 2 preset")
         assert plc.value("G1_XIST2", 0) == 512, "channel 1 is untouched"
@@ -96,7 +96,7 @@ def test_parameters_of_an_encoder_object() -> None:
     with gateway(encoder(7, 81)) as (_, client):
 
         def read(pnu: int, subindex: int = 0, elements: int = 0) -> Values:
-            (answer,) = client.request([Address(pnu, subindex, elements)])
+            (answer,) = client.request([ParameterAddress(pnu, subindex, elements)])
             assert not answer.failed, answer.text
             return answer
 
@@ -113,9 +113,9 @@ def test_parameters_of_an_encoder_object() -> None:
         assert read(922).values == (81,)
         assert read(915, 0, 2).values == (80, 9)
         for pnu, number in ((930, Number.IMPERMISSIBLE_PNU), (967, Number.IMPERMISSIBLE_PNU)):
-            (answer,) = client.request([Address(pnu)])
+            (answer,) = client.request([ParameterAddress(pnu)])
             assert answer.values == (number,)
-        (refused,) = client.request([Address(0x6200)], [Values(DataType.UNSIGNED16, (1,))])
+        (refused,) = client.request([ParameterAddress(0x6200)], [Values(DataType.UNSIGNED16, (1,))])
         assert refused.values == (Number.NO_OPERATION_PRIORITY,), "the cyclic timer is the gateway's"
 
 
@@ -124,10 +124,10 @@ def test_a_preset_written_to_the_object_itself_is_seen_and_the_scaling_followed(
         plc = Plc(daemon, [81])
         plc.endpoint.set(0, {"STW2_ENC": CONTROL, "G1_STW": G1["REQUEST_ABSOLUTE"]})
         plc.until(lambda: plc.value("G1_XIST2") == 2048, "position")
-        (answer,) = client.request([Address(0x6003)], [Values(DataType.UNSIGNED32, (5000,))])
+        (answer,) = client.request([ParameterAddress(0x6003)], [Values(DataType.UNSIGNED32, (5000,))])
         assert not answer.failed
         plc.until(lambda: plc.value("G1_XIST2") == 5000, "new position")
-        (answer,) = client.request([Address(0x6001)], [Values(DataType.UNSIGNED32, (1000,))])
+        (answer,) = client.request([ParameterAddress(0x6001)], [Values(DataType.UNSIGNED32, (1000,))])
         assert not answer.failed, answer.text
         until(
             daemon,
@@ -141,9 +141,9 @@ def test_a_preset_written_to_the_object_itself_is_seen_and_the_scaling_followed(
 
 def test_p922_changes_an_encoder_telegram_and_only_to_one_of_an_encoder() -> None:
     with gateway(encoder(1, 81, more='motion = "speed=1"')) as (daemon, client):
-        (answer,) = client.request([Address(922)], [Values(DataType.UNSIGNED16, (1,))])
+        (answer,) = client.request([ParameterAddress(922)], [Values(DataType.UNSIGNED16, (1,))])
         assert answer.values == (Number.VALUE_IMPERMISSIBLE,)
-        (answer,) = client.request([Address(922)], [Values(DataType.UNSIGNED16, (83,))])
+        (answer,) = client.request([ParameterAddress(922)], [Values(DataType.UNSIGNED16, (83,))])
         assert not answer.failed
         plc = Plc(daemon, [83])
         plc.endpoint.set(0, {"STW2_ENC": CONTROL})
@@ -160,7 +160,7 @@ def test_an_encoder_that_dies_is_a_fault_and_its_position_is_not_good() -> None:
         assert plc.endpoint.actuals[0] is not None, "the axis is"
         plc.until(lambda: [fault.number for fault in daemon.encoders[0].faults] == [101], "fault 101")
         client.do_id = 1
-        (faults,) = client.request([Address(947, 0, 1)])
+        (faults,) = client.request([ParameterAddress(947, 0, 1)])
         assert faults.values == (101,)
 
 
@@ -173,10 +173,10 @@ def test_a_lost_encoder_is_a_fault_until_it_is_back_and_acknowledged() -> None:
         plc.until(lambda: plc.endpoint.actuals[0] is None, "IOPS BAD")
         plc.until(lambda: has(plc, "ZSW2_ENC", 0x0008), "back, with a fault")
         plc.until(lambda: has(plc, "G1_ZSW", STATUS["ERROR"]), "and a sensor error")
-        assert client.request([Address(947, 0, 1)])[0].values != (0,)
+        assert client.request([ParameterAddress(947, 0, 1)])[0].values != (0,)
         plc.endpoint.set(0, {"STW2_ENC": CONTROL | 0x80, "G1_STW": G1["ERROR_ACKNOWLEDGE"]})
         plc.until(lambda: not has(plc, "ZSW2_ENC", 0x0008), "acknowledged")
-        plc.until(lambda: client.request([Address(947, 0, 1)])[0].values == (0,), "in the buffer too")
+        plc.until(lambda: client.request([ParameterAddress(947, 0, 1)])[0].values == (0,), "in the buffer too")
 
 
 def test_warnings_of_the_encoder_and_of_the_gateway_are_in_p953() -> None:
@@ -186,7 +186,7 @@ def test_warnings_of_the_encoder_and_of_the_gateway_are_in_p953() -> None:
         plc.until(lambda: plc.value("ZSW2_ENC") >= 0, "good")
 
         def warnings() -> int:
-            return int(client.request([Address(953)])[0].values[0])
+            return int(client.request([ParameterAddress(953)])[0].values[0])
 
         assert warnings() == 0
         simulated = encoder_of(daemon)
@@ -224,7 +224,7 @@ def test_an_alarm_is_a_fault_until_it_is_gone_and_acknowledged() -> None:
         plc.until(lambda: not has(plc, "ZSW2_ENC", 0x0008), "acknowledged")
         plc.endpoint.set(0, {"STW2_ENC": CONTROL, "G1_STW": G1["REQUEST_ABSOLUTE"]})
         plc.until(lambda: has(plc, "G1_ZSW", STATUS["ABSOLUTE_VALID"]), "measuring again")
-        (counts,) = client.request([Address(947, 8, 1)])
+        (counts,) = client.request([ParameterAddress(947, 8, 1)])
         assert counts.values != (0,), "moved to situation 1"
 
 
@@ -242,7 +242,7 @@ def test_telegram_3_shows_the_drive_s_own_position_as_g1() -> None:
         assert plc.value("G1_XIST2") == plc.value("G1_XIST1")
         plc.endpoint.set(0, {"G1_STW": G1["PRESET"]})
         plc.until(lambda: has(plc, "G1_ZSW", STATUS["ERROR"]) and plc.value("G1_XIST2") == 0x0F01, "no preset")
-        (sensor,) = client.request([Address(979, 2, 1)])
+        (sensor,) = client.request([ParameterAddress(979, 2, 1)])
         assert sensor.values == (4096,)
 
 
@@ -255,7 +255,7 @@ def test_telegram_3_with_another_node_s_encoder_as_g1() -> None:
         plc.endpoint.set(0, {"G1_STW": G1["REQUEST_ABSOLUTE"] | G1["PRESET"]})
         plc.until(lambda: plc.value("G1_XIST2") == 0 and has(plc, "G1_ZSW", STATUS["PRESET_DONE"]), "preset to 0")
         assert encoder_of(daemon).model.position_1 == 0
-        assert client.request([Address(978, 0, 2)])[0].values == (1, 2)
+        assert client.request([ParameterAddress(978, 0, 2)])[0].values == (1, 2)
 
 
 @pytest.mark.parametrize("number", [3, 4, 102])
@@ -295,7 +295,7 @@ def test_telegram_4_with_another_node_s_encoder_as_g2() -> None:
         plc.endpoint.set(0, {"G2_STW": G1["REQUEST_ABSOLUTE"] | G1["PRESET"]})
         plc.until(lambda: plc.value("G2_XIST2") == 0 and has(plc, "G2_ZSW", STATUS["PRESET_DONE"]), "preset to 0")
         assert encoder_of(daemon).model.position_1 == 0
-        first, second = decode_sensor_format(tuple(map(int, client.request([Address(979, 0, 31)])[0].values)))
+        first, second = decode_sensor_format(tuple(map(int, client.request([ParameterAddress(979, 0, 31)])[0].values)))
         assert (first.resolution, second.resolution) == (4096, 4096)
         assert (first.turns, second.turns) == (0, 4096), "the drive's own counts from power-on"
         encoder_of(daemon).inject("position-error")

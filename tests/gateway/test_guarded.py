@@ -13,7 +13,7 @@ from pdgw.ds301.virtual_loop import VirtualLoop
 from pdgw.gateway.parameters.guarded import GUARDED, Check, guard_of
 from pdgw.gateway.parameters.objects import ObjectAccess
 from pdgw.profidrive.datatypes import DataType
-from pdgw.profidrive.parameters.codec import Address, Values
+from pdgw.profidrive.parameters.codec import ParameterAddress, Values
 from pdgw.profidrive.parameters.errors import ParameterErrorNumber as Number
 from pdgw.profidrive.parameters.errors import ParameterRefused
 from pdgw.tools.parameters.client import ParameterClient
@@ -127,7 +127,7 @@ def test_while_a_guarded_object_is_written_the_axis_is_held_and_checked_afterwar
 
 
 def write(client: ParameterClient, index: int, subindex: int, data_type: DataType, value: int) -> Values:
-    (answer,) = client.request([Address(index, subindex, 1 if subindex else 0)], [Values(data_type, (value,))])
+    (answer,) = client.request([ParameterAddress(index, subindex, 1 if subindex else 0)], [Values(data_type, (value,))])
     return answer
 
 

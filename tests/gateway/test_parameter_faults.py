@@ -12,7 +12,7 @@ from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.store import ParameterStore
 from pdgw.peers.drive.family import DRIVE_FAULTS
 from pdgw.profidrive.datatypes import DataType
-from pdgw.profidrive.parameters.codec import Address, Values
+from pdgw.profidrive.parameters.codec import ParameterAddress, Values
 from pdgw.profidrive.parameters.errors import ParameterErrorNumber as Number
 from tests.support.daemon import OFF, Plc, axis, configuration, drive_of, exchanging, serving, until
 from tests.support.daemon import client as client_of
@@ -67,7 +67,7 @@ def test_a_lost_drive_is_told_and_delays_no_answer_of_another_axis() -> None:
         drive_of(daemon).stop()
         until(daemon, lambda: [fault.number for fault in daemon.axes[0].faults][-1:] == [101], "lost")
         assert value(client, 947, 0, 1).values == (101,)
-        answers = client.request([Address(0x6041), Address(947, 0, 1)])
+        answers = client.request([ParameterAddress(0x6041), ParameterAddress(947, 0, 1)])
         assert error(answers[0]) == Number.NOT_EXECUTABLE_IN_STATE
         assert answers[1].values == (101,), "the others of the request are served"
         client.do_id = 2
@@ -88,7 +88,7 @@ def test_a_drive_that_does_not_answer_in_time_is_error_11_and_a_second_request_m
 
         monkeypatch.setattr(daemon.axes[0].drive, "read", slow)
         answers: list[Values] = []
-        asking = daemon.loop.spawn(lambda: answers.extend(client.request([Address(0x6041)] * 3)), "asking")
+        asking = daemon.loop.spawn(lambda: answers.extend(client.request([ParameterAddress(0x6041)] * 3)), "asking")
         until(daemon, entered.is_set, "at work")
         with client_of(daemon, client.address, 1) as other, pytest.raises(GatewayError, match="state conflict"):
             other.write_record(0xB02F, bytes.fromhex("01 01 01 01 10 00 03 C5 00 00"))

@@ -10,7 +10,7 @@ import pytest
 from pdgw.ds301.aborts import ABORT_TEXTS, Abort
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
-from pdgw.profidrive.parameters.codec import Address, decode_response
+from pdgw.profidrive.parameters.codec import ParameterAddress, decode_response
 from pdgw.profidrive.parameters.errors import ParameterErrorNumber as Number
 from pdgw.profinet.rpc import identification
 from pdgw.tools.parameters.client import ParameterClient
@@ -69,7 +69,7 @@ def test_local_access_means_the_axis_of_the_slot() -> None:
 
 def test_a_response_that_does_not_fit_says_so_and_the_rest_is_there(shared: tuple[Daemon, ParameterClient]) -> None:
     _, client = shared
-    addresses = [Address(949, 0, 64)] * 20
+    addresses = [ParameterAddress(949, 0, 64)] * 20
     answers = client.request(addresses)
     failed = [answer.failed for answer in answers]
     assert failed == [False] * 15 + [True] * 5

@@ -18,7 +18,7 @@ from pdgw.gateway.reasons import FaultNumber
 from pdgw.gateway.status import snapshot
 from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.parameters.catalogue import LIST_PNUS, PARAMETERS, Scope
-from pdgw.profidrive.parameters.codec import Address, Attribute, Values
+from pdgw.profidrive.parameters.codec import Attribute, ParameterAddress, Values
 from pdgw.profidrive.parameters.description import Description
 from pdgw.profidrive.parameters.errors import ParameterErrorNumber as Number
 from pdgw.tools.parameters.client import ParameterClient
@@ -125,7 +125,7 @@ def test_every_parameter_of_an_axis_is_there_with_type_description_and_place_in_
     follower = LIST_PNUS[0]
     while follower:
         description = Description.decode(
-            bytes(client.request([Address(follower, 0, 0, Attribute.DESCRIPTION)])[0].values)  # type: ignore[arg-type]
+            bytes(client.request([ParameterAddress(follower, 0, 0, Attribute.DESCRIPTION)])[0].values)  # type: ignore[arg-type]
         )
         *pnus, next_list = value(client, follower, 0, description.count).values
         listed += [int(pnu) for pnu in pnus]
@@ -135,7 +135,7 @@ def test_every_parameter_of_an_axis_is_there_with_type_description_and_place_in_
     assert {0x6041, 0x1018, 0x2003} <= set(listed)
     for pnu in sorted(expected):
         spec = PARAMETERS[pnu]
-        (raw,) = client.request([Address(pnu, 0, 0, Attribute.DESCRIPTION)])
+        (raw,) = client.request([ParameterAddress(pnu, 0, 0, Attribute.DESCRIPTION)])
         description = Description.decode(bytes(raw.values))  # type: ignore[arg-type]
         assert (description.type, description.name, description.array) == (spec.type, spec.name, spec.array), pnu
         assert description.writable == spec.writable, pnu
@@ -172,15 +172,15 @@ def test_identification_of_unit_and_drive_object(shared: tuple[Daemon, Parameter
 def test_elements_of_a_description_and_texts_of_a_word(shared: tuple[Daemon, ParameterClient]) -> None:
     _, client = shared
     identifier, count, name, low, high = client.request(
-        [Address(922, element, 0, Attribute.DESCRIPTION) for element in (1, 2, 6, 7, 8)]
+        [ParameterAddress(922, element, 0, Attribute.DESCRIPTION) for element in (1, 2, 6, 7, 8)]
     )
     assert identifier.values == (0x0106,), "Unsigned16, not standardised, writable"
     assert count.values == (0,)
     assert bytes(name.values).rstrip() == b"Telegram"  # type: ignore[arg-type]
     assert (low.values, high.values) == (b"\0\0\0\1", b"\0\0\xff\xff")
-    (read_only,) = client.request([Address(945, 1, 0, Attribute.DESCRIPTION)])
+    (read_only,) = client.request([ParameterAddress(945, 1, 0, Attribute.DESCRIPTION)])
     assert read_only.values == (0x4306,), "Unsigned16, not standardised, read-only, array"
-    (texts,) = client.request([Address(968, 2, 2, Attribute.TEXT)])
+    (texts,) = client.request([ParameterAddress(968, 2, 2, Attribute.TEXT)])
     assert texts.values == b"operation enable" + b"fault".ljust(16)
 
 
@@ -199,7 +199,7 @@ def test_every_object_of_the_catalogue_reads_with_the_type_of_the_eds(shared: tu
     _, client = shared
     entries = list(DRIVE_OBJECTS.entries)
     for entry in entries:
-        (answer,) = client.request([Address(entry.index, entry.subindex, 1)])
+        (answer,) = client.request([ParameterAddress(entry.index, entry.subindex, 1)])
         assert not answer.failed, (str(entry), answer.text)
         prefix = {"U": "UNSIGNED", "I": "INTEGER"}[entry.type.name[0]]
         assert answer.format.name == f"{prefix}{entry.type.bits}", str(entry)

@@ -14,7 +14,7 @@ from pdgw.gateway.motion.wishes import PositionerChoices
 from pdgw.gateway.positioner_config import SIMULATED, BlockConfig, PositionerConfig
 from pdgw.gateway.positioner_parameters import BLOCK_ITEMS, ITEMS, LIMIT_KEYS, PositionerValues, row_of
 from pdgw.profidrive.datatypes import DataType
-from pdgw.profidrive.parameters.codec import Address, Values
+from pdgw.profidrive.parameters.codec import ParameterAddress, Values
 from pdgw.profidrive.parameters.errors import ParameterErrorNumber as Number
 from pdgw.tools.parameters.client import ParameterClient
 from tests.support.daemon import Plc, axis, configuration, exchanging, serving
@@ -43,14 +43,14 @@ def choices(daemon: Daemon) -> PositionerChoices:
 
 
 def read(client: ParameterClient, pnu: int, subindex: int = 0, elements: int = 0) -> int:
-    (answer,) = client.request([Address(pnu, subindex, elements)])
+    (answer,) = client.request([ParameterAddress(pnu, subindex, elements)])
     assert not answer.failed, answer.text
     return int(answer.values[0])
 
 
 def write(client: ParameterClient, pnu: int, value: int, block: int | None = None) -> Values:
     spec = (ITEMS | BLOCK_ITEMS)[pnu].spec
-    address = Address(pnu, 0, 0) if block is None else Address(pnu, block, 1)
+    address = ParameterAddress(pnu, 0, 0) if block is None else ParameterAddress(pnu, block, 1)
     (answer,) = client.request([address], [Values(spec.type, (value,))])
     return answer
 
@@ -133,7 +133,7 @@ def test_what_is_refused_changes_nothing() -> None:
         assert error(write(client, 2571, 0)) == Number.LIMIT_EXCEEDED
         assert error(write(client, 2580, 1_000_000)) == Number.VALUE_IMPERMISSIBLE
         assert error(write(client, 2616, 8, block=9)) == Number.VALUE_IMPERMISSIBLE
-        (answer,) = client.request([Address(2617, 128, 1)])
+        (answer,) = client.request([ParameterAddress(2617, 128, 1)])
         assert error(answer) == Number.FAULTY_SUBINDEX
         assert choices(daemon) == before
 
@@ -162,16 +162,16 @@ def test_in_operation_nothing_is_written() -> None:
 
 def test_an_axis_without_a_positioner_has_none_of_them() -> None:
     with serving(configuration(axis(1))) as (_, client):
-        (answer,) = client.request([Address(2571, 0, 0)])
+        (answer,) = client.request([ParameterAddress(2571, 0, 0)])
         assert answer.failed
 
 
 def test_the_parameters_are_in_the_list_and_described() -> None:
     with serving(CONFIG) as (_, client):
-        (listed,) = client.request([Address(980, 0, 99)])
+        (listed,) = client.request([ParameterAddress(980, 0, 99)])
         pages = [int(number) for number in listed.values]
         while pages[-1]:
-            (listed,) = client.request([Address(pages.pop(), 0, 99)])
+            (listed,) = client.request([ParameterAddress(pages.pop(), 0, 99)])
             pages += [int(number) for number in listed.values]
         assert {*ITEMS, *BLOCK_ITEMS} <= set(pages)
         assert DataType.INTEGER32 is ITEMS[2580].spec.type

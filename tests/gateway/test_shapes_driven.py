@@ -17,7 +17,7 @@ from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.reasons import FaultNumber, Reason
 from pdgw.gateway.status import snapshot
 from pdgw.peers.drive import SimulatedDrive, shape
-from pdgw.profidrive.parameters.codec import Address
+from pdgw.profidrive.parameters.codec import ParameterAddress
 from pdgw.tools.parameters.session import Session
 from tests.support.daemon import OFF, Plc, axis, configuration, running, serving, until, world_of
 from tests.support.sensor_format import decode_sensor_format
@@ -259,7 +259,7 @@ def test_parameters_tell_of_a_drive_only_what_its_own_family_has(
     name: str, resolution: int | None, code: int, object_: tuple[str, str], unit: str
 ) -> None:
     with serving(configuration(axis(1, more="")), connect=lambda daemon: _drive(daemon, name)) as (_, client):
-        codes, sensors = client.request([Address(946, 5, 1), Address(979, 0, 31)])
+        codes, sensors = client.request([ParameterAddress(946, 5, 1), ParameterAddress(979, 0, 31)])
         assert codes.values == (code,)
         (sensor,) = decode_sensor_format(tuple(map(int, sensors.values)))
         assert (sensor.valid, sensor.resolution) == (resolution is not None, resolution or 0)

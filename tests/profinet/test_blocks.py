@@ -170,7 +170,7 @@ def test_a_block_is_byte_for_byte_what_scapy_builds_and_reads_back(block: Block)
 
 
 def test_control_blocks_are_what_scapy_builds() -> None:
-    ours = control.PrmEndReq(ar_uuid=AR_UUID, session_key=7, command=control.Command.PRM_END)
+    ours = control.PrmEndReq(ar_uuid=AR_UUID, session_key=7, command=control.ControlCommand.PRM_END)
     theirs = pnio_rpc.IODControlReq(
         block_type=0x0110, ARUUID=str(AR_UUID), SessionKey=7, ControlCommand_PrmEnd=1, ControlBlockProperties=0
     )

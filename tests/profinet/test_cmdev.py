@@ -15,7 +15,7 @@ from pdgw.profinet import apmx, cmdev
 from pdgw.profinet.apmx import PduType
 from pdgw.profinet.blocks.alarm import Priority
 from pdgw.profinet.blocks.connect import IocrType, ModuleDiffBlock
-from pdgw.profinet.blocks.control import ApplicationReadyRes, Command, PrmBeginReq, PrmEndReq, ReleaseReq
+from pdgw.profinet.blocks.control import ApplicationReadyRes, ControlCommand, PrmBeginReq, PrmEndReq, ReleaseReq
 from pdgw.profinet.cmdev import (
     ABORTS,
     READY_ATTEMPTS,
@@ -261,9 +261,9 @@ def control(caller: Caller, block: PrmEndReq | PrmBeginReq | ReleaseReq, operati
     return caller.call(block.encode(), operation)[0]
 
 
-PRM_END = PrmEndReq(ar_uuid=AR_UUID, session_key=1, command=Command.PRM_END)
-PRM_BEGIN = PrmBeginReq(ar_uuid=AR_UUID, session_key=1, command=Command.PRM_BEGIN)
-RELEASE = ReleaseReq(ar_uuid=AR_UUID, session_key=1, command=Command.RELEASE)
+PRM_END = PrmEndReq(ar_uuid=AR_UUID, session_key=1, command=ControlCommand.PRM_END)
+PRM_BEGIN = PrmBeginReq(ar_uuid=AR_UUID, session_key=1, command=ControlCommand.PRM_BEGIN)
+RELEASE = ReleaseReq(ar_uuid=AR_UUID, session_key=1, command=ControlCommand.RELEASE)
 
 
 def test_application_ready_is_repeated_and_then_the_relationship_ends() -> None:
@@ -441,9 +441,11 @@ def test_a_service_in_the_wrong_state_is_refused_and_the_relationship_untouched(
 
 def test_a_damaged_control_or_release_names_its_field() -> None:
     caller = connected_by_hand()
-    wrong = replace(PRM_END, command=Command.RELEASE)
+    wrong = replace(PRM_END, command=ControlCommand.RELEASE)
     assert control(caller, wrong, Operation.CONTROL) == PnioStatus(0xDD, 0x81, 0x14, 8)
-    assert control(caller, replace(RELEASE, command=Command.DONE), Operation.RELEASE) == PnioStatus(0xDC, 0x81, 0x28, 8)
+    assert control(caller, replace(RELEASE, command=ControlCommand.DONE), Operation.RELEASE) == PnioStatus(
+        0xDC, 0x81, 0x28, 8
+    )
     assert caller.call(RELEASE.encode()[:-1], Operation.RELEASE)[0] == PnioStatus(0xDC, 0x81, 0x28, 1)
     assert caller.call(RELEASE.encode(), Operation.CONTROL)[0] == PnioStatus(0xDD, 0x81, 0x40, 0x01)
 
@@ -456,7 +458,7 @@ def test_only_the_controllers_own_answer_confirms_application_ready() -> None:
     assert item is not None
     assert item.state is State.CONFIRMING
     ar = item.plan.ar
-    right = ApplicationReadyRes(ar_uuid=ar.ar_uuid, session_key=ar.session_key, command=Command.DONE)
+    right = ApplicationReadyRes(ar_uuid=ar.ar_uuid, session_key=ar.session_key, command=ControlCommand.DONE)
     header = dcerpc.RpcHeader(dcerpc.PacketType.RESPONSE, INITIATOR, item.activity, 0, cmdev.CONTROL_OPERATION)
 
     def confirm(host: str, header: dcerpc.RpcHeader, body: bytes) -> None:
@@ -476,7 +478,12 @@ def test_only_the_controllers_own_answer_confirms_application_ready() -> None:
 
 @pytest.mark.parametrize(
     ("status", "changes"),
-    [(0xDD814006, {}), (0, {"session_key": 2}), (0, {"ar_uuid": UUID(int=8)}), (0, {"command": Command.RELEASE})],
+    [
+        (0xDD814006, {}),
+        (0, {"session_key": 2}),
+        (0, {"ar_uuid": UUID(int=8)}),
+        (0, {"command": ControlCommand.RELEASE}),
+    ],
     ids=["error", "session", "AR", "command"],
 )
 def test_a_controller_whose_answer_does_not_confirm_is_given_up(status: int, changes: dict[str, Any]) -> None:
@@ -485,7 +492,7 @@ def test_a_controller_whose_answer_does_not_confirm_is_given_up(status: int, cha
     wire = caller.wire
     item = wire.device.relation
     assert item is not None
-    right = ApplicationReadyRes(ar_uuid=AR_UUID, session_key=item.plan.ar.session_key, command=Command.DONE)
+    right = ApplicationReadyRes(ar_uuid=AR_UUID, session_key=item.plan.ar.session_key, command=ControlCommand.DONE)
     header = RpcHeader(PacketType.RESPONSE, INITIATOR, item.activity, 0, cmdev.CONTROL_OPERATION)
     body = encode_arguments(status, replace(right, **changes).encode(), 4096, little=True)
     wire.device.on_datagram(dcerpc.encode_packet(header, body), (PLC_IP, 1), 0)

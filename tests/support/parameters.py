@@ -6,7 +6,7 @@ from contextlib import AbstractContextManager
 
 from pdgw.gateway.daemon import Daemon
 from pdgw.profidrive.datatypes import DataType
-from pdgw.profidrive.parameters.codec import Address, Values
+from pdgw.profidrive.parameters.codec import ParameterAddress, Values
 from pdgw.tools.parameters.client import ParameterClient
 from tests.support.daemon import configuration, serving
 
@@ -16,7 +16,7 @@ def gateway(axes: str, *, transport: str = "") -> AbstractContextManager[tuple[D
 
 
 def value(client: ParameterClient, pnu: int, subindex: int = 0, elements: int = 0) -> Values:
-    (answer,) = client.request([Address(pnu, subindex, elements)])
+    (answer,) = client.request([ParameterAddress(pnu, subindex, elements)])
     return answer
 
 
@@ -27,7 +27,7 @@ def number(client: ParameterClient, pnu: int, subindex: int = 0, elements: int =
 
 
 def write(client: ParameterClient, pnu: int, content: Values, subindex: int = 0, elements: int = 0) -> Values:
-    (answer,) = client.request([Address(pnu, subindex, elements)], [content])
+    (answer,) = client.request([ParameterAddress(pnu, subindex, elements)], [content])
     return answer
 
 

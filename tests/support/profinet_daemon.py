@@ -18,7 +18,7 @@ from pdgw.peers.controller.controller import IoController, Phase
 from pdgw.peers.controller.project import Project
 from pdgw.peers.world import World
 from pdgw.profidrive.telegrams import telegram
-from pdgw.profinet.blocks.control import Command, PrmBeginReq
+from pdgw.profinet.blocks.control import ControlCommand, PrmBeginReq
 from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
 from pdgw.profinet.rpc.records import Operation
 from pdgw.profinet.station import Identity, Station
@@ -165,7 +165,7 @@ def plant(config: GatewayConfig, *, data_hold: int = 100) -> Iterator[Plant]:
 def parameterise_anew(site: Plant) -> None:
     """The controller goes on sending, and nothing of it counts until it is done."""
     plc = site.plc
-    block = PrmBeginReq(ar_uuid=plc.ar_uuid, session_key=plc.session, command=Command.PRM_BEGIN)
+    block = PrmBeginReq(ar_uuid=plc.ar_uuid, session_key=plc.session, command=ControlCommand.PRM_BEGIN)
     plc._send_call(Operation.CONTROL, block.encode(), lambda status, arguments, now: None, site.loop.now())
 
 

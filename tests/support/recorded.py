@@ -10,7 +10,7 @@ from pathlib import Path
 
 from pdgw.decoder.capture.pcapng_file import PcapngWriter
 from pdgw.decoder.engine import Settings, given_axes
-from pdgw.decoder.records import Link
+from pdgw.decoder.records import LinkType
 from pdgw.ds301.nmt import NmtCommand
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.objects import DRIVE_OBJECTS
@@ -76,9 +76,9 @@ class Frames:
         ``waited``: frames of the PLC that had come so many nanoseconds before, which is the time they have.
         """
         before = waited or {}
-        packets = [(now, now - before.get(data, 0), Link.ETHERNET, MACS + data) for now, data in self.plc]
-        packets += [(now, now, Link.ETHERNET, MACS + data) for now, data in self.answers]
-        packets += [(now, now, Link.CAN_SOCKETCAN, captures.socketcan_packet(i, data)) for now, i, data in self.can]
+        packets = [(now, now - before.get(data, 0), LinkType.ETHERNET, MACS + data) for now, data in self.plc]
+        packets += [(now, now, LinkType.ETHERNET, MACS + data) for now, data in self.answers]
+        packets += [(now, now, LinkType.CAN_SOCKETCAN, captures.socketcan_packet(i, data)) for now, i, data in self.can]
         path = folder / "gateway.pcapng"
         writer = PcapngWriter(path, "the configuration")
         for _, came, link, data in sorted(packets, key=lambda item: item[0]):

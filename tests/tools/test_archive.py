@@ -15,7 +15,7 @@ import typer
 
 from pdgw.decoder.capture.archive import ArchiveOptions, Part, captures_of, is_data_set, write_part
 from pdgw.decoder.capture.pcapng_file import PcapngWriter
-from pdgw.decoder.records import Link
+from pdgw.decoder.records import LinkType
 from pdgw.gateway.config_example import simulated
 from pdgw.gateway.config_file import config_text
 from pdgw.gateway.errors import GatewayError
@@ -51,7 +51,7 @@ def test_a_capture_with_its_configuration_is_known_by_it(tmp_path: Path, text: s
     path = tmp_path / "x.pcapng"
     writer = PcapngWriter(path, text)
     for time_ns, link, data in PACKETS:
-        writer.write(Link(link), "plc" if link == captures.ETHERNET else "can0", time_ns, data)
+        writer.write(LinkType(link), "plc" if link == captures.ETHERNET else "can0", time_ns, data)
     writer.close()
     part = write_part(str(path), tmp_path / "set", ArchiveOptions(("NSOLL_A",)))
     assert not part.error

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 from pdgw.durations import MS
 from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.datatypes import DataType
-from pdgw.profidrive.parameters.codec import Address, Values
+from pdgw.profidrive.parameters.codec import ParameterAddress, Values
 from pdgw.profinet.blocks.connect import ArType
 from pdgw.profinet.rpc import identification
 from pdgw.profinet.rpc.dcerpc import object_uuid
@@ -39,10 +39,10 @@ def test_parameters_are_read_beside_the_controller_and_the_relationship_ends_wit
         client.connect()
         kinds = [item.plan.ar.ar_type for item in site.link.device.cm.relations.values()]
         assert kinds == [ArType.IO, ArType.DEVICE_ACCESS]
-        profile, telegram = client.request([Address(965), Address(922)])
+        profile, telegram = client.request([ParameterAddress(965), ParameterAddress(922)])
         assert (list(profile.values), list(telegram.values)) == ([0x0329], [1])
         client.do_id = 2
-        assert list(client.request([Address(922)])[0].values) == [1]
+        assert list(client.request([ParameterAddress(922)])[0].values) == [1]
     site.run(20 * MS)
     assert len(site.link.device.cm.relations) == 1
     assert site.link.connected
@@ -61,7 +61,7 @@ def test_the_station_says_whose_device_it_is_wherever_it_is_asked(tmp_path: Path
             client.connect()
             for do_id, pnu in ((0, 964), (0, 975), (1, 975)):
                 client.do_id = do_id
-                (found,) = client.request([Address(pnu, 0, 2)])
+                (found,) = client.request([ParameterAddress(pnu, 0, 2)])
                 assert list(found.values) == [0x0123, 0x0456]
         assert site.link.device.cm._object == object_uuid(1, 0x0456, 0x0123)
 
@@ -77,7 +77,7 @@ def test_writing_needs_the_stations_permission(site: Plant) -> None:
     with ParameterClient(STATION, 1, channel=PlantChannel(site)) as client:
         client.connect()
         with pytest.raises(GatewayError, match="record B02Fh not written: access denied"):
-            client.request([Address(925)], [Values(DataType.UNSIGNED16, (5,))])
+            client.request([ParameterAddress(925)], [Values(DataType.UNSIGNED16, (5,))])
 
 
 def test_a_station_with_as_many_accesses_as_it_has_refuses_with_its_reason(site: Plant) -> None:
@@ -92,7 +92,7 @@ def test_a_station_with_as_many_accesses_as_it_has_refuses_with_its_reason(site:
 def test_without_a_connect_the_station_refuses_the_records(site: Plant) -> None:
     client = ParameterClient(STATION, 1, channel=PlantChannel(site))
     with pytest.raises(GatewayError):
-        client.request([Address(965)])
+        client.request([ParameterAddress(965)])
 
 
 def test_the_command_asks_a_station(site: Plant, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -10,7 +10,7 @@ import pytest
 from pdgw.decoder.capture.pcapng_file import PcapngWriter, can_packet, configuration_in, udp_packet
 from pdgw.decoder.capture.source import open_source
 from pdgw.decoder.engine import Decoder, Packet, Settings, given_axes
-from pdgw.decoder.records import CyclicRecord, Link
+from pdgw.decoder.records import CyclicRecord, LinkType
 from pdgw.gateway.config_example import example, simulated
 from pdgw.gateway.config_file import config_text, parse_config
 from pdgw.gateway.errors import GatewayError
@@ -87,8 +87,8 @@ def test_what_is_written_is_read_again(tmp_path: Path) -> None:
     frame = speed().frames.plc[0][1]
     writer = PcapngWriter(path, "a" * 70_000)
     datagram = udp_packet(("192.168.0.10", 50000), ("192.168.0.5", 34962), frame)
-    writer.write(Link.ETHERNET, "plc", 1_700_000_000_123_456_789, datagram)
-    writer.write(Link.CAN_SOCKETCAN, "can0", 1_700_000_000_123_456_790, b"\0\0\x01\x81\x02\0\0\0\x31\x02")
+    writer.write(LinkType.ETHERNET, "plc", 1_700_000_000_123_456_789, datagram)
+    writer.write(LinkType.CAN_SOCKETCAN, "can0", 1_700_000_000_123_456_790, b"\0\0\x01\x81\x02\0\0\0\x31\x02")
     writer.close()
     with open_source(str(path)) as source:
         packets = [packet for packet in source.packets if isinstance(packet, Packet)]
@@ -104,7 +104,7 @@ def test_decode_knows_the_axes_of_a_capture_that_has_its_configuration(
     path = tmp_path / "x.pcapng"
     writer = PcapngWriter(path, config_text(simulated([1])))
     datagram = udp_packet(("192.168.0.10", 50000), ("192.168.0.5", 34962), speed().frames.plc[0][1])
-    writer.write(Link.ETHERNET, "plc", 1_700_000_000_123_456_789, datagram)
+    writer.write(LinkType.ETHERNET, "plc", 1_700_000_000_123_456_789, datagram)
     writer.close()
     decode([str(path)])
     shown = capsys.readouterr()
@@ -120,7 +120,7 @@ def test_tshark_reads_frames_checksums_and_comment(tmp_path: Path) -> None:
     path = tmp_path / "x.pcapng"
     writer = PcapngWriter(path, "[can]\n")
     datagram = udp_packet(("10.255.255.255", 40000), ("10.0.0.2", 34962), speed().frames.plc[0][1])
-    writer.write(Link.ETHERNET, "plc", 1_700_000_000_000_000_000, datagram)
+    writer.write(LinkType.ETHERNET, "plc", 1_700_000_000_000_000_000, datagram)
     writer.close()
     (row,) = tshark.fields(path, ["pn_rt.frame_id", "ip.checksum.status"], ["-o", "ip.check_checksum:TRUE"])
     assert (int(row["pn_rt.frame_id"], 0), row["ip.checksum.status"]) == (0xC001, "1")
@@ -160,7 +160,7 @@ def test_can_frames_keep_their_kind(tmp_path: Path) -> None:
 def test_a_full_recording_is_put_aside_and_the_oldest_go(tmp_path: Path) -> None:
     captures = Captures(tmp_path, config_text(simulated([1])), size=2000, files=2)
     for number in range(200):
-        captures.write(Link.CAN_SOCKETCAN, "can0", number, can_packet(0x181, number.to_bytes(8, "big")))
+        captures.write(LinkType.CAN_SOCKETCAN, "can0", number, can_packet(0x181, number.to_bytes(8, "big")))
     captures.close()
     files = sorted(tmp_path.glob("gateway-*.pcapng"), key=lambda path: path.stat().st_mtime_ns)
     assert len(files) == 2
@@ -178,10 +178,10 @@ def test_a_full_recording_is_put_aside_and_the_oldest_go(tmp_path: Path) -> None
 def test_a_recording_that_somebody_took_away_is_followed_by_another(tmp_path: Path) -> None:
     captures = Captures(tmp_path, config_text(simulated([1])), size=2000, files=2)
     packet = can_packet(0x181, bytes(8))
-    captures.write(Link.CAN_SOCKETCAN, "can0", 1, packet)
+    captures.write(LinkType.CAN_SOCKETCAN, "can0", 1, packet)
     (tmp_path / CAPTURE).unlink()
     while not (tmp_path / CAPTURE).exists():
-        captures.write(Link.CAN_SOCKETCAN, "can0", 2, packet)
+        captures.write(LinkType.CAN_SOCKETCAN, "can0", 2, packet)
     captures.close()
     assert parse_config(configuration_in(tmp_path / CAPTURE)) == simulated([1])
     assert list(tmp_path.glob("gateway-*.pcapng")) == []

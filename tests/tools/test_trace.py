@@ -14,7 +14,7 @@ import pytest
 from pdgw.decoder.capture.pcapng_file import configuration_in
 from pdgw.decoder.capture.source import open_source
 from pdgw.decoder.engine import Packet
-from pdgw.decoder.records import Link
+from pdgw.decoder.records import LinkType
 from pdgw.durations import SECOND
 from pdgw.gateway.config_file import parse_config
 from pdgw.gateway.config_surroundings import Trigger
@@ -287,7 +287,7 @@ def test_a_profinet_gateways_trace_has_its_ethernet_frames(tmp_path: Path) -> No
             save(reader, tmp_path / "x.pcapng")
     with open_source(str(tmp_path / "x.pcapng")) as source:
         found = {
-            packet.data for packet in source.packets if isinstance(packet, Packet) and packet.link == Link.ETHERNET
+            packet.data for packet in source.packets if isinstance(packet, Packet) and packet.link == LinkType.ETHERNET
         }
     sent = {frame[18:] for _, frame in plant.frames if frame[:6] == DEVICE_MAC}
     # What the controller sent is there to the byte, but for the tag in front, which the kernel takes off.

@@ -14,7 +14,7 @@ from prometheus_client.parser import text_string_to_metric_families
 
 from pdgw.gateway.reasons import AxisState, FaultNumber, Reason
 from pdgw.gateway.transport.cyclic import Verdict
-from pdgw.profidrive.parameters.codec import Address
+from pdgw.profidrive.parameters.codec import ParameterAddress
 from pdgw.web.metrics import exposition
 from pdgw.web.watch import Watch
 from tests.support.daemon import Plc, axis, configuration, drive_of, running, serving
@@ -130,9 +130,9 @@ def test_requests_and_refusals_beside_the_exchange_are_counted() -> None:
     gateway = ShownGateway()
     with serving(configuration(axis(1))) as (daemon, client):
         aborts = daemon.axes[0].client.sdo_aborts
-        client.request([Address(922)])
-        client.request([Address(0x5FFF)])
-        client.request([Address(922), Address(0x2FFE, 9, 1)])
+        client.request([ParameterAddress(922)])
+        client.request([ParameterAddress(0x5FFF)])
+        client.request([ParameterAddress(922), ParameterAddress(0x2FFE, 9, 1)])
         gateway.show(daemon)
         watch = Watch(daemon.config, gateway)
         look(watch)

@@ -16,7 +16,7 @@ import pytest
 from starlette.routing import Route
 
 from pdgw.decoder.capture.pcap import read_capture
-from pdgw.decoder.records import Link
+from pdgw.decoder.records import LinkType
 from pdgw.gateway.reasons import Reason
 from pdgw.gateway.trace.recorder import FlightRecorder
 from pdgw.web.app import READS_PER_S, Allowance, Interface
@@ -414,7 +414,7 @@ def test_the_last_seconds_of_both_buses_are_a_capture(turning: Turning, tmp_path
     file.write_bytes(turning.page.get("/api/v1/capture?seconds=1").read())
     with file.open("rb") as stream:
         links = {packet.link for packet in read_capture(stream, "page")}
-    assert links == {Link.CAN_SOCKETCAN, Link.ETHERNET}
+    assert links == {LinkType.CAN_SOCKETCAN, LinkType.ETHERNET}
     archive = zipfile.ZipFile(io.BytesIO(turning.page.get("/api/v1/support").read()))
     assert archive.read("capture.pcapng")[:4] == b"\x0a\x0d\x0d\x0a"
 

@@ -12,7 +12,7 @@ from types import SimpleNamespace
 from typing import BinaryIO
 
 from pdgw.decoder.capture.pcapng_file import udp_packet
-from pdgw.decoder.records import Link
+from pdgw.decoder.records import LinkType
 from pdgw.ds301.pdo import Pdo
 from pdgw.dsp402.pdo import LAYOUTS, Operation
 from pdgw.durations import MS, SECOND
@@ -83,7 +83,7 @@ def write_capture(path: Path, packets: int) -> None:
 def _write(file: BinaryIO, packets: int) -> None:
     file.write(block(0x0A0D0D0A, struct.pack("<IHHq", 0x1A2B3C4D, 1, 0, -1)))
     nanoseconds = struct.pack("<HHB3xI", 9, 1, 9, 0)
-    for link in (Link.ETHERNET, Link.CAN_SOCKETCAN):
+    for link in (LinkType.ETHERNET, LinkType.CAN_SOCKETCAN):
         file.write(block(1, struct.pack("<HHI", link, 0, 0) + nanoseconds))
     for number, (interface, data) in zip(range(packets), _cycles(), strict=False):
         time_ns = _BEGIN_NS + number * _CYCLE_NS // 4
@@ -107,7 +107,7 @@ def write_recording(folder: Path, seconds: int) -> list[str]:
     rpdo, tpdo = layouts.rpdos[0], layouts.tpdos[0]
     plc, can = folder / "plc.pcap", folder / "can.log"
     with plc.open("wb") as packets, can.open("w", encoding="ascii") as log:
-        packets.write(struct.pack("<IHHiIII", 0xA1B23C4D, 2, 4, 0, 0, 0x40000, Link.ETHERNET))
+        packets.write(struct.pack("<IHHiIII", 0xA1B23C4D, 2, 4, 0, 0, 0x40000, LinkType.ETHERNET))
         for cycle in range(seconds * _CYCLES_PER_SECOND):
             now = _BEGIN_NS + cycle * RECORDING_CYCLE_NS
             since_on = cycle % _CYCLES_PER_SECOND - _ON_AT

@@ -14,7 +14,7 @@ from contextlib import closing
 from dataclasses import dataclass
 
 from pdgw.durations import MS, SECOND
-from pdgw.profidrive.parameters.codec import Address
+from pdgw.profidrive.parameters.codec import ParameterAddress
 from pdgw.tools.bench.dialogues import PlcDialogue
 from pdgw.tools.bench.measure import Latency
 from pdgw.tools.bench.phases import Phases
@@ -24,7 +24,13 @@ from pdgw.tools.parameters.client import ParameterClient
 
 AXES = 4
 PERIOD_NS = MS
-_MIX = [Address(0x6041), Address(0x606C), Address(965), Address(947, 0, 8), Address(0x1018, 1, 4)]
+_MIX = [
+    ParameterAddress(0x6041),
+    ParameterAddress(0x606C),
+    ParameterAddress(965),
+    ParameterAddress(947, 0, 8),
+    ParameterAddress(0x1018, 1, 4),
+]
 """Statusword, velocity, profile, faults, identity: some answered by the gateway, most by the drive."""
 
 

@@ -10,7 +10,7 @@ from typing import Any
 
 from pdgw.decoder.capture.source import open_source
 from pdgw.decoder.engine import Decoder
-from pdgw.decoder.records import Unit
+from pdgw.decoder.records import ProcessData
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.frame import IOPS_GOOD
@@ -41,7 +41,7 @@ class _Seen:
     values: list[dict[str, int]] = field(default_factory=list)
     sampled_ns: int = -_SAMPLE_NS
 
-    def take(self, unit: Unit, now_ns: int) -> None:
+    def take(self, unit: ProcessData, now_ns: int) -> None:
         """An axis' part of a frame; what is marked bad is no value."""
         if unit.layout.direction is Direction.ACTUAL and not (unit.iops or 0) & IOPS_GOOD:
             return

@@ -15,7 +15,7 @@ from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.parameters.codec import (
     ZERO,
-    Address,
+    ParameterAddress,
     Request,
     RequestId,
     Response,
@@ -240,7 +240,7 @@ class ParameterClient:
             self._channel.sleep(pause)
             pause = min(2 * pause, _LONGEST_POLL_S)
 
-    def request(self, addresses: list[Address], values: list[Values] | None = None) -> list[Values]:
+    def request(self, addresses: list[ParameterAddress], values: list[Values] | None = None) -> list[Values]:
         """Read (or with ``values`` change) up to 39 parameters; one value area for each.
 
         In a positive change the areas are those of Zero. GatewayError for an answer that does not belong to the request.

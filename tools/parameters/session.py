@@ -16,7 +16,7 @@ from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.parameters.catalogue import ENCODER_IDENTIFICATION, LIST_PNUS, OBJECT_PNUS, PARAMETERS
-from pdgw.profidrive.parameters.codec import MAX_ELEMENTS, MAX_PARAMETERS, Address, Attribute, Values
+from pdgw.profidrive.parameters.codec import MAX_ELEMENTS, MAX_PARAMETERS, Attribute, ParameterAddress, Values
 from pdgw.profidrive.parameters.description import Description
 from pdgw.profidrive.parameters.errors import ParameterErrorNumber, error_text
 from pdgw.profidrive.parameters.pnu import Pnu
@@ -79,7 +79,7 @@ def address_text(pnu: int, subindex: int | None = None) -> str:
     return name if subindex is None else f"{name}.{subindex}"
 
 
-def elements_of(address: Address, answer: Values) -> list[Element]:
+def elements_of(address: ParameterAddress, answer: Values) -> list[Element]:
     """The elements an answer brought, or its one error."""
     pnu, subindex = address.pnu, address.subindex
     if answer.failed:
@@ -104,7 +104,7 @@ class Session:
     def is_encoder(self) -> bool:
         """By its profile identification (P965)."""
         if self._is_encoder is None:
-            (answer,) = self.client.request([Address(Pnu.PROFILE)])
+            (answer,) = self.client.request([ParameterAddress(Pnu.PROFILE)])
             self._is_encoder = answer.values == ENCODER_IDENTIFICATION.to_bytes(2, "big")
         return self._is_encoder
 
@@ -112,7 +112,7 @@ class Session:
     def drive_objects(self) -> Mapping[tuple[int, int], Entry]:
         """The objects of the profile and of the families the drive may be of, by its identity 1018h."""
         if not self._drive_objects:
-            answers = self.client.request([Address(IDENTITY, subindex, 1) for subindex in (1, 2)])
+            answers = self.client.request([ParameterAddress(IDENTITY, subindex, 1) for subindex in (1, 2)])
             vendor, product = (None if answer.failed else int(answer.values[0]) for answer in answers)
             families = families_of(vendor, product or 0)
             profile = with_units(DRIVE_OBJECTS.entries, families)
@@ -141,7 +141,7 @@ class Session:
         missing = [pnu for pnu in dict.fromkeys(pnus) if pnu not in self._descriptions]
         for start in range(0, len(missing), MAX_PARAMETERS):
             chunk = missing[start : start + MAX_PARAMETERS]
-            answers = self.client.request([Address(pnu, 0, 0, Attribute.DESCRIPTION) for pnu in chunk])
+            answers = self.client.request([ParameterAddress(pnu, 0, 0, Attribute.DESCRIPTION) for pnu in chunk])
             for pnu, answer in zip(chunk, answers, strict=True):
                 self._descriptions[pnu] = _description(answer)
             if progress is not None:
@@ -152,7 +152,7 @@ class Session:
         """The text array, empty where there is none."""
         texts: list[str] = []
         while True:
-            (answer,) = self.client.request([Address(pnu, len(texts), 1, Attribute.TEXT)])
+            (answer,) = self.client.request([ParameterAddress(pnu, len(texts), 1, Attribute.TEXT)])
             if answer.failed or not isinstance(answer.values, bytes):
                 return texts
             texts.append(answer.values.decode("ascii", "replace").rstrip())
@@ -175,7 +175,7 @@ class Session:
         """The type an element is written with: of the present value, else of the description."""
         subindex = target.first or 0
         array = target.first is not None
-        (present,) = self.client.request([Address(target.pnu, subindex, 1 if array else 0)])
+        (present,) = self.client.request([ParameterAddress(target.pnu, subindex, 1 if array else 0)])
         if not present.failed:
             return present.format
         description = self.describe([target.pnu])[target.pnu]
@@ -183,7 +183,7 @@ class Session:
             return description.type
         raise GatewayError(
             f"{address_text(target.pnu, target.first)}: its type cannot be read "
-            f"({elements_of(Address(target.pnu), present)[0].error_text}); give it with --type"
+            f"({elements_of(ParameterAddress(target.pnu), present)[0].error_text}); give it with --type"
         )
 
     def write(self, writes: Sequence[tuple[Target, Values]], progress: Progress | None = None) -> list[Element]:
@@ -225,27 +225,29 @@ def _description(answer: Values) -> Description | None:
         return None
 
 
-def _addresses(target: Target, description: Description | None) -> list[Address]:
+def _addresses(target: Target, description: Description | None) -> list[ParameterAddress]:
     pnu = target.pnu
     if target.elements is not None:
         wanted = target.elements
     elif description is not None and description.array:
         wanted = range(description.count)
     else:
-        return [Address(pnu)]
+        return [ParameterAddress(pnu)]
     if pnu in OBJECT_PNUS:
         # The entries of an object may have different types, and may be missing.
-        return [Address(pnu, subindex, 1) for subindex in wanted]
+        return [ParameterAddress(pnu, subindex, 1) for subindex in wanted]
     return [
-        Address(pnu, start, min(MAX_ELEMENTS, wanted.stop - start))
+        ParameterAddress(pnu, start, min(MAX_ELEMENTS, wanted.stop - start))
         for start in range(wanted.start, wanted.stop, MAX_ELEMENTS)
     ]
 
 
-def _write_address(target: Target, values: Values) -> Address:
+def _write_address(target: Target, values: Values) -> ParameterAddress:
     if target.first is None:
-        return Address(target.pnu, 0, 0 if values.format in _STRINGS or len(values.values) == 1 else len(values.values))
-    return Address(target.pnu, target.first, 1 if values.format in _STRINGS else len(values.values))
+        return ParameterAddress(
+            target.pnu, 0, 0 if values.format in _STRINGS or len(values.values) == 1 else len(values.values)
+        )
+    return ParameterAddress(target.pnu, target.first, 1 if values.format in _STRINGS else len(values.values))
 
 
 def meaning(element: Element, *, encoder: bool) -> str:

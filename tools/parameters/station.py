@@ -13,7 +13,7 @@ from typing import Any, Final
 
 from pdgw.gateway.errors import GatewayError
 from pdgw.profinet.blocks.connect import ACTIVE_BY_INITIATOR, DEVICE_ACCESS, LT_RT, ArBlockReq, ArType
-from pdgw.profinet.blocks.control import Command, ReleaseReq
+from pdgw.profinet.blocks.control import ControlCommand, ReleaseReq
 from pdgw.profinet.rpc import epm
 from pdgw.profinet.rpc.client import RpcCall, ServiceCall, ServiceResult
 from pdgw.profinet.rpc.dcerpc import OBJECT_PREFIX, Flags, PacketType, RpcHeader, object_uuid
@@ -69,7 +69,7 @@ class StationAccess:
 
     def close(self) -> None:
         """End it; GatewayError when nobody answers."""
-        block = ReleaseReq(ar_uuid=self.ar_uuid, session_key=_SESSION, command=Command.RELEASE)
+        block = ReleaseReq(ar_uuid=self.ar_uuid, session_key=_SESSION, command=ControlCommand.RELEASE)
         self._service(Operation.RELEASE, block.encode())
 
     def _service(self, operation: Operation, arguments: bytes) -> ServiceResult:

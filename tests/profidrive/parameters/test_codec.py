@@ -13,8 +13,8 @@ from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.parameters.codec import (
     MAX_ELEMENTS,
     ZERO,
-    Address,
     Attribute,
+    ParameterAddress,
     Request,
     RequestError,
     RequestId,
@@ -33,7 +33,7 @@ GUIDE = bytes.fromhex("01 01 00 01 10 01 10 18 00 03")
 
 
 def test_the_guides_example_reads_1018h_sub_3_in_standard_order() -> None:
-    request = Request(1, RequestId.REQUEST, 0, (Address(0x1018, 3, 1),))
+    request = Request(1, RequestId.REQUEST, 0, (ParameterAddress(0x1018, 3, 1),))
     assert encode_request(request) == GUIDE
     assert decode_request(GUIDE) == request
 
@@ -44,7 +44,9 @@ def test_the_guides_word_swapped_print_is_recognised() -> None:
 
 
 def test_example_p965_request_and_response() -> None:
-    assert encode_request(Request(2, RequestId.REQUEST, 1, (Address(965),))) == bytes.fromhex("02010101 1000 03C5 0000")
+    assert encode_request(Request(2, RequestId.REQUEST, 1, (ParameterAddress(965),))) == bytes.fromhex(
+        "02010101 1000 03C5 0000"
+    )
     expected = bytes.fromhex("02 01 00 01 06 01 03 29")
     response = Response(2, RequestId.REQUEST, 0, 1, (Values(DataType.UNSIGNED16, (0x0329,)),))
     assert encode_response(response) == expected
@@ -54,7 +56,7 @@ def test_example_p965_request_and_response() -> None:
 
 
 def test_example_change_p922_to_9() -> None:
-    request = Request(3, RequestId.CHANGE, 1, (Address(922),), (Values(DataType.WORD, (9,)),))
+    request = Request(3, RequestId.CHANGE, 1, (ParameterAddress(922),), (Values(DataType.WORD, (9,)),))
     assert encode_request(request) == bytes.fromhex("03 02 01 01 10 00 03 9A 00 00 42 01 00 09")
     assert encode_response(Response(3, RequestId.CHANGE, 1, 1)) == bytes.fromhex("03 02 01 01")
 
@@ -110,7 +112,7 @@ def areas(draw: st.DrawFn) -> Values:
 
 
 addresses = st.builds(
-    Address,
+    ParameterAddress,
     pnu=st.integers(1, 0xFFFF),
     subindex=st.integers(0, 0xFFFE),
     elements=st.integers(0, MAX_ELEMENTS),
@@ -223,24 +225,27 @@ def test_answers_that_do_not_belong_to_the_request_are_refused() -> None:
 @pytest.mark.parametrize(
     ("request_", "field"),
     [
-        (Request(0, RequestId.REQUEST, 0, (Address(1),)), "Request Reference"),
-        (Request(1, RequestId.REQUEST, 255, (Address(1),)), "DO-ID"),
+        (Request(0, RequestId.REQUEST, 0, (ParameterAddress(1),)), "Request Reference"),
+        (Request(1, RequestId.REQUEST, 255, (ParameterAddress(1),)), "DO-ID"),
         (Request(1, RequestId.REQUEST, 0, ()), "No. of Parameters"),
-        (Request(1, RequestId.REQUEST, 0, (Address(0),)), "PNU"),
-        (Request(1, RequestId.REQUEST, 0, (Address(1, 65535),)), "Subindex"),
-        (Request(1, RequestId.REQUEST, 0, (Address(1, 0, 235),)), "No. of Elements"),
-        (Request(1, RequestId.CHANGE, 0, (Address(1),)), "value areas"),
-        (Request(1, RequestId.CHANGE, 0, (Address(1),), (Values(DataType.WORD, (70000,)),)), "values of format WORD"),
+        (Request(1, RequestId.REQUEST, 0, (ParameterAddress(0),)), "PNU"),
+        (Request(1, RequestId.REQUEST, 0, (ParameterAddress(1, 65535),)), "Subindex"),
+        (Request(1, RequestId.REQUEST, 0, (ParameterAddress(1, 0, 235),)), "No. of Elements"),
+        (Request(1, RequestId.CHANGE, 0, (ParameterAddress(1),)), "value areas"),
         (
-            Request(1, RequestId.CHANGE, 0, (Address(1),), (Values(DataType.FLOATING_POINT, (1e39,)),)),
+            Request(1, RequestId.CHANGE, 0, (ParameterAddress(1),), (Values(DataType.WORD, (70000,)),)),
+            "values of format WORD",
+        ),
+        (
+            Request(1, RequestId.CHANGE, 0, (ParameterAddress(1),), (Values(DataType.FLOATING_POINT, (1e39,)),)),
             "values of format FLOATING_POINT",
         ),
         (
-            Request(1, RequestId.CHANGE, 0, (Address(1),), (Values(DataType.VISIBLE_STRING, (65, 66)),)),
+            Request(1, RequestId.CHANGE, 0, (ParameterAddress(1),), (Values(DataType.VISIBLE_STRING, (65, 66)),)),
             "values of format VISIBLE_STRING",
         ),
         (
-            Request(1, RequestId.CHANGE, 0, (Address(1),), (Values(DataType.UNICODE_STRING, b"abc"),)),
+            Request(1, RequestId.CHANGE, 0, (ParameterAddress(1),), (Values(DataType.UNICODE_STRING, b"abc"),)),
             "values of format UNICODE_STRING",
         ),
     ],
@@ -251,18 +256,20 @@ def test_a_request_that_cannot_be_sent_names_the_field(request_: Request, field:
 
 
 def test_the_largest_request_is_taken_and_a_larger_one_refused() -> None:
-    largest = Request(255, RequestId.REQUEST, 254, (Address(0xFFFF, 0xFFFE, MAX_ELEMENTS),) * 39)
+    largest = Request(255, RequestId.REQUEST, 254, (ParameterAddress(0xFFFF, 0xFFFE, MAX_ELEMENTS),) * 39)
     assert decode_request(encode_request(largest)) == largest
     with pytest.raises(ProfidriveError, match=r"No\. of Parameters"):
-        encode_request(Request(1, RequestId.REQUEST, 0, (Address(1),) * 40))
+        encode_request(Request(1, RequestId.REQUEST, 0, (ParameterAddress(1),) * 40))
 
 
 def test_the_longest_value_area_is_taken_and_a_longer_one_refused() -> None:
     longest = Values(DataType.OCTET_STRING, bytes(MAX_ELEMENTS))
-    request = Request(1, RequestId.CHANGE, 1, (Address(1),), (longest,))
+    request = Request(1, RequestId.CHANGE, 1, (ParameterAddress(1),), (longest,))
     assert decode_request(encode_request(request)) == request
     with pytest.raises(ProfidriveError, match=r"No\. of Values"):
-        encode_request(Request(1, RequestId.CHANGE, 1, (Address(1),), (Values(DataType.OCTET_STRING, bytes(235)),)))
+        encode_request(
+            Request(1, RequestId.CHANGE, 1, (ParameterAddress(1),), (Values(DataType.OCTET_STRING, bytes(235)),))
+        )
 
 
 @pytest.mark.parametrize(
@@ -283,7 +290,7 @@ def test_a_bad_request_tells_where_it_is_wrong(text: str, message: str) -> None:
 
 
 def test_a_request_refused_as_a_whole_belongs_to_it_whatever_its_count() -> None:
-    request = Request(1, RequestId.REQUEST, 0, (Address(1), Address(2)))
+    request = Request(1, RequestId.REQUEST, 0, (ParameterAddress(1), ParameterAddress(2)))
     refused = Response(1, RequestId.REQUEST, 0, 1, (Values.error(ParameterErrorNumber.SERVICE_NOT_SUPPORTED),))
     assert check_answers(request, refused) == refused.values
     one_value = Response(1, RequestId.REQUEST, 0, 1, (Values(DataType.WORD, (1,)),))

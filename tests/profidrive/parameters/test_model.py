@@ -15,8 +15,8 @@ from pdgw.profidrive.parameters.catalogue import ParameterSpec, Scope
 from pdgw.profidrive.parameters.codec import (
     MAX_ELEMENTS,
     ZERO,
-    Address,
     Attribute,
+    ParameterAddress,
     Request,
     RequestId,
     Response,
@@ -64,11 +64,11 @@ class Device:
             raise ParameterRefused(Number.NO_OPERATION_PRIORITY)
 
 
-def read(*addresses: Address, device: Device | None = None, block: int = _BLOCK) -> Response:
+def read(*addresses: ParameterAddress, device: Device | None = None, block: int = _BLOCK) -> Response:
     return respond(Request(1, RequestId.REQUEST, 1, addresses), device or Device(), block)
 
 
-def write(*pairs: tuple[Address, Values], device: Device | None = None, block: int = _BLOCK) -> Response:
+def write(*pairs: tuple[ParameterAddress, Values], device: Device | None = None, block: int = _BLOCK) -> Response:
     addresses, values = zip(*pairs, strict=True)
     return respond(Request(1, RequestId.CHANGE, 1, tuple(addresses), tuple(values)), device or Device(), block)
 
@@ -84,76 +84,79 @@ def error(number: Number, subindex: int | None = None) -> Values:
 @pytest.mark.parametrize(
     ("address", "expected"),
     [
-        (Address(NUMBER), word(9)),
-        (Address(NUMBER, 0, 1), word(9)),
-        (Address(TEXT), Values(DataType.VISIBLE_STRING, b"axis 1")),
-        (Address(TEXT, 0, 6), Values(DataType.VISIBLE_STRING, b"axis 1")),
-        (Address(ARRAY, 0, 4), word(10, 11, 12, 13)),
-        (Address(ARRAY, 3, 1), word(13)),
-        (Address(NUMBER, 1, 1, Attribute.TEXT), Values(DataType.VISIBLE_STRING, b"on" + b" " * 14)),
-        (Address(NUMBER, 0, 2, Attribute.TEXT), Values(DataType.VISIBLE_STRING, b"off".ljust(16) + b"on".ljust(16))),
-        (Address(NUMBER, 0, 0, Attribute.TEXT), Values(DataType.VISIBLE_STRING, b"off".ljust(16))),
+        (ParameterAddress(NUMBER), word(9)),
+        (ParameterAddress(NUMBER, 0, 1), word(9)),
+        (ParameterAddress(TEXT), Values(DataType.VISIBLE_STRING, b"axis 1")),
+        (ParameterAddress(TEXT, 0, 6), Values(DataType.VISIBLE_STRING, b"axis 1")),
+        (ParameterAddress(ARRAY, 0, 4), word(10, 11, 12, 13)),
+        (ParameterAddress(ARRAY, 3, 1), word(13)),
+        (ParameterAddress(NUMBER, 1, 1, Attribute.TEXT), Values(DataType.VISIBLE_STRING, b"on" + b" " * 14)),
+        (
+            ParameterAddress(NUMBER, 0, 2, Attribute.TEXT),
+            Values(DataType.VISIBLE_STRING, b"off".ljust(16) + b"on".ljust(16)),
+        ),
+        (ParameterAddress(NUMBER, 0, 0, Attribute.TEXT), Values(DataType.VISIBLE_STRING, b"off".ljust(16))),
     ],
 )
-def test_a_value_or_text_is_read(address: Address, expected: Values) -> None:
+def test_a_value_or_text_is_read(address: ParameterAddress, expected: Values) -> None:
     assert read(address).values == (expected,)
 
 
 REFUSED_READS = [
-    (Address(0), error(Number.IMPERMISSIBLE_PNU)),
-    (Address(4711), error(Number.IMPERMISSIBLE_PNU)),
-    (Address(NUMBER, 1, 1), error(Number.NO_ARRAY)),
-    (Address(NUMBER, 0, 2), error(Number.NO_ARRAY)),
-    (Address(TEXT, 0, 7), error(Number.NO_ARRAY)),
-    (Address(ARRAY), error(Number.ADDRESS_IMPERMISSIBLE)),
-    (Address(ARRAY, 4, 1), error(Number.FAULTY_SUBINDEX)),
-    (Address(ARRAY, 2, 3), error(Number.FAULTY_SUBINDEX, 4)),
-    (Address(ARRAY, 9, 2), error(Number.FAULTY_SUBINDEX, 9)),
-    (Address(ARRAY, 2, 0), error(Number.ADDRESS_IMPERMISSIBLE)),
-    (Address(NUMBER, 0, 1, 0x40), error(Number.ADDRESS_IMPERMISSIBLE)),
-    (Address(NUMBER, 0, MAX_ELEMENTS + 1), error(Number.ADDRESS_IMPERMISSIBLE)),
-    (Address(NUMBER, 0xFFFF, 1), error(Number.ADDRESS_IMPERMISSIBLE)),
-    (Address(NUMBER, 0, 2, Attribute.DESCRIPTION), error(Number.ADDRESS_IMPERMISSIBLE)),
-    (Address(NUMBER, 13, 1, Attribute.DESCRIPTION), error(Number.FAULTY_SUBINDEX)),
-    (Address(READ_ONLY, 0, 1, Attribute.TEXT), error(Number.NO_TEXT_ARRAY)),
-    (Address(NUMBER, 2, 1, Attribute.TEXT), error(Number.FAULTY_SUBINDEX)),
-    (Address(NUMBER, 1, 2, Attribute.TEXT), error(Number.FAULTY_SUBINDEX)),
+    (ParameterAddress(0), error(Number.IMPERMISSIBLE_PNU)),
+    (ParameterAddress(4711), error(Number.IMPERMISSIBLE_PNU)),
+    (ParameterAddress(NUMBER, 1, 1), error(Number.NO_ARRAY)),
+    (ParameterAddress(NUMBER, 0, 2), error(Number.NO_ARRAY)),
+    (ParameterAddress(TEXT, 0, 7), error(Number.NO_ARRAY)),
+    (ParameterAddress(ARRAY), error(Number.ADDRESS_IMPERMISSIBLE)),
+    (ParameterAddress(ARRAY, 4, 1), error(Number.FAULTY_SUBINDEX)),
+    (ParameterAddress(ARRAY, 2, 3), error(Number.FAULTY_SUBINDEX, 4)),
+    (ParameterAddress(ARRAY, 9, 2), error(Number.FAULTY_SUBINDEX, 9)),
+    (ParameterAddress(ARRAY, 2, 0), error(Number.ADDRESS_IMPERMISSIBLE)),
+    (ParameterAddress(NUMBER, 0, 1, 0x40), error(Number.ADDRESS_IMPERMISSIBLE)),
+    (ParameterAddress(NUMBER, 0, MAX_ELEMENTS + 1), error(Number.ADDRESS_IMPERMISSIBLE)),
+    (ParameterAddress(NUMBER, 0xFFFF, 1), error(Number.ADDRESS_IMPERMISSIBLE)),
+    (ParameterAddress(NUMBER, 0, 2, Attribute.DESCRIPTION), error(Number.ADDRESS_IMPERMISSIBLE)),
+    (ParameterAddress(NUMBER, 13, 1, Attribute.DESCRIPTION), error(Number.FAULTY_SUBINDEX)),
+    (ParameterAddress(READ_ONLY, 0, 1, Attribute.TEXT), error(Number.NO_TEXT_ARRAY)),
+    (ParameterAddress(NUMBER, 2, 1, Attribute.TEXT), error(Number.FAULTY_SUBINDEX)),
+    (ParameterAddress(NUMBER, 1, 2, Attribute.TEXT), error(Number.FAULTY_SUBINDEX)),
 ]
 
 
 @pytest.mark.parametrize(("address", "expected"), REFUSED_READS)
-def test_what_cannot_be_read_is_answered_with_its_error(address: Address, expected: Values) -> None:
+def test_what_cannot_be_read_is_answered_with_its_error(address: ParameterAddress, expected: Values) -> None:
     assert read(address).values == (expected,)
 
 
 def test_the_highest_address_is_only_not_there() -> None:
-    assert read(Address(ARRAY, 0xFFFE, 1)).values == (error(Number.FAULTY_SUBINDEX),)
-    assert read(Address(ARRAY, 0, MAX_ELEMENTS)).values == (error(Number.FAULTY_SUBINDEX, 4),)
+    assert read(ParameterAddress(ARRAY, 0xFFFE, 1)).values == (error(Number.FAULTY_SUBINDEX),)
+    assert read(ParameterAddress(ARRAY, 0, MAX_ELEMENTS)).values == (error(Number.FAULTY_SUBINDEX, 4),)
 
 
 REFUSED_WRITES = [
-    (Address(READ_ONLY), word(1), error(Number.VALUE_CANNOT_BE_CHANGED)),
-    (Address(NUMBER), word(0), error(Number.LIMIT_EXCEEDED)),
-    (Address(NUMBER), word(101), error(Number.LIMIT_EXCEEDED)),
-    (Address(NUMBER, 1, 1), word(5), error(Number.NO_ARRAY)),
-    (Address(NUMBER, 0, 2), word(5, 5), error(Number.NO_ARRAY)),
-    (Address(NUMBER), Values(DataType.UNSIGNED32, (5,)), error(Number.INCORRECT_DATA_TYPE)),
-    (Address(NUMBER), Values(DataType.INTEGER16, (5,)), error(Number.INCORRECT_DATA_TYPE)),
-    (Address(NUMBER), Values(DataType.BYTE, (5,)), error(Number.INCORRECT_DATA_TYPE)),
-    (Address(NUMBER), Values(DataType.OCTET_STRING, b"\0\5"), error(Number.INCORRECT_DATA_TYPE)),
-    (Address(NUMBER), ZERO, error(Number.ILLEGAL_FORMAT)),
-    (Address(NUMBER), Values.error(1), error(Number.ILLEGAL_FORMAT)),
-    (Address(NUMBER), word(5, 6), error(Number.NUMBER_OF_VALUES_INCONSISTENT)),
-    (Address(NUMBER, 0, 1), word(5, 6), error(Number.NUMBER_OF_VALUES_INCONSISTENT)),
-    (Address(NUMBER, attribute=Attribute.DESCRIPTION), word(5), error(Number.DESCRIPTION_CANNOT_BE_CHANGED)),
-    (Address(NUMBER, 0, 1, Attribute.TEXT), word(5), error(Number.TEXT_CANNOT_BE_CHANGED)),
-    (Address(4711), word(5), error(Number.IMPERMISSIBLE_PNU)),
+    (ParameterAddress(READ_ONLY), word(1), error(Number.VALUE_CANNOT_BE_CHANGED)),
+    (ParameterAddress(NUMBER), word(0), error(Number.LIMIT_EXCEEDED)),
+    (ParameterAddress(NUMBER), word(101), error(Number.LIMIT_EXCEEDED)),
+    (ParameterAddress(NUMBER, 1, 1), word(5), error(Number.NO_ARRAY)),
+    (ParameterAddress(NUMBER, 0, 2), word(5, 5), error(Number.NO_ARRAY)),
+    (ParameterAddress(NUMBER), Values(DataType.UNSIGNED32, (5,)), error(Number.INCORRECT_DATA_TYPE)),
+    (ParameterAddress(NUMBER), Values(DataType.INTEGER16, (5,)), error(Number.INCORRECT_DATA_TYPE)),
+    (ParameterAddress(NUMBER), Values(DataType.BYTE, (5,)), error(Number.INCORRECT_DATA_TYPE)),
+    (ParameterAddress(NUMBER), Values(DataType.OCTET_STRING, b"\0\5"), error(Number.INCORRECT_DATA_TYPE)),
+    (ParameterAddress(NUMBER), ZERO, error(Number.ILLEGAL_FORMAT)),
+    (ParameterAddress(NUMBER), Values.error(1), error(Number.ILLEGAL_FORMAT)),
+    (ParameterAddress(NUMBER), word(5, 6), error(Number.NUMBER_OF_VALUES_INCONSISTENT)),
+    (ParameterAddress(NUMBER, 0, 1), word(5, 6), error(Number.NUMBER_OF_VALUES_INCONSISTENT)),
+    (ParameterAddress(NUMBER, attribute=Attribute.DESCRIPTION), word(5), error(Number.DESCRIPTION_CANNOT_BE_CHANGED)),
+    (ParameterAddress(NUMBER, 0, 1, Attribute.TEXT), word(5), error(Number.TEXT_CANNOT_BE_CHANGED)),
+    (ParameterAddress(4711), word(5), error(Number.IMPERMISSIBLE_PNU)),
 ]
 
 
 @pytest.mark.parametrize(("address", "values", "expected"), REFUSED_WRITES)
 def test_what_cannot_be_written_is_answered_with_its_error_and_changes_nothing(
-    address: Address, values: Values, expected: Values
+    address: ParameterAddress, values: Values, expected: Values
 ) -> None:
     device = Device()
     response = write((address, values), device=device)
@@ -165,20 +168,20 @@ def test_what_cannot_be_written_is_answered_with_its_error_and_changes_nothing(
 @pytest.mark.parametrize("number", [1, 100])
 def test_a_value_at_its_limit_is_written_and_the_answer_is_empty(number: int) -> None:
     device = Device()
-    response = write((Address(NUMBER), word(number)), device=device)
+    response = write((ParameterAddress(NUMBER), word(number)), device=device)
     assert (response.values, response.count, response.negative) == ((), 1, False)
     assert device.written == [number]
 
 
 def test_one_element_of_a_number_is_the_number() -> None:
     device = Device()
-    assert not write((Address(NUMBER, 0, 1), word(7)), device=device).negative
+    assert not write((ParameterAddress(NUMBER, 0, 1), word(7)), device=device).negative
     assert device.written == [7]
 
 
 def test_a_word_may_stand_for_a_number_of_its_size_with_its_sign() -> None:
     device = Device()
-    assert not write((Address(SIGNED), Values(DataType.WORD, (0xFFFD,))), device=device).negative
+    assert not write((ParameterAddress(SIGNED), Values(DataType.WORD, (0xFFFD,))), device=device).negative
     assert device.written == [-3]
 
 
@@ -190,15 +193,18 @@ def test_a_double_word_keeps_its_bits(value: int) -> None:
 
 def test_without_operation_priority_nothing_is_written_and_everything_is_read() -> None:
     device = Device(locked=True)
-    assert write((Address(NUMBER), word(5)), device=device).values == (error(Number.NO_OPERATION_PRIORITY),)
-    assert read(Address(NUMBER), device=device).values == (word(9),)
+    assert write((ParameterAddress(NUMBER), word(5)), device=device).values == (error(Number.NO_OPERATION_PRIORITY),)
+    assert read(ParameterAddress(NUMBER), device=device).values == (word(9),)
     assert device.written == []
 
 
 def test_a_failed_parameter_does_not_stop_the_others_and_keeps_its_place() -> None:
     device = Device()
     response = write(
-        (Address(NUMBER), word(5)), (Address(READ_ONLY), word(6)), (Address(NUMBER), word(7)), device=device
+        (ParameterAddress(NUMBER), word(5)),
+        (ParameterAddress(READ_ONLY), word(6)),
+        (ParameterAddress(NUMBER), word(7)),
+        device=device,
     )
     assert response.values == (ZERO, error(Number.VALUE_CANNOT_BE_CHANGED), ZERO)
     assert device.written == [5, 7]
@@ -206,16 +212,18 @@ def test_a_failed_parameter_does_not_stop_the_others_and_keeps_its_place() -> No
 
 
 def test_a_drive_object_that_is_not_there() -> None:
-    response = respond(Request(1, RequestId.REQUEST, 9, (Address(NUMBER), Address(ARRAY))), None, _BLOCK)
+    response = respond(
+        Request(1, RequestId.REQUEST, 9, (ParameterAddress(NUMBER), ParameterAddress(ARRAY))), None, _BLOCK
+    )
     assert response.values == (error(Number.DO_DOES_NOT_EXIST),) * 2
 
 
 def test_what_does_not_fit_in_the_block_is_refused_and_room_is_left_for_the_errors_of_the_rest() -> None:
     # Header 4, area of the array 2 + 8; each further parameter may need 6.
     whole = 4 + 10
-    assert read(Address(ARRAY, 0, 4), block=whole).values == (word(10, 11, 12, 13),)
-    assert read(Address(ARRAY, 0, 4), block=whole - 1).values == (error(Number.RESPONSE_TOO_LONG),)
-    both = (Address(ARRAY, 0, 4), Address(4711))
+    assert read(ParameterAddress(ARRAY, 0, 4), block=whole).values == (word(10, 11, 12, 13),)
+    assert read(ParameterAddress(ARRAY, 0, 4), block=whole - 1).values == (error(Number.RESPONSE_TOO_LONG),)
+    both = (ParameterAddress(ARRAY, 0, 4), ParameterAddress(4711))
     assert read(*both, block=whole + 6).values == (word(10, 11, 12, 13), error(Number.IMPERMISSIBLE_PNU))
     assert read(*both, block=whole + 5).values == (error(Number.RESPONSE_TOO_LONG), error(Number.IMPERMISSIBLE_PNU))
     # No room is kept for those that are answered already: an error of 4 bytes before.
@@ -223,17 +231,19 @@ def test_what_does_not_fit_in_the_block_is_refused_and_room_is_left_for_the_erro
 
 
 def test_the_padding_of_an_odd_string_takes_room_too() -> None:
-    text = Address(NUMBER, 0, 1, Attribute.TEXT)
+    text = ParameterAddress(NUMBER, 0, 1, Attribute.TEXT)
     odd = Device(name=b"drive")
-    assert read(Address(TEXT), device=odd, block=4 + 2 + 6).values == (Values(DataType.VISIBLE_STRING, b"drive"),)
-    assert read(Address(TEXT), device=odd, block=4 + 2 + 5).values == (error(Number.RESPONSE_TOO_LONG),)
+    assert read(ParameterAddress(TEXT), device=odd, block=4 + 2 + 6).values == (
+        Values(DataType.VISIBLE_STRING, b"drive"),
+    )
+    assert read(ParameterAddress(TEXT), device=odd, block=4 + 2 + 5).values == (error(Number.RESPONSE_TOO_LONG),)
     assert read(text, block=4 + 2 + 16).values == (Values(DataType.VISIBLE_STRING, b"off".ljust(16)),)
 
 
 @given(
     addresses=st.lists(
         st.builds(
-            Address,
+            ParameterAddress,
             pnu=st.sampled_from([0, NUMBER, ARRAY, TEXT, READ_ONLY, 4711]),
             subindex=st.integers(0, 5),
             elements=st.integers(0, 5),
@@ -243,10 +253,12 @@ def test_the_padding_of_an_odd_string_takes_room_too() -> None:
         max_size=39,
     )
 )
-def test_no_answer_is_longer_than_the_block_and_each_parameter_has_its_place(addresses: list[Address]) -> None:
+def test_no_answer_is_longer_than_the_block_and_each_parameter_has_its_place(addresses: list[ParameterAddress]) -> None:
     # Every parameter may need an error: a block has room for at least those.
     block = 4 + 6 * len(addresses) + 60
-    data = encode_request(Request(7, RequestId.REQUEST, 1, tuple(a for a in addresses if a.pnu) or (Address(1),)))
+    data = encode_request(
+        Request(7, RequestId.REQUEST, 1, tuple(a for a in addresses if a.pnu) or (ParameterAddress(1),))
+    )
     response = answer(data, lambda _: Device(), block)
     assert response is not None
     assert len(response) <= block
@@ -268,7 +280,7 @@ def test_the_request_says_which_drive_object_is_meant() -> None:
         asked.append(do_id)
         return Device()
 
-    answer(encode_request(Request(1, RequestId.REQUEST, 3, (Address(NUMBER),))), find, _BLOCK)
+    answer(encode_request(Request(1, RequestId.REQUEST, 3, (ParameterAddress(NUMBER),))), find, _BLOCK)
     assert asked == [3]
 
 
@@ -276,7 +288,7 @@ def test_the_request_says_which_drive_object_is_meant() -> None:
 
 
 def test_a_description_says_what_the_parameter_is() -> None:
-    (whole,) = read(Address(NUMBER, 0, 1, Attribute.DESCRIPTION)).values
+    (whole,) = read(ParameterAddress(NUMBER, 0, 1, Attribute.DESCRIPTION)).values
     assert whole.format is DataType.OCTET_STRING
     assert isinstance(whole.values, bytes)
     assert len(whole.values) == 46
@@ -293,11 +305,13 @@ def test_a_description_says_what_the_parameter_is() -> None:
     ("pnu", "identifier", "count"), [(READ_ONLY, 0x0306, 0), (ARRAY, 0x4306, 4), (TEXT, 0x0309, 6)]
 )
 def test_identifier_and_number_of_elements(pnu: int, identifier: int, count: int) -> None:
-    first, second = read(Address(pnu, 1, 1, Attribute.DESCRIPTION), Address(pnu, 2, 1, Attribute.DESCRIPTION)).values
+    first, second = read(
+        ParameterAddress(pnu, 1, 1, Attribute.DESCRIPTION), ParameterAddress(pnu, 2, 1, Attribute.DESCRIPTION)
+    ).values
     assert (first, second) == (word(identifier), word(count))
     # The element of a description needs no "No. of Elements", and there are twelve.
     unnumbered, twelfth = read(
-        Address(pnu, 1, 0, Attribute.DESCRIPTION), Address(pnu, 12, 1, Attribute.DESCRIPTION)
+        ParameterAddress(pnu, 1, 0, Attribute.DESCRIPTION), ParameterAddress(pnu, 12, 1, Attribute.DESCRIPTION)
     ).values
     assert (unnumbered, twelfth) == (word(identifier), word(0))
 

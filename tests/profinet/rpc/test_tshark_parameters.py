@@ -14,8 +14,8 @@ from scapy.utils import wrpcap
 from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.parameters.codec import (
     ZERO,
-    Address,
     Attribute,
+    ParameterAddress,
     Request,
     RequestId,
     Response,
@@ -34,9 +34,18 @@ PREFIX = "pn_io.profidrive.parameter."
 U8, U16, U32 = DataType.UNSIGNED8, DataType.UNSIGNED16, DataType.UNSIGNED32
 # An odd number of bytes only at the end: tshark 4.0 does not know the padding behind it and reads on in the middle.
 TALKS: list[tuple[Request, Response]] = [
-    (Request(1, R, 1, (Address(965),)), Response(1, R, 1, 1, (Values(U16, (0x329,)),))),
+    (Request(1, R, 1, (ParameterAddress(965),)), Response(1, R, 1, 1, (Values(U16, (0x329,)),))),
     (
-        Request(2, R, 0, (Address(947, 0, 8), Address(0x1018, 3, 1), Address(922, 0, 0, Attribute.DESCRIPTION))),
+        Request(
+            2,
+            R,
+            0,
+            (
+                ParameterAddress(947, 0, 8),
+                ParameterAddress(0x1018, 3, 1),
+                ParameterAddress(922, 0, 0, Attribute.DESCRIPTION),
+            ),
+        ),
         Response(
             2,
             R,
@@ -49,23 +58,23 @@ TALKS: list[tuple[Request, Response]] = [
             ),
         ),
     ),
-    (Request(3, C, 5, (Address(922),), (Values(DataType.WORD, (9,)),)), Response(3, C, 5, 1)),
+    (Request(3, C, 5, (ParameterAddress(922),), (Values(DataType.WORD, (9,)),)), Response(3, C, 5, 1)),
     (
         Request(
             4,
             C,
             254,
-            (Address(0x6083), Address(0x607B, 1, 2), Address(0x6060)),
+            (ParameterAddress(0x6083), ParameterAddress(0x607B, 1, 2), ParameterAddress(0x6060)),
             (Values(U32, (300,)), Values(DataType.DOUBLE_WORD, (1, 2)), Values(DataType.BYTE, (3,))),
         ),
         Response(4, C, 254, 3, (ZERO, Values.error(0x0B), Values.error(2, 2))),
     ),
-    (Request(255, R, 1, (Address(5000),)), Response(255, R, 1, 1, (Values.error(0),))),
+    (Request(255, R, 1, (ParameterAddress(5000),)), Response(255, R, 1, 1, (Values.error(0),))),
     (
-        Request(6, R, 1, tuple(Address(1000 + n) for n in range(39))),
+        Request(6, R, 1, tuple(ParameterAddress(1000 + n) for n in range(39))),
         Response(6, R, 1, 39, tuple(Values(U8, (n, n + 1)) for n in range(39))),
     ),
-    (Request(7, R, 1, (Address(60000),)), Response(7, R, 1, 1, (Values(DataType.FLOATING_POINT, (1500.0,)),))),
+    (Request(7, R, 1, (ParameterAddress(60000),)), Response(7, R, 1, 1, (Values(DataType.FLOATING_POINT, (1500.0,)),))),
 ]
 
 
