@@ -16,12 +16,19 @@ from pdgw.decoder.cyclic import Axis
 from pdgw.decoder.records import BusKind, CyclicRecord, Record
 from pdgw.dsp402.objects import CONTROLWORD, STATUSWORD
 from pdgw.durations import MS
+from pdgw.gateway.transport.cyclic import USUAL_CYCLE_MS
 from pdgw.profidrive.telegrams import Direction
 
 ENOUGH: Final = 120
 """Changes of words on each bus that make the offset of the clocks sure."""
 _CYCLES: Final = 2000
 """Cycles whose length is measured."""
+
+
+def median_cycle_ns(times: Sequence[int]) -> int:
+    """The PLC's cycle: the median time between its frames, the usual one where there are none."""
+    gaps = sorted(later - earlier for earlier, later in pairwise(times))
+    return max(1, gaps[len(gaps) // 2]) if gaps else USUAL_CYCLE_MS * MS
 
 
 class Lookahead:
@@ -87,8 +94,7 @@ class Lookahead:
     @cached_property
     def cycle_ns(self) -> int:
         """The PLC's cycle: the median time between its frames."""
-        gaps = sorted(later - earlier for earlier, later in pairwise(self._frames))
-        return max(1, gaps[len(gaps) // 2]) if gaps else 4 * MS
+        return median_cycle_ns(self._frames)
 
     def clocks(self, cycle_ns: int) -> Clocks:
         """The offset of the clocks as far as the edges tell it."""

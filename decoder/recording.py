@@ -11,12 +11,12 @@ from bisect import bisect_right
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import pairwise
 from typing import Final
 
 from pdgw.decoder.can_records import CanRecord, HeartbeatRecord, NmtRecord, PdoRecord, SdoRecord
 from pdgw.decoder.connect import Connection
 from pdgw.decoder.cyclic import Axis
+from pdgw.decoder.lookahead import median_cycle_ns
 from pdgw.decoder.mapping import recorded_rpdo
 from pdgw.decoder.plc_inputs import USED, Frame, PlcInputs, Relation, receive_frames, receive_profinet
 from pdgw.decoder.profinet_endpoint import ProfinetEndpoint
@@ -31,7 +31,6 @@ from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.further import image_entry
 from pdgw.dsp402.generic import recorded_addresses, recorded_drive_type, recorded_families
 from pdgw.dsp402.objects import HOMING_METHOD
-from pdgw.durations import MS
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.values import Configured
 from pdgw.gateway.transport.cyclic import WATCHDOG_FACTOR
@@ -154,9 +153,7 @@ class Collector:
     @cached_property
     def measured_cycle_ns(self) -> int:
         """The PLC's cycle: the median time between its frames."""
-        times = self._frame_times
-        gaps = sorted(later - earlier for earlier, later in pairwise(times))
-        return max(1, gaps[len(gaps) // 2]) if gaps else 4 * MS
+        return median_cycle_ns(self._frame_times)
 
     def measured_watchdog_factor(self, cycle_ns: int) -> int:
         """Cycles without a frame until the gateway's answers (IOCS) show the PLC as lost; the default where they never do."""

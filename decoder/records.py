@@ -1,8 +1,8 @@
 """The packet model: what one packet said, as typed records without I/O; here those of the PLC's side, beside it ``can_records``.
 
 A ``Record`` is made for every packet, in capture order. Times are nanoseconds of the capture's own clock. Process data is in
-``units``: one ``ProcessData`` for each axis of a cyclic frame, one for a PDO; unpacked when asked for, so that a record nobody looks
-into costs little. ``document`` turns a record into plain data (docs/decoder-schema.md).
+``units``: one ``ProcessData`` for each axis of a cyclic frame, one for a PDO; unpacked when asked for, so that a record nobody
+looks into costs little. ``document`` turns a record into plain data (docs/decoder-schema.md).
 """
 
 from __future__ import annotations

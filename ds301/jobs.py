@@ -8,9 +8,20 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Future
+from functools import partial
 from typing import Any, TypeVar
 
 T = TypeVar("T")
+
+
+def settle(future: Future[T], function: Callable[[], T], errors: type[BaseException] = Exception) -> None:
+    """The future has what a function returns or raises: that belongs to whoever asked for it."""
+    try:
+        result = function()
+    except errors as error:
+        future.set_exception(error)
+    else:
+        future.set_result(result)
 
 
 class Jobs:
@@ -25,16 +36,7 @@ class Jobs:
     def add(self, job: Callable[[], T]) -> Future[T]:
         """Another one; its future has what the job returns or raises."""
         future: Future[T] = Future()
-
-        def run() -> None:
-            try:
-                result = job()
-            except Exception as error:  # whatever the job raised belongs to whoever asked for it
-                future.set_exception(error)
-            else:
-                future.set_result(result)
-
-        self._waiting.append((future, run))
+        self._waiting.append((future, partial(settle, future, job)))
         return future
 
     def run_next(self) -> None:

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from typing import TypeVar
 
+from pdgw.ds301.jobs import settle
 from pdgw.ds301.loop import Loop
 from pdgw.durations import SECOND
 
@@ -35,14 +36,7 @@ class VirtualLoop(Loop):
 
     def offload(self, function: Callable[[], T]) -> Future[T]:
         future: Future[T] = Future()
-
-        def run() -> None:
-            try:
-                future.set_result(function())
-            except BaseException as error:  # belongs to whoever asked for it
-                future.set_exception(error)
-
-        self.call_at(self._now, run)
+        self.call_at(self._now, lambda: settle(future, function, BaseException))
         return future
 
     def add_reader(self, descriptor: int, action: Callable[[], None], *, urgent: bool = False) -> None:
@@ -97,14 +91,7 @@ class VirtualLoop(Loop):
     def complete(self, function: Callable[[], T], limit: int = 60 * SECOND) -> T:
         """Run a function as a task and play until it has ended; its result or exception is this call's."""
         future: Future[T] = Future()
-
-        def run() -> None:
-            try:
-                future.set_result(function())
-            except Exception as error:  # the caller's
-                future.set_exception(error)
-
-        self.spawn(run, "complete")
+        self.spawn(lambda: settle(future, function), "complete")
         self.until(future.done, "end of the task", limit)
         return future.result(0)
 

@@ -22,7 +22,7 @@ from pdgw.gateway.config_web import WebConfig
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.positioner_config import EXAMPLE as POSITIONER_EXAMPLE
 from pdgw.gateway.positioner_config import SIMULATED, SIMULATED_BLOCKS
-from pdgw.gateway.transport.cyclic import WATCHDOG_FACTOR
+from pdgw.gateway.transport.cyclic import USUAL_CYCLE_MS, WATCHDOG_FACTOR
 from pdgw.profidrive.frame import CYCLIC_PORT
 from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
 
@@ -47,7 +47,7 @@ type = "udp"
 listen = "127.0.0.1"         # address of this machine towards the PLC
 cyclic_port = {CYCLIC_PORT}
 acyclic_port = {ACYCLIC_PORT}
-cycle_time_ms = 4            # 0.25 to 512
+cycle_time_ms = {USUAL_CYCLE_MS}            # 0.25 to 512
 watchdog_factor = {WATCHDOG_FACTOR}          # the PLC is lost after this many cycles without a frame
 # parameter_timeout_ms = 2000  # a parameter request is answered within this time
 # ar_uuid = "00000000-0000-0000-0000-000000000000"   # of the static application relationship

@@ -15,7 +15,7 @@ from pdgw.ds301.node import NodeSettings
 from pdgw.explain import misplaced
 from pdgw.gateway import identity
 from pdgw.gateway.ports import STATUS_PORT
-from pdgw.gateway.transport.cyclic import WATCHDOG_FACTOR, WATCHDOG_FACTOR_MAX
+from pdgw.gateway.transport.cyclic import USUAL_CYCLE_MS, WATCHDOG_FACTOR, WATCHDOG_FACTOR_MAX
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.frame import CYCLIC_PORT
 from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
@@ -100,7 +100,7 @@ class TransportConfig(Section):
     listen: IPv4Address = IPv4Address("127.0.0.1")
     cyclic_port: Port = CYCLIC_PORT
     acyclic_port: Port = ACYCLIC_PORT
-    cycle_time_ms: Annotated[float, Strict(), Field(ge=0.25, le=512)] = 4
+    cycle_time_ms: Annotated[float, Strict(), Field(ge=0.25, le=512)] = USUAL_CYCLE_MS
     watchdog_factor: Annotated[Integer, Field(ge=1, le=WATCHDOG_FACTOR_MAX)] = WATCHDOG_FACTOR
     peer: IPv4Address | None = None
     status_port: Port = STATUS_PORT

@@ -24,11 +24,11 @@ from pdgw.gateway.axis.telegrams import (
 )
 from pdgw.gateway.motion.dsc import DscChoices, DscForm
 from pdgw.gateway.positioner_config import SIMULATED, PositionerConfig
+from pdgw.gateway.transport.cyclic import USUAL_CYCLE_MS
 
-_CYCLE_NS = 4 * MS
 _USUAL = AxisSettings(
     dsc=DscChoices(DscForm.SPEED, following_window=1),
-    cycle_ns=_CYCLE_NS,
+    cycle_ns=USUAL_CYCLE_MS * MS,
     positioner=PositionerConfig.model_validate(SIMULATED).choices(()),
 )
 """For telegrams that need keys of the configuration, where there is none yet."""

@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from functools import partial
 from typing import TypeVar
 
+from pdgw.ds301.jobs import settle
 from pdgw.ds301.loop import Loop
 from pdgw.ds301.network import CanNetwork
 from pdgw.gateway.config_surroundings import CanConfig
@@ -22,10 +23,7 @@ def complete(loop: Loop, function: Callable[[], T]) -> T:
     future: Future[T] = Future()
 
     def run() -> None:
-        try:
-            future.set_result(function())
-        except Exception as error:  # the caller's
-            future.set_exception(error)
+        settle(future, function)
         loop.stop()
 
     loop.spawn(run, "command")

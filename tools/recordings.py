@@ -218,12 +218,7 @@ def look_ahead(files: Sequence[str], known: Known, offset_ns: int | None, notify
         raise GatewayError(f"{', '.join(files)}: neither {' nor '.join(_EVIDENCE.values())}")
     one_clock |= len(_seen(buses)) == 1 or len(files) == 1
     cycle_ns = known.cycle_ns or looking.cycle_ns
-    if offset_ns is not None:
-        clocks = Clocks(offset_ns)
-    elif one_clock:
-        clocks = Clocks(0, origin=ONE_CLOCK)
-    else:
-        clocks = looking.clocks(cycle_ns)
+    clocks = _clocks(offset_ns, one_clock, looking, cycle_ns)
     shifted = frozenset(file for file, found in buses.items() if BusKind.PLC not in found)
     begin_ns = next((time_ns for time_ns in (looking.begin_ns, looking.first_ns) if time_ns is not None), 0)
     return Opening(tuple(files), known, clocks, cycle_ns, begin_ns, shifted, tuple(assumed))
@@ -317,6 +312,13 @@ class _Reading:
         self.ended = record is None
 
 
+def _clocks(offset_ns: int | None, one_clock: bool, looking: Lookahead, cycle_ns: int) -> Clocks:
+    """The clocks of both buses: as told, the same one, or as the edges tell."""
+    if offset_ns is not None:
+        return Clocks(offset_ns)
+    return Clocks(0, origin=ONE_CLOCK) if one_clock else looking.clocks(cycle_ns)
+
+
 def _seen(buses: Mapping[str, set[BusKind]]) -> set[BusKind]:
     """The buses that are in any of the files."""
     return set[BusKind]().union(*buses.values())
@@ -362,12 +364,7 @@ def load(files: Sequence[str], known: Known, offset_ns: int | None, notify: Noti
     cycle_ns = known.cycle_ns or collector.measured_cycle_ns
     watchdog_factor = known.watchdog_factor or collector.measured_watchdog_factor(cycle_ns)
     one_clock = any(len(found) > 1 for found in buses.values())
-    if offset_ns is not None:
-        clocks = Clocks(offset_ns)
-    elif one_clock:
-        clocks = Clocks(0, origin=ONE_CLOCK)
-    else:
-        clocks = looking.clocks(cycle_ns)
+    clocks = _clocks(offset_ns, one_clock, looking, cycle_ns)
     recording = collector.recording(clocks.offset_ns, cycle_ns=cycle_ns, watchdog_factor=watchdog_factor)
     return Loaded(recording, clocks, tuple(files))
 

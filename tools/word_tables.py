@@ -11,6 +11,7 @@ import yaml
 
 from pdgw.durations import MS
 from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.transport.cyclic import USUAL_CYCLE_MS
 from pdgw.peers.plc.endpoint import PlcEndpoint
 from pdgw.peers.plc.engine import Engine
 from pdgw.peers.plc.keyboard import Keyboard
@@ -21,7 +22,7 @@ from pdgw.peers.plc.vocabulary import Word, telegrams_of, words_of
 from pdgw.profidrive.telegrams import TELEGRAMS, telegram
 from pdgw.tools.markdown import table
 
-_CYCLE_NS = 4 * MS
+_CYCLE_NS = USUAL_CYCLE_MS * MS
 _OF_A_TELEGRAM = frozenset({"set", "expect"})
 """Their examples name signals, every telegram has some."""
 _INTRODUCTION = """\

@@ -32,6 +32,8 @@ from pdgw.profidrive.frame import (
 )
 from pdgw.profidrive.telegrams import Direction, Telegram
 
+USUAL_CYCLE_MS: Final = 4
+"""The PLC's cycle where nothing tells another one."""
 WATCHDOG_FACTOR: Final = 3
 """Cycles without a frame until the PLC is lost, unless the user chooses otherwise."""
 WATCHDOG_FACTOR_MAX: Final = 255

@@ -10,7 +10,7 @@ import socket
 import struct
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Final, Protocol
+from typing import Final, Protocol, TypeVar
 
 from pdgw.ds301.loop import Loop
 from pdgw.gateway.errors import GatewayError
@@ -29,6 +29,7 @@ from pdgw.profinet import dcp, ethernet
 from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
 from pdgw.profinet.station import IpSuite
 
+T = TypeVar("T")
 _FRAME_MAX = 2048
 _DATAGRAM_MAX = 65_535
 _ARPHRD_ETHER = 1
@@ -194,7 +195,7 @@ class RawEthernet:
         self, on_real_time: Callable[[], None], on_other: Callable[[], None], on_link: Callable[[], None]
     ) -> None:
         def link_changed() -> None:
-            while self._receive(self._netlink) is not None:
+            while self._receive(self._netlink.recv, _FRAME_MAX) is not None:
                 pass
             on_link()
 
@@ -215,9 +216,9 @@ class RawEthernet:
         """Of real-time frames, DCP, LLDP and datagrams."""
         return [item.fileno() for item in (self._real_time, self._dcp, self._lldp, self._rpc)]
 
-    def _receive(self, item: socket.socket) -> bytes | None:
+    def _receive(self, read: Callable[[int], T], size: int) -> T | None:
         try:
-            return item.recv(_FRAME_MAX)
+            return read(size)
         except BlockingIOError:
             return None
         except OSError:
@@ -225,19 +226,13 @@ class RawEthernet:
             return None
 
     def receive(self) -> bytes | None:
-        return self._receive(self._real_time)
+        return self._receive(self._real_time.recv, _FRAME_MAX)
 
     def receive_other(self) -> bytes | None:
-        return self._receive(self._dcp) or self._receive(self._lldp)
+        return self._receive(self._dcp.recv, _FRAME_MAX) or self._receive(self._lldp.recv, _FRAME_MAX)
 
     def receive_datagram(self) -> tuple[bytes, Address] | None:
-        try:
-            return self._rpc.recvfrom(_DATAGRAM_MAX)
-        except BlockingIOError:
-            return None
-        except OSError:
-            self.errors += 1
-            return None
+        return self._receive(self._rpc.recvfrom, _DATAGRAM_MAX)
 
     def send(self, frame: bytes | bytearray) -> None:
         try:

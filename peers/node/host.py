@@ -9,6 +9,7 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from typing import TypeVar
 
+from pdgw.ds301.jobs import settle
 from pdgw.ds301.loop import SystemLoop
 
 log = logging.getLogger("peers")
@@ -29,14 +30,7 @@ class LoopThread:
         if threading.current_thread() is self._thread:
             return action()
         future: Future[T] = Future()
-
-        def run() -> None:
-            try:
-                future.set_result(action())
-            except BaseException as error:  # belongs to whoever called
-                future.set_exception(error)
-
-        self.loop.call_threadsafe(run)
+        self.loop.call_threadsafe(lambda: settle(future, action, BaseException))
         return future.result()
 
     def _run(self) -> None:

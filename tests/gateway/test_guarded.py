@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+from pdgw.ds301.jobs import settle
 from pdgw.ds301.virtual_loop import VirtualLoop
 from pdgw.gateway.parameters.guarded import GUARDED, Check, guard_of
 from pdgw.gateway.parameters.objects import ObjectAccess
@@ -69,10 +70,7 @@ class Client:
     def submit(self, job: Callable[[Any], None]) -> Future[None]:
         future: Future[None] = Future()
         self._before()
-        try:
-            future.set_result(job(self))
-        except Exception as error:
-            future.set_exception(error)
+        settle(future, lambda: job(self))
         return future
 
     def write(self, index: int, subindex: int, data: bytes) -> None:
