@@ -16,6 +16,7 @@ from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.dsp402.overlay import Match, Overlay, Units
 from pdgw.dsp402.settings import DriveSettings
 from pdgw.dsp402.states import STATUS_PATTERNS
+from pdgw.durations import MS, MS_PER_SECOND, US
 from pdgw.gateway.axis.adapters.transparent import ACTUAL_ATTRIBUTES, SETPOINT_ATTRIBUTES
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.telegrams import drive_layout
@@ -23,17 +24,32 @@ from pdgw.gateway.config import AxisConfig
 from pdgw.gateway.config_surroundings import TraceConfig, TransportConfig
 from pdgw.gateway.config_web import WebConfig
 from pdgw.gateway.motion.blocks import BlockTask
+from pdgw.gateway.parameters.profile import MAX_BLOCK
+from pdgw.gateway.ports import STATUS_PORT
 from pdgw.gateway.profinet_diagnosis import MESSAGE_CLASSES
 from pdgw.gateway.reasons import Enable
+from pdgw.gateway.status import SCHEMA
+from pdgw.gateway.trace.layout import PEER_OFFSET, PEER_SIZE, WORD, Word
 from pdgw.gateway.transport.cyclic import WATCHDOG_FACTOR
 from pdgw.peers.drive.shapes import FAMILY
+from pdgw.profidrive.frame import (
+    C_SDU_MIN,
+    COUNTER_UNIT_NS,
+    FRAME_ID_MAX,
+    FRAME_ID_MIN,
+    FRAME_ID_TO_CONTROLLER,
+    FRAME_ID_TO_DEVICE,
+    STATUS_NORMAL,
+)
 from pdgw.profidrive.parameters.catalogue import ENCODER_IDENTIFICATION, PROFILE_IDENTIFICATION
 from pdgw.profidrive.parameters.codec import MAX_ELEMENTS, MAX_PARAMETERS, Attribute, RequestId
+from pdgw.profidrive.parameters.faults import FAULTS_PER_SITUATION, SITUATIONS
 from pdgw.profidrive.sensor_format import SensorFormat, encode_sensor_format
 from pdgw.profidrive.signals import signal
 from pdgw.profidrive.telegrams import TELEGRAMS, telegram, word_positions
 from pdgw.tools.bench.stops import VIRTUAL
 from pdgw.tools.demo.chapters import CHAPTERS
+from pdgw.tools.soak.watch import SETTLED_NS
 from pdgw.tools.status_check import Health
 from tests.support.written_tables import ROOT, named, number_of, rows
 
@@ -90,6 +106,33 @@ def test_the_defaults_in_sentences_are_the_defaults() -> None:
     assert defaults in (ROOT / "docs/safety.md").read_text(encoding="utf-8")
     assert f"watchdog factor ({WATCHDOG_FACTOR}) x cycle" in (ROOT / "docs/translation.md").read_text(encoding="utf-8")
     assert f"`watchdog_factor = {WATCHDOG_FACTOR}`" in (ROOT / "docs/demo.md").read_text(encoding="utf-8")
+
+
+SENTENCES = (
+    ("transport.md", f"0x{FRAME_ID_MIN:04X}-0x{FRAME_ID_MAX:04X}"),
+    ("transport.md", f"PLC -> gateway 0x{FRAME_ID_TO_DEVICE:04X}, gateway -> PLC 0x{FRAME_ID_TO_CONTROLLER:04X}"),
+    ("transport.md", f"padded with 0 to at least {C_SDU_MIN}"),
+    ("transport.md", f"units of {COUNTER_UNIT_NS / US:g} us"),
+    ("transport.md", f"normally 0x{STATUS_NORMAL:02X}"),
+    ("parameter-channel.md", f"may have {MAX_BLOCK} bytes"),
+    ("parameter-channel.md", f"(`parameter_timeout_ms`, {TransportConfig().parameter_timeout_ms / MS_PER_SECOND:g} s)"),
+    ("parameter-channel.md", f"(`sdo_interval_ms`, {AxisConfig(do_id=1, node_id=1, telegram=1).sdo_interval_ms} ms)"),
+    ("parameter-channel.md", f"{SITUATIONS} situations of {FAULTS_PER_SITUATION} faults"),
+    ("status.md", f"`status_port`, {STATUS_PORT} unless"),
+    ("status.md", f"`schema` ({SCHEMA})"),
+    ("soak.md", f"nothing has changed for {SETTLED_NS // MS} ms"),
+    ("flight-recorder.md", f"{PEER_SIZE} bytes of text"),
+)
+
+
+@pytest.mark.parametrize(("document", "sentence"), SENTENCES)
+def test_a_number_in_a_sentence_is_the_declared_one(document: str, sentence: str) -> None:
+    assert sentence in (ROOT / "docs" / document).read_text(encoding="utf-8")
+
+
+def test_the_places_of_a_ring_are_those_of_its_layout() -> None:
+    told = [row[0] for row in rows("flight-recorder.md", "from byte | is")]
+    assert told[:3] == [f"{place}" for place in (0, min(Word) * WORD, PEER_OFFSET)]
 
 
 def test_the_keys_of_the_units_are_keys_of_an_axis() -> None:
