@@ -10,9 +10,10 @@ from pdgw.decoder.recorded import AxisRecording, Sent
 from pdgw.decoder.replayed import Difference
 from pdgw.ds301.pdo import Pdo
 from pdgw.dsp402.images import DriveCommand
+from pdgw.dsp402.settings import DriveSettings
 from pdgw.durations import MS
 
-REFRESH_NS: Final = 100 * MS
+REFRESH_NS: Final = DriveSettings(node_id=1).rpdo_refresh_ms * MS
 """The gateway repeats an RPDO after this time."""
 SENDING_GAP_NS: Final = 3 * REFRESH_NS
 """A longer silence means that the gateway does not send to this drive."""

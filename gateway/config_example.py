@@ -10,6 +10,7 @@ from pdgw.ds301.load import DEFAULT_BITRATE
 from pdgw.explain import problems
 from pdgw.gateway import identity
 from pdgw.gateway.axis.telegrams import (
+    CENTRAL_TELEGRAM_NUMBERS,
     DRIVE_TELEGRAM_NUMBERS,
     DSC_TELEGRAM_NUMBERS,
     ENCODER_TELEGRAM_NUMBERS,
@@ -27,8 +28,13 @@ from pdgw.profidrive.frame import CYCLIC_PORT
 from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
 
 
+def _listed(numbers: Sequence[int]) -> str:
+    return ", ".join(map(str, numbers))
+
+
 def example() -> str:
     """A commented configuration that is itself valid."""
+    central = [number for number in CENTRAL_TELEGRAM_NUMBERS if number not in DSC_TELEGRAM_NUMBERS]
     return f"""\
 # Configuration of the PROFIdrive-to-CANopen gateway. Times in milliseconds.
 
@@ -99,7 +105,7 @@ watchdog_factor = {WATCHDOG_FACTOR}          # the PLC is lost after this many c
 [[axis]]
 do_id = 1                    # DO-ID of the parameter channel, 1 to 254
 node_id = 1                  # CANopen node, 1 to 126
-telegram = 1                 # one of {", ".join(map(str, DRIVE_TELEGRAM_NUMBERS))}
+telegram = 1                 # one of {_listed(DRIVE_TELEGRAM_NUMBERS)}
 # eds = "drive.eds"          # EDS or DCF of the drive; without it the drive itself is asked which objects it has
 on_plc_loss = "quick-stop"   # "ramp", "quick-stop" or "coast"
 setpoint_enable = "profidrive"  # STW1 bit 4 or 6 = 0: speed 0; bit 5 = 0: the speed stays. "hold": it stays in all three
@@ -114,7 +120,7 @@ simulate = false             # true: a simulated drive instead of the one on the
 # tpdo_inhibit_us = 4000     # without it: the cycle time
 # sdo_timeout_ms = 500
 # sdo_interval_ms = 4        # the parameter channel pauses between two SDOs
-# sync = false               # TPDOs on SYNC instead of event-driven; telegrams 3, 4, 102, 103: set-points too
+# sync = false               # TPDOs on SYNC instead of event-driven; telegrams {_listed(central)}: set-points too
 # allow_unguarded = false    # true: operate a drive that nothing stops when the gateway dies
 # g1 = 3                     # telegrams with G1: DO-ID of the encoder that it is, without it the drive's own position
 # g2 = 4                     # telegrams with G2: DO-ID, or "drive": its second encoder (60E4h); without it error 0F01h
@@ -130,17 +136,18 @@ simulate = false             # true: a simulated drive instead of the one on the
 
 # jog_1_speed_rpm = -100     # speed telegrams: STW1.8 and .9 with .4 to .6 = 0; without both keys they do nothing
 # jog_2_speed_rpm = 100
-# dsc = "position"           # telegrams 5, 6, 105, 106: "position" (mode 8) or "speed" (mode 9), see docs/motion.md
+# dsc = "position"           # telegrams {_listed(DSC_TELEGRAM_NUMBERS)}: "position" (mode 8) or "speed" (mode 9): docs/motion.md
 # following_window = 4096    # position units within which DSC may start, needed with dsc
 # dsc_delay_cycles = 1       # age of the position the PLC answers
 # xerr_sign = 1              # -1: a positive XERR moves backward
 # sync_jitter_us = 0         # added to the dead time that limits KPC; pdgw status shows the jitter
+# Telegrams {_listed(POSITIONER_TELEGRAM_NUMBERS)} need a positioner: LU, 1000 LU/min, 1000 LU/s2 (docs/motion.md).
 {POSITIONER_EXAMPLE}
 # Encoders follow the axes in the frame. Several channels of a multi-sensor device are tables of their own.
 # [[encoder]]
 # do_id = 3
 # node_id = 10
-# telegram = 83              # one of {", ".join(map(str, ENCODER_TELEGRAM_NUMBERS))}
+# telegram = 83              # one of {_listed(ENCODER_TELEGRAM_NUMBERS)}
 # model = "rotary"           # "rotary", "linear" or "multi-sensor"; eds = "encoder.eds" for another data sheet
 # channel = 1                # of a multi-sensor device
 # reference_speed = 3000     # 100 % of NIST: rpm, of a linear encoder mm/s

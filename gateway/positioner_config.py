@@ -140,7 +140,6 @@ class PositionerConfig(BaseModel):
 
 
 EXAMPLE = """\
-# Telegrams 7, 110 and 111 need a positioner: LU, 1000 LU/min, 1000 LU/s2 (docs/motion.md).
 # [axis.positioner]
 # lu_per_revolution = 10000    # length units in one revolution of the motor
 # max_velocity = 30000

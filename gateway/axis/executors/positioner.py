@@ -71,7 +71,7 @@ class PositionerExecutor(Executor):
     def __init__(self, cycle: AxisCycle) -> None:
         super().__init__(cycle)
         if self.settings.positioner is None:
-            raise GatewayError("positioner: missing, telegrams 7, 110 and 111 need [axis.positioner]")
+            raise GatewayError("positioner: missing, a telegram of the positioner needs [axis.positioner]")
         self.choices: PositionerChoices = self.settings.positioner
         self.positioner = Positioner(_settings(self.choices), BlockTable(self.choices.blocks))
         self._mode = ModeSwitch(cycle, _POSITION_MODE)

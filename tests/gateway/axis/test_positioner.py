@@ -359,7 +359,9 @@ def test_telegram_7_has_no_mdi() -> None:
 
 
 def test_a_positioner_without_its_choices_is_refused() -> None:
-    with pytest.raises(GatewayError, match=r"positioner: missing, telegrams 7, 110 and 111 need \[axis.positioner\]"):
+    with pytest.raises(
+        GatewayError, match=r"positioner: missing, a telegram of the positioner needs \[axis.positioner\]"
+    ):
         AxisMachine(111, AxisSettings(), Rig(1).feedback)
 
 
