@@ -47,6 +47,10 @@ from pdgw.profidrive.parameters.faults import FAULTS_PER_SITUATION, SITUATIONS
 from pdgw.profidrive.sensor_format import SensorFormat, encode_sensor_format
 from pdgw.profidrive.signals import signal
 from pdgw.profidrive.telegrams import TELEGRAMS, telegram, word_positions
+from pdgw.profinet import model
+from pdgw.profinet.device_records import Index
+from pdgw.profinet.rpc import identification
+from pdgw.profinet.rpc.records import RECORD_GLOBAL, RECORD_LOCAL, RECORD_MULTIPLE
 from pdgw.tools.bench.stops import VIRTUAL
 from pdgw.tools.demo.chapters import CHAPTERS
 from pdgw.tools.soak.watch import SETTLED_NS
@@ -300,3 +304,24 @@ def subclasses(kind: type[Record]) -> Iterator[type[Record]]:
     for item in kind.__subclasses__():
         yield item
         yield from subclasses(item)
+
+
+def numbers_in(text: str) -> list[int]:
+    return [int(number, 16) for number in re.findall(r"\b([0-9A-F]{4,8})h", text)]
+
+
+def test_the_identifications_of_a_device_are_those_of_its_model() -> None:
+    device, interface, axis, values = (row[2] for row in rows("profinet.md", "place | API | identification"))
+    assert numbers_in(device) == [model.DAP_MODULE_IDENT, model.DAP_IDENT]
+    assert numbers_in(interface) == [model.INTERFACE_IDENT, model.PORT_IDENT]
+    kinds = [model.ObjectKind.AXIS.ident, model.ObjectKind.ENCODER.ident]
+    assert numbers_in(axis) == [*kinds, model.ACCESS_POINT_IDENT]
+    assert numbers_in(values) == [model.TELEGRAM_IDENT]
+
+
+def test_the_records_of_a_device_are_those_it_knows() -> None:
+    text = (ROOT / "docs/profinet.md").read_text(encoding="utf-8")
+    told = set(numbers_in(text.partition("\n## Records\n")[2].partition("\n## ")[0]))
+    diagnosis = {item for item in Index if item.name.startswith("DIAGNOSIS")}
+    further = {RECORD_LOCAL, RECORD_GLOBAL, RECORD_MULTIPLE, identification.INDEX, identification.INDEX + 4}
+    assert told == {*Index} - diagnosis | further
