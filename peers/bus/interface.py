@@ -22,7 +22,8 @@ from pdgw.ds301.can_frame import CAN_FRAME, ERROR, EXTENDED, REMOTE, unpack_fram
 from pdgw.peers.bus.hub import JOIN, LEAVE, LOOK, WELCOME
 
 INTERFACE = "pdgw-bus"
-_ANSWER_S = 2.0
+_ANSWER_S = 10.0
+"""Where there is no hub the kernel says so at once: one that does not answer is waiting for the processor."""
 _FLAGS = EXTENDED | REMOTE | ERROR
 
 
