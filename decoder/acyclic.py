@@ -36,6 +36,9 @@ from pdgw.profinet.rpc import epm
 from pdgw.profinet.rpc.dcerpc import (
     CONTROLLER_INTERFACE,
     DEVICE_INTERFACE,
+    HEADER_SIZE,
+    INTERFACE_AT,
+    VERSION,
     Flags,
     PacketType,
     Reassembly,
@@ -64,6 +67,17 @@ _FIRST_SYSTEM_INDEX: Final = 0x8000
 """Records below are the manufacturer's own."""
 _INTERFACES: Final = frozenset({DEVICE_INTERFACE, CONTROLLER_INTERFACE})
 _INDEXES: Final = frozenset(Index)
+_INTERFACE_BYTES: Final = frozenset(
+    octets for uuid in (*_INTERFACES, epm.INTERFACE[0]) for octets in (uuid.bytes, uuid.bytes_le)
+)
+
+
+def is_profinet_call(data: bytes) -> bool:
+    """Whether the datagram of any port is an RPC packet of PROFINET.
+
+    Only the first request needs port 34964: many devices answer from a port of their own, and the controller goes on there.
+    """
+    return len(data) >= HEADER_SIZE and data[0] == VERSION and data[INTERFACE_AT] in _INTERFACE_BYTES
 
 
 class AcyclicDecoder:

@@ -16,12 +16,14 @@ from pdgw.profinet.blocks.connect import (
     ArBlockReq,
     ArBlockRes,
     ArServerBlockRes,
+    ExpectedSlot,
     ExpectedSubmoduleBlockReq,
     IocrBlockReq,
     IocrBlockRes,
     IocrType,
 )
 from pdgw.profinet.connect import CyclicPlan, DataObject
+from pdgw.profinet.model import API_PROFIDRIVE
 
 Place = tuple[int, int]
 """Slot and subslot."""
@@ -49,6 +51,8 @@ class Connection:
     lengths: Mapping[tuple[Place, Direction], int] = field(default_factory=dict)
     idents: Mapping[Place, int] = field(default_factory=dict)
     """SubmoduleIdentNumber of each submodule."""
+    profidrive: frozenset[Place] = frozenset()
+    """The submodules of PROFIdrive's API."""
     ar: ArBlockReq | None = None
     device_mac: bytes | None = None
     station: str = ""
@@ -113,6 +117,7 @@ def read_request(arguments: bytes) -> Connection:
     relations = []
     lengths: dict[tuple[Place, Direction], int] = {}
     idents: dict[Place, int] = {}
+    profidrive: set[Place] = set()
     ar = None
     for kind, data in split(arguments):
         if kind == ArBlockReq.TYPE:
@@ -122,8 +127,11 @@ def read_request(arguments: bytes) -> Connection:
             if relation is not None:
                 relations.append(relation)
         elif kind == ExpectedSubmoduleBlockReq.TYPE:
-            _submodules(ExpectedSubmoduleBlockReq.understand(data), lengths, idents)
-    return Connection(tuple(relations), lengths, idents, ar)
+            for slot in ExpectedSubmoduleBlockReq.understand(data).slots:
+                _submodules(slot, lengths, idents)
+                if slot.api == API_PROFIDRIVE:
+                    profidrive |= {(slot.slot, item.subslot) for item in slot.submodules}
+    return Connection(tuple(relations), lengths, idents, frozenset(profidrive), ar)
 
 
 def read_response(arguments: bytes) -> Response:
@@ -149,14 +157,11 @@ def _relation(block: IocrBlockReq) -> CyclicRelation | None:
     return CyclicRelation(_DIRECTIONS[IocrType(block.iocr_type)], block.frame_id, block, data, iocs)
 
 
-def _submodules(
-    block: ExpectedSubmoduleBlockReq, lengths: dict[tuple[Place, Direction], int], idents: dict[Place, int]
-) -> None:
-    for slot in block.slots:
-        for item in slot.submodules:
-            place = (slot.slot, item.subslot)
-            idents[place] = item.ident
-            for kind, direction in _DIRECTIONS.items():
-                length = item.length(kind)
-                if length:
-                    lengths[place, direction] = length
+def _submodules(slot: ExpectedSlot, lengths: dict[tuple[Place, Direction], int], idents: dict[Place, int]) -> None:
+    for item in slot.submodules:
+        place = (slot.slot, item.subslot)
+        idents[place] = item.ident
+        for kind, direction in _DIRECTIONS.items():
+            length = item.length(kind)
+            if length:
+                lengths[place, direction] = length

@@ -14,6 +14,7 @@ from functools import cache
 
 from pdgw.decoder.connect import Connection, CyclicRelation, Place
 from pdgw.decoder.fields import half_fields
+from pdgw.decoder.profinet_frames import named_frame
 from pdgw.decoder.records import CyclicRecord, FrameLayout, OtherRecord, ProcessDataLayout, Record
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.frame import (
@@ -243,13 +244,18 @@ class CyclicDecoder:
         )
 
     def _connected(self, connection: Connection) -> list[tuple[Axis, Place]]:
-        """The submodules whose lengths are those of a telegram. The n-th drive object is in slot n."""
+        """The submodules of drive objects whose lengths are those of a telegram. The n-th drive object is in slot n.
+
+        Outside of PROFIdrive's API, as gateways with plain modules have it, only those in the slots of axes that were told.
+        """
         known = {axis.slot or place: axis for place, axis in enumerate(self.axes, 1)}
         return self._fitting(connection, known)
 
     def _fitting(self, connection: Connection, known: Mapping[int, Axis]) -> list[tuple[Axis, Place]]:
         found = []
         for place in connection.places:
+            if place not in connection.profidrive and not (self._given and place[0] in known):
+                continue
             sizes = [connection.lengths.get((place, direction), 0) for direction in Direction]
             fitting = [n for n, t in TELEGRAMS.items() if [t.half(direction).size for direction in Direction] == sizes]
             axis = known.get(place[0]) or Axis(place[0], 0, slot=place[0])
@@ -398,7 +404,7 @@ def _inferred(candidate: Candidate, axes: Sequence[Axis]) -> str:
 
 def _refusal(frame_id: int, data: bytes) -> str:
     if not _CYCLIC_FIRST <= frame_id <= _CYCLIC_LAST:
-        return f"FrameID {frame_id:04X}h is no cyclic frame, {len(data)} bytes"
+        return f"FrameID {frame_id:04X}h is {named_frame(frame_id)}, {len(data)} bytes"
     return f"{len(data)} bytes are too short for a cyclic frame, at least {_FRAME_MIN}"
 
 

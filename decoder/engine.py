@@ -15,7 +15,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from pdgw.decoder.acyclic import AcyclicDecoder
+from pdgw.decoder.acyclic import AcyclicDecoder, is_profinet_call
 from pdgw.decoder.can_records import CanRecord
 from pdgw.decoder.canopen import CanopenDecoder, Dictionary
 from pdgw.decoder.cyclic import Axis, CyclicDecoder, given_axes
@@ -55,7 +55,8 @@ class Settings:
 
     ``axes``: the axes of the cyclic frames in their order, with node-IDs where these are known. ``origin`` says who told.
     ``station``: whose PROFINET frames are read where several stations have telegrams; empty for the first one.
-    ``dictionary``: EDS/DCF entries by node-ID. Ports: where cyclic frames and RPC packets are looked for.
+    ``dictionary``: EDS/DCF entries by node-ID. Ports: where cyclic frames and RPC packets are looked for (those
+    of PROFINET are known by their interface on every port).
     """
 
     axes: Sequence[Axis] = ()
@@ -166,7 +167,7 @@ class Decoder:
             if ports & self.settings.cyclic_ports:
                 return self._cyclic.decode(number, time_ns, channel, payload.data)
             peers = frozenset((payload.source[0], payload.destination[0]))
-            if ports & self.settings.acyclic_ports:
+            if ports & self.settings.acyclic_ports or is_profinet_call(payload.data):
                 return self._acyclic.decode(number, time_ns, channel, payload.data, peers)
             text = f"UDP port {payload.source[1]} -> {payload.destination[1]}, {len(payload.data)} bytes"
             return OtherRecord(number, time_ns, channel, payload.data, text=text)

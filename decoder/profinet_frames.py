@@ -1,7 +1,7 @@
 """PROFINET frames beside the cyclic ones: DCP, alarms, LLDP.
 
 Source: IEC 61158-6-10 (DCP-PDU, RTA-PDU), IEEE 802.1AB, by what ``profinet`` declares of them. What stations tell of their names
-is kept for whoever needs them. Left out: PTCP, fragments.
+is kept for whoever needs them. PTCP and fragments are only named.
 """
 
 from __future__ import annotations
@@ -33,12 +33,26 @@ _DCP_IDS: Final = frozenset({_HELLO, dcp.FRAME_ID_GET_SET, dcp.FRAME_ID_IDENTIFY
 _PRIORITIES: Final = {frame_id: priority for priority, frame_id in ALARM_FRAME_IDS.items()}
 FRAME_IDS: Final = _DCP_IDS | _PRIORITIES.keys()
 """FrameIDs read here."""
+_NAMES: Final = {
+    **dict.fromkeys((0x0020, 0x0021, 0x0080, 0x0081), "PTCP, synchronisation"),
+    **dict.fromkeys(range(0x0100, 0x1000), "a cyclic frame of RT class 3 (IRT), not read"),
+    **dict.fromkeys((0xFF00, 0xFF01), "PTCP, announcement"),
+    **dict.fromkeys((0xFF20, 0xFF21), "PTCP, follow-up of a synchronisation"),
+    **dict.fromkeys(range(0xFF40, 0xFF44), "PTCP, measurement of a line's delay"),
+    **dict.fromkeys(range(0xFF80, 0xFF90), "a fragment of a larger frame"),
+}
+"""What other frames are, by FrameID."""
 _OPTIONS: Final = {option.value: option for option in Option}
 _MACS_SIZE: Final = 12
 _U16: Final = 2
 _IP_SUITE_SIZE: Final = len(IpSuite().encode())
 _PDU_TYPE_MASK: Final = 0x0F
 _NOTIFICATION_TYPES: Final = frozenset(cls.TYPE for cls in NOTIFICATIONS.values())
+
+
+def named_frame(frame_id: int) -> str:
+    """What a frame is that is neither cyclic nor read here."""
+    return _NAMES.get(frame_id, "no cyclic frame")
 
 
 class FrameDecoder:

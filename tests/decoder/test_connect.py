@@ -32,7 +32,7 @@ from pdgw.peers.controller.project import Project
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.frame import IOPS_GOOD, STATUS_NORMAL
 from pdgw.profidrive.telegrams import Direction, telegram
-from pdgw.profinet.model import DAP_SLOT, ObjectKind, access_module, object_module
+from pdgw.profinet.model import API_PROFIDRIVE, DAP_SLOT, ObjectKind, access_module, object_module
 from pdgw.profinet.rpc.dcerpc import Flags, PacketType, RpcHeader, encode_packet, object_uuid
 from pdgw.profinet.rpc.records import Operation, encode_arguments
 from tests.profinet.test_connect import CASES
@@ -70,7 +70,7 @@ def description(kind: int, length: int) -> ExpectedSubmoduleDataDescription:
     )
 
 
-def submodules(slot: int, number: int) -> ExpectedSubmoduleBlockReq:
+def submodules(slot: int, number: int, api_number: int) -> ExpectedSubmoduleBlockReq:
     chosen = telegram(number)
     data = ExpectedSubmodule(
         SubslotNumber=2,
@@ -79,16 +79,16 @@ def submodules(slot: int, number: int) -> ExpectedSubmoduleBlockReq:
         DataDescription=[description(1, chosen.actuals.size), description(2, chosen.setpoints.size)],
     )
     access = ExpectedSubmodule(SubslotNumber=1, SubmoduleProperties_Type=0, DataDescription=[description(1, 0)])
-    api = ExpectedSubmoduleAPI(SlotNumber=slot, ModuleIdentNumber=1, Submodules=[access, data])
+    api = ExpectedSubmoduleAPI(API=api_number, SlotNumber=slot, ModuleIdentNumber=1, Submodules=[access, data])
     return ExpectedSubmoduleBlockReq(APIs=[api])
 
 
-def request() -> bytes:
+def request(api_number: int = API_PROFIDRIVE) -> bytes:
     blocks = [
         ARBlockReq(ARUUID=str(UUID(int=1)), CMInitiatorObjectUUID=str(UUID(int=2)), CMInitiatorStationName=b"plc"),
         iocr(1, 1, INPUT, Direction.ACTUAL),
         iocr(2, 2, 0xFFFF, Direction.SETPOINT),
-        *(submodules(slot, number) for slot, number in TELEGRAMS.items()),
+        *(submodules(slot, number, api_number) for slot, number in TELEGRAMS.items()),
     ]
     return b"".join(bytes(block) for block in blocks)
 
@@ -104,13 +104,13 @@ def rpc(packet_type: PacketType, first: int, arguments: bytes, operation: Operat
     return encode_packet(header, encode_arguments(first, arguments, max(4096, len(arguments)), little=True))
 
 
-def ethernet(payload: bytes, *, answer: bool = False) -> bytes:
-    ports = UDP(sport=34964, dport=50000) if answer else UDP(sport=50000, dport=34964)
+def ethernet(payload: bytes, *, answer: bool = False, device_port: int = 34964) -> bytes:
+    ports = UDP(sport=device_port, dport=50000) if answer else UDP(sport=50000, dport=device_port)
     return bytes(Ether() / IP(src="10.0.0.1", dst="10.0.0.2") / ports / payload)
 
 
-def connect_packets(status: int = 0) -> list[bytes]:
-    first = rpc(PacketType.REQUEST, 4096, request())
+def connect_packets(status: int = 0, api_number: int = API_PROFIDRIVE) -> list[bytes]:
+    first = rpc(PacketType.REQUEST, 4096, request(api_number))
     answer = rpc(PacketType.RESPONSE, status, b"" if status else response())
     return [ethernet(first), ethernet(answer, answer=True)]
 
@@ -156,6 +156,45 @@ def test_frames_are_read_as_the_connect_places_them(axes: tuple[int, ...]) -> No
         assert {unit.axis: unit.values for unit in record.units} == VALUES[direction]
         assert {unit.layout.telegram for unit in record.units} == {9, 100}
         assert {(unit.iops, unit.iocs) for unit in record.units} == {(IOPS_GOOD, IOPS_GOOD)}
+
+
+def test_plain_modules_are_no_drive_objects() -> None:
+    """Their data may be as long as a telegram's: only PROFIdrive's API has telegrams."""
+    decoder = Decoder()
+    _, answered = decode(decoder, connect_packets(api_number=0))
+    assert "setpoints FrameID 8022h" in answered.summary
+    assert decoder.notices == []
+    (record,) = decode(decoder, [frame(Direction.ACTUAL, VALUES[Direction.ACTUAL])])
+    assert isinstance(record, CyclicRecord)
+    assert record.units == ()
+
+
+def test_axes_that_were_told_may_be_in_plain_modules() -> None:
+    """Gateways without the profile have their telegrams there."""
+    decoder = Decoder(Settings(given_axes((9, 1, 100))))
+    decode(decoder, connect_packets(api_number=0))
+    (record,) = decode(decoder, [frame(Direction.ACTUAL, VALUES[Direction.ACTUAL])])
+    assert isinstance(record, CyclicRecord)
+    assert {unit.axis: unit.values for unit in record.units} == VALUES[Direction.ACTUAL]
+
+
+@pytest.mark.parametrize("little", [True, False])
+def test_a_device_may_answer_from_a_port_of_its_own(little: bool) -> None:
+    """As most do; the controller's next requests go there. Both byte orders exist."""
+    decoder = Decoder()
+    asked, _ = connect_packets()
+    header = RpcHeader(
+        PacketType.RESPONSE, object_uuid(1, 1, 0x400), UUID(int=5), 0, Operation.CONNECT, little_endian=little
+    )
+    answer = encode_packet(header, encode_arguments(0, response(), 4096, little=little))
+    following = rpc(PacketType.REQUEST, 4096, b"", Operation.CONTROL)
+    packets = [asked, ethernet(answer, answer=True, device_port=49155), ethernet(following, device_port=49155)]
+    _, answered, control = decode(decoder, packets)
+    assert "connect response: actuals FrameID 8011h, setpoints FrameID 8022h" in answered.summary
+    assert control.summary.startswith("control request")
+    stranger = ethernet(b"\x04" + bytes(100), device_port=49155)
+    (other,) = decode(decoder, [stranger])
+    assert other.summary == "UDP port 50000 -> 49155, 101 bytes"
 
 
 def test_a_refused_connect_teaches_nothing() -> None:

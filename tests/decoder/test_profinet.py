@@ -181,6 +181,32 @@ def _ours(record: Record) -> list[int]:
     return blocks
 
 
+_KINDS = {
+    "RTSync": "PTCP, synchronisation",
+    "Announce": "PTCP, announcement",
+    "FollowUp": "PTCP, follow-up of a synchronisation",
+    "Delay": "PTCP, measurement of a line's delay",
+    "Fragment": "a fragment of a larger frame",
+    "RTC3": "a cyclic frame of RT class 3 (IRT), not read",
+}
+"""What tshark calls a frame that is only named here, and what it is called here."""
+
+
+@tshark.needs_tshark
+@pytest.mark.tshark
+def test_frames_that_are_not_read_are_named_as_by_tshark(tmp_path: Path) -> None:
+    ids = [*range(0x0000, 0x0102), 0x0FFF, 0x1000, *range(0xFF00, 0xFFA0)]
+    packets = [bytes(12) + bytes.fromhex("8892") + frame_id.to_bytes(2) + bytes(44) for frame_id in ids]
+    rows = tshark_frames.read(packets, tmp_path / "ids.pcap", ["_ws.col.Info"])
+    seen = set()
+    for frame_id, record, row in zip(ids, decode(Decoder(), packets), rows, strict=True):
+        kind = next((kind for kind in _KINDS if kind in row["_ws.col.Info"]), None)
+        called = _KINDS[kind] if kind else "no cyclic frame"
+        assert record.summary == f"FrameID {frame_id:04X}h is {called}, 46 bytes"
+        seen.add(kind)
+    assert seen == {None, *_KINDS}
+
+
 @tshark.needs_tshark
 @pytest.mark.tshark
 def test_tshark_names_the_same_blocks_records_names_and_alarms(tmp_path: Path) -> None:
