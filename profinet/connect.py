@@ -129,8 +129,8 @@ def plan(arguments: bytes, model: DeviceModel) -> ConnectPlan:
     if not slots:
         raise refuse_call(BLOCK_COUNT, "expected submodule blocks", 0, "at least one")
     expected = _check_expected(slots)
-    inputs = _cyclic(by_type[IocrType.INPUT], expected, model, None)
-    outputs = _cyclic(by_type[IocrType.OUTPUT], expected, model, inputs.frame_id)
+    inputs = _cyclic(by_type[IocrType.INPUT], expected, model)
+    outputs = _cyclic(by_type[IocrType.OUTPUT], expected, model)
     _check_complete(expected, inputs, outputs)
     diff, proper = compare(slots, model)
     return ConnectPlan(ar, inputs, outputs, alarm, slots, proper, diff)
@@ -207,6 +207,9 @@ def _check_expected(slots: Iterable[ExpectedSlot]) -> _Expected:
             if submodule.direction is SubmoduleDirection.NO_IO and submodule.descriptions[0].length:
                 path = "slots.submodules.descriptions.length"
                 raise refuse(block, path, submodule.descriptions[0].length, "0 of a submodule without data")
+            if submodule.without_status and submodule.direction is not SubmoduleDirection.NO_IO:
+                path = "slots.submodules.properties"
+                raise refuse(block, path, f"{submodule.properties:04X}h", "DiscardIOXS only without data")
             expected[place] = (slot.api, submodule)
     return expected
 
@@ -214,6 +217,10 @@ def _check_expected(slots: Iterable[ExpectedSlot]) -> _Expected:
 def _check_complete(expected: _Expected, inputs: CyclicPlan, outputs: CyclicPlan) -> None:
     plans = {IocrType.INPUT: inputs, IocrType.OUTPUT: outputs}
     for place, (_, submodule) in expected.items():
+        # PC Worx leaves some submodules without data out of its relationships, and devices grant that (captures).
+        no_data = submodule.direction is SubmoduleDirection.NO_IO
+        if no_data and place not in inputs.data and place not in outputs.iocs:
+            continue
         for direction in _DIRECTIONS[submodule.direction]:
             if place not in plans[direction].data or place not in plans[_OPPOSITE[direction]].iocs:
                 path = "slots.submodules.subslot"
@@ -223,15 +230,15 @@ def _check_complete(expected: _Expected, inputs: CyclicPlan, outputs: CyclicPlan
 # -- cyclic relationships ---------------------------------------------------------------------------------------------
 
 
-def _cyclic(block: IocrBlockReq, expected: _Expected, model: DeviceModel, taken: int | None) -> CyclicPlan:
+def _cyclic(block: IocrBlockReq, expected: _Expected, model: DeviceModel) -> CyclicPlan:
     cls = IocrBlockReq
     ids = CYCLIC_FRAME_IDS[block.properties]
     frame_id = block.frame_id
+    # The inputs may have the same one: a frame's destination tells them apart (controllers and devices do so in captures).
     if frame_id == FRAME_ID_BY_DEVICE and block.iocr_type == IocrType.OUTPUT:
-        frame_id = next(number for number in ids if number != taken)
-    if frame_id not in ids or frame_id == taken:
-        allowed = f"another of {ids.start:04X}h..{ids.stop - 1:04X}h"
-        raise refuse(cls, "frame_id", f"{frame_id:04X}h", allowed)
+        frame_id = ids.start
+    if frame_id not in ids:
+        raise refuse(cls, "frame_id", f"{frame_id:04X}h", f"{ids.start:04X}h..{ids.stop - 1:04X}h")
     if block.send_clock * block.reduction_ratio < model.min_device_interval:
         allowed = f"a cycle of at least {model.min_device_interval} x 31.25 us"
         raise refuse(cls, "reduction_ratio", block.reduction_ratio, allowed)
@@ -251,10 +258,14 @@ def _cyclic(block: IocrBlockReq, expected: _Expected, model: DeviceModel, taken:
         if not api.data and not api.iocs:
             raise refuse(cls, "apis.data", 0, "data or IOCS in each API")
         for place, item, submodule in _places(api, "data", expected, data, _PROVIDES[direction]):
+            if submodule.without_status:
+                continue
             length = submodule.length(direction)
             _occupy(used, "data", item, length + IOPS_SIZE)
             data[place] = DataObject(item.offset, length)
-        for place, item, _ in _places(api, "iocs", expected, iocs, _PROVIDES[_OPPOSITE[direction]]):
+        for place, item, submodule in _places(api, "iocs", expected, iocs, _PROVIDES[_OPPOSITE[direction]]):
+            if submodule.without_status:
+                continue
             _occupy(used, "iocs", item, 1)
             iocs[place] = item.offset
     return CyclicPlan(block, frame_id, data, iocs)

@@ -182,6 +182,8 @@ class SubmoduleDirection(enum.IntEnum):
 
 
 SUBMODULE_TYPE_MASK: Final = 0x0003
+DISCARD_IOXS: Final = 0x0020
+"""SubmoduleProperties: the frames have no IOPS and no IOCS of this submodule, whatever offsets the relationships name."""
 
 
 def _descriptions(before: dict[str, Any]) -> int:
@@ -215,6 +217,11 @@ class ExpectedSubmodule(Structure):
     @property
     def direction(self) -> SubmoduleDirection:
         return SubmoduleDirection(self.properties & SUBMODULE_TYPE_MASK)
+
+    @property
+    def without_status(self) -> bool:
+        """Neither IOPS nor IOCS, as some controllers ask for with submodules without data."""
+        return bool(self.properties & DISCARD_IOXS)
 
 
 @dataclass(frozen=True, kw_only=True)

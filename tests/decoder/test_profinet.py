@@ -195,7 +195,7 @@ _KINDS = {
 @tshark.needs_tshark
 @pytest.mark.tshark
 def test_frames_that_are_not_read_are_named_as_by_tshark(tmp_path: Path) -> None:
-    ids = [*range(0x0000, 0x0102), 0x0FFF, 0x1000, *range(0xFF00, 0xFFA0)]
+    ids = [*range(0x0102), 0x0FFF, 0x1000, *range(0xFF00, 0xFFA0)]
     packets = [bytes(12) + bytes.fromhex("8892") + frame_id.to_bytes(2) + bytes(44) for frame_id in ids]
     rows = tshark_frames.read(packets, tmp_path / "ids.pcap", ["_ws.col.Info"])
     seen = set()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 from uuid import UUID
@@ -11,9 +12,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pdgw.peers.controller.project import Layout, Project
+from pdgw.peers.controller.project import INPUT_FRAME_ID, Layout, Project
 from pdgw.profidrive.telegrams import telegram
 from pdgw.profinet.blocks.connect import (
+    DISCARD_IOXS,
     ArBlockRes,
     ArServerBlockRes,
     ExpectedSubmoduleBlockReq,
@@ -25,14 +27,14 @@ from pdgw.profinet.blocks.connect import (
     ModuleState,
     RtClass,
 )
-from pdgw.profinet.connect import plan
-from pdgw.profinet.model import DeviceModel, Module, ObjectKind, Submodule, object_module
+from pdgw.profinet.connect import DataObject, plan
+from pdgw.profinet.model import DeviceModel, Module, ObjectKind, Submodule, Subslot, object_module
 from pdgw.profinet.rpc import dcerpc
 from pdgw.profinet.rpc.dcerpc import PacketType, RpcHeader
 from pdgw.profinet.rpc.records import Operation, PnioStatus, encode_arguments
 from pdgw.profinet.wire import Block, split
 from tests.support.connect import AR_UUID, AXIS_SUBSLOTS, INITIATOR, SOURCE, Caller, blocks, change
-from tests.support.profinet import PLC_MAC, Wire, model, project
+from tests.support.profinet import MS, PLC_MAC, Wire, model, project
 
 
 def answered_blocks(data: bytes) -> dict[int, list[bytes]]:
@@ -90,6 +92,75 @@ def test_device_access_needs_no_data_and_two_are_possible() -> None:
     assert caller.connect([replace(third, ar_type=6)])[0] == PnioStatus(0xDB, 0x81, 0x40, 0x04)
     # Beside them a controller connects.
     assert not caller.connect(blocks())[0].value
+
+
+class SameFrameId(Project):
+    """As a software controller asks for: only the destination tells the frames of both directions apart."""
+
+    def iocr(self, kind: IocrType, layout: Layout) -> IocrBlockReq:
+        return replace(super().iocr(kind, layout), frame_id=INPUT_FRAME_ID)
+
+
+class LeftOut(Project):
+    """As PC Worx asks for: submodules without data are in no relationship."""
+
+    def layout(self, kind: IocrType, order: Sequence[Subslot] | None = None, gap: int = 0) -> Layout:
+        assert order is None
+        return super().layout(kind, [place for place in self.submodules if place not in self.empty], gap)
+
+    @property
+    def empty(self) -> list[Subslot]:
+        return [place for place, item in self.submodules.items() if not item.inputs and not item.outputs]
+
+
+class WithoutStatus(LeftOut):
+    """As controllers ask for with DiscardIOXS: such submodules are listed, the frames have nothing of them."""
+
+    def iocr(self, kind: IocrType, layout: Layout) -> IocrBlockReq:
+        nothing = DataObject(0, 0)
+        if kind is IocrType.INPUT:
+            listed = replace(layout, data=dict.fromkeys(self.empty, nothing) | dict(layout.data))
+        else:
+            listed = replace(layout, iocs=dict.fromkeys(self.empty, 0) | dict(layout.iocs))
+        return super().iocr(kind, listed)
+
+    def expected(self) -> list[ExpectedSubmoduleBlockReq]:
+        return [
+            replace(
+                block,
+                slots=tuple(
+                    replace(
+                        slot,
+                        submodules=tuple(
+                            replace(item, properties=item.properties | (0 if item.direction else DISCARD_IOXS))
+                            for item in slot.submodules
+                        ),
+                    )
+                    for slot in block.slots
+                ),
+            )
+            for block in super().expected()
+        ]
+
+
+@pytest.mark.parametrize("kind", [SameFrameId, LeftOut, WithoutStatus])
+def test_what_real_controllers_ask_for_and_real_devices_grant(kind: type[Project]) -> None:
+    """Each seen in public captures of running machines."""
+    wire = Wire(of_project=kind("gateway", model().modules))
+    wire.connect()
+    relation = wire.device.relation
+    assert relation is not None
+    assert relation.plan.diff is None
+    setpoints, actuals = bytes(range(1, 5)), bytes(range(11, 15))
+    wire.plc.set_output((1, 2), setpoints)
+    wire.device.set_input((1, 2), actuals, good=True)
+    wire.run(40 * MS)
+    assert wire.device.output((1, 2)) == setpoints
+    assert wire.plc.input((1, 2)) == actuals
+    if kind is not SameFrameId:
+        assert relation.plan.inputs is not None
+        assert (0, 1) not in relation.plan.inputs.data
+        assert relation.plan.inputs.data[1, 2].offset == 0
 
 
 def wrong(place: int, module: Module | None) -> Project:
