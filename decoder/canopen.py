@@ -55,6 +55,8 @@ Dictionary = Callable[[int], Sequence[Entry] | None]
 
 LSS: Final = {0x7E4: "LSS response", 0x7E5: "LSS request"}
 _NODE = 0x7F
+_SDO_HEAD: Final = 4
+"""Command byte, index and subindex."""
 _MAX_MAPPED = 64
 _OBSERVED = "observed"
 _DAY_ZERO = datetime.date(1984, 1, 1)
@@ -215,10 +217,12 @@ class CanopenDecoder:
         return HeartbeatRecord(*base, node_id, text, state=state, previous=previous)
 
     def _sdo(self, base: _Base, node_id: int, from_client: bool, data: bytes) -> Record:
-        if len(data) != FRAME_SIZE:
-            return CanRecord(*base, node_id, f"SDO frame of {len(data)} bytes, expected {FRAME_SIZE}")
+        wrong = "" if len(data) == FRAME_SIZE else f"SDO frame of {len(data)} bytes, expected {FRAME_SIZE}"
+        # A request cut short by hand (cansend 601#2B4060000600): most drives take it, so what it asks for is shown.
+        if wrong and not (from_client and _SDO_HEAD <= len(data) < FRAME_SIZE):
+            return CanRecord(*base, node_id, wrong)
         node = self._node(node_id)
-        step = node.sdo.feed(from_client, data, base[1])
+        step = node.sdo.feed(from_client, data.ljust(FRAME_SIZE, b"\0"), base[1])
         index, subindex = step.index, step.subindex
         decoded = None
         name = ""
@@ -231,7 +235,7 @@ class CanopenDecoder:
         return SdoRecord(
             *base,
             node_id,
-            _sdo_text(step, name, node.names),
+            _sdo_text(step, name, node.names) + (f" ({wrong})" if wrong else ""),
             step=step.name,
             from_client=from_client,
             index=index,

@@ -1,6 +1,7 @@
 """CAN logs: candump's two text forms by own readers, every other format by python-can's.
 
-Source: can-utils (candump -l / -L writes ``(time) interface id#data``; on a terminal ``(time) interface id [n] bytes``).
+Source: can-utils (candump -l / -L writes ``(time) interface id#data``; on a terminal ``(time) interface id [n] bytes``, the time
+in seconds or, with ``-tA``, a date).
 A line or file that cannot be understood is a ``CaptureError`` with the offset, after all frames before it.
 """
 
@@ -8,6 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Iterator
+from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Final
 
 from pdgw.decoder.capture.errors import CaptureError
@@ -29,7 +31,8 @@ _LOG_OTHER = re.compile(
     rb"\((\d{1,12})\.(\d{1,9})\) +(\S+) +([0-9A-Fa-f]{3,8})#(?:([Rr])(\d?)|#[0-9A-Fa-f]([0-9A-Fa-f]*))(?: +[RT])?\s*\Z"
 )
 _TERMINAL = re.compile(
-    rb"\s*(?:\((\d{1,12})\.(\d{1,9})\) +)?(\S+) +(?:[RT]X? +)?([0-9A-Fa-f]{3,8}) +\[(\d{1,2})\] *"
+    rb"\s*(?:\((\d{1,12}|\d{4}-\d\d-\d\d \d\d:\d\d:\d\d)\.(\d{1,9})\) +)?"
+    rb"(\S+) +(?:[RT]X? +(?:[B-] +[E-] +)?)?([0-9A-Fa-f]{3,8}) +\[(\d{1,2})\] *"
     rb"(?:(remote request)|((?:[0-9A-Fa-f]{2}(?: +|\Z))*))\s*(?:ERRORFRAME)?\s*\Z"
 )
 _EXTENDED_DIGITS: Final = 8
@@ -89,6 +92,15 @@ def _frame(identifier: bytes, data: bytes, remote: bool = False) -> CanFrame:
     return CanFrame(number & EXTENDED_ID, data, extended=True, remote=remote)
 
 
+def _date(text: bytes, line: bytes, offset: int, name: str) -> bytes:
+    """Seconds of a date. The log does not tell its time zone: read as UTC."""
+    try:
+        moment = datetime.fromisoformat(text.decode()).replace(tzinfo=UTC)
+    except ValueError as error:
+        raise CaptureError(name, offset, f"{line[:_SHOWN]!r}: {error}") from error
+    return b"%d" % moment.timestamp()
+
+
 def _other_forms(line: bytes, offset: int, name: str) -> tuple[bytes, bytes, bytes, CanFrame]:
     match = _LOG_OTHER.match(line)
     if match is not None:
@@ -101,6 +113,8 @@ def _other_forms(line: bytes, offset: int, name: str) -> tuple[bytes, bytes, byt
         data = bytes(int(length)) if remote else bytes.fromhex((digits or b"").decode())
         if len(data) != int(length):
             raise CaptureError(name, offset, f"{line[:_SHOWN]!r}: {len(data)} data bytes, announced are {int(length)}")
+        if b":" in (seconds or b""):
+            seconds = _date(seconds, line, offset, name)
         return seconds or b"0", fraction or b"0", channel, _frame(identifier, data, bool(remote))
     raise CaptureError(name, offset, f"{line[:_SHOWN]!r} is no line of a candump log")
 

@@ -212,6 +212,17 @@ def test_emcy_and_abort_are_told_in_words() -> None:
     assert "6040h.0 Controlword 0609 0030h: value range of parameter exceeded" in abort.summary
 
 
+def test_a_request_cut_short_is_shown_with_what_it_asks_for() -> None:
+    """Typed by hand (cansend 601#2B4060000600); most drives take it. A drive's own frames are never short."""
+    bus = CanopenDecoder()
+    write_short = feed(bus, 0x600 + NODE, bytes.fromhex("2B4060000600"))
+    assert isinstance(write_short, SdoRecord)
+    assert (write_short.index, write_short.value) == (0x6040, b"\x06\x00")
+    assert write_short.summary.endswith("= 0006h [Shutdown] (SDO frame of 6 bytes, expected 8)")
+    assert feed(bus, 0x600 + NODE, bytes.fromhex("2B4060")).summary == "SDO frame of 3 bytes, expected 8"
+    assert feed(bus, 0x580 + NODE, bytes.fromhex("60406000")).summary == "SDO frame of 4 bytes, expected 8"
+
+
 def test_an_encoder_is_known_by_its_device_type_and_telegram() -> None:
     bus = CanopenDecoder()
     feed(bus, 0x600 + NODE, struct.pack("<BHB4x", 0x40, 0x1000, 0))

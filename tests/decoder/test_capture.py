@@ -186,7 +186,9 @@ def test_candump_log() -> None:
         ("(1.5) can0 20000040#0000000000000000", 0x40, "00" * 8, "error"),
         ("(1.5) can0 123##1AABB", 0x123, "AABB", ""),
         (" (1.500000)  can0  181   [2]  01 02", 0x181, "0102", ""),
-        (" (1.500000)  can0  RX - -  181   [2]  01 02", None, "", ""),
+        (" (1.500000)  can0  RX - -  181   [2]  01 02", 0x181, "0102", ""),
+        (" (1970-01-01 00:00:01.500000)  can0  181   [2]  01 02", 0x181, "0102", ""),
+        (" (1.500000)  can0  181  01 02", None, "", ""),
         ("  can0  00000123   [1]  AA", 0x123, "AA", "extended"),
         ("  can0  701   [0]  remote request", 0x701, "", "remote"),
     ],
@@ -212,6 +214,9 @@ def test_a_bad_line_is_told_with_its_offset() -> None:
     _, error = until_damage(read_candump(io.BytesIO(good + b"x" * (MAX_LINE + 2)), "can.log"))
     assert error is not None
     assert "no line end" in str(error)
+    _, error = until_damage(read_candump(io.BytesIO(b" (2026-13-01 00:00:00.5)  can0  181   [1]  01\n"), "can.log"))
+    assert error is not None
+    assert "month must be in 1..12" in str(error)
     _, error = until_damage(read_candump(io.BytesIO(good[:-2]), "can.log"))
     assert error is not None
     assert "half a byte" in str(error)
