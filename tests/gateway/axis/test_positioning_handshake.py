@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import pytest
 
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import ControlBit, State, StatusBit
-from pdgw.gateway.axis.settings import PlcLossReaction
 from pdgw.gateway.axis.values import SdoWrite
 from pdgw.gateway.reasons import Reason
 from pdgw.peers.drive.family import TURNTABLE
@@ -18,7 +15,6 @@ from tests.gateway.axis.test_positioning import (
     HOME_SET,
     HOMING,
     INTERMEDIATE,
-    MDI_ACTIVE,
     POSITION,
     REACHED,
     REJECT,
@@ -217,6 +213,15 @@ def test_a_homing_that_is_no_longer_asked_for_when_the_axis_stands_does_not_begi
         assert hand.stepper.command.modes_of_operation == Mode.POSITION
 
 
+def test_a_relative_task_that_was_not_given_when_a_stop_came_is_given_as_it_is() -> None:
+    hand = positioning().enable()
+    hand(ON | ACTIVATE, OPERATING | TAKEN, MDI_TARPOS=POSITION.to_wire(5_000), MDI_MOD=0)
+    hand(ON & ~INTERMEDIATE)
+    hand(ON)
+    assert hand(ON) & (NEW_SETPOINT | ControlBit.RELATIVE) == NEW_SETPOINT | ControlBit.RELATIVE
+    assert hand.target == 5_000
+
+
 def test_an_edge_during_an_intermediate_stop_replaces_the_task_that_was_kept() -> None:
     hand = positioning().enable()
     hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(5_000))
@@ -391,114 +396,3 @@ def test_halt_stays_with_the_command_that_ends_the_ramp_of_an_off1() -> None:
     del rig.controlwords[:-1]
     rig.until(lambda _: not rig.stepper.command.controlword & HALT)
     assert [word & (HALT | 0xF) for word in rig.controlwords[1:]] == [HALT | 0xF, HALT | 0x6, 0x6]
-
-
-# -- what is shown ----------------------------------------------------------------------------------------------------
-
-
-def test_aktsatz_15_is_shown_in_operation_and_during_the_ramp_and_never_without_a_plc() -> None:
-    hand = positioning()
-    hand(OFF, State.SWITCH_ON_DISABLED)
-    assert not hand.actuals["AKTSATZ"] & MDI_ACTIVE
-    hand.enable()
-    hand.feedback.velocity_actual = 3000
-    hand(ON)
-    assert hand.actuals["AKTSATZ"] & MDI_ACTIVE
-    hand(OFF)
-    assert hand.actuals["AKTSATZ"] & MDI_ACTIVE
-    hand(OFF3)
-    assert not hand.actuals["AKTSATZ"] & MDI_ACTIVE
-    lost = positioning(on_plc_loss=PlcLossReaction.RAMP).enable()
-    lost.feedback.velocity_actual = 3000
-    lost(None)
-    assert not lost.actuals["AKTSATZ"] & MDI_ACTIVE
-
-
-def test_xist_a_is_the_drives_position_and_aktsatz_its_homing_method() -> None:
-    hand = positioning().enable()
-    hand.feedback.position_actual = -12_345
-    hand(ON)
-    assert hand.actuals["XIST_A"] == POSITION.to_wire(-12_345)
-    assert hand.actuals["AKTSATZ"] & 0xFF == 35
-
-
-def test_without_references_neither_position_nor_task_nor_method_is_shown() -> None:
-    hand = positioning().enable()
-    hand.feedback.position_actual = -12_345
-    hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(5_000))
-    hand.stepper.set_drive(None)
-    assert not hand(ON) & NEW_SETPOINT
-    assert (hand.actuals["XIST_A"], hand.actuals["AKTSATZ"]) == (0, 0)
-    hand.stepper.set_drive(engel(), 35)
-    assert not any(hand.enable()(ON) & NEW_SETPOINT for _ in range(10))
-
-
-def test_a_drive_that_was_away_for_a_cycle_does_not_know_its_home_position() -> None:
-    rig = axis()
-    rig.values |= {"SATZANW": 0x8000 | 35, "STW1": ON | HOMING}
-    rig.until(lambda actuals: bool(actuals["ZSW1"] & HOME_SET))
-    rig.values["STW1"] = ON
-    rig.step(3)
-    assert rig.actuals["ZSW1"] & HOME_SET
-    rig.connected_drive = False
-    rig.step(1)
-    rig.connected_drive = True
-    rig.step(1)
-    assert not rig.actuals["ZSW1"] & HOME_SET
-
-
-@pytest.mark.parametrize("end", ["task", "reject"])
-@pytest.mark.parametrize(
-    ("word", "values", "reason"),
-    [
-        (ON, {"SATZANW": 0}, Reason.MDI_OFF),
-        (ON & ~REJECT, {}, Reason.REJECTED),
-        (ON & ~INTERMEDIATE, {}, Reason.INTERMEDIATE_STOP),
-        (ON, {"MDI_VELOCITY": 0}, Reason.TASK_SPEED_ZERO),
-    ],
-    ids=lambda item: item.name if isinstance(item, Reason) else "",
-)
-def test_why_an_edge_started_nothing_is_told_until_the_next_task_or_a_reject(
-    word: int, values: dict[str, int], reason: Reason, end: str
-) -> None:
-    hand = positioning().enable()
-    hand(word | ACTIVATE, **values)
-    assert hand.stepper.reason is reason
-    for _ in range(5):
-        hand(ON, SATZANW=0x8000, MDI_VELOCITY=1 << 29)
-        assert hand.stepper.reason is reason
-    hand(ON, SATZANW=0)
-    assert hand.stepper.reason is reason, "what the edge lacked, not what the next one would"
-    hand(ON, SATZANW=0x8000)
-    if end == "task":
-        assert hand(ON | ACTIVATE) & NEW_SETPOINT
-    else:
-        hand(ON & ~REJECT)
-        hand(ON)
-    own = end == "reject" and reason is Reason.REJECTED
-    assert hand.stepper.reason is (reason if own else None)
-
-
-def test_the_reason_of_a_refused_edge_is_over_with_the_operation() -> None:
-    hand = positioning().enable()
-    hand(ON | ACTIVATE, MDI_VELOCITY=0)
-    assert hand.stepper.reason is Reason.TASK_SPEED_ZERO
-    hand(OFF2)
-    hand(OFF2, State.SWITCH_ON_DISABLED)
-    hand.enable()
-    assert hand.stepper.reason is None
-
-
-def test_a_relative_task_whose_end_the_drives_object_cannot_hold_resumes_to_what_it_can() -> None:
-    drive = engel()
-    narrow = replace(drive.entries["target_position"], low=-6_000, high=6_000)
-    hand = positioning()
-    hand.stepper.set_drive(replace(drive, entries={**drive.entries, "target_position": narrow}), 35)
-    hand.enable()
-    hand.feedback.position_actual = 4_000
-    hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(5_000), MDI_MOD=0)
-    hand(ON, OPERATING | TAKEN)
-    assert hand(ON & ~INTERMEDIATE) & HALT
-    words = [hand(ON) for _ in range(3)]
-    assert any(word & NEW_SETPOINT and not word & ControlBit.RELATIVE for word in words)
-    assert hand.target == 6_000

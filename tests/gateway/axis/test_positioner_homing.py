@@ -1,0 +1,435 @@
+"""Telegram 111 with a drive that answers when the test says so: homing, modulo axes, ranges, and what the drive tells."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from pdgw.dsp402.modes import Mode
+from pdgw.dsp402.objects import NEGATIVE_LIMIT_SWITCH, POSITIVE_LIMIT_SWITCH
+from pdgw.dsp402.states import State, StatusBit
+from pdgw.gateway.axis.values import ProbeAnswer, SdoWrite
+from pdgw.gateway.motion.blocks import Block, BlockTask
+from pdgw.gateway.reasons import FaultNumber
+from tests.gateway.axis.test_modulo import TABLE, drive_type
+from tests.gateway.axis.test_positioner_handshake import (
+    ACTIVATE,
+    DRIVE,
+    FAST,
+    FOLLOWS,
+    HALT,
+    HOME_SET,
+    HOMING,
+    NEW_SETPOINT,
+    OF_THE_MODE,
+    OFF2,
+    REACHED,
+    REJECT,
+    RELATIVE,
+    TAKEN,
+    WARNING,
+    positioner,
+    shows,
+    turning,
+)
+from tests.support.hand import OFF, ON, OPERATING, Hand
+from tests.support.positioner import CHOICES
+
+# -- homing -------------------------------------------------------------------------------------------------------------
+
+
+def homed() -> Hand:
+    """With method 35, which is immediate."""
+    hand = positioner().enable()
+    hand(ON | HOMING)
+    hand.stepper.sdo_done(None)
+    hand(ON | HOMING)
+    hand.mode = Mode.HOMING
+    for _ in range(3):
+        hand(ON | HOMING)
+    for _ in range(60):
+        hand(ON | HOMING, OPERATING | TAKEN | REACHED)
+    assert hand.actuals["ZSW1"] & HOME_SET
+    hand.mode = Mode.POSITION
+    hand(ON)
+    assert hand.actuals["ZSW1"] & HOME_SET
+    return hand
+
+
+def test_a_drive_that_was_away_for_a_cycle_does_not_know_its_home_position() -> None:
+    hand = homed()
+    hand.online = False
+    hand(ON)
+    hand.online = True
+    hand(ON)
+    assert not hand.actuals["ZSW1"] & HOME_SET
+
+
+def test_a_homing_asked_while_something_turns_the_axis_waits_for_standstill_in_the_mode_there_is() -> None:
+    hand = turning()
+    hand(ON & ~REJECT)
+    hand.feedback.velocity_actual = 0
+    hand(ON)
+    hand(ON)
+    hand.feedback.velocity_actual = FAST
+    command = hand.stepper.command
+    for _ in range(5):
+        assert not hand(ON | HOMING) & NEW_SETPOINT
+        assert (command.modes_of_operation, command.target_velocity) == (Mode.VELOCITY, 0)
+        assert hand.stepper.sdo_request is None
+    hand.feedback.velocity_actual = 0
+    hand(ON | HOMING)
+    assert hand.stepper.sdo_request is not None
+
+
+def test_homing_starts_when_the_drive_has_its_method_and_shows_mode_6() -> None:
+    hand = positioner().enable()
+    for _ in range(5):
+        assert not hand(ON | HOMING) & OF_THE_MODE
+        assert hand.stepper.command.modes_of_operation == Mode.POSITION
+    hand.stepper.sdo_done(None)
+    for _ in range(5):
+        assert not hand(ON | HOMING) & OF_THE_MODE
+        assert hand.stepper.command.modes_of_operation == Mode.HOMING
+    hand.mode = Mode.HOMING
+    assert hand(ON | HOMING) & OF_THE_MODE == NEW_SETPOINT
+    assert all(hand(ON | HOMING) & OF_THE_MODE == NEW_SETPOINT for _ in range(10))
+
+
+def test_a_homing_that_is_taken_back_is_halted_in_mode_6_and_halt_falls_alone() -> None:
+    hand = positioner().enable()
+    hand(ON | HOMING)
+    hand.stepper.sdo_done(None)
+    hand(ON | HOMING)
+    hand.mode = Mode.HOMING
+    hand(ON | HOMING)
+    hand.feedback.velocity_actual = FAST
+    command = hand.stepper.command
+    for _ in range(5):
+        assert hand(ON) & OF_THE_MODE == HALT
+        assert command.modes_of_operation == Mode.HOMING
+    hand.feedback.velocity_actual = 0
+    assert not hand(ON) & OF_THE_MODE
+    assert command.modes_of_operation == Mode.HOMING
+    assert not hand(ON) & OF_THE_MODE
+    assert command.modes_of_operation == Mode.POSITION
+
+
+def test_a_second_homing_waits_for_the_drive_as_the_first_one_did() -> None:
+    hand = homed()
+    hand(ON | HOMING)
+    hand.stepper.sdo_done(None)
+    hand(ON | HOMING)
+    hand.mode = Mode.HOMING
+    for _ in range(50):
+        assert hand(ON | HOMING) & NEW_SETPOINT
+        assert not hand.actuals["ZSW1"] & HOME_SET
+    shown = []
+    for _ in range(4):
+        hand(ON | HOMING, OPERATING | TAKEN | REACHED)
+        shown.append(bool(hand.actuals["ZSW1"] & HOME_SET))
+    assert shown == [False, False, False, True], "the position is of the same moment two cycles later"
+
+
+def test_the_answer_to_a_homing_that_ended_with_the_operation_does_not_start_the_next() -> None:
+    hand = positioner().enable()
+    hand(ON | HOMING)
+    hand(OFF2)
+    hand(OFF2, State.SWITCH_ON_DISABLED)
+    hand.enable()
+    hand(ON | HOMING)
+    hand.stepper.sdo_done(None)
+    hand(ON | HOMING)
+    assert hand.stepper.command.modes_of_operation == Mode.POSITION
+    assert hand.stepper.sdo_request is not None, "asked anew"
+    hand.stepper.sdo_done(None)
+    hand(ON | HOMING)
+    hand(ON | HOMING)
+    assert hand.stepper.command.modes_of_operation == Mode.HOMING
+
+
+@pytest.mark.parametrize("method", [None, 99])
+def test_a_homing_with_a_method_the_drive_does_not_have_starts_nothing_and_warns(method: int | None) -> None:
+    hand = positioner(replace(CHOICES, homing_method=method)).enable()
+    for _ in range(10):
+        assert not hand(ON | HOMING) & NEW_SETPOINT
+        assert hand.stepper.sdo_request is None
+        assert hand.stepper.command.modes_of_operation == Mode.POSITION
+    assert [event.number for event in hand.stepper.events] == [FaultNumber.HOMING_METHOD]
+    assert hand.actuals["ZSW1"] & WARNING
+    assert not hand.actuals["ZSW1"] & HOME_SET
+
+
+def test_a_homing_whose_parameters_the_drive_does_not_take_ends_with_its_warning() -> None:
+    hand = positioner().enable()
+    hand(ON | HOMING)
+    hand.stepper.sdo_done("refused")
+    for _ in range(10):
+        assert not hand(ON | HOMING) & NEW_SETPOINT
+        assert hand.stepper.command.modes_of_operation == Mode.POSITION
+    assert [event.number for event in hand.stepper.events] == [FaultNumber.HOMING_PARAMETERS]
+    assert hand.actuals["ZSW1"] & WARNING
+
+
+def test_a_homing_error_ends_the_homing_and_the_drive_goes_back_to_mode_1() -> None:
+    hand = positioner().enable()
+    hand(ON | HOMING)
+    hand.stepper.sdo_done(None)
+    hand(ON | HOMING)
+    hand.mode = Mode.HOMING
+    for _ in range(3):
+        hand(ON | HOMING)
+    words = [hand(ON | HOMING, OPERATING | StatusBit.MODE_13) for _ in range(30)]
+    assert not words[-1] & OF_THE_MODE
+    assert hand.stepper.command.modes_of_operation == Mode.POSITION
+    assert [event.number for event in hand.stepper.events] == [FaultNumber.HOMING]
+    assert not hand.actuals["ZSW1"] & HOME_SET
+
+
+# -- a modulo axis ------------------------------------------------------------------------------------------------------
+
+
+def ring() -> Hand:
+    hand = positioner(TABLE, drive_type(wraps=True)).enable()
+    hand.feedback.position_actual = 3000
+    hand(ON)
+    return hand
+
+
+def test_a_way_over_the_end_is_a_relative_one_behind_an_absolute_one_to_where_the_axis_stands() -> None:
+    hand = ring()
+    assert hand(ON | ACTIVATE, MDI_TARPOS=0) & (NEW_SETPOINT | RELATIVE) == NEW_SETPOINT
+    assert hand.target == 3000
+    hand(ON | ACTIVATE, OPERATING | TAKEN)
+    assert hand(ON | ACTIVATE) & (NEW_SETPOINT | RELATIVE) == NEW_SETPOINT | RELATIVE
+    assert hand.target == 1096
+    hand(ON | ACTIVATE, OPERATING | TAKEN)
+    assert not any(hand(ON | ACTIVATE) & NEW_SETPOINT for _ in range(10))
+
+
+def test_a_way_within_the_range_is_one_absolute_set_point() -> None:
+    hand = ring()
+    assert hand(ON | ACTIVATE, MDI_TARPOS=5000) & (NEW_SETPOINT | RELATIVE) == NEW_SETPOINT
+    assert hand.target == 2048
+    hand(ON | ACTIVATE, OPERATING | TAKEN)
+    assert not any(hand(ON | ACTIVATE) & NEW_SETPOINT for _ in range(10))
+
+
+def test_a_way_over_the_end_begins_at_standstill() -> None:
+    hand = ring()
+    hand(ON | ACTIVATE, MDI_TARPOS=9000)
+    hand(ON, OPERATING | TAKEN)
+    hand.feedback.velocity_actual = FAST
+    for _ in range(5):
+        assert hand(ON | ACTIVATE, MDI_TARPOS=0) & (HALT | NEW_SETPOINT) == HALT
+    hand.feedback.velocity_actual = 0
+    assert not hand(ON | ACTIVATE) & (HALT | NEW_SETPOINT), "Halt falls alone"
+    assert hand(ON | ACTIVATE) & (HALT | NEW_SETPOINT) == NEW_SETPOINT
+
+
+def test_the_position_counts_on_across_the_end_of_32_bits() -> None:
+    hand = positioner(TABLE, drive_type(wraps=False)).enable()
+    shown = []
+    for position in ((1 << 31) - 1, -(1 << 31)):
+        hand.feedback.position_actual = position
+        hand(ON)
+        shown.append(hand.actuals["XIST_A"])
+    assert (shown[1] - shown[0]) % 10_000 <= 3, "one unit is 2.4 LU"
+
+
+@pytest.mark.parametrize(
+    ("limits", "fits"),
+    [
+        ((0, 4095), True),
+        ((0, 4096), True),
+        ((-2048, 2047), True),
+        ((-2048, 2048), True),
+        ((0, 4094), False),
+        ((0, 4097), False),
+        ((0, 8191), False),
+    ],
+)
+def test_a_drive_wraps_after_the_modulo_range_or_is_refused(limits: tuple[int, int], fits: bool) -> None:
+    drive = drive_type(wraps=True)
+    hand = positioner(TABLE, replace(drive, scaling=replace(drive.scaling, position_range=limits))).enable()
+    assert hand.stepper.power.released is fits
+    assert any("modulo_range" in event.text for event in hand.stepper.events) is not fits
+
+
+# -- the range ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("limits", "lu", "target", "given"),
+    [
+        ((-1_000_000, 1_000_000), 4096, 1_000_000, True),
+        ((-1_000_000, 1_000_000), 4096, 1_000_001, False),
+        ((-1_000_000, 1_000_000), 4096, -1_000_001, False),
+        (None, 4096, 1_000_001, True),
+        (None, 100, 53_000_000, False),
+    ],
+)
+def test_a_target_outside_what_the_drive_can_be_sent_to_is_not_given(
+    limits: tuple[int, int] | None, lu: int, target: int, given: bool
+) -> None:
+    choices = replace(CHOICES, lu_per_revolution=lu, software_limits=None, blocks=())
+    hand = positioner(choices, replace(DRIVE, scaling=replace(DRIVE.scaling, position_range=limits))).enable()
+    word = hand(ON | ACTIVATE, MDI_TARPOS=target)
+    assert bool(word & NEW_SETPOINT) is given
+    assert bool(hand.actuals["ZSW1"] & WARNING) is not given
+
+
+@pytest.mark.parametrize(("limit", "given"), [(5000, True), (4000, False)])
+def test_a_modulo_axis_whose_drive_has_an_end_is_not_sent_beyond_it(limit: int, given: bool) -> None:
+    drive = drive_type(wraps=False)
+    hand = positioner(TABLE, replace(drive, scaling=replace(drive.scaling, position_range=(-limit, limit)))).enable()
+    hand.feedback.position_actual = 2048
+    hand(ON)
+    assert bool(hand(ON | ACTIVATE, MDI_TARPOS=0) & NEW_SETPOINT) is given
+
+
+# -- what the drive tells -----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("switch", "name"),
+    [(NEGATIVE_LIMIT_SWITCH, "NEGATIVE_HARDWARE_LIMIT"), (POSITIVE_LIMIT_SWITCH, "POSITIVE_HARDWARE_LIMIT")],
+)
+def test_the_limit_switches_of_the_drive_are_shown_while_they_are_hit(switch: int, name: str) -> None:
+    hand = positioner().enable()
+    names = ("NEGATIVE_HARDWARE_LIMIT", "POSITIVE_HARDWARE_LIMIT")
+    for hit in (switch, 0, switch):
+        hand.feedback.digital_inputs = hit
+        hand(ON, POS_STW2=0x8000)
+        hand(ON)
+        assert [item for item in names if shows(hand, item)] == ([name] if hit else [])
+
+
+def test_a_fixed_stop_is_reached_with_its_torque_and_not_by_standing_still() -> None:
+    block = Block(1, 50_000, 3000, task=BlockTask.FIXED_STOP, value=250)
+    hand = positioner(replace(CHOICES, blocks=(block,))).enable()
+    hand(ON, POS_STW1=1)
+    for _ in range(3):
+        hand(ON | ACTIVATE)
+        if hand.stepper.sdo_request is not None:
+            hand.stepper.sdo_done(None)
+    hand(ON | ACTIVATE, OPERATING | TAKEN)
+    for _ in range(100):
+        hand.feedback.current_actual = 237
+        hand(ON | ACTIVATE)
+        assert not shows(hand, "FIXED_STOP_REACHED")
+    hand.feedback.current_actual = -238
+    for _ in range(100):
+        hand(ON | ACTIVATE)
+    assert shows(hand, "FIXED_STOP_REACHED")
+
+
+@pytest.mark.parametrize(("mode", "shown"), [(Mode.POSITION, True), (Mode.HOMING, False)])
+def test_bit_13_is_a_following_error_in_mode_1_alone(mode: Mode, shown: bool) -> None:
+    hand = positioner().enable()
+    assert hand.actuals["ZSW1"] & FOLLOWS
+    hand.mode = mode
+    hand(ON, OPERATING | StatusBit.MODE_13)
+    assert bool(hand.actuals["ZSW1"] & FOLLOWS) is not shown
+
+
+@pytest.mark.parametrize(
+    ("blocks", "clamping_torque", "refused"),
+    [
+        ((), None, False),
+        ((Block(1, 5000, 300),), None, False),
+        ((Block(1, 5000, 300, task=BlockTask.FIXED_STOP, value=100),), None, True),
+        ((), 100, True),
+    ],
+)
+def test_a_drive_without_a_torque_limit_is_refused_for_a_fixed_stop_alone(
+    blocks: tuple[Block, ...], clamping_torque: int | None, refused: bool
+) -> None:
+    choices = replace(CHOICES, blocks=blocks, clamping_torque=clamping_torque)
+    hand = positioner(choices, replace(DRIVE, max_torque=0)).enable()
+    assert any("Max Torque 6072h" in event.text for event in hand.stepper.events) is refused
+    assert hand.stepper.power.released is not refused
+
+
+def test_a_drive_that_restarted_is_given_its_own_torque_limit_once() -> None:
+    hand = positioner().enable()
+    assert hand.stepper.sdo_request is None
+    hand.stepper.drive_restarted()
+    hand(OFF, State.SWITCH_ON_DISABLED)
+    assert hand.stepper.sdo_request == (SdoWrite(0x6072, 0, 3000),)
+    hand.stepper.sdo_done(None)
+    for _ in range(5):
+        hand(OFF, State.READY_TO_SWITCH_ON)
+        assert hand.stepper.sdo_request is None
+
+
+def test_a_task_at_a_limit_of_the_drive_is_halted_after_half_a_second_and_not_before() -> None:
+    hand = positioner().enable()
+    hand(ON | ACTIVATE, MDI_TARPOS=10_000)
+    hand(ON | ACTIVATE, OPERATING | TAKEN)
+    words = [hand(ON | ACTIVATE, OPERATING | StatusBit.INTERNAL_LIMIT) & HALT for _ in range(130)]
+    assert not any(words[:124])
+    assert words[-1]
+    assert not any(hand(ON | ACTIVATE) & NEW_SETPOINT for _ in range(10)), "a switch that is released starts nothing"
+
+
+def test_meldw_tells_what_the_drive_does() -> None:
+    hand = positioner().enable()
+    slow = hand.actuals["MELDW"]
+    hand.feedback.velocity_actual = 6000
+    hand(ON)
+    assert hand.actuals["MELDW"] != slow
+
+
+@pytest.mark.parametrize(("bits", "edge"), [(0x000, 0), (0x800, 1), (0x400, 2), (0xC00, 3)])
+def test_passive_homing_latches_at_the_probe_and_edge_that_are_chosen_and_takes_no_older_answer(
+    bits: int, edge: int
+) -> None:
+    hand = positioner().enable()
+    news = hand.stepper.machine.inputs.news
+    hand(ON, POS_STW2=0x100 | bits)
+    hand(ON | HOMING)
+    first = hand.stepper.machine.outputs.probe
+    assert first is not None
+    assert first.edges == (edge,)
+    hand(ON)
+    assert hand.stepper.machine.outputs.probe is None
+    hand(ON | HOMING)
+    second = hand.stepper.machine.outputs.probe
+    news.append(ProbeAnswer(first, {edge: 100}))
+    hand(ON | HOMING)
+    hand(ON | HOMING)
+    assert not hand.actuals["ZSW1"] & HOME_SET, "the answer to the wish that was taken back"
+    assert second is not None
+    hand.feedback.position_actual = 4096
+    news.append(ProbeAnswer(second, {edge: 2048}))
+    hand(ON | HOMING)
+    hand(ON | HOMING)
+    assert hand.actuals["ZSW1"] & HOME_SET
+    assert hand.actuals["XIST_A"] == 5000, "half a revolution behind the edge"
+
+
+def test_a_probe_that_was_refused_does_not_refuse_the_next() -> None:
+    hand = positioner().enable()
+    hand(ON, POS_STW2=0x100)
+    hand(ON | HOMING)
+    refused = hand.stepper.machine.outputs.probe
+    assert refused is not None
+    hand.stepper.machine.inputs.news.append(ProbeAnswer(refused, {}, "no touch probe"))
+    hand(ON | HOMING)
+    hand(ON | HOMING)
+    assert hand.stepper.machine.outputs.probe is None
+    hand(ON)
+    for _ in range(3):
+        hand(ON | HOMING)
+        assert hand.stepper.machine.outputs.probe is not None
+
+
+def test_what_a_limit_of_the_drive_takes_from_a_velocity_is_counted() -> None:
+    hand = positioner(replace(CHOICES, max_velocity=1_000_000)).enable()
+    hand(ON | ACTIVATE, MDI_TARPOS=10_000, MDI_VELOCITY=30_000)
+    assert (hand.stepper.command.profile_velocity, hand.stepper.saturations) == (6000, 0)
+    hand(ON, OPERATING | TAKEN)
+    hand(ON | ACTIVATE, MDI_TARPOS=20_000, MDI_VELOCITY=1_000_000)
+    assert (hand.stepper.command.profile_velocity, hand.stepper.saturations) == (6000, 1)
