@@ -34,6 +34,7 @@ class StopWatch:
         "_began",
         "_braked",
         "_nmt_obeyed",
+        "_nmt_tried",
         "_reaction",
         "_speed",
         "_standing_command",
@@ -60,9 +61,15 @@ class StopWatch:
         self._braked = 0
         self._nmt_obeyed = False
         """The node has shown NMT Stopped; it leaves that when it is brought up again."""
+        self._nmt_tried = False
+        """That was of no use: the drive was not off when it was there again."""
 
     def over(self) -> None:
         """The drive is off, or obeys the PLC again."""
+        self._begin_anew()
+        self._nmt_tried = False
+
+    def _begin_anew(self) -> None:
         self.runs = False
         self._standing_command = -1
         self.brake = Brake.NONE
@@ -82,7 +89,8 @@ class StopWatch:
                 if now - self._braked >= self._reaction:
                     self.brake = Brake.WITHHOLD_HEARTBEAT
             elif seen:
-                self.over()  # brought up again, and not off: watched anew
+                self._begin_anew()
+                self._nmt_tried = True
         if self.brake is not Brake.NONE or not seen:
             return False
         speed = abs(velocity)
@@ -100,7 +108,7 @@ class StopWatch:
             self._standing_command = -1
             disobeys = action in _HOLDS_POWER and speed > max(window, self._allowed(now))
         if disobeys:
-            self.brake = Brake.NMT_STOP
+            self.brake = Brake.WITHHOLD_HEARTBEAT if self._nmt_tried else Brake.NMT_STOP
             self._braked = now
             self._nmt_obeyed = False
         return disobeys

@@ -6,15 +6,20 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import pytest
+from canopen.sdo import SdoAbortedError
 
+from pdgw.ds301.aborts import Abort
 from pdgw.ds301.connection_set import ERROR_CONTROL, NMT, SYNC
 from pdgw.ds301.nmt import NmtCommand
 from pdgw.ds301.node import GATEWAY_NODE_ID
+from pdgw.ds301.objects import Entry
+from pdgw.dsp402.states import State
 from pdgw.durations import MS
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.reasons import FaultNumber
 from pdgw.peers.drive import SimulatedDrive, SimulatedDriveNode, shape
 from pdgw.peers.drive.shapes import SYNCHRONOUS
+from pdgw.peers.node.node import Value
 from tests.gateway.test_sync import KNOWN_TO_STOP, SPEED_KEYS, unguarded
 from tests.support.daemon import Plc, axis, configuration, exchanging, running, until, world_of
 
@@ -127,11 +132,13 @@ def test_a_drive_that_obeys_neither_controlword_nor_nmt_is_stopped_by_what_guard
             assert sent.within(300 * MS) >= usual, "what the next start needs"
 
 
-def test_a_drive_that_obeys_nmt_alone_keeps_the_gateways_heartbeat() -> None:
+def test_a_drive_that_obeys_nmt_keeps_the_gateways_heartbeat_while_it_is_brought_up_and_stopped_by_sdo() -> None:
     """Others on the bus need it."""
     guard = GUARDS["heartbeat"]
     with running(configuration(axis(1, more=guard.more))) as daemon:
         drive, plc = _turning(daemon, guard)
+        drive.do(lambda node: node.misbehave("turns-in-pre-operational"))
+        drive.do(lambda node: node.misbehave("slow-sdo", delay_ms=400))
         drive.do(lambda node: _obeys_no_command(node, nmt=True))
         for _ in range(50):
             plc.exchange()
@@ -139,5 +146,28 @@ def test_a_drive_that_obeys_nmt_alone_keeps_the_gateways_heartbeat() -> None:
         plc.endpoint.set(0, {"STW1": OFF3})
         with exchanging(plc):
             until(daemon, lambda: (NMT, STOP) in sent.frames, "NMT stop")
-            until(daemon, lambda: drive.model.ramp.speed == 0, "standstill")
+            until(daemon, lambda: drive.model.state is State.QUICK_STOP_ACTIVE, "its stop by SDO")
+            assert not daemon.axes[0].withholds_heartbeat
             assert all(HEARTBEAT in sent.within(150 * MS) for _ in range(10))
+            assert drive.model.ramp.speed == 0
+
+
+def test_a_drive_that_turns_on_whatever_nmt_and_sdo_say_loses_the_heartbeat() -> None:
+    guard = GUARDS["heartbeat"]
+    with running(configuration(axis(1, more=guard.more))) as daemon:
+        drive, plc = _turning(daemon, guard)
+
+        def refuse(entry: Entry, value: Value) -> None:
+            if entry.index == 0x6040:
+                raise SdoAbortedError(Abort.CANNOT_STORE_DEVICE_STATE)
+
+        drive.do(lambda node: setattr(node, "on_nmt", lambda state: None))
+        drive.do(lambda node: _obeys_no_command(node, nmt=True))
+        drive.do(lambda node: setattr(node, "on_written", refuse))
+        for _ in range(50):
+            plc.exchange()
+        plc.endpoint.set(0, {"STW1": OFF3})
+        with exchanging(plc):
+            until(daemon, lambda: drive.model.ramp.speed == 0, "standstill")
+            assert daemon.axes[0].withholds_heartbeat
+            assert daemon.axes[0].drive.generation == 2, "brought up in between"
