@@ -42,7 +42,7 @@ from pdgw.ds301.can_frame import STANDARD_ID
 from pdgw.ds301.communication import DEVICE_NAME, DEVICE_TYPE, IDENTITY_PRODUCT, IDENTITY_VENDOR
 from pdgw.ds301.connection_set import ERROR_CONTROL, NMT, SDO_REQUEST, SDO_RESPONSE, SYNC, TIME
 from pdgw.ds301.emcy import emcy_text, error_register_text
-from pdgw.ds301.nmt import NmtCommand, NmtState
+from pdgw.ds301.nmt import HEARTBEAT_STATE, NmtCommand, NmtState
 from pdgw.ds301.objects import Entry
 from pdgw.ds301.pdo import COB_ID_INVALID, PDO_PARAMETERS, PDOS_MAX, PdoDirection, is_mapping_parameter, pdo_of
 from pdgw.dsp402.overlay import entries_of, families_of
@@ -207,7 +207,7 @@ class CanopenDecoder:
         if len(data) != 1:
             return CanRecord(*base, node_id, f"heartbeat of {len(data)} bytes")
         node = self._node(node_id)
-        state = data[0] & 0x7F
+        state = data[0] & HEARTBEAT_STATE
         previous, node.state = node.state, state
         text = _state_name(state)
         if previous is not None and previous != state:

@@ -27,6 +27,7 @@ from pdgw.decoder.plc_inputs import SENDER
 from pdgw.decoder.profinet_endpoint import ProfinetEndpoint
 from pdgw.decoder.profinet_records import AlarmRecord, Change, RelationRecord
 from pdgw.decoder.records import CyclicRecord, Record
+from pdgw.decoder.ticks import SILENT_CYCLES
 from pdgw.decoder.timeline import Anomaly, AnomalyKind, Edge, Entry, Event
 from pdgw.ds301.pdo import PdoDirection
 from pdgw.durations import MS
@@ -39,8 +40,6 @@ from pdgw.profidrive.telegrams import Direction, telegram
 HOLD_NS: Final = RESPONSE_NS + 100 * MS
 """Longer than anything an entry waits for."""
 _TICK_NS: Final = 10 * MS
-_FILL: Final = 1.5
-"""Cycles without a frame after which a loss of the PLC is its silence."""
 _UNUSED: Final = 8
 """So many answers in a row that do not use the PLC's frames are more than frames and answers crossing."""
 _JUDGED: Final = 16
@@ -336,7 +335,7 @@ class _Exchange:
                 self._unused = 0
             return
         silence = now - self._last_frame
-        if silence > _FILL * self._cycle_ns:
+        if silence > SILENT_CYCLES * self._cycle_ns:
             self._lose()
             self._lost_since = now
             self._put(self._unused_after(silence, now))

@@ -8,9 +8,9 @@ from typing import Final, NamedTuple
 
 from pdgw.decoder.recorded import Answer, AxisRecording
 
-_FILL: Final = 1.5
-"""Cycles without a frame after which the gateway steps by itself."""
-_MAX_FILLED: Final = 1000
+SILENT_CYCLES: Final = 1.5
+"""Cycles without a frame after which the gateway steps by itself, and a loss of the PLC is its silence."""
+_MAXSILENT_CYCLESED: Final = 1000
 """Such steps in one silence; whatever was to happen has happened then."""
 
 
@@ -52,7 +52,7 @@ def _answering(recording: AxisRecording, cycle_ns: int) -> list[Tick]:
             idle = bisect_right(frames, before)
             if idle < len(frames) and frames[idle] - before >= cycle_ns // 2:
                 taken = max(taken, idle - 1)  # whatever had been sent was answered
-        silence = 0 <= taken < newest and frames[taken + 1] - frames[taken] > _FILL * cycle_ns
+        silence = 0 <= taken < newest and frames[taken + 1] - frames[taken] > SILENT_CYCLES * cycle_ns
         now = answer.time_ns
         if taken < newest and not silence:
             # To the next frame; the answer may have waited for a busy PLC. All others the gateway may have sent by itself.
@@ -80,7 +80,7 @@ def _paced(recording: AxisRecording, cycle_ns: int) -> list[Tick]:
             at += 1
             if answer.time_ns < now:
                 continue
-            late = answer.time_ns - now > _FILL * cycle_ns
+            late = answer.time_ns - now > SILENT_CYCLES * cycle_ns
             if first is None and not further and not late:
                 first = answer
             else:
@@ -94,7 +94,7 @@ def _filled(moments: Sequence[Tick], cycle_ns: int) -> list[Tick]:
     ticks: list[Tick] = []
     for tick in moments:
         filled = 0
-        while ticks and filled < _MAX_FILLED and tick.time_ns - ticks[-1].time_ns > _FILL * cycle_ns:
+        while ticks and filled < _MAXSILENT_CYCLESED and tick.time_ns - ticks[-1].time_ns > SILENT_CYCLES * cycle_ns:
             ticks.append(Tick(ticks[-1].time_ns + cycle_ns, None, ticks[-1].evaluated_ns, True))
             filled += 1
         now = max(tick.time_ns, ticks[-1].time_ns) if ticks else tick.time_ns

@@ -27,7 +27,7 @@ from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.jobs import Jobs
 from pdgw.ds301.loop import Event, Task
 from pdgw.ds301.network import CanNetwork
-from pdgw.ds301.nmt import NmtCommand, NmtState
+from pdgw.ds301.nmt import GUARD_TOGGLE, HEARTBEAT_STATE, NmtCommand, NmtState
 from pdgw.ds301.node import NodeEvent, NodeSettings, NodeStatus, TpdoSlot
 from pdgw.ds301.pdo import Pdo, PdoLayout
 from pdgw.ds301.plan import Pace, PdoPlan, plan_steps, straight_plan
@@ -53,9 +53,6 @@ _ACYCLIC_FAILURES: Final = 3
 _CHECK_AFTER_NS: Final = 200 * MS
 """A configuration that is being written comes object by object: so long after the last one it is checked."""
 _ONLINE: Final = NodeStatus.ONLINE
-_HEARTBEAT_STATE: Final = 0x7F
-_TOGGLE: Final = 0x80
-"""Bit 7 of a heartbeat is reserved, and alternates in the answers of node guarding."""
 
 
 class NodeClient(ConfiguringAccess, abc.ABC, Generic[S]):
@@ -504,12 +501,12 @@ class NodeClient(ConfiguringAccess, abc.ABC, Generic[S]):
         if len(data) != 1:
             return
         if self._guarded_by_requests:
-            toggle, before = data[0] & _TOGGLE, self._toggle
+            toggle, before = data[0] & GUARD_TOGGLE, self._toggle
             self._toggle = -1 if data[0] == NmtState.BOOT_UP else toggle
             if toggle == before:
                 return  # the same answer again is none
         self._heartbeat = self.loop.now()
-        self._heartbeat_state = data[0] & _HEARTBEAT_STATE
+        self._heartbeat_state = data[0] & HEARTBEAT_STATE
         self.nmt_stopped = self._heartbeat_state == NmtState.STOPPED
         if data[0] == NmtState.BOOT_UP:
             self._booted.set()

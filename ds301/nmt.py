@@ -6,6 +6,12 @@ Source: CiA DS 301 V4.02 chapters 7.2.8.2 (commands) and 7.2.8.3.2 (states in th
 from __future__ import annotations
 
 import enum
+from typing import Final
+
+HEARTBEAT_STATE: Final = 0x7F
+"""The bits of a heartbeat that hold the state."""
+GUARD_TOGGLE: Final = 0x80
+"""Bit 7 of a heartbeat is reserved, and alternates in the answers of node guarding."""
 
 
 class NmtState(enum.IntEnum):

@@ -35,7 +35,7 @@ from pdgw.dsp402.guarding import Guarding, guard
 from pdgw.dsp402.images import DriveCommand, DriveFeedback
 from pdgw.dsp402.indices import INTERPOLATION_TIME
 from pdgw.dsp402.mapping import DriveMapping
-from pdgw.dsp402.modes import Mode
+from pdgw.dsp402.modes import MODE_CONFIRM_NS, Mode
 from pdgw.dsp402.objects import (
     CONTROL_ATTRIBUTE,
     CONTROLWORD,
@@ -53,7 +53,6 @@ from pdgw.durations import MS, SECOND, US_PER_MS
 
 DriveStatus = NodeStatus
 DriveEvent = NodeEvent
-_MODE_CONFIRM_NS: Final = SECOND
 _SPEED_MODES: Final = (Mode.VELOCITY, Mode.CYCLIC_VELOCITY, Mode.VL_VELOCITY)
 _NO_MODE: Final = 0
 _WITNESS_NS: Final = SECOND
@@ -380,7 +379,7 @@ class DriveClient(NodeClient[DriveSettings]):
     def _set_mode(self, mode: int) -> None:
         self._mode_awaited, self._mode_wrong, self._operating_since = None, "", -1
         self._do(SdoStep(*MODE, CanType.I8, mode, "mode of operation"))
-        deadline = self.loop.now() + _MODE_CONFIRM_NS
+        deadline = self.loop.now() + MODE_CONFIRM_NS
         late = self.drive_type is not None and self.drive_type.quirks.mode_shown_in_operation_only
         while (shown := self._fetch(*MODE_DISPLAY, signed=True)) != mode:
             if mode in _SPEED_MODES and (late or (shown == _NO_MODE and self.loop.now() > deadline)):
@@ -389,7 +388,7 @@ class DriveClient(NodeClient[DriveSettings]):
                 self._tell("status", f"6061h shows {shown}: mode {mode} is looked for when the operation is enabled")
                 return
             if self.loop.now() > deadline:
-                raise Dsp402Error("6061h", shown, f"{mode} within {_MODE_CONFIRM_NS / SECOND:g} s of 6060h")
+                raise Dsp402Error("6061h", shown, f"{mode} within {MODE_CONFIRM_NS / SECOND:g} s of 6060h")
             self.loop.sleep(10 * MS)
 
     def _look_for_mode(self, mode: int, now: int) -> None:
@@ -402,8 +401,8 @@ class DriveClient(NodeClient[DriveSettings]):
         shown = self.read_number(*MODE_DISPLAY, signed=True)
         if shown == mode:
             self._mode_awaited = None
-        elif now - self._operating_since > _MODE_CONFIRM_NS:
-            self._mode_wrong = f"6061h shows {shown} for {_MODE_CONFIRM_NS / SECOND:g} s in operation, not {mode}"
+        elif now - self._operating_since > MODE_CONFIRM_NS:
+            self._mode_wrong = f"6061h shows {shown} for {MODE_CONFIRM_NS / SECOND:g} s in operation, not {mode}"
 
     def _has_work(self, now: int) -> bool:
         if self._acyclic_rpdos or self._mode_awaited is not None or (self._motion_asked and self._witness.doubtful):

@@ -8,6 +8,11 @@ from __future__ import annotations
 import enum
 from typing import Final
 
+from pdgw.durations import SECOND
+
+MODE_CONFIRM_NS: Final = SECOND
+"""So long may 6061h take to show what 6060h asks for; then the mode counts as not confirmed."""
+
 
 class Mode(enum.IntEnum):
     """Values of 6060h of the profile; those below zero are the manufacturer's, in the overlays (``dsp402/families``)."""

@@ -20,7 +20,7 @@ from pdgw.gateway.parameters.profile import MAX_BLOCK
 from pdgw.gateway.store import DeviceParameters, ParameterStore
 from pdgw.gateway.transport.udp import Address
 from pdgw.profidrive.errors import ProfidriveError
-from pdgw.profidrive.parameters.codec import RequestId
+from pdgw.profidrive.parameters.codec import HEADER_SIZE, RequestId
 from pdgw.profinet.rpc import identification
 from pdgw.profinet.rpc.records import (
     RECORD_GLOBAL,
@@ -36,7 +36,6 @@ log = logging.getLogger("gateway")
 ACCESS_POINT = 1
 """Subslot of the parameter access point."""
 _APIS = (0, identification.PROFILE_ID)
-_HEADER_SIZE = 4
 _REQUEST_ID_OFFSET = 1
 _OUTSTANDING = 32
 """Requests of all callers that are in work or whose answers were not fetched yet."""
@@ -139,7 +138,7 @@ class Records:
     def _request(self, caller: Caller, block: RecordBlock, data: bytes) -> None:
         if len(data) > MAX_BLOCK:
             raise RecordRefused(AccessError.WRITE_LENGTH)
-        if len(data) < _HEADER_SIZE:
+        if len(data) < HEADER_SIZE:
             raise RecordRefused(AccessError.INVALID_PARAMETER)
         if data[_REQUEST_ID_OFFSET] != RequestId.REQUEST:
             self._check_writer(caller)

@@ -16,6 +16,7 @@ from pdgw.ds301.errors import CanopenError
 from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.tools.command_table import COMMANDS, lazy_group
+from pdgw.tools.endings import INTERRUPTED
 
 app = typer.Typer(
     name="pdgw",
@@ -27,7 +28,6 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 
-_INTERRUPTED: Final = 130
 _NO_MORE_OUTPUT: Final = (errno.ENOSPC, errno.EIO, errno.EPIPE)
 """The disk behind standard output is full, or whoever reads it is gone."""
 
@@ -76,7 +76,7 @@ def main() -> None:
             _forget_output()
         _fail(f"{what}{error.strerror or error}")
     except KeyboardInterrupt:  # outside of what typer watches, while it still loads
-        sys.exit(_INTERRUPTED)
+        sys.exit(INTERRUPTED)
 
 
 def _open_missing_streams() -> None:

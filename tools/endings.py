@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import signal
+from typing import Final
+
+INTERRUPTED: Final = 130
+"""The exit code of what was ended by Ctrl-C, as shells have it."""
 
 
 def end_as_by_ctrl_c() -> None:

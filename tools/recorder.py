@@ -25,13 +25,13 @@ from pdgw.profidrive.frame import CYCLIC_PORT
 from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
 from pdgw.tools.background import BackgroundWriter
 from pdgw.tools.recordings import CONFIGURATION
+from pdgw.tools.trace_file import PLC
 
 CAPTURE: Final = "gateway.pcapng"
 CAPTURE_SIZE: Final = 256 << 20
 """Bytes after which another capture begins."""
 CAPTURES: Final = 20
 """Full ones that are kept."""
-_PLC: Final = "plc"
 _WELL_KNOWN: Final = {"cyclic port": CYCLIC_PORT}
 """The gateway's side is written with this port, so that every reader dissects the frames without help."""
 
@@ -104,11 +104,11 @@ class Recorder:
 
     def datagram(self, time_ns: int, source: Address, target: Address, data: bytes) -> None:
         """A datagram to or from the PLC."""
-        self.writer.put((LinkType.ETHERNET, _PLC, time_ns, udp_packet(source, target, data)))
+        self.writer.put((LinkType.ETHERNET, PLC, time_ns, udp_packet(source, target, data)))
 
     def ethernet(self, frame: bytes) -> None:
         """A frame to or from the controller, now."""
-        self.writer.put((LinkType.ETHERNET, _PLC, time.time_ns(), frame))
+        self.writer.put((LinkType.ETHERNET, PLC, time.time_ns(), frame))
 
     def stop(self) -> None:
         """As ``BackgroundWriter.stop``."""

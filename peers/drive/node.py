@@ -9,7 +9,7 @@ from pdgw.ds301.configuration import EVENT_TIMER
 from pdgw.ds301.connection_set import ERROR_CONTROL
 from pdgw.ds301.emcy import COMMUNICATION_ERROR, HEARTBEAT_ERROR
 from pdgw.ds301.loop import Loop
-from pdgw.ds301.nmt import NmtState
+from pdgw.ds301.nmt import GUARD_TOGGLE, NmtState
 from pdgw.ds301.objects import Entry
 from pdgw.ds301.pdo import Pdo
 from pdgw.ds301.port import CanPort
@@ -23,7 +23,6 @@ from pdgw.peers.drive.shapes import ENGEL, Shape
 from pdgw.peers.node.node import SendFunction, SimulatedNode, Value
 from pdgw.peers.node.running import RunningNode
 
-_TOGGLE = 0x80
 _WITHOUT = {
     **dict.fromkeys((0x607F, 0x60C5, 0x60C6), 0x7FFF_FFFF),
     0x6080: 6000,
@@ -135,7 +134,7 @@ class SimulatedDriveNode(SimulatedNode):
             self.now = now
             self._guarded_until = now + self._life_time if self._life_time else 0
             self.transmit(can_id, bytes([self._guard_toggle | self.state]))
-            self._guard_toggle ^= _TOGGLE
+            self._guard_toggle ^= GUARD_TOGGLE
 
     def poll(self, now: int) -> None:
         if self._guarded_until and now > self._guarded_until:

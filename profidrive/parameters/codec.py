@@ -18,6 +18,8 @@ from pdgw.profidrive.parameters.errors import ParameterErrorNumber, error_text
 MAX_PARAMETERS = 39
 MAX_ELEMENTS = 234
 _HEADER = struct.Struct(">BBBB")
+HEADER_SIZE = _HEADER.size
+"""Of a request and of a response."""
 _ADDRESS = struct.Struct(">BBHH")
 _NEGATIVE = 0x80
 

@@ -14,6 +14,7 @@ from typing import Protocol
 from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.parameters.catalogue import NAME_SIZE, ParameterSpec
 from pdgw.profidrive.parameters.codec import (
+    HEADER_SIZE,
     MAX_ELEMENTS,
     ZERO,
     Attribute,
@@ -33,7 +34,6 @@ from pdgw.profidrive.parameters.errors import ParameterRefused
 _STRINGS = {DataType.VISIBLE_STRING, DataType.OCTET_STRING, DataType.UNICODE_STRING}
 _GENERIC = {1: DataType.BYTE, 2: DataType.WORD, 4: DataType.DOUBLE_WORD}
 _HIGHEST_SUBINDEX = 0xFFFE
-_HEADER_SIZE = 4
 _ERROR_SIZE = 6
 
 
@@ -152,7 +152,7 @@ def answer(data: bytes, find: Callable[[int], DriveObjectParameters | None], max
 def respond(request: Request, drive_object: DriveObjectParameters | None, max_block: int) -> Response:
     """As ``answer``, for a decoded request."""
     values = []
-    room = max_block - _HEADER_SIZE
+    room = max_block - HEADER_SIZE
     for place, address in enumerate(request.addresses):
         # Each of those that follow may need room for an error.
         reserved = _ERROR_SIZE * (len(request.addresses) - place - 1)

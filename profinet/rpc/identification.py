@@ -9,13 +9,13 @@ import struct
 from dataclasses import dataclass
 
 from pdgw.profidrive.errors import ProfidriveError
+from pdgw.profinet.wire import HEADER, VERSION_SIZE
 
 INDEX = 0xAFF0
 """Record index of I&M0; I&Mn follows at INDEX + n."""
 PROFILE_ID = 0x3A00
 """PROFIdrive."""
 _BLOCK_TYPE = 0x0020
-_HEADER = struct.Struct(">HHBB")
 _IM0 = struct.Struct(">H20s16sHc3BHHHBBH")
 SUPPORTED = 0b11110
 """Bit n of IM_Supported is I&Mn: 1 to 4."""
@@ -56,7 +56,7 @@ def _text(value: str, size: int, field: str) -> bytes:
 
 
 def _block(number: int, content: bytes) -> bytes:
-    return _HEADER.pack(_BLOCK_TYPE + number, len(content) + 2, 1, 0) + content
+    return HEADER.pack(_BLOCK_TYPE + number, len(content) + VERSION_SIZE, 1, 0) + content
 
 
 def encode_im0(item: Im0) -> bytes:
@@ -84,7 +84,7 @@ def encode_im0(item: Im0) -> bytes:
 def decode_im0(record: bytes) -> Im0:
     """What a device says it is in its record AFF0h; ProfidriveError names what is wrong."""
     _check_block(0, record, _IM0.size)
-    vendor, order, serial, hardware, prefix, *numbers = _IM0.unpack_from(record, _HEADER.size)
+    vendor, order, serial, hardware, prefix, *numbers = _IM0.unpack_from(record, HEADER.size)
     first, second, third, counter, profile, specific, _, _, supported = numbers
     return Im0(
         vendor,
@@ -111,14 +111,14 @@ def encode_im(number: int, values: tuple[bytes, ...]) -> bytes:
 
 
 def _check_block(number: int, record: bytes, size: int) -> None:
-    if len(record) != _HEADER.size + size:
-        raise ProfidriveError(f"I&M{number}", f"{len(record)} bytes", f"{_HEADER.size + size} bytes")
-    kind, length, major, minor = _HEADER.unpack_from(record)
-    if (kind, length, major, minor) != (_BLOCK_TYPE + number, size + 2, 1, 0):
+    if len(record) != HEADER.size + size:
+        raise ProfidriveError(f"I&M{number}", f"{len(record)} bytes", f"{HEADER.size + size} bytes")
+    kind, length, major, minor = HEADER.unpack_from(record)
+    if (kind, length, major, minor) != (_BLOCK_TYPE + number, size + VERSION_SIZE, 1, 0):
         raise ProfidriveError(
             f"block header of I&M{number}",
-            record[: _HEADER.size].hex(" "),
-            _HEADER.pack(_BLOCK_TYPE + number, size + 2, 1, 0).hex(" "),
+            record[: HEADER.size].hex(" "),
+            HEADER.pack(_BLOCK_TYPE + number, size + VERSION_SIZE, 1, 0).hex(" "),
         )
 
 
@@ -127,7 +127,7 @@ def decode_im(number: int, record: bytes) -> tuple[bytes, ...]:
     fields = TEXT_FIELDS[number]
     _check_block(number, record, sum(length for _, length in fields))
     values = []
-    offset = _HEADER.size
+    offset = HEADER.size
     for name, length in fields:
         value = record[offset : offset + length]
         offset += length

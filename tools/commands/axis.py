@@ -19,11 +19,11 @@ from pdgw.gateway.edge import SystemEdge
 from pdgw.gateway.errors import GatewayError
 from pdgw.tools.axis_test import AxisTest, Choices
 from pdgw.tools.beside import devices_beside
+from pdgw.tools.endings import INTERRUPTED
 from pdgw.tools.on_loop import complete
 
 app = typer.Typer(help="An axis that is brought into service.", no_args_is_help=True)
 
-_INTERRUPTED = 130
 _SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")
 
 
@@ -57,7 +57,7 @@ def try_out(
                 at_end.callback(signal.signal, number, before)
         outcome = complete(edge.loop, axis_test.run)
     if outcome.interrupted:
-        raise typer.Exit(_INTERRUPTED)
+        raise typer.Exit(INTERRUPTED)
     if not outcome.passed:
         raise GatewayError(f"DO {do_id}: {outcome.doubt or 'the axis does not do what is commanded'}")
     typer.echo("the axis does what is commanded")

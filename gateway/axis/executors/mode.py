@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Final
-
+from pdgw.dsp402.modes import MODE_CONFIRM_NS
 from pdgw.durations import SECOND
 from pdgw.gateway.axis.executors.base import AxisCycle
 from pdgw.gateway.reasons import FaultNumber, Reason
 
-MODE_CONFIRM_NS: Final = SECOND
-"""A mode the drive has not confirmed for so long raises warning 110."""
+__all__ = ["MODE_CONFIRM_NS", "ModeSwitch"]
 
 
 class ModeSwitch:
@@ -58,5 +56,7 @@ class ModeSwitch:
             self._since = now
         elif now - self._since >= MODE_CONFIRM_NS and not notes.warning:
             notes.warning = True
-            notes.faults.append((FaultNumber.MODE_NOT_CONFIRMED, f"6060h = {mode}, 6061h = {shown} for 1 s"))
+            notes.faults.append(
+                (FaultNumber.MODE_NOT_CONFIRMED, f"6060h = {mode}, 6061h = {shown} for {MODE_CONFIRM_NS / SECOND:g} s")
+            )
         return False
