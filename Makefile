@@ -17,12 +17,13 @@ TOGETHER := -n 2 --dist worksteal
 test: $(STAMP)
 	$(BIN)/pytest $(TOGETHER)
 
-# The tests with processes, then those with threads, each of them held up now and then for up to a second: what passes here does not
-# need a quiet machine.
+# The tests with processes, then those with threads, each of them held up now and then for up to LONGEST seconds: what passes here does
+# not need a quiet machine.
 SEED := 1
+LONGEST := 1
 test-paused: $(STAMP)
-	$(BIN)/python -m tests.pauses $(SEED) $(BIN)/pytest -m "e2e or browser"
-	PDGW_PAUSES=$(SEED) $(BIN)/python -m pytest -n 4 --dist worksteal -p tests.thread_pauses
+	$(BIN)/python -m tests.pauses --longest $(LONGEST) $(SEED) $(BIN)/pytest -m "e2e or browser"
+	PDGW_PAUSES=$(SEED) PDGW_LONGEST_PAUSE=$(LONGEST) $(BIN)/python -m pytest -n 4 --dist worksteal -p tests.thread_pauses
 
 # README's tour and the tutorials, word by word, each in a network of its own.
 tour: $(STAMP)

@@ -1,11 +1,12 @@
-"""``make test-paused``: a command while, one after the other, a process of it is held up (SIGSTOP) for up to a second.
+"""``make test-paused``: a command while, again and again, processes of it are held up (SIGSTOP), one or several at a time.
 
-So does a busy machine, only more seldom: what fails here for another reason than its defect will fail there one day. Arguments: a
-seed, then the command. Its exit status is the command's. Linux only. ``tests.thread_pauses`` does it to threads.
+So does a busy machine, only more seldom: what fails here for another reason than its defect will fail there one day. The exit
+status is the command's. Linux only. ``tests.thread_pauses`` does it to threads.
 """
 
 from __future__ import annotations
 
+import argparse
 import contextlib
 import os
 import random
@@ -15,7 +16,6 @@ import sys
 import threading
 from pathlib import Path
 
-LONGEST_S = 1.0
 SHORTEST_GAP_S = 0.2
 """Between two pauses everything runs for so long, and up to five times that."""
 
@@ -39,31 +39,43 @@ def runs(process: int) -> bool:
     return state not in "TtZX"
 
 
-def hold_up(root: int, chance: random.Random, ended: threading.Event) -> int:
-    """Until ``ended``; how many pauses there were."""
+def tell(processes: list[int], number: signal.Signals) -> None:
+    for process in processes:
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(process, number)
+
+
+def hold_up(root: int, chance: random.Random, ended: threading.Event, longest_s: float) -> int:
+    """Until ``ended``; how many pauses there were. Two of three are of one process, the others of any number of them at once."""
     pauses = 0
     while not ended.wait(SHORTEST_GAP_S * chance.uniform(1, 5)):
-        process = chance.choice(family(root))
-        if not runs(process):
+        members = family(root)
+        number = 1 if chance.random() < 2 / 3 else chance.randint(1, len(members))
+        held = [process for process in chance.sample(members, number) if runs(process)]
+        if not held:
             continue
-        with contextlib.suppress(ProcessLookupError):
-            os.kill(process, signal.SIGSTOP)
-            try:
-                ended.wait(chance.uniform(0, LONGEST_S))
-            finally:
-                os.kill(process, signal.SIGCONT)
-            pauses += 1
+        try:
+            tell(held, signal.SIGSTOP)
+            ended.wait(chance.uniform(0, longest_s))
+        finally:
+            tell(held, signal.SIGCONT)
+        pauses += 1
     return pauses
 
 
-def main(seed: int, command: list[str]) -> int:
+def main() -> int:
+    parser = argparse.ArgumentParser(prog="python -m tests.pauses")
+    parser.add_argument("--longest", type=float, default=1.0, metavar="S", help="the longest pause, in seconds (1)")
+    parser.add_argument("seed", type=int)
+    parser.add_argument("command", nargs=argparse.REMAINDER)
+    given = parser.parse_args()
     ended = threading.Event()
-    with subprocess.Popen(command) as process:
+    with subprocess.Popen(given.command) as process:
         threading.Thread(target=lambda: (process.wait(), ended.set()), name="end", daemon=True).start()
-        pauses = hold_up(process.pid, random.Random(seed), ended)
-    print(f"seed {seed}: {pauses} pauses of up to {LONGEST_S:g} s")
+        pauses = hold_up(process.pid, random.Random(given.seed), ended, given.longest)
+    print(f"seed {given.seed}: {pauses} pauses of up to {given.longest:g} s")
     return process.returncode
 
 
 if __name__ == "__main__":
-    sys.exit(main(int(sys.argv[1]), sys.argv[2:]))
+    sys.exit(main())

@@ -23,10 +23,11 @@ from typing import Any
 
 import pytest
 
-LONGEST_S = 1.0
+LONGEST_S = float(os.environ.get("PDGW_LONGEST_PAUSE", "1"))
+"""``make test-paused LONGEST=3``: three of them."""
 SHORT_S = 0.02
 """Two of three pauses are no longer: enough for every other thread to run, and many find room in a test."""
-IN_A_TEST_S = 4.0
+IN_A_TEST_S = 4 * LONGEST_S
 """All pauses of a test together: it ends in the time its patience has for a busy machine."""
 FARTHEST = 20_000
 """Lines and calls from one pause of a thread to its next, at most; evenly distributed over the orders of magnitude."""
