@@ -160,8 +160,8 @@ SIMULATED_ENCODER_TELEGRAM = 83
 SIMULATED_WATCHDOG_FACTOR = 250
 """Cycles without a frame until the PLC is lost, where nothing real moves: a busy laptop holds a program up for some 0.1 s."""
 
-_SIMULATED_TIMES = {"heartbeat_ms": 700, "sdo_timeout_ms": 5000}
-"""For the same reason: a device that has not got the processor for a second is not lost. A start waits for a heartbeat."""
+_SIMULATED_TIMES = {"heartbeat_ms": 2000, "sdo_timeout_ms": 5000}
+"""For the same reason: a device that has not got the processor for seconds is not lost. A start waits for a heartbeat."""
 
 _SIMULATED_JOG = {"jog_1_speed_rpm": -150, "jog_2_speed_rpm": 150}
 

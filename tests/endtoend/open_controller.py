@@ -11,7 +11,7 @@ import time
 
 from pdgw.tools.namespaces import THERE, VethPair
 
-PATIENCE_S = 60
+PATIENCE_S = 300
 
 
 def main(config: str, gsdml: str, example: str) -> int:

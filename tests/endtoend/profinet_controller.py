@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from ipaddress import IPv4Interface
 from pathlib import Path
 
@@ -24,6 +25,8 @@ AXIS = (1, 2)
 PATIENCE_S = 60.0
 """Nothing that works needs so long, on a machine however busy."""
 OFF, ON = bytes.fromhex("047e0000"), bytes.fromhex("047f2000")
+IP_ADDRESS_LOST = "CF 81 FD 1F"
+TRIES = 10
 P965 = bytes.fromhex("02010001100003c50000")
 
 
@@ -46,6 +49,68 @@ def pair() -> subprocess.Popen[bytes]:
     return holder
 
 
+def connected(runner: RunningController) -> bool:
+    plc = runner.controller
+    plc.start(time.monotonic_ns())
+    runner.run(PATIENCE_S, lambda: plc.phase in {Phase.DATA, Phase.ENDED})
+    return plc.phase is Phase.DATA
+
+
+def moves(runner: RunningController, seen: dict[str, object]) -> bool:
+    """Connect, turn the drive, read records and release; False when the relationship ended meanwhile.
+
+    No data hold time is longer than 1.92 s: a busy machine ends a relationship now and then.
+    """
+    plc = runner.controller
+    results: list[RecordResult] = []
+
+    def comes(name: str, condition: Callable[[], object]) -> bool:
+        seen[name] = runner.run(PATIENCE_S, lambda: condition() or plc.phase is Phase.ENDED)
+        return plc.phase is Phase.DATA
+
+    def answered(record: tuple[int, int, int], index: int) -> RecordResult | None:
+        results.clear()
+        plc.read(record, index, results.append)
+        comes(f"answer {index:X}", lambda: results)
+        return results[0] if results else None
+
+    seen["connected"] = connected(runner)
+    plc.set_output(AXIS, OFF)
+    if not (seen["connected"] and comes("drive ready", lambda: (plc.input(AXIS) or b"\0\0")[1] & 1)):
+        return False
+    plc.set_output(AXIS, ON)
+    if not comes("drive runs", lambda: (plc.input(AXIS) or b"\0\0")[1] & 4):
+        return False
+    seen["alarms"] = sorted({(item.alarm_type, item.slot) for item in plc.learned.alarms})
+    plc.write((API_PROFIDRIVE, 1, 1), 0xB02E, P965, results.append)
+    comes("P965 asked", lambda: results)
+    for _ in range(1000):
+        answer = answered((API_PROFIDRIVE, 1, 1), 0xB02E)
+        if answer is None or not answer.status.value:
+            break
+        runner.run(0.02)
+    seen["P965"] = answer.data.hex() if answer is not None else ""
+    answer = answered((0, 0, INTERFACE_SUBSLOT), 0x8080)
+    seen["interface"] = answer.status.value if answer is not None else None
+    plc.set_output(AXIS, OFF)
+    before = runner.fresh
+    if not comes("more frames", lambda: runner.fresh > before + 20):
+        return False
+    plc.release(time.monotonic_ns())
+    runner.run(PATIENCE_S, lambda: plc.phase is Phase.ENDED)
+    seen["ended"] = plc.learned.ended
+    return seen["ended"] == "released"
+
+
+def ends_without_its_address(runner: RunningController, flush: list[str]) -> bool:
+    """The gateway whose interface loses its address ends the relationship and says why; False when something else ended it."""
+    if not connected(runner):
+        return False
+    subprocess.run(flush, check=True)
+    runner.run(PATIENCE_S, lambda: runner.controller.phase is Phase.ENDED)
+    return IP_ADDRESS_LOST in runner.controller.learned.ended
+
+
 def main(config: Path, pdgw: str) -> None:
     seen: dict[str, object] = {}
     holder = pair()
@@ -59,52 +124,10 @@ def main(config: Path, pdgw: str) -> None:
     runner = RunningController(
         "plc", Project("press-1", model.modules, reduction_ratio=16, data_hold=100), IPv4Interface("192.168.0.2/24")
     )
-    plc = runner.controller
-    results: list[RecordResult] = []
     try:
-        for _ in range(10):
-            plc.start(time.monotonic_ns())
-            if (
-                runner.run(PATIENCE_S, lambda: plc.phase is Phase.DATA or plc.phase is Phase.ENDED)
-                and plc.phase is Phase.DATA
-            ):
-                break
-        seen["connected"] = plc.phase is Phase.DATA
-        seen["ended"] = plc.learned.ended
-        plc.set_output(AXIS, OFF)
-        seen["drive ready"] = runner.run(PATIENCE_S, lambda: (plc.input(AXIS) or b"\0\0")[1] & 1)
-        runner.run(0.1)
-        plc.set_output(AXIS, ON)
-        seen["drive runs"] = runner.run(PATIENCE_S, lambda: (plc.input(AXIS) or b"\0\0")[1] & 4)
-        seen["alarms"] = sorted({(item.alarm_type, item.slot) for item in plc.learned.alarms})
-        plc.write((API_PROFIDRIVE, 1, 1), 0xB02E, P965, results.append)
-        runner.run(PATIENCE_S, lambda: results)
-        for _ in range(1000):
-            results.clear()
-            plc.read((API_PROFIDRIVE, 1, 1), 0xB02E, results.append)
-            runner.run(PATIENCE_S, lambda: results)
-            if results and not results[0].status.value:
-                break
-            runner.run(0.02)
-        seen["P965"] = results[0].data.hex() if results else ""
-        results.clear()
-        plc.read((0, 0, INTERFACE_SUBSLOT), 0x8080, results.append)
-        runner.run(PATIENCE_S, lambda: results)
-        seen["interface"] = results[0].status.value if results else None
-        plc.set_output(AXIS, OFF)
-        runner.run(0.3)
-        before = runner.fresh
-        seen["more frames"] = runner.run(PATIENCE_S, lambda: runner.fresh > before + 20)
-        plc.release(time.monotonic_ns())
-        runner.run(PATIENCE_S, lambda: plc.phase is Phase.ENDED)
-        seen["released"] = plc.learned.ended
-        for _ in range(10):
-            plc.start(time.monotonic_ns())
-            if runner.run(5, lambda: plc.phase is Phase.DATA or plc.phase is Phase.ENDED) and plc.phase is Phase.DATA:
-                break
-        subprocess.run(["nsenter", "-t", str(holder.pid), "-n", "ip", "addr", "flush", "dev", "eth1"], check=True)
-        runner.run(5, lambda: plc.phase is Phase.ENDED)
-        seen["address taken"] = plc.learned.ended
+        seen["moved"] = any(moves(runner, seen) for _ in range(TRIES))
+        flush = ["nsenter", "-t", str(holder.pid), "-n", "ip", "addr", "flush", "dev", "eth1"]
+        seen["address taken"] = any(ends_without_its_address(runner, flush) for _ in range(TRIES))
     finally:
         runner.close()
         gateway.send_signal(signal.SIGTERM)

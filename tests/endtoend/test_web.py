@@ -95,7 +95,7 @@ def test_a_page_that_is_frozen_flooded_and_killed_changes_nothing_for_the_plc(tm
         return False
 
     def counted(name: str) -> int:
-        counters = fetch(status)["counters"]
+        counters = fetch(status, PATIENCE_S)["counters"]
         return next(item["value"] for item in counters if (item["part"], item["name"]) == ("link", name))
 
     log = tmp_path / "log"
@@ -123,4 +123,4 @@ def test_a_page_that_is_frozen_flooded_and_killed_changes_nothing_for_the_plc(tm
 
         assert plc.value("NIST_A") == 0x2000
         assert counted("watchdog_expiries") == lost
-        assert fetch(status)["axes"][0]["state_id"] == "OBEYS"
+        assert fetch(status, PATIENCE_S)["axes"][0]["state_id"] == "OBEYS"

@@ -318,7 +318,7 @@ def test_what_is_no_gateway_on_the_status_port_is_told() -> None:
         thread = threading.Thread(target=answer)
         thread.start()
         with pytest.raises(GatewayError, match="what answers there is no gateway"):
-            fetch(server.getsockname()[1])
+            fetch(server.getsockname()[1], PATIENCE_S)
         thread.join()
 
 
@@ -354,15 +354,15 @@ def test_the_status_port_tells_axes_and_counters_whoever_else_has_connected_to_i
         plc.until(lambda: plc.state() == 0x40, "online")
         # Who connects and leaves disturbs nobody.
         socket.create_connection(("127.0.0.1", port)).close()
-        document = fetch(port)
+        document = fetch(port, PATIENCE_S)
         assert document["schema"] == 1
         assert document["plc"]["frames"]["accepted"] > 0
         entry = document["axes"][0]
         assert (entry["telegram"], entry["drive"], entry["drive_state"]) == (1, "online", "Switch On Disabled")
         assert "STW1.10" in entry["reason"]
-        assert fetch_faults(port, 1) == []
+        assert fetch_faults(port, 1, PATIENCE_S) == []
         with pytest.raises(GatewayError, match="do_id 9: there is no such drive object, allowed: 1"):
-            fetch_faults(port, 9)
+            fetch_faults(port, 9, PATIENCE_S)
 
         def connect() -> socket.socket:
             return socket.create_connection(("127.0.0.1", port), timeout=PATIENCE_S)

@@ -160,7 +160,7 @@ def gateway(store: Path) -> Iterator[tuple[int, int, int]]:
     options = [part for name, port in zip(names, ports, strict=True) for part in (name, str(port))]
     config = store.with_suffix(".toml")
     config.write_text(
-        f'store = "{store.name}"\n[can]\ninterface = "virtual"\n[transport]\nwatchdog_factor = 250\n'
+        f'store = "{store.name}"\n[can]\ninterface = "virtual"\n[transport]\ncycle_time_ms = 20\nwatchdog_factor = 250\n'
         "[[axis]]\ndo_id = 1\nnode_id = 1\ntelegram = 1\nsimulate = true\n" + PATIENT
     )
     # The simulated devices are a process that this one starts: nothing is there in it either.

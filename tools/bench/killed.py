@@ -108,11 +108,17 @@ class Plant:
         self._operating = operating
 
     def turn(self) -> None:
-        """OFF until the axis follows, ON, full speed."""
+        """OFF until the axis follows, ON, full speed; once more where a busy machine has stopped the drive meanwhile."""
         self._set(OFF)
-        self.until(lambda: self._state() == State.READY_TO_SWITCH_ON, "OFF is obeyed")
-        self._set(ON)
-        self.until(lambda: self._operating and self.drive.model.velocity_actual > 0, "the drive turns")
+        self.until(self._turns, "the drive turns")
+
+    def _turns(self) -> bool:
+        state = self._state()
+        if state is State.READY_TO_SWITCH_ON:
+            self._set(ON)
+        elif state is State.SWITCH_ON_DISABLED:
+            self._set(OFF)
+        return self._operating and self.drive.model.velocity_actual > 0
 
     def _set(self, word: int) -> None:
         self.thread.call(lambda: self._endpoint.set(0, {"STW1": word, "NSOLL_A": SPEED}))

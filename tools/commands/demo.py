@@ -35,6 +35,9 @@ class _Story:
         self.live: Live | None = None
 
     def show(self, document: dict[str, Any]) -> None:
+        if "told" in document:  # such as that no gateway answers yet
+            self.console.print(document["told"], highlight=False)
+            return
         if "note" in document:
             self.lines.append((document["note"], 0, 0))
         else:

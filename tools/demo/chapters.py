@@ -22,7 +22,7 @@ _RPM_PER_UNIT = 0.5
 _I32: Final = 1 << 31
 _PATIENT_CYCLES, _PATIENT_PERIODS = 250, 750
 """Watchdog of the gateway, and of drives for SYNC, which crosses one process more: a busy machine holds one up for a second."""
-_HEARTBEAT_MS, _SDO_MS, _TPDO_MS, _ENCODER_MS = 2000, 5000, 500, 20
+_HEARTBEAT_MS, _SDO_MS, _TPDO_MS, _ENCODER_MS = 2000, 5000, 2000, 20
 
 Values = Mapping[str, int]
 """Newest setpoints and actual values of an axis by name."""
