@@ -34,7 +34,6 @@ log = logging.getLogger("gateway")
 T = TypeVar("T")
 SLICE_NS: Final = 200_000
 """A slice of a task is nearly always shorter: it is begun only when nothing is expected for so long."""
-_monotonic_ns: Final = time.monotonic_ns
 _LONGEST_WAIT_S: Final = 3600.0
 
 
@@ -359,10 +358,14 @@ class Mailbox(Generic[T]):
 
 
 class SystemLoop(Loop):
-    """A loop on the machine's clock and file descriptors. ``close`` gives its own descriptors back."""
+    """A loop on the machine's clock and file descriptors. ``close`` gives its own descriptors back.
 
-    def __init__(self, readiness: Readiness | None = None) -> None:
+    ``clock``: another one that never runs ahead of the machine's, in nanoseconds.
+    """
+
+    def __init__(self, readiness: Readiness | None = None, clock: Callable[[], int] = time.monotonic_ns) -> None:
         super().__init__()
+        self._clock: Final = clock
         self._readiness: Readiness = best_readiness() if readiness is None else readiness
         self._readers: dict[int, Callable[[], None]] = {}
         self._urgent: set[int] = set()
@@ -377,7 +380,7 @@ class SystemLoop(Loop):
         self.add_reader(self._awake.fileno(), self._take_calls)
 
     def now(self) -> int:
-        return _monotonic_ns()
+        return self._clock()
 
     def wall(self) -> float:
         return time.time()
@@ -449,7 +452,7 @@ class SystemLoop(Loop):
         elif due is None:
             wait = _LONGEST_WAIT_S
         else:
-            wait = min(max(0, due - _monotonic_ns()) / SECOND, _LONGEST_WAIT_S)
+            wait = min(max(0, due - self._clock()) / SECOND, _LONGEST_WAIT_S)
         ready = self._readiness.wait(wait)
         if len(ready) > 1:
             ready.sort(key=lambda item: item[0] not in self._urgent)
@@ -459,14 +462,14 @@ class SystemLoop(Loop):
                 action()
             if state & WRITABLE and (action := self._writers.get(descriptor)) is not None:
                 action()
-        if self._timers and self._timers[0][0] <= (now := _monotonic_ns()):
+        if self._timers and self._timers[0][0] <= (now := self._clock()):
             self._fire(now)
         if self._slices and self._may_slice():
             self._slice_due = False
             self._slices.popleft()()
 
     def _may_slice(self) -> bool:
-        return self._slice_due or not self._expected or _monotonic_ns() + SLICE_NS <= self._expected
+        return self._slice_due or not self._expected or self._clock() + SLICE_NS <= self._expected
 
     def close(self) -> None:
         self.end_tasks()

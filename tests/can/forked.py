@@ -18,6 +18,7 @@ from pathlib import Path
 from pdgw.__main__ import run
 from pdgw.tools.commands import config, param, sim_drive, sim_plc, status
 from pdgw.tools.commands import run as daemon
+from tests.support.buses import PATIENCE_S
 
 LOADED = (config, param, sim_drive, sim_plc, status, daemon)
 """Commands load what they need when they are called: these have it before they are forked."""
@@ -99,8 +100,8 @@ def forked(*words: str, log: Path) -> Iterator[Forked]:
     finally:
         process.signal(signal.SIGTERM)
         try:
-            process.wait(60)
+            process.wait(PATIENCE_S)
         except AssertionError:
             process.signal(signal.SIGKILL)
-            process.wait(60)
+            process.wait(PATIENCE_S)
         process.close()

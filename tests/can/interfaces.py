@@ -8,6 +8,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
+from tests.support.buses import PATIENCE_S
+
 _DEVICES = Path("/sys/class/net")
 _DRIVER = Path("/sys/bus/pci/drivers/kvaser_pci")
 _FD_MTU = "72"
@@ -15,7 +17,7 @@ _FD_MTU = "72"
 
 def ip(*arguments: str) -> None:
     """``ip link`` with these arguments."""
-    subprocess.run(["ip", "link", *arguments], check=True, timeout=60)
+    subprocess.run(["ip", "link", *arguments], check=True, timeout=PATIENCE_S)
 
 
 def up(name: str, *, bitrate: int = 1_000_000, more: tuple[str, ...] = ()) -> None:

@@ -1,4 +1,4 @@
-"""A gateway on real interfaces, simulated drives on the wire, a PLC, and a test's story: one loop of the machine's clock."""
+"""A gateway on real interfaces, simulated drives on the wire, a PLC, and a test's story: one loop, see ``unhurried``."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from pdgw.ds301.bus import open_bus
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.config_file import parse_config
 from pdgw.gateway.daemon import Daemon
-from pdgw.gateway.edge import SystemEdge
 from pdgw.gateway.status import snapshot
 from pdgw.gateway.transport.udp import UdpSocket
 from pdgw.peers.drive import ENGEL, Shape, SimulatedDrive
 from pdgw.peers.plc.endpoint import PlcEndpoint
 from pdgw.profidrive.telegrams import telegram
-from tests.support.processes import PATIENT
+from tests.can.unhurried import UnhurriedEdge
+from tests.support.buses import PATIENCE_S
 
 T = TypeVar("T")
 CYCLE_MS = 20
@@ -25,8 +25,7 @@ INHIBITED, READY, OPERATION = 0x40, 0x01, 0x07
 HALF = 0x2000
 """50 % of NSOLL and NIST."""
 _LOOK_NS = 10 * MS
-_PATIENCE_S = 60
-"""No healthy run needs so long, on the slowest machine."""
+_TIMES = "heartbeat_ms = 700\ntpdo_event_ms = 2000\nsdo_timeout_ms = 5000\n"
 
 
 def can_table(channel: str, more: str = "") -> str:
@@ -35,7 +34,7 @@ def can_table(channel: str, more: str = "") -> str:
 
 def axis_table(number: int, channel: str, more: str = "") -> str:
     """Times that a loaded machine keeps: what is guarded here is the wire."""
-    return f'[[axis]]\ndo_id = {number}\nnode_id = {number}\ntelegram = 1\ncan = "{channel}"\n{PATIENT}{more}'
+    return f'[[axis]]\ndo_id = {number}\nnode_id = {number}\ntelegram = 1\ncan = "{channel}"\n{_TIMES}{more}'
 
 
 class Plant:
@@ -46,7 +45,7 @@ class Plant:
             f"cyclic_port = 0\nacyclic_port = 0\nstatus_port = 0\ncycle_time_ms = {CYCLE_MS}\nwatchdog_factor = 100\n"
         )
         self.config = parse_config("\n".join((*tables, f"[transport]\n{transport}")))
-        self.daemon = Daemon(self.config, SystemEdge())
+        self.daemon = Daemon(self.config, UnhurriedEdge())
         self.loop = self.daemon.loop
         self.plc = PlcEndpoint([telegram(1)] * len(self.config.axis), CYCLE_MS * MS)
         self._port = UdpSocket(self.loop, "127.0.0.1", 0, "PLC")
@@ -105,7 +104,7 @@ class Plant:
 
     # -- inside the story -------------------------------------------------------------------------------------------------
 
-    def until(self, condition: Callable[[], object], what: str, seconds: float = _PATIENCE_S) -> None:
+    def until(self, condition: Callable[[], object], what: str, seconds: float = PATIENCE_S) -> None:
         end = self.loop.now() + int(seconds * SECOND)
         while not condition():
             assert self.loop.now() < end, f"not within {seconds:g} s: {what}; {snapshot(self.daemon)}"

@@ -5,17 +5,17 @@ from __future__ import annotations
 from pdgw.ds301.bus import open_bus
 from pdgw.gateway.config_file import parse_config
 from pdgw.gateway.config_surroundings import CanConfig
-from pdgw.gateway.edge import SystemEdge
 from pdgw.gateway.scan import Scan
 from pdgw.peers.drive import SimulatedDrive
 from pdgw.tools.axis_test import AxisTest, Choices
 from pdgw.tools.on_loop import complete, opened
 from tests.can.interfaces import Wire
 from tests.can.plant import axis_table, can_table
+from tests.can.unhurried import UnhurriedEdge
 
 
 def test_a_scan_asks_every_node_id_over_a_short_queue_and_finds_the_drive(line: Wire) -> None:
-    edge = SystemEdge()
+    edge = UnhurriedEdge()
     with (
         SimulatedDrive(open_bus("socketcan", line.far), 5, loop=edge.loop),
         opened(CanConfig(interface="socketcan", channel=line.near, name=line.near), edge) as network,
@@ -28,7 +28,7 @@ def test_a_scan_asks_every_node_id_over_a_short_queue_and_finds_the_drive(line: 
 
 
 def test_the_axis_test_turns_the_drive_and_finds_its_units_right(line: Wire) -> None:
-    edge = SystemEdge()
+    edge = UnhurriedEdge()
     transport = "[transport]\ncyclic_port = 0\nacyclic_port = 0\nstatus_port = 0\n"
     config = parse_config("\n".join((can_table(line.near), axis_table(1, line.near), transport)))
     lines: list[str] = []

@@ -17,12 +17,12 @@ from pdgw.gateway.ports import STATUS_PORT
 from pdgw.tools.commands.status import fetch
 from tests.can.forked import Forked, forked
 from tests.can.interfaces import Wire, ip, is_controller
+from tests.support.buses import PATIENCE_S
 from tests.support.processes import PATIENT
 
 _README = (Path(__file__).parents[2] / "README.md").read_text("utf-8")
 _CHAPTER = _README[_README.index("## Five minutes with a real drive on can0") :]
 _CHAPTER = _CHAPTER[: _CHAPTER.index("\n## ")]
-_PATIENCE_S = 240
 _CYCLE_MS = 50
 """Instead of 4: times that a slow machine keeps. Everything else is as it is written there."""
 
@@ -37,12 +37,12 @@ def command(start: str) -> list[str]:
 def said(*words: str) -> str:
     """What a command prints that ends by itself."""
     with forked(*words, log=Path("said.log")) as process:
-        assert process.wait(_PATIENCE_S) == 0, process.text
+        assert process.wait(PATIENCE_S) == 0, process.text
         return process.text
 
 
 def wait_for(condition: Callable[[], object], what: str, *processes: Forked) -> None:
-    end = time.monotonic() + _PATIENCE_S
+    end = time.monotonic() + PATIENCE_S
     while not condition():
         assert time.monotonic() < end, "\n".join((what, *(item.text for item in processes)))
         time.sleep(0.1)
@@ -51,10 +51,25 @@ def wait_for(condition: Callable[[], object], what: str, *processes: Forked) -> 
 def axis() -> tuple[object, object]:
     """State and 606Ch of the running gateway's axis."""
     try:
-        (shown,) = fetch(STATUS_PORT)["axes"]
+        (shown,) = fetch(STATUS_PORT, PATIENCE_S)["axes"]
     except GatewayError:
         return "", 0
     return shown["drive_state"], shown["velocity"]
+
+
+def press(plc: Forked, key: str, shown: tuple[object, object], *processes: Forked) -> None:
+    """Until the axis shows it; pressed again where the PLC has given up waiting for a drive that was held up."""
+    given_up = plc.text.count("not met")
+    plc.type(key)
+
+    def obeyed() -> bool:
+        nonlocal given_up
+        if plc.text.count("not met") > given_up:
+            given_up += 1
+            plc.type(key)
+        return axis() == shown
+
+    wait_for(obeyed, f"after {key}", *processes)
 
 
 def test_the_five_minutes_of_the_readme_turn_a_drive(
@@ -65,11 +80,11 @@ def test_the_five_minutes_of_the_readme_turn_a_drive(
         ip("set", line.near, "down")
         sudo, *bring_up = command("sudo ip link")
         assert sudo == "sudo"
-        subprocess.run(bring_up, check=True, timeout=60)
+        subprocess.run(bring_up, check=True, timeout=PATIENCE_S)
     (text,) = re.findall(r"```toml\n(.*?)```", _CHAPTER, re.DOTALL)
     smallest = re.sub(r"^   ", "", text, flags=re.MULTILINE)
     assert "cycle_time_ms = 4\n" in smallest
-    slow = smallest.replace("cycle_time_ms = 4\n", f"cycle_time_ms = {_CYCLE_MS}\nwatchdog_factor = 100\n")
+    slow = smallest.replace("cycle_time_ms = 4\n", f"cycle_time_ms = {_CYCLE_MS}\nwatchdog_factor = 250\n")
     Path("gateway.toml").write_text(slow + PATIENT)  # the axis is the last table
     simulator = ("sim", "drive", "--interface", "socketcan", "--channel", line.far)
     with (
@@ -82,13 +97,12 @@ def test_the_five_minutes_of_the_readme_turn_a_drive(
         wait_for(lambda: axis()[0] == "Switch On Disabled", "the drive is online", *everybody)
         wait_for(lambda: "e=enable" in plc.text, "the PLC's keys", *everybody)
         for key, shown in (("e", ("Operation Enabled", 0)), ("+", ("Operation Enabled", 600))):
-            plc.type(key)
-            wait_for(lambda shown=shown: axis() == shown, f"after {key}", *everybody)  # type: ignore[misc]
+            press(plc, key, shown, *everybody)
         assert "DO 1 axis, node 1 online" in said(*command("pdgw status"))
         assert "P922" in said("param", "read", "P922", "6041h")
         plc.type("ox")
-        assert plc.wait(_PATIENCE_S) == 0
+        assert plc.wait(PATIENCE_S) == 0
         gateway.signal(signal.SIGTERM)
-        assert gateway.wait(_PATIENCE_S) == 0
+        assert gateway.wait(PATIENCE_S) == 0
         assert gateway.text.rstrip().endswith("stopped")
         assert "Traceback" not in gateway.text

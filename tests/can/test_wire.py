@@ -15,8 +15,10 @@ from pdgw.ds301.readiness import EpollReadiness
 from tests.can import interfaces
 from tests.can.interfaces import Wire
 from tests.can.plant import INHIBITED, OFF, ON, OPERATION, Plant, axis_table, can_table
+from tests.support.buses import PATIENCE_S
 
 TPDO_1 = PdoDirection.TPDO.cob_id(1, 1)
+FLOOD = 0x00A
 
 
 def test_a_drive_turns_and_its_frames_are_read_by_the_socket_without_a_thread(line: Wire) -> None:
@@ -25,7 +27,7 @@ def test_a_drive_turns_and_its_frames_are_read_by_the_socket_without_a_thread(li
 
     def story() -> None:
         plant.turn()
-        assert isinstance(plant.loop._readiness, EpollReadiness)  # type: ignore[attr-defined]
+        assert isinstance(plant.loop._readiness.system, EpollReadiness)  # type: ignore[attr-defined]
         assert not [thread.name for thread in threading.enumerate() if thread.name.startswith("CAN")]
         plant.command(OFF)
         plant.until(lambda: plant.state() in {1, 3} and plant.value("NIST_A") == 0, "standstill")
@@ -157,13 +159,15 @@ def test_messages_of_the_controller_are_counted_and_bus_off_stops_the_axis_until
 def test_a_flood_with_the_highest_priority_leaves_the_axis_in_command(line: Wire, length: str) -> None:
     plant = Plant(can_table(line.near), axis_table(1, line.near))
     drive = plant.drive(line.far)
-    flood = ["cangen", line.far, "-g", "1", "-n", "3000", "-I", "00A", "-L", length, "-p", "100"]
+    flood = ["cangen", line.far, "-g", "1", "-n", "3000", "-I", f"{FLOOD:03X}", "-L", length, "-p", "100"]
+    heard: list[int] = []
+    plant.daemon.networks[line.near].listeners.append(lambda frame: heard.append(frame.arbitration_id))
 
     def story() -> None:
         plant.turn()
-        before = plant.counter("bus can0", "received")
-        plant.outside(lambda: subprocess.run(flood, check=True, timeout=120))
-        plant.until(lambda: plant.counter("bus can0", "received") >= before + 3000, "every frame was read")
+        plant.outside(lambda: subprocess.run(flood, check=True, timeout=PATIENCE_S))
+        # How much of it: where the machine is too slow, the kernel or the controller has no room for the rest.
+        plant.until(lambda: FLOOD in heard, "the flood is read")
         if plant.state() != OPERATION:  # a machine that was too slow for it: stopped, and it stays so
             plant.stays(lambda: plant.state() != OPERATION, "the ON that stands starts nothing")
             plant.turn()
@@ -177,16 +181,16 @@ def test_an_interface_whose_queue_is_full_is_told_and_the_drive_stops(line: Wire
     interfaces.ip("set", line.near, "txqueuelen", "2")
     plant = Plant(can_table(line.near), axis_table(1, line.near))
     drive = plant.drive(line.far)
-    stuck = ["tc", "qdisc", "replace", "dev", line.near, "root", "netem", "delay", "60s", "limit", "1"]
+    stuck = ["tc", "qdisc", "replace", "dev", line.near, "root", "netem", "delay", "200s", "limit", "1"]
     free = ["tc", "qdisc", "del", "dev", line.near, "root"]
 
     def story() -> None:
         plant.turn()
-        plant.outside(lambda: subprocess.run(stuck, check=True, timeout=60))
+        plant.outside(lambda: subprocess.run(stuck, check=True, timeout=PATIENCE_S))
         plant.until(lambda: plant.counter("bus can0", "send_errors"), "frames are not taken")
         plant.until(lambda: not plant.daemon.networks[line.near].healthy, "the bus is not healthy")
         plant.until(lambda: drive.model.velocity_actual == 0, "the drive stops by itself: no heartbeat")
-        plant.outside(lambda: subprocess.run(free, check=True, timeout=60))
+        plant.outside(lambda: subprocess.run(free, check=True, timeout=PATIENCE_S))
         plant.until(lambda: plant.state() is not None, "the drive is back")
         plant.stays(
             lambda: plant.state() != OPERATION and drive.model.velocity_actual == 0, "the ON that stands starts nothing"
@@ -209,7 +213,7 @@ def test_two_nodes_with_one_number_are_never_left_turning_unwatched(line: Wire) 
             lambda: drive.model.velocity_actual == 0 == twin.model.velocity_actual, "the ON that stands starts nothing"
         )
         twin.stop()
-        plant.until(lambda: plant.state() == INHIBITED, "one of them again", 120)
+        plant.until(lambda: plant.state() == INHIBITED, "one of them again")
         plant.turn()
 
     plant.play(story)
