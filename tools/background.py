@@ -15,8 +15,17 @@ log = logging.getLogger("gateway")
 T = TypeVar("T")
 END_S = 2.0
 """So long the end of the gateway waits for what was not written yet."""
+_WAITS = 20
 _WAITING = 100_000
 """Items that may wait: some 10 s of a full bus at 1 Mbit/s."""
+
+
+def wait_for_end(thread: threading.Thread) -> None:
+    """Two seconds in short waits: where the process itself is held up meanwhile, that takes the thread one of them alone."""
+    for _ in range(_WAITS):
+        thread.join(END_S / _WAITS)
+        if not thread.is_alive():
+            return
 
 
 class BackgroundWriter(Generic[T]):
@@ -64,7 +73,7 @@ class BackgroundWriter(Generic[T]):
             self._items.put(None, timeout=END_S)
         except queue.Full:
             return
-        self._thread.join(END_S)
+        wait_for_end(self._thread)
 
     def _run(self) -> None:
         try:

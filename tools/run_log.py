@@ -70,6 +70,8 @@ class _FromQueue(logging.handlers.QueueListener):
         super().__init__(records, handler)
         self._records = records
         self._bundle = Bundle()
+        self.left = 0
+        """Lines that were still waiting at the end."""
 
     def dequeue(self, block: bool) -> logging.LogRecord:
         while True:
@@ -102,10 +104,13 @@ class _FromQueue(logging.handlers.QueueListener):
         try:
             self.enqueue_sentinel()
         except queue.Full:
+            self.left = self._records.qsize()
             return  # nothing is taken any more: the thread ends with the process
-        thread.join(background.END_S)
+        background.wait_for_end(thread)
         self._thread = None
-        if not thread.is_alive():
+        if thread.is_alive():
+            self.left = self._records.qsize()  # with the sentinel, which stands for the line that is being written
+        else:
             self._write(self._bundle.flush())
 
 
@@ -173,7 +178,8 @@ class RunLog:
     @property
     def lost(self) -> int:
         """Lines nobody took, or that came faster than they could be written."""
-        return self._failed + self._to_listener.lost + (self._taken.lost if self._taken is not None else 0)
+        taken = 0 if self._taken is None else self._taken.lost
+        return self._failed + self._to_listener.lost + self._listener.left + taken
 
     def count_in(self, counters: Counters) -> None:
         """Show what was lost."""

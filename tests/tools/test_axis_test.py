@@ -333,7 +333,7 @@ def test_the_command_turns_a_simulated_axis_after_what_was_typed(tmp_path: Path)
         '[can]\ninterface = "virtual"\nchannel = "x"\n[transport]\ncyclic_port = 0\n'
         "[[axis]]\ndo_id = 3\nnode_id = 5\ntelegram = 9\nsimulate = true\n" + PATIENT
     )
-    for _ in range(10):
+    for _ in range(40):
         result = pdgw("axis", "test", "3", str(file), "--percent", "10", "--turns", "0.5", text="turn 3\n")
         # Whoever is held up, the drive or this process, finds the way travelled and its time in doubt, and is right in it.
         if not result.returncode:

@@ -21,6 +21,7 @@ import pytest
 from pdgw.ds301.client import NodeClient
 from pdgw.ds301.connection_set import EMCY
 from pdgw.ds301.counters import Counters
+from pdgw.tools import background
 from pdgw.tools.run_log import CanRecorder, LogLevel, RunLog, on_signals
 from tests.support.buses import PATIENCE_S
 from tests.support.daemon import axis, configuration, running, until, world_of
@@ -151,6 +152,34 @@ def test_a_log_into_a_pipe_nobody_reads_does_not_keep_the_process_from_ending() 
         os.close(reading)
         os.close(writing)
     assert int(done.stdout) > 0
+
+
+def test_lines_that_were_still_waiting_at_the_end_are_counted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(background, "END_S", 0.01)
+    run_log = RunLog(LogLevel.INFO, tmp_path / "log")
+    run_log._handler.acquire()
+    try:
+        for number in range(5):
+            logging.getLogger("gateway").info("%d", number)
+        run_log.stop()
+        assert run_log.lost >= 5
+    finally:
+        run_log._handler.release()
+
+
+def test_a_process_that_is_held_up_at_its_end_takes_its_thread_one_short_wait_alone() -> None:
+    class Writing(threading.Thread):
+        waits = 0
+
+        def join(self, timeout: float | None = None) -> None:
+            self.waits += 1
+
+        def is_alive(self) -> bool:
+            return self.waits < 3
+
+    thread = Writing()
+    background.wait_for_end(thread)
+    assert thread.waits == 3
 
 
 def test_a_storm_of_log_lines_is_bounded_and_counted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
