@@ -9,8 +9,9 @@ from __future__ import annotations
 import time
 from typing import Final
 
-from pdgw.ds301.loop import MS, SECOND, SystemLoop
+from pdgw.ds301.loop import SystemLoop
 from pdgw.ds301.readiness import best_readiness
+from pdgw.durations import MS, SECOND
 from pdgw.gateway.edge import SystemEdge
 
 _AT_MOST_NS: Final = 20 * MS
