@@ -235,7 +235,7 @@ def test_data_that_answers_another_notification_finishes_nothing() -> None:
         pdu(PduType.ACK, 0, 0xFFFF, own=8),
         pdu(PduType.ACK, 0, 0xFFFF, peer=8),
         pdu(PduType.ACK, 0, 0x0000),
-        pdu(PduType.NACK, 0, 0xFFFF),
+        pdu(PduType.NACK, 0xFFFF, 0xFFFF),
         pdu(PduType.DATA, 0x0005, 0xFFFF, b"out of sequence"),
         pdu(PduType.ACK, 0, 0xFFFF)[:-1],
         pdu(PduType.DATA, 0xFFFF, 0xFFFF, b"longer")[:-3],
@@ -250,6 +250,15 @@ def test_pdus_that_do_not_fit_are_dropped_and_end_nothing(frame: bytes) -> None:
     item.frames.clear()
     assert item.receive(frame, START, 1) is False
     assert (item.state, item.frames, item.failed, item.dropped) == (State.WAIT_ACK, [], False, 1)
+
+
+def test_data_that_acknowledges_and_holds_no_alarm_ack_is_acknowledged_and_finishes_nothing() -> None:
+    item = machine()
+    item.send(notification(), 0)
+    item.frames.clear()
+    item.receive(pdu(PduType.DATA, 0xFFFF, 0xFFFF, b"anything"), START, 1)
+    assert item.state is SENT
+    assert [fields(frame)[0] for frame in item.frames] == [PduType.ACK]
 
 
 def test_an_alarm_ack_of_another_alarm_is_acknowledged_but_finishes_nothing() -> None:

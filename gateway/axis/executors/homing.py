@@ -115,7 +115,6 @@ class Homing:
 
     def answered(self, error: str | None) -> None:
         """The writes were taken (None) or not (the reason)."""
-        self._notes.writes = None
         self._busy = False
         if self._answer == "":
             self._answer = "done" if error is None else error

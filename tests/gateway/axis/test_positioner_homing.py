@@ -11,7 +11,7 @@ from pdgw.dsp402.objects import NEGATIVE_LIMIT_SWITCH, POSITIVE_LIMIT_SWITCH
 from pdgw.dsp402.states import State, StatusBit
 from pdgw.gateway.axis.values import ProbeAnswer, SdoWrite
 from pdgw.gateway.motion.blocks import Block, BlockTask
-from pdgw.gateway.reasons import FaultNumber
+from pdgw.gateway.reasons import FaultNumber, Reason
 from tests.gateway.axis.test_modulo import TABLE, drive_type
 from tests.gateway.axis.test_positioner_handshake import (
     ACTIVATE,
@@ -88,6 +88,7 @@ def test_homing_starts_when_the_drive_has_its_method_and_shows_mode_6() -> None:
     for _ in range(5):
         assert not hand(ON | HOMING) & OF_THE_MODE
         assert hand.stepper.command.modes_of_operation == Mode.POSITION
+        assert hand.stepper.reason is Reason.HOMING_SETUP
     hand.stepper.sdo_done(None)
     for _ in range(5):
         assert not hand(ON | HOMING) & OF_THE_MODE
@@ -130,6 +131,22 @@ def test_a_second_homing_waits_for_the_drive_as_the_first_one_did() -> None:
         hand(ON | HOMING, OPERATING | TAKEN | REACHED)
         shown.append(bool(hand.actuals["ZSW1"] & HOME_SET))
     assert shown == [False, False, False, True], "the position is of the same moment two cycles later"
+
+
+def test_what_is_left_of_the_last_homing_does_not_end_the_next() -> None:
+    """Of a drive that shows its zero while it is given the next start, for 50 ms."""
+    hand = homed()
+    left = OPERATING | TAKEN | REACHED
+    hand(ON | HOMING)
+    hand.stepper.sdo_done(None)
+    hand(ON | HOMING)
+    hand.mode = Mode.HOMING
+    for _ in range(12):
+        hand(ON | HOMING, left)
+        assert not hand.actuals["ZSW1"] & HOME_SET
+    for _ in range(12):
+        hand(ON | HOMING, left)
+    assert hand.actuals["ZSW1"] & HOME_SET, "method 35 is immediate"
 
 
 def test_the_answer_to_a_homing_that_ended_with_the_operation_does_not_start_the_next() -> None:
@@ -350,6 +367,65 @@ def test_a_drive_without_a_torque_limit_is_refused_for_a_fixed_stop_alone(
     hand = positioner(choices, replace(DRIVE, max_torque=0)).enable()
     assert any("Max Torque 6072h" in event.text for event in hand.stepper.events) is refused
     assert hand.stepper.power.released is not refused
+
+
+PRESSING = replace(CHOICES, blocks=(Block(1, 50_000, 3000, task=BlockTask.FIXED_STOP, value=250),))
+OWN, LOWERED = (SdoWrite(0x6072, 0, 3000),), (SdoWrite(0x6072, 0, 250),)
+
+
+def pressing() -> Hand:
+    """A fixed stop is being moved to, with the torque of its block."""
+    hand = positioner(PRESSING).enable()
+    hand(ON, POS_STW1=1)
+    assert not hand(ON | ACTIVATE) & NEW_SETPOINT
+    assert hand.stepper.sdo_request == LOWERED
+    hand.stepper.sdo_done(None)
+    assert hand(ON | ACTIVATE) & NEW_SETPOINT
+    hand(ON | ACTIVATE, OPERATING | TAKEN)
+    return hand
+
+
+def test_a_lowered_torque_limit_that_is_read_back_is_not_taken_for_the_drives_own() -> None:
+    hand = pressing()
+    hand.stepper.set_drive(replace(DRIVE, max_torque=250), 35)
+    hand(ON | ACTIVATE)
+    hand(OFF2)
+    assert hand.stepper.sdo_request == OWN
+
+
+def test_a_torque_limit_whose_place_a_homing_took_is_written_behind_it() -> None:
+    hand = pressing()
+    hand(ON & ~REJECT)
+    assert hand.stepper.sdo_request == OWN
+    hand(ON)
+    hand(ON | HOMING)
+    homing = hand.stepper.sdo_request
+    assert homing is not None
+    assert homing[0] == SdoWrite(0x6098, 0, 35)
+    hand.stepper.sdo_done(None)
+    for _ in range(3):
+        hand(ON | HOMING)
+    assert hand.stepper.sdo_request == OWN
+
+
+def test_a_torque_limit_that_is_refused_is_told_once_and_not_asked_for_in_every_cycle() -> None:
+    hand = positioner(PRESSING).enable()
+    hand(ON, POS_STW1=1)
+    hand(ON | ACTIVATE)
+    hand.stepper.sdo_done("refused")
+    for _ in range(10):
+        assert not hand(ON | ACTIVATE) & NEW_SETPOINT
+        assert hand.stepper.sdo_request is None
+        assert hand.stepper.reason is Reason.TORQUE_LIMIT
+        assert hand.actuals["ZSW1"] & WARNING
+    assert [event.number for event in hand.stepper.events] == [FaultNumber.POSITIONER]
+
+
+def test_a_drive_without_a_torque_limit_is_given_none_when_it_restarts() -> None:
+    hand = positioner(replace(CHOICES, blocks=()), replace(DRIVE, max_torque=0)).enable()
+    hand.stepper.drive_restarted()
+    hand(OFF, State.SWITCH_ON_DISABLED)
+    assert hand.stepper.sdo_request is None
 
 
 def test_a_drive_that_restarted_is_given_its_own_torque_limit_once() -> None:

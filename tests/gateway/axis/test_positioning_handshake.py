@@ -250,6 +250,18 @@ def test_the_answer_to_a_homing_that_ended_with_the_operation_does_not_start_the
     assert hand.stepper.sdo_request[0] == SdoWrite(0x6098, 0, 18)
 
 
+def test_a_homing_with_a_velocity_of_0_has_the_lowest_there_is() -> None:
+    hand = positioning().enable()
+    hand(ON | HOMING, SATZANW=0x8000 | 17, MDI_VELOCITY=0)
+    assert hand.stepper.sdo_request == (SdoWrite(0x6098, 0, 17), SdoWrite(0x6099, 1, 1), SdoWrite(0x6099, 2, 1))
+
+
+def test_a_modulo_axis_is_asked_for_its_mode_before_operation() -> None:
+    hand = positioning(modulo_axis=True)
+    hand(OFF, State.SWITCH_ON_DISABLED)
+    assert hand.stepper.command.modes_of_operation == TURNTABLE.mode
+
+
 def test_a_homing_asked_while_braking_has_method_and_speed_of_the_frame_of_its_edge() -> None:
     hand = braking()
     hand(ON | HOMING, SATZANW=0x8000 | 17, MDI_VELOCITY=1 << 29)
