@@ -9,8 +9,7 @@ import pytest
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.objects import NEGATIVE_LIMIT_SWITCH, POSITIVE_LIMIT_SWITCH
 from pdgw.dsp402.states import State, StatusBit
-from pdgw.gateway.axis.values import ProbeAnswer, SdoWrite
-from pdgw.gateway.motion.blocks import Block, BlockTask
+from pdgw.gateway.axis.values import ProbeAnswer
 from pdgw.gateway.reasons import FaultNumber, Reason
 from tests.gateway.axis.test_modulo import TABLE, drive_type
 from tests.gateway.axis.test_positioner_handshake import (
@@ -33,7 +32,7 @@ from tests.gateway.axis.test_positioner_handshake import (
     shows,
     turning,
 )
-from tests.support.hand import OFF, ON, OPERATING, Hand
+from tests.support.hand import ON, OPERATING, Hand
 from tests.support.positioner import CHOICES
 
 # -- homing -------------------------------------------------------------------------------------------------------------
@@ -323,25 +322,6 @@ def test_the_limit_switches_of_the_drive_are_shown_while_they_are_hit(switch: in
         assert [item for item in names if shows(hand, item)] == ([name] if hit else [])
 
 
-def test_a_fixed_stop_is_reached_with_its_torque_and_not_by_standing_still() -> None:
-    block = Block(1, 50_000, 3000, task=BlockTask.FIXED_STOP, value=250)
-    hand = positioner(replace(CHOICES, blocks=(block,))).enable()
-    hand(ON, POS_STW1=1)
-    for _ in range(3):
-        hand(ON | ACTIVATE)
-        if hand.stepper.sdo_request is not None:
-            hand.stepper.sdo_done(None)
-    hand(ON | ACTIVATE, OPERATING | TAKEN)
-    for _ in range(100):
-        hand.feedback.current_actual = 237
-        hand(ON | ACTIVATE)
-        assert not shows(hand, "FIXED_STOP_REACHED")
-    hand.feedback.current_actual = -238
-    for _ in range(100):
-        hand(ON | ACTIVATE)
-    assert shows(hand, "FIXED_STOP_REACHED")
-
-
 @pytest.mark.parametrize(("mode", "shown"), [(Mode.POSITION, True), (Mode.HOMING, False)])
 def test_bit_13_is_a_following_error_in_mode_1_alone(mode: Mode, shown: bool) -> None:
     hand = positioner().enable()
@@ -349,95 +329,6 @@ def test_bit_13_is_a_following_error_in_mode_1_alone(mode: Mode, shown: bool) ->
     hand.mode = mode
     hand(ON, OPERATING | StatusBit.MODE_13)
     assert bool(hand.actuals["ZSW1"] & FOLLOWS) is not shown
-
-
-@pytest.mark.parametrize(
-    ("blocks", "clamping_torque", "refused"),
-    [
-        ((), None, False),
-        ((Block(1, 5000, 300),), None, False),
-        ((Block(1, 5000, 300, task=BlockTask.FIXED_STOP, value=100),), None, True),
-        ((), 100, True),
-    ],
-)
-def test_a_drive_without_a_torque_limit_is_refused_for_a_fixed_stop_alone(
-    blocks: tuple[Block, ...], clamping_torque: int | None, refused: bool
-) -> None:
-    choices = replace(CHOICES, blocks=blocks, clamping_torque=clamping_torque)
-    hand = positioner(choices, replace(DRIVE, max_torque=0)).enable()
-    assert any("Max Torque 6072h" in event.text for event in hand.stepper.events) is refused
-    assert hand.stepper.power.released is not refused
-
-
-PRESSING = replace(CHOICES, blocks=(Block(1, 50_000, 3000, task=BlockTask.FIXED_STOP, value=250),))
-OWN, LOWERED = (SdoWrite(0x6072, 0, 3000),), (SdoWrite(0x6072, 0, 250),)
-
-
-def pressing() -> Hand:
-    """A fixed stop is being moved to, with the torque of its block."""
-    hand = positioner(PRESSING).enable()
-    hand(ON, POS_STW1=1)
-    assert not hand(ON | ACTIVATE) & NEW_SETPOINT
-    assert hand.stepper.sdo_request == LOWERED
-    hand.stepper.sdo_done(None)
-    assert hand(ON | ACTIVATE) & NEW_SETPOINT
-    hand(ON | ACTIVATE, OPERATING | TAKEN)
-    return hand
-
-
-def test_a_lowered_torque_limit_that_is_read_back_is_not_taken_for_the_drives_own() -> None:
-    hand = pressing()
-    hand.stepper.set_drive(replace(DRIVE, max_torque=250), 35)
-    hand(ON | ACTIVATE)
-    hand(OFF2)
-    assert hand.stepper.sdo_request == OWN
-
-
-def test_a_torque_limit_whose_place_a_homing_took_is_written_behind_it() -> None:
-    hand = pressing()
-    hand(ON & ~REJECT)
-    assert hand.stepper.sdo_request == OWN
-    hand(ON)
-    hand(ON | HOMING)
-    homing = hand.stepper.sdo_request
-    assert homing is not None
-    assert homing[0] == SdoWrite(0x6098, 0, 35)
-    hand.stepper.sdo_done(None)
-    for _ in range(3):
-        hand(ON | HOMING)
-    assert hand.stepper.sdo_request == OWN
-
-
-def test_a_torque_limit_that_is_refused_is_told_once_and_not_asked_for_in_every_cycle() -> None:
-    hand = positioner(PRESSING).enable()
-    hand(ON, POS_STW1=1)
-    hand(ON | ACTIVATE)
-    hand.stepper.sdo_done("refused")
-    for _ in range(10):
-        assert not hand(ON | ACTIVATE) & NEW_SETPOINT
-        assert hand.stepper.sdo_request is None
-        assert hand.stepper.reason is Reason.TORQUE_LIMIT
-        assert hand.actuals["ZSW1"] & WARNING
-    assert [event.number for event in hand.stepper.events] == [FaultNumber.POSITIONER]
-
-
-def test_a_drive_without_a_torque_limit_is_given_none_when_it_restarts() -> None:
-    hand = positioner(replace(CHOICES, blocks=()), replace(DRIVE, max_torque=0)).enable()
-    hand.stepper.drive_restarted()
-    hand(OFF, State.SWITCH_ON_DISABLED)
-    assert hand.stepper.sdo_request is None
-
-
-def test_a_drive_that_restarted_is_given_its_own_torque_limit_once() -> None:
-    hand = positioner().enable()
-    assert hand.stepper.sdo_request is None
-    hand.stepper.drive_restarted()
-    hand(OFF, State.SWITCH_ON_DISABLED)
-    assert hand.stepper.sdo_request == (SdoWrite(0x6072, 0, 3000),)
-    hand.stepper.sdo_done(None)
-    for _ in range(5):
-        hand(OFF, State.READY_TO_SWITCH_ON)
-        assert hand.stepper.sdo_request is None
 
 
 def test_a_task_at_a_limit_of_the_drive_is_halted_after_half_a_second_and_not_before() -> None:
