@@ -14,6 +14,7 @@ from pdgw.gateway.axis.values import News, SdoAnswer, SdoWrite
 from pdgw.gateway.binding import Axis
 from pdgw.gateway.config import AxisConfig
 from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.reasons import FaultNumber
 from tests.support import buses
 from tests.support.drive_types import engel
 
@@ -121,6 +122,33 @@ def test_a_lost_drive_and_a_lost_bus_are_different_faults(axis: Axis, healthy: b
     axis.network.healthy = healthy
     axis.on_node_event(DriveEvent("status", "lost", time_ns=1))
     axis.step(None, 1)
+    assert [fault.number for fault in axis.faults] == [number]
+
+
+@pytest.mark.parametrize(
+    ("kind", "status", "healthy", "number"),
+    [
+        ("boot", DriveStatus.ONLINE, True, FaultNumber.NODE_RESTARTED),
+        ("status", DriveStatus.LOST, True, FaultNumber.NODE_LOST),
+        ("status", DriveStatus.LOST, False, FaultNumber.BUS_LOST),
+    ],
+    ids=["boot", "lost", "bus lost"],
+)
+def test_a_restart_that_was_asked_for_is_no_fault_and_the_next_one_is(
+    axis: Axis, kind: str, status: DriveStatus, healthy: bool, number: FaultNumber
+) -> None:
+    def tell(kind: str, status: DriveStatus) -> None:
+        axis.drive.status = status
+        axis.on_node_event(DriveEvent(kind, "told", time_ns=1))
+        axis.step(None, 1)
+
+    axis.network.healthy = healthy
+    axis.reset_node()
+    tell(kind, status)
+    tell(kind, status)
+    assert not axis.faults
+    tell("status", DriveStatus.ONLINE)
+    tell(kind, status)
     assert [fault.number for fault in axis.faults] == [number]
 
 
