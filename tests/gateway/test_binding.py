@@ -70,8 +70,8 @@ def test_a_refusal_that_was_told_is_not_told_again_because_the_telegram_changed(
 
 def test_a_drive_that_never_was_online_owns_what_guards_and_commands_it() -> None:
     with made(1) as item:
-        assert item.owns(0x6040, 0)
-        assert item.owns(0x6060, 0)
+        guards = {(0x1016, 1), (0x1017, 0), (0x6007, 0), (0x100C, 0), (0x100D, 0), (0x6040, 0), (0x6060, 0)}
+        assert {(index, sub) for index, _ in guards for sub in range(3) if item.owns(index, sub)} == guards
         assert not item.owns(0x607A, 0)
         assert item.is_reference(0x6098, 0)
         assert not item.is_reference(0x6081, 0)
