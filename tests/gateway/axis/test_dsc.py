@@ -315,7 +315,7 @@ def test_a_speed_goes_no_further_than_its_object(form: DscForm, sign: int) -> No
 
 
 def test_dsc_without_its_choice_is_refused() -> None:
-    with pytest.raises(GatewayError, match='need dsc = "position" or "speed"'):
+    with pytest.raises(GatewayError, match='needs dsc = "position" or "speed"'):
         AxisMachine(105, AxisSettings(), Rig(1).feedback)
 
 
