@@ -85,6 +85,15 @@ def test_the_end_of_a_withdrawn_request_does_not_answer_the_next(axis: Axis) -> 
     assert requests.told[1:] == [SdoAnswer(SECOND, None)]
 
 
+def test_a_request_is_performed_also_where_the_step_has_nothing_else_to_tell(axis: Axis) -> None:
+    requests = Requests(axis)
+    axis.step(None, 1)
+    assert not requests.jobs
+    axis.machine.notes.writes = FIRST
+    axis.step(None, 2)
+    assert len(requests.jobs) == 1
+
+
 def test_a_request_waits_for_the_end_of_the_one_before(axis: Axis) -> None:
     """Both write the same objects: the later values have to be written later."""
     requests = Requests(axis)

@@ -22,6 +22,7 @@ from tests.support import buses
 from tests.support.daemon import OFF, Plc, axis, configuration, exchanging, serving, until
 from tests.support.drive_types import engel
 from tests.support.positioner import CHOICES
+from tests.support.sensor_format import decode_sensor_format
 
 HOME_SET = signal("ZSW1").bit("HOME_POSITION_SET", positioning=True).mask
 
@@ -44,6 +45,13 @@ def test_the_tolerance_of_the_sign_of_life_is_in_force_at_once_and_with_the_next
         assert tolerated(item) == 7
         item.change_telegram(3)
         assert tolerated(item) == 7
+
+
+def test_what_the_plc_sent_last_stays_after_its_loss() -> None:
+    with made(1) as item:
+        item.step((OFF, 5), 1)
+        item.step(None, 2)
+        assert item.last_setpoints == (OFF, 5)
 
 
 @pytest.mark.parametrize("first", [1, 111])
@@ -97,6 +105,15 @@ def test_an_encoder_that_is_g1_stays_g1_with_another_telegram() -> None:
         plc = Plc(daemon, [102, 81])
         plc.endpoint.set(0, {"STW1": OFF, "G1_STW": G1["REQUEST_ABSOLUTE"]})
         plc.until(lambda: plc.value("G1_XIST2") == 3072, "the encoder's position")
+
+
+@pytest.mark.parametrize(("more", "turns"), [("", [0]), ("g1 = 2", [4096])], ids=["drive", "encoder"])
+def test_p979_tells_the_sensor_that_is_g1(more: str, turns: list[int]) -> None:
+    objects = axis(1, telegram_number=3, more=f"simulate = true\n{more}") + encoder(2, 81)
+    with serving(configuration(objects), do_id=1) as (_, client):
+        (answer,) = client.request([ParameterAddress(979, 0, 31)])
+        sensors = decode_sensor_format(tuple(int(value) for value in answer.values))
+        assert [sensor.turns for sensor in sensors] == turns
 
 
 def test_a_homing_method_that_is_written_is_shown_and_the_home_position_stays() -> None:
