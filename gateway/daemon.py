@@ -202,8 +202,11 @@ class Daemon:
 
     def check_telegram_change(self, changed: DriveObject, asked_by: str | None) -> None:
         """GatewayError when another telegram cannot be selected now. ``asked_by``: the address that wants it, if any."""
-        if changed.powered:
-            raise GatewayError(f"{changed.kind} {changed.do_id}: no telegram can be selected while it is in operation")
+        if changed.powered or not changed.outputs.known_off:
+            raise GatewayError(
+                f"{changed.kind} {changed.do_id}: no telegram can be selected while it is in operation, or was when it was "
+                "seen last"
+            )
         plc = self.link.peer_host
         if self.link.connected and asked_by is not None and asked_by != plc:
             raise GatewayError(

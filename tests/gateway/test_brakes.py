@@ -14,8 +14,9 @@ from pdgw.ds301.nmt import NmtCommand
 from pdgw.ds301.node import GATEWAY_NODE_ID
 from pdgw.ds301.objects import Entry
 from pdgw.dsp402.states import State
-from pdgw.durations import MS
+from pdgw.durations import MS, SECOND
 from pdgw.gateway.daemon import Daemon
+from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.reasons import FaultNumber
 from pdgw.peers.drive import SimulatedDrive, SimulatedDriveNode, shape
 from pdgw.peers.drive.shapes import SYNCHRONOUS
@@ -121,6 +122,8 @@ def test_a_drive_that_obeys_neither_controlword_nor_nmt_is_stopped_by_what_guard
             until(daemon, lambda: daemon.axes[0].withholds_heartbeat, "the next")
             stops = sent.frames.count((NMT, STOP))
             assert stops == 2, "again with the next brake, and not in every cycle"
+            with pytest.raises(GatewayError, match="no telegram can be selected"):
+                daemon.change_telegram(daemon.axes[0], 2)
             seen = sent.within(150 * MS)
             usual = {HEARTBEAT, CONTROL} | ({SYNC} if guard.telegram == 105 else set())
             assert not seen & guard.withheld
@@ -130,6 +133,24 @@ def test_a_drive_that_obeys_neither_controlword_nor_nmt_is_stopped_by_what_guard
             until(daemon, lambda: daemon.axes[0].drive.generation == 2, "configured anew")
             until(daemon, lambda: daemon.axes[0].good, "online again")
             assert sent.within(300 * MS) >= usual, "what the next start needs"
+
+
+def test_the_telegram_of_a_lost_drive_is_not_changed_before_it_is_found_without_power() -> None:
+    """The machine of another telegram knows nothing of the stop that is under way."""
+    guard = GUARDS["heartbeat"]
+    with running(configuration(axis(1, more=guard.more))) as daemon:
+        drive, plc = _turning(daemon, guard)
+        item = daemon.axes[0]
+        with exchanging(plc):
+            world_of(daemon).gateway_port("world").connect(False)
+            until(daemon, lambda: not item.good, "lost")
+            world_of(daemon).loop.run_for(5 * SECOND)
+            with pytest.raises(GatewayError, match="no telegram can be selected"):
+                daemon.change_telegram(item, 2)
+            world_of(daemon).gateway_port("world").connect(True)
+            until(daemon, lambda: item.good and drive.model.state is State.SWITCH_ON_DISABLED, "there again")
+        daemon.change_telegram(item, 2)
+        assert item.telegram.number == 2
 
 
 def test_a_drive_that_obeys_nmt_keeps_the_gateways_heartbeat_while_it_is_brought_up_and_stopped_by_sdo() -> None:
