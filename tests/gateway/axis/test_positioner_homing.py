@@ -173,7 +173,8 @@ def test_a_homing_with_a_method_the_drive_does_not_have_starts_nothing_and_warns
         assert hand.stepper.sdo_request is None
         assert hand.stepper.command.modes_of_operation == Mode.POSITION
     assert [event.number for event in hand.stepper.events] == [FaultNumber.HOMING_METHOD]
-    assert hand.actuals["ZSW1"] & WARNING
+    assert hand.actuals["ZSW1"] & (WARNING | 0x7) == WARNING | 0x7, "beside operation"
+    assert hand.stepper.machine.outputs.warning, "P953"
     assert not hand.actuals["ZSW1"] & HOME_SET
 
 

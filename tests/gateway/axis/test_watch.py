@@ -1,6 +1,8 @@
-"""When a fault counts as acknowledged, and which states of a drive count as with power and without."""
+"""When a fault counts as acknowledged, an axis as standing, and which states of a drive as with power and without."""
 
 from __future__ import annotations
+
+from fractions import Fraction
 
 import pytest
 
@@ -8,6 +10,7 @@ from pdgw.dsp402.states import STATUS_OF, Command, State
 from pdgw.gateway.axis.stop_watch import Brake
 from pdgw.gateway.axis.watch import ACKNOWLEDGE_NS, Acknowledgement
 from tests.gateway.axis.test_stop_watch import CYCLE, QUICK_STOP, REACTION, deaf, turning
+from tests.gateway.axis.test_velocity import CONTROL
 from tests.support.drive_types import engel
 from tests.support.hand import OFF, ON, Hand
 
@@ -65,3 +68,31 @@ def test_the_brakes_are_released_by_each_state_without_power_and_by_no_other(sta
     assert deaf(bench, QUICK_STOP, REACTION // CYCLE + 20) is Brake.NMT_STOP
     bench.drive.feedback.statusword = STATUS_OF[state]
     assert deaf(bench, QUICK_STOP, 1) is (Brake.NMT_STOP if state in WITH_POWER else Brake.NONE)
+
+
+@pytest.mark.parametrize(("share", "window"), [(Fraction(1, 100), 60), (Fraction(1, 20), 300), (Fraction(0), 1)])
+@pytest.mark.parametrize("sign", [1, -1])
+def test_the_ramp_of_an_off1_ends_within_the_standstill_window_and_not_above_it(
+    share: Fraction, window: int, sign: int
+) -> None:
+    hand = Hand(1, engel(), 3, {}, standstill_window=share)
+    hand.feedback.velocity_actual = sign * 3000
+    hand(OFF, State.SWITCH_ON_DISABLED)
+    hand(ON | 0x40, State.READY_TO_SWITCH_ON)
+    hand(ON | 0x40, State.SWITCHED_ON)
+    assert hand(ON | 0x40) == Command.ENABLE_OPERATION.word
+    hand(OFF)
+    hand.feedback.velocity_actual = sign * (window + 1)
+    assert hand(OFF) == Command.ENABLE_OPERATION.word
+    hand.feedback.velocity_actual = sign * window
+    assert hand(OFF) == Command.SHUTDOWN.word
+
+
+def test_a_plc_that_has_no_control_before_operation_loses_none() -> None:
+    hand = Hand(1, engel(), 3, {})
+    for status in (State.SWITCH_ON_DISABLED, State.READY_TO_SWITCH_ON, State.SWITCHED_ON):
+        hand(OFF & ~CONTROL, status)
+        hand(ON & ~CONTROL, status)
+        hand(OFF, status)
+    assert not hand.stepper.events
+    assert not hand.stepper.machine.outputs.warning
