@@ -7,7 +7,7 @@ from hypothesis import given
 
 from pdgw.dsp402.images import DriveFeedback
 from pdgw.dsp402.modes import Mode
-from pdgw.dsp402.states import ControlBit, State
+from pdgw.dsp402.states import STATE_BITS, Command, ControlBit, State, state_of
 from pdgw.gateway.axis.adapters.transparent import ACTUAL_ATTRIBUTES, SETPOINT_ATTRIBUTES
 from pdgw.gateway.axis.settings import AxisSettings, PlcLossReaction
 from pdgw.gateway.reasons import Reason
@@ -152,3 +152,45 @@ def test_the_ramp_of_a_lost_plc_asks_for_halt_and_speed_0_and_ends_with_the_plcs
     rig.values["Controlword"] = 0x06
     rig.step(2)
     assert command.target_velocity == 4000
+
+
+def operating() -> Rig:
+    rig = axis()
+    for word in (0x06, 0x07, 0x0F):
+        rig.values["Controlword"] = word
+        rig.step(2)
+    assert rig.stepper.reason is None
+    return rig
+
+
+@pytest.mark.parametrize(("mode", "reason"), [(2, Reason.MODE_VALUE), (0, None), (3, None), (1, None)])
+def test_a_mode_the_drive_does_not_have_is_the_reason_and_0_is_no_mode(mode: int, reason: Reason | None) -> None:
+    rig = operating()
+    rig.values["Modes of Operation"] = mode
+    for _ in range(3):
+        rig.step(1)
+        assert rig.stepper.reason is reason
+    assert rig.stepper.command.modes_of_operation == (1 if mode == 1 else 3)
+    rig.values["Modes of Operation"] = 3
+    rig.step(1)
+    assert rig.stepper.reason is None
+
+
+def test_a_lost_drive_shows_a_fault_beside_what_it_showed_last() -> None:
+    rig = operating()
+    before = rig.step(1)
+    rig.connected_drive = False
+    shown = rig.step(1)
+    assert state_of(shown["Statusword"]) is State.FAULT
+    kept = 0xFFFF & ~STATE_BITS
+    assert shown["Statusword"] & kept == before["Statusword"] & kept
+    assert shown["Modes of Operation Display"] == 3
+
+
+def test_without_references_the_plcs_controlword_does_not_pass_and_the_drives_values_do() -> None:
+    rig = operating()
+    rig.stepper.set_references(None)
+    rig.step(1)
+    assert rig.stepper.command.controlword == Command.QUICK_STOP.word
+    rig.step(50)
+    assert state_of(rig.actuals["Statusword"]) is State.SWITCH_ON_DISABLED
