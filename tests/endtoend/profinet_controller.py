@@ -32,7 +32,7 @@ P965 = bytes.fromhex("02010001100003c50000")
 
 def pair() -> subprocess.Popen[bytes]:
     """A veth pair: ``plc`` here, ``eth1`` in a namespace of its own, which lives as long as the process."""
-    holder = subprocess.Popen(["unshare", "-n", "sleep", "600"])
+    holder = subprocess.Popen(["unshare", "-n", "sleep", "3600"])
     own = os.readlink("/proc/self/ns/net")
     while os.readlink(f"/proc/{holder.pid}/ns/net") == own:
         time.sleep(0.01)
@@ -57,7 +57,7 @@ def connected(runner: RunningController) -> bool:
 
 
 def moves(runner: RunningController, seen: dict[str, object]) -> bool:
-    """Connect, turn the drive, read records and release; False when the relationship ended meanwhile.
+    """Connect, turn the drive, read records and release; False where that did not come, such as when the relationship ended.
 
     No data hold time is longer than 1.92 s: a busy machine ends a relationship now and then.
     """
@@ -65,8 +65,9 @@ def moves(runner: RunningController, seen: dict[str, object]) -> bool:
     results: list[RecordResult] = []
 
     def comes(name: str, condition: Callable[[], object]) -> bool:
-        seen[name] = runner.run(PATIENCE_S, lambda: condition() or plc.phase is Phase.ENDED)
-        return plc.phase is Phase.DATA
+        came = runner.run(PATIENCE_S, lambda: condition() or plc.phase is Phase.ENDED) and plc.phase is Phase.DATA
+        seen[name] = came
+        return came
 
     def answered(record: tuple[int, int, int], index: int) -> RecordResult | None:
         results.clear()

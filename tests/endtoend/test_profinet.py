@@ -47,18 +47,19 @@ simulate = true
 {PATIENT}"""
 SCENARIO = """\
 name: speed over PROFINET
+within: 60 s
 telegrams: [1, 9, 100, 83]
 references: {speed_rpm: 3000, position: 500000}
 steps:
-  - {note: "enable", enable: true, within: 60 s}
+  - {note: "enable", enable: true}
   - {read: {P965: 0x0329}}
   - {speed: 1500 rpm}
-  - {expect: {NIST_A: "1500 rpm +- 10 rpm"}, note: "speed reached", within: 60 s}
+  - {expect: {NIST_A: "1500 rpm +- 10 rpm"}, note: "speed reached"}
   - {drive: "@1 fault 7"}
-  - {expect: {ZSW1.FAULT: 1, ZSW1.OPERATION_ENABLED: 0}, note: "over-current", within: 60 s}
+  - {expect: {ZSW1.FAULT: 1, ZSW1.OPERATION_ENABLED: 0}, note: "over-current"}
   - {drive: "@1 clear"}
   - {ack: true}
-  - {expect: {ZSW1.FAULT: 0, ZSW1.OPERATION_ENABLED: 0, NIST_A: "0 +- 30 rpm"}, note: "not started", within: 60 s}
+  - {expect: {ZSW1.FAULT: 0, ZSW1.OPERATION_ENABLED: 0, NIST_A: "0 +- 30 rpm"}, note: "not started"}
 """
 
 

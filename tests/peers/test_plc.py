@@ -362,7 +362,7 @@ def test_a_plc_reads_and_writes_parameters_beside_its_cyclic_exchange_and_captur
         daemon.services.append(servers[0])
 
     steps = [
-        {"expect": {"ZSW1.CONTROL_REQUESTED": 1}, "within": "120 s"},
+        {"expect": {"ZSW1.CONTROL_REQUESTED": 1}},
         {"read": {"P965": 0x0329, "1018h.1": "> 0"}},
         {"write": {"6083h": 250, "6084h": "F9h"}},
         {"read": {"6083h": 250, "6084h": 249}},
@@ -370,7 +370,7 @@ def test_a_plc_reads_and_writes_parameters_beside_its_cyclic_exchange_and_captur
     ]
     with running(configuration(), before) as daemon:
         endpoint = PlcEndpoint([telegram(1)], daemon.cycle_ns)
-        engine = Engine(Scenario.model_validate({"steps": steps}), endpoint)
+        engine = Engine(Scenario.model_validate({"within": "120 s", "steps": steps}), endpoint)
         client = PlcClient(daemon.address, endpoint, daemon.cycle_ns, tmp_path / "plc.pcap", servers[0].address[1])
         try:
             client.run(engine)

@@ -47,7 +47,7 @@ def played_undisturbed(*words: str, log: Path, losses: int = 0) -> subprocess.Co
     """
     for _ in range(_TRIES):
         result = pdgw("demo", *words, timeout=_PATIENCE_WITH_A_DEMO_S)
-        if not result.returncode or len(_LOSS.findall(log.read_text())) <= losses:
+        if not result.returncode or not log.exists() or len(_LOSS.findall(log.read_text())) <= losses:
             break
     return result
 

@@ -43,7 +43,7 @@ def browser() -> Iterator[Browser]:
     root = ["--no-sandbox"] if os.getuid() == 0 else []
     quiet = ["--disable-gpu", "--disable-background-networking", "--disable-component-update", "--no-first-run"]
     with api.sync_playwright() as started:
-        launched = started.chromium.launch(executable_path=CHROMIUM, args=[*root, *quiet])
+        launched = started.chromium.launch(executable_path=CHROMIUM, args=[*root, *quiet], timeout=PATIENCE_MS)
         yield launched
         launched.close()
 
