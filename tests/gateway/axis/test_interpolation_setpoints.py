@@ -12,6 +12,7 @@ from itertools import pairwise
 
 import pytest
 
+from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.images import DriveCommand, DriveFeedback
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import STATUS_OF, ControlBit, State, StatusBit
@@ -404,3 +405,59 @@ def test_a_stop_before_any_ramp_was_asked_takes_the_drives_own() -> None:
     axis.wished.profile_deceleration = 0
     axis.turns(0)
     check_slows_down_with(slowing_down(axis), SLOW)
+
+
+# -- the drive ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("unit", [Fraction(1), Fraction(10), Fraction(7, 3)], ids=str)
+def test_ramps_are_in_the_drives_own_unit_of_acceleration(unit: Fraction) -> None:
+    axis = Axis()
+    scaling = replace(CSP.scaling, position_range=None, position_wraps=False, acceleration_per_rpm_s=unit)
+    axis.interpolation.set_drive(replace(CSP, scaling=scaling), modulo=False)
+    axis.step()
+    axis.wished.profile_acceleration, axis.wished.profile_deceleration = int(FAST * unit), int(SLOW * unit)
+    axis.travels(90_000)
+    axis.step(600)
+    assert axis.targets[-1] == 90_000
+    check_ramps(axis.ways, FAST, SLOW)
+    highest = max(axis.ways)
+    top = axis.ways.index(highest)
+    assert abs(sum(1 for way in axis.ways[:top] if way) - highest / ramp(FAST)) <= 2
+
+
+@pytest.mark.parametrize(("modulo", "wraps"), [(True, True), (True, False), (False, True)])
+def test_a_modulo_axis_needs_a_drive_that_counts_on(modulo: bool, wraps: bool) -> None:
+    drive = replace(CSP, scaling=replace(CSP.scaling, position_wraps=wraps))
+    item = Axis().interpolation
+    if not (modulo and wraps):
+        assert item.set_drive(drive, modulo=modulo).modes
+        return
+    with pytest.raises(Dsp402Error, match="modulo_range"):
+        item.set_drive(drive, modulo=modulo)
+
+
+def test_without_a_cycle_no_positions_can_be_made() -> None:
+    cycle = AxisCycle(AxisSettings(cycle_ns=0), Demand(), DriveFeedback(), DriveCommand(), Report())
+    with pytest.raises(Dsp402Error, match="cycle"):
+        Interpolation(cycle).set_drive(CSP, modulo=False)
+
+
+def test_what_is_refused_has_its_set_point_where_the_axis_is() -> None:
+    axis = Axis()
+    axis.travels(90_000)
+    axis.step(20)
+    for position in (12_345, -777):
+        axis.feedback.position_actual = position
+        axis.interpolation.refuse(axis.executor)
+        assert axis.command.target_position == position
+        assert axis.command.controlword == 0
+
+
+def test_the_executor_sees_where_the_drive_is() -> None:
+    axis = Axis()
+    axis.follows = False
+    for position in (5, -4096):
+        axis.feedback.position_actual = position
+        axis.step()
+        assert axis.seen.position_actual == position
