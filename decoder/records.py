@@ -231,7 +231,7 @@ class CyclicRecord(Record):
 
 @dataclass(slots=True)
 class AcyclicRecord(Record):
-    """A DCE/RPC packet of PROFINET IO on UDP port 34964. ``fields`` are those of its headers as plain data."""
+    """A DCE/RPC packet of PROFINET IO. ``fields`` are those of its headers as plain data."""
 
     kind: ClassVar[str] = "rpc"
 
