@@ -25,9 +25,10 @@ from pdgw.ds301.pdo import PdoDirection
 from pdgw.dsp402.further import image_entry
 from pdgw.dsp402.generic import recorded_addresses, recorded_drive_type, recorded_families
 from pdgw.dsp402.images import DriveFeedback
+from pdgw.dsp402.modes import MODE_CONFIRM_NS
 from pdgw.dsp402.objects import CONTROLWORD, HOMING_METHOD, MODE, MODE_DISPLAY, STATUSWORD
 from pdgw.dsp402.states import STATE_BITS, Command, ControlBit, State, StatusBit, next_state, state_of
-from pdgw.gateway.axis.executors.mode import MODE_CONFIRM_NS
+from pdgw.durations import MS, SECOND
 from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.values import Configured, SdoAnswer, SdoWrite
@@ -36,11 +37,11 @@ from pdgw.gateway.standing import asks_for_operation
 from pdgw.profidrive.signals import signal
 from pdgw.profidrive.telegrams import ApplicationMode, telegram
 
-SETTLE_NS: Final = 100_000_000
+SETTLE_NS: Final = 100 * MS
 """What an edge has come to is judged so long after it, or at the next edge; an ON when the drive has followed it."""
-RESPONSE_NS: Final = 1_000_000_000
+RESPONSE_NS: Final = SECOND
 """A drive that has not answered a Controlword for so long has missed it."""
-AGREEMENT_NS: Final = 500_000_000
+AGREEMENT_NS: Final = 500 * MS
 """So long have the recorded and today's Controlword to agree, or to differ, until it counts."""
 NOT_VALID: Final = "not evaluated: no valid frame (stale, stopped, or IOPS BAD)"
 OVERTAKEN: Final = "not evaluated: the frame was dropped or overtaken"

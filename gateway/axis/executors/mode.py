@@ -7,8 +7,6 @@ from pdgw.durations import SECOND
 from pdgw.gateway.axis.executors.base import AxisCycle
 from pdgw.gateway.reasons import FaultNumber, Reason
 
-__all__ = ["MODE_CONFIRM_NS", "ModeSwitch"]
-
 
 class ModeSwitch:
     """The mode that is asked for, and since when it is waited for."""
