@@ -72,32 +72,10 @@ node_id = 1
 telegram = 1
 simulate = true
 """
-_REALTIME: Final = "\n[realtime]\npriority = 40\nlock_memory = true\n"
-_SENDER: Final = """
-import os, socket, sys, time
-sock = socket.socket(socket.AF_PACKET, socket.SOCK_RAW)
-sock.bind((sys.argv[1], 0))
-frame = bytes.fromhex("02000000007f") + sock.getsockname()[4] + bytes.fromhex("8892" + sys.argv[3]) + bytes(44)
-cycle = int(sys.argv[2])
-if len(sys.argv) > 4:
-    os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(40))
-due = time.monotonic_ns()
-while True:
-    due += cycle
-    left = due - time.monotonic_ns()
-    if left > 0:
-        time.sleep(left / SECOND)
-    sock.send(frame)
-"""
-_ECHO: Final = """
-import os, socket, sys
-sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-sock.bind(("0.0.0.0", int(sys.argv[1])))
-if len(sys.argv) > 2:
-    os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(40))
-while True:
-    sock.sendto(*sock.recvfrom(2048))
-"""
+_PRIORITY: Final = 40
+_REALTIME: Final = f"\n[realtime]\npriority = {_PRIORITY}\nlock_memory = true\n"
+_BESIDE: Final = Path(__file__).parent
+"""Where the processes lie that do one thing only; what they load counts."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,7 +147,7 @@ def period(times: Sequence[int]) -> Period:
 def measure(cycle_ms: int, seconds: float, *, realtime: bool) -> ProfinetRow:
     """One row; inside a namespace of its own (``namespaces.enter``)."""
     holds = [max(_CYCLES_HELD, -(-least // cycle_ms)) * cycle_ms for least in (_HOLD_MS, _KILLED_HOLD_MS)]
-    as_asked = ["realtime"] if realtime else []
+    as_asked = [str(_PRIORITY)] if realtime else []
     with tempfile.TemporaryDirectory() as folder, VethPair() as pair:
         capture = Path(folder) / "bench.pcapng"
         config = Path(folder) / "gateway.toml"
@@ -181,8 +159,9 @@ def measure(cycle_ms: int, seconds: float, *, realtime: bool) -> ProfinetRow:
             *(sys.executable, "-m", "pdgw.tools.bench.profinet_controller"),
             *(str(cycle_ms), *map(str, holds), str(seconds), *as_asked),
         )
-        echo = [sys.executable, "-c", _ECHO, str(ECHO_PORT), *as_asked]
-        floor = [sys.executable, "-c", _SENDER, HERE, str(cycle_ms * MS), f"{FLOOR_FRAME_ID:04x}"]
+        echo = [sys.executable, "-P", str(_BESIDE / "echoes_only.py"), str(ECHO_PORT), *as_asked]
+        sender = [sys.executable, "-P", str(_BESIDE / "sends_only.py")]
+        floor = [*sender, HERE, str(cycle_ms * MS), f"{FLOOR_FRAME_ID:04x}"]
         with (
             EthernetCapture(HERE, capture) as recording,
             ExitStack() as running,  # what sends has to end before the capture, which waits for silence

@@ -1,7 +1,7 @@
 """The controller of ``pdgw bench profinet``: a process of its own that tells its phases and ends without a word.
 
 Arguments: cycle in milliseconds, data hold times of the relationship that is measured and of the one that ends without a word,
-seconds of exchange, ``realtime`` or nothing.
+seconds of exchange, a real-time priority or nothing.
 """
 
 from __future__ import annotations

@@ -1,0 +1,36 @@
+"""A process that sends an Ethernet frame each cycle and does nothing else: what the machine leaves of a period.
+
+Run as a file, with nothing of this package loaded: ``INTERFACE CYCLE_NS FRAME_ID [PRIORITY]``.
+"""
+
+from __future__ import annotations
+
+import os
+import socket
+import sys
+import time
+
+RECEIVER = bytes.fromhex("02000000007f")
+"""Nobody."""
+ETHERTYPE_RT = bytes.fromhex("8892")
+DATA_SIZE = 44
+NS_PER_S = 1e9
+
+
+def main(interface: str, cycle_ns: int, frame_id: bytes, priority: str | None) -> None:
+    sock = socket.socket(socket.AF_PACKET, socket.SOCK_RAW)
+    sock.bind((interface, 0))
+    frame = RECEIVER + sock.getsockname()[4] + ETHERTYPE_RT + frame_id + bytes(DATA_SIZE)
+    if priority:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(int(priority)))
+    due = time.monotonic_ns()
+    while True:
+        due += cycle_ns
+        left = due - time.monotonic_ns()
+        if left > 0:
+            time.sleep(left / NS_PER_S)
+        sock.send(frame)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1], int(sys.argv[2]), bytes.fromhex(sys.argv[3]), sys.argv[4] if len(sys.argv) > 4 else None)
