@@ -212,7 +212,7 @@ def settings_command(
     seconds: Seconds = 5,
     as_json: AsJson = False,
 ) -> None:
-    """The same exchange as by default, without the flight recorder, and with real-time priority; three turns, the best of each."""
+    """The same exchange as by default, without the flight recorder, and with real-time priority; best of three turns."""
     with _progress() as status:
         choices = settings.run(axes, round(cycle_time_ms * MS), seconds, status.update)
     if as_json:
