@@ -10,7 +10,7 @@ from pdgw.decoder.recorded import Answer, AxisRecording
 
 SILENT_CYCLES: Final = 1.5
 """Cycles without a frame after which the gateway steps by itself, and a loss of the PLC is its silence."""
-_MAXSILENT_CYCLESED: Final = 1000
+_MAX_FILLED: Final = 1000
 """Such steps in one silence; whatever was to happen has happened then."""
 
 
@@ -94,7 +94,7 @@ def _filled(moments: Sequence[Tick], cycle_ns: int) -> list[Tick]:
     ticks: list[Tick] = []
     for tick in moments:
         filled = 0
-        while ticks and filled < _MAXSILENT_CYCLESED and tick.time_ns - ticks[-1].time_ns > SILENT_CYCLES * cycle_ns:
+        while ticks and filled < _MAX_FILLED and tick.time_ns - ticks[-1].time_ns > SILENT_CYCLES * cycle_ns:
             ticks.append(Tick(ticks[-1].time_ns + cycle_ns, None, ticks[-1].evaluated_ns, True))
             filled += 1
         now = max(tick.time_ns, ticks[-1].time_ns) if ticks else tick.time_ns

@@ -258,14 +258,10 @@ def _cyclic(block: IocrBlockReq, expected: _Expected, model: DeviceModel) -> Cyc
         if not api.data and not api.iocs:
             raise refuse(cls, "apis.data", 0, "data or IOCS in each API")
         for place, item, submodule in _places(api, "data", expected, data, _PROVIDES[direction]):
-            if submodule.without_status:
-                continue
             length = submodule.length(direction)
             _occupy(used, "data", item, length + IOPS_SIZE)
             data[place] = DataObject(item.offset, length)
-        for place, item, submodule in _places(api, "iocs", expected, iocs, _PROVIDES[_OPPOSITE[direction]]):
-            if submodule.without_status:
-                continue
+        for place, item, _ in _places(api, "iocs", expected, iocs, _PROVIDES[_OPPOSITE[direction]]):
             _occupy(used, "iocs", item, 1)
             iocs[place] = item.offset
     return CyclicPlan(block, frame_id, data, iocs)
@@ -282,7 +278,9 @@ def _places(
         if place not in expected or place in seen or expected[place][1].direction not in allowed:
             path = f"apis.{which}.subslot"
             raise refuse(IocrBlockReq, path, place, "an expected submodule of this direction, once")
-        yield place, item, expected[place][1]
+        submodule = expected[place][1]
+        if not submodule.without_status:
+            yield place, item, submodule
 
 
 def _occupy(used: bytearray, which: str, item: Place, length: int) -> None:
