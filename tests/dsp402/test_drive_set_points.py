@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 import can
 import pytest
@@ -187,7 +188,9 @@ class _PartlyFull:
         """Nothing to release."""
 
 
-def test_a_set_point_waits_for_an_rpdo_that_the_bus_did_not_take(plant: Plant) -> None:
+@contextmanager
+def _starting(plant: Plant, refused: int) -> Iterator[tuple[DriveClient, DriveCommand, _PartlyFull]]:
+    """A drive in operation that is about to get a set-point; the bus does not take one of its frames."""
     plant.power_on()
     client = plant.connect(Operation.POSITIONING, initial_mode=None)
     plant.online()
@@ -195,21 +198,28 @@ def test_a_set_point_waits_for_an_rpdo_that_the_bus_did_not_take(plant: Plant) -
     command.controlword = ENABLED
     client.send(command, 1)
     before = plant.network._port
-    plant.network._port = port = _PartlyFull(0x300 + NODE)  # type: ignore[assignment]
+    plant.network._port = port = _PartlyFull(refused)  # type: ignore[assignment]
     command.controlword = START
-    command.profile_velocity = 77
-    client.send(command, 2)
-    assert port.sent == []
-    port.full = False
-    client.send(command, 3)
-    data, edge = port.sent
-    assert (data[0], data[1][:2], edge[0], edge[1][-2:]) == (0x300 + NODE, b"\x4d\0", 0x200 + NODE, b"\x3f\0")
-    port.full = True
-    command.profile_velocity = 78
-    port.sent.clear()
-    client.send(command, 4)
-    assert port.sent == [], "the edge was there: it is not taken back"
-    plant.network._port = before
+    try:
+        yield client, command, port
+    finally:
+        plant.network._port = before
+
+
+def test_a_set_point_waits_for_an_rpdo_that_the_bus_did_not_take(plant: Plant) -> None:
+    with _starting(plant, 0x300 + NODE) as (client, command, port):
+        command.profile_velocity = 77
+        client.send(command, 2)
+        assert port.sent == []
+        port.full = False
+        client.send(command, 3)
+        data, edge = port.sent
+        assert (data[0], data[1][:2], edge[0], edge[1][-2:]) == (0x300 + NODE, b"\x4d\0", 0x200 + NODE, b"\x3f\0")
+        port.full = True
+        command.profile_velocity = 78
+        port.sent.clear()
+        client.send(command, 4)
+        assert port.sent == [], "the edge was there: it is not taken back"
 
 
 DATA_RPDOS = LAYOUTS[Operation.POSITIONING].rpdos[1:]
@@ -218,21 +228,12 @@ DATA_RPDOS = LAYOUTS[Operation.POSITIONING].rpdos[1:]
 @pytest.mark.parametrize("late", DATA_RPDOS, ids=str)
 def test_a_set_point_waits_for_whichever_of_its_rpdos_the_bus_did_not_take(plant: Plant, late: Pdo) -> None:
     assert len(DATA_RPDOS) > 1
-    plant.power_on()
-    client = plant.connect(Operation.POSITIONING, initial_mode=None)
-    plant.online()
-    command = DriveCommand()
-    command.controlword = ENABLED
-    client.send(command, 1)
-    before = plant.network._port
-    plant.network._port = port = _PartlyFull(late.cob_id(NODE))  # type: ignore[assignment]
-    command.controlword = START
-    for pdo in DATA_RPDOS:
-        for attribute in pdo.attributes:
-            setattr(command, attribute, 77)
-    client.send(command, 2)
-    assert 0x200 + NODE not in [can_id for can_id, _ in port.sent]
-    port.full = False
-    client.send(command, 3)
-    assert [can_id for can_id, _ in port.sent][-2:] == [late.cob_id(NODE), 0x200 + NODE]
-    plant.network._port = before
+    with _starting(plant, late.cob_id(NODE)) as (client, command, port):
+        for pdo in DATA_RPDOS:
+            for attribute in pdo.attributes:
+                setattr(command, attribute, 77)
+        client.send(command, 2)
+        assert 0x200 + NODE not in [can_id for can_id, _ in port.sent]
+        port.full = False
+        client.send(command, 3)
+        assert [can_id for can_id, _ in port.sent][-2:] == [late.cob_id(NODE), 0x200 + NODE]

@@ -102,6 +102,15 @@ def _turning(daemon: Daemon, guard: Guard) -> tuple[SimulatedDrive, Plc]:
     return drive, plc
 
 
+def _told_to_stop(daemon: Daemon, plc: Plc) -> Sent:
+    """OFF3, some cycles later; what the gateway sends from then on."""
+    for _ in range(50):
+        plc.exchange()
+    sent = Sent(daemon)
+    plc.endpoint.set(0, {"STW1": OFF3})
+    return sent
+
+
 @pytest.mark.parametrize("name", GUARDS)
 def test_a_drive_that_obeys_neither_controlword_nor_nmt_is_stopped_by_what_guards_the_gateway(
     name: str, monkeypatch: pytest.MonkeyPatch
@@ -111,10 +120,7 @@ def test_a_drive_that_obeys_neither_controlword_nor_nmt_is_stopped_by_what_guard
     with running(configuration(axis(1, telegram_number=guard.telegram, more=guard.more))) as daemon:
         drive, plc = _turning(daemon, guard)
         drive.do(lambda node: _obeys_no_command(node, nmt=False))
-        for _ in range(50):
-            plc.exchange()
-        sent = Sent(daemon)
-        plc.endpoint.set(0, {"STW1": OFF3})
+        sent = _told_to_stop(daemon, plc)
         with exchanging(plc):
             until(daemon, lambda: (NMT, STOP) in sent.frames, "NMT stop")
             assert [fault.number for fault in daemon.axes[0].faults] == [FaultNumber.STOP_IGNORED]
@@ -161,10 +167,7 @@ def test_a_drive_that_obeys_nmt_keeps_the_gateways_heartbeat_while_it_is_brought
         drive.do(lambda node: node.misbehave("turns-in-pre-operational"))
         drive.do(lambda node: node.misbehave("slow-sdo", delay_ms=400))
         drive.do(lambda node: _obeys_no_command(node, nmt=True))
-        for _ in range(50):
-            plc.exchange()
-        sent = Sent(daemon)
-        plc.endpoint.set(0, {"STW1": OFF3})
+        sent = _told_to_stop(daemon, plc)
         with exchanging(plc):
             until(daemon, lambda: (NMT, STOP) in sent.frames, "NMT stop")
             until(daemon, lambda: drive.model.state is State.QUICK_STOP_ACTIVE, "its stop by SDO")
@@ -185,9 +188,7 @@ def test_a_drive_that_turns_on_whatever_nmt_and_sdo_say_loses_the_heartbeat() ->
         drive.do(lambda node: setattr(node, "on_nmt", lambda state: None))
         drive.do(lambda node: _obeys_no_command(node, nmt=True))
         drive.do(lambda node: setattr(node, "on_written", refuse))
-        for _ in range(50):
-            plc.exchange()
-        plc.endpoint.set(0, {"STW1": OFF3})
+        _told_to_stop(daemon, plc)
         with exchanging(plc):
             until(daemon, lambda: drive.model.ramp.speed == 0, "standstill")
             assert daemon.axes[0].withholds_heartbeat

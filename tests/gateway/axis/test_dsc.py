@@ -242,18 +242,22 @@ def test_off1_while_positions_come_without_nsoll_b_is_a_ramp_too() -> None:
     assert rig.feedback.position_actual - before > 100, "it does not stop dead"
 
 
+def limit_switch(rig: Rig, *, reached: bool) -> None:
+    """The positive one: where the axis is, or nowhere."""
+    model = rig.node.model
+    model.machine = replace(model.machine, positive_limit=model.machine_position if reached else None)
+    model.wake()
+
+
 @pytest.mark.parametrize("form", FORMS)
 def test_an_axis_that_a_limit_switch_stopped_does_not_move_on_when_it_is_released(form: DscForm) -> None:
     rig = axis(form)
-    model = rig.node.model
     rig.values["NSOLL_B"] = 1 << 28
     rig.step(100)
-    model.machine = replace(model.machine, positive_limit=model.machine_position)
-    model.wake()
+    limit_switch(rig, reached=True)
     rig.step(400)
     assert rig.stepper.reason is Reason.STOPPED_AT_LIMIT
-    model.machine = replace(model.machine, positive_limit=None)
-    model.wake()
+    limit_switch(rig, reached=False)
     rig.step(200)
     assert rig.feedback.velocity_actual == 0
     rig.values["NSOLL_B"] = 0
@@ -266,15 +270,12 @@ def test_an_axis_that_a_limit_switch_stopped_does_not_move_on_when_it_is_release
 @pytest.mark.parametrize("form", FORMS)
 def test_an_axis_that_was_asked_to_move_onto_its_limit_switch_does_not_move_when_it_is_released(form: DscForm) -> None:
     rig = axis(form)
-    model = rig.node.model
-    model.machine = replace(model.machine, positive_limit=model.machine_position)
-    model.wake()
+    limit_switch(rig, reached=True)
     rig.step(10)
     rig.values["NSOLL_B"] = 1 << 28
     rig.step(400)
     assert rig.stepper.reason is Reason.STOPPED_AT_LIMIT
-    model.machine = replace(model.machine, positive_limit=None)
-    model.wake()
+    limit_switch(rig, reached=False)
     rig.step(200)
     assert rig.feedback.velocity_actual == 0
 
@@ -282,9 +283,7 @@ def test_an_axis_that_was_asked_to_move_onto_its_limit_switch_does_not_move_when
 @pytest.mark.parametrize("form", FORMS)
 def test_an_axis_that_stands_at_its_limit_switch_unasked_obeys_the_setpoint_that_leads_off_it(form: DscForm) -> None:
     rig = axis(form)
-    model = rig.node.model
-    model.machine = replace(model.machine, positive_limit=model.machine_position)
-    model.wake()
+    limit_switch(rig, reached=True)
     rig.step(400)
     assert rig.stepper.reason is None
     rig.values["NSOLL_B"] = -(1 << 28)

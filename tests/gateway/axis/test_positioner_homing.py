@@ -38,13 +38,18 @@ from tests.support.positioner import CHOICES
 # -- homing -------------------------------------------------------------------------------------------------------------
 
 
-def homed() -> Hand:
-    """With method 35, which is immediate."""
-    hand = positioner().enable()
+def begin_homing(hand: Hand) -> None:
+    """The drive has taken the parameters of the homing and shows its mode."""
     hand(ON | HOMING)
     hand.stepper.sdo_done(None)
     hand(ON | HOMING)
     hand.mode = Mode.HOMING
+
+
+def homed() -> Hand:
+    """With method 35, which is immediate."""
+    hand = positioner().enable()
+    begin_homing(hand)
     for _ in range(3):
         hand(ON | HOMING)
     for _ in range(60):
@@ -99,10 +104,7 @@ def test_homing_starts_when_the_drive_has_its_method_and_shows_mode_6() -> None:
 
 def test_a_homing_that_is_taken_back_is_halted_in_mode_6_and_halt_falls_alone() -> None:
     hand = positioner().enable()
-    hand(ON | HOMING)
-    hand.stepper.sdo_done(None)
-    hand(ON | HOMING)
-    hand.mode = Mode.HOMING
+    begin_homing(hand)
     hand(ON | HOMING)
     hand.feedback.velocity_actual = FAST
     command = hand.stepper.command
@@ -118,10 +120,7 @@ def test_a_homing_that_is_taken_back_is_halted_in_mode_6_and_halt_falls_alone() 
 
 def test_a_second_homing_waits_for_the_drive_as_the_first_one_did() -> None:
     hand = homed()
-    hand(ON | HOMING)
-    hand.stepper.sdo_done(None)
-    hand(ON | HOMING)
-    hand.mode = Mode.HOMING
+    begin_homing(hand)
     for _ in range(50):
         assert hand(ON | HOMING) & NEW_SETPOINT
         assert not hand.actuals["ZSW1"] & HOME_SET
@@ -136,10 +135,7 @@ def test_what_is_left_of_the_last_homing_does_not_end_the_next() -> None:
     """Of a drive that shows its zero while it is given the next start, for 50 ms."""
     hand = homed()
     left = OPERATING | TAKEN | REACHED
-    hand(ON | HOMING)
-    hand.stepper.sdo_done(None)
-    hand(ON | HOMING)
-    hand.mode = Mode.HOMING
+    begin_homing(hand)
     for _ in range(12):
         hand(ON | HOMING, left)
         assert not hand.actuals["ZSW1"] & HOME_SET
@@ -191,10 +187,7 @@ def test_a_homing_whose_parameters_the_drive_does_not_take_ends_with_its_warning
 
 def test_a_homing_error_ends_the_homing_and_the_drive_goes_back_to_mode_1() -> None:
     hand = positioner().enable()
-    hand(ON | HOMING)
-    hand.stepper.sdo_done(None)
-    hand(ON | HOMING)
-    hand.mode = Mode.HOMING
+    begin_homing(hand)
     for _ in range(3):
         hand(ON | HOMING)
     words = [hand(ON | HOMING, OPERATING | StatusBit.MODE_13) for _ in range(30)]
