@@ -5,10 +5,14 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 ROOMS := profidrive profinet ds301 dsp402 dsp406 gateway decoder web peers tools
 
-.PHONY: demo test test-paused tour test-can lint format bench measured fuzz soak docs screenshots site compiled test-compiled bench-compiled clean
+.PHONY: demo demo-profinet test test-paused tour test-can lint format bench measured fuzz soak docs screenshots site compiled test-compiled bench-compiled clean
 
 demo: $(STAMP)
 	$(BIN)/pdgw demo
+
+# The same over PROFINET, between network namespaces (Linux with iproute2 and util-linux; no root needed).
+demo-profinet: $(STAMP)
+	$(BIN)/pdgw demo --profinet --out demo-out/profinet
 
 # Two tests at a time, each worker with its half in the order of the files (what starts processes before all others), then what the
 # other one has left.

@@ -87,6 +87,8 @@ class VethPair:
         self._end()
 
     def _end(self) -> None:
+        # The kernel removes a namespace some time after its last process: until then the next pair's names are in use.
+        subprocess.run(["ip", "link", "delete", HERE], capture_output=True, check=False)
         self._holder.kill()
         self._holder.wait()
 
