@@ -455,6 +455,10 @@ Each simulated device can be given faults by name, with parameters (integers), f
 * REST on 127.0.0.1, `--rest-port` or `[control] rest_port`: `GET /devices`, `GET /faults`,
   `POST /devices/{node}/faults/{name}` with a JSON object of parameters, `DELETE /devices/{node}/faults/{name}`.
 
+Each simulated drive has a latency of 0 to 100 ms in each direction, which is no fault. `command_latency_ms` of a `[[device]]` is
+the time from the reception of an RPDO until its values apply, `status_latency_ms` the time from a change of the drive until the
+Statusword shows it. Positions and speeds are up to date. `pdgw conformance shapes --seed N` and `pdgw soak` draw both.
+
 `pdgw conformance faults` gives a simulated drive and a simulated encoder every one of them and prints what the gateway does; the
 last columns are what it must do. In each case no drive starts again before the PLC has given a new OFF and ON, and no position
 is shown as good that is older than the time-outs allow. Fault numbers: docs/tables.md.

@@ -1,5 +1,6 @@
 """A realistic CiA 402 drive: pure model in several shapes, CANopen node, and a node on any python-can bus."""
 
+from pdgw.peers.drive.latency import Latency
 from pdgw.peers.drive.machine import LINEAR_AXIS, MACHINES, ROTARY_AXIS, Machine
 from pdgw.peers.drive.model import DriveModel
 from pdgw.peers.drive.node import SimulatedDrive, SimulatedDriveNode
@@ -12,6 +13,7 @@ __all__ = [
     "ROTARY_AXIS",
     "SHAPES",
     "DriveModel",
+    "Latency",
     "Machine",
     "Shape",
     "SimulatedDrive",

@@ -33,6 +33,7 @@ from pdgw.dsp402.states import STATUS_OF, Command, ControlBit, State, StatusBit,
 from pdgw.durations import MS, SECOND, US
 from pdgw.peers.drive.device import OBJECTS
 from pdgw.peers.drive.family import DRIVE_FAULTS
+from pdgw.peers.drive.latency import NO_LATENCY, DelayLine
 from pdgw.peers.drive.machine import ROTARY_AXIS, Machine
 from pdgw.peers.drive.modes import MODES
 from pdgw.peers.drive.motion import COAST_DECELERATION, SECOND_ENCODER_STEPS, TICK, Ramp, increments_per_second
@@ -71,6 +72,7 @@ class DriveModel:
         self.emcy: list[tuple[int, int]] = []
         self.disguises: list[Callable[[DriveModel, int], None]] = []
         """What shows something else than the drive does; called with the model's time after each update of the image."""
+        self.latency = NO_LATENCY
         self.stop_ramp = True
         """The quick stop brakes; without it the drive turns on until the connection is lost, and its power goes off then."""
         self.stops_in_pre_operational = True
@@ -103,6 +105,7 @@ class DriveModel:
         self.causes: set[int] = set()
         self.probe = TouchProbe(self)
         self._time = -1
+        self._late_status = DelayLine()
         self._without_sync = 0
         """Ticks since the last SYNC."""
         self._previous_controlword = 0
@@ -313,18 +316,24 @@ class DriveModel:
         steps = (now - self._time) // MS
         if steps <= 0:
             return
-        self._time += steps * MS
+        end = self._time + steps * MS
         if not self._resting:
             left = min(steps, _CATCH_UP_TICKS)
             while left and not self._resting:
                 left -= self._cruise(left) if self._even else self._watched_tick()
+                if self.latency.status_ms:
+                    self._time = end - left * MS
+                    self._update()
+            self._time = end
             self._update()
-        elif self.disguises:
-            self._update()
+        else:
+            self._time = end
+            if self.disguises or self._late_status.next_change is not None:
+                self._update()
 
     def next_change(self) -> int | None:
         """When the image may change by itself; None while nothing moves and nothing was changed."""
-        return None if self._resting and not self.disguises else self._time + MS
+        return self._late_status.next_change if self._resting and not self.disguises else self._time + MS
 
     def turned(self, now: int) -> float:
         """Increments of the machine at ``now``, the part of a tick in it."""
@@ -480,6 +489,7 @@ class DriveModel:
             self.statusword |= StatusBit.NO_QUICK_STOP
         if self.limited:
             self.statusword |= StatusBit.INTERNAL_LIMIT
+        self.statusword = self._late_status.show(self.statusword, self._time, self.latency.status_ms)
         for disguise in self.disguises:
             disguise(self, self._time)
 

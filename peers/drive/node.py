@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import deque
+
 import can
 
 from pdgw.ds301.communication import GUARD_TIME, LIFE_TIME_FACTOR
@@ -15,6 +17,7 @@ from pdgw.ds301.pdo import Pdo
 from pdgw.ds301.port import CanPort
 from pdgw.dsp402 import touch_probe
 from pdgw.durations import MS
+from pdgw.peers.drive.latency import NO_LATENCY, Latency
 from pdgw.peers.drive.machine import Machine
 from pdgw.peers.drive.misbehaviour import DRIVE_MISBEHAVIOURS
 from pdgw.peers.drive.model import DriveModel
@@ -49,12 +52,16 @@ class SimulatedDriveNode(SimulatedNode):
         pdos: int | None = None,
         serial_number: int = 1,
         shape: Shape = ENGEL,
+        latency: Latency = NO_LATENCY,
     ) -> None:
         self._ready = False
         self.shape = shape
         self._guard_toggle = 0
         self._guarded_until = 0
+        self._commands: deque[tuple[int, Pdo, bytes]] = deque()
+        """RPDOs on their way through the drive, with the time at which they apply."""
         self.model = DriveModel(self._object, machine, shape)
+        self.model.latency = latency
         super().__init__(node_id, shape.objects(serial_number, pdos), self.model, send)
         self.boot_ns = shape.boot_ms * MS
         if shape.sdo_ms:
@@ -70,18 +77,29 @@ class SimulatedDriveNode(SimulatedNode):
 
     def on_poll(self, now: int) -> None:
         self.model.advance(now)
+        while self._commands and self._commands[0][0] <= now:
+            _, pdo, data = self._commands.popleft()
+            super().apply(pdo, data)
         self.send_emergencies(self.model.emcy)
 
     def next_change(self, now: int) -> int | None:
         return self.model.next_change()
+
+    def apply(self, pdo: Pdo, data: bytes) -> None:
+        if time_out := int(self.values.get((pdo.communication_index, EVENT_TIMER), 0)):
+            self._guarded_until = self.now + time_out * MS
+        due = self.now + self.model.latency.command_ms * MS
+        if due > self.now or self._commands:
+            # After a change of the latency too, no command overtakes an earlier one.
+            self._commands.append((max(due, self._commands[-1][0]) if self._commands else due, pdo, data))
+        else:
+            super().apply(pdo, data)
 
     def on_touched(self) -> None:
         self.model.wake()
 
     def on_rpdo(self, pdo: Pdo) -> None:
         self.model.wake()
-        if time_out := int(self.values.get((pdo.communication_index, EVENT_TIMER), 0)):
-            self._guarded_until = self.now + time_out * MS
         if "controlword" in pdo.attributes or "modes_of_operation" in pdo.attributes:
             self.model.command()
             self.send_emergencies(self.model.emcy)
@@ -109,11 +127,13 @@ class SimulatedDriveNode(SimulatedNode):
             self.model.probe.command()
 
     def on_nmt(self, state: NmtState) -> None:
+        self._commands.clear()
         goes_on = state is NmtState.PRE_OPERATIONAL and not self.model.stops_in_pre_operational
         if state is not NmtState.OPERATIONAL and not goes_on:
             self.model.abort_connection()
 
     def on_consumer_expired(self, producer: int) -> None:
+        self._commands.clear()
         self.send_emcy(HEARTBEAT_ERROR, COMMUNICATION_ERROR)
         self.model.abort_connection()
         self.send_emergencies(self.model.emcy)
@@ -144,10 +164,12 @@ class SimulatedDriveNode(SimulatedNode):
         super().poll(now)
 
     def next_event(self, now: int) -> int | None:
-        event = super().next_event(now)
-        if not self._guarded_until:
-            return event
-        return self._guarded_until + 1 if event is None else min(event, self._guarded_until + 1)
+        events = [super().next_event(now)]
+        if self._guarded_until:
+            events.append(self._guarded_until + 1)
+        if self._commands:
+            events.append(self._commands[0][0])
+        return min((event for event in events if event is not None), default=None)
 
 
 class SimulatedDrive(RunningNode[SimulatedDriveNode]):
@@ -162,12 +184,13 @@ class SimulatedDrive(RunningNode[SimulatedDriveNode]):
         pdos: int | None = None,
         serial_number: int = 1,
         shape: Shape = ENGEL,
+        latency: Latency = NO_LATENCY,
         loop: Loop | None = None,
     ) -> None:
         super().__init__(
             bus,
             lambda send: SimulatedDriveNode(
-                node_id, send, machine=machine, pdos=pdos, serial_number=serial_number, shape=shape
+                node_id, send, machine=machine, pdos=pdos, serial_number=serial_number, shape=shape, latency=latency
             ),
             loop,
         )

@@ -99,6 +99,11 @@ class SimulatedNode:
     def on_written(self, entry: Entry, value: Value) -> None:
         """An object was written by SDO; raise ``SdoAbortedError`` to refuse it (nothing is stored then)."""
 
+    def apply(self, pdo: Pdo, data: bytes) -> None:
+        """Put the values of a received RPDO into the image; of a synchronous one, its SYNC came."""
+        pdo.unpack_into(data, self.image)
+        self.on_rpdo(pdo)
+
     def on_rpdo(self, pdo: Pdo) -> None:
         """The values of an RPDO are in the image."""
 

@@ -205,8 +205,7 @@ class NodePdos:
         if self._types[can_id] <= _TRANSMISSION_SYNC_MAX:
             self._waiting[can_id] = data
             return
-        pdo.unpack_into(data, self.node.image)
-        self.node.on_rpdo(pdo)
+        self.node.apply(pdo, data)
         self.send_due(self.node.now)
 
     def sync(self) -> None:
@@ -215,9 +214,7 @@ class NodePdos:
             return
         self.node.on_poll(self.node.now)
         for can_id, data in self._waiting.items():
-            pdo = self.received[can_id]
-            pdo.unpack_into(data, self.node.image)
-            self.node.on_rpdo(pdo)
+            self.node.apply(self.received[can_id], data)
         self._waiting.clear()
         self.node.on_sync()
         for tpdo in self._tpdos:

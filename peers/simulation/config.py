@@ -17,6 +17,7 @@ from pdgw.gateway.config import as_list
 from pdgw.gateway.config_surroundings import CanConfig, Integer, Port
 from pdgw.gateway.toml_file import parse_toml, read_text
 from pdgw.peers.drive import SHAPES
+from pdgw.peers.drive.latency import LATENCY_MAX_MS
 from pdgw.peers.encoder.motion import parse_motion, still
 from pdgw.peers.node.misbehaviour import make
 from pdgw.peers.simulation.devices import DEVICE_TYPES, encoder_device
@@ -51,7 +52,8 @@ def _as_texts(value: object) -> object:
     return [value] if isinstance(value, str) else value
 
 
-_DRIVE_OPTIONS = ("axis", "like", "sync_tolerance")
+_DRIVE_OPTIONS = ("axis", "like", "sync_tolerance", "command_latency_ms", "status_latency_ms")
+_LatencyMs = Annotated[Integer, Field(ge=0, le=LATENCY_MAX_MS)]
 
 
 class DeviceConfig(_Section):
@@ -67,6 +69,10 @@ class DeviceConfig(_Section):
     """Of a drive: the shape, see ``peers.drive.shapes``."""
     sync_tolerance: Annotated[Integer, Field(ge=1, le=1000)] | None = None
     """Of a drive in a cyclic synchronous mode: so many periods without SYNC are a fault; without it the shape's."""
+    command_latency_ms: _LatencyMs | None = None
+    """Of a drive: time from the reception of an RPDO until its values apply."""
+    status_latency_ms: _LatencyMs | None = None
+    """Of a drive: time from a change until the Statusword shows it."""
     model: str | None = None
     """Of an encoder: rotary, linear or multi-sensor."""
     channels: Integer | None = None
@@ -82,6 +88,8 @@ class DeviceConfig(_Section):
             "axis": self.axis,
             "like": self.like,
             "sync_tolerance": self.sync_tolerance,
+            "command_latency_ms": self.command_latency_ms,
+            "status_latency_ms": self.status_latency_ms,
             "model": self.model,
             "channels": self.channels,
             "motion": self.motion,
@@ -178,6 +186,8 @@ node_id = 1
 axis = "rotary"              # a shaft; "linear": a slide with limit switches, where homing by switches ends
 like = "engel"               # the shape, see `pdgw sim drive --help`
 sync_tolerance = 3           # periods without SYNC that are a fault in a cyclic synchronous mode
+command_latency_ms = 0       # from the reception of an RPDO until its values apply, at most 100
+status_latency_ms = 0        # from a change of the drive until the Statusword shows it, at most 100
 
 [[device]]
 type = "drive"              # "drive" or "encoder"

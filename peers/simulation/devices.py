@@ -19,7 +19,7 @@ from pdgw.dsp402.states import state_of
 from pdgw.dsp406.kinds import DEVICES, ROTARY, EncoderDevice
 from pdgw.dsp406.registers import Alarm, Warnings, names
 from pdgw.peers.bus import LoopbackBus
-from pdgw.peers.drive import ENGEL, MACHINES, SimulatedDrive, SimulatedDriveNode, shape
+from pdgw.peers.drive import ENGEL, MACHINES, Latency, SimulatedDrive, SimulatedDriveNode, shape
 from pdgw.peers.encoder import SimulatedEncoder, SimulatedEncoderNode
 from pdgw.peers.encoder.motion import Motion, parse_motion
 from pdgw.peers.node.misbehaviour import Misbehaviour
@@ -73,6 +73,8 @@ def _drive(
     axis: str = "rotary",
     like: str = ENGEL.name,
     sync_tolerance: int | None = None,
+    command_latency_ms: int = 0,
+    status_latency_ms: int = 0,
     loop: Loop | None = None,
 ) -> SimulatedDrive:
     """``axis``: a name of ``MACHINES``; ``like``: a name of ``SHAPES``, whose ``sync_tolerance`` is another one where given."""
@@ -81,7 +83,15 @@ def _drive(
     chosen = shape(like)
     if sync_tolerance is not None:
         chosen = replace(chosen, sync_tolerance=sync_tolerance)
-    return SimulatedDrive(bus, node_id, machine=MACHINES[axis], shape=chosen, serial_number=serial_number, loop=loop)
+    return SimulatedDrive(
+        bus,
+        node_id,
+        machine=MACHINES[axis],
+        shape=chosen,
+        serial_number=serial_number,
+        latency=Latency(command_latency_ms, status_latency_ms),
+        loop=loop,
+    )
 
 
 def _encoder(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable
+from functools import partial
 
 import pytest
 from hypothesis import given, settings
@@ -15,11 +16,13 @@ from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.pdo import LAYOUTS, Operation
 from pdgw.durations import MS
 from pdgw.peers.drive import Machine, SimulatedDriveNode
+from pdgw.peers.drive.latency import NO_LATENCY, Latency
 from pdgw.peers.encoder import SimulatedEncoderNode
 from pdgw.peers.encoder.motion import constant_speed, still
 from pdgw.peers.node.faults import NODE_MISBEHAVIOURS
 from pdgw.peers.node.node import SimulatedNode
 from tests.support.mapping import pdo_steps
+from tests.support.strategies import latencies
 
 NODE = 5
 SMALL = Machine(negative_limit=-20_000, positive_limit=20_000, negative_stop=-30_000, positive_stop=30_000)
@@ -72,8 +75,8 @@ class Life:
         return self
 
 
-def drive(send: Send) -> SimulatedDriveNode:
-    node = SimulatedDriveNode(NODE, send, machine=SMALL)
+def drive(send: Send, latency: Latency = NO_LATENCY) -> SimulatedDriveNode:
+    node = SimulatedDriveNode(NODE, send, machine=SMALL, latency=latency)
     available = [index for index in node.indices if 0x1400 <= index < 0x1A00]
     node.start(0)
     for step in pdo_steps(LAYOUTS[Operation.POSITIONING], NODE, available, sync=False, event_ms=20, inhibit_us=3000):
@@ -142,13 +145,13 @@ device_events = st.lists(st.tuples(moments, others).map(lambda event: [event]), 
 
 
 @settings(max_examples=60)
-@given(st.lists(commands(), max_size=6), device_events)
-def test_a_drive_sends_the_same_frames(moves: list[list[Event]], others: list[list[Event]]) -> None:
+@given(st.lists(commands(), max_size=6), device_events, latencies)
+def test_a_drive_sends_the_same_frames(moves: list[list[Event]], others: list[list[Event]], latency: Latency) -> None:
     begin: list[Event] = [(1, frame(0, bytes((NmtCommand.START, NODE))))]
     begin += [(1, frame(can_id, data)) for word in (6, 7, 15) for can_id, data in command(controlword=word)]
     events = [*begin, *(event for group in (*moves, *others) for event in group)]
-    polled = Life(drive, list(events), 1000).polled()
-    woken = Life(drive, list(events), 1000).woken()
+    polled = Life(partial(drive, latency=latency), list(events), 1000).polled()
+    woken = Life(partial(drive, latency=latency), list(events), 1000).woken()
     assert woken.frames == polled.frames
 
 

@@ -19,6 +19,7 @@ from pdgw.gateway.axis.telegrams import Kind, drive_layout, drive_telegram, init
 from pdgw.gateway.motion.dsc import DscForm
 from pdgw.peers.drive import ENGEL, LINEAR_AXIS, Machine, SimulatedDriveNode
 from pdgw.peers.drive.family import FAMILY
+from pdgw.peers.drive.latency import NO_LATENCY, Latency
 from pdgw.peers.drive.shapes import SYNCHRONOUS, Shape
 from tests.support.drive_types import References, described
 from tests.support.mapping import pdo_steps
@@ -32,7 +33,12 @@ class Rig:
     """``step`` runs PLC cycles of 4 ms; the drive runs every millisecond in between."""
 
     def __init__(
-        self, number: int, machine: Machine | None = None, shape: Shape | None = None, **settings: object
+        self,
+        number: int,
+        machine: Machine | None = None,
+        shape: Shape | None = None,
+        latency: Latency = NO_LATENCY,
+        **settings: object,
     ) -> None:
         self.stepper = Stepper(number, AxisSettings(**{"cycle_ns": CYCLE_MS * MS, **settings}))  # type: ignore[arg-type]
         dsc = self.stepper.settings.dsc
@@ -44,7 +50,9 @@ class Rig:
         self.drive_type = described(shape.name) if shape is not None and self.synchronous else None
         if self.synchronous:
             self.layout = interpolated(self.layout)
-        self.node = SimulatedDriveNode(NODE, self._transmitted, machine=machine or LINEAR_AXIS, shape=shape or kind)
+        self.node = SimulatedDriveNode(
+            NODE, self._transmitted, machine=machine or LINEAR_AXIS, shape=shape or kind, latency=latency
+        )
         self.feedback = DriveFeedback()
         self.now = 0
         self.connected_drive = True
@@ -66,6 +74,12 @@ class Rig:
             self.stepper.set_references(References(), homing_method=35)
         else:
             self.stepper.set_drive(self.drive_type, homing_method=35)
+
+    @property
+    def late_cycles(self) -> int:
+        """Cycles between a command and its Statusword that the latency of the drive takes."""
+        latency = self.node.model.latency
+        return (latency.command_ms + latency.status_ms) // CYCLE_MS
 
     @property
     def model(self) -> object:
@@ -169,7 +183,8 @@ class Rig:
         """OFF, then ON."""
         word = self.stepper.telegram.setpoints.names[0]
         self.values[word] = off
-        self.step(4)
+        late = self.late_cycles
+        self.step(4 + 2 * late)
         self.values[word] = off | 1
-        self.until(lambda _: self.state is State.OPERATION_ENABLED, 20)
-        self.step(2)
+        self.until(lambda _: self.state is State.OPERATION_ENABLED, 20 + 3 * late)
+        self.step(2 + late)

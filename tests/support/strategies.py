@@ -4,10 +4,14 @@ from __future__ import annotations
 
 from hypothesis import strategies as st
 
+from pdgw.peers.drive.latency import LATENCY_MAX_MS, Latency
 from pdgw.profidrive.signals import Signal
 from pdgw.profidrive.telegrams import TELEGRAMS, Direction, Telegram, TelegramHalf
 
 telegrams = st.sampled_from([TELEGRAMS[number] for number in sorted(TELEGRAMS)])
+_direction = st.just(0) | st.integers(0, LATENCY_MAX_MS)
+latencies = st.builds(Latency, command_ms=_direction, status_ms=_direction)
+"""Latency of a simulated drive."""
 directions = st.sampled_from(list(Direction))
 
 

@@ -104,6 +104,7 @@ def telegrams(
 @app.command("shapes")
 def shapes(
     only: Annotated[list[str] | None, typer.Argument(help="Names of shapes; all without.", show_default=False)] = None,
+    seed: Annotated[int, typer.Option(help="Decides the latency of each drive.")] = 0,
     as_json: Annotated[bool, typer.Option("--json", help="Print the results as JSON.")] = False,
     junit: JUnitFile = None,
     html: HtmlFile = None,
@@ -112,7 +113,7 @@ def shapes(
     for name in only or ():
         shape(name)
     with quiet("gateway", "canopen"):
-        fields = [run_shape(name, number) for name in only or SHAPES for number in TELEGRAMS]
+        fields = [run_shape(name, number, seed) for name in only or SHAPES for number in TELEGRAMS]
     failed = sum(not item.passed for item in fields)
     checks = [
         Check(item.shape, f"telegram {item.telegram}", item.text, (item.failure,) if item.failure else ())
@@ -124,9 +125,12 @@ def shapes(
         _print(failed, configuration, [item.as_dict() for item in fields])
     else:
         console = Console()
-        table = Table("shape", "telegram", "what it did", "")
+        table = Table("shape", "telegram", "latency: command, status (ms)", "what it did", "")
         for item in fields:
-            table.add_row(item.shape, str(item.telegram), item.text, "pass" if item.passed else "[red]FAIL[/red]")
+            latency = f"{item.latency.command_ms}, {item.latency.status_ms}"
+            table.add_row(
+                item.shape, str(item.telegram), latency, item.text, "pass" if item.passed else "[red]FAIL[/red]"
+            )
         console.print(table)
         for item in fields:
             if item.failure:

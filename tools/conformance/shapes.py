@@ -15,7 +15,7 @@ from pdgw.durations import MS, SECOND
 from pdgw.gateway.config_file import parse_config
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.reasons import FaultNumber
-from pdgw.peers.drive import SHAPES, SimulatedDrive, shape
+from pdgw.peers.drive import SHAPES, Latency, SimulatedDrive, shape
 from pdgw.peers.drive.motion import INCREMENTS_PER_REVOLUTION
 from pdgw.peers.plc.endpoint import PlcEndpoint
 from pdgw.peers.world import World
@@ -69,6 +69,7 @@ class Outcome:
 
     shape: str
     telegram: int
+    latency: Latency
     moved: bool
     text: str
     """What it did, or the reason it was refused with."""
@@ -84,6 +85,8 @@ class Outcome:
         return {
             "shape": self.shape,
             "telegram": self.telegram,
+            "command_latency_ms": self.latency.command_ms,
+            "status_latency_ms": self.latency.status_ms,
             "moved": self.moved,
             "text": self.text,
             "failure": self.failure,
@@ -93,12 +96,13 @@ class Outcome:
 class _Site:
     """A gateway, a drive and a PLC that does what a person would: acknowledges, switches off and on, gives the setpoint."""
 
-    def __init__(self, name: str, number: int) -> None:
+    def __init__(self, name: str, number: int, seed: int) -> None:
         self.number = number
-        self.world = World(0)
+        self.world = World(seed)
+        self.latency = Latency.draw(self.world.chance(f"{name} {number}"))
         self.loop = self.world.loop
         self.daemon = Daemon(parse_config(_CONFIG.format(number=number)), self.world)
-        self.drive: SimulatedDrive = self.world.drive("world", 1, shape=shape(name))
+        self.drive: SimulatedDrive = self.world.drive("world", 1, shape=shape(name), latency=self.latency)
         self.axis = self.daemon.axes[0]
         self.raw = telegram(number).setpoints.mode is ApplicationMode.TRANSPARENT
         self.endpoint = PlcEndpoint([telegram(number)], self.daemon.cycle_ns)
@@ -188,9 +192,9 @@ class _Site:
 _RAW = {"Profile Velocity": 6000, "Profile Acceleration": 300, "Profile Deceleration": 300}
 
 
-def run_case(name: str, number: int) -> Outcome:
-    """One shape with one telegram."""
-    site = _Site(name, number)
+def run_case(name: str, number: int, seed: int = 0) -> Outcome:
+    """Run one shape with one telegram; the seed decides the latency of the drive."""
+    site = _Site(name, number, seed)
     site.daemon.start()
     try:
         site.exchange(lambda: site.axis.drive.generation or site.refusal, _ONLINE_NS)
@@ -213,4 +217,6 @@ def run_case(name: str, number: int) -> Outcome:
     elif not expected and not moved:
         failure = f"must move: {refusal or site.axis.drive.status_text}"
     tested = Tested.of(site.daemon.config, [site.drive.node])
-    return Outcome(name, number, moved, "moved as told" if moved else f"refused: {refusal}", tested, failure)
+    return Outcome(
+        name, number, site.latency, moved, "moved as told" if moved else f"refused: {refusal}", tested, failure
+    )

@@ -8,8 +8,10 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, rule
 
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import ControlBit, State
+from pdgw.peers.drive import Latency
 from tests.gateway.axis.test_positioning import ACTIVATE, HOMING, INTERMEDIATE, ON, POSITION, REJECT
 from tests.support.rig import Rig
+from tests.support.strategies import latencies
 
 CONTROL_BY_PLC = 0x400
 CYCLES = st.integers(1, 40)
@@ -26,9 +28,9 @@ class TaskMachine(RuleBasedStateMachine):
         self.allowed = 0
         """Edges of STW1.6, and of STW1.5 (each may resume one task), that have not started anything yet."""
 
-    @initialize(modulo=st.booleans(), sdo_delay=st.integers(1, 6))
-    def power_up(self, modulo: bool, sdo_delay: int) -> None:
-        self.rig = Rig(9, modulo_axis=modulo)
+    @initialize(modulo=st.booleans(), sdo_delay=st.integers(1, 6), latency=latencies)
+    def power_up(self, modulo: bool, sdo_delay: int, latency: Latency) -> None:
+        self.rig = Rig(9, latency=latency, modulo_axis=modulo)
         self.rig.values |= {"SATZANW": 0x8023, "MDI_VELOCITY": 1 << 30, "MDI_ACC": 1 << 14, "MDI_DEC": 1 << 14}
         self.rig.sdo_delay = sdo_delay
         self.rig.enable()
@@ -69,7 +71,7 @@ class TaskMachine(RuleBasedStateMachine):
         if self.rig.state is not State.OPERATION_ENABLED:
             for word in (ON & ~1, ON):
                 self.rig.values["STW1"] = word
-                self.cycle(4)
+                self.cycle(4 + 2 * self.rig.late_cycles)
 
     @rule(
         goal=st.sampled_from([300_000, -300_000, 1_000]),

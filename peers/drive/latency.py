@@ -1,0 +1,74 @@
+"""Latency of a simulated drive: it applies commands late and shows its Statusword late.
+
+Every real drive has it: one task reads the PDOs, another runs the state machine, a third builds the Statusword. CiA DSP 402 V2.0
+sets no bound.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, fields
+from random import Random
+from typing import Final
+
+from pdgw.ds301.errors import CanopenError
+from pdgw.durations import MS
+
+LATENCY_MAX_MS: Final = 100
+
+
+@dataclass(frozen=True, slots=True)
+class Latency:
+    """Latency of a drive in each direction, 0 to 100 ms; CanopenError for another value.
+
+    ``command_ms``: from the reception of an RPDO until its values apply. ``status_ms``: from a change of the drive until the
+    Statusword shows it; positions and speeds are up to date.
+    """
+
+    command_ms: int = 0
+    status_ms: int = 0
+
+    def __post_init__(self) -> None:
+        for item in fields(self):
+            value = getattr(self, item.name)
+            if not 0 <= value <= LATENCY_MAX_MS:
+                raise CanopenError(f"latency {item.name}", value, f"0 ms to {LATENCY_MAX_MS} ms")
+
+    @classmethod
+    def draw(cls, chance: Random) -> Latency:
+        """Draw each direction: one in four without latency, all orders of magnitude up to 100 ms alike."""
+
+        def direction() -> int:
+            return 0 if chance.random() < 0.25 else round(LATENCY_MAX_MS ** chance.random())
+
+        return cls(direction(), direction())
+
+
+NO_LATENCY: Final = Latency()
+
+
+class DelayLine:
+    """A value that is shown late. Times are those of the drive, in nanoseconds."""
+
+    __slots__ = ("_last", "_shown", "_waiting")
+
+    def __init__(self) -> None:
+        self._waiting: deque[tuple[int, int]] = deque()
+        self._last = self._shown = -1
+
+    @property
+    def next_change(self) -> int | None:
+        """Time of the next change of the shown value; None without one."""
+        return self._waiting[0][0] if self._waiting else None
+
+    def show(self, value: int, now: int, delay_ms: int) -> int:
+        """Take the present value; return the value that is shown now. The first value is shown at once."""
+        waiting = self._waiting
+        if self._last < 0 or not (delay_ms or waiting):
+            self._last = self._shown = value
+        elif value != self._last:
+            self._last = value
+            waiting.append((now + delay_ms * MS, value))
+        while waiting and waiting[0][0] <= now:
+            self._shown = waiting.popleft()[1]
+        return self._shown
