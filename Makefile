@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 ROOMS := profidrive profinet ds301 dsp402 dsp406 gateway decoder web peers tools
 
-.PHONY: demo demo-profinet test test-paused tour test-can lint format bench measured fuzz soak docs screenshots site compiled test-compiled bench-compiled clean
+.PHONY: demo demo-profinet test test-paused tour test-can lint format bench measured fuzz limit-cycles soak docs screenshots site compiled test-compiled bench-compiled clean
 
 demo: $(STAMP)
 	$(BIN)/pdgw demo
@@ -85,6 +85,10 @@ SEED ?= 1
 
 fuzz: $(STAMP)
 	PDGW_HYPOTHESIS=fuzz PDGW_FUZZ_INPUTS=$(INPUTS) PDGW_FUZZ_SEED=$(SEED) $(BIN)/pytest tests/fuzz
+
+# No OFF switches a drive on: every telegram and cycle time with Statusword delays of 0 to 100 ms.
+limit-cycles: $(STAMP)
+	PDGW_LIMIT_CYCLES=1 $(BIN)/pytest $(TOGETHER) tests/gateway/test_limit_cycle.py
 
 soak: $(STAMP)
 	$(BIN)/pdgw soak --hours 24 --axes 2 --telegrams 1,9
