@@ -17,6 +17,8 @@ from typing import Any, Final
 from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.objects import Entry
 
+PDO_BYTES = 8
+"""What one PDO carries at most."""
 COB_ID_INVALID = 1 << 31
 """Bit 31 of a COB-ID entry: the PDO does not exist / is not valid."""
 COB_ID_NO_REMOTE = 1 << 30
@@ -140,7 +142,7 @@ class Pdo:
         cuts = [entry.type.char if entry.attribute else f"{entry.type.bits // 8}x" for entry in self.entries]
         layout = struct.Struct("<" + "".join(cuts))
         attributes = tuple(entry.attribute for entry in self.entries if entry.attribute)
-        if not 1 <= layout.size <= 8:
+        if not 1 <= layout.size <= PDO_BYTES:
             raise CanopenError(str(self), f"{layout.size} bytes mapped", "1..8 bytes")
         if not attributes or not all(attribute.isidentifier() for attribute in attributes):
             raise CanopenError(
@@ -185,3 +187,5 @@ class PdoLayout:
     tpdos: tuple[Pdo, ...]
     optional: frozenset[str] = frozenset()
     """Attributes a device without the object can be operated without."""
+    cyclic_only: frozenset[str] = frozenset()
+    """Likewise, and left out where no PDO has room for them: read by SDO they would be too old."""

@@ -9,6 +9,9 @@ from typing import Final
 
 from pdgw.dsp402.modes import Mode
 
+DEMAND_UNKNOWN: Final = -(1 << 31)
+"""``DriveFeedback.velocity_demand`` until the drive has sent one."""
+
 
 class DriveCommand:
     """Values for the drive (RPDO objects). One instance per axis, updated in place each cycle."""
@@ -71,7 +74,7 @@ class DriveFeedback:
         self.modes_of_operation_display = 0
         self.position_actual = 0
         self.second_position = 0
-        self.velocity_demand = 0
+        self.velocity_demand = DEMAND_UNKNOWN
         self.velocity_actual = 0
         self.current_actual = 0
         self.dc_link_voltage = 0

@@ -12,7 +12,7 @@ from dataclasses import replace
 from typing import Final
 
 from pdgw.ds301.objects import Entry
-from pdgw.ds301.pdo import Pdo, PdoDirection, PdoLayout
+from pdgw.ds301.pdo import PDO_BYTES, Pdo, PdoDirection, PdoLayout
 from pdgw.dsp402.objects import DRIVE_OBJECTS, FAMILY_VALUES
 
 __all__ = [
@@ -68,16 +68,20 @@ _WITH_MESSAGES = (
     pdo(_T, 3, "current_actual"),
 )
 
+_DEMAND = frozenset({"velocity_demand"})
+
 LAYOUTS: dict[Operation, PdoLayout] = {
     # RPDO 1 carries the Controlword as its last object and is sent last: a drive that applies objects in the order of the mapping
     # would start toward the previous target.
     Operation.VELOCITY: PdoLayout(
         rpdos=(pdo(_R, 1, "target_velocity", "controlword"),),
-        tpdos=(pdo(_T, 1, "statusword", "velocity_actual"),),
+        tpdos=(pdo(_T, 1, "statusword", "velocity_actual"), pdo(_T, 2, "velocity_demand")),
+        cyclic_only=_DEMAND,
     ),
     Operation.VELOCITY_WITH_POSITION: PdoLayout(
         rpdos=(pdo(_R, 1, "target_velocity", "controlword"),),
-        tpdos=(pdo(_T, 1, "statusword", "velocity_actual"), pdo(_T, 2, "position_actual")),
+        tpdos=(pdo(_T, 1, "statusword", "velocity_actual"), pdo(_T, 2, "position_actual", "velocity_demand")),
+        cyclic_only=_DEMAND,
     ),
     Operation.VELOCITY_WITH_TORQUE: PdoLayout(
         rpdos=(pdo(_R, 1, "target_velocity", "controlword"), pdo(_R, 2, "max_torque")),
@@ -85,8 +89,9 @@ LAYOUTS: dict[Operation, PdoLayout] = {
     ),
     Operation.VELOCITY_WITH_LOAD: PdoLayout(
         rpdos=(pdo(_R, 1, "target_velocity", "controlword"),),
-        tpdos=(pdo(_T, 1, "statusword", "velocity_actual"), pdo(_T, 2, "current_actual")),
+        tpdos=(pdo(_T, 1, "statusword", "velocity_actual"), pdo(_T, 2, "current_actual", "velocity_demand")),
         optional=frozenset({"current_actual"}),
+        cyclic_only=_DEMAND,
     ),
     Operation.POSITIONING: PdoLayout(
         rpdos=(
@@ -154,8 +159,11 @@ def with_objects(layout: PdoLayout, entries: Mapping[str, Entry]) -> PdoLayout:
 
 
 def with_second_position(layout: PdoLayout) -> PdoLayout:
-    """The layout with the position of the drive's second encoder (60E4h) in its last TPDO."""
+    """The layout with the position of the drive's second encoder (60E4h) in its last TPDO, or one of its own behind it."""
     *tpdos, last = layout.tpdos
+    own = pdo(last.direction, last.number + 1, "second_position")
+    if last.size + own.size > PDO_BYTES:
+        return replace(layout, tpdos=(*layout.tpdos, own))
     return replace(layout, tpdos=(*tpdos, pdo(last.direction, last.number, *last.attributes, "second_position")))
 
 

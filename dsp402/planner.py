@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from pdgw.ds301.can_frame import STANDARD_ID
 from pdgw.ds301.configuration import EVENT_DRIVEN_PROFILE, EVENT_TIMER, EVERY_SYNC, SYNC_TYPES
 from pdgw.ds301.objects import CanType, Entry, ObjectAddress
-from pdgw.ds301.pdo import Pdo, PdoDirection, PdoLayout
+from pdgw.ds301.pdo import PDO_BYTES, Pdo, PdoDirection, PdoLayout
 from pdgw.ds301.plan import Pace, PdoPlan, PlannedPdo
 from pdgw.dsp402.drive_type import DriveType, PdoSlot
 from pdgw.dsp402.errors import Dsp402Error
@@ -24,7 +24,6 @@ from pdgw.dsp402.objects import CONTROL_ATTRIBUTE, STATUS_ATTRIBUTE
 Key = tuple[PdoDirection, int]
 """Direction and number of a PDO."""
 _ESSENTIAL = {CONTROL_ATTRIBUTE, STATUS_ATTRIBUTE}
-_PDO_BYTES = 8
 _OBJECTS = 8
 _COB_IDS = range(0x181, 0x580)
 _DUMMIES = 0x20
@@ -81,10 +80,8 @@ def plan_pdos(
     """
     notes: list[str] = []
     shared = drive, node_id, findings, notes
-    rpdos, written = _Direction(
-        PdoDirection.RPDO, needs.rpdos, *shared, optional=needs.optional, sync=sync_rpdos
-    ).planned()
-    tpdos, read = _Direction(PdoDirection.TPDO, needs.tpdos, *shared, optional=needs.optional, sync=sync).planned()
+    rpdos, written = _Direction(PdoDirection.RPDO, needs, *shared, sync=sync_rpdos).planned()
+    tpdos, read = _Direction(PdoDirection.TPDO, needs, *shared, sync=sync).planned()
     # What comes on change alone is read as well: nothing else would tell that a frame was lost.
     read += [
         Pdo(entry_pdo.direction, entry_pdo.number, (entry,))
@@ -102,18 +99,18 @@ class _Direction:
     def __init__(
         self,
         direction: PdoDirection,
-        needs: Sequence[Pdo],
+        needs: PdoLayout,
         drive: DriveType,
         node_id: int,
         findings: Findings,
         notes: list[str],
         *,
-        optional: frozenset[str],
         sync: bool,
     ) -> None:
-        self.optional = optional
+        self.optional = needs.optional | needs.cyclic_only
+        self.cyclic_only = needs.cyclic_only
         self.direction = direction
-        self.needs = needs
+        self.needs = needs.rpdos if direction is PdoDirection.RPDO else needs.tpdos
         self.drive = drive
         self.node_id = node_id
         self.findings = findings
@@ -157,7 +154,7 @@ class _Direction:
             if carried is not None:
                 free.remove(carried.number)
                 pdos.append(carried)
-            left += [(pdo.number, entry) for entry in rest]
+            left += [(pdo.number, entry) for entry in rest if entry.attribute not in self.cyclic_only]
         adopted = self._adopt(
             [entry for _, entry in left], has_essential=any(self.essential in pdo.attributes for pdo in pdos)
         )
@@ -254,7 +251,7 @@ class _Direction:
                 return None
             else:
                 entries += [Entry(*address, "", CanType.U8)] * (size // 8)
-        if not any(entry.attribute for entry in entries) or bits > _PDO_BYTES * 8:
+        if not any(entry.attribute for entry in entries) or bits > PDO_BYTES * 8:
             return None
         return Pdo(self.direction, number, tuple(entries))
 
@@ -321,7 +318,7 @@ def _fitting(entries: Sequence[Entry], most: int, essential: str) -> list[Entry]
         if entry in first:
             continue
         size += entry.type.bits // 8
-        if size > _PDO_BYTES or len(kept) >= most:
+        if size > PDO_BYTES or len(kept) >= most:
             break
         kept.append(entry)
     return [entry for entry in entries if entry in kept]

@@ -86,7 +86,7 @@ ZSW1_BITS = (
     Bit(5, "NO_QUICK_STOP", "quick stop not activated"),
     Bit(6, "SWITCHING_ON_INHIBITED", "switching on inhibited"),
     Bit(7, "WARNING", "warning present"),
-    Bit(8, "WITHIN_TOLERANCE", "speed error within tolerance (telegrams with MELDW)"),
+    Bit(8, "WITHIN_TOLERANCE", "speed within tolerance of its demand value"),
     Bit(9, "CONTROL_REQUESTED", "control requested"),
     Bit(10, "TARGET_REACHED", "target speed reached"),
     Bit(11, "DEVICE_11", "device specific"),
@@ -96,7 +96,7 @@ ZSW1_BITS = (
     Bit(15, "DEVICE_15", "device specific"),
 )
 ZSW1_POSITIONING = (
-    Bit(8, "WITHIN_TOLERANCE", "following error within tolerance (not used)"),
+    Bit(8, "WITHIN_TOLERANCE", "following error within tolerance"),
     Bit(10, "TARGET_REACHED", "target position reached"),
     Bit(11, "HOME_POSITION_SET", "home position set"),
     Bit(12, "TASK_ACKNOWLEDGE", "traversing task acknowledge"),

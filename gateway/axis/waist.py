@@ -54,11 +54,13 @@ class SpeedWish(enum.IntEnum):
 
     FOLLOW = 0
     HOLD = 1
-    """The last speed stays."""
+    """The last Target Velocity stays."""
     ZERO = 2
     JOG_1 = 3
     """The speed of the user's choice, begun at standstill."""
     JOG_2 = 4
+    FREEZE = 5
+    """The ramp stops where it is: the demand speed of this moment stays."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -67,7 +67,7 @@ def namur_word(code: int) -> int:
     return _OTHER if name is None else _NAMUR.bit(name).mask
 
 
-_TOLERANCE_PERCENT: Final = 1
+TOLERANCE_PERCENT: Final = 1
 _SPEED_3_PERCENT: Final = 5
 _SPEED_2_PERCENT: Final = 30
 """Thresholds of the speed, of its reference."""
@@ -81,7 +81,7 @@ class MessageWord:
     __slots__ = ("_speed_2", "_speed_3", "_tolerance")
 
     def __init__(self, reference: int) -> None:
-        self._tolerance = reference * _TOLERANCE_PERCENT // 100
+        self._tolerance = reference * TOLERANCE_PERCENT // 100
         self._speed_3 = reference * _SPEED_3_PERCENT // 100
         self._speed_2 = reference * _SPEED_2_PERCENT // 100
 

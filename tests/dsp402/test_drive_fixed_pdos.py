@@ -80,7 +80,7 @@ def test_a_mapping_the_drive_has_already_is_not_written_again(plant: Plant, mapp
         ((0x1600, 1), 0x6071_0010, "no RPDO for Controlword 6040h: fixed are 1600h with 6071h, 6040h"),
         ((0x1A00, 1), 0x6064_0020, "no TPDO for Statusword 6041h: fixed are 1A00h with 6064h, 606Ch"),
         ((0x1400, 1), 0x8000_0204, "no RPDO for Controlword 6040h"),
-        ((0x1801, 1), 0x285, "TPDO2 unused (1801h/1 := 80000284h)"),
+        ((0x1802, 1), 0x385, "TPDO3 unused (1802h/1 := 80000384h)"),
     ],
 )
 def test_fixed_pdos_that_do_not_carry_what_is_needed_are_named(

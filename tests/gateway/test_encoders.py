@@ -282,7 +282,11 @@ def test_dsc_needs_the_drives_position_whatever_g1_is(number: int) -> None:
 
 def test_the_second_encoder_of_a_drive_stays_where_g1_is_another_nodes() -> None:
     tpdos = drive_layout(4, second=SecondSensor.DRIVE, g1_is_encoder=True).tpdos
-    assert [item.attributes for item in tpdos] == [("statusword", "velocity_actual"), ("second_position",)]
+    assert [item.attributes for item in tpdos] == [
+        ("statusword", "velocity_actual"),
+        ("velocity_demand",),
+        ("second_position",),
+    ]
 
 
 def test_telegram_4_with_another_node_s_encoder_as_g2() -> None:

@@ -58,7 +58,7 @@ class SpeedAdapter(ControlWordAdapter):
         elif self._profidrive and word & _RUN != _RUN:
             demand.speed_wish = SpeedWish.ZERO
         else:
-            demand.speed_wish = SpeedWish.HOLD
+            demand.speed_wish = SpeedWish.FREEZE if self._profidrive else SpeedWish.HOLD
 
     def write(self, report: Report, actuals: list[int]) -> None:
         actuals[self.zsw1] = report.flags
@@ -112,7 +112,7 @@ class WideSpeedAdapter(SpeedAdapter):
 
 
 class DscAdapter(WideSpeedAdapter):
-    """Telegrams 5, 6, 105 and 106: the speed is always in force, STW1.4 to .6 are not evaluated."""
+    """Telegrams 5, 6, 105 and 106: the speed is in force whatever STW1.4 to .6 are, unless .5 alone is 0 (freeze)."""
 
     def __init__(self, telegram: Telegram, settings: AxisSettings) -> None:
         super().__init__(telegram, settings)

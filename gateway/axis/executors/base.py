@@ -10,7 +10,7 @@ from fractions import Fraction
 
 from pdgw.dsp402.drive_type import DriveType, Quantity
 from pdgw.dsp402.errors import Dsp402Error
-from pdgw.dsp402.images import DriveCommand, DriveFeedback
+from pdgw.dsp402.images import DEMAND_UNKNOWN, DriveCommand, DriveFeedback
 from pdgw.dsp402.states import STATE_OF_STATUS, State, StatusBit
 from pdgw.gateway.axis.power_table import Action
 from pdgw.gateway.axis.settings import AxisSettings
@@ -177,6 +177,12 @@ def highest(drive: DriveType, quantity: Quantity, *attributes: str) -> int:
     if found < 1:
         raise Dsp402Error(f"100 % of the {quantity.value}", found, "at least one unit of the drive's object")
     return found
+
+
+def demanded_speed(feedback: DriveFeedback) -> int:
+    """The speed where the ramp of the drive is: its demand value (606Bh), else its actual value (606Ch)."""
+    demand = feedback.velocity_demand
+    return feedback.velocity_actual if demand == DEMAND_UNKNOWN else demand
 
 
 class LimitWatch:

@@ -11,10 +11,10 @@ from fractions import Fraction
 from pdgw.dsp402.drive_type import DriveType, Quantity
 from pdgw.dsp402.errors import Dsp402Error
 from pdgw.durations import MS, SECOND, SECONDS_PER_MINUTE
-from pdgw.gateway.axis.executors.base import OPERATION_ENABLED, AxisCycle, Executor, LimitWatch, known
+from pdgw.gateway.axis.executors.base import OPERATION_ENABLED, AxisCycle, Executor, LimitWatch, demanded_speed, known
 from pdgw.gateway.axis.executors.torque import message_of
 from pdgw.gateway.axis.power_table import Action
-from pdgw.gateway.axis.waist import STATE_MASK, Flag
+from pdgw.gateway.axis.waist import STATE_MASK, Flag, SpeedWish
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.motion.dsc import Dsc, DscChoices, DscForm, DscSettings, wrapped
 from pdgw.gateway.motion.messages import SPEED_WITHIN_TOLERANCE, MessageWord, reduced_torque
@@ -25,6 +25,7 @@ from pdgw.profidrive.normalisation import Normalisation
 
 _ENABLE_OPERATION, _RAMP = Action.ENABLE_OPERATION, Action.RAMP
 _BY_SPEED = DscForm.SPEED
+_FREEZE = SpeedWish.FREEZE
 _I32 = DataType.INTEGER32.integer_range
 
 
@@ -48,6 +49,8 @@ class DscExecutor(Executor):
         self._velocity = 0
         self._tolerance = 0
         self._was_clamped = False
+        self._frozen = False
+        """The speed of the moment STW1.5 fell stays, without DSC."""
         self._limit = LimitWatch()
         self._held = False
         self._heard = 0
@@ -100,7 +103,7 @@ class DscExecutor(Executor):
         elif enabled and action is _RAMP:
             self._ramp()
         else:
-            self._held = self._out_of_date = False
+            self._held = self._out_of_date = self._frozen = False
             self._stand()
         command.controlword = cycle.controlword
         command.max_torque = reduced_torque(self._torque, demand.torque_reduction if demand.connected else 0)
@@ -118,6 +121,10 @@ class DscExecutor(Executor):
             self._ramp()
             self.notes.warning = True
             return Reason.DSC_OUT_OF_DATE
+        if demand.speed_wish is _FREEZE:
+            self._freeze(dsc)
+            return Reason.SETPOINT_DISABLED
+        self._frozen = False
         result = dsc.step(demand.speed, demand.xerr, demand.kpc, position, fresh=demand.fresh)
         self._warn(dsc, clamped=result.gain_clamped)
         command, self._velocity = self.command, result.velocity
@@ -131,6 +138,21 @@ class DscExecutor(Executor):
         else:
             self._travel(result.velocity)
         return result.reason
+
+    def _freeze(self, dsc: Dsc) -> None:
+        """On with the demand speed of the moment STW1.5 fell; XERR and KPC do not count, DSC starts anew afterwards."""
+        command = self.command
+        if not self._frozen:
+            self._frozen = True
+            low, high = dsc.settings.velocity_range
+            self._velocity = max(low, min(demanded_speed(self.cycle.feedback), high))
+        self._warn(dsc, clamped=False)
+        dsc.stop()
+        if self.choices.form is _BY_SPEED:
+            command.target_velocity = self._velocity
+        else:
+            command.velocity_offset = self._velocity
+            self._travel(self._velocity)
 
     def _is_out_of_date(self, dsc: Dsc) -> bool:
         """Whether the axis has to come to a stand before DSC starts anew: no watchdog is short enough to stand in for it."""

@@ -30,6 +30,7 @@ class RawExecutor(Executor):
         self._modes: dict[int, int] = {}
         """Modes the drive knows, by the byte that carries them."""
         self._read = attrgetter(*actuals)
+        cycle.feedback.velocity_demand = 0  # passes as it is, also before the drive has sent one
         self._last: Sequence[int] = ()
         self._mode_refused = False
 

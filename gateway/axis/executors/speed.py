@@ -10,9 +10,10 @@ from typing import Final
 from pdgw.dsp402.drive_type import DriveType, Quantity
 from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.states import StatusBit
-from pdgw.gateway.axis.executors.base import AxisCycle, Executor, LimitWatch, known
+from pdgw.gateway.axis.executors.base import AxisCycle, Executor, LimitWatch, demanded_speed, known
 from pdgw.gateway.axis.power_table import Action
 from pdgw.gateway.axis.waist import Flag, SpeedWish
+from pdgw.gateway.motion.messages import TOLERANCE_PERCENT
 from pdgw.gateway.reasons import Reason
 from pdgw.profidrive.datatypes import n4
 from pdgw.profidrive.normalisation import Normalisation
@@ -21,10 +22,12 @@ _ENABLE_OPERATION: Final = Action.ENABLE_OPERATION
 _RAMP: Final = Action.RAMP
 _FOLLOW: Final = SpeedWish.FOLLOW
 _HOLD: Final = SpeedWish.HOLD
+_FREEZE: Final = SpeedWish.FREEZE
 _ZERO: Final = SpeedWish.ZERO
 _JOG_1: Final = SpeedWish.JOG_1
 _INTERNAL_LIMIT: Final = StatusBit.INTERNAL_LIMIT
 _REACHED: Final = Flag.REACHED
+_WITHIN_TOLERANCE: Final = Flag.WITHIN_TOLERANCE
 
 
 class SpeedExecutor(Executor):
@@ -45,6 +48,11 @@ class SpeedExecutor(Executor):
         self._jog_speeds = (0, 0)
         self._jogging: SpeedWish | None = None
         """The jog that was begun at standstill."""
+        self._frozen = False
+        """The ramp was frozen at the edge of the wish; the target is where it was then."""
+        self._range = (0, 0)
+        """Of Target Velocity."""
+        self._tolerance = 0
         self._limit = LimitWatch()
         self._stopped = 0
         """The setpoint with which the axis stood at a limit; 0: none."""
@@ -54,13 +62,14 @@ class SpeedExecutor(Executor):
             raise Dsp402Error("modes of the drive (6502h)", sorted(drive.modes), "3, 9 or 2 for a speed")
         reference = drive.scaling.reference(Quantity.SPEED)
         self._wire = None
-        self._setpoint = n4(reference, drive.limits("target_velocity"))
+        low, high = self._range = drive.limits("target_velocity")
+        self._setpoint = n4(reference, self._range)
         self._actual = n4(reference, drive.limits("velocity_actual"))
         self._mode_bits = drive.speed_bits
+        self._tolerance = int(reference) * TOLERANCE_PERCENT // 100
         jogs = self.settings.jog_speeds_rpm
         if jogs is not None:
             unit = known(drive.scaling.velocity_per_rpm, "velocity units per rpm", "velocity_unit")
-            low, high = drive.limits("target_velocity")
             first, second = (max(low, min(round(rpm * unit), high)) for rpm in jogs)
             self._jog_speeds = first, second
 
@@ -75,10 +84,12 @@ class SpeedExecutor(Executor):
         if action is not _ENABLE_OPERATION:
             self._target = 0
             self._jogging = None
+            self._frozen = False
         else:
             wish = demand.speed_wish
             if wish is _FOLLOW:
                 self._jogging = None
+                self._frozen = False
                 wire = demand.speed
                 if wire != self._wire and self._setpoint is not None:
                     self._wire = wire
@@ -86,7 +97,10 @@ class SpeedExecutor(Executor):
                 self._target = self._value
             else:
                 reason = Reason.SETPOINT_DISABLED
-                if wish is not _HOLD:
+                if wish is _FREEZE:
+                    self._freeze()
+                elif wish is not _HOLD:
+                    self._frozen = False
                     self._target = self._jog(wish, cycle.standstill)
                     if self._target:
                         reason = None
@@ -106,9 +120,20 @@ class SpeedExecutor(Executor):
         command.target_velocity = target
         report = self.report
         report.flags = statusword & _REACHED
+        # Without a demand value the difference is far off.
+        if -self._tolerance <= feedback.velocity_actual - feedback.velocity_demand <= self._tolerance:
+            report.flags |= _WITHIN_TOLERANCE
         if self._actual is not None:
             report.speed = self._actual.to_wire(feedback.velocity_actual)
         return reason
+
+    def _freeze(self) -> None:
+        """The target is where the ramp was when it was frozen; an axis that stood at a limit keeps what it is held for."""
+        self._jogging = None
+        if not self._frozen and not self._stopped:
+            low, high = self._range
+            self._target = max(low, min(demanded_speed(self.cycle.feedback), high))
+        self._frozen = True
 
     def _jog(self, wish: SpeedWish, standstill: bool) -> int:
         """The speed of a jog, 0 for none and for one that does not begin at standstill."""

@@ -11,8 +11,8 @@ from pdgw.dsp402.images import DriveFeedback
 from pdgw.dsp402.states import STATE_OF_STATUS, State, StatusBit
 from pdgw.gateway.axis.executors.base import AxisCycle, Troubles
 from pdgw.gateway.axis.executors.speed import SpeedExecutor
-from pdgw.gateway.axis.waist import STATE_MASK, Flag
-from pdgw.gateway.motion.messages import SPEED_WITHIN_TOLERANCE, MessageWord, reduced_torque
+from pdgw.gateway.axis.waist import STATE_MASK
+from pdgw.gateway.motion.messages import MessageWord, reduced_torque
 from pdgw.gateway.reasons import Reason
 
 _ENABLED_STATES = (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE)
@@ -76,7 +76,5 @@ class TorqueExecutor(SpeedExecutor):
         self.command.max_torque = reduced_torque(self._base, reduction)
         reason = super().step()
         if self._message is not None:
-            message = self.report.message = message_of(self._message, self.cycle.feedback, self.notes.troubles)
-            if message & SPEED_WITHIN_TOLERANCE:
-                self.report.flags |= Flag.WITHIN_TOLERANCE
+            self.report.message = message_of(self._message, self.cycle.feedback, self.notes.troubles)
         return reason

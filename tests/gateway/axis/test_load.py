@@ -88,7 +88,7 @@ def test_a_drive_without_a_current_is_operated_without_it() -> None:
     found = found_in_data_sheet(lacking)
     plan = plan_pdos(LAYOUTS[Operation.VELOCITY_WITH_LOAD], lacking, 1, found, sync=False)
     carried = [pdo.pdo.attributes for pdo in plan.tpdos]
-    assert carried == [("statusword", "velocity_actual")]
+    assert carried == [("statusword", "velocity_actual"), ("velocity_demand",)]
     with pytest.raises(Dsp402Error, match="no object of this drive"):
         plan_pdos(LAYOUTS[Operation.VELOCITY_WITH_TORQUE], lacking, 1, found, sync=False)
 
