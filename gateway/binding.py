@@ -24,7 +24,8 @@ from pdgw.gateway.axis.executors.positioner import PositionerExecutor
 from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.stop_watch import Brake
 from pdgw.gateway.axis.values import Configured, FaultRead, Outputs
-from pdgw.gateway.axis.watch import POWERED
+from pdgw.gateway.axis.waist import SHOWN_FAULT
+from pdgw.gateway.axis.watch import EMERGENCY_PATIENCE_NS, POWERED
 from pdgw.gateway.config import AxisConfig
 from pdgw.gateway.drive_object import OWNED, DriveObject
 from pdgw.gateway.encoder import EncoderObject
@@ -83,6 +84,8 @@ class Axis(DriveObject):
         self._brake: Brake = _NO_BRAKE
         self._probe = ProbeReader(self.drive, self._news)
         self._probing = False
+        self._sound_until = 0
+        """When ZSW1.3 was 0 last."""
 
     def _make_machine(self, number: int) -> AxisMachine:
         machine = AxisMachine(number, self._settings, self.drive.feedback)
@@ -130,7 +133,9 @@ class Axis(DriveObject):
         inputs.drive_ok = drive.refresh(now)
         inputs.set_point_refused = drive.set_point_refused
         if machine.shows_codes:
-            inputs.fault_code = self.fault_log.fault_code
+            if not machine.report.flags & SHOWN_FAULT:
+                self._sound_until = now
+            inputs.fault_code = self.fault_log.fault_code(self._sound_until - EMERGENCY_PATIENCE_NS)
             inputs.warning_code = self.fault_log.warning_code(present=machine.outputs.warning)
         inputs.node_stopped = drive.nmt_stopped
         if drive.generation != self._generation:

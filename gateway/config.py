@@ -100,6 +100,7 @@ class AxisConfig(DriveObjectSection):
     stop_time_ms: Annotated[Integer, Field(ge=10, le=600_000)] = _AXIS.stop_time_ns // MS
     """From 100 % speed to standstill by the drive's own ramps (6084h, 6085h)."""
     modulo_axis: Boolean = _AXIS.modulo_axis
+    intermediate_stop_reached: Boolean = _AXIS.intermediate_stop_reached
     simulate: Boolean = False
     ramp_stop_resume: Boolean = _AXIS.ramp_stop_resume
     standstill_window_percent: Annotated[Fraction, BeforeValidator(_standstill), Field(gt=0, le=Fraction(1, 2))] = (
@@ -224,6 +225,7 @@ class AxisConfig(DriveObjectSection):
             second_sensor=self._second_sensor,
             cycle_ns=cycle_ns,
             dsc=dsc,
+            intermediate_stop_reached=self.intermediate_stop_reached,
             positioner=None if self.positioner is None else self.positioner.choices(self.block),
         )
 

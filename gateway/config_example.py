@@ -108,10 +108,11 @@ node_id = 1                  # CANopen node, 1 to 126
 telegram = 1                 # one of {_listed(DRIVE_TELEGRAM_NUMBERS)}
 # eds = "drive.eds"          # EDS or DCF of the drive; without it the drive itself is asked which objects it has
 on_plc_loss = "quick-stop"   # "ramp", "quick-stop" or "coast"
-setpoint_enable = "profidrive"  # STW1 bit 4 or 6 = 0: speed 0; bit 5 = 0: the speed stays. "hold": it stays in all three
+setpoint_enable = "profidrive"  # STW1 bit 4 or 6 = 0: speed 0; bit 5 = 0: freezes the ramp. "hold": 60FFh stays in all three
 control_lost = "stop"        # STW1.10 = 0 in operation: "stop" as OFF1, or "hold" the last words; OFF1-3 act in any case
 modulo_axis = false          # telegram 9: turntable
 simulate = false             # true: a simulated drive instead of the one on the bus
+# intermediate_stop_reached = false  # true: ZSW1.10 = 1 also at standstill in an intermediate stop (telegrams 7, 9, 110 to 112)
 # ramp_stop_resume = false   # true: ON during an OFF1 ramp resumes operation
 # standstill_window_percent = 1
 # stop_time_ms = 10000       # longest way from 100 % speed to standstill; one that takes twice as long counts as deaf

@@ -114,11 +114,16 @@ class FaultLog:
         """All 64 places, empty ones as zeros."""
         return [self._buffer.entry(place) or _NO_FAULT for place in range(SIZE)]
 
-    @property
-    def fault_code(self) -> int:
-        """The first fault that is not acknowledged (P947 element 0), 0 for none."""
-        first = self._buffer.entry(0)
-        return 0 if first is None else first.number
+    def fault_code(self, since: int) -> int:
+        """The first fault from ``since`` (monotonic ns) on that is not acknowledged, else the newest; 0 for none."""
+        standing = [
+            record
+            for number, record in zip(range(self._entered, 0, -1), reversed(self.history), strict=False)
+            if number > self._over_until and not record.is_warning
+        ]
+        present = [record for record in standing if record.time_ns >= since]
+        chosen = present[-1:] or standing[:1]
+        return chosen[0].number if chosen else 0
 
     def warning_code(self, *, present: bool) -> int:
         """The lowest number among the warnings of P953, 0 for none."""

@@ -51,6 +51,8 @@ _WARNING = _ZSW2_ENC.bit("WARNING").mask
 _CONTROL_REQUESTED = _ZSW2_ENC.bit("CONTROL_REQUESTED").mask
 _DEVICE_LIFE = _ZSW2_ENC.bit("SIGN_OF_LIFE")
 
+PARKED_NS = 100 * MS
+"""G1_ZSW.14 stands at least so long, because masters poll it."""
 PRESET_SETTLE_NS = 200 * MS
 """How long after its answer a preset may still appear as a jump of the position; it is confirmed when it did."""
 
@@ -184,6 +186,7 @@ class SensorInterface:
         "_jump_until",
         "_last",
         "_moved",
+        "_parked_until",
         "_position",
         "_previous",
         "_range",
@@ -215,6 +218,7 @@ class SensorInterface:
         self._count = 0
         self._moved = 0
         self._shift = 0
+        self._parked_until = 0
         self._jump: PresetRequest | None = None
         self._jump_until: int | None = None
 
@@ -310,7 +314,9 @@ class SensorInterface:
             # G1_ZSW.12 must not be shown beside the old position.
             if event is SensorEvent.FAILED or self._has_preset() or now >= self._jump_until:
                 self._take(event, failure)
-        self._take(SensorEvent.PARK if word & _PARK else SensorEvent.UNPARK)
+        if word & _PARK and self.state is not SensorState.PARKED:
+            self._parked_until = now + PARKED_NS
+        self._take(SensorEvent.PARK if word & _PARK or now < self._parked_until else SensorEvent.UNPARK)
         if edges & _ACKNOWLEDGE:
             self._take(SensorEvent.ACKNOWLEDGE)
         elif not word & _ACKNOWLEDGE:

@@ -77,6 +77,8 @@ class AxisSettings:
     """Of the PLC, and from one SYNC to the next; needed where set-points are made for each cycle."""
     dsc: DscChoices | None = None
     """Needed by telegrams 5, 6, 105 and 106."""
+    intermediate_stop_reached: bool = False
+    """ZSW1.10 in an intermediate stop, once the axis stands: makers differ (docs/profile-statements.md)."""
     positioner: PositionerChoices | None = None
     """Needed by telegrams 7, 110 and 111."""
 

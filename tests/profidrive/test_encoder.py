@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from pdgw.durations import MS
 from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.encoder import (
+    PARKED_NS,
     PRESET_SETTLE_NS,
     SENSOR_STATUS,
     TRANSITIONS,
@@ -83,7 +84,7 @@ def test_every_state_with_every_input_is_as_the_plain_model_says() -> None:
                 sensor.preset_done()
             elif answer == "failed":
                 sensor.preset_failed()
-            status, _, xist2 = sensor.step(word, 500, 0, error=error)
+            status, _, xist2 = sensor.step(word, 500, checked * PARKED_NS, error=error)
             name = plain(before.state.name, word & ~previous, word, error is not None, answer)
             assert sensor.state is SensorState[name], (before.state, previous, word, error, answer)
             absolute = word & ABSOLUTE if name in ("NORMAL", "PRESETTING", "PRESET_DONE") else 0
@@ -293,8 +294,8 @@ def test_parking_freezes_xist1_and_what_was_missed_is_not_made_up() -> None:
     assert sensor.step(0, 110, 0) == (0, 110, 0)
     assert sensor.step(PARK | ABSOLUTE, 300, 0) == (PARK, 110, 0)
     assert sensor.step(PARK, 0, 0, valid=False) == (PARK, 110, 0)
-    assert sensor.step(0, 500, 0) == (0, 110, 0)
-    assert sensor.step(ABSOLUTE, 505, 0) == (ABSOLUTE, 115, 505)
+    assert sensor.step(0, 500, PARKED_NS) == (0, 110, 0)
+    assert sensor.step(ABSOLUTE, 505, PARKED_NS) == (ABSOLUTE, 115, 505)
     assert sensor.xist3 == 505
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from pdgw.profidrive.encoder import SensorError, SensorInterface, SensorState
+from pdgw.profidrive.encoder import PARKED_NS, SensorError, SensorInterface, SensorState
 from pdgw.profidrive.measuring import Measuring
 from pdgw.profidrive.signals import signal
 
@@ -109,6 +109,7 @@ def test_parking_ends_a_measurement_and_its_values() -> None:
     bench.found(f0=10)
     assert bench.step(PARK)[0] == signal("G1_ZSW").bit("PARKED").mask
     assert bench.sensor.state is SensorState.PARKED
+    bench.now += PARKED_NS
     assert bench.step(0)[0] == 0
 
 

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from typing import Final
 
 from pdgw.gateway.axis.settings import AxisSettings, ControlLost
-from pdgw.gateway.axis.waist import Demand, PowerWish, Report
+from pdgw.gateway.axis.waist import Demand, Flag, PowerWish, Report
 from pdgw.profidrive.signals import signal
-from pdgw.profidrive.telegrams import Telegram, TelegramHalf
+from pdgw.profidrive.telegrams import ApplicationMode, Telegram, TelegramHalf
 
 _STW1: Final = signal("STW1")
 _NO_COAST_STOP: Final = _STW1.bit("NO_COAST_STOP").mask
@@ -17,6 +17,9 @@ _ON: Final = _STW1.bit("ON").mask
 _ENABLE_OPERATION: Final = _STW1.bit("ENABLE_OPERATION").mask
 _CONTROL_BY_PLC: Final = _STW1.bit("CONTROL_BY_PLC").mask
 _FAULT_ACKNOWLEDGE: Final = _STW1.bit("FAULT_ACKNOWLEDGE").mask
+_TASK_BITS: Final = _STW1.word("NO_INTERMEDIATE_STOP", "JOG_1_ON", "JOG_2_ON", "START_HOMING", positioning=True)
+"""None of them stands in the intermediate stop of a traversing task."""
+_STANDING: Final = Flag.STANDING | signal("ZSW1").bit("OPERATION_ENABLED").mask
 POWER_BITS: Final = _ON | _NO_COAST_STOP | _NO_QUICK_STOP | _ENABLE_OPERATION
 """Bits 0-3 of STW1 and of the Controlword."""
 
@@ -83,10 +86,17 @@ class ControlWordAdapter(Adapter):
         """-1 without a sensor; G1_XIST1 and G1_XIST2 follow."""
         self.word: int | None = None
         """STW1 as it was last, None without a PLC."""
+        self._visible = ~0
+        self._stop_is_reached = settings.intermediate_stop_reached and telegram.mode is ApplicationMode.POSITIONING
+        self._interrupted = False
+        """It is, and an intermediate stop is asked."""
 
     def take(self, word: int | None, demand: Demand) -> bool:
         """Another STW1, None without a PLC: its part all telegrams share; False where its other bits are not evaluated."""
         self.word = word
+        # OFF2 goes before OFF3, and both are shown.
+        self._visible = ~0 if word is None or word & _NO_QUICK_STOP else ~Flag.NO_QUICK_STOP
+        self._interrupted = self._stop_is_reached and word is not None and not word & _TASK_BITS
         if word is None:
             demand.connected = False
             demand.in_control = True
@@ -100,6 +110,12 @@ class ControlWordAdapter(Adapter):
         demand.power = _WISHES[word & POWER_BITS]
         demand.acknowledge = word & _FAULT_ACKNOWLEDGE != 0
         return True
+
+    def status(self, flags: int) -> int:
+        """ZSW1 of a report's flags."""
+        if self._interrupted and flags & _STANDING == _STANDING:
+            flags |= Flag.REACHED
+        return flags & self._visible
 
 
 def place(half: TelegramHalf, name: str) -> int:

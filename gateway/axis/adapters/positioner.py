@@ -75,6 +75,9 @@ _FUNCTION = dict.fromkeys(State, 0) | {
 _RUNNING = dict.fromkeys(State, 0) | dict.fromkeys((State.JOG, State.JOG_INCREMENTAL), _JOGGING)
 """and of the one that is."""
 _MDI_STATES = (State.MDI, State.SETTING_UP)
+_SELECTABLE = (State.IDLE, State.BRAKING)
+"""Nothing else runs: the selected mode is shown."""
+_FAULT = _ZSW1.bit("FAULT").mask
 _STAND, _IN_TRACKING = MotionKind.STAND, State.TRACKING
 
 _POS_ZSW2 = signal("POS_ZSW2")
@@ -148,6 +151,7 @@ class BlockAdapter(PositionerAdapter):
     def __init__(self, telegram: Telegram, settings: AxisSettings, *controls: str) -> None:
         super().__init__(telegram, settings, "SATZANW", *controls)
         self._aktsatz = telegram.actuals.index("AKTSATZ")
+        self._has_mdi = "MDI_TARPOS" in telegram.setpoints.names
 
     def read_controls(self, controls: Sequence[int]) -> None:
         selection = controls[1]
@@ -156,10 +160,10 @@ class BlockAdapter(PositionerAdapter):
         self.asked.mdi = selection & _BLOCK_MDI != 0
 
     def write(self, report: Report, actuals: list[int]) -> None:
-        actuals[self.zsw1] = report.flags & _OWN
+        actuals[self.zsw1] = self.status(report.flags) & _OWN
         outcome = report.motion
         if outcome is not None:
-            active = _ACTIVE_MDI if outcome.shown in _MDI_STATES else 0
+            active = _ACTIVE_MDI if _mode(outcome, self.asked) in _MDI_STATES and self._has_mdi else 0
             actuals[self._aktsatz] = outcome.block & _ACTIVE_BLOCK | active
 
 
@@ -262,21 +266,29 @@ class WideAdapter(PositionerAdapter):
         self._mdi.read(setpoints, self.asked)
 
     def write(self, report: Report, actuals: list[int]) -> None:
-        actuals[self.zsw1] = report.flags & _OWN
+        actuals[self.zsw1] = self.status(report.flags) & _OWN
         outcome = report.motion
         if outcome is None:
             return
         self._mdi.write(report, outcome, actuals)
         speed = actuals[self._speed] = report.speed
         first = self._pos_zsw1
-        actuals[first], actuals[first + 1] = _first(outcome), _second(outcome, speed)
+        actuals[first], actuals[first + 1] = _first(outcome, self.asked), _second(outcome, speed)
         first = self._codes
-        actuals[first], actuals[first + 1] = report.fault_code, report.warning_code
+        actuals[first] = report.fault_code if report.flags & _FAULT else 0
+        actuals[first + 1] = report.warning_code
 
 
-def _first(outcome: Outcome) -> int:
+def _mode(outcome: Outcome, asked: Asked) -> State:
+    """The function that runs or is done; else the one that an edge of STW1.6 would start."""
+    if outcome.shown is not State.IDLE or outcome.state not in _SELECTABLE:
+        return outcome.shown
+    return State.BLOCK if not asked.mdi else State.SETTING_UP if asked.setting_up else State.MDI
+
+
+def _first(outcome: Outcome, asked: Asked) -> int:
     """POS_ZSW1."""
-    word = outcome.block | _FUNCTION[outcome.shown] | _RUNNING[outcome.state]
+    word = outcome.block | _FUNCTION[_mode(outcome, asked)] | _RUNNING[outcome.state]
     if outcome.homing:
         word |= _HOMING
     if outcome.probe:

@@ -85,6 +85,6 @@ class PositioningAdapter(ControlWordAdapter):
         )
 
     def write(self, report: Report, actuals: list[int]) -> None:
-        actuals[self.zsw1] = report.flags
+        actuals[self.zsw1] = self.status(report.flags)
         actuals[self._aktsatz] = report.homing_method & _ACTUAL_METHOD | (_MDI_ACTIVE if report.tasks_active else 0)
         actuals[self._position] = report.position

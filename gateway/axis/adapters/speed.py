@@ -61,7 +61,7 @@ class SpeedAdapter(ControlWordAdapter):
             demand.speed_wish = SpeedWish.FREEZE if self._profidrive else SpeedWish.HOLD
 
     def write(self, report: Report, actuals: list[int]) -> None:
-        actuals[self.zsw1] = report.flags
+        actuals[self.zsw1] = self.status(report.flags)
         speed, factor = report.speed, self._actual_factor
         actuals[self._actual] = speed // factor if speed >= 0 else -(-speed // factor)
         first = self.g1_zsw

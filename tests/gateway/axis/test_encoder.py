@@ -17,7 +17,7 @@ from pdgw.gateway.axis.telegrams import ENCODER_TELEGRAM_NUMBERS
 from pdgw.gateway.axis.values import SdoWrite
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.reasons import GATEWAY_FAULTS, Reason
-from pdgw.profidrive.encoder import SensorError
+from pdgw.profidrive.encoder import PARKED_NS, SensorError
 from pdgw.profidrive.telegrams import telegram
 from tests.support.stepper import EncoderStepper
 from tests.support.strategies import half_values
@@ -186,7 +186,7 @@ def test_without_control_by_plc_the_last_sensor_command_stays() -> None:
     bench.step(PARK)
     assert bench.step(0, stw2=0)["G1_ZSW"] == PARK
     assert bench.stepper.reason is Reason.ENCODER_NO_CONTROL
-    assert bench.step(0)["G1_ZSW"] == 0
+    assert bench.step(0, cycles=PARKED_NS // (4 * MS))["G1_ZSW"] == 0
 
 
 def test_a_preset_that_stands_when_the_plc_comes_back_is_not_executed() -> None:

@@ -173,7 +173,7 @@ def test_worked_example_setting_up_backward_and_the_reject() -> None:
     assert rig.actuals["ZSW1"] & 0x1000
     rig.values["STW1"] &= ~0x10
     rig.step(2)
-    assert bits(rig, "POS_ZSW1") == set()
+    assert bits(rig, "POS_ZSW1") == {"SETTING_UP"}, "still the mode that is selected"
     assert not rig.actuals["ZSW1"] & 0x0400
     rig.until(lambda actuals: bool(actuals["ZSW1"] & 0x0400), 400)
     assert rig.feedback.velocity_actual == 0

@@ -138,7 +138,7 @@ def test_zsw1_does_not_show_operation_while_a_lost_plc_is_answered(reaction: Plc
     assert not bench.step(None) & OPERATION_ENABLED
 
 
-@pytest.mark.parametrize(("word", "hidden"), [(COAST, NO_OFF2), (QUICK_STOP, NO_OFF3), (ON & ~0x6, NO_OFF2)])
+@pytest.mark.parametrize(("word", "hidden"), [(COAST, NO_OFF2), (QUICK_STOP, NO_OFF3), (ON & ~0x6, NO_OFF2 | NO_OFF3)])
 def test_zsw1_4_and_5_are_0_while_off2_and_off3_are_in_force_whatever_the_drive_shows(word: int, hidden: int) -> None:
     bench = turning()
     assert bench.step(ON, 0x2000) & (NO_OFF2 | NO_OFF3) == NO_OFF2 | NO_OFF3
