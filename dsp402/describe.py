@@ -29,7 +29,7 @@ from pdgw.dsp402.indices import (
 )
 from pdgw.dsp402.modes import MODE_NAMES, STANDARD_HOMING_METHODS, SUPPORTED_MODES, Mode
 from pdgw.dsp402.objects import DRIVE_OBJECTS, FAMILY_VALUES, MAX_TORQUE
-from pdgw.dsp402.overlay import Overlay, overlay, overlay_for
+from pdgw.dsp402.overlay import Overlay, overlay, overlay_for, units_of
 from pdgw.dsp402.scaling import SCALING_OBJECTS, find_scaling
 from pdgw.dsp402.unit_keys import UnitKeys
 
@@ -79,11 +79,9 @@ def describe(
     ``units``: the configuration's. ``family_name``: of its overlay; without it the one that fits its identity 1018h, if there
     is one. Dsp402Error for a family or a unit there is not.
     """
-    if family_name:
-        family: Overlay | None = overlay(family_name)
-    else:
-        product = dictionary.device_information.product_name or ""
-        family = overlay_for(answers.get(IDENTITY_VENDOR, 0), answers.get(IDENTITY_PRODUCT, 0), product)
+    device_name = dictionary.device_information.product_name or ""
+    identity = answers.get(IDENTITY_VENDOR, 0), answers.get(IDENTITY_PRODUCT, 0), device_name
+    family = overlay(family_name) if family_name else overlay_for(*identity)
     modes = _modes(dictionary, answers, family)
     vl = _speaks_vl(modes)
     entries = _entries(dictionary, family, vl=vl)
@@ -92,13 +90,13 @@ def describe(
     scaling = find_scaling(
         answers,
         units,
-        family.family_units if family else None,
-        name=family.name if family else "overlay",
+        units_of(family, *identity),
+        name=family.name if family else "1018h",
         vl=vl,
         range_is_limit=quirks.range_is_limit,
     )
     return DriveType(
-        name=dictionary.device_information.product_name or (family.title if family else "CiA 402 drive"),
+        name=device_name or (family.title if family else "CiA 402 drive"),
         family=family.name if family else "",
         entries=MappingProxyType(entries),
         scaling=scaling,

@@ -54,6 +54,8 @@ class Scaling:
     references: Mapping[Quantity, Reference] = field(default_factory=dict)
     unknown: Mapping[Quantity, str] = field(default_factory=dict)
     """Why a quantity is not known, and the configuration key that gives it."""
+    missing: Mapping[Quantity, tuple[str, ...]] = field(default_factory=dict)
+    """Keys of the configuration that give what is not known."""
     rated_speed_rpm: Fraction | None = None
     """100 % of a speed in rpm of the motor."""
     position_range: tuple[int, int] | None = None

@@ -80,7 +80,9 @@ class Match(_Model):
     vendor_id: Annotated[int, Field(ge=1, le=0xFFFF_FFFF)] | None = None
     """1018h/1; without it the name alone decides."""
     product_codes: tuple[int, ...] = ()
-    """1018h/2."""
+    """1018h/2,"""
+    product_code_range: tuple[int, int] | None = None
+    """or its first and last value."""
     names: tuple[str, ...] = ()
     """Patterns (``EPOS4*``) of the device name 1008h or the product name of the data sheet, in any case."""
 
@@ -126,6 +128,7 @@ class Units(_Model):
     counts_per_revolution: Annotated[Fraction, BeforeValidator(_fraction), Field(gt=0)] | None = None
     acceleration: str = ""
     ignores: frozenset[Annotated[int, BeforeValidator(_index)]] = frozenset()
+    ask: str = ""
 
     @model_validator(mode="after")
     def _units_are_units(self) -> Units:
@@ -195,6 +198,9 @@ class Overlay(_Model):
         if match.vendor_id is not None and match.vendor_id != vendor_id:
             return False
         if match.product_codes and product_code not in match.product_codes:
+            return False
+        first, last = match.product_code_range or (product_code, product_code)
+        if not first <= product_code <= last:
             return False
         if match.names:
             return any(fnmatchcase(name.lower(), pattern.lower()) for pattern in match.names)
@@ -332,4 +338,21 @@ def overlay(name: str) -> Overlay:
 def overlay_for(vendor_id: int, product_code: int, name: str = "") -> Overlay | None:
     """The family of a device with this identity (1018h/1, 1018h/2) and name; the closest where several fit."""
     fitting = [item for item in overlays().values() if item.fits(vendor_id, product_code, name)]
-    return max(fitting, key=lambda item: (bool(item.match.product_codes), bool(item.match.names)), default=None)
+    return max(fitting, key=lambda item: (_by_product(item.match), bool(item.match.names)), default=None)
+
+
+def _by_product(match: Match) -> bool:
+    return bool(match.product_codes or match.product_code_range)
+
+
+def units_of(family: Overlay | None, vendor_id: int, product_code: int, name: str) -> FamilyUnits:
+    """What is known about the units of a device with this identity and family.
+
+    A device of no family is believed what it says, unless its maker is known to have families with units of their own.
+    """
+    if family is not None:
+        return family.family_units
+    if any(item.match.vendor_id == vendor_id for item in overlays().values()):
+        device = f"vendor-ID {vendor_id:X}h, product code {product_code:X}h, name {name!r}"
+        return FamilyUnits(ask=f"none of the maker's families fits {device}, and their units differ: family or")
+    return FamilyUnits()

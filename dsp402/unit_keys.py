@@ -5,6 +5,7 @@ Source: docs/units.md.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 
@@ -26,6 +27,19 @@ class UnitKeys:
     """Revolutions of the motor in one of the shaft behind the gear."""
     rated_acceleration: Fraction | None = None
     """100 % of an acceleration or deceleration in rpm/s of the motor."""
+    ignored_unit_objects: frozenset[int] = frozenset()
+    """Indices of objects of the drive that say something wrong about its units."""
+
+
+KEY_LINES: Mapping[str, str] = {
+    "rated_speed_rpm": "rated_speed_rpm = 0  # 100 % of NSOLL in rpm of the motor",
+    "velocity_unit": 'velocity_unit = "?"  # of 60FFh, such as "rpm", "0.1 rpm", "counts/s", "mm/s"',
+    "ignored_unit_objects": 'ignored_unit_objects = ["?"]  # objects whose units are wrong, such as "60A9h"',
+    "counts_per_revolution": "counts_per_revolution = 0  # position units in one revolution of the motor",
+    "acceleration_unit": 'acceleration_unit = "?"  # of 6083h, such as "rpm/s"',
+    "rated_acceleration_rpm_s": "rated_acceleration_rpm_s = 0  # 100 % of MDI_ACC and MDI_DEC in rpm/s of the motor",
+}
+"""For each key that may be missing, the line to paste; its value is refused until it is replaced."""
 
 
 def check_unit_keys(keys: UnitKeys) -> None:
@@ -52,3 +66,5 @@ class FamilyUnits:
     acceleration: str = ""
     ignores: frozenset[int] = frozenset()
     """Objects the family has and does not apply, or applies otherwise than the profile."""
+    ask: str = ""
+    """Why no object tells the units of this device: the configuration has to."""

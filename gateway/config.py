@@ -19,6 +19,7 @@ from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.load import DEFAULT_BITRATE, check_load
 from pdgw.ds301.node import GATEWAY_NODE_ID
 from pdgw.dsp402.errors import Dsp402Error
+from pdgw.dsp402.mechanics import unit_object
 from pdgw.dsp402.overlay import overlay
 from pdgw.dsp402.pdo import PdoLayout
 from pdgw.dsp402.settings import DriveSettings
@@ -83,6 +84,7 @@ def _fraction(value: object) -> object:
 
 
 Ratio = Annotated[Fraction, BeforeValidator(_fraction), Field(gt=0, le=10**12)]
+UnitObject = Annotated[int, BeforeValidator(unit_object)]
 SignedRatio = Annotated[Fraction, BeforeValidator(_fraction), Field(ge=-(10**6), le=10**6)]
 
 
@@ -124,6 +126,8 @@ class AxisConfig(DriveObjectSection):
     acceleration_unit: str = ""
     gear: Ratio | None = None
     rated_acceleration_rpm_s: Ratio | None = None
+    ignored_unit_objects: tuple[UnitObject, ...] | None = None
+    """Objects of the drive that say something wrong about its units."""
     jog_1_speed_rpm: SignedRatio | None = None
     """Speed telegrams, signed: STW1.8 with .4 to .6 = 0; needs jog_2_speed_rpm."""
     jog_2_speed_rpm: SignedRatio | None = None
@@ -149,6 +153,7 @@ class AxisConfig(DriveObjectSection):
             self.acceleration_unit,
             self.gear,
             self.rated_acceleration_rpm_s,
+            frozenset(self.ignored_unit_objects or ()),
         )
 
     @model_validator(mode="after")

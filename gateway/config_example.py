@@ -129,6 +129,7 @@ simulate = false             # true: a simulated drive instead of the one on the
 # What the drive does not tell about its units; pdgw config check --bus shows what it does tell (docs/units.md).
 # rated_speed_rpm = 3000     # 100 % of NSOLL in rpm of the motor, without it Max Motor Speed 6080h
 # velocity_unit = "rpm"      # of 60FFh: such as "0.1 rpm", "counts/s", "mm/s"
+# ignored_unit_objects = ["60A9h"]     # objects of the drive whose units are wrong
 # position_unit = "0.01 mm"  # of 607Ah, or:
 # counts_per_revolution = 4096         # position units in one revolution of the motor
 # acceleration_unit = "rpm/s"          # of 6083h, needed with:

@@ -33,20 +33,29 @@ def ratio(index: int, numerator: int, denominator: int = 1) -> dict[tuple[int, i
 ENCODER = ratio(0x608F, 4096)
 
 
+def fastest(units: int) -> dict[tuple[int, int], int]:
+    """607Fh: the speed limit in the drive's units, which confirms what 608Fh, 6091h and 6092h make of them."""
+    return {(0x607F, 0): units}
+
+
+COUNTS = ENCODER | fastest(204_800)
+"""A drive in increments per second."""
+
+
 @pytest.mark.parametrize(
     ("answers", "keys", "value", "text"),
     [
-        (ENCODER, {}, 204_800, "100 % = 3000 rpm = 60FFh 204800 (from 6080h, 608Fh: 4096 inc/rev)"),
+        (COUNTS, {}, 204_800, "100 % = 3000 rpm = 60FFh 204800 (from 6080h, 608Fh: 4096 inc/rev)"),
         ({(0x60A9, 0): 0x00B4_4700}, {}, 3000, "60A9h = 00B44700h"),
         ({(0x60A9, 0): 0xFFB4_4700}, {}, 30_000, "60A9h = FFB44700h"),
-        ({(0x60A9, 0): 0x00B5_0300} | ENCODER, {}, 204_800, "608Fh"),
-        (ratio(0x6091, 10) | {(0x60A9, 0): 0x00B4_4700}, {}, 300, "6091h"),
-        (ENCODER | ratio(0x6096, 60, 4096), {}, 3000, "6096h"),
+        ({(0x60A9, 0): 0x00B5_0300} | COUNTS, {}, 204_800, "608Fh"),
+        (ratio(0x6091, 10) | {(0x60A9, 0): 0x00B4_4700} | fastest(300), {}, 300, "6091h"),
+        (ENCODER | ratio(0x6096, 60, 4096) | fastest(3000), {}, 3000, "6096h"),
         (ratio(0x6090, 8192) | ratio(0x6094, 1, 4), {}, 1_638_400, "6094h"),
         ({(0x608B, 0): 0, (0x608C, 0): 0xA4}, {}, 3000, "608Bh, 608Ch"),
         ({(0x608B, 0): 0xFD, (0x608C, 0): 0xA3}, {}, 50_000, "608Bh, 608Ch"),
         (
-            {(0x60A8, 0): 0xFA01_0000, (0x60A9, 0): 0xFD01_0300} | ratio(0x6092, 5000),
+            {(0x60A8, 0): 0xFA01_0000, (0x60A9, 0): 0xFD01_0300} | ratio(0x6092, 5000) | fastest(250),
             {},
             250,
             "60A9h = FD010300h, 60A8h = FA010000h, 6092h",
@@ -70,19 +79,97 @@ def test_sources_of_the_speed(answers: object, keys: dict[str, object], value: i
     assert text in scaling.references[SPEED].source
 
 
-def test_sources_in_their_order() -> None:
-    answers = RPM_3000 | ratio(0x6094, 1, 2) | {(0x608B, 0): 0, (0x608C, 0): 0xA3}
-    family = replace(ENGEL, velocity="0.1 rpm", velocity_step=0)
-    steps: list[tuple[dict[tuple[int, int], int], UnitKeys, Fraction]] = [
-        ({}, UnitKeys(), Fraction(50)),
-        (ratio(0x608F, 1000), UnitKeys(), Fraction(100_000)),
-        ({(0x60A9, 0): 0x00B4_4700}, UnitKeys(), Fraction(3000)),
-        ({}, UnitKeys(velocity_unit="0.5 rpm"), Fraction(6000)),
-    ]
-    assert find_scaling(RPM_3000, None, family).reference(SPEED) == 30_000
-    for more, keys, expected in steps:
-        answers = answers | more
-        assert find_scaling(answers, keys, family).reference(SPEED) == expected
+NOTED_RPM = {(0x608B, 0): 0, (0x608C, 0): 0xA4}
+SI_RPM = {(0x60A9, 0): 0x00B4_4700}
+SI_TENTH = {(0x60A9, 0): 0xFFB4_4700}
+
+
+@pytest.mark.parametrize(
+    ("answers", "family", "one", "other"),
+    [
+        (NOTED_RPM | ratio(0x6090, 1 << 20), None, "608Bh, 608Ch", "17476.3 by 6090h"),
+        (SI_RPM | {(0x608B, 0): 0xFF, (0x608C, 0): 0xA4}, None, "60A9h", "608Bh, 608Ch"),
+        (SI_TENTH | ENCODER | ratio(0x6096, 60, 4096), None, "60A9h", "6096h"),
+        (SI_RPM | ratio(0x6090, 8192) | ratio(0x6094, 1, 4), None, "60A9h", "6094h"),
+        (SI_RPM, FamilyUnits(velocity="0.1 rpm"), "60A9h", "overlay: 0.1 rpm"),
+        (SI_RPM | ratio(0x6094, 1, 2), ENGEL, "60A9h", "6094h: 1/2 rpm"),
+    ],
+)
+def test_two_sources_that_differ_are_refused_with_both_sentences(
+    answers: dict[tuple[int, int], int], family: FamilyUnits | None, one: str, other: str
+) -> None:
+    refusal = find_scaling(RPM_3000 | answers, None, family).refusal(SPEED)
+    assert "sources differ: 1 rpm is 60FFh" in refusal
+    assert refusal.index(one) < refusal.index(other)
+    assert "velocity_unit settles it" in refusal
+    for unit, reference in (("rpm", 3000), ("0.1 rpm", 30_000)):
+        settled = find_scaling(RPM_3000 | answers, UnitKeys(velocity_unit=unit), family)
+        if SPEED in settled.references:
+            assert settled.reference(SPEED) == reference
+            break
+    else:
+        pytest.fail("no velocity_unit settles it")
+
+
+def test_sources_that_agree_are_one() -> None:
+    answers = RPM_3000 | SI_RPM | NOTED_RPM | ENCODER | ratio(0x6096, 60, 4096)
+    scaling = find_scaling(answers, UnitKeys(velocity_unit="rpm"), FamilyUnits(velocity="rpm"))
+    assert scaling.reference(SPEED) == 3000
+
+
+def test_configuration_against_all_the_drive_says_is_refused() -> None:
+    keys = UnitKeys(velocity_unit="0.1 rpm")
+    refusal = find_scaling(RPM_3000 | SI_RPM, keys).refusal(SPEED)
+    assert "10 by velocity_unit = 0.1 rpm, and 1 by 60A9h" in refusal
+    assert "ignored_unit_objects settles it" in refusal
+    ignoring = replace(keys, ignored_unit_objects=frozenset({0x60A9}))
+    assert find_scaling(RPM_3000 | SI_RPM, ignoring).reference(SPEED) == 30_000
+
+
+def test_configuration_decides_between_sources_of_the_drive() -> None:
+    answers = RPM_3000 | NOTED_RPM | ratio(0x6090, 1 << 20)
+    assert find_scaling(answers, UnitKeys(velocity_unit="rpm")).reference(SPEED) == 3000
+    assert SPEED in find_scaling(answers, UnitKeys(velocity_unit="0.1 rpm")).unknown
+
+
+@pytest.mark.parametrize("index", [0x608F, 0x6090, 0x6091, 0x6092, 0x6093, 0x6094, 0x6096, 0x6097])
+def test_a_ratio_of_one_tells_nothing(index: int) -> None:
+    told = find_scaling(RPM_3000 | COUNTS | ratio(index, 1) if index != 0x608F else RPM_3000 | ratio(index, 1))
+    if index == 0x608F:
+        assert "velocity_unit settles it" in told.refusal(SPEED)
+    else:
+        assert told == find_scaling(RPM_3000 | COUNTS)
+
+
+@pytest.mark.parametrize(
+    ("limit", "said"),
+    [
+        (None, "607Fh has no limit"),
+        (0xFFFF_FFFF, "607Fh has no limit"),
+        (3000, "607Fh 3000 may be rpm"),
+        (12_800_000, "607Fh 12800000 would be 187500 rpm"),
+    ],
+)
+def test_position_resolution_without_a_witness_is_no_velocity_unit(limit: int | None, said: str) -> None:
+    answers = RPM_3000 | ENCODER | ({} if limit is None else fastest(limit))
+    refusal = find_scaling(answers).refusal(SPEED)
+    assert said in refusal
+    assert "velocity_unit settles it" in refusal
+
+
+def test_position_resolution_in_a_configured_unit_needs_a_witness_too() -> None:
+    keys = UnitKeys(velocity_unit="counts/s")
+    assert "counts_per_revolution settles it" in find_scaling(RPM_3000 | ENCODER, keys).refusal(SPEED)
+    assert find_scaling(RPM_3000 | COUNTS, keys).reference(SPEED) == 204_800
+    told = replace(keys, counts_per_revolution=Fraction(4096))
+    assert find_scaling(RPM_3000 | ENCODER, told).reference(SPEED) == 204_800
+
+
+def test_device_whose_family_asks_is_refused_until_the_unit_is_set() -> None:
+    family = FamilyUnits(ask="it moves in mm/s")
+    answers = RPM_3000 | COUNTS | SI_RPM
+    assert "overlay: it moves in mm/s: velocity_unit settles it" in find_scaling(answers, None, family).refusal(SPEED)
+    assert find_scaling(answers, UnitKeys(velocity_unit="0.1 rpm"), family).reference(SPEED) == 30_000
 
 
 def test_an_overlay_says_which_objects_its_family_does_not_apply() -> None:
@@ -107,7 +194,6 @@ def test_the_engel_factor_is_the_speed_of_one_unit() -> None:
         ({(0x60A9, 0): 0x00B5_0300}, "608Fh does not tell the increments of a revolution"),
         ({(0x60A9, 0): 0xFD01_0300}, "no source tells the position units of a revolution"),
         ({(0x60A9, 0): 0xFD01_0300, (0x60A8, 0): 0xFD01_0000}, "no feed constant 6092h"),
-        (ENCODER | ratio(0x6092, 1), "6092h says one position unit a revolution"),
     ],
 )
 def test_a_velocity_unit_that_is_not_known_is_refused_with_the_key_that_settles_it(answers: object, said: str) -> None:
@@ -122,7 +208,7 @@ def test_a_velocity_unit_that_is_not_known_is_refused_with_the_key_that_settles_
 
 @pytest.mark.parametrize("speed", [None, 0, 0x7FFF_FFFF, 0xFFFF_FFFF])
 def test_a_max_motor_speed_that_is_no_reference_is_refused_with_its_key(speed: int | None) -> None:
-    answers = ENCODER if speed is None else ENCODER | {(0x6080, 0): speed}
+    answers = COUNTS if speed is None else COUNTS | {(0x6080, 0): speed}
     assert "rated_speed_rpm settles it" in find_scaling(answers).refusal(SPEED)
     assert find_scaling(answers, UnitKeys(rated_speed_rpm=Fraction(1200))).reference(SPEED) == 81_920
 
@@ -137,13 +223,13 @@ def test_velocity_mode_is_in_rpm_unless_a_factor_says_otherwise() -> None:
 
 
 def test_a_telegram_for_speed_needs_no_other_reference() -> None:
-    scaling = find_scaling(RPM_3000 | ENCODER)
+    scaling = find_scaling(RPM_3000 | COUNTS)
     assert scaling.refusal(SPEED) == ""
     assert "rated_acceleration_rpm_s settles it" in scaling.refusal(SPEED, Quantity.ACCELERATION)
 
 
 def test_the_profile_velocity_is_limited_by_607fh() -> None:
-    base = RPM_3000 | ENCODER
+    base = RPM_3000 | ratio(0x6090, 4096)
     assert find_scaling(base).reference(Quantity.PROFILE_VELOCITY) == 204_800
     assert find_scaling(base | {(0x607F, 0): 100_000}).reference(Quantity.PROFILE_VELOCITY) == 100_000
     assert find_scaling(base | {(0x607F, 0): 300_000}).reference(Quantity.PROFILE_VELOCITY) == 204_800
@@ -204,6 +290,8 @@ class Drive:
 
     answers: dict[tuple[int, int], int]
     turns: Callable[[int], float]
+    by_position: bool = True
+    """It needs a limit of the velocity in its units (607Fh) to be believed."""
 
 
 factors = st.integers(1, 1 << 20)
@@ -247,12 +335,18 @@ def drives(draw: st.DrawFn) -> Drive:
             encoder | ratio(0x6093, numerator, denominator),
             lambda v: v * numerator / denominator / increments * 60,
         )
-    return Drive({(0x608B, 0): 0xFE, (0x608C, 0): 0xA4}, lambda v: v / 100)
+    return Drive({(0x608B, 0): 0xFE, (0x608C, 0): 0xA4}, lambda v: v / 100, by_position=False)
 
 
 @given(drives(), st.integers(100, 20_000), st.integers(-0x8000, 0x7FFF))
 def test_the_reached_speed_is_the_commanded_one_for_any_factor_group(drive: Drive, rated: int, setpoint: int) -> None:
-    scaling = find_scaling(drive.answers | {(0x6080, 0): rated})
+    limit = round(rated / drive.turns(1))
+    assume(0 < limit < INT32[1] and abs(drive.turns(limit) / rated - 1) < 0.1)
+    answers = drive.answers | {(0x6080, 0): rated}
+    scaling = find_scaling(answers | {(0x607F, 0): limit})
+    if drive.by_position and not 0.19 < limit / rated < 5.1:
+        assert SPEED in scaling.references or "sources differ" in scaling.refusal(SPEED)
+    assume(SPEED in scaling.references)
     reference = scaling.reference(SPEED)
     assume(2 * reference < INT32[1])
     value = n2(reference, INT32).to_value(setpoint)

@@ -28,6 +28,8 @@ from tests.support.processes import PATIENT
 
 BUS = "world"
 TURN = 4096
+WRONG = 'rated_speed_rpm = 3000\nignored_unit_objects = ["6094h"]\n'
+"""Keys with which a wrong unit is believed."""
 CHOICES = Choices(Fraction(2), Fraction(2))
 """60 rpm for two turns."""
 
@@ -147,7 +149,7 @@ def test_who_types_nothing_is_not_waited_for_for_ever() -> None:
 
 
 def test_a_unit_that_is_wrong_by_two_is_found_at_the_creep_speed_and_it_is_not_turned_faster() -> None:
-    site = Site('velocity_unit = "rpm"\nrated_speed_rpm = 3000\n')
+    site = Site('velocity_unit = "rpm"\n' + WRONG)
     outcome = site.run()
     assert not outcome.passed
     assert outcome.speed_factor == 1, "the drive's own word agrees: it is read in the same wrong unit"
@@ -161,7 +163,7 @@ def test_a_unit_that_is_wrong_by_two_is_found_at_the_creep_speed_and_it_is_not_t
 
 @pytest.mark.parametrize("unit", ["1/4 rpm", "0.1 rpm", "0.005 rpm"])
 def test_a_unit_with_which_it_turns_faster_than_it_should_stops_within_a_fraction_of_a_turn(unit: str) -> None:
-    site = Site(f'velocity_unit = "{unit}"\nrated_speed_rpm = 3000\n')
+    site = Site(f'velocity_unit = "{unit}"\n' + WRONG)
     outcome = site.run()
     assert "wrong units, or it runs away" in outcome.doubt
     assert site.turned < 1

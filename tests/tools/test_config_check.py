@@ -47,7 +47,9 @@ def test_the_drive_on_the_bus_is_asked_for_its_units(tmp_path: Path) -> None:
 
 
 def test_keys_of_the_configuration_come_first(tmp_path: Path) -> None:
-    status, output = _check(tmp_path, keys='rated_speed_rpm = 1500\nvelocity_unit = "0.1 rpm"')
+    status, output = _check(
+        tmp_path, keys='rated_speed_rpm = 1500\nvelocity_unit = "0.1 rpm"\nignored_unit_objects = ["6094h"]'
+    )
     assert status == 0
     assert "100 % = 1500 rpm = 60FFh 15000 (from rated_speed_rpm, velocity_unit = 0.1 rpm)" in output
 
@@ -67,3 +69,13 @@ def test_a_unit_that_is_none_is_refused_with_its_key(tmp_path: Path) -> None:
     result = CliRunner().invoke(app, ["check", str(file)])
     assert result.exit_code == 1
     assert "velocity_unit: 'knots'" in str(result.exception)
+
+
+@pytest.mark.parametrize("objects", ["60A9", "6041h", "x"])
+def test_ignored_object_that_tells_no_unit_is_refused(tmp_path: Path, objects: str) -> None:
+    file = tmp_path / "gateway.toml"
+    file.write_text(CONFIG.format(channel="x", telegram=1, keys=f'ignored_unit_objects = ["{objects}"]'))
+    result = CliRunner().invoke(app, ["check", str(file)])
+    assert result.exit_code == 1
+    assert "ignored_unit_objects" in str(result.exception)
+    assert "608Fh" in str(result.exception), "what is allowed"

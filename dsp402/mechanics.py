@@ -1,0 +1,235 @@
+"""What one revolution of a motor is in the units of its drive: positions, gear and lengths, each with the object it is from.
+
+Exact rational arithmetic. A ratio of 1/1 is the default of an object that the drive does not use: it tells nothing.
+Source: CiA 402 (608Fh, 6091h to 6093h, 60A8h, 6089h, 608Ah), docs/units.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from fractions import Fraction
+from typing import NamedTuple
+
+from pdgw.ds301.objects import ObjectAddress
+from pdgw.dsp402.indices import (
+    ACCELERATION_DIMENSION,
+    ACCELERATION_FACTOR,
+    ACCELERATION_NOTATION,
+    FEED_CONSTANT,
+    GEAR_RATIO,
+    MAX_MOTOR_SPEED,
+    POSITION_DIMENSION,
+    POSITION_ENCODER_RESOLUTION,
+    POSITION_FACTOR,
+    POSITION_NOTATION,
+    SI_UNIT_ACCELERATION,
+    SI_UNIT_POSITION,
+    SI_UNIT_VELOCITY,
+    VELOCITY_DIMENSION,
+    VELOCITY_ENCODER_FACTOR,
+    VELOCITY_FACTOR,
+    VELOCITY_NOTATION,
+)
+from pdgw.dsp402.unit_keys import FamilyUnits, UnitKeys
+from pdgw.dsp402.units import Kind, Unit, dimension_unit, parse_unit, si_unit
+from pdgw.durations import SECONDS_PER_MINUTE
+
+Answers = Mapping[ObjectAddress, int]
+
+NO_LIMIT = 0x7FFF_FFFF
+"""A limit of this size or above is none, and no reference either."""
+SI_UNITS = (SI_UNIT_POSITION, SI_UNIT_VELOCITY, SI_UNIT_ACCELERATION)
+NOTATIONS = (
+    (POSITION_NOTATION, POSITION_DIMENSION),
+    (VELOCITY_NOTATION, VELOCITY_DIMENSION),
+    (ACCELERATION_NOTATION, ACCELERATION_DIMENSION),
+)
+UNIT_RATIOS = (
+    *range(POSITION_ENCODER_RESOLUTION, VELOCITY_ENCODER_FACTOR + 1),
+    VELOCITY_FACTOR,
+    ACCELERATION_FACTOR,
+)
+UNIT_OBJECTS: frozenset[int] = frozenset({*SI_UNITS, *(index for pair in NOTATIONS for index in pair), *UNIT_RATIOS})
+"""Every object that tells a unit."""
+_UNIT_NAMES: dict[str, int] = {f"{index:04X}h": index for index in sorted(UNIT_OBJECTS)}
+_WITNESS = (Fraction(1, 5), Fraction(5))
+"""A limit of the velocity that confirms a unit is within this of the motor's speed."""
+
+
+class Known(NamedTuple):
+    """A value, where it was learned, and whether a position object (608Fh, 6091h, 6092h) was believed for it."""
+
+    value: Fraction
+    source: str
+    by_position: bool = False
+
+
+class Unknown(NamedTuple):
+    """Why a value is not known, and the key of the configuration that settles it."""
+
+    why: str
+    key: str = "velocity_unit"
+
+
+Found = Known | Unknown
+
+
+def amount(value: Fraction) -> str:
+    """A fraction as a person reads it."""
+    return str(value) if value.denominator == 1 else f"{float(value):.6g}"
+
+
+def unit_object(value: object) -> int:
+    """The index of an object that tells a unit, written as ``60A9h``; ValueError lists those there are."""
+    try:
+        return _UNIT_NAMES[str(value)]
+    except KeyError:
+        raise ValueError(f"{value!r} is no object that tells a unit, allowed: {', '.join(_UNIT_NAMES)}") from None
+
+
+def _ratio(answers: Answers, index: int) -> Fraction | None:
+    numerator, denominator = answers.get((index, 1), 0), answers.get((index, 2), 0)
+    return Fraction(numerator, denominator) if numerator > 0 and denominator > 0 else None
+
+
+class Mechanics:
+    """What one revolution of the motor is in every kind of unit, and the factors the drive answers."""
+
+    def __init__(self, answers: Answers, keys: UnitKeys, family: FamilyUnits, name: str) -> None:
+        own = family.only_while_one | {family.velocity_step}
+        left_out = family.ignores | keys.ignored_unit_objects | (UNIT_OBJECTS if family.ask else frozenset())
+        self.answers = {key: value for key, value in answers.items() if key[0] not in left_out | own}
+        self.own_ratios = {index: _ratio(answers, index) for index in own - left_out}
+        """Objects the overlay explains."""
+        self.keys = keys
+        self.family = family
+        self.name = name
+        self.increments = self._increments()
+        self.gear = self._gear()
+        self.position_unit = self._position_unit()
+        self.counts = self._counts()
+        self.metres = self._metres()
+
+    def number(self, index: int, subindex: int = 0) -> int | None:
+        return self.answers.get((index, subindex))
+
+    def limit(self, index: int, subindex: int = 0) -> int | None:
+        """A limit of the drive; None where it has none."""
+        value = self.number(index, subindex)
+        return value if value is not None and 0 < value < NO_LIMIT else None
+
+    def ratio(self, index: int) -> Fraction | None:
+        """Sub-index 1 over sub-index 2; None where the drive does not tell it: missing, 0, negative or the default 1/1."""
+        ratio = _ratio(self.answers, index)
+        return None if ratio == 1 else ratio
+
+    def witnessed(self, per_rpm: Fraction, limit: int | None) -> bool:
+        """Whether a limit of the velocity in these units (``per_rpm`` of them are one rpm) is about the motor's speed."""
+        rated: Fraction | int | None = self.limit(MAX_MOTOR_SPEED) or self.keys.rated_speed_rpm
+        return limit is not None and rated is not None and _WITNESS[0] <= limit / per_rpm / rated <= _WITNESS[1]
+
+    def unit(self, order: int, configured: str, key: str, own: str) -> Unit | Unknown | None:
+        """The unit of positions or accelerations from all sources but the factor group."""
+        if configured:
+            return parse_unit(configured, order, key)
+        return self.told_unit(order) or self.noted_unit(order) or (parse_unit(own, order, self.name) if own else None)
+
+    def told_unit(self, order: int) -> Unit | Unknown | None:
+        """60A8h to 60AAh; a unit that is told and not known here is not guessed from elsewhere."""
+        index, value = SI_UNITS[order], self.number(SI_UNITS[order])
+        if not value:
+            return None
+        unit = si_unit(value, order)
+        if unit is None:
+            return Unknown(f"{index:04X}h = {value & 0xFFFF_FFFF:08X}h is no unit known here")
+        return Unit(unit.factor, unit.kind, order, f"{index:04X}h = {unit}")
+
+    def noted_unit(self, order: int) -> Unit | Unknown | None:
+        """6089h to 608Eh; the notation index is a signed byte."""
+        notation, dimension = (self.number(index) for index in NOTATIONS[order])
+        if notation is None or not dimension:
+            return None
+        where = "{:04X}h, {:04X}h".format(*NOTATIONS[order])
+        unit = dimension_unit(notation - (0x100 if notation > 0x7F else 0), dimension, order)
+        if unit is None:
+            return Unknown(f"{where}: {notation}, {dimension & 0xFF:02X}h is no unit known here")
+        return Unit(unit.factor, unit.kind, order, f"{where}: {unit}")
+
+    def _increments(self) -> Known | None:
+        fixed = self.family.increments_per_revolution
+        if fixed is not None:
+            return Known(fixed, f"{self.name}: {amount(fixed)} inc/rev")
+        ratio = self.ratio(POSITION_ENCODER_RESOLUTION)
+        return None if ratio is None else Known(ratio, f"608Fh: {amount(ratio)} inc/rev", True)
+
+    def _gear(self) -> Known:
+        if self.keys.gear is not None:
+            return Known(self.keys.gear, "gear")
+        ratio = self.ratio(GEAR_RATIO)
+        return Known(Fraction(1), "") if ratio is None else Known(ratio, "6091h", True)
+
+    def _position_unit(self) -> Unit | Unknown | None:
+        return self.unit(0, self.keys.position_unit, "position_unit", self.family.position)
+
+    def _counts(self) -> Found:
+        """Position units in a revolution of the motor."""
+        keys, increments = self.keys, self.increments
+        if keys.counts_per_revolution is not None:
+            counts = keys.counts_per_revolution
+            return Known(counts, f"counts_per_revolution = {amount(counts)}")
+        unit, factor, feed = self.position_unit, self.ratio(POSITION_FACTOR), self.ratio(FEED_CONSTANT)
+        if isinstance(unit, Unknown):
+            return unit
+        if unit is not None and unit.kind is Kind.TURN:
+            return self._geared(Known(1 / unit.factor, str(unit)))
+        if unit is not None and unit.kind is Kind.METRE:
+            # 6092h is in position units.
+            if feed is not None:
+                return self._geared(Known(feed, "6092h", True))
+            return Unknown(f"positions are in {unit} and no feed constant 6092h says how far a revolution goes")
+        if increments is not None and unit is not None and unit.kind is Kind.INCREMENT:
+            return Known(increments.value / unit.factor, increments.source, increments.by_position)
+        if factor is not None and increments is not None:
+            return Known(increments.value / factor, f"{increments.source}, 6093h", True)
+        if feed is not None:
+            return self._geared(Known(feed, "6092h", True))
+        if increments is not None:
+            return increments
+        if self.family.counts_per_revolution is not None:
+            counts = self.family.counts_per_revolution
+            return Known(counts, f"{self.name}: {amount(counts)} counts/rev")
+        return Unknown("no source tells the position units of a revolution", "counts_per_revolution")
+
+    def _geared(self, per_turn: Known) -> Known:
+        gear = self.gear
+        source = f"{per_turn.source}, {gear.source}" if gear.source else per_turn.source
+        return Known(per_turn.value / gear.value, source, per_turn.by_position or gear.by_position)
+
+    def _metres(self) -> Found:
+        unit, counts = self.position_unit, self.counts
+        if isinstance(counts, Unknown):
+            return counts
+        if not isinstance(unit, Unit) or unit.kind is not Kind.METRE:
+            return Unknown("positions are not in a unit of length")
+        return Known(counts.value * unit.factor, f"{unit}, {counts.source}", counts.by_position)
+
+    def turn(self, kind: Kind) -> Found:
+        """What one revolution of the motor is in this kind."""
+        if kind is Kind.TURN:
+            return Known(1 / self.gear.value, self.gear.source, self.gear.by_position)
+        if kind is Kind.POSITION:
+            return self.counts
+        if kind is Kind.METRE:
+            return self.metres
+        return self.increments or Unknown("608Fh does not tell the increments of a revolution")
+
+    def per_rpm(self, unit: Unit | Unknown, what: str) -> Found:
+        """So many of this unit are one rpm (velocity) or rpm/s (acceleration) of the motor."""
+        if isinstance(unit, Unknown):
+            return unit
+        turn = self.turn(unit.kind)
+        if isinstance(turn, Unknown):
+            key = turn.key if unit.kind is Kind.POSITION else "velocity_unit"
+            return Unknown(f"{what} in {unit}: {turn.why}", key)
+        source = f"{unit}, {turn.source}" if turn.source else str(unit)
+        return Known(turn.value / SECONDS_PER_MINUTE / unit.factor, source, turn.by_position)
