@@ -1,7 +1,8 @@
 """One CAN bus: a port, the PDO fast path and canopen's acyclic services on it.
 
 Every frame is taken once, in the loop: COB-IDs with a PDO subscription go straight to their owner, everything else to canopen's
-network (NMT, SDO, EMCY, heartbeat). Sending never waits. A port that is lost is opened again with a growing pause.
+network (NMT, SDO, EMCY, heartbeat). Sending never waits: a frame goes out at once while the interface has room; otherwise its
+sender waits in the send queue. A port that is lost is opened again with a growing pause.
 """
 
 from __future__ import annotations
@@ -14,12 +15,13 @@ from typing import Final
 import can
 
 from pdgw.ds301.can_frame import ERROR, ERROR_BUS_OFF, ERROR_CONTROLLER, EXTENDED, REMOTE
-from pdgw.ds301.connection_set import ERROR_CONTROL, SYNC
+from pdgw.ds301.connection_set import ERROR_CONTROL, NMT, SYNC
 from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.loop import Loop, Timer
 from pdgw.ds301.nmt import NmtState
 from pdgw.ds301.on_canopen import AcyclicNetwork
 from pdgw.ds301.port import CanPort, Opener, PortBusyError, PortLostError, Receiver
+from pdgw.ds301.send_queue import FrameQueue, Sender, SendQueue
 from pdgw.durations import MS
 
 log = logging.getLogger("gateway")
@@ -35,6 +37,10 @@ _ONE_BYTE: Final = bytes(1)
 """Of a request: the length alone is sent."""
 _BUSY_NS: Final = 100 * MS
 """An interface that takes no frame for so long is not healthy; a full queue now and then is nothing."""
+_ASK_AGAIN_NS: Final = 5 * MS
+"""An interface that has not reported room for so long is tried again."""
+_FUNCTION: Final = 0x780
+"""The part of a COB-ID that names the service."""
 _LOOK_NS: Final = 20 * MS
 _EARLY_NS: Final = MS
 """What is due so soon after a cycle is begun with the one before: which of the two comes first would be chance."""
@@ -57,6 +63,7 @@ class CanNetwork(Receiver):
         self.sent = 0
         self.received = 0
         self.send_errors = 0
+        self.waits = 0
         self.error_frames = 0
         self.lost = 0
         self.bus_off = 0
@@ -67,6 +74,14 @@ class CanNetwork(Receiver):
         self.listeners: list[FrameListener] = []
         self.tap: FrameTap | None = None
         """Told of every frame in the cheapest way."""
+        self.waiting = False
+        """Senders wait for room: whoever does not stop anything waits behind them."""
+        self._send_queue = SendQueue()
+        self._first_frames = FrameQueue(self.put)
+        """NMT commands, heartbeat, node guarding."""
+        self._frames = FrameQueue(self.put)
+        """SDO requests and SYNC."""
+        self._refused_at = 0
         self._pdos: dict[int, PdoCallback] = {}
         self._watchers: list[Callable[[int], None]] = []
         self._looking: Timer | None = None
@@ -91,7 +106,14 @@ class CanNetwork(Receiver):
         add, part = self.loop.counters.add, f"bus {self.name}"
         add(part, "sent", "frames", "taken by the interface", lambda: self.sent)
         add(part, "received", "frames", "heard of others", lambda: self.received)
-        add(part, "send_errors", "frames", "not taken by the interface, or not sent by it", lambda: self.send_errors)
+        add(
+            part,
+            "send_errors",
+            "frames",
+            "not sent: interface lost, too many waiting, driver error",
+            lambda: self.send_errors,
+        )
+        add(part, "waits", "times", "the interface had no room; frames are sent when it has", lambda: self.waits)
         add(part, "error_frames", "messages", "of the controller about errors on the bus", lambda: self.error_frames)
         add(part, "error_passive", "messages", "of the controller: it is error-passive", lambda: self.error_passive)
         add(part, "bus_off", "messages", "of the controller: it left the bus", lambda: self.bus_off)
@@ -148,7 +170,23 @@ class CanNetwork(Receiver):
             self._looking = self.loop.call_later(_LOOK_NS, self._look)
 
     def send(self, cob_id: int, data: bytes) -> bool:
-        """Send without waiting; False (counted) when the interface does not take the frame."""
+        """Send a frame, or queue it until the interface has room; True when the interface took it at once.
+
+        NMT commands, heartbeat and node guarding do not wait behind setpoints. False and counted when the interface is lost.
+        """
+        first = cob_id == NMT or cob_id & _FUNCTION == ERROR_CONTROL
+        frames = self._first_frames if first else self._frames
+        if not frames and (first or not self.waiting) and self.put(cob_id, data):
+            return True
+        if self._port is not None:
+            if frames.add(cob_id, data):
+                self.wait(frames, stop=first)
+            else:
+                self.send_errors += 1
+        return False
+
+    def put(self, cob_id: int, data: bytes) -> bool:
+        """Hand a frame to the interface now; False when it has no room or is lost. For senders whose turn it is."""
         port = self._port
         if port is None:
             self.send_errors += 1
@@ -156,7 +194,8 @@ class CanNetwork(Receiver):
         try:
             port.send(cob_id, data)
         except PortBusyError:
-            self.on_refused()
+            self.waits += 1
+            self._note_busy()
             return False
         except PortLostError as error:
             self.send_errors += 1
@@ -170,6 +209,18 @@ class CanNetwork(Receiver):
         if self.listeners:
             self._tell(cob_id, data, is_rx=False)
         return True
+
+    def wait(self, sender: Sender, *, stop: bool) -> None:
+        """``sender`` was refused, or must not overtake those who wait: it gets its turn when the interface has room.
+
+        ``stop``: before all that does not stop anything.
+        """
+        if self._port is None:
+            return
+        self._send_queue.add(sender, stop=stop)
+        self.waiting = True
+        if self.loop.now() - self._refused_at >= _ASK_AGAIN_NS:
+            self.on_room()
 
     def request(self, cob_id: int) -> bool:
         """A remote request of one byte, as ``send``."""
@@ -249,9 +300,16 @@ class CanNetwork(Receiver):
                 log.error("CAN bus %s: bus-off", self.name, extra=self._told)
             self.healthy = False
 
+    def on_room(self) -> None:
+        """The interface takes frames again."""
+        self.waiting = not self._send_queue.flush()
+
     def on_lost(self, text: str) -> None:
         """The interface went away: say so and open it again when it is back."""
         self._port = None
+        for queue in (self._send_queue, self._first_frames, self._frames):
+            queue.clear()
+        self.waiting = False
         self.healthy = False
         if self._working:
             self.lost += 1
@@ -285,9 +343,12 @@ class CanNetwork(Receiver):
         log.info("CAN bus %s: interface opened again", self.name, extra=self._told)
 
     def on_refused(self) -> None:
-        """A frame was not taken, or did not go out."""
+        """A frame that the interface had taken did not go out."""
         self.send_errors += 1
-        now = self.loop.now()
+        self._note_busy()
+
+    def _note_busy(self) -> None:
+        self._refused_at = now = self.loop.now()
         if self._busy_since < 0:
             self._busy_since = now
         elif now - self._busy_since >= _BUSY_NS:

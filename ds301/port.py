@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import errno
 import queue
+import socket
 import threading
 from collections import deque
 from collections.abc import Callable
@@ -27,18 +28,25 @@ from pdgw.ds301.can_frame import (
     FD_FRAME_SIZE,
     REMOTE,
 )
-from pdgw.ds301.loop import Loop
+from pdgw.ds301.loop import Loop, Timer
+from pdgw.durations import US
 
 _AT_ONCE: Final = 64
 """Frames taken in one turn of the loop: a flood on one bus must not keep the others waiting."""
 _RECEIVE_TIMEOUT_S: Final = 0.2
-_SEND_QUEUE: Final = 256
-"""Frames that may wait for a driver which takes them slowly; more are refused, as a full controller refuses them."""
+_SEND_QUEUE: Final = 16
+"""Frames that may wait for a driver which takes them slowly. A stop waits behind them."""
+_ROOM: Final = _SEND_QUEUE // 2
+"""So few frames left in the queue are reported as room."""
+_SMALLEST_BUFFER: Final = 0
+"""SO_SNDBUF: the kernel takes its minimum, which is about 6 CAN frames. A stop waits behind them."""
+_FULL_NS: Final = 250 * US
+"""The interface's queue (txqueuelen) is full, and the kernel does not report when it has room: so long until the next try."""
+_AF_CAN: Final = getattr(socket, "AF_CAN", None)
 _SEND_TIMEOUT_S: Final = 0.1
 """A driver that may wait for room waits no longer for one frame."""
 _DROP: Final = can.Message()
 """Among the frames for the driver: empty your own buffer."""
-_BUSY: Final = (errno.ENOBUFS, errno.EAGAIN)
 _PASSIVE: Final = 0x30
 """Data byte 1 of a controller problem: error-passive, receiving or sending."""
 
@@ -62,6 +70,9 @@ class Receiver(Protocol):
 
     def on_error_frame(self, *, bus_off: bool, passive: bool) -> None:
         """The controller tells of an error on the bus."""
+
+    def on_room(self) -> None:
+        """The port, which raised PortBusyError before, takes frames again."""
 
     def on_refused(self) -> None:
         """A frame that the port had taken did not go out."""
@@ -90,7 +101,7 @@ class CanPort(Protocol):
         """Deliver frames from now on."""
 
     def send(self, can_id: int, data: bytes) -> None:
-        """Send a frame without waiting; PortBusyError or PortLostError when it is not taken.
+        """Send a frame without waiting; PortBusyError (``on_room`` follows) or PortLostError when it is not taken.
 
         With ``REMOTE`` in the identifier it is a request of as many bytes as ``data`` has.
         """
@@ -116,8 +127,11 @@ class SocketPort(CanPort):
         self._socket = bus.socket
         self._channel: object = getattr(bus, "channel", None)
         self._socket.setblocking(False)
+        if self._socket.family == _AF_CAN:
+            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SMALLEST_BUFFER)
         self._receiver: Receiver | None = None
         self._closed = False
+        self._room_due: Timer | None = None
 
     def start(self, receiver: Receiver) -> None:
         self._receiver = receiver
@@ -127,14 +141,23 @@ class SocketPort(CanPort):
         try:
             self._socket.send(CAN_FRAME.pack(can_id, len(data), data))
         except BlockingIOError as error:
+            self._loop.add_writer(self._socket.fileno(), self._has_room)
             raise PortBusyError from error
         except OSError as error:
-            if error.errno in _BUSY:
+            if error.errno == errno.ENOBUFS:
+                if self._room_due is None:
+                    self._room_due = self._loop.call_later(_FULL_NS, self._has_room)
                 raise PortBusyError from error
             raise PortLostError(system_text(error, self._channel)) from error
 
+    def _has_room(self) -> None:
+        self._room_due = None
+        self._loop.remove_writer(self._socket.fileno())
+        if self._receiver is not None:
+            self._receiver.on_room()
+
     def drop(self) -> None:
-        """The kernel has no way to: its queue (txqueuelen, 10 frames unless set) goes out before what is sent now."""
+        """The kernel has no way to: its queue (SO_SNDBUF, txqueuelen) goes out before what is sent now."""
 
     def _read(self) -> None:
         """One frame: the loop asks for the next one, of all buses in one call; a socket that has none takes longer to say so."""
@@ -160,6 +183,9 @@ class SocketPort(CanPort):
         if not self._closed:
             self._closed = True
             self._loop.remove_reader(self._socket.fileno())
+            self._loop.remove_writer(self._socket.fileno())
+            if self._room_due is not None:
+                self._room_due.cancel()
             _shut_down(self._bus)
 
 
@@ -172,6 +198,8 @@ class DriverPort(CanPort):
         self._receiver: Receiver | None = None
         self._received: deque[can.Message] = deque()
         self._sending: queue.Queue[can.Message | None] = queue.Queue(_SEND_QUEUE)
+        self._full = False
+        """A frame was refused: the writer reports when there is room."""
         self._stopping = threading.Event()
         self._closed = False
         self._threads = [
@@ -190,6 +218,9 @@ class DriverPort(CanPort):
         try:
             self._sending.put_nowait(_message(can_id, data))
         except queue.Full as error:
+            self._full = True
+            if self._sending.qsize() <= _ROOM:  # the writer was faster, and does not look again
+                self._loop.call_threadsafe(self._has_room)
             raise PortBusyError from error
 
     def drop(self) -> None:
@@ -228,6 +259,9 @@ class DriverPort(CanPort):
 
     def _write(self) -> None:
         while (message := self._sending.get()) is not None:
+            if self._full and self._sending.qsize() <= _ROOM:
+                self._full = False
+                self._loop.call_threadsafe(self._has_room)
             try:
                 if message is _DROP:
                     self._bus.flush_tx_buffer()
@@ -253,6 +287,10 @@ class DriverPort(CanPort):
         self.close()
         if receiver is not None:
             receiver.on_lost(text)
+
+    def _has_room(self) -> None:
+        if self._receiver is not None and not self._closed:
+            self._receiver.on_room()
 
     def _refused(self) -> None:
         if self._receiver is not None and not self._closed:

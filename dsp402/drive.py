@@ -142,6 +142,12 @@ class DriveClient(NodeClient[DriveSettings]):
         self._set_point_sent = False
         self._held_since = -1
         self._hold_limit_ns = 0
+        self._command: DriveCommand | None = None
+        """What was sent last, or waits for its turn on the bus."""
+        self._may_send = True
+        """The interface has taken every frame of this command so far, and no other sender waits."""
+        self._all_sent = True
+        self._has_turn = False
         node_id = settings.node_id
         dictionary = load_eds(settings.eds, node_id) if settings.eds else generic_dictionary()
         super().__init__(network, settings, layout, dictionary, on_event)
@@ -157,13 +163,19 @@ class DriveClient(NodeClient[DriveSettings]):
 
     # -- cyclic -------------------------------------------------------------------------------------------------------
 
-    def send(self, command: DriveCommand, now: int) -> None:
+    def send(self, command: DriveCommand, now: int, *, stop: bool = False) -> None:
         """Cyclic: send the RPDOs that changed or are due for refresh, data first, the one with the Controlword last.
+
+        What the interface has no room for is sent with the newest values when the turn of this drive comes. A ``stop`` has its
+        turn before all that does not stop anything.
 
         While data of the command is not in the drive, a rising bit 4 (new set-point) is held back and the other bits pass.
         """
         if not self._sending:
             return
+        self._command = command
+        self._may_send = stop or self._has_turn or not self.network.waiting
+        self._all_sent = True
         speed, asked = command.target_velocity, command.controlword
         if self._fault_reset is not None:
             command.controlword = self._fault_reset.step(asked, self.feedback.statusword, now)
@@ -190,13 +202,34 @@ class DriveClient(NodeClient[DriveSettings]):
         command.controlword = asked
         command.target_velocity = speed
         self._motion_asked = speed != 0 or self._set_point_sent
+        if not self._all_sent:
+            self.network.wait(self, stop=stop)
+
+    def send_waiting(self) -> bool:
+        """Its turn on the bus: send the newest command; False when the interface has no room."""
+        command = self._command
+        if command is None or not self._sending:
+            return True
+        self._has_turn = True
+        self.send(command, self.loop.now())
+        self._has_turn = False
+        return self._all_sent
+
+    def withhold(self) -> None:
+        """Send no RPDO until the next ``send``."""
+        self._command = None
 
     def _put(self, sender: _Sender, data: bytes, now: int) -> bool:
-        """Send an RPDO if it changed or is due; True when this data was sent, now or before."""
+        """Send an RPDO if it changed or is due; True when this data was sent, now or before.
+
+        Nothing is sent behind a frame that was refused: the Controlword must not overtake its data.
+        """
         if data != sender.last or now - sender.time >= self._refresh_ns:
-            if self.network.send(sender.cob_id, data):
+            if self._may_send and self.network.put(sender.cob_id, data):
                 sender.last = data
-            sender.time = now
+                sender.time = now
+            else:
+                self._may_send = self._all_sent = False
         return data == sender.last
 
     def _may_start(self, sent: bool, now: int) -> bool:

@@ -149,6 +149,11 @@ class Command(enum.Enum):
         return controlword & self.mask == self.word
 
 
+def operates(controlword: int) -> bool:
+    """Whether a Controlword lets a drive move: Enable Operation without Halt."""
+    return Command.ENABLE_OPERATION.matches(controlword) and not controlword & ControlBit.HALT
+
+
 @dataclass(frozen=True, slots=True)
 class Transition:
     """A numbered transition of the standard, triggered by a Controlword command."""

@@ -18,7 +18,7 @@ from pdgw.dsp402.faults import DriveFault
 from pdgw.dsp402.indices import ABORT_OPTION
 from pdgw.dsp402.objects import CONTROLWORD, DRIVE_OBJECTS, ERROR_CODE, HOMING_METHOD, MODE
 from pdgw.dsp402.scaling import SCALING_OBJECTS
-from pdgw.dsp402.states import state_of
+from pdgw.dsp402.states import operates, state_of
 from pdgw.durations import MS
 from pdgw.gateway.axis.executors.positioner import PositionerExecutor
 from pdgw.gateway.axis.machine import AxisMachine
@@ -82,6 +82,8 @@ class Axis(DriveObject):
         self._links: tuple[SensorLink | None, SensorLink | None] = (None, None)
         """The encoders that are G1 and G2."""
         self._brake: Brake = _NO_BRAKE
+        self._word = 0
+        """The Controlword of the last step."""
         self._probe = ProbeReader(self.drive, self._news)
         self._probing = False
         self._sound_until = 0
@@ -150,9 +152,16 @@ class Axis(DriveObject):
         if setpoints is not None:
             self.last_setpoints = setpoints
         outputs = machine.step()
+        word = outputs.command.controlword
+        if word != self._word:
+            self._word = word
+            self.stops = not operates(word)
+        elif self.stops:
+            self.stops = False
         if self._probing or outputs.probe is not None:
             self._probing = self._probe.step(outputs.probe, now) or outputs.probe is not None
         if outputs.eventful or outputs.writes is not None or outputs.reason is not self._told_reason:
+            self.stops = self.stops or outputs.reason not in (None, self._told_reason)
             self._serve(outputs)
             if outputs.read_fault:
                 drive.submit(self._read_fault)
@@ -162,7 +171,9 @@ class Axis(DriveObject):
         outputs, guarding = self.machine.outputs, self.drive.guarding
         # A drive that guards the gateway by its RPDOs is stopped by their absence.
         if outputs.brake is not _WITHHOLD_HEARTBEAT or guarding is None or not guarding.rpdos:
-            self.drive.send(outputs.command, now)
+            self.drive.send(outputs.command, now, stop=self.stops)
+        else:
+            self.drive.withhold()
         if outputs.brake is not self._brake:
             self._brake = outputs.brake
             by_sync = outputs.brake is _WITHHOLD_HEARTBEAT and guarding is not None and guarding.sync

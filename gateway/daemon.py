@@ -386,6 +386,8 @@ class Daemon:
         setpoints = link.setpoints
         for index, item in enumerate(self.objects):
             outputs = item.step(setpoints[index], now)
+            if item.stops:
+                item.transmit(now)
             actuals[index] = outputs.actuals
             good[index] = outputs.good
             released[index] = outputs.released
@@ -398,7 +400,8 @@ class Daemon:
             self._last_sent = now
             answered = self.loop.now()
         for item in self.objects:
-            item.transmit(now)
+            if not item.stops:
+                item.transmit(now)
         for producer in self.sync_producers.values():
             producer.send()
         self.watch.cycle(now, accepted, answered)

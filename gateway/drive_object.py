@@ -68,6 +68,8 @@ class DriveObject(abc.ABC):
         self.do_id = do_id
         self.network = network
         self.telegram = chosen
+        self.stops = False
+        """The last step stops the device: ``transmit`` it before what moves others."""
         self.fault_log = FaultLog(network.loop.now())
         self.last_setpoints: Sequence[int] | None = None
         """What the PLC last sent, also after its loss."""

@@ -103,6 +103,9 @@ class RunningNode(Generic[N]):
     def on_error_frame(self, *, bus_off: bool, passive: bool) -> None:
         """The device does not see it."""
 
+    def on_room(self) -> None:
+        """What was refused is not repeated."""
+
     def on_refused(self) -> None:
         """What was not sent is not missed."""
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 from random import Random
+from typing import Final
 
 from pdgw.ds301.can_frame import EXTENDED, EXTENDED_ID, REMOTE, STANDARD_ID
 from pdgw.ds301.load import frame_bits
@@ -22,7 +23,8 @@ _ERROR_BITS = 23
 """Error flags, delimiter and interframe space."""
 _TEC_PASSIVE, _TEC_BUS_OFF, _TEC_STEP = 128, 256, 8
 _RECOVERY_BITS = 128 * 11
-_QUEUE = 16
+PLACES: Final = 16
+"""Of a controller's queue, unless told otherwise."""
 _MAXIMUM_DATA = 8
 
 Tap = Callable[[int, "Member", int, bytes], None]
@@ -30,10 +32,14 @@ Tap = Callable[[int, "Member", int, bytes], None]
 
 
 class Member:
-    """One controller on the bus: a ``ds301.port.CanPort``. ``restart_ns``: how long it stays bus-off, None for ever."""
+    """One controller on the bus: a ``ds301.port.CanPort``.
 
-    def __init__(self, bus: SimulatedCan, name: str) -> None:
+    ``places``: frames it queues, that on the wire among them. ``restart_ns``: how long it stays bus-off, None for ever.
+    """
+
+    def __init__(self, bus: SimulatedCan, name: str, places: int = PLACES) -> None:
         self.name = name
+        self.places = places
         self.restart_ns: int | None = 100 * MS
         self.bus_off = False
         self.connected = True
@@ -46,6 +52,7 @@ class Member:
         """Its queue can be emptied; SocketCAN's cannot."""
         self._bus = bus
         self._receiver: Receiver | None = None
+        self._refused = False
         self._lost = ""
 
     # -- the port -------------------------------------------------------------------------------------------------------
@@ -56,7 +63,8 @@ class Member:
     def send(self, can_id: int, data: bytes) -> None:
         if self._lost:
             raise PortLostError(self._lost)
-        if self.bus_off or len(self.queue) >= _QUEUE:
+        if self.bus_off or len(self.queue) >= self.places:
+            self._refused = True
             raise PortBusyError
         self.queue.append((can_id, bytes(data)))
         self._bus.contend(self, can_id, data)
@@ -95,6 +103,13 @@ class Member:
         if self._receiver is not None:
             deliver(self._receiver, can_id, data)
 
+    def tell_room(self) -> None:
+        """A frame has left the queue, or the controller is back on the bus."""
+        if self._refused:
+            self._refused = False
+            if self._receiver is not None:
+                self._receiver.on_room()
+
     def tell_error(self) -> None:
         """An error frame was on the bus."""
         if self._receiver is not None:
@@ -123,9 +138,9 @@ class SimulatedCan:
         self._timer: Timer | None = None
         self._delivering = False
 
-    def join(self, name: str) -> Member:
-        """Another controller."""
-        member = Member(self, name)
+    def join(self, name: str, places: int = PLACES) -> Member:
+        """Another controller, with so many places in its queue."""
+        member = Member(self, name, places)
         self.members.append(member)
         return member
 
@@ -218,6 +233,7 @@ class SimulatedCan:
         for member in tuple(self.members):
             if member is not sender and member.connected and not member.bus_off:
                 member.deliver(can_id, data)
+        sender.tell_room()
         self._delivering = False
         if sender.closed:
             self.leave(sender)
@@ -268,6 +284,7 @@ class SimulatedCan:
             if not self.shorted and member.bus_off:
                 member.bus_off = False
                 member.errors = 0
+                member.tell_room()
                 self._begin()
 
         self.loop.call_later(max(member.restart_ns, int(_RECOVERY_BITS * self._bit_ns)), recover)

@@ -15,7 +15,7 @@ from pdgw.peers.drive import SimulatedDrive
 from pdgw.peers.encoder import SimulatedEncoder
 from pdgw.peers.simulation.beside import add_device, simulated_devices
 from pdgw.peers.simulation.devices import Simulation
-from pdgw.peers.world.can_bus import Member, SimulatedCan
+from pdgw.peers.world.can_bus import PLACES, Member, SimulatedCan
 from pdgw.peers.world.udp import SimulatedNetwork, SimulatedUdpPort
 
 
@@ -29,6 +29,8 @@ class World:
         self.simulations: dict[str, Simulation] = {}
         self._buses: dict[str, SimulatedCan] = {}
         self._gateways: dict[str, Member] = {}
+        self.gateway_places = PLACES
+        """Frames the gateway's controllers queue, those on the wire among them."""
         self._unplugged: set[str] = set()
 
     def chance(self, name: str) -> Random:
@@ -86,7 +88,7 @@ class World:
         channel = str(config.channel)
         if channel in self._unplugged:
             raise CanopenError("CAN interface", channel, "one that is plugged in")
-        port = self._gateways[channel] = self.bus(channel, config.bitrate).join("gateway")
+        port = self._gateways[channel] = self.bus(channel, config.bitrate).join("gateway", self.gateway_places)
         return port
 
     def open_udp(self, listen: str, port: int, purpose: str) -> SimulatedUdpPort:

@@ -187,7 +187,7 @@ def test_an_interface_whose_queue_is_full_is_told_and_the_drive_stops(line: Wire
     def story() -> None:
         plant.turn()
         plant.outside(lambda: subprocess.run(stuck, check=True, timeout=PATIENCE_S))
-        plant.until(lambda: plant.counter("bus can0", "send_errors"), "frames are not taken")
+        plant.until(lambda: plant.counter("bus can0", "waits"), "frames are not taken")
         plant.until(lambda: not plant.daemon.networks[line.near].healthy, "the bus is not healthy")
         plant.until(lambda: drive.model.velocity_actual == 0, "the drive stops by itself: no heartbeat")
         plant.outside(lambda: subprocess.run(free, check=True, timeout=PATIENCE_S))

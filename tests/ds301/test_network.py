@@ -133,6 +133,7 @@ class PlainPort:
         self.refuse: Exception | None = None
         self.receiver: Receiver | None = None
         self.closed = False
+        self.sent: list[tuple[int, bytes]] = []
 
     def start(self, receiver: Receiver) -> None:
         self.receiver = receiver
@@ -140,6 +141,7 @@ class PlainPort:
     def send(self, can_id: int, data: bytes) -> None:
         if self.refuse is not None:
             raise self.refuse
+        self.sent.append((can_id, data))
 
     def drop(self) -> None:
         pass
@@ -221,19 +223,21 @@ def test_a_full_queue_now_and_then_is_nothing_and_one_that_stays_full_is_told() 
     loop, ports = VirtualLoop(), Ports()
     network = CanNetwork(loop, ports)
     network.start()
-    ports.opened[0].refuse = PortBusyError()
+    port = ports.opened[0]
+    port.refuse = PortBusyError()
     assert not network.send(0x201, b"\0")
     loop.run_for(99 * MS)
-    assert not network.send(0x201, b"\0")
+    assert not network.send(0x202, b"\0")
     assert network.healthy
-    ports.opened[0].refuse = None
-    assert network.send(0x201, b"\0")
-    ports.opened[0].refuse = PortBusyError()
+    port.refuse = None
+    network.on_room()
+    assert port.sent == [(0x201, b"\0"), (0x202, b"\0")], "what waited is sent"
+    port.refuse = PortBusyError()
     network.send(0x201, b"\0")
     loop.run_for(100 * MS)
-    network.send(0x201, b"\0")
+    network.send(0x202, b"\0")
     assert not network.healthy
-    assert network.send_errors == 4
+    assert (network.waits, network.send_errors) == (4, 0)
 
 
 @pytest.mark.parametrize("error", [can.CanOperationError("down"), OSError("gone"), RuntimeError("WebsocketClosed")])
@@ -269,8 +273,8 @@ def test_a_frame_the_driver_did_not_send_is_counted(bus: ScriptedBus, network: C
 def test_a_driver_that_blocks_does_not_hold_the_loop(bus: ScriptedBus, network: CanNetwork) -> None:
     release = threading.Event()
     bus.answer = lambda _: release.wait(buses.PATIENCE_S) and None
-    for _ in range(1000):
-        network.send(0x201, b"\0")
+    for number in range(1000):
+        network.send(0x201, number.to_bytes(2, "little"))
     assert network.send_errors > 0, "the queue is bounded"
     release.set()
 

@@ -88,6 +88,9 @@ class Heard:
     def on_error_frame(self, *, bus_off: bool, passive: bool) -> None:
         raise AssertionError
 
+    def on_room(self) -> None:
+        raise AssertionError
+
     def on_refused(self) -> None:
         raise AssertionError
 

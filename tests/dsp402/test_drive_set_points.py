@@ -196,7 +196,7 @@ def _starting(plant: Plant, refused: int) -> Iterator[tuple[DriveClient, DriveCo
     plant.online()
     command = DriveCommand()
     command.controlword = ENABLED
-    client.send(command, 1)
+    client.send(command, site.now())
     before = plant.network._port
     plant.network._port = port = _PartlyFull(refused)  # type: ignore[assignment]
     command.controlword = START
@@ -209,16 +209,16 @@ def _starting(plant: Plant, refused: int) -> Iterator[tuple[DriveClient, DriveCo
 def test_a_set_point_waits_for_an_rpdo_that_the_bus_did_not_take(plant: Plant) -> None:
     with _starting(plant, 0x300 + NODE) as (client, command, port):
         command.profile_velocity = 77
-        client.send(command, 2)
+        client.send(command, site.now())
         assert port.sent == []
         port.full = False
-        client.send(command, 3)
+        plant.network.on_room()
         data, edge = port.sent
         assert (data[0], data[1][:2], edge[0], edge[1][-2:]) == (0x300 + NODE, b"\x4d\0", 0x200 + NODE, b"\x3f\0")
         port.full = True
         command.profile_velocity = 78
         port.sent.clear()
-        client.send(command, 4)
+        client.send(command, site.now())
         assert port.sent == [], "the edge was there: it is not taken back"
 
 
@@ -232,8 +232,10 @@ def test_a_set_point_waits_for_whichever_of_its_rpdos_the_bus_did_not_take(plant
         for pdo in DATA_RPDOS:
             for attribute in pdo.attributes:
                 setattr(command, attribute, 77)
-        client.send(command, 2)
+        client.send(command, site.now())
         assert 0x200 + NODE not in [can_id for can_id, _ in port.sent]
         port.full = False
-        client.send(command, 3)
-        assert [can_id for can_id, _ in port.sent][-2:] == [late.cob_id(NODE), 0x200 + NODE]
+        plant.network.on_room()
+        order = [can_id for can_id, _ in port.sent]
+        assert sorted(order[:-1]) == sorted(pdo.cob_id(NODE) for pdo in DATA_RPDOS)
+        assert order[-1] == 0x200 + NODE

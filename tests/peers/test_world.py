@@ -43,6 +43,9 @@ class Ear:
     def on_error_frame(self, *, bus_off: bool, passive: bool) -> None:
         self.errors.append((bus_off, passive))
 
+    def on_room(self) -> None:
+        """A test sends what was refused again by itself."""
+
     def on_refused(self) -> None:
         raise AssertionError("a simulated controller takes a frame or refuses it at once")
 

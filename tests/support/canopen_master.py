@@ -90,6 +90,9 @@ class Master(canopen.Network):  # type: ignore[misc]
     def on_error_frame(self, *, bus_off: bool, passive: bool) -> None:
         raise AssertionError("an error on the bus")
 
+    def on_room(self) -> None:
+        """What was refused is not repeated."""
+
     def on_refused(self) -> None:
         raise AssertionError("a frame did not go out")
 
