@@ -378,6 +378,7 @@ class FaultNumber(enum.IntEnum):
     OTHER_MASTER = 123
     SIGN_OF_LIFE = 124
     STOP_IGNORED = 125
+    ENABLE_UNASKED = 126
     FRAME_CHANGED = 127
 
 
@@ -428,6 +429,7 @@ GATEWAY_FAULTS: MappingProxyType[int, GatewayFault] = MappingProxyType(
             GatewayFault(FaultNumber.OTHER_MASTER, "another master on the bus", 0xFF13),
             GatewayFault(FaultNumber.SIGN_OF_LIFE, "sign of life of the PLC lost", 0xFF14),
             GatewayFault(FaultNumber.STOP_IGNORED, "drive does not obey a stop", 0xFF16),
+            GatewayFault(FaultNumber.ENABLE_UNASKED, "Enable Operation not asked for by the PLC", 0xFF18),
             GatewayFault(FaultNumber.FRAME_CHANGED, "frame of the PLC changed by P922", 0xFF17),
         )
     }

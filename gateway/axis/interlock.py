@@ -10,21 +10,34 @@ from typing import Final
 
 from pdgw.dsp402.states import STATE_OF_STATUS, ControlBit
 from pdgw.durations import MS
-from pdgw.gateway.axis.power_table import CELLS, COASTS, DRIVE_OF_STATE, DRIVES, WISHES, Action, Cell, Drive, Phase
+from pdgw.gateway.axis.power_table import (
+    CELLS,
+    CONTROLWORDS,
+    DRIVE_OF_STATE,
+    DRIVES,
+    WISHES,
+    Action,
+    Cell,
+    Drive,
+    Phase,
+)
 from pdgw.gateway.axis.settings import AxisSettings, PlcLossReaction
 from pdgw.gateway.axis.waist import STATE_MASK, PowerWish
 from pdgw.gateway.reasons import Reason
 
 QUICK_STOP_STANDING_NS: Final = 200 * MS
 """A drive that stays in Quick Stop Active at standstill for so long (option codes 5-8) gets Disable Voltage."""
-DISABLE_SHOWN_NS: Final = 200 * MS
-"""So long after a Disable Operation the drive's leaving of Operation Enabled is the PLC's doing, not its own."""
+COMMAND_SHOWN_NS: Final = 300 * MS
+"""By then the Statusword shows what was commanded: a drive that leaves Operation Enabled later than this after a Disable
+Operation, or enters it later than this after an Enable Operation, does so by itself. 100 ms of latency in each direction,
+the slowest cycle and the TPDO's event timer fit in."""
 
 _DRIVE_OF_STATUS: Final = tuple(DRIVE_OF_STATE[state] for state in STATE_OF_STATUS)
+_ENABLING: Final = CONTROLWORDS[Action.ENABLE_OPERATION]
 _ENABLES: Final = (Action.ENABLE_OPERATION, Action.RAMP)
 _ABOVE_DISABLED: Final = (Drive.READY, Drive.SWITCHED_ON, Drive.OPERATING, Drive.QUICK_STOPPING)
 _FELL: Final = (Drive.NOT_READY, Drive.DISABLED, Drive.READY, Drive.SWITCHED_ON)
-_ACKNOWLEDGES: Final = (Phase.LOCKED, Phase.DOUBT, Phase.FOLLOW)
+_ACKNOWLEDGES: Final = (Phase.LOCKED, Phase.DOUBT, Phase.COAST, Phase.FOLLOW)
 """Phases in which an acknowledge passes; a stop is not disturbed by it."""
 _FOLLOW: Final = Phase.FOLLOW
 _PASS: Final = Phase.PASS
@@ -33,10 +46,11 @@ _QUICK_STOP: Final = Phase.QUICK_STOP
 _OPERATING: Final = Drive.OPERATING
 _STANDING: Final = Drive.STANDING
 _IN_OPERATION: Final = (_OPERATING, _STANDING)
-_OFF: Final = PowerWish.OFF
+_SWITCHED_ON: Final = Drive.SWITCHED_ON
+_LEAVING: Final = Drive.LEAVING
+_OFFS: Final = (PowerWish.OFF, PowerWish.OFF_DISABLED)
 _ENABLE: Final = PowerWish.ENABLE
 _PASSES: Final = Action.PASS
-_SWITCH_ON: Final = Action.SWITCH_ON
 _PLC_LOST: Final = Reason.PLC_LOST
 _OPERATES: Final = (Action.ENABLE_OPERATION, Action.PASS)
 _NO_PLC: Final = {
@@ -53,6 +67,7 @@ class Interlock:
         "_acknowledge_armed",
         "_connected",
         "_disabled_at",
+        "_enabling",
         "_no_plc",
         "_off_seen",
         "_resume",
@@ -81,9 +96,11 @@ class Interlock:
         self.plc_was_there = False
         """A PLC without control counts: what is missing then is not the first frame."""
         self._acknowledge_armed = False
-        self._disabled_at = -DISABLE_SHOWN_NS
-        self.enabled_at = -DISABLE_SHOWN_NS
+        self._disabled_at = -COMMAND_SHOWN_NS
+        self.enabled_at = -COMMAND_SHOWN_NS
         """When operation was commanded last, but for the cycles of steady operation."""
+        self._enabling = False
+        """The last Controlword was Enable Operation."""
         self._off_seen = False
         self._standing_since = -1
         self._shown: Drive | None = None
@@ -102,6 +119,11 @@ class Interlock:
         """The drive booted or was configured anew: no standing ON may start it, no standing acknowledge is an edge."""
         self.phase = CELLS[(self.phase * DRIVES + Drive.RESTARTED) * WISHES + PowerWish.OFF].phase
         self._acknowledge_armed = self._steady = False
+
+    def distrust(self) -> None:
+        """Quick Stop replaced the last Controlword: stop until the drive shows that it is off, locked until an OFF."""
+        self.phase = Phase.DOUBT
+        self._enabling = self._steady = False
 
     def step(
         self,
@@ -137,7 +159,7 @@ class Interlock:
             wish = self._no_plc
             armed = False
         else:
-            if wish is _OFF:
+            if wish in _OFFS:
                 self._off_seen = True
             elif phase is _RAMP_STOP and wish is _ENABLE and self._resume and self._off_seen:
                 # After a loss the ON that stands in the new connection does not resume: it needs its own OFF first.
@@ -150,10 +172,15 @@ class Interlock:
             drive = _DRIVE_OF_STATUS[statusword & STATE_MASK]
             shown, self._shown = self._shown, drive
             if drive is not shown and (phase is _FOLLOW or phase is _PASS):
-                drive = self._changed(drive, shown, wish, now)
+                drive = self._changed(drive, shown, now)
             if drive is _OPERATING:
-                if standstill:
+                if not self._enabling:
+                    drive = _LEAVING
+                elif standstill:
                     drive = _STANDING
+            elif drive is _SWITCHED_ON:
+                if self._enabling:
+                    drive = Drive.ENTERING
             elif phase is _QUICK_STOP and drive is Drive.QUICK_STOPPING:
                 drive = self._quick_stopping(standstill, now)
             if connected and not acknowledge:
@@ -165,6 +192,7 @@ class Interlock:
             self.phase = after
             self._standing_since = -1
         self.action = action = cell.action
+        self._enabling = cell.controlword == _ENABLING or (action is _PASSES and wish is _ENABLE)
         self._steady = False
         reason = cell.reason
         if reason is _PLC_LOST and not self.plc_was_there:
@@ -172,7 +200,7 @@ class Interlock:
         self.reason = reason
         if action in _ENABLES:
             self.enabled_at = now
-        if action is _SWITCH_ON or (action is _PASSES and wish is not _ENABLE):
+        if not self._enabling:
             self._disabled_at = now
         elif wish is _ENABLE and drive in _IN_OPERATION and action in _OPERATES and not acknowledge:
             # Operation goes on; the next cycle like this one has the same answer.
@@ -183,17 +211,17 @@ class Interlock:
             return cell.controlword | ControlBit.FAULT_RESET
         return cell.controlword
 
-    def _changed(self, drive: Drive, shown: Drive | None, wish: PowerWish, now: int) -> Drive:
+    def _changed(self, drive: Drive, shown: Drive | None, now: int) -> Drive:
         """The drive shows another state while it is obeyed: its own doing, or an answer to a command?"""
         if drive is Drive.OPERATING:
-            self._disabled_at = now - DISABLE_SHOWN_NS
-            # To ramp down a drive that nobody enabled would enable it, if its Statusword is wrong.
+            if self._enabling:
+                self._disabled_at = now - COMMAND_SHOWN_NS
             # The command of the step before counts however long the cycle is.
-            commanded = self.action in _ENABLES or now - self.enabled_at < DISABLE_SHOWN_NS
-            return drive if commanded or self.phase is _PASS or wish in COASTS else Drive.UNKNOWN
+            commanded = self._enabling or now - self.enabled_at < COMMAND_SHOWN_NS
+            return drive if commanded or self.phase is _PASS else Drive.UNKNOWN
         if drive is Drive.DISABLED:
             return Drive.FELL_OFF if shown in _ABOVE_DISABLED else drive
-        fell = shown is Drive.OPERATING and now - self._disabled_at >= DISABLE_SHOWN_NS and drive in _FELL
+        fell = shown is Drive.OPERATING and now - self._disabled_at >= COMMAND_SHOWN_NS and drive in _FELL
         return Drive.FELL_BACK if fell else drive
 
     def _quick_stopping(self, standstill: bool, now: int) -> Drive:

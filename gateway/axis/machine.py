@@ -13,6 +13,7 @@ from pdgw.dsp402.drive_type import DriveType, Quantity
 from pdgw.dsp402.images import DriveFeedback
 from pdgw.dsp402.states import STATE_OF_STATUS, State, StatusBit
 from pdgw.gateway.axis.adapters.transparent import ACTUAL_ATTRIBUTES, SETPOINT_ATTRIBUTES
+from pdgw.gateway.axis.enable_guard import EnableGuard
 from pdgw.gateway.axis.executors.base import AxisCycle, Executor
 from pdgw.gateway.axis.executors.dsc import DscExecutor
 from pdgw.gateway.axis.executors.interpolation import Interpolation
@@ -25,7 +26,7 @@ from pdgw.gateway.axis.executors.speed import SpeedExecutor
 from pdgw.gateway.axis.executors.torque import TorqueExecutor
 from pdgw.gateway.axis.interlock import Interlock
 from pdgw.gateway.axis.life import LifeWords
-from pdgw.gateway.axis.power_table import Action, Drive, Phase
+from pdgw.gateway.axis.power_table import CONTROLWORDS, Action, Drive, Phase
 from pdgw.gateway.axis.settings import AxisSettings, SecondSensor
 from pdgw.gateway.axis.stop_watch import StopWatch
 from pdgw.gateway.axis.telegrams import SECOND_SENSOR_NUMBERS, Kind, drive_telegram, make_adapter
@@ -97,6 +98,7 @@ class AxisMachine:
         self.cycle = AxisCycle(settings, self.demand, feedback, self.outputs.command, self.report)
         self.notes = self.cycle.notes
         self.interlock = Interlock(settings)
+        self._guard = EnableGuard()
         self.executor = self._make_executor(kind)
         # Made now, while the images of the cycle are the drive's.
         with_tasks = kind is Kind.POSITIONING or kind is Kind.POSITIONER
@@ -214,6 +216,8 @@ class AxisMachine:
                 executor.lost()
         if not demand.in_control:
             reason = _NO_CONTROL
+        if not self._guard.step(wish, outputs.command.controlword):
+            reason = self._stop_unasked(now)
         if self.sensor is not None:
             self._step_sensors(self.sensor)
         else:
@@ -264,6 +268,15 @@ class AxisMachine:
         if self._stop.step(action, operating, seen, inputs.node_stopped, velocity, self._window, now):
             detail = f"Controlword {self.outputs.command.controlword:04X}h, Statusword {feedback.statusword:04X}h, "
             self.notes.faults.append((FaultNumber.STOP_IGNORED, detail + f"speed {velocity}"))
+
+    def _stop_unasked(self, now: int) -> Reason:
+        """The last line: an Enable Operation that the PLC did not ask for is not sent."""
+        command = self.outputs.command
+        detail = f"Controlword {command.controlword:04X}h, Statusword {self.inputs.feedback.statusword:04X}h"
+        command.controlword = CONTROLWORDS[Action.QUICK_STOP]
+        self.interlock.distrust()
+        self.outputs.fault(gateway_fault(FaultNumber.ENABLE_UNASKED, detail, now))
+        return Reason.NEEDS_OFF
 
     def _without_control(self) -> None:
         """STW1.10 = 0: taken away in operation it stops the axis, which is told."""

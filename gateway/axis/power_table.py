@@ -35,22 +35,25 @@ class Phase(enum.IntEnum):
     """and then power off."""
     QUICK_STOP = 6
     """Until the drive has left it."""
+    COAST = 7
+    """OFF2: Disable Voltage until the drive shows that its power is off. Nothing but an OFF then leads on."""
 
 
 class Drive(enum.IntEnum):
-    """What the drive shows; the last eight are looked at more closely than by its Statusword."""
+    """What the drive shows; the last ten need more than its Statusword."""
 
     NOT_READY = 0
     DISABLED = 1
     READY = 2
     SWITCHED_ON = 3
     OPERATING = 4
+    """Operation enabled, as the last Controlword commanded."""
     QUICK_STOPPING = 5
     FAULT = 6
     UNKNOWN = 7
     """A Statusword of no state."""
     STANDING = 8
-    """Operation enabled, inside the standstill window."""
+    """As ``OPERATING``, inside the standstill window."""
     QUICK_STOPPED = 9
     """Quick stop active, but at standstill for so long that it stays there (option codes 5-8)."""
     FELL_BACK = 10
@@ -65,6 +68,11 @@ class Drive(enum.IntEnum):
     """The same, and its Statusword shows power."""
     RESTARTED = 15
     """It booted or was configured anew; taken before what it shows."""
+    LEAVING = 16
+    """Operation enabled, but the last Controlword was another: the Statusword is older than that command, or the drive ramps
+    down by Disable Operation. It may be off already, so Enable Operation would switch it on."""
+    ENTERING = 17
+    """Switched on, but the last Controlword was Enable Operation: it may be in operation already."""
 
 
 class Action(enum.IntEnum):
@@ -77,7 +85,7 @@ class Action(enum.IntEnum):
     """In operation the same word is Disable Operation."""
     ENABLE_OPERATION = 4
     RAMP = 5
-    """Enable Operation, while the executor brings the axis to standstill."""
+    """Enable Operation kept, while the executor brings the axis to standstill."""
     RAMP_END = 6
     """Shutdown at the end of a ramp."""
     PASS = 7
@@ -129,127 +137,188 @@ P, D, W, A = Phase, Drive, PowerWish, Action
 ANY_PHASE: Final = tuple(Phase)
 ANY_DRIVE: Final = tuple(Drive)
 ANY_WISH: Final = tuple(PowerWish)
-OFFS: Final = (W.OFF, W.RAW_OFF)
+OFFS: Final = (W.OFF, W.OFF_DISABLED, W.RAW_OFF)
 ENABLES: Final = (W.ENABLE, W.RESUME)
 NO_PLC: Final = (W.NO_PLC_RAMP, W.NO_PLC_QUICK_STOP, W.NO_PLC_COAST)
 RAMPS: Final = (W.NO_PLC_RAMP, W.STOP)
 UNASKED: Final = (*NO_PLC, W.STOP)
 """Nothing is asked but to stop."""
-COASTS: Final = (W.COAST, W.NO_PLC_COAST)
+COASTS: Final = (W.COAST, W.QUICK_STOP_DISABLED, W.NO_PLC_COAST)
+DISABLES: Final = (W.ON, W.OFF_DISABLED)
+"""Disable Operation (STW1.3 = 0): ends a ramp or quick stop, as the profile's state S5 does."""
+QUICK_STOP_WISHES: Final = (W.QUICK_STOP, W.NO_PLC_QUICK_STOP)
 IN_OPERATION: Final = (D.OPERATING, D.STANDING)
+"""Operation enabled as commanded."""
+SHOWS_OPERATION: Final = (*IN_OPERATION, D.LEAVING)
+"""The Statusword says Operation enabled."""
 QUICK_STOPS: Final = (D.QUICK_STOPPING, D.QUICK_STOPPED)
-UNPOWERED: Final = (D.NOT_READY, D.DISABLED, D.READY, D.SWITCHED_ON, D.FELL_BACK, D.FELL_OFF)
+UNPOWERED: Final = (D.NOT_READY, D.DISABLED, D.READY, D.SWITCHED_ON, D.ENTERING, D.FELL_BACK, D.FELL_OFF)
+OFF: Final = (D.NOT_READY, D.DISABLED, D.FELL_OFF)
+"""Without power, and no Controlword that is on its way changes that."""
+UNREAD: Final = (D.POWERED_UNREAD, D.NO_REFERENCES, D.RESTARTED)
 OBEYING: Final = (P.FOLLOW, P.PASS)
 STOPPING: Final = (P.RAMP_STOP, P.SHUTDOWN, P.QUICK_STOP)
 RAMPING: Final = (P.RAMP_STOP, P.SHUTDOWN)
 
 ROWS: Final = (
-    # Doubt, in every phase.
-    Row(ANY_PHASE, (D.POWERED_UNREAD,), COASTS, P.DOUBT, A.DISABLE_VOLTAGE, Reason.REFERENCE_INVALID, "as asked"),
-    Row(ANY_PHASE, (D.POWERED_UNREAD,), ANY_WISH, P.DOUBT, A.QUICK_STOP, Reason.REFERENCE_INVALID, "it may be turning"),
+    Row(ANY_PHASE, (D.FAULT,), ANY_WISH, P.LOCKED, A.DISABLE_VOLTAGE, Reason.DRIVE_FAULT, "the drive stops by itself"),
+    # OFF2 wins over everything, and stays until the drive shows that it is off.
+    Row(ANY_PHASE, (D.LOST,), COASTS, P.COAST, A.DISABLE_VOLTAGE, Reason.DRIVE_OFFLINE, "OFF2 of a lost drive"),
+    Row(ANY_PHASE, (D.UNKNOWN,), COASTS, P.COAST, A.DISABLE_VOLTAGE, Reason.DRIVE_UNKNOWN_STATE, "OFF2 all the same"),
+    Row(ANY_PHASE, UNREAD, COASTS, P.COAST, A.DISABLE_VOLTAGE, Reason.REFERENCE_INVALID, "OFF2 all the same"),
+    Row(ANY_PHASE, OFF, COASTS, P.LOCKED, A.DISABLE_VOLTAGE, Reason.COAST_STOP, "OFF2 of a drive that is off"),
+    Row(ANY_PHASE, ANY_DRIVE, COASTS, P.COAST, A.DISABLE_VOLTAGE, Reason.COAST_STOP, "OFF2"),
+    Row((P.COAST,), (D.LOST,), ANY_WISH, None, A.DISABLE_VOLTAGE, Reason.DRIVE_OFFLINE, "OFF2 stays"),
+    Row((P.COAST,), (D.UNKNOWN,), ANY_WISH, None, A.DISABLE_VOLTAGE, Reason.DRIVE_UNKNOWN_STATE, "OFF2 stays"),
+    Row((P.COAST,), UNREAD, ANY_WISH, None, A.DISABLE_VOLTAGE, Reason.REFERENCE_INVALID, "OFF2 stays"),
     Row(
-        (P.DOUBT,),
-        (D.NO_REFERENCES, D.RESTARTED),
-        COASTS,
+        (P.COAST,),
+        (*SHOWS_OPERATION, *QUICK_STOPS),
+        ANY_WISH,
         None,
         A.DISABLE_VOLTAGE,
-        Reason.REFERENCE_INVALID,
-        "as asked",
+        Reason.NEEDS_OFF,
+        "OFF2 stays until the drive is off",
     ),
+    # Doubt, in every other phase.
+    Row(ANY_PHASE, (D.POWERED_UNREAD,), ANY_WISH, P.DOUBT, A.QUICK_STOP, Reason.REFERENCE_INVALID, "it may be turning"),
     Row(
         (P.DOUBT,), (D.NO_REFERENCES, D.RESTARTED), ANY_WISH, None, A.QUICK_STOP, Reason.REFERENCE_INVALID, "as before"
     ),
     Row(ANY_PHASE, (D.NO_REFERENCES, D.RESTARTED), ANY_WISH, P.LOCKED, A.DISABLE_VOLTAGE, Reason.REFERENCE_INVALID, ""),
     Row(ANY_PHASE, (D.LOST,), ANY_WISH, P.DOUBT, A.QUICK_STOP, Reason.DRIVE_OFFLINE, "it may be turning"),
     Row(ANY_PHASE, (D.UNKNOWN,), ANY_WISH, P.DOUBT, A.QUICK_STOP, Reason.DRIVE_UNKNOWN_STATE, "it may be turning"),
-    Row(ANY_PHASE, (D.FAULT,), ANY_WISH, P.LOCKED, A.DISABLE_VOLTAGE, Reason.DRIVE_FAULT, "the drive stops by itself"),
     # Whatever was before, a drive without power obeys an OFF and nothing else.
     Row(
-        (P.LOCKED, P.DOUBT, *STOPPING),
+        (P.LOCKED, P.DOUBT, P.COAST, *STOPPING),
         UNPOWERED,
-        (W.OFF,),
+        (W.OFF, W.OFF_DISABLED),
         P.FOLLOW,
         A.SHUTDOWN,
         Reason.NOT_OPERATING,
         "the one way to a start",
     ),
-    Row((P.LOCKED, P.DOUBT, *STOPPING), UNPOWERED, (W.RAW_OFF,), P.PASS, A.PASS, Reason.NOT_OPERATING, "the same, raw"),
+    Row(
+        (P.LOCKED, P.DOUBT, P.COAST, *STOPPING),
+        UNPOWERED,
+        (W.RAW_OFF,),
+        P.PASS,
+        A.PASS,
+        Reason.NOT_OPERATING,
+        "the same, raw",
+    ),
     Row((P.DOUBT,), (D.DISABLED, D.FELL_OFF), ANY_WISH, P.LOCKED, A.DISABLE_VOLTAGE, Reason.NEEDS_OFF, "it is off"),
-    Row((P.DOUBT,), UNPOWERED, COASTS, None, A.DISABLE_VOLTAGE, Reason.NEEDS_OFF, "coasting goes before the doubt"),
     Row((P.DOUBT,), UNPOWERED, ANY_WISH, None, A.QUICK_STOP, Reason.NEEDS_OFF, "its Statusword may be wrong"),
-    Row((P.LOCKED, *STOPPING), UNPOWERED, (W.QUICK_STOP,), P.LOCKED, A.QUICK_STOP, Reason.QUICK_STOP, "as it is asked"),
-    Row((P.LOCKED, *STOPPING), UNPOWERED, ANY_WISH, P.LOCKED, A.DISABLE_VOLTAGE, Reason.NEEDS_OFF, "it is off"),
+    Row(
+        (P.LOCKED, P.COAST, *STOPPING),
+        UNPOWERED,
+        (W.QUICK_STOP,),
+        P.LOCKED,
+        A.QUICK_STOP,
+        Reason.QUICK_STOP,
+        "as it is asked",
+    ),
+    Row(
+        (P.LOCKED, P.COAST, *STOPPING),
+        UNPOWERED,
+        ANY_WISH,
+        P.LOCKED,
+        A.DISABLE_VOLTAGE,
+        Reason.NEEDS_OFF,
+        "it is off",
+    ),
     # Operation by no command of this PLC.
     Row((P.LOCKED, P.DOUBT), QUICK_STOPS, ANY_WISH, P.QUICK_STOP, A.QUICK_STOP, Reason.QUICK_STOP, "not cut short"),
-    Row((P.DOUBT,), IN_OPERATION, COASTS, None, A.DISABLE_VOLTAGE, Reason.NEEDS_OFF, "coasting goes before the doubt"),
-    Row((P.DOUBT,), IN_OPERATION, ANY_WISH, None, A.QUICK_STOP, Reason.NEEDS_OFF, "in operation by no command"),
+    Row((P.DOUBT,), SHOWS_OPERATION, ANY_WISH, None, A.QUICK_STOP, Reason.NEEDS_OFF, "in operation by no command"),
     Row(
         (P.LOCKED,),
-        IN_OPERATION,
-        (W.NO_PLC_RAMP, W.NO_PLC_QUICK_STOP),
+        SHOWS_OPERATION,
+        (W.NO_PLC_RAMP, *QUICK_STOP_WISHES),
         P.QUICK_STOP,
         A.QUICK_STOP,
-        Reason.PLC_LOST,
+        Reason.QUICK_STOP,
         "in operation by no command",
     ),
-    Row((P.LOCKED,), IN_OPERATION, ANY_WISH, None, A.DISABLE_VOLTAGE, Reason.NEEDS_OFF, "power off was commanded"),
+    Row((P.LOCKED,), SHOWS_OPERATION, ANY_WISH, None, A.DISABLE_VOLTAGE, Reason.NEEDS_OFF, "power off was commanded"),
     # The loss of the PLC, or of its control, in operation.
     Row(OBEYING, (D.OPERATING,), RAMPS, P.RAMP_STOP, A.RAMP, Reason.RAMP_STOP, "as OFF1"),
     Row(OBEYING, (D.STANDING,), RAMPS, P.SHUTDOWN, A.RAMP_END, Reason.RAMP_STOP, "as OFF1 at standstill"),
     Row(
+        OBEYING,
+        (D.LEAVING,),
+        (*RAMPS, W.HOLD),
+        P.SHUTDOWN,
+        A.RAMP_END,
+        Reason.RAMP_STOP,
+        "to ramp would enable it again",
+    ),
+    Row(
+        OBEYING,
+        (D.ENTERING,),
+        (*RAMPS, *QUICK_STOP_WISHES),
+        P.DOUBT,
+        A.QUICK_STOP,
+        Reason.QUICK_STOP,
+        "it may be in operation already",
+    ),
+    Row(
         (*OBEYING, *RAMPING),
-        IN_OPERATION,
+        SHOWS_OPERATION,
         (W.NO_PLC_QUICK_STOP,),
         P.QUICK_STOP,
         A.QUICK_STOP,
         Reason.PLC_LOST,
         "as OFF3",
     ),
-    Row((*OBEYING, *RAMPING), IN_OPERATION, (W.NO_PLC_COAST,), P.LOCKED, A.DISABLE_VOLTAGE, Reason.PLC_LOST, "as OFF2"),
     Row(OBEYING, QUICK_STOPS, UNASKED, P.QUICK_STOP, A.QUICK_STOP, Reason.QUICK_STOP, "it is stopping already"),
     Row(OBEYING, UNPOWERED, (*UNASKED, W.HOLD), P.LOCKED, A.DISABLE_VOLTAGE, Reason.NEEDS_OFF, "it is off"),
     # The drive took the enable back by itself: no standing ON restarts it.
     Row((P.FOLLOW,), (D.FELL_BACK, D.FELL_OFF), OFFS, None, A.SHUTDOWN, Reason.NOT_OPERATING, "an OFF anyway"),
     Row((P.PASS,), (D.FELL_BACK, D.FELL_OFF), OFFS, None, A.PASS, Reason.NOT_OPERATING, "an OFF anyway"),
     Row(OBEYING, (D.FELL_OFF,), ANY_WISH, P.LOCKED, A.DISABLE_VOLTAGE, Reason.NEEDS_OFF, "enable input, coast"),
-    Row(OBEYING, (D.FELL_BACK,), (W.COAST,), P.DOUBT, A.DISABLE_VOLTAGE, Reason.NEEDS_OFF, "as it is asked"),
     Row(OBEYING, (D.FELL_BACK,), ANY_WISH, P.DOUBT, A.QUICK_STOP, Reason.NEEDS_OFF, "its Statusword may be wrong"),
-    # OFF2 and OFF3 lock, whether the drive got them or not.
-    Row(OBEYING, QUICK_STOPS, (W.COAST,), P.QUICK_STOP, A.DISABLE_VOLTAGE, Reason.COAST_STOP, "OFF2 ends it"),
-    Row(OBEYING, (*IN_OPERATION, *UNPOWERED), (W.COAST,), P.LOCKED, A.DISABLE_VOLTAGE, Reason.COAST_STOP, "OFF2"),
-    Row(OBEYING, IN_OPERATION, (W.QUICK_STOP,), P.QUICK_STOP, A.QUICK_STOP, Reason.QUICK_STOP, "OFF3"),
+    # OFF3 locks, whether the drive got it or not.
+    Row(OBEYING, SHOWS_OPERATION, (W.QUICK_STOP,), P.QUICK_STOP, A.QUICK_STOP, Reason.QUICK_STOP, "OFF3"),
     Row(OBEYING, UNPOWERED, (W.QUICK_STOP,), P.LOCKED, A.QUICK_STOP, Reason.QUICK_STOP, "OFF3"),
     Row(OBEYING, QUICK_STOPS, ANY_WISH, P.QUICK_STOP, A.QUICK_STOP, Reason.QUICK_STOP, "by the drive itself"),
     # The Controlword of telegram 100.
-    Row((P.PASS,), IN_OPERATION, ANY_WISH, None, A.PASS, None, "the PLC's own Controlword"),
+    Row((P.PASS,), SHOWS_OPERATION, ANY_WISH, None, A.PASS, None, "the PLC's own Controlword"),
     Row((P.PASS,), ANY_DRIVE, ANY_WISH, None, A.PASS, Reason.NOT_OPERATING, "the PLC's own Controlword"),
     # In operation.
     Row((P.FOLLOW,), IN_OPERATION, (*ENABLES, W.HOLD), None, A.ENABLE_OPERATION, None, "operation"),
+    Row((P.FOLLOW,), (D.LEAVING,), ENABLES, None, A.ENABLE_OPERATION, Reason.NOT_OPERATING, "asked for again"),
+    Row((P.FOLLOW,), IN_OPERATION, (W.OFF_DISABLED,), P.SHUTDOWN, A.RAMP_END, Reason.RAMP_STOP, "no ramp: STW1.3 = 0"),
     Row((P.FOLLOW,), IN_OPERATION, OFFS, P.RAMP_STOP, A.RAMP, Reason.RAMP_STOP, "OFF1"),
-    Row((P.FOLLOW,), IN_OPERATION, (W.ON,), None, A.SWITCH_ON, Reason.NOT_OPERATING, "Disable Operation"),
+    Row((P.FOLLOW,), (D.LEAVING,), OFFS, None, A.SHUTDOWN, Reason.NOT_OPERATING, "to ramp would enable it again"),
+    Row((P.FOLLOW,), SHOWS_OPERATION, (W.ON,), None, A.SWITCH_ON, Reason.NOT_OPERATING, "Disable Operation"),
     # On the way up and down.
     Row((P.FOLLOW,), UNPOWERED, OFFS, None, A.SHUTDOWN, Reason.NOT_OPERATING, "OFF1"),
     Row((P.FOLLOW,), (D.NOT_READY, D.DISABLED), ANY_WISH, None, A.SHUTDOWN, Reason.NOT_OPERATING, "transition 2 first"),
-    Row((P.FOLLOW,), (D.SWITCHED_ON,), ENABLES, None, A.ENABLE_OPERATION, Reason.NOT_OPERATING, "transition 4"),
+    Row(
+        (P.FOLLOW,),
+        (D.SWITCHED_ON, D.ENTERING),
+        ENABLES,
+        None,
+        A.ENABLE_OPERATION,
+        Reason.NOT_OPERATING,
+        "transition 4",
+    ),
     Row((P.FOLLOW,), UNPOWERED, ANY_WISH, None, A.SWITCH_ON, Reason.NOT_OPERATING, "transition 3"),
     # The ramp stop.
-    Row(RAMPING, IN_OPERATION, (W.COAST,), P.LOCKED, A.DISABLE_VOLTAGE, Reason.COAST_STOP, "OFF2 takes over"),
-    Row(RAMPING, IN_OPERATION, (W.QUICK_STOP,), P.QUICK_STOP, A.QUICK_STOP, Reason.QUICK_STOP, "OFF3 takes over"),
+    Row(RAMPING, SHOWS_OPERATION, (W.QUICK_STOP,), P.QUICK_STOP, A.QUICK_STOP, Reason.QUICK_STOP, "OFF3 takes over"),
     Row((P.RAMP_STOP,), IN_OPERATION, (W.RESUME,), P.FOLLOW, A.ENABLE_OPERATION, None, "where the user lets it"),
+    Row(RAMPING, SHOWS_OPERATION, DISABLES, P.SHUTDOWN, A.RAMP_END, Reason.RAMP_STOP, "Disable Operation ends it"),
     Row((P.RAMP_STOP,), (D.OPERATING,), ANY_WISH, None, A.RAMP, Reason.RAMP_STOP, "to standstill"),
-    Row(RAMPING, IN_OPERATION, ANY_WISH, P.SHUTDOWN, A.RAMP_END, Reason.RAMP_STOP, "standstill"),
+    Row(RAMPING, SHOWS_OPERATION, ANY_WISH, P.SHUTDOWN, A.RAMP_END, Reason.RAMP_STOP, "standstill"),
     # The quick stop.
     Row(
         STOPPING,
-        (*IN_OPERATION, *QUICK_STOPS),
-        (W.COAST,),
-        P.QUICK_STOP,
+        (*SHOWS_OPERATION, *QUICK_STOPS),
+        DISABLES,
+        P.COAST,
         A.DISABLE_VOLTAGE,
         Reason.QUICK_STOP,
-        "OFF2 takes over",
-    ),
-    Row(
-        STOPPING, QUICK_STOPS, (W.ON,), P.QUICK_STOP, A.DISABLE_VOLTAGE, Reason.QUICK_STOP, "Disable Operation ends it"
+        "Disable Operation ends it",
     ),
     Row(STOPPING, (D.QUICK_STOPPED,), ANY_WISH, P.QUICK_STOP, A.DISABLE_VOLTAGE, Reason.QUICK_STOP, "it is over"),
     Row(STOPPING, ANY_DRIVE, ANY_WISH, P.QUICK_STOP, A.QUICK_STOP, Reason.QUICK_STOP, "to its end"),
@@ -276,9 +345,9 @@ class Cell:
 
 def _visible(phase: Phase, wish: PowerWish) -> int:
     visible = Flag.OF_THE_DRIVE
-    if wish in COASTS:
+    if wish in (W.COAST, W.NO_PLC_COAST):
         visible &= ~Flag.NO_COAST_STOP
-    if wish is W.QUICK_STOP or phase is P.QUICK_STOP:
+    if wish in (W.QUICK_STOP, W.QUICK_STOP_DISABLED) or phase is P.QUICK_STOP:
         visible &= ~Flag.NO_QUICK_STOP
     return visible
 
@@ -294,7 +363,8 @@ def _compile() -> tuple[Cell, ...]:
                         reason = row.reason
                         if reason in _PLC_ASKED and wish in NO_PLC:
                             reason = Reason.PLC_LOST
-                        stopping = drive in IN_OPERATION and after not in OBEYING
+                        commanded = after in OBEYING and drive in IN_OPERATION
+                        stopping = drive in SHOWS_OPERATION and not commanded
                         word = CONTROLWORDS[row.action]
                         cells.append(Cell(number, after, row.action, word, reason, stopping, _visible(after, wish)))
                         break

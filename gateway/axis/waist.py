@@ -47,6 +47,10 @@ class PowerWish(enum.IntEnum):
     """or a quick stop,"""
     NO_PLC_COAST = 11
     """or to let the drive coast."""
+    OFF_DISABLED = 12
+    """OFF1 with Disable Operation (STW1.3 = 0): power off without a ramp."""
+    QUICK_STOP_DISABLED = 13
+    """OFF3 with Disable Operation (STW1.3 = 0): power off without a quick stop."""
 
 
 class SpeedWish(enum.IntEnum):

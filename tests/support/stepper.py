@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.images import FEEDBACK_NAMES, DriveCommand, DriveFeedback
-from pdgw.gateway.axis.adapters.base import POWER_BITS, power_wishes
+from pdgw.gateway.axis.adapters.base import POWER_BITS, WISHES
 from pdgw.gateway.axis.checkpoint import Checkpoints
 from pdgw.gateway.axis.encoder_machine import EncoderMachine
 from pdgw.gateway.axis.executors.positioning import PositioningExecutor, SubState
@@ -24,12 +24,10 @@ from tests.support.positioner import CHOICES
 
 DSC = DscChoices(DscForm.SPEED, following_window=4096)
 
-_WISHES = power_wishes(PowerWish.OFF)
-
 
 def wish_of(word: int) -> PowerWish:
     """What STW1 asks of the power stage."""
-    return _WISHES[word & POWER_BITS]
+    return WISHES[word & POWER_BITS]
 
 
 def step_interlock(

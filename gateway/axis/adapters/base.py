@@ -24,22 +24,19 @@ POWER_BITS: Final = _ON | _NO_COAST_STOP | _NO_QUICK_STOP | _ENABLE_OPERATION
 """Bits 0-3 of STW1 and of the Controlword."""
 
 
-def power_wishes(off: PowerWish) -> tuple[PowerWish, ...]:
-    """The power wish by bits 0-3 of STW1 (docs/translation.md "States"); ``off`` is what bit 0 = 0 means."""
-
-    def wish(word: int) -> PowerWish:
-        if not word & _NO_COAST_STOP:
-            return PowerWish.COAST
-        if not word & _NO_QUICK_STOP:
-            return PowerWish.QUICK_STOP
-        if not word & _ON:
-            return off
-        return PowerWish.ENABLE if word & _ENABLE_OPERATION else PowerWish.ON
-
-    return tuple(wish(word) for word in range(POWER_BITS + 1))
+def _wish(word: int) -> PowerWish:
+    enables = word & _ENABLE_OPERATION != 0
+    if not word & _NO_COAST_STOP:
+        return PowerWish.COAST
+    if not word & _NO_QUICK_STOP:
+        return PowerWish.QUICK_STOP if enables else PowerWish.QUICK_STOP_DISABLED
+    if not word & _ON:
+        return PowerWish.OFF if enables else PowerWish.OFF_DISABLED
+    return PowerWish.ENABLE if enables else PowerWish.ON
 
 
-_WISHES: Final = power_wishes(PowerWish.OFF)
+WISHES: Final = tuple(_wish(word) for word in range(POWER_BITS + 1))
+"""The power wish by bits 0-3 of STW1 (docs/translation.md "States")."""
 
 
 class Adapter:
@@ -62,12 +59,14 @@ def _without_control(control_lost: ControlLost) -> dict[PowerWish, dict[PowerWis
     holds = control_lost is ControlLost.HOLD
 
     def wish(last: PowerWish, now: PowerWish) -> PowerWish:
-        if now in {PowerWish.COAST, PowerWish.QUICK_STOP}:
+        if now in {PowerWish.COAST, PowerWish.QUICK_STOP, PowerWish.QUICK_STOP_DISABLED}:
             return now
-        goes_on = holds and now is not PowerWish.OFF and last in {PowerWish.ENABLE, PowerWish.HOLD}
+        goes_on = (
+            holds and now not in {PowerWish.OFF, PowerWish.OFF_DISABLED} and last in {PowerWish.ENABLE, PowerWish.HOLD}
+        )
         return PowerWish.HOLD if goes_on else PowerWish.STOP
 
-    return {last: {now: wish(last, now) for now in set(_WISHES)} for last in PowerWish}
+    return {last: {now: wish(last, now) for now in set(WISHES)} for last in PowerWish}
 
 
 _UNCONTROLLED: Final = {item: _without_control(item) for item in ControlLost}
@@ -104,10 +103,10 @@ class ControlWordAdapter(Adapter):
             return False
         if not word & _CONTROL_BY_PLC:
             demand.in_control = False
-            demand.power = self._uncontrolled[demand.power][_WISHES[word & POWER_BITS]]
+            demand.power = self._uncontrolled[demand.power][WISHES[word & POWER_BITS]]
             return False
         demand.connected = demand.in_control = True
-        demand.power = _WISHES[word & POWER_BITS]
+        demand.power = WISHES[word & POWER_BITS]
         demand.acknowledge = word & _FAULT_ACKNOWLEDGE != 0
         return True
 

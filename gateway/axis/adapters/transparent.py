@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from pdgw.gateway.axis.adapters.base import POWER_BITS, Adapter, power_wishes
+from pdgw.gateway.axis.adapters.base import POWER_BITS, WISHES, Adapter
 from pdgw.gateway.axis.waist import Demand, PowerWish, Report
 from pdgw.profidrive.signals import signal
 from pdgw.profidrive.telegrams import Telegram
@@ -46,7 +46,13 @@ ACTUAL_ATTRIBUTES = (
 
 _FAULT_ACKNOWLEDGE = signal("STW1").bit("FAULT_ACKNOWLEDGE").mask
 """The same bit in STW1 and the Controlword (a test)."""
-_WISHES = power_wishes(PowerWish.RAW_OFF)
+_RAW = {
+    PowerWish.OFF: PowerWish.RAW_OFF,
+    PowerWish.OFF_DISABLED: PowerWish.RAW_OFF,
+    PowerWish.QUICK_STOP_DISABLED: PowerWish.QUICK_STOP,
+}
+_WISHES = tuple(_RAW.get(wish, wish) for wish in WISHES)
+"""By bits 0-3 of the Controlword, where bit 3 says nothing beside Shutdown and Quick Stop (CiA 402, commands)."""
 
 
 class TransparentAdapter(Adapter):

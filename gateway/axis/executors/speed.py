@@ -56,6 +56,12 @@ class SpeedExecutor(Executor):
         self._limit = LimitWatch()
         self._stopped = 0
         """The setpoint with which the axis stood at a limit; 0: none."""
+        self._limited = False
+        """A limit of 60FFh cuts the PLC's setpoint."""
+        self._sent = 0
+        """60FFh of the cycle before."""
+        self._awaited = True
+        """The Statusword may still say "reached" for an older setpoint."""
 
     def set_drive(self, drive: DriveType, homing_method: int) -> None:
         if drive.speed_mode is None:
@@ -94,6 +100,7 @@ class SpeedExecutor(Executor):
                 if wire != self._wire and self._setpoint is not None:
                     self._wire = wire
                     self._value = self.notes.limited(self._setpoint, wire)
+                    self._limited = self._setpoint.saturates(wire)
                 self._target = self._value
             else:
                 reason = Reason.SETPOINT_DISABLED
@@ -119,7 +126,7 @@ class SpeedExecutor(Executor):
         command.controlword = controlword | demand.device_bits if demand.connected else controlword
         command.target_velocity = target
         report = self.report
-        report.flags = statusword & _REACHED
+        report.flags = _REACHED if self._reached(target, statusword, feedback.velocity_actual) else 0
         # Without a demand value the difference is far off.
         if -self._tolerance <= feedback.velocity_actual - feedback.velocity_demand <= self._tolerance:
             report.flags |= _WITHIN_TOLERANCE
@@ -134,6 +141,19 @@ class SpeedExecutor(Executor):
             low, high = self._range
             self._target = max(low, min(demanded_speed(self.cycle.feedback), high))
         self._frozen = True
+
+    def _reached(self, target: int, statusword: int, velocity: int) -> bool:
+        """Whether the drive follows the setpoint in force, and that is the PLC's own."""
+        if target != self._sent:
+            self._sent = target
+            self._awaited = True
+        said = statusword & _REACHED != 0
+        if self._awaited and (not said or -self._tolerance <= velocity - target <= self._tolerance):
+            self._awaited = False
+        if not said or self._awaited or self.cycle.action is not _ENABLE_OPERATION:
+            return False
+        own = not self._frozen and not (self._limited and self.cycle.demand.speed_wish is _FOLLOW)
+        return own and target == self._target
 
     def _jog(self, wish: SpeedWish, standstill: bool) -> int:
         """The speed of a jog, 0 for none and for one that does not begin at standstill."""

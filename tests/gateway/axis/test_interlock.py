@@ -9,7 +9,7 @@ import pytest
 from pdgw.dsp402.images import DriveFeedback
 from pdgw.dsp402.states import STATUS_OF, ControlBit, State
 from pdgw.durations import MS
-from pdgw.gateway.axis.interlock import DISABLE_SHOWN_NS, QUICK_STOP_STANDING_NS, Interlock
+from pdgw.gateway.axis.interlock import COMMAND_SHOWN_NS, QUICK_STOP_STANDING_NS, Interlock
 from pdgw.gateway.axis.power_table import Phase
 from pdgw.gateway.axis.settings import AxisSettings, PlcLossReaction
 from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS
@@ -53,10 +53,12 @@ def test_before_an_off_no_command_reaches_any_state(state: State, command: int) 
     is_off = command & 0x7 == 0x6
     if is_off and state not in POWERED and state not in FAULTS:
         assert word == SHUTDOWN
-    elif state is State.QUICK_STOP_ACTIVE:
+    elif command & 0x2 and not (command & 0x4 or command & 0x8):
+        assert word == DISABLE_VOLTAGE, "OFF3 with Disable Operation"
+    elif state is State.QUICK_STOP_ACTIVE and command & 0x2:
         assert word == QUICK_STOP, "a quick stop that runs is not cut short"
-    elif command & 0x6 == 0x2 and state not in POWERED and state not in FAULTS:
-        assert word == QUICK_STOP, "as it is asked"
+    elif command & 0x6 == 0x2 and state not in FAULTS:
+        assert word == QUICK_STOP, "as it is asked, also of a drive that nobody here enabled"
     else:
         assert word == DISABLE_VOLTAGE
     assert not word & ControlBit.SWITCH_ON
@@ -66,13 +68,13 @@ def expected_controlword(state: State, command: int) -> int:
     """The command table of docs/translation.md, read in the order of its priorities."""
     if state in FAULTS:
         return 0
-    if not command & 0x2:
-        return DISABLE_VOLTAGE
+    if not command & 0x2 or not command & 0xC:
+        return DISABLE_VOLTAGE  # OFF2, or OFF3 with Disable Operation
     if not command & 0x4 or state is State.QUICK_STOP_ACTIVE:
         return QUICK_STOP
     if state is State.OPERATION_ENABLED:
         if not command & 0x1:
-            return ENABLE  # OFF1: ramp stop with power on
+            return ENABLE if command & 0x8 else SHUTDOWN  # OFF1: ramp stop with power on, unless Disable Operation
         return ENABLE if command & 0x8 else SWITCH_ON
     if not command & 0x1 or state in {State.SWITCH_ON_DISABLED, State.NOT_READY_TO_SWITCH_ON}:
         return SHUTDOWN
@@ -190,7 +192,7 @@ def test_an_acknowledge_that_stood_from_the_start_into_operation_is_an_edge_once
 
 def test_a_drive_that_follows_the_enable_within_a_cycle_however_long_is_in_operation_by_command() -> None:
     control = power(State.SWITCHED_ON, after_off=True)
-    long_after = MS + 2 * DISABLE_SHOWN_NS
+    long_after = MS + 2 * COMMAND_SHOWN_NS
     assert step(control, OFF, State.OPERATION_ENABLED, long_after) == ENABLE, "OFF1: it ramps down"
     assert control.phase is Phase.RAMP_STOP
 

@@ -11,13 +11,16 @@ from pdgw.durations import MS
 from pdgw.gateway.axis.interlock import QUICK_STOP_STANDING_NS, Interlock
 from pdgw.gateway.axis.power_table import (
     CELLS,
+    COASTS,
     DRIVE_OF_STATE,
     ENABLES,
     IN_OPERATION,
     NO_PLC,
+    OFF,
     OFFS,
     QUICK_STOPS,
     ROWS,
+    SHOWS_OPERATION,
     UNPOWERED,
     Action,
     Cell,
@@ -32,7 +35,8 @@ from pdgw.gateway.reasons import Reason
 OBEYS = {Phase.FOLLOW, Phase.PASS}
 POWERS = {Action.SWITCH_ON, Action.ENABLE_OPERATION, Action.PASS}
 """Actions that may put the power stage on."""
-COASTS = {PowerWish.COAST, PowerWish.NO_PLC_COAST}
+NOT_ASKED = set(PowerWish) - {PowerWish.ON, PowerWish.ENABLE, PowerWish.RESUME}
+"""Wishes of a PLC that does not ask for ON, or of none."""
 STOPS = {Action.DISABLE_VOLTAGE, Action.QUICK_STOP, Action.SHUTDOWN}
 EVERYTHING = list(itertools.product(Phase, Drive, PowerWish))
 
@@ -66,29 +70,45 @@ def test_power_is_put_on_only_where_it_is_obeyed() -> None:
 def test_an_off_never_puts_power_on() -> None:
     for name, item in walk(wishes=OFFS, phases=set(Phase) - {Phase.PASS}):
         assert item.action not in POWERS - {Action.PASS}, name
-    for name, item in walk(wishes={PowerWish.OFF}, phases=set(Phase) - {Phase.PASS}):
+    for name, item in walk(wishes={PowerWish.OFF, PowerWish.OFF_DISABLED}, phases=set(Phase) - {Phase.PASS}):
         assert item.action is not Action.PASS, name
+
+
+def test_enable_is_commanded_unasked_only_to_a_drive_that_has_it() -> None:
+    """The rule behind all rows: no Controlword that can put power on while the PLC does not ask for ON."""
+    enabled = set(IN_OPERATION)
+    for name, item in walk(wishes=NOT_ASKED, drives=set(Drive) - enabled, phases=set(Phase) - {Phase.PASS}):
+        assert item.controlword & 0x1 == 0, name
+    for name, item in walk(wishes=NOT_ASKED, drives=enabled, phases=set(Phase) - {Phase.PASS}):
+        assert item.controlword in {0x0, 0x2, 0x6, 0xF}, name
+
+
+def test_ramp_is_commanded_only_after_enable_operation() -> None:
+    for name, item in walk():
+        if item.action is Action.RAMP:
+            assert any(f", {drive.name}, " in name for drive in IN_OPERATION), name
 
 
 def test_an_off_is_obeyed_by_an_unpowered_drive_from_every_phase_that_does_not_obey() -> None:
     stopped = set(Phase) - OBEYS
-    for name, item in walk(wishes={PowerWish.OFF}, drives=UNPOWERED, phases=stopped):
+    for name, item in walk(wishes={PowerWish.OFF, PowerWish.OFF_DISABLED}, drives=UNPOWERED, phases=stopped):
         assert (item.phase, item.action) == (Phase.FOLLOW, Action.SHUTDOWN), name
     for name, item in walk(wishes={PowerWish.RAW_OFF}, drives=UNPOWERED, phases=stopped):
         assert (item.phase, item.action) == (Phase.PASS, Action.PASS), name
 
 
-def test_off3_of_an_unpowered_drive_is_passed_on_from_every_phase_without_doubt() -> None:
+def test_off3_reaches_an_unpowered_drive_from_every_phase_without_doubt() -> None:
     for name, item in walk(wishes={PowerWish.QUICK_STOP}, drives=UNPOWERED, phases=set(Phase) - {Phase.DOUBT}):
         fell = name.startswith(("FOLLOW, FELL", "PASS, FELL"))
-        assert fell or (item.phase, item.action) == (Phase.LOCKED, Action.QUICK_STOP), name
+        entering = name.startswith(("FOLLOW, ENTERING", "PASS, ENTERING"))
+        after = Phase.DOUBT if entering else Phase.LOCKED
+        assert fell or (item.phase, item.action) == (after, Action.QUICK_STOP), name
 
 
-def test_without_a_plc_a_locked_axis_in_operation_is_stopped_unless_the_user_chose_coasting() -> None:
-    for name, item in walk(wishes=set(NO_PLC) - COASTS, drives=IN_OPERATION, phases={Phase.LOCKED}):
+def test_a_locked_axis_in_operation_brakes_on_off3_and_on_the_loss_of_the_plc() -> None:
+    braking = {PowerWish.QUICK_STOP, PowerWish.NO_PLC_QUICK_STOP, PowerWish.NO_PLC_RAMP}
+    for name, item in walk(wishes=braking, drives=SHOWS_OPERATION, phases={Phase.LOCKED}):
         assert (item.phase, item.action) == (Phase.QUICK_STOP, Action.QUICK_STOP), name
-    for name, item in walk(wishes={PowerWish.NO_PLC_COAST}, drives=IN_OPERATION, phases={Phase.LOCKED}):
-        assert (item.phase, item.action) == (Phase.LOCKED, Action.DISABLE_VOLTAGE), name
 
 
 def test_without_a_plc_no_reason_is_its_own_doing() -> None:
@@ -98,16 +118,26 @@ def test_without_a_plc_no_reason_is_its_own_doing() -> None:
 
 
 @pytest.mark.parametrize("drive", [Drive.LOST, Drive.UNKNOWN])
-def test_a_drive_that_may_be_turning_is_told_to_stop_whatever_is_asked(drive: Drive) -> None:
-    for name, item in walk(drives={drive}):
+def test_a_drive_that_may_be_turning_gets_quick_stop_unless_off2(drive: Drive) -> None:
+    for name, item in walk(drives={drive}, wishes=set(PowerWish) - set(COASTS), phases=set(Phase) - {Phase.COAST}):
         assert (item.phase, item.action) == (Phase.DOUBT, Action.QUICK_STOP), name
+
+
+def test_off2_wins_in_every_row_and_stays_until_the_drive_is_off() -> None:
+    for name, item in walk(wishes=COASTS):
+        off = any(f", {drive.name}, " in name for drive in (*OFF, Drive.FAULT))
+        assert item.action is Action.DISABLE_VOLTAGE, name
+        assert item.phase is (Phase.LOCKED if off else Phase.COAST), name
+    for name, item in walk(phases={Phase.COAST}, drives=set(Drive) - set(UNPOWERED) - {Drive.FAULT}):
+        assert (item.phase, item.action) == (Phase.COAST, Action.DISABLE_VOLTAGE), name
 
 
 @pytest.mark.parametrize("drive", [Drive.FAULT, Drive.NO_REFERENCES, Drive.RESTARTED])
 def test_after_a_fault_or_without_references_nothing_is_obeyed(drive: Drive) -> None:
-    for name, item in walk(drives={drive}, phases=set(Phase) - {Phase.DOUBT}):
+    asked = set(PowerWish) - set(COASTS)
+    for name, item in walk(drives={drive}, phases=set(Phase) - {Phase.DOUBT, Phase.COAST}, wishes=asked):
         assert (item.phase, item.action) == (Phase.LOCKED, Action.DISABLE_VOLTAGE), name
-    for name, item in walk(drives={drive}, phases={Phase.DOUBT}, wishes=set(PowerWish) - COASTS):
+    for name, item in walk(drives={drive}, phases={Phase.DOUBT}, wishes=asked):
         doubtful = (Phase.DOUBT, Action.QUICK_STOP)
         ended = (Phase.LOCKED, Action.DISABLE_VOLTAGE)
         assert (item.phase, item.action) == (ended if drive is Drive.FAULT else doubtful), name
@@ -122,10 +152,9 @@ def test_after_a_loss_a_restart_or_missing_references_a_cycle_passes_before_anyt
 
 
 def test_a_powered_drive_whose_references_are_gone_is_stopped_not_let_coast() -> None:
-    for name, item in walk(drives={Drive.POWERED_UNREAD}, wishes=set(PowerWish) - COASTS):
+    asked, phases = set(PowerWish) - set(COASTS), set(Phase) - {Phase.COAST}
+    for name, item in walk(drives={Drive.POWERED_UNREAD}, wishes=asked, phases=phases):
         assert (item.phase, item.action) == (Phase.DOUBT, Action.QUICK_STOP), name
-    for name, item in walk(drives={Drive.POWERED_UNREAD}, wishes=COASTS):
-        assert (item.phase, item.action) == (Phase.DOUBT, Action.DISABLE_VOLTAGE), name
 
 
 @pytest.mark.parametrize("wish", [PowerWish.STOP, PowerWish.HOLD])
@@ -151,12 +180,14 @@ def test_off2_and_off3_lock_whatever_the_drive_shows(phase: Phase, wish: PowerWi
 def test_an_axis_that_is_being_stopped_never_shows_operation() -> None:
     for name, item in walk(drives=IN_OPERATION):
         assert item.stopping is (item.phase not in OBEYS), name
+    for name, item in walk(drives={Drive.LEAVING}):
+        assert item.stopping, name
 
 
 def test_zsw1_4_and_5_show_the_off2_and_off3_in_force() -> None:
     for name, item in walk():
-        coasts = name.endswith((" COAST", "NO_PLC_COAST"))
-        stops = name.endswith(" QUICK_STOP") or item.phase is Phase.QUICK_STOP
+        coasts = name.endswith((", COAST", "NO_PLC_COAST"))
+        stops = name.endswith((", QUICK_STOP", ", QUICK_STOP_DISABLED")) or item.phase is Phase.QUICK_STOP
         assert bool(item.visible & Flag.NO_COAST_STOP) is not coasts, name
         assert bool(item.visible & Flag.NO_QUICK_STOP) is not stops, name
         assert item.visible | Flag.NO_COAST_STOP | Flag.NO_QUICK_STOP == Flag.OF_THE_DRIVE, name
@@ -164,23 +195,16 @@ def test_zsw1_4_and_5_show_the_off2_and_off3_in_force() -> None:
 
 def test_doubt_ends_only_with_a_drive_that_is_off_or_in_fault_or_an_off_it_can_obey() -> None:
     ends = {Drive.DISABLED, Drive.FELL_OFF, Drive.FAULT, *QUICK_STOPS}
-    for name, item in walk(phases={Phase.DOUBT}, drives=set(Drive) - ends, wishes=set(PowerWish) - set(OFFS)):
+    others = set(PowerWish) - set(OFFS) - set(COASTS)
+    for name, item in walk(phases={Phase.DOUBT}, drives=set(Drive) - ends, wishes=others):
         assert item.phase is Phase.DOUBT, name
-    for name, item in walk(phases={Phase.DOUBT}, drives=(*IN_OPERATION, Drive.READY), wishes={PowerWish.ENABLE}):
+    for name, item in walk(phases={Phase.DOUBT}, drives=(*SHOWS_OPERATION, Drive.READY), wishes={PowerWish.ENABLE}):
         assert item.action is Action.QUICK_STOP, name
-
-
-def test_off2_takes_power_off_at_once_wherever_the_gateway_decides() -> None:
-    told = set(Drive) - {Drive.LOST, Drive.UNKNOWN}
-    for name, item in walk(phases=set(Phase) - {Phase.PASS}, drives=told, wishes={PowerWish.COAST}):
-        # A quick stop the gateway has not seen begin is taken over first.
-        assert item.action is Action.DISABLE_VOLTAGE or "LOCKED, QUICK" in name or "DOUBT, QUICK" in name, name
-        assert item.phase not in {Phase.RAMP_STOP, Phase.SHUTDOWN}, name
 
 
 @pytest.mark.parametrize("phase", [Phase.FOLLOW, Phase.RAMP_STOP, Phase.SHUTDOWN, Phase.QUICK_STOP])
 def test_off3_in_operation_is_a_quick_stop_from_every_phase(phase: Phase) -> None:
-    for name, item in walk(phases={phase}, drives=IN_OPERATION, wishes={PowerWish.QUICK_STOP}):
+    for name, item in walk(phases={phase}, drives=SHOWS_OPERATION, wishes={PowerWish.QUICK_STOP}):
         assert (item.phase, item.action) == (Phase.QUICK_STOP, Action.QUICK_STOP), name
 
 
@@ -195,7 +219,7 @@ def test_the_loss_of_the_plc_in_operation_is_answered_as_the_user_chose(phase: P
     answers = {
         PowerWish.NO_PLC_RAMP: (Phase.RAMP_STOP, Action.RAMP),
         PowerWish.NO_PLC_QUICK_STOP: (Phase.QUICK_STOP, Action.QUICK_STOP),
-        PowerWish.NO_PLC_COAST: (Phase.LOCKED, Action.DISABLE_VOLTAGE),
+        PowerWish.NO_PLC_COAST: (Phase.COAST, Action.DISABLE_VOLTAGE),
     }
     for wish, answer in answers.items():
         item = cell(phase, Drive.OPERATING, wish)
@@ -211,7 +235,7 @@ def test_the_loss_of_the_plc_in_operation_is_answered_as_the_user_chose(phase: P
 def test_off1_ramps_to_standstill_with_power_on_and_then_shuts_down() -> None:
     item = cell(Phase.FOLLOW, Drive.OPERATING, PowerWish.OFF)
     assert (item.phase, item.action, item.controlword) == (Phase.RAMP_STOP, Action.RAMP, 0xF)
-    for wish in (PowerWish.OFF, PowerWish.ON, PowerWish.ENABLE, PowerWish.NO_PLC_RAMP):
+    for wish in (PowerWish.OFF, PowerWish.ENABLE, PowerWish.NO_PLC_RAMP):
         item = cell(Phase.RAMP_STOP, Drive.OPERATING, wish)
         assert (item.phase, item.action) == (Phase.RAMP_STOP, Action.RAMP), wish
         for phase in (Phase.RAMP_STOP, Phase.SHUTDOWN):
@@ -219,17 +243,32 @@ def test_off1_ramps_to_standstill_with_power_on_and_then_shuts_down() -> None:
             assert (item.phase, item.action, item.controlword) == (Phase.SHUTDOWN, Action.RAMP_END, 0x6), wish
 
 
+def test_disable_operation_ends_a_ramp_stop_and_a_quick_stop() -> None:
+    """State S5 of the profile: left at standstill, or with STW1.3 = 0."""
+    for drive in SHOWS_OPERATION:
+        for wish in (PowerWish.ON, PowerWish.OFF_DISABLED):
+            item = cell(Phase.RAMP_STOP, drive, wish)
+            assert (item.phase, item.action, item.controlword) == (Phase.SHUTDOWN, Action.RAMP_END, 0x6), wish
+    for drive in (*SHOWS_OPERATION, *QUICK_STOPS):
+        for wish in (PowerWish.ON, PowerWish.OFF_DISABLED, PowerWish.QUICK_STOP_DISABLED):
+            item = cell(Phase.QUICK_STOP, drive, wish)
+            assert (item.phase, item.action) == (Phase.COAST, Action.DISABLE_VOLTAGE), wish
+    for drive in IN_OPERATION:
+        item = cell(Phase.FOLLOW, drive, PowerWish.OFF_DISABLED)
+        assert (item.phase, item.action) == (Phase.SHUTDOWN, Action.RAMP_END)
+
+
 def test_a_shutdown_that_has_begun_is_not_taken_back() -> None:
     for name, item in walk(phases={Phase.SHUTDOWN}, drives=IN_OPERATION):
-        assert item.phase in {Phase.SHUTDOWN, Phase.QUICK_STOP, Phase.LOCKED}, name
+        assert item.phase in {Phase.SHUTDOWN, Phase.QUICK_STOP, Phase.COAST}, name
         assert item.action in STOPS | {Action.RAMP_END}, name
 
 
-def test_a_quick_stop_ends_by_coast_disable_operation_or_when_it_is_over() -> None:
-    for name, item in walk(phases={Phase.QUICK_STOP}, drives=(*IN_OPERATION, *QUICK_STOPS)):
+def test_a_quick_stop_goes_on_until_it_is_over_unless_it_is_ended() -> None:
+    wishes = set(PowerWish) - set(COASTS) - {PowerWish.ON, PowerWish.OFF_DISABLED}
+    for name, item in walk(phases={Phase.QUICK_STOP}, drives=(*SHOWS_OPERATION, *QUICK_STOPS), wishes=wishes):
         assert item.phase is Phase.QUICK_STOP, name
-        over = "QUICK_STOPPED" in name or name.endswith(", COAST") or ("QUICK_STOPPING" in name and ", ON" in name)
-        assert item.action is (Action.DISABLE_VOLTAGE if over else Action.QUICK_STOP), name
+        assert item.action is (Action.DISABLE_VOLTAGE if "QUICK_STOPPED" in name else Action.QUICK_STOP), name
 
 
 def test_a_quick_stop_that_runs_is_never_answered_by_a_command_that_enables() -> None:
@@ -287,12 +326,29 @@ REACTIONS = {
     PowerWish.NO_PLC_QUICK_STOP: PlcLossReaction.QUICK_STOP,
     PowerWish.NO_PLC_COAST: PlcLossReaction.COAST,
 }
+ENABLING = {Phase.FOLLOW, Phase.PASS, Phase.RAMP_STOP}
+SHOWN_AS = {
+    Drive.STANDING: Drive.OPERATING,
+    Drive.LEAVING: Drive.OPERATING,
+    Drive.QUICK_STOPPED: Drive.QUICK_STOPPING,
+    Drive.ENTERING: Drive.SWITCHED_ON,
+}
 LOOKED_AT = [
     (phase, drive, wish)
     for phase, drive, wish in EVERYTHING
     # These need a past of their own; they have tests of their own.
-    if drive not in {Drive.FELL_BACK, Drive.FELL_OFF, Drive.RESTARTED} and wish is not PowerWish.RESUME
+    if drive not in {Drive.FELL_BACK, Drive.FELL_OFF, Drive.RESTARTED}
+    and wish is not PowerWish.RESUME
+    # Only a phase that enables knows a last Controlword that did.
+    and (drive not in {*IN_OPERATION, Drive.ENTERING} or phase in ENABLING)
 ]
+
+
+def enable(interlock: Interlock, phase: Phase) -> None:
+    """The last Controlword was Enable Operation."""
+    raw = phase is Phase.PASS
+    interlock.step(PowerWish.RAW_OFF if raw else PowerWish.OFF, False, None, STATUSWORD[Drive.READY], False, 0)
+    interlock.step(PowerWish.ENABLE, False, None, STATUSWORD[Drive.SWITCHED_ON], False, 0)
 
 
 @pytest.mark.parametrize("phase", list(Phase))
@@ -300,12 +356,14 @@ def test_the_interlock_obeys_the_table_in_every_condition(phase: Phase) -> None:
     for _, drive, wish in (item for item in LOOKED_AT if item[0] is phase):
         interlock = Interlock(AxisSettings(on_plc_loss=REACTIONS.get(wish, PlcLossReaction.QUICK_STOP)))
         asked = None if wish in NO_PLC else wish
-        shown = {Drive.STANDING: Drive.OPERATING, Drive.QUICK_STOPPED: Drive.QUICK_STOPPING}.get(drive, drive)
+        shown = SHOWN_AS.get(drive, drive)
         trouble = drive if drive in {Drive.LOST, Drive.NO_REFERENCES, Drive.POWERED_UNREAD} else None
         statusword = STATUSWORD.get(shown, 0x27)
         still = drive in {Drive.STANDING, Drive.QUICK_STOPPED}
-        interlock.phase = phase
         interlock.enabled_at = now = MS
+        if drive in {*IN_OPERATION, Drive.ENTERING}:
+            enable(interlock, phase)
+        interlock.phase = phase
         if drive is Drive.QUICK_STOPPED:
             if phase is not Phase.QUICK_STOP:
                 continue  # only a quick stop that is known can be over
