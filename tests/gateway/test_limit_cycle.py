@@ -16,13 +16,12 @@ EVERY = "PDGW_LIMIT_CYCLES" in os.environ
 CYCLES_MS = (1, 2, 4, 16)
 SELECTED = {1: (4,), 9: (2,), TRANSPARENT: (4,), 105: (4,), 111: (16,)}
 """Telegrams and cycle times of the suite: one of each kind of executor."""
-NOT_CURED = pytest.mark.xfail(reason="the ramp stop answers a Statusword older than the gateway's command", strict=True)
 
 
 @pytest.mark.parametrize(
     ("number", "cycle_ms"),
     [
-        pytest.param(number, cycle, marks=() if number == TRANSPARENT else NOT_CURED)
+        (number, cycle)
         for number in DRIVE_TELEGRAM_NUMBERS
         for cycle in (CYCLES_MS if EVERY else SELECTED.get(number, ()))
     ],

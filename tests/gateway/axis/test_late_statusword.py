@@ -1,0 +1,139 @@
+"""A Statusword older than the gateway's last command: nothing is switched on by a stop, and no stop is weakened."""
+
+from __future__ import annotations
+
+import pytest
+
+from pdgw.dsp402.states import STATUS_OF, State
+from pdgw.durations import MS
+from pdgw.gateway.axis.interlock import COMMAND_SHOWN_NS, Interlock
+from pdgw.gateway.axis.settings import AxisSettings, ControlLost, PlcLossReaction
+from pdgw.gateway.reasons import Reason
+from tests.support.drive_types import References
+from tests.support.stepper import Stepper, step_interlock
+
+OFF, ON, NO_OPERATION, NO_CONTROL = 0x047E, 0x047F, 0x0477, 0x007F
+OFF2, OFF3 = 0x047D, 0x047B
+DISABLE_VOLTAGE, QUICK_STOP, SHUTDOWN, SWITCH_ON, ENABLE = 0x0, 0x2, 0x6, 0x7, 0xF
+LATE = State.OPERATION_ENABLED
+NO_STATE = 0x2C
+
+
+class Control:
+    """The interlock of an axis in operation, given one word and one Statusword after another."""
+
+    def __init__(self, reaction: PlcLossReaction = PlcLossReaction.QUICK_STOP) -> None:
+        self.power = Interlock(AxisSettings(on_plc_loss=reaction))
+        self.now = 0
+        for word, state in ((OFF, State.READY_TO_SWITCH_ON), (ON, State.READY_TO_SWITCH_ON), (ON, State.SWITCHED_ON)):
+            self.step(word, state)
+
+    def step(self, word: int | None, shown: State | int, *, drive_ok: bool = True) -> int:
+        self.now += 4 * MS
+        statusword = STATUS_OF[shown] if isinstance(shown, State) else shown
+        connected = word is not None
+        return step_interlock(self.power, word or 0, statusword, self.now, connected=connected, drive_ok=drive_ok)
+
+
+def in_operation(reaction: PlcLossReaction = PlcLossReaction.QUICK_STOP) -> Control:
+    control = Control(reaction)
+    for _ in range(3):
+        assert control.step(ON, LATE) == ENABLE
+    return control
+
+
+def test_off_after_disable_operation_sends_shutdown_and_no_ramp() -> None:
+    control = in_operation()
+    for _ in range(3):
+        assert control.step(NO_OPERATION, LATE) == SWITCH_ON
+    for _ in range(20):
+        assert control.step(OFF, LATE) == SHUTDOWN
+    for _ in range(5):
+        assert control.step(OFF, State.READY_TO_SWITCH_ON) == SHUTDOWN
+
+
+def test_short_on_pulse_is_not_ramped_when_operation_shows_later() -> None:
+    control = Control()
+    assert control.step(OFF, State.SWITCHED_ON) == SHUTDOWN
+    for _ in range(5):
+        assert control.step(OFF, LATE) == SHUTDOWN, "the answer to the pulse is late"
+
+
+def test_plc_loss_with_ramp_after_disable_operation_never_enables() -> None:
+    control = in_operation(PlcLossReaction.RAMP)
+    control.step(NO_OPERATION, LATE)
+    for _ in range(10):
+        assert control.step(None, LATE) == SHUTDOWN
+
+
+def test_loss_of_control_after_disable_operation_never_enables() -> None:
+    for choice in ControlLost:
+        stepper = Stepper(1, AxisSettings(cycle_ns=4 * MS, control_lost=choice))
+        stepper.set_references(References())
+        feedback, words = stepper.feedback, []
+        way = (
+            (OFF, State.READY_TO_SWITCH_ON),
+            (ON, State.READY_TO_SWITCH_ON),
+            (ON, State.SWITCHED_ON),
+            (ON, LATE),
+            (NO_OPERATION, LATE),
+            *((NO_CONTROL, LATE),) * 5,
+        )
+        for cycle, (word, state) in enumerate(way):
+            feedback.statusword = STATUS_OF[state]
+            stepper.step((word, 0x2000), feedback, True, (cycle + 1) * 4 * MS)
+            words.append(stepper.command.controlword & 0xF)
+        assert words == [SHUTDOWN, SWITCH_ON, ENABLE, ENABLE, SWITCH_ON, *(SHUTDOWN,) * 5], choice
+
+
+def test_operation_shown_long_after_the_last_enable_is_an_unknown_state() -> None:
+    control = Control()
+    control.step(OFF, State.SWITCHED_ON)
+    control.now += COMMAND_SHOWN_NS
+    assert control.step(OFF, LATE) == QUICK_STOP
+    assert control.power.reason is Reason.DRIVE_UNKNOWN_STATE
+
+
+@pytest.mark.parametrize("word", [OFF3, None])
+def test_quick_stop_right_after_the_first_enable_lasts_until_the_drive_is_off(word: int | None) -> None:
+    control = Control()
+    assert control.step(word, State.SWITCHED_ON) == QUICK_STOP, "it may be in operation already"
+    for _ in range(3):
+        assert control.step(word, State.SWITCHED_ON) == QUICK_STOP
+        assert control.step(word, LATE) == QUICK_STOP
+    assert control.step(word, State.SWITCH_ON_DISABLED) in {DISABLE_VOLTAGE, QUICK_STOP}
+
+
+@pytest.mark.parametrize("word", [OFF2, None])
+@pytest.mark.parametrize("seen", ["lost", "no state"])
+def test_off2_of_a_lost_or_unknown_drive_takes_power_off_and_stays(word: int | None, seen: str) -> None:
+    control = in_operation(PlcLossReaction.COAST)
+    shown: State | int = NO_STATE if seen == "no state" else LATE
+    drive_ok = seen != "lost"
+    assert control.step(word, shown, drive_ok=drive_ok) == DISABLE_VOLTAGE
+    for later in (ON, OFF3, OFF):
+        assert control.step(later, shown, drive_ok=drive_ok) == DISABLE_VOLTAGE, "OFF2 stays"
+    assert control.step(OFF, LATE) == DISABLE_VOLTAGE, "until the drive shows that it is off"
+    assert control.step(OFF, State.SWITCH_ON_DISABLED) == SHUTDOWN
+
+
+def test_off3_brakes_a_drive_in_operation_that_nobody_here_enabled() -> None:
+    power = Interlock(AxisSettings())
+    assert step_interlock(power, OFF3, STATUS_OF[LATE], MS) == QUICK_STOP
+    assert step_interlock(power, ON, STATUS_OF[LATE], 2 * MS) == QUICK_STOP, "latched"
+
+
+def test_disable_operation_in_a_ramp_stop_takes_power_off() -> None:
+    for word in (NO_OPERATION, 0x0476):
+        control = in_operation()
+        assert control.step(OFF, LATE) == ENABLE
+        assert control.step(word, LATE) == SHUTDOWN
+        assert control.step(OFF, LATE) == SHUTDOWN, "it is not begun again"
+
+
+def test_disable_operation_in_a_quick_stop_takes_power_off() -> None:
+    for word in (NO_OPERATION, 0x0476, 0x0473):
+        control = in_operation()
+        assert control.step(OFF3, LATE) == QUICK_STOP
+        assert control.step(word, State.QUICK_STOP_ACTIVE) == DISABLE_VOLTAGE
+        assert control.step(OFF3, State.QUICK_STOP_ACTIVE) == DISABLE_VOLTAGE, "it is not begun again"
