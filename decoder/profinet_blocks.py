@@ -13,26 +13,31 @@ from typing import Any, Final
 from uuid import UUID
 
 from pdgw.decoder.fields import Document
-from pdgw.profinet.blocks import alarm, connect, control, records
+from pdgw.profinet import io_data
+from pdgw.profinet.blocks import alarm, connect, control, port, records
 from pdgw.profinet.blocks.alarm import (
     MESSAGE_CLASS_TEXTS,
     SPECIFIER_SHIFT,
     USI_CHANNEL_DIAGNOSIS,
+    USI_EXTENDED_DIAGNOSIS,
     ChannelDiagnosis,
     DiagnosisBlock,
+    ExtendedDiagnosis,
     MessageClass,
     Specifier,
 )
 from pdgw.profinet.blocks.connect import REFUSED_BLOCKS, REQUESTS
 from pdgw.profinet.blocks.control import ControlBlock, ReleaseReq
+from pdgw.profinet.blocks.port import PortData
 from pdgw.profinet.blocks.records import MultipleBlock
+from pdgw.profinet.io_data import OutputData
 from pdgw.profinet.model import INTERFACE_SUBSLOT
 from pdgw.profinet.rpc.identification import INDEX as IM_INDEX
 from pdgw.profinet.rpc.identification import TEXT_FIELDS
 from pdgw.profinet.rpc.records import PNIO, PnioStatus
 from pdgw.profinet.wire import HEADER, VERSION_SIZE, Block, Cursor, Structure, WireError
 
-_MODULES = (alarm, connect, control, records)
+_MODULES = (alarm, connect, control, records, port, io_data)
 BLOCKS: Final[dict[int, type[Block]]] = {
     cls.TYPE: cls
     for module in _MODULES
@@ -110,10 +115,12 @@ def _block(kind: int, data: bytes) -> Document:
     except WireError as error:
         return document | {"error": str(error), "data": data[HEADER.size :].hex()}
     document |= fields_of(block)
-    if isinstance(block, MultipleBlock):
+    if isinstance(block, MultipleBlock | PortData):
         document["blocks"] = documents(block.blocks)
-    elif isinstance(block, DiagnosisBlock):
-        document["entries"] = diagnoses(block.entries) if block.usi == USI_CHANNEL_DIAGNOSIS else block.entries.hex()
+    elif isinstance(block, OutputData):
+        document["blocks"] = documents(block.content[block.length + block.length_iocs + block.length_iops :])
+    elif isinstance(block, DiagnosisBlock) and block.usi in DIAGNOSES:
+        document["entries"] = diagnoses(block.entries, block.usi)
     return document
 
 
@@ -138,13 +145,17 @@ def place_text(slot: int, subslot: int) -> str:
     return f"slot {slot}.{subslot:04X}h" if subslot >= INTERFACE_SUBSLOT else f"slot {slot}.{subslot}"
 
 
-def diagnoses(entries: bytes) -> list[Document]:
-    """Channel diagnosis, each entry with its text; what is cut short is left out."""
+DIAGNOSES: Final = {USI_CHANNEL_DIAGNOSIS: ChannelDiagnosis, USI_EXTENDED_DIAGNOSIS: ExtendedDiagnosis}
+"""Entries of diagnosis by their UserStructureIdentifier."""
+
+
+def diagnoses(entries: bytes, usi: int) -> list[Document]:
+    """Channel diagnosis, each entry with its text; what is cut short is left out. ``usi``: one of DIAGNOSES."""
     found: list[Document] = []
     cursor = Cursor(entries, checked=False)
     while cursor.left:
         try:
-            entry = ChannelDiagnosis.read(cursor)
+            entry = DIAGNOSES[usi].read(cursor)
         except WireError:
             break
         found.append(fields_of(entry) | {"text": diagnosis_text(entry)})
@@ -154,7 +165,8 @@ def diagnoses(entries: bytes) -> list[Document]:
 def diagnosis_text(entry: ChannelDiagnosis) -> str:
     """What an entry says, for the reader."""
     specifier = entry.properties >> SPECIFIER_SHIFT & _SPECIFIER_MASK
-    what = f"channel error {entry.error_type:04X}h"
+    subtype = f", {entry.ext_error_type:04X}h" if isinstance(entry, ExtendedDiagnosis) else ""
+    what = f"channel error {entry.error_type:04X}h{subtype}"
     if entry.error_type in set(MessageClass):
         what = MESSAGE_CLASS_TEXTS[MessageClass(entry.error_type)]
     happened = Specifier(specifier).name.lower().replace("_", " ") if specifier in set(Specifier) else ""

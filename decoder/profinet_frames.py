@@ -11,7 +11,7 @@ from typing import Final
 
 from pdgw.decoder.connect import Connection
 from pdgw.decoder.fields import Document
-from pdgw.decoder.profinet_blocks import diagnoses, documents, place_text
+from pdgw.decoder.profinet_blocks import DIAGNOSES, diagnoses, documents, place_text
 from pdgw.decoder.profinet_calls import Base
 from pdgw.decoder.profinet_names import StationNames
 from pdgw.decoder.profinet_records import AlarmRecord, DcpRecord, LldpRecord
@@ -21,7 +21,7 @@ from pdgw.durations import SECOND
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profinet import dcp, lldp
 from pdgw.profinet.apmx import ALARM_FRAME_IDS, PDU, PduType
-from pdgw.profinet.blocks.alarm import NOTIFICATIONS, USI_CHANNEL_DIAGNOSIS, AlarmType, Priority
+from pdgw.profinet.blocks.alarm import NOTIFICATIONS, AlarmType, Priority
 from pdgw.profinet.cmdev import AbortCode
 from pdgw.profinet.dcp import Option, Service, ServiceType, SetError
 from pdgw.profinet.rpc.records import PnioStatus
@@ -238,8 +238,8 @@ def _notification(content: bytes) -> list[Document]:
         if block.get("type") in _NOTIFICATION_TYPES and "payload" in block:
             payload = content[HEADER.size :][-len(block["payload"]) // 2 :] if block["payload"] else b""
             usi, entries = int.from_bytes(payload[:_U16], "big"), payload[_U16:]
-            if usi == USI_CHANNEL_DIAGNOSIS:
-                block["diagnoses"] = diagnoses(entries)
+            if usi in DIAGNOSES:
+                block["diagnoses"] = diagnoses(entries, usi)
     return blocks
 
 

@@ -108,7 +108,8 @@ class ProfinetLink:
         """How the newest relationship that exchanged data ended."""
         self._keeper = StationKeeper(port, transport, store, loop)
         model = profinet_model(transport, port.mac, config.objects, self._telegrams)
-        self.station = Station(model.identity, self._keeper.first_name(), self._keeper.first_ip(), link_up=port.link_up)
+        name, ip = self._keeper.first_name(), self._keeper.first_ip()
+        self.station = Station(model.identity, name, ip, link_up=port.link_up, medium=port.medium)
         self.device = ProfinetDevice(
             model,
             self.station,
@@ -320,7 +321,7 @@ class ProfinetLink:
         self._pump()
 
     def _on_carrier(self) -> None:
-        up = self.port.link_up
+        up, self.station.medium = self.port.link_up, self.port.medium
         if up != self.station.link_up:
             log.log(logging.INFO if up else logging.ERROR, "cable %s", "plugged" if up else "pulled")
             self.device.on_link(up, self._loop.now())

@@ -61,6 +61,9 @@ class StationKeeper:
             if suite != fixed:
                 log.error("IP address %s by DCP refused: ip in [transport] fixes %s", suite.address, fixed.address)
             return suite == fixed
+        present = self._port.ip()
+        if (present.address, present.mask) == (suite.address, suite.mask):
+            return True
         try:
             self._port.set_ip(suite)
         except GatewayError as error:

@@ -21,6 +21,7 @@ from pdgw.gateway.store import DeviceParameters, ParameterStore
 from pdgw.gateway.transport.udp import Address
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.parameters.codec import HEADER_SIZE, RequestId
+from pdgw.profinet.model import DAP_SLOT, INTERFACE_SUBSLOT, PORT_SUBSLOT, TELEGRAM_SUBSLOT
 from pdgw.profinet.rpc import identification
 from pdgw.profinet.rpc.records import (
     RECORD_GLOBAL,
@@ -36,6 +37,8 @@ log = logging.getLogger("gateway")
 ACCESS_POINT = 1
 """Subslot of the parameter access point."""
 _APIS = (0, identification.PROFILE_ID)
+_DEVICE_SUBSLOTS, _OBJECT_SUBSLOTS = {INTERFACE_SUBSLOT, PORT_SUBSLOT}, {TELEGRAM_SUBSLOT}
+"""Further subslots of slot 0 and of a drive object: they answer with the device's I&M0."""
 _REQUEST_ID_OFFSET = 1
 _OUTSTANDING = 32
 """Requests of all callers that are in work or whose answers were not fetched yet."""
@@ -123,8 +126,14 @@ class Records:
             raise UnknownArUuid
         if block.api not in _APIS:
             raise RecordRefused(AccessError.INVALID_AREA)
-        if block.slot >= len(self._manager.slots) or block.subslot != ACCESS_POINT:
+        if block.slot >= len(self._manager.slots):
             raise RecordRefused(AccessError.INVALID_SLOT)
+        if block.subslot == ACCESS_POINT:
+            return
+        if block.subslot not in (_DEVICE_SUBSLOTS if block.slot == DAP_SLOT else _OBJECT_SUBSLOTS):
+            raise RecordRefused(AccessError.INVALID_SLOT)
+        if block.index != identification.INDEX:
+            raise RecordRefused(AccessError.INVALID_INDEX)
 
     def _check_writer(self, caller: Caller) -> None:
         host = caller.address[0]
@@ -195,6 +204,9 @@ class Records:
     def _write_identification(self, number: int, data: bytes) -> None:
         if number == 0:
             raise RecordRefused(AccessError.ACCESS_DENIED)
+        if len(data) != identification.size_of(number):
+            log.warning("I&M%d not written: %d bytes, allowed: %d", number, len(data), identification.size_of(number))
+            raise RecordRefused(AccessError.WRITE_LENGTH)
         try:
             values = identification.decode_im(number, data)
         except ProfidriveError as error:

@@ -188,7 +188,9 @@ class ContextManager:
         if granted.inputs is None:
             access = [item for item in self.relations.values() if not item.has_data]
             if len(access) >= ACCESS_RELATIONS:
-                raise refuse_call(NO_AR_FREE, "device access relationships", len(access), f"{ACCESS_RELATIONS}")
+                raise refuse_call(
+                    NO_AR_FREE, "device access relationship", len(access) + 1, f"at most {ACCESS_RELATIONS}"
+                )
             return None
         present = self.io
         if present is None:

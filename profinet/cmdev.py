@@ -22,6 +22,7 @@ from pdgw.profinet.blocks.control import ApplicationReadyReq, ApplicationReadyRe
 from pdgw.profinet.connect import ConnectPlan
 from pdgw.profinet.cpm import Consumer, Verdict
 from pdgw.profinet.diagnosis import AlarmSource
+from pdgw.profinet.model import Subslot
 from pdgw.profinet.ppm import Provider
 from pdgw.profinet.rpc import dcerpc
 from pdgw.profinet.rpc.dcerpc import Flags, PacketType, RpcHeader
@@ -205,8 +206,8 @@ class ApplicationRelation:
         self.ended: Ended | None = None
         self.has_data = ar.ar_type == ArType.IO
         self.state = State.PARAMETERISING if self.has_data else State.ACCESS
-        self.stored: dict[tuple[int, int, int], bytes] = {}
-        """Records written to interface and port, by slot, subslot and index."""
+        self.stored: dict[tuple[Subslot, int], bytes] = {}
+        """Records written to interface and port, by place and index."""
         self._output = output
         self._cyclic = cyclic or CyclicCounters()
         self.alarms = alarms

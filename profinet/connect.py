@@ -137,15 +137,13 @@ def plan(arguments: bytes, model: DeviceModel) -> ConnectPlan:
 
 
 def _decode(arguments: bytes) -> list[Block]:
+    parts: list[tuple[int, bytes]] = []
+    broken: ConnectRefused | None = None
     try:
-        parts = split(arguments)
-    except BlockLengthError as error:
-        known = REQUESTS.get(error.kind)
-        if known is None:
-            raise refuse_call(ARGS_LENGTH, error.field, error.value, error.allowed) from error
-        raise ConnectRefused(known.ERROR_CODE1, error.number, error.field, error.value, error.allowed) from error
+        parts.extend(split(arguments))
     except WireError as error:
-        raise refuse_call(ARGS_LENGTH, error.field, error.value, error.allowed) from error
+        # Told only when the blocks before it are right: behind a block that is too short nothing is where it should be.
+        broken = _refuse_length(error)
     blocks: list[Block] = []
     # The AR block first: a type of relationship this device does not have is refused by its type, not by its further blocks.
     for kind, data in sorted(parts, key=lambda part: part[0] != ArBlockReq.TYPE):
@@ -161,7 +159,16 @@ def _decode(arguments: bytes) -> list[Block]:
         except WireError as error:
             code1 = block.ERROR_CODE1
             raise ConnectRefused(code1, error.number, error.field, error.value, error.allowed) from error
+    if broken is not None:
+        raise broken
     return blocks
+
+
+def _refuse_length(error: WireError) -> ConnectRefused:
+    known = REQUESTS.get(error.kind) if isinstance(error, BlockLengthError) else None
+    if known is None:
+        return refuse_call(ARGS_LENGTH, error.field, error.value, error.allowed)
+    return ConnectRefused(known.ERROR_CODE1, error.number, error.field, error.value, error.allowed)
 
 
 def _only(kind: type[Requested], blocks: list[Block]) -> Requested:

@@ -101,6 +101,11 @@ class Consumer:
         """Where data and IOPS of a submodule lie in ``payload``; None where it has none."""
         return self._places.get(place)
 
+    def iocs(self, place: Subslot) -> int | None:
+        """The controller's status of a submodule's input data; None where the frame has none."""
+        offset = self.plan.iocs.get(place)
+        return None if offset is None else self.payload[HEADER.size + offset]
+
     def output(self, place: Subslot) -> bytes | None:
         """Output data of a submodule; None unless the controller is in RUN and says that this data is GOOD."""
         where = self._places.get(place)

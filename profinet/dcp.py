@@ -2,7 +2,7 @@
 
 Source: IEC 61158-6-10 (DCP), as scapy's ``pnio_dcp`` and tshark read it. Left out: Hello, DHCP.
 
-Secure default: while an application relationship is up, name, IP suite and reset are refused as "in operation".
+Secure default: while an application relationship is up, another name, another IP suite and reset are refused as "in operation".
 """
 
 from __future__ import annotations
@@ -62,6 +62,7 @@ class Option(enum.Enum):
     STOP = (5, 2)
     SIGNAL = (5, 3)
     RESPONSE = (5, 4)
+    FACTORY_RESET = (5, 5)
     RESET = (5, 6)
     ALL = (0xFF, 0xFF)
 
@@ -231,10 +232,11 @@ class DcpResponder:
             return None
         if not filters or not all(self._matches(code, content) for code, content in filters):
             return None
-        if not 1 <= delay <= DELAY_FACTOR_MAX or (source not in self._pending and len(self._pending) >= _PENDING_MAX):
+        if delay > DELAY_FACTOR_MAX or (source not in self._pending and len(self._pending) >= _PENDING_MAX):
             return None
         mac = self._station.identity.mac
-        due = now + (mac[4] * 256 + mac[5]) % delay * DELAY_UNIT_NS
+        # 0 is reserved; a tester sends it, and expects the answer of 1.
+        due = now + (mac[4] * 256 + mac[5]) % max(1, delay) * DELAY_UNIT_NS
         content = b"".join(
             self._block(option)
             for option in (
@@ -330,14 +332,16 @@ class DcpResponder:
                     return SetError.VALUE
                 self.events.append(Flash())
                 return SetError.OK
-            case Option.NAME | Option.IP | Option.RESET if self._in_operation():
+            case Option.NAME | Option.IP | Option.FACTORY_RESET | Option.RESET if (
+                self._in_operation() and value != self._unchanged(option)
+            ):
                 return SetError.IN_OPERATION
             case Option.NAME:
                 return self._set_name(value, permanent)
             case Option.IP:
                 return self._set_ip(value, permanent)
-            case Option.RESET:
-                if qualifier != _RESET_MODE_2 or value:
+            case Option.FACTORY_RESET | Option.RESET:
+                if value or (option is Option.RESET and qualifier != _RESET_MODE_2):
                     return SetError.VALUE
                 self._station.name = ""
                 if self._give_ip(NO_IP):
@@ -345,6 +349,10 @@ class DcpResponder:
                 self.events.append(ResetToFactory())
                 return SetError.OK
         return SetError.SUBOPTION if code[0] in _OPTIONS else SetError.OPTION
+
+    def _unchanged(self, option: Option) -> bytes | None:
+        """The value of a Set that changes nothing; None: there is none, as for a reset."""
+        return self._value(option) if option in {Option.NAME, Option.IP} else None
 
     def _set_name(self, value: bytes, permanent: bool) -> SetError:
         name = value.decode("latin-1")

@@ -14,14 +14,15 @@ from typing import Final
 from uuid import UUID
 
 from pdgw.profidrive.errors import ProfidriveError
-from pdgw.profinet import dcp, ethernet, lldp
+from pdgw.profinet import dcp, ethernet, lldp, physical_device
 from pdgw.profinet.apmx import ALARM_FRAME_IDS
 from pdgw.profinet.blocks.alarm import Severity
 from pdgw.profinet.cm import ContextManager
 from pdgw.profinet.cmdev import Address, ApplicationRelation, Ended, Event
 from pdgw.profinet.dcp import DcpResponder, Flash, IpSet, NameSet, ResetToFactory
-from pdgw.profinet.diagnosis import Diagnosis
+from pdgw.profinet.diagnosis import NO_SUBTYPE, Diagnosis
 from pdgw.profinet.model import DeviceModel, Subslot
+from pdgw.profinet.physical_device import PORT, PortFault
 from pdgw.profinet.rpc import dcerpc
 from pdgw.profinet.rpc.dcerpc import PacketType
 from pdgw.profinet.rpc.records import PnioStatus
@@ -89,6 +90,8 @@ class ProfinetDevice:
         self._events: list[DeviceEvent] = []
         self.cm = ContextManager(model, station, self.diagnosis, records, self, seed=seed, boot_time=boot_time)
         self._octets = self.cm.records.octets
+        self._port_faults: set[PortFault] = set()
+        station.link_since_ns = now
         self.dcp = DcpResponder(station, lambda: self.cm.io is not None, give_ip)
         self._lldp_due = now
         self._told: ApplicationRelation | None = None
@@ -148,6 +151,7 @@ class ProfinetDevice:
         except ProfidriveError:
             return
         self.station.neighbour = neighbour if neighbour.lifetime_ns else None
+        self._check_port(now)
 
     def on_datagram(self, data: bytes, address: Address, now: int) -> None:
         """A UDP datagram that came to the RPC port."""
@@ -167,10 +171,12 @@ class ProfinetDevice:
         else:
             self.cm.answer(header, body, address[0], now)
         self._settle(now)
+        self._check_port(now)
 
     def on_link(self, up: bool, now: int) -> None:
         """The cable is on or off."""
         self.station.link_up = up
+        self.station.link_since_ns = now
         if not up:
             self.station.neighbour = None
             self.end(Event.LINK_DOWN, now)
@@ -224,11 +230,27 @@ class ProfinetDevice:
                 self.frame(frame)
         if now >= self._lldp_due:
             self._lldp_due = now + lldp.INTERVAL_NS
-            self.frame(lldp.encode(self.station))
+            if not self.station.lldp_silent:
+                self.frame(lldp.encode(self.station))
             neighbour = self.station.neighbour
             if neighbour is not None and now - neighbour.seen_ns > neighbour.lifetime_ns:
                 self.station.neighbour = None
+            self._check_port(now)
         self._settle(now)
+
+    def _check_port(self, now: int) -> None:
+        """Compare the port with what the controller wants there, and adjust it."""
+        io = self.cm.io
+        written = {} if io is None else io.stored
+        if not written and not self._port_faults and not self.station.lldp_adjusted:
+            return
+        physical_device.adjust(written, self.station)
+        found = physical_device.faults(written, self.station, now)
+        for fault in self._port_faults - found:
+            self.clear_diagnosis(PORT, *fault.value)
+        for fault in found - self._port_faults:
+            self.set_diagnosis(PORT, *fault.value)
+        self._port_faults = found
 
     def _settle(self, now: int) -> None:
         """Tell what became of the relationships, forget those that ended."""
@@ -237,6 +259,7 @@ class ProfinetDevice:
                 self._events.append(Disconnected(relation, relation.ended))
             if relation is self._told:
                 self._told = None
+            self._check_port(now)
         io = self.cm.io
         if io is not None and io.connected and io is not self._told:
             self._told = io
@@ -310,14 +333,16 @@ class ProfinetDevice:
         if relation is not None and relation.provider is not None:
             relation.provider.set(place, data, good=good)
 
-    def set_diagnosis(self, place: Subslot, error_type: int, *, severity: Severity = Severity.FAULT) -> None:
-        """A diagnosis of a submodule appears. ``error_type``: for drive objects a ``MessageClass``."""
-        self.diagnosis.set(place, error_type, severity)
+    def set_diagnosis(
+        self, place: Subslot, error_type: int, subtype: int = NO_SUBTYPE, *, severity: Severity = Severity.FAULT
+    ) -> None:
+        """A diagnosis of a submodule appears. ``error_type``: for drive objects a ``MessageClass``, without ``subtype``."""
+        self.diagnosis.set(place, error_type, severity, subtype)
         self._diagnosis_changed()
 
-    def clear_diagnosis(self, place: Subslot, error_type: int | None = None) -> None:
+    def clear_diagnosis(self, place: Subslot, error_type: int | None = None, subtype: int = NO_SUBTYPE) -> None:
         """It disappears; None: all of the submodule."""
-        self.diagnosis.clear(place, error_type)
+        self.diagnosis.clear(place, error_type, subtype)
         self._diagnosis_changed()
 
     def _diagnosis_changed(self) -> None:

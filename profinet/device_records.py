@@ -12,7 +12,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 from uuid import UUID
 
-from pdgw.profinet import lldp
+from pdgw.profinet import io_data, physical_device
+from pdgw.profinet.blocks.alarm import Severity
 from pdgw.profinet.blocks.connect import LT_RT
 from pdgw.profinet.blocks.records import (
     Api,
@@ -27,25 +28,18 @@ from pdgw.profinet.blocks.records import (
     IdentSubmodule,
     ImFilterDevice,
     ImFilterSubmodules,
-    InterfaceDataReal,
     LogData,
     LogEntry,
-    MultipleBlock,
-    Peer,
-    PortDataReal,
-    PortStatistic,
     RealIdentification,
 )
 from pdgw.profinet.model import (
     ACCESS_POINT_SUBSLOT,
-    API_DEFAULT,
     DAP_SLOT,
     DAP_SUBSLOT,
-    INTERFACE_SUBSLOT,
-    PORT_SUBSLOT,
     DeviceModel,
     Subslot,
 )
+from pdgw.profinet.physical_device import PortIndex
 from pdgw.profinet.rpc import identification
 from pdgw.profinet.rpc.records import (
     NIL,
@@ -57,6 +51,7 @@ from pdgw.profinet.rpc.records import (
     UnknownArUuid,
 )
 from pdgw.profinet.rpc.server import RecordHandler
+from pdgw.profinet.wire import WireError
 
 if TYPE_CHECKING:
     from pdgw.profinet.cmdev import ApplicationRelation
@@ -66,8 +61,6 @@ if TYPE_CHECKING:
 _STORED_MAX = 1024
 """Longest record kept for interface and port."""
 _LOG_ENTRIES = 16
-_MEDIA_COPPER = 1
-_LINK_UP, _LINK_DOWN = 1, 2
 
 
 class Index(enum.IntEnum):
@@ -78,14 +71,20 @@ class Index(enum.IntEnum):
     DIAGNOSIS_CHANNEL_SUBSLOT = 0x800A
     DIAGNOSIS_ALL_SUBSLOT = 0x800B
     DIAGNOSIS_STATUS_SUBSLOT = 0x800C
+    MAINTENANCE_REQUIRED_CHANNEL_SUBSLOT = 0x8010
+    MAINTENANCE_DEMANDED_CHANNEL_SUBSLOT = 0x8011
+    MAINTENANCE_REQUIRED_ALL_SUBSLOT = 0x8012
+    MAINTENANCE_DEMANDED_ALL_SUBSLOT = 0x8013
+    INPUT_DATA = 0x8028
+    OUTPUT_DATA = 0x8029
     PORT_DATA_REAL = 0x802A
-    PORT_DATA_CHECK = 0x802B
-    PORT_DATA_ADJUST = 0x802F
-    NETWORK_COMPONENT_CHECK = 0x8070
-    INTERFACE_ADJUST = 0x8071
+    PORT_DATA_CHECK = PortIndex.PORT_DATA_CHECK
+    PORT_DATA_ADJUST = PortIndex.PORT_DATA_ADJUST
+    NETWORK_COMPONENT_CHECK = PortIndex.NETWORK_COMPONENT_CHECK
+    INTERFACE_ADJUST = PortIndex.INTERFACE_ADJUST
     STATISTIC = 0x8072
     INTERFACE_DATA_REAL = 0x8080
-    FAST_STARTUP_ADJUST = 0x8090
+    FAST_STARTUP_ADJUST = PortIndex.FAST_STARTUP_ADJUST
     EXPECTED_SLOT = 0xC000
     REAL_SLOT = 0xC001
     DIAGNOSIS_CHANNEL_SLOT = 0xC00A
@@ -101,11 +100,13 @@ class Index(enum.IntEnum):
     DIAGNOSIS_CHANNEL_API = 0xF00A
     DIAGNOSIS_ALL_API = 0xF00B
     DIAGNOSIS_STATUS_API = 0xF00C
+    DIAGNOSIS_STATUS_DEVICE = 0xF80C
     AR_DATA = 0xF820
     API_DATA = 0xF821
     LOG_DATA = 0xF830
     IM_FILTER = 0xF840
     REAL_DATA = 0xF841
+    EXPECTED_DATA = 0xF842
 
 
 class Scope(enum.Enum):
@@ -118,20 +119,20 @@ class Scope(enum.Enum):
     DEVICE = "device"
 
 
-_DIAGNOSIS: Final = {
-    Index.DIAGNOSIS_CHANNEL_SUBSLOT: Scope.SUBSLOT,
-    Index.DIAGNOSIS_ALL_SUBSLOT: Scope.SUBSLOT,
-    Index.DIAGNOSIS_STATUS_SUBSLOT: Scope.SUBSLOT,
-    Index.DIAGNOSIS_CHANNEL_SLOT: Scope.SLOT,
-    Index.DIAGNOSIS_ALL_SLOT: Scope.SLOT,
-    Index.DIAGNOSIS_STATUS_SLOT: Scope.SLOT,
-    Index.DIAGNOSIS_CHANNEL_AR: Scope.AR,
-    Index.DIAGNOSIS_ALL_AR: Scope.AR,
-    Index.DIAGNOSIS_STATUS_AR: Scope.AR,
-    Index.DIAGNOSIS_CHANNEL_API: Scope.API,
-    Index.DIAGNOSIS_ALL_API: Scope.API,
-    Index.DIAGNOSIS_STATUS_API: Scope.API,
+_SCOPES: Final = {0x8000: Scope.SUBSLOT, 0xC000: Scope.SLOT, 0xE000: Scope.AR, 0xF000: Scope.API}
+_SEVERITIES: Final = {
+    0x0A: {Severity.FAULT},
+    0x0B: {Severity.FAULT},
+    0x0C: set(Severity),
+    0x10: {Severity.MAINTENANCE_REQUIRED},
+    0x11: {Severity.MAINTENANCE_DEMANDED},
+    0x12: {Severity.MAINTENANCE_REQUIRED},
+    0x13: {Severity.MAINTENANCE_DEMANDED},
 }
+_DIAGNOSIS: Final = {
+    base + number: (scope, severities) for base, scope in _SCOPES.items() for number, severities in _SEVERITIES.items()
+} | {int(Index.DIAGNOSIS_STATUS_DEVICE): (Scope.DEVICE, set(Severity))}
+"""Records of diagnosis: of which submodules, and of which severities."""
 _EXPECTED: Final = {
     Index.EXPECTED_SUBSLOT: Scope.SUBSLOT,
     Index.EXPECTED_SLOT: Scope.SLOT,
@@ -143,11 +144,6 @@ _REAL: Final = {
     Index.REAL_AR: Scope.AR,
     Index.REAL_API: Scope.API,
 }
-_WRITABLE: Final = {
-    INTERFACE_SUBSLOT: {Index.NETWORK_COMPONENT_CHECK, Index.INTERFACE_ADJUST, Index.FAST_STARTUP_ADJUST},
-    PORT_SUBSLOT: {Index.PORT_DATA_CHECK, Index.PORT_DATA_ADJUST},
-}
-"""What a controller writes to interface and port before PrmEnd: accepted and kept, without effect on one copper port."""
 _OF_APPLICATION: Final = frozenset(
     {RECORD_LOCAL, RECORD_GLOBAL, *range(identification.INDEX, identification.INDEX + 5)}
 )
@@ -194,11 +190,15 @@ class DeviceRecords:
         if block.index in _OF_APPLICATION:
             self._application(host).write(block, data)
             return
-        if block.slot != DAP_SLOT or block.index not in _WRITABLE.get(block.subslot, set()):
+        if (place, block.index) not in physical_device.WRITABLE:
             raise RecordRefused(AccessError.INVALID_INDEX)
         if len(data) > _STORED_MAX:
             raise RecordRefused(AccessError.WRITE_LENGTH)
-        relation.stored[(*place, block.index)] = data
+        try:
+            physical_device.check(place, block.index, data)
+        except WireError as error:
+            raise RecordRefused(AccessError.INVALID_PARAMETER) from error
+        relation.stored[place, block.index] = data
 
     # -- read ---------------------------------------------------------------------------------------------------------
 
@@ -206,8 +206,8 @@ class DeviceRecords:
         """The data of a record for ``host``; RecordRefused."""
         index = block.index
         if index in _DIAGNOSIS:
-            places = self._scope(_DIAGNOSIS[Index(index)], relation, block)
-            return self._diagnosis.record(self._model, places)
+            scope, severities = _DIAGNOSIS[index]
+            return self._diagnosis.record(self._model, self._scope(scope, relation, block), severities)
         if index in _REAL:
             return self._identification(RealIdentification, self._scope(_REAL[Index(index)], relation, block))
         if index in _EXPECTED:
@@ -226,24 +226,38 @@ class DeviceRecords:
             case Index.IM_FILTER:
                 return self._filter()
             case Index.REAL_DATA:
-                return self._real_data()
+                return physical_device.real_data(self._station)
+            case Index.EXPECTED_DATA:
+                return physical_device.expected_data({} if relation is None else relation.stored)
         place = self._place(block)
         if index in _OF_APPLICATION:
             return self._application(host).read(block, implicit=relation is None)
         return self._of_place(relation, place, index)
 
     def _of_place(self, relation: ApplicationRelation | None, place: Subslot, index: int) -> bytes:
-        makers: dict[tuple[Subslot, int], Callable[[], bytes]] = {
-            ((DAP_SLOT, PORT_SUBSLOT), Index.PORT_DATA_REAL): self._port,
-            ((DAP_SLOT, PORT_SUBSLOT), Index.STATISTIC): self._statistic,
-            ((DAP_SLOT, INTERFACE_SUBSLOT), Index.INTERFACE_DATA_REAL): self._interface,
-            ((DAP_SLOT, INTERFACE_SUBSLOT), Index.STATISTIC): self._statistic,
-        }
-        if (place, index) in makers:
-            return makers[place, index]()
-        if place[0] == DAP_SLOT and index in _WRITABLE.get(place[1], set()):
-            return b"" if relation is None else relation.stored.get((*place, index), b"")
+        station = self._station
+        match place, index:
+            case (physical_device.PORT, Index.PORT_DATA_REAL):
+                return physical_device.port_data(station)
+            case (physical_device.INTERFACE, Index.INTERFACE_DATA_REAL):
+                return physical_device.interface_data(station)
+            case (physical_device.PORT | physical_device.INTERFACE, Index.STATISTIC):
+                return physical_device.statistic((self.octets[0], self.octets[1]))
+            case (_, Index.INPUT_DATA | Index.OUTPUT_DATA):
+                return self._exchanged(place, index)
+        if (place, index) in physical_device.WRITABLE:
+            return b"" if relation is None else relation.stored.get((place, index), b"")
         raise RecordRefused(AccessError.INVALID_INDEX)
+
+    def _exchanged(self, place: Subslot, index: int) -> bytes:
+        controller = next((item for item in self._relations() if item.has_data), None)
+        if controller is None:
+            raise RecordRefused(AccessError.STATE_CONFLICT)
+        read = io_data.input_data if index == Index.INPUT_DATA else io_data.output_data
+        record = read(controller, place)
+        if record is None:
+            raise RecordRefused(AccessError.INVALID_INDEX)
+        return record
 
     # -- addresses ----------------------------------------------------------------------------------------------------
 
@@ -270,6 +284,8 @@ class DeviceRecords:
                 (slot.slot, item.subslot) for slot in self._needed(relation).plan.expected for item in slot.submodules
             }
             return [place for place in everything if place in expected]
+        if scope is Scope.DEVICE:
+            return everything
         self._api(block)
         modules = self._model.modules
         if scope is Scope.API:
@@ -364,45 +380,6 @@ class DeviceRecords:
         submodules = ImFilterSubmodules(apis=self._tree(points)).encode()
         device = ImFilterDevice(apis=self._tree(points[:1])).encode()
         return submodules + bytes(-len(submodules) % 4) + device
-
-    def _port(self) -> bytes:
-        station = self._station
-        neighbour = station.neighbour
-        peers: tuple[Peer, ...] = ()
-        if neighbour is not None:
-            peers = (Peer(port_id=neighbour.port_id, chassis_id=neighbour.chassis_id, mac=neighbour.mac),)
-        return PortDataReal(
-            slot=DAP_SLOT,
-            subslot=PORT_SUBSLOT,
-            port_id=station.port,
-            number_of_peers=len(peers),
-            peers=peers,
-            mau_type=lldp.MAU_100BASE_TX_FULL if station.link_up else 0,
-            link_state=_LINK_UP if station.link_up else _LINK_DOWN,
-            media_type=_MEDIA_COPPER,
-        ).encode()
-
-    def _interface(self) -> bytes:
-        station = self._station
-        ip = station.ip
-        return InterfaceDataReal(
-            chassis_id=station.identity.chassis,
-            mac=station.identity.mac,
-            ip=ip.address.packed,
-            mask=ip.mask.packed,
-            gateway=ip.gateway.packed,
-        ).encode()
-
-    def _statistic(self) -> bytes:
-        received, sent = (count & 0xFFFFFFFF for count in self.octets)
-        return PortStatistic(in_octets=received, out_octets=sent).encode()
-
-    def _real_data(self) -> bytes:
-        out = b""
-        for subslot, block in ((INTERFACE_SUBSLOT, self._interface()), (PORT_SUBSLOT, self._port())):
-            out += bytes(-len(out) % 4)
-            out += MultipleBlock(api=API_DEFAULT, slot=DAP_SLOT, subslot=subslot, blocks=block).encode()
-        return out
 
     def _log(self, now: int) -> bytes:
         entries = tuple(

@@ -7,8 +7,9 @@ while an alarm is unacknowledged cannot fill a queue.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
+from typing import Final
 
 from pdgw.profinet.blocks.alarm import (
     AR_DIAGNOSIS,
@@ -21,80 +22,94 @@ from pdgw.profinet.blocks.alarm import (
     SPECIFIER_SHIFT,
     SUBMODULE_DIAGNOSIS,
     USI_CHANNEL_DIAGNOSIS,
+    USI_EXTENDED_DIAGNOSIS,
     AlarmNotification,
     AlarmType,
     ChannelDiagnosis,
     DiagnosisBlock,
+    ExtendedDiagnosis,
     Priority,
     Severity,
     Specifier,
 )
 from pdgw.profinet.model import DeviceModel, Subslot
 
-_USI = USI_CHANNEL_DIAGNOSIS.to_bytes(2, "big")
+ErrorType = tuple[int, int]
+"""ChannelErrorType and ExtChannelErrorType; 0: one without subtypes."""
+NO_SUBTYPE: Final = 0
 
 
-def _entry(error_type: int, severity: Severity, specifier: Specifier) -> bytes:
+def _entry(error: ErrorType, severity: Severity, specifier: Specifier) -> bytes:
     properties = DIRECTION_BOTH << DIRECTION_SHIFT | specifier << SPECIFIER_SHIFT | severity << SEVERITY_SHIFT
+    error_type, subtype = error
     out = bytearray()
-    ChannelDiagnosis(properties=properties, error_type=error_type).write(out)
+    if subtype == NO_SUBTYPE:
+        ChannelDiagnosis(properties=properties, error_type=error_type).write(out)
+    else:
+        ExtendedDiagnosis(properties=properties, error_type=error_type, ext_error_type=subtype).write(out)
     return bytes(out)
+
+
+def _usi(error: ErrorType) -> int:
+    return USI_CHANNEL_DIAGNOSIS if error[1] == NO_SUBTYPE else USI_EXTENDED_DIAGNOSIS
 
 
 class Diagnosis:
     """What is present, by submodule and error type."""
 
     def __init__(self) -> None:
-        self._present: dict[Subslot, dict[int, Severity]] = {}
+        self._present: dict[Subslot, dict[ErrorType, Severity]] = {}
         self.changes = 0
         """Counts what was set and cleared."""
 
-    def set(self, place: Subslot, error_type: int, severity: Severity = Severity.FAULT) -> None:
+    def set(
+        self, place: Subslot, error_type: int, severity: Severity = Severity.FAULT, subtype: int = NO_SUBTYPE
+    ) -> None:
         """It appears, or is present with another severity."""
-        self._present.setdefault(place, {})[error_type] = severity
+        self._present.setdefault(place, {})[error_type, subtype] = severity
         self.changes += 1
 
-    def clear(self, place: Subslot, error_type: int | None = None) -> None:
+    def clear(self, place: Subslot, error_type: int | None = None, subtype: int = NO_SUBTYPE) -> None:
         """It disappears; None: all of the submodule."""
         self.changes += 1
         if error_type is None:
             self._present.pop(place, None)
             return
         entries = self._present.get(place, {})
-        entries.pop(error_type, None)
+        entries.pop((error_type, subtype), None)
         if not entries:
             self._present.pop(place, None)
 
-    def of(self, place: Subslot) -> Mapping[int, Severity]:
+    def of(self, place: Subslot) -> Mapping[ErrorType, Severity]:
         """What is present at a submodule."""
         return self._present.get(place, {})
 
-    def all(self) -> Iterator[tuple[Subslot, int, Severity]]:
+    def all(self) -> Iterator[tuple[Subslot, ErrorType, Severity]]:
         """Everything that is present."""
         for place, entries in sorted(self._present.items()):
-            for error_type, severity in sorted(entries.items()):
-                yield place, error_type, severity
+            for error, severity in sorted(entries.items()):
+                yield place, error, severity
 
     @property
     def has_fault(self) -> bool:
         """A fault (no maintenance alone) is present."""
         return any(severity is Severity.FAULT for _, _, severity in self.all())
 
-    def record(self, model: DeviceModel, places: list[Subslot]) -> bytes:
-        """Diagnosis records of these submodules; empty without diagnosis."""
-        out = bytearray()
+    def record(self, model: DeviceModel, places: list[Subslot], severities: Collection[Severity]) -> bytes:
+        """Diagnosis records of these submodules with these severities; empty without diagnosis."""
+        blocks: dict[tuple[Subslot, int], bytes] = {}
         for place in places:
-            entries = self._present.get(place)
-            if entries:
-                out += bytes(-len(out) % 4)
-                out += DiagnosisBlock(
-                    api=model.modules[place[0]].api,
-                    slot=place[0],
-                    subslot=place[1],
-                    entries=b"".join(
-                        _entry(number, severity, Specifier.APPEARS) for number, severity in sorted(entries.items())
-                    ),
-                ).encode()
+            for error, severity in sorted(self.of(place).items()):
+                if severity in severities:
+                    key = place, _usi(error)
+                    blocks[key] = blocks.get(key, b"") + _entry(error, severity, Specifier.APPEARS)
+        out = bytearray()
+        for (place, usi), entries in blocks.items():
+            out += bytes(-len(out) % 4)
+            block = DiagnosisBlock(
+                api=model.modules[place[0]].api, slot=place[0], subslot=place[1], usi=usi, entries=entries
+            )
+            out += block.encode()
         return bytes(out)
 
 
@@ -113,7 +128,7 @@ class AlarmSource:
         self._diagnosis = diagnosis
         self._model = model
         self._places = places
-        self._told: dict[tuple[Subslot, int], Severity] = {}
+        self._told: dict[tuple[Subslot, ErrorType], Severity] = {}
         self._returned: list[Subslot] = []
         self._sequence = 0
         self._seen = -1
@@ -131,7 +146,7 @@ class AlarmSource:
     def next(self) -> Notification | None:
         """The next alarm; it counts as told from now on."""
         present = {
-            (place, number): severity for place, number, severity in self._diagnosis.all() if place in self._places
+            (place, error): severity for place, error, severity in self._diagnosis.all() if place in self._places
         }
         for key in list(self._told):
             if key not in present or present[key] is not self._told[key]:
@@ -149,10 +164,11 @@ class AlarmSource:
         return None
 
     def _diagnosis_alarm(
-        self, kind: AlarmType, key: tuple[Subslot, int], severity: Severity, specifier: Specifier
+        self, kind: AlarmType, key: tuple[Subslot, ErrorType], severity: Severity, specifier: Specifier
     ) -> Notification:
-        place, number = key
-        return self._notification(kind, place, CHANNEL_DIAGNOSIS, _USI + _entry(number, severity, specifier))
+        place, error = key
+        payload = _usi(error).to_bytes(2, "big") + _entry(error, severity, specifier)
+        return self._notification(kind, place, CHANNEL_DIAGNOSIS, payload)
 
     def _notification(self, kind: AlarmType, place: Subslot, bits: int, payload: bytes) -> Notification:
         if any(known == place for known, _ in self._told):

@@ -16,7 +16,6 @@ from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.signals import Signal
 from pdgw.profidrive.telegrams import ApplicationMode, Direction, Telegram, TelegramHalf
 from pdgw.profinet.blocks.alarm import MESSAGE_CLASS_TEXTS, MessageClass
-from pdgw.profinet.lldp import MAU_100BASE_TX_FULL
 from pdgw.profinet.model import (
     ACCESS_POINT_IDENT,
     ACCESS_POINT_SUBSLOT,
@@ -34,7 +33,7 @@ from pdgw.profinet.model import (
     ObjectKind,
     telegram_ident,
 )
-from pdgw.profinet.station import Identity
+from pdgw.profinet.station import MAU_100BASE_TX_FULL, MAU_1000BASE_T_FULL, Identity
 
 _NAMESPACE = "http://www.profibus.com/GSDML/2003/11/DeviceProfile"
 _SCHEMA = "http://www.w3.org/2001/XMLSchema-instance"
@@ -222,7 +221,9 @@ class GsdmlWriter:
             MaxPortRxDelay="350",
             MaxPortTxDelay="160",
         )
-        SubElement(SubElement(port, "MAUTypeList"), "MAUTypeItem", Value=str(MAU_100BASE_TX_FULL))
+        mau_types = SubElement(port, "MAUTypeList")
+        for mau_type in (MAU_100BASE_TX_FULL, MAU_1000BASE_T_FULL):
+            SubElement(mau_types, "MAUTypeItem", Value=str(mau_type))
 
     # -- drive objects ------------------------------------------------------------------------------------------------
 

@@ -16,7 +16,6 @@ from pdgw.profinet.station import Neighbour, Station
 
 INTERVAL_NS: Final = 5 * SECOND
 LIFETIME_S: Final = 20
-MAU_100BASE_TX_FULL: Final = 0x0010
 _HEADER = struct.Struct(">H")
 _LENGTH_MASK = 0x1FF
 _TYPE_SHIFT = 9
@@ -40,8 +39,6 @@ _MAC_ADDRESS = 4
 _PORT_STATUS, _CHASSIS_MAC = 2, 5
 _MAU_SUBTYPE = 1
 _AUTONEGOTIATION = struct.Struct(">BHH")
-_AUTONEGOTIATION_ON = 0x03
-_CAPABILITY_100TX_FULL = 0x0400
 _MANAGEMENT = struct.Struct(">BB4sBIB")
 _IPV4, _IF_INDEX = 1, 2
 
@@ -54,12 +51,15 @@ def encode(station: Station) -> bytes:
     """The frame that tells about this station."""
     identity = station.identity
     local = bytes((_LOCALLY_ASSIGNED,))
-    port = f"{station.port}.{station.name}" if station.name else station.port
-    mau = _AUTONEGOTIATION.pack(_AUTONEGOTIATION_ON, _CAPABILITY_100TX_FULL, MAU_100BASE_TX_FULL)
+    in_port = station.name and not station.lldp_legacy
+    port = f"{station.port}.{station.name}" if in_port else station.port
+    chassis = station.name if station.name and station.lldp_legacy else identity.chassis
+    medium = station.medium
+    mau = _AUTONEGOTIATION.pack(medium.autonegotiation, medium.advertised, medium.mau_type)
     management = _MANAGEMENT.pack(5, _IPV4, station.ip.address.packed, _IF_INDEX, station.interface_index, 0)
     payload = b"".join(
         (
-            _tlv(Tlv.CHASSIS_ID, local + identity.chassis.encode("latin-1")),
+            _tlv(Tlv.CHASSIS_ID, local + chassis.encode("latin-1")),
             _tlv(Tlv.PORT_ID, local + port.encode("latin-1")),
             _tlv(Tlv.TTL, LIFETIME_S.to_bytes(2, "big")),
             _tlv(Tlv.ORGANISATION, _PNO + bytes((_PORT_STATUS,)) + bytes(4)),

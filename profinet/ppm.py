@@ -88,6 +88,11 @@ class Provider:
             return None
         return self._start + item.offset, self._start + item.iops
 
+    def iocs(self, place: Subslot) -> int | None:
+        """The device's status of a submodule's output data; None where the frame has none."""
+        offset = self._plan.iocs.get(place)
+        return None if offset is None else self.frame[self._start + offset]
+
     def set(self, place: Subslot, data: bytes, *, good: bool) -> None:
         """Input data of a submodule; not good, or not opened yet: IOPS BAD."""
         where = self.place(place)

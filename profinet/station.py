@@ -107,6 +107,22 @@ class Identity:
         )
 
 
+MAU_100BASE_TX_FULL: Final = 0x0010
+MAU_1000BASE_T_FULL: Final = 0x001E
+
+
+@dataclass(frozen=True, slots=True)
+class Medium:
+    """What the port runs at. Source: IEEE 802.3 clause 30, RFC 4836 (dot3MauType, ifMauAutoNegCapAdvertisedBits)."""
+
+    mau_type: int = MAU_100BASE_TX_FULL
+    """Speed and duplex mode; 0: unknown."""
+    autonegotiation: int = 0x03
+    """Bit 0: supported, bit 1: enabled."""
+    advertised: int = 0x0400
+    """Capabilities that the port advertises."""
+
+
 @dataclass(slots=True)
 class Neighbour:
     """Who sits at the other end of the cable, as LLDP told."""
@@ -133,4 +149,16 @@ class Station:
     neighbour: Neighbour | None = None
     port: str = "port-001"
     link_up: bool = True
+    link_since_ns: int = 0
+    """When the cable was plugged or pulled."""
+    medium: Medium = Medium()
     interface_index: int = 1
+    lldp_legacy: bool = False
+    """The controller wants the name of station as chassis ID, as devices before V2.3 have it."""
+    lldp_silent: bool = False
+    """The controller wants no LLDP frames."""
+
+    @property
+    def lldp_adjusted(self) -> bool:
+        """The controller changed how LLDP is sent."""
+        return self.lldp_legacy or self.lldp_silent

@@ -388,12 +388,11 @@ class Block(Structure):
         return cls.read(Cursor(data, HEADER.size, checked=False))
 
 
-def split(data: bytes) -> list[tuple[int, bytes]]:
-    """Type and whole bytes of each block of a request; WireError where a length does not fit.
+def split(data: bytes) -> Iterator[tuple[int, bytes]]:
+    """Yield type and whole bytes of each block of a request; WireError where a length does not fit.
 
     A length beyond the data is an error of the length field of that block, whatever it is.
     """
-    blocks = []
     at = 0
     while at < len(data):
         if len(data) - at < HEADER.size:
@@ -402,9 +401,8 @@ def split(data: bytes) -> list[tuple[int, bytes]]:
         end = at + HEADER.size - VERSION_SIZE + length
         if length < VERSION_SIZE or end > len(data):
             raise BlockLengthError(kind, length, len(data) - at - HEADER.size + VERSION_SIZE)
-        blocks.append((kind, data[at:end]))
+        yield kind, data[at:end]
         at = end
-    return blocks
 
 
 class BlockLengthError(WireError):

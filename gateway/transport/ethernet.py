@@ -14,6 +14,7 @@ from typing import Final, Protocol, TypeVar
 
 from pdgw.ds301.loop import Loop
 from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.transport.ethtool import read_medium
 from pdgw.gateway.transport.packet_filter import (
     JUMP_EQUAL,
     JUMP_GREATER,
@@ -27,7 +28,7 @@ from pdgw.gateway.transport.packet_filter import (
 from pdgw.gateway.transport.udp import Address
 from pdgw.profinet import dcp, ethernet
 from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
-from pdgw.profinet.station import IpSuite
+from pdgw.profinet.station import IpSuite, Medium
 
 T = TypeVar("T")
 _FRAME_MAX = 2048
@@ -89,6 +90,10 @@ class EthernetPort(Protocol):
     @property
     def link_up(self) -> bool:
         """The cable is on."""
+
+    @property
+    def medium(self) -> Medium:
+        """Its speed, duplex mode and autonegotiation."""
 
     def start(
         self, on_real_time: Callable[[], None], on_other: Callable[[], None], on_link: Callable[[], None]
@@ -190,6 +195,10 @@ class RawEthernet:
             return Path(f"/sys/class/net/{self._interface}/carrier").read_text(encoding="ascii").strip() == "1"
         except OSError:
             return False  # an interface that is down has no carrier to read
+
+    @property
+    def medium(self) -> Medium:
+        return read_medium(self._rpc, self._interface)
 
     def start(
         self, on_real_time: Callable[[], None], on_other: Callable[[], None], on_link: Callable[[], None]

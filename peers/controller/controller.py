@@ -312,7 +312,7 @@ class IoController:
     def _serve(self, header: RpcHeader, body: bytes, source: Address, now: int) -> bytes | dcerpc.RejectStatus:
         try:
             maximum, arguments = decode_arguments(body, little=header.little_endian)
-            blocks = split(arguments)
+            blocks = list(split(arguments))
             block = ApplicationReadyReq.decode(blocks[0][1])
             if len(blocks) > 1:
                 self.learned.diff = ModuleDiffBlock.decode(blocks[1][1])

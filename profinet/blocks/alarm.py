@@ -40,6 +40,7 @@ AR_DIAGNOSIS: Final = 0x8000
 """Bits of AlarmSpecifier: what there is, of the submodule and of the relationship."""
 
 USI_CHANNEL_DIAGNOSIS: Final = 0x8000
+USI_EXTENDED_DIAGNOSIS: Final = 0x8002
 WHOLE_SUBMODULE: Final = 0x8000
 """ChannelNumber."""
 
@@ -130,8 +131,16 @@ class ChannelDiagnosis(Structure):
 
 
 @dataclass(frozen=True, kw_only=True)
+class ExtendedDiagnosis(ChannelDiagnosis):
+    """One entry of extended channel diagnosis: its error type has subtypes."""
+
+    ext_error_type: int = u16()
+    ext_value: int = u32(default=0)
+
+
+@dataclass(frozen=True, kw_only=True)
 class DiagnosisBlock(Block):
-    """Record of diagnosis of one submodule; BlockVersionLow 1 has the API."""
+    """Record of diagnosis of one submodule; BlockVersionLow 1 has the API. All entries are of one ``usi``."""
 
     TYPE: ClassVar[int] = 0x0010
     VERSION: ClassVar[tuple[int, int]] = (1, 1)

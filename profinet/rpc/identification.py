@@ -45,6 +45,11 @@ class Im0:
     supported: int = SUPPORTED
 
 
+def size_of(number: int) -> int:
+    """Bytes of the record I&M1 to I&M4 with its block header."""
+    return HEADER.size + sum(length for _, length in TEXT_FIELDS[number])
+
+
 def _text(value: str, size: int, field: str) -> bytes:
     try:
         data = value.encode("ascii")

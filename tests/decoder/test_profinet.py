@@ -30,7 +30,7 @@ from pdgw.profinet.rpc.records import BlockType, RecordBlock
 from pdgw.profinet.wire import VERSION_SIZE
 from tests.profinet.test_readers import session
 from tests.support import tshark, tshark_frames
-from tests.support.profinet import DEVICE_MAC, PLC_MAC, Wire, join_multiple
+from tests.support.profinet import DEVICE_MAC, INTERFACE_ADJUST, PLC_MAC, PORT_CHECK, Wire, join_multiple
 
 
 @cache
@@ -40,8 +40,10 @@ def frames() -> list[bytes]:
     aborted = Wire(seed=3)
     aborted.connect()
     writes = [
-        (RecordBlock(BlockType.WRITE_REQUEST, n, aborted.plc.ar_uuid, 0, 0, subslot, index, 8), bytes(8))
-        for n, (subslot, index) in enumerate([(PORT_SUBSLOT, 0x802B), (INTERFACE_SUBSLOT, 0x8071), (1, 0x0001)])
+        (RecordBlock(BlockType.WRITE_REQUEST, n, aborted.plc.ar_uuid, 0, 0, subslot, index, len(data)), data)
+        for n, (subslot, index, data) in enumerate(
+            [(PORT_SUBSLOT, 0x802B, PORT_CHECK), (INTERFACE_SUBSLOT, 0x8071, INTERFACE_ADJUST), (1, 1, b"unknown!")]
+        )
     ]
     aborted.plc.write((0xFFFFFFFF, 0xFFFF, 0xFFFF), 0xE040, join_multiple(writes), lambda result: None)
     aborted.run(20 * MS)
@@ -163,8 +165,8 @@ def test_a_name_and_filter_that_scapy_builds_are_read() -> None:
 # -- tshark -----------------------------------------------------------------------------------------------------------
 
 _HEX = 16
-_BEYOND_TSHARK = {Index.REAL_API}
-"""Records that tshark 4.0 does not look into."""
+_BEYOND_TSHARK = {Index.REAL_API, Index.EXPECTED_DATA}
+"""Records that tshark 4.0 does not read: it has no F000h, and takes the padding between blocks of F842h for a block."""
 
 
 def _types(block: Document) -> list[int]:

@@ -164,3 +164,31 @@ def test_beyond_loopback_the_peer_is_mandatory_and_the_message_says_why(listen: 
     ):
         configuration(axis(1), transport=f'listen = "{listen}"')
     configuration(axis(1), transport=f'listen = "{listen}"\npeer = "192.168.0.10"')
+
+
+def test_im0_answers_at_every_submodule_and_im1_to_im4_at_subslot_1() -> None:
+    served, _ = records()
+    caller = served.of(HERE, NIL)
+
+    def ask_at(slot: int, subslot: int, number: int) -> bytes:
+        place = RecordBlock(BlockType.READ_REQUEST, 1, NIL, 0, slot, subslot, identification.INDEX + number, 4096)
+        return caller.read(place, implicit=True)
+
+    device = ask_at(0, 1, 0)
+    for place in ((0, 0x8000), (0, 0x8001), (1, 1), (1, 2)):
+        assert ask_at(*place, 0) == device
+    for place in ((0, 2), (1, 0x8000), (1, 3), (2, 1)):
+        assert refusal(lambda: ask_at(*place, 0)) == AccessError.INVALID_SLOT  # noqa: B023
+    assert refusal(lambda: ask_at(1, 2, 1)) == AccessError.INVALID_INDEX
+
+
+@pytest.mark.parametrize("number", [1, 2, 3, 4])
+def test_an_im_record_of_a_wrong_length_is_refused_as_such(number: int) -> None:
+    served, _ = records()
+    caller = served.of(HERE, NIL)
+    index = identification.INDEX + number
+    right = caller.read(block(BlockType.READ_REQUEST, index), implicit=False)
+    for data in (b"", right[:-1], right + b" "):
+        refused = refusal(lambda: caller.write(block(BlockType.WRITE_REQUEST, index), data))  # noqa: B023
+        assert refused == AccessError.WRITE_LENGTH
+    caller.write(block(BlockType.WRITE_REQUEST, index), right)

@@ -306,14 +306,14 @@ def test_the_record_of_diagnosis_names_the_place_of_each_entry() -> None:
     diagnosis = Diagnosis()
     diagnosis.set((3, 1), MessageClass.ACTUAL_VALUE, Severity.MAINTENANCE_DEMANDED)
     diagnosis.set((2, 1), MessageClass.MAINS)
-    assert diagnosis.record(model(), [(2, 1), (1, 1), (3, 1)]) == bytes.fromhex(
+    assert diagnosis.record(model(), [(2, 1), (1, 1), (3, 1)], set(Severity)) == bytes.fromhex(
         "0010 0016 01 01 00003a00 0002 0001 8000 0800 8000 8000 6800 9001 0000"
         "0010 0016 01 01 00003a00 0003 0001 8000 0800 8000 8000 6c00 900a"
     )
     diagnosis.clear((2, 1), MessageClass.MAINS)
     assert not diagnosis.of((2, 1))
     assert diagnosis.of((3, 1))
-    assert diagnosis.record(model(), [(2, 1)]) == b""
+    assert diagnosis.record(model(), [(2, 1)], set(Severity)) == b""
 
 
 # -- through a device and a controller --------------------------------------------------------------------------------

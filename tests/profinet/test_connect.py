@@ -340,3 +340,19 @@ def test_an_answer_longer_than_the_caller_takes_is_refused_and_leaves_nothing() 
     status, _ = caller.call(b"".join(block.encode() for block in blocks()), maximum=20)
     assert status == PnioStatus(0xDB, 0x81, 0x40, 0x00)
     assert not caller.wire.device.cm.relations
+
+
+@pytest.mark.parametrize(("kind", "code1"), [(ArBlockReq, 0x01), (IocrBlockReq, 0x02)])
+@pytest.mark.parametrize("missing", [1, 2, 3, 4, 7, 11, 16])
+def test_a_block_shorter_than_its_fields_is_refused_by_its_length(kind: type[Block], code1: int, missing: int) -> None:
+    for bytes_follow in (True, False):
+        data = b""
+        for block in blocks():
+            encoded = block.encode()
+            if isinstance(block, kind):
+                length = len(encoded) - 4 - missing
+                encoded = encoded[:2] + length.to_bytes(2, "big") + encoded[4:]
+                encoded = encoded if bytes_follow else encoded[: 4 + length]
+            data += encoded
+        status, _ = Caller().call(data)
+        assert status == PnioStatus(0xDB, 0x81, code1, 0x01), status.codes

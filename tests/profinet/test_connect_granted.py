@@ -28,6 +28,7 @@ from pdgw.profinet.blocks.connect import (
     RtClass,
 )
 from pdgw.profinet.connect import DataObject, plan
+from pdgw.profinet.device import Refused
 from pdgw.profinet.model import DeviceModel, Module, ObjectKind, Submodule, Subslot, object_module
 from pdgw.profinet.rpc import dcerpc
 from pdgw.profinet.rpc.dcerpc import PacketType, RpcHeader
@@ -90,6 +91,9 @@ def test_device_access_needs_no_data_and_two_are_possible() -> None:
         assert list(answered_blocks(data)) == [0x8101]
     third = project().ar(UUID(int=3), 3, PLC_MAC, INITIATOR, "tool")
     assert caller.connect([replace(third, ar_type=6)])[0] == PnioStatus(0xDB, 0x81, 0x40, 0x04)
+    (refused,) = caller.wire.device.events()
+    assert isinstance(refused, Refused)
+    assert refused.reason == "device access relationship: 3 is not allowed, expected at most 2"
     # Beside them a controller connects.
     assert not caller.connect(blocks())[0].value
 

@@ -122,9 +122,11 @@ def test_the_answer_to_an_identify_waits_as_the_own_address_says() -> None:
     assert len(rig.dcp.poll(5 + delay)) == 1
 
 
-@pytest.mark.parametrize("delay", [0, 6401])
-def test_a_delay_factor_out_of_range_is_not_answered(delay: int) -> None:
-    assert Rig().identify(ALL, delay) == []
+def test_a_delay_factor_above_6400_is_not_answered_and_0_is_answered_at_once() -> None:
+    assert Rig().identify(ALL, 6401) == []
+    rig = Rig()
+    rig.ask(dcp.encode(0xFEFE, Service.IDENTIFY, dcp.ServiceType.REQUEST, 9, ALL, 0), ethernet.DCP_MULTICAST, now=7)
+    assert len(rig.dcp.poll(7)) == 1
 
 
 def test_a_flood_of_identify_keeps_a_bounded_number_of_answers() -> None:
@@ -176,12 +178,33 @@ def test_name_ip_flash_and_reset_are_taken_and_told() -> None:
     assert rig.dcp.events == [NameSet("press-1.hall", True), IpSet(suite, False), Flash(), ResetToFactory()]
 
 
-@pytest.mark.parametrize("option", [Option.NAME, Option.IP, Option.RESET])
+def test_the_old_factory_reset_5_5_clears_the_station_as_5_6_does() -> None:
+    rig = Rig()
+    assert rig.set(Option.FACTORY_RESET, b"\0", qualifier=0) is SetError.VALUE
+    assert rig.set(Option.FACTORY_RESET, b"", qualifier=0) is SetError.OK
+    assert (rig.station.name, rig.station.ip.is_set) == ("", False)
+    assert rig.dcp.events == [ResetToFactory()]
+    answer = rig.ask(dcp.encode(0xFEFD, Service.GET, dcp.ServiceType.REQUEST, 3, bytes(Option.OPTIONS.value)))
+    assert answer is not None
+    ((_, content),) = dcp.split(answer[26 : 26 + int.from_bytes(answer[24:26], "big")])
+    assert bytes((5, 5)) in [content[at : at + 2] for at in range(2, len(content), 2)]
+
+
+@pytest.mark.parametrize("option", [Option.NAME, Option.IP])
+def test_a_set_of_the_present_value_is_accepted_while_connected(option: Option) -> None:
+    rig = Rig()
+    rig.connected = True
+    value = {Option.NAME: b"gateway", Option.IP: SUITE.encode()}[option]
+    assert rig.set(option, value) is SetError.OK
+    assert (rig.station.name, rig.station.ip) == ("gateway", SUITE)
+
+
+@pytest.mark.parametrize("option", [Option.NAME, Option.IP, Option.FACTORY_RESET, Option.RESET])
 def test_while_a_relationship_is_up_name_ip_and_reset_are_refused_and_nothing_changes(option: Option) -> None:
     rig = Rig()
     rig.connected = True
-    value = {Option.NAME: b"other", Option.IP: bytes(12), Option.RESET: b""}[option]
-    assert rig.set(option, value, qualifier=4 if option is Option.RESET else 1) is SetError.IN_OPERATION
+    value = {Option.NAME: b"other", Option.IP: bytes(12)}.get(option, b"")
+    assert rig.set(option, value, qualifier=4 if not value else 1) is SetError.IN_OPERATION
     assert (rig.station.name, rig.station.ip) == ("gateway", SUITE)
     assert rig.dcp.events == []
     assert rig.set(Option.SIGNAL, b"\1\0") is SetError.OK
@@ -262,7 +285,7 @@ def test_answers_byte_by_byte() -> None:
     )
     assert (rig.station.name, rig.dcp.refused) == ("a", 0)
     rig.connected = True
-    assert answer(f"fefd 04 00 00000009 0000 0008 {name}") == frame(
+    assert answer("fefd 04 00 00000009 0000 0008 0202 0003 0001 62 00") == frame(
         "fefd 04 01 00000009 0000 0008 0504 0003 0202 06 00"
     )
     assert rig.dcp.refused == 1

@@ -27,11 +27,16 @@ from pdgw.profinet.rpc.identification import INDEX as IM0
 from pdgw.profinet.rpc.identification import Im0, encode_im0
 from pdgw.profinet.station import Neighbour
 from tests.support import tshark, tshark_frames
-from tests.support.profinet import DEVICE_IP, PLC_IP, Wire, model, project
+from tests.support.profinet import DEVICE_IP, INTERFACE_ADJUST, PLC_IP, PORT_ADJUST, PORT_CHECK, Wire, model, project
 
 AXIS = (1, 2)
 ACCESS_POINT = (1, 1)
 
+PORT_RECORDS = [
+    (0x8001, Index.PORT_DATA_CHECK, PORT_CHECK),
+    (0x8001, Index.PORT_DATA_ADJUST, PORT_ADJUST),
+    (0x8000, Index.INTERFACE_ADJUST, INTERFACE_ADJUST),
+]
 READS = [
     *((0, 0, 1, index) for index in (Index.EXPECTED_AR, Index.REAL_AR, Index.MODULE_DIFF, Index.REAL_API)),
     *((API_PROFIDRIVE, 1, 1, index) for index in (Index.EXPECTED_SUBSLOT, Index.REAL_SUBSLOT)),
@@ -41,6 +46,10 @@ READS = [
     (0, 0, 0x8001, Index.PORT_DATA_REAL),
     (0, 0, 0x8001, Index.STATISTIC),
     (0, 0, 0x8000, Index.INTERFACE_DATA_REAL),
+    *((API_PROFIDRIVE, 1, 2, index) for index in (Index.INPUT_DATA, Index.OUTPUT_DATA)),
+    *((0, 0, place, index) for place, index, _ in PORT_RECORDS),
+    (0, 0, 1, Index.DIAGNOSIS_STATUS_DEVICE),
+    (0, 0, 1, Index.EXPECTED_DATA),
     (0, 0, 1, Index.REAL_DATA),
     (0, 0, 1, Index.AR_DATA),
     (0, 0, 1, Index.API_DATA),
@@ -54,7 +63,10 @@ def session() -> tuple[Wire, list[tuple[tuple[int, int, int, int], RecordResult]
     """A whole session: a wrong module, alarms, records, release."""
     modules = dict(model().modules)
     modules[2] = object_module(ObjectKind.AXIS, telegram(1))
-    records = [(API_PROFIDRIVE, 1, 1, 0xB02E, bytes.fromhex("0101000110000 3c50000".replace(" ", "")))]
+    records = [
+        (API_PROFIDRIVE, 1, 1, 0xB02E, bytes.fromhex("0101000110000 3c50000".replace(" ", ""))),
+        *((0, 0, subslot, index, data) for subslot, index, data in PORT_RECORDS),
+    ]
     wire = Wire(of_project=project(modules, records=records))
     wire.application.records[0, 1, IM0] = encode_im0(Im0(0xFFFF, "PDGW", "4711", 1, ("V", 0, 1, 0)))
     wire.device.set_diagnosis(ACCESS_POINT, MessageClass.TEMPERATURE)
@@ -150,6 +162,14 @@ RECORD_NAMES = {
         for scope, of in SCOPES.items()
         if (kind, scope) != ("EXPECTED", "API")
     },
+    **{
+        f"MAINTENANCE_{grade.upper()}_{kind}_SUBSLOT": f"Maintenance {grade} in {coding} for one subslot"
+        for grade in ("required", "demanded")
+        for kind, coding in (("CHANNEL", "channel coding"), ("ALL", "all codings"))
+    },
+    "DIAGNOSIS_STATUS_DEVICE": "Diagnosis, Maintenance, Qualified and Status for one device",
+    "INPUT_DATA": "RecordInputDataObjectElement for one subslot",
+    "OUTPUT_DATA": "RecordOutputDataObjectElement for one subslot",
     "MODULE_DIFF": "ModuleDiffBlock for one AR",
     "PORT_DATA_REAL": "PDPortDataReal for one subslot",
     "PORT_DATA_CHECK": "PDPortDataCheck for one subslot",
@@ -164,6 +184,7 @@ RECORD_NAMES = {
     "LOG_DATA": "LogData",
     "IM_FILTER": "I&M0FilterData",
     "REAL_DATA": "PDRealData",
+    "EXPECTED_DATA": "PDExpectedData",
 }
 
 

@@ -9,7 +9,7 @@ from uuid import UUID
 import pytest
 
 from pdgw.durations import MS
-from pdgw.profinet.blocks.alarm import DiagnosisBlock, MessageClass
+from pdgw.profinet.blocks.alarm import DiagnosisBlock, MessageClass, Severity
 from pdgw.profinet.blocks.connect import ArType
 from pdgw.profinet.blocks.records import (
     ArData,
@@ -34,7 +34,7 @@ from pdgw.profinet.rpc.records import (
 )
 from tests.support import tshark, tshark_frames
 from tests.support.connect import AR_UUID, Caller, blocks
-from tests.support.profinet import PLC_IP, Wire, join_multiple
+from tests.support.profinet import INTERFACE_ADJUST, PLC_IP, PORT_ADJUST, PORT_CHECK, Wire, join_multiple
 
 PORT = (0, 0, 0x8001)
 POINT = (API_PROFIDRIVE, 1, 1)
@@ -155,16 +155,6 @@ def test_a_diagnosis_record_has_the_diagnosis_of_its_scope(index: int, found: di
     assert (index == 0xE00A) == (mains in read(wire, (0, 0, 1), index).data), "none in the API of the interface"
 
 
-def test_what_a_controller_may_write_to_interface_and_port_is_kept_and_nothing_else() -> None:
-    taken = {0x8000: {0x8070, 0x8071, 0x8090}, 0x8001: {0x802B, 0x802F}, 1: set()}
-    wire = connected()
-    for subslot, known in taken.items():
-        for index in (0x802A, 0x802B, 0x802F, 0x8070, 0x8071, 0x8072, 0x8080, 0x8090):
-            status = write(wire, (0, 0, subslot), index, b"data").status.value
-            assert status == (0 if index in known else 0xDF80B000), (subslot, index)
-    assert write(wire, POINT, 0x802B, b"data").status.value == 0xDF80B000
-
-
 def test_octets_of_the_port_are_32_bits_wide() -> None:
     wire = connected()
     wire.device.cm.records.octets[:] = [0x1_0000_0005, 0xFFFF_FF00]
@@ -186,25 +176,18 @@ def test_diagnosis_is_readable_while_it_is_present() -> None:
 
 def test_records_of_interface_and_port_are_kept_as_long_as_the_relationship() -> None:
     wire = connected()
-    assert not write(wire, PORT, Index.PORT_DATA_ADJUST, b"adjust").status.value
-    assert read(wire, PORT, Index.PORT_DATA_ADJUST).data == b"adjust"
-    refused = write(wire, (0, 0, 1), Index.PORT_DATA_ADJUST, b"adjust")
+    assert not write(wire, PORT, Index.PORT_DATA_ADJUST, PORT_ADJUST).status.value
+    assert read(wire, PORT, Index.PORT_DATA_ADJUST).data == PORT_ADJUST
+    refused = write(wire, (0, 0, 1), Index.PORT_DATA_ADJUST, PORT_ADJUST)
     assert (refused.status.code, refused.status.code1) == (0xDF, AccessError.INVALID_INDEX)
     assert write(wire, PORT, Index.PORT_DATA_ADJUST, bytes(2000)).status.code1 == AccessError.WRITE_LENGTH
     wire.connect()
     assert read(wire, PORT, Index.PORT_DATA_ADJUST).data == b""
 
 
-def test_a_record_of_the_port_has_at_most_1024_bytes() -> None:
-    wire = connected()
-    assert not write(wire, PORT, Index.PORT_DATA_CHECK, bytes(1024)).status.value
-    assert write(wire, PORT, Index.PORT_DATA_CHECK, bytes(1025)).status.value == 0xDF80B100
-    assert read(wire, PORT, Index.PORT_DATA_CHECK).data == bytes(1024)
-
-
 def test_what_a_relationship_wrote_is_empty_for_who_has_none() -> None:
     wire = connected()
-    assert not write(wire, PORT, Index.PORT_DATA_ADJUST, b"adjust").status.value
+    assert not write(wire, PORT, Index.PORT_DATA_ADJUST, PORT_ADJUST).status.value
     result = read(wire, PORT, Index.PORT_DATA_ADJUST, implicit=True)
     assert (result.status.value, result.data) == (0, b"")
 
@@ -251,6 +234,44 @@ def test_the_log_keeps_the_last_sixteen_ends() -> None:
     assert len(log.entries) == 16
 
 
+def test_input_and_output_data_of_a_submodule_are_readable_with_their_statuses() -> None:
+    axis = (API_PROFIDRIVE, 1, 2)
+    wire = connected()
+    wire.device.set_input((1, 2), bytes.fromhex("02370800"), good=True)
+    wire.plc.set_output((1, 2), bytes.fromhex("047f1000"))
+    wire.run(20 * MS)
+    assert read(wire, axis, 0x8028).data == bytes.fromhex("0015 000c 0100 01 80 01 80 0004 02370800")
+    output = bytes.fromhex("0016 001c 0100 0000 01 01 0004 80 047f1000 80 0014 000a 0100 0000 80 00000000 80")
+    assert read(wire, axis, 0x8029, implicit=True).data == output
+    wire.plc.set_output((1, 2), bytes.fromhex("047f1000"), good=False)
+    wire.run(20 * MS)
+    assert read(wire, axis, 0x8029).data[6:8] == b"\0\1", "the device uses the substitute value"
+    assert read(wire, (0, 0, 1), 0x8028).data == bytes.fromhex("0015 0008 0100 01 80 01 80 0000")
+    assert read(wire, (0, 0, 1), 0x8029).status.value == 0xDE80B000, "a submodule without data has none of it"
+    caller = Caller()  # without a relationship
+    block = RecordBlock(BlockType.READ_REQUEST, 1, NIL, *axis, 0x8028, 100)
+    assert caller.call(encode_block(block), 5)[0].value == 0xDE80B500
+
+
+def test_records_of_maintenance_and_of_the_whole_device_have_diagnosis_by_severity() -> None:
+    wire = connected()
+    wire.device.set_diagnosis((1, 1), MessageClass.MAINS)
+    wire.device.set_diagnosis((2, 1), MessageClass.BRAKE, severity=Severity.MAINTENANCE_REQUIRED)
+    wire.device.set_diagnosis((2, 1), MessageClass.INFEED, severity=Severity.MAINTENANCE_DEMANDED)
+    classes = {"mains": bytes.fromhex("9001"), "brake": bytes.fromhex("900d"), "infeed": bytes.fromhex("900c")}
+
+    def found(place: tuple[int, int, int], index: int) -> list[str]:
+        data = read(wire, place, index).data
+        return [name for name, code in classes.items() if code in data]
+
+    second = (API_PROFIDRIVE, 2, 1)
+    for low, expected in {0x0A: [], 0x10: ["brake"], 0x11: ["infeed"], 0x12: ["brake"], 0x13: ["infeed"]}.items():
+        assert found(second, 0x8000 + low) == found(second, 0xC000 + low) == expected
+        assert found(second, 0xF000 + low) == (expected or ["mains"])
+    assert found(second, 0x800C) == ["brake", "infeed"]
+    assert found((0, 0, 1), 0xF80C) == ["mains", "brake", "infeed"]
+
+
 def test_a_refused_record_does_not_end_the_relationship() -> None:
     wire = connected()
     assert write(wire, POINT, 0x1234, b"x").status.value
@@ -286,9 +307,9 @@ def test_several_writes_before_prm_end_have_a_status_each_and_the_relationship_g
 
     data = join_multiple(
         [
-            inner(1, 0, 0x8000, Index.INTERFACE_ADJUST, b"adjust"),
+            inner(1, 0, 0x8000, Index.INTERFACE_ADJUST, INTERFACE_ADJUST),
             inner(2, 0, 0x8000, 0x8051, b"media redundancy"),
-            inner(3, 0, 0x8001, Index.PORT_DATA_CHECK, b"check"),
+            inner(3, 0, 0x8001, Index.PORT_DATA_CHECK, PORT_CHECK),
             inner(4, 1, 1, 0xB02E, b"request"),
         ]
     )
@@ -304,12 +325,12 @@ def test_writing_keeps_a_slow_parameterisation_alive() -> None:
     caller = Caller()
     caller.connect(blocks())
     wire = caller.wire
-    block = RecordBlock(BlockType.WRITE_REQUEST, 1, AR_UUID, 0, 0, 0x8001, Index.PORT_DATA_CHECK, 1)
+    block = RecordBlock(BlockType.WRITE_REQUEST, 1, AR_UUID, 0, 0, 0x8001, Index.PORT_DATA_CHECK, len(PORT_CHECK))
     for _ in range(5):
         wire.now += 15_000 * MS
         wire.device.poll(wire.now)
         wire.device.outgoing()
-        assert caller.call(encode_block(block) + b"x", 3)[0].value == 0
+        assert caller.call(encode_block(block) + PORT_CHECK, 3)[0].value == 0
     assert wire.device.relation is not None
 
 

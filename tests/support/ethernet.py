@@ -9,7 +9,7 @@ from pdgw.ds301.loop import Loop
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.transport.udp import Address
 from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
-from pdgw.profinet.station import IpSuite
+from pdgw.profinet.station import IpSuite, Medium
 from tests.support.profinet import DEVICE_MAC, PLC_IP
 
 
@@ -20,6 +20,7 @@ class FakeEthernet:
         self.loop = loop
         self.mac = DEVICE_MAC
         self.link_up = True
+        self.medium = Medium()
         self.errors = 0
         self.address = IpSuite()
         self.may_set = True

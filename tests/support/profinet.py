@@ -28,6 +28,14 @@ OBJECTS = [(ObjectKind.AXIS, telegram(1)), (ObjectKind.AXIS, telegram(9)), (Obje
 IDENTITY = Identity(DEVICE_MAC, 0xFFFF, 0x0402, "profidrive-gateway", "PDGW", "4711")
 
 
+PORT_CHECK = bytes.fromhex("0200 001e 0100 0000 0000 8001 020a 0012 0100 01 08") + b"port-001" + b"\x05plc-1"
+"""PDPortDataCheck: the neighbour is port 1 of plc-1."""
+PORT_ADJUST = bytes.fromhex("0202 0018 0100 0000 0000 8001 0224 000c 0100 0000 00000001 0000 0000")
+"""PDPortDataAdjust: no LLDP frames."""
+INTERFACE_ADJUST = bytes.fromhex("0250 0008 0100 0000 00000000")
+"""PDInterfaceAdjust: the chassis ID of LLDP is the name of station."""
+
+
 def join_multiple(writes: Sequence[tuple[RecordBlock, bytes]]) -> bytes:
     """The data of a RECORD_MULTIPLE, which controllers write."""
     out = bytearray()

@@ -1,0 +1,197 @@
+"""Blocks that a controller writes to port and interface before PrmEnd: what the device checks, and what it adjusts.
+
+Source: IEC 61158-6-10 (PDPortDataCheck, PDPortDataAdjust, PDInterfaceAdjust), as tshark reads them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import ClassVar, Final
+
+from pdgw.profinet.wire import (
+    FIRST_FIELD,
+    Block,
+    Structure,
+    WireError,
+    align,
+    array,
+    between,
+    one_of,
+    padding,
+    rest,
+    split,
+    text,
+    u8,
+    u16,
+    u32,
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class CheckedPeer(Structure):
+    """The port that the project has at the other end of the cable. An empty name is not checked."""
+
+    port_id: str = text(size="B")
+    chassis_id: str = text(size="B")
+
+
+@dataclass(frozen=True, kw_only=True)
+class CheckPeers(Block):
+    """Which neighbour the project has; a port has one."""
+
+    TYPE: ClassVar[int] = 0x020A
+    number_of_peers: int = u8(one_of(1))
+    peers: tuple[CheckedPeer, ...] = array(CheckedPeer, count=lambda before: int(before["number_of_peers"]))
+    pad: None = align()
+
+
+@dataclass(frozen=True, kw_only=True)
+class CheckLineDelay(Block):
+    """Longest line delay in ns. The gateway measures none."""
+
+    TYPE: ClassVar[int] = 0x020B
+    reserved: None = padding(2)
+    line_delay: int = u32()
+
+
+@dataclass(frozen=True, kw_only=True)
+class CheckMauType(Block):
+    """Which speed and duplex mode the port must have."""
+
+    TYPE: ClassVar[int] = 0x020C
+    mau_type: int = u16()
+
+
+@dataclass(frozen=True, kw_only=True)
+class CheckLinkState(Block):
+    """A link that must be up; a link that is down ends the relationship."""
+
+    TYPE: ClassVar[int] = 0x021C
+    link_state: int = u16()
+
+
+@dataclass(frozen=True, kw_only=True)
+class AdjustDomainBoundary(Block):
+    """Where a synchronisation domain ends: nothing passes through a device with one port."""
+
+    TYPE: ClassVar[int] = 0x0209
+    reserved: None = padding(2)
+    ingress: int = u32()
+    egress: int = u32()
+    properties: int = u16()
+    pad: None = align()
+
+
+@dataclass(frozen=True, kw_only=True)
+class AdjustMulticastBoundary(Block):
+    """Where multicast ends: nothing passes through a device with one port."""
+
+    TYPE: ClassVar[int] = 0x0210
+    reserved: None = padding(2)
+    boundary: int = u32()
+    properties: int = u16()
+    pad: None = align()
+
+
+NO_LLDP: Final = 1 << 0
+"""AdjustPeerToPeerBoundary: the port sends no LLDP frames."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class AdjustPeerToPeerBoundary(Block):
+    """Whether the port sends LLDP frames (``NO_LLDP``)."""
+
+    TYPE: ClassVar[int] = 0x0224
+    reserved: None = padding(2)
+    boundary: int = u32()
+    properties: int = u16()
+    pad: None = align()
+
+
+@dataclass(frozen=True, kw_only=True)
+class AdjustDcpBoundary(Block):
+    """Which DCP frames are not forwarded: nothing passes through a device with one port."""
+
+    TYPE: ClassVar[int] = 0x0225
+    reserved: None = padding(2)
+    boundary: int = u32()
+    properties: int = u16()
+    pad: None = align()
+
+
+@dataclass(frozen=True, kw_only=True)
+class PortData(Block):
+    """Checks or adjustments of one port. The standard has slot and subslot ignored."""
+
+    PARTS: ClassVar[dict[int, type[Block]]]
+    reserved: None = padding(2)
+    slot: int = u16()
+    subslot: int = u16()
+    blocks: bytes = rest()
+
+    def parts(self) -> Iterator[Block]:
+        """Yield what is inside; WireError for a damaged block and for one that this device does not have."""
+        content = self.blocks
+        # Some controllers pad a block with zeros; no type inside begins with one.
+        while content := content.lstrip(b"\0"):
+            kind, data = next(split(content))
+            part = self.PARTS.get(kind)
+            if part is None:
+                allowed = ", ".join(f"{known:04X}h" for known in self.PARTS)
+                raise WireError(f"block in {type(self).__name__}", f"{kind:04X}h", allowed, FIRST_FIELD)
+            yield part.decode(data)
+            content = content[len(data) :]
+
+
+@dataclass(frozen=True, kw_only=True)
+class PortDataCheck(PortData):
+    """What the device checks at its port."""
+
+    TYPE: ClassVar[int] = 0x0200
+    PARTS: ClassVar[dict[int, type[Block]]] = {
+        part.TYPE: part for part in (CheckPeers, CheckLineDelay, CheckMauType, CheckLinkState)
+    }
+
+
+@dataclass(frozen=True, kw_only=True)
+class PortDataAdjust(PortData):
+    """What the device adjusts at its port. Speed and link state are the operating system's."""
+
+    TYPE: ClassVar[int] = 0x0202
+    PARTS: ClassVar[dict[int, type[Block]]] = {
+        part.TYPE: part
+        for part in (AdjustDomainBoundary, AdjustMulticastBoundary, AdjustPeerToPeerBoundary, AdjustDcpBoundary)
+    }
+
+
+STANDARD_LLDP: Final = 1 << 0
+"""MultipleInterfaceMode.NameOfDevice: the port ID of LLDP has the name of station (port-001.name); 0: the chassis ID has it."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class InterfaceAdjust(Block):
+    """How LLDP frames name the station."""
+
+    TYPE: ClassVar[int] = 0x0250
+    reserved: None = padding(2)
+    mode: int = u32(between(0, 1))
+
+
+@dataclass(frozen=True, kw_only=True)
+class NetworkComponentCheck(Block):
+    """Limits of dropped frames, which this device does not count."""
+
+    TYPE: ClassVar[int] = 0x0230
+    reserved: None = padding(2)
+    required: int = u32()
+    demanded: int = u32()
+    fault: int = u32()
+
+
+@dataclass(frozen=True, kw_only=True)
+class FastStartUpAdjust(Block):
+    """Times of a fast start-up, which this device does not have."""
+
+    TYPE: ClassVar[int] = 0x0608
+    content: bytes = rest()
