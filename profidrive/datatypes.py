@@ -1,7 +1,7 @@
 """PROFIdrive data types and the N2/N4 normalisation.
 
-Source: PROFIdrive profile 4.1 (data types, chapter 5.3), IEC 61158-5 type codes.
-Left out: conversion of the time-of-day types, which no parameter of this gateway uses as a value.
+Source: PROFIdrive profile 4.1 (data types, chapter 5.3), IEC 61158-5 type codes; OPC 30144 annex B.2 prints the codes.
+Left out: conversion of dates and of times with a date, which no parameter of this gateway has: they are octets.
 
 N2 and N4 are fractions of a reference: 4000h (N2) or 4000 0000h (N4) is 100 %. All arithmetic is on integers.
 """
@@ -36,11 +36,19 @@ class DataType(enum.Enum):
     FLOATING_POINT = (0x08, "f", 4)
     VISIBLE_STRING = (0x09, "", 1)
     OCTET_STRING = (0x0A, "", 1)
-    UNICODE_STRING = (0x0B, "", 2)
-    TIME_OF_DAY = (0x0C, "", 6)
-    TIME_DIFFERENCE = (0x0D, "I", 4)  # milliseconds, the 4-byte form without days
-    INTEGER64 = (0x36, "q", 8)
-    UNSIGNED64 = (0x37, "Q", 8)
+    TIME_OF_DAY_WITH_DATE = (0x0C, "", 6)
+    TIME_DIFFERENCE_OLD = (0x0D, "I", 4)
+    """Not for new devices; milliseconds, as devices of before sent it."""
+    FLOATING_POINT64 = (0x0F, "d", 8)
+    UNICODE_STRING = (0x27, "", 2)
+    DATE = (0x32, "", 7)
+    TIME_OF_DAY = (0x34, "I", 4)
+    """Milliseconds since midnight."""
+    TIME_DIFFERENCE_WITH_DATE = (0x35, "", 6)
+    TIME_DIFFERENCE = (0x36, "I", 4)
+    """Milliseconds."""
+    INTEGER64 = (0x37, "q", 8)
+    UNSIGNED64 = (0x38, "Q", 8)
     N2 = (0x71, "h", 2)
     N4 = (0x72, "i", 4)
     V2 = (0x73, "H", 2)
@@ -65,9 +73,14 @@ class DataType(enum.Enum):
         self.size = size
 
     @property
+    def is_float(self) -> bool:
+        """IEEE 754, of 32 or 64 bits."""
+        return self.char in {"f", "d"}
+
+    @property
     def integer_range(self) -> tuple[int, int]:
         """Smallest and largest value of an integer-coded type; ProfidriveError for the others."""
-        if not self.char or self is DataType.FLOATING_POINT:
+        if not self.char or self.is_float:
             raise ProfidriveError("data type", self.name, "an integer-coded type")
         bits = 8 * self.size
         if self.char.islower():
@@ -84,7 +97,7 @@ class DataType(enum.Enum):
 
 
 _BY_CODE = {data_type.code: data_type for data_type in DataType}
-UNVERIFIED = frozenset({DataType.INTEGER64, DataType.UNSIGNED64, DataType.X2, DataType.X4})
+UNVERIFIED = frozenset({DataType.X2, DataType.X4})
 """Their codes stand in no public source."""
 
 

@@ -33,6 +33,7 @@ from pdgw.gateway.drive_object import DriveObject
 from pdgw.gateway.encoder import EncoderObject
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.faults import EMCY_WARNING_BIT
+from pdgw.gateway.parameters.fault_lists import fault_codes, fault_numbers, fault_texts
 from pdgw.gateway.parameters.objects import ObjectAccess, ObjectParameter, request_host
 from pdgw.gateway.parameters.positioner import PositionerParameters
 from pdgw.gateway.parameters.signals import signal_list
@@ -90,7 +91,6 @@ _STEPS_PER_SECOND = 0
 _DEVICE_WARNING_BIT = 15
 _STATUSWORD_WARNING = signal("ZSW1").bit("WARNING").mask
 _LIST_SIZE = 99
-_GATEWAY_CODES = {fault.number: fault.code for fault in GATEWAY_FAULTS.values()}
 _WARNING_TEXTS = tuple(
     GATEWAY_FAULTS[number].name[:16]
     if number in GATEWAY_FAULTS
@@ -119,7 +119,7 @@ class BoundObject:
         get: Getter,
         set: Setter | None = None,
         *,
-        texts: tuple[str, ...] = (),
+        texts: Callable[[], Sequence[str]] | None = None,
         data_type: DataType | None = None,
     ) -> None:
         """What stands behind a declared parameter; ``data_type`` where it is another than declared."""
@@ -159,12 +159,6 @@ class BoundObject:
 
 def _constant(value: Sequence[int]) -> Getter:
     return lambda: value
-
-
-def _fault_codes(own: Mapping[int, DriveFault]) -> list[int]:
-    """P946: the codes of the drive's own fault numbers and of the gateway's, by number."""
-    codes = {fault.number: fault.error_code for fault in own.values()} | _GATEWAY_CODES
-    return [codes.get(number, 0) for number in range(max(codes) + 1)]
 
 
 def _unit(daemon: Daemon) -> tuple[int, ...]:
@@ -224,16 +218,25 @@ class NodeObject(BoundObject):
         self.bind(Pnu.CONTROL_PRIORITY, lambda: 1, lambda _: None)
         self.bind(Pnu.FAULT_COUNTER, lambda: log_.counter)
         self.bind(Pnu.FAULT_CODE, lambda: [fault.code for fault in log_.entries()])
-        self.bind(Pnu.FAULT_CODE_LIST, lambda: _fault_codes({}))
-        self.bind(Pnu.FAULT_NUMBER, lambda: [fault.number for fault in log_.entries()])
+        self.bind(Pnu.FAULT_CODE_LIST, lambda: fault_codes(self._own_faults))
+        self.bind(Pnu.FAULT_NUMBER_LIST, lambda: fault_numbers(self._own_faults), texts=self._fault_texts)
+        self.bind(Pnu.FAULT_NUMBER, lambda: [fault.number for fault in log_.entries()], texts=self._fault_texts)
         self.bind(Pnu.FAULT_TIME, lambda: [fault.time_ms for fault in log_.entries()])
         self.bind(Pnu.FAULT_VALUE, lambda: [fault.value for fault in log_.entries()])
         self.bind(Pnu.FAULT_SITUATIONS, lambda: log_.situations, self._clear_faults)
-        self.bind(Pnu.WARNING_WORD, self._warnings, texts=_WARNING_TEXTS)
+        self.bind(Pnu.WARNING_WORD, self._warnings, texts=lambda: _WARNING_TEXTS)
         self.bind(Pnu.BAUD_RATE, lambda: (bus.bitrate or DEFAULT_BITRATE) // 1000)
         self.bind(Pnu.LOAD, lambda: 0, self._when_one(self.load))
         self.bind(Pnu.SAVE, lambda: 0, self._when_one(self.save))
         self.bind(Pnu.RESET, lambda: self._reset_prepared, self._reset)
+
+    @property
+    def _own_faults(self) -> Mapping[int, DriveFault]:
+        """The manufacturer's fault numbers."""
+        return {}
+
+    def _fault_texts(self) -> Sequence[str]:
+        return fault_texts(self._own_faults)
 
     def _name(self) -> bytes:
         return (self._stored.name or f"{self.owner.kind} {self.do_id}").encode()
@@ -343,7 +346,6 @@ class AxisObject(NodeObject):
         self.bind(Pnu.STW1, lambda: axis.last_setpoints[0] if axis.last_setpoints else 0)
         self.bind(Pnu.ZSW1, lambda: axis.actuals[0])
         self.bind(Pnu.DRIVE_OBJECT, lambda: (*_unit(daemon), AXIS_CLASS, _SUBCLASS, self.do_id))
-        self.bind(Pnu.FAULT_CODE_LIST, lambda: _fault_codes(axis.manufacturer_faults))
         self.bind(Pnu.SENSOR_FORMAT, lambda: encode_sensor_format(axis.sensor_formats))
         self.bind(Pnu.REFERENCE_SPEED, self._reference_speed)
         self._positioner: PositionerParameters | None = None
@@ -374,6 +376,10 @@ class AxisObject(NodeObject):
         super().load()
         if self._positioner is not None:
             self.axis.choose_positioner(self._positioner.now.choices())
+
+    @property
+    def _own_faults(self) -> Mapping[int, DriveFault]:
+        return self.axis.manufacturer_faults
 
     def _operating_mode(self) -> int:
         telegram = self.axis.telegram

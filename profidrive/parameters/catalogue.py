@@ -51,6 +51,8 @@ class ParameterSpec:
     unit: str = ""
     texts: tuple[str, ...] = ()
     elements: tuple[str, ...] = ()
+    reset_only: bool = False
+    """Only 0 can be written."""
 
     def __post_init__(self) -> None:
         if len(self.name) > NAME_SIZE:
@@ -141,6 +143,14 @@ _SPECS = (
     ),
     ParameterSpec(Pnu.FAULT_VALUE, "Fault value", "manufacturer's bytes of the EMCY", _U32, _DO, array=True),
     ParameterSpec(
+        Pnu.FAULT_NUMBER_LIST,
+        "Fault numbers",
+        "element n: n where there is a fault of this number, with its text",
+        _U16,
+        _DO,
+        array=True,
+    ),
+    ParameterSpec(
         Pnu.FAULT_SITUATIONS,
         "Fault situations",
         "situations in the buffer, 0 clears it",
@@ -149,6 +159,7 @@ _SPECS = (
         writable=True,
         low=0,
         high=0xFFFF,
+        reset_only=True,
     ),
     ParameterSpec(
         Pnu.WARNING_WORD,

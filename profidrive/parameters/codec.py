@@ -122,7 +122,8 @@ class RequestError(ProfidriveError):
         if self.header is None:
             return None
         reference, request_id, do_id, _ = self.header
-        answer = (request_id & 0x7F) | _NEGATIVE
+        known = request_id in set(RequestId)
+        answer = request_id | _NEGATIVE if known else _NEGATIVE
         return _HEADER.pack(reference, answer, do_id, 1) + _pack_values(Values.error(self.number))
 
 

@@ -7,7 +7,10 @@ from __future__ import annotations
 
 import enum
 import struct
+from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Final
 
 from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.errors import ProfidriveError
@@ -19,14 +22,18 @@ NAME_LENGTH = 16
 _LAYOUT = struct.Struct(f">HHf2s4s{NAME_LENGTH}s4s4s2sHHH")
 SIZE = _LAYOUT.size
 _ELEMENT_TYPES = (
-    DataType.UNSIGNED16,
+    DataType.V2,
     DataType.UNSIGNED16,
     DataType.FLOATING_POINT,
     *(DataType.OCTET_STRING,) * 2,
     DataType.VISIBLE_STRING,
     *(DataType.OCTET_STRING,) * 3,
-    *(DataType.UNSIGNED16,) * 3,
+    DataType.V2,
+    DataType.UNSIGNED16,
+    DataType.V2,
 )
+UNITS: Final[Mapping[str, tuple[int, int]]] = MappingProxyType({"rpm": (11, 67), "ms": (4, -3)})
+"""Variable index (physical quantity) and conversion index (its unit) of the variable attribute, by the unit's name."""
 
 
 class Identifier(enum.IntFlag):
@@ -37,6 +44,8 @@ class Identifier(enum.IntFlag):
     READ_ONLY = 1 << 9
     TEXT = 1 << 10
     """Has a text array."""
+    RESET_ONLY = 1 << 13
+    """Only 0 can be written."""
     ARRAY = 1 << 14
 
 
@@ -53,15 +62,21 @@ class Description:
     low: int = 0
     high: int = 0
     """Limits are 0 where the type's own range applies or the type is no integer."""
+    reset_only: bool = False
+    unit: tuple[int, int] | None = None
+    """Variable and conversion index; None: the value has no unit that is described."""
 
     def _fields(self) -> tuple[int | float | bytes, ...]:
-        flags = Identifier.NOT_STANDARDISED
+        flags = Identifier.NOT_STANDARDISED if self.unit is None else Identifier(0)
+        flags |= Identifier.RESET_ONLY if self.reset_only else Identifier(0)
         flags |= Identifier(0) if self.writable else Identifier.READ_ONLY
         flags |= Identifier.TEXT if self.has_texts else Identifier(0)
         flags |= Identifier.ARRAY if self.array else Identifier(0)
         name = self.name.encode("ascii", "replace")[:NAME_LENGTH].ljust(NAME_LENGTH)
         limits = [(value & 0xFFFFFFFF).to_bytes(4, "big") for value in (self.low, self.high)]
-        return flags | self.type.code, self.count, 1.0, bytes(2), bytes(4), name, *limits, bytes(2), 0, 0, 0
+        variable, conversion = self.unit or (0, 0)
+        attribute = bytes((variable, conversion & 0xFF))
+        return flags | self.type.code, self.count, 1.0, attribute, bytes(4), name, *limits, bytes(2), 0, 0, 0
 
     def values(self, element: int) -> Values:
         """Element 1 to 12 of the description, all of it for 0; ParameterRefused for others."""
@@ -77,7 +92,7 @@ class Description:
         """A description from its 46 bytes; ProfidriveError when it is none."""
         if len(data) != SIZE:
             raise ProfidriveError("parameter description", f"{len(data)} bytes", f"{SIZE} bytes")
-        identifier, count, _, _, _, name, low, high, _, _, _, _ = _LAYOUT.unpack(data)
+        identifier, count, _, attribute, _, name, low, high, _, _, _, _ = _LAYOUT.unpack(data)
         data_type = DataType.from_code(identifier & 0xFF)
         signed = data_type.char.islower()
         return cls(
@@ -89,4 +104,6 @@ class Description:
             bool(identifier & Identifier.TEXT),
             int.from_bytes(low, "big", signed=signed),
             int.from_bytes(high, "big", signed=signed),
+            bool(identifier & Identifier.RESET_ONLY),
+            None if identifier & Identifier.NOT_STANDARDISED else struct.unpack("Bb", attribute),
         )

@@ -27,11 +27,10 @@ from pdgw.profidrive.parameters.codec import (
     decode_request,
     encode_response,
 )
-from pdgw.profidrive.parameters.description import Description
+from pdgw.profidrive.parameters.description import UNITS, Description
 from pdgw.profidrive.parameters.errors import ParameterErrorNumber as Number
 from pdgw.profidrive.parameters.errors import ParameterRefused
 
-_STRINGS = {DataType.VISIBLE_STRING, DataType.OCTET_STRING, DataType.UNICODE_STRING}
 _GENERIC = {1: DataType.BYTE, 2: DataType.WORD, 4: DataType.DOUBLE_WORD}
 _HIGHEST_SUBINDEX = 0xFFFE
 _ERROR_SIZE = 6
@@ -96,12 +95,12 @@ class BoundParameter:
     set: Callable[[int], None] | None = None
     format: DataType | None = None
     """Where the device answers with another type than declared."""
-    own_texts: tuple[str, ...] = ()
+    own_texts: Callable[[], Sequence[str]] | None = None
     """A text array that only the device can know."""
 
     @property
     def texts(self) -> Sequence[str]:
-        return self.own_texts or self.spec.texts
+        return self.spec.texts if self.own_texts is None else self.own_texts()
 
     def read(self, subindex: int, elements: int) -> Values:
         data_type = self.format or self.spec.type
@@ -131,12 +130,21 @@ class BoundParameter:
 
     def description(self) -> Description:
         spec = self.spec
-        value = self.get() if spec.array or spec.type in _STRINGS else 0
+        value = self.get() if spec.array or not spec.type.char else 0
         count = len(value) if isinstance(value, Sequence) else 0
         low, high = spec.low or 0, spec.high or 0
         writable = self.set is not None
         return Description(
-            self.format or spec.type, spec.name, spec.array, count, writable, bool(self.texts), low, high
+            self.format or spec.type,
+            spec.name,
+            spec.array,
+            count,
+            writable,
+            bool(self.texts),
+            low,
+            high,
+            spec.reset_only,
+            UNITS.get(spec.unit),
         )
 
 
@@ -184,10 +192,9 @@ def _one(
 
 
 def _check(address: ParameterAddress) -> None:
-    if address.pnu == 0:
-        raise ParameterRefused(Number.IMPERMISSIBLE_PNU)
     if (
-        address.attribute not in set(Attribute)
+        address.pnu == 0
+        or address.attribute not in set(Attribute)
         or address.elements > MAX_ELEMENTS
         or address.subindex > _HIGHEST_SUBINDEX
         or (address.elements == 0 and address.subindex and address.attribute != Attribute.DESCRIPTION)
@@ -223,7 +230,7 @@ def _write(
         raise ParameterRefused(Number.TEXT_CANNOT_BE_CHANGED)
     if values.format in {DataType.ZERO, DataType.ERROR}:
         raise ParameterRefused(Number.ILLEGAL_FORMAT)
-    if values.format not in _STRINGS and len(values.values) != max(1, address.elements):
+    if values.format.char and len(values.values) != max(1, address.elements):
         raise ParameterRefused(Number.NUMBER_OF_VALUES_INCONSISTENT)
     drive_object.check_writable(address.pnu)
     parameter.write(address.subindex, address.elements, values)

@@ -30,7 +30,7 @@ from pdgw.profinet.rpc.records import RecordBlock
 from pdgw.profinet.rpc.server import RecordServer
 from tests.fuzz.test_frames import mutated
 
-_NUMBERS = [item for item in DataType if item.char and item not in {DataType.ERROR, DataType.FLOATING_POINT}]
+_NUMBERS = [item for item in DataType if item.char and item is not DataType.ERROR and not item.is_float]
 
 
 def _zero(spec: ParameterSpec) -> BoundParameter:

@@ -12,7 +12,7 @@ from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.store import ParameterStore
 from pdgw.peers.drive.family import DRIVE_FAULTS
 from pdgw.profidrive.datatypes import DataType
-from pdgw.profidrive.parameters.codec import ParameterAddress, Values
+from pdgw.profidrive.parameters.codec import Attribute, ParameterAddress, Values
 from pdgw.profidrive.parameters.errors import ParameterErrorNumber as Number
 from tests.support.daemon import OFF, Plc, axis, configuration, drive_of, exchanging, serving, until
 from tests.support.daemon import client as client_of
@@ -33,6 +33,10 @@ def test_the_fault_buffer_over_a_drive_fault_its_acknowledgement_and_clearing() 
         assert value(client, 947, 0, 2).values == (7, 0)
         assert number(client, 945, 0, 1) == DRIVE_FAULTS[7].error_code
         assert number(client, 946, 7, 1) == DRIVE_FAULTS[7].error_code
+        assert number(client, 951, 7, 1) == 7
+        for pnu in (947, 951):
+            (text,) = client.request([ParameterAddress(pnu, 7, 1, Attribute.TEXT)])
+            assert text.values == DRIVE_FAULTS[7].name[:16].encode().ljust(16)
         assert number(client, 952) == 1
         plc.endpoint.set(0, {"STW1": OFF | 0x80})
         plc.until(lambda: daemon.axes[0].outputs.command.controlword & 0x80, "reset asked")

@@ -96,10 +96,10 @@ def parse_value(text: str, data_type: DataType) -> Values:
     numbers: list[int | float] = []
     for part in text.split(","):
         try:
-            numbers.append(float(part) if data_type is DataType.FLOATING_POINT else _signed(part.strip()))
+            numbers.append(float(part) if data_type.is_float else _signed(part.strip()))
         except ValueError as error:
             raise GatewayError(f"value {part!r}: expected a number for {data_type.name}") from error
-        if data_type is not DataType.FLOATING_POINT:
+        if not data_type.is_float:
             low, high = (0, 1) if data_type is DataType.BOOLEAN else data_type.integer_range
             if not low <= numbers[-1] <= high:
                 raise GatewayError(f"value {part}: expected {low} to {high} for {data_type.name}")

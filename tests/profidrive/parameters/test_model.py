@@ -103,7 +103,7 @@ def test_a_value_or_text_is_read(address: ParameterAddress, expected: Values) ->
 
 
 REFUSED_READS = [
-    (ParameterAddress(0), error(Number.IMPERMISSIBLE_PNU)),
+    (ParameterAddress(0), error(Number.ADDRESS_IMPERMISSIBLE)),
     (ParameterAddress(4711), error(Number.IMPERMISSIBLE_PNU)),
     (ParameterAddress(NUMBER, 1, 1), error(Number.NO_ARRAY)),
     (ParameterAddress(NUMBER, 0, 2), error(Number.NO_ARRAY)),
@@ -270,7 +270,7 @@ def test_a_request_without_a_header_has_no_answer_and_a_broken_one_has_its_error
     find: Callable[[int], Device] = lambda _: Device()  # noqa: E731
     assert answer(b"\1\1\1", find, _BLOCK) is None
     broken = answer(bytes.fromhex("01 03 00 01 10 01 10 18 00 03"), find, _BLOCK)
-    assert broken == bytes.fromhex("01 83 00 01 44 01 00 21")
+    assert broken == bytes.fromhex("01 80 00 01 44 01 00 21")
 
 
 def test_the_request_says_which_drive_object_is_meant() -> None:
@@ -308,12 +308,12 @@ def test_identifier_and_number_of_elements(pnu: int, identifier: int, count: int
     first, second = read(
         ParameterAddress(pnu, 1, 1, Attribute.DESCRIPTION), ParameterAddress(pnu, 2, 1, Attribute.DESCRIPTION)
     ).values
-    assert (first, second) == (word(identifier), word(count))
+    assert (first, second) == (Values(DataType.V2, (identifier,)), word(count))
     # The element of a description needs no "No. of Elements", and there are twelve.
     unnumbered, twelfth = read(
         ParameterAddress(pnu, 1, 0, Attribute.DESCRIPTION), ParameterAddress(pnu, 12, 1, Attribute.DESCRIPTION)
     ).values
-    assert (unnumbered, twelfth) == (word(identifier), word(0))
+    assert (unnumbered, twelfth) == (Values(DataType.V2, (identifier,)), Values(DataType.V2, (0,)))
 
 
 @given(
