@@ -23,7 +23,7 @@ from pdgw.ds301.aborts import abort_text
 from pdgw.ds301.nmt import NmtCommand, NmtState
 from pdgw.ds301.pdo import PdoDirection
 from pdgw.dsp402.further import image_entry
-from pdgw.dsp402.generic import recorded_addresses, recorded_drive_type, recorded_families
+from pdgw.dsp402.generic import recorded_answer, recorded_drive_type, recorded_families
 from pdgw.dsp402.images import DriveFeedback
 from pdgw.dsp402.modes import MODE_CONFIRM_NS
 from pdgw.dsp402.objects import CONTROLWORD, HOMING_METHOD, MODE, MODE_DISPLAY, STATUSWORD
@@ -256,11 +256,9 @@ class AxisFollower(ObjectFollower):
             if address == MODE:
                 self._ask_mode(now, int.from_bytes(record.value, "little", signed=True))
             return
-        is_signed = recorded_addresses().get(address)
         if address == HOMING_METHOD:
             self._homing_method = int.from_bytes(record.value, "little", signed=True)
-        elif is_signed is not None:
-            value = int.from_bytes(record.value, "little", signed=is_signed)
+        elif (value := recorded_answer(address, record.value)) is not None:
             self._new_references |= self._answers.get(address) != value
             self._answers[address] = value
             self._words.are_of(recorded_families(self._answers))

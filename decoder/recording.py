@@ -29,7 +29,7 @@ from pdgw.ds301.pdo import Pdo, PdoDirection
 from pdgw.dsp402 import touch_probe
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.further import image_entry
-from pdgw.dsp402.generic import recorded_addresses, recorded_drive_type, recorded_families
+from pdgw.dsp402.generic import recorded_answer, recorded_drive_type, recorded_families
 from pdgw.dsp402.objects import HOMING_METHOD
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.values import Configured
@@ -315,10 +315,9 @@ def _sdo(node: _Node, record: SdoRecord) -> None:
         return
     if address == HOMING_METHOD:
         node.homing_method = int.from_bytes(record.value, "little", signed=True)
-    is_signed = recorded_addresses().get(address)
-    if is_signed is None:
+    value = recorded_answer(address, record.value)
+    if value is None:
         return
-    value = int.from_bytes(record.value, "little", signed=is_signed)
     before = node.answers.get(address)
     node.answers[address] = value
     if node.started and before is not None and before != value:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import enum
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from types import CodeType
@@ -185,7 +185,7 @@ class PdoLayout:
 
     rpdos: tuple[Pdo, ...]
     tpdos: tuple[Pdo, ...]
-    optional: frozenset[str] = frozenset()
-    """Attributes a device without the object can be operated without."""
+    optional: Mapping[str, str] = field(default_factory=dict, hash=False)
+    """Attributes of the objects that operation does not need, each with what the device does or shows without its object."""
     cyclic_only: frozenset[str] = frozenset()
-    """Likewise, and left out where no PDO has room for them: read by SDO they would be too old."""
+    """Those of them that are left out where no PDO has room for them: read by SDO they would be too old."""

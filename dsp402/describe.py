@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from types import MappingProxyType
+from typing import Final
 
 import canopen
 from canopen.objectdictionary import ODVariable
@@ -30,6 +31,7 @@ from pdgw.dsp402.indices import (
 from pdgw.dsp402.modes import MODE_NAMES, STANDARD_HOMING_METHODS, SUPPORTED_MODES, Mode
 from pdgw.dsp402.objects import DRIVE_OBJECTS, FAMILY_VALUES, MAX_TORQUE
 from pdgw.dsp402.overlay import Overlay, overlay, overlay_for, units_of
+from pdgw.dsp402.pdo import LAYOUTS
 from pdgw.dsp402.scaling import SCALING_OBJECTS, find_scaling
 from pdgw.dsp402.unit_keys import UnitKeys
 
@@ -37,6 +39,14 @@ _NO_WINDOW = 0xFFFF_FFFF
 """6067h of a drive that does not use it."""
 PROFILE_AREA = range(0x6000, 0x6800)
 """Of the first axis; what lies outside is the manufacturer's."""
+OPTIONAL_OBJECTS: Final = frozenset(
+    entry.address
+    for layout in LAYOUTS.values()
+    for attribute in layout.optional
+    for entry in (DRIVE_OBJECTS.attribute(attribute), VL_ENTRIES.get(attribute))
+    if entry is not None
+)
+"""What operation does not need: the device is asked whether it has them, whatever its data sheet says."""
 _MAPPED_OBJECTS = 8
 _TYPES = {item.code: item for item in CanType}
 _INTEGERS = {
@@ -65,7 +75,8 @@ def questions(dictionary: canopen.ObjectDictionary) -> tuple[ObjectAddress, ...]
     modes = [(SUPPORTED_DRIVE_MODES, 0)] if SUPPORTED_DRIVE_MODES in dictionary else []
     scaling = [address for address in SCALING_OBJECTS if variable(dictionary, *address) is not None]
     others = [address for address in (MAX_TORQUE, (POSITION_WINDOW, 0)) if variable(dictionary, *address) is not None]
-    return (IDENTITY_VENDOR, IDENTITY_PRODUCT, *modes, *methods, *scaling, *others)
+    optional = sorted(address for address in OPTIONAL_OBJECTS if variable(dictionary, *address) is not None)
+    return (IDENTITY_VENDOR, IDENTITY_PRODUCT, *modes, *methods, *scaling, *others, *optional)
 
 
 def describe(
@@ -85,6 +96,7 @@ def describe(
     modes = _modes(dictionary, answers, family)
     vl = _speaks_vl(modes)
     entries = _entries(dictionary, family, vl=vl)
+    entries = {name: entry for name, entry in entries.items() if entry.address not in OPTIONAL_OBJECTS - answers.keys()}
     quirks = family.drive_quirks if family else Quirks()
     window = answers.get((POSITION_WINDOW, 0))
     scaling = find_scaling(
@@ -116,11 +128,22 @@ def _speaks_vl(modes: Mapping[int, str]) -> bool:
 
 
 def answers_of_defaults(dictionary: canopen.ObjectDictionary) -> dict[ObjectAddress, int]:
-    """What a device would answer that has the values its data sheet gives as defaults."""
+    """What a device would answer that has the values its data sheet gives as defaults, and every object that is optional."""
     found = {address: variable(dictionary, *address) for address in questions(dictionary)}
-    return {
+    present = dict.fromkeys(found.keys() & OPTIONAL_OBJECTS, 0)
+    return present | {
         address: item.default for address, item in found.items() if item is not None and isinstance(item.default, int)
     }
+
+
+def described_by_sheet(
+    dictionary: canopen.ObjectDictionary, units: UnitKeys | None = None, family_name: str = ""
+) -> DriveType:
+    """The drive as its data sheet alone describes it; as ``describe``."""
+    information = dictionary.device_information
+    identity = {IDENTITY_VENDOR: information.vendor_number, IDENTITY_PRODUCT: information.product_number}
+    told = {address: value for address, value in identity.items() if value}
+    return describe(dictionary, answers_of_defaults(dictionary) | told, units, family_name)
 
 
 def variable(dictionary: canopen.ObjectDictionary, index: int, subindex: int = 0) -> ODVariable | None:

@@ -15,7 +15,7 @@ from pdgw.ds301.communication import DEVICE_NAME, IDENTITY_PRODUCT, IDENTITY_VEN
 from pdgw.ds301.eds_import import import_eds
 from pdgw.ds301.objects import Entry, ObjectAddress, ObjectKind, ObjectSpec
 from pdgw.ds301.pdo import PdoDirection
-from pdgw.dsp402.describe import PROFILE_AREA, answers_of_defaults, describe, questions, signed
+from pdgw.dsp402.describe import OPTIONAL_OBJECTS, PROFILE_AREA, answers_of_defaults, describe, questions, signed
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.further import FURTHER_OBJECTS
 from pdgw.dsp402.objects import DRIVE_OBJECTS, PDOS
@@ -69,10 +69,21 @@ def dictionary_of(
 
 
 @cache
-def recorded_addresses() -> Mapping[ObjectAddress, bool]:
-    """What a drive is asked at its start, and whether it is a signed number: what a recording has to take note of."""
+def _recorded_addresses() -> Mapping[ObjectAddress, bool]:
+    """What a drive is asked at its start, and whether it is a signed number."""
     dictionary = generic_dictionary()
     return {address: signed(dictionary, address) for address in questions(dictionary)}
+
+
+def recorded_answer(address: ObjectAddress, data: bytes) -> int | None:
+    """What an SDO answer in a recording says about the drive; None for an object that a drive is not asked for at its start.
+
+    1 for an optional object: that it is there counts, its value changes all the time.
+    """
+    is_signed = _recorded_addresses().get(address)
+    if is_signed is None:
+        return None
+    return 1 if address in OPTIONAL_OBJECTS else int.from_bytes(data, "little", signed=is_signed)
 
 
 def recorded_families(answers: Mapping[ObjectAddress, int]) -> tuple[str, ...]:

@@ -23,6 +23,7 @@ __all__ = [
     "pdo",
     "with_objects",
     "with_second_position",
+    "without",
     "without_position",
 ]
 
@@ -50,7 +51,7 @@ INTERPOLATED: Final = frozenset({"profile_velocity", "profile_acceleration", "pr
 
 def interpolated(layout: PdoLayout) -> PdoLayout:
     """The layout for a drive that gets a position with each SYNC instead of tasks."""
-    return replace(layout, rpdos=_without(INTERPOLATED, layout.rpdos))
+    return without(layout, INTERPOLATED)
 
 
 def pdo(direction: PdoDirection, number: int, *attributes: str) -> Pdo:
@@ -67,8 +68,12 @@ _WITH_MESSAGES = (
     pdo(_T, 2, "position_actual", "velocity_demand"),
     pdo(_T, 3, "current_actual"),
 )
-
-_DEMAND = frozenset({"velocity_demand"})
+_DEMAND = {"velocity_demand": "speed within tolerance shows 0, a frozen ramp keeps the actual speed"}
+_MESSAGES = {
+    "velocity_demand": "ramp completed and speed within tolerance show 0",
+    "current_actual": "torque below its threshold shows 0",
+}
+_ONE_RAMP = {"profile_deceleration": "6083h carries the smaller of acceleration and deceleration, for both"}
 
 LAYOUTS: dict[Operation, PdoLayout] = {
     # RPDO 1 carries the Controlword as its last object and is sent last: a drive that applies objects in the order of the mapping
@@ -76,22 +81,25 @@ LAYOUTS: dict[Operation, PdoLayout] = {
     Operation.VELOCITY: PdoLayout(
         rpdos=(pdo(_R, 1, "target_velocity", "controlword"),),
         tpdos=(pdo(_T, 1, "statusword", "velocity_actual"), pdo(_T, 2, "velocity_demand")),
-        cyclic_only=_DEMAND,
+        optional=_DEMAND,
+        cyclic_only=frozenset(_DEMAND),
     ),
     Operation.VELOCITY_WITH_POSITION: PdoLayout(
         rpdos=(pdo(_R, 1, "target_velocity", "controlword"),),
         tpdos=(pdo(_T, 1, "statusword", "velocity_actual"), pdo(_T, 2, "position_actual", "velocity_demand")),
-        cyclic_only=_DEMAND,
+        optional=_DEMAND,
+        cyclic_only=frozenset(_DEMAND),
     ),
     Operation.VELOCITY_WITH_TORQUE: PdoLayout(
         rpdos=(pdo(_R, 1, "target_velocity", "controlword"), pdo(_R, 2, "max_torque")),
         tpdos=_WITH_MESSAGES,
+        optional=_MESSAGES,
     ),
     Operation.VELOCITY_WITH_LOAD: PdoLayout(
         rpdos=(pdo(_R, 1, "target_velocity", "controlword"),),
         tpdos=(pdo(_T, 1, "statusword", "velocity_actual"), pdo(_T, 2, "current_actual", "velocity_demand")),
-        optional=frozenset({"current_actual"}),
-        cyclic_only=_DEMAND,
+        optional={**_DEMAND, "current_actual": "current, torque and power show 0"},
+        cyclic_only=frozenset(_DEMAND),
     ),
     Operation.POSITIONING: PdoLayout(
         rpdos=(
@@ -103,6 +111,7 @@ LAYOUTS: dict[Operation, PdoLayout] = {
             pdo(_T, 1, "statusword", "modes_of_operation_display", "position_actual"),
             pdo(_T, 2, "velocity_actual"),
         ),
+        optional=_ONE_RAMP,
     ),
     Operation.POSITIONER: PdoLayout(
         rpdos=(
@@ -115,6 +124,7 @@ LAYOUTS: dict[Operation, PdoLayout] = {
             pdo(_T, 2, "velocity_actual", "velocity_demand"),
             pdo(_T, 3, "digital_inputs", "current_actual"),
         ),
+        optional={**_MESSAGES, **_ONE_RAMP, "digital_inputs": "the limit switches show 0"},
     ),
     Operation.CYCLIC_POSITION: PdoLayout(
         rpdos=(
@@ -122,10 +132,12 @@ LAYOUTS: dict[Operation, PdoLayout] = {
             pdo(_R, 2, "velocity_offset", "max_torque"),
         ),
         tpdos=_WITH_MESSAGES,
+        optional=_MESSAGES,
     ),
     Operation.CYCLIC_VELOCITY: PdoLayout(
         rpdos=(pdo(_R, 1, "target_velocity", "controlword"), pdo(_R, 2, "max_torque")),
         tpdos=_WITH_MESSAGES,
+        optional=_MESSAGES,
     ),
     Operation.TRANSPARENT: PdoLayout(
         rpdos=(
@@ -169,7 +181,12 @@ def with_second_position(layout: PdoLayout) -> PdoLayout:
 
 def without_position(layout: PdoLayout) -> PdoLayout:
     """The layout without the drive's position (6064h)."""
-    return replace(layout, tpdos=_without({"position_actual"}, layout.tpdos))
+    return without(layout, {"position_actual"})
+
+
+def without(layout: PdoLayout, attributes: Collection[str]) -> PdoLayout:
+    """The layout without the objects of these image attributes."""
+    return replace(layout, rpdos=_without(attributes, layout.rpdos), tpdos=_without(attributes, layout.tpdos))
 
 
 def _without(attributes: Collection[str], pdos: Sequence[Pdo]) -> tuple[Pdo, ...]:

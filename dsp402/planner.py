@@ -20,6 +20,7 @@ from pdgw.ds301.plan import Pace, PdoPlan, PlannedPdo
 from pdgw.dsp402.drive_type import DriveType, PdoSlot
 from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.objects import CONTROL_ATTRIBUTE, STATUS_ATTRIBUTE
+from pdgw.dsp402.pdo import without
 
 Key = tuple[PdoDirection, int]
 """Direction and number of a PDO."""
@@ -76,10 +77,11 @@ def plan_pdos(
 ) -> PdoPlan:
     """The plan for what the owner ``needs``; ``sync``: TPDOs wait for the gateway's SYNC, ``sync_rpdos``: RPDOs too.
 
-    Dsp402Error when Controlword or Statusword have no PDO, or the drive lacks an object.
+    Dsp402Error when Controlword or Statusword have no PDO, or the drive lacks an object that is not optional.
     """
-    notes: list[str] = []
+    notes = list(not_available(needs, drive))
     shared = drive, node_id, findings, notes
+    needs = without(needs, {entry.attribute for entry in _missing(needs, drive)})
     rpdos, written = _Direction(PdoDirection.RPDO, needs, *shared, sync=sync_rpdos).planned()
     tpdos, read = _Direction(PdoDirection.TPDO, needs, *shared, sync=sync).planned()
     # What comes on change alone is read as well: nothing else would tell that a frame was lost.
@@ -91,6 +93,17 @@ def plan_pdos(
     ]
     last_first = sorted(rpdos, key=lambda item: (CONTROL_ATTRIBUTE in item.pdo.attributes, -item.pdo.number))
     return PdoPlan(tuple(last_first), tuple(tpdos), tuple(written), tuple(read), tuple(notes))
+
+
+def not_available(needs: PdoLayout, drive: DriveType) -> tuple[str, ...]:
+    """One line for each optional object that the drive lacks: the object, and what the drive does or shows without it."""
+    missing = _missing(needs, drive)
+    return tuple(f"{entry} not available: {needs.optional[entry.attribute]}" for entry in missing)
+
+
+def _missing(needs: PdoLayout, drive: DriveType) -> list[Entry]:
+    entries = [entry for pdo in (*needs.rpdos, *needs.tpdos) for entry in pdo.entries]
+    return [entry for entry in entries if entry.attribute in needs.optional and not drive.has(entry.attribute)]
 
 
 class _Direction:
@@ -107,7 +120,7 @@ class _Direction:
         *,
         sync: bool,
     ) -> None:
-        self.optional = needs.optional | needs.cyclic_only
+        self.optional = needs.optional
         self.cyclic_only = needs.cyclic_only
         self.direction = direction
         self.needs = needs.rpdos if direction is PdoDirection.RPDO else needs.tpdos
@@ -155,6 +168,11 @@ class _Direction:
                 free.remove(carried.number)
                 pdos.append(carried)
             left += [(pdo.number, entry) for entry in rest if entry.attribute not in self.cyclic_only]
+            self.notes += [
+                f"{entry} not available in a PDO: {self.optional[entry.attribute]}"
+                for entry in rest
+                if entry.attribute in self.cyclic_only
+            ]
         adopted = self._adopt(
             [entry for _, entry in left], has_essential=any(self.essential in pdo.attributes for pdo in pdos)
         )
@@ -169,8 +187,7 @@ class _Direction:
     def _fitted(self, pdo: Pdo) -> list[Entry]:
         """The objects this drive has for what travels in a PDO."""
         entries = self.drive.entries
-        wanted = [item for item in pdo.entries if item.attribute in entries or item.attribute not in self.optional]
-        return [entries.get(item.attribute) or self._lacking(item) for item in wanted]
+        return [entries.get(item.attribute) or self._lacking(item) for item in pdo.entries]
 
     def _lacking(self, entry: Entry) -> Entry:
         raise Dsp402Error(

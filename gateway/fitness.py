@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from pdgw.ds301.pdo import PdoLayout
 from pdgw.ds301.plan import PdoPlan
+from pdgw.dsp402 import planner
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.images import DriveFeedback
@@ -58,11 +60,21 @@ def planned(
     drive: DriveType, number: int, node_id: int = 1, *, sync: bool = False, settings: AxisSettings = _USUAL
 ) -> PdoPlan:
     """What would travel in which PDO, as far as the data sheet tells; Dsp402Error when no plan is possible."""
+    needs, made = _needs(drive, number, settings)
+    cyclic = number in DSC_TELEGRAM_NUMBERS or (sync and number in CENTRAL_TELEGRAM_NUMBERS) or made
+    return plan_pdos(needs, drive, node_id, found_in_data_sheet(drive), sync=sync or cyclic, sync_rpdos=cyclic)
+
+
+def not_available(drive: DriveType, number: int, settings: AxisSettings = _USUAL) -> tuple[str, ...]:
+    """One line for each object that the telegram can do without and the drive lacks, with what it shows or does instead."""
+    return planner.not_available(_needs(drive, number, settings)[0], drive)
+
+
+def _needs(drive: DriveType, number: int, settings: AxisSettings) -> tuple[PdoLayout, bool]:
+    """What travels in PDOs, and whether the gateway makes the positions of traversing tasks."""
     needs = drive_layout(number, _form(settings), settings.second_sensor, g1_is_encoder=settings.g1_is_encoder)
     made = drive.interpolates and number in TASK_TELEGRAM_NUMBERS
-    cyclic = number in DSC_TELEGRAM_NUMBERS or (sync and number in CENTRAL_TELEGRAM_NUMBERS) or made
-    needs = interpolated(needs) if made else needs
-    return plan_pdos(needs, drive, node_id, found_in_data_sheet(drive), sync=sync or cyclic, sync_rpdos=cyclic)
+    return interpolated(needs) if made else needs, made
 
 
 def lacks_by_telegram(drive: DriveType) -> Mapping[int, str]:

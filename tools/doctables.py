@@ -11,6 +11,7 @@ from pathlib import Path
 
 from pdgw.ds301.aborts import ABORT_TEXTS, abort_text
 from pdgw.dsp402.modes import Mode
+from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.dsp402.pdo import LAYOUTS, with_objects
 from pdgw.dsp402.states import COMMAND_TRANSITIONS, STATUS_PATTERNS
 from pdgw.dsp406.faults import ENCODER_EMCY
@@ -218,6 +219,15 @@ def generate() -> str:
                 for operation, needs in LAYOUTS.items()
                 for layout in (with_objects(needs, FAMILY.entries),)
                 for pdo in (*layout.rpdos, *layout.tpdos)
+            ),
+        ),
+        "## Objects a telegram can do without\n",
+        table(
+            ("operation", "object", "without it"),
+            (
+                (operation.value, DRIVE_OBJECTS.attribute(attribute), text)
+                for operation, needs in LAYOUTS.items()
+                for attribute, text in needs.optional.items()
             ),
         ),
         "## Drive objects\n",

@@ -76,12 +76,16 @@ _TORQUE_THRESHOLD: Final = 900
 
 
 class MessageWord:
-    """MELDW of one axis. ``reference``: 100 % speed in the drive's velocity units."""
+    """MELDW of one axis. ``reference``: 100 % speed in the drive's velocity units.
 
-    __slots__ = ("_speed_2", "_speed_3", "_tolerance")
+    ``torque``: the drive has 6078h; without it the bit that is made from it is 0.
+    """
 
-    def __init__(self, reference: int) -> None:
+    __slots__ = ("_speed_2", "_speed_3", "_tolerance", "_torque")
+
+    def __init__(self, reference: int, *, torque: bool = True) -> None:
         self._tolerance = reference * TOLERANCE_PERCENT // 100
+        self._torque = _TORQUE_THRESHOLD if torque else 0  # no value is below it
         self._speed_3 = reference * _SPEED_3_PERCENT // 100
         self._speed_2 = reference * _SPEED_2_PERCENT // 100
 
@@ -109,7 +113,7 @@ class MessageWord:
         tolerance = self._tolerance
         if -tolerance <= velocity - demand <= tolerance:
             word |= _AT_SPEED if target_reached else SPEED_WITHIN_TOLERANCE
-        if -_TORQUE_THRESHOLD < torque < _TORQUE_THRESHOLD:
+        if -self._torque < torque < self._torque:
             word |= _TORQUE_BELOW
         if velocity < 0:
             velocity = -velocity

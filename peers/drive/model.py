@@ -22,6 +22,7 @@ from pdgw.dsp402.indices import (
     MAX_PROFILE_VELOCITY,
     MOTION_PROFILE_TYPE,
     POSITION_RANGE_LIMIT,
+    PROFILE_DECELERATION,
     QUICK_STOP_DECELERATION,
     QUICK_STOP_OPTION,
     VELOCITY_ENCODER_FACTOR,
@@ -187,6 +188,12 @@ class DriveModel:
         return self._rate * max(1, min(value, self.read(limit_index, 0)))
 
     @property
+    def profile_braking(self) -> int:
+        """In acceleration units: 6084h, or 6083h of a drive without it (CiA 402)."""
+        one_ramp = PROFILE_DECELERATION in self.shape.lacks
+        return self.profile_acceleration if one_ramp else self.profile_deceleration
+
+    @property
     def sine(self) -> bool:
         """Ramps are sine-squared (6086h)."""
         return self.read(MOTION_PROFILE_TYPE, 0) == 1
@@ -194,7 +201,7 @@ class DriveModel:
     @property
     def sine_times(self) -> tuple[float, float]:
         """Rise and fall time in seconds of a sine-squared ramp; a PDO may carry 0."""
-        return max(1, self.profile_acceleration) * TICK, max(1, self.profile_deceleration) * TICK
+        return max(1, self.profile_acceleration) * TICK, max(1, self.profile_braking) * TICK
 
     # -- commands -----------------------------------------------------------------------------------------------------
 
@@ -409,7 +416,7 @@ class DriveModel:
     def _quick_deceleration(self, quick: bool) -> float:
         if quick:
             return self._rate * self.read(QUICK_STOP_DECELERATION, 0)
-        return self.acceleration(self.profile_deceleration, MAX_DECELERATION)
+        return self.acceleration(self.profile_braking, MAX_DECELERATION)
 
     def _turn(self) -> None:
         """Move the axis; a mechanical stop holds it."""

@@ -111,7 +111,7 @@ class ProfilePosition(ModeOfOperation):
             self._target(word),
             min(drive.profile_velocity * drive.unit, drive.speed_limit),
             drive.acceleration(drive.profile_acceleration, MAX_ACCELERATION),
-            drive.acceleration(drive.profile_deceleration, MAX_DECELERATION),
+            drive.acceleration(drive.profile_braking, MAX_DECELERATION),
         )
         self._acknowledged = True
         if self.setpoint is not None and not word & ControlBit.CHANGE_IMMEDIATELY:
@@ -145,7 +145,7 @@ class ProfilePosition(ModeOfOperation):
             if drive.halted:
                 self.setpoint = self._queued = None
             deceleration = (
-                setpoint.deceleration if setpoint else drive.acceleration(drive.profile_deceleration, MAX_DECELERATION)
+                setpoint.deceleration if setpoint else drive.acceleration(drive.profile_braking, MAX_DECELERATION)
             )
             if drive.slow_down(deceleration) and drive.halted:
                 self._reached = True

@@ -43,7 +43,7 @@ class _SpeedMode(ModeOfOperation):
             return
         acceleration = drive.acceleration(drive.profile_acceleration, MAX_ACCELERATION)
         acceleration = min(acceleration, TORQUE_ACCELERATION * self._torque() / 1000)
-        drive.ramp.linear(target, acceleration, drive.acceleration(drive.profile_deceleration, MAX_DECELERATION))
+        drive.ramp.linear(target, acceleration, drive.acceleration(drive.profile_braking, MAX_DECELERATION))
 
     def _torque(self) -> int:
         return self.drive.max_torque
@@ -119,7 +119,7 @@ class Torque(ModeOfOperation):
     def _release(self) -> None:
         """No torque is asked for."""
         drive = self.drive
-        deceleration = drive.acceleration(drive.profile_deceleration, MAX_DECELERATION)
+        deceleration = drive.acceleration(drive.profile_braking, MAX_DECELERATION)
         drive.ramp.linear(0.0, deceleration, deceleration)
 
 

@@ -15,29 +15,36 @@ from pdgw.dsp402.planner import found_in_data_sheet, plan_pdos
 
 FOLDER = Path(__file__).parent / "eds"
 NODE = 5
+DEMAND = "speed within tolerance shows 0, a frozen ramp keeps the actual speed"
+NO_DEMAND = f"Velocity Demand Value 606Bh not available: {DEMAND}"
 PLANS = {
     "fixed-pdo": (
         "RPDO2 305h: Controlword 6040h, Target velocity 60FFh; its own mapping; its own COB-ID",
         "TPDO2 285h: Velocity actual value 606Ch, Statusword 6041h; on change and by its event timer; its own mapping; "
         "its own COB-ID",
+        NO_DEMAND,
     ),
     "no-event-timer": (
         "RPDO1 205h: Target velocity 60FFh, Controlword 6040h",
         "TPDO1 185h: Statusword 6041h, Velocity actual value 606Ch; on SYNC",
+        NO_DEMAND,
         "TPDO1 on SYNC: it has no event timer (1800h/5)",
     ),
     "unmappable": (
         "RPDO1 205h: Controlword 6040h",
         "TPDO1 185h: Statusword 6041h, Velocity actual value 606Ch; on change and by its event timer",
         "written by SDO when they change: Target velocity 60FFh",
+        NO_DEMAND,
     ),
     "own-cob-ids": (
         "RPDO1 32Ah: Target velocity 60FFh, Controlword 6040h; its own COB-ID",
         "TPDO1 1AAh: Statusword 6041h, Velocity actual value 606Ch; on change and by its event timer; its own COB-ID",
+        NO_DEMAND,
     ),
     "vl": (
         "RPDO1 205h: vl target velocity 6042h, Controlword 6040h",
         "TPDO1 185h: Statusword 6041h, vl velocity actual value 6044h; on change and by its event timer",
+        f"vl velocity demand 6043h not available in a PDO: {DEMAND}",
     ),
 }
 

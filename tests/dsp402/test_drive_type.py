@@ -10,7 +10,7 @@ import pytest
 
 from pdgw.ds301.communication import IDENTITY_PRODUCT, IDENTITY_VENDOR
 from pdgw.ds301.objects import CanType
-from pdgw.dsp402.describe import describe, questions
+from pdgw.dsp402.describe import answers_of_defaults, describe, questions
 from pdgw.dsp402.drive_type import Quantity, Turntable
 from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.indices import SUPPORTED_DRIVE_MODES, SUPPORTED_HOMING_METHODS
@@ -82,7 +82,16 @@ def test_modes_of_a_drive_without_6502h_are_those_it_has_the_objects_of() -> Non
 def test_the_device_is_asked_only_for_what_its_data_sheet_has() -> None:
     asked = questions(engel_dictionary())
     assert asked[:3] == (IDENTITY_VENDOR, IDENTITY_PRODUCT, (SUPPORTED_DRIVE_MODES, 0))
-    assert {*asked[3:]} == {(index, subindex) for _, index, subindex in REFERENCE_OBJECTS}
+    optional = {(index, 0) for index in (0x606B, 0x6078, 0x6084, 0x60FD)}
+    assert {*asked[3:]} == {(index, subindex) for _, index, subindex in REFERENCE_OBJECTS} | optional
+
+
+def test_an_optional_object_the_device_does_not_answer_is_missing() -> None:
+    drive = engel()
+    answers = answers_of_defaults(engel_dictionary())
+    del answers[0x606B, 0]
+    assert drive.has("velocity_demand")
+    assert not describe(engel_dictionary(), answers).has("velocity_demand")
 
 
 @pytest.mark.parametrize(

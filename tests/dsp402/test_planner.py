@@ -91,14 +91,16 @@ def test_a_plan_has_all_that_is_needed_once_or_names_the_object_that_is_missing(
 ) -> None:
     drive = described(name)
     rpdos, tpdos = needed(operation)
-    spare = LAYOUTS[operation].cyclic_only
-    if not all(drive.has(attribute) for attribute in (rpdos | tpdos) - spare):
+    spare, optional = LAYOUTS[operation].cyclic_only, LAYOUTS[operation].optional.keys()
+    if not all(drive.has(attribute) for attribute in (rpdos | tpdos) - optional):
         with pytest.raises(Dsp402Error, match="no object of this drive"):
             plan(operation, drive=drive)
         return
     found = plan(operation, drive=drive)
-    assert carried(found) == rpdos
-    assert tpdos - spare <= shown(found) <= tpdos
+    missing = {attribute for attribute in optional if not drive.has(attribute)}
+    assert carried(found) == rpdos - missing
+    assert tpdos - missing - spare <= shown(found) <= tpdos - missing
+    assert len([note for note in found.notes if "not available" in note]) >= len(missing)
     names = [name for item in found.rpdos for name in item.pdo.attributes]
     assert len(names) == len(set(names))
     assert len({item.cob_id for item in (*found.rpdos, *found.tpdos)}) == len(found.rpdos) + len(found.tpdos)

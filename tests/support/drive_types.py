@@ -10,7 +10,7 @@ import canopen
 from pdgw.ds301.communication import IDENTITY_PRODUCT, IDENTITY_VENDOR
 from pdgw.ds301.eds import write_eds
 from pdgw.ds301.eds_import import import_eds
-from pdgw.dsp402.describe import answers_of_defaults, describe
+from pdgw.dsp402.describe import OPTIONAL_OBJECTS, answers_of_defaults, describe, questions
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.indices import SUPPORTED_DRIVE_MODES
 from pdgw.peers.drive import shape
@@ -72,5 +72,6 @@ def engel(values: References = References()) -> DriveType:
         IDENTITY_PRODUCT: ENGEL_PRODUCT,
         (SUPPORTED_DRIVE_MODES, 0): dictionary[SUPPORTED_DRIVE_MODES].default,
     }
+    answers |= dict.fromkeys(OPTIONAL_OBJECTS & {*questions(dictionary)}, 0)
     answers |= {(index, subindex): getattr(values, name) for name, index, subindex in REFERENCE_OBJECTS}
     return describe(dictionary, answers)

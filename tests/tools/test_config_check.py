@@ -10,6 +10,7 @@ from typer.testing import CliRunner
 from pdgw.peers.drive import SimulatedDrive
 from pdgw.tools.commands.config import app
 from tests.support import buses
+from tests.support.data_sheets import POSITIONER, SHEETS
 
 CONFIG = """
 [can]
@@ -79,3 +80,17 @@ def test_ignored_object_that_tells_no_unit_is_refused(tmp_path: Path, objects: s
     assert result.exit_code == 1
     assert "ignored_unit_objects" in str(result.exception)
     assert "608Fh" in str(result.exception), "what is allowed"
+
+
+def test_an_object_missing_from_the_data_sheet_is_named_without_the_bus(tmp_path: Path) -> None:
+    sheet = SHEETS["Trinamic TMCM-1230"]
+    (tmp_path / "drive.eds").write_text(sheet.eds, encoding="ascii")
+    keys = f'eds = "{tmp_path}/drive.eds"\n{sheet.keys}{POSITIONER}'
+    file = tmp_path / "gateway.toml"
+    file.write_text(CONFIG.format(channel="bus", telegram=111, keys=keys))
+    result = CliRunner().invoke(app, ["check", str(file)])
+    assert result.exit_code == 0, result.output
+    assert result.output.splitlines()[1:] == [
+        "DO 1: Velocity Demand Value 606Bh not available: ramp completed and speed within tolerance show 0",
+        "DO 1: Current Actual Value 6078h not available: torque below its threshold shows 0",
+    ]

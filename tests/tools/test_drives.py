@@ -80,6 +80,12 @@ def test_a_data_sheet_is_matched_and_what_it_lacks_is_told(tmp_path: Path) -> No
     )
     document = json.loads(_run("match", "--json", file))
     assert (document["family"], document["telegrams"]["1"]) == ("epos4", "")
+    assert document["not_available"] == {}
+
+
+def test_an_object_a_data_sheet_lacks_is_named_with_its_telegrams(tmp_path: Path) -> None:
+    output = _run("match", _eds(tmp_path, 0xFB, "EPOS4 50/15", without=(0x60FD,)))
+    assert "telegrams 7, 110, 111: Digital Inputs 60FDh not available: the limit switches show 0" in output
 
 
 def test_a_data_sheet_of_no_family_is_a_drive_that_tells_itself(tmp_path: Path) -> None:

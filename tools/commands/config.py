@@ -10,6 +10,7 @@ import typer
 from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.load import DEFAULT_BITRATE, check_load
 from pdgw.ds301.plan import PdoPlan
+from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.bus_load import cyclic_frames
 from pdgw.gateway.config import AxisConfig, GatewayConfig
 from pdgw.gateway.config_check import references_wrong
@@ -45,6 +46,8 @@ def check(
     objects = f"{len(config.axis)} axes" + (f" and {len(config.encoder)} encoders" if config.encoder else "")
     typer.echo(f"{file}: ok, {objects} on {buses}, cycle {config.transport.cycle_time_ms:g} ms")
     if not bus:
+        for axis in config.axis:
+            _tell_not_available(axis, axis.settings_at(config.transport.cycle_time_ms))
         return
     refused = False
     for item in config.can:
@@ -69,6 +72,18 @@ def _start(config: GatewayConfig) -> None:
     # A PROFINET link is made of a real interface only.
     transport = config.transport if config.transport.type == "udp" else TransportConfig()
     Daemon(config.model_copy(update={"transport": transport, "store": None}), World()).release()
+
+
+def _tell_not_available(axis: AxisConfig, settings: AxisSettings) -> None:
+    """One line for each object that the telegram can do without and that is not in the data sheet."""
+    from pdgw.dsp402.describe import described_by_sheet  # noqa: PLC0415 - slow to load
+    from pdgw.dsp402.drive import load_eds  # noqa: PLC0415
+    from pdgw.gateway.fitness import not_available  # noqa: PLC0415
+
+    if axis.eds is not None:
+        drive = described_by_sheet(load_eds(axis.eds, axis.node_id), axis.units, axis.family or "")
+        for line in not_available(drive, axis.telegram, settings):
+            typer.echo(f"DO {axis.do_id}: {line}")
 
 
 def _ask(config: GatewayConfig, axis: AxisConfig) -> PdoPlan | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -11,13 +11,12 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from pdgw.ds301.communication import IDENTITY_PRODUCT, IDENTITY_VENDOR
 from pdgw.ds301.objects import Access, CanType
-from pdgw.dsp402.describe import answers_of_defaults, describe
+from pdgw.dsp402.describe import described_by_sheet
 from pdgw.dsp402.drive import load_eds
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.overlay import Overlay, overlay, overlays
-from pdgw.gateway.fitness import lacks_by_telegram
+from pdgw.gateway.fitness import lacks_by_telegram, not_available
 
 app = typer.Typer(help="Families of drives.", no_args_is_help=True)
 
@@ -78,17 +77,9 @@ def match(
     as_json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False,
 ) -> None:
     """Tell the family of a drive from its data sheet, and what each telegram lacks with the values the data sheet has."""
-    dictionary = load_eds(eds, 1)
-    answers = answers_of_defaults(dictionary)
-    information = dictionary.device_information
-    for address, value in (
-        (IDENTITY_VENDOR, information.vendor_number),
-        (IDENTITY_PRODUCT, information.product_number),
-    ):
-        if value:
-            answers[address] = value
-    drive = describe(dictionary, answers)
+    drive = described_by_sheet(load_eds(eds, 1))
     missing = lacks_by_telegram(drive)
+    without = {number: lines for number in missing if (lines := not_available(drive, number))}
     if as_json:
         document = {
             "file": str(eds),
@@ -98,13 +89,14 @@ def match(
             "homing_methods": list(drive.homing_methods),
             "scaling": list(drive.scaling.lines),
             "telegrams": dict(missing),
+            "not_available": without,
         }
         typer.echo(json.dumps(document, indent=2))
         return
-    _print_match(drive, missing)
+    _print_match(drive, missing, without)
 
 
-def _print_match(drive: DriveType, missing: Mapping[int, str]) -> None:
+def _print_match(drive: DriveType, missing: Mapping[int, str], without: Mapping[int, Sequence[str]]) -> None:
     typer.echo(
         f"{drive.name}: " + (f"family {drive.family}" if drive.family else "no family, CiA 402 as it tells itself")
     )
@@ -116,6 +108,9 @@ def _print_match(drive: DriveType, missing: Mapping[int, str]) -> None:
     for number, refusal in missing.items():
         if refusal:
             typer.echo(f"telegram {number} needs more: {refusal}")
+    for line in dict.fromkeys(line for lines in without.values() for line in lines):
+        numbers = [str(number) for number, lines in without.items() if line in lines]
+        typer.echo(f"telegram{'s' * (len(numbers) > 1)} {', '.join(numbers)}: {line}")
     for line in overlay(drive.family).hints if drive.family else ():
         typer.echo(f"hint: {line}")
 

@@ -12,7 +12,7 @@ from pdgw.dsp402.drive_type import DriveType, Quantity
 from pdgw.dsp402.errors import Dsp402Error
 from pdgw.durations import MS, SECOND, SECONDS_PER_MINUTE
 from pdgw.gateway.axis.executors.base import OPERATION_ENABLED, AxisCycle, Executor, LimitWatch, demanded_speed, known
-from pdgw.gateway.axis.executors.torque import message_of
+from pdgw.gateway.axis.executors.torque import message_of, message_word
 from pdgw.gateway.axis.power_table import Action
 from pdgw.gateway.axis.waist import STATE_MASK, Flag, SpeedWish
 from pdgw.gateway.errors import GatewayError
@@ -78,7 +78,7 @@ class DscExecutor(Executor):
         )
         self.dsc = Dsc(settings)
         self._actual = n4(reference, _I32)
-        self._message = MessageWord(int(reference))
+        self._message = message_word(drive)
         self._torque = self.command.max_torque = drive.max_torque
         cycle = Fraction(cycle_ns, SECOND)
         self._deceleration = max(1, int(scaling.reference(Quantity.DECELERATION) / acceleration * cycle * velocity))

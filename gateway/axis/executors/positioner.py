@@ -19,7 +19,8 @@ from pdgw.dsp402.states import ControlBit, StatusBit
 from pdgw.gateway.axis.executors.base import OPERATION_ENABLED, AxisCycle, Executor, highest, known
 from pdgw.gateway.axis.executors.homing import Homing, Progress
 from pdgw.gateway.axis.executors.mode import ModeSwitch
-from pdgw.gateway.axis.executors.torque import message_of
+from pdgw.gateway.axis.executors.task_scaling import position_mode
+from pdgw.gateway.axis.executors.torque import message_of, message_word
 from pdgw.gateway.axis.executors.torque_limit import TorqueLimit
 from pdgw.gateway.axis.power_table import Action
 from pdgw.gateway.axis.values import ProbeAnswer, ProbeWish
@@ -87,6 +88,8 @@ class PositionerExecutor(Executor):
         """What 607Ah can hold."""
         self._limits = (0, 0, 0)
         """Highest velocity, acceleration, deceleration of the drive."""
+        self._one_ramp = False
+        """The drive has no 6084h: 6083h is its acceleration and its deceleration."""
         self._setpoint_bit = False
         self._bits = 0
         """Controlword bits 5 and 6 of the set-point given last."""
@@ -105,6 +108,9 @@ class PositionerExecutor(Executor):
 
     def set_drive(self, drive: DriveType, homing_method: int) -> None:
         choices, scaling = self.choices, drive.scaling
+        position_mode(drive)
+        if Mode.VELOCITY not in drive.modes:
+            raise Dsp402Error("modes of the drive (6502h)", sorted(drive.modes), "3 for setting up and jog")
         units = DriveUnits(
             known(scaling.counts_per_revolution, "position units per revolution", "counts_per_revolution"),
             known(scaling.velocity_per_rpm, "velocity units per rpm", "velocity_unit"),
@@ -118,16 +124,19 @@ class PositionerExecutor(Executor):
         )
         reference = scaling.reference(Quantity.SPEED)
         self._speed = n4(reference, drive.limits("velocity_actual"))
-        self._message = MessageWord(int(reference))
+        self._message = message_word(drive)
         self._limits = (
             highest(drive, Quantity.PROFILE_VELOCITY, "profile_velocity", "target_velocity"),
             highest(drive, Quantity.ACCELERATION, "profile_acceleration"),
             highest(drive, Quantity.DECELERATION, "profile_deceleration"),
         )
+        self._one_ramp = not drive.has("profile_deceleration")
         self._torque.set_base(drive.max_torque)
         clamps = [block for block in choices.blocks if block.task is BlockTask.FIXED_STOP]
-        if (clamps or choices.clamping_torque is not None) and drive.max_torque <= 0:
-            raise Dsp402Error("Max Torque 6072h", drive.max_torque, "a value above 0, which a fixed stop lowers")
+        if clamps or choices.clamping_torque is not None:
+            if drive.max_torque <= 0:
+                raise Dsp402Error("Max Torque 6072h", drive.max_torque, "a value above 0, which a fixed stop lowers")
+            drive.entry("current_actual")  # without it a fixed stop is never detected
         self._ring = self._make_ring(scaling, units) if choices.modulo else None
         limits = scaling.position_range
         distances = _in_length(length, self._target)
@@ -347,9 +356,11 @@ class PositionerExecutor(Executor):
         return 0 if self.cycle.stopped and not kept else _HALT
 
     def _set_ramps(self, motion: Motion, units: LengthUnits) -> None:
-        command, (_, acceleration, deceleration) = self.command, self._limits
-        command.profile_acceleration = min(units.acceleration(motion.acceleration), acceleration)
-        command.profile_deceleration = min(units.deceleration(motion.deceleration), deceleration)
+        command, (_, highest_acceleration, highest_deceleration) = self.command, self._limits
+        acceleration = min(units.acceleration(motion.acceleration), highest_acceleration)
+        deceleration = min(units.deceleration(motion.deceleration), highest_deceleration)
+        command.profile_acceleration = min(acceleration, deceleration) if self._one_ramp else acceleration
+        command.profile_deceleration = deceleration
 
     def _velocity(self, motion: Motion, units: LengthUnits) -> int:
         wanted, highest = units.velocity(motion.velocity, motion.override), self._limits[0]

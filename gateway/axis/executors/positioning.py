@@ -225,11 +225,14 @@ class PositioningExecutor(Executor):
             target = limited(scaling.position, task.target)
             if self._turntable:
                 bits |= self._turn_bits[task.direction]
+        velocity = limited(scaling.velocity, task.velocity)
+        acceleration = limited(scaling.acceleration, task.acceleration)
+        deceleration = limited(scaling.deceleration, task.deceleration)
         return DriveTask(
             target,
-            limited(scaling.velocity, task.velocity),
-            limited(scaling.acceleration, task.acceleration),
-            limited(scaling.deceleration, task.deceleration),
+            velocity,
+            min(acceleration, deceleration) if scaling.one_ramp else acceleration,
+            deceleration,
             bits,
             None if task.relative else target,
         )

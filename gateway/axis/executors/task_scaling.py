@@ -18,8 +18,19 @@ def base_mode(drive: DriveType, *, modulo: bool) -> int:
         if drive.quirks.turntable is None:
             raise Dsp402Error("modulo_axis", True, "false: no turntable mode of this drive is known")
         return drive.quirks.turntable.mode
+    return position_mode(drive)
+
+
+def position_mode(drive: DriveType) -> int:
+    """Profile position, with speeds (6081h) in the unit of 606Ch; Dsp402Error for a drive without it."""
     if Mode.POSITION not in drive.modes:
         raise Dsp402Error("modes of the drive (6502h)", sorted(drive.modes), "1 or 8 for a traversing task")
+    if drive.speed_mode == Mode.VL_VELOCITY:
+        raise Dsp402Error(
+            "modes of the drive (6502h)",
+            sorted(drive.modes),
+            "3 or 9 beside 1: the unit of 6042h is not the unit of 6081h, the speed of a traversing task",
+        )
     return Mode.POSITION.value
 
 
@@ -32,11 +43,14 @@ class TaskScaling:
     velocity: Normalisation
     acceleration: Normalisation
     deceleration: Normalisation
+    one_ramp: bool
+    """The drive has no 6084h: 6083h is its acceleration and its deceleration."""
 
     @classmethod
     def of(cls, drive: DriveType) -> TaskScaling:
         """Dsp402Error when 100 % of one of them is not known, or the drive lacks an object."""
         scaling = drive.scaling
+        one_ramp = not drive.has("profile_deceleration")
         positions = drive.limits("target_position")
         low, high = scaling.position_range or positions
         position = scaling.reference(Quantity.POSITION)
@@ -45,7 +59,8 @@ class TaskScaling:
             n4(position, positions),
             _rate(drive, Quantity.PROFILE_VELOCITY, "profile_velocity", minimum=0),
             _rate(drive, Quantity.ACCELERATION, "profile_acceleration"),
-            _rate(drive, Quantity.DECELERATION, "profile_deceleration"),
+            _rate(drive, Quantity.DECELERATION, "profile_acceleration" if one_ramp else "profile_deceleration"),
+            one_ramp,
         )
 
 

@@ -39,6 +39,11 @@ _MESSAGE_STATES = tuple(
 _TARGET_REACHED = StatusBit.TARGET_REACHED
 
 
+def message_word(drive: DriveType) -> MessageWord:
+    """MELDW of a drive, as far as it has the objects."""
+    return MessageWord(int(drive.scaling.reference(Quantity.SPEED)), torque=drive.has("current_actual"))
+
+
 def message_of(message: MessageWord, feedback: DriveFeedback, troubles: Troubles) -> int:
     """MELDW of what a drive tells."""
     statusword = feedback.statusword
@@ -63,7 +68,7 @@ class TorqueExecutor(SpeedExecutor):
         if drive.max_torque <= 0:
             raise Dsp402Error("Max Torque 6072h", drive.max_torque, "a value above 0, which MOMRED reduces")
         super().set_drive(drive, homing_method)
-        self._message = MessageWord(int(drive.scaling.reference(Quantity.SPEED)))
+        self._message = message_word(drive)
         self._base = self.command.max_torque = drive.max_torque
 
     def refuse(self) -> None:

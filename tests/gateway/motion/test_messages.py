@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from pdgw.dsp402.images import DEMAND_UNKNOWN
 from pdgw.gateway.motion.messages import MessageWord, reduced_torque
 from pdgw.profidrive.signals import signal
 
@@ -60,3 +61,14 @@ COOL = {"NO_MOTOR_OVERTEMPERATURE", "NO_POWER_STAGE_OVERTEMPERATURE"}
 )
 def test_each_message_says_what_its_bit_means(values: dict[str, int], shown: set[str]) -> None:
     assert names(**values) == shown  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("velocity", [0, 1, -60, 3000])
+def test_a_bit_made_from_a_missing_object_is_always_0(velocity: int) -> None:
+    without_torque = MessageWord(6000, torque=False)
+    assert not without_torque.word(velocity, velocity, 0, 0, target_reached=True) & MELDW["TORQUE_BELOW_THRESHOLD"]
+    without_demand = WORD.word(velocity, DEMAND_UNKNOWN, 0, 0, target_reached=True)
+    assert not without_demand & (MELDW["RAMP_COMPLETED"] | MELDW["SPEED_WITHIN_TOLERANCE"])
+
+
+MELDW = {bit.name: bit.mask for bit in signal("MELDW").bits}
