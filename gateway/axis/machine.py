@@ -45,7 +45,7 @@ from pdgw.gateway.axis.values import (
 from pdgw.gateway.axis.waist import (
     SHOWN_FAULT,
     SHOWN_STATE,
-    SHOWN_STOPPING,
+    SHOWN_UNCOMMANDED,
     STATE_MASK,
     Demand,
     Flag,
@@ -196,7 +196,7 @@ class AxisMachine:
             reason = executor.step() if between is None else between.step(executor)
             if drive_ok:
                 cell = interlock.cell
-                shown = SHOWN_STOPPING if cell.stopping else SHOWN_STATE[statusword & STATE_MASK]
+                shown = (SHOWN_STATE if cell.operating else SHOWN_UNCOMMANDED)[statusword & STATE_MASK]
                 flags = report.flags | shown | statusword & cell.visible
                 report.flags = flags | _WARNING if notes.warning or self._control_lost else flags
             else:

@@ -330,8 +330,9 @@ ROWS: Final = (
 class Cell:
     """One entry of the compiled table; ``row`` is its number in ``ROWS``.
 
-    ``stopping``: the drive still shows operation, which is no longer what is commanded. ``visible``: the drive's own bits that
-    are shown as they are; "no OFF2" and "no OFF3" are hidden while one is in force, whatever the drive says.
+    ``operating``: operation is commanded, and shown as commanded; else a Statusword that says Operation enabled is not repeated
+    to the PLC. ``visible``: the drive's own bits that are shown as they are; "no OFF2" and "no OFF3" are hidden while one is in
+    force, whatever the drive says.
     """
 
     row: int
@@ -339,7 +340,7 @@ class Cell:
     action: Action
     controlword: int
     reason: Reason | None
-    stopping: bool
+    operating: bool
     visible: int
 
 
@@ -363,10 +364,9 @@ def _compile() -> tuple[Cell, ...]:
                         reason = row.reason
                         if reason in _PLC_ASKED and wish in NO_PLC:
                             reason = Reason.PLC_LOST
-                        commanded = after in OBEYING and drive in IN_OPERATION
-                        stopping = drive in SHOWS_OPERATION and not commanded
+                        operating = row.action in (A.ENABLE_OPERATION, A.PASS) and drive in IN_OPERATION
                         word = CONTROLWORDS[row.action]
-                        cells.append(Cell(number, after, row.action, word, reason, stopping, _visible(after, wish)))
+                        cells.append(Cell(number, after, row.action, word, reason, operating, _visible(after, wish)))
                         break
                 else:
                     raise AssertionError(f"power table: no row for {phase.name}, {drive.name}, {wish.name}")

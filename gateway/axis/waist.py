@@ -246,6 +246,8 @@ STATE_MASK: Final = len(STATE_OF_STATUS) - 1
 """The bits of a Statusword that tell its state."""
 SHOWN_STATE: Final = tuple(_SHOWN[state] for state in STATE_OF_STATUS)
 """Flags of the state (ZSW1 bits 0-3 and 6) by the Statusword's ``STATE_MASK``."""
-SHOWN_STOPPING: Final = _SHOWN[State.QUICK_STOP_ACTIVE]
-"""The flags of an axis that is being stopped with power on."""
+SHOWN_UNCOMMANDED: Final = tuple(
+    _SHOWN[State.QUICK_STOP_ACTIVE if state is State.OPERATION_ENABLED else state] for state in STATE_OF_STATUS
+)
+"""The same for an axis whose operation is not what is commanded: it is being stopped with power on."""
 SHOWN_FAULT: Final = _FAULT

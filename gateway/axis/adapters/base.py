@@ -102,7 +102,7 @@ class ControlWordAdapter(Adapter):
             demand.sensor = demand.second_sensor = None
             return False
         if not word & _CONTROL_BY_PLC:
-            demand.in_control = False
+            demand.in_control = demand.acknowledge = False
             demand.power = self._uncontrolled[demand.power][WISHES[word & POWER_BITS]]
             return False
         demand.connected = demand.in_control = True

@@ -137,3 +137,28 @@ def test_disable_operation_in_a_quick_stop_takes_power_off() -> None:
         assert control.step(OFF3, LATE) == QUICK_STOP
         assert control.step(word, State.QUICK_STOP_ACTIVE) == DISABLE_VOLTAGE
         assert control.step(OFF3, State.QUICK_STOP_ACTIVE) == DISABLE_VOLTAGE, "it is not begun again"
+
+
+def zsw1_of(*steps: tuple[int | None, State]) -> tuple[int, int]:
+    """ZSW1 and bits 0-3 and 7 of the Controlword after these words and Statuswords."""
+    stepper = Stepper(1)
+    stepper.set_references(References())
+    zsw1 = 0
+    for cycle, (word, state) in enumerate(steps):
+        stepper.feedback.statusword = STATUS_OF[state] | 0x0400
+        setpoints = None if word is None else (word, 0x2000)
+        zsw1 = stepper.step(setpoints, stepper.feedback, True, (cycle + 1) * 4 * MS)[0]
+    return zsw1, stepper.command.controlword & 0x8F
+
+
+def test_operation_that_nobody_commanded_is_not_shown_to_the_plc() -> None:
+    zsw1, controlword = zsw1_of((OFF, State.NOT_READY_TO_SWITCH_ON), (None, State.OPERATION_ENABLED))
+    assert controlword == QUICK_STOP
+    assert not zsw1 & 0x0404, "neither operation nor speed reached"
+
+
+def test_acknowledge_without_control_does_not_reach_the_drive() -> None:
+    acknowledging = OFF | 0x80
+    way = ((OFF, State.SWITCH_ON_DISABLED), (acknowledging, State.QUICK_STOP_ACTIVE))
+    _, controlword = zsw1_of(*way, (acknowledging & ~0x400, State.NOT_READY_TO_SWITCH_ON))
+    assert not controlword & 0x80

@@ -177,11 +177,11 @@ def test_off2_and_off3_lock_whatever_the_drive_shows(phase: Phase, wish: PowerWi
         assert item.action in STOPS, name
 
 
-def test_an_axis_that_is_being_stopped_never_shows_operation() -> None:
-    for name, item in walk(drives=IN_OPERATION):
-        assert item.stopping is (item.phase not in OBEYS), name
-    for name, item in walk(drives={Drive.LEAVING}):
-        assert item.stopping, name
+def test_operation_is_shown_only_where_it_is_commanded_and_shown_as_commanded() -> None:
+    for name, item in walk():
+        commanded = item.controlword == 0xF and item.action is not Action.RAMP or item.action is Action.PASS
+        shown = any(f", {drive.name}, " in name for drive in IN_OPERATION)
+        assert item.operating is (commanded and shown), name
 
 
 def test_zsw1_4_and_5_show_the_off2_and_off3_in_force() -> None:

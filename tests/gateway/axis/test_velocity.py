@@ -94,9 +94,10 @@ STATE_ROWS = {
 @pytest.mark.parametrize("state", list(State))
 def test_state_table_zsw1_bits_0_to_3_and_6(state: State) -> None:
     bench = Bench()
-    bench.step(OFF)
+    bench.operate(0)  # operation is shown only where it is commanded
     bench.drive.feedback.statusword = STATUS_OF[state]
-    assert bench.stepper.step((ON, 0), bench.drive.feedback, True, 1)[0] & 0x4F == STATE_ROWS[state]
+    zsw1 = bench.stepper.step((ON, 0), bench.drive.feedback, True, bench.now)[0]
+    assert zsw1 & 0x4F == STATE_ROWS[state]
 
 
 def test_quick_stop_printed_as_0011_in_the_guides_diagram_is_accepted() -> None:
