@@ -59,6 +59,7 @@ watchdog_factor = {WATCHDOG_FACTOR}          # the PLC is lost after this many c
 # ar_uuid = "00000000-0000-0000-0000-000000000000"   # of the static application relationship
 # station_name = "pdgw"      # P61000
 # peer = "192.168.0.10"      # only this PLC; without it the first sender, which only listen = "127.0.0.1" allows
+# direct = false             # true: nothing but cables and switches to the PLC, no frame comes late (docs/plc.md)
 # A PROFINET IO device on Ethernet instead (docs/profinet.md):
 # type = "profinet"
 # interface = "eth1"

@@ -103,6 +103,8 @@ class TransportConfig(Section):
     cycle_time_ms: Annotated[float, Strict(), Field(ge=0.25, le=512)] = USUAL_CYCLE_MS
     watchdog_factor: Annotated[Integer, Field(ge=1, le=WATCHDOG_FACTOR_MAX)] = WATCHDOG_FACTOR
     peer: IPv4Address | None = None
+    direct: Boolean = False
+    """Nothing but cables and switches lies between PLC and ``udp``: no frame comes late. Loopback always is."""
     status_port: Port = STATUS_PORT
     """``pdgw status`` on loopback."""
     parameter_timeout_ms: Annotated[Integer, Field(ge=100, le=60_000)] = 2000
@@ -113,12 +115,19 @@ class TransportConfig(Section):
     """P61000; of ``profinet`` the name until DCP gives another one."""
 
     @property
+    def delays(self) -> bool:
+        """The network may keep the PLC's frames for seconds."""
+        return not self.direct and not self.listen.is_loopback
+
+    @property
     def ip_suite(self) -> IpSuite | None:
         """The fixed address, if one is given."""
         return None if self.ip is None else IpSuite(self.ip.ip, self.ip.netmask, self.router or IPv4Address(0))
 
     @model_validator(mode="after")
     def _is_one_transport(self) -> TransportConfig:
+        if self.type == "profinet" and self.direct:
+            raise misplaced('direct: has a meaning with type = "udp" only, PROFINET is direct', "direct")
         if self.type == "profinet" and self.interface is None:
             raise misplaced('interface is missing, needed with type = "profinet", for example "eth1"', "type")
         if self.type != "profinet":

@@ -383,8 +383,9 @@ class Daemon:
             for item in self.objects:
                 item.raise_fault(FaultNumber.PLC_LOST, link.loss, now)
         actuals, good, released = self._answer
-        setpoints = link.setpoints
+        setpoints, doubts = link.setpoints, link.doubts
         for index, item in enumerate(self.objects):
+            item.doubt = doubts[index]
             outputs = item.step(setpoints[index], now)
             if item.stops:
                 item.transmit(now)

@@ -33,7 +33,7 @@ from pdgw.gateway.axis.values import (
 from pdgw.gateway.config import AxisConfig
 from pdgw.gateway.config_encoder import EncoderConfig
 from pdgw.gateway.faults import FaultLog
-from pdgw.gateway.reasons import FaultNumber, Reason
+from pdgw.gateway.reasons import FaultNumber, OrderDoubt, Reason
 from pdgw.profidrive.telegrams import Telegram
 
 log = logging.getLogger("gateway")
@@ -73,6 +73,8 @@ class DriveObject(abc.ABC):
         self.fault_log = FaultLog(network.loop.now())
         self.last_setpoints: Sequence[int] | None = None
         """What the PLC last sent, also after its loss."""
+        self.doubt = OrderDoubt.NONE
+        """Whether the PLC may have ordered something that the next step is not given."""
         self._news: deque[News] = deque()
         """What happened since the last step."""
         self._generation = 0

@@ -121,6 +121,7 @@ class EncoderObject(DriveObject):
         inputs = machine.inputs
         inputs.now = now
         inputs.setpoints = setpoints
+        inputs.doubt = self.doubt
         inputs.ok = client.refresh(now)
         if client.parameters is not self._parameters:
             self._parameters = client.parameters

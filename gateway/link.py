@@ -14,6 +14,7 @@ from pdgw.ds301.counters import Counters
 from pdgw.durations import MS
 from pdgw.gateway.config_surroundings import TransportConfig
 from pdgw.gateway.edge import DatagramPort
+from pdgw.gateway.reasons import OrderDoubt
 from pdgw.gateway.trace.layout import FramePlaces
 from pdgw.gateway.transport.cyclic import CyclicEndpoint, Verdict
 from pdgw.gateway.transport.udp import Address
@@ -50,6 +51,10 @@ class Link(Protocol):
     @property
     def setpoints(self) -> Sequence[Sequence[int] | None]:
         """The raw values of each drive object, None while it has no valid PLC."""
+
+    @property
+    def doubts(self) -> Sequence[OrderDoubt]:
+        """Of each drive object: whether the PLC may have ordered something that ``setpoints`` do not have."""
 
     def start(self, action: Callable[[], None]) -> None:
         """Call ``action`` in the loop whenever something of the PLC waits."""
@@ -130,6 +135,13 @@ class UdpLink:
             "link", "iops_bad", "values", "of a drive object marked bad by the PLC", lambda: self.endpoint.iops_bad
         )
         counters.add(
+            "link",
+            "orders_dropped",
+            "changes",
+            "of a control word that may be old frames: too short, ignored",
+            lambda: self.endpoint.orders_dropped,
+        )
+        counters.add(
             "link", "errors", "datagrams", "not sent or not received: the peer is away", lambda: self.port.errors
         )
 
@@ -143,6 +155,7 @@ class UdpLink:
             cycle_ns=int(transport.cycle_time_ms * MS),
             watchdog_factor=transport.watchdog_factor,
             peer=str(transport.peer) if transport.peer else None,
+            delays=transport.delays,
         )
 
     @property
@@ -162,6 +175,10 @@ class UdpLink:
     @property
     def setpoints(self) -> Sequence[Sequence[int] | None]:
         return self.endpoint.setpoints
+
+    @property
+    def doubts(self) -> Sequence[OrderDoubt]:
+        return self.endpoint.doubts
 
     def start(self, action: Callable[[], None]) -> None:
         # What came since the port was opened is of nobody's present: a loss at the start would be told for it.

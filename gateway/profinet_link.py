@@ -24,6 +24,7 @@ from pdgw.gateway.profinet_diagnosis import Diagnosed, present_classes
 from pdgw.gateway.profinet_identity import profinet_model
 from pdgw.gateway.profinet_pairing import LONGEST_NS, Pairing
 from pdgw.gateway.profinet_station import StationKeeper
+from pdgw.gateway.reasons import OrderDoubt
 from pdgw.gateway.store import ParameterStore
 from pdgw.gateway.trace.layout import FramePlaces
 from pdgw.gateway.transport.ethernet import EthernetPort
@@ -101,6 +102,7 @@ class ProfinetLink:
         self._outputs: list[tuple[int, Callable[[bytes, int], tuple[int, ...]], int, int]] = []
         """Drive objects with output data: number, codec, where data and IOPS lie in the consumer's frame."""
         self.setpoints: list[Sequence[int] | None] = [None] * len(objects)
+        self.doubts = (OrderDoubt.NONE,) * len(objects)
         self.layout_token = object()
         self.watchdog_expiries = 0
         self.loss = ""

@@ -351,6 +351,24 @@ class Reason(enum.Enum):
         _E.SETPOINT,
         "look for what keeps the drive from following: SYNC, its limits, its own enable",
     )
+    ORDER_DROPPED = (
+        "a change of a control word stood in fewer than 3 frames and may be an old frame: ignored; neither reached nor "
+        "acknowledged is shown until the PLC repeats it",
+        _S.WAITS,
+        _E.SETPOINT,
+        "hold every level of a control bit until the gateway answers it, or for 3 frames; or count the sign of life in STW2; or "
+        "set direct = true where only cables and switches lie between (docs/plc.md)",
+    )
+
+
+class OrderDoubt(enum.IntEnum):
+    """Whether the PLC may have ordered something of a drive object that is not in force."""
+
+    NONE = 0
+    WAITS = 1
+    """An order waits for more frames that confirm it."""
+    DROPPED = 2
+    """An order was replaced before it was confirmed."""
 
 
 class FaultNumber(enum.IntEnum):

@@ -25,7 +25,7 @@ from pdgw.gateway.axis.values import (
 )
 from pdgw.gateway.axis.watch import CANOPEN_FAULT, INTERNAL_FAULT, Acknowledgement, NodeWatch
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.reasons import FaultNumber, Reason
+from pdgw.gateway.reasons import FaultNumber, OrderDoubt, Reason
 from pdgw.profidrive.encoder import EncoderControl, SensorError, SensorState, speed_normalisation
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.normalisation import Normalisation
@@ -55,13 +55,15 @@ _LATCHED = (
 class EncoderInputs:
     """What one step of an encoder is made from; one object, filled anew for each step. ``news`` is emptied by the step."""
 
-    __slots__ = ("news", "now", "ok", "setpoints", "source")
+    __slots__ = ("doubt", "news", "now", "ok", "setpoints", "source")
 
     def __init__(self, source: EncoderInput) -> None:
         self.now = 0
         """Monotonic nanoseconds."""
         self.setpoints: Sequence[int] | None = None
         """Raw signal values in telegram order, None without a valid PLC."""
+        self.doubt = OrderDoubt.NONE
+        """Whether the PLC may have ordered something else than ``setpoints``."""
         self.source = source
         self.ok = False
         """The encoder is configured and its data is fresh."""
@@ -215,4 +217,6 @@ class EncoderMachine:
             return Reason.ENCODER_NO_PLC
         if not self.control.has_control:
             return Reason.ENCODER_NO_CONTROL
-        return _SENSOR_REASONS.get(self.channel.sensor.state)
+        reason = _SENSOR_REASONS.get(self.channel.sensor.state)
+        dropped = reason is None and self.inputs.doubt is OrderDoubt.DROPPED
+        return Reason.ORDER_DROPPED if dropped else reason

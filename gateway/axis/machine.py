@@ -55,13 +55,16 @@ from pdgw.gateway.axis.waist import (
 from pdgw.gateway.axis.watch import FAULTY, POWERED, UNPOWERED, WATCHED, Acknowledgement, DriveWatch, NodeWatch
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.needs import needed_quantities
-from pdgw.gateway.reasons import FaultNumber, Reason
+from pdgw.gateway.reasons import FaultNumber, OrderDoubt, Reason
 from pdgw.profidrive.encoder import SensorError
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.telegrams import telegram
 
 _OF_THE_DRIVE: Final = Flag.OF_THE_DRIVE
 _WARNING: Final = Flag.WARNING
+_CLAIMS: Final = Flag.REACHED | Flag.TASK_ACKNOWLEDGED
+"""Not shown while an order is in doubt, by the first actual value: ZSW1, or the Statusword of a transparent telegram."""
+_DROPPED: Final = OrderDoubt.DROPPED
 _INTERNAL_LIMIT: Final = StatusBit.INTERNAL_LIMIT
 _FOLLOW: Final = Phase.FOLLOW
 _PASS: Final = Phase.PASS
@@ -225,6 +228,8 @@ class AxisMachine:
         if self.shows_codes:
             report.fault_code, report.warning_code = inputs.fault_code, inputs.warning_code
         self.adapter.write(report, outputs.actuals)
+        if inputs.doubt:
+            outputs.actuals[0] &= ~_CLAIMS
         outputs.good = drive_ok
         shown = statusword & WATCHED if drive_ok else 0
         if shown != self._drive.shown:
@@ -252,6 +257,8 @@ class AxisMachine:
         limited, refused = shown & _INTERNAL_LIMIT != 0, inputs.set_point_refused
         if reason is None and (limited or refused):
             reason = Reason.SET_POINT_REFUSED if refused else Reason.INTERNAL_LIMIT
+        if reason is None and inputs.doubt is _DROPPED:
+            reason = Reason.ORDER_DROPPED
         outputs.reason = reason
         outputs.warning = notes.warning or limited or refused or self._control_lost
         outputs.saturations = notes.saturations

@@ -13,7 +13,7 @@ from typing import Protocol
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.images import DriveCommand, DriveFeedback
 from pdgw.gateway.axis.stop_watch import Brake
-from pdgw.gateway.reasons import GATEWAY_FAULTS, FaultNumber, Reason
+from pdgw.gateway.reasons import GATEWAY_FAULTS, FaultNumber, OrderDoubt, Reason
 
 
 @dataclass(frozen=True, slots=True)
@@ -181,6 +181,7 @@ class Inputs:
     """What one step of an axis is made from; one object, filled anew for each step. ``news`` is emptied by the step."""
 
     __slots__ = (
+        "doubt",
         "drive_ok",
         "fault_code",
         "feedback",
@@ -198,6 +199,8 @@ class Inputs:
         """Monotonic nanoseconds."""
         self.setpoints: Sequence[int] | None = None
         """Raw signal values in telegram order; None while there is no valid PLC (silent, provider STOP, IOPS BAD)."""
+        self.doubt = OrderDoubt.NONE
+        """Whether the PLC may have ordered something else than ``setpoints``."""
         self.feedback = feedback
         self.drive_ok = False
         """The drive is configured and its data is fresh."""

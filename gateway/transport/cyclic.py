@@ -13,7 +13,9 @@ import struct
 from collections.abc import Callable, Sequence
 from typing import Final
 
-from pdgw.gateway.transport.confirmation import Confirmation, OrderHistory
+from pdgw.gateway.reasons import OrderDoubt
+from pdgw.gateway.transport.confirmation import Confirmation
+from pdgw.gateway.transport.history import FrameHistory
 from pdgw.gateway.transport.sequence import FrameSequence, NewerFrames, Order
 from pdgw.gateway.transport.udp import Address
 from pdgw.profidrive.frame import (
@@ -78,7 +80,8 @@ class CyclicEndpoint:
 
     ``setpoints[i]`` are the raw values of axis i, None while that axis has no valid PLC. Times are monotonic nanoseconds.
     ``peer``: the only address frames are taken from; None takes the first valid sender until it is lost. ``delays``: the network
-    may keep frames for seconds, as UDP does; False on Ethernet and for recordings.
+    may keep frames for seconds, as UDP does; False on Ethernet and for recordings. ``doubts[i]``: what axis i may not have been
+    given of what the PLC ordered.
     """
 
     def __init__(
@@ -107,7 +110,6 @@ class CyclicEndpoint:
         self._fixed_peer = peer
         self._sequence = FrameSequence(cycle_ns, self._watchdog_ns) if delays else NewerFrames()
         self._believes = not delays
-        self._history = OrderHistory(cycle_ns)
         self._confirmations = tuple(Confirmation(half) for half in self.consumer.halves)
         self._in_force: list[tuple[int, ...] | None] = [None] * len(telegrams)
         self._waiting = False
@@ -121,6 +123,7 @@ class CyclicEndpoint:
         self._late = False
         self._loss_to_tell = False
         axes: list[_Axis] = []
+        lives: list[int] = []
         mask = bytearray(self.frame_size)
         for half, offset, iops, confirmation in zip(
             self.consumer.halves, self.consumer.offsets, self.consumer.iops, self._confirmations, strict=True
@@ -128,16 +131,20 @@ class CyclicEndpoint:
             axes.append((half.struct.unpack_from, offset, iops, confirmation.read))
             mask[offset : offset + half.size] = confirmation.mask
             mask[iops] = IOPS_GOOD
+            lives.extend(offset + place for place in confirmation.lives)
         self._axes = tuple(axes)
         self._values = tuple((index, unpack, offset) for index, (unpack, offset, _, _) in enumerate(axes))
         self._order_mask = int.from_bytes(mask, "big")
         """Of a frame: all that can start or stop something."""
+        self._history = FrameHistory(cycle_ns, self._order_mask, lives)
         provider = self.provider
         self._answers = tuple(
             (index, half.struct.pack_into, provider.offsets[index], provider.iops[index], provider.iocs[index])
             for index, half in enumerate(provider.halves)
         )
         self.setpoints: list[tuple[int, ...] | None] = [None] * len(telegrams)
+        self.doubts: list[OrderDoubt] = [OrderDoubt.NONE] * len(telegrams)
+        self._dropped_before = 0
         self._released: Sequence[bool] = [False] * len(telegrams)
         self.peer: Address | None = None
         """Where frames come from and go to; kept after a loss so that the PLC can watch the axes stop."""
@@ -170,6 +177,12 @@ class CyclicEndpoint:
         self.watchdog_expiries = previous.watchdog_expiries
         self.iops_bad = previous.iops_bad
         self.sent = previous.sent
+        self._dropped_before = previous.orders_dropped
+
+    @property
+    def orders_dropped(self) -> int:
+        """Changes of control words that stood in too few frames to be told from old frames."""
+        return self._dropped_before + sum(item.dropped for item in self._confirmations)
 
     def receive(self, data: bytes, source: Address, now: int, received_at: int | None = None) -> Verdict:
         """Take a datagram; on ACCEPTED (and on PROVIDER_STOP, then None) the setpoints are updated.
@@ -234,7 +247,7 @@ class CyclicEndpoint:
             if order is Order.RESTARTED:
                 self._lose()
             if order is Order.STALE:
-                self._contradicted(counter, orders)
+                self._contradicted(data, counter, orders)
             if order is not Order.NEXT:
                 return Verdict.STALE if order is Order.STALE else Verdict.UNCONFIRMED
             self._connect(source, orders)
@@ -244,33 +257,32 @@ class CyclicEndpoint:
             self._accept(data)
         else:
             self._last_orders = None
-            self._history.enter(None, sequence.elapsed_ns)
             self.lose_setpoints()
+        if not self._believes:
+            self._history.enter(data, sequence.elapsed_ns)
         return verdict
 
-    def _contradicted(self, counter: int, orders: _Orders | None) -> None:
+    def _contradicted(self, data: bytes, counter: int, orders: _Orders | None) -> None:
         """A frame came too late for the sequence. Where it differs from one that was taken, that may have been the old one."""
         place = self._sequence.place(counter)
         if place is not None:
-            self._history.contradict(orders, place)
+            self._history.contradict(data, place)
         if self._waiting and orders != self._last_orders:
             self._doubt()
 
     def _doubt(self) -> None:
         """Orders that wait have to be confirmed from the beginning."""
         for confirmation in self._confirmations:
-            confirmation.restart(None, 0)
+            confirmation.contradict()
 
     def _connect(self, source: Address, orders: _Orders | None) -> None:
         self.peer = source
         self.connected = True
         self._misfit = ""
         self._history.clear()
-        self._doubt()
-        if orders is not None:
-            for confirmation, order in zip(self._confirmations, orders, strict=True):
-                # The frame that completes the sequence is counted once more where its order is judged.
-                confirmation.restart(order, self._sequence.repeats - 1)
+        for confirmation, order in zip(self._confirmations, orders or [None] * len(self._confirmations), strict=True):
+            # The frame that completes the sequence is counted once more where its order is judged.
+            confirmation.restart(order, 0 if order is None else self._sequence.repeats - 1)
 
     def _decode(self, data: bytes) -> tuple[list[tuple[int, ...] | None], list[tuple[int, ...] | None]]:
         """Values and orders of the axes; None where the IOPS is BAD."""
@@ -287,7 +299,6 @@ class CyclicEndpoint:
         return values, orders
 
     def _accept(self, data: bytes) -> None:
-        elapsed = self._sequence.elapsed_ns
         ordered = int.from_bytes(data, "big") & self._order_mask
         if ordered == self._settled:
             setpoints = self.setpoints
@@ -297,10 +308,9 @@ class CyclicEndpoint:
                 self._misfit = ""
         else:
             self._settled = None
-            self._accept_orders(data, ordered, elapsed)
-        self._history.enter(self._last_orders, elapsed)
+            self._accept_orders(data, ordered)
 
-    def _accept_orders(self, data: bytes, ordered: int, elapsed: int) -> None:
+    def _accept_orders(self, data: bytes, ordered: int) -> None:
         """A frame that may order something else than is in force; ``ordered``: its bits that do."""
         values, orders = self._decode(data)
         if None in orders:
@@ -315,22 +325,27 @@ class CyclicEndpoint:
             if None not in orders:
                 self._settled = ordered
         else:
-            self._confirm(values, orders, elapsed)
+            self._confirm(data, values, orders)
         self._last_orders = tuple(orders)
 
     def _confirm(
-        self, values: Sequence[tuple[int, ...] | None], orders: Sequence[tuple[int, ...] | None], elapsed: int
+        self, data: bytes, values: Sequence[tuple[int, ...] | None], orders: Sequence[tuple[int, ...] | None]
     ) -> None:
         """Some order is another than the one in force: it counts now, or waits with all values of its axis."""
-        is_new = self._believes or self._history.is_new(tuple(orders), elapsed)
+        sequence = self._sequence
+        is_new = self._believes or (sequence.alone and self._history.is_new(data, sequence.elapsed_ns))
         self._waiting = False
         for index, (confirmation, order) in enumerate(zip(self._confirmations, orders, strict=True)):
             in_force = self._in_force[index]
-            if order is None or order == in_force:
-                confirmation.restart(order, 1)
+            if order is None:
+                confirmation.restart(None, 0)
+            elif order == in_force:
+                confirmation.repeated(order)
             elif not confirmation.counts(order, in_force, is_new=is_new, released=self._released[index]):
                 self._waiting = True
+                self.doubts[index] = confirmation.doubt
                 continue
+            self.doubts[index] = confirmation.doubt
             self._in_force[index] = order
             self.setpoints[index] = values[index]
 
@@ -340,6 +355,9 @@ class CyclicEndpoint:
         for index in range(len(self.setpoints)):
             self.setpoints[index] = None
             self._in_force[index] = None
+            self.doubts[index] = OrderDoubt.NONE
+        for confirmation in self._confirmations:
+            confirmation.forget()
 
     def _lose(self) -> None:
         self.connected = False

@@ -139,6 +139,12 @@ class FrameSequence:
         self.elapsed_ns += advance
         return True
 
+    @property
+    def alone(self) -> bool:
+        """No frame of before the present sequence can come any more."""
+        present = self._present
+        return present is not None and present.time - present.first >= OLDEST_NS
+
     def place(self, counter: int) -> int | None:
         """Where, in ``elapsed_ns``, a frame belongs that the newest one overtook; None when that was too long ago."""
         present = self._present
@@ -179,7 +185,7 @@ class FrameSequence:
 
     def _tell_old(self) -> None:
         present = self._present
-        if present is None or present.time - present.first < OLDEST_NS:
+        if present is None or not self.alone:
             return  # which of two young sequences is the old one cannot be told
         for run in self._followed:
             beside = present.frames - run.started_at
@@ -196,6 +202,8 @@ class NewerFrames:
 
     elapsed_ns = 0
     repeats = 1
+    alone = True
+    """Nothing is delayed."""
 
     def __init__(self) -> None:
         self._last: int | None = None

@@ -23,7 +23,7 @@ from pdgw.peers.world import Member, SimulatedCan, World
 from pdgw.profidrive.frame import STATUS_RUN
 from pdgw.profidrive.telegrams import telegram
 from pdgw.tools.soak.trace import Trace
-from pdgw.tools.soak.troubles import PLC_HOST, TROUBLES, Trouble, Undo
+from pdgw.tools.soak.troubles import GATEWAY_HOST, PLC_HOST, TROUBLES, Trouble, Undo
 from pdgw.tools.soak.watch import SETTLED_NS, SoakAxis, ViolationError
 from pdgw.tools.soak.words import ACKNOWLEDGE, TRANSPARENT, Words
 
@@ -292,7 +292,8 @@ def _configuration(numbers: Sequence[int]) -> GatewayConfig:
     )
     return parse_config(
         f'[can]\ninterface = "virtual"\nchannel = "{_BUS}"\nbitrate = 1000000\n'
-        f"[transport]\ncyclic_port = 0\nacyclic_port = 0\nstatus_port = 0\ncycle_time_ms = {CYCLE_MS}\n{axes}"
+        f"[transport]\ncyclic_port = 0\nacyclic_port = 0\nstatus_port = 0\ncycle_time_ms = {CYCLE_MS}\n"
+        f'listen = "{GATEWAY_HOST}"\npeer = "{PLC_HOST}"\n{axes}'
     )
 
 

@@ -15,7 +15,9 @@ if TYPE_CHECKING:
     from pdgw.tools.soak.life import Life
     from pdgw.tools.soak.watch import SoakAxis
 
-PLC_HOST = "plc"
+GATEWAY_HOST = "192.168.0.5"
+"""Beyond loopback, where the gateway expects frames that come late."""
+PLC_HOST = "192.168.0.10"
 Undo = Callable[[], None]
 
 
