@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from pdgw.peers.drive import shape
+from pdgw.dsp402.indices import PROFILE_DECELERATION
+from pdgw.peers.drive import Shape, shape
 from tests.support.daemon import axis, until, world_of
 from tests.support.recorded_daemon import RecordedPlc, only, recorded
 
@@ -20,16 +22,16 @@ TASK = {
     "MDI_TARPOS": 0x0200_0000,
     "MDI_VELOCITY": 1 << 29,
     "MDI_ACC": 0x4000,
-    "MDI_DEC": 0x4000,
+    "MDI_DEC": 0x2000,
     "MDI_MOD": 1,
 }
 
 
 @contextmanager
-def driven(name: str, number: int) -> Iterator[RecordedPlc]:
+def driven(chosen: Shape, number: int) -> Iterator[RecordedPlc]:
     """A drive of a shape in operation."""
     with recorded([number], axis(1, telegram_number=number, more="")) as plc:
-        world_of(plc.daemon).drive("world", 1, shape=shape(name))
+        world_of(plc.daemon).drive("world", 1, shape=chosen)
         until(plc.daemon, lambda: plc.daemon.axes[0].drive.generation, "online")
         plc.enable()
         yield plc
@@ -38,7 +40,7 @@ def driven(name: str, number: int) -> Iterator[RecordedPlc]:
 @contextmanager
 def velocity_mode() -> Iterator[RecordedPlc]:
     """Backward, and to standstill."""
-    with driven("vl", 1) as plc:
+    with driven(shape("vl"), 1) as plc:
         plc.endpoint.set(0, {"NSOLL_A": BACKWARD})
         for _ in range(150):
             plc.exchange()
@@ -49,21 +51,35 @@ def velocity_mode() -> Iterator[RecordedPlc]:
         yield plc
 
 
+def _travels(plc: RecordedPlc) -> None:
+    """A task, and its end."""
+    plc.endpoint.set(0, TASK | {"STW1": 0x043F})
+    for _ in range(5):
+        plc.exchange()
+    plc.endpoint.set(0, {"STW1": 0x047F})
+    for _ in range(400):
+        plc.exchange()
+
+
 @contextmanager
 def streamed_positions() -> Iterator[RecordedPlc]:
-    """A task, and its end."""
-    with driven("csp", 9) as plc:
-        plc.endpoint.set(0, TASK | {"STW1": 0x043F})
-        for _ in range(5):
-            plc.exchange()
-        plc.endpoint.set(0, {"STW1": 0x047F})
-        for _ in range(400):
-            plc.exchange()
+    with driven(shape("csp"), 9) as plc:
+        _travels(plc)
         yield plc
 
 
-RECORDINGS = {"vl": velocity_mode, "csp": streamed_positions}
-TARGET = {"vl": "vl target velocity", "csp": "Target Position"}
+@contextmanager
+def one_ramp() -> Iterator[RecordedPlc]:
+    """The drive has no 6084h: 6083h carries the deceleration, which is the smaller."""
+    plain = shape("rpm")
+    has = tuple(spec for spec in plain.has if spec.index != PROFILE_DECELERATION)
+    with driven(replace(plain, has=has, lacks=plain.lacks | {PROFILE_DECELERATION}), 9) as plc:
+        _travels(plc)
+        yield plc
+
+
+RECORDINGS = {"vl": velocity_mode, "csp": streamed_positions, "one ramp": one_ramp}
+TARGET = {"vl": "vl target velocity", "csp": "Target Position", "one ramp": "Target Position"}
 
 
 @pytest.mark.parametrize("name", RECORDINGS)
