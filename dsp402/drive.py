@@ -27,7 +27,7 @@ from pdgw.ds301.objects import CanType
 from pdgw.ds301.pdo import Pdo, PdoLayout
 from pdgw.ds301.plan import PdoPlan
 from pdgw.dsp402.configuration import interpolation_steps
-from pdgw.dsp402.describe import describe, questions, signed
+from pdgw.dsp402.describe import OPTIONAL_OBJECTS, describe, questions, signed
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.generic import dictionary_of, generic_dictionary
@@ -267,6 +267,8 @@ class DriveClient(NodeClient[DriveSettings]):
                         abort_text(error.code),
                         "an object that can be read: every device has it",
                     ) from error
+                if address in OPTIONAL_OBJECTS and error.code not in NOT_THERE:
+                    answers[address] = 0  # the drive has it, and keeps a value of its own where it is not written
         self.drive_type = describe(self.dictionary, answers, self.settings.units, self.settings.family)
         return self.drive_type
 

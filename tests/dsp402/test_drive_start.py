@@ -84,10 +84,14 @@ class _Lacking(SimulatedDriveNode):
 
     read_lacks = 0
     write_lacks = 0
+    abort = Abort.NO_SUCH_OBJECT
+    aborts = 1 << 30
+    """So many reads of it fail."""
 
     def entry(self, index: int, subindex: int) -> Entry:
-        if index == self.read_lacks:
-            raise SdoAbortedError(Abort.NO_SUCH_OBJECT)
+        if index == self.read_lacks and self.aborts:
+            self.aborts -= 1
+            raise SdoAbortedError(self.abort)
         return super().entry(index, subindex)
 
     def on_written(self, entry: Entry, value: Value) -> None:
@@ -104,6 +108,25 @@ def _lacking(plant: Plant, *, read: int = 0, write: int = 0) -> SimulatedDrive:
     plant.drive = drive
     drive.start()
     return drive
+
+
+def test_an_optional_object_the_eds_promises_and_the_drive_lacks_is_not_used(plant: Plant) -> None:
+    _lacking(plant, read=0x6084)
+    client = plant.connect(Operation.POSITIONING)
+    site.wait_for(lambda: client.generation, "online")
+    assert client.plan is not None
+    assert "profile_deceleration" not in {entry.attribute for entry in client.plan.commanded}
+    assert any("6084h not available" in line for line in client.plan.lines)
+
+
+def test_an_optional_object_that_cannot_be_read_now_is_not_missing(plant: Plant) -> None:
+    drive = _lacking(plant, read=0x6084)
+    assert isinstance(drive.node, _Lacking)
+    drive.node.abort, drive.node.aborts = Abort.CANNOT_STORE_DEVICE_STATE, 1
+    client = plant.connect(Operation.POSITIONING)
+    site.wait_for(lambda: client.generation, "online")
+    assert client.plan is not None
+    assert "profile_deceleration" in {entry.attribute for entry in client.plan.commanded}
 
 
 @pytest.mark.parametrize("index", [0x1018, 0x6098])
