@@ -95,6 +95,7 @@ soak: $(STAMP)
 
 docs: $(STAMP)
 	$(BIN)/python -m pdgw.tools.doctables
+	$(BIN)/python -c "from tests.support import statements; statements.write()"
 	$(BIN)/python -m pdgw.peers.drive.eds
 	$(BIN)/python -m pdgw.dsp406.device
 

@@ -28,43 +28,14 @@ from pdgw.profidrive.encoder import (
 )
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.sign_of_life import MONITORING_OFF, SignOfLife
+from tests.support.profile_oracle import SENSOR_SHOWN, sensor_state
 
 ACKNOWLEDGE, PARK, ABSOLUTE, PRESET, RELATIVE = 0x8000, 0x4000, 0x2000, 0x1000, 0x0800
 RANGE = 1000
 
 # -- the handshake ----------------------------------------------------------------------------------------------------
 
-STATUS = {
-    SensorState.NORMAL: 0x0000,
-    SensorState.PRESETTING: 0x0000,
-    SensorState.PRESET_DONE: 0x1000,
-    SensorState.PARKED: 0x4000,
-    SensorState.ERROR: 0x8000,
-    SensorState.ACKNOWLEDGING: 0x8800,
-}
-
-
-def plain(state: str, edges: int, word: int, error: bool, answer: str) -> str:
-    """The state after one cycle, told as the encoder profile tells it."""
-    if state == "PRESETTING":
-        state = {"done": "PRESET_DONE", "failed": "ERROR"}.get(answer, state)
-    if word & PARK:
-        return "PARKED"
-    if state == "PARKED":
-        state = "NORMAL"
-    if state == "ERROR":
-        return "ACKNOWLEDGING" if edges & ACKNOWLEDGE else "ERROR"
-    if state == "ACKNOWLEDGING":
-        if word & ACKNOWLEDGE:
-            return state
-        state = "NORMAL"
-    if error:
-        return "ERROR"
-    if state == "NORMAL" and edges & PRESET:
-        return "PRESETTING"
-    if state == "PRESET_DONE" and not word & PRESET:
-        return "NORMAL"
-    return state
+STATUS = {SensorState[name]: word for name, word in SENSOR_SHOWN.items()}
 
 
 def test_every_state_with_every_input_is_as_the_plain_model_says() -> None:
@@ -85,7 +56,7 @@ def test_every_state_with_every_input_is_as_the_plain_model_says() -> None:
             elif answer == "failed":
                 sensor.preset_failed()
             status, _, xist2 = sensor.step(word, 500, checked * PARKED_NS, error=error)
-            name = plain(before.state.name, word & ~previous, word, error is not None, answer)
+            name = sensor_state(before.state.name, previous, word, error is not None, answer)
             assert sensor.state is SensorState[name], (before.state, previous, word, error, answer)
             absolute = word & ABSOLUTE if name in ("NORMAL", "PRESETTING", "PRESET_DONE") else 0
             assert status == STATUS[sensor.state] | absolute

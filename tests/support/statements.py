@@ -1,0 +1,57 @@
+"""Statements of the profile, each shown by a test: the table of docs/profile-statements.md is made from them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+
+DOCUMENT = Path(__file__).resolve().parents[2] / "docs" / "profile-statements.md"
+MODULE = "tests.gateway.axis.test_statements"
+_HEAD = """# What the profile says, and what the gateway does
+
+Each row is a statement of PROFIdrive, or of the makers whose telegrams these are, with its public source. A test checks each
+of them (`tests/gateway/axis/test_statements.py`). Random words and times are compared with an oracle of published tables
+(`tests/profidrive/test_profile_oracle.py`). Where the gateway differs it does so on purpose, and the row says why.
+
+| statement | source | gateway |
+| --- | --- | --- |
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class Statement:
+    """``differs``: why the gateway does something else; empty where it agrees."""
+
+    text: str
+    source: str
+    differs: str
+
+
+STATEMENTS: list[Statement] = []
+
+
+def statement(text: str, source: str, differs: str = "") -> Callable[[Callable[[], None]], Callable[[], None]]:
+    """The test below shows what the gateway does about this."""
+
+    def kept(test: Callable[[], None]) -> Callable[[], None]:
+        STATEMENTS.append(Statement(text, source, differs))
+        return test
+
+    return kept
+
+
+def document() -> str:
+    """The whole document."""
+    import_module(MODULE)
+    rows = (
+        f"| {item.text} | {item.source} | {f'differs: {item.differs}' if item.differs else 'agrees'} |\n"
+        for item in STATEMENTS
+    )
+    return _HEAD + "".join(rows)
+
+
+def write() -> None:
+    """Rewrite the document (``make docs``)."""
+    DOCUMENT.write_text(document(), encoding="utf-8")
