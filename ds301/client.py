@@ -315,6 +315,22 @@ class NodeClient(ConfiguringAccess, abc.ABC, Generic[S]):
         self.network.send(NMT, bytes((command, self.settings.node_id)))
 
     def _bring_up(self) -> None:
+        with self.network.bring_ups:
+            self._prepare()
+        try:
+            self._await_tpdos()
+            self._await_heartbeat()
+        except CanopenError:
+            self._nmt(NmtCommand.ENTER_PRE_OPERATIONAL)  # a refused node obeys and sends no PDOs
+            raise
+        if self._interrupted:
+            return
+        self.generation += 1
+        self._sending = True
+        self._set_status(NodeStatus.ONLINE, f"operational, configuration {self.generation}")
+
+    def _prepare(self) -> None:
+        """Find the node, make it safe, configure and start it."""
         self._booted.clear()
         self._reconfigure = False
         self._check_at = None
@@ -339,17 +355,6 @@ class NodeClient(ConfiguringAccess, abc.ABC, Generic[S]):
         self._toggle = -1
         self.nmt_stopped = False
         self._nmt(NmtCommand.START)
-        try:
-            self._await_tpdos()
-            self._await_heartbeat()
-        except CanopenError:
-            self._nmt(NmtCommand.ENTER_PRE_OPERATIONAL)  # a refused node obeys and sends no PDOs
-            raise
-        if self._interrupted:
-            return
-        self.generation += 1
-        self._sending = True
-        self._set_status(NodeStatus.ONLINE, f"operational, configuration {self.generation}")
 
     def _configure_pdos(self) -> None:
         """Plan the PDOs and map them."""

@@ -11,11 +11,14 @@ from dataclasses import dataclass
 from typing import Final
 
 from pdgw.ds301.errors import CanopenError
+from pdgw.durations import SECOND
 
 DEFAULT_BITRATE: Final = 1_000_000
 """Of a bus of which none is given."""
 _OVERHEAD_BITS = 47
 _STUFFED_OVERHEAD_BITS = 34
+_SDO_SHARE: Final = 0.5
+_LEAST_SDO_SHARE: Final = 0.1
 
 
 def frame_bits(size: int, *, worst: bool = True) -> int:
@@ -53,3 +56,12 @@ def check_load(name: str, frames: Sequence[CyclicFrames], bitrate: int, limit: f
             f"at most {limit:.0%}: raise cycle_time_ms or tpdo_inhibit_us, use fewer axes per bus or sync",
         )
     return load
+
+
+def sdo_gap_ns(load: float, bitrate: int) -> int:
+    """From one SDO request to the next, nanoseconds: request and answer take half of what the planned ``load`` leaves of the bus.
+
+    An overloaded bus gives them a tenth, otherwise no node would ever be configured.
+    """
+    share = max(_SDO_SHARE * (1 - load), _LEAST_SDO_SHARE)
+    return int(2 * frame_bits(8) * SECOND / (bitrate * share))

@@ -9,19 +9,21 @@ from __future__ import annotations
 
 import logging
 import struct
+from collections import deque
 from collections.abc import Callable
 from typing import Final
 
 import can
 
 from pdgw.ds301.can_frame import ERROR, ERROR_BUS_OFF, ERROR_CONTROLLER, EXTENDED, REMOTE
-from pdgw.ds301.connection_set import ERROR_CONTROL, NMT, SYNC
+from pdgw.ds301.connection_set import ERROR_CONTROL, NMT, SDO_REQUEST, SYNC
 from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.loop import Loop, Timer
 from pdgw.ds301.nmt import NmtState
 from pdgw.ds301.on_canopen import AcyclicNetwork
 from pdgw.ds301.port import CanPort, Opener, PortBusyError, PortLostError, Receiver
 from pdgw.ds301.send_queue import FrameQueue, Sender, SendQueue
+from pdgw.ds301.turns import Turns
 from pdgw.durations import MS
 
 log = logging.getLogger("gateway")
@@ -39,6 +41,12 @@ _BUSY_NS: Final = 100 * MS
 """An interface that takes no frame for so long is not healthy; a full queue now and then is nothing."""
 _ASK_AGAIN_NS: Final = 5 * MS
 """An interface that has not reported room for so long is tried again."""
+_BRING_UPS: Final = 16
+"""Nodes configured at a time where nobody has counted what the bus has room for."""
+_QUARTER: Final = 4
+"""Part of the time for an answer that a request may wait before it is sent."""
+_SDO_FRAMES: Final = 1024
+"""SDO requests that may wait."""
 _FUNCTION: Final = 0x780
 """The part of a COB-ID that names the service."""
 _LOOK_NS: Final = 20 * MS
@@ -59,7 +67,14 @@ class CanNetwork(Receiver):
         self.name = name
         self._told = {"event": "bus", "bus": name}
         """For who collects the log."""
-        self.canopen = AcyclicNetwork(self.send)
+        self.canopen = AcyclicNetwork(self._send_acyclic, self.send_first)
+        self.bring_ups = Turns(loop, _BRING_UPS)
+        """Nodes that are configured at a time."""
+        self._sdo_gap = 0
+        """From one SDO request to the next, so that the bus has room for everything else."""
+        self._sdo_next = 0
+        self._sdo_frames: deque[tuple[int, bytes]] = deque()
+        self._sdo_due: Timer | None = None
         self.sent = 0
         self.received = 0
         self.send_errors = 0
@@ -132,6 +147,7 @@ class CanNetwork(Receiver):
         for timer in (self._reopening, self._looking):
             if timer is not None:
                 timer.cancel()
+        self._drop_sdo()
         if self._port is not None:
             self._port.close()
             self._port = None
@@ -174,16 +190,50 @@ class CanNetwork(Receiver):
 
         NMT commands, heartbeat and node guarding do not wait behind setpoints. False and counted when the interface is lost.
         """
-        first = cob_id == NMT or cob_id & _FUNCTION == ERROR_CONTROL
-        frames = self._first_frames if first else self._frames
-        if not frames and (first or not self.waiting) and self.put(cob_id, data):
-            return True
+        if cob_id == NMT or cob_id & _FUNCTION == ERROR_CONTROL:
+            return self.send_first(cob_id, data)
+        return not self.waiting and self.put(cob_id, data) or self._queue(self._frames, cob_id, data, stop=False)
+
+    def send_first(self, cob_id: int, data: bytes) -> bool:
+        """As ``send``, before all that does not stop anything."""
+        frames = self._first_frames
+        return not frames and self.put(cob_id, data) or self._queue(frames, cob_id, data, stop=True)
+
+    def _queue(self, frames: FrameQueue, cob_id: int, data: bytes, *, stop: bool) -> bool:
         if self._port is not None:
             if frames.add(cob_id, data):
-                self.wait(frames, stop=first)
+                self.wait(frames, stop=stop)
             else:
                 self.send_errors += 1
         return False
+
+    def leave_room(self, sdo_gap_ns: int, answer_ns: int) -> None:
+        """Send one SDO request in ``sdo_gap_ns``, and configure only so many nodes at a time that none waits long for its turn.
+
+        ``answer_ns``: the shortest time within which a node has to answer a request, the wait before it is sent included.
+        """
+        self._sdo_gap = sdo_gap_ns
+        self.bring_ups.limit = max(1, answer_ns // _QUARTER // sdo_gap_ns)
+
+    def _send_acyclic(self, cob_id: int, data: bytes) -> None:
+        """A frame of canopen's; SDO requests in their gap."""
+        if not self._sdo_gap or cob_id & _FUNCTION != SDO_REQUEST:
+            self.send(cob_id, data)
+        elif (cob_id, data) not in self._sdo_frames:
+            if len(self._sdo_frames) >= _SDO_FRAMES:
+                self.send_errors += 1
+                return
+            self._sdo_frames.append((cob_id, data))
+            if self._sdo_due is None:
+                self._send_sdo()
+
+    def _send_sdo(self) -> None:
+        """The next SDO request, when its time has come."""
+        now = self.loop.now()
+        if now >= self._sdo_next:
+            self.send(*self._sdo_frames.popleft())
+            self._sdo_next = now + self._sdo_gap
+        self._sdo_due = self.loop.call_at(self._sdo_next, self._send_sdo) if self._sdo_frames else None
 
     def put(self, cob_id: int, data: bytes) -> bool:
         """Hand a frame to the interface now; False when it has no room or is lost. For senders whose turn it is."""
@@ -221,6 +271,12 @@ class CanNetwork(Receiver):
         self.waiting = True
         if self.loop.now() - self._refused_at >= _ASK_AGAIN_NS:
             self.on_room()
+
+    def _drop_sdo(self) -> None:
+        self._sdo_frames.clear()
+        if self._sdo_due is not None:
+            self._sdo_due.cancel()
+            self._sdo_due = None
 
     def request(self, cob_id: int) -> bool:
         """A remote request of one byte, as ``send``."""
@@ -309,6 +365,7 @@ class CanNetwork(Receiver):
         self._port = None
         for queue in (self._send_queue, self._first_frames, self._frames):
             queue.clear()
+        self._drop_sdo()
         self.waiting = False
         self.healthy = False
         if self._working:

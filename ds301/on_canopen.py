@@ -14,11 +14,13 @@ from pdgw.ds301.loop import Loop, Mailbox
 class AcyclicNetwork(canopen.Network):  # type: ignore[misc]
     """canopen's network, sending through ours and fed by ours."""
 
-    def __init__(self, send: Callable[[int, bytes], object]) -> None:
+    def __init__(self, send: Callable[[int, bytes], object], send_first: Callable[[int, bytes], object]) -> None:
         super().__init__()
         # Answers to LSS, which nobody asks here, would wait in canopen for ever.
         self.unsubscribe(self.lss.LSS_RX_COBID)
         self._send = send
+        self.send_first = send_first
+        """Send before what waits: for a stop by SDO."""
 
     def send_message(self, can_id: int, data: bytes, remote: bool = False) -> None:
         self._send(can_id, bytes(data))

@@ -15,12 +15,15 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, Final, Protocol
 
 from pdgw.ds301.client import NodeClient
+from pdgw.ds301.load import DEFAULT_BITRATE, bus_load, sdo_gap_ns
 from pdgw.ds301.loop import Event, Loop, Timer
 from pdgw.ds301.network import CanNetwork
 from pdgw.ds301.node import GATEWAY_NODE_ID
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.binding import Axis
+from pdgw.gateway.bus_load import cyclic_frames
 from pdgw.gateway.config import AxisConfig, GatewayConfig
+from pdgw.gateway.config_surroundings import CanConfig
 from pdgw.gateway.cycle_watch import CycleWatch
 from pdgw.gateway.drive_object import DriveObject
 from pdgw.gateway.edge import Edge, SystemEdge
@@ -120,9 +123,21 @@ class Daemon:
             opened.callback(self.link.close)
             self._opened = opened.pop_all()
         self._heartbeat_ns = min(client.settings.heartbeat_ms for client in self.clients) * MS // 2
+        for bus in config.can:
+            self._leave_room(bus)
         self._find_sync()
         for network in self.networks.values():
             network.sync_changed = self._find_sync
+
+    def _leave_room(self, bus: CanConfig) -> None:
+        """Bring-ups take what the cyclic frames leave of a bus."""
+        config, network = self.config, self.networks[bus.name]
+        frames = cyclic_frames(config.axes_of(bus), config.encoders_of(bus), config.transport.cycle_time_ms)
+        bitrate = bus.bitrate or DEFAULT_BITRATE
+        answer_ms = min(
+            (client.settings.sdo_timeout_ms for client in self.clients if client.network is network), default=1
+        )
+        network.leave_room(sdo_gap_ns(bus_load(frames, bitrate), bitrate), answer_ms * MS)
 
     def _find_sync(self) -> None:
         self.sync_producers = self._sync_producers()
