@@ -72,7 +72,7 @@ watchdog_factor = {WATCHDOG_FACTOR}          # the PLC is lost after this many c
 # write_from = ["192.168.0.10", "192.168.0.64/28"]   # who may write parameters; without it everybody on this machine, or nobody
 
 # [realtime]                 # Linux; what is not granted is told, and the gateway runs without
-# priority = 50              # SCHED_FIFO, 1 to 99
+# priority = 50              # SCHED_FIFO, 1 to 99; 40 where it is granted without this key, 0 for the usual scheduling
 # cpu = [1]                  # processors to run on
 # lock_memory = true
 

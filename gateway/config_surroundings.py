@@ -200,8 +200,8 @@ class TraceConfig(Section):
 class RealtimeConfig(Section):
     """What is asked of the operating system for the exchange; refused politely where it does not grant it."""
 
-    priority: Annotated[Integer, Field(ge=1, le=99)] | None = None
-    """SCHED_FIFO; None: the usual scheduling."""
+    priority: Annotated[Integer, Field(ge=0, le=99)] | None = None
+    """Of SCHED_FIFO. 0: the usual scheduling; None: 40 where the system grants it."""
     cpu: tuple[Annotated[Integer, Field(ge=0, le=1023)], ...] = ()
     """Processors to run on; empty: all."""
     lock_memory: Boolean = False

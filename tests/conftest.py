@@ -6,6 +6,7 @@ time to pass on the wall clock, is marked ``e2e``; one with Chromium ``browser``
 
 from __future__ import annotations
 
+import errno
 import gc
 import os
 import signal
@@ -31,6 +32,17 @@ settings.load_profile(os.environ.get("PDGW_HYPOTHESIS", "ci"))
 
 # Of a suite that a shell started in the background SIGINT is ignored, and with it of every process that a test interrupts.
 signal.signal(signal.SIGINT, signal.default_int_handler)
+
+if hasattr(os, "sched_setscheduler"):
+    _set_scheduler = os.sched_setscheduler
+
+    def _of_others(pid: int, policy: int, parameters: os.sched_param) -> None:
+        if pid in {0, os.getpid()}:
+            raise PermissionError(errno.EPERM, "the scheduling of the tests' process stays as it is")
+        _set_scheduler(pid, policy, parameters)
+
+    # A gateway asks for real-time priority when it starts; one that a test runs in this process does not get it.
+    os.sched_setscheduler = _of_others
 
 # What collecting the tests makes stays until the end: the collector walks it neither while it grows nor later.
 gc.disable()

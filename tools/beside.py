@@ -10,6 +10,7 @@ import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+from pdgw.gateway import realtime
 from pdgw.gateway.config import GatewayConfig
 from pdgw.gateway.config_file import config_text
 from pdgw.gateway.config_surroundings import CanConfig, TraceConfig
@@ -73,6 +74,7 @@ def _process(*command: str) -> Iterator[subprocess.Popen[str]]:
         text=True,
         start_new_session=True,
     ) as process:
+        realtime.usual(process.pid)
         try:
             yield process
         finally:

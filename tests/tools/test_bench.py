@@ -277,7 +277,7 @@ def test_the_same_exchange_is_measured_with_every_choice_that_is_granted(monkeyp
     monkeypatch.setattr(settings, "_TURNS", 1)
     monkeypatch.setattr(settings, "may_be_real_time", lambda: False)
     asked: list[str] = []
-    rows = {"": object(), "[trace]\nenabled = false\n": object()}
+    rows = {"": object(), "[trace]\nenabled = false\n": object(), "[realtime]\npriority = 0\n": object()}
 
     def measured(axes: int, period_ns: int, seconds: float, more: str) -> object:
         asked.append(more)
@@ -285,7 +285,7 @@ def test_the_same_exchange_is_measured_with_every_choice_that_is_granted(monkeyp
 
     monkeypatch.setattr(settings, "measure", measured)
     choices = settings.run(2, 4_000_000, 0.1, lambda text: None)
-    assert [choice.name for choice in choices] == [settings.AS_SHIPPED, "without flight recorder"]
+    assert [choice.name for choice in choices] == [settings.AS_SHIPPED, "without flight recorder", "usual scheduling"]
     assert [choice.rows for choice in choices] == [(row,) for row in rows.values()]
     for more in settings.SETTINGS.values():
         # What is added is a configuration the gateway takes.

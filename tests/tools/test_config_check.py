@@ -90,7 +90,25 @@ def test_an_object_missing_from_the_data_sheet_is_named_without_the_bus(tmp_path
     file.write_text(CONFIG.format(channel="bus", telegram=111, keys=keys))
     result = CliRunner().invoke(app, ["check", str(file)])
     assert result.exit_code == 0, result.output
-    assert result.output.splitlines()[1:] == [
+    assert result.output.splitlines()[1:3] == [
         "DO 1: Velocity Demand Value 606Bh not available: ramp completed and speed within tolerance show 0",
         "DO 1: Current Actual Value 6078h not available: torque below its threshold shows 0",
     ]
+
+
+@pytest.mark.parametrize(
+    ("cycle_ms", "keys", "said"),
+    [
+        (8, "", ""),
+        (4, "", "needs real-time priority on a busy machine (docs/service.md); the log says if it is granted"),
+        (4, "[realtime]\npriority = 0\n", "docs/service.md); [realtime] priority = 0 asks for none"),
+    ],
+)
+def test_a_cycle_below_8_ms_is_told_what_it_needs(tmp_path: Path, cycle_ms: int, keys: str, said: str) -> None:
+    file = tmp_path / "gateway.toml"
+    head = f"{keys}[transport]\ncycle_time_ms = {cycle_ms}\n"
+    file.write_text(head + CONFIG.format(channel=buses.channel(), telegram=1, keys=""))
+    result = CliRunner().invoke(app, ["check", str(file)])
+    assert result.exit_code == 0
+    assert ("real-time" in result.output or "priority" in result.output) is bool(said)
+    assert said in result.output

@@ -26,6 +26,8 @@ _READY_S = 60.0
 _LOOK_S = 0.02
 _END_S = 120.0
 """A process with the least priority may wait long for a busy machine."""
+USUAL_SCHEDULING = "[realtime]\npriority = 0\n"
+"""The gateway is scheduled as client and echo are: with real-time priority when all of them have it (``--realtime``)."""
 
 
 class Background:
@@ -166,7 +168,7 @@ def environment() -> dict[str, str]:
 
 
 @contextmanager
-def running(axes: int, period_ns: int, more: str = "") -> Iterator[tuple[Drives, Gateway]]:
+def running(axes: int, period_ns: int, more: str = USUAL_SCHEDULING) -> Iterator[tuple[Drives, Gateway]]:
     """Ideal drives, and a gateway that is on its way up; both are stopped at the end.
 
     ``more``: further tables of its configuration.

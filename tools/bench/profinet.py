@@ -31,6 +31,7 @@ from pdgw.durations import MS, SECOND
 from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.frame import COUNTER_UNIT_NS, IOPS_GOOD
 from pdgw.profidrive.telegrams import Direction
+from pdgw.tools.bench.processes import USUAL_SCHEDULING
 from pdgw.tools.ethernet_capture import EthernetCapture
 from pdgw.tools.namespaces import HERE, VethPair
 
@@ -151,7 +152,7 @@ def measure(cycle_ms: int, seconds: float, *, realtime: bool) -> ProfinetRow:
     with tempfile.TemporaryDirectory() as folder, VethPair() as pair:
         capture = Path(folder) / "bench.pcapng"
         config = Path(folder) / "gateway.toml"
-        text = _CONFIG.format(cycle_ms=cycle_ms, realtime=_REALTIME if realtime else "")
+        text = _CONFIG.format(cycle_ms=cycle_ms, realtime=_REALTIME if realtime else f"\n{USUAL_SCHEDULING}")
         config.write_text(f'store = "{folder}/store.json"\n{text}', encoding="utf-8")
         bare = config.with_name("bare.toml")
         bare.write_text(config.read_text(encoding="utf-8").replace("simulate = true\n", ""), encoding="utf-8")

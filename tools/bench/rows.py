@@ -17,7 +17,7 @@ from pdgw.durations import MS, SECOND
 from pdgw.gateway.errors import GatewayError
 from pdgw.tools.bench.dialogues import SPEEDS, EchoDialogue, PlcDialogue
 from pdgw.tools.bench.measure import Latency, latency
-from pdgw.tools.bench.processes import background, running
+from pdgw.tools.bench.processes import USUAL_SCHEDULING, background, running
 from pdgw.tools.bench.schedule import Peer, flat_out, run
 
 ROWS = (
@@ -73,7 +73,7 @@ class Row:
         return None if self.cpu_ns_per_cycle is None else self.cpu_ns_per_cycle / self.period_ns
 
 
-def measure(axes: int, period_ns: int, seconds: float, more: str = "") -> Row:
+def measure(axes: int, period_ns: int, seconds: float, more: str = USUAL_SCHEDULING) -> Row:
     """Measure a row for about ``seconds``; GatewayError when the axes do not do what they are told.
 
     ``more``: further tables of the gateway's configuration.

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
+from pdgw.tools.bench.processes import USUAL_SCHEDULING
 from pdgw.tools.bench.rows import Row, measure
 
 AS_SHIPPED = "as by default"
@@ -14,6 +15,7 @@ SETTINGS: Mapping[str, str] = MappingProxyType(
     {
         AS_SHIPPED: "",
         "without flight recorder": "[trace]\nenabled = false\n",
+        "usual scheduling": USUAL_SCHEDULING,
         "[realtime]": "[realtime]\npriority = 50\nlock_memory = true\n",
     }
 )
@@ -45,7 +47,7 @@ class Choice:
 
 def run(axes: int, period_ns: int, seconds: float, progress: Callable[[str], None]) -> list[Choice]:
     """Each choice in turn, ``seconds`` for each turn; what the system does not grant is left out."""
-    granted = {name: more for name, more in SETTINGS.items() if not more.startswith("[realtime]") or may_be_real_time()}
+    granted = {name: more for name, more in SETTINGS.items() if name != "[realtime]" or may_be_real_time()}
     rows: dict[str, list[Row]] = {name: [] for name in granted}
     for turn in range(_TURNS):
         for name, more in granted.items():

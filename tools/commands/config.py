@@ -18,6 +18,7 @@ from pdgw.gateway.config_example import example as example_text
 from pdgw.gateway.config_file import load_config
 from pdgw.gateway.config_surroundings import TransportConfig
 from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.realtime import NEEDED_BELOW_MS
 
 app = typer.Typer(help="Configuration files.", no_args_is_help=True)
 
@@ -45,10 +46,20 @@ def check(
     buses = ", ".join(f"{bus.name} ({bus.interface} {bus.channel or ''})".replace(" )", ")") for bus in config.can)
     objects = f"{len(config.axis)} axes" + (f" and {len(config.encoder)} encoders" if config.encoder else "")
     typer.echo(f"{file}: ok, {objects} on {buses}, cycle {config.transport.cycle_time_ms:g} ms")
-    if not bus:
+    refused = False
+    if bus:
+        refused = _check_buses(config)
+    else:
         for axis in config.axis:
             _tell_not_available(axis, axis.settings_at(config.transport.cycle_time_ms))
-        return
+    if config.transport.cycle_time_ms < NEEDED_BELOW_MS:
+        typer.echo(_scheduling(config))
+    if refused:
+        raise typer.Exit(1)
+
+
+def _check_buses(config: GatewayConfig) -> bool:
+    """Ask the drives for units and PDOs and print the load; True when a drive did not answer or its telegram cannot be run."""
     refused = False
     for item in config.can:
         plans = {axis.node_id: _ask(config, axis) for axis in config.axes_of(item)}
@@ -60,8 +71,15 @@ def check(
         typer.echo(
             f"bus {item.name}: worst-case load {load:.0%} of {item.bitrate or DEFAULT_BITRATE} bit/s with these PDOs"
         )
-    if refused:
-        raise typer.Exit(1)
+    return refused
+
+
+def _scheduling(config: GatewayConfig) -> str:
+    """What a short cycle needs of the operating system."""
+    asked = (
+        "[realtime] priority = 0 asks for none" if config.realtime.priority == 0 else "the log says if it is granted"
+    )
+    return f"a cycle below {NEEDED_BELOW_MS} ms needs real-time priority on a busy machine (docs/service.md); {asked}"
 
 
 def _start(config: GatewayConfig) -> None:

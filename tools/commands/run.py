@@ -156,12 +156,12 @@ def run(
         faulthandler.enable(sys.__stderr__)  # where it hung, when a service manager's watchdog ends it (SIGABRT)
     with ExitStack() as at_end:
         keep = at_end.enter_context(keeper_beside(chosen.trace))
-        refused = realtime.apply(chosen.realtime)
+        scheduling = realtime.apply(chosen.realtime, chosen.transport.cycle_time_ms)
         run_log = RunLog(log_level, log_file, log_format)
         at_end.callback(run_log.stop)
-        for text in refused:
-            log.warning("%s", text)
-        logging.getLogger("gateway").info("pdgw %s, %s", __version__, config or "simulated devices")
+        log.info("pdgw %s, %s", __version__, config or "simulated devices")
+        for level, text in scheduling:
+            log.log(level, "%s", text)
         recorder = CanRecorder(can_log) if can_log is not None else None
         if recorder is not None:
             at_end.callback(recorder.stop)
