@@ -65,6 +65,7 @@ class Rig:
         self.path = tmp_path / "store.json"
         self.objects = [FakeObject(1), FakeObject(9)]
         self.cycles = 0
+        self.starts = 4
         self.start()
         self.plc = IoController(
             Station(Identity(PLC_MAC, 1, 1, "plc", "PLC"), "plc-1"),
@@ -74,7 +75,8 @@ class Rig:
 
     def start(self) -> None:
         store = ParameterStore(self.path, lambda text: None)
-        self.link = ProfinetLink(self.port, self.config, store, self.loop, self.objects, UUID(int=5))
+        self.starts += 1  # its own calls have other UUIDs after each start
+        self.link = ProfinetLink(self.port, self.config, store, self.loop, self.objects, UUID(int=self.starts << 32))
         self.link.start(self.on_link)
 
     def on_link(self) -> None:
