@@ -65,6 +65,7 @@ watchdog_factor = {WATCHDOG_FACTOR}          # the PLC is lost after this many c
 # interface = "eth1"
 # ip = "192.168.0.2/24"      # without it the controller gives one by DCP
 # router = "192.168.0.1"
+# snmp_community = "public"  # of "profinet": a read-only SNMP agent; none without it
 # vendor_id = {identity.VENDOR_ID}          # of your PI membership; {identity.VENDOR_ID} is nobody's
 # device_id = {identity.DEVICE_ID}
 

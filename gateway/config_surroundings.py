@@ -95,6 +95,8 @@ class TransportConfig(Section):
     """A fixed address with its prefix length; without it the controller or engineering tool gives one by DCP."""
     router: IPv4Address | None = None
     """The IP suite's standard gateway, with a fixed address."""
+    snmp_community: Annotated[str, Field(min_length=1, max_length=32, pattern=r"^[!-~]+$")] | None = None
+    """By which the SNMP agent of ``profinet`` answers, mostly "public"; None: there is no agent."""
     vendor_id: DeviceNumber = identity.VENDOR_ID
     device_id: DeviceNumber = identity.DEVICE_ID
     listen: IPv4Address = IPv4Address("127.0.0.1")
@@ -131,7 +133,7 @@ class TransportConfig(Section):
         if self.type == "profinet" and self.interface is None:
             raise misplaced('interface is missing, needed with type = "profinet", for example "eth1"', "type")
         if self.type != "profinet":
-            for key in ("interface", "ip", "router"):
+            for key in ("interface", "ip", "router", "snmp_community"):
                 if getattr(self, key) is not None:
                     raise misplaced(f'{key}: has a meaning with type = "profinet" only', key)
         elif self.router is not None and (self.ip is None or self.router not in self.ip.network):

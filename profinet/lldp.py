@@ -47,20 +47,27 @@ def _tlv(kind: Tlv, content: bytes) -> bytes:
     return _HEADER.pack(kind << _TYPE_SHIFT | len(content)) + content
 
 
+def port_id(station: Station) -> str:
+    """What names the port: with the name of station, unless the controller wants that in the chassis ID."""
+    return f"{station.port}.{station.name}" if station.name and not station.lldp_legacy else station.port
+
+
+def chassis_id(station: Station) -> str:
+    """What names the device."""
+    return station.name if station.name and station.lldp_legacy else station.identity.chassis
+
+
 def encode(station: Station) -> bytes:
     """The frame that tells about this station."""
     identity = station.identity
     local = bytes((_LOCALLY_ASSIGNED,))
-    in_port = station.name and not station.lldp_legacy
-    port = f"{station.port}.{station.name}" if in_port else station.port
-    chassis = station.name if station.name and station.lldp_legacy else identity.chassis
     medium = station.medium
     mau = _AUTONEGOTIATION.pack(medium.autonegotiation, medium.advertised, medium.mau_type)
     management = _MANAGEMENT.pack(5, _IPV4, station.ip.address.packed, _IF_INDEX, station.interface_index, 0)
     payload = b"".join(
         (
-            _tlv(Tlv.CHASSIS_ID, local + chassis.encode("latin-1")),
-            _tlv(Tlv.PORT_ID, local + port.encode("latin-1")),
+            _tlv(Tlv.CHASSIS_ID, local + chassis_id(station).encode("latin-1")),
+            _tlv(Tlv.PORT_ID, local + port_id(station).encode("latin-1")),
             _tlv(Tlv.TTL, LIFETIME_S.to_bytes(2, "big")),
             _tlv(Tlv.ORGANISATION, _PNO + bytes((_PORT_STATUS,)) + bytes(4)),
             _tlv(Tlv.ORGANISATION, _PNO + bytes((_CHASSIS_MAC,)) + identity.mac),

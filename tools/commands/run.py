@@ -188,6 +188,10 @@ def run(
             for bus in chosen.can:
                 daemon.networks[bus.name].listeners.append(partial(recording.frame, _log_name(bus)))
         daemon.services.append(record_service(daemon))
+        if chosen.transport.snmp_community is not None:
+            from pdgw.gateway.snmp_service import SnmpService, open_port  # noqa: PLC0415 (few gateways have it)
+
+            daemon.services.append(SnmpService(daemon, open_port(chosen.transport.interface or "")))
         _record_flight(daemon, "simulated" if config is None else config.stem, keep)
         if chosen.transport.status_port:
             daemon.services.append(StatusServer(daemon, chosen.transport.status_port))

@@ -1,0 +1,167 @@
+"""The SNMP agent: scapy asks and reads, tshark names the objects, and no bytes make it fail or answer much."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scapy.asn1.asn1 import ASN1_OID
+from scapy.layers.snmp import SNMP, SNMPbulk, SNMPget, SNMPnext, SNMPset, SNMPvarbind
+
+from pdgw.profinet import mib
+from pdgw.profinet.snmp import REQUEST_MAX, Agent, Kind, Variable
+from pdgw.profinet.station import Medium, Neighbour, Station
+from tests.support import tshark, tshark_frames
+from tests.support.profinet import DEVICE_IP, IDENTITY, PLC_IP, PLC_MAC
+
+LLDP = "1.0.8802.1.1.2.1"
+SYS_NAME, LOC_PORT, REM_PORT = "1.3.6.1.2.1.1.5.0", f"{LLDP}.3.7.1.3.1", f"{LLDP}.4.1.1.7.0.1.1"
+PNO_NAME, MAU = f"{LLDP}.5.3791.1.2.1.1.6.1", f"{LLDP}.5.4623.1.2.1.1.4.1"
+ADDRESS = f"{LLDP}.3.8.1.5.1.4.192.168.0.2"
+NEVER, END = "1.3.6.1.2.1.99.0", "2.5"
+
+
+def agent(neighbour: bool = True) -> Agent:
+    station = Station(IDENTITY, "press-1", DEVICE_IP, medium=Medium(30, 3, 0x6C01))
+    if neighbour:
+        station.neighbour = Neighbour("plc", "port-001", PLC_MAC, 0, 1)
+    return Agent(b"public", lambda: mib.objects(station, (17, 1 << 32 | 4), "hall 3", 12_340_000_000))
+
+
+def ask(pdu: object, community: str = "public", version: int = 1, of: Agent | None = None) -> SNMP | None:
+    answer = (of or agent()).answer(bytes(SNMP(version=version, community=community, PDU=pdu)))
+    return None if answer is None else SNMP(answer)
+
+
+def binds(*oids: str) -> list[SNMPvarbind]:
+    return [SNMPvarbind(oid=ASN1_OID(oid)) for oid in oids]
+
+
+def read(*oids: str, of: Agent | None = None) -> list[object]:
+    answer = ask(SNMPget(id=9, varbindlist=binds(*oids)), of=of)
+    assert answer is not None
+    assert (answer.PDU.id.val, answer.PDU.error.val) == (9, 0)
+    assert [item.oid.val for item in answer.PDU.varbindlist] == list(oids)
+    return [item.value.val for item in answer.PDU.varbindlist]
+
+
+def walk(of: Agent) -> list[str]:
+    oid, seen = "1.0", []
+    while True:
+        answer = ask(SNMPnext(id=1, varbindlist=binds(oid)), of=of, version=0)
+        assert answer is not None
+        if answer.PDU.error.val == 2:
+            return seen
+        oid = answer.PDU.varbindlist[0].oid.val
+        seen.append(oid)
+
+
+def test_topology_is_readable_by_its_published_object_identifiers() -> None:
+    found = read(SYS_NAME, LOC_PORT, REM_PORT, PNO_NAME, MAU, ADDRESS, "1.3.6.1.2.1.1.6.0", "1.3.6.1.2.1.1.3.0")
+    assert found == [b"press-1", b"port-001.press-1", b"port-001", b"press-1", 30, 1, b"hall 3", 1234]
+    interface = "1.3.6.1.2.1.2.2.1"
+    assert read(f"{interface}.5.1", f"{interface}.8.1", f"{interface}.10.1", f"{interface}.16.1") == [10**9, 1, 17, 4]
+    assert read(f"{interface}.6.1") == [IDENTITY.mac]
+
+
+def test_a_walk_meets_every_object_once_in_ascending_order_and_ends() -> None:
+    for neighbour in (True, False):
+        seen = walk(agent(neighbour))
+        keys = [tuple(map(int, oid.split("."))) for oid in seen]
+        assert keys == sorted(set(keys))
+        assert len(seen) >= 40
+        assert (REM_PORT in seen) is neighbour
+
+
+def test_getbulk_answers_repetitions_and_stays_within_one_frame() -> None:
+    answer = agent().answer(
+        bytes(SNMP(version=1, community="public", PDU=SNMPbulk(id=3, max_repetitions=1000, varbindlist=binds("1.0"))))
+    )
+    assert answer is not None
+    assert len(answer) <= REQUEST_MAX
+    found = [item.oid.val for item in SNMP(answer).PDU.varbindlist]
+    assert found == walk(agent())[: len(found)]
+    assert len(found) > 16
+
+
+def test_an_object_that_is_not_there_is_an_error_in_v1_and_an_exception_in_v2c() -> None:
+    for pdu, asked in ((SNMPget, NEVER), (SNMPnext, END)):
+        old = ask(pdu(id=1, varbindlist=binds(SYS_NAME, asked)), version=0)
+        assert old is not None
+        assert (old.PDU.error.val, old.PDU.error_index.val) == (2, 2)
+    raw = agent().answer(bytes(SNMP(version=1, community="public", PDU=SNMPget(varbindlist=binds(NEVER)))))
+    assert raw is not None
+    assert raw.endswith(b"\x80\0")
+    raw = agent().answer(bytes(SNMP(version=1, community="public", PDU=SNMPnext(varbindlist=binds(END)))))
+    assert raw is not None
+    assert raw.endswith(b"\x82\0")
+
+
+@pytest.mark.parametrize(("version", "error"), [(0, 2), (1, 17)])
+def test_a_set_changes_nothing_and_is_refused(version: int, error: int) -> None:
+    served = agent()
+    answer = ask(
+        SNMPset(id=5, varbindlist=[SNMPvarbind(oid=ASN1_OID(SYS_NAME), value=b"x")]), version=version, of=served
+    )
+    assert answer is not None
+    assert answer.PDU.error.val == error
+    assert read(SYS_NAME, of=served) == [b"press-1"]
+
+
+def test_another_community_or_version_gets_no_answer() -> None:
+    served = agent()
+    for community, version in (("private", 1), ("", 1), ("public", 3)):
+        assert ask(SNMPget(varbindlist=binds(SYS_NAME)), community, version, served) is None
+    assert served.ignored == 3
+
+
+def test_too_many_variables_get_no_answer_and_too_long_an_answer_is_too_big() -> None:
+    assert ask(SNMPget(varbindlist=binds(*["1.3"] * 65))) is None
+    long = Agent(b"c", lambda: [Variable((1, 3, 1), Kind.OCTETS, bytes(250))])
+    answer = ask(SNMPget(varbindlist=binds(*["1.3.1"] * 8)), "c", of=long)
+    assert answer is not None
+    assert answer.PDU.error.val == 1
+
+
+REQUEST = bytes(SNMP(version=1, community="public", PDU=SNMPbulk(id=3, max_repetitions=5, varbindlist=binds("1.0"))))
+
+
+@given(st.lists(st.tuples(st.integers(0, len(REQUEST) - 1), st.integers(0, 255)), max_size=4), st.integers(0, 60))
+def test_a_damaged_request_is_answered_within_one_frame_or_not_at_all(changes: list[tuple[int, int]], cut: int) -> None:
+    data = bytearray(REQUEST)
+    for at, value in changes:
+        data[at] = value
+    answer = agent().answer(bytes(data[: len(data) - cut]))
+    assert answer is None or len(answer) <= REQUEST_MAX
+
+
+@given(st.binary(max_size=200))
+def test_any_bytes_are_answered_within_one_frame_or_not_at_all(data: bytes) -> None:
+    answer = agent().answer(data)
+    assert answer is None or len(answer) <= REQUEST_MAX
+
+
+@given(st.integers(-(1 << 31), (1 << 32) - 1), st.lists(st.integers(0, 0xFFFFFFFF), max_size=20))
+def test_scapy_reads_any_value_back(number: int, rest: list[int]) -> None:
+    oid = (1, 3, *rest)
+    served = Agent(b"public", lambda: [Variable(oid, Kind.INTEGER, number), Variable((2, 1), Kind.OID, oid)])
+    assert read(".".join(map(str, oid)), "2.1", of=served) == [number, ".".join(map(str, oid))]
+
+
+@tshark.needs_tshark
+@pytest.mark.tshark
+def test_tshark_reads_names_and_values_of_an_answer(tmp_path: Path) -> None:
+    assert shutil.which("tshark")
+    request = bytes(SNMP(version=1, community="public", PDU=SNMPget(id=9, varbindlist=binds(SYS_NAME, MAU))))
+    answer = agent().answer(request)
+    assert answer is not None
+    ends = (str(DEVICE_IP.address), 161), (PLC_IP, 50_000)
+    names = ["snmp.name", "snmp.value.octets", "snmp.value.int", "snmp.request_id", "snmp.error_status"]
+    frame = tshark_frames.datagram(answer, *ends)
+    (row,) = tshark_frames.read([frame], tmp_path / "snmp.pcap", names, every=True)
+    assert row["snmp.name"] == f"{SYS_NAME},{MAU}"
+    assert bytes.fromhex(row["snmp.value.octets"].replace(":", "")) == b"press-1"
+    assert (row["snmp.value.int"], row["snmp.request_id"], row["snmp.error_status"]) == ("30", "9", "0")
