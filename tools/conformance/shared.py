@@ -102,6 +102,10 @@ def _message(number: int) -> Iterator[Case]:
     yield _case(number, "MELDW.PULSES_ENABLED = 0", "OFF1", _OFF, gone)
 
 
+_UNPARKED: Mapping[str, Any] = {"hold": "150 ms"}
+"""G1_ZSW.14 stands for 100 ms at least, and nothing is activated meanwhile."""
+
+
 def _sensor(number: int) -> Iterator[Case]:
     clear: Mapping[str, Any] = {"set": {"G1_STW": 0}}
     acknowledge: Mapping[str, Any] = {"set": {"G1_STW": 0x8000}}
@@ -124,7 +128,7 @@ def _sensor(number: int) -> Iterator[Case]:
     )
     for bit, did, bits, seen in rows:
         ask = {"set": {f"G1_STW.{name}": value for name, value in bits.items()}}
-        yield _case(number, f"G1_STW.{bit}", did, clear, {"hold": "40 ms"}, ask, seen, acknowledge, {"hold": "40 ms"})
+        yield _case(number, f"G1_STW.{bit}", did, clear, _UNPARKED, ask, seen, acknowledge, {"hold": "40 ms"})
     for function in (1, 2, 3, 4):
         probe, rising = (function + 1) // 2, function % 2 == 1
         before, after = ("off", "on") if rising else ("on", "off")

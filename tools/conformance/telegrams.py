@@ -209,7 +209,7 @@ CASES: tuple[Case, ...] = (
     _case(111, "STW1.START_HOMING", "homing", *_HOME, _see(ZSW1__HOME_POSITION_SET=1, POS_ZSW1__HOMING=0, XIST_A=0)),
     _case(
         *(111, "STW1.DO_NOT_REJECT", "reject of a task", {"mdi": {"to": 200_000}}, {"reject": True}),
-        _see(POS_ZSW1__MDI_ACTIVE=0, ZSW1__TARGET_REACHED=1, XIST_A="< 190000"),
+        _see(POS_ZSW1__MDI_ACTIVE=1, POS_ZSW2__TRAVERSING=0, ZSW1__TARGET_REACHED=1, XIST_A="< 190000"),
     ),
     _case(
         *(111, "STW1.NO_INTERMEDIATE_STOP", "stop and go on", {"mdi": {"to": 30_000, "relative": True}}),
@@ -223,7 +223,7 @@ CASES: tuple[Case, ...] = (
         "SATZANW.MDI",
         "task to 20000 LU",
         {"mdi": {"to": 20_000}},
-        _see(XIST_A=20_000, AKTSATZ__MDI_ACTIVE=0),
+        _see(XIST_A=20_000, AKTSATZ__MDI_ACTIVE=1),
         on_can={"607Ah": 8192},
     ),
     _case(110, "POS_STW.JOG_INCREMENTAL", "jog 2 by its distance", {"jog_distance": 2}, _see(XIST_A=5000)),
