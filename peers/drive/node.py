@@ -167,7 +167,7 @@ class SimulatedDriveNode(SimulatedNode):
         events = [super().next_event(now)]
         if self._guarded_until:
             events.append(self._guarded_until + 1)
-        if self._commands:
+        if self._commands and self.running:
             events.append(self._commands[0][0])
         return min((event for event in events if event is not None), default=None)
 

@@ -106,6 +106,17 @@ def test_connection_loss_drops_commands_on_their_way() -> None:
     assert bench.model.target_velocity == 0
 
 
+def test_power_off_with_commands_on_their_way_asks_for_no_poll() -> None:
+    bench = operating(Latency(command_ms=50))
+    order(bench, 0x0F, 3000)
+    bench.node.power_off()
+    bench.run(60)
+    assert bench.node.next_event(bench.now) is None
+    bench.node.restart()
+    bench.run(60)
+    assert bench.model.target_velocity == 0
+
+
 def test_tpdo_with_late_statusword_is_sent_when_it_changes() -> None:
     """The drive is woken for it: nothing else happens at that moment."""
     world = World()
