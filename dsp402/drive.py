@@ -148,6 +148,8 @@ class DriveClient(NodeClient[DriveSettings]):
         """The interface has taken every frame of this command so far, and no other sender waits."""
         self._all_sent = True
         self._has_turn = False
+        self._commanded_at = 0
+        """When the command was given that is sent now, or waits for its turn."""
         node_id = settings.node_id
         dictionary = load_eds(settings.eds, node_id) if settings.eds else generic_dictionary()
         super().__init__(network, settings, layout, dictionary, on_event)
@@ -173,6 +175,8 @@ class DriveClient(NodeClient[DriveSettings]):
         """
         if not self._sending:
             return
+        if not self._has_turn:
+            self._commanded_at = now
         self._command = command
         self._may_send = stop or self._has_turn or not self.network.waiting
         self._all_sent = True
@@ -224,7 +228,10 @@ class DriveClient(NodeClient[DriveSettings]):
 
         Nothing is sent behind a frame that was refused: the Controlword must not overtake its data.
         """
-        if data != sender.last or now - sender.time >= self._refresh_ns:
+        due = now - sender.time >= self._refresh_ns
+        if self._has_turn and sender.time >= self._commanded_at:
+            due = False  # it went out for this command: the next room is for what is still missing
+        if data != sender.last or due:
             if self._may_send and self.network.put(sender.cob_id, data):
                 sender.last = data
                 sender.time = now
