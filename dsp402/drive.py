@@ -18,7 +18,14 @@ from canopen.sdo import SdoAbortedError, SdoCommunicationError
 
 from pdgw.ds301.aborts import NOT_THERE, abort_text
 from pdgw.ds301.client import NodeClient
-from pdgw.ds301.communication import DEVICE_TYPE, IDENTITY_PRODUCT, IDENTITY_VENDOR, SYNC_PERIOD, profile_of
+from pdgw.ds301.communication import (
+    DEVICE_TYPE,
+    IDENTITY_PRODUCT,
+    IDENTITY_SERIAL,
+    IDENTITY_VENDOR,
+    SYNC_PERIOD,
+    profile_of,
+)
 from pdgw.ds301.configuration import SdoStep
 from pdgw.ds301.data_sheet import load_dictionary
 from pdgw.ds301.network import CanNetwork
@@ -33,7 +40,7 @@ from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.generic import dictionary_of, generic_dictionary
 from pdgw.dsp402.guarding import Guarding, guard
 from pdgw.dsp402.images import DriveCommand, DriveFeedback
-from pdgw.dsp402.indices import INTERPOLATION_TIME
+from pdgw.dsp402.indices import INTERPOLATION_TIME, POSITION_ACTUAL
 from pdgw.dsp402.mapping import DriveMapping
 from pdgw.dsp402.modes import MODE_CONFIRM_NS, Mode
 from pdgw.dsp402.objects import (
@@ -48,6 +55,7 @@ from pdgw.dsp402.objects import (
 from pdgw.dsp402.pdo import interpolated
 from pdgw.dsp402.settings import DriveSettings
 from pdgw.dsp402.states import Command, ControlBit, FaultReset, State, state_of
+from pdgw.dsp402.unit_watch import UnitWatch
 from pdgw.dsp402.witness import Witness
 from pdgw.durations import MS, SECOND, US_PER_MS
 
@@ -120,6 +128,8 @@ class DriveClient(NodeClient[DriveSettings]):
         self.homing_method = 0
         self.guarding: Guarding | None = None
         """What stops this drive when the gateway dies; None before its first start."""
+        self.serial_number = 0
+        """1018h/4; 0 for a drive without one."""
         self._identity: tuple[int, int] | None = None
         """Vendor-ID and product code of the device whose objects were found out."""
         self.set_point_refused = False
@@ -137,6 +147,7 @@ class DriveClient(NodeClient[DriveSettings]):
         self._witness = Witness(())
         self._witness_due = 0
         self._dropped = ""
+        self._units = UnitWatch({})
         self._motion_asked = False
         self._acyclic_rpdos: list[_Values] = []
         self._set_point_sent = False
@@ -161,7 +172,9 @@ class DriveClient(NodeClient[DriveSettings]):
     @property
     def position_ns(self) -> int:
         """When the newest position came, monotonic nanoseconds; 0 never."""
-        return next((slot.time for slot in self._slots if "position_actual" in slot.pdo.attributes), 0)
+        return next(
+            (slot.time for slot in self._slots if "position_actual" in slot.pdo.attributes), self._units.read_ns
+        )
 
     # -- cyclic -------------------------------------------------------------------------------------------------------
 
@@ -277,6 +290,7 @@ class DriveClient(NodeClient[DriveSettings]):
                 if address in OPTIONAL_OBJECTS and error.code not in NOT_THERE:
                     answers[address] = 0  # the drive has it, and keeps a value of its own where it is not written
         self.drive_type = describe(self.dictionary, answers, self.settings.units, self.settings.family)
+        self._units = UnitWatch(answers)
         return self.drive_type
 
     def _apply_times(self) -> None:
@@ -397,6 +411,8 @@ class DriveClient(NodeClient[DriveSettings]):
         for values in self._acyclic_rpdos:
             for entry in values.pdo.entries:
                 self._fetch(*entry.address)
+        serial = self._read_if_present(*IDENTITY_SERIAL)
+        self.serial_number = int.from_bytes(serial or b"", "little")
 
     def _configure_guarding(self) -> None:
         settings, drive = self.settings, self.drive_type
@@ -449,6 +465,8 @@ class DriveClient(NodeClient[DriveSettings]):
     def _has_work(self, now: int) -> bool:
         if self._acyclic_rpdos or self._mode_awaited is not None or (self._motion_asked and self._witness.doubtful):
             return True
+        if self._units.is_due(now, moves=self._motion_asked):
+            return True
         return super()._has_work(now)
 
     def _lost(self, now: int) -> str:
@@ -491,6 +509,34 @@ class DriveClient(NodeClient[DriveSettings]):
         if self._motion_asked:
             # Not before: while an answer is waited for, a loss of the drive is told late.
             self._look_for_dropped_objects(now)
+        if self._units.is_due(now, moves=self._motion_asked):
+            self._watch_units(now)
+
+    def _watch_units(self, now: int) -> None:
+        """Read the position, unless a TPDO has it, and one of the objects that tell the units."""
+        units = self._units
+        address = units.next_object(now)
+        if units.has_position and not any("position_actual" in slot.pdo.attributes for slot in self._slots):
+            try:
+                position = self.read_number(POSITION_ACTUAL, signed=True)
+            except SdoAbortedError:
+                units.has_position = False
+            else:
+                self.feedback.position_actual = position
+                units.read_ns = now + (self.loop.now() - now) // 2
+        if address is None:
+            return
+        try:
+            value = self.read_number(*address, signed=signed(self.dictionary, address))
+        except SdoAbortedError:
+            units.forget(address)
+            return
+        told = units.told[address]
+        if value != told:
+            name = f"{address[0]:04X}h" + (f"/{address[1]}" if address[1] else "")
+            self._tell("units", f"{name} was {told:X}h and is {value:X}h now: another tool changes the units")
+            self.learn()
+            self._tell("references", "asked again what its units are")
 
     def _write_values(self, values: _Values, now: int) -> None:
         # Not confirmed while it is written: cycles go on meanwhile.

@@ -13,6 +13,7 @@ from pdgw.ds301.communication import GUARD_TIME, LIFE_TIME_FACTOR
 from pdgw.ds301.connection_set import NMT
 from pdgw.ds301.network import CanNetwork
 from pdgw.ds301.nmt import NmtCommand
+from pdgw.ds301.node import NodeEvent
 from pdgw.dsp402.drive import DriveClient, DriveStatus
 from pdgw.dsp402.faults import DriveFault
 from pdgw.dsp402.indices import ABORT_OPTION
@@ -33,7 +34,7 @@ from pdgw.gateway.motion.wishes import PositionerChoices
 from pdgw.gateway.positioner_parameters import PositionerValues
 from pdgw.gateway.probe import ProbeReader
 from pdgw.gateway.sensor_link import SensorLink
-from pdgw.gateway.store import DoParameters
+from pdgw.gateway.store import DoParameters, UnitsWitnessed
 from pdgw.profidrive.sensor_format import SensorFormat
 from pdgw.profidrive.sign_of_life import MONITORING_OFF
 from pdgw.profidrive.telegrams import telegram
@@ -81,6 +82,8 @@ class Axis(DriveObject):
         self.machine = self._make_machine(number)
         self._links: tuple[SensorLink | None, SensorLink | None] = (None, None)
         """The encoders that are G1 and G2."""
+        self.units_witnessed: UnitsWitnessed | None = None
+        """What was kept of the last axis test."""
         self._brake: Brake = _NO_BRAKE
         self._word = 0
         """The Controlword of the last step."""
@@ -125,6 +128,11 @@ class Axis(DriveObject):
     def outputs(self) -> Outputs:
         return self.machine.outputs
 
+    def on_node_event(self, event: NodeEvent) -> None:
+        super().on_node_event(event)
+        if event.kind == "references":
+            self.references_changed()
+
     # -- cyclic -------------------------------------------------------------------------------------------------------
 
     def step(self, setpoints: Sequence[int] | None, now: int) -> Outputs:
@@ -141,6 +149,7 @@ class Axis(DriveObject):
             inputs.fault_code = self.fault_log.fault_code(self._sound_until - EMERGENCY_PATIENCE_NS)
             inputs.warning_code = self.fault_log.warning_code(present=machine.outputs.warning)
         inputs.node_stopped = drive.nmt_stopped
+        inputs.position_ns = drive.position_ns
         if drive.generation != self._generation:
             self._generation = drive.generation
             inputs.news.append(Configured(drive.drive_type, drive.homing_method))

@@ -184,6 +184,7 @@ class Daemon:
         stored = self.store.parameters.drive_object(config.do_id)
         failures = stored.sign_of_life_tolerance
         axis = Axis(config, network, self.config.transport.cycle_time_ms, stored.telegram, failures)
+        axis.units_witnessed = stored.units_witnessed
         values = axis.positioner_values(stored)
         if values is not None and (stored.positioner or stored.positioner_blocks):
             try:

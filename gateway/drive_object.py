@@ -46,6 +46,7 @@ _NOTICE_OF_KIND = {
     "refused": Notice.REFUSED,
     "set-point": Notice.SET_POINT_REFUSED,
     "off": Notice.OFF,
+    "units": Notice.UNITS_CHANGED,
 }
 _NOTICE_OF_STATUS = {
     NodeStatus.LOST: Notice.LOST,

@@ -359,6 +359,12 @@ class Reason(enum.Enum):
         "hold every level of a control bit until the gateway answers it, or for 3 frames; or count the sign of life in STW2; or "
         "set direct = true where only cables and switches lie between (docs/plc.md)",
     )
+    UNITS_CONTRADICTED = (
+        "the speed contradicts the units of the drive (fault 128): stopped, ON is not obeyed before an acknowledgement",
+        _S.FAULT,
+        _E.NO_FAULT,
+        "check velocity_unit and counts_per_revolution with pdgw axis test, acknowledge with STW1.7, then OFF and ON",
+    )
 
 
 class OrderDoubt(enum.IntEnum):
@@ -388,6 +394,7 @@ class FaultNumber(enum.IntEnum):
     INTERNAL_LIMIT = 112
     POSITIONER = 113
     DSC_GAIN = 114
+    VELOCITY_DEVIATES = 115
     PRESET = 118
     SET_POINT = 119
     CONTROL_LOST = 120
@@ -398,6 +405,7 @@ class FaultNumber(enum.IntEnum):
     STOP_IGNORED = 125
     ENABLE_UNASKED = 126
     FRAME_CHANGED = 127
+    VELOCITY = 128
 
 
 FIRST_WARNING = 108
@@ -439,6 +447,9 @@ GATEWAY_FAULTS: MappingProxyType[int, GatewayFault] = MappingProxyType(
             GatewayFault(FaultNumber.INTERNAL_LIMIT, "internal limit of the drive reached", 0xFF0A, is_warning=True),
             GatewayFault(FaultNumber.POSITIONER, "positioner: task refused or changed", 0xFF0B, is_warning=True),
             GatewayFault(FaultNumber.DSC_GAIN, "gain of DSC limited", 0xFF0C, is_warning=True),
+            GatewayFault(
+                FaultNumber.VELOCITY_DEVIATES, "speed and position do not fit exactly", 0xFF0D, is_warning=True
+            ),
             GatewayFault(FaultNumber.PRESET, "encoder did not take the preset", 0xFF0F, is_warning=True),
             GatewayFault(FaultNumber.SET_POINT, "drive did not take the data of a set-point", 0xFF10, is_warning=True),
             GatewayFault(FaultNumber.CONTROL_LOST, "control by PLC taken away in operation", 0xFF15, is_warning=True),
@@ -449,6 +460,7 @@ GATEWAY_FAULTS: MappingProxyType[int, GatewayFault] = MappingProxyType(
             GatewayFault(FaultNumber.STOP_IGNORED, "drive does not obey a stop", 0xFF16),
             GatewayFault(FaultNumber.ENABLE_UNASKED, "Enable Operation not asked for by the PLC", 0xFF18),
             GatewayFault(FaultNumber.FRAME_CHANGED, "frame of the PLC changed by P922", 0xFF17),
+            GatewayFault(FaultNumber.VELOCITY, "speed contradicts the units of the drive", 0xFF19),
         )
     }
 )

@@ -20,6 +20,7 @@ from pdgw.gateway.drive_object import DriveObject
 from pdgw.gateway.encoder import EncoderObject
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.standing import Standing, axis_standing, encoder_standing
+from pdgw.gateway.witnessed import witness_text
 
 log = logging.getLogger("gateway")
 
@@ -108,6 +109,7 @@ def axis_status(axis: Axis) -> dict[str, Any]:
         "rated_speed": float(scaling.rated_speed_rpm) if scaling and scaling.rated_speed_rpm else None,
         "rated_speed_unit": "rpm",
         "scaling": list(scaling.lines) if scaling else [],
+        "units_witnessed": witness_text(axis.units_witnessed, axis.drive.serial_number, scaling) if scaling else "",
         "pdos": list(plan.lines) if plan is not None else [],
         "guarding": axis.drive.guarding.text if axis.drive.guarding is not None else "",
     }

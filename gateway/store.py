@@ -21,6 +21,20 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from pdgw.gateway.errors import GatewayError
 
 
+class UnitsWitnessed(BaseModel):
+    """A person saw the shaft of an axis turn as far as it was told (axis test): when, which drive, with which units."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    date: Annotated[str, Field(pattern=r"^\d{4}-\d{2}-\d{2}$")]
+    serial_number: Annotated[int, Field(ge=0, le=0xFFFF_FFFF)]
+    """1018h/4; 0 for a drive without one."""
+    velocity_per_rpm: str
+    """Velocity units of one rpm, an exact fraction."""
+    counts_per_revolution: str = ""
+    """Position units of one revolution, an exact fraction; empty where they are not known."""
+
+
 class DoParameters(BaseModel):
     """Stored parameters of one drive object; None where the configuration's value still holds."""
 
@@ -37,6 +51,7 @@ class DoParameters(BaseModel):
     """Parameters of a positioner by PNU, beside those of its blocks."""
     positioner_blocks: dict[int, tuple[int, ...]] = Field(default_factory=dict)
     """P2616 to P2623 of blocks by number."""
+    units_witnessed: UnitsWitnessed | None = None
 
 
 class DeviceParameters(BaseModel):

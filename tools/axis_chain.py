@@ -13,6 +13,10 @@ _UNCERTAIN_S = Fraction(2, 100)
 """Of the moment a position is of."""
 
 
+_SEEN_TURNS, _SEEN_SHARE = Fraction(1, 2), Fraction(15, 100)
+"""So exactly does a person see and count turns."""
+
+
 @dataclass(frozen=True, slots=True)
 class Measurement:
     """A speed that was held, in the drive's units: what was commanded and what was seen."""
@@ -78,6 +82,20 @@ def judge(drive: DriveType, held: Measurement) -> Judgement:
             f"if at {_g(seen)} rpm, one unit of 60FFh is {_g(seen / held.target)} rpm"
         )
     return Judgement(passed, tuple(lines), speed, factor)
+
+
+def judge_turns(typed: str, turns: Fraction) -> tuple[bool, str]:
+    """Whether a person typed a number of turns, and what is wrong with it for a shaft that had to make so many."""
+    try:
+        seen = Fraction(typed.strip().replace(",", "."))
+    except (ValueError, ZeroDivisionError):
+        return False, ""
+    if abs(abs(seen) - turns) <= max(_SEEN_TURNS, _SEEN_SHARE * turns):
+        return True, ""
+    return True, (
+        f"the mark made {_g(seen)} turns, commanded were {_g(turns)}: velocity_unit, counts_per_revolution, gear or 608Fh is "
+        f"wrong by {_g(abs(seen) / turns)}"
+    )
 
 
 def _g(value: Fraction) -> str:

@@ -15,7 +15,7 @@ from canopen.sdo import SdoAbortedError, SdoCommunicationError
 from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.loop import Timer
 from pdgw.ds301.node import NodeStatus
-from pdgw.dsp402.drive_type import DriveType, Quantity
+from pdgw.dsp402.drive_type import DriveType, Quantity, Scaling
 from pdgw.dsp402.indices import POSITION_ACTUAL
 from pdgw.durations import MS, SECOND, SECONDS_PER_MINUTE
 from pdgw.gateway.config import GatewayConfig
@@ -28,7 +28,7 @@ from pdgw.gateway.reasons import FaultNumber
 from pdgw.peers.plc.endpoint import PlcEndpoint
 from pdgw.profidrive.signals import signal
 from pdgw.profidrive.telegrams import telegram
-from pdgw.tools.axis_chain import Measurement, judge, rpm
+from pdgw.tools.axis_chain import Measurement, judge, judge_turns, rpm
 
 TELEGRAM = 1
 _CYCLE_NS = 10 * MS
@@ -53,6 +53,8 @@ _SHORTEST_NS = 500 * MS
 _SETTLED = Fraction(10, 100)
 _STILL = Fraction(25, 10_000)
 """Of 100 %."""
+TURNS = "the number of turns"
+"""What has to be typed after the move."""
 _TOO_FAR, _MARGIN = Fraction(3, 2), Fraction(1, 10)
 """Times what was commanded, and turns beyond it."""
 _NSOLL, _STW1, _NIST, _ZSW1 = map(signal, ("NSOLL_A", "STW1", "NIST_A", "ZSW1"))
@@ -102,6 +104,12 @@ class Outcome:
     """By 6064h and its time; None where the drive has none, or its unit is not known."""
     moved: int | None = None
     """Of 6064h from the first to the last standstill."""
+    witnessed: bool = False
+    """A person saw the shaft make the turns that were commanded."""
+    scaling: Scaling | None = None
+    """The units that were tested,"""
+    serial_number: int = 0
+    """and the drive: 1018h/4."""
 
 
 def configuration(config: GatewayConfig, do_id: int) -> GatewayConfig:
@@ -123,7 +131,8 @@ def configuration(config: GatewayConfig, do_id: int) -> GatewayConfig:
 class AxisTest:
     """``run`` is for a task on the edge's loop.
 
-    ``tell`` shows a line. ``confirm`` is given what has to be typed and calls back, on the loop, with what was.
+    ``tell`` shows a line. ``confirm`` is given what has to be typed and calls back, on the loop, with what was; for the turns
+    that a person saw it is given ``TURNS``.
     """
 
     def __init__(
@@ -215,8 +224,10 @@ class AxisTest:
             self._tell("it is not turned faster")
         self._command(_ON)
         self._wait(self._stands, _SETTLING_NS, "standstill")
-        self._show_way(drive)
+        turns = self._show_way(drive)
         self._stop(_OFF)
+        if self.outcome.passed:
+            self._ask_for_turns(drive, turns)
 
     # -- nobody else ----------------------------------------------------------------------------------------------------
 
@@ -452,13 +463,35 @@ class AxisTest:
         outcome.passed = judgement.passed
         outcome.speed_factor, outcome.position_factor = judgement.speed_factor, judgement.position_factor
 
-    def _show_way(self, drive: DriveType) -> None:
+    def _show_way(self, drive: DriveType) -> Fraction:
+        """Show how far 6064h moved; the turns that the shaft has to have made."""
         end, counts = self._position(), drive.scaling.counts_per_revolution
         if end is None or self._begun is None:
-            return
+            return self._commanded
         moved = self.outcome.moved = end - self._begun
-        turns = "" if counts is None else f" = {float(Fraction(moved) / counts):.2f} turns of the motor"
-        self._tell(f"in all     6064h {moved:+d}{turns}: compare a mark on the shaft")
+        self._tell(f"in all     6064h {moved:+d}")
+        return self._commanded if counts is None else abs(Fraction(moved) / counts)
+
+    def _ask_for_turns(self, drive: DriveType, turns: Fraction) -> None:
+        """Drive and gateway agree also where both have the wrong resolution: only a person sees the shaft."""
+        outcome, typed = self.outcome, list[str]()
+        outcome.scaling, outcome.serial_number = drive.scaling, self._axis.drive.serial_number
+        self._tell(
+            "Only a person sees whether the shaft did it. How many turns did the mark on the shaft of the motor make?"
+        )
+        self._confirm(TURNS, typed.append)
+        try:
+            self._wait(lambda: typed, _TYPING_NS, "something was typed")
+        except InterruptError:
+            raise
+        except DoubtError as error:
+            self._tell(f"not witnessed: {error}")
+            return
+        seen, wrong = judge_turns(typed[0], turns)
+        outcome.witnessed = seen and not wrong
+        outcome.passed = not wrong
+        if not outcome.witnessed:
+            self._tell(wrong or "not witnessed: no number of turns")
 
 
 def _turns_over(drive: DriveType) -> tuple[int, ...]:

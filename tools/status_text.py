@@ -133,7 +133,8 @@ def _object(item: dict[str, Any], kind: str, width: int) -> Iterator[str]:
     if not item["iops_good"]:
         yield "  its values are marked bad (IOPS)"
     guarding = [f"when the gateway dies it is stopped by: {item['guarding']}"] if item.get("guarding") else []
-    for line in (*item.get("scaling", ()), *item.get("pdos", ()), *guarding):
+    witnessed = [item["units_witnessed"]] if item.get("units_witnessed") else []
+    for line in (*item.get("scaling", ()), *witnessed, *item.get("pdos", ()), *guarding):
         yield from _folded(line, width, 4, "  ")
     for fault in item["faults"]:
         what = ("active " if fault["active"] else "") + ("warning" if fault["is_warning"] else "fault")

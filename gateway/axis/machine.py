@@ -42,6 +42,7 @@ from pdgw.gateway.axis.values import (
     SdoAnswer,
     gateway_fault,
 )
+from pdgw.gateway.axis.velocity_check import VelocityCheck
 from pdgw.gateway.axis.waist import (
     SHOWN_FAULT,
     SHOWN_STATE,
@@ -73,6 +74,7 @@ _POWERED_UNREAD: Final = Drive.POWERED_UNREAD
 _NO_REFERENCES: Final = Drive.NO_REFERENCES
 _DRIVE_OFFLINE: Final = Reason.DRIVE_OFFLINE
 _NO_CONTROL: Final = Reason.NO_CONTROL
+_UNITS_CONTRADICTED: Final = Reason.UNITS_CONTRADICTED
 _EXECUTORS: dict[Kind, Callable[[AxisCycle], Executor]] = {
     Kind.SPEED: SpeedExecutor,
     Kind.DSC: DscExecutor,
@@ -125,6 +127,8 @@ class AxisMachine:
         has_life = "STW2" in self.telegram.setpoints.names
         self.life = LifeWords(self.telegram, settings.sign_of_life_failures) if has_life else None
         self._stop = StopWatch(settings.reaction_ns, settings.stop_time_ns)
+        self.check = VelocityCheck(settings.stop_time_ns)
+        self._follows_speed = kind is Kind.SPEED or kind is Kind.LOAD
         self._needed = needed_quantities(self.telegram)
         self.shows_codes = "FAULT_CODE" in self.telegram.actuals.names
         """The telegram has numbers of faults and warnings: ``Inputs`` has to have them."""
@@ -160,6 +164,7 @@ class AxisMachine:
         self._node = other._node
         self._node.tell_to(self.outputs)
         self.notes.troubles = self._node.troubles
+        self.check.locked = other.check.locked
 
     # -- the step -----------------------------------------------------------------------------------------------------
 
@@ -187,7 +192,7 @@ class AxisMachine:
             self._without_control()
         elif self._control_lost:
             self._control_lost = False
-        if self._usable:
+        if self._usable and not self.check.locked:
             velocity, window = feedback.velocity_actual, self._window
             standstill = -window <= velocity <= window
             trouble = None if drive_ok else _LOST
@@ -198,6 +203,7 @@ class AxisMachine:
             between = self._interpolation
             reason = executor.step() if between is None else between.step(executor)
             if drive_ok:
+                self._check_velocity(interlock.action, now)
                 cell = interlock.cell
                 shown = (SHOWN_STATE if cell.operating else SHOWN_UNCOMMANDED)[statusword & STATE_MASK]
                 flags = report.flags | shown | statusword & cell.visible
@@ -209,7 +215,8 @@ class AxisMachine:
             powered = drive_ok and STATE_OF_STATUS[statusword & STATE_MASK] in POWERED
             trouble = _POWERED_UNREAD if powered else _NO_REFERENCES
             self.cycle.controlword = interlock.step(wish, demand.acknowledge, trouble, statusword, False, now)
-            reason = interlock.reason if drive_ok else _DRIVE_OFFLINE
+            doubt = _UNITS_CONTRADICTED if self.check.locked else interlock.reason
+            reason = doubt if drive_ok else _DRIVE_OFFLINE
             if self._interpolation is None:
                 executor.refuse()
             else:
@@ -250,10 +257,12 @@ class AxisMachine:
         outputs.brake = self._stop.brake
         acknowledgement = self.acknowledgement
         if demand.acknowledge or acknowledgement.waits:
-            faulty = STATE_OF_STATUS[statusword & STATE_MASK] in FAULTY
+            state = STATE_OF_STATUS[statusword & STATE_MASK]
+            faulty = state in FAULTY or (self.check.locked and state in POWERED)
             if acknowledgement.step(demand.connected and demand.acknowledge, drive_ok, faulty, now):
                 outputs.acknowledged = outputs.eventful = True
                 self._node.troubles.over()
+                self.check.locked = False
         limited, refused = shown & _INTERNAL_LIMIT != 0, inputs.set_point_refused
         if reason is None and (limited or refused):
             reason = Reason.SET_POINT_REFUSED if refused else Reason.INTERNAL_LIMIT
@@ -266,6 +275,17 @@ class AxisMachine:
         if notes.faults:
             self._tell_faults()
         return outputs
+
+    def _check_velocity(self, action: Action, now: int) -> None:
+        """Units that prove wrong are units that are not known: the next step stops the drive (``VelocityCheck.locked``)."""
+        feedback = self.inputs.feedback
+        operating = action is Action.ENABLE_OPERATION or action is Action.PASS
+        target = self.outputs.command.target_velocity if self._follows_speed else None
+        found = self.check.step(
+            operating, target, feedback.velocity_actual, feedback.position_actual, self.inputs.position_ns, now
+        )
+        if found is not None:
+            self.notes.faults.append(found)
 
     def _watch_stop(self, action: Action) -> None:
         inputs = self.inputs
@@ -331,6 +351,9 @@ class AxisMachine:
             if isinstance(item, NodeNotice):
                 if item.notice is Notice.OFF:
                     self.outputs.known_off = True
+                elif item.notice is Notice.UNITS_CHANGED:
+                    self.check.locked = True
+                    notes.faults.append((FaultNumber.VELOCITY, item.text))
                 else:
                     self._node.take(item)
             elif isinstance(item, Configured):
@@ -395,4 +418,5 @@ class AxisMachine:
         speed = drive.scaling.reference(Quantity.SPEED)
         self._window = max(1, int(speed * self.settings.standstill_window))
         self._stop.reference = int(speed)
+        self.check.set_drive(drive.scaling, self._window)
         self._usable = True

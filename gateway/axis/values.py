@@ -35,6 +35,7 @@ class Notice(enum.Enum):
     LOST = "was online, is not any more"
     BUS_LOST = "its bus failed"
     OFF = "found without power before it was configured"
+    UNITS_CHANGED = "an object that tells its units has another value"
     ONLINE = "in operation"
     ABSENT = "does not answer"
     PROGRESS = "anything else"
@@ -188,6 +189,7 @@ class Inputs:
         "news",
         "node_stopped",
         "now",
+        "position_ns",
         "sensors",
         "set_point_refused",
         "setpoints",
@@ -204,6 +206,8 @@ class Inputs:
         self.feedback = feedback
         self.drive_ok = False
         """The drive is configured and its data is fresh."""
+        self.position_ns = 0
+        """When the newest position of the feedback (6064h) came; 0 never."""
         self.node_stopped = False
         """The heartbeat of the drive says Stopped (NMT)."""
         self.fault_code = 0

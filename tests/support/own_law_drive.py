@@ -57,6 +57,9 @@ class _Shaft(SimulatedNode):
         self.modes_of_operation = self.modes_of_operation_display = 2 if law.vl else 3
         self._word = 0
         self._at = self._enabled_at = 0
+        self.stopped_at = 0
+        """When operation ended."""
+        self.states: set[State] = set()
         super().__init__(node_id, _objects(law), self, send)
         self._show()
 
@@ -72,9 +75,16 @@ class _Shaft(SimulatedNode):
         before = self.drive_state
         self.drive_state = next_state(before, self.controlword, self._word)
         self._word = self.controlword
+        self.states.add(self.drive_state)
         if self.drive_state is State.OPERATION_ENABLED and before is not State.OPERATION_ENABLED:
             self._enabled_at = self.now
+        if before is State.OPERATION_ENABLED and self.drive_state is not before:
+            self.stopped_at = self.now
         self._show()
+
+    def on_reset(self) -> None:
+        self.drive_state, self.rpm = State.SWITCH_ON_DISABLED, 0.0
+        self.controlword = self.target_velocity = self._word = 0
 
     def on_nmt(self, state: NmtState) -> None:
         if state is not NmtState.OPERATIONAL:

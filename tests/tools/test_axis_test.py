@@ -12,18 +12,22 @@ from random import Random
 import pytest
 
 from pdgw.ds301.connection_set import ERROR_CONTROL
+from pdgw.ds301.objects import Access, CanType, Entry, array, var
 from pdgw.dsp402.states import State
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.config import GatewayConfig
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.status import snapshot
+from pdgw.gateway.store import ParameterStore
+from pdgw.gateway.witnessed import witness_text, witnessed
 from pdgw.peers.drive import ENGEL, Shape, SimulatedDrive, shape
 from pdgw.peers.drive.model import DriveModel
 from pdgw.peers.world import World
-from pdgw.tools.axis_test import AxisTest, Choices, Outcome
+from pdgw.tools.axis_test import TURNS, AxisTest, Choices, Outcome
 from pdgw.tools.on_loop import complete
 from tests.support.cli import pdgw
-from tests.support.daemon import axis, configuration
+from tests.support.daemon import axis, configuration, running, until
 from tests.support.processes import PATIENT
 
 BUS = "world"
@@ -43,6 +47,7 @@ class Site:
         shape: Shape = ENGEL,
         *,
         typed: str | None = "turn 1",
+        turns: str | None = "",
         choices: Choices = CHOICES,
         config: GatewayConfig | None = None,
     ) -> None:
@@ -57,8 +62,9 @@ class Site:
 
         def confirm(wanted: str, answer: Callable[[str], None]) -> None:
             self.asked.append(wanted)
-            if typed is not None:
-                answer(typed + "\n")
+            text = turns if wanted == TURNS else typed
+            if text is not None:
+                answer(text + "\n")
 
         self.test = AxisTest(self.config, 1, self.world, self.lines.append, confirm, choices)
         self._watch()
@@ -114,6 +120,35 @@ def test_a_drive_of_any_shape_turns_as_it_is_told_and_not_further(name: str) -> 
     assert site.fastest < 61
     assert site.stands_without_power()
     assert any(line.startswith("in all     6064h +") for line in site.lines)
+
+
+@pytest.mark.parametrize(
+    ("turns", "passed", "witnessed"),
+    [("2.5", True, True), ("2,6", True, True), ("", True, False), ("yes", True, False), (None, True, False)],
+)
+def test_without_a_number_of_turns_nothing_is_witnessed(turns: str | None, passed: bool, witnessed: bool) -> None:
+    site = Site(turns=turns)
+    outcome = site.run()
+    assert (outcome.passed, outcome.witnessed) == (passed, witnessed)
+    assert any(line.startswith("not witnessed") for line in site.lines) is not witnessed
+    assert site.asked == ["turn 1", TURNS]
+    assert site.stands_without_power(), "while the person counts"
+
+
+def test_resolution_that_is_wrong_everywhere_is_found_by_the_mark() -> None:
+    honest = shape("counts")
+    own = [spec for spec in honest.has if spec.index not in {0x607F, 0x608F}]
+    parts = (Entry(0x608F, sub, "", CanType.U32, default=16 * TURN if sub == 1 else 1) for sub in (1, 2))
+    resolution = array(0x608F, "Position encoder resolution", *parts)
+    limit = var(0x607F, "Max profile velocity", CanType.U32, Access.RW, default=16 * 204_800)
+    site = Site(shape=replace(honest, has=(*own, limit, resolution)), turns="41")
+    outcome = site.run()
+    assert outcome.position_factor is not None
+    assert abs(outcome.position_factor - 1) < Fraction(1, 50), "drive and gateway agree"
+    assert 35 < site.turned < 48
+    assert not outcome.passed
+    assert not outcome.witnessed
+    assert any("the mark made 41 turns, commanded were 2." in line for line in site.lines)
 
 
 def test_the_other_direction_and_another_speed_are_a_choice() -> None:
@@ -328,6 +363,37 @@ def test_an_axis_that_is_none_is_told_with_those_there_are() -> None:
         AxisTest(configuration(axis(1)), 7, World(), print, lambda *_: None, CHOICES)
 
 
+def test_kept_witness_is_of_one_drive_and_its_units() -> None:
+    outcome = Site(turns="2.5").run()
+    assert outcome.scaling is not None
+    kept = witnessed("2026-11-22", outcome.serial_number, outcome.scaling)
+    assert outcome.serial_number == 1
+    assert witness_text(kept, 1, outcome.scaling) == "units witnessed on 2026-11-22 (axis test)"
+    assert "never witnessed" in witness_text(None, 1, outcome.scaling)
+    other = witness_text(kept, 2, outcome.scaling)
+    assert other == (
+        "units never witnessed (pdgw axis test): the axis test of 2026-11-22 was of the drive with serial number 1, this is 2"
+    )
+    changed = replace(outcome.scaling, velocity_per_rpm=Fraction(1))
+    assert witness_text(kept, 1, changed).endswith("was of other units")
+
+
+def test_status_says_whether_the_units_were_witnessed(tmp_path: Path) -> None:
+    outcome = Site(turns="2.5").run()
+    assert outcome.scaling is not None
+    store = ParameterStore(tmp_path / "store.json", print)
+    kept = witnessed("2026-11-22", outcome.serial_number, outcome.scaling)
+    for expected, path in (
+        ("units never witnessed (pdgw axis test)", None),
+        ("units witnessed on 2026-11-22 (axis test)", store.path),
+    ):
+        store.update(lambda parameters: setattr(parameters.drive_object(1), "units_witnessed", kept))
+        with running(configuration(axis(1)).model_copy(update={"store": path})) as daemon:
+            until(daemon, lambda: daemon.axes[0].drive.generation, "online")
+            (status,) = snapshot(daemon)["axes"]
+            assert status["units_witnessed"] == expected
+
+
 @pytest.mark.e2e
 def test_the_command_turns_a_simulated_axis_after_what_was_typed(tmp_path: Path) -> None:
     file = tmp_path / "gateway.toml"
@@ -336,10 +402,11 @@ def test_the_command_turns_a_simulated_axis_after_what_was_typed(tmp_path: Path)
         "[[axis]]\ndo_id = 3\nnode_id = 5\ntelegram = 9\nsimulate = true\n" + PATIENT
     )
     for _ in range(40):
-        result = pdgw("axis", "test", "3", str(file), "--percent", "10", "--turns", "0.5", text="turn 3\n")
+        result = pdgw("axis", "test", "3", str(file), "--percent", "10", "--turns", "0.5", text="turn 3\n4\n")
         # Whoever is held up, the drive or this process, finds the way travelled and its time in doubt, and is right in it.
         if not result.returncode:
             break
     assert result.returncode == 0, result.stdout + result.stderr
     assert "Type 'turn 3' to go on:" in result.stdout
-    assert result.stdout.rstrip().endswith("the axis does what is commanded")
+    assert "the axis does what is commanded" in result.stdout
+    assert "units witnessed on" in result.stdout

@@ -7,6 +7,7 @@ import sys
 import threading
 from collections.abc import Callable
 from contextlib import ExitStack
+from datetime import date
 from fractions import Fraction
 from pathlib import Path
 from typing import Annotated
@@ -17,7 +18,9 @@ from pdgw.ds301.loop import Loop
 from pdgw.gateway.config_file import load_config
 from pdgw.gateway.edge import SystemEdge
 from pdgw.gateway.errors import GatewayError
-from pdgw.tools.axis_test import AxisTest, Choices
+from pdgw.gateway.store import ParameterStore
+from pdgw.gateway.witnessed import witnessed
+from pdgw.tools.axis_test import TURNS, AxisTest, Choices
 from pdgw.tools.beside import devices_beside
 from pdgw.tools.endings import INTERRUPTED
 from pdgw.tools.on_loop import complete
@@ -60,14 +63,26 @@ def try_out(
         raise typer.Exit(INTERRUPTED)
     if not outcome.passed:
         raise GatewayError(f"DO {do_id}: {outcome.doubt or 'the axis does not do what is commanded'}")
+    if not outcome.witnessed or outcome.scaling is None:
+        raise GatewayError(
+            f"DO {do_id}: not witnessed: drive and gateway agree, but nobody has seen the turns of the shaft"
+        )
+    today = date.today().isoformat()
+    kept = witnessed(today, outcome.serial_number, outcome.scaling)
+    store = ParameterStore(loaded.store, typer.echo)
+    store.update(lambda parameters: setattr(parameters.drive_object(do_id), "units_witnessed", kept))
     typer.echo("the axis does what is commanded")
+    if loaded.store is not None:
+        typer.echo(
+            f"units witnessed on {today}, drive with serial number {outcome.serial_number}: kept in {loaded.store}"
+        )
 
 
 def _asking(loop: Loop) -> Callable[[str, Callable[[str], None]], None]:
     """Asks on the terminal while the gateway goes on; the end of the input is no confirmation."""
 
     def ask(wanted: str, answer: Callable[[str], None]) -> None:
-        typer.echo(f"Type '{wanted}' to go on: ", nl=False)
+        typer.echo("Turns: " if wanted == TURNS else f"Type '{wanted}' to go on: ", nl=False)
 
         def read() -> None:
             line = sys.stdin.readline()

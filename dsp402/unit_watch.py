@@ -1,0 +1,75 @@
+"""What of a drive has to be read again while it moves: objects that tell its units, and its position where no TPDO has it.
+
+Another tool may write a unit object at any time, and the drive then turns faster than it is told. Source: docs/units.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Final
+
+from pdgw.ds301.objects import ObjectAddress
+from pdgw.dsp402.indices import (
+    FEED_CONSTANT,
+    GEAR_RATIO,
+    POSITION_ENCODER_RESOLUTION,
+    POSITION_FACTOR,
+    SI_UNIT_VELOCITY,
+    VELOCITY_DIMENSION,
+    VELOCITY_ENCODER_FACTOR,
+    VELOCITY_ENCODER_RESOLUTION,
+    VELOCITY_FACTOR,
+    VELOCITY_NOTATION,
+)
+from pdgw.durations import MS, SECOND
+
+_FAST_NS: Final = 100 * MS
+_BEGINNING_NS: Final = 2 * SECOND
+"""From the first command to move: units that are wrong have to show soon."""
+_SLOW_NS: Final = 200 * MS
+_WATCHED: Final = (
+    SI_UNIT_VELOCITY,
+    VELOCITY_FACTOR,
+    VELOCITY_ENCODER_FACTOR,
+    VELOCITY_NOTATION,
+    VELOCITY_DIMENSION,
+    VELOCITY_ENCODER_RESOLUTION,
+    POSITION_ENCODER_RESOLUTION,
+    GEAR_RATIO,
+    FEED_CONSTANT,
+    POSITION_FACTOR,
+)
+"""What the unit of velocities can depend on, the likeliest first."""
+
+
+class UnitWatch:
+    """Of one drive, from one description of it to the next."""
+
+    def __init__(self, answers: Mapping[ObjectAddress, int]) -> None:
+        self._turn = [address for index in _WATCHED for address in sorted(answers) if address[0] == index]
+        self.told = {address: answers[address] for address in self._turn}
+        """What each of these objects said."""
+        self.has_position = True
+        self.read_ns = 0
+        """When the position was read last; 0 never."""
+        self._begun = self._due = 0
+
+    def is_due(self, now: int, *, moves: bool) -> bool:
+        """Whether something has to be read; ``moves``: the drive is commanded to."""
+        if not moves:
+            self._begun = 0
+            return False
+        self._begun = self._begun or now
+        return now >= self._due
+
+    def next_object(self, now: int) -> ObjectAddress | None:
+        """The object whose turn it is; None for a drive that tells no units."""
+        self._due = now + (_FAST_NS if now - self._begun < _BEGINNING_NS else _SLOW_NS)
+        if not self._turn:
+            return None
+        self._turn.append(self._turn.pop(0))
+        return self._turn[-1]
+
+    def forget(self, address: ObjectAddress) -> None:
+        """It cannot be read any more."""
+        self._turn.remove(address)

@@ -1,0 +1,184 @@
+"""Whether an axis turns as fast as it shows and as it is told: position against clock, speed against setpoint.
+
+60FFh and 606Ch share their unit and agree even when it is wrong; the position 6064h, with a clock, does not. The check is pure:
+the values of a cycle in, a contradiction out. Source: docs/units.md "The check in operation".
+"""
+
+from __future__ import annotations
+
+from statistics import median
+from typing import Final
+
+from pdgw.dsp402.drive_type import Quantity, Scaling
+from pdgw.durations import MS, SECOND, SECONDS_PER_MINUTE
+from pdgw.gateway.reasons import FaultNumber
+
+SAMPLE_NS: Final = 100 * MS
+"""Positions are compared over steps of at least this time."""
+_STEPS: Final = 4
+"""The median of so many steps counts: one jump of the position (homing, preset) is none."""
+_FAULT: Final = (0.2, 5.0)
+_WARNING: Final = (0.8, 1.25)
+_STEADY: Final = 1.1
+_FEWEST_COUNTS: Final = 20
+"""A step of fewer position units is too small to be compared."""
+_OVERSPEED: Final = 1.5
+"""Times the setpoint,"""
+_OVERSPEED_NS: Final = 500 * MS
+"""for so long, is no overshoot."""
+_GROWING: Final = 1.2
+"""Above this, times the setpoint,"""
+_GROWTH: Final = 1.01
+"""a speed that is so many times the one a step before"""
+_GROWTH_STEPS: Final = 5
+"""so often in a row keeps growing."""
+_POSITIONS: Final = 1 << 32
+"""A position begins anew after so many units, unless 607Bh says less."""
+_RAMP_MARGIN: Final = 2
+"""So many times its stop time may a drive take for a slower setpoint."""
+
+
+class VelocityCheck:
+    """One axis. ``step`` in each cycle; ``locked``: a contradiction was found, and nobody has acknowledged it yet."""
+
+    __slots__ = (
+        "_at",
+        "_ceiling",
+        "_counts",
+        "_counts_per_unit",
+        "_expected",
+        "_floor",
+        "_full",
+        "_grown",
+        "_grown_at",
+        "_grown_speed",
+        "_over_since",
+        "_position",
+        "_position_ns",
+        "_span",
+        "_steps",
+        "_stop_time",
+        "_target",
+        "_warned",
+        "locked",
+    )
+
+    def __init__(self, stop_time_ns: int) -> None:
+        self.locked = False
+        self._stop_time = stop_time_ns
+        self._counts_per_unit = 0.0
+        """Position units a second of one velocity unit; 0 where one of them is not known."""
+        self._counts = 0.0
+        self._full = self._floor = 0
+        self._span = _POSITIONS
+        self._restart()
+
+    def set_drive(self, scaling: Scaling, window: int) -> None:
+        """What the drive's units are; ``window``: speeds within it are standstill."""
+        counts, per_rpm = scaling.counts_per_revolution, scaling.velocity_per_rpm
+        if counts is None or per_rpm is None:
+            self._counts = self._counts_per_unit = 0.0
+        else:
+            self._counts = float(counts)
+            self._counts_per_unit = float(counts / per_rpm / SECONDS_PER_MINUTE)
+        limits = scaling.position_range if scaling.position_wraps else None
+        self._span = _POSITIONS if limits is None else limits[1] - limits[0] + 1
+        self._full = int(scaling.reference(Quantity.SPEED))
+        self._floor = window
+        self._restart()
+
+    def _restart(self) -> None:
+        self._at = -1
+        self._expected = 0.0
+        self._position = self._position_ns = 0
+        self._steps: tuple[tuple[float, float], ...] = ()
+        """Of each step, what 6064h moved and what 606Ch says, in position units."""
+        self._target = 0
+        self._ceiling = 0.0
+        self._over_since = -1
+        self._grown = self._grown_at = self._grown_speed = 0
+        self._warned = False
+
+    def step(
+        self, operating: bool, target: int | None, velocity: int, position: int, position_ns: int, now: int
+    ) -> tuple[FaultNumber, str] | None:
+        """One cycle; what does not fit, when it is found.
+
+        ``operating``: the drive follows the PLC. ``target``: the speed it is sent, None where it follows something else.
+        ``position``, ``position_ns``: the newest 6064h and when it came, 0 never. Times are monotonic nanoseconds.
+        """
+        if not operating:
+            if self._at >= 0:
+                self._restart()
+            return None
+        speed, elapsed = abs(velocity), now - self._at if self._at >= 0 else 0
+        if self._at < 0:
+            self._ceiling = float(speed)
+        self._at = now
+        self._expected += velocity * elapsed / SECOND * self._counts_per_unit
+        text = "" if target is None else self._overspeed(abs(target), speed, elapsed, now)
+        if text:
+            self.locked = True
+            return FaultNumber.VELOCITY, text
+        if self._counts_per_unit and position_ns - self._position_ns >= SAMPLE_NS:
+            return self._compare(position, position_ns)
+        return None
+
+    def _overspeed(self, target: int, speed: int, elapsed: int, now: int) -> str:
+        """606Ch above the setpoint for longer than an overshoot, or growing; a drive on its ramp down may take its time."""
+        falls = self._full * elapsed / (_RAMP_MARGIN * self._stop_time)
+        self._ceiling = max(_OVERSPEED * target + self._floor, self._ceiling - falls)
+        if not target or speed <= self._ceiling:
+            self._over_since = -1
+        elif self._over_since < 0:
+            self._over_since = now
+        elif now - self._over_since >= _OVERSPEED_NS:
+            return f"606Ch is {speed} with a setpoint of {target}, above 150 %"
+        if target != self._target:
+            self._target = target
+            self._grown, self._grown_at, self._grown_speed = 0, now, speed
+        elif now - self._grown_at >= SAMPLE_NS:
+            grows = target and speed > _GROWING * target + self._floor and speed > _GROWTH * self._grown_speed
+            self._grown = self._grown + 1 if grows else 0
+            self._grown_at, self._grown_speed = now, speed
+            if self._grown >= _GROWTH_STEPS:
+                return f"606Ch is {speed} and keeps growing with a constant setpoint of {target}"
+        return ""
+
+    def _compare(self, position: int, position_ns: int) -> tuple[FaultNumber, str] | None:
+        """6064h has moved on: by how much, and by how much it should have."""
+        duration = (position_ns - self._position_ns) / SECOND if self._position_ns else 0.0
+        moved = abs(_shortest(position - self._position, self._span))
+        expected = abs(self._expected)
+        self._position, self._position_ns, self._expected = position, position_ns, 0.0
+        if not duration:
+            return None
+        least = max(_FEWEST_COUNTS, self._floor * self._counts_per_unit * duration)
+        if max(moved, expected) < least:
+            self._steps = ()
+            return None
+        self._steps = (*self._steps[1 - _STEPS :], (moved / duration, max(expected, least) / duration))
+        if len(self._steps) < _STEPS:
+            return None
+        seen, shown = (median(values) for values in zip(*self._steps, strict=True))
+        return self._judge(seen, shown)
+
+    def _judge(self, seen: float, shown: float) -> tuple[FaultNumber, str] | None:
+        factor = seen / shown
+        if _WARNING[0] <= factor <= _WARNING[1]:
+            return None
+        rpm = SECONDS_PER_MINUTE / self._counts
+        text = f"6064h moves at {seen * rpm:.4g} rpm, 606Ch says {shown * rpm:.4g} rpm: factor {factor:.3g}"
+        if not _FAULT[0] <= factor <= _FAULT[1]:
+            self.locked = True
+            return FaultNumber.VELOCITY, text
+        shares = [expected for _, expected in self._steps]
+        if self._warned or max(shares) > _STEADY * min(shares):
+            return None  # on a ramp a position that comes later than the speed makes a difference of its own
+        self._warned = True
+        return FaultNumber.VELOCITY_DEVIATES, text
+
+
+def _shortest(step: int, span: int) -> int:
+    """The way between two positions of a counter that begins anew after ``span``."""
+    return (step + span // 2) % span - span // 2

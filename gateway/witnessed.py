@@ -1,0 +1,32 @@
+"""What a person has seen of the units of an axis: made by ``pdgw axis test``, shown by ``pdgw status``."""
+
+from __future__ import annotations
+
+from pdgw.dsp402.drive_type import Scaling
+from pdgw.gateway.store import UnitsWitnessed
+
+NEVER = "units never witnessed (pdgw axis test)"
+
+
+def witnessed(date: str, serial_number: int, scaling: Scaling) -> UnitsWitnessed:
+    """What is kept of a test on a day (``2026-11-22``) of the drive with this serial number (1018h/4) and these units."""
+    counts = scaling.counts_per_revolution
+    return UnitsWitnessed(
+        date=date,
+        serial_number=serial_number,
+        velocity_per_rpm=str(scaling.velocity_per_rpm),
+        counts_per_revolution="" if counts is None else str(counts),
+    )
+
+
+def witness_text(kept: UnitsWitnessed | None, serial_number: int, scaling: Scaling) -> str:
+    """For a person: whether the units that this drive has now have been witnessed."""
+    if kept is None:
+        return NEVER
+    now = witnessed(kept.date, serial_number, scaling)
+    if now == kept:
+        return f"units witnessed on {kept.date} (axis test)"
+    other = "of other units"
+    if now.serial_number != kept.serial_number:
+        other = f"of the drive with serial number {kept.serial_number}, this is {serial_number}"
+    return f"{NEVER}: the axis test of {kept.date} was {other}"

@@ -1,0 +1,78 @@
+"""An axis whose speed contradicts its units: stopped by a quick stop, locked until acknowledged, then OFF and ON again."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from pdgw.dsp402.states import State
+from pdgw.durations import SECOND
+from pdgw.gateway.daemon import Daemon
+from pdgw.gateway.reasons import FaultNumber, Reason
+from tests.support.daemon import OFF, ON, Plc, axis, configuration, running, until, world_of
+from tests.support.own_law_drive import Law, OwnLawDrive
+
+ACKNOWLEDGE = 1 << 7
+_OBJECTS = {(0x6080, 0): 3000, (0x60A9, 0): 0x00B4_4700, (0x608F, 1): 4096, (0x608F, 2): 1}
+LIES = Law(8.0, objects=_OBJECTS)
+"""60A9h says rpm, one unit is 8 rpm."""
+
+
+@contextmanager
+def stopped_by_the_check() -> Iterator[tuple[Daemon, OwnLawDrive, Plc]]:
+    with running(configuration(axis(1, more=""))) as daemon:
+        drive = OwnLawDrive(world_of(daemon), "world", 1, LIES)
+        until(daemon, lambda: daemon.axes[0].drive.generation, "online")
+        plc = Plc(daemon, [1])
+        plc.enable()
+        plc.endpoint.set(0, {"NSOLL_A": 0x0100})
+        plc.until(lambda: daemon.axes[0].faults, "the fault")
+        plc.until(lambda: drive.node.rpm == 0, "standstill")
+        yield daemon, drive, plc
+
+
+def _for_a_second(plc: Plc) -> None:
+    for _ in range(SECOND // plc.daemon.cycle_ns):
+        plc.exchange()
+
+
+def test_contradiction_stops_by_quick_stop_and_is_told() -> None:
+    with stopped_by_the_check() as (daemon, drive, plc):
+        _for_a_second(plc)
+        fault = daemon.axes[0].faults[0]
+        assert fault.number == FaultNumber.VELOCITY
+        assert "606Ch says" in fault.text
+        assert "6064h moves at" in fault.text
+        assert State.QUICK_STOP_ACTIVE in drive.node.states
+        assert daemon.axes[0].outputs.reason is Reason.UNITS_CONTRADICTED
+        assert plc.value("ZSW1") & 1 << 3, "fault"
+
+
+def test_no_off_and_on_and_no_restart_of_the_drive_start_it_before_an_acknowledgement() -> None:
+    with stopped_by_the_check() as (daemon, drive, plc):
+        for word in (OFF, ON, OFF, ON):
+            plc.endpoint.set(0, {"STW1": word})
+            _for_a_second(plc)
+        drive.do(lambda node: node.restart())
+        generation = daemon.axes[0].drive.generation
+        plc.until(lambda: daemon.axes[0].drive.generation > generation, "online again")
+        for word in (OFF, ON):
+            plc.endpoint.set(0, {"STW1": word})
+            _for_a_second(plc)
+        assert drive.node.rpm == 0
+        assert drive.node.drive_state is not State.OPERATION_ENABLED
+        assert daemon.axes[0].outputs.reason is Reason.UNITS_CONTRADICTED
+
+
+def test_acknowledged_axis_needs_off_and_on_and_is_checked_again() -> None:
+    with stopped_by_the_check() as (daemon, drive, plc):
+        drive.do(lambda node: setattr(node, "rpm_per_unit", 1.0))
+        plc.endpoint.set(0, {"STW1": ON | ACKNOWLEDGE})
+        _for_a_second(plc)
+        assert drive.node.rpm == 0, "a standing ON starts nothing"
+        plc.endpoint.set(0, {"STW1": OFF})
+        _for_a_second(plc)
+        plc.enable()
+        plc.until(lambda: abs(drive.node.rpm - 3000 / 64) < 1, "the speed that was asked for")
+        drive.do(lambda node: setattr(node, "rpm_per_unit", 8.0))
+        plc.until(lambda: daemon.axes[0].outputs.reason is Reason.UNITS_CONTRADICTED, "stopped again")
