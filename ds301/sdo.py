@@ -209,6 +209,33 @@ class SdoAccess:
             pass
         self._open = 0
 
+    def ask(self, index: int, subindex: int = 0) -> None:
+        """Send the request to read an object and go on at once; ``answered`` has the answer later."""
+        now = self.loop.now()
+        while not self._sdo.responses.empty():
+            self._next(now)
+        self._sdo.send_request(SDO_STRUCT.pack(REQUEST_UPLOAD, index, subindex) + bytes(_EXPEDITED_SIZE))
+        self._open += 1
+        self._open_until = now + int(self._sdo.RESPONSE_TIMEOUT * SECOND)
+
+    def answered(self, index: int, subindex: int = 0, *, signed: bool = False) -> int | None:
+        """The integer that ``ask`` asked for, None while no answer has come. An abort is raised as canopen does."""
+        asked = SDO_STRUCT.pack(0, index, subindex)[1:]
+        while not self._sdo.responses.empty():
+            answer = self._next(self.loop.now())
+            if answer is None or len(answer) != _FRAME or answer[1:_EXPEDITED_SIZE] not in (asked, _UNNAMED):
+                continue
+            if answer[0] == RESPONSE_ABORTED:
+                raise SdoAbortedError(int.from_bytes(answer[_EXPEDITED_SIZE:], "little"))
+            if answer[0] & ~_OF_THE_SIZE == RESPONSE_UPLOAD | EXPEDITED:
+                unused = answer[0] >> 2 & 3 if answer[0] & SIZE_SPECIFIED else 0
+                data = answer[_EXPEDITED_SIZE : _FRAME - unused]
+                declared = self.dictionary.get_variable(index, subindex)
+                if declared is not None and declared.fixed_size:
+                    data = data[: max(1, len(declared) // 8)]
+                return int.from_bytes(data, "little", signed=signed)
+        return None
+
     def read_number(self, index: int, subindex: int = 0, *, signed: bool = False) -> int:
         """An integer object, in the node's task only."""
         return int.from_bytes(self.read(index, subindex), "little", signed=signed)

@@ -68,6 +68,8 @@ _WITNESS_NS: Final = SECOND
 _INTERPOLATED: Final = (
     "traversing tasks: no profile position (6502h): the gateway makes a position for each SYNC (mode 8)"
 )
+_AT_ONCE_NS: Final = 50 * MS
+"""A position that came later after its request is of no known moment."""
 _RETRY_VALUE_NS: Final = 1000 * MS
 """So long after a failed SDO write the same value is tried again."""
 _NEW_SETPOINT: Final = ControlBit.NEW_SETPOINT
@@ -506,33 +508,44 @@ class DriveClient(NodeClient[DriveSettings]):
         if self._mode_awaited is not None:
             self._look_for_mode(self._mode_awaited, now)
         super()._exchange_acyclic(now)
-        if self._motion_asked:
-            # Not before: while an answer is waited for, a loss of the drive is told late.
-            self._look_for_dropped_objects(now)
         if self._units.is_due(now, moves=self._motion_asked):
             self._watch_units(now)
+        if self._motion_asked and self._units.asked is None:
+            # Not before: while an answer is waited for, a loss of the drive is told late.
+            self._look_for_dropped_objects(now)
 
     def _watch_units(self, now: int) -> None:
-        """Read the position, unless a TPDO has it, and one of the objects that tell the units."""
+        """Take the answer to what was asked for, and ask for the next: nothing is waited for while the drive moves."""
         units = self._units
-        address = units.next_object(now)
-        if units.has_position and not any("position_actual" in slot.pdo.attributes for slot in self._slots):
+        if (address := units.asked) is not None:
+            is_position = address == (POSITION_ACTUAL, 0)
             try:
-                position = self.read_number(POSITION_ACTUAL, signed=True)
+                value = self.answered(*address, signed=is_position or signed(self.dictionary, address))
             except SdoAbortedError:
-                units.has_position = False
+                units.forget(address)
             else:
-                self.feedback.position_actual = position
-                units.read_ns = now + (self.loop.now() - now) // 2
-        if address is None:
+                if value is None and not units.give_up(now):
+                    return
+                if value is not None:
+                    self._take_unit(address, value, now)
+        if any("position_actual" in slot.pdo.attributes for slot in self._slots):
+            units.position_missing = True
+        if (
+            units.asked is None
+            and units.is_due(now, moves=True)
+            and not self._jobs
+            and (following := units.next_object(now)) is not None
+        ):
+            self.ask(*following)
+
+    def _take_unit(self, address: tuple[int, int], value: int, now: int) -> None:
+        units = self._units
+        units.asked = None
+        if address not in units.told:
+            if now - units.asked_ns <= _AT_ONCE_NS:
+                self.feedback.position_actual, units.read_ns = value, units.asked_ns
             return
-        try:
-            value = self.read_number(*address, signed=signed(self.dictionary, address))
-        except SdoAbortedError:
-            units.forget(address)
-            return
-        told = units.told[address]
-        if value != told:
+        if value != (told := units.told[address]):
             name = f"{address[0]:04X}h" + (f"/{address[1]}" if address[1] else "")
             self._tell("units", f"{name} was {told:X}h and is {value:X}h now: another tool changes the units")
             self.learn()

@@ -12,6 +12,7 @@ from pdgw.ds301.objects import ObjectAddress
 from pdgw.dsp402.indices import (
     FEED_CONSTANT,
     GEAR_RATIO,
+    POSITION_ACTUAL,
     POSITION_ENCODER_RESOLUTION,
     POSITION_FACTOR,
     SI_UNIT_VELOCITY,
@@ -23,10 +24,12 @@ from pdgw.dsp402.indices import (
 )
 from pdgw.durations import MS, SECOND
 
-_FAST_NS: Final = 100 * MS
+_FAST_NS: Final = 50 * MS
 _BEGINNING_NS: Final = 2 * SECOND
 """From the first command to move: units that are wrong have to show soon."""
-_SLOW_NS: Final = 200 * MS
+_SLOW_NS: Final = 100 * MS
+_PATIENCE_NS: Final = 200 * MS
+_POSITION: Final = (POSITION_ACTUAL, 0)
 _WATCHED: Final = (
     SI_UNIT_VELOCITY,
     VELOCITY_FACTOR,
@@ -49,10 +52,16 @@ class UnitWatch:
         self._turn = [address for index in _WATCHED for address in sorted(answers) if address[0] == index]
         self.told = {address: answers[address] for address in self._turn}
         """What each of these objects said."""
-        self.has_position = True
+        self.position_missing = False
+        """It is in a TPDO, or the drive has none."""
         self.read_ns = 0
         """When the position was read last; 0 never."""
+        self.asked: ObjectAddress | None = None
+        """What was asked for and not answered yet,"""
+        self.asked_ns = 0
+        """and when."""
         self._begun = self._due = 0
+        self._positions = 0
 
     def is_due(self, now: int, *, moves: bool) -> bool:
         """Whether something has to be read; ``moves``: the drive is commanded to."""
@@ -60,16 +69,33 @@ class UnitWatch:
             self._begun = 0
             return False
         self._begun = self._begun or now
-        return now >= self._due
+        return self.asked is not None or now >= self._due
 
     def next_object(self, now: int) -> ObjectAddress | None:
-        """The object whose turn it is; None for a drive that tells no units."""
+        """The object whose turn it is, position and units in turns; None for a drive that has neither."""
         self._due = now + (_FAST_NS if now - self._begun < _BEGINNING_NS else _SLOW_NS)
-        if not self._turn:
-            return None
-        self._turn.append(self._turn.pop(0))
-        return self._turn[-1]
+        self._positions ^= 1
+        if not self.position_missing and (self._positions or not self._turn):
+            self.asked = _POSITION
+        elif self._turn:
+            self._turn.append(self._turn.pop(0))
+            self.asked = self._turn[-1]
+        else:
+            self.asked = None
+        self.asked_ns = now
+        return self.asked
+
+    def give_up(self, now: int) -> bool:
+        """Whether what was asked for is not waited for any longer."""
+        if now - self.asked_ns < _PATIENCE_NS:
+            return False
+        self.asked = None
+        return True
 
     def forget(self, address: ObjectAddress) -> None:
         """It cannot be read any more."""
-        self._turn.remove(address)
+        self.asked = None
+        if address == _POSITION:
+            self.position_missing = True
+        else:
+            self._turn.remove(address)

@@ -78,12 +78,12 @@ def test_a_lost_sdo_frame_delays_the_stop_by_a_tenth_of_the_time_for_an_answer(l
         def plant(node: SimulatedDriveNode) -> None:
             fault.node = node
             node.misbehaviours[fault.name] = fault
-            node.misbehave("lost-pdos", every=1)
 
-        drive.do(plant)
+        drive.do(lambda node: node.misbehave("lost-pdos", every=1))
         client = daemon.axes[0].drive
         with exchanging(plc):
             until(daemon, lambda: client.status.value != "online", "lost")
+            drive.do(plant)
             until(daemon, lambda: fault._count, "the first SDO frame")
             limit = len(lost) * client.settings.sdo_timeout_ms * MS // 10 + 5 * MS
             until(daemon, lambda: drive.model.state is State.QUICK_STOP_ACTIVE, "its stop", limit)
