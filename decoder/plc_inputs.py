@@ -67,7 +67,9 @@ class _Events:
         self._believed = 0
         """The frame with which the present order is believed at the latest."""
         self._connected = False
-        self._found: list[tuple[int, tuple[int, ...] | None, int | None]] = []
+        self._dropped = False
+        """An order was replaced before it was believed for certain."""
+        self._found: list[tuple[int, tuple[int, ...] | None, int | None, bool]] = []
 
     def frame(self, number: int, now: int, values: tuple[int, ...] | None) -> None:
         """What is in force with an accepted frame, if it is believed at once."""
@@ -78,6 +80,8 @@ class _Events:
             self._connected = True
             self._believed = number + SEQUENCE_FRAMES - 1
         order = None if values is None else self._orders.read(values)
+        if order != self._order and number <= self._believed:
+            self._dropped = True
         changed = None if order == self._order else order
         if changed is not None and not self._orders.only_stops(changed, self._order, released=False):
             self._believed = max(self._believed, number + CONFIRMING_FRAMES - 1)
@@ -86,22 +90,22 @@ class _Events:
 
     def lost(self, now: int) -> None:
         """The PLC was lost."""
-        self._connected = False
+        self._connected = self._dropped = False
         self._order = None
         self.note(now, None)
 
     def note(self, now: int, values: tuple[int, ...] | None, certain: int | None = None) -> None:
         """``values`` from a time on, for certain with a frame, or at once."""
         if not self._found or self._found[-1][1] != values:
-            self._found.append((now, values, certain))
+            self._found.append((now, values, certain, self._dropped))
 
     def setpoints(self, taken: Sequence[int]) -> list[Setpoints]:
         """With the times of the accepted frames. What waits for frames that never came is never certain."""
         events: list[Setpoints] = []
-        for now, values, certain in reversed(self._found):
+        for now, values, certain, dropped in reversed(self._found):
             when = now if certain is None else taken[certain] if certain < len(taken) else _NEVER
             # What follows has replaced it then, believed or not.
-            events.append(Setpoints(now, values, min(when, events[-1].certain_ns) if events else when))
+            events.append(Setpoints(now, values, min(when, events[-1].certain_ns) if events else when, dropped))
         events.reverse()
         return events
 

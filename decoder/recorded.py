@@ -23,6 +23,8 @@ class Setpoints(NamedTuple):
     time_ns: int
     values: tuple[int, ...] | None
     certain_ns: int
+    dropped: bool = False
+    """The gateway may have dropped an order in this connection: then it hides reached and acknowledged."""
 
 
 class Feedback(NamedTuple):
@@ -111,6 +113,8 @@ class AxisRecording:
 
     in_order: bool = False
     """Times are those at which the gateway dealt with each frame, in its order: a step had all that came before its answer."""
+    delays: bool = False
+    """The gateway expected frames of the PLC that come late, and may have dropped orders."""
 
     @property
     def told_by_others(self) -> frozenset[int]:

@@ -39,8 +39,9 @@ from pdgw.dsp402.images import FEEDBACK_NAMES, DriveFeedback
 from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.durations import SECOND
 from pdgw.gateway.axis.checkpoint import Checkpoint, Checkpoints
-from pdgw.gateway.axis.machine import AxisMachine
+from pdgw.gateway.axis.machine import CLAIMS, AxisMachine
 from pdgw.gateway.axis.values import FaultRecord, ProbeWish, SdoAnswer, SdoWrite
+from pdgw.gateway.reasons import OrderDoubt
 from pdgw.profidrive.signals import signal
 from pdgw.profidrive.telegrams import ApplicationMode
 
@@ -261,6 +262,7 @@ class Replayer:
         for attribute in FEEDBACK_NAMES:
             setattr(given.feedback, attribute, getattr(state.image, attribute))
         given.now, given.setpoints, given.drive_ok = now, values, state.online
+        given.doubt = self._doubt(tick, inputs.setpoints)
         self._answer_sdo(now)
         self._answer_probe(now)
         self._checkpoints.step()
@@ -279,6 +281,16 @@ class Replayer:
         if values is not None:
             self._recognise(values, tick)
         return step, difference if compare else None
+
+    def _doubt(self, tick: Tick, taken: int) -> OrderDoubt:
+        """Whether an order was in doubt: where that is possible, the recorded answer hides reached and acknowledged."""
+        if not self._recording.delays:
+            return OrderDoubt.NONE
+        times, answer = self._setpoint_times, tick.answer
+        waits = taken < len(times) and times[taken] <= tick.time_ns < self._certain_times[taken]
+        dropped = taken > 0 and self._recording.setpoints[taken - 1].dropped
+        hidden = answer is not None and not answer.actuals[0] & CLAIMS
+        return OrderDoubt.WAITS if hidden and (waits or dropped) else OrderDoubt.NONE
 
     def _as_told(self, tick: Tick, inputs: _Inputs, faults: tuple[FaultRecord, ...], *, compared: bool) -> Step:
         outputs = self._machine.outputs

@@ -71,6 +71,8 @@ class Known:
     choices: dict[int, AxisSettings] = field(default_factory=dict)
     cycle_ns: int | None = None
     watchdog_factor: int | None = None
+    delays: bool = False
+    """The gateway expected frames of the PLC that come late."""
 
 
 def known_from(
@@ -119,6 +121,7 @@ def _known_of(loaded: GatewayConfig, telegrams: Sequence[int], nodes: Sequence[s
         {axis.do_id: axis.settings_at(transport.cycle_time_ms) for axis in loaded.axis},
         int(transport.cycle_time_ms * MS),
         transport.watchdog_factor,
+        transport.type == "udp" and transport.delays,
     )
 
 
@@ -365,7 +368,9 @@ def load(files: Sequence[str], known: Known, offset_ns: int | None, notify: Noti
     watchdog_factor = known.watchdog_factor or collector.measured_watchdog_factor(cycle_ns)
     one_clock = any(len(found) > 1 for found in buses.values())
     clocks = _clocks(offset_ns, one_clock, looking, cycle_ns)
-    recording = collector.recording(clocks.offset_ns, cycle_ns=cycle_ns, watchdog_factor=watchdog_factor)
+    recording = collector.recording(
+        clocks.offset_ns, cycle_ns=cycle_ns, watchdog_factor=watchdog_factor, delays=known.delays
+    )
     return Loaded(recording, clocks, tuple(files))
 
 

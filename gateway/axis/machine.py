@@ -63,7 +63,7 @@ from pdgw.profidrive.telegrams import telegram
 
 _OF_THE_DRIVE: Final = Flag.OF_THE_DRIVE
 _WARNING: Final = Flag.WARNING
-_CLAIMS: Final = Flag.REACHED | Flag.TASK_ACKNOWLEDGED
+CLAIMS: Final = Flag.REACHED | Flag.TASK_ACKNOWLEDGED
 """Not shown while an order is in doubt, by the first actual value: ZSW1, or the Statusword of a transparent telegram."""
 _DROPPED: Final = OrderDoubt.DROPPED
 _INTERNAL_LIMIT: Final = StatusBit.INTERNAL_LIMIT
@@ -236,7 +236,7 @@ class AxisMachine:
             report.fault_code, report.warning_code = inputs.fault_code, inputs.warning_code
         self.adapter.write(report, outputs.actuals)
         if inputs.doubt:
-            outputs.actuals[0] &= ~_CLAIMS
+            outputs.actuals[0] &= ~CLAIMS
         outputs.good = drive_ok
         shown = statusword & WATCHED if drive_ok else 0
         if shown != self._drive.shown:

@@ -96,6 +96,23 @@ def replayed(loaded: Loaded) -> tuple[int, list[tuple[str, tuple[str, ...]]]]:
     return outcome.compared, [(item.what, item.names) for item in outcome.differences]
 
 
+@pytest.mark.parametrize("delays", [True, False])
+def test_a_dropped_level_is_replayed_only_where_frames_may_be_late(delays: bool, tmp_path: Path) -> None:
+    rig = RecordedRig(9)
+    rig.endpoint = CyclicEndpoint([telegram(9)], cycle_ns=CYCLE_NS)
+    rig.step(5)
+    rig.enable()
+    rig.values |= {"SATZANW": 0x8000, "MDI_TARPOS": 0x01000000, "MDI_VELOCITY": 0x40000000, "MDI_MOD": 1}
+    rig.values |= {"MDI_ACC": 0x4000, "MDI_DEC": 0x4000}
+    rig.stw(0x047F, 60)
+    rig.stw(0x043F, 1)
+    rig.stw(0x047F, 30)
+    assert rig.endpoint.orders_dropped == 1
+    files = rig.frames.write(tmp_path)
+    loaded = load(files, replace(rig.known, delays=delays), None, lambda _: None)
+    assert bool(replayed(loaded)[1]) is not delays
+
+
 @pytest.mark.parametrize("name", RIGS)
 @pytest.mark.parametrize("jitter_ms", [0, 2])
 def test_an_unmodified_recording_is_equal(name: str, jitter_ms: int, tmp_path: Path) -> None:

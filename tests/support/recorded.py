@@ -167,6 +167,7 @@ class RecordedRig(Rig):
                 self.frames.plc.append((self.now, frame))
                 self.endpoint.receive(frame, _PLC, self.now)
             self.endpoint.poll(self.now)
+            self.stepper.machine.inputs.doubt = self.endpoint.doubts[0]
             actuals = self.stepper.step(self.endpoint.setpoints[0], self.feedback, self.connected_drive, self.now)
             self.actuals = self.stepper.telegram.actuals.as_dict(actuals)
             self._send()
