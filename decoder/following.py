@@ -33,6 +33,7 @@ from pdgw.ds301.pdo import PdoDirection
 from pdgw.durations import MS
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS
+from pdgw.gateway.reasons import OrderDoubt
 from pdgw.gateway.transport.cyclic import WATCHDOG_FACTOR, WATCHDOG_FACTOR_MAX, CyclicEndpoint, Verdict
 from pdgw.profidrive.frame import COUNTER_UNIT_NS, IOPS_GOOD, is_newer
 from pdgw.profidrive.telegrams import Direction, telegram
@@ -55,7 +56,7 @@ class Follower:
 
     ``axes``: in the order of the frame, with their node-IDs; ``settings``: the choices of the user by DO-ID, defaults are assumed
     for others. ``watchdog_factor``: the gateway's, None where it is not known. ``one_clock``: both buses were recorded with
-    one, so that no edge comes before its cause.
+    one, so that no edge comes before its cause. ``delays``: the gateway expected frames that come late.
     """
 
     def __init__(
@@ -66,6 +67,7 @@ class Follower:
         cycle_ns: int,
         watchdog_factor: int | None = None,
         one_clock: bool = False,
+        delays: bool = False,
     ) -> None:
         self.horizon_ns: int | None = None
         """All entries up to this time have been given out."""
@@ -79,7 +81,7 @@ class Follower:
         self._nodes: dict[int, list[ObjectFollower]] = {}
         for item in self._objects:
             self._nodes.setdefault(item.axis.node, []).append(item)
-        self._exchange = _Exchange(self._objects, self._put, cycle_ns, watchdog_factor)
+        self._exchange = _Exchange(self._objects, self._put, cycle_ns, watchdog_factor, delays=delays)
         self._can_seen = False
         self._last_ns = 0
 
@@ -225,7 +227,15 @@ class _CycleCounter:
 class _Exchange:
     """The exchange with the PLC: which frames the gateway used, when it had lost the PLC, and its steps."""
 
-    def __init__(self, objects: Sequence[ObjectFollower], put: Put, cycle_ns: int, watchdog_factor: int | None) -> None:
+    def __init__(
+        self,
+        objects: Sequence[ObjectFollower],
+        put: Put,
+        cycle_ns: int,
+        watchdog_factor: int | None,
+        *,
+        delays: bool,
+    ) -> None:
         self._objects = {item.axis.do_id: item for item in objects}
         self._order = tuple(objects)
         self._put = put
@@ -234,6 +244,10 @@ class _Exchange:
         telegrams = [telegram(item.axis.telegram) for item in objects]
         self._endpoint: CyclicEndpoint | ProfinetEndpoint = CyclicEndpoint(
             telegrams, cycle_ns=cycle_ns, watchdog_factor=WATCHDOG_FACTOR_MAX, delays=False
+        )
+        # It decides what may be an old order; whether the gateway had a PLC is told by the answers.
+        self._judge = (
+            CyclicEndpoint(telegrams, cycle_ns=cycle_ns, watchdog_factor=WATCHDOG_FACTOR_MAX) if delays else None
         )
         self._watchdog_ns = (watchdog_factor or WATCHDOG_FACTOR) * cycle_ns
         self._counters = {
@@ -293,7 +307,9 @@ class _Exchange:
             self._put(Anomaly(now, 0, kind, f"frame with counter {record.cycle_counter}: {verdict.value}"))
         self._standing = verdict
         values = record.values
-        in_force = {item.axis.do_id: s for item, s in zip(self._order, endpoint.setpoints, strict=True)}
+        if self._judge is not None:
+            self._judge_orders(self._judge, record.data, now)
+        in_force = {item.axis.do_id: s for item, s in zip(self._order, self._setpoints, strict=True)}
         for do_id, _, unit, first, iops, _ in record.layout.axes:
             item = self._objects.get(do_id)
             if item is not None and unit.telegram == item.axis.telegram:
@@ -307,6 +323,26 @@ class _Exchange:
             self._last_frame = now
             self._step(now)
             self._stepped = True
+
+    def _judge_orders(self, judge: CyclicEndpoint, data: bytes, now: int) -> None:
+        """Which orders the gateway has not put in force, because they may have been old ones."""
+        before = judge.orders_dropped
+        judge.receive(data, SENDER, now, now)
+        judge.poll(now)
+        for item, doubt in zip(self._order, judge.doubts, strict=True):
+            if doubt is OrderDoubt.DROPPED and judge.orders_dropped > before and item.doubt is OrderDoubt.WAITS:
+                text = "a change of a control word stood in too few frames and may be an old frame: ignored"
+                self._put(Anomaly(now, item.axis.do_id, AnomalyKind.ORDER, text))
+            item.doubt = doubt
+
+    @property
+    def _setpoints(self) -> list[Sequence[int] | None]:
+        """What is in force: in doubt what the gateway kept, else the newest frame's."""
+        newest, judge = self._endpoint.setpoints, self._judge
+        if judge is None:
+            return list(newest)
+        kept = zip(newest, judge.setpoints, judge.doubts, strict=True)
+        return [old if new is not None and doubt and old is not None else new for new, old, doubt in kept]
 
     def _answer(self, record: CyclicRecord) -> None:
         now, values = record.time_ns, record.values
@@ -374,5 +410,5 @@ class _Exchange:
 
     def _step(self, now: int) -> None:
         ignored = self._unused >= _UNUSED
-        for item, setpoints in zip(self._order, self._endpoint.setpoints, strict=True):
+        for item, setpoints in zip(self._order, self._setpoints, strict=True):
             item.step(None if ignored else setpoints, now)

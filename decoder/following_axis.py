@@ -32,7 +32,7 @@ from pdgw.durations import MS, SECOND
 from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.values import Configured, SdoAnswer, SdoWrite
-from pdgw.gateway.reasons import AxisState, Reason
+from pdgw.gateway.reasons import AxisState, OrderDoubt, Reason
 from pdgw.gateway.standing import asks_for_operation
 from pdgw.profidrive.signals import signal
 from pdgw.profidrive.telegrams import ApplicationMode, telegram
@@ -44,6 +44,7 @@ RESPONSE_NS: Final = SECOND
 AGREEMENT_NS: Final = 500 * MS
 """So long have the recorded and today's Controlword to agree, or to differ, until it counts."""
 NOT_VALID: Final = "not evaluated: no valid frame (stale, stopped, or IOPS BAD)"
+DROPPED: Final = "not evaluated: stood in too few frames and may have been an old one"
 OVERTAKEN: Final = "not evaluated: the frame was dropped or overtaken"
 NO_CONTROLWORD: Final = "not judged: no Controlword to the drive in the recording up to here"
 NOT_JUDGED: Final = "not judged: what the gateway remembers from before is not known; an OFF makes it known"
@@ -142,6 +143,8 @@ class AxisFollower(ObjectFollower):
         # -- what waits for its end
         self._control_edge: Edge | None = None
         self._status_edge: Edge | None = None
+        self._waiting: Edge | None = None
+        """An edge of the PLC that may be an old one."""
         self._settling: _Settling | None = None
         self._told: Reason | str | None = ""
         self._command: _Command | None = None
@@ -158,10 +161,13 @@ class AxisFollower(ObjectFollower):
         self._settled()
         if setpoints is None:
             edge.note = NOT_VALID
-        elif setpoints[0] != word:
+        elif setpoints[0] != word and self.doubt is not OrderDoubt.WAITS:
             edge.note = OVERTAKEN
         else:
             self._control_edge = edge
+        if self.doubt is OrderDoubt.DROPPED and self._waiting is not None:
+            self._waiting.note = DROPPED
+        self._waiting = edge if self.doubt is OrderDoubt.WAITS else None
 
     def status(self, now: int, values: Sequence[int], *, good: bool) -> None:
         if not self.answered:
@@ -309,6 +315,7 @@ class AxisFollower(ObjectFollower):
     def step(self, setpoints: Sequence[int] | None, now: int) -> None:
         inputs, outputs = self._machine.inputs, self._machine.outputs
         inputs.now, inputs.setpoints, inputs.drive_ok = now, setpoints, self.online
+        inputs.doubt = self.doubt
         if self.online:
             self._configure()
         commanded = outputs.command.controlword

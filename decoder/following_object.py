@@ -10,6 +10,7 @@ from pdgw.decoder.can_records import CanRecord, EmcyRecord, HeartbeatRecord, Nmt
 from pdgw.decoder.cyclic import Axis
 from pdgw.decoder.timeline import Anomaly, AnomalyKind, Entry, Event
 from pdgw.durations import MS, SECOND
+from pdgw.gateway.reasons import OrderDoubt
 from pdgw.profidrive.telegrams import Direction
 
 _RESET: Final = 0
@@ -35,6 +36,8 @@ class ObjectFollower:
         self._put = put
         self._hold_ns = hold_ns
         self._bad: dict[Direction, _Bad] = {}
+        self.doubt = OrderDoubt.NONE
+        """Whether the PLC may have ordered something that the gateway has not in force."""
         self.heard = False
         """Something came from the node."""
 

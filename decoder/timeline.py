@@ -147,6 +147,7 @@ class AnomalyKind(enum.Enum):
     EMERGENCY = "EMCY"
     LEFT_OPERATION = "drive left operation by itself"
     GATEWAY_FAULT = "faults of the gateway"
+    ORDER = "dropped changes of control words"
     DIFFERENCE = "not what today's rules give"
 
 

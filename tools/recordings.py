@@ -258,6 +258,7 @@ def followed(opening: Opening, part: Part = Part(), *, packets: bool = False) ->
         cycle_ns=opening.cycle_ns,
         watchdog_factor=opening.known.watchdog_factor,
         one_clock=opening.clocks.exact,
+        delays=opening.known.delays,
     )
     waiting: deque[Record] = deque()
     stop_ns = None if part.end_ns is None else part.end_ns + HOLD_NS

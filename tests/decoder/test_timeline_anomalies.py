@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from pdgw.decoder.following import HOLD_NS, Follower
-from pdgw.decoder.following_axis import AGREEMENT_NS, NOT_JUDGED
+from pdgw.decoder.following_axis import AGREEMENT_NS, DROPPED, NOT_JUDGED
 from pdgw.decoder.following_words import Decision, Words
 from pdgw.decoder.timeline import AnomalyKind, Event, ReasonChange, WordKind
 from pdgw.dsp402.states import State
@@ -79,6 +79,27 @@ def test_a_repeated_frame_is_stale(tmp_path: Path) -> None:
     now, frame = rig.frames.plc[30]
     rig.frames.plc.insert(31, (now + MS, frame))
     assert texts(timeline(rig, tmp_path), AnomalyKind.STALE) == ["frame with counter 3968: stale cycle counter"]
+
+
+def test_a_dropped_level_of_a_control_word_is_told(tmp_path: Path) -> None:
+    rig = RecordedRig(9)
+    rig.endpoint = CyclicEndpoint([telegram(9)], cycle_ns=CYCLE_NS)
+    rig.step(5)
+    rig.enable()
+    rig.values |= {"SATZANW": 0x8000, "MDI_TARPOS": 0x01000000, "MDI_VELOCITY": 0x40000000, "MDI_MOD": 1}
+    rig.values |= {"MDI_ACC": 0x4000, "MDI_DEC": 0x4000}
+    rig.stw(0x047F, 60)
+    rig.stw(0x043F, 1)
+    rig.stw(0x047F, 200)
+    opening = rig.open(tmp_path)
+    opening = replace(opening, known=replace(opening.known, delays=True))
+    found = Timeline(opening, list(followed(opening)))
+    (text,) = texts(found, AnomalyKind.ORDER)
+    assert text == "a change of a control word stood in too few frames and may be an old frame: ignored"
+    assert found.summary.anomalies == {AnomalyKind.ORDER: 1}
+    low, high = edges(found, WordKind.CONTROL)[-2:]
+    assert low.note == DROPPED
+    assert high.outcome is Reason.ORDER_DROPPED
 
 
 def test_a_silence_of_the_plc_is_a_watchdog_gap(tmp_path: Path) -> None:
