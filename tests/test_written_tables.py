@@ -325,3 +325,12 @@ def test_the_records_of_a_device_are_those_it_knows() -> None:
     diagnosis = {item for item in Index if item.name.startswith(("DIAGNOSIS", "MAINTENANCE"))}
     further = {RECORD_LOCAL, RECORD_GLOBAL, RECORD_MULTIPLE, identification.INDEX, identification.INDEX + 4}
     assert told == {*Index} - diagnosis | further
+
+
+def test_each_case_of_class_a_in_the_document_has_its_test() -> None:
+    files = ("gateway/test_profinet_class_a.py", "profinet/test_class_a_relationship.py")
+    source = "".join((ROOT / "tests" / name).read_text(encoding="utf-8") for name in files)
+    named = set(re.findall(r"def (test_\w+)", source))
+    told = [name for row in rows("profinet.md", "case of the tester") for name in re.findall(r"`(test_\w+)`", row[1])]
+    assert len(told) >= 20
+    assert [name for name in told if not any(test.startswith(name) for test in named)] == []
