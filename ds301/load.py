@@ -31,11 +31,13 @@ def frame_bits(size: int, *, worst: bool = True) -> int:
 
 @dataclass(frozen=True, slots=True)
 class CyclicFrames:
-    """Frames that can appear ``per_second`` times: what they are, data bytes, rate."""
+    """Frames that can appear ``per_second`` times: what they are, data bytes, rate, COB-ID and node-ID of their sender."""
 
     name: str
     size: int
     per_second: float
+    cob_id: int = 0
+    sender: int = 0
 
 
 def bus_load(frames: Sequence[CyclicFrames], bitrate: int) -> float:

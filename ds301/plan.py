@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 
 from pdgw.ds301.configuration import EVENT_DRIVEN_PROFILE, EVERY_SYNC, SdoStep, disable_pdo, map_pdo
 from pdgw.ds301.load import CyclicFrames
+from pdgw.ds301.node import GATEWAY_NODE_ID
 from pdgw.ds301.objects import Entry
 from pdgw.ds301.pdo import Pdo, PdoDirection, PdoLayout
 
@@ -105,11 +106,11 @@ class PdoPlan:
         """
         found = []
         for item in (*self.rpdos, *self.tpdos):
+            sender = GATEWAY_NODE_ID if item.pdo.direction is PdoDirection.RPDO else node_id
             rate = cycle_rate if item.pdo.direction is PdoDirection.RPDO or item.pace is Pace.SYNC else tpdo_rate
             slow = item.pace is not Pace.SYNC and set(item.pdo.attributes).isdisjoint(often)
-            found.append(
-                CyclicFrames(f"{item.pdo} {node_id}", item.pdo.size, min(rate, _DATA_PDO_RATE) if slow else rate)
-            )
+            rate = min(rate, _DATA_PDO_RATE) if slow else rate
+            found.append(CyclicFrames(f"{item.pdo} {node_id}", item.pdo.size, rate, item.cob_id, sender))
         return found
 
 

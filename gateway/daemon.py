@@ -21,7 +21,7 @@ from pdgw.ds301.network import CanNetwork
 from pdgw.ds301.node import GATEWAY_NODE_ID
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.binding import Axis
-from pdgw.gateway.bus_load import cyclic_frames
+from pdgw.gateway.bus_load import HEARTBEATS, cyclic_frames
 from pdgw.gateway.config import AxisConfig, GatewayConfig
 from pdgw.gateway.config_surroundings import CanConfig
 from pdgw.gateway.cycle_watch import CycleWatch
@@ -122,7 +122,7 @@ class Daemon:
             self.link: Link = open_link()
             opened.callback(self.link.close)
             self._opened = opened.pop_all()
-        self._heartbeat_ns = min(client.settings.heartbeat_ms for client in self.clients) * MS // 2
+        self._heartbeat_ns = min(client.settings.heartbeat_ms for client in self.clients) * MS // HEARTBEATS
         for bus in config.can:
             self._leave_room(bus)
         self._find_sync()

@@ -1,7 +1,8 @@
 """A CAN bus in virtual time: arbitration by identifier, bit times, errors, bus-off, cut and short circuits.
 
-Source: Bosch CAN 2.0A (arbitration, fault confinement). Frames take their worst-case bit times (``ds301.load``). A member has a
-queue of frames, as SocketCAN has; its oldest one takes part in the arbitration. Left out: error-passive timing, overload frames.
+Source: Bosch CAN 2.0A (arbitration, fault confinement). Frames take their worst-case bit times (``ds301.load``) unless told
+otherwise. A member has a queue of frames, as SocketCAN has; its oldest one takes part in the arbitration. Left out:
+error-passive timing, overload frames.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from pdgw.ds301.load import frame_bits
 from pdgw.ds301.loop import Loop, Timer
 from pdgw.ds301.port import PortBusyError, PortLostError, Receiver, deliver
 from pdgw.durations import MS, SECOND
+from pdgw.peers.world.stuffing import bits_on_the_wire
 
 _EXTENDED_BITS = 20
 """What an extended identifier adds, without stuffing."""
@@ -130,6 +132,8 @@ class SimulatedCan:
         self.frames = 0
         self.members: list[Member] = []
         self.shorted = False
+        self.counts_stuff_bits = False
+        """Frames take the stuff bits of their contents, not the most there can be."""
         self._random = random
         self._bit_ns = SECOND / bitrate
         self._frame_ns = [int(frame_bits(size) * self._bit_ns) for size in range(_MAXIMUM_DATA + 1)]
@@ -209,6 +213,8 @@ class SimulatedCan:
             return
         can_id, data = winner.queue[0]
         duration = self._frame_ns[len(data)]
+        if self.counts_stuff_bits and not can_id & (EXTENDED | REMOTE):
+            duration = int(bits_on_the_wire(can_id, data) * self._bit_ns)
         if can_id & EXTENDED:
             duration += int(_EXTENDED_BITS * self._bit_ns)
         self._sender = winner

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated
 
@@ -11,12 +12,12 @@ from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.load import DEFAULT_BITRATE, check_load
 from pdgw.ds301.plan import PdoPlan
 from pdgw.gateway.axis.settings import AxisSettings
-from pdgw.gateway.bus_load import cyclic_frames
+from pdgw.gateway.bus_load import check_cycle, cyclic_frames, latest
 from pdgw.gateway.config import AxisConfig, GatewayConfig
 from pdgw.gateway.config_check import references_wrong
 from pdgw.gateway.config_example import example as example_text
 from pdgw.gateway.config_file import load_config
-from pdgw.gateway.config_surroundings import TransportConfig
+from pdgw.gateway.config_surroundings import CanConfig, TransportConfig
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.realtime import NEEDED_BELOW_MS
 
@@ -52,6 +53,9 @@ def check(
     else:
         for axis in config.axis:
             _tell_not_available(axis, axis.settings_at(config.transport.cycle_time_ms))
+        for item in config.can:
+            if item.interface != "virtual" or item.bitrate is not None:
+                _tell_bus(config, item, {})
     if config.transport.cycle_time_ms < NEEDED_BELOW_MS:
         typer.echo(_scheduling(config))
     if refused:
@@ -65,12 +69,7 @@ def _check_buses(config: GatewayConfig) -> bool:
         plans = {axis.node_id: _ask(config, axis) for axis in config.axes_of(item)}
         known = {node_id: plan for node_id, plan in plans.items() if plan is not None}
         refused |= len(known) < len(plans)
-        cycle_ms = config.transport.cycle_time_ms
-        frames = cyclic_frames(config.axes_of(item), config.encoders_of(item), cycle_ms, known)
-        load = check_load(item.name, frames, item.bitrate or DEFAULT_BITRATE)
-        typer.echo(
-            f"bus {item.name}: worst-case load {load:.0%} of {item.bitrate or DEFAULT_BITRATE} bit/s with these PDOs"
-        )
+        _tell_bus(config, item, known)
     return refused
 
 
@@ -80,6 +79,21 @@ def _scheduling(config: GatewayConfig) -> str:
         "[realtime] priority = 0 asks for none" if config.realtime.priority == 0 else "the log says if it is granted"
     )
     return f"a cycle below {NEEDED_BELOW_MS} ms needs real-time priority on a busy machine (docs/service.md); {asked}"
+
+
+def _tell_bus(config: GatewayConfig, bus: CanConfig, plans: Mapping[int, PdoPlan]) -> None:
+    """Print load and latest times of a bus; CanopenError when its cycle cannot hold. ``plans``: of the drives that were asked."""
+    cycle_ms, bitrate = config.transport.cycle_time_ms, bus.bitrate or DEFAULT_BITRATE
+    frames = cyclic_frames(config.axes_of(bus), config.encoders_of(bus), cycle_ms, plans)
+    load = check_load(bus.name, frames, bitrate)
+    asked = " with these PDOs" if plans else ""
+    typer.echo(
+        f"bus {bus.name}: worst-case load {load:.0%} of {bitrate} bit/s{asked}; each frame is sent at the latest after"
+    )
+    found = latest(frames, bitrate, cycle_ms)
+    for item in found:
+        typer.echo(f"  {item}")
+    check_cycle(bus.name, found)
 
 
 def _start(config: GatewayConfig) -> None:

@@ -1,0 +1,153 @@
+"""Worst-case response times: against a published example, and never exceeded on the simulated bus with its own stuff bits."""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections import defaultdict
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from typer.testing import CliRunner
+
+from pdgw.ds301.errors import CanopenError
+from pdgw.ds301.load import CyclicFrames, frame_bits
+from pdgw.ds301.response_time import response_times
+from pdgw.durations import MS
+from pdgw.gateway.bus_load import check_cycle, cyclic_frames, latest
+from pdgw.gateway.daemon import Daemon
+from pdgw.peers.world import Member
+from pdgw.peers.world.stuffing import bits_on_the_wire
+from pdgw.tools.commands.config import app
+from tests.support.daemon import OFF, ON, Plc, axis, configuration, running, until, world_of
+
+BITRATE = 1_000_000
+
+
+def test_bounds_of_the_published_example_are_not_below_its_response_times() -> None:
+    # Davis et al. 2007, table 2: 1 ms each; the first analysis of Tindell had found 3 ms for the last one.
+    frames = [
+        CyclicFrames(name, 8, 1000 / period, number, number)
+        for number, (name, period) in enumerate((("A", 2.5), ("B", 3.5), ("C", 3.5)), 1)
+    ]
+    found = response_times(frames, frame_bits(8) * 1000)
+    for frame, published in zip(frames, (2.0, 3.0, 3.5), strict=True):
+        response = found[frame]
+        assert response is not None
+        assert published * MS <= response <= 7 * MS, "the busy period is 7 ms"
+
+
+def test_a_frame_alone_waits_for_itself_at_most() -> None:
+    frame = CyclicFrames("alone", 8, 100, 0x181, 1)
+    assert response_times([frame], BITRATE)[frame] == frame_bits(8) * 1000
+
+
+def test_an_overloaded_bus_has_no_bound() -> None:
+    frames = [CyclicFrames(f"TPDO {node}", 8, 1000, 0x180 + node, node) for node in range(1, 9)]
+    assert set(response_times(frames, BITRATE).values()) == {None}
+
+
+@given(can_id=st.integers(0, 0x7FF), data=st.binary(max_size=8))
+def test_stuff_bits_are_between_none_and_the_most_there_can_be(can_id: int, data: bytes) -> None:
+    assert frame_bits(len(data), worst=False) <= bits_on_the_wire(can_id, data) <= frame_bits(len(data))
+
+
+def test_stuff_bits_of_a_frame_of_zeros() -> None:
+    # SOF, identifier, control field and CRC are 34 zeros: a stuff bit after every five.
+    assert bits_on_the_wire(0, b"") == frame_bits(0, worst=False) + 6
+
+
+class Responses:
+    """The longest response of each COB-ID on a bus."""
+
+    def __init__(self, daemon: Daemon) -> None:
+        self.worst: dict[int, int] = defaultdict(int)
+        self._daemon = daemon
+        self._gateway = world_of(daemon).gateway_port("world")
+        self._offered: dict[tuple[Member, int], list[int]] = defaultdict(list)
+        self._cycles: list[int] = []
+        bus = world_of(daemon).bus("world")
+        bus.counts_stuff_bits = True
+        bus.offered.append(self._offer)
+        bus.taps.append(self._complete)
+        daemon.watch.listeners.append(self)
+
+    def cycle(self, now: int, _accepted: bool, _answered: int) -> None:
+        """Setpoints are due when the cycle begins, whenever the interface takes them."""
+        self._cycles.append(now)
+
+    def _offer(self, now: int, member: Member, can_id: int, _data: bytes) -> None:
+        self._offered[member, can_id].append(now)
+
+    def _complete(self, now: int, member: Member, can_id: int, _data: bytes) -> None:
+        times = self._offered[member, can_id]
+        if times:  # offered after the test began
+            begin = times.pop(0)
+            if member is self._gateway and 0x200 < can_id < 0x580:
+                begin = self._cycles[bisect_right(self._cycles, begin) - 1]
+            self.worst[can_id] = max(self.worst[can_id], now - begin)
+
+
+@pytest.mark.parametrize(
+    ("axes", "number", "cycle_ms", "places"),
+    [(8, 1, 4, 10), (20, 1, 20, 1), (20, 1, 20, 16), (6, 9, 8, 2), (12, 3, 10, 2)],
+)
+def test_no_frame_of_the_simulated_bus_is_later_than_planned(
+    axes: int, number: int, cycle_ms: int, places: int
+) -> None:
+    tables = "".join(axis(node, telegram_number=number) for node in range(1, axes + 1))
+    config = configuration(tables, transport=f"cycle_time_ms = {cycle_ms}\nwatchdog_factor = 30\n")
+    planned = latest(cyclic_frames(config.axis, {}, cycle_ms), BITRATE, cycle_ms)
+
+    def before(daemon: Daemon) -> None:
+        world_of(daemon).gateway_port("world").places = places
+
+    with running(config, before) as daemon:
+        plc = Plc(daemon, [number] * axes)
+        until(daemon, lambda: all(client.generation for client in daemon.clients), "online")
+        signal = "MDI_VELOCITY" if number == 9 else "NSOLL_A" if number == 1 else "NSOLL_B"
+        seen = Responses(daemon)
+        for count in range(60):
+            for index in range(axes):
+                word = OFF if count < 5 else ON
+                plc.endpoint.set(index, {"STW1": word, signal: 0x1000 * (1 + count % 7)})
+            plc.exchange()
+        checked = 0
+        for item in planned:
+            worst = seen.worst[item.frame.cob_id]
+            assert item.response is not None
+            assert worst <= item.response, f"{item}: {worst / MS:.3f} ms on the bus"
+            checked += worst > 0
+        assert checked >= 3 * axes
+
+
+def test_a_cycle_that_cannot_hold_is_refused_with_its_latest_frame() -> None:
+    config = configuration("".join(map(axis, range(1, 4))), transport="cycle_time_ms = 1.0\n")
+    found = latest(cyclic_frames(config.axis, {}, 1), BITRATE, 1)
+    with pytest.raises(CanopenError, match=r"worst-case response time of .* frames.*at most 1 ms: raise"):
+        check_cycle("can", found)
+
+
+CONFIG = '[can]\ninterface = "socketcan"\nchannel = "can0"\n[transport]\ncycle_time_ms = {}\n'
+
+
+def _check(tmp_path: Path, axes: int, cycle_ms: float) -> tuple[int, str]:
+    file = tmp_path / "gateway.toml"
+    file.write_text(CONFIG.format(float(cycle_ms)) + "".join(axis(n, more="") for n in range(1, axes + 1)))
+    result = CliRunner().invoke(app, ["check", str(file)])
+    return result.exit_code, result.output + str(result.exception or "")
+
+
+def test_config_check_prints_the_latest_time_of_every_frame(tmp_path: Path) -> None:
+    status, output = _check(tmp_path, 2, 4)
+    assert status == 0, output
+    assert "of 1000000 bit/s; each frame is sent at the latest after" in output
+    for name in ("RPDO1 1 (201h)", "RPDO1 2 (202h)", "TPDO1 2 (182h)", "heartbeat 2 (702h)", "heartbeat 127 (77Fh)"):
+        assert f"  {name}: " in output
+
+
+def test_config_check_refuses_a_bus_whose_cycle_cannot_hold(tmp_path: Path) -> None:
+    status, output = _check(tmp_path, 3, 1)
+    assert status == 1
+    assert "bus can: worst-case response time of" in output
