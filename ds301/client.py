@@ -17,7 +17,6 @@ from typing import Any, ClassVar, Final, Generic, Self, TypeVar
 import canopen
 from canopen.sdo import SdoAbortedError, SdoCommunicationError
 
-from pdgw.ds301.aborts import abort_text
 from pdgw.ds301.communication import DEVICE_TYPE
 from pdgw.ds301.configuration import SdoStep
 from pdgw.ds301.configuring import ConfiguringAccess
@@ -266,7 +265,7 @@ class NodeClient(ConfiguringAccess, abc.ABC, Generic[S]):
             except SdoCommunicationError as error:
                 self._absent(f"no answer from node {self.settings.node_id} ({error})")
             except SdoAbortedError as error:
-                self._refuse(f"node {self.settings.node_id} aborted the configuration: {abort_text(error.code)}")
+                self._refuse(f"aborted the configuration: {error}")
             except CanopenError as error:
                 self._refuse(str(error))
             except (struct.error, ValueError) as error:  # canopen unpacks SDO answers unchecked

@@ -56,7 +56,7 @@ class ConfiguringAccess(SdoAccess):
 
     def _refused(self, step: SdoStep, error: SdoAbortedError) -> CanopenError:
         return self.error_type(
-            f"{step.meaning} ({step.index:04X}h/{step.subindex} := {step.value:X}h)",
+            f"node {self._node_id} {step.meaning} ({step.index:04X}h/{step.subindex} := {step.value:X}h)",
             abort_text(error.code),
             f"{self.a_device} that takes it",
         )

@@ -5,10 +5,20 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import canopen
-from canopen.sdo.constants import REQUEST_ABORTED
+from canopen.sdo import SdoAbortedError, SdoCommunicationError
+from canopen.sdo.constants import (
+    REQUEST_ABORTED,
+    REQUEST_DOWNLOAD,
+    REQUEST_UPLOAD,
+)
 
+from pdgw.ds301.aborts import abort_text
 from pdgw.ds301.connection_set import SDO_REQUEST, SDO_RESPONSE
 from pdgw.ds301.loop import Loop, Mailbox
+
+_COMMAND = 0xE0
+_BEGINS = (REQUEST_DOWNLOAD, REQUEST_UPLOAD)
+"""Requests that name their object."""
 
 
 class AcyclicNetwork(canopen.Network):  # type: ignore[misc]
@@ -26,12 +36,26 @@ class AcyclicNetwork(canopen.Network):  # type: ignore[misc]
         self._send(can_id, bytes(data))
 
 
+class ObjectAbortedError(SdoAbortedError):  # type: ignore[misc]
+    """A node has aborted the access to one of its objects: told with node, object and the text of the code."""
+
+    def __init__(self, where: str, code: int) -> None:
+        super().__init__(code)
+        self.where = where
+
+    def __str__(self) -> str:
+        return f"{self.where}: {abort_text(self.code)}"
+
+
 class SdoClient(canopen.sdo.SdoClient):  # type: ignore[misc]
     """canopen's SDO client, waiting on the loop instead of a thread's queue."""
 
     def __init__(self, loop: Loop, node_id: int, dictionary: canopen.ObjectDictionary) -> None:
         self._box: Mailbox[bytes] = Mailbox(loop)
         self.aborts = 0
+        self._node_id = node_id
+        self._asked = b""
+        """Index and sub-index of the access that was begun last."""
         super().__init__(SDO_REQUEST + node_id, SDO_RESPONSE + node_id, dictionary)
 
     def on_response(self, can_id: int, data: bytes, timestamp: float) -> None:
@@ -39,6 +63,30 @@ class SdoClient(canopen.sdo.SdoClient):  # type: ignore[misc]
         if data and data[0] == REQUEST_ABORTED:
             self.aborts += 1
         super().on_response(can_id, data, timestamp)
+
+    def send_request(self, request: bytes) -> None:
+        if request[0] & _COMMAND in _BEGINS:
+            self._asked = bytes(request[1:4])
+        super().send_request(request)
+
+    def read_response(self) -> bytes:
+        try:
+            answer: bytes = super().read_response()
+        except SdoAbortedError as error:
+            raise self.aborted(error.code) from error
+        except SdoCommunicationError as error:
+            raise SdoCommunicationError(f"{self.where}: {error}") from error
+        return answer
+
+    def aborted(self, code: int) -> ObjectAbortedError:
+        """The error of an abort by the node."""
+        return ObjectAbortedError(self.where, code)
+
+    @property
+    def where(self) -> str:
+        """Node and object of the access that was begun last."""
+        index, subindex = int.from_bytes(self._asked[:2], "little"), self._asked[2:]
+        return f"node {self._node_id} object {index:04X}h/{subindex[0] if subindex else 0}"
 
     @property
     def responses(self) -> Mailbox[bytes]:

@@ -185,14 +185,14 @@ class SdoAccess:
                     continue
                 told = answer[1:_EXPEDITED_SIZE]
                 if answer[0] == RESPONSE_ABORTED and told in (asked, _UNNAMED):
-                    raise SdoAbortedError(int.from_bytes(answer[_EXPEDITED_SIZE:], "little"))
+                    raise self._sdo.aborted(int.from_bytes(answer[_EXPEDITED_SIZE:], "little"))
                 if told == asked:
                     return answer
         self._open = 0
         sdo.abort(Abort.TIMEOUT)
         if broken:
             raise ValueError(broken)
-        raise SdoCommunicationError("No SDO response received")
+        raise SdoCommunicationError(f"{self._sdo.where}: No SDO response received")
 
     def _next(self, deadline: int) -> bytes | None:
         """What the node answers until then."""
@@ -226,7 +226,7 @@ class SdoAccess:
             if answer is None or len(answer) != _FRAME or answer[1:_EXPEDITED_SIZE] not in (asked, _UNNAMED):
                 continue
             if answer[0] == RESPONSE_ABORTED:
-                raise SdoAbortedError(int.from_bytes(answer[_EXPEDITED_SIZE:], "little"))
+                raise self._sdo.aborted(int.from_bytes(answer[_EXPEDITED_SIZE:], "little"))
             if answer[0] & ~_OF_THE_SIZE == RESPONSE_UPLOAD | EXPEDITED:
                 unused = answer[0] >> 2 & 3 if answer[0] & SIZE_SPECIFIED else 0
                 data = answer[_EXPEDITED_SIZE : _FRAME - unused]

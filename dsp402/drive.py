@@ -346,7 +346,7 @@ class DriveClient(NodeClient[DriveSettings]):
         try:
             self.write_urgently(stop.index, stop.subindex, stop.data)
         except SdoAbortedError as error:
-            self._tell("status", f"in {shown}, and refuses {stop.meaning} by SDO: {abort_text(error.code)}")
+            self._tell("status", f"in {shown}, and refuses {stop.meaning} by SDO: {error}")
         else:
             self._tell("status", f"in {shown}: {stop.meaning} by SDO before it is configured")
 
@@ -563,7 +563,7 @@ class DriveClient(NodeClient[DriveSettings]):
                 self.write(*entry.address, data[offset : offset + size])
                 offset += size
         except (SdoAbortedError, SdoCommunicationError, struct.error, ValueError) as error:
-            text = f"{entry}: {abort_text(error.code) if isinstance(error, SdoAbortedError) else error}"
+            text = f"{entry}: {error}"
             if text != values.error:  # told once while it lasts
                 values.error = text
                 self._tell("status", f"object without PDO: {text}")

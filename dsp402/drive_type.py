@@ -82,6 +82,10 @@ class Scaling:
         missing = [quantity for quantity in needed if quantity not in self.references]
         return "; ".join(self.unknown.get(quantity, f"{quantity.value}: 100 % is not known") for quantity in missing)
 
+    def missing_keys(self, *needed: Quantity) -> tuple[str, ...]:
+        """Keys of the configuration that these quantities lack, each once."""
+        return tuple(dict.fromkeys(key for quantity in needed for key in self.missing.get(quantity, ())))
+
     def reference(self, quantity: Quantity) -> Fraction:
         """100 % in the drive's units; Dsp402Error when it is not known."""
         try:

@@ -13,7 +13,6 @@ from typing import Any, Final
 import canopen
 from canopen.sdo import SdoAbortedError
 
-from pdgw.ds301.aborts import abort_text
 from pdgw.ds301.client import NodeClient
 from pdgw.ds301.communication import DEVICE_TYPE, ERROR_REGISTER, PRODUCER_HEARTBEAT
 from pdgw.ds301.configuration import EVENT_DRIVEN_MANUFACTURER, SdoStep
@@ -163,7 +162,7 @@ class EncoderClient(NodeClient[EncoderSettings]):
         try:
             self._write_checked(heartbeat)
         except (Dsp406Error, SdoAbortedError) as error:
-            text = str(error) if isinstance(error, Dsp406Error) else abort_text(error.code)
+            text = str(error)
             self._heartbeat_expected = False  # the TPDOs alone tell that the encoder lives
             self._tell("status", f"no heartbeat: {text}")
         self.read_parameters()

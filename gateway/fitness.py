@@ -56,6 +56,12 @@ def lacks(drive: DriveType, number: int, settings: AxisSettings = _USUAL) -> str
     return ""
 
 
+def missing_lines(drive: DriveType, *numbers: int, settings: AxisSettings = _USUAL) -> tuple[str, ...]:
+    """Every key of the configuration that these telegrams lack with a drive, as lines to paste into its [[axis]]."""
+    machines = (AxisMachine(number, settings, DriveFeedback()) for number in numbers)
+    return tuple(dict.fromkeys(line for machine in machines for line in machine.missing(drive).lines))
+
+
 def planned(
     drive: DriveType, number: int, node_id: int = 1, *, sync: bool = False, settings: AxisSettings = _USUAL
 ) -> PdoPlan:

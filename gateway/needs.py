@@ -5,7 +5,10 @@ Source: docs/units.md "What each signal needs". A signal in the drive's own unit
 
 from __future__ import annotations
 
-from pdgw.dsp402.drive_type import Quantity
+from typing import NamedTuple
+
+from pdgw.dsp402.drive_type import Quantity, Scaling
+from pdgw.dsp402.unit_keys import KEY_LINES
 from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.signals import Signal
 from pdgw.profidrive.telegrams import Telegram
@@ -34,3 +37,43 @@ def needed_quantities(telegram: Telegram) -> tuple[Quantity, ...]:
     signals = (*telegram.setpoints.signals, *telegram.actuals.signals)
     needed = {Quantity.SPEED} | {quantity for signal in signals if (quantity := quantity_of(signal)) is not None}
     return tuple(quantity for quantity in Quantity if quantity in needed)
+
+
+_UNITS = (
+    ("counts_per_revolution", "position units per revolution", "counts_per_revolution"),
+    ("velocity_per_rpm", "velocity units per rpm", "velocity_unit"),
+    ("acceleration_per_rpm_s", "acceleration units per rpm/s", "acceleration_unit"),
+)
+"""What a scaling has beside its 100 %: the attribute, its name in messages, and the key that gives it."""
+
+
+class Missing(NamedTuple):
+    """What a telegram lacks of a scaling, all of it at once."""
+
+    why: str
+    keys: tuple[str, ...]
+
+    @property
+    def lines(self) -> tuple[str, ...]:
+        """To paste into the [[axis]]; each is refused until its value is filled in."""
+        return tuple(KEY_LINES[key] for key in self.keys)
+
+    @property
+    def text(self) -> str:
+        """For one line: the reasons, then what to paste."""
+        if not self.keys:
+            return self.why
+        short = ", ".join(line.partition("  #")[0] for line in self.lines)
+        return f"{self.why}; to paste into its [[axis]] and fill in: {short}"
+
+
+def missing(scaling: Scaling, needed: tuple[Quantity, ...], *, converts: bool) -> Missing:
+    """``converts``: positions, velocities and accelerations are made of each other (positioner, DSC, interpolation)."""
+    parts = [text for text in (scaling.refusal(*needed),) if text]
+    keys = list(scaling.missing_keys(*needed))
+    for attribute, what, key in _UNITS if converts else ():
+        if getattr(scaling, attribute) is None and key not in keys:
+            if not parts or key not in parts[0]:
+                parts.append(f"{what}: not known, {key} settles it")
+            keys.append(key)
+    return Missing("; ".join(parts), tuple(keys))

@@ -55,7 +55,7 @@ from pdgw.gateway.axis.waist import (
 )
 from pdgw.gateway.axis.watch import FAULTY, POWERED, UNPOWERED, WATCHED, Acknowledgement, DriveWatch, NodeWatch
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.needs import needed_quantities
+from pdgw.gateway.needs import Missing, missing, needed_quantities
 from pdgw.gateway.reasons import FaultNumber, OrderDoubt, Reason
 from pdgw.profidrive.encoder import SensorError
 from pdgw.profidrive.errors import ProfidriveError
@@ -130,6 +130,7 @@ class AxisMachine:
         self.check = VelocityCheck(settings.stop_time_ns)
         self._follows_speed = kind is Kind.SPEED or kind is Kind.LOAD
         self._needed = needed_quantities(self.telegram)
+        self._converts = kind is Kind.POSITIONER or kind is Kind.DSC
         self.shows_codes = "FAULT_CODE" in self.telegram.actuals.names
         """The telegram has numbers of faults and warnings: ``Inputs`` has to have them."""
         self._usable = False
@@ -383,13 +384,18 @@ class AxisMachine:
 
     def lacking(self, drive: DriveType, homing_method: int) -> str:
         """Why this drive cannot be operated with the telegram; empty when it can, and the executor works for it from now on."""
-        refusal = drive.scaling.refusal(*self._needed)
+        refusal = self.missing(drive).text
         if not refusal:
             try:
                 self.executor.set_drive(self._shown_to_executor(drive), homing_method)
             except (CanopenError, GatewayError, ProfidriveError) as error:
                 refusal = str(error)
         return refusal
+
+    def missing(self, drive: DriveType) -> Missing:
+        """Everything the telegram lacks of the drive's units, with the keys that give it."""
+        converts = self._converts or (self._own_interpolation is not None and drive.interpolates)
+        return missing(drive.scaling, self._needed, converts=converts)
 
     def _shown_to_executor(self, drive: DriveType) -> DriveType:
         cycle, executor = self.cycle, self.executor

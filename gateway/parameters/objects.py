@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 import canopen
 from canopen.sdo import SdoAbortedError, SdoCommunicationError
 
-from pdgw.ds301.aborts import Abort, abort_text
+from pdgw.ds301.aborts import Abort
 from pdgw.ds301.client import NodeClient
 from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.objects import CanType
@@ -119,7 +119,7 @@ class ObjectAccess:
         except SdoAbortedError as error:
             number = error_of_abort(error.code)
             level = logging.WARNING if number is Number.MANUFACTURER else logging.DEBUG
-            log.log(level, "DO %d: %s: %s", self.owner.do_id, what, abort_text(error.code))
+            log.log(level, "DO %d: %s: %s", self.owner.do_id, what, error)
             raise ParameterRefused(number) from error
         except (TimeoutError, CancelledError) as error:
             future.cancel()

@@ -123,7 +123,7 @@ def _ask(config: GatewayConfig, axis: AxisConfig) -> PdoPlan | None:
     from pdgw.ds301.inquiry import Inquiry  # noqa: PLC0415 - a check of the file alone needs no CAN
     from pdgw.dsp402.drive import load_eds  # noqa: PLC0415
     from pdgw.dsp402.probe import probe  # noqa: PLC0415
-    from pdgw.gateway.fitness import lacks, planned  # noqa: PLC0415
+    from pdgw.gateway.fitness import lacks, missing_lines, planned  # noqa: PLC0415
     from pdgw.tools.on_loop import complete, opened  # noqa: PLC0415
 
     try:
@@ -142,6 +142,8 @@ def _ask(config: GatewayConfig, axis: AxisConfig) -> PdoPlan | None:
     refusal = lacks(drive, axis.telegram, settings)
     if refusal:
         typer.echo(f"  telegram {axis.telegram} is refused: {refusal}")
+        for line in missing_lines(drive, axis.telegram, settings=settings):
+            typer.echo(f"    {line}")
         return None
     sync = axis.drive_settings(axis.telegram, config.transport.cycle_time_ms).sync
     plan = planned(drive, axis.telegram, axis.node_id, sync=sync, settings=settings)

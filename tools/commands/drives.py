@@ -16,7 +16,7 @@ from pdgw.dsp402.describe import described_by_sheet
 from pdgw.dsp402.drive import load_eds
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.overlay import Overlay, overlay, overlays
-from pdgw.gateway.fitness import lacks_by_telegram, not_available
+from pdgw.gateway.fitness import lacks_by_telegram, missing_lines, not_available
 
 app = typer.Typer(help="Families of drives.", no_args_is_help=True)
 
@@ -89,6 +89,7 @@ def match(
             "homing_methods": list(drive.homing_methods),
             "scaling": list(drive.scaling.lines),
             "telegrams": dict(missing),
+            "keys": list(missing_lines(drive, *missing)),
             "not_available": without,
         }
         typer.echo(json.dumps(document, indent=2))
@@ -111,6 +112,11 @@ def _print_match(drive: DriveType, missing: Mapping[int, str], without: Mapping[
     for line in dict.fromkeys(line for lines in without.values() for line in lines):
         numbers = [str(number) for number, lines in without.items() if line in lines]
         typer.echo(f"telegram{'s' * (len(numbers) > 1)} {', '.join(numbers)}: {line}")
+    lines = missing_lines(drive, *missing)
+    if lines:
+        typer.echo("to paste into its [[axis]] and fill in, as far as the telegram needs it:")
+    for line in lines:
+        typer.echo(f"  {line}")
     for line in overlay(drive.family).hints if drive.family else ():
         typer.echo(f"hint: {line}")
 

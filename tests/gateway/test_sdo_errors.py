@@ -1,0 +1,50 @@
+"""An SDO that fails is told with the node, the object and what the abort code means."""
+
+from __future__ import annotations
+
+import pytest
+
+from pdgw.ds301.client import NodeClient
+from pdgw.gateway.daemon import Daemon
+from tests.support.daemon import axis, configuration, drive_of, running, until
+
+
+def _failure(daemon: Daemon, index: int, subindex: int = 0, data: bytes = b"") -> str:
+    def access(node: NodeClient) -> None:  # type: ignore[type-arg]
+        if data:
+            node.write(index, subindex, data)
+        else:
+            node.read(index, subindex)
+
+    future = daemon.axes[0].drive.submit(access)
+    until(daemon, future.done, "an end of the access")
+    return str(future.exception())
+
+
+@pytest.mark.parametrize(
+    ("index", "subindex", "data", "text"),
+    [
+        (0x5FFF, 0, b"", "node 1 object 5FFFh/0: 0602 0000h: object does not exist"),
+        (0x6094, 9, b"", "node 1 object 6094h/9: 0609 0011h: sub-index does not exist"),
+        (0x6041, 0, b"\0\0", "node 1 object 6041h/0: 0601 0002h: attempt to write a read-only object"),
+    ],
+)
+def test_abort_names_node_object_and_text(index: int, subindex: int, data: bytes, text: str) -> None:
+    with running(configuration(axis(1))) as daemon:
+        until(daemon, lambda: daemon.axes[0].drive.generation, "online")
+        assert _failure(daemon, index, subindex, data) == text
+
+
+def test_missing_answer_names_node_and_object() -> None:
+    with running(configuration(axis(1))) as daemon:
+        until(daemon, lambda: daemon.axes[0].drive.generation, "online")
+        drive_of(daemon).do(lambda node: node.misbehave("slow-sdo", delay_ms=5000))
+        assert _failure(daemon, 0x6080) == "node 1 object 6080h/0: No SDO response received"
+
+
+def test_refused_configuration_names_node_object_and_text() -> None:
+    with running(configuration(axis(1))) as daemon:
+        drive_of(daemon).do(lambda node: node.entries.pop((0x6060, 0)))
+        until(daemon, lambda: daemon.axes[0].drive.status.value == "refused", "refused")
+        told = daemon.axes[0].drive.status_text
+        assert told.startswith("node 1 mode of operation (6060h/0 := 3h): '0609 0011h: sub-index does not exist'")
