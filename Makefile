@@ -91,7 +91,7 @@ limit-cycles: $(STAMP)
 	PDGW_LIMIT_CYCLES=1 $(BIN)/pytest $(TOGETHER) tests/gateway/test_limit_cycle.py
 
 soak: $(STAMP)
-	$(BIN)/pdgw soak --hours 24 --axes 2 --telegrams 1,9
+	$(BIN)/pdgw soak --hours 24 --axes 2
 
 docs: $(STAMP)
 	$(BIN)/python -m pdgw.tools.doctables

@@ -41,12 +41,13 @@ class CyclingPlc:
         self._port.start(self._receive)
         self._timer = self._loop.call_at(self._due, self._cycle)
 
-    def restart(self, port: DatagramPort) -> None:
-        """The PLC starts again: another port, a new relationship, the same set-points."""
+    def restart(self, port: DatagramPort, telegrams: Sequence[Telegram] | None = None) -> None:
+        """The PLC starts again: another port, a new relationship, the same set-points; other telegrams begin with zeros."""
         self._port.close()
-        setpoints = self.endpoint.setpoints
-        self.endpoint = PlcEndpoint(self.endpoint.telegrams, self._cycle_ns)
-        self.endpoint.setpoints = setpoints
+        before = self.endpoint
+        self.endpoint = PlcEndpoint(before.telegrams if telegrams is None else telegrams, self._cycle_ns)
+        if telegrams is None:
+            self.endpoint.setpoints = before.setpoints
         self._port = port
         port.start(self._receive)
 

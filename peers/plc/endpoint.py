@@ -54,6 +54,8 @@ class PlcEndpoint:
         """Axes whose sign of life counts, with its word and bits."""
         self.run = True
         """Provider state of the PLC: RUN or STOP."""
+        self.bad: set[int] = set()
+        """Axes whose setpoints the PLC marks BAD (its IOPS)."""
         self.counters: Counter[str] = Counter()
 
     def set(self, axis: int, values: Mapping[str, int]) -> None:
@@ -86,7 +88,7 @@ class PlcEndpoint:
         self.count_life()
         for index, half in enumerate(layout.halves):
             half.encode_into(frame, layout.offsets[index], tuple(self.setpoints[index].values()))
-            frame[layout.iops[index]] = IOPS_GOOD
+            frame[layout.iops[index]] = IOPS_BAD if index in self.bad else IOPS_GOOD
             frame[layout.iocs[index]] = IOPS_GOOD if self.actuals[index] is not None else IOPS_BAD
         self._ticks = self._ticks + self._step if now is None else max(self._ticks + 1, now // COUNTER_UNIT_NS)
         TRAILER.pack_into(frame, layout.trailer, self._ticks & 0xFFFF, STATUS_NORMAL if self.run else STATUS_STOP, 0)

@@ -109,6 +109,7 @@ class ParameterClient:
     """One access point of a device. Raises GatewayError when it does not answer or refuses the record.
 
     ``channel``: what reaches the device, a UDP socket without one. ``device``: its object UUID, which PROFINET devices look at.
+    ``activity``: UUID of its calls, a random one without it.
     """
 
     def __init__(
@@ -124,13 +125,14 @@ class ParameterClient:
         device: uuid.UUID | None = None,
         timeout_s: float = 30,
         channel: Channel | None = None,
+        activity: uuid.UUID | None = None,
     ) -> None:
         self.do_id = do_id
         self.address = address
         self._place = (api, slot, subslot)
         self._index = RECORD_LOCAL if local else RECORD_GLOBAL
         self._timeout_s = timeout_s
-        self._caller = RecordCaller(uuid.uuid4(), device or object_uuid(1, 0, 0), ar_uuid)
+        self._caller = RecordCaller(activity or uuid.uuid4(), device or object_uuid(1, 0, 0), ar_uuid)
         self._station: StationAccess | None = None
         self._references = itertools.cycle(range(1, 256))
         self._channel: Channel = UdpChannel(address) if channel is None else channel

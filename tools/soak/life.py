@@ -5,107 +5,124 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from random import Random
+from typing import Final
 
+from pdgw.ds301.connection_set import EMCY
 from pdgw.ds301.node import NodeStatus
 from pdgw.ds301.pdo import PdoDirection
-from pdgw.dsp402.states import Command, State
+from pdgw.dsp402.states import State
 from pdgw.durations import MS, SECOND
-from pdgw.gateway.axis.telegrams import DSC_TELEGRAM_NUMBERS, POSITIONER_TELEGRAM_NUMBERS
-from pdgw.gateway.config import GatewayConfig
-from pdgw.gateway.config_file import parse_config
+from pdgw.gateway.axis.telegrams import TASK_TELEGRAM_NUMBERS
 from pdgw.gateway.daemon import Daemon
+from pdgw.gateway.transport.acyclic import AcyclicServer
 from pdgw.gateway.transport.udp import Address
-from pdgw.peers.drive import SimulatedDrive
+from pdgw.peers.drive import LINEAR_AXIS, ROTARY_AXIS, shape
+from pdgw.peers.node.faults import WrongIdentity
 from pdgw.peers.plc.cycling import CyclingPlc
-from pdgw.peers.world import Member, SimulatedCan, World
-from pdgw.profidrive.frame import STATUS_RUN
-from pdgw.profidrive.telegrams import telegram
+from pdgw.peers.world import Conditions, Member, SimulatedCan, World
+from pdgw.profidrive.frame import IOPS_GOOD, STATUS_RUN, CSduLayout
+from pdgw.profidrive.telegrams import Direction, telegram
+from pdgw.tools.soak.engineer import HOST as ENGINEER_HOST
+from pdgw.tools.soak.engineer import Engineer
+from pdgw.tools.soak.plan import AxisPlan, Plan, draw_plan, shapes_of
+from pdgw.tools.soak.told import Told
 from pdgw.tools.soak.trace import Trace
-from pdgw.tools.soak.troubles import GATEWAY_HOST, PLC_HOST, TROUBLES, Trouble, Undo
-from pdgw.tools.soak.watch import SETTLED_NS, SoakAxis, ViolationError
-from pdgw.tools.soak.words import ACKNOWLEDGE, TRANSPARENT, Words
+from pdgw.tools.soak.troubles import PLC_HOST, TROUBLES, Trouble, Undo
+from pdgw.tools.soak.watch import RATED_RPM, REACHED_RPM, SETTLED_NS, SoakAxis, ViolationError
+from pdgw.tools.soak.words import ACKNOWLEDGE, Words, asked_share, shown_share
 
-PART_NS = 600 * SECOND
+PART_NS: Final = 600 * SECOND
 """A day is played in parts that begin with power-on, so that a moment of it is reached again soon."""
-CYCLE_MS = 16
-_BUS = "soak"
-_CHECK_NS = 20 * MS
-_RPDO1 = PdoDirection.RPDO.bases[0]
-_ENABLE_MASK, _ENABLE = Command.ENABLE_OPERATION.value
-_STATUS_OFFSET = -2
+CHANNEL: Final = "soak"
+_CHECK_NS: Final = 25 * MS
+_RPDOS: Final = frozenset(base + node for base in PdoDirection.RPDO.bases[:4] for node in range(1, 128))
+_NODE: Final = 0x7F
+_STATUS_OFFSET: Final = -2
 """The data status of a frame, from its end."""
-_BACK_NS = 20 * SECOND
+_BACK_NS: Final = 20 * SECOND
 """Without troubles every axis operates again within this time."""
-_OBEY_NS = 250 * MS
-"""So long an axis has for a word before the next is given."""
-_TALK_NS, _PAUSE_NS = 250 * MS, 600 * MS
-"""Mean time between two words of the PLC, and between two troubles."""
+_FOLLOW_NS: Final = 10 * SECOND
+"""And its shaft turns with the speed that is asked."""
+_OBEY_NS: Final = 250 * MS
+"""So long an axis has for a word in calm, and twice the latency of its drive."""
+_PAUSE_NS: Final = 600 * MS
+"""Mean time between two troubles."""
+_ACT_NS: Final = 4 * SECOND
+"""Mean time between two uses of the parameter channel."""
 _SHORTEST_NS, _LONGEST_NS = 2 * MS, 3 * SECOND
-_CHAOS_S = (5, 30)
-_TIMERS_MAX = 2000
-_RUNNING_STATE = 0x4F
-_POSITIONER = """\
-[axis.positioner]
-lu_per_revolution = 10000
-max_velocity = 30000
-max_acceleration = 2000
-max_deceleration = 2000
-position_window = 20
-"""
+_CHAOS_S: Final = (5, 30)
+_TIMERS_MAX: Final = 2000
+_RUNNING_STATE: Final = 0x4F
+_PLAIN: Final = Conditions()
+_CHANGES: Final = 0.3
+"""Share of the calms in which a telegram is changed."""
 
 
 class Life:
-    """Plays from ``part`` x ``PART_NS`` on; ``numbers``: the telegrams of the axes."""
+    """Plays from ``part`` x ``PART_NS`` on; ``numbers``: telegrams of the axes in turn, none: all are drawn."""
 
-    def __init__(self, seed: int, part: int, numbers: Sequence[int], *, frames: bool = False) -> None:
+    def __init__(
+        self, seed: int, part: int, axes: int = 2, numbers: Sequence[int] = (), *, frames: bool = False
+    ) -> None:
         self.begin = part * PART_NS
         self.world = World(f"{seed} {part}", self.begin)
         self.loop = self.world.loop
         self.trace = Trace(self.loop.now, frames=frames)
         self.calm = True
-        config = _configuration(numbers)
-        self.world.simulate(config)
-        self.daemon = Daemon(config, self.world)
+        self.plan: Plan = draw_plan(self.world.chance("plan"), axes, numbers)
+        self._config = self.plan.configuration(CHANNEL, PLC_HOST, ENGINEER_HOST)
+        self._fixed = bool(numbers)
+        self.daemon = self._gateway()
         self._cycle_ns = self.daemon.cycle_ns
-        self._watchdog_ns = self._cycle_ns * config.transport.watchdog_factor
-        telegrams = [telegram(number) for number in numbers]
+        self._watchdog_ns = self._cycle_ns * self._config.transport.watchdog_factor
+        telegrams = [telegram(axis.telegram) for axis in self.plan.axes]
         port = self.world.network.open(PLC_HOST, 0, "PLC")
         self.plc = CyclingPlc(self.loop, port, self.daemon.address, telegrams, self._cycle_ns)
-        self.axes = [
-            self._axis(index, Words(item, self.world.chance(f"words {index}"))) for index, item in enumerate(telegrams)
-        ]
+        self._layout = CSduLayout(telegrams, Direction.SETPOINT)
+        self.axes = [self._axis(index, item) for index, item in enumerate(self.plan.axes)]
+        self.told = [Told(axis.name) for axis in self.axes]
         self._chance = self.world.chance("troubles")
+        acyclic = (self.daemon.address[0], self._config.transport.acyclic_port)
+        self._engineer = Engineer(self.world, acyclic, self.world.chance("engineer"))
         self._active: dict[str, tuple[Trouble, SoakAxis, Undo]] = {}
         self._quiet_since = self.begin
         self._arrived = self.begin
         self._runs = False
         self._violation: ViolationError | None = None
-        self.plc.before_frame.append(self._before_frame)
         self.world.network.arrivals.append(self._on_arrival)
         self.bus.offered.append(self._on_offered)
-        if frames:
-            self.bus.taps.append(self._note_frame)
+        self.bus.taps.append(self._on_frame)
+        self.trace.note(f"cycle {self.plan.cycle_ms} ms; " + "; ".join(map(str, self.plan.axes)))
 
-    def _axis(self, index: int, words: Words) -> SoakAxis:
-        drive = self.world.simulations["can"].device(index + 1)
-        assert isinstance(drive, SimulatedDrive)
+    def _gateway(self) -> Daemon:
+        daemon = Daemon(self._config, self.world)
+        daemon.services.append(AcyclicServer(daemon))
+        self._origin = self.loop.now()
+        return daemon
+
+    def _axis(self, index: int, plan: AxisPlan) -> SoakAxis:
+        number = plan.telegram
+        machine = LINEAR_AXIS if number in TASK_TELEGRAM_NUMBERS else ROTARY_AXIS
+        drive = self.world.drive(CHANNEL, index + 1, shape=shape(plan.shape), latency=plan.latency, machine=machine)
         assert isinstance(drive.port, Member)
+        words = Words(telegram(number), self.world.chance(f"words {index}"), self._cycle_ns)
+        axis = SoakAxis(index, plan, drive, drive.port, words)
+        axis.in_force_ns = self._watchdog_ns + 2 * self._cycle_ns
         self.plc.endpoint.setpoints[index] = words.values
-        axis = SoakAxis(index, drive, drive.port, words, self._watchdog_ns + 2 * self._cycle_ns)
         drive.model.watchers.append(lambda state: self.trace.note(f"{axis.name}: drive in {state.value}"))
         return axis
 
     @property
     def bus(self) -> SimulatedCan:
         """The one bus."""
-        return self.world.bus(_BUS)
+        return self.world.bus(CHANNEL)
 
     @property
     def gateway_port(self) -> Member:
         """The gateway's controller on it."""
-        return self.world.gateway_port(_BUS)
+        return self.world.gateway_port(CHANNEL)
 
     @property
     def starts(self) -> int:
@@ -125,6 +142,7 @@ class Life:
                 self.daemon.start()
                 self.plc.start()
                 self.loop.spawn(self._phases, "phases")
+                self.loop.spawn(self._use_parameters, "engineer")
                 self._check()
                 for axis in self.axes:
                     self._talk(axis)
@@ -144,6 +162,10 @@ class Life:
         try:
             while True:
                 self._all_back()
+                self._follow(chance)
+                if not self._fixed and chance.random() < _CHANGES:
+                    self._change_telegram(chance)
+                    self._all_back()
                 self.calm = False
                 self.loop.sleep(int(chance.uniform(*_CHAOS_S) * SECOND))
                 self.calm = True
@@ -158,7 +180,7 @@ class Life:
         deadline = self.loop.now() + _BACK_NS
         for axis in self.axes:
             axis.drive.do(lambda node: node.model.clear())
-        while not all(axis.drive.model.state is State.OPERATION_ENABLED for axis in self.axes):
+        while True:
             self._give(lambda axis: axis.words.off)
             while not all(self._ready(axis) for axis in self.axes):
                 self._give(lambda axis: axis.words.off | ACKNOWLEDGE)
@@ -169,19 +191,76 @@ class Life:
                     )
             self._give(lambda axis: axis.words.off | 0x07)
             self._give(lambda axis: axis.words.on)
+            if all(axis.drive.model.state is State.OPERATION_ENABLED for axis in self.axes):
+                return
+
+    def _follow(self, chance: Random) -> None:
+        """In calm, the shaft turns with the speed that is asked, and the PLC is shown that it does."""
+        turning = [axis for axis in self.axes if axis.words.set_speed(chance.uniform(-0.8, 0.8))]
+        deadline = self.loop.now() + _FOLLOW_NS
+        again = True
+        while turning := [axis for axis in turning if not self._follows(axis)]:
+            if again and any(axis.drive.model.state is not State.OPERATION_ENABLED for axis in turning):
+                # What a drive cannot do may be found out while it turns, once.
+                again = False
+                self._all_back()
+                deadline = self.loop.now() + _FOLLOW_NS
+            if self.loop.now() > deadline:
+                axis = turning[0]
+                asked = (asked_share(axis.words.values) or 0.0) * RATED_RPM
+                raise ViolationError(
+                    f"{axis.name}: asked {asked:.0f} rpm, turns {axis.drive.model.ramp.speed:.0f} rpm, "
+                    f"shown {self.plc.endpoint.actuals[axis.index]}"
+                )
+            self.loop.sleep(_OBEY_NS)
+
+    def _follows(self, axis: SoakAxis) -> bool:
+        rpm = axis.drive.model.ramp.speed
+        asked = (asked_share(axis.words.values) or 0.0) * RATED_RPM
+        shown = shown_share(self.plc.endpoint.actuals[axis.index])
+        right = shown is None or abs(shown * RATED_RPM - rpm) <= REACHED_RPM / 3
+        return abs(rpm - asked) <= REACHED_RPM / 3 and right
+
+    def _change_telegram(self, chance: Random) -> None:
+        """P922 of one axis out of operation; the PLC restarts with the frame that fits."""
+        axis = chance.choice(self.axes)
+        before = axis.words.telegram.number
+        fitting = [
+            n for n in self._config.axis[axis.index].telegrams if n != before and axis.plan.shape in shapes_of(n)
+        ]
+        if not fitting:
+            return
+        for other in self.axes:
+            other.words.set_speed(0.0)
+        self._give(lambda axis: axis.words.off)
+        self.loop.sleep(3 * SECOND)
+        number = chance.choice(fitting)
+        done = self._engineer.select(axis.index + 1, number, PLC_HOST)
+        self.trace.note(f"{axis.name}: P922 := {number}: {'taken' if done else 'refused'}")
+        if done:
+            axis.change(Words(telegram(number), axis.words.chance, self._cycle_ns))
+            # A gateway that is started again has it from its store.
+            self.plan = self.plan.with_telegram(axis.index, number)
+            self._config = self.plan.configuration(CHANNEL, PLC_HOST, ENGINEER_HOST)
+            telegrams = [item.words.telegram for item in self.axes]
+            self._layout = CSduLayout(telegrams, Direction.SETPOINT)
+            self.plc.restart(self.world.network.open(PLC_HOST, 0, "PLC"), telegrams)
+            for item in self.axes:
+                item.doubt("telegram changed")
+                self.plc.endpoint.setpoints[item.index] = item.words.values
 
     def _give(self, word: Callable[[SoakAxis], int]) -> None:
         """Every axis a word, and time to obey."""
         for axis in self.axes:
             axis.words.set_word(word(axis))
-        self.loop.sleep(_OBEY_NS)
+        self.loop.sleep(_OBEY_NS + 2 * max(axis.late_ns for axis in self.axes) + 4 * self._cycle_ns)
 
     def _shown(self, axis: SoakAxis) -> int | None:
         """ZSW1 where the telegram has it."""
-        return None if axis.words.telegram.number == TRANSPARENT else self.plc.value("ZSW1", axis.index)
+        return None if axis.words.raw else self.plc.value("ZSW1", axis.index)
 
     def _ready(self, axis: SoakAxis) -> bool:
-        if axis.words.telegram.number == TRANSPARENT:
+        if axis.words.raw:
             return axis.drive.model.state is State.READY_TO_SWITCH_ON
         shown = self._shown(axis)
         return shown is not None and shown & _RUNNING_STATE == 1
@@ -203,28 +282,57 @@ class Life:
             axis.words.draw()
             if axis.words.word != before:
                 self.trace.note(f"{axis.name}: PLC {axis.words.name} {axis.words.word:04X}h")
-        self.loop.call_later(_exponential(axis.words.chance, _TALK_NS), lambda: self._talk(axis))
+        self.loop.call_later(axis.words.stand_ns(), lambda: self._talk(axis))
 
     def restart_plc(self) -> None:
         """Another relationship from another port."""
         self.plc.restart(self.world.network.open(PLC_HOST, 0, "PLC"))
 
-    def _before_frame(self, now: int) -> None:
-        if not self.plc.silent and self.plc.endpoint.run:
-            # Frames that are all late alike are in order: the gateway cannot know, and need not.
-            delay = self.world.network.conditions.delay_ns
+    def restart_gateway(self) -> None:
+        """A gateway that ended, as with another master on its bus, is started again."""
+        if self.daemon.stopped.is_set():
+            self.trace.note(f"gateway ended ({self.daemon.failure}) and starts again")
+            # Without a data sheet a gateway takes the identity that it finds first for the right one.
+            self._end(f"drive: {WrongIdentity.name}")
             for axis in self.axes:
-                axis.sent(now + delay)
+                axis.restarted()
+            for told in self.told:
+                told.waiting.clear()
+            self.daemon = self._gateway()
+            self.daemon.start()
+
+    def _use_parameters(self) -> None:
+        chance = self.world.chance("parameters")
+        act_at = self.loop.now() + _exponential(chance, _ACT_NS)
+        try:
+            while True:
+                self.loop.sleep(SECOND)
+                for axis, told in zip(self.axes, self.told, strict=True):
+                    if told.due(self.loop.now()):
+                        self._engineer.look(axis.index + 1, told, self._origin)
+                if self.loop.now() >= act_at:
+                    axis = chance.choice(self.axes)
+                    did = self._engineer.act(axis.index + 1)
+                    self.trace.note(f"{axis.name}: engineer, {did}")
+                    act_at = self.loop.now() + _exponential(chance, _ACT_NS)
+        except ViolationError as violation:
+            self._violation = violation
 
     def _on_arrival(self, now: int, source: Address, target: Address, data: bytes) -> None:
-        if target != self.daemon.address:
+        if target != self.daemon.address or source[0] != PLC_HOST or len(data) != self._layout.frame_size:
             return
         self._doubt_gap(now)
         self._arrived = now
         self._runs = bool(data[_STATUS_OFFSET] & STATUS_RUN)
-        if not self._runs:
-            for axis in self.axes:
-                axis.doubt("provider STOP")
+        layout = self._layout
+        certain = self.world.network.conditions == _PLAIN and now - self._quiet_since > self._watchdog_ns
+        for axis in self.axes:
+            iops = layout.iops[axis.index]
+            axis.good = self._runs and bool(data[iops] & IOPS_GOOD)
+            if axis.good:
+                axis.asked(now, bytes(data[layout.offsets[axis.index] : iops]), certain=certain)
+            else:
+                axis.doubt("IOPS BAD" if self._runs else "provider STOP")
 
     def _doubt_gap(self, now: int) -> None:
         if now - self._arrived > self._watchdog_ns:
@@ -264,6 +372,7 @@ class Life:
         for trouble, axis, _ in self._active.values():
             self._touch(trouble, axis)
         self._doubt_gap(now)
+        self.restart_gateway()
         quiet = now - self._quiet_since > SETTLED_NS
         plc_there = self._runs and now - self._arrived <= self._watchdog_ns + self._cycle_ns
         port = self.gateway_port
@@ -272,36 +381,27 @@ class Life:
             online = item.client.status is NodeStatus.ONLINE
             if not online:
                 axis.doubt("drive not online")
-            reached = plc_there and bus_there and online and axis.member.connected
+            reached = plc_there and bus_there and online and axis.member.connected and axis.good
             axis.check(now, reached=reached, zsw1=self._shown(axis) if quiet and reached else None)
         self.loop.call_later(_CHECK_NS, self._check)
 
-    def _on_offered(self, now: int, _: Member, can_id: int, data: bytes) -> None:
-        node = can_id - _RPDO1
-        if 0 < node <= len(self.axes) and data[0] & _ENABLE_MASK == _ENABLE:
-            self.axes[node - 1].enabled(now)
+    def _on_offered(self, now: int, sender: Member, can_id: int, data: bytes) -> None:
+        node = can_id & _NODE
+        if sender.name == "gateway" and can_id in _RPDOS and 0 < node <= len(self.axes):
+            axis = self.axes[node - 1]
+            controlword = axis.controlword_in(can_id, data)
+            if controlword is not None:
+                axis.commanded(now, controlword)
 
-    def _note_frame(self, _: int, sender: Member, can_id: int, data: bytes) -> None:
-        self.trace.note(f"CAN {sender.name}: {can_id:03X}h {data.hex(' ')}")
-
-
-def _configuration(numbers: Sequence[int]) -> GatewayConfig:
-    axes = "".join(
-        f"[[axis]]\ndo_id = {n}\nnode_id = {n}\ntelegram = {number}\nsimulate = true\n{_keys(number)}"
-        for n, number in enumerate(numbers, 1)
-    )
-    return parse_config(
-        f'[can]\ninterface = "virtual"\nchannel = "{_BUS}"\nbitrate = 1000000\n'
-        f"[transport]\ncyclic_port = 0\nacyclic_port = 0\nstatus_port = 0\ncycle_time_ms = {CYCLE_MS}\n"
-        f'listen = "{GATEWAY_HOST}"\npeer = "{PLC_HOST}"\n{axes}'
-    )
-
-
-def _keys(number: int) -> str:
-    """What a telegram needs to be known beside."""
-    if number in DSC_TELEGRAM_NUMBERS:
-        return 'dsc = "speed"\nfollowing_window = 100000\n'
-    return _POSITIONER if number in POSITIONER_TELEGRAM_NUMBERS else ""
+    def _on_frame(self, now: int, sender: Member, can_id: int, data: bytes) -> None:
+        node = can_id - EMCY
+        if 0 < node <= len(self.axes) and len(data) == 8:
+            with suppress(KeyError):  # no gateway on the bus yet
+                port = self.gateway_port
+                if port.connected and not port.bus_off and not port.closed:
+                    self.told[node - 1].sent(now, data)
+        if self.trace.frames:
+            self.trace.note(f"CAN {sender.name}: {can_id:03X}h {data.hex(' ')}")
 
 
 def _exponential(chance: Random, mean: int) -> int:

@@ -7,17 +7,19 @@ from dataclasses import dataclass, replace
 from random import Random
 from typing import TYPE_CHECKING
 
+from pdgw.ds301.connection_set import ERROR_CONTROL, NMT
+from pdgw.ds301.nmt import NmtCommand, NmtState
+from pdgw.ds301.node import GATEWAY_NODE_ID
 from pdgw.durations import MS
 from pdgw.peers.drive.misbehaviour import DRIVE_MISBEHAVIOURS
+from pdgw.peers.plc.cycling import CyclingPlc
 from pdgw.peers.world import Conditions
 
 if TYPE_CHECKING:
     from pdgw.tools.soak.life import Life
     from pdgw.tools.soak.watch import SoakAxis
 
-GATEWAY_HOST = "192.168.0.5"
-"""Beyond loopback, where the gateway expects frames that come late."""
-PLC_HOST = "192.168.0.10"
+PLC_HOST, SECOND_HOST = "192.168.0.10", "192.168.0.11"
 Undo = Callable[[], None]
 
 
@@ -71,6 +73,42 @@ def _provider_stop(life: Life, _: SoakAxis, __: Random) -> Undo:
         life.plc.endpoint.run = True
 
     return undo
+
+
+def _iops_bad(life: Life, axis: SoakAxis, _: Random) -> Undo:
+    life.plc.endpoint.bad.add(axis.index)
+    return lambda: life.plc.endpoint.bad.discard(axis.index)
+
+
+def _second_plc(life: Life, _: SoakAxis, __: Random) -> Undo:
+    """Another PLC sends frames of the same layout with a standing ON."""
+    plc = CyclingPlc(
+        life.loop,
+        life.world.network.open(SECOND_HOST, 0, "second PLC"),
+        life.daemon.address,
+        life.plc.endpoint.telegrams,
+        life.daemon.cycle_ns,
+    )
+    for index, axis in enumerate(life.axes):
+        plc.endpoint.setpoints[index][axis.words.name] = axis.words.on
+    plc.start()
+    return plc.stop
+
+
+def _other_master(life: Life, _: SoakAxis, __: Random) -> Undo:
+    """A second gateway on the bus: its heartbeat, once."""
+    member = life.bus.join("other master")
+    member.send(ERROR_CONTROL + GATEWAY_NODE_ID, bytes([NmtState.OPERATIONAL]))
+    member.close()
+    return lambda: None
+
+
+def _foreign_nmt(life: Life, axis: SoakAxis, chance: Random) -> Undo:
+    """A tool on the bus commands the node."""
+    member = life.bus.join("tool")
+    member.send(NMT, bytes((chance.choice(list(NmtCommand)), axis.index + 1)))
+    member.close()
+    return lambda: None
 
 
 def _plc_restarts(life: Life, _: SoakAxis, __: Random) -> Undo:
@@ -131,6 +169,10 @@ TROUBLES: tuple[Trouble, ...] = (
     Trouble("PLC: silent", 5, _silent),
     Trouble("PLC: provider STOP", 4, _provider_stop),
     Trouble("PLC: restarts", 3, _plc_restarts),
+    Trouble("PLC: IOPS BAD", 4, _iops_bad),
+    Trouble("network: second PLC", 3, _second_plc),
+    Trouble("bus: other master", 1, _other_master),
+    Trouble("bus: foreign NMT command", 2, _foreign_nmt, drive=True),
     Trouble("bus: errors", 5, _bus_errors),
     Trouble("bus: gateway cut off", 8, _cut_gateway),
     Trouble("bus: drive cut off", 5, _cut_drive),

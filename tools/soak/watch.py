@@ -1,28 +1,45 @@
-"""What must hold for one axis, seen from the drive, the wires and what the PLC really sent; not from the gateway.
+"""What must hold for one axis, read from the wires and the shaft; never from the gateway.
 
-* No start without an OFF that was sent after the last doubt.
+* No Enable Operation is sent unless the PLC asks for ON, and no drive starts without an OFF and then an ON after the last doubt.
 * Standstill or power off within a bound after the PLC, or the way to the drive, is lost; a drive that coasts takes its time.
 * No task more often than the PLC gave one.
-* ZSW1 says operation or fault only of a drive that is in it, once nothing changes any more.
+* ZSW1 shows operation, fault and "speed reached" only of a drive that does what it shows, once nothing changes any more.
+* OFF2 and OFF3 go to the drive within a bound.
 """
 
 from __future__ import annotations
 
+from typing import Final
+
 from pdgw.dsp402.states import State
 from pdgw.durations import MS
+from pdgw.gateway.axis.settings import PlcLossReaction
 from pdgw.gateway.axis.telegrams import POSITIONER_TELEGRAM_NUMBERS
 from pdgw.gateway.axis.watch import POWERED
 from pdgw.peers.drive import SimulatedDrive
 from pdgw.peers.world import Member
-from pdgw.tools.soak.words import OFF_BIT, Words
+from pdgw.tools.soak.plan import AxisPlan
+from pdgw.tools.soak.words import Words, asked_share, is_off, is_on
 
-STOP_BOUND_NS = 1000 * MS
+STOP_BOUND_NS: Final = 1000 * MS
 """The drive's own watch over the gateway (300 ms), a quick stop from full speed (300 ms), and the cycles until it is known."""
-SETTLED_NS = 400 * MS
+RAMP_BOUND_NS: Final = 2500 * MS
+"""The same with the ramp of on_plc_loss = "ramp" from full speed."""
+SETTLED_NS: Final = 400 * MS
 """So long nothing must have changed before what is shown is compared."""
+RATED_RPM: Final = 3000
+"""100 % of a speed: 6080h of the simulated motor."""
+REACHED_RPM: Final = 90
+"""Tolerance of "speed reached"."""
 _STANDS_RPM = 1.0
-_OPERATION, _FAULT = 0x0004, 0x0008
-_ENABLING = 0x000F
+_OPERATION, _FAULT, _REACHED = 0x0004, 0x0008, 0x0400
+_ENABLE: Final = 0x000F
+_MOVES: Final = 0x007F
+"""STW1 bits that let the setpoint through."""
+_NO_OFF2, _NO_OFF3 = 0x0002, 0x0004
+_AFTER_OFF2: Final = frozenset({0x0})
+_AFTER_OFF3: Final = frozenset({0x0, 0x2})
+"""Controlword bits 0 to 3: Disable Voltage, Quick Stop."""
 
 
 class ViolationError(Exception):
@@ -32,21 +49,37 @@ class ViolationError(Exception):
 class SoakAxis:
     """The drive of one axis and what the PLC asks of it."""
 
-    def __init__(self, index: int, drive: SimulatedDrive, member: Member, words: Words, in_force_ns: int) -> None:
+    def __init__(self, index: int, plan: AxisPlan, drive: SimulatedDrive, member: Member, words: Words) -> None:
         self.index = index
+        self.plan = plan
         self.drive = drive
         self.member = member
         """The drive's controller on the bus."""
         self.words = words
         self.starts = 0
         """How often operation was entered."""
-        self._in_force_ns = in_force_ns
+        self.good = False
+        """The setpoints of the last frame count: the PLC in RUN, IOPS GOOD."""
+        self.in_force_ns = 0
         """An order holds so long without another: an OFF in force when the doubt ends is one after it."""
-        self._off_sent = -1
+        latency = plan.latency
+        self.late_ns = (latency.command_ms + latency.status_ms) * MS
+        now = drive.loop.now()
+        self._off = self._on = self._armed = -1
+        """When an OFF and an ON came to the gateway last, and when an ON came that follows an OFF after the last doubt."""
+        self._asked = b""
+        self._share: float | None = None
+        """The speed that came to the gateway."""
+        self._asked_since = now
+        self._stop_asked: tuple[int, int] | None = None
+        """Since when OFF2 or OFF3 stands, and which (the bits of STW1 that are 0)."""
+        self._commanded = 0
+        """Bits 0 to 3 of the last Controlword."""
+        self._commanded_at = -1
         self._enabled = -1
         self._doubt = (0, "power on")
         self._previous = drive.model.state
-        self._changed = drive.loop.now()
+        self._changed = now
         self._lost_since: int | None = None
         self._disturbed_until = 0
         drive.model.watchers.append(self._entered)
@@ -58,23 +91,77 @@ class SoakAxis:
     # -- what happens -------------------------------------------------------------------------------------------------
 
     def doubt(self, why: str, since: int | None = None) -> None:
-        """From now on, or from a moment before, a start needs another OFF."""
+        """From now on, or from a moment before, a start needs another OFF and then an ON."""
         when = self.drive.loop.now() if since is None else since
         if when > self._doubt[0]:
             self._doubt = (when, why)
+            if self._off < when - self.in_force_ns:
+                self._armed = -1
+
+    def change(self, words: Words) -> None:
+        """The PLC has another telegram for this axis."""
+        words.commands = self.words.commands
+        self.words = words
+        self._asked = b""
 
     def disturbed(self) -> None:
         """The drive itself is out of order just now."""
         self._disturbed_until = self.drive.loop.now()
 
-    def sent(self, now: int) -> None:
-        """A frame with the present word leaves the PLC; ``now``: with the delay that all frames have."""
-        if not self.words.word & OFF_BIT:
-            self._off_sent = now
+    def asked(self, now: int, setpoints: bytes, *, certain: bool) -> None:
+        """A frame of the PLC came to the gateway; ``setpoints``: those of this axis, the control word first.
 
-    def enabled(self, now: int) -> None:
-        """The gateway gave its controller an Enable Operation for the drive."""
+        ``certain``: the network neither loses nor delays, so that the gateway uses this frame.
+        """
+        if setpoints != self._asked:
+            self._asked = setpoints
+            self._asked_since = now
+            half = self.words.telegram.setpoints
+            self._share = asked_share(half.as_dict(half.decode(setpoints, 0)))
+        word = int.from_bytes(setpoints[:2], "big")
+        raw = self.words.raw
+        if is_off(word, raw=raw):
+            self._off = now
+        elif is_on(word, raw=raw):
+            self._on = now
+            if self._off >= self._doubt[0] - self.in_force_ns and self._off >= 0:
+                self._armed = now
+        stops = ~word & (_NO_OFF2 | _NO_OFF3)
+        if not stops:
+            self._stop_asked = None
+        elif not raw:
+            if certain:
+                self.doubt("OFF2 or OFF3")
+            if self._stop_asked is None or self._stop_asked[1] != stops:
+                self._stop_asked = now, stops
+
+    def controlword_in(self, can_id: int, data: bytes) -> int | None:
+        """The Controlword in an RPDO, as the drive has it mapped; None without one."""
+        pdo = self.drive.node.pdos.received.get(can_id)
+        if pdo is None or "controlword" not in pdo.attributes:
+            return None
+        at = 0
+        for entry in pdo.entries:
+            if entry.attribute == "controlword":
+                break
+            at += entry.type.bits // 8
+        return int.from_bytes(data[at : at + 2], "little")
+
+    def commanded(self, now: int, controlword: int) -> None:
+        """The gateway gave its controller a Controlword for the drive."""
+        word = controlword & _ENABLE
+        before, self._commanded, self._commanded_at = self._commanded, word, now
+        if word != _ENABLE:
+            return
         self._enabled = now
+        if before != _ENABLE and now - self._on > self.in_force_ns:
+            since = "never asked" if self._on < 0 else f"asked {(now - self._on) / MS:.0f} ms ago"
+            raise ViolationError(f"{self.name}: Enable Operation is sent while the PLC does not ask for ON ({since})")
+
+    def restarted(self) -> None:
+        """A gateway that was not there before took over."""
+        self._commanded = 0
+        self.doubt("gateway restarted")
 
     def _entered(self, state: State) -> None:
         now = self.drive.loop.now()
@@ -83,19 +170,18 @@ class SoakAxis:
             since, why = self._doubt
             # What it was told before the doubt a drive may still do: it waited for its enable input, or a controller that was cut
             # off held the frame, with the stop behind it.
-            if self._enabled > since and self._off_sent < since - self._in_force_ns:
-                before = (
-                    "none was sent"
-                    if self._off_sent < 0
-                    else f"the last was sent {(now - self._off_sent) / MS:.0f} ms ago"
-                )
+            if self._enabled > since and self._armed < 0:
                 raise ViolationError(
-                    f"{self.name}: started without OFF after a doubt ({why}, {(now - since) / MS:.0f} ms ago; {before})"
+                    f"{self.name}: started without OFF and ON after a doubt ({why}, {(now - since) / MS:.0f} ms ago; "
+                    f"OFF {self._ago(self._off)}, ON {self._ago(self._on)})"
                 )
         elif state in {State.FAULT_REACTION_ACTIVE, State.FAULT}:
             self.doubt("fault of the drive")
         self._previous = state
         self._changed = now
+
+    def _ago(self, when: int) -> str:
+        return "never" if when < 0 else f"{(self.drive.loop.now() - when) / MS:.0f} ms ago"
 
     # -- what holds at any time ---------------------------------------------------------------------------------------
 
@@ -107,8 +193,13 @@ class SoakAxis:
         # A positioner goes from block to block, and jogs.
         if self.words.telegram.number not in POSITIONER_TELEGRAM_NUMBERS and model.started > self.words.commands:
             raise ViolationError(f"{self.name}: {model.started} tasks begun, {self.words.commands} given by the PLC")
-        if zsw1 is not None and now - max(self._changed, self._disturbed_until) > SETTLED_NS:
+        if not reached:
+            return
+        self._check_stop(now)
+        if zsw1 is not None and now - max(self._changed, self._disturbed_until) > SETTLED_NS + self.late_ns:
             self._check_shown(model.state, zsw1)
+            if now - self._asked_since > SETTLED_NS + self.late_ns:
+                self._check_reached(zsw1)
 
     def _check_standstill(self, now: int, reached: bool) -> None:
         if reached:
@@ -117,10 +208,25 @@ class SoakAxis:
         if self._lost_since is None:
             self._lost_since = now
         since = max(self._lost_since, self._disturbed_until)
+        bound = RAMP_BOUND_NS if self.plan.on_plc_loss is PlcLossReaction.RAMP else STOP_BOUND_NS
         model = self.drive.model
-        if now - since > STOP_BOUND_NS and model.state in POWERED and abs(model.ramp.speed) > _STANDS_RPM:
+        if now - since > bound + 2 * self.late_ns and model.state in POWERED and abs(model.ramp.speed) > _STANDS_RPM:
             raise ViolationError(
                 f"{self.name}: turns with {model.ramp.speed:.0f} rpm under power {(now - since) / MS:.0f} ms after a loss"
+            )
+
+    def _check_stop(self, now: int) -> None:
+        """OFF2 and OFF3 are on the bus within the time in which an order is in force."""
+        if self._stop_asked is None:
+            return
+        since, stops = self._stop_asked
+        if now - max(since, self._disturbed_until) <= self.in_force_ns + SETTLED_NS:
+            return
+        allowed = _AFTER_OFF2 if stops & _NO_OFF2 else _AFTER_OFF3
+        if self._commanded not in allowed:
+            name = "OFF2" if stops & _NO_OFF2 else "OFF3"
+            raise ViolationError(
+                f"{self.name}: Controlword bits 0 to 3 are {self._commanded:X}h {(now - since) / MS:.0f} ms after {name}"
             )
 
     def _check_shown(self, state: State, zsw1: int) -> None:
@@ -128,3 +234,15 @@ class SoakAxis:
             raise ViolationError(f"{self.name}: ZSW1 {zsw1:04X}h shows operation, the drive is in {state.value}")
         if state is State.FAULT and not zsw1 & _FAULT:
             raise ViolationError(f"{self.name}: ZSW1 {zsw1:04X}h shows no fault, the drive is in {state.value}")
+
+    def _check_reached(self, zsw1: int) -> None:
+        """The setpoint that came to the gateway, and the shaft."""
+        share = self._share
+        word = int.from_bytes(self._asked[:2], "big")
+        if not zsw1 & _REACHED or share is None or word & _MOVES != _MOVES or not zsw1 & _OPERATION:
+            return
+        rpm = self.drive.model.ramp.speed
+        if abs(rpm - share * RATED_RPM) > REACHED_RPM:
+            raise ViolationError(
+                f"{self.name}: ZSW1 {zsw1:04X}h shows speed reached, asked {share * RATED_RPM:.0f} rpm, turns {rpm:.0f} rpm"
+            )

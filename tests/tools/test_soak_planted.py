@@ -1,0 +1,85 @@
+"""Gateways with defects: the soak finds each, and its rules find what no gateway shows."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+
+from pdgw.durations import MS, SECOND
+from pdgw.tools.soak.life import Life
+from pdgw.tools.soak.planted import DEFECTS, LIMIT_NS, search
+from pdgw.tools.soak.told import Told
+from pdgw.tools.soak.watch import ViolationError
+from pdgw.tools.soak.words import Words
+
+FOUND_SOON = {
+    "off-forgotten": "Enable Operation|started without OFF and ON",
+}
+"""What is found within seconds of virtual time, and by which rule; ``pdgw soak --planted`` searches for all."""
+
+
+@pytest.mark.planted
+@pytest.mark.parametrize("name", FOUND_SOON)
+def test_soak_finds_planted_defect(name: str) -> None:
+    found = search(name, 1)
+    assert found.time_ns is not None
+    assert found.time_ns < LIMIT_NS
+    assert re.search(FOUND_SOON[name], found.message)
+
+
+def test_fifteen_defects_are_planted() -> None:
+    assert len(DEFECTS) == 15
+
+
+@pytest.mark.planted
+def test_task_that_the_plc_did_not_give_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Words, "set_word", lambda self, word: self.values.update({self.name: word}))
+    with pytest.raises(ViolationError, match="tasks begun, 0 given by the PLC"):
+        Life(1, 0, 1, [9]).play(300 * SECOND)
+
+
+def test_zsw1_that_shows_another_state_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Life, "_shown", lambda self, axis: 0x0007)
+    with pytest.raises(ViolationError, match=r"ZSW1 0007h shows (operation|no fault), the drive is in"):
+        Life(1, 0, 1, [1]).play(300 * SECOND)
+
+
+# -- EMCYs in the fault buffer ------------------------------------------------------------------------------------------------
+
+EMCY = bytes.fromhex("30 81 11 00 00 00 00 00")
+NOTHING = [0] * 64
+
+
+def told(*sent_ms: int) -> Told:
+    told = Told("axis 1")
+    for moment in sent_ms:
+        told.sent(moment * MS, EMCY)
+    return told
+
+
+def test_emcy_without_an_entry_is_found() -> None:
+    with pytest.raises(ViolationError, match="EMCY 8130h is not in the fault buffer 400 ms later"):
+        told(1000).read(1400 * MS, 0, NOTHING, NOTHING)
+
+
+@pytest.mark.parametrize("entered_ms", [1000, 1100, 200])
+def test_emcy_with_its_entry_is_told(entered_ms: int) -> None:
+    """The same EMCY is entered once in a second."""
+    waiting = told(1000)
+    waiting.read(1400 * MS, 0, [0x8130, *NOTHING[1:]], [entered_ms, *NOTHING[1:]])
+    assert not waiting.due(2000 * MS)
+
+
+def test_entry_of_an_older_emcy_does_not_count() -> None:
+    with pytest.raises(ViolationError):
+        told(5000).read(5400 * MS, 0, [0x8130, *NOTHING[1:]], [1000, *NOTHING[1:]])
+
+
+def test_emcy_waits_for_its_bound_and_without_error_register_is_a_warning() -> None:
+    waiting = told(1000)
+    assert not waiting.due(1200 * MS)
+    assert waiting.due(1300 * MS)
+    warning = Told("axis 1")
+    warning.sent(0, bytes.fromhex("30 81 00 00 00 00 00 00"))
+    assert not warning.due(SECOND)

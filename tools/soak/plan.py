@@ -1,0 +1,129 @@
+"""What one part of a soaked day is made of: cycle time, drives, telegrams and settings, drawn by its seed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from random import Random
+from typing import Final
+
+from pdgw.gateway.axis.settings import ControlLost, PlcLossReaction
+from pdgw.gateway.axis.telegrams import (
+    DRIVE_TELEGRAM_NUMBERS,
+    DSC_TELEGRAM_NUMBERS,
+    POSITIONER_TELEGRAM_NUMBERS,
+    TASK_TELEGRAM_NUMBERS,
+)
+from pdgw.gateway.config import GatewayConfig
+from pdgw.gateway.config_file import parse_config
+from pdgw.peers.drive import Latency
+
+GATEWAY_HOST: Final = "192.168.0.5"
+"""Beyond loopback, where the gateway expects frames that come late."""
+CYCLES_MS: Final = range(1, 33)
+TRANSPARENT: Final = 100
+_OF_THE_FAMILY: Final = ("engel", "synchronous")
+_RPM: Final = (
+    *("rpm", "counts", "si", "fixed-pdo", "no-event-timer", "node-guarding", "rpdo-timeout", "no-abort-option"),
+    *("mode-late", "frozen", "two-edges", "stays-stopped", "four-pdo"),
+)
+_SPEED_ONLY: Final = ("vl", "csv", "no-range")
+_POSITION_ONLY: Final = ("csp",)
+_TABLES: Final = """\
+dsc = "speed"
+following_window = 100000
+jog_1_speed_rpm = -150
+jog_2_speed_rpm = 150
+[axis.positioner]
+lu_per_revolution = 10000
+max_velocity = 30000
+max_acceleration = 2000
+max_deceleration = 2000
+position_window = 20
+[[axis.block]]
+number = 1
+position = 20000
+velocity = 6000
+[[axis.block]]
+number = 2
+position = -30000
+velocity = 20000
+"""
+"""What the telegrams need; each axis has all of it, so that P922 can select each."""
+
+
+def shapes_of(number: int) -> tuple[str, ...]:
+    """Shapes of drives that operate with a telegram; without those that need minutes to come online."""
+    if number in DSC_TELEGRAM_NUMBERS:
+        return ("synchronous",)
+    if number == TRANSPARENT:
+        return _OF_THE_FAMILY
+    if number in POSITIONER_TELEGRAM_NUMBERS:
+        return (*_OF_THE_FAMILY, *_POSITION_ONLY)
+    if number in TASK_TELEGRAM_NUMBERS:
+        return (*_OF_THE_FAMILY, *_POSITION_ONLY, *_RPM)
+    return (*_OF_THE_FAMILY, *_RPM, *_SPEED_ONLY)
+
+
+@dataclass(frozen=True, slots=True)
+class AxisPlan:
+    """One axis and its drive."""
+
+    telegram: int
+    shape: str
+    latency: Latency
+    on_plc_loss: PlcLossReaction
+    control_lost: ControlLost
+
+    def __str__(self) -> str:
+        return (
+            f"telegram {self.telegram}, drive {self.shape}, latency {self.latency.command_ms} and {self.latency.status_ms} ms, "
+            f"on_plc_loss {self.on_plc_loss.value}, control_lost {self.control_lost.value}"
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """One part: the same cycle for all axes."""
+
+    cycle_ms: int
+    axes: tuple[AxisPlan, ...]
+
+    def with_telegram(self, index: int, number: int) -> Plan:
+        """The same part with another telegram of one axis."""
+        axes = list(self.axes)
+        axes[index] = replace(axes[index], telegram=number)
+        return replace(self, axes=tuple(axes))
+
+    def configuration(self, channel: str, plc: str, engineer: str) -> GatewayConfig:
+        """What the gateway is started with; addresses of the PLC and of who else writes parameters."""
+        axes = "".join(
+            f"[[axis]]\ndo_id = {n}\nnode_id = {n}\ntelegram = {axis.telegram}\n"
+            f'on_plc_loss = "{axis.on_plc_loss.value}"\ncontrol_lost = "{axis.control_lost.value}"\n{_TABLES}'
+            for n, axis in enumerate(self.axes, 1)
+        )
+        return parse_config(
+            f'[can]\ninterface = "virtual"\nchannel = "{channel}"\nbitrate = 1000000\n'
+            f"[transport]\nstatus_port = 0\ncycle_time_ms = {self.cycle_ms}\n"
+            f'listen = "{GATEWAY_HOST}"\npeer = "{plc}"\n[parameters]\nwrite_from = ["{plc}", "{engineer}"]\n{axes}'
+        )
+
+
+def draw_plan(chance: Random, axes: int, telegrams: Sequence[int] = ()) -> Plan:
+    """Draw a part; ``telegrams``: those of the axes in turn, without any every axis draws its own."""
+    numbers = [
+        telegrams[n % len(telegrams)] if telegrams else chance.choice(DRIVE_TELEGRAM_NUMBERS) for n in range(axes)
+    ]
+    return Plan(
+        chance.choice(CYCLES_MS),
+        tuple(
+            AxisPlan(
+                number,
+                chance.choice(shapes_of(number)),
+                Latency.draw(chance),
+                chance.choice(list(PlcLossReaction)),
+                chance.choice(list(ControlLost)),
+            )
+            for number in numbers
+        ),
+    )
