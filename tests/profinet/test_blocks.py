@@ -228,7 +228,7 @@ def test_numbers_of_fields_count_through_nested_lists_as_the_standard_does() -> 
 @given(st.lists(st.sampled_from(OURS), max_size=6))
 def test_blocks_in_any_order_are_told_apart(blocks: list[Block]) -> None:
     data = b"".join(block.encode() for block in blocks)
-    found = split(data)
+    found = list(split(data))
     assert [kind for kind, _ in found] == [block.TYPE for block in blocks]
     assert b"".join(whole for _, whole in found) == data
 
