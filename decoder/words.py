@@ -14,7 +14,7 @@ def signal_document(item: Signal, raw: int, *, positioning: bool = False) -> dic
     percent = item.percent(raw)
     return {
         "raw": raw,
-        "value": raw if percent is None else percent,
+        "value": item.value_of(raw) if percent is None else percent,
         "unit": item.unit,
         "bits": {bit.name: bit.of(raw) for bit in item.fields(positioning=positioning)},
     }

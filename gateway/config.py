@@ -32,6 +32,7 @@ from pdgw.gateway.axis.telegrams import (
     DRIVE_TELEGRAM_NUMBERS,
     DSC_TELEGRAM_NUMBERS,
     FIRST_ENCODER_NUMBERS,
+    FLOAT_TELEGRAM_NUMBERS,
     POSITIONER_TELEGRAM_NUMBERS,
     SECOND_SENSOR_NUMBERS,
     TASK_TELEGRAM_NUMBERS,
@@ -194,6 +195,8 @@ class AxisConfig(DriveObjectSection):
             if self.block:
                 raise ValueError("[[axis.block]] needs [axis.positioner]")
             return self
+        if self.telegram in FLOAT_TELEGRAM_NUMBERS and not self.positioner.has_unit:
+            raise ValueError(f"telegram = {self.telegram} needs lu_per_unit and velocity_per in [axis.positioner]")
         try:
             self.positioner.choices(self.block)
         except GatewayError as error:
@@ -254,6 +257,7 @@ class AxisConfig(DriveObjectSection):
         """What the axis can be given (P922): not those whose keys are missing, or do not go with ``g1``."""
         missing = {
             *(POSITIONER_TELEGRAM_NUMBERS if self.positioner is None else ()),
+            *(FLOAT_TELEGRAM_NUMBERS if self.positioner is None or not self.positioner.has_unit else ()),
             *(DSC_TELEGRAM_NUMBERS if self.dsc is None or self.following_window is None or self.g1 is not None else ()),
         }
         return tuple(number for number in DRIVE_TELEGRAM_NUMBERS if number not in missing)

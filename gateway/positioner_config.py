@@ -5,7 +5,7 @@ Source: docs/motion.md. Positions are LU, speeds 1000 LU/min, accelerations 1000
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, Strict, model_validator
 
@@ -70,7 +70,7 @@ class BlockConfig(BaseModel):
 
 
 class PositionerConfig(BaseModel):
-    """What telegrams 7, 110 and 111 need."""
+    """What telegrams 7, 110, 111 and 112 need."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -95,6 +95,10 @@ class PositionerConfig(BaseModel):
 
     clamping_torque: Annotated[_Integer, Field(ge=1, le=TORQUE_MAX)] | None = None
     """Of a task with STW2.8, in 1/1000 of the rated torque."""
+    lu_per_unit: _Above0 | None = None
+    """Telegram 112: LU in one unit of length."""
+    velocity_per: Literal["second", "minute"] | None = None
+    """Telegram 112: the time of velocities."""
     modulo_range: _Distance = 0
     """Of a rotary axis: LU after which positions begin anew."""
     modulo_correction: Annotated[bool, Strict()] = False
@@ -136,7 +140,14 @@ class PositionerConfig(BaseModel):
             table,
             self.clamping_torque,
             self.modulo_range if self.modulo_correction else 0,
+            self.lu_per_unit or 0,
+            self.velocity_per == "second",
         )
+
+    @property
+    def has_unit(self) -> bool:
+        """What telegram 112 needs is there."""
+        return self.lu_per_unit is not None and self.velocity_per is not None
 
 
 EXAMPLE = """\
@@ -154,6 +165,8 @@ EXAMPLE = """\
 # reference_coordinate = 0
 # homing_method = 35           # without it no homing
 # set_of_setpoints = true      # the drive keeps a second set-point: flying blocks
+# lu_per_unit = 1000           # telegram 112: LU in one unit of length (1000: LU are micrometres and the unit is mm)
+# velocity_per = "minute"      # telegram 112: "second" or "minute"
 # modulo_correction = false    # true: a rotary axis, positions are 0 to modulo_range - 1
 # modulo_range = 360000        # LU after which positions begin anew
 # clamping_torque = 250        # 1/1000 of the rated torque, of a task with STW2.8 (fixed stop)
@@ -177,6 +190,8 @@ SIMULATED = {
     "position_window": 20,
     "jog_1_velocity": -3000,
     "jog_2_velocity": 3000,
+    "lu_per_unit": 1000,
+    "velocity_per": "minute",
     "jog_1_distance": 2500,
     "jog_2_distance": 5000,
     "software_limits": (-1_000_000, 1_000_000),

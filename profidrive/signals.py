@@ -10,6 +10,7 @@ bits, which ``words`` declares; nothing else gives a bit a number.
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -46,7 +47,7 @@ class Signal:
 
     ``number`` is the PROFIdrive signal number (0 for manufacturer signals without one); ``unit`` the physical
     unit, ``%`` for normalised fractions; ``bits`` the fields of a word; ``positioning_bits`` those whose meaning
-    differs in the positioning telegrams (7, 9, 110, 111).
+    differs in the positioning telegrams (7, 9, 110 to 112). ``is_float``: the raw value is the bit pattern of an IEEE 754 number.
     """
 
     name: str
@@ -57,6 +58,7 @@ class Signal:
     bits: tuple[Bit, ...] = ()
     positioning_bits: tuple[Bit, ...] = ()
     confidence: Confidence = Confidence.CONFIRMED
+    is_float: bool = False
 
     def __repr__(self) -> str:
         return f"<Signal {self.name} ({self.type.name}): {self.description}>"
@@ -95,6 +97,10 @@ class Signal:
             word |= self.bit(name, positioning=positioning).mask
         return word
 
+    def value_of(self, raw: int) -> int | float:
+        """The value of a raw one: of a float what its pattern means, else the raw value itself."""
+        return float_of(raw) if self.is_float else raw
+
     def percent(self, raw: int) -> float | None:
         """The value in percent of its reference for N2/N4 signals, None for the others."""
         full_scale = _FULL_SCALE.get(self.type)
@@ -116,6 +122,21 @@ class Signal:
         return round(value)
 
 
+_PATTERN, _FLOAT = struct.Struct(">I"), struct.Struct(">f")
+
+
+def float_of(pattern: int) -> float:
+    """The number a 32-bit pattern of IEEE 754 means."""
+    value: float = _FLOAT.unpack(_PATTERN.pack(pattern))[0]
+    return value
+
+
+def float_pattern(value: float) -> int:
+    """The pattern of a number, to the nearest; OverflowError for one beyond 32 bits."""
+    pattern: int = _PATTERN.unpack(_FLOAT.pack(value))[0]
+    return pattern
+
+
 _FULL_SCALE = {DataType.N2: N2_100_PERCENT, DataType.N4: N4_100_PERCENT}
 
 _U16 = DataType.UNSIGNED16
@@ -125,6 +146,11 @@ _I32 = DataType.INTEGER32
 _V2 = DataType.V2
 _N2 = DataType.N2
 _N4 = DataType.N4
+
+
+def _float(name: str, description: str, unit: str) -> Signal:
+    return Signal(name, 0, _U32, description, unit, confidence=Confidence.UNVERIFIED, is_float=True)
+
 
 CATALOGUE: tuple[Signal, ...] = (
     Signal("STW1", 1, _V2, "control word 1", "", STW1_BITS, STW1_POSITIONING),
@@ -274,6 +300,16 @@ CATALOGUE: tuple[Signal, ...] = (
     Signal("FAULT_CODE", 301, _U16, "number of the first fault that stands (P947)"),
     Signal("WARN_CODE", 303, _U16, "number of the first warning (P953)"),
     Signal("USER", 0, _U16, "for the user"),
+    # Telegram 112: numbers in a unit of length of the user's choice. Their layout has two sources, their units none.
+    _float("MDI_TARPOS_F", "MDI target position", "unit of length"),
+    _float("MDI_VELOCITY_F", "MDI velocity", "unit of length per minute or second"),
+    _float("MDI_ACC_F", "MDI acceleration", "% of max_acceleration"),
+    _float("MDI_DEC_F", "MDI deceleration", "% of max_deceleration"),
+    _float("REF_COORDINATE", "position of the reference point", "unit of length"),
+    _float("XIST_F", "position actual value", "unit of length"),
+    _float("VIST_F", "velocity actual value", "unit of length per minute or second"),
+    Signal("RESERVED", 0, _U16, "reserved, 0"),
+    Signal("RESERVED_2", 0, _U32, "reserved, 0"),
     Signal("G1_XIST3", 84, DataType.UNSIGNED64, "sensor 1 position actual value 3", "increments"),
     # Telegram 100 of the manufacturer: values pass unchanged, names as its guide spells them.
     Signal("Controlword", 0, _U16, "Controlword"),

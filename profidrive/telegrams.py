@@ -286,6 +286,15 @@ TELEGRAMS: MappingProxyType[int, Telegram] = MappingProxyType(
                 _AC3,
                 forms=POSITIONER_FORMS,
             ),
+            _telegram(
+                112,
+                _POSITIONING,
+                "STW1, POS_STW1, POS_STW2, STW2, OVERRIDE, MDI_TARPOS_F, MDI_VELOCITY_F, MDI_ACC_F, MDI_DEC_F,"
+                "RESERVED_2, REF_COORDINATE",
+                "ZSW1, POS_ZSW1, POS_ZSW2, ZSW2, RESERVED, XIST_F, VIST_F, MELDW, FAULT_CODE, WARN_CODE",
+                _AC3,
+                _UNVERIFIED,
+            ),
         )
     }
 )

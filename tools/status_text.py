@@ -154,4 +154,4 @@ def _value(item: Signal, raw: int, positioning: bool) -> str:
     if item.bits:
         names = " ".join(bit.name for bit in bits)
         return f"{item.name} {raw:0{2 * item.type.size}X}h" + (f" {names}" if names else "")
-    return f"{item.name} {raw}"
+    return f"{item.name} {item.value_of(raw)}"

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.pdo import LAYOUTS, Operation, PdoLayout, with_second_position, without_position
 from pdgw.gateway.axis.adapters.base import Adapter
-from pdgw.gateway.axis.adapters.positioner import BlockAdapter, SelectionAdapter, WideAdapter
+from pdgw.gateway.axis.adapters.positioner import BlockAdapter, FloatAdapter, SelectionAdapter, WideAdapter
 from pdgw.gateway.axis.adapters.positioning import PositioningAdapter
 from pdgw.gateway.axis.adapters.speed import DscAdapter, LoadAdapter, SpeedAdapter, WideSpeedAdapter
 from pdgw.gateway.axis.adapters.transparent import TransparentAdapter
@@ -62,6 +62,7 @@ DRIVE_TELEGRAMS: dict[int, DriveTelegram] = {
     106: _DSC,
     110: _POSITIONER,
     111: _POSITIONER,
+    112: _POSITIONER,
 }
 
 DRIVE_TELEGRAM_NUMBERS = tuple(sorted(DRIVE_TELEGRAMS))
@@ -73,6 +74,10 @@ CENTRAL_TELEGRAM_NUMBERS = tuple(n for n in DRIVE_TELEGRAM_NUMBERS if Applicatio
 """Those of them in which the PLC may close the position loop: with SYNC their set-points take effect with it too."""
 POSITIONER_TELEGRAM_NUMBERS = tuple(n for n, row in sorted(DRIVE_TELEGRAMS.items()) if row.kind is Kind.POSITIONER)
 """Those of them that need a positioner in the configuration."""
+FLOAT_TELEGRAM_NUMBERS = tuple(
+    n for n in POSITIONER_TELEGRAM_NUMBERS if any(item.is_float for item in telegram(n).setpoints.signals)
+)
+"""Those of them with positions in a unit of the user's choice."""
 SPEED_TELEGRAM_NUMBERS = tuple(
     n for n, row in sorted(DRIVE_TELEGRAMS.items()) if row.kind in {Kind.SPEED, Kind.TORQUE, Kind.LOAD}
 )
@@ -122,6 +127,8 @@ def make_adapter(number: int, settings: AxisSettings) -> Adapter:
     if kind is Kind.POSITIONING:
         return PositioningAdapter(chosen, settings)
     if kind is Kind.POSITIONER:
+        if number in FLOAT_TELEGRAM_NUMBERS:
+            return FloatAdapter(chosen, settings)
         if "POS_STW1" in chosen.setpoints.names:
             return WideAdapter(chosen, settings)
         return (SelectionAdapter if "POS_STW" in chosen.setpoints.names else BlockAdapter)(chosen, settings)

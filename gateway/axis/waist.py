@@ -187,6 +187,7 @@ class Report:
         "fault_code",
         "flags",
         "homing_method",
+        "length_speed",
         "load",
         "message",
         "motion",
@@ -204,6 +205,8 @@ class Report:
         self.flags = 0
         self.speed = 0
         self.position = 0
+        self.length_speed = 0
+        """Of a positioner: LU/min."""
         self.homing_method = 0
         self.tasks_active = False
         self.motion: Outcome | None = None

@@ -378,7 +378,7 @@ class Positioner:
 
     def _homed(self) -> None:
         """The drive's position counts from the home position, which is the reference coordinate."""
-        self._course.offset = self.settings.reference_coordinate
+        self._course.offset = self._reference_coordinate()
         self.outcome.home_set = True
 
     def _set_reference_point(self) -> None:
@@ -387,8 +387,12 @@ class Positioner:
         else:
             self._warn(Reason.REFERENCE_POINT_MOVING)
 
+    def _reference_coordinate(self) -> int:
+        asked = self._asked.reference_coordinate
+        return self.settings.reference_coordinate if asked is None else asked
+
     def _refer(self, position: int) -> None:
-        self._course.offset = self.settings.reference_coordinate - position
+        self._course.offset = self._reference_coordinate() - position
         self.outcome.home_set = True
         self._homing_until = self._now + SHOWN_NS
 

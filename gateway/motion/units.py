@@ -83,6 +83,11 @@ class LengthUnits:
         product = velocity * override
         return round_half_away(product * numerator, denominator) or (product > 0) - (product < 0)
 
+    def to_length_speed(self, velocity: int) -> int:
+        """The drive's velocity units to LU/min, to the nearest."""
+        numerator, denominator = self._velocity
+        return round_half_away(velocity * denominator * LU_PER_VELOCITY_UNIT, numerator * N2_100_PERCENT)
+
     def acceleration(self, fraction: int) -> int:
         """MDI_ACC (N2) to the drive's units; at least 1."""
         numerator, denominator = self._acceleration

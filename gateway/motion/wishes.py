@@ -56,6 +56,8 @@ class Asked:
     velocity: int = 0
     acceleration: int = FULL
     deceleration: int = FULL
+    reference_coordinate: int | None = None
+    """Of the reference point; None: the configured one."""
     controls: tuple[int, ...] = ()
     """The control words that all bits but ``operating`` and ``to_fixed_stop`` are from: while they are the same, the bits are."""
 
@@ -180,6 +182,10 @@ class PositionerChoices:
     """Of a task with STW2.8, in 1/1000 of the rated torque; None: only blocks move to a fixed stop."""
     modulo: int = 0
     """LU after which positions begin anew; 0: not a modulo axis."""
+    lu_per_unit: int = 0
+    """LU in one unit of length of telegram 112; 0: the axis cannot have it."""
+    units_per_second: bool = False
+    """Its velocities are per second, else per minute."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,7 +15,7 @@ from pdgw.gateway.errors import GatewayError
 from pdgw.peers.plc.scenario import References, Scalar
 from pdgw.profidrive.datatypes import DataType, n2, n4
 from pdgw.profidrive.normalisation import Normalisation
-from pdgw.profidrive.signals import Signal
+from pdgw.profidrive.signals import Signal, float_pattern
 
 _DECIMALS = 1_000_000_000
 _TENTHS = 10
@@ -66,6 +66,8 @@ def raw_value(references: References, item: Signal, value: Scalar) -> int:
             most = f"{float(_LARGEST * reference):g} {match[2]}"
             raise GatewayError(f"{item.name} = {text}: allowed is up to {most} in either direction (200 %)")
         return _to_wire(item, number, reference)
+    if item.is_float and re.fullmatch(r"-?\d{1,15}(?:\.\d{1,9})?", text):
+        return float_pattern(float(text))
     return integer(item.name, value, ", 50 %, 1500 rpm or 2000 inc")
 
 

@@ -46,7 +46,7 @@ def _value(item: Signal, raw: int, positioning: bool) -> str:
         return f"{raw:04X}h  {' '.join(names)}"
     percent = item.percent(raw)
     if percent is None:
-        return f"{raw} {item.unit}".rstrip()
+        return f"{item.value_of(raw):g} {item.unit}".rstrip() if item.is_float else f"{raw} {item.unit}".rstrip()
     return f"{raw}  ({percent:.2f} %)"
 
 

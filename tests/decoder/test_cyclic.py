@@ -114,7 +114,7 @@ def test_a_wrong_telegram_is_told_when_the_first_frames_have_nothing_good_yet() 
         decode(cyclic, bytes(beginning))
     assert not notices
     decode(cyclic, frame([chosen], Direction.ACTUAL, values))
-    assert notices == ["the actual values do not fit telegram 9 as given: their length is that of telegram 111"]
+    assert notices == ["the actual values do not fit telegram 9 as given: their length is that of telegram 111/112"]
 
 
 def test_several_axes_are_told_apart() -> None:

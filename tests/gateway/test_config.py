@@ -149,7 +149,7 @@ def test_bad_input_is_told_with_place_value_and_what_is_allowed(old: str, new: s
         assert part in str(error.value), str(error.value)
 
 
-@pytest.mark.parametrize("number", sorted({*TELEGRAMS, 112, 0} - {*DRIVE_TELEGRAM_NUMBERS}))
+@pytest.mark.parametrize("number", sorted({*TELEGRAMS, 113, 0} - {*DRIVE_TELEGRAM_NUMBERS}))
 def test_a_telegram_no_drive_axis_supports_is_refused_however_well_it_can_be_decoded(number: int) -> None:
     with pytest.raises(GatewayError) as error:
         parse_config(BASE.replace("telegram = 9", f"telegram = {number}"), "x.toml")
@@ -428,7 +428,7 @@ def test_simulated_encoders_sit_on_the_shafts_of_the_axes() -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (([112],), "telegram = 112 is not supported, allowed"),
+        (([113],), "telegram = 113 is not supported, allowed"),
         (([1], 1, 9), "telegram = 9 is not supported, allowed: [81, 82, 83, 84]"),
         (([100] * 32, 32, 84), "1440"),
     ],

@@ -215,8 +215,8 @@ def test_a_value_that_does_not_fit_is_named() -> None:
 
 
 def test_unknown_telegram_lists_the_known_ones() -> None:
-    with pytest.raises(ProfidriveError, match="telegram: 112 is not allowed, expected one of") as error:
-        telegram(112)
+    with pytest.raises(ProfidriveError, match="telegram: 113 is not allowed, expected one of") as error:
+        telegram(113)
     assert all(str(number) in error.value.allowed for number in TELEGRAMS)
 
 

@@ -48,6 +48,8 @@ _DSC = 'dsc = "speed"\nfollowing_window = 100000\n'
 _POSITIONER = """\
 [axis.positioner]
 lu_per_revolution = 10000
+lu_per_unit = 1000
+velocity_per = "minute"
 max_velocity = 30000
 max_acceleration = 2000
 max_deceleration = 2000

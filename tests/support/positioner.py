@@ -39,6 +39,7 @@ SETTINGS = PositionerSettings(
 
 CHOICES = PositionerChoices(
     lu_per_revolution=10_000,
+    lu_per_unit=1000,
     max_velocity=30_000,
     max_acceleration=2000,
     max_deceleration=2000,

@@ -11,6 +11,7 @@ from pdgw.gateway.axis.settings import ControlLost, PlcLossReaction
 from pdgw.gateway.axis.telegrams import (
     DRIVE_TELEGRAM_NUMBERS,
     DSC_TELEGRAM_NUMBERS,
+    FLOAT_TELEGRAM_NUMBERS,
     POSITIONER_TELEGRAM_NUMBERS,
     TASK_TELEGRAM_NUMBERS,
 )
@@ -36,6 +37,8 @@ jog_1_speed_rpm = -150
 jog_2_speed_rpm = 150
 [axis.positioner]
 lu_per_revolution = 10000
+lu_per_unit = 1000
+velocity_per = "minute"
 max_velocity = 30000
 max_acceleration = 2000
 max_deceleration = 2000
@@ -50,6 +53,9 @@ position = -30000
 velocity = 20000
 """
 """What the telegrams need; each axis has all of it, so that P922 can select each."""
+
+_DRAWN = tuple(number for number in DRIVE_TELEGRAM_NUMBERS if number not in FLOAT_TELEGRAM_NUMBERS)
+"""Telegrams a plan has by chance: random bits are no sensible floats."""
 
 
 def shapes_of(number: int) -> tuple[str, ...]:
@@ -111,9 +117,7 @@ class Plan:
 
 def draw_plan(chance: Random, axes: int, telegrams: Sequence[int] = ()) -> Plan:
     """Draw a part; ``telegrams``: those of the axes in turn, without any every axis draws its own."""
-    numbers = [
-        telegrams[n % len(telegrams)] if telegrams else chance.choice(DRIVE_TELEGRAM_NUMBERS) for n in range(axes)
-    ]
+    numbers = [telegrams[n % len(telegrams)] if telegrams else chance.choice(_DRAWN) for n in range(axes)]
     return Plan(
         chance.choice(CYCLES_MS),
         tuple(

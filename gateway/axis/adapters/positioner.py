@@ -7,15 +7,18 @@ what 111 has in POS_STW1 and POS_STW2. Left out: USER, the reference cam, ZSW1.1
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from math import isfinite
 from operator import itemgetter
 
-from pdgw.gateway.axis.adapters.base import ControlWordAdapter
+from pdgw.gateway.axis.adapters.base import ControlWordAdapter, place
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.waist import Demand, Report
+from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.motion.states import State
-from pdgw.gateway.motion.wishes import Asked, MotionKind, Outcome
-from pdgw.profidrive.datatypes import DataType
-from pdgw.profidrive.signals import POSITIONER_FORMS, signal
+from pdgw.gateway.motion.units import LU_PER_VELOCITY_UNIT, round_half_away
+from pdgw.gateway.motion.wishes import Asked, MotionKind, Outcome, PositionerChoices
+from pdgw.profidrive.datatypes import N2_100_PERCENT, DataType
+from pdgw.profidrive.signals import POSITIONER_FORMS, float_of, float_pattern, signal
 from pdgw.profidrive.telegrams import Telegram
 
 _STW1 = signal("STW1")
@@ -167,6 +170,72 @@ class BlockAdapter(PositionerAdapter):
             actuals[self._aktsatz] = outcome.block & _ACTIVE_BLOCK | active
 
 
+class _FloatValues:
+    """The same of telegram 112, in the user's unit of length; what is no number is a task with speed 0, which is refused."""
+
+    __slots__ = (
+        "_first",
+        "_lu",
+        "_message",
+        "_minutes",
+        "_override",
+        "_position",
+        "_reference",
+        "_speed",
+        "_stw2",
+        "_zsw2",
+    )
+
+    def __init__(self, telegram: Telegram, choices: PositionerChoices) -> None:
+        setpoints, actuals = telegram.setpoints, telegram.actuals
+        self._stw2 = setpoints.index("STW2")
+        self._override = setpoints.index("OVERRIDE")
+        self._first = setpoints.index("MDI_TARPOS_F")
+        """MDI_VELOCITY_F, MDI_ACC_F and MDI_DEC_F follow."""
+        self._reference = setpoints.index("REF_COORDINATE")
+        self._zsw2 = actuals.index("ZSW2")
+        self._message = actuals.index("MELDW")
+        self._position = actuals.index("XIST_F")
+        self._speed = actuals.index("VIST_F")
+        self._lu = choices.lu_per_unit
+        self._minutes = 60 if choices.units_per_second else 1
+        """What makes velocities per minute."""
+
+    def read(self, setpoints: Sequence[int], asked: Asked) -> None:
+        asked.to_fixed_stop = setpoints[self._stw2] & _TO_FIXED_STOP != 0
+        asked.override = max(0, setpoints[self._override])
+        first = self._first
+        target, velocity, acceleration, deceleration = (float_of(pattern) for pattern in setpoints[first : first + 4])
+        asked.target = _whole(target, self._lu)
+        asked.velocity = max(0, _whole(velocity, self._lu * self._minutes, LU_PER_VELOCITY_UNIT))
+        asked.acceleration, asked.deceleration = _share(acceleration), _share(deceleration)
+        if not all(map(isfinite, (target, velocity, acceleration, deceleration))):
+            asked.velocity = 0
+        reference = float_of(setpoints[self._reference])
+        asked.reference_coordinate = _whole(reference, self._lu) if isfinite(reference) else None
+
+    def write(self, report: Report, outcome: Outcome, actuals: list[int]) -> None:
+        actuals[self._position] = float_pattern(outcome.position / self._lu)
+        actuals[self._speed] = float_pattern(report.length_speed / (self._lu * self._minutes))
+        actuals[self._message] = report.message
+        if outcome.to_fixed_stop:
+            actuals[self._zsw2] |= _SHOWN_FIXED_STOP
+
+
+def _whole(value: float, factor: int, divisor: int = 1) -> int:
+    """A number times ``factor`` / ``divisor``, to the nearest; 0 for what is none."""
+    if not isfinite(value):
+        return 0
+    numerator, denominator = value.as_integer_ratio()
+    return round_half_away(numerator * factor, denominator * divisor)
+
+
+def _share(percent: float) -> int:
+    """Percent as N2, 0 to 200 %."""
+    low, high = 0, DataType.N2.integer_range[1]
+    return max(low, min(_whole(percent, N2_100_PERCENT, 100), high))
+
+
 class _ValuesOfMdi:
     """Where STW2, OVERRIDE and the setpoints of MDI are, and the words that show it."""
 
@@ -240,13 +309,17 @@ class WideAdapter(PositionerAdapter):
 
     def __init__(self, telegram: Telegram, settings: AxisSettings) -> None:
         super().__init__(telegram, settings, "POS_STW1", "POS_STW2")
-        self._mdi = _ValuesOfMdi(telegram)
+        self._mdi = self._values(telegram, settings)
         actuals = telegram.actuals
         self._pos_zsw1 = actuals.index("POS_ZSW1")
         """POS_ZSW2 follows."""
-        self._speed = actuals.index("NIST_B")
+        self._speed = place(actuals, "NIST_B")
         self._codes = actuals.index("FAULT_CODE")
         """WARN_CODE follows."""
+
+    @staticmethod
+    def _values(telegram: Telegram, settings: AxisSettings) -> _ValuesOfMdi | _FloatValues:
+        return _ValuesOfMdi(telegram)
 
     def read_controls(self, controls: Sequence[int]) -> None:
         asked = self.asked
@@ -271,12 +344,25 @@ class WideAdapter(PositionerAdapter):
         if outcome is None:
             return
         self._mdi.write(report, outcome, actuals)
-        speed = actuals[self._speed] = report.speed
+        speed = report.speed
+        if self._speed >= 0:
+            actuals[self._speed] = speed
         first = self._pos_zsw1
         actuals[first], actuals[first + 1] = _first(outcome, self.asked), _second(outcome, speed)
         first = self._codes
         actuals[first] = report.fault_code if report.flags & _FAULT else 0
         actuals[first + 1] = report.warning_code
+
+
+class FloatAdapter(WideAdapter):
+    """Telegram 112: as 111, with numbers in a unit of length. GatewayError without the unit."""
+
+    @staticmethod
+    def _values(telegram: Telegram, settings: AxisSettings) -> _ValuesOfMdi | _FloatValues:
+        choices = settings.positioner
+        if choices is None or not choices.lu_per_unit:
+            raise GatewayError("lu_per_unit: missing, telegram 112 needs lu_per_unit and velocity_per")
+        return _FloatValues(telegram, choices)
 
 
 def _mode(outcome: Outcome, asked: Asked) -> State:

@@ -249,6 +249,7 @@ class PositionerExecutor(Executor):
         command.controlword = cycle.controlword | extra
         command.modes_of_operation = mode.mode
         report.speed = speed.to_wire(feedback.velocity_actual)
+        report.length_speed = units.to_length_speed(feedback.velocity_actual)
         report.flags = self._flags(outcome)
         report.message = message_of(message, feedback, notes.troubles)
         return reason

@@ -9,6 +9,7 @@ from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.parameters.catalogue import PARAMETERS
 from pdgw.profidrive.parameters.model import BoundParameter, Parameter, answer
 from pdgw.profidrive.signals import signal
+from pdgw.profidrive.telegrams import telegram, word_positions
 from tests.gateway.axis.test_velocity import Bench
 from tests.support.positioner import CHOICES
 from tests.support.rig import Rig
@@ -241,6 +242,17 @@ def test_the_fault_code_is_that_of_a_present_fault() -> None:
     rig.node.model.inject(7)
     rig.until(lambda actuals: bool(actuals["ZSW1"] & FAULT))
     assert rig.actuals["FAULT_CODE"] == 7
+
+
+@statement(
+    "Telegram 112 has 17 words of setpoints and 12 of actual values, its floats from word 6 on.",
+    "S200 manual of 2023; TIA help, BasicPosControl V3.0",
+)
+def test_the_layout_of_telegram_112() -> None:
+    found = telegram(112)
+    assert (found.setpoints.words, found.actuals.words) == (17, 12)
+    assert word_positions(found.setpoints)[5:] == (6, 8, 10, 12, 14, 16)
+    assert word_positions(found.actuals)[5:] == (6, 8, 10, 11, 12)
 
 
 class _Device:
