@@ -101,6 +101,7 @@ def test_twenty_axes_get_their_setpoints_and_a_stop_goes_first(line: Wire, tmp_p
                 axes.run(CYCLE)
             # The whole cycle waits, then an axis stops and the others get another speed.
             axes.send_all(CYCLES + 1)
+            taken = axes.network.sent
             axes.send(AXES, Command.QUICK_STOP.word, FASTEST, stop=True)
             for node_id in range(1, AXES):
                 axes.send(node_id, Command.ENABLE_OPERATION.word, FASTEST)
@@ -118,8 +119,7 @@ def test_twenty_axes_get_their_setpoints_and_a_stop_goes_first(line: Wire, tmp_p
     assert min(counts.values()) >= CYCLES // 2, "a machine that is slow sends the newest only"
     assert max(counts.values()) - min(counts.values()) <= 2
     stop = next(place for place, (*_, word) in enumerate(seen) if word == Command.QUICK_STOP.word)
-    ahead = [speed for _, speed, _ in seen[:stop] if speed > CYCLES]
-    print(f"{queue}: {len(ahead)} setpoints of the last cycle before the stop")
-    assert len(ahead) <= 12, "what the kernel had already"
-    assert FASTEST not in ahead
+    print(f"{queue}: {stop} frames recorded before the stop, the interface had taken {taken}")
+    assert stop <= taken, "what the kernel had already, and nothing else"
+    assert FASTEST not in [speed for _, speed, _ in seen[:stop]]
     assert [speed for node_id, speed, _ in seen if node_id < AXES][-1] == FASTEST
