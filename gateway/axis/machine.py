@@ -302,6 +302,9 @@ class AxisMachine:
         command = self.outputs.command
         detail = f"Controlword {command.controlword:04X}h, Statusword {self.inputs.feedback.statusword:04X}h"
         command.controlword = CONTROLWORDS[Action.QUICK_STOP]
+        command.target_velocity = command.target_torque = 0
+        shown = SHOWN_UNCOMMANDED[self.inputs.feedback.statusword & STATE_MASK]
+        self.report.flags = self.inputs.feedback.statusword & _OF_THE_DRIVE | shown
         self.interlock.distrust()
         self.outputs.fault(gateway_fault(FaultNumber.ENABLE_UNASKED, detail, now))
         return Reason.NEEDS_OFF

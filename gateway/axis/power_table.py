@@ -286,7 +286,7 @@ ROWS: Final = (
     Row((P.PASS,), ANY_DRIVE, ANY_WISH, None, A.PASS, Reason.NOT_OPERATING, "the PLC's own Controlword"),
     # In operation.
     Row((P.FOLLOW,), IN_OPERATION, (*ENABLES, W.HOLD), None, A.ENABLE_OPERATION, None, "operation"),
-    Row((P.FOLLOW,), (D.LEAVING,), ENABLES, None, A.ENABLE_OPERATION, Reason.NOT_OPERATING, "asked for again"),
+    Row((P.FOLLOW,), (D.LEAVING,), ENABLES, None, A.SWITCH_ON, Reason.NOT_OPERATING, "Switched On is awaited first"),
     Row((P.FOLLOW,), IN_OPERATION, (W.OFF_DISABLED,), P.SHUTDOWN, A.RAMP_END, Reason.RAMP_STOP, "no ramp: STW1.3 = 0"),
     Row((P.FOLLOW,), IN_OPERATION, OFFS, P.RAMP_STOP, A.RAMP, Reason.RAMP_STOP, "OFF1"),
     Row((P.FOLLOW,), (D.LEAVING,), OFFS, None, A.SHUTDOWN, Reason.NOT_OPERATING, "to ramp would enable it again"),

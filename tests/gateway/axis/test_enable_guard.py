@@ -7,7 +7,7 @@ import pytest
 from pdgw.dsp402.states import STATUS_OF, State
 from pdgw.durations import MS
 from pdgw.gateway.axis.enable_guard import EnableGuard
-from pdgw.gateway.axis.power_table import Phase
+from pdgw.gateway.axis.power_table import CELLS, DRIVES, WISHES, Drive, Phase, cell
 from pdgw.gateway.axis.waist import PowerWish
 from pdgw.gateway.reasons import FaultNumber, Reason
 from tests.support.drive_types import References
@@ -57,30 +57,49 @@ def test_guard_lets_a_ramp_keep_enable_operation() -> None:
     assert all(allowed((W.OFF, SHUTDOWN), (W.ENABLE, ENABLE), (W.OFF, ENABLE), (None, ENABLE)))
 
 
-def test_axis_replaces_an_unasked_enable_by_quick_stop_and_faults() -> None:
-    """A drive that falls back from Switched On twice would be enabled twice by one ON."""
-    stepper = Stepper(1)
-    stepper.set_references(References())
-    feedback = stepper.feedback
-    now = 0
+class Axis:
+    """Telegram 1 stepped by hand; the Controlword of each step."""
 
-    def step(word: int, state: State) -> int:
-        nonlocal now
-        now += 4 * MS
-        feedback.statusword = STATUS_OF[state]
-        stepper.step((word, 0), feedback, True, now)
-        return stepper.command.controlword & 0xF
+    def __init__(self) -> None:
+        self.stepper = Stepper(1)
+        self.stepper.set_references(References())
+        self.now = 0
 
-    step(OFF, State.READY_TO_SWITCH_ON)
-    step(ON, State.SWITCHED_ON)
-    assert step(ON, State.SWITCHED_ON) == ENABLE
-    step(ON, State.READY_TO_SWITCH_ON)
-    assert step(ON, State.SWITCHED_ON) == QUICK_STOP
-    assert FaultNumber.ENABLE_UNASKED in [event.number for event in stepper.events]
-    assert stepper.reason is Reason.NEEDS_OFF
-    assert stepper.power.phase is Phase.DOUBT
-    for state in (State.SWITCHED_ON, State.SWITCH_ON_DISABLED, State.READY_TO_SWITCH_ON):
-        assert step(ON, state) in {0, QUICK_STOP}, "locked until an OFF"
-    assert step(OFF, State.SWITCH_ON_DISABLED) == SHUTDOWN
-    assert step(ON, State.READY_TO_SWITCH_ON) == SWITCH_ON
-    assert step(ON, State.SWITCHED_ON) == ENABLE
+    def step(self, word: int, state: State) -> int:
+        self.now += 4 * MS
+        self.stepper.feedback.statusword = STATUS_OF[state] | 0x0400
+        self.zsw1 = self.stepper.step((word, 0x2000), self.stepper.feedback, True, self.now)[0]
+        return self.stepper.command.controlword & 0xF
+
+
+@pytest.mark.parametrize(
+    "state", [State.READY_TO_SWITCH_ON, State.NOT_READY_TO_SWITCH_ON, State.SWITCH_ON_DISABLED], ids=lambda s: s.name
+)
+def test_drive_that_falls_back_instead_of_entering_operation_needs_an_off(state: State) -> None:
+    axis = Axis()
+    axis.step(OFF, State.READY_TO_SWITCH_ON)
+    axis.step(ON, State.SWITCHED_ON)
+    assert axis.step(ON, State.SWITCHED_ON) == ENABLE
+    for shown in (state, State.SWITCHED_ON, State.SWITCHED_ON):
+        assert axis.step(ON, shown) in {0, QUICK_STOP}
+    assert axis.stepper.reason is Reason.NEEDS_OFF
+    assert FaultNumber.ENABLE_UNASKED not in [event.number for event in axis.stepper.events]
+    axis.step(OFF, State.SWITCH_ON_DISABLED)
+    axis.step(ON, State.SWITCHED_ON)
+    assert axis.step(ON, State.SWITCHED_ON) == ENABLE
+
+
+@pytest.mark.planted
+def test_axis_replaces_an_unasked_enable_by_quick_stop_and_faults(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The table is made to enable a locked drive that shows Switched On."""
+    axis = Axis()
+    axis.step(ON, State.SWITCHED_ON)
+    place = (Phase.LOCKED * DRIVES + Drive.SWITCHED_ON) * WISHES + W.ENABLE
+    planted = cell(Phase.FOLLOW, Drive.SWITCHED_ON, W.ENABLE)
+    monkeypatch.setattr("pdgw.gateway.axis.interlock.CELLS", (*CELLS[:place], planted, *CELLS[place + 1 :]))
+    assert axis.step(ON, State.SWITCHED_ON) == QUICK_STOP
+    assert [event.number for event in axis.stepper.events] == [FaultNumber.ENABLE_UNASKED]
+    assert axis.stepper.reason is Reason.NEEDS_OFF
+    assert axis.stepper.power.phase is Phase.DOUBT
+    assert axis.stepper.command.target_velocity == 0
+    assert not axis.zsw1 & 0x0404, "neither operation nor speed reached"

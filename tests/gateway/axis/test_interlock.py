@@ -146,11 +146,14 @@ def test_a_connection_that_changed_while_the_references_were_invalid_needs_its_o
     assert stepper.reason is Reason.NEEDS_OFF
 
 
-def test_a_short_disable_operation_does_not_weaken_the_interlock_for_ever() -> None:
-    """Disable Operation for one cycle, which the drive was too slow to show; much later its enable input drops."""
+def test_a_short_disable_operation_is_kept_until_the_drive_shows_it() -> None:
+    """Disable Operation for one cycle of the PLC; long after it the enable input of the drive drops."""
     control = power(State.OPERATION_ENABLED, after_off=True)
     assert step(control, 0x477, State.OPERATION_ENABLED, 1 * MS) == SWITCH_ON
-    for cycle in range(2, 2000):
+    for cycle in range(2, 50):
+        assert step(control, ON, State.OPERATION_ENABLED, cycle * MS) == SWITCH_ON, "it may have left already"
+    assert step(control, ON, State.SWITCHED_ON, 50 * MS) == ENABLE
+    for cycle in range(51, 2000):
         assert step(control, ON, State.OPERATION_ENABLED, cycle * MS) == ENABLE
     word = step(control, ON, State.SWITCHED_ON, 2000 * MS)
     assert control.phase is Phase.DOUBT
