@@ -15,6 +15,7 @@ from pdgw.gateway.axis.power_table import (
     CONTROLWORDS,
     DRIVE_OF_STATE,
     DRIVES,
+    STOPPING,
     WISHES,
     Action,
     Cell,
@@ -49,6 +50,13 @@ _IN_OPERATION: Final = (_OPERATING, _STANDING)
 _SWITCHED_ON: Final = Drive.SWITCHED_ON
 _LEAVING: Final = Drive.LEAVING
 _OFFS: Final = (PowerWish.OFF, PowerWish.OFF_DISABLED)
+_WITHOUT_DISABLE: Final = {
+    PowerWish.OFF_DISABLED: PowerWish.OFF,
+    PowerWish.QUICK_STOP_DISABLED: PowerWish.QUICK_STOP,
+}
+_ENABLED: Final = (PowerWish.ENABLE, PowerWish.OFF, PowerWish.QUICK_STOP)
+"""STW1.3 = 1."""
+_STOPPING: Final = STOPPING
 _ENABLE: Final = PowerWish.ENABLE
 _PASSES: Final = Action.PASS
 _PLC_LOST: Final = Reason.PLC_LOST
@@ -66,6 +74,7 @@ class Interlock:
     __slots__ = (
         "_acknowledge_armed",
         "_connected",
+        "_disable_armed",
         "_disabled_at",
         "_enabling",
         "_no_plc",
@@ -96,6 +105,8 @@ class Interlock:
         self.plc_was_there = False
         """A PLC without control counts: what is missing then is not the first frame."""
         self._acknowledge_armed = False
+        self._disable_armed = False
+        """STW1.3 was 1 during the present stop: its fall to 0 ends that."""
         self._disabled_at = -COMMAND_SHOWN_NS
         self.enabled_at = -COMMAND_SHOWN_NS
         """When operation was commanded last, but for the cycles of steady operation."""
@@ -159,6 +170,11 @@ class Interlock:
             wish = self._no_plc
             armed = False
         else:
+            if wish in _WITHOUT_DISABLE and not self._disable_armed:
+                # A stop that begins with STW1.3 = 0 brakes.
+                wish = _WITHOUT_DISABLE[wish]
+            elif phase in _STOPPING and wish in _ENABLED:
+                self._disable_armed = True
             if wish in _OFFS:
                 self._off_seen = True
             elif phase is _RAMP_STOP and wish is _ENABLE and self._resume and self._off_seen:
@@ -191,6 +207,8 @@ class Interlock:
         if after is not phase:
             self.phase = after
             self._standing_since = -1
+            if phase not in _STOPPING:
+                self._disable_armed = wish in _ENABLED
         self.action = action = cell.action
         self._enabling = cell.controlword == _ENABLING or (action is _PASSES and wish is _ENABLE)
         self._steady = False

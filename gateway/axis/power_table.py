@@ -143,10 +143,11 @@ NO_PLC: Final = (W.NO_PLC_RAMP, W.NO_PLC_QUICK_STOP, W.NO_PLC_COAST)
 RAMPS: Final = (W.NO_PLC_RAMP, W.STOP)
 UNASKED: Final = (*NO_PLC, W.STOP)
 """Nothing is asked but to stop."""
-COASTS: Final = (W.COAST, W.QUICK_STOP_DISABLED, W.NO_PLC_COAST)
-DISABLES: Final = (W.ON, W.OFF_DISABLED)
+COASTS: Final = (W.COAST, W.NO_PLC_COAST)
+DISABLES: Final = (W.ON, W.OFF_DISABLED, W.QUICK_STOP_DISABLED)
 """Disable Operation (STW1.3 = 0): ends a ramp or quick stop, as the profile's state S5 does."""
-QUICK_STOP_WISHES: Final = (W.QUICK_STOP, W.NO_PLC_QUICK_STOP)
+OFF3S: Final = (W.QUICK_STOP, W.QUICK_STOP_DISABLED)
+QUICK_STOP_WISHES: Final = (*OFF3S, W.NO_PLC_QUICK_STOP)
 IN_OPERATION: Final = (D.OPERATING, D.STANDING)
 """Operation enabled as commanded."""
 SHOWS_OPERATION: Final = (*IN_OPERATION, D.LEAVING)
@@ -212,7 +213,7 @@ ROWS: Final = (
     Row(
         (P.LOCKED, P.COAST, *STOPPING),
         UNPOWERED,
-        (W.QUICK_STOP,),
+        OFF3S,
         P.LOCKED,
         A.QUICK_STOP,
         Reason.QUICK_STOP,
@@ -278,8 +279,8 @@ ROWS: Final = (
     Row(OBEYING, (D.FELL_OFF,), ANY_WISH, P.LOCKED, A.DISABLE_VOLTAGE, Reason.NEEDS_OFF, "enable input, coast"),
     Row(OBEYING, (D.FELL_BACK,), ANY_WISH, P.DOUBT, A.QUICK_STOP, Reason.NEEDS_OFF, "its Statusword may be wrong"),
     # OFF3 locks, whether the drive got it or not.
-    Row(OBEYING, SHOWS_OPERATION, (W.QUICK_STOP,), P.QUICK_STOP, A.QUICK_STOP, Reason.QUICK_STOP, "OFF3"),
-    Row(OBEYING, UNPOWERED, (W.QUICK_STOP,), P.LOCKED, A.QUICK_STOP, Reason.QUICK_STOP, "OFF3"),
+    Row(OBEYING, SHOWS_OPERATION, OFF3S, P.QUICK_STOP, A.QUICK_STOP, Reason.QUICK_STOP, "OFF3"),
+    Row(OBEYING, UNPOWERED, OFF3S, P.LOCKED, A.QUICK_STOP, Reason.QUICK_STOP, "OFF3"),
     Row(OBEYING, QUICK_STOPS, ANY_WISH, P.QUICK_STOP, A.QUICK_STOP, Reason.QUICK_STOP, "by the drive itself"),
     # The Controlword of telegram 100.
     Row((P.PASS,), SHOWS_OPERATION, ANY_WISH, None, A.PASS, None, "the PLC's own Controlword"),
@@ -287,7 +288,6 @@ ROWS: Final = (
     # In operation.
     Row((P.FOLLOW,), IN_OPERATION, (*ENABLES, W.HOLD), None, A.ENABLE_OPERATION, None, "operation"),
     Row((P.FOLLOW,), (D.LEAVING,), ENABLES, None, A.SWITCH_ON, Reason.NOT_OPERATING, "Switched On is awaited first"),
-    Row((P.FOLLOW,), IN_OPERATION, (W.OFF_DISABLED,), P.SHUTDOWN, A.RAMP_END, Reason.RAMP_STOP, "no ramp: STW1.3 = 0"),
     Row((P.FOLLOW,), IN_OPERATION, OFFS, P.RAMP_STOP, A.RAMP, Reason.RAMP_STOP, "OFF1"),
     Row((P.FOLLOW,), (D.LEAVING,), OFFS, None, A.SHUTDOWN, Reason.NOT_OPERATING, "to ramp would enable it again"),
     Row((P.FOLLOW,), SHOWS_OPERATION, (W.ON,), None, A.SWITCH_ON, Reason.NOT_OPERATING, "Disable Operation"),
@@ -348,7 +348,7 @@ def _visible(phase: Phase, wish: PowerWish) -> int:
     visible = Flag.OF_THE_DRIVE
     if wish in (W.COAST, W.NO_PLC_COAST):
         visible &= ~Flag.NO_COAST_STOP
-    if wish in (W.QUICK_STOP, W.QUICK_STOP_DISABLED) or phase is P.QUICK_STOP:
+    if wish in OFF3S or phase is P.QUICK_STOP:
         visible &= ~Flag.NO_QUICK_STOP
     return visible
 

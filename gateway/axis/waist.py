@@ -48,9 +48,9 @@ class PowerWish(enum.IntEnum):
     NO_PLC_COAST = 11
     """or to let the drive coast."""
     OFF_DISABLED = 12
-    """OFF1 with Disable Operation (STW1.3 = 0): power off without a ramp."""
+    """OFF1, and STW1.3 fell to 0 (Disable Operation) while the axis was being stopped: the ramp ends."""
     QUICK_STOP_DISABLED = 13
-    """OFF3 with Disable Operation (STW1.3 = 0): power off without a quick stop."""
+    """OFF3, and STW1.3 fell to 0 (Disable Operation) while the axis was being stopped: the quick stop ends."""
 
 
 class SpeedWish(enum.IntEnum):

@@ -53,8 +53,6 @@ def test_before_an_off_no_command_reaches_any_state(state: State, command: int) 
     is_off = command & 0x7 == 0x6
     if is_off and state not in POWERED and state not in FAULTS:
         assert word == SHUTDOWN
-    elif command & 0x2 and not (command & 0x4 or command & 0x8):
-        assert word == DISABLE_VOLTAGE, "OFF3 with Disable Operation"
     elif state is State.QUICK_STOP_ACTIVE and command & 0x2:
         assert word == QUICK_STOP, "a quick stop that runs is not cut short"
     elif command & 0x6 == 0x2 and state not in FAULTS:
@@ -68,13 +66,13 @@ def expected_controlword(state: State, command: int) -> int:
     """The command table of docs/translation.md, read in the order of its priorities."""
     if state in FAULTS:
         return 0
-    if not command & 0x2 or not command & 0xC:
-        return DISABLE_VOLTAGE  # OFF2, or OFF3 with Disable Operation
+    if not command & 0x2:
+        return DISABLE_VOLTAGE
     if not command & 0x4 or state is State.QUICK_STOP_ACTIVE:
         return QUICK_STOP
     if state is State.OPERATION_ENABLED:
         if not command & 0x1:
-            return ENABLE if command & 0x8 else SHUTDOWN  # OFF1: ramp stop with power on, unless Disable Operation
+            return ENABLE  # OFF1: ramp stop with power on
         return ENABLE if command & 0x8 else SWITCH_ON
     if not command & 0x1 or state in {State.SWITCH_ON_DISABLED, State.NOT_READY_TO_SWITCH_ON}:
         return SHUTDOWN

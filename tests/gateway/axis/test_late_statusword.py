@@ -123,20 +123,29 @@ def test_off3_brakes_a_drive_in_operation_that_nobody_here_enabled() -> None:
     assert step_interlock(power, ON, STATUS_OF[LATE], 2 * MS) == QUICK_STOP, "latched"
 
 
-def test_disable_operation_in_a_ramp_stop_takes_power_off() -> None:
-    for word in (NO_OPERATION, 0x0476):
-        control = in_operation()
-        assert control.step(OFF, LATE) == ENABLE
-        assert control.step(word, LATE) == SHUTDOWN
-        assert control.step(OFF, LATE) == SHUTDOWN, "it is not begun again"
+@pytest.mark.parametrize("word", [NO_OPERATION, 0x0476])
+def test_disable_operation_in_a_ramp_stop_takes_power_off(word: int) -> None:
+    control = in_operation()
+    assert control.step(OFF, LATE) == ENABLE
+    assert control.step(word, LATE) == SHUTDOWN
+    assert control.step(OFF, LATE) == SHUTDOWN, "it is not begun again"
 
 
-def test_disable_operation_in_a_quick_stop_takes_power_off() -> None:
-    for word in (NO_OPERATION, 0x0476, 0x0473):
-        control = in_operation()
-        assert control.step(OFF3, LATE) == QUICK_STOP
-        assert control.step(word, State.QUICK_STOP_ACTIVE) == DISABLE_VOLTAGE
-        assert control.step(OFF3, State.QUICK_STOP_ACTIVE) == DISABLE_VOLTAGE, "it is not begun again"
+@pytest.mark.parametrize("word", [NO_OPERATION, 0x0476, 0x0473])
+def test_disable_operation_in_a_quick_stop_takes_power_off(word: int) -> None:
+    control = in_operation()
+    assert control.step(OFF3, LATE) == QUICK_STOP
+    assert control.step(word, State.QUICK_STOP_ACTIVE) == DISABLE_VOLTAGE
+    assert control.step(OFF3, State.QUICK_STOP_ACTIVE) == DISABLE_VOLTAGE, "it is not begun again"
+
+
+@pytest.mark.parametrize(("word", "stop"), [(0x0476, ENABLE), (0x0402, QUICK_STOP), (0x0473, QUICK_STOP)])
+def test_a_stop_that_begins_with_stw1_3_at_0_brakes(word: int, stop: int) -> None:
+    control = in_operation()
+    for _ in range(5):
+        assert control.step(word, LATE) == stop
+    assert control.step(word | 0x8, LATE) == stop
+    assert control.step(word, LATE) in {DISABLE_VOLTAGE, SHUTDOWN}, "STW1.3 falls during the stop"
 
 
 def zsw1_of(*steps: tuple[int | None, State]) -> tuple[int, int]:

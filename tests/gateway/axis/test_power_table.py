@@ -12,6 +12,7 @@ from pdgw.gateway.axis.interlock import QUICK_STOP_STANDING_NS, Interlock
 from pdgw.gateway.axis.power_table import (
     CELLS,
     COASTS,
+    DISABLES,
     DRIVE_OF_STATE,
     ENABLES,
     IN_OPERATION,
@@ -250,12 +251,9 @@ def test_disable_operation_ends_a_ramp_stop_and_a_quick_stop() -> None:
             item = cell(Phase.RAMP_STOP, drive, wish)
             assert (item.phase, item.action, item.controlword) == (Phase.SHUTDOWN, Action.RAMP_END, 0x6), wish
     for drive in (*SHOWS_OPERATION, *QUICK_STOPS):
-        for wish in (PowerWish.ON, PowerWish.OFF_DISABLED, PowerWish.QUICK_STOP_DISABLED):
+        for wish in DISABLES:
             item = cell(Phase.QUICK_STOP, drive, wish)
             assert (item.phase, item.action) == (Phase.COAST, Action.DISABLE_VOLTAGE), wish
-    for drive in IN_OPERATION:
-        item = cell(Phase.FOLLOW, drive, PowerWish.OFF_DISABLED)
-        assert (item.phase, item.action) == (Phase.SHUTDOWN, Action.RAMP_END)
 
 
 def test_a_shutdown_that_has_begun_is_not_taken_back() -> None:
@@ -265,7 +263,7 @@ def test_a_shutdown_that_has_begun_is_not_taken_back() -> None:
 
 
 def test_a_quick_stop_goes_on_until_it_is_over_unless_it_is_ended() -> None:
-    wishes = set(PowerWish) - set(COASTS) - {PowerWish.ON, PowerWish.OFF_DISABLED}
+    wishes = set(PowerWish) - set(COASTS) - set(DISABLES)
     for name, item in walk(phases={Phase.QUICK_STOP}, drives=(*SHOWS_OPERATION, *QUICK_STOPS), wishes=wishes):
         assert item.phase is Phase.QUICK_STOP, name
         assert item.action is (Action.DISABLE_VOLTAGE if "QUICK_STOPPED" in name else Action.QUICK_STOP), name
@@ -338,7 +336,7 @@ LOOKED_AT = [
     for phase, drive, wish in EVERYTHING
     # These need a past of their own; they have tests of their own.
     if drive not in {Drive.FELL_BACK, Drive.FELL_OFF, Drive.RESTARTED}
-    and wish is not PowerWish.RESUME
+    and wish not in {PowerWish.RESUME, PowerWish.OFF_DISABLED, PowerWish.QUICK_STOP_DISABLED}
     # Only a phase that enables knows a last Controlword that did.
     and (drive not in {*IN_OPERATION, Drive.ENTERING} or phase in ENABLING)
 ]
