@@ -5,7 +5,7 @@ Attribute names are those of the object catalogue (a test holds them together). 
 
 from __future__ import annotations
 
-from typing import Final
+from typing import ClassVar, Final
 
 from pdgw.dsp402.modes import Mode
 
@@ -15,6 +15,8 @@ DEMAND_UNKNOWN: Final = -(1 << 31)
 
 class DriveCommand:
     """Values for the drive (RPDO objects). One instance per axis, updated in place each cycle."""
+
+    ASIDE: ClassVar[frozenset[str]] = frozenset({"controlword"})
 
     __slots__ = (
         "controlword",

@@ -36,6 +36,15 @@ class Normalisation:
         self.wire_min, self.wire_max = wire_range
         self.value_min, self.value_max = value_range
 
+    def _values(self) -> tuple[object, ...]:
+        return self._num, self._den, self.value_min, self.value_max, self.wire_min, self.wire_max
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Normalisation) and self._values() == other._values()
+
+    def __hash__(self) -> int:
+        return hash(self._values())
+
     def to_wire(self, value: int) -> int:
         """The fraction of the reference, truncated toward zero and saturated at the wire range."""
         wire = value * self._den // self._num if value >= 0 else -(-value * self._den // self._num)

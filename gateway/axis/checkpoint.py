@@ -1,8 +1,14 @@
-"""Take a machine back to a moment: a replay tries steps and undoes them.
+"""Take a machine back to a moment, and tell whether two moments are the same state: for replays and for the walk.
 
 A machine is made of parts: objects with attributes of their own that live as long as the machine does, or, where an attribute was
 none of them at first, as long as the drive's configuration (DSC, interpolation). Everything else an attribute can be is an
-immutable value, or a container of such.
+immutable value, or a container of such. A class declares beside its attributes which of them are no plain state:
+
+| declaration | attributes |
+| --- | --- |
+| ``INSTANTS`` | monotonic times, each with the age in ns from which on it makes no more difference; 0 or below is "none" |
+| ``PASSING`` | every step sets them before it reads them, they only count, or never change: neither saved nor compared |
+| ``ASIDE`` | saved, but not compared: no word and no command depends on them (caches, what the log has had) |
 """
 
 from __future__ import annotations
@@ -10,7 +16,7 @@ from __future__ import annotations
 import copy
 import enum
 from collections import deque
-from collections.abc import Callable, Hashable, Iterator
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from operator import attrgetter
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -50,6 +56,11 @@ def _is_part(value: object) -> bool:
     )
 
 
+def _has_identity(value: object) -> bool:
+    """A part that is replaced as a whole: it has no value of its own."""
+    return _is_part(value) and type(value).__hash__ is object.__hash__
+
+
 def _is_fixed(value: object) -> bool:
     """Whether an attribute keeps this value for ever."""
     return _is_part(value) or callable(value) or isinstance(value, _FIXED)
@@ -70,21 +81,53 @@ def _parts(item: object, seen: dict[int, object]) -> Iterator[object]:
             yield from _parts(value, seen)
 
 
+def _declared(item: object, declaration: str) -> frozenset[str]:
+    """The attributes that the classes of an object list in ``PASSING`` or ``ASIDE``."""
+    return frozenset(name for kind in type(item).__mro__ for name in kind.__dict__.get(declaration, ()))
+
+
+def _getter(names: Sequence[str]) -> Callable[[Any], Any]:
+    return attrgetter(*names) if names else _nothing
+
+
+def _content(container: Any) -> tuple[Hashable, ...]:
+    return tuple(container.items()) if isinstance(container, dict) else tuple(container)
+
+
 class _Part:
-    """One part with its getter; ``containers`` are the places of attributes that are changed in place."""
+    """One part: ``names`` are saved, ``containers`` are the places of those that are changed in place."""
 
-    __slots__ = ("containers", "get", "item", "names")
+    __slots__ = ("_contents", "_get", "_instants", "_plain", "containers", "item", "names")
 
-    def __init__(self, item: object) -> None:
+    def __init__(self, item: object, names: tuple[str, ...] | None = None) -> None:
         self.item = item
-        self.names = tuple(name for name in _names(item) if not _is_fixed(getattr(item, name)))
-        self.get: Callable[[Any], Any] = attrgetter(*self.names) if self.names else _nothing
-        values = self.values()
-        self.containers = tuple(i for i, value in enumerate(values) if isinstance(value, _CONTAINERS))
+        if names is None:
+            passing = _declared(item, "PASSING")
+            names = tuple(name for name in _names(item) if name not in passing and not _is_fixed(getattr(item, name)))
+        self.names = names
+        self._get = _getter(names)
+        values = dict(zip(names, self.values(), strict=True))
+        self.containers = tuple(i for i, name in enumerate(names) if isinstance(values[name], _CONTAINERS))
+        instants: Mapping[str, int] = getattr(item, "INSTANTS", {})
+        self._instants = tuple((name, instants[name]) for name in names if name in instants)
+        compared = [name for name in names if name not in _declared(item, "ASIDE") and name not in instants]
+        self._contents = tuple(name for name in compared if isinstance(values[name], _CONTAINERS))
+        # A part is compared by what is in it.
+        plain = [name for name in compared if name not in self._contents and not _has_identity(values[name])]
+        self._plain = _getter(plain)
 
     def values(self) -> tuple[Any, ...]:
-        found = self.get(self.item)
+        found = self._get(self.item)
         return found if len(self.names) != 1 else (found,)
+
+    def fingerprint(self, now: int) -> tuple[Hashable, ...]:
+        item = self.item
+        found: list[Hashable] = [self._plain(item)]
+        for name, age in self._instants:
+            instant: int = getattr(item, name)
+            found.append(min(now - instant, age) if instant > 0 else None)
+        found += [_content(getattr(item, name)) for name in self._contents]
+        return tuple(found)
 
 
 class Checkpoint(NamedTuple):
@@ -110,15 +153,8 @@ class Checkpoints:
         return outputs
 
     def _look_again(self) -> None:
-        seen: dict[int, object] = {id(part.item): part.item for part in self._items}
-        found = [
-            _Part(item)
-            for part in self._items
-            for value in part.values()
-            if _is_part(value)
-            for item in _parts(value, seen)
-        ]
-        self._items = (*self._items, *found)
+        names = {id(part.item): part.names for part in self._items}
+        self._items = tuple(_Part(item, names.get(id(item))) for item in _parts(self._machine, {}))
 
     def save(self) -> Checkpoint:
         """Everything a step may change."""
@@ -148,7 +184,7 @@ class Checkpoints:
                     setattr(item, name, value)
 
     def fingerprint(self) -> tuple[Hashable, ...]:
-        """Equal for two moments of the machine from which its words and commands go on alike."""
-        return tuple(
-            value for part in self._items for place, value in enumerate(part.values()) if place not in part.containers
-        )
+        """Equal for two moments of the machine from which its words and commands go on alike, whatever the time of day."""
+        now = self._machine.inputs.now
+        kept = self._machine.adapter.kept(self._machine.demand)
+        return (kept, *(part.fingerprint(now) for part in self._items))

@@ -6,7 +6,8 @@ that an acknowledge is an edge of this connection.
 
 from __future__ import annotations
 
-from typing import Final
+from collections.abc import Mapping
+from typing import ClassVar, Final
 
 from pdgw.dsp402.states import STATE_OF_STATUS, ControlBit
 from pdgw.durations import MS
@@ -70,6 +71,14 @@ _NO_PLC: Final = {
 
 class Interlock:
     """``step`` once per cycle; ``phase``, ``action`` and ``reason`` tell what it does and why."""
+
+    INSTANTS: ClassVar[Mapping[str, int]] = {
+        "_disabled_at": COMMAND_SHOWN_NS,
+        "enabled_at": COMMAND_SHOWN_NS,
+        "_standing_since": QUICK_STOP_STANDING_NS,
+    }
+    PASSING: ClassVar[frozenset[str]] = frozenset({"cell", "reason"})
+    ASIDE: ClassVar[frozenset[str]] = frozenset({"_steady", "_steady_status", "_steady_word"})
 
     __slots__ = (
         "_acknowledge_armed",

@@ -9,7 +9,7 @@ Source: docs/safety.md.
 from __future__ import annotations
 
 import enum
-from typing import Final
+from typing import ClassVar, Final
 
 from pdgw.gateway.axis.power_table import Action
 
@@ -43,6 +43,8 @@ class StopWatch:
         "reference",
         "runs",
     )
+
+    ASIDE: ClassVar[frozenset[str]] = frozenset(__slots__)
 
     def __init__(self, reaction_ns: int, stop_time_ns: int) -> None:
         self._reaction = reaction_ns

@@ -8,7 +8,7 @@ from __future__ import annotations
 import enum
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.images import DriveCommand, DriveFeedback
@@ -181,6 +181,11 @@ class SensorInput:
 class Inputs:
     """What one step of an axis is made from; one object, filled anew for each step. ``news`` is emptied by the step."""
 
+    ASIDE: ClassVar[frozenset[str]] = frozenset({"now"})
+    PASSING: ClassVar[frozenset[str]] = frozenset(
+        {"fault_code", "drive_ok", "node_stopped", "set_point_refused", "setpoints", "warning_code"}
+    )
+
     __slots__ = (
         "doubt",
         "drive_ok",
@@ -223,6 +228,23 @@ class Inputs:
 
 class Outputs:
     """What a step decided. The object is the same for every step of an axis or encoder."""
+
+    PASSING: ClassVar[frozenset[str]] = frozenset(
+        {
+            "good",
+            "reason",
+            "released",
+            "saturations",
+            "warning",
+            "eventful",
+            "acknowledged",
+            "emergency_over",
+            "read_fault",
+            "told",
+            "faults",
+        }
+    )
+    ASIDE: ClassVar[frozenset[str]] = frozenset({"actuals", "brake", "known_off"})
 
     __slots__ = (
         "acknowledged",

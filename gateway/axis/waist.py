@@ -9,7 +9,7 @@ from __future__ import annotations
 import enum
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import ClassVar, Final
 
 from pdgw.dsp402.states import STATE_OF_STATUS, State
 from pdgw.gateway.motion.modulo import Direction
@@ -109,6 +109,9 @@ class Demand:
         "xerr",
     )
 
+    ASIDE: ClassVar[frozenset[str]] = frozenset(__slots__)
+    """What of it outlives a step, the adapter tells (``Adapter.kept``)."""
+
     def __init__(self) -> None:
         self.connected = False
         """A PLC is in charge."""
@@ -182,6 +185,21 @@ NO_SENSOR: Final = (SENSOR_STATUS[SensorState.ERROR], 0, SensorError.COMMAND_NOT
 
 class Report:
     """What an axis shows now; see ``Flag``. ``position`` and ``speed`` are fractions of the references."""
+
+    PASSING: ClassVar[frozenset[str]] = frozenset(
+        {
+            "flags",
+            "fault_code",
+            "warning_code",
+            "load",
+            "message",
+            "namur",
+            "position",
+            "speed",
+            "sensor",
+            "second_sensor",
+        }
+    )
 
     __slots__ = (
         "fault_code",

@@ -6,7 +6,7 @@ Source: docs/translation.md "Loss and doubt", docs/parameter-channel.md "Fault b
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Final
+from typing import ClassVar, Final
 
 from pdgw.dsp402.images import DriveFeedback
 from pdgw.dsp402.states import STATE_OF_STATUS, State, StatusBit
@@ -56,6 +56,8 @@ _COMMAND: Final = CONTROLWORDS[Action.ENABLE_OPERATION]
 class Repetitions:
     """What was told when; the oldest is forgotten when there are too many."""
 
+    ASIDE: ClassVar[frozenset[str]] = frozenset({"_told"})
+
     __slots__ = ("_told",)
 
     def __init__(self) -> None:
@@ -80,6 +82,8 @@ class Repetitions:
 
 class NodeWatch:
     """The notices of a node to fault records and lines of the log."""
+
+    ASIDE: ClassVar[frozenset[str]] = frozenset({"last_emergency", "_refusal", "_absent", "_restart_asked"})
 
     __slots__ = (
         "_absent",
@@ -179,6 +183,8 @@ class NodeWatch:
 class Acknowledgement:
     """When the fault buffer moves on: the PLC acknowledged, and the device has left its fault."""
 
+    ASIDE: ClassVar[frozenset[str]] = frozenset({"_until", "_seen", "waits"})
+
     __slots__ = ("_seen", "_until", "waits")
 
     def __init__(self) -> None:
@@ -214,6 +220,8 @@ class Acknowledgement:
 
 class DriveWatch:
     """What a drive shows of its own accord, by its Statusword."""
+
+    ASIDE: ClassVar[frozenset[str]] = frozenset({"fault_since", "shown"})
 
     __slots__ = ("_outputs", "_repetitions", "fault_since", "shown")
 

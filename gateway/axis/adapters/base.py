@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Final
+from collections.abc import Hashable, Sequence
+from typing import ClassVar, Final
 
 from pdgw.gateway.axis.settings import AxisSettings, ControlLost
 from pdgw.gateway.axis.waist import Demand, Flag, PowerWish, Report
@@ -53,6 +53,10 @@ class Adapter:
         """Raw actual values in telegram order; words the report has nothing for stay as they are."""
         raise NotImplementedError
 
+    def kept(self, demand: Demand) -> Hashable:
+        """What of the demand the next setpoints may leave as it is; part of the state of a machine (``checkpoint``)."""
+        return tuple(getattr(demand, name) for name in Demand.__slots__)
+
 
 def _without_control(control_lost: ControlLost) -> dict[PowerWish, dict[PowerWish, PowerWish]]:
     """What STW1 asks without control, by the last wish and what its bits 0-3 say: a stop passes, nothing starts."""
@@ -75,9 +79,13 @@ _UNCONTROLLED: Final = {item: _without_control(item) for item in ControlLost}
 class ControlWordAdapter(Adapter):
     """A telegram with STW1 and ZSW1, and perhaps the words of a sensor. STW1 is looked at when it changes."""
 
+    PASSING: ClassVar[frozenset[str]] = frozenset({"_uncontrolled"})
+    ASIDE: ClassVar[frozenset[str]] = frozenset({"word"})
+
     def __init__(self, telegram: Telegram, settings: AxisSettings) -> None:
         super().__init__(telegram)
         self._uncontrolled = _UNCONTROLLED[settings.control_lost]
+        self._holds = settings.control_lost is ControlLost.HOLD
         self.stw1 = telegram.setpoints.index("STW1")
         self.zsw1 = telegram.actuals.index("ZSW1")
         self.g1_stw = place(telegram.setpoints, "G1_STW")
@@ -115,6 +123,13 @@ class ControlWordAdapter(Adapter):
         if self._interrupted and flags & _STANDING == _STANDING:
             flags |= Flag.REACHED
         return flags & self._visible
+
+    def kept(self, demand: Demand) -> Hashable:
+        if not demand.connected:
+            return None
+        if self._holds and demand.power in {PowerWish.ENABLE, PowerWish.HOLD}:
+            return super().kept(demand)
+        return demand.acknowledge, demand.device_bits
 
 
 def place(half: TelegramHalf, name: str) -> int:

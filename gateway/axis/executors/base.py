@@ -6,7 +6,9 @@ is known well enough; ``refuse`` is called instead while it is not.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from fractions import Fraction
+from typing import ClassVar
 
 from pdgw.dsp402.drive_type import DriveType, Quantity
 from pdgw.dsp402.errors import Dsp402Error
@@ -44,6 +46,8 @@ class Troubles:
 class Notes:
     """What an executor has to tell beside the report, read by the machine after each step; ``troubles`` is for it to know."""
 
+    PASSING: ClassVar[frozenset[str]] = frozenset({"faults", "saturations", "reason"})
+
     __slots__ = ("faults", "probe", "reason", "saturations", "troubles", "warning", "writes")
 
     def __init__(self) -> None:
@@ -74,6 +78,8 @@ class Notes:
 
 class AxisCycle:
     """What an executor works with: one object for each axis, in which the machine sets what changes before each cycle."""
+
+    PASSING: ClassVar[frozenset[str]] = frozenset({"action", "controlword", "now", "reason", "standstill"})
 
     __slots__ = (
         "action",
@@ -187,6 +193,8 @@ def demanded_speed(feedback: DriveFeedback) -> int:
 
 class LimitWatch:
     """Whether a limit switch holds an axis: it stands at a limit of the drive with something to do for ``LIMIT_STANDING_NS``."""
+
+    INSTANTS: ClassVar[Mapping[str, int]] = {"_since": LIMIT_STANDING_NS}
 
     __slots__ = ("_since",)
 

@@ -7,7 +7,8 @@ may begin is the positioning executor's.
 from __future__ import annotations
 
 import enum
-from typing import Final
+from collections.abc import Mapping
+from typing import ClassVar, Final
 
 from pdgw.dsp402.indices import HOMING_SPEEDS
 from pdgw.dsp402.modes import Mode
@@ -42,6 +43,8 @@ class Progress(enum.Enum):
 
 class Homing:
     """The drive's side of one homing after the other."""
+
+    INSTANTS: ClassVar[Mapping[str, int]] = {"_since": HOMING_STALE_NS, "_idle_since": HOMING_UNATTAINED_NS}
 
     __slots__ = (
         "_answer",

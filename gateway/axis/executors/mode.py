@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import ClassVar
+
 from pdgw.dsp402.modes import MODE_CONFIRM_NS
 from pdgw.durations import SECOND
 from pdgw.gateway.axis.executors.base import AxisCycle
@@ -10,6 +13,8 @@ from pdgw.gateway.reasons import FaultNumber, Reason
 
 class ModeSwitch:
     """The mode that is asked for, and since when it is waited for."""
+
+    INSTANTS: ClassVar[Mapping[str, int]] = {"_since": MODE_CONFIRM_NS}
 
     __slots__ = ("_cycle", "_since", "base", "halted", "mode")
 

@@ -5,7 +5,7 @@ Source: docs/translation.md "Standard telegrams", docs/telegrams.md "Normalisati
 
 from __future__ import annotations
 
-from typing import Final
+from typing import ClassVar, Final
 
 from pdgw.dsp402.drive_type import DriveType, Quantity
 from pdgw.dsp402.errors import Dsp402Error
@@ -34,6 +34,8 @@ class SpeedExecutor(Executor):
     """An axis that a limit switch stopped does not move on by itself when the switch is released: 60FFh is 0 until the PLC takes
     its setpoint through 0 (or to the other direction, off the switch), or out of operation.
     """
+
+    ASIDE: ClassVar[frozenset[str]] = frozenset({"_wire", "_value"})
 
     def __init__(self, cycle: AxisCycle) -> None:
         super().__init__(cycle)

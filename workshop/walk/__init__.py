@@ -1,0 +1,11 @@
+"""The exhaustive walk of one axis: every state that a PLC, a loss and a lying drive can bring the axis machine to.
+
+``python -m pdgw.workshop.walk`` walks and prints states, transitions and violations; ``make walk`` does it for all settings.
+
+| module | holds |
+| --- | --- |
+| ``machine`` | the axis machine as a transducer: numbered states, ``(state, input) -> (state, output)``, explored when asked |
+| ``plc``, ``drive`` | everything a PLC can send, a drive can show |
+| ``monitor`` | what must never happen, from the profile and docs/translation.md, without the power table |
+| ``search`` | breadth first to the fixpoint; a violation as its shortest trace |
+"""

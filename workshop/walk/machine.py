@@ -1,0 +1,79 @@
+"""The axis machine as a transducer: its states are numbered, a transition is computed once and looked up from then on."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+
+from pdgw.dsp402.drive_type import DriveType
+from pdgw.dsp402.images import DriveFeedback
+from pdgw.durations import SECOND
+from pdgw.gateway.axis.checkpoint import Checkpoint, Checkpoints
+from pdgw.gateway.axis.machine import AxisMachine
+from pdgw.gateway.axis.settings import AxisSettings
+from pdgw.gateway.axis.values import Configured
+from pdgw.workshop.walk.values import Output, Plc, Shown
+
+_START = 1000 * SECOND
+"""Time of the first step: no age of an instant is limited by it."""
+
+
+class Transducer:
+    """One axis with one drive; state 0 is the machine that was just configured and has seen no PLC."""
+
+    def __init__(self, number: int, settings: AxisSettings, drive: DriveType, tick_ns: int) -> None:
+        self._machine = AxisMachine(number, settings, DriveFeedback())
+        self._drive = drive
+        self._tick = tick_ns
+        self._checkpoints = Checkpoints(self._machine)
+        self._states: list[Checkpoint] = []
+        self._number_of: dict[Hashable, int] = {}
+        self._rows: list[dict[tuple[Plc, Shown], tuple[int, Output]]] = []
+        self.computed = 0
+        """Transitions that were computed; the others were looked up."""
+        self._machine.inputs.now = _START
+        self._step(Plc("", None), Shown("", 0, restarted=True))
+        self._number()
+
+    def __len__(self) -> int:
+        return len(self._states)
+
+    def step(self, state: int, plc: Plc, shown: Shown) -> tuple[int, Output]:
+        """One cycle from a state: the next state and what was decided."""
+        row, key = self._rows[state], (plc, shown)
+        found = row.get(key)
+        if found is None:
+            self._checkpoints.restore(self._states[state])
+            output = self._step(plc, shown)
+            found = row[key] = self._number(), output
+            self.computed += 1
+        return found
+
+    def _number(self) -> int:
+        key = self._checkpoints.fingerprint()
+        number = self._number_of.setdefault(key, len(self._states))
+        if number == len(self._states):
+            self._states.append(self._checkpoints.save())
+            self._rows.append({})
+        return number
+
+    def _step(self, plc: Plc, shown: Shown) -> Output:
+        inputs, outputs = self._machine.inputs, self._machine.outputs
+        inputs.now += self._tick
+        inputs.setpoints = plc.setpoints
+        inputs.drive_ok = shown.ok
+        feedback = inputs.feedback
+        feedback.statusword, feedback.velocity_actual = shown.statusword, shown.velocity
+        feedback.modes_of_operation_display, feedback.position_actual = shown.mode, shown.position
+        if shown.restarted:
+            inputs.news.append(Configured(self._drive))
+        self._checkpoints.step()
+        command = outputs.command
+        return Output(
+            command.controlword,
+            command.target_velocity,
+            command.target_position,
+            command.modes_of_operation,
+            outputs.actuals[0],
+            "" if outputs.reason is None else outputs.reason.name,
+            outputs.brake.value,
+        )

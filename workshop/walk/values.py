@@ -1,0 +1,50 @@
+"""What enters and leaves one step of the walk: values that hash, so that they are numbered once."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+
+class Plc(NamedTuple):
+    """One frame of the PLC, or none; ``name`` is what a trace prints."""
+
+    name: str
+    setpoints: tuple[int, ...] | None
+    """Raw values in telegram order; None: silent, provider STOP, IOPS BAD."""
+    word: int = 0
+    """STW1, or the Controlword of telegram 100."""
+
+
+class Shown(NamedTuple):
+    """What the drive shows in one cycle."""
+
+    name: str
+    statusword: int
+    velocity: int = 0
+    """606Ch."""
+    ok: bool = True
+    """False: the drive is lost."""
+    restarted: bool = False
+    """It booted, or was configured anew."""
+    mode: int = 0
+    """6061h."""
+    position: int = 0
+    """6064h."""
+
+
+class Output(NamedTuple):
+    """What one step of the machine decided."""
+
+    controlword: int
+    velocity: int
+    """60FFh."""
+    target: int
+    """607Ah."""
+    mode: int
+    """6060h."""
+    zsw1: int
+    """ZSW1, or the Statusword of telegram 100."""
+    reason: str
+    """Why the axis does not do what is asked; empty: it does."""
+    brake: int
+    """What is done beside the Controlword: 0 nothing, 1 NMT stop, 2 the heartbeat is withheld."""
