@@ -17,6 +17,7 @@ import copy
 import enum
 from collections import deque
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from functools import cache
 from operator import attrgetter
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -45,15 +46,15 @@ def _names(item: object) -> tuple[str, ...]:
     return tuple(name for name in names if not name.startswith("__") and hasattr(item, name))
 
 
-def _is_part(value: object) -> bool:
-    kind = type(value)
+@cache
+def _is_kind_of_part(kind: Any) -> bool:
     frozen = getattr(getattr(kind, "__dataclass_params__", None), "frozen", False)
-    return (
-        kind.__module__.startswith(_PACKAGE)
-        and not isinstance(value, (*_VALUES, type))
-        and not callable(value)
-        and not frozen
-    )
+    return kind.__module__.startswith(_PACKAGE) and not issubclass(kind, (*_VALUES, type)) and not frozen
+
+
+def _is_part(value: object) -> bool:
+    kind: Any = type(value)
+    return _is_kind_of_part(kind) and not callable(value)
 
 
 def _has_identity(value: object) -> bool:
@@ -81,9 +82,10 @@ def _parts(item: object, seen: dict[int, object]) -> Iterator[object]:
             yield from _parts(value, seen)
 
 
-def _declared(item: object, declaration: str) -> frozenset[str]:
-    """The attributes that the classes of an object list in ``PASSING`` or ``ASIDE``."""
-    return frozenset(name for kind in type(item).__mro__ for name in kind.__dict__.get(declaration, ()))
+@cache
+def _declared(kind: Any, declaration: str) -> frozenset[str]:
+    """The attributes that a class and its bases list in ``PASSING`` or ``ASIDE``."""
+    return frozenset(name for base in kind.__mro__ for name in base.__dict__.get(declaration, ()))
 
 
 def _getter(names: Sequence[str]) -> Callable[[Any], Any]:
@@ -97,12 +99,13 @@ def _content(container: Any) -> tuple[Hashable, ...]:
 class _Part:
     """One part: ``names`` are saved, ``containers`` are the places of those that are changed in place."""
 
-    __slots__ = ("_contents", "_get", "_instants", "_plain", "containers", "item", "names")
+    __slots__ = ("_contents", "_get", "_instants", "_plain", "containers", "is_compared", "item", "names")
 
     def __init__(self, item: object, names: tuple[str, ...] | None = None) -> None:
         self.item = item
+        kind: Any = type(item)
         if names is None:
-            passing = _declared(item, "PASSING")
+            passing = _declared(kind, "PASSING")
             names = tuple(name for name in _names(item) if name not in passing and not _is_fixed(getattr(item, name)))
         self.names = names
         self._get = _getter(names)
@@ -110,11 +113,13 @@ class _Part:
         self.containers = tuple(i for i, name in enumerate(names) if isinstance(values[name], _CONTAINERS))
         instants: Mapping[str, int] = getattr(item, "INSTANTS", {})
         self._instants = tuple((name, instants[name]) for name in names if name in instants)
-        compared = [name for name in names if name not in _declared(item, "ASIDE") and name not in instants]
+        aside = _declared(kind, "ASIDE")
+        compared = [name for name in names if name not in aside and name not in instants]
         self._contents = tuple(name for name in compared if isinstance(values[name], _CONTAINERS))
         # A part is compared by what is in it.
         plain = [name for name in compared if name not in self._contents and not _has_identity(values[name])]
         self._plain = _getter(plain)
+        self.is_compared = bool(plain or self._instants or self._contents)
 
     def values(self) -> tuple[Any, ...]:
         found = self._get(self.item)
@@ -173,11 +178,15 @@ class Checkpoints:
         """Go back; the checkpoint can be used again."""
         self._items = checkpoint.parts
         for part, values in zip(self._items, checkpoint.values, strict=True):
+            present = part.values()
+            if present == values:
+                continue
             item = part.item
-            for place, (name, value) in enumerate(zip(part.names, values, strict=True)):
-                if place in part.containers:
+            for name, kept, value in zip(part.names, present, values, strict=True):
+                if kept is value:
+                    continue
+                if isinstance(kept, _CONTAINERS):
                     # The container stays the same object for whoever holds it.
-                    kept = getattr(item, name)
                     kept.clear()
                     kept.update(value) if isinstance(kept, dict) else kept.extend(value)
                 else:
@@ -187,4 +196,4 @@ class Checkpoints:
         """Equal for two moments of the machine from which its words and commands go on alike, whatever the time of day."""
         now = self._machine.inputs.now
         kept = self._machine.adapter.kept(self._machine.demand)
-        return (kept, *(part.fingerprint(now) for part in self._items))
+        return (kept, *[part.fingerprint(now) for part in self._items if part.is_compared])
