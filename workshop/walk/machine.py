@@ -11,6 +11,7 @@ from pdgw.gateway.axis.checkpoint import Checkpoint, Checkpoints
 from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.values import Configured
+from pdgw.gateway.reasons import FaultNumber
 from pdgw.workshop.walk.values import Output, Plc, Shown
 
 _START = 1000 * SECOND
@@ -75,5 +76,5 @@ class Transducer:
             command.modes_of_operation,
             outputs.actuals[0],
             "" if outputs.reason is None else outputs.reason.name,
-            outputs.brake.value,
+            any(fault.number == FaultNumber.ENABLE_UNASKED for fault in outputs.faults),
         )

@@ -17,6 +17,7 @@ from pdgw.workshop.walk.values import Output, Plc, Shown
 _POWER = 0xF
 _SWITCH_ON, _ENABLE = 0x7, 0xF
 _VOLTAGE, _NO_QUICK_STOP = 0x2, 0x4
+_DISABLE = 0x8
 _OFF, _ON = 0x6, 0x7
 """Bits 0-2 of STW1."""
 _RESET = 0x80
@@ -48,6 +49,7 @@ class Rule(enum.Enum):
     OPERATES = "ZSW1.2 only with Operation Enabled commanded and shown"
     REACHED = "ZSW1.10 only when the setpoint sent is the PLC's and the drive is in operation"
     REASON = "every refusal has a reason"
+    GUARD = "the guard behind everything has nothing to stop"
     RESET = "Fault Reset only with an edge of the PLC in this connection"
 
 
@@ -74,7 +76,7 @@ class Memory(NamedTuple):
     ramp: bool = False
     """It is kept for a ramp."""
     coasts: bool = False
-    """OFF2, and no OFF since."""
+    """OFF2 or Disable Operation in a stop, and the drive has not shown that it is off since."""
     brakes: bool = False
     """OFF3 or a loss with quick stop, and no drive without power since."""
     operated: bool = False
@@ -108,6 +110,7 @@ class Monitor:
             gone and expected.loss is State.QUICK_STOP_ACTIVE
         )
         brake = brake and not coast
+        disable = connected and not word & _DISABLE  # ends a ramp and a quick stop at once (S5)
         off = control and word & _ON == _OFF
         on = control and word & _ON == _ON
         enable = on and word & _POWER == _ENABLE
@@ -137,19 +140,28 @@ class Monitor:
         if output.velocity and not commanded:
             broken.append(Rule.MOTION)
         turning = operates and shown.velocity != 0
-        if ramps and turning and memory.enables and not doubt and not memory.brakes and power != _ENABLE:
+        stopping = doubt or memory.brakes or disable
+        if ramps and turning and memory.enables and not stopping and power != _ENABLE:
             broken.append(Rule.RAMP)
         if coast and cw & _VOLTAGE:
             broken.append(Rule.OFF2)
         is_quick_stop = cw & _OFF & ~1 == _VOLTAGE
         no_power = unpowered or fault or memory.coasts or state is State.QUICK_STOP_ACTIVE or shown.restarted
         voltage_off = not cw & _VOLTAGE
-        if brake and memory.connected and not is_quick_stop and not (voltage_off and no_power):
+        if brake and memory.connected and not is_quick_stop and not (voltage_off and (no_power or disable)):
             broken.append(Rule.OFF3)
-        if memory.brakes and operates and not coast and not is_quick_stop and not (voltage_off and memory.coasts):
+        may_coast = coast or memory.coasts or disable
+        if memory.brakes and operates and not is_quick_stop and not (voltage_off and may_coast):
             broken.append(Rule.LATCH)
-        if unknown and not shown.restarted and not is_quick_stop and not (coast and voltage_off):
+        if (
+            unknown
+            and not shown.restarted
+            and not is_quick_stop
+            and not ((coast or memory.coasts or (brake and disable)) and voltage_off)
+        ):
             broken.append(Rule.DOUBT)
+        if output.guarded:
+            broken.append(Rule.GUARD)
         if output.zsw1 & _OPERATION_ENABLED and not output.zsw1 & _FAULT and not (operates and commanded):
             broken.append(Rule.OPERATES)
         wanted = plc.setpoints[1] if plc.setpoints is not None and word & ENABLES_SETPOINT == ENABLES_SETPOINT else 0
@@ -166,7 +178,7 @@ class Monitor:
             released and (expected.resume or not ramp),
             min(memory.enables + 1, _CERTAIN) if power == _ENABLE else 0,
             ramp,
-            coast or (memory.coasts and not off),
+            coast or ((memory.coasts or (disable and voltage_off)) and not (unpowered or fault)),
             (brake or memory.brakes) and not (unpowered or fault or coast),
             operates,
             connected and (not asks_reset or memory.idle),

@@ -13,8 +13,17 @@ ENABLES_SETPOINT = (
     STW1.bit("ENABLE_RAMP_GENERATOR").mask | STW1.bit("UNFREEZE_RAMP_GENERATOR").mask | STW1.bit("ENABLE_SETPOINT").mask
 )
 OFF1, OFF2, OFF3, ON, ENABLE = 0b1110, 0b1101, 0b1011, 0b0111, 0b1111
+OFF1_DISABLED, OFF3_DISABLED = 0b0110, 0b0011
 """Bits 0-3 of STW1."""
-_NAMES = {OFF1: "OFF1", OFF2: "OFF2", OFF3: "OFF3", ON: "ON", ENABLE: "ON+enable"}
+_NAMES = {
+    OFF1: "OFF1",
+    OFF1_DISABLED: "OFF1 disable",
+    OFF2: "OFF2",
+    OFF3: "OFF3",
+    OFF3_DISABLED: "OFF3 disable",
+    ON: "ON",
+    ENABLE: "ON+enable",
+}
 _HALF = {"NSOLL_A": 0x2000, "NSOLL_B": 0x2000 << 16}
 """Half the reference speed."""
 LOST = Plc("no PLC", None)

@@ -46,5 +46,5 @@ class Output(NamedTuple):
     """ZSW1, or the Statusword of telegram 100."""
     reason: str
     """Why the axis does not do what is asked; empty: it does."""
-    brake: int
-    """What is done beside the Controlword: 0 nothing, 1 NMT stop, 2 the heartbeat is withheld."""
+    guarded: bool
+    """The guard behind everything had to replace an Enable Operation."""

@@ -80,7 +80,7 @@ class ControlWordAdapter(Adapter):
     """A telegram with STW1 and ZSW1, and perhaps the words of a sensor. STW1 is looked at when it changes."""
 
     PASSING: ClassVar[frozenset[str]] = frozenset({"_uncontrolled"})
-    ASIDE: ClassVar[frozenset[str]] = frozenset({"word"})
+    ASIDE: ClassVar[frozenset[str]] = frozenset({"word", "_visible", "_interrupted"})
 
     def __init__(self, telegram: Telegram, settings: AxisSettings) -> None:
         super().__init__(telegram)

@@ -35,7 +35,7 @@ class SpeedExecutor(Executor):
     its setpoint through 0 (or to the other direction, off the switch), or out of operation.
     """
 
-    ASIDE: ClassVar[frozenset[str]] = frozenset({"_wire", "_value"})
+    ASIDE: ClassVar[frozenset[str]] = frozenset({"_wire", "_value", "_limited"})
 
     def __init__(self, cycle: AxisCycle) -> None:
         super().__init__(cycle)
