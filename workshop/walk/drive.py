@@ -1,4 +1,7 @@
-"""Everything a drive can show: the walk's drive has no memory, so that it can be late, deaf, and lie in every way."""
+"""Everything a drive can show: the walk's drive has no memory, so that it can be late, deaf, and lie in every way.
+
+What a real drive does, with any latency, any refusal and any lie, is one of the ways through this.
+"""
 
 from __future__ import annotations
 
@@ -6,22 +9,35 @@ from pdgw.dsp402.states import STATUS_OF, State, StatusBit
 from pdgw.workshop.walk.values import Shown
 
 TURNING = 3000
-"""606Ch of an axis that turns."""
+"""606Ch of an axis that turns, at the setpoint."""
 _VOLTAGE = StatusBit.VOLTAGE_ENABLED | StatusBit.REMOTE
-_NO_STATE = STATUS_OF[State.NOT_READY_TO_SWITCH_ON] | StatusBit.OPERATION_ENABLED
+_NO_STATE = STATUS_OF[State.NOT_READY_TO_SWITCH_ON] | StatusBit.OPERATION_ENABLED | _VOLTAGE
 _OPERATING = STATUS_OF[State.OPERATION_ENABLED] | _VOLTAGE
+_OFF = STATUS_OF[State.SWITCH_ON_DISABLED] | _VOLTAGE
+_ONLY_IN_FULL = (State.NOT_READY_TO_SWITCH_ON, State.FAULT_REACTION_ACTIVE)
 
 
-def anything() -> list[Shown]:
-    """Each state, standing and turning where that makes a difference, no state, a lost and a restarted drive."""
-    shown = [Shown(state.value, word | _VOLTAGE) for state, word in STATUS_OF.items()]
+def anything(mode: int, *, tasks: bool, full: bool) -> list[Shown]:
+    """Each state, standing and turning where that makes a difference, no state, a lost and a restarted drive.
+
+    ``mode``: 6061h. ``tasks``: set-points are acknowledged. ``full``: also what the machine treats as another of them.
+    """
+    states = [state for state in STATUS_OF if full or state not in _ONLY_IN_FULL]
+    shown = [Shown(state.value, STATUS_OF[state] | _VOLTAGE) for state in states]
+    reached = _OPERATING | StatusBit.TARGET_REACHED
     shown += [
-        Shown("Operation Enabled, turns", _OPERATING, TURNING),
-        Shown("Operation Enabled, turns, reached", _OPERATING | StatusBit.TARGET_REACHED, TURNING),
-        Shown("Operation Enabled, at a limit", _OPERATING | StatusBit.TARGET_REACHED | StatusBit.INTERNAL_LIMIT),
-        Shown("Quick Stop Active, turns", STATUS_OF[State.QUICK_STOP_ACTIVE] | _VOLTAGE, TURNING),
-        Shown("a Statusword of no state", _NO_STATE | _VOLTAGE, TURNING),
+        Shown("Operation Enabled, turns, reached", reached, TURNING),
+        Shown("no state, turns", _NO_STATE, TURNING),
         Shown("lost", _OPERATING, TURNING, ok=False),
-        Shown("restarted", STATUS_OF[State.SWITCH_ON_DISABLED] | _VOLTAGE, restarted=True),
+        Shown("restarted", _OFF, restarted=True),
     ]
-    return shown
+    if tasks:
+        shown.append(Shown("Operation Enabled, acknowledged", _OPERATING | StatusBit.MODE_12, TURNING))
+    if full:
+        shown += [
+            Shown("Operation Enabled, turns", _OPERATING, TURNING),
+            Shown("Operation Enabled, at a limit", reached | StatusBit.INTERNAL_LIMIT),
+            Shown("Quick Stop Active, turns", STATUS_OF[State.QUICK_STOP_ACTIVE] | _VOLTAGE, TURNING),
+            Shown("restarted, Operation Enabled", _OPERATING, TURNING, restarted=True),
+        ]
+    return [item._replace(mode=mode) for item in shown]

@@ -10,16 +10,19 @@ import enum
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from pdgw.dsp402.states import State, StatusBit, state_of
-from pdgw.workshop.walk.plc import ACKNOWLEDGE, CONTROL, ENABLES_SETPOINT
+from pdgw.dsp402.states import STATE_OF_STATUS, State, StatusBit
+from pdgw.gateway.axis.settings import PlcLossReaction
+from pdgw.workshop.walk.plc import ACKNOWLEDGE, ACTIVATE, CONTROL, ENABLES_SETPOINT
 from pdgw.workshop.walk.values import Output, Plc, Shown
 
 _POWER = 0xF
 _SWITCH_ON, _ENABLE = 0x7, 0xF
 _VOLTAGE, _NO_QUICK_STOP = 0x2, 0x4
 _DISABLE = 0x8
+_STOPS = _VOLTAGE | _NO_QUICK_STOP
 _OFF, _ON = 0x6, 0x7
 """Bits 0-2 of STW1."""
+_NEW_SETPOINT = 0x10
 _RESET = 0x80
 _OPERATION_ENABLED, _FAULT = 0x4, 0x8
 """Of ZSW1."""
@@ -31,21 +34,24 @@ _UNPOWERED = (
     State.READY_TO_SWITCH_ON,
     State.SWITCHED_ON,
 )
+_DEAD = (State.NOT_READY_TO_SWITCH_ON, State.SWITCH_ON_DISABLED)
+"""Without power, and no Enable Operation that is on its way changes that."""
 _FAULTY = (State.FAULT, State.FAULT_REACTION_ACTIVE)
 
 
 class Rule(enum.Enum):
     """What is checked."""
 
-    ENABLE = "Enable Operation only on the PLC's ON, after an OFF in this connection and after the last doubt"
-    SWITCH_ON = "Switch On only on the PLC's ON, after an OFF in this connection and after the last doubt"
+    ENABLE = "Enable Operation only on the PLC's ON, after an OFF in this connection and after the last loss or fault"
+    SWITCH_ON = "Switch On only on the PLC's ON, after an OFF in this connection and after the last loss or fault"
     KEPT = "Enable Operation is kept only in operation or for a ramp"
-    MOTION = "no setpoint without operation, and none but 0 on a ramp"
+    MOTION = "no speed without operation, and none but 0 on a ramp"
+    TASK = "a task starts only in operation, by an edge of the PLC"
     RAMP = "OFF1 and a loss with a ramp keep the power on until standstill"
     OFF2 = "OFF2 takes the voltage off in the same step, in every state"
     OFF3 = "OFF3 and a loss with a quick stop brake in the same step"
     LATCH = "a quick stop is not cut short"
-    DOUBT = "a lost drive, or one of no state, is sent Quick Stop (coasting goes first)"
+    UNKNOWN = "a lost drive, or one of no state, is sent Quick Stop (coasting goes first)"
     OPERATES = "ZSW1.2 only with Operation Enabled commanded and shown"
     REACHED = "ZSW1.10 only when the setpoint sent is the PLC's and the drive is in operation"
     REASON = "every refusal has a reason"
@@ -55,13 +61,19 @@ class Rule(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class Expected:
-    """What the user chose, as far as the rules depend on it."""
+    """The telegram and what the user chose, as far as the rules depend on it."""
 
-    loss: State | None = State.QUICK_STOP_ACTIVE
-    """OPERATION_ENABLED: a ramp; QUICK_STOP_ACTIVE; None: to coast."""
+    loss: PlcLossReaction = PlcLossReaction.QUICK_STOP
     resume: bool = False
+    """ON during a ramp resumes operation."""
     hold: bool = False
     """STW1.10 = 0 holds the last valid words."""
+    raw: bool = False
+    """Telegram 100: the Controlword is the PLC's own, an OFF1 is a Shutdown."""
+    tasks: bool = False
+    """Traversing tasks instead of a speed."""
+    own_ramp: bool = False
+    """The gateway makes the ramps itself."""
 
 
 class Memory(NamedTuple):
@@ -70,7 +82,7 @@ class Memory(NamedTuple):
     connected: bool = False
     """There was a frame with control in the present connection."""
     released: bool = False
-    """An OFF was seen in the present connection after the last doubt."""
+    """An OFF was seen in the present connection after the last loss or fault."""
     enables: int = 0
     """Enable Operation in succession, up to ``_CERTAIN``."""
     ramp: bool = False
@@ -78,12 +90,45 @@ class Memory(NamedTuple):
     coasts: bool = False
     """OFF2 or Disable Operation in a stop, and the drive has not shown that it is off since."""
     brakes: bool = False
-    """OFF3 or a loss with quick stop, and no drive without power since."""
+    """OFF3 or a loss with quick stop, and the drive has not shown that it is off since."""
     operated: bool = False
     """The drive showed operation."""
     idle: bool = False
     """STW1.7 was 0 in this connection."""
     reset: bool = False
+    """The last Controlword had Fault Reset."""
+    active: bool = False
+    """STW1.6 was 1."""
+    edge: bool = False
+    """It rose in operation, and no task was started since."""
+    started: bool = False
+    """The last Controlword had New Set-point."""
+
+
+class _Asked:
+    """What one frame asks, or its absence."""
+
+    __slots__ = ("brake", "coast", "connected", "disable", "enable", "gone", "hold", "off", "on", "ramp", "reset")
+
+    def __init__(self, expected: Expected, memory: Memory, plc: Plc) -> None:
+        word, raw = plc.word, expected.raw
+        there = plc.setpoints is not None
+        control = there and (raw or word & CONTROL != 0)
+        connected = self.connected = there and (memory.connected or control)
+        gone = self.gone = not connected
+        self.coast = (connected and not word & _VOLTAGE) or (gone and expected.loss is PlcLossReaction.COAST)
+        stop = (connected and word & _STOPS == _VOLTAGE) or (gone and expected.loss is PlcLossReaction.QUICK_STOP)
+        self.brake = stop and not self.coast
+        self.disable = connected and not word & _DISABLE and (not raw or word & _ON == _ON)
+        """Ends a ramp and a quick stop at once (S5 of the profile)."""
+        self.off = control and word & _ON == _OFF
+        self.on = control and word & _ON == _ON
+        self.enable = self.on and word & _DISABLE != 0
+        self.hold = expected.hold and connected and not control and word & _ON == _ON
+        off1 = (connected and not raw and word & _ON == _OFF) or (gone and expected.loss is PlcLossReaction.RAMP)
+        uncontrolled = connected and not control and not (self.hold or self.coast or self.brake)
+        self.ramp = off1 or uncontrolled
+        self.reset = connected and word & ACKNOWLEDGE != 0
 
 
 class Monitor:
@@ -92,96 +137,107 @@ class Monitor:
     def __init__(self, expected: Expected) -> None:
         self._expected = expected
 
-    def step(self, memory: Memory, plc: Plc, shown: Shown, output: Output) -> tuple[Memory, tuple[Rule, ...]]:
+    def step(self, memory: Memory, plc: Plc, shown: Shown, output: Output) -> tuple[Memory, list[Rule]]:
         """The memory after the step, and the rules that it breaks."""
-        expected, word, cw = self._expected, plc.word, output.controlword
+        expected, cw = self._expected, output.controlword
+        asked = _Asked(expected, memory, plc)
         power = cw & _POWER
-        control = plc.setpoints is not None and word & CONTROL != 0
-        connected = plc.setpoints is not None and (memory.connected or control)
-        state = state_of(shown.statusword) if shown.ok else None
-        unknown = not shown.ok or state is None
-        fault = state in _FAULTY
+        state = STATE_OF_STATUS[shown.statusword & 0x7F] if shown.ok else None
         operates = state is State.OPERATION_ENABLED
-        unpowered = state in _UNPOWERED
-        gone = not connected
-        # What is asked.
-        coast = (connected and not word & _VOLTAGE) or (gone and expected.loss is None)
-        brake = (connected and word & _OFF == _VOLTAGE | (word & 1)) or (
-            gone and expected.loss is State.QUICK_STOP_ACTIVE
-        )
-        brake = brake and not coast
-        disable = connected and not word & _DISABLE  # ends a ramp and a quick stop at once (S5)
-        off = control and word & _ON == _OFF
-        on = control and word & _ON == _ON
-        enable = on and word & _POWER == _ENABLE
-        hold = expected.hold and connected and not control and word & _ON == _ON
-        ramps = (connected and word & _ON == _OFF) or (gone and expected.loss is State.OPERATION_ENABLED)
-        ramps = ramps or (connected and not control and not hold and not coast and not brake)
-        # What forbids a start.
-        certain = memory.enables == _CERTAIN
-        left = memory.operated and certain and (unpowered or state is State.QUICK_STOP_ACTIVE)
-        doubt = unknown or fault
+        off = state in _UNPOWERED or state in _FAULTY
+        dead = state in _DEAD or state in _FAULTY
+        coast, brake = asked.coast, asked.brake
+        # What forbids a start. A restart, and a drive that left operation, come before the frame of the same cycle.
+        fell = state in _UNPOWERED or state is State.QUICK_STOP_ACTIVE
+        left = memory.operated and memory.enables == _CERTAIN and fell
+        doubt = state is None or state in _FAULTY
         kept = power == _ENABLE and memory.enables > 0
-        goes_on = hold and kept and not memory.ramp
-        # A restart, and a drive that left operation, come before the frame of the same cycle.
-        released = off or (memory.released and not shown.restarted and not left)
-        released = released and not (gone or doubt or coast or brake)
-        if not control and not goes_on:
-            released = False
-        commanded = power == _ENABLE and released and (enable or goes_on)
+        goes_on = asked.hold and kept and not memory.ramp
+        released = asked.off or (memory.released and not shown.restarted and not left)
+        released = released and not (asked.gone or doubt or coast or brake) and (asked.on or asked.off or goes_on)
+        commanded = power == _ENABLE and released and (asked.enable or goes_on)
         ramp = power == _ENABLE and not commanded
         broken: list[Rule] = []
-        if power == _ENABLE and not kept and not (enable and released):
+        if power == _ENABLE and not kept and not (asked.enable and released):
             broken.append(Rule.ENABLE)
-        if power == _SWITCH_ON and not (on and released):
+        if power == _SWITCH_ON and not (asked.on and released):
             broken.append(Rule.SWITCH_ON)
-        if ramp and kept and (coast or brake or doubt or not (ramps or memory.ramp)):
+        if ramp and kept and (coast or brake or doubt or not (asked.ramp or memory.ramp)):
             broken.append(Rule.KEPT)
-        if output.velocity and not commanded:
-            broken.append(Rule.MOTION)
-        turning = operates and shown.velocity != 0
-        stopping = doubt or memory.brakes or disable
-        if ramps and turning and memory.enables and not stopping and power != _ENABLE:
-            broken.append(Rule.RAMP)
-        if coast and cw & _VOLTAGE:
-            broken.append(Rule.OFF2)
-        is_quick_stop = cw & _OFF & ~1 == _VOLTAGE
-        no_power = unpowered or fault or memory.coasts or state is State.QUICK_STOP_ACTIVE or shown.restarted
-        voltage_off = not cw & _VOLTAGE
-        if brake and memory.connected and not is_quick_stop and not (voltage_off and (no_power or disable)):
-            broken.append(Rule.OFF3)
-        may_coast = coast or memory.coasts or disable
-        if memory.brakes and operates and not is_quick_stop and not (voltage_off and may_coast):
-            broken.append(Rule.LATCH)
-        if (
-            unknown
-            and not shown.restarted
-            and not is_quick_stop
-            and not ((coast or memory.coasts or (brake and disable)) and voltage_off)
-        ):
-            broken.append(Rule.DOUBT)
+        self._check_stops(memory, asked, shown, state, output, doubt, broken)
+        self._check_shown(asked, plc, output, operates and commanded, broken)
         if output.guarded:
             broken.append(Rule.GUARD)
-        if output.zsw1 & _OPERATION_ENABLED and not output.zsw1 & _FAULT and not (operates and commanded):
-            broken.append(Rule.OPERATES)
-        wanted = plc.setpoints[1] if plc.setpoints is not None and word & ENABLES_SETPOINT == ENABLES_SETPOINT else 0
-        follows = operates and commanded and (output.velocity != 0) == (wanted != 0)
-        if output.zsw1 & StatusBit.TARGET_REACHED and not follows:
-            broken.append(Rule.REACHED)
-        if not output.reason and not (commanded and operates and (output.velocity != 0) == (wanted != 0)):
-            broken.append(Rule.REASON)
-        asks_reset = connected and word & ACKNOWLEDGE != 0
-        if cw & _RESET and not memory.reset and not (asks_reset and memory.idle):
+        if cw & _RESET and not memory.reset and not (asked.reset and (memory.idle or expected.raw)):
             broken.append(Rule.RESET)
+        active = asked.connected and plc.word & ACTIVATE != 0
+        edge = starts = False
+        if expected.tasks:
+            starts = cw & _NEW_SETPOINT != 0
+            edge = commanded and operates and (memory.edge or (active and not memory.active and memory.connected))
+            if starts and not (commanded and (memory.started or edge)):
+                broken.append(Rule.TASK)
+            edge = edge and not (starts and not memory.started)
+        elif output.velocity and not commanded and not (expected.own_ramp and ramp) and not expected.raw:
+            broken.append(Rule.MOTION)
+        voltage_off = not cw & _VOLTAGE
         after = Memory(
-            connected,
+            asked.connected,
             released and (expected.resume or not ramp),
             min(memory.enables + 1, _CERTAIN) if power == _ENABLE else 0,
             ramp,
-            coast or ((memory.coasts or (disable and voltage_off)) and not (unpowered or fault)),
-            (brake or memory.brakes) and not (unpowered or fault or coast),
+            not dead and (coast or memory.coasts or (asked.disable and voltage_off)),
+            not off and not coast and (brake or memory.brakes),
             operates,
-            connected and (not asks_reset or memory.idle),
+            asked.connected and (not asked.reset or memory.idle),
             cw & _RESET != 0,
+            active and expected.tasks,
+            edge,
+            starts,
         )
-        return after, tuple(broken)
+        return after, broken
+
+    def _check_stops(
+        self,
+        memory: Memory,
+        asked: _Asked,
+        shown: Shown,
+        state: State | None,
+        output: Output,
+        doubt: bool,
+        broken: list[Rule],
+    ) -> None:
+        cw, coast, brake, disable = output.controlword, asked.coast, asked.brake, asked.disable
+        operates = state is State.OPERATION_ENABLED
+        quick_stop, voltage_off = cw & _STOPS == _VOLTAGE, not cw & _VOLTAGE
+        turning = operates and shown.velocity != 0
+        stopping = doubt or shown.restarted or memory.brakes or memory.coasts or disable
+        if asked.ramp and turning and memory.enables and not stopping and cw & _POWER != _ENABLE:
+            broken.append(Rule.RAMP)
+        if coast and not voltage_off:
+            broken.append(Rule.OFF2)
+        may_coast = coast or memory.coasts or disable
+        no_power = state in _UNPOWERED or state in _FAULTY or state is State.QUICK_STOP_ACTIVE or shown.restarted
+        if brake and memory.connected and not quick_stop and not (voltage_off and (no_power or may_coast)):
+            broken.append(Rule.OFF3)
+        if memory.brakes and operates and not quick_stop and not (voltage_off and (may_coast or shown.restarted)):
+            broken.append(Rule.LATCH)
+        if state is None and not shown.restarted and not quick_stop and not (voltage_off and may_coast):
+            broken.append(Rule.UNKNOWN)
+
+    def _check_shown(self, asked: _Asked, plc: Plc, output: Output, operates: bool, broken: list[Rule]) -> None:
+        expected, zsw1 = self._expected, output.zsw1
+        follows = operates
+        if not expected.tasks and not expected.raw:
+            setpoints = plc.setpoints
+            enabled = setpoints is not None and plc.word & ENABLES_SETPOINT == ENABLES_SETPOINT
+            wanted = setpoints[1] if enabled and setpoints is not None else 0
+            follows = operates and (asked.hold or (output.velocity != 0) == (wanted != 0))
+        if not expected.raw:
+            if zsw1 & _OPERATION_ENABLED and not zsw1 & _FAULT and not operates:
+                broken.append(Rule.OPERATES)
+            if zsw1 & StatusBit.TARGET_REACHED and not expected.tasks and not follows:
+                broken.append(Rule.REACHED)
+        passes = expected.raw and output.controlword == plc.word
+        if not output.reason and not follows and not passes:
+            broken.append(Rule.REASON)

@@ -1,7 +1,8 @@
-"""Everything a PLC can send to the power stage of an axis: each class of control word once, and no frame at all."""
+"""Everything a PLC can ask of an axis: each class of control word once, and no frame at all."""
 
 from __future__ import annotations
 
+from pdgw.gateway.axis.telegrams import CENTRAL_TELEGRAM_NUMBERS, TASK_TELEGRAM_NUMBERS
 from pdgw.profidrive.signals import signal
 from pdgw.profidrive.telegrams import telegram
 from pdgw.workshop.walk.values import Plc
@@ -12,6 +13,10 @@ ACKNOWLEDGE = STW1.bit("FAULT_ACKNOWLEDGE").mask
 ENABLES_SETPOINT = (
     STW1.bit("ENABLE_RAMP_GENERATOR").mask | STW1.bit("UNFREEZE_RAMP_GENERATOR").mask | STW1.bit("ENABLE_SETPOINT").mask
 )
+READY_FOR_TASKS = (
+    STW1.bit("DO_NOT_REJECT", positioning=True).mask | STW1.bit("NO_INTERMEDIATE_STOP", positioning=True).mask
+)
+ACTIVATE = STW1.bit("ACTIVATE_TASK", positioning=True).mask
 OFF1, OFF2, OFF3, ON, ENABLE = 0b1110, 0b1101, 0b1011, 0b0111, 0b1111
 OFF1_DISABLED, OFF3_DISABLED = 0b0110, 0b0011
 """Bits 0-3 of STW1."""
@@ -24,24 +29,49 @@ _NAMES = {
     ON: "ON",
     ENABLE: "ON+enable",
 }
-_HALF = {"NSOLL_A": 0x2000, "NSOLL_B": 0x2000 << 16}
-"""Half the reference speed."""
+_SHORT = (OFF1, OFF2, OFF3, ON, ENABLE)
+_VALUES = {
+    "NSOLL_A": 0x2000,
+    "NSOLL_B": 0x2000 << 16,
+    "SATZANW": 0x8000,
+    "POS_STW1": signal("POS_STW1").bit("MDI").mask | signal("POS_STW1").bit("ABSOLUTE").mask,
+    "MDI_TARPOS": 1000,
+    "MDI_VELOCITY": 1000,
+    "MDI_ACC": 0x4000,
+    "MDI_DEC": 0x4000,
+    "MDI_MOD": signal("MDI_MOD").bit("ABSOLUTE").mask,
+    "OVERRIDE": 0x4000,
+    "Target Velocity": 1500,
+    "Modes of Operation": 3,
+}
+"""Setpoints that stand; the others are 0."""
+RAW = 100
+"""The telegram that carries the Controlword itself."""
 LOST = Plc("no PLC", None)
 
 
-def _frame(number: int, name: str, word: int) -> Plc:
+def frames(number: int, *, full: bool) -> list[Plc]:
+    """What a PLC can send in one cycle; ``full``: also what differs only by Disable Operation, or by bits that do not count."""
     names = telegram(number).setpoints.names
-    return Plc(
-        f"{name:13} STW1 {word:04X}", tuple(word if i == 0 else _HALF.get(n, 0) for i, n in enumerate(names)), word
-    )
+    values = tuple(_VALUES.get(name, 0) for name in names[1:])
+
+    def frame(name: str, word: int) -> Plc:
+        return Plc(f"{name} {word:04X}", (word, *values), word)
+
+    tasks = number in TASK_TELEGRAM_NUMBERS
+    standing = 0 if number == RAW else READY_FOR_TASKS if tasks else ENABLES_SETPOINT
+    control = 0 if number == RAW else CONTROL
+    words = {f"{_NAMES[bits]}": bits | standing | control for bits in (_NAMES if full else _SHORT)}
+    words |= {f"{_NAMES[bits]} ack": bits | standing | control | ACKNOWLEDGE for bits in (OFF1, ENABLE)[: 1 + full]}
+    if number != RAW:
+        without = (OFF1, OFF3, ON, ENABLE) if full else (OFF1, ENABLE)
+        words |= {f"{_NAMES[bits]} without control": bits | standing for bits in without}
+        words["zeros"] = 0
+    if tasks:
+        words["task"] = ENABLE | standing | control | ACTIVATE
+    return [LOST, *(frame(name, word) for name, word in words.items())]
 
 
-def speed_words(number: int) -> list[Plc]:
-    """Of a telegram with STW1 and a speed; the setpoint stands at 50 %."""
-    with_control = CONTROL | ENABLES_SETPOINT
-    frames = [LOST]
-    frames += [_frame(number, name, bits | with_control) for bits, name in _NAMES.items()]
-    frames += [_frame(number, f"{_NAMES[bits]} ack", bits | with_control | ACKNOWLEDGE) for bits in (OFF1, ENABLE)]
-    frames += [_frame(number, f"{_NAMES[bits]} no ctrl", bits | ENABLES_SETPOINT) for bits in (OFF1, ON, ENABLE)]
-    frames.append(_frame(number, "zeros", 0))
-    return frames
+def is_central(number: int) -> bool:
+    """A telegram in which the gateway makes the ramps itself (DSC)."""
+    return number in CENTRAL_TELEGRAM_NUMBERS and "XERR" in telegram(number).setpoints.names

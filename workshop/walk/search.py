@@ -47,15 +47,21 @@ class Result:
     transitions: int = 0
     violations: dict[Rule, Violation] = field(default_factory=dict)
 
+    def __str__(self) -> str:
+        numbers = f"{self.machine_states} states of the machine, {self.states} of machine and monitor"
+        return f"{numbers}, {self.transitions} transitions, {len(self.violations)} violations"
 
-def walk(machine: Transducer, monitor: Monitor, inputs: Sequence[tuple[Plc, Shown]], limit: int = 10**9) -> Result:
-    """Everything that is reachable; of each rule that is broken the shortest trace."""
+
+def walk(
+    machine: Transducer, monitor: Monitor, inputs: Sequence[tuple[Plc, Shown]], *, first_only: bool = False
+) -> Result:
+    """Everything that is reachable; of each rule that is broken the shortest trace, or ``first_only`` the first violation."""
     result = Result()
     first: _Node = (0, Memory())
     came_from: dict[_Node, tuple[_Node, int]] = {}
     known = {first}
     front = [first]
-    while front and result.transitions < limit:
+    while front:
         following = []
         for node in front:
             state, memory = node
@@ -67,6 +73,8 @@ def walk(machine: Transducer, monitor: Monitor, inputs: Sequence[tuple[Plc, Show
                     if rule not in result.violations:
                         path = _path(came_from, node, number)
                         result.violations[rule] = Violation(rule, _trace(machine, inputs, path))
+                if broken and first_only:
+                    return result
                 reached = (after, remembered)
                 if reached not in known:
                     known.add(reached)

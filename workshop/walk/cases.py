@@ -1,0 +1,108 @@
+"""What is walked: telegrams with the user's choices, in a short and in a full alphabet."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cache
+from itertools import product
+
+from pdgw.ds301.eds import write_eds
+from pdgw.ds301.eds_import import import_eds
+from pdgw.dsp402.describe import answers_of_defaults, describe
+from pdgw.dsp402.drive_type import DriveType
+from pdgw.dsp402.modes import Mode
+from pdgw.durations import MS
+from pdgw.gateway.axis.settings import AxisSettings, ControlLost, PlcLossReaction
+from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS, TASK_TELEGRAM_NUMBERS
+from pdgw.gateway.motion.blocks import Block
+from pdgw.gateway.motion.dsc import DscChoices, DscForm
+from pdgw.gateway.motion.wishes import PositionerChoices
+from pdgw.peers.drive import shape
+from pdgw.workshop.walk.drive import anything
+from pdgw.workshop.walk.machine import Transducer
+from pdgw.workshop.walk.monitor import Expected, Monitor
+from pdgw.workshop.walk.plc import RAW, frames, is_central
+from pdgw.workshop.walk.search import Result, walk
+
+TICK_NS = 200 * MS
+"""One step of the walk. The ages that make a difference (200, 300, 500 ms) are one to three steps: a moment inside each time, at
+its end and behind it is there, and no more states than that."""
+FINE_TICK_NS = 100 * MS
+
+
+@cache
+def drive() -> DriveType:
+    """A simulated drive with all modes, as its data sheet tells it."""
+    chosen = shape("engel")
+    dictionary = import_eds(write_eds(chosen.info, chosen.objects()).encode(), 1).dictionary
+    return describe(dictionary, answers_of_defaults(dictionary))
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """One walk."""
+
+    number: int
+    on_plc_loss: PlcLossReaction = PlcLossReaction.QUICK_STOP
+    resume: bool = False
+    hold: bool = False
+    full: bool = False
+    tick_ns: int = TICK_NS
+
+    @property
+    def name(self) -> str:
+        """As it is printed."""
+        return " ".join(
+            [
+                f"telegram {self.number}",
+                self.on_plc_loss.value,
+                *(["resume"] if self.resume else []),
+                *(["hold"] if self.hold else []),
+            ]
+        )
+
+    def run(self) -> Result:
+        """Walk to the fixpoint."""
+        number = self.number
+        machine = Transducer(number, self._settings(), drive(), self.tick_ns)
+        tasks = number in TASK_TELEGRAM_NUMBERS
+        mode = Mode.POSITION.value if tasks else Mode.VELOCITY.value
+        shown = anything(mode, tasks=tasks, full=self.full)
+        inputs = list(product(frames(number, full=self.full), shown))
+        expected = Expected(
+            self.on_plc_loss, self.resume, self.hold, raw=number == RAW, tasks=tasks, own_ramp=is_central(number)
+        )
+        return walk(machine, Monitor(expected), inputs)
+
+    def _settings(self) -> AxisSettings:
+        return AxisSettings(
+            on_plc_loss=self.on_plc_loss,
+            ramp_stop_resume=self.resume,
+            control_lost=ControlLost.HOLD if self.hold else ControlLost.STOP,
+            cycle_ns=self.tick_ns,
+            dsc=DscChoices(DscForm.SPEED, following_window=4096),
+            positioner=PositionerChoices(
+                lu_per_revolution=4096,
+                max_velocity=30_000,
+                max_acceleration=1000,
+                max_deceleration=1000,
+                position_window=5,
+                blocks=(Block(0, position=1000, velocity=1000),),
+            ),
+        )
+
+
+def short() -> Iterator[Case]:
+    """In the tests: the defaults with each kind of telegram."""
+    yield Case(1)
+    yield Case(RAW)
+
+
+def full() -> Iterator[Case]:
+    """All choices with a speed telegram in the full alphabet, then each other telegram."""
+    for loss, resume, hold in product(PlcLossReaction, (False, True), (False, True)):
+        yield Case(1, loss, resume, hold)
+    yield Case(1, full=True)
+    for number in DRIVE_TELEGRAM_NUMBERS[1:]:
+        yield from (replace(Case(number), on_plc_loss=loss) for loss in PlcLossReaction)
