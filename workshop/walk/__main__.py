@@ -23,7 +23,9 @@ def main() -> int:
         result = case.run()
         for violation in result.violations.values():
             print(violation)
-        broken = broken or bool(result.violations)
+        if result.stuck is not None:
+            print(f"does not come to {result.stuck.wanted}: {result.stuck.drive}, {result.stuck.output}")
+        broken = broken or bool(result.violations) or result.stuck is not None
         print(f"{case.name}: {result}, {time.process_time() - began:.0f} s of CPU", flush=True)
     return 1 if broken else 0
 

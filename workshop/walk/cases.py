@@ -23,6 +23,7 @@ from pdgw.workshop.walk.drive import anything
 from pdgw.workshop.walk.machine import Transducer
 from pdgw.workshop.walk.monitor import Expected, Monitor
 from pdgw.workshop.walk.plc import RAW, frames, is_central
+from pdgw.workshop.walk.recovery import recovery
 from pdgw.workshop.walk.search import Result, walk
 
 TICK_NS = 200 * MS
@@ -62,18 +63,22 @@ class Case:
             ]
         )
 
-    def run(self) -> Result:
-        """Walk to the fixpoint."""
+    def run(self, *, first_only: bool = False) -> Result:
+        """Walk to the fixpoint, then bring the axis back from every state; ``first_only``: up to the first violation."""
         number = self.number
         machine = Transducer(number, self._settings(), drive(), self.tick_ns)
         tasks = number in TASK_TELEGRAM_NUMBERS
         mode = Mode.POSITION.value if tasks else Mode.VELOCITY.value
-        shown = anything(mode, tasks=tasks, full=self.full)
-        inputs = list(product(frames(number, full=self.full), shown))
+        plc = frames(number, full=self.full)
+        inputs = list(product(plc, anything(mode, tasks=tasks, full=self.full)))
         expected = Expected(
             self.on_plc_loss, self.resume, self.hold, raw=number == RAW, tasks=tasks, own_ramp=is_central(number)
         )
-        return walk(machine, Monitor(expected), inputs)
+        result = walk(machine, Monitor(expected), inputs, first_only=first_only)
+        if not result.violations:
+            off, acknowledge, on = (next(item for item in plc if item.word & 0x8F == word) for word in (0xE, 0x8E, 0xF))
+            result.stuck = recovery(machine, range(len(machine)), mode, off, acknowledge, on)
+        return result
 
     def _settings(self) -> AxisSettings:
         return AxisSettings(

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 from pdgw.workshop.walk.machine import Transducer
 from pdgw.workshop.walk.monitor import Memory, Monitor, Rule
+from pdgw.workshop.walk.recovery import Stuck
 from pdgw.workshop.walk.values import Output, Plc, Shown
 
 _Node = tuple[int, Memory]
@@ -46,10 +47,13 @@ class Result:
     machine_states: int = 0
     transitions: int = 0
     violations: dict[Rule, Violation] = field(default_factory=dict)
+    stuck: Stuck | None = None
+    """Where the axis does not come back to operation, or an OFF not to power off."""
 
     def __str__(self) -> str:
         numbers = f"{self.machine_states} states of the machine, {self.states} of machine and monitor"
-        return f"{numbers}, {self.transitions} transitions, {len(self.violations)} violations"
+        found = len(self.violations) + (self.stuck is not None)
+        return f"{numbers}, {self.transitions} transitions, {found} violations"
 
 
 def walk(

@@ -1,0 +1,123 @@
+"""Defects planted in the gateway: the walk finds each of them, and prints after how many steps."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import pytest
+
+from pdgw.gateway.axis import interlock, power_table
+from pdgw.gateway.axis.executors.speed import SpeedExecutor
+from pdgw.gateway.axis.interlock import Interlock
+from pdgw.gateway.axis.power_table import (
+    CELLS,
+    ENABLES,
+    IN_OPERATION,
+    OBEYING,
+    OFFS,
+    RAMPS,
+    ROWS,
+    SHOWS_OPERATION,
+    UNPOWERED,
+    Action,
+    Cell,
+    Drive,
+    Phase,
+    PowerWish,
+    Row,
+)
+from pdgw.gateway.axis.settings import PlcLossReaction
+from pdgw.gateway.reasons import Reason
+from pdgw.workshop.walk.cases import Case
+
+Patch = pytest.MonkeyPatch
+DEFAULT = Case(1)
+RAMP = Case(1, PlcLossReaction.RAMP)
+_FOLLOW = (Phase.FOLLOW,)
+_QUICK_STOP = (PowerWish.QUICK_STOP,)
+
+
+def cells(patch: Patch, changed: tuple[Cell, ...]) -> None:
+    patch.setattr(interlock, "CELLS", changed)
+
+
+def row(
+    phases: tuple[Phase, ...],
+    drives: tuple[Drive, ...],
+    wishes: tuple[PowerWish, ...],
+    phase: Phase | None,
+    action: Action,
+) -> Callable[[Patch], None]:
+    """A row before all others."""
+
+    def plant(patch: Patch) -> None:
+        wrong = Row(phases, drives, wishes, phase, action, Reason.NOT_OPERATING, "planted")
+        patch.setattr(power_table, "ROWS", (wrong, *ROWS))
+        cells(patch, power_table._compile())
+
+    return plant
+
+
+def each_cell(change: Callable[[Cell], Cell]) -> Callable[[Patch], None]:
+    return lambda patch: cells(patch, tuple(change(cell) for cell in CELLS))
+
+
+def speed_stands_in_a_stop(patch: Patch) -> None:
+    step = SpeedExecutor.step
+
+    def wrong(self: SpeedExecutor) -> Reason | None:
+        reason = step(self)
+        self.command.target_velocity = self._value
+        return reason
+
+    patch.setattr(SpeedExecutor, "step", wrong)
+
+
+PLANTED: dict[str, tuple[Case, Callable[[Patch], None]]] = {
+    "forgotten OFF": (
+        DEFAULT,
+        row((Phase.LOCKED,), UNPOWERED, ENABLES, Phase.FOLLOW, Action.SHUTDOWN),
+    ),
+    "OFF2 not latched": (
+        DEFAULT,
+        row(_FOLLOW, UNPOWERED, (PowerWish.COAST,), None, Action.DISABLE_VOLTAGE),
+    ),
+    "OFF3 not latched": (DEFAULT, row(_FOLLOW, UNPOWERED, _QUICK_STOP, None, Action.QUICK_STOP)),
+    "fault not locking": (DEFAULT, row(_FOLLOW, (Drive.FAULT,), tuple(PowerWish), None, Action.SHUTDOWN)),
+    "lost drive followed": (DEFAULT, row(_FOLLOW, (Drive.LOST,), ENABLES, None, Action.ENABLE_OPERATION)),
+    "quick stop sent as Shutdown": (
+        DEFAULT,
+        row(tuple(Phase), SHOWS_OPERATION, _QUICK_STOP, Phase.QUICK_STOP, Action.SHUTDOWN),
+    ),
+    "stale Statusword trusted": (
+        DEFAULT,
+        row(_FOLLOW, (Drive.LEAVING,), OFFS, Phase.RAMP_STOP, Action.RAMP),
+    ),
+    "ramp with power after Disable Operation": (
+        RAMP,
+        row(_FOLLOW, (Drive.LEAVING,), RAMPS, Phase.RAMP_STOP, Action.RAMP),
+    ),
+    "resume without OFF": (
+        RAMP,
+        row((Phase.RAMP_STOP,), IN_OPERATION, (PowerWish.ENABLE,), Phase.FOLLOW, Action.ENABLE_OPERATION),
+    ),
+    "loss of the PLC ignored": (
+        DEFAULT,
+        row(OBEYING, IN_OPERATION, (PowerWish.NO_PLC_QUICK_STOP,), None, Action.ENABLE_OPERATION),
+    ),
+    "restart forgotten": (DEFAULT, lambda patch: patch.setattr(Interlock, "restarted", lambda _: None)),
+    "speed stands in a stop": (DEFAULT, speed_stands_in_a_stop),
+    "operation shown in a stop": (DEFAULT, each_cell(lambda cell: replace(cell, stopping=False))),
+    "refusal without reason": (DEFAULT, each_cell(lambda cell: replace(cell, reason=None))),
+}
+
+
+@pytest.mark.planted
+@pytest.mark.parametrize("name", PLANTED)
+def test_the_walk_finds_a_planted_defect(name: str, monkeypatch: Patch) -> None:
+    case, plant = PLANTED[name]
+    plant(monkeypatch)
+    result = case.run(first_only=True)
+    print(f"{name}: found after {result.transitions} steps")
+    assert result.violations

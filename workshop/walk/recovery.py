@@ -1,0 +1,119 @@
+"""From every state an axis comes back: with an honest drive that is late, an OFF ends without power and an ON in operation.
+
+The drive is CiA 402 with one step of latency in either direction, chosen anew in each step. All states are followed at once:
+after so many steps none may be left that is not where it has to be.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from itertools import product
+from typing import NamedTuple
+
+from pdgw.dsp402.states import STATUS_OF, State, StatusBit
+from pdgw.workshop.walk.drive import TURNING
+from pdgw.workshop.walk.machine import Transducer
+from pdgw.workshop.walk.values import Output, Plc, Shown
+
+_RESET = 0x80
+_SHUTDOWN, _SWITCH_ON, _ENABLE = 0x6, 0x7, 0xF
+_VOLTAGE, _STOPS = 0x2, 0x6
+_BITS = StatusBit.VOLTAGE_ENABLED | StatusBit.REMOTE
+STEPS_OF_OFF, STEPS_OF_ACKNOWLEDGE, STEPS_OF_ON = 14, 6, 10
+"""Within so many steps an OFF takes power off, an acknowledge ends a fault, and an ON leads to operation."""
+
+
+class LateDrive(NamedTuple):
+    """An honest drive; ``word`` is the Controlword that is on its way to it, ``had`` the one it has."""
+
+    state: State
+    turns: bool = False
+    word: int = 0
+    had: int = 0
+
+    def step(self, output: Output, *, late: bool, stays: bool) -> LateDrive:
+        """One cycle. ``late``: it has the Controlword of the cycle before; ``stays``: in Quick Stop Active (options 5 to 8)."""
+        word = self.word if late else output.controlword
+        state = self._after(word, stays=stays)
+        operates = state is State.OPERATION_ENABLED
+        turns = operates and output.velocity != 0
+        return LateDrive(state, turns, output.controlword, word)
+
+    def _after(self, word: int, *, stays: bool) -> State:
+        state, command = self.state, word & _ENABLE
+        if state is State.NOT_READY_TO_SWITCH_ON:
+            return State.SWITCH_ON_DISABLED
+        if state is State.FAULT_REACTION_ACTIVE:
+            return State.FAULT
+        if state is State.FAULT:
+            return State.SWITCH_ON_DISABLED if word & ~self.had & _RESET else state
+        if not word & _VOLTAGE:
+            return State.SWITCH_ON_DISABLED
+        if state is State.QUICK_STOP_ACTIVE:
+            return state if stays or self.turns else State.SWITCH_ON_DISABLED
+        if word & _STOPS == _VOLTAGE:
+            return State.QUICK_STOP_ACTIVE if state is State.OPERATION_ENABLED else State.SWITCH_ON_DISABLED
+        if command & _SWITCH_ON == _SHUTDOWN:
+            return State.READY_TO_SWITCH_ON
+        if state is State.SWITCH_ON_DISABLED:
+            return state
+        if state is State.READY_TO_SWITCH_ON or command == _SWITCH_ON:
+            return State.SWITCHED_ON
+        return State.OPERATION_ENABLED
+
+
+class _Moment(NamedTuple):
+    machine: int
+    drive: LateDrive
+    shown: Shown
+
+
+class Stuck(NamedTuple):
+    """Where an axis did not get in time."""
+
+    wanted: str
+    drive: LateDrive
+    output: Output
+
+
+def _shown(drive: LateDrive, mode: int) -> Shown:
+    name = drive.state.value
+    return Shown(name, STATUS_OF[drive.state] | _BITS, TURNING if drive.turns else 0, mode=mode)
+
+
+def recovery(
+    machine: Transducer, states: Iterable[int], mode: int, off: Plc, acknowledge: Plc, on: Plc
+) -> Stuck | None:
+    """OFF, acknowledge, OFF and ON from all these states of the machine; None when all of them come to operation."""
+    drives = [LateDrive(state, turns) for state in State for turns in (False, True)]
+    moments = {_Moment(number, drive, _shown(drive, mode)) for number in states for drive in drives}
+    last: dict[_Moment, Output] = {}
+    for plc, steps in (
+        (off, STEPS_OF_OFF),
+        (acknowledge, STEPS_OF_ACKNOWLEDGE),
+        (off, STEPS_OF_OFF),
+        (on, STEPS_OF_ON),
+    ):
+        for _ in range(steps):
+            moments, last = _step(machine, moments, plc, mode)
+        for moment in moments:
+            state, output = moment.drive.state, last[moment]
+            if plc is on and (state is not State.OPERATION_ENABLED or output.reason):
+                return Stuck("operation", moment.drive, output)
+            if plc is not on and state in {State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE}:
+                return Stuck("power off", moment.drive, output)
+    return None
+
+
+def _step(
+    machine: Transducer, moments: set[_Moment], plc: Plc, mode: int
+) -> tuple[set[_Moment], dict[_Moment, Output]]:
+    following: dict[_Moment, Output] = {}
+    for number, drive, shown in moments:
+        after, output = machine.step(number, plc, shown)
+        stopping = drive.state is State.QUICK_STOP_ACTIVE
+        for late, stays in product((False, True), (False, True) if stopping else (False,)):
+            went = drive.step(output, late=late, stays=stays)
+            for visible in {_shown(drive, mode), _shown(went, mode)}:
+                following[_Moment(after, went, visible)] = output
+    return set(following), following
