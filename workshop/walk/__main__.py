@@ -6,17 +6,19 @@ import argparse
 import sys
 import time
 
-from pdgw.workshop.walk.cases import full, short
+from pdgw.workshop.walk.cases import full, selected, short
 
 
 def main() -> int:
     """The command line."""
     parser = argparse.ArgumentParser(prog="walk", description="Walk every state of an axis.")
-    parser.add_argument("--short", action="store_true", help="what the tests walk")
+    which = parser.add_mutually_exclusive_group()
+    which.add_argument("--short", action="store_true", help="what the tests walk")
+    which.add_argument("--all", action="store_true", help="all choices with all telegrams, in hours")
     parser.add_argument("--only", default="", help="walk only cases whose name contains this text")
     options = parser.parse_args()
     broken = False
-    for case in short() if options.short else full():
+    for case in short() if options.short else full() if options.all else selected():
         if options.only not in case.name:
             continue
         began = time.process_time()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 from itertools import product
 
@@ -99,15 +99,27 @@ class Case:
 
 
 def short() -> Iterator[Case]:
-    """In the tests: the defaults with each kind of telegram."""
+    """In the tests: the defaults with the two ways in which a PLC commands the power stage."""
     yield Case(1)
     yield Case(RAW)
 
 
+def selected() -> Iterator[Case]:
+    """In CI: every two choices together with a speed telegram, then one telegram of each adapter and executor."""
+    quick_stop, ramp, coast = PlcLossReaction.QUICK_STOP, PlcLossReaction.RAMP, PlcLossReaction.COAST
+    yield Case(1, quick_stop)
+    yield Case(1, quick_stop, resume=True, hold=True)
+    yield Case(1, ramp, resume=True)
+    yield Case(1, ramp, hold=True)
+    yield Case(1, coast, resume=True)
+    yield Case(1, coast, hold=True)
+    yield Case(RAW, quick_stop)
+    yield Case(RAW, ramp)
+    yield from (Case(number) for number in (9, 20, 102, 105, 110))
+
+
 def full() -> Iterator[Case]:
-    """All choices with a speed telegram in the full alphabet, then each other telegram."""
-    for loss, resume, hold in product(PlcLossReaction, (False, True), (False, True)):
-        yield Case(1, loss, resume, hold)
-    yield Case(1, full=True)
-    for number in DRIVE_TELEGRAM_NUMBERS[1:]:
-        yield from (replace(Case(number), on_plc_loss=loss) for loss in PlcLossReaction)
+    """All choices with all telegrams in the full alphabet: hours."""
+    for number in DRIVE_TELEGRAM_NUMBERS:
+        for loss, resume, hold in product(PlcLossReaction, (False, True), (False, True)):
+            yield Case(number, loss, resume, hold, full=True, tick_ns=FINE_TICK_NS)
