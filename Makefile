@@ -93,7 +93,12 @@ limit-cycles: $(STAMP)
 soak: $(STAMP)
 	$(BIN)/pdgw soak --hours 24 --axes 2
 
+# Every state that a PLC, a loss and a lying drive can bring an axis to, with the choices of ``selected``.
+walk: $(STAMP)
+	$(BIN)/python -m pdgw.workshop.walk
+
 docs: $(STAMP)
+	$(BIN)/python -m pdgw.workshop.walk --short --figures docs/walk.txt
 	$(BIN)/python -m pdgw.tools.doctables
 	$(BIN)/python -c "from tests.support import statements; statements.write()"
 	$(BIN)/python -m pdgw.peers.drive.eds

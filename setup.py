@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from setuptools import setup
+from setuptools.command.build_py import build_py
 
 COMPILED = (
     "ds301/can_frame.py",
@@ -100,7 +101,18 @@ def extensions() -> list[Any]:
     return made
 
 
+class BuildProduct(build_py):
+    """A wheel without the workshop, which an editable installation has."""
+
+    def run(self) -> None:
+        """Leaves out its packages."""
+        if not self.editable_mode:
+            self.packages = [name for name in self.packages or () if not name.startswith("pdgw.workshop")]
+        super().run()
+
+
 setup(
+    cmdclass={"build_py": BuildProduct},
     setup_requires=["mypy>=1.13"] if WANTED else [],
     ext_modules=extensions() if WANTED else [],
 )

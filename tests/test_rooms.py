@@ -57,6 +57,16 @@ def test_the_page_knows_no_command_and_nobody_who_plays_the_other_side() -> None
     assert importers("web", "tools", "peers") == {}
 
 
+@pytest.mark.parametrize("room", [*PRODUCT, "decoder", "web", "peers", "tools"])
+def test_nobody_imports_the_workshop(room: str) -> None:
+    assert importers(room, "workshop") == {}
+
+
+def test_the_monitor_of_the_walk_knows_neither_power_table_nor_interlock() -> None:
+    known = imports(ROOT / "workshop" / "walk" / "monitor.py")
+    assert not [name for name in known if name.endswith(("power_table", "interlock"))]
+
+
 def test_what_tests_share_knows_none_of_the_tests() -> None:
     shared = {name for file in (ROOT / "tests" / "support").rglob("*.py") for name in imports(file)}
     of_tests = {name for name in shared if name.startswith("tests.") and not name.startswith("tests.support")}

@@ -8,7 +8,7 @@ immutable value, or a container of such. A class declares beside its attributes 
 | --- | --- |
 | ``INSTANTS`` | monotonic times, each with the age in ns from which on it makes no more difference; 0 or below is "none" |
 | ``PASSING`` | every step sets them before it reads them, they only count, or never change: neither saved nor compared |
-| ``ASIDE`` | saved, but not compared: no word and no command depends on them (caches, what the log has had) |
+| ``ASIDE`` | saved, but not compared: no word and no command depends on them (caches, what the log has had); ``*``: all |
 """
 
 from __future__ import annotations
@@ -114,7 +114,7 @@ class _Part:
         instants: Mapping[str, int] = getattr(item, "INSTANTS", {})
         self._instants = tuple((name, instants[name]) for name in names if name in instants)
         aside = _declared(kind, "ASIDE")
-        compared = [name for name in names if name not in aside and name not in instants]
+        compared = [name for name in names if not {name, "*"} & aside and name not in instants]
         self._contents = tuple(name for name in compared if isinstance(values[name], _CONTAINERS))
         # A part is compared by what is in it.
         plain = [name for name in compared if name not in self._contents and not _has_identity(values[name])]
@@ -195,5 +195,8 @@ class Checkpoints:
     def fingerprint(self) -> tuple[Hashable, ...]:
         """Equal for two moments of the machine from which its words and commands go on alike, whatever the time of day."""
         now = self._machine.inputs.now
-        kept = self._machine.adapter.kept(self._machine.demand)
+        demand = self._machine.demand
+        kept = self._machine.adapter.kept(demand)
+        if kept is demand:
+            kept = tuple([getattr(demand, name) for name in _names(demand)])
         return (kept, *[part.fingerprint(now) for part in self._items if part.is_compared])

@@ -44,7 +44,7 @@ class StopWatch:
         "runs",
     )
 
-    ASIDE: ClassVar[frozenset[str]] = frozenset(__slots__)
+    ASIDE: ClassVar[frozenset[str]] = frozenset({"*"})
 
     def __init__(self, reaction_ns: int, stop_time_ns: int) -> None:
         self._reaction = reaction_ns

@@ -6,8 +6,9 @@ the values of a cycle in, a contradiction out. Source: docs/units.md "The check 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from statistics import median
-from typing import Final
+from typing import ClassVar, Final
 
 from pdgw.dsp402.drive_type import Quantity, Scaling
 from pdgw.durations import MS, SECOND, SECONDS_PER_MINUTE
@@ -40,6 +41,13 @@ _RAMP_MARGIN: Final = 2
 
 class VelocityCheck:
     """One axis. ``step`` in each cycle; ``locked``: a contradiction was found, and nobody has acknowledged it yet."""
+
+    INSTANTS: ClassVar[Mapping[str, int]] = {
+        "_at": SAMPLE_NS,
+        "_grown_at": SAMPLE_NS,
+        "_over_since": _OVERSPEED_NS,
+        "_position_ns": SAMPLE_NS,
+    }
 
     __slots__ = (
         "_at",

@@ -109,7 +109,7 @@ class Demand:
         "xerr",
     )
 
-    ASIDE: ClassVar[frozenset[str]] = frozenset(__slots__)
+    ASIDE: ClassVar[frozenset[str]] = frozenset({"*"})
     """What of it outlives a step, the adapter tells (``Adapter.kept``)."""
 
     def __init__(self) -> None:

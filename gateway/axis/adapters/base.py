@@ -54,8 +54,8 @@ class Adapter:
         raise NotImplementedError
 
     def kept(self, demand: Demand) -> Hashable:
-        """What of the demand the next setpoints may leave as it is; part of the state of a machine (``checkpoint``)."""
-        return tuple(getattr(demand, name) for name in Demand.__slots__)
+        """What of the demand the next setpoints may leave as it is, the demand itself for all of it (``checkpoint``)."""
+        return demand
 
 
 def _without_control(control_lost: ControlLost) -> dict[PowerWish, dict[PowerWish, PowerWish]]:
@@ -128,7 +128,7 @@ class ControlWordAdapter(Adapter):
         if not demand.connected:
             return None
         if self._holds and demand.power in {PowerWish.ENABLE, PowerWish.HOLD}:
-            return super().kept(demand)
+            return demand
         return demand.acknowledge, demand.device_bits
 
 
