@@ -248,7 +248,7 @@ class Interlock:
             return drive if commanded or self.phase is _PASS else Drive.UNKNOWN
         if drive is Drive.DISABLED:
             return Drive.FELL_OFF if shown in _ABOVE_DISABLED else drive
-        if self._enabling and shown is _SWITCHED_ON:
+        if self._enabling and shown is _SWITCHED_ON and drive in _FELL:
             return Drive.FELL_BACK  # instead of going on to operation
         fell = shown is Drive.OPERATING and now - self._disabled_at >= COMMAND_SHOWN_NS and drive in _FELL
         return Drive.FELL_BACK if fell else drive

@@ -11,7 +11,7 @@ from pdgw.workshop.walk.cases import Case, short
 FIGURES = Path(__file__).parents[2] / "docs" / "walk.txt"
 
 
-@pytest.mark.parametrize("case", short(), ids=lambda case: case.name)
+@pytest.mark.parametrize("case", list(short()), ids=lambda case: case.name)
 def test_no_reachable_state_breaks_a_rule(case: Case) -> None:
     result = case.run()
     print(f"{case.name}: {result}")

@@ -34,11 +34,10 @@ STOP_TIME_NS = FINE_TICK_NS // 2
 """What the check of the speed allows a drive falls to the setpoint within one step."""
 
 
-KNOWN = frozenset({Rule.GUARD, Rule.MOTION})
-"""Found with a speed telegram and not cured: a drive that falls back to Ready to Switch On instead of entering operation gets a
-second Enable Operation for one ON, which the guard has to stop; it leaves the speed in 60FFh."""
-KNOWN_WITH_RESUME = frozenset({Rule.OPERATES, Rule.REASON, Rule.REACHED, Rule.SWITCH_ON, *KNOWN})
-"""Also: a ramp because of STW1.10 = 0 is resumed without an OFF."""
+KNOWN_WITH_RESUME = frozenset(
+    {Rule.OPERATES, Rule.REASON, Rule.REACHED, Rule.SWITCH_ON, Rule.GUARD, Rule.MOTION, Rule.ENABLE}
+)
+"""Found and not cured: a ramp because of STW1.10 = 0 is resumed without an OFF."""
 
 
 @cache
@@ -79,7 +78,7 @@ class Case:
     @property
     def known(self) -> frozenset[Rule]:
         """Rules that are known to be broken."""
-        return KNOWN_WITH_RESUME if self.resume else KNOWN if self.number != RAW else frozenset()
+        return KNOWN_WITH_RESUME if self.resume else frozenset()
 
     def run(self, *, first_only: bool = False) -> Result:
         """Walk to the fixpoint, then bring the axis back from every state; ``first_only``: up to the first violation."""
