@@ -59,6 +59,7 @@ _ENABLED: Final = (PowerWish.ENABLE, PowerWish.OFF, PowerWish.QUICK_STOP)
 """STW1.3 = 1."""
 _STOPPING: Final = STOPPING
 _ENABLE: Final = PowerWish.ENABLE
+_STOP: Final = PowerWish.STOP
 _PASSES: Final = Action.PASS
 _PLC_LOST: Final = Reason.PLC_LOST
 _OPERATES: Final = (Action.ENABLE_OPERATION, Action.PASS)
@@ -186,6 +187,8 @@ class Interlock:
                 self._disable_armed = True
             if wish in _OFFS:
                 self._off_seen = True
+            elif wish is _STOP:
+                self._off_seen = False  # without control there is no OFF, and the one of before does not count any more
             elif phase is _RAMP_STOP and wish is _ENABLE and self._resume and self._off_seen:
                 # After a loss the ON that stands in the new connection does not resume: it needs its own OFF first.
                 wish = PowerWish.RESUME

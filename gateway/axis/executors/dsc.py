@@ -108,9 +108,10 @@ class DscExecutor(Executor):
         command.controlword = cycle.controlword
         command.max_torque = reduced_torque(self._torque, demand.torque_reduction if demand.connected else 0)
         report.speed = actual.to_wire(feedback.velocity_actual)
+        own = enabled and action is _ENABLE_OPERATION and not (self._held or self._out_of_date or self._frozen)
         near = abs(feedback.velocity_actual - self._velocity) <= self._tolerance
         shown = report.message = message_of(message, feedback, self.notes.troubles)
-        report.flags = (Flag.REACHED if near and enabled else 0) | (
+        report.flags = (Flag.REACHED if near and own else 0) | (
             Flag.WITHIN_TOLERANCE if shown & SPEED_WITHIN_TOLERANCE else 0
         )
         return reason

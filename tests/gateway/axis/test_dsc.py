@@ -12,6 +12,7 @@ from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import State
 from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.settings import AxisSettings, ControlLost
+from pdgw.gateway.axis.waist import Flag
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.motion.dsc import DscChoices, DscForm, dead_time_ns, highest_gain, longest_hold_ns
 from pdgw.gateway.reasons import FaultNumber, Reason
@@ -257,6 +258,7 @@ def test_an_axis_that_a_limit_switch_stopped_does_not_move_on_when_it_is_release
     limit_switch(rig, reached=True)
     rig.step(400)
     assert rig.stepper.reason is Reason.STOPPED_AT_LIMIT
+    assert not rig.stepper.machine.report.flags & Flag.REACHED, "nobody turns at the setpoint"
     limit_switch(rig, reached=False)
     rig.step(200)
     assert rig.feedback.velocity_actual == 0

@@ -113,6 +113,20 @@ def test_an_off_of_the_new_connection_allows_the_configured_resume() -> None:
     assert bench.stepper.reason is None
 
 
+@pytest.mark.parametrize("word", [OFF & ~0x400, 0x0007])
+def test_a_ramp_stop_without_control_is_not_resumed_without_an_off(word: int) -> None:
+    """STW1.10 = 0 is a loss of the PLC's control: the OFF of before does not count."""
+    bench = Bench(ramp_stop_resume=True)
+    bench.operate(0x2000)
+    bench.drive.ramp = 100
+    bench.step(ON, 0x2000, cycles=40)
+    bench.step(word, cycles=2)
+    assert bench.drive.feedback.velocity_actual > 60
+    bench.step(ON, 0x2000, cycles=200)
+    assert bench.drive.state is not State.OPERATION_ENABLED
+    assert bench.stepper.reason is Reason.NEEDS_OFF
+
+
 def raw_step(number: int, stepper: object, feedback: DriveFeedback, word: int | None, now: int) -> int:
     half = stepper.telegram.setpoints
     values = None if word is None else half.from_dict({half.names[0]: word})
