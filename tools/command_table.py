@@ -124,7 +124,7 @@ COMMANDS: Mapping[str, Entry] = {
     "conformance": Entry("conformance:app", "Conformance tests of the gateway."),
     "soak": Entry(
         "soak:soak",
-        "Play a day of random PLC words and faults in virtual time; exit status 1 if what must never happen did.",
+        "Run a day of random PLC words and faults in virtual time; exit status 1 if what must never happen did.",
     ),
 }
 """The commands of ``pdgw`` in the order of its help."""

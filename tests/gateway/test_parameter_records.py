@@ -32,7 +32,7 @@ def test_identification_records_are_read_and_written_and_survive(shared: tuple[D
     assert daemon.store.parameters.im1_function == "press 4"
     for index, data, reason in (
         (identification.INDEX, record, "access denied"),
-        (identification.INDEX + 1, record[:-1], "invalid parameter"),
+        (identification.INDEX + 1, record[:-1], "write length"),
         (0x1234, record, "invalid index"),
         (0xB02F, bytes(4097), "write length"),
     ):
@@ -44,7 +44,7 @@ def test_places_and_relationships_that_do_not_exist_are_refused(shared: tuple[Da
     address = shared[1].address
     for options, reason in (
         ({"slot": 2}, "invalid slot"),
-        ({"subslot": 2}, "invalid slot"),
+        ({"subslot": 3}, "invalid slot"),
         ({"api": 5}, "invalid area"),
         ({"ar_uuid": UUID(int=1)}, "AR UUID unknown"),
     ):
