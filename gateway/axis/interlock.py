@@ -78,8 +78,7 @@ class Interlock:
         "enabled_at": COMMAND_SHOWN_NS,
         "_standing_since": QUICK_STOP_STANDING_NS,
     }
-    PASSING: ClassVar[frozenset[str]] = frozenset({"cell", "reason"})
-    ASIDE: ClassVar[frozenset[str]] = frozenset({"_steady", "_steady_status", "_steady_word"})
+    ASIDE: ClassVar[frozenset[str]] = frozenset({"_steady", "_steady_status", "_steady_word", "cell", "reason"})
 
     __slots__ = (
         "_acknowledge_armed",

@@ -87,7 +87,7 @@ def recovery(
     """OFF, acknowledge, OFF and ON from all these states of the machine; None when all of them come to operation."""
     drives = [LateDrive(state, turns) for state in State for turns in (False, True)]
     moments = {_Moment(number, drive, _shown(drive, mode)) for number in states for drive in drives}
-    last: dict[_Moment, Output] = {}
+    last: set[tuple[LateDrive, Output]] = set()
     for plc, steps in (
         (off, STEPS_OF_OFF),
         (acknowledge, STEPS_OF_ACKNOWLEDGE),
@@ -96,24 +96,24 @@ def recovery(
     ):
         for _ in range(steps):
             moments, last = _step(machine, moments, plc, mode)
-        for moment in moments:
-            state, output = moment.drive.state, last[moment]
-            if plc is on and (state is not State.OPERATION_ENABLED or output.reason):
-                return Stuck("operation", moment.drive, output)
-            if plc is not on and state in {State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE}:
-                return Stuck("power off", moment.drive, output)
+        for late, output in last:
+            if plc is on and (late.state is not State.OPERATION_ENABLED or output.reason):
+                return Stuck("operation", late, output)
+            if plc is not on and late.state in {State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE}:
+                return Stuck("power off", late, output)
     return None
 
 
 def _step(
     machine: Transducer, moments: set[_Moment], plc: Plc, mode: int
-) -> tuple[set[_Moment], dict[_Moment, Output]]:
-    following: dict[_Moment, Output] = {}
+) -> tuple[set[_Moment], set[tuple[LateDrive, Output]]]:
+    following: set[_Moment] = set()
+    outputs: set[tuple[LateDrive, Output]] = set()
     for number, drive, shown in moments:
         after, output = machine.step(number, plc, shown)
         stopping = drive.state is State.QUICK_STOP_ACTIVE
         for late, stays in product((False, True), (False, True) if stopping else (False,)):
             went = drive.step(output, late=late, stays=stays)
-            for visible in {_shown(drive, mode), _shown(went, mode)}:
-                following[_Moment(after, went, visible)] = output
-    return set(following), following
+            outputs.add((went, output))
+            following.update(_Moment(after, went, visible) for visible in {_shown(drive, mode), _shown(went, mode)})
+    return following, outputs
