@@ -194,9 +194,16 @@ def test_without_a_drive_the_values_are_bad_and_nothing_is_sent(axis: Axis) -> N
     assert len(axis.actuals) == len(axis.telegram.actuals.signals)
 
 
-def test_an_unsupported_telegram_changes_nothing(axis: Axis) -> None:
+@pytest.mark.parametrize(
+    ("number", "message"),
+    [
+        (113, "telegram: 113 is not supported"),
+        (112, "lu_per_unit: missing, telegram 112 needs lu_per_unit and velocity_per"),
+    ],
+)
+def test_an_unsupported_telegram_changes_nothing(axis: Axis, number: int, message: str) -> None:
     before = axis.machine
-    with pytest.raises(GatewayError, match="telegram: 112 is not supported"):
-        axis.change_telegram(112)
+    with pytest.raises(GatewayError, match=message):
+        axis.change_telegram(number)
     assert axis.machine is before
     assert axis.telegram.number == 9

@@ -401,7 +401,7 @@ def test_the_scenarios_of_the_package_are_valid(path: Path) -> None:
         ("steps: [{speed: 40000}]", ["NSOLL_A", "-32768..32767"]),
         ("steps: [{move: {to: 1}}]", ["step 1 (move)", "not in the telegram"]),
         ("steps: [{hold: soon}]", ["time 'soon'"]),
-        ("telegrams: [112]\nsteps: [{off1: true}]", ["telegram", "112"]),
+        ("telegrams: [113]\nsteps: [{off1: true}]", ["telegram", "113"]),
         ("steps: []", ["steps"]),
         ("steps: [", ["not valid YAML"]),
         ("just text", ["expected keys with values"]),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from typing import Any
 
 import pytest
@@ -16,6 +17,8 @@ from pdgw.profidrive.telegrams import TELEGRAMS, ApplicationMode, telegram
 from pdgw.tools.conformance.telegrams import Case, run_case
 
 CYCLE = 4_000_000
+FLOATS = ("mdi_tarpos_f", "mdi_velocity_f", "mdi_acc_f", "mdi_dec_f", "ref_coordinate")
+"""Setpoints of telegram 112 that are IEEE 754 numbers."""
 ON = ({"expect": {"ZSW1.CONTROL_REQUESTED": 1}, "within": "20 s"}, {"enable": True})
 
 
@@ -53,7 +56,8 @@ def test_every_bit_a_telegram_sends_has_a_word_of_its_own(number: int) -> None:
 def test_every_word_of_a_telegram_sets_what_it_names(number: int) -> None:
     for word in words_of(number).values():
         values = play(number, {"set": {word.name: 1}}).setpoints[0]
-        assert values == {**dict.fromkeys(values, 0), word.signal.name: 1 << (word.bit.position if word.bit else 0)}
+        one = struct.unpack(">I", struct.pack(">f", 1.0))[0] if word.name in FLOATS else 1
+        assert values == {**dict.fromkeys(values, 0), word.signal.name: one << (word.bit.position if word.bit else 0)}
 
 
 def test_words_of_one_step_go_out_in_one_frame() -> None:

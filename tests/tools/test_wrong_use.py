@@ -61,7 +61,7 @@ def test_an_unreachable_can_interface_ends_with_one_line_and_status_1(tmp_path: 
     [
         (("run",), "either a configuration file or --simulate"),
         (("run", "none.toml"), "none.toml: cannot be read"),
-        (("run", "--simulate", "--telegram", "112"), "telegram = 112 is not supported"),
+        (("run", "--simulate", "--telegram", "113"), "telegram = 113 is not supported"),
         (
             ("run", "--simulate", "--axes", "3", "--telegram", "1", "--telegram", "9"),
             "--axes 3: --telegram is given 2 times",
@@ -119,11 +119,11 @@ def test_config_example_and_check(tmp_path: Path) -> None:
     good = pdgw("config", "check", str(path))
     assert good.returncode == 0
     assert "ok, 1 axes" in good.stdout
-    path.write_text(path.read_text().replace("telegram = 1", "telegram = 112"))
+    path.write_text(path.read_text().replace("telegram = 1", "telegram = 113"))
     bad = pdgw("config", "check", str(path))
     assert bad.returncode == 1
     assert f"{path}:" in bad.stderr
-    assert "[[axis]] number 1: telegram = 112 is not supported" in bad.stderr, "brackets are no markup"
+    assert "[[axis]] number 1: telegram = 113 is not supported" in bad.stderr, "brackets are no markup"
 
 
 def test_devices_without_a_bus_are_refused_unless_one_is_opened_for_them(tmp_path: Path) -> None:

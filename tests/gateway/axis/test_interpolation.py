@@ -235,17 +235,23 @@ def test_what_is_sent_is_a_position_and_the_controlword(number: int) -> None:
 
 
 @pytest.mark.parametrize(
-    ("unknown", "key"),
+    ("unknown", "what", "key", "line"),
     [
-        ("counts_per_revolution", "counts_per_revolution"),
-        ("velocity_per_rpm", "velocity_unit"),
-        ("acceleration_per_rpm_s", "acceleration_unit"),
+        (
+            "counts_per_revolution",
+            "position units per revolution",
+            "counts_per_revolution",
+            "counts_per_revolution = 0",
+        ),
+        ("velocity_per_rpm", "velocity units per rpm", "velocity_unit", 'velocity_unit = "?"'),
+        ("acceleration_per_rpm_s", "acceleration units per rpm/s", "acceleration_unit", 'acceleration_unit = "?"'),
     ],
 )
-def test_a_unit_nobody_tells_refuses_the_axis_and_names_its_key(unknown: str, key: str) -> None:
+def test_a_unit_nobody_tells_refuses_the_axis_and_names_its_key(unknown: str, what: str, key: str, line: str) -> None:
     drive = described("csp")
     scaling = replace(drive.scaling, **{unknown: None})  # type: ignore[arg-type]
-    assert f"the key {key}" in lacks(replace(drive, scaling=scaling), 9)
+    refusal = lacks(replace(drive, scaling=scaling), 9)
+    assert refusal == f"{what}: not known, {key} settles it; to paste into its [[axis]] and fill in: {line}"
 
 
 def test_a_reference_nobody_tells_refuses_the_axis() -> None:
