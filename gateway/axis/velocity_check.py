@@ -16,6 +16,8 @@ from pdgw.gateway.reasons import FaultNumber
 
 SAMPLE_NS: Final = 100 * MS
 """Positions are compared over steps of at least this time."""
+STEP_NS: Final = 10 * MS
+"""So long after one step in operation the next one is due: the cycle has no time for more."""
 _STEPS: Final = 4
 """The median of so many steps counts: one jump of the position (homing, preset) is none."""
 _FAULT: Final = (0.2, 5.0)
@@ -40,17 +42,19 @@ _RAMP_MARGIN: Final = 2
 
 
 class VelocityCheck:
-    """One axis. ``step`` in each cycle; ``locked``: a contradiction was found, and nobody has acknowledged it yet."""
+    """One axis. ``step`` is due when ``STEP_NS`` have passed since ``at``.
+
+    ``locked``: a contradiction was found, and nobody has acknowledged it yet.
+    """
 
     INSTANTS: ClassVar[Mapping[str, int]] = {
-        "_at": SAMPLE_NS,
+        "at": SAMPLE_NS,
         "_grown_at": SAMPLE_NS,
         "_over_since": _OVERSPEED_NS,
         "_position_ns": SAMPLE_NS,
     }
 
     __slots__ = (
-        "_at",
         "_ceiling",
         "_counts",
         "_counts_per_unit",
@@ -68,6 +72,7 @@ class VelocityCheck:
         "_stop_time",
         "_target",
         "_warned",
+        "at",
         "locked",
     )
 
@@ -96,7 +101,8 @@ class VelocityCheck:
         self._restart()
 
     def _restart(self) -> None:
-        self._at = -1
+        self.at = -1
+        """When the last step in operation was; -1 out of operation."""
         self._expected = 0.0
         self._position = self._position_ns = 0
         self._steps: tuple[tuple[float, float], ...] = ()
@@ -116,13 +122,13 @@ class VelocityCheck:
         ``position``, ``position_ns``: the newest 6064h and when it came, 0 never. Times are monotonic nanoseconds.
         """
         if not operating:
-            if self._at >= 0:
+            if self.at >= 0:
                 self._restart()
             return None
-        speed, elapsed = abs(velocity), now - self._at if self._at >= 0 else 0
-        if self._at < 0:
+        speed, elapsed = abs(velocity), now - self.at if self.at >= 0 else 0
+        if self.at < 0:
             self._ceiling = float(speed)
-        self._at = now
+        self.at = now
         self._expected += velocity * elapsed / SECOND * self._counts_per_unit
         text = "" if target is None else self._overspeed(abs(target), speed, elapsed, now)
         if text:
