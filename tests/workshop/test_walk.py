@@ -15,6 +15,6 @@ FIGURES = Path(__file__).parents[2] / "docs" / "walk.txt"
 def test_no_reachable_state_breaks_a_rule(case: Case) -> None:
     result = case.run()
     print(f"{case.name}: {result}")
-    assert result.violations.keys() == case.known, "\n".join(map(str, result.violations.values()))
+    assert not result.violations, "\n".join(map(str, result.violations.values()))
     assert result.stuck is None
     assert f"{case.name}: {result}\n" in FIGURES.read_text(encoding="utf-8"), "run: make docs"

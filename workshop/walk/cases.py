@@ -21,7 +21,7 @@ from pdgw.gateway.motion.wishes import PositionerChoices
 from pdgw.peers.drive import shape
 from pdgw.workshop.walk.drive import anything
 from pdgw.workshop.walk.machine import Transducer
-from pdgw.workshop.walk.monitor import Expected, Monitor, Rule
+from pdgw.workshop.walk.monitor import Expected, Monitor
 from pdgw.workshop.walk.plc import RAW, frames, is_central
 from pdgw.workshop.walk.recovery import recovery
 from pdgw.workshop.walk.search import Result, walk
@@ -32,12 +32,6 @@ its end and behind it is there, and no more states than that."""
 FINE_TICK_NS = 100 * MS
 STOP_TIME_NS = FINE_TICK_NS // 2
 """What the check of the speed allows a drive falls to the setpoint within one step."""
-
-
-KNOWN_WITH_RESUME = frozenset(
-    {Rule.OPERATES, Rule.REASON, Rule.REACHED, Rule.SWITCH_ON, Rule.GUARD, Rule.MOTION, Rule.ENABLE}
-)
-"""Found and not cured: a ramp because of STW1.10 = 0 is resumed without an OFF."""
 
 
 @cache
@@ -75,11 +69,6 @@ class Case:
             ]
         )
 
-    @property
-    def known(self) -> frozenset[Rule]:
-        """Rules that are known to be broken."""
-        return KNOWN_WITH_RESUME if self.resume else frozenset()
-
     def run(self, *, first_only: bool = False) -> Result:
         """Walk to the fixpoint, then bring the axis back from every state; ``first_only``: up to the first violation."""
         number = self.number
@@ -91,8 +80,8 @@ class Case:
         expected = Expected(
             self.on_plc_loss, self.resume, self.hold, raw=number == RAW, tasks=tasks, own_ramp=is_central(number)
         )
-        result = walk(machine, Monitor(expected), inputs, self.known if first_only else None)
-        if result.violations.keys() <= self.known:
+        result = walk(machine, Monitor(expected), inputs, first_only=first_only)
+        if not result.violations:
             off, acknowledge, on = (next(item for item in plc if item.word & 0x8F == word) for word in (0xE, 0x8E, 0xF))
             result.stuck = recovery(machine, range(len(machine)), mode, off, acknowledge, on)
         return result

@@ -57,15 +57,9 @@ class Result:
 
 
 def walk(
-    machine: Transducer,
-    monitor: Monitor,
-    inputs: Sequence[tuple[Plc, Shown]],
-    up_to_other_than: frozenset[Rule] | None = None,
+    machine: Transducer, monitor: Monitor, inputs: Sequence[tuple[Plc, Shown]], *, first_only: bool = False
 ) -> Result:
-    """Everything that is reachable; of each rule that is broken the shortest trace.
-
-    ``up_to_other_than``: end with the first violation of another rule than these.
-    """
+    """Everything that is reachable; of each rule that is broken the shortest trace, or ``first_only`` the first violation."""
     result = Result()
     first: _Node = (0, Memory())
     came_from: dict[_Node, tuple[_Node, int]] = {}
@@ -83,7 +77,7 @@ def walk(
                     if rule not in result.violations:
                         path = _path(came_from, node, number)
                         result.violations[rule] = Violation(rule, _trace(machine, inputs, path))
-                if broken and up_to_other_than is not None and not up_to_other_than.issuperset(broken):
+                if broken and first_only:
                     return result
                 reached = (after, remembered)
                 if reached not in known:
