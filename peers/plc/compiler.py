@@ -12,7 +12,7 @@ from pdgw.gateway.axis.telegrams import POSITIONER_TELEGRAM_NUMBERS, SPEED_TELEG
 from pdgw.gateway.errors import GatewayError
 from pdgw.peers.plc.endpoint import PlcEndpoint
 from pdgw.peers.plc.following import Follow, Following, can_follow
-from pdgw.peers.plc.notation import comparison, integer, raw_value, written
+from pdgw.peers.plc.notation import comparison, expected, integer, raw_value, written
 from pdgw.peers.plc.parameters import ParameterAccess
 from pdgw.peers.plc.positioner import Ask, PositionerWords, Program, Wait
 from pdgw.peers.plc.scenario import Home, Move, References, Scalar, Step
@@ -371,7 +371,7 @@ class Compiler:
         for key, wanted in values.items():
             signal_name, bit = self._resolve(key, half)
             item = half.signal(signal_name)
-            holds = comparison(wanted, partial(raw_value, self._references, item))
+            holds = expected(self._references, item, wanted)
             mask, shift = (0, 0) if bit is None else (bit.mask, bit.position)
             write = partial(written, self._references, item, str(wanted))
             conditions.append(Condition(key, str(wanted), holds, mask, shift, signal_name, write))

@@ -25,6 +25,7 @@ from pdgw.peers.plc.keys import (
     STEP_PERCENT,
     TYPE,
     Action,
+    in_lu,
     shown,
     stops,
 )
@@ -101,10 +102,12 @@ class Keyboard:
     def keys_of(self, axis: int) -> list[str]:
         """The keys whose step the telegram of an axis takes."""
         changed = self._changed_by_keys(axis) is not None
+        floats = any(item.is_float for item in self.endpoint.telegrams[axis - 1].setpoints.signals)
         return [
             key
             for key, item in KEYS.items()
-            if (changed if key in (FASTER, SLOWER) else self._possible(axis, item.step))
+            if not (floats and in_lu(item.step))
+            and (changed if key in (FASTER, SLOWER) else self._possible(axis, item.step))
         ]
 
     @property

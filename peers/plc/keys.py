@@ -80,6 +80,14 @@ KEYS: Final[Mapping[str, Key]] = {
 _STOPS: Final = frozenset({"off1", "quick_stop", "coast", "reject", "intermediate_stop"})
 
 
+_IN_LU: Final = frozenset({"mdi", "setting_up"})
+
+
+def in_lu(action: Action) -> bool:
+    """Its numbers are length units: no key of telegram 112, whose unit only the gateway knows."""
+    return bool(_IN_LU & set(action))
+
+
 def stops(action: Action) -> bool:
     """It waits for nothing that is under way."""
     return bool(_STOPS & set(action)) or action.get("jog") == 0

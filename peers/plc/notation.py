@@ -9,13 +9,14 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from fractions import Fraction
+from functools import partial
 
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.errors import GatewayError
 from pdgw.peers.plc.scenario import References, Scalar
 from pdgw.profidrive.datatypes import DataType, n2, n4
 from pdgw.profidrive.normalisation import Normalisation
-from pdgw.profidrive.signals import Signal, float_pattern
+from pdgw.profidrive.signals import Signal, float_of, float_pattern
 
 _DECIMALS = 1_000_000_000
 _TENTHS = 10
@@ -32,12 +33,12 @@ def parse_time(text: str) -> int:
     return int(Fraction(match[1]) * (MS if match[2] == "ms" else SECOND))
 
 
-def comparison(wanted: Scalar, raw: Callable[[Scalar], int]) -> Callable[[float], bool]:
-    """What is expected, as a predicate; ``raw`` makes an integer of each value in the text."""
+def comparison(wanted: Scalar, raw: Callable[[Scalar], float]) -> Callable[[float], bool]:
+    """What is expected, as a predicate; ``raw`` makes a number of each value in the text."""
     text = str(wanted).strip()
     match = re.fullmatch(r"&\s*(\S+)\s*=\s*(\S+)", text)
     if match:
-        mask, bits = raw(match[1]), raw(match[2])
+        mask, bits = int(raw(match[1])), int(raw(match[2]))
         return lambda value: int(value) & mask == bits
     match = re.fullmatch(r"(<=|>=|<|>)\s*(.+)", text)
     if match:
@@ -55,12 +56,24 @@ def comparison(wanted: Scalar, raw: Callable[[Scalar], int]) -> Callable[[float]
     return lambda value: abs(value - middle) <= width
 
 
+def expected(references: References, item: Signal, wanted: Scalar) -> Callable[[int], bool]:
+    """What is expected of a signal's raw integer; GatewayError for a text that is none."""
+    if not item.is_float:
+        return comparison(wanted, partial(raw_value, references, item))
+    if "&" in str(wanted):
+        raise GatewayError(f"{item.name} = {wanted}: & is for words of bits, expected a number, <= 5 or 100 +- 2")
+    holds = comparison(wanted, lambda value: float_of(raw_value(references, item, value)))
+    return lambda raw: holds(float_of(raw))
+
+
 def raw_value(references: References, item: Signal, value: Scalar) -> int:
     """A value in any notation as the signal's raw integer."""
     text = str(value).strip()
     match = re.fullmatch(r"(-?\d{1,15}(?:\.\d{1,9})?)\s*(%|rpm|inc)", text)
     if match:
         number = Fraction(match[1])
+        if item.is_float and match[2] == item.unit[:1]:
+            return float_pattern(float(number))
         reference = _reference(references, match[2])
         if abs(number) > _LARGEST * reference:
             most = f"{float(_LARGEST * reference):g} {match[2]}"
@@ -73,6 +86,8 @@ def raw_value(references: References, item: Signal, value: Scalar) -> int:
 
 def written(references: References, item: Signal, wanted: str, value: int) -> str:
     """A raw value as what was wanted of it is written: in its unit, with one decimal, or in hexadecimal digits."""
+    if item.is_float:
+        return f"{float_of(value):g}"
     unit = re.search(r"%|rpm|inc", wanted)
     if unit is not None:
         tenths = _normalisation(item, _reference(references, unit[0]) * _TENTHS).to_value(value)

@@ -1,7 +1,7 @@
-"""What a PLC program asks of a positioner (telegrams 7, 110, 111), by name: which words and bits, and what it waits for.
+"""What a PLC program asks of a positioner (telegrams 7, 110, 111, 112), by name: which words and bits, and what it waits for.
 
 Source: docs/motion.md. A program is a list of ``Ask``, ``Wait`` and pauses; the scenario's engine plays it. Values are length
-units (LU) and 1000 LU/min.
+units (LU) and 1000 LU/min; with telegram 112 in the unit of length that the gateway is told.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.motion.blocks import HIGHEST_BLOCK
 from pdgw.profidrive.telegrams import Telegram
 
+Scalar = int | float | str
 FULL = "100 %"
 _DEFAULT_VELOCITY = 3000
 _READY = {"STW1.DO_NOT_REJECT": 1, "STW1.NO_INTERMEDIATE_STOP": 1}
@@ -30,11 +31,11 @@ class _Model(BaseModel):
 class Mdi(_Model):
     """``mdi``: a task with position and velocity. ``update``: STW1.6 stays, further ``mdi`` steps change the task under way.
 
-    ``direction``: of a modulo axis.
+    ``velocity``: 3000 (1000 LU/min) unless told; telegram 112 needs it. ``direction``: of a modulo axis.
     """
 
-    to: int
-    velocity: Annotated[int, Field(ge=0)] = _DEFAULT_VELOCITY
+    to: int | float
+    velocity: Annotated[int | float | None, Field(ge=0)] = None
     acceleration: int | str = FULL
     deceleration: int | str = FULL
     relative: bool = False
@@ -45,14 +46,14 @@ class Mdi(_Model):
 class SettingUp(_Model):
     """``setting_up``: move with a signed velocity until a reject."""
 
-    velocity: int
+    velocity: int | float
 
 
 class Ask(NamedTuple):
     """Setpoints by signal or ``signal.bit``; ``if_zero`` has those that stay as they are unless they are 0."""
 
-    values: Mapping[str, int | str]
-    if_zero: Mapping[str, int | str] = MappingProxyType({})
+    values: Mapping[str, Scalar]
+    if_zero: Mapping[str, Scalar] = MappingProxyType({})
 
 
 class Wait(NamedTuple):
@@ -77,6 +78,8 @@ class PositionerWords:
         self._number = telegram.number
         self._second = "POS_STW2" if "POS_STW2" in names else "POS_STW"
         self._block = "POS_STW1" if "POS_STW1" in names else "SATZANW"
+        self._form = "_F" if "MDI_TARPOS_F" in names else ""
+        """Of the names of the setpoints of MDI: floats, or none."""
 
     def _has(self, name: str, what: str) -> None:
         if name not in self._names:
@@ -95,12 +98,12 @@ class PositionerWords:
             f"{self._block}.MDI": 1,
         }
 
-    def _begin(self, values: Mapping[str, int | str]) -> Program:
+    def _begin(self, values: Mapping[str, Scalar]) -> Program:
         """An override that was not asked for is 100 %."""
         task = Ask({**values, **_READY, "STW1.ACTIVATE_TASK": 1}, self._override)
         return [task, Wait(_ACKNOWLEDGED, "task acknowledged")]
 
-    def _edge(self, values: Mapping[str, int | str]) -> Program:
+    def _edge(self, values: Mapping[str, Scalar]) -> Program:
         """Data and edge in one frame; STW1.6 falls once the task is acknowledged."""
         return [
             *self._begin(values),
@@ -110,13 +113,17 @@ class PositionerWords:
 
     def mdi(self, task: Mdi) -> Program:
         """A traversing task; with ``update`` STW1.6 stays set."""
-        self._has("MDI_TARPOS", "mdi")
-        values = {
+        self._has(f"MDI_TARPOS{self._form}", "mdi")
+        if task.velocity is None and self._form:
+            raise GatewayError(
+                f"mdi.velocity: missing, telegram {self._number} needs it in the gateway's unit of length"
+            )
+        values: dict[str, Scalar] = {
             **self._mode(not task.relative, task.direction == "positive", task.direction == "negative"),
-            "MDI_TARPOS": task.to,
-            "MDI_VELOCITY": task.velocity,
-            "MDI_ACC": task.acceleration,
-            "MDI_DEC": task.deceleration,
+            f"MDI_TARPOS{self._form}": task.to,
+            f"MDI_VELOCITY{self._form}": _DEFAULT_VELOCITY if task.velocity is None else task.velocity,
+            f"MDI_ACC{self._form}": task.acceleration,
+            f"MDI_DEC{self._form}": task.deceleration,
         }
         if self._block == "POS_STW1":
             values |= {"POS_STW1.SETTING_UP": 0, "POS_STW1.CONTINUOUS_UPDATE": int(task.update)}
@@ -131,9 +138,9 @@ class PositionerWords:
         return self._edge(
             {
                 **self._mode(False, forward, not forward),
-                "MDI_VELOCITY": abs(wish.velocity),
-                "MDI_ACC": FULL,
-                "MDI_DEC": FULL,
+                f"MDI_VELOCITY{self._form}": abs(wish.velocity),
+                f"MDI_ACC{self._form}": FULL,
+                f"MDI_DEC{self._form}": FULL,
                 "POS_STW1.SETTING_UP": 1,
                 "POS_STW1.CONTINUOUS_UPDATE": 0,
             }

@@ -87,7 +87,7 @@ class Step(_Model):
     move: Annotated[Move | None, Field(examples=[{"to": "60000 inc", "velocity": "80 %"}])] = None
     """task of telegram 9"""
     mdi: Annotated[Mdi | None, Field(examples=[{"to": 50000, "velocity": 12000}, {"to": 0, "update": True}])] = None
-    """task in LU; with ``update`` STW1.6 stays, and further ``mdi`` steps change it under way"""
+    """task in LU, of 112 in its unit of length; with ``update`` STW1.6 stays, and further ``mdi`` steps change it under way"""
     setting_up: Annotated[SettingUp | None, Field(examples=[{"velocity": -3000}])] = None
     """move with a signed velocity until ``reject``"""
     block: Annotated[int | None, Field(examples=[5])] = None

@@ -10,6 +10,7 @@ import pytest
 from pdgw.gateway.errors import GatewayError
 from pdgw.peers.plc.endpoint import PlcEndpoint
 from pdgw.peers.plc.engine import Engine
+from pdgw.peers.plc.keyboard import Keyboard
 from pdgw.peers.plc.scenario_file import parse_step, scenario_of
 from pdgw.peers.plc.vocabulary import words_of
 from pdgw.profidrive.signals import signal
@@ -89,6 +90,9 @@ def test_on_as_yaml_reads_it_is_the_bit() -> None:
         (102, {"measure": {"sensor": 2}}, "not possible with telegram 102, which has no G2_STW"),
         (102, {"follow": {"by": 4096, "error": 10}}, "not possible with telegram 102, only with 5, 6, 105, 106"),
         (1, {"sign_of_life": True}, "not possible with telegram 1, which has no sign of life"),
+        (111, {"mdi": {"to": 1.5}}, r"MDI_TARPOS = '1\.5': expected"),
+        (112, {"mdi": {"to": 1.5}}, "mdi.velocity: missing, telegram 112 needs it"),
+        (112, {"expect": {"XIST_F": "& 64 = 64"}}, "XIST_F = & 64 = 64: & is for words of bits"),
         (111, {"speed": "5 %"}, "not possible with telegram 111, which has no NSOLL"),
     ],
 )  # fmt: skip
@@ -146,6 +150,32 @@ def test_tracking_fixed_stop_and_limits_are_seen_by_the_positioner() -> None:
         {"expect": {"ZSW1.WARNING": 1}},
         {"reject": True},
     )
+
+
+def test_tasks_of_telegram_112_are_in_its_unit_of_length() -> None:
+    on_a_gateway(
+        112,
+        {"mdi": {"to": 12.5, "velocity": 3000.5, "acceleration": "50 %"}},
+        {"expect": {"ZSW1.TARGET_REACHED": 1, "XIST_F": "12.5 +- 0.01"}, "within": "10 s"},
+        {"mdi": {"to": -10, "velocity": 3000, "relative": True}},
+        {"expect": {"ZSW1.TARGET_REACHED": 1, "XIST_F": "2.5 +- 0.01"}, "within": "10 s"},
+        {"setting_up": {"velocity": -600.5}},
+        {"expect": {"VIST_F": "-600.5 +- 1", "XIST_F": "< -1"}, "within": "10 s"},
+        {"reject": True},
+    )
+
+
+def test_no_key_moves_by_length_units_with_telegram_112() -> None:
+    def keys(number: int) -> set[str]:
+        return set(Keyboard(PlcEndpoint([telegram(number)], CYCLE), print).keys_of(1))
+
+    assert keys(111) - keys(112) == set("puUvV")
+
+
+@pytest.mark.parametrize("wanted", ["12.5 +- 0.01", "> 0", 1, "< -0.5"])
+def test_a_float_that_is_not_as_expected_fails(wanted: str | int) -> None:
+    outcome = run_case(Case(112, "", "", "", (*ON, {"expect": {"XIST_F": wanted}, "within": "100 ms"})))
+    assert outcome.failures == (f"XIST_F {wanted}: XIST_F = 0",)
 
 
 def test_a_value_is_measured_on_the_fly_and_read() -> None:
