@@ -117,6 +117,15 @@ def test_off2_of_a_lost_or_unknown_drive_takes_power_off_and_stays(word: int | N
     assert control.step(OFF, State.SWITCH_ON_DISABLED) == SHUTDOWN
 
 
+@pytest.mark.parametrize(("shown", "word"), [(State.FAULT, DISABLE_VOLTAGE), (NO_STATE, QUICK_STOP)])
+def test_fault_or_unknown_state_right_after_the_first_enable_locks(shown: State | int, word: int) -> None:
+    control = Control()
+    assert control.step(ON, shown) == word
+    for state in (State.SWITCH_ON_DISABLED, State.READY_TO_SWITCH_ON, State.SWITCHED_ON):
+        assert control.step(ON, state) in {DISABLE_VOLTAGE, QUICK_STOP}
+    assert control.power.reason is Reason.NEEDS_OFF
+
+
 def test_off3_brakes_a_drive_in_operation_that_nobody_here_enabled() -> None:
     power = Interlock(AxisSettings())
     assert step_interlock(power, OFF3, STATUS_OF[LATE], MS) == QUICK_STOP
