@@ -6,15 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from pdgw.gateway.positioner_config import SIMULATED
 from pdgw.profidrive.signals import signal
-from tests.support.daemon import axis, drive_of
+from tests.support.daemon import SIMULATED_POSITIONER, axis, drive_of
 from tests.support.recorded_daemon import RecordedPlc, only, recorded
 
 ON_THE_FLY, ACTIVATE, READ = 0x80, 0x10, 0x20
-POSITIONER = "simulate = true\n[axis.positioner]\n" + "".join(
-    f"{key} = {list(value) if isinstance(value, tuple) else value}\n" for key, value in SIMULATED.items()
-)
 VALUE_1 = signal("G1_ZSW").bit("VALUE_1").mask
 POSITION_READ = b"\x43\xba\x60\x00"
 
@@ -66,7 +62,7 @@ def test_a_search_the_drive_refuses_is_the_same_error(tmp_path: Path) -> None:
 
 
 def test_passive_homing_is_replayed(tmp_path: Path) -> None:
-    with recorded([111], axis(1, telegram_number=111, more=POSITIONER)) as plc:
+    with recorded([111], axis(1, telegram_number=111, more=SIMULATED_POSITIONER)) as plc:
         drive = drive_of(plc.daemon)
         plc.enable()
         homing = {"POS_STW2": signal("POS_STW2").bit("PASSIVE_HOMING").mask, "OVERRIDE": 0x4000}
@@ -83,7 +79,7 @@ def test_passive_homing_is_replayed(tmp_path: Path) -> None:
 
 
 def test_the_numbers_of_the_fault_buffer_are_not_compared(tmp_path: Path) -> None:
-    with recorded([111], axis(1, telegram_number=111, more=POSITIONER)) as plc:
+    with recorded([111], axis(1, telegram_number=111, more=SIMULATED_POSITIONER)) as plc:
         plc.enable()
         drive_of(plc.daemon).model.inject(7)
         plc.until(lambda: plc.value("FAULT_CODE"), "in fault")

@@ -10,18 +10,14 @@ from pdgw.dsp402.states import State
 from pdgw.gateway.config import GatewayConfig
 from pdgw.gateway.config_example import simulated
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.positioner_config import SIMULATED
 from pdgw.gateway.reasons import FaultNumber, Reason
 from pdgw.gateway.status import snapshot
 from pdgw.peers.drive import shape
 from pdgw.peers.plc.engine import Engine
 from pdgw.peers.plc.scenario_file import load_scenario
-from tests.support.daemon import Plc, axis, configuration, drive_of, running, world_of
+from tests.support.daemon import POSITIONER, SIMULATED_POSITIONER, Plc, axis, configuration, drive_of, running, world_of
 
 SCENARIO = Path(__file__).parents[2] / "tools" / "scenarios" / "positioner.yaml"
-_POSITIONER = "[axis.positioner]\n" + "".join(
-    f"{key} = {list(value) if isinstance(value, tuple) else value}\n" for key, value in SIMULATED.items()
-)
 DSC = "simulate = true\nfollowing_window = 4096\ndsc = "
 
 
@@ -31,7 +27,7 @@ def config(number: int, more: str) -> GatewayConfig:
 
 @pytest.mark.parametrize("like", ["engel", "csp"])
 def test_the_scenario_of_the_positioner_passes_through_the_gateway(like: str) -> None:
-    with running(config(111, _POSITIONER)) as daemon:
+    with running(config(111, POSITIONER)) as daemon:
         world_of(daemon).drive("world", 1, shape=shape(like))
         plc = Plc(daemon, [111])
         engine = Engine(load_scenario(SCENARIO), plc.endpoint)
@@ -68,15 +64,18 @@ def test_with_a_watchdog_of_a_second_dsc_does_not_turn_on_when_the_plc_is_silent
     with running(configuration(axes, transport="watchdog_factor = 250")) as daemon:
         plc = Plc(daemon, [105])
         plc.enable()
-        for _ in range(100):
-            plc.endpoint.set(0, {"XERR": 400, "KPC": 20_000})
+        for way in range(0, 10_000, 100):
+            plc.endpoint.set(0, {"XERR": way - plc.value("G1_XIST1"), "KPC": 20_000})
             plc.exchange()
         drive = drive_of(daemon).node.model
         assert drive.velocity_actual > 0
         plc.silent = True
-        for _ in range(50):
+        for _ in range(40):
             plc.exchange()
-        assert (drive.velocity_actual, drive.state) == (0, State.OPERATION_ENABLED)
+        rest = drive.position
+        for _ in range(10):
+            plc.exchange()
+        assert (drive.velocity_actual, drive.state, drive.position) == (0, State.OPERATION_ENABLED, rest)
         assert daemon.link.connected
         assert snapshot(daemon)["axes"][0]["reason"] == Reason.DSC_OUT_OF_DATE.value
 
@@ -99,7 +98,7 @@ def test_speed_telegrams_turn_through_the_gateway(number: int) -> None:
 
 
 def test_111_shows_the_numbers_of_faults_and_warnings() -> None:
-    with running(config(111, "simulate = true\n" + _POSITIONER)) as daemon:
+    with running(config(111, SIMULATED_POSITIONER)) as daemon:
         plc = Plc(daemon, [111])
         plc.enable()
         assert (plc.value("FAULT_CODE"), plc.value("WARN_CODE")) == (0, 0)

@@ -17,12 +17,9 @@ from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.parameters.codec import ParameterAddress, Values
 from pdgw.profidrive.parameters.errors import ParameterErrorNumber as Number
 from pdgw.tools.parameters.client import ParameterClient
-from tests.support.daemon import Plc, axis, configuration, exchanging, serving
+from tests.support.daemon import SIMULATED_POSITIONER, Plc, axis, configuration, exchanging, serving
 
-POSITIONER = "simulate = true\n[axis.positioner]\n" + "".join(
-    f"{key} = {list(value) if isinstance(value, tuple) else value}\n" for key, value in SIMULATED.items()
-)
-CONFIG = configuration(axis(1, telegram_number=111, more=POSITIONER))
+CONFIG = configuration(axis(1, telegram_number=111, more=SIMULATED_POSITIONER))
 BLOCKS = (
     Block(0, -5, 300),
     Block(1, 7, 6000, 50, 25, BlockMode.RELATIVE, next=BlockNext.FLYING),

@@ -6,16 +6,12 @@ import pytest
 
 from pdgw.ds301.connection_set import SDO_RESPONSE
 from pdgw.durations import MS
-from pdgw.gateway.positioner_config import SIMULATED
 from pdgw.gateway.reasons import FaultNumber
 from pdgw.profidrive.encoder import SensorError
 from pdgw.profidrive.signals import signal
-from tests.support.daemon import Plc, axis, configuration, drive_of, running, world_of
+from tests.support.daemon import SIMULATED_POSITIONER, Plc, axis, configuration, drive_of, running, world_of
 
 ON_THE_FLY, ACTIVATE, READ = 0x80, 0x10, 0x20
-POSITIONER = "simulate = true\n[axis.positioner]\n" + "".join(
-    f"{key} = {list(value) if isinstance(value, tuple) else value}\n" for key, value in SIMULATED.items()
-)
 ZSW = signal("G1_ZSW")
 
 
@@ -92,7 +88,7 @@ def test_half_an_sdo_answer_about_the_touch_probe_is_an_error_of_the_sensor_and_
 
 
 def test_passive_homing_takes_the_position_at_the_probe_while_a_task_runs() -> None:
-    with running(configuration(axis(1, telegram_number=111, more=POSITIONER))) as daemon:
+    with running(configuration(axis(1, telegram_number=111, more=SIMULATED_POSITIONER))) as daemon:
         plc, drive = Plc(daemon, [111]), drive_of(daemon)
         plc.enable()
         homing = {"POS_STW2": signal("POS_STW2").bit("PASSIVE_HOMING").mask, "OVERRIDE": 0x4000}
@@ -113,7 +109,7 @@ def test_passive_homing_takes_the_position_at_the_probe_while_a_task_runs() -> N
 
 
 def test_passive_homing_without_a_touch_probe_is_a_warning() -> None:
-    with running(configuration(axis(1, telegram_number=111, more=POSITIONER))) as daemon:
+    with running(configuration(axis(1, telegram_number=111, more=SIMULATED_POSITIONER))) as daemon:
         plc, node = Plc(daemon, [111]), drive_of(daemon).node
         plc.enable()
         node.entries.pop((0x60B8, 0))

@@ -11,7 +11,9 @@ from pdgw.durations import SECOND
 from pdgw.gateway.config import GatewayConfig
 from pdgw.gateway.config_file import parse_config
 from pdgw.gateway.daemon import Daemon
+from pdgw.gateway.positioner_config import SIMULATED
 from pdgw.gateway.status import snapshot
+from pdgw.gateway.toml_file import toml_text
 from pdgw.gateway.transport.acyclic import AcyclicServer
 from pdgw.peers.drive import SimulatedDrive
 from pdgw.peers.encoder import SimulatedEncoder
@@ -23,6 +25,9 @@ from pdgw.tools.parameters.client import ParameterClient
 
 D = TypeVar("D", SimulatedDrive, SimulatedEncoder)
 OFF, ON = 0x047E, 0x047F
+POSITIONER = "[axis.positioner]\n" + toml_text(SIMULATED)
+"""The keys of a simulated positioner, behind those of its axis."""
+SIMULATED_POSITIONER = f"simulate = true\n{POSITIONER}"
 PATIENCE = 10 * SECOND
 """No healthy gateway needs so long for what a test waits for."""
 

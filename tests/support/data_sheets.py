@@ -18,7 +18,6 @@ from pdgw.ds301.pdo import Pdo, PdoDirection
 from pdgw.dsp402.generic import generic_objects
 from pdgw.dsp402.modes import SUPPORTED_MODES
 from pdgw.dsp402.pdo import pdo
-from pdgw.gateway.positioner_config import SIMULATED
 from pdgw.peers.drive.device import OBJECTS, REVISION
 from pdgw.peers.drive.shapes import Shape
 
@@ -39,10 +38,6 @@ _DEFAULTS = {
     (0x60C2, 2): -3,
 }
 """What a drive holds where its sheet gives no default: no limit, factors of 1."""
-POSITIONER = "[axis.positioner]\n" + "".join(
-    f"{key} = {list(value) if isinstance(value, tuple) else value}\n" for key, value in SIMULATED.items()
-)
-"""What telegram 111 asks the user for."""
 _RAMP = 10_000
 """rpm/s, of the drive as it is delivered."""
 

@@ -10,7 +10,8 @@ from typer.testing import CliRunner
 from pdgw.peers.drive import SimulatedDrive
 from pdgw.tools.commands.config import app
 from tests.support import buses
-from tests.support.data_sheets import POSITIONER, SHEETS
+from tests.support.daemon import POSITIONER
+from tests.support.data_sheets import SHEETS
 
 CONFIG = """
 [can]
