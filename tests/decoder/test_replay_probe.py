@@ -26,7 +26,7 @@ def measure(plc: RecordedPlc) -> None:
     plc.endpoint.set(0, {"G1_STW": ON_THE_FLY | READ | 1})
     plc.until(lambda: plc.value("G1_XIST2"), "read")
     plc.endpoint.set(0, {"G1_STW": 0, "NSOLL_B": 0})
-    for _ in range(20):
+    for _ in range(30):
         plc.exchange()
 
 
@@ -56,7 +56,7 @@ def test_a_search_the_drive_refuses_is_the_same_error(tmp_path: Path) -> None:
             node.indices.discard(index)
         plc.endpoint.set(0, {"G1_STW": ON_THE_FLY | ACTIVATE | 0b01})
         plc.until(lambda: plc.value("G1_XIST2") == 0x0F01, "error")
-        for _ in range(40):
+        for _ in range(50):
             plc.exchange()
         assert only(plc.replayed(tmp_path)) == []
 
@@ -73,7 +73,7 @@ def test_passive_homing_is_replayed(tmp_path: Path) -> None:
         drive.set_probe(1, True)
         home = signal("ZSW1").bit("HOME_POSITION_SET", positioning=True).mask
         plc.until(lambda: plc.value("ZSW1") & home, "homed")
-        for _ in range(20):
+        for _ in range(30):
             plc.exchange()
         assert only(plc.replayed(tmp_path)) == []
 
