@@ -95,8 +95,9 @@ NOT_TYPED = {
         "tests/endtoend/test_profinet.py",
     ),
     "pdgw sim plc tools/scenarios/positioner.yaml": ("a folder of the sources", "tests/peers/test_plc_positioner.py"),
-    "pdgw soak --hours 24 --seed 7 --axes 2 --telegrams 1,9": (_MINUTES, "tests/tools/test_soak.py"),
-    "pdgw soak --seed 7 --axes 1 --telegrams 1 --until 49.001 --trace": (_MINUTES, "tests/tools/test_soak.py"),
+    "pdgw soak --hours 24 --seed 7": (_MINUTES, "tests/tools/test_soak.py"),
+    "pdgw soak --planted --seed 1": (_MINUTES, "tests/tools/test_soak_planted.py"),
+    "pdgw soak --seed 7 --axes 2 --until 49.001 --trace": (_MINUTES, "tests/tools/test_soak.py"),
     "pdgw web --listen": (_PART, "tests/tools/test_web_command.py"),
 }
 """Why a command is not typed, and where what it does is tested."""

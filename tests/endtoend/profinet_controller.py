@@ -20,6 +20,7 @@ from pdgw.peers.controller.running import RunningController
 from pdgw.profidrive.telegrams import telegram
 from pdgw.profinet.model import API_PROFIDRIVE, INTERFACE_SUBSLOT
 from pdgw.profinet.rpc.client import RecordResult
+from pdgw.tools.namespaces import VethPair
 
 AXIS = (1, 2)
 PATIENCE_S = 60.0
@@ -114,6 +115,9 @@ def ends_without_its_address(runner: RunningController, flush: list[str]) -> boo
 
 def main(config: Path, pdgw: str) -> None:
     seen: dict[str, object] = {}
+    for _ in range(5):  # the next virtual pair can be made at once
+        with VethPair():
+            pass
     holder = pair()
     gateway = subprocess.Popen(
         ["nsenter", "-t", str(holder.pid), "-n", pdgw, "run", str(config), "--record", str(config.parent)]

@@ -132,15 +132,6 @@ def test_where_the_kernel_forbids_namespaces_the_demo_says_so(monkeypatch: pytes
 
 
 @pytest.mark.e2e
-def test_the_next_virtual_pair_can_be_made_at_once() -> None:
-    namespaces_or_skip()
-    script = "from pdgw.tools.namespaces import VethPair\nfor _ in range(5):\n    with VethPair():\n        pass\n"
-    command = ["unshare", "-Urn", sys.executable, "-c", script]
-    result = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
-    assert result.returncode == 0, result.stderr
-
-
-@pytest.mark.e2e
 def test_a_controller_finds_the_gateway_on_ethernet_and_moves_a_drive(tmp_path: Path) -> None:
     namespaces_or_skip()
     config = tmp_path / "gateway.toml"
