@@ -9,6 +9,7 @@ from typer.testing import CliRunner
 
 from pdgw.dsp406.encoder import EncoderClient
 from pdgw.gateway.axis import encoder_machine
+from pdgw.gateway.axis.enable_guard import EnableGuard
 from pdgw.gateway.axis.executors.speed import SpeedExecutor
 from pdgw.gateway.axis.interlock import Interlock
 from pdgw.gateway.daemon import Daemon
@@ -110,8 +111,9 @@ def test_an_encoder_that_is_lost_is_stopped_by_nmt_if_it_is_silent_and_configure
 
 @pytest.mark.planted
 def test_a_gateway_that_starts_a_drive_again_by_itself_fails(monkeypatch: pytest.MonkeyPatch) -> None:
-    # It does not see that the drive took the enable back.
-    monkeypatch.setattr(Interlock, "_changed", lambda self, drive, shown, wish, now: drive)
+    # It does not see that the drive took the enable back, and nothing stands behind it.
+    monkeypatch.setattr(Interlock, "_changed", lambda self, drive, shown, now: drive)
+    monkeypatch.setattr(EnableGuard, "step", lambda self, wish, controlword: True)
     result = run_case(Case("enable-input-dropped", Reaction.STOPS))
     assert result.restarted
     assert "started by itself" in result.failures
