@@ -42,7 +42,7 @@ from pdgw.gateway.axis.values import (
     SdoAnswer,
     gateway_fault,
 )
-from pdgw.gateway.axis.velocity_check import STEP_NS, VelocityCheck
+from pdgw.gateway.axis.velocity_check import VelocityCheck
 from pdgw.gateway.axis.waist import (
     SHOWN_FAULT,
     SHOWN_STATE,
@@ -204,8 +204,7 @@ class AxisMachine:
             between = self._interpolation
             reason = executor.step() if between is None else between.step(executor)
             if drive_ok:
-                if now - self.check.at >= STEP_NS:
-                    self._check_velocity(interlock.action, now)
+                self._check_velocity(interlock.action, now)
                 cell = interlock.cell
                 shown = (SHOWN_STATE if cell.operating else SHOWN_UNCOMMANDED)[statusword & STATE_MASK]
                 flags = report.flags | shown | statusword & cell.visible

@@ -16,8 +16,8 @@ from pdgw.gateway.reasons import FaultNumber
 
 SAMPLE_NS: Final = 100 * MS
 """Positions are compared over steps of at least this time."""
-STEP_NS: Final = 10 * MS
-"""So long after one step in operation the next one is due: the cycle has no time for more."""
+_COMPARE_NS: Final = 10 * MS
+"""Speeds are compared so often: the cycle has no time for more. The way they make is added up in every cycle."""
 _STEPS: Final = 4
 """The median of so many steps counts: one jump of the position (homing, preset) is none."""
 _FAULT: Final = (0.2, 5.0)
@@ -42,23 +42,22 @@ _RAMP_MARGIN: Final = 2
 
 
 class VelocityCheck:
-    """One axis. ``step`` is due when ``STEP_NS`` have passed since ``at``.
-
-    ``locked``: a contradiction was found, and nobody has acknowledged it yet.
-    """
+    """One axis. ``step`` in each cycle; ``locked``: a contradiction was found, and nobody has acknowledged it yet."""
 
     INSTANTS: ClassVar[Mapping[str, int]] = {
-        "at": SAMPLE_NS,
+        "_at": SAMPLE_NS,
+        "_compared_at": _COMPARE_NS,
         "_grown_at": SAMPLE_NS,
         "_over_since": _OVERSPEED_NS,
         "_position_ns": SAMPLE_NS,
     }
 
     __slots__ = (
+        "_at",
         "_ceiling",
+        "_compared_at",
         "_counts",
         "_counts_per_unit",
-        "_expected",
         "_floor",
         "_full",
         "_grown",
@@ -72,7 +71,7 @@ class VelocityCheck:
         "_stop_time",
         "_target",
         "_warned",
-        "at",
+        "_way",
         "locked",
     )
 
@@ -101,9 +100,9 @@ class VelocityCheck:
         self._restart()
 
     def _restart(self) -> None:
-        self.at = -1
-        """When the last step in operation was; -1 out of operation."""
-        self._expected = 0.0
+        self._at = self._compared_at = -1
+        self._way = 0
+        """What 606Ch adds up to since the last position, in velocity units times nanoseconds."""
         self._position = self._position_ns = 0
         self._steps: tuple[tuple[float, float], ...] = ()
         """Of each step, what 6064h moved and what 606Ch says, in position units."""
@@ -122,14 +121,20 @@ class VelocityCheck:
         ``position``, ``position_ns``: the newest 6064h and when it came, 0 never. Times are monotonic nanoseconds.
         """
         if not operating:
-            if self.at >= 0:
+            if self._at >= 0:
                 self._restart()
             return None
-        speed, elapsed = abs(velocity), now - self.at if self.at >= 0 else 0
-        if self.at < 0:
-            self._ceiling = float(speed)
-        self.at = now
-        self._expected += velocity * elapsed / SECOND * self._counts_per_unit
+        if self._at < 0:
+            self._ceiling = float(abs(velocity))
+            self._compared_at = now
+        elif self._counts_per_unit:
+            self._way += velocity * (now - self._at)
+        self._at = now
+        elapsed = now - self._compared_at
+        if 0 < elapsed < _COMPARE_NS:
+            return None
+        self._compared_at = now
+        speed = abs(velocity)
         text = "" if target is None else self._overspeed(abs(target), speed, elapsed, now)
         if text:
             self.locked = True
@@ -163,8 +168,8 @@ class VelocityCheck:
         """6064h has moved on: by how much, and by how much it should have."""
         duration = (position_ns - self._position_ns) / SECOND if self._position_ns else 0.0
         moved = abs(_shortest(position - self._position, self._span))
-        expected = abs(self._expected)
-        self._position, self._position_ns, self._expected = position, position_ns, 0.0
+        expected = abs(self._way) / SECOND * self._counts_per_unit
+        self._position, self._position_ns, self._way = position, position_ns, 0
         if not duration:
             return None
         least = max(_FEWEST_COUNTS, self._floor * self._counts_per_unit * duration)

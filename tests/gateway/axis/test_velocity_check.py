@@ -159,3 +159,17 @@ def test_check_begins_anew_with_each_operation() -> None:
     for _ in range(20):
         assert axis.run(0.3, lambda at: 1200, shown=lambda at: 120, target=lambda at: 120) is None
         assert axis.check.step(False, 0, 0, 0, 0, axis.now) is None
+
+
+@pytest.mark.parametrize("resting", [0, 1, 2])
+def test_jerky_motion_whose_period_equals_the_comparison_is_no_contradiction(resting: int) -> None:
+    """DSC with few position updates jumps and rests, in the rhythm in which speeds are compared."""
+    check = VelocityCheck(STOP_TIME)
+    check.set_drive(scaling(), 30)
+    position, now, speed, found = 0.0, SECOND, 0, []
+    for cycle in range(1000):
+        now += 4 * MS
+        position += speed / 60 * COUNTS * 0.004
+        found.append(check.step(True, None, speed, round(position), now, now))
+        speed = 0 if cycle % 3 == resting else 1500
+    assert not any(found)
