@@ -187,7 +187,10 @@ def _not_evaluated(number: int) -> Iterator[Case]:
 def _cyclic(number: int) -> Iterator[Case]:
     turning = _see(NIST_B="750 rpm +- 10 rpm", ZSW1__TARGET_REACHED=1)
     begin = (*_ENABLE, {"set": {"NSOLL_B": "750 rpm"}}, turning)
-    for bit in ("ENABLE_RAMP_GENERATOR", "UNFREEZE_RAMP_GENERATOR", "ENABLE_SETPOINT", "JOG_1_ON", "JOG_2_ON"):
+    frozen = _see(NIST_B="750 rpm +- 10 rpm", ZSW1__TARGET_REACHED=0)
+    held = ({"set": {"STW1.UNFREEZE_RAMP_GENERATOR": 0}}, {"set": {"NSOLL_B": "300 rpm"}}, {"hold": "100 ms"}, frozen)
+    yield _case(number, "STW1.UNFREEZE_RAMP_GENERATOR", "the speed stays", *begin, *held, {"set": {"NSOLL_B": 0}})
+    for bit in ("ENABLE_RAMP_GENERATOR", "ENABLE_SETPOINT", "JOG_1_ON", "JOG_2_ON"):
         steps = ({"set": {f"STW1.{bit}": int(bit.startswith("JOG"))}}, {"hold": "100 ms"}, turning)
         yield _case(number, f"STW1.{bit}", "not evaluated with DSC", *begin, *steps, {"set": {"NSOLL_B": 0}})
 
