@@ -109,6 +109,8 @@ class Plc:
 
     def enable(self, index: int = 0) -> None:
         self.endpoint.set(index, {"STW1": OFF})
+        self.exchange()  # the last ZSW1 may be older than this OFF
+        self.exchange()
         self.until(lambda: self.state(index) == 0x01, "ready")
         self.endpoint.set(index, {"STW1": ON})
         self.until(lambda: self.state(index) == 0x07, "operation")

@@ -11,6 +11,7 @@ from __future__ import annotations
 import json
 import os
 import selectors
+import struct
 import sys
 import time
 from collections.abc import Sequence
@@ -19,9 +20,11 @@ from pdgw.ds301.can_frame import CAN_FRAME, pack_frame, unpack_frame
 from pdgw.ds301.connection_set import ERROR_CONTROL, NMT, SDO_REQUEST, SDO_RESPONSE
 from pdgw.ds301.pdo import Pdo
 from pdgw.dsp402.images import DriveCommand, DriveFeedback
+from pdgw.dsp402.indices import POSITION_ACTUAL
 from pdgw.durations import MS, SECOND
 from pdgw.peers.bus import Hub
 from pdgw.peers.drive import SimulatedDriveNode
+from pdgw.peers.drive.motion import increments_per_second
 
 PER_BUS = 3
 """Axes a 1 Mbit/s bus carries at 1 kHz: 70 % of it."""
@@ -33,6 +36,11 @@ _SERVICE, _NODE = 0x780, 0x7F
 _TPDO, _RPDO = 0x180, 0x200
 _UPLOAD, _EXPEDITED_MASK, _EXPEDITED_UPLOAD = 0x40, 0xE2, 0x42
 _POLL_NS = 20 * MS
+_POSITION_ASKED, _POSITION_SAID = struct.Struct("<BHB"), struct.Struct("<BHBi")
+_ASKS_POSITION = _POSITION_ASKED.pack(_UPLOAD, POSITION_ACTUAL, 0)
+_SAYS_POSITION = 0x43
+_UNITS_PER_RPM = 2
+"""Of 60FFh."""
 
 
 def buses(axes: int) -> list[int]:
@@ -54,6 +62,8 @@ class IdealDrives:
         self._command, self._feedback = DriveCommand(), DriveFeedback()
         self._uploads: dict[int, dict[bytes, bytes]] = {node.node_id: {} for node in self._nodes}
         """By node-ID: the answers to uploads, until something is written."""
+        self._shafts = [(0, 0.0, 0.0)] * (count + 1)
+        """By node-ID: a moment, the position then and the speed since, in increments."""
         self._asked: bytes | None = None
         self.rpdos = [0] * count
         self.log: list[tuple[int, int]] = []
@@ -93,6 +103,8 @@ class IdealDrives:
             feedback.statusword = _STATUS_OF_COMMAND.get(word, _SWITCH_ON_DISABLED)
             feedback.velocity_actual = velocity if word == _ENABLE_OPERATION else 0
             self._send(CAN_FRAME.pack(_TPDO + node, tpdo.size, tpdo.pack(feedback)))
+            speed = increments_per_second(feedback.velocity_actual / _UNITS_PER_RPM)
+            self._shafts[node] = now, self._position(node, now), speed
             self.rpdos[node - 1] += 1
             if node == self._last:
                 self.log.append((now, velocity))
@@ -100,6 +112,11 @@ class IdealDrives:
         if can_id & _SERVICE == SDO_REQUEST and (answers := self._uploads.get(can_id & _NODE)) is not None:
             if data[0] != _UPLOAD:
                 answers.clear()
+            elif data[: _POSITION_ASKED.size] == _ASKS_POSITION and can_id & _NODE in self._ideal:
+                position = round(self._position(can_id & _NODE, time.monotonic_ns()))
+                said = _POSITION_SAID.pack(_SAYS_POSITION, POSITION_ACTUAL, 0, position)
+                self._send(pack_frame(SDO_RESPONSE + (can_id & _NODE), said))
+                return
             elif (known := answers.get(frame)) is not None:
                 self._send(known)
                 return
@@ -113,6 +130,11 @@ class IdealDrives:
                 # Else the next heartbeat has it: the start would be as long as their period happens to have left.
                 self._send(pack_frame(ERROR_CONTROL + drive.node_id, bytes([drive.state])))
         self._asked = None
+
+    def _position(self, node: int, now: int) -> float:
+        """Where the shaft is; it turns at the speed that 606Ch says, since the gateway compares them."""
+        since, position, speed = self._shafts[node]
+        return position + speed * (now - since) / SECOND
 
     def _begin(self, node: int) -> tuple[Pdo, Pdo]:
         """The drive is ideal from now on, with the PDOs it was given."""
