@@ -88,8 +88,8 @@ class DriveFeedback:
 
 
 def attributes(image: object) -> tuple[str, ...]:
-    """Of an image; not by ``__slots__``, which a compiled class does not have."""
-    return tuple(name for name in dir(image) if not name.startswith("_"))
+    """The values of an image, not what its class declares; not by ``__slots__``, which a compiled class does not have."""
+    return tuple(name for name in dir(image) if name.islower() and not name.startswith("_"))
 
 
 FEEDBACK_NAMES: Final = attributes(DriveFeedback())
