@@ -24,7 +24,8 @@ _FAULT: Final = (0.2, 5.0)
 _WARNING: Final = (0.8, 1.25)
 _STEADY: Final = 1.1
 _FEWEST_COUNTS: Final = 20
-"""A step of fewer position units is too small to be compared."""
+"""A step of fewer position units is too small to be compared. Neither is one in which 606Ch varies by more than its mean: an axis
+that accelerates and brakes between two Statuswords shows speeds that say nothing about its way."""
 _OVERSPEED: Final = 1.5
 """Times the setpoint,"""
 _OVERSPEED_NS: Final = 500 * MS
@@ -63,6 +64,8 @@ class VelocityCheck:
         "_grown",
         "_grown_at",
         "_grown_speed",
+        "_highest",
+        "_lowest",
         "_over_since",
         "_position",
         "_position_ns",
@@ -102,7 +105,9 @@ class VelocityCheck:
     def _restart(self) -> None:
         self._at = self._compared_at = -1
         self._way = 0
-        """What 606Ch adds up to since the last position, in velocity units times nanoseconds."""
+        """What 606Ch adds up to since the last position, in velocity units times nanoseconds,"""
+        self._lowest = self._highest = 0
+        """and between which values it was."""
         self._position = self._position_ns = 0
         self._steps: tuple[tuple[float, float], ...] = ()
         """Of each step, what 6064h moved and what 606Ch says, in position units."""
@@ -127,6 +132,7 @@ class VelocityCheck:
         if self._at < 0:
             self._ceiling = float(abs(velocity))
             self._compared_at = now
+            self._lowest = self._highest = velocity
         elif self._counts_per_unit:
             self._way += velocity * (now - self._at)
         self._at = now
@@ -134,13 +140,16 @@ class VelocityCheck:
         if 0 < elapsed < _COMPARE_NS:
             return None
         self._compared_at = now
+        self._lowest, self._highest = min(self._lowest, velocity), max(self._highest, velocity)
         speed = abs(velocity)
         text = "" if target is None else self._overspeed(abs(target), speed, elapsed, now)
         if text:
             self.locked = True
             return FaultNumber.VELOCITY, text
         if self._counts_per_unit and position_ns - self._position_ns >= SAMPLE_NS:
-            return self._compare(position, position_ns)
+            found = self._compare(position, position_ns)
+            self._lowest = self._highest = velocity
+            return found
         return None
 
     def _overspeed(self, target: int, speed: int, elapsed: int, now: int) -> str:
@@ -169,11 +178,13 @@ class VelocityCheck:
         duration = (position_ns - self._position_ns) / SECOND if self._position_ns else 0.0
         moved = abs(_shortest(position - self._position, self._span))
         expected = abs(self._way) / SECOND * self._counts_per_unit
+        spread = (self._highest - self._lowest) * duration
+        steady = spread <= max(abs(self._way) / SECOND, self._floor * duration)
         self._position, self._position_ns, self._way = position, position_ns, 0
         if not duration:
             return None
         least = max(_FEWEST_COUNTS, self._floor * self._counts_per_unit * duration)
-        if max(moved, expected) < least:
+        if not steady or max(moved, expected) < least:
             self._steps = ()
             return None
         self._steps = (*self._steps[1 - _STEPS :], (moved / duration, max(expected, least) / duration))

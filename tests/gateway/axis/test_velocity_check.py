@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from fractions import Fraction
 from types import MappingProxyType
@@ -173,3 +174,19 @@ def test_jerky_motion_whose_period_equals_the_comparison_is_no_contradiction(res
         found.append(check.step(True, None, speed, round(position), now, now))
         speed = 0 if cycle % 3 == resting else 1500
     assert not any(found)
+
+
+def test_speed_that_jumps_between_samples_is_not_compared() -> None:
+    """Position control over a slow link: each cycle jumps to its position and shows the speed of an arbitrary moment."""
+    axis = Axis()
+    shown = itertools.cycle((6000, 0, -6000, 15, 2000))
+    assert axis.run(5, lambda at: 20, shown=lambda at: next(shown)) is None
+
+
+def test_wrong_speed_is_found_once_jumping_ends() -> None:
+    axis = Axis()
+    shown = itertools.cycle((6000, 0, -6000, 15, 2000))
+    assert axis.run(1, lambda at: 20, shown=lambda at: next(shown)) is None
+    found = axis.run(1, lambda at: 20, shown=lambda at: 300)
+    assert found is not None
+    assert found[0] is FaultNumber.VELOCITY
