@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from pdgw.dsp402.drive_type import Quantity
 from pdgw.durations import MS
 from pdgw.gateway.config import AxisConfig, GatewayConfig
 from pdgw.gateway.config_encoder import EncoderConfig
@@ -127,7 +128,7 @@ def _full(item: AxisConfig | EncoderConfig, signal: Signal) -> str:
         return f"{raw} = {item.reference_speed:g} {item.speed_unit}"
     quantity = quantity_of(signal)
     rated = item.units.rated_speed_rpm
-    if rated is not None and signal.name.startswith(("NSOLL", "NIST")):
+    if rated is not None and quantity is Quantity.SPEED:
         return f"{raw} = {float(rated):g} rpm"
     return f"{raw} = 100 %" + (f" of the {quantity.value}" if quantity is not None else "")
 

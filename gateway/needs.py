@@ -10,26 +10,24 @@ from typing import NamedTuple
 from pdgw.dsp402.drive_type import Quantity, Scaling
 from pdgw.dsp402.unit_keys import KEY_LINES
 from pdgw.profidrive.datatypes import DataType
-from pdgw.profidrive.signals import Signal
+from pdgw.profidrive.signals import Signal, SignalQuantity
 from pdgw.profidrive.telegrams import Telegram
 
-_QUANTITIES = (
-    ("NSOLL", Quantity.SPEED),
-    ("NIST", Quantity.SPEED),
-    ("MDI_VELOCITY", Quantity.PROFILE_VELOCITY),
-    ("MDI_ACC", Quantity.ACCELERATION),
-    ("MDI_DEC", Quantity.DECELERATION),
-    ("MDI_TARPOS", Quantity.POSITION),
-    ("XIST_A", Quantity.POSITION),
-)
-"""Beginning of a signal's name, and what it is a fraction of."""
+_REFERENCES = {
+    SignalQuantity.SPEED: Quantity.SPEED,
+    SignalQuantity.MOTION_VELOCITY: Quantity.PROFILE_VELOCITY,
+    SignalQuantity.ACCELERATION: Quantity.ACCELERATION,
+    SignalQuantity.DECELERATION: Quantity.DECELERATION,
+    SignalQuantity.POSITION: Quantity.POSITION,
+}
+"""The reference of the drive that is 100 % of a signal."""
 
 
 def quantity_of(signal: Signal) -> Quantity | None:
     """What a signal is a fraction of; None for one that is no fraction, or of none of these quantities."""
-    if signal.type not in {DataType.N2, DataType.N4}:
+    if signal.quantity is None or signal.type not in {DataType.N2, DataType.N4}:
         return None
-    return next((quantity for start, quantity in _QUANTITIES if signal.name.startswith(start)), None)
+    return _REFERENCES.get(signal.quantity)
 
 
 def needed_quantities(telegram: Telegram) -> tuple[Quantity, ...]:

@@ -10,6 +10,7 @@ bits, which ``words`` declares; nothing else gives a bit a number.
 
 from __future__ import annotations
 
+import enum
 import struct
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -41,13 +42,32 @@ from pdgw.profidrive.words import (
 )
 
 
+class SignalQuantity(enum.Enum):
+    """What the value of a signal measures; the value is its name in messages and pictures."""
+
+    SPEED = "speed"
+    MOTION_VELOCITY = "velocity of a motion task"
+    ACCELERATION = "acceleration"
+    DECELERATION = "deceleration"
+    POSITION = "position"
+    POSITION_ERROR = "position error"
+    OVERRIDE = "override"
+    CURRENT = "current"
+    TORQUE = "torque"
+    TORQUE_REDUCTION = "torque reduction"
+    POWER = "power"
+    VOLTAGE = "voltage"
+
+
 @dataclass(frozen=True, slots=True)
 class Signal:
     """A signal of a telegram.
 
-    ``number`` is the PROFIdrive signal number (0 for manufacturer signals without one); ``unit`` the physical
-    unit, ``%`` for normalised fractions; ``bits`` the fields of a word; ``positioning_bits`` those whose meaning
-    differs in the positioning telegrams (7, 9, 110 to 112). ``is_float``: the raw value is the bit pattern of an IEEE 754 number.
+    ``number`` is the PROFIdrive signal number (0 for manufacturer signals without one); ``quantity`` what the value
+    measures, None for words and numbers that measure nothing; ``unit`` the physical unit, ``%`` for a normalised
+    fraction of the quantity's reference; ``bits`` the fields of a word; ``positioning_bits`` those whose meaning
+    differs in the positioning telegrams (7, 9, 110 to 112). ``is_float``: the raw value is the bit pattern of an
+    IEEE 754 number.
     """
 
     name: str
@@ -59,6 +79,7 @@ class Signal:
     positioning_bits: tuple[Bit, ...] = ()
     confidence: Confidence = Confidence.CONFIRMED
     is_float: bool = False
+    quantity: SignalQuantity | None = None
 
     def __repr__(self) -> str:
         return f"<Signal {self.name} ({self.type.name}): {self.description}>"
@@ -148,8 +169,8 @@ _N2 = DataType.N2
 _N4 = DataType.N4
 
 
-def _float(name: str, description: str, unit: str) -> Signal:
-    return Signal(name, 0, _U32, description, unit, confidence=Confidence.UNVERIFIED, is_float=True)
+def _float(name: str, description: str, unit: str, quantity: SignalQuantity) -> Signal:
+    return Signal(name, 0, _U32, description, unit, confidence=Confidence.UNVERIFIED, is_float=True, quantity=quantity)
 
 
 CATALOGUE: tuple[Signal, ...] = (
@@ -157,17 +178,32 @@ CATALOGUE: tuple[Signal, ...] = (
     Signal("ZSW1", 2, _V2, "status word 1", "", ZSW1_BITS, ZSW1_POSITIONING),
     Signal("STW2", 3, _V2, "control word 2", "", STW2_BITS),
     Signal("ZSW2", 4, _V2, "status word 2", "", ZSW2_BITS),
-    Signal("NSOLL_A", 5, _N2, "speed setpoint A", "%"),
-    Signal("NIST_A", 6, _N2, "speed actual value A", "%"),
-    Signal("NSOLL_B", 7, _N4, "speed setpoint B", "%"),
-    Signal("NIST_B", 8, _N4, "speed actual value B", "%"),
+    Signal("NSOLL_A", 5, _N2, "speed setpoint A", "%", quantity=SignalQuantity.SPEED),
+    Signal("NIST_A", 6, _N2, "speed actual value A", "%", quantity=SignalQuantity.SPEED),
+    Signal("NSOLL_B", 7, _N4, "speed setpoint B", "%", quantity=SignalQuantity.SPEED),
+    Signal("NIST_B", 8, _N4, "speed actual value B", "%", quantity=SignalQuantity.SPEED),
     Signal("G1_STW", 9, _V2, "sensor 1 control word", "", G_STW_BITS),
     Signal("G1_ZSW", 10, _V2, "sensor 1 status word", "", G_ZSW_BITS),
-    Signal("G1_XIST1", 11, _U32, "sensor 1 position actual value 1", "increments"),
-    Signal("G1_XIST2", 12, _U32, "sensor 1 position actual value 2 or error code", "increments"),
+    Signal("G1_XIST1", 11, _U32, "sensor 1 position actual value 1", "increments", quantity=SignalQuantity.POSITION),
+    Signal(
+        "G1_XIST2",
+        12,
+        _U32,
+        "sensor 1 position actual value 2 or error code",
+        "increments",
+        quantity=SignalQuantity.POSITION,
+    ),
     Signal("G2_STW", 13, _V2, "sensor 2 control word", "", G_STW_BITS, confidence=Confidence.UNVERIFIED),
     Signal("G2_ZSW", 14, _V2, "sensor 2 status word", "", G_ZSW_BITS, confidence=Confidence.UNVERIFIED),
-    Signal("G2_XIST1", 15, _U32, "sensor 2 position actual value 1", "increments", confidence=Confidence.UNVERIFIED),
+    Signal(
+        "G2_XIST1",
+        15,
+        _U32,
+        "sensor 2 position actual value 1",
+        "increments",
+        confidence=Confidence.UNVERIFIED,
+        quantity=SignalQuantity.POSITION,
+    ),
     Signal(
         "G2_XIST2",
         16,
@@ -175,15 +211,22 @@ CATALOGUE: tuple[Signal, ...] = (
         "sensor 2 position actual value 2 or error code",
         "increments",
         confidence=Confidence.UNVERIFIED,
+        quantity=SignalQuantity.POSITION,
     ),
     # In the units of G1_XIST1 with its fine resolution.
     Signal(
-        "XERR", 25, _I32, "position error of the controller in the PLC", "increments", confidence=Confidence.UNVERIFIED
+        "XERR",
+        25,
+        _I32,
+        "position error of the controller in the PLC",
+        "increments",
+        confidence=Confidence.UNVERIFIED,
+        quantity=SignalQuantity.POSITION_ERROR,
     ),
     Signal(
         "KPC", 26, _I32, "gain of the position controller, 0 = DSC off", "0.001/s", confidence=Confidence.UNVERIFIED
     ),
-    Signal("XIST_A", 28, _N4, "position actual value A", "%"),
+    Signal("XIST_A", 28, _N4, "position actual value A", "%", quantity=SignalQuantity.POSITION),
     Signal(
         "SATZANW",
         32,
@@ -206,10 +249,10 @@ CATALOGUE: tuple[Signal, ...] = (
             Bit(15, "MDI_ACTIVE", "MDI sub mode active"),
         ),
     ),
-    Signal("MDI_TARPOS", 34, _N4, "MDI target position", "%"),
-    Signal("MDI_VELOCITY", 35, _N4, "MDI velocity", "%"),
-    Signal("MDI_ACC", 36, _N2, "MDI acceleration", "%"),
-    Signal("MDI_DEC", 37, _N2, "MDI deceleration", "%"),
+    Signal("MDI_TARPOS", 34, _N4, "MDI target position", "%", quantity=SignalQuantity.POSITION),
+    Signal("MDI_VELOCITY", 35, _N4, "MDI velocity", "%", quantity=SignalQuantity.MOTION_VELOCITY),
+    Signal("MDI_ACC", 36, _N2, "MDI acceleration", "%", quantity=SignalQuantity.ACCELERATION),
+    Signal("MDI_DEC", 37, _N2, "MDI deceleration", "%", quantity=SignalQuantity.DECELERATION),
     Signal(
         "MDI_MOD",
         38,
@@ -222,10 +265,10 @@ CATALOGUE: tuple[Signal, ...] = (
             Bit(2, "NEGATIVE_DIRECTION", "modulo axis: negative direction"),
         ),
     ),
-    Signal("IAIST_GLATT", 51, _N2, "current actual value, smoothed", "%"),
-    Signal("MIST_GLATT", 53, _N2, "torque actual value, smoothed", "%"),
-    Signal("PIST_GLATT", 54, _N2, "power actual value, smoothed", "%"),
-    Signal("NIST_A_GLATT", 57, _N2, "speed actual value A, smoothed", "%"),
+    Signal("IAIST_GLATT", 51, _N2, "current actual value, smoothed", "%", quantity=SignalQuantity.CURRENT),
+    Signal("MIST_GLATT", 53, _N2, "torque actual value, smoothed", "%", quantity=SignalQuantity.TORQUE),
+    Signal("PIST_GLATT", 54, _N2, "power actual value, smoothed", "%", quantity=SignalQuantity.POWER),
+    Signal("NIST_A_GLATT", 57, _N2, "speed actual value A, smoothed", "%", quantity=SignalQuantity.SPEED),
     Signal(
         "MELD_NAMUR",
         58,
@@ -272,7 +315,15 @@ CATALOGUE: tuple[Signal, ...] = (
             SIGN_OF_LIFE,
         ),
     ),
-    Signal("MOMRED", 101, _N2, "torque reduction, 100 % = no torque", "%", confidence=Confidence.UNVERIFIED),
+    Signal(
+        "MOMRED",
+        101,
+        _N2,
+        "torque reduction, 100 % = no torque",
+        "%",
+        confidence=Confidence.UNVERIFIED,
+        quantity=SignalQuantity.TORQUE_REDUCTION,
+    ),
     Signal("MELDW", 102, _V2, "message word", "", MELDW_BITS),
     Signal(
         "POS_STW",
@@ -292,7 +343,7 @@ CATALOGUE: tuple[Signal, ...] = (
         POS_ZSW_BITS,
         confidence=Confidence.ONE_SOURCE,
     ),
-    Signal("OVERRIDE", 205, _N2, "override of the speed, negative = 0", "%"),
+    Signal("OVERRIDE", 205, _N2, "override of the speed, negative = 0", "%", quantity=SignalQuantity.OVERRIDE),
     Signal("POS_STW1", 220, _V2, "positioner control word 1", "", POS_STW1_BITS),
     Signal("POS_ZSW1", 221, _V2, "positioner status word 1", "", POS_ZSW1_BITS),
     Signal("POS_STW2", 222, _V2, "positioner control word 2", "", POS_STW2_BITS),
@@ -301,16 +352,23 @@ CATALOGUE: tuple[Signal, ...] = (
     Signal("WARN_CODE", 303, _U16, "number of the first warning (P953)"),
     Signal("USER", 0, _U16, "for the user"),
     # Telegram 112: numbers in a unit of length of the user's choice. Their layout has two sources, their units none.
-    _float("MDI_TARPOS_F", "MDI target position", "unit of length"),
-    _float("MDI_VELOCITY_F", "MDI velocity", "unit of length per minute or second"),
-    _float("MDI_ACC_F", "MDI acceleration", "% of max_acceleration"),
-    _float("MDI_DEC_F", "MDI deceleration", "% of max_deceleration"),
-    _float("REF_COORDINATE", "position of the reference point", "unit of length"),
-    _float("XIST_F", "position actual value", "unit of length"),
-    _float("VIST_F", "velocity actual value", "unit of length per minute or second"),
+    _float("MDI_TARPOS_F", "MDI target position", "unit of length", SignalQuantity.POSITION),
+    _float("MDI_VELOCITY_F", "MDI velocity", "unit of length per minute or second", SignalQuantity.MOTION_VELOCITY),
+    _float("MDI_ACC_F", "MDI acceleration", "% of max_acceleration", SignalQuantity.ACCELERATION),
+    _float("MDI_DEC_F", "MDI deceleration", "% of max_deceleration", SignalQuantity.DECELERATION),
+    _float("REF_COORDINATE", "position of the reference point", "unit of length", SignalQuantity.POSITION),
+    _float("XIST_F", "position actual value", "unit of length", SignalQuantity.POSITION),
+    _float("VIST_F", "velocity actual value", "unit of length per minute or second", SignalQuantity.MOTION_VELOCITY),
     Signal("RESERVED", 0, _U16, "reserved, 0"),
     Signal("RESERVED_2", 0, _U32, "reserved, 0"),
-    Signal("G1_XIST3", 84, DataType.UNSIGNED64, "sensor 1 position actual value 3", "increments"),
+    Signal(
+        "G1_XIST3",
+        84,
+        DataType.UNSIGNED64,
+        "sensor 1 position actual value 3",
+        "increments",
+        quantity=SignalQuantity.POSITION,
+    ),
     # Telegram 100 of the manufacturer: values pass unchanged, names as its guide spells them.
     Signal("Controlword", 0, _U16, "Controlword"),
     Signal(
@@ -321,16 +379,16 @@ CATALOGUE: tuple[Signal, ...] = (
         "",
         (Bit(0, "MODE", "mode of operation", 8, signed=True), Bit(8, "RESERVED", "reserved, 0", 8)),
     ),
-    Signal("Target Torque", 0, _I16, "target torque", "1/1000 rated current"),
-    Signal("Target Position", 0, _I32, "target position", "increments"),
-    Signal("Profile Velocity", 0, _U32, "profile velocity", "velocity units"),
-    Signal("Profile Acceleration", 0, _U32, "profile acceleration", "10 rpm/s"),
-    Signal("Profile Deceleration", 0, _U32, "profile deceleration", "10 rpm/s"),
+    Signal("Target Torque", 0, _I16, "target torque", "1/1000 rated current", quantity=SignalQuantity.TORQUE),
+    Signal("Target Position", 0, _I32, "target position", "increments", quantity=SignalQuantity.POSITION),
+    Signal("Profile Velocity", 0, _U32, "profile velocity", "velocity units", quantity=SignalQuantity.MOTION_VELOCITY),
+    Signal("Profile Acceleration", 0, _U32, "profile acceleration", "10 rpm/s", quantity=SignalQuantity.ACCELERATION),
+    Signal("Profile Deceleration", 0, _U32, "profile deceleration", "10 rpm/s", quantity=SignalQuantity.DECELERATION),
     Signal("Dynamic Speed Limit", 0, _U16, "dynamic speed limit", "0.5 rpm"),
     Signal("Dynamic Torque Limit", 0, _U16, "dynamic torque limit", "1/1000 rated current"),
     Signal("Digital Outputs", 0, _U32, "physical outputs"),
     Signal("Digital Outputs Mask", 0, _U32, "bit mask of the outputs under user control"),
-    Signal("Target Velocity", 0, _I32, "target velocity", "velocity units"),
+    Signal("Target Velocity", 0, _I32, "target velocity", "velocity units", quantity=SignalQuantity.SPEED),
     Signal("Statusword", 0, _U16, "Statusword"),
     Signal(
         "Modes of Operation Display",
@@ -340,15 +398,19 @@ CATALOGUE: tuple[Signal, ...] = (
         "",
         (Bit(0, "MODE", "mode of operation", 8, signed=True), Bit(8, "RESERVED", "0", 8)),
     ),
-    Signal("Position Actual Value", 0, _I32, "position actual value", "increments"),
-    Signal("Velocity Demand Value", 0, _I32, "velocity demand value", "velocity units"),
-    Signal("Velocity Actual Value", 0, _I32, "velocity actual value", "velocity units"),
-    Signal("Current Actual Value", 0, _I16, "current actual value", "1/1000 rated current"),
-    Signal("DC-link Circuit Voltage", 0, _U32, "DC-link circuit voltage", "mV"),
+    Signal("Position Actual Value", 0, _I32, "position actual value", "increments", quantity=SignalQuantity.POSITION),
+    Signal("Velocity Demand Value", 0, _I32, "velocity demand value", "velocity units", quantity=SignalQuantity.SPEED),
+    Signal("Velocity Actual Value", 0, _I32, "velocity actual value", "velocity units", quantity=SignalQuantity.SPEED),
+    Signal(
+        "Current Actual Value", 0, _I16, "current actual value", "1/1000 rated current", quantity=SignalQuantity.CURRENT
+    ),
+    Signal("DC-link Circuit Voltage", 0, _U32, "DC-link circuit voltage", "mV", quantity=SignalQuantity.VOLTAGE),
     Signal("Digital Inputs", 0, _U32, "digital inputs"),
-    Signal("Analogue Input 1", 0, _I16, "analogue input AI1", "10/32767 V"),
-    Signal("Analogue Input 2", 0, _I16, "analogue input AI2", "10/32767 V"),
-    Signal("Encoder Position Value", 0, _I16, "incremental encoder counter", "increments"),
+    Signal("Analogue Input 1", 0, _I16, "analogue input AI1", "10/32767 V", quantity=SignalQuantity.VOLTAGE),
+    Signal("Analogue Input 2", 0, _I16, "analogue input AI2", "10/32767 V", quantity=SignalQuantity.VOLTAGE),
+    Signal(
+        "Encoder Position Value", 0, _I16, "incremental encoder counter", "increments", quantity=SignalQuantity.POSITION
+    ),
     Signal("Error Code", 0, _U16, "manufacturer's error number"),
 )
 
@@ -359,11 +421,19 @@ POSITIONER_FORMS: Mapping[str, Signal] = MappingProxyType(
     {
         form.name: form
         for form in (
-            Signal("XIST_A", 28, _I32, "position actual value A", "LU"),
+            Signal("XIST_A", 28, _I32, "position actual value A", "LU", quantity=SignalQuantity.POSITION),
             Signal("SATZANW", 32, _V2, "traversing block selection", "", BLOCK_SELECTION),
             Signal("AKTSATZ", 33, _V2, "traversing block active", "", BLOCK_ACTIVE),
-            Signal("MDI_TARPOS", 34, _I32, "MDI target position", "LU"),
-            Signal("MDI_VELOCITY", 35, _U32, "MDI velocity", "1000 LU/min", confidence=Confidence.UNVERIFIED),
+            Signal("MDI_TARPOS", 34, _I32, "MDI target position", "LU", quantity=SignalQuantity.POSITION),
+            Signal(
+                "MDI_VELOCITY",
+                35,
+                _U32,
+                "MDI velocity",
+                "1000 LU/min",
+                confidence=Confidence.UNVERIFIED,
+                quantity=SignalQuantity.MOTION_VELOCITY,
+            ),
         )
     }
 )

@@ -81,9 +81,12 @@ def _device(number: int, traced: TracedObject, item: Document) -> Iterator[Curve
         yield Curve("position", "Drive's position", unit, lambda cycle: float(cycle.objects[number].position))
 
 
-def usual(found: dict[str, Curve]) -> list[str]:
-    """Set and actual value: of the speed where the telegram has both, else what the device tells, else what is sent."""
-    speeds = [next((name for name in found if name.startswith(start)), None) for start in ("NSOLL", "NIST")]
+def usual(found: dict[str, Curve], chosen: Telegram) -> list[str]:
+    """Setpoint and actual value: of the speed where the telegram has both, else what the device reports, else what is sent."""
+    halves = (chosen.setpoints, chosen.actuals)
+    speeds = [
+        next((item.name for item in half.signals if quantity_of(item) is Quantity.SPEED), None) for half in halves
+    ]
     if None not in speeds:
         return [name for name in speeds if name is not None]
     wanted = ("velocity", "position", "NIST_B", "NIST_A", "G1_XIST1")
@@ -157,11 +160,12 @@ class Traces:
 
     def chosen(self, reader: RingReader, do_id: int, names: Sequence[str]) -> list[Curve]:
         """The curves with these names, or the usual ones; GatewayError names one that does not exist."""
-        found = curves(reader, *self.item(reader, do_id))
+        number, item = self.item(reader, do_id)
+        found = curves(reader, number, item)
         unknown = [name for name in names if name not in found]
         if unknown:
             raise GatewayError(f"signals {', '.join(unknown)}: allowed are {', '.join(found)}")
-        return [found[name] for name in names or usual(found)]
+        return [found[name] for name in names or usual(found, telegram(reader.layout.objects[number].telegram))]
 
     def history(self, do_id: int, seconds: float, names: Sequence[str], bins: int | None) -> Document:
         """The last ``seconds`` as far as the ring has them, on a thread."""

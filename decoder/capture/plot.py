@@ -15,18 +15,12 @@ from pdgw.dsp402.states import STATE_OF_STATUS, State
 from pdgw.durations import SECOND
 from pdgw.gateway.axis.watch import FAULTY
 from pdgw.gateway.errors import GatewayError
+from pdgw.profidrive.signals import CATALOGUE
 
 MAX_POINTS: Final = 1 << 19
-_QUANTITIES: Final = {
-    "speed": ("nsoll_", "nist_", "mdi_velocity"),
-    "position": ("mdi_tarpos", "xist_"),
-    "position error": ("xerr",),
-    "override": ("override",),
-    "torque reduction": ("momred",),
-    "velocity of the drive": ("target_velocity", "velocity_actual_value", "velocity_demand_value"),
-    "position of the drive": ("target_position", "position_actual_value", "position_demand_value"),
-}
-"""Set and actual values of one quantity, by how their names begin: with one unit they share a panel."""
+_QUANTITIES: Final = {item.identifier: item.quantity.value for item in CATALOGUE if item.quantity is not None}
+"""Setpoints and actual values of one quantity share a panel if they have one unit. Objects of a drive have
+the names of telegram 100."""
 _STATUS_NAMES: Final = ("statusword", "zsw1", "zsw2_enc")
 _OPERATION, _FAULT, _OTHER = "operation", "fault", "off"
 _COLOURS: Final = {_OPERATION: "#72b7b2", _FAULT: "#e45756", _OTHER: "#dddddd"}
@@ -74,7 +68,7 @@ class Panel:
 
 def quantity_of(name: str) -> str:
     """What a value with this identifier is a set or actual value of; empty for any other."""
-    return next((text for text, begins in _QUANTITIES.items() if name.startswith(begins)), "")
+    return _QUANTITIES.get(name, "")
 
 
 def panels_of(titles: Sequence[str], names: Names) -> list[Panel]:

@@ -19,7 +19,8 @@ from pdgw.peers.plc.endpoint import PlcEndpoint
 from pdgw.peers.plc.engine import Engine
 from pdgw.peers.plc.parameters import ParameterAccess, ParameterWorker
 from pdgw.profidrive.frame import CYCLIC_PORT
-from pdgw.profidrive.telegrams import ApplicationMode
+from pdgw.profidrive.signals import SignalQuantity
+from pdgw.profidrive.telegrams import ApplicationMode, TelegramHalf
 from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
 
 if TYPE_CHECKING:
@@ -104,9 +105,8 @@ class PlcRunner(abc.ABC):
             if actuals is None:
                 continue
             setpoints = self.endpoint.setpoints[index]
-            demand, actual = _MAIN_VALUES[item.mode]
-            demand_name = next((n for n in setpoints if n.startswith(demand)), None)
-            actual_name = next((n for prefix in actual for n in actuals if n.startswith(prefix)), None)
+            demand_name = _main_value(item.setpoints, item.mode)
+            actual_name = _main_value(item.actuals, item.mode)
             self.trace.append(
                 (
                     round((now - self._start) / SECOND, 4),
@@ -207,9 +207,15 @@ class PlcClient(PlcRunner):
                 self._record(False, data)
 
 
-_MAIN_VALUES = {
-    ApplicationMode.VELOCITY: ("NSOLL", ("NIST",)),
-    ApplicationMode.POSITIONING: ("MDI_TARPOS", ("XIST",)),
-    ApplicationMode.TRANSPARENT: ("Target Velocity", ("Velocity Actual",)),
-    ApplicationMode.ENCODER: ("G1_STW", ("NIST", "G1_XIST")),
+_MAIN_QUANTITIES = {
+    ApplicationMode.VELOCITY: (SignalQuantity.SPEED,),
+    ApplicationMode.POSITIONING: (SignalQuantity.POSITION,),
+    ApplicationMode.TRANSPARENT: (SignalQuantity.SPEED,),
+    ApplicationMode.ENCODER: (SignalQuantity.SPEED, SignalQuantity.POSITION),
 }
+
+
+def _main_value(half: TelegramHalf, mode: ApplicationMode) -> str | None:
+    """The signal of the trace: the first of the quantity that the application mode controls or measures; None without one."""
+    signals = [item for item in half.signals if item.name != "Velocity Demand Value"]
+    return next((item.name for wanted in _MAIN_QUANTITIES[mode] for item in signals if item.quantity is wanted), None)

@@ -19,6 +19,7 @@ from pdgw.peers.plc.scenario import Home, Move, References, Scalar, Step
 from pdgw.peers.plc.sensor import SensorWords
 from pdgw.peers.plc.vocabulary import word
 from pdgw.profidrive.errors import ProfidriveError
+from pdgw.profidrive.signals import SignalQuantity
 from pdgw.profidrive.telegrams import TELEGRAMS, ApplicationMode, Telegram, TelegramHalf
 from pdgw.profidrive.words import Bit
 from pdgw.tools.parameters.address import Target, parse_target
@@ -399,7 +400,7 @@ class Compiler:
 
 
 def _speed_setpoint(chosen: Telegram) -> str:
-    name = next((n for n in chosen.setpoints.names if n.startswith("NSOLL")), None)
-    if name is None:
-        raise GatewayError(f"not possible with telegram {chosen.number}, which has no NSOLL")
-    return name
+    for item in chosen.setpoints.signals:
+        if item.quantity is SignalQuantity.SPEED and item.percent(1) is not None:
+            return item.name
+    raise GatewayError(f"not possible with telegram {chosen.number}, which has no speed setpoint")

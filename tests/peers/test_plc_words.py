@@ -93,7 +93,7 @@ def test_on_as_yaml_reads_it_is_the_bit() -> None:
         (111, {"mdi": {"to": 1.5}}, r"MDI_TARPOS = '1\.5': expected"),
         (112, {"mdi": {"to": 1.5}}, "mdi.velocity: missing, telegram 112 needs it"),
         (112, {"expect": {"XIST_F": "& 64 = 64"}}, "XIST_F = & 64 = 64: & is for words of bits"),
-        (111, {"speed": "5 %"}, "not possible with telegram 111, which has no NSOLL"),
+        (111, {"speed": "5 %"}, "not possible with telegram 111, which has no speed setpoint"),
     ],
 )  # fmt: skip
 def test_a_word_that_does_not_fit_is_told(number: int, step: dict[str, Any], text: str) -> None:

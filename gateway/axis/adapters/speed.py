@@ -12,7 +12,7 @@ from pdgw.gateway.axis.adapters.base import ControlWordAdapter, place
 from pdgw.gateway.axis.settings import AxisSettings, SetpointEnable
 from pdgw.gateway.axis.waist import Demand, Report, SpeedWish
 from pdgw.profidrive.datatypes import N4_PER_N2, DataType
-from pdgw.profidrive.signals import signal
+from pdgw.profidrive.signals import SignalQuantity, signal
 from pdgw.profidrive.telegrams import Telegram, TelegramHalf
 
 _STW1: Final = signal("STW1")
@@ -31,8 +31,8 @@ class SpeedAdapter(ControlWordAdapter):
 
     def __init__(self, telegram: Telegram, settings: AxisSettings) -> None:
         super().__init__(telegram, settings)
-        self._setpoint, self._setpoint_factor = _speed_signal(telegram.setpoints, "NSOLL")
-        self._actual, self._actual_factor = _speed_signal(telegram.actuals, "NIST")
+        self._setpoint, self._setpoint_factor = _speed_signal(telegram.setpoints)
+        self._actual, self._actual_factor = _speed_signal(telegram.actuals)
         self._follows = False
         """The speed setpoint is in force."""
         self._profidrive = settings.setpoint_enable is SetpointEnable.PROFIDRIVE
@@ -133,7 +133,9 @@ class DscAdapter(WideSpeedAdapter):
             demand.kpc = setpoints[self._kpc]
 
 
-def _speed_signal(half: TelegramHalf, prefix: str) -> tuple[int, int]:
+def _speed_signal(half: TelegramHalf) -> tuple[int, int]:
     """Where the speed is, and what its steps are worth in N4."""
-    index = next(index for index, name in enumerate(half.names) if name.startswith(prefix))
-    return index, N4_PER_N2 if half.signals[index].type is DataType.N2 else 1
+    index, item = next(
+        (index, item) for index, item in enumerate(half.signals) if item.quantity is SignalQuantity.SPEED
+    )
+    return index, N4_PER_N2 if item.type is DataType.N2 else 1
