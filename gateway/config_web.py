@@ -19,8 +19,9 @@ _TOPIC = r"^[^/+#$\x00][^+#\x00]*$"
 
 
 def split_address(text: str) -> tuple[str, int]:
-    """``127.0.0.1:8420`` or ``[::1]:8420`` as address and port; ValueError when it is neither."""
+    """``127.0.0.1:8420``, ``localhost:8420``, ``[::1]:8420`` or ``::1:8420`` as address and port; ValueError for another text."""
     host, _, port = text.rpartition(":")
+    host = "127.0.0.1" if host.lower() == "localhost" else host
     host = host.removeprefix("[").removesuffix("]") if host.startswith("[") else host
     try:
         ipaddress.ip_address(host)

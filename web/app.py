@@ -26,8 +26,11 @@ from starlette.types import ASGIApp
 from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.web.declarations import states_document, telegram_document
+from pdgw.web.errors import RequestError
 from pdgw.web.guard import Guard, Token, allowed_hosts, refusal
+from pdgw.web.large import LargeAnswers
 from pdgw.web.metrics import CONTENT_TYPE, exposition
+from pdgw.web.places import Places
 from pdgw.web.stream import EventStream, Streams
 from pdgw.web.support import about_document, public_config, support_archive
 from pdgw.web.trace import BINS_MAX, SECONDS_MAX, Traces, csv_text
@@ -39,7 +42,7 @@ _DIGITS_MAX = 16
 
 
 class Parameters(Protocol):
-    """The parameter channel, read on threads; GatewayError for a text that is no parameter, or when nobody answers."""
+    """The parameter channel, read on threads; RequestError for a text that is no parameter, GatewayError without an answer."""
 
     def read(self, do_id: int, text: str) -> list[dict[str, Any]]:
         """Elements with name, unit and what they say."""
@@ -72,9 +75,11 @@ class Allowance:
 class Interface:
     """The routes of one gateway."""
 
-    def __init__(self, watch: Watch, parameters: Parameters, capture: Capture) -> None:
+    def __init__(self, watch: Watch, parameters: Parameters, capture: Capture, places: Places) -> None:
         self._watch = watch
         self._capture = capture
+        self._places = places
+        self._large = LargeAnswers()
         self._feed = watch.feed
         self._parameters = parameters
         self._one_at_a_time = asyncio.Lock()
@@ -115,11 +120,15 @@ class Interface:
     async def _events(self, request: Request) -> ASGIApp:
         if self.streams.full:
             return refusal(503, f"{self.streams.open} pages are open, no more are allowed", "streams", retry_after="5")
-        text = request.headers.get("last-event-id") or request.query_params.get("after") or "0"
+        header = request.headers.get("last-event-id")
+        after = ("Last-Event-ID", header) if header else ("after", request.query_params.get("after") or "0")
         trace = request.query_params.get("trace")
-        do_id = None if trace is None else self._known(_whole("trace", trace))
+        do_id = None if trace is None else self._known("trace", _whole("trace", trace))
         samples = None if do_id is None else lambda: self._traces.live(do_id, self._feed.ticks)
-        return EventStream(self.streams, _whole("Last-Event-ID", text), samples)
+        stream = EventStream(self.streams, _whole(*after), samples)
+        if request.client is not None:
+            self._places.keep((request.client.host, request.client.port))
+        return stream
 
     async def _states(self, _: Request) -> Response:
         return JSONResponse(states_document())
@@ -128,19 +137,24 @@ class Interface:
         try:
             return JSONResponse(telegram_document(request.path_params["number"]))
         except ProfidriveError as error:
-            return refusal(404, str(error), "number")
+            raise RequestError("number", str(error), 404) from error
 
-    async def _trace(self, request: Request) -> Response:
+    async def _trace(self, request: Request) -> ASGIApp:
         do_id = self._do_id(request)
         query = request.query_params
         seconds = _whole("seconds", query.get("seconds", "10"), 1, SECONDS_MAX)
         bins = _whole("bins", query["bins"], 1, BINS_MAX) if "bins" in query else None
         names = [name for name in query.get("signals", "").split(",") if name]
-        document = await run_in_threadpool(self._traces.history, do_id, seconds, names, bins)
-        if query.get("format") == "csv" or "text/csv" in request.headers.get("accept", ""):
+        as_csv = query.get("format") == "csv" or "text/csv" in request.headers.get("accept", "")
+
+        def made() -> Response:
+            document = self._traces.history(do_id, seconds, names, bins)
+            if not as_csv:
+                return JSONResponse(document)
             name = f'attachment; filename="trend-do{do_id}.csv"'
             return PlainTextResponse(csv_text(document), media_type="text/csv", headers={"content-disposition": name})
-        return JSONResponse(document)
+
+        return self._large(made)
 
     async def _faults(self, request: Request) -> Response:
         do_id = self._do_id(request)
@@ -173,30 +187,30 @@ class Interface:
             yield
 
     def _do_id(self, request: Request) -> int:
-        return self._known(request.path_params["do_id"])
+        return self._known("do_id", request.path_params["do_id"])
 
-    def _known(self, do_id: int) -> int:
+    def _known(self, field: str, do_id: int) -> int:
         known = [item.do_id for item in self._watch.config.objects]
         if do_id not in known:
-            raise HTTPException(404, f"there is no drive object {do_id}, allowed: {', '.join(map(str, known))}")
+            raise RequestError(field, f"there is no drive object {do_id}, allowed: {', '.join(map(str, known))}", 404)
         return do_id
 
     async def _about(self, _: Request) -> Response:
         return JSONResponse(about_document(self._watch.config))
 
-    async def _captured(self, request: Request) -> Response:
+    async def _captured(self, request: Request) -> ASGIApp:
         seconds = _whole("seconds", request.query_params.get("seconds", "10"), 1, SECONDS_MAX)
-        data = await run_in_threadpool(self._last, seconds)
         headers = {"content-disposition": 'attachment; filename="pdgw.pcapng"'}
-        return Response(data, media_type="application/x-pcapng", headers=headers)
+        return self._large(lambda: Response(self._last(seconds), media_type="application/x-pcapng", headers=headers))
 
     def _last(self, seconds: float) -> bytes:
         return self._capture(self._traces.reader().path, seconds, public_config(self._watch.config))
 
-    async def _support(self, _: Request) -> Response:
-        archive = await run_in_threadpool(support_archive, self._watch, self._last)
-        name = 'attachment; filename="pdgw-support.zip"'
-        return Response(archive, media_type="application/zip", headers={"content-disposition": name})
+    async def _support(self, _: Request) -> ASGIApp:
+        headers = {"content-disposition": 'attachment; filename="pdgw-support.zip"'}
+        return self._large(
+            lambda: Response(support_archive(self._watch, self._last), media_type="application/zip", headers=headers)
+        )
 
     async def _metrics(self, _: Request) -> Response:
         return Response(self._exposition(), headers={"content-type": CONTENT_TYPE})
@@ -211,25 +225,29 @@ class Interface:
 
 
 def _whole(name: str, text: str, low: int = 0, high: int = 1 << 53) -> int:
-    """A number of a query; HTTPException with what is allowed."""
+    """A number of a query; RequestError with what is allowed."""
     if len(text) > _DIGITS_MAX or not text.isascii() or not text.isdecimal() or not low <= int(text) <= high:
-        raise HTTPException(400, f"{name} = {text[:20]!r}: allowed is a whole number from {low} to {high}")
+        raise RequestError(name, f"{name} = {text[:20]!r}: allowed is a whole number from {low} to {high}")
     return int(text)
 
 
-async def _http_error(request: Request, error: Exception) -> Response:
+async def _http_error(_: Request, error: Exception) -> Response:
     assert isinstance(error, HTTPException)
-    field = next(iter(request.path_params), "path") if error.status_code == 404 else "request"
+    field = "path" if error.status_code == 404 else "request"
     return JSONResponse({"error": error.detail, "field": field}, error.status_code, error.headers)
 
 
 async def _gateway_error(_: Request, error: Exception) -> Response:
-    return JSONResponse({"error": str(error), "field": "gateway"}, 502)
+    if isinstance(error, RequestError):
+        return refusal(error.status, str(error), error.field)
+    return refusal(502, str(error), "gateway")
 
 
-def made_app(watch: Watch, parameters: Parameters, capture: Capture, token: Token | None) -> tuple[ASGIApp, Streams]:
+def made_app(
+    watch: Watch, parameters: Parameters, capture: Capture, token: Token | None, places: Places
+) -> tuple[ASGIApp, Streams]:
     """The application of one gateway, and its streams; while it lives, the gateway is watched."""
-    interface = Interface(watch, parameters, capture)
+    interface = Interface(watch, parameters, capture, places)
     web = watch.config.web
 
     @contextlib.asynccontextmanager
@@ -246,5 +264,5 @@ def made_app(watch: Watch, parameters: Parameters, capture: Capture, token: Toke
         exception_handlers={HTTPException: _http_error, GatewayError: _gateway_error},
         lifespan=watching,
     )
-    guard = Guard(app, allowed_hosts(web), token, time.monotonic, secure=web.tls_cert is not None)
+    guard = Guard(app, allowed_hosts(web), token, places, time.monotonic, secure=web.tls_cert is not None)
     return guard, interface.streams

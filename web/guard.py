@@ -20,6 +20,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from pdgw.gateway.config_web import WebConfig
 from pdgw.gateway.errors import GatewayError
+from pdgw.web.places import Places, sender
 
 COOKIE = "pdgw_session"
 LOGIN_PATH = "/api/v1/login"
@@ -71,13 +72,13 @@ def host_name(header: str) -> str:
 
 
 class Failures:
-    """Wrong tokens of each address: after five in a minute none of it is looked at until the minute is over."""
+    """Wrong tokens of each sender."""
 
     def __init__(self) -> None:
         self._times: OrderedDict[str, deque[float]] = OrderedDict()
 
     def wait_s(self, address: str, now: float) -> float:
-        """So long nothing of this address is looked at; 0: it may try. ``now``: monotonic seconds."""
+        """Seconds until a wrong token is answered by 401 again; 0: now. ``now``: monotonic seconds."""
         times = self._times.get(address)
         if times is None or len(times) < FAILURES_MAX:
             return 0.0
@@ -106,6 +107,11 @@ class Token:
         digest = hashlib.sha256(given.strip().encode("latin-1", "replace")).digest()
         return hmac.compare_digest(digest, self._digest) and kind.lower() == "bearer"
 
+    def shown(self, headers: Headers) -> bool:
+        """A request of who has the token or the cookie."""
+        given = headers.get("authorization")
+        return self.is_session(headers.get("cookie", "")) if given is None else self.opens(given)
+
     def is_session(self, cookies: str) -> bool:
         """A ``Cookie`` header of who has logged in."""
         try:
@@ -124,11 +130,19 @@ class Guard:
     """ASGI middleware with these rules; ``now`` is monotonic seconds."""
 
     def __init__(
-        self, app: ASGIApp, hosts: Collection[str], token: Token | None, now: Callable[[], float], *, secure: bool
+        self,
+        app: ASGIApp,
+        hosts: Collection[str],
+        token: Token | None,
+        places: Places,
+        now: Callable[[], float],
+        *,
+        secure: bool,
     ) -> None:
         self._app = app
         self._hosts = hosts
         self._token = token
+        self._places = places
         self._now = now
         self._secure = secure
         self._failures = Failures()
@@ -138,14 +152,21 @@ class Guard:
             await self._app(scope, receive, send)
             return
 
+        peer = scope.get("client") or ("", 0)
+        given = Headers(scope=scope)
+
         async def send_guarded(message: Message) -> None:
             if message["type"] == "http.response.start":
                 headers = MutableHeaders(scope=message)
                 headers.update(HEADERS)
+                if not self._places.keeps(peer):
+                    headers["connection"] = "close"
                 headers.setdefault("cache-control", "no-store")
             await send(message)
 
-        answer = self.answer(scope["method"], scope["path"], Headers(scope=scope), (scope.get("client") or ("",))[0])
+        answer = self.answer(scope["method"], scope["path"], given, peer[0])
+        if self._token is not None and self._token.shown(given):
+            self._places.keep(peer)
         await (self._app if answer is None else answer)(scope, receive, send_guarded)
 
     def answer(self, method: str, path: str, headers: Headers, address: str) -> Response | None:
@@ -168,17 +189,20 @@ class Guard:
             if path != LOGIN_PATH and token.is_session(headers.get("cookie", "")):
                 return None
             return refusal(401, "the token is needed", "authorization", www_authenticate="Bearer")
-        now = self._now()
-        wait = self._failures.wait_s(address, now)
-        if wait:
-            return refusal(
-                429, "too many wrong tokens, try again later", "authorization", retry_after=str(int(wait) + 1)
-            )
         if not token.opens(given):
-            self._failures.count(address, now)
-            return refusal(401, "wrong token", "authorization", www_authenticate="Bearer")
+            return self._wrong(sender(address))
         if path != LOGIN_PATH:
             return None
         done = Response(status_code=204)
         done.set_cookie(COOKIE, token.session, path="/", secure=self._secure, httponly=True, samesite="strict")
         return done
+
+    def _wrong(self, name: str) -> Response:
+        now = self._now()
+        wait = self._failures.wait_s(name, now)
+        if wait:
+            return refusal(
+                429, "too many wrong tokens, try again later", "authorization", retry_after=str(int(wait) + 1)
+            )
+        self._failures.count(name, now)
+        return refusal(401, "wrong token", "authorization", www_authenticate="Bearer")

@@ -31,6 +31,8 @@ from pdgw.web.watch import Watch, log
 _QOS = 1
 _KEEP_ALIVE_S = 15
 _RECONNECT_MAX_S = 30
+MESSAGE_MAX = 64 * 1024
+"""Bytes of a packet of the broker. It sends acknowledgements of a few bytes; MQTT itself allows 256 MB."""
 _TOLD = ("state", "state_id", "reason", "reason_id", "drive", "telegram")
 
 
@@ -41,9 +43,20 @@ def object_message(item: Document) -> str:
     return json.dumps({key: item[key] for key in _TOLD} | {"fault": newest})
 
 
+class BoundedClient(Client):
+    """paho's client, which would collect any packet in memory: a large one ends the connection."""
+
+    def _sock_recv(self, bufsize: int) -> bytes:
+        """``bufsize``: what is missing of a packet."""
+        if bufsize > MESSAGE_MAX:
+            log.warning("MQTT: message of %d bytes from the broker rejected, allowed: %d", bufsize, MESSAGE_MAX)
+            raise ConnectionError("message too large")
+        return super()._sock_recv(bufsize)
+
+
 def made_client(config: MqttConfig, client_id: str) -> Client:
     """A client that is not connected; GatewayError when its files cannot be used."""
-    client = Client(CallbackAPIVersion.VERSION2, client_id=client_id, reconnect_on_failure=True)
+    client = BoundedClient(CallbackAPIVersion.VERSION2, client_id=client_id, reconnect_on_failure=True)
     if config.username is not None:
         password = None
         if config.password_file is not None:

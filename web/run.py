@@ -12,7 +12,8 @@ from pdgw.gateway.config import GatewayConfig
 from pdgw.gateway.errors import GatewayError
 from pdgw.web.app import Capture, Parameters, made_app
 from pdgw.web.guard import Token, read_token
-from pdgw.web.server import listen, made_server
+from pdgw.web.places import Places
+from pdgw.web.server import PageServer, listen, made_server
 from pdgw.web.watch import StatusPort, Watch, log
 
 
@@ -33,8 +34,7 @@ def serve(config: GatewayConfig, parameters: Parameters, capture: Capture) -> No
 
         publisher = Publisher(config.mqtt, watch)
         watch.feed.listeners.append(publisher.tell)
-    app, streams = made_app(watch, parameters, capture, token)
-    server = made_server(app, streams, web)
+    server = _made(watch, parameters, capture, token)
     with listen(web) as port:
         log.info("page at %s", page_address(port, tls=web.tls_cert is not None))
         if publisher is not None:
@@ -50,8 +50,7 @@ def serve(config: GatewayConfig, parameters: Parameters, capture: Capture) -> No
 def in_background(watch: Watch, parameters: Parameters, capture: Capture, token: Token | None = None) -> Iterator[int]:
     """Serve a page on a thread, for tests and pictures; gives its port."""
     web = watch.config.web
-    app, streams = made_app(watch, parameters, capture, token)
-    server = made_server(app, streams, web)
+    server = _made(watch, parameters, capture, token)
     with listen(web) as port:
         thread = threading.Thread(target=lambda: asyncio.run(server.serve(sockets=[port])), name="page")
         thread.start()
@@ -60,6 +59,12 @@ def in_background(watch: Watch, parameters: Parameters, capture: Capture, token:
         finally:
             server.should_exit = True
             thread.join()
+
+
+def _made(watch: Watch, parameters: Parameters, capture: Capture, token: Token | None) -> PageServer:
+    places = Places()
+    app, streams = made_app(watch, parameters, capture, token, places)
+    return made_server(app, streams, places, watch.config.web)
 
 
 def page_address(port: socket.socket, *, tls: bool) -> str:

@@ -6,37 +6,85 @@ import asyncio
 import socket
 from typing import Any
 
+import h11
 import uvicorn
 from starlette.types import ASGIApp
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from pdgw.gateway.config_web import WebConfig
 from pdgw.gateway.errors import GatewayError
+from pdgw.web.places import CONNECTIONS_MAX, Places
 from pdgw.web.stream import Streams
 
-CONNECTIONS_MAX = 64
 _AT_ONCE = 1
 """Connections taken in one turn of asyncio's loop, which tries to take the others even when no descriptor is left, and has each
 of these tries repeated a second later: more than one would grow to a storm."""
-_REQUEST_WITHIN_S = 10.0
-"""A connection that has not asked for anything by then is closed."""
+REQUEST_WITHIN_S = 10.0
+"""A connection without a request by then is aborted."""
+READ_WITHIN_S = 10.0
+"""So is one that does not take the answer: its buffer has to be nearly empty once in this time, after the answer for good."""
 _REQUEST_MAX = 16 * 1024
 """Bytes of a request line with its headers."""
 
 
 class BoundedProtocol(H11Protocol):
-    """uvicorn bounds requests; connections that never send one would still pile up."""
+    """uvicorn's protocol with a place for each connection and time limits for requests and readers. No pipelining."""
+
+    places: Places
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         super().connection_made(transport)
-        if len(self.connections) > CONNECTIONS_MAX:
+        self._limit: asyncio.TimerHandle | None = None
+        if self.client is not None and not self.places.enter(self.client, transport.abort):
             transport.abort()
             return
-        self.loop.call_later(_REQUEST_WITHIN_S, self._close_if_idle)
+        self._abort_after(REQUEST_WITHIN_S)
 
-    def _close_if_idle(self) -> None:
-        if self.cycle is None and not self.transport.is_closing():
-            self.transport.close()
+    def connection_lost(self, exc: Exception | None) -> None:
+        self._abort_after(None)
+        if self.client is not None:
+            self.places.leave(self.client)
+        super().connection_lost(exc)
+
+    def data_received(self, data: bytes) -> None:
+        if self._answering and self.conn.their_state is h11.DONE:
+            self.transport.abort()  # a second request before the answer to the first one
+            return
+        super().data_received(data)
+
+    def handle_events(self) -> None:
+        super().handle_events()
+        if self._answering and not self.flow.write_paused:
+            self._abort_after(None)
+
+    def on_response_complete(self) -> None:
+        self._abort_after(READ_WITHIN_S)
+        if self.conn.trailing_data[0]:
+            self.transport.close()  # the next request came together with this one
+        super().on_response_complete()
+
+    def pause_writing(self) -> None:
+        super().pause_writing()
+        self._abort_after(READ_WITHIN_S)
+
+    def resume_writing(self) -> None:
+        super().resume_writing()
+        if self._answering:
+            self._abort_after(None)
+
+    @property
+    def _answering(self) -> bool:
+        return self.cycle is not None and not self.cycle.response_complete
+
+    def _abort_after(self, seconds: float | None) -> None:
+        if self._limit is not None:
+            self._limit.cancel()
+        self._limit = None if seconds is None else self.loop.call_later(seconds, self.transport.abort)
+
+
+def bounded_protocol(places: Places) -> type[BoundedProtocol]:
+    """The protocol of a server with these places: uvicorn makes one for each connection."""
+    return type("BoundedProtocol", (BoundedProtocol,), {"places": places})
 
 
 def listen(config: WebConfig) -> socket.socket:
@@ -71,7 +119,7 @@ class PageServer(uvicorn.Server):
         await super().shutdown(sockets)
 
 
-def made_server(app: ASGIApp, streams: Streams, config: WebConfig) -> PageServer:
+def made_server(app: ASGIApp, streams: Streams, places: Places, config: WebConfig) -> PageServer:
     """A server that is not started; ``serve(sockets=[...])`` runs it until SIGINT or SIGTERM."""
     tls: dict[str, Any] = {}
     if config.tls_cert is not None:
@@ -79,7 +127,7 @@ def made_server(app: ASGIApp, streams: Streams, config: WebConfig) -> PageServer
     settings = uvicorn.Config(
         app,
         loop="asyncio",
-        http=BoundedProtocol,
+        http=bounded_protocol(places),
         ws="none",
         lifespan="on",
         log_config=None,

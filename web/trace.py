@@ -21,6 +21,7 @@ from pdgw.gateway.needs import quantity_of
 from pdgw.gateway.trace.layout import TracedObject
 from pdgw.gateway.trace.reader import Cycle, RingReader
 from pdgw.profidrive.telegrams import Telegram, telegram
+from pdgw.web.errors import RequestError
 from pdgw.web.feed import Document
 
 SECONDS_MAX = 600
@@ -159,12 +160,12 @@ class Traces:
         raise GatewayError(f"do_id {do_id}: the flight recorder has no such drive object")
 
     def chosen(self, reader: RingReader, do_id: int, names: Sequence[str]) -> list[Curve]:
-        """The curves with these names, or the usual ones; GatewayError names one that does not exist."""
+        """The curves with these names, or the usual ones; RequestError names one that does not exist."""
         number, item = self.item(reader, do_id)
         found = curves(reader, number, item)
         unknown = [name for name in names if name not in found]
         if unknown:
-            raise GatewayError(f"signals {', '.join(unknown)}: allowed are {', '.join(found)}")
+            raise RequestError("signals", f"signals {', '.join(unknown)}: allowed are {', '.join(found)}")
         return [found[name] for name in names or usual(found, telegram(reader.layout.objects[number].telegram))]
 
     def history(self, do_id: int, seconds: float, names: Sequence[str], bins: int | None) -> Document:

@@ -19,6 +19,7 @@ from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.status import fault_status, snapshot
 from pdgw.tools.trace_file import captured
 from pdgw.web import feed
+from pdgw.web.errors import RequestError
 from pdgw.web.feed import Document
 from pdgw.web.guard import Token
 from pdgw.web.run import in_background
@@ -63,7 +64,7 @@ class ShownParameters:
 
     def read(self, do_id: int, text: str) -> list[dict[str, Any]]:
         if text != "P922":
-            raise GatewayError(f"parameter {text!r}: only P922 here")
+            raise RequestError("pnu", f"parameter {text!r}: only P922 here")
         return [{"parameter": "P922", "name": "Telegram", "value": do_id, "unit": "", "meaning": "", "error": None}]
 
     def dump(self, do_id: int) -> dict[str, Any]:

@@ -14,12 +14,12 @@ from typing import Any
 
 import pytest
 from paho.mqtt.client import Client, MQTTMessageInfo
-from paho.mqtt.enums import CallbackAPIVersion
+from paho.mqtt.enums import CallbackAPIVersion, MQTTErrorCode
 
 from pdgw.gateway.config import GatewayConfig
 from pdgw.gateway.config_web import MqttConfig
 from pdgw.gateway.errors import GatewayError
-from pdgw.web.mqtt import Publisher, made_client, object_message
+from pdgw.web.mqtt import MESSAGE_MAX, Publisher, made_client, object_message
 from pdgw.web.watch import Watch
 from tests.support.buses import PATIENCE_S
 from tests.support.daemon import axis, configuration, running
@@ -163,3 +163,18 @@ def test_files_that_cannot_be_used_are_told(tmp_path: Path) -> None:
         made_client(MqttConfig(host="b", username="u", password_file=tmp_path / "none"), "x")
     with pytest.raises(GatewayError, match="ca_file"):
         made_client(MqttConfig(host="b", tls=True, ca_file=tmp_path / "none"), "x")
+
+
+def test_a_message_of_256_megabytes_ends_the_connection(caplog: pytest.LogCaptureFixture) -> None:
+    connack, length = b"\x20\x02\x00\x00", b"\xff\xff\xff\x7f"
+    with socket.create_server(("127.0.0.1", 0)) as port:
+        client = made_client(MqttConfig(host="127.0.0.1"), "test")
+        client.connect(*port.getsockname())
+        with port.accept()[0] as server:
+            server.sendall(connack + b"\x30" + length + bytes(MESSAGE_MAX))
+            assert client.loop_read() == MQTTErrorCode.MQTT_ERR_SUCCESS, "the broker accepts"
+            while (result := client.loop_read()) == MQTTErrorCode.MQTT_ERR_SUCCESS:
+                pass
+    assert result == MQTTErrorCode.MQTT_ERR_CONN_LOST
+    assert not client._in_packet["packet"]
+    assert f"268435455 bytes from the broker rejected, allowed: {MESSAGE_MAX}" in caplog.text

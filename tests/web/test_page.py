@@ -22,7 +22,7 @@ from pdgw.gateway.trace.recorder import FlightRecorder
 from pdgw.web.app import READS_PER_S, Allowance, Interface
 from pdgw.web.events import KEPT, EventLog
 from pdgw.web.guard import HEADERS
-from pdgw.web.server import CONNECTIONS_MAX
+from pdgw.web.places import CONNECTIONS_MAX, Places
 from pdgw.web.stream import STREAMS_MAX
 from pdgw.web.watch import Watch
 from tests.support.buses import PATIENCE_S
@@ -128,7 +128,7 @@ def test_the_interface_in_the_documents_is_the_one_there_is() -> None:
     watch = Watch(configuration(axis(1)), ShownGateway())
     there = {
         re.sub(r"\{do_id:int\}", "DO", re.sub(r"\{number:int\}", "NUMBER", route.path))
-        for route in Interface(watch, ShownParameters(), lambda *_: b"").routes
+        for route in Interface(watch, ShownParameters(), lambda *_: b"", Places()).routes
         if isinstance(route, Route)
     }
     told = {path.partition("?")[0] for row in rows("web.md", "GET | answers") for path in named(row[0])}
@@ -153,11 +153,11 @@ def test_every_answer_has_the_headers_that_keep_the_page_to_itself(still: Page) 
         ("/api/v1/objects/9/faults", 404, "do_id", "allowed: 1, 2"),
         ("/api/v1/objects/x/faults", 404, "path", "Not Found"),
         ("/api/v1/telegrams/77", 404, "number", "telegram"),
-        ("/api/v1/objects/1/trace?seconds=0", 400, "request", "1 to 600"),
-        ("/api/v1/objects/1/trace?seconds=1e3", 400, "request", "whole number"),
-        ("/api/v1/objects/1/trace?bins=" + "9" * 5000, 400, "request", "bins"),
-        ("/api/v1/events?after=-1", 400, "request", "Last-Event-ID"),
-        ("/api/v1/events?trace=9", 404, "path", "no drive object 9"),
+        ("/api/v1/objects/1/trace?seconds=0", 400, "seconds", "1 to 600"),
+        ("/api/v1/objects/1/trace?seconds=1e3", 400, "seconds", "whole number"),
+        ("/api/v1/objects/1/trace?bins=" + "9" * 5000, 400, "bins", "bins"),
+        ("/api/v1/events?after=-1", 400, "after", "whole number"),
+        ("/api/v1/events?trace=9", 404, "trace", "no drive object 9"),
         ("/api/v1/objects/1/trace", 502, "gateway", "no flight recorder"),
         ("/static/../app.py", 404, "path", "Not Found"),
         ("/static/%2e%2e/app.py", 404, "path", "Not Found"),
@@ -219,7 +219,15 @@ def test_parameters_are_read_one_at_a_time(still: Page) -> None:
 
 
 def test_a_parameter_that_is_none_is_told(still: Page) -> None:
-    until(lambda: still.get("/api/v1/objects/1/parameters?pnu=P9").status == 502, "the error")
+    answers = []
+
+    def answered() -> bool:
+        answers.append(still.get("/api/v1/objects/1/parameters?pnu=P9"))
+        return answers[-1].status != 429
+
+    until(answered, "a read")
+    assert answers[-1].status == 400
+    assert json.loads(answers[-1].read()) == {"error": "parameter 'P9': only P922 here", "field": "pnu"}
 
 
 @pytest.mark.parametrize("key", ["uptime_s", "counters", "buses"])
@@ -381,8 +389,9 @@ def test_a_trend_as_a_file_for_a_spreadsheet(turning: Turning) -> None:
 
 def test_signals_that_do_not_exist_are_told_with_those_that_do(turning: Turning) -> None:
     answer = turning.page.get("/api/v1/objects/1/trace?signals=SPEED")
-    assert answer.status == 502
-    assert "allowed are NSOLL_A, NIST_A, velocity" in json.loads(answer.read())["error"]
+    document = json.loads(answer.read())
+    assert (answer.status, document["field"]) == (400, "signals")
+    assert "allowed are NSOLL_A, NIST_A, velocity" in document["error"]
 
 
 def test_a_stream_brings_what_the_recorder_wrote_since(turning: Turning) -> None:

@@ -9,7 +9,8 @@ from types import SimpleNamespace
 from typing import Any, cast
 
 from pdgw.gateway.config_web import WebConfig
-from pdgw.web.server import CONNECTIONS_MAX, made_server
+from pdgw.web.places import CONNECTIONS_MAX, Places
+from pdgw.web.server import made_server
 from pdgw.web.stream import Streams
 
 
@@ -44,7 +45,7 @@ def test_a_connection_that_cannot_be_had_is_one_try_in_a_second() -> None:
 
     async def play() -> tuple[int, int]:
         with Port() as port, socket.socket() as visitor:
-            server = made_server(application, cast(Streams, SimpleNamespace(close=list)), WebConfig())
+            server = made_server(application, cast(Streams, SimpleNamespace(close=list)), Places(), WebConfig())
             server.lifespan = server.config.lifespan_class(server.config)
             await server.startup(sockets=[port])
             visitor.setblocking(False)

@@ -11,6 +11,7 @@ from pdgw.tools.parameters.address import parse_target
 from pdgw.tools.parameters.client import ParameterClient
 from pdgw.tools.parameters.dump import read_all
 from pdgw.tools.parameters.session import Element, Session, address_text, meaning
+from pdgw.web.errors import RequestError
 
 
 class PageParameters:
@@ -20,8 +21,11 @@ class PageParameters:
         self._address = address
 
     def read(self, do_id: int, text: str) -> list[dict[str, Any]]:
-        """The elements of ``P922``, ``6041h``, ``1018h.1-4``; what the device refuses is among them."""
-        target = parse_target(text)
+        """The elements of ``P922``, ``6041h``, ``1018h.1-4``, with the device's refusals; RequestError for another text."""
+        try:
+            target = parse_target(text)
+        except GatewayError as error:
+            raise RequestError("pnu", str(error)) from error
         with self._session(do_id) as session:
             return [_document(session, element) for element in session.read([target])]
 
