@@ -60,14 +60,26 @@ def test_the_units_may_do_little_beyond_their_work(tmp_path: Path, service: str)
     assert done.returncode == 0, done.stdout[-400:]
 
 
-def test_gateway_and_page_are_one_user_and_the_page_never_gets_the_gateways_priority() -> None:
+def test_the_page_is_another_user_that_may_only_read_the_flight_recorder() -> None:
     gateway, page = ((UNITS / service).read_text().splitlines() for service in SERVICES)
     for lines in (gateway, page):
-        assert {"User=pdgw", "NoNewPrivileges=yes", "ProtectSystem=strict", "CapabilityBoundingSet="} <= set(lines)
+        assert {
+            "NoNewPrivileges=yes",
+            "ProtectSystem=strict",
+            "ProtectProc=invisible",
+            "CapabilityBoundingSet=",
+        } <= set(lines)
         # A dynamic user's RuntimeDirectory is hidden from every other unit, and so the flight recorder from the page.
         assert not any(line.startswith("DynamicUser") for line in lines)
+    assert {"User=pdgw", "RuntimeDirectoryMode=0750", "StateDirectoryMode=0700", "UMask=0027"} <= set(gateway)
+    assert {"User=pdgw-web", "SupplementaryGroups=pdgw", "InaccessiblePaths=-/var/lib/pdgw"} <= set(page)
     users = [line.split() for line in (UNITS / "pdgw.conf").read_text().splitlines() if not line.startswith("#")]
-    assert [user[:2] for user in users] == [["u", "pdgw"]]
+    assert [user[:2] for user in users] == [["u", "pdgw"], ["u", "pdgw-web"], ["m", "pdgw-web"]]
+    assert users[-1] == ["m", "pdgw-web", "pdgw"]
+
+
+def test_the_page_never_gets_the_gateways_priority() -> None:
+    gateway, page = ((UNITS / service).read_text().splitlines() for service in SERVICES)
     assert {"Type=notify", "WatchdogSec=2", "Restart=always", "RuntimeDirectoryPreserve=yes"} <= set(gateway)
     assert {"RestrictRealtime=yes", "Nice=10"} <= set(page)
     assert not any(line.startswith("AmbientCapabilities") for line in (*gateway, *page))

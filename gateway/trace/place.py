@@ -13,6 +13,7 @@ _SHARED_MEMORY = Path("/dev/shm")
 _SERVICES = Path("/run/pdgw")
 """The units of ``deploy/`` have a folder for each gateway here."""
 _PRIVATE = 0o750
+_WRITTEN_BY_OTHERS = 0o022
 
 
 def run_directory() -> Path | None:
@@ -29,7 +30,7 @@ def run_directory() -> Path | None:
 
 
 def prepared(directory: Path) -> Path:
-    """The directory, made when it is missing; GatewayError when it cannot be had or belongs to somebody else."""
+    """The directory, made when it is missing; GatewayError when it cannot be had, or others own it or may write in it."""
     try:
         directory.mkdir(mode=_PRIVATE, parents=True, exist_ok=True)
         found = directory.lstat()
@@ -40,6 +41,9 @@ def prepared(directory: Path) -> Path:
     # Whoever made it first, in a place where everybody may make files, could take ours away.
     if hasattr(os, "getuid") and found.st_uid not in (0, os.getuid()):
         raise GatewayError(f"flight recorder: {directory}: belongs to somebody else")
+    if hasattr(os, "getuid") and found.st_mode & _WRITTEN_BY_OTHERS:
+        mode = stat.S_IMODE(found.st_mode)
+        raise GatewayError(f"flight recorder: {directory}: others may write in it (mode {mode:04o}), allowed: 0750")
     return directory
 
 

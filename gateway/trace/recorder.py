@@ -130,6 +130,10 @@ class FlightRecorder:
 
     def _anchor(self, ring: RingFile, now: int) -> None:
         self._anchor_due = now + _ANCHOR_NS
+        if ring.truncated:
+            log.warning("flight recorder: %s was truncated by another program; a new one begins", ring.path)
+            self._reopen()
+            return
         loop = self._daemon.loop
         ring.set_clock(int(loop.wall() * SECOND) - loop.now())
         peer = self._link.peer
@@ -152,9 +156,11 @@ class FlightRecorder:
         if self._opening:
             return  # the next cycle comes here again
         self._token = self._link.layout_token
+        if self._ring is None or _shape(self._ring.layout) != _shape(self._layout()):
+            self._reopen()
+
+    def _reopen(self) -> None:
         old = self._ring
-        if old is not None and _shape(old.layout) == _shape(self._layout()):
-            return
         self._ring = None
         self._opening = True
         loop = self._daemon.loop

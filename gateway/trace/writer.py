@@ -26,6 +26,7 @@ from pdgw.gateway.trace.layout import (
     sized,
 )
 from pdgw.gateway.trace.ordering import IN_ORDER, Fence
+from pdgw.gateway.trace.truncation import Mapping
 
 try:
     import fcntl
@@ -33,7 +34,10 @@ except ImportError:  # Windows
     fcntl = None  # type: ignore[assignment]
 
 PREVIOUS = ".previous" + SUFFIX
-_MODE = 0o640
+_MODE = 0o440
+"""Nobody opens the ring for writing by mistake; the gateway has it open already."""
+_LOCK_MODE = 0o600
+"""Who may read it could lock it."""
 _NAMES = 9
 """So many gateways of one name may run on a machine, each with a file of its own."""
 _U64: Final = (1 << 64) - 1
@@ -72,6 +76,7 @@ class RingFile:
             raise GatewayError(f"flight recorder: {directory}: {error.strerror or error}") from error
         except AttributeError as error:
             raise GatewayError("flight recorder: not on this operating system") from error
+        self._mapping = Mapping(self._map)
         self._words = memoryview(self._map).cast("Q")
         self._pack_cycle = layout.cycle.pack_into
         self._cycle_size, self._cycle_mask, self._cycles = layout.cycle.size, cycles - 1, layout.cycles_offset
@@ -113,11 +118,17 @@ class RingFile:
         """Who the PLC is or was last."""
         self._map[PEER_OFFSET : PEER_OFFSET + PEER_SIZE] = peer.encode()[:PEER_SIZE].ljust(PEER_SIZE, b"\0")
 
+    @property
+    def truncated(self) -> bool:
+        """Somebody made the file shorter: what is recorded since is lost."""
+        return self._mapping.truncated
+
     def close(self) -> None:
         """Nothing more comes; the file stays."""
         if self._fence is not None:
             self._fence()
         self._words[Word.ENDED] = 1
+        self._mapping.release()
         self._words.release()
         self._map.close()
         os.close(self._lock)
@@ -127,7 +138,7 @@ def _place(directory: Path, name: str, *, keep_previous: bool) -> tuple[Path, in
     """The path no living gateway has, and the lock that says so. What an earlier one left there is kept as the previous ring."""
     for number in range(1, _NAMES + 1):
         stem = name if number == 1 else f"{name}-{number}"
-        lock = os.open(directory / f"{stem}.lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, _MODE)
+        lock = os.open(directory / f"{stem}.lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, _LOCK_MODE)
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:

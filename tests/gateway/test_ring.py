@@ -19,6 +19,7 @@ from pdgw.dsp402.states import State
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.reasons import Reason
+from pdgw.gateway.trace import truncation
 from pdgw.gateway.trace.layout import (
     FRAME,
     PAGE,
@@ -30,6 +31,7 @@ from pdgw.gateway.trace.place import prepared, rings, run_directory
 from pdgw.gateway.trace.reader import RingReader
 from pdgw.gateway.trace.recorder import FlightRecorder
 from pdgw.gateway.trace.writer import RingFile
+from tests.support.buses import PATIENCE_S
 from tests.support.daemon import Plc, axis, configuration, drive_of, running, world_of
 from tests.support.ring import LAYOUT, LIMIT, record
 
@@ -110,7 +112,8 @@ def test_a_record_changed_while_it_is_copied_is_left_out(tmp_path: Path) -> None
 
 def test_the_file_is_for_owner_and_group_and_another_gateway_takes_another(tmp_path: Path) -> None:
     first = RingFile(tmp_path, LAYOUT, LIMIT)
-    assert stat.S_IMODE(first.path.stat().st_mode) == 0o640
+    assert stat.S_IMODE(first.path.stat().st_mode) == 0o440
+    assert stat.S_IMODE((tmp_path / "test.lock").stat().st_mode) == 0o600
     second = RingFile(tmp_path, LAYOUT, LIMIT)
     assert (first.path.name, second.path.name) == ("test.ring", "test-2.ring")
     first.close()
@@ -197,6 +200,59 @@ def test_the_run_directory_is_the_service_managers_or_the_users(
         os.chown(tmp_path / "pdgw", 4711, -1)
     with pytest.raises(GatewayError, match="belongs to somebody else"):
         prepared(tmp_path / "pdgw")
+
+
+@pytest.mark.parametrize("mode", [0o770, 0o757, 0o1777])
+def test_a_directory_in_which_others_may_write_is_rejected(tmp_path: Path, mode: int) -> None:
+    directory = tmp_path / "pdgw"
+    directory.mkdir()
+    directory.chmod(mode)
+    with pytest.raises(GatewayError, match=rf"others may write in it \(mode {mode:04o}\), allowed: 0750"):
+        prepared(directory)
+
+
+@pytest.mark.skipif(not truncation.AVAILABLE, reason="Linux only")
+@pytest.mark.parametrize("size", [0, PAGE])
+def test_a_truncated_ring_does_not_end_the_process(tmp_path: Path, size: int) -> None:
+    ring = RingFile(tmp_path, LAYOUT, LIMIT)
+    other = RingFile(tmp_path, LAYOUT, LIMIT)
+    ring.cycle(record(1))
+    os.truncate(ring.path, size)
+    for number in range(2, 40):
+        ring.cycle(record(number))
+        ring.frame(number, 0x181, 0, 0, b"")
+        other.cycle(record(number))
+    ring.set_clock(5)
+    assert ring.truncated
+    assert not other.truncated
+    with RingReader(other.path) as reader:
+        assert reader.newest_cycle == 38
+    ring.close()
+    other.close()
+
+
+@pytest.mark.e2e
+@pytest.mark.skipif(not truncation.AVAILABLE, reason="Linux only")
+def test_a_bus_error_outside_a_ring_still_ends_the_process(tmp_path: Path) -> None:
+    text = f"""
+        import mmap, os
+        from pathlib import Path
+        from tests.support.ring import LAYOUT, LIMIT
+        from pdgw.gateway.trace.writer import RingFile
+        ring = RingFile(Path({str(tmp_path)!r}), LAYOUT, LIMIT)
+        with open({str(tmp_path / "other")!r}, "w+b") as file:
+            file.truncate(8192)
+            mapped = mmap.mmap(file.fileno(), 8192)
+            file.truncate(0)
+            mapped[5000] = 1
+    """
+    done = subprocess.run(
+        [sys.executable, "-c", textwrap.dedent(text)],
+        env=os.environ | {"PYTHONPATH": SEEN},
+        timeout=PATIENCE_S,
+        check=False,
+    )
+    assert done.returncode == -signal.SIGBUS
 
 
 # -- torture: a writer in another process, as fast as it can, and killed ---------------------------------------------------
@@ -316,3 +372,25 @@ def test_another_telegram_begins_another_ring(tmp_path: Path) -> None:
             assert reader.newest_cycle > 0
         assert not (tmp_path / "test.previous.ring").exists()
     readers[0].close()
+
+
+@pytest.mark.skipif(not truncation.AVAILABLE, reason="Linux only")
+def test_a_truncated_ring_leaves_the_axis_in_operation_and_a_new_one_begins(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    readers: list[RingReader] = []
+    with running(configuration(axis(1)), lambda daemon: readers.append(recorded(daemon, tmp_path))) as daemon:
+        plc = Plc(daemon, [1])
+        plc.enable()
+        plc.endpoint.set(0, {"STW1": 0x047F, "NSOLL_A": 0x2000})
+        plc.until(lambda: plc.value("NIST_A") == 0x2000, "1500 rpm")
+        path = readers[0].path
+        readers[0].close()
+        os.truncate(path, 0)
+        cycles = daemon.cycles
+        plc.until(lambda: path.stat().st_size > 0, "a new ring")
+        plc.until(lambda: daemon.cycles > cycles + 500, "cycles")
+        assert plc.value("NIST_A") == 0x2000
+        assert "was truncated by another program" in caplog.text
+        with RingReader(path) as reader:
+            assert reader.newest_cycle > 0
