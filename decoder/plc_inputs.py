@@ -19,6 +19,8 @@ SENDER: Final = ("recorded", 0)
 """Of every frame of a recording."""
 _NEVER: Final = (1 << 63) - 1
 """Later than every time."""
+_NO_FRAME: Final = _NEVER
+"""Behind the last frame."""
 USED: Final = frozenset({Verdict.ACCEPTED, Verdict.PROVIDER_STOP})
 """Frames with these verdicts make the gateway step."""
 
@@ -55,6 +57,15 @@ class PlcInputs:
     losses: list[int] = field(default_factory=list)
 
 
+class _Found(NamedTuple):
+    """Values from a time on; ``certain``: the frame with which they are certainly in force, None at once."""
+
+    time_ns: int
+    values: tuple[int, ...] | None
+    certain: int | None
+    dropped: bool
+
+
 class _Events:
     """The setpoints of one axis, and since which frame (counted from 0) each is certainly in force.
 
@@ -69,7 +80,9 @@ class _Events:
         self._connected = False
         self._dropped = False
         """An order was replaced before it was believed for certain."""
-        self._found: list[tuple[int, tuple[int, ...] | None, int | None, bool]] = []
+        self._changed = -CONFIRMING_FRAMES
+        """The frame that changed the order last."""
+        self._found: list[_Found] = []
 
     def frame(self, number: int, now: int, values: tuple[int, ...] | None) -> None:
         """What is in force with an accepted frame, if it is believed at once."""
@@ -80,13 +93,29 @@ class _Events:
             self._connected = True
             self._believed = number + SEQUENCE_FRAMES - 1
         order = None if values is None else self._orders.read(values)
-        if order != self._order and number <= self._believed:
-            self._dropped = True
-        changed = None if order == self._order else order
-        if changed is not None and not self._orders.only_stops(changed, self._order, released=False):
-            self._believed = max(self._believed, number + CONFIRMING_FRAMES - 1)
+        if order != self._order:
+            self._doubt_from(number)
+            # A stop of so few frames acted, and the gateway may hide what it shows of the task.
+            self._dropped |= number <= max(self._believed, self._changed + CONFIRMING_FRAMES - 1)
+            self._changed = number
+        if order is not None and order != self._order:
+            stopped = self._orders.stopped(order, self._order, released=False)
+            if stopped != order:
+                before = self._found[-1].values if self._found else None
+                if stopped is not None and stopped != self._order and before is not None:
+                    # The stops of the frame act at once, the rest waits.
+                    self.note(now, self._orders.applied(stopped, before), max(number, self._believed))
+                self._believed = max(self._believed, number + CONFIRMING_FRAMES - 1)
         self._order = order
         self.note(now, values, number if values is None else max(number, self._believed))
+
+    def _doubt_from(self, number: int) -> None:
+        """What was not believed before this frame is replaced by another order: it is never certain."""
+        for place in reversed(range(len(self._found))):
+            item = self._found[place]
+            if item.certain is None or item.certain < number:
+                break
+            self._found[place] = item._replace(certain=_NO_FRAME)
 
     def lost(self, now: int) -> None:
         """The PLC was lost."""
@@ -96,8 +125,8 @@ class _Events:
 
     def note(self, now: int, values: tuple[int, ...] | None, certain: int | None = None) -> None:
         """``values`` from a time on, for certain with a frame, or at once."""
-        if not self._found or self._found[-1][1] != values:
-            self._found.append((now, values, certain, self._dropped))
+        if not self._found or self._found[-1].values != values:
+            self._found.append(_Found(now, values, certain, self._dropped))
 
     def setpoints(self, taken: Sequence[int]) -> list[Setpoints]:
         """With the times of the accepted frames. What waits for frames that never came is never certain."""

@@ -138,7 +138,7 @@ class UdpLink:
             "link",
             "orders_dropped",
             "changes",
-            "of a control word that may be old frames: too short, ignored",
+            "of a control word that may be old frames: too short",
             lambda: self.endpoint.orders_dropped,
         )
         counters.add(

@@ -352,8 +352,8 @@ class Reason(enum.Enum):
         "look for what keeps the drive from following: SYNC, its limits, its own enable",
     )
     ORDER_DROPPED = (
-        "a change of a control word stood in fewer than 3 frames and may be an old frame: ignored; neither reached nor "
-        "acknowledged is shown until the PLC repeats it",
+        "a change of a control word stood in fewer than 3 frames and may be an old frame: a stop was obeyed, anything else "
+        "ignored; neither reached nor acknowledged is shown until the PLC repeats it",
         _S.WAITS,
         _E.SETPOINT,
         "hold every level of a control bit until the gateway answers it, or for 3 frames; or count the sign of life in STW2; or "

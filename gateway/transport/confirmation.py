@@ -4,7 +4,11 @@ Source: docs/transport.md chapter 1. An order counts at once when its frame cann
 Otherwise it has to stand in ``CONFIRMING_FRAMES`` frames in a row, and no other frame may contradict it meanwhile, even if it
 is a stale one. Until then it waits. An order that another one replaces before it was confirmed is dropped: whether the PLC
 sent it is not known. The axis shows no target reached and no task acknowledged while an order waits, and after a drop until the
-PLC repeats what was dropped. Stops do not wait: OFF2 and OFF3 always count at once, and OFF1 where it releases no lock.
+PLC repeats what was dropped.
+
+A stop does not wait: its bit falls with the first frame, whatever else that frame orders; its return has to be confirmed. This
+applies to bits whose return starts no new motion, else an old frame could start one (STW1.11: homing). OFF2 and OFF3 take
+STW1 as a whole: they release no lock. OFF1 and STW1.3 wait where they would release a lock or end a braking.
 
 Left out: networks that delay a whole stretch of frames by whole turns and lose every other frame: nothing in the frames tells
 these from the PLC.
@@ -17,7 +21,7 @@ from operator import itemgetter
 
 from pdgw.gateway.reasons import OrderDoubt
 from pdgw.profidrive.signals import signal
-from pdgw.profidrive.telegrams import TelegramHalf
+from pdgw.profidrive.telegrams import ApplicationMode, TelegramHalf
 
 CONFIRMING_FRAMES = 3
 """So many frames in a row make an order credible that might be an old one."""
@@ -26,25 +30,54 @@ _STW1 = signal("STW1")
 _NO_STOP = _STW1.bit("NO_COAST_STOP").mask | _STW1.bit("NO_QUICK_STOP").mask
 """OFF2 and OFF3 in STW1, and in the Controlword, which has the same bits: they start nothing. Those of STW1 release no lock."""
 _ON = _STW1.bit("ON").mask
+_ENABLE = _STW1.bit("ENABLE_OPERATION").mask
+_TASK = _STW1.bit("ACTIVATE_TASK", positioning=True).mask
+_REJECT = _STW1.bit("DO_NOT_REJECT", positioning=True).mask
+_HALT = _STW1.bit("NO_INTERMEDIATE_STOP", positioning=True).mask
+_CONTROL = _STW1.bit("CONTROL_BY_PLC").mask
+_JOG_1, _JOG_2 = _STW1.bit("JOG_1_ON").mask, _STW1.bit("JOG_2_ON").mask
+_RAMP_BITS = tuple(
+    _STW1.bit(name).mask for name in ("ENABLE_RAMP_GENERATOR", "UNFREEZE_RAMP_GENERATOR", "ENABLE_SETPOINT")
+)
+_RELEASED_STOPS = {_ON: _ON, _ENABLE: _ENABLE}
+"""What a falling bit takes out of the word in force at once. These two only where the axis follows the PLC: elsewhere OFF1
+releases a lock, and STW1.3 ends a braking."""
+_SPEED_STOPS = {
+    # A jog begins where all three are 0: no jog bit may stand there unconfirmed.
+    **{bit: bit | _JOG_1 | _JOG_2 for bit in _RAMP_BITS},
+    **{bit: bit for bit in (_JOG_1, _JOG_2, _CONTROL)},
+}
+_POSITIONING_STOPS = {
+    **{bit: bit for bit in (_REJECT, _HALT, _CONTROL)},
+    # The return of a jog bit would be the edge of another incremental jog: until it is confirmed, the axis stands by STW1.5.
+    **dict.fromkeys((_JOG_1, _JOG_2), _HALT),
+}
+_DISCARDING = _REJECT | _ENABLE
+"""Stops after which a positioning axis has no task any more."""
 _POWER_SIGNALS = ("STW1", "Controlword")
-_LOCK_OPENED_BY_OFF1_ONLY = "STW1"
 _SIGN_OF_LIFE = "SIGN_OF_LIFE"
 
 
 class Orders:
     """The control words of a telegram as one value: all that can start something. A sign of life is no order."""
 
-    __slots__ = ("_off2_opens", "_power", "lives", "mask", "read")
+    __slots__ = ("_off2_opens", "_place", "_power", "_stops", "_task", "_words", "discarding", "lives", "mask", "read")
 
     def __init__(self, half: TelegramHalf) -> None:
         mask = [0] * len(half.signals)
         words: list[tuple[int, int]] = []
         lives: list[int] = []
         self._power: int | None = None
-        self._off2_opens = _LOCK_OPENED_BY_OFF1_ONLY not in half.names
+        self._place = 0
+        """Of the word with OFF1 to OFF3 in the telegram."""
+        positioning = half.mode is ApplicationMode.POSITIONING
+        has_stw1 = "STW1" in half.names
+        self._off2_opens = not has_stw1
+        self._stops = (_POSITIONING_STOPS if positioning else _SPEED_STOPS) if has_stw1 else {}
+        self.discarding, self._task = (_DISCARDING, _TASK) if has_stw1 and positioning else (0, 0)
         for place, item in enumerate(half.signals):
             if item.name in _POWER_SIGNALS:
-                self._power = len(words)
+                self._power, self._place = len(words), place
             elif "STW" not in item.name:
                 continue
             life = sum(bit.mask for bit in item.bits if bit.name == _SIGN_OF_LIFE)
@@ -55,6 +88,7 @@ class Orders:
             mask[place] = (high - low) & ~life
         self.read: Callable[[Sequence[int]], tuple[int, ...]]
         """The order in the values of a frame."""
+        self._words = len(words)
         self.lives = tuple(lives)
         """Where its words with a sign of life begin, in bytes."""
         self.mask = half.struct.pack(*mask)
@@ -65,15 +99,39 @@ class Orders:
         else:
             self.read = lambda values: tuple(values[place] & mask for place, mask in words)
 
-    def only_stops(self, order: tuple[int, ...], in_force: tuple[int, ...] | None, *, released: bool) -> bool:
-        """Whether all that is new in an order is OFF2, OFF3, or the OFF1 of an axis whose interlock is ``released``."""
+    def stopped(
+        self, order: tuple[int, ...], in_force: tuple[int, ...] | None, *, released: bool
+    ) -> tuple[int, ...] | None:
+        """The order in force with every stop of another order. ``released``: the axis follows the PLC."""
         power = self._power
         if power is None or (self._off2_opens and not released):
-            return False
-        if order[power] & _NO_STOP == _NO_STOP:
-            return released and in_force is not None and order == self._with_off(in_force, power)
-        others = order[:power] + order[power + 1 :]
-        return not others or (in_force is not None and others == in_force[:power] + in_force[power + 1 :])
+            return in_force
+        asked = order[power]
+        halts = asked & _NO_STOP != _NO_STOP
+        if in_force is None:
+            return order if halts and len(order) == 1 else None
+        word = in_force[power]
+        if halts:
+            word = asked
+        else:
+            fallen = word & ~asked
+            for stops in (self._stops, _RELEASED_STOPS) if released else (self._stops,):
+                for bit, cleared in stops.items():
+                    if fallen & bit:
+                        word &= ~cleared
+        return (*in_force[:power], word, *in_force[power + 1 :])
+
+    def power_word(self, order: tuple[int, ...]) -> int:
+        """STW1 or the Controlword of an order; 0 without one."""
+        return 0 if self._power is None else order[self._power]
+
+    def power_bits(self, bits: int) -> tuple[int, ...]:
+        """Bits of STW1 or the Controlword, as those of an order."""
+        return tuple(bits if place == self._power else 0 for place in range(self._words))
+
+    def applied(self, order: tuple[int, ...], values: Sequence[int]) -> tuple[int, ...]:
+        """The values of a frame, with STW1 or the Controlword of an order."""
+        return (*values[: self._place], self.power_word(order), *values[self._place + 1 :])
 
     def changed(self, order: tuple[int, ...], in_force: tuple[int, ...]) -> tuple[int, ...]:
         """The bits in which two orders differ: those of STW1, of the other words only where STW1 is the same."""
@@ -87,26 +145,28 @@ class Orders:
         """OFF1, OFF2 or OFF3: every task is over."""
         return self._power is not None and order[self._power] & (_NO_STOP | _ON) != _NO_STOP | _ON
 
-    @staticmethod
-    def _with_off(order: tuple[int, ...], power: int) -> tuple[int, ...]:
-        return (*order[:power], order[power] & ~_ON, *order[power + 1 :])
+    def begins_task(self, order: tuple[int, ...], in_force: tuple[int, ...] | None) -> bool:
+        """Whether an order has the edge of a task, against the one in force."""
+        return in_force is not None and self.power_word(order) & ~self.power_word(in_force) & self._task != 0
 
 
 class Confirmation:
     """The order of one drive object: in force at once, or when it stood in enough frames."""
 
-    __slots__ = ("_dropped", "_newest", "_orders", "_repeats", "_waits", "dropped", "lives", "mask", "read")
+    __slots__ = ("_dropped", "_early", "_newest", "_repeats", "_waits", "dropped", "lives", "mask", "orders", "read")
 
     def __init__(self, half: TelegramHalf) -> None:
-        self._orders = Orders(half)
-        self.read = self._orders.read
-        self.mask = self._orders.mask
-        self.lives = self._orders.lives
+        self.orders = Orders(half)
+        self.read = self.orders.read
+        self.mask = self.orders.mask
+        self.lives = self.orders.lives
         self.dropped = 0
         """Orders that were replaced before they were confirmed."""
         self._newest: tuple[int, ...] | None = None
         self._repeats = 0
         self._waits = False
+        self._early = 0
+        """Bits of STW1 that fell with the newest order, discarded the task and are not confirmed."""
         self._dropped: tuple[tuple[int, ...], tuple[int, ...]] | None = None
         """The last one, and the bits in which it differed from the order in force."""
 
@@ -119,6 +179,7 @@ class Confirmation:
     def forget(self) -> None:
         """The axis has no PLC: whatever waited or was dropped starts nothing any more."""
         self._waits = False
+        self._early = 0
         self._dropped = None
 
     def contradict(self) -> None:
@@ -127,51 +188,61 @@ class Confirmation:
 
     @property
     def doubt(self) -> OrderDoubt:
-        """Whether the PLC may have ordered something that is not in force."""
+        """Whether the PLC may have ordered what is not in force, or not ordered what is."""
         if self._dropped is not None:
             return OrderDoubt.DROPPED
-        return OrderDoubt.WAITS if self._waits else OrderDoubt.NONE
+        return OrderDoubt.WAITS if self._waits or self._early else OrderDoubt.NONE
 
-    def repeated(self, order: tuple[int, ...]) -> None:
-        """The order of this frame is the one in force."""
-        if self._waits:
-            self._drop(order)
-        self._newest = order
-        self._repeats = 1
-
-    def counts(self, order: tuple[int, ...], in_force: tuple[int, ...] | None, *, is_new: bool, released: bool) -> bool:
-        """Whether the order of this frame, another than the one in force, may be put in force by it."""
+    def judge(
+        self, order: tuple[int, ...], in_force: tuple[int, ...] | None, *, is_new: bool, released: bool
+    ) -> tuple[int, ...] | None:
+        """The order to be in force from this frame on: its own, or the one in force with the stops of this frame."""
+        orders = self.orders
         if order == self._newest:
             self._repeats += 1
         else:
             if self._waits:
                 self._drop(in_force)
+            if in_force is not None and orders.power_word(order) & self._early:
+                self._withdraw(in_force)
+            self._newest = order
             self._repeats = 1
-        self._newest = order
-        counts = (
-            is_new or self._repeats >= CONFIRMING_FRAMES or self._orders.only_stops(order, in_force, released=released)
-        )
-        self._waits = not counts
-        if counts and self._dropped is not None:
-            self._settle(order)
-        return counts
+        certain = is_new or self._repeats >= CONFIRMING_FRAMES
+        put = order if certain or order == in_force else orders.stopped(order, in_force, released=released)
+        self._waits = put != order
+        if put is not None and put != in_force:
+            if in_force is not None:
+                self._early |= orders.power_word(in_force) & ~orders.power_word(put) & orders.discarding
+            if self._dropped is not None:
+                self._settle(put, in_force)
+        if certain or (put is not None and orders.is_off(put)):
+            self._early = 0
+        return put
 
     def _drop(self, in_force: tuple[int, ...] | None) -> None:
+        """The newest order was replaced before it was confirmed."""
         self._waits = False
         if self._newest is not None and in_force is not None:
             self.dropped += 1
-            order, bits = self._newest, self._orders.changed(self._newest, in_force)
-            if self._dropped is not None:
-                earlier, others = self._dropped
-                order = tuple(old & ~bit | new & bit for old, new, bit in zip(earlier, order, bits, strict=True))
-                bits = tuple(old | new for old, new in zip(others, bits, strict=True))
-            self._dropped = order, bits
+            self._note_dropped(self._newest, self.orders.changed(self._newest, in_force))
 
-    def _settle(self, order: tuple[int, ...]) -> None:
-        """An order is in force that repeats what was dropped, or ends every task."""
+    def _withdraw(self, in_force: tuple[int, ...]) -> None:
+        """A stop ended before it was confirmed: the task is discarded, and the PLC may not know."""
+        self.dropped += 1
+        self._note_dropped(in_force, self.orders.power_bits(self._early))
+        self._early = 0
+
+    def _note_dropped(self, order: tuple[int, ...], bits: tuple[int, ...]) -> None:
+        if self._dropped is not None:
+            earlier, others = self._dropped
+            order = tuple(old & ~bit | new & bit for old, new, bit in zip(earlier, order, bits, strict=True))
+            bits = tuple(old | new for old, new in zip(others, bits, strict=True))
+        self._dropped = order, bits
+
+    def _settle(self, order: tuple[int, ...], in_force: tuple[int, ...] | None) -> None:
+        """An order is in force that repeats what was dropped, begins another task, or ends every task."""
         assert self._dropped is not None
         dropped, bits = self._dropped
-        if self._orders.is_off(order) or not any(
-            (one ^ other) & bit for one, other, bit in zip(order, dropped, bits, strict=True)
-        ):
+        repeats = not any((one ^ other) & bit for one, other, bit in zip(order, dropped, bits, strict=True))
+        if repeats or self.orders.begins_task(order, in_force) or self.orders.is_off(order):
             self._dropped = None

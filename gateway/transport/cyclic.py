@@ -337,17 +337,20 @@ class CyclicEndpoint:
         self._waiting = False
         for index, (confirmation, order) in enumerate(zip(self._confirmations, orders, strict=True)):
             in_force = self._in_force[index]
+            put = order
             if order is None:
                 confirmation.restart(None, 0)
-            elif order == in_force:
-                confirmation.repeated(order)
-            elif not confirmation.counts(order, in_force, is_new=is_new, released=self._released[index]):
-                self._waiting = True
-                self.doubts[index] = confirmation.doubt
-                continue
-            self.doubts[index] = confirmation.doubt
-            self._in_force[index] = order
-            self.setpoints[index] = values[index]
+            else:
+                put = confirmation.judge(order, in_force, is_new=is_new, released=self._released[index])
+            doubt = self.doubts[index] = confirmation.doubt
+            self._waiting |= doubt is OrderDoubt.WAITS or put != order
+            if put == order:
+                self.setpoints[index] = values[index]
+            elif put is not None and put != in_force:
+                kept = self.setpoints[index]
+                assert kept is not None, "an order is in force"
+                self.setpoints[index] = confirmation.orders.applied(put, kept)
+            self._in_force[index] = put
 
     def lose_setpoints(self) -> None:
         """No axis has a valid PLC until the next valid frame."""

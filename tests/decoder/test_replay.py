@@ -113,6 +113,22 @@ def test_a_dropped_level_is_replayed_only_where_frames_may_be_late(delays: bool,
     assert bool(replayed(loaded)[1]) is not delays
 
 
+@pytest.mark.parametrize("word", [0x046F, 0x045F, 0x0CDF])
+def test_a_stop_of_an_unconfirmed_frame_is_replayed(word: int, tmp_path: Path) -> None:
+    """Also beside changes that wait."""
+    rig = RecordedRig(9)
+    rig.endpoint = CyclicEndpoint([telegram(9)], cycle_ns=CYCLE_NS)
+    rig.step(5)
+    rig.enable()
+    rig.values |= {"SATZANW": 0x8000, "MDI_TARPOS": 0x01000000, "MDI_VELOCITY": 0x40000000, "MDI_MOD": 1}
+    rig.values |= {"MDI_ACC": 0x4000, "MDI_DEC": 0x4000}
+    rig.stw(0x047F, 20)
+    rig.stw(word, 2)
+    rig.stw(0x047F, 60)
+    loaded = load(rig.frames.write(tmp_path), replace(rig.known, delays=True), None, lambda _: None)
+    assert not replayed(loaded)[1]
+
+
 @pytest.mark.parametrize("name", RIGS)
 @pytest.mark.parametrize("jitter_ms", [0, 2])
 def test_an_unmodified_recording_is_equal(name: str, jitter_ms: int, tmp_path: Path) -> None:

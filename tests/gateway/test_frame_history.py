@@ -15,7 +15,8 @@ from pdgw.profidrive.frame import COUNTER_UNIT_NS, FRAME_ID_TO_DEVICE, IOPS_GOOD
 from pdgw.profidrive.telegrams import telegram
 
 PLC = ("192.168.0.10", 40000)
-ON, TASK = 0x043F, 0x047F
+ON, TASK = 0x047F, 0x0C7F
+"""STW1.11 starts something, and its fall is no stop that acts at once."""
 
 
 def sent(number: int, order: int, cycle: int, *, life: bool) -> bytes:

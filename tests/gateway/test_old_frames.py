@@ -28,7 +28,10 @@ CYCLE = 4 * MS
 WATCHDOG = 3 * CYCLE
 ACCEPTED = (Verdict.ACCEPTED, Verdict.PROVIDER_STOP)
 OFF, ON = 0x047E, 0x047F
-TASK = 0x0040
+TASK = 0x0800
+"""An edge starts something."""
+STOPS = (0x10, 0x20, 0x40, 0x30)
+"""Speed 0 or a frozen ramp where one of these bits is 0."""
 CLAIMS = 0x1400
 """Target reached, task acknowledged."""
 RECENT = WATCHDOG + (CONFIRMING_FRAMES + 1) * CYCLE
@@ -107,8 +110,11 @@ class Gateway:
     def receive(self, data: bytes, now: int) -> None:
         verdict = self.endpoint.receive(data, PLC, now, now)
         if verdict in ACCEPTED:
+            order = int.from_bytes(data[2:4], "big")
             self.accepted.append(now)
-            self._task_ended |= not int.from_bytes(data[2:4], "big") & TASK
+            self._task_ended |= not order & TASK
+            in_force = self.endpoint.setpoints[0]
+            assert in_force is None or not in_force[0] & ~order & 0x76, f"a stop waits at {now / MS} ms"
             self.step(now)
         elif now - self._stepped >= CYCLE:
             self.step(now)
@@ -136,7 +142,7 @@ class Gateway:
     def _check_order(self, order: int | None, now: int) -> None:
         if order is not None and order != self.order:
             # Old OFFs start nothing, nor does ON before an OFF; whether an old OFF released an ON is seen where it starts.
-            starts = order & 0x7 == 0x7 and self.stepper.power.released
+            starts = order & ~(self.order or 0) and order & 0x7 == 0x7 and self.stepper.power.released
             assert not starts or self.plc.ordered(order, now - RECENT, now), (
                 f"{order:04X}h put in force at {now / MS} ms is old"
             )
@@ -178,7 +184,8 @@ def network(
 
 
 PHASES = st.tuples(
-    st.sampled_from(["off", "on", "coast", "tasks", "silent", "restart"]), st.sampled_from([1, 2, 5, 30, 130, 520])
+    st.sampled_from(["off", "on", "coast", "tasks", "stops", "silent", "restart"]),
+    st.sampled_from([1, 2, 5, 30, 130, 520]),
 )
 
 
@@ -209,7 +216,9 @@ def play(plc: Plc, phases: list[tuple[str, int]], rng: random.Random, delays: It
             continue
         for cycle in range(cycles):
             if kind != "silent":
-                order = {"off": OFF, "on": ON, "coast": 0x047D}.get(kind, order & ~TASK | (cycle // 5 % 2) * TASK)
+                task = order & ~TASK | (cycle // 5 % 2) * TASK
+                stop = order | 0x70 if cycle % 6 > 1 else order & ~rng.choice(STOPS)
+                order = {"off": OFF, "on": ON, "coast": 0x047D, "stops": stop}.get(kind, task)
                 frame = plc.frame(now, order)
                 for delay in next(delays):
                     number += 1
