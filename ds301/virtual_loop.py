@@ -106,4 +106,5 @@ class VirtualLoop(Loop):
             return False
         else:
             self._now = due
+            self._fire(due)
         return True

@@ -111,6 +111,8 @@ class DriveModel:
         """Ticks since the last SYNC."""
         self._previous_controlword = 0
         self._reset_edges = 0
+        self._obeyed = False
+        """The Controlword has had its effect: the same one again changes nothing before ``wake`` or a tick."""
         self._modes = {number: MODES[number](self) for number in self.shape.modes}
         self.mode: int = Mode.POSITION if Mode.POSITION in self._modes else min(self._modes)
         self.motion = self._modes[self.mode]
@@ -223,12 +225,12 @@ class DriveModel:
         if not on and self.state is State.OPERATION_ENABLED:
             self._enter(State.SWITCHED_ON)
         # The Controlword is a level: an Enable Operation that still stands takes effect as soon as the input allows.
+        self.wake()
         self.command()
 
     def synchronised(self) -> None:
         """A SYNC came."""
         self._without_sync = 0
-        self.wake()
 
     @property
     def sync_ticks(self) -> int:
@@ -254,9 +256,11 @@ class DriveModel:
 
     def command(self) -> None:
         """Evaluate Controlword and mode as they stand in the image now; called for every one received."""
-        self.wake()
         word, previous = self.controlword, self._previous_controlword
+        if self._obeyed and word == previous:
+            return
         self._previous_controlword = word
+        before = self.mode, self._condition()
         self._select_mode(word)
         if self.state is State.FAULT:
             self._reset_edges += next_state(self.state, word, previous) is not State.FAULT
@@ -275,6 +279,10 @@ class DriveModel:
         if self.state is State.OPERATION_ENABLED:
             self.motion.command(word, previous)
         self.motion.received()
+        if word != previous or before != (self.mode, self._condition()):
+            self.wake()
+        else:
+            self._obeyed = self._resting or self._even
         self._update()
 
     def _select_mode(self, word: int) -> None:
@@ -348,12 +356,13 @@ class DriveModel:
         return self.machine_position + increments_per_second(self.ramp.speed) * (now - self._time) / SECOND
 
     def wake(self) -> None:
-        """Something was changed from outside: do not take it for unchanged any more."""
-        self._resting = self._even = False
+        """Something was changed from outside: the next tick may do something else than the last one."""
+        self._resting = self._even = self._obeyed = False
 
     def _watched_tick(self) -> int:
         """One tick, and whether the next ones would do the same: nothing, or turn on as evenly."""
         before = self._condition()
+        self._obeyed = False
         self._tick()
         if before == self._condition() and not (self.sync_ticks and self.state is State.OPERATION_ENABLED):
             self._resting = self.ramp.speed == 0.0

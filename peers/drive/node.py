@@ -79,7 +79,7 @@ class SimulatedDriveNode(SimulatedNode):
         self.model.advance(now)
         while self._commands and self._commands[0][0] <= now:
             _, pdo, data = self._commands.popleft()
-            super().apply(pdo, data)
+            self._take(pdo, data)
         self.send_emergencies(self.model.emcy)
 
     def next_change(self, now: int) -> int | None:
@@ -93,20 +93,25 @@ class SimulatedDriveNode(SimulatedNode):
             # After a change of the latency too, no command overtakes an earlier one.
             self._commands.append((max(due, self._commands[-1][0]) if self._commands else due, pdo, data))
         else:
-            super().apply(pdo, data)
+            self._take(pdo, data)
+
+    def _take(self, pdo: Pdo, data: bytes) -> None:
+        """Apply an RPDO; values that are in the image already change nothing in the model."""
+        if pdo.pack(self.model) != data[: pdo.size]:
+            self.model.wake()
+        super().apply(pdo, data)
 
     def on_touched(self) -> None:
         self.model.wake()
 
     def on_rpdo(self, pdo: Pdo) -> None:
-        self.model.wake()
         if "controlword" in pdo.attributes or "modes_of_operation" in pdo.attributes:
             self.model.command()
             self.send_emergencies(self.model.emcy)
 
     def packed(self, pdo: Pdo) -> bytes:
-        data = super().packed(pdo)
-        if not self.shape.frozen.isdisjoint(pdo.attributes):
+        data = pdo.pack(self.model)
+        if self.shape.frozen and not self.shape.frozen.isdisjoint(pdo.attributes):
             end = 0
             for entry in pdo.entries:
                 begin, end = end, end + entry.type.bits // 8
@@ -164,12 +169,12 @@ class SimulatedDriveNode(SimulatedNode):
         super().poll(now)
 
     def next_event(self, now: int) -> int | None:
-        events = [super().next_event(now)]
-        if self._guarded_until:
-            events.append(self._guarded_until + 1)
-        if self._commands and self.running:
-            events.append(self._commands[0][0])
-        return min((event for event in events if event is not None), default=None)
+        event = super().next_event(now)
+        if self._guarded_until and (event is None or self._guarded_until < event):
+            event = self._guarded_until + 1
+        if self._commands and self.running and (event is None or self._commands[0][0] < event):
+            event = self._commands[0][0]
+        return event
 
 
 class SimulatedDrive(RunningNode[SimulatedDriveNode]):

@@ -56,10 +56,11 @@ class SimulatedEncoderNode(SimulatedNode):
     def next_change(self, now: int) -> int | None:
         return self.model.next_change()
 
-    def on_foreign_frame(self, can_id: int, data: bytes) -> None:
-        for channel in self.model.channels.values():
-            if isinstance(channel.motion, Follower):
-                channel.motion.receive(can_id, data)
+    def on_foreign_frame(self, can_id: int, data: bytes) -> bool:
+        followers = [c.motion for c in self.model.channels.values() if isinstance(c.motion, Follower)]
+        for follower in followers:
+            follower.receive(can_id, data)
+        return bool(followers)
 
     def on_written(self, entry: Entry, value: Value) -> None:
         if entry.index == OPERATING_PARAMETERS and int(value) & OPERATING_RESERVED:

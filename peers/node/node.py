@@ -26,6 +26,9 @@ from pdgw.peers.node.misbehaviour import Catalogue, Misbehaviour, make
 from pdgw.peers.node.pdos import NEVER, NodePdos
 from pdgw.peers.node.sdo_server import BlockSdoServer
 
+_HEARTBEAT = (com.PRODUCER_HEARTBEAT, 0)
+_SYNC = (com.SYNC_COB_ID, 0)
+
 SendFunction = Callable[[int, bytes], None]
 Value = int | float | bytes | str | bool
 
@@ -120,8 +123,9 @@ class SimulatedNode:
     def on_consumer_expired(self, producer: int) -> None:
         """A guarded heartbeat stopped."""
 
-    def on_foreign_frame(self, can_id: int, data: bytes) -> None:
-        """A frame that is meant for others."""
+    def on_foreign_frame(self, can_id: int, data: bytes) -> bool:
+        """A frame that is meant for others; returns whether it changed something."""
+        return False
 
     def on_reset(self) -> None:
         """Reset node: back to power-on values."""
@@ -164,11 +168,11 @@ class SimulatedNode:
                 fault.begin()
         self._boot()
 
-    def receive(self, can_id: int, data: bytes, now: int, past: Misbehaviour | None = None) -> None:
-        """A frame from the bus; ``past`` is the fault that held it."""
+    def receive(self, can_id: int, data: bytes, now: int, past: Misbehaviour | None = None) -> bool:
+        """A frame from the bus; ``past`` is the fault that held it. Returns False when ``next_event`` is as before."""
         self.now = now
         if self.misbehaviours and not all(fault.incoming(can_id, data) for fault in self._behind(past)):
-            return
+            return True
         if can_id in self.pdos.received:
             if self.state is NmtState.OPERATIONAL:
                 self.on_poll(now)
@@ -183,12 +187,13 @@ class SimulatedNode:
                 self.on_poll(now)
                 self._nmt(data[0])
                 self.touch()
-        elif can_id == self.values[com.SYNC_COB_ID, 0]:
+        elif can_id == self.values[_SYNC]:
             self.pdos.sync()
         elif can_id in self._consumed:
             self._consumed[can_id] = (self._consumed[can_id][0], now)
         else:
-            self.on_foreign_frame(can_id, data)
+            return self.on_foreign_frame(can_id, data) or bool(self.misbehaviours)
+        return True
 
     def receive_remote(self, can_id: int, now: int) -> None:
         """A remote frame from the bus: send the TPDO with this COB-ID, if it allows that."""
@@ -201,8 +206,9 @@ class SimulatedNode:
     def poll(self, now: int) -> None:
         """Time passes: device, heartbeats and event-driven PDOs."""
         self.now = now
-        for fault in list(self.misbehaviours.values()):
-            fault.poll(now)
+        if self.misbehaviours:
+            for fault in list(self.misbehaviours.values()):
+                fault.poll(now)
         if 0 <= self._boot_at <= now:
             self._boot()
         if self.state is NmtState.BOOT_UP:
@@ -211,7 +217,7 @@ class SimulatedNode:
             self._touched = False
             self.on_touched()
         self.on_poll(now)
-        period = int(self.values.get((com.PRODUCER_HEARTBEAT, 0), 0)) * MS
+        period = int(self.values.get(_HEARTBEAT, 0)) * MS
         if period and now >= self._heartbeat_due:
             self._heartbeat_due = now + period
             self.transmit(ERROR_CONTROL + self.node_id, bytes([self.state]))
@@ -235,18 +241,19 @@ class SimulatedNode:
         """
         soonest = NEVER
         for fault in self.misbehaviours.values():
-            event = fault.next_event(now)
-            if event is not None and event < soonest:
-                soonest = event
+            planned = fault.next_event(now)
+            if planned is not None and planned < soonest:
+                soonest = planned
         if self.state is not NmtState.BOOT_UP:
             if self._touched:
                 return now
-            if self.values.get((com.PRODUCER_HEARTBEAT, 0), 0) and self._heartbeat_due < soonest:
+            if self._heartbeat_due < soonest and self.values.get(_HEARTBEAT, 0):
                 soonest = self._heartbeat_due
             for limit, seen in self._consumed.values():
                 if seen >= 0 and seen + limit < soonest:
                     soonest = seen + limit + 1
-            soonest = min(soonest, self.pdos.next_event(now))
+            event = self.pdos.next_event(now)
+            soonest = min(soonest, event)
         elif self._boot_at >= 0:
             soonest = min(soonest, self._boot_at)
         return soonest if soonest < NEVER else None
@@ -290,9 +297,10 @@ class SimulatedNode:
 
     def send_emergencies(self, waiting: list[tuple[int, int]]) -> None:
         """Send what the device's model has to tell, (error code, error register) each, and take it from the list."""
-        for code, register in waiting:
-            self.send_emcy(code, register)
-        waiting.clear()
+        if waiting:
+            for code, register in waiting:
+                self.send_emcy(code, register)
+            waiting.clear()
 
     def send_emcy(self, code: int, register: int, data: bytes = b"") -> None:
         """An emergency message; entered in 1003h."""

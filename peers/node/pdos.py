@@ -53,6 +53,7 @@ class _Tpdo:
         "inhibit_ns",
         "last",
         "last_time",
+        "on_change",
         "pdo",
         "remote",
         "sync_count",
@@ -72,6 +73,8 @@ class _Tpdo:
         self.sync_count = 0
         self.held = False
         """What has to be looked at again when the inhibit time is over."""
+        self.on_change = False
+        """A changed value is an event."""
 
 
 class NodePdos:
@@ -85,6 +88,8 @@ class NodePdos:
         self._waiting: dict[int, bytes] = {}
         """Data for the next SYNC."""
         self._tpdos: list[_Tpdo] = []
+        self._events: list[_Tpdo] = []
+        """Those that are event-driven."""
 
     def get(self, can_id: int) -> Pdo | None:
         """What is mapped to a PDO of either direction, by its identifier; None for none."""
@@ -103,19 +108,19 @@ class NodePdos:
         soonest = NEVER
         told = NEVER
         if self.node.state is NmtState.OPERATIONAL:
-            for tpdo in self._tpdos:
-                if tpdo.type not in EVENT_DRIVEN:
-                    continue
+            for tpdo in self._events:
                 free = tpdo.last_time + tpdo.inhibit_ns
                 if tpdo.held and free < soonest:
                     soonest = free
                 if tpdo.event_ns:
-                    soonest = min(soonest, max(tpdo.due, free))
-                if free < told and self.node.sent_on_change(tpdo.type):
+                    due = tpdo.due if tpdo.due > free else free
+                    soonest = min(soonest, due)
+                if tpdo.on_change and free < told:
                     told = free
         change = self.node.next_change(now)
         if change is not None:
-            soonest = min(soonest, max(change, told) if told < NEVER else change + _UNSEEN_NS)
+            seen = change + _UNSEEN_NS if told == NEVER else max(change, told)
+            soonest = min(soonest, seen)
         return soonest
 
     def check(self, entry: Entry, value: int) -> None:
@@ -173,7 +178,7 @@ class NodePdos:
         self._types = {}
         self._waiting = {}
         old = {(tpdo.cob_id, tpdo.pdo.attributes): tpdo for tpdo in self._tpdos}
-        self._tpdos = []
+        self._tpdos, self._events = [], []
         for (index, subindex), cob_id in list(self.node.values.items()):
             if subindex != 1 or not is_communication_parameter(index):
                 continue
@@ -195,6 +200,9 @@ class NodePdos:
                     tpdo.last, tpdo.last_time = previous.last, previous.last_time
                     tpdo.due = previous.last_time + event
                 self._tpdos.append(tpdo)
+                if tpdo.type in EVENT_DRIVEN:
+                    tpdo.on_change = self.node.sent_on_change(tpdo.type)
+                    self._events.append(tpdo)
 
     def receive(self, can_id: int, data: bytes) -> None:
         """One of the RPDOs came in operation."""
@@ -235,14 +243,12 @@ class NodePdos:
 
     def send_due(self, now: int) -> None:
         """Send the event-driven TPDOs that have something to tell or whose timer is over."""
-        for tpdo in self._tpdos:
-            if tpdo.type not in EVENT_DRIVEN:
-                continue
+        for tpdo in self._events:
             tpdo.held = now - tpdo.last_time < tpdo.inhibit_ns
             if tpdo.held:
                 continue
             data = self.node.packed(tpdo.pdo)
-            changed = data != tpdo.last and self.node.sent_on_change(tpdo.type)
+            changed = tpdo.on_change and data != tpdo.last
             if changed or (tpdo.event_ns and now >= tpdo.due):
                 self._send(tpdo, data)
 

@@ -92,8 +92,8 @@ class RunningNode(Generic[N]):
     # -- what the port delivers -----------------------------------------------------------------------------------------
 
     def on_frame(self, can_id: int, data: bytes) -> None:
-        self.node.receive(can_id, data, self.loop.now())
-        self._plan()
+        if self.node.receive(can_id, data, self.loop.now()):
+            self._plan()
 
     def on_other_frame(self, can_id: int, data: bytes, *, extended: bool, remote: bool) -> None:
         if remote and not extended:
@@ -118,10 +118,12 @@ class RunningNode(Generic[N]):
         if not self.running:
             return
         event = self.node.next_event(self.loop.now())
-        timer = self._timer
-        if event is None or (timer is not None and timer.action is not None and timer.when <= event):
+        if event is None:
             return
-        if timer is not None:
+        timer = self._timer
+        if timer is not None and timer.action is not None:
+            if timer.when <= event:
+                return
             timer.cancel()
         self._timer = self.loop.call_at(event, self._poll)
 

@@ -203,12 +203,14 @@ class SimulatedCan:
         if self._sender is not None or self._delivering or self.shorted:
             return
         winner: Member | None = None
-        listeners = 0
+        first = listeners = 0
         for member in self.members:
             if member.connected and not member.bus_off:
                 listeners += 1
-                if member.queue and (winner is None or _rank(member.queue[0][0]) < _rank(winner.queue[0][0])):
-                    winner = member
+                if member.queue:
+                    rank = _rank(member.queue[0][0])
+                    if winner is None or rank < first:
+                        winner, first = member, rank
         if winner is None or listeners < 2:
             return
         can_id, data = winner.queue[0]
@@ -298,6 +300,8 @@ class SimulatedCan:
 
 def _rank(can_id: int) -> int:
     """The order of arbitration: base identifier, standard before extended, data before remote."""
+    if can_id <= STANDARD_ID:
+        return can_id << 20
     if can_id & EXTENDED:
         identifier = can_id & EXTENDED_ID
         rank = (identifier >> 18) << 20 | 1 << 19 | (identifier & 0x3FFFF) << 1
