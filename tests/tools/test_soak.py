@@ -6,6 +6,7 @@ import gc
 import hashlib
 import re
 import weakref
+from itertools import islice
 from random import Random
 
 import pytest
@@ -18,9 +19,10 @@ from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS
 from pdgw.peers.drive import SHAPES
 from pdgw.profidrive.telegrams import telegram
 from pdgw.tools.commands.soak import soak
-from pdgw.tools.soak.life import PART_NS, Life
-from pdgw.tools.soak.plan import CYCLES_MS, draw_plan, shapes_of
+from pdgw.tools.soak.life import Life
+from pdgw.tools.soak.plan import CYCLES_MS, PART_CYCLES, SHORTEST_PART_NS, draw_plan, parts, shapes_of
 from pdgw.tools.soak.planted import DEFECTS
+from pdgw.tools.soak.trace import clock
 from pdgw.tools.soak.troubles import TROUBLES
 from pdgw.tools.soak.words import Words
 
@@ -32,21 +34,21 @@ SLOW_TO_COME = {"slow-sdo", "slow-boot", "unguarded"}
 
 @pytest.mark.parametrize("seed", range(3))
 def test_short_soak_of_drawn_axes_finds_nothing(seed: int) -> None:
-    life = Life(seed, 0)
+    life = Life(next(parts(seed)))
     life.play(30 * SECOND)
     assert life.starts >= 4, "a life without starts proves nothing"
 
 
 @pytest.mark.parametrize("number", [9, 100, 111])
 def test_short_soak_of_each_executor_finds_nothing(number: int) -> None:
-    life = Life(7, 0, 1, [number])
+    life = Life(next(parts(7, 1, [number])), keep_telegrams=True)
     life.play(20 * SECOND)
     assert life.starts >= 2
 
 
 def test_one_seed_is_one_run_bit_for_bit_and_another_is_another() -> None:
     def lived(seed: int) -> tuple[list[str], str]:
-        life = Life(seed, 0, frames=True)
+        life = Life(next(parts(seed)), frames=True)
         everything = hashlib.sha256()
         life.world.network.taps.append(
             lambda now, source, target, data: everything.update(f"{now} {source} {target} ".encode() + bytes(data))
@@ -60,15 +62,24 @@ def test_one_seed_is_one_run_bit_for_bit_and_another_is_another() -> None:
 
 
 def test_part_of_the_day_runs_without_those_before_it() -> None:
-    life = Life(1, 2)
-    life.play(2 * PART_NS + 10 * SECOND)
-    assert life.loop.now() == 2 * PART_NS + 10 * SECOND
-    assert life.trace.lines[0].startswith("00:20:0")
+    part = next(islice(parts(1), 2, None))
+    life = Life(part)
+    life.play(part.begin + 10 * SECOND)
+    assert life.loop.now() == part.begin + 10 * SECOND
+    assert life.trace.lines[0].startswith(clock(part.begin)[:6])
+
+
+def test_parts_follow_each_other_with_as_many_cycles_each() -> None:
+    day = list(islice(parts(1), 100))
+    assert [part.begin for part in day] == [0, *(part.end for part in day[:-1])]
+    cycles = {part.plan.duration_ns // (part.plan.cycle_ms * MS) for part in day}
+    assert min(cycles) == PART_CYCLES
+    assert min(part.plan.duration_ns for part in day) == SHORTEST_PART_NS
 
 
 def test_every_trouble_begins_and_ends() -> None:
     """Drawn by weight: each has its turn within minutes; here they begin one after the other."""
-    life = Life(11, 0, 1, [1])
+    life = Life(next(parts(11, 1, [1])), keep_telegrams=True)
     life.play(5 * SECOND)
     for trouble in TROUBLES:
         undo = trouble.begin(life, life.axes[0], Random(1))
@@ -146,7 +157,7 @@ def test_wrong_telegrams_are_rejected() -> None:
 
 def test_nothing_of_a_part_is_left_after_it() -> None:
     """A day is many parts: what one keeps is a leak."""
-    life = Life(1, 0)
+    life = Life(next(parts(1)))
     life.play(5 * SECOND, lambda _: None)
     world = weakref.ref(life.world)
     life.close()

@@ -8,6 +8,7 @@ import pytest
 
 from pdgw.durations import MS, SECOND
 from pdgw.tools.soak.life import Life
+from pdgw.tools.soak.plan import parts
 from pdgw.tools.soak.planted import DEFECTS, LIMIT_NS, search
 from pdgw.tools.soak.told import Told
 from pdgw.tools.soak.watch import ViolationError
@@ -36,13 +37,13 @@ def test_fifteen_defects_are_planted() -> None:
 def test_task_that_the_plc_did_not_give_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Words, "set_word", lambda self, word: self.values.update({self.name: word}))
     with pytest.raises(ViolationError, match="tasks begun, 0 given by the PLC"):
-        Life(1, 0, 1, [9]).play(300 * SECOND)
+        Life(next(parts(1, 1, [9])), keep_telegrams=True).play(300 * SECOND)
 
 
 def test_zsw1_that_shows_another_state_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Life, "_shown", lambda self, axis: 0x0007)
     with pytest.raises(ViolationError, match=r"ZSW1 0007h shows (operation|no fault), the drive is in"):
-        Life(1, 0, 1, [1]).play(300 * SECOND)
+        Life(next(parts(1, 1, [1])), keep_telegrams=True).play(300 * SECOND)
 
 
 # -- EMCYs in the fault buffer ------------------------------------------------------------------------------------------------

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from itertools import takewhile
 from typing import Annotated, NoReturn
 
 import typer
@@ -14,15 +15,15 @@ from rich.table import Table
 from pdgw.durations import SECOND
 from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS
 from pdgw.gateway.errors import GatewayError
-from pdgw.tools.soak.life import PART_NS, Life
+from pdgw.tools.soak.life import Life
+from pdgw.tools.soak.plan import Part, parts
 from pdgw.tools.soak.planted import DEFECTS, search
 from pdgw.tools.soak.trace import clock
 from pdgw.tools.soak.watch import ViolationError
 
 _HOUR_NS = 3600 * SECOND
 _GROWTH_KIB = 16 * 1024
-"""More memory than after the first parts is a leak."""
-_SETTLED_PARTS = 6
+"""More memory than after the first hour is a leak."""
 
 
 def soak(
@@ -67,17 +68,17 @@ def _play(console: Console, seed: int, end: int, axes: int, numbers: Sequence[in
     )  # fmt: skip
     with bar:
         task = bar.add_task("", total=end, clock=clock(0), starts=0)
-        for part in range(-(-end // PART_NS)):
-            life = Life(seed, part, axes, numbers)
+        for part in _parts(seed, axes, numbers, end):
+            life = Life(part, keep_telegrams=bool(numbers))
 
             def show(now: int, life: Life = life, before: int = starts) -> None:
                 bar.update(task, completed=now, clock=clock(now), starts=before + life.starts)
 
             try:
-                life.play(min(end, (part + 1) * PART_NS), show)
-                if part == _SETTLED_PARTS:
+                life.play(min(end, part.end), show)
+                if not memory and part.end > _HOUR_NS:
                     memory = _memory()
-                elif part > _SETTLED_PARTS and _memory() > memory + _GROWTH_KIB:
+                elif memory and _memory() > memory + _GROWTH_KIB:
                     raise ViolationError(f"memory grew by {(_memory() - memory) // 1024} MiB")
             except ViolationError as violation:
                 bar.stop()
@@ -88,7 +89,7 @@ def _play(console: Console, seed: int, end: int, axes: int, numbers: Sequence[in
     used, passed = time.process_time() - used, time.monotonic() - begun
     console.print(
         f"{end / SECOND / used:.0f} virtual seconds in a second of CPU ({used:.0f} s of CPU in {passed:.0f} s); "
-        f"memory {_memory() // 1024} MiB, after {_SETTLED_PARTS + 1} parts {memory // 1024} MiB",
+        f"memory {_memory() // 1024} MiB, after the first hour {memory // 1024} MiB",
         highlight=False,
     )
 
@@ -129,8 +130,14 @@ def _numbers(telegrams: str) -> list[int]:
     return chosen
 
 
+def _parts(seed: int, axes: int, numbers: Sequence[int], end: int) -> Iterator[Part]:
+    """The parts up to a time of the day."""
+    return takewhile(lambda part: part.begin < max(end, 1), parts(seed, axes, numbers))
+
+
 def _play_until(console: Console, seed: int, until: int, axes: int, numbers: Sequence[int], *, frames: bool) -> None:
-    life = Life(seed, max(0, until - 1) // PART_NS, axes, numbers, frames=frames)
+    *_, part = _parts(seed, axes, numbers, until)
+    life = Life(part, keep_telegrams=bool(numbers), frames=frames)
     try:
         life.play(until)
     except ViolationError as violation:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from random import Random
 from typing import Final
@@ -26,15 +26,13 @@ from pdgw.profidrive.frame import IOPS_GOOD, STATUS_RUN, CSduLayout
 from pdgw.profidrive.telegrams import Direction, telegram
 from pdgw.tools.soak.engineer import HOST as ENGINEER_HOST
 from pdgw.tools.soak.engineer import Engineer
-from pdgw.tools.soak.plan import AxisPlan, Plan, draw_plan, shapes_of
+from pdgw.tools.soak.plan import AxisPlan, Part, Plan, shapes_of
 from pdgw.tools.soak.told import Told
 from pdgw.tools.soak.trace import Trace
 from pdgw.tools.soak.troubles import PLC_HOST, TROUBLES, Trouble, Undo
 from pdgw.tools.soak.watch import RATED_RPM, REACHED_RPM, SETTLED_NS, SoakAxis, ViolationError
 from pdgw.tools.soak.words import ACKNOWLEDGE, Words, asked_share, shown_share
 
-PART_NS: Final = 600 * SECOND
-"""A day is played in parts that begin with power-on, so that a moment of it is reached again soon."""
 CHANNEL: Final = "soak"
 _CHECK_NS: Final = 25 * MS
 _RPDOS: Final = frozenset(base + node for base in PdoDirection.RPDO.bases[:4] for node in range(1, 128))
@@ -61,19 +59,17 @@ _CHANGES: Final = 0.3
 
 
 class Life:
-    """Plays from ``part`` x ``PART_NS`` on; ``numbers``: telegrams of the axes in turn, none: all are drawn."""
+    """Plays one part of a day. ``keep_telegrams``: the PLC changes none; ``frames``: the trace has every CAN frame."""
 
-    def __init__(
-        self, seed: int, part: int, axes: int = 2, numbers: Sequence[int] = (), *, frames: bool = False
-    ) -> None:
-        self.begin = part * PART_NS
-        self.world = World(f"{seed} {part}", self.begin)
+    def __init__(self, part: Part, *, keep_telegrams: bool = False, frames: bool = False) -> None:
+        self.begin = part.begin
+        self.world = World(part.world_seed, self.begin)
         self.loop = self.world.loop
         self.trace = Trace(self.loop.now, frames=frames)
         self.calm = True
-        self.plan: Plan = draw_plan(self.world.chance("plan"), axes, numbers)
+        self.plan: Plan = part.plan
         self._config = self.plan.configuration(CHANNEL, PLC_HOST, ENGINEER_HOST)
-        self._fixed = bool(numbers)
+        self._keep_telegrams = keep_telegrams
         self.daemon = self._gateway()
         self._cycle_ns = self.daemon.cycle_ns
         self._watchdog_ns = self._cycle_ns * self._config.transport.watchdog_factor
@@ -163,7 +159,7 @@ class Life:
             while True:
                 self._all_back()
                 self._follow(chance)
-                if not self._fixed and chance.random() < _CHANGES:
+                if not self._keep_telegrams and chance.random() < _CHANGES:
                     self._change_telegram(chance)
                     self._all_back()
                 self.calm = False

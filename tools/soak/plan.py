@@ -1,12 +1,14 @@
-"""What one part of a soaked day is made of: cycle time, drives, telegrams and settings, drawn by its seed."""
+"""The parts of a soaked day, and what each is made of: cycle time, drives, telegrams and settings, drawn by the seed."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import count
 from random import Random
 from typing import Final
 
+from pdgw.durations import MS, SECOND
 from pdgw.gateway.axis.settings import ControlLost, PlcLossReaction
 from pdgw.gateway.axis.telegrams import (
     DRIVE_TELEGRAM_NUMBERS,
@@ -22,6 +24,10 @@ from pdgw.peers.drive import Latency
 GATEWAY_HOST: Final = "192.168.0.5"
 """Beyond loopback, where the gateway expects frames that come late."""
 CYCLES_MS: Final = range(1, 33)
+PART_CYCLES: Final = 18_750
+"""Every cycle time is drawn as often as the others, and gets as many cycles: a part of 32 ms lasts ten minutes."""
+SHORTEST_PART_NS: Final = 60 * SECOND
+"""Two calms with troubles between them."""
 TRANSPARENT: Final = 100
 _OF_THE_FAMILY: Final = ("engel", "synchronous")
 _RPM: Final = (
@@ -95,6 +101,11 @@ class Plan:
     cycle_ms: int
     axes: tuple[AxisPlan, ...]
 
+    @property
+    def duration_ns(self) -> int:
+        """Virtual time from power-on to the next part."""
+        return max(SHORTEST_PART_NS, PART_CYCLES * self.cycle_ms * MS)
+
     def with_telegram(self, index: int, number: int) -> Plan:
         """The same part with another telegram of one axis."""
         axes = list(self.axes)
@@ -131,3 +142,34 @@ def draw_plan(chance: Random, axes: int, telegrams: Sequence[int] = ()) -> Plan:
             for number in numbers
         ),
     )
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """One part of the day of a seed; it begins with power-on, so that a moment of the day is reached again soon."""
+
+    seed: int
+    number: int
+    begin: int
+    """Time of the day (ns)."""
+    plan: Plan
+
+    @property
+    def world_seed(self) -> str:
+        """Decides everything that is left to chance in it."""
+        return f"{self.seed} {self.number}"
+
+    @property
+    def end(self) -> int:
+        """Time of the day (ns)."""
+        return self.begin + self.plan.duration_ns
+
+
+def parts(seed: int, axes: int = 2, telegrams: Sequence[int] = ()) -> Iterator[Part]:
+    """The parts of a day, one after the other, without end; ``telegrams`` as for ``draw_plan``."""
+    begin = 0
+    for number in count():
+        plan = draw_plan(Random(f"{seed} {number} plan"), axes, telegrams)
+        part = Part(seed, number, begin, plan)
+        yield part
+        begin = part.end

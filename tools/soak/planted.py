@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, replace
+from itertools import takewhile
 from typing import Any, Final
 from unittest.mock import patch
 
@@ -22,7 +23,8 @@ from pdgw.gateway.axis.waist import STATE_MASK, Flag, PowerWish
 from pdgw.gateway.axis.watch import NodeWatch
 from pdgw.gateway.transport.cyclic import CyclicEndpoint, Verdict
 from pdgw.profidrive.frame import IOPS_GOOD
-from pdgw.tools.soak.life import PART_NS, Life
+from pdgw.tools.soak.life import Life
+from pdgw.tools.soak.plan import parts
 from pdgw.tools.soak.watch import ViolationError
 
 LIMIT_NS: Final = 7200 * SECOND
@@ -188,15 +190,13 @@ DEFECTS: Final[Mapping[str, Defect]] = {
 
 def search(name: str, seed: int, axes: int = 2, limit_ns: int = LIMIT_NS) -> Found:
     """Soak a gateway with one defect until it is found."""
-    played = 0
     with DEFECTS[name].plant():
-        for part in range(-(-limit_ns // PART_NS)):
-            life = Life(seed, part, axes)
+        for part in takewhile(lambda part: part.begin < limit_ns, parts(seed, axes)):
+            life = Life(part)
             try:
-                life.play(life.begin + min(PART_NS, limit_ns - played))
+                life.play(min(part.end, limit_ns))
             except ViolationError as violation:
-                return Found(name, played + life.loop.now() - life.begin, str(violation))
+                return Found(name, life.loop.now(), str(violation))
             finally:
                 life.close()
-            played += PART_NS
     return Found(name, None, "")
