@@ -15,7 +15,7 @@ from pdgw.gateway.axis.adapters.transparent import TransparentAdapter
 from pdgw.gateway.axis.settings import AxisSettings, SecondSensor
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.motion.dsc import DscForm
-from pdgw.profidrive.telegrams import TELEGRAMS, ApplicationClass, ApplicationMode, telegram
+from pdgw.profidrive.telegrams import TELEGRAMS, ApplicationClass, ApplicationMode, Telegram, telegram
 
 
 class Kind(enum.Enum):
@@ -114,9 +114,13 @@ def drive_telegram(number: int, form: DscForm = DscForm.SPEED) -> DriveTelegram:
 
 
 def make_adapter(number: int, settings: AxisSettings) -> Adapter:
-    """The adapter of a drive telegram; GatewayError for one that no drive axis supports."""
-    kind = drive_telegram(number).kind
-    chosen = telegram(number)
+    """The adapter of a drive telegram; GatewayError for one that no drive axis supports, or with a signal that is not served."""
+    adapter = _adapter(drive_telegram(number).kind, telegram(number), settings)
+    adapter.check()
+    return adapter
+
+
+def _adapter(kind: Kind, chosen: Telegram, settings: AxisSettings) -> Adapter:
     if kind is Kind.DSC:
         return DscAdapter(chosen, settings)
     if kind is Kind.LOAD:
@@ -127,7 +131,7 @@ def make_adapter(number: int, settings: AxisSettings) -> Adapter:
     if kind is Kind.POSITIONING:
         return PositioningAdapter(chosen, settings)
     if kind is Kind.POSITIONER:
-        if number in FLOAT_TELEGRAM_NUMBERS:
+        if chosen.number in FLOAT_TELEGRAM_NUMBERS:
             return FloatAdapter(chosen, settings)
         if "POS_STW1" in chosen.setpoints.names:
             return WideAdapter(chosen, settings)

@@ -7,6 +7,7 @@ from typing import ClassVar, Final
 
 from pdgw.gateway.axis.settings import AxisSettings, ControlLost
 from pdgw.gateway.axis.waist import Demand, Flag, PowerWish, Report
+from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.signals import signal
 from pdgw.profidrive.telegrams import ApplicationMode, Telegram, TelegramHalf
 
@@ -39,11 +40,47 @@ WISHES: Final = tuple(_wish(word) for word in range(POWER_BITS + 1))
 """The power wish by bits 0-3 of STW1 (docs/translation.md "States")."""
 
 
-class Adapter:
-    """One telegram of one axis: ``read`` its setpoints into the demand, ``write`` the report into its actual values."""
+_SERVED_ELSEWHERE: Final = frozenset({"STW2", "ZSW2", "USER", "RESERVED", "RESERVED_2"})
+"""STW2 and ZSW2 carry the sign of life, which the machine serves; the others have no meaning."""
+
+
+class SignalAdapter:
+    """Finds the signals of a telegram by name; ``check`` refuses a telegram with a signal that nobody asked for."""
 
     def __init__(self, telegram: Telegram) -> None:
         self.telegram = telegram
+        self.served = _SERVED_ELSEWHERE
+        """Names of the signals whose place was asked for."""
+
+    def setpoint(self, name: str, *following: str) -> int:
+        """The place of a setpoint and of those that follow it; -1 without it."""
+        return self._place(self.telegram.setpoints, name, following)
+
+    def actual(self, name: str, *following: str) -> int:
+        """The place of an actual value and of those that follow it; -1 without it."""
+        return self._place(self.telegram.actuals, name, following)
+
+    def _place(self, half: TelegramHalf, name: str, following: tuple[str, ...]) -> int:
+        if name not in half.names:
+            return -1
+        first = half.names.index(name)
+        if half.names[first + 1 : first + 1 + len(following)] != following:
+            raise GatewayError(f"telegram {self.telegram.number}: {name} is not followed by {', '.join(following)}")
+        self.served |= {name, *following}
+        return first
+
+    def check(self) -> None:
+        """GatewayError names the signals that this adapter neither reads nor writes: they would be ignored, or 0 for ever."""
+        names = (*self.telegram.setpoints.names, *self.telegram.actuals.names)
+        unserved = [name for name in names if name not in self.served]
+        if unserved:
+            raise GatewayError(
+                f"telegram {self.telegram.number}: {type(self).__name__} neither reads nor writes {', '.join(unserved)}"
+            )
+
+
+class Adapter(SignalAdapter):
+    """One telegram of one axis: ``read`` its setpoints into the demand, ``write`` the report into its actual values."""
 
     def read(self, setpoints: Sequence[int] | None, demand: Demand) -> None:
         """Raw setpoints in telegram order, None without a valid PLC."""
@@ -86,11 +123,10 @@ class ControlWordAdapter(Adapter):
         super().__init__(telegram)
         self._uncontrolled = _UNCONTROLLED[settings.control_lost]
         self._holds = settings.control_lost is ControlLost.HOLD
-        self.stw1 = telegram.setpoints.index("STW1")
-        self.zsw1 = telegram.actuals.index("ZSW1")
-        self.g1_stw = place(telegram.setpoints, "G1_STW")
-        self.g1_zsw = place(telegram.actuals, "G1_ZSW")
-        """-1 without a sensor; G1_XIST1 and G1_XIST2 follow."""
+        self.stw1 = self.setpoint("STW1")
+        self.zsw1 = self.actual("ZSW1")
+        self.g1_stw = self.setpoint("G1_STW")
+        self.g1_zsw = self.actual("G1_ZSW", "G1_XIST1", "G1_XIST2")
         self.word: int | None = None
         """STW1 as it was last, None without a PLC."""
         self._visible = ~0
@@ -130,8 +166,3 @@ class ControlWordAdapter(Adapter):
         if self._holds and demand.power in {PowerWish.ENABLE, PowerWish.HOLD}:
             return demand
         return demand.acknowledge, demand.device_bits
-
-
-def place(half: TelegramHalf, name: str) -> int:
-    """Where a signal is in a telegram; -1 where it is not."""
-    return half.names.index(name) if name in half.names else -1

@@ -7,29 +7,32 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from pdgw.gateway.axis.adapters.base import place
+from pdgw.gateway.axis.adapters.base import SignalAdapter
 from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.telegrams import Telegram
 
 
-class EncoderAdapter:
-    """Words by name; ``control`` and ``sensor`` are those of the last ``read``, None without a PLC."""
+class EncoderAdapter(SignalAdapter):
+    """``control`` and ``sensor`` are those of the last ``read``, None without a PLC.
+
+    GatewayError for a telegram with other signals.
+    """
 
     def __init__(self, telegram: Telegram) -> None:
-        setpoints, actuals = telegram.setpoints, telegram.actuals
-        self.telegram = telegram
+        super().__init__(telegram)
         self.control: int | None = None
         """STW2_ENC."""
         self.sensor: int | None = None
         """G1_STW."""
-        self._control = setpoints.index("STW2_ENC")
-        self._sensor = setpoints.index("G1_STW")
-        self._status = actuals.index("ZSW2_ENC")
-        self._g1_zsw = actuals.index("G1_ZSW")
-        self._xist1 = place(actuals, "G1_XIST1")
-        self._xist2 = actuals.index("G1_XIST2")
-        self._xist3 = place(actuals, "G1_XIST3")
-        self._speed = max(place(actuals, "NIST_A"), place(actuals, "NIST_B"))
+        self._control = self.setpoint("STW2_ENC")
+        self._sensor = self.setpoint("G1_STW")
+        self._status = self.actual("ZSW2_ENC")
+        self._g1_zsw = self.actual("G1_ZSW")
+        self._xist1 = self.actual("G1_XIST1")
+        self._xist2 = self.actual("G1_XIST2")
+        self._xist3 = self.actual("G1_XIST3")
+        self._speed = max(self.actual("NIST_A"), self.actual("NIST_B"))
+        self.check()
 
     @property
     def speed_type(self) -> DataType | None:

@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from math import isfinite
 from operator import itemgetter
 
-from pdgw.gateway.axis.adapters.base import ControlWordAdapter, place
+from pdgw.gateway.axis.adapters.base import Adapter, ControlWordAdapter
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.waist import Demand, Report
 from pdgw.gateway.errors import GatewayError
@@ -112,7 +112,7 @@ class PositionerAdapter(ControlWordAdapter):
         self.asked = Asked()
         self._last: Sequence[int] | None = None
         self._controls: Callable[[Sequence[int]], tuple[int, ...]] = itemgetter(
-            *(telegram.setpoints.index(name) for name in ("STW1", *controls))
+            *(self.setpoint(name) for name in ("STW1", *controls))
         )
 
     def read(self, setpoints: Sequence[int] | None, demand: Demand) -> None:
@@ -153,7 +153,7 @@ class BlockAdapter(PositionerAdapter):
 
     def __init__(self, telegram: Telegram, settings: AxisSettings, *controls: str) -> None:
         super().__init__(telegram, settings, "SATZANW", *controls)
-        self._aktsatz = telegram.actuals.index("AKTSATZ")
+        self._aktsatz = self.actual("AKTSATZ")
         self._has_mdi = "MDI_TARPOS" in telegram.setpoints.names
 
     def read_controls(self, controls: Sequence[int]) -> None:
@@ -186,17 +186,15 @@ class _FloatValues:
         "_zsw2",
     )
 
-    def __init__(self, telegram: Telegram, choices: PositionerChoices) -> None:
-        setpoints, actuals = telegram.setpoints, telegram.actuals
-        self._stw2 = setpoints.index("STW2")
-        self._override = setpoints.index("OVERRIDE")
-        self._first = setpoints.index("MDI_TARPOS_F")
-        """MDI_VELOCITY_F, MDI_ACC_F and MDI_DEC_F follow."""
-        self._reference = setpoints.index("REF_COORDINATE")
-        self._zsw2 = actuals.index("ZSW2")
-        self._message = actuals.index("MELDW")
-        self._position = actuals.index("XIST_F")
-        self._speed = actuals.index("VIST_F")
+    def __init__(self, adapter: Adapter, choices: PositionerChoices) -> None:
+        self._stw2 = adapter.setpoint("STW2")
+        self._override = adapter.setpoint("OVERRIDE")
+        self._first = adapter.setpoint("MDI_TARPOS_F", "MDI_VELOCITY_F", "MDI_ACC_F", "MDI_DEC_F")
+        self._reference = adapter.setpoint("REF_COORDINATE")
+        self._zsw2 = adapter.actual("ZSW2")
+        self._message = adapter.actual("MELDW")
+        self._position = adapter.actual("XIST_F")
+        self._speed = adapter.actual("VIST_F")
         self._lu = choices.lu_per_unit
         self._minutes = 60 if choices.units_per_second else 1
         """What makes velocities per minute."""
@@ -241,15 +239,13 @@ class _ValuesOfMdi:
 
     __slots__ = ("_first", "_message", "_override", "_position", "_stw2", "_zsw2")
 
-    def __init__(self, telegram: Telegram) -> None:
-        setpoints, actuals = telegram.setpoints, telegram.actuals
-        self._stw2 = setpoints.index("STW2")
-        self._override = setpoints.index("OVERRIDE")
-        self._first = setpoints.index("MDI_TARPOS")
-        """MDI_VELOCITY, MDI_ACC and MDI_DEC follow."""
-        self._zsw2 = actuals.index("ZSW2")
-        self._message = actuals.index("MELDW")
-        self._position = actuals.index("XIST_A")
+    def __init__(self, adapter: Adapter) -> None:
+        self._stw2 = adapter.setpoint("STW2")
+        self._override = adapter.setpoint("OVERRIDE")
+        self._first = adapter.setpoint("MDI_TARPOS", "MDI_VELOCITY", "MDI_ACC", "MDI_DEC")
+        self._zsw2 = adapter.actual("ZSW2")
+        self._message = adapter.actual("MELDW")
+        self._position = adapter.actual("XIST_A")
 
     def read(self, setpoints: Sequence[int], asked: Asked) -> None:
         asked.to_fixed_stop = setpoints[self._stw2] & _TO_FIXED_STOP != 0
@@ -282,8 +278,8 @@ class SelectionAdapter(BlockAdapter):
 
     def __init__(self, telegram: Telegram, settings: AxisSettings) -> None:
         super().__init__(telegram, settings, "POS_STW", "MDI_MOD")
-        self._mdi = _ValuesOfMdi(telegram)
-        self._pos_zsw = telegram.actuals.index("POS_ZSW")
+        self._mdi = _ValuesOfMdi(self)
+        self._pos_zsw = self.actual("POS_ZSW")
 
     def read_controls(self, controls: Sequence[int]) -> None:
         super().read_controls(controls)
@@ -309,17 +305,13 @@ class WideAdapter(PositionerAdapter):
 
     def __init__(self, telegram: Telegram, settings: AxisSettings) -> None:
         super().__init__(telegram, settings, "POS_STW1", "POS_STW2")
-        self._mdi = self._values(telegram, settings)
-        actuals = telegram.actuals
-        self._pos_zsw1 = actuals.index("POS_ZSW1")
-        """POS_ZSW2 follows."""
-        self._speed = place(actuals, "NIST_B")
-        self._codes = actuals.index("FAULT_CODE")
-        """WARN_CODE follows."""
+        self._mdi = self._values(settings)
+        self._pos_zsw1 = self.actual("POS_ZSW1", "POS_ZSW2")
+        self._speed = self.actual("NIST_B")
+        self._codes = self.actual("FAULT_CODE", "WARN_CODE")
 
-    @staticmethod
-    def _values(telegram: Telegram, settings: AxisSettings) -> _ValuesOfMdi | _FloatValues:
-        return _ValuesOfMdi(telegram)
+    def _values(self, settings: AxisSettings) -> _ValuesOfMdi | _FloatValues:
+        return _ValuesOfMdi(self)
 
     def read_controls(self, controls: Sequence[int]) -> None:
         asked = self.asked
@@ -357,12 +349,11 @@ class WideAdapter(PositionerAdapter):
 class FloatAdapter(WideAdapter):
     """Telegram 112: as 111, with numbers in a unit of length. GatewayError without the unit."""
 
-    @staticmethod
-    def _values(telegram: Telegram, settings: AxisSettings) -> _ValuesOfMdi | _FloatValues:
+    def _values(self, settings: AxisSettings) -> _ValuesOfMdi | _FloatValues:
         choices = settings.positioner
         if choices is None or not choices.lu_per_unit:
             raise GatewayError("lu_per_unit: missing, telegram 112 needs lu_per_unit and velocity_per")
-        return _FloatValues(telegram, choices)
+        return _FloatValues(self, choices)
 
 
 def _mode(outcome: Outcome, asked: Asked) -> State:

@@ -36,15 +36,14 @@ class PositioningAdapter(ControlWordAdapter):
 
     def __init__(self, telegram: Telegram, settings: AxisSettings) -> None:
         super().__init__(telegram, settings)
-        setpoints, actuals = telegram.setpoints, telegram.actuals
-        self._satzanw = setpoints.index("SATZANW")
-        self._target = setpoints.index("MDI_TARPOS")
-        self._velocity = setpoints.index("MDI_VELOCITY")
-        self._acceleration = setpoints.index("MDI_ACC")
-        self._deceleration = setpoints.index("MDI_DEC")
-        self._mode = setpoints.index("MDI_MOD")
-        self._aktsatz = actuals.index("AKTSATZ")
-        self._position = actuals.index("XIST_A")
+        self._satzanw = self.setpoint("SATZANW")
+        self._target = self.setpoint("MDI_TARPOS")
+        self._velocity = self.setpoint("MDI_VELOCITY")
+        self._acceleration = self.setpoint("MDI_ACC")
+        self._deceleration = self.setpoint("MDI_DEC")
+        self._mode = self.setpoint("MDI_MOD")
+        self._aktsatz = self.actual("AKTSATZ")
+        self._position = self.actual("XIST_A")
         self._last = 0
         """The last STW1 that was evaluated."""
 

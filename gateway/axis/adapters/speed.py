@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import ClassVar, Final
 
-from pdgw.gateway.axis.adapters.base import ControlWordAdapter, place
+from pdgw.gateway.axis.adapters.base import ControlWordAdapter
 from pdgw.gateway.axis.settings import AxisSettings, SetpointEnable
 from pdgw.gateway.axis.waist import Demand, Report, SpeedWish
 from pdgw.profidrive.datatypes import N4_PER_N2, DataType
@@ -31,8 +31,9 @@ class SpeedAdapter(ControlWordAdapter):
 
     def __init__(self, telegram: Telegram, settings: AxisSettings) -> None:
         super().__init__(telegram, settings)
-        self._setpoint, self._setpoint_factor = _speed_signal(telegram.setpoints)
-        self._actual, self._actual_factor = _speed_signal(telegram.actuals)
+        setpoint, self._setpoint_factor = _speed_signal(telegram.setpoints)
+        actual, self._actual_factor = _speed_signal(telegram.actuals)
+        self._setpoint, self._actual = self.setpoint(setpoint), self.actual(actual)
         self._follows = False
         """The speed setpoint is in force."""
         self._profidrive = settings.setpoint_enable is SetpointEnable.PROFIDRIVE
@@ -76,8 +77,7 @@ class LoadAdapter(SpeedAdapter):
 
     def __init__(self, telegram: Telegram, settings: AxisSettings) -> None:
         super().__init__(telegram, settings)
-        self._current = telegram.actuals.index("IAIST_GLATT")
-        """MIST_GLATT, PIST_GLATT and MELD_NAMUR follow."""
+        self._current = self.actual("IAIST_GLATT", "MIST_GLATT", "PIST_GLATT", "MELD_NAMUR")
 
     def write(self, report: Report, actuals: list[int]) -> None:
         super().write(report, actuals)
@@ -91,10 +91,10 @@ class WideSpeedAdapter(SpeedAdapter):
 
     def __init__(self, telegram: Telegram, settings: AxisSettings) -> None:
         super().__init__(telegram, settings)
-        self._torque = place(telegram.setpoints, "MOMRED")
-        self._message = place(telegram.actuals, "MELDW")
-        self._g2_stw = place(telegram.setpoints, "G2_STW")
-        self._g2_zsw = place(telegram.actuals, "G2_ZSW")
+        self._torque = self.setpoint("MOMRED")
+        self._message = self.actual("MELDW")
+        self._g2_stw = self.setpoint("G2_STW")
+        self._g2_zsw = self.actual("G2_ZSW", "G2_XIST1", "G2_XIST2")
 
     def read(self, setpoints: Sequence[int] | None, demand: Demand) -> None:
         super().read(setpoints, demand)
@@ -118,8 +118,8 @@ class DscAdapter(WideSpeedAdapter):
 
     def __init__(self, telegram: Telegram, settings: AxisSettings) -> None:
         super().__init__(telegram, settings)
-        self._xerr = telegram.setpoints.index("XERR")
-        self._kpc = telegram.setpoints.index("KPC")
+        self._xerr = self.setpoint("XERR")
+        self._kpc = self.setpoint("KPC")
         self._last: Sequence[int] | None = None
 
     def read(self, setpoints: Sequence[int] | None, demand: Demand) -> None:
@@ -133,9 +133,7 @@ class DscAdapter(WideSpeedAdapter):
             demand.kpc = setpoints[self._kpc]
 
 
-def _speed_signal(half: TelegramHalf) -> tuple[int, int]:
-    """Where the speed is, and what its steps are worth in N4."""
-    index, item = next(
-        (index, item) for index, item in enumerate(half.signals) if item.quantity is SignalQuantity.SPEED
-    )
-    return index, N4_PER_N2 if item.type is DataType.N2 else 1
+def _speed_signal(half: TelegramHalf) -> tuple[str, int]:
+    """The name of the speed, and what its steps are worth in N4."""
+    item = next(item for item in half.signals if item.quantity is SignalQuantity.SPEED)
+    return item.name, N4_PER_N2 if item.type is DataType.N2 else 1

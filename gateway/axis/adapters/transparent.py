@@ -60,8 +60,9 @@ class TransparentAdapter(Adapter):
 
     def __init__(self, telegram: Telegram) -> None:
         super().__init__(telegram)
-        self._controlword = telegram.setpoints.index("Controlword")
-        self._mode_display = telegram.actuals.index("Modes of Operation Display")
+        self._controlword = self.setpoint(*telegram.setpoints.names[: len(SETPOINT_ATTRIBUTES)])
+        self.actual(*telegram.actuals.names[: len(ACTUAL_ATTRIBUTES)])
+        self._mode_display = self.actual("Modes of Operation Display")
 
     def read(self, setpoints: Sequence[int] | None, demand: Demand) -> None:
         if setpoints is None:
