@@ -39,7 +39,7 @@ from pdgw.dsp402.images import FEEDBACK_NAMES, DriveFeedback
 from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.durations import SECOND
 from pdgw.gateway.axis.checkpoint import Checkpoint, Checkpoints
-from pdgw.gateway.axis.machine import CLAIMS, AxisMachine
+from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.values import FaultRecord, ProbeWish, SdoAnswer, SdoWrite
 from pdgw.gateway.reasons import OrderDoubt
 from pdgw.profidrive.signals import signal
@@ -289,7 +289,7 @@ class Replayer:
         times, answer = self._setpoint_times, tick.answer
         waits = taken < len(times) and times[taken] <= tick.time_ns < self._certain_times[taken]
         dropped = taken > 0 and self._recording.setpoints[taken - 1].dropped
-        hidden = answer is not None and not answer.actuals[0] & CLAIMS
+        hidden = answer is not None and not any(answer.actuals[place] & mask for place, mask in self._machine.claims)
         return OrderDoubt.WAITS if hidden and (waits or dropped) else OrderDoubt.NONE
 
     def _as_told(self, tick: Tick, inputs: _Inputs, faults: tuple[FaultRecord, ...], *, compared: bool) -> Step:

@@ -13,6 +13,7 @@ from pdgw.dsp402.drive_type import DriveType, Quantity
 from pdgw.dsp402.images import DriveFeedback
 from pdgw.dsp402.states import STATE_OF_STATUS, State, StatusBit
 from pdgw.gateway.axis.adapters.transparent import ACTUAL_ATTRIBUTES, SETPOINT_ATTRIBUTES
+from pdgw.gateway.axis.claims import claims
 from pdgw.gateway.axis.enable_guard import EnableGuard
 from pdgw.gateway.axis.executors.base import AxisCycle, Executor
 from pdgw.gateway.axis.executors.dsc import DscExecutor
@@ -63,8 +64,6 @@ from pdgw.profidrive.telegrams import telegram
 
 _OF_THE_DRIVE: Final = Flag.OF_THE_DRIVE
 _WARNING: Final = Flag.WARNING
-CLAIMS: Final = Flag.REACHED | Flag.TASK_ACKNOWLEDGED
-"""Not shown while an order is in doubt, by the first actual value: ZSW1, or the Statusword of a transparent telegram."""
 _DROPPED: Final = OrderDoubt.DROPPED
 _INTERNAL_LIMIT: Final = StatusBit.INTERNAL_LIMIT
 _FOLLOW: Final = Phase.FOLLOW
@@ -96,6 +95,8 @@ class AxisMachine:
         self.telegram = telegram(number)
         self.settings = settings
         self.adapter = make_adapter(number, settings)
+        self.claims = claims(self.telegram.actuals)
+        """Hidden while an order is in doubt."""
         self.inputs = Inputs(feedback)
         self.outputs = Outputs(len(self.telegram.actuals.signals), Reason.NO_PLC)
         self.demand = Demand()
@@ -237,7 +238,8 @@ class AxisMachine:
             report.fault_code, report.warning_code = inputs.fault_code, inputs.warning_code
         self.adapter.write(report, outputs.actuals)
         if inputs.doubt:
-            outputs.actuals[0] &= ~CLAIMS
+            for place, mask in self.claims:
+                outputs.actuals[place] &= ~mask
         outputs.good = drive_ok
         shown = statusword & WATCHED if drive_ok else 0
         if shown != self._drive.shown:

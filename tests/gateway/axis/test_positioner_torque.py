@@ -9,7 +9,7 @@ import pytest
 from pdgw.dsp402.states import State
 from pdgw.gateway.axis.values import SdoWrite
 from pdgw.gateway.motion.blocks import Block, BlockTask
-from pdgw.gateway.reasons import FaultNumber, Reason
+from pdgw.gateway.reasons import FaultNumber, OrderDoubt, Reason
 from tests.gateway.axis.test_positioner_handshake import (
     ACTIVATE,
     DRIVE,
@@ -58,6 +58,10 @@ def test_a_fixed_stop_is_reached_with_its_torque_and_not_by_standing_still() -> 
     for _ in range(100):
         hand(ON | ACTIVATE)
     assert shows(hand, "FIXED_STOP_REACHED")
+    hand.stepper.machine.inputs.doubt = OrderDoubt.WAITS
+    hand(ON | ACTIVATE)
+    assert not shows(hand, "FIXED_STOP_REACHED")
+    assert not shows(hand, "CLAMPING_TORQUE_REACHED")
 
 
 @pytest.mark.parametrize(
