@@ -63,6 +63,18 @@ DriveStatus = NodeStatus
 DriveEvent = NodeEvent
 _SPEED_MODES: Final = (Mode.VELOCITY, Mode.CYCLIC_VELOCITY, Mode.VL_VELOCITY)
 _NO_MODE: Final = 0
+_LIMITS_AND_RAMPS: Final = frozenset(
+    {
+        "dynamic_speed_limit",
+        "dynamic_torque_limit",
+        "max_torque",
+        "profile_acceleration",
+        "profile_deceleration",
+        "profile_velocity",
+        "velocity_offset",
+    }
+)
+"""Objects that also act on a drive whose RPDOs do not carry them."""
 _WITNESS_NS: Final = SECOND
 """So often is a TPDO that does not change compared with its objects."""
 _INTERPOLATED: Final = (
@@ -132,6 +144,8 @@ class DriveClient(NodeClient[DriveSettings]):
         """What stops this drive when the gateway dies; None before its first start."""
         self.serial_number = 0
         """1018h/4; 0 for a drive without one."""
+        self._replaced: dict[tuple[int, int], bytes] = {}
+        """The drive's own values of the limits and ramps that RPDOs carry now."""
         self._identity: tuple[int, int] | None = None
         """Vendor-ID and product code of the device whose objects were found out."""
         self.set_point_refused = False
@@ -413,8 +427,25 @@ class DriveClient(NodeClient[DriveSettings]):
         for values in self._acyclic_rpdos:
             for entry in values.pdo.entries:
                 self._fetch(*entry.address)
-        serial = self._read_if_present(*IDENTITY_SERIAL)
-        self.serial_number = int.from_bytes(serial or b"", "little")
+        serial = int.from_bytes(self._read_if_present(*IDENTITY_SERIAL) or b"", "little")
+        if serial != self.serial_number:
+            self._replaced.clear()
+        self.serial_number = serial
+        self._restore_limits()
+
+    def _restore_limits(self) -> None:
+        """Give the limits and ramps that no RPDO carries any more the drive's own values; read those that RPDOs carry from now on."""
+        pdos = [sender.pdo for sender in (*self._data_senders, self._control)]
+        pdos += [values.pdo for values in self._acyclic_rpdos]
+        carried = {entry.address: entry for pdo in pdos for entry in pdo.entries if entry.attribute in _LIMITS_AND_RAMPS}
+        for address in [address for address in self._replaced if address not in carried]:
+            value = int.from_bytes(self._replaced[address], "little")
+            size = CanType.U16 if len(self._replaced[address]) == 2 else CanType.U32
+            self._do(SdoStep(*address, size, value, "the drive's own value, which RPDOs replaced"))
+            del self._replaced[address]
+        for address in carried:
+            if address not in self._replaced and (data := self._read_if_present(*address)):
+                self._replaced[address] = data
 
     def _configure_guarding(self) -> None:
         settings, drive = self.settings, self.drive_type

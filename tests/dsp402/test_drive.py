@@ -273,6 +273,23 @@ def test_telegram_change_maps_the_pdos_anew(plant: Plant) -> None:
     assert drive.node.read(0x1601, 1) == 0x6081_0020
 
 
+def test_telegram_change_restores_ramps_that_rpdos_replaced(plant: Plant) -> None:
+    """Else a speed telegram ramps, and stops, with what a task of the positioner had asked for last."""
+    drive = plant.power_on()
+    drive.node.write(drive.node.entry(0x6083, 0), 250)
+    client = plant.connect()
+    plant.online()
+    client.reconfigure(LAYOUTS[Operation.POSITIONING], DriveSettings(NODE, sdo_timeout_ms=200))
+    plant.online(2)
+    command = DriveCommand()
+    command.profile_acceleration = 7
+    client.send(command, client.loop.now())
+    site.wait_for(lambda: drive.node.read(0x6083) == 7, "RPDO")
+    client.reconfigure(LAYOUTS[Operation.VELOCITY], DriveSettings(NODE, sdo_timeout_ms=200))
+    plant.online(3)
+    assert drive.node.read(0x6083) == 250
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [("", "1000h"), ("[6040]\nParameterName=x", "EDS"), ("garbage", "EDS"), ("[FileInfo\n", "EDS")],
