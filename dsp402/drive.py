@@ -434,10 +434,12 @@ class DriveClient(NodeClient[DriveSettings]):
         self._restore_limits()
 
     def _restore_limits(self) -> None:
-        """Give the limits and ramps that no RPDO carries any more the drive's own values; read those that RPDOs carry from now on."""
+        """Give the drive's own values back to limits and ramps that no RPDO carries any more; keep those that RPDOs replace."""
         pdos = [sender.pdo for sender in (*self._data_senders, self._control)]
         pdos += [values.pdo for values in self._acyclic_rpdos]
-        carried = {entry.address: entry for pdo in pdos for entry in pdo.entries if entry.attribute in _LIMITS_AND_RAMPS}
+        carried = {
+            entry.address: entry for pdo in pdos for entry in pdo.entries if entry.attribute in _LIMITS_AND_RAMPS
+        }
         for address in [address for address in self._replaced if address not in carried]:
             value = int.from_bytes(self._replaced[address], "little")
             size = CanType.U16 if len(self._replaced[address]) == 2 else CanType.U32

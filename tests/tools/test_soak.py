@@ -88,6 +88,19 @@ def test_every_trouble_begins_and_ends() -> None:
     assert {trouble.name for trouble in TROUBLES} >= {"PLC: IOPS BAD", "bus: other master", "network: second PLC"}
 
 
+def test_rpdo_to_drive_after_power_on_is_no_controlword() -> None:
+    """The drive has its own mapping then, and takes no RPDO."""
+    life = Life(next(parts(7, 1, [9])), keep_telegrams=True)
+    life.play(5 * SECOND)
+    (axis,) = life.axes
+    rpdos = axis.drive.node.pdos.received.items()
+    can_id, frame = next((i, pdo.pack(axis.drive.model)) for i, pdo in rpdos if "controlword" in pdo.attributes)
+    assert axis.controlword_in(can_id, frame) == axis.drive.model.controlword
+    axis.drive.do(lambda node: node.power_off())
+    axis.drive.do(lambda node: node.restart())
+    assert axis.controlword_in(can_id, frame) is None
+
+
 # -- what is drawn ----------------------------------------------------------------------------------------------------------
 
 

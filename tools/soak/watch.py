@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from typing import Final
 
+from pdgw.ds301.nmt import NmtState
 from pdgw.dsp402.states import State
 from pdgw.durations import MS
 from pdgw.gateway.axis.settings import PlcLossReaction
@@ -136,8 +137,10 @@ class SoakAxis:
                 self._stop_asked = now, stops
 
     def controlword_in(self, can_id: int, data: bytes) -> int | None:
-        """The Controlword in an RPDO, as the drive has it mapped; None without one."""
-        pdo = self.drive.node.pdos.received.get(can_id)
+        """The Controlword in an RPDO, as the drive has it mapped; None without one, or while the drive takes no RPDO."""
+        node = self.drive.node
+        # After its power-on the drive has its own mapping until the gateway has configured it.
+        pdo = node.pdos.received.get(can_id) if node.state is NmtState.OPERATIONAL else None
         if pdo is None or "controlword" not in pdo.attributes:
             return None
         at = 0
