@@ -91,7 +91,7 @@ def test_every_trouble_begins_and_ends() -> None:
 def test_rpdo_to_drive_after_power_on_is_no_controlword() -> None:
     """The drive has its own mapping then, and takes no RPDO."""
     life = Life(next(parts(7, 1, [9])), keep_telegrams=True)
-    life.play(5 * SECOND)
+    life.play(2 * SECOND)
     (axis,) = life.axes
     rpdos = axis.drive.node.pdos.received.items()
     can_id, frame = next((i, pdo.pack(axis.drive.model)) for i, pdo in rpdos if "controlword" in pdo.attributes)

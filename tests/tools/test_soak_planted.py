@@ -6,12 +6,13 @@ import re
 
 import pytest
 
+from pdgw.dsp402.states import State
 from pdgw.durations import MS, SECOND
 from pdgw.tools.soak.life import Life
 from pdgw.tools.soak.plan import parts
 from pdgw.tools.soak.planted import DEFECTS, LIMIT_NS, search
 from pdgw.tools.soak.told import Told
-from pdgw.tools.soak.watch import ViolationError
+from pdgw.tools.soak.watch import SoakAxis, ViolationError
 from pdgw.tools.soak.words import Words
 
 FOUND_SOON = {
@@ -44,6 +45,33 @@ def test_zsw1_that_shows_another_state_is_found(monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setattr(Life, "_shown", lambda self, axis: 0x0007)
     with pytest.raises(ViolationError, match=r"ZSW1 0007h shows (operation|no fault), the drive is in"):
         Life(next(parts(1, 1, [1])), keep_telegrams=True).play(300 * SECOND)
+
+
+def asked_axis(word: int) -> SoakAxis:
+    """An axis of telegram 1 whose drive stands still in calm, asked for full speed with this STW1 for a long time."""
+    life = Life(next(parts(7, 1, [1])), keep_telegrams=True)
+    life.play(SECOND)
+    (axis,) = life.axes
+    axis.asked(SECOND, word.to_bytes(2, "big") + b"\x40\x00", certain=True)
+    return axis
+
+
+def test_speed_reached_is_compared_only_after_shaft_had_time() -> None:
+    """A limit switch may just have begun to stop it."""
+    axis = asked_axis(0x047F)
+    axis.drive.model.state = State.OPERATION_ENABLED
+    axis.check(11 * SECOND, reached=True, zsw1=0x0707)
+    with pytest.raises(ViolationError, match="shows speed reached, asked 3000 rpm, turns 0 rpm"):
+        axis.check(12 * SECOND, reached=True, zsw1=0x0707)
+
+
+def test_stop_has_its_time_after_drive_is_reached_again() -> None:
+    axis = asked_axis(0x047D)
+    axis.commanded(SECOND, 0x0002)
+    axis.check(10 * SECOND, reached=False, zsw1=None)
+    axis.check(10 * SECOND + 100 * MS, reached=True, zsw1=None)
+    with pytest.raises(ViolationError, match="bits 0 to 3 are 2h 10000 ms after OFF2"):
+        axis.check(11 * SECOND, reached=True, zsw1=None)
 
 
 # -- EMCYs in the fault buffer ------------------------------------------------------------------------------------------------

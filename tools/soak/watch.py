@@ -82,6 +82,10 @@ class SoakAxis:
         self._previous = drive.model.state
         self._changed = now
         self._lost_since: int | None = None
+        self._reached_since = now
+        """Since when PLC, gateway and drive are joined."""
+        self._apart_since: int | None = None
+        """Since when the shaft does not turn with the speed that came to the gateway."""
         self._disturbed_until = 0
         drive.model.watchers.append(self._entered)
 
@@ -192,17 +196,19 @@ class SoakAxis:
         """``reached``: PLC, gateway and drive are joined. ``zsw1``: what the PLC is shown, None while that may change."""
         self.drive.node.catch_up(now)
         self._check_standstill(now, reached)
+        self._measure(now)
         model = self.drive.model
         # A positioner goes from block to block, and jogs.
         if self.words.telegram.number not in POSITIONER_TELEGRAM_NUMBERS and model.started > self.words.commands:
             raise ViolationError(f"{self.name}: {model.started} tasks begun, {self.words.commands} given by the PLC")
         if not reached:
+            self._reached_since = now
             return
         self._check_stop(now)
         if zsw1 is not None and now - max(self._changed, self._disturbed_until) > SETTLED_NS + self.late_ns:
             self._check_shown(model.state, zsw1)
             if now - self._asked_since > SETTLED_NS + self.late_ns:
-                self._check_reached(zsw1)
+                self._check_reached(now, zsw1)
 
     def _check_standstill(self, now: int, reached: bool) -> None:
         if reached:
@@ -223,7 +229,7 @@ class SoakAxis:
         if self._stop_asked is None:
             return
         since, stops = self._stop_asked
-        if now - max(since, self._disturbed_until) <= self.in_force_ns + SETTLED_NS:
+        if now - max(since, self._disturbed_until, self._reached_since) <= self.in_force_ns + SETTLED_NS:
             return
         allowed = _AFTER_OFF2 if stops & _NO_OFF2 else _AFTER_OFF3
         if self._commanded not in allowed:
@@ -238,14 +244,22 @@ class SoakAxis:
         if state is State.FAULT and not zsw1 & _FAULT:
             raise ViolationError(f"{self.name}: ZSW1 {zsw1:04X}h shows no fault, the drive is in {state.value}")
 
-    def _check_reached(self, zsw1: int) -> None:
-        """The setpoint that came to the gateway, and the shaft."""
+    def _measure(self, now: int) -> None:
+        """Compare the shaft with the speed that came to the gateway."""
         share = self._share
+        if share is None or abs(self.drive.model.ramp.speed - share * RATED_RPM) <= REACHED_RPM:
+            self._apart_since = None
+        elif self._apart_since is None:
+            self._apart_since = now
+
+    def _check_reached(self, now: int, zsw1: int) -> None:
+        """The setpoint that came to the gateway, and the shaft: a limit switch may just have stopped it."""
+        share, apart = self._share, self._apart_since
         word = int.from_bytes(self._asked[:2], "big")
         if not zsw1 & _REACHED or share is None or word & _MOVES != _MOVES or not zsw1 & _OPERATION:
             return
         rpm = self.drive.model.ramp.speed
-        if abs(rpm - share * RATED_RPM) > REACHED_RPM:
+        if apart is not None and now - apart > SETTLED_NS + self.late_ns:
             raise ViolationError(
                 f"{self.name}: ZSW1 {zsw1:04X}h shows speed reached, asked {share * RATED_RPM:.0f} rpm, turns {rpm:.0f} rpm"
             )
