@@ -15,6 +15,10 @@ _SYSLOG = ((logging.ERROR, 3), (logging.WARNING, 4), (logging.INFO, 6))
 _SYSLOG_DEBUG = 7
 _FLUSH_S = 10.0
 """So long a line that repeats itself waits until it is told how often."""
+AT_ONCE = 50
+"""Lines of one kind about one object that are written at once, before a storm of them is limited."""
+_PER_SECOND = 1.0
+"""Lines of such a storm that are written."""
 
 
 class LogFormat(StrEnum):
@@ -71,10 +75,71 @@ def formatter(chosen: LogFormat, *, to_file: bool) -> logging.Formatter:
     return _Text()
 
 
-class Bundle:
-    """Lines that say the same one after the other are told once, and then how often; ``take`` gives what is to be written."""
+def _waited(since: float, now: float) -> bool:
+    """Long enough by the wall clock, which may be set back meanwhile."""
+    return abs(now - since) >= _FLUSH_S
+
+
+class _Kind:
+    """The lines of one kind about one object."""
 
     def __init__(self) -> None:
+        self.left = float(AT_ONCE)
+        self.time = 0.0
+        self.dropped: list[logging.LogRecord] = []
+        """The first and the last line since the last one that was written."""
+        self.count = 0
+
+
+class Budget:
+    """Limits storms, as of EMCY: lines of one kind about one object. The others are counted, and reported within ten seconds.
+
+    A kind is the event, the fault number and the object; for a line without an event the place in the code.
+    """
+
+    def __init__(self) -> None:
+        self._kinds: dict[tuple[object, ...], _Kind] = {}
+
+    def take(self, record: logging.LogRecord) -> list[logging.LogRecord]:
+        """What is to be written for this record: nothing, or how many were left out before it and the record."""
+        event = getattr(record, "event", None) or (record.pathname, record.lineno)
+        kind = self._kinds.setdefault((event, *(getattr(record, name, None) for name in _FIELDS[1:])), _Kind())
+        kind.left = min(float(AT_ONCE), kind.left + max(0.0, record.created - kind.time) * _PER_SECOND)
+        kind.time = record.created
+        if kind.left < 1:
+            kind.count += 1
+            kind.dropped = [*kind.dropped[:1], record]
+            return []
+        kind.left -= 1
+        return [*_left_out(kind), record]
+
+    def due(self, now: float) -> list[logging.LogRecord]:
+        """The counts that have waited long enough."""
+        waiting = [kind for kind in self._kinds.values() if kind.count]
+        return [told for kind in waiting if _waited(kind.dropped[0].created, now) for told in _left_out(kind)]
+
+    def flush(self) -> list[logging.LogRecord]:
+        """All counts."""
+        return [told for kind in self._kinds.values() for told in _left_out(kind)]
+
+
+def _left_out(kind: _Kind) -> list[logging.LogRecord]:
+    if not kind.count:
+        return []
+    last, count = kind.dropped[-1], kind.count
+    kind.dropped, kind.count = [], 0
+    text = f"{count} lines like this one left out, the last: {last.getMessage()}"
+    return [logging.makeLogRecord(last.__dict__ | {"msg": text, "args": None})]
+
+
+class Bundle:
+    """Lines that say the same one after the other are told once, and then how often; ``take`` gives what is to be written.
+
+    A ``Budget`` limits lines that differ.
+    """
+
+    def __init__(self) -> None:
+        self._budget = Budget()
         self._last: logging.LogRecord | None = None
         self._count = 0
         self._since = 0.0
@@ -88,16 +153,20 @@ class Bundle:
             self._count += 1
             self._last = record
             return self.due(record.created)
-        told = self.flush()
+        told = self._repeated()
         self._last = record
-        return [*told, record]
+        return [*told, *self._budget.due(record.created), *self._budget.take(record)]
 
     def due(self, now: float) -> list[logging.LogRecord]:
         """What has waited long enough; ``now`` as ``time.time``."""
-        return self.flush() if self._count and now - self._since >= _FLUSH_S else []
+        repeated = self._repeated() if self._count and _waited(self._since, now) else []
+        return [*repeated, *self._budget.due(now)]
 
     def flush(self) -> list[logging.LogRecord]:
-        """What was repeated and not told yet."""
+        """What was repeated or left out and not told yet."""
+        return [*self._repeated(), *self._budget.flush()]
+
+    def _repeated(self) -> list[logging.LogRecord]:
         last, count = self._last, self._count
         if last is None or not count:
             return []

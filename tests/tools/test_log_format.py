@@ -13,7 +13,7 @@ import pytest
 
 from pdgw.durations import SECOND
 from pdgw.gateway.reasons import FaultNumber, Reason
-from pdgw.tools.log_format import Bundle, LogFormat, formatter
+from pdgw.tools.log_format import AT_ONCE, Bundle, LogFormat, formatter
 from pdgw.tools.run_log import LogLevel, RunLog
 from tests.support.buses import PATIENCE_S, wait_for
 from tests.support.daemon import Plc, axis, configuration, running, world_of
@@ -87,6 +87,55 @@ def test_a_line_that_never_stops_repeating_itself_is_told_every_ten_seconds() ->
     bundle = Bundle()
     told = [item for second in range(60) for item in bundle.take(record("again", second))]
     assert texts(told) == ["again", *["again (11 times more)"] * 5]
+
+
+def fault(text: str, seconds: float, number: int = 101, do: int = 1) -> logging.LogRecord:
+    made = record(text, seconds, logging.ERROR)
+    made.__dict__.update(event="fault", do=do, fault=number)
+    return made
+
+
+def test_a_storm_of_emcy_is_limited_and_counted() -> None:
+    """6000 different EMCY of a drive in 3 s; another drive's fault and another fault number are written at once."""
+    bundle = Bundle()
+    written = []
+    for number in range(6000):
+        written += bundle.take(fault(f"EMCY {number}", number / 2000))
+        if number == 3000:
+            written += bundle.take(fault("other drive", 1.5, do=2))
+            written += bundle.take(fault("other fault", 1.5, number=106))
+    written += bundle.due(5)
+    assert len(written) <= AT_ONCE + 2 * 3 + 2
+    assert {"other drive", "other fault"} <= set(texts(written))
+    written += bundle.due(14)
+    assert "EMCY 5999" in texts(written)[-1]
+    storm = [text for text in texts(written) if "EMCY" in text]
+    counted = sum(int(text.split()[0]) for text in storm if "left out" in text)
+    assert counted + sum("left out" not in text for text in storm) == 6000
+    assert bundle.flush() == bundle.due(60) == []
+    assert texts(bundle.take(fault("later", 100))) == ["later"]
+
+
+@pytest.mark.parametrize("step_s", [-86_400, 86_400])
+def test_a_step_of_the_clock_does_not_hold_counts_back(step_s: int) -> None:
+    bundle = Bundle()
+    for number in range(AT_ONCE + 2):
+        bundle.take(fault(f"EMCY {number}", 100_000))
+    for _ in range(2):
+        bundle.take(record("again", 100_000))
+    assert texts(bundle.due(100_001 + step_s)) == [
+        "again (once more)",
+        f"2 lines like this one left out, the last: EMCY {AT_ONCE + 1}",
+    ]
+
+
+def test_a_storm_of_lines_without_an_event_is_limited_by_its_place_in_the_code() -> None:
+    bundle = Bundle()
+    assert len([text for number in range(1000) for text in bundle.take(record(f"line {number}"))]) == AT_ONCE
+    other = record("another place")
+    other.lineno += 1
+    assert texts(bundle.take(other)) == ["another place"]
+    assert texts(bundle.flush()) == ["950 lines like this one left out, the last: line 999"]
 
 
 def test_what_was_repeated_at_the_end_is_in_the_log(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

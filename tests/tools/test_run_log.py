@@ -135,7 +135,7 @@ import logging, sys
 from pdgw.tools.run_log import LogLevel, RunLog
 run_log = RunLog(LogLevel.INFO, None)
 for number in range(3000):
-    logging.getLogger("gateway").info("%d %s", number, "x" * 200)
+    logging.getLogger("gateway").info("%d %s", number, "x" * 200, extra={"do": number})
 run_log.stop()
 sys.stdout.write(str(run_log.lost))
 """
