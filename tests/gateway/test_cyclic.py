@@ -247,6 +247,17 @@ def test_no_connection_begins_before_the_loss_was_told() -> None:
     assert endpoint.receive(frame(7 + 10 * STEP), PLC, 30 * CYCLE) is Verdict.ACCEPTED
 
 
+def test_without_delays_a_connection_waits_for_the_report_of_the_loss_too() -> None:
+    """On Ethernet one frame connects: without this rule the axes would go on with an ON, and would never see the loss."""
+    endpoint = CyclicEndpoint([telegram(1)], cycle_ns=CYCLE, delays=False)
+    assert endpoint.receive(frame(1), PLC, 0) is Verdict.ACCEPTED
+    assert endpoint.receive(frame(2), PLC, 20 * CYCLE) is Verdict.UNCONFIRMED
+    assert (endpoint.connected, endpoint.setpoints) == (False, [None])
+    assert endpoint.poll(20 * CYCLE), "the loss"
+    assert endpoint.receive(frame(3), PLC, 21 * CYCLE) is Verdict.ACCEPTED
+    assert endpoint.setpoints == [(0x047F, 0x2000)]
+
+
 def test_the_answer_carries_values_status_and_a_running_counter() -> None:
     endpoint = device()
     first = rt.RtFrame.decode(bytes(endpoint.build([(0x0637, -5)], [True])))
