@@ -21,6 +21,7 @@ import traceback
 from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
+from functools import partial
 from typing import Final, Generic, TypeVar
 
 import greenlet
@@ -357,13 +358,19 @@ class Mailbox(Generic[T]):
         self._items.clear()
 
 
+MACHINE_CLOCK: Final[Callable[[], int]] = (
+    partial(time.clock_gettime_ns, time.CLOCK_BOOTTIME) if hasattr(time, "CLOCK_BOOTTIME") else time.monotonic_ns
+)
+"""Nanoseconds that also pass while the machine is suspended: what was heard before is old afterwards, and drives are stopped."""
+
+
 class SystemLoop(Loop):
     """A loop on the machine's clock and file descriptors. ``close`` gives its own descriptors back.
 
     ``clock``: another one that never runs ahead of the machine's, in nanoseconds.
     """
 
-    def __init__(self, readiness: Readiness | None = None, clock: Callable[[], int] = time.monotonic_ns) -> None:
+    def __init__(self, readiness: Readiness | None = None, clock: Callable[[], int] = MACHINE_CLOCK) -> None:
         super().__init__()
         self._clock: Final = clock
         self._readiness: Readiness = best_readiness() if readiness is None else readiness

@@ -11,11 +11,11 @@ from __future__ import annotations
 
 import mmap
 import os
-import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple, Self, TypeVar
 
+from pdgw.ds301.loop import MACHINE_CLOCK
 from pdgw.durations import SECOND
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.trace.layout import (
@@ -171,7 +171,7 @@ class RingReader:
         newest = self._word(Word.NEWEST_CYCLE)
         place = self.layout.cycles_offset + newest % self.layout.cycles * self._cycle.size
         time_ns: int = self._cycle.unpack_from(self._map, place)[1]
-        return not 0 <= time.monotonic_ns() - time_ns < _SETTLED_NS
+        return not 0 <= MACHINE_CLOCK() - time_ns < _SETTLED_NS
 
     @property
     def peer(self) -> str:

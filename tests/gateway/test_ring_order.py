@@ -88,7 +88,7 @@ def _is_sent(frame: Frame) -> bool:
 @contextmanager
 def _machine(directory: Path, seed: int, monkeypatch: pytest.MonkeyPatch) -> Iterator[Machine]:
     machine = Machine(directory, seed)
-    monkeypatch.setattr("pdgw.gateway.trace.reader.time.monotonic_ns", lambda: _NOW)
+    monkeypatch.setattr("pdgw.gateway.trace.reader.MACHINE_CLOCK", lambda: _NOW)
     # The writer works on while a reader copies.
     monkeypatch.setattr("pdgw.gateway.trace.reader.Fence", lambda: machine.goes_on)
     yield machine
@@ -128,7 +128,7 @@ def test_the_newest_record_is_read_when_the_next_one_is_there_or_nothing_more_co
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     now = _NOW
-    monkeypatch.setattr("pdgw.gateway.trace.reader.time.monotonic_ns", lambda: now)
+    monkeypatch.setattr("pdgw.gateway.trace.reader.MACHINE_CLOCK", lambda: now)
     ring = RingFile(tmp_path, LAYOUT, LIMIT, fence=Fence())
     with RingReader(ring.path, in_order=False) as reader:
         for number in (1, 2):
