@@ -60,6 +60,39 @@ def emcy_text(code: int) -> str:
     return EMCY_TEXTS.get(code) or _CLASSES.get(code >> 12, "unknown error code")
 
 
+_REMEDIES: Final = {
+    "2": "check motor, motor cable and load for a short circuit or a blocked axis",
+    "21": "check the supply of the device",
+    "31": "check the mains supply",
+    "32": "check the DC link: supply, braking resistor and deceleration",
+    "3220": "check the supply of the power stage",
+    "4": "let the device cool down; check cooling and load",
+    "43": "let the motor cool down; check load and current limit",
+    "5": "check the device and its supply; replace it if the error stays",
+    "51": "check the 24 V supply of the device",
+    "55": "load or save the parameters of the device again",
+    "6": "restart the device; check its firmware",
+    "63": "check the parameters of the device",
+    "711": "check the braking resistor and its cable",
+    "712": "check motor, brake and motor cable",
+    "73": "check the encoder cable",
+    "81": "check CAN cable, termination and bit rate",
+    "82": "compare the PDO mapping of the device with the configuration",
+    "83": "check load and torque limit",
+    "84": "check load, speed limit and tuning",
+    "86": "check mechanics, load and the following error window",
+    "9": "check what is wired to the fault input of the device",
+}
+"""What to check, by the leading digits of an error code; the longest entry counts. Classes: CiA DSP 402 V2.0 8.1."""
+
+
+def emcy_remedy(code: int) -> str:
+    """What to check after an error code (EMCY or 603Fh)."""
+    digits = f"{code:04X}"
+    found = (_REMEDIES.get(digits[:length]) for length in range(len(digits), 0, -1))
+    return next((text for text in found if text is not None), "read the manual of the device for this code")
+
+
 ERROR_REGISTER_BITS = (
     "generic",
     "current",

@@ -19,21 +19,23 @@ from pdgw.dsp402.faults import DriveFault
 from pdgw.dsp402.indices import ABORT_OPTION
 from pdgw.dsp402.objects import CONTROLWORD, DRIVE_OBJECTS, ERROR_CODE, HOMING_METHOD, MODE
 from pdgw.dsp402.scaling import SCALING_OBJECTS
-from pdgw.dsp402.states import operates, state_of
+from pdgw.dsp402.states import StatusBit, operates, state_of
 from pdgw.durations import MS
 from pdgw.gateway.axis.executors.positioner import PositionerExecutor
 from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.stop_watch import Brake
 from pdgw.gateway.axis.values import Configured, FaultRead, Outputs
 from pdgw.gateway.axis.waist import SHOWN_FAULT
-from pdgw.gateway.axis.watch import EMERGENCY_PATIENCE_NS, POWERED
+from pdgw.gateway.axis.watch import EMERGENCY_PATIENCE_NS, FAULTY, POWERED
 from pdgw.gateway.config import AxisConfig
 from pdgw.gateway.drive_object import OWNED, DriveObject
 from pdgw.gateway.encoder import EncoderObject
+from pdgw.gateway.faults import ToldFault
 from pdgw.gateway.motion.wishes import PositionerChoices
 from pdgw.gateway.positioner_parameters import PositionerValues
 from pdgw.gateway.probe import ProbeReader
 from pdgw.gateway.sensor_link import SensorLink
+from pdgw.gateway.standing import Standing, axis_standing
 from pdgw.gateway.store import DoParameters, UnitsWitnessed
 from pdgw.profidrive.sensor_format import SensorFormat
 from pdgw.profidrive.sign_of_life import MONITORING_OFF
@@ -89,6 +91,8 @@ class Axis(DriveObject):
         """The Controlword of the last step."""
         self._probe = ProbeReader(self.drive, self._news)
         self._probing = False
+        self.shows_supply = False
+        """Statusword.4 is its supply: it was set without power. Many drives set it only with their power stage."""
         self._sound_until = 0
         """When ZSW1.3 was 0 last."""
 
@@ -207,6 +211,21 @@ class Axis(DriveObject):
     def powered(self) -> bool:
         """The power stage may be on."""
         return self.drive.status is DriveStatus.ONLINE and state_of(self.drive.feedback.statusword) in POWERED
+
+    @property
+    def standing(self) -> Standing:
+        return axis_standing(self)
+
+    def _serve(self, outputs: Outputs) -> None:
+        shown = self.drive.feedback.statusword
+        if outputs.good and shown & StatusBit.VOLTAGE_ENABLED and state_of(shown) not in POWERED:
+            self.shows_supply = True
+        super()._serve(outputs)
+
+    @property
+    def cause(self) -> ToldFault | None:
+        in_fault = state_of(self.drive.feedback.statusword) in FAULTY
+        return self.fault_log.cause(self.machine.fault_began - EMERGENCY_PATIENCE_NS if in_fault else 0)
 
     @property
     def withholds_heartbeat(self) -> bool:

@@ -336,6 +336,8 @@ class Daemon:
             return
         log.info("stopping the drives")
         self._stopping = True
+        for item in self.objects:
+            item.gateway_stops = True
         self._stop_until = self.loop.now() + _SHUTDOWN_NS
         self.link.lose_setpoints()
 
@@ -394,7 +396,8 @@ class Daemon:
 
     def _cycle(self, now: int, *, accepted: bool) -> None:
         link = self.link
-        if link.poll(now):
+        # The setpoints that the gateway itself lets go are no loss of the PLC.
+        if link.poll(now) and not self._stopping:
             log.error("PLC lost: %s", link.loss, extra={"event": "plc"})
             for item in self.objects:
                 item.raise_fault(FaultNumber.PLC_LOST, link.loss, now)

@@ -32,8 +32,9 @@ from pdgw.gateway.axis.values import (
 )
 from pdgw.gateway.config import AxisConfig
 from pdgw.gateway.config_encoder import EncoderConfig
-from pdgw.gateway.faults import FaultLog
+from pdgw.gateway.faults import FaultLog, ToldFault
 from pdgw.gateway.reasons import FaultNumber, OrderDoubt, Reason
+from pdgw.gateway.standing import Standing
 from pdgw.profidrive.telegrams import Telegram
 
 log = logging.getLogger("gateway")
@@ -80,6 +81,10 @@ class DriveObject(abc.ABC):
         """What happened since the last step."""
         self._generation = 0
         self._told_reason: Reason | None = None
+        self._shown_reason: Reason | None = None
+        """What the log had last."""
+        self.gateway_stops = False
+        """The gateway is being stopped: nobody has lost the PLC."""
         self._writes: tuple[SdoWrite, ...] | None = None
         """What the last SDO job writes."""
         self._future: Future[None] | None = None
@@ -176,6 +181,16 @@ class DriveObject(abc.ABC):
         """What happened lately, warnings included, oldest first."""
         return self.fault_log.history
 
+    @property
+    @abc.abstractmethod
+    def standing(self) -> Standing:
+        """State word and chain of enables, as the last step left them."""
+
+    @property
+    def cause(self) -> ToldFault | None:
+        """The fault to name first, None when all are acknowledged."""
+        return self.fault_log.cause()
+
     # -- around the machine's step ----------------------------------------------------------------------------------------
 
     def _deliver(self, news: list[News]) -> None:
@@ -197,11 +212,12 @@ class DriveObject(abc.ABC):
             self._future = self.client.submit(lambda client: self._write_all(client, writes))
         if outputs.eventful:
             self._tell(outputs)
-        reason = outputs.reason
-        if reason is not self._told_reason:
-            self._told_reason = reason
-            text = reason.value if reason else "obeys the PLC"
-            log.info("%s %d: %s", self.kind, self.do_id, text, extra={"event": "reason", "do": self.do_id})
+        self._told_reason = outputs.reason
+        standing = self.standing
+        shown = None if standing.broken is None else standing.broken.reason
+        if shown is not self._shown_reason:
+            self._shown_reason = shown
+            log.info("%s %d: %s", self.kind, self.do_id, standing.sentence, extra={"event": "reason", "do": self.do_id})
 
     def _tell(self, outputs: Outputs) -> None:
         for record in outputs.faults:

@@ -24,6 +24,7 @@ from pdgw.gateway.axis.telegrams import ENCODER_TELEGRAM_NUMBERS
 from pdgw.gateway.axis.values import Outputs, SdoWrite
 from pdgw.gateway.config_encoder import EncoderConfig
 from pdgw.gateway.drive_object import OWNED, DriveObject
+from pdgw.gateway.standing import Standing, encoder_standing
 from pdgw.profidrive.sensor_format import SensorFormat
 from pdgw.profidrive.sign_of_life import MONITORING_OFF
 from pdgw.profidrive.telegrams import telegram
@@ -131,7 +132,8 @@ class EncoderObject(DriveObject):
         if setpoints is not None:
             self.last_setpoints = setpoints
         outputs = machine.step()
-        self._serve(outputs)
+        if outputs.eventful or outputs.writes is not None or outputs.reason is not self._told_reason:
+            self._serve(outputs)
         return outputs
 
     # -- what others ask --------------------------------------------------------------------------------------------------
@@ -167,6 +169,10 @@ class EncoderObject(DriveObject):
     def powered(self) -> bool:
         """An encoder moves nothing."""
         return False
+
+    @property
+    def standing(self) -> Standing:
+        return encoder_standing(self)
 
     @property
     def faulty(self) -> bool:

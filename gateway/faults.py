@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from pdgw.durations import MS
 from pdgw.gateway.axis.values import FaultRecord
-from pdgw.gateway.reasons import FIRST_WARNING, GATEWAY_FAULTS
+from pdgw.gateway.reasons import FIRST_WARNING, GATEWAY_FAULTS, FaultNumber
 from pdgw.profidrive.parameters.faults import FAULTS_PER_SITUATION, SIZE, Fault, FaultBuffer
 
 _NO_FAULT = Fault(0, 0, 0, 0)
@@ -32,6 +32,10 @@ def _warning_mask(record: FaultRecord) -> int:
     """The bit of a warning in P953."""
     fault = GATEWAY_FAULTS.get(record.number)
     return 1 << EMCY_WARNING_BIT if fault is None else fault.warning_mask
+
+
+def _rank(record: FaultRecord, since: int) -> tuple[bool, bool, bool]:
+    return record.number == FaultNumber.PLC_LOST, not record.of_device, record.time_ns < since
 
 
 class FaultLog:
@@ -113,6 +117,14 @@ class FaultLog:
     def entries(self) -> list[Fault]:
         """All 64 places, empty ones as zeros."""
         return [self._buffer.entry(place) or _NO_FAULT for place in range(SIZE)]
+
+    def cause(self, since: int = 0) -> ToldFault | None:
+        """The fault to name first: the oldest that is not acknowledged.
+
+        What the device reported from ``since`` (monotonic ns) on goes first, the loss of the PLC last: it follows from others.
+        """
+        active = [told for told in reversed(self.told(present=False)) if told.active and not told.record.is_warning]
+        return min(active, key=lambda told: _rank(told.record, since), default=None)
 
     def fault_code(self, since: int) -> int:
         """The first fault from ``since`` (monotonic ns) on that is not acknowledged, else the newest; 0 for none."""

@@ -16,7 +16,8 @@ from pdgw.ds301.emcy import BUS_OFF_RECOVERED, HEARTBEAT_ERROR
 class AxisState(enum.Enum):
     """What a drive object does in the eyes of the user; ``value`` is the word shown, the same everywhere."""
 
-    OBEYS = "Obeys the PLC"
+    OBEYS = "In operation"
+    """It follows the PLC's setpoints."""
     OFF = "Off"
     """As the PLC asks."""
     STARTING = "Starting"
@@ -28,16 +29,18 @@ class AxisState(enum.Enum):
 
 
 class Enable(enum.Enum):
-    """A link of the chain that has to hold before a drive object does what it is told, the first one first."""
+    """A link of the chain of enables, the physical ones first, then the drive, then the PLC's program."""
 
+    BUS = "CAN bus"
+    NODE = "device on the bus"
+    SUPPLY = "supply voltage"
+    NO_FAULT = "no fault"
+    SENSOR = "sensor in operation"
+    OPERATION = "drive follows ON"
     PLC = "PLC frames"
     CONTROL = "control by PLC"
-    NODE = "device on the bus"
-    NO_FAULT = "no fault"
-    ON_EDGE = "ON edge taken"
-    OPERATION = "operation enabled"
+    ON_EDGE = "ON command accepted"
     SETPOINT = "setpoint enabled"
-    SENSOR = "sensor in operation"
 
 
 _S, _E = AxisState, Enable
@@ -52,7 +55,7 @@ class Reason(enum.Enum):
     state: AxisState
     """What the object is in with it, unless power is on and it is being stopped."""
     enable: Enable
-    """The first link of the chain it breaks."""
+    """The link of the chain it breaks."""
     remedy: str
     """What to do."""
 
@@ -94,10 +97,10 @@ class Reason(enum.Enum):
         "check power, CAN cable, termination, bit rate and node-ID of the drive",
     )
     DRIVE_FAULT = (
-        "drive is in fault: acknowledge with a rising edge of STW1.7",
+        "the drive is in fault and reports no error code",
         _S.FAULT,
         _E.NO_FAULT,
-        "end its cause, then acknowledge with a rising edge of STW1.7; then OFF and ON",
+        "remove the cause; then acknowledge (STW1.7)",
     )
     DRIVE_UNKNOWN_STATE = (
         "Statusword fits no state of the drive: stopping",
@@ -163,7 +166,7 @@ class Reason(enum.Enum):
         "drive is not in operation: setpoints have no effect",
         _S.STARTING,
         _E.OPERATION,
-        "the drive follows ON and STW1.3 = 1 (enable operation); if it stays, its own enables are missing",
+        "check the drive's own enables: safe torque off (STO), enable input, limit switches",
     )
     MODE_NOT_CONFIRMED = (
         "waiting for the drive to confirm the mode of operation (6061h)",
@@ -364,6 +367,54 @@ class Reason(enum.Enum):
         _S.FAULT,
         _E.NO_FAULT,
         "check velocity_unit and counts_per_revolution with pdgw axis test, acknowledge with STW1.7, then OFF and ON",
+    )
+    BUS_LOST = (
+        "the CAN bus is lost: bus-off, or no interface",
+        _S.NOT_ON_THE_BUS,
+        _E.BUS,
+        "check CAN cable, termination, bit rate and the interface; the gateway connects again by itself",
+    )
+    NODE_REFUSED = (
+        "the gateway refuses the device: it is another one than configured, or does not take its configuration",
+        _S.NOT_ON_THE_BUS,
+        _E.NODE,
+        "compare the device with the configuration, see pdgw config check --bus",
+    )
+    NODE_CONFIGURING = (
+        "the device is being configured",
+        _S.STARTING,
+        _E.NODE,
+        "wait: it takes some seconds",
+    )
+    NO_SUPPLY = (
+        "the drive reports no supply voltage (Statusword.4 = 0)",
+        _S.WAITS,
+        _E.SUPPLY,
+        "check main contactor, emergency stop and the supply of the power stage",
+    )
+    SWITCHED_OFF = (
+        "the PLC has switched the drive off (STW1.0 = 0)",
+        _S.OFF,
+        _E.ON_EDGE,
+        "nothing is wrong: ON (STW1.0 = 1) switches the drive on",
+    )
+    ENABLE_MISSING = (
+        "STW1.3 = 0: the PLC does not enable operation",
+        _S.WAITS,
+        _E.ON_EDGE,
+        "the PLC's program has to set STW1.3 = 1",
+    )
+    PLC_STALLED = (
+        "the PLC's sign of life (STW2) does not count: its program is stopped or too slow",
+        _S.WAITS,
+        _E.PLC,
+        "check the PLC's program and its cycle time; then OFF and ON",
+    )
+    GATEWAY_STOPS = (
+        "the gateway is being stopped",
+        _S.STOPPING,
+        _E.PLC,
+        "start the gateway again",
     )
 
 

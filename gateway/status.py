@@ -19,7 +19,7 @@ from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.drive_object import DriveObject
 from pdgw.gateway.encoder import EncoderObject
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.standing import Standing, axis_standing, encoder_standing
+from pdgw.gateway.faults import ToldFault
 from pdgw.gateway.witnessed import witness_text
 
 log = logging.getLogger("gateway")
@@ -42,26 +42,28 @@ def clock_time(seconds: float) -> str:
 
 def fault_status(item: DriveObject, newest: int | None = None) -> list[dict[str, Any]]:
     """Faults and warnings of a drive object, newest first; ``newest``: so many of them."""
-    loop = item.client.loop
-    now, wall = loop.now(), loop.wall()
-    return [
-        {
-            "id": told.id,
-            "active": told.active,
-            "number": int(told.record.number),
-            "code": told.record.code,
-            "text": told.record.text,
-            "is_warning": told.record.is_warning,
-            "time": clock_time(wall - (now - told.record.time_ns) / SECOND),
-            "age_s": round((now - told.record.time_ns) / SECOND, 3),
-        }
-        for told in item.fault_log.told(present=item.warning, newest=newest)
-    ]
+    return [_fault(item, told) for told in item.fault_log.told(present=item.warning, newest=newest)]
 
 
-def _object_status(item: DriveObject, standing: Standing) -> dict[str, Any]:
+def _fault(item: DriveObject, told: ToldFault) -> dict[str, Any]:
+    loop, record = item.client.loop, told.record
+    age_s = (loop.now() - record.time_ns) / SECOND
+    return {
+        "id": told.id,
+        "active": told.active,
+        "number": int(record.number),
+        "code": record.code,
+        "text": record.text,
+        "is_warning": record.is_warning,
+        "time": clock_time(loop.wall() - age_s),
+        "age_s": round(age_s, 3),
+    }
+
+
+def _object_status(item: DriveObject) -> dict[str, Any]:
     """What axes and encoders have in common."""
-    setpoints, reason = item.last_setpoints, item.reason
+    setpoints, standing, cause = item.last_setpoints, item.standing, item.cause
+    broken = standing.broken
     heard_ns = item.client.heard_ns
     return {
         "do_id": item.do_id,
@@ -70,10 +72,18 @@ def _object_status(item: DriveObject, standing: Standing) -> dict[str, Any]:
         "telegram": item.telegram.number,
         "state": standing.state.value,
         "state_id": standing.state.name,
-        "reason": reason.value if reason else "",
-        "reason_id": reason.name if reason else "",
+        "sentence": standing.sentence,
+        "reason": broken.evidence if broken else "",
+        "reason_id": broken.reason.name if broken and broken.reason else "",
+        "remedy": broken.remedy if broken else "",
         "chain": [
-            {"id": link.enable.name, "text": link.enable.value, "ok": link.ok, "todo": link.todo}
+            {
+                "id": link.enable.name,
+                "text": link.enable.value,
+                "ok": link.ok,
+                "evidence": link.evidence,
+                "todo": link.remedy,
+            }
             for link in standing.chain
         ],
         "drive": item.client.status.value,
@@ -83,6 +93,7 @@ def _object_status(item: DriveObject, standing: Standing) -> dict[str, Any]:
         "iops_good": item.good,
         "heard_age_ms": round((item.client.loop.now() - heard_ns) / MS, 1) if heard_ns else None,
         "saturations": item.outputs.saturations,
+        "cause": None if cause is None else _fault(item, cause),
         "faults": fault_status(item, 1),
         "fault_count": len(item.faults),
     }
@@ -97,7 +108,7 @@ def axis_status(axis: Axis) -> dict[str, Any]:
     scaling = drive_type.scaling if drive_type else None
     velocity = feedback.velocity_actual if "velocity_actual" in mapped else None
     per_rpm = scaling.velocity_per_rpm if scaling else None
-    return _object_status(axis, axis_standing(axis)) | {
+    return _object_status(axis) | {
         "drive_state": state.value if state else "unknown",
         "statusword": feedback.statusword,
         "controlword": axis.outputs.command.controlword,
@@ -118,7 +129,7 @@ def axis_status(axis: Axis) -> dict[str, Any]:
 def encoder_status(encoder: EncoderObject) -> dict[str, Any]:
     """One encoder channel as plain data."""
     source = encoder.input
-    return _object_status(encoder, encoder_standing(encoder)) | {
+    return _object_status(encoder) | {
         "channel": encoder.config.channel,
         "rated_speed": float(encoder.config.reference_speed),
         "rated_speed_unit": encoder.config.speed_unit,

@@ -222,7 +222,7 @@ def test_the_states_have_the_patterns_that_are_read() -> None:
 
 
 def test_the_chain_of_enables_is_told_in_its_order() -> None:
-    assert [row[0] for row in rows("axis-does-not-move.md", "link | missing means")] == [item.value for item in Enable]
+    assert [row[0] for row in rows("axis-does-not-move.md", "link | broken means")] == [item.value for item in Enable]
 
 
 def test_the_exit_codes_of_a_check_are_those_it_ends_with() -> None:

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 from pdgw.gateway.reasons import AxisState
 
 _BAD = (AxisState.FAULT.name, AxisState.NOT_ON_THE_BUS.name)
-_HELD_UP = (AxisState.WAITS.name, AxisState.STOPPING.name)
+_HELD_UP = (AxisState.STARTING.name, AxisState.WAITS.name, AxisState.STOPPING.name)
 
 
 class Health(IntEnum):
@@ -16,7 +16,7 @@ class Health(IntEnum):
 
     OK = 0
     WARNING = 1
-    """An axis waits or is being stopped, or a warning stands."""
+    """An axis starts, waits or is being stopped, or a warning is active."""
     CRITICAL = 2
     """No PLC, a bus lost, a drive or encoder in fault or not on its bus."""
     UNKNOWN = 3
@@ -41,7 +41,7 @@ def findings(document: dict[str, Any]) -> list[Finding]:
             name, state = f"{kind} {item['do_id']}", item["state_id"]
             if state in _BAD or state in _HELD_UP:
                 health = Health.CRITICAL if state in _BAD else Health.WARNING
-                found.append(Finding(health, f"{name} {item['state']}: {item['reason']}"))
+                found.append(Finding(health, f"{name} {item['sentence']}"))
             elif any(fault["active"] for fault in item["faults"]):
                 found.append(Finding(Health.WARNING, f"{name}: {item['faults'][0]['text']}"))
     return sorted(found, key=lambda finding: -finding.health)

@@ -115,13 +115,11 @@ def _object(item: dict[str, Any], kind: str, width: int) -> Iterator[str]:
     heard = "" if age is None else f", heard {age:g} ms ago"
     head = f"DO {item['do_id']} {kind}, node {item['node_id']} {item['drive']}{heard}, telegram {item['telegram']}"
     shown = item["drive_state"] if kind == "axis" else f"sensor {item['sensor_state']}"
-    yield from _folded(f"{head}: {item['state']} ({shown})", width, 4, "")
-    why = item["reason"] or item["drive_text"]
-    if why:
-        yield from _folded(why, width, 5, "  -> ")
+    yield from _folded(f"{head} ({shown})", width, 4, "")
+    yield from _folded(item["sentence"], width, 5, "  -> ")
     for link in item["chain"]:
-        if link["todo"]:
-            yield from _folded(f"missing: {link['text']} ({link['todo']})", width, 5, "     ")
+        if link["ok"] is False and link["evidence"] != item["reason"]:
+            yield from _folded(f"also missing: {link['text']} ({link['evidence']})", width, 5, "     ")
     chosen = telegram(item["telegram"])
     positioning = chosen.mode is ApplicationMode.POSITIONING
     for title, values in (("from PLC", item["setpoints"]), ("to PLC", item["actuals"])):

@@ -118,8 +118,8 @@ def _changes(before: Document | None, document: Document) -> Iterator[tuple[str,
         do_id, old = item["do_id"], known.get(item["do_id"], {})
         if old.get("drive") != item["drive"]:
             yield "node", do_id, f"node {item['node_id']}: {item['drive']}"
-        if old.get("state") != item["state"] or old.get("reason") != item["reason"]:
-            yield "reason", do_id, f"{item['state']}: {item['reason']}" if item["reason"] else item["state"]
+        if old.get("state_id") != item["state_id"] or old.get("reason_id") != item["reason_id"]:
+            yield "reason", do_id, item["sentence"]
 
 
 def _plc_text(plc: Document) -> str:

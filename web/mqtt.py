@@ -1,7 +1,7 @@
 """What an MQTT broker is told: the state of each drive object when it changes, and events. Nothing is taken from it.
 
     TOPIC/NAME/online               "1"; "0" is the last will, and what is said while the gateway does not answer   retained
-    TOPIC/NAME/axis/DO/state        {"state", "reason", "fault", "time", ...} on change                             retained
+    TOPIC/NAME/axis/DO/state        {"state", "sentence", "reason", "remedy", "fault", ...} on change               retained
     TOPIC/NAME/encoder/DO/state     the same
     TOPIC/NAME/event                one event as in the page's list
 
@@ -33,12 +33,12 @@ _KEEP_ALIVE_S = 15
 _RECONNECT_MAX_S = 30
 MESSAGE_MAX = 64 * 1024
 """Bytes of a packet of the broker. It sends acknowledgements of a few bytes; MQTT itself allows 256 MB."""
-_TOLD = ("state", "state_id", "reason", "reason_id", "drive", "telegram")
+_TOLD = ("state", "state_id", "sentence", "reason", "reason_id", "remedy", "drive", "telegram")
 
 
 def object_message(item: Document) -> str:
     """What is said of a drive object: nothing that changes while it does what it should, such as a speed."""
-    fault = item["faults"][0] if item["faults"] else None
+    fault = item["cause"] or (item["faults"][0] if item["faults"] else None)
     newest = None if fault is None else {key: fault[key] for key in ("number", "text", "is_warning", "active", "time")}
     return json.dumps({key: item[key] for key in _TOLD} | {"fault": newest})
 

@@ -88,7 +88,7 @@ class EncoderMachine:
         self.outputs = Outputs(len(self.telegram.actuals.signals), Reason.ENCODER_NO_PLC)
         self.channel = SensorChannel()
         self.control = EncoderControl(SignOfLife(settings.sign_of_life_failures))
-        self._node = NodeWatch(self.outputs, {})
+        self._node = NodeWatch(self.outputs)
         self._acknowledgement = Acknowledgement()
         self._speed: Normalisation | None = None
         self._usable = False
@@ -113,6 +113,16 @@ class EncoderMachine:
             self._refused = error
             return
         self._usable = True
+
+    @property
+    def usable(self) -> bool:
+        """The encoder is known: its references were read and can be used."""
+        return self._usable
+
+    @property
+    def in_error(self) -> bool:
+        """The sensor shows an error to the PLC."""
+        return self.channel.sensor.state in _IN_ERROR
 
     @property
     def faulty(self) -> bool:
@@ -167,7 +177,7 @@ class EncoderMachine:
         if self._acknowledgement.step(asked, ok, cause, now):
             outputs.acknowledged = outputs.eventful = True
         outputs.reason = self._reason(ok)
-        outputs.warning = channel.sensor.state in _IN_ERROR
+        outputs.warning = self.in_error
         return outputs
 
     def _take_news(self) -> None:

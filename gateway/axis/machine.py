@@ -121,7 +121,7 @@ class AxisMachine:
             self.sensor.measure(possible=not settings.g1_is_encoder)
         if self.second_sensor is not None and settings.second_sensor is SecondSensor.DRIVE:
             self.second_sensor.channel.set_references(DriveSensor.references)
-        self._node = NodeWatch(self.outputs, {})
+        self._node = NodeWatch(self.outputs)
         self.notes.troubles = self._node.troubles
         self._drive = DriveWatch(self.outputs)
         self.acknowledgement = Acknowledgement()
@@ -167,6 +167,16 @@ class AxisMachine:
         self._node.tell_to(self.outputs)
         self.notes.troubles = self._node.troubles
         self.check.locked = other.check.locked
+
+    @property
+    def usable(self) -> bool:
+        """The drive is known: what 100 % is, and that it has the modes of the telegram."""
+        return self._usable
+
+    @property
+    def fault_began(self) -> int:
+        """When the drive showed its last fault, monotonic ns."""
+        return self._drive.fault_began
 
     # -- the step -----------------------------------------------------------------------------------------------------
 
@@ -381,7 +391,7 @@ class AxisMachine:
                 else:
                     self.executor.probed(item)
             elif isinstance(item, FaultRead):
-                self._drive.fault_read(item, inputs.feedback, inputs.now)
+                self._drive.fault_read(item, inputs.feedback, self._node.faults, inputs.now)
                 self._node.told(item.code)
             else:
                 self._node.restart_asked()
@@ -421,7 +431,7 @@ class AxisMachine:
         self._usable = False
         if drive is None:
             return
-        self._node.fault_of_emcy = {code: fault.number for code, fault in drive.fault_of_code.items()}
+        self._node.faults, self._node.fault_of_emcy = drive.faults, drive.fault_of_code
         refusal = self.lacking(drive, homing_method)
         if refusal:
             self.notes.faults.append((FaultNumber.REFERENCE, refusal))

@@ -125,6 +125,11 @@ class FaultRecord:
     time_ns: int
     is_warning: bool = False
 
+    @property
+    def of_device(self) -> bool:
+        """The drive or encoder reported it, not the gateway."""
+        return self.number not in GATEWAY_FAULTS
+
 
 def gateway_fault(number: FaultNumber, detail: str, now: int) -> FaultRecord:
     """A fault of the gateway's own table."""

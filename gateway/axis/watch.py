@@ -8,6 +8,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import ClassVar, Final
 
+from pdgw.ds301.emcy import emcy_text
+from pdgw.dsp402.faults import DriveFault
 from pdgw.dsp402.images import DriveFeedback
 from pdgw.dsp402.states import STATE_OF_STATUS, State, StatusBit
 from pdgw.durations import MS, SECOND
@@ -92,14 +94,17 @@ class NodeWatch:
         "_refusal",
         "_restart_asked",
         "fault_of_emcy",
+        "faults",
         "last_emergency",
         "troubles",
     )
 
-    def __init__(self, outputs: Outputs, fault_of_emcy: Mapping[int, int]) -> None:
+    def __init__(self, outputs: Outputs) -> None:
         self._outputs = outputs
-        self.fault_of_emcy = fault_of_emcy
-        """Fault number of an EMCY error code."""
+        self.faults: Mapping[int, DriveFault] = {}
+        """The manufacturer's faults by number,"""
+        self.fault_of_emcy: Mapping[int, DriveFault] = {}
+        """and by EMCY error code."""
         self.troubles = Troubles()
         self._absent = False
         self._refusal = ""
@@ -174,10 +179,12 @@ class NodeWatch:
         self.told(code)
         if not self._emergencies.is_new((code, notice.register, notice.data), now):
             return
-        number = CANOPEN_FAULT if code in _CANOPEN_ERRORS else INTERNAL_FAULT
-        number = self.fault_of_emcy.get(code, number)
+        number, text = CANOPEN_FAULT if code in _CANOPEN_ERRORS else INTERNAL_FAULT, notice.text
+        fault = self.fault_of_emcy.get(code)
+        if fault is not None:
+            number, text = fault.number, f"EMCY {code:04X}h {fault.name}"
         value = int.from_bytes(notice.data[:_VALUE_BYTES], "little")
-        self._outputs.fault(FaultRecord(number, code, value, notice.text, now, notice.register == 0))
+        self._outputs.fault(FaultRecord(number, code, value, text, now, notice.register == 0))
 
 
 class Acknowledgement:
@@ -221,14 +228,17 @@ class Acknowledgement:
 class DriveWatch:
     """What a drive shows of its own accord, by its Statusword."""
 
-    ASIDE: ClassVar[frozenset[str]] = frozenset({"fault_since", "shown"})
+    ASIDE: ClassVar[frozenset[str]] = frozenset({"fault_began", "fault_since", "shown"})
 
-    __slots__ = ("_outputs", "_repetitions", "fault_since", "shown")
+    __slots__ = ("_outputs", "_repetitions", "fault_began", "fault_since", "shown")
 
     def __init__(self, outputs: Outputs) -> None:
         self._outputs = outputs
         self._repetitions = Repetitions()
         self.fault_since = 0
+        """Since when an EMCY for the present fault is missing; 0 when none is."""
+        self.fault_began = 0
+        """When the Statusword showed a fault last."""
         self.shown = 0
         """The bits that are watched as they were last, 0 without a drive."""
 
@@ -237,7 +247,7 @@ class DriveWatch:
         old, self.shown = self.shown, shown
         state, previous = STATE_OF_STATUS[shown & STATE_MASK], STATE_OF_STATUS[old & STATE_MASK]
         if state in FAULTY and previous not in FAULTY:
-            self.fault_since = now
+            self.fault_since = self.fault_began = now
         if state is None and previous is not None:
             self._tell(FaultNumber.STATE_UNKNOWN, f"Statusword {statusword:04X}h", now)
         elif (
@@ -263,7 +273,13 @@ class DriveWatch:
             if node.last_emergency < since - EMERGENCY_PATIENCE_NS:
                 self._outputs.read_fault = self._outputs.eventful = True
 
-    def fault_read(self, read: FaultRead, feedback: DriveFeedback, now: int) -> None:
-        """The number and code that were read."""
-        text = f"Statusword {feedback.statusword:04X}h shows a fault without an EMCY"
+    def fault_read(self, read: FaultRead, feedback: DriveFeedback, faults: Mapping[int, DriveFault], now: int) -> None:
+        """The number and code that were read; ``faults``: the manufacturer's by number."""
+        named = faults.get(read.number)
+        if named is not None:
+            text = f"fault {read.number} {named.name} (no EMCY)"
+        elif read.code:
+            text = f"error code {read.code:04X}h {emcy_text(read.code)} (603Fh, no EMCY)"
+        else:
+            text = f"Statusword {feedback.statusword:04X}h shows a fault without an EMCY"
         self._outputs.fault(FaultRecord(read.number or INTERNAL_FAULT, read.code, 0, text, now))

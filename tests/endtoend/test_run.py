@@ -88,7 +88,7 @@ def test_a_simulated_axis_and_its_encoder_turn_whatever_else_comes_and_stop_with
         plc.until(lambda: plc.signal(0, "NIST_A") == 0x2000, "1500 rpm of the drive")
         plc.until(lambda: abs(plc.signal(1, "NIST_B") - 0x2000_0000) < 0x80_0000, "1500 rpm of the encoder")
         axis = fetch(status, PATIENCE_S)["axes"][0]
-        assert (axis["state"], axis["drive_state"]) == ("Obeys the PLC", "Operation Enabled")
+        assert (axis["state"], axis["drive_state"]) == ("In operation", "Operation Enabled")
         assert axis["velocity"] == 3000
 
         garbage = (b"", b"x", bytes(46), bytes(1500), b"\xc0\x01")

@@ -168,7 +168,7 @@ def test_the_log_has_each_change_of_the_reason_each_fault_and_what_the_node_told
     steps(ON, *[STATUS_OF[State.OPERATION_ENABLED] | StatusBit.INTERNAL_LIMIT] * 3)
     steps(ON, *[State.SWITCHED_ON] * 3)
     told = [(record.levelname, getattr(record, "event", ""), record.getMessage()) for record in caplog.records]
-    first = told.index(("INFO", "reason", "axis 7: obeys the PLC"))
+    first = told.index(("INFO", "reason", "axis 7: In operation"))
     assert [(level, event) for level, event, _ in told[first:]] == [
         ("INFO", "reason"),
         ("INFO", "node"),
@@ -178,7 +178,7 @@ def test_the_log_has_each_change_of_the_reason_each_fault_and_what_the_node_told
         ("INFO", "reason"),
     ]
     assert told[first + 1][2] == "axis 7: node operational, configuration 1"
-    assert told[first + 3][2] == f"axis 7: {Reason.INTERNAL_LIMIT.value}"
+    assert told[first + 3][2].startswith(f"axis 7: Waits: {Reason.INTERNAL_LIMIT.value}. Look for limit switches")
     assert "fault 122" in told[first + 4][2]
 
 

@@ -12,8 +12,7 @@ from pdgw.gateway.axis.values import gateway_fault
 from pdgw.gateway.cycle_watch import Histogram
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.faults import FaultLog
-from pdgw.gateway.reasons import AxisState, Enable, FaultNumber, Reason
-from pdgw.gateway.standing import AXIS_CHAIN, ENCODER_CHAIN, Break, axis_standing
+from pdgw.gateway.reasons import AxisState, FaultNumber, Reason
 from pdgw.gateway.status import answered, axis_status, encoder_status, snapshot
 from pdgw.tools.status_text import status_lines
 from tests.support.daemon import OFF, Plc, axis, configuration, drive_of, running, until, world_of
@@ -22,65 +21,45 @@ from tests.support.written_tables import named, rows
 ENCODER = "[[encoder]]\ndo_id = 2\nnode_id = 20\ntelegram = 83\nsimulate = true\n"
 
 
-def broken(daemon: Daemon) -> Break | None:
-    """The first broken link of the first axis."""
-    links = axis_standing(daemon.axes[0]).chain
-    found = [Break(link.enable, link.todo) for link in links if link.ok is False]
-    assert len(found) <= 1
-    return found[0] if found else None
+def broken(daemon: Daemon) -> Reason | None:
+    """The reason of the first broken link of the first axis."""
+    link = daemon.axes[0].standing.broken
+    return None if link is None else link.reason
 
 
 def state(daemon: Daemon) -> AxisState:
-    return axis_standing(daemon.axes[0]).state
-
-
-@pytest.mark.parametrize("reason", Reason, ids=lambda reason: reason.name)
-def test_every_reason_declares_state_link_and_what_to_do(reason: Reason) -> None:
-    chain = ENCODER_CHAIN if reason.name.startswith(("ENCODER", "SENSOR")) else AXIS_CHAIN
-    assert reason.enable in chain
-    assert reason.state in AxisState
-    assert reason.state is not AxisState.OBEYS
-    assert reason.remedy
-    assert reason.remedy[0] not in " ."
-
-
-def test_the_numbers_of_reasons_are_distinct_and_none_is_0() -> None:
-    assert sorted(reason.code for reason in Reason) == list(range(1, len(Reason) + 1))
+    return daemon.axes[0].standing.state
 
 
 def test_the_chain_follows_an_axis_from_silence_to_operation_and_back() -> None:
     with running(configuration(axis(1))) as daemon:
         plc = Plc(daemon, [1])
         assert state(daemon) is AxisState.NOT_ON_THE_BUS
-        # Two things are missing; the first one is told.
-        assert broken(daemon) == Break(Enable.PLC, Reason.NO_PLC.remedy)
+        # Two links are broken; the physical one speaks.
+        assert broken(daemon) is Reason.DRIVE_OFFLINE
         until(daemon, lambda: state(daemon) is AxisState.WAITS, "online")
         plc.endpoint.set(0, {"STW1": OFF & ~0x400})
-        plc.until(
-            lambda: state(daemon) is AxisState.WAITS and broken(daemon) != Break(Enable.PLC, Reason.NO_PLC.remedy), ""
-        )
-        assert broken(daemon) == Break(Enable.CONTROL, Reason.NO_CONTROL.remedy)
+        plc.until(lambda: state(daemon) is AxisState.WAITS and broken(daemon) is not Reason.NO_PLC, "a PLC")
+        assert broken(daemon) is Reason.NO_CONTROL
         plc.endpoint.set(0, {"STW1": OFF})
         plc.until(lambda: state(daemon) is AxisState.OFF, "off, as it is asked")
-        found = broken(daemon)
-        assert found is not None
-        assert (found.enable, "nothing is wrong" in found.todo) == (Enable.ON_EDGE, True)
+        assert broken(daemon) is Reason.SWITCHED_OFF
         seen = set()
         plc.endpoint.set(0, {"STW1": OFF | 1})
 
         def obeys() -> bool:
-            seen.add((state(daemon), None if (link := broken(daemon)) is None else link.enable))
+            seen.add((state(daemon), broken(daemon)))
             return state(daemon) is AxisState.OBEYS
 
         plc.until(obeys, "operation")
-        assert (AxisState.STARTING, Enable.OPERATION) in seen
+        assert (AxisState.STARTING, Reason.NOT_OPERATING) in seen
         assert broken(daemon) is None
-        assert all(link.ok for link in axis_standing(daemon.axes[0]).chain)
+        assert all(link.ok for link in daemon.axes[0].standing.chain)
         plc.endpoint.set(0, {"STW1": OFF | 1, "NSOLL_A": 0x4000})
         plc.until(lambda: plc.value("NIST_A") > 0x3000, "turns")
         plc.silent = True
         plc.until(lambda: state(daemon) is AxisState.STOPPING, "power on, PLC lost")
-        assert broken(daemon) == Break(Enable.PLC, Reason.PLC_LOST.remedy)
+        assert broken(daemon) is Reason.PLC_LOST
         plc.until(lambda: state(daemon) is AxisState.WAITS, "stopped")
 
 
@@ -90,7 +69,7 @@ def test_a_setpoint_that_is_not_enabled_is_the_last_link() -> None:
         plc.enable()
         plc.endpoint.set(0, {"STW1": (OFF | 1) & ~0x10})
         plc.until(lambda: state(daemon) is AxisState.WAITS, "setpoint disabled")
-        assert broken(daemon) == Break(Enable.SETPOINT, Reason.SETPOINT_DISABLED.remedy)
+        assert broken(daemon) is Reason.SETPOINT_DISABLED
 
 
 def test_a_fault_has_id_time_and_activity_and_only_the_newest_is_in_the_document() -> None:
@@ -99,7 +78,7 @@ def test_a_fault_has_id_time_and_activity_and_only_the_newest_is_in_the_document
         plc.enable()
         drive_of(daemon).inject(7)
         plc.until(lambda: state(daemon) is AxisState.FAULT, "fault")
-        assert broken(daemon) == Break(Enable.NO_FAULT, Reason.DRIVE_FAULT.remedy)
+        assert broken(daemon) is Reason.DRIVE_FAULT
         daemon.axes[0].raise_fault(FaultNumber.FRAME_CHANGED, "made up", world_of(daemon).loop.now())
         entry = axis_status(daemon.axes[0])
         (newest,) = entry["faults"]

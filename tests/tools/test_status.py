@@ -44,7 +44,7 @@ def test_version_time_and_ages_are_in_the_document(document: dict[str, Any]) -> 
 @pytest.mark.parametrize("width", [40, 80, 132])
 def test_no_line_is_longer_than_the_terminal_and_nothing_is_cut(document: dict[str, Any], width: int) -> None:
     item = document["axes"][0]
-    changed = document | {"axes": [item | {"reason": "a reason " * 20, "faults": [fault(12, 65), fault(108, 7300)]}]}
+    changed = document | {"axes": [item | {"sentence": "a reason " * 20, "faults": [fault(12, 65), fault(108, 7300)]}]}
     lines = list(status_lines(changed, width, counters=True))
     assert max(map(len, lines)) <= max(width, 62)
     text = " ".join(" ".join(lines).split())

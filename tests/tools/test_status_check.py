@@ -46,10 +46,10 @@ def test_a_gateway_that_is_well(document: dict[str, Any]) -> None:
 
 @pytest.mark.parametrize(
     ("state", "health"),
-    [("OFF", 0), ("STARTING", 0), ("WAITS", 1), ("STOPPING", 1), ("FAULT", 2), ("NOT_ON_THE_BUS", 2)],
+    [("OFF", 0), ("STARTING", 1), ("WAITS", 1), ("STOPPING", 1), ("FAULT", 2), ("NOT_ON_THE_BUS", 2)],
 )
 def test_the_state_of_an_axis_decides(document: dict[str, Any], state: str, health: int) -> None:
-    found, line = check_line(changed(document, state_id=state, state=state.title(), reason="that is why"))
+    found, line = check_line(changed(document, state_id=state, state=state.title(), sentence="that is why"))
     assert found == health
     assert ("axis 1 " in line) == (health > 0)
     assert ("that is why" in line) == (health > 0)

@@ -118,9 +118,9 @@ def has_no_alert(tab: Tab) -> None:
 
 def test_home_says_how_every_axis_is_and_changes_by_itself(shown: Shown) -> None:
     tab = shown.tab
-    reads(tab, "[role=status]", "live, PLC connected, 1 of 2 axes obey")
+    reads(tab, "[role=status]", "live, PLC connected, 1 of 2 axes in operation")
     reads(tab, "nav[aria-label=Views] a[aria-current=page]", "Axes")
-    reads(tab, "[data-do='1']", "● Obeys the PLC")
+    reads(tab, "[data-do='1']", "● In operation")
     reads(tab, "[data-do='1'] [data-live]", "1500.0 rpm")
     reads(tab, "[data-do='2']", Reason.NO_CONTROL.value)
     assert tab.locator("[data-do]").count() == 3
@@ -147,8 +147,8 @@ def link_is(shown: Shown, tab: Tab, reason: Reason) -> None:
 def test_the_chain_names_the_first_broken_link_and_what_to_do(shown: Shown) -> None:
     tab = shown.open("#/axis/1")
     reads(tab, "#main h2", "Axis 1")
-    reads(tab, ".large", "Obeys the PLC")
-    assert tab.locator("[data-chain] li.holds").count() == 7
+    reads(tab, ".large", "In operation")
+    assert tab.locator("[data-chain] li.holds").count() == 9
 
     shown.plc.endpoint.set(0, {"STW1": ON & ~(1 << 10)})
     shown.until(
@@ -311,7 +311,7 @@ def test_parameters_are_read_and_events_filtered_on_request_and_texts_of_devices
     reads(tab, "tbody tr", "P922 Telegram 1")
 
     tab = shown.open("#/events")
-    reads(tab, "tbody tr", "Obeys the PLC")
+    reads(tab, "tbody tr", "In operation")
     before = tab.locator("tbody tr").count()
     tab.get_by_label("Kind").select_option("plc")
     tab.wait_for_function("count => document.querySelectorAll('tbody tr').length < count", arg=before)

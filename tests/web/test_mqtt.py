@@ -155,7 +155,17 @@ def test_a_message_has_nothing_that_changes_all_the_time() -> None:
     with running(configuration(axis(1))) as daemon:
         gateway.show(daemon)
         message = json.loads(object_message(gateway.document["axes"][0]))
-    assert set(message) == {"state", "state_id", "reason", "reason_id", "drive", "telegram", "fault"}
+    assert set(message) == {
+        "state",
+        "state_id",
+        "sentence",
+        "reason",
+        "reason_id",
+        "remedy",
+        "drive",
+        "telegram",
+        "fault",
+    }
 
 
 def test_files_that_cannot_be_used_are_told(tmp_path: Path) -> None:

@@ -179,7 +179,7 @@ def test_words_are_declared_with_bits_and_units(still: Page) -> None:
     nsoll = still.document("/api/v1/telegrams/1")["setpoints"][1]
     assert (nsoll["name"], nsoll["quantity"], nsoll["percent_of_one"] * 0x4000) == ("NSOLL_A", "speed", 100)
     states = still.document("/api/v1/states")
-    assert states["OBEYS"] == {"text": "Obeys the PLC", "symbol": "●"}
+    assert states["OBEYS"] == {"text": "In operation", "symbol": "●"}
     assert len(states) == 7
 
 
@@ -252,7 +252,7 @@ def test_a_stream_has_the_status_and_every_event_once(turning: Turning) -> None:
         turning.lose_drive()
         turning.gateway.show(turning.daemon)
         told: list[str] = []
-        while not any("drive is not online" in text for text in told):
+        while not any(text.startswith("Not on the bus: ") for text in told):
             kind, _, data = next(messages)
             told += [data["text"]] if kind == "event" else []  # type: ignore[index]
     assert any(text.startswith("fault 101: node lost") for text in told)

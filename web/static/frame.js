@@ -2,17 +2,29 @@
 
 import { html, nothing } from "./vendor/lit-html/lit-html.js";
 import { clock } from "./format.js";
+import { BAD, FINE } from "./views/state.js";
 
 function sentence(state) {
   const { status } = state;
   if (state.connection === "login") return "token needed";
   if (!status?.axes) return state.connection === "live" ? "no gateway" : "connecting";
   if (state.connection !== "live" || status.stale) return `no data since ${clock(state.received || Date.now())}`;
-  const obey = status.axes.filter((axis) => axis.state_id === "OBEYS").length;
+  const obey = status.axes.filter(inOperation).length;
   const plc = status.plc.connected ? "PLC connected" : "no PLC";
   if (!status.axes.length) return `live, ${plc}`;
   const all = status.axes.length;
-  return `live, ${plc}, ${obey} of ${all} ${all === 1 ? "axis obeys" : "axes obey"}`;
+  return `live, ${plc}, ${obey} of ${all} ${all === 1 ? "axis" : "axes"} in operation`;
+}
+
+const inOperation = (item) => item.state_id === "OBEYS";
+
+// Green is what is well: a PLC, and nothing that waits, stops or is in fault.
+function wellness(state) {
+  const { status } = state;
+  if (state.connection !== "live" || !status?.axes || status.stale) return "old";
+  const items = [...status.axes, ...status.encoders];
+  if (!status.plc.connected || !status.buses.every((bus) => bus.healthy) || items.some((item) => BAD.includes(item.state_id))) return "old";
+  return items.every((item) => FINE.includes(item.state_id)) ? "live" : "waits";
 }
 
 export function header(state) {
@@ -20,7 +32,7 @@ export function header(state) {
   return html`<h1>${state.status?.name ?? "gateway"}</h1>
     <nav aria-label="Views">${Object.entries(state.titles).map(([view, title]) => html`
       <a href=${`#/${view}`} aria-current=${view === current ? "page" : nothing}>${title}</a>`)}</nav>
-    <p role="status" class=${state.connection === "live" && !state.status?.stale ? "live" : "old"}>${sentence(state)}</p>`;
+    <p role="status" class=${wellness(state)}>${sentence(state)}</p>`;
 }
 
 const alert = (text) => html`<p class="banner bad" role="alert">${text}</p>`;

@@ -1,14 +1,11 @@
 // Home: what is wrong in sentences, then one line for each drive object.
 
 import { html } from "../vendor/lit-html/lit-html.js";
-import { lastFault, objectName, position, speed, stateWord } from "./state.js";
-
-const FINE = ["OBEYS", "OFF"];
+import { FINE, lastFault, objectName, position, speed, stateWord } from "./state.js";
 
 function complaint(item) {
-  const todo = item.chain.find((link) => link.ok === false)?.todo;
   return html`<li><a href=${`#/axis/${item.do_id}`}>${objectName(item)}</a> <strong>${item.state.toLowerCase()}</strong>${item.reason ? html`: ${item.reason}` : ""}.
-    ${todo ? html`<span class="todo">To do: ${todo}.</span>` : ""}</li>`;
+    ${item.remedy ? html`<span class="todo">To do: ${item.remedy}.</span>` : ""}</li>`;
 }
 
 function row(state, item) {

@@ -10,7 +10,7 @@ const ROOMY = matchMedia("(min-width: 46rem)").matches; // on a phone the bits o
 const held = { doId: null, trend: null, telegram: null, faults: [], seen: "" };
 
 function link(item) {
-  const [kind, mark, word] = item.ok === null ? ["unknown", "·", "not reached"] : item.ok ? ["holds", "✓", "holds"] : ["broken", "✗", "missing"];
+  const [kind, mark, word] = item.ok === null ? ["unknown", "·", "not judged"] : item.ok ? ["holds", "✓", "OK"] : ["broken", "✗", item.evidence];
   return html`<li class=${kind}><span class="mark" aria-hidden="true">${mark}</span>
     <span>${item.text}<small>${word}</small></span>
     ${item.ok === false ? html`<strong class="todo">${item.todo}</strong>` : nothing}</li>`;

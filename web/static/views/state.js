@@ -3,6 +3,10 @@
 import { html, nothing } from "../vendor/lit-html/lit-html.js";
 import { DASH, duration, integer, moment, number, withUnit } from "../format.js";
 
+// States that need nobody, and states of a device that is away or in fault.
+export const FINE = ["OBEYS", "OFF"];
+export const BAD = ["FAULT", "NOT_ON_THE_BUS"];
+
 export function stateWord(state, item) {
   const symbol = state.states[item.state_id]?.symbol ?? "";
   return html`<span class="state" data-state=${item.state_id}><span aria-hidden="true">${symbol}</span> ${item.state}</span>`;
@@ -20,7 +24,7 @@ export function position(item) {
 }
 
 export function lastFault(item) {
-  const [fault] = item.faults;
+  const fault = item.cause ?? item.faults[0];
   if (!fault) return html`${DASH}`;
   return html`<span class=${fault.active ? "active" : "past"}>${fault.is_warning ? "Warning" : "Fault"} ${fault.number}${fault.active ? ", active" : nothing}</span>
     <small>${duration(fault.age_s)} ago</small>`;

@@ -1,0 +1,271 @@
+"""The chain of enables: each link is judged by itself, the physical one speaks, and every surface says the same."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from itertools import combinations
+from typing import Any
+
+import pytest
+
+from pdgw.ds301.node import NodeStatus
+from pdgw.dsp402.states import State
+from pdgw.gateway.daemon import Daemon
+from pdgw.gateway.reasons import AxisState, Enable, FaultNumber, Reason
+from pdgw.gateway.standing import AXIS_CHAIN, ENCODER_CHAIN, ChainLink
+from pdgw.gateway.status import snapshot
+from pdgw.tools.status_check import Health, check_line
+from tests.support.daemon import OFF, ON, Plc, axis, configuration, drive_of, encoder_of, running, until
+from tests.support.situations import BREAKERS, settle, show_no_supply, shown
+
+ENCODER = "[[encoder]]\ndo_id = 2\nnode_id = 20\ntelegram = 81\nsimulate = true\n"
+_BEHIND = {
+    Enable.BUS: {Enable.NODE, Enable.SUPPLY, Enable.NO_FAULT, Enable.OPERATION},
+    Enable.NODE: {Enable.SUPPLY, Enable.NO_FAULT, Enable.OPERATION},
+    Enable.SUPPLY: {Enable.OPERATION},
+    Enable.NO_FAULT: {Enable.OPERATION},
+    Enable.PLC: {Enable.OPERATION, Enable.CONTROL, Enable.ON_EDGE, Enable.SETPOINT},
+    Enable.CONTROL: {Enable.OPERATION, Enable.ON_EDGE, Enable.SETPOINT},
+    Enable.ON_EDGE: {Enable.OPERATION, Enable.SETPOINT},
+}
+"""What cannot be judged while a link is broken: a drive that nobody commands cannot follow."""
+
+
+@contextmanager
+def operating() -> Iterator[tuple[Daemon, Plc]]:
+    """A gateway with one axis in operation."""
+    with running(configuration(axis(1))) as daemon:
+        plc = Plc(daemon, [1])
+        plc.enable()
+        yield daemon, plc
+
+
+def links(daemon: Daemon) -> dict[Enable, ChainLink]:
+    return {link.enable: link for link in daemon.axes[0].standing.chain}
+
+
+def first(daemon: Daemon) -> ChainLink:
+    link = daemon.axes[0].standing.broken
+    assert link is not None
+    return link
+
+
+def document(daemon: Daemon) -> dict[str, Any]:
+    item: dict[str, Any] = snapshot(daemon)["axes"][0]
+    return item
+
+
+@pytest.mark.parametrize("reason", Reason, ids=lambda reason: reason.name)
+def test_every_reason_declares_state_link_and_remedy(reason: Reason) -> None:
+    chain = ENCODER_CHAIN if reason.name.startswith(("ENCODER", "SENSOR")) else AXIS_CHAIN
+    assert reason.enable in chain
+    assert reason.state in AxisState
+    assert reason.state is not AxisState.OBEYS
+    assert reason.remedy
+    assert reason.remedy[0] not in " ."
+    assert reason.remedy[-1] not in " ."
+
+
+def test_numbers_of_reasons_are_distinct_and_none_is_0() -> None:
+    assert sorted(reason.code for reason in Reason) == list(range(1, len(Reason) + 1))
+
+
+def test_axis_in_operation_has_a_whole_chain() -> None:
+    with operating() as (daemon, _):
+        assert all(link.ok for link in links(daemon).values())
+        assert document(daemon)["sentence"] == AxisState.OBEYS.value
+        assert document(daemon)["remedy"] == ""
+
+
+@pytest.mark.parametrize("enable", BREAKERS, ids=lambda enable: enable.name)
+def test_each_broken_link_names_itself_with_its_own_remedy(enable: Enable) -> None:
+    with operating() as (daemon, plc):
+        BREAKERS[enable](plc, daemon)
+        settle(plc)
+        link = first(daemon)
+        assert link.enable is enable
+        assert link.reason is not None
+        assert link.reason.enable is enable
+        before = AXIS_CHAIN[: AXIS_CHAIN.index(enable)]
+        assert all(links(daemon)[known].ok is not False for known in before)
+
+
+@pytest.mark.parametrize("pair", list(combinations(BREAKERS, 2)), ids=lambda pair: f"{pair[0].name}-{pair[1].name}")
+def test_of_two_broken_links_the_physical_one_speaks_on_every_surface(pair: tuple[Enable, Enable]) -> None:
+    with operating() as (daemon, plc):
+        for enable in pair:
+            BREAKERS[enable](plc, daemon)
+        settle(plc)
+        found = links(daemon)
+        front, back = pair
+        expected, other = (back, front) if front in _BEHIND.get(back, ()) else (front, back)
+        link = first(daemon)
+        assert link.enable is expected, daemon.axes[0].standing.sentence
+        if other in _BEHIND.get(expected, ()):
+            assert found[other].ok is not True
+        elif other is not Enable.SETPOINT:
+            assert found[other].ok is False
+        result = shown(daemon)
+        assert link.evidence in result.sentence
+        remedy = f"{link.remedy[:1].upper()}{link.remedy[1:]}."
+        assert result.sentence == f"{daemon.axes[0].standing.state.value}: {link.evidence}. {remedy}"
+        assert f'reason="{link.reason.name.lower()}"' in result.surfaces.pop("metrics")  # type: ignore[union-attr]
+        if link.reason is Reason.SWITCHED_OFF:
+            del result.surfaces["--check"]  # off as the PLC asks: nothing to report
+        for name, text in result.surfaces.items():
+            assert result.sentence in text, name
+
+
+def test_log_names_the_same_link(caplog: pytest.LogCaptureFixture) -> None:
+    with operating() as (daemon, plc), caplog.at_level("INFO", "gateway"):
+        drive_of(daemon).node.power_off()
+        plc.silent = True
+        settle(plc)
+        said = [record.getMessage() for record in caplog.records if getattr(record, "event", "") == "reason"]
+        assert said[-1].startswith("axis 1: Not on the bus: node 1 on bus can ")
+        assert said[-1].endswith(". Check power, CAN cable, termination, bit rate and node-ID of the drive.")
+
+
+@pytest.mark.parametrize("word", [None, 0, OFF, OFF & ~0x2, OFF & ~0x4, OFF & ~0x400, ON])
+@pytest.mark.parametrize("enable", [Enable.BUS, Enable.NODE, Enable.NO_FAULT], ids=lambda enable: enable.name)
+def test_check_is_critical_without_a_drive_whatever_the_plc_sends(enable: Enable, word: int | None) -> None:
+    with operating() as (daemon, plc):
+        if word is None:
+            plc.silent = True
+        else:
+            plc.endpoint.set(0, {"STW1": word})
+        BREAKERS[enable](plc, daemon)
+        settle(plc)
+        health, line = check_line(snapshot(daemon))
+        assert health is Health.CRITICAL
+        assert daemon.axes[0].standing.sentence in line
+
+
+def test_fault_has_its_name_time_and_remedy_in_the_first_line() -> None:
+    with operating() as (daemon, plc):
+        drive_of(daemon).inject(7)
+        plc.until(lambda: daemon.axes[0].standing.state is AxisState.FAULT, "the fault")
+        settle(plc)
+        cause = document(daemon)["cause"]
+        at = cause["time"][11:19]
+        assert document(daemon)["sentence"].startswith(f"Fault: {cause['text']}, since {at}. ")
+        assert document(daemon)["sentence"].endswith("; then acknowledge (STW1.7).")
+        assert "EMCY" in cause["text"]
+
+
+def test_loss_of_the_plc_does_not_replace_an_older_cause() -> None:
+    with operating() as (daemon, plc):
+        drive_of(daemon).inject(7)
+        plc.until(lambda: daemon.axes[0].standing.state is AxisState.FAULT, "the fault")
+        settle(plc)
+        before = document(daemon)
+        plc.silent = True
+        settle(plc)
+        after = document(daemon)
+        assert after["faults"][0]["number"] == FaultNumber.PLC_LOST
+        assert after["cause"]["id"] == before["cause"]["id"]
+        assert after["sentence"] == before["sentence"]
+        assert shown(daemon).surfaces["MQTT"] == before["sentence"]
+
+
+def test_older_loss_of_the_plc_does_not_hide_a_fault_of_the_drive() -> None:
+    with operating() as (daemon, plc):
+        plc.silent = True
+        settle(plc)
+        plc.silent = False
+        plc.endpoint.set(0, {"STW1": OFF})
+        settle(plc)
+        drive_of(daemon).inject(7)
+        settle(plc)
+        assert document(daemon)["cause"]["number"] < FaultNumber.NODE_LOST
+        assert "EMCY" in document(daemon)["sentence"]
+
+
+def test_names_of_the_manufacturer_speak_where_the_family_has_them() -> None:
+    with operating() as (daemon, plc):
+        names = {fault.name for fault in daemon.axes[0].manufacturer_faults.values()}
+        drive_of(daemon).inject(7)
+        settle(plc)
+        assert any(name in document(daemon)["reason"] for name in names)
+
+
+def test_supply_counts_only_where_the_drive_has_shown_it_without_power() -> None:
+    """Many drives set Statusword.4 only with their power stage: idle, its 0 proves nothing."""
+
+    def plain(daemon: Daemon) -> None:
+        drive_of(daemon).model.disguises.append(show_no_supply)
+
+    with running(configuration(axis(1)), plain) as daemon:
+        plc = Plc(daemon, [1])
+        plc.endpoint.set(0, {"STW1": OFF})
+        settle(plc)
+        assert links(daemon)[Enable.SUPPLY].ok is None
+        assert first(daemon).reason is Reason.SWITCHED_OFF
+        plc.endpoint.set(0, {"STW1": ON})
+        settle(plc)
+        assert first(daemon).reason is Reason.NO_SUPPLY
+
+
+def test_axis_switched_off_by_the_plc_is_off_and_no_finding() -> None:
+    with operating() as (daemon, plc):
+        plc.endpoint.set(0, {"STW1": OFF})
+        settle(plc)
+        assert daemon.axes[0].standing.state is AxisState.OFF
+        assert first(daemon).reason is Reason.SWITCHED_OFF
+        assert check_line(snapshot(daemon))[0] is Health.OK
+
+
+def test_on_without_enable_operation_is_the_plcs_to_complete() -> None:
+    with operating() as (daemon, plc):
+        plc.endpoint.set(0, {"STW1": ON & ~0x8})
+        settle(plc)
+        assert first(daemon).reason is Reason.ENABLE_MISSING
+
+
+def test_device_that_is_refused_is_told_apart_from_an_absent_one() -> None:
+    with operating() as (daemon, plc):
+        drive_of(daemon).node.power_off()
+        settle(plc)
+        assert first(daemon).reason is Reason.DRIVE_OFFLINE
+        client = daemon.axes[0].client
+        client.status, client.status_text = NodeStatus.REFUSED, "1018h/1 is 5, not 4"
+        assert first(daemon).reason is Reason.NODE_REFUSED, daemon.axes[0].standing.sentence
+
+
+def test_chain_of_an_encoder_is_judged_alike() -> None:
+    with running(configuration(axis(1) + ENCODER)) as daemon:
+        plc = Plc(daemon, [1, 81])
+        plc.endpoint.set(1, {"STW2_ENC": 0x0400})
+        encoder = daemon.encoders[0]
+        plc.until(lambda: encoder.standing.broken is None, "in operation")
+        plc.endpoint.set(1, {"STW2_ENC": 0})
+        plc.until(lambda: encoder.standing.broken is not None, "no control")
+        assert encoder.standing.broken is not None
+        assert encoder.standing.broken.reason is Reason.ENCODER_NO_CONTROL
+        encoder_of(daemon).node.power_off()
+        plc.silent = True
+        settle(plc)
+        chain = {link.enable: link for link in encoder.standing.chain}
+        assert encoder.standing.broken.reason is Reason.ENCODER_OFFLINE
+        assert chain[Enable.PLC].reason is Reason.ENCODER_NO_PLC
+        assert chain[Enable.SENSOR].ok is None
+
+
+def test_gateway_that_is_stopped_has_not_lost_its_plc(caplog: pytest.LogCaptureFixture) -> None:
+    with caplog.at_level("INFO", "gateway"):
+        with operating() as (daemon, _):
+            drive = drive_of(daemon)
+            assert drive.model.state is State.OPERATION_ENABLED
+        assert not [fault for fault in daemon.axes[0].faults if fault.number == FaultNumber.PLC_LOST]
+        assert "PLC lost" not in caplog.text
+    assert Reason.GATEWAY_STOPS.value in caplog.text
+
+
+def test_chain_of_an_axis_that_goes_online() -> None:
+    with running(configuration(axis(1))) as daemon:
+        assert daemon.axes[0].standing.state is AxisState.NOT_ON_THE_BUS
+        assert first(daemon).enable is Enable.NODE
+        assert links(daemon)[Enable.PLC].ok is False
+        until(daemon, lambda: daemon.axes[0].standing.state is AxisState.WAITS, "online")
+        assert first(daemon).reason is Reason.NO_PLC
