@@ -133,7 +133,7 @@ def _full(item: AxisConfig | EncoderConfig, signal: Signal) -> str:
     return f"{raw} = 100 %" + (f" of the {quantity.value}" if quantity is not None else "")
 
 
-_TYPES = {"b": "SINT", "B": "USINT", "h": "INT", "H": "UINT", "i": "DINT", "I": "UDINT", "f": "REAL"}
+_TYPES = {"b": "SINT", "B": "USINT", "h": "INT", "H": "UINT", "i": "DINT", "I": "UDINT", "Q": "ULINT", "f": "REAL"}
 _WORDS = {1: "BYTE", 2: "WORD", 4: "DWORD"}
 
 

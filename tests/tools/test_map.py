@@ -4,21 +4,21 @@ from __future__ import annotations
 
 import csv
 import io
-import re
 from pathlib import Path
-from typing import Any
 
 import pytest
 
-from pdgw.gateway.bytemap import Place, counter_step, frame_maps
+from pdgw.gateway.bytemap import Place, frame_maps
 from pdgw.gateway.config import GatewayConfig
 from pdgw.gateway.config_file import load_config
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.transport.cyclic import CyclicEndpoint
 from pdgw.peers.plc.endpoint import PlcEndpoint
+from pdgw.peers.plc.structured_text.compiler import Compiler
 from pdgw.profidrive.telegrams import telegram
 from pdgw.tools.commands.map import Format, map_
-from pdgw.tools.plc_code import Dialect, code, identifier
+from pdgw.tools.plc.code import siemens_scl, structured_text
+from pdgw.tools.plc.frames import LOST_AFTER, identifier
 
 CONFIG = """
 [can]
@@ -42,6 +42,10 @@ telegram = 100
 do_id = 3
 node_id = 3
 telegram = 83
+[[encoder]]
+do_id = 4
+node_id = 5
+telegram = 84
 """
 
 
@@ -118,90 +122,51 @@ def test_what_100_percent_is_comes_from_the_configuration_where_it_says_so(confi
     assert full[0, "CycleCounter"] == "step 64"
 
 
-def as_python(line: str) -> str:
-    """One statement of either language as Python."""
-    text = line.strip().replace("#frame", "frame").replace("IN := ", "").replace("N := ", "")
-    text = re.sub(r"16#([0-9A-F]+)", r"0x\1", text)
-    text = re.sub(r"(?<![\w.])#(\w+)", r"\1", text)
-    return text.rstrip(";").replace(" AND ", " & ").replace(" OR ", " | ")
-
-
-class Record(dict[str, int]):
-    """A structure of the PLC."""
-
-    __getattr__ = dict.__getitem__
-
-    def __setattr__(self, name: str, value: int) -> None:
-        self[name] = value
-
-
-def signed(bits: int) -> Any:
-    return lambda value: (value & ((1 << bits) - 1)) - ((value & 1 << (bits - 1)) << 1)
-
-
-def cut(bits: int) -> Any:
-    return lambda value: value & ((1 << bits) - 1)
-
-
-CONVERSIONS = {
-    f"{source}_TO_{target}": change
-    for target, change in {
-        "BYTE": cut(8),
-        "WORD": cut(16),
-        "DWORD": cut(32),
-        "USINT": cut(8),
-        "UINT": cut(16),
-        "UDINT": cut(32),
-        "SINT": signed(8),
-        "INT": signed(16),
-        "DINT": signed(32),
-    }.items()
-    for source in ("BYTE", "WORD", "DWORD", "USINT", "UINT", "UDINT", "SINT", "INT", "DINT")
-} | {"SHL": lambda value, count: value << count, "SHR": lambda value, count: value >> count}
-
-
-def run(lines: list[str], block: str, variables: dict[str, Any]) -> None:
-    """Execute one function block of the code: assignments, and the two forms of IF it has."""
-    begin = next(i for i, line in enumerate(lines) if line.startswith("FUNCTION_BLOCK") and block in line)
-    end = lines.index("END_FUNCTION_BLOCK", begin)
-    start = max(i for i in range(begin, end) if lines[i] == "END_VAR") + 1
-    environment = {**CONVERSIONS, **variables}
-    for line in lines[start:end]:
-        text = as_python(line)
-        if text in {"BEGIN", "END_IF"}:
-            continue
-        whole = re.fullmatch(r"IF (\w+) THEN (.+); ELSE (.+); END_IF", text)
-        if whole:
-            text = whole[2] if environment[whole[1]] else whole[3]
-        elif text.startswith("IF "):
-            condition = re.sub(r"(\]|\)) = ", r"\1 == ", text.removeprefix("IF ").removesuffix(" THEN"))
-            if not all(eval(part, environment) for part in condition.split(" & ", 2)):
-                return
-            continue
-        target, _, value = text.partition(" := ")
-        value = re.sub(r"^\((.+)\) = (\w+)$", r"(\1) == \2", value)
-        exec(f"{target} = {value}", environment)
-        if re.fullmatch(r"\w+", target):
-            variables[target] = environment[target]
-
-
-@pytest.mark.parametrize("siemens", [False, True])
-def test_the_blocks_make_and_read_the_frames(config: GatewayConfig, siemens: bool) -> None:
-    lines = list(code(frame_maps(config), counter_step(config), Dialect(siemens=siemens)))
+def test_the_blocks_make_and_read_the_frames(config: GatewayConfig) -> None:
+    blocks = Compiler(structured_text(config), lambda: 0).units
     plc, setpoints = plc_of(config)
     expected = bytes(plc.build())
     ids = [item.do_id for item in config.objects]
-    variables: dict[str, Any] = {"frame": bytearray(len(expected)), "counter": 0}
+    build = blocks["PDGW_BUILD"]
+    made = build.initial
     for do_id, values in zip(ids, setpoints, strict=True):
-        variables |= {f"axis_{do_id}": Record({identifier(n): v for n, v in values.items()}), f"good_{do_id}": False}
-    run(lines, "PDGW_Build", variables)
-    assert bytes(variables["frame"]) == expected
+        made[f"AXIS_{do_id}"] = {identifier(name).upper(): value for name, value in values.items()}
+    build.body(made)
+    assert bytes(made["FRAME"]) == expected
     answer, actuals = answer_of(config)
-    read: dict[str, Any] = {"frame": answer} | {f"axis_{do_id}": Record() for do_id in ids}
-    run(lines, "PDGW_Read", read)
+    reading = blocks["PDGW_READ"]
+    read = reading.initial | {"FRAME": list(answer)}
+    reading.body(read)
     for do_id, values in zip(ids, actuals, strict=True):
-        assert read[f"axis_{do_id}"] == {identifier(name): value for name, value in values.items()}
-        assert (read[f"good_{do_id}"], read[f"used_{do_id}"]) == (True, False)
+        assert read[f"AXIS_{do_id}"] == {identifier(name).upper(): value for name, value in values.items()}
+        assert (read[f"GOOD_{do_id}"], read[f"USED_{do_id}"]) == (True, False)
+    for _ in range(LOST_AFTER):
+        reading.body(read)
+        assert read["GOOD_1"], "the same frame again: the gateway may be late"
+    for _ in range(3):
+        reading.body(read)
+        assert not read["GOOD_1"], "no new frame for too long"
+    read["FRAME"][-4] ^= 1
+    reading.body(read)
+    assert read["GOOD_1"], "a new frame"
+
+
+def test_scl_marks_variables_and_quotes_types(config: GatewayConfig) -> None:
+    text = siemens_scl(config)
+    for line in (
+        '    "axis_1" ',
+        "FUNCTION_BLOCK PDGW",
+        "//",
+    ):
+        assert line not in text
+    for line in (
+        'FUNCTION_BLOCK "PDGW_Build"\nVERSION : 0.1\n',
+        '    axis_1 : "PDGW_T1_SET";\n',
+        "END_VAR\nBEGIN\n",
+        "    #frame[4] := WORD_TO_BYTE(SHR(IN := INT_TO_WORD(#axis_1.NSOLL_A), N := 8));\n",
+        "    #result := DPRD_DAT(LADDR := #hw_1, RECORD => #axis_1_actual);\n",
+    ):
+        assert line in text, line
 
 
 def test_all_formats_are_written(file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -13,13 +13,13 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from pdgw.gateway.bytemap import FrameMap, Place, counter_step, frame_maps
+from pdgw.gateway.bytemap import FrameMap, Place, frame_maps
 from pdgw.gateway.config_file import load_config
 from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.frame import FRAME_ID_TO_CONTROLLER, FRAME_ID_TO_DEVICE
 from pdgw.profidrive.telegrams import Direction
 from pdgw.tools.commands.gsdml import write_gsdml
-from pdgw.tools.plc_code import Dialect, code
+from pdgw.tools.plc.code import siemens_scl, structured_text
 from pdgw.tools.tables import plain_table
 
 _TITLES = {
@@ -74,12 +74,11 @@ def map_(
         if not profinet:
             raise GatewayError(f'--gsdml: {config} has type = "{loaded.transport.type}", expected "profinet"')
         typer.echo(f"device description: {write_gsdml(loaded.transport, gsdml, '--gsdml')}", err=True)
-    step = counter_step(loaded)
     formats: dict[Format, Callable[[], str]] = {
         Format.TEXT: lambda: (_profinet_text if profinet else _udp_text)(maps, None if out is None else 120),
         Format.CSV: lambda: _csv(maps, profinet=profinet),
-        Format.ST: lambda: "\n".join(code(maps, step, Dialect(siemens=False))) + "\n",
-        Format.SCL: lambda: "\n".join(code(maps, step, Dialect(siemens=True))) + "\n",
+        Format.ST: lambda: structured_text(loaded),
+        Format.SCL: lambda: siemens_scl(loaded),
     }
     text = formats[format_]()
     if out is None:

@@ -1,0 +1,48 @@
+"""A controller that runs one program: what a PLC is, sans-I/O."""
+
+from __future__ import annotations
+
+from pdgw.peers.plc.structured_text.compiler import Compiler
+from pdgw.peers.plc.structured_text.tokens import StructuredTextError
+from pdgw.peers.plc.structured_text.types import Array, Unit, Value, Variable
+
+RECEIVED, SENT, FINISHED = "RECEIVED", "SENT", "FINISHED"
+"""Variables of the program: the newest frame of the gateway, the frame to it, and whether it is over."""
+
+
+class Controller:
+    """Runs the one PROGRAM of a text. ``variables``: those of the program, by name in upper case."""
+
+    def __init__(self, text: str) -> None:
+        self.now = 0
+        compiler = Compiler(text, lambda: self.now)
+        programs = [unit for unit in compiler.units.values() if unit.kind == "PROGRAM"]
+        if len(programs) != 1:
+            raise StructuredTextError(f"the text has {len(programs)} PROGRAMs, expected 1")
+        self.program: Unit = programs[0]
+        self.variables = self.program.initial
+        self._frame(RECEIVED, "VAR_INPUT")
+        self._frame(SENT, "VAR_OUTPUT")
+
+    def _frame(self, name: str, section: str) -> None:
+        variable = self.program.variables.get(name, Variable(Array(0, 0, Array(0, 0, self.program))))
+        if not isinstance(variable.type, Array) or variable.type.element.name != "BYTE" or variable.section != section:
+            raise StructuredTextError(f"{self.program.name} needs {name} : ARRAY OF BYTE in {section}")
+
+    @property
+    def finished(self) -> bool:
+        """The program has set its output ``finished``."""
+        return self.variables.get(FINISHED) is True
+
+    def outputs(self) -> dict[str, Value]:
+        """The outputs of the program but the frame."""
+        return {key: self.variables[key] for key in self.program.section("VAR_OUTPUT") if key != SENT}
+
+    def cycle(self, now: int, received: bytes | None) -> bytes:
+        """Run the program once, with a frame of the gateway where one came. ``now`` in nanoseconds."""
+        self.now = now
+        frame = self.variables[RECEIVED]
+        if received is not None and len(received) == len(frame):
+            frame[:] = received
+        self.program.body(self.variables)
+        return bytes(self.variables[SENT])

@@ -1,0 +1,67 @@
+"""Structured Text as tokens: also what the renderer of another dialect reads.
+
+Source: IEC 61131-3 second edition, annex B. Comments are ``(* ... *)``; ``//`` is of the third edition and refused.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from typing import NamedTuple
+
+from pdgw.gateway.errors import GatewayError
+
+_PATTERN = re.compile(
+    r"""(?P<space>\s+)
+    |(?P<comment>\(\*.*?\*\))
+    |(?P<time>(?:TIME|T)\#-?[0-9a-z_.]+)
+    |(?P<real>\d[\d_]*\.\d+(?:E[+-]?\d+)?)
+    |(?P<integer>(?:[A-Z]+\#)?(?:16\#[0-9A-F][0-9A-F_]*|2\#[01][01_]*|-?\d[\d_]*))(?!\w)
+    |(?P<word>[A-Z_]\w*)
+    |(?P<string>'(?:\$.|[^'$])*')
+    |(?P<range>\.\.)
+    |(?P<sign>:=|=>|<>|<=|>=|\*\*|/(?!/)|[-+*()\[\],;:.=<>&])""",
+    re.VERBOSE | re.IGNORECASE | re.DOTALL,
+)
+
+
+class StructuredTextError(GatewayError):
+    """A program that is not in the supported subset, or breaks its rules; the text has the line."""
+
+
+class Token(NamedTuple):
+    """A piece of the text; ``kind`` is the name of its pattern, ``end`` behind the last."""
+
+    kind: str
+    text: str
+    line: int
+
+    @property
+    def key(self) -> str:
+        """As names and keywords are compared: without regard to case."""
+        return self.text.upper()
+
+
+def pieces(text: str) -> Iterator[Token]:
+    """Everything, spaces and comments among it: put together again it is the text."""
+    position, line = 0, 1
+    while position < len(text):
+        found = _PATTERN.match(text, position)
+        # A minus belongs to a number only behind a type ("INT#-5"): elsewhere it is an operator.
+        if found is None or found.lastgroup is None:
+            shown = text[position : position + 20].partition("\n")[0]
+            raise StructuredTextError(
+                f"line {line}: {shown!r} is not in the supported Structured Text (no //, no AT %)"
+            )
+        kind, piece = found.lastgroup, found[0]
+        if kind == "integer" and piece.startswith("-"):
+            kind, piece = "sign", "-"
+        yield Token(kind, piece, line)
+        line += piece.count("\n")
+        position += len(piece)
+
+
+def tokens(text: str) -> list[Token]:
+    """What the compiler reads, ended by an ``end``."""
+    found = [token for token in pieces(text) if token.kind not in {"space", "comment"}]
+    return [*found, Token("end", "", found[-1].line if found else 1)]

@@ -1,0 +1,76 @@
+"""The whole file for a PLC: types, frames, and the blocks of every telegram of a configuration, in one of two languages."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from pdgw.gateway.bytemap import FrameMap, counter_step, frame_maps
+from pdgw.gateway.config import GatewayConfig
+from pdgw.gateway.config_encoder import EncoderConfig
+from pdgw.gateway.reasons import Reason
+from pdgw.profidrive.telegrams import telegram
+from pdgw.tools.plc.frames import block, comment, frame_code, profinet_block, profinet_variables
+from pdgw.tools.plc.library import telegram_block, template
+from pdgw.tools.plc.scl import scl
+
+_LONGEST = 80
+"""Characters of a STRING without a length, where it is shortest."""
+
+
+def structured_text(config: GatewayConfig) -> str:
+    """IEC 61131-3 Structured Text, second edition."""
+    maps = frame_maps(config)
+    return "\n".join([*_code(config, maps), *profinet_variables(maps), ""])
+
+
+def siemens_scl(config: GatewayConfig) -> str:
+    """An external source of TIA Portal."""
+    maps = frame_maps(config)
+    return scl("\n".join([*_code(config, maps), *profinet_block(maps)]))
+
+
+def _code(config: GatewayConfig, maps: tuple[FrameMap, FrameMap]) -> Iterator[str]:
+    yield comment(
+        "Made by pdgw map. Order and lengths are those of the configuration: make it again when that changes."
+    )
+    yield from frame_code(maps, counter_step(config))
+    yield from _reasons()
+    numbers = sorted({item.telegram for item in config.objects})
+    if any(signal.is_float for number in numbers for signal in telegram(number).setpoints.signals):
+        yield from (template("float"), "")
+    for number in numbers:
+        yield from (telegram_block(telegram(number), initial_values(config, number)), "")
+    yield from (template("parameter"), "")
+
+
+def initial_values(config: GatewayConfig, number: int) -> dict[str, str]:
+    """What the configuration says of the scaling of a telegram, the same for all its axes."""
+    speeds = {
+        item.reference_speed if isinstance(item, EncoderConfig) else item.units.rated_speed_rpm
+        for item in config.objects
+        if item.telegram == number
+    }
+    values = {}
+    (speed,) = speeds if len(speeds) == 1 else (None,)
+    if speed is not None:
+        values["reference_speed"] = f"{float(speed):.3f}"
+    if any(signal.is_float for signal in telegram(number).setpoints.signals):
+        # The telegram has the gateway's unit of length itself.
+        values |= {"position_factor": "1.0", "velocity_factor": "1.0"}
+    return values
+
+
+def _reasons() -> Iterator[str]:
+    """The text of a reason: the same table as that of ``pdgw status``."""
+    body = ["Text := '';", "CASE Reason OF"]
+    body += [f"    {reason.code}: Text := '{_string(reason.value)}';" for reason in Reason]
+    body += ["END_CASE;"]
+    sections = [("VAR_INPUT", ["Reason : INT;"]), ("VAR_OUTPUT", ["Text : STRING;"])]
+    yield from block("PDGW_ReasonText", sections, body)
+
+
+def _string(text: str) -> str:
+    """In a string of these languages, cut at a word."""
+    while len(text) > _LONGEST:
+        text = text.rpartition(" ")[0]
+    return text.rstrip(",;:").replace("$", "$$").replace("'", "$'")
