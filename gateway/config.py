@@ -13,7 +13,7 @@ from math import ceil
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.load import DEFAULT_BITRATE, check_load
@@ -54,6 +54,7 @@ from pdgw.gateway.config_surroundings import (
 )
 from pdgw.gateway.config_web import MqttConfig, WebConfig
 from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.format_version import at_most
 from pdgw.gateway.motion.dsc import DELAY_CYCLES_MAX, FOLLOWING_WINDOW_MAX, JITTER_NS_MAX, DscChoices, DscForm, XerrSign
 from pdgw.gateway.positioner_config import BlockConfig, PositionerConfig
 from pdgw.profidrive.errors import ProfidriveError
@@ -297,9 +298,14 @@ class AxisConfig(DriveObjectSection):
         )
 
 
+FORMAT_VERSION: Final = 1
+
+
 class GatewayConfig(Section):
     """The whole file."""
 
+    version: Annotated[Integer, AfterValidator(at_most(FORMAT_VERSION))] = FORMAT_VERSION
+    """Of the format; a file without it has the first one."""
     can: Annotated[tuple[CanConfig, ...], BeforeValidator(as_list), Field(min_length=1)]
     transport: TransportConfig = TransportConfig()
     parameters: ParametersConfig = ParametersConfig()

@@ -79,8 +79,8 @@ def parse_config(text: str, name: str = "configuration") -> GatewayConfig:
 
 
 def config_text(config: GatewayConfig) -> str:
-    """What is not as by default, as TOML."""
-    document = config.model_dump(exclude_defaults=True)
+    """What is not as by default, and the format's version, as TOML."""
+    document = {"version": config.version} | config.model_dump(exclude_defaults=True)
     for item in document.get("axis", ()):
         if _PERCENT in item:
             item[_PERCENT] = float(Fraction(item[_PERCENT]) * 100)  # kept as a share, written as percent

@@ -14,11 +14,14 @@ import threading
 import zlib
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
 from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.format_version import at_most, problem
+
+FORMAT_VERSION = 1
 
 
 class UnitsWitnessed(BaseModel):
@@ -59,7 +62,7 @@ class DeviceParameters(BaseModel):
 
     model_config = ConfigDict(extra="forbid", validate_assignment=True)
 
-    version: Literal[1] = 1
+    version: Annotated[int, AfterValidator(at_most(FORMAT_VERSION))] = FORMAT_VERSION
     im1_function: Annotated[str, Field(max_length=32)] = ""
     im1_location: Annotated[str, Field(max_length=22)] = ""
     im2_date: Annotated[str, Field(max_length=16)] = ""
@@ -168,7 +171,7 @@ class ParameterStore:
 
     def _load(self, path: Path) -> DeviceParameters:
         try:
-            text = path.read_text(encoding="utf-8")
+            content = path.read_text(encoding="utf-8")
         except FileNotFoundError:
             return DeviceParameters()
         except UnicodeDecodeError:
@@ -176,10 +179,14 @@ class ParameterStore:
         except OSError as error:
             raise GatewayError(f"parameter store {path}: cannot be read: {error.strerror}") from error
         try:
-            document = json.loads(text)
+            document = json.loads(content)
             parameters = document["parameters"]
             if document["checksum"] != _checksum(parameters):
                 return self._set_aside(path, "checksum does not match")
+            version = json.loads(parameters).get("version", FORMAT_VERSION)
+            if isinstance(version, int) and (text := problem(version, FORMAT_VERSION)):
+                # Its values may limit a movement: none is left out, and the file stays as it is.
+                raise GatewayError(f"parameter store {path}: {text}")
             return DeviceParameters.model_validate_json(parameters)
         except (ValueError, KeyError, TypeError, AttributeError) as error:
             detail = (

@@ -19,6 +19,7 @@ from typing import Final, Self
 from pydantic import TypeAdapter
 
 from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.format_version import problem
 
 MAGIC: Final = b"PDGWRING"
 VERSION: Final = 1
@@ -163,8 +164,8 @@ class RingLayout:
         if len(data) < PAGE or START.unpack_from(data)[0] != MAGIC:
             raise GatewayError(f"{name}: not a ring of the gateway")
         _, version, length, cycles, frames = START.unpack_from(data)
-        if version != VERSION:
-            raise GatewayError(f"{name}: layout version {version}, allowed {VERSION}")
+        if text := problem(version, VERSION):
+            raise GatewayError(f"{name}: {text}")
         try:
             layout = TypeAdapter(cls).validate_json(bytes(data[PAGE : PAGE + length]))
             whole = (layout.cycles, layout.frames, layout.byte_order) == (cycles, frames, sys.byteorder)

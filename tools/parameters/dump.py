@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
 from pdgw.ds301.communication import PREDEFINED_ERROR_FIELD
 from pdgw.ds301.objects import COMMUNICATION_AREA
@@ -15,6 +15,7 @@ from pdgw.dsp402.indices import ABORT_OPTION
 from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.explain import problems
 from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.format_version import at_most
 from pdgw.gateway.toml_file import read_text
 from pdgw.profidrive.parameters.catalogue import OBJECT_PNUS
 from pdgw.profidrive.parameters.codec import Values
@@ -22,6 +23,7 @@ from pdgw.profidrive.parameters.pnu import Pnu
 from pdgw.tools.parameters.address import Target, parse_type, parse_value
 from pdgw.tools.parameters.session import NOT_THERE, Element, Progress, Session, address_text
 
+FORMAT_VERSION = 1
 _COMMANDS = {
     Pnu.CONTROL_PRIORITY,
     Pnu.FAULT_SITUATIONS,
@@ -80,7 +82,7 @@ class Dump(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    version: Literal[1] = 1
+    version: Annotated[int, AfterValidator(at_most(FORMAT_VERSION))] = FORMAT_VERSION
     do_id: int
     unit: tuple[int, ...] = ()
     """P964."""

@@ -1,0 +1,135 @@
+"""Upgrade and downgrade: the files of every release are read, those of a newer format are rejected and stay as they are."""
+
+from __future__ import annotations
+
+import gzip
+import json
+import mmap
+import struct
+import zlib
+from pathlib import Path
+
+import pytest
+
+from pdgw.gateway import config, store
+from pdgw.gateway.config_file import config_text, load_config
+from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.store import ParameterStore
+from pdgw.gateway.trace import layout
+from pdgw.gateway.trace.reader import RingReader
+from pdgw.tools.parameters import dump
+from pdgw.tools.parameters.dump import Dump
+from tests.formats.write import HERE
+from tests.support import cli
+
+RELEASES = sorted(path.name for path in HERE.iterdir() if path.is_dir() and path.name[0].isdigit())
+NEWER = r"format version 2, this gateway reads 1 to 1: use the gateway that wrote it, or a newer one"
+
+
+@pytest.fixture(params=RELEASES)
+def release(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
+    """A folder with the files of a release."""
+    for path in (HERE / request.param).iterdir():
+        data = path.read_bytes()
+        (tmp_path / path.name.removesuffix(".gz")).write_bytes(gzip.decompress(data) if path.suffix == ".gz" else data)
+    return tmp_path
+
+
+def test_the_first_release_is_kept() -> None:
+    assert "0.9.0" in RELEASES
+    assert (config.FORMAT_VERSION, store.FORMAT_VERSION, dump.FORMAT_VERSION, layout.VERSION) == (1, 1, 1, 1), (
+        "a new version needs a test with files of the version before"
+    )
+
+
+def test_the_configuration_is_read_and_written_with_its_version(release: Path) -> None:
+    loaded = load_config(release / "gateway.toml")
+    assert (loaded.version, loaded.axis[0].telegram, loaded.transport.cycle_time_ms, loaded.trace.seconds) == (
+        1,
+        1,
+        20,
+        10,
+    )
+    assert config_text(loaded).startswith("version = 1\n")
+
+
+def test_a_configuration_without_a_version_has_the_first_one(release: Path) -> None:
+    path = release / "gateway.toml"
+    path.write_text(path.read_text().replace("version = 1\n", ""))
+    assert load_config(path).version == 1
+
+
+def test_the_parameter_store_is_read_whole_and_not_changed(release: Path) -> None:
+    path = release / "store.json"
+    before = path.read_bytes()
+    found = ParameterStore(path, pytest.fail).parameters
+    known = found.objects[1]
+    assert found.im1_function == "conveyor 3"
+    assert (known.telegram, known.sign_of_life_tolerance, known.name) == (2, 5, "infeed")
+    assert path.read_bytes() == before
+
+
+def test_the_dump_is_read(release: Path) -> None:
+    loaded = Dump.load(release / "dump.json")
+    assert loaded.do_id == 1
+    assert {item.pnu: item.value for item in loaded.parameters if item.subindex == 0}[922] == 1
+
+
+def test_the_ring_is_read(release: Path) -> None:
+    if mmap.PAGESIZE != 4096:
+        pytest.skip("a ring is for machines with its page size")
+    with RingReader(release / "gateway.ring") as ring:
+        assert len(ring.cycles()) > 50
+        assert max(cycle.objects[0].velocity for cycle in ring.cycles()) > 0
+        assert ring.frames()
+
+
+def test_the_recording_is_replayed_with_the_same_result(release: Path) -> None:
+    done = cli.pdgw("replay", str(release / "recording.pcapng"))
+    assert (done.returncode, "all equal" in done.stdout) == (0, True), done.stdout + done.stderr
+
+
+# -- files of a newer gateway ------------------------------------------------------------------------------------------------
+
+
+def test_a_newer_configuration_is_rejected(release: Path) -> None:
+    path = release / "gateway.toml"
+    path.write_text(path.read_text().replace("version = 1\n", "version = 2\n"))
+    with pytest.raises(GatewayError, match=NEWER):
+        load_config(path)
+
+
+def test_a_newer_parameter_store_is_rejected_and_stays_as_it_is(release: Path) -> None:
+    """Its telegram and limits may matter: the gateway does not start with the configuration's values instead."""
+    path = release / "store.json"
+    parameters = json.dumps(json.loads(json.loads(path.read_text())["parameters"]) | {"version": 2, "new": 1})
+    path.write_text(json.dumps({"checksum": f"{zlib.crc32(parameters.encode()):08x}", "parameters": parameters}))
+    before = path.read_bytes()
+    with pytest.raises(GatewayError, match=NEWER):
+        ParameterStore(path, pytest.fail)
+    assert path.read_bytes() == before
+    assert not list(release.glob("store.json.*"))
+
+
+def test_a_newer_dump_is_rejected(release: Path) -> None:
+    path = release / "dump.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | {"version": 2}))
+    with pytest.raises(GatewayError, match=NEWER):
+        Dump.load(path)
+
+
+def test_a_newer_ring_is_rejected(release: Path) -> None:
+    path = release / "gateway.ring"
+    data = bytearray(path.read_bytes())
+    struct.pack_into("@I", data, len(layout.MAGIC), 2)
+    path.write_bytes(data)
+    with pytest.raises(GatewayError, match=NEWER):
+        RingReader(path)
+
+
+def test_a_recording_with_a_newer_configuration_is_rejected(release: Path) -> None:
+    path = release / "recording.pcapng"
+    path.write_bytes(path.read_bytes().replace(b"version = 1\n", b"version = 2\n"))
+    done = cli.pdgw("replay", str(path))
+    assert done.returncode != 0
+    assert "format version 2" in " ".join(done.stderr.split())
